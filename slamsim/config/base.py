@@ -1,0 +1,22 @@
+"""What all configuration models have in common."""
+
+from __future__ import annotations
+
+from pydantic import BaseModel, ConfigDict
+
+
+class Config(BaseModel):
+    """Strict, complete with defaults, frozen, and deaf to nothing: unknown keys are refused.
+
+    Every number carries its unit in its name and its bounds in its ``Field``; every field has
+    a ``description``, which is what ``slamsim config`` prints as a comment.
+    """
+
+    model_config = ConfigDict(
+        extra="forbid",
+        frozen=True,
+        strict=True,
+        allow_inf_nan=False,
+        validate_default=True,
+        use_attribute_docstrings=True,
+    )

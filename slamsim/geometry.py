@@ -1,0 +1,143 @@
+"""SE(2) and SE(3) algebra on plain arrays.
+
+A planar transform is ``(..., 3)``: x, y in metres and yaw in radians; it is written
+``T_target_source`` as everywhere. Quaternions are ``(..., 4)`` in x, y, z, w order (as ROS).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+_FloatArray = NDArray[np.float64]
+
+
+def wrap_angle(angle_rad: _FloatArray) -> _FloatArray:
+    """The same angle in [-pi, pi)."""
+    return (np.asarray(angle_rad) + np.pi) % (2.0 * np.pi) - np.pi
+
+
+def compose(T_a_b: _FloatArray, T_b_c: _FloatArray) -> _FloatArray:
+    """``T_a_c`` of planar transforms, broadcasting over leading axes."""
+    T_a_b, T_b_c = np.asarray(T_a_b, dtype=np.float64), np.asarray(T_b_c, dtype=np.float64)
+    cos, sin = np.cos(T_a_b[..., 2]), np.sin(T_a_b[..., 2])
+    x = T_a_b[..., 0] + cos * T_b_c[..., 0] - sin * T_b_c[..., 1]
+    y = T_a_b[..., 1] + sin * T_b_c[..., 0] + cos * T_b_c[..., 1]
+    return np.stack([x, y, wrap_angle(T_a_b[..., 2] + T_b_c[..., 2])], axis=-1)
+
+
+def inverse(T_a_b: _FloatArray) -> _FloatArray:
+    """``T_b_a`` of a planar transform."""
+    T_a_b = np.asarray(T_a_b, dtype=np.float64)
+    cos, sin = np.cos(T_a_b[..., 2]), np.sin(T_a_b[..., 2])
+    x = -cos * T_a_b[..., 0] - sin * T_a_b[..., 1]
+    y = sin * T_a_b[..., 0] - cos * T_a_b[..., 1]
+    return np.stack([x, y, wrap_angle(-T_a_b[..., 2])], axis=-1)
+
+
+def between(T_a_b: _FloatArray, T_a_c: _FloatArray) -> _FloatArray:
+    """``T_b_c``: where c stands as seen from b."""
+    return compose(inverse(T_a_b), T_a_c)
+
+
+def transform_points(T_a_b: _FloatArray, points_b: _FloatArray) -> _FloatArray:
+    """(..., 2) planar points in frame a; one transform for all, or one for each."""
+    T_a_b, points_b = np.asarray(T_a_b), np.asarray(points_b)
+    cos, sin = np.cos(T_a_b[..., 2]), np.sin(T_a_b[..., 2])
+    x = T_a_b[..., 0] + cos * points_b[..., 0] - sin * points_b[..., 1]
+    y = T_a_b[..., 1] + sin * points_b[..., 0] + cos * points_b[..., 1]
+    return np.stack([x, y], axis=-1)
+
+
+def interpolate_se2(start: _FloatArray, end: _FloatArray, fraction: _FloatArray) -> _FloatArray:
+    """Straight line in x and y, shortest turn in yaw, the given fraction (n,) of the way."""
+    step = end - start
+    step[..., 2] = wrap_angle(step[..., 2])
+    pose = start + fraction[..., None] * step
+    pose[..., 2] = wrap_angle(pose[..., 2])
+    return np.asarray(pose, dtype=np.float64)
+
+
+def slerp_xyzw(start: _FloatArray, end: _FloatArray, fraction: _FloatArray) -> _FloatArray:
+    """(n, 4) unit quaternions the given fraction (n,) of the shortest way (Shoemake 1985)."""
+    cos = np.sum(start * end, axis=-1)
+    end = np.where(cos[..., None] < 0.0, -end, end)
+    angle = np.arccos(np.clip(np.abs(cos), 0.0, 1.0))
+    sin = np.sin(angle)
+    near = sin < 1e-6
+    safe_sin = np.where(near, 1.0, sin)
+    weight_start = np.where(near, 1.0 - fraction, np.sin((1.0 - fraction) * angle) / safe_sin)
+    weight_end = np.where(near, fraction, np.sin(fraction * angle) / safe_sin)
+    mixed = weight_start[..., None] * start + weight_end[..., None] * end
+    return np.asarray(mixed / np.linalg.norm(mixed, axis=-1, keepdims=True), dtype=np.float64)
+
+
+def yaw_from_xyzw(quat_xyzw: _FloatArray) -> _FloatArray:
+    """Heading of the rotated x axis in the x-y plane."""
+    x, y, z, w = np.moveaxis(np.asarray(quat_xyzw, dtype=np.float64), -1, 0)
+    return np.asarray(np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)))
+
+
+def xyzw_from_yaw(yaw_rad: _FloatArray) -> _FloatArray:
+    """(..., 4) rotation by yaw about z."""
+    half = 0.5 * np.asarray(yaw_rad, dtype=np.float64)
+    zero = np.zeros_like(half)
+    return np.stack([zero, zero, np.sin(half), np.cos(half)], axis=-1)
+
+
+def xyzw_from_wxyz(quat_wxyz: _FloatArray) -> _FloatArray:
+    """The one place where the order of a quaternion changes."""
+    return np.roll(np.asarray(quat_wxyz, dtype=np.float64), -1, axis=-1)
+
+
+def matrix_from_xyzw(quat_xyzw: _FloatArray) -> _FloatArray:
+    """(..., 3, 3) rotation matrices."""
+    x, y, z, w = np.moveaxis(np.asarray(quat_xyzw, dtype=np.float64), -1, 0)
+    rows = [
+        np.stack([1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)], axis=-1),
+        np.stack([2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)], axis=-1),
+        np.stack([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)], axis=-1),
+    ]
+    return np.stack(rows, axis=-2)
+
+
+def xyzw_from_matrix(rotation: _FloatArray) -> _FloatArray:
+    """(4,) unit quaternion of one 3 x 3 rotation, w >= 0 (Bar-Itzhack 2000)."""
+    r = np.asarray(rotation, dtype=np.float64)
+    k = np.array(
+        [
+            [r[0, 0] - r[1, 1] - r[2, 2], 0.0, 0.0, 0.0],
+            [r[0, 1] + r[1, 0], r[1, 1] - r[0, 0] - r[2, 2], 0.0, 0.0],
+            [r[0, 2] + r[2, 0], r[1, 2] + r[2, 1], r[2, 2] - r[0, 0] - r[1, 1], 0.0],
+            [r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1], np.trace(r)],
+        ]
+    )
+    quat = np.linalg.eigh(k)[1][:, -1]
+    return np.asarray(quat if quat[3] >= 0.0 else -quat, dtype=np.float64)
+
+
+def matrix_from_rpy(roll_rad: float, pitch_rad: float, yaw_rad: float) -> _FloatArray:
+    """3 x 3 rotation about fixed x, then y, then z (URDF and ROS convention)."""
+    cr, sr = np.cos(roll_rad), np.sin(roll_rad)
+    cp, sp = np.cos(pitch_rad), np.sin(pitch_rad)
+    cy, sy = np.cos(yaw_rad), np.sin(yaw_rad)
+    return np.array(
+        [
+            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+            [-sp, cp * sr, cp * cr],
+        ]
+    )
+
+
+def se3_from_parts(rotation: _FloatArray, translation_m: _FloatArray) -> _FloatArray:
+    """4 x 4 transform from a 3 x 3 rotation and a translation (3,)."""
+    T = np.eye(4)
+    T[:3, :3] = rotation
+    T[:3, 3] = translation_m
+    return T
+
+
+def se2_from_se3(T_a_b: _FloatArray) -> _FloatArray:
+    """(x, y, yaw) of a 4 x 4 transform projected onto the plane."""
+    return np.array([T_a_b[0, 3], T_a_b[1, 3], np.arctan2(T_a_b[1, 0], T_a_b[0, 0])])

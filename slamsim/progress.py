@@ -1,0 +1,12 @@
+"""How a long stage tells how far it is, without knowing who listens."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+Progress = Callable[[float, float], None]
+"""Called with (done, total) in the stage's own unit, as often as the stage likes."""
+
+
+def silent(done: float, total: float) -> None:
+    """The listener that does nothing."""
