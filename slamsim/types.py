@@ -130,7 +130,8 @@ class ScanGeometry:
 
     def angles_rad(self) -> FloatArray:
         """(beam_count,) direction of each beam in the laser frame."""
-        return self.angle_min_rad + np.arange(self.beam_count) * self.angle_step_rad
+        steps = np.arange(self.beam_count, dtype=np.float64)
+        return self.angle_min_rad + steps * self.angle_step_rad
 
     def offsets_ns(self) -> IntArray:
         """(beam_count,) firing time of each beam after the scan's stamp."""
