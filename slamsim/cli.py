@@ -1,0 +1,260 @@
+"""The command line: parse, call, print."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from slamsim import __version__
+
+if TYPE_CHECKING:
+    from slamsim.config.run import RunConfig
+
+app = typer.Typer(
+    name="slamsim",
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    rich_markup_mode="rich",
+    context_settings={"help_option_names": ["-h", "--help"]},
+    help="Grow a labyrinth, drive a robot through it, map it, and say how good the map is.",
+    epilog="Start with: [bold]slamsim map labyrinth[/bold]",
+)
+
+World = Annotated[
+    str, typer.Argument(help="A world: YAML, map.yaml, image or mesh file, or a bundled name.")
+]
+Out = Annotated[
+    Path | None,
+    typer.Option("--out", "-o", help="Folder of the run; a new one under outputs/ by default."),
+]
+Overwrite = Annotated[
+    bool,
+    typer.Option("--overwrite", help="Replace the folder of an earlier run once this is whole."),
+]
+Seed = Annotated[int | None, typer.Option("--seed", help="Seed of everything random.", min=0)]
+Set = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="KEY.PATH=VALUE", help="Override one setting; may be repeated."),
+]
+ConfigFile = Annotated[
+    str | None, typer.Option("--config", "-c", help="YAML with settings for robot, sensors, slam.")
+]
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No progress, no table.")]
+Json = Annotated[bool, typer.Option("--json", help="Print the results as JSON on stdout.")]
+ScanTopic = Annotated[
+    str | None, typer.Option("--scan-topic", help="Which laser, if a recording has several.")
+]
+Relations = Annotated[
+    Path | None,
+    typer.Option("--relations", help="Relative poses to score against (Kümmerle et al. 2009)."),
+]
+
+
+def _config(
+    world: str | None, config: str | None, overrides: list[str] | None, seed: int | None
+) -> RunConfig:
+    from slamsim.config.loading import load_run_config
+
+    return load_run_config(world, config, overrides or (), seed)
+
+
+@app.command(epilog="Example: slamsim world labyrinth --seed 7 --out outputs/my_world")
+def world(
+    name: World = "labyrinth",
+    out: Out = None,
+    seed: Seed = None,
+    set_: Set = None,
+    config: ConfigFile = None,
+    overwrite: Overwrite = False,
+    quiet: Quiet = False,
+    as_json: Json = False,
+) -> None:
+    """Build a world: preview, mesh and true occupancy map."""
+    from slamsim.console import Reporter
+    from slamsim.run import export_world, pick_folder
+
+    reporter = Reporter(quiet=quiet, as_json=as_json)
+    resolved = _config(name, config, set_, seed)
+    folder = pick_folder(out, f"{resolved.world.name}_world", overwrite=overwrite)
+    facts = export_world(resolved, folder, overwrite=overwrite)
+    reporter.table(f"World {resolved.world.name}", {k: str(v) for k, v in facts.items()})
+    reporter.say(f"Written to {folder}/")
+    reporter.result({**facts, "folder": str(folder)})
+
+
+@app.command(epilog="Example: slamsim simulate labyrinth --seed 3 --set sensors.lidar.rate_hz=10")
+def simulate(
+    name: World = "labyrinth",
+    out: Out = None,
+    seed: Seed = None,
+    set_: Set = None,
+    config: ConfigFile = None,
+    overwrite: Overwrite = False,
+    quiet: Quiet = False,
+    as_json: Json = False,
+) -> None:
+    """Drive through a world and record what the sensors measure."""
+    from slamsim.console import Reporter
+    from slamsim.run import pick_folder, simulate_world
+
+    reporter = Reporter(quiet=quiet, as_json=as_json)
+    resolved = _config(name, config, set_, seed)
+    folder = pick_folder(out, resolved.world.name, overwrite=overwrite)
+    report = simulate_world(resolved, folder, reporter, overwrite=overwrite)
+    _close(reporter, report, folder)
+
+
+@app.command(
+    "map",
+    epilog="Examples: slamsim map labyrinth · slamsim map worlds/rooms.yaml --seed 7 · "
+    "slamsim map intel.clf.bz2 --relations intel.relations · slamsim map my_rosbag2/",
+)
+def map_(
+    source: Annotated[
+        str,
+        typer.Argument(help="A world to simulate, or a recording: rosbag2, MCAP, ROS 1, CARMEN."),
+    ] = "labyrinth",
+    out: Out = None,
+    seed: Seed = None,
+    set_: Set = None,
+    config: ConfigFile = None,
+    relations: Relations = None,
+    scan_topic: ScanTopic = None,
+    overwrite: Overwrite = False,
+    quiet: Quiet = False,
+    as_json: Json = False,
+) -> None:
+    """Map a world or a recording, and say how good the map is."""
+    from slamsim.console import Reporter
+    from slamsim.run import is_recording, map_recording, map_world, pick_folder, recording_name
+
+    reporter = Reporter(quiet=quiet, as_json=as_json)
+    if is_recording(source):
+        resolved = _config(None, config, set_, seed)
+        folder = pick_folder(out, recording_name(source), overwrite=overwrite)
+        report = map_recording(
+            Path(source),
+            resolved,
+            folder,
+            reporter,
+            relations=relations,
+            scan_topic=scan_topic,
+            overwrite=overwrite,
+        )
+    else:
+        resolved = _config(source, config, set_, seed)
+        folder = pick_folder(out, resolved.world.name, overwrite=overwrite)
+        report = map_world(resolved, folder, reporter, relations=relations, overwrite=overwrite)
+    _close(reporter, report, folder)
+
+
+@app.command(epilog="Example: slamsim evaluate outputs/labyrinth")
+def evaluate(
+    estimate: Annotated[Path, typer.Argument(help="Folder of a run, or a TUM trajectory.")],
+    truth: Annotated[
+        Path | None,
+        typer.Option("--truth", help="True trajectory: TUM file or recording with truth."),
+    ] = None,
+    relations: Relations = None,
+    quiet: Quiet = False,
+    as_json: Json = False,
+) -> None:
+    """Score a trajectory and a map against the truth or against relations."""
+    from slamsim.console import Reporter
+    from slamsim.run import evaluate_run
+
+    reporter = Reporter(quiet=quiet, as_json=as_json)
+    scores = evaluate_run(estimate, truth, relations)
+    reporter.table(f"Scores of {estimate}", _readable(scores))
+    reporter.result(scores)
+
+
+@app.command(epilog="Example: slamsim view outputs/labyrinth --screenshot map.png")
+def view(
+    run: Annotated[Path, typer.Argument(help="Folder of a run, or a .rrd file.")],
+    web: Annotated[bool, typer.Option("--web", help="Serve it to a browser.")] = False,
+    screenshot: Annotated[
+        Path | None, typer.Option("--screenshot", help="Render to this PNG, without a screen.")
+    ] = None,
+) -> None:
+    """Look at a run in Rerun."""
+    from slamsim.view.viewer import view_run
+
+    view_run(run, web=web, screenshot=screenshot)
+
+
+@app.command(epilog="Example: slamsim bench --world labyrinth --json > bench.json")
+def bench(
+    part: Annotated[str, typer.Argument(help="sense, drive, simulate, slam, or all.")] = "all",
+    name: Annotated[str, typer.Option("--world", help="World to measure in.")] = "labyrinth",
+    seconds: Annotated[float, typer.Option(help="Simulated time per measurement.", min=5)] = 60.0,
+    repeats: Annotated[int, typer.Option(help="Best of so many.", min=1)] = 3,
+    quiet: Quiet = False,
+    as_json: Json = False,
+) -> None:
+    """Measure speed, as ratios taken in one run on this machine."""
+    from slamsim.bench import run_bench
+    from slamsim.console import Reporter
+
+    reporter = Reporter(quiet=quiet, as_json=as_json)
+    figures = run_bench(part, name, seconds, repeats, reporter)
+    reporter.table("Bench", _readable(figures))
+    reporter.result(figures)
+
+
+@app.command(epilog="Example: slamsim config --set sensors.lidar=rplidar_a2 > my_run.yaml")
+def config(
+    name: World = "labyrinth",
+    config: ConfigFile = None,
+    set_: Set = None,
+    seed: Seed = None,
+) -> None:
+    """Print every setting with its unit and meaning, as YAML that can be used again."""
+    from slamsim.config.loading import dump_commented_yaml
+
+    sys.stdout.write(dump_commented_yaml(_config(name, config, set_, seed)))
+
+
+def _version(asked: bool) -> None:
+    if asked:
+        sys.stdout.write(f"slamsim {__version__}\n")
+        raise typer.Exit
+
+
+@app.callback()
+def _root(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version.")
+    ] = False,
+) -> None:
+    pass
+
+
+def _readable(values: dict[str, Any]) -> dict[str, str]:
+    flat: dict[str, str] = {}
+    for key, value in values.items():
+        if isinstance(value, dict):
+            flat.update({f"{key}.{k}": v for k, v in _readable(value).items()})
+        elif isinstance(value, float):
+            flat[key] = f"{value:.4g}"
+        elif value is not None and not isinstance(value, list):
+            flat[key] = str(value)
+    return flat
+
+
+def _close(reporter: Any, report: dict[str, Any], folder: Path) -> None:
+    for warning in report.get("warnings", ()):
+        reporter.warn(warning)
+    reporter.table(f"Run {report['name']}", _readable(report))
+    reporter.say(f"Written to {folder}/ · look at {folder}/report.html or: slamsim view {folder}")
+    reporter.result({**report, "folder": str(folder)})
+
+
+def main() -> None:
+    """Entry point of the ``slamsim`` command."""
+    from slamsim.console import run_command
+
+    sys.exit(run_command(app))

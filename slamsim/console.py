@@ -1,0 +1,139 @@
+"""What the user sees while work goes on, and how a command ends."""
+
+from __future__ import annotations
+
+import errno
+import json
+import logging
+import signal
+import sys
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from types import FrameType
+
+from rich.console import Console
+from rich.logging import RichHandler
+from rich.progress import (
+    BarColumn,
+    Progress,
+    ProgressColumn,
+    Task,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
+from rich.table import Table
+from rich.text import Text
+
+from slamsim.progress import Progress as Listener
+from slamsim.progress import silent
+from slamsim.safe.errors import DiskFull, SlamsimError
+
+EXIT_INTERRUPTED = 128 + signal.SIGINT
+EXIT_TERMINATED = 128 + signal.SIGTERM
+
+
+class _RateColumn(ProgressColumn):
+    """Units of work per second of wall time; for simulated seconds that is the real-time factor."""
+
+    def render(self, task: Task) -> Text:
+        speed = task.finished_speed or task.speed
+        unit = str(task.fields.get("unit", ""))
+        return Text("" if speed is None else f"{speed:.4g} {unit}", style="cyan")
+
+
+class Reporter:
+    """Bars and tables on stderr, or nothing; machine-readable results on stdout."""
+
+    def __init__(self, *, quiet: bool = False, as_json: bool = False) -> None:
+        self._quiet = quiet or as_json
+        self._as_json = as_json
+        self._console = Console(stderr=True, quiet=self._quiet, highlight=False)
+        logging.basicConfig(
+            level=logging.ERROR if self._quiet else logging.WARNING,
+            format="%(message)s",
+            handlers=[RichHandler(console=self._console, show_time=False, show_path=False)],
+        )
+
+    @contextmanager
+    def stage(self, title: str, unit: str) -> Iterator[Listener]:
+        """A progress bar for one stage; unit is what it counts in each second, as in 'scans/s'."""
+        if self._quiet:
+            yield silent
+            return
+        columns = (
+            TextColumn("{task.description:<10}"),
+            BarColumn(bar_width=30),
+            TextColumn("{task.percentage:>4.0f} %"),
+            _RateColumn(),
+            TimeElapsedColumn(),
+            TimeRemainingColumn(compact=True),
+        )
+        with Progress(*columns, console=self._console) as bars:
+            task = bars.add_task(title, total=None, unit=unit)
+
+            def listen(done: float, total: float) -> None:
+                bars.update(task, completed=done, total=total)
+
+            yield listen
+            total = bars.tasks[0].total
+            if total is not None:
+                bars.update(task, completed=total)
+
+    def say(self, sentence: str) -> None:
+        self._console.print(sentence, markup=False)
+
+    def warn(self, sentence: str) -> None:
+        self._console.print(Text(f"! {sentence}", style="yellow"))
+
+    def table(self, title: str, rows: Mapping[str, str]) -> None:
+        """A closing table of name and value."""
+        table = Table(title=title, show_header=False, title_justify="left", title_style="bold")
+        table.add_column(style="dim")
+        table.add_column()
+        for name, value in rows.items():
+            table.add_row(Text(name), Text(value))
+        self._console.print(table)
+
+    def result(self, values: Mapping[str, object]) -> None:
+        """The same numbers as JSON on stdout, where ``--json`` was asked for."""
+        if self._as_json:
+            sys.stdout.write(json.dumps(values, indent=2, allow_nan=False) + "\n")
+
+
+def run_command(command: Callable[[], object]) -> int:
+    """Run a command; what a user may cause ends in one sentence and an exit code.
+
+    The command parser ends the process itself: with 0, with 2 after a wrong call, with 130
+    after Ctrl-C.
+    """
+    signal.signal(signal.SIGTERM, _terminate)
+    try:
+        command()
+    except SlamsimError as error:
+        return _fail(str(error), error.exit_code)
+    except SystemExit as ending:
+        if ending.code == EXIT_INTERRUPTED:
+            return _fail("interrupted; nothing was left half-written", EXIT_INTERRUPTED)
+        raise
+    except _Terminated:
+        return _fail("terminated; nothing was left half-written", EXIT_TERMINATED)
+    except OSError as error:
+        place = error.filename or "input/output"
+        if error.errno == errno.ENOSPC:
+            return _fail(f"{place}: the disk is full", DiskFull.exit_code)
+        return _fail(f"{place}: {error.strerror or error}", SlamsimError.exit_code)
+    return 0
+
+
+class _Terminated(BaseException):
+    """SIGTERM, turned into an orderly way out through every ``finally``."""
+
+
+def _terminate(signum: int, frame: FrameType | None) -> None:
+    raise _Terminated
+
+
+def _fail(sentence: str, code: int) -> int:
+    sys.stderr.write(f"slamsim: {sentence}\n")
+    return code
