@@ -1,0 +1,102 @@
+"""How SLAM is done: the front end's numbers, and the back end's beside them."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import Field
+
+from slamsim.config.back_end import BackEndConfig
+from slamsim.config.base import Config
+
+
+class MotionConfig(Config):
+    """How far wheels and gyroscope are believed; the front end learns the rest from its matches."""
+
+    slip_m_per_m: float = Field(0.05, gt=0.0, le=1.0)
+    """Standard deviation of the wheels' path, per metre driven."""
+
+    slip_m_per_rad: float = Field(0.01, ge=0.0, le=1.0)
+    """Standard deviation of the wheels' position, per radian turned."""
+
+    turn_rad_per_rad: float = Field(0.05, gt=0.0, le=1.0)
+    """Standard deviation of the wheels' heading, per radian turned."""
+
+    turn_rad_per_m: float = Field(0.01, ge=0.0, le=1.0)
+    """Standard deviation of the wheels' heading, per metre driven."""
+
+    gyro_rad_per_rad: float = Field(0.005, gt=0.0, le=1.0)
+    """Standard deviation of the gyroscope's heading, per radian turned (scale error)."""
+
+    gyro_rad_per_sqrt_s: float = Field(0.0005, gt=0.0, le=0.1)
+    """Standard deviation of the gyroscope's heading after one second (angle random walk)."""
+
+    gyro_bias_rad_s: float = Field(0.0005, ge=0.0, le=0.1)
+    """Standard deviation of what is left of the gyroscope's bias after its estimation."""
+
+
+class LocalMapConfig(Config):
+    """The surfaces around the robot that a scan is matched against."""
+
+    cell_m: float = Field(0.25, ge=0.05, le=2.0)
+    """Edge of the square cells in which neighbouring surface pieces are merged."""
+
+    window_m: float = Field(30.0, ge=2.0, le=1000.0)
+    """Surfaces not seen again on this much path are forgotten."""
+
+    keyscan_distance_m: float = Field(0.15, ge=0.0, le=5.0)
+    """A scan enters the local map when the robot has moved this far since the last that did."""
+
+    keyscan_turn_deg: float = Field(8.0, ge=0.0, le=180.0)
+    """A scan enters the local map when the robot has turned this far since the last that did."""
+
+
+class MatchingConfig(Config):
+    """How a scan is laid onto the local map."""
+
+    max_iterations: int = Field(30, ge=1, le=200)
+    """Gauss-Newton steps before a match is given up."""
+
+    gate_m: float = Field(0.5, gt=0.0, le=5.0)
+    """Largest distance between a surface piece of the scan and its partner in the map."""
+
+    min_inlier_ratio: float = Field(0.5, gt=0.0, le=1.0)
+    """Share of the scan, where the map covers it, that must lie on it for a match to count."""
+
+    weak_direction_share: float = Field(0.01, ge=0.0, le=0.5)
+    """A direction that holds less than this share of the surfaces' grip is left to odometry."""
+
+    search_distance_m: float = Field(0.8, ge=0.0, le=5.0)
+    """How far around the prediction a lost scan is searched for."""
+
+    search_turn_deg: float = Field(30.0, ge=0.0, le=180.0)
+    """How far to either side of the predicted heading a lost scan is searched for."""
+
+
+class FrontEndConfig(Config):
+    """From raw scans to a trajectory, scan by scan."""
+
+    matcher: Literal["line", "kiss"] = "line"
+    """The scan matcher: line (surfaces with normals) or kiss (kiss-icp's point registration)."""
+
+    max_range_m: float = Field(60.0, gt=0.1, le=1000.0)
+    """Returns beyond this range are not matched; the lidar's own limit holds as well."""
+
+    motion: MotionConfig = MotionConfig()
+    """Noise of wheels and gyroscope."""
+
+    local_map: LocalMapConfig = LocalMapConfig()
+    """The local map."""
+
+    matching: MatchingConfig = MatchingConfig()
+    """Scan matching."""
+
+
+class SlamConfig(Config):
+    """All of SLAM."""
+
+    front_end: FrontEndConfig = FrontEndConfig()
+    """Deskew, motion prediction, scan matching."""
+
+    back_end: BackEndConfig = BackEndConfig()
+    """Loop closure and pose graph."""

@@ -1,0 +1,1 @@
+"""Scan matchers behind one narrow interface."""

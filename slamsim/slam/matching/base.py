@@ -1,0 +1,51 @@
+"""What every scan matcher takes and gives."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+from slamsim.types import Cloud, FloatArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Match:
+    """Where a scan fits the local map, and how well. A failed match is ``None``, never this.
+
+    T_map_base: (3,) at the cloud's stamp. information: (3, 3) inverse covariance of a small step
+    (dx_m, dy_m, dyaw_rad) of the base in its own frame (``compose(T_map_base, step)``), from the
+    scan alone; it is zero along degenerate directions. inlier_ratio: share of the scan, where
+    the map covers it, that lies on it. covered_ratio: share of the scan that the map covers.
+    rmse_m: of the inliers. degenerate_directions: (k, 3) steps of the base, in its own frame,
+    that the surfaces do not hold; k = 0 for most scans.
+    """
+
+    T_map_base: FloatArray
+    information: FloatArray
+    inlier_ratio: float
+    covered_ratio: float
+    rmse_m: float
+    iterations: int
+    converged: bool
+    degenerate_directions: FloatArray
+
+    @property
+    def degenerate(self) -> bool:
+        return bool(len(self.degenerate_directions))
+
+
+class Matcher(Protocol):
+    """Lays clouds onto a local map that it keeps itself."""
+
+    def match(
+        self, cloud: Cloud, T_map_base_guess: FloatArray, prior_covariance: FloatArray
+    ) -> Match | None:
+        """The pose of the cloud's base near the guess, or None if there is none to believe.
+
+        prior_covariance: (3, 3) of the guess, for a small step of the base in its own frame.
+        """
+        ...
+
+    def insert(self, cloud: Cloud, T_map_base: FloatArray) -> None:
+        """Make the cloud part of the local map."""
+        ...
