@@ -1,0 +1,69 @@
+"""What the sensors measured, with the truth about when."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from slamsim.types import EncoderStream, Float32Array, ImuStream, IntArray, Scan, ScanGeometry
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ScanBatch:
+    """Consecutive scans of one lidar.
+
+    stamps_ns: (k,) beam 0 of each on the lidar's clock, what a log would say.
+    true_stamps_ns: (k,) the same instants in true time. arrival_ns: (k,) true time at which
+    each message was there: never before its last beam, never before an earlier message.
+    ranges_m, intensities: (k, beam_count) float32, ``inf`` no return, ``nan`` invalid.
+    """
+
+    geometry: ScanGeometry
+    stamps_ns: IntArray
+    true_stamps_ns: IntArray
+    arrival_ns: IntArray
+    ranges_m: Float32Array
+    intensities: Float32Array | None = None
+
+    def __len__(self) -> int:
+        return int(self.stamps_ns.size)
+
+    def __getitem__(self, index: int) -> Scan:
+        strength = None if self.intensities is None else self.intensities[index]
+        return Scan(int(self.stamps_ns[index]), self.ranges_m[index], self.geometry, strength)
+
+    def __iter__(self) -> Iterator[Scan]:
+        return (self[index] for index in range(len(self)))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ImuBatch:
+    """Consecutive samples of an inertial unit; true_stamps_ns, arrival_ns: (n,) as for scans."""
+
+    stream: ImuStream
+    true_stamps_ns: IntArray
+    arrival_ns: IntArray
+
+    def __len__(self) -> int:
+        return int(self.true_stamps_ns.size)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class EncoderBatch:
+    """Consecutive readings of the wheel encoders; true_stamps_ns, arrival_ns: (n,) likewise."""
+
+    stream: EncoderStream
+    true_stamps_ns: IntArray
+    arrival_ns: IntArray
+
+    def __len__(self) -> int:
+        return int(self.true_stamps_ns.size)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Readings:
+    """All that was sensed during one window of a drive; a disabled stream is empty."""
+
+    scans: ScanBatch
+    imu: ImuBatch
+    encoders: EncoderBatch
