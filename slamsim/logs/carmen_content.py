@@ -1,0 +1,72 @@
+"""The lines of a CARMEN log, collected: laser channels, odometry, parameters, and what was odd."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from slamsim.logs.carmen_lines import LaserLine, parse_configured, parse_flaser, parse_odom
+from slamsim.safe.errors import InputRefused
+from slamsim.types import FloatArray
+
+_OTHER_MESSAGES = ("SYNC", "TRUEPOS", "NMEAGGA", "NMEARMC", "SONAR", "BUMPER", "MARKER", "IMU")
+_LASERS = ("FLASER", "RLASER", *(f"{kind}LASER{i}" for kind in ("ROBOT", "RAW") for i in "12345"))
+
+
+@dataclass(slots=True)
+class CarmenContent:
+    """lasers: the lines of each laser message, in file order. odometry: ODOM lines likewise.
+
+    malformed: how many lines could not be read. first_malformed: the first of them, in words.
+    """
+
+    lasers: dict[str, list[LaserLine]] = field(default_factory=dict)
+    odometry: list[tuple[int, FloatArray]] = field(default_factory=list)
+    parameters: dict[str, str] = field(default_factory=dict)
+    ignored: Counter[str] = field(default_factory=Counter)
+    malformed: int = 0
+    first_malformed: str = ""
+
+
+def _take_line(content: CarmenContent, words: list[str]) -> None:
+    name = words[0]
+    if name == "PARAM":
+        if len(words) < 3:
+            raise ValueError("a PARAM without a value")
+        content.parameters[words[1]] = words[2]
+    elif name == "ODOM":
+        content.odometry.append(parse_odom(words))
+    elif name in _LASERS:
+        parse = parse_flaser if name in ("FLASER", "RLASER") else parse_configured
+        content.lasers.setdefault(name, []).append(parse(words))
+    elif name.rstrip("0123456789-").isupper() or name.startswith(_OTHER_MESSAGES):
+        content.ignored[name] += 1
+    else:
+        raise ValueError(f"{name[:30]!r} is no CARMEN message")
+
+
+def collect(lines: Iterable[tuple[int, str]], path: Path) -> CarmenContent:
+    """Reads every line of (number, text); raises InputRefused when nothing is a CARMEN message.
+
+    A line that cannot be read is counted and left out.
+    """
+    content = CarmenContent()
+    number = 0
+    for number, line in lines:
+        words = line.split()
+        if not words or words[0].startswith("#"):
+            continue
+        try:
+            _take_line(content, words)
+        except ValueError as error:
+            content.malformed += 1
+            if content.malformed == 1:
+                content.first_malformed = f"line {number}: {error}"
+    if not (content.lasers or content.odometry):
+        if number == 0:
+            raise InputRefused(path, "the file is empty; a CARMEN log has FLASER and ODOM lines")
+        seen = content.first_malformed or f"{number} lines without a laser or odometry message"
+        raise InputRefused(path, f"this is no CARMEN log with FLASER and ODOM lines ({seen})")
+    return content

@@ -1,0 +1,41 @@
+"""Stamps as exact integers, whatever way a format writes them."""
+
+from __future__ import annotations
+
+from decimal import Decimal, InvalidOperation
+
+from slamsim.types import Epoch
+
+_YEAR_2000_NS = 946_684_800 * 1_000_000_000
+_LARGEST_NS = 2**63 - 1
+
+
+def stamp_ns_from_decimal(seconds: str) -> int:
+    """Decimal seconds to nanoseconds without passing through a float; digits beyond are cut.
+
+    Raises ValueError for anything that is not a finite decimal number within 292 years of 0.
+    """
+    whole, _, fraction = seconds.partition(".")
+    if whole.isdecimal() and (fraction.isdecimal() or not fraction) and len(whole) < 10 + 1:
+        return int(whole) * 1_000_000_000 + int(fraction[:9].ljust(9, "0"))
+    try:
+        value = Decimal(seconds)
+        if not value.is_finite() or abs(value.adjusted()) > 11:
+            raise ValueError(f"{seconds!r} is not a stamp in seconds")
+        stamp_ns = int(value.scaleb(9))
+    except InvalidOperation:
+        raise ValueError(f"{seconds!r} is not a stamp in seconds") from None
+    if abs(stamp_ns) > _LARGEST_NS:
+        raise ValueError(f"{seconds!r} s does not fit into nanoseconds of 64 bits")
+    return stamp_ns
+
+
+def decimal_from_stamp_ns(stamp_ns: int) -> str:
+    """Seconds with all nine decimals: the inverse of ``stamp_ns_from_decimal``."""
+    sign, magnitude = ("-", -stamp_ns) if stamp_ns < 0 else ("", stamp_ns)
+    return f"{sign}{magnitude // 1_000_000_000}.{magnitude % 1_000_000_000:09d}"
+
+
+def epoch_of(stamp_ns: int) -> Epoch:
+    """UNIX time if the stamp lies after the year 2000; a smaller one does not say what it is."""
+    return "unix" if stamp_ns >= _YEAR_2000_NS else "unknown"
