@@ -1,0 +1,143 @@
+"""How well a map shows the walls and the free space that are really there.
+
+Both grids are compared as sets of cell centres, after the same rigid alignment as the
+trajectories, so that neither their origins nor their orientations nor their resolutions need to
+agree. "Within one cell" means that two cell centres are at most one diagonal of a cell of the
+true grid apart: what the eight neighbours of a cell are from it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from slamsim.geometry import inverse, transform_points
+from slamsim.safe.errors import SlamsimError
+from slamsim.types import BoolArray, Float32Array, FloatArray, Grid, IntArray
+
+OCCUPIED_ABOVE = 0.65
+"""ROS map_server's ``occupied_thresh``."""
+
+FREE_BELOW = 0.35
+
+GHOST_RADIUS_M = 0.5
+"""A wall is drawn twice if something is drawn this near to it where there is no wall."""
+
+_BLOCK_ROWS = 256
+_ROUNDING = 1e-6
+"""Distances a millionth of a cell beyond the tolerance are rounding."""
+
+
+@dataclass(frozen=True, slots=True)
+class MapScores:
+    """wall_recall: share of the true wall surface that the map shows within one cell.
+
+    wall_precision: share of the map's occupied cells that lie within one cell of a true wall
+    surface. wall_error_mean_m: mean distance of its occupied cells from the nearest true wall
+    surface. doubled_wall_share: share of the true wall surface that has an occupied cell within
+    0.5 m that belongs to no true wall. free_iou: intersection over union of the free cells. A
+    share of nothing (an empty map's precision) is None.
+    """
+
+    wall_recall: float | None
+    wall_precision: float | None
+    wall_error_mean_m: float | None
+    doubled_wall_share: float | None
+    free_iou: float | None
+
+
+def compare_grids(estimate: Grid, truth: Grid, T_truth_estimate: FloatArray) -> MapScores:
+    """Score a map; truth: 1 solid, 0 free and reachable, nan not reachable.
+
+    T_truth_estimate: (3,) takes the estimate's frame to the truth's, from the trajectories.
+    Raises SlamsimError if the truth has no wall that borders reachable space.
+    """
+    surface = cell_centres(truth, wall_surface(truth.occupancy))
+    if surface.shape[0] == 0:
+        raise SlamsimError("the true grid has no wall that borders reachable space")
+    walls = transform_points(
+        T_truth_estimate, cell_centres(estimate, estimate.occupancy > OCCUPIED_ABOVE)
+    )
+    tolerance_m = np.sqrt(2.0) * truth.resolution_m * (1.0 + _ROUNDING)
+    map_to_truth_m = _nearest_m(walls, surface)
+    truth_to_map_m = _nearest_m(surface, walls)
+    ghosts = walls[map_to_truth_m > tolerance_m]
+    doubled = _nearest_m(surface, ghosts) <= GHOST_RADIUS_M
+    return MapScores(
+        wall_recall=float(np.mean(truth_to_map_m <= tolerance_m)),
+        wall_precision=float(np.mean(map_to_truth_m <= tolerance_m)) if walls.size else None,
+        wall_error_mean_m=float(np.mean(map_to_truth_m)) if walls.size else None,
+        doubled_wall_share=float(np.mean(doubled)),
+        free_iou=_free_iou(estimate, truth, T_truth_estimate),
+    )
+
+
+def wall_surface(occupancy: Float32Array) -> BoolArray:
+    """Solid cells with an edge in common with a free reachable cell.
+
+    The inside of a wall and its far side can never be seen and are not asked for.
+    """
+    free = np.pad(occupancy == 0.0, 1)
+    beside_free = free[:-2, 1:-1] | free[2:, 1:-1] | free[1:-1, :-2] | free[1:-1, 2:]
+    return np.asarray((occupancy == 1.0) & beside_free, dtype=np.bool_)
+
+
+def cell_centres(grid: Grid, cells: BoolArray) -> FloatArray:
+    """(n, 2) centres of the chosen cells, in the grid's frame, row by row."""
+    rows, columns = np.nonzero(cells)
+    return np.column_stack([columns + 0.5, rows + 0.5]) * grid.resolution_m + grid.origin_m
+
+
+def sample(grid: Grid, points_m: FloatArray) -> FloatArray:
+    """(n,) occupancy of the cell that each point (n, 2) lies in, nan outside the grid."""
+    cells = np.floor((points_m - grid.origin_m) / grid.resolution_m).astype(np.int64)
+    rows, columns = grid.occupancy.shape
+    inside = (cells >= 0).all(axis=1) & (cells[:, 0] < columns) & (cells[:, 1] < rows)
+    values = np.full(points_m.shape[0], np.nan)
+    values[inside] = grid.occupancy[cells[inside, 1], cells[inside, 0]]
+    return values
+
+
+def _nearest_m(points: FloatArray, others: FloatArray) -> FloatArray:
+    """(n,) distance from each point to the nearest of the others, inf if there is none."""
+    from scipy.spatial import KDTree
+
+    if points.shape[0] == 0 or others.shape[0] == 0:
+        return np.full(points.shape[0], np.inf)
+    return np.asarray(KDTree(others).query(points)[0], dtype=np.float64)
+
+
+def _free_iou(estimate: Grid, truth: Grid, T_truth_estimate: FloatArray) -> float | None:
+    """Over the true lattice extended to the whole map: what the map calls free outside counts.
+
+    Row by row in blocks, so that memory stays small however far a bad map reaches.
+    """
+    T_estimate_truth = inverse(T_truth_estimate)
+    low, high = _lattice_bounds(estimate, truth, T_truth_estimate)
+    both = either = 0
+    for first in range(low[1], high[1], _BLOCK_ROWS):
+        block = np.arange(first, min(first + _BLOCK_ROWS, high[1]))
+        x, y = np.meshgrid(np.arange(low[0], high[0]), block)
+        centres = (np.column_stack([x.ravel(), y.ravel()]) + 0.5) * truth.resolution_m
+        centres += truth.origin_m
+        truly_free = sample(truth, centres) == 0.0
+        called_free = sample(estimate, transform_points(T_estimate_truth, centres)) < FREE_BELOW
+        both += int(np.count_nonzero(truly_free & called_free))
+        either += int(np.count_nonzero(truly_free | called_free))
+    return both / either if either else None
+
+
+def _lattice_bounds(
+    estimate: Grid, truth: Grid, T_truth_estimate: FloatArray
+) -> tuple[IntArray, IntArray]:
+    """First and past-the-last (column, row) on the true lattice that hold both grids."""
+    rows, columns = truth.occupancy.shape
+    low, high = np.zeros(2, dtype=np.int64), np.array([columns, rows], dtype=np.int64)
+    rows, columns = estimate.occupancy.shape
+    corners = np.array([[0, 0], [columns, 0], [0, rows], [columns, rows]], dtype=np.float64)
+    corners = corners * estimate.resolution_m + estimate.origin_m
+    cells = (transform_points(T_truth_estimate, corners) - truth.origin_m) / truth.resolution_m
+    low = np.minimum(low, np.floor(cells.min(axis=0)).astype(np.int64))
+    high = np.maximum(high, np.ceil(cells.max(axis=0)).astype(np.int64))
+    return low, high

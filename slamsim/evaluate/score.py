@@ -1,0 +1,123 @@
+"""All scores of one run, under stable names that carry their units."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict, dataclass
+
+from slamsim.evaluate.grid import MapScores, compare_grids
+from slamsim.evaluate.relations import RelationScores, score_relations
+from slamsim.evaluate.trajectory import TrajectoryErrors, compare, relative_errors, statistics
+from slamsim.logs.relations import Relations
+from slamsim.types import Grid, PlanarTrajectory, SlamResult, Trajectory
+
+Number = float | int | None
+
+_TRAJECTORY_KEYS = (
+    "ate_rmse_m",
+    "ate_mean_m",
+    "ate_median_m",
+    "ate_max_m",
+    "ate_rot_rmse_deg",
+    "ate_rot_max_deg",
+    "rpe_trans_percent",
+    "rpe_rot_deg_per_m",
+)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Scores:
+    """What is known of how good a run is; None where there is nothing to compare with.
+
+    trajectory, odometry: the estimate and the prediction alone, each aligned with the truth by
+    itself. map: against the true walls. relations: against hand-verified relative poses.
+    odometry_relations: the same for the prediction alone.
+    """
+
+    trajectory: TrajectoryErrors | None = None
+    odometry: TrajectoryErrors | None = None
+    map: MapScores | None = None
+    relations: RelationScores | None = None
+    odometry_relations: RelationScores | None = None
+
+    def numbers(self) -> dict[str, Number]:
+        """Every score of trajectory and map under its stable key, None where it is unknown."""
+        return {
+            **_trajectory_numbers(self.trajectory, ""),
+            **_trajectory_numbers(self.odometry, "odometry_"),
+            **_map_numbers(self.map),
+            "evaluated_poses": 0 if self.trajectory is None else len(self.trajectory.truth),
+            "unevaluated_poses": 0 if self.trajectory is None else self.trajectory.uncovered,
+        }
+
+    def relation_numbers(self) -> dict[str, object] | None:
+        """The relation scores as nested dictionaries, None without a relations file."""
+        if self.relations is None:
+            return None
+        odometry = self.odometry_relations
+        return {
+            **asdict(self.relations),
+            "odometry": None if odometry is None else asdict(odometry),
+        }
+
+
+def evaluate(
+    result: SlamResult,
+    grid: Grid | None = None,
+    truth: Trajectory | None = None,
+    truth_grid: Grid | None = None,
+    relations: Relations | None = None,
+) -> Scores:
+    """Score a run with whatever truth there is: none, a trajectory, true walls, relations.
+
+    truth_grid: 1 solid, 0 free and reachable, nan not reachable; it needs truth as well, whose
+    alignment it shares. Raises SlamsimError if the truth and the run do not meet in time.
+    """
+    trajectory = odometry = map_scores = None
+    if truth is not None:
+        planar = truth.planar()
+        trajectory = compare(result.trajectory, planar, "the estimated trajectory")
+        odometry = compare(result.odometry, planar, "the odometry")
+        if grid is not None and truth_grid is not None:
+            map_scores = compare_grids(grid, truth_grid, trajectory.T_truth_estimate)
+    return Scores(
+        trajectory=trajectory,
+        odometry=odometry,
+        map=map_scores,
+        relations=_relations(result.trajectory, relations),
+        odometry_relations=_relations(result.odometry, relations),
+    )
+
+
+def _relations(trajectory: PlanarTrajectory, relations: Relations | None) -> RelationScores | None:
+    if relations is None:
+        return None
+    return score_relations(trajectory, relations.from_ns, relations.to_ns, relations.planar)
+
+
+def _trajectory_numbers(errors: TrajectoryErrors | None, prefix: str) -> dict[str, Number]:
+    if errors is None:
+        return {prefix + key: None for key in _TRAJECTORY_KEYS}
+    translation, rotation = statistics(errors.translation_m), statistics(errors.rotation_rad)
+    relative = relative_errors(errors)
+    values: tuple[Number, ...] = (
+        translation.rmse,
+        translation.mean,
+        translation.median,
+        translation.max,
+        math.degrees(rotation.rmse),
+        math.degrees(rotation.max),
+        None if relative is None else relative.translation_percent,
+        None if relative is None else relative.rotation_deg_per_m,
+    )
+    return {prefix + key: value for key, value in zip(_TRAJECTORY_KEYS, values, strict=True)}
+
+
+def _map_numbers(scores: MapScores | None) -> dict[str, Number]:
+    return {
+        "map_wall_recall": None if scores is None else scores.wall_recall,
+        "map_wall_precision": None if scores is None else scores.wall_precision,
+        "map_wall_error_mean_m": None if scores is None else scores.wall_error_mean_m,
+        "map_doubled_wall_share": None if scores is None else scores.doubled_wall_share,
+        "map_free_iou": None if scores is None else scores.free_iou,
+    }
