@@ -1,0 +1,312 @@
+"""What a world file may say.
+
+Exactly one of ``maze``, ``rooms``, ``plan``, ``image`` and ``mesh`` tells where the walls run;
+a file that names none gets a maze. The other sections dress the walls of the first three.
+The map frame has its origin at the outer corner of the cell with the smallest x and y, on the
+centre lines of the walls.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import AfterValidator, Field, model_validator
+
+from slamsim.config.base import Config
+
+MAX_CELLS = 40_000
+
+Algorithm = Literal[
+    "backtracker",
+    "wilson",
+    "aldous_broder",
+    "prim",
+    "kruskal",
+    "eller",
+    "hunt_and_kill",
+    "growing_tree",
+    "recursive_division",
+    "binary_tree",
+    "sidewinder",
+]
+ClutterShape = Literal["box", "cylinder", "table", "chair", "l_shape", "panel"]
+LayoutName = Literal["maze", "rooms", "plan", "image", "mesh"]
+LAYOUTS: tuple[LayoutName, ...] = ("maze", "rooms", "plan", "image", "mesh")
+
+
+def _ascending(pair: tuple[Any, Any]) -> tuple[Any, Any]:
+    if pair[0] > pair[1]:
+        raise ValueError(f"the smaller value comes first, not [{pair[0]}, {pair[1]}]")
+    return pair
+
+
+Share = Annotated[float, Field(ge=0.0, le=1.0)]
+Size = Annotated[float, Field(gt=0.0, le=100.0)]
+SizeRange = Annotated[tuple[Size, Size], Field(strict=False), AfterValidator(_ascending)]
+_Cells = Annotated[int, Field(ge=1, le=100)]
+CellRange = Annotated[tuple[_Cells, _Cells], Field(strict=False), AfterValidator(_ascending)]
+_CellSize = Annotated[float, Field(gt=0.2, le=50.0)]
+
+
+class MazeLayout(Config):
+    """A labyrinth grown from the seed on a grid of square cells."""
+
+    rows: int = Field(default=8, ge=1, le=400)
+    """Number of cells in y."""
+    columns: int = Field(default=8, ge=1, le=400)
+    """Number of cells in x."""
+    cell_m: _CellSize = 2.0
+    """Distance from one wall's centre line to the next, in metres."""
+    algorithm: Algorithm = "backtracker"
+    """How the labyrinth grows: backtracker (long winding ways), wilson and aldous_broder (every
+    labyrinth equally likely), prim, kruskal, eller, hunt_and_kill, growing_tree,
+    recursive_division (long straight walls), binary_tree or sidewinder (a bias in direction)."""
+    dead_ends_opened: Share = 0.6
+    """Share of the dead ends that get a second way out, which makes loops."""
+    walls_removed: Share = 0.05
+    """Share of the inner walls left after that which are taken away, which makes more loops."""
+    halls: int = Field(default=0, ge=0, le=1000)
+    """Number of rectangles of cells whose inner walls are taken away."""
+    hall_cells: CellRange = (2, 2)
+    """Smallest and largest side of such a rectangle, in cells."""
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.rows * self.columns > MAX_CELLS:
+            raise ValueError(
+                f"rows x columns = {self.rows * self.columns} cells; at most {MAX_CELLS} are built"
+            )
+        if self.halls and self.hall_cells[0] > min(self.rows, self.columns):
+            raise ValueError(
+                f"hall_cells begins at {self.hall_cells[0]}, the maze has only {self.rows} x "
+                f"{self.columns} cells: make halls smaller, or set halls to 0"
+            )
+        return self
+
+
+class RoomsLayout(Config):
+    """An office grown from the seed: a straight corridor with rooms on both sides."""
+
+    cell_m: _CellSize = 1.5
+    """Side of the square cells that rooms are made of, in metres."""
+    length_cells: int = Field(default=14, ge=1, le=400)
+    """Length of the corridor."""
+    corridor_cells: int = Field(default=1, ge=1, le=20)
+    """Width of the corridor."""
+    depth_cells: int = Field(default=3, ge=1, le=50)
+    """Depth of the rooms, away from the corridor."""
+    room_cells: CellRange = (2, 4)
+    """Smallest and largest width of a room, along the corridor; the last room of a row may be
+    narrower."""
+    linked: Share = 0.3
+    """Share of the neighbouring rooms that have a door between them, which makes loops."""
+
+
+class PlanLayout(Config):
+    """A floor plan drawn in characters."""
+
+    cell_m: _CellSize = 2.0
+    """Side of one drawn cell, in metres."""
+    drawing: str = Field(min_length=1, max_length=1_000_000)
+    """Lines of text, the first at the largest y. A corner is +, a wall -- or |, a door D, an open
+    side is blank; a cell is two blanks, or ## where there is none, or S in the start cell."""
+
+
+class ImageLayout(Config):
+    """The occupied cells of a ROS map_server map, extruded to the height of the walls."""
+
+    file: str = Field(min_length=1, max_length=4096)
+    """The map's YAML file; a relative path starts at the folder of the world file."""
+    unknown: Literal["solid", "open"] = "solid"
+    """What the map's unknown cells are made of: solid keeps the robot in the known part."""
+
+
+class MeshLayout(Config):
+    """A triangle mesh, closed or open; its own floor may stay in it."""
+
+    file: str = Field(min_length=1, max_length=4096)
+    """An STL, OBJ, PLY or GLB file; a relative path starts at the folder of the world file."""
+    scale: float = Field(default=1.0, gt=0.0, le=1e6)
+    """Metres per unit of the file: 0.001 for millimetres."""
+    up: Literal["z", "y"] = "z"
+    """Which axis of the file points up."""
+    floor_m: float = Field(default=0.0, ge=-1e4, le=1e4)
+    """Height in the file, in metres and after scaling, at which the robot's floor lies."""
+
+
+class WallsConfig(Config):
+    """The walls of a maze, of rooms or of a plan, and the height of an image's."""
+
+    thickness_m: float = Field(default=0.15, ge=0.01, le=10.0)
+    """Thickness, in metres."""
+    thickness_jitter_m: float = Field(default=0.0, ge=0.0, le=5.0)
+    """Each wall is up to so much thicker or thinner, in metres."""
+    height_m: float = Field(default=1.0, ge=0.05, le=20.0)
+    """Height above the floor, in metres; a lidar at 0.3 m does not see lower ones."""
+    height_jitter_m: float = Field(default=0.0, ge=0.0, le=10.0)
+    """Each wall is up to so much higher or lower, in metres."""
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        for what in ("thickness", "height"):
+            size, jitter = getattr(self, f"{what}_m"), getattr(self, f"{what}_jitter_m")
+            if jitter > 0.8 * size:
+                raise ValueError(
+                    f"{what}_jitter_m {jitter} must not exceed 0.8 of {what}_m {size}: "
+                    "walls would vanish"
+                )
+        return self
+
+
+class DoorsConfig(Config):
+    """Narrowed passages with a frame around them."""
+
+    share: Share = 0.15
+    """Share of a maze's passages that are doors; rooms and plans have their doors anyway."""
+    width_m: Size = 0.9
+    """Clear width between the door posts, in metres."""
+    height_m: Size = 2.0
+    """Height of the opening, in metres; higher walls close above it."""
+    offset_m: float = Field(default=0.2, ge=0.0, le=10.0)
+    """A door stands up to so much off the middle of its wall, in metres."""
+    frame_m: float = Field(default=0.05, ge=0.0, le=1.0)
+    """Width of the door posts, and how far they stand out of the wall on both sides, in metres;
+    0 for no posts."""
+
+
+class PillarsConfig(Config):
+    """Pillars at the corners of cells."""
+
+    share: Share = 0.2
+    """Share of the corners with a wall that carry a pillar; corners without one never do."""
+    size_m: SizeRange = (0.25, 0.4)
+    """Smallest and largest side or diameter, in metres; every other pillar is round by chance."""
+
+
+class DentsConfig(Config):
+    """Niches and bumps in the faces of walls."""
+
+    share: Share = 0.35
+    """Share of the walls that have one."""
+    depth_m: SizeRange = (0.04, 0.08)
+    """Smallest and largest depth into the wall, or out of it, in metres."""
+    width_m: SizeRange = (0.2, 0.6)
+    """Smallest and largest width along the wall, in metres."""
+
+
+class ClutterConfig(Config):
+    """Things that stand about, always clear of the robot's way."""
+
+    per_cell: float = Field(default=0.4, ge=0.0, le=20.0)
+    """Number of things per cell; one that finds no room in 30 tries is left out."""
+    shapes: Annotated[tuple[ClutterShape, ...], Field(strict=False, min_length=1)] = (
+        "box",
+        "cylinder",
+        "table",
+        "chair",
+        "l_shape",
+        "panel",
+    )
+    """Which things, all equally likely: box, cylinder, table (four legs and a top), chair (four
+    legs, seat and back), l_shape, panel (a board that leans over)."""
+    size_m: SizeRange = (0.15, 0.6)
+    """Smallest and largest side on the floor, in metres; tables and chairs keep to theirs."""
+    height_m: SizeRange = (0.15, 1.2)
+    """Smallest and largest height, in metres; what is low is felt by the robot but not seen by a
+    lidar above it."""
+
+
+class FloorPatchConfig(Config):
+    """A rectangle of floor with its own friction; where patches overlap, the last one counts."""
+
+    x_m: Annotated[tuple[float, float], Field(strict=False), AfterValidator(_ascending)]
+    """Smallest and largest x, in metres in the map frame."""
+    y_m: Annotated[tuple[float, float], Field(strict=False), AfterValidator(_ascending)]
+    """Smallest and largest y, in metres in the map frame."""
+    friction: float = Field(ge=0.0, le=10.0)
+    """Coulomb friction coefficient."""
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.x_m[0] == self.x_m[1] or self.y_m[0] == self.y_m[1]:
+            raise ValueError(f"the patch is empty: x_m {list(self.x_m)}, y_m {list(self.y_m)}")
+        return self
+
+
+class FloorConfig(Config):
+    """The floor, a plane at z = 0."""
+
+    friction: float = Field(default=0.8, ge=0.0, le=10.0)
+    """Coulomb friction coefficient of the floor."""
+    patches: Annotated[tuple[FloorPatchConfig, ...], Field(strict=False, max_length=1000)] = ()
+    """Rectangles with a friction of their own."""
+
+
+class StartConfig(Config):
+    """Where the robot starts."""
+
+    x_m: float
+    """Position in the map frame, in metres."""
+    y_m: float
+    """Position in the map frame, in metres."""
+    yaw_deg: float = 0.0
+    """Heading in degrees, counter-clockwise from the x axis."""
+
+
+class WorldConfig(Config):
+    """A world: where walls run, how they are dressed, and where the robot starts."""
+
+    name: str = Field(default="labyrinth", min_length=1, max_length=200)
+    """What reports call this world."""
+    seed: int | None = Field(default=None, ge=0, lt=2**63)
+    """Seed of this world alone; without one, the seed of the run."""
+    maze: MazeLayout | None = None
+    """A labyrinth grown from the seed."""
+    rooms: RoomsLayout | None = None
+    """An office grown from the seed."""
+    plan: PlanLayout | None = None
+    """A floor plan drawn in characters."""
+    image: ImageLayout | None = None
+    """A ROS map_server map."""
+    mesh: MeshLayout | None = None
+    """A triangle mesh."""
+    walls: WallsConfig = WallsConfig()
+    doors: DoorsConfig = DoorsConfig()
+    pillars: PillarsConfig = PillarsConfig()
+    dents: DentsConfig = DentsConfig()
+    clutter: ClutterConfig = ClutterConfig()
+    floor: FloorConfig = FloorConfig()
+    start: StartConfig | None = None
+    """Without one, the robot starts in the first cell, facing the first way out."""
+    clearance_m: float = Field(default=0.6, gt=0.0, le=20.0)
+    """Everything up to this width is sure to pass everywhere it must go, in metres: the robot's
+    diameter and a margin for its controller."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _default_layout(cls, data: object) -> object:
+        if isinstance(data, dict) and all(data.get(name) is None for name in LAYOUTS):
+            return {**data, "maze": MazeLayout()}
+        return data
+
+    @model_validator(mode="after")
+    def _one_layout(self) -> Self:
+        given = [name for name in LAYOUTS if getattr(self, name) is not None]
+        if len(given) > 1:
+            raise ValueError(f"a world has one layout, this one has {len(given)}: {given}")
+        return self
+
+    @property
+    def layout(self) -> MazeLayout | RoomsLayout | PlanLayout | ImageLayout | MeshLayout:
+        """The one layout that is given."""
+        return next(found for name in LAYOUTS if (found := getattr(self, name)) is not None)
+
+    def relative_to(self, folder: Path) -> WorldConfig:
+        """The same world with the paths of its files starting at ``folder``."""
+        changed = {
+            name: section.model_copy(update={"file": str(folder / section.file)})
+            for name in ("image", "mesh")
+            if (section := getattr(self, name)) is not None
+        }
+        return self.model_copy(update=changed)

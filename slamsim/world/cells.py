@@ -1,0 +1,88 @@
+"""The graph that every labyrinth algorithm works on: a rectangle of square cells."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+
+Edge = tuple[int, int]
+
+
+@dataclass(frozen=True, slots=True)
+class CellGrid:
+    """``rows`` x ``columns`` cells; cell ``row * columns + column``, row 0 at the smallest y.
+
+    An edge joins two cells that share a side; it is written with the smaller cell first.
+    """
+
+    rows: int
+    columns: int
+
+    def __len__(self) -> int:
+        return self.rows * self.columns
+
+    def cell(self, row: int, column: int) -> int:
+        return row * self.columns + column
+
+    def place(self, cell: int) -> tuple[int, int]:
+        """(row, column) of a cell."""
+        return divmod(cell, self.columns)
+
+    def neighbours(self, cell: int) -> tuple[int, ...]:
+        """The cells that share a side, always in the order south, west, east, north."""
+        row, column = self.place(cell)
+        found = []
+        if row > 0:
+            found.append(cell - self.columns)
+        if column > 0:
+            found.append(cell - 1)
+        if column + 1 < self.columns:
+            found.append(cell + 1)
+        if row + 1 < self.rows:
+            found.append(cell + self.columns)
+        return tuple(found)
+
+    def edges(self) -> Iterator[Edge]:
+        """Every pair of cells that share a side, once, in ascending order."""
+        for cell in range(len(self)):
+            for other in self.neighbours(cell):
+                if other > cell:
+                    yield cell, other
+
+
+def edge(a: int, b: int) -> Edge:
+    """The edge between two cells, the smaller cell first."""
+    return (a, b) if a < b else (b, a)
+
+
+class DisjointSets:
+    """Which cells hang together (union by size, path halving; Tarjan 1975)."""
+
+    def __init__(self, size: int) -> None:
+        self._parent = list(range(size))
+        self._size = [1] * size
+
+    def find(self, item: int) -> int:
+        while self._parent[item] != item:
+            self._parent[item] = self._parent[self._parent[item]]
+            item = self._parent[item]
+        return item
+
+    def join(self, a: int, b: int) -> bool:
+        """Join the sets of a and b; False if they were one already."""
+        a, b = self.find(a), self.find(b)
+        if a == b:
+            return False
+        if self._size[a] < self._size[b]:
+            a, b = b, a
+        self._parent[b] = a
+        self._size[a] += self._size[b]
+        return True
+
+
+def connected_sets(size: int, edges: Iterable[Edge]) -> DisjointSets:
+    """The sets of cells that the given edges join."""
+    sets = DisjointSets(size)
+    for a, b in edges:
+        sets.join(a, b)
+    return sets
