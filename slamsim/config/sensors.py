@@ -199,8 +199,6 @@ class ImuConfig(StreamConfig):
 
     rate_hz: float = Field(default=200.0, gt=0.01, le=100_000.0)
     """Samples per second, free of the physics rate."""
-    gravity_m_s2: float = Field(default=9.81, ge=0.0, le=100.0)
-    """What a resting accelerometer feels; the physics falls with the same value."""
     gyro: GyroConfig = GyroConfig()
     """Errors of the gyroscopes."""
     accelerometer: AccelerometerConfig = AccelerometerConfig()

@@ -1,0 +1,140 @@
+"""The rotating lidar: each beam leaves at its own instant, from where the laser then is."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from slamsim.config.sensors import LidarConfig
+from slamsim.randomness import random_stream
+from slamsim.sensors import effects
+from slamsim.sensors.clock import StreamClock
+from slamsim.sensors.motion import Knots, Motion
+from slamsim.sensors.rays import beam_rays
+from slamsim.sensors.readings import ScanBatch
+from slamsim.sensors.scene import Hits, Scene
+from slamsim.types import BoolArray, Float32Array, FloatArray, IntArray, ScanGeometry, TriangleMesh
+
+BEAMS_PER_BATCH = 50_000
+
+
+def scan_geometry(config: LidarConfig, frame_id: str = "laser_link") -> ScanGeometry:
+    """What all scans of this lidar share."""
+    return ScanGeometry(
+        angle_min_rad=float(np.radians(config.angle_min_deg)),
+        angle_step_rad=float(np.radians(config.angle_step_deg)),
+        beam_count=config.beam_count,
+        beam_dt_ns=config.beam_dt_ns,
+        range_min_m=config.range_min_m,
+        range_max_m=config.range_max_m,
+        frame_id=frame_id,
+    )
+
+
+class Lidar:
+    """A lidar mounted at ``T_base_laser`` (4 x 4, any orientation) in a world of triangles.
+
+    Beams are cast in batches of whole scans from the interpolated course of the laser, on
+    ``threads`` threads; neither changes a byte of the result. The robot itself is not seen.
+    """
+
+    def __init__(
+        self,
+        config: LidarConfig,
+        mesh: TriangleMesh,
+        T_base_laser: FloatArray,
+        seed: int,
+        start_ns: int,
+        threads: int = 1,
+    ) -> None:
+        self.geometry = scan_geometry(config)
+        self._config, self._T_base_laser = config, T_base_laser
+        self._scene = Scene(mesh, floor_reach_m=config.range_max_m, threads=threads)
+        self._clock = StreamClock(config, start_ns, seed, "lidar")
+        self._streams = effects.EffectStreams(
+            noise=random_stream(seed, "lidar", "noise"),
+            dropout=random_stream(seed, "lidar", "dropout"),
+            mixed=random_stream(seed, "lidar", "mixed"),
+        )
+        angles_rad = self.geometry.angles_rad()
+        self._directions = np.stack([np.cos(angles_rad), np.sin(angles_rad)])
+        self._next = 0
+
+    @property
+    def needed_ns(self) -> int:
+        """The earliest instant that later scans look at."""
+        return self._clock.needed_ns(self._next)
+
+    def sense(self, motion: Motion) -> ScanBatch:
+        """All scans that the motion covers to their last beam and that were not given yet."""
+        last_start_ns = motion.covered_ns - self.geometry.duration_ns
+        samples = self._clock.samples_until(self._next, last_start_ns)
+        self._next += samples.size
+        true_ns = self._clock.instants_ns(samples)
+        ranges_m, strengths = self.scan_batch(motion, true_ns)
+        stamps_ns = self._clock.stamps_ns(true_ns)
+        arrival_ns = self._clock.arrivals_ns(true_ns + self.geometry.duration_ns)
+        there = self._clock.arrived(true_ns.size)
+        return ScanBatch(
+            self.geometry,
+            stamps_ns[there],
+            true_ns[there],
+            arrival_ns[there],
+            ranges_m[there],
+            strengths[there] if strengths is not None else None,
+        )
+
+    def scan_batch(
+        self, motion: Motion, true_ns: IntArray
+    ) -> tuple[Float32Array, Float32Array | None]:
+        """(k, beams) ranges, and intensities if configured, of scans that begin at true_ns (k,).
+
+        Advances the random streams by k scans. Raises OutsideTimeRange for uncovered instants.
+        """
+        shape = (true_ns.size, self.geometry.beam_count)
+        ranges_m = np.empty(shape, dtype=np.float32)
+        strengths = np.empty(shape, dtype=np.float32) if self._config.intensities else None
+        scans = max(BEAMS_PER_BATCH // self.geometry.beam_count, 1)
+        for first in range(0, true_ns.size, scans):
+            part = slice(first, first + scans)
+            hits = self._true_hits(motion, true_ns[part])
+            reading = effects.measured(hits, self._config, self._streams)
+            ranges_m[part] = reading.reshape(-1, shape[1])
+            if strengths is not None:
+                strengths[part] = effects.strengths(hits, reading).reshape(-1, shape[1])
+        return ranges_m, strengths
+
+    def _true_hits(self, motion: Motion, scan_ns: IntArray) -> Hits:
+        """What the beams of these scans meet, with their width at edges but without noise."""
+        beam_ns = (scan_ns[:, None] + self.geometry.offsets_ns()).ravel()
+        directions = np.tile(self._directions, scan_ns.size)
+        knots = motion.knots(self._T_base_laser, int(beam_ns[0]), int(beam_ns[-1]))
+        hits = self._cast(knots, beam_ns, directions)
+        mixing = self._config.mixed
+        if mixing.divergence_mrad == 0.0:
+            return hits
+        beside = effects.straddling(hits, self.geometry.beam_count, mixing.min_gap_m)
+        return self._with_edges(hits, beside, knots, beam_ns, directions)
+
+    def _with_edges(
+        self,
+        hits: Hits,
+        beside: BoolArray,
+        knots: Knots,
+        beam_ns: IntArray,
+        directions: FloatArray,
+    ) -> Hits:
+        """The hits with those beams that may straddle an edge cast once more in full width."""
+        sub_rays = effects.sub_ray_directions(self._config.mixed.divergence_mrad)
+        parts = self._cast(
+            knots,
+            np.repeat(beam_ns[beside], effects.SUB_RAYS),
+            effects.turned(directions[:, beside], sub_rays),
+        )
+        middle = Hits(hits.ranges_m[beside], hits.cos_incidence[beside], hits.surfaces[beside])
+        mixed = effects.mixed(middle, parts, self._config.mixed, self._streams.mixed)
+        hits.ranges_m[beside], hits.cos_incidence[beside] = mixed.ranges_m, mixed.cos_incidence
+        return hits
+
+    def _cast(self, knots: Knots, beam_ns: IntArray, directions: FloatArray) -> Hits:
+        rays = beam_rays(knots, beam_ns, directions, self._scene.origin_m)
+        return self._scene.cast(rays)

@@ -1,0 +1,84 @@
+"""All sensors of a robot: from windows of true motion to what a log records."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+from slamsim.config.sensors import SensorsConfig
+from slamsim.sensors.encoders import Encoders
+from slamsim.sensors.imu import Imu
+from slamsim.sensors.lidar import Lidar
+from slamsim.sensors.motion import Motion, joined, kept_since
+from slamsim.sensors.readings import Readings
+from slamsim.types import Drive, FloatArray, TriangleMesh
+
+
+class Carrier(Protocol):
+    """What sensing must know of a robot: where its sensors sit and how its wheels are."""
+
+    @property
+    def T_base_laser(self) -> FloatArray: ...  # noqa: N802
+
+    @property
+    def T_base_imu(self) -> FloatArray: ...  # noqa: N802
+
+    @property
+    def wheel_radius_m(self) -> float: ...
+
+    @property
+    def track_m(self) -> float: ...
+
+
+class SensorRig:
+    """The sensors of one robot during one drive.
+
+    Call ``sense`` with one window of the drive after the other. Readings depend on the mesh, the
+    robot, the configuration, the seed and the whole motion, and are the same bytes however the
+    drive is cut into windows and on however many ``threads``. What is carried from window to
+    window is the tail of the motion that open samples still need, the number of the next sample
+    of each stream, the biases, and one generator for each random effect.
+    """
+
+    def __init__(
+        self,
+        mesh: TriangleMesh,
+        robot: Carrier,
+        config: SensorsConfig,
+        seed: int,
+        threads: int = 1,
+    ) -> None:
+        self._mesh, self._robot, self._config = mesh, robot, config
+        self._seed, self._threads = seed, threads
+        self._motion: Motion | None = None
+        self._sensors: _Sensors | None = None
+
+    def sense(self, window: Drive) -> Readings:
+        """Every sample whose whole acquisition is now covered and that was not given before.
+
+        window: the next part of the drive, at least two steps in the first; its first stamp is
+        the start of the streams. Raises ValueError if it does not follow on or is not finite.
+        """
+        motion = joined(self._motion, window)
+        if self._sensors is None:
+            self._sensors = self._switched_on(int(window.stamps_ns[0]))
+        lidar, imu, encoders = self._sensors.lidar, self._sensors.imu, self._sensors.encoders
+        readings = Readings(lidar.sense(motion), imu.sense(motion), encoders.sense(motion))
+        needed_ns = min(lidar.needed_ns, imu.needed_ns, encoders.needed_ns)
+        self._motion = kept_since(motion, needed_ns)
+        return readings
+
+    def _switched_on(self, start_ns: int) -> _Sensors:
+        robot, config, seed = self._robot, self._config, self._seed
+        return _Sensors(
+            Lidar(config.lidar, self._mesh, robot.T_base_laser, seed, start_ns, self._threads),
+            Imu(config.imu, robot.T_base_imu, seed, start_ns),
+            Encoders(config.encoders, robot.wheel_radius_m, robot.track_m, seed, start_ns),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class _Sensors:
+    lidar: Lidar
+    imu: Imu
+    encoders: Encoders

@@ -1,0 +1,122 @@
+"""What light meets: the world's mesh and the floor, in Open3D's ray caster (Embree)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slamsim.safe.errors import SlamsimError
+from slamsim.sensors.rays import cosines_of_incidence
+from slamsim.types import Float32Array, FloatArray, TriangleMesh
+
+NOTHING = -1
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Hits:
+    """What (n,) rays met first.
+
+    ranges_m: ``inf`` for nothing. cos_incidence: 1 head-on, 0 grazing or nothing.
+    surfaces: number of the flat surface, NOTHING for nothing.
+    """
+
+    ranges_m: Float32Array
+    cos_incidence: Float32Array
+    surfaces: NDArray[np.int32]
+
+
+class Scene:
+    """The world as rays see it: ``mesh`` and an endless-looking floor at z = 0.
+
+    The floor is two more triangles, reaching ``floor_reach_m`` beyond the mesh on all sides, so
+    that a tilted lidar sees it with the same rules (incidence, mixing) as every wall. Rays are
+    given relative to ``origin_m``, the middle of the mesh. Raises SlamsimError for a mesh that
+    the caster would silently misread: no triangles, numbers not finite, indices out of range.
+    """
+
+    def __init__(self, mesh: TriangleMesh, floor_reach_m: float, threads: int = 1) -> None:
+        _require_sound(mesh)
+        low, high = mesh.vertices_m.min(axis=0), mesh.vertices_m.max(axis=0)
+        self.origin_m: FloatArray = 0.5 * (low + high)
+        vertices, triangles = _with_floor(mesh, low - floor_reach_m, high + floor_reach_m)
+        self._surfaces = np.append(_surface_numbers(vertices, triangles), NOTHING).astype(np.int32)
+        self._open3d, self._threads = import_open3d(), threads
+        tensor = self._open3d.core.Tensor.from_numpy
+        self._caster = self._open3d.t.geometry.RaycastingScene(nthreads=threads)
+        self._caster.add_triangles(
+            tensor(np.ascontiguousarray(vertices - self.origin_m, dtype=np.float32)),
+            tensor(np.ascontiguousarray(triangles, dtype=np.uint32)),
+        )
+
+    def cast(self, rays: Float32Array) -> Hits:
+        """The first hit of (n, 6) rays: origin relative to ``origin_m``, unit direction."""
+        if len(rays) == 0:
+            return Hits(rays[:, 0], rays[:, 0], np.zeros(0, dtype=np.int32))
+        answer = self._caster.cast_rays(
+            self._open3d.core.Tensor.from_numpy(rays), nthreads=self._threads
+        )
+        triangles = answer["primitive_ids"].numpy()
+        # The surface table ends with NOTHING: a miss looks up its last entry.
+        entries = np.minimum(triangles, np.uint32(self._surfaces.size - 1))
+        return Hits(
+            answer["t_hit"].numpy(),
+            cosines_of_incidence(rays, answer["primitive_normals"].numpy()),
+            self._surfaces[entries],
+        )
+
+
+def import_open3d() -> Any:
+    """Open3D, or a SlamsimError that names the system packages it lacks."""
+    try:
+        import open3d
+    except (ImportError, OSError) as error:
+        raise SlamsimError(
+            f"Open3D could not be loaded ({error}); on Debian and Ubuntu it needs the packages "
+            "libegl1 libgl1 libx11-6 libusb-1.0-0"
+        ) from error
+    return open3d
+
+
+def _require_sound(mesh: TriangleMesh) -> None:
+    vertices, triangles = mesh.vertices_m, mesh.triangles
+    if len(triangles) == 0:
+        raise SlamsimError("the world's mesh has no triangles: there is nothing to sense")
+    if not np.isfinite(vertices).all():
+        row = int(np.argmin(np.isfinite(vertices).all(axis=1)))
+        raise SlamsimError(f"vertex {row} of the world's mesh is not finite: {vertices[row]}")
+    if triangles.min() < 0 or triangles.max() >= len(vertices):
+        raise SlamsimError(
+            f"the world's mesh has {len(vertices)} vertices, but its triangles name "
+            f"{triangles.min()} to {triangles.max()}"
+        )
+
+
+def _with_floor(
+    mesh: TriangleMesh, low: FloatArray, high: FloatArray
+) -> tuple[FloatArray, NDArray[np.int32]]:
+    corners = np.array(
+        [
+            [low[0], low[1], 0.0],
+            [high[0], low[1], 0.0],
+            [high[0], high[1], 0.0],
+            [low[0], high[1], 0.0],
+        ]
+    )
+    floor = np.array([[0, 1, 2], [0, 2, 3]], dtype=np.int32) + np.int32(len(mesh.vertices_m))
+    return np.vstack([mesh.vertices_m, corners]), np.vstack([mesh.triangles, floor])
+
+
+def _surface_numbers(vertices: FloatArray, triangles: NDArray[np.int32]) -> NDArray[np.int64]:
+    """(t,) triangles of one plane share a number, as far as rounding lets it be seen."""
+    a, b, c = (vertices[triangles[:, corner]] for corner in range(3))
+    normals = np.cross(b - a, c - a)
+    lengths = np.linalg.norm(normals, axis=1, keepdims=True)
+    normals = normals / np.where(lengths > 0.0, lengths, 1.0)
+    leading = np.take_along_axis(normals, np.abs(normals).argmax(axis=1)[:, None], axis=1)
+    normals = normals * np.where(leading < 0.0, -1.0, 1.0)
+    distances = np.sum(normals * a, axis=1, keepdims=True)
+    planes = np.rint(np.hstack([normals, distances]) * 1e3).astype(np.int64)
+    return np.unique(planes, axis=0, return_inverse=True)[1].ravel()
