@@ -5,6 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 
+def shown(value: object, limit: int = 60) -> str:
+    """A value as it is quoted in a message: one line, and never a screenful."""
+    text = repr(value)
+    return text if len(text) <= limit else f"{text[: limit - 4]}...{text[-1]}"
+
+
 class SlamsimError(Exception):
     """Something that is told to the user in one sentence, without a traceback."""
 
@@ -15,15 +21,30 @@ class InputRefused(SlamsimError):
     """A file from outside that is damaged, foreign, too large or wrong.
 
     path: the file. where: line, key, topic or byte inside it, as words. reason: what is wrong
-    and what would be right.
+    and what would be right. also: further faults found at the same time, a sentence each.
     """
 
     exit_code = 3
 
-    def __init__(self, path: Path | str, reason: str, where: str = "") -> None:
-        self.path, self.where, self.reason = Path(path), where, reason
+    def __init__(
+        self, path: Path | str, reason: str, where: str = "", also: tuple[str, ...] = ()
+    ) -> None:
+        self.path, self.where, self.reason, self.also = Path(path), where, reason, also
         place = f"{path}, {where}" if where else f"{path}"
-        super().__init__(f"{place}: {reason}")
+        super().__init__("\n".join((f"{place}: {reason}", *also)))
+
+
+class OverrideRefused(SlamsimError):
+    """An option of the command line whose value the configuration does not take.
+
+    option: as it was typed. reason and also: as for InputRefused.
+    """
+
+    exit_code = 2
+
+    def __init__(self, option: str, reason: str, also: tuple[str, ...] = ()) -> None:
+        self.option, self.reason, self.also = option, reason, also
+        super().__init__("\n".join((f"{option}: {reason}", *also)))
 
 
 class NotFound(SlamsimError):

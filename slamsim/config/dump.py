@@ -1,0 +1,112 @@
+"""Writing a configuration as YAML that explains itself and reads back equal."""
+
+from __future__ import annotations
+
+import inspect
+import json
+import re
+import textwrap
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from enum import Enum
+from pathlib import Path
+from typing import TypeGuard
+
+from pydantic import BaseModel
+from pydantic.fields import FieldInfo
+
+from slamsim.config.base import Config
+
+_WIDTH = 96
+_PLAIN = re.compile(r"[A-Za-z_/][A-Za-z0-9_/.-]*")
+_BREAKS = re.compile("[\x7f-\xa0\u2028\u2029\ufeff]")
+# Also what YAML 1.1 takes for something else than text: other readers still speak it.
+_WORDS = frozenset(("null", "true", "false", "yes", "no", "on", "off", "y", "n"))
+
+
+def dump_commented_yaml(config: Config) -> str:
+    """The whole configuration, each key under its description; loads back to an equal one.
+
+    Numbers are written in the shortest form that gives the same bits.
+    """
+    return "\n".join(_model_lines(config, "")) + "\n"
+
+
+def _model_lines(model: BaseModel, indent: str) -> Iterator[str]:
+    for name, field in type(model).model_fields.items():
+        value = getattr(model, name)
+        yield from _comment(field, value, indent)
+        yield from _entry(f"{indent}{name}:", value, indent)
+
+
+def _comment(field: FieldInfo, value: object, indent: str) -> Iterator[str]:
+    text = field.description
+    if not text and isinstance(value, BaseModel):
+        text = (inspect.getdoc(type(value)) or "").split("\n\n")[0]
+    if text:
+        lines = textwrap.wrap(" ".join(text.split()), _WIDTH - len(indent))
+        yield from (f"{indent}# {line}" for line in lines)
+
+
+def _entry(head: str, value: object, indent: str) -> Iterator[str]:
+    inner = indent + "  "
+    if isinstance(value, BaseModel) and type(value).model_fields:
+        yield head
+        yield from _model_lines(value, inner)
+    elif isinstance(value, Mapping) and value:
+        yield head
+        for key, item in value.items():
+            yield from _entry(f"{inner}{_text(str(key))}:", item, inner)
+    elif _is_list(value) and any(isinstance(item, BaseModel | Mapping) for item in value):
+        yield head
+        for item in value:
+            yield from _entry(f"{inner}-", item, inner)
+    elif isinstance(value, str) and (block := _block(value, inner)):
+        yield f"{head} {block[0]}"
+        yield from block[1:]
+    else:
+        yield f"{head} {_flow(value)}"
+
+
+def _is_list(value: object) -> TypeGuard[Collection[object]]:
+    return isinstance(value, Sequence | set | frozenset) and not isinstance(value, str | bytes)
+
+
+def _flow(value: object) -> str:
+    if isinstance(value, BaseModel | Mapping):
+        return "{}"
+    if _is_list(value):
+        return f"[{', '.join(_flow(item) for item in value)}]"
+    if isinstance(value, Enum):
+        return _flow(value.value)
+    if value is None:
+        return "null"
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, float):
+        return _float(value)
+    return _text(str(value)) if isinstance(value, str | Path) else str(value)
+
+
+def _float(value: float) -> str:
+    text = repr(value)
+    if "inf" in text or "nan" in text:
+        return f"{text[: text.find('inf')]}.inf" if "inf" in text else ".nan"
+    mantissa, e, exponent = text.partition("e")
+    # YAML 1.1 wants a point before the exponent, or takes 1e-05 for a text.
+    return f"{mantissa}.0e{exponent}" if e and "." not in mantissa else text
+
+
+def _text(value: str) -> str:
+    if _PLAIN.fullmatch(value) and value.lower() not in _WORDS:
+        return value
+    quoted = json.dumps(value, ensure_ascii=False)
+    return _BREAKS.sub(lambda found: f"\\u{ord(found.group()):04x}", quoted)
+
+
+def _block(value: str, inner: str) -> list[str] | None:
+    """A drawing of several lines as the lines it is; None where that would not read back."""
+    body = value.removesuffix("\n")
+    lines = body.split("\n")
+    if len(lines) < 2 or body.endswith("\n") or not all(line.isprintable() for line in lines):
+        return None
+    return ["|2" if value.endswith("\n") else "|2-", *(inner + line for line in lines)]

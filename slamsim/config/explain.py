@@ -1,0 +1,146 @@
+"""What pydantic found wrong, told with place, key, given value and what would be right."""
+
+from __future__ import annotations
+
+import itertools
+
+from pydantic import BaseModel, ValidationError
+from pydantic_core import ErrorDetails
+
+from slamsim.config.layers import Tree
+from slamsim.config.model_keys import Spot, find_spot, suggest
+from slamsim.safe.errors import SlamsimError, shown
+from slamsim.safe.yaml import KeyPath, key_text
+
+_MAX_TOLD = 5
+_NEEDED = {
+    "float_type": "a number",
+    "float_parsing": "a number",
+    "int_type": "a whole number",
+    "int_parsing": "a whole number",
+    "int_from_float": "a whole number",
+    "bool_type": "true or false",
+    "bool_parsing": "true or false",
+    "string_type": "a text",
+    "list_type": "a list",
+    "tuple_type": "a list",
+    "set_type": "a list",
+    "dict_type": "a mapping (key: value)",
+    "model_type": "a mapping (key: value)",
+    "model_attributes_type": "a mapping (key: value)",
+    "path_type": "a file name",
+    "none_required": "null",
+}
+_SWITCHES = {"yes": "true", "on": "true", "no": "false", "off": "false"}
+_RANGE = {"greater_than", "greater_than_equal", "less_than", "less_than_equal"}
+
+
+def refusal(model_type: type[BaseModel], tree: Tree, error: ValidationError) -> SlamsimError:
+    """The exception to raise; its message has a line for each faulty key."""
+    faults: dict[KeyPath, list[str]] = {}
+    for detail in error.errors(include_url=False):
+        spot = find_spot(model_type, detail["loc"], tree.data)
+        keys, reason = _sentence(model_type, spot, detail, tree)
+        told = faults.setdefault(keys, [])
+        if reason not in told:
+            told.append(reason)
+    told_first = list(itertools.islice(faults.items(), _MAX_TOLD))
+    refusals = [tree.place_of(k).refusal(k, "; or ".join(reasons)) for k, reasons in told_first]
+    also = tuple(str(other) for other in refusals[1:])
+    if len(faults) > _MAX_TOLD:
+        also = (*also, f"... and {len(faults) - _MAX_TOLD} more faults")
+    keys, reasons = told_first[0]
+    return tree.place_of(keys).refusal(keys, "; or ".join(reasons), also)
+
+
+def _sentence(
+    root: type[BaseModel], spot: Spot, detail: ErrorDetails, tree: Tree
+) -> tuple[KeyPath, str]:
+    """The key path that the fault is told for, and the fault."""
+    keys, kind = spot.keys, detail["type"]
+    if kind == "extra_forbidden":
+        within = tree.place_of(keys).mount
+        return keys, suggest(root, spot.owner, keys, within)
+    if kind == "missing":
+        return _missing(keys, tree)
+    return keys, _reason(spot, detail, tree.get(keys))
+
+
+def _missing(keys: KeyPath, tree: Tree) -> tuple[KeyPath, str]:
+    parent = tree.get(keys[:-1])
+    if isinstance(parent, list):
+        return keys[:-1], f"must be a longer list than the {len(parent)} values given"
+    return keys[:-1], f"the key {key_text(keys[-1:])!r} is missing"
+
+
+def _reason(spot: Spot, detail: ErrorDetails, given: object) -> str:
+    kind, context = detail["type"], detail.get("ctx", {})
+    if kind in _NEEDED:
+        length = f" of {spot.length} values" if spot.length and _NEEDED[kind] == "a list" else ""
+        return f"must be {_NEEDED[kind]}{length}, not {_given(given)}{_hint(kind, given)}"
+    if kind in _RANGE:
+        return f"must be {spot.range_text() or detail['msg']}, not {_given(given)}"
+    if kind == "finite_number":
+        return f"must be a finite number, not {_given(given)}"
+    if kind in ("literal_error", "enum"):
+        return f"must be {spot.choices_text(given) or context.get('expected')}, not {_given(given)}"
+    if kind in ("too_short", "too_long"):
+        return _length_reason(kind, spot, context)
+    if kind in ("value_error", "assertion_error"):
+        return str(context.get("error", detail["msg"]))
+    message = detail["msg"]
+    return f"{message[:1].lower()}{message[1:]} (given: {_given(given)})"
+
+
+def _length_reason(kind: str, spot: Spot, context: dict[str, object]) -> str:
+    if spot.length:
+        needed = f"{spot.length}"
+    elif kind == "too_short":
+        needed = f"at least {context.get('min_length')}"
+    else:
+        needed = f"at most {context.get('max_length')}"
+    return f"must be a list of {needed} values, not of {context.get('actual_length')}"
+
+
+def _given(value: object) -> str:
+    match value:
+        case None:
+            return "nothing (null)"
+        case bool():
+            return str(value).lower()
+        case str():
+            return f"the text {shown(value)}"
+        case dict():
+            return "a mapping"
+        case list():
+            return f"a list of {len(value)}"
+        case _:
+            return shown(value)
+
+
+def _hint(kind: str, value: object) -> str:
+    """What the writer probably meant."""
+    if value is None:
+        return "; leave the key out for its default"
+    if kind == "string_type" and isinstance(value, int | float):
+        return "; put it in quotes"
+    if not isinstance(value, str):
+        return ""
+    if kind.startswith("bool"):
+        meant = _SWITCHES.get(value.lower())
+        return f"; write {meant}" if meant else ""
+    if kind.startswith(("float", "int")):
+        if _is_number(value):
+            return "; write it without quotes"
+        for mark, what in ((",", "."), ("_", "")):
+            if _is_number(value.replace(mark, what)) and mark in value:
+                return f"; write {value.replace(mark, what)}"
+    return ""
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return "_" not in text

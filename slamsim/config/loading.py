@@ -1,0 +1,185 @@
+"""From files, names and ``--set`` to a checked configuration.
+
+A section may be a mapping, or the name or path of a file that holds one; a mapping may start
+from such a file with ``preset: name`` and change single keys. A relative name under a key that
+is ``file`` or ends in ``_file`` starts at the folder of the file that says so. Whatever is wrong
+is told with the file, line and key path where it was written, and with what would be right.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, TypeVar
+
+from pydantic import ValidationError
+
+from slamsim.config.base import Config
+from slamsim.config.bundled import Kind, bundled_names, find_input
+from slamsim.config.dump import dump_commented_yaml
+from slamsim.config.explain import refusal
+from slamsim.config.layers import Place, Tree, mount, parse_override
+from slamsim.safe.errors import InputRefused
+from slamsim.safe.yaml import KeyPath, YamlDocument, load_yaml
+
+if TYPE_CHECKING:
+    from slamsim.config.run import RunConfig
+    from slamsim.config.world import WorldConfig
+
+__all__ = [
+    "bundled_names",
+    "config_schema",
+    "dump_commented_yaml",
+    "find_input",
+    "load_model",
+    "load_run_config",
+    "load_world_config",
+]
+
+Model = TypeVar("Model", bound=Config)
+
+SECTIONS: dict[KeyPath, Kind] = {
+    ("world",): "worlds",
+    ("robot",): "configs/robots",
+    ("sensors", "lidar"): "configs/sensors",
+    ("sensors", "imu"): "configs/sensors",
+    ("sensors", "encoders"): "configs/sensors",
+    ("slam",): "configs/slam",
+}
+_IMAGES = frozenset((".pgm", ".png"))
+_MESHES = frozenset((".stl", ".obj", ".ply", ".glb"))
+_MAX_PRESETS = 8
+
+
+def load_model(model_type: type[Model], path: Path, overrides: Sequence[str] = ()) -> Model:
+    """One model from one YAML file; ``overrides`` are ``key.path=value``.
+
+    Raises NotFound, InputRefused for what the file says, OverrideRefused for the overrides.
+    """
+    tree = mount(load_yaml(path))
+    for text in overrides:
+        parts, value, place = parse_override(text)
+        tree = tree.overlaid(tree.with_indices(parts, place), value, place)
+    return _validated(model_type, tree)
+
+
+def load_run_config(
+    world: str | None,
+    config: str | None = None,
+    overrides: Sequence[str] = (),
+    seed: int | None = None,
+) -> RunConfig:
+    """Everything a run needs, complete.
+
+    world: name or path of a world file, of a map_server map (its YAML, or the image beside it)
+    or of a mesh; None leaves it to ``config``. config: name or path of a run configuration.
+    What comes later wins: defaults, config, world, overrides in their order, seed. Raises as
+    ``load_model`` does.
+    """
+    from slamsim.config.run import RunConfig
+
+    tree = Tree()
+    if config is not None:
+        tree = _with_presets(mount(load_yaml(find_input("configs", config))))
+    if world is not None:
+        tree = tree.replaced(("world",), _world_tree(find_input("worlds", world), ("world",)))
+    for text in overrides:
+        tree = _overridden(tree, text)
+    if seed is not None:
+        tree = tree.overlaid(("seed",), seed, Place(None, option=f"--seed {seed}"))
+    return _validated(RunConfig, tree)
+
+
+def load_world_config(world: str, overrides: Sequence[str] = ()) -> WorldConfig:
+    """A world alone, by name or path as in ``load_run_config``; overrides start at its keys."""
+    from slamsim.config.world import WorldConfig
+
+    tree = _world_tree(find_input("worlds", world), ())
+    for text in overrides:
+        parts, value, place = parse_override(text)
+        tree = tree.overlaid(tree.with_indices(parts, place), value, place)
+    return _validated(WorldConfig, tree)
+
+
+def config_schema(model_type: type[Config]) -> dict[str, object]:
+    """The JSON schema of a model, for editors that complete and check YAML."""
+    return model_type.model_json_schema()
+
+
+def _validated(model_type: type[Model], tree: Tree) -> Model:
+    try:
+        return model_type.model_validate(_located(tree).data)
+    except ValidationError as error:
+        raise refusal(model_type, tree, error) from None
+
+
+def _overridden(tree: Tree, text: str) -> Tree:
+    parts, value, place = parse_override(text)
+    path = tree.with_indices(parts, place)
+    if path[-1:] == ("preset",) and path[:-1] in SECTIONS:
+        path = path[:-1]  # a preset chosen here takes the place of the one in the file
+    tree = tree.overlaid(path, value, place)
+    return _with_presets(tree)
+
+
+def _with_presets(tree: Tree) -> Tree:
+    """With every section that is, or starts from, a file's name filled in."""
+    for at, kind in SECTIONS.items():
+        for _ in range(_MAX_PRESETS):
+            is_name = isinstance(tree.get(at), str)
+            name_at = at if is_name else (*at, "preset")
+            name, place = tree.get(name_at), tree.place_of(name_at)
+            if name is None and name_at not in tree.places:
+                break
+            if not isinstance(name, str):
+                raise place.refusal(name_at, f"must be the name or path of a file, not {name!r}")
+            preset = _preset_tree(kind, name, place, at)
+            tree = tree.replaced(
+                at, preset if is_name else preset.merged(tree.section(at, leaving_out="preset"))
+            )
+        else:
+            raise place.refusal(name_at, f"the presets start from one another ({name!r} again)")
+    return tree
+
+
+def _preset_tree(kind: Kind, name: str, place: Place, at: KeyPath) -> Tree:
+    path = find_input(kind, name, None if place.path is None else place.folder)
+    return _world_tree(path, at) if kind == "worlds" else mount(load_yaml(path), at)
+
+
+def _world_tree(path: Path, at: KeyPath) -> Tree:
+    """The keys of a world file, or of the world that a map or a mesh stands for."""
+    suffix = path.suffix.lower()
+    if suffix in _MESHES:
+        return _layout_tree("mesh", path, at)
+    if suffix in _IMAGES:
+        beside = path.with_suffix(".yaml")
+        if not beside.is_file():
+            reason = f"has no size in metres; describe it in {beside.name} (image, resolution)"
+            raise InputRefused(path, f"{reason} as ROS map_server does")
+        return _layout_tree("image", beside, at)
+    document = load_yaml(path)
+    if _is_map_server(document):
+        return _layout_tree("image", path, at)
+    return mount(document, at)
+
+
+def _is_map_server(document: YamlDocument) -> bool:
+    data = document.data
+    return isinstance(data, dict) and "resolution" in data and isinstance(data.get("image"), str)
+
+
+def _layout_tree(layout: str, path: Path, at: KeyPath) -> Tree:
+    place, data = Place(path, 1, mount=at), {"name": path.stem, layout: {"file": path.name}}
+    return Tree().overlaid(at, data, place) if at else Tree(dict(data), {(): place})
+
+
+def _located(tree: Tree) -> Tree:
+    """With absolute file names, so that the saved configuration means the same files elsewhere."""
+    located = tree
+    for path, place in tree.places.items():
+        name = tree.get(path)
+        if isinstance(name, str) and name and str(path[-1]).split("_")[-1] == "file":
+            absolute = str((place.folder / name).resolve())
+            located = located.overlaid(path, absolute, place)
+    return located

@@ -1,0 +1,59 @@
+"""Opening a file that someone else wrote: it exists, it is a file, it is not too large."""
+
+from __future__ import annotations
+
+import os
+import stat
+from pathlib import Path
+from typing import BinaryIO
+
+from slamsim.safe.errors import InputRefused, NotFound
+
+
+def open_input(path: Path) -> BinaryIO:
+    """Open for reading; the caller closes.
+
+    Raises NotFound if nothing is there, InputRefused for a folder, a pipe or a device (a pipe
+    without a writer would block for ever) and for a file that may not be read.
+    """
+    try:
+        descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+    except FileNotFoundError:
+        raise NotFound(f"{path}: no such file") from None
+    except (OSError, ValueError) as error:
+        reason = error.strerror if isinstance(error, OSError) else str(error)
+        raise InputRefused(path, f"cannot be opened: {str(reason).lower()}") from None
+    mode = os.fstat(descriptor).st_mode
+    if not stat.S_ISREG(mode):
+        os.close(descriptor)
+        kind = "a folder" if stat.S_ISDIR(mode) else "a pipe or device"
+        raise InputRefused(path, f"is {kind}, a file is needed")
+    return os.fdopen(descriptor, "rb")
+
+
+def read_input(path: Path, limit_bytes: int) -> bytes:
+    """The whole file; raises as ``open_input`` does, and InputRefused above the limit."""
+    with open_input(path) as file:
+        try:
+            data = file.read(limit_bytes + 1)
+        except OSError as error:
+            raise InputRefused(path, f"cannot be read: {error.strerror}") from None
+        if len(data) > limit_bytes:
+            size = os.fstat(file.fileno()).st_size
+            raise InputRefused(path, f"is {size:,} bytes long, at most {limit_bytes:,} are read")
+    return data
+
+
+def require_inside(root: Path, name: str, path: Path, where: str = "") -> Path:
+    """The file ``name`` means, relative to ``root``; InputRefused if it lies outside of root.
+
+    path and where say which file asked for it.
+    """
+    try:
+        target = (root / name).resolve()
+        inside = target.is_relative_to(root.resolve())
+    except (OSError, ValueError, RuntimeError):
+        inside = False
+    if not inside or Path(name).is_absolute():
+        raise InputRefused(path, f"the file {name!r} must lie inside the folder {root}", where)
+    return target

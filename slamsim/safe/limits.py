@@ -1,0 +1,39 @@
+"""The one table of limits for everything that comes from outside."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+KIB, MIB, GIB = 1 << 10, 1 << 20, 1 << 30
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """What a sane file stays below by a wide margin and a hostile one does not.
+
+    The text ratio counts only once ``text_ratio_floor_bytes`` have come out of an archive: a
+    robot that stands still in front of a wall compresses very well too.
+    """
+
+    yaml_bytes: int = MIB
+    yaml_depth: int = 32
+    yaml_nodes: int = 100_000
+    text_line_bytes: int = MIB
+    text_total_bytes: int = 4 * GIB
+    text_ratio: int = 1000
+    text_ratio_floor_bytes: int = 64 * MIB
+    image_file_bytes: int = 256 * MIB
+    image_pixels: int = 64_000_000
+    image_decoded_bytes: int = 256 * MIB
+    mesh_file_bytes: int = 512 * MIB
+    mesh_header_bytes: int = 16 * MIB
+    mesh_vertices: int = 20_000_000
+    mesh_triangles: int = 20_000_000
+    mesh_coordinate_m: float = 100_000.0
+    urdf_bytes: int = 4 * MIB
+    urdf_depth: int = 32
+    urdf_elements: int = 50_000
+    urdf_number: float = 1e6
+
+
+LIMITS = Limits()

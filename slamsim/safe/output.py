@@ -1,0 +1,226 @@
+"""The one way out: everything is written beside its final name and renamed when whole."""
+
+from __future__ import annotations
+
+import errno
+import fcntl
+import os
+import shutil
+import socket
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager, suppress
+from pathlib import Path
+
+from slamsim.safe.errors import DiskFull, Locked, SlamsimError
+
+_MARK = ".slamsim"
+_MARK_TEXT = "Written by slamsim, which may replace this folder when told to overwrite it.\n"
+_FULL = frozenset((errno.ENOSPC, errno.EDQUOT, errno.EFBIG))
+
+
+@contextmanager
+def partial_folder(final: Path, overwrite: bool = False) -> Iterator[Path]:
+    """A folder to write into, which becomes ``final`` if the block ends without an exception.
+
+    It is ``<final>.partial`` until everything in it is on the disk; then it is renamed. After
+    an exception, Ctrl-C included, it is removed and what stood under ``final`` still stands.
+    An existing folder is refused at once, unless it is empty, or overwrite is set and slamsim
+    wrote it; it is then kept until the new one is whole.
+
+    Raises SlamsimError for a name that cannot be written, Locked while another process writes
+    there, DiskFull when the disk (or quota, or file size limit) does not suffice.
+    """
+    final = _absolute(final)
+    partial, retired = _sibling(final, ".partial"), _sibling(final, ".old")
+    with ExitStack() as clean_up:
+        with _reported(final):
+            final.parent.mkdir(parents=True, exist_ok=True)
+            clean_up.enter_context(_lock(final))
+            _restore(final, retired)
+            _require_free_name(final, overwrite)
+            _remove(partial)
+            clean_up.callback(_remove, partial)
+            partial.mkdir()
+            (partial / _MARK).write_text(_MARK_TEXT, encoding="utf-8")
+        with _disk_full_reported(final):
+            yield partial
+        with _reported(final):
+            _sync_tree(partial)
+            _put_in_place(partial, final, retired)
+
+
+def write_atomic(path: Path, data: bytes) -> None:
+    """Write a file under its name only when it is whole and on the disk.
+
+    Makes missing parent folders. Raises SlamsimError or DiskFull; an old file then stays.
+    """
+    path = _absolute(path)
+    partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
+    with _reported(path):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        if os.path.lexists(path) and not path.is_file():
+            raise SlamsimError(f"{path} is there already and is not a file; choose another name")
+        try:
+            with partial.open("wb") as file:
+                file.write(data)
+                file.flush()
+                os.fsync(file.fileno())
+            partial.replace(path)
+            _sync(path.parent)
+        finally:
+            partial.unlink(missing_ok=True)
+
+
+def require_free_space(folder: Path, needed_bytes: int) -> None:
+    """Raise DiskFull now rather than after an hour; folder need not exist yet."""
+    folder = _absolute(folder)
+    while not folder.exists():
+        folder = folder.parent
+    free_bytes = shutil.disk_usage(folder).free
+    if free_bytes < needed_bytes:
+        raise DiskFull(
+            f"{folder}: about {needed_bytes / 1e6:,.0f} MB are needed, "
+            f"{free_bytes / 1e6:,.0f} MB are free"
+        )
+
+
+def _absolute(path: Path) -> Path:
+    """Without ``..`` and links in its folder, so that the siblings are where the rename is."""
+    try:
+        return path.resolve() if path.name in ("", "..") else path.parent.resolve() / path.name
+    except (OSError, ValueError, RuntimeError) as error:
+        raise SlamsimError(f"{path}: cannot be written: {error}") from None
+
+
+def _sibling(final: Path, suffix: str) -> Path:
+    return final.with_name(final.name + suffix)
+
+
+@contextmanager
+def _reported(final: Path) -> Iterator[None]:
+    """Turn what the operating system says about our own steps into what the user is told."""
+    try:
+        with _disk_full_reported(final):
+            yield
+    except OSError as error:
+        name = f" ({error.filename})" if error.filename else ""
+        raise SlamsimError(f"{final}: cannot be written: {error.strerror}{name}") from error
+
+
+@contextmanager
+def _disk_full_reported(final: Path) -> Iterator[None]:
+    try:
+        yield
+    except SlamsimError:
+        raise
+    except Exception as error:
+        full = _disk_full(error)
+        if full is None:
+            raise
+        raise DiskFull(
+            f"{final}: {full.strerror} ({_free_megabytes(final)} MB are free); "
+            "nothing new stands under this name"
+        ) from error
+
+
+def _disk_full(error: BaseException | None) -> OSError | None:
+    """The disk's own error, also when a library wrapped it in one of its own."""
+    for _ in range(8):
+        if isinstance(error, OSError) and error.errno in _FULL:
+            return error
+        error = error and (error.__cause__ or error.__context__)
+    return None
+
+
+def _free_megabytes(path: Path) -> int:
+    while not path.exists():
+        path = path.parent
+    return shutil.disk_usage(path).free // 1_000_000
+
+
+@contextmanager
+def _lock(final: Path) -> Iterator[None]:
+    """Hold ``<final>.lock``: it vanishes with the process, however that ends."""
+    path = _sibling(final, ".lock")
+    while True:
+        descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            owner = os.read(descriptor, 200).decode(errors="replace").strip()
+            os.close(descriptor)
+            raise Locked(f"{final} is being written by {owner or 'another process'}") from None
+        # The holder before us may have removed the file between our open and our flock.
+        with suppress(FileNotFoundError):
+            if os.path.samestat(os.fstat(descriptor), path.stat()):
+                break
+        os.close(descriptor)
+    try:
+        os.truncate(descriptor, 0)
+        os.write(descriptor, f"process {os.getpid()} on {socket.gethostname()}\n".encode())
+        yield
+    finally:
+        path.unlink(missing_ok=True)
+        os.close(descriptor)
+
+
+def _require_free_name(final: Path, overwrite: bool) -> None:
+    if not os.path.lexists(final):
+        return
+    if final.is_symlink() or not final.is_dir():
+        raise SlamsimError(f"{final} is there already and is not a folder; choose another name")
+    if not any(final.iterdir()):
+        return
+    if not (final / _MARK).is_file():
+        raise SlamsimError(
+            f"{final} holds files that slamsim did not write; choose another name for the output"
+        )
+    if not overwrite:
+        raise SlamsimError(f"{final} is there already; choose another name or overwrite it")
+
+
+def _restore(final: Path, retired: Path) -> None:
+    """Mend what a kill between the two renames of ``_put_in_place`` left behind."""
+    if retired.is_dir() and (retired / _MARK).is_file():
+        if os.path.lexists(final):
+            shutil.rmtree(retired, ignore_errors=True)
+        else:
+            retired.rename(final)
+
+
+def _put_in_place(partial: Path, final: Path, retired: Path) -> None:
+    if final.is_dir() and any(final.iterdir()):
+        final.rename(retired)
+        try:
+            partial.rename(final)
+        except BaseException:
+            retired.rename(final)
+            raise
+    else:
+        partial.rename(final)
+    _sync(final.parent)
+    shutil.rmtree(retired, ignore_errors=True)
+
+
+def _remove(partial: Path) -> None:
+    if partial.is_dir() and not partial.is_symlink():
+        shutil.rmtree(partial, ignore_errors=True)
+    else:
+        partial.unlink(missing_ok=True)
+
+
+def _sync_tree(folder: Path) -> None:
+    for root, _, names in os.walk(folder):
+        for name in names:
+            path = Path(root, name)
+            if not path.is_symlink():
+                _sync(path)
+        _sync(Path(root))
+
+
+def _sync(path: Path) -> None:
+    descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
