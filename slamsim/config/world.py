@@ -8,7 +8,6 @@ centre lines of the walls.
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import AfterValidator, Field, model_validator
@@ -117,7 +116,7 @@ class ImageLayout(Config):
     """The occupied cells of a ROS map_server map, extruded to the height of the walls."""
 
     file: str = Field(min_length=1, max_length=4096)
-    """The map's YAML file; a relative path starts at the folder of the world file."""
+    """The map's YAML file; a relative path starts at the folder of the file that says so."""
     unknown: Literal["solid", "open"] = "solid"
     """What the map's unknown cells are made of: solid keeps the robot in the known part."""
 
@@ -126,7 +125,8 @@ class MeshLayout(Config):
     """A triangle mesh, closed or open; its own floor may stay in it."""
 
     file: str = Field(min_length=1, max_length=4096)
-    """An STL, OBJ, PLY or GLB file; a relative path starts at the folder of the world file."""
+    """An STL, OBJ, PLY or GLB file; a relative path starts at the folder of the file that says
+    so."""
     scale: float = Field(default=1.0, gt=0.0, le=1e6)
     """Metres per unit of the file: 0.001 for millimetres."""
     up: Literal["z", "y"] = "z"
@@ -168,7 +168,7 @@ class DoorsConfig(Config):
     """Clear width between the door posts, in metres."""
     height_m: Size = 2.0
     """Height of the opening, in metres; higher walls close above it."""
-    offset_m: float = Field(default=0.2, ge=0.0, le=10.0)
+    offset_m: float = Field(default=0.15, ge=0.0, le=10.0)
     """A door stands up to so much off the middle of its wall, in metres."""
     frame_m: float = Field(default=0.05, ge=0.0, le=1.0)
     """Width of the door posts, and how far they stand out of the wall on both sides, in metres;
@@ -300,13 +300,5 @@ class WorldConfig(Config):
     @property
     def layout(self) -> MazeLayout | RoomsLayout | PlanLayout | ImageLayout | MeshLayout:
         """The one layout that is given."""
-        return next(found for name in LAYOUTS if (found := getattr(self, name)) is not None)
-
-    def relative_to(self, folder: Path) -> WorldConfig:
-        """The same world with the paths of its files starting at ``folder``."""
-        changed = {
-            name: section.model_copy(update={"file": str(folder / section.file)})
-            for name in ("image", "mesh")
-            if (section := getattr(self, name)) is not None
-        }
-        return self.model_copy(update=changed)
+        layouts = (self.maze, self.rooms, self.plan, self.image, self.mesh)
+        return next(layout for layout in layouts if layout is not None)

@@ -134,7 +134,10 @@ def grow_rooms(layout: RoomsLayout, seed: int) -> FloorPlan:
     ):
         left = 0
         while left < grid.columns:
-            right = min(left + int(rng.integers(layout.room_cells[0], layout.room_cells[1] + 1)), grid.columns)
+            right = min(
+                left + int(rng.integers(layout.room_cells[0], layout.room_cells[1] + 1)),
+                grid.columns,
+            )
             passages |= _inner_edges(grid, rows, range(left, right))
             column = int(rng.integers(left, right))
             a, b = sorted((grid.cell(inside, column), grid.cell(beside, column)))
@@ -158,7 +161,5 @@ def unreachable_cells(plan: FloorPlan) -> list[int]:
     sets = connected_sets(len(plan.grid), plan.passages)
     home = sets.find(plan.start)
     return [
-        cell
-        for cell in range(len(plan.grid))
-        if plan.is_present(cell) and sets.find(cell) != home
+        cell for cell in range(len(plan.grid)) if plan.is_present(cell) and sets.find(cell) != home
     ]

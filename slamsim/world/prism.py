@@ -9,7 +9,8 @@ import numpy as np
 import shapely
 from shapely import Polygon
 
-from slamsim.types import FloatArray, TriangleMesh
+from slamsim.geometry import transform_points
+from slamsim.types import FloatArray, IntArray, TriangleMesh
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -45,6 +46,21 @@ class Prism:
             return self.footprint
         ends = [_shifted(self.footprint, self.shift_m(height)) for height in (low_m, high_m)]
         return shapely.convex_hull(shapely.union_all(ends))
+
+
+def moved(prism: Prism, place_m: tuple[float, float], yaw_rad: float) -> Prism:
+    """The prism turned about the origin, then carried to a place."""
+    pose = np.array([*place_m, yaw_rad])
+    ground = shapely.transform(prism.footprint, lambda points: transform_points(pose, points))
+    lean = transform_points(np.array([0.0, 0.0, yaw_rad]), np.asarray(prism.lean_m))
+    return Prism(ground, prism.z_min_m, prism.z_max_m, (float(lean[0]), float(lean[1])))
+
+
+def circle(centre_m: tuple[float, float], radius_m: float, corners: int = 24) -> Polygon:
+    """A regular polygon inscribed in a circle, a corner on the x axis."""
+    angles = np.arange(corners) * (2.0 * np.pi / corners)
+    points = np.column_stack([np.cos(angles), np.sin(angles)]) * radius_m
+    return Polygon(points + np.asarray(centre_m))
 
 
 def _shifted(polygon: Polygon, shift_m: tuple[float, float]) -> Polygon:
@@ -103,20 +119,24 @@ def _surface(prism: Prism) -> tuple[FloatArray, FloatArray]:
     bottom = np.column_stack([flat, np.full(n, prism.z_min_m)])
     top = np.column_stack([flat + np.asarray(prism.lean_m), np.full(n, prism.z_max_m)])
     first = np.arange(n)
-    following = np.concatenate([
-        start + np.roll(np.arange(len(ring)), -1)
-        for ring, start in zip(rings, _starts(rings), strict=True)
-    ])
-    sides = np.concatenate([
-        np.column_stack([first, following, following + n]),
-        np.column_stack([first, following + n, first + n]),
-    ])
+    following = np.concatenate(
+        [
+            start + np.roll(np.arange(len(ring)), -1)
+            for ring, start in zip(rings, _starts(rings), strict=True)
+        ]
+    )
+    sides = np.concatenate(
+        [
+            np.column_stack([first, following, following + n]),
+            np.column_stack([first, following + n, first + n]),
+        ]
+    )
     lid = _triangulated(prism.footprint, flat)
     return np.concatenate([bottom, top]), np.concatenate([sides, lid[:, ::-1], lid + n])
 
 
-def _starts(rings: list[FloatArray]) -> list[int]:
-    return np.cumsum([0, *(len(ring) for ring in rings[:-1])]).tolist()
+def _starts(rings: list[FloatArray]) -> IntArray:
+    return np.cumsum([0, *(len(ring) for ring in rings[:-1])])
 
 
 def _triangulated(polygon: Polygon, corners: FloatArray) -> FloatArray:

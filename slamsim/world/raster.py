@@ -30,9 +30,7 @@ class Raster:
     rows: int
 
     @classmethod
-    def covering(
-        cls, bounds_m: tuple[float, float, float, float], resolution_m: float
-    ) -> Raster:
+    def covering(cls, bounds_m: tuple[float, float, float, float], resolution_m: float) -> Raster:
         """The smallest raster over (x_min, y_min, x_max, y_max)."""
         low = np.floor(np.array(bounds_m[:2]) / resolution_m + _TOUCH_M).astype(int)
         high = np.ceil(np.array(bounds_m[2:]) / resolution_m - _TOUCH_M).astype(int)
@@ -51,12 +49,12 @@ class Raster:
     def cell_of(self, points_m: FloatArray) -> IntArray:
         """(n, 2) row and column of points (n, 2); they may lie outside the raster."""
         cells = np.floor(points_m / self.resolution_m).astype(np.int64)
-        return cells[:, ::-1] - np.array([self.first_row, self.first_column])
+        return np.asarray(cells[:, ::-1] - np.array([self.first_row, self.first_column]))
 
     def centres_m(self, cells: IntArray) -> FloatArray:
         """(n, 2) x and y of the middles of cells (n, 2) given as row and column."""
         first = np.array([self.first_column, self.first_row])
-        return (cells[:, ::-1] + first + 0.5) * self.resolution_m
+        return np.asarray((cells[:, ::-1] + first + 0.5) * self.resolution_m)
 
 
 def rasterise(segments: FloatArray, raster: Raster) -> BoolArray:

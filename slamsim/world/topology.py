@@ -9,6 +9,7 @@ of their own.
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import pairwise
 
 import numpy as np
 
@@ -106,7 +107,7 @@ def eller(grid: CellGrid, rng: np.random.Generator) -> list[Edge]:
     for row in range(grid.rows):
         last = row + 1 == grid.rows
         cells = [grid.cell(row, column) for column in range(grid.columns)]
-        for left, right in zip(cells, cells[1:], strict=False):
+        for left, right in pairwise(cells):
             if (last or rng.random() < 0.5) and sets.join(left, right):
                 tree.append((left, right))
         if last:
@@ -175,7 +176,9 @@ def recursive_division(grid: CellGrid, rng: np.random.Generator) -> list[Edge]:
         row, column, rows, columns = fields.pop()
         if rows == 1 and columns == 1:
             continue
-        if columns == 1 or (rows > 1 and (rows > columns or (rows == columns and rng.random() < 0.5))):
+        if columns == 1 or (
+            rows > 1 and (rows > columns or (rows == columns and rng.random() < 0.5))
+        ):
             cut, gap = int(rng.integers(1, rows)), int(rng.integers(columns))
             below = grid.cell(row + cut - 1, column + gap)
             tree.append((below, below + grid.columns))

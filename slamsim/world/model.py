@@ -1,0 +1,92 @@
+"""A world as all other stages see it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import ndimage
+
+from slamsim.safe.errors import SlamsimError
+from slamsim.types import BoolArray, FloatArray, Grid, TriangleMesh
+from slamsim.world.raster import Raster, rasterise
+from slamsim.world.solids import Solids
+
+MAX_GRID_CELLS = 64_000_000
+
+# What lies between these heights a robot's body could touch.
+BODY_LOW_M, BODY_HIGH_M = 0.01, 0.5
+
+
+@dataclass(frozen=True, slots=True)
+class FloorPatch:
+    """A rectangle of floor with its own Coulomb friction; a later patch covers earlier ones."""
+
+    x_min_m: float
+    y_min_m: float
+    x_max_m: float
+    y_max_m: float
+    friction: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class World:
+    """Where a robot drives. The floor is the plane z = 0 and no part of the mesh.
+
+    mesh: all solids in the map frame; those of mazes, rooms, plans and images are closed
+    surfaces, counter-clockwise seen from outside. start_pose: ``T_map_base`` (3,) as x_m, y_m,
+    yaw_rad. bounds_m: (x_min, y_min, x_max, y_max) of everything solid. visit_points_m: (k, 2)
+    places that a tour of the whole world must come by; a disc of diameter clearance_m can
+    go from the start to each of them.
+    """
+
+    name: str
+    seed: int
+    mesh: TriangleMesh
+    solids: Solids
+    floor_friction: float
+    floor_patches: tuple[FloorPatch, ...]
+    start_pose: FloatArray
+    bounds_m: tuple[float, float, float, float]
+    visit_points_m: FloatArray
+    clearance_m: float
+
+    def grid(self, resolution_m: float, height_m: float) -> Grid:
+        """The true occupancy at a height.
+
+        A cell is 1 if any part of it is solid there, 0 if it is free and joined to the start by
+        free cells that share sides, ``nan`` if it is free but out of reach. Cell borders lie on
+        whole multiples of the resolution. Raises SlamsimError if the start is not free.
+        """
+        return self._grid(self.solids.section(height_m), resolution_m, f"at {height_m:g} m")
+
+    def obstacle_grid(self, resolution_m: float) -> Grid:
+        """As ``grid``, but 1 wherever anything stands between 0.01 m and 0.5 m above the floor:
+        what a robot's body could touch, low things included that a lidar does not see."""
+        return self._grid(
+            self.solids.shadow(BODY_LOW_M, BODY_HIGH_M), resolution_m, "at the robot's height"
+        )
+
+    def _grid(self, outline: FloatArray, resolution_m: float, where: str) -> Grid:
+        raster = Raster.covering(self.bounds_m, resolution_m)
+        if raster.rows * raster.columns > MAX_GRID_CELLS:
+            raise SlamsimError(
+                f"a grid of {raster.rows} x {raster.columns} cells is too large (at most "
+                f"{MAX_GRID_CELLS}): {resolution_m:g} m is too fine for this world"
+            )
+        solid = rasterise(outline, raster)
+        occupancy = np.where(_reachable(solid, raster, self.start_pose, where), 0.0, np.nan)
+        occupancy[solid] = 1.0
+        return Grid(occupancy.astype(np.float32), resolution_m, raster.origin_m)
+
+
+def _reachable(solid: BoolArray, raster: Raster, start: FloatArray, where: str) -> BoolArray:
+    """The free cells that hang together with the one of the start."""
+    row, column = raster.cell_of(start[None, :2])[0].tolist()
+    if not (0 <= row < raster.rows and 0 <= column < raster.columns) or solid[row, column]:
+        raise SlamsimError(
+            f"the start ({start[0]:g}, {start[1]:g}) is not free {where} in cells of "
+            f"{raster.resolution_m:g} m"
+        )
+    labels, _ = ndimage.label(~solid)
+    return np.asarray(labels == labels[row, column])
