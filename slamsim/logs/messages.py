@@ -1,0 +1,183 @@
+"""What we record as ROS 2 messages: stages' values in, rows of CDR bytes out.
+
+Each function is one message type of REP 103/105/117/145 meaning: metres, radians, seconds;
+``inf`` where a beam met nothing; ``-1`` as first covariance where there is no orientation.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from slamsim.logs.cdr import CdrLayout, Rows, set_stamps
+from slamsim.sensors.readings import ScanBatch
+from slamsim.types import EncoderStream, FloatArray, ImuStream, IntArray
+
+_NO_COVARIANCE = (0.0,) * 36
+
+
+def laser_scans(batch: ScanBatch, scan_time_s: float) -> Rows:
+    """sensor_msgs/LaserScan; the stamp is the first ray's."""
+    geometry = batch.geometry
+    angle_max = geometry.angle_min_rad + (geometry.beam_count - 1) * geometry.angle_step_rad
+    layout = (
+        CdrLayout()
+        .header(geometry.frame_id)
+        .constant("f4", geometry.angle_min_rad, angle_max, geometry.angle_step_rad)
+        .constant("f4", geometry.beam_dt_ns * 1e-9, scan_time_s)
+        .constant("f4", geometry.range_min_m, geometry.range_max_m)
+        .length(geometry.beam_count)
+        .column("ranges", "f4", geometry.beam_count)
+    )
+    if batch.intensities is None:
+        layout.length(0)
+    else:
+        layout.length(geometry.beam_count).column("intensities", "f4", geometry.beam_count)
+    rows = layout.rows(len(batch))
+    set_stamps(rows, batch.stamps_ns)
+    rows["ranges"] = batch.ranges_m
+    if batch.intensities is not None:
+        rows["intensities"] = batch.intensities
+    return rows
+
+
+def imu_samples(stream: ImuStream, gyro_variance: float, accel_variance: float) -> Rows:
+    """sensor_msgs/Imu without orientation; variances in (rad/s)^2 and (m/s^2)^2 per sample."""
+    rows = (
+        CdrLayout()
+        .header(stream.frame_id)
+        .constant("f8", 0.0, 0.0, 0.0, 1.0)
+        .constant("f8", -1.0, *_NO_COVARIANCE[:8])
+        .column("angular_velocity", "f8", 3)
+        .constant("f8", *(np.eye(3) * gyro_variance).ravel())
+        .column("linear_acceleration", "f8", 3)
+        .constant("f8", *(np.eye(3) * accel_variance).ravel())
+        .rows(stream.stamps_ns.size)
+    )
+    set_stamps(rows, stream.stamps_ns)
+    rows["angular_velocity"] = stream.angular_velocity_rad_s
+    rows["linear_acceleration"] = stream.linear_acceleration_m_s2
+    return rows
+
+
+def encoder_ticks(stream: EncoderStream, frame_id: str) -> Rows:
+    """slamsim_msgs/EncoderTicks."""
+    rows = (
+        CdrLayout()
+        .header(frame_id)
+        .column("left", "i8")
+        .column("right", "i8")
+        .constant("u4", stream.ticks_per_revolution)
+        .constant("f8", stream.wheel_radius_m, stream.track_m)
+        .rows(stream.stamps_ns.size)
+    )
+    set_stamps(rows, stream.stamps_ns)
+    rows["left"], rows["right"] = stream.ticks[:, 0], stream.ticks[:, 1]
+    return rows
+
+
+def joint_states(
+    stamps_ns: IntArray, names: tuple[str, str], angles_rad: FloatArray, speeds_rad_s: FloatArray
+) -> Rows:
+    """sensor_msgs/JointState of both wheels; angles and speeds (n, 2), no effort."""
+    rows = (
+        CdrLayout()
+        .header("")
+        .length(2)
+        .string(names[0])
+        .string(names[1])
+        .length(2)
+        .column("position", "f8", 2)
+        .length(2)
+        .column("velocity", "f8", 2)
+        .length(0)
+        .rows(stamps_ns.size)
+    )
+    set_stamps(rows, stamps_ns)
+    rows["position"], rows["velocity"] = angles_rad, speeds_rad_s
+    return rows
+
+
+def odometry(
+    stamps_ns: IntArray,
+    frames: tuple[str, str],
+    positions_m: FloatArray,
+    quats_xyzw: FloatArray,
+    linear_m_s: FloatArray,
+    angular_rad_s: FloatArray,
+) -> Rows:
+    """nav_msgs/Odometry: pose of frames[1] in frames[0], twist (n, 3) in frames[1]."""
+    rows = (
+        CdrLayout()
+        .header(frames[0])
+        .string(frames[1])
+        .column("position", "f8", 3)
+        .column("orientation", "f8", 4)
+        .constant("f8", *_NO_COVARIANCE)
+        .column("linear", "f8", 3)
+        .column("angular", "f8", 3)
+        .constant("f8", *_NO_COVARIANCE)
+        .rows(stamps_ns.size)
+    )
+    set_stamps(rows, stamps_ns)
+    rows["position"], rows["orientation"] = positions_m, quats_xyzw
+    rows["linear"], rows["angular"] = linear_m_s, angular_rad_s
+    return rows
+
+
+def transforms(
+    stamps_ns: IntArray, frames: tuple[str, str], positions_m: FloatArray, quats_xyzw: FloatArray
+) -> Rows:
+    """tf2_msgs/TFMessage with one transform each: parent frames[0], child frames[1]."""
+    rows = (
+        CdrLayout()
+        .length(1)
+        .header(frames[0])
+        .string(frames[1])
+        .column("translation", "f8", 3)
+        .column("rotation", "f8", 4)
+        .rows(stamps_ns.size)
+    )
+    set_stamps(rows, stamps_ns)
+    rows["translation"], rows["rotation"] = positions_m, quats_xyzw
+    return rows
+
+
+def static_transforms(
+    stamp_ns: int, frames: list[tuple[str, str]], positions_m: FloatArray, quats_xyzw: FloatArray
+) -> Rows:
+    """One tf2_msgs/TFMessage that holds all of them: frames as (parent, child)."""
+    layout = CdrLayout().length(len(frames))
+    for i, (parent, child) in enumerate(frames):
+        layout.stamp(f"stamp{i}").string(parent).string(child)
+        layout.constant("f8", *positions_m[i], *quats_xyzw[i])
+    rows = layout.rows(1)
+    for i in range(len(frames)):
+        set_stamps(rows, np.array([stamp_ns]), f"stamp{i}")
+    return rows
+
+
+def twists(stamps_ns: IntArray, frame_id: str, commands: FloatArray) -> Rows:
+    """geometry_msgs/TwistStamped from (n, 2) forward speeds in m/s and yaw rates in rad/s."""
+    rows = (
+        CdrLayout()
+        .header(frame_id)
+        .column("forward", "f8")
+        .constant("f8", 0.0, 0.0, 0.0, 0.0)
+        .column("yaw_rate", "f8")
+        .rows(stamps_ns.size)
+    )
+    set_stamps(rows, stamps_ns)
+    rows["forward"], rows["yaw_rate"] = commands[:, 0], commands[:, 1]
+    return rows
+
+
+def clocks(stamps_ns: IntArray) -> Rows:
+    """rosgraph_msgs/Clock."""
+    rows = CdrLayout().stamp().rows(stamps_ns.size)
+    set_stamps(rows, stamps_ns)
+    return rows
+
+
+def text(data: str) -> Rows:
+    """One std_msgs/String."""
+    return CdrLayout().string(data).rows(1)

@@ -1,0 +1,137 @@
+"""What a recording keeps from one window of a drive to the next."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from slamsim.geometry import matrix_from_xyzw, xyzw_from_yaw
+from slamsim.types import BoolArray, Drive, EncoderStream, FloatArray, IntArray
+from slamsim.wheels import wheel_odometry
+
+
+def at_rate(stamps_ns: IntArray, previous_ns: int | None, rate_hz: float) -> BoolArray:
+    """(n,) whether a stamp is the first of its period; the choice does not depend on windows.
+
+    previous_ns is the stamp before the first one, None at the beginning, which always counts.
+    """
+    before = np.concatenate([[stamps_ns[0] if previous_ns is None else previous_ns], stamps_ns])
+    period = np.floor(before * (rate_hz * 1e-9) + 1e-6)
+    chosen = np.asarray(np.diff(period) > 0)
+    if previous_ns is None:
+        chosen[0] = True
+    return chosen
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WheelMotion:
+    """One row per encoder reading.
+
+    angles_rad, speeds_rad_s: (n, 2) of the wheels. positions_m (n, 3), quats_xyzw (n, 4):
+    ``T_odom_base``. linear_m_s, angular_rad_s: (n, 3) in the base frame since the last reading.
+    """
+
+    angles_rad: FloatArray
+    speeds_rad_s: FloatArray
+    positions_m: FloatArray
+    quats_xyzw: FloatArray
+    linear_m_s: FloatArray
+    angular_rad_s: FloatArray
+
+
+class OdometryTail:
+    """Wheel odometry over windows: each begins where the last reading left the robot."""
+
+    def __init__(self) -> None:
+        self._last: EncoderStream | None = None
+        self._last_pose: FloatArray = np.zeros(3)
+
+    def extend(self, stream: EncoderStream) -> WheelMotion:
+        """The wheels' motion at each reading of the next, non-empty, part of the stream."""
+        first = self._last is None
+        joined = stream if self._last is None else _joined(self._last, stream)
+        poses = wheel_odometry(joined, self._last_pose).poses
+        radians_per_tick = 2.0 * np.pi / joined.ticks_per_revolution
+        elapsed_s = np.diff(joined.stamps_ns) * 1e-9
+        moved = elapsed_s > 0.0
+        speeds = np.zeros((elapsed_s.size, 2))
+        turned_rad = np.diff(joined.ticks, axis=0) * radians_per_tick
+        speeds[moved] = turned_rad[moved] / elapsed_s[moved, None]
+        if first:
+            speeds = np.concatenate([np.zeros((1, 2)), speeds])
+        else:
+            poses = poses[1:]
+        self._last = _last_reading(stream)
+        self._last_pose = poses[-1]
+        zero = np.zeros(len(poses))
+        forward_m_s = speeds.mean(axis=1) * stream.wheel_radius_m
+        yaw_rate_rad_s = (speeds[:, 1] - speeds[:, 0]) * stream.wheel_radius_m / stream.track_m
+        return WheelMotion(
+            stream.ticks.astype(np.float64) * radians_per_tick,
+            speeds,
+            np.column_stack([poses[:, :2], zero]),
+            xyzw_from_yaw(poses[:, 2]),
+            np.column_stack([forward_m_s, zero, zero]),
+            np.column_stack([zero, zero, yaw_rate_rad_s]),
+        )
+
+
+def _last_reading(stream: EncoderStream) -> EncoderStream:
+    return EncoderStream(
+        stream.stamps_ns[-1:],
+        stream.ticks[-1:],
+        stream.ticks_per_revolution,
+        stream.wheel_radius_m,
+        stream.track_m,
+    )
+
+
+def _joined(head: EncoderStream, tail: EncoderStream) -> EncoderStream:
+    return EncoderStream(
+        np.concatenate([head.stamps_ns, tail.stamps_ns]),
+        np.concatenate([head.ticks, tail.ticks]),
+        tail.ticks_per_revolution,
+        tail.wheel_radius_m,
+        tail.track_m,
+    )
+
+
+class TruthTail:
+    """Thins the true motion to a rate, and keeps its last sample so that the end is covered."""
+
+    def __init__(self, rate_hz: float) -> None:
+        self._rate_hz = rate_hz
+        self._unwritten: Drive | None = None
+
+    def take(self, window: Drive, previous_ns: int | None) -> Drive:
+        """The samples to record of the next, non-empty, window."""
+        chosen = at_rate(window.stamps_ns, previous_ns, self._rate_hz)
+        self._unwritten = None if chosen[-1] else _rows(window, np.array([len(window) - 1]))
+        return _rows(window, np.flatnonzero(chosen))
+
+    @property
+    def rest(self) -> Drive | None:
+        """The last sample of the drive, if it was thinned out."""
+        return self._unwritten
+
+    @staticmethod
+    def twist_in_base(truth: Drive) -> tuple[FloatArray, FloatArray]:
+        """(n, 3) linear in m/s and angular in rad/s, turned from the map into the base frame."""
+        R_base_map = np.swapaxes(matrix_from_xyzw(truth.quats_xyzw), -1, -2)
+        linear = np.einsum("nij,nj->ni", R_base_map, truth.linear_velocity_m_s)
+        return linear, np.einsum("nij,nj->ni", R_base_map, truth.angular_velocity_rad_s)
+
+
+def _rows(drive: Drive, which: IntArray) -> Drive:
+    return Drive(
+        drive.stamps_ns[which],
+        drive.positions_m[which],
+        drive.quats_xyzw[which],
+        drive.linear_velocity_m_s[which],
+        drive.angular_velocity_rad_s[which],
+        drive.wheel_angles_rad[which],
+        drive.wheel_speeds_rad_s[which],
+        drive.commands[which],
+        drive.wall_contact[which],
+    )
