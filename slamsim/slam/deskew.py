@@ -60,7 +60,7 @@ def _rays(geometry: ScanGeometry, rotation: bytes) -> FloatArray:
     """(3, beams) unit vectors in the base frame; rotation: the first two columns of it."""
     directions = geometry.angles_rad()
     columns = np.frombuffer(rotation, dtype=np.float64).reshape(3, 2)
-    return columns @ np.stack([np.cos(directions), np.sin(directions)])
+    return np.asarray(columns @ np.stack([np.cos(directions), np.sin(directions)]))
 
 
 @kernel

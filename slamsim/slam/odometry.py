@@ -4,9 +4,20 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from slamsim.config.slam import FrontEndConfig
-from slamsim.slam.matching.base import Match
+from slamsim.geometry import between
+from slamsim.slam.deskew import deskew
+from slamsim.slam.matching import Match, make_matcher
+from slamsim.slam.prediction import Prediction, Predictor
 from slamsim.types import Cloud, FloatArray, PlanarTrajectory, Scan
+
+GATE_SIGMAS = 5.0
+SURE_INLIER_RATIO = 0.8
+MIN_COVERED_RATIO = 0.3
+LOST_SCANS = 20
+"""After so many scans in a row that fit nowhere the local map is begun anew."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -14,10 +25,10 @@ class Tracked:
     """What the front end knows at one scan's stamp.
 
     T_map_base: (3,), drifting slowly, as no loop is closed here. T_odom_base: (3,) the
-    prediction from wheels and gyroscope alone, at the same stamp. match: None where the scan fitted
-    nowhere and the motion prediction was followed instead. information: (3, 3) of a small step
-    of the base in its own frame relative to the local map, zero where nothing is known from the
-    scan. keyscan: whether the scan entered the local map.
+    prediction from wheels and gyroscope alone, at the same stamp. match: None where the scan
+    fitted nowhere and the motion prediction was followed instead. information: (3, 3) of a
+    small step of the base in its own frame relative to the local map, zero where nothing is
+    known from the scan. keyscan: whether the scan entered the local map.
     """
 
     stamp_ns: int
@@ -42,23 +53,115 @@ class Tracked:
 class FrontEnd:
     """Deskews, predicts, matches and gates one scan after the other.
 
-    motion: T_odom_base, or None for a robot that reports none (its speed is then
-    taken as constant between scans).
+    motion: T_odom_base, or None for a robot that reports none (its speed is then taken as
+    constant between scans). gyro: whether the headings of the motion come from a gyroscope.
     """
 
     def __init__(
-        self, config: FrontEndConfig, motion: PlanarTrajectory | None, T_base_laser: FloatArray
+        self,
+        config: FrontEndConfig,
+        motion: PlanarTrajectory | None,
+        T_base_laser: FloatArray,
+        gyro: bool = False,
     ) -> None:
         self._config = config
-        self._motion = motion
         self._T_base_laser = T_base_laser
+        self._predictor = Predictor(config.motion, motion, gyro)
+        self._matcher = make_matcher(config)
+        self._T_map_key: FloatArray | None = None
+        self._lost = 0
         self.skipped = 0
         """Scans whose beams the motion does not cover."""
+        self.unmatched = 0
+        """Scans that fitted nowhere and were placed by the motion alone."""
+        self.recovered = 0
+        """Scans that only a search around the prediction could place."""
+        self.restarts = 0
+        """Times the local map was begun anew, the robot being lost."""
 
     def step(self, scan: Scan) -> Tracked | None:
         """Track one scan; None if it had to be skipped. Scans come in time order."""
-        raise NotImplementedError
+        motion = self._predictor.motion_over(scan)
+        if motion is None:
+            self.skipped += 1
+            return None
+
+        cloud = deskew(scan, motion, scan.stamp_ns, self._T_base_laser)
+
+        prediction = self._predictor.predict(scan.stamp_ns)
+
+        match = self._match(cloud, prediction)
+
+        T_map_base = self._predictor.update(prediction, match)
+
+        keyscan = self._keep(cloud, T_map_base, match)
+
+        information = np.zeros((3, 3)) if match is None else match.information
+        return Tracked(
+            scan.stamp_ns, T_map_base, prediction.T_odom_base, match, information, cloud, keyscan
+        )
 
     def warnings(self) -> tuple[str, ...]:
         """What went wrong so far, in words and counts."""
-        raise NotImplementedError
+        told = (
+            (self._predictor.blind, "no odometry: the speed was taken as constant between scans"),
+            (self.skipped, f"{self.skipped} scans skipped: motion does not cover their beams"),
+            (self.unmatched, f"{self.unmatched} scans fitted nowhere, placed by odometry alone"),
+            (self.recovered, f"{self.recovered} scans were found by search after a bad prediction"),
+            (self.restarts, f"{self.restarts} times lost: the local map was begun anew"),
+            (
+                self._predictor.jumps,
+                f"{self._predictor.jumps} jumps of the odometry were not believed",
+            ),
+        )
+        return tuple(words for count, words in told if count)
+
+    def _match(self, cloud: Cloud, prediction: Prediction) -> Match | None:
+        """The match to believe: near the prediction, else by search, else none."""
+        guess, covariance = prediction.T_map_base, prediction.covariance
+        if self._T_map_key is None:
+            return None
+        match = self._matcher.match(cloud, guess, covariance)
+        if match is not None and self._plausible(match, prediction):
+            return match
+        found = self._matcher.search(cloud, guess, covariance)
+        if found is None or not self._convincing(found, match):
+            return None
+        self.recovered += 1
+        return found
+
+    def _plausible(self, match: Match, prediction: Prediction) -> bool:
+        fits = (
+            match.inlier_ratio >= self._config.matching.min_inlier_ratio
+            and match.covered_ratio >= MIN_COVERED_RATIO
+        )
+        step = between(prediction.T_map_base, match.T_map_base)
+        distance = float(np.sqrt(step @ np.linalg.solve(prediction.covariance, step)))
+        return fits and (distance <= GATE_SIGMAS or match.inlier_ratio >= SURE_INLIER_RATIO)
+
+    def _convincing(self, found: Match, near: Match | None) -> bool:
+        needed = self._config.matching.min_inlier_ratio
+        if near is not None:
+            needed = max(needed, near.inlier_ratio)
+        return found.inlier_ratio >= needed and found.covered_ratio >= MIN_COVERED_RATIO
+
+    def _keep(self, cloud: Cloud, T_map_base: FloatArray, match: Match | None) -> bool:
+        """Insert the scan into the local map when the robot has moved enough since the last."""
+        if match is None and self._T_map_key is not None:
+            self.unmatched += 1
+            self._lost += 1
+            if self._lost < LOST_SCANS:
+                return False
+            self._matcher.forget()
+            self.restarts += 1
+            self._T_map_key = None
+        self._lost = 0
+        if self._T_map_key is not None:
+            moved = between(self._T_map_key, T_map_base)
+            options = self._config.local_map
+            near = np.hypot(moved[0], moved[1]) < options.keyscan_distance_m
+            if near and abs(moved[2]) < np.deg2rad(options.keyscan_turn_deg):
+                return False
+        self._matcher.insert(cloud, T_map_base)
+        self._T_map_key = T_map_base
+        return True

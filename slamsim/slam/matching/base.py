@@ -46,6 +46,16 @@ class Matcher(Protocol):
         """
         ...
 
+    def search(
+        self, cloud: Cloud, T_map_base_guess: FloatArray, prior_covariance: FloatArray
+    ) -> Match | None:
+        """As ``match``, from a guess that may be wrong by decimetres and tens of degrees."""
+        ...
+
     def insert(self, cloud: Cloud, T_map_base: FloatArray) -> None:
         """Make the cloud part of the local map."""
+        ...
+
+    def forget(self) -> None:
+        """Begin an empty local map."""
         ...

@@ -1,0 +1,218 @@
+"""Point-to-line registration of surface pieces on the local map (Gauss-Newton, robust weights).
+
+Steps are taken in the frame of the base: ``T_map_base <- compose(T_map_base, step)``. Rotation is
+scaled by the scan's typical range, so that eigenvalues of the three directions compare.
+Directions that the surfaces do not hold are projected out of the scan's equations and left to the
+prior (solution remapping, Zhang, Kaess & Singh 2016, with the prior in place of nothing).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from slamsim.jit import kernel
+from slamsim.slam.matching.local_map import LAST_SEEN, PER_CELL, SIDE
+from slamsim.slam.matching.surfaces import (
+    BEAMS,
+    HALF_LENGTH,
+    NORMAL_X,
+    NORMAL_Y,
+    SCATTER_XX,
+    SCATTER_YY,
+    VARIANCE,
+    X,
+    Y,
+)
+from slamsim.types import FloatArray, IntArray
+
+SAME_SIDE_COS = np.cos(np.deg2rad(40.0))
+OVERLAP_SLACK_M = 0.1
+CONVERGED_STEP_M = 1e-4
+INLIER_SIGMAS = 3.0
+COVERED, INLIERS, SQUARES, ITERATIONS, CONVERGED, WEAK = range(6)
+SUMMARY_FIELDS = 6
+
+
+@kernel
+def nearest_surface(
+    at: tuple[float, float, float, float],
+    half_length: float,
+    gate_m: float,
+    grid: tuple[FloatArray, IntArray, float, float],
+) -> tuple[int, float, bool]:
+    """Best partner of a piece at (x, y, normal_x, normal_y) in the map: slot or -1, its signed
+    distance along the map's normal, and whether there is any surface nearby at all."""
+    surfaces, keys, cell_m, oldest_m = grid
+    px, py, nx, ny = at
+    ix, iy = int(np.floor(px / cell_m)), int(np.floor(py / cell_m))
+    best, best_off, best_cost = -1, 0.0, np.inf
+    covered = False
+    ring = int(np.ceil(gate_m / cell_m))
+    for cx in range(ix - ring, ix + ring + 1):
+        for cy in range(iy - ring, iy + ring + 1):
+            cell = (cx % SIDE) * SIDE + cy % SIDE
+            if keys[cell, 0] != cx or keys[cell, 1] != cy:
+                continue
+            for slot in range(cell * PER_CELL, (cell + 1) * PER_CELL):
+                if surfaces[slot, BEAMS] <= 0.0 or surfaces[slot, LAST_SEEN] < oldest_m:
+                    continue
+                covered = True
+                mx, my = surfaces[slot, NORMAL_X], surfaces[slot, NORMAL_Y]
+                if mx * nx + my * ny < SAME_SIDE_COS:
+                    continue
+                dx, dy = px - surfaces[slot, X], py - surfaces[slot, Y]
+                off = mx * dx + my * dy
+                beside = np.abs(mx * dy - my * dx)
+                beyond = max(0.0, beside - surfaces[slot, HALF_LENGTH] - half_length)
+                if np.abs(off) > gate_m or beyond > OVERLAP_SLACK_M:
+                    continue
+                cost = off * off + 4.0 * beyond * beyond + 0.01 * beside * beside
+                if cost < best_cost:
+                    best, best_off, best_cost = slot, off, cost
+    return best, best_off, covered
+
+
+@kernel
+def _equations(
+    pieces: FloatArray,
+    T_map_base: FloatArray,
+    sizes: tuple[float, float, float, float],
+    grid: tuple[FloatArray, IntArray, float, float],
+    sums: tuple[FloatArray, FloatArray, FloatArray, FloatArray],
+) -> None:
+    """Fill information, gradient, grip and summary at one pose.
+
+    sizes: gate, robust scale in sigmas, length that scales rotation, range noise.
+    """
+    gate, robust, length, noise = sizes
+    information, gradient, grip, summary = sums
+    information[:], gradient[:], grip[:] = 0.0, 0.0, 0.0
+    summary[COVERED] = summary[INLIERS] = summary[SQUARES] = 0.0
+    cos, sin = np.cos(T_map_base[2]), np.sin(T_map_base[2])
+    row = np.empty(3)
+    total = 0.0
+    for k in range(pieces.shape[0]):
+        bx, by = pieces[k, X], pieces[k, Y]
+        bnx, bny = pieces[k, NORMAL_X], pieces[k, NORMAL_Y]
+        at = (
+            T_map_base[0] + cos * bx - sin * by,
+            T_map_base[1] + sin * bx + cos * by,
+            cos * bnx - sin * bny,
+            sin * bnx + cos * bny,
+        )
+        slot, off, covered = nearest_surface(at, pieces[k, HALF_LENGTH], gate, grid)
+        if covered:
+            summary[COVERED] += 1.0
+        if slot < 0:
+            continue
+        mx, my = grid[0][slot, NORMAL_X], grid[0][slot, NORMAL_Y]
+        variance = pieces[k, VARIANCE] + grid[0][slot, VARIANCE]
+        squared = off * off / variance
+        ratio = 1.0 + squared / (robust * robust)
+        weight = 1.0 / (ratio * ratio)
+        if squared < INLIER_SIGMAS * INLIER_SIGMAS:
+            summary[INLIERS] += 1.0
+            summary[SQUARES] += off * off
+        row[0] = cos * mx + sin * my
+        row[1] = -sin * mx + cos * my
+        row[2] = (row[1] * bx - row[0] * by) / length
+        # What noise alone would add to the grip: a normal is known only so well.
+        scatter = grid[0][slot, SCATTER_XX] + grid[0][slot, SCATTER_YY]
+        blur = min(noise * noise / scatter, 0.1) if scatter > 0.0 else 0.1
+        total += weight
+        for i in range(3):
+            gradient[i] += weight / variance * row[i] * off
+            grip[i, i] -= weight * blur
+            for j in range(3):
+                information[i, j] += weight / variance * row[i] * row[j]
+                grip[i, j] += weight * row[i] * row[j]
+    if total > 0.0:
+        grip /= total
+
+
+@kernel
+def _project_out(
+    information: FloatArray, gradient: FloatArray, axes: FloatArray, weak: int
+) -> None:
+    """Remove the first ``weak`` columns of axes from the scan's equations."""
+    keep = np.eye(3)
+    for k in range(weak):
+        for i in range(3):
+            for j in range(3):
+                keep[i, j] -= axes[i, k] * axes[j, k]
+    information[:] = keep @ information @ keep
+    gradient[:] = keep @ gradient
+
+
+@kernel
+def _offset(T_guess: FloatArray, T: FloatArray) -> FloatArray:
+    """The step from guess to T in the frame of T, yaw wrapped."""
+    cos, sin = np.cos(T[2]), np.sin(T[2])
+    dx, dy = T[0] - T_guess[0], T[1] - T_guess[1]
+    turn = T[2] - T_guess[2]
+    turn -= 2.0 * np.pi * np.floor((turn + np.pi) / (2.0 * np.pi))
+    return np.array([cos * dx + sin * dy, -sin * dx + cos * dy, turn])
+
+
+@kernel
+def typical_range(pieces: FloatArray) -> float:
+    """Root mean square distance of the pieces, in metres."""
+    squares = 0.0
+    for k in range(pieces.shape[0]):
+        squares += pieces[k, X] * pieces[k, X] + pieces[k, Y] * pieces[k, Y]
+    return float(max(np.sqrt(squares / max(pieces.shape[0], 1)), 0.1))
+
+
+@kernel
+def align(
+    pieces: FloatArray,
+    T_guess: FloatArray,
+    prior: FloatArray,
+    limits: tuple[float, float, float, int],
+    grid: tuple[FloatArray, IntArray, float, float],
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Register the pieces from a guess with prior information (3, 3) in the frame of the base.
+
+    limits: gate, range noise, weak share, iterations. grid: surfaces, keys, cell, oldest path
+    length. Returns T_map_base, information (3, 3) of the scan alone, weak axes (3, 3: columns, the
+    first ``summary[WEAK]`` count) in the frame of the base, and the summary.
+    """
+    gate, noise, weak_share, max_iterations = limits
+    length = typical_range(pieces)
+    scale = np.array([1.0, 1.0, length])
+    T = T_guess.copy()
+    information, gradient, grip = np.zeros((3, 3)), np.zeros(3), np.zeros((3, 3))
+    summary = np.zeros(SUMMARY_FIELDS)
+    axes = np.zeros((3, 3))
+    prior_scaled = prior / scale.reshape(3, 1) / scale.reshape(1, 3)
+    # From wide to narrow: first everything within the gate pulls, in the end only what fits.
+    robust, narrow = 20.0, gate
+    for iteration in range(max_iterations):
+        sums = (information, gradient, grip, summary)
+        _equations(pieces, T, (narrow, robust, length, noise), grid, sums)
+        values, axes = np.linalg.eigh(grip)
+        weak = 0
+        while weak < 3 and values[weak] < weak_share:
+            weak += 1
+        _project_out(information, gradient, axes, weak)
+        summary[WEAK] = weak
+        summary[ITERATIONS] = iteration + 1
+        offset = _offset(T_guess, T) * scale
+        full = information + prior_scaled
+        step = -np.linalg.solve(full, gradient + prior_scaled @ offset)
+        limit = np.abs(step).max()
+        if limit > 0.3:
+            step *= 0.3 / limit
+        cos, sin = np.cos(T[2]), np.sin(T[2])
+        T[0] += cos * step[0] - sin * step[1]
+        T[1] += sin * step[0] + cos * step[1]
+        T[2] += step[2] / length
+        if limit < CONVERGED_STEP_M and robust <= INLIER_SIGMAS:
+            summary[CONVERGED] = 1.0
+            break
+        if limit < 0.02 or iteration > max_iterations // 2:
+            robust = max(robust * 0.4, INLIER_SIGMAS)
+            narrow = max(0.5 * narrow, min(gate, 0.15))
+    T[2] -= 2.0 * np.pi * np.floor((T[2] + np.pi) / (2.0 * np.pi))
+    information = information * scale.reshape(3, 1) * scale.reshape(1, 3)
+    return T, information, axes / scale.reshape(3, 1), summary

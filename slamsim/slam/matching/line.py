@@ -1,0 +1,121 @@
+"""Our matcher: straight surface pieces, point-to-line, on a map of merged surfaces."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from slamsim.config.slam import FrontEndConfig
+from slamsim.slam.matching.align import (
+    CONVERGED,
+    COVERED,
+    INLIERS,
+    ITERATIONS,
+    SQUARES,
+    WEAK,
+    align,
+)
+from slamsim.slam.matching.base import Match
+from slamsim.slam.matching.local_map import LocalMap
+from slamsim.slam.matching.search import coarse_poses
+from slamsim.slam.matching.surfaces import range_noise_m, surface_pieces
+from slamsim.types import Cloud, FloatArray, IntArray
+
+START_NOISE_M = 0.015
+NOISE_BOUNDS_M = (0.002, 0.05)
+NOISE_GAIN = 0.1
+MIN_PARTNERS = 8
+SEARCH_CANDIDATES = 6
+LOOSE_PRIOR = 0.01
+
+
+class LineMatcher:
+    """Point-to-line registration; see ``surfaces``, ``local_map`` and ``align`` for its parts."""
+
+    def __init__(self, config: FrontEndConfig) -> None:
+        self._matching = config.matching
+        self._reach_m = config.max_range_m
+        self._map = LocalMap(config.local_map.cell_m, config.local_map.window_m)
+        self._noise_m = START_NOISE_M
+        self._cached: tuple[Cloud, FloatArray] | None = None
+
+    @property
+    def range_noise_m(self) -> float:
+        """Standard deviation of a range, learnt from the scans so far."""
+        return self._noise_m
+
+    def match(
+        self, cloud: Cloud, T_map_base_guess: FloatArray, prior_covariance: FloatArray
+    ) -> Match | None:
+        """See ``Matcher.match``."""
+        pieces = self._pieces(cloud)
+        if self._map.empty or len(pieces) == 0:
+            return None
+        return self._align(pieces, T_map_base_guess, _inverse(prior_covariance))
+
+    def search(
+        self, cloud: Cloud, T_map_base_guess: FloatArray, prior_covariance: FloatArray
+    ) -> Match | None:
+        """See ``Matcher.search``."""
+        pieces = self._pieces(cloud)
+        if self._map.empty or len(pieces) < MIN_PARTNERS:
+            return None
+        window = (
+            self._matching.search_distance_m,
+            float(np.deg2rad(self._matching.search_turn_deg)),
+        )
+        starts = coarse_poses(pieces, T_map_base_guess, window, self._grid, SEARCH_CANDIDATES)
+        prior = _inverse(prior_covariance)
+        found = [self._align(pieces, start, LOOSE_PRIOR * prior) for start in starts]
+        good = [match for match in found if match is not None]
+        return max(good, key=lambda match: match.inlier_ratio * match.covered_ratio, default=None)
+
+    def insert(self, cloud: Cloud, T_map_base: FloatArray) -> None:
+        """See ``Matcher.insert``."""
+        self._map.insert(self._pieces(cloud), T_map_base, self._noise_m)
+
+    def forget(self) -> None:
+        """See ``Matcher.forget``."""
+        self._map.clear()
+
+    @property
+    def _grid(self) -> tuple[FloatArray, IntArray, float, float]:
+        oldest_m = self._map.path_m - self._map.window_m
+        return self._map.surfaces, self._map.keys, self._map.cell_m, oldest_m
+
+    def _pieces(self, cloud: Cloud) -> FloatArray:
+        """Of the latest cloud once only; the noise estimate follows along."""
+        if self._cached is not None and self._cached[0] is cloud:
+            return self._cached[1]
+        pieces = surface_pieces(cloud, self._noise_m, self._map.cell_m, self._reach_m)
+        seen_m = range_noise_m(pieces)
+        if np.isfinite(seen_m):
+            mixed_m = self._noise_m + NOISE_GAIN * (seen_m - self._noise_m)
+            self._noise_m = float(np.clip(mixed_m, *NOISE_BOUNDS_M))
+        self._cached = (cloud, pieces)
+        return pieces
+
+    def _align(self, pieces: FloatArray, T_guess: FloatArray, prior: FloatArray) -> Match | None:
+        options = self._matching
+        limits = (
+            options.gate_m,
+            self._noise_m,
+            options.weak_direction_share,
+            options.max_iterations,
+        )
+        T, information, axes, summary = align(pieces, T_guess, prior, limits, self._grid)
+        if summary[INLIERS] < MIN_PARTNERS or not np.isfinite(T).all():
+            return None
+        return Match(
+            T_map_base=T,
+            information=information,
+            inlier_ratio=float(summary[INLIERS] / max(summary[COVERED], 1.0)),
+            covered_ratio=float(summary[COVERED] / len(pieces)),
+            rmse_m=float(np.sqrt(summary[SQUARES] / summary[INLIERS])),
+            iterations=int(summary[ITERATIONS]),
+            converged=bool(summary[CONVERGED]),
+            degenerate_directions=axes[:, : int(summary[WEAK])].T.copy(),
+        )
+
+
+def _inverse(matrix: FloatArray) -> FloatArray:
+    return np.asarray(np.linalg.inv(matrix), dtype=np.float64)

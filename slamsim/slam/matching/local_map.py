@@ -1,0 +1,164 @@
+"""The surfaces around the robot: a torus of cells, each with a few merged surface pieces.
+
+A cell of the plane lives in slot (ix mod SIDE, iy mod SIDE) of a fixed table and carries its true
+index, so that looking up is one step, memory is bounded and what is far away is overwritten.
+Merging keeps beams, mean and scatter exactly, as if all points had been fitted at once.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from slamsim.jit import kernel
+from slamsim.slam.matching.surfaces import (
+    BEAMS,
+    HALF_LENGTH,
+    MODEL_SIGMA_M,
+    NORMAL_X,
+    NORMAL_Y,
+    PIECE_FIELDS,
+    SCATTER_XX,
+    SCATTER_XY,
+    SCATTER_YY,
+    VARIANCE,
+    X,
+    Y,
+    principal_axis,
+)
+from slamsim.types import FloatArray, IntArray
+
+SIDE = 256
+"""Cells along each edge of the torus; surfaces further than half of it are not inserted."""
+
+PER_CELL = 4
+LAST_SEEN = PIECE_FIELDS
+"""Path length at which a surface was last inserted into, in metres."""
+
+SEEN = PIECE_FIELDS + 1
+"""Number of scans merged into a surface."""
+
+MAP_FIELDS = PIECE_FIELDS + 2
+MERGE_COS = np.cos(np.deg2rad(25.0))
+MERGE_SIGMAS = 4.0
+
+
+class LocalMap:
+    """surfaces: (SIDE * SIDE * PER_CELL, MAP_FIELDS), unused where BEAMS is 0; keys: (.., 2) the
+    true index of each cell."""
+
+    def __init__(self, cell_m: float, window_m: float) -> None:
+        self.cell_m, self.window_m = cell_m, window_m
+        self.clear()
+
+    def clear(self) -> None:
+        """Forget everything."""
+        self.surfaces = np.zeros((SIDE * SIDE * PER_CELL, MAP_FIELDS))
+        self.keys = np.zeros((SIDE * SIDE, 2), dtype=np.int64)
+        self.path_m = 0.0
+        self.empty = True
+        self._last_xy: FloatArray | None = None
+
+    def insert(self, pieces: FloatArray, T_map_base: FloatArray, noise_m: float) -> None:
+        """Merge the pieces of one scan, given in the base frame."""
+        if self._last_xy is not None:
+            self.path_m += float(np.hypot(*(T_map_base[:2] - self._last_xy)))
+        self._last_xy = T_map_base[:2].copy()
+        _insert(
+            pieces,
+            T_map_base,
+            (self.cell_m, noise_m, self.path_m, self.path_m - self.window_m),
+            self.surfaces,
+            self.keys,
+        )
+        self.empty = self.empty and len(pieces) == 0
+
+
+@kernel
+def _merge(piece: FloatArray, surface: FloatArray) -> None:
+    """Pool beams, mean and scatter; the normal keeps its side."""
+    a, b = surface[BEAMS], piece[BEAMS]
+    total = a + b
+    dx, dy = piece[X] - surface[X], piece[Y] - surface[Y]
+    share = a * b / total
+    surface[SCATTER_XX] += piece[SCATTER_XX] + share * dx * dx
+    surface[SCATTER_XY] += piece[SCATTER_XY] + share * dx * dy
+    surface[SCATTER_YY] += piece[SCATTER_YY] + share * dy * dy
+    surface[X] += dx * b / total
+    surface[Y] += dy * b / total
+    surface[BEAMS] = total
+    nx, ny, least, most = principal_axis(
+        surface[SCATTER_XX], surface[SCATTER_XY], surface[SCATTER_YY]
+    )
+    if nx * surface[NORMAL_X] + ny * surface[NORMAL_Y] < 0.0:
+        nx, ny = -nx, -ny
+    surface[NORMAL_X], surface[NORMAL_Y] = nx, ny
+    surface[HALF_LENGTH] = np.sqrt(3.0 * most / total)
+    surface[VARIANCE] = least / total / total + MODEL_SIGMA_M * MODEL_SIGMA_M
+
+
+@kernel
+def _insert(
+    pieces: FloatArray,
+    T_map_base: FloatArray,
+    numbers: tuple[float, float, float, float],
+    surfaces: FloatArray,
+    keys: IntArray,
+) -> None:
+    cell_m, noise, now_m, oldest_m = numbers
+    cos, sin = np.cos(T_map_base[2]), np.sin(T_map_base[2])
+    piece = np.empty(PIECE_FIELDS)
+    reach = (SIDE // 2 - 2) * cell_m
+    for k in range(pieces.shape[0]):
+        px, py = pieces[k, X], pieces[k, Y]
+        if max(np.abs(px), np.abs(py)) > 0.7 * reach:
+            continue
+        nx, ny = pieces[k, NORMAL_X], pieces[k, NORMAL_Y]
+        xx, xy, yy = pieces[k, SCATTER_XX], pieces[k, SCATTER_XY], pieces[k, SCATTER_YY]
+        piece[:] = pieces[k]
+        piece[X] = T_map_base[0] + cos * px - sin * py
+        piece[Y] = T_map_base[1] + sin * px + cos * py
+        piece[NORMAL_X], piece[NORMAL_Y] = cos * nx - sin * ny, sin * nx + cos * ny
+        piece[SCATTER_XX] = cos * cos * xx - 2.0 * cos * sin * xy + sin * sin * yy
+        piece[SCATTER_XY] = cos * sin * (xx - yy) + (cos * cos - sin * sin) * xy
+        piece[SCATTER_YY] = sin * sin * xx + 2.0 * cos * sin * xy + cos * cos * yy
+        _insert_one(piece, (cell_m, noise, now_m, oldest_m), surfaces, keys)
+
+
+@kernel
+def _insert_one(
+    piece: FloatArray,
+    numbers: tuple[float, float, float, float],
+    surfaces: FloatArray,
+    keys: IntArray,
+) -> None:
+    cell_m, noise, now_m, oldest_m = numbers
+    ix, iy = int(np.floor(piece[X] / cell_m)), int(np.floor(piece[Y] / cell_m))
+    cell = (ix % SIDE) * SIDE + iy % SIDE
+    base = cell * PER_CELL
+    if keys[cell, 0] != ix or keys[cell, 1] != iy:
+        keys[cell, 0], keys[cell, 1] = ix, iy
+        for slot in range(base, base + PER_CELL):
+            surfaces[slot, BEAMS] = 0.0
+    chosen, chosen_off = -1, MERGE_SIGMAS * noise + 0.01
+    spare, spare_seen = base, np.inf
+    for slot in range(base, base + PER_CELL):
+        used = surfaces[slot, BEAMS] > 0.0 and surfaces[slot, LAST_SEEN] >= oldest_m
+        seen = surfaces[slot, LAST_SEEN] if used else -np.inf
+        if seen < spare_seen:
+            spare, spare_seen = slot, seen
+        if not used:
+            continue
+        nx, ny = surfaces[slot, NORMAL_X], surfaces[slot, NORMAL_Y]
+        if nx * piece[NORMAL_X] + ny * piece[NORMAL_Y] < MERGE_COS:
+            continue
+        off = np.abs(nx * (piece[X] - surfaces[slot, X]) + ny * (piece[Y] - surfaces[slot, Y]))
+        if off < chosen_off:
+            chosen, chosen_off = slot, off
+    if chosen >= 0:
+        _merge(piece, surfaces[chosen])
+    else:
+        chosen = spare
+        surfaces[chosen, :PIECE_FIELDS] = piece
+        surfaces[chosen, SEEN] = 0.0
+    surfaces[chosen, LAST_SEEN] = now_m
+    surfaces[chosen, SEEN] += 1.0

@@ -1,0 +1,217 @@
+"""A scan as a few straight surface pieces: the points that a matcher works on.
+
+Runs of neighbouring beams are split where they bend (Douglas & Peucker 1973) and cut into short
+lengths, each fitted by total least squares. A piece keeps the information of all its beams
+in one mean and one normal: a tenth of the points, each with a third of the noise.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from slamsim.jit import kernel
+from slamsim.types import BoolArray, Cloud, FloatArray
+
+# Columns of a piece. Scatter is the sum of squares about the mean, in square metres.
+X, Y, NORMAL_X, NORMAL_Y, BEAMS, SCATTER_XX, SCATTER_XY, SCATTER_YY, HALF_LENGTH, VARIANCE = range(
+    10
+)
+PIECE_FIELDS = 10
+
+SPACING_FACTOR = 6.0
+"""Neighbouring beams this many times further apart than square on a wall are not one surface."""
+
+MAX_SPACING_M = 1.0
+MAX_BEAM_STEP_RAD = 0.1
+BEND_SIGMAS = 4.0
+MIN_BEAMS = 3
+BEAMS_PER_PIECE = 5.0
+"""Pieces are lengthened, where beams are far apart, to hold about this many."""
+
+MIN_INCIDENCE_SIN = 0.08
+MAX_NORMAL_SIGMA_RAD = 0.35
+MODEL_SIGMA_M = 0.003
+"""What even a long average does not remove: dents, beam width, deskew, quantisation."""
+
+
+def surface_pieces(cloud: Cloud, noise_m: float, piece_m: float, reach_m: float) -> FloatArray:
+    """(k, PIECE_FIELDS) straight pieces of a cloud in its own frame, normals towards the lidar.
+
+    noise_m: standard deviation of a range. piece_m: their length where beams are dense. Hits
+    beyond reach_m are left out. VARIANCE is that of the mean along the normal.
+    """
+    return _pieces(cloud.points_m, cloud.origins_m, cloud.hit, noise_m, piece_m, reach_m)
+
+
+def range_noise_m(pieces: FloatArray) -> float:
+    """Standard deviation of a range, as the scatter of the pieces shows it; nan without enough."""
+    return float(_noise(pieces))
+
+
+@kernel
+def principal_axis(xx: float, xy: float, yy: float) -> tuple[float, float, float, float]:
+    """Normal (unit vector of least scatter), least and largest eigenvalue of a 2 x 2 scatter."""
+    half_gap = 0.5 * (xx - yy)
+    root = np.sqrt(half_gap * half_gap + xy * xy)
+    middle = 0.5 * (xx + yy)
+    angle = 0.5 * np.arctan2(2.0 * xy, xx - yy)
+    return -np.sin(angle), np.cos(angle), max(middle - root, 0.0), middle + root
+
+
+@kernel
+def _joined(points: FloatArray, origins: FloatArray, hit: BoolArray, i: int, reach: float) -> bool:
+    """Whether beams i and i + 1 hit one surface."""
+    if not (hit[i] and hit[i + 1]):
+        return False
+    ax, ay = points[i, 0] - origins[i, 0], points[i, 1] - origins[i, 1]
+    bx, by = points[i + 1, 0] - origins[i + 1, 0], points[i + 1, 1] - origins[i + 1, 1]
+    near = min(np.sqrt(ax * ax + ay * ay), np.sqrt(bx * bx + by * by))
+    if near > reach:
+        return False
+    step = np.abs(np.arctan2(ax * by - ay * bx, ax * bx + ay * by))
+    spacing = np.hypot(points[i + 1, 0] - points[i, 0], points[i + 1, 1] - points[i, 1])
+    allowed = SPACING_FACTOR * near * step + 0.03
+    return bool(step < MAX_BEAM_STEP_RAD and spacing < min(allowed, MAX_SPACING_M))
+
+
+@kernel
+def _bend(points: FloatArray, first: int, last: int) -> tuple[int, float]:
+    """The point furthest from the chord between two, and how far."""
+    x0, y0 = points[first, 0], points[first, 1]
+    dx, dy = points[last, 0] - x0, points[last, 1] - y0
+    length = np.hypot(dx, dy)
+    worst, worst_m = first, 0.0
+    for i in range(first + 1, last):
+        px, py = points[i, 0] - x0, points[i, 1] - y0
+        off = np.abs(dx * py - dy * px) / length if length > 1e-9 else np.hypot(px, py)
+        if off > worst_m:
+            worst, worst_m = i, off
+    return worst, worst_m
+
+
+@kernel
+def _fit(
+    points: FloatArray,
+    origins: FloatArray,
+    span: tuple[int, int],
+    noise: float,
+    piece: FloatArray,
+) -> bool:
+    """Total least squares through points first..last; False if it tells too little."""
+    first, last = span
+    count = last - first + 1
+    x = y = xx = xy = yy = 0.0
+    for i in range(first, last + 1):
+        x += points[i, 0]
+        y += points[i, 1]
+    x /= count
+    y /= count
+    for i in range(first, last + 1):
+        dx, dy = points[i, 0] - x, points[i, 1] - y
+        xx += dx * dx
+        xy += dx * dy
+        yy += dy * dy
+    nx, ny, least, most = principal_axis(xx, xy, yy)
+    vx, vy = origins[first, 0] - x, origins[first, 1] - y
+    incidence = (nx * vx + ny * vy) / max(np.hypot(vx, vy), 1e-9)
+    if np.abs(incidence) < MIN_INCIDENCE_SIN:
+        return False
+    if incidence < 0.0:
+        nx, ny = -nx, -ny
+    # A range error moves a point along its beam, across the surface only by its incidence.
+    across = noise * max(np.abs(incidence), 0.2)
+    if most <= 0.0 or across * across / most > MAX_NORMAL_SIGMA_RAD * MAX_NORMAL_SIGMA_RAD:
+        return False
+    piece[X], piece[Y], piece[NORMAL_X], piece[NORMAL_Y] = x, y, nx, ny
+    piece[BEAMS] = count
+    piece[SCATTER_XX], piece[SCATTER_XY], piece[SCATTER_YY] = xx, xy, yy
+    piece[HALF_LENGTH] = np.sqrt(3.0 * most / count)
+    rough = max(least / count - across * across, 0.0)
+    piece[VARIANCE] = (across * across + rough) / count + MODEL_SIGMA_M * MODEL_SIGMA_M
+    return True
+
+
+@kernel
+def _cut(
+    points: FloatArray,
+    origins: FloatArray,
+    span: tuple[int, int],
+    sizes: tuple[float, float],
+    out: FloatArray,
+    kept: int,
+) -> int:
+    """Cut a straight run into equal pieces and fit each."""
+    first, last = span
+    noise, piece_m = sizes
+    count = last - first + 1
+    if count < MIN_BEAMS:
+        return kept
+    length = np.hypot(points[last, 0] - points[first, 0], points[last, 1] - points[first, 1])
+    spacing = length / (count - 1)
+    target = max(piece_m, BEAMS_PER_PIECE * spacing)
+    parts = max(1, int(np.ceil(length / target)))
+    begin = first
+    for part in range(1, parts + 1):
+        end = first + (count * part) // parts - 1
+        if end - begin + 1 >= MIN_BEAMS and _fit(points, origins, (begin, end), noise, out[kept]):
+            kept += 1
+        begin = end + 1
+    return kept
+
+
+@kernel
+def _pieces(
+    points: FloatArray,
+    origins: FloatArray,
+    hit: BoolArray,
+    noise: float,
+    piece_m: float,
+    reach: float,
+) -> FloatArray:
+    count = hit.size
+    out = np.empty((count // MIN_BEAMS + 1, PIECE_FIELDS))
+    stack = np.empty((64, 2), np.int64)
+    kept = 0
+    start = 0
+    tolerance = BEND_SIGMAS * noise
+    while start < count:
+        end = start
+        while end + 1 < count and _joined(points, origins, hit, end, reach):
+            end += 1
+        stack[0, 0], stack[0, 1] = start, end
+        depth = 1 if end - start + 1 >= MIN_BEAMS else 0
+        while depth > 0:
+            depth -= 1
+            first, last = stack[depth, 0], stack[depth, 1]
+            if last - first + 1 < MIN_BEAMS:
+                continue
+            worst, off = _bend(points, first, last)
+            if off > tolerance and depth < 62:
+                # The nearer half comes off the stack first: pieces stay in beam order.
+                stack[depth, 0], stack[depth, 1] = worst, last
+                stack[depth + 1, 0], stack[depth + 1, 1] = first, worst
+                depth += 2
+            else:
+                kept = _cut(points, origins, (first, last), (noise, piece_m), out, kept)
+        start = end + 1
+    return out[:kept].copy()
+
+
+@kernel
+def _noise(pieces: FloatArray) -> float:
+    spread = np.empty(pieces.shape[0])
+    used = 0
+    for k in range(pieces.shape[0]):
+        beams = pieces[k, BEAMS]
+        if beams < 6.0:
+            continue
+        _, _, least, _ = principal_axis(
+            pieces[k, SCATTER_XX], pieces[k, SCATTER_XY], pieces[k, SCATTER_YY]
+        )
+        reach = max(np.hypot(pieces[k, X], pieces[k, Y]), 1e-9)
+        incidence = (
+            pieces[k, NORMAL_X] * pieces[k, X] + pieces[k, NORMAL_Y] * pieces[k, Y]
+        ) / reach
+        spread[used] = np.sqrt(least / (beams - 2.0)) / max(np.abs(incidence), 0.2)
+        used += 1
+    return float(np.median(spread[:used])) if used >= 5 else np.nan

@@ -1,0 +1,147 @@
+"""Where the robot should be at the next scan, how surely, and what its odometry is worth."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from slamsim.config.slam import MotionConfig
+from slamsim.geometry import between, compose, inverse
+from slamsim.slam.matching.base import Match
+from slamsim.slam.motion import motion_covariance
+from slamsim.types import FloatArray, PlanarTrajectory, Scan
+
+MAX_SPEED_M_S = 10.0
+MAX_TURN_RAD_S = 15.0
+FLOOR_M = 0.0005
+FLOOR_RAD = 0.0002
+BLIND_SPEED_SIGMA_M_S2 = 1.5
+BLIND_TURN_SIGMA_RAD_S2 = 3.0
+DISTRUST_GAIN = 0.05
+MAX_DISTRUST = 100.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Prediction:
+    """T_map_base: (3,) with covariance (3, 3) of a small step of the base in its own frame.
+
+    T_last_base: (3,) the predicted step since the last scan, noise: (3, 3) its covariance.
+    """
+
+    stamp_ns: int
+    T_map_base: FloatArray
+    covariance: FloatArray
+    T_odom_base: FloatArray
+    T_last_base: FloatArray
+    noise: FloatArray
+
+
+class Predictor:
+    """Keeps the pose between scans; motion None means constant velocity."""
+
+    def __init__(self, config: MotionConfig, motion: PlanarTrajectory | None, gyro: bool) -> None:
+        self._config, self._motion, self._gyro = config, motion, gyro
+        self._last: Prediction | None = None
+        self._T_map_base = np.zeros(3)
+        self._covariance = np.diag(np.square([FLOOR_M, FLOOR_M, FLOOR_RAD]))
+        self._velocity = np.zeros(3)
+        self._distrust = np.ones(3)
+        self.jumps = 0
+        """Steps of the odometry that no robot can make, and that were not believed."""
+
+    @property
+    def blind(self) -> bool:
+        """Whether there is no odometry at all."""
+        return self._motion is None
+
+    def motion_over(self, scan: Scan) -> PlanarTrajectory | None:
+        """The base's motion over the scan's beams, None where it is not known."""
+        first, last = min(scan.stamp_ns, scan.end_ns), max(scan.stamp_ns, scan.end_ns)
+        if self._motion is None:
+            end = self._velocity * (last - first) * 1e-9
+            stamps_ns = np.array([first, max(last, first + 1)])
+            return PlanarTrajectory(stamps_ns, np.stack([np.zeros(3), end]))
+        covered = self._motion.stamps_ns
+        return self._motion if first >= covered[0] and last <= covered[-1] else None
+
+    def predict(self, stamp_ns: int) -> Prediction:
+        """The pose at a scan's stamp, which motion_over has found to be covered."""
+        T_odom_base = self._odometry_at(stamp_ns)
+        if self._last is None:
+            start = np.zeros(3)
+            return Prediction(
+                stamp_ns, start, self._covariance, T_odom_base, start, self._covariance
+            )
+        seconds = max((stamp_ns - self._last.stamp_ns) * 1e-9, 0.0)
+        step, noise = self._step(T_odom_base, seconds)
+        T_map_base = compose(self._T_map_base, step)
+        carry = _adjoint(inverse(step))
+        covariance = carry @ self._covariance @ carry.T + noise
+        return Prediction(stamp_ns, T_map_base, covariance, T_odom_base, step, noise)
+
+    def update(self, prediction: Prediction, match: Match | None) -> FloatArray:
+        """T_map_base after the match, or as predicted without one."""
+        T_map_base = prediction.T_map_base if match is None else match.T_map_base
+        self._covariance = prediction.covariance
+        if match is not None:
+            self._covariance = np.linalg.inv(
+                np.linalg.inv(prediction.covariance) + match.information
+            )
+            self._learn(prediction, match)
+        if self._last is not None:
+            seconds = (prediction.stamp_ns - self._last.stamp_ns) * 1e-9
+            if seconds > 0.0:
+                self._velocity = between(self._T_map_base, T_map_base) / seconds
+        self._last, self._T_map_base = prediction, T_map_base
+        return T_map_base
+
+    def _odometry_at(self, stamp_ns: int) -> FloatArray:
+        if self._motion is not None:
+            return np.asarray(self._motion.at(np.array([stamp_ns]))[0])
+        if self._last is None:
+            return np.zeros(3)
+        seconds = (stamp_ns - self._last.stamp_ns) * 1e-9
+        return compose(self._T_map_base, self._velocity * seconds)
+
+    def _step(self, T_odom_base: FloatArray, seconds: float) -> tuple[FloatArray, FloatArray]:
+        """The step since the last scan and its covariance."""
+        assert self._last is not None
+        floor = np.diag(np.square([FLOOR_M, FLOOR_M, FLOOR_RAD]))
+        if self._motion is None:
+            sigma_m = BLIND_SPEED_SIGMA_M_S2 * seconds * seconds
+            sigma_rad = BLIND_TURN_SIGMA_RAD_S2 * seconds * seconds
+            return self._velocity * seconds, floor + np.diag(
+                np.square([sigma_m, sigma_m, sigma_rad])
+            )
+        step = between(self._last.T_odom_base, T_odom_base)
+        allowed = max(seconds, 0.05)
+        if np.hypot(step[0], step[1]) > MAX_SPEED_M_S * allowed or (
+            abs(step[2]) > MAX_TURN_RAD_S * allowed
+        ):
+            self.jumps += 1
+            guess_m, guess_rad = min(seconds, 1.0), min(seconds, 1.0)
+            return np.zeros(3), floor + np.diag(np.square([guess_m, guess_m, guess_rad]))
+        noise = motion_covariance(step, seconds, self._gyro, self._config)
+        return step, floor + noise * np.sqrt(np.outer(self._distrust, self._distrust))
+
+    def _learn(self, prediction: Prediction, match: Match) -> None:
+        """Believe the odometry less where matches keep contradicting it."""
+        if self._motion is None or match.degenerate:
+            return
+        found = between(prediction.T_map_base, match.T_map_base)
+        own = np.diag(motion_covariance(prediction.T_last_base, 0.0, self._gyro, self._config))
+        if own[0] < FLOOR_M**2:
+            return
+        matched = np.diag(np.linalg.inv(match.information + np.diag([1.0, 1.0, 1.0])))
+        excess = np.maximum(found * found - matched, 0.0) / (own + FLOOR_RAD**2)
+        excess[:2] = excess[:2].mean()
+        excess = np.minimum(excess, MAX_DISTRUST)
+        self._distrust = np.maximum(self._distrust + DISTRUST_GAIN * (excess - self._distrust), 1.0)
+
+
+def _adjoint(T_a_b: FloatArray) -> FloatArray:
+    """(3, 3): takes a small step in frame b to the same step in frame a."""
+    x, y, yaw = T_a_b
+    cos, sin = np.cos(yaw), np.sin(yaw)
+    return np.array([[cos, -sin, y], [sin, cos, -x], [0.0, 0.0, 1.0]])
