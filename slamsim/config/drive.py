@@ -14,7 +14,7 @@ class PhysicsConfig(Config):
 
     rate_hz: int = Field(default=240, ge=60, le=10_000)
     """Steps per simulated second; also the rate of the recorded truth."""
-    solver_iterations: int = Field(default=50, ge=1, le=1000)
+    solver_iterations: int = Field(default=30, ge=1, le=1000)
     """Sweeps of the contact solver in each step."""
     settle_s: float = Field(default=0.5, ge=0.0, le=10.0)
     """Time to come to rest on the floor before the drive begins; not recorded."""
@@ -43,11 +43,11 @@ class RouteConfig(Config):
     file: str | None = None
     """A route to follow instead of a tour of the whole world: YAML or CSV with poses
     (x_m, y_m, optionally yaw_deg) or twists (t_s, v_m_s, w_rad_s)."""
-    clearance_m: float = Field(default=0.06, ge=0.0, le=2.0)
+    clearance_m: float = Field(default=0.05, ge=0.0, le=2.0)
     """Distance that the planned path keeps between the robot and any wall."""
     preferred_clearance_m: float = Field(default=0.6, ge=0.0, le=10.0)
     """Up to this distance from walls the path keeps away from them where there is room."""
-    resolution_m: float = Field(default=0.05, ge=0.01, le=0.25)
+    resolution_m: float = Field(default=0.04, ge=0.01, le=0.25)
     """Cell size of the grid that the path is searched on."""
     max_path_length_m: float | None = Field(default=None, gt=0.0)
     """The route is cut after this length."""

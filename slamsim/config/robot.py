@@ -109,9 +109,9 @@ class MotorConfig(Config):
     ideal: takes the speed at once, whatever torque that needs."""
     max_torque_n_m: float = Field(default=1.6, gt=0.0, le=1000.0)
     """Largest torque at one wheel (Kobuki: 33 mN m stall torque, gear ratio 49.6)."""
-    pid_proportional: float = Field(default=0.15, ge=0.0, le=100.0)
+    pid_proportional: float = Field(default=0.025, ge=0.0, le=100.0)
     """Torque per speed error, N m s/rad (kind pid)."""
-    pid_integral: float = Field(default=3.0, ge=0.0, le=1000.0)
+    pid_integral: float = Field(default=0.15, ge=0.0, le=1000.0)
     """Torque per integrated speed error, N m/rad (kind pid)."""
     pid_derivative: float = Field(default=0.0, ge=0.0, le=10.0)
     """Torque per change of the speed error, N m s^2/rad (kind pid)."""
