@@ -29,6 +29,9 @@ BoolArray = NDArray[np.bool_]
 
 Epoch = Literal["simulation", "unix", "unknown"]
 
+GRAVITY_M_S2 = 9.80665
+"""Standard gravity, down along z: what the physics falls with and a resting robot feels."""
+
 
 class OutsideTimeRange(ValueError):
     """A look-up at an instant that the data do not cover; nothing is extrapolated."""

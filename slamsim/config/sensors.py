@@ -64,12 +64,13 @@ class StreamConfig(Config):
 class RangeNoiseConfig(Config):
     """Normal noise on each range; the three parts add as variances."""
 
-    constant_m: float = Field(default=0.01, ge=0.0, le=1.0)
+    constant_m: float = Field(default=0.008, ge=0.0, le=1.0)
     """Standard deviation that every return has."""
-    proportional: float = Field(default=0.0, ge=0.0, le=0.5)
+    proportional: float = Field(default=0.0006, ge=0.0, le=0.5)
     """Standard deviation as a share of the range."""
-    spot_half_angle_mrad: float = Field(default=0.5, ge=0.0, le=50.0)
-    """Half the beam's width: a spot on a slanted wall spreads by range x this x tan(incidence)."""
+    spot_mrad: float = Field(default=0.5, ge=0.0, le=50.0)
+    """Spread of the light within the beam (a quarter of its width if the spot is round): on a
+    slanted wall it gives a standard deviation of range x this x tan(incidence)."""
 
 
 class DropoutConfig(Config):

@@ -46,7 +46,7 @@ def has_dropout(config: DropoutConfig) -> bool:
 
 def has_noise(config: RangeNoiseConfig) -> bool:
     """Whether any range gets noise."""
-    return max(config.constant_m, config.proportional, config.spot_half_angle_mrad) > 0.0
+    return max(config.constant_m, config.proportional, config.spot_mrad) > 0.0
 
 
 def too_slanted(hits: Hits, max_incidence_deg: float) -> BoolArray:
@@ -78,7 +78,7 @@ def noisy(
     cos = np.maximum(cos_incidence, _GRAZING)
     tan_squared = np.float32(1.0) / (cos * cos) - np.float32(1.0)
     np.maximum(tan_squared, np.float32(0.0), out=tan_squared)
-    spot = np.float32((config.spot_half_angle_mrad * 1e-3) ** 2) * tan_squared
+    spot = np.float32((config.spot_mrad * 1e-3) ** 2) * tan_squared
     share = spot + np.float32(config.proportional**2)
     sigma = np.sqrt(np.float32(config.constant_m**2) + length * length * share)
     length += sigma * rng.standard_normal(length.size, dtype=np.float32)

@@ -22,9 +22,7 @@ from slamsim.randomness import random_stream
 from slamsim.sensors.clock import StreamClock
 from slamsim.sensors.motion import Motion
 from slamsim.sensors.readings import ImuBatch
-from slamsim.types import FloatArray, ImuStream, IntArray
-
-GRAVITY_M_S2 = 9.81
+from slamsim.types import GRAVITY_M_S2, FloatArray, ImuStream, IntArray
 
 
 class Imu:

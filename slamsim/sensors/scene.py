@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from slamsim.safe.errors import SlamsimError
+from slamsim.safe.mesh import check_mesh
 from slamsim.sensors.rays import cosines_of_incidence
 from slamsim.types import Float32Array, FloatArray, TriangleMesh
 
@@ -33,12 +35,12 @@ class Scene:
 
     The floor is two more triangles, reaching ``floor_reach_m`` beyond the mesh on all sides, so
     that a tilted lidar sees it with the same rules (incidence, mixing) as every wall. Rays are
-    given relative to ``origin_m``, the middle of the mesh. Raises SlamsimError for a mesh that
+    given relative to ``origin_m``, the middle of the mesh. Raises InputRefused for a mesh that
     the caster would silently misread: no triangles, numbers not finite, indices out of range.
     """
 
     def __init__(self, mesh: TriangleMesh, floor_reach_m: float, threads: int = 1) -> None:
-        _require_sound(mesh)
+        check_mesh(mesh.vertices_m, mesh.triangles, Path("the mesh of the world"))
         low, high = mesh.vertices_m.min(axis=0), mesh.vertices_m.max(axis=0)
         self.origin_m: FloatArray = 0.5 * (low + high)
         vertices, triangles = _with_floor(mesh, low - floor_reach_m, high + floor_reach_m)
@@ -78,20 +80,6 @@ def import_open3d() -> Any:
             "libegl1 libgl1 libx11-6 libusb-1.0-0"
         ) from error
     return open3d
-
-
-def _require_sound(mesh: TriangleMesh) -> None:
-    vertices, triangles = mesh.vertices_m, mesh.triangles
-    if len(triangles) == 0:
-        raise SlamsimError("the world's mesh has no triangles: there is nothing to sense")
-    if not np.isfinite(vertices).all():
-        row = int(np.argmin(np.isfinite(vertices).all(axis=1)))
-        raise SlamsimError(f"vertex {row} of the world's mesh is not finite: {vertices[row]}")
-    if triangles.min() < 0 or triangles.max() >= len(vertices):
-        raise SlamsimError(
-            f"the world's mesh has {len(vertices)} vertices, but its triangles name "
-            f"{triangles.min()} to {triangles.max()}"
-        )
 
 
 def _with_floor(
