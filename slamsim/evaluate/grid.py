@@ -56,10 +56,8 @@ def compare_grids(estimate: Grid, truth: Grid, T_truth_estimate: FloatArray) -> 
     surface = cell_centres(truth, wall_surface(truth.occupancy))
     if surface.shape[0] == 0:
         raise SlamsimError("the true grid has no wall that borders reachable space")
-    walls = transform_points(
-        T_truth_estimate, cell_centres(estimate, estimate.occupancy > OCCUPIED_ABOVE)
-    )
-    tolerance_m = np.sqrt(2.0) * truth.resolution_m * (1.0 + _ROUNDING)
+    walls = _walls(estimate, T_truth_estimate)
+    tolerance_m = _tolerance_m(truth)
     map_to_truth_m = _nearest_m(walls, surface)
     truth_to_map_m = _nearest_m(surface, walls)
     ghosts = walls[map_to_truth_m > tolerance_m]
@@ -71,6 +69,22 @@ def compare_grids(estimate: Grid, truth: Grid, T_truth_estimate: FloatArray) -> 
         doubled_wall_share=float(np.mean(doubled)),
         free_iou=_free_iou(estimate, truth, T_truth_estimate),
     )
+
+
+def wrong_walls(
+    estimate: Grid, truth: Grid, T_truth_estimate: FloatArray
+) -> tuple[BoolArray, BoolArray]:
+    """What precision and recall count against a map, as cells.
+
+    Returns the estimate's occupied cells (its shape) that belong to no true wall, and the
+    truth's surface cells (its shape) that the map does not show.
+    """
+    surface_cells, wall_cells = wall_surface(truth.occupancy), _occupied(estimate)
+    surface, walls = cell_centres(truth, surface_cells), _walls(estimate, T_truth_estimate)
+    invented, missed = np.zeros_like(wall_cells), np.zeros_like(surface_cells)
+    invented[wall_cells] = _nearest_m(walls, surface) > _tolerance_m(truth)
+    missed[surface_cells] = _nearest_m(surface, walls) > _tolerance_m(truth)
+    return invented, missed
 
 
 def wall_surface(occupancy: Float32Array) -> BoolArray:
@@ -97,6 +111,19 @@ def sample(grid: Grid, points_m: FloatArray) -> FloatArray:
     values = np.full(points_m.shape[0], np.nan)
     values[inside] = grid.occupancy[cells[inside, 1], cells[inside, 0]]
     return values
+
+
+def _occupied(grid: Grid) -> BoolArray:
+    return np.asarray(grid.occupancy > OCCUPIED_ABOVE, dtype=np.bool_)
+
+
+def _walls(estimate: Grid, T_truth_estimate: FloatArray) -> FloatArray:
+    """(n, 2) centres of the occupied cells, in the truth's frame."""
+    return transform_points(T_truth_estimate, cell_centres(estimate, _occupied(estimate)))
+
+
+def _tolerance_m(truth: Grid) -> float:
+    return float(np.sqrt(2.0) * truth.resolution_m * (1.0 + _ROUNDING))
 
 
 def _nearest_m(points: FloatArray, others: FloatArray) -> FloatArray:

@@ -73,7 +73,8 @@ def face_normals(corners: FloatArray) -> FloatArray:
     """
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     size = np.linalg.norm(normals, axis=1, keepdims=True)
-    return np.divide(normals, size, out=np.zeros_like(normals), where=size > 0.0)
+    normals /= np.where(size > 0.0, size, 1.0)
+    return np.asarray(normals)
 
 
 def log_paths(recording: rr.RecordingStream, view: RunView) -> None:

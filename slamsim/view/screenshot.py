@@ -60,7 +60,8 @@ def render_screenshot(
 ) -> None:
     """Draw a recording's last instant into a PNG file: the whole viewer, or one of its views.
 
-    run: its folder or recording. view_name: a view that is not behind another tab. size: width and height of the viewer's window in pixels.
+    run: its folder or recording. view_name: a view that is not behind another tab. size: width
+    and height of the viewer's window in pixels.
     """
     with headless_viewer(recording_of(run), *size) as client:
         state = _settled(client, run)
