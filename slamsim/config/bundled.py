@@ -56,7 +56,8 @@ def find_input(kind: Kind, name_or_path: str, folder: Path | None = None) -> Pat
         is_folder = path.is_dir()
         exists = path.exists()
     except (OSError, ValueError) as error:
-        raise NotFound(f"{shown(name_or_path)} is not a possible file name: {error}") from None
+        reason = error.strerror if isinstance(error, OSError) else error
+        raise NotFound(f"{shown(name_or_path)} cannot be looked up: {reason}") from None
     name = name_or_path.removesuffix(".yaml")
     if _NAME.fullmatch(name) and (bundled := bundled_folder(kind) / f"{name}.yaml").is_file():
         return bundled

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
-
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
@@ -39,38 +37,36 @@ def refusal(model_type: type[BaseModel], tree: Tree, error: ValidationError) -> 
     """The exception to raise; its message has a line for each faulty key."""
     faults: dict[KeyPath, list[str]] = {}
     for detail in error.errors(include_url=False):
-        spot = find_spot(model_type, detail["loc"], tree.data)
-        keys, reason = _sentence(model_type, spot, detail, tree)
+        keys, reason = _sentence(model_type, detail, tree)
         told = faults.setdefault(keys, [])
         if reason not in told:
             told.append(reason)
-    told_first = list(itertools.islice(faults.items(), _MAX_TOLD))
-    refusals = [tree.place_of(k).refusal(k, "; or ".join(reasons)) for k, reasons in told_first]
-    also = tuple(str(other) for other in refusals[1:])
+    in_order = sorted(faults, key=lambda keys: tree.place_of(keys).line)
+    refusals = [
+        tree.place_of(keys).refusal(keys, "; or ".join(faults[keys]))
+        for keys in in_order[:_MAX_TOLD]
+    ]
+    also = [str(other) for other in refusals[1:]]
     if len(faults) > _MAX_TOLD:
-        also = (*also, f"... and {len(faults) - _MAX_TOLD} more faults")
-    keys, reasons = told_first[0]
-    return tree.place_of(keys).refusal(keys, "; or ".join(reasons), also)
+        also.append(f"... and {len(faults) - _MAX_TOLD} more")
+    first = in_order[0]
+    return tree.place_of(first).refusal(first, "; or ".join(faults[first]), tuple(also))
 
 
-def _sentence(
-    root: type[BaseModel], spot: Spot, detail: ErrorDetails, tree: Tree
-) -> tuple[KeyPath, str]:
+def _sentence(root: type[BaseModel], detail: ErrorDetails, tree: Tree) -> tuple[KeyPath, str]:
     """The key path that the fault is told for, and the fault."""
-    keys, kind = spot.keys, detail["type"]
+    kind, loc = detail["type"], detail["loc"]
+    spot = find_spot(root, loc, tree.data)
+    keys = spot.keys
     if kind == "extra_forbidden":
-        within = tree.place_of(keys).mount
-        return keys, suggest(root, spot.owner, keys, within)
+        return keys, suggest(root, spot.owner, keys, tree.place_of(keys).mount)
     if kind == "missing":
-        return _missing(keys, tree)
+        parent = tree.get(keys[:-1])
+        if isinstance(parent, list):
+            length = find_spot(root, loc[:-1], tree.data).length
+            return keys[:-1], f"must be a list of {length} values, not of {len(parent)}"
+        return keys[:-1], f"the key {key_text(keys[-1:])!r} is missing"
     return keys, _reason(spot, detail, tree.get(keys))
-
-
-def _missing(keys: KeyPath, tree: Tree) -> tuple[KeyPath, str]:
-    parent = tree.get(keys[:-1])
-    if isinstance(parent, list):
-        return keys[:-1], f"must be a longer list than the {len(parent)} values given"
-    return keys[:-1], f"the key {key_text(keys[-1:])!r} is missing"
 
 
 def _reason(spot: Spot, detail: ErrorDetails, given: object) -> str:
@@ -83,13 +79,19 @@ def _reason(spot: Spot, detail: ErrorDetails, given: object) -> str:
     if kind == "finite_number":
         return f"must be a finite number, not {_given(given)}"
     if kind in ("literal_error", "enum"):
-        return f"must be {spot.choices_text(given) or context.get('expected')}, not {_given(given)}"
+        return _choice_reason(spot, context, given)
     if kind in ("too_short", "too_long"):
         return _length_reason(kind, spot, context)
     if kind in ("value_error", "assertion_error"):
         return str(context.get("error", detail["msg"]))
     message = detail["msg"]
     return f"{message[:1].lower()}{message[1:]} (given: {_given(given)})"
+
+
+def _choice_reason(spot: Spot, context: dict[str, object], given: object) -> str:
+    near = spot.nearest_choice(given)
+    meant = f"; did you mean {near!r}?" if near else ""
+    return f"must be {spot.choices_text() or context.get('expected')}, not {_given(given)}{meant}"
 
 
 def _length_reason(kind: str, spot: Spot, context: dict[str, object]) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TypeGuard, cast
@@ -71,8 +71,17 @@ class Tree:
             cast(Data, _put(self.data, key_path, part.get(key_path))), {**kept, **part.places}
         )
 
-    def section(self, at: KeyPath, leaving_out: str) -> Tree:
-        """What stands below ``at``, and nothing else, less one of its keys."""
+    def texts(self, at: KeyPath = ()) -> Iterator[tuple[KeyPath, str]]:
+        """Every text in it, with its key path."""
+        value = self.get(at)
+        if isinstance(value, str):
+            yield at, value
+        elif isinstance(value, dict | list):
+            for key in value if isinstance(value, dict) else range(len(value)):
+                yield from self.texts((*at, key))
+
+    def section(self, at: KeyPath, leaving_out: str = "") -> Tree:
+        """What stands below ``at``, and nothing else; without one of its keys if one is named."""
         value = self.get(at)
         kept = {k: v for k, v in value.items() if k != leaving_out} if _is_data(value) else value
         below = {path: place for path, place in self.places.items() if _below(path, at)}
@@ -80,13 +89,18 @@ class Tree:
         return Tree(cast(Data, _put({}, at, kept)), below)
 
     def overlaid(self, key_path: KeyPath, value: object, place: Place) -> Tree:
-        """With one value set; a mapping is laid over the mapping that is there."""
-        if isinstance(value, dict) and value and isinstance(self.get(key_path), dict):
+        """With one value set; a mapping is laid over the mapping that is there.
+
+        Unless it starts from a preset: what the old one said is then of no account.
+        """
+        if _is_data(value) and value and "preset" not in value and _is_data(self.get(key_path)):
             tree = self
             for key, inner in value.items():
                 tree = tree.overlaid((*key_path, key), inner, place)
             return tree
-        part = Tree(cast(Data, _put({}, key_path, value)), {key_path: place})
+        made = (key_path[:end] for end in range(1, len(key_path)))
+        places = {path: place for path in made if not isinstance(self.get(path), dict | list)}
+        part = Tree(cast(Data, _put({}, key_path, value)), {**places, key_path: place})
         return self.replaced(key_path, part)
 
     def with_indices(self, parts: tuple[str, ...], place: Place) -> KeyPath:

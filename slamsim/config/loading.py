@@ -41,6 +41,7 @@ Model = TypeVar("Model", bound=Config)
 SECTIONS: dict[KeyPath, Kind] = {
     ("world",): "worlds",
     ("robot",): "configs/robots",
+    ("sensors",): "configs/sensors",
     ("sensors", "lidar"): "configs/sensors",
     ("sensors", "imu"): "configs/sensors",
     ("sensors", "encoders"): "configs/sensors",
@@ -135,7 +136,7 @@ def _with_presets(tree: Tree) -> Tree:
                 raise place.refusal(name_at, f"must be the name or path of a file, not {name!r}")
             preset = _preset_tree(kind, name, place, at)
             tree = tree.replaced(
-                at, preset if is_name else preset.merged(tree.section(at, leaving_out="preset"))
+                at, preset if is_name else preset.merged(tree.section(at, "preset"))
             )
         else:
             raise place.refusal(name_at, f"the presets start from one another ({name!r} again)")
@@ -144,7 +145,12 @@ def _with_presets(tree: Tree) -> Tree:
 
 def _preset_tree(kind: Kind, name: str, place: Place, at: KeyPath) -> Tree:
     path = find_input(kind, name, None if place.path is None else place.folder)
-    return _world_tree(path, at) if kind == "worlds" else mount(load_yaml(path), at)
+    if kind == "worlds":
+        return _world_tree(path, at)
+    document = load_yaml(path)
+    if len(at) > 1 and isinstance(document.data, dict) and at[-1] in document.data:
+        return mount(document, at[:-1]).section(at)  # one sensor out of a file of sensors
+    return mount(document, at)
 
 
 def _world_tree(path: Path, at: KeyPath) -> Tree:
@@ -177,9 +183,8 @@ def _layout_tree(layout: str, path: Path, at: KeyPath) -> Tree:
 def _located(tree: Tree) -> Tree:
     """With absolute file names, so that the saved configuration means the same files elsewhere."""
     located = tree
-    for path, place in tree.places.items():
-        name = tree.get(path)
-        if isinstance(name, str) and name and str(path[-1]).split("_")[-1] == "file":
-            absolute = str((place.folder / name).resolve())
-            located = located.overlaid(path, absolute, place)
+    for path, name in tree.texts():
+        if name and str(path[-1]).split("_")[-1] == "file":
+            place = tree.place_of(path)
+            located = located.overlaid(path, str((place.folder / name).resolve()), place)
     return located

@@ -6,6 +6,7 @@ import difflib
 import types
 from collections.abc import Iterator
 from dataclasses import dataclass
+from enum import Enum
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
 from pydantic import BaseModel
@@ -52,14 +53,24 @@ class Spot:
         ]
         return " and ".join(parts)
 
-    def choices_text(self, given: object) -> str:
-        """``'a', 'b' or 'c'``, the nearest to the given one first."""
-        choices = [repr(c) for c in get_args(_present(self.annotation))]
-        if get_origin(_present(self.annotation)) is not Literal or not choices:
-            return ""
-        near = difflib.get_close_matches(repr(given), choices, n=1, cutoff=_PERHAPS_HERE)
-        ordered = [*near, *(choice for choice in choices if choice not in near)]
-        return " or ".join(filter(None, (", ".join(ordered[:-1]), ordered[-1])))
+    def choices_text(self) -> str:
+        """``'a', 'b' or 'c'`` as one text."""
+        choices = [repr(choice) for choice in self.choices]
+        return " or ".join(filter(None, (", ".join(choices[:-1]), *choices[-1:])))
+
+    @property
+    def choices(self) -> tuple[Any, ...]:
+        """Of a literal or an enumeration."""
+        annotation = _present(self.annotation)
+        if isinstance(annotation, type) and issubclass(annotation, Enum):
+            return tuple(member.value for member in annotation)
+        return get_args(annotation) if get_origin(annotation) is Literal else ()
+
+    def nearest_choice(self, given: object) -> str:
+        """The choice that was probably meant, or an empty text."""
+        names = [str(choice) for choice in self.choices]
+        near = difflib.get_close_matches(str(given), names, n=1, cutoff=_PERHAPS_HERE)
+        return near[0] if near else ""
 
 
 def find_spot(root: type[BaseModel], loc: tuple[int | str, ...], data: object) -> Spot:
@@ -127,8 +138,8 @@ def _under(homes: list[KeyPath], parent: KeyPath, within: KeyPath) -> str:
     nearest = sorted(homes, key=lambda home: -_common(home, parent))[:_MAX_ALTERNATIVES]
     inside = [home for home in nearest if home[: len(within)] == within]
     if not inside:
-        places = " or ".join(repr(key_text(home)) if home else "the top level" for home in nearest)
-        return f"under {places} of a run configuration"
+        places = (f"under {key_text(home)!r}" if home else "at the top level" for home in nearest)
+        return f"{' or '.join(places)} of a run configuration"
     shorter = [home[len(within) :] for home in inside]
     if () in shorter:
         return "at the top level"

@@ -62,7 +62,8 @@ def _read_pgm(data: bytes, path: Path, limits: Limits) -> GrayImage:
     values = pixels(body, width * height, maximum, path)
     if int(values.max()) > maximum:
         raise InputRefused(path, f"a pixel is {values.max()}, above the PGM maximum {maximum}")
-    scaled = values if maximum == 255 else (values * (255.0 / maximum)).round()
+    wide = values.astype(np.uint32)
+    scaled = values if maximum == 255 else (wide * 510 + maximum) // (2 * maximum)
     return scaled.astype(np.uint8).reshape(height, width)
 
 

@@ -11,8 +11,8 @@ KIB, MIB, GIB = 1 << 10, 1 << 20, 1 << 30
 class Limits:
     """What a sane file stays below by a wide margin and a hostile one does not.
 
-    The text ratio counts only once ``text_ratio_floor_bytes`` have come out of an archive: a
-    robot that stands still in front of a wall compresses very well too.
+    The ratios of text count only above their floors: a robot that stands still in front of a
+    wall compresses very well too, but each of its lines has a time of its own.
     """
 
     yaml_bytes: int = MIB
@@ -22,6 +22,8 @@ class Limits:
     text_total_bytes: int = 4 * GIB
     text_ratio: int = 1000
     text_ratio_floor_bytes: int = 64 * MIB
+    text_lines_per_byte: int = 16
+    text_lines_floor: int = 1_000_000
     image_file_bytes: int = 256 * MIB
     image_pixels: int = 64_000_000
     image_decoded_bytes: int = 256 * MIB

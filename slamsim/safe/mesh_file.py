@@ -105,8 +105,10 @@ def _ply_least_bytes(lines: list[str], is_text: bool, path: Path) -> tuple[int, 
                 announced[name] = count
             case ["element", *_]:
                 raise InputRefused(path, f"the PLY header is damaged: {line[:60]!r}")
-            case ["property", "list", count_type, _, _]:
-                row += 2 if is_text else _PLY_SIZES.get(count_type, 1)
+            case ["property", "list", count_type, item_type, name]:
+                items = 3 if name.startswith("vertex_ind") else 0  # no face has fewer corners
+                sizes = (_PLY_SIZES.get(kind, 1) for kind in (count_type, *items * [item_type]))
+                row += 2 * (1 + items) if is_text else sum(sizes)
             case ["property", number_type, _]:
                 row += 2 if is_text else _PLY_SIZES.get(number_type, 1)
     del announced["end"]

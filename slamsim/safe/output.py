@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
-from slamsim.safe.errors import DiskFull, Locked, SlamsimError
+from slamsim.safe.errors import DiskFull, Locked, SlamsimError, shown
 
 _MARK = ".slamsim"
 _MARK_TEXT = "Written by slamsim, which may replace this folder when told to overwrite it.\n"
@@ -87,9 +87,12 @@ def require_free_space(folder: Path, needed_bytes: int) -> None:
 def _absolute(path: Path) -> Path:
     """Without ``..`` and links in its folder, so that the siblings are where the rename is."""
     try:
-        return path.resolve() if path.name in ("", "..") else path.parent.resolve() / path.name
+        whole = path.resolve() if path.name in ("", "..") else path.parent.resolve() / path.name
     except (OSError, ValueError, RuntimeError) as error:
-        raise SlamsimError(f"{path}: cannot be written: {error}") from None
+        raise SlamsimError(f"{shown(str(path))} cannot be written: {error}") from None
+    if not whole.name or "\0" in whole.name:
+        raise SlamsimError(f"{shown(str(path))} is not a name that can be written")
+    return whole
 
 
 def _sibling(final: Path, suffix: str) -> Path:

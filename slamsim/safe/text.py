@@ -39,14 +39,18 @@ def _lines(path: Path, file: BinaryIO, limits: Limits) -> Iterator[tuple[int, st
         try:
             for block in _blocks(file):
                 total += len(block)
-                _check_total(total, file, limits)
-                pieces = (rest + block).split(b"\n")
+                _check_total(total, number, file, limits)
+                joined = rest + block
+                suspect = b"\0" in joined or len(joined) > limits.text_line_bytes
+                pieces = joined.split(b"\n")
                 rest = pieces.pop()
                 for piece in pieces:
-                    _check_line(piece, limits)
+                    if suspect:
+                        _check_line(piece, limits)
                     number += 1
                     yield number, _decode(piece, number)
-                _check_line(rest, limits)
+                if suspect:
+                    _check_line(rest, limits)
         except _Damaged as damage:
             raise InputRefused(path, str(damage), f"line {number + 1}") from None
         except OSError as error:
@@ -69,11 +73,15 @@ def _check_line(piece: bytes, limits: Limits) -> None:
         raise _Damaged("holds a NUL byte: this is not a text file")
 
 
-def _check_total(total: int, file: BinaryIO, limits: Limits) -> None:
+def _check_total(total: int, lines: int, file: BinaryIO, limits: Limits) -> None:
     if total > limits.text_total_bytes:
         raise _Damaged(f"more than {limits.text_total_bytes:,} bytes of text")
-    if total > limits.text_ratio_floor_bytes and total > limits.text_ratio * file.tell():
-        raise _Damaged(f"unpacks to more than {limits.text_ratio:,} times its size")
+    packed = file.tell()
+    too_many_lines = lines > limits.text_lines_floor and lines > limits.text_lines_per_byte * packed
+    if too_many_lines or (
+        total > limits.text_ratio_floor_bytes and total > limits.text_ratio * packed
+    ):
+        raise _Damaged("unpacks to more text than a log of this size can hold")
 
 
 def _blocks(file: BinaryIO) -> Iterator[bytes]:
