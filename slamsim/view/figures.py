@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import dataclass
 from io import StringIO
 from typing import Any
 
@@ -40,42 +41,51 @@ _STYLE: Any = {
     "ytick.color": _PAGE_INK,
     "axes.spines.top": False,
     "axes.spines.right": False,
-    "legend.frameon": False,
     "path.simplify_threshold": 0.3,
 }
 
 
-def curve_figure(plot: Plot, origin_ns: int) -> str:
-    """One plot over time, with a legend if it has several curves."""
+@dataclass(frozen=True, slots=True)
+class Picture:
+    """svg: an ``<svg>`` element. legend: name and colour of what is in it."""
+
+    svg: str
+    legend: tuple[tuple[str, str], ...]
+
+
+def curve_figure(plot: Plot, origin_ns: int) -> Picture:
+    """One plot over time."""
     with rc_context(_STYLE):
-        figure = Figure(figsize=(7.0, 2.2), layout="constrained")
+        figure = Figure(figsize=(5.2, 1.7), layout="constrained")
         axes = figure.add_subplot()
         for curve in plot.curves:
             time_s = (curve.stamps_ns - origin_ns) * 1e-9
-            axes.plot(time_s, curve.values, color=curve.colour, linewidth=1.1, label=curve.name)
+            axes.plot(time_s, curve.values, color=curve.colour, linewidth=0.9)
+        if plot.logarithmic:
+            axes.set_yscale("log", nonpositive="mask")
         axes.grid(color=NEUTRAL, alpha=0.25, linewidth=0.5)
         axes.margins(x=0.0)
         axes.set_xlabel("time [s]")
         axes.set_ylabel(plot.unit)
-        if len(plot.curves) > 1:
-            axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=len(plot.curves))
-        return _svg(figure, plot.key)
+        legend = tuple((curve.name, curve.colour) for curve in plot.curves)
+        return Picture(_svg(figure, plot.key), legend)
 
 
-def map_figure(view: RunView) -> str:
+def map_figure(view: RunView) -> Picture:
     """The map with the paths driven and the loop closures."""
     T_page_map = page_from_map(view)
     with rc_context(_STYLE):
         figure, axes = _map_axes(view)
         _show_cells(axes, view.grid, _map_colours(view.grid), T_page_map)
-        _show_closures(axes, view, T_page_map)
+        legend = []
         for name, colour, points in _paths(view, T_page_map):
-            axes.plot(points[:, 0], points[:, 1], color=colour, linewidth=1.2, label=name)
-        _legend(axes)
-        return _svg(figure, "map")
+            axes.plot(points[:, 0], points[:, 1], color=colour, linewidth=0.9)
+            legend.append((name, colour))
+        legend += _show_closures(axes, view, T_page_map)
+        return Picture(_svg(figure, "map"), tuple(legend))
 
 
-def truth_figure(view: RunView) -> str | None:
+def truth_figure(view: RunView) -> Picture | None:
     """Mapped against true walls: what was found, invented and missed; None without truth."""
     errors, truth = view.scores.trajectory, view.truth_grid
     if truth is None or errors is None:
@@ -89,16 +99,14 @@ def truth_figure(view: RunView) -> str | None:
         _show_cells(axes, truth, _cell_colours(((missed, ACCEPTED),)), np.zeros(3))
         if view.walls is not None:
             outline = wall_outline(view.walls, outline_height_m(view))
-            axes.add_collection(LineCollection(list(outline), colors=TRUTH, linewidths=0.7))
-        for name, colour in (
+            axes.add_collection(LineCollection(list(outline), colors=TRUTH, linewidths=0.6))
+        legend = (
             ("true wall", TRUTH),
-            ("mapped within one cell", INK),
-            (f"mapped where no wall is ({np.count_nonzero(invented)} cells)", WITHDRAWN),
-            (f"missed ({np.count_nonzero(missed)} cells)", ACCEPTED),
-        ):
-            axes.plot([], [], color=colour, linewidth=3.0, label=name)
-        _legend(axes)
-        return _svg(figure, "truth")
+            ("mapped within one cell of it", INK),
+            (f"mapped where no wall is: {np.count_nonzero(invented):,} cells", WITHDRAWN),
+            (f"missed: {np.count_nonzero(missed):,} cells", ACCEPTED),
+        )
+        return Picture(_svg(figure, "truth"), legend)
 
 
 def page_from_map(view: RunView) -> FloatArray:
@@ -116,7 +124,7 @@ def _map_axes(view: RunView) -> tuple[Figure, Axes]:
     low, high = (points.min(axis=0), points.max(axis=0)) if len(points) else (-1.0, 1.0)
     low, high = np.broadcast_to(low, 2) - 0.3, np.broadcast_to(high, 2) + 0.3
     aspect = np.clip((high[1] - low[1]) / (high[0] - low[0]), 0.25, 1.4)
-    figure = Figure(figsize=(7.0, 6.4 * float(aspect) + 0.8), layout="constrained")
+    figure = Figure(figsize=(5.2, 4.7 * float(aspect) + 0.5), layout="constrained")
     axes = figure.add_subplot()
     axes.set_aspect("equal")
     axes.set_xlim(low[0], high[0])
@@ -184,23 +192,23 @@ def _paths(view: RunView, T_page_map: FloatArray) -> list[tuple[str, str, FloatA
     return paths
 
 
-def _show_closures(axes: Axes, view: RunView, T_page_map: FloatArray) -> None:
+def _show_closures(axes: Axes, view: RunView, T_page_map: FloatArray) -> list[tuple[str, str]]:
+    """Draws both kinds and returns the legend of those that there are."""
     points = transform_points(T_page_map, view.result.graph.keyframes.poses[:, :2])
     accepted, withdrawn = closures(view.result.graph.edges)
+    legend = []
     for edges, colour, name in (
         (accepted, ACCEPTED, "loop closure"),
         (withdrawn, WITHDRAWN, "withdrawn closure"),
     ):
         if edges:
             lines = [points[[edge.source, edge.target]] for edge in edges]
-            collection = LineCollection(lines, colors=colour, linewidths=1.0, label=name)
+            collection = LineCollection(lines, colors=colour, linewidths=0.8)
             axes.add_collection(collection, autolim=False)
             ends = np.concatenate(lines)
-            axes.plot(ends[:, 0], ends[:, 1], ".", color=colour, markersize=3.0)
-
-
-def _legend(axes: Axes) -> None:
-    axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, fontsize=8.5)
+            axes.plot(ends[:, 0], ends[:, 1], ".", color=colour, markersize=2.5)
+            legend.append((f"{name}: {len(edges):,}", colour))
+    return legend
 
 
 def _svg(figure: Figure, key: str) -> str:

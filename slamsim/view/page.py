@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from html import escape
 
+from slamsim.view.figures import Picture
+
 _STYLE = """
 :root { color-scheme: light dark; --ink: #1b1f24; --soft: #5b6470; --paper: #ffffff;
   --card: #f4f6f8; --line: #dfe3e8; --accent: #0072b2; --warn: #fff4e0; --warn-line: #e69f00; }
@@ -29,7 +31,12 @@ h2 { margin: 2.5rem 0 0.9rem; font-size: 1.15rem; }
   grid-template-columns: repeat(auto-fit, minmax(min(420px, 100%), 1fr)); }
 figure { margin: 0; padding: 0.75rem; border: 1px solid var(--line); border-radius: 10px; }
 figure.wide { max-width: 760px; }
-figcaption { margin-bottom: 0.4rem; font-size: 0.85rem; font-weight: 600; }
+figcaption { font-size: 0.85rem; font-weight: 600; }
+.legend { display: flex; flex-wrap: wrap; gap: 0.1rem 1rem; margin: 0.25rem 0 0.5rem; padding: 0;
+  list-style: none; color: var(--soft); font-size: 0.78rem; }
+.legend i { display: inline-block; width: 1.1em; height: 0.3em; margin-right: 0.4em;
+  border-radius: 2px; vertical-align: middle; }
+.paper .legend { color: #4a525c; }
 figure svg { display: block; width: 100%; height: auto; }
 figure svg text { font-family: inherit !important; }
 .paper figure { background: #eceef1; color: #1b1f24; border-color: transparent; }
@@ -104,10 +111,16 @@ def cards(items: Sequence[Card]) -> str:
     return f'<div class="cards">{made}</div>'
 
 
-def figure(svg: str, caption: str, wide: bool = False) -> str:
-    """svg: an ``<svg>`` element."""
+def figure(picture: Picture, caption: str, wide: bool = False) -> str:
     kind = ' class="wide"' if wide else ""
-    return f"<figure{kind}><figcaption>{escape(caption)}</figcaption>{svg}</figure>"
+    legend = "".join(
+        f'<li><i style="background:{escape(colour)}"></i>{escape(name)}</li>'
+        for name, colour in picture.legend
+    )
+    return (
+        f"<figure{kind}><figcaption>{escape(caption)}</figcaption>"
+        f'<ul class="legend">{legend}</ul>{picture.svg}</figure>'
+    )
 
 
 def table(content: Table, note: str = "") -> str:

@@ -43,7 +43,7 @@ def headline(view: RunView) -> str:
     """The run in one sentence."""
     numbers = report_json(view)
     sentence = (
-        f"{_metres(numbers['path_length_m'])} driven in {view.duration_s:.0f} s, "
+        f"{numbers['path_length_m']:.0f} m driven in {view.duration_s:.0f} s, "
         f"{len(view.result.trajectory):,} scans mapped"
     )
     speed = realtime_factors(view)["slam"]

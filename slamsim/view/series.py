@@ -27,12 +27,16 @@ class Curve:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Plot:
-    """key is unique among the plots and fit for a path; unit belongs to the vertical axis."""
+    """key is unique among the plots and fit for a path; unit belongs to the vertical axis.
+
+    logarithmic: values of several orders of magnitude, none of them negative.
+    """
 
     key: str
     title: str
     unit: str
     curves: tuple[Curve, ...]
+    logarithmic: bool = False
 
 
 def plots(view: RunView, at_most: int = MAX_POINTS) -> tuple[Plot, ...]:
@@ -53,7 +57,7 @@ def _translation_error(view: RunView, at_most: int) -> Plot | None:
         pick = thinned(errors.translation_m.size, at_most)
         stamps_ns = errors.truth.stamps_ns[pick]
         curves.append(Curve(name, colour, stamps_ns, errors.translation_m[pick]))
-    return Plot("error_m", "Position error", "m", tuple(curves)) if curves else None
+    return Plot("error_m", "Position error", "m", tuple(curves), True) if curves else None
 
 
 def _heading_error(view: RunView, at_most: int) -> Plot | None:
