@@ -64,7 +64,7 @@ def drive(start_s: float, end_s: float) -> Drive:
 def _scans(
     start_s: float, end_s: float, rate_hz: float, beams: int, intensities: bool
 ) -> ScanBatch:
-    geometry = ScanGeometry(-1.5, np.radians(1.0), beams, 100_000, 0.1, 30.0, "laser")
+    geometry = ScanGeometry(-1.5, np.radians(270.0) / beams, beams, 15_000, 0.1, 30.0, "laser")
     lasts_s = geometry.duration_ns * 1e-9
     stamps_ns = _stamps(rate_hz, start_s, end_s)
     margin = _stamps(rate_hz, max(start_s - lasts_s, 0.0), end_s)

@@ -68,7 +68,7 @@ def test_laser_scan_bytes(frame_id: str, intensities: bool, beams: int) -> None:
             g.angle_min_rad,
             g.angle_min_rad + (beams - 1) * g.angle_step_rad,
             g.angle_step_rad,
-            1e-4,
+            15e-6,
             0.1,
             g.range_min_m,
             g.range_max_m,
@@ -222,7 +222,7 @@ def test_rosbags_reads_it_and_the_values_are_the_same(tmp_path: Path) -> None:
         stamp_ns = message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec
         assert (log_ns, stamp_ns) == (arrival_ns, scan.stamp_ns)
         np.testing.assert_array_equal(message.ranges, scan.ranges_m)
-        assert message.time_increment == pytest.approx(1e-4, rel=1e-6)
+        assert message.time_increment == pytest.approx(15e-6, rel=1e-6)
         assert message.scan_time == pytest.approx(0.1)
     ticks = [(m.left, m.right) for _, m in seen["/encoder_ticks"]]
     np.testing.assert_array_equal(ticks, whole.encoders.stream.ticks)

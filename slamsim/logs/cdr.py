@@ -22,7 +22,7 @@ from slamsim.types import IntArray
 
 Rows = NDArray[np.void]
 
-_CDR_LITTLE_ENDIAN = b"\x00\x01\x00\x00"
+CDR_LITTLE_ENDIAN = b"\x00\x01\x00\x00"
 
 
 class CdrLayout:
@@ -32,10 +32,12 @@ class CdrLayout:
         self._names: list[str] = []
         self._formats: list[Any] = []
         self._offsets: list[int] = []
-        self._constant = bytearray(_CDR_LITTLE_ENDIAN)
+        self._constant = bytearray(CDR_LITTLE_ENDIAN)
+        self.strings_end = len(self._constant)
+        """Byte behind the last string; between the stamp and here equal strings are equal bytes."""
 
     def _align(self, size: int) -> None:
-        behind_header = len(self._constant) - len(_CDR_LITTLE_ENDIAN)
+        behind_header = len(self._constant) - len(CDR_LITTLE_ENDIAN)
         self._constant.extend(bytes(-behind_header % size))
 
     def column(self, name: str, dtype: str, count: int | None = None) -> Self:
@@ -64,6 +66,7 @@ class CdrLayout:
         data = text.encode() + b"\0"
         self.length(len(data))
         self._constant.extend(data)
+        self.strings_end = len(self._constant)
         return self
 
     def stamp(self, name: str = "stamp") -> Self:

@@ -40,38 +40,49 @@ def laser_scans(batch: ScanBatch, scan_time_s: float) -> Rows:
     return rows
 
 
-def imu_samples(stream: ImuStream, gyro_variance: float, accel_variance: float) -> Rows:
-    """sensor_msgs/Imu without orientation; variances in (rad/s)^2 and (m/s^2)^2 per sample."""
-    rows = (
+def imu_layout(frame_id: str, gyro_variance: float = 0.0, accel_variance: float = 0.0) -> CdrLayout:
+    """sensor_msgs/Imu: angular_velocity, linear_acceleration."""
+    return (
         CdrLayout()
-        .header(stream.frame_id)
+        .header(frame_id)
         .constant("f8", 0.0, 0.0, 0.0, 1.0)
         .constant("f8", -1.0, *_NO_COVARIANCE[:8])
         .column("angular_velocity", "f8", 3)
         .constant("f8", *(np.eye(3) * gyro_variance).ravel())
         .column("linear_acceleration", "f8", 3)
         .constant("f8", *(np.eye(3) * accel_variance).ravel())
-        .rows(stream.stamps_ns.size)
     )
+
+
+def imu_samples(stream: ImuStream, gyro_variance: float, accel_variance: float) -> Rows:
+    """sensor_msgs/Imu without orientation; variances in (rad/s)^2 and (m/s^2)^2 per sample."""
+    layout = imu_layout(stream.frame_id, gyro_variance, accel_variance)
+    rows = layout.rows(stream.stamps_ns.size)
     set_stamps(rows, stream.stamps_ns)
     rows["angular_velocity"] = stream.angular_velocity_rad_s
     rows["linear_acceleration"] = stream.linear_acceleration_m_s2
     return rows
 
 
-def encoder_ticks(stream: EncoderStream, frame_id: str) -> Rows:
-    """slamsim_msgs/EncoderTicks."""
-    rows = (
+def ticks_layout(frame_id: str) -> CdrLayout:
+    """slamsim_msgs/EncoderTicks: ticks left and right, and what turns them into metres."""
+    return (
         CdrLayout()
         .header(frame_id)
-        .column("left", "i8")
-        .column("right", "i8")
-        .constant("u4", stream.ticks_per_revolution)
-        .constant("f8", stream.wheel_radius_m, stream.track_m)
-        .rows(stream.stamps_ns.size)
+        .column("ticks", "i8", 2)
+        .column("ticks_per_revolution", "u4")
+        .column("wheel_radius_m", "f8")
+        .column("track_m", "f8")
     )
+
+
+def encoder_ticks(stream: EncoderStream, frame_id: str) -> Rows:
+    """slamsim_msgs/EncoderTicks."""
+    rows = ticks_layout(frame_id).rows(stream.stamps_ns.size)
     set_stamps(rows, stream.stamps_ns)
-    rows["left"], rows["right"] = stream.ticks[:, 0], stream.ticks[:, 1]
+    rows["ticks"] = stream.ticks
+    rows["ticks_per_revolution"] = stream.ticks_per_revolution
+    rows["wheel_radius_m"], rows["track_m"] = stream.wheel_radius_m, stream.track_m
     return rows
 
 
@@ -97,16 +108,9 @@ def joint_states(
     return rows
 
 
-def odometry(
-    stamps_ns: IntArray,
-    frames: tuple[str, str],
-    positions_m: FloatArray,
-    quats_xyzw: FloatArray,
-    linear_m_s: FloatArray,
-    angular_rad_s: FloatArray,
-) -> Rows:
-    """nav_msgs/Odometry: pose of frames[1] in frames[0], twist (n, 3) in frames[1]."""
-    rows = (
+def odometry_layout(frames: tuple[str, str]) -> CdrLayout:
+    """nav_msgs/Odometry: position, orientation (x, y, z, w), linear, angular."""
+    return (
         CdrLayout()
         .header(frames[0])
         .string(frames[1])
@@ -116,8 +120,19 @@ def odometry(
         .column("linear", "f8", 3)
         .column("angular", "f8", 3)
         .constant("f8", *_NO_COVARIANCE)
-        .rows(stamps_ns.size)
     )
+
+
+def odometry(
+    stamps_ns: IntArray,
+    frames: tuple[str, str],
+    positions_m: FloatArray,
+    quats_xyzw: FloatArray,
+    linear_m_s: FloatArray,
+    angular_rad_s: FloatArray,
+) -> Rows:
+    """nav_msgs/Odometry: pose of frames[1] in frames[0], twist (n, 3) in frames[1]."""
+    rows = odometry_layout(frames).rows(stamps_ns.size)
     set_stamps(rows, stamps_ns)
     rows["position"], rows["orientation"] = positions_m, quats_xyzw
     rows["linear"], rows["angular"] = linear_m_s, angular_rad_s

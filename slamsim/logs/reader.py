@@ -9,29 +9,53 @@ from slamsim.safe.errors import InputRefused, NotFound
 from slamsim.types import Log, Trajectory
 
 _CARMEN_SUFFIXES = (".clf", ".log")
+_BAG_SUFFIXES = (".mcap", ".db3", ".bag")
 _COMPRESSIONS = (".gz", ".bz2")
-
-
-def _suffix(path: Path) -> str:
-    name = path.with_suffix("") if path.suffix.lower() in _COMPRESSIONS else path
-    return name.suffix.lower()
+_KNOWN = (
+    "a log is .clf or .log (CARMEN, also .gz and .bz2), .mcap, .db3, .bag, "
+    "or a rosbag2 folder with metadata.yaml"
+)
 
 
 def read_log(path: Path, scan_topic: str | None = None) -> Log:
-    """The log at path: a CARMEN file. The truth in it, if any, is never read.
+    """The log at path: CARMEN, ROS 1 bag, ROS 2 recording, or a run's folder that holds one.
 
-    scan_topic chooses one of several lidars; without it the one with the most scans is taken and
-    ``Log.warnings`` says so. Raises NotFound, or InputRefused naming file, place and reason.
+    The truth in it, if any, is never read. scan_topic chooses one of several lidars; without it
+    the one with the most scans is taken and ``Log.warnings`` says so. Raises NotFound, or
+    InputRefused naming file, place and reason.
     """
-    if not path.exists():
-        raise NotFound(f"{path}: there is no such file or folder")
-    if _suffix(path) in _CARMEN_SUFFIXES:
+    path = _recording(path)
+    if _is_carmen(path):
         return read_carmen(path, scan_topic)
-    raise InputRefused(path, "no known log: .clf and .log (CARMEN, also .gz and .bz2)")
+    from slamsim.logs.bag_log import read_bag
+
+    return read_bag(path, scan_topic)
 
 
 def read_truth(path: Path) -> Trajectory | None:
     """``T_map_base`` as the simulator recorded it, or None for a log without truth."""
+    path = _recording(path)
+    if _is_carmen(path):
+        return None
+    from slamsim.logs.bag_log import read_bag_truth
+
+    return read_bag_truth(path)
+
+
+def _is_carmen(path: Path) -> bool:
+    name = path.with_suffix("") if path.suffix.lower() in _COMPRESSIONS else path
+    return path.is_file() and name.suffix.lower() in _CARMEN_SUFFIXES
+
+
+def _recording(path: Path) -> Path:
+    """The recording that a path means; InputRefused when it can be none."""
     if not path.exists():
         raise NotFound(f"{path}: there is no such file or folder")
-    return None
+    if path.is_dir():
+        for folder in (path, path / "log"):
+            if (folder / "metadata.yaml").is_file():
+                return folder
+        raise InputRefused(path, f"there is no metadata.yaml in this folder; {_KNOWN}")
+    if not _is_carmen(path) and path.suffix.lower() not in _BAG_SUFFIXES:
+        raise InputRefused(path, f"{path.suffix or 'no suffix'} is no known kind of log; {_KNOWN}")
+    return path

@@ -1,0 +1,137 @@
+"""Odometry, IMU, encoders and truth of a ROS recording, each as one array over time."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+
+from slamsim.geometry import matrix_from_xyzw, xyzw_from_matrix
+from slamsim.logs.bag import Bag
+from slamsim.logs.bag_columns import read_columns, stamp_ns_of
+from slamsim.logs.frames import frame_name
+from slamsim.logs.messages import imu_layout, odometry_layout, ticks_layout
+from slamsim.types import BoolArray, EncoderStream, FloatArray, ImuStream, IntArray, Trajectory
+
+
+def in_order(
+    stamps_ns: IntArray, usable: BoolArray, what: str
+) -> tuple[IntArray, IntArray, list[str]]:
+    """(strictly increasing stamps, index of the row of each, what was odd).
+
+    Of equal stamps the first row is kept; rows that are not usable are left out.
+    """
+    warnings = []
+    if not usable.all():
+        warnings.append(f"{what}: {int((~usable).sum())} messages without sound numbers left out")
+    rows = np.flatnonzero(usable)
+    backward = int((np.diff(stamps_ns[rows]) < 0).sum())
+    unique_ns, first = np.unique(stamps_ns[rows], return_index=True)
+    if backward:
+        warnings.append(f"{what}: {backward} of {rows.size} stamps run backwards: sorted")
+    if unique_ns.size < rows.size:
+        warnings.append(f"{what}: {rows.size - unique_ns.size} messages repeat a stamp: left out")
+    return unique_ns, rows[first], warnings
+
+
+def read_odometry(bag: Bag, topic: str) -> tuple[Trajectory, str, list[str]]:
+    """(pose over time, child frame, what was odd) of a nav_msgs/Odometry topic."""
+    stamps_ns, rows, first = read_columns(
+        bag,
+        topic,
+        lambda message: odometry_layout((message.header.frame_id, message.child_frame_id)),
+        _odometry_row,
+    )
+    trajectory, warnings = _trajectory(stamps_ns, rows, topic)
+    return trajectory, frame_name(first.child_frame_id), warnings
+
+
+def _odometry_row(message: Any) -> tuple[float, ...]:
+    p, q = message.pose.pose.position, message.pose.pose.orientation
+    v, w = message.twist.twist.linear, message.twist.twist.angular
+    return p.x, p.y, p.z, q.x, q.y, q.z, q.w, v.x, v.y, v.z, w.x, w.y, w.z
+
+
+def _trajectory(stamps_ns: IntArray, rows: FloatArray, what: str) -> tuple[Trajectory, list[str]]:
+    """From rows that begin with x, y, z and a quaternion x, y, z, w, which need not be unit."""
+    poses = rows[:, :7]
+    norms = np.linalg.norm(poses[:, 3:], axis=1)
+    usable = np.isfinite(poses).all(axis=1) & (np.abs(norms - 1.0) < 0.1)
+    unique_ns, kept, warnings = in_order(stamps_ns, np.asarray(usable), what)
+    quats = poses[kept, 3:] / norms[kept, None]
+    return Trajectory(unique_ns, poses[kept, :3], quats), warnings
+
+
+def read_chain(bag: Bag, topics: Iterable[str], edges: list[tuple[str, str]]) -> Trajectory | None:
+    """The pose over time along edges (parent, child) of /tf, None if one is missing.
+
+    The instants are those of the first edge that all the others cover.
+    """
+    stamps: dict[tuple[str, str], list[int]] = {edge: [] for edge in edges}
+    rows: dict[tuple[str, str], list[tuple[float, ...]]] = {edge: [] for edge in edges}
+    for message in bag.messages(topics):
+        for moving in message.transforms:
+            edge = (frame_name(moving.header.frame_id), frame_name(moving.child_frame_id))
+            if edge in rows:
+                t, q = moving.transform.translation, moving.transform.rotation
+                stamps[edge].append(stamp_ns_of(moving.header))
+                rows[edge].append((t.x, t.y, t.z, q.x, q.y, q.z, q.w))
+    if not edges or not all(rows.values()):
+        return None
+    parts = [_trajectory(np.array(stamps[edge]), np.array(rows[edge]), "/tf")[0] for edge in edges]
+    if any(len(part) == 0 for part in parts):
+        return None
+    first_ns = max(int(part.stamps_ns[0]) for part in parts)
+    last_ns = min(int(part.stamps_ns[-1]) for part in parts)
+    stamps_ns = parts[0].stamps_ns
+    stamps_ns = stamps_ns[(stamps_ns >= first_ns) & (stamps_ns <= last_ns)]
+    return _composed([part.at(stamps_ns) for part in parts]) if stamps_ns.size else None
+
+
+def _composed(parts: list[Trajectory]) -> Trajectory:
+    """T_a_c at each instant from T_a_b, T_b_c, ... at the same instants."""
+    rotation, position = matrix_from_xyzw(parts[0].quats_xyzw), parts[0].positions_m
+    for part in parts[1:]:
+        position = position + np.einsum("nij,nj->ni", rotation, part.positions_m)
+        rotation = rotation @ matrix_from_xyzw(part.quats_xyzw)
+    quats = np.array([xyzw_from_matrix(one) for one in rotation])
+    return Trajectory(parts[0].stamps_ns, position, quats)
+
+
+def read_imu(bag: Bag, topic: str) -> tuple[ImuStream | None, list[str]]:
+    """A sensor_msgs/Imu topic; None when no message has sound numbers."""
+    stamps_ns, rows, first = read_columns(
+        bag, topic, lambda message: imu_layout(message.header.frame_id), _imu_row
+    )
+    usable = np.asarray(np.isfinite(rows).all(axis=1))
+    unique_ns, kept, warnings = in_order(stamps_ns, usable, topic)
+    if unique_ns.size == 0:
+        return None, warnings
+    frame = frame_name(first.header.frame_id)
+    return ImuStream(unique_ns, rows[kept, :3], rows[kept, 3:], frame), warnings
+
+
+def _imu_row(message: Any) -> tuple[float, ...]:
+    w, a = message.angular_velocity, message.linear_acceleration
+    return w.x, w.y, w.z, a.x, a.y, a.z
+
+
+def read_encoders(bag: Bag, topic: str) -> tuple[EncoderStream | None, list[str]]:
+    """A slamsim_msgs/EncoderTicks topic; None when its constants make no wheels."""
+    stamps_ns, rows, _ = read_columns(
+        bag, topic, lambda message: ticks_layout(message.header.frame_id), _ticks_row
+    )
+    per_revolution, radius_m, track_m = rows[0, 2:].tolist()
+    steady = bool((rows[:, 2:] == rows[0, 2:]).all())
+    if not steady or not all(0.0 < number < np.inf for number in rows[0, 2:]):
+        constants = f"{per_revolution} ticks a turn, radius {radius_m} m, track {track_m} m"
+        return None, [f"{topic}: {constants} change or make no wheels: left out"]
+    unique_ns, kept, warnings = in_order(stamps_ns, np.ones(len(rows), dtype=np.bool_), topic)
+    ticks = rows[kept, :2].astype(np.int64)
+    return EncoderStream(unique_ns, ticks, int(per_revolution), radius_m, track_m), warnings
+
+
+def _ticks_row(message: Any) -> tuple[float, ...]:
+    wheels = (message.ticks_per_revolution, message.wheel_radius_m, message.track_m)
+    return message.left, message.right, *wheels

@@ -1,0 +1,195 @@
+"""Reads MCAP files whole and checked: sizes, order of records, every CRC.
+
+Index-following readers believe what an index says: a damaged one hides messages, and a small
+chunk can unpack to gigabytes. This one walks record by record with bounded memory, notes where
+chunks are, and counts what is really there. Format: mcap.dev/spec.
+"""
+
+from __future__ import annotations
+
+import zlib
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from io import BytesIO
+from pathlib import Path
+from struct import Struct
+from typing import BinaryIO
+
+from mcap import records
+from mcap.data_stream import ReadDataStream
+from mcap.opcode import Opcode
+
+from slamsim.logs.bag_limits import CHUNK_BYTES, RECORD_BYTES, inflate
+from slamsim.safe.errors import InputRefused
+from slamsim.safe.files import open_input
+
+_MAGIC = b"\x89MCAP0\r\n"
+_HEAD = Struct("<BQ")
+_MESSAGE_HEAD = Struct("<HIQQ")
+_BLOCK_BYTES = 1 << 20
+
+
+@dataclass(slots=True)
+class McapIndex:
+    """What a walk over a file found.
+
+    counts: messages per channel id. places: byte and length of every record that holds
+    messages, a chunk or a lone message.
+    """
+
+    path: Path
+    schemas: dict[int, records.Schema] = field(default_factory=dict)
+    channels: dict[int, records.Channel] = field(default_factory=dict)
+    counts: Counter[int] = field(default_factory=Counter)
+    metadata: dict[str, dict[str, str]] = field(default_factory=dict)
+    places: list[tuple[int, int]] = field(default_factory=list)
+    announced: int | None = None
+
+
+def index_mcap(path: Path) -> McapIndex:
+    """Walks over the file; InputRefused, with the byte, for one that is cut, damaged or a bomb."""
+    index = McapIndex(path)
+    with open_input(path) as file:
+        size = file.seek(0, 2)
+        file.seek(0)
+        magic = file.read(len(_MAGIC))
+        if magic != _MAGIC:
+            what = "the file is empty" if not magic else "this is no MCAP file (wrong first bytes)"
+            raise InputRefused(path, what)
+        position, crc, ended = file.tell(), zlib.crc32(magic), False
+        while not ended:
+            try:
+                crc, ended = _next_record(file, size, index, crc)
+            except Exception as error:
+                detail = " ".join(str(error).split())[:200] or type(error).__name__
+                raise InputRefused(path, detail, f"byte {position:,}") from error
+            position = file.tell()
+        if file.read(len(_MAGIC) + 1) != _MAGIC:
+            raise InputRefused(path, "the file does not end where its footer says it does")
+    found = index.counts.total()
+    if index.announced not in (None, found):
+        raise InputRefused(path, f"{index.announced:,} messages announced, {found:,} are there")
+    return index
+
+
+def mcap_messages(index: McapIndex, topics: set[str]) -> Iterator[tuple[records.Channel, bytes]]:
+    """The messages of the topics, chunk after chunk, inside a chunk by log time.
+
+    Raises ValueError and what the libraries raise if the file is no longer what it was.
+    """
+    wanted = {n: channel for n, channel in index.channels.items() if channel.topic in topics}
+    with open_input(index.path) as file:
+        for position, length in index.places:
+            file.seek(position)
+            head, data = file.read(_HEAD.size), file.read(length)
+            if len(data) != length:
+                raise ValueError("the file has become shorter")
+            content = _content(data) if head[0] == Opcode.CHUNK else head + data
+            found = []
+            for opcode, start, end in _inside(content):
+                if opcode == Opcode.MESSAGE:
+                    channel, _, log_ns, _ = _MESSAGE_HEAD.unpack_from(content, start)
+                    if channel in wanted:
+                        found.append((log_ns, start, channel, end))
+            for _, start, channel, end in sorted(found):
+                yield wanted[channel], content[start + _MESSAGE_HEAD.size : end]
+
+
+def _next_record(file: BinaryIO, size: int, index: McapIndex, crc: int) -> tuple[int, bool]:
+    """(running checksum, whether this was the footer) after one more record."""
+    position = file.tell()
+    head = file.read(_HEAD.size)
+    if len(head) < _HEAD.size:
+        raise ValueError("the file is cut off here: a recording that was not ended")
+    opcode, length = _HEAD.unpack(head)
+    if length > size - file.tell():
+        raise ValueError("the file is cut off in this record, or the record is damaged")
+    if opcode == Opcode.ATTACHMENT:
+        return _skip(file, length, zlib.crc32(head, crc)), False
+    if length > (CHUNK_BYTES + 1024 if opcode == Opcode.CHUNK else RECORD_BYTES):
+        raise ValueError(f"a record of {length:,} bytes is larger than any in a recording")
+    data = file.read(length)
+    if opcode == Opcode.DATA_END:
+        _require_crc(int.from_bytes(data[:4], "little"), crc, "the data section")
+        return 0, False
+    if opcode == Opcode.FOOTER:
+        if length != 20:
+            raise ValueError("the footer is damaged")
+        computed = zlib.crc32(head + data[:16], crc)
+        _require_crc(int.from_bytes(data[16:20], "little"), computed, "the summary section")
+        return 0, True
+    if opcode in (Opcode.CHUNK, Opcode.MESSAGE):
+        index.places.append((position, length))
+    _take(opcode, data, index)
+    return zlib.crc32(data, zlib.crc32(head, crc)), False
+
+
+def _skip(file: BinaryIO, length: int, crc: int) -> int:
+    while length:
+        block = file.read(min(length, _BLOCK_BYTES))
+        if not block:
+            raise ValueError("the file is cut off in this record")
+        crc = zlib.crc32(block, crc)
+        length -= len(block)
+    return crc
+
+
+def _require_crc(stored: int, computed: int, what: str) -> None:
+    if stored not in (0, computed):
+        raise ValueError(f"the checksum of {what} does not fit: damaged")
+
+
+def _take(opcode: int, data: bytes, index: McapIndex) -> None:
+    if opcode == Opcode.CHUNK:
+        content = _content(data)
+        for inner, start, end in _inside(content):
+            if inner == Opcode.MESSAGE:
+                _count(content, start, end, index)
+            elif inner in (Opcode.SCHEMA, Opcode.CHANNEL):
+                _take(inner, content[start:end], index)
+    elif opcode == Opcode.MESSAGE:
+        _count(data, 0, len(data), index)
+    elif opcode == Opcode.SCHEMA:
+        schema = records.Schema.read(_stream(data))
+        index.schemas[schema.id] = schema
+    elif opcode == Opcode.CHANNEL:
+        channel = records.Channel.read(_stream(data))
+        index.channels[channel.id] = channel
+    elif opcode == Opcode.METADATA:
+        metadata = records.Metadata.read(_stream(data))
+        index.metadata[metadata.name] = metadata.metadata
+    elif opcode == Opcode.STATISTICS:
+        index.announced = records.Statistics.read(_stream(data)).message_count
+
+
+def _count(content: bytes, start: int, end: int, index: McapIndex) -> None:
+    if end - start < _MESSAGE_HEAD.size:
+        raise ValueError("a message record is too short")
+    channel = _MESSAGE_HEAD.unpack_from(content, start)[0]
+    if channel not in index.channels:
+        raise ValueError(f"a message on channel {channel}, which is not declared before it")
+    index.counts[channel] += 1
+
+
+def _content(data: bytes) -> bytes:
+    chunk = records.Chunk.read(_stream(data))
+    content = inflate(chunk.data, chunk.compression, chunk.uncompressed_size)
+    _require_crc(chunk.uncompressed_crc, zlib.crc32(content), "a chunk")
+    return content
+
+
+def _inside(content: bytes) -> Iterator[tuple[int, int, int]]:
+    """(opcode, start, end) of the content of each record."""
+    position = 0
+    while position < len(content):
+        opcode, length = _HEAD.unpack_from(content, position)
+        start = position + _HEAD.size
+        position = start + length
+        if position > len(content):
+            raise ValueError("a record reaches beyond the end of its chunk")
+        yield opcode, start, position
+
+
+def _stream(data: bytes) -> ReadDataStream:
+    return ReadDataStream(BytesIO(data))
