@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import time
+from collections.abc import Callable
+
 import numpy as np
 import pybullet
 import pytest
@@ -24,6 +27,7 @@ from slamsim.geometry import matrix_from_rpy, se3_from_parts
 from slamsim.sensors.lidar import Lidar, scan_geometry
 from slamsim.sensors.motion import Motion, joined
 from slamsim.sensors.rays import beam_rays
+from slamsim.sensors.scene import Scene
 from slamsim.types import Drive, FloatArray, OutsideTimeRange, TriangleMesh
 
 WIDE = PERFECT_LIDAR.model_copy(
@@ -261,3 +265,27 @@ def test_motion_refuses_what_it_does_not_cover() -> None:
         motion.positions_at(np.array([-1]))
     with pytest.raises(OutsideTimeRange):
         motion.positions_at(np.array([motion.covered_ns + 1]))
+
+
+@pytest.mark.slow
+def test_sensing_costs_less_than_three_bare_casts_of_the_same_rays() -> None:
+    """Poses, noise, edges and bookkeeping together stay below twice the ray caster itself."""
+    rng = np.random.default_rng(3)
+    mesh = joined_meshes([prism(outline) for outline in random_outlines(rng, count=200)])
+    motion = joined(None, figure_eight(4.0))
+    lidar = Lidar(LidarConfig(), mesh, np.eye(4), seed=0, start_ns=0)
+    scan_ns = np.arange(150, dtype=np.int64) * (SECOND // 40)
+    beam_ns = (scan_ns[:, None] + lidar.geometry.offsets_ns()).ravel()
+    angles = np.tile(lidar.geometry.angles_rad(), scan_ns.size)
+    scene = Scene(mesh, floor_reach_m=30.0)
+    knots = motion.knots(np.eye(4), int(beam_ns[0]), int(beam_ns[-1]))
+    rays = beam_rays(knots, beam_ns, np.stack([np.cos(angles), np.sin(angles)]), scene.origin_m)
+
+    def seconds(work: Callable[[], object]) -> float:
+        start = time.thread_time()
+        work()
+        return time.thread_time() - start
+
+    work = (lambda: lidar.scan_batch(motion, scan_ns), lambda: scene.cast(rays))
+    sensing, casting = np.min([[seconds(each) for each in work] for _ in range(10)], axis=0)
+    assert sensing < 3.0 * casting

@@ -10,13 +10,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from slamsim.config.sensors import DropoutConfig, LidarConfig, MixedReturnsConfig, RangeNoiseConfig
+from slamsim.jit import kernel
 from slamsim.sensors.scene import NOTHING, Hits
 from slamsim.types import BoolArray, Float32Array, FloatArray
 
 SUB_RAYS = 8
-_GRAZING = np.float32(0.01)
+GRAZING = 0.01
+"""Cosine of incidence below which the noise of the spot grows no further."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -36,7 +39,7 @@ def measured(hits: Hits, config: LidarConfig, streams: EffectStreams) -> Float32
     ranges = np.where(lost, np.float32(np.inf), hits.ranges_m)
     if has_noise(config.noise):
         ranges = noisy(ranges, hits.cos_incidence, config.noise, streams.noise)
-    return limited(quantised(ranges, config.resolution_m), config.range_min_m, config.range_max_m)
+    return reported(ranges, config.resolution_m, config.range_min_m, config.range_max_m)
 
 
 def has_dropout(config: DropoutConfig) -> bool:
@@ -60,10 +63,27 @@ def dropped(
     hits: Hits, config: DropoutConfig, range_max_m: float, rng: np.random.Generator
 ) -> BoolArray:
     """(n,) whether each return is lost by chance: more likely far away and on slanted walls."""
-    far = np.minimum(hits.ranges_m * np.float32(1.0 / range_max_m), np.float32(1.0))
-    chance = np.float32(config.probability) + np.float32(config.at_max_range) * far * far
-    chance += np.float32(config.at_grazing) * (np.float32(1.0) - hits.cos_incidence)
-    return np.asarray(rng.random(far.size, dtype=np.float32) < chance)
+    draws = rng.random(hits.ranges_m.size, dtype=np.float32)
+    parts = config.probability, config.at_max_range / range_max_m**2, config.at_grazing
+    return _dropped(hits.ranges_m, hits.cos_incidence, draws, range_max_m, *parts)
+
+
+@kernel
+def _dropped(
+    ranges_m: Float32Array,
+    cosines: Float32Array,
+    draws: Float32Array,
+    range_max_m: float,
+    always: float,
+    by_range_squared: float,
+    by_slant: float,
+) -> BoolArray:
+    lost = np.empty(ranges_m.size, dtype=np.bool_)
+    for beam in range(ranges_m.size):
+        length = min(ranges_m[beam], range_max_m)
+        chance = always + by_range_squared * length * length + by_slant * (1.0 - cosines[beam])
+        lost[beam] = draws[beam] < chance
+    return lost
 
 
 def noisy(
@@ -73,45 +93,70 @@ def noisy(
     rng: np.random.Generator,
 ) -> Float32Array:
     """(n,) ranges with normal noise of the constant, proportional and slanted-spot variances."""
-    back = np.isfinite(ranges_m)
-    length = np.where(back, ranges_m, np.float32(0.0))
-    cos = np.maximum(cos_incidence, _GRAZING)
-    tan_squared = np.float32(1.0) / (cos * cos) - np.float32(1.0)
-    np.maximum(tan_squared, np.float32(0.0), out=tan_squared)
-    spot = np.float32((config.spot_mrad * 1e-3) ** 2) * tan_squared
-    share = spot + np.float32(config.proportional**2)
-    sigma = np.sqrt(np.float32(config.constant_m**2) + length * length * share)
-    length += sigma * rng.standard_normal(length.size, dtype=np.float32)
-    return np.where(back, length, np.float32(np.inf))
+    draws = rng.standard_normal(ranges_m.size, dtype=np.float32)
+    variances = config.constant_m**2, config.proportional**2, (config.spot_mrad * 1e-3) ** 2
+    return _noisy(ranges_m, cos_incidence, draws, *variances)
 
 
-def quantised(ranges_m: Float32Array, resolution_m: float) -> Float32Array:
-    """(n,) ranges in whole multiples of the resolution; 0 leaves them as they are."""
-    if resolution_m == 0.0:
-        return ranges_m
-    step = np.float32(resolution_m)
-    return np.asarray(np.rint(ranges_m / step) * step)
+@kernel
+def _noisy(
+    ranges_m: Float32Array,
+    cosines: Float32Array,
+    draws: Float32Array,
+    constant: float,
+    proportional: float,
+    spot: float,
+) -> Float32Array:
+    noisy = np.empty_like(ranges_m)
+    for beam in range(ranges_m.size):
+        length = ranges_m[beam]
+        if length < np.inf:
+            cos = max(cosines[beam], GRAZING)
+            tan_squared = max(1.0 / (cos * cos) - 1.0, 0.0)
+            sigma = np.sqrt(constant + length * length * (proportional + spot * tan_squared))
+            length += sigma * draws[beam]
+        noisy[beam] = length
+    return noisy
 
 
-def limited(ranges_m: Float32Array, range_min_m: float, range_max_m: float) -> Float32Array:
-    """(n,) ranges as reported: below the minimum invalid (nan), above the maximum none (inf)."""
-    ranges_m = np.where(ranges_m > np.float32(range_max_m), np.float32(np.inf), ranges_m)
-    return np.where(ranges_m < np.float32(range_min_m), np.float32(np.nan), ranges_m)
+@kernel
+def reported(
+    ranges_m: Float32Array, resolution_m: float, range_min_m: float, range_max_m: float
+) -> Float32Array:
+    """(n,) ranges as the device gives them: in whole multiples of the resolution (0: as they
+    are), below the minimum invalid (nan), above the maximum no return (inf)."""
+    readings = np.empty_like(ranges_m)
+    for beam in range(ranges_m.size):
+        length = float(ranges_m[beam])
+        if resolution_m > 0.0:
+            length = np.rint(length / resolution_m) * resolution_m
+        if length > range_max_m:
+            length = np.inf
+        elif length < range_min_m:
+            length = np.nan
+        readings[beam] = length
+    return readings
 
 
-def straddling(hits: Hits, beam_count: int, min_gap_m: float) -> BoolArray:
-    """(n,) beams beside which the surface changes with a jump: only they can see two.
+def beside_a_jump(hits: Hits, beam_count: int, min_gap_m: float) -> BoolArray:
+    """(n,) beams beside which the surface changes with a jump: only they may see two.
 
     n is a whole number of scans. A neighbour on another surface closer than the gap is a corner.
     """
-    ranges = np.minimum(hits.ranges_m, np.float32(1e6)).reshape(-1, beam_count)
-    surfaces = hits.surfaces.reshape(-1, beam_count)
-    edge = surfaces[:, 1:] != surfaces[:, :-1]
-    edge &= np.abs(ranges[:, 1:] - ranges[:, :-1]) > np.float32(min_gap_m)
-    beside = np.zeros(ranges.shape, dtype=np.bool_)
-    beside[:, 1:] |= edge
-    beside[:, :-1] |= edge
-    return beside.ravel()
+    return _beside_a_jump(hits.ranges_m, hits.surfaces, beam_count, min_gap_m)
+
+
+@kernel
+def _beside_a_jump(
+    ranges_m: Float32Array, surfaces: NDArray[np.int32], beam_count: int, min_gap_m: float
+) -> BoolArray:
+    beside = np.zeros(ranges_m.size, dtype=np.bool_)
+    for beam in range(1, ranges_m.size):
+        if surfaces[beam] != surfaces[beam - 1] and beam % beam_count != 0:
+            jumps = abs(ranges_m[beam] - ranges_m[beam - 1]) > min_gap_m
+            beside[beam] |= jumps
+            beside[beam - 1] |= jumps
+    return beside
 
 
 def sub_ray_directions(divergence_mrad: float) -> FloatArray:
