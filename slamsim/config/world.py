@@ -119,6 +119,8 @@ class ImageLayout(Config):
     """The map's YAML file; a relative path starts at the folder of the file that says so."""
     unknown: Literal["solid", "open"] = "solid"
     """What the map's unknown cells are made of: solid keeps the robot in the known part."""
+    visit_spacing_m: float = Field(default=2.0, gt=0.0, le=1000.0)
+    """A tour comes by one place in each square of this side, in metres."""
 
 
 class MeshLayout(Config):
@@ -129,10 +131,12 @@ class MeshLayout(Config):
     so."""
     scale: float = Field(default=1.0, gt=0.0, le=1e6)
     """Metres per unit of the file: 0.001 for millimetres."""
-    up: Literal["z", "y"] = "z"
-    """Which axis of the file points up."""
+    up: Literal["auto", "z", "y"] = "auto"
+    """Which axis of the file points up: auto is y for GLB, as its standard has it, else z."""
     floor_m: float = Field(default=0.0, ge=-1e4, le=1e4)
     """Height in the file, in metres and after scaling, at which the robot's floor lies."""
+    visit_spacing_m: float = Field(default=2.0, gt=0.0, le=1000.0)
+    """A tour comes by one place in each square of this side, in metres."""
 
 
 class WallsConfig(Config):

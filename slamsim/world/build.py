@@ -19,13 +19,18 @@ from slamsim.config.world import (
     WorldConfig,
 )
 from slamsim.safe.errors import SlamsimError
-from slamsim.types import FloatArray
+from slamsim.types import FloatArray, TriangleMesh
 from slamsim.world.clutter import place_clutter
-from slamsim.world.floor_plan import FloorPlan, grow_maze, grow_rooms
-from slamsim.world.model import BODY_HIGH_M, BODY_LOW_M, FloorPatch, World
+from slamsim.world.drawing import read_drawing
+from slamsim.world.floor_plan import FloorPlan, grow_maze, grow_rooms, unreachable_cells
+from slamsim.world.from_image import image_prisms
+from slamsim.world.from_mesh import read_mesh
+from slamsim.world.mesh_solids import MeshSolids
+from slamsim.world.model import BODY_HIGH_M, BODY_LOW_M, Bounds, FloorPatch, World
 from slamsim.world.panels import check_fit, lay_panels, reserve_ways
 from slamsim.world.prism import Prism, merge_prisms, polygons_of, prism_mesh
-from slamsim.world.solids import PrismSolids
+from slamsim.world.roam import find_room, given_start
+from slamsim.world.solids import PrismSolids, Solids
 from slamsim.world.walls import build_walls
 
 __all__ = ["FloorPatch", "World", "build_world"]
@@ -40,14 +45,54 @@ def build_world(config: WorldConfig, seed: int) -> World:
     """
     seed = seed if config.seed is None else config.seed
     layout = config.layout
+    if isinstance(layout, ImageLayout):
+        return _image_world(layout, config, seed)
+    if isinstance(layout, MeshLayout):
+        return _mesh_world(layout, config, seed)
+    return _planned_world(_plan(layout, config, seed), config, seed)
+
+
+def _plan(
+    layout: MazeLayout | RoomsLayout | PlanLayout, config: WorldConfig, seed: int
+) -> FloorPlan:
     if isinstance(layout, MazeLayout):
-        return _planned_world(grow_maze(layout, config.doors, seed), config, seed)
+        return grow_maze(layout, config.doors, seed)
     if isinstance(layout, RoomsLayout):
-        return _planned_world(grow_rooms(layout, seed), config, seed)
-    raise NotImplementedError
+        return grow_rooms(layout, seed)
+    return read_drawing(layout)
+
+
+def _image_world(layout: ImageLayout, config: WorldConfig, seed: int) -> World:
+    prisms, bounds = image_prisms(layout, config.walls.height_m)
+    return _roamed_world(
+        prism_mesh(prisms), PrismSolids(prisms), bounds, layout.visit_spacing_m, config, seed
+    )
+
+
+def _mesh_world(layout: MeshLayout, config: WorldConfig, seed: int) -> World:
+    mesh = read_mesh(layout)
+    (x_min, y_min), (x_max, y_max) = (
+        side.tolist() for side in (mesh.vertices_m[:, :2].min(0), mesh.vertices_m[:, :2].max(0))
+    )
+    bounds = (x_min, y_min, x_max, y_max)
+    return _roamed_world(mesh, MeshSolids(mesh), bounds, layout.visit_spacing_m, config, seed)
+
+
+def _roamed_world(
+    mesh: TriangleMesh,
+    solids: Solids,
+    bounds: Bounds,
+    spacing_m: float,
+    config: WorldConfig,
+    seed: int,
+) -> World:
+    """A world whose free space has to be found out."""
+    start, visits = find_room(solids, bounds, config.clearance_m, spacing_m, config.start)
+    return _world(config, seed, mesh, solids, bounds, start, visits)
 
 
 def _planned_world(plan: FloorPlan, config: WorldConfig, seed: int) -> World:
+    _check_connected(plan)
     check_fit(plan, config)
     panels = lay_panels(plan, config, seed)
     ways = reserve_ways(plan, panels, config)
@@ -59,13 +104,26 @@ def _planned_world(plan: FloorPlan, config: WorldConfig, seed: int) -> World:
     if config.start is not None:
         _check_start(config.start, Point(start[:2]), prisms, config.clearance_m)
         start = given_start(config.start)
-    return _world(config, seed, prisms, start, visits)
+    grounds = [prism.shadow(-math.inf, math.inf) for prism in prisms]
+    x_min, y_min, x_max, y_max = shapely.total_bounds(grounds).tolist()
+    bounds = (x_min, y_min, x_max, y_max)
+    return _world(config, seed, prism_mesh(prisms), PrismSolids(prisms), bounds, start, visits)
+
+
+def _check_connected(plan: FloorPlan) -> None:
+    lost = unreachable_cells(plan)
+    if lost:
+        x, y = plan.centre_m(lost[0])
+        raise SlamsimError(
+            f"{len(lost)} of {int(plan.present.sum())} cells cannot be reached from the start, one "
+            f"at x {x:g} m, y {y:g} m: open a way to them or make them solid (## in plan.drawing)"
+        )
 
 
 def _first_way(plan: FloorPlan) -> float:
-    """Heading from the start cell through its first passage, 0 if it has none."""
+    """Heading from the start cell into its first passage, doors last; 0 if it has none."""
     row, column = plan.grid.place(plan.start)
-    for passage in plan.passages:
+    for passage in sorted(plan.passages, key=lambda passage: passage in plan.doors):
         if plan.start in passage:
             to_row, to_column = plan.grid.place(sum(passage) - plan.start)
             return math.atan2(to_row - row, to_column - column)
@@ -97,28 +155,24 @@ def _check_start(
 def _world(
     config: WorldConfig,
     seed: int,
-    prisms: Sequence[Prism],
+    mesh: TriangleMesh,
+    solids: Solids,
+    bounds: Bounds,
     start_pose: FloatArray,
     visit_points_m: FloatArray,
 ) -> World:
-    grounds = [prism.shadow(-math.inf, math.inf) for prism in prisms]
-    x_min, y_min, x_max, y_max = shapely.total_bounds(grounds).tolist()
     patches = tuple(
         FloorPatch(p.x_m[0], p.y_m[0], p.x_m[1], p.y_m[1], p.friction) for p in config.floor.patches
     )
     return World(
         name=config.name,
         seed=seed,
-        mesh=prism_mesh(prisms),
-        solids=PrismSolids(prisms),
+        mesh=mesh,
+        solids=solids,
         floor_friction=config.floor.friction,
         floor_patches=patches,
         start_pose=start_pose,
-        bounds_m=(x_min, y_min, x_max, y_max),
+        bounds_m=bounds,
         visit_points_m=visit_points_m,
         clearance_m=config.clearance_m,
     )
-
-
-def given_start(start: StartConfig) -> FloatArray:
-    return np.array([start.x_m, start.y_m, math.radians(start.yaw_deg)])

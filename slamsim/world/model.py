@@ -12,6 +12,9 @@ from slamsim.types import BoolArray, FloatArray, Grid, TriangleMesh
 from slamsim.world.raster import Raster, rasterise
 from slamsim.world.solids import Solids
 
+Bounds = tuple[float, float, float, float]
+"""x_min, y_min, x_max, y_max in metres in the map frame."""
+
 MAX_GRID_CELLS = 64_000_000
 
 # What lies between these heights a robot's body could touch.
@@ -35,7 +38,7 @@ class World:
 
     mesh: all solids in the map frame; those of mazes, rooms, plans and images are closed
     surfaces, counter-clockwise seen from outside. start_pose: ``T_map_base`` (3,) as x_m, y_m,
-    yaw_rad. bounds_m: (x_min, y_min, x_max, y_max) of everything solid. visit_points_m: (k, 2)
+    yaw_rad. bounds_m: of everything solid, and of a map's image. visit_points_m: (k, 2)
     places that a tour of the whole world must come by; a disc of diameter clearance_m can
     go from the start to each of them.
     """
@@ -47,7 +50,7 @@ class World:
     floor_friction: float
     floor_patches: tuple[FloorPatch, ...]
     start_pose: FloatArray
-    bounds_m: tuple[float, float, float, float]
+    bounds_m: Bounds
     visit_points_m: FloatArray
     clearance_m: float
 

@@ -13,7 +13,7 @@ import numpy as np
 from slamsim.types import BoolArray, FloatArray, IntArray
 
 # Overlaps thinner than this do not make a cell solid: rounding at cell borders stays below it.
-_TOUCH_M = 1e-7
+TOUCH_M = 1e-7
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,8 +32,8 @@ class Raster:
     @classmethod
     def covering(cls, bounds_m: tuple[float, float, float, float], resolution_m: float) -> Raster:
         """The smallest raster over (x_min, y_min, x_max, y_max)."""
-        low = np.floor(np.array(bounds_m[:2]) / resolution_m + _TOUCH_M).astype(int)
-        high = np.ceil(np.array(bounds_m[2:]) / resolution_m - _TOUCH_M).astype(int)
+        low = np.floor(np.array(bounds_m[:2]) / resolution_m + TOUCH_M).astype(int)
+        high = np.ceil(np.array(bounds_m[2:]) / resolution_m - TOUCH_M).astype(int)
         columns, rows = np.maximum(high - low, 1).tolist()
         return cls(resolution_m, int(low[0]), int(low[1]), columns, rows)
 
@@ -98,15 +98,15 @@ def _outline_cells(segments: FloatArray, raster: Raster) -> IntArray:
     """(k, 2) row and column of the cells just inside the outlines, repetitions included."""
     start, step = segments[:, 0], segments[:, 1] - segments[:, 0]
     length = np.hypot(step[:, 0], step[:, 1])
-    keep = length > _TOUCH_M
+    keep = length > TOUCH_M
     start, step, length = start[keep], step[keep], length[keep]
     which, at = _cuts(start, step, raster.resolution_m)
     same = which[1:] == which[:-1]
     piece = which[:-1][same]
     begin, end = at[:-1][same], at[1:][same]
-    real = (end - begin) * length[piece] > _TOUCH_M
+    real = (end - begin) * length[piece] > TOUCH_M
     piece, middle = piece[real], 0.5 * (begin[real] + end[real])
-    inward = np.column_stack([-step[:, 1], step[:, 0]]) / length[:, None] * _TOUCH_M
+    inward = np.column_stack([-step[:, 1], step[:, 0]]) / length[:, None] * TOUCH_M
     points = start[piece] + middle[:, None] * step[piece] + inward[piece]
     cells = raster.cell_of(points)
     inside = np.all((cells >= 0) & (cells < np.array(raster.shape)), axis=1)

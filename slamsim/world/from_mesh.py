@@ -1,0 +1,38 @@
+"""Solids from a triangle mesh file, closed or open."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from slamsim.config.world import MeshLayout
+from slamsim.safe.errors import InputRefused
+from slamsim.safe.mesh import check_mesh
+from slamsim.safe.mesh_file import check_mesh_file
+from slamsim.types import TriangleMesh
+
+
+def read_mesh(layout: MeshLayout) -> TriangleMesh:
+    """The file's triangles in metres, z up, the floor at z = 0.
+
+    Raises NotFound, or InputRefused for a file that is damaged, empty or lies under the floor.
+    """
+    path = Path(layout.file)
+    check_mesh_file(path)
+    import trimesh
+
+    try:
+        loaded = trimesh.load_scene(path, process=False).to_mesh()
+    except Exception as error:  # trimesh raises whatever a damaged file makes its parsers raise
+        raise InputRefused(path, f"cannot be read as a mesh ({error})") from None
+    vertices = np.array(loaded.vertices, dtype=np.float64) * layout.scale
+    if layout.up == "y" or (layout.up == "auto" and path.suffix.lower() == ".glb"):
+        vertices = np.column_stack([vertices[:, 0], -vertices[:, 2], vertices[:, 1]])
+    vertices[:, 2] -= layout.floor_m
+    triangles = np.array(loaded.faces, dtype=np.int64)
+    check_mesh(vertices, triangles, path)
+    if vertices[:, 2].max() <= 0.0:
+        top = vertices[:, 2].max()
+        raise InputRefused(path, f"ends {-top:g} m below the floor (mesh.floor_m, mesh.up)")
+    return TriangleMesh(vertices, triangles.astype(np.int32))

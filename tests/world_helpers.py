@@ -1,0 +1,52 @@
+"""Slow second opinions that several tests of worlds share."""
+
+from __future__ import annotations
+
+import hashlib
+from collections import Counter
+
+import numpy as np
+import shapely
+from shapely import Polygon
+
+from slamsim.types import BoolArray, TriangleMesh
+from slamsim.world.build import World
+from slamsim.world.raster import Raster
+
+
+def unmatched_edges(mesh: TriangleMesh) -> int:
+    """How many directed edges have no partner in the other direction; 0 if closed."""
+    corners = [tuple(point) for point in mesh.vertices_m.tolist()]
+    edges: Counter[tuple[tuple[float, ...], tuple[float, ...]]] = Counter()
+    for a, b, c in mesh.triangles.tolist():
+        for i, j in ((a, b), (b, c), (c, a)):
+            edges[corners[i], corners[j]] += 1
+    return sum(count != edges[b, a] for (a, b), count in edges.items())
+
+
+def covered_cells(polygons: list[Polygon], raster: Raster) -> tuple[BoolArray, BoolArray]:
+    """Which cells share area with any polygon, and where that is too little to be sure."""
+    cells = np.argwhere(np.ones(raster.shape, dtype=bool))
+    low = raster.centres_m(cells) - 0.5 * raster.resolution_m
+    high = low + raster.resolution_m
+    boxes = shapely.box(low[:, 0], low[:, 1], high[:, 0], high[:, 1])
+    box, polygon = shapely.STRtree(polygons).query(boxes, predicate="intersects")
+    shared = shapely.area(shapely.intersection(boxes[box], np.array(polygons)[polygon]))
+    area = np.zeros(len(boxes))
+    np.maximum.at(area, box, shared)
+    area = area.reshape(raster.shape)
+    return area > 0.0, (area > 0.0) & (area < 1e-8)
+
+
+def digest(world: World) -> str:
+    """A hash of all that another stage could see of a world."""
+    found = hashlib.sha256()
+    for part in (
+        world.mesh.vertices_m,
+        world.mesh.triangles,
+        world.start_pose,
+        world.visit_points_m,
+        world.solids.section(0.3),
+    ):
+        found.update(np.ascontiguousarray(part).tobytes())
+    return found.hexdigest()
