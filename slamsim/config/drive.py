@@ -14,7 +14,7 @@ class PhysicsConfig(Config):
 
     rate_hz: int = Field(default=240, ge=60, le=10_000)
     """Steps per simulated second; also the rate of the recorded truth."""
-    solver_iterations: int = Field(default=30, ge=1, le=1000)
+    solver_iterations: int = Field(default=50, ge=1, le=1000)
     """Sweeps of the contact solver in each step."""
     settle_s: float = Field(default=0.5, ge=0.0, le=10.0)
     """Time to come to rest on the floor before the drive begins; not recorded."""
@@ -58,7 +58,7 @@ class RouteConfig(Config):
 class FollowConfig(Config):
     """How the path is followed, and when to give up."""
 
-    control_rate_hz: int = Field(default=60, ge=5, le=1000)
+    control_rate_hz: int = Field(default=40, ge=5, le=1000)
     """Twist commands per second; the physics rate must be a multiple of it."""
     lookahead_m: float = Field(default=0.30, gt=0.02, le=5.0)
     """How far ahead on the path the pure pursuit aims."""

@@ -11,21 +11,26 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pybullet
 
-from slamsim.config.drive import DriveConfig, LimitsConfig, PhysicsConfig
+from slamsim.config.drive import DriveConfig, PhysicsConfig
 from slamsim.geometry import xyzw_from_matrix
 from slamsim.progress import Progress, silent
 from slamsim.sim.engine import Engine, hold_wheels, running_engine
 from slamsim.sim.floor import Floor
-from slamsim.sim.follow import Twist, build_follower
 from slamsim.sim.motors import build_motors
+from slamsim.sim.pilot import Pilot
 from slamsim.sim.record import Recorder
 from slamsim.sim.robot import RobotModel
 from slamsim.sim.route import Route
-from slamsim.sim.supervise import Supervisor
 from slamsim.types import Drive, FloatArray
 
 if TYPE_CHECKING:
     from slamsim.world.model import World
+
+Vector = tuple[float, ...]
+
+CONTACT_DISTANCE = 8
+"""Place of the distance in PyBullet's contact points."""
+TOUCHING_M = 0.0005
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,7 +38,8 @@ class DriveOutcome:
     """How a drive ended.
 
     finished: whether the route was driven to its end or to the configured largest duration.
-    reason: how it ended, in words. path_length_m: of the true path.
+    reason: how it ended, in words. duration_s: in control ticks, each recorded whole.
+    path_length_m: of the true path.
     """
 
     finished: bool
@@ -77,7 +83,9 @@ class DriveRun:
                 path_length_m += float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
                 last = path[-1:]
                 yield window
-            self._outcome = DriveOutcome(ride.finished, ride.reason, ride.time_s(), path_length_m)
+            self._outcome = DriveOutcome(
+                ride.pilot.finished, ride.pilot.ended, ride.time_s(), path_length_m
+            )
 
 
 def drive(
@@ -96,151 +104,80 @@ def drive(
 
 
 class _Ride:
-    """One running drive."""
+    """One running drive: the loop around the physics engine."""
 
     def __init__(
         self, engine: Engine, world: World, robot: RobotModel, route: Route, config: DriveConfig
     ) -> None:
-        self._engine, self._config = engine, config
+        self._engine = engine
         rate_hz, control_hz = config.physics.rate_hz, config.follow.control_rate_hz
         self._steps_per_tick, self._tick_s = rate_hz // control_hz, 1.0 / control_hz
+        self._window_ticks = max(round(config.physics.window_s * control_hz), 1)
         self._motors = build_motors(engine, robot.motor, 1.0 / rate_hz)
+        self._motors.command((0.0, 0.0))
         self._floor = Floor(engine, world)
-        self._follower = build_follower(route, config.follow, config.limits)
-        self._supervisor = Supervisor(config.follow, self._follower)
         self._recorder = Recorder(engine.T_base_com, rate_hz, self._steps_per_tick)
         self._com_base = _inverse_for_pybullet(engine.T_base_com)
         self._wheel_radius_m, self._half_track_m = robot.wheel_radius_m, 0.5 * robot.track_m
-        self._last_start_s = _last_start_s(config)
-        self._command: Twist = (0.0, 0.0)
         self._tick = 0
-        self._rest_ticks: int | None = None
-        self.finished, self.reason = False, ""
+        self.pilot = Pilot(route, config)
 
     def time_s(self) -> float:
         return self._tick * self._tick_s
 
     def windows(self, progress: Progress, estimate_s: float) -> Iterator[Drive]:
-        window_ticks = max(round(self._config.physics.window_s / self._tick_s), 1)
-        while not self.reason:
-            self._control()
-            self._step()
+        while not self.pilot.ended:
+            self._control_tick()
             self._tick += 1
-            if self._tick % window_ticks == 0:
+            if self.pilot.ended or self._tick % self._window_ticks == 0:
                 window = _finite_part(self._recorder.take_window())
                 progress(self.time_s(), max(estimate_s, self.time_s()))
                 yield window
-        self._record_last()
-        yield _finite_part(self._recorder.take_window())
         progress(self.time_s(), self.time_s())
 
-    def _control(self) -> None:
-        """Sense the true pose, decide, and command the wheels for the next steps."""
-        engine, tick_s = self._engine, self._tick_s
-        com = pybullet.getBasePositionAndOrientation(engine.body, engine.client)
-        (x_m, y_m, z_m), (qx, qy, qz, qw) = pybullet.multiplyTransforms(*com, *self._com_base)
+    def _control_tick(self) -> None:
+        """Decide the command, then record and step until the next control tick.
+
+        The hot loop: everything is looked up once, for each look-up counts at 240 Hz.
+        """
+        body, client, wheels = self._engine.body, self._engine.client, self._engine.wheels
+        read_pose, read_velocity = pybullet.getBasePositionAndOrientation, pybullet.getBaseVelocity
+        read_wheels, step, motors = pybullet.getJointStates, pybullet.stepSimulation, self._motors
+        record = self._recorder.states.extend
+        for i in range(self._steps_per_tick):
+            position, quaternion = read_pose(body, client)
+            linear, angular = read_velocity(body, client)
+            left, right = read_wheels(body, wheels, client)
+            record((*position, *quaternion, *linear, *angular, *left[:2], *right[:2]))
+            if i == 0:
+                self._decide(position, quaternion)
+            if motors.every_step:
+                motors.update((left[1], right[1]))
+            step(client)
+
+    def _decide(self, position: Vector, quaternion: Vector) -> None:
+        """From the pose of the centre of mass to the wheels' speeds."""
+        (x_m, y_m, z_m), (qx, qy, qz, qw) = pybullet.multiplyTransforms(
+            position, quaternion, *self._com_base
+        )
         yaw_rad = math.atan2(2.0 * (qw * qz + qx * qy), 1.0 - 2.0 * (qy * qy + qz * qz))
-        upset = self._supervisor.upset(x_m, y_m, z_m, 1.0 - 2.0 * (qx * qx + qy * qy))
-        if upset is not None:
-            self.reason = upset
-            wanted: Twist = (0.0, 0.0)
-        else:
-            wanted = self._wanted(x_m, y_m, yaw_rad)
-        self._command = limited(self._command, wanted, self._config.limits, tick_s)
-        speed, yaw_rate = self._command
-        turn = yaw_rate * self._half_track_m
-        radius_m = self._wheel_radius_m
-        self._motors.command(((speed - turn) / radius_m, (speed + turn) / radius_m))
+        pilot, before = self.pilot, self.pilot.command
+        up = 1.0 - 2.0 * (qx * qx + qy * qy)
+        pilot.decide(self._tick * self._tick_s, x_m, y_m, z_m, yaw_rad, up)
+        if pilot.command != before:
+            speed, turn = pilot.command[0], pilot.command[1] * self._half_track_m
+            radius_m = self._wheel_radius_m
+            self._motors.command(((speed - turn) / radius_m, (speed + turn) / radius_m))
         self._floor.update(x_m, y_m, yaw_rad)
-        self._recorder.commands.append(self._command)
-        self._recorder.contacts.append(self._touches_wall())
-
-    def _wanted(self, x_m: float, y_m: float, yaw_rad: float) -> Twist:
-        follow = self._config.follow
-        time_s = self.time_s()
-        if time_s + 1e-9 < follow.standstill_s:
-            return 0.0, 0.0
-        if self._rest_ticks is not None:
-            return self._rest()
-        if self._follower.done or time_s >= self._last_start_s:
-            self._rest_ticks = math.ceil(follow.final_standstill_s / self._tick_s)
-            return self._rest()
-        trouble = self._supervisor.stuck(x_m, y_m, yaw_rad, self._command, self._tick_s)
-        if trouble is not None and not self._supervisor.recover():
-            self.reason = trouble
-            return 0.0, 0.0
-        backing = self._supervisor.backing(self._tick_s)
-        if backing is not None:
-            return backing
-        return self._follower.command(x_m, y_m, yaw_rad, self._command[1])
-
-    def _rest(self) -> Twist:
-        """Brake, then stand still for the configured time, then end."""
-        assert self._rest_ticks is not None
-        if self._command == (0.0, 0.0):
-            self._rest_ticks -= 1
-        if self._rest_ticks < 0:
-            self.finished = True
-            self.reason = (
-                "the route was driven to its end"
-                if self._follower.done
-                else f"stopped for route.max_duration_s {self._config.route.max_duration_s:g}"
-            )
-        return 0.0, 0.0
+        self._recorder.ticks.extend((*pilot.command, float(self._touches_wall())))
 
     def _touches_wall(self) -> bool:
         engine = self._engine
-        return any(
-            pybullet.getContactPoints(engine.body, wall, physicsClientId=engine.client)
-            for wall in engine.walls
-        )
-
-    def _step(self) -> None:
-        """Record and step the physics for one control tick."""
-        body, client, wheels = self._engine.body, self._engine.client, self._engine.wheels
-        recorder, motors = self._recorder, self._motors
-        for _ in range(self._steps_per_tick):
-            states = pybullet.getJointStates(body, wheels, client)
-            recorder.wheels.append(states)
-            recorder.poses.append(pybullet.getBasePositionAndOrientation(body, client))
-            recorder.velocities.append(pybullet.getBaseVelocity(body, client))
-            if motors.every_step:
-                motors.update((states[0][1], states[1][1]))
-            pybullet.stepSimulation(client)
-
-    def _record_last(self) -> None:
-        """The state after the last step, so that the drive covers its whole duration."""
-        body, client, wheels = self._engine.body, self._engine.client, self._engine.wheels
-        self._recorder.wheels.append(pybullet.getJointStates(body, wheels, client))
-        self._recorder.poses.append(pybullet.getBasePositionAndOrientation(body, client))
-        self._recorder.velocities.append(pybullet.getBaseVelocity(body, client))
-        self._recorder.commands.append(self._command)
-        self._recorder.contacts.append(self._touches_wall())
-
-
-def limited(current: Twist, wanted: Twist, limits: LimitsConfig, tick_s: float) -> Twist:
-    """The next command: as near to the wanted one as the limits let it come in one tick."""
-    step_m_s = limits.max_acceleration_m_s2 * tick_s
-    step_rad_s = limits.max_yaw_acceleration_rad_s2 * tick_s
-    speed = max(-limits.max_speed_m_s, min(limits.max_speed_m_s, wanted[0]))
-    rate = max(-limits.max_yaw_rate_rad_s, min(limits.max_yaw_rate_rad_s, wanted[1]))
-    return (
-        max(current[0] - step_m_s, min(current[0] + step_m_s, speed)),
-        max(current[1] - step_rad_s, min(current[1] + step_rad_s, rate)),
-    )
-
-
-def _last_start_s(config: DriveConfig) -> float:
-    """When to begin to stop so that the largest duration is kept."""
-    if config.route.max_duration_s is None:
-        return math.inf
-    limits = config.limits
-    braking_s = max(
-        limits.max_speed_m_s / limits.max_acceleration_m_s2,
-        limits.max_yaw_rate_rad_s / limits.max_yaw_acceleration_rad_s2,
-    )
-    ticks_s = 2.0 / config.follow.control_rate_hz
-    return config.route.max_duration_s - config.follow.final_standstill_s - braking_s - ticks_s
+        for wall in engine.walls:
+            for point in pybullet.getContactPoints(engine.body, wall, -2, -2, engine.client):
+                if point[CONTACT_DISTANCE] < TOUCHING_M:
+                    return True
+        return False
 
 
 def _inverse_for_pybullet(T_base_com: FloatArray) -> tuple[list[float], list[float]]:

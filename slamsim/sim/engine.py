@@ -31,6 +31,12 @@ if TYPE_CHECKING:
     from slamsim.world.model import World
 
 GRAVITY_M_S2 = 9.80665
+CONTACT_REACH = 0.25
+"""Share of a shape's size within which a new contact point takes the place of the last step's.
+Below the distance rolled in a step, PyBullet keeps stale points behind each wheel, up to three of
+them, which cost time and load the floor where the wheel no longer is."""
+BODY_CONTACT_M = 0.001
+"""The body's contacts further apart than this, which that reach finds, are not solved."""
 FLAT_FLOOR_M = 0.005
 """Mesh triangles wholly within this height of z = 0 are floor, which is a plane of its own."""
 MESH_CHUNK_TRIANGLES = 30_000
@@ -88,6 +94,7 @@ def engine_parameters(physics: PhysicsConfig) -> dict[str, float | int | str]:
         "numSubSteps",
         "numSolverIterations",
         "solverResidualThreshold",
+        "contactBreakingThreshold",
         "erp",
         "contactERP",
         "frictionERP",
@@ -121,6 +128,7 @@ def _set_up(client: int, physics: PhysicsConfig) -> None:
         numSolverIterations=physics.solver_iterations,
         # Ending early on a small residual lets a resting robot creep by 10 micrometres a second.
         solverResidualThreshold=0.0,
+        contactBreakingThreshold=CONTACT_REACH,
         deterministicOverlappingPairs=1,
         enableFileCaching=0,
         physicsClientId=client,
@@ -185,7 +193,12 @@ def _prepare(client: int, body: int, walls: tuple[int, ...], robot: RobotModel) 
     """Free the joints of PyBullet's own motors and the links of its damping."""
     free = {"linearDamping": 0.0, "angularDamping": 0.0, "jointDamping": 0.0, "restitution": 0.0}
     pybullet.changeDynamics(
-        body, -1, lateralFriction=robot.body_friction, physicsClientId=client, **free
+        body,
+        -1,
+        lateralFriction=robot.body_friction,
+        contactProcessingThreshold=BODY_CONTACT_M,
+        physicsClientId=client,
+        **free,
     )
     joint_index, link_index = dict[str, int](), dict[str, int]()
     for index in range(pybullet.getNumJoints(body, client)):
