@@ -13,7 +13,7 @@ from slamsim.geometry import between, wrap_angle
 from slamsim.logs.reader import read_log
 from slamsim.logs.relations import Relations, read_relations
 from slamsim.safe.errors import SlamsimError
-from slamsim.types import FloatArray, Grid, PlanarTrajectory, PoseGraph, SlamResult, Trajectory
+from slamsim.types import FloatArray, Grid, PlanarTrajectory, Trajectory
 
 RADISH = Path(__file__).parents[2] / "shared" / "data" / "radish"
 
@@ -94,22 +94,9 @@ def test_relations_outside_the_trajectory_are_counted_and_none_at_all_is_refused
         score_relations(trajectory, late, late, relations.planar)
 
 
-def run_of(trajectory: PlanarTrajectory, odometry: PlanarTrajectory) -> SlamResult:
-    count = len(trajectory)
-    return SlamResult(
-        trajectory=trajectory,
-        odometry=odometry,
-        graph=PoseGraph(trajectory, np.zeros((count, 3, 3)), ()),
-        match_quality=np.ones(count),
-        degenerate=np.zeros(count, dtype=np.bool_),
-        closures_accepted=0,
-        closures_rejected=0,
-    )
-
-
 def test_without_truth_every_score_is_there_and_unknown() -> None:
     trajectory, _ = random_case(0)
-    scores = evaluate(run_of(trajectory, trajectory))
+    scores = evaluate(trajectory, trajectory)
     numbers = scores.numbers()
     assert {"ate_rmse_m", "odometry_ate_rmse_m", "map_wall_recall", "map_free_iou"} <= set(numbers)
     assert numbers["ate_rmse_m"] is None
@@ -130,9 +117,8 @@ def test_estimate_odometry_map_and_relations_are_scored_together() -> None:
         np.column_stack([moving[:, :2], np.zeros(201)]),
         np.tile([0.0, 0.0, 0.0, 1.0], (201, 1)),
     )
-    scores = evaluate(
-        run_of(truth, PlanarTrajectory(truth.stamps_ns, bent)), room, spatial, room, relations
-    )
+    odometry = PlanarTrajectory(truth.stamps_ns, bent)
+    scores = evaluate(truth, odometry, room, spatial, room, relations)
     numbers = scores.numbers()
     assert numbers["ate_rmse_m"] == pytest.approx(0.0, abs=1e-9)
     assert numbers["ate_rot_max_deg"] == pytest.approx(0.0, abs=1e-6)

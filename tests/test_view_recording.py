@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+import signal
+import subprocess
+import sys
+import time
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from urllib.request import urlopen
 
 import cv2
 import numpy as np
@@ -18,16 +23,16 @@ from slamsim.types import Grid, PlanarTrajectory, PoseGraph, Scan, SlamResult
 from slamsim.view.recording import write_recording
 from slamsim.view.run_view import RunView, thinned, wall_outline
 from slamsim.view.scene import occupancy_bytes
-from slamsim.view.screenshot import check_recording, render_screenshot, view
+from slamsim.view.screenshot import check_recording, render_screenshot
 from slamsim.view.series import plots, wheel_speeds, yaw_rate
 from slamsim.view.stage import MAX_SCANS, laser_frame, on_floor, scan_points
+from slamsim.view.viewer import view_run
+from slamsim.view.viewer_process import headless_viewer
 
 
 @cache
 def why_no_viewer() -> str:
     """Empty if the headless viewer starts here, else what it says."""
-    from slamsim.view.viewer import headless_viewer
-
     try:
         with headless_viewer(Path("/dev/null"), 100, 100):
             return ""
@@ -216,10 +221,10 @@ def test_every_plot_is_there_and_thinned() -> None:
 
 def test_what_is_no_recording_is_refused(tmp_path: Path) -> None:
     with pytest.raises(NotFound, match=r"run\.rrd"):
-        view(tmp_path)
+        view_run(tmp_path)
     (tmp_path / "run.rrd").write_bytes(b"something else")
     with pytest.raises(InputRefused, match="not a Rerun recording"):
-        view(tmp_path, screenshot=tmp_path / "shot.png")
+        view_run(tmp_path, screenshot=tmp_path / "shot.png")
     assert not (tmp_path / "shot.png").exists()
 
 
@@ -230,4 +235,46 @@ def test_without_a_screen_the_user_is_told_what_to_do(
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
     monkeypatch.setattr("sys.platform", "linux")
     with pytest.raises(SlamsimError, match="--screenshot"):
-        view(recording)
+        view_run(recording)
+
+
+def test_without_a_driver_the_user_is_told_which_package_to_install(
+    recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("VK_ICD_FILENAMES", "VK_DRIVER_FILES"):
+        monkeypatch.setenv(name, "/dev/null")
+    with pytest.raises(SlamsimError, match="mesa-vulkan-drivers"):
+        view_run(recording, screenshot=tmp_path / "shot.png")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_browser_is_given_a_page_of_this_machine_until_ctrl_c(recording: Path) -> None:
+    code = (
+        "import pathlib, sys; from slamsim.view.viewer import view_run;"
+        "view_run(pathlib.Path(sys.argv[1]), web=True)"
+    )
+    with subprocess.Popen(
+        [sys.executable, "-c", code, str(recording)], stderr=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stderr is not None
+        line = process.stderr.readline()
+        address = line.split()[1]
+        page = fetched(address.split("?")[0])
+        process.send_signal(signal.SIGINT)
+        assert process.wait(timeout=20.0) != 0
+    assert address.startswith("http://127.0.0.1:")
+    assert "<html" in page.lower()
+    with pytest.raises(OSError, match="refused"):
+        urlopen(address, timeout=5.0)
+
+
+def fetched(address: str) -> str:
+    deadline = time.monotonic() + 30.0
+    while True:
+        try:
+            with urlopen(address, timeout=5.0) as answer:
+                return str(answer.read(2000).decode())
+        except OSError:
+            if time.monotonic() > deadline:
+                raise
+            time.sleep(0.1)

@@ -179,7 +179,7 @@ def example_run(duration_s: float = 40.0, with_truth: bool = True) -> RunView:
     )
     if not with_truth:
         return view
-    scores = evaluate(result, grid, spatial, grid_truth)
+    scores = evaluate(estimate, odometry, grid, spatial, grid_truth)
     return replace(view, scores=scores, truth=spatial, walls=walls_mesh(), truth_grid=grid_truth)
 
 

@@ -9,7 +9,7 @@ from slamsim.evaluate.grid import MapScores, compare_grids
 from slamsim.evaluate.relations import RelationScores, score_relations
 from slamsim.evaluate.trajectory import TrajectoryErrors, compare, relative_errors, statistics
 from slamsim.logs.relations import Relations
-from slamsim.types import Grid, PlanarTrajectory, SlamResult, Trajectory
+from slamsim.types import Grid, PlanarTrajectory, Trajectory
 
 Number = float | int | None
 
@@ -62,7 +62,8 @@ class Scores:
 
 
 def evaluate(
-    result: SlamResult,
+    trajectory: PlanarTrajectory,
+    odometry: PlanarTrajectory | None = None,
     grid: Grid | None = None,
     truth: Trajectory | None = None,
     truth_grid: Grid | None = None,
@@ -73,24 +74,26 @@ def evaluate(
     truth_grid: 1 solid, 0 free and reachable, nan not reachable; it needs truth as well, whose
     alignment it shares. Raises SlamsimError if the truth and the run do not meet in time.
     """
-    trajectory = odometry = map_scores = None
+    errors = drift = map_scores = None
     if truth is not None:
         planar = truth.planar()
-        trajectory = compare(result.trajectory, planar, "the estimated trajectory")
-        odometry = compare(result.odometry, planar, "the odometry")
+        errors = compare(trajectory, planar, "the estimated trajectory")
+        drift = None if odometry is None else compare(odometry, planar, "the odometry")
         if grid is not None and truth_grid is not None:
-            map_scores = compare_grids(grid, truth_grid, trajectory.T_truth_estimate)
+            map_scores = compare_grids(grid, truth_grid, errors.T_truth_estimate)
     return Scores(
-        trajectory=trajectory,
-        odometry=odometry,
+        trajectory=errors,
+        odometry=drift,
         map=map_scores,
-        relations=_relations(result.trajectory, relations),
-        odometry_relations=_relations(result.odometry, relations),
+        relations=_relations(trajectory, relations),
+        odometry_relations=_relations(odometry, relations),
     )
 
 
-def _relations(trajectory: PlanarTrajectory, relations: Relations | None) -> RelationScores | None:
-    if relations is None:
+def _relations(
+    trajectory: PlanarTrajectory | None, relations: Relations | None
+) -> RelationScores | None:
+    if trajectory is None or relations is None:
         return None
     return score_relations(trajectory, relations.from_ns, relations.to_ns, relations.planar)
 

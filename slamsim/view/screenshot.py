@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,7 +10,7 @@ from rerun.experimental import Recording, ViewerClient, ViewerState
 
 from slamsim.safe.errors import InputRefused, SlamsimError
 from slamsim.safe.output import write_atomic
-from slamsim.view.viewer import headless_viewer, open_viewer, recording_of, serve_web
+from slamsim.view.viewer_process import headless_viewer, recording_of
 
 LOAD_TIMEOUT_S = 120.0
 SETTLE_TIMEOUT_S = 20.0
@@ -31,25 +30,6 @@ class RecordingCheck:
     views: tuple[str, ...]
     parents: dict[str, str]
     duration_s: float
-
-
-def view(
-    run: Path,
-    web: bool = False,
-    screenshot: Path | None = None,
-    tell: Callable[[str], None] = lambda address: None,
-) -> None:
-    """Show a run's folder or recording: in a window, in a browser (web), or into a PNG file.
-
-    Blocks until the viewer is closed. tell is given the address to open in the browser. Raises
-    NotFound without a recording, SlamsimError if the viewer cannot be shown here.
-    """
-    if screenshot is not None:
-        render_screenshot(run, screenshot)
-    elif web:
-        serve_web(recording_of(run), tell)
-    else:
-        open_viewer(recording_of(run))
 
 
 def render_screenshot(
