@@ -61,14 +61,14 @@ LAYOUTS = st.one_of(
         {
             "rows": st.integers(1, 5),
             "columns": st.integers(1, 5),
-            "cell_m": st.floats(1.0, 3.0),
+            "cell_m": st.floats(1.5, 3.0),
             "dead_ends_opened": st.floats(0, 1),
             "walls_removed": st.floats(0, 1),
         }
     ).map(lambda keys: {"maze": keys}),
     st.fixed_dictionaries(
         {
-            "cell_m": st.floats(1.0, 2.5),
+            "cell_m": st.floats(1.5, 2.5),
             "length_cells": st.integers(1, 7),
             "depth_cells": st.integers(1, 3),
             "linked": st.floats(0, 1),
@@ -79,7 +79,7 @@ DRESSES = st.fixed_dictionaries(
     {
         "walls": st.fixed_dictionaries(
             {
-                "thickness_m": st.floats(0.05, 0.3),
+                "thickness_m": st.floats(0.12, 0.3),
                 "thickness_jitter_m": st.floats(0, 0.04),
                 "height_m": st.floats(0.4, 3.0),
                 "height_jitter_m": st.floats(0, 0.3),
@@ -88,18 +88,18 @@ DRESSES = st.fixed_dictionaries(
         "doors": st.fixed_dictionaries(
             {
                 "share": st.floats(0, 1),
-                "width_m": st.floats(0.5, 1.2),
+                "width_m": st.floats(0.6, 1.0),
                 "height_m": st.floats(0.3, 2.5),
-                "offset_m": st.floats(0, 0.3),
-                "frame_m": st.floats(0, 0.1),
+                "offset_m": st.floats(0, 0.2),
+                "frame_m": st.floats(0, 0.08),
             }
         ),
         "pillars": st.fixed_dictionaries({"share": st.floats(0, 1), "size_m": RANGES}),
         "dents": st.fixed_dictionaries(
-            {"share": st.floats(0, 1), "depth_m": RANGES.map(lambda r: [0.1 * x for x in r])}
+            {"share": st.floats(0, 1), "depth_m": RANGES.map(lambda r: [0.07 * x for x in r])}
         ),
         "clutter": st.fixed_dictionaries({"per_cell": st.floats(0, 2), "size_m": RANGES}),
-        "clearance_m": st.floats(0.3, 1.0),
+        "clearance_m": st.floats(0.3, 0.8),
     }
 )
 
