@@ -66,6 +66,9 @@ def _sentence(root: type[BaseModel], detail: ErrorDetails, tree: Tree) -> tuple[
             length = find_spot(root, loc[:-1], tree.data).length
             return keys[:-1], f"must be a list of {length} values, not of {len(parent)}"
         return keys[:-1], f"the key {key_text(keys[-1:])!r} is missing"
+    if kind == "value_error" and isinstance(tree.get(keys), dict):
+        # Several keys do not fit together: what was typed last is what to look at first.
+        keys = tree.option_below(keys) or keys
     return keys, _reason(spot, detail, tree.get(keys))
 
 

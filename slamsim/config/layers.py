@@ -52,6 +52,11 @@ class Tree:
             key_path = key_path[:-1]
         return self.places.get(key_path, Place(None, option="the defaults"))
 
+    def option_below(self, key_path: KeyPath) -> KeyPath | None:
+        """The last key path below that an option of the command line has set."""
+        found = (path for path, place in self.places.items() if place.path is None)
+        return next((p for p in reversed(list(found)) if _below(p, key_path)), None)
+
     def get(self, key_path: KeyPath) -> object:
         """The value at the path, None where there is none."""
         value: object = self.data
@@ -145,7 +150,8 @@ def mount(document: YamlDocument, at: KeyPath = ()) -> Tree:
 
 def parse_override(text: str) -> tuple[tuple[str, ...], object, Place]:
     """``key.path=value`` as path, YAML value and place; raises OverrideRefused."""
-    place = Place(None, option=f"--set {text if len(text) <= 100 else text[:100] + '...'}")
+    typed = text if text.isprintable() and len(text) <= 100 else shown(text, 100)
+    place = Place(None, option=f"--set {typed}")
     key, equals, value = text.partition("=")
     parts = tuple(part.strip() for part in key.split("."))
     if not equals:

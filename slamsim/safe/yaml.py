@@ -27,7 +27,7 @@ _INT = re.compile(r"[-+]?[0-9]+|0o[0-7]+|0x[0-9a-fA-F]+")
 _FLOAT = re.compile(r"[-+]?(?:\.[0-9]+|[0-9]+(?:\.[0-9]*)?)(?:[eE][-+]?[0-9]+)?")
 _INFINITE = re.compile(r"([-+]?)\.(?:inf|Inf|INF)")
 _NAN = frozenset((".nan", ".NaN", ".NAN"))
-_FORBIDDEN = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\x7f\ud800-\udfff\ufffe\uffff]")
+_FORBIDDEN = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x84\x86-\x9f\ud800-\udfff\ufffe\uffff]")
 _SHOWN_KEY = 120
 _MAX_INT, _MIN_INT, _MAX_DIGITS = 2**64 - 1, -(2**63), 22
 
@@ -54,6 +54,7 @@ def key_text(key_path: KeyPath) -> str:
     """``("rooms", 0, "width_m")`` as ``rooms[0].width_m``."""
     parts = (f"[{key}]" if isinstance(key, int) else f".{key}" for key in key_path)
     text = "".join(parts).removeprefix(".")
+    text = text if text.isprintable() else repr(text)
     return text if len(text) <= _SHOWN_KEY else f"{text[:_SHOWN_KEY]}..."
 
 
@@ -75,7 +76,7 @@ def parse_yaml(text: str, path: Path, limits: Limits = LIMITS) -> YamlDocument:
     except yaml.MarkedYAMLError as error:
         raise _syntax_error(error, text, path) from None
     except yaml.YAMLError as error:
-        raise InputRefused(path, f"is not YAML: {error}") from None
+        raise InputRefused(path, f"is not YAML: {' '.join(str(error).split())}") from None
     return YamlDocument(path, builder.data, builder.lines)
 
 
