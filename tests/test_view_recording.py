@@ -34,7 +34,8 @@ from slamsim.view.viewer_process import headless_viewer
 def why_no_viewer() -> str:
     """Empty if the headless viewer starts here, else what it says."""
     try:
-        with headless_viewer(Path("/dev/null"), 100, 100):
+        with headless_viewer(Path("/dev/null"), 100, 100) as client:
+            client.take_screenshot(max_size=64)
             return ""
     except SlamsimError as error:
         return str(error)
