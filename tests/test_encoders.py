@@ -18,8 +18,13 @@ from slamsim.types import Drive
 from slamsim.wheels import wheel_odometry
 
 
+PERFECT = {"wheel_scale_error": [0.0, 0.0], "wheel_radius_error": 0.0, "track_error": 0.0}
+
+
 def sensed(drive: Drive, seed: int = 0, **settings: Any) -> EncoderBatch:
-    encoders = Encoders(EncoderConfig.model_validate(settings), 0.0352, 0.230, seed, 0)
+    """What encoders on perfect wheels read, but for the given settings."""
+    config = EncoderConfig.model_validate({**PERFECT, **settings})
+    encoders = Encoders(config, 0.0352, 0.230, seed, 0)
     return encoders.sense(joined(None, drive))
 
 

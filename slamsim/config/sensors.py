@@ -217,11 +217,12 @@ class EncoderConfig(StreamConfig):
     """Standard deviation of a reading about the true angle, in ticks; it does not add up."""
     missed_tick_probability: float = Field(default=0.0, ge=0.0, le=1.0)
     """Share of ticks that are never counted, on either wheel; it does add up."""
-    wheel_scale_error: PerWheel = (0.0, 0.0)
-    """Relative error of the counted angle, left and right: unequal or worn wheels."""
-    wheel_radius_error: float = Field(default=0.0, gt=-0.9, le=10.0)
+    wheel_scale_error: PerWheel = (0.0005, -0.0005)
+    """Relative error of the counted angle, left and right: unequal or worn wheels. The default is
+    what a careful calibration leaves (Borenstein & Feng 1996)."""
+    wheel_radius_error: float = Field(default=0.002, gt=-0.9, le=10.0)
     """Relative error of the radius that the driver believes in."""
-    track_error: float = Field(default=0.0, gt=-0.9, le=10.0)
+    track_error: float = Field(default=0.005, gt=-0.9, le=10.0)
     """Relative error of the track that the driver believes in."""
 
 
