@@ -13,8 +13,8 @@ from slamsim.slam.matching import Match, make_matcher
 from slamsim.slam.prediction import Prediction, Predictor
 from slamsim.types import Cloud, FloatArray, PlanarTrajectory, Scan
 
-GATE_SIGMAS = 5.0
-SURE_INLIER_RATIO = 0.8
+FAR_SIGMAS = 10.0
+FAR_STRICTNESS = 0.6
 MIN_COVERED_RATIO = 0.3
 LOST_SCANS = 20
 """After so many scans in a row that fit nowhere the local map is begun anew."""
@@ -118,32 +118,26 @@ class FrontEnd:
 
     def _match(self, cloud: Cloud, prediction: Prediction) -> Match | None:
         """The match to believe: near the prediction, else by search, else none."""
-        guess, covariance = prediction.T_map_base, prediction.covariance
         if self._T_map_key is None:
             return None
-        match = self._matcher.match(cloud, guess, covariance)
-        if match is not None and self._plausible(match, prediction):
-            return match
-        found = self._matcher.search(cloud, guess, covariance)
-        if found is None or not self._convincing(found, match):
-            return None
-        self.recovered += 1
-        return found
+        guess, covariance = prediction.T_map_base, prediction.covariance
+        near = self._matcher.match(cloud, guess, covariance)
+        if near is not None and self._believable(near, prediction):
+            return near
+        guesses = [guess, prediction.T_map_hold] if prediction.jump else [guess]
+        for start in guesses:
+            found = self._matcher.search(cloud, start, covariance)
+            if found is not None and self._believable(found, prediction):
+                self.recovered += 1
+                return found
+        return None
 
-    def _plausible(self, match: Match, prediction: Prediction) -> bool:
-        fits = (
-            match.inlier_ratio >= self._config.matching.min_inlier_ratio
-            and match.covered_ratio >= MIN_COVERED_RATIO
-        )
-        step = between(prediction.T_map_base, match.T_map_base)
-        distance = float(np.sqrt(step @ np.linalg.solve(prediction.covariance, step)))
-        return fits and (distance <= GATE_SIGMAS or match.inlier_ratio >= SURE_INLIER_RATIO)
-
-    def _convincing(self, found: Match, near: Match | None) -> bool:
-        needed = self._config.matching.min_inlier_ratio
-        if near is not None:
-            needed = max(needed, near.inlier_ratio)
-        return found.inlier_ratio >= needed and found.covered_ratio >= MIN_COVERED_RATIO
+    def _believable(self, match: Match, prediction: Prediction) -> bool:
+        """The further a match lies from the prediction, the better it has to fit."""
+        squared = (prediction.distance(match) / FAR_SIGMAS) ** 2
+        least = self._config.matching.min_inlier_ratio
+        needed = least + (1.0 - least) * FAR_STRICTNESS * squared / (1.0 + squared)
+        return match.inlier_ratio >= needed and match.covered_ratio >= MIN_COVERED_RATIO
 
     def _keep(self, cloud: Cloud, T_map_base: FloatArray, match: Match | None) -> bool:
         """Insert the scan into the local map when the robot has moved enough since the last."""

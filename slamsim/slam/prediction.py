@@ -18,15 +18,25 @@ FLOOR_M = 0.0005
 FLOOR_RAD = 0.0002
 BLIND_SPEED_SIGMA_M_S2 = 1.5
 BLIND_TURN_SIGMA_RAD_S2 = 3.0
+DOUBT_SIGMAS = 3.0
+LOST_GROWTH = 2.0
+"""Each scan that fits nowhere makes the odometry this much more doubtful."""
+
+MAX_VARIANCE = 1.0
 DISTRUST_GAIN = 0.05
 MAX_DISTRUST = 100.0
+MIN_JUMP_S = 0.05
+"""Stamps are not believed to be finer than this when a speed is taken from them."""
+
+JUMP_VARIANCE = np.square([0.3, 0.3, 0.2])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Prediction:
     """T_map_base: (3,) with covariance (3, 3) of a small step of the base in its own frame.
 
-    T_last_base: (3,) the predicted step since the last scan, noise: (3, 3) its covariance.
+    T_last_base: (3,) the predicted step since the last scan. jump: whether no robot can make that
+    step; T_map_hold: (3,) where the robot is then if the odometry is wrong.
     """
 
     stamp_ns: int
@@ -34,7 +44,13 @@ class Prediction:
     covariance: FloatArray
     T_odom_base: FloatArray
     T_last_base: FloatArray
-    noise: FloatArray
+    T_map_hold: FloatArray
+    jump: bool
+
+    def distance(self, match: Match) -> float:
+        """How many sigmas (Mahalanobis) the match lies from the prediction."""
+        step = between(self.T_map_base, match.T_map_base)
+        return float(np.sqrt(step @ np.linalg.solve(self.covariance, step)))
 
 
 class Predictor:
@@ -69,25 +85,28 @@ class Predictor:
         """The pose at a scan's stamp, which motion_over has found to be covered."""
         T_odom_base = self._odometry_at(stamp_ns)
         if self._last is None:
-            start = np.zeros(3)
-            return Prediction(
-                stamp_ns, start, self._covariance, T_odom_base, start, self._covariance
-            )
+            at = self._T_map_base
+            return Prediction(stamp_ns, at, self._covariance, T_odom_base, np.zeros(3), at, False)
         seconds = max((stamp_ns - self._last.stamp_ns) * 1e-9, 0.0)
-        step, noise = self._step(T_odom_base, seconds)
+        step, noise, jump = self._step(self._last.T_odom_base, T_odom_base, seconds)
+        self.jumps += jump
         T_map_base = compose(self._T_map_base, step)
         carry = _adjoint(inverse(step))
         covariance = carry @ self._covariance @ carry.T + noise
-        return Prediction(stamp_ns, T_map_base, covariance, T_odom_base, step, noise)
+        return Prediction(
+            stamp_ns, T_map_base, covariance, T_odom_base, step, self._T_map_base, jump
+        )
 
     def update(self, prediction: Prediction, match: Match | None) -> FloatArray:
         """T_map_base after the match, or as predicted without one."""
-        T_map_base = prediction.T_map_base if match is None else match.T_map_base
-        self._covariance = prediction.covariance
-        if match is not None:
-            self._covariance = np.linalg.inv(
-                np.linalg.inv(prediction.covariance) + match.information
-            )
+        followed = prediction.T_map_hold if prediction.jump else prediction.T_map_base
+        T_map_base = followed if match is None else match.T_map_base
+        if match is None:
+            self._covariance = np.minimum(LOST_GROWTH * prediction.covariance, MAX_VARIANCE)
+        else:
+            belief = 1.0 / (1.0 + (prediction.distance(match) / DOUBT_SIGMAS) ** 2)
+            prior = belief * np.linalg.inv(prediction.covariance)
+            self._covariance = np.linalg.inv(prior + match.information)
             self._learn(prediction, match)
         if self._last is not None:
             seconds = (prediction.stamp_ns - self._last.stamp_ns) * 1e-9
@@ -104,30 +123,27 @@ class Predictor:
         seconds = (stamp_ns - self._last.stamp_ns) * 1e-9
         return compose(self._T_map_base, self._velocity * seconds)
 
-    def _step(self, T_odom_base: FloatArray, seconds: float) -> tuple[FloatArray, FloatArray]:
-        """The step since the last scan and its covariance."""
-        assert self._last is not None
+    def _step(
+        self, T_odom_last: FloatArray, T_odom_base: FloatArray, seconds: float
+    ) -> tuple[FloatArray, FloatArray, bool]:
+        """The step since the last scan, its covariance, and whether it is an impossible one."""
         floor = np.diag(np.square([FLOOR_M, FLOOR_M, FLOOR_RAD]))
         if self._motion is None:
             sigma_m = BLIND_SPEED_SIGMA_M_S2 * seconds * seconds
             sigma_rad = BLIND_TURN_SIGMA_RAD_S2 * seconds * seconds
-            return self._velocity * seconds, floor + np.diag(
-                np.square([sigma_m, sigma_m, sigma_rad])
-            )
-        step = between(self._last.T_odom_base, T_odom_base)
-        allowed = max(seconds, 0.05)
-        if np.hypot(step[0], step[1]) > MAX_SPEED_M_S * allowed or (
-            abs(step[2]) > MAX_TURN_RAD_S * allowed
-        ):
-            self.jumps += 1
-            guess_m, guess_rad = min(seconds, 1.0), min(seconds, 1.0)
-            return np.zeros(3), floor + np.diag(np.square([guess_m, guess_m, guess_rad]))
+            noise = floor + np.diag(np.square([sigma_m, sigma_m, sigma_rad]))
+            return self._velocity * seconds, noise, False
+        step = between(T_odom_last, T_odom_base)
+        allowed_s = max(seconds, MIN_JUMP_S)
+        moved_m, turned_rad = float(np.hypot(step[0], step[1])), abs(float(step[2]))
+        if moved_m > MAX_SPEED_M_S * allowed_s or turned_rad > MAX_TURN_RAD_S * allowed_s:
+            return step, floor + np.diag(JUMP_VARIANCE), True
         noise = motion_covariance(step, seconds, self._gyro, self._config)
-        return step, floor + noise * np.sqrt(np.outer(self._distrust, self._distrust))
+        return step, floor + noise * np.sqrt(np.outer(self._distrust, self._distrust)), False
 
     def _learn(self, prediction: Prediction, match: Match) -> None:
         """Believe the odometry less where matches keep contradicting it."""
-        if self._motion is None or match.degenerate:
+        if self._motion is None or match.degenerate or prediction.jump:
             return
         found = between(prediction.T_map_base, match.T_map_base)
         own = np.diag(motion_covariance(prediction.T_last_base, 0.0, self._gyro, self._config))

@@ -29,8 +29,15 @@ SAME_SIDE_COS = np.cos(np.deg2rad(40.0))
 OVERLAP_SLACK_M = 0.1
 CONVERGED_STEP_M = 1e-4
 INLIER_SIGMAS = 3.0
-COVERED, INLIERS, SQUARES, ITERATIONS, CONVERGED, WEAK = range(6)
-SUMMARY_FIELDS = 6
+INLIER_M = 0.03
+"""What is this near, on top of noise, counts as fitting: real surfaces are rough."""
+
+FAINT = 1e-3
+"""Weight of the prior, along what the surfaces hold, while partners are still being found."""
+
+DOUBT_SIGMAS = 3.0
+COVERED, INLIERS, SQUARES, ITERATIONS, CONVERGED, WEAK, WEIGHTS = range(7)
+SUMMARY_FIELDS = 7
 
 
 @kernel
@@ -110,7 +117,7 @@ def _equations(
         squared = off * off / variance
         ratio = 1.0 + squared / (robust * robust)
         weight = 1.0 / (ratio * ratio)
-        if squared < INLIER_SIGMAS * INLIER_SIGMAS:
+        if off * off < INLIER_SIGMAS * INLIER_SIGMAS * variance + INLIER_M * INLIER_M:
             summary[INLIERS] += 1.0
             summary[SQUARES] += off * off
         row[0] = cos * mx + sin * my
@@ -126,6 +133,7 @@ def _equations(
             for j in range(3):
                 information[i, j] += weight / variance * row[i] * row[j]
                 grip[i, j] += weight * row[i] * row[j]
+    summary[WEIGHTS] = total
     if total > 0.0:
         grip /= total
 
@@ -142,6 +150,32 @@ def _project_out(
                 keep[i, j] -= axes[i, k] * axes[j, k]
     information[:] = keep @ information @ keep
     gradient[:] = keep @ gradient
+
+
+@kernel
+def _believed(
+    prior: FloatArray,
+    offset: FloatArray,
+    axes: FloatArray,
+    values: FloatArray,
+    numbers: tuple[float, bool],
+) -> FloatArray:
+    """The prior as it enters the equations: whole along the weak axes, doubted along the others.
+
+    Wheels that slip err by many of their own sigmas. Where the surfaces hold the scan, the prior
+    is therefore faint while the search is wide, and a Cauchy weight of its own distance afterwards.
+    In between it fades with the square of the grip.
+    """
+    weak_share, wide = numbers
+    belief = FAINT if wide else 1.0 / (1.0 + (offset @ prior @ offset) / DOUBT_SIGMAS**2)
+    root = np.zeros((3, 3))
+    for k in range(3):
+        grip = max(values[k], weak_share) / weak_share
+        share = np.sqrt(max(belief, 1.0 / (grip * grip)))
+        for i in range(3):
+            for j in range(3):
+                root[i, j] += share * axes[i, k] * axes[j, k]
+    return root @ prior @ root + 1e-6 * np.eye(3)
 
 
 @kernel
@@ -166,27 +200,31 @@ def typical_range(pieces: FloatArray) -> float:
 @kernel
 def align(
     pieces: FloatArray,
+    T_start: FloatArray,
     T_guess: FloatArray,
     prior: FloatArray,
-    limits: tuple[float, float, float, int],
+    limits: tuple[float, float, float, float, int],
     grid: tuple[FloatArray, IntArray, float, float],
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Register the pieces from a guess with prior information (3, 3) in the frame of the base.
+    """Register the pieces, beginning at T_start, with a prior about T_guess of information (3, 3)
+    in the frame of the base.
 
-    limits: gate, range noise, weak share, iterations. grid: surfaces, keys, cell, oldest path
-    length. Returns T_map_base, information (3, 3) of the scan alone, weak axes (3, 3: columns, the
-    first ``summary[WEAK]`` count) in the frame of the base, and the summary.
+    limits: gate, sigmas at which robust weights begin (more than INLIER_SIGMAS: partners are
+    still to be found, and the prior is faint until the last), range noise, weak share,
+    iterations. grid: surfaces, keys, cell, oldest path length. Returns T_map_base, information
+    (3, 3) of the scan alone, weak axes (3, 3: columns, the first ``summary[WEAK]`` count) in
+    the frame of the base, and the summary.
     """
-    gate, noise, weak_share, max_iterations = limits
+    narrow, robust, noise, weak_share, max_iterations = limits
     length = typical_range(pieces)
     scale = np.array([1.0, 1.0, length])
-    T = T_guess.copy()
+    T = T_start.copy()
     information, gradient, grip = np.zeros((3, 3)), np.zeros(3), np.zeros((3, 3))
     summary = np.zeros(SUMMARY_FIELDS)
     axes = np.zeros((3, 3))
     prior_scaled = prior / scale.reshape(3, 1) / scale.reshape(1, 3)
     # From wide to narrow: first everything within the gate pulls, in the end only what fits.
-    robust, narrow = 20.0, gate
+    least = min(narrow, 0.15)
     for iteration in range(max_iterations):
         sums = (information, gradient, grip, summary)
         _equations(pieces, T, (narrow, robust, length, noise), grid, sums)
@@ -198,8 +236,9 @@ def align(
         summary[WEAK] = weak
         summary[ITERATIONS] = iteration + 1
         offset = _offset(T_guess, T) * scale
-        full = information + prior_scaled
-        step = -np.linalg.solve(full, gradient + prior_scaled @ offset)
+        wide = robust > INLIER_SIGMAS
+        pull = _believed(prior_scaled, offset, axes, values, (weak_share, wide))
+        step = -np.linalg.solve(information + pull, gradient + pull @ offset)
         limit = np.abs(step).max()
         if limit > 0.3:
             step *= 0.3 / limit
@@ -212,7 +251,7 @@ def align(
             break
         if limit < 0.02 or iteration > max_iterations // 2:
             robust = max(robust * 0.4, INLIER_SIGMAS)
-            narrow = max(0.5 * narrow, min(gate, 0.15))
+            narrow = max(0.5 * narrow, least)
     T[2] -= 2.0 * np.pi * np.floor((T[2] + np.pi) / (2.0 * np.pi))
     information = information * scale.reshape(3, 1) * scale.reshape(1, 3)
     return T, information, axes / scale.reshape(3, 1), summary

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from slamsim.config.slam import FrontEndConfig
+from slamsim.geometry import between
 from slamsim.slam.matching.align import (
     CONVERGED,
     COVERED,
@@ -12,7 +15,9 @@ from slamsim.slam.matching.align import (
     ITERATIONS,
     SQUARES,
     WEAK,
+    WEIGHTS,
     align,
+    typical_range,
 )
 from slamsim.slam.matching.base import Match
 from slamsim.slam.matching.local_map import LocalMap
@@ -25,7 +30,25 @@ NOISE_BOUNDS_M = (0.002, 0.05)
 NOISE_GAIN = 0.1
 MIN_PARTNERS = 8
 SEARCH_CANDIDATES = 6
-LOOSE_PRIOR = 0.01
+NEAR_GATE_M = 0.1
+NEAR_SIGMAS = 6.0
+WIDE_SIGMAS = 20.0
+START_FIT = 0.6
+FIT_GAIN = 0.02
+WORSE_FIT = 0.1
+"""A match near the prediction is doubted when it fits this much worse than is usual here."""
+
+WIDE_PENALTY = 0.05
+FAR_PENALTY = 0.1
+"""What a match at the edge of the search window must be better by than one at the guess."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Aligned:
+    """A match and its fit: the mean robust weight of the scan's pieces, 1 if all lie exactly."""
+
+    match: Match
+    fit: float
 
 
 class LineMatcher:
@@ -36,6 +59,7 @@ class LineMatcher:
         self._reach_m = config.max_range_m
         self._map = LocalMap(config.local_map.cell_m, config.local_map.window_m)
         self._noise_m = START_NOISE_M
+        self._usual_fit = START_FIT
         self._cached: tuple[Cloud, FloatArray] | None = None
 
     @property
@@ -50,7 +74,23 @@ class LineMatcher:
         pieces = self._pieces(cloud)
         if self._map.empty or len(pieces) == 0:
             return None
-        return self._align(pieces, T_map_base_guess, _inverse(prior_covariance))
+        guess, prior = T_map_base_guess, _inverse(prior_covariance)
+        near = self._align(pieces, guess, guess, prior, self._near_gate(pieces, prior_covariance))
+        if near is None or near.fit < self._usual_fit - WORSE_FIT:
+            wide = self._align(pieces, guess, guess, prior, (self._matching.gate_m, WIDE_SIGMAS))
+            if wide is not None and (near is None or wide.fit > near.fit + WIDE_PENALTY):
+                near = wide
+        if near is None:
+            return None
+        self._usual_fit += FIT_GAIN * (near.fit - self._usual_fit)
+        return near.match
+
+    def _near_gate(self, pieces: FloatArray, covariance: FloatArray) -> tuple[float, float]:
+        """How far partners are when the prediction is right, in metres and in sigmas."""
+        doubt_m = np.sqrt(np.trace(covariance[:2, :2]))
+        doubt_m += typical_range(pieces) * np.sqrt(covariance[2, 2])
+        gate_m = min(NEAR_GATE_M + 3.0 * float(doubt_m), self._matching.gate_m)
+        return gate_m, NEAR_SIGMAS
 
     def search(
         self, cloud: Cloud, T_map_base_guess: FloatArray, prior_covariance: FloatArray
@@ -65,9 +105,17 @@ class LineMatcher:
         )
         starts = coarse_poses(pieces, T_map_base_guess, window, self._grid, SEARCH_CANDIDATES)
         prior = _inverse(prior_covariance)
-        found = [self._align(pieces, start, LOOSE_PRIOR * prior) for start in starts]
-        good = [match for match in found if match is not None]
-        return max(good, key=lambda match: match.inlier_ratio * match.covered_ratio, default=None)
+        guess = T_map_base_guess
+        gate = (self._matching.gate_m, WIDE_SIGMAS)
+        found = [self._align(pieces, start, guess, prior, gate) for start in starts]
+
+        def worth(one: _Aligned) -> float:
+            step = between(guess, one.match.T_map_base)
+            far = np.hypot(np.hypot(step[0], step[1]) / window[0], step[2] / window[1])
+            return one.fit - float(FAR_PENALTY * far)
+
+        best = max((one for one in found if one is not None), key=worth, default=None)
+        return None if best is None else best.match
 
     def insert(self, cloud: Cloud, T_map_base: FloatArray) -> None:
         """See ``Matcher.insert``."""
@@ -94,18 +142,25 @@ class LineMatcher:
         self._cached = (cloud, pieces)
         return pieces
 
-    def _align(self, pieces: FloatArray, T_guess: FloatArray, prior: FloatArray) -> Match | None:
+    def _align(
+        self,
+        pieces: FloatArray,
+        T_start: FloatArray,
+        T_guess: FloatArray,
+        prior: FloatArray,
+        gate: tuple[float, float],
+    ) -> _Aligned | None:
         options = self._matching
         limits = (
-            options.gate_m,
+            *gate,
             self._noise_m,
             options.weak_direction_share,
             options.max_iterations,
         )
-        T, information, axes, summary = align(pieces, T_guess, prior, limits, self._grid)
+        T, information, axes, summary = align(pieces, T_start, T_guess, prior, limits, self._grid)
         if summary[INLIERS] < MIN_PARTNERS or not np.isfinite(T).all():
             return None
-        return Match(
+        match = Match(
             T_map_base=T,
             information=information,
             inlier_ratio=float(summary[INLIERS] / max(summary[COVERED], 1.0)),
@@ -115,6 +170,7 @@ class LineMatcher:
             converged=bool(summary[CONVERGED]),
             degenerate_directions=axes[:, : int(summary[WEAK])].T.copy(),
         )
+        return _Aligned(match, float(summary[WEIGHTS] / len(pieces)))
 
 
 def _inverse(matrix: FloatArray) -> FloatArray:
