@@ -43,7 +43,7 @@ def _stamps(rate_hz: float, start_s: float, end_s: float) -> IntArray:
 
 def drive(start_s: float, end_s: float) -> Drive:
     stamps_ns = _stamps(PHYSICS_HZ, start_s, end_s)
-    t = stamps_ns * 1e-9
+    t = stamps_ns.astype(np.float64) * 1e-9
     zero = np.zeros_like(t)
     yaw = 0.3 * t
     speed = np.column_stack([0.5 * np.cos(yaw), 0.5 * np.sin(yaw), zero])

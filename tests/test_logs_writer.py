@@ -196,6 +196,7 @@ def test_log_time_order_sequence_and_counts(tmp_path: Path) -> None:
         summary = reader.get_summary()
         everything = list(reader.iter_messages(log_time_order=False))
     assert summary is not None
+    assert summary.statistics is not None
     assert summary.statistics.message_count == len(everything)
     log_ns = [message.log_time for _, _, message in everything]
     assert log_ns == sorted(log_ns)

@@ -40,7 +40,8 @@ def _take_line(content: CarmenContent, words: list[str]) -> None:
         content.odometry.append(parse_odom(words))
     elif name in _LASERS:
         parse = parse_flaser if name in ("FLASER", "RLASER") else parse_configured
-        content.lasers.setdefault(name, []).append(parse(words))
+        line = parse(words)
+        content.lasers.setdefault(name, []).append(line)
     elif name.rstrip("0123456789-").isupper() or name.startswith(_OTHER_MESSAGES):
         content.ignored[name] += 1
     else:

@@ -16,12 +16,11 @@ def write_g2o(path: Path, graph: PoseGraph) -> None:
 
     Vertices are numbered as the key frames; edges that the estimator withdrew (weight 0) and
     priors, for which the format has no line, are left out; other weights scale the information.
-    The first vertex is fixed. Raises SlamsimError for a covariance that has no inverse.
+    Raises SlamsimError for a covariance that has no inverse.
     """
     lines = [
         f"VERTEX_SE2 {i} {_numbers(pose)}" for i, pose in enumerate(graph.keyframes.poses.tolist())
     ]
-    lines.append("FIX 0")
     lines += [_edge(edge) for edge in graph.edges if edge.kind != "prior" and edge.weight > 0.0]
     write_atomic(path, ("\n".join(lines) + "\n").encode())
 
