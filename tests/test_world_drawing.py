@@ -7,8 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from slamsim.config.layout import MazeLayout, PlanLayout
 from slamsim.config.loading import load_world_config
-from slamsim.config.world import DoorsConfig, MazeLayout, PlanLayout, WorldConfig
+from slamsim.config.world import DoorsConfig, WorldConfig
 from slamsim.safe.errors import SlamsimError
 from slamsim.world.build import build_world
 from slamsim.world.drawing import read_drawing

@@ -33,7 +33,7 @@ def random_prisms(seed: int) -> list[Prism]:
         ring = circle((x, y), outer).difference(circle((x, y), 0.6 * outer))
         prisms += [Prism(part, 0.2, 0.9) for part in polygons_of(ring)]
     board = Prism(shapely.box(0, 0, 0.7, 0.03), 0.0, 0.8, (0.1, 0.4))
-    return [*prisms, *(moved(board, (2.0, y), y) for y in rng.uniform(0, 3, 2).tolist())]
+    return [*prisms, *(moved(board, np.array([2.0, y, y])) for y in rng.uniform(0, 3, 2).tolist())]
 
 
 @settings(max_examples=40, deadline=None)

@@ -10,7 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from slamsim.config.world import DoorsConfig, MazeLayout, RoomsLayout
+from slamsim.config.layout import MazeLayout, RoomsLayout
+from slamsim.config.world import DoorsConfig
 from slamsim.world.cells import CellGrid, Edge, connected_sets
 from slamsim.world.floor_plan import FloorPlan, grow_maze, grow_rooms, unreachable_cells
 from slamsim.world.topology import ALGORITHMS

@@ -8,135 +8,25 @@ centre lines of the walls.
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Literal, Self
 
 from pydantic import AfterValidator, Field, model_validator
 
 from slamsim.config.base import Config
+from slamsim.config.layout import (
+    ImageLayout,
+    MazeLayout,
+    MeshLayout,
+    PlanLayout,
+    RoomsLayout,
+    Share,
+    Size,
+    SizeRange,
+    ascending,
+)
 
-MAX_CELLS = 40_000
-
-Algorithm = Literal[
-    "backtracker",
-    "wilson",
-    "aldous_broder",
-    "prim",
-    "kruskal",
-    "eller",
-    "hunt_and_kill",
-    "growing_tree",
-    "recursive_division",
-    "binary_tree",
-    "sidewinder",
-]
 ClutterShape = Literal["box", "cylinder", "table", "chair", "l_shape", "panel"]
-LayoutName = Literal["maze", "rooms", "plan", "image", "mesh"]
-LAYOUTS: tuple[LayoutName, ...] = ("maze", "rooms", "plan", "image", "mesh")
-
-
-def _ascending(pair: tuple[Any, Any]) -> tuple[Any, Any]:
-    if pair[0] > pair[1]:
-        raise ValueError(f"the smaller value comes first, not [{pair[0]}, {pair[1]}]")
-    return pair
-
-
-Share = Annotated[float, Field(ge=0.0, le=1.0)]
-Size = Annotated[float, Field(gt=0.0, le=100.0)]
-SizeRange = Annotated[tuple[Size, Size], Field(strict=False), AfterValidator(_ascending)]
-_Cells = Annotated[int, Field(ge=1, le=100)]
-CellRange = Annotated[tuple[_Cells, _Cells], Field(strict=False), AfterValidator(_ascending)]
-_CellSize = Annotated[float, Field(gt=0.2, le=50.0)]
-
-
-class MazeLayout(Config):
-    """A labyrinth grown from the seed on a grid of square cells."""
-
-    rows: int = Field(default=8, ge=1, le=400)
-    """Number of cells in y."""
-    columns: int = Field(default=8, ge=1, le=400)
-    """Number of cells in x."""
-    cell_m: _CellSize = 2.0
-    """Distance from one wall's centre line to the next, in metres."""
-    algorithm: Algorithm = "backtracker"
-    """How the labyrinth grows: backtracker (long winding ways), wilson and aldous_broder (every
-    labyrinth equally likely), prim, kruskal, eller, hunt_and_kill, growing_tree,
-    recursive_division (long straight walls), binary_tree or sidewinder (a bias in direction)."""
-    dead_ends_opened: Share = 0.6
-    """Share of the dead ends that get a second way out, which makes loops."""
-    walls_removed: Share = 0.05
-    """Share of the inner walls left after that which are taken away, which makes more loops."""
-    halls: int = Field(default=0, ge=0, le=1000)
-    """Number of rectangles of cells whose inner walls are taken away."""
-    hall_cells: CellRange = (2, 2)
-    """Smallest and largest side of such a rectangle, in cells."""
-
-    @model_validator(mode="after")
-    def _check(self) -> Self:
-        if self.rows * self.columns > MAX_CELLS:
-            raise ValueError(
-                f"rows x columns = {self.rows * self.columns} cells; at most {MAX_CELLS} are built"
-            )
-        if self.halls and self.hall_cells[0] > min(self.rows, self.columns):
-            raise ValueError(
-                f"hall_cells begins at {self.hall_cells[0]}, the maze has only {self.rows} x "
-                f"{self.columns} cells: make halls smaller, or set halls to 0"
-            )
-        return self
-
-
-class RoomsLayout(Config):
-    """An office grown from the seed: a straight corridor with rooms on both sides."""
-
-    cell_m: _CellSize = 1.5
-    """Side of the square cells that rooms are made of, in metres."""
-    length_cells: int = Field(default=14, ge=1, le=400)
-    """Length of the corridor."""
-    corridor_cells: int = Field(default=1, ge=1, le=20)
-    """Width of the corridor."""
-    depth_cells: int = Field(default=3, ge=1, le=50)
-    """Depth of the rooms, away from the corridor."""
-    room_cells: CellRange = (2, 4)
-    """Smallest and largest width of a room, along the corridor; the last room of a row may be
-    narrower."""
-    linked: Share = 0.3
-    """Share of the neighbouring rooms that have a door between them, which makes loops."""
-
-
-class PlanLayout(Config):
-    """A floor plan drawn in characters."""
-
-    cell_m: _CellSize = 2.0
-    """Side of one drawn cell, in metres."""
-    drawing: str = Field(min_length=1, max_length=1_000_000)
-    """Lines of text, the first at the largest y. A corner is +, a wall -- or |, a door D, an open
-    side is blank; a cell is two blanks, or ## where there is none, or S in the start cell."""
-
-
-class ImageLayout(Config):
-    """The occupied cells of a ROS map_server map, extruded to the height of the walls."""
-
-    file: str = Field(min_length=1, max_length=4096)
-    """The map's YAML file; a relative path starts at the folder of the file that says so."""
-    unknown: Literal["solid", "open"] = "solid"
-    """What the map's unknown cells are made of: solid keeps the robot in the known part."""
-    visit_spacing_m: float = Field(default=2.0, gt=0.0, le=1000.0)
-    """A tour comes by one place in each square of this side, in metres."""
-
-
-class MeshLayout(Config):
-    """A triangle mesh, closed or open; its own floor may stay in it."""
-
-    file: str = Field(min_length=1, max_length=4096)
-    """An STL, OBJ, PLY or GLB file; a relative path starts at the folder of the file that says
-    so."""
-    scale: float = Field(default=1.0, gt=0.0, le=1e6)
-    """Metres per unit of the file: 0.001 for millimetres."""
-    up: Literal["auto", "z", "y"] = "auto"
-    """Which axis of the file points up: auto is y for GLB, as its standard has it, else z."""
-    floor_m: float = Field(default=0.0, ge=-1e4, le=1e4)
-    """Height in the file, in metres and after scaling, at which the robot's floor lies."""
-    visit_spacing_m: float = Field(default=2.0, gt=0.0, le=1000.0)
-    """A tour comes by one place in each square of this side, in metres."""
+LAYOUTS = ("maze", "rooms", "plan", "image", "mesh")
 
 
 class WallsConfig(Config):
@@ -224,9 +114,9 @@ class ClutterConfig(Config):
 class FloorPatchConfig(Config):
     """A rectangle of floor with its own friction; where patches overlap, the last one counts."""
 
-    x_m: Annotated[tuple[float, float], Field(strict=False), AfterValidator(_ascending)]
+    x_m: Annotated[tuple[float, float], Field(strict=False), AfterValidator(ascending)]
     """Smallest and largest x, in metres in the map frame."""
-    y_m: Annotated[tuple[float, float], Field(strict=False), AfterValidator(_ascending)]
+    y_m: Annotated[tuple[float, float], Field(strict=False), AfterValidator(ascending)]
     """Smallest and largest y, in metres in the map frame."""
     friction: float = Field(ge=0.0, le=10.0)
     """Coulomb friction coefficient."""
@@ -261,7 +151,7 @@ class StartConfig(Config):
 class WorldConfig(Config):
     """A world: where walls run, how they are dressed, and where the robot starts."""
 
-    name: str = Field(default="labyrinth", min_length=1, max_length=200)
+    name: str = Field(default="world", min_length=1, max_length=200)
     """What reports call this world."""
     seed: int | None = Field(default=None, ge=0, lt=2**63)
     """Seed of this world alone; without one, the seed of the run."""
@@ -276,11 +166,17 @@ class WorldConfig(Config):
     mesh: MeshLayout | None = None
     """A triangle mesh."""
     walls: WallsConfig = WallsConfig()
+    """How thick and high walls are."""
     doors: DoorsConfig = DoorsConfig()
+    """How wide doors are, and where they stand."""
     pillars: PillarsConfig = PillarsConfig()
+    """Pillars at the corners of cells."""
     dents: DentsConfig = DentsConfig()
+    """Niches and bumps in walls."""
     clutter: ClutterConfig = ClutterConfig()
+    """Things that stand about."""
     floor: FloorConfig = FloorConfig()
+    """What the wheels roll on."""
     start: StartConfig | None = None
     """Without one, the robot starts in the first cell, facing the first way out."""
     clearance_m: float = Field(default=0.6, gt=0.0, le=20.0)

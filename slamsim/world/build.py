@@ -9,15 +9,8 @@ import numpy as np
 import shapely
 from shapely import Point
 
-from slamsim.config.world import (
-    ImageLayout,
-    MazeLayout,
-    MeshLayout,
-    PlanLayout,
-    RoomsLayout,
-    StartConfig,
-    WorldConfig,
-)
+from slamsim.config.layout import ImageLayout, MazeLayout, MeshLayout, PlanLayout, RoomsLayout
+from slamsim.config.world import StartConfig, WorldConfig
 from slamsim.safe.errors import SlamsimError
 from slamsim.types import FloatArray, TriangleMesh
 from slamsim.world.clutter import place_clutter

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import shapely
+from numpy.typing import NDArray
 from shapely import Polygon
 
 from slamsim.config.world import ClutterConfig, ClutterShape
+from slamsim.geometry import transform_points
 from slamsim.randomness import random_stream
 from slamsim.safe.errors import SlamsimError
+from slamsim.types import FloatArray
 from slamsim.world.floor_plan import FloorPlan
 from slamsim.world.prism import Prism, circle, moved
 
@@ -39,29 +42,30 @@ def place_clutter(
     for number in range(wanted):
         rng = random_stream(seed, "world", "clutter", str(number))
         shape = config.shapes[int(rng.integers(len(config.shapes)))]
-        for thing in _tries(_MAKERS[shape](config, rng), plan, rng):
-            ground = _ground(thing)
-            if not taken.intersects(ground) and not near.touches(ground):
-                near.add(ground)
-                placed += thing
+        thing = _MAKERS[shape](config, rng)
+        poses = _draw_poses(plan, rng)
+        grounds = _moved_grounds(thing, poses)
+        for at in np.flatnonzero(~shapely.intersects(taken, grounds)).tolist():
+            if not near.touches(grounds[at]):
+                near.add(grounds[at])
+                placed += [moved(part, poses[at]) for part in thing]
                 break
     return placed
 
 
-def _tries(thing: list[Prism], plan: FloorPlan, rng: np.random.Generator) -> Iterator[list[Prism]]:
-    """The thing at random places in the cells of the plan, turned at random."""
-    cells = np.flatnonzero(plan.present)
-    for _ in range(_TRIES):
-        x, y = plan.centre_m(int(rng.choice(cells)))
-        dx, dy, turn = rng.uniform(-0.5, 0.5, 3).tolist()
-        place = (x + dx * plan.cell_m, y + dy * plan.cell_m)
-        yield [moved(part, place, 2.0 * np.pi * turn) for part in thing]
+def _draw_poses(plan: FloorPlan, rng: np.random.Generator) -> FloatArray:
+    """(tries, 3) x_m, y_m, yaw_rad anywhere in the cells of the plan."""
+    cells = rng.choice(np.flatnonzero(plan.present), _TRIES)
+    middles = np.array([plan.centre_m(cell) for cell in cells.tolist()])
+    shifts = rng.uniform(-0.5, 0.5, (_TRIES, 2)) * plan.cell_m
+    return np.column_stack([middles + shifts, rng.uniform(-np.pi, np.pi, _TRIES)])
 
 
-def _ground(thing: Sequence[Prism]) -> Polygon:
-    """The convex ground that a thing claims at any height."""
+def _moved_grounds(thing: Sequence[Prism], poses: FloatArray) -> NDArray[np.object_]:
+    """(tries,) the convex ground that a thing claims at any height, at each of the poses."""
     shadows = [part.shadow(-np.inf, np.inf) for part in thing]
-    return shapely.convex_hull(shapely.union_all(shadows))
+    corners = shapely.get_coordinates(shapely.convex_hull(shapely.union_all(shadows)))
+    return np.asarray(shapely.polygons(transform_points(poses[:, None], corners)))
 
 
 class _Neighbourhood:

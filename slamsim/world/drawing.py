@@ -17,7 +17,7 @@ from typing import Literal, NoReturn
 
 import numpy as np
 
-from slamsim.config.world import MAX_CELLS, PlanLayout
+from slamsim.config.layout import MAX_CELLS, PlanLayout
 from slamsim.safe.errors import SlamsimError
 from slamsim.types import BoolArray
 from slamsim.world.cells import CellGrid, Edge

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from slamsim.config.world import DoorsConfig, MazeLayout, RoomsLayout
+from slamsim.config.layout import MazeLayout, RoomsLayout
+from slamsim.config.world import DoorsConfig
 from slamsim.randomness import random_stream
 from slamsim.types import BoolArray
 from slamsim.world.cells import CellGrid, Edge, connected_sets

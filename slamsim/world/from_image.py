@@ -14,8 +14,8 @@ from pydantic import Field, model_validator
 from shapely import Polygon
 
 from slamsim.config.base import Config
+from slamsim.config.layout import ImageLayout
 from slamsim.config.loading import load_model
-from slamsim.config.world import ImageLayout
 from slamsim.geometry import transform_points
 from slamsim.safe.errors import InputRefused
 from slamsim.safe.files import read_input, require_inside

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from slamsim.config.world import MeshLayout
+from slamsim.config.layout import MeshLayout
 from slamsim.safe.errors import InputRefused
 from slamsim.safe.mesh import check_mesh
 from slamsim.safe.mesh_file import check_mesh_file

@@ -48,11 +48,10 @@ class Prism:
         return shapely.convex_hull(shapely.union_all(ends))
 
 
-def moved(prism: Prism, place_m: tuple[float, float], yaw_rad: float) -> Prism:
-    """The prism turned about the origin, then carried to a place."""
-    pose = np.array([*place_m, yaw_rad])
+def moved(prism: Prism, pose: FloatArray) -> Prism:
+    """The prism turned about the origin by a pose's yaw, then carried to its x and y."""
     ground = shapely.transform(prism.footprint, lambda points: transform_points(pose, points))
-    lean = transform_points(np.array([0.0, 0.0, yaw_rad]), np.asarray(prism.lean_m))
+    lean = transform_points(pose * (0.0, 0.0, 1.0), np.array(prism.lean_m))
     return Prism(ground, prism.z_min_m, prism.z_max_m, (float(lean[0]), float(lean[1])))
 
 

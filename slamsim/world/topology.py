@@ -13,7 +13,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from slamsim.config.world import Algorithm
+from slamsim.config.layout import Algorithm
 from slamsim.world.cells import CellGrid, DisjointSets, Edge, edge
 
 Grow = Callable[[CellGrid, np.random.Generator], list[Edge]]
