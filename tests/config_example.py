@@ -39,7 +39,7 @@ class Thing(Config):
 
 
 class Top(Config):
-    name: str = "x"
+    name: str = Field(default="x", min_length=1)
     algorithm: Literal["wilson", "prim", "kruskal"] = "prim"
     mode: Annotated[Mode, Field(strict=False)] = Mode.FAST
     lidar: Lidar = Lidar()

@@ -97,6 +97,7 @@ def refused(folder: Path, text: str | bytes) -> str:
         ),
         ("lidar: {flash: 1}", "line 1, lidar.flash", "must be true or false, not 1"),
         ("name: 12", "line 1, name", "must be a text, not 12; put it in quotes"),
+        ("name: ''", "line 1, name", "must be a text of at least 1 characters, not the text ''"),
         ("name: {a: 1}", "line 1, name", "must be a text, not a mapping"),
         ("lidar: 3", "line 1, lidar", "must be a mapping (key: value), not 3"),
         (

@@ -112,7 +112,7 @@ ALIASES = "a: &a [x, x]\n" + "".join(
         ("a: [1, 2", "line 2", "begins on line 1"),
         ("a: 'x\nb: 1", "line 2", "quoted scalar that begins on line 1"),
         ("? [1]\n: 2", "line 1", "cannot be a key"),
-        ("a: b: c", "line 1", "not YAML"),
+        ("a: b: c", "line 1", "check the indentation"),
         ("- " * 40 + "1", "line 1", "deeper than 32"),
     ],
 )

@@ -83,8 +83,8 @@ def _reason(spot: Spot, detail: ErrorDetails, given: object) -> str:
         return f"must be a finite number, not {_given(given)}"
     if kind in ("literal_error", "enum"):
         return _choice_reason(spot, context, given)
-    if kind in ("too_short", "too_long"):
-        return _length_reason(kind, spot, context)
+    if kind.endswith(("too_short", "too_long")):
+        return _length_reason(spot, context, given)
     if kind in ("value_error", "assertion_error"):
         return str(context.get("error", detail["msg"]))
     message = detail["msg"]
@@ -97,13 +97,15 @@ def _choice_reason(spot: Spot, context: dict[str, object], given: object) -> str
     return f"must be {spot.choices_text() or context.get('expected')}, not {_given(given)}{meant}"
 
 
-def _length_reason(kind: str, spot: Spot, context: dict[str, object]) -> str:
+def _length_reason(spot: Spot, context: dict[str, object], given: object) -> str:
     if spot.length:
         needed = f"{spot.length}"
-    elif kind == "too_short":
-        needed = f"at least {context.get('min_length')}"
+    elif "min_length" in context:
+        needed = f"at least {context['min_length']}"
     else:
         needed = f"at most {context.get('max_length')}"
+    if isinstance(given, str):
+        return f"must be a text of {needed} characters, not {_given(given)}"
     return f"must be a list of {needed} values, not of {context.get('actual_length')}"
 
 

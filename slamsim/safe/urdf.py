@@ -60,6 +60,8 @@ class _UrdfCheck:
         if size > self.limits.urdf_bytes:
             reason = f"is {size:,} bytes long, at most {self.limits.urdf_bytes:,} are read"
             raise self.refuse(reason)
+        if text.count("<") > 4 * self.limits.urdf_elements:  # before a tree of them is built
+            raise self.refuse(f"has more than {self.limits.urdf_elements:,} elements")
         try:
             robot: Element = defusedxml.ElementTree.fromstring(text, forbid_dtd=True)
         except ParseError as error:

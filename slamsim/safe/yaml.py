@@ -28,6 +28,13 @@ _FLOAT = re.compile(r"[-+]?(?:\.[0-9]+|[0-9]+(?:\.[0-9]*)?)(?:[eE][-+]?[0-9]+)?"
 _INFINITE = re.compile(r"([-+]?)\.(?:inf|Inf|INF)")
 _NAN = frozenset((".nan", ".NaN", ".NAN"))
 _FORBIDDEN = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x84\x86-\x9f\ud800-\udfff\ufffe\uffff]")
+_IN_OTHER_WORDS = {  # the frequent ones; libyaml speaks to its authors
+    "did not find expected key": "no key is where one must be: check indentation and quotes",
+    "could not find expected ':'": "a key without a ':'",
+    "mapping values are not allowed in this context": (
+        "a ':' where none may be: check the indentation, or put the text in quotes"
+    ),
+}
 _SHOWN_KEY = 120
 _MAX_INT, _MIN_INT, _MAX_DIGITS = 2**64 - 1, -(2**63), 22
 
@@ -99,10 +106,11 @@ def _syntax_error(error: yaml.MarkedYAMLError, text: str, path: Path) -> InputRe
     if "\t" in content[: len(content) - len(content.lstrip())]:
         reason = "a tab indents this line; YAML is indented with spaces"
     else:
+        problem = _IN_OTHER_WORDS.get(str(error.problem), error.problem)
         context = f" ({error.context})" if error.context else ""
         if context and error.context_mark is not None and error.context_mark.line + 1 != line:
             context = f"{context[:-1]} that begins on line {error.context_mark.line + 1})"
-        reason = f"is not YAML: {error.problem}{context}"
+        reason = f"is not YAML: {problem}{context}"
     return InputRefused(path, reason, f"line {line}")
 
 
