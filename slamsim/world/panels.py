@@ -121,47 +121,52 @@ def check_fit(plan: FloorPlan, config: WorldConfig) -> None:
 
     With these inequalities no wall, dent, pillar or door frame can touch ``reserve_ways``.
     """
-    walls, pillars, dents = config.walls, config.pillars, config.dents
-    doors = config.doors if plan.doors else None
-    thickest = walls.thickness_m + walls.thickness_jitter_m
-    reach = {"walls.thickness_m (and jitter)": 0.5 * thickest}
-    if dents.share > 0.0:
-        reach["walls.thickness_m with dents.depth_m"] = 0.5 * thickest + dents.depth_m[1]
-    if pillars.share > 0.0:
-        reach["pillars.size_m"] = 0.5 * pillars.size_m[1]
-    if doors is not None:
-        reach["walls.thickness_m with doors.frame_m"] = 0.5 * thickest + doors.frame_m
+    thickest = config.walls.thickness_m + config.walls.thickness_jitter_m
+    reach = {"walls.thickness_m and its jitter": 0.5 * thickest}
+    if config.dents.share > 0.0:
+        reach["walls.thickness_m and dents.depth_m"] = 0.5 * thickest + config.dents.depth_m[1]
+        _check_dents(plan, config, thickest)
+    if config.pillars.share > 0.0:
+        reach["pillars.size_m"] = 0.5 * config.pillars.size_m[1]
+    aside = 0.0
+    if plan.doors:
+        reach["walls.thickness_m and doors.frame_m"] = 0.5 * thickest + config.doors.frame_m
+        aside = config.doors.offset_m
+        _check_doors(plan, config, thickest)
     widest = max(reach, key=lambda name: reach[name])
-    free = plan.cell_m - 2.0 * reach[widest]
-    aside = doors.offset_m if doors is not None else 0.0
     _require(
         "clearance_m" + (" + 2 x doors.offset_m" if aside else ""),
         config.clearance_m + 2.0 * aside,
-        free,
+        plan.cell_m - 2.0 * reach[widest],
         f"cell_m {plan.cell_m:g} less twice {reach[widest]:g} m of {widest}",
     )
-    if doors is not None:
-        _require("clearance_m", config.clearance_m, doors.width_m, "doors.width_m")
-        _require(
-            "doors.width_m + 2 x (frame_m + offset_m)",
-            doors.width_m + 2.0 * (doors.frame_m + doors.offset_m),
-            plan.cell_m - thickest,
-            f"cell_m {plan.cell_m:g} less walls.thickness_m and its jitter",
-        )
-    if dents.share > 0.0:
-        thinnest = walls.thickness_m - walls.thickness_jitter_m
-        _require(
-            "dents.depth_m",
-            dents.depth_m[1],
-            0.8 * thinnest,
-            f"0.8 of the thinnest wall, {thinnest:g} m",
-        )
-        _require(
-            "dents.width_m",
-            dents.width_m[1],
-            plan.cell_m - thickest,
-            f"cell_m {plan.cell_m:g} less walls.thickness_m and its jitter",
-        )
+
+
+def _check_doors(plan: FloorPlan, config: WorldConfig, thickest_m: float) -> None:
+    doors = config.doors
+    _require("clearance_m", config.clearance_m, doors.width_m, "doors.width_m")
+    _require(
+        "doors.width_m + 2 x (frame_m + offset_m)",
+        doors.width_m + 2.0 * (doors.frame_m + doors.offset_m),
+        plan.cell_m - thickest_m,
+        f"cell_m {plan.cell_m:g} less walls.thickness_m and its jitter",
+    )
+
+
+def _check_dents(plan: FloorPlan, config: WorldConfig, thickest_m: float) -> None:
+    thinnest = config.walls.thickness_m - config.walls.thickness_jitter_m
+    _require(
+        "dents.depth_m",
+        config.dents.depth_m[1],
+        0.8 * thinnest,
+        f"0.8 of the thinnest wall, {thinnest:g} m",
+    )
+    _require(
+        "dents.width_m",
+        config.dents.width_m[1],
+        plan.cell_m - thickest_m,
+        f"cell_m {plan.cell_m:g} less walls.thickness_m and its jitter",
+    )
 
 
 def _require(name: str, need_m: float, have_m: float, what: str) -> None:
