@@ -37,7 +37,7 @@ class Topic:
         ]
 
 
-class _PlainDumper(yaml.SafeDumper):
+class _PlainDumper(yaml.CSafeDumper):
     """Writes equal objects twice instead of as anchor and alias."""
 
     def ignore_aliases(self, data: Any) -> bool:

@@ -134,7 +134,7 @@ class RosbagsSource:
         self._kinds = {channel.topic: channel.type_name for channel in self._channels}
 
     def _open(self) -> AnyReader:
-        return AnyReader([self._path], default_typestore=ros2_types())
+        return AnyReader([self._path], default_typestore=self._standard)
 
     def channels(self) -> list[Channel]:
         return self._channels
