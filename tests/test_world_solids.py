@@ -55,7 +55,7 @@ def test_merging_unites_what_has_the_same_height_and_keeps_the_rest() -> None:
     assert sorted(prism.footprint.area for prism in merged) == [2.0, 3.0, 3.0]
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(
     seed=st.integers(0, 2**32),
     resolution=st.sampled_from([0.05, 0.1, 0.07, 0.3]),
