@@ -1,17 +1,47 @@
-"""Slow second opinions that several tests of worlds share."""
+"""Worlds to order, and slow second opinions, that several tests of worlds share."""
 
 from __future__ import annotations
 
 import hashlib
 from collections import Counter
+from typing import Any
 
 import numpy as np
 import shapely
 from shapely import Polygon
 
+from slamsim.config.world import WorldConfig
 from slamsim.types import BoolArray, TriangleMesh
-from slamsim.world.build import World
+from slamsim.world.build import World, build_world
+from slamsim.world.prism import Prism
 from slamsim.world.raster import Raster
+from slamsim.world.solids import PrismSolids
+
+PLAIN: dict[str, Any] = {
+    "maze": {"rows": 4, "columns": 5, "dead_ends_opened": 0.0, "walls_removed": 0.0},
+    "doors": {"share": 0.0},
+    "pillars": {"share": 0.0},
+    "dents": {"share": 0.0},
+    "clutter": {"per_cell": 0.0},
+}
+
+
+def world(seed: int = 0, **changes: Any) -> World:
+    """A bare maze with the sections of ``changes`` laid over it, key by key."""
+    keys = dict(PLAIN)
+    for name, value in changes.items():
+        is_section = isinstance(value, dict) and isinstance(keys.get(name), dict)
+        keys[name] = {**keys[name], **value} if is_section else value
+    return build_world(WorldConfig.model_validate(keys), seed)
+
+
+def prisms(of: World) -> list[Prism]:
+    assert isinstance(of.solids, PrismSolids)
+    return list(of.solids.prisms)
+
+
+def ground_m2(of: World, height_m: float = 0.3) -> float:
+    return float(shapely.union_all([prism.section(height_m) for prism in prisms(of)]).area)
 
 
 def unmatched_edges(mesh: TriangleMesh) -> int:
