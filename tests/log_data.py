@@ -2,15 +2,32 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from slamsim.geometry import xyzw_from_yaw
-from slamsim.logs.writer import LogHeader, StaticTransform
+from slamsim.logs.writer import LogHeader
 from slamsim.sensors.readings import EncoderBatch, ImuBatch, Readings, ScanBatch
-from slamsim.types import Drive, EncoderStream, Float32Array, ImuStream, IntArray, ScanGeometry
+from slamsim.types import (
+    Drive,
+    EncoderStream,
+    Float32Array,
+    FloatArray,
+    ImuStream,
+    IntArray,
+    ScanGeometry,
+)
 
 PHYSICS_HZ = 240.0
 BEAMS = 90
+
+
+@dataclass(frozen=True)
+class Edge:
+    parent: str
+    child: str
+    T_parent_child: FloatArray
 
 
 def header(**changes: object) -> LogHeader:
@@ -19,9 +36,9 @@ def header(**changes: object) -> LogHeader:
     T_base_imu = np.eye(4)
     T_base_imu[:2, :2] = [[0.0, -1.0], [1.0, 0.0]]
     edges = (
-        StaticTransform("base_footprint", "base_link", np.eye(4)),
-        StaticTransform("base_link", "laser", T_base_laser),
-        StaticTransform("base_link", "imu_link", T_base_imu),
+        Edge("base_footprint", "base_link", np.eye(4)),
+        Edge("base_link", "laser", T_base_laser),
+        Edge("base_link", "imu_link", T_base_imu),
     )
     fields: dict[str, object] = {
         "robot_description": "<robot name='r'/>",

@@ -6,11 +6,11 @@ order of arrival. Stamps inside the messages are acquisition times on each senso
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import Protocol, Self
 
 import numpy as np
 
@@ -46,13 +46,17 @@ _TYPES = {
 _LATCHED = ("/robot_description", "/tf_static")
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class StaticTransform:
+class StaticTransform(Protocol):
     """One edge of the transform tree that never moves: T_parent_child is 4 x 4."""
 
-    parent: str
-    child: str
-    T_parent_child: FloatArray
+    @property
+    def parent(self) -> str: ...
+
+    @property
+    def child(self) -> str: ...
+
+    @property
+    def T_parent_child(self) -> FloatArray: ...  # noqa: N802
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -67,7 +71,7 @@ class LogHeader:
     """
 
     robot_description: str
-    static_transforms: tuple[StaticTransform, ...]
+    static_transforms: Sequence[StaticTransform]
     scan_rate_hz: float
     wheel_joints: tuple[str, str] = ("wheel_left_joint", "wheel_right_joint")
     imu_gyro_variance: float = 0.0
