@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Literal
-
 from pydantic import Field
 
 from slamsim.config.base import Config
@@ -41,7 +39,7 @@ class SubmapConfig(Config):
     """Cell size of the likelihood grids of the correlative search."""
 
     radius_m: float = Field(20.0, gt=0.0, le=200.0)
-    """Returns farther than this from the middle of the submap are left out of its grid."""
+    """Returns farther than this from its anchor are left out of its grid."""
 
     cached_grids: int = Field(48, ge=2)
     """How many likelihood grids stay in memory; the least recently used are built anew."""
@@ -83,11 +81,14 @@ class ClosureConfig(Config):
     min_score: float = Field(0.55, gt=0.0, lt=1.0)
     """Least mean likelihood of the query's points in the submap's grid."""
 
-    min_overlap: float = Field(0.55, gt=0.0, lt=1.0)
-    """Least share of the query's points that find a wall of the submap at hand."""
+    min_inliers: float = Field(0.6, gt=0.0, lt=1.0)
+    """Least share of the query's surfaces, where the submap has any, that lie on them."""
 
-    max_contradiction: float = Field(0.08, gt=0.0, lt=1.0)
-    """Largest share of points that stand where the other side saw free space."""
+    min_overlap: float = Field(0.5, gt=0.0, lt=1.0)
+    """Least share of the query's points that lie where the submap knows anything."""
+
+    max_contradiction: float = Field(0.12, gt=0.0, lt=1.0)
+    """Largest share of either side's points that stand where the other saw free space."""
 
     ambiguity_ratio: float = Field(0.88, gt=0.0, lt=1.0)
     """A second peak of the score, relative to the best, above which the match is ambiguous."""
@@ -125,9 +126,6 @@ class GraphConfig(Config):
 
     closure_sigma_deg: float = Field(0.15, gt=0.0)
     """Least standard deviation of a closure's turn."""
-
-    robust: Literal["cauchy", "gnc"] = "cauchy"
-    """Estimator of the final solve that finds the closures which do not fit."""
 
     cauchy_width: float = Field(1.0, gt=0.0)
     """Residual, in standard deviations, at which a closure loses half its weight."""

@@ -1,0 +1,250 @@
+"""The back end: key frames, submaps, closures, and the graph that joins them."""
+
+from __future__ import annotations
+
+import time
+from collections import Counter, defaultdict
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import numpy as np
+
+from slamsim.config.slam import SlamConfig
+from slamsim.geometry import between, transform_points
+from slamsim.progress import Progress, silent
+from slamsim.slam.agreement import WaitingClosures
+from slamsim.slam.closure import Closure, ClosureFinder, Expected
+from slamsim.slam.estimate import Estimate
+from slamsim.slam.graph import solve_robustly
+from slamsim.slam.keyframes import Keyframe, KeyframeMaker, chain_edge
+from slamsim.slam.marginals import relative_covariances
+from slamsim.slam.odometry import Tracked
+from slamsim.slam.submaps import Submap, Surfaces, make_submap, submap_is_full
+from slamsim.types import FloatArray, GraphEdge, IntArray, PlanarTrajectory, PoseGraph
+
+SOLVE_AFTER_KEYFRAMES = 10
+SOLVE_AFTER_SHARE = 0.1
+SURPRISE_M = 0.1
+SURPRISE_RAD = 0.03
+
+
+class BackEnd:
+    """Takes what the front end tracked, scan by scan, and keeps the map in one piece."""
+
+    def __init__(self, config: SlamConfig, gyro: bool, reach_m: float) -> None:
+        self._config = config.back_end
+        self._motion, self._gyro = config.front_end.motion, gyro
+        self._maker = KeyframeMaker(self._config.keyframes, reach_m)
+        self._finder = ClosureFinder(self._config)
+        self._waiting = WaitingClosures(self._config.closures.min_support)
+        self._scratch = Surfaces()
+        self._estimate = Estimate()
+        self._keyframes: list[Keyframe] = []
+        self._chain: list[GraphEdge] = []
+        self._closures: list[GraphEdge] = []
+        self._submaps: list[Submap] = []
+        self._submap_from = 0
+        self._solved_keyframes = 0
+        self._unsolved: list[Closure] = []
+        self.refusals: Counter[str] = Counter()
+        """Why closures were not believed, and how often."""
+        self.seconds: defaultdict[str, float] = defaultdict(float)
+        """Time spent per stage."""
+
+    def add(self, tracked: Tracked) -> None:
+        """Take one scan; most of them end here as not worth a key frame."""
+        with self._timed("key frames"):
+            keyframe = self._maker.make(tracked)
+            if keyframe is None:
+                return
+            self._join(keyframe)
+            self._cut_submaps(keyframe)
+        if self._config.closures.enabled:
+            with self._timed("closures"):
+                self._close_loops(keyframe.index, self._config.closures.min_travel_m)
+        if self._due():
+            with self._timed("solve"):
+                self._solve()
+
+    def finish(self, progress: Progress = silent) -> PoseGraph:
+        """The final solution, after searching again wherever the estimate is better by now."""
+        with self._timed("solve"):
+            self._solve()
+        rounds = self._config.closures.rounds if self._config.closures.enabled else 0
+        for number in range(rounds):
+            with self._timed("closures"):
+                found = self._search_all(
+                    lambda done, total: progress(number * total + done, rounds * total)
+                )
+            if not found:
+                break
+            with self._timed("solve"):
+                self._solve()
+        self.refusals["unsupported"] += self._waiting.forget(np.inf)
+        return self._graph()
+
+    @property
+    def poses(self) -> FloatArray:
+        """(n, 3) T_map_base of the key frames as estimated by now."""
+        return self._estimate.poses.copy()
+
+    def _join(self, keyframe: Keyframe) -> None:
+        if not self._keyframes:
+            self._estimate.begin(keyframe.T_map_base)
+        else:
+            edge = chain_edge(
+                self._keyframes[-1], keyframe, self._gyro, self._motion, self._config.graph
+            )
+            self._chain.append(edge)
+            self._estimate.extend(edge)
+        self._keyframes.append(keyframe)
+
+    def _cut_submaps(self, keyframe: Keyframe) -> None:
+        """Finish the open submap when it is full or the chain broke; the next overlaps it."""
+        if keyframe.broken:
+            if keyframe.index - self._submap_from >= 2:
+                self._finish_submap(keyframe.index)
+            self._submap_from = keyframe.index
+            return
+        members = self._keyframes[self._submap_from :]
+        if len(members) >= 2 and submap_is_full(members, self._config.submaps):
+            self._finish_submap(keyframe.index + 1)
+            self._submap_from += len(members) // 2
+
+    def _finish_submap(self, end: int) -> None:
+        members = self._keyframes[self._submap_from : end]
+        middle = len(members) // 2
+        self._submaps.append(make_submap(members, middle, self._scratch, self._maker.noise_m))
+
+    def _query(self, index: int) -> Submap:
+        """The key frame with those just before it."""
+        first = index
+        far_m = self._keyframes[index].path_m - self._config.closures.query_travel_m
+        while (
+            first > 0
+            and not self._keyframes[first].broken
+            and self._keyframes[first - 1].path_m >= far_m
+            and index - first < self._config.submaps.max_keyframes
+        ):
+            first -= 1
+        members = self._keyframes[first : index + 1]
+        return make_submap(members, len(members) - 1, self._scratch, self._maker.noise_m)
+
+    def _close_loops(self, index: int, min_travel_m: float) -> int:
+        """Search the submaps that may overlap with a key frame; how many closures came of it."""
+        path_m = self._keyframes[index].path_m
+        self.refusals["unsupported"] += self._waiting.forget(path_m)
+        left_behind = [
+            number
+            for number, submap in enumerate(self._submaps)
+            if submap.to_path_m < path_m - min_travel_m
+        ]
+        if not left_behind:
+            return 0
+        query = self._query(index)
+        found = 0
+        for number in self._candidates(query, np.array(left_behind)):
+            closure = self._finder.find(
+                query,
+                number,
+                self._submaps[number],
+                self._expected(number, index),
+                self._maker.noise_m,
+            )
+            if isinstance(closure, Closure):
+                found += self._weigh(closure)
+            else:
+                self.refusals[closure] += 1
+        return found
+
+    def _expected(self, number: int, index: int) -> Expected:
+        anchor = self._submaps[number].anchor
+        poses = self._estimate.poses
+        T_submap_query = between(poses[anchor], poses[index])
+        return Expected(T_submap_query, self._estimate.covariance(anchor, index))
+
+    def _candidates(self, query: Submap, numbers: IntArray) -> list[int]:
+        """Submaps near enough to overlap, given the uncertainty; nearest first, few of them."""
+        limits = self._config.closures
+        poses = self._estimate.poses
+        anchors = np.array([self._submaps[n].anchor for n in numbers])
+        middles = transform_points(
+            poses[anchors], np.array([self._submaps[n].middle_m for n in numbers])
+        )
+        here = transform_points(poses[query.anchor], query.middle_m)
+        distance_m = np.linalg.norm(middles - here, axis=1)
+        far_m = limits.reach_m + limits.max_window_m
+        near = np.flatnonzero(distance_m <= far_m)
+        if not len(near):
+            return []
+        covariances = self._estimate.covariances_in_map(anchors[near], query.anchor)
+        at_middle = np.tile(np.eye(3)[:2], (len(near), 1, 1))
+        at_middle[:, 0, 2], at_middle[:, 1, 2] = -middles[near, 1], middles[near, 0]
+        spread = at_middle @ covariances @ np.swapaxes(at_middle, 1, 2)
+        sigma_m = np.sqrt(np.trace(spread, axis1=1, axis2=2))
+        near = near[distance_m[near] <= limits.reach_m + limits.gate_sigmas * sigma_m]
+        chosen: list[int] = []
+        for number in numbers[near[np.argsort(distance_m[near])]].tolist():
+            if all(abs(number - other) > 1 for other in chosen):
+                chosen.append(number)
+            if len(chosen) == limits.max_candidates:
+                break
+        return chosen
+
+    def _weigh(self, closure: Closure) -> int:
+        """Believe an expected closure at once, a surprising one when others agree."""
+        if closure.reach_m <= self._config.closures.sure_window_m:
+            accepted = [closure]
+        else:
+            accepted = list(self._waiting.add(closure, self._estimate.poses))
+        self._closures += [one.edge for one in accepted]
+        self._unsolved += accepted
+        return len(accepted)
+
+    def _due(self) -> bool:
+        """Whether solving now would help the search for the next closures."""
+        if not self._unsolved:
+            return False
+        poses = self._estimate.poses
+        for closure in self._unsolved:
+            edge = closure.edge
+            step = between(edge.T_source_target, between(poses[edge.source], poses[edge.target]))
+            if np.hypot(step[0], step[1]) > SURPRISE_M or abs(step[2]) > SURPRISE_RAD:
+                return True
+        since = len(self._keyframes) - self._solved_keyframes
+        return since >= SOLVE_AFTER_KEYFRAMES + SOLVE_AFTER_SHARE * self._solved_keyframes
+
+    def _solve(self) -> None:
+        edges = self._chain + self._closures
+        poses, weighed = solve_robustly(self._estimate.poses, edges, self._config.graph)
+        self._closures = list(weighed[len(self._chain) :])
+        self._estimate.solved(poses, self._chain, weighed)
+        self._solved_keyframes = len(self._keyframes)
+        self._unsolved.clear()
+
+    def _search_all(self, progress: Progress) -> int:
+        """Search for closures from each key frame that has none yet."""
+        closed = {edge.target for edge in self._closures if edge.weight > 0.0}
+        found = 0
+        for keyframe in self._keyframes:
+            progress(keyframe.index + 1, len(self._keyframes))
+            if keyframe.index not in closed:
+                found += self._close_loops(keyframe.index, self._config.closures.min_travel_m)
+        return found
+
+    def _graph(self) -> PoseGraph:
+        edges = (*self._chain, *self._closures)
+        poses = self.poses
+        stamps_ns = np.array([k.stamp_ns for k in self._keyframes], dtype=np.int64)
+        covariances = relative_covariances(poses, edges, 0, np.zeros(2))
+        # A step of the map about its origin moves a pose by its lever arm as well.
+        lever = np.tile(np.eye(3), (len(poses), 1, 1))
+        lever[:, 0, 2], lever[:, 1, 2] = -poses[:, 1], poses[:, 0]
+        covariances = lever @ covariances @ np.swapaxes(lever, 1, 2)
+        return PoseGraph(PlanarTrajectory(stamps_ns, poses), covariances, edges)
+
+    @contextmanager
+    def _timed(self, stage: str) -> Iterator[None]:
+        start = time.perf_counter()
+        yield
+        self.seconds[stage] += time.perf_counter() - start

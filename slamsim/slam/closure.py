@@ -1,0 +1,163 @@
+"""Loop closures: found by geometry, and believed only after trying to refute them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from slamsim.config.back_end import BackEndConfig
+from slamsim.geometry import between, compose, transform_points
+from slamsim.slam.correlative import Peak, Window, search
+from slamsim.slam.marginals import adjoint, rotation
+from slamsim.slam.matching.align import CONVERGED, COVERED, INLIERS, WEAK, align
+from slamsim.slam.submaps import (
+    FREE,
+    UNKNOWN,
+    GridCache,
+    SpaceGrid,
+    Submap,
+    Surfaces,
+    space_grid,
+)
+from slamsim.types import FloatArray, GraphEdge
+
+Refusal = Literal["score", "ambiguous", "fit", "overlap", "contradiction", "gate", "unsupported"]
+
+MAX_POINTS = 300
+ALIGN_GATE_M = 0.3
+ALIGN_START_SIGMAS = 20.0
+ALIGN_ITERATIONS = 40
+WEAK_SHARE = 0.01
+LOOSE = np.diag([1.0, 1.0, 4.0])
+"""Information that stands in for what the surfaces do not hold: a metre and half a radian."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Closure:
+    """A verified match. edge: from the submap's anchor to the key frame. reach_m: how far the
+    search had to look for it. submap: number of the submap. path_m: of the key frame."""
+
+    edge: GraphEdge
+    reach_m: float
+    submap: int
+    path_m: float
+    score: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Expected:
+    """T_submap_query: (3,) where the query should be, covariance: (3, 3) in the query's frame."""
+
+    T_submap_query: FloatArray
+    covariance: FloatArray
+
+
+class ClosureFinder:
+    """Matches queries with submaps and verifies what it finds."""
+
+    def __init__(self, config: BackEndConfig) -> None:
+        self._config = config
+        self._grids = GridCache(config.submaps)
+        self._scratch = Surfaces()
+
+    def find(
+        self, query: Submap, number: int, submap: Submap, expected: Expected, noise_m: float
+    ) -> Closure | Refusal:
+        """The closure between a query (anchored at its key frame) and a submap, or why not."""
+        limits = self._config.closures
+        likelihood, space = self._grids.of(number, submap)
+        middle = np.append(query.middle_m, 0.0)
+        start = compose(expected.T_submap_query, middle)
+        window = self._window(expected, middle)
+        points = _thinned(query.points_m - query.middle_m)
+        rival = (
+            limits.ambiguity_ratio,
+            limits.ambiguity_distance_m,
+            float(np.deg2rad(limits.ambiguity_turn_deg)),
+        )
+        peak = search(likelihood, points, start, window, limits.min_score, rival)
+        if peak is None:
+            return "score"
+        if peak.rival > limits.ambiguity_ratio * peak.score:
+            return "ambiguous"
+        edge = self._refined(query, submap, peak, middle, noise_m)
+        if isinstance(edge, str):
+            return edge
+        refusal = self._refuted(query, submap, space, edge.T_source_target)
+        if refusal is not None:
+            return refusal
+        if _mahalanobis(edge, expected) > limits.gate_sigmas:
+            return "gate"
+        reach_m = max(window.x_m, window.y_m)
+        return Closure(edge, reach_m, number, query.to_path_m, peak.score)
+
+    def _window(self, expected: Expected, middle: FloatArray) -> Window:
+        """The search about the middle of the query's points, in the frame of the submap."""
+        limits = self._config.closures
+        to_middle = adjoint(np.array([-middle[0], -middle[1], 0.0]))
+        turn = rotation(np.asarray(expected.T_submap_query[2])) @ to_middle
+        sigmas = np.sqrt(np.diag(turn @ expected.covariance @ turn.T))
+        half_m = np.clip(limits.gate_sigmas * sigmas[:2], limits.min_window_m, limits.max_window_m)
+        half_deg = limits.gate_sigmas * float(np.rad2deg(sigmas[2]))
+        half_deg = min(max(half_deg, limits.min_window_deg), limits.max_window_deg)
+        return Window(float(half_m[0]), float(half_m[1]), float(np.deg2rad(half_deg)))
+
+    def _refined(
+        self, query: Submap, submap: Submap, peak: Peak, middle: FloatArray, noise_m: float
+    ) -> GraphEdge | Refusal:
+        """Point-to-line registration from the peak, with its covariance."""
+        T_guess = compose(peak.T_grid_points, np.array([-middle[0], -middle[1], 0.0]))
+        self._scratch.fill([(submap.surfaces, np.zeros(3))], noise_m)
+        T, information, _, summary = align(
+            query.surfaces,
+            T_guess,
+            T_guess,
+            LOOSE,
+            (ALIGN_GATE_M, ALIGN_START_SIGMAS, noise_m, WEAK_SHARE, ALIGN_ITERATIONS),
+            self._scratch.grid,
+        )
+        limits, sizes = self._config.closures, self._config.graph
+        inliers = summary[INLIERS] / max(summary[COVERED], 1.0)
+        if not np.isfinite(T).all() or summary[CONVERGED] == 0.0 or inliers < limits.min_inliers:
+            return "fit"
+        if summary[WEAK] >= 2.0:
+            return "fit"
+        floor = np.diag(
+            np.square([sizes.closure_sigma_m] * 2 + [np.deg2rad(sizes.closure_sigma_deg)])
+        )
+        covariance = np.linalg.inv(information / sizes.sigma_scale**2 + LOOSE) + floor
+        turn = rotation(np.asarray(T[2]))
+        return GraphEdge(submap.anchor, query.anchor, T, turn @ covariance @ turn.T, "closure")
+
+    def _refuted(
+        self, query: Submap, submap: Submap, space: SpaceGrid, T_submap_query: FloatArray
+    ) -> Refusal | None:
+        """Whether too little of the two overlaps, or one has walls where the other saw through."""
+        limits = self._config.closures
+        size = self._config.submaps
+        seen = space.at(transform_points(T_submap_query, query.points_m))
+        known = np.count_nonzero(seen != UNKNOWN)
+        if known < limits.min_overlap * len(seen):
+            return "overlap"
+        query_space = space_grid(query, size.resolution_m, size.radius_m)
+        T_query_submap = between(T_submap_query, np.zeros(3))
+        back = query_space.at(transform_points(T_query_submap, submap.points_m))
+        for states in (seen, back):
+            free = np.count_nonzero(states == FREE)
+            if free > limits.max_contradiction * max(np.count_nonzero(states != UNKNOWN), 1):
+                return "contradiction"
+        return None
+
+
+def _thinned(points_m: FloatArray) -> FloatArray:
+    return np.ascontiguousarray(points_m[:: max(1, -(-len(points_m) // MAX_POINTS))])
+
+
+def _mahalanobis(edge: GraphEdge, expected: Expected) -> float:
+    """How many standard deviations the found pose is from the expected one."""
+    step = between(expected.T_submap_query, edge.T_source_target)
+    turn = rotation(np.asarray(-edge.T_source_target[2]))
+    covariance = expected.covariance + turn @ edge.covariance @ turn.T
+    return float(np.sqrt(step @ np.linalg.solve(covariance, step)))

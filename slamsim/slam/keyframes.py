@@ -1,0 +1,135 @@
+"""Key frames: the scans that become nodes of the graph, and what is kept of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from slamsim.config.back_end import GraphConfig, KeyframeConfig
+from slamsim.config.slam import MotionConfig
+from slamsim.geometry import between
+from slamsim.slam.matching.surfaces import range_noise_m, surface_pieces
+from slamsim.slam.motion import motion_covariance
+from slamsim.slam.odometry import Tracked
+from slamsim.types import Cloud, EdgeKind, Float32Array, FloatArray, GraphEdge
+
+PIECE_M = 0.25
+MAX_BEAMS = 180
+START_NOISE_M = 0.015
+NOISE_BOUNDS_M = (0.002, 0.05)
+NOISE_GAIN = 0.1
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Keyframe:
+    """T_map_base: (3,) as the front end saw it, drift included. T_odom_base: (3,) prediction.
+
+    pieces: (k, PIECE_FIELDS) of the scan in its base frame. origin_m: (2,) and beams_m: (b, 2),
+    where some of its beams began and ended. path_m: travelled so far. information: (3, 3) of the
+    match. broken: whether nothing but odometry joins it to the key frame before.
+    """
+
+    index: int
+    stamp_ns: int
+    T_map_base: FloatArray
+    T_odom_base: FloatArray
+    information: FloatArray
+    pieces: FloatArray
+    origin_m: FloatArray
+    beams_m: Float32Array
+    path_m: float
+    broken: bool
+
+
+class KeyframeMaker:
+    """Decides which scans become key frames, and distils them."""
+
+    def __init__(self, config: KeyframeConfig, reach_m: float) -> None:
+        self._config, self._reach_m = config, reach_m
+        self._noise_m = START_NOISE_M
+        self._last: Keyframe | None = None
+        self._T_map_before: FloatArray | None = None
+        self._path_m = 0.0
+        self._unmatched = False
+
+    @property
+    def noise_m(self) -> float:
+        """Standard deviation of a range, learnt from the key frames so far."""
+        return self._noise_m
+
+    def make(self, tracked: Tracked) -> Keyframe | None:
+        """A key frame of this scan, or None if the robot has not moved enough since the last."""
+        if self._T_map_before is not None:
+            step = tracked.T_map_base[:2] - self._T_map_before[:2]
+            self._path_m += float(np.hypot(step[0], step[1]))
+        self._T_map_before = tracked.T_map_base
+        self._unmatched |= tracked.match is None
+        if not self._due(tracked):
+            return None
+        pieces = surface_pieces(tracked.cloud, self._noise_m, PIECE_M, self._reach_m)
+        self._learn(pieces)
+        origin_m, beams_m = _some_beams(tracked.cloud, self._reach_m)
+        self._last = Keyframe(
+            index=0 if self._last is None else self._last.index + 1,
+            stamp_ns=tracked.stamp_ns,
+            T_map_base=tracked.T_map_base,
+            T_odom_base=tracked.T_odom_base,
+            information=tracked.information,
+            pieces=pieces,
+            origin_m=origin_m,
+            beams_m=beams_m,
+            path_m=self._path_m,
+            broken=self._unmatched and self._last is not None,
+        )
+        self._unmatched = False
+        return self._last
+
+    def _due(self, tracked: Tracked) -> bool:
+        if self._last is None:
+            return True
+        moved = between(self._last.T_map_base, tracked.T_map_base)
+        travel_m = self._path_m - self._last.path_m
+        turned = abs(moved[2]) / np.deg2rad(self._config.turn_deg)
+        share = max(travel_m / self._config.travel_m, turned)
+        waited_s = (tracked.stamp_ns - self._last.stamp_ns) * 1e-9
+        return bool(share >= 1.0 or (waited_s >= self._config.interval_s and share >= 0.1))
+
+    def _learn(self, pieces: FloatArray) -> None:
+        seen_m = range_noise_m(pieces)
+        if np.isfinite(seen_m):
+            mixed_m = self._noise_m + NOISE_GAIN * (seen_m - self._noise_m)
+            self._noise_m = float(np.clip(mixed_m, *NOISE_BOUNDS_M))
+
+
+def chain_edge(
+    before: Keyframe, after: Keyframe, gyro: bool, motion: MotionConfig, config: GraphConfig
+) -> GraphEdge:
+    """The front end's measurement between two consecutive key frames.
+
+    Information of the match and of odometry add up, so that a direction which the walls do not
+    hold keeps the uncertainty of the wheels. An edge across a failed match is odometry's alone.
+    """
+    odometry = between(before.T_odom_base, after.T_odom_base)
+    seconds = (after.stamp_ns - before.stamp_ns) * 1e-9
+    noise = motion_covariance(odometry, seconds, gyro, motion)
+    floor = np.diag(np.square([config.min_sigma_m] * 2 + [np.deg2rad(config.min_sigma_deg)]))
+    information = np.linalg.inv(noise + floor)
+    if not after.broken:
+        # Both ends were matched to the same local map: their variances add.
+        information += after.information / (2.0 * config.sigma_scale**2)
+    covariance = np.linalg.inv(information) + floor
+    T = between(before.T_map_base, after.T_map_base)
+    turn = np.eye(3)
+    turn[:2, :2] = [[np.cos(T[2]), -np.sin(T[2])], [np.sin(T[2]), np.cos(T[2])]]
+    kind: EdgeKind = "odometry" if after.broken else "match"
+    return GraphEdge(before.index, after.index, T, turn @ covariance @ turn.T, kind)
+
+
+def _some_beams(cloud: Cloud, reach_m: float) -> tuple[FloatArray, Float32Array]:
+    """Where the beams begin, and the ends of up to MAX_BEAMS of those that hit something."""
+    origin_m = cloud.origins_m.mean(axis=0) if len(cloud.origins_m) else np.zeros(2)
+    length = np.linalg.norm(cloud.points_m - cloud.origins_m, axis=1)
+    ends = cloud.points_m[cloud.hit & (length <= reach_m)]
+    stride = max(1, -(-len(ends) // MAX_BEAMS))
+    return origin_m, ends[::stride].astype(np.float32)
