@@ -74,7 +74,8 @@ def world(
 ) -> None:
     """Build a world: preview, mesh and true occupancy map."""
     from slamsim.console import Reporter
-    from slamsim.run import export_world, pick_folder
+    from slamsim.run import export_world
+    from slamsim.run_folder import pick_folder
 
     reporter = Reporter(quiet=quiet, as_json=as_json)
     resolved = _config(name, config, set_, seed)
@@ -98,7 +99,8 @@ def simulate(
 ) -> None:
     """Drive through a world and record what the sensors measure."""
     from slamsim.console import Reporter
-    from slamsim.run import pick_folder, simulate_world
+    from slamsim.run import simulate_world
+    from slamsim.run_folder import pick_folder
 
     reporter = Reporter(quiet=quiet, as_json=as_json)
     resolved = _config(name, config, set_, seed)
@@ -129,7 +131,8 @@ def map_(
 ) -> None:
     """Map a world or a recording, and say how good the map is."""
     from slamsim.console import Reporter
-    from slamsim.run import is_recording, map_recording, map_world, pick_folder, recording_name
+    from slamsim.run import map_recording, map_world
+    from slamsim.run_folder import is_recording, pick_folder, recording_name
 
     reporter = Reporter(quiet=quiet, as_json=as_json)
     if is_recording(source):

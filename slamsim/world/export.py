@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import struct
+
 import numpy as np
 
 from slamsim.types import TriangleMesh
@@ -19,7 +21,7 @@ def stl_bytes(mesh: TriangleMesh) -> bytes:
     records["normal"] = np.divide(normals, lengths, out=np.zeros_like(normals), where=lengths > 0)
     records["corners"] = corners
     header = b"slamsim world, metres".ljust(80)
-    return header + np.uint32(len(corners)).astype("<u4").tobytes() + records.tobytes()
+    return header + struct.pack("<I", len(corners)) + records.tobytes()
 
 
 def world_facts(world: World) -> dict[str, object]:

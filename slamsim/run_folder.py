@@ -1,0 +1,138 @@
+"""What a run reads and what it leaves behind: names, kinds of input, files of the folder."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+from slamsim.config.base import Config
+from slamsim.config.dump import dump_commented_yaml
+from slamsim.config.run import RunConfig
+from slamsim.logs.g2o import write_g2o
+from slamsim.logs.reader import read_truth
+from slamsim.logs.tum import read_tum, write_tum
+from slamsim.safe.errors import NotFound
+from slamsim.safe.output import write_atomic
+from slamsim.slam.map_files import map_files
+from slamsim.types import Grid, PlanarTrajectory, SlamResult, Trajectory
+from slamsim.world.build import World
+from slamsim.world.map_server import read_map
+
+OUTPUTS = Path("outputs")
+LOG, WORLD, CONFIG = "log", "world.yaml", "config.yaml"
+TRAJECTORY, ODOMETRY, TRUTH = "trajectory.tum", "odometry.tum", "ground_truth.tum"
+RECORDING, REPORT, REPORT_JSON = "run.rrd", "report.html", "report.json"
+
+_WORLD_SUFFIXES = frozenset((".yaml", ".yml", ".pgm", ".png", ".stl", ".obj", ".ply", ".glb"))
+_COMPRESSIONS = frozenset((".gz", ".bz2"))
+
+
+def is_recording(source: str) -> bool:
+    """Whether this names a recording; worlds have their own suffixes, or are bundled names."""
+    path = Path(source)
+    if path.is_dir():
+        return True
+    return path.suffix != "" and path.suffix.lower() not in _WORLD_SUFFIXES
+
+
+def recording_name(source: str) -> str:
+    """What a run over a recording is called."""
+    path = Path(source).resolve()
+    if path.name == LOG:
+        path = path.parent
+    name = path.stem if path.suffix.lower() in _COMPRESSIONS else path.name
+    return Path(name).stem
+
+
+def log_of(source: Path) -> Path:
+    """The recording itself, where a whole run's folder was named."""
+    return source / LOG if (source / LOG / "metadata.yaml").is_file() else source
+
+
+def pick_folder(out: Path | None, name: str, *, overwrite: bool) -> Path:
+    """The folder that was asked for, else the first free one of this name under outputs/."""
+    if out is not None:
+        return out
+    first = OUTPUTS / re.sub(r"[^\w.-]+|^\.+", "_", name)
+    if overwrite or not first.exists():
+        return first
+    number = 2
+    while (folder := first.with_name(f"{first.name}_{number}")).exists():
+        number += 1
+    return folder
+
+
+def write_config(folder: Path, config: RunConfig) -> None:
+    """``config.yaml``: every setting, so that the run can be had again."""
+    _write_yaml(folder / CONFIG, config)
+
+
+def write_world(folder: Path, config: RunConfig, world: World) -> None:
+    """``world.yaml``: this very world, whatever the seed of the next run."""
+    _write_yaml(folder / WORLD, config.world.model_copy(update={"seed": world.seed}))
+
+
+def write_truth(folder: Path, truth: Trajectory) -> None:
+    """``ground_truth.tum``: ``T_map_base``."""
+    write_tum(folder / TRUTH, truth)
+
+
+def write_slam(folder: Path, result: SlamResult, grid: Grid) -> None:
+    """Trajectories, graph and map in the forms that other tools read."""
+    write_tum(folder / TRAJECTORY, result.trajectory)
+    write_tum(folder / ODOMETRY, result.odometry)
+    write_g2o(folder / "graph.g2o", result.graph)
+    write_map(folder, grid)
+
+
+def write_map(folder: Path, grid: Grid) -> None:
+    """``map.pgm`` and ``map.yaml`` as ROS map_server reads them, and ``map.png``."""
+    for name, data in map_files(grid).items():
+        write_atomic(folder / name, data)
+
+
+def _write_yaml(path: Path, config: Config) -> None:
+    write_atomic(path, dump_commented_yaml(config).encode())
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FinishedRun:
+    """What can be scored of a run that lies on the disk; None for what is not there."""
+
+    trajectory: PlanarTrajectory
+    odometry: PlanarTrajectory | None
+    grid: Grid | None
+    truth: Trajectory | None
+
+
+def read_run(estimate: Path, truth: Path | None) -> FinishedRun:
+    """A run's folder, or a lone TUM trajectory; truth: a TUM file or a recording that knows it.
+
+    Raises NotFound for what is not there, InputRefused for what cannot be read.
+    """
+    if not estimate.exists():
+        raise NotFound(f"{estimate}: there is no such run or trajectory")
+    if not estimate.is_dir():
+        return FinishedRun(read_tum(estimate).planar(), None, None, _truth(truth))
+    if not (estimate / TRAJECTORY).is_file():
+        raise NotFound(f"{estimate}: holds no {TRAJECTORY}; is it the folder of a mapped run?")
+    own_truth = estimate / TRUTH
+    odometry = estimate / ODOMETRY
+    return FinishedRun(
+        trajectory=read_tum(estimate / TRAJECTORY).planar(),
+        odometry=read_tum(odometry).planar() if odometry.is_file() else None,
+        grid=read_map(estimate / "map.yaml") if (estimate / "map.yaml").is_file() else None,
+        truth=_truth(truth or (own_truth if own_truth.is_file() else None)),
+    )
+
+
+def _truth(path: Path | None) -> Trajectory | None:
+    if path is None:
+        return None
+    if path.suffix == ".tum" or (path.is_file() and path.suffix == ".txt"):
+        return read_tum(path)
+    truth = read_truth(log_of(path))
+    if truth is None:
+        raise NotFound(f"{path}: this recording holds no truth")
+    return truth

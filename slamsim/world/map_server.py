@@ -1,0 +1,100 @@
+"""The maps of ROS map_server: a YAML file beside an image.
+
+The format: http://wiki.ros.org/map_server (image, resolution, origin, negate, thresholds, mode).
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from slamsim.config.base import Config
+from slamsim.config.loading import load_model
+from slamsim.safe.errors import InputRefused
+from slamsim.safe.files import read_input, require_inside
+from slamsim.safe.image import read_gray_image
+from slamsim.safe.limits import LIMITS
+from slamsim.types import BoolArray, Grid
+
+_Threshold = Annotated[float, Field(ge=0.0, le=1.0)]
+
+
+class MapServerMap(Config):
+    """The YAML file of a ROS map_server map."""
+
+    image: str = Field(min_length=1, max_length=4096)
+    """Image file in the folder of the map."""
+    resolution: float = Field(gt=0.0, le=100.0)
+    """Metres per pixel."""
+    origin: Annotated[tuple[float, float, float], Field(strict=False)]
+    """Pose of the image's lower left corner: x and y in metres, yaw in radians."""
+    negate: Literal[0, 1] | bool
+    """Whether white is occupied, instead of black."""
+    occupied_thresh: _Threshold
+    """What is more probably occupied than this is occupied."""
+    free_thresh: _Threshold
+    """What is less probably occupied than this is free."""
+    mode: Literal["trinary", "scale", "raw"] = "trinary"
+    """How grey levels are read: trinary and scale by the thresholds, where scale takes what is
+    transparent for unknown; raw takes the levels 0 to 100 for percent, higher ones for unknown."""
+
+    @model_validator(mode="after")
+    def _check(self) -> MapServerMap:
+        if self.free_thresh > self.occupied_thresh:
+            raise ValueError(
+                f"free_thresh {self.free_thresh:g} exceeds occupied_thresh {self.occupied_thresh:g}"
+            )
+        return self
+
+
+def read_map(path: Path) -> Grid:
+    """The grid of a map whose axes are those of the map frame: 1 occupied, 0 free, else ``nan``.
+
+    Raises InputRefused or NotFound.
+    """
+    described, _, occupied, free = read_cells(path)
+    x_m, y_m, yaw_rad = described.origin
+    if yaw_rad != 0.0:
+        raise InputRefused(path, f"a map turned by {yaw_rad:g} rad is no grid here", "origin")
+    occupancy = np.full(occupied.shape, np.nan, dtype=np.float32)
+    occupancy[occupied], occupancy[free] = 1.0, 0.0
+    return Grid(occupancy, described.resolution, (x_m, y_m))
+
+
+def read_cells(path: Path) -> tuple[MapServerMap, Path, BoolArray, BoolArray]:
+    """The description at path, its image's path, and which cells are occupied and which free.
+
+    (rows, cols) each, the first row the lowest in y. Raises InputRefused or NotFound.
+    """
+    described = load_model(MapServerMap, path)
+    image_path = require_inside(path.parent, described.image, path, "image")
+    occupied, free = _classified(described, image_path)
+    return described, image_path, occupied, free
+
+
+def _classified(described: MapServerMap, image_path: Path) -> tuple[BoolArray, BoolArray]:
+    """Which cells are occupied, and which are free; the first row is the lowest in y."""
+    gray = read_gray_image(image_path)[::-1].astype(np.float64)
+    if described.mode == "raw":
+        probability, known = gray / 100.0, gray <= 100.0
+    else:
+        probability = gray / 255.0 if described.negate else 1.0 - gray / 255.0
+        known = np.ones(gray.shape, dtype=bool)
+        if described.mode == "scale":
+            known = _opaque(image_path, gray.shape)[::-1]
+    occupied = known & (probability > described.occupied_thresh)
+    return occupied, known & (probability < described.free_thresh)
+
+
+def _opaque(image_path: Path, shape: tuple[int, ...]) -> BoolArray:
+    """Which pixels are not transparent at all; the image was found whole before."""
+    import cv2
+
+    data = np.frombuffer(read_input(image_path, LIMITS.image_file_bytes), np.uint8)
+    image = cv2.imdecode(data, cv2.IMREAD_UNCHANGED)
+    if image is None or image.ndim != 3 or image.shape[2] != 4 or image.shape[:2] != shape:
+        return np.ones(shape, dtype=bool)
+    return np.asarray(image[:, :, 3] == (65535 if image.dtype == np.uint16 else 255))
