@@ -88,6 +88,24 @@ class BackEnd:
         """(n, 3) T_map_base of the key frames as estimated by now."""
         return self._estimate.poses.copy()
 
+    @property
+    def accepted(self) -> int:
+        """Closures that hold the map together by now."""
+        return sum(edge.weight > 0.0 for edge in self._closures)
+
+    @property
+    def rejected(self) -> int:
+        """Matches that were found but not believed, or believed and withdrawn."""
+        withdrawn = len(self._closures) - self.accepted
+        return sum(self.refusals.values()) - self.refusals["score"] + withdrawn
+
+    def warnings(self) -> tuple[str, ...]:
+        """What the user should know, in words and counts."""
+        broken = sum(keyframe.broken for keyframe in self._keyframes)
+        if not broken:
+            return ()
+        return (f"{broken} places of the map are joined by odometry alone",)
+
     def _join(self, keyframe: Keyframe) -> None:
         if not self._keyframes:
             self._estimate.begin(keyframe.T_map_base)
