@@ -9,11 +9,11 @@ from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING
 
 import numpy as np
-import pybullet
 
 from slamsim.config.drive import DriveConfig, PhysicsConfig
 from slamsim.geometry import xyzw_from_matrix
 from slamsim.progress import Progress, silent
+from slamsim.sim.bullet import pybullet
 from slamsim.sim.engine import Engine, hold_wheels, running_engine
 from slamsim.sim.floor import Floor
 from slamsim.sim.motors import build_motors

@@ -17,11 +17,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-import pybullet
 
 from slamsim.config.drive import PhysicsConfig
 from slamsim.geometry import matrix_from_xyzw, se3_from_parts
 from slamsim.safe.errors import SlamsimError
+from slamsim.sim.bullet import pybullet
 from slamsim.sim.describe import urdf_text, weld_fixed_joints
 from slamsim.sim.robot import LEFT_WHEEL_JOINT, RIGHT_WHEEL_JOINT, RobotModel
 from slamsim.sim.validate import rolling_links

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from typing import Protocol
 
-import pybullet
-
 from slamsim.config.robot import MotorConfig
+from slamsim.sim.bullet import pybullet
 from slamsim.sim.engine import Engine, hold_wheels
 
 UNLIMITED_TORQUE_N_M = 1e5

@@ -17,8 +17,9 @@ from slamsim.types import BoolArray, FloatArray, IntArray
 if TYPE_CHECKING:
     from slamsim.world.model import World
 
-_Number = TypeVar("_Number", np.float64, np.int64)
+_Number = TypeVar("_Number", np.float64, np.int32)
 
+MAX_OPEN_CELLS = 4_000_000
 AVOIDANCE = 4.0
 """A step along a wall costs this much more than one in the middle, as a share of its length."""
 
@@ -106,8 +107,13 @@ def connect_places(space: Space, places_m: FloatArray, preferred_m: float) -> Wa
     """
     open_cells = _reachable(space, places_m[0])
     cells = np.argwhere(open_cells)
-    number = np.full(open_cells.shape, -1, dtype=np.int64)
-    number[open_cells] = np.arange(len(cells))
+    if len(cells) > MAX_OPEN_CELLS:
+        raise SlamsimError(
+            f"the way is to be searched on {len(cells)} cells of {space.resolution_m:g} m, at most "
+            f"{MAX_OPEN_CELLS} fit into memory: make drive.route.resolution_m larger"
+        )
+    number = np.full(open_cells.shape, -1, dtype=np.int32)
+    number[open_cells] = np.arange(len(cells), dtype=np.int32)
     graph = _cell_graph(space, number, preferred_m)
     seeds = number[tuple(_standing_cells(space, open_cells, places_m).T)]
     roots, place_of_root = np.unique(seeds, return_index=True)
@@ -158,22 +164,24 @@ def _standing_cells(space: Space, open_cells: BoolArray, places_m: FloatArray) -
     return standing
 
 
-def _cell_graph(space: Space, number: IntArray, preferred_m: float) -> sparse.csr_array:
+def _cell_graph(space: Space, number: NDArray[np.int32], preferred_m: float) -> sparse.csr_array:
     """Eight neighbours; a step costs its length, more beside walls."""
     reach_m = max(preferred_m, 1e-9)
     spare_m = np.clip(space.room_m - space.needed_m, 0.0, reach_m)
     price = 1.0 + AVOIDANCE * (1.0 - spare_m / reach_m) ** 2
-    steps = []
+    sources, targets, costs = [], [], []
     for down, right in ((0, 1), (1, 0), (1, 1), (1, -1)):
         i, j = _neighbours(number, down, right)
         here, there = _neighbours(price, down, right)
         both = (i >= 0) & (j >= 0)
         length_m = space.resolution_m * np.hypot(down, right)
-        steps.append(np.stack([i, j, length_m * 0.5 * (here + there)])[:, both])
-    i, j, cost = np.concatenate(steps, axis=1)
-    ends = np.concatenate([i, j]).astype(np.int64), np.concatenate([j, i]).astype(np.int64)
+        sources.append(i[both])
+        targets.append(j[both])
+        costs.append(length_m * 0.5 * (here[both] + there[both]))
+    i, j, cost = np.concatenate(sources), np.concatenate(targets), np.concatenate(costs)
     size = int(number.max()) + 1
-    return sparse.csr_array((np.tile(cost, 2), ends), shape=(size, size))
+    one_way = sparse.csr_array((cost, (i, j)), shape=(size, size))
+    return sparse.csr_array(one_way + one_way.T)
 
 
 def _neighbours(
@@ -189,11 +197,10 @@ def _neighbours(
 
 def _crossings(graph: sparse.csr_array, distances: FloatArray, owner: IntArray) -> IntArray:
     """(m, 2) cells i and j: for each two regions that touch, the cheapest step between them."""
-    steps = graph.tocoo()
-    i, j = steps.coords
-    border = owner[i] < owner[j]
-    i, j = i[border].astype(np.int64), j[border].astype(np.int64)
-    cost = distances[i] + steps.data[border] + distances[j]
+    i = np.repeat(np.arange(graph.shape[0]), np.diff(graph.indptr))
+    border = np.flatnonzero(owner[i] < owner[graph.indices])
+    i, j = i[border], graph.indices[border].astype(np.int64)
+    cost = distances[i] + graph.data[border] + distances[j]
     order = np.lexsort((cost, owner[j], owner[i]))
     i, j = i[order], j[order]
     pairs = np.stack([owner[i], owner[j]])
