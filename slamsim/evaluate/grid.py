@@ -8,10 +8,12 @@ true grid apart: what the eight neighbours of a cell are from it.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
+from slamsim.evaluate.visibility import seen_from
 from slamsim.geometry import inverse, transform_points
 from slamsim.safe.errors import SlamsimError
 from slamsim.types import BoolArray, Float32Array, FloatArray, Grid, IntArray
@@ -31,7 +33,9 @@ _ROUNDING = 1e-6
 
 @dataclass(frozen=True, slots=True)
 class MapScores:
-    """wall_recall: share of the true wall surface that the map shows within one cell.
+    """wall_recall: share of the true wall surface in view from the path driven that the map shows
+    within one cell. wall_coverage: the same share of all wall surface that borders reachable
+    space, hidden or not: it judges the route as well as the map.
 
     wall_precision: share of the map's occupied cells that lie within one cell of a true wall
     surface. wall_error_mean_m: mean distance of its occupied cells from the nearest true wall
@@ -41,49 +45,65 @@ class MapScores:
     """
 
     wall_recall: float | None
+    wall_coverage: float | None
     wall_precision: float | None
     wall_error_mean_m: float | None
     doubled_wall_share: float | None
     free_iou: float | None
 
 
-def compare_grids(estimate: Grid, truth: Grid, T_truth_estimate: FloatArray) -> MapScores:
+def compare_grids(
+    estimate: Grid,
+    truth: Grid,
+    T_truth_estimate: FloatArray,
+    path_m: FloatArray,
+    range_m: float = math.inf,
+) -> MapScores:
     """Score a map; truth: 1 solid, 0 free and reachable, nan not reachable.
 
     T_truth_estimate: (3,) takes the estimate's frame to the truth's, from the trajectories.
+    path_m: (n, 2) the true path, from which the walls were seen as far as range_m.
     Raises SlamsimError if the truth has no wall that borders reachable space.
     """
-    surface = cell_centres(truth, wall_surface(truth.occupancy))
+    surface_cells = wall_surface(truth.occupancy)
+    surface = cell_centres(truth, surface_cells)
     if surface.shape[0] == 0:
         raise SlamsimError("the true grid has no wall that borders reachable space")
+    in_view = seen_from(truth, path_m, range_m)[surface_cells]
     walls = _walls(estimate, T_truth_estimate)
     tolerance_m = _tolerance_m(truth)
     map_to_truth_m = _nearest_m(walls, surface)
-    truth_to_map_m = _nearest_m(surface, walls)
+    shown = _nearest_m(surface, walls) <= tolerance_m
     ghosts = walls[map_to_truth_m > tolerance_m]
     doubled = _nearest_m(surface, ghosts) <= GHOST_RADIUS_M
     return MapScores(
-        wall_recall=float(np.mean(truth_to_map_m <= tolerance_m)),
-        wall_precision=float(np.mean(map_to_truth_m <= tolerance_m)) if walls.size else None,
+        wall_recall=_share(shown[in_view]),
+        wall_coverage=_share(shown),
+        wall_precision=_share(map_to_truth_m <= tolerance_m),
         wall_error_mean_m=float(np.mean(map_to_truth_m)) if walls.size else None,
-        doubled_wall_share=float(np.mean(doubled)),
+        doubled_wall_share=_share(doubled),
         free_iou=_free_iou(estimate, truth, T_truth_estimate),
     )
 
 
 def wrong_walls(
-    estimate: Grid, truth: Grid, T_truth_estimate: FloatArray
+    estimate: Grid,
+    truth: Grid,
+    T_truth_estimate: FloatArray,
+    path_m: FloatArray,
+    range_m: float = math.inf,
 ) -> tuple[BoolArray, BoolArray]:
-    """What precision and recall count against a map, as cells.
+    """What precision and recall count against a map, as cells; arguments as compare_grids.
 
     Returns the estimate's occupied cells (its shape) that belong to no true wall, and the
-    truth's surface cells (its shape) that the map does not show.
+    truth's surface cells in view (its shape) that the map does not show.
     """
-    surface_cells, wall_cells = wall_surface(truth.occupancy), _occupied(estimate)
-    surface, walls = cell_centres(truth, surface_cells), _walls(estimate, T_truth_estimate)
-    invented, missed = np.zeros_like(wall_cells), np.zeros_like(surface_cells)
+    in_view = wall_surface(truth.occupancy) & seen_from(truth, path_m, range_m)
+    surface = cell_centres(truth, wall_surface(truth.occupancy))
+    walls, wall_cells = _walls(estimate, T_truth_estimate), _occupied(estimate)
+    invented, missed = np.zeros_like(wall_cells), np.zeros_like(in_view)
     invented[wall_cells] = _nearest_m(walls, surface) > _tolerance_m(truth)
-    missed[surface_cells] = _nearest_m(surface, walls) > _tolerance_m(truth)
+    missed[in_view] = _nearest_m(cell_centres(truth, in_view), walls) > _tolerance_m(truth)
     return invented, missed
 
 
@@ -124,6 +144,10 @@ def _walls(estimate: Grid, T_truth_estimate: FloatArray) -> FloatArray:
 
 def _tolerance_m(truth: Grid) -> float:
     return float(np.sqrt(2.0) * truth.resolution_m * (1.0 + _ROUNDING))
+
+
+def _share(chosen: BoolArray) -> float | None:
+    return float(np.mean(chosen)) if chosen.size else None
 
 
 def _nearest_m(points: FloatArray, others: FloatArray) -> FloatArray:

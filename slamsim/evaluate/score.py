@@ -68,11 +68,13 @@ def evaluate(
     truth: Trajectory | None = None,
     truth_grid: Grid | None = None,
     relations: Relations | None = None,
+    range_m: float = math.inf,
 ) -> Scores:
     """Score a run with whatever truth there is: none, a trajectory, true walls, relations.
 
     truth_grid: 1 solid, 0 free and reachable, nan not reachable; it needs truth as well, whose
-    alignment it shares. Raises SlamsimError if the truth and the run do not meet in time.
+    alignment it shares. range_m: how far the lidar sees; no walls further from the path than that
+    are asked of the map. Raises SlamsimError if the truth and the run do not meet in time.
     """
     errors = drift = map_scores = None
     if truth is not None:
@@ -80,7 +82,9 @@ def evaluate(
         errors = compare(trajectory, planar, "the estimated trajectory")
         drift = None if odometry is None else compare(odometry, planar, "the odometry")
         if grid is not None and truth_grid is not None:
-            map_scores = compare_grids(grid, truth_grid, errors.T_truth_estimate)
+            map_scores = compare_grids(
+                grid, truth_grid, errors.T_truth_estimate, errors.truth.poses[:, :2], range_m
+            )
     return Scores(
         trajectory=errors,
         odometry=drift,
@@ -119,6 +123,7 @@ def _trajectory_numbers(errors: TrajectoryErrors | None, prefix: str) -> dict[st
 def _map_numbers(scores: MapScores | None) -> dict[str, Number]:
     return {
         "map_wall_recall": None if scores is None else scores.wall_recall,
+        "map_wall_coverage": None if scores is None else scores.wall_coverage,
         "map_wall_precision": None if scores is None else scores.wall_precision,
         "map_wall_error_mean_m": None if scores is None else scores.wall_error_mean_m,
         "map_doubled_wall_share": None if scores is None else scores.doubled_wall_share,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import rerun as rr
 import rerun.blueprint as rrb
 
 from slamsim.evaluate.grid import cell_centres
@@ -19,7 +20,11 @@ _FIELD_OF_VIEW = 0.85
 def blueprint(view: RunView) -> rrb.Blueprint:
     """Both views of the map as tabs, the plots that the run has one above the other."""
     curves = [
-        rrb.TimeSeriesView(origin=f"plots/{plot.key}", name=_titled(plot.title, plot.unit))
+        rrb.TimeSeriesView(
+            origin=f"plots/{plot.key}",
+            name=_titled(plot.title, plot.unit),
+            axis_x=rrb.TimeAxis(view_range=_whole_run(view)),
+        )
         for plot in plots(view)
     ]
     scene = rrb.Tabs(_map_view(view), _space_view(view), active_tab=0)
@@ -30,6 +35,15 @@ def blueprint(view: RunView) -> rrb.Blueprint:
         rrb.BlueprintPanel(state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),
         auto_views=False,
+    )
+
+
+def _whole_run(view: RunView) -> rr.TimeRange:
+    begin_ns = view.begin_ns - view.origin_ns
+    end_ns = view.begin_ns - view.origin_ns + round(view.duration_s * 1e9)
+    return rr.TimeRange(
+        start=rr.TimeRangeBoundary.absolute(nanos=begin_ns),
+        end=rr.TimeRangeBoundary.absolute(nanos=end_ns),
     )
 
 

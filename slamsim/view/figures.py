@@ -28,6 +28,9 @@ _PAGE_INK = "#010203"
 """Stands for the page's own text colour, which depends on the reader's theme."""
 
 _MAX_PATH_POINTS = 3000
+_LEAST_SHOWN = 1e-4
+"""Where a logarithmic axis ends at the latest: a tenth of a millimetre."""
+
 _STYLE: Any = {
     "svg.fonttype": "none",
     "svg.hashsalt": "slamsim",
@@ -63,6 +66,7 @@ def curve_figure(plot: Plot, origin_ns: int) -> Picture:
             axes.plot(time_s, curve.values, color=curve.colour, linewidth=0.9)
         if plot.logarithmic:
             axes.set_yscale("log", nonpositive="mask")
+            axes.set_ylim(bottom=max(axes.get_ylim()[0], _LEAST_SHOWN))
         axes.grid(color=NEUTRAL, alpha=0.25, linewidth=0.5)
         axes.margins(x=0.0)
         axes.set_xlabel("time [s]")
@@ -90,7 +94,8 @@ def truth_figure(view: RunView) -> Picture | None:
     errors, truth = view.scores.trajectory, view.truth_grid
     if truth is None or errors is None:
         return None
-    invented, missed = wrong_walls(view.grid, truth, errors.T_truth_estimate)
+    path_m, range_m = errors.truth.poses[:, :2], view.lidar_range_m
+    invented, missed = wrong_walls(view.grid, truth, errors.T_truth_estimate, path_m, range_m)
     found = (view.grid.occupancy > OCCUPIED_ABOVE) & ~invented
     with rc_context(_STYLE):
         figure, axes = _map_axes(view)
@@ -104,7 +109,7 @@ def truth_figure(view: RunView) -> Picture | None:
             ("true wall", TRUTH),
             ("mapped within one cell of it", INK),
             (f"mapped where no wall is: {np.count_nonzero(invented):,} cells", WITHDRAWN),
-            (f"missed: {np.count_nonzero(missed):,} cells", ACCEPTED),
+            (f"in view but missed: {np.count_nonzero(missed):,} cells", ACCEPTED),
         )
         return Picture(_svg(figure, "truth"), legend)
 

@@ -64,7 +64,7 @@ def _verdict(view: RunView) -> list[Card]:
     made = [
         Card("ATE RMSE", _metres(numbers["ate_rmse_m"]), f"max {_metres(numbers['ate_max_m'])}"),
         Card("Odometry alone", _metres(numbers["odometry_ate_rmse_m"]), "ATE RMSE"),
-        Card("Wall recall", _share(numbers["map_wall_recall"]), "within one cell"),
+        Card("Wall recall", _share(numbers["map_wall_recall"]), "of walls in view, one cell"),
         Card("Wall precision", _share(numbers["map_wall_precision"]), "within one cell"),
         Card("Free-space IoU", _share(numbers["map_free_iou"]), "with the true floor"),
     ]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
@@ -51,6 +52,12 @@ class RunView:
     def duration_s(self) -> float:
         stamps_ns = self.result.trajectory.stamps_ns
         return float(stamps_ns[-1] - stamps_ns[0]) * 1e-9 if stamps_ns.size else 0.0
+
+    @property
+    def lidar_range_m(self) -> float:
+        """How far the lidar sees; without any scan, without end."""
+        first = next(iter(self.log.scans), None)
+        return math.inf if first is None else first.geometry.range_max_m
 
     @property
     def truth_in_map(self) -> FloatArray:

@@ -1,0 +1,72 @@
+"""Which walls could be seen from a path: nobody can map the back of a barrel in a corner."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from slamsim.jit import kernel
+from slamsim.types import BoolArray, FloatArray, Grid
+
+LOOK_EVERY_M = 0.2
+"""Spacing of the points of the path from which is looked around."""
+
+DIRECTIONS = 720
+"""Rays in all directions from each of them: 0.5 degrees apart."""
+
+
+def seen_from(truth: Grid, path_m: FloatArray, range_m: float = math.inf) -> BoolArray:
+    """The solid cells (the grid's shape) that are the first on a ray from a point of the path.
+
+    truth: 1 solid; all else lets a ray through. path_m: (n, 2) in the grid's frame, in the order
+    driven. range_m: rays end there. Looks in all directions, whatever the lidar's own are.
+    """
+    solid = truth.occupancy == 1.0
+    seen: BoolArray = np.zeros(solid.shape, dtype=np.bool_)
+    origins = (_spread(path_m, LOOK_EVERY_M) - truth.origin_m) / truth.resolution_m
+    angles_rad = np.linspace(0.0, 2.0 * np.pi, DIRECTIONS, endpoint=False, dtype=np.float64)
+    reach = min(range_m / truth.resolution_m, float(sum(solid.shape)))
+    _cast(solid, seen, origins, angles_rad, reach)
+    return seen
+
+
+def _spread(path_m: FloatArray, step_m: float) -> FloatArray:
+    """The first point of the path, the last, and one for each step of the way between."""
+    if len(path_m) == 0:
+        return path_m
+    driven_m = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path_m, axis=0), axis=1))])
+    wanted_m = np.arange(0.0, driven_m[-1], step_m)
+    pick = np.append(np.searchsorted(driven_m, wanted_m), len(path_m) - 1)
+    return np.asarray(path_m[np.unique(pick)])
+
+
+@kernel
+def _cast(
+    solid: BoolArray, seen: BoolArray, origins: FloatArray, angles_rad: FloatArray, reach: float
+) -> None:
+    """Mark in ``seen`` the first solid cell of each ray (Amanatides & Woo 1987), in cells."""
+    rows, columns = solid.shape
+    for i in range(origins.shape[0]):
+        for k in range(angles_rad.shape[0]):
+            dx, dy = math.cos(angles_rad[k]), math.sin(angles_rad[k])
+            x, y = origins[i, 0], origins[i, 1]
+            column, row = math.floor(x), math.floor(y)
+            step_x, step_y = (1 if dx > 0.0 else -1), (1 if dy > 0.0 else -1)
+            delta_x = abs(1.0 / dx) if dx != 0.0 else math.inf
+            delta_y = abs(1.0 / dy) if dy != 0.0 else math.inf
+            next_x = (column + (dx > 0.0) - x) / dx if dx != 0.0 else math.inf
+            next_y = (row + (dy > 0.0) - y) / dy if dy != 0.0 else math.inf
+            way = 0.0
+            while way <= reach and 0 <= column < columns and 0 <= row < rows:
+                if solid[row, column]:
+                    seen[row, column] = True
+                    break
+                if next_x <= next_y:
+                    way = next_x
+                    column += step_x
+                    next_x += delta_x
+                else:
+                    way = next_y
+                    row += step_y
+                    next_y += delta_y
