@@ -111,7 +111,7 @@ def test_estimate_odometry_map_and_relations_are_scored_together() -> None:
     bent = moving + np.column_stack([np.zeros(201), 0.001 * moving[:, 0] ** 2, np.zeros(201)])
     cells = np.ones((10, 10), dtype=np.float32)
     cells[2:8, 2:8] = 0.0
-    room = Grid(cells, 0.1, (0.0, 0.0))
+    room = Grid(cells, 0.1, (-0.5, -0.5))
     spatial = Trajectory(
         truth.stamps_ns,
         np.column_stack([moving[:, :2], np.zeros(201)]),

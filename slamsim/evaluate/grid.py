@@ -123,6 +123,11 @@ def cell_centres(grid: Grid, cells: BoolArray) -> FloatArray:
     return np.column_stack([columns + 0.5, rows + 0.5]) * grid.resolution_m + grid.origin_m
 
 
+def decided(grid: Grid) -> BoolArray:
+    """Cells that the map calls free or occupied; the rest was not seen, or not well."""
+    return np.asarray((grid.occupancy < FREE_BELOW) | _occupied(grid), dtype=np.bool_)
+
+
 def sample(grid: Grid, points_m: FloatArray) -> FloatArray:
     """(n,) occupancy of the cell that each point (n, 2) lies in, nan outside the grid."""
     cells = np.floor((points_m - grid.origin_m) / grid.resolution_m).astype(np.int64)

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from matplotlib.transforms import Affine2D
 from numpy.typing import NDArray
 
-from slamsim.evaluate.grid import FREE_BELOW, OCCUPIED_ABOVE, cell_centres, wrong_walls
+from slamsim.evaluate.grid import FREE_BELOW, OCCUPIED_ABOVE, cell_centres, decided, wrong_walls
 from slamsim.geometry import compose, inverse, transform_points
 from slamsim.types import BoolArray, FloatArray, Grid
 from slamsim.view.palette import ACCEPTED, ESTIMATE, NEUTRAL, ODOMETRY, TRUTH, WITHDRAWN, rgb
@@ -122,7 +122,7 @@ def page_from_map(view: RunView) -> FloatArray:
 
 def _map_axes(view: RunView) -> tuple[Figure, Axes]:
     """Equal axes in metres around everything that the map knows."""
-    known = cell_centres(view.grid, np.isfinite(view.grid.occupancy))
+    known = cell_centres(view.grid, decided(view.grid))
     points = transform_points(
         page_from_map(view), np.concatenate([known, view.result.trajectory.poses[:, :2]])
     )
