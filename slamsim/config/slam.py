@@ -19,10 +19,10 @@ class MotionConfig(Config):
     slip_m_per_rad: float = Field(0.01, ge=0.0, le=1.0)
     """Standard deviation of the wheels' position, per radian turned."""
 
-    turn_rad_per_rad: float = Field(0.05, gt=0.0, le=1.0)
+    turn_rad_per_rad: float = Field(0.1, gt=0.0, le=1.0)
     """Standard deviation of the wheels' heading, per radian turned."""
 
-    turn_rad_per_m: float = Field(0.01, ge=0.0, le=1.0)
+    turn_rad_per_m: float = Field(0.02, ge=0.0, le=1.0)
     """Standard deviation of the wheels' heading, per metre driven."""
 
     gyro_rad_per_rad: float = Field(0.005, gt=0.0, le=1.0)

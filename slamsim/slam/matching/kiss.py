@@ -14,10 +14,13 @@ from scipy.spatial import cKDTree
 
 from slamsim.config.slam import FrontEndConfig
 from slamsim.geometry import between, compose, transform_points
+from slamsim.slam.matching.align import typical_range
 from slamsim.slam.matching.base import Match
 from slamsim.slam.matching.surfaces import (
     NORMAL_X,
     NORMAL_Y,
+    SCATTER_XX,
+    SCATTER_YY,
     VARIANCE,
     X,
     Y,
@@ -54,7 +57,7 @@ class KissMatcher:
         self, cloud: Cloud, T_map_base_guess: FloatArray, prior_covariance: FloatArray
     ) -> Match | None:
         """See ``Matcher.match``."""
-        pieces = surface_pieces(cloud, NOISE_M, VOXEL_M, self._reach_m)
+        pieces = surface_pieces(cloud, NOISE_M, 2.0 * VOXEL_M, self._reach_m)
         points = self._thin(cloud, 1.5 * VOXEL_M)
         if self._tree is None or len(points) < MIN_POINTS or len(pieces) == 0:
             return None
@@ -135,10 +138,12 @@ class KissMatcher:
 def _hold(pieces: FloatArray, weak_share: float) -> tuple[FloatArray, FloatArray]:
     """Information (3, 3) that the pieces' normals give, and the (k, 3) steps they do not hold."""
     nx, ny = pieces[:, NORMAL_X], pieces[:, NORMAL_Y]
-    length = max(float(np.sqrt(np.mean(np.square(pieces[:, [X, Y]]).sum(axis=1)))), 0.1)
+    length = typical_range(pieces)
     lever = (ny * pieces[:, X] - nx * pieces[:, Y]) / length
     rows = np.column_stack([nx, ny, lever])
-    values, axes = np.linalg.eigh(rows.T @ rows / len(rows))
+    # A normal is known only so well: what its noise adds to the grip is none.
+    blur = np.mean(np.minimum(NOISE_M**2 / (pieces[:, SCATTER_XX] + pieces[:, SCATTER_YY]), 0.1))
+    values, axes = np.linalg.eigh(rows.T @ rows / len(rows) - blur * np.eye(3))
     weak = axes[:, values < weak_share]
     scale = np.array([1.0, 1.0, length])
     # Point to point on voxels of decimetres is not surer than their grain.
