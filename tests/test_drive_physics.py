@@ -130,9 +130,12 @@ def test_commands_keep_to_the_acceleration_limits(tmp_path: Path) -> None:
     driven = _play(tmp_path, [(0, 0.5, 1.0), (3, -0.3, -1.5), (6, 0, 0)], limits=limits)
     rates = np.abs(np.diff(driven.commands, axis=0)).max(axis=0) * 40.0
     np.testing.assert_allclose(rates, [0.3, 1.0], rtol=1e-6)
-    speed = np.linalg.norm(driven.linear_velocity_m_s[:, :2], axis=1)
-    gained = (speed[48:] - speed[:-48]) / 0.2
-    assert gained.max() < 0.3 * 1.15
+    forward = np.cos(yaw := yaw_from_xyzw(driven.quats_xyzw)) * driven.linear_velocity_m_s[:, 0]
+    forward += np.sin(yaw) * driven.linear_velocity_m_s[:, 1]
+    gained = np.abs(np.diff(forward)) * 240.0
+    assert gained.max() < 0.3 * 1.1
+    turned = np.abs(np.diff(driven.angular_velocity_rad_s[:, 2])) * 240.0
+    assert turned.max() < 1.0 * 1.1
 
 
 def _effective_mass_kg(robot: RobotModel) -> float:

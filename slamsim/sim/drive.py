@@ -113,8 +113,7 @@ class _Ride:
         rate_hz, control_hz = config.physics.rate_hz, config.follow.control_rate_hz
         self._steps_per_tick, self._tick_s = rate_hz // control_hz, 1.0 / control_hz
         self._window_ticks = max(round(config.physics.window_s * control_hz), 1)
-        self._motors = build_motors(engine, robot.motor, 1.0 / rate_hz)
-        self._motors.command((0.0, 0.0))
+        self._motors = build_motors(engine, robot.motor, 1.0 / rate_hz, self._steps_per_tick)
         self._floor = Floor(engine, world)
         self._recorder = Recorder(engine.T_base_com, rate_hz, self._steps_per_tick)
         self._com_base = _inverse_for_pybullet(engine.T_base_com)
@@ -151,7 +150,7 @@ class _Ride:
             record((*position, *quaternion, *linear, *angular, *left[:2], *right[:2]))
             if i == 0:
                 self._decide(position, quaternion)
-            if motors.every_step:
+            if motors.busy:
                 motors.update((left[1], right[1]))
             step(client)
 

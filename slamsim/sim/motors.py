@@ -14,26 +14,60 @@ UNLIMITED_TORQUE_N_M = 1e5
 class Motors(Protocol):
     """Both wheel motors. Speeds are (left, right) in rad/s."""
 
-    every_step: bool
-    """Whether ``update`` must be called before each physics step."""
+    busy: bool
+    """Whether ``update`` must be called before the next physics step."""
 
     def command(self, speeds_rad_s: tuple[float, float]) -> None:
         """The speeds to reach from now on."""
 
     def update(self, measured_rad_s: tuple[float, float]) -> None:
-        """Set the torque for the next step from the measured speeds."""
+        """Prepare the next step, given the measured speeds."""
 
 
 class VelocityMotors:
-    """Hold the speed as far as the torque reaches; solved together with the contacts."""
+    """Hold the speed as far as the torque reaches; solved together with the contacts.
 
-    every_step = False
+    A new speed is approached evenly over one control tick: as a step it would be a blow of
+    several m/s^2, which an accelerometer on the robot would feel at every tick.
+    """
 
-    def __init__(self, engine: Engine, max_torque_n_m: float) -> None:
+    def __init__(self, engine: Engine, max_torque_n_m: float, steps_per_tick: int) -> None:
         self._engine, self._max_torque_n_m = engine, max_torque_n_m
+        self._steps_per_tick, self._steps_left = steps_per_tick, 0
+        self._left = self._right = self._left_step = self._right_step = 0.0
+        self._target = (0.0, 0.0)
+        self.busy = False
+        hold_wheels(engine, self._target, max_torque_n_m)
 
     def command(self, speeds_rad_s: tuple[float, float]) -> None:
-        hold_wheels(self._engine, speeds_rad_s, self._max_torque_n_m)
+        self._target = speeds_rad_s
+        self._left_step = (speeds_rad_s[0] - self._left) / self._steps_per_tick
+        self._right_step = (speeds_rad_s[1] - self._right) / self._steps_per_tick
+        self._steps_left, self.busy = self._steps_per_tick, True
+
+    def update(self, measured_rad_s: tuple[float, float]) -> None:
+        self._steps_left -= 1
+        if self._steps_left == 0:
+            # Exactly the target: at rest the wheels must not keep a rounding error's speed.
+            self._left, self._right = self._target
+            self.busy = False
+        else:
+            self._left += self._left_step
+            self._right += self._right_step
+        hold_wheels(self._engine, (self._left, self._right), self._max_torque_n_m)
+
+
+class IdealMotors:
+    """Take the commanded speed at once, whatever torque that needs."""
+
+    busy = False
+
+    def __init__(self, engine: Engine) -> None:
+        self._engine = engine
+        self.command((0.0, 0.0))
+
+    def command(self, speeds_rad_s: tuple[float, float]) -> None:
+        hold_wheels(self._engine, speeds_rad_s, UNLIMITED_TORQUE_N_M)
 
     def update(self, measured_rad_s: tuple[float, float]) -> None:
         return None
@@ -42,7 +76,7 @@ class VelocityMotors:
 class PidMotors:
     """Torque from the speed error; the integral stops growing while the torque is at its limit."""
 
-    every_step = True
+    busy = True
 
     def __init__(self, engine: Engine, config: MotorConfig, step_s: float) -> None:
         self._engine, self._config, self._step_s = engine, config, step_s
@@ -79,9 +113,10 @@ class PidMotors:
         return max(-limit, min(limit, torque))
 
 
-def build_motors(engine: Engine, config: MotorConfig, step_s: float) -> Motors:
-    """The motors of a configuration; step_s is the physics step."""
+def build_motors(engine: Engine, config: MotorConfig, step_s: float, steps_per_tick: int) -> Motors:
+    """The motors of a configuration. step_s: physics step; steps_per_tick: per control tick."""
     if config.kind == "pid":
         return PidMotors(engine, config, step_s)
-    torque_n_m = UNLIMITED_TORQUE_N_M if config.kind == "ideal" else config.max_torque_n_m
-    return VelocityMotors(engine, torque_n_m)
+    if config.kind == "ideal":
+        return IdealMotors(engine)
+    return VelocityMotors(engine, config.max_torque_n_m, steps_per_tick)
