@@ -214,6 +214,18 @@ def test_wheel_speeds_and_turn_rate_are_those_driven() -> None:
     np.testing.assert_allclose(turned, -whole)
 
 
+def test_speeds_are_sane_where_stamps_lie_microseconds_apart() -> None:
+    run = example_run(duration_s=20.0, with_truth=False)
+    assert run.log.odometry is not None
+    stamps_ns = run.log.odometry.stamps_ns.copy()
+    stamps_ns[1::2] = stamps_ns[0:-1:2] + 1000
+    crowded = replace(
+        run.log, encoders=None, odometry=replace(run.log.odometry, stamps_ns=stamps_ns)
+    )
+    made = {plot.key: plot for plot in plots(replace(run, log=crowded), at_most=60)}
+    assert np.abs(made["wheels"].curves[0].values).max() < 10.0
+
+
 def test_every_plot_is_there_and_thinned() -> None:
     made = {plot.key: plot for plot in plots(example_run(), at_most=100)}
     assert set(made) == {"error_m", "error_deg", "match", "wheels", "turn"}

@@ -81,11 +81,10 @@ def map_figure(view: RunView) -> Picture:
     with rc_context(_STYLE):
         figure, axes = _map_axes(view)
         _show_cells(axes, view.grid, _map_colours(view.grid), T_page_map)
-        legend = []
+        legend = _show_closures(axes, view, T_page_map)
         for name, colour, points in _paths(view, T_page_map):
             axes.plot(points[:, 0], points[:, 1], color=colour, linewidth=0.9)
             legend.append((name, colour))
-        legend += _show_closures(axes, view, T_page_map)
         return Picture(_svg(figure, "map"), tuple(legend))
 
 
@@ -208,10 +207,11 @@ def _show_closures(axes: Axes, view: RunView, T_page_map: FloatArray) -> list[tu
     ):
         if edges:
             lines = [points[[edge.source, edge.target]] for edge in edges]
-            collection = LineCollection(lines, colors=colour, linewidths=0.8)
+            opacity = float(np.clip(100 / len(edges), 0.2, 1.0))
+            collection = LineCollection(lines, colors=colour, linewidths=0.7, alpha=opacity)
             axes.add_collection(collection, autolim=False)
             ends = np.concatenate(lines)
-            axes.plot(ends[:, 0], ends[:, 1], ".", color=colour, markersize=2.5)
+            axes.plot(ends[:, 0], ends[:, 1], ".", color=colour, markersize=2.0, alpha=opacity)
             legend.append((f"{name}: {len(edges):,}", colour))
     return legend
 

@@ -30,7 +30,7 @@ h2 { margin: 2.5rem 0 0.9rem; font-size: 1.15rem; }
 .pair { display: grid; gap: 1rem;
   grid-template-columns: repeat(auto-fit, minmax(min(420px, 100%), 1fr)); }
 figure { margin: 0; padding: 0.75rem; border: 1px solid var(--line); border-radius: 10px; }
-figure.wide { max-width: 760px; }
+figure.wide { max-width: 700px; }
 figcaption { font-size: 0.85rem; font-weight: 600; }
 .legend { display: flex; flex-wrap: wrap; gap: 0.1rem 1rem; margin: 0.25rem 0 0.5rem; padding: 0;
   list-style: none; color: var(--soft); font-size: 0.78rem; }

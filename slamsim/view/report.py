@@ -53,6 +53,10 @@ def headline(view: RunView) -> str:
     if ate_m is not None:
         sentence += f". The trajectory is {_metres(ate_m)} off (RMSE)"
         sentence += f"; odometry alone would be {_metres(odometry_m)} off"
+    if view.scores.relations is not None:
+        met = view.scores.relations.all
+        sentence += f". Verified relations are met to {_metres(met.translation_mean_m)}"
+        sentence += f" and {met.rotation_mean_deg:.2f}° on average"
     return sentence + "."
 
 
@@ -157,7 +161,7 @@ def _timing_table(view: RunView) -> str:
     rows = []
     for prefix, seconds in (("", view.seconds), ("SLAM: ", view.result.seconds)):
         for stage, spent_s in seconds.items():
-            factor = f"{view.duration_s / spent_s:.1f} ×" if spent_s > 0.0 else ""
+            factor = f"{view.duration_s / spent_s:,.1f} ×" if spent_s >= 0.01 else ""
             rows.append((prefix + stage, f"{spent_s:.2f}", factor))
     return table(Table(("stage", "seconds", "real time"), rows)) if rows else ""
 

@@ -124,12 +124,15 @@ def _turn_rate(view: RunView, at_most: int) -> Plot | None:
 
 def wheel_speeds(encoders: EncoderStream, at_most: int) -> tuple[IntArray, FloatArray]:
     """Middle of each interval and (n, 2) mean rolling speed in it, m/s, as (left, right)."""
-    pick = thinned(encoders.stamps_ns.size, at_most)
-    stamps_ns, ticks = encoders.stamps_ns[pick], encoders.ticks[pick]
+    grid_ns = _even(encoders.stamps_ns, at_most)
+    since_s = (encoders.stamps_ns - grid_ns[0]) * 1e-9
     metres_per_tick = 2.0 * np.pi * encoders.wheel_radius_m / encoders.ticks_per_revolution
-    dt_s = _elapsed_s(stamps_ns)
-    speeds = np.diff(ticks, axis=0) * metres_per_tick / dt_s[:, None]
-    return stamps_ns[:-1] + np.diff(stamps_ns) // 2, speeds
+    rolled = [
+        np.interp((grid_ns - grid_ns[0]) * 1e-9, since_s, wheel) for wheel in encoders.ticks.T
+    ]
+    elapsed_s = np.diff(grid_ns) * 1e-9
+    speeds = np.diff(np.column_stack(rolled), axis=0) * metres_per_tick / elapsed_s[:, None]
+    return grid_ns[:-1] + np.diff(grid_ns) // 2, speeds
 
 
 def yaw_rate(
@@ -146,14 +149,19 @@ def yaw_rate(
 
 def _rates(trajectory: PlanarTrajectory, at_most: int) -> tuple[IntArray, FloatArray]:
     """Middle of each interval and mean (forward m/s, left m/s, turn rad/s) in it."""
-    pick = thinned(len(trajectory), at_most)
-    stamps_ns, poses = trajectory.stamps_ns[pick], trajectory.poses[pick]
-    dt_s = _elapsed_s(stamps_ns)
+    grid_ns = _even(trajectory.stamps_ns, at_most)
+    poses = trajectory.at(grid_ns)
     motion = between(poses[:-1], poses[1:])
-    return stamps_ns[:-1] + np.diff(stamps_ns) // 2, motion / dt_s[:, None]
+    return grid_ns[:-1] + np.diff(grid_ns) // 2, motion / (np.diff(grid_ns) * 1e-9)[:, None]
 
 
-def _elapsed_s(stamps_ns: IntArray) -> FloatArray:
-    """Time between neighbours; nan where there is none, so that no speed is shown there."""
-    elapsed_s = np.diff(stamps_ns) * 1e-9
-    return np.where(elapsed_s > 0.0, elapsed_s, np.nan)
+def _even(stamps_ns: IntArray, at_most: int) -> IntArray:
+    """At most so many instants, evenly spread from the first stamp to the last.
+
+    Real stamps may lie microseconds apart where a clock was corrected: a speed from one of them
+    to the next would be nonsense.
+    """
+    count = max(min(at_most, stamps_ns.size), 2)
+    span_ns = int(stamps_ns[-1] - stamps_ns[0])
+    steps = np.arange(count, dtype=np.float64) * (span_ns / (count - 1))
+    return np.unique(stamps_ns[0] + np.minimum(steps.astype(np.int64), span_ns))
