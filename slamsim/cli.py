@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -12,6 +12,8 @@ from slamsim import __version__
 
 if TYPE_CHECKING:
     from slamsim.config.run import RunConfig
+    from slamsim.console import Reporter
+    from slamsim.run import Report
 
 app = typer.Typer(
     name="slamsim",
@@ -76,12 +78,13 @@ def world(
     from slamsim.console import Reporter
     from slamsim.run import export_world
     from slamsim.run_folder import pick_folder
+    from slamsim.summary import flat
 
     reporter = Reporter(quiet=quiet, as_json=as_json)
     resolved = _config(name, config, set_, seed)
     folder = pick_folder(out, f"{resolved.world.name}_world", overwrite=overwrite)
     facts = export_world(resolved, folder, overwrite=overwrite)
-    reporter.table(f"World {resolved.world.name}", {k: str(v) for k, v in facts.items()})
+    reporter.table(f"World {resolved.world.name}", flat(facts))
     reporter.say(f"Written to {folder}/")
     reporter.result({**facts, "folder": str(folder)})
 
@@ -168,10 +171,11 @@ def evaluate(
     """Score a trajectory and a map against the truth or against relations."""
     from slamsim.console import Reporter
     from slamsim.run import evaluate_run
+    from slamsim.summary import flat
 
     reporter = Reporter(quiet=quiet, as_json=as_json)
     scores = evaluate_run(estimate, truth, relations)
-    reporter.table(f"Scores of {estimate}", _readable(scores))
+    reporter.table(f"Scores of {estimate}", flat(scores))
     reporter.result(scores)
 
 
@@ -201,10 +205,11 @@ def bench(
     """Measure speed, as ratios taken in one run on this machine."""
     from slamsim.bench import run_bench
     from slamsim.console import Reporter
+    from slamsim.summary import flat
 
     reporter = Reporter(quiet=quiet, as_json=as_json)
     figures = run_bench(part, name, seconds, repeats, reporter)
-    reporter.table("Bench", _readable(figures))
+    reporter.table("Bench", flat(figures))
     reporter.result(figures)
 
 
@@ -236,24 +241,16 @@ def _root(
     pass
 
 
-def _readable(values: dict[str, Any]) -> dict[str, str]:
-    flat: dict[str, str] = {}
-    for key, value in values.items():
-        if isinstance(value, dict):
-            flat.update({f"{key}.{k}": v for k, v in _readable(value).items()})
-        elif isinstance(value, float):
-            flat[key] = f"{value:.4g}"
-        elif value is not None and not isinstance(value, list):
-            flat[key] = str(value)
-    return flat
+def _close(reporter: Reporter, report: Report, folder: Path) -> None:
+    from slamsim.summary import summary
 
-
-def _close(reporter: Any, report: dict[str, Any], folder: Path) -> None:
-    for warning in report.get("warnings", ()):
+    for warning in report.warnings:
         reporter.warn(warning)
-    reporter.table(f"Run {report['name']}", _readable(report))
-    reporter.say(f"Written to {folder}/ · look at {folder}/report.html or: slamsim view {folder}")
-    reporter.result({**report, "folder": str(folder)})
+    reporter.table(str(report.numbers["name"]), summary(report.numbers))
+    reporter.say(f"Written to {folder}/")
+    if report.mapped:
+        reporter.say(f"Look at {folder}/report.html, or: slamsim view {folder}")
+    reporter.result({**report.numbers, "folder": str(folder)})
 
 
 def main() -> None:

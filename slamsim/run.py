@@ -9,7 +9,7 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from slamsim import run_folder
@@ -37,7 +37,14 @@ from slamsim.world.build import World, build_world
 from slamsim.world.export import stl_bytes, world_facts
 from slamsim.world.preview import preview_png
 
-Report = dict[str, object]
+
+@dataclass(frozen=True, slots=True)
+class Report:
+    """The numbers of a run under stable, unit-bearing keys, and what a person should be told."""
+
+    numbers: dict[str, object]
+    warnings: tuple[str, ...] = ()
+    mapped: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,7 +66,7 @@ class _Stages:
         return {**self.seconds, "total": time.perf_counter() - self.started_s}
 
 
-def export_world(config: RunConfig, folder: Path, *, overwrite: bool = False) -> Report:
+def export_world(config: RunConfig, folder: Path, *, overwrite: bool = False) -> dict[str, object]:
     """``slamsim world``: preview, mesh and true map of a world, and its figures."""
     world = build_world(config.world, config.seed)
     height_m = float(build_robot(config.robot).T_base_laser[2, 3])
@@ -81,14 +88,16 @@ def simulate_world(
         seconds = stages.total()
     outcome = simulation.outcome
     _require_finished(simulation, folder)
-    return {
-        "name": config.world.name,
-        "duration_s": outcome.duration_s,
-        "path_length_m": outcome.path_length_m,
-        "seconds": seconds,
-        "realtime_factor": {"simulate": outcome.duration_s / seconds["simulate"]},
-        "peak_memory_mb": _peak_memory_mb(),
-    }
+    return Report(
+        {
+            "name": config.world.name,
+            "duration_s": outcome.duration_s,
+            "path_length_m": outcome.path_length_m,
+            "seconds": seconds,
+            "realtime_factor": {"simulate": outcome.duration_s / seconds["simulate"]},
+            "peak_memory_mb": _peak_memory_mb(),
+        }
+    )
 
 
 def map_world(
@@ -105,7 +114,7 @@ def map_world(
     with partial_folder(folder, overwrite) as partial:
         simulation = _simulate(config, partial, stages)
         source = partial / run_folder.LOG
-        log = read_log(source)
+        log = replace(read_log(source), name=config.world.name)
         report = _map(log, config, partial, stages, read_truth(source), simulation.world, wanted)
     _require_finished(simulation, folder)
     return report
@@ -123,7 +132,7 @@ def map_recording(
 ) -> Report:
     """``slamsim map RECORDING``: map, evaluate with whatever truth there is, show."""
     path = run_folder.log_of(source)
-    log = read_log(path, scan_topic)
+    log = replace(read_log(path, scan_topic), name=run_folder.recording_name(str(source)))
     wanted = None if relations is None else read_relations(relations)
     stages = _Stages(reporter)
     with partial_folder(folder, overwrite) as partial:
@@ -174,10 +183,10 @@ def _map(
         run_folder.write_truth(partial, truth)
     with stages.stage("report", "") as _:
         write_recording(partial / run_folder.RECORDING, view)
-        report = report_json(view)
-        write_atomic(partial / run_folder.REPORT_JSON, json.dumps(report, indent=2).encode())
+        numbers = report_json(view)
+        write_atomic(partial / run_folder.REPORT_JSON, json.dumps(numbers, indent=2).encode())
         write_report(partial / run_folder.REPORT, view)
-    return report
+    return Report(numbers, (*log.warnings, *result.warnings), mapped=True)
 
 
 def _slam(log: Log, config: RunConfig, stages: _Stages) -> tuple[SlamResult, Grid]:
@@ -191,7 +200,7 @@ def _slam(log: Log, config: RunConfig, stages: _Stages) -> tuple[SlamResult, Gri
     return result, grid
 
 
-def evaluate_run(estimate: Path, truth: Path | None, relations: Path | None) -> Report:
+def evaluate_run(estimate: Path, truth: Path | None, relations: Path | None) -> dict[str, object]:
     """``slamsim evaluate``: score a run's folder, or a trajectory, anew."""
     wanted = None if relations is None else read_relations(relations)
     run = run_folder.read_run(estimate, truth)

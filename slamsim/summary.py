@@ -1,0 +1,109 @@
+"""The few numbers of a report that a person wants to see first."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import cast
+
+Numbers = Mapping[str, object]
+
+
+def summary(report: Numbers) -> dict[str, str]:
+    """Name and value, with units, of what the report knows; what it does not know is left out."""
+    lines = {name: line(report) for name, line in _LINES.items()}
+    return {name: text for name, text in lines.items() if text is not None}
+
+
+def flat(values: Numbers, prefix: str = "") -> dict[str, str]:
+    """Every number under its dotted key, nested ones included; lists and unknowns left out."""
+    rows: dict[str, str] = {}
+    for key, value in values.items():
+        if isinstance(value, Mapping):
+            rows.update(flat(value, f"{prefix}{key}."))
+        elif isinstance(value, float):
+            rows[f"{prefix}{key}"] = f"{value:.4g}"
+        elif value is not None and not isinstance(value, list | tuple):
+            rows[f"{prefix}{key}"] = str(value)
+    return rows
+
+
+def _number(report: Numbers, *keys: str) -> float | None:
+    value: object = report
+    for key in keys:
+        value = value.get(key) if isinstance(value, Mapping) else None
+    return None if value is None else float(cast(float, value))
+
+
+def _driven(report: Numbers) -> str | None:
+    path_m, duration_s = _number(report, "path_length_m"), _number(report, "duration_s")
+    return None if path_m is None else f"{path_m:.1f} m in {duration_s:.1f} s"
+
+
+def _trajectory(report: Numbers) -> str | None:
+    ate_m, odometry_m = _number(report, "ate_rmse_m"), _number(report, "odometry_ate_rmse_m")
+    if ate_m is None:
+        return None
+    beside = "" if odometry_m is None else f"   (odometry alone {_metres(odometry_m)})"
+    return f"{_metres(ate_m)} RMSE, {_metres(_number(report, 'ate_max_m'))} at most{beside}"
+
+
+def _drift(report: Numbers) -> str | None:
+    percent = _number(report, "rpe_trans_percent")
+    return None if percent is None else f"{percent:.3g} % of the path"
+
+
+def _walls(report: Numbers) -> str | None:
+    recall, precision = _number(report, "map_wall_recall"), _number(report, "map_wall_precision")
+    if recall is None or precision is None:
+        return None
+    return f"{100 * recall:.1f} % found, {100 * precision:.1f} % true, within one cell"
+
+
+def _free(report: Numbers) -> str | None:
+    overlap = _number(report, "map_free_iou")
+    return None if overlap is None else f"{100 * overlap:.1f} % overlap with the true floor"
+
+
+def _relations(report: Numbers) -> str | None:
+    mean_m = _number(report, "relations", "all", "translation_mean_m")
+    mean_deg = _number(report, "relations", "all", "rotation_mean_deg")
+    if mean_m is None or mean_deg is None:
+        return None
+    return f"{mean_m:.4f} m, {mean_deg:.3f}° mean absolute error"
+
+
+def _closures(report: Numbers) -> str | None:
+    accepted, rejected = report.get("loop_closures"), report.get("loop_closures_rejected")
+    return None if accepted is None else f"{accepted} accepted, {rejected} rejected"
+
+
+def _speed(report: Numbers) -> str | None:
+    factors = report.get("realtime_factor")
+    if not isinstance(factors, Mapping):
+        return None
+    known = [f"{name} {value:.3g} ×" for name, value in factors.items() if value is not None]
+    return ", ".join(known) + " real time"
+
+
+def _memory(report: Numbers) -> str | None:
+    memory_mb = _number(report, "peak_memory_mb")
+    return None if memory_mb is None else f"{memory_mb:.0f} MB at most"
+
+
+def _metres(value: float | None) -> str:
+    if value is None:
+        return "unknown"
+    return f"{1e3 * value:.1f} mm" if value < 0.1 else f"{value:.2f} m"
+
+
+_LINES: dict[str, Callable[[Numbers], str | None]] = {
+    "driven": _driven,
+    "trajectory error": _trajectory,
+    "drift": _drift,
+    "walls": _walls,
+    "free space": _free,
+    "relations": _relations,
+    "loop closures": _closures,
+    "speed": _speed,
+    "memory": _memory,
+}
