@@ -63,7 +63,7 @@ class ClosureConfig(Config):
     gate_sigmas: float = Field(3.5, gt=0.0, le=10.0)
     """Half width of the search, in standard deviations of the relative pose."""
 
-    min_window_m: float = Field(0.3, gt=0.0)
+    min_window_m: float = Field(0.5, gt=0.0)
     """The search reaches at least this far on each side of the prediction."""
 
     max_window_m: float = Field(6.0, gt=0.0, le=50.0)
@@ -88,7 +88,8 @@ class ClosureConfig(Config):
     """Least share of the query's points that lie where the submap knows anything."""
 
     max_contradiction: float = Field(0.12, gt=0.0, lt=1.0)
-    """Largest share of either side's points that stand where the other saw free space."""
+    """Largest share of either side's points that stand where the other saw free space; twice as
+    much for a closure found where it was expected."""
 
     ambiguity_ratio: float = Field(0.88, gt=0.0, lt=1.0)
     """A second peak of the score, relative to the best, above which the match is ambiguous."""
@@ -100,7 +101,8 @@ class ClosureConfig(Config):
     """How much turned from the best pose a second peak counts as another place."""
 
     sure_window_m: float = Field(0.6, ge=0.0)
-    """A closure whose search had to reach farther than this waits for others that agree."""
+    """A closure whose search had to reach farther than this waits for others that agree, as does
+    one beyond the gate."""
 
     min_support: int = Field(3, ge=1, le=20)
     """How many closures must agree with each other before an unexpected one counts."""

@@ -15,15 +15,16 @@ from slamsim.progress import Progress, silent
 from slamsim.slam.agreement import WaitingClosures
 from slamsim.slam.closure import Closure, ClosureFinder, Expected
 from slamsim.slam.estimate import Estimate
-from slamsim.slam.graph import solve_robustly
+from slamsim.slam.graph import PoseGraphSolver
 from slamsim.slam.keyframes import Keyframe, KeyframeMaker, chain_edge
 from slamsim.slam.marginals import relative_covariances
 from slamsim.slam.odometry import Tracked
 from slamsim.slam.submaps import Submap, Surfaces, make_submap, submap_is_full
 from slamsim.types import FloatArray, GraphEdge, IntArray, PlanarTrajectory, PoseGraph
 
-SOLVE_AFTER_KEYFRAMES = 10
-SOLVE_AFTER_SHARE = 0.1
+UPDATE_AFTER_KEYFRAMES = 10
+RENEW_AFTER_KEYFRAMES = 20
+RENEW_AFTER_SHARE = 0.1
 SURPRISE_M = 0.1
 SURPRISE_RAD = 0.03
 
@@ -40,11 +41,10 @@ class BackEnd:
         self._scratch = Surfaces()
         self._estimate = Estimate()
         self._keyframes: list[Keyframe] = []
-        self._chain: list[GraphEdge] = []
-        self._closures: list[GraphEdge] = []
+        self._graph = PoseGraphSolver(self._config.graph)
         self._submaps: list[Submap] = []
         self._submap_from = 0
-        self._solved_keyframes = 0
+        self._updated_keyframes = 0
         self._unsolved: list[Closure] = []
         self.refusals: Counter[str] = Counter()
         """Why closures were not believed, and how often."""
@@ -61,10 +61,10 @@ class BackEnd:
             self._cut_submaps(keyframe)
         if self._config.closures.enabled:
             with self._timed("closures"):
-                self._close_loops(keyframe.index, self._config.closures.min_travel_m)
+                self._close_loops(keyframe.index)
         if self._due():
             with self._timed("solve"):
-                self._solve()
+                self._update()
 
     def finish(self, progress: Progress = silent) -> PoseGraph:
         """The final solution, after searching again wherever the estimate is better by now."""
@@ -72,16 +72,15 @@ class BackEnd:
             self._solve()
         rounds = self._config.closures.rounds if self._config.closures.enabled else 0
         for number in range(rounds):
+            begun = number * len(self._keyframes)
             with self._timed("closures"):
-                found = self._search_all(
-                    lambda done, total: progress(number * total + done, rounds * total)
-                )
+                found = self._search_all(progress, begun, rounds * len(self._keyframes))
             if not found:
                 break
             with self._timed("solve"):
                 self._solve()
         self.refusals["unsupported"] += self._waiting.forget(np.inf)
-        return self._graph()
+        return self._pose_graph()
 
     @property
     def poses(self) -> FloatArray:
@@ -91,12 +90,12 @@ class BackEnd:
     @property
     def accepted(self) -> int:
         """Closures that hold the map together by now."""
-        return sum(edge.weight > 0.0 for edge in self._closures)
+        return sum(edge.weight > 0.0 for edge in self._closures())
 
     @property
     def rejected(self) -> int:
         """Matches that were found but not believed, or believed and withdrawn."""
-        withdrawn = len(self._closures) - self.accepted
+        withdrawn = len(self._closures()) - self.accepted
         return sum(self.refusals.values()) - self.refusals["score"] + withdrawn
 
     def warnings(self) -> tuple[str, ...]:
@@ -113,7 +112,7 @@ class BackEnd:
             edge = chain_edge(
                 self._keyframes[-1], keyframe, self._gyro, self._motion, self._config.graph
             )
-            self._chain.append(edge)
+            self._graph.add(edge)
             self._estimate.extend(edge)
         self._keyframes.append(keyframe)
 
@@ -148,14 +147,14 @@ class BackEnd:
         members = self._keyframes[first : index + 1]
         return make_submap(members, len(members) - 1, self._scratch, self._maker.noise_m)
 
-    def _close_loops(self, index: int, min_travel_m: float) -> int:
+    def _close_loops(self, index: int) -> int:
         """Search the submaps that may overlap with a key frame; how many closures came of it."""
         path_m = self._keyframes[index].path_m
         self.refusals["unsupported"] += self._waiting.forget(path_m)
         left_behind = [
             number
             for number, submap in enumerate(self._submaps)
-            if submap.to_path_m < path_m - min_travel_m
+            if submap.to_path_m < path_m - self._config.closures.min_travel_m
         ]
         if not left_behind:
             return 0
@@ -211,55 +210,69 @@ class BackEnd:
 
     def _weigh(self, closure: Closure) -> int:
         """Believe an expected closure at once, a surprising one when others agree."""
-        if closure.reach_m <= self._config.closures.sure_window_m:
+        if closure.expected:
             accepted = [closure]
         else:
             accepted = list(self._waiting.add(closure, self._estimate.poses))
-        self._closures += [one.edge for one in accepted]
+        for one in accepted:
+            self._graph.add(one.edge)
         self._unsolved += accepted
         return len(accepted)
 
     def _due(self) -> bool:
-        """Whether solving now would help the search for the next closures."""
+        """Whether a solution now would help the search for the next closures."""
         if not self._unsolved:
             return False
+        since = len(self._keyframes) - self._updated_keyframes
+        if since >= UPDATE_AFTER_KEYFRAMES:
+            return True
+        edges = [closure.edge for closure in self._unsolved]
         poses = self._estimate.poses
-        for closure in self._unsolved:
-            edge = closure.edge
-            step = between(edge.T_source_target, between(poses[edge.source], poses[edge.target]))
-            if np.hypot(step[0], step[1]) > SURPRISE_M or abs(step[2]) > SURPRISE_RAD:
-                return True
-        since = len(self._keyframes) - self._solved_keyframes
-        return since >= SOLVE_AFTER_KEYFRAMES + SOLVE_AFTER_SHARE * self._solved_keyframes
+        now = between(poses[[e.source for e in edges]], poses[[e.target for e in edges]])
+        step = between(np.array([edge.T_source_target for edge in edges]), now)
+        surprise_m, surprise_rad = np.hypot(step[:, 0], step[:, 1]).max(), np.abs(step[:, 2]).max()
+        return bool(surprise_m > SURPRISE_M or surprise_rad > SURPRISE_RAD)
+
+    def _update(self) -> None:
+        """Let the new closures move the estimate; now and then, renew its uncertainties."""
+        poses = self._graph.update(self._estimate.poses)
+        self._estimate.move(poses)
+        self._updated_keyframes = len(self._keyframes)
+        opened = not all(closure.expected for closure in self._unsolved)
+        self._unsolved.clear()
+        grown = len(self._keyframes) - self._estimate.solved_count
+        if opened or grown >= RENEW_AFTER_KEYFRAMES + RENEW_AFTER_SHARE * len(self._keyframes):
+            self._estimate.renew_covariances(self._graph.edges)
 
     def _solve(self) -> None:
-        edges = self._chain + self._closures
-        poses, weighed = solve_robustly(self._estimate.poses, edges, self._config.graph)
-        self._closures = list(weighed[len(self._chain) :])
-        self._estimate.solved(poses, self._chain, weighed)
-        self._solved_keyframes = len(self._keyframes)
+        """The full solution."""
+        self._estimate.move(self._graph.solve(self._estimate.poses))
+        self._estimate.renew_covariances(self._graph.edges)
         self._unsolved.clear()
 
-    def _search_all(self, progress: Progress) -> int:
-        """Search for closures from each key frame that has none yet."""
-        closed = {edge.target for edge in self._closures if edge.weight > 0.0}
+    def _search_all(self, progress: Progress, begun: int, whole: int) -> int:
+        """Search again from each key frame that no closure holds yet; how many were found."""
+        closed = {edge.target for edge in self._closures() if edge.weight > 0.0}
         found = 0
         for keyframe in self._keyframes:
-            progress(keyframe.index + 1, len(self._keyframes))
+            progress(begun + keyframe.index + 1, whole)
             if keyframe.index not in closed:
-                found += self._close_loops(keyframe.index, self._config.closures.min_travel_m)
+                found += self._close_loops(keyframe.index)
         return found
 
-    def _graph(self) -> PoseGraph:
-        edges = (*self._chain, *self._closures)
+    def _closures(self) -> list[GraphEdge]:
+        return [edge for edge in self._graph.edges if edge.kind == "closure"]
+
+    def _pose_graph(self) -> PoseGraph:
         poses = self.poses
         stamps_ns = np.array([k.stamp_ns for k in self._keyframes], dtype=np.int64)
-        covariances = relative_covariances(poses, edges, 0, np.zeros(2))
+        covariances = relative_covariances(poses, self._graph.edges, 0, np.zeros(2))
         # A step of the map about its origin moves a pose by its lever arm as well.
         lever = np.tile(np.eye(3), (len(poses), 1, 1))
         lever[:, 0, 2], lever[:, 1, 2] = -poses[:, 1], poses[:, 0]
         covariances = lever @ covariances @ np.swapaxes(lever, 1, 2)
-        return PoseGraph(PlanarTrajectory(stamps_ns, poses), covariances, edges)
+        trajectory = PlanarTrajectory(stamps_ns, poses)
+        return PoseGraph(trajectory, covariances, tuple(self._graph.edges))
 
     @contextmanager
     def _timed(self, stage: str) -> Iterator[None]:

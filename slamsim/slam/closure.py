@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 
 from slamsim.config.back_end import BackEndConfig
 from slamsim.geometry import between, compose, transform_points
-from slamsim.slam.correlative import Peak, Window, search
+from slamsim.slam.correlative import LikelihoodGrid, Peak, Window, scores, search
 from slamsim.slam.marginals import adjoint, rotation
 from slamsim.slam.matching.align import CONVERGED, COVERED, INLIERS, WEAK, align
 from slamsim.slam.submaps import (
@@ -23,24 +23,28 @@ from slamsim.slam.submaps import (
 )
 from slamsim.types import FloatArray, GraphEdge
 
-Refusal = Literal["score", "ambiguous", "fit", "overlap", "contradiction", "gate", "unsupported"]
+Refusal = Literal["score", "ambiguous", "fit", "overlap", "contradiction", "unsupported"]
 
 MAX_POINTS = 300
 ALIGN_GATE_M = 0.3
 ALIGN_START_SIGMAS = 20.0
 ALIGN_ITERATIONS = 40
 WEAK_SHARE = 0.01
+SLIDE_M = 0.4
+SLIDE_SHARE = 0.92
+SLIDE_SIGMA_M = 1.0
 LOOSE = np.diag([1.0, 1.0, 4.0])
 """Information that stands in for what the surfaces do not hold: a metre and half a radian."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Closure:
-    """A verified match. edge: from the submap's anchor to the key frame. reach_m: how far the
-    search had to look for it. submap: number of the submap. path_m: of the key frame."""
+    """A verified match. edge: from the submap's anchor to the key frame. expected: whether the
+    estimate knew before where to find it. submap: number of the submap. path_m: of the key
+    frame."""
 
     edge: GraphEdge
-    reach_m: float
+    expected: bool
     submap: int
     path_m: float
     score: float
@@ -85,13 +89,15 @@ class ClosureFinder:
         edge = self._refined(query, submap, peak, middle, noise_m)
         if isinstance(edge, str):
             return edge
-        refusal = self._refuted(query, submap, space, edge.T_source_target)
+        edge = _without_sliding(edge, likelihood, points, middle)
+        reach_m = max(window.x_m, window.y_m)
+        expected_here = (
+            reach_m <= limits.sure_window_m and _mahalanobis(edge, expected) <= limits.gate_sigmas
+        )
+        refusal = self._refuted(query, submap, space, edge.T_source_target, expected_here)
         if refusal is not None:
             return refusal
-        if _mahalanobis(edge, expected) > limits.gate_sigmas:
-            return "gate"
-        reach_m = max(window.x_m, window.y_m)
-        return Closure(edge, reach_m, number, query.to_path_m, peak.score)
+        return Closure(edge, expected_here, number, query.to_path_m, peak.score)
 
     def _window(self, expected: Expected, middle: FloatArray) -> Window:
         """The search about the middle of the query's points, in the frame of the submap."""
@@ -101,7 +107,7 @@ class ClosureFinder:
         sigmas = np.sqrt(np.diag(turn @ expected.covariance @ turn.T))
         half_m = np.clip(limits.gate_sigmas * sigmas[:2], limits.min_window_m, limits.max_window_m)
         half_deg = limits.gate_sigmas * float(np.rad2deg(sigmas[2]))
-        half_deg = min(max(half_deg, limits.min_window_deg), limits.max_window_deg)
+        half_deg = float(np.clip(half_deg, limits.min_window_deg, limits.max_window_deg))
         return Window(float(half_m[0]), float(half_m[1]), float(np.deg2rad(half_deg)))
 
     def _refined(
@@ -132,9 +138,18 @@ class ClosureFinder:
         return GraphEdge(submap.anchor, query.anchor, T, turn @ covariance @ turn.T, "closure")
 
     def _refuted(
-        self, query: Submap, submap: Submap, space: SpaceGrid, T_submap_query: FloatArray
+        self,
+        query: Submap,
+        submap: Submap,
+        space: SpaceGrid,
+        T_submap_query: FloatArray,
+        expected: bool,
     ) -> Refusal | None:
-        """Whether too little of the two overlaps, or one has walls where the other saw through."""
+        """Whether too little of the two overlaps, or one has walls where the other saw through.
+
+        Doors, people and panes of glass contradict as well: a match that was expected is allowed
+        more of it.
+        """
         limits = self._config.closures
         size = self._config.submaps
         seen = space.at(transform_points(T_submap_query, query.points_m))
@@ -144,15 +159,37 @@ class ClosureFinder:
         query_space = space_grid(query, size.resolution_m, size.radius_m)
         T_query_submap = between(T_submap_query, np.zeros(3))
         back = query_space.at(transform_points(T_query_submap, submap.points_m))
+        allowed = limits.max_contradiction * (2.0 if expected else 1.0)
         for states in (seen, back):
             free = np.count_nonzero(states == FREE)
-            if free > limits.max_contradiction * max(np.count_nonzero(states != UNKNOWN), 1):
+            if free > allowed * max(np.count_nonzero(states != UNKNOWN), 1):
                 return "contradiction"
         return None
 
 
 def _thinned(points_m: FloatArray) -> FloatArray:
     return np.ascontiguousarray(points_m[:: max(1, -(-len(points_m) // MAX_POINTS))])
+
+
+def _without_sliding(
+    edge: GraphEdge, likelihood: LikelihoodGrid, points_m: FloatArray, middle: FloatArray
+) -> GraphEdge:
+    """The edge, uncertain along the direction in which the match could as well have slid.
+
+    Along a corridor a few end pieces give the registration a certainty that they do not deserve;
+    the likelihood of the whole, a few decimetres to either side, tells. points_m: (n, 2) about
+    ``middle``, the pose of their mean in the frame of the target.
+    """
+    axes = np.linalg.eigh(edge.covariance[:2, :2])[1]
+    offsets = np.array([-1.0, 1.0])[:, None] * SLIDE_M * axes[:, 1]
+    here = compose(edge.T_source_target, middle)
+    poses = here + np.concatenate([np.zeros((1, 3)), np.pad(offsets, ((0, 0), (0, 1)))])
+    at = scores(likelihood, points_m, poses)
+    if at[1:].max() <= SLIDE_SHARE * at[0]:
+        return edge
+    along = np.append(axes[:, 1], 0.0)
+    covariance = edge.covariance + SLIDE_SIGMA_M**2 * np.outer(along, along)
+    return replace(edge, covariance=covariance)
 
 
 def _mahalanobis(edge: GraphEdge, expected: Expected) -> float:

@@ -13,10 +13,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from slamsim.geometry import transform_points
 from slamsim.jit import kernel
 from slamsim.types import FloatArray, IntArray
 
 MAX_LEVEL = 6
+FULL_SCALE = 255.0
 MAX_LOOKUPS = 60_000_000
 """A search that has read the grid so often is given up."""
 
@@ -107,6 +109,17 @@ def search(
     offset_m = (best[1:] * grid.resolution_m).astype(np.float64)
     found = np.array([*(T_grid_points[:2] + offset_m), yaws[best[0]]])
     return Peak(found, score, max(second, share * score) if second >= 0.0 else 1.0)
+
+
+def scores(grid: LikelihoodGrid, points_m: FloatArray, T_grid_points: FloatArray) -> FloatArray:
+    """(k,) mean likelihood of the points (n, 2) at each of the poses (k, 3)."""
+    placed = transform_points(T_grid_points[:, None], points_m)
+    cells = np.floor((placed - grid.origin_m) / grid.resolution_m).astype(np.int64)
+    rows, columns = grid.levels.shape[1:]
+    inside = (cells >= 0).all(axis=2) & (cells[..., 0] < columns) & (cells[..., 1] < rows)
+    cells[~inside] = 0
+    values = np.where(inside, grid.levels[0][cells[..., 1], cells[..., 0]], 0)
+    return np.asarray(values.mean(axis=1) / FULL_SCALE)
 
 
 def _cells(

@@ -49,14 +49,21 @@ class Estimate:
         added = edge_covariances_in_map(self.poses, [edge], _ORIGIN)[0]
         self._chain[new] = self._chain[new - 1] + added
 
-    def solved(
-        self, poses: FloatArray, chain: Sequence[GraphEdge], edges: Sequence[GraphEdge]
-    ) -> None:
-        """Take over a solution for all key frames. chain: the edges between neighbours."""
+    @property
+    def solved_count(self) -> int:
+        """For how many key frames covariances beyond those of the chain are known."""
+        return len(self._solved)
+
+    def move(self, poses: FloatArray) -> None:
+        """Take over a solution (n, 3) for all key frames."""
         self._poses[: self._count] = poses
-        added = edge_covariances_in_map(poses, chain, _ORIGIN)
+
+    def renew_covariances(self, edges: Sequence[GraphEdge]) -> None:
+        """Take over what the edges of the graph say about all key frames where they stand now."""
+        chain = [edge for edge in edges if edge.kind != "closure"]
+        added = edge_covariances_in_map(self.poses, chain, _ORIGIN)
         self._chain[1 : self._count] = np.cumsum(added, axis=0)
-        self._solved = relative_covariances(poses, edges, self._count - 1, _ORIGIN)
+        self._solved = relative_covariances(self.poses, edges, self._count - 1, _ORIGIN)
 
     def covariances_in_map(self, earlier: IntArray, later: int) -> FloatArray:
         """(m, 3, 3) of each earlier key frame relative to a later one, about the map's origin.
@@ -66,7 +73,7 @@ class Estimate:
         """
         by_chain = self._chain[later] - self._chain[earlier]
         if not len(self._solved):
-            return by_chain
+            return np.asarray(by_chain)
         last = len(self._solved) - 1
         known = np.minimum(earlier, last)
         rest = self._chain[later] - self._chain[last] if later > last else self._solved[later]
@@ -74,11 +81,11 @@ class Estimate:
         better = (earlier <= last) & (
             np.trace(through_last, axis1=1, axis2=2) < np.trace(by_chain, axis1=1, axis2=2)
         )
-        return np.where(better[:, None, None], through_last, by_chain)
+        return np.asarray(np.where(better[:, None, None], through_last, by_chain))
 
     def covariance(self, earlier: int, later: int) -> FloatArray:
         """(3, 3) of the later key frame relative to the earlier, in the frame of the later."""
         to_later = adjoint(inverse(self._poses[later]))
         in_map = self.covariances_in_map(np.array([earlier]), later)[0]
         covariance = to_later @ in_map @ to_later.T
-        return 0.5 * (covariance + covariance.T)
+        return np.asarray(0.5 * (covariance + covariance.T))

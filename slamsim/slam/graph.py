@@ -17,10 +17,13 @@ from slamsim.config.back_end import GraphConfig
 from slamsim.geometry import between, wrap_angle
 from slamsim.safe.errors import SlamsimError
 from slamsim.slam.marginals import rotation
-from slamsim.types import FloatArray, GraphEdge
+from slamsim.types import BoolArray, FloatArray, GraphEdge
+
+_Factor = gtsam.BetweenFactorPose2
 
 EIGENVALUE_BOUNDS = (1e-14, 1e12)
 MAX_WITHDRAWALS = 10
+EXTRA_UPDATES = 2
 RISE_ALLOWED = 1e-6
 
 
@@ -29,55 +32,106 @@ class GraphUnsound(SlamsimError):
     that nothing joins to the first, or a solver that did not make it better."""
 
 
-def solve(
-    poses: FloatArray, edges: Sequence[GraphEdge], cauchy_width: float | None = None
-) -> FloatArray:
-    """(n, 3) ``T_map_base`` of least squares, the first pose held where it is.
+class PoseGraphSolver:
+    """Poses joined by edges: solved roughly and at once while they come, fully in the end.
 
-    poses: (n, 3) to begin with. Edges of weight 0 are left out. cauchy_width: closures are
-    weighed by Cauchy's estimator of this width in standard deviations; None weighs them by
-    ``GraphEdge.weight``. Raises GraphUnsound.
+    On the way ISAM2 (Kaess et al. 2012) keeps the solution up to date, closures weighed by
+    Cauchy's estimator; an ISAM2 that ever throws is thrown away and built anew. The final
+    solution is Levenberg and Marquardt's on everything.
     """
-    used = [edge for edge in edges if edge.weight > 0.0]
-    check_graph(poses, used)
-    if len(poses) == 1:
-        return poses.copy()
-    graph = _factor_graph(poses, used, cauchy_width)
-    initial = gtsam.Values()
-    for number, pose in enumerate(poses):
-        initial.insert(number, gtsam.Pose2(*pose))
-    optimizer = gtsam.LevenbergMarquardtOptimizer(graph, initial, _parameters())
-    before = graph.error(initial)
-    values = optimizer.optimize()
-    after = graph.error(values)
-    solved = np.array([(p.x(), p.y(), p.theta()) for p in map(values.atPose2, range(len(poses)))])
-    if not (np.isfinite(after) and np.isfinite(solved).all()):
-        raise GraphUnsound(f"the solution of the pose graph is not finite (error {after})")
-    if after > before * (1.0 + RISE_ALLOWED) + RISE_ALLOWED:
-        raise GraphUnsound(f"solving raised the error of the pose graph: {before} to {after}")
-    return solved
 
+    def __init__(self, config: GraphConfig) -> None:
+        self._config = config
+        self.edges: list[GraphEdge] = []
+        """All edges so far, in the order they came."""
+        self._factors: list[tuple[_Factor, _Factor]] = []
+        self._isam: gtsam.ISAM2 | None = None
+        self._entered_edges = self._entered_poses = 0
 
-def solve_robustly(
-    poses: FloatArray, edges: Sequence[GraphEdge], config: GraphConfig
-) -> tuple[FloatArray, tuple[GraphEdge, ...]]:
-    """The solution that false closures do not bend, and the edges with the weights it left them.
+    def add(self, edge: GraphEdge) -> None:
+        """One more measurement. Raises GraphUnsound if it is none."""
+        check_edges([edge])
+        self.edges.append(edge)
+        self._factors.append(_factors(edge, self._config.cauchy_width))
 
-    First Cauchy's estimator, which recovers from many false closures at once; then closures
-    beyond ``withdraw_sigmas`` are withdrawn, and the rest solved again by least squares, until
-    it is the same ones that fit. A closure may come back. Raises GraphUnsound.
-    """
-    solved = solve(poses, [replace(edge, weight=1.0) for edge in edges], config.cauchy_width)
-    weights = _fitting(solved, edges, config.withdraw_sigmas)
-    weighed = _reweighed(edges, weights)
-    for _ in range(MAX_WITHDRAWALS):
-        solved = solve(solved, weighed)
-        again = _fitting(solved, edges, config.withdraw_sigmas)
-        if np.array_equal(again, weights):
-            break
-        weights = again
-        weighed = _reweighed(edges, weights)
-    return solved, weighed
+    def update(self, poses: FloatArray) -> FloatArray:
+        """(n, 3) the solution by now, given poses (n, 3) of which only new ones are looked at."""
+        try:
+            return self._update(poses)
+        except RuntimeError:  # GTSAM's; the object goes on unoptimised after it
+            self._isam = None
+        try:
+            return self._update(poses)
+        except RuntimeError as error:
+            self._isam = None
+            raise GraphUnsound(f"the pose graph cannot be solved: {error}") from error
+
+    def _update(self, poses: FloatArray) -> FloatArray:
+        if self._isam is None:
+            self._isam = gtsam.ISAM2(_isam_parameters())
+            self._entered_edges = self._entered_poses = 0
+        graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
+        if self._entered_poses == 0:
+            graph.push_back(_anchor(poses[0]))
+        for number in range(self._entered_poses, len(poses)):
+            values.insert(number, gtsam.Pose2(*poses[number]))
+        for edge, (plain, robust) in zip(
+            self.edges[self._entered_edges :], self._factors[self._entered_edges :], strict=True
+        ):
+            graph.push_back(robust if edge.kind == "closure" else plain)
+        self._isam.update(graph, values)
+        self._entered_edges, self._entered_poses = len(self.edges), len(poses)
+        for _ in range(EXTRA_UPDATES):
+            self._isam.update()
+        solved = gtsam.utilities.extractPose2(self._isam.calculateEstimate())
+        if not np.isfinite(solved).all():
+            raise RuntimeError("the incremental solution is not finite")
+        return np.asarray(solved, dtype=np.float64)
+
+    def solve(self, poses: FloatArray) -> FloatArray:
+        """(n, 3) the solution that false closures do not bend; ``edges`` get their weights.
+
+        First Cauchy's estimator, which recovers from many false closures at once; then closures
+        beyond ``withdraw_sigmas`` are withdrawn and the rest solved by least squares, until it is
+        the same ones that fit. A closure may come back. Raises GraphUnsound.
+        """
+        check_joined(poses, self.edges)
+        closure = np.array([edge.kind == "closure" for edge in self.edges], dtype=np.bool_)
+        believed = np.ones(len(self.edges), dtype=np.bool_)
+        solved = self._least_squares(poses, believed, robust=True)
+        for _ in range(MAX_WITHDRAWALS):
+            sigmas = residual_sigmas(solved, self.edges)
+            fitting = ~closure | (sigmas <= self._config.withdraw_sigmas)
+            if np.array_equal(fitting, believed):
+                break
+            believed = fitting
+            solved = self._least_squares(solved, believed, robust=False)
+        self.edges = [
+            replace(edge, weight=float(weight))
+            for edge, weight in zip(self.edges, believed, strict=True)
+        ]
+        return solved
+
+    def _least_squares(self, poses: FloatArray, used: BoolArray, robust: bool) -> FloatArray:
+        """Levenberg and Marquardt's solution, checked."""
+        if len(poses) == 1:
+            return poses.copy()
+        graph, initial = gtsam.NonlinearFactorGraph(), gtsam.Values()
+        graph.push_back(_anchor(poses[0]))
+        for number in np.flatnonzero(used).tolist():
+            doubted = robust and self.edges[number].kind == "closure"
+            graph.push_back(self._factors[number][doubted])
+        for number, pose in enumerate(poses):
+            initial.insert(number, gtsam.Pose2(*pose))
+        before = graph.error(initial)
+        values = gtsam.LevenbergMarquardtOptimizer(graph, initial, _batch_parameters()).optimize()
+        after = graph.error(values)
+        solved = np.asarray(gtsam.utilities.extractPose2(values), dtype=np.float64)
+        if not (np.isfinite(after) and np.isfinite(solved).all()):
+            raise GraphUnsound(f"the solution of the pose graph is not finite (error {after})")
+        if after > before * (1.0 + RISE_ALLOWED) + RISE_ALLOWED:
+            raise GraphUnsound(f"solving raised the pose graph's error: {before} to {after}")
+        return solved
 
 
 def residual_sigmas(poses: FloatArray, edges: Sequence[GraphEdge]) -> FloatArray:
@@ -93,37 +147,32 @@ def residual_sigmas(poses: FloatArray, edges: Sequence[GraphEdge]) -> FloatArray
     return np.asarray(np.sqrt(np.maximum((error * weighted).sum(axis=1), 0.0)))
 
 
-def check_graph(poses: FloatArray, edges: Sequence[GraphEdge]) -> None:
-    """Raise GraphUnsound unless all is finite, covariances are such, and all poses are joined."""
-    if len(poses) == 0:
-        raise GraphUnsound("a pose graph without poses")
-    if not np.isfinite(poses).all():
-        raise GraphUnsound(f"pose {_first_bad(poses)} of the graph is not finite")
-    ends = np.array([(edge.source, edge.target) for edge in edges], dtype=np.int64).reshape(-1, 2)
-    if ((ends < 0) | (ends >= len(poses))).any() or (ends[:, 0] == ends[:, 1]).any():
-        raise GraphUnsound("an edge of the graph leads to no pose, or to its own")
-    measured = np.array([edge.T_source_target for edge in edges]).reshape(-1, 3)
-    covariances = np.array([edge.covariance for edge in edges]).reshape(-1, 3, 3)
-    if not (np.isfinite(measured).all() and np.isfinite(covariances).all()):
-        bad = _first_bad(np.concatenate([measured, covariances.reshape(-1, 9)], axis=1))
-        raise GraphUnsound(f"edge {ends[bad].tolist()} of the graph is not finite")
-    if not np.allclose(covariances, np.swapaxes(covariances, 1, 2), rtol=1e-6, atol=1e-12):
-        raise GraphUnsound("a covariance of the graph is not symmetric")
-    values = np.linalg.eigvalsh(covariances) if len(edges) else np.ones((1, 3))
-    if values.min() < EIGENVALUE_BOUNDS[0] or values.max() > EIGENVALUE_BOUNDS[1]:
-        raise GraphUnsound(
-            f"covariances of the graph have eigenvalues {values.min():.3g} to {values.max():.3g}, "
-            f"allowed are {EIGENVALUE_BOUNDS[0]:.0e} to {EIGENVALUE_BOUNDS[1]:.0e}"
-        )
-    _check_joined(len(poses), ends)
+def check_edges(edges: Sequence[GraphEdge]) -> None:
+    """Raise GraphUnsound unless all is finite and covariances are symmetric and positive."""
+    for edge in edges:
+        ends = f"edge {edge.source} to {edge.target} of the pose graph"
+        covariance = edge.covariance
+        if edge.source == edge.target or min(edge.source, edge.target) < 0:
+            raise GraphUnsound(f"{ends} joins no two poses")
+        if not (np.isfinite(edge.T_source_target).all() and np.isfinite(covariance).all()):
+            raise GraphUnsound(f"{ends} is not finite")
+        if not np.allclose(covariance, covariance.T, rtol=1e-6, atol=1e-12):
+            raise GraphUnsound(f"{ends} has a covariance that is not symmetric")
+        least, _, most = np.linalg.eigvalsh(covariance).tolist()
+        if least < EIGENVALUE_BOUNDS[0] or most > EIGENVALUE_BOUNDS[1]:
+            raise GraphUnsound(
+                f"{ends} has a covariance with eigenvalues {least:.3g} to {most:.3g}; "
+                f"allowed are {EIGENVALUE_BOUNDS[0]:.0e} to {EIGENVALUE_BOUNDS[1]:.0e}"
+            )
 
 
-def _first_bad(rows: FloatArray) -> int:
-    return int(np.flatnonzero(~np.isfinite(rows).all(axis=1))[0])
-
-
-def _check_joined(count: int, ends: np.ndarray[tuple[int, ...], np.dtype[np.int64]]) -> None:
-    """Union-find: all poses hang together with the first."""
+def check_joined(poses: FloatArray, edges: Sequence[GraphEdge]) -> None:
+    """Raise GraphUnsound unless the poses are finite and all joined to the first (union-find)."""
+    count = len(poses)
+    if count == 0 or not np.isfinite(poses).all():
+        raise GraphUnsound(f"not all of the {count} poses of the graph are finite")
+    if max((max(edge.source, edge.target) for edge in edges), default=0) >= count:
+        raise GraphUnsound(f"an edge leads beyond the {count} poses of the graph")
     parent = list(range(count))
 
     def root(node: int) -> int:
@@ -132,49 +181,44 @@ def _check_joined(count: int, ends: np.ndarray[tuple[int, ...], np.dtype[np.int6
             node = parent[node]
         return node
 
-    for source, target in ends.tolist():
-        parent[root(target)] = root(source)
+    for edge in edges:
+        parent[root(edge.target)] = root(edge.source)
     home = root(0)
     loose = sum(root(node) != home for node in range(count))
     if loose:
         raise GraphUnsound(f"{loose} of {count} poses of the graph are not joined to the first")
 
 
-def _factor_graph(
-    poses: FloatArray, edges: Sequence[GraphEdge], cauchy_width: float | None
-) -> gtsam.NonlinearFactorGraph:
-    graph = gtsam.NonlinearFactorGraph()
-    held = gtsam.noiseModel.Diagonal.Sigmas(np.full(3, 1e-4))
-    graph.add(gtsam.PriorFactorPose2(0, gtsam.Pose2(*poses[0]), held))
-    for edge in edges:
-        # GTSAM's covariances are those of a step in the frame of the target.
-        turn = rotation(-edge.T_source_target[2])
-        covariance = turn @ edge.covariance @ turn.T / edge.weight
-        noise: gtsam.noiseModel.Base = gtsam.noiseModel.Gaussian.Covariance(
-            0.5 * (covariance + covariance.T)
-        )
-        if edge.kind == "closure" and cauchy_width is not None:
-            estimator = gtsam.noiseModel.mEstimator.Cauchy.Create(cauchy_width)
-            noise = gtsam.noiseModel.Robust.Create(estimator, noise)
-        measured = gtsam.Pose2(*edge.T_source_target)
-        graph.add(gtsam.BetweenFactorPose2(edge.source, edge.target, measured, noise))
-    return graph
+def _anchor(pose: FloatArray) -> gtsam.PriorFactorPose2:
+    """Holds the first pose where it is."""
+    noise = gtsam.noiseModel.Diagonal.Sigmas(np.full(3, 1e-4))
+    return gtsam.PriorFactorPose2(0, gtsam.Pose2(*pose), noise)
 
 
-def _parameters() -> gtsam.LevenbergMarquardtParams:
+def _factors(edge: GraphEdge, cauchy_width: float) -> tuple[_Factor, _Factor]:
+    """The edge as a plain factor and as one that may be doubted."""
+    # GTSAM's covariances are those of a step in the frame of the target.
+    turn = rotation(np.asarray(-edge.T_source_target[2]))
+    covariance = turn @ edge.covariance @ turn.T
+    noise = gtsam.noiseModel.Gaussian.Covariance(0.5 * (covariance + covariance.T))
+    cauchy = gtsam.noiseModel.mEstimator.Cauchy.Create(cauchy_width)
+    doubted = gtsam.noiseModel.Robust.Create(cauchy, noise)
+    measured = gtsam.Pose2(*edge.T_source_target)
+    return (
+        gtsam.BetweenFactorPose2(edge.source, edge.target, measured, noise),
+        gtsam.BetweenFactorPose2(edge.source, edge.target, measured, doubted),
+    )
+
+
+def _isam_parameters() -> gtsam.ISAM2Params:
+    parameters = gtsam.ISAM2Params()
+    parameters.setRelinearizeThreshold(0.02)
+    parameters.relinearizeSkip = 1
+    return parameters
+
+
+def _batch_parameters() -> gtsam.LevenbergMarquardtParams:
     parameters = gtsam.LevenbergMarquardtParams()
     parameters.setMaxIterations(100)
     parameters.setRelativeErrorTol(1e-6)
     return parameters
-
-
-def _fitting(poses: FloatArray, edges: Sequence[GraphEdge], sigmas: float) -> FloatArray:
-    """(m,) 1 for the edges to believe: the chain, and closures that fit the poses."""
-    closure = np.array([edge.kind == "closure" for edge in edges])
-    return np.where(closure & (residual_sigmas(poses, edges) > sigmas), 0.0, 1.0)
-
-
-def _reweighed(edges: Sequence[GraphEdge], weights: FloatArray) -> tuple[GraphEdge, ...]:
-    return tuple(
-        replace(edge, weight=float(weight)) for edge, weight in zip(edges, weights, strict=True)
-    )

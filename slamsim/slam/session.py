@@ -14,7 +14,7 @@ from slamsim.slam.back_end import BackEnd
 from slamsim.slam.correction import correct
 from slamsim.slam.motion import predict_motion
 from slamsim.slam.odometry import FrontEnd, Tracked
-from slamsim.types import FloatArray, Log, PlanarTrajectory, PoseGraph, SlamResult
+from slamsim.types import FloatArray, Log, PlanarTrajectory, SlamResult
 
 FINISH_SHARE = 0.1
 """Part of the progress that the final search and solution take."""
