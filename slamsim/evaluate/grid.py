@@ -100,7 +100,7 @@ def wrong_walls(
     """
     in_view = wall_surface(truth.occupancy) & seen_from(truth, path_m, range_m)
     surface = cell_centres(truth, wall_surface(truth.occupancy))
-    walls, wall_cells = _walls(estimate, T_truth_estimate), _occupied(estimate)
+    walls, wall_cells = _walls(estimate, T_truth_estimate), occupied(estimate)
     invented, missed = np.zeros_like(wall_cells), np.zeros_like(in_view)
     invented[wall_cells] = _nearest_m(walls, surface) > _tolerance_m(truth)
     missed[in_view] = _nearest_m(cell_centres(truth, in_view), walls) > _tolerance_m(truth)
@@ -123,9 +123,9 @@ def cell_centres(grid: Grid, cells: BoolArray) -> FloatArray:
     return np.column_stack([columns + 0.5, rows + 0.5]) * grid.resolution_m + grid.origin_m
 
 
-def decided(grid: Grid) -> BoolArray:
-    """Cells that the map calls free or occupied; the rest was not seen, or not well."""
-    return np.asarray((grid.occupancy < FREE_BELOW) | _occupied(grid), dtype=np.bool_)
+def occupied(grid: Grid) -> BoolArray:
+    """Cells that the map calls a wall."""
+    return np.asarray(grid.occupancy > OCCUPIED_ABOVE, dtype=np.bool_)
 
 
 def sample(grid: Grid, points_m: FloatArray) -> FloatArray:
@@ -138,13 +138,9 @@ def sample(grid: Grid, points_m: FloatArray) -> FloatArray:
     return values
 
 
-def _occupied(grid: Grid) -> BoolArray:
-    return np.asarray(grid.occupancy > OCCUPIED_ABOVE, dtype=np.bool_)
-
-
 def _walls(estimate: Grid, T_truth_estimate: FloatArray) -> FloatArray:
     """(n, 2) centres of the occupied cells, in the truth's frame."""
-    return transform_points(T_truth_estimate, cell_centres(estimate, _occupied(estimate)))
+    return transform_points(T_truth_estimate, cell_centres(estimate, occupied(estimate)))
 
 
 def _tolerance_m(truth: Grid) -> float:

@@ -6,7 +6,7 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from slamsim.evaluate.grid import cell_centres, decided
+from slamsim.evaluate.grid import cell_centres, occupied
 from slamsim.types import FloatArray
 from slamsim.view.run_view import RunView
 from slamsim.view.series import plots
@@ -88,9 +88,9 @@ def _space_view(view: RunView) -> rrb.Spatial3DView:
 
 
 def map_extent(view: RunView) -> tuple[FloatArray, FloatArray]:
-    """(2,) centre and (2,) size, in metres, of what the map knows, at least one metre."""
-    known = cell_centres(view.grid, decided(view.grid))
-    points = np.concatenate([known, view.result.trajectory.poses[:, :2]])
+    """(2,) centre and (2,) size, in metres, of the mapped walls and the path; 1 m at least."""
+    walls = cell_centres(view.grid, occupied(view.grid))
+    points = np.concatenate([walls, view.result.trajectory.poses[:, :2]])
     if len(points) == 0:
         return np.zeros(2), np.ones(2)
     low, high = points.min(axis=0), points.max(axis=0)

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from matplotlib.transforms import Affine2D
 from numpy.typing import NDArray
 
-from slamsim.evaluate.grid import FREE_BELOW, OCCUPIED_ABOVE, cell_centres, decided, wrong_walls
+from slamsim.evaluate.grid import FREE_BELOW, cell_centres, occupied, wrong_walls
 from slamsim.geometry import compose, inverse, transform_points
 from slamsim.types import BoolArray, FloatArray, Grid
 from slamsim.view.palette import ACCEPTED, ESTIMATE, NEUTRAL, ODOMETRY, TRUTH, WITHDRAWN, rgb
@@ -95,7 +95,7 @@ def truth_figure(view: RunView) -> Picture | None:
         return None
     path_m, range_m = errors.truth.poses[:, :2], view.lidar_range_m
     invented, missed = wrong_walls(view.grid, truth, errors.T_truth_estimate, path_m, range_m)
-    found = (view.grid.occupancy > OCCUPIED_ABOVE) & ~invented
+    found = occupied(view.grid) & ~invented
     with rc_context(_STYLE):
         figure, axes = _map_axes(view)
         colours = _cell_colours(((found, INK), (invented, WITHDRAWN)))
@@ -120,10 +120,10 @@ def page_from_map(view: RunView) -> FloatArray:
 
 
 def _map_axes(view: RunView) -> tuple[Figure, Axes]:
-    """Equal axes in metres around everything that the map knows."""
-    known = cell_centres(view.grid, decided(view.grid))
+    """Equal axes in metres around all mapped walls and the path; stray beams may reach further."""
+    walls = cell_centres(view.grid, occupied(view.grid))
     points = transform_points(
-        page_from_map(view), np.concatenate([known, view.result.trajectory.poses[:, :2]])
+        page_from_map(view), np.concatenate([walls, view.result.trajectory.poses[:, :2]])
     )
     low, high = (points.min(axis=0), points.max(axis=0)) if len(points) else (-1.0, 1.0)
     low, high = np.broadcast_to(low, 2) - 0.3, np.broadcast_to(high, 2) + 0.3
@@ -165,9 +165,9 @@ def _show_cells(
 
 
 def _map_colours(grid: Grid) -> NDArray[np.uint8]:
-    occupied, free = grid.occupancy > OCCUPIED_ABOVE, grid.occupancy < FREE_BELOW
-    unsure = np.isfinite(grid.occupancy) & ~occupied & ~free
-    return _cell_colours(((free, "#ffffff"), (unsure, "#b9bec6"), (occupied, INK)))
+    walls, free = occupied(grid), grid.occupancy < FREE_BELOW
+    unsure = np.isfinite(grid.occupancy) & ~walls & ~free
+    return _cell_colours(((free, "#ffffff"), (unsure, "#b9bec6"), (walls, INK)))
 
 
 def _cell_colours(
