@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,7 +12,9 @@ from slamsim.config.sensors import ImuConfig, InertialAxesConfig
 from slamsim.logs.writer import LogHeader, LogWriter
 from slamsim.progress import Progress, silent
 from slamsim.sensors.rig import SensorRig
-from slamsim.sim.drive import DriveOutcome, DriveRun, drive
+from slamsim.sim.drive import DriveOutcome
+from slamsim.sim.drive_process import DriveProcess
+from slamsim.sim.engine import engine_parameters
 from slamsim.sim.robot import RobotModel, build_robot
 from slamsim.sim.route import plan_route
 from slamsim.world.build import World, build_world
@@ -36,13 +39,13 @@ def simulate(config: RunConfig, log_folder: Path, progress: Progress = silent) -
     world = build_world(config.world, config.seed)
     robot = build_robot(config.robot)
     route = plan_route(world, robot, config.drive)
-    run = drive(world, robot, route, config.drive, progress)
+    run = DriveProcess(world, robot, route, config.drive, progress)
     rig = SensorRig(world.mesh, robot, config.sensors, config.seed)
     _record(run, rig, log_folder, _header(robot, config))
     return Simulation(world, robot, run.outcome)
 
 
-def _record(run: DriveRun, rig: SensorRig, log_folder: Path, header: LogHeader) -> None:
+def _record(run: DriveProcess, rig: SensorRig, log_folder: Path, header: LogHeader) -> None:
     with LogWriter(log_folder, header) as log:
         for window in run:
             log.write(rig.sense(window), window)
@@ -56,7 +59,11 @@ def _header(robot: RobotModel, config: RunConfig) -> LogHeader:
         scan_rate_hz=config.sensors.lidar.rate_hz,
         imu_gyro_variance=_sample_variance(imu.gyro, imu),
         imu_accel_variance=_sample_variance(imu.accelerometer, imu),
-        metadata={"slamsim_version": __version__, "seed": str(config.seed)},
+        metadata={
+            "slamsim_version": __version__,
+            "seed": str(config.seed),
+            "physics": json.dumps(engine_parameters(config.drive.physics)),
+        },
     )
 
 

@@ -1,0 +1,124 @@
+"""The drive in a process of its own, so that its windows are made while others are sensed.
+
+PyBullet and Open3D both hold Python's lock while they compute; only a second process lets them
+work side by side. The child is ``python -m slamsim.sim.drive_process``: it is sent the drive on
+standard input and answers with windows on standard output, at most one or two ahead. If this
+process dies, the child ends at its next window, for nobody is there to take it.
+"""
+
+from __future__ import annotations
+
+import os
+import pickle
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import IO, TYPE_CHECKING
+
+from slamsim.config.drive import DriveConfig
+from slamsim.progress import Progress, silent
+from slamsim.safe.errors import SlamsimError
+from slamsim.sim.drive import DriveOutcome, drive
+from slamsim.sim.robot import RobotModel
+from slamsim.sim.route import Route
+from slamsim.types import Drive
+
+if TYPE_CHECKING:
+    from slamsim.world.model import World
+
+_STANDARD_OUTPUT, _STANDARD_ERROR = 1, 2
+_PACKAGES = Path(__file__).parents[2]
+
+
+class DriveProcess:
+    """The same windows and outcome as ``drive`` gives, byte for byte."""
+
+    def __init__(
+        self,
+        world: World,
+        robot: RobotModel,
+        route: Route,
+        config: DriveConfig,
+        progress: Progress = silent,
+    ) -> None:
+        self._drive = (world, robot, route, config)
+        self._estimate_s, self._progress = route.duration_estimate_s, progress
+        self._outcome: DriveOutcome | None = None
+
+    @property
+    def outcome(self) -> DriveOutcome:
+        """Raises RuntimeError until the last window has been taken."""
+        if self._outcome is None:
+            raise RuntimeError("the outcome of a drive is known once its last window was taken")
+        return self._outcome
+
+    def __iter__(self) -> Iterator[Drive]:
+        self._outcome = None
+        child = subprocess.Popen(
+            [sys.executable, "-P", "-m", "slamsim.sim.drive_process"],
+            env={**os.environ, "PYTHONPATH": os.pathsep.join(map(str, _import_path()))},
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            start_new_session=True,  # Ctrl-C ends this process, which then ends the child
+        )
+        assert child.stdin is not None and child.stdout is not None
+        try:
+            _send(child.stdin, self._drive)
+            yield from self._windows(child, child.stdout)
+        finally:
+            child.kill()
+            child.wait()
+            child.stdin.close()
+            child.stdout.close()
+
+    def _windows(self, child: subprocess.Popen[bytes], answers: IO[bytes]) -> Iterator[Drive]:
+        while self._outcome is None:
+            try:
+                answer = pickle.load(answers)
+            except (EOFError, pickle.UnpicklingError):
+                raise SlamsimError(
+                    f"the process of the physics engine ended with code {child.wait()}"
+                ) from None
+            if isinstance(answer, Drive):
+                elapsed_s = float(answer.stamps_ns[-1]) * 1e-9
+                self._progress(elapsed_s, max(self._estimate_s, elapsed_s))
+                yield answer
+            elif isinstance(answer, DriveOutcome):
+                self._outcome = answer
+            else:
+                raise SlamsimError(str(answer))
+
+
+def _import_path() -> list[str | Path]:
+    """Where this very package is, before whatever the user's environment names."""
+    return [_PACKAGES, *filter(None, os.environ.get("PYTHONPATH", "").split(os.pathsep))]
+
+
+def _send(stream: IO[bytes], value: object) -> None:
+    try:
+        pickle.dump(value, stream, protocol=pickle.HIGHEST_PROTOCOL)
+        stream.flush()
+    except BrokenPipeError:
+        return  # the other end is gone: whoever reads from it is told why
+
+
+def _serve() -> None:
+    # What native code prints must not come between the answers.
+    answers = os.fdopen(os.dup(_STANDARD_OUTPUT), "wb")
+    os.dup2(_STANDARD_ERROR, _STANDARD_OUTPUT)
+    run = drive(*pickle.load(sys.stdin.buffer))
+    try:
+        for window in run:
+            pickle.dump(window, answers, protocol=pickle.HIGHEST_PROTOCOL)
+            answers.flush()
+    except BrokenPipeError:
+        return
+    except SlamsimError as error:
+        _send(answers, str(error))
+        return
+    _send(answers, run.outcome)
+
+
+if __name__ == "__main__":
+    _serve()

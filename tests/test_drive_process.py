@@ -1,0 +1,68 @@
+"""A drive in a process of its own: the same bytes, and no process left behind."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from dataclasses import fields
+from pathlib import Path
+
+import numpy as np
+import pytest
+from drive_worlds import hall
+
+from slamsim.config.drive import DriveConfig
+from slamsim.config.robot import RobotConfig
+from slamsim.safe.errors import SlamsimError
+from slamsim.sim.drive import drive
+from slamsim.sim.drive_process import DriveProcess
+from slamsim.sim.robot import build_robot
+from slamsim.sim.route import plan_route
+from slamsim.types import Drive
+
+CONFIG = DriveConfig.model_validate(
+    {"route": {"max_duration_s": 6.0}, "physics": {"window_s": 1.0}}
+)
+WORLD = hall(3.0, visits=[(2.0, 2.0), (-2.0, -1.0)])
+ROBOT = build_robot(RobotConfig())
+ROUTE = plan_route(WORLD, ROBOT, CONFIG)
+
+
+def children() -> set[int]:
+    task = Path(f"/proc/{os.getpid()}/task")
+    found = (thread / "children" for thread in task.iterdir())
+    return {int(pid) for path in found for pid in path.read_text().split()}
+
+
+def test_the_windows_are_those_of_a_drive_in_this_process() -> None:
+    here = drive(WORLD, ROBOT, ROUTE, CONFIG)
+    told: list[float] = []
+    there = DriveProcess(WORLD, ROBOT, ROUTE, CONFIG, lambda done, total: told.append(done))
+    with pytest.raises(RuntimeError, match="outcome"):
+        _ = there.outcome
+    for one, other in zip(here, there, strict=True):
+        for column in fields(Drive):
+            np.testing.assert_array_equal(getattr(one, column.name), getattr(other, column.name))
+    assert there.outcome == here.outcome
+    assert told == sorted(told) and told[-1] == pytest.approx(there.outcome.duration_s, abs=0.1)
+
+
+def test_giving_up_half_way_leaves_no_process_behind() -> None:
+    before = children()
+    windows = iter(DriveProcess(WORLD, ROBOT, ROUTE, CONFIG))
+    next(windows)
+    assert len(children() - before) == 1
+    windows.close()  # type: ignore[attr-defined]
+    assert children() == before
+
+
+def test_a_killed_engine_is_told() -> None:
+    before = children()
+    windows = iter(DriveProcess(WORLD, ROBOT, ROUTE, CONFIG))
+    next(windows)
+    (child,) = children() - before
+    os.kill(child, signal.SIGKILL)
+    time.sleep(0.1)
+    with pytest.raises(SlamsimError, match="ended with code -9"):
+        list(windows)
