@@ -14,6 +14,7 @@ from slamsim.slam.matching.align import (
     INLIERS,
     ITERATIONS,
     SQUARES,
+    UNIT,
     WEAK,
     WEIGHTS,
     align,
@@ -34,7 +35,9 @@ NEAR_GATE_M = 0.1
 NEAR_SIGMAS = 6.0
 WIDE_SIGMAS = 20.0
 START_FIT = 0.6
-FIT_GAIN = 0.02
+START_UNIT = 4.0
+LEARN_GAIN = 0.02
+UNIT_BOUNDS = (0.5, 50.0)
 WORSE_FIT = 0.1
 """A match near the prediction is doubted when it fits this much worse than is usual here."""
 
@@ -45,10 +48,12 @@ FAR_PENALTY = 0.1
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Aligned:
-    """A match and its fit: the mean robust weight of the scan's pieces, 1 if all lie exactly."""
+    """A match, its fit: the mean robust weight of the scan's pieces, 1 if all lie exactly, and the
+    variance of unit weight: how much larger residuals are than the noise model has them."""
 
     match: Match
     fit: float
+    unit: float
 
 
 class LineMatcher:
@@ -60,6 +65,7 @@ class LineMatcher:
         self._map = LocalMap(config.local_map.cell_m, config.local_map.window_m)
         self._noise_m = START_NOISE_M
         self._usual_fit = START_FIT
+        self._unit = START_UNIT
         self._cached: tuple[Cloud, FloatArray] | None = None
 
     @property
@@ -82,7 +88,9 @@ class LineMatcher:
                 near = wide
         if near is None:
             return None
-        self._usual_fit += FIT_GAIN * (near.fit - self._usual_fit)
+        self._usual_fit += LEARN_GAIN * (near.fit - self._usual_fit)
+        unit = self._unit + LEARN_GAIN * (near.unit - self._unit)
+        self._unit = float(np.clip(unit, *UNIT_BOUNDS))
         return near.match
 
     def _near_gate(self, pieces: FloatArray, covariance: FloatArray) -> tuple[float, float]:
@@ -154,6 +162,7 @@ class LineMatcher:
         limits = (
             *gate,
             self._noise_m,
+            self._unit,
             options.weak_direction_share,
             options.max_iterations,
         )
@@ -170,7 +179,7 @@ class LineMatcher:
             converged=bool(summary[CONVERGED]),
             degenerate_directions=axes[:, : int(summary[WEAK])].T.copy(),
         )
-        return _Aligned(match, float(summary[WEIGHTS] / len(pieces)))
+        return _Aligned(match, float(summary[WEIGHTS] / len(pieces)), float(summary[UNIT]))
 
 
 def _inverse(matrix: FloatArray) -> FloatArray:

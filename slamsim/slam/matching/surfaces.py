@@ -30,10 +30,6 @@ BEAMS_PER_PIECE = 5.0
 
 MIN_INCIDENCE_SIN = 0.08
 MAX_NORMAL_SIGMA_RAD = 0.35
-ALIKE = 2.0
-"""Scans matched one after the other err alike, through the map they share: their errors do not
-average out. Measured on simulated labyrinths, for 3 mm to 3 cm of noise."""
-
 MODEL_SIGMA_M = 0.002
 """What even a long average does not remove: dents, beam width, deskew, quantisation."""
 
@@ -134,7 +130,7 @@ def _fit(
     piece[SCATTER_XX], piece[SCATTER_XY], piece[SCATTER_YY] = xx, xy, yy
     piece[HALF_LENGTH] = np.sqrt(3.0 * most / count)
     rough = max(least / count - across * across, 0.0)
-    piece[VARIANCE] = ALIKE * (across * across + rough) / count + MODEL_SIGMA_M * MODEL_SIGMA_M
+    piece[VARIANCE] = (across * across + rough) / count + MODEL_SIGMA_M * MODEL_SIGMA_M
     return True
 
 
