@@ -157,15 +157,30 @@ class _Canvas:
 def _beams(cloud: Cloud, config: MappingConfig) -> tuple[FloatArray, FloatArray, BoolArray]:
     """Origins, ends and hits of the beams to draw, in the base frame, cut to their reach.
 
-    A single beam without return between two that have one is a drop-out, not free space.
+    A single beam without return between two that have one is a drop-out, not free space; several
+    clear as far as the nearer of the returns beside them, for a grazed wall returns nothing.
     """
     rays = cloud.points_m - cloud.origins_m
     length = np.hypot(rays[:, 0], rays[:, 1])
     hit = cloud.hit & (length <= config.max_range_m)
     silent_beam = np.pad(~cloud.hit, 1, constant_values=True)
     clears = silent_beam[:-2] & silent_beam[1:-1] & silent_beam[2:]
-    reach = np.where(cloud.hit, config.max_range_m, config.clear_without_return_m)
+    silent_reach = np.minimum(config.clear_without_return_m, _range_beside(length, cloud.hit))
+    reach = np.where(cloud.hit, config.max_range_m, silent_reach)
     shorten = np.minimum(1.0, reach / np.maximum(length, 1e-9))
     ends = cloud.origins_m + rays * shorten[:, None]
     kept = (cloud.hit | clears) & (reach > 0.0) & np.isfinite(ends).all(axis=1)
     return cloud.origins_m[kept], ends[kept], hit[kept]
+
+
+def _range_beside(range_m: FloatArray, hit: BoolArray) -> FloatArray:
+    """(n,) for each beam the smaller range of the last return before and the first after it.
+
+    ``inf`` where there is no return at all.
+    """
+    known = np.where(hit, range_m, np.inf)
+    index = np.arange(len(hit))
+    before = np.maximum.accumulate(np.where(hit, index, -1))
+    after = np.minimum.accumulate(np.where(hit, index, len(hit))[::-1])[::-1]
+    padded = np.append(known, np.inf)  # index -1 and index n: no return on that side
+    return np.minimum(padded[before], padded[after])

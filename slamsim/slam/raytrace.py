@@ -10,6 +10,10 @@ from slamsim.types import BoolArray, Float32Array, FloatArray
 
 CellArray = NDArray[np.int32]
 
+FLAT_CELLS = 10.0
+TOUCHING_CELLS = 1.5
+OFF_LINE_CELLS = 0.6
+
 
 @kernel
 def walk_beam(start: FloatArray, end: FloatArray, cells: CellArray) -> int:
@@ -43,6 +47,41 @@ def walk_beam(start: FloatArray, end: FloatArray, cells: CellArray) -> int:
 
 
 @kernel
+def flat_to_next(ends: FloatArray, hit: BoolArray) -> BoolArray:
+    """(n,) whether the surface seems to go on straight from the end of each beam to the next's.
+
+    ends: (n, 2) in cells, in the order of the beams. Ends that touch each other are always taken
+    for one surface; others if their distance is at most FLAT_CELLS, about that of a neighbouring
+    pair, and the three ends lie on one line.
+    """
+    count = ends.shape[0]
+    steps = np.zeros(count)
+    for i in range(count - 1):
+        if hit[i] and hit[i + 1]:
+            steps[i] = np.hypot(ends[i + 1, 0] - ends[i, 0], ends[i + 1, 1] - ends[i, 1])
+    flat = np.zeros(count, np.bool_)
+    for i in range(count - 1):
+        if steps[i] == 0.0 or steps[i] > FLAT_CELLS:
+            continue
+        flat[i] = steps[i] < TOUCHING_CELLS
+        for j in (i - 1, i):
+            if flat[i] or j < 0 or j + 2 >= count or steps[j] == 0.0 or steps[j + 1] == 0.0:
+                continue
+            other = steps[j] if j < i else steps[j + 1]
+            flat[i] = steps[i] <= 2.0 * other and _off_line(ends, j) < OFF_LINE_CELLS
+    return flat
+
+
+@kernel
+def _off_line(ends: FloatArray, first: int) -> float:
+    """Distance of the middle one of three ends from the line through the outer ones."""
+    a, b, c = ends[first], ends[first + 1], ends[first + 2]
+    dx, dy = c[0] - a[0], c[1] - a[1]
+    length = np.hypot(dx, dy)
+    return abs(dx * (b[1] - a[1]) - dy * (b[0] - a[0])) / length if length > 0.0 else np.inf
+
+
+@kernel
 def update_log_odds(
     log_odds: Float32Array,
     seen: NDArray[np.int32],
@@ -54,8 +93,9 @@ def update_log_odds(
 ) -> None:
     """Enter one scan into a grid, in place: each cell changes at most once, and hits win.
 
-    One scan is one piece of evidence for a cell, however many of its beams pass there; were
-    each beam to count, those that graze a wall would wear it away. log_odds, seen: (rows, cols);
+    One scan is one piece of evidence for a cell, however many of its beams pass there, and what
+    lies on a flat surface between two returns is not cleared: beams that graze a wall would wear
+    it away where its face reaches but little into a cell. log_odds, seen: (rows, cols);
     seen holds the mark of the last scan that changed a cell. origins, ends: (n, 2) as (x, y) in
     units of cells, all inside the grid. weights: (hit, miss, lowest, highest) log odds.
     """
@@ -66,6 +106,11 @@ def update_log_odds(
                 seen[row, column] = mark
                 log_odds[row, column] = min(log_odds[row, column] + weights[0], weights[3])
     cells = np.empty((log_odds.shape[0] + log_odds.shape[1] + 1, 2), np.int32)
+    flat = flat_to_next(ends, hit)
+    for i in range(ends.shape[0]):
+        if flat[i]:
+            for k in range(walk_beam(ends[i], ends[i + 1], cells)):
+                seen[cells[k, 1], cells[k, 0]] = mark
     for i in range(ends.shape[0]):
         count = walk_beam(origins[i], ends[i], cells)
         for k in range(count - 1 if hit[i] else count):
