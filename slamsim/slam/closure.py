@@ -121,7 +121,7 @@ class ClosureFinder:
             T_guess,
             T_guess,
             LOOSE,
-            (ALIGN_GATE_M, ALIGN_START_SIGMAS, noise_m, WEAK_SHARE, ALIGN_ITERATIONS),
+            (ALIGN_GATE_M, ALIGN_START_SIGMAS, noise_m, 1.0, WEAK_SHARE, ALIGN_ITERATIONS),
             self._scratch.grid,
         )
         limits, sizes = self._config.closures, self._config.graph
