@@ -25,6 +25,8 @@ from slamsim.types import FloatArray, GraphEdge, IntArray, PlanarTrajectory, Pos
 UPDATE_AFTER_KEYFRAMES = 10
 RENEW_AFTER_KEYFRAMES = 20
 RENEW_AFTER_SHARE = 0.1
+MOVED_M = 0.15
+MOVED_RAD = 0.03
 SURPRISE_M = 0.1
 SURPRISE_RAD = 0.03
 
@@ -46,6 +48,7 @@ class BackEnd:
         self._submap_from = 0
         self._updated_keyframes = 0
         self._unsolved: list[Closure] = []
+        self._failures: dict[tuple[int, int], FloatArray] = {}
         self.refusals: Counter[str] = Counter()
         """Why closures were not believed, and how often."""
         self.seconds: defaultdict[str, float] = defaultdict(float)
@@ -161,18 +164,26 @@ class BackEnd:
         query = self._query(index)
         found = 0
         for number in self._candidates(query, np.array(left_behind)):
+            expected = self._expected(number, index)
+            if self._failed_before(number, index, expected):
+                continue
             closure = self._finder.find(
-                query,
-                number,
-                self._submaps[number],
-                self._expected(number, index),
-                self._maker.noise_m,
+                query, number, self._submaps[number], expected, self._maker.noise_m
             )
             if isinstance(closure, Closure):
                 found += self._weigh(closure)
             else:
                 self.refusals[closure] += 1
+                self._failures[number, index] = expected.T_submap_query
         return found
+
+    def _failed_before(self, number: int, index: int, expected: Expected) -> bool:
+        """Whether the same search from nearly the same place led nowhere."""
+        before = self._failures.get((number, index))
+        if before is None:
+            return False
+        moved = between(before, expected.T_submap_query)
+        return bool(np.hypot(moved[0], moved[1]) < MOVED_M and abs(moved[2]) < MOVED_RAD)
 
     def _expected(self, number: int, index: int) -> Expected:
         anchor = self._submaps[number].anchor

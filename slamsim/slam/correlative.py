@@ -19,6 +19,9 @@ from slamsim.types import FloatArray, IntArray
 
 MAX_LEVEL = 6
 FULL_SCALE = 255.0
+REACH_SHARE = 0.9
+"""A turn by one step moves this share of the points by no more than a cell."""
+
 MAX_LOOKUPS = 60_000_000
 """A search that has read the grid so often is given up."""
 
@@ -91,7 +94,8 @@ def search(
     than that from the best reaches that share of its score. None if nothing reaches min_score or
     the search grew too long.
     """
-    reach_m = max(float(np.quantile(np.hypot(points_m[:, 0], points_m[:, 1]), 0.9)), 1.0)
+    ranges_m = np.sort(np.hypot(points_m[:, 0], points_m[:, 1]))
+    reach_m = max(float(ranges_m[int(REACH_SHARE * (len(ranges_m) - 1))]), 1.0)
     step_rad = grid.resolution_m / reach_m
     turns = np.arange(-np.ceil(window.turn_rad / step_rad), np.ceil(window.turn_rad / step_rad) + 1)
     yaws = T_grid_points[2] + turns * step_rad

@@ -10,6 +10,10 @@ from slamsim.types import BoolArray, Float32Array, FloatArray
 
 CellArray = NDArray[np.int32]
 
+NEIGHBOUR_CELLS = 3.0
+JOINED_CELLS = 12.0
+MIN_SINE = 0.05
+
 FLAT_CELLS = 10.0
 TOUCHING_CELLS = 1.5
 OFF_LINE_CELLS = 0.6
@@ -82,6 +86,48 @@ def _off_line(ends: FloatArray, first: int) -> float:
 
 
 @kernel
+def clear_shares(origins: FloatArray, ends: FloatArray, hit: BoolArray) -> FloatArray:
+    """(n,) share of each beam that shows free space: up to one cell from the surface it hit.
+
+    A beam that grazes a wall runs through the cells of that wall before it ends in one, and the
+    more so the flatter it comes; those cells are not free. The surface is the line through the
+    ends of the neighbouring beams, NEIGHBOUR_CELLS to either side as far as they hang together.
+    origins, ends: (n, 2) in units of cells, in beam order.
+    """
+    count = ends.shape[0]
+    shares = np.ones(count)
+    for i in range(count):
+        if not hit[i]:
+            continue
+        dx, dy = ends[i, 0] - origins[i, 0], ends[i, 1] - origins[i, 1]
+        length = np.hypot(dx, dy)
+        left = _neighbour(ends, hit, i, -1)
+        right = _neighbour(ends, hit, i, 1)
+        tx, ty = ends[right, 0] - ends[left, 0], ends[right, 1] - ends[left, 1]
+        along = np.hypot(tx, ty)
+        sine = abs(dx * ty - dy * tx) / (length * along) if along > 1.0 and length > 0.0 else 1.0
+        shares[i] = max(0.0, 1.0 - 1.0 / (max(sine, MIN_SINE) * max(length, 1e-9)))
+    return shares
+
+
+@kernel
+def _neighbour(ends: FloatArray, hit: BoolArray, start: int, step: int) -> int:
+    """The furthest beam to one side whose end still belongs to the same surface."""
+    at = start
+    while True:
+        following = at + step
+        if following < 0 or following >= ends.shape[0] or not hit[following]:
+            return at
+        gap = np.hypot(ends[following, 0] - ends[at, 0], ends[following, 1] - ends[at, 1])
+        whole = np.hypot(ends[following, 0] - ends[start, 0], ends[following, 1] - ends[start, 1])
+        if gap > JOINED_CELLS:
+            return at
+        at = following
+        if whole >= NEIGHBOUR_CELLS:
+            return at
+
+
+@kernel
 def update_log_odds(
     log_odds: Float32Array,
     seen: NDArray[np.int32],
@@ -111,9 +157,10 @@ def update_log_odds(
         if flat[i]:
             for k in range(walk_beam(ends[i], ends[i + 1], cells)):
                 seen[cells[k, 1], cells[k, 0]] = mark
+    shares = clear_shares(origins, ends, hit)
     for i in range(ends.shape[0]):
-        count = walk_beam(origins[i], ends[i], cells)
-        for k in range(count - 1 if hit[i] else count):
+        free_end = origins[i] + shares[i] * (ends[i] - origins[i])
+        for k in range(walk_beam(origins[i], free_end, cells)):
             column, row = cells[k, 0], cells[k, 1]
             if seen[row, column] != mark:
                 seen[row, column] = mark
