@@ -29,6 +29,7 @@ SAME_SIDE_COS = np.cos(np.deg2rad(40.0))
 OVERLAP_SLACK_M = 0.1
 CONVERGED_STEP_M = 1e-4
 INLIER_SIGMAS = 3.0
+ROBUST_SIGMAS = 5.0
 INLIER_M = 0.03
 """What is this near, on top of noise, counts as fitting: real surfaces are rough."""
 
@@ -221,7 +222,7 @@ def align(
     """Register the pieces, beginning at T_start, with a prior about T_guess of information (3, 3)
     in the frame of the base.
 
-    limits: gate, sigmas at which robust weights begin (more than INLIER_SIGMAS: partners are
+    limits: gate, sigmas at which robust weights begin (more than ROBUST_SIGMAS: partners are
     still to be found, and the prior is faint until the last), range noise, variance of unit
     weight, weak share, iterations. grid: surfaces, keys, cell, oldest path length. Returns
     T_map_base, information (3, 3) of the scan alone, weak axes (3, 3: columns, the first
@@ -248,7 +249,7 @@ def align(
         summary[WEAK] = weak
         summary[ITERATIONS] = iteration + 1
         offset = _offset(T_guess, T) * scale
-        wide = robust > INLIER_SIGMAS
+        wide = robust > ROBUST_SIGMAS
         pull = _believed(prior_scaled, offset, axes, values, (weak_share, wide))
         step = -np.linalg.solve(information + pull, gradient + pull @ offset)
         limit = np.abs(step).max()
@@ -258,11 +259,11 @@ def align(
         T[0] += cos * step[0] - sin * step[1]
         T[1] += sin * step[0] + cos * step[1]
         T[2] += step[2] / length
-        if limit < CONVERGED_STEP_M and robust <= INLIER_SIGMAS:
+        if limit < CONVERGED_STEP_M and robust <= ROBUST_SIGMAS:
             summary[CONVERGED] = 1.0
             break
         if limit < 0.02 or iteration > max_iterations // 2:
-            robust = max(robust * 0.4, INLIER_SIGMAS)
+            robust = max(robust * 0.4, ROBUST_SIGMAS)
             narrow = max(0.5 * narrow, least)
     T[2] -= 2.0 * np.pi * np.floor((T[2] + np.pi) / (2.0 * np.pi))
     information = information * scale.reshape(3, 1) * scale.reshape(1, 3) / ALIKE
