@@ -54,6 +54,8 @@ class Reporter:
             format="%(message)s",
             handlers=[RichHandler(console=self._console, show_time=False, show_path=False)],
         )
+        if not self._quiet:
+            logging.getLogger("slamsim").setLevel(logging.INFO)
 
     @contextmanager
     def stage(self, title: str, unit: str) -> Iterator[Listener]:

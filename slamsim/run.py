@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import resource
 import shlex
 import sys
@@ -10,6 +11,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from itertools import islice
 from pathlib import Path
 
 from slamsim import run_folder
@@ -164,7 +166,9 @@ def _map(
     result, grid = _slam(log, config, stages)
     true_grid = _true_grid(world, log, config)
     with stages.stage("evaluate", "") as _:
-        scores = evaluate(result.trajectory, result.odometry, grid, truth, true_grid, relations)
+        scores = evaluate(
+            result.trajectory, result.odometry, grid, truth, true_grid, relations, _range_m(log)
+        )
     view = RunView(
         log=log,
         result=result,
@@ -218,6 +222,11 @@ def _true_grid(world: World | None, log: Log, config: RunConfig) -> Grid | None:
     if world is None:
         return None
     return world.grid(config.mapping.resolution_m, float(log.T_base_laser[2, 3]))
+
+
+def _range_m(log: Log) -> float:
+    """How far the lidar sees."""
+    return max((scan.geometry.range_max_m for scan in islice(log.scans, 1)), default=math.inf)
 
 
 def _recorded_true_grid(run: Path, grid: Grid) -> Grid | None:
