@@ -21,7 +21,7 @@ DRIFT_M_PER_M = 0.03
 
 
 class WaitingClosures:
-    """min_support: closures, each of another key frame, that must agree before all of them count."""
+    """min_support: closures, each of another key frame, that must agree before they count."""
 
     def __init__(self, min_support: int) -> None:
         self._min_support = min_support

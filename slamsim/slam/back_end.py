@@ -15,7 +15,7 @@ from slamsim.progress import Progress, silent
 from slamsim.slam.agreement import WaitingClosures
 from slamsim.slam.closure import Closure, ClosureFinder, Expected
 from slamsim.slam.estimate import Estimate
-from slamsim.slam.graph import PoseGraphSolver
+from slamsim.slam.graph import PoseGraphSolver, variance_factor
 from slamsim.slam.keyframes import Keyframe, KeyframeMaker, chain_edge
 from slamsim.slam.marginals import relative_covariances
 from slamsim.slam.odometry import Tracked
@@ -275,9 +275,11 @@ class BackEnd:
         return [edge for edge in self._graph.edges if edge.kind == "closure"]
 
     def _pose_graph(self) -> PoseGraph:
+        """The result. Covariances are scaled by how well the closures fit what was claimed."""
         poses = self.poses
         stamps_ns = np.array([k.stamp_ns for k in self._keyframes], dtype=np.int64)
         covariances = relative_covariances(poses, self._graph.edges, 0, np.zeros(2))
+        covariances *= variance_factor(poses, self._graph.edges)
         # A step of the map about its origin moves a pose by its lever arm as well.
         lever = np.tile(np.eye(3), (len(poses), 1, 1))
         lever[:, 0, 2], lever[:, 1, 2] = -poses[:, 1], poses[:, 0]

@@ -106,8 +106,13 @@ class ClosureFinder:
         turn = rotation(np.asarray(expected.T_submap_query[2])) @ to_middle
         sigmas = np.sqrt(np.diag(turn @ expected.covariance @ turn.T))
         half_m = np.clip(limits.gate_sigmas * sigmas[:2], limits.min_window_m, limits.max_window_m)
-        half_deg = limits.gate_sigmas * float(np.rad2deg(sigmas[2]))
-        half_deg = float(np.clip(half_deg, limits.min_window_deg, limits.max_window_deg))
+        half_deg = float(
+            np.clip(
+                limits.gate_sigmas * np.rad2deg(sigmas[2]),
+                limits.min_window_deg,
+                limits.max_window_deg,
+            )
+        )
         return Window(float(half_m[0]), float(half_m[1]), float(np.deg2rad(half_deg)))
 
     def _refined(
@@ -161,8 +166,8 @@ class ClosureFinder:
         back = query_space.at(transform_points(T_query_submap, submap.points_m))
         allowed = limits.max_contradiction * (2.0 if expected else 1.0)
         for states in (seen, back):
-            free = np.count_nonzero(states == FREE)
-            if free > allowed * max(np.count_nonzero(states != UNKNOWN), 1):
+            free, known = np.count_nonzero(states == FREE), np.count_nonzero(states != UNKNOWN)
+            if free > allowed * known:
                 return "contradiction"
         return None
 

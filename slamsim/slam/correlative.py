@@ -164,9 +164,7 @@ def _raise_levels(levels: NDArray[np.uint8]) -> None:
             for c in range(columns):
                 c2 = min(c + half, columns - 1)
                 below = levels[level - 1]
-                levels[level, r, c] = max(
-                    max(below[r, c], below[r, c2]), max(below[r2, c], below[r2, c2])
-                )
+                levels[level, r, c] = max(below[r, c], below[r, c2], below[r2, c], below[r2, c2])
 
 
 @kernel
@@ -200,6 +198,58 @@ def _excluded(a: int, x: int, y: int, size: int, around: IntArray) -> bool:
 
 
 @kernel
+def _roots(
+    level: NDArray[np.uint8],
+    cells: NDArray[np.int32],
+    half: IntArray,
+    size: int,
+    goal: float,
+    around: IntArray,
+) -> FloatArray:
+    """(k, 4) blocks (score bound, turn, x, y) of the coarsest level to look into, best first."""
+    nx, ny = (2 * half[0]) // size + 1, (2 * half[1]) // size + 1
+    roots = np.empty((cells.shape[0] * nx * ny, 4))
+    count = 0
+    for a in range(cells.shape[0]):
+        for i in range(nx):
+            for j in range(ny):
+                x, y = i * size - half[0], j * size - half[1]
+                score = _bound(level, cells[a], x, y, goal)
+                if score >= goal and not _excluded(a, x, y, size, around):
+                    roots[count, 0], roots[count, 1] = score, a
+                    roots[count, 2], roots[count, 3] = x, y
+                    count += 1
+    return roots[np.argsort(-roots[:count, 0])]
+
+
+@kernel
+def _children(
+    block: FloatArray,
+    levels: NDArray[np.uint8],
+    cells: NDArray[np.int32],
+    half: IntArray,
+    goal: float,
+    around: IntArray,
+) -> FloatArray:
+    """(k, 5) the quarters (bound, turn, x, y, level) of a block that may still win, best last."""
+    a, x, y, level = int(block[1]), int(block[2]), int(block[3]), int(block[4]) - 1
+    size = 1 << level
+    kept = np.empty((4, 5))
+    count = 0
+    for i in range(2):
+        for j in range(2):
+            cx, cy = x + i * size, y + j * size
+            if cx > half[0] or cy > half[1] or _excluded(a, cx, cy, size, around):
+                continue
+            score = _bound(levels[level], cells[a], cx, cy, goal)
+            if score >= goal:
+                kept[count, 0], kept[count, 1] = score, a
+                kept[count, 2], kept[count, 3], kept[count, 4] = cx, cy, level
+                count += 1
+    return kept[np.argsort(kept[:count, 0])]
+
+
+@kernel
 def _branch_and_bound(
     levels: NDArray[np.uint8],
     cells: NDArray[np.int32],
@@ -212,64 +262,30 @@ def _branch_and_bound(
     around: (turn, x, y, half width in turns, in cells) of poses not to consider.
     """
     full = 255.0 * cells.shape[1]
-    best = np.zeros(3, np.int64)
+    best, found = np.zeros(3, np.int64), 0.0
     goal = min_score * full
-    found = 0.0
     top = 0
     while top < levels.shape[0] - 1 and (1 << top) < max(half[0], half[1]):
         top += 1
-    size = 1 << top
-    nx, ny = (2 * half[0]) // size + 1, (2 * half[1]) // size + 1
-    roots = np.empty((cells.shape[0] * nx * ny, 4))
-    count = 0
-    lookups = 0
-    for a in range(cells.shape[0]):
-        for i in range(nx):
-            for j in range(ny):
-                x, y = i * size - half[0], j * size - half[1]
-                score = _bound(levels[top], cells[a], x, y, goal)
-                lookups += cells.shape[1]
-                if score >= goal and not _excluded(a, x, y, size, around):
-                    roots[count, 0], roots[count, 1] = score, a
-                    roots[count, 2], roots[count, 3] = x, y
-                    count += 1
-    order = np.argsort(-roots[:count, 0])
+    roots = _roots(levels[top], cells, half, 1 << top, goal, around)
     stack = np.empty((4 * (top + 1) + 1, 5))
-    children = np.empty((4, 5))
-    for k in range(count):
-        root = roots[order[k]]
-        if root[0] < goal:
-            break
-        stack[0, 0], stack[0, 1], stack[0, 2], stack[0, 3] = root[0], root[1], root[2], root[3]
-        stack[0, 4] = top
+    blocks = 0
+    for k in range(roots.shape[0]):
+        stack[0, :4], stack[0, 4] = roots[k], top
         depth = 1
         while depth > 0:
             depth -= 1
-            score, a = stack[depth, 0], int(stack[depth, 1])
-            x, y, level = int(stack[depth, 2]), int(stack[depth, 3]), int(stack[depth, 4])
-            if score < goal or (found > 0.0 and score <= found):
+            block = stack[depth].copy()
+            if block[0] < goal or (found > 0.0 and block[0] <= found):
                 continue
-            if level == 0:
-                found, goal = score, score
-                best[0], best[1], best[2] = a, x, y
+            if block[4] == 0.0:
+                best[0], best[1], best[2] = int(block[1]), int(block[2]), int(block[3])
+                found = goal = block[0]
                 continue
-            size = 1 << (level - 1)
-            kept = 0
-            for i in range(2):
-                for j in range(2):
-                    cx, cy = x + i * size, y + j * size
-                    if cx > half[0] or cy > half[1] or _excluded(a, cx, cy, size, around):
-                        continue
-                    value = _bound(levels[level - 1], cells[a], cx, cy, goal)
-                    lookups += cells.shape[1]
-                    if value >= goal:
-                        children[kept, 0], children[kept, 1] = value, a
-                        children[kept, 2], children[kept, 3] = cx, cy
-                        children[kept, 4] = level - 1
-                        kept += 1
-            for i in np.argsort(children[:kept, 0]):
-                stack[depth] = children[i]
+            for child in _children(block, levels, cells, half, goal, around):
+                stack[depth] = child
                 depth += 1
-            if lookups > MAX_LOOKUPS:
+            blocks += 4
+            if blocks * cells.shape[1] > MAX_LOOKUPS:
                 return best, -1.0
     return best, found / full

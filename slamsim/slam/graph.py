@@ -25,6 +25,9 @@ EIGENVALUE_BOUNDS = (1e-14, 1e12)
 MAX_WITHDRAWALS = 10
 EXTRA_UPDATES = 2
 RISE_ALLOWED = 1e-6
+CLOSURES_TO_TELL = 10
+CLOSURES_PER_EVIDENCE = 5.0
+LEAST_VARIANCE_FACTOR = 1e-4
 
 
 class GraphUnsound(SlamsimError):
@@ -145,6 +148,21 @@ def residual_sigmas(poses: FloatArray, edges: Sequence[GraphEdge]) -> FloatArray
     covariances = np.array([edge.covariance for edge in edges])
     weighted = np.linalg.solve(covariances, error[..., None])[..., 0]
     return np.asarray(np.sqrt(np.maximum((error * weighted).sum(axis=1), 0.0)))
+
+
+def variance_factor(poses: FloatArray, edges: Sequence[GraphEdge]) -> float:
+    """By how much the variances of the edges should be multiplied to agree with their residuals.
+
+    The a-posteriori variance of unit weight: the sum of squared residuals over the redundancy,
+    which is three for each believed closure that is independent of the others. Closures of
+    neighbouring key frames share most of their scans. 1 where there are too few to tell.
+    """
+    believed = [edge for edge in edges if edge.weight > 0.0]
+    closures = sum(edge.kind == "closure" for edge in believed)
+    if closures < CLOSURES_TO_TELL:
+        return 1.0
+    squares = float(np.square(residual_sigmas(poses, believed)).sum())
+    return max(squares * CLOSURES_PER_EVIDENCE / (3.0 * closures), LEAST_VARIANCE_FACTOR)
 
 
 def check_edges(edges: Sequence[GraphEdge]) -> None:

@@ -183,4 +183,4 @@ def _range_beside(range_m: FloatArray, hit: BoolArray) -> FloatArray:
     before = np.maximum.accumulate(np.where(hit, index, -1))
     after = np.minimum.accumulate(np.where(hit, index, len(hit))[::-1])[::-1]
     padded = np.append(known, np.inf)  # index -1 and index n: no return on that side
-    return np.minimum(padded[before], padded[after])
+    return np.asarray(np.minimum(padded[before], padded[after]))

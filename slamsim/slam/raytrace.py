@@ -10,13 +10,10 @@ from slamsim.types import BoolArray, Float32Array, FloatArray
 
 CellArray = NDArray[np.int32]
 
-NEIGHBOUR_CELLS = 3.0
+SURFACE_CELLS = 3.0
 JOINED_CELLS = 12.0
+MAX_BEAMS_BESIDE = 40
 MIN_SINE = 0.05
-
-FLAT_CELLS = 10.0
-TOUCHING_CELLS = 1.5
-OFF_LINE_CELLS = 0.6
 
 
 @kernel
@@ -51,47 +48,13 @@ def walk_beam(start: FloatArray, end: FloatArray, cells: CellArray) -> int:
 
 
 @kernel
-def flat_to_next(ends: FloatArray, hit: BoolArray) -> BoolArray:
-    """(n,) whether the surface seems to go on straight from the end of each beam to the next's.
-
-    ends: (n, 2) in cells, in the order of the beams. Ends that touch each other are always taken
-    for one surface; others if their distance is at most FLAT_CELLS, about that of a neighbouring
-    pair, and the three ends lie on one line.
-    """
-    count = ends.shape[0]
-    steps = np.zeros(count)
-    for i in range(count - 1):
-        if hit[i] and hit[i + 1]:
-            steps[i] = np.hypot(ends[i + 1, 0] - ends[i, 0], ends[i + 1, 1] - ends[i, 1])
-    flat = np.zeros(count, np.bool_)
-    for i in range(count - 1):
-        if steps[i] == 0.0 or steps[i] > FLAT_CELLS:
-            continue
-        flat[i] = steps[i] < TOUCHING_CELLS
-        for j in (i - 1, i):
-            if flat[i] or j < 0 or j + 2 >= count or steps[j] == 0.0 or steps[j + 1] == 0.0:
-                continue
-            other = steps[j] if j < i else steps[j + 1]
-            flat[i] = steps[i] <= 2.0 * other and _off_line(ends, j) < OFF_LINE_CELLS
-    return flat
-
-
-@kernel
-def _off_line(ends: FloatArray, first: int) -> float:
-    """Distance of the middle one of three ends from the line through the outer ones."""
-    a, b, c = ends[first], ends[first + 1], ends[first + 2]
-    dx, dy = c[0] - a[0], c[1] - a[1]
-    length = np.hypot(dx, dy)
-    return abs(dx * (b[1] - a[1]) - dy * (b[0] - a[0])) / length if length > 0.0 else np.inf
-
-
-@kernel
 def clear_shares(origins: FloatArray, ends: FloatArray, hit: BoolArray) -> FloatArray:
     """(n,) share of each beam that shows free space: up to one cell from the surface it hit.
 
     A beam that grazes a wall runs through the cells of that wall before it ends in one, and the
-    more so the flatter it comes; those cells are not free. The surface is the line through the
-    ends of the neighbouring beams, NEIGHBOUR_CELLS to either side as far as they hang together.
+    more so the flatter it comes; those cells are not free, and cleared by many such beams the
+    wall would be worn away. The surface is the line through the ends of beams about
+    SURFACE_CELLS to either side, or of the very next ones, unless they lie on something else.
     origins, ends: (n, 2) in units of cells, in beam order.
     """
     count = ends.shape[0]
@@ -99,32 +62,29 @@ def clear_shares(origins: FloatArray, ends: FloatArray, hit: BoolArray) -> Float
     for i in range(count):
         if not hit[i]:
             continue
+        left, right = _beside(ends, hit, i, -1), _beside(ends, hit, i, 1)
         dx, dy = ends[i, 0] - origins[i, 0], ends[i, 1] - origins[i, 1]
-        length = np.hypot(dx, dy)
-        left = _neighbour(ends, hit, i, -1)
-        right = _neighbour(ends, hit, i, 1)
         tx, ty = ends[right, 0] - ends[left, 0], ends[right, 1] - ends[left, 1]
-        along = np.hypot(tx, ty)
-        sine = abs(dx * ty - dy * tx) / (length * along) if along > 1.0 and length > 0.0 else 1.0
-        shares[i] = max(0.0, 1.0 - 1.0 / (max(sine, MIN_SINE) * max(length, 1e-9)))
+        length, along = max(np.hypot(dx, dy), 1e-9), np.hypot(tx, ty)
+        sine = abs(dx * ty - dy * tx) / (length * along) if along > 1.0 else 1.0
+        shares[i] = max(0.0, 1.0 - 1.0 / (max(sine, MIN_SINE) * length))
     return shares
 
 
 @kernel
-def _neighbour(ends: FloatArray, hit: BoolArray, start: int, step: int) -> int:
-    """The furthest beam to one side whose end still belongs to the same surface."""
-    at = start
-    while True:
-        following = at + step
-        if following < 0 or following >= ends.shape[0] or not hit[following]:
-            return at
-        gap = np.hypot(ends[following, 0] - ends[at, 0], ends[following, 1] - ends[at, 1])
-        whole = np.hypot(ends[following, 0] - ends[start, 0], ends[following, 1] - ends[start, 1])
-        if gap > JOINED_CELLS:
-            return at
-        at = following
-        if whole >= NEIGHBOUR_CELLS:
-            return at
+def _beside(ends: FloatArray, hit: BoolArray, i: int, step: int) -> int:
+    """A beam to one side of a beam that hit the same surface, or the beam itself."""
+    next_to = i + step
+    if next_to < 0 or next_to >= ends.shape[0] or not hit[next_to]:
+        return i
+    gap = np.hypot(ends[next_to, 0] - ends[i, 0], ends[next_to, 1] - ends[i, 1])
+    if gap > JOINED_CELLS:
+        return i
+    far = i + step * max(1, min(MAX_BEAMS_BESIDE, int(SURFACE_CELLS / max(gap, 1e-3))))
+    if far < 0 or far >= ends.shape[0] or not hit[far]:
+        return next_to
+    away = np.hypot(ends[far, 0] - ends[i, 0], ends[far, 1] - ends[i, 1])
+    return far if away <= 2.0 * max(SURFACE_CELLS, gap) else next_to
 
 
 @kernel
@@ -139,11 +99,10 @@ def update_log_odds(
 ) -> None:
     """Enter one scan into a grid, in place: each cell changes at most once, and hits win.
 
-    One scan is one piece of evidence for a cell, however many of its beams pass there, and what
-    lies on a flat surface between two returns is not cleared: beams that graze a wall would wear
-    it away where its face reaches but little into a cell. log_odds, seen: (rows, cols);
-    seen holds the mark of the last scan that changed a cell. origins, ends: (n, 2) as (x, y) in
-    units of cells, all inside the grid. weights: (hit, miss, lowest, highest) log odds.
+    One scan is one piece of evidence for a cell, however many of its beams pass there. log_odds,
+    seen: (rows, cols); seen holds the mark of the last scan that changed a cell. origins, ends:
+    (n, 2) as (x, y) in units of cells, all inside the grid, in beam order. weights: (hit, miss,
+    lowest, highest) log odds.
     """
     for i in range(ends.shape[0]):
         if hit[i]:
@@ -152,11 +111,6 @@ def update_log_odds(
                 seen[row, column] = mark
                 log_odds[row, column] = min(log_odds[row, column] + weights[0], weights[3])
     cells = np.empty((log_odds.shape[0] + log_odds.shape[1] + 1, 2), np.int32)
-    flat = flat_to_next(ends, hit)
-    for i in range(ends.shape[0]):
-        if flat[i]:
-            for k in range(walk_beam(ends[i], ends[i + 1], cells)):
-                seen[cells[k, 1], cells[k, 0]] = mark
     shares = clear_shares(origins, ends, hit)
     for i in range(ends.shape[0]):
         free_end = origins[i] + shares[i] * (ends[i] - origins[i])
