@@ -29,9 +29,6 @@ from slamsim.progress import Progress as Listener
 from slamsim.progress import silent
 from slamsim.safe.errors import DiskFull, SlamsimError
 
-EXIT_INTERRUPTED = 128 + signal.SIGINT
-EXIT_TERMINATED = 128 + signal.SIGTERM
-
 
 class _RateColumn(ProgressColumn):
     """Units of work per second of wall time; for simulated seconds that is the real-time factor."""
@@ -106,34 +103,50 @@ class Reporter:
 def run_command(command: Callable[[], object]) -> int:
     """Run a command; what a user may cause ends in one sentence and an exit code.
 
-    The command parser ends the process itself: with 0, with 2 after a wrong call, with 130
-    after Ctrl-C.
+    The command parser ends the process itself: with 0, or with 2 after a wrong call.
     """
-    signal.signal(signal.SIGTERM, _terminate)
+    stop = _StopSignals()
     try:
         command()
-    except SlamsimError as error:
-        return _fail(str(error), error.exit_code)
-    except SystemExit as ending:
-        if ending.code == EXIT_INTERRUPTED:
-            return _fail("interrupted; nothing was left half-written", EXIT_INTERRUPTED)
+    except BaseException as error:
+        if stop.received is not None:
+            return _fail("stopped; nothing was left half-written", 128 + stop.received)
+        if isinstance(error, SlamsimError):
+            return _fail(str(error), error.exit_code)
+        if isinstance(error, OSError):
+            return _fail(*_told(error))
         raise
-    except _Terminated:
-        return _fail("terminated; nothing was left half-written", EXIT_TERMINATED)
-    except OSError as error:
-        place = error.filename or "input/output"
-        if error.errno == errno.ENOSPC:
-            return _fail(f"{place}: the disk is full", DiskFull.exit_code)
-        return _fail(f"{place}: {error.strerror or error}", SlamsimError.exit_code)
     return 0
 
 
-class _Terminated(BaseException):
-    """SIGTERM, turned into an orderly way out through every ``finally``."""
+class _Stopped(BaseException):
+    """Ctrl-C or SIGTERM, on its way out through every ``finally``."""
 
 
-def _terminate(signum: int, frame: FrameType | None) -> None:
-    raise _Terminated
+class _StopSignals:
+    """Turns the first Ctrl-C or SIGTERM into an exception; the second ends the process at once.
+
+    Libraries may wrap the exception in one of their own, as imports of native modules do, so
+    what counts is ``received``.
+    """
+
+    def __init__(self) -> None:
+        self.received: int | None = None
+        for number in (signal.SIGINT, signal.SIGTERM):
+            if signal.getsignal(number) is not signal.SIG_IGN:
+                signal.signal(number, self._stop)
+
+    def _stop(self, number: int, frame: FrameType | None) -> None:
+        self.received = number
+        signal.signal(number, signal.SIG_DFL)
+        raise _Stopped
+
+
+def _told(error: OSError) -> tuple[str, int]:
+    place = error.filename or "input/output"
+    if error.errno == errno.ENOSPC:
+        return f"{place}: the disk is full", DiskFull.exit_code
+    return f"{place}: {error.strerror or error}", SlamsimError.exit_code
 
 
 def _fail(sentence: str, code: int) -> int:
