@@ -25,10 +25,11 @@ class MappingConfig(Config):
     min_turn_deg: float = Field(2.0, ge=0.0, le=180.0)
     """... or has turned by this much. Both 0: every scan is used."""
 
-    hit_probability: float = Field(0.70, gt=0.5, lt=1.0)
-    """Probability that a cell is occupied, given one return from it."""
+    hit_probability: float = Field(0.64, gt=0.5, lt=1.0)
+    """Probability that a cell is occupied, given one return from it: by default one alone is not
+    enough to be drawn as a wall."""
 
-    miss_probability: float = Field(0.40, gt=0.0, lt=0.5)
+    miss_probability: float = Field(0.43, gt=0.0, lt=0.5)
     """Probability that a cell is occupied, given one beam through it."""
 
     min_probability: float = Field(0.02, gt=0.0, lt=0.5)
