@@ -16,7 +16,7 @@ class MotionConfig(Config):
     slip_m_per_m: float = Field(0.05, gt=0.0, le=1.0)
     """Standard deviation of the wheels' path, per metre driven."""
 
-    slip_m_per_rad: float = Field(0.01, ge=0.0, le=1.0)
+    slip_m_per_rad: float = Field(0.03, ge=0.0, le=1.0)
     """Standard deviation of the wheels' position, per radian turned."""
 
     turn_rad_per_rad: float = Field(0.1, gt=0.0, le=1.0)

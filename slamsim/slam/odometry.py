@@ -15,6 +15,7 @@ from slamsim.types import Cloud, FloatArray, PlanarTrajectory, Scan
 
 FAR_SIGMAS = 10.0
 FAR_STRICTNESS = 0.6
+HELD_PENALTY = 0.02
 MIN_COVERED_RATIO = 0.3
 LOST_SCANS = 20
 """After so many scans in a row that fit nowhere the local map is begun anew."""
@@ -92,6 +93,12 @@ class FrontEnd:
 
         match = self._match(cloud, prediction)
 
+        if match is not None and self._predictor.blind:
+            # Without odometry the motion within a sweep is best known from its own match.
+            motion = self._predictor.motion_after(scan, match)
+            cloud = deskew(scan, motion, scan.stamp_ns, self._T_base_laser)
+            match = self._match(cloud, prediction) or match
+
         T_map_base = self._predictor.update(prediction, match)
 
         keyscan = self._keep(cloud, T_map_base, match)
@@ -120,17 +127,31 @@ class FrontEnd:
         """The match to believe: near the prediction, else by search, else none."""
         if self._T_map_key is None:
             return None
-        guess, covariance = prediction.T_map_base, prediction.covariance
-        near = self._matcher.match(cloud, guess, covariance)
-        if near is not None and self._believable(near, prediction):
+        covariance = prediction.covariance
+        near = self._matcher.match(cloud, prediction.T_map_base, covariance)
+        if near is not None and not prediction.jump and self._believable(near, prediction):
             return near
-        guesses = [guess, prediction.T_map_hold] if prediction.jump else [guess]
-        for start in guesses:
-            found = self._matcher.search(cloud, start, covariance)
-            if found is not None and self._believable(found, prediction):
-                self.recovered += 1
-                return found
-        return None
+        held = self._matcher.match(cloud, prediction.T_map_hold, covariance)
+        match = self._best(prediction, near, held)
+        if match is None:
+            near = self._matcher.search(cloud, prediction.T_map_base, covariance)
+            held = self._matcher.search(cloud, prediction.T_map_hold, covariance)
+            match = self._best(prediction, near, held)
+        self.recovered += match is not None
+        return match
+
+    def _best(self, prediction: Prediction, near: Match | None, held: Match | None) -> Match | None:
+        """The better fitting of two that can be believed.
+
+        What no surface holds follows the prediction; having stood still instead is believed only
+        of a scan that is held, or after a jump of the odometry.
+        """
+        believed = near if near is not None and self._believable(near, prediction) else None
+        if held is None or not self._believable(held, prediction):
+            return believed
+        if held.degenerate and not prediction.jump:
+            return believed
+        return held if believed is None or held.fit > believed.fit + HELD_PENALTY else believed
 
     def _believable(self, match: Match, prediction: Prediction) -> bool:
         """The further a match lies from the prediction, the better it has to fit."""

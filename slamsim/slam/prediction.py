@@ -13,12 +13,11 @@ from slamsim.slam.motion import motion_covariance
 from slamsim.types import FloatArray, PlanarTrajectory, Scan
 
 MAX_SPEED_M_S = 10.0
-MAX_TURN_RAD_S = 15.0
+MAX_TURN_RAD_S = 10.0
 FLOOR_M = 0.0005
 FLOOR_RAD = 0.0002
 BLIND_SPEED_SIGMA_M_S2 = 1.5
 BLIND_TURN_SIGMA_RAD_S2 = 3.0
-DOUBT_SIGMAS = 3.0
 LOST_GROWTH = 2.0
 """Each scan that fits nowhere makes the odometry this much more doubtful."""
 
@@ -35,8 +34,8 @@ JUMP_VARIANCE = np.square([0.3, 0.3, 0.2])
 class Prediction:
     """T_map_base: (3,) with covariance (3, 3) of a small step of the base in its own frame.
 
-    T_last_base: (3,) the predicted step since the last scan. jump: whether no robot can make that
-    step; T_map_hold: (3,) where the robot is then if the odometry is wrong.
+    T_last_base: (3,) the predicted step since the last scan. T_map_hold: (3,) where the robot is
+    if the odometry is wrong and it stood. jump: whether no robot can make that step.
     """
 
     stamp_ns: int
@@ -75,11 +74,18 @@ class Predictor:
         """The base's motion over the scan's beams, None where it is not known."""
         first, last = min(scan.stamp_ns, scan.end_ns), max(scan.stamp_ns, scan.end_ns)
         if self._motion is None:
-            end = self._velocity * (last - first) * 1e-9
-            stamps_ns = np.array([first, max(last, first + 1)])
-            return PlanarTrajectory(stamps_ns, np.stack([np.zeros(3), end]))
+            return _arc(self._velocity, first, last)
         covered = self._motion.stamps_ns
         return self._motion if first >= covered[0] and last <= covered[-1] else None
+
+    def motion_after(self, scan: Scan, match: Match) -> PlanarTrajectory:
+        """Motion over the scan's beams at the speed that its match shows since the last scan."""
+        first, last = min(scan.stamp_ns, scan.end_ns), max(scan.stamp_ns, scan.end_ns)
+        velocity = self._velocity
+        if self._last is not None and scan.stamp_ns > self._last.stamp_ns:
+            seconds = (scan.stamp_ns - self._last.stamp_ns) * 1e-9
+            velocity = between(self._T_map_base, match.T_map_base) / seconds
+        return _arc(velocity, first, last)
 
     def predict(self, stamp_ns: int) -> Prediction:
         """The pose at a scan's stamp, which motion_over has found to be covered."""
@@ -93,19 +99,18 @@ class Predictor:
         T_map_base = compose(self._T_map_base, step)
         carry = _adjoint(inverse(step))
         covariance = carry @ self._covariance @ carry.T + noise
-        return Prediction(
-            stamp_ns, T_map_base, covariance, T_odom_base, step, self._T_map_base, jump
-        )
+        still = self._T_map_base
+        return Prediction(stamp_ns, T_map_base, covariance, T_odom_base, step, still, jump)
 
     def update(self, prediction: Prediction, match: Match | None) -> FloatArray:
         """T_map_base after the match, or as predicted without one."""
         followed = prediction.T_map_hold if prediction.jump else prediction.T_map_base
         T_map_base = followed if match is None else match.T_map_base
         if match is None:
-            self._covariance = np.minimum(LOST_GROWTH * prediction.covariance, MAX_VARIANCE)
+            widest = float(np.diag(prediction.covariance).max())
+            self._covariance = prediction.covariance * min(LOST_GROWTH, MAX_VARIANCE / widest)
         else:
-            belief = 1.0 / (1.0 + (prediction.distance(match) / DOUBT_SIGMAS) ** 2)
-            prior = belief * np.linalg.inv(prediction.covariance)
+            prior = np.linalg.inv(prediction.covariance)
             self._covariance = np.linalg.inv(prior + match.information)
             self._learn(prediction, match)
         if self._last is not None:
@@ -154,6 +159,13 @@ class Predictor:
         excess[:2] = excess[:2].mean()
         excess = np.minimum(excess, MAX_DISTRUST)
         self._distrust = np.maximum(self._distrust + DISTRUST_GAIN * (excess - self._distrust), 1.0)
+
+
+def _arc(velocity: FloatArray, first_ns: int, last_ns: int) -> PlanarTrajectory:
+    """Constant velocity (m/s, m/s, rad/s) of the base for a short while."""
+    last_ns = max(last_ns, first_ns + 1)
+    end = velocity * (last_ns - first_ns) * 1e-9
+    return PlanarTrajectory(np.array([first_ns, last_ns]), np.stack([np.zeros(3), end]))
 
 
 def _adjoint(T_a_b: FloatArray) -> FloatArray:

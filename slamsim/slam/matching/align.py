@@ -12,6 +12,7 @@ import numpy as np
 
 from slamsim.jit import kernel
 from slamsim.slam.matching.local_map import LAST_SEEN, PER_CELL, SIDE
+from slamsim.slam.matching.small import eigen, median, sandwich, solve, times
 from slamsim.slam.matching.surfaces import (
     BEAMS,
     HALF_LENGTH,
@@ -28,6 +29,7 @@ from slamsim.types import FloatArray, IntArray
 SAME_SIDE_COS = np.cos(np.deg2rad(40.0))
 OVERLAP_SLACK_M = 0.1
 CONVERGED_STEP_M = 1e-4
+MAX_STEP_M = 0.3
 INLIER_SIGMAS = 3.0
 ROBUST_SIGMAS = 5.0
 INLIER_M = 0.03
@@ -101,7 +103,10 @@ def _equations(
     """
     gate, robust, length, noise, unit = sizes
     information, gradient, grip, summary = sums
-    information[:], gradient[:], grip[:] = 0.0, 0.0, 0.0
+    for i in range(3):
+        gradient[i] = 0.0
+        for j in range(3):
+            information[i, j] = grip[i, j] = 0.0
     summary[COVERED] = summary[INLIERS] = summary[SQUARES] = 0.0
     cos, sin = np.cos(T_map_base[2]), np.sin(T_map_base[2])
     row = np.empty(3)
@@ -146,9 +151,10 @@ def _equations(
                 information[i, j] += weight / variance * row[i] * row[j]
                 grip[i, j] += weight * row[i] * row[j]
     summary[WEIGHTS] = total
-    summary[UNIT] = np.median(ratios[:partners]) / MEDIAN_CHI2 if partners > 0 else unit
-    if total > 0.0:
-        grip /= total
+    summary[UNIT] = median(ratios, partners) / MEDIAN_CHI2 if partners > 0 else unit
+    for i in range(3):
+        for j in range(3):
+            grip[i, j] /= max(total, 1e-9)
 
 
 @kernel
@@ -156,17 +162,19 @@ def _project_out(
     information: FloatArray, gradient: FloatArray, axes: FloatArray, weak: int
 ) -> None:
     """Remove the first ``weak`` columns of axes from the scan's equations."""
-    keep = np.eye(3)
-    for k in range(weak):
+    if weak == 0:
+        return
+    keep = np.zeros((3, 3))
+    for k in range(weak, 3):
         for i in range(3):
             for j in range(3):
-                keep[i, j] -= axes[i, k] * axes[j, k]
-    information[:] = keep @ information @ keep
-    gradient[:] = keep @ gradient
+                keep[i, j] += axes[i, k] * axes[j, k]
+    sandwich(keep, information)
+    times(keep, gradient.copy(), gradient)
 
 
 @kernel
-def _believed(
+def _pull(
     prior: FloatArray,
     offset: FloatArray,
     axes: FloatArray,
@@ -176,11 +184,15 @@ def _believed(
     """The prior as it enters the equations: whole along the weak axes, doubted along the others.
 
     Wheels that slip err by many of their own sigmas. Where the surfaces hold the scan, the prior
-    is therefore faint while the search is wide, and a Cauchy weight of its own distance afterwards.
-    In between it fades with the square of the grip.
+    is therefore faint while the search is wide, and a Cauchy weight of its own distance
+    afterwards. In between it fades with the square of the grip.
     """
     weak_share, wide = numbers
-    belief = FAINT if wide else 1.0 / (1.0 + (offset @ prior @ offset) / DOUBT_SIGMAS**2)
+    squared = 0.0
+    for i in range(3):
+        for j in range(3):
+            squared += offset[i] * prior[i, j] * offset[j]
+    belief = FAINT if wide else 1.0 / (1.0 + squared / (DOUBT_SIGMAS * DOUBT_SIGMAS))
     root = np.zeros((3, 3))
     for k in range(3):
         grip = max(values[k], weak_share) / weak_share
@@ -188,17 +200,37 @@ def _believed(
         for i in range(3):
             for j in range(3):
                 root[i, j] += share * axes[i, k] * axes[j, k]
-    return root @ prior @ root + 1e-6 * np.eye(3)
+    pull = prior.copy()
+    sandwich(root, pull)
+    for i in range(3):
+        pull[i, i] += 1e-6
+    return pull
 
 
 @kernel
-def _offset(T_guess: FloatArray, T: FloatArray) -> FloatArray:
-    """The step from guess to T in the frame of T, yaw wrapped."""
+def _offset(T_guess: FloatArray, T: FloatArray, length: float, out: FloatArray) -> None:
+    """The step from guess to T in the frame of T, rotation scaled by length."""
     cos, sin = np.cos(T[2]), np.sin(T[2])
     dx, dy = T[0] - T_guess[0], T[1] - T_guess[1]
     turn = T[2] - T_guess[2]
     turn -= 2.0 * np.pi * np.floor((turn + np.pi) / (2.0 * np.pi))
-    return np.array([cos * dx + sin * dy, -sin * dx + cos * dy, turn])
+    out[0], out[1], out[2] = cos * dx + sin * dy, -sin * dx + cos * dy, turn * length
+
+
+@kernel
+def _newton_step(
+    information: FloatArray, gradient: FloatArray, pull: FloatArray, offset: FloatArray
+) -> FloatArray:
+    """The step that scan and prior agree on."""
+    step = np.empty(3)
+    times(pull, offset, step)
+    whole = np.empty((3, 3))
+    for i in range(3):
+        step[i] = -(gradient[i] + step[i])
+        for j in range(3):
+            whole[i, j] = information[i, j] + pull[i, j]
+    solve(whole, step.copy(), step)
+    return step
 
 
 @kernel
@@ -230,41 +262,52 @@ def align(
     """
     narrow, robust, noise, unit, weak_share, max_iterations = limits
     length = typical_range(pieces)
-    scale = np.array([1.0, 1.0, length])
-    T = T_start.copy()
+    T, offset = T_start.copy(), np.empty(3)
     information, gradient, grip = np.zeros((3, 3)), np.zeros(3), np.zeros((3, 3))
-    summary = np.zeros(SUMMARY_FIELDS)
-    axes = np.zeros((3, 3))
-    prior_scaled = prior / scale.reshape(3, 1) / scale.reshape(1, 3)
+    values, axes, summary = np.zeros(3), np.zeros((3, 3)), np.zeros(SUMMARY_FIELDS)
+    prior_scaled = prior.copy()
+    _scale(prior_scaled, 1.0 / length)
     # From wide to narrow: first everything within the gate pulls, in the end only what fits.
     least = min(narrow, 0.15)
     for iteration in range(max_iterations):
         sums = (information, gradient, grip, summary)
         _equations(pieces, T, (narrow, robust, length, noise, unit), grid, sums)
-        values, axes = np.linalg.eigh(grip)
+        eigen(grip, values, axes)
         weak = 0
         while weak < 3 and values[weak] < weak_share:
             weak += 1
         _project_out(information, gradient, axes, weak)
-        summary[WEAK] = weak
-        summary[ITERATIONS] = iteration + 1
-        offset = _offset(T_guess, T) * scale
-        wide = robust > ROBUST_SIGMAS
-        pull = _believed(prior_scaled, offset, axes, values, (weak_share, wide))
-        step = -np.linalg.solve(information + pull, gradient + pull @ offset)
-        limit = np.abs(step).max()
-        if limit > 0.3:
-            step *= 0.3 / limit
-        cos, sin = np.cos(T[2]), np.sin(T[2])
+        summary[WEAK], summary[ITERATIONS] = weak, iteration + 1
+        _offset(T_guess, T, length, offset)
+        pull = _pull(prior_scaled, offset, axes, values, (weak_share, robust > ROBUST_SIGMAS))
+        step = _newton_step(information, gradient, pull, offset)
+        size = max(np.abs(step[0]), np.abs(step[1]), np.abs(step[2]))
+        if not np.isfinite(step[0] + step[1] + step[2]):
+            T[0] = np.nan
+            break
+        short = min(1.0, MAX_STEP_M / max(size, 1e-12))
+        cos, sin = short * np.cos(T[2]), short * np.sin(T[2])
         T[0] += cos * step[0] - sin * step[1]
         T[1] += sin * step[0] + cos * step[1]
-        T[2] += step[2] / length
-        if limit < CONVERGED_STEP_M and robust <= ROBUST_SIGMAS:
+        T[2] += short * step[2] / length
+        if size < CONVERGED_STEP_M and robust <= ROBUST_SIGMAS:
             summary[CONVERGED] = 1.0
             break
-        if limit < 0.02 or iteration > max_iterations // 2:
+        if size < 0.02 or iteration > max_iterations // 2:
             robust = max(robust * 0.4, ROBUST_SIGMAS)
             narrow = max(0.5 * narrow, least)
     T[2] -= 2.0 * np.pi * np.floor((T[2] + np.pi) / (2.0 * np.pi))
-    information = information * scale.reshape(3, 1) * scale.reshape(1, 3) / ALIKE
-    return T, information, axes / scale.reshape(3, 1), summary
+    _scale(information, length)
+    for i in range(3):
+        axes[2, i] /= length
+        for j in range(3):
+            information[i, j] /= ALIKE
+    return T, information, axes, summary
+
+
+@kernel
+def _scale(matrix: FloatArray, length: float) -> None:
+    """Another unit for rotation, in place."""
+    for i in range(3):
+        matrix[i, 2] *= length
+        matrix[2, i] *= length

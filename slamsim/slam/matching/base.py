@@ -30,6 +30,11 @@ class Match:
     degenerate_directions: FloatArray
 
     @property
+    def fit(self) -> float:
+        """Share of the whole scan that lies on the map."""
+        return self.inlier_ratio * self.covered_ratio
+
+    @property
     def degenerate(self) -> bool:
         return bool(len(self.degenerate_directions))
 

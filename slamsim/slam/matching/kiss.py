@@ -83,7 +83,7 @@ class KissMatcher:
         loose = prior_covariance + np.diag(np.square([self._gate_m, self._gate_m, 0.1]))
         found = [self.match(cloud, compose(T_map_base_guess, turn), loose) for turn in turns]
         good = [match for match in found if match is not None]
-        return max(good, key=lambda match: match.inlier_ratio * match.covered_ratio, default=None)
+        return max(good, key=lambda match: match.fit, default=None)
 
     def insert(self, cloud: Cloud, T_map_base: FloatArray) -> None:
         """See ``Matcher.insert``."""

@@ -74,8 +74,9 @@ class LocalMap:
 
 
 @kernel
-def _merge(piece: FloatArray, surface: FloatArray) -> None:
+def _merge(piece: FloatArray, surfaces: FloatArray, slot: int) -> None:
     """Pool beams, mean and scatter; the normal keeps its side."""
+    surface = surfaces[slot]
     a, b = surface[BEAMS], piece[BEAMS]
     total = a + b
     dx, dy = piece[X] - surface[X], piece[Y] - surface[Y]
@@ -114,7 +115,8 @@ def _insert(
             continue
         nx, ny = pieces[k, NORMAL_X], pieces[k, NORMAL_Y]
         xx, xy, yy = pieces[k, SCATTER_XX], pieces[k, SCATTER_XY], pieces[k, SCATTER_YY]
-        piece[:] = pieces[k]
+        for field in range(PIECE_FIELDS):
+            piece[field] = pieces[k, field]
         piece[X] = T_map_base[0] + cos * px - sin * py
         piece[Y] = T_map_base[1] + sin * px + cos * py
         piece[NORMAL_X], piece[NORMAL_Y] = cos * nx - sin * ny, sin * nx + cos * ny
@@ -155,10 +157,11 @@ def _insert_one(
         if off < chosen_off:
             chosen, chosen_off = slot, off
     if chosen >= 0:
-        _merge(piece, surfaces[chosen])
+        _merge(piece, surfaces, chosen)
     else:
         chosen = spare
-        surfaces[chosen, :PIECE_FIELDS] = piece
+        for field in range(PIECE_FIELDS):
+            surfaces[chosen, field] = piece[field]
         surfaces[chosen, SEEN] = 0.0
     surfaces[chosen, LAST_SEEN] = now_m
     surfaces[chosen, SEEN] += 1.0

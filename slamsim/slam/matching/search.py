@@ -72,13 +72,20 @@ def _pick(
     chosen = np.empty((count, 3))
     found = 0
     while found < count:
-        best = int(np.argmax(scores))
-        a, i, j = best // (side * side), (best // side) % side, best % side
-        if scores[a, i, j] <= 0.0:
+        best, a, i, j = 0.0, 0, 0, 0
+        for turn in range(2 * turns + 1):
+            for column in range(side):
+                for row in range(side):
+                    if scores[turn, column, row] > best:
+                        best, a, i, j = scores[turn, column, row], turn, column, row
+        if best <= 0.0:
             break
         chosen[found, 0] = T_guess[0] + (i - steps) * STEP_M
         chosen[found, 1] = T_guess[1] + (j - steps) * STEP_M
         chosen[found, 2] = T_guess[2] + (a - turns) * STEP_RAD
         found += 1
-        scores[max(0, a - 2) : a + 3, max(0, i - 1) : i + 2, max(0, j - 1) : j + 2] = 0.0
+        for turn in range(max(0, a - 2), min(2 * turns + 1, a + 3)):
+            for column in range(max(0, i - 1), min(side, i + 2)):
+                for row in range(max(0, j - 1), min(side, j + 2)):
+                    scores[turn, column, row] = 0.0
     return chosen[:found]

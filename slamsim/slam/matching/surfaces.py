@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from slamsim.jit import kernel
+from slamsim.slam.matching.small import median
 from slamsim.types import BoolArray, Cloud, FloatArray
 
 # Columns of a piece. Scatter is the sum of squares about the mean, in square metres.
@@ -191,7 +192,7 @@ def _pieces(
             worst, off = _bend(points, first, last)
             if off > tolerance and depth < 62:
                 # The nearer half comes off the stack first: pieces stay in beam order.
-                stack[depth, 0], stack[depth, 1] = worst, last
+                stack[depth, 0], stack[depth, 1] = worst + 1, last
                 stack[depth + 1, 0], stack[depth + 1, 1] = first, worst
                 depth += 2
             else:
@@ -217,4 +218,4 @@ def _noise(pieces: FloatArray) -> float:
         ) / reach
         spread[used] = np.sqrt(least / (beams - 2.0)) / max(np.abs(incidence), 0.2)
         used += 1
-    return float(np.median(spread[:used])) if used >= 5 else np.nan
+    return median(spread, used) if used >= 5 else np.nan

@@ -1,0 +1,216 @@
+"""What every matcher promises, and the line matcher's own parts against slow oracles."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from simulated import HOKUYO, box, labyrinth, sense_scans
+
+from slamsim.config.slam import FrontEndConfig
+from slamsim.geometry import between, compose, transform_points
+from slamsim.slam.deskew import deskew
+from slamsim.slam.matching import Matcher, make_matcher
+from slamsim.slam.matching.line import LineMatcher
+from slamsim.slam.matching.surfaces import (
+    BEAMS,
+    NORMAL_X,
+    NORMAL_Y,
+    SCATTER_XX,
+    SCATTER_XY,
+    SCATTER_YY,
+    X,
+    Y,
+    range_noise_m,
+    surface_pieces,
+)
+from slamsim.types import Cloud, FloatArray, PlanarTrajectory
+
+BOTH = pytest.mark.parametrize("name", ["line", "kiss"])
+PRIOR = np.diag(np.square([0.1, 0.1, 0.1]))
+ROOM = np.concatenate([box(-3.0, -2.0, 3.0, 2.0), box(1.0, 0.5, 1.6, 1.1)])
+
+
+def cloud_at(T_map_base: FloatArray, walls: FloatArray, seed: int, noise_m: float = 0.01) -> Cloud:
+    """One noisy sweep of a standing lidar."""
+    stamps_ns = np.array([0, HOKUYO.duration_ns + 1])
+    still = PlanarTrajectory(stamps_ns, np.stack([T_map_base, T_map_base]))
+    scan = sense_scans(walls, still, HOKUYO, noise_m, seed)[0]
+    return deskew(scan, still, 0, np.eye(4))
+
+
+def matcher_in(
+    walls: FloatArray, name: Literal["line", "kiss"], at: FloatArray, scans: int = 5
+) -> Matcher:
+    """A matcher that has seen the walls from one place."""
+    matcher = make_matcher(FrontEndConfig(matcher=name))
+    for seed in range(scans):
+        matcher.insert(cloud_at(at, walls, 100 + seed), at)
+    return matcher
+
+
+@BOTH
+def test_nothing_to_match_against_is_none_and_no_identity(name: Literal["line", "kiss"]) -> None:
+    matcher = make_matcher(FrontEndConfig(matcher=name))
+    cloud = cloud_at(np.zeros(3), ROOM, 0)
+    assert matcher.match(cloud, np.zeros(3), PRIOR) is None
+    assert matcher.search(cloud, np.zeros(3), PRIOR) is None
+    matcher.insert(cloud, np.zeros(3))
+    empty = Cloud(0, np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0, np.bool_))
+    silent = Cloud(0, cloud.points_m, cloud.origins_m, np.zeros_like(cloud.hit))
+    for useless in (empty, silent):
+        matcher.insert(useless, np.zeros(3))
+        assert matcher.match(useless, np.zeros(3), PRIOR) is None
+        assert matcher.search(useless, np.zeros(3), PRIOR) is None
+    assert matcher.match(cloud, np.zeros(3), PRIOR) is not None
+    matcher.forget()
+    assert matcher.match(cloud, np.zeros(3), PRIOR) is None
+
+
+@BOTH
+def test_a_scan_is_found_from_a_wrong_guess(name: Literal["line", "kiss"]) -> None:
+    start = np.array([-1.0, 0.2, 0.3])
+    matcher = matcher_in(ROOM, name, start)
+    true = compose(start, np.array([0.15, -0.05, 0.1]))
+    close_m, close_rad = (0.004, 0.002) if name == "line" else (0.03, 0.02)
+    for error in ([0.0, 0.0, 0.0], [0.1, -0.08, 0.06], [-0.12, 0.1, -0.08]):
+        guess = compose(true, np.array(error))
+        match = matcher.match(cloud_at(true, ROOM, 7), guess, PRIOR)
+        assert match is not None
+        off = between(true, match.T_map_base)
+        assert np.hypot(off[0], off[1]) < close_m
+        assert abs(off[2]) < close_rad
+        assert match.inlier_ratio > 0.9
+        assert match.covered_ratio > 0.9
+        assert not match.degenerate
+
+
+def test_search_finds_what_the_prediction_missed_by_far() -> None:
+    """The basin promised by the configuration: 0.6 m and 25 degrees, inside its window."""
+    walls, _ = labyrinth(3)
+    start = np.array([1.0, 1.0, 0.4])
+    matcher = matcher_in(walls, "line", start)
+    true = compose(start, np.array([0.1, 0.0, 0.1]))
+    rng = np.random.default_rng(0)
+    for _ in range(12):
+        way = rng.uniform(-np.pi, np.pi)
+        error = np.array([0.5 * np.cos(way), 0.5 * np.sin(way), np.deg2rad(rng.uniform(-25, 25))])
+        match = matcher.search(cloud_at(true, walls, 9), compose(true, error), PRIOR)
+        assert match is not None
+        off = between(true, match.T_map_base)
+        assert np.hypot(off[0], off[1]) < 0.01
+        assert abs(off[2]) < 0.005
+
+
+@BOTH
+def test_a_corridor_leaves_its_own_direction_to_the_prediction(
+    name: Literal["line", "kiss"],
+) -> None:
+    """Two endless walls along 0.5 rad: across them and in heading the scan decides, along not."""
+    walls = np.array([[-50.0, 1.0, 50.0, 1.0], [-50.0, -1.0, 50.0, -1.0]])
+    start = np.array([0.0, 0.1, 0.5])
+    matcher = matcher_in(walls, name, start)
+    true = compose(start, np.array([0.05, 0.02, 0.02]))
+    guess = true + np.array([0.06, 0.03, 0.01])
+    match = matcher.match(cloud_at(true, walls, 3), guess, np.diag(np.square([0.05, 0.05, 0.02])))
+    assert match is not None
+    assert match.degenerate
+    assert len(match.degenerate_directions) == 1
+    free = match.degenerate_directions[0]
+    along = np.array([np.cos(true[2]), -np.sin(true[2])])
+    assert abs(free[:2] @ along) / np.linalg.norm(free[:2]) > 0.98
+    assert free @ match.information @ free < 1e-6 * np.trace(match.information)
+    assert match.T_map_base[0] == pytest.approx(guess[0], abs=0.01)
+    assert match.T_map_base[1] == pytest.approx(true[1], abs=0.01)
+
+
+def test_a_foreign_scan_does_not_fit() -> None:
+    matcher = matcher_in(ROOM, "line", np.zeros(3))
+    foreign = cloud_at(np.array([1.0, 1.0, 0.0]), labyrinth(5)[0], 0)
+    match = matcher.match(foreign, np.zeros(3), PRIOR)
+    assert match is None or match.inlier_ratio * match.covered_ratio < 0.6
+
+
+def test_same_input_same_bytes() -> None:
+    results = []
+    for _ in range(2):
+        matcher = matcher_in(ROOM, "line", np.zeros(3))
+        match = matcher.match(cloud_at(np.full(3, 0.05), ROOM, 1), np.zeros(3), PRIOR)
+        assert match is not None
+        results.append(match.T_map_base.tobytes() + match.information.tobytes())
+    assert results[0] == results[1]
+
+
+def test_information_holds_what_it_claims() -> None:
+    """Squared errors in claimed sigmas average to no more than three directions, and not to
+    nothing, once the matcher knows the noise."""
+    start = np.array([-1.0, 0.2, 0.3])
+    squares = []
+    for run in range(6):
+        matcher = matcher_in(ROOM, "line", start, scans=1 + run % 3)
+        for seed in range(80):
+            match = matcher.match(cloud_at(start, ROOM, 1000 * run + seed), start, PRIOR)
+            assert match is not None
+            step = between(start, match.T_map_base)
+            squares.append(step @ match.information @ step)
+    assert 0.1 < np.mean(squares) < 4.0
+
+
+def test_range_noise_is_learnt_from_the_scans() -> None:
+    for noise_m in (0.005, 0.01, 0.03):
+        matcher = make_matcher(FrontEndConfig())
+        assert isinstance(matcher, LineMatcher)
+        for seed in range(40):
+            matcher.insert(cloud_at(np.zeros(3), ROOM, seed, noise_m), np.zeros(3))
+        assert matcher.range_noise_m == pytest.approx(noise_m, rel=0.15)
+
+
+@settings(max_examples=40, deadline=None)
+@given(seed=st.integers(0, 10**6), yaw=st.floats(-3.0, 3.0), offset_m=st.floats(0.5, 5.0))
+def test_pieces_of_a_wall_are_the_wall(seed: int, yaw: float, offset_m: float) -> None:
+    """Every beam is in one piece, normals face the lidar, means lie on the wall."""
+    rng = np.random.default_rng(seed)
+    along = np.linspace(-1.0, 1.0, 200)
+    local = np.column_stack([np.full(200, offset_m) + rng.normal(0.0, 0.001, 200), along])
+    points = transform_points(np.array([0.0, 0.0, yaw]), local)
+    cloud = Cloud(0, points, np.zeros((200, 2)), np.ones(200, np.bool_))
+    pieces = surface_pieces(cloud, 0.002, 0.25, 60.0)
+    assert pieces[:, BEAMS].sum() == 200
+    normal = np.array([np.cos(yaw), np.sin(yaw)])
+    assert np.all(pieces[:, [NORMAL_X, NORMAL_Y]] @ normal < -0.99)
+    np.testing.assert_allclose(pieces[:, [X, Y]] @ normal, offset_m, atol=0.002)
+
+
+def test_pieces_pool_their_beams_as_numpy_does() -> None:
+    cloud = cloud_at(np.zeros(3), ROOM, 0)
+    pieces = surface_pieces(cloud, 0.01, 0.25, 60.0)
+    assert len(pieces) > 30
+    first = pieces[len(pieces) // 2]
+    count = int(first[BEAMS])
+    means = np.array(
+        [cloud.points_m[i : i + count].mean(axis=0) for i in range(len(cloud.hit) - count + 1)]
+    )
+    begin = int(np.argmin(np.linalg.norm(means - first[[X, Y]], axis=1)))
+    points = cloud.points_m[begin : begin + count]
+    np.testing.assert_allclose(points.mean(axis=0), first[[X, Y]], atol=1e-9)
+    scatter = np.cov(points.T, bias=True) * count
+    expected = [scatter[0, 0], scatter[0, 1], scatter[1, 1]]
+    np.testing.assert_allclose(first[[SCATTER_XX, SCATTER_XY, SCATTER_YY]], expected, atol=1e-9)
+    assert range_noise_m(pieces) == pytest.approx(0.01, rel=0.3)
+
+
+def test_walls_seen_from_both_sides_stay_two_surfaces() -> None:
+    """A wall of 5 cm: matching from the far side must not be drawn to the near one."""
+    walls = np.concatenate([box(-6.0, -3.0, 6.0, 3.0), box(-6.0, -0.025, 4.0, 0.025)])
+    below, above = np.array([0.0, -1.5, 0.0]), np.array([0.0, 1.5, 0.0])
+    matcher = matcher_in(walls, "line", below)
+    for seed in range(5):
+        matcher.insert(cloud_at(above, walls, seed), above)
+    for true in (below, above):
+        guess = true + np.array([0.0, 0.04, 0.0])
+        match = matcher.match(cloud_at(true, walls, 77), guess, PRIOR)
+        assert match is not None
+        assert match.T_map_base[1] == pytest.approx(true[1], abs=0.004)
