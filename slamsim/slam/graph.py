@@ -22,7 +22,10 @@ from slamsim.types import BoolArray, FloatArray, GraphEdge
 _Factor = gtsam.BetweenFactorPose2
 
 EIGENVALUE_BOUNDS = (1e-14, 1e12)
-MAX_WITHDRAWALS = 10
+PATIENCE = (4.0, 2.0)
+"""How many times ``withdraw_sigmas`` a closure may be off in the first rounds."""
+
+MAX_WITHDRAWALS = 8
 EXTRA_UPDATES = 2
 RISE_ALLOWED = 1e-6
 CLOSURES_TO_TELL = 10
@@ -95,17 +98,19 @@ class PoseGraphSolver:
         """(n, 3) the solution that false closures do not bend; ``edges`` get their weights.
 
         First Cauchy's estimator, which recovers from many false closures at once; then closures
-        beyond ``withdraw_sigmas`` are withdrawn and the rest solved by least squares, until it is
-        the same ones that fit. A closure may come back. Raises GraphUnsound.
+        that do not fit are withdrawn and the rest solved by least squares, until it is the same
+        ones that fit. At first only those far off go, since a true closure that Cauchy gave up
+        can pull the poses to itself; a closure may always come back. Raises GraphUnsound.
         """
         check_joined(poses, self.edges)
         closure = np.array([edge.kind == "closure" for edge in self.edges], dtype=np.bool_)
-        believed = np.ones(len(self.edges), dtype=np.bool_)
-        solved = self._least_squares(poses, believed, robust=True)
-        for _ in range(MAX_WITHDRAWALS):
+        everything = np.ones(len(self.edges), dtype=np.bool_)
+        solved = self._least_squares(poses, everything, robust=True)
+        believed = np.zeros_like(everything)
+        for patience in (*PATIENCE, *[1.0] * MAX_WITHDRAWALS):
             sigmas = residual_sigmas(solved, self.edges)
-            fitting = ~closure | (sigmas <= self._config.withdraw_sigmas)
-            if np.array_equal(fitting, believed):
+            fitting = ~closure | (sigmas <= patience * self._config.withdraw_sigmas)
+            if patience == 1.0 and np.array_equal(fitting, believed):
                 break
             believed = fitting
             solved = self._least_squares(solved, believed, robust=False)
