@@ -13,7 +13,7 @@ from slamsim import __version__
 if TYPE_CHECKING:
     from slamsim.config.run import RunConfig
     from slamsim.console import Reporter
-    from slamsim.run import Report
+    from slamsim.run.stages import Report
 
 app = typer.Typer(
     name="slamsim",
@@ -76,8 +76,8 @@ def world(
 ) -> None:
     """Build a world: preview, mesh and true occupancy map."""
     from slamsim.console import Reporter
-    from slamsim.run import export_world
-    from slamsim.run_folder import pick_folder
+    from slamsim.run.folder import pick_folder
+    from slamsim.run.world import export_world
     from slamsim.summary import flat
 
     reporter = Reporter(quiet=quiet, as_json=as_json)
@@ -102,8 +102,8 @@ def simulate(
 ) -> None:
     """Drive through a world and record what the sensors measure."""
     from slamsim.console import Reporter
-    from slamsim.run import simulate_world
-    from slamsim.run_folder import pick_folder
+    from slamsim.run.folder import pick_folder
+    from slamsim.run.recording import simulate_world
 
     reporter = Reporter(quiet=quiet, as_json=as_json)
     resolved = _config(name, config, set_, seed)
@@ -134,8 +134,8 @@ def map_(
 ) -> None:
     """Map a world or a recording, and say how good the map is."""
     from slamsim.console import Reporter
-    from slamsim.run import map_recording, map_world
-    from slamsim.run_folder import is_recording, pick_folder, recording_name
+    from slamsim.run.folder import is_recording, pick_folder, recording_name
+    from slamsim.run.mapping import map_recording, map_world
 
     reporter = Reporter(quiet=quiet, as_json=as_json)
     if is_recording(source):
@@ -170,7 +170,7 @@ def evaluate(
 ) -> None:
     """Score a trajectory and a map against the truth or against relations."""
     from slamsim.console import Reporter
-    from slamsim.run import evaluate_run
+    from slamsim.run.evaluation import evaluate_run
     from slamsim.summary import flat
 
     reporter = Reporter(quiet=quiet, as_json=as_json)

@@ -3,21 +3,17 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
 from pathlib import Path
 
 from slamsim.config.base import Config
 from slamsim.config.dump import dump_commented_yaml
 from slamsim.config.run import RunConfig
 from slamsim.logs.g2o import write_g2o
-from slamsim.logs.reader import read_truth
-from slamsim.logs.tum import read_tum, write_tum
-from slamsim.safe.errors import NotFound
+from slamsim.logs.tum import write_tum
 from slamsim.safe.output import write_atomic
 from slamsim.slam.map_files import map_files
-from slamsim.types import Grid, PlanarTrajectory, SlamResult, Trajectory
+from slamsim.types import Grid, SlamResult, Trajectory
 from slamsim.world.build import World
-from slamsim.world.map_server import read_map
 
 OUTPUTS = Path("outputs")
 LOG, WORLD, CONFIG = "log", "world.yaml", "config.yaml"
@@ -94,45 +90,3 @@ def write_map(folder: Path, grid: Grid) -> None:
 
 def _write_yaml(path: Path, config: Config) -> None:
     write_atomic(path, dump_commented_yaml(config).encode())
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class FinishedRun:
-    """What can be scored of a run that lies on the disk; None for what is not there."""
-
-    trajectory: PlanarTrajectory
-    odometry: PlanarTrajectory | None
-    grid: Grid | None
-    truth: Trajectory | None
-
-
-def read_run(estimate: Path, truth: Path | None) -> FinishedRun:
-    """A run's folder, or a lone TUM trajectory; truth: a TUM file or a recording that knows it.
-
-    Raises NotFound for what is not there, InputRefused for what cannot be read.
-    """
-    if not estimate.exists():
-        raise NotFound(f"{estimate}: there is no such run or trajectory")
-    if not estimate.is_dir():
-        return FinishedRun(read_tum(estimate).planar(), None, None, _truth(truth))
-    if not (estimate / TRAJECTORY).is_file():
-        raise NotFound(f"{estimate}: holds no {TRAJECTORY}; is it the folder of a mapped run?")
-    own_truth = estimate / TRUTH
-    odometry = estimate / ODOMETRY
-    return FinishedRun(
-        trajectory=read_tum(estimate / TRAJECTORY).planar(),
-        odometry=read_tum(odometry).planar() if odometry.is_file() else None,
-        grid=read_map(estimate / "map.yaml") if (estimate / "map.yaml").is_file() else None,
-        truth=_truth(truth or (own_truth if own_truth.is_file() else None)),
-    )
-
-
-def _truth(path: Path | None) -> Trajectory | None:
-    if path is None:
-        return None
-    if path.suffix == ".tum" or (path.is_file() and path.suffix == ".txt"):
-        return read_tum(path)
-    truth = read_truth(log_of(path))
-    if truth is None:
-        raise NotFound(f"{path}: this recording holds no truth")
-    return truth

@@ -1,0 +1,58 @@
+"""``slamsim simulate``: a recording, the world it was made in and the truth."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from slamsim.config.run import RunConfig
+from slamsim.console import Reporter
+from slamsim.logs.reader import read_truth
+from slamsim.run import folder as run_folder
+from slamsim.run.stages import Report, Stages, peak_memory_mb
+from slamsim.safe.errors import SlamsimError
+from slamsim.safe.output import partial_folder
+from slamsim.simulate import Simulation, simulate
+
+
+def simulate_world(
+    config: RunConfig, folder: Path, reporter: Reporter, *, overwrite: bool = False
+) -> Report:
+    """Raises SlamsimError after a drive that ended early; what was driven is in the folder."""
+    stages = Stages(reporter)
+    with partial_folder(folder, overwrite) as partial:
+        simulation = record(config, partial, stages)
+        seconds = stages.so_far()
+    require_finished(simulation, folder)
+    outcome = simulation.outcome
+    return Report(
+        {
+            "name": config.world.name,
+            "duration_s": outcome.duration_s,
+            "path_length_m": outcome.path_length_m,
+            "seconds": seconds,
+            "realtime_factor": {"simulate": outcome.duration_s / seconds["simulate"]},
+            "peak_memory_mb": peak_memory_mb(),
+        }
+    )
+
+
+def record(config: RunConfig, partial: Path, stages: Stages) -> Simulation:
+    """Simulate into an unfinished run's folder, with all that is known of where it came from."""
+    run_folder.write_config(partial, config)
+    with stages.stage("simulate", "x real time") as progress:
+        simulation = simulate(config, partial / run_folder.LOG, progress)
+    run_folder.write_world(partial, config, simulation.world)
+    truth = read_truth(partial / run_folder.LOG)
+    if truth is not None:
+        run_folder.write_truth(partial, truth)
+    return simulation
+
+
+def require_finished(simulation: Simulation, folder: Path) -> None:
+    """Raises SlamsimError if the robot did not get to the end of its route."""
+    outcome = simulation.outcome
+    if not outcome.finished:
+        raise SlamsimError(
+            f"the drive ended early, after {outcome.duration_s:.1f} s and "
+            f"{outcome.path_length_m:.1f} m: {outcome.reason}; what was driven is in {folder}/"
+        )

@@ -1,0 +1,47 @@
+"""What the stages of a run have in common: what is shown, what is timed, what is reported."""
+
+from __future__ import annotations
+
+import resource
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+
+from slamsim.console import Reporter
+from slamsim.progress import Progress
+
+
+@dataclass(frozen=True, slots=True)
+class Report:
+    """The numbers of a run under stable, unit-bearing keys, and what a person should be told."""
+
+    numbers: dict[str, object]
+    warnings: tuple[str, ...] = ()
+    mapped: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Stages:
+    """Shows each stage to the user and keeps how long it took."""
+
+    reporter: Reporter
+    seconds: dict[str, float] = field(default_factory=dict)
+    started_s: float = field(default_factory=time.perf_counter)
+
+    @contextmanager
+    def stage(self, name: str, unit: str = "") -> Iterator[Progress]:
+        """One stage; unit is what its progress counts in each second of work."""
+        begun_s = time.perf_counter()
+        with self.reporter.stage(name, unit) as progress:
+            yield progress
+        self.seconds[name] = time.perf_counter() - begun_s
+
+    def so_far(self) -> dict[str, float]:
+        """Seconds of each stage that is over, and the ``total``."""
+        return {**self.seconds, "total": time.perf_counter() - self.started_s}
+
+
+def peak_memory_mb() -> float:
+    """Of this process, so far."""
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0

@@ -1,0 +1,228 @@
+"""The whole command line on the smallest world, as a user types it."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from slamsim.logs.reader import read_log, read_truth
+
+SHORT = ("--set", "drive.route.max_duration_s=12", "--set", "sensors.lidar.rate_hz=10")
+DATA = Path(__file__).parents[2] / "shared" / "data" / "radish"
+RUN_FILES = {
+    "log",
+    "config.yaml",
+    "world.yaml",
+    "trajectory.tum",
+    "odometry.tum",
+    "ground_truth.tum",
+    "graph.g2o",
+    "map.pgm",
+    "map.yaml",
+    "map.png",
+    "run.rrd",
+    "report.html",
+    "report.json",
+}
+
+
+def slamsim(
+    *arguments: object, cwd: Path, timeout_s: float = 240
+) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        command(*arguments), cwd=cwd, capture_output=True, text=True, timeout=timeout_s, check=False
+    )
+
+
+def command(*arguments: object) -> list[str]:
+    return [sys.executable, "-c", "from slamsim.cli import main; main()", *map(str, arguments)]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A working directory with one mapped run in it."""
+    cwd = tmp_path_factory.mktemp("cwd")
+    done = slamsim("map", "tiny", "--json", *SHORT, cwd=cwd)
+    assert done.returncode == 0, done.stderr
+    (cwd / "stdout.json").write_text(done.stdout)
+    return cwd
+
+
+def test_a_run_leaves_all_its_files_under_the_name_of_its_world(folder: Path) -> None:
+    left = {path.name for path in (folder / "outputs" / "tiny").iterdir()}
+    assert left >= RUN_FILES
+    assert [path.name for path in (folder / "outputs").iterdir()] == ["tiny"]
+
+
+def test_json_on_stdout_is_the_report_on_disk(folder: Path) -> None:
+    printed = json.loads((folder / "stdout.json").read_text())
+    stored = json.loads((folder / "outputs" / "tiny" / "report.json").read_text())
+    assert printed.pop("folder") == "outputs/tiny"
+    assert printed == stored
+    assert stored["name"] == "tiny"
+
+
+def test_the_map_is_better_than_odometry_and_shows_the_walls(folder: Path) -> None:
+    report = json.loads((folder / "outputs" / "tiny" / "report.json").read_text())
+    assert report["ate_rmse_m"] < min(0.03, report["odometry_ate_rmse_m"])
+    assert report["map_wall_precision"] > 0.95
+    assert report["map_wall_recall"] > 0.95
+
+
+def test_the_recording_maps_to_the_same_trajectory_without_its_truth(folder: Path) -> None:
+    done = slamsim("map", "outputs/tiny/log", "--out", "again", "-q", cwd=folder)
+    assert done.returncode == 0, done.stderr
+    first = (folder / "outputs" / "tiny" / "trajectory.tum").read_bytes()
+    assert (folder / "again" / "trajectory.tum").read_bytes() == first
+
+
+def test_evaluate_gives_the_scores_of_the_report(folder: Path) -> None:
+    done = slamsim("evaluate", "outputs/tiny", "--json", cwd=folder)
+    assert done.returncode == 0, done.stderr
+    scores = json.loads(done.stdout)
+    report = json.loads((folder / "outputs" / "tiny" / "report.json").read_text())
+    for key in ("ate_rmse_m", "ate_max_m", "odometry_ate_rmse_m"):
+        assert scores[key] == pytest.approx(report[key], abs=1e-6)
+    assert scores["map_wall_precision"] == pytest.approx(report["map_wall_precision"], abs=0.02)
+
+
+def test_a_second_run_gets_a_name_of_its_own_and_an_explicit_one_is_refused(folder: Path) -> None:
+    done = slamsim("world", "tiny", "--out", "outputs/tiny", cwd=folder)
+    assert done.returncode == 1
+    assert "outputs/tiny is there already" in done.stderr
+    first, second = (slamsim("world", "tiny", "--json", cwd=folder) for _ in range(2))
+    assert json.loads(first.stdout)["folder"] == "outputs/tiny_world"
+    assert json.loads(second.stdout)["folder"] == "outputs/tiny_world_2"
+
+
+def test_a_world_on_disk_is_the_same_world_again(folder: Path) -> None:
+    """What ``slamsim world`` writes is a world file, a map and a mesh that can all be read back."""
+    made = slamsim("world", "tiny", "--seed", "5", "--out", "w", cwd=folder)
+    assert made.returncode == 0, made.stderr
+    for source in ("w/world.yaml", "w/map.yaml", "w/world.stl"):
+        copy = source.replace("/", "_").replace(".", "_")
+        done = slamsim("world", source, "--out", copy, "-q", cwd=folder)
+        assert done.returncode == 0, done.stderr
+    assert (folder / "w_world_yaml" / "world.stl").read_bytes() == (
+        folder / "w" / "world.stl"
+    ).read_bytes()
+
+
+def test_the_same_seed_gives_the_same_bytes_from_anywhere(tmp_path: Path) -> None:
+    digests = []
+    for name in ("a", "b"):
+        (tmp_path / name).mkdir()
+        done = slamsim("simulate", "tiny", *SHORT, "--out", "run", "-q", cwd=tmp_path / name)
+        assert done.returncode == 0, done.stderr
+        log = tmp_path / name / "run" / "log"
+        files = sorted(log.iterdir())
+        digests.append([(f.name, hashlib.sha256(f.read_bytes()).hexdigest()) for f in files])
+    assert digests[0] == digests[1]
+
+
+def test_another_seed_gives_other_noise(folder: Path) -> None:
+    done = slamsim("simulate", "tiny", *SHORT, "--seed", "9", "--out", "other", "-q", cwd=folder)
+    assert done.returncode == 0, done.stderr
+    one, other = (
+        next(iter(read_log(path).scans)).ranges_m
+        for path in (folder / "outputs" / "tiny" / "log", folder / "other" / "log")
+    )
+    assert not np.array_equal(one, other)
+
+
+def test_the_log_and_its_truth_are_apart(folder: Path) -> None:
+    path = folder / "outputs" / "tiny" / "log"
+    truth = read_truth(path)
+    assert truth is not None
+    assert read_log(path).odometry is not None
+
+
+def test_config_prints_what_can_be_used_again(folder: Path) -> None:
+    printed = slamsim("config", "tiny", "--set", "sensors.lidar=rplidar_a2", cwd=folder)
+    assert printed.returncode == 0, printed.stderr
+    (folder / "mine.yaml").write_text(printed.stdout)
+    again = slamsim("config", "tiny", "--config", "mine.yaml", cwd=folder)
+    assert again.stdout == printed.stdout
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "words"),
+    [
+        (["map", "labirynth"], 10, "did you mean the bundled 'labyrinth'"),
+        (["map", "missing.clf"], 10, "no such file"),
+        (["map", "tiny", "--set", "slam.front_end.matcher=kis"], 2, "did you mean 'kiss'"),
+        (["map", "tiny", "--set", "sensors.lidar.rat_hz=3"], 2, "did you mean 'rate_hz'"),
+        (["map", "foreign.mcap"], 3, "foreign.mcap"),
+        (["map", "empty.clf"], 3, "empty"),
+        (["evaluate", "outputs/tiny/trajectory.tum"], 1, "--truth or --relations"),
+        (["view", "missing"], 10, "no such recording"),
+        (["bench", "nothing"], 1, "choose from all"),
+        (["simulate", "tiny", "--seed", "-1"], 2, "--seed"),
+    ],
+)
+def test_a_mistake_costs_one_sentence(
+    folder: Path, arguments: list[str], code: int, words: str
+) -> None:
+    (folder / "foreign.mcap").write_text("hello")
+    (folder / "empty.clf").touch()
+    done = slamsim(*arguments, cwd=folder)
+    assert done.returncode == code
+    assert words in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("delay_s", [0.7, 4.0])
+def test_a_stopped_run_leaves_nothing_half_written(
+    tmp_path: Path, number: signal.Signals, delay_s: float
+) -> None:
+    child = subprocess.Popen(
+        command("map", "labyrinth", "--out", "run", "-q"),
+        cwd=tmp_path,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+    time.sleep(delay_s)
+    os.kill(child.pid, number)
+    _, told = child.communicate(timeout=20)
+    assert child.returncode == 128 + number
+    assert "Traceback" not in told
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_robot_that_gets_stuck_leaves_what_was_driven(tmp_path: Path) -> None:
+    (tmp_path / "wall.yaml").write_text(
+        "twists:\n- {t_s: 0.0, v_m_s: 0.4, w_rad_s: 0.0}\n- {t_s: 40.0, v_m_s: 0.0, w_rad_s: 0.0}\n"
+    )
+    done = slamsim(
+        "simulate", "tiny", "--set", "drive.route.file=wall.yaml", "--out", "run", cwd=tmp_path
+    )
+    assert done.returncode == 1
+    assert "the drive ended early" in done.stderr
+    assert "stuck" in done.stderr
+    assert read_log(tmp_path / "run" / "log").odometry is not None
+
+
+def test_help_is_there_with_examples_and_quick_to_import(folder: Path) -> None:
+    done = slamsim("map", "--help", cwd=folder)
+    assert done.returncode == 0
+    assert "slamsim map labyrinth" in done.stdout
+
+
+@pytest.mark.skipif(not DATA.is_dir(), reason="the real logs are not at ../shared/data/radish")
+def test_a_real_log_is_mapped_and_scored(tmp_path: Path) -> None:
+    """fr079 as it is: no IMU, 0.5 degree beams, a laser 4 cm behind the base."""
+    log, relations = DATA / "fr079" / "fr079.clf.bz2", DATA / "fr079" / "fr079.relations"
+    done = slamsim("map", log, "--relations", relations, "--json", cwd=tmp_path, timeout_s=400)
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["relations"]["all"]["translation_mean_m"] < 0.258
