@@ -39,12 +39,20 @@ def value_at(grid: Grid, x_m: float, y_m: float) -> float:
     return float(grid.occupancy[row, column])
 
 
+def drawn_walls(grid: Grid) -> FloatArray:
+    """(n, 2) centres of the cells that are drawn as walls."""
+    rows, columns = np.nonzero(grid.occupancy > 0.65)
+    cells = np.column_stack([columns, rows]).astype(np.float64) + 0.5
+    return np.asarray(cells * grid.resolution_m + grid.origin_m, dtype=np.float64)
+
+
 def distances_to_walls(points: FloatArray, walls: FloatArray) -> FloatArray:
     """(n,) distance of points from the nearest of segments (k, 4)."""
     start, step = walls[:, :2], walls[:, 2:] - walls[:, :2]
     share = ((points[:, None] - start) * step).sum(-1) / (step**2).sum(-1)
     nearest = start + np.clip(share, 0.0, 1.0)[..., None] * step
-    return np.asarray(np.linalg.norm(points[:, None] - nearest, axis=-1).min(axis=1))
+    away = np.linalg.norm(points[:, None] - nearest, axis=-1)
+    return np.asarray(away.min(axis=1), dtype=np.float64)
 
 
 @pytest.fixture(scope="module")
@@ -66,8 +74,7 @@ def test_walls_are_where_they_are_and_what_is_seen_through_is_free(
     walls, truth, scans = mapped
     config = MappingConfig(resolution_m=resolution_m)
     grid = build_grid(ScanList(scans), at_scans(truth, scans), np.eye(4), config, truth)
-    rows, columns = np.nonzero(grid.occupancy > 0.65)
-    drawn = (np.column_stack([columns, rows]) + 0.5) * resolution_m + grid.origin_m
+    drawn = drawn_walls(grid)
     precision = np.mean(distances_to_walls(drawn, walls) <= np.sqrt(2.0) * resolution_m)
     assert precision >= 0.98
 
@@ -84,8 +91,7 @@ def test_the_map_shows_the_walls_that_the_beams_met(
 ) -> None:
     _, truth, scans = mapped
     grid = build_grid(ScanList(scans), at_scans(truth, scans), np.eye(4), MappingConfig(), truth)
-    rows, columns = np.nonzero(grid.occupancy > 0.65)
-    drawn = (np.column_stack([columns, rows]) + 0.5) * grid.resolution_m + grid.origin_m
+    drawn = drawn_walls(grid)
     ends = []
     for scan in scans[::20]:
         pose = truth.at(scan.stamp_ns + HOKUYO.offsets_ns())
@@ -173,8 +179,7 @@ def test_beams_are_placed_by_their_own_instants_while_the_robot_turns() -> None:
     scans = sense_scans(walls, truth, HOKUYO, 0.0, seed=1)
     trajectory = at_scans(truth, scans)
     grid = build_grid(ScanList(scans), trajectory, np.eye(4), MappingConfig(), truth)
-    rows, columns = np.nonzero(grid.occupancy > 0.65)
-    drawn = (np.column_stack([columns, rows]) + 0.5) * grid.resolution_m + grid.origin_m
+    drawn = drawn_walls(grid)
     assert distances_to_walls(drawn, walls).max() <= grid.resolution_m
 
 
@@ -219,7 +224,8 @@ def test_map_files_follow_map_server(tmp_path: Path) -> None:
     image = cv2.imread(str(tmp_path / "map.pgm"), cv2.IMREAD_UNCHANGED)
     assert image is not None and image.shape == (3, 4)
     assert image[2, 0] == OCCUPIED and image[0, 3] == FREE and image[1, 1] == UNKNOWN
-    assert np.array_equal(image, cv2.imread(str(tmp_path / "map.png"), cv2.IMREAD_UNCHANGED))
+    picture = cv2.imread(str(tmp_path / "map.png"), cv2.IMREAD_UNCHANGED)
+    assert picture is not None and np.array_equal(image, picture)
 
 
 def test_map_server_reads_the_three_values_back_as_what_they_were() -> None:
