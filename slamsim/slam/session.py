@@ -14,7 +14,7 @@ from slamsim.slam.back_end import BackEnd
 from slamsim.slam.correction import correct
 from slamsim.slam.motion import predict_motion
 from slamsim.slam.odometry import FrontEnd, Tracked
-from slamsim.types import FloatArray, Log, PlanarTrajectory, SlamResult
+from slamsim.types import FloatArray, Log, OutsideTimeRange, PlanarTrajectory, SlamResult
 
 FINISH_SHARE = 0.1
 """Part of the progress that the final search and solution take."""
@@ -53,7 +53,7 @@ def run_slam(log: Log, config: SlamConfig, progress: Progress = silent) -> SlamR
     trajectory = correct(track.front_end(), graph.keyframes)
     return SlamResult(
         trajectory=trajectory,
-        odometry=track.odometry(),
+        odometry=_odometry_alone(log, track.odometry()),
         graph=graph,
         match_quality=np.array(track.quality),
         degenerate=np.array(track.degenerate, dtype=np.bool_),
@@ -101,6 +101,16 @@ class _Track:
         if share > DEGENERATE_SHARE_TO_TELL:
             told.append(f"{share:.0%} of the scans left some direction to odometry (corridor?)")
         return tuple(told)
+
+
+def _odometry_alone(log: Log, prediction: PlanarTrajectory) -> PlanarTrajectory:
+    """What the log's own odometry says at the tracked scans; the prediction if it is silent."""
+    if log.odometry is None:
+        return prediction
+    try:
+        return PlanarTrajectory(prediction.stamps_ns, log.odometry.at(prediction.stamps_ns))
+    except OutsideTimeRange:
+        return prediction
 
 
 def _rest_of(progress: Progress, done_before: float, whole: float) -> Progress:
