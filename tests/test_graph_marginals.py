@@ -125,7 +125,8 @@ def test_the_chain_of_the_estimate_has_the_spread_of_samples() -> None:
 
 def test_closures_make_the_estimate_surer_and_never_surer_than_the_dense_answer() -> None:
     poses, edges = random_graph(11, 30, 25)
-    kinds: list[EdgeKind] = [*["match"] * 29, *["closure"] * 25]
+    kinds: list[EdgeKind] = ["match"] * 29
+    kinds += ["closure"] * 25
     edges = [replace(edge, kind=kind) for edge, kind in zip(edges, kinds, strict=True)]
     estimate = Estimate()
     estimate.begin(poses[0])

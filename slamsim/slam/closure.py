@@ -84,16 +84,15 @@ class ClosureFinder:
         peak = search(likelihood, points, start, window, limits.min_score, rival)
         if peak is None:
             return "score"
-        if peak.rival > limits.ambiguity_ratio * peak.score:
+        # In a small window another place is the same one slid along a wall: that is told below.
+        surely_near = max(window.x_m, window.y_m) <= limits.sure_window_m
+        if not surely_near and peak.rival > limits.ambiguity_ratio * peak.score:
             return "ambiguous"
         edge = self._refined(query, submap, peak, middle, noise_m)
         if isinstance(edge, str):
             return edge
         edge = _without_sliding(edge, likelihood, points, middle)
-        reach_m = max(window.x_m, window.y_m)
-        expected_here = (
-            reach_m <= limits.sure_window_m and _mahalanobis(edge, expected) <= limits.gate_sigmas
-        )
+        expected_here = surely_near and _mahalanobis(edge, expected) <= limits.gate_sigmas
         refusal = self._refuted(query, submap, space, edge.T_source_target, expected_here)
         if refusal is not None:
             return refusal
