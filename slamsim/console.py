@@ -75,9 +75,8 @@ class Reporter:
                 bars.update(task, completed=done, total=total)
 
             yield listen
-            total = bars.tasks[0].total
-            if total is not None:
-                bars.update(task, completed=total)
+            total = bars.tasks[0].total or 1.0
+            bars.update(task, completed=total, total=total)
 
     def say(self, sentence: str) -> None:
         self._console.print(sentence, markup=False)

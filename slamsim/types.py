@@ -312,8 +312,9 @@ class SlamResult:
     """What SLAM made of a log.
 
     trajectory: ``T_map_base`` at each used scan's stamp. odometry: ``T_odom_base`` as the log's own
-    odometry has it at the same stamps, or the prediction from wheels and gyroscope without it. match_quality: (n,) inlier ratio of each scan's match.
-    degenerate: (n,) whether some direction of the match was left to odometry.
+    odometry has it at the same stamps, or the prediction from wheels and gyroscope without it.
+    match_quality: (n,) inlier ratio of each scan's match. degenerate: (n,) whether some direction
+    of the match was left to odometry.
     """
 
     trajectory: PlanarTrajectory
