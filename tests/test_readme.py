@@ -1,0 +1,62 @@
+"""What the README shows works as it stands."""
+
+from __future__ import annotations
+
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+README = (Path(__file__).parents[1] / "README.md").read_text()
+
+
+def blocks(language: str) -> list[str]:
+    return re.findall(rf"```{language}\n(.*?)```", README, flags=re.DOTALL)
+
+
+def test_the_python_example_runs(tmp_path: Path) -> None:
+    (example,) = blocks("python")
+    done = subprocess.run(
+        [sys.executable, "-c", example],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        timeout=240,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert "poses" in done.stdout
+
+
+@pytest.mark.parametrize(
+    "line", [line for block in blocks("bash") for line in block.splitlines() if "slamsim" in line]
+)
+def test_every_command_shown_is_one(line: str) -> None:
+    """The subcommand exists and knows each option shown."""
+    words = shlex.split(line.rsplit("&&", maxsplit=1)[-1], comments=True)
+    if "slamsim" not in Path(words[0]).name:
+        return
+    done = subprocess.run(
+        [sys.executable, "-c", "from slamsim.cli import main; main()", words[1], "--help"],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=True,
+        env={"COLUMNS": "200", "PATH": ""},
+    )
+    assert all(word in done.stdout for word in words if word.startswith("--"))
+
+
+def test_the_python_example_is_formatted() -> None:
+    (example,) = blocks("python")
+    done = subprocess.run(
+        [sys.executable, "-m", "ruff", "format", "--line-length", "100", "--check", "-"],
+        input=example,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout
