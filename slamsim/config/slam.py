@@ -60,10 +60,10 @@ class MatchingConfig(Config):
     gate_m: float = Field(0.5, gt=0.0, le=5.0)
     """Largest distance between a surface piece of the scan and its partner in the map."""
 
-    min_inlier_ratio: float = Field(0.5, gt=0.0, le=1.0)
+    min_inlier_ratio: float = Field(0.55, gt=0.0, le=1.0)
     """Share of the scan, where the map covers it, that must lie on it for a match to count."""
 
-    weak_direction_share: float = Field(0.01, ge=0.0, le=0.5)
+    weak_direction_share: float = Field(0.02, ge=0.0, le=0.5)
     """A direction that holds less than this share of the surfaces' grip is left to odometry."""
 
     search_distance_m: float = Field(0.8, ge=0.0, le=5.0)

@@ -32,7 +32,7 @@ ALIGN_ITERATIONS = 40
 WEAK_SHARE = 0.01
 SLIDE_M = 0.4
 SLIDE_SHARE = 0.92
-SLIDE_SIGMA_M = 1.0
+SLIDE_SIGMA_M = 10.0
 LOOSE = np.diag([1.0, 1.0, 4.0])
 """Information that stands in for what the surfaces do not hold: a metre and half a radian."""
 
@@ -125,7 +125,7 @@ class ClosureFinder:
             T_guess,
             T_guess,
             LOOSE,
-            (ALIGN_GATE_M, ALIGN_START_SIGMAS, noise_m, 1.0, WEAK_SHARE, ALIGN_ITERATIONS),
+            (ALIGN_GATE_M, ALIGN_START_SIGMAS, 1.0, WEAK_SHARE, ALIGN_ITERATIONS),
             self._scratch.grid,
         )
         limits, sizes = self._config.closures, self._config.graph
@@ -163,7 +163,7 @@ class ClosureFinder:
         query_space = space_grid(query, size.resolution_m, size.radius_m)
         T_query_submap = between(T_submap_query, np.zeros(3))
         back = query_space.at(transform_points(T_query_submap, submap.points_m))
-        allowed = limits.max_contradiction * (2.0 if expected else 1.0)
+        allowed = limits.max_contradiction * (1.5 if expected else 1.0)
         for states in (seen, back):
             free, known = np.count_nonzero(states == FREE), np.count_nonzero(states != UNKNOWN)
             if free > allowed * known:

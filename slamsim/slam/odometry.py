@@ -13,9 +13,12 @@ from slamsim.slam.matching import Match, make_matcher
 from slamsim.slam.prediction import Prediction, Predictor
 from slamsim.types import Cloud, FloatArray, PlanarTrajectory, Scan
 
-FAR_SIGMAS = 10.0
-FAR_STRICTNESS = 0.6
-HELD_PENALTY = 0.02
+FAR_SIGMAS = 5.0
+FAR_STRICTNESS = 0.75
+CLEARLY = 0.02
+DOUBTFUL_SHARE = 0.8
+USUAL_GAIN = 0.02
+START_USUAL = 0.8
 MIN_COVERED_RATIO = 0.3
 LOST_SCANS = 20
 """After so many scans in a row that fit nowhere the local map is begun anew."""
@@ -70,6 +73,7 @@ class FrontEnd:
         self._predictor = Predictor(config.motion, motion, gyro)
         self._matcher = make_matcher(config)
         self._T_map_key: FloatArray | None = None
+        self._usual_inliers = START_USUAL
         self._lost = 0
         self.skipped = 0
         """Scans whose beams the motion does not cover."""
@@ -105,17 +109,38 @@ class FrontEnd:
 
         information = np.zeros((3, 3)) if match is None else match.information
         return Tracked(
-            scan.stamp_ns, T_map_base, prediction.T_odom_base, match, information, cloud, keyscan
+            scan.stamp_ns,
+            T_map_base,
+            prediction.T_odom_base,
+            match,
+            information,
+            cloud,
+            keyscan,
         )
 
     def warnings(self) -> tuple[str, ...]:
         """What went wrong so far, in words and counts."""
         told = (
-            (self._predictor.blind, "no odometry: the speed was taken as constant between scans"),
-            (self.skipped, f"{self.skipped} scans skipped: motion does not cover their beams"),
-            (self.unmatched, f"{self.unmatched} scans fitted nowhere, placed by odometry alone"),
-            (self.recovered, f"{self.recovered} scans were found by search after a bad prediction"),
-            (self.restarts, f"{self.restarts} times lost: the local map was begun anew"),
+            (
+                self._predictor.blind,
+                "no odometry: the speed was taken as constant between scans",
+            ),
+            (
+                self.skipped,
+                f"{self.skipped} scans skipped: motion does not cover their beams",
+            ),
+            (
+                self.unmatched,
+                f"{self.unmatched} scans fitted nowhere, placed by odometry alone",
+            ),
+            (
+                self.recovered,
+                f"{self.recovered} scans were found by search after a bad prediction",
+            ),
+            (
+                self.restarts,
+                f"{self.restarts} times lost: the local map was begun anew",
+            ),
             (
                 self._predictor.jumps,
                 f"{self._predictor.jumps} jumps of the odometry were not believed",
@@ -127,37 +152,42 @@ class FrontEnd:
         """The match to believe: near the prediction, else by search, else none."""
         if self._T_map_key is None:
             return None
-        covariance = prediction.covariance
-        near = self._matcher.match(cloud, prediction.T_map_base, covariance)
-        if near is not None and not prediction.jump and self._believable(near, prediction):
+        near = self._matcher.match(cloud, prediction.T_map_base, prediction.covariance)
+        if near is not None and not prediction.jump and self._as_usual(near, prediction):
             return near
-        held = self._matcher.match(cloud, prediction.T_map_hold, covariance)
-        match = self._best(prediction, near, held)
-        if match is None:
-            near = self._matcher.search(cloud, prediction.T_map_base, covariance)
-            held = self._matcher.search(cloud, prediction.T_map_hold, covariance)
-            match = self._best(prediction, near, held)
-        self.recovered += match is not None
-        return match
+        candidates = [near, self._search(cloud, prediction.T_map_base, prediction)]
+        if prediction.jump:
+            held = prediction.T_map_hold
+            candidates.append(self._matcher.match(cloud, held, prediction.covariance))
+            candidates.append(self._search(cloud, held, prediction))
+        believed = [one for one in candidates if one and self._believable(one, prediction)]
+        best = max(believed, key=lambda one: one.fit, default=None)
+        if best is None or (
+            best is not near and near in believed and near.fit > best.fit - CLEARLY
+        ):
+            return near if near in believed else None
+        self.recovered += best is not near
+        return best
 
-    def _best(self, prediction: Prediction, near: Match | None, held: Match | None) -> Match | None:
-        """The better fitting of two that can be believed.
+    def _search(
+        self, cloud: Cloud, T_map_base_guess: FloatArray, prediction: Prediction
+    ) -> Match | None:
+        return self._matcher.search(cloud, T_map_base_guess, prediction.covariance)
 
-        What no surface holds follows the prediction; having stood still instead is believed only
-        of a scan that is held, or after a jump of the odometry.
-        """
-        believed = near if near is not None and self._believable(near, prediction) else None
-        if held is None or not self._believable(held, prediction):
-            return believed
-        if held.degenerate and not prediction.jump:
-            return believed
-        return held if believed is None or held.fit > believed.fit + HELD_PENALTY else believed
+    def _as_usual(self, match: Match, prediction: Prediction) -> bool:
+        """Whether a match near the prediction needs no second look."""
+        good = match.inlier_ratio >= DOUBTFUL_SHARE * self._usual_inliers
+        if good and self._believable(match, prediction):
+            self._usual_inliers += USUAL_GAIN * (match.inlier_ratio - self._usual_inliers)
+            return True
+        return False
 
     def _believable(self, match: Match, prediction: Prediction) -> bool:
         """The further a match lies from the prediction, the better it has to fit."""
         squared = (prediction.distance(match) / FAR_SIGMAS) ** 2
         least = self._config.matching.min_inlier_ratio
-        needed = least + (1.0 - least) * FAR_STRICTNESS * squared / (1.0 + squared)
+        share = least + FAR_STRICTNESS * (1.0 - least) * squared / (1.0 + squared)
+        needed = share * self._usual_inliers
         return match.inlier_ratio >= needed and match.covered_ratio >= MIN_COVERED_RATIO
 
     def _keep(self, cloud: Cloud, T_map_base: FloatArray, match: Match | None) -> bool:

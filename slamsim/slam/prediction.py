@@ -18,11 +18,12 @@ FLOOR_M = 0.0005
 FLOOR_RAD = 0.0002
 BLIND_SPEED_SIGMA_M_S2 = 1.5
 BLIND_TURN_SIGMA_RAD_S2 = 3.0
-LOST_GROWTH = 2.0
+LOST_GROWTH = 4.0
 """Each scan that fits nowhere makes the odometry this much more doubtful."""
 
 MAX_VARIANCE = 1.0
-DISTRUST_GAIN = 0.05
+DISTRUST_GAIN = 0.1
+ONE_SIGMA_SHARE = 0.683
 MAX_DISTRUST = 100.0
 MIN_JUMP_S = 0.05
 """Stamps are not believed to be finer than this when a speed is taken from them."""
@@ -144,7 +145,11 @@ class Predictor:
         if moved_m > MAX_SPEED_M_S * allowed_s or turned_rad > MAX_TURN_RAD_S * allowed_s:
             return step, floor + np.diag(JUMP_VARIANCE), True
         noise = motion_covariance(step, seconds, self._gyro, self._config)
-        return step, floor + noise * np.sqrt(np.outer(self._distrust, self._distrust)), False
+        return (
+            step,
+            floor + noise * np.sqrt(np.outer(self._distrust, self._distrust)),
+            False,
+        )
 
     def _learn(self, prediction: Prediction, match: Match) -> None:
         """Believe the odometry less where matches keep contradicting it."""
@@ -157,8 +162,11 @@ class Predictor:
         matched = np.diag(np.linalg.inv(match.information + np.diag([1.0, 1.0, 1.0])))
         excess = np.maximum(found * found - matched, 0.0) / (own + FLOOR_RAD**2)
         excess[:2] = excess[:2].mean()
-        excess = np.minimum(excess, MAX_DISTRUST)
-        self._distrust = np.maximum(self._distrust + DISTRUST_GAIN * (excess - self._distrust), 1.0)
+        # A step towards the share of one sigma, up or down: outliers count, but not their size.
+        towards = np.where(excess > self._distrust, ONE_SIGMA_SHARE, ONE_SIGMA_SHARE - 1.0)
+        self._distrust = np.clip(
+            self._distrust * np.exp(DISTRUST_GAIN * towards), 1.0, MAX_DISTRUST
+        )
 
 
 def _arc(velocity: FloatArray, first_ns: int, last_ns: int) -> PlanarTrajectory:

@@ -11,23 +11,18 @@ from __future__ import annotations
 import numpy as np
 
 from slamsim.jit import kernel
-from slamsim.slam.matching.local_map import LAST_SEEN, PER_CELL, SIDE
+from slamsim.slam.matching.local_map import nearest_surface
 from slamsim.slam.matching.small import eigen, median, sandwich, solve, times
 from slamsim.slam.matching.surfaces import (
-    BEAMS,
     HALF_LENGTH,
     NORMAL_X,
     NORMAL_Y,
-    SCATTER_XX,
-    SCATTER_YY,
     VARIANCE,
     X,
     Y,
 )
 from slamsim.types import FloatArray, IntArray
 
-SAME_SIDE_COS = np.cos(np.deg2rad(40.0))
-OVERLAP_SLACK_M = 0.1
 CONVERGED_STEP_M = 1e-4
 MAX_STEP_M = 0.3
 INLIER_SIGMAS = 3.0
@@ -50,66 +45,30 @@ SUMMARY_FIELDS = 8
 
 
 @kernel
-def nearest_surface(
-    at: tuple[float, float, float, float],
-    half_length: float,
-    gate_m: float,
-    grid: tuple[FloatArray, IntArray, float, float],
-) -> tuple[int, float, bool]:
-    """Best partner of a piece at (x, y, normal_x, normal_y) in the map: slot or -1, its signed
-    distance along the map's normal, and whether there is any surface nearby at all."""
-    surfaces, keys, cell_m, oldest_m = grid
-    px, py, nx, ny = at
-    ix, iy = int(np.floor(px / cell_m)), int(np.floor(py / cell_m))
-    best, best_off, best_cost = -1, 0.0, np.inf
-    covered = False
-    ring = int(np.ceil(gate_m / cell_m))
-    for cx in range(ix - ring, ix + ring + 1):
-        for cy in range(iy - ring, iy + ring + 1):
-            cell = (cx % SIDE) * SIDE + cy % SIDE
-            if keys[cell, 0] != cx or keys[cell, 1] != cy:
-                continue
-            for slot in range(cell * PER_CELL, (cell + 1) * PER_CELL):
-                if surfaces[slot, BEAMS] <= 0.0 or surfaces[slot, LAST_SEEN] < oldest_m:
-                    continue
-                covered = True
-                mx, my = surfaces[slot, NORMAL_X], surfaces[slot, NORMAL_Y]
-                if mx * nx + my * ny < SAME_SIDE_COS:
-                    continue
-                dx, dy = px - surfaces[slot, X], py - surfaces[slot, Y]
-                off = mx * dx + my * dy
-                beside = np.abs(mx * dy - my * dx)
-                beyond = max(0.0, beside - surfaces[slot, HALF_LENGTH] - half_length)
-                if np.abs(off) > gate_m or beyond > OVERLAP_SLACK_M:
-                    continue
-                cost = off * off + 4.0 * beyond * beyond + 0.01 * beside * beside
-                if cost < best_cost:
-                    best, best_off, best_cost = slot, off, cost
-    return best, best_off, covered
-
-
-@kernel
 def _equations(
     pieces: FloatArray,
     T_map_base: FloatArray,
-    sizes: tuple[float, float, float, float, float],
+    sizes: tuple[float, float, float, float],
     grid: tuple[FloatArray, IntArray, float, float],
-    sums: tuple[FloatArray, FloatArray, FloatArray, FloatArray],
+    sums: tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray],
 ) -> None:
-    """Fill information, gradient, grip and summary at one pose.
+    """Fill information, gradient, spread, grip and summary at one pose.
 
-    sizes: gate, robust scale in sigmas, length that scales rotation, range noise, variance of
-    unit weight.
+    spread: mean outer product of the rows by the map's normals, for its axes; grip: the same
+    with the scan's own normal in place of the map's once, for its sizes: the noise of the two is
+    not the same, so that their product holds only what both have seen.
+
+    sizes: gate, robust scale in sigmas, length that scales rotation, variance of unit weight.
     """
-    gate, robust, length, noise, unit = sizes
-    information, gradient, grip, summary = sums
+    gate, robust, length, unit = sizes
+    information, gradient, spread, grip, summary = sums
     for i in range(3):
         gradient[i] = 0.0
         for j in range(3):
-            information[i, j] = grip[i, j] = 0.0
+            information[i, j] = spread[i, j] = grip[i, j] = 0.0
     summary[COVERED] = summary[INLIERS] = summary[SQUARES] = 0.0
     cos, sin = np.cos(T_map_base[2]), np.sin(T_map_base[2])
-    row = np.empty(3)
+    row, seen = np.empty(3), np.empty(3)
     total = 0.0
     ratios, partners = np.empty(pieces.shape[0]), 0
     for k in range(pieces.shape[0]):
@@ -140,21 +99,30 @@ def _equations(
         row[0] = cos * mx + sin * my
         row[1] = -sin * mx + cos * my
         row[2] = (row[1] * bx - row[0] * by) / length
-        # What noise alone would add to the grip: a normal is known only so well.
-        scatter = grid[0][slot, SCATTER_XX] + grid[0][slot, SCATTER_YY]
-        blur = min(noise * noise / scatter, 0.1) if scatter > 0.0 else 0.1
+        seen[0], seen[1], seen[2] = bnx, bny, (bny * bx - bnx * by) / length
         total += weight
         for i in range(3):
             gradient[i] += weight / variance * row[i] * off
-            grip[i, i] -= weight * blur
             for j in range(3):
                 information[i, j] += weight / variance * row[i] * row[j]
-                grip[i, j] += weight * row[i] * row[j]
+                spread[i, j] += weight * row[i] * row[j]
+                grip[i, j] += 0.5 * weight * (row[i] * seen[j] + seen[i] * row[j])
     summary[WEIGHTS] = total
     summary[UNIT] = median(ratios, partners) / MEDIAN_CHI2 if partners > 0 else unit
     for i in range(3):
         for j in range(3):
+            spread[i, j] /= max(total, 1e-9)
             grip[i, j] /= max(total, 1e-9)
+
+
+@kernel
+def _sizes(grip: FloatArray, axes: FloatArray, values: FloatArray) -> None:
+    """How large the grip is along each axis."""
+    for k in range(3):
+        values[k] = 0.0
+        for i in range(3):
+            for j in range(3):
+                values[k] += axes[i, k] * grip[i, j] * axes[j, k]
 
 
 @kernel
@@ -248,31 +216,33 @@ def align(
     T_start: FloatArray,
     T_guess: FloatArray,
     prior: FloatArray,
-    limits: tuple[float, float, float, float, float, int],
+    limits: tuple[float, float, float, float, int],
     grid: tuple[FloatArray, IntArray, float, float],
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Register the pieces, beginning at T_start, with a prior about T_guess of information (3, 3)
     in the frame of the base.
 
     limits: gate, sigmas at which robust weights begin (more than ROBUST_SIGMAS: partners are
-    still to be found, and the prior is faint until the last), range noise, variance of unit
-    weight, weak share, iterations. grid: surfaces, keys, cell, oldest path length. Returns
+    still to be found, and the prior is faint until the last), variance of unit weight, weak
+    share, iterations. grid: surfaces, keys, cell, oldest path length. Returns
     T_map_base, information (3, 3) of the scan alone, weak axes (3, 3: columns, the first
     ``summary[WEAK]`` count) in the frame of the base, and the summary.
     """
-    narrow, robust, noise, unit, weak_share, max_iterations = limits
+    narrow, robust, unit, weak_share, max_iterations = limits
     length = typical_range(pieces)
     T, offset = T_start.copy(), np.empty(3)
-    information, gradient, grip = np.zeros((3, 3)), np.zeros(3), np.zeros((3, 3))
+    information, gradient = np.zeros((3, 3)), np.zeros(3)
+    spread, grip = np.zeros((3, 3)), np.zeros((3, 3))
     values, axes, summary = np.zeros(3), np.zeros((3, 3)), np.zeros(SUMMARY_FIELDS)
     prior_scaled = prior.copy()
     _scale(prior_scaled, 1.0 / length)
     # From wide to narrow: first everything within the gate pulls, in the end only what fits.
     least = min(narrow, 0.15)
     for iteration in range(max_iterations):
-        sums = (information, gradient, grip, summary)
-        _equations(pieces, T, (narrow, robust, length, noise, unit), grid, sums)
-        eigen(grip, values, axes)
+        sums = (information, gradient, spread, grip, summary)
+        _equations(pieces, T, (narrow, robust, length, unit), grid, sums)
+        eigen(spread, values, axes)
+        _sizes(grip, axes, values)
         weak = 0
         while weak < 3 and values[weak] < weak_share:
             weak += 1

@@ -161,7 +161,6 @@ class LineMatcher:
         options = self._matching
         limits = (
             *gate,
-            self._noise_m,
             self._unit,
             options.weak_direction_share,
             options.max_iterations,

@@ -40,6 +40,8 @@ SEEN = PIECE_FIELDS + 1
 MAP_FIELDS = PIECE_FIELDS + 2
 MERGE_COS = np.cos(np.deg2rad(25.0))
 MERGE_SIGMAS = 4.0
+SAME_SIDE_COS = np.cos(np.deg2rad(40.0))
+OVERLAP_SLACK_M = 0.1
 
 
 class LocalMap:
@@ -165,3 +167,42 @@ def _insert_one(
         surfaces[chosen, SEEN] = 0.0
     surfaces[chosen, LAST_SEEN] = now_m
     surfaces[chosen, SEEN] += 1.0
+
+
+@kernel
+def nearest_surface(
+    at: tuple[float, float, float, float],
+    half_length: float,
+    gate_m: float,
+    grid: tuple[FloatArray, IntArray, float, float],
+) -> tuple[int, float, bool]:
+    """Best partner of a piece at (x, y, normal_x, normal_y) in the map: slot or -1, its signed
+    distance along the map's normal, and whether there is any surface nearby at all."""
+    surfaces, keys, cell_m, oldest_m = grid
+    px, py, nx, ny = at
+    ix, iy = int(np.floor(px / cell_m)), int(np.floor(py / cell_m))
+    best, best_off, best_cost = -1, 0.0, np.inf
+    covered = False
+    ring = int(np.ceil(gate_m / cell_m))
+    for cx in range(ix - ring, ix + ring + 1):
+        for cy in range(iy - ring, iy + ring + 1):
+            cell = (cx % SIDE) * SIDE + cy % SIDE
+            if keys[cell, 0] != cx or keys[cell, 1] != cy:
+                continue
+            for slot in range(cell * PER_CELL, (cell + 1) * PER_CELL):
+                if surfaces[slot, BEAMS] <= 0.0 or surfaces[slot, LAST_SEEN] < oldest_m:
+                    continue
+                covered = True
+                mx, my = surfaces[slot, NORMAL_X], surfaces[slot, NORMAL_Y]
+                if mx * nx + my * ny < SAME_SIDE_COS:
+                    continue
+                dx, dy = px - surfaces[slot, X], py - surfaces[slot, Y]
+                off = mx * dx + my * dy
+                beside = np.abs(mx * dy - my * dx)
+                beyond = max(0.0, beside - surfaces[slot, HALF_LENGTH] - half_length)
+                if np.abs(off) > gate_m or beyond > OVERLAP_SLACK_M:
+                    continue
+                cost = off * off + 4.0 * beyond * beyond + 0.01 * beside * beside
+                if cost < best_cost:
+                    best, best_off, best_cost = slot, off, cost
+    return best, best_off, covered

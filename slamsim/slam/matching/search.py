@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from slamsim.jit import kernel
-from slamsim.slam.matching.align import nearest_surface
+from slamsim.slam.matching.local_map import nearest_surface
 from slamsim.slam.matching.surfaces import HALF_LENGTH, NORMAL_X, NORMAL_Y, X, Y
 from slamsim.types import FloatArray, IntArray
 
