@@ -87,9 +87,9 @@ class ClosureConfig(Config):
     min_overlap: float = Field(0.5, gt=0.0, lt=1.0)
     """Least share of the query's points that lie where the submap knows anything."""
 
-    max_contradiction: float = Field(0.12, gt=0.0, lt=1.0)
-    """Largest share of either side's points that stand where the other saw free space; twice as
-    much for a closure found where it was expected."""
+    max_contradiction: float = Field(0.16, gt=0.0, lt=1.0)
+    """Largest share of either side's points that stand where the other saw free space; half as
+    much again for a closure found where it was expected."""
 
     ambiguity_ratio: float = Field(0.88, gt=0.0, lt=1.0)
     """A second peak of the score, relative to the best, above which the match is ambiguous."""

@@ -48,6 +48,7 @@ class BackEnd:
         self._submap_from = 0
         self._updated_keyframes = 0
         self._unsolved: list[Closure] = []
+        self._closed: set[tuple[int, int]] = set()
         self._failures: dict[tuple[int, int], FloatArray] = {}
         self.refusals: Counter[str] = Counter()
         """Why closures were not believed, and how often."""
@@ -165,7 +166,7 @@ class BackEnd:
         found = 0
         for number in self._candidates(query, np.array(left_behind)):
             expected = self._expected(number, index)
-            if self._failed_before(number, index, expected):
+            if (number, index) in self._closed or self._failed_before(number, index, expected):
                 continue
             closure = self._finder.find(
                 query, number, self._submaps[number], expected, self._maker.noise_m
@@ -225,10 +226,15 @@ class BackEnd:
             accepted = [closure]
         else:
             accepted = list(self._waiting.add(closure, self._estimate.poses))
+        count = 0
         for one in accepted:
-            self._graph.add(one.edge)
-        self._unsolved += accepted
-        return len(accepted)
+            pair = (one.submap, one.edge.target)
+            if pair not in self._closed:  # it may have been found again while it waited
+                self._closed.add(pair)
+                self._graph.add(one.edge)
+                self._unsolved.append(one)
+                count += 1
+        return count
 
     def _due(self) -> bool:
         """Whether a solution now would help the search for the next closures."""
