@@ -51,6 +51,7 @@ def run_slam(log: Log, config: SlamConfig, progress: Progress = silent) -> SlamR
         raise SlamsimError(_nothing_to_track(log, motion))
     graph = back_end.finish(_rest_of(progress, len(log.scans), whole))
     trajectory = correct(track.front_end(), graph.keyframes)
+    progress(whole, whole)
     return SlamResult(
         trajectory=trajectory,
         odometry=_odometry_alone(log, track.odometry()),
