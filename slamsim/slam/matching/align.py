@@ -61,58 +61,73 @@ def _equations(
     sizes: gate, robust scale in sigmas, length that scales rotation, variance of unit weight.
     """
     gate, robust, length, unit = sizes
-    information, gradient, spread, grip, summary = sums
-    for i in range(3):
-        gradient[i] = 0.0
-        for j in range(3):
-            information[i, j] = spread[i, j] = grip[i, j] = 0.0
-    summary[COVERED] = summary[INLIERS] = summary[SQUARES] = 0.0
-    cos, sin = np.cos(T_map_base[2]), np.sin(T_map_base[2])
+    summary = sums[4]
+    _clear(sums)
     row, seen = np.empty(3), np.empty(3)
-    total = 0.0
     ratios, partners = np.empty(pieces.shape[0]), 0
+    cos, sin = np.cos(T_map_base[2]), np.sin(T_map_base[2])
     for k in range(pieces.shape[0]):
-        bx, by = pieces[k, X], pieces[k, Y]
-        bnx, bny = pieces[k, NORMAL_X], pieces[k, NORMAL_Y]
-        at = (
-            T_map_base[0] + cos * bx - sin * by,
-            T_map_base[1] + sin * bx + cos * by,
-            cos * bnx - sin * bny,
-            sin * bnx + cos * bny,
-        )
+        x, y = pieces[k, X], pieces[k, Y]
+        nx, ny = pieces[k, NORMAL_X], pieces[k, NORMAL_Y]
+        there = (T_map_base[0] + cos * x - sin * y, T_map_base[1] + sin * x + cos * y)
+        at = (there[0], there[1], cos * nx - sin * ny, sin * nx + cos * ny)
         slot, off, covered = nearest_surface(at, pieces[k, HALF_LENGTH], gate, grid)
         if covered:
             summary[COVERED] += 1.0
         if slot < 0:
             continue
-        mx, my = grid[0][slot, NORMAL_X], grid[0][slot, NORMAL_Y]
         variance = pieces[k, VARIANCE] + grid[0][slot, VARIANCE]
         ratios[partners] = off * off / variance
         partners += 1
         variance *= unit
-        squared = off * off / variance
-        ratio = 1.0 + squared / (robust * robust)
-        weight = 1.0 / (ratio * ratio)
         if off * off < INLIER_SIGMAS * INLIER_SIGMAS * variance + INLIER_M * INLIER_M:
             summary[INLIERS] += 1.0
             summary[SQUARES] += off * off
-        row[0] = cos * mx + sin * my
-        row[1] = -sin * mx + cos * my
-        row[2] = (row[1] * bx - row[0] * by) / length
-        seen[0], seen[1], seen[2] = bnx, bny, (bny * bx - bnx * by) / length
-        total += weight
-        for i in range(3):
-            gradient[i] += weight / variance * row[i] * off
-            for j in range(3):
-                information[i, j] += weight / variance * row[i] * row[j]
-                spread[i, j] += weight * row[i] * row[j]
-                grip[i, j] += 0.5 * weight * (row[i] * seen[j] + seen[i] * row[j])
-    summary[WEIGHTS] = total
+        mx, my = grid[0][slot, NORMAL_X], grid[0][slot, NORMAL_Y]
+        row[0], row[1] = cos * mx + sin * my, -sin * mx + cos * my
+        row[2] = (row[1] * x - row[0] * y) / length
+        seen[0], seen[1], seen[2] = nx, ny, (ny * x - nx * y) / length
+        _add(row, seen, (off, variance, robust), sums)
     summary[UNIT] = median(ratios, partners) / MEDIAN_CHI2 if partners > 0 else unit
+    share = 1.0 / max(summary[WEIGHTS], 1e-9)
     for i in range(3):
         for j in range(3):
-            spread[i, j] /= max(total, 1e-9)
-            grip[i, j] /= max(total, 1e-9)
+            sums[2][i, j] *= share
+            sums[3][i, j] *= share
+
+
+@kernel
+def _clear(sums: tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]) -> None:
+    information, gradient, spread, grip, summary = sums
+    for i in range(3):
+        gradient[i] = 0.0
+        for j in range(3):
+            information[i, j] = spread[i, j] = grip[i, j] = 0.0
+    summary[COVERED] = summary[INLIERS] = summary[SQUARES] = summary[WEIGHTS] = 0.0
+
+
+@kernel
+def _add(
+    row: FloatArray,
+    seen: FloatArray,
+    residual: tuple[float, float, float],
+    sums: tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray],
+) -> None:
+    """One piece and its partner; weights of Geman & McClure (1987).
+
+    residual: signed distance, its variance, robust scale in sigmas.
+    """
+    off, variance, robust = residual
+    information, gradient, spread, grip, summary = sums
+    ratio = 1.0 + off * off / (variance * robust * robust)
+    weight = 1.0 / (ratio * ratio)
+    summary[WEIGHTS] += weight
+    for i in range(3):
+        gradient[i] += weight / variance * row[i] * off
+        for j in range(3):
+            information[i, j] += weight / variance * row[i] * row[j]
+            spread[i, j] += weight * row[i] * row[j]
+            grip[i, j] += 0.5 * weight * (row[i] * seen[j] + seen[i] * row[j])
 
 
 @kernel
@@ -251,28 +266,34 @@ def align(
         _offset(T_guess, T, length, offset)
         pull = _pull(prior_scaled, offset, axes, values, (weak_share, robust > ROBUST_SIGMAS))
         step = _newton_step(information, gradient, pull, offset)
-        size = max(np.abs(step[0]), np.abs(step[1]), np.abs(step[2]))
-        if not np.isfinite(step[0] + step[1] + step[2]):
-            T[0] = np.nan
+        size = _move(T, step, length)
+        if not np.isfinite(size):
             break
-        short = min(1.0, MAX_STEP_M / max(size, 1e-12))
-        cos, sin = short * np.cos(T[2]), short * np.sin(T[2])
-        T[0] += cos * step[0] - sin * step[1]
-        T[1] += sin * step[0] + cos * step[1]
-        T[2] += short * step[2] / length
         if size < CONVERGED_STEP_M and robust <= ROBUST_SIGMAS:
             summary[CONVERGED] = 1.0
             break
         if size < 0.02 or iteration > max_iterations // 2:
             robust = max(robust * 0.4, ROBUST_SIGMAS)
             narrow = max(0.5 * narrow, least)
-    T[2] -= 2.0 * np.pi * np.floor((T[2] + np.pi) / (2.0 * np.pi))
     _scale(information, length)
     for i in range(3):
         axes[2, i] /= length
         for j in range(3):
             information[i, j] /= ALIKE
     return T, information, axes, summary
+
+
+@kernel
+def _move(T: FloatArray, step: FloatArray, length: float) -> float:
+    """T <- compose(T, step), a long step shortened; the size of the step, nan if it is no step."""
+    size = np.abs(step[0]) + np.abs(step[1]) + np.abs(step[2])
+    short = min(1.0, MAX_STEP_M / max(size, 1e-12))
+    cos, sin = short * np.cos(T[2]), short * np.sin(T[2])
+    T[0] += cos * step[0] - sin * step[1]
+    T[1] += sin * step[0] + cos * step[1]
+    T[2] += short * step[2] / length
+    T[2] -= 2.0 * np.pi * np.floor((T[2] + np.pi) / (2.0 * np.pi))
+    return float(size)
 
 
 @kernel
