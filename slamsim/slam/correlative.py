@@ -15,15 +15,12 @@ from numpy.typing import NDArray
 
 from slamsim.geometry import transform_points
 from slamsim.jit import kernel
+from slamsim.slam.branch_and_bound import FULL_SCALE, best_offset
 from slamsim.types import FloatArray, IntArray
 
 MAX_LEVEL = 6
-FULL_SCALE = 255.0
 REACH_SHARE = 0.9
 """A turn by one step moves this share of the points by no more than a cell."""
-
-MAX_LOOKUPS = 60_000_000
-"""A search that has read the grid so often is given up."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -102,14 +99,14 @@ def search(
     cells = _cells(grid, points_m, T_grid_points[:2], yaws)
     half = np.ceil(np.array([window.x_m, window.y_m]) / grid.resolution_m).astype(np.int64)
     nowhere = np.array([0, 0, 0, -1, -1], dtype=np.int64)
-    best, score = _branch_and_bound(grid.levels, cells, half, min_score, nowhere)
+    best, score = best_offset(grid.levels, cells, half, min_score, nowhere)
     if score < min_score:
         return None
     share, distance_m, turn_rad = rival
     around = np.array(
         [*best, round(turn_rad / step_rad), round(distance_m / grid.resolution_m)], dtype=np.int64
     )
-    _, second = _branch_and_bound(grid.levels, cells, half, share * score, around)
+    _, second = best_offset(grid.levels, cells, half, share * score, around)
     offset_m = (best[1:] * grid.resolution_m).astype(np.float64)
     found = np.array([*(T_grid_points[:2] + offset_m), yaws[best[0]]])
     return Peak(found, score, max(second, share * score) if second >= 0.0 else 1.0)
@@ -165,127 +162,3 @@ def _raise_levels(levels: NDArray[np.uint8]) -> None:
                 c2 = min(c + half, columns - 1)
                 below = levels[level - 1]
                 levels[level, r, c] = max(below[r, c], below[r, c2], below[r2, c], below[r2, c2])
-
-
-@kernel
-def _bound(
-    level: NDArray[np.uint8], cells: NDArray[np.int32], x: int, y: int, enough: float
-) -> float:
-    """Sum of the points' values at an offset, -1 as soon as it cannot reach ``enough``."""
-    rows, columns = level.shape
-    total, left = 0, 255 * cells.shape[0]
-    for k in range(cells.shape[0]):
-        r, c = cells[k, 0] + y, cells[k, 1] + x
-        left -= 255
-        if 0 <= r < rows and 0 <= c < columns:
-            total += level[r, c]
-        if total + left < enough:
-            return -1.0
-    return float(total)
-
-
-@kernel
-def _excluded(a: int, x: int, y: int, size: int, around: IntArray) -> bool:
-    """Whether a whole block of offsets lies in the neighbourhood that does not count."""
-    best_a, best_x, best_y, turn, reach = around
-    return bool(
-        abs(a - best_a) <= turn
-        and x >= best_x - reach
-        and y >= best_y - reach
-        and x + size - 1 <= best_x + reach
-        and y + size - 1 <= best_y + reach
-    )
-
-
-@kernel
-def _roots(
-    level: NDArray[np.uint8],
-    cells: NDArray[np.int32],
-    half: IntArray,
-    size: int,
-    goal: float,
-    around: IntArray,
-) -> FloatArray:
-    """(k, 4) blocks (score bound, turn, x, y) of the coarsest level to look into, best first."""
-    nx, ny = (2 * half[0]) // size + 1, (2 * half[1]) // size + 1
-    roots = np.empty((cells.shape[0] * nx * ny, 4))
-    count = 0
-    for a in range(cells.shape[0]):
-        for i in range(nx):
-            for j in range(ny):
-                x, y = i * size - half[0], j * size - half[1]
-                score = _bound(level, cells[a], x, y, goal)
-                if score >= goal and not _excluded(a, x, y, size, around):
-                    roots[count, 0], roots[count, 1] = score, a
-                    roots[count, 2], roots[count, 3] = x, y
-                    count += 1
-    return roots[np.argsort(-roots[:count, 0])]
-
-
-@kernel
-def _children(
-    block: FloatArray,
-    levels: NDArray[np.uint8],
-    cells: NDArray[np.int32],
-    half: IntArray,
-    goal: float,
-    around: IntArray,
-) -> FloatArray:
-    """(k, 5) the quarters (bound, turn, x, y, level) of a block that may still win, best last."""
-    a, x, y, level = int(block[1]), int(block[2]), int(block[3]), int(block[4]) - 1
-    size = 1 << level
-    kept = np.empty((4, 5))
-    count = 0
-    for i in range(2):
-        for j in range(2):
-            cx, cy = x + i * size, y + j * size
-            if cx > half[0] or cy > half[1] or _excluded(a, cx, cy, size, around):
-                continue
-            score = _bound(levels[level], cells[a], cx, cy, goal)
-            if score >= goal:
-                kept[count, 0], kept[count, 1] = score, a
-                kept[count, 2], kept[count, 3], kept[count, 4] = cx, cy, level
-                count += 1
-    return kept[np.argsort(kept[:count, 0])]
-
-
-@kernel
-def _branch_and_bound(
-    levels: NDArray[np.uint8],
-    cells: NDArray[np.int32],
-    half: IntArray,
-    min_score: float,
-    around: IntArray,
-) -> tuple[IntArray, float]:
-    """Best (turn, x, y) in cells and its score; score 0 if none reaches min_score, -1 if given up.
-
-    around: (turn, x, y, half width in turns, in cells) of poses not to consider.
-    """
-    full = 255.0 * cells.shape[1]
-    best, found = np.zeros(3, np.int64), 0.0
-    goal = min_score * full
-    top = 0
-    while top < levels.shape[0] - 1 and (1 << top) < max(half[0], half[1]):
-        top += 1
-    roots = _roots(levels[top], cells, half, 1 << top, goal, around)
-    stack = np.empty((4 * (top + 1) + 1, 5))
-    blocks = 0
-    for k in range(roots.shape[0]):
-        stack[0, :4], stack[0, 4] = roots[k], top
-        depth = 1
-        while depth > 0:
-            depth -= 1
-            block = stack[depth].copy()
-            if block[0] < goal or (found > 0.0 and block[0] <= found):
-                continue
-            if block[4] == 0.0:
-                best[0], best[1], best[2] = int(block[1]), int(block[2]), int(block[3])
-                found = goal = block[0]
-                continue
-            for child in _children(block, levels, cells, half, goal, around):
-                stack[depth] = child
-                depth += 1
-            blocks += 4
-            if blocks * cells.shape[1] > MAX_LOOKUPS:
-                return best, -1.0
-    return best, found / full

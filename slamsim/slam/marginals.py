@@ -133,12 +133,15 @@ def _assemble(
     last = order.size - 1
     for m in range(ends.shape[0]):
         a, b = order[ends[m, 0]], order[ends[m, 1]]
-        if a != last:
-            values[starts[a]] += information[m]
-        if b != last:
-            values[starts[b]] += information[m]
-        if last not in (a, b):
-            values[_find(starts, rows, max(a, b), min(a, b))] -= information[m]
+        across = _find(starts, rows, max(a, b), min(a, b)) if last not in (a, b) else -1
+        for i in range(3):
+            for k in range(3):
+                if a != last:
+                    values[starts[a], i, k] += information[m, i, k]
+                if b != last:
+                    values[starts[b], i, k] += information[m, i, k]
+                if across >= 0:
+                    values[across, i, k] -= information[m, i, k]
     return values
 
 
@@ -152,13 +155,21 @@ def _inverse_3x3(m: FloatArray, out: FloatArray) -> bool:
     minor = m[0, 0] * m[1, 1] - m[0, 1] * m[1, 0]
     if not (m[0, 0] > 0.0 and minor > 0.0 and determinant > 0.0):
         return False
-    out[0, 0], out[0, 1], out[0, 2] = c00, c01, c02
-    out[1, 1] = m[0, 0] * m[2, 2] - m[0, 2] * m[2, 0]
-    out[1, 2] = m[0, 2] * m[1, 0] - m[0, 0] * m[1, 2]
-    out[2, 2] = minor
+    share = 1.0 / determinant
+    out[0, 0], out[0, 1], out[0, 2] = share * c00, share * c01, share * c02
+    out[1, 1] = share * (m[0, 0] * m[2, 2] - m[0, 2] * m[2, 0])
+    out[1, 2] = share * (m[0, 2] * m[1, 0] - m[0, 0] * m[1, 2])
+    out[2, 2] = share * minor
     out[1, 0], out[2, 0], out[2, 1] = out[0, 1], out[0, 2], out[1, 2]
-    out /= determinant
     return True
+
+
+@kernel
+def _copy(out: FloatArray, a: FloatArray, factor: float) -> None:
+    """out = factor a."""
+    for i in range(3):
+        for j in range(3):
+            out[i, j] = factor * a[i, j]
 
 
 @kernel
@@ -179,17 +190,20 @@ def _add_transposed(out: FloatArray, a: FloatArray, b: FloatArray) -> None:
 
 
 @kernel
-def _invert(starts: NDArray[np.int64], rows: NDArray[np.int64], values: FloatArray) -> bool:
-    """Replace a matrix by its inverse, on the pattern of its factor; False if not definite."""
-    count = starts.size - 1
-    minus_l = np.zeros(values.shape)
-    pivot = np.zeros((count, 3, 3))
+def _factorise(
+    starts: NDArray[np.int64],
+    rows: NDArray[np.int64],
+    values: FloatArray,
+    minus_l: FloatArray,
+    pivot: FloatArray,
+) -> bool:
+    """Fill minus_l and the inverse pivots of L D L^T, spoiling values; False if not definite."""
     negative = np.empty((3, 3))
-    for j in range(count):
+    for j in range(starts.size - 1):
         begin, end = starts[j] + 1, starts[j + 1]
         if not _inverse_3x3(values[starts[j]], pivot[j]):
             return False
-        negative[:] = -pivot[j]
+        _copy(negative, pivot[j], -1.0)
         for p in range(begin, end):
             _add(minus_l[p], values[p], negative, False)
         for p in range(begin, end):
@@ -198,9 +212,20 @@ def _invert(starts: NDArray[np.int64], rows: NDArray[np.int64], values: FloatArr
                 while rows[r] < rows[q]:
                     r += 1
                 _add_transposed(values[r], minus_l[q], values[p])
-    for j in range(count - 1, -1, -1):
+    return True
+
+
+@kernel
+def _invert(starts: NDArray[np.int64], rows: NDArray[np.int64], values: FloatArray) -> bool:
+    """Replace a matrix by its inverse, on the pattern of its factor; False if not definite."""
+    minus_l = np.zeros(values.shape)
+    pivot = np.zeros((starts.size - 1, 3, 3))
+    if not _factorise(starts, rows, values, minus_l, pivot):
+        return False
+    for j in range(starts.size - 2, -1, -1):
         begin, end = starts[j] + 1, starts[j + 1]
-        values[begin:end] = 0.0
+        for p in range(begin, end):
+            _copy(values[p], pivot[j], 0.0)
         for p in range(begin, end):
             r = starts[rows[p]]
             for q in range(p, end):
@@ -209,7 +234,7 @@ def _invert(starts: NDArray[np.int64], rows: NDArray[np.int64], values: FloatArr
                 _add(values[q], values[r], minus_l[p], False)
                 if q != p:
                     _add(values[p], values[r], minus_l[q], True)
-        values[starts[j]] = pivot[j]
+        _copy(values[starts[j]], pivot[j], 1.0)
         for p in range(begin, end):
             _add(values[starts[j]], values[p], minus_l[p], True)
     return True

@@ -195,6 +195,7 @@ class GridCache:
 def _collect(surfaces: FloatArray, keys: IntArray) -> FloatArray:
     per_cell = surfaces.shape[0] // keys.shape[0]
     count = 0
+    out = np.empty((0, PIECE_FIELDS))
     for fill in range(2):
         if fill == 1:
             out = np.empty((count, PIECE_FIELDS))
@@ -204,8 +205,8 @@ def _collect(surfaces: FloatArray, keys: IntArray) -> FloatArray:
                 continue
             for slot in range(cell * per_cell, (cell + 1) * per_cell):
                 if surfaces[slot, BEAMS] > 0.0:
-                    if fill == 1:
-                        out[count] = surfaces[slot, :PIECE_FIELDS]
+                    for field in range(PIECE_FIELDS if fill == 1 else 0):
+                        out[count, field] = surfaces[slot, field]
                     count += 1
     return out
 
