@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from slamsim.geometry import transform_points
 from slamsim.jit import kernel
 from slamsim.slam.branch_and_bound import FULL_SCALE, best_offset
-from slamsim.types import FloatArray, IntArray
+from slamsim.types import FloatArray
 
 MAX_LEVEL = 6
 REACH_SHARE = 0.9
