@@ -19,10 +19,10 @@ class MappingConfig(Config):
     clear_without_return_m: float = Field(8.0, ge=0.0)
     """A beam without return clears up to this range; 0 leaves such beams out."""
 
-    min_travel_m: float = Field(0.04, ge=0.0)
+    min_travel_m: float = Field(0.06, ge=0.0)
     """A scan is used once the robot has travelled this far since the last one used ..."""
 
-    min_turn_deg: float = Field(2.0, ge=0.0, le=180.0)
+    min_turn_deg: float = Field(4.0, ge=0.0, le=180.0)
     """... or has turned by this much. Both 0: every scan is used."""
 
     hit_probability: float = Field(0.64, gt=0.5, lt=1.0)
