@@ -197,7 +197,7 @@ def view(
 def bench(
     part: Annotated[str, typer.Argument(help="sense, drive, simulate, slam, or all.")] = "all",
     name: Annotated[str, typer.Option("--world", help="World to measure in.")] = "labyrinth",
-    seconds: Annotated[float, typer.Option(help="Simulated time per measurement.", min=5)] = 60.0,
+    seconds: Annotated[float, typer.Option(help="Simulated time per measurement.", min=5)] = 120.0,
     repeats: Annotated[int, typer.Option(help="Best of so many.", min=1)] = 3,
     quiet: Quiet = False,
     as_json: Json = False,

@@ -36,19 +36,16 @@ def simulate(config: RunConfig, log_folder: Path, progress: Progress = silent) -
     simulated seconds. Raises SlamsimError for a world, robot or route that cannot be; a drive
     that ends early is told in ``outcome``, and what was driven is recorded.
     """
-    world = build_world(config.world, config.seed)
-    robot = build_robot(config.robot)
-    route = plan_route(world, robot, config.drive)
-    run = DriveProcess(world, robot, route, config.drive, progress)
-    rig = SensorRig(world.mesh, robot, config.sensors, config.seed)
-    _record(run, rig, log_folder, _header(robot, config))
-    return Simulation(world, robot, run.outcome)
-
-
-def _record(run: DriveProcess, rig: SensorRig, log_folder: Path, header: LogHeader) -> None:
-    with LogWriter(log_folder, header) as log:
-        for window in run:
-            log.write(rig.sense(window), window)
+    with DriveProcess() as process:
+        world = build_world(config.world, config.seed)
+        robot = build_robot(config.robot)
+        route = plan_route(world, robot, config.drive)
+        windows = process.drive(world, robot, route, config.drive, progress)
+        rig = SensorRig(world.mesh, robot, config.sensors, config.seed)
+        with LogWriter(log_folder, _header(robot, config)) as log:
+            for window in windows:
+                log.write(rig.sense(window), window)
+        return Simulation(world, robot, process.outcome)
 
 
 def _header(robot: RobotModel, config: RunConfig) -> LogHeader:

@@ -17,7 +17,6 @@ from slamsim.sensors.readings import EncoderBatch
 from slamsim.types import Drive
 from slamsim.wheels import wheel_odometry
 
-
 PERFECT = {"wheel_scale_error": [0.0, 0.0], "wheel_radius_error": 0.0, "track_error": 0.0}
 
 

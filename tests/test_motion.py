@@ -6,13 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from simulated import ScanList, ate_rmse_m, drive, noisy_gyro, noisy_wheels
 
 from slamsim.config.slam import MotionConfig
 from slamsim.geometry import between, matrix_from_rpy, se3_from_parts, wrap_angle
 from slamsim.slam.motion import NoMotion, fuse_gyro, gyro_bias, motion_covariance, predict_motion
 from slamsim.types import EncoderStream, FloatArray, ImuStream, Log, PlanarTrajectory
 from slamsim.wheels import wheel_odometry
-from simulated import ScanList, ate_rmse_m, drive, noisy_gyro, noisy_wheels
 
 POINTS = np.array([[0.0, 0.0], [3.0, 0.0], [3.0, 2.0], [0.0, 2.0], [0.0, 4.0], [3.0, 4.0]])
 

@@ -14,7 +14,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
-from typing import IO, TYPE_CHECKING
+from typing import IO, TYPE_CHECKING, Self
 
 from slamsim.config.drive import DriveConfig
 from slamsim.progress import Progress, silent
@@ -32,19 +32,27 @@ _PACKAGES = Path(__file__).parents[2]
 
 
 class DriveProcess:
-    """The same windows and outcome as ``drive`` gives, byte for byte."""
+    """A process that waits for a drive; a context manager, so that it never outlives its use.
 
-    def __init__(
-        self,
-        world: World,
-        robot: RobotModel,
-        route: Route,
-        config: DriveConfig,
-        progress: Progress = silent,
-    ) -> None:
-        self._drive = (world, robot, route, config)
-        self._estimate_s, self._progress = route.duration_estimate_s, progress
+    It loads its libraries while the caller still builds the world.
+    """
+
+    def __init__(self) -> None:
+        self._child = subprocess.Popen(
+            [sys.executable, "-P", "-m", "slamsim.sim.drive_process"],
+            env={**os.environ, "PYTHONPATH": os.pathsep.join(map(str, _import_path()))},
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            start_new_session=True,  # Ctrl-C ends this process, which then ends the child
+        )
         self._outcome: DriveOutcome | None = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._child.kill()
+        self._child.communicate()
 
     @property
     def outcome(self) -> DriveOutcome:
@@ -53,36 +61,31 @@ class DriveProcess:
             raise RuntimeError("the outcome of a drive is known once its last window was taken")
         return self._outcome
 
-    def __iter__(self) -> Iterator[Drive]:
-        self._outcome = None
-        child = subprocess.Popen(
-            [sys.executable, "-P", "-m", "slamsim.sim.drive_process"],
-            env={**os.environ, "PYTHONPATH": os.pathsep.join(map(str, _import_path()))},
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            start_new_session=True,  # Ctrl-C ends this process, which then ends the child
-        )
-        assert child.stdin is not None and child.stdout is not None
-        try:
-            _send(child.stdin, self._drive)
-            yield from self._windows(child, child.stdout)
-        finally:
-            child.kill()
-            child.wait()
-            child.stdin.close()
-            child.stdout.close()
+    def drive(
+        self,
+        world: World,
+        robot: RobotModel,
+        route: Route,
+        config: DriveConfig,
+        progress: Progress = silent,
+    ) -> Iterator[Drive]:
+        """The same windows and outcome as ``sim.drive.drive`` gives, byte for byte; once only."""
+        assert self._child.stdin is not None
+        _send(self._child.stdin, (world, robot, route, config))
+        for window in self._windows():
+            elapsed_s = float(window.stamps_ns[-1]) * 1e-9
+            progress(elapsed_s, max(route.duration_estimate_s, elapsed_s))
+            yield window
 
-    def _windows(self, child: subprocess.Popen[bytes], answers: IO[bytes]) -> Iterator[Drive]:
+    def _windows(self) -> Iterator[Drive]:
+        assert self._child.stdout is not None
         while self._outcome is None:
             try:
-                answer = pickle.load(answers)
+                answer = pickle.load(self._child.stdout)
             except (EOFError, pickle.UnpicklingError):
-                raise SlamsimError(
-                    f"the process of the physics engine ended with code {child.wait()}"
-                ) from None
+                code = self._child.wait()
+                raise SlamsimError(f"the physics engine's process ended with code {code}") from None
             if isinstance(answer, Drive):
-                elapsed_s = float(answer.stamps_ns[-1]) * 1e-9
-                self._progress(elapsed_s, max(self._estimate_s, elapsed_s))
                 yield answer
             elif isinstance(answer, DriveOutcome):
                 self._outcome = answer
