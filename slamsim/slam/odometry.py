@@ -22,6 +22,8 @@ START_USUAL = 0.8
 MIN_COVERED_RATIO = 0.3
 LOST_SCANS = 20
 """After so many scans in a row that fit nowhere the local map is begun anew."""
+CUT_BY_ENDS = 2
+"""So many sweeps may reach beyond the ends of the odometry before it is worth telling."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -126,8 +128,8 @@ class FrontEnd:
                 "no odometry: the speed was taken as constant between scans",
             ),
             (
-                self.skipped,
-                f"{self.skipped} scans skipped: motion does not cover their beams",
+                self.skipped > CUT_BY_ENDS,
+                f"{self.skipped} scans skipped: the odometry does not cover their beams",
             ),
             (
                 self.unmatched,
