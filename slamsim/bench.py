@@ -14,6 +14,7 @@ from slamsim.config.loading import load_run_config
 from slamsim.config.run import RunConfig
 from slamsim.console import Reporter
 from slamsim.logs.reader import read_log
+from slamsim.run.stages import peak_memory_mb
 from slamsim.safe.errors import SlamsimError
 from slamsim.sensors.rig import SensorRig
 from slamsim.sensors.scene import Scene
@@ -60,6 +61,7 @@ def run_bench(part: str, world: str, seconds: float, repeats: int, reporter: Rep
     for name, measure in _PARTS.items():
         if part in ("all", name):
             figures[name] = measure(subject)
+    figures["peak_memory_mb"] = peak_memory_mb()
     return figures
 
 
