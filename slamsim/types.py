@@ -315,6 +315,8 @@ class SlamResult:
     odometry has it at the same stamps, or the prediction from wheels and gyroscope without it.
     match_quality: (n,) inlier ratio of each scan's match. degenerate: (n,) whether some direction
     of the match was left to odometry.
+    closure_refusals: why how many searches for a closure led to none; "score" means that
+    nothing was found at all, which is no rejection.
     """
 
     trajectory: PlanarTrajectory
@@ -326,3 +328,4 @@ class SlamResult:
     closures_rejected: int
     warnings: tuple[str, ...] = ()
     seconds: dict[str, float] = field(default_factory=dict)
+    closure_refusals: dict[str, int] = field(default_factory=dict)

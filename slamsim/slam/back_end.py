@@ -10,9 +10,10 @@ from contextlib import contextmanager
 import numpy as np
 
 from slamsim.config.slam import SlamConfig
-from slamsim.geometry import between, transform_points
+from slamsim.geometry import between
 from slamsim.progress import Progress, silent
 from slamsim.slam.agreement import WaitingClosures
+from slamsim.slam.candidates import CandidateIndex
 from slamsim.slam.closure import Closure, ClosureFinder, Expected
 from slamsim.slam.estimate import Estimate
 from slamsim.slam.graph import PoseGraphSolver, variance_factor
@@ -20,7 +21,7 @@ from slamsim.slam.keyframes import Keyframe, KeyframeMaker, chain_edge
 from slamsim.slam.marginals import relative_covariances
 from slamsim.slam.odometry import Tracked
 from slamsim.slam.submaps import Submap, Surfaces, make_submap, submap_is_full
-from slamsim.types import FloatArray, GraphEdge, IntArray, PlanarTrajectory, PoseGraph
+from slamsim.types import FloatArray, GraphEdge, PlanarTrajectory, PoseGraph
 
 UPDATE_AFTER_KEYFRAMES = 10
 RENEW_AFTER_KEYFRAMES = 20
@@ -45,6 +46,7 @@ class BackEnd:
         self._keyframes: list[Keyframe] = []
         self._graph = PoseGraphSolver(self._config.graph)
         self._submaps: list[Submap] = []
+        self._candidates = CandidateIndex(self._config.closures)
         self._submap_from = 0
         self._updated_keyframes = 0
         self._unsolved: list[Closure] = []
@@ -100,7 +102,7 @@ class BackEnd:
     def rejected(self) -> int:
         """Matches that were found but not believed, or believed and withdrawn."""
         withdrawn = len(self._closures()) - self.accepted
-        return sum(self.refusals.values()) - self.refusals["score"] + withdrawn
+        return self.refusals.total() - self.refusals["score"] + withdrawn
 
     def warnings(self) -> tuple[str, ...]:
         """What the user should know, in words and counts."""
@@ -135,7 +137,9 @@ class BackEnd:
     def _finish_submap(self, end: int) -> None:
         members = self._keyframes[self._submap_from : end]
         middle = len(members) // 2
-        self._submaps.append(make_submap(members, middle, self._scratch, self._maker.noise_m))
+        submap = make_submap(members, middle, self._scratch, self._maker.noise_m)
+        self._submaps.append(submap)
+        self._candidates.add(submap)
 
     def _query(self, index: int) -> Submap:
         """The key frame with those just before it."""
@@ -153,18 +157,10 @@ class BackEnd:
 
     def _close_loops(self, index: int) -> int:
         """Search the submaps that may overlap with a key frame; how many closures came of it."""
-        path_m = self._keyframes[index].path_m
-        self.refusals["unsupported"] += self._waiting.forget(path_m)
-        left_behind = [
-            number
-            for number, submap in enumerate(self._submaps)
-            if submap.to_path_m < path_m - self._config.closures.min_travel_m
-        ]
-        if not left_behind:
-            return 0
+        self.refusals["unsupported"] += self._waiting.forget(self._keyframes[index].path_m)
         query = self._query(index)
         found = 0
-        for number in self._candidates(query, np.array(left_behind)):
+        for number in self._candidates.of(query, self._estimate):
             expected = self._expected(number, index)
             if (number, index) in self._closed or self._failed_before(number, index, expected):
                 continue
@@ -191,34 +187,6 @@ class BackEnd:
         poses = self._estimate.poses
         T_submap_query = between(poses[anchor], poses[index])
         return Expected(T_submap_query, self._estimate.covariance(anchor, index))
-
-    def _candidates(self, query: Submap, numbers: IntArray) -> list[int]:
-        """Submaps near enough to overlap, given the uncertainty; nearest first, few of them."""
-        limits = self._config.closures
-        poses = self._estimate.poses
-        anchors = np.array([self._submaps[n].anchor for n in numbers])
-        middles = transform_points(
-            poses[anchors], np.array([self._submaps[n].middle_m for n in numbers])
-        )
-        here = transform_points(poses[query.anchor], query.middle_m)
-        distance_m = np.linalg.norm(middles - here, axis=1)
-        far_m = limits.reach_m + limits.max_window_m
-        near = np.flatnonzero(distance_m <= far_m)
-        if not len(near):
-            return []
-        covariances = self._estimate.covariances_in_map(anchors[near], query.anchor)
-        at_middle = np.tile(np.eye(3)[:2], (len(near), 1, 1))
-        at_middle[:, 0, 2], at_middle[:, 1, 2] = -middles[near, 1], middles[near, 0]
-        spread = at_middle @ covariances @ np.swapaxes(at_middle, 1, 2)
-        sigma_m = np.sqrt(np.trace(spread, axis1=1, axis2=2))
-        near = near[distance_m[near] <= limits.reach_m + limits.gate_sigmas * sigma_m]
-        chosen: list[int] = []
-        for number in numbers[near[np.argsort(distance_m[near])]].tolist():
-            if all(abs(number - other) > 1 for other in chosen):
-                chosen.append(number)
-            if len(chosen) == limits.max_candidates:
-                break
-        return chosen
 
     def _weigh(self, closure: Closure) -> int:
         """Believe an expected closure at once, a surprising one when others agree."""

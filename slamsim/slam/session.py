@@ -62,6 +62,7 @@ def run_slam(log: Log, config: SlamConfig, progress: Progress = silent) -> SlamR
         closures_rejected=back_end.rejected,
         warnings=(*front_end.warnings(), *track.warnings(), *back_end.warnings()),
         seconds=seconds | dict(back_end.seconds),
+        closure_refusals=dict(back_end.refusals),
     )
 
 

@@ -1,0 +1,70 @@
+"""Which submaps may overlap with a key frame, given where both may be."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from slamsim.config.back_end import ClosureConfig
+from slamsim.geometry import transform_points
+from slamsim.slam.estimate import Estimate
+from slamsim.slam.submaps import Submap
+from slamsim.types import FloatArray, IntArray
+
+
+class CandidateIndex:
+    """Anchors and middles of all submaps, in the order they were made, as growing arrays."""
+
+    def __init__(self, config: ClosureConfig) -> None:
+        self._config = config
+        self._count = 0
+        self._anchors: IntArray = np.zeros(64, dtype=np.int64)
+        self._middles_m: FloatArray = np.zeros((64, 2))
+        self._to_path_m: FloatArray = np.zeros(64)
+
+    def add(self, submap: Submap) -> None:
+        """One more submap, numbered in order from zero."""
+        if self._count == len(self._anchors):
+            self._anchors = np.concatenate([self._anchors, np.zeros_like(self._anchors)])
+            self._middles_m = np.concatenate([self._middles_m, np.zeros_like(self._middles_m)])
+            self._to_path_m = np.concatenate([self._to_path_m, np.zeros_like(self._to_path_m)])
+        self._anchors[self._count] = submap.anchor
+        self._middles_m[self._count] = submap.middle_m
+        self._to_path_m[self._count] = submap.to_path_m
+        self._count += 1
+
+    def of(self, query: Submap, estimate: Estimate) -> list[int]:
+        """Numbers of the submaps near enough to overlap; nearest first, few, not neighbours.
+
+        Nearness is that of the middles of what was seen, not of where the robot stood, so that
+        a lidar that looks one way only finds what it sees on the way back.
+        """
+        limits = self._config
+        behind_m = query.to_path_m - limits.min_travel_m
+        count = int(np.searchsorted(self._to_path_m[: self._count], behind_m))
+        if count == 0:
+            return []
+        anchors = self._anchors[:count]
+        middles_m = transform_points(estimate.poses[anchors], self._middles_m[:count])
+        here_m = transform_points(estimate.poses[query.anchor], query.middle_m)
+        distance_m = np.hypot(*(middles_m - here_m).T)
+        near = np.flatnonzero(distance_m <= limits.reach_m + limits.max_window_m)
+        sigma_m = _position_sigmas(estimate, anchors[near], query.anchor, middles_m[near])
+        near = near[distance_m[near] <= limits.reach_m + limits.gate_sigmas * sigma_m]
+        chosen: list[int] = []
+        for number in near[np.argsort(distance_m[near], kind="stable")].tolist():
+            if all(abs(number - other) > 1 for other in chosen):
+                chosen.append(number)
+            if len(chosen) == limits.max_candidates:
+                break
+        return chosen
+
+
+def _position_sigmas(
+    estimate: Estimate, anchors: IntArray, later: int, at_m: FloatArray
+) -> FloatArray:
+    """(m,) standard deviation of points (m, 2) that move with each anchor, as seen later."""
+    covariances = estimate.covariances_in_map(anchors, later)
+    lever = np.tile(np.eye(3)[:2], (len(anchors), 1, 1))
+    lever[:, 0, 2], lever[:, 1, 2] = -at_m[:, 1], at_m[:, 0]
+    spread = lever @ covariances @ np.swapaxes(lever, 1, 2)
+    return np.asarray(np.sqrt(np.trace(spread, axis1=1, axis2=2)))
