@@ -19,9 +19,6 @@ class KeyframeConfig(Config):
     interval_s: float = Field(10.0, gt=0.0)
     """A new key frame after this long, if the robot has moved at all meanwhile."""
 
-    point_spacing_m: float = Field(0.05, gt=0.0, le=1.0)
-    """Of the scan's returns, one per square of this size is kept with the key frame."""
-
 
 class SubmapConfig(Config):
     """How key frames are joined into the pieces of map that closures are sought in."""

@@ -38,11 +38,5 @@ class MappingConfig(Config):
     max_probability: float = Field(0.98, gt=0.5, lt=1.0)
     """No cell becomes surer to be occupied than this."""
 
-    occupied_threshold: float = Field(0.65, gt=0.5, lt=1.0)
-    """Cells above are drawn as walls in the map files."""
-
-    free_threshold: float = Field(0.25, gt=0.0, lt=0.5)
-    """Cells below are drawn as free in the map files; between the two is unknown."""
-
     max_cells: int = Field(200_000_000, gt=0)
     """A map that would need more cells than this is refused."""
