@@ -25,12 +25,11 @@ from slamsim.sim.bullet import pybullet
 from slamsim.sim.describe import urdf_text, weld_fixed_joints
 from slamsim.sim.robot import LEFT_WHEEL_JOINT, RIGHT_WHEEL_JOINT, RobotModel
 from slamsim.sim.validate import rolling_links
-from slamsim.types import FloatArray, IntArray, TriangleMesh
+from slamsim.types import GRAVITY_M_S2, FloatArray, IntArray, TriangleMesh
 
 if TYPE_CHECKING:
     from slamsim.world.model import World
 
-GRAVITY_M_S2 = 9.80665
 CONTACT_REACH = 0.25
 """Share of a shape's size within which a new contact point takes the place of the last step's.
 Below the distance rolled in a step, PyBullet keeps stale points behind each wheel, up to three of
