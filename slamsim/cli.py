@@ -141,6 +141,7 @@ def map_(
     if is_recording(source):
         resolved = _config(None, config, set_, seed)
         folder = pick_folder(out, recording_name(source), overwrite=overwrite)
+        reporter.say(f"Mapping the recording {source}")
         report = map_recording(
             Path(source),
             resolved,
@@ -153,6 +154,7 @@ def map_(
     else:
         resolved = _config(source, config, set_, seed)
         folder = pick_folder(out, resolved.world.name, overwrite=overwrite)
+        reporter.say(f"Simulating and mapping the world {source}")
         report = map_world(resolved, folder, reporter, relations=relations, overwrite=overwrite)
     _close(reporter, report, folder)
 

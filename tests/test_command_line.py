@@ -85,6 +85,13 @@ def test_the_recording_maps_to_the_same_trajectory_without_its_truth(folder: Pat
     assert (folder / "again" / "trajectory.tum").read_bytes() == first
 
 
+def test_a_folder_without_a_recording_does_not_hide_a_bundled_world(tmp_path: Path) -> None:
+    (tmp_path / "tiny").mkdir()
+    done = slamsim("map", "tiny", "--set", "drive.route.max_duration_s=3", cwd=tmp_path)
+    assert "Simulating and mapping the world tiny" in done.stderr
+    assert done.returncode == 0, done.stderr
+
+
 def test_evaluate_gives_the_scores_of_the_report(folder: Path) -> None:
     done = slamsim("evaluate", "outputs/tiny", "--json", cwd=folder)
     assert done.returncode == 0, done.stderr

@@ -6,6 +6,7 @@ import re
 from pathlib import Path
 
 from slamsim.config.base import Config
+from slamsim.config.bundled import bundled_names
 from slamsim.config.dump import dump_commented_yaml
 from slamsim.config.run import RunConfig
 from slamsim.logs.g2o import write_g2o
@@ -25,10 +26,14 @@ _COMPRESSIONS = frozenset((".gz", ".bz2"))
 
 
 def is_recording(source: str) -> bool:
-    """Whether this names a recording; worlds have their own suffixes, or are bundled names."""
+    """Whether this names a recording; worlds have their own suffixes, or are bundled names.
+
+    A folder that holds no recording does not hide the bundled world of its name.
+    """
     path = Path(source)
     if path.is_dir():
-        return True
+        holds_log = (log_of(path) / "metadata.yaml").is_file()
+        return holds_log or source not in bundled_names("worlds")
     return path.suffix != "" and path.suffix.lower() not in _WORLD_SUFFIXES
 
 
