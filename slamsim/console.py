@@ -115,6 +115,8 @@ def run_command(command: Callable[[], object]) -> int:
         if isinstance(error, OSError):
             return _fail(*_told(error))
         raise
+    finally:
+        stop.over()
     return 0
 
 
@@ -134,6 +136,12 @@ class _StopSignals:
         for number in (signal.SIGINT, signal.SIGTERM):
             if signal.getsignal(number) is not signal.SIG_IGN:
                 signal.signal(number, self._stop)
+
+    def over(self) -> None:
+        """From here on a signal ends the process at once: there is nothing left to undo."""
+        for number in (signal.SIGINT, signal.SIGTERM):
+            if signal.getsignal(number) == self._stop:
+                signal.signal(number, signal.SIG_DFL)
 
     def _stop(self, number: int, frame: FrameType | None) -> None:
         self.received = number
