@@ -92,9 +92,10 @@ def test_away_from_the_middle_it_feels_the_centripetal_force() -> None:
 
 
 def test_it_is_the_same_gravity_that_the_physics_falls_with() -> None:
-    from slamsim.sim import engine
+    from slamsim.config.drive import PhysicsConfig
+    from slamsim.sim.engine import engine_parameters
 
-    assert engine.GRAVITY_M_S2 == GRAVITY_M_S2
+    assert engine_parameters(PhysicsConfig())["gravityAccelerationZ"] == -GRAVITY_M_S2
 
 
 def test_samples_are_not_late() -> None:
