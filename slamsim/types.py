@@ -307,6 +307,19 @@ class PoseGraph:
     edges: tuple[GraphEdge, ...]
 
 
+EventKind = Literal["slip", "gap", "jump", "kidnapped", "lost", "lidar"]
+
+
+@dataclass(frozen=True, slots=True)
+class Event:
+    """Something on the way that was not believed: from ``start_ns`` to ``end_ns``, in words."""
+
+    start_ns: int
+    end_ns: int
+    kind: EventKind
+    words: str
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class SlamResult:
     """What SLAM made of a log.
@@ -316,7 +329,7 @@ class SlamResult:
     match_quality: (n,) inlier ratio of each scan's match. degenerate: (n,) whether some direction
     of the match was left to odometry.
     closure_refusals: why how many searches for a closure led to none; "score" means that
-    nothing was found at all, which is no rejection.
+    nothing was found at all, which is no rejection. events: in time order.
     """
 
     trajectory: PlanarTrajectory
@@ -329,3 +342,4 @@ class SlamResult:
     warnings: tuple[str, ...] = ()
     seconds: dict[str, float] = field(default_factory=dict)
     closure_refusals: dict[str, int] = field(default_factory=dict)
+    events: tuple[Event, ...] = ()
