@@ -320,6 +320,29 @@ class Event:
     words: str
 
 
+EventKind = Literal["slip", "gap", "jump", "frozen", "blind", "lost", "restart", "joined", "torn"]
+"""What may happen on the way.
+
+slip: wheels that turned without moving the robot so. gap: no scans, or no odometry. jump: a step
+of the odometry that no robot makes. frozen: odometry that stood while the scans moved. blind:
+scans without enough returns. lost: scans that fitted nowhere. restart: a local map begun anew.
+joined: a place that only odometry joins to the rest. torn: scans that contradict the map.
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class Event:
+    """Something a user should know of, and when: stamps on the log's clock, both included.
+
+    words: what happened, in plain English, without the time.
+    """
+
+    start_ns: int
+    end_ns: int
+    kind: EventKind
+    words: str
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class SlamResult:
     """What SLAM made of a log.
@@ -342,4 +365,5 @@ class SlamResult:
     warnings: tuple[str, ...] = ()
     seconds: dict[str, float] = field(default_factory=dict)
     closure_refusals: dict[str, int] = field(default_factory=dict)
+    events: tuple[Event, ...] = ()
     events: tuple[Event, ...] = ()
