@@ -307,26 +307,16 @@ class PoseGraph:
     edges: tuple[GraphEdge, ...]
 
 
-EventKind = Literal["slip", "gap", "jump", "kidnapped", "lost", "lidar"]
-
-
-@dataclass(frozen=True, slots=True)
-class Event:
-    """Something on the way that was not believed: from ``start_ns`` to ``end_ns``, in words."""
-
-    start_ns: int
-    end_ns: int
-    kind: EventKind
-    words: str
-
-
-EventKind = Literal["slip", "gap", "jump", "frozen", "blind", "lost", "restart", "joined", "torn"]
+EventKind = Literal[
+    "slip", "gap", "jump", "frozen", "blind", "lost", "kidnapped", "joined", "torn", "lidar"
+]
 """What may happen on the way.
 
 slip: wheels that turned without moving the robot so. gap: no scans, or no odometry. jump: a step
 of the odometry that no robot makes. frozen: odometry that stood while the scans moved. blind:
-scans without enough returns. lost: scans that fitted nowhere. restart: a local map begun anew.
-joined: a place that only odometry joins to the rest. torn: scans that contradict the map.
+scans without enough returns. lost: scans that fitted nowhere. kidnapped: a local map begun anew.
+joined: a place that only odometry joins to the rest. torn: scans that contradict the map. lidar:
+a lidar that does not see what its mounting says.
 """
 
 
@@ -365,5 +355,4 @@ class SlamResult:
     warnings: tuple[str, ...] = ()
     seconds: dict[str, float] = field(default_factory=dict)
     closure_refusals: dict[str, int] = field(default_factory=dict)
-    events: tuple[Event, ...] = ()
     events: tuple[Event, ...] = ()
