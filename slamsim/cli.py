@@ -205,7 +205,7 @@ def bench(
     as_json: Json = False,
 ) -> None:
     """Measure speed, as ratios taken in one run on this machine."""
-    from slamsim.bench import run_bench
+    from slamsim.bench.speed import run_bench
     from slamsim.console import Reporter
     from slamsim.summary import flat
 

@@ -63,6 +63,7 @@ def run_slam(log: Log, config: SlamConfig, progress: Progress = silent) -> SlamR
         warnings=(*front_end.warnings(), *track.warnings(), *back_end.warnings()),
         seconds=seconds | dict(back_end.seconds),
         closure_refusals=dict(back_end.refusals),
+        front_end=track.front_end(),
     )
 
 
