@@ -338,7 +338,8 @@ class SlamResult:
     """What SLAM made of a log.
 
     trajectory: ``T_map_base`` at each used scan's stamp. front_end: the same before any loop was
-    closed. odometry: ``T_odom_base`` as the log's own odometry has it at the same stamps, or the prediction from wheels and gyroscope without it.
+    closed. odometry: ``T_odom_base`` as the log's own odometry has it at the same stamps, or the
+    prediction from wheels and gyroscope without it.
     match_quality: (n,) inlier ratio of each scan's match. degenerate: (n,) whether some direction
     of the match was left to odometry.
     closure_refusals: why how many searches for a closure led to none; "score" means that
