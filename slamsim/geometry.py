@@ -6,6 +6,8 @@ A planar transform is ``(..., 3)``: x, y in metres and yaw in radians; it is wri
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -20,6 +22,8 @@ def wrap_angle(angle_rad: _FloatArray) -> _FloatArray:
 def compose(T_a_b: _FloatArray, T_b_c: _FloatArray) -> _FloatArray:
     """``T_a_c`` of planar transforms, broadcasting over leading axes."""
     T_a_b, T_b_c = np.asarray(T_a_b, dtype=np.float64), np.asarray(T_b_c, dtype=np.float64)
+    if T_a_b.ndim == 1 and T_b_c.ndim == 1:
+        return _compose_two(T_a_b, T_b_c)
     cos, sin = np.cos(T_a_b[..., 2]), np.sin(T_a_b[..., 2])
     x = T_a_b[..., 0] + cos * T_b_c[..., 0] - sin * T_b_c[..., 1]
     y = T_a_b[..., 1] + sin * T_b_c[..., 0] + cos * T_b_c[..., 1]
@@ -37,7 +41,28 @@ def inverse(T_a_b: _FloatArray) -> _FloatArray:
 
 def between(T_a_b: _FloatArray, T_a_c: _FloatArray) -> _FloatArray:
     """``T_b_c``: where c stands as seen from b."""
+    T_a_b, T_a_c = np.asarray(T_a_b, dtype=np.float64), np.asarray(T_a_c, dtype=np.float64)
+    if T_a_b.ndim == 1 and T_a_c.ndim == 1:
+        return _between_two(T_a_b, T_a_c)
     return compose(inverse(T_a_b), T_a_c)
+
+
+# Two single transforms, a hundred thousand times a log: plain floats take a tenth of the time.
+
+
+def _compose_two(T_a_b: _FloatArray, T_b_c: _FloatArray) -> _FloatArray:
+    (ax, ay, a_yaw), (bx, by, b_yaw) = T_a_b.tolist(), T_b_c.tolist()
+    cos, sin = math.cos(a_yaw), math.sin(a_yaw)
+    yaw = (a_yaw + b_yaw + math.pi) % (2.0 * math.pi) - math.pi
+    return np.array([ax + cos * bx - sin * by, ay + sin * bx + cos * by, yaw])
+
+
+def _between_two(T_a_b: _FloatArray, T_a_c: _FloatArray) -> _FloatArray:
+    (bx, by, b_yaw), (cx, cy, c_yaw) = T_a_b.tolist(), T_a_c.tolist()
+    cos, sin = math.cos(b_yaw), math.sin(b_yaw)
+    yaw = (c_yaw - b_yaw + math.pi) % (2.0 * math.pi) - math.pi
+    x, y = cx - bx, cy - by
+    return np.array([cos * x + sin * y, -sin * x + cos * y, yaw])
 
 
 def transform_points(T_a_b: _FloatArray, points_b: _FloatArray) -> _FloatArray:

@@ -37,6 +37,13 @@ def test_between_undoes_compose(a: FloatArray, b: FloatArray) -> None:
     np.testing.assert_allclose(matrix(geo.between(a, geo.compose(a, b))), matrix(b), atol=1e-9)
 
 
+@given(pose, pose)
+def test_one_pair_and_a_stack_of_pairs_are_the_same(a: FloatArray, b: FloatArray) -> None:
+    for function in (geo.compose, geo.between):
+        stacked = function(a[None], b[None])[0]
+        np.testing.assert_allclose(matrix(function(a, b)), matrix(stacked), atol=1e-12)
+
+
 @given(pose, st.lists(st.tuples(coordinate, coordinate), min_size=1, max_size=5))
 def test_points_move_as_by_the_matrix(a: FloatArray, points: list[tuple[float, float]]) -> None:
     expected = [(matrix(a) @ [x, y, 1.0])[:2] for x, y in points]
