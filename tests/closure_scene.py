@@ -11,6 +11,7 @@ from slamsim.config.back_end import KeyframeConfig
 from slamsim.slam.deskew import deskew
 from slamsim.slam.keyframes import Keyframe, KeyframeMaker
 from slamsim.slam.matching.base import Match
+from slamsim.slam.matching.surfaces import surface_pieces
 from slamsim.slam.odometry import Tracked
 from slamsim.slam.submaps import Submap, Surfaces, make_submap
 from slamsim.types import FloatArray, PlanarTrajectory, Scan, ScanGeometry
@@ -32,7 +33,8 @@ def tracked(
     cloud = deskew(scan, here, stamp_ns, np.eye(4))
     match = None if lost else Match(pose, INFORMATION, 0.9, 0.9, 0.01, 3, True, np.zeros((0, 3)))
     information = np.zeros((3, 3)) if lost else INFORMATION
-    return Tracked(stamp_ns, pose, pose, match, information, cloud, True)
+    pieces = surface_pieces(cloud, noise_m, 0.25, 20.0)
+    return Tracked(stamp_ns, pose, pose, match, information, cloud, pieces, True)
 
 
 def keyframes(walls: FloatArray, poses: FloatArray, first: int = 0) -> list[Keyframe]:

@@ -34,7 +34,8 @@ class Tracked:
     prediction from wheels and gyroscope alone, at the same stamp. match: None where the scan
     fitted nowhere and the motion prediction was followed instead. information: (3, 3) of a
     small step of the base in its own frame relative to the local map, zero where nothing is
-    known from the scan. keyscan: whether the scan entered the local map.
+    known from the scan. pieces: (k, PIECE_FIELDS) of the cloud, in the base frame. keyscan:
+    whether the scan entered the local map.
     """
 
     stamp_ns: int
@@ -43,6 +44,7 @@ class Tracked:
     match: Match | None
     information: FloatArray
     cloud: Cloud
+    pieces: FloatArray
     keyscan: bool
 
     @property
@@ -117,6 +119,7 @@ class FrontEnd:
             match,
             information,
             cloud,
+            self._matcher.pieces(cloud),
             keyscan,
         )
 

@@ -42,6 +42,13 @@ class Match:
 class Matcher(Protocol):
     """Lays clouds onto a local map that it keeps itself."""
 
+    def pieces(self, cloud: Cloud) -> FloatArray:
+        """(k, PIECE_FIELDS) the straight surface pieces of a cloud, in the base frame.
+
+        Of the latest cloud they are made once only.
+        """
+        ...
+
     def match(
         self, cloud: Cloud, T_map_base_guess: FloatArray, prior_covariance: FloatArray
     ) -> Match | None:

@@ -52,12 +52,20 @@ class KissMatcher:
         )
         self._voxels = VoxelHashMap(VOXEL_M, self._reach_m, POINTS_PER_VOXEL)
         self._tree: cKDTree | None = None
+        self._cached: tuple[Cloud, FloatArray] | None = None
+
+    def pieces(self, cloud: Cloud) -> FloatArray:
+        """See ``Matcher.pieces``."""
+        if self._cached is None or self._cached[0] is not cloud:
+            pieces = surface_pieces(cloud, NOISE_M, 2.0 * VOXEL_M, self._reach_m)
+            self._cached = (cloud, pieces)
+        return self._cached[1]
 
     def match(
         self, cloud: Cloud, T_map_base_guess: FloatArray, prior_covariance: FloatArray
     ) -> Match | None:
         """See ``Matcher.match``."""
-        pieces = surface_pieces(cloud, NOISE_M, 2.0 * VOXEL_M, self._reach_m)
+        pieces = self.pieces(cloud)
         points = self._thin(cloud, 1.5 * VOXEL_M)
         if self._tree is None or len(points) < MIN_POINTS or len(pieces) == 0:
             return None

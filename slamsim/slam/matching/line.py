@@ -73,11 +73,23 @@ class LineMatcher:
         """Standard deviation of a range, learnt from the scans so far."""
         return self._noise_m
 
+    def pieces(self, cloud: Cloud) -> FloatArray:
+        """See ``Matcher.pieces``; the noise estimate follows along."""
+        if self._cached is not None and self._cached[0] is cloud:
+            return self._cached[1]
+        pieces = surface_pieces(cloud, self._noise_m, self._map.cell_m, self._reach_m)
+        seen_m = range_noise_m(pieces)
+        if np.isfinite(seen_m):
+            mixed_m = self._noise_m + NOISE_GAIN * (seen_m - self._noise_m)
+            self._noise_m = float(np.clip(mixed_m, *NOISE_BOUNDS_M))
+        self._cached = (cloud, pieces)
+        return pieces
+
     def match(
         self, cloud: Cloud, T_map_base_guess: FloatArray, prior_covariance: FloatArray
     ) -> Match | None:
         """See ``Matcher.match``."""
-        pieces = self._pieces(cloud)
+        pieces = self.pieces(cloud)
         if self._map.empty or len(pieces) == 0:
             return None
         guess, prior = T_map_base_guess, _inverse(prior_covariance)
@@ -104,7 +116,7 @@ class LineMatcher:
         self, cloud: Cloud, T_map_base_guess: FloatArray, prior_covariance: FloatArray
     ) -> Match | None:
         """See ``Matcher.search``."""
-        pieces = self._pieces(cloud)
+        pieces = self.pieces(cloud)
         if self._map.empty or len(pieces) < MIN_PARTNERS:
             return None
         window = (
@@ -127,7 +139,7 @@ class LineMatcher:
 
     def insert(self, cloud: Cloud, T_map_base: FloatArray) -> None:
         """See ``Matcher.insert``."""
-        self._map.insert(self._pieces(cloud), T_map_base, self._noise_m)
+        self._map.insert(self.pieces(cloud), T_map_base, self._noise_m)
 
     def forget(self) -> None:
         """See ``Matcher.forget``."""
@@ -137,18 +149,6 @@ class LineMatcher:
     def _grid(self) -> tuple[FloatArray, IntArray, float, float]:
         oldest_m = self._map.path_m - self._map.window_m
         return self._map.surfaces, self._map.keys, self._map.cell_m, oldest_m
-
-    def _pieces(self, cloud: Cloud) -> FloatArray:
-        """Of the latest cloud once only; the noise estimate follows along."""
-        if self._cached is not None and self._cached[0] is cloud:
-            return self._cached[1]
-        pieces = surface_pieces(cloud, self._noise_m, self._map.cell_m, self._reach_m)
-        seen_m = range_noise_m(pieces)
-        if np.isfinite(seen_m):
-            mixed_m = self._noise_m + NOISE_GAIN * (seen_m - self._noise_m)
-            self._noise_m = float(np.clip(mixed_m, *NOISE_BOUNDS_M))
-        self._cached = (cloud, pieces)
-        return pieces
 
     def _align(
         self,

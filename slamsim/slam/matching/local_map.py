@@ -76,7 +76,25 @@ class LocalMap:
 
 
 @kernel
-def _merge(piece: FloatArray, surfaces: FloatArray, slot: int) -> None:
+def move_piece(
+    piece: FloatArray, T_a_b: tuple[float, float, float, float], moved: FloatArray
+) -> None:
+    """Fill ``moved`` with a piece of frame b as seen in frame a; T_a_b: x, y, cosine and sine."""
+    x, y, cos, sin = T_a_b
+    px, py = piece[X], piece[Y]
+    nx, ny = piece[NORMAL_X], piece[NORMAL_Y]
+    xx, xy, yy = piece[SCATTER_XX], piece[SCATTER_XY], piece[SCATTER_YY]
+    for field in range(PIECE_FIELDS):
+        moved[field] = piece[field]
+    moved[X], moved[Y] = x + cos * px - sin * py, y + sin * px + cos * py
+    moved[NORMAL_X], moved[NORMAL_Y] = cos * nx - sin * ny, sin * nx + cos * ny
+    moved[SCATTER_XX] = cos * cos * xx - 2.0 * cos * sin * xy + sin * sin * yy
+    moved[SCATTER_XY] = cos * sin * (xx - yy) + (cos * cos - sin * sin) * xy
+    moved[SCATTER_YY] = sin * sin * xx + 2.0 * cos * sin * xy + cos * cos * yy
+
+
+@kernel
+def merge_into(piece: FloatArray, surfaces: FloatArray, slot: int) -> None:
     """Pool beams, mean and scatter; the normal keeps its side."""
     surface = surfaces[slot]
     a, b = surface[BEAMS], piece[BEAMS]
@@ -115,16 +133,7 @@ def _insert(
         px, py = pieces[k, X], pieces[k, Y]
         if max(np.abs(px), np.abs(py)) > 0.7 * reach:
             continue
-        nx, ny = pieces[k, NORMAL_X], pieces[k, NORMAL_Y]
-        xx, xy, yy = pieces[k, SCATTER_XX], pieces[k, SCATTER_XY], pieces[k, SCATTER_YY]
-        for field in range(PIECE_FIELDS):
-            piece[field] = pieces[k, field]
-        piece[X] = T_map_base[0] + cos * px - sin * py
-        piece[Y] = T_map_base[1] + sin * px + cos * py
-        piece[NORMAL_X], piece[NORMAL_Y] = cos * nx - sin * ny, sin * nx + cos * ny
-        piece[SCATTER_XX] = cos * cos * xx - 2.0 * cos * sin * xy + sin * sin * yy
-        piece[SCATTER_XY] = cos * sin * (xx - yy) + (cos * cos - sin * sin) * xy
-        piece[SCATTER_YY] = sin * sin * xx + 2.0 * cos * sin * xy + cos * cos * yy
+        move_piece(pieces[k], (T_map_base[0], T_map_base[1], cos, sin), piece)
         _insert_one(piece, (cell_m, noise, now_m, oldest_m), surfaces, keys)
 
 
@@ -159,7 +168,7 @@ def _insert_one(
         if off < chosen_off:
             chosen, chosen_off = slot, off
     if chosen >= 0:
-        _merge(piece, surfaces, chosen)
+        merge_into(piece, surfaces, chosen)
     else:
         chosen = spare
         for field in range(PIECE_FIELDS):
