@@ -22,8 +22,7 @@ from slamsim.run.recording import record, require_finished
 from slamsim.run.stages import Report, Stages, peak_memory_mb
 from slamsim.safe.output import partial_folder, write_atomic
 from slamsim.slam.mapping import build_grid
-from slamsim.slam.motion import predict_motion
-from slamsim.slam.session import run_slam
+from slamsim.slam.session import motion_of, run_slam
 from slamsim.types import Grid, Log, SlamResult, Trajectory
 from slamsim.view.numbers import report_json
 from slamsim.view.recording import write_recording
@@ -104,7 +103,7 @@ def _slam(log: Log, config: RunConfig, stages: Stages) -> tuple[SlamResult, Grid
     with stages.stage("slam", "scans/s") as progress:
         result = run_slam(log, config.slam, progress)
     with stages.stage("map", "scans/s") as progress:
-        motion = predict_motion(log)
+        motion = motion_of(log)
         grid = build_grid(
             log.scans, result.trajectory, log.T_base_laser, config.mapping, motion, progress
         )

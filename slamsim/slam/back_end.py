@@ -6,6 +6,7 @@ import time
 from collections import Counter, defaultdict
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -17,9 +18,8 @@ from slamsim.slam.candidates import CandidateIndex
 from slamsim.slam.closure import Closure, ClosureFinder, Expected
 from slamsim.slam.estimate import Estimate
 from slamsim.slam.graph import PoseGraphSolver, variance_factor
-from slamsim.slam.keyframes import Keyframe, KeyframeMaker, chain_edge
+from slamsim.slam.keyframes import Keyframe, chain_edge
 from slamsim.slam.marginals import relative_covariances
-from slamsim.slam.odometry import Tracked
 from slamsim.slam.submaps import Submap, Surfaces, make_submap, submap_is_full
 from slamsim.types import FloatArray, GraphEdge, PlanarTrajectory, PoseGraph
 
@@ -32,13 +32,22 @@ SURPRISE_M = 0.1
 SURPRISE_RAD = 0.03
 
 
-class BackEnd:
-    """Takes what the front end tracked, scan by scan, and keeps the map in one piece."""
+@dataclass(frozen=True, slots=True, eq=False)
+class Correction:
+    """T_map_base: (3,) of a key frame as the closures known by now have it. covariance: (3, 3)
+    relative to the first key frame, of a small step of the base in its own frame."""
 
-    def __init__(self, config: SlamConfig, gyro: bool, reach_m: float) -> None:
+    keyframe: int
+    T_map_base: FloatArray
+    covariance: FloatArray
+
+
+class BackEnd:
+    """Takes one key frame after the other, and keeps the map in one piece."""
+
+    def __init__(self, config: SlamConfig, gyro: bool) -> None:
         self._config = config.back_end
         self._motion, self._gyro = config.front_end.motion, gyro
-        self._maker = KeyframeMaker(self._config.keyframes, reach_m)
         self._finder = ClosureFinder(self._config)
         self._waiting = WaitingClosures(self._config.closures.min_support)
         self._scratch = Surfaces()
@@ -48,6 +57,7 @@ class BackEnd:
         self._submaps: list[Submap] = []
         self._candidates = CandidateIndex(self._config.closures)
         self._submap_from = 0
+        self._noise_m = 0.0
         self._updated_keyframes = 0
         self._unsolved: list[Closure] = []
         self._closed: set[tuple[int, int]] = set()
@@ -57,12 +67,9 @@ class BackEnd:
         self.seconds: defaultdict[str, float] = defaultdict(float)
         """Time spent per stage."""
 
-    def add(self, tracked: Tracked) -> None:
-        """Take one scan; most of them end here as not worth a key frame."""
+    def take(self, keyframe: Keyframe) -> None:
+        """Join one more key frame, and search where it was seen before."""
         with self._timed("key frames"):
-            keyframe = self._maker.make(tracked)
-            if keyframe is None:
-                return
             self._join(keyframe)
             self._cut_submaps(keyframe)
         if self._config.closures.enabled:
@@ -71,6 +78,14 @@ class BackEnd:
         if self._due():
             with self._timed("solve"):
                 self._update()
+
+    def correction(self) -> Correction | None:
+        """Where the newest key frame is by now, None before the first."""
+        if not self._keyframes:
+            return None
+        last = len(self._keyframes) - 1
+        covariance = self._estimate.covariance(0, last)
+        return Correction(last, self._estimate.poses[last].copy(), covariance)
 
     def finish(self, progress: Progress = silent) -> PoseGraph:
         """The final solution, after searching again wherever the estimate is better by now."""
@@ -121,6 +136,7 @@ class BackEnd:
             self._graph.add(edge)
             self._estimate.extend(edge)
         self._keyframes.append(keyframe)
+        self._noise_m = keyframe.noise_m
 
     def _cut_submaps(self, keyframe: Keyframe) -> None:
         """Finish the open submap when it is full or the chain broke; the next overlaps it."""
@@ -137,7 +153,7 @@ class BackEnd:
     def _finish_submap(self, end: int) -> None:
         members = self._keyframes[self._submap_from : end]
         middle = len(members) // 2
-        submap = make_submap(members, middle, self._scratch, self._maker.noise_m)
+        submap = make_submap(members, middle, self._scratch, self._noise_m)
         self._submaps.append(submap)
         self._candidates.add(submap)
 
@@ -153,7 +169,7 @@ class BackEnd:
         ):
             first -= 1
         members = self._keyframes[first : index + 1]
-        return make_submap(members, len(members) - 1, self._scratch, self._maker.noise_m)
+        return make_submap(members, len(members) - 1, self._scratch, self._noise_m)
 
     def _close_loops(self, index: int) -> int:
         """Search the submaps that may overlap with a key frame; how many closures came of it."""
@@ -165,7 +181,7 @@ class BackEnd:
             if (number, index) in self._closed or self._failed_before(number, index, expected):
                 continue
             closure = self._finder.find(
-                query, number, self._submaps[number], expected, self._maker.noise_m
+                query, number, self._submaps[number], expected, self._noise_m
             )
             if isinstance(closure, Closure):
                 found += self._weigh(closure)

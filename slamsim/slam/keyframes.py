@@ -27,7 +27,8 @@ class Keyframe:
 
     pieces: (k, PIECE_FIELDS) of the scan in its base frame. origin_m: (2,) and beams_m: (b, 2),
     where some of its beams began and ended. path_m: travelled so far. information: (3, 3) of the
-    match. broken: whether nothing but odometry joins it to the key frame before.
+    match. broken: whether nothing but odometry joins it to the key frame before. noise_m: standard
+    deviation of a range, as learnt by then.
     """
 
     index: int
@@ -40,6 +41,7 @@ class Keyframe:
     beams_m: Float32Array
     path_m: float
     broken: bool
+    noise_m: float
 
 
 class KeyframeMaker:
@@ -52,11 +54,6 @@ class KeyframeMaker:
         self._T_map_before: FloatArray | None = None
         self._path_m = 0.0
         self._unmatched = False
-
-    @property
-    def noise_m(self) -> float:
-        """Standard deviation of a range, learnt from the key frames so far."""
-        return self._noise_m
 
     def make(self, tracked: Tracked) -> Keyframe | None:
         """A key frame of this scan, or None if the robot has not moved enough since the last."""
@@ -81,6 +78,7 @@ class KeyframeMaker:
             beams_m=beams_m,
             path_m=self._path_m,
             broken=self._unmatched and self._last is not None,
+            noise_m=self._noise_m,
         )
         self._unmatched = False
         return self._last

@@ -88,6 +88,10 @@ class FrontEnd:
         self.restarts = 0
         """Times the local map was begun anew, the robot being lost."""
 
+    def renew_motion(self, motion: PlanarTrajectory | None) -> None:
+        """``T_odom_base`` as it is known by now: a window that covers the scans to come."""
+        self._predictor.renew_motion(motion)
+
     def step(self, scan: Scan) -> Tracked | None:
         """Track one scan; None if it had to be skipped. Scans come in time order."""
         motion = self._predictor.motion_over(scan)

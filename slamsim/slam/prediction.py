@@ -71,6 +71,10 @@ class Predictor:
         """Whether there is no odometry at all."""
         return self._motion is None
 
+    def renew_motion(self, motion: PlanarTrajectory | None) -> None:
+        """``T_odom_base`` as it is known by now: any window from the last scan on will do."""
+        self._motion = motion
+
     def motion_over(self, scan: Scan) -> PlanarTrajectory | None:
         """The base's motion over the scan's beams, None where it is not known."""
         first, last = min(scan.stamp_ns, scan.end_ns), max(scan.stamp_ns, scan.end_ns)

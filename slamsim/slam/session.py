@@ -1,109 +1,228 @@
-"""SLAM from a log to a trajectory, a graph and what they are worth."""
+"""SLAM as a stream of scans, and over a whole log: one and the same session."""
 
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, field
+from collections import defaultdict, deque
+from dataclasses import dataclass, replace
+from typing import Literal, Self
 
 import numpy as np
 
 from slamsim.config.slam import SlamConfig
+from slamsim.geometry import between, compose, inverse
 from slamsim.progress import Progress, silent
 from slamsim.safe.errors import SlamsimError
-from slamsim.slam.back_end import BackEnd
+from slamsim.slam.back_end import Correction
 from slamsim.slam.correction import correct
-from slamsim.slam.motion import predict_motion
+from slamsim.slam.keyframes import Keyframe, KeyframeMaker
+from slamsim.slam.marginals import adjoint
+from slamsim.slam.motion import NoMotion, predict_motion
 from slamsim.slam.odometry import FrontEnd, Tracked
-from slamsim.types import FloatArray, Log, OutsideTimeRange, PlanarTrajectory, SlamResult
+from slamsim.slam.online.keeper import InLine, MapKeeper
+from slamsim.slam.online.samples import NOTHING, MotionSamples, MotionSource, WholeMotion
+from slamsim.slam.track import Track
+from slamsim.types import (
+    Event,
+    FloatArray,
+    Log,
+    OutsideTimeRange,
+    PlanarTrajectory,
+    Scan,
+    SlamResult,
+)
 
 FINISH_SHARE = 0.1
 """Part of the progress that the final search and solution take."""
 
-DEGENERATE_SHARE_TO_TELL = 0.05
+Status = Literal["tracking", "searching", "lost"]
+"""tracking: the scan lies on the map. searching: it fits nowhere near, odometry is followed.
+lost: so for so long that the local map was begun anew."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Step:
+    """What is known at a scan's stamp, as soon as it has been tracked.
+
+    T_map_base: (3,) as corrected by all closures known by now; it may jump when one comes in.
+    T_odom_base: (3,) from wheels and gyroscope alone, smooth (REP 105). covariance: (3, 3) of a
+    small step of the base in its own frame, relative to the first key frame. match_quality:
+    inlier ratio, 0 without a match. degenerate_directions: (k, 3) steps of the base, in its own
+    frame, that the surfaces do not hold. events: what happened since the last step.
+    """
+
+    stamp_ns: int
+    T_map_base: FloatArray
+    T_odom_base: FloatArray
+    covariance: FloatArray
+    match_quality: float
+    degenerate_directions: FloatArray
+    status: Status
+    events: tuple[Event, ...] = ()
+
+    @property
+    def T_map_odom(self) -> FloatArray:  # noqa: N802
+        """(3,) what a robot publishes beside its odometry."""
+        return compose(self.T_map_base, inverse(self.T_odom_base))
+
+
+class SlamSession:
+    """Scan by scan: tracked by the front end, kept together by a back end.
+
+    front_end: has seen no scan yet. motion: what is known of the robot's motion. keeper: the back
+    end. A context manager: closing it ends whatever the back end runs in.
+    """
+
+    def __init__(
+        self, config: SlamConfig, front_end: FrontEnd, motion: MotionSource, keeper: MapKeeper
+    ) -> None:
+        self._front_end, self._motion, self._keeper = front_end, motion, keeper
+        self._maker = KeyframeMaker(config.back_end.keyframes, config.front_end.max_range_m)
+        self._anchors = _Anchors()
+        self._track = Track()
+        self._seconds: defaultdict[str, float] = defaultdict(float)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
+
+    def __len__(self) -> int:
+        """Scans tracked so far."""
+        return len(self._track)
+
+    def step(self, scan: Scan, samples: MotionSamples = NOTHING) -> Step | None:
+        """Track one scan, given what arrived of the robot's motion until the scan's end.
+
+        None for a scan that had to be left out: not later than the one before, or at a time that
+        the motion does not cover.
+        """
+        if not self._track.is_later(scan.stamp_ns):
+            return None
+        begun_s = time.perf_counter()
+        self._motion.add(samples)
+        self._front_end.renew_motion(self._motion.until(scan.end_ns))
+
+        tracked = self._front_end.step(scan)
+        tracked_s = time.perf_counter()
+        self._seconds["front end"] += tracked_s - begun_s
+        if tracked is None:
+            return None
+        self._track.keep(tracked)
+
+        keyframe = self._maker.make(tracked)
+        self._seconds["key frames"] += time.perf_counter() - tracked_s
+        if keyframe is not None:
+            self._anchors.add(keyframe)
+            self._keeper.take(keyframe)
+
+        self._anchors.move(self._keeper.correction())
+        return self._told(tracked)
+
+    def finish(self, progress: Progress = silent) -> SlamResult:
+        """The final solution. Raises SlamsimError if no scan could be tracked."""
+        if not len(self._track):
+            raise SlamsimError("there is nothing to solve: no scan was tracked")
+        outcome = self._keeper.finish(progress)
+        seconds = defaultdict(float, self._seconds)
+        for stage, spent_s in outcome.seconds.items():
+            seconds[stage] += spent_s
+        return SlamResult(
+            trajectory=correct(self._track.front_end(), outcome.graph.keyframes),
+            odometry=self._track.odometry(),
+            graph=outcome.graph,
+            match_quality=self._track.quality,
+            degenerate=self._track.degenerate,
+            closures_accepted=outcome.accepted,
+            closures_rejected=outcome.rejected,
+            warnings=(*self._front_end.warnings(), *self._track.warnings(), *outcome.warnings),
+            seconds=dict(seconds),
+            closure_refusals=dict(outcome.refusals),
+            front_end=self._track.front_end(),
+        )
+
+    def close(self) -> None:
+        """End the back end, whatever it is doing; the session cannot go on."""
+        self._keeper.close()
+
+    def _told(self, tracked: Tracked) -> Step:
+        match = tracked.match
+        T_map_base, covariance = self._anchors.place(tracked)
+        return Step(
+            stamp_ns=tracked.stamp_ns,
+            T_map_base=T_map_base,
+            T_odom_base=tracked.T_odom_base,
+            covariance=covariance,
+            match_quality=tracked.match_quality,
+            degenerate_directions=np.eye(3) if match is None else match.degenerate_directions,
+            status="tracking" if match is not None or len(self._track) == 1 else "searching",
+            events=self._keeper.events(),
+        )
+
+
+class _Anchors:
+    """Carries the back end's newest correction over to the scans since then."""
+
+    def __init__(self) -> None:
+        self._waiting: deque[Keyframe] = deque()
+        self._anchor: Keyframe | None = None
+        self._correction: Correction | None = None
+
+    def add(self, keyframe: Keyframe) -> None:
+        """One more key frame that the back end may place."""
+        self._waiting.append(keyframe)
+
+    def move(self, correction: Correction | None) -> None:
+        """Take over a correction of the newest key frame that the back end knows."""
+        if correction is None:
+            return
+        self._correction = correction
+        while self._waiting and self._waiting[0].index <= correction.keyframe:
+            self._anchor = self._waiting.popleft()
+
+    def place(self, tracked: Tracked) -> tuple[FloatArray, FloatArray]:
+        """T_map_base of a scan and its covariance."""
+        if self._correction is None or self._anchor is None:
+            return tracked.T_map_base, np.zeros((3, 3))
+        step = between(self._anchor.T_map_base, tracked.T_map_base)
+        carry = adjoint(inverse(step))
+        covariance = carry @ self._correction.covariance @ carry.T
+        return compose(self._correction.T_map_base, step), covariance
 
 
 def run_slam(log: Log, config: SlamConfig, progress: Progress = silent) -> SlamResult:
     """Trajectory and graph of a recording; ``mapping.build_grid`` draws its map.
 
-    The map frame begins where the base stood at the first scan used. Raises SlamsimError for a
-    log without a scan that the motion covers, and what ``predict_motion`` raises.
+    The map frame begins where the base stood at the first scan used. A log that says nothing of
+    the robot's motion is mapped all the same, with a warning. Raises SlamsimError for a log
+    without a scan that the motion covers.
     """
-    seconds: dict[str, float] = {}
     started_s = time.perf_counter()
-    motion = predict_motion(log)
-    seconds["motion"] = time.perf_counter() - started_s
+    motion = motion_of(log)
+    seconds = {"motion": time.perf_counter() - started_s}
 
     gyro = log.imu is not None
     front_end = FrontEnd(config.front_end, motion, log.T_base_laser, gyro)
-    back_end = BackEnd(config, gyro, config.front_end.max_range_m)
-    track = _Track()
     whole = len(log.scans) * (1.0 + FINISH_SHARE)
-    started_s = time.perf_counter()
-    for number, scan in enumerate(log.scans):
-        tracked = front_end.step(scan) if track.is_later(scan.stamp_ns) else None
-        if tracked is not None:
-            track.keep(tracked)
-            back_end.add(tracked)
-        progress(number + 1, whole)
-    seconds["front end"] = time.perf_counter() - started_s - sum(back_end.seconds.values())
-
-    if not track.stamps_ns:
-        raise SlamsimError(_nothing_to_track(log, motion))
-    graph = back_end.finish(_rest_of(progress, len(log.scans), whole))
-    trajectory = correct(track.front_end(), graph.keyframes)
+    with SlamSession(config, front_end, WholeMotion(motion), InLine(config, gyro)) as session:
+        for number, scan in enumerate(log.scans):
+            session.step(scan)
+            progress(number + 1, whole)
+        if not len(session):
+            raise SlamsimError(_nothing_to_track(log, motion))
+        result = session.finish(_rest_of(progress, len(log.scans), whole))
     progress(whole, whole)
-    return SlamResult(
-        trajectory=trajectory,
-        odometry=_odometry_alone(log, track.odometry()),
-        graph=graph,
-        match_quality=np.array(track.quality),
-        degenerate=np.array(track.degenerate, dtype=np.bool_),
-        closures_accepted=back_end.accepted,
-        closures_rejected=back_end.rejected,
-        warnings=(*front_end.warnings(), *track.warnings(), *back_end.warnings()),
-        seconds=seconds | dict(back_end.seconds),
-        closure_refusals=dict(back_end.refusals),
-        front_end=track.front_end(),
-    )
+    odometry = _odometry_alone(log, result.odometry)
+    return replace(result, odometry=odometry, seconds=seconds | result.seconds)
 
 
-@dataclass(slots=True)
-class _Track:
-    """What is kept of every scan."""
-
-    stamps_ns: list[int] = field(default_factory=list)
-    T_map_base: list[FloatArray] = field(default_factory=list)
-    T_odom_base: list[FloatArray] = field(default_factory=list)
-    quality: list[float] = field(default_factory=list)
-    degenerate: list[bool] = field(default_factory=list)
-    out_of_order: int = 0
-
-    def is_later(self, stamp_ns: int) -> bool:
-        later = not self.stamps_ns or stamp_ns > self.stamps_ns[-1]
-        self.out_of_order += not later
-        return later
-
-    def keep(self, tracked: Tracked) -> None:
-        self.stamps_ns.append(tracked.stamp_ns)
-        self.T_map_base.append(tracked.T_map_base)
-        self.T_odom_base.append(tracked.T_odom_base)
-        self.quality.append(tracked.match_quality)
-        self.degenerate.append(tracked.degenerate)
-
-    def front_end(self) -> PlanarTrajectory:
-        return PlanarTrajectory(np.array(self.stamps_ns), np.array(self.T_map_base))
-
-    def odometry(self) -> PlanarTrajectory:
-        return PlanarTrajectory(np.array(self.stamps_ns), np.array(self.T_odom_base))
-
-    def warnings(self) -> tuple[str, ...]:
-        told = []
-        if self.out_of_order:
-            told.append(f"{self.out_of_order} scans left out: not later than the one before")
-        share = float(np.mean(self.degenerate))
-        if share > DEGENERATE_SHARE_TO_TELL:
-            told.append(f"{share:.0%} of the scans left some direction to odometry (corridor?)")
-        return tuple(told)
+def motion_of(log: Log) -> PlanarTrajectory | None:
+    """``T_odom_base`` of a log, None if it says nothing about how the robot moved."""
+    try:
+        return predict_motion(log)
+    except NoMotion:
+        return None
 
 
 def _odometry_alone(log: Log, prediction: PlanarTrajectory) -> PlanarTrajectory:
@@ -125,10 +244,12 @@ def _rest_of(progress: Progress, done_before: float, whole: float) -> Progress:
     return report
 
 
-def _nothing_to_track(log: Log, motion: PlanarTrajectory) -> str:
+def _nothing_to_track(log: Log, motion: PlanarTrajectory | None) -> str:
     if len(log.scans) == 0:
         return f"{log.name}: no laser scans in the log; SLAM needs them"
-    covered = f"{motion.stamps_ns[0]}..{motion.stamps_ns[-1]} ns" if len(motion) else "nothing"
+    covered = "nothing"
+    if motion is not None and len(motion):
+        covered = f"{motion.stamps_ns[0]}..{motion.stamps_ns[-1]} ns"
     return (
         f"{log.name}: none of the {len(log.scans)} scans could be used; "
         f"odometry covers {covered}: is it on another clock?"

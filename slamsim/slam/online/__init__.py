@@ -1,0 +1,1 @@
+"""SLAM as a stream: motion as it arrives, and a back end that solves beside it."""

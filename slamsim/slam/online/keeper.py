@@ -1,0 +1,83 @@
+"""Who keeps the map: the back end in line, as a session uses it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Protocol
+
+from slamsim.config.slam import SlamConfig
+from slamsim.progress import Progress
+from slamsim.slam.back_end import BackEnd, Correction
+from slamsim.slam.keyframes import Keyframe
+from slamsim.types import Event, PoseGraph
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Outcome:
+    """What the back end made of all key frames in the end."""
+
+    graph: PoseGraph
+    accepted: int
+    rejected: int
+    warnings: tuple[str, ...]
+    seconds: Mapping[str, float]
+    refusals: Mapping[str, int]
+
+
+class MapKeeper(Protocol):
+    """Takes key frames, and tells where they really are."""
+
+    def take(self, keyframe: Keyframe) -> None:
+        """One more key frame, numbered in order from zero."""
+        ...
+
+    def correction(self) -> Correction | None:
+        """The newest correction, None before the first."""
+        ...
+
+    def events(self) -> tuple[Event, ...]:
+        """What happened since this was last asked."""
+        ...
+
+    def finish(self, progress: Progress) -> Outcome:
+        """The final solution."""
+        ...
+
+    def close(self) -> None:
+        """Leave nothing behind; may be called twice."""
+        ...
+
+
+class InLine:
+    """The back end within the session: each key frame is dealt with before ``take`` returns."""
+
+    def __init__(self, config: SlamConfig, gyro: bool) -> None:
+        self._back_end = BackEnd(config, gyro)
+
+    def take(self, keyframe: Keyframe) -> None:
+        """See ``MapKeeper``."""
+        self._back_end.take(keyframe)
+
+    def correction(self) -> Correction | None:
+        """See ``MapKeeper``."""
+        return self._back_end.correction()
+
+    def events(self) -> tuple[Event, ...]:
+        """See ``MapKeeper``."""
+        return ()
+
+    def finish(self, progress: Progress) -> Outcome:
+        """See ``MapKeeper``."""
+        graph, back_end = self._back_end.finish(progress), self._back_end
+        return Outcome(
+            graph,
+            back_end.accepted,
+            back_end.rejected,
+            back_end.warnings(),
+            dict(back_end.seconds),
+            dict(back_end.refusals),
+        )
+
+    def close(self) -> None:
+        """See ``MapKeeper``."""

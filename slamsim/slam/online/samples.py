@@ -1,0 +1,50 @@
+"""What a robot says about its motion while it drives."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+from slamsim.types import EncoderStream, ImuStream, PlanarTrajectory
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MotionSamples:
+    """What arrived since the last step, each stream in time order; None for a silent one.
+
+    odometry: ``T_odom_base`` as some driver publishes it. encoders: cumulative ticks, preferred
+    to odometry where both come. imu: in the frame of its mount.
+    """
+
+    odometry: PlanarTrajectory | None = None
+    encoders: EncoderStream | None = None
+    imu: ImuStream | None = None
+
+
+NOTHING = MotionSamples()
+
+
+class MotionSource(Protocol):
+    """Knows how the robot moved, as far as anybody can know by now."""
+
+    def add(self, samples: MotionSamples) -> None:
+        """Take what arrived."""
+        ...
+
+    def until(self, stamp_ns: int) -> PlanarTrajectory | None:
+        """``T_odom_base`` from the last scan to the given instant or beyond, None if unknown."""
+        ...
+
+
+class WholeMotion:
+    """The motion of a log, all of it known before the first scan."""
+
+    def __init__(self, T_odom_base: PlanarTrajectory | None) -> None:
+        self._T_odom_base = T_odom_base
+
+    def add(self, samples: MotionSamples) -> None:
+        """Nothing can be added to it."""
+
+    def until(self, stamp_ns: int) -> PlanarTrajectory | None:
+        """See ``MotionSource``."""
+        return self._T_odom_base

@@ -1,0 +1,83 @@
+"""What is kept of every scan, in columns, so that an hour of scans is a few megabytes."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from slamsim.slam.odometry import Tracked
+from slamsim.types import BoolArray, FloatArray, PlanarTrajectory
+
+DEGENERATE_SHARE_TO_TELL = 0.05
+
+_ROW = np.dtype(
+    [
+        ("stamp_ns", np.int64),
+        ("T_map_base", np.float64, 3),
+        ("T_odom_base", np.float64, 3),
+        ("quality", np.float64),
+        ("degenerate", np.bool_),
+    ]
+)
+
+
+class Track:
+    """The front end's own poses, scan by scan."""
+
+    def __init__(self) -> None:
+        self._rows = np.zeros(1024, dtype=_ROW)
+        self._count = 0
+        self.out_of_order = 0
+        """Scans that were not later than the one before."""
+
+    def __len__(self) -> int:
+        return self._count
+
+    def is_later(self, stamp_ns: int) -> bool:
+        """Whether a scan follows on; counts those that do not."""
+        later = self._count == 0 or stamp_ns > int(self._rows["stamp_ns"][self._count - 1])
+        self.out_of_order += not later
+        return later
+
+    def keep(self, tracked: Tracked) -> None:
+        """One more scan."""
+        if self._count == len(self._rows):
+            self._rows = np.concatenate([self._rows, np.zeros_like(self._rows)])
+        self._rows[self._count] = (
+            tracked.stamp_ns,
+            tracked.T_map_base,
+            tracked.T_odom_base,
+            tracked.match_quality,
+            tracked.degenerate,
+        )
+        self._count += 1
+
+    def front_end(self) -> PlanarTrajectory:
+        """``T_map_base`` before any loop was closed."""
+        return PlanarTrajectory(self._column("stamp_ns"), self._column("T_map_base"))
+
+    def odometry(self) -> PlanarTrajectory:
+        """``T_odom_base`` as wheels and gyroscope predicted it."""
+        return PlanarTrajectory(self._column("stamp_ns"), self._column("T_odom_base"))
+
+    @property
+    def quality(self) -> FloatArray:
+        """(n,) inlier ratio of each match."""
+        return self._column("quality")
+
+    @property
+    def degenerate(self) -> BoolArray:
+        """(n,) whether some direction was left to odometry."""
+        return np.ascontiguousarray(self._rows["degenerate"][: self._count])
+
+    def warnings(self) -> tuple[str, ...]:
+        """What the user should know, in words and counts."""
+        told = []
+        if self.out_of_order:
+            told.append(f"{self.out_of_order} scans left out: not later than the one before")
+        share = float(np.mean(self.degenerate)) if self._count else 0.0
+        if share > DEGENERATE_SHARE_TO_TELL:
+            told.append(f"{share:.0%} of the scans left some direction to odometry (corridor?)")
+        return tuple(told)
+
+    def _column(self, name: str) -> np.ndarray:
+        return np.ascontiguousarray(self._rows[name][: self._count])
