@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from slamsim import __version__
+from slamsim.bench.command import bench
+from slamsim.options import ConfigFile, Json, Quiet, Set
 
 if TYPE_CHECKING:
     from slamsim.config.run import RunConfig
@@ -37,15 +39,6 @@ Overwrite = Annotated[
     typer.Option("--overwrite", help="Replace the folder of an earlier run once this is whole."),
 ]
 Seed = Annotated[int | None, typer.Option("--seed", help="Seed of everything random.", min=0)]
-Set = Annotated[
-    list[str] | None,
-    typer.Option("--set", metavar="KEY.PATH=VALUE", help="Override one setting; may be repeated."),
-]
-ConfigFile = Annotated[
-    str | None, typer.Option("--config", "-c", help="YAML with settings for robot, sensors, slam.")
-]
-Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No progress, no table.")]
-Json = Annotated[bool, typer.Option("--json", help="Print the results as JSON on stdout.")]
 ScanTopic = Annotated[
     str | None, typer.Option("--scan-topic", help="Which laser, if a recording has several.")
 ]
@@ -195,24 +188,9 @@ def view(
     view_run(run, web=web, screenshot=screenshot)
 
 
-@app.command(epilog="Example: slamsim bench --world labyrinth --json > bench.json")
-def bench(
-    part: Annotated[str, typer.Argument(help="sense, drive, simulate, slam, or all.")] = "all",
-    name: Annotated[str, typer.Option("--world", help="World to measure in.")] = "labyrinth",
-    seconds: Annotated[float, typer.Option(help="Simulated time per measurement.", min=5)] = 120.0,
-    repeats: Annotated[int, typer.Option(help="Best of so many.", min=1)] = 3,
-    quiet: Quiet = False,
-    as_json: Json = False,
-) -> None:
-    """Measure speed, as ratios taken in one run on this machine."""
-    from slamsim.bench.speed import run_bench
-    from slamsim.console import Reporter
-    from slamsim.summary import flat
-
-    reporter = Reporter(quiet=quiet, as_json=as_json)
-    figures = run_bench(part, name, seconds, repeats, reporter)
-    reporter.table("Bench", flat(figures))
-    reporter.result(figures)
+app.command(
+    epilog="Examples: slamsim bench --json · slamsim bench accuracy --seeds 20 --logs outputs/bench"
+)(bench)
 
 
 @app.command(epilog="Example: slamsim config --set sensors.lidar=rplidar_a2 > my_run.yaml")

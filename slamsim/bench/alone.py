@@ -1,0 +1,79 @@
+"""Work in processes of their own: each has its own peak memory, and dies alone."""
+
+from __future__ import annotations
+
+import os
+import signal
+from collections.abc import Callable
+from multiprocessing import get_context
+from multiprocessing.connection import Connection
+from multiprocessing.process import BaseProcess
+from typing import ParamSpec, Self, TypeVar, cast
+
+from slamsim.safe.errors import SlamsimError
+
+Arguments = ParamSpec("Arguments")
+Result = TypeVar("Result")
+
+_STANDARD_OUTPUT, _STANDARD_ERROR = 1, 2
+
+
+class Children:
+    """Starts processes, one for each piece of work; none outlives the ``with`` block."""
+
+    def __init__(self) -> None:
+        self._context = get_context("spawn")
+        self._running: set[BaseProcess] = set()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        for child in tuple(self._running):
+            child.kill()
+
+    def run(
+        self,
+        work: Callable[Arguments, Result],
+        *arguments: Arguments.args,
+        **keywords: Arguments.kwargs,
+    ) -> Result:
+        """What the work returns; may be called from several threads at a time.
+
+        work: a function of a module. Raises SlamsimError with what the work raised, or with the
+        code that its process ended with.
+        """
+        answers, out = self._context.Pipe(duplex=False)
+        child = self._context.Process(
+            target=_serve, args=(out, work, arguments, keywords), daemon=True
+        )
+        child.start()
+        self._running.add(child)
+        out.close()
+        try:
+            done, answer = answers.recv()
+        except EOFError:
+            child.join()
+            raise SlamsimError(f"its process ended with code {child.exitcode}") from None
+        finally:
+            child.join()
+            self._running.discard(child)
+        if not done:
+            raise SlamsimError(str(answer))
+        return cast(Result, answer)
+
+
+def _serve(
+    out: Connection,
+    work: Callable[..., object],
+    arguments: tuple[object, ...],
+    keywords: dict[str, object],
+) -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C ends the parent, which ends its children
+    os.dup2(_STANDARD_ERROR, _STANDARD_OUTPUT)  # what native code prints is no result
+    try:
+        out.send((True, work(*arguments, **keywords)))
+    except SlamsimError as error:
+        out.send((False, str(error)))
+    except Exception as error:
+        out.send((False, f"{type(error).__name__}: {error}"))

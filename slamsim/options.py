@@ -1,0 +1,17 @@
+"""Options that several commands of the command line share."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+Set = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="KEY.PATH=VALUE", help="Override one setting; may be repeated."),
+]
+ConfigFile = Annotated[
+    str | None, typer.Option("--config", "-c", help="YAML with settings for robot, sensors, slam.")
+]
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No progress, no table.")]
+Json = Annotated[bool, typer.Option("--json", help="Print the results as JSON on stdout.")]
