@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections import Counter, defaultdict
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 
@@ -60,6 +60,7 @@ class BackEnd:
         self._noise_m = 0.0
         self._updated_keyframes = 0
         self._unsolved: list[Closure] = []
+        self._new: list[GraphEdge] = []
         self._closed: set[tuple[int, int]] = set()
         self._failures: dict[tuple[int, int], FloatArray] = {}
         self.refusals: Counter[str] = Counter()
@@ -78,6 +79,25 @@ class BackEnd:
         if self._due():
             with self._timed("solve"):
                 self._update()
+
+    def restore(self, keyframes: Sequence[Keyframe], closures: Sequence[GraphEdge]) -> None:
+        """Begin with key frames and the closures found among them in another back end's time."""
+        for keyframe in keyframes:
+            self._join(keyframe)
+            self._cut_submaps(keyframe)
+        numbers = {submap.anchor: number for number, submap in enumerate(self._submaps)}
+        for edge in closures:
+            self._graph.add(edge)
+            self._closed.add((numbers[edge.source], edge.target))
+        if closures:
+            self._estimate.move(self._graph.update(self._estimate.poses))
+            self._estimate.renew_covariances(self._graph.edges)
+
+    def new_closures(self) -> tuple[GraphEdge, ...]:
+        """Those that came to count since this was last asked."""
+        new = tuple(self._new)
+        self._new.clear()
+        return new
 
     def correction(self) -> Correction | None:
         """Where the newest key frame is by now, None before the first."""
@@ -216,6 +236,7 @@ class BackEnd:
             if pair not in self._closed:  # it may have been found again while it waited
                 self._closed.add(pair)
                 self._graph.add(one.edge)
+                self._new.append(one.edge)
                 self._unsolved.append(one)
                 count += 1
         return count

@@ -19,8 +19,11 @@ from slamsim.slam.keyframes import Keyframe, KeyframeMaker
 from slamsim.slam.marginals import adjoint
 from slamsim.slam.motion import NoMotion, predict_motion
 from slamsim.slam.odometry import FrontEnd, Tracked
+from slamsim.slam.online.beside import Beside
 from slamsim.slam.online.keeper import InLine, MapKeeper
+from slamsim.slam.online.motion_filter import MotionFilter
 from slamsim.slam.online.samples import NOTHING, MotionSamples, MotionSource, WholeMotion
+from slamsim.slam.online.warm import warm_up
 from slamsim.slam.track import Track
 from slamsim.types import (
     Event,
@@ -68,6 +71,8 @@ class Step:
 
 class SlamSession:
     """Scan by scan: tracked by the front end, kept together by a back end.
+
+    ``open_session`` makes one for a robot that drives, ``run_slam`` one for a log.
 
     front_end: has seen no scan yet. motion: what is known of the robot's motion. keeper: the back
     end. A context manager: closing it ends whatever the back end runs in.
@@ -159,6 +164,27 @@ class SlamSession:
             status="tracking" if match is not None or len(self._track) == 1 else "searching",
             events=self._keeper.events(),
         )
+
+
+def open_session(
+    config: SlamConfig, T_base_laser: FloatArray, T_base_imu: FloatArray | None = None
+) -> SlamSession:
+    """A session for a robot that drives, its back end in a process of its own.
+
+    T_base_laser, T_base_imu: 4 x 4 mounts; None for a robot without a gyroscope. Kernels are
+    compiled before this returns. ::
+
+        with open_session(SlamConfig(), T_base_laser, T_base_imu) as session:
+            for scan, odometry in robot:
+                step = session.step(scan, MotionSamples(odometry=odometry))
+                publish(step.T_map_odom)
+            result = session.finish()
+    """
+    warm_up(config, T_base_laser)
+    gyro = T_base_imu is not None
+    motion = MotionFilter(None if T_base_imu is None else T_base_imu[:3, :3])
+    front_end = FrontEnd(config.front_end, None, T_base_laser, gyro)
+    return SlamSession(config, front_end, motion, Beside(config, gyro))
 
 
 class _Anchors:

@@ -69,15 +69,20 @@ class InLine:
 
     def finish(self, progress: Progress) -> Outcome:
         """See ``MapKeeper``."""
-        graph, back_end = self._back_end.finish(progress), self._back_end
-        return Outcome(
-            graph,
-            back_end.accepted,
-            back_end.rejected,
-            back_end.warnings(),
-            dict(back_end.seconds),
-            dict(back_end.refusals),
-        )
+        return outcome_of(self._back_end, progress)
 
     def close(self) -> None:
         """See ``MapKeeper``."""
+
+
+def outcome_of(back_end: BackEnd, progress: Progress) -> Outcome:
+    """Finish, and gather all that there is to tell."""
+    graph = back_end.finish(progress)
+    return Outcome(
+        graph,
+        back_end.accepted,
+        back_end.rejected,
+        back_end.warnings(),
+        dict(back_end.seconds),
+        dict(back_end.refusals),
+    )

@@ -1,0 +1,164 @@
+"""The back end in a process of its own, for GTSAM holds Python's lock while it solves.
+
+The session sends key frames and reads news, and waits for neither. Key frames are written to an
+unnamed temporary file as well: if the process dies, a new one begins with what is in it and with
+the closures known by then, and meanwhile the session drifts with its odometry.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from typing import cast
+
+from slamsim.config.slam import SlamConfig
+from slamsim.progress import Progress, silent
+from slamsim.safe.errors import SlamsimError
+from slamsim.slam.back_end import Correction
+from slamsim.slam.keyframes import Keyframe
+from slamsim.slam.online.keeper import Outcome
+from slamsim.slam.online.messages import Done, Finish, News, Task
+from slamsim.slam.online.pipe import Ended, Pipe, packed
+from slamsim.types import Event, GraphEdge
+
+MAX_RESTARTS = 3
+"""A back end that ends more often than this is not begun again."""
+
+_PACKAGES = Path(__file__).parents[3]
+
+
+class Beside:
+    """A ``MapKeeper`` that hands everything to another process.
+
+    ``behind`` tells how many key frames that process has not dealt with yet.
+    """
+
+    def __init__(self, config: SlamConfig, gyro: bool) -> None:
+        self._config, self._gyro = config, gyro
+        self._journal = tempfile.TemporaryFile(prefix="slamsim-keyframes-")  # noqa: SIM115
+        self._closures: list[GraphEdge] = []
+        self._correction: Correction | None = None
+        self._outcome: Outcome | None = None
+        self._events: list[Event] = []
+        self._last_ns = 0
+        self._taken = self._restarts = 0
+        self._child: subprocess.Popen[bytes] | None = None
+        self._begin()
+
+    @property
+    def behind(self) -> int:
+        """Key frames sent and not yet answered."""
+        known = -1 if self._correction is None else self._correction.keyframe
+        return self._taken - 1 - known
+
+    @property
+    def process_id(self) -> int | None:
+        """Of the process, None while there is none."""
+        return None if self._child is None else self._child.pid
+
+    def take(self, keyframe: Keyframe) -> None:
+        """See ``MapKeeper``."""
+        data = packed(keyframe)
+        self._journal.write(data)
+        self._taken, self._last_ns = self._taken + 1, keyframe.stamp_ns
+        if self._child is not None:
+            self._pipe.send(data)
+
+    def correction(self) -> Correction | None:
+        """See ``MapKeeper``."""
+        self._read(silent)
+        return self._correction
+
+    def events(self) -> tuple[Event, ...]:
+        """See ``MapKeeper``."""
+        told = tuple(self._events)
+        self._events.clear()
+        return told
+
+    def finish(self, progress: Progress) -> Outcome:
+        """See ``MapKeeper``. Waits until the process has dealt with everything."""
+        self._ask()
+        while self._outcome is None:
+            if self._child is None:
+                raise SlamsimError(
+                    f"the map could not be solved: its process ended {self._restarts} times"
+                )
+            before = self._restarts
+            self._pipe.wait()
+            self._read(progress)
+            if self._restarts != before:
+                self._ask()
+        return self._outcome
+
+    def close(self) -> None:
+        """See ``MapKeeper``."""
+        self._end()
+        self._journal.close()
+
+    def _ask(self) -> None:
+        if self._child is not None:
+            self._pipe.send(packed(Finish()))
+
+    def _read(self, progress: Progress) -> None:
+        """Take in all news; begin a new process if this one is gone."""
+        if self._child is None:
+            return
+        try:
+            for message in self._pipe.receive():
+                self._heed(message, progress)
+        except Ended:
+            self._begin_again()
+
+    def _heed(self, message: object, progress: Progress) -> None:
+        if isinstance(message, News):
+            self._correction = message.correction
+            self._closures.extend(message.closures)
+        elif isinstance(message, Done):
+            progress(message.share, 1.0)
+        else:
+            self._outcome = cast(Outcome, message)
+
+    def _begin(self) -> None:
+        self._journal.flush()
+        descriptor = self._journal.fileno()
+        self._child = subprocess.Popen(
+            [sys.executable, "-P", "-m", "slamsim.slam.online.worker"],
+            env={**os.environ, "PYTHONPATH": os.pathsep.join(map(str, _import_path()))},
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            pass_fds=(descriptor,),
+            start_new_session=True,  # Ctrl-C ends this process, which then ends the child
+        )
+        assert self._child.stdin is not None and self._child.stdout is not None
+        self._pipe = Pipe(self._child.stdin, self._child.stdout)
+        end = self._journal.tell()
+        self._pipe.send(packed(Task(self._config, self._gyro, descriptor, end, self._closures)))
+
+    def _begin_again(self) -> None:
+        code = self._end()
+        self._restarts += 1
+        again = self._restarts <= MAX_RESTARTS
+        after = f"begun again from {self._taken} key frames" if again else "not begun again"
+        words = f"the process that closes loops ended with code {code}: {after}"
+        self._events.append(Event(self._last_ns, self._last_ns, "torn", words))
+        if again:
+            self._begin()
+
+    def _end(self) -> int | None:
+        """End the process, whatever it is doing; its exit code."""
+        child, self._child = self._child, None
+        if child is None:
+            return None
+        child.kill()
+        for stream in (child.stdin, child.stdout):
+            assert stream is not None
+            stream.close()
+        return child.wait()
+
+
+def _import_path() -> list[str | Path]:
+    """Where this very package is, before whatever the user's environment names."""
+    return [_PACKAGES, *filter(None, os.environ.get("PYTHONPATH", "").split(os.pathsep))]

@@ -1,0 +1,52 @@
+"""A log as a robot would have delivered it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from slamsim.slam.online.samples import MotionSamples
+from slamsim.types import EncoderStream, ImuStream, IntArray, Log, PlanarTrajectory, Scan
+
+
+def replay(log: Log) -> Iterator[tuple[Scan, MotionSamples]]:
+    """Each scan with the motion samples between the end of the scan before and its own end."""
+    since_ns = int(np.iinfo(np.int64).min)
+    for scan in log.scans:
+        until_ns = max(scan.end_ns, since_ns)
+        yield scan, samples_between(log, since_ns, until_ns)
+        since_ns = until_ns
+
+
+def samples_between(log: Log, since_ns: int, until_ns: int) -> MotionSamples:
+    """The log's motion samples with since_ns < stamp <= until_ns."""
+
+    def part(stamps_ns: IntArray) -> slice:
+        first, last = np.searchsorted(stamps_ns, [since_ns, until_ns], side="right")
+        return slice(int(first), int(last))
+
+    odometry, encoders, imu = log.odometry, log.encoders, log.imu
+    return MotionSamples(
+        None if odometry is None else _poses(odometry, part(odometry.stamps_ns)),
+        None if encoders is None else _ticks(encoders, part(encoders.stamps_ns)),
+        None if imu is None else _rates(imu, part(imu.stamps_ns)),
+    )
+
+
+def _poses(odometry: PlanarTrajectory, part: slice) -> PlanarTrajectory:
+    return PlanarTrajectory(odometry.stamps_ns[part], odometry.poses[part])
+
+
+def _ticks(encoders: EncoderStream, part: slice) -> EncoderStream:
+    return replace(encoders, stamps_ns=encoders.stamps_ns[part], ticks=encoders.ticks[part])
+
+
+def _rates(imu: ImuStream, part: slice) -> ImuStream:
+    return replace(
+        imu,
+        stamps_ns=imu.stamps_ns[part],
+        angular_velocity_rad_s=imu.angular_velocity_rad_s[part],
+        linear_acceleration_m_s2=imu.linear_acceleration_m_s2[part],
+    )

@@ -1,0 +1,34 @@
+"""Compiled and loaded before the first scan, so that none has to wait for it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from slamsim.config.slam import SlamConfig
+from slamsim.slam.keyframes import KeyframeMaker
+from slamsim.slam.odometry import FrontEnd
+from slamsim.types import FloatArray, PlanarTrajectory, Scan, ScanGeometry
+
+_ROOM_M = 3.0
+_SCAN_NS = 100_000_000
+
+
+def warm_up(config: SlamConfig, T_base_laser: FloatArray) -> None:
+    """Track a few scans of a square room, some of them from a place that nobody predicted."""
+    geometry = ScanGeometry(-np.pi, np.pi / 180.0, 360, 200_000, 0.05, 30.0)
+    stamps_ns = np.arange(9) * _SCAN_NS
+    motion = PlanarTrajectory(stamps_ns, np.zeros((9, 3)))
+    front_end = FrontEnd(config.front_end, motion, T_base_laser, True)
+    maker = KeyframeMaker(config.back_end.keyframes, config.front_end.max_range_m)
+    for number in range(6):
+        turned = 0.0 if number < 3 else 0.35
+        scan = Scan(int(stamps_ns[number]), _square(geometry, turned), geometry)
+        tracked = front_end.step(scan)
+        if tracked is not None:
+            maker.make(tracked)
+
+
+def _square(geometry: ScanGeometry, turned_rad: float) -> np.ndarray:
+    """Ranges in the middle of a room; its wall is nearest where cosine or sine is largest."""
+    angles = geometry.angles_rad() + turned_rad
+    return (_ROOM_M / np.maximum(np.abs(np.cos(angles)), np.abs(np.sin(angles)))).astype(np.float32)

@@ -1,0 +1,72 @@
+"""The process that solves beside a session: ``python -m slamsim.slam.online.worker``.
+
+It is sent its task and then key frames on standard input, and answers with news on standard
+output. When its parent is gone, standard input ends, and so does it.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import threading
+from queue import SimpleQueue
+from typing import BinaryIO, cast
+
+from slamsim.slam.back_end import BackEnd
+from slamsim.slam.keyframes import Keyframe
+from slamsim.slam.online.keeper import outcome_of
+from slamsim.slam.online.messages import Done, Finish, News, Task
+from slamsim.slam.online.pipe import journal_messages, packed, read_message
+
+_STANDARD_OUTPUT, _STANDARD_ERROR = 1, 2
+
+
+def serve(messages: SimpleQueue[object], answers: BinaryIO) -> None:
+    """Do as told, one message after the other, until the outcome is delivered."""
+
+    def tell(answer: object) -> None:
+        answers.write(packed(answer))
+        answers.flush()
+
+    task = cast(Task, messages.get())
+    back_end = BackEnd(task.config, task.gyro)
+    if task.journal_bytes:
+        begun = [cast(Keyframe, k) for k in journal_messages(task.journal, task.journal_bytes)]
+        back_end.restore(begun, task.closures)
+        tell(_news(back_end))
+    while not isinstance(message := messages.get(), Finish):
+        back_end.take(cast(Keyframe, message))
+        tell(_news(back_end))
+    tell(outcome_of(back_end, lambda done, total: tell(Done(done / max(total, 1.0)))))
+
+
+def _news(back_end: BackEnd) -> News:
+    correction = back_end.correction()
+    assert correction is not None
+    return News(correction, back_end.new_closures())
+
+
+def _listen(stream: BinaryIO, messages: SimpleQueue[object]) -> None:
+    """Take messages as they come, so that a long solution holds nobody up; end with the parent."""
+    try:
+        while True:
+            messages.put(read_message(stream))
+    except EOFError:
+        os._exit(0)
+
+
+def main() -> None:
+    """Entry point of the process."""
+    # What native code prints must not come between the answers.
+    answers = os.fdopen(os.dup(_STANDARD_OUTPUT), "wb")
+    os.dup2(_STANDARD_ERROR, _STANDARD_OUTPUT)
+    messages: SimpleQueue[object] = SimpleQueue()
+    threading.Thread(target=_listen, args=(sys.stdin.buffer, messages), daemon=True).start()
+    try:
+        serve(messages, answers)
+    except BrokenPipeError:
+        return
+
+
+if __name__ == "__main__":
+    main()
