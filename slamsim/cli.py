@@ -169,7 +169,7 @@ def evaluate(
     from slamsim.summary import flat
 
     reporter = Reporter(quiet=quiet, as_json=as_json)
-    scores = evaluate_run(estimate, truth, relations)
+    scores = evaluate_run(estimate, truth, relations, reporter)
     reporter.table(f"Scores of {estimate}", flat(scores))
     reporter.result(scores)
 

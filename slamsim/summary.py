@@ -47,6 +47,20 @@ def _trajectory(report: Numbers) -> str | None:
     return f"{_metres(ate_m)} RMSE, {_metres(_number(report, 'ate_max_m'))} at most{beside}"
 
 
+def _limit(report: Numbers) -> str | None:
+    bound_m, ratio = _number(report, "bound_ate_m"), _number(report, "ate_over_bound")
+    if bound_m is None or ratio is None:
+        return None
+    return f"{_fine(bound_m)} RMSE is the bound for any SLAM; this is {ratio:.3g} times that"
+
+
+def _trust(report: Numbers) -> str | None:
+    mean, inside = _number(report, "nees_mean"), _number(report, "nees_inside_95_share")
+    if mean is None or inside is None:
+        return None
+    return f"NEES {mean:.2g} (true covariances: 3), {100 * inside:.0f} % within their 95 % ellipse"
+
+
 def _drift(report: Numbers) -> str | None:
     percent = _number(report, "rpe_trans_percent")
     return None if percent is None else f"{percent:.3g} % of the path"
@@ -90,6 +104,10 @@ def _memory(report: Numbers) -> str | None:
     return None if memory_mb is None else f"{memory_mb:.0f} MB at most"
 
 
+def _fine(value_m: float) -> str:
+    return f"{1e3 * value_m:.3g} mm" if value_m < 0.01 else _metres(value_m)
+
+
 def _metres(value: float | None) -> str:
     if value is None:
         return "unknown"
@@ -99,6 +117,8 @@ def _metres(value: float | None) -> str:
 _LINES: dict[str, Callable[[Numbers], str | None]] = {
     "driven": _driven,
     "trajectory error": _trajectory,
+    "limit": _limit,
+    "consistency": _trust,
     "drift": _drift,
     "walls": _walls,
     "free space": _free,

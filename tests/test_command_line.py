@@ -25,6 +25,8 @@ RUN_FILES = {
     "trajectory.tum",
     "odometry.tum",
     "ground_truth.tum",
+    "front_end.tum",
+    "keyframes.csv",
     "graph.g2o",
     "map.pgm",
     "map.yaml",

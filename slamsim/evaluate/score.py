@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
 
+from slamsim.evaluate.bound import TrajectoryBound
+from slamsim.evaluate.budget import PartErrors
+from slamsim.evaluate.consistency import DEGREES_OF_FREEDOM, Consistency
 from slamsim.evaluate.grid import MapScores, compare_grids
 from slamsim.evaluate.relations import RelationScores, score_relations
 from slamsim.evaluate.trajectory import TrajectoryErrors, compare, relative_errors, statistics
@@ -23,6 +27,16 @@ _TRAJECTORY_KEYS = (
     "rpe_trans_percent",
     "rpe_rot_deg_per_m",
 )
+_BOUND_KEYS = (
+    "bound_ate_m",
+    "ate_over_bound",
+    "bound_localisation_m",
+    "bound_localisation_mrad",
+    "bound_scan_m",
+    "bound_scan_mrad",
+    "bound_lost_share",
+    "bound_mixed_share",
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -31,7 +45,8 @@ class Scores:
 
     trajectory, odometry: the estimate and the prediction alone, each aligned with the truth by
     itself. map: against the true walls. relations: against hand-verified relative poses.
-    odometry_relations: the same for the prediction alone.
+    odometry_relations: the same for the prediction alone. consistency: of the key frames' errors
+    with their covariances. budget: errors after each part of SLAM. bound: what is possible.
     """
 
     trajectory: TrajectoryErrors | None = None
@@ -39,6 +54,9 @@ class Scores:
     map: MapScores | None = None
     relations: RelationScores | None = None
     odometry_relations: RelationScores | None = None
+    consistency: Consistency | None = None
+    budget: Mapping[str, PartErrors] = field(default_factory=dict)
+    bound: TrajectoryBound | None = None
 
     def numbers(self) -> dict[str, Number]:
         """Every score of trajectory and map under its stable key, None where it is unknown."""
@@ -46,9 +64,15 @@ class Scores:
             **_trajectory_numbers(self.trajectory, ""),
             **_trajectory_numbers(self.odometry, "odometry_"),
             **_map_numbers(self.map),
+            **_bound_numbers(self.bound, self.trajectory),
+            **_consistency_numbers(self.consistency),
             "evaluated_poses": 0 if self.trajectory is None else len(self.trajectory.truth),
             "unevaluated_poses": 0 if self.trajectory is None else self.trajectory.uncovered,
         }
+
+    def budget_numbers(self) -> dict[str, dict[str, float]]:
+        """The errors after each part, as nested dictionaries."""
+        return {part: asdict(errors) for part, errors in self.budget.items()}
 
     def relation_numbers(self) -> dict[str, object] | None:
         """The relation scores as nested dictionaries, None without a relations file."""
@@ -128,4 +152,31 @@ def _map_numbers(scores: MapScores | None) -> dict[str, Number]:
         "map_wall_error_mean_m": None if scores is None else scores.wall_error_mean_m,
         "map_doubled_wall_share": None if scores is None else scores.doubled_wall_share,
         "map_free_iou": None if scores is None else scores.free_iou,
+    }
+
+
+def _bound_numbers(
+    bound: TrajectoryBound | None, errors: TrajectoryErrors | None
+) -> dict[str, Number]:
+    if bound is None or errors is None:
+        return dict.fromkeys(_BOUND_KEYS)
+    ate_m = statistics(errors.translation_m).rmse
+    values = (
+        bound.ate_m,
+        ate_m / bound.ate_m if bound.ate_m > 0.0 else None,
+        bound.localisation_m,
+        1e3 * bound.localisation_rad,
+        bound.scan_m,
+        1e3 * bound.scan_rad,
+        bound.lost_share,
+        bound.mixed_share,
+    )
+    return dict(zip(_BOUND_KEYS, values, strict=True))
+
+
+def _consistency_numbers(consistency: Consistency | None) -> dict[str, Number]:
+    return {
+        "nees_mean": None if consistency is None else consistency.mean,
+        "nees_expected": None if consistency is None else DEGREES_OF_FREEDOM,
+        "nees_inside_95_share": None if consistency is None else consistency.inside_share,
     }

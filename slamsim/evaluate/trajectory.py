@@ -104,7 +104,7 @@ def compare(
     """
     if not (np.isfinite(estimate.poses).all() and np.isfinite(truth.poses).all()):
         raise SlamsimError(f"{what} or the truth holds a pose that is not finite")
-    covered = _covered(truth.stamps_ns, estimate.stamps_ns)
+    covered = covered_by(truth.stamps_ns, estimate.stamps_ns)
     if np.count_nonzero(covered) < 2:
         raise SlamsimError(
             f"{what} and the truth have fewer than two instants in common: {what} covers "
@@ -171,7 +171,7 @@ def _path_m(poses: FloatArray) -> FloatArray:
     return np.concatenate([[0.0], np.cumsum(steps)])
 
 
-def _covered(truth_ns: IntArray, query_ns: IntArray) -> BoolArray:
+def covered_by(truth_ns: IntArray, query_ns: IntArray) -> BoolArray:
     """Which instants lie at a true sample or between two that are close enough."""
     if truth_ns.size == 0:
         return np.zeros(query_ns.shape, dtype=np.bool_)

@@ -2,24 +2,37 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 
 from slamsim.config.loading import load_model, load_world_config
 from slamsim.config.run import RunConfig
-from slamsim.evaluate.score import evaluate
+from slamsim.console import Reporter
+from slamsim.logs.keyframes import read_keyframes
 from slamsim.logs.reader import read_truth
-from slamsim.logs.relations import read_relations
+from slamsim.logs.relations import Relations, read_relations
 from slamsim.logs.tum import read_tum
-from slamsim.run.folder import CONFIG, ODOMETRY, TRAJECTORY, TRUTH, WORLD, log_of
+from slamsim.run.folder import (
+    CONFIG,
+    FRONT_END,
+    KEYFRAMES,
+    ODOMETRY,
+    TRAJECTORY,
+    TRUTH,
+    WORLD,
+    log_of,
+)
+from slamsim.run.scoring import Estimated, Known, score
+from slamsim.run.stages import Stages
 from slamsim.safe.errors import NotFound, SlamsimError
 from slamsim.sim.robot import build_robot
-from slamsim.types import Grid, PlanarTrajectory, Trajectory
+from slamsim.types import PlanarTrajectory, Trajectory
 from slamsim.world.build import build_world
 from slamsim.world.map_server import read_map
 
 
-def evaluate_run(estimate: Path, truth: Path | None, relations: Path | None) -> dict[str, object]:
+def evaluate_run(
+    estimate: Path, truth: Path | None, relations: Path | None, reporter: Reporter
+) -> dict[str, object]:
     """All scores under their stable keys.
 
     estimate: a run's folder, or a TUM file. truth: a TUM file, or a recording that knows it; a
@@ -27,56 +40,61 @@ def evaluate_run(estimate: Path, truth: Path | None, relations: Path | None) -> 
     nothing to compare with.
     """
     wanted = None if relations is None else read_relations(relations)
-    run = _read_run(estimate, truth)
-    true_grid, range_m = _true_grid(estimate, run.grid)
-    scores = evaluate(run.trajectory, run.odometry, run.grid, run.truth, true_grid, wanted, range_m)
+    run = _read_run(estimate)
+    own_truth = estimate / TRUTH
+    true = _truth(truth or (own_truth if own_truth.is_file() else None))
+    known = _known(estimate, true, wanted)
+    true_grid = None if run.grid is None else known.true_grid(run.grid.resolution_m)
+    scores = score(run, known, true_grid, Stages(reporter))
     if scores.trajectory is None and scores.relations is None:
         raise SlamsimError(
             f"{estimate}: there is nothing to compare with; name a --truth or --relations file"
         )
-    return {**scores.numbers(), "relations": scores.relation_numbers()}
+    return {
+        **scores.numbers(),
+        "error_budget": scores.budget_numbers(),
+        "relations": scores.relation_numbers(),
+    }
 
 
-def _true_grid(run: Path, grid: Grid | None) -> tuple[Grid | None, float]:
-    """The true occupancy for a run's map, if its world is known, and how far its lidar saw."""
+def _known(run: Path, truth: Trajectory | None, relations: Relations | None) -> Known:
+    """With the world and how it was sensed, for the folder of a run that knows them."""
     file = run / WORLD
-    if grid is None or not file.is_file():
-        return None, float("inf")
+    if not file.is_file():
+        return Known(truth, relations)
     config = load_model(RunConfig, run / CONFIG)
-    height_m = float(build_robot(config.robot).T_base_laser[2, 3])
     world = build_world(load_world_config(str(file)), seed=0)
-    return world.grid(grid.resolution_m, height_m), config.sensors.lidar.range_max_m
+    T_base_laser = build_robot(config.robot).T_base_laser
+    range_m = config.sensors.lidar.range_max_m
+    return Known(truth, relations, world, config, T_base_laser, range_m)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _FinishedRun:
-    """What can be scored of a run that lies on the disk; None for what is not there."""
-
-    trajectory: PlanarTrajectory
-    odometry: PlanarTrajectory | None
-    grid: Grid | None
-    truth: Trajectory | None
-
-
-def _read_run(estimate: Path, truth: Path | None) -> _FinishedRun:
-    """A run's folder, or a lone TUM trajectory; truth: a TUM file or a recording that knows it.
+def _read_run(estimate: Path) -> Estimated:
+    """A run's folder, or a lone TUM trajectory.
 
     Raises NotFound for what is not there, InputRefused for what cannot be read.
     """
     if not estimate.exists():
         raise NotFound(f"{estimate}: there is no such run or trajectory")
     if not estimate.is_dir():
-        return _FinishedRun(read_tum(estimate).planar(), None, None, _truth(truth))
+        return Estimated(read_tum(estimate).planar())
     if not (estimate / TRAJECTORY).is_file():
         raise NotFound(f"{estimate}: holds no {TRAJECTORY}; is it the folder of a mapped run?")
-    own_truth = estimate / TRUTH
-    odometry = estimate / ODOMETRY
-    return _FinishedRun(
+    keyframes = covariances = None
+    if (estimate / KEYFRAMES).is_file():
+        keyframes, covariances = read_keyframes(estimate / KEYFRAMES)
+    return Estimated(
         trajectory=read_tum(estimate / TRAJECTORY).planar(),
-        odometry=read_tum(odometry).planar() if odometry.is_file() else None,
+        odometry=_planar(estimate / ODOMETRY),
         grid=read_map(estimate / "map.yaml") if (estimate / "map.yaml").is_file() else None,
-        truth=_truth(truth or (own_truth if own_truth.is_file() else None)),
+        front_end=_planar(estimate / FRONT_END),
+        keyframes=keyframes,
+        covariances=covariances,
     )
+
+
+def _planar(path: Path) -> PlanarTrajectory | None:
+    return read_tum(path).planar() if path.is_file() else None
 
 
 def _truth(path: Path | None) -> Trajectory | None:

@@ -10,6 +10,7 @@ from slamsim.config.bundled import bundled_names
 from slamsim.config.dump import dump_commented_yaml
 from slamsim.config.run import RunConfig
 from slamsim.logs.g2o import write_g2o
+from slamsim.logs.keyframes import write_keyframes
 from slamsim.logs.tum import write_tum
 from slamsim.safe.output import write_atomic
 from slamsim.slam.map_files import map_files
@@ -19,6 +20,7 @@ from slamsim.world.build import World
 OUTPUTS = Path("outputs")
 LOG, WORLD, CONFIG = "log", "world.yaml", "config.yaml"
 TRAJECTORY, ODOMETRY, TRUTH = "trajectory.tum", "odometry.tum", "ground_truth.tum"
+FRONT_END, KEYFRAMES = "front_end.tum", "keyframes.csv"
 RECORDING, REPORT, REPORT_JSON = "run.rrd", "report.html", "report.json"
 
 _WORLD_SUFFIXES = frozenset((".yaml", ".yml", ".pgm", ".png", ".stl", ".obj", ".ply", ".glb"))
@@ -83,6 +85,9 @@ def write_slam(folder: Path, result: SlamResult, grid: Grid) -> None:
     """Trajectories, graph and map in the forms that other tools read."""
     write_tum(folder / TRAJECTORY, result.trajectory)
     write_tum(folder / ODOMETRY, result.odometry)
+    if result.front_end is not None:
+        write_tum(folder / FRONT_END, result.front_end)
+    write_keyframes(folder / KEYFRAMES, result.graph)
     write_g2o(folder / "graph.g2o", result.graph)
     write_map(folder, grid)
 

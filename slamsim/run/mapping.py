@@ -6,19 +6,19 @@ import json
 import math
 import shlex
 import sys
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 
 from slamsim.config.dump import dump_commented_yaml
-from slamsim.config.loading import load_world_config
+from slamsim.config.loading import load_model, load_world_config
 from slamsim.config.run import RunConfig
 from slamsim.console import Reporter
-from slamsim.evaluate.score import evaluate
 from slamsim.logs.reader import read_log, read_truth
 from slamsim.logs.relations import Relations, read_relations
 from slamsim.run import folder as run_folder
 from slamsim.run.recording import record, require_finished
+from slamsim.run.scoring import Estimated, Known, score
 from slamsim.run.stages import Report, Stages, peak_memory_mb
 from slamsim.safe.output import partial_folder, write_atomic
 from slamsim.slam.mapping import build_grid
@@ -29,15 +29,6 @@ from slamsim.view.recording import write_recording
 from slamsim.view.report import write_report
 from slamsim.view.run_view import RunView
 from slamsim.world.build import World, build_world
-
-
-@dataclass(frozen=True, slots=True)
-class _Known:
-    """What a result can be compared with; None for what nobody knows."""
-
-    truth: Trajectory | None
-    world: World | None
-    relations: Relations | None
 
 
 def map_world(
@@ -58,7 +49,7 @@ def map_world(
         simulation = record(config, partial, stages)
         source = partial / run_folder.LOG
         log = replace(read_log(source), name=config.world.name)
-        known = _Known(read_truth(source), simulation.world, wanted)
+        known = _known(log, read_truth(source), wanted, (simulation.world, config))
         report = _map(log, config, partial, stages, known)
     require_finished(simulation, folder)
     return report
@@ -78,16 +69,21 @@ def map_recording(
     path = run_folder.log_of(source)
     log = replace(read_log(path, scan_topic), name=run_folder.recording_name(str(source)))
     wanted = None if relations is None else read_relations(relations)
-    known = _Known(read_truth(path), _world_beside(path), wanted)
+    origin = _origin_beside(path)
+    known = _known(log, read_truth(path), wanted, origin)
     stages = Stages(reporter)
     with partial_folder(folder, overwrite) as partial:
+        if origin is not None:
+            world, simulated = origin
+            config = simulated.model_copy(update={"slam": config.slam, "mapping": config.mapping})
+            run_folder.write_world(partial, config, world)
         run_folder.write_config(partial, config)
         if known.truth is not None:
             run_folder.write_truth(partial, known.truth)
         return _map(log, config, partial, stages, known)
 
 
-def _map(log: Log, config: RunConfig, partial: Path, stages: Stages, known: _Known) -> Report:
+def _map(log: Log, config: RunConfig, partial: Path, stages: Stages, known: Known) -> Report:
     result, grid = _slam(log, config, stages)
     view = _scored(log, result, grid, config, stages, known)
     run_folder.write_slam(partial, result, grid)
@@ -111,20 +107,19 @@ def _slam(log: Log, config: RunConfig, stages: Stages) -> tuple[SlamResult, Grid
 
 
 def _scored(
-    log: Log, result: SlamResult, grid: Grid, config: RunConfig, stages: Stages, known: _Known
+    log: Log, result: SlamResult, grid: Grid, config: RunConfig, stages: Stages, known: Known
 ) -> RunView:
-    world, height_m = known.world, float(log.T_base_laser[2, 3])
-    true_grid = None if world is None else world.grid(config.mapping.resolution_m, height_m)
-    with stages.stage("evaluate"):
-        scores = evaluate(
-            result.trajectory,
-            result.odometry,
-            grid,
-            known.truth,
-            true_grid,
-            known.relations,
-            _range_m(log),
-        )
+    true_grid = known.true_grid(config.mapping.resolution_m)
+    estimated = Estimated(
+        result.trajectory,
+        result.odometry,
+        grid,
+        result.front_end,
+        result.graph.keyframes,
+        result.graph.covariances,
+    )
+    scores = score(estimated, known, true_grid, stages)
+    world = known.world
     return RunView(
         log=log,
         result=result,
@@ -140,14 +135,20 @@ def _scored(
     )
 
 
-def _range_m(log: Log) -> float:
-    """How far the lidar sees."""
-    return max((scan.geometry.range_max_m for scan in islice(log.scans, 1)), default=math.inf)
+def _known(
+    log: Log,
+    truth: Trajectory | None,
+    relations: Relations | None,
+    origin: tuple[World, RunConfig] | None,
+) -> Known:
+    world, config = (None, None) if origin is None else origin
+    range_m = max((scan.geometry.range_max_m for scan in islice(log.scans, 1)), default=math.inf)
+    return Known(truth, relations, world, config, log.T_base_laser, range_m)
 
 
-def _world_beside(log_path: Path) -> World | None:
-    """The world that a simulated log was made in, if its file lies beside the log."""
-    file = log_path.parent / run_folder.WORLD
-    if log_path.name != run_folder.LOG or not file.is_file():
+def _origin_beside(log_path: Path) -> tuple[World, RunConfig] | None:
+    """Where and how a simulated log was made, if its folder still tells."""
+    world, config = log_path.parent / run_folder.WORLD, log_path.parent / run_folder.CONFIG
+    if log_path.name != run_folder.LOG or not (world.is_file() and config.is_file()):
         return None
-    return build_world(load_world_config(str(file)), seed=0)
+    return build_world(load_world_config(str(world)), seed=0), load_model(RunConfig, config)

@@ -39,6 +39,7 @@ def report_json(view: RunView) -> dict[str, object]:
         "seconds": dict(view.seconds),
         "slam_seconds": dict(result.seconds),
         "peak_memory_mb": view.peak_memory_mb,
+        "error_budget": view.scores.budget_numbers(),
         "relations": view.scores.relation_numbers(),
         "warnings": [*view.log.warnings, *result.warnings],
         "checks": [dict(check) for check in view.checks],

@@ -1,0 +1,159 @@
+"""The best that any estimator could do on a run: Cramer-Rao bounds of its trajectory.
+
+Three bounds, each for an estimator that makes the best of every reading:
+
+* ``scan``: each scan alone, against walls that are perfectly known.
+* ``localisation``: all scans and the odometry between them, walls perfectly known.
+* ``ate``: as SLAM has it: the walls are unknown as well, each straight face in its two
+  coordinates, and only the shape of the trajectory counts, as after the alignment of the ATE.
+
+All are linear in the errors, which are small against the walls. Taken as given, so that the
+bounds lie rather too low than too high: the robot moves in the plane; which face each beam meets;
+that faces are straight; clocks, mounting, the noise of the sensors, the bias of the gyroscope and
+the calibration of the wheels; the motion within a group of neighbouring scans. Beams that see two
+surfaces (mixed pixels) count as clean ones, and lost beams as what they would have told on
+average; ``mixed_share`` and ``lost_share`` tell how many these are. On the other side, what the
+places of jumps between beams tell is not counted, as in all bounds of this kind.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from slamsim.config.sensors import SensorsConfig
+from slamsim.evaluate.bound_groups import Groups, group_scans, joint_information
+from slamsim.evaluate.bound_odometry import odometry_noise, rolled_between
+from slamsim.evaluate.bound_scans import scan_information
+from slamsim.evaluate.bound_solve import draws
+from slamsim.evaluate.bound_walls import wall_faces
+from slamsim.types import FloatArray, IntArray, PlanarTrajectory
+
+BEAMS_CAST = 270
+DRAWS = 300
+LEAST_ROLLED_M = 0.5
+"""The shape of a shorter trajectory is nothing to bound."""
+
+HELD_M = 10.0
+"""A direction in which a scan holds the pose less than this counts as held so far."""
+
+HELD_RAD = np.pi
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ScanBound:
+    """What single scans can tell at best, along the path: stamps_ns (n,).
+
+    worst_m: (n,) standard deviation along the direction that the walls hold least.
+    worst_direction_rad: (n,) that direction in the map. position_m: (n,) RMS of both directions.
+    heading_rad: (n,).
+    """
+
+    stamps_ns: IntArray
+    worst_m: FloatArray
+    worst_direction_rad: FloatArray
+    position_m: FloatArray
+    heading_rad: FloatArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TrajectoryBound:
+    """ate_m: expected ATE RMSE. localisation_m, localisation_rad: RMS error of all poses.
+
+    scans: each scan alone. lost_share: of the beams on walls, those that get lost by chance.
+    mixed_share: those that straddle an edge.
+    """
+
+    ate_m: float
+    localisation_m: float
+    localisation_rad: float
+    scans: ScanBound
+    lost_share: float
+    mixed_share: float
+
+    @property
+    def scan_m(self) -> float:
+        """Median error of the position from one scan."""
+        return float(np.median(self.scans.position_m))
+
+    @property
+    def scan_rad(self) -> float:
+        """Median error of the heading from one scan."""
+        return float(np.median(self.scans.heading_rad))
+
+
+def trajectory_bound(
+    outline_m: FloatArray,
+    truth: PlanarTrajectory,
+    wheels: PlanarTrajectory,
+    T_base_laser: FloatArray,
+    sensors: SensorsConfig,
+    track_m: float,
+) -> TrajectoryBound | None:
+    """Bounds of a run; None where there is nothing to bound: no lidar, no walls, no motion.
+
+    outline_m: (n, 2, 2) true walls at the lidar's height as directed segments, the solid on the
+    left. truth: ``T_map_base``. wheels: ``T_odom_base`` of the wheels at the scans' stamps, those
+    scans that the bounds are for. track_m: between the wheels.
+    """
+    duration_ns = sensors.lidar.beam_dt_ns * (sensors.lidar.beam_count - 1)
+    inside = (wheels.stamps_ns >= truth.stamps_ns[0]) & (
+        wheels.stamps_ns + duration_ns <= truth.stamps_ns[-1]
+    )
+    wheels = PlanarTrajectory(wheels.stamps_ns[inside], wheels.poses[inside])
+    if not (sensors.lidar.enabled and len(outline_m) and len(wheels) > 1):
+        return None
+    poses = truth.at(wheels.stamps_ns)
+    if rolled_between(poses, track_m).sum() < LEAST_ROLLED_M:
+        return None
+    groups = group_scans(wheels.stamps_ns, poses, track_m)
+    cast_ns = wheels.stamps_ns[groups.cast]
+    stride = max(1, sensors.lidar.beam_count // BEAMS_CAST)
+    scans = scan_information(
+        wall_faces(outline_m), truth, cast_ns, T_base_laser, sensors.lidar, stride
+    )
+    noise = odometry_noise(truth, wheels, sensors, track_m)
+    known, joint = joint_information(groups, scans, poses[groups.cast], noise)
+    rng = np.random.default_rng(0)
+    located = _of_poses(draws(known, DRAWS, rng), groups)
+    mapped = _of_poses(draws(joint, DRAWS, rng), groups)
+    share = groups.counts / groups.counts.sum()
+    beams = max(scans.returns + scans.lost, 1.0)
+    return TrajectoryBound(
+        ate_m=float(aligned_rmse_m(mapped[:, :2], groups.poses[:, :2], share).mean()),
+        localisation_m=float(np.sqrt((share @ np.square(located[:, :2]).sum(axis=1)).mean())),
+        localisation_rad=float(np.sqrt((share @ np.square(located[:, 2])).mean())),
+        scans=_scan_bound(cast_ns, scans.pose),
+        lost_share=scans.lost / beams,
+        mixed_share=scans.mixed / beams,
+    )
+
+
+def aligned_rmse_m(errors_m: FloatArray, points_m: FloatArray, share: FloatArray) -> FloatArray:
+    """(d,) RMS of small errors (k, 2, d) of points (k, 2) after the rigid alignment that makes it
+    least, to first order; share: (k,) weights that add up to one."""
+    arm = points_m - share @ points_m
+    across = np.column_stack([-arm[:, 1], arm[:, 0]])
+    errors_m = errors_m - np.tensordot(share, errors_m, axes=1)
+    turn = np.einsum("k,ki,kid->d", share, across, errors_m) / (share @ np.square(arm).sum(axis=1))
+    left_m = errors_m - across[:, :, None] * turn
+    return np.asarray(np.sqrt(np.einsum("k,kid->d", share, left_m * left_m)))
+
+
+def _of_poses(drawn: FloatArray, groups: Groups) -> FloatArray:
+    """(k, 3, draws): the walls are no concern here."""
+    return drawn[: 3 * len(groups)].reshape(len(groups), 3, -1)
+
+
+def _scan_bound(stamps_ns: IntArray, information: FloatArray) -> ScanBound:
+    prior = np.diag([HELD_M**-2, HELD_M**-2, HELD_RAD**-2])
+    covariance = np.linalg.inv(information + prior)
+    values, vectors = np.linalg.eigh(covariance[:, :2, :2])
+    return ScanBound(
+        stamps_ns=stamps_ns,
+        worst_m=np.sqrt(values[:, 1]),
+        worst_direction_rad=np.arctan2(vectors[:, 1, 1], vectors[:, 0, 1]),
+        position_m=np.sqrt(values.sum(axis=1)),
+        heading_rad=np.sqrt(covariance[:, 2, 2]),
+    )

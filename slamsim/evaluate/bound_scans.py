@@ -1,0 +1,205 @@
+"""What the ranges of a scan can tell of the pose it was taken from, and of the walls it met.
+
+The range to a straight face with outward normal n, seen from p along the unit vector u, changes
+with the pose of the robot and with the place of the face as (Censi, "On achievable accuracy for
+range-finder localization", ICRA 2007; "On achievable accuracy for pose tracking", ICRA 2009)
+
+    dr = [ -n.dp - n.J(h - p) dyaw + doffset - (J n).(h - c) dangle ] / (n.u)
+
+with h the point hit, c the middle of the face and J a quarter turn. With independent
+normal noise of variance s^2 the information is the sum of outer products of these rows over s^2.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from slamsim.config.sensors import LidarConfig
+from slamsim.evaluate.bound_walls import FaceIndex, Faces, first_face, index_faces
+from slamsim.geometry import compose, se2_from_se3
+from slamsim.jit import kernel
+from slamsim.sensors.effects import GRAZING
+from slamsim.sensors.lidar import scan_geometry
+from slamsim.types import FloatArray, IntArray, PlanarTrajectory
+
+LEAST_SIGMA_M = 1e-5
+"""No range is taken as more exact than this."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ScanInformation:
+    """Of k scans, each about its own pose: steps of the base (x, y in map axes, yaw).
+
+    pose: (k, 3, 3). A scan meets some faces: rows (m,) of ``scan`` and ``face`` with
+    cross (m, 3, 2) between pose and (offset, angle) of the face, and wall (m, 2, 2).
+    returns, lost, mixed: beams expected to come back, to get lost by chance, and to straddle an
+    edge, summed over all scans.
+    """
+
+    pose: FloatArray
+    scan: IntArray
+    face: IntArray
+    cross: FloatArray
+    wall: FloatArray
+    returns: float
+    lost: float
+    mixed: float
+
+
+def scan_information(
+    faces: Faces,
+    truth: PlanarTrajectory,
+    stamps_ns: IntArray,
+    T_base_laser: FloatArray,
+    lidar: LidarConfig,
+    beam_stride: int = 1,
+) -> ScanInformation:
+    """Information of the scans that begin at stamps_ns (k,), all covered by the truth.
+
+    truth: ``T_map_base``. beam_stride: only every so many beams are cast, another subset for each
+    scan in turn, and count for those between them.
+    """
+    geometry = scan_geometry(lidar)
+    angles_rad, offsets_ns = geometry.angles_rad(), geometry.offsets_ns()
+    T_base_laser_2d = se2_from_se3(T_base_laser)
+    rows: list[tuple[IntArray, FloatArray]] = []
+    pose = np.zeros((len(stamps_ns), 3, 3))
+    totals = np.zeros(3)
+    work = np.zeros((len(faces), 9))
+    model = _noise_model(lidar)
+    table = _table(faces, index_faces(faces))
+    base = truth.at(stamps_ns)
+    for scan, stamp_ns in enumerate(stamps_ns.tolist()):
+        beams = np.arange(scan % beam_stride, geometry.beam_count, beam_stride)
+        lasers = compose(truth.at(stamp_ns + offsets_ns[beams]), T_base_laser_2d)
+        count = geometry.beam_count / len(beams)
+        met, counted = _add_scan(
+            lasers, angles_rad[beams], base[scan], count, model, *table, work, pose[scan]
+        )
+        totals += counted
+        rows.append((met, work[met].copy()))
+        work[met] = 0.0
+    return _gathered(pose, rows, totals)
+
+
+def _gathered(
+    pose: FloatArray, rows: list[tuple[IntArray, FloatArray]], totals: FloatArray
+) -> ScanInformation:
+    face = np.concatenate([np.zeros(0, dtype=np.int64), *(met for met, _ in rows)])
+    values = np.concatenate([np.zeros((0, 9)), *(sums for _, sums in rows)])
+    scan = np.repeat(np.arange(len(rows)), [len(met) for met, _ in rows])
+    wall = np.stack([values[:, [6, 7]], values[:, [7, 8]]], axis=1)
+    cross = values[:, :6].reshape(-1, 3, 2)
+    returns, lost, mixed = totals.tolist()
+    return ScanInformation(pose, scan, face, cross, wall, returns, lost, mixed)
+
+
+def _noise_model(lidar: LidarConfig) -> FloatArray:
+    noise, dropout = lidar.noise, lidar.dropout
+    spread = lidar.mixed.divergence_mrad * 1e-3 / math.radians(lidar.angle_step_deg)
+    return np.array(
+        [
+            max(noise.constant_m**2 + lidar.resolution_m**2 / 12.0, LEAST_SIGMA_M**2),
+            noise.proportional**2,
+            (noise.spot_mrad * 1e-3) ** 2,
+            lidar.range_min_m,
+            lidar.range_max_m,
+            math.cos(math.radians(lidar.max_incidence_deg)),
+            dropout.probability,
+            dropout.at_max_range / lidar.range_max_m**2,
+            dropout.at_grazing,
+            lidar.mixed.min_gap_m,
+            min(spread, 1.0),
+        ]
+    )
+
+
+def _table(
+    faces: Faces, index: FaceIndex
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, float, int, int, IntArray, IntArray]:
+    return (
+        faces.normal,
+        faces.middle_m,
+        0.5 * faces.length_m,
+        index.origin_m,
+        index.cell_m,
+        index.columns,
+        index.rows,
+        index.starts,
+        index.faces,
+    )
+
+
+@kernel
+def _add_scan(
+    lasers: FloatArray,
+    angles_rad: FloatArray,
+    base: FloatArray,
+    count: float,
+    model: FloatArray,
+    normal: FloatArray,
+    middle_m: FloatArray,
+    half_m: FloatArray,
+    origin_m: FloatArray,
+    cell_m: float,
+    columns: int,
+    rows: int,
+    starts: IntArray,
+    members: IntArray,
+    sums: FloatArray,
+    pose: FloatArray,
+) -> tuple[IntArray, FloatArray]:
+    """Adds a scan to ``pose`` (3, 3) and to the rows of ``sums`` (faces, 9) it meets.
+
+    Returns which rows these are, and how many beams return, get lost and straddle an edge.
+    """
+    met = np.empty(lasers.shape[0], dtype=np.int64)
+    many = 0
+    totals = np.zeros(3)
+    row = np.empty(5)
+    last_face, last_m = -1, 0.0
+    for beam in range(lasers.shape[0]):
+        x, y = lasers[beam, 0], lasers[beam, 1]
+        heading = lasers[beam, 2] + angles_rad[beam]
+        dx, dy = math.cos(heading), math.sin(heading)
+        face, far = first_face(
+            x, y, dx, dy, model[4], normal, middle_m, half_m,
+            origin_m, cell_m, columns, rows, starts, members,
+        )  # fmt: skip
+        if beam > 0 and face != last_face and abs(far - last_m) > model[9]:
+            totals[2] += model[10]
+        last_face, last_m = face, far
+        if face < 0 or far < model[3]:
+            continue
+        nx, ny = normal[face, 0], normal[face, 1]
+        slant = nx * dx + ny * dy
+        cos = min(-slant, 1.0)
+        if cos < model[5]:
+            continue
+        chance = min(model[6] + model[7] * far * far + model[8] * (1.0 - cos), 1.0)
+        totals[0] += count * (1.0 - chance)
+        totals[1] += count * chance
+        cos = max(cos, GRAZING)
+        tan_squared = 1.0 / (cos * cos) - 1.0
+        variance = model[0] + far * far * (model[1] + model[2] * tan_squared)
+        weight = count * (1.0 - chance) / (variance * slant * slant)
+        hx, hy = x + far * dx, y + far * dy
+        row[0], row[1] = -nx, -ny
+        row[2] = nx * (hy - base[1]) - ny * (hx - base[0])
+        row[3] = 1.0
+        row[4] = ny * (hx - middle_m[face, 0]) - nx * (hy - middle_m[face, 1])
+        if sums[face, 6] == 0.0:
+            met[many] = face
+            many += 1
+        for i in range(3):
+            for j in range(3):
+                pose[i, j] += weight * row[i] * row[j]
+            sums[face, 2 * i] += weight * row[i]
+            sums[face, 2 * i + 1] += weight * row[i] * row[4]
+        sums[face, 6] += weight
+        sums[face, 7] += weight * row[4]
+        sums[face, 8] += weight * row[4] * row[4]
+    return met[:many].copy(), totals

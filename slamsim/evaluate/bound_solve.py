@@ -1,0 +1,61 @@
+"""Draws from the inverse of a large sparse information matrix.
+
+With the Cholesky factor A = C C', the solution of A x = C z for normal z has covariance A^-1. The
+factor is SuperLU's, without pivoting: A = L D L'.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.sparse import coo_array, csc_array
+from scipy.sparse.linalg import splu
+
+from slamsim.types import FloatArray, IntArray
+
+
+class Blocks:
+    """Collects dense blocks of a symmetric matrix and adds them up."""
+
+    def __init__(self, size: int) -> None:
+        self._size = size
+        self._rows: list[IntArray] = []
+        self._columns: list[IntArray] = []
+        self._values: list[FloatArray] = []
+
+    def add(self, row: IntArray, column: IntArray, blocks: FloatArray) -> None:
+        """blocks: (n, a, b), first entries at row[i], column[i]; mirrored off the diagonal."""
+        _, a, b = blocks.shape
+        rows = np.broadcast_to(row[:, None, None] + np.arange(a)[:, None], blocks.shape)
+        columns = np.broadcast_to(column[:, None, None] + np.arange(b), blocks.shape)
+        self._keep(rows, columns, blocks)
+        across = row != column
+        self._keep(columns[across], rows[across], blocks[across])
+
+    def _keep(self, rows: IntArray, columns: IntArray, values: FloatArray) -> None:
+        self._rows.append(rows.ravel())
+        self._columns.append(columns.ravel())
+        self._values.append(values.ravel())
+
+    def matrix(self) -> csc_array:
+        """All blocks added up."""
+        places = np.concatenate(self._rows), np.concatenate(self._columns)
+        shape = self._size, self._size
+        return coo_array((np.concatenate(self._values), places), shape=shape).tocsc()
+
+
+def draws(information: csc_array, count: int, rng: np.random.Generator) -> FloatArray:
+    """(n, count) independent normal vectors whose covariance is the inverse of ``information``.
+
+    Raises numpy.linalg.LinAlgError unless it is positive definite.
+    """
+    factor = splu(
+        information.tocsc(),
+        permc_spec="MMD_AT_PLUS_A",
+        diag_pivot_thresh=0.0,
+        options={"SymmetricMode": True},
+    )
+    diagonal = factor.U.diagonal()
+    if not (np.array_equal(factor.perm_r, factor.perm_c) and np.all(diagonal > 0.0)):
+        raise np.linalg.LinAlgError("the information matrix is not positive definite")
+    normal = np.sqrt(diagonal)[:, None] * rng.standard_normal((diagonal.size, count))
+    return np.asarray(factor.solve(np.ascontiguousarray((factor.L @ normal)[factor.perm_r])))

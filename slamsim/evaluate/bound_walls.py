@@ -1,0 +1,203 @@
+"""True walls as a bound sees them: straight faces, and which of them a beam meets first.
+
+A face is a maximal straight stretch of the outline of everything solid at the lidar's height. Its
+position has two unknowns: how far it lies along its normal, and how it is turned about its middle.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from slamsim.jit import kernel
+from slamsim.types import FloatArray, IntArray
+
+SAME_LINE_M = 1e-4
+"""Stretches of outline whose ends lie this near to one line, and touch, are one face."""
+
+SAME_DIRECTION_RAD = 1e-4
+_LEAST_LENGTH_M = 1e-6
+_CELLS_PER_STRETCH = 4.0
+_MOST_CELLS = 4_000_000
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Faces:
+    """normal: (f, 2), unit, out of the solid. middle_m: (f, 2). length_m: (f,)."""
+
+    normal: FloatArray
+    middle_m: FloatArray
+    length_m: FloatArray
+
+    def __len__(self) -> int:
+        return len(self.length_m)
+
+    @property
+    def ends_m(self) -> FloatArray:
+        """(f, 2, 2) start and end, the solid on the left."""
+        along = np.column_stack([-self.normal[:, 1], self.normal[:, 0]])
+        half = 0.5 * self.length_m[:, None] * along
+        return np.stack([self.middle_m - half, self.middle_m + half], axis=1)
+
+
+def wall_faces(outline_m: FloatArray) -> Faces:
+    """Faces of an outline: directed segments (n, 2, 2) in the map frame, the solid on the left.
+
+    Segments of one direction that lie on one line and touch or overlap are joined.
+    """
+    step = outline_m[:, 1] - outline_m[:, 0]
+    length = np.hypot(step[:, 0], step[:, 1])
+    kept = length > _LEAST_LENGTH_M
+    along = step[kept] / length[kept, None]
+    normal = np.column_stack([along[:, 1], -along[:, 0]])
+    outline_m = outline_m[kept]
+    line = _lines(np.arctan2(along[:, 1], along[:, 0]), (normal * outline_m[:, 0]).sum(axis=1))
+    first = np.einsum("ij,ij->i", outline_m[:, 0], along)
+    last = np.einsum("ij,ij->i", outline_m[:, 1], along)
+    order = np.lexsort((first, line))
+    group = _joined(line[order], first[order], last[order])
+    longest = _longest_of(group, (last - first)[order])
+    begin = np.full(len(longest), np.inf)
+    end = np.full(len(longest), -np.inf)
+    np.minimum.at(begin, group, first[order])
+    np.maximum.at(end, group, last[order])
+    chosen = order[longest]
+    across = (normal[chosen] * outline_m[chosen, 0]).sum(axis=1)
+    middle = 0.5 * (begin + end)[:, None] * along[chosen] + across[:, None] * normal[chosen]
+    return Faces(normal[chosen], middle, end - begin)
+
+
+def _lines(angle_rad: FloatArray, across_m: FloatArray) -> IntArray:
+    """(n,) number of the line that each directed segment lies on."""
+    angle = np.mod(angle_rad + 0.5 * SAME_DIRECTION_RAD, 2.0 * np.pi)
+    by_angle = np.argsort(angle, kind="stable")
+    bundle = np.empty(angle.size, dtype=np.int64)
+    bundle[by_angle] = np.cumsum(np.diff(angle[by_angle], prepend=0.0) > SAME_DIRECTION_RAD)
+    order = np.lexsort((across_m, bundle))
+    new = np.diff(across_m[order], prepend=-np.inf) > SAME_LINE_M
+    new |= np.diff(bundle[order], prepend=-1) != 0
+    line = np.empty(angle.size, dtype=np.int64)
+    line[order] = np.cumsum(new) - 1
+    return line
+
+
+def _joined(line: IntArray, first_m: FloatArray, last_m: FloatArray) -> IntArray:
+    """(n,) number of the face of each stretch; stretches sorted by line and beginning."""
+    group = np.zeros(line.size, dtype=np.int64)
+    number, reach = -1, -math.inf
+    before = -1
+    for at, (on, begin, end) in enumerate(
+        zip(line.tolist(), first_m.tolist(), last_m.tolist(), strict=True)
+    ):
+        if on != before or begin > reach + SAME_LINE_M:
+            number, reach = number + 1, -math.inf
+        group[at], before, reach = number, on, max(reach, end)
+    return group
+
+
+def _longest_of(group: IntArray, length_m: FloatArray) -> IntArray:
+    """(groups,) which member of each group is the longest."""
+    order = np.lexsort((-length_m, group))
+    return order[np.unique(group[order], return_index=True)[1]]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FaceIndex:
+    """Which faces cross which square cells: ``faces[starts[cell]:starts[cell + 1]]``."""
+
+    origin_m: FloatArray
+    cell_m: float
+    columns: int
+    rows: int
+    starts: IntArray
+    faces: IntArray
+
+
+def index_faces(faces: Faces) -> FaceIndex:
+    """Cells about as large as faces are apart, so that a beam looks at few of either."""
+    ends = faces.ends_m
+    low, high = ends.min(axis=(0, 1)) - 0.01, ends.max(axis=(0, 1)) + 0.01
+    size = high - low
+    wanted = min(_CELLS_PER_STRETCH * len(faces), _MOST_CELLS)
+    cell_m = float(math.sqrt(size[0] * size[1] / wanted))
+    columns, rows = (np.floor(size / cell_m).astype(int) + 1).tolist()
+    pairs = []
+    for number, ((x0, y0), (x1, y1)) in enumerate(((ends - low) / cell_m).tolist()):
+        for column in range(int(min(x0, x1)), int(max(x0, x1)) + 1):
+            bottom, top = _span_in_column(x0, y0, x1, y1, column)
+            pairs += [(row * columns + column, number) for row in range(int(bottom), int(top) + 1)]
+    cells, members = np.array(pairs, dtype=np.int64).T
+    order = np.argsort(cells, kind="stable")
+    starts = np.searchsorted(cells[order], np.arange(rows * columns + 1)).astype(np.int64)
+    return FaceIndex(low, cell_m, columns, rows, starts, members[order])
+
+
+def _span_in_column(x0: float, y0: float, x1: float, y1: float, column: int) -> tuple[float, float]:
+    """Lowest and highest y of a segment within a column of cells, a little more than exact."""
+    if abs(x1 - x0) < 1e-12:
+        return max(min(y0, y1) - 1e-6, 0.0), max(y0, y1) + 1e-6
+    rise = (y1 - y0) / (x1 - x0)
+    left, right = max(min(x0, x1), column - 1e-6), min(max(x0, x1), column + 1.0 + 1e-6)
+    a, b = y0 + rise * (left - x0), y0 + rise * (right - x0)
+    return max(min(a, b) - 1e-6, 0.0), max(a, b) + 1e-6
+
+
+@kernel
+def first_face(
+    x: float,
+    y: float,
+    dx: float,
+    dy: float,
+    reach_m: float,
+    normal: FloatArray,
+    middle_m: FloatArray,
+    half_m: FloatArray,
+    origin_m: FloatArray,
+    cell_m: float,
+    columns: int,
+    rows: int,
+    starts: IntArray,
+    members: IntArray,
+) -> tuple[int, float]:
+    """The face that a ray meets first from its outside, and how far away; -1 for none.
+
+    Walks from cell to cell (Amanatides & Woo 1987). The ray may begin outside of all cells.
+    """
+    best, face = reach_m, -1
+    px, py = (x - origin_m[0]) / cell_m, (y - origin_m[1]) / cell_m
+    column, row = math.floor(px), math.floor(py)
+    step_x, step_y = (1 if dx > 0.0 else -1), (1 if dy > 0.0 else -1)
+    delta_x = abs(cell_m / dx) if dx != 0.0 else math.inf
+    delta_y = abs(cell_m / dy) if dy != 0.0 else math.inf
+    next_x = (column + (dx > 0.0) - px) * cell_m / dx if dx != 0.0 else math.inf
+    next_y = (row + (dy > 0.0) - py) * cell_m / dy if dy != 0.0 else math.inf
+    way = 0.0
+    while way <= best:
+        if (column < 0 and dx <= 0.0) or (column >= columns and dx >= 0.0):
+            break
+        if (row < 0 and dy <= 0.0) or (row >= rows and dy >= 0.0):
+            break
+        if 0 <= column < columns and 0 <= row < rows:
+            cell = row * columns + column
+            for at in range(starts[cell], starts[cell + 1]):
+                k = members[at]
+                towards = normal[k, 0] * dx + normal[k, 1] * dy
+                if towards >= -1e-9:
+                    continue
+                cx, cy = middle_m[k, 0] - x, middle_m[k, 1] - y
+                far = (normal[k, 0] * cx + normal[k, 1] * cy) / towards
+                if 0.0 <= far < best:
+                    off = -normal[k, 1] * (far * dx - cx) + normal[k, 0] * (far * dy - cy)
+                    if abs(off) <= half_m[k]:
+                        best, face = far, k
+        if next_x <= next_y:
+            way = next_x
+            column += step_x
+            next_x += delta_x
+        else:
+            way = next_y
+            row += step_y
+            next_y += delta_y
+    return face, best

@@ -1,0 +1,86 @@
+"""Whether an estimate is as sure of itself as it should be.
+
+Normalised estimation error squared (NEES; Bar-Shalom, Li & Kirubarajan 2001, "Estimation with
+Applications to Tracking and Navigation", section 5.4): the squared error in units of the covariance
+that was claimed. If the covariance is true, it follows the chi-square distribution with as many
+degrees of freedom as a pose has. Errors of neighbouring key frames are much alike, so one run says
+little of its own mean: the band is for the mean over many independent runs.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import chi2
+
+from slamsim.evaluate.trajectory import covered_by
+from slamsim.geometry import between
+from slamsim.types import FloatArray, IntArray, PlanarTrajectory
+
+DEGREES_OF_FREEDOM = 3
+"""x, y and yaw: what NEES is on average if the covariances are true."""
+
+INSIDE_SHARE = 0.95
+"""Of the poses that should lie within their own ellipse of that content."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Consistency:
+    """Errors of key frames relative to the first, and what was claimed of them.
+
+    stamps_ns: (k,). errors: (k, 3) of x, y (m) and yaw (rad), estimate minus truth, in the
+    estimated frame of the base at that key frame. sigmas: (k, 3) claimed standard deviations of
+    the same. nees: (k,).
+    """
+
+    stamps_ns: IntArray
+    errors: FloatArray
+    sigmas: FloatArray
+    nees: FloatArray
+
+    @property
+    def mean(self) -> float:
+        """DEGREES_OF_FREEDOM if the covariances are true, more for an estimate too sure."""
+        return float(self.nees.mean())
+
+    @property
+    def inside_share(self) -> float:
+        """Of the poses within their 95 % ellipse."""
+        return float(np.mean(self.nees <= chi2.ppf(INSIDE_SHARE, DEGREES_OF_FREEDOM)))
+
+
+def nees(
+    keyframes: PlanarTrajectory, covariances: FloatArray, truth: PlanarTrajectory
+) -> Consistency | None:
+    """keyframes: ``T_map_base`` (n,). covariances: (n, 3, 3) of a small step of the base in its own
+    frame, relative to the first key frame, which has none. truth: ``T_truth_base``.
+
+    Looks at all key frames but the first that the truth covers; None if these are fewer than two,
+    or the truth does not cover the first. Raises numpy.linalg.LinAlgError for a covariance that
+    is not positive definite.
+    """
+    covered = covered_by(truth.stamps_ns, keyframes.stamps_ns)
+    if len(keyframes) < 2 or not covered[0] or np.count_nonzero(covered) < 3:
+        return None
+    later = np.flatnonzero(covered)[1:]
+    true_poses = truth.at(keyframes.stamps_ns[np.append(0, later)])
+    true_way = between(true_poses[0], true_poses[1:])
+    errors = between(true_way, between(keyframes.poses[0], keyframes.poses[later]))
+    claimed = covariances[later]
+    np.linalg.cholesky(claimed)
+    return Consistency(
+        stamps_ns=keyframes.stamps_ns[later],
+        errors=errors,
+        sigmas=np.sqrt(np.diagonal(claimed, axis1=1, axis2=2)),
+        nees=(errors * np.linalg.solve(claimed, errors[:, :, None])[:, :, 0]).sum(axis=1),
+    )
+
+
+def nees_band(runs: int, share: float = INSIDE_SHARE) -> tuple[float, float]:
+    """Within which the mean NEES of one instant over so many independent runs lies with that
+    probability, if the covariances are true."""
+    freedom = DEGREES_OF_FREEDOM * runs
+    tails = np.array([0.5 * (1.0 - share), 0.5 * (1.0 + share)])
+    low, high = (chi2.ppf(tails, freedom) / runs).tolist()
+    return low, high

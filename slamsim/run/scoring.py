@@ -1,0 +1,102 @@
+"""Everything a run can be scored by, whether it was just made or lies on the disk."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+from slamsim.config.run import RunConfig
+from slamsim.evaluate.bound import TrajectoryBound, trajectory_bound
+from slamsim.evaluate.budget import error_budget
+from slamsim.evaluate.consistency import nees
+from slamsim.evaluate.score import Scores, evaluate
+from slamsim.logs.relations import Relations
+from slamsim.run.stages import Stages
+from slamsim.types import FloatArray, Grid, PlanarTrajectory, Trajectory
+from slamsim.world.build import World
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Estimated:
+    """What SLAM made of a log; None for what was not kept. covariances: (n, 3, 3) of keyframes."""
+
+    trajectory: PlanarTrajectory
+    odometry: PlanarTrajectory | None = None
+    grid: Grid | None = None
+    front_end: PlanarTrajectory | None = None
+    keyframes: PlanarTrajectory | None = None
+    covariances: FloatArray | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Known:
+    """What it can be compared with; None for what nobody knows.
+
+    world, config: where and how the log was simulated. T_base_laser: 4 x 4. range_m: how far the
+    lidar sees.
+    """
+
+    truth: Trajectory | None
+    relations: Relations | None = None
+    world: World | None = None
+    config: RunConfig | None = None
+    T_base_laser: FloatArray | None = None
+    range_m: float = math.inf
+
+    def true_grid(self, resolution_m: float) -> Grid | None:
+        """The true occupancy at the height of the lidar."""
+        if self.world is None or self.T_base_laser is None:
+            return None
+        return self.world.grid(resolution_m, float(self.T_base_laser[2, 3]))
+
+
+def score(estimated: Estimated, known: Known, true_grid: Grid | None, stages: Stages) -> Scores:
+    """All scores. Raises what ``evaluate`` raises."""
+    with stages.stage("evaluate"):
+        scores = evaluate(
+            estimated.trajectory,
+            estimated.odometry,
+            estimated.grid,
+            known.truth,
+            true_grid,
+            known.relations,
+            known.range_m,
+        )
+        scores = _with_parts(scores, estimated, known)
+    if known.truth is None or known.world is None:
+        return scores
+    with stages.stage("bound"):
+        return replace(scores, bound=_bound(estimated, known))
+
+
+def _with_parts(scores: Scores, estimated: Estimated, known: Known) -> Scores:
+    """With what the key frames tell: how true their covariances are, what each part costs."""
+    if known.truth is None or estimated.keyframes is None or estimated.covariances is None:
+        return scores
+    truth = known.truth.planar()
+    parts = {
+        "odometry": estimated.odometry,
+        "front_end": estimated.front_end,
+        "graph": estimated.keyframes,
+    }
+    return replace(
+        scores,
+        consistency=nees(estimated.keyframes, estimated.covariances, truth),
+        budget=error_budget(parts, estimated.keyframes.stamps_ns, truth),
+    )
+
+
+def _bound(estimated: Estimated, known: Known) -> TrajectoryBound | None:
+    world, config, odometry = known.world, known.config, estimated.odometry
+    if world is None or config is None or known.T_base_laser is None:
+        return None
+    if known.truth is None or odometry is None:
+        return None
+    return trajectory_bound(
+        world.solids.section(float(known.T_base_laser[2, 3])),
+        known.truth.planar(),
+        odometry,
+        known.T_base_laser,
+        config.sensors,
+        config.robot.drive_wheels.track_m,
+    )
