@@ -97,6 +97,11 @@ class SlamSession:
         """Scans tracked so far."""
         return len(self._track)
 
+    @property
+    def keeper(self) -> MapKeeper:
+        """The back end."""
+        return self._keeper
+
     def step(self, scan: Scan, samples: MotionSamples = NOTHING) -> Step | None:
         """Track one scan, given what arrived of the robot's motion until the scan's end.
 

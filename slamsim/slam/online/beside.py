@@ -55,6 +55,16 @@ class Beside:
         return self._taken - 1 - known
 
     @property
+    def taken(self) -> int:
+        """Key frames so far."""
+        return self._taken
+
+    @property
+    def closures(self) -> int:
+        """Closures that are known to hold the map together."""
+        return len(self._closures)
+
+    @property
     def process_id(self) -> int | None:
         """Of the process, None while there is none."""
         return None if self._child is None else self._child.pid

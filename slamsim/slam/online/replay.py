@@ -10,10 +10,14 @@ import numpy as np
 from slamsim.slam.online.samples import MotionSamples
 from slamsim.types import EncoderStream, ImuStream, IntArray, Log, PlanarTrajectory, Scan
 
+EVER_NS = int(np.iinfo(np.int64).min)
 
-def replay(log: Log) -> Iterator[tuple[Scan, MotionSamples]]:
-    """Each scan with the motion samples between the end of the scan before and its own end."""
-    since_ns = int(np.iinfo(np.int64).min)
+
+def replay(log: Log, since_ns: int = EVER_NS) -> Iterator[tuple[Scan, MotionSamples]]:
+    """Each scan with the motion samples between the end of the scan before and its own end.
+
+    since_ns: samples up to here were delivered already.
+    """
     for scan in log.scans:
         until_ns = max(scan.end_ns, since_ns)
         yield scan, samples_between(log, since_ns, until_ns)
