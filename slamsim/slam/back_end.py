@@ -18,10 +18,11 @@ from slamsim.slam.candidates import CandidateIndex
 from slamsim.slam.closure import Closure, ClosureFinder, Expected
 from slamsim.slam.estimate import Estimate
 from slamsim.slam.graph import PoseGraphSolver, variance_factor
+from slamsim.slam.health import loose_joints
 from slamsim.slam.keyframes import Keyframe, chain_edge
 from slamsim.slam.marginals import relative_covariances
 from slamsim.slam.submaps import Submap, Surfaces, make_submap, submap_is_full
-from slamsim.types import FloatArray, GraphEdge, PlanarTrajectory, PoseGraph
+from slamsim.types import Event, FloatArray, GraphEdge, PlanarTrajectory, PoseGraph
 
 UPDATE_AFTER_KEYFRAMES = 10
 RENEW_AFTER_KEYFRAMES = 20
@@ -139,12 +140,9 @@ class BackEnd:
         withdrawn = len(self._closures()) - self.accepted
         return self.refusals.total() - self.refusals["score"] + withdrawn
 
-    def warnings(self) -> tuple[str, ...]:
-        """What the user should know, in words and counts."""
-        broken = sum(keyframe.broken for keyframe in self._keyframes)
-        if not broken:
-            return ()
-        return (f"{broken} places of the map are joined by odometry alone",)
+    def events(self, graph: PoseGraph) -> tuple[Event, ...]:
+        """What is wrong with the finished map, and where it was driven."""
+        return tuple(loose_joints(graph))
 
     def _join(self, keyframe: Keyframe) -> None:
         if not self._keyframes:

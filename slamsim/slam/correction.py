@@ -2,10 +2,35 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from itertools import pairwise
+
 import numpy as np
 
 from slamsim.geometry import between, compose, interpolate_se2
 from slamsim.types import FloatArray, IntArray, PlanarTrajectory
+
+
+def correct_pieces(
+    relative: PlanarTrajectory, anchors: PlanarTrajectory, breaks_ns: Sequence[int]
+) -> PlanarTrajectory:
+    """``correct`` for a trajectory that is torn apart: nothing is blended across a break.
+
+    breaks_ns: stamps at which something new begins, in order. A piece without an anchor stays
+    as it is.
+    """
+    cuts = np.searchsorted(relative.stamps_ns, np.array(breaks_ns, dtype=np.int64))
+    bounds = [0, *cuts.tolist(), len(relative)]
+    poses = []
+    for first, end in pairwise(bounds):
+        piece = PlanarTrajectory(relative.stamps_ns[first:end], relative.poses[first:end])
+        if not len(piece):
+            continue
+        inside = anchors.stamps_ns >= piece.stamps_ns[0]
+        inside &= anchors.stamps_ns <= piece.stamps_ns[-1]
+        own = PlanarTrajectory(anchors.stamps_ns[inside], anchors.poses[inside])
+        poses.append(correct(piece, own).poses if len(own) else piece.poses)
+    return PlanarTrajectory(relative.stamps_ns, np.concatenate(poses))
 
 
 def correct(relative: PlanarTrajectory, anchors: PlanarTrajectory) -> PlanarTrajectory:

@@ -11,7 +11,7 @@ from slamsim.config.slam import MotionConfig
 from slamsim.geometry import between
 from slamsim.slam.matching.surfaces import range_noise_m, surface_pieces
 from slamsim.slam.motion import motion_covariance
-from slamsim.slam.odometry import Tracked
+from slamsim.slam.odometry import ELSEWHERE_M, Tracked
 from slamsim.types import Cloud, EdgeKind, Float32Array, FloatArray, GraphEdge
 
 PIECE_M = 0.25
@@ -27,8 +27,9 @@ class Keyframe:
 
     pieces: (k, PIECE_FIELDS) of the scan in its base frame. origin_m: (2,) and beams_m: (b, 2),
     where some of its beams began and ended. path_m: travelled so far. information: (3, 3) of the
-    match. broken: whether nothing but odometry joins it to the key frame before. noise_m: standard
-    deviation of a range, as learnt by then.
+    match. restart: (3, 3) covariance of a small step of the base, relative to the key frame
+    before, where a local map was begun anew, so that no match joins the two; else None. noise_m:
+    standard deviation of a range, as learnt by then.
     """
 
     index: int
@@ -40,8 +41,18 @@ class Keyframe:
     origin_m: FloatArray
     beams_m: Float32Array
     path_m: float
-    broken: bool
+    restart: FloatArray | None
     noise_m: float
+
+    @property
+    def broken(self) -> bool:
+        """Whether nothing but odometry joins it to the key frame before."""
+        return self.restart is not None
+
+    @property
+    def kidnapped(self) -> bool:
+        """Whether not even odometry tells where it is as seen from the key frame before."""
+        return self.restart is not None and float(self.restart[0, 0]) >= ELSEWHERE_M**2
 
 
 class KeyframeMaker:
@@ -53,7 +64,6 @@ class KeyframeMaker:
         self._last: Keyframe | None = None
         self._T_map_before: FloatArray | None = None
         self._path_m = 0.0
-        self._unmatched = False
 
     def make(self, tracked: Tracked) -> Keyframe | None:
         """A key frame of this scan, or None if the robot has not moved enough since the last."""
@@ -61,8 +71,7 @@ class KeyframeMaker:
             step = tracked.T_map_base[:2] - self._T_map_before[:2]
             self._path_m += float(np.hypot(step[0], step[1]))
         self._T_map_before = tracked.T_map_base
-        self._unmatched |= tracked.match is None
-        if not self._due(tracked):
+        if (tracked.match is None and not tracked.keyscan) or not self._due(tracked):
             return None
         pieces = surface_pieces(tracked.cloud, self._noise_m, PIECE_M, self._reach_m)
         self._learn(pieces)
@@ -77,14 +86,13 @@ class KeyframeMaker:
             origin_m=origin_m,
             beams_m=beams_m,
             path_m=self._path_m,
-            broken=self._unmatched and self._last is not None,
+            restart=tracked.restart,
             noise_m=self._noise_m,
         )
-        self._unmatched = False
         return self._last
 
     def _due(self, tracked: Tracked) -> bool:
-        if self._last is None:
+        if self._last is None or tracked.restart is not None:
             return True
         moved = between(self._last.T_map_base, tracked.T_map_base)
         travel_m = self._path_m - self._last.path_m
@@ -106,14 +114,15 @@ def chain_edge(
     """The front end's measurement between two consecutive key frames.
 
     Information of the match and of odometry add up, so that a direction which the walls do not
-    hold keeps the uncertainty of the wheels. An edge across a failed match is odometry's alone.
+    hold keeps the uncertainty of the wheels. An edge to where the local map was begun anew is as
+    sure as the front end was of its place then.
     """
     odometry = between(before.T_odom_base, after.T_odom_base)
     seconds = (after.stamp_ns - before.stamp_ns) * 1e-9
     noise = motion_covariance(odometry, seconds, gyro, motion)
     floor = np.diag(np.square([config.min_sigma_m] * 2 + [np.deg2rad(config.min_sigma_deg)]))
-    information = np.linalg.inv(noise + floor)
-    if not after.broken:
+    information = np.linalg.inv(floor + (noise if after.restart is None else after.restart))
+    if after.restart is None:
         # Both ends were matched to the same local map: their variances add.
         information += after.information / (2.0 * config.sigma_scale**2)
     covariance = np.linalg.inv(information) + floor

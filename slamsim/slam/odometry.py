@@ -11,7 +11,8 @@ from slamsim.geometry import between
 from slamsim.slam.deskew import deskew
 from slamsim.slam.matching import Match, make_matcher
 from slamsim.slam.prediction import Prediction, Predictor
-from slamsim.types import Cloud, FloatArray, PlanarTrajectory, Scan
+from slamsim.slam.watch import Fate, Watch
+from slamsim.types import Cloud, Event, FloatArray, PlanarTrajectory, Scan
 
 FAR_SIGMAS = 5.0
 FAR_STRICTNESS = 0.75
@@ -22,6 +23,18 @@ START_USUAL = 0.8
 MIN_COVERED_RATIO = 0.3
 LOST_SCANS = 20
 """After so many scans in a row that fit nowhere the local map is begun anew."""
+
+MIN_GRIP = 8
+"""A scan with fewer surface pieces than this is blind: it says nothing about where it is."""
+
+COVERED_TO_JUDGE = 0.5
+CONTRADICTED_SHARE = 0.5
+ELSEWHERE_M, ELSEWHERE_RAD = 10.0, 2.0
+"""Standard deviations of where a robot is that was carried away."""
+
+OTHER_GUESS_M = 0.1
+OTHER_GUESS_RAD = 0.1
+"""Guesses that are closer together lead to the same match."""
 CUT_BY_ENDS = 2
 """So many sweeps may reach beyond the ends of the odometry before it is worth telling."""
 
@@ -35,7 +48,8 @@ class Tracked:
     fitted nowhere and the motion prediction was followed instead. information: (3, 3) of a
     small step of the base in its own frame relative to the local map, zero where nothing is
     known from the scan. pieces: (k, PIECE_FIELDS) of the cloud, in the base frame. keyscan:
-    whether the scan entered the local map.
+    whether the scan entered the local map. restart: (3, 3), if a local map was begun anew here,
+    of a small step of the base relative to the map before.
     """
 
     stamp_ns: int
@@ -46,6 +60,7 @@ class Tracked:
     cloud: Cloud
     pieces: FloatArray
     keyscan: bool
+    restart: FloatArray | None = None
 
     @property
     def match_quality(self) -> float:
@@ -78,7 +93,10 @@ class FrontEnd:
         self._matcher = make_matcher(config)
         self._T_map_key: FloatArray | None = None
         self._usual_inliers = START_USUAL
-        self._lost = 0
+        self._watch = Watch()
+        self._lost: list[_Lost] = []
+        self.breaks_ns: list[int] = []
+        """Where the trajectory is torn apart: stamps of the first scans after it, in order."""
         self.skipped = 0
         """Scans whose beams the motion does not cover."""
         self.unmatched = 0
@@ -113,7 +131,13 @@ class FrontEnd:
 
         T_map_base = self._predictor.update(prediction, match)
 
-        keyscan = self._keep(cloud, T_map_base, match)
+        fate = self._fate(cloud, match)
+        self._watch.see(prediction, T_map_base, fate)
+
+        restart = self._restart(prediction) if fate == "lost" else None
+
+        keyscan = fate in ("first", "matched") or restart is not None
+        keyscan = keyscan and self._keep(cloud, T_map_base)
 
         information = np.zeros((3, 3)) if match is None else match.information
         return Tracked(
@@ -125,7 +149,17 @@ class FrontEnd:
             cloud,
             self._matcher.pieces(cloud),
             keyscan,
+            restart,
         )
+
+    @property
+    def sighted(self) -> bool:
+        """Whether any scan so far had enough returns for a map."""
+        return self._T_map_key is not None or self.restarts > 0
+
+    def events(self) -> tuple[Event, ...]:
+        """What happened so far, and when."""
+        return self._watch.events()
 
     def warnings(self) -> tuple[str, ...]:
         """What went wrong so far, in words and counts."""
@@ -163,20 +197,31 @@ class FrontEnd:
             return None
         near = self._matcher.match(cloud, prediction.T_map_base, prediction.covariance)
         if near is not None and not prediction.jump and self._as_usual(near, prediction):
+            self._lost.clear()
             return near
-        candidates = [near, self._search(cloud, prediction.T_map_base, prediction)]
-        if prediction.jump:
-            held = prediction.T_map_hold
-            candidates.append(self._matcher.match(cloud, held, prediction.covariance))
-            candidates.append(self._search(cloud, held, prediction))
+        candidates = [near, *self._far_candidates(cloud, prediction)]
         believed = [one for one in candidates if one and self._believable(one, prediction)]
         best = max(believed, key=lambda one: one.fit, default=None)
-        if best is None or (
-            best is not near and near in believed and near.fit > best.fit - CLEARLY
-        ):
-            return near if near in believed else None
-        self.recovered += best is not near
+        if best is None:
+            self._lost.append(_Lost(prediction, _contradicted(candidates)))
+            return None
+        self._lost.clear()
+        if near in believed and near.fit > best.fit - CLEARLY:
+            return near
+        self.recovered += 1
         return best
+
+    def _far_candidates(self, cloud: Cloud, prediction: Prediction) -> list[Match | None]:
+        """Matches searched for around the prediction, and where the odometry is wrong: as if the
+        robot had stood, or gone on as it went."""
+        candidates = [self._search(cloud, prediction.T_map_base, prediction)]
+        guesses = [prediction.T_map_base]
+        for guess in (prediction.T_map_hold, self._predictor.coasting(prediction)):
+            if all(_apart(guess, other) for other in guesses):
+                guesses.append(guess)
+                candidates.append(self._matcher.match(cloud, guess, prediction.covariance))
+                candidates.append(self._search(cloud, guess, prediction))
+        return candidates
 
     def _search(
         self, cloud: Cloud, T_map_base_guess: FloatArray, prediction: Prediction
@@ -199,17 +244,41 @@ class FrontEnd:
         needed = share * self._usual_inliers
         return match.inlier_ratio >= needed and match.covered_ratio >= MIN_COVERED_RATIO
 
-    def _keep(self, cloud: Cloud, T_map_base: FloatArray, match: Match | None) -> bool:
+    def _fate(self, cloud: Cloud, match: Match | None) -> Fate:
+        if match is not None:
+            return "matched"
+        blind = len(self._matcher.pieces(cloud)) < MIN_GRIP
+        if self._T_map_key is None:
+            return "blind" if blind else "first"
+        self.unmatched += 1
+        if blind and self._lost:
+            self._lost.pop()  # it is no evidence for being elsewhere
+        return "blind" if blind else "lost"
+
+    def _restart(self, prediction: Prediction) -> FloatArray | None:
+        """Begin the local map anew if the robot has been lost for long; how surely it is here.
+
+        Scans that contradict the map where the odometry puts them say that it was carried.
+        """
+        if len(self._lost) < LOST_SCANS:
+            return None
+        carried = any(one.prediction.jump for one in self._lost)
+        against = sum(one.contradicted for one in self._lost)
+        carried |= against > CONTRADICTED_SHARE * len(self._lost)
+        first_ns = self._lost[0].prediction.stamp_ns
+        if carried:
+            self.breaks_ns.append(first_ns)
+        self._watch.add(Event(first_ns, prediction.stamp_ns, "kidnapped", _anew(carried)))
+        self._lost.clear()
+        self._matcher.forget()
+        self._T_map_key = None
+        self.restarts += 1
+        if carried:
+            return np.diag(np.square([ELSEWHERE_M, ELSEWHERE_M, ELSEWHERE_RAD]))
+        return prediction.covariance
+
+    def _keep(self, cloud: Cloud, T_map_base: FloatArray) -> bool:
         """Insert the scan into the local map when the robot has moved enough since the last."""
-        if match is None and self._T_map_key is not None:
-            self.unmatched += 1
-            self._lost += 1
-            if self._lost < LOST_SCANS:
-                return False
-            self._matcher.forget()
-            self.restarts += 1
-            self._T_map_key = None
-        self._lost = 0
         if self._T_map_key is not None:
             moved = between(self._T_map_key, T_map_base)
             options = self._config.local_map
@@ -219,3 +288,26 @@ class FrontEnd:
         self._matcher.insert(cloud, T_map_base)
         self._T_map_key = T_map_base
         return True
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Lost:
+    """A scan that fitted nowhere, and whether it contradicts the map rather than leaving it."""
+
+    prediction: Prediction
+    contradicted: bool
+
+
+def _contradicted(candidates: list[Match | None]) -> bool:
+    return any(one is not None and one.covered_ratio > COVERED_TO_JUDGE for one in candidates)
+
+
+def _apart(guess: FloatArray, other: FloatArray) -> bool:
+    step = between(other, guess)
+    return bool(np.hypot(step[0], step[1]) > OTHER_GUESS_M or abs(step[2]) > OTHER_GUESS_RAD)
+
+
+def _anew(carried: bool) -> str:
+    if carried:
+        return "nothing fitted, as if the robot had been carried: the local map was begun anew"
+    return "nothing fitted any more: the local map was begun anew, joined by odometry alone"

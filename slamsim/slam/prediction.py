@@ -25,6 +25,9 @@ MAX_VARIANCE = 1.0
 DISTRUST_GAIN = 0.1
 ONE_SIGMA_SHARE = 0.683
 MAX_DISTRUST = 100.0
+MAX_COAST_S = 1.0
+"""A speed is not believed to last for longer."""
+
 MIN_JUMP_S = 0.05
 """Stamps are not believed to be finer than this when a speed is taken from them."""
 
@@ -106,6 +109,13 @@ class Predictor:
         covariance = carry @ self._covariance @ carry.T + noise
         still = self._T_map_base
         return Prediction(stamp_ns, T_map_base, covariance, T_odom_base, step, still, jump)
+
+    def coasting(self, prediction: Prediction) -> FloatArray:
+        """T_map_base at the prediction's stamp if the robot went on as it did before."""
+        if self._last is None:
+            return self._T_map_base
+        seconds = min((prediction.stamp_ns - self._last.stamp_ns) * 1e-9, MAX_COAST_S)
+        return compose(self._T_map_base, self._velocity * seconds)
 
     def update(self, prediction: Prediction, match: Match | None) -> FloatArray:
         """T_map_base after the match, or as predicted without one."""

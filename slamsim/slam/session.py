@@ -14,7 +14,8 @@ from slamsim.geometry import between, compose, inverse
 from slamsim.progress import Progress, silent
 from slamsim.safe.errors import SlamsimError
 from slamsim.slam.back_end import Correction
-from slamsim.slam.correction import correct
+from slamsim.slam.correction import correct_pieces
+from slamsim.slam.events import in_words
 from slamsim.slam.keyframes import Keyframe, KeyframeMaker
 from slamsim.slam.marginals import adjoint
 from slamsim.slam.motion import NoMotion, predict_motion
@@ -134,22 +135,30 @@ class SlamSession:
         """The final solution. Raises SlamsimError if no scan could be tracked."""
         if not len(self._track):
             raise SlamsimError("there is nothing to solve: no scan was tracked")
+        if not self._front_end.sighted:
+            raise SlamsimError(_nothing_seen(len(self._track)))
         outcome = self._keeper.finish(progress)
         seconds = defaultdict(float, self._seconds)
         for stage, spent_s in outcome.seconds.items():
             seconds[stage] += spent_s
+        breaks_ns = self._front_end.breaks_ns
+        trajectory = correct_pieces(self._track.front_end(), outcome.graph.keyframes, breaks_ns)
+        happened = (*self._front_end.events(), *outcome.events)
+        events = tuple(sorted(happened, key=lambda event: event.start_ns))
+        counted = (*self._front_end.warnings(), *self._track.warnings())
         return SlamResult(
-            trajectory=correct(self._track.front_end(), outcome.graph.keyframes),
+            trajectory=trajectory,
             odometry=self._track.odometry(),
             graph=outcome.graph,
             match_quality=self._track.quality,
             degenerate=self._track.degenerate,
             closures_accepted=outcome.accepted,
             closures_rejected=outcome.rejected,
-            warnings=(*self._front_end.warnings(), *self._track.warnings(), *outcome.warnings),
+            warnings=(*counted, *in_words(events, int(trajectory.stamps_ns[0]))),
             seconds=dict(seconds),
             closure_refusals=dict(outcome.refusals),
             front_end=self._track.front_end(),
+            events=events,
         )
 
     def close(self) -> None:
@@ -273,6 +282,13 @@ def _rest_of(progress: Progress, done_before: float, whole: float) -> Progress:
         progress(done_before + (whole - done_before) * done / max(total, 1.0), whole)
 
     return report
+
+
+def _nothing_seen(scans: int) -> str:
+    return (
+        f"none of the {scans} scans shows a surface: their returns are too few, invalid or all "
+        "at the maximum range; there is nothing to map"
+    )
 
 
 def _nothing_to_track(log: Log, motion: PlanarTrajectory | None) -> str:

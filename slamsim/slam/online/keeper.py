@@ -20,7 +20,7 @@ class Outcome:
     graph: PoseGraph
     accepted: int
     rejected: int
-    warnings: tuple[str, ...]
+    events: tuple[Event, ...]
     seconds: Mapping[str, float]
     refusals: Mapping[str, int]
 
@@ -82,7 +82,7 @@ def outcome_of(back_end: BackEnd, progress: Progress) -> Outcome:
         graph,
         back_end.accepted,
         back_end.rejected,
-        back_end.warnings(),
+        back_end.events(graph),
         dict(back_end.seconds),
         dict(back_end.refusals),
     )

@@ -1,0 +1,112 @@
+"""What happens on the way that a user should know of: looked for at every scan, told at the end."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Literal
+
+import numpy as np
+
+from slamsim.geometry import between
+from slamsim.slam.events import Spells
+from slamsim.slam.prediction import Prediction
+from slamsim.types import Event, FloatArray
+
+Fate = Literal["first", "matched", "blind", "lost"]
+"""A scan that began a map, that was matched, that saw too little, that fitted nowhere."""
+
+FEW_SCANS = 3
+"""So many scans in a row without a place are not worth telling."""
+
+LONG_GAP_S = 3.0
+SHORT_GAP_S = 1.0
+MOVED_M = 0.5
+TURNED_RAD = 0.5
+"""A gap counts if it is long, or if the robot has moved meanwhile."""
+
+FROZEN_M = 1e-6
+FROZEN_S = 2.0
+TURN_TO_COMPARE_RAD = 0.01
+MIN_TURNED_RAD = 3.0
+"""Turns of the odometry are compared with those of the scans when they add up to this much."""
+
+MIRRORED_SHARE = -0.3
+
+
+class Watch:
+    """Sees each tracked scan once, in time order, and remembers what was odd."""
+
+    def __init__(self) -> None:
+        self._blind, self._lost, self._frozen, self._jumps = Spells(), Spells(), Spells(), Spells()
+        self._single: list[Event] = []
+        self._last_ns: int | None = None
+        self._first_ns = 0
+        self._T_map_base: FloatArray = np.zeros(3)
+        self._turned = self._same_turn = 0.0
+
+    def see(self, prediction: Prediction, T_map_base: FloatArray, fate: Fate) -> None:
+        """One more scan, where it was placed, and why there."""
+        before, self._T_map_base = self._T_map_base, T_map_base
+        stamp_ns = prediction.stamp_ns
+        if self._last_ns is None:
+            self._first_ns = self._last_ns = stamp_ns
+            return
+        if fate == "blind":
+            self._blind.mark(stamp_ns, before, T_map_base)
+        elif fate == "lost":
+            self._lost.mark(stamp_ns, before, T_map_base)
+        moved, step = between(before, T_map_base), prediction.T_last_base
+        self._look_for_gap(stamp_ns, moved)
+        if prediction.jump:
+            self._jumps.mark(stamp_ns, np.zeros(3), step)
+        elif fate == "matched":
+            if np.hypot(step[0], step[1]) < FROZEN_M:
+                self._frozen.mark(stamp_ns, before, T_map_base)
+            if abs(step[2]) > TURN_TO_COMPARE_RAD:
+                self._turned += abs(float(step[2]))
+                self._same_turn += float(moved[2] * np.sign(step[2]))
+        self._last_ns = stamp_ns
+
+    def add(self, event: Event) -> None:
+        """An event that somebody else noticed."""
+        self._single.append(event)
+
+    def events(self) -> tuple[Event, ...]:
+        """All events so far, by their starts."""
+        return tuple(sorted(self._all(), key=lambda event: event.start_ns))
+
+    def _all(self) -> Iterator[Event]:
+        yield from self._single
+        for spell in self._blind:
+            if spell.scans > FEW_SCANS:
+                words = f"{spell.scans} scans with too few returns, placed by odometry alone"
+                yield Event(spell.start_ns, spell.end_ns, "blind", words)
+        for spell in self._lost:
+            if spell.scans > FEW_SCANS:
+                words = f"{spell.scans} scans fitted nowhere, placed by odometry alone"
+                yield Event(spell.start_ns, spell.end_ns, "lost", words)
+        for spell in self._jumps:
+            size = f"{spell.moved_m:.1f} m and {np.rad2deg(spell.turned_rad):.0f} deg"
+            words = f"the odometry jumped by {size}, which was not believed"
+            yield Event(spell.start_ns, spell.end_ns, "jump", words)
+        for spell in self._frozen:
+            if spell.seconds >= FROZEN_S and spell.moved_m > MOVED_M:
+                words = f"the odometry stood still while the robot moved {spell.moved_m:.1f} m"
+                yield Event(spell.start_ns, spell.end_ns, "frozen", words)
+        if self._turned > MIN_TURNED_RAD and self._same_turn < MIRRORED_SHARE * self._turned:
+            yield Event(self._first_ns, self._last_ns or self._first_ns, "lidar", _MIRRORED)
+
+    def _look_for_gap(self, stamp_ns: int, moved: FloatArray) -> None:
+        assert self._last_ns is not None
+        seconds = (stamp_ns - self._last_ns) * 1e-9
+        moved_m, turned_rad = float(np.hypot(moved[0], moved[1])), abs(float(moved[2]))
+        far = moved_m > MOVED_M or turned_rad > TURNED_RAD
+        if seconds >= LONG_GAP_S or (seconds >= SHORT_GAP_S and far):
+            words = f"no scans for {seconds:.1f} s, in which the robot moved {moved_m:.1f} m"
+            self._single.append(Event(self._last_ns, stamp_ns, "gap", words))
+
+
+_MIRRORED = (
+    "the scans turn against the odometry: the lidar seems to be mounted upside down, "
+    "and the transform to it does not say so"
+)
