@@ -23,7 +23,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from slamsim.config.sensors import SensorsConfig
-from slamsim.evaluate.bound_groups import Groups, group_scans, joint_information
+from slamsim.evaluate.bound_groups import POSE_PRIOR, Groups, group_scans, joint_information
 from slamsim.evaluate.bound_odometry import odometry_noise, rolled_between
 from slamsim.evaluate.bound_scans import scan_information
 from slamsim.evaluate.bound_solve import draws
@@ -34,11 +34,6 @@ BEAMS_CAST = 270
 DRAWS = 300
 LEAST_ROLLED_M = 0.5
 """The shape of a shorter trajectory is nothing to bound."""
-
-HELD_M = 10.0
-"""A direction in which a scan holds the pose less than this counts as held so far."""
-
-HELD_RAD = np.pi
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -147,8 +142,7 @@ def _of_poses(drawn: FloatArray, groups: Groups) -> FloatArray:
 
 
 def _scan_bound(stamps_ns: IntArray, information: FloatArray) -> ScanBound:
-    prior = np.diag([HELD_M**-2, HELD_M**-2, HELD_RAD**-2])
-    covariance = np.linalg.inv(information + prior)
+    covariance = np.linalg.inv(information + POSE_PRIOR)
     values, vectors = np.linalg.eigh(covariance[:, :2, :2])
     return ScanBound(
         stamps_ns=stamps_ns,

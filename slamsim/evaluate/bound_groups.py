@@ -22,8 +22,8 @@ WALL_PRIOR = np.eye(2)
 """That a wall lies within a metre and a radian: only so that one seen by a single beam, which
 leaves a coordinate open, does not make the matrix singular."""
 
-POSE_PRIOR = 1e2 * np.eye(3)
-"""Holds the whole somewhere; which the alignment undoes."""
+POSE_PRIOR = np.diag([10.0**-2, 10.0**-2, np.pi**-2])
+"""That a pose lies within ten metres and half a turn: for directions that nothing holds."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -80,16 +80,16 @@ def joint_information(
     carry = lever(cast_poses[:, :2] - groups.poses[groups.cast_group, :2])
     counted = np.swapaxes(carry, 1, 2) * groups.cast_count[:, None, None]
     pose_rows = 3 * groups.cast_group
+    every_pose = 3 * np.arange(len(groups))
     for blocks in (known, joint):
+        blocks.add(every_pose, every_pose, np.tile(POSE_PRIOR, (len(groups), 1, 1)))
         blocks.add(pose_rows, pose_rows, counted @ scans.pose @ carry)
         _add_odometry(blocks, groups, noise)
-    first = np.zeros(1, dtype=np.int64)
-    joint.add(first, first, POSE_PRIOR[None])
     wall_rows = size + 2 * wall_number
     joint.add(pose_rows[scans.scan], wall_rows, counted[scans.scan] @ scans.cross)
     joint.add(wall_rows, wall_rows, groups.cast_count[scans.scan, None, None] * scans.wall)
-    every = size + 2 * np.arange(len(met))
-    joint.add(every, every, np.tile(WALL_PRIOR, (len(met), 1, 1)))
+    every_wall = size + 2 * np.arange(len(met))
+    joint.add(every_wall, every_wall, np.tile(WALL_PRIOR, (len(met), 1, 1)))
     return known.matrix(), joint.matrix()
 
 
