@@ -11,17 +11,17 @@ import os
 import subprocess
 import sys
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 from typing import cast
 
 from slamsim.config.slam import SlamConfig
 from slamsim.progress import Progress, silent
-from slamsim.safe.errors import SlamsimError
 from slamsim.slam.back_end import Correction
 from slamsim.slam.keyframes import Keyframe
-from slamsim.slam.online.keeper import Outcome
+from slamsim.slam.online.keeper import InLine, Outcome
 from slamsim.slam.online.messages import Done, Finish, News, Task
-from slamsim.slam.online.pipe import Ended, Pipe, packed
+from slamsim.slam.online.pipe import Ended, Pipe, journal_messages, packed
 from slamsim.types import Event, GraphEdge
 
 MAX_RESTARTS = 3
@@ -43,6 +43,7 @@ class Beside:
         self._correction: Correction | None = None
         self._outcome: Outcome | None = None
         self._events: list[Event] = []
+        self._warnings: list[str] = []
         self._last_ns = 0
         self._taken = self._restarts = 0
         self._child: subprocess.Popen[bytes] | None = None
@@ -91,17 +92,24 @@ class Beside:
     def finish(self, progress: Progress) -> Outcome:
         """See ``MapKeeper``. Waits until the process has dealt with everything."""
         self._ask()
-        while self._outcome is None:
-            if self._child is None:
-                raise SlamsimError(
-                    f"the map could not be solved: its process ended {self._restarts} times"
-                )
+        while self._outcome is None and self._child is not None:
             before = self._restarts
             self._pipe.wait()
             self._read(progress)
             if self._restarts != before:
                 self._ask()
-        return self._outcome
+        outcome = self._outcome or self._chain_alone(progress)
+        return replace(outcome, warnings=(*outcome.warnings, *self._warnings))
+
+    def _chain_alone(self, progress: Progress) -> Outcome:
+        """What is left when no process will stay: all key frames, and no closures."""
+        closures = self._config.back_end.closures.model_copy(update={"enabled": False})
+        back_end = self._config.back_end.model_copy(update={"closures": closures})
+        keeper = InLine(self._config.model_copy(update={"back_end": back_end}), self._gyro)
+        self._journal.flush()
+        for keyframe in journal_messages(self._journal.fileno(), self._journal.tell()):
+            keeper.take(cast(Keyframe, keyframe))
+        return keeper.finish(progress)
 
     def close(self) -> None:
         """See ``MapKeeper``."""
@@ -153,6 +161,7 @@ class Beside:
         again = self._restarts <= MAX_RESTARTS
         after = f"begun again from {self._taken} key frames" if again else "not begun again"
         words = f"the process that closes loops ended with code {code}: {after}"
+        self._warnings.append(words)
         self._events.append(Event(self._last_ns, self._last_ns, "torn", words))
         if again:
             self._begin()

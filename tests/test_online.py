@@ -1,0 +1,151 @@
+"""A session beside its back end: as good as in line, and not to be brought down."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from functools import cache
+
+import numpy as np
+import pytest
+from simulated import Simulated, ate_rmse_m, labyrinth, simulate
+
+from slamsim.config.slam import SlamConfig
+from slamsim.geometry import between
+from slamsim.slam.online.beside import MAX_RESTARTS, Beside
+from slamsim.slam.online.replay import replay
+from slamsim.slam.session import SlamSession, Step, open_session, run_slam
+from slamsim.types import PlanarTrajectory
+
+
+@cache
+def example() -> Simulated:
+    walls, tour = labyrinth(seed=2, cells=3)
+    return simulate(walls, tour, seed=2, max_s=50.0)
+
+
+def opened() -> SlamSession:
+    log = example().log
+    return open_session(SlamConfig(), log.T_base_laser, log.T_base_imu)
+
+
+def beside(session: SlamSession) -> Beside:
+    assert isinstance(session.keeper, Beside)
+    return session.keeper
+
+
+def drive(session: SlamSession, scans: slice = slice(None)) -> list[Step]:
+    """The example's scans, as slowly as the back end needs to keep near."""
+    steps = []
+    for scan, samples in list(replay(example().log))[scans]:
+        step = session.step(scan, samples)
+        assert step is not None
+        steps.append(step)
+        while beside(session).process_id is not None and beside(session).behind > 5:
+            time.sleep(0.001)
+            beside(session).correction()
+    return steps
+
+
+def is_alive(process: int | None) -> bool:
+    if process is None:
+        return False
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    return True
+
+
+def live(steps: list[Step]) -> PlanarTrajectory:
+    stamps_ns = np.array([step.stamp_ns for step in steps])
+    return PlanarTrajectory(stamps_ns, np.array([step.T_map_base for step in steps]))
+
+
+def test_on_line_is_as_good_as_over_the_whole_log() -> None:
+    with opened() as session:
+        steps = drive(session)
+        result = session.finish()
+    whole = run_slam(example().log, SlamConfig())
+    assert np.array_equal(result.trajectory.stamps_ns, whole.trajectory.stamps_ns)
+    off = between(whole.trajectory.poses, result.trajectory.poses)
+    assert np.hypot(off[:, 0], off[:, 1]).max() < 0.01 and np.abs(off[:, 2]).max() < 0.005
+    assert result.closures_accepted > 0
+    assert ate_rmse_m(live(steps), example().truth) < 0.02
+
+
+def test_steps_tell_smooth_odometry_quality_and_covariances() -> None:
+    with opened() as session:
+        steps = drive(session, slice(150))
+    odom = np.array([step.T_odom_base for step in steps])
+    assert np.abs(np.diff(odom[:, :2], axis=0)).max() < 0.06  # half a metre per second
+    assert all(step.status == "tracking" and step.match_quality > 0.5 for step in steps[1:])
+    assert all(step.degenerate_directions.shape[1] == 3 for step in steps)
+    for step in steps[20:]:
+        assert np.linalg.eigvalsh(step.covariance).min() > -1e-12
+        carried = between(np.zeros(3), step.T_map_odom)
+        assert np.isfinite(carried).all()
+
+
+def test_a_killed_back_end_is_told_and_begun_again_with_all_it_knew() -> None:
+    with opened() as session:
+        drive(session, slice(250))
+        before = beside(session)
+        assert before.process_id is not None
+        os.kill(before.process_id, signal.SIGKILL)
+        steps = drive(session, slice(250, None))
+        events = [event for step in steps for event in step.events]
+        result = session.finish()
+    assert len(events) == 1 and "begun again" in events[0].words
+    assert result.closures_accepted > 0
+    assert ate_rmse_m(result.trajectory, example().truth) < 0.01
+
+
+def test_a_back_end_that_keeps_dying_leaves_the_odometry() -> None:
+    with opened() as session:
+        for number in range(MAX_RESTARTS + 1):
+            process = beside(session).process_id
+            assert process is not None
+            os.kill(process, signal.SIGKILL)
+            while beside(session).process_id == process:
+                drive(session, slice(number, number + 1)) if len(session) <= number else None
+                beside(session).correction()
+        assert beside(session).process_id is None
+        steps = drive(session, slice(MAX_RESTARTS + 1, 60))
+        assert all(step.status == "tracking" for step in steps)
+        result = session.finish()
+    assert any("not begun again" in warning for warning in result.warnings)
+    assert np.isfinite(result.trajectory.poses).all()
+
+
+def test_closing_in_the_middle_leaves_no_process() -> None:
+    with opened() as session:
+        drive(session, slice(60))
+        process = beside(session).process_id
+        assert is_alive(process)
+    assert not is_alive(process)
+    session.close()
+
+
+def test_the_back_end_ends_with_its_parent() -> None:
+    code = (
+        "import time\n"
+        "from slamsim.config.slam import SlamConfig\n"
+        "from slamsim.slam.online.beside import Beside\n"
+        "print(Beside(SlamConfig(), True).process_id, flush=True)\n"
+        "time.sleep(60)\n"
+    )
+    command = [sys.executable, "-c", code]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as parent:
+        assert parent.stdout is not None
+        process = int(parent.stdout.readline())
+        assert is_alive(process)
+        parent.kill()
+    for _ in range(200):
+        if not is_alive(process):
+            return
+        time.sleep(0.05)
+    pytest.fail("the back end outlived its parent")
