@@ -117,7 +117,7 @@ def test_a_back_end_that_keeps_dying_leaves_the_odometry() -> None:
         steps = drive(session, slice(MAX_RESTARTS + 1, 60))
         assert all(step.status == "tracking" for step in steps)
         result = session.finish()
-    assert any("not begun again" in warning for warning in result.warnings)
+    assert any("not begun again" in event.words for event in result.events)
     assert np.isfinite(result.trajectory.poses).all()
 
 

@@ -86,6 +86,7 @@ class SlamSession:
         self._maker = KeyframeMaker(config.back_end.keyframes, config.front_end.max_range_m)
         self._anchors = _Anchors()
         self._track = Track()
+        self._events_told: set[tuple[str, int]] = set()
         self._seconds: defaultdict[str, float] = defaultdict(float)
 
     def __enter__(self) -> Self:
@@ -175,9 +176,21 @@ class SlamSession:
             covariance=covariance,
             match_quality=tracked.match_quality,
             degenerate_directions=np.eye(3) if match is None else match.degenerate_directions,
-            status="tracking" if match is not None or len(self._track) == 1 else "searching",
-            events=self._keeper.events(),
+            status=self._status(tracked),
+            events=(*self._new_events(), *self._keeper.events()),
         )
+
+    def _status(self, tracked: Tracked) -> Status:
+        if tracked.restart is not None:
+            return "lost"
+        followed = tracked.match is not None or tracked.keyscan
+        return "tracking" if followed else "searching"
+
+    def _new_events(self) -> tuple[Event, ...]:
+        """What the front end noticed and has not told yet; some events still grow when told."""
+        new = [e for e in self._front_end.events() if (e.kind, e.start_ns) not in self._events_told]
+        self._events_told.update((event.kind, event.start_ns) for event in new)
+        return tuple(new)
 
 
 def open_session(

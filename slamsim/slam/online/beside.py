@@ -42,8 +42,8 @@ class Beside:
         self._closures: list[GraphEdge] = []
         self._correction: Correction | None = None
         self._outcome: Outcome | None = None
-        self._events: list[Event] = []
-        self._warnings: list[str] = []
+        self._happened: list[Event] = []
+        self._told = 0
         self._last_ns = 0
         self._taken = self._restarts = 0
         self._child: subprocess.Popen[bytes] | None = None
@@ -85,9 +85,9 @@ class Beside:
 
     def events(self) -> tuple[Event, ...]:
         """See ``MapKeeper``."""
-        told = tuple(self._events)
-        self._events.clear()
-        return told
+        new = tuple(self._happened[self._told :])
+        self._told += len(new)
+        return new
 
     def finish(self, progress: Progress) -> Outcome:
         """See ``MapKeeper``. Waits until the process has dealt with everything."""
@@ -99,7 +99,7 @@ class Beside:
             if self._restarts != before:
                 self._ask()
         outcome = self._outcome or self._chain_alone(progress)
-        return replace(outcome, warnings=(*outcome.warnings, *self._warnings))
+        return replace(outcome, events=(*outcome.events, *self._happened))
 
     def _chain_alone(self, progress: Progress) -> Outcome:
         """What is left when no process will stay: all key frames, and no closures."""
@@ -161,8 +161,7 @@ class Beside:
         again = self._restarts <= MAX_RESTARTS
         after = f"begun again from {self._taken} key frames" if again else "not begun again"
         words = f"the process that closes loops ended with code {code}: {after}"
-        self._warnings.append(words)
-        self._events.append(Event(self._last_ns, self._last_ns, "torn", words))
+        self._happened.append(Event(self._last_ns, self._last_ns, "torn", words))
         if again:
             self._begin()
 
