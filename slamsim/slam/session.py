@@ -143,7 +143,8 @@ class SlamSession:
         for stage, spent_s in outcome.seconds.items():
             seconds[stage] += spent_s
         breaks_ns = self._front_end.breaks_ns
-        trajectory = correct_pieces(self._track.front_end(), outcome.graph.keyframes, breaks_ns)
+        raw, smoothed = self._track.front_end(), self._track.smoothed().track
+        trajectory = correct_pieces(smoothed, outcome.graph.keyframes, breaks_ns, raw)
         happened = (*self._front_end.events(), *outcome.events)
         events = tuple(sorted(happened, key=lambda event: event.start_ns))
         counted = (*self._front_end.warnings(), *self._track.warnings())

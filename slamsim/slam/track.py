@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from slamsim.slam.odometry import Tracked
+from slamsim.slam.smoothing import Chain, Smoothed, odometry_steps, smooth
 from slamsim.types import BoolArray, FloatArray, PlanarTrajectory
 
 DEGENERATE_SHARE_TO_TELL = 0.05
@@ -16,6 +17,8 @@ _ROW = np.dtype(
         ("T_odom_base", np.float64, 3),
         ("quality", np.float64),
         ("degenerate", np.bool_),
+        ("information", np.float64, (3, 3)),
+        ("pull", np.float64, 3),
     ]
 )
 
@@ -48,6 +51,8 @@ class Track:
             tracked.T_odom_base,
             tracked.match_quality,
             tracked.degenerate,
+            tracked.information,
+            np.zeros(3) if tracked.match is None else tracked.match.pull,
         )
         self._count += 1
 
@@ -58,6 +63,12 @@ class Track:
     def odometry(self) -> PlanarTrajectory:
         """``T_odom_base`` as wheels and gyroscope predicted it."""
         return PlanarTrajectory(self._column("stamp_ns"), self._column("T_odom_base"))
+
+    def smoothed(self) -> Smoothed:
+        """``T_map_base`` before any loop was closed, all scans and the odometry taken together."""
+        track = self.front_end()
+        information, pull = self._column("information"), self._column("pull")
+        return smooth(Chain(track, information, pull, *odometry_steps(self.odometry())))
 
     @property
     def quality(self) -> FloatArray:

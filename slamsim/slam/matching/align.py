@@ -40,8 +40,9 @@ average out. Variances are claimed this much larger; measured on simulated labyr
 3 cm of noise."""
 
 MEDIAN_CHI2 = 0.455
-COVERED, INLIERS, SQUARES, ITERATIONS, CONVERGED, WEAK, WEIGHTS, UNIT = range(8)
-SUMMARY_FIELDS = 8
+COVERED, INLIERS, SQUARES, ITERATIONS, CONVERGED, WEAK, WEIGHTS, UNIT, PULL = range(9)
+SUMMARY_FIELDS = PULL + 3
+"""From PULL on: the gradient of the scan alone where the prior came to rest with it."""
 
 
 @kernel
@@ -266,6 +267,7 @@ def align(
         _offset(T_guess, T, length, offset)
         pull = _pull(prior_scaled, offset, axes, values, (weak_share, robust > ROBUST_SIGMAS))
         step = _newton_step(information, gradient, pull, offset)
+        _rest(information, gradient, step, summary)
         size = _move(T, step, length)
         if not np.isfinite(size):
             break
@@ -276,11 +278,24 @@ def align(
             robust = max(robust * 0.4, ROBUST_SIGMAS)
             narrow = max(0.5 * narrow, least)
     _scale(information, length)
+    summary[PULL + 2] *= length
     for i in range(3):
         axes[2, i] /= length
+        summary[PULL + i] /= ALIKE
         for j in range(3):
             information[i, j] /= ALIKE
     return T, information, axes, summary
+
+
+@kernel
+def _rest(
+    information: FloatArray, gradient: FloatArray, step: FloatArray, summary: FloatArray
+) -> None:
+    """What the scan alone still wants after the step that it shared with the prior."""
+    left = np.empty(3)
+    times(information, step, left)
+    for i in range(3):
+        summary[PULL + i] = -(gradient[i] + left[i])
 
 
 @kernel

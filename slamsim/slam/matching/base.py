@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Protocol
+
+import numpy as np
 
 from slamsim.types import Cloud, FloatArray
 
@@ -17,7 +19,8 @@ class Match:
     scan alone; it is zero along degenerate directions. inlier_ratio: share of the scan, where
     the map covers it, that lies on it. covered_ratio: share of the scan that the map covers.
     rmse_m: of the inliers. degenerate_directions: (k, 3) steps of the base, in its own frame,
-    that the surfaces do not hold; k = 0 for most scans.
+    that the surfaces do not hold; k = 0 for most scans. pull: (3,) the scan alone would rather be
+    at the step ``d`` with ``information @ d = pull``; the prediction holds it back.
     """
 
     T_map_base: FloatArray
@@ -28,6 +31,7 @@ class Match:
     iterations: int
     converged: bool
     degenerate_directions: FloatArray
+    pull: FloatArray = field(default_factory=lambda: np.zeros(3))
 
     @property
     def fit(self) -> float:

@@ -13,6 +13,7 @@ from slamsim.slam.matching.align import (
     COVERED,
     INLIERS,
     ITERATIONS,
+    PULL,
     SQUARES,
     UNIT,
     WEAK,
@@ -177,6 +178,7 @@ class LineMatcher:
             iterations=int(summary[ITERATIONS]),
             converged=bool(summary[CONVERGED]),
             degenerate_directions=axes[:, : int(summary[WEAK])].T.copy(),
+            pull=summary[PULL : PULL + 3].copy(),
         )
         return _Aligned(match, float(summary[WEIGHTS] / len(pieces)), float(summary[UNIT]))
 

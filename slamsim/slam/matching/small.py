@@ -79,6 +79,32 @@ def solve(matrix: FloatArray, right: FloatArray, out: FloatArray) -> None:
 
 
 @kernel
+def invert(matrix: FloatArray, out: FloatArray) -> None:
+    """out <- the inverse of a symmetric matrix, by its cofactors."""
+    m = matrix
+    c00 = m[1, 1] * m[2, 2] - m[1, 2] * m[1, 2]
+    c01 = m[0, 2] * m[1, 2] - m[0, 1] * m[2, 2]
+    c02 = m[0, 1] * m[1, 2] - m[0, 2] * m[1, 1]
+    share = 1.0 / (m[0, 0] * c00 + m[0, 1] * c01 + m[0, 2] * c02)
+    out[0, 0], out[0, 1], out[0, 2] = share * c00, share * c01, share * c02
+    out[1, 0] = out[0, 1]
+    out[1, 1] = share * (m[0, 0] * m[2, 2] - m[0, 2] * m[0, 2])
+    out[1, 2] = share * (m[0, 1] * m[0, 2] - m[0, 0] * m[1, 2])
+    out[2, 0], out[2, 1] = out[0, 2], out[1, 2]
+    out[2, 2] = share * (m[0, 0] * m[1, 1] - m[0, 1] * m[0, 1])
+
+
+@kernel
+def product(left: FloatArray, right: FloatArray, out: FloatArray) -> None:
+    """out <- left @ right."""
+    for i in range(3):
+        for j in range(3):
+            out[i, j] = (
+                left[i, 0] * right[0, j] + left[i, 1] * right[1, j] + left[i, 2] * right[2, j]
+            )
+
+
+@kernel
 def sandwich(outer: FloatArray, inner: FloatArray) -> None:
     """inner <- outer @ inner @ outer, for a symmetric outer."""
     half = np.zeros((3, 3))
