@@ -24,7 +24,11 @@ OCCUPIED_ABOVE = 0.65
 FREE_BELOW = 0.35
 
 GHOST_RADIUS_M = 0.5
-"""A wall is drawn twice if something is drawn this near to it where there is no wall."""
+"""A wall is drawn twice if another is drawn this near to it where there is no wall."""
+
+GHOST_LENGTH_M = 0.25
+"""What is drawn where no wall is counts as one if so much of it hangs together; a stray cell just
+beyond the tolerance is no wall, and precision counts it already."""
 
 _BLOCK_ROWS = 256
 _ROUNDING = 1e-6
@@ -39,9 +43,10 @@ class MapScores:
 
     wall_precision: share of the map's occupied cells that lie within one cell of a true wall
     surface. wall_error_mean_m: mean distance of its occupied cells from the nearest true wall
-    surface. doubled_wall_share: share of the true wall surface that has an occupied cell within
-    0.5 m that belongs to no true wall. free_iou: intersection over union of the free cells. A
-    share of nothing (an empty map's precision) is None.
+    surface. doubled_wall_share: share of the true wall surface within 0.5 m of which the map shows
+    a stretch of 0.25 m or more that belongs to no true wall. free_iou: intersection over union of
+    the free cells that were in view from the path driven. free_coverage: share of all reachable
+    free cells that the map calls free. A share of nothing (an empty map's precision) is None.
     """
 
     wall_recall: float | None
@@ -50,6 +55,7 @@ class MapScores:
     wall_error_mean_m: float | None
     doubled_wall_share: float | None
     free_iou: float | None
+    free_coverage: float | None
 
 
 def compare_grids(
@@ -69,20 +75,23 @@ def compare_grids(
     surface = cell_centres(truth, surface_cells)
     if surface.shape[0] == 0:
         raise SlamsimError("the true grid has no wall that borders reachable space")
-    in_view = seen_from(truth, path_m, range_m)[surface_cells]
+    seen = seen_from(truth, path_m, range_m)
+    in_view = seen[surface_cells]
     walls = _walls(estimate, T_truth_estimate)
     tolerance_m = _tolerance_m(truth)
     map_to_truth_m = _nearest_m(walls, surface)
     shown = _nearest_m(surface, walls) <= tolerance_m
-    ghosts = walls[map_to_truth_m > tolerance_m]
+    ghosts = walls[_hangs_together(estimate, map_to_truth_m > tolerance_m)]
     doubled = _nearest_m(surface, ghosts) <= GHOST_RADIUS_M
+    free_iou, free_coverage = _free_shares(estimate, truth, seen, T_truth_estimate)
     return MapScores(
         wall_recall=_share(shown[in_view]),
         wall_coverage=_share(shown),
         wall_precision=_share(map_to_truth_m <= tolerance_m),
         wall_error_mean_m=float(np.mean(map_to_truth_m)) if walls.size else None,
         doubled_wall_share=_share(doubled),
-        free_iou=_free_iou(estimate, truth, T_truth_estimate),
+        free_iou=free_iou,
+        free_coverage=free_coverage,
     )
 
 
@@ -160,13 +169,30 @@ def _nearest_m(points: FloatArray, others: FloatArray) -> FloatArray:
     return np.asarray(KDTree(others).query(points)[0], dtype=np.float64)
 
 
-def _free_iou(estimate: Grid, truth: Grid, T_truth_estimate: FloatArray) -> float | None:
-    """Over the true lattice extended to the whole map: what the map calls free outside counts.
+def _hangs_together(estimate: Grid, chosen: BoolArray) -> BoolArray:
+    """Which of the chosen occupied cells (in their order) are part of a stretch, not stray."""
+    from scipy import ndimage
 
-    Row by row in blocks, so that memory stays small however far a bad map reaches.
+    cells = occupied(estimate)
+    image = np.zeros_like(cells)
+    image[cells] = chosen
+    stretches, _ = ndimage.label(image, np.ones((3, 3)))
+    long_enough = np.bincount(stretches.ravel()) * estimate.resolution_m >= GHOST_LENGTH_M
+    long_enough[0] = False
+    return np.asarray(long_enough[stretches[cells]], dtype=np.bool_)
+
+
+def _free_shares(
+    estimate: Grid, truth: Grid, seen: BoolArray, T_truth_estimate: FloatArray
+) -> tuple[float | None, float | None]:
+    """Intersection over union of what was seen, and coverage of all there is.
+
+    Over the true lattice extended to the whole map: what the map calls free outside counts. Row by
+    row in blocks, so that memory stays small however far a bad map reaches.
     """
     T_estimate_truth = inverse(T_truth_estimate)
     low, high = _lattice_bounds(estimate, truth, T_truth_estimate)
+    in_view = Grid(seen.astype(np.float32), truth.resolution_m, truth.origin_m)
     both = either = 0
     for first in range(low[1], high[1], _BLOCK_ROWS):
         block = np.arange(first, min(first + _BLOCK_ROWS, high[1]))
@@ -175,9 +201,11 @@ def _free_iou(estimate: Grid, truth: Grid, T_truth_estimate: FloatArray) -> floa
         centres += truth.origin_m
         truly_free = sample(truth, centres) == 0.0
         called_free = sample(estimate, transform_points(T_estimate_truth, centres)) < FREE_BELOW
+        asked = truly_free & (sample(in_view, centres) == 1.0)
         both += int(np.count_nonzero(truly_free & called_free))
-        either += int(np.count_nonzero(truly_free | called_free))
-    return both / either if either else None
+        either += int(np.count_nonzero(asked | called_free))
+    there = int(np.count_nonzero(truth.occupancy == 0.0))
+    return both / either if either else None, both / there if there else None
 
 
 def _lattice_bounds(

@@ -152,6 +152,7 @@ def _map_numbers(scores: MapScores | None) -> dict[str, Number]:
         "map_wall_error_mean_m": None if scores is None else scores.wall_error_mean_m,
         "map_doubled_wall_share": None if scores is None else scores.doubled_wall_share,
         "map_free_iou": None if scores is None else scores.free_iou,
+        "map_free_coverage": None if scores is None else scores.free_coverage,
     }
 
 

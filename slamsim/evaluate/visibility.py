@@ -1,4 +1,4 @@
-"""Which walls could be seen from a path: nobody can map the back of a barrel in a corner."""
+"""What could be seen from a path: nobody can map the back of a barrel, or a room not driven to."""
 
 from __future__ import annotations
 
@@ -17,7 +17,8 @@ DIRECTIONS = 720
 
 
 def seen_from(truth: Grid, path_m: FloatArray, range_m: float = math.inf) -> BoolArray:
-    """The solid cells (the grid's shape) that are the first on a ray from a point of the path.
+    """The cells (the grid's shape) that a ray from a point of the path crosses, and the first solid
+    one on it.
 
     truth: 1 solid; all else lets a ray through. path_m: (n, 2) in the grid's frame, in the order
     driven. range_m: rays end there. Looks in all directions, whatever the lidar's own are.
@@ -45,7 +46,8 @@ def _spread(path_m: FloatArray, step_m: float) -> FloatArray:
 def _cast(
     solid: BoolArray, seen: BoolArray, origins: FloatArray, angles_rad: FloatArray, reach: float
 ) -> None:
-    """Mark in ``seen`` the first solid cell of each ray (Amanatides & Woo 1987), in cells."""
+    """Mark in ``seen`` the cells of each ray as far as the first solid one, which ends it
+    (Amanatides & Woo 1987); all in cells."""
     rows, columns = solid.shape
     for i in range(origins.shape[0]):
         for k in range(angles_rad.shape[0]):
@@ -59,8 +61,8 @@ def _cast(
             next_y = (row + (dy > 0.0) - y) / dy if dy != 0.0 else math.inf
             way = 0.0
             while way <= reach and 0 <= column < columns and 0 <= row < rows:
+                seen[row, column] = True
                 if solid[row, column]:
-                    seen[row, column] = True
                     break
                 if next_x <= next_y:
                     way = next_x
