@@ -9,7 +9,7 @@ import numpy as np
 from slamsim.config.slam import FrontEndConfig
 from slamsim.geometry import between
 from slamsim.slam.deskew import deskew
-from slamsim.slam.matching import Match, make_matcher
+from slamsim.slam.matching import Match, Matcher, make_matcher
 from slamsim.slam.prediction import Prediction, Predictor
 from slamsim.slam.watch import Fate, Watch
 from slamsim.types import Cloud, Event, FloatArray, PlanarTrajectory, Scan
@@ -109,6 +109,27 @@ class FrontEnd:
     def renew_motion(self, motion: PlanarTrajectory | None) -> None:
         """``T_odom_base`` as it is known by now: a window that covers the scans to come."""
         self._predictor.renew_motion(motion)
+
+    def begin_at(self, T_map_base: FloatArray, covariance: FloatArray, matcher: Matcher) -> None:
+        """Go on from a pose (3,) that is known with a covariance (3, 3), in another map."""
+        self._predictor.place(T_map_base, covariance)
+        self._matcher, self._T_map_key = matcher, T_map_base
+        self._usual_inliers = START_USUAL
+        self._lost.clear()
+
+    def begin_anew(self, matcher: Matcher) -> None:
+        """Go on from here in an empty map."""
+        self._matcher, self._T_map_key = matcher, None
+
+    @property
+    def T_map_base(self) -> FloatArray:  # noqa: N802
+        """(3,) at the last scan."""
+        return self._predictor.T_map_base
+
+    @property
+    def covariance(self) -> FloatArray:
+        """(3, 3) of a small step of the base in its own frame, at the last scan."""
+        return self._predictor.covariance
 
     def step(self, scan: Scan) -> Tracked | None:
         """Track one scan; None if it had to be skipped. Scans come in time order."""

@@ -78,6 +78,20 @@ class Predictor:
         """``T_odom_base`` as it is known by now: any window from the last scan on will do."""
         self._motion = motion
 
+    @property
+    def T_map_base(self) -> FloatArray:  # noqa: N802
+        """(3,) at the last scan."""
+        return self._T_map_base
+
+    @property
+    def covariance(self) -> FloatArray:
+        """(3, 3) of a small step of the base in its own frame, at the last scan."""
+        return self._covariance
+
+    def place(self, T_map_base: FloatArray, covariance: FloatArray) -> None:
+        """The robot is known to be somewhere else."""
+        self._T_map_base, self._covariance = T_map_base, covariance
+
     def motion_over(self, scan: Scan) -> PlanarTrajectory | None:
         """The base's motion over the scan's beams, None where it is not known."""
         first, last = min(scan.stamp_ns, scan.end_ns), max(scan.stamp_ns, scan.end_ns)

@@ -8,7 +8,6 @@ import numpy as np
 
 from slamsim.config.back_end import BackEndConfig
 from slamsim.geometry import compose, transform_points
-from slamsim.slam.branch_and_bound import MAX_LOOKUPS
 from slamsim.slam.correlative import LikelihoodGrid, Peak, Window, likelihood_grid, search
 from slamsim.slam.submaps import SIGMA_M, Submap
 from slamsim.types import FloatArray
