@@ -300,7 +300,11 @@ class GraphEdge:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PoseGraph:
-    """Key frames, their optimised ``T_map_base`` and marginal covariances (n, 3, 3)."""
+    """Key frames and their optimised ``T_map_base``.
+
+    covariances: (n, 3, 3) of a small step (dx_m, dy_m, dyaw_rad) of each key frame's base in its
+    own frame, the first key frame being exact.
+    """
 
     keyframes: PlanarTrajectory
     covariances: FloatArray
@@ -308,7 +312,17 @@ class PoseGraph:
 
 
 EventKind = Literal[
-    "slip", "gap", "jump", "frozen", "blind", "lost", "kidnapped", "joined", "torn", "lidar"
+    "slip",
+    "gap",
+    "jump",
+    "frozen",
+    "blind",
+    "lost",
+    "kidnapped",
+    "joined",
+    "torn",
+    "lidar",
+    "unrefined",
 ]
 """What may happen on the way.
 
@@ -316,7 +330,7 @@ slip: wheels that turned without moving the robot so. gap: no scans, or no odome
 of the odometry that no robot makes. frozen: odometry that stood while the scans moved. blind:
 scans without enough returns. lost: scans that fitted nowhere. kidnapped: a local map begun anew.
 joined: a place that only odometry joins to the rest. torn: scans that contradict the map. lidar:
-a lidar that does not see what its mounting says.
+a lidar that does not see what its mounting says. unrefined: a final refinement that was not used.
 """
 
 

@@ -132,15 +132,15 @@ def test_closures_make_the_estimate_surer_and_never_surer_than_the_dense_answer(
     estimate.begin(poses[0])
     for edge in edges[:29]:
         estimate.extend(edge)
-    before = estimate.covariances_in_map(np.arange(29), 29)
+    before = estimate.covariances_in_map(np.arange(29), np.array([29]))
     estimate.move(poses)
     estimate.renew_covariances(edges)
-    after = estimate.covariances_in_map(np.arange(29), 29)
+    after = estimate.covariances_in_map(np.arange(29), np.array([29]))
     exact = dense_inverse(poses, edges, 29)[:29]
     assert np.allclose(after, exact, rtol=1e-6, atol=1e-9)
     assert np.trace(after[0]) < np.trace(before[0])
     for earlier in (0, 5, 10):
-        bound = estimate.covariances_in_map(np.array([earlier]), 20)[0]
+        bound = estimate.covariances_in_map(np.array([earlier]), np.array([20]))[0]
         dense = dense_inverse(poses, edges, 20)[earlier]
         assert np.trace(bound) >= np.trace(dense) * (1.0 - 1e-9)
 

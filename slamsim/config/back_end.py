@@ -133,6 +133,13 @@ class GraphConfig(Config):
     """A closure whose residual stays above this many standard deviations is withdrawn."""
 
 
+class RefinementConfig(Config):
+    """The last step: all key frames and all surfaces solved at once (bundle adjustment)."""
+
+    enabled: bool = True
+    """Whether to do it; the graph's own solution is the result without it."""
+
+
 class BackEndConfig(Config):
     """Key frames, submaps, loop closures and the pose graph."""
 
@@ -147,3 +154,6 @@ class BackEndConfig(Config):
 
     graph: GraphConfig = GraphConfig()
     """Weights and solvers of the pose graph."""
+
+    refinement: RefinementConfig = RefinementConfig()
+    """What follows the last solution of the graph."""

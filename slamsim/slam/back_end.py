@@ -7,6 +7,7 @@ from collections import Counter, defaultdict
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -14,13 +15,14 @@ from slamsim.config.slam import SlamConfig
 from slamsim.geometry import between
 from slamsim.progress import Progress, silent
 from slamsim.slam.agreement import WaitingClosures
+from slamsim.slam.bundle import NotRefined, refine
 from slamsim.slam.candidates import CandidateIndex
 from slamsim.slam.closure import Closure, ClosureFinder, Expected
 from slamsim.slam.estimate import Estimate
 from slamsim.slam.graph import PoseGraphSolver, variance_factor
 from slamsim.slam.health import loose_joints
-from slamsim.slam.keyframes import Keyframe, chain_edge
-from slamsim.slam.marginals import relative_covariances
+from slamsim.slam.keyframes import Keyframe, chain_edge, odometry_edge
+from slamsim.slam.marginals import in_own_frame, relative_covariances
 from slamsim.slam.submaps import Submap, Surfaces, make_submap, submap_is_full
 from slamsim.types import Event, FloatArray, GraphEdge, PlanarTrajectory, PoseGraph
 
@@ -63,6 +65,7 @@ class BackEnd:
         self._unsolved: list[Closure] = []
         self._new: list[GraphEdge] = []
         self._closed: set[tuple[int, int]] = set()
+        self._unrefined = ""
         self._failures: dict[tuple[int, int], FloatArray] = {}
         self.refusals: Counter[str] = Counter()
         """Why closures were not believed, and how often."""
@@ -122,7 +125,11 @@ class BackEnd:
             with self._timed("solve"):
                 self._solve()
         self.refusals["unsupported"] += self._waiting.forget(np.inf)
-        return self._pose_graph()
+        covariances = None
+        if self._config.refinement.enabled and len(self._keyframes) > 1:
+            with self._timed("refine"):
+                covariances = self._refine()
+        return self._pose_graph(covariances)
 
     @property
     def poses(self) -> FloatArray:
@@ -142,7 +149,10 @@ class BackEnd:
 
     def events(self, graph: PoseGraph) -> tuple[Event, ...]:
         """What is wrong with the finished map, and where it was driven."""
-        return tuple(loose_joints(graph))
+        stamps_ns = graph.keyframes.stamps_ns
+        whole = (int(stamps_ns[0]), int(stamps_ns[-1]))
+        unrefined = [Event(*whole, "unrefined", self._unrefined)] if self._unrefined else []
+        return (*loose_joints(graph), *unrefined)
 
     def _join(self, keyframe: Keyframe) -> None:
         if not self._keyframes:
@@ -283,18 +293,30 @@ class BackEnd:
     def _closures(self) -> list[GraphEdge]:
         return [edge for edge in self._graph.edges if edge.kind == "closure"]
 
-    def _pose_graph(self) -> PoseGraph:
-        """The result. Covariances are scaled by how well the closures fit what was claimed."""
-        poses = self.poses
+    def _refine(self) -> FloatArray | None:
+        """Move the key frames to where all views agree best; their covariances, or None."""
+        odometry = [
+            odometry_edge(before, after, self._gyro, self._motion)
+            for before, after in pairwise(self._keyframes)
+        ]
+        views = [keyframe.pieces for keyframe in self._keyframes]
+        try:
+            refined = refine(views, self.poses, odometry, self._noise_m, self._estimate)
+        except NotRefined as refusal:
+            self._unrefined = str(refusal)
+            return None
+        self._estimate.move(refined.poses)
+        return refined.covariances
+
+    def _pose_graph(self, covariances: FloatArray | None) -> PoseGraph:
+        """The result. Without covariances, those of the graph, scaled by how well its closures fit
+        what was claimed."""
+        poses, edges = self.poses, self._graph.edges
+        if covariances is None:
+            in_map = relative_covariances(poses, edges, 0, np.zeros(2))
+            covariances = in_own_frame(poses, in_map) * variance_factor(poses, edges)
         stamps_ns = np.array([k.stamp_ns for k in self._keyframes], dtype=np.int64)
-        covariances = relative_covariances(poses, self._graph.edges, 0, np.zeros(2))
-        covariances *= variance_factor(poses, self._graph.edges)
-        # A step of the map about its origin moves a pose by its lever arm as well.
-        lever = np.tile(np.eye(3), (len(poses), 1, 1))
-        lever[:, 0, 2], lever[:, 1, 2] = -poses[:, 1], poses[:, 0]
-        covariances = lever @ covariances @ np.swapaxes(lever, 1, 2)
-        trajectory = PlanarTrajectory(stamps_ns, poses)
-        return PoseGraph(trajectory, covariances, tuple(self._graph.edges))
+        return PoseGraph(PlanarTrajectory(stamps_ns, poses), covariances, tuple(edges))
 
     @contextmanager
     def _timed(self, stage: str) -> Iterator[None]:

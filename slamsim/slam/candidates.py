@@ -63,7 +63,7 @@ def _position_sigmas(
     estimate: Estimate, anchors: IntArray, later: int, at_m: FloatArray
 ) -> FloatArray:
     """(m,) standard deviation of points (m, 2) that move with each anchor, as seen later."""
-    covariances = estimate.covariances_in_map(anchors, later)
+    covariances = estimate.covariances_in_map(anchors, np.array([later]))
     lever = np.tile(np.eye(3)[:2], (len(anchors), 1, 1))
     lever[:, 0, 2], lever[:, 1, 2] = -at_m[:, 1], at_m[:, 0]
     spread = lever @ covariances @ np.swapaxes(lever, 1, 2)

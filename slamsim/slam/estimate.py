@@ -65,7 +65,7 @@ class Estimate:
         self._chain[1 : self._count] = np.cumsum(added, axis=0)
         self._solved = relative_covariances(self.poses, edges, self._count - 1, _ORIGIN)
 
-    def covariances_in_map(self, earlier: IntArray, later: int) -> FloatArray:
+    def covariances_in_map(self, earlier: IntArray, later: IntArray) -> FloatArray:
         """(m, 3, 3) of each earlier key frame relative to a later one, about the map's origin.
 
         Between two key frames that were both solved, the smaller of two bounds: the chain
@@ -75,9 +75,9 @@ class Estimate:
         if not len(self._solved):
             return np.asarray(by_chain)
         last = len(self._solved) - 1
-        known = np.minimum(earlier, last)
-        rest = self._chain[later] - self._chain[last] if later > last else self._solved[later]
-        through_last = self._solved[known] + rest
+        since = self._chain[later] - self._chain[last]
+        rest = np.where((later > last)[:, None, None], since, self._solved[np.minimum(later, last)])
+        through_last = self._solved[np.minimum(earlier, last)] + rest
         better = (earlier <= last) & (
             np.trace(through_last, axis1=1, axis2=2) < np.trace(by_chain, axis1=1, axis2=2)
         )
@@ -86,6 +86,6 @@ class Estimate:
     def covariance(self, earlier: int, later: int) -> FloatArray:
         """(3, 3) of the later key frame relative to the earlier, in the frame of the later."""
         to_later = adjoint(inverse(self._poses[later]))
-        in_map = self.covariances_in_map(np.array([earlier]), later)[0]
+        in_map = self.covariances_in_map(np.array([earlier]), np.array([later]))[0]
         covariance = to_later @ in_map @ to_later.T
         return np.asarray(0.5 * (covariance + covariance.T))

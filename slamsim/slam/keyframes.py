@@ -9,23 +9,27 @@ import numpy as np
 from slamsim.config.back_end import GraphConfig, KeyframeConfig
 from slamsim.config.slam import MotionConfig
 from slamsim.geometry import between
-from slamsim.slam.matching.surfaces import range_noise_m, surface_pieces
+from slamsim.slam.marginals import rotation
+from slamsim.slam.matching.surfaces import range_noise_m
 from slamsim.slam.motion import motion_covariance
 from slamsim.slam.odometry import ELSEWHERE_M, Tracked
+from slamsim.slam.views import ViewMaker
 from slamsim.types import Cloud, EdgeKind, Float32Array, FloatArray, GraphEdge
 
-PIECE_M = 0.25
 MAX_BEAMS = 180
 START_NOISE_M = 0.015
 NOISE_BOUNDS_M = (0.002, 0.05)
 NOISE_GAIN = 0.1
+LEAST_MOTION = np.diag(np.square([0.0005, 0.0005, 0.0002]))
+"""Covariance of a motion that odometry says was none."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Keyframe:
     """T_map_base: (3,) as the front end saw it, drift included. T_odom_base: (3,) prediction.
 
-    pieces: (k, PIECE_FIELDS) of the scan in its base frame. origin_m: (2,) and beams_m: (b, 2),
+    pieces: (k, PIECE_FIELDS) the view of all scans since the key frame before, this one's
+    included, in the base frame of this one. origin_m: (2,) and beams_m: (b, 2),
     where some of its beams began and ended. path_m: travelled so far. information: (3, 3) of the
     match. restart: (3, 3) covariance of a small step of the base, relative to the key frame
     before, where a local map was begun anew, so that no match joins the two; else None. noise_m:
@@ -37,7 +41,7 @@ class Keyframe:
     T_map_base: FloatArray
     T_odom_base: FloatArray
     information: FloatArray
-    pieces: FloatArray
+    pieces: Float32Array
     origin_m: FloatArray
     beams_m: Float32Array
     path_m: float
@@ -61,6 +65,7 @@ class KeyframeMaker:
     def __init__(self, config: KeyframeConfig, reach_m: float) -> None:
         self._config, self._reach_m = config, reach_m
         self._noise_m = START_NOISE_M
+        self._view = ViewMaker()
         self._last: Keyframe | None = None
         self._T_map_before: FloatArray | None = None
         self._path_m = 0.0
@@ -71,10 +76,14 @@ class KeyframeMaker:
             step = tracked.T_map_base[:2] - self._T_map_before[:2]
             self._path_m += float(np.hypot(step[0], step[1]))
         self._T_map_before = tracked.T_map_base
-        if (tracked.match is None and not tracked.keyscan) or not self._due(tracked):
+        if tracked.match is None:
+            self._view.clear()  # where the scans before stood is no longer known
+            if not tracked.keyscan:
+                return None
+        self._view.add(tracked.pieces, tracked.T_map_base, self._noise_m)
+        if not self._due(tracked):
             return None
-        pieces = surface_pieces(tracked.cloud, self._noise_m, PIECE_M, self._reach_m)
-        self._learn(pieces)
+        self._learn(tracked.pieces)
         origin_m, beams_m = _some_beams(tracked.cloud, self._reach_m)
         self._last = Keyframe(
             index=0 if self._last is None else self._last.index + 1,
@@ -82,7 +91,7 @@ class KeyframeMaker:
             T_map_base=tracked.T_map_base,
             T_odom_base=tracked.T_odom_base,
             information=tracked.information,
-            pieces=pieces,
+            pieces=self._view.take(tracked.T_map_base),
             origin_m=origin_m,
             beams_m=beams_m,
             path_m=self._path_m,
@@ -127,10 +136,25 @@ def chain_edge(
         information += after.information / (2.0 * config.sigma_scale**2)
     covariance = np.linalg.inv(information) + floor
     T = between(before.T_map_base, after.T_map_base)
-    turn = np.eye(3)
-    turn[:2, :2] = [[np.cos(T[2]), -np.sin(T[2])], [np.sin(T[2]), np.cos(T[2])]]
+    turn = rotation(np.asarray(T[2]))
     kind: EdgeKind = "odometry" if after.broken else "match"
     return GraphEdge(before.index, after.index, T, turn @ covariance @ turn.T, kind)
+
+
+def odometry_edge(before: Keyframe, after: Keyframe, gyro: bool, motion: MotionConfig) -> GraphEdge:
+    """What wheels and gyroscope alone say between two consecutive key frames.
+
+    To where the local map was begun anew: what the front end believed then.
+    """
+    seconds = (after.stamp_ns - before.stamp_ns) * 1e-9
+    if after.restart is None:
+        T = between(before.T_odom_base, after.T_odom_base)
+        covariance = motion_covariance(T, seconds, gyro, motion) + LEAST_MOTION
+    else:
+        T = between(before.T_map_base, after.T_map_base)
+        covariance = after.restart + LEAST_MOTION
+    turn = rotation(np.asarray(T[2]))
+    return GraphEdge(before.index, after.index, T, turn @ covariance @ turn.T, "odometry")
 
 
 def _some_beams(cloud: Cloud, reach_m: float) -> tuple[FloatArray, Float32Array]:

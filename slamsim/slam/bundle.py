@@ -1,0 +1,267 @@
+"""Bundle adjustment for a planar lidar: all views and all surfaces solved at once.
+
+Unknowns are the poses of the key frames and the surfaces that two or more of their views share,
+as straight lines with an offset and a turn each (Liu & Zhang 2021; Zhou, Wang & Kaess 2021). What
+the front end matched is in the views and is not counted again: beside them stands odometry alone.
+Robust weights are those of Geman & McClure (1987), since doors open and people walk. How much
+surfaces differ from straight lines beyond the noise of ranges is learnt from how views differ.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from slamsim.geometry import between, compose
+from slamsim.safe.errors import SlamsimError
+from slamsim.slam.association import Shared, share_surfaces
+from slamsim.slam.blocks import BlockFactor, BlockPattern, block_pattern
+from slamsim.slam.bundle_equations import add_surfaces, fit_lines, residuals, to_map
+from slamsim.slam.estimate import Estimate
+from slamsim.slam.marginals import add_edges, adjoint, edge_covariances_in_map, in_own_frame
+from slamsim.slam.matching.surfaces import BEAMS, SCATTER_XX, SCATTER_XY, SCATTER_YY, X, Y
+from slamsim.types import Float32Array, FloatArray, GraphEdge
+
+GATES_M = (0.06, 0.04, 0.03)
+"""How far apart across a surface its observations may lie, from the first association to the
+last."""
+
+MAX_STEPS = 8
+SMALL_STEP = 1e-5
+"""Metres and radians: steps no larger than this end the search."""
+
+SLOW = 0.3
+"""A step longer than this share of the one before calls for another factorisation."""
+
+MAX_BEND_M, MAX_BEND_RAD = 0.2, 0.2
+ROBUST_SIGMAS = 4.0
+ODOMETRY_SIGMAS = 7.0
+NOISE_BEAMS = 5.0
+"""The noise of a range as known beforehand counts as much as so many beams of a piece."""
+
+ROUGH_VIEWS = 4.0
+"""That all surfaces are equally rough counts as much as so many views of each."""
+
+LEAST_REDUNDANCY = 0.2
+ROUGHNESS_M = (1e-5, 0.05)
+MEDIAN_CHI2 = 2.0 * np.log(2.0)
+"""Of two degrees of freedom."""
+
+
+class NotRefined(SlamsimError):
+    """A bundle adjustment whose result is not to be used, and why."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Refined:
+    """poses: (n, 3) T_map_base of the key frames. covariances: (n, 3, 3) relative to the first, of
+    small steps of the base in its own frame. roughness_m: standard deviation by which surfaces
+    differ from straight lines, beyond the noise of ranges."""
+
+    poses: FloatArray
+    covariances: FloatArray
+    roughness_m: float
+
+
+def refine(
+    views: Sequence[Float32Array],
+    poses: FloatArray,
+    odometry: Sequence[GraphEdge],
+    noise_m: float,
+    estimate: Estimate,
+) -> Refined:
+    """The most likely poses (n, 3) given what was seen from them, beginning at good ones.
+
+    views: n of (k, PIECE_FIELDS). odometry: edges that join all poses, of wheels and gyroscope
+    alone. noise_m: standard deviation of a range. estimate: says between which key frames the
+    graph is sure. The first pose stays. Raises NotRefined.
+    """
+    try:
+        return _refine(views, poses, odometry, noise_m, estimate)
+    except np.linalg.LinAlgError as error:
+        raise NotRefined(f"the refinement has no solution: {error}") from error
+
+
+def _refine(
+    views: Sequence[Float32Array],
+    poses: FloatArray,
+    odometry: Sequence[GraphEdge],
+    noise_m: float,
+    estimate: Estimate,
+) -> Refined:
+    moments = _moments(np.concatenate(views).astype(np.float64), noise_m)
+    bundle = None
+    begun_at = poses
+    for gate_m in GATES_M:
+        shared = share_surfaces(views, poses, gate_m, estimate)
+        bundle = _Bundle(moments, shared, odometry, poses)
+        poses = bundle.relax(poses)
+    assert bundle is not None
+    bundle.check(begun_at, poses)
+    return Refined(poses, bundle.covariances(poses), bundle.roughness_m)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Moments:
+    """points_m: (k, 2, 2) two points that have the mean of each piece and its spread along the
+    surface, in the frame of its view. variance: (k,) of the mean across the surface."""
+
+    points_m: FloatArray
+    variance: FloatArray
+
+
+def _moments(pieces: FloatArray, noise_m: float) -> _Moments:
+    beams = pieces[:, BEAMS]
+    xx, xy, yy = pieces[:, SCATTER_XX], pieces[:, SCATTER_XY], pieces[:, SCATTER_YY]
+    middle, root = 0.5 * (xx + yy), np.hypot(0.5 * (xx - yy), xy)
+    angle = 0.5 * np.arctan2(2.0 * xy, xx - yy)
+    half = np.sqrt((middle + root) / beams)[:, None] * np.stack([np.cos(angle), np.sin(angle)], 1)
+    across = np.maximum(middle - root, 0.0) + NOISE_BEAMS * noise_m**2
+    mean = pieces[:, [X, Y]]
+    points = np.stack([mean - half, mean + half], axis=1)
+    return _Moments(points, across / (beams + NOISE_BEAMS - 2.0) / beams)
+
+
+class _Bundle:
+    """One association of views and surfaces, and the system that it makes."""
+
+    def __init__(
+        self, moments: _Moments, shared: Shared, odometry: Sequence[GraphEdge], poses: FloatArray
+    ) -> None:
+        count = len(poses)
+        if len(shared.starts) < 2:
+            raise NotRefined("no surface was seen from two key frames")
+        self._points = moments.points_m[shared.pieces]
+        self._variance = moments.variance[shared.pieces]
+        self._shared, self._surfaces = shared, shared.surfaces
+        # The first pose is held fixed: it goes last in the numbering.
+        self._number = np.append(count - 1, np.arange(count - 1))
+        self._odometry = odometry
+        self._ends = self._number[[[edge.source, edge.target] for edge in odometry]]
+        pairs = np.concatenate([self._number[shared.pairs()], self._ends])
+        self._pattern: BlockPattern = block_pattern(pairs, count - 1)
+        self._weights = 0.5 / self._variance
+        self._scaled = 2.0 * self._variance
+        self.roughness_m = 0.0
+
+    def relax(self, poses: FloatArray) -> FloatArray:
+        """Steps of Gauss and Newton, the system factorised anew where they shrink too slowly."""
+        factor, size = None, np.inf
+        for _ in range(MAX_STEPS):
+            points = to_map(self._points, self._shared.views, poses)
+            self._weigh(points)
+            values, right = self._equations(points, poses)
+            if factor is None:
+                factor = BlockFactor(self._pattern, values)
+            step = factor.solve(right)
+            if not np.isfinite(step).all():
+                raise NotRefined("a step of the refinement is not finite")
+            poses = compose(np.concatenate([np.zeros((1, 3)), step]), poses)
+            before, size = size, float(np.abs(step).max())
+            if size <= SMALL_STEP:
+                break
+            if size > SLOW * before:
+                factor = None
+        return poses
+
+    def covariances(self, poses: FloatArray) -> FloatArray:
+        """(n, 3, 3) relative to the first pose, of small steps of the base in its own frame."""
+        points = to_map(self._points, self._shared.views, poses)
+        values, _ = self._equations(points, poses)
+        in_map = np.zeros((len(poses), 3, 3))
+        in_map[1:] = BlockFactor(self._pattern, values).inverse_diagonal()
+        return in_own_frame(poses, in_map)
+
+    def check(self, before: FloatArray, after: FloatArray) -> None:
+        """Raise NotRefined unless the poses became more likely without being torn about."""
+        was, now = self._cost(before), self._cost(after)
+        if not now <= was:
+            raise NotRefined(
+                f"the refinement made the map less likely: cost {was:.6g} to {now:.6g}"
+            )
+        bent = between(between(before[:-1], before[1:]), between(after[:-1], after[1:]))
+        bent_m, bent_rad = np.hypot(bent[:, 0], bent[:, 1]).max(), np.abs(bent[:, 2]).max()
+        if not (bent_m <= MAX_BEND_M and bent_rad <= MAX_BEND_RAD):
+            raise NotRefined(
+                f"the refinement moved neighbouring key frames by {bent_m:.2f} m "
+                f"and {np.rad2deg(bent_rad):.1f} deg against each other"
+            )
+
+    def _weigh(self, points: FloatArray) -> None:
+        """Lines through the points, how rough surfaces are, and what each observation is worth."""
+        squares = self._squares(points)
+        unknowns = 2.0 * len(self._shared.starts) + 3.0 * self._pattern.count
+        redundancy = max(1.0 - unknowns / (2.0 * len(squares)), LEAST_REDUNDANCY)
+        self.roughness_m = _roughness(squares, self._variance, redundancy)
+        self._scaled = 2.0 * (self._variance + self.roughness_m**2)
+        self._scaled = self._scaled * self._rougher(squares / self._scaled)[self._surfaces]
+        self._weights = _robust(squares / self._scaled, ROBUST_SIGMAS) / self._scaled
+
+    def _squares(self, points: FloatArray) -> FloatArray:
+        lines = fit_lines(points, self._weights, self._shared.starts)
+        return np.asarray(np.square(residuals(points, self._shared.starts, lines)).sum(axis=1))
+
+    def _rougher(self, chi2: FloatArray) -> FloatArray:
+        """(m,) how much more variance each surface shows than all do: round, moved, or clutter."""
+        capped = np.minimum(chi2, ROBUST_SIGMAS**2)
+        shown = 2.0 * ROUGH_VIEWS + np.bincount(self._surfaces, capped)
+        free = 2.0 * ROUGH_VIEWS + 2.0 * np.diff(self._shared.starts) - 2.0
+        return np.maximum(shown / free, 1.0)
+
+    def _equations(self, points: FloatArray, poses: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """The system on its pattern and its right-hand side (n - 1, 3)."""
+        pattern = (self._pattern.starts, self._pattern.rows, self._pattern.place)
+        values, right = self._pattern.zeros(), np.zeros((len(poses), 3))
+        error, information = self._odometry_errors(poses)
+        chi2 = np.einsum("mi,mij,mj->m", error, information, error)
+        information = information * _robust(chi2, ODOMETRY_SIGMAS)[:, None, None]
+        add_edges(pattern, values, self._ends, information)
+        pull = np.einsum("mij,mj->mi", information, error)
+        np.add.at(right, self._ends[:, 0], pull)
+        np.add.at(right, self._ends[:, 1], -pull)
+        lines = fit_lines(points, self._weights, self._shared.starts)
+        unknowns = self._number[self._shared.views]
+        surfaces = (self._shared.starts, lines)
+        add_surfaces(points, self._weights, unknowns, surfaces, pattern, values, right)
+        return values, right[:-1]
+
+    def _odometry_errors(self, poses: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """(m, 3) what the poses add to the odometry, as steps of the map, and its information."""
+        sources = [edge.source for edge in self._odometry]
+        targets = [edge.target for edge in self._odometry]
+        measured = np.array([edge.T_source_target for edge in self._odometry])
+        error = between(measured, between(poses[sources], poses[targets]))
+        in_map = (adjoint(poses[targets]) @ error[..., None])[..., 0]
+        covariances = edge_covariances_in_map(poses, self._odometry, np.zeros(2))
+        return np.asarray(in_map), np.asarray(np.linalg.inv(covariances))
+
+    def _cost(self, poses: FloatArray) -> float:
+        """Robust cost at given poses, as variances are by now."""
+        squares = self._squares(to_map(self._points, self._shared.views, poses))
+        error, information = self._odometry_errors(poses)
+        chi2 = np.einsum("mi,mij,mj->m", error, information, error)
+        seen = _robust_cost(squares / self._scaled, ROBUST_SIGMAS).sum()
+        return float(seen + _robust_cost(chi2, ODOMETRY_SIGMAS).sum())
+
+
+def _robust(chi2: FloatArray, sigmas: float) -> FloatArray:
+    return np.asarray(1.0 / np.square(1.0 + chi2 / sigmas**2))
+
+
+def _robust_cost(chi2: FloatArray, sigmas: float) -> FloatArray:
+    return np.asarray(chi2 / (1.0 + chi2 / sigmas**2))
+
+
+def _roughness(squares: FloatArray, variance: FloatArray, redundancy: float) -> float:
+    """What to add to all standard deviations for the median residual to be what it should."""
+    low, high = np.log(ROUGHNESS_M)
+    while high - low > 0.01:
+        middle = 0.5 * (low + high)
+        chi2 = squares / (2.0 * (variance + np.exp(2.0 * middle)))
+        if float(np.median(chi2)) > MEDIAN_CHI2 * redundancy:
+            low = middle
+        else:
+            high = middle
+    return float(np.exp(middle))

@@ -1,0 +1,142 @@
+"""The equations of a bundle adjustment of poses and straight surfaces, surfaces eliminated.
+
+Poses are disturbed from the left, in the map frame. Each observation of a surface is two points
+that stand for all its beams: they have their mean and their spread along the surface. A surface
+is a line, refitted to its observations at every pose (variable projection, Golub & Pereyra 1973),
+with an offset and a turn that are eliminated by Schur complement.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from slamsim.jit import kernel
+from slamsim.slam.blocks import add_block
+from slamsim.slam.matching.surfaces import principal_axis
+from slamsim.types import FloatArray, IntArray
+
+LINE_FIELDS = 4
+"""A line: a point (x, y) in the middle of its observations, and its normal (x, y)."""
+
+
+@kernel
+def to_map(points: FloatArray, views: IntArray, poses: FloatArray) -> FloatArray:
+    """(k, 2, 2) both points of each observation in the map frame."""
+    out = np.empty_like(points)
+    for k in range(points.shape[0]):
+        x, y, yaw = poses[views[k]]
+        cos, sin = np.cos(yaw), np.sin(yaw)
+        for end in range(2):
+            px, py = points[k, end]
+            out[k, end, 0] = x + cos * px - sin * py
+            out[k, end, 1] = y + sin * px + cos * py
+    return out
+
+
+@kernel
+def fit_lines(points: FloatArray, weights: FloatArray, starts: IntArray) -> FloatArray:
+    """(m, LINE_FIELDS) weighted total least squares. points: (k, 2, 2) in the map, sorted by
+    surface; starts: (m + 1,) first observation of each surface."""
+    lines = np.empty((starts.size - 1, LINE_FIELDS))
+    for s in range(starts.size - 1):
+        total = x = y = xx = xy = yy = 0.0
+        for k in range(starts[s], starts[s + 1]):
+            total += 2.0 * weights[k]
+            x += weights[k] * (points[k, 0, 0] + points[k, 1, 0])
+            y += weights[k] * (points[k, 0, 1] + points[k, 1, 1])
+        x /= total
+        y /= total
+        for k in range(starts[s], starts[s + 1]):
+            for end in range(2):
+                dx, dy = points[k, end, 0] - x, points[k, end, 1] - y
+                xx += weights[k] * dx * dx
+                xy += weights[k] * dx * dy
+                yy += weights[k] * dy * dy
+        nx, ny, _, _ = principal_axis(xx, xy, yy)
+        lines[s, 0], lines[s, 1], lines[s, 2], lines[s, 3] = x, y, nx, ny
+    return lines
+
+
+@kernel
+def residuals(points: FloatArray, starts: IntArray, lines: FloatArray) -> FloatArray:
+    """(k, 2) signed distance of both points of each observation from the line."""
+    out = np.empty((points.shape[0], 2))
+    for s in range(starts.size - 1):
+        x, y, nx, ny = lines[s]
+        for k in range(starts[s], starts[s + 1]):
+            for end in range(2):
+                out[k, end] = nx * (points[k, end, 0] - x) + ny * (points[k, end, 1] - y)
+    return out
+
+
+@kernel
+def add_surfaces(
+    points: FloatArray,
+    weights: FloatArray,
+    unknowns: IntArray,
+    surfaces: tuple[IntArray, FloatArray],
+    pattern: tuple[IntArray, IntArray, IntArray],
+    values: FloatArray,
+    gradient: FloatArray,
+) -> None:
+    """Add all observations to the system and its right-hand side.
+
+    unknowns: (k,) number of the pose behind each observation, as in ``pattern``, equal ones next
+    to each other within a surface. surfaces: starts and lines.
+    """
+    starts, lines = surfaces
+    fixed = pattern[2].size - 1
+    row, block = np.empty(3), np.empty((3, 3))
+    for s in range(starts.size - 1):
+        x, y, nx, ny = lines[s]
+        size = starts[s + 1] - starts[s]
+        shared, who = np.zeros((size, 2, 3)), np.empty(size, np.int64)
+        groups = 0
+        offset = turn = 0.0
+        for k in range(starts[s], starts[s + 1]):
+            if groups == 0 or who[groups - 1] != unknowns[k]:
+                who[groups] = unknowns[k]
+                groups += 1
+            block[:] = 0.0
+            for end in range(2):
+                px, py = points[k, end]
+                along = nx * (py - y) - ny * (px - x)
+                off = nx * (px - x) + ny * (py - y)
+                row[0], row[1], row[2] = nx, ny, ny * px - nx * py
+                offset += weights[k]
+                turn += weights[k] * along * along
+                for i in range(3):
+                    shared[groups - 1, 0, i] += weights[k] * row[i]
+                    shared[groups - 1, 1, i] += weights[k] * along * row[i]
+                    for j in range(3):
+                        block[i, j] += weights[k] * row[i] * row[j]
+                    if unknowns[k] != fixed:
+                        gradient[unknowns[k], i] -= weights[k] * off * row[i]
+            if unknowns[k] != fixed:
+                add_block(pattern, values, unknowns[k], unknowns[k], block)
+        _eliminate((offset, turn), shared, who[:groups], pattern, values)
+
+
+@kernel
+def _eliminate(
+    own: tuple[float, float],
+    shared: FloatArray,
+    who: IntArray,
+    pattern: tuple[IntArray, IntArray, IntArray],
+    values: FloatArray,
+) -> None:
+    """Take one surface out of the system: own is its information, shared that with each pose."""
+    fixed = pattern[2].size - 1
+    offset, turn = own
+    block = np.empty((3, 3))
+    for a in range(who.size):
+        for b in range(a + 1):
+            if fixed in (who[a], who[b]):
+                continue
+            for i in range(3):
+                for j in range(3):
+                    block[i, j] = -(
+                        shared[a, 0, i] * shared[b, 0, j] / offset
+                        + shared[a, 1, i] * shared[b, 1, j] / turn
+                    )
+            add_block(pattern, values, who[a], who[b], block)
