@@ -358,6 +358,9 @@ class SlamResult:
     of the match was left to odometry.
     closure_refusals: why how many searches for a closure led to none; "score" means that
     nothing was found at all, which is no rejection. events: in time order.
+    parts: ``T_map_base`` after each part of the work, at the stamps of scans or of key frames.
+    match_information: (n, 3, 3) of a small step of the base in its own frame, zero where a scan
+    told nothing.
     """
 
     trajectory: PlanarTrajectory
@@ -372,3 +375,5 @@ class SlamResult:
     closure_refusals: dict[str, int] = field(default_factory=dict)
     events: tuple[Event, ...] = ()
     front_end: PlanarTrajectory | None = None
+    parts: dict[str, PlanarTrajectory] = field(default_factory=dict)
+    match_information: FloatArray | None = None

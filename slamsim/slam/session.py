@@ -159,7 +159,9 @@ class SlamSession:
             warnings=(*counted, *in_words(events, int(trajectory.stamps_ns[0]))),
             seconds=dict(seconds),
             closure_refusals=dict(outcome.refusals),
-            front_end=self._track.front_end(),
+            front_end=raw,
+            parts={"prediction": self._track.odometry(), "front_end": raw, "smoothed": smoothed},
+            match_information=self._track.information,
             events=events,
         )
 

@@ -80,6 +80,11 @@ class Track:
         """(n,) whether some direction was left to odometry."""
         return np.ascontiguousarray(self._rows["degenerate"][: self._count])
 
+    @property
+    def information(self) -> FloatArray:
+        """(n, 3, 3) of each match, in the frame of the base."""
+        return self._column("information")
+
     def warnings(self) -> tuple[str, ...]:
         """What the user should know, in words and counts."""
         told = []
