@@ -25,7 +25,7 @@ RUN_FILES = {
     "trajectory.tum",
     "odometry.tum",
     "ground_truth.tum",
-    "front_end.tum",
+    "parts",
     "keyframes.csv",
     "graph.g2o",
     "map.pgm",

@@ -2,12 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from slamsim.evaluate.trajectory import compare, covered_by, pair_errors, statistics
 from slamsim.types import IntArray, PlanarTrajectory
+
+PARTS = {
+    "odometry": "odometry of the log",
+    "prediction": "prediction from wheels and gyroscope",
+    "front_end": "front end, scan by scan",
+    "smoothed": "all scans smoothed together",
+    "closures": "loops closed",
+    "graph": "key frames in the end",
+}
+"""What each part is, in the order of the work."""
 
 _MIN_POSES = 3
 
@@ -24,29 +35,32 @@ class PartErrors:
 
 
 def error_budget(
-    parts: dict[str, PlanarTrajectory | None], keyframes_ns: IntArray, truth: PlanarTrajectory
+    parts: Mapping[str, PlanarTrajectory], keyframes_ns: IntArray, truth: PlanarTrajectory
 ) -> dict[str, PartErrors]:
     """Errors of each part, at those key frames that it and the truth cover.
 
-    parts: what each part made of the path, ``T_map_base``, in the order of the work. keyframes_ns:
-    (k,). A part that is unknown, or has too few such key frames, is left out.
+    parts: what each of PARTS made of the path, ``T_map_base``. keyframes_ns: (k,). A part that is
+    unknown, or has too few such key frames, is left out.
     """
-    return {
-        name: errors
-        for name, part in parts.items()
-        if part is not None and (errors := _errors(part, keyframes_ns, truth)) is not None
-    }
+    known = {name: parts[name] for name in PARTS if name in parts}
+    found = {name: _errors(part, keyframes_ns, truth) for name, part in known.items()}
+    return {name: errors for name, errors in found.items() if errors is not None}
+
+
+def at_instants(part: PlanarTrajectory, stamps_ns: IntArray) -> PlanarTrajectory:
+    """The part at those of the instants that it covers."""
+    stamps_ns = stamps_ns[covered_by(part.stamps_ns, stamps_ns)]
+    return PlanarTrajectory(stamps_ns, part.at(stamps_ns))
 
 
 def _errors(
     part: PlanarTrajectory, keyframes_ns: IntArray, truth: PlanarTrajectory
 ) -> PartErrors | None:
-    both = covered_by(truth.stamps_ns, keyframes_ns) & covered_by(part.stamps_ns, keyframes_ns)
-    stamps_ns = keyframes_ns[both]
-    if stamps_ns.size < _MIN_POSES:
+    there = at_instants(part, keyframes_ns[covered_by(truth.stamps_ns, keyframes_ns)])
+    if len(there) < _MIN_POSES:
         return None
-    errors = compare(PlanarTrajectory(stamps_ns, part.at(stamps_ns)), truth)
-    first = np.arange(stamps_ns.size - 1)
+    errors = compare(there, truth)
+    first = np.arange(len(there) - 1)
     step = pair_errors(errors.estimate.poses, errors.truth.poses, first, first + 1)
     return PartErrors(
         step_rmse_m=statistics(np.hypot(step[:, 0], step[:, 1])).rmse,

@@ -13,9 +13,9 @@ from slamsim.logs.relations import Relations, read_relations
 from slamsim.logs.tum import read_tum
 from slamsim.run.folder import (
     CONFIG,
-    FRONT_END,
     KEYFRAMES,
     ODOMETRY,
+    PARTS,
     TRAJECTORY,
     TRUTH,
     WORLD,
@@ -87,7 +87,9 @@ def _read_run(estimate: Path) -> Estimated:
         trajectory=read_tum(estimate / TRAJECTORY).planar(),
         odometry=_planar(estimate / ODOMETRY),
         grid=read_map(estimate / "map.yaml") if (estimate / "map.yaml").is_file() else None,
-        front_end=_planar(estimate / FRONT_END),
+        parts={
+            file.stem: read_tum(file).planar() for file in sorted((estimate / PARTS).glob("*.tum"))
+        },
         keyframes=keyframes,
         covariances=covariances,
     )

@@ -9,6 +9,7 @@ from slamsim.config.base import Config
 from slamsim.config.bundled import bundled_names
 from slamsim.config.dump import dump_commented_yaml
 from slamsim.config.run import RunConfig
+from slamsim.evaluate.budget import at_instants
 from slamsim.logs.g2o import write_g2o
 from slamsim.logs.keyframes import write_keyframes
 from slamsim.logs.tum import write_tum
@@ -20,7 +21,7 @@ from slamsim.world.build import World
 OUTPUTS = Path("outputs")
 LOG, WORLD, CONFIG = "log", "world.yaml", "config.yaml"
 TRAJECTORY, ODOMETRY, TRUTH = "trajectory.tum", "odometry.tum", "ground_truth.tum"
-FRONT_END, KEYFRAMES = "front_end.tum", "keyframes.csv"
+PARTS, KEYFRAMES = "parts", "keyframes.csv"
 RECORDING, REPORT, REPORT_JSON = "run.rrd", "report.html", "report.json"
 
 _WORLD_SUFFIXES = frozenset((".yaml", ".yml", ".pgm", ".png", ".stl", ".obj", ".ply", ".glb"))
@@ -82,11 +83,17 @@ def write_truth(folder: Path, truth: Trajectory) -> None:
 
 
 def write_slam(folder: Path, result: SlamResult, grid: Grid) -> None:
-    """Trajectories, graph and map in the forms that other tools read."""
+    """Trajectories, graph and map in the forms that other tools read.
+
+    ``parts/``: what each part of SLAM made of the key frames, before the parts after it.
+    """
     write_tum(folder / TRAJECTORY, result.trajectory)
     write_tum(folder / ODOMETRY, result.odometry)
-    if result.front_end is not None:
-        write_tum(folder / FRONT_END, result.front_end)
+    (folder / PARTS).mkdir()
+    for name, part in result.parts.items():
+        write_tum(
+            folder / PARTS / f"{name}.tum", at_instants(part, result.graph.keyframes.stamps_ns)
+        )
     write_keyframes(folder / KEYFRAMES, result.graph)
     write_g2o(folder / "graph.g2o", result.graph)
     write_map(folder, grid)

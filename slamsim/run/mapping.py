@@ -114,7 +114,7 @@ def _scored(
         result.trajectory,
         result.odometry,
         grid,
-        result.front_end,
+        result.parts,
         result.graph.keyframes,
         result.graph.covariances,
     )

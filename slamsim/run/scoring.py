@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 
 from slamsim.config.run import RunConfig
 from slamsim.evaluate.bound import TrajectoryBound, trajectory_bound
@@ -18,12 +19,15 @@ from slamsim.world.build import World
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Estimated:
-    """What SLAM made of a log; None for what was not kept. covariances: (n, 3, 3) of keyframes."""
+    """What SLAM made of a log; None for what was not kept.
+
+    parts: the path after each part of SLAM. covariances: (n, 3, 3) of keyframes.
+    """
 
     trajectory: PlanarTrajectory
     odometry: PlanarTrajectory | None = None
     grid: Grid | None = None
-    front_end: PlanarTrajectory | None = None
+    parts: Mapping[str, PlanarTrajectory] = field(default_factory=dict)
     keyframes: PlanarTrajectory | None = None
     covariances: FloatArray | None = None
 
@@ -74,11 +78,9 @@ def _with_parts(scores: Scores, estimated: Estimated, known: Known) -> Scores:
     if known.truth is None or estimated.keyframes is None or estimated.covariances is None:
         return scores
     truth = known.truth.planar()
-    parts = {
-        "odometry": estimated.odometry,
-        "front_end": estimated.front_end,
-        "graph": estimated.keyframes,
-    }
+    parts = {**estimated.parts, "graph": estimated.keyframes}
+    if estimated.odometry is not None:
+        parts["odometry"] = estimated.odometry
     return replace(
         scores,
         consistency=nees(estimated.keyframes, estimated.covariances, truth),
