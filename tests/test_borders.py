@@ -18,7 +18,10 @@ ALLOWED = {
     "rosbags": ("logs/",),
     "mcap": ("logs/",),
     "open3d": ("sensors/",),
-    "kiss_icp": ("slam/matching/",),
+    "kiss_icp": ("slam/matching/", "bench/peers/"),
+    "small_gicp": ("bench/peers/",),
+    "karto_scanmatcher": ("bench/peers/",),
+    "genz_icp": ("bench/peers/",),
     "trimesh": ("world/",),
     "evo": (),
 }

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import tempfile
 import time
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
-from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
 
 from slamsim.bench.alone import Children
-from slamsim.bench.logs import simulated_log
+from slamsim.bench.logs import kept_or_temporary, simulated_log
 from slamsim.bench.tables import SEED_HEADER, seed_line, summary_rows
 from slamsim.bench.truth import false_closures, revisits_closed
 from slamsim.config.run import RunConfig
@@ -47,7 +45,7 @@ def run_accuracy(campaign: Campaign, reporter: Reporter) -> Figures:
     """
     reporter.say(SEED_HEADER)
     runs: list[Figures] = []
-    with _folder(campaign.logs) as folder, reporter.stage("accuracy", "") as progress:
+    with kept_or_temporary(campaign.logs) as folder, reporter.stage("accuracy", "") as progress:
         for figures in _all_seeds(campaign, folder):
             runs.append(figures)
             reporter.say(seed_line(figures))
@@ -189,12 +187,3 @@ def _closure_figures(result: SlamResult, truth: PlanarTrajectory) -> Figures:
         "revisits": revisits,
         "revisits_closed": closed,
     }
-
-
-@contextmanager
-def _folder(kept: Path | None) -> Iterator[Path]:
-    if kept is not None:
-        yield kept
-        return
-    with tempfile.TemporaryDirectory() as folder:
-        yield Path(folder)

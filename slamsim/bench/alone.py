@@ -15,7 +15,7 @@ from slamsim.safe.errors import SlamsimError
 Arguments = ParamSpec("Arguments")
 Result = TypeVar("Result")
 
-_STANDARD_OUTPUT, _STANDARD_ERROR = 1, 2
+_STANDARD_OUTPUT = 1
 
 
 class Children:
@@ -70,7 +70,7 @@ def _serve(
     keywords: dict[str, object],
 ) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C ends the parent, which ends its children
-    os.dup2(_STANDARD_ERROR, _STANDARD_OUTPUT)  # what native code prints is no result
+    os.dup2(os.open(os.devnull, os.O_WRONLY), _STANDARD_OUTPUT)  # some libraries print
     try:
         out.send((True, work(*arguments, **keywords)))
     except SlamsimError as error:

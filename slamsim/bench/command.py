@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -17,10 +18,45 @@ SPEED_SECONDS = 120.0
 STANDARD = "labyrinth_10hz"
 """The setting of the accuracy bench when neither a world nor a configuration is named."""
 
+ONLINE_PATH_M = 10000.0
+ONLINE_RATE = "sensors.lidar.rate_hz=10"
+
+
+@dataclass(frozen=True, slots=True)
+class _Asked:
+    """What the command line asks for."""
+
+    world: str | None
+    config: str | None
+    overrides: tuple[str, ...]
+    seed: int
+    seconds: float | None
+    path_m: float | None
+    reporter: Reporter
+
+    def resolved(self, world: str, *standing: str) -> RunConfig:
+        """The configuration, in this world if none was named; standing: overrides before all."""
+        from slamsim.config.loading import load_run_config
+
+        named = self.world if self.world or self.config else world
+        return load_run_config(named, self.config, [*standing, *self.overrides], self.seed)
+
+    def resolved_until_end(self, world: str, seconds: float | None = None) -> RunConfig:
+        """The same with the drive limited as asked; without any limit, to ``seconds``."""
+        limits = []
+        if self.path_m is not None:
+            limits.append(f"drive.route.max_path_length_m={float(self.path_m)}")
+        ends = self.path_m is not None or self.config is not None
+        wanted_s = self.seconds if self.seconds is not None or ends else seconds
+        if wanted_s is not None:
+            limits.append(f"drive.route.max_duration_s={float(wanted_s)}")
+        return self.resolved(world, *limits)
+
 
 def bench(
     part: Annotated[
-        str, typer.Argument(help="sense, drive, simulate, slam, all (speed); accuracy.")
+        str,
+        typer.Argument(help="sense, drive, simulate, slam, all: speed. Or accuracy, online."),
     ] = "all",
     world: Annotated[
         str | None,
@@ -29,15 +65,18 @@ def bench(
     seconds: Annotated[
         float | None, typer.Option(help=f"Simulated time; speed: {SPEED_SECONDS:g} s.", min=5)
     ] = None,
-    repeats: Annotated[int, typer.Option(help="Speed: best of so many.", min=1)] = 3,
-    seeds: Annotated[int, typer.Option(help="Accuracy: how many seeds.", min=1)] = 20,
-    first_seed: Annotated[int, typer.Option(help="Accuracy: the first of them.", min=0)] = 1,
     path: Annotated[
-        float | None, typer.Option(help="Accuracy: end after so many metres.", min=1)
+        float | None, typer.Option(help="End the drive after so many metres.", min=1)
     ] = None,
+    repeats: Annotated[int, typer.Option(help="Speed: best of so many.", min=1)] = 3,
+    peers: Annotated[
+        bool, typer.Option("--peers", help="slam: beside other scan matchers, on one log.")
+    ] = False,
+    seeds: Annotated[int, typer.Option(help="Accuracy: how many seeds.", min=1)] = 20,
+    seed: Annotated[int, typer.Option(help="The seed, or the first of them.", min=0)] = 1,
     workers: Annotated[int, typer.Option(help="Accuracy: runs at a time.", min=1, max=64)] = 1,
     logs: Annotated[
-        Path | None, typer.Option(help="Accuracy: keep simulated logs here, and use them again.")
+        Path | None, typer.Option(help="Keep simulated logs here, and use them again.")
     ] = None,
     set_: Set = None,
     config: ConfigFile = None,
@@ -48,38 +87,57 @@ def bench(
     from slamsim.console import Reporter
 
     reporter = Reporter(quiet=quiet, as_json=as_json)
-    limits = _limits(seconds, path)
+    asked = _Asked(world, config, tuple(set_ or ()), seed, seconds, path, reporter)
     if part == "accuracy":
-        from slamsim.bench.accuracy import Campaign, run_accuracy
-
-        resolved = _accuracy_config(world, config, [*limits, *(set_ or ())])
-        wanted = range(first_seed, first_seed + seeds)
-        reporter.result(run_accuracy(Campaign(resolved, wanted, workers, logs), reporter))
-        return
-    _speed(part, world or "labyrinth", seconds or SPEED_SECONDS, repeats, reporter)
-
-
-def _limits(seconds: float | None, path_m: float | None) -> list[str]:
-    """Where a drive ends, as overrides."""
-    limits = []
-    if seconds is not None:
-        limits.append(f"drive.route.max_duration_s={float(seconds)}")
-    if path_m is not None:
-        limits.append(f"drive.route.max_path_length_m={float(path_m)}")
-    return limits
+        _accuracy(asked, seeds, workers, logs)
+    elif part == "online":
+        _online(asked)
+    elif part == "slam" and peers:
+        _peers(asked, logs)
+    else:
+        _speed(part, asked, repeats)
 
 
-def _accuracy_config(world: str | None, config: str | None, overrides: list[str]) -> RunConfig:
-    from slamsim.config.loading import load_run_config
+def _accuracy(asked: _Asked, seeds: int, workers: int, logs: Path | None) -> None:
+    from slamsim.bench.accuracy import Campaign, run_accuracy
 
-    standard = world is None and config is None
-    return load_run_config(world, STANDARD if standard else config, overrides)
+    if asked.world is None and asked.config is None:
+        asked = replace(asked, config=STANDARD)
+    resolved = asked.resolved_until_end("labyrinth")
+    wanted = range(asked.seed, asked.seed + seeds)
+    campaign = Campaign(resolved, wanted, workers, logs)
+    asked.reporter.result(run_accuracy(campaign, asked.reporter))
 
 
-def _speed(part: str, world: str, seconds: float, repeats: int, reporter: Reporter) -> None:
+def _online(asked: _Asked) -> None:
+    from slamsim.bench.online import measure_online
+
+    resolved = asked.resolved("labyrinth_large", ONLINE_RATE)
+    _show("On line", measure_online(resolved, asked.path_m or ONLINE_PATH_M, asked.reporter), asked)
+
+
+def _peers(asked: _Asked, logs: Path | None) -> None:
+    from slamsim.bench.alone import Children
+    from slamsim.bench.logs import kept_or_temporary, simulated_log
+    from slamsim.bench.peers.run import rows_shown, run_peers
+
+    resolved = asked.resolved_until_end("labyrinth", SPEED_SECONDS)
+    with kept_or_temporary(logs) as folder, Children() as children:
+        log = simulated_log(resolved, folder, children)
+        figures = run_peers(log, resolved.slam, asked.reporter)
+    asked.reporter.table(f"Peers on {figures['log']}", rows_shown(figures))
+    asked.reporter.result(figures)
+
+
+def _speed(part: str, asked: _Asked, repeats: int) -> None:
     from slamsim.bench.speed import run_bench
+
+    world, seconds = asked.world or "labyrinth", asked.seconds or SPEED_SECONDS
+    _show("Bench", run_bench(part, world, seconds, repeats, asked.reporter), asked)
+
+
+def _show(title: str, figures: dict[str, object], asked: _Asked) -> None:
     from slamsim.summary import flat
 
-    figures = run_bench(part, world, seconds, repeats, reporter)
-    reporter.table("Bench", flat(figures))
-    reporter.result(figures)
+    asked.reporter.table(title, flat(figures))
+    asked.reporter.result(figures)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import tempfile
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 
 from slamsim.bench.alone import Children
@@ -29,6 +31,16 @@ def simulated_log(config: RunConfig, folder: Path, children: Children) -> Path:
     else:
         children.run(_simulate, config, log)
     return log
+
+
+@contextmanager
+def kept_or_temporary(kept: Path | None) -> Iterator[Path]:
+    """The folder for logs that was named, else one that is gone afterwards."""
+    if kept is not None:
+        yield kept
+        return
+    with tempfile.TemporaryDirectory() as folder:
+        yield Path(folder)
 
 
 def _simulate(config: RunConfig, folder: Path) -> None:
