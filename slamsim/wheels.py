@@ -2,10 +2,46 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from slamsim.geometry import wrap_angle
 from slamsim.types import EncoderStream, FloatArray, PlanarTrajectory
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """How finely the wheels are read: the steps in which path and turn are reported.
+
+    sigma_m, sigma_rad: what that adds to any difference of two readings. lever_m2: a quarter of the
+    squared track, by which wheels of unequal size drive forward while turning; 0 if unknown.
+    """
+
+    step_m: float
+    step_rad: float
+    sigma_m: float
+    sigma_rad: float
+    lever_m2: float = 0.0
+
+
+def encoder_reading(encoders: EncoderStream) -> Reading:
+    """Of two counters that round down to whole ticks (uniform errors at both ends)."""
+    tick_m = 2.0 * np.pi * encoders.wheel_radius_m / encoders.ticks_per_revolution
+    return Reading(
+        step_m=tick_m,
+        step_rad=tick_m / encoders.track_m,
+        sigma_m=tick_m / np.sqrt(12.0),
+        sigma_rad=tick_m / (np.sqrt(3.0) * encoders.track_m),
+        lever_m2=0.25 * encoders.track_m**2,
+    )
+
+
+def pose_reading(odometry: PlanarTrajectory) -> Reading:
+    """Of poses rounded to some digit: the least distance of any two different values."""
+    step_m = max(_least_step(odometry.poses[:, 0]), _least_step(odometry.poses[:, 1]))
+    step_rad = _least_step(odometry.poses[:, 2])
+    return Reading(step_m, step_rad, step_m / np.sqrt(6.0), step_rad / np.sqrt(6.0))
 
 
 def wheel_odometry(
@@ -28,3 +64,9 @@ def wheel_odometry(
     x = start[0] + np.concatenate([[0.0], np.cumsum(chord_m * np.cos(mid_yaw))])
     y = start[1] + np.concatenate([[0.0], np.cumsum(chord_m * np.sin(mid_yaw))])
     return PlanarTrajectory(encoders.stamps_ns, np.column_stack([x, y, wrap_angle(yaw)]))
+
+
+def _least_step(values: FloatArray) -> float:
+    """The least distance of different values; 0 of fewer than two."""
+    apart = np.diff(np.unique(values))
+    return float(apart[apart > 1e-9].min(initial=np.inf)) if (apart > 1e-9).any() else 0.0

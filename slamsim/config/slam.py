@@ -11,28 +11,28 @@ from slamsim.config.base import Config
 
 
 class MotionConfig(Config):
-    """How far wheels and gyroscope are believed; the front end learns the rest from its matches."""
+    """Errors of wheels and gyroscope before anything is learnt; matches teach the rest."""
 
-    slip_m_per_m: float = Field(0.05, gt=0.0, le=1.0)
-    """Standard deviation of the wheels' path, per metre driven."""
+    slip_m_per_sqrt_m: float = Field(0.02, gt=0.0, le=1.0)
+    """Standard deviation of the wheels' path after one metre; it grows as that of a random walk."""
 
-    slip_m_per_rad: float = Field(0.03, ge=0.0, le=1.0)
-    """Standard deviation of the wheels' position, per radian turned."""
+    slip_m_per_sqrt_rad: float = Field(0.01, ge=0.0, le=1.0)
+    """Standard deviation of the wheels' position after turning by one radian."""
 
-    turn_rad_per_rad: float = Field(0.1, gt=0.0, le=1.0)
-    """Standard deviation of the wheels' heading, per radian turned."""
+    turn_rad_per_sqrt_rad: float = Field(0.05, gt=0.0, le=1.0)
+    """Standard deviation of the wheels' heading after turning by one radian."""
 
-    turn_rad_per_m: float = Field(0.02, ge=0.0, le=1.0)
-    """Standard deviation of the wheels' heading, per metre driven."""
+    turn_rad_per_sqrt_m: float = Field(0.01, ge=0.0, le=1.0)
+    """Standard deviation of the wheels' heading after one metre."""
 
-    gyro_rad_per_rad: float = Field(0.005, gt=0.0, le=1.0)
-    """Standard deviation of the gyroscope's heading, per radian turned (scale error)."""
+    gyro_rad_per_sqrt_rad: float = Field(0.003, gt=0.0, le=1.0)
+    """Standard deviation of the gyroscope's heading after turning by one radian."""
 
     gyro_rad_per_sqrt_s: float = Field(0.0005, gt=0.0, le=0.1)
     """Standard deviation of the gyroscope's heading after one second (angle random walk)."""
 
-    gyro_bias_rad_s: float = Field(0.0005, ge=0.0, le=0.1)
-    """Standard deviation of what is left of the gyroscope's bias after its estimation."""
+    gyro_bias_walk: float = Field(0.00005, ge=0.0, le=0.1)
+    """Standard deviation by which the gyroscope's bias changes in one second, in rad/s."""
 
 
 class LocalMapConfig(Config):

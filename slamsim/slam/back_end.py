@@ -50,7 +50,7 @@ class BackEnd:
 
     def __init__(self, config: SlamConfig, gyro: bool) -> None:
         self._config = config.back_end
-        self._motion, self._gyro = config.front_end.motion, gyro
+        self._motion = config.front_end.motion
         self._finder = ClosureFinder(self._config)
         self._waiting = WaitingClosures(self._config.closures.min_support)
         self._scratch = Surfaces()
@@ -158,9 +158,7 @@ class BackEnd:
         if not self._keyframes:
             self._estimate.begin(keyframe.T_map_base)
         else:
-            edge = chain_edge(
-                self._keyframes[-1], keyframe, self._gyro, self._motion, self._config.graph
-            )
+            edge = chain_edge(self._keyframes[-1], keyframe, self._motion, self._config.graph)
             self._graph.add(edge)
             self._estimate.extend(edge)
         self._keyframes.append(keyframe)
@@ -296,7 +294,7 @@ class BackEnd:
     def _refine(self) -> FloatArray | None:
         """Move the key frames to where all views agree best; their covariances, or None."""
         odometry = [
-            odometry_edge(before, after, self._gyro, self._motion)
+            odometry_edge(before, after, self._motion)
             for before, after in pairwise(self._keyframes)
         ]
         views = [keyframe.pieces for keyframe in self._keyframes]

@@ -11,8 +11,8 @@ from slamsim.config.slam import MotionConfig
 from slamsim.geometry import between
 from slamsim.slam.marginals import rotation
 from slamsim.slam.matching.surfaces import range_noise_m
-from slamsim.slam.motion import motion_covariance
 from slamsim.slam.odometry import ELSEWHERE_M, Tracked
+from slamsim.slam.steps import PARAMETERS, OdometryNoise, OdometryStep
 from slamsim.slam.views import ViewMaker
 from slamsim.types import Cloud, EdgeKind, Float32Array, FloatArray, GraphEdge
 
@@ -20,6 +20,8 @@ MAX_BEAMS = 180
 START_NOISE_M = 0.015
 NOISE_BOUNDS_M = (0.002, 0.05)
 NOISE_GAIN = 0.1
+BLIND = np.diag(np.square([0.3, 0.3, 0.2]))
+"""Of a step between key frames of which no odometry says anything: m, m, rad."""
 LEAST_MOTION = np.diag(np.square([0.0005, 0.0005, 0.0002]))
 """Covariance of a motion that odometry says was none."""
 
@@ -33,7 +35,8 @@ class Keyframe:
     where some of its beams began and ended. path_m: travelled so far. information: (3, 3) of the
     match. restart: (3, 3) covariance of a small step of the base, relative to the key frame
     before, where a local map was begun anew, so that no match joins the two; else None. noise_m:
-    standard deviation of a range, as learnt by then.
+    standard deviation of a range, as learnt by then. odometry: the step since the key frame before
+    by wheels and gyroscope; None where they do not cover all of it.
     """
 
     index: int
@@ -47,6 +50,7 @@ class Keyframe:
     path_m: float
     restart: FloatArray | None
     noise_m: float
+    odometry: OdometryStep | None = None
 
     @property
     def broken(self) -> bool:
@@ -69,6 +73,7 @@ class KeyframeMaker:
         self._last: Keyframe | None = None
         self._T_map_before: FloatArray | None = None
         self._path_m = 0.0
+        self._odometry: OdometryStep | None = None
 
     def make(self, tracked: Tracked) -> Keyframe | None:
         """A key frame of this scan, or None if the robot has not moved enough since the last."""
@@ -76,6 +81,10 @@ class KeyframeMaker:
             step = tracked.T_map_base[:2] - self._T_map_before[:2]
             self._path_m += float(np.hypot(step[0], step[1]))
         self._T_map_before = tracked.T_map_base
+        if self._odometry is not None and tracked.odometry is not None:
+            self._odometry = self._odometry.then(tracked.odometry)
+        else:
+            self._odometry = None
         if tracked.match is None:
             self._view.clear()  # where the scans before stood is no longer known
             if not tracked.keyscan:
@@ -97,7 +106,9 @@ class KeyframeMaker:
             path_m=self._path_m,
             restart=tracked.restart,
             noise_m=self._noise_m,
+            odometry=self._odometry,
         )
+        self._odometry = OdometryStep.none(np.zeros(PARAMETERS))
         return self._last
 
     def _due(self, tracked: Tracked) -> bool:
@@ -118,7 +129,7 @@ class KeyframeMaker:
 
 
 def chain_edge(
-    before: Keyframe, after: Keyframe, gyro: bool, motion: MotionConfig, config: GraphConfig
+    before: Keyframe, after: Keyframe, motion: MotionConfig, config: GraphConfig
 ) -> GraphEdge:
     """The front end's measurement between two consecutive key frames.
 
@@ -126,9 +137,9 @@ def chain_edge(
     hold keeps the uncertainty of the wheels. An edge to where the local map was begun anew is as
     sure as the front end was of its place then.
     """
-    odometry = between(before.T_odom_base, after.T_odom_base)
-    seconds = (after.stamp_ns - before.stamp_ns) * 1e-9
-    noise = motion_covariance(odometry, seconds, gyro, motion)
+    noise = BLIND
+    if after.odometry is not None:
+        noise = OdometryNoise(motion, 0.0, 0.0).covariance(after.odometry)
     floor = np.diag(np.square([config.min_sigma_m] * 2 + [np.deg2rad(config.min_sigma_deg)]))
     information = np.linalg.inv(floor + (noise if after.restart is None else after.restart))
     if after.restart is None:
@@ -141,15 +152,16 @@ def chain_edge(
     return GraphEdge(before.index, after.index, T, turn @ covariance @ turn.T, kind)
 
 
-def odometry_edge(before: Keyframe, after: Keyframe, gyro: bool, motion: MotionConfig) -> GraphEdge:
+def odometry_edge(before: Keyframe, after: Keyframe, motion: MotionConfig) -> GraphEdge:
     """What wheels and gyroscope alone say between two consecutive key frames.
 
     To where the local map was begun anew: what the front end believed then.
     """
-    seconds = (after.stamp_ns - before.stamp_ns) * 1e-9
     if after.restart is None:
-        T = between(before.T_odom_base, after.T_odom_base)
-        covariance = motion_covariance(T, seconds, gyro, motion) + LEAST_MOTION
+        T, covariance = between(before.T_odom_base, after.T_odom_base), BLIND
+        if after.odometry is not None:
+            T = after.odometry.T_first_last
+            covariance = OdometryNoise(motion, 0.0, 0.0).covariance(after.odometry) + LEAST_MOTION
     else:
         T = between(before.T_map_base, after.T_map_base)
         covariance = after.restart + LEAST_MOTION

@@ -1,125 +1,235 @@
-"""Where wheels and gyroscope say the robot went, and how far to believe them."""
+"""What wheels and gyroscope report of the robot's motion, piece by piece."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from slamsim.config.slam import MotionConfig
 from slamsim.geometry import between, wrap_angle
 from slamsim.safe.errors import SlamsimError
+from slamsim.slam.arcs import walk
+from slamsim.slam.steps import PARAMETERS, ROWS, OdometryNoise, OdometryStep
 from slamsim.types import BoolArray, FloatArray, ImuStream, IntArray, Log, PlanarTrajectory
-from slamsim.wheels import wheel_odometry
+from slamsim.wheels import Reading, encoder_reading, pose_reading, wheel_odometry
 
-STANDSTILL_SPEED_M_S = 2e-3
-STANDSTILL_TURN_RAD_S = 4e-3
-STANDSTILL_MIN_S = 0.5
-STANDSTILL_MARGIN_S = 0.1
 GYRO_GAP_S = 0.1
-STRAIGHT_TURN_RAD_S = 0.05
+AHEAD_S, AHEAD_FROM_S = 0.2, 0.05
+"""So far beyond the last report the speed is taken to be that of the last moments."""
+
+REST_S = 0.5
+REST_RANGE_M = (3e-4, 1e-3)
+REST_RANGE_RAD = (1e-3, 4e-3)
+REST_READINGS = 2.5
+REST_TURN_RAD_S = 4e-3
+"""A standing robot's gyroscope shows its bias, give or take this and its own uncertainty."""
+
+REST_BIAS_SIGMAS = 4.0
+FORWARD, SIDEWAYS, WHEEL_TURN, GYRO_TURN = range(4)
 
 
 class NoMotion(SlamsimError):
     """A log that says nothing about how the robot moved."""
 
 
-def predict_motion(log: Log) -> PlanarTrajectory:
-    """``T_odom_base``: the path of the wheels, with the gyroscope's heading when there is one.
+@dataclass(frozen=True, slots=True, eq=False)
+class Increments:
+    """The motion between consecutive stamps as reported, uncalibrated.
 
-    Encoders are preferred to odometry that somebody derived from them. The gyroscope's bias is
-    taken at every standstill and interpolated between them. The result has a pose at every wheel
-    and IMU stamp that the wheels cover. Raises NoMotion for a log with neither odometry nor
-    encoders.
+    stamps_ns: (n,) increasing. steps: (n - 1, 4) forward and sideways along the arc in metres,
+    turn by the wheels and turn by the gyroscope in radians, nan while that is silent.
     """
-    wheels = wheel_odometry(log.encoders) if log.encoders is not None else log.odometry
-    if wheels is None or len(wheels) < 2:
+
+    stamps_ns: IntArray
+    steps: FloatArray
+
+
+class Odometry:
+    """Wheels and gyroscope of one robot: what they say about any stretch of time they cover.
+
+    reading: resolution and track of the wheels.
+    """
+
+    def __init__(self, increments: Increments, reading: Reading) -> None:
+        self._stamps_ns, self._steps = increments.stamps_ns, increments.steps
+        self.reading = reading
+
+    @property
+    def stamps_ns(self) -> IntArray:
+        """(n,) the instants at which something was reported."""
+        return self._stamps_ns
+
+    @property
+    def has_gyro(self) -> bool:
+        """Whether a gyroscope reports at all."""
+        return bool(np.isfinite(self._steps[:, GYRO_TURN]).any())
+
+    def extend(self, increments: Increments) -> None:
+        """More of the same; it begins where the last ended. Raises SlamsimError if not."""
+        if increments.stamps_ns[0] != self._stamps_ns[-1]:
+            raise SlamsimError(
+                f"odometry that ends at {self._stamps_ns[-1]} ns "
+                f"cannot go on at {increments.stamps_ns[0]} ns"
+            )
+        self._stamps_ns = np.concatenate([self._stamps_ns, increments.stamps_ns[1:]])
+        self._steps = np.concatenate([self._steps, increments.steps])
+
+    def forget_before(self, stamp_ns: int) -> None:
+        """Drop what no later question needs: all but the rest-seeking span before the stamp."""
+        needed_ns = stamp_ns - round(REST_S * 1e9)
+        first = max(int(np.searchsorted(self._stamps_ns, needed_ns, side="right")) - 1, 0)
+        self._stamps_ns, self._steps = self._stamps_ns[first:], self._steps[first:]
+
+    def covers(self, first_ns: int, last_ns: int) -> bool:
+        """Whether the whole stretch was reported on, or ends a moment after the last report."""
+        ahead_ns = round(AHEAD_S * 1e9)
+        return bool(first_ns >= self._stamps_ns[0] and last_ns <= self._stamps_ns[-1] + ahead_ns)
+
+    def noise(self, config: MotionConfig) -> OdometryNoise:
+        """Its random errors before any match."""
+        return OdometryNoise(config, self.reading.sigma_m, self.reading.sigma_rad)
+
+    def step(
+        self, first_ns: int, last_ns: int, parameters: FloatArray, bias_sigma_rad_s: float = 0.0
+    ) -> OdometryStep:
+        """The motion over a stretch that is covered; none at all while the robot rests."""
+        _, poses, jacobian, totals = self._walk(first_ns, last_ns, parameters)
+        seconds = (last_ns - first_ns) * 1e-9
+        raw_turn_rad, gyro_s = float(totals[3]), float(totals[4])
+        still = self._rests(first_ns, last_ns, parameters[-1], bias_sigma_rad_s)
+        if still:
+            none = OdometryStep.none(parameters)
+            return replace(
+                none, seconds=seconds, gyro_s=gyro_s, rest_s=gyro_s, rest_turn_rad=raw_turn_rad
+            )
+        return OdometryStep(
+            T_first_last=np.append(poses[-1, :2], wrap_angle(poses[-1, 2])),
+            wheel_turn_rad=float(totals[0]),
+            parameters=parameters,
+            jacobian=jacobian,
+            seconds=seconds,
+            path_m=float(totals[1]),
+            turned_rad=float(totals[2]),
+            gyro_s=gyro_s,
+            rest_s=0.0,
+            rest_turn_rad=0.0,
+            doubt=np.zeros(3),
+        )
+
+    def path(self, first_ns: int, last_ns: int, parameters: FloatArray) -> PlanarTrajectory:
+        """The motion over a stretch that is covered, from the origin, at all stamps within."""
+        last_ns = max(last_ns, first_ns + 1)
+        stamps_ns, poses, _, _ = self._walk(first_ns, last_ns, parameters)
+        within = np.concatenate([[first_ns], stamps_ns[1:-1], [last_ns]])
+        return PlanarTrajectory(within, poses)
+
+    def _walk(
+        self, first_ns: int, last_ns: int, parameters: FloatArray
+    ) -> tuple[IntArray, FloatArray, FloatArray, FloatArray]:
+        """Stamps and poses of the pieces that a stretch touches; see ``arcs.walk`` for the rest."""
+        low, high = self._pieces(first_ns, last_ns)
+        stamps_ns, steps = self._stamps_ns[low : high + 1], self._steps[low:high]
+        if last_ns > self._stamps_ns[-1]:
+            stamps_ns = np.append(stamps_ns, last_ns)
+            steps = np.vstack([steps, self._ahead(last_ns)])
+        poses, jacobian = np.zeros((len(stamps_ns), 3)), np.zeros((ROWS, PARAMETERS))
+        totals = np.zeros(5)
+        lever_m2 = self.reading.lever_m2
+        walk(stamps_ns, steps, first_ns, last_ns, parameters, lever_m2, poses, jacobian, totals)
+        return stamps_ns, poses, jacobian, totals
+
+    def _ahead(self, last_ns: int) -> FloatArray:
+        """(4,) the step from the last report to a moment later."""
+        end_ns = int(self._stamps_ns[-1])
+        low, high = self._pieces(end_ns - round(AHEAD_FROM_S * 1e9), end_ns)
+        span_ns = end_ns - int(self._stamps_ns[low])
+        ahead: FloatArray = self._steps[low:high].sum(axis=0) * ((last_ns - end_ns) / span_ns)
+        return ahead
+
+    def _pieces(self, first_ns: int, last_ns: int) -> tuple[int, int]:
+        """The reported pieces, low up to and without high, that a stretch touches."""
+        low = int(np.searchsorted(self._stamps_ns, first_ns, side="right")) - 1
+        high = int(np.searchsorted(self._stamps_ns, last_ns, side="left"))
+        low = min(max(low, 0), len(self._steps) - 1)
+        return low, min(max(high, low + 1), len(self._steps))
+
+    def _rests(self, first_ns: int, last_ns: int, bias_rad_s: float, sigma_rad_s: float) -> bool:
+        """Whether wheels and gyroscope have been still for a while, and are."""
+        since_ns = min(first_ns, last_ns - round(REST_S * 1e9))
+        if last_ns <= first_ns or since_ns < self._stamps_ns[0]:
+            return False
+        low, high = self._pieces(since_ns, last_ns)
+        steps = self._steps[low:high]
+        within = np.abs(np.cumsum(steps[:, :GYRO_TURN], axis=0)).max(axis=0)
+        least_m = np.clip(REST_READINGS * self.reading.step_m, *REST_RANGE_M)
+        least_rad = np.clip(REST_READINGS * self.reading.step_rad, *REST_RANGE_RAD)
+        if max(within[FORWARD], within[SIDEWAYS]) > least_m or within[WHEEL_TURN] > least_rad:
+            return False
+        gyro = steps[:, GYRO_TURN]
+        heard = np.isfinite(gyro)
+        seconds = float((np.diff(self._stamps_ns[low : high + 1])[heard]).sum()) * 1e-9
+        allowed_rad_s = REST_TURN_RAD_S + REST_BIAS_SIGMAS * sigma_rad_s
+        excess_rad = abs(float(gyro[heard].sum()) - bias_rad_s * seconds)
+        return excess_rad <= allowed_rad_s * seconds
+
+
+def log_odometry(log: Log) -> Odometry:
+    """Wheels and gyroscope of a log; encoders are preferred to what somebody derived from them.
+
+    Raises NoMotion for a log with neither odometry nor encoders.
+    """
+    if log.encoders is not None:
+        wheels, reading = wheel_odometry(log.encoders), encoder_reading(log.encoders)
+    elif log.odometry is not None:
+        wheels, reading = log.odometry, pose_reading(log.odometry)
+    else:
         raise NoMotion(f"{log.name}: neither odometry nor wheel encoders in the log")
+    if len(wheels) < 2:
+        raise NoMotion(f"{log.name}: less than two readings of the wheels in the log")
     if log.imu is None or len(log.imu.stamps_ns) < 2:
-        return wheels
+        return Odometry(increments(wheels), reading)
     rotation = np.eye(3) if log.T_base_imu is None else log.T_base_imu[:3, :3]
-    return fuse_gyro(wheels, log.imu, rotation)
+    return Odometry(increments(wheels, log.imu, rotation), reading)
 
 
-def fuse_gyro(
-    wheels: PlanarTrajectory, imu: ImuStream, rotation_base_imu: FloatArray
-) -> PlanarTrajectory:
-    """Wheel path with the heading of the gyroscope; wheel heading where the IMU has gaps.
+def predict_motion(log: Log, parameters: FloatArray | None = None) -> PlanarTrajectory:
+    """``T_odom_base`` by wheels and gyroscope, for given parameters (5,) of their calibration.
 
-    Within a wheel interval the body's velocity is constant (an arc), so that each piece of it is
-    turned by the heading of its own middle. rotation_base_imu: (3, 3).
+    Raises NoMotion.
     """
-    turn_rate = imu.angular_velocity_rad_s @ rotation_base_imu[2]
-    turn_rate = turn_rate - gyro_bias(wheels, imu.stamps_ns, turn_rate)
-    gyro_yaw = _integrate(imu.stamps_ns, turn_rate)
+    odometry = log_odometry(log)
+    first_ns, last_ns = odometry.stamps_ns[[0, -1]].tolist()
+    known = np.zeros(PARAMETERS) if parameters is None else parameters
+    return odometry.path(first_ns, last_ns, known)
 
+
+def increments(
+    wheels: PlanarTrajectory,
+    imu: ImuStream | None = None,
+    rotation_base_imu: FloatArray | None = None,
+) -> Increments:
+    """Wheels and gyroscope on common stamps: every one of either that the wheels cover.
+
+    Within a wheel interval the body's velocity is constant (an arc). rotation_base_imu: (3, 3).
+    """
+    velocity = _body_velocity(wheels)
+    if imu is None:
+        seconds = np.diff(wheels.stamps_ns)[:, None] * 1e-9
+        silent = np.full((len(velocity), 1), np.nan)
+        return Increments(wheels.stamps_ns, np.hstack([velocity * seconds, silent]))
     stamps_ns = np.union1d(wheels.stamps_ns, imu.stamps_ns)
     inside = (stamps_ns >= wheels.stamps_ns[0]) & (stamps_ns <= wheels.stamps_ns[-1])
     stamps_ns = stamps_ns[inside]
     interval = np.searchsorted(wheels.stamps_ns, stamps_ns[:-1], side="right") - 1
-    velocity = _body_velocity(wheels)[interval]
-    seconds = np.diff(stamps_ns) * 1e-9
+    driven = velocity[interval] * (np.diff(stamps_ns)[:, None] * 1e-9)
 
+    axis = np.array([0.0, 0.0, 1.0]) if rotation_base_imu is None else rotation_base_imu[2]
+    gyro_yaw = _integrate(imu.stamps_ns, imu.angular_velocity_rad_s @ axis)
     origin_ns = imu.stamps_ns[0]
     yaw_at = np.interp((stamps_ns - origin_ns) * 1e-9, (imu.stamps_ns - origin_ns) * 1e-9, gyro_yaw)
-    turned = np.where(
-        _gyro_covers(imu.stamps_ns, stamps_ns), np.diff(yaw_at), velocity[:, 2] * seconds
-    )
-    yaw = wheels.poses[0, 2] + np.concatenate([[0.0], np.cumsum(turned)])
-    mid = yaw[:-1] + 0.5 * turned
-    step_x = (velocity[:, 0] * np.cos(mid) - velocity[:, 1] * np.sin(mid)) * seconds
-    step_y = (velocity[:, 0] * np.sin(mid) + velocity[:, 1] * np.cos(mid)) * seconds
-    x = wheels.poses[0, 0] + np.concatenate([[0.0], np.cumsum(step_x)])
-    y = wheels.poses[0, 1] + np.concatenate([[0.0], np.cumsum(step_y)])
-    return PlanarTrajectory(stamps_ns, np.column_stack([x, y, wrap_angle(yaw)]))
-
-
-def gyro_bias(
-    wheels: PlanarTrajectory, stamps_ns: IntArray, turn_rate_rad_s: FloatArray
-) -> FloatArray:
-    """(n,) bias of the turn rate at each gyroscope stamp.
-
-    The mean over each standstill of the wheels, interpolated between their middles and held
-    beyond the first and last. Without a standstill: the median difference to the wheels' turn rate
-    while driving straight, where a wrong track width does not matter.
-    """
-    origin_ns = stamps_ns[0]
-    middles, means = [], []
-    for start_ns, end_ns in _standstills(wheels):
-        still = (stamps_ns >= start_ns) & (stamps_ns <= end_ns)
-        if np.count_nonzero(still) >= 5:
-            middles.append((0.5 * (start_ns - origin_ns) + 0.5 * (end_ns - origin_ns)) * 1e-9)
-            means.append(float(turn_rate_rad_s[still].mean()))
-    if middles:
-        return np.asarray(np.interp((stamps_ns - origin_ns) * 1e-9, middles, means))
-    interval = np.searchsorted(wheels.stamps_ns, stamps_ns, side="right") - 1
-    covered = (interval >= 0) & (interval < len(wheels) - 1)
-    wheel_rate = _body_velocity(wheels)[np.clip(interval, 0, len(wheels) - 2), 2]
-    straight = covered & (np.abs(wheel_rate) < STRAIGHT_TURN_RAD_S)
-    usable = straight if np.count_nonzero(straight) >= 100 else covered
-    if not usable.any():
-        return np.zeros(stamps_ns.size)
-    bias = float(np.median((turn_rate_rad_s - wheel_rate)[usable]))
-    return np.full(stamps_ns.size, bias)
-
-
-def motion_covariance(
-    delta: FloatArray, seconds: float, gyro: bool, config: MotionConfig
-) -> FloatArray:
-    """(3, 3) covariance of a predicted step, in the frame of the base at its end.
-
-    delta: (3,) the step ``T_before_after``, short enough that its chord is its path. Sideways, the
-    uncertainty of the heading on the way adds to that of the wheels.
-    """
-    path_m, turn_rad = float(np.hypot(delta[0], delta[1])), abs(float(delta[2]))
-    if gyro:
-        sigma_yaw = np.hypot(
-            config.gyro_rad_per_rad * turn_rad + config.gyro_bias_rad_s * seconds,
-            config.gyro_rad_per_sqrt_s * np.sqrt(seconds),
-        )
-    else:
-        sigma_yaw = np.hypot(config.turn_rad_per_rad * turn_rad, config.turn_rad_per_m * path_m)
-    sigma_m = np.hypot(config.slip_m_per_m * path_m, config.slip_m_per_rad * turn_rad)
-    sideways_m = np.hypot(sigma_m, 0.5 * path_m * sigma_yaw)
-    return np.diag(np.square([sigma_m, sideways_m, sigma_yaw]))
+    turned = np.where(_gyro_covers(imu.stamps_ns, stamps_ns), np.diff(yaw_at), np.nan)
+    return Increments(stamps_ns, np.column_stack([driven, turned]))
 
 
 def _integrate(stamps_ns: IntArray, rate: FloatArray) -> FloatArray:
@@ -148,20 +258,3 @@ def _gyro_covers(imu_ns: IntArray, stamps_ns: IntArray) -> BoolArray:
     after = np.clip(after, 1, imu_ns.size - 1)
     gap_s = (imu_ns[after] - imu_ns[after - 1]) * 1e-9
     return np.asarray(inside & (gap_s <= GYRO_GAP_S))
-
-
-def _standstills(wheels: PlanarTrajectory) -> list[tuple[int, int]]:
-    """Spans (start_ns, end_ns) in which the wheels rest, margins for spinning down left out."""
-    velocity = _body_velocity(wheels)
-    still = (np.hypot(velocity[:, 0], velocity[:, 1]) < STANDSTILL_SPEED_M_S) & (
-        np.abs(velocity[:, 2]) < STANDSTILL_TURN_RAD_S
-    )
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], still, [False]]).astype(np.int8)))
-    margin_ns, min_ns = round(STANDSTILL_MARGIN_S * 1e9), round(STANDSTILL_MIN_S * 1e9)
-    spans = []
-    for first, last in zip(edges[::2], edges[1::2], strict=True):
-        start_ns = int(wheels.stamps_ns[first]) + margin_ns
-        end_ns = int(wheels.stamps_ns[last]) - margin_ns
-        if end_ns - start_ns >= min_ns:
-            spans.append((start_ns, end_ns))
-    return spans

@@ -10,9 +10,11 @@ from slamsim.config.slam import FrontEndConfig
 from slamsim.geometry import between
 from slamsim.slam.deskew import deskew
 from slamsim.slam.matching import Match, Matcher, make_matcher
+from slamsim.slam.motion import Odometry
 from slamsim.slam.prediction import Prediction, Predictor
+from slamsim.slam.steps import OdometryStep
 from slamsim.slam.watch import Fate, Watch
-from slamsim.types import Cloud, Event, FloatArray, PlanarTrajectory, Scan
+from slamsim.types import Cloud, Event, FloatArray, Scan
 
 FAR_SIGMAS = 5.0
 FAR_STRICTNESS = 0.75
@@ -49,7 +51,8 @@ class Tracked:
     small step of the base in its own frame relative to the local map, zero where nothing is
     known from the scan. pieces: (k, PIECE_FIELDS) of the cloud, in the base frame. keyscan:
     whether the scan entered the local map. restart: (3, 3), if a local map was begun anew here,
-    of a small step of the base relative to the map before.
+    of a small step of the base relative to the map before. odometry: what wheels and
+    gyroscope say of the step since the last scan; None if nothing.
     """
 
     stamp_ns: int
@@ -61,6 +64,7 @@ class Tracked:
     pieces: FloatArray
     keyscan: bool
     restart: FloatArray | None = None
+    odometry: OdometryStep | None = None
 
     @property
     def match_quality(self) -> float:
@@ -76,20 +80,18 @@ class Tracked:
 class FrontEnd:
     """Deskews, predicts, matches and gates one scan after the other.
 
-    motion: T_odom_base, or None for a robot that reports none (its speed is then taken as
-    constant between scans). gyro: whether the headings of the motion come from a gyroscope.
+    odometry: None for a robot that reports none; its speed is then taken as constant between scans.
     """
 
     def __init__(
         self,
         config: FrontEndConfig,
-        motion: PlanarTrajectory | None,
+        odometry: Odometry | None,
         T_base_laser: FloatArray,
-        gyro: bool = False,
     ) -> None:
         self._config = config
         self._T_base_laser = T_base_laser
-        self._predictor = Predictor(config.motion, motion, gyro)
+        self._predictor = Predictor(config.motion, odometry)
         self._matcher = make_matcher(config)
         self._T_map_key: FloatArray | None = None
         self._usual_inliers = START_USUAL
@@ -106,9 +108,9 @@ class FrontEnd:
         self.restarts = 0
         """Times the local map was begun anew, the robot being lost."""
 
-    def renew_motion(self, motion: PlanarTrajectory | None) -> None:
-        """``T_odom_base`` as it is known by now: a window that covers the scans to come."""
-        self._predictor.renew_motion(motion)
+    def renew_motion(self, odometry: Odometry | None) -> None:
+        """The odometry as it is known by now: any window from the last scan on will do."""
+        self._predictor.renew_motion(odometry)
 
     def begin_at(self, T_map_base: FloatArray, covariance: FloatArray, matcher: Matcher) -> None:
         """Go on from a pose (3,) that is known with a covariance (3, 3), in another map."""
@@ -144,7 +146,7 @@ class FrontEnd:
 
         match = self._match(cloud, prediction)
 
-        if match is not None and self._predictor.blind:
+        if match is not None and prediction.odometry is None:
             # Without odometry the motion within a sweep is best known from its own match.
             motion = self._predictor.motion_after(scan, match)
             cloud = deskew(scan, motion, scan.stamp_ns, self._T_base_laser)
@@ -171,6 +173,7 @@ class FrontEnd:
             self._matcher.pieces(cloud),
             keyscan,
             restart,
+            self._predictor.step,
         )
 
     @property
@@ -180,7 +183,8 @@ class FrontEnd:
 
     def events(self) -> tuple[Event, ...]:
         """What happened so far, and when."""
-        return self._watch.events()
+        happened = (*self._watch.events(), *self._predictor.events())
+        return tuple(sorted(happened, key=lambda event: event.start_ns))
 
     def warnings(self) -> tuple[str, ...]:
         """What went wrong so far, in words and counts."""

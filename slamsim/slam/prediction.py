@@ -8,14 +8,18 @@ import numpy as np
 
 from slamsim.config.slam import MotionConfig
 from slamsim.geometry import between, compose, inverse
+from slamsim.slam.calibration import Calibrator
+from slamsim.slam.marginals import adjoint
 from slamsim.slam.matching.base import Match
-from slamsim.slam.motion import motion_covariance
-from slamsim.types import FloatArray, PlanarTrajectory, Scan
+from slamsim.slam.motion import Odometry
+from slamsim.slam.slip import Look, SlipWatch, coasted
+from slamsim.slam.steps import OdometryStep
+from slamsim.types import Event, FloatArray, PlanarTrajectory, Scan
 
 MAX_SPEED_M_S = 10.0
 MAX_TURN_RAD_S = 10.0
-FLOOR_M = 0.0005
-FLOOR_RAD = 0.0002
+FLOOR = np.diag(np.square([0.0005, 0.0005, 0.0002]))
+REST_FLOOR = np.diag(np.square([0.00005, 0.00005, 0.00002]))
 BLIND_SPEED_SIGMA_M_S2 = 1.5
 BLIND_TURN_SIGMA_RAD_S2 = 3.0
 LOST_GROWTH = 4.0
@@ -39,7 +43,8 @@ class Prediction:
     """T_map_base: (3,) with covariance (3, 3) of a small step of the base in its own frame.
 
     T_last_base: (3,) the predicted step since the last scan. T_map_hold: (3,) where the robot is
-    if the odometry is wrong and it stood. jump: whether no robot can make that step.
+    if the odometry is wrong and it stood. jump: whether no robot can make that step. T_odom_base:
+    (3,) by odometry alone. odometry: what that says of the step; None if there is none.
     """
 
     stamp_ns: int
@@ -49,6 +54,7 @@ class Prediction:
     T_last_base: FloatArray
     T_map_hold: FloatArray
     jump: bool
+    odometry: OdometryStep | None
 
     def distance(self, match: Match) -> float:
         """How many sigmas (Mahalanobis) the match lies from the prediction."""
@@ -57,26 +63,42 @@ class Prediction:
 
 
 class Predictor:
-    """Keeps the pose between scans; motion None means constant velocity."""
+    """Keeps the pose between scans; odometry None means constant velocity.
 
-    def __init__(self, config: MotionConfig, motion: PlanarTrajectory | None, gyro: bool) -> None:
-        self._config, self._motion, self._gyro = config, motion, gyro
+    The odometry is calibrated by the matches as they come, each prediction knowing only those
+    before it.
+    """
+
+    def __init__(self, config: MotionConfig, odometry: Odometry | None) -> None:
+        self._config = config
+        self._odometry: Odometry | None = None
+        self._calibrator: Calibrator | None = None
+        self.renew_motion(odometry)
+        self._slip = SlipWatch()
         self._last: Prediction | None = None
         self._T_map_base = np.zeros(3)
-        self._covariance = np.diag(np.square([FLOOR_M, FLOOR_M, FLOOR_RAD]))
+        self._covariance = FLOOR
         self._velocity = np.zeros(3)
         self._distrust = np.ones(3)
         self.jumps = 0
         """Steps of the odometry that no robot can make, and that were not believed."""
+        self.step: OdometryStep | None = None
+        """The last step by odometry, doubted where others contradict it."""
 
     @property
     def blind(self) -> bool:
         """Whether there is no odometry at all."""
-        return self._motion is None
+        return self._odometry is None
 
-    def renew_motion(self, motion: PlanarTrajectory | None) -> None:
-        """``T_odom_base`` as it is known by now: any window from the last scan on will do."""
-        self._motion = motion
+    def events(self) -> tuple[Event, ...]:
+        """When the wheels were not believed."""
+        return self._slip.events()
+
+    def renew_motion(self, odometry: Odometry | None) -> None:
+        """The odometry as it is known by now: any window from the last scan on will do."""
+        self._odometry = odometry
+        if odometry is not None and self._calibrator is None:
+            self._calibrator = Calibrator(odometry.noise(self._config))
 
     @property
     def T_map_base(self) -> FloatArray:  # noqa: N802
@@ -89,16 +111,27 @@ class Predictor:
         return self._covariance
 
     def place(self, T_map_base: FloatArray, covariance: FloatArray) -> None:
-        """The robot is known to be somewhere else."""
+        """The robot is known to be somewhere else; its speed stays as it was."""
         self._T_map_base, self._covariance = T_map_base, covariance
+        if self._calibrator is not None:
+            self._calibrator.lose()
 
     def motion_over(self, scan: Scan) -> PlanarTrajectory | None:
-        """The base's motion over the scan's beams, None where it is not known."""
+        """The base's motion over the scan's beams; None where it was not known yet.
+
+        Where odometry is silent, or has ended, the speed is taken as constant.
+        """
         first, last = min(scan.stamp_ns, scan.end_ns), max(scan.stamp_ns, scan.end_ns)
-        if self._motion is None:
+        if self._odometry is None or self._calibrator is None:
             return _arc(self._velocity, first, last)
-        covered = self._motion.stamps_ns
-        return self._motion if first >= covered[0] and last <= covered[-1] else None
+        if not self._odometry.covers(first, last):
+            return None if self._last is None else _arc(self._velocity, first, last)
+        path = self._odometry.path(first, last, self._calibrator.parameters)
+        if not self._slip.coasting:
+            return path
+        gyro, turned = self._odometry.has_gyro, path.poses[-1]
+        seconds = max(last - first, 1) * 1e-9
+        return _arc(coasted(turned, self._velocity, seconds, gyro) / seconds, first, last)
 
     def motion_after(self, scan: Scan, match: Match) -> PlanarTrajectory:
         """Motion over the scan's beams at the speed that its match shows since the last scan."""
@@ -111,18 +144,24 @@ class Predictor:
 
     def predict(self, stamp_ns: int) -> Prediction:
         """The pose at a scan's stamp, which motion_over has found to be covered."""
-        T_odom_base = self._odometry_at(stamp_ns)
-        if self._last is None:
-            at = self._T_map_base
-            return Prediction(stamp_ns, at, self._covariance, T_odom_base, np.zeros(3), at, False)
-        seconds = max((stamp_ns - self._last.stamp_ns) * 1e-9, 0.0)
-        step, noise, jump = self._step(self._last.T_odom_base, T_odom_base, seconds)
+        at, last = self._T_map_base, self._last
+        if last is None:
+            zero = np.zeros(3)
+            return Prediction(stamp_ns, at, self._covariance, zero, zero, at, False, None)
+        seconds = max((stamp_ns - last.stamp_ns) * 1e-9, 0.0)
+        odometry = self._odometry_since(last.stamp_ns, stamp_ns)
+        if odometry is None:
+            step, jump = self._velocity * seconds, False
+            noise = FLOOR + np.diag(_blind_variance(seconds))
+            T_odom_base = compose(last.T_odom_base, step)
+        else:
+            step, noise, jump = self._expect(odometry)
+            T_odom_base = compose(last.T_odom_base, odometry.T_first_last)
         self.jumps += jump
-        T_map_base = compose(self._T_map_base, step)
-        carry = _adjoint(inverse(step))
+        carry = adjoint(inverse(step))
         covariance = carry @ self._covariance @ carry.T + noise
-        still = self._T_map_base
-        return Prediction(stamp_ns, T_map_base, covariance, T_odom_base, step, still, jump)
+        T_map_base = compose(at, step)
+        return Prediction(stamp_ns, T_map_base, covariance, T_odom_base, step, at, jump, odometry)
 
     def coasting(self, prediction: Prediction) -> FloatArray:
         """T_map_base at the prediction's stamp if the robot went on as it did before."""
@@ -141,7 +180,7 @@ class Predictor:
         else:
             prior = np.linalg.inv(prediction.covariance)
             self._covariance = np.linalg.inv(prior + match.information)
-            self._learn(prediction, match)
+        self.step = self._judge(prediction, match)
         if self._last is not None:
             seconds = (prediction.stamp_ns - self._last.stamp_ns) * 1e-9
             if seconds > 0.0:
@@ -149,46 +188,89 @@ class Predictor:
         self._last, self._T_map_base = prediction, T_map_base
         return T_map_base
 
-    def _odometry_at(self, stamp_ns: int) -> FloatArray:
-        if self._motion is not None:
-            return np.asarray(self._motion.at(np.array([stamp_ns]))[0])
-        if self._last is None:
-            return np.zeros(3)
-        seconds = (stamp_ns - self._last.stamp_ns) * 1e-9
-        return compose(self._T_map_base, self._velocity * seconds)
+    def _odometry_since(self, first_ns: int, last_ns: int) -> OdometryStep | None:
+        """What wheels and gyroscope say of a stretch, as calibrated by now."""
+        odometry, calibrator = self._odometry, self._calibrator
+        if odometry is None or calibrator is None or not odometry.covers(first_ns, last_ns):
+            return None
+        sigma_rad_s = calibrator.bias_sigma_rad_s
+        return odometry.step(first_ns, last_ns, calibrator.parameters, sigma_rad_s)
 
-    def _step(
-        self, T_odom_last: FloatArray, T_odom_base: FloatArray, seconds: float
-    ) -> tuple[FloatArray, FloatArray, bool]:
+    def _expect(self, odometry: OdometryStep) -> tuple[FloatArray, FloatArray, bool]:
         """The step since the last scan, its covariance, and whether it is an impossible one."""
-        floor = np.diag(np.square([FLOOR_M, FLOOR_M, FLOOR_RAD]))
-        if self._motion is None:
-            sigma_m = BLIND_SPEED_SIGMA_M_S2 * seconds * seconds
-            sigma_rad = BLIND_TURN_SIGMA_RAD_S2 * seconds * seconds
-            noise = floor + np.diag(np.square([sigma_m, sigma_m, sigma_rad]))
-            return self._velocity * seconds, noise, False
-        step = between(T_odom_last, T_odom_base)
-        allowed_s = max(seconds, MIN_JUMP_S)
+        calibrator, step = self._calibrator, odometry.T_first_last
+        assert calibrator is not None
+        allowed_s = max(odometry.seconds, MIN_JUMP_S)
         moved_m, turned_rad = float(np.hypot(step[0], step[1])), abs(float(step[2]))
         if moved_m > MAX_SPEED_M_S * allowed_s or turned_rad > MAX_TURN_RAD_S * allowed_s:
-            return step, floor + np.diag(JUMP_VARIANCE), True
-        noise = motion_covariance(step, seconds, self._gyro, self._config)
-        return (
-            step,
-            floor + noise * np.sqrt(np.outer(self._distrust, self._distrust)),
-            False,
+            return step, FLOOR + np.diag(JUMP_VARIANCE), True
+        own = calibrator.noise.covariance(odometry) + calibrator.uncertainty(odometry)
+        if self._slip.coasting:
+            gyro = odometry.gyro_s > 0.0
+            step = coasted(step, self._velocity, odometry.seconds, gyro)
+            own = own + np.diag(_blind_variance(odometry.seconds) * [1.0, 1.0, float(not gyro)])
+        floor = REST_FLOOR if odometry.rest_s > 0.0 else FLOOR
+        return step, floor + own * np.sqrt(np.outer(self._distrust, self._distrust)), False
+
+    def _judge(self, prediction: Prediction, match: Match | None) -> OdometryStep | None:
+        """The step by odometry, after learning from the match what it is worth."""
+        odometry, calibrator = prediction.odometry, self._calibrator
+        if calibrator is not None and odometry is None:
+            calibrator.lose()
+        if odometry is None or calibrator is None:
+            return None
+        if prediction.jump:
+            calibrator.lose()
+            return odometry.doubted(JUMP_VARIANCE)
+        own = calibrator.noise.covariance(odometry) + calibrator.uncertainty(odometry)
+        matched = None
+        if match is not None and not match.degenerate:
+            matched = np.asarray(np.linalg.inv(match.information + np.eye(3)), np.float64)
+            self._learn(prediction, match, np.diag(own), np.diag(matched))
+        doubt = self._slip.see(self._look(prediction, match, np.diag(own), matched))
+        odometry = odometry.doubted(doubt)
+        if match is None:
+            calibrator.lose()
+        else:
+            calibrator.follow(odometry, match.T_map_base, match.information)
+        return odometry
+
+    def _look(
+        self,
+        prediction: Prediction,
+        match: Match | None,
+        own: FloatArray,
+        matched: FloatArray | None,
+    ) -> Look:
+        odometry, calibrator, last = prediction.odometry, self._calibrator, self._last
+        assert odometry is not None and calibrator is not None and last is not None
+        wheels = coast = variance = np.full(3, np.nan)
+        if match is not None and matched is not None:
+            found = between(self._T_map_base, match.T_map_base)
+            gyro = odometry.gyro_s > 0.0
+            steady = coasted(odometry.T_first_last, self._velocity, odometry.seconds, gyro)
+            wheels, coast = between(odometry.T_first_last, found), between(steady, found)
+            variance = own * self._distrust + 2.0 * np.diag(matched) + np.diag(FLOOR)
+        turn_rad = turn_variance = np.nan
+        if odometry.gyro_s > 0.9 * odometry.seconds > 0.0:
+            turn = odometry.wheel_turn_rad - odometry.T_first_last[2]
+            turn_rad = float((turn + np.pi) % (2.0 * np.pi) - np.pi)
+            known = odometry.jacobian[3] - odometry.jacobian[2]
+            turn_variance = calibrator.noise.wheel_turn_variance(odometry) + own[2]
+            turn_variance += float(known @ calibrator.covariance @ known)
+        return Look(
+            *(last.stamp_ns, prediction.stamp_ns, wheels, coast, variance),
+            *(turn_rad, turn_variance, odometry.path_m),
         )
 
-    def _learn(self, prediction: Prediction, match: Match) -> None:
+    def _learn(
+        self, prediction: Prediction, match: Match, own: FloatArray, matched: FloatArray
+    ) -> None:
         """Believe the odometry less where matches keep contradicting it."""
-        if self._motion is None or match.degenerate or prediction.jump:
+        if own[0] < FLOOR[0, 0]:
             return
         found = between(prediction.T_map_base, match.T_map_base)
-        own = np.diag(motion_covariance(prediction.T_last_base, 0.0, self._gyro, self._config))
-        if own[0] < FLOOR_M**2:
-            return
-        matched = np.diag(np.linalg.inv(match.information + np.diag([1.0, 1.0, 1.0])))
-        excess = np.maximum(found * found - matched, 0.0) / (own + FLOOR_RAD**2)
+        excess = np.maximum(found * found - matched, 0.0) / (own + FLOOR[2, 2])
         excess[:2] = excess[:2].mean()
         # A step towards the share of one sigma, up or down: outliers count, but not their size.
         towards = np.where(excess > self._distrust, ONE_SIGMA_SHARE, ONE_SIGMA_SHARE - 1.0)
@@ -197,15 +279,15 @@ class Predictor:
         )
 
 
+def _blind_variance(seconds: float) -> FloatArray:
+    """(3,) of a step at constant velocity."""
+    sigma_m = BLIND_SPEED_SIGMA_M_S2 * seconds * seconds
+    sigma_rad = BLIND_TURN_SIGMA_RAD_S2 * seconds * seconds
+    return np.square([sigma_m, sigma_m, sigma_rad])
+
+
 def _arc(velocity: FloatArray, first_ns: int, last_ns: int) -> PlanarTrajectory:
     """Constant velocity (m/s, m/s, rad/s) of the base for a short while."""
     last_ns = max(last_ns, first_ns + 1)
     end = velocity * (last_ns - first_ns) * 1e-9
     return PlanarTrajectory(np.array([first_ns, last_ns]), np.stack([np.zeros(3), end]))
-
-
-def _adjoint(T_a_b: FloatArray) -> FloatArray:
-    """(3, 3): takes a small step in frame b to the same step in frame a."""
-    x, y, yaw = T_a_b
-    cos, sin = np.cos(yaw), np.sin(yaw)
-    return np.array([[cos, -sin, y], [sin, cos, -x], [0.0, 0.0, 1.0]])

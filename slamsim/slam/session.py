@@ -18,7 +18,7 @@ from slamsim.slam.correction import correct_pieces
 from slamsim.slam.events import in_words
 from slamsim.slam.keyframes import Keyframe, KeyframeMaker
 from slamsim.slam.marginals import adjoint
-from slamsim.slam.motion import NoMotion, predict_motion
+from slamsim.slam.motion import NoMotion, Odometry, log_odometry, predict_motion
 from slamsim.slam.odometry import FrontEnd, Tracked
 from slamsim.slam.online.beside import Beside
 from slamsim.slam.online.keeper import InLine, MapKeeper
@@ -213,7 +213,7 @@ def open_session(
     warm_up(config, T_base_laser)
     gyro = T_base_imu is not None
     motion = MotionFilter(None if T_base_imu is None else T_base_imu[:3, :3])
-    front_end = FrontEnd(config.front_end, None, T_base_laser, gyro)
+    front_end = FrontEnd(config.front_end, None, T_base_laser)
     return SlamSession(config, front_end, motion, Beside(config, gyro))
 
 
@@ -255,28 +255,36 @@ def run_slam(log: Log, config: SlamConfig, progress: Progress = silent) -> SlamR
     without a scan that the motion covers.
     """
     started_s = time.perf_counter()
-    motion = motion_of(log)
+    odometry = odometry_of(log)
     seconds = {"motion": time.perf_counter() - started_s}
 
     gyro = log.imu is not None
-    front_end = FrontEnd(config.front_end, motion, log.T_base_laser, gyro)
+    front_end = FrontEnd(config.front_end, odometry, log.T_base_laser)
     whole = len(log.scans) * (1.0 + FINISH_SHARE)
-    with SlamSession(config, front_end, WholeMotion(motion), InLine(config, gyro)) as session:
+    with SlamSession(config, front_end, WholeMotion(odometry), InLine(config, gyro)) as session:
         for number, scan in enumerate(log.scans):
             session.step(scan)
             progress(number + 1, whole)
         if not len(session):
-            raise SlamsimError(_nothing_to_track(log, motion))
+            raise SlamsimError(_nothing_to_track(log, odometry))
         result = session.finish(_rest_of(progress, len(log.scans), whole))
     progress(whole, whole)
-    odometry = _odometry_alone(log, result.odometry)
-    return replace(result, odometry=odometry, seconds=seconds | result.seconds)
+    alone = _odometry_alone(log, result.odometry)
+    return replace(result, odometry=alone, seconds=seconds | result.seconds)
 
 
 def motion_of(log: Log) -> PlanarTrajectory | None:
     """``T_odom_base`` of a log, None if it says nothing about how the robot moved."""
     try:
         return predict_motion(log)
+    except NoMotion:
+        return None
+
+
+def odometry_of(log: Log) -> Odometry | None:
+    """Wheels and gyroscope of a log, None if it says nothing about how the robot moved."""
+    try:
+        return log_odometry(log)
     except NoMotion:
         return None
 
@@ -307,12 +315,12 @@ def _nothing_seen(scans: int) -> str:
     )
 
 
-def _nothing_to_track(log: Log, motion: PlanarTrajectory | None) -> str:
+def _nothing_to_track(log: Log, odometry: Odometry | None) -> str:
     if len(log.scans) == 0:
         return f"{log.name}: no laser scans in the log; SLAM needs them"
     covered = "nothing"
-    if motion is not None and len(motion):
-        covered = f"{motion.stamps_ns[0]}..{motion.stamps_ns[-1]} ns"
+    if odometry is not None:
+        covered = f"{odometry.stamps_ns[0]}..{odometry.stamps_ns[-1]} ns"
     return (
         f"{log.name}: none of the {len(log.scans)} scans could be used; "
         f"odometry covers {covered}: is it on another clock?"

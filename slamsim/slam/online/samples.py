@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Protocol
 
+from slamsim.slam.motion import Odometry
 from slamsim.types import EncoderStream, ImuStream, PlanarTrajectory
 
 
@@ -31,20 +32,20 @@ class MotionSource(Protocol):
         """Take what arrived."""
         ...
 
-    def until(self, stamp_ns: int) -> PlanarTrajectory | None:
-        """``T_odom_base`` from the last scan to the given instant or beyond, None if unknown."""
+    def until(self, stamp_ns: int) -> Odometry | None:
+        """From the last scan to the given instant or beyond, None if unknown."""
         ...
 
 
 class WholeMotion:
     """The motion of a log, all of it known before the first scan."""
 
-    def __init__(self, T_odom_base: PlanarTrajectory | None) -> None:
-        self._T_odom_base = T_odom_base
+    def __init__(self, odometry: Odometry | None) -> None:
+        self._odometry = odometry
 
     def add(self, samples: MotionSamples) -> None:
         """Nothing can be added to it."""
 
-    def until(self, stamp_ns: int) -> PlanarTrajectory | None:
+    def until(self, stamp_ns: int) -> Odometry | None:
         """See ``MotionSource``."""
-        return self._T_odom_base
+        return self._odometry

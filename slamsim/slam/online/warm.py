@@ -6,8 +6,10 @@ import numpy as np
 
 from slamsim.config.slam import SlamConfig
 from slamsim.slam.keyframes import KeyframeMaker
+from slamsim.slam.motion import Odometry, increments
 from slamsim.slam.odometry import FrontEnd
 from slamsim.types import FloatArray, PlanarTrajectory, Scan, ScanGeometry
+from slamsim.wheels import pose_reading
 
 _ROOM_M = 3.0
 _SCAN_NS = 100_000_000
@@ -17,8 +19,9 @@ def warm_up(config: SlamConfig, T_base_laser: FloatArray) -> None:
     """Track a few scans of a square room, some of them from a place that nobody predicted."""
     geometry = ScanGeometry(-np.pi, np.pi / 180.0, 360, 200_000, 0.05, 30.0)
     stamps_ns = np.arange(9) * _SCAN_NS
-    motion = PlanarTrajectory(stamps_ns, np.zeros((9, 3)))
-    front_end = FrontEnd(config.front_end, motion, T_base_laser, True)
+    wheels = PlanarTrajectory(stamps_ns, np.zeros((9, 3)))
+    odometry = Odometry(increments(wheels), pose_reading(wheels))
+    front_end = FrontEnd(config.front_end, odometry, T_base_laser)
     maker = KeyframeMaker(config.back_end.keyframes, config.front_end.max_range_m)
     for number in range(6):
         turned = 0.0 if number < 3 else 0.35
