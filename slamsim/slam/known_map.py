@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from slamsim.slam.keyframes import PIECE_M, Keyframe
+from slamsim.slam.keyframes import Keyframe
 from slamsim.slam.matching.surfaces import (
     BEAMS,
     HALF_LENGTH,
@@ -25,6 +25,7 @@ from slamsim.slam.matching.surfaces import (
     principal_axis,
 )
 from slamsim.slam.submaps import Surfaces, sample_surfaces
+from slamsim.slam.views import PIECE_M
 from slamsim.types import FloatArray, Grid, IntArray
 
 TILE_M = 8.0
@@ -48,7 +49,10 @@ class KnownMap:
 def map_of_keyframes(keyframes: Sequence[Keyframe], poses: FloatArray) -> KnownMap:
     """The surfaces that key frames saw, from where the solution has them: poses (n, 3)."""
     noise_m = keyframes[-1].noise_m
-    placed = [(keyframe.pieces, T) for keyframe, T in zip(keyframes, poses, strict=True)]
+    placed = [
+        (keyframe.pieces.astype(np.float64), T)
+        for keyframe, T in zip(keyframes, poses, strict=True)
+    ]
     return KnownMap(merged_surfaces(placed, noise_m), noise_m)
 
 
