@@ -14,9 +14,9 @@ PARTS = {
     "odometry": "odometry of the log",
     "prediction": "prediction from wheels and gyroscope",
     "front_end": "front end, scan by scan",
-    "smoothed": "all scans smoothed together",
     "closures": "loops closed",
     "graph": "key frames in the end",
+    "smoothed": "all scans smoothed together",
 }
 """What each part is, in the order of the work."""
 

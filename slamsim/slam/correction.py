@@ -12,10 +12,7 @@ from slamsim.types import FloatArray, IntArray, PlanarTrajectory
 
 
 def correct_pieces(
-    relative: PlanarTrajectory,
-    anchors: PlanarTrajectory,
-    breaks_ns: Sequence[int],
-    measured: PlanarTrajectory | None = None,
+    relative: PlanarTrajectory, anchors: PlanarTrajectory, breaks_ns: Sequence[int]
 ) -> PlanarTrajectory:
     """``correct`` for a trajectory that is torn apart: nothing is blended across a break.
 
@@ -32,26 +29,21 @@ def correct_pieces(
         inside = anchors.stamps_ns >= piece.stamps_ns[0]
         inside &= anchors.stamps_ns <= piece.stamps_ns[-1]
         own = PlanarTrajectory(anchors.stamps_ns[inside], anchors.poses[inside])
-        poses.append(correct(piece, own, measured).poses if len(own) else piece.poses)
+        poses.append(correct(piece, own).poses if len(own) else piece.poses)
     return PlanarTrajectory(relative.stamps_ns, np.concatenate(poses))
 
 
-def correct(
-    relative: PlanarTrajectory,
-    anchors: PlanarTrajectory,
-    measured: PlanarTrajectory | None = None,
-) -> PlanarTrajectory:
-    """The fine motion of one trajectory, moved by what corrected the anchors.
+def correct(relative: PlanarTrajectory, anchors: PlanarTrajectory) -> PlanarTrajectory:
+    """The fine motion of one trajectory, bent to pass through the poses of another.
 
     relative: ``T_odom_base``, smooth but drifting, at the stamps wanted. anchors: ``T_map_base``
-    at some of the instants that ``relative`` covers. measured: ``T_odom_base`` at least at the
-    instants of the anchors, as it was when they were corrected; None: ``relative`` itself, so that
-    it is bent to pass through the anchors. Between two anchors the pose as carried forward from
-    the first and back from the second are blended by elapsed time; before the first and after the
-    last anchor, the nearest one moves everything rigidly. Returns ``T_map_base`` at the stamps of
-    ``relative``. Raises OutsideTimeRange if an anchor lies outside.
+    at some of the instants that ``relative`` covers. Between two anchors the pose as carried
+    forward from the first and back from the second are blended by elapsed time; before the
+    first and after the last anchor, the nearest one moves everything rigidly. Returns
+    ``T_map_base`` at the stamps of ``relative``. Raises OutsideTimeRange if an anchor lies
+    outside ``relative``.
     """
-    T_odom_anchor = (relative if measured is None else measured).at(anchors.stamps_ns)
+    T_odom_anchor = relative.at(anchors.stamps_ns)
     right = np.clip(np.searchsorted(anchors.stamps_ns, relative.stamps_ns), 0, len(anchors) - 1)
     left = np.where(anchors.stamps_ns[right] > relative.stamps_ns, right - 1, right)
     left = np.clip(left, 0, len(anchors) - 1)

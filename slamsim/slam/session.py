@@ -143,8 +143,9 @@ class SlamSession:
         for stage, spent_s in outcome.seconds.items():
             seconds[stage] += spent_s
         breaks_ns = self._front_end.breaks_ns
-        raw, smoothed = self._track.front_end(), self._track.smoothed().track
-        trajectory = correct_pieces(smoothed, outcome.graph.keyframes, breaks_ns, raw)
+        raw = self._track.front_end()
+        corrected = correct_pieces(raw, outcome.graph.keyframes, breaks_ns)
+        trajectory = self._track.smoothed(corrected).track
         happened = (*self._front_end.events(), *outcome.events)
         events = tuple(sorted(happened, key=lambda event: event.start_ns))
         counted = (*self._front_end.warnings(), *self._track.warnings())
@@ -160,7 +161,7 @@ class SlamSession:
             seconds=dict(seconds),
             closure_refusals=dict(outcome.refusals),
             front_end=raw,
-            parts={"prediction": self._track.odometry(), "front_end": raw, "smoothed": smoothed},
+            parts={"prediction": self._track.odometry(), "front_end": raw, "smoothed": trajectory},
             match_information=self._track.information,
             events=events,
         )

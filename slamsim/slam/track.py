@@ -64,11 +64,11 @@ class Track:
         """``T_odom_base`` as wheels and gyroscope predicted it."""
         return PlanarTrajectory(self._column("stamp_ns"), self._column("T_odom_base"))
 
-    def smoothed(self) -> Smoothed:
-        """``T_map_base`` before any loop was closed, all scans and the odometry taken together."""
-        track = self.front_end()
+    def smoothed(self, T_map_base: PlanarTrajectory) -> Smoothed:
+        """All scans taken together with the odometry between them, each matched to a map that
+        has moved with ``T_map_base``: the front end's track, with the map's corrections."""
         information, pull = self._column("information"), self._column("pull")
-        return smooth(Chain(track, information, pull, *odometry_steps(self.odometry())))
+        return smooth(Chain(T_map_base, information, pull, *odometry_steps(self.odometry())))
 
     @property
     def quality(self) -> FloatArray:
