@@ -170,6 +170,7 @@ class _Stretch:
             "off_rmse_m": float(np.sqrt(np.mean(off_m**2))),
             "off_max_m": float(off_m.max()),
             "keyframes": keeper.taken,
+            "keyframes_kept": keeper.kept,
             "closures": keeper.closures,
             "session_mb": own_mb,
             "back_end_mb": child_mb,

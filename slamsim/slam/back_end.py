@@ -6,13 +6,13 @@ import time
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
 
 from slamsim.config.slam import SlamConfig
-from slamsim.geometry import between
+from slamsim.geometry import between, compose
 from slamsim.progress import Progress, silent
 from slamsim.slam.agreement import WaitingClosures
 from slamsim.slam.bundle import NotRefined, refine
@@ -24,11 +24,13 @@ from slamsim.slam.health import loose_joints
 from slamsim.slam.keyframes import Keyframe, chain_edge, odometry_edge
 from slamsim.slam.marginals import in_own_frame, relative_covariances
 from slamsim.slam.submaps import Submap, Surfaces, make_submap, submap_is_full
+from slamsim.slam.visits import Visits
 from slamsim.types import Event, FloatArray, GraphEdge, PlanarTrajectory, PoseGraph
 
 UPDATE_AFTER_KEYFRAMES = 10
 RENEW_AFTER_KEYFRAMES = 20
 RENEW_AFTER_SHARE = 0.1
+KNOWN_TRAVEL_M = 3.0
 MOVED_M = 0.15
 MOVED_RAD = 0.03
 SURPRISE_M = 0.1
@@ -38,7 +40,8 @@ SURPRISE_RAD = 0.03
 @dataclass(frozen=True, slots=True, eq=False)
 class Correction:
     """T_map_base: (3,) of a key frame as the closures known by now have it. covariance: (3, 3)
-    relative to the first key frame, of a small step of the base in its own frame."""
+    relative to the first key frame, of a small step of the base in its own frame. keyframe: its
+    index as it came."""
 
     keyframe: int
     T_map_base: FloatArray
@@ -56,6 +59,8 @@ class BackEnd:
         self._scratch = Surfaces()
         self._estimate = Estimate()
         self._keyframes: list[Keyframe] = []
+        self._taken: list[int] = []
+        self._visits = Visits()
         self._graph = PoseGraphSolver(self._config.graph)
         self._submaps: list[Submap] = []
         self._candidates = CandidateIndex(self._config.closures)
@@ -73,10 +78,16 @@ class BackEnd:
         """Time spent per stage."""
 
     def take(self, keyframe: Keyframe) -> None:
-        """Join one more key frame, and search where it was seen before."""
+        """Join one more key frame, and search where it was seen before.
+
+        Where the robot has often been, only one in a few metres is kept, to hold the pose.
+        """
+        known = self._visits.enough(self._placed(keyframe), keyframe.path_m)
+        if known and not self._needed(keyframe):
+            return
         with self._timed("key frames"):
-            self._join(keyframe)
-            self._cut_submaps(keyframe)
+            keyframe = self._join(keyframe)
+            self._cut_submaps(keyframe, known)
         if self._config.closures.enabled:
             with self._timed("closures"):
                 self._close_loops(keyframe.index)
@@ -87,8 +98,8 @@ class BackEnd:
     def restore(self, keyframes: Sequence[Keyframe], closures: Sequence[GraphEdge]) -> None:
         """Begin with key frames and the closures found among them in another back end's time."""
         for keyframe in keyframes:
-            self._join(keyframe)
-            self._cut_submaps(keyframe)
+            known = self._visits.enough(self._placed(keyframe), keyframe.path_m)
+            self._cut_submaps(self._join(keyframe), known)
         numbers = {submap.anchor: number for number, submap in enumerate(self._submaps)}
         for edge in closures:
             self._graph.add(edge)
@@ -96,6 +107,11 @@ class BackEnd:
         if closures:
             self._estimate.move(self._graph.update(self._estimate.poses))
             self._estimate.renew_covariances(self._graph.edges)
+
+    @property
+    def kept(self) -> list[int]:
+        """Which key frames were kept, by their indices as they came."""
+        return self._taken
 
     def new_closures(self) -> tuple[GraphEdge, ...]:
         """Those that came to count since this was last asked."""
@@ -109,7 +125,7 @@ class BackEnd:
             return None
         last = len(self._keyframes) - 1
         covariance = self._estimate.covariance(0, last)
-        return Correction(last, self._estimate.poses[last].copy(), covariance)
+        return Correction(self._taken[last], self._estimate.poses[last].copy(), covariance)
 
     def finish(self, progress: Progress = silent) -> PoseGraph:
         """The final solution, after searching again wherever the estimate is better by now."""
@@ -154,7 +170,23 @@ class BackEnd:
         unrefined = [Event(*whole, "unrefined", self._unrefined)] if self._unrefined else []
         return (*loose_joints(graph), *unrefined)
 
-    def _join(self, keyframe: Keyframe) -> None:
+    def _placed(self, keyframe: Keyframe) -> FloatArray:
+        """Where a key frame that is not joined yet should be."""
+        if not self._keyframes:
+            return keyframe.T_map_base
+        step = between(self._keyframes[-1].T_map_base, keyframe.T_map_base)
+        return compose(self._estimate.poses[-1], step)
+
+    def _needed(self, keyframe: Keyframe) -> bool:
+        """Whether a key frame must be kept, though all that it sees was mapped already."""
+        if keyframe.broken or not self._keyframes:
+            return True
+        return keyframe.path_m - self._keyframes[-1].path_m >= KNOWN_TRAVEL_M
+
+    def _join(self, keyframe: Keyframe) -> Keyframe:
+        """The key frame under its number in the graph."""
+        self._taken.append(keyframe.index)
+        keyframe = replace(keyframe, index=len(self._keyframes))
         if not self._keyframes:
             self._estimate.begin(keyframe.T_map_base)
         else:
@@ -163,13 +195,18 @@ class BackEnd:
             self._estimate.extend(edge)
         self._keyframes.append(keyframe)
         self._noise_m = keyframe.noise_m
+        self._visits.add(self._estimate.poses[-1], keyframe.path_m)
+        return keyframe
 
-    def _cut_submaps(self, keyframe: Keyframe) -> None:
-        """Finish the open submap when it is full or the chain broke; the next overlaps it."""
-        if keyframe.broken:
+    def _cut_submaps(self, keyframe: Keyframe, known: bool) -> None:
+        """Finish the open submap when it is full or the chain broke; the next overlaps it.
+
+        What is known lies in other submaps already.
+        """
+        if keyframe.broken or known:
             if keyframe.index - self._submap_from >= 2:
                 self._finish_submap(keyframe.index)
-            self._submap_from = keyframe.index
+            self._submap_from = keyframe.index + known
             return
         members = self._keyframes[self._submap_from :]
         if len(members) >= 2 and submap_is_full(members, self._config.submaps):

@@ -11,6 +11,7 @@ import os
 import subprocess
 import sys
 import tempfile
+from array import array
 from dataclasses import replace
 from pathlib import Path
 from typing import cast
@@ -39,6 +40,7 @@ class Beside:
     def __init__(self, config: SlamConfig, gyro: bool) -> None:
         self._config, self._gyro = config, gyro
         self._journal = tempfile.TemporaryFile(prefix="slamsim-keyframes-")  # noqa: SIM115
+        self._kept = array("q")
         self._closures: list[GraphEdge] = []
         self._correction: Correction | None = None
         self._outcome: Outcome | None = None
@@ -46,19 +48,24 @@ class Beside:
         self._told = 0
         self._last_ns = 0
         self._taken = self._restarts = 0
+        self._answered = -1
         self._child: subprocess.Popen[bytes] | None = None
         self._begin()
 
     @property
     def behind(self) -> int:
         """Key frames sent and not yet answered."""
-        known = -1 if self._correction is None else self._correction.keyframe
-        return self._taken - 1 - known
+        return self._taken - 1 - self._answered
 
     @property
     def taken(self) -> int:
         """Key frames so far."""
         return self._taken
+
+    @property
+    def kept(self) -> int:
+        """Of them, those that the map is made of."""
+        return len(self._kept)
 
     @property
     def closures(self) -> int:
@@ -132,7 +139,8 @@ class Beside:
 
     def _heed(self, message: object, progress: Progress) -> None:
         if isinstance(message, News):
-            self._correction = message.correction
+            self._answered, self._correction = message.taken, message.correction
+            self._kept.extend(message.kept)
             self._closures.extend(message.closures)
         elif isinstance(message, Done):
             progress(message.share, 1.0)
@@ -152,8 +160,16 @@ class Beside:
         )
         assert self._child.stdin is not None and self._child.stdout is not None
         self._pipe = Pipe(self._child.stdin, self._child.stdout)
-        end = self._journal.tell()
-        self._pipe.send(packed(Task(self._config, self._gyro, descriptor, end, self._closures)))
+        task = Task(
+            self._config,
+            self._gyro,
+            journal=descriptor,
+            journal_bytes=self._journal.tell(),
+            taken=self._answered,
+            kept=self._kept,
+            closures=self._closures,
+        )
+        self._pipe.send(packed(task))
 
     def _begin_again(self) -> None:
         code = self._end()

@@ -13,19 +13,25 @@ from slamsim.types import GraphEdge
 @dataclass(frozen=True, slots=True, eq=False)
 class Task:
     """journal: descriptor of a file whose first ``journal_bytes`` are the key frames to begin
-    with; closures: what an earlier process found among them."""
+    with. Those up to ``taken`` were dealt with by an earlier process: it kept those of ``kept``
+    and found ``closures`` among them."""
 
     config: SlamConfig
     gyro: bool
     journal: int
     journal_bytes: int
+    taken: int
+    kept: Sequence[int]
     closures: Sequence[GraphEdge]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class News:
-    """After a key frame: where it is, and the closures that hold the map together since then."""
+    """After a key frame. taken: its index. kept: those that came to be kept since the last news.
+    correction: of the last of them. closures: those that came to hold the map together."""
 
+    taken: int
+    kept: tuple[int, ...]
     correction: Correction
     closures: tuple[GraphEdge, ...]
 

@@ -28,22 +28,31 @@ def serve(messages: SimpleQueue[object], answers: BinaryIO) -> None:
         answers.write(packed(answer))
         answers.flush()
 
+    def take(keyframe: Keyframe) -> None:
+        kept = len(back_end.kept)
+        back_end.take(keyframe)
+        correction = back_end.correction()
+        assert correction is not None
+        new = tuple(back_end.kept[kept:])
+        tell(News(keyframe.index, new, correction, back_end.new_closures()))
+
     task = cast(Task, messages.get())
     back_end = BackEnd(task.config, task.gyro)
-    if task.journal_bytes:
-        begun = [cast(Keyframe, k) for k in journal_messages(task.journal, task.journal_bytes)]
-        back_end.restore(begun, task.closures)
-        tell(_news(back_end))
+    dealt_with, others = _journalled(task)
+    back_end.restore(dealt_with, task.closures)
+    for keyframe in others:
+        take(keyframe)
     while not isinstance(message := messages.get(), Finish):
-        back_end.take(cast(Keyframe, message))
-        tell(_news(back_end))
+        take(cast(Keyframe, message))
     tell(outcome_of(back_end, lambda done, total: tell(Done(done / max(total, 1.0)))))
 
 
-def _news(back_end: BackEnd) -> News:
-    correction = back_end.correction()
-    assert correction is not None
-    return News(correction, back_end.new_closures())
+def _journalled(task: Task) -> tuple[list[Keyframe], list[Keyframe]]:
+    """Key frames that an earlier process kept, and those that none has dealt with yet."""
+    kept = set(task.kept)
+    written = [cast(Keyframe, k) for k in journal_messages(task.journal, task.journal_bytes)]
+    dealt_with = [keyframe for keyframe in written if keyframe.index in kept]
+    return dealt_with, [keyframe for keyframe in written if keyframe.index > task.taken]
 
 
 def _listen(stream: BinaryIO, messages: SimpleQueue[object]) -> None:
