@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections import Counter, defaultdict
-from collections.abc import Iterator, Sequence
+from collections.abc import Container, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -23,6 +23,7 @@ from slamsim.slam.graph import PoseGraphSolver, variance_factor
 from slamsim.slam.health import loose_joints
 from slamsim.slam.keyframes import Keyframe, chain_edge, odometry_edge
 from slamsim.slam.marginals import in_own_frame, relative_covariances
+from slamsim.slam.steps import OdometryStep
 from slamsim.slam.submaps import Submap, Surfaces, make_submap, submap_is_full
 from slamsim.slam.visits import Visits
 from slamsim.types import Event, FloatArray, GraphEdge, PlanarTrajectory, PoseGraph
@@ -60,6 +61,7 @@ class BackEnd:
         self._estimate = Estimate()
         self._keyframes: list[Keyframe] = []
         self._taken: list[int] = []
+        self._passed: list[OdometryStep | None] = []
         self._visits = Visits()
         self._graph = PoseGraphSolver(self._config.graph)
         self._submaps: list[Submap] = []
@@ -84,6 +86,7 @@ class BackEnd:
         """
         known = self._visits.enough(self._placed(keyframe), keyframe.path_m)
         if known and not self._needed(keyframe):
+            self._passed.append(keyframe.odometry)
             return
         with self._timed("key frames"):
             keyframe = self._join(keyframe)
@@ -95,9 +98,20 @@ class BackEnd:
             with self._timed("solve"):
                 self._update()
 
-    def restore(self, keyframes: Sequence[Keyframe], closures: Sequence[GraphEdge]) -> None:
-        """Begin with key frames and the closures found among them in another back end's time."""
+    def restore(
+        self,
+        keyframes: Iterable[Keyframe],
+        closures: Sequence[GraphEdge],
+        kept: Container[int] | None = None,
+    ) -> None:
+        """Begin with key frames and the closures found among them in another back end's time.
+
+        kept: the indices of those that it kept, None for all.
+        """
         for keyframe in keyframes:
+            if kept is not None and keyframe.index not in kept:
+                self._passed.append(keyframe.odometry)
+                continue
             known = self._visits.enough(self._placed(keyframe), keyframe.path_m)
             self._cut_submaps(self._join(keyframe), known)
         numbers = {submap.anchor: number for number, submap in enumerate(self._submaps)}
@@ -186,7 +200,9 @@ class BackEnd:
     def _join(self, keyframe: Keyframe) -> Keyframe:
         """The key frame under its number in the graph."""
         self._taken.append(keyframe.index)
-        keyframe = replace(keyframe, index=len(self._keyframes))
+        odometry = _chained([*self._passed, keyframe.odometry])
+        keyframe = replace(keyframe, index=len(self._keyframes), odometry=odometry)
+        self._passed.clear()
         if not self._keyframes:
             self._estimate.begin(keyframe.T_map_base)
         else:
@@ -358,3 +374,11 @@ class BackEnd:
         start = time.perf_counter()
         yield
         self.seconds[stage] += time.perf_counter() - start
+
+
+def _chained(steps: Sequence[OdometryStep | None]) -> OdometryStep | None:
+    """One step after the other, None if one of them is not known."""
+    whole = steps[0]
+    for step in steps[1:]:
+        whole = None if whole is None or step is None else whole.then(step)
+    return whole

@@ -38,21 +38,14 @@ def serve(messages: SimpleQueue[object], answers: BinaryIO) -> None:
 
     task = cast(Task, messages.get())
     back_end = BackEnd(task.config, task.gyro)
-    dealt_with, others = _journalled(task)
-    back_end.restore(dealt_with, task.closures)
-    for keyframe in others:
+    journal = [cast(Keyframe, k) for k in journal_messages(task.journal, task.journal_bytes)]
+    earlier = [keyframe for keyframe in journal if keyframe.index <= task.taken]
+    back_end.restore(earlier, task.closures, set(task.kept))
+    for keyframe in journal[len(earlier) :]:
         take(keyframe)
     while not isinstance(message := messages.get(), Finish):
         take(cast(Keyframe, message))
     tell(outcome_of(back_end, lambda done, total: tell(Done(done / max(total, 1.0)))))
-
-
-def _journalled(task: Task) -> tuple[list[Keyframe], list[Keyframe]]:
-    """Key frames that an earlier process kept, and those that none has dealt with yet."""
-    kept = set(task.kept)
-    written = [cast(Keyframe, k) for k in journal_messages(task.journal, task.journal_bytes)]
-    dealt_with = [keyframe for keyframe in written if keyframe.index in kept]
-    return dealt_with, [keyframe for keyframe in written if keyframe.index > task.taken]
 
 
 def _listen(stream: BinaryIO, messages: SimpleQueue[object]) -> None:
