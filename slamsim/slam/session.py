@@ -146,13 +146,15 @@ class SlamSession:
         raw = self._track.front_end()
         corrected = correct_pieces(raw, outcome.graph.keyframes, breaks_ns)
         trajectory = self._track.smoothed(corrected).track
+        keyframes_ns = outcome.graph.keyframes.stamps_ns
+        keyframes = PlanarTrajectory(keyframes_ns, trajectory.at(keyframes_ns))
         happened = (*self._front_end.events(), *outcome.events)
         events = tuple(sorted(happened, key=lambda event: event.start_ns))
         counted = (*self._front_end.warnings(), *self._track.warnings())
         return SlamResult(
             trajectory=trajectory,
             odometry=self._track.odometry(),
-            graph=outcome.graph,
+            graph=replace(outcome.graph, keyframes=keyframes),
             match_quality=self._track.quality,
             degenerate=self._track.degenerate,
             closures_accepted=outcome.accepted,
