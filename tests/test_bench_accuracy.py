@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from slamsim.bench.accuracy import Campaign, run_accuracy, summarise
+from slamsim.bench.accuracy import COUNTED, Campaign, run_accuracy, summarise
 from slamsim.bench.alone import Children
 from slamsim.bench.tables import SEED_HEADER, seed_line, summary_rows
 from slamsim.bench.truth import false_closures, revisits_closed
@@ -115,25 +115,34 @@ def test_work_is_done_in_another_process_and_its_end_is_told() -> None:
 
 def test_seeds_are_run_kept_and_summarised(tmp_path: Path) -> None:
     config = load_run_config("tiny", overrides=SHORT)
-    campaign = Campaign(config, (1, 2), 2, tmp_path)
+    campaign = Campaign(config, (2,), 1, tmp_path)
     figures = run_accuracy(campaign, QUIET)
     runs, summary = figures["runs"], figures["summary"]
     assert isinstance(runs, list) and isinstance(summary, dict)
-    assert [run["seed"] for run in runs] == [1, 2]
-    assert sorted(path.name for path in tmp_path.iterdir() if path.is_dir()) == ["tiny_1", "tiny_2"]
-    errors = [run["ate_rmse_m"] for run in runs]
-    assert summary["ate_rmse_m"]["worst"] == max(errors) < 0.1
-    assert summary["failed"] == 0 and summary["scans"] == sum(run["scans"] for run in runs)
+    assert [run["seed"] for run in runs] == [2]
+    assert "error" not in runs[0], runs[0]
+    assert (tmp_path / "tiny_2" / "log" / "metadata.yaml").is_file()
+    assert summary["ate_rmse_m"]["worst"] == runs[0]["ate_rmse_m"] < 0.1
+    assert summary["failed"] == 0 and summary["scans"] == runs[0]["scans"] > 20
     assert str(summary["closures"]) in summary_rows(summary)["closures"]
 
-    other = replace(
-        campaign,
-        config=load_run_config("tiny", overrides=(*SHORT, "sensors.lidar.noise.constant_m=0.02")),
-    )
-    again = run_accuracy(replace(other, seeds=(1, 3)), QUIET)["runs"]
+    other = load_run_config("tiny", overrides=(*SHORT, "sensors.lidar.noise.constant_m=0.02"))
+    again = run_accuracy(replace(campaign, config=other), QUIET)["runs"]
     assert isinstance(again, list)
     assert "another sensors.lidar.noise.constant_m" in again[0]["error"]
-    assert "error" not in again[1]
+
+
+def test_the_verdict_on_consistency_is_that_of_the_band() -> None:
+    for mean, verdict in ((3.1, "inside"), (4.5, "too sure"), (1.5, "too unsure")):
+        counted = dict.fromkeys(COUNTED, 0)
+        runs: list[dict[str, object]] = [
+            {"seed": seed, "nees_mean": mean, **counted} for seed in range(20)
+        ]
+        told = summarise(runs)["nees"]
+        assert isinstance(told, dict)
+        low, high = told["band"]
+        assert told["verdict"] == verdict and low < 3.0 < high
+        assert verdict in summary_rows(summarise(runs))["NEES over the seeds"]
 
 
 def test_a_failed_seed_is_told_and_left_out_of_the_summary() -> None:

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 
@@ -14,15 +15,19 @@ from slamsim.bench.alone import Children
 from slamsim.bench.logs import kept_or_temporary, simulated_log
 from slamsim.bench.tables import SEED_HEADER, seed_line, summary_rows
 from slamsim.bench.truth import false_closures, revisits_closed
+from slamsim.config.loading import load_world_config
 from slamsim.config.run import RunConfig
-from slamsim.config.slam import SlamConfig
 from slamsim.console import Reporter
+from slamsim.evaluate.consistency import nees_band
 from slamsim.evaluate.trajectory import compare, statistics
 from slamsim.logs.reader import read_log, read_truth
-from slamsim.run.stages import peak_memory_mb
+from slamsim.run.folder import WORLD
+from slamsim.run.scoring import Estimated, Known, score
+from slamsim.run.stages import Stages, peak_memory_mb
 from slamsim.safe.errors import InputRefused, SlamsimError
 from slamsim.slam.session import run_slam
 from slamsim.types import Log, PlanarTrajectory, SlamResult
+from slamsim.world.build import build_world
 
 Figures = dict[str, object]
 
@@ -30,12 +35,14 @@ Figures = dict[str, object]
 @dataclass(frozen=True, slots=True)
 class Campaign:
     """What to run. seeds: one run each. workers: runs at a time. logs: where simulated logs are
-    kept and found again; None makes them for this run alone."""
+    kept and found again; None makes them for this run alone. bound: whether to compute what is
+    possible at best, which takes some seconds for every minute driven."""
 
     config: RunConfig
     seeds: Sequence[int]
     workers: int
     logs: Path | None
+    bound: bool = True
 
 
 def run_accuracy(campaign: Campaign, reporter: Reporter) -> Figures:
@@ -60,7 +67,7 @@ def summarise(runs: Sequence[Figures]) -> Figures:
     """Medians, worst cases and sums over the seeds that were run to the end."""
     done = [run for run in runs if "error" not in run]
     summary: Figures = {"seeds": len(runs), "failed": len(runs) - len(done)}
-    for key in _SPREAD:
+    for key in SPREAD:
         values = np.array([run[key] for run in done if run.get(key) is not None], dtype=float)
         if values.size:
             summary[key] = {
@@ -68,16 +75,30 @@ def summarise(runs: Sequence[Figures]) -> Figures:
                 "mean": float(values.mean()),
                 "worst": float(values.max()),
             }
-    for key in _COUNTED:
+    for key in COUNTED:
         summary[key] = sum(int(str(run[key])) for run in done)
-    return summary
+    return {**summary, **_consistency(done)}
 
 
-_SPREAD = (
+def _consistency(done: Sequence[Figures]) -> Figures:
+    """The mean over the seeds of each run's mean NEES, and where it should lie."""
+    means = [cast(float, run["nees_mean"]) for run in done if run.get("nees_mean") is not None]
+    if not means:
+        return {}
+    low, high = nees_band(len(means))
+    mean = float(np.mean(means))
+    verdict = "too sure" if mean > high else "too unsure" if mean < low else "inside"
+    return {"nees": {"mean": mean, "band": [low, high], "verdict": verdict}}
+
+
+SPREAD = (
     "ate_rmse_m",
     "ate_max_m",
     "ate_rot_rmse_deg",
     "ate_rot_max_deg",
+    "ate_over_bound",
+    "bound_ate_m",
+    "nees_mean",
     "front_end_ate_rmse_m",
     "odometry_ate_rmse_m",
     "path_length_m",
@@ -85,7 +106,7 @@ _SPREAD = (
     "cpu_ms_per_scan",
     "peak_memory_mb",
 )
-_COUNTED = (
+COUNTED = (
     "scans",
     "scans_lost",
     "scans_unused",
@@ -102,8 +123,7 @@ def _all_seeds(campaign: Campaign, folder: Path) -> Iterator[Figures]:
     """Figures of each seed, in the order in which they are done."""
     with ThreadPoolExecutor(campaign.workers) as threads, Children() as children:
         futures = [
-            threads.submit(_one_seed, campaign.config, seed, folder, children)
-            for seed in campaign.seeds
+            threads.submit(_one_seed, campaign, seed, folder, children) for seed in campaign.seeds
         ]
         try:
             for future in as_completed(futures):
@@ -112,55 +132,62 @@ def _all_seeds(campaign: Campaign, folder: Path) -> Iterator[Figures]:
             threads.shutdown(wait=False, cancel_futures=True)
 
 
-def _one_seed(config: RunConfig, seed: int, folder: Path, children: Children) -> Figures:
-    seeded = config.model_copy(update={"seed": seed})
+def _one_seed(campaign: Campaign, seed: int, folder: Path, children: Children) -> Figures:
+    seeded = campaign.config.model_copy(update={"seed": seed})
     try:
         log = simulated_log(seeded, folder, children)
-        return {"seed": seed, **children.run(measure, log, config.slam)}
+        return {"seed": seed, **children.run(measure, log, seeded, campaign.bound)}
     except SlamsimError as error:
         return {"seed": seed, "error": str(error)}
 
 
-def measure(folder: Path, config: SlamConfig) -> Figures:
-    """All numbers of one run over a recording that knows its truth, in this process.
+def measure(folder: Path, config: RunConfig, bound: bool) -> Figures:
+    """All numbers of one run over a simulated log, in this process.
 
-    Raises InputRefused for a recording without truth, and what SLAM raises.
+    folder: as ``simulated_log`` leaves it. Raises InputRefused for a recording without truth, and
+    what SLAM raises.
     """
     log, truth = read_log(folder), read_truth(folder)
     if truth is None:
         raise InputRefused(folder, "this recording holds no truth")
     wall_s, cpu_s = time.perf_counter(), time.process_time()
-    result = run_slam(log, config)
+    result = run_slam(log, config.slam)
     wall_s, cpu_s = time.perf_counter() - wall_s, time.process_time() - cpu_s
+    memory_mb = peak_memory_mb()
+    world = build_world(load_world_config(str(folder / WORLD)), seed=0) if bound else None
+    known = Known(truth, world=world, config=config, T_base_laser=log.T_base_laser)
     return {
-        **_trajectory_figures(result, truth.planar()),
+        **_scores(result, known),
         **_scan_figures(log, result),
         **_closure_figures(result, truth.planar()),
         "ms_per_scan": 1e3 * wall_s / len(log.scans),
         "cpu_ms_per_scan": 1e3 * cpu_s / len(log.scans),
-        "peak_memory_mb": peak_memory_mb(),
+        "peak_memory_mb": memory_mb,
         "warnings": list(result.warnings),
     }
 
 
-def _trajectory_figures(result: SlamResult, truth: PlanarTrajectory) -> Figures:
-    errors = compare(result.trajectory, truth)
-    off_m, off_rad = statistics(errors.translation_m), statistics(errors.rotation_rad)
+def _scores(result: SlamResult, known: Known) -> Figures:
+    """What ``slamsim evaluate`` tells of a run's trajectory, and of each part of the work."""
+    estimated = Estimated(
+        trajectory=result.trajectory,
+        odometry=result.odometry,
+        parts=result.parts,
+        keyframes=result.graph.keyframes,
+        covariances=result.graph.covariances,
+    )
+    scores = score(estimated, known, None, Stages(Reporter(quiet=True)))
+    assert scores.trajectory is not None
+    front_end_m: float | None = None
+    if known.truth is not None and result.front_end is not None:
+        alone = compare(result.front_end, known.truth.planar())
+        front_end_m = statistics(alone.translation_m).rmse
     return {
-        "path_length_m": errors.truth.path_length_m(),
-        "ate_rmse_m": off_m.rmse,
-        "ate_max_m": off_m.max,
-        "ate_rot_rmse_deg": float(np.rad2deg(off_rad.rmse)),
-        "ate_rot_max_deg": float(np.rad2deg(off_rad.max)),
-        "front_end_ate_rmse_m": _ate_m(result.front_end, truth),
-        "odometry_ate_rmse_m": _ate_m(result.odometry, truth),
+        **{key: value for key, value in scores.numbers().items() if not key.startswith("map_")},
+        "path_length_m": scores.trajectory.truth.path_length_m(),
+        "front_end_ate_rmse_m": front_end_m,
+        "error_budget": scores.budget_numbers(),
     }
-
-
-def _ate_m(trajectory: PlanarTrajectory | None, truth: PlanarTrajectory) -> float | None:
-    if trajectory is None:
-        return None
-    return statistics(compare(trajectory, truth).translation_m).rmse
 
 
 def _scan_figures(log: Log, result: SlamResult) -> Figures:

@@ -18,6 +18,7 @@ SPEED_SECONDS = 120.0
 STANDARD = "labyrinth_10hz"
 """The setting of the accuracy bench when neither a world nor a configuration is named."""
 
+FIRST_SEED = 1
 ONLINE_PATH_M = 10000.0
 ONLINE_RATE = "sensors.lidar.rate_hz=10"
 
@@ -29,7 +30,7 @@ class _Asked:
     world: str | None
     config: str | None
     overrides: tuple[str, ...]
-    seed: int
+    seed: int | None
     seconds: float | None
     path_m: float | None
     reporter: Reporter
@@ -73,8 +74,11 @@ def bench(
         bool, typer.Option("--peers", help="slam: beside other scan matchers, on one log.")
     ] = False,
     seeds: Annotated[int, typer.Option(help="Accuracy: how many seeds.", min=1)] = 20,
-    seed: Annotated[int, typer.Option(help="The seed, or the first of them.", min=0)] = 1,
+    seed: Annotated[
+        int | None, typer.Option(help="The seed; accuracy: the first, by default 1.", min=0)
+    ] = None,
     workers: Annotated[int, typer.Option(help="Accuracy: runs at a time.", min=1, max=64)] = 1,
+    bound: Annotated[bool, typer.Option(help="Accuracy: how far from what is possible.")] = True,
     logs: Annotated[
         Path | None, typer.Option(help="Keep simulated logs here, and use them again.")
     ] = None,
@@ -89,7 +93,7 @@ def bench(
     reporter = Reporter(quiet=quiet, as_json=as_json)
     asked = _Asked(world, config, tuple(set_ or ()), seed, seconds, path, reporter)
     if part == "accuracy":
-        _accuracy(asked, seeds, workers, logs)
+        _accuracy(asked, seeds, workers, logs, bound)
     elif part == "online":
         _online(asked)
     elif part == "slam" and peers:
@@ -98,14 +102,14 @@ def bench(
         _speed(part, asked, repeats)
 
 
-def _accuracy(asked: _Asked, seeds: int, workers: int, logs: Path | None) -> None:
+def _accuracy(asked: _Asked, seeds: int, workers: int, logs: Path | None, bound: bool) -> None:
     from slamsim.bench.accuracy import Campaign, run_accuracy
 
     if asked.world is None and asked.config is None:
         asked = replace(asked, config=STANDARD)
     resolved = asked.resolved_until_end("labyrinth")
-    wanted = range(asked.seed, asked.seed + seeds)
-    campaign = Campaign(resolved, wanted, workers, logs)
+    first = FIRST_SEED if asked.seed is None else asked.seed
+    campaign = Campaign(resolved, range(first, first + seeds), workers, logs, bound)
     asked.reporter.result(run_accuracy(campaign, asked.reporter))
 
 
@@ -132,8 +136,8 @@ def _peers(asked: _Asked, logs: Path | None) -> None:
 def _speed(part: str, asked: _Asked, repeats: int) -> None:
     from slamsim.bench.speed import run_bench
 
-    world, seconds = asked.world or "labyrinth", asked.seconds or SPEED_SECONDS
-    _show("Bench", run_bench(part, world, seconds, repeats, asked.reporter), asked)
+    resolved = asked.resolved_until_end("labyrinth", SPEED_SECONDS)
+    _show("Bench", run_bench(part, resolved, repeats, asked.reporter), asked)
 
 
 def _show(title: str, figures: dict[str, object], asked: _Asked) -> None:

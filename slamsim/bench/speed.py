@@ -10,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 
-from slamsim.config.loading import load_run_config
 from slamsim.config.run import RunConfig
 from slamsim.console import Reporter
 from slamsim.logs.reader import read_log
@@ -43,8 +42,8 @@ class _Subject:
     reporter: Reporter
 
 
-def run_bench(part: str, world: str, seconds: float, repeats: int, reporter: Reporter) -> Figures:
-    """Measure one part of the pipeline or ``all`` on ``seconds`` of a drive through ``world``.
+def run_bench(part: str, config: RunConfig, repeats: int, reporter: Reporter) -> Figures:
+    """Measure one part of the pipeline or ``all`` on the configured drive.
 
     Every time is the least of ``repeats`` runs, as whatever else the machine does only adds to
     it; kernels are compiled and libraries loaded before the clock runs. Raises SlamsimError for
@@ -52,12 +51,12 @@ def run_bench(part: str, world: str, seconds: float, repeats: int, reporter: Rep
     """
     if part != "all" and part not in _PARTS:
         raise SlamsimError(f"there is no bench {part!r}; choose from all, {', '.join(_PARTS)}")
-    config = load_run_config(world, overrides=[f"drive.route.max_duration_s={float(seconds)}"])
     built = build_world(config.world, config.seed)
     robot = build_robot(config.robot)
     route = plan_route(built, robot, config.drive)
     subject = _Subject(config, built, robot, route, repeats, reporter)
-    figures: Figures = {"world": world, "simulated_s": seconds, "repeats": repeats}
+    limit_s = config.drive.route.max_duration_s
+    figures: Figures = {"world": config.world.name, "simulated_s": limit_s, "repeats": repeats}
     for name, measure in _PARTS.items():
         if part in ("all", name):
             figures[name] = measure(subject)

@@ -10,9 +10,11 @@ Figures = Mapping[str, object]
 _COLUMNS = (
     ("ATE mm", "ATE, mm", "ate_rmse_m", 1e3, ".2f"),
     ("max", "largest error, mm", "ate_max_m", 1e3, ".1f"),
-    ("rot deg", "rotation, degrees", "ate_rot_rmse_deg", 1.0, ".4f"),
+    ("deg", "rotation, degrees", "ate_rot_rmse_deg", 1.0, ".4f"),
+    ("bound", "times the bound", "ate_over_bound", 1.0, ".1f"),
+    ("nees", "NEES of a run (3 expected)", "nees_mean", 1.0, ".1f"),
     ("front", "front end alone, mm", "front_end_ate_rmse_m", 1e3, ".2f"),
-    ("wheels m", "wheels alone, m", "odometry_ate_rmse_m", 1.0, ".2f"),
+    ("odo", "wheels alone, m", "odometry_ate_rmse_m", 1.0, ".2f"),
     ("loops", "closures", "closures", 1.0, ".0f"),
     ("false", "false closures", "closures_false", 1.0, ".0f"),
     ("lost", "scans lost", "scans_lost", 1.0, ".0f"),
@@ -21,9 +23,11 @@ _COLUMNS = (
 )
 """Heading of the column, name in the summary, key, scale and format."""
 
-_SEED_WIDTH = 4
+_SEED_WIDTH, _LEAST_WIDTH = 4, 5
 
-SEED_HEADER = "seed" + "".join(short.rjust(len(short) + 2) for short, *_ in _COLUMNS)
+SEED_HEADER = "seed" + "".join(
+    short.rjust(max(len(short) + 2, _LEAST_WIDTH)) for short, *_ in _COLUMNS
+)
 
 
 def seed_line(figures: Figures) -> str:
@@ -32,7 +36,7 @@ def seed_line(figures: Figures) -> str:
     if "error" in figures:
         return f"{seed}  failed: {figures['error']}"
     return seed + "".join(
-        _shown(figures.get(key), scale, form).rjust(len(short) + 2)
+        _shown(figures.get(key), scale, form).rjust(max(len(short) + 2, _LEAST_WIDTH))
         for short, _, key, scale, form in _COLUMNS
     )
 
@@ -45,6 +49,12 @@ def summary_rows(summary: Figures) -> dict[str, str]:
         if isinstance(spread, Mapping):
             median, worst = (_shown(spread[what], scale, form) for what in ("median", "worst"))
             rows[name] = f"{median} median, {worst} worst"
+    nees = summary.get("nees")
+    if isinstance(nees, Mapping):
+        low, high = nees["band"]
+        rows["NEES over the seeds"] = (
+            f"{nees['mean']:.2f}, {nees['verdict']} (95 % band {low:.2f} to {high:.2f})"
+        )
     believed, false = summary["closures"], summary["closures_false"]
     rows["closures"] = f"{believed} believed, {summary['closures_withdrawn']} withdrawn"
     rows["false closures"] = f"{false} believed, {summary['closures_false_withdrawn']} withdrawn"
