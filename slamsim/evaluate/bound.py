@@ -41,8 +41,8 @@ class ScanBound:
     """What single scans can tell at best, along the path: stamps_ns (n,).
 
     worst_m: (n,) standard deviation along the direction that the walls hold least.
-    worst_direction_rad: (n,) that direction in the map. position_m: (n,) RMS of both directions.
-    heading_rad: (n,).
+    worst_direction_rad: (n,) that direction, in the map for the true walls. position_m: (n,) RMS
+    of both directions. heading_rad: (n,).
     """
 
     stamps_ns: IntArray
@@ -119,7 +119,7 @@ def trajectory_bound(
         ate_m=float(aligned_rmse_m(mapped[:, :2], groups.poses[:, :2], share).mean()),
         localisation_m=float(np.sqrt((share @ np.square(located[:, :2]).sum(axis=1)).mean())),
         localisation_rad=float(np.sqrt((share @ np.square(located[:, 2])).mean())),
-        scans=_scan_bound(cast_ns, scans.pose),
+        scans=scan_bound(cast_ns, scans.pose),
         lost_share=scans.lost / beams,
         mixed_share=scans.mixed / beams,
     )
@@ -141,7 +141,9 @@ def _of_poses(drawn: FloatArray, groups: Groups) -> FloatArray:
     return drawn[: 3 * len(groups)].reshape(len(groups), 3, -1)
 
 
-def _scan_bound(stamps_ns: IntArray, information: FloatArray) -> ScanBound:
+def scan_bound(stamps_ns: IntArray, information: FloatArray) -> ScanBound:
+    """What information (n, 3, 3) of single scans about x, y and yaw amounts to; a direction that
+    nothing holds counts as held to ten metres. worst_direction_rad is in the axes given."""
     covariance = np.linalg.inv(information + POSE_PRIOR)
     values, vectors = np.linalg.eigh(covariance[:, :2, :2])
     return ScanBound(

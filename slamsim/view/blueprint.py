@@ -8,33 +8,45 @@ import rerun.blueprint as rrb
 
 from slamsim.evaluate.grid import cell_centres, occupied
 from slamsim.types import FloatArray
+from slamsim.view.precision import precision_plots
 from slamsim.view.run_view import RunView
-from slamsim.view.series import plots
+from slamsim.view.series import MAX_POINTS, Plot, plots
 from slamsim.view.stage import MAP
 
-MAP_VIEW, SPACE_VIEW = "Map", "Space"
+MAP_VIEW, PRECISION_VIEW, SPACE_VIEW = "Map", "Precision", "Space"
 _FIELD_OF_VIEW = 0.85
 """How far above a scene one metre high the eye must be to see it whole, in metres."""
 
 
 def blueprint(view: RunView) -> rrb.Blueprint:
     """Both views of the map as tabs, the plots that the run has one above the other."""
+    scene = rrb.Tabs(
+        _map_view(view, MAP_VIEW, ["+ /**", "- /truth/walls", "- /precision/**", "- /plots/**"]),
+        _map_view(view, PRECISION_VIEW, ["+ /map", "+ /truth/outline", "+ /precision/**"]),
+        _space_view(view),
+        active_tab=0,
+    )
+    groups = (("Over time", plots(view)), ("Precision", precision_plots(view, MAX_POINTS)))
     curves = [
-        rrb.TimeSeriesView(
-            origin=f"plots/{plot.key}",
-            name=_titled(plot.title, plot.unit),
-            axis_x=rrb.TimeAxis(view_range=_whole_run(view)),
-        )
-        for plot in plots(view)
+        rrb.Vertical(*(_curve_view(view, plot) for plot in group), name=name)
+        for name, group in groups
+        if group
     ]
-    scene = rrb.Tabs(_map_view(view), _space_view(view), active_tab=0)
-    parts = (scene, rrb.Vertical(*curves)) if curves else (scene,)
+    parts = (scene, rrb.Tabs(*curves, active_tab=0)) if curves else (scene,)
     return rrb.Blueprint(
         rrb.Horizontal(*parts, column_shares=[3, 2][: len(parts)]),
         rrb.TimePanel(timeline="sim_time", state="collapsed", play_state="paused"),
         rrb.BlueprintPanel(state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),
         auto_views=False,
+    )
+
+
+def _curve_view(view: RunView, plot: Plot) -> rrb.TimeSeriesView:
+    return rrb.TimeSeriesView(
+        origin=f"plots/{plot.key}",
+        name=_titled(plot.title, plot.unit),
+        axis_x=rrb.TimeAxis(view_range=_whole_run(view)),
     )
 
 
@@ -51,14 +63,14 @@ def _titled(title: str, unit: str) -> str:
     return f"{title} [{unit}]" if unit else title
 
 
-def _map_view(view: RunView) -> rrb.Spatial3DView:
+def _map_view(view: RunView, name: str, contents: list[str]) -> rrb.Spatial3DView:
     """From above, north up; the true walls only as an outline, so that they hide nothing."""
     centre, extent_m = map_extent(view)
     eye_m = max(extent_m[1], extent_m[0] * 0.8) / _FIELD_OF_VIEW
     return rrb.Spatial3DView(
         origin="/",
-        name=MAP_VIEW,
-        contents=["+ /**", "- /truth/walls", "- /plots/**"],
+        name=name,
+        contents=contents,
         spatial_information=rrb.SpatialInformation(target_frame=MAP),
         line_grid=rrb.LineGrid3D(visible=False),
         background=[250, 250, 250],
@@ -76,7 +88,7 @@ def _space_view(view: RunView) -> rrb.Spatial3DView:
     return rrb.Spatial3DView(
         origin="/",
         name=SPACE_VIEW,
-        contents=["+ /**", "- /plots/**"],
+        contents=["+ /**", "- /precision/**", "- /plots/**"],
         spatial_information=rrb.SpatialInformation(target_frame=MAP),
         line_grid=rrb.LineGrid3D(visible=False),
         eye_controls=rrb.EyeControls3D(

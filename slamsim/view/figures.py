@@ -17,12 +17,14 @@ from numpy.typing import NDArray
 
 from slamsim.evaluate.grid import FREE_BELOW, cell_centres, occupied, wrong_walls
 from slamsim.geometry import compose, inverse, transform_points
-from slamsim.types import BoolArray, FloatArray, Grid
+from slamsim.types import BoolArray, FloatArray, Grid, IntArray
 from slamsim.view.palette import ACCEPTED, ESTIMATE, NEUTRAL, ODOMETRY, TRUTH, WITHDRAWN, rgb
+from slamsim.view.precision import driven_m
 from slamsim.view.run_view import RunView, outline_height_m, thinned, wall_outline
 from slamsim.view.scene import closures
 from slamsim.view.series import Plot
 
+Pixels = NDArray[np.uint8]
 INK = "#1b1f24"
 _PAGE_INK = "#010203"
 """Stands for the page's own text colour, which depends on the reader's theme."""
@@ -31,7 +33,7 @@ _MAX_PATH_POINTS = 3000
 _LEAST_SHOWN = 1e-4
 """Where a logarithmic axis ends at the latest: a tenth of a millimetre."""
 
-_STYLE: Any = {
+STYLE: Any = {
     "svg.fonttype": "none",
     "svg.hashsalt": "slamsim",
     "font.family": "sans-serif",
@@ -56,36 +58,41 @@ class Picture:
     legend: tuple[tuple[str, str], ...]
 
 
-def curve_figure(plot: Plot, origin_ns: int) -> Picture:
-    """One plot over time."""
-    with rc_context(_STYLE):
+def curve_figure(plot: Plot, view: RunView) -> Picture:
+    """One plot over time, or over the path driven."""
+
+    def across(stamps_ns: IntArray) -> FloatArray:
+        if plot.along_path:
+            return driven_m(view, stamps_ns)
+        return np.asarray((stamps_ns - view.origin_ns) * 1e-9)
+
+    with rc_context(STYLE):
         figure = Figure(figsize=(5.2, 1.7), layout="constrained")
         axes = figure.add_subplot()
         for curve in plot.curves:
-            time_s = (curve.stamps_ns - origin_ns) * 1e-9
-            axes.plot(time_s, curve.values, color=curve.colour, linewidth=0.9)
+            axes.plot(across(curve.stamps_ns), curve.values, color=curve.colour, linewidth=0.9)
         if plot.logarithmic:
             axes.set_yscale("log", nonpositive="mask")
             axes.set_ylim(bottom=max(axes.get_ylim()[0], _LEAST_SHOWN))
         axes.grid(color=NEUTRAL, alpha=0.25, linewidth=0.5)
         axes.margins(x=0.0)
-        axes.set_xlabel("time [s]")
+        axes.set_xlabel("path [m]" if plot.along_path else "time [s]")
         axes.set_ylabel(plot.unit)
         legend = tuple((curve.name, curve.colour) for curve in plot.curves)
-        return Picture(_svg(figure, plot.key), legend)
+        return Picture(svg(figure, plot.key), legend)
 
 
 def map_figure(view: RunView) -> Picture:
     """The map with the paths driven and the loop closures."""
     T_page_map = page_from_map(view)
-    with rc_context(_STYLE):
-        figure, axes = _map_axes(view)
-        _show_cells(axes, view.grid, _map_colours(view.grid), T_page_map)
+    with rc_context(STYLE):
+        figure, axes = map_axes(view)
+        show_cells(axes, view.grid, _map_colours(view.grid), T_page_map)
         legend = _show_closures(axes, view, T_page_map)
         for name, colour, points in _paths(view, T_page_map):
             axes.plot(points[:, 0], points[:, 1], color=colour, linewidth=0.9)
             legend.append((name, colour))
-        return Picture(_svg(figure, "map"), tuple(legend))
+        return Picture(svg(figure, "map"), tuple(legend))
 
 
 def truth_figure(view: RunView) -> Picture | None:
@@ -96,11 +103,11 @@ def truth_figure(view: RunView) -> Picture | None:
     path_m, range_m = errors.truth.poses[:, :2], view.lidar_range_m
     invented, missed = wrong_walls(view.grid, truth, errors.T_truth_estimate, path_m, range_m)
     found = occupied(view.grid) & ~invented
-    with rc_context(_STYLE):
-        figure, axes = _map_axes(view)
-        colours = _cell_colours(((found, INK), (invented, WITHDRAWN)))
-        _show_cells(axes, view.grid, colours, errors.T_truth_estimate)
-        _show_cells(axes, truth, _cell_colours(((missed, ACCEPTED),)), np.zeros(3))
+    with rc_context(STYLE):
+        figure, axes = map_axes(view)
+        colours = cell_colours(((found, INK), (invented, WITHDRAWN)))
+        show_cells(axes, view.grid, colours, errors.T_truth_estimate)
+        show_cells(axes, truth, cell_colours(((missed, ACCEPTED),)), np.zeros(3))
         if view.walls is not None:
             outline = wall_outline(view.walls, outline_height_m(view))
             axes.add_collection(LineCollection(list(outline), colors=TRUTH, linewidths=0.6))
@@ -110,7 +117,7 @@ def truth_figure(view: RunView) -> Picture | None:
             (f"mapped where no wall is: {np.count_nonzero(invented):,} cells", WITHDRAWN),
             (f"in view but missed: {np.count_nonzero(missed):,} cells", ACCEPTED),
         )
-        return Picture(_svg(figure, "truth"), legend)
+        return Picture(svg(figure, "truth"), legend)
 
 
 def page_from_map(view: RunView) -> FloatArray:
@@ -119,7 +126,7 @@ def page_from_map(view: RunView) -> FloatArray:
     return np.zeros(3) if errors is None else errors.T_truth_estimate
 
 
-def _map_axes(view: RunView) -> tuple[Figure, Axes]:
+def map_axes(view: RunView) -> tuple[Figure, Axes]:
     """Equal axes in metres around all mapped walls and the path; stray beams may reach further."""
     walls = cell_centres(view.grid, occupied(view.grid))
     points = transform_points(
@@ -140,9 +147,7 @@ def _map_axes(view: RunView) -> tuple[Figure, Axes]:
     return figure, axes
 
 
-def _show_cells(
-    axes: Axes, grid: Grid, colours: NDArray[np.uint8], T_page_grid: FloatArray
-) -> None:
+def show_cells(axes: Axes, grid: Grid, colours: Pixels, T_page_grid: FloatArray) -> None:
     """Cells with a colour, cropped to where there is any; colours: (rows, columns, 4)."""
     rows, columns = np.nonzero(colours[:, :, 3])
     if rows.size == 0:
@@ -164,15 +169,15 @@ def _show_cells(
     axes.axis(limits)
 
 
-def _map_colours(grid: Grid) -> NDArray[np.uint8]:
+def _map_colours(grid: Grid) -> Pixels:
     walls, free = occupied(grid), grid.occupancy < FREE_BELOW
     unsure = np.isfinite(grid.occupancy) & ~walls & ~free
-    return _cell_colours(((free, "#ffffff"), (unsure, "#b9bec6"), (walls, INK)))
+    return cell_colours(((free, "#ffffff"), (unsure, "#b9bec6"), (walls, INK)))
 
 
-def _cell_colours(
+def cell_colours(
     layers: tuple[tuple[BoolArray, str], ...],
-) -> NDArray[np.uint8]:
+) -> Pixels:
     """(rows, columns, 4) opaque where a layer's cells are, transparent elsewhere."""
     image = np.zeros((*layers[0][0].shape, 4), dtype=np.uint8)
     for cells, colour in layers:
@@ -216,7 +221,7 @@ def _show_closures(axes: Axes, view: RunView, T_page_map: FloatArray) -> list[tu
     return legend
 
 
-def _svg(figure: Figure, key: str) -> str:
+def svg(figure: Figure, key: str) -> str:
     """The figure as an ``<svg>`` element whose ids are its own in a page of several."""
     text = StringIO()
     metadata = {"Date": None, "Creator": None}

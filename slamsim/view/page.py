@@ -41,7 +41,8 @@ figure svg { display: block; width: 100%; height: auto; }
 figure svg text { font-family: inherit !important; }
 .paper figure { background: #eceef1; color: #1b1f24; border-color: transparent; }
 .paper image { image-rendering: pixelated; }
-.scroll { overflow-x: auto; }
+.scroll { margin-top: 1.25rem; overflow-x: auto; }
+h2 + .scroll { margin-top: 0; }
 table { border-collapse: collapse; font-size: 0.9rem; font-variant-numeric: tabular-nums; }
 th, td { padding: 0.35rem 1.1rem 0.35rem 0; border-bottom: 1px solid var(--line);
   text-align: right; white-space: nowrap; }

@@ -15,9 +15,10 @@ import rerun as rr
 from slamsim.safe.output import write_atomic
 from slamsim.view.blueprint import blueprint
 from slamsim.view.palette import rgb
+from slamsim.view.precision import precision_plots
 from slamsim.view.run_view import RunView
-from slamsim.view.scene import log_graph, log_map, log_paths, log_walls
-from slamsim.view.series import plots
+from slamsim.view.scene import log_graph, log_map, log_paths, log_precision, log_walls
+from slamsim.view.series import MAX_POINTS, plots
 from slamsim.view.stage import laser_frame, log_scans, log_transforms, time_column
 
 APPLICATION = "slamsim"
@@ -40,6 +41,7 @@ def write_recording(path: Path, view: RunView) -> None:
         log_walls(recording, view)
         log_paths(recording, view)
         log_graph(recording, view)
+        log_precision(recording, view)
         log_scans(recording, view, laser)
         _log_plots(recording, view)
         recording.send_blueprint(blueprint(view))
@@ -55,7 +57,7 @@ def _identity(view: RunView) -> str:
 
 
 def _log_plots(recording: rr.RecordingStream, view: RunView) -> None:
-    for plot in plots(view):
+    for plot in (*plots(view), *precision_plots(view, MAX_POINTS)):
         for curve in plot.curves:
             entity = f"plots/{plot.key}/{curve.name}"
             style = rr.SeriesLines(colors=rgb(curve.colour), names=curve.name)

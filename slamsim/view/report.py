@@ -10,8 +10,11 @@ from slamsim.safe.output import write_atomic
 from slamsim.view.figures import curve_figure, map_figure, truth_figure
 from slamsim.view.numbers import realtime_factors, report_json
 from slamsim.view.page import Card, Table, cards, details, figure, page, section, table, warnings
+from slamsim.view.precision import precision_plots
+from slamsim.view.precision_figures import held_figure
+from slamsim.view.precision_tables import precision_tables
 from slamsim.view.run_view import RunView
-from slamsim.view.series import plots
+from slamsim.view.series import Plot, plots
 
 __all__ = ["report_html", "report_json", "write_report"]
 
@@ -29,6 +32,7 @@ def report_html(view: RunView) -> str:
         cards(_verdict(view)),
         warnings([*view.log.warnings, *view.result.warnings]),
         section("Map", _maps(view)),
+        section("Precision", _precision(view)),
         section("Over time", _curves(view)),
         section("Trajectory", _trajectory_table(view)),
         section("Relations", _relations_table(view)),
@@ -67,6 +71,7 @@ def _verdict(view: RunView) -> list[Card]:
     relations = view.scores.relations
     made = [
         Card("ATE RMSE", _metres(numbers["ate_rmse_m"]), f"max {_metres(numbers['ate_max_m'])}"),
+        Card("Over the bound", _times(numbers["ate_over_bound"]), "best possible: 1 ×"),
         Card("Odometry alone", _metres(numbers["odometry_ate_rmse_m"]), "ATE RMSE"),
         Card("Wall recall", _share(numbers["map_wall_recall"]), "of walls in view, one cell"),
         Card("Wall precision", _share(numbers["map_wall_precision"]), "within one cell"),
@@ -95,9 +100,22 @@ def _maps(view: RunView) -> str:
 
 
 def _curves(view: RunView) -> str:
-    drawn = [
-        figure(curve_figure(plot, view.origin_ns), plot.title) for plot in plots(view, CURVE_POINTS)
-    ]
+    return _pair(view, plots(view, CURVE_POINTS))
+
+
+def _precision(view: RunView) -> str:
+    """What was possible, what each part of SLAM cost, and how true the claimed errors are."""
+    picture = held_figure(view)
+    made = ""
+    if picture is not None:
+        caption = "What holds the robot along its path"
+        made = f'<div class="paper">{figure(picture, caption, wide=True)}</div>'
+    made += _pair(view, precision_plots(view, CURVE_POINTS))
+    return made + precision_tables(view)
+
+
+def _pair(view: RunView, curves: tuple[Plot, ...]) -> str:
+    drawn = [figure(curve_figure(plot, view), plot.title) for plot in curves]
     return f'<div class="pair">{"".join(drawn)}</div>' if drawn else ""
 
 
@@ -186,6 +204,10 @@ def _metres(value: object) -> str:
     if abs(value) < 0.01:
         return f"{value * 1e3:.1f} mm"
     return f"{value * 1e2:.1f} cm" if abs(value) < 1.0 else f"{value:.2f} m"
+
+
+def _times(value: object) -> str:
+    return f"{value:.3g} ×" if isinstance(value, int | float) else ""
 
 
 def _share(value: object) -> str:

@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import numpy as np
 import rerun as rr
+from matplotlib import colormaps
 
 from slamsim.geometry import compose, inverse
 from slamsim.types import FloatArray, GraphEdge, Grid
 from slamsim.view.palette import ACCEPTED, ESTIMATE, NEUTRAL, ODOMETRY, TRUTH, WITHDRAWN, rgb
+from slamsim.view.precision import COLOURS, ellipses, held, path_and_strokes, scale_of
 from slamsim.view.run_view import RunView, outline_height_m, thinned, wall_outline
 from slamsim.view.stage import MAP
 from slamsim.view.stage import TRUTH as TRUTH_FRAME
 
 MAX_PATH_POINTS = 20_000
 MAX_EDGES = 20_000
+MAX_STROKES = 3_000
 BELIEVED_FROM = 0.5
 """A closure of less weight than this was withdrawn by the robust estimator."""
 
@@ -117,6 +120,27 @@ def log_graph(recording: rr.RecordingStream, view: RunView) -> None:
         lines = [points[[edge.source, edge.target]] for edge in shown]
         if lines:
             _log_lines(recording, name, MAP, lines, colour, 0.015, height_m)
+
+
+def log_precision(recording: rr.RecordingStream, view: RunView) -> None:
+    """What holds the robot: strokes along the direction that each scan holds least, coloured by
+    how little; and the uncertainties of the key frames as enlarged ellipses."""
+    found = held(view)
+    if found is not None and len(view.result.trajectory) > 1:
+        _, strokes = path_and_strokes(view, found, np.zeros(3))
+        pick = thinned(len(strokes), MAX_STROKES)
+        shades = colormaps[COLOURS](scale_of(found)(1e3 * found.worst_m[pick]), bytes=True)
+        lines = [np.column_stack([stroke, np.full(2, 0.05)]) for stroke in strokes[pick]]
+        recording.log(
+            "precision/held",
+            rr.CoordinateFrame(MAP),
+            rr.LineStrips3D(lines, colors=shades, radii=0.02),
+            static=True,
+        )
+    enlarged, outlines = ellipses(view)
+    if len(outlines):
+        entity = f"precision/ellipses_2_sigma_x{enlarged}"
+        _log_lines(recording, entity, MAP, outlines, ESTIMATE, 0.012, 0.08)
 
 
 def closures(edges: tuple[GraphEdge, ...]) -> tuple[list[GraphEdge], list[GraphEdge]]:

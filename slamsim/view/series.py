@@ -29,7 +29,8 @@ class Curve:
 class Plot:
     """key is unique among the plots and fit for a path; unit belongs to the vertical axis.
 
-    logarithmic: values of several orders of magnitude, none of them negative.
+    logarithmic: values of several orders of magnitude, none of them negative. along_path: belongs
+    to places more than to instants: a page shows it over the path driven.
     """
 
     key: str
@@ -37,6 +38,7 @@ class Plot:
     unit: str
     curves: tuple[Curve, ...]
     logarithmic: bool = False
+    along_path: bool = False
 
 
 def plots(view: RunView, at_most: int = MAX_POINTS) -> tuple[Plot, ...]:
