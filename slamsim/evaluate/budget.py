@@ -15,7 +15,7 @@ PARTS = {
     "prediction": "prediction from wheels and gyroscope",
     "front_end": "front end, scan by scan",
     "closures": "loops closed",
-    "graph": "key frames in the end",
+    "graph": "key frames refined together",
     "smoothed": "all scans smoothed together",
 }
 """What each part is, in the order of the work."""

@@ -78,7 +78,7 @@ def _with_parts(scores: Scores, estimated: Estimated, known: Known) -> Scores:
     if known.truth is None or estimated.keyframes is None or estimated.covariances is None:
         return scores
     truth = known.truth.planar()
-    parts = {**estimated.parts, "graph": estimated.keyframes}
+    parts = dict(estimated.parts)
     if estimated.odometry is not None:
         parts["odometry"] = estimated.odometry
     return replace(

@@ -74,6 +74,8 @@ class BackEnd:
         self._closed: set[tuple[int, int]] = set()
         self._unrefined = ""
         self._failures: dict[tuple[int, int], FloatArray] = {}
+        self.unrefined = np.zeros((0, 3))
+        """(n, 3) T_map_base of the key frames when the last closures were in."""
         self.refusals: Counter[str] = Counter()
         """Why closures were not believed, and how often."""
         self.seconds: defaultdict[str, float] = defaultdict(float)
@@ -155,6 +157,7 @@ class BackEnd:
             with self._timed("solve"):
                 self._solve()
         self.refusals["unsupported"] += self._waiting.forget(np.inf)
+        self.unrefined = self.poses
         covariances = None
         if self._config.refinement.enabled and len(self._keyframes) > 1:
             with self._timed("refine"):

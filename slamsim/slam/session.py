@@ -163,7 +163,13 @@ class SlamSession:
             seconds=dict(seconds),
             closure_refusals=dict(outcome.refusals),
             front_end=raw,
-            parts={"prediction": self._track.odometry(), "front_end": raw, "smoothed": trajectory},
+            parts={
+                "prediction": self._track.odometry(),
+                "front_end": raw,
+                "closures": outcome.unrefined,
+                "graph": outcome.graph.keyframes,
+                "smoothed": trajectory,
+            },
             match_information=self._track.information,
             events=events,
         )

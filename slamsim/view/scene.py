@@ -16,7 +16,7 @@ from slamsim.view.stage import TRUTH as TRUTH_FRAME
 
 MAX_PATH_POINTS = 20_000
 MAX_EDGES = 20_000
-MAX_STROKES = 3_000
+MAX_STROKES = 800
 BELIEVED_FROM = 0.5
 """A closure of less weight than this was withdrawn by the robust estimator."""
 

@@ -10,14 +10,18 @@ from slamsim.config.slam import SlamConfig
 from slamsim.progress import Progress
 from slamsim.slam.back_end import BackEnd, Correction
 from slamsim.slam.keyframes import Keyframe
-from slamsim.types import Event, PoseGraph
+from slamsim.types import Event, PlanarTrajectory, PoseGraph
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Outcome:
-    """What the back end made of all key frames in the end."""
+    """What the back end made of all key frames in the end.
+
+    unrefined: where the graph alone had put them, before the final refinement.
+    """
 
     graph: PoseGraph
+    unrefined: PlanarTrajectory
     accepted: int
     rejected: int
     events: tuple[Event, ...]
@@ -80,6 +84,7 @@ def outcome_of(back_end: BackEnd, progress: Progress) -> Outcome:
     graph = back_end.finish(progress)
     return Outcome(
         graph,
+        PlanarTrajectory(graph.keyframes.stamps_ns, back_end.unrefined),
         back_end.accepted,
         back_end.rejected,
         back_end.events(graph),
