@@ -91,6 +91,20 @@ def load_run_config(
     return _validated(RunConfig, tree)
 
 
+def load_simulated_config(path: Path) -> RunConfig:
+    """How a recording was simulated, from the ``config.yaml`` beside it.
+
+    What SLAM and mapping were set to at that time is not looked at, since their settings change
+    from version to version; they are the defaults here. Raises as ``load_model`` does.
+    """
+    from slamsim.config.run import RunConfig
+
+    tree = mount(load_yaml(path))
+    for later in ("slam", "mapping"):
+        tree = tree.section((), leaving_out=later)
+    return _validated(RunConfig, tree)
+
+
 def load_world_config(world: str, overrides: Sequence[str] = ()) -> WorldConfig:
     """A world alone, by name or path as in ``load_run_config``; overrides start at its keys."""
     from slamsim.config.world import WorldConfig

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from slamsim.config.loading import load_model, load_world_config
-from slamsim.config.run import RunConfig
+from slamsim.config.loading import load_simulated_config, load_world_config
 from slamsim.console import Reporter
 from slamsim.logs.keyframes import read_keyframes
 from slamsim.logs.reader import read_truth
@@ -62,7 +61,7 @@ def _known(run: Path, truth: Trajectory | None, relations: Relations | None) -> 
     file = run / WORLD
     if not file.is_file():
         return Known(truth, relations)
-    config = load_model(RunConfig, run / CONFIG)
+    config = load_simulated_config(run / CONFIG)
     world = build_world(load_world_config(str(file)), seed=0)
     T_base_laser = build_robot(config.robot).T_base_laser
     range_m = config.sensors.lidar.range_max_m

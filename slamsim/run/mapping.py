@@ -11,7 +11,7 @@ from itertools import islice
 from pathlib import Path
 
 from slamsim.config.dump import dump_commented_yaml
-from slamsim.config.loading import load_model, load_world_config
+from slamsim.config.loading import load_simulated_config, load_world_config
 from slamsim.config.run import RunConfig
 from slamsim.console import Reporter
 from slamsim.logs.reader import read_log, read_truth
@@ -151,4 +151,4 @@ def _origin_beside(log_path: Path) -> tuple[World, RunConfig] | None:
     world, config = log_path.parent / run_folder.WORLD, log_path.parent / run_folder.CONFIG
     if log_path.name != run_folder.LOG or not (world.is_file() and config.is_file()):
         return None
-    return build_world(load_world_config(str(world)), seed=0), load_model(RunConfig, config)
+    return build_world(load_world_config(str(world)), seed=0), load_simulated_config(config)
