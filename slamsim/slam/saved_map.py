@@ -1,0 +1,109 @@
+"""A map that a later run can go on with: key frames, closures and where all of them are.
+
+The file is an uncompressed .npz: plain arrays, each under a CRC, none of them code.
+"""
+
+from __future__ import annotations
+
+import io
+import zipfile
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from slamsim.safe.errors import InputRefused
+from slamsim.safe.files import read_input
+from slamsim.safe.output import write_atomic
+from slamsim.slam.columns import Columns, Shape, from_columns, to_columns
+from slamsim.slam.graph import GraphUnsound, check_edges
+from slamsim.slam.keyframes import Keyframe
+from slamsim.slam.matching.surfaces import PIECE_FIELDS
+from slamsim.slam.steps import PARAMETERS, ROWS
+from slamsim.types import FloatArray, GraphEdge
+
+FORMAT = 1
+MAX_BYTES = 4_000_000_000
+_SHAPES: dict[str, Shape] = {
+    "T_map_base": (3,),
+    "T_odom_base": (3,),
+    "information": (3, 3),
+    "pieces": (None, PIECE_FIELDS),
+    "origin_m": (2,),
+    "beams_m": (None, 2),
+    "restart": (3, 3),
+    "T_first_last": (3,),
+    "parameters": (PARAMETERS,),
+    "jacobian": (ROWS, PARAMETERS),
+    "doubt": (3,),
+    "T_source_target": (3,),
+    "covariance": (3, 3),
+}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SavedMap:
+    """keyframes: numbered from 0. poses: (n, 3) T_map_base. closures: between key frames."""
+
+    keyframes: Sequence[Keyframe]
+    poses: FloatArray
+    closures: Sequence[GraphEdge]
+
+    def __len__(self) -> int:
+        return len(self.keyframes)
+
+
+def write_saved_map(path: Path, saved: SavedMap) -> None:
+    """Raises SlamsimError or DiskFull."""
+    columns: Columns = {
+        "format": np.array([FORMAT, len(saved.keyframes), len(saved.closures)]),
+        "poses": saved.poses,
+        **to_columns(saved.keyframes, Keyframe, "keyframe."),
+        **to_columns(saved.closures, GraphEdge, "closure."),
+    }
+    file = io.BytesIO()
+    np.savez(file, allow_pickle=False, **columns)  # type: ignore[arg-type]
+    write_atomic(path, file.getvalue())
+
+
+def read_saved_map(path: Path) -> SavedMap:
+    """Raises NotFound, or InputRefused for a file that is damaged or none of these."""
+    data = read_input(path, MAX_BYTES)
+    try:
+        return _checked(_arrays(data))
+    except (ValueError, KeyError, TypeError, OverflowError, EOFError, GraphUnsound) as error:
+        raise InputRefused(path, f"is no map to go on with, or damaged: {error}") from None
+    except (zipfile.BadZipFile, OSError, NotImplementedError, RuntimeError) as error:
+        raise InputRefused(path, f"is no map to go on with, or damaged: {error}") from None
+
+
+def _arrays(data: bytes) -> Columns:
+    """All arrays of the file, once every CRC was found right."""
+    with zipfile.ZipFile(io.BytesIO(data)) as archive:
+        members = archive.infolist()
+        if any(m.compress_type != zipfile.ZIP_STORED for m in members):
+            raise ValueError("its arrays are compressed")
+        if sum(m.file_size for m in members) > len(data):
+            raise ValueError("its arrays are larger than the file")
+        if (name := archive.testzip()) is not None:
+            raise ValueError(f"the checksum of {name} is wrong")
+    with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
+        return dict(arrays)
+
+
+def _checked(columns: Columns) -> SavedMap:
+    number, count, closed = columns["format"].tolist()
+    if number != FORMAT:
+        raise ValueError(f"its format is {number}, this version reads {FORMAT}")
+    poses = columns["poses"]
+    if poses.dtype != np.float64 or poses.shape != (count, 3) or not np.isfinite(poses).all():
+        raise ValueError("its poses are not those of its key frames")
+    keyframes = from_columns(columns, Keyframe, count, _SHAPES, "keyframe.")
+    closures = from_columns(columns, GraphEdge, closed, _SHAPES, "closure.")
+    if count < 1 or [keyframe.index for keyframe in keyframes] != list(range(count)):
+        raise ValueError("its key frames are not numbered in order")
+    if any(edge.kind != "closure" or max(edge.source, edge.target) >= count for edge in closures):
+        raise ValueError("its closures do not join its key frames")
+    check_edges(closures)
+    return SavedMap(keyframes, poses, closures)
