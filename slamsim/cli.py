@@ -39,6 +39,14 @@ Overwrite = Annotated[
     typer.Option("--overwrite", help="Replace the folder of an earlier run once this is whole."),
 ]
 Seed = Annotated[int | None, typer.Option("--seed", help="Seed of everything random.", min=0)]
+Start = Annotated[
+    str | None,
+    typer.Option(
+        "--start",
+        metavar="X,Y,YAW_DEG",
+        help="Where the robot begins in the map; without it, it finds itself.",
+    ),
+]
 ScanTopic = Annotated[
     str | None, typer.Option("--scan-topic", help="Which laser, if a recording has several.")
 ]
@@ -149,6 +157,44 @@ def map_(
         folder = pick_folder(out, resolved.world.name, overwrite=overwrite)
         reporter.say(f"Simulating and mapping the world {source}")
         report = map_world(resolved, folder, reporter, relations=relations, overwrite=overwrite)
+    _close(reporter, report, folder)
+
+
+@app.command(epilog="Example: slamsim localise my_second_drive/ --in outputs/labyrinth")
+def localise(
+    source: Annotated[Path, typer.Argument(help="A recording.")],
+    known: Annotated[
+        Path, typer.Option("--in", help="The map: folder of a mapped run, or a ROS map.yaml.")
+    ],
+    start: Start = None,
+    out: Out = None,
+    set_: Set = None,
+    config: ConfigFile = None,
+    scan_topic: ScanTopic = None,
+    overwrite: Overwrite = False,
+    quiet: Quiet = False,
+    as_json: Json = False,
+) -> None:
+    """Tell where a recording was driven, in the frame of a finished map."""
+    from slamsim.console import Reporter
+    from slamsim.run.folder import pick_folder, recording_name
+    from slamsim.run.localising import localise_recording
+    from slamsim.run.start import start_pose
+
+    reporter = Reporter(quiet=quiet, as_json=as_json)
+    resolved = _config(None, config, set_, None)
+    name = f"{recording_name(str(source))}_in_{known.resolve().name}"
+    folder = pick_folder(out, name, overwrite=overwrite)
+    report = localise_recording(
+        source,
+        known,
+        resolved,
+        folder,
+        reporter,
+        start=start_pose(start),
+        scan_topic=scan_topic,
+        overwrite=overwrite,
+    )
     _close(reporter, report, folder)
 
 

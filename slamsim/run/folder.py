@@ -22,6 +22,7 @@ OUTPUTS = Path("outputs")
 LOG, WORLD, CONFIG = "log", "world.yaml", "config.yaml"
 TRAJECTORY, ODOMETRY, TRUTH = "trajectory.tum", "odometry.tum", "ground_truth.tum"
 PARTS, KEYFRAMES = "parts", "keyframes.csv"
+SAVED_MAP = "session.npz"
 RECORDING, REPORT, REPORT_JSON = "run.rrd", "report.html", "report.json"
 
 _WORLD_SUFFIXES = frozenset((".yaml", ".yml", ".pgm", ".png", ".stl", ".obj", ".ply", ".glb"))

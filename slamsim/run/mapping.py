@@ -22,7 +22,8 @@ from slamsim.run.scoring import Estimated, Known, score
 from slamsim.run.stages import Report, Stages, peak_memory_mb
 from slamsim.safe.output import partial_folder, write_atomic
 from slamsim.slam.mapping import build_grid
-from slamsim.slam.session import motion_of, run_slam
+from slamsim.slam.saved_map import SavedMap, write_saved_map
+from slamsim.slam.session import map_log, motion_of
 from slamsim.types import Grid, Log, SlamResult, Trajectory
 from slamsim.view.numbers import report_json
 from slamsim.view.recording import write_recording
@@ -84,9 +85,10 @@ def map_recording(
 
 
 def _map(log: Log, config: RunConfig, partial: Path, stages: Stages, known: Known) -> Report:
-    result, grid = _slam(log, config, stages)
+    result, saved, grid = _slam(log, config, stages)
     view = _scored(log, result, grid, config, stages, known)
     run_folder.write_slam(partial, result, grid)
+    write_saved_map(partial / run_folder.SAVED_MAP, saved)
     with stages.stage("report"):
         numbers = report_json(view)
         write_recording(partial / run_folder.RECORDING, view)
@@ -95,15 +97,15 @@ def _map(log: Log, config: RunConfig, partial: Path, stages: Stages, known: Know
     return Report(numbers, (*log.warnings, *result.warnings), mapped=True)
 
 
-def _slam(log: Log, config: RunConfig, stages: Stages) -> tuple[SlamResult, Grid]:
+def _slam(log: Log, config: RunConfig, stages: Stages) -> tuple[SlamResult, SavedMap, Grid]:
     with stages.stage("slam", "scans/s") as progress:
-        result = run_slam(log, config.slam, progress)
+        result, saved = map_log(log, config.slam, progress)
     with stages.stage("map", "scans/s") as progress:
         motion = motion_of(log)
         grid = build_grid(
             log.scans, result.trajectory, log.T_base_laser, config.mapping, motion, progress
         )
-    return result, grid
+    return result, saved, grid
 
 
 def _scored(

@@ -125,6 +125,11 @@ class BackEnd:
             self._estimate.renew_covariances(self._graph.edges)
 
     @property
+    def keyframes(self) -> Sequence[Keyframe]:
+        """Those that were kept, numbered as in the graph."""
+        return self._keyframes
+
+    @property
     def kept(self) -> list[int]:
         """Which key frames were kept, by their indices as they came."""
         return self._taken

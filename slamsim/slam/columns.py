@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields, is_dataclass
 from types import NoneType
 from typing import Any, TypeVar, get_args, get_origin, get_type_hints
@@ -16,7 +16,7 @@ Shape = tuple[int | None, ...]
 _Item = TypeVar("_Item")
 
 
-def to_columns(items: Sequence[object], kind: type, prefix: str = "") -> Columns:
+def to_columns(items: Sequence[object], kind: Any, prefix: str = "") -> Columns:
     """One column for each field: numbers as they are, arrays one after the other with the length
     of each, nested dataclasses as further columns; a mask tells where an optional one is there."""
     columns: Columns = {}
@@ -37,7 +37,7 @@ def to_columns(items: Sequence[object], kind: type, prefix: str = "") -> Columns
 
 def from_columns(
     columns: Mapping[str, np.ndarray[Any, Any]],
-    kind: type[_Item],
+    kind: Callable[..., _Item],
     count: int,
     shapes: Mapping[str, Shape],
     prefix: str = "",
@@ -54,7 +54,8 @@ def from_columns(
             here = int(mask.sum())
         found: Sequence[object]
         if is_dataclass(inner):
-            found = from_columns(columns, inner, here, shapes, name + ".")
+            nested: Any = inner
+            found = from_columns(columns, nested, here, shapes, name + ".")
         elif get_origin(inner) is np.ndarray:
             found = _split(columns, name, here, shapes[field], _dtype_of_array(inner))
         else:
@@ -92,7 +93,7 @@ def _checked(
     return column
 
 
-def _kinds(kind: type) -> dict[str, tuple[Any, bool]]:
+def _kinds(kind: Any) -> dict[str, tuple[Any, bool]]:
     """The type of each field, and whether it may be None."""
     hints = get_type_hints(kind)
     kinds = {}
@@ -109,4 +110,5 @@ def _dtype(kind: type) -> np.dtype[Any]:
 
 
 def _dtype_of_array(hint: object) -> np.dtype[Any]:
-    return np.dtype(get_args(get_args(hint)[1])[0])
+    kind: type = get_args(get_args(hint)[1])[0]
+    return np.dtype(kind)

@@ -63,7 +63,7 @@ def write_saved_map(path: Path, saved: SavedMap) -> None:
         **to_columns(saved.closures, GraphEdge, "closure."),
     }
     file = io.BytesIO()
-    np.savez(file, allow_pickle=False, **columns)  # type: ignore[arg-type]
+    np.savez(file, allow_pickle=False, **columns)
     write_atomic(path, file.getvalue())
 
 

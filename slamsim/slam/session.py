@@ -3,28 +3,28 @@
 from __future__ import annotations
 
 import time
-from collections import defaultdict, deque
+from collections import defaultdict
 from dataclasses import dataclass, replace
 from typing import Literal, Self
 
 import numpy as np
 
 from slamsim.config.slam import SlamConfig
-from slamsim.geometry import between, compose, inverse
+from slamsim.geometry import compose, inverse
 from slamsim.progress import Progress, silent
 from slamsim.safe.errors import SlamsimError
-from slamsim.slam.back_end import Correction
 from slamsim.slam.correction import correct_pieces
 from slamsim.slam.events import in_words
-from slamsim.slam.keyframes import Keyframe, KeyframeMaker
-from slamsim.slam.marginals import adjoint
+from slamsim.slam.keyframes import KeyframeMaker
 from slamsim.slam.motion import NoMotion, Odometry, log_odometry, predict_motion
 from slamsim.slam.odometry import FrontEnd, Tracked
+from slamsim.slam.online.anchors import Anchors
 from slamsim.slam.online.beside import Beside
 from slamsim.slam.online.keeper import InLine, MapKeeper
 from slamsim.slam.online.motion_filter import MotionFilter
 from slamsim.slam.online.samples import NOTHING, MotionSamples, MotionSource, WholeMotion
 from slamsim.slam.online.warm import warm_up
+from slamsim.slam.saved_map import SavedMap
 from slamsim.slam.track import Track
 from slamsim.types import (
     Event,
@@ -84,7 +84,7 @@ class SlamSession:
     ) -> None:
         self._front_end, self._motion, self._keeper = front_end, motion, keeper
         self._maker = KeyframeMaker(config.back_end.keyframes, config.front_end.max_range_m)
-        self._anchors = _Anchors()
+        self._anchors = Anchors()
         self._track = Track()
         self._events_told: set[tuple[str, int]] = set()
         self._seconds: defaultdict[str, float] = defaultdict(float)
@@ -174,6 +174,12 @@ class SlamSession:
             events=events,
         )
 
+    def saved(self, result: SlamResult) -> SavedMap:
+        """What a later run needs to go on with the map that ``finish`` gave, or to localise."""
+        edges = result.graph.edges
+        closures = [edge for edge in edges if edge.kind == "closure" and edge.weight > 0.0]
+        return SavedMap(self._keeper.keyframes(), result.graph.keyframes.poses, closures)
+
     def close(self) -> None:
         """End the back end, whatever it is doing; the session cannot go on."""
         self._keeper.close()
@@ -226,36 +232,6 @@ def open_session(
     return SlamSession(config, front_end, motion, Beside(config, gyro))
 
 
-class _Anchors:
-    """Carries the back end's newest correction over to the scans since then."""
-
-    def __init__(self) -> None:
-        self._waiting: deque[Keyframe] = deque()
-        self._anchor: Keyframe | None = None
-        self._correction: Correction | None = None
-
-    def add(self, keyframe: Keyframe) -> None:
-        """One more key frame that the back end may place."""
-        self._waiting.append(keyframe)
-
-    def move(self, correction: Correction | None) -> None:
-        """Take over a correction of the newest key frame that the back end knows."""
-        if correction is None:
-            return
-        self._correction = correction
-        while self._waiting and self._waiting[0].index <= correction.keyframe:
-            self._anchor = self._waiting.popleft()
-
-    def place(self, tracked: Tracked) -> tuple[FloatArray, FloatArray]:
-        """T_map_base of a scan and its covariance."""
-        if self._correction is None or self._anchor is None:
-            return tracked.T_map_base, np.zeros((3, 3))
-        step = between(self._anchor.T_map_base, tracked.T_map_base)
-        carry = adjoint(inverse(step))
-        covariance = carry @ self._correction.covariance @ carry.T
-        return compose(self._correction.T_map_base, step), covariance
-
-
 def run_slam(log: Log, config: SlamConfig, progress: Progress = silent) -> SlamResult:
     """Trajectory and graph of a recording; ``mapping.build_grid`` draws its map.
 
@@ -263,6 +239,13 @@ def run_slam(log: Log, config: SlamConfig, progress: Progress = silent) -> SlamR
     the robot's motion is mapped all the same, with a warning. Raises SlamsimError for a log
     without a scan that the motion covers.
     """
+    return map_log(log, config, progress)[0]
+
+
+def map_log(
+    log: Log, config: SlamConfig, progress: Progress = silent
+) -> tuple[SlamResult, SavedMap]:
+    """As ``run_slam``, with what a later run needs to go on or to localise in this map."""
     started_s = time.perf_counter()
     odometry = odometry_of(log)
     seconds = {"motion": time.perf_counter() - started_s}
@@ -277,9 +260,10 @@ def run_slam(log: Log, config: SlamConfig, progress: Progress = silent) -> SlamR
         if not len(session):
             raise SlamsimError(_nothing_to_track(log, odometry))
         result = session.finish(_rest_of(progress, len(log.scans), whole))
+        saved = session.saved(result)
     progress(whole, whole)
     alone = _odometry_alone(log, result.odometry)
-    return replace(result, odometry=alone, seconds=seconds | result.seconds)
+    return replace(result, odometry=alone, seconds=seconds | result.seconds), saved
 
 
 def motion_of(log: Log) -> PlanarTrajectory | None:

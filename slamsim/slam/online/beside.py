@@ -12,13 +12,14 @@ import subprocess
 import sys
 import tempfile
 from array import array
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import cast
 
 from slamsim.config.slam import SlamConfig
 from slamsim.progress import Progress, silent
-from slamsim.slam.back_end import Correction
+from slamsim.slam.back_end import BackEnd, Correction
 from slamsim.slam.keyframes import Keyframe
 from slamsim.slam.online.keeper import InLine, Outcome
 from slamsim.slam.online.messages import Done, Finish, News, Task
@@ -44,6 +45,7 @@ class Beside:
         self._closures: list[GraphEdge] = []
         self._correction: Correction | None = None
         self._outcome: Outcome | None = None
+        self._alone: InLine | None = None
         self._happened: list[Event] = []
         self._told = 0
         self._last_ns = 0
@@ -108,14 +110,27 @@ class Beside:
         outcome = self._outcome or self._chain_alone(progress)
         return replace(outcome, events=(*outcome.events, *self._happened))
 
+    def keyframes(self) -> Sequence[Keyframe]:
+        """See ``MapKeeper``."""
+        if self._alone is not None:
+            return self._alone.keyframes()
+        back_end = BackEnd(self._config, self._gyro)
+        back_end.restore(self._journalled(), (), set(self._kept))
+        return back_end.keyframes
+
+    def _journalled(self) -> Iterator[Keyframe]:
+        self._journal.flush()
+        for keyframe in journal_messages(self._journal.fileno(), self._journal.tell()):
+            yield cast(Keyframe, keyframe)
+
     def _chain_alone(self, progress: Progress) -> Outcome:
         """What is left when no process will stay: all key frames, and no closures."""
         closures = self._config.back_end.closures.model_copy(update={"enabled": False})
         back_end = self._config.back_end.model_copy(update={"closures": closures})
         keeper = InLine(self._config.model_copy(update={"back_end": back_end}), self._gyro)
-        self._journal.flush()
-        for keyframe in journal_messages(self._journal.fileno(), self._journal.tell()):
-            keeper.take(cast(Keyframe, keyframe))
+        for keyframe in self._journalled():
+            keeper.take(keyframe)
+        self._alone = keeper
         return keeper.finish(progress)
 
     def close(self) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -48,6 +48,10 @@ class MapKeeper(Protocol):
         """The final solution."""
         ...
 
+    def keyframes(self) -> Sequence[Keyframe]:
+        """Those that the graph of the outcome is made of, numbered as in it."""
+        ...
+
     def close(self) -> None:
         """Leave nothing behind; may be called twice."""
         ...
@@ -74,6 +78,10 @@ class InLine:
     def finish(self, progress: Progress) -> Outcome:
         """See ``MapKeeper``."""
         return outcome_of(self._back_end, progress)
+
+    def keyframes(self) -> Sequence[Keyframe]:
+        """See ``MapKeeper``."""
+        return self._back_end.keyframes
 
     def close(self) -> None:
         """See ``MapKeeper``."""

@@ -1,0 +1,44 @@
+"""From the front end's drifting frame to the map as it is known by now."""
+
+from __future__ import annotations
+
+from collections import deque
+
+import numpy as np
+
+from slamsim.geometry import between, compose, inverse
+from slamsim.slam.back_end import Correction
+from slamsim.slam.keyframes import Keyframe
+from slamsim.slam.marginals import adjoint
+from slamsim.slam.odometry import Tracked
+from slamsim.types import FloatArray
+
+
+class Anchors:
+    """Carries the back end's newest correction over to the scans since then."""
+
+    def __init__(self) -> None:
+        self._waiting: deque[Keyframe] = deque()
+        self._anchor: Keyframe | None = None
+        self._correction: Correction | None = None
+
+    def add(self, keyframe: Keyframe) -> None:
+        """One more key frame that the back end may place."""
+        self._waiting.append(keyframe)
+
+    def move(self, correction: Correction | None) -> None:
+        """Take over a correction of the newest key frame that the back end knows."""
+        if correction is None:
+            return
+        self._correction = correction
+        while self._waiting and self._waiting[0].index <= correction.keyframe:
+            self._anchor = self._waiting.popleft()
+
+    def place(self, tracked: Tracked) -> tuple[FloatArray, FloatArray]:
+        """T_map_base of a scan and its covariance."""
+        if self._correction is None or self._anchor is None:
+            return tracked.T_map_base, np.zeros((3, 3))
+        step = between(self._anchor.T_map_base, tracked.T_map_base)
+        carry = adjoint(inverse(step))
+        covariance = carry @ self._correction.covariance @ carry.T
+        return compose(self._correction.T_map_base, step), covariance
