@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Self
 
 import typer
 
@@ -53,11 +53,17 @@ class _Asked:
             limits.append(f"drive.route.max_duration_s={float(wanted_s)}")
         return self.resolved(world, *limits)
 
+    def or_standard(self) -> Self:
+        """With the standard setting if neither a world nor a configuration was named."""
+        return self if self.world or self.config else replace(self, config=STANDARD)
+
 
 def bench(
     part: Annotated[
         str,
-        typer.Argument(help="sense, drive, simulate, slam, all: speed. Or accuracy, online."),
+        typer.Argument(
+            help="sense, drive, simulate, slam, all: speed. Or accuracy, matcher, online."
+        ),
     ] = "all",
     world: Annotated[
         str | None,
@@ -78,6 +84,9 @@ def bench(
         int | None, typer.Option(help="The seed; accuracy: the first, by default 1.", min=0)
     ] = None,
     workers: Annotated[int, typer.Option(help="Accuracy: runs at a time.", min=1, max=64)] = 1,
+    recording: Annotated[
+        Path | None, typer.Option(help="Matcher: on this recording instead of a simulated one.")
+    ] = None,
     bound: Annotated[bool, typer.Option(help="Accuracy: how far from what is possible.")] = True,
     logs: Annotated[
         Path | None, typer.Option(help="Keep simulated logs here, and use them again.")
@@ -96,6 +105,8 @@ def bench(
         _accuracy(asked, seeds, workers, logs, bound)
     elif part == "online":
         _online(asked)
+    elif part == "matcher":
+        _matcher(asked, recording, logs)
     elif part == "slam" and peers:
         _peers(asked, logs)
     else:
@@ -105,12 +116,30 @@ def bench(
 def _accuracy(asked: _Asked, seeds: int, workers: int, logs: Path | None, bound: bool) -> None:
     from slamsim.bench.accuracy import Campaign, run_accuracy
 
-    if asked.world is None and asked.config is None:
-        asked = replace(asked, config=STANDARD)
-    resolved = asked.resolved_until_end("labyrinth")
+    resolved = asked.or_standard().resolved_until_end("labyrinth")
     first = FIRST_SEED if asked.seed is None else asked.seed
     campaign = Campaign(resolved, range(first, first + seeds), workers, logs, bound)
     asked.reporter.result(run_accuracy(campaign, asked.reporter))
+
+
+def _matcher(asked: _Asked, recording: Path | None, logs: Path | None) -> None:
+    from slamsim.bench.alone import Children
+    from slamsim.bench.basin import basin_rows
+    from slamsim.bench.logs import kept_or_temporary, simulated_log
+    from slamsim.bench.matcher import measure_matcher
+
+    resolved = asked.or_standard().resolved_until_end("labyrinth")
+    with (
+        kept_or_temporary(logs) as folder,
+        Children() as children,
+        asked.reporter.stage("matcher", "scans/s") as progress,
+    ):
+        path = recording or simulated_log(resolved, folder, children)
+        measured = measure_matcher(path, resolved.slam, progress)
+    asked.reporter.table(
+        "Home from, %: plain/with search", basin_rows(measured.plain, measured.searched)
+    )
+    _show("Single matches", asdict(measured), asked)
 
 
 def _online(asked: _Asked) -> None:

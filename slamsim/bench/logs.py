@@ -7,13 +7,15 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
+from pydantic import ValidationError
+
 from slamsim.bench.alone import Children
-from slamsim.config.loading import load_model
 from slamsim.config.run import RunConfig
 from slamsim.console import Reporter
 from slamsim.run.folder import CONFIG
 from slamsim.run.recording import simulate_world
 from slamsim.safe.errors import InputRefused
+from slamsim.safe.yaml import load_yaml
 
 SIMULATED = ("seed", "world", "robot", "drive", "sensors")
 """The parts of a configuration that decide what is in a log."""
@@ -47,11 +49,28 @@ def _simulate(config: RunConfig, folder: Path) -> None:
     simulate_world(config, folder, Reporter(quiet=True))
 
 
-def _require_same(config: RunConfig, log: Path) -> None:
+def simulation_of(log: Path) -> RunConfig:
+    """The configuration that a simulated log was made with; only the simulation's part counts,
+    so that a log outlives changes to SLAM's settings.
+
+    Raises InputRefused where there is none, or one that is understood no more.
+    """
     if not (log / CONFIG).is_file():
         raise InputRefused(log, f"holds no {CONFIG}; is it the folder of a simulated run?")
-    made = load_model(RunConfig, log / CONFIG).model_dump(include=set(SIMULATED))
-    other = _first_difference(config.model_dump(include=set(SIMULATED)), made)
+    data = load_yaml(log / CONFIG).data
+    kept = {key: data[key] for key in SIMULATED if key in data} if isinstance(data, dict) else data
+    try:
+        return RunConfig.model_validate(kept)
+    except ValidationError as error:
+        fault = error.errors()[0]
+        at = ".".join(map(str, fault["loc"]))
+        raise InputRefused(log / CONFIG, f"{at}: {fault['msg']}; simulate it anew") from None
+
+
+def _require_same(config: RunConfig, log: Path) -> None:
+    parts = set(SIMULATED)
+    made = simulation_of(log).model_dump(include=parts)
+    other = _first_difference(config.model_dump(include=parts), made)
     if other is not None:
         raise InputRefused(log, f"was simulated with another {other}; use another folder for logs")
 

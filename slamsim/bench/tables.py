@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import cast
 
 Figures = Mapping[str, object]
 
+_MRAD_PER_DEG = 1e3 * math.pi / 180.0
+
 _COLUMNS = (
-    ("ATE mm", "ATE, mm", "ate_rmse_m", 1e3, ".2f"),
+    ("ATE", "ATE, mm", "ate_rmse_m", 1e3, ".2f"),
     ("max", "largest error, mm", "ate_max_m", 1e3, ".1f"),
-    ("deg", "rotation, degrees", "ate_rot_rmse_deg", 1.0, ".4f"),
+    ("mrad", "rotation, mrad", "ate_rot_rmse_deg", _MRAD_PER_DEG, ".2f"),
     ("bound", "times the bound", "ate_over_bound", 1.0, ".1f"),
     ("nees", "NEES of a run (3 expected)", "nees_mean", 1.0, ".1f"),
     ("front", "front end alone, mm", "front_end_ate_rmse_m", 1e3, ".2f"),
@@ -23,7 +26,7 @@ _COLUMNS = (
 )
 """Heading of the column, name in the summary, key, scale and format."""
 
-_SEED_WIDTH, _LEAST_WIDTH = 4, 5
+_SEED_WIDTH, _LEAST_WIDTH = 4, 6
 
 SEED_HEADER = "seed" + "".join(
     short.rjust(max(len(short) + 2, _LEAST_WIDTH)) for short, *_ in _COLUMNS

@@ -23,7 +23,7 @@ from slamsim.safe.errors import InputRefused, SlamsimError
 from slamsim.slam.deskew import deskew
 from slamsim.slam.motion import predict_motion
 from slamsim.slam.session import run_slam
-from slamsim.types import FloatArray, Log, PlanarTrajectory, Scan, ScanGeometry, Trajectory
+from slamsim.types import FloatArray, Log, PlanarTrajectory, Scan, ScanGeometry
 
 Figures = dict[str, object]
 
@@ -58,7 +58,7 @@ def run_peers(folder: Path, config: SlamConfig, reporter: Reporter) -> Figures:
 
 def measure_ours(folder: Path, config: SlamConfig) -> Figures:
     """The whole of SLAM, from the scans to the final solution."""
-    log, truth = _read(folder)
+    log, truth = read_known(folder)
     watch = _Stopwatch()
     with watch:
         result = run_slam(log, config)
@@ -67,7 +67,7 @@ def measure_ours(folder: Path, config: SlamConfig) -> Figures:
 
 def measure_front(folder: Path, config: SlamConfig) -> Figures:
     """The scan matcher alone: no loop is closed."""
-    log, truth = _read(folder)
+    log, truth = read_known(folder)
     closures = config.back_end.closures.model_copy(update={"enabled": False})
     open_ended = config.back_end.model_copy(update={"closures": closures})
     watch = _Stopwatch()
@@ -79,12 +79,12 @@ def measure_front(folder: Path, config: SlamConfig) -> Figures:
 
 def measure_peer(entry: Entry, folder: Path) -> Figures:
     """One peer over all scans. Raises SlamsimError if it gets lost."""
-    log, truth = _read(folder)
+    log, truth = read_known(folder)
     peer: Peer | None = None
     stamps_ns: list[int] = []
     poses: list[FloatArray] = []
     watch = _Stopwatch()
-    for geometry, stamp_ns, handed in _handed(log, entry):
+    for geometry, stamp_ns, handed in handed_scans(log, entry):
         if peer is None:
             peer = entry.make(geometry, log.T_base_laser)
         with watch:
@@ -130,17 +130,18 @@ def _ratios(row: Figures, ours: Figures) -> Figures:
     return {key: cast(float, row[key]) / cast(float, ours[key]) for key in keys if key in row}
 
 
-def _read(folder: Path) -> tuple[Log, Trajectory]:
+def read_known(folder: Path) -> tuple[Log, PlanarTrajectory]:
+    """A recording and its truth. Raises InputRefused for one that knows none."""
     truth = read_truth(folder)
     if truth is None:
         raise InputRefused(folder, "this recording holds no truth")
-    return read_log(folder), truth
+    return read_log(folder), truth.planar()
 
 
 def _scored(
-    trajectory: PlanarTrajectory, truth: Trajectory, scans: int, watch: _Stopwatch
+    trajectory: PlanarTrajectory, truth: PlanarTrajectory, scans: int, watch: _Stopwatch
 ) -> Figures:
-    errors = compare(trajectory, truth.planar())
+    errors = compare(trajectory, truth)
     off_m, off_rad = statistics(errors.translation_m), statistics(errors.rotation_rad)
     return {
         "ate_rmse_m": off_m.rmse,
@@ -167,7 +168,7 @@ class _Stopwatch:
         self.cpu_s += time.process_time()
 
 
-def _handed(log: Log, entry: Entry) -> Iterator[tuple[ScanGeometry, int, PeerScan]]:
+def handed_scans(log: Log, entry: Entry) -> Iterator[tuple[ScanGeometry, int, PeerScan]]:
     """Each scan as the peer gets it, with the instant that its pose is for."""
     motion = predict_motion(log)
     odometry = motion if entry.guided or log.odometry is None else log.odometry
