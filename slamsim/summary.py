@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from typing import cast
 
@@ -86,6 +87,20 @@ def _relations(report: Numbers) -> str | None:
     return f"{mean_m:.4f} m, {mean_deg:.3f}° mean absolute error"
 
 
+def _calibration(report: Numbers) -> str | None:
+    """What the drive told of wheels and gyroscope, in the units that a person thinks in."""
+    found = report.get("calibration")
+    if not isinstance(found, Mapping):
+        return None
+    told = []
+    for name, one in found.items():
+        label, unit, factor, offset = _CALIBRATED[name]
+        if one["observed"]:
+            value, sigma = factor * (one["value"] - offset), factor * one["sigma"]
+            told.append(f"{label} {value:.3f} ± {sigma:.3f} {unit}")
+    return ", ".join(told) or None
+
+
 def _closures(report: Numbers) -> str | None:
     accepted, rejected = report.get("loop_closures"), report.get("loop_closures_rejected")
     return None if accepted is None else f"{accepted} accepted, {rejected} rejected"
@@ -114,6 +129,18 @@ def _metres(value: float | None) -> str:
     return f"{1e3 * value:.1f} mm" if value < 0.1 else f"{value:.2f} m"
 
 
+_CALIBRATED = {
+    "wheel_radius_left_m": ("radius left", "mm", 1e3, 0.0),
+    "wheel_radius_right_m": ("right", "mm", 1e3, 0.0),
+    "track_m": ("track", "mm", 1e3, 0.0),
+    "path_scale": ("path", "%", 1e2, 1.0),
+    "turn_scale": ("turn", "%", 1e2, 1.0),
+    "curvature_rad_per_m": ("curvature", "°/m", math.degrees(1.0), 0.0),
+    "gyro_bias_rad_s": ("gyro bias", "mrad/s", 1e3, 0.0),
+    "gyro_scale": ("gyro scale", "%", 1e2, 1.0),
+}
+"""Of each number: its short name, unit, unit's factor and what is taken off before."""
+
 _LINES: dict[str, Callable[[Numbers], str | None]] = {
     "driven": _driven,
     "trajectory error": _trajectory,
@@ -124,6 +151,7 @@ _LINES: dict[str, Callable[[Numbers], str | None]] = {
     "free space": _free,
     "relations": _relations,
     "loop closures": _closures,
+    "calibration": _calibration,
     "speed": _speed,
     "memory": _memory,
 }

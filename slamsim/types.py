@@ -347,6 +347,18 @@ class Event:
     words: str
 
 
+@dataclass(frozen=True, slots=True)
+class Calibrated:
+    """A number of the robot as the drive shows it, with its standard deviation.
+
+    observed: whether it was the drive that told it; if not, it is little more than an assumption.
+    """
+
+    value: float
+    sigma: float
+    observed: bool
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class SlamResult:
     """What SLAM made of a log.
@@ -360,7 +372,8 @@ class SlamResult:
     nothing was found at all, which is no rejection. events: in time order.
     parts: ``T_map_base`` after each part of the work, at the stamps of scans or of key frames.
     match_information: (n, 3, 3) of a small step of the base in its own frame, zero where a scan
-    told nothing.
+    told nothing. calibration: of wheels and gyroscope, under names that carry their units; empty
+    without odometry.
     """
 
     trajectory: PlanarTrajectory
@@ -377,3 +390,4 @@ class SlamResult:
     front_end: PlanarTrajectory | None = None
     parts: dict[str, PlanarTrajectory] = field(default_factory=dict)
     match_information: FloatArray | None = None
+    calibration: dict[str, Calibrated] = field(default_factory=dict)

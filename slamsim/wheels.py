@@ -14,15 +14,21 @@ from slamsim.types import EncoderStream, FloatArray, PlanarTrajectory
 class Reading:
     """How finely the wheels are read: the steps in which path and turn are reported.
 
-    sigma_m, sigma_rad: what that adds to any difference of two readings. lever_m2: a quarter of the
-    squared track, by which wheels of unequal size drive forward while turning; 0 if unknown.
+    sigma_m, sigma_rad: what that adds to any difference of two readings. wheel_radius_m, track_m:
+    nominal; 0 for odometry whose wheels are not known.
     """
 
     step_m: float
     step_rad: float
     sigma_m: float
     sigma_rad: float
-    lever_m2: float = 0.0
+    wheel_radius_m: float = 0.0
+    track_m: float = 0.0
+
+    @property
+    def lever_m2(self) -> float:
+        """How far wheels of unequal size drive forward per radian and difference in curvature."""
+        return 0.25 * self.track_m**2
 
 
 def encoder_reading(encoders: EncoderStream) -> Reading:
@@ -33,7 +39,8 @@ def encoder_reading(encoders: EncoderStream) -> Reading:
         step_rad=tick_m / encoders.track_m,
         sigma_m=tick_m / np.sqrt(12.0),
         sigma_rad=tick_m / (np.sqrt(3.0) * encoders.track_m),
-        lever_m2=0.25 * encoders.track_m**2,
+        wheel_radius_m=encoders.wheel_radius_m,
+        track_m=encoders.track_m,
     )
 
 

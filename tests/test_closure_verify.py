@@ -22,7 +22,7 @@ from slamsim.geometry import between, compose, transform_points
 from slamsim.slam.agreement import WaitingClosures, agree
 from slamsim.slam.closure import Closure, ClosureFinder, Expected
 from slamsim.slam.keyframes import KeyframeMaker, chain_edge
-from slamsim.slam.steps import PARAMETERS, OdometryStep
+from slamsim.slam.steps import PARAMETERS, OdometryNoise, OdometryStep
 from slamsim.slam.submaps import FREE, UNKNOWN, WALL, Surfaces, space_grid, submap_is_full
 from slamsim.types import FloatArray, GraphEdge
 
@@ -184,7 +184,8 @@ def test_a_chain_across_a_lost_scan_is_odometry_and_as_unsure_as_it() -> None:
     poses = straight(np.array([-2.0, 0.0, 0.0]), 2.0, 5)
     made = [maker.make(tracked(ROOM, pose, k, lost=k == 3)) for k, pose in enumerate(poses)]
     frames = [one for one in made if one is not None]
-    edges = [chain_edge(a, b, MotionConfig(), GraphConfig()) for a, b in itertools.pairwise(frames)]
+    noise = OdometryNoise(MotionConfig())
+    edges = [chain_edge(a, b, noise, GraphConfig()) for a, b in itertools.pairwise(frames)]
     assert [edge.kind for edge in edges] == ["match", "match", "odometry", "match"]
     sure, lost = edges[1].covariance, edges[2].covariance
     assert np.trace(lost) > 4.0 * np.trace(sure)
@@ -195,7 +196,9 @@ def test_a_direction_that_walls_do_not_hold_keeps_the_uncertainty_of_the_wheels(
     frames = keyframes(ROOM, straight(np.array([-2.0, 0.0, 0.0]), 0.5, 2))
     rolled = replace(OdometryStep.none(np.zeros(PARAMETERS)), path_m=0.25, seconds=1.0)
     blind = replace(frames[1], information=np.diag([0.0, 1e6, 1e6]), odometry=rolled)
-    edge = chain_edge(frames[0], blind, MotionConfig(slip_m_per_sqrt_m=0.1), GraphConfig())
+    edge = chain_edge(
+        frames[0], blind, OdometryNoise(MotionConfig(slip_m_per_sqrt_m=0.1)), GraphConfig()
+    )
     sigma = np.sqrt(np.diag(edge.covariance))
     assert 0.04 < sigma[0] < 0.06 and sigma[1] < 0.01
 

@@ -41,7 +41,7 @@ def _odometry(wheels: PlanarTrajectory, imu: ImuStream | None = None) -> Odometr
 def _some_odometry() -> Odometry:
     truth = drive(POINTS)
     wheels = noisy_wheels(truth, 3)
-    reading = replace(pose_reading(wheels), lever_m2=0.02)
+    reading = replace(pose_reading(wheels), track_m=0.28)
     return Odometry(increments(wheels, noisy_gyro(truth, 3)), reading)
 
 
@@ -230,7 +230,7 @@ def test_the_rounding_of_poses_is_found(step_m: float) -> None:
 
 def test_covariance_grows_with_path_turn_and_time() -> None:
     config = MotionConfig()
-    noise = OdometryNoise(config, 0.0, 0.0)
+    noise = OdometryNoise(config)
     none = OdometryStep.none(NOMINAL)
     short = noise.covariance(replace(none, path_m=0.1, seconds=0.2))
     long = noise.covariance(replace(none, path_m=1.0, seconds=2.0))
@@ -244,7 +244,7 @@ def test_covariance_grows_with_path_turn_and_time() -> None:
 
 def test_a_heading_that_walks_leads_aside_as_the_covariance_says() -> None:
     """Against many walks in small steps."""
-    noise = replace(OdometryNoise(MotionConfig(), 0.0, 0.0), path=1e-12)
+    noise = replace(OdometryNoise(MotionConfig()), path=1e-12)
     step = replace(OdometryStep.none(NOMINAL), path_m=1.0, seconds=2.0)
     expected = noise.covariance(step)
     rng = np.random.default_rng(0)

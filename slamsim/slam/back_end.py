@@ -16,6 +16,7 @@ from slamsim.geometry import between, compose
 from slamsim.progress import Progress, silent
 from slamsim.slam.agreement import WaitingClosures
 from slamsim.slam.bundle import NotRefined, refine
+from slamsim.slam.calibration_solve import Solved
 from slamsim.slam.candidates import CandidateIndex
 from slamsim.slam.closure import Closure, ClosureFinder, Expected
 from slamsim.slam.estimate import Estimate
@@ -23,7 +24,8 @@ from slamsim.slam.graph import PoseGraphSolver, variance_factor
 from slamsim.slam.health import loose_joints
 from slamsim.slam.keyframes import Keyframe, chain_edge, odometry_edge
 from slamsim.slam.marginals import in_own_frame, relative_covariances
-from slamsim.slam.steps import OdometryStep
+from slamsim.slam.recalibrate import Recalibration
+from slamsim.slam.steps import OdometryNoise, OdometryStep
 from slamsim.slam.submaps import Submap, Surfaces, make_submap, submap_is_full
 from slamsim.slam.visits import Visits
 from slamsim.types import Event, FloatArray, GraphEdge, PlanarTrajectory, PoseGraph
@@ -36,6 +38,7 @@ MOVED_M = 0.15
 MOVED_RAD = 0.03
 SURPRISE_M = 0.1
 SURPRISE_RAD = 0.03
+CALIBRATION_ROUNDS = 2
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,6 +58,9 @@ class BackEnd:
     def __init__(self, config: SlamConfig, gyro: bool) -> None:
         self._config = config.back_end
         self._motion = config.front_end.motion
+        self._odometry_noise = OdometryNoise(self._motion)
+        self.calibration: Solved | None = None
+        """Of wheels and gyroscope, once finished; None without odometry."""
         self._finder = ClosureFinder(self._config)
         self._waiting = WaitingClosures(self._config.closures.min_support)
         self._scratch = Surfaces()
@@ -162,6 +168,8 @@ class BackEnd:
             with self._timed("solve"):
                 self._solve()
         self.refusals["unsupported"] += self._waiting.forget(np.inf)
+        with self._timed("calibrate"):
+            self._calibrate()
         self.unrefined = self.poses
         covariances = None
         if self._config.refinement.enabled and len(self._keyframes) > 1:
@@ -214,7 +222,9 @@ class BackEnd:
         if not self._keyframes:
             self._estimate.begin(keyframe.T_map_base)
         else:
-            edge = chain_edge(self._keyframes[-1], keyframe, self._motion, self._config.graph)
+            edge = chain_edge(
+                self._keyframes[-1], keyframe, self._odometry_noise, self._config.graph
+            )
             self._graph.add(edge)
             self._estimate.extend(edge)
         self._keyframes.append(keyframe)
@@ -352,10 +362,23 @@ class BackEnd:
     def _closures(self) -> list[GraphEdge]:
         return [edge for edge in self._graph.edges if edge.kind == "closure"]
 
+    def _calibrate(self) -> None:
+        """Calibrate the odometry by all key frames; what only odometry held moves with it."""
+        recalibration = Recalibration(self._keyframes, self._motion)
+        if recalibration.solved is None:
+            return
+        for _ in range(CALIBRATION_ROUNDS if recalibration.moves_chain else 0):
+            self._graph.renew(recalibration.chain(self._config.graph))
+            self._solve()
+            recalibration.close(self.poses, self._graph.edges)
+        self._keyframes = recalibration.keyframes()
+        self.calibration = recalibration.solved
+        self._odometry_noise = recalibration.solved.noise
+
     def _refine(self) -> FloatArray | None:
         """Move the key frames to where all views agree best; their covariances, or None."""
         odometry = [
-            odometry_edge(before, after, self._motion)
+            odometry_edge(before, after, self._odometry_noise)
             for before, after in pairwise(self._keyframes)
         ]
         views = [keyframe.pieces for keyframe in self._keyframes]

@@ -38,6 +38,9 @@ GYRO_SHARE = 0.5
 DOUBT_SIGMAS = 3.0
 REMEMBERED = 96
 FACTORS = np.geomspace(0.0025, 400.0, 53)
+LEAST_GYRO_FACTOR = 0.1
+"""Matches cannot tell how good a gyroscope is over seconds; none is better than this."""
+
 USUAL_SHARE, USUAL_SQUARE = 0.8, 1.642
 """Of a normal variable, this share of the squares lies below so many variances."""
 
@@ -103,7 +106,7 @@ def step_covariance(step: OdometryStep, noise: OdometryNoise) -> FloatArray:
     covariance = np.zeros((ROWS, ROWS))
     covariance[:3, :3] = noise.covariance(step)
     own = step.gyro_s > GYRO_SHARE * step.seconds and step.rest_s < step.seconds
-    turn = noise.wheel_turn_variance(step) + step.doubt[2]
+    turn = noise.wheel_turn_variance(step) + step.reading_rad**2 + step.doubt[2]
     covariance[3, 3] = turn if own else np.inf
     return covariance
 
@@ -202,13 +205,14 @@ class Calibrator:
         by_gyro = bool(np.isfinite(own[3, 3]))
         path, turn, gyro = self._learners
         if step.path_m > 0.0:
-            fixed = matched[0, 0] + known[0, 0] + unit.reading_m**2
+            fixed = matched[0, 0] + known[0, 0] + step.reading_m**2
             path.see(squares[0], fixed, unit.path_variance(step))
-            fixed = matched[2, 2] + known[3, 3] + unit.reading_rad**2
-            turn.see(squares[3], fixed, unit.wheel_turn_variance(step) - unit.reading_rad**2)
+            fixed = matched[2, 2] + known[3, 3] + step.reading_rad**2
+            turn.see(squares[3], fixed, unit.wheel_turn_variance(step))
         if by_gyro:
             gyro.see(squares[2], matched[2, 2] + known[2, 2], unit.gyro_variance(step))
-        self.noise = replace(self.noise, path=path.factor, turn=turn.factor, gyro=gyro.factor)
+        least = max(gyro.factor, LEAST_GYRO_FACTOR)
+        self.noise = replace(self.noise, path=path.factor, turn=turn.factor, gyro=least)
 
 
 class _Factor:

@@ -60,6 +60,20 @@ class PoseGraphSolver:
         self.edges.append(edge)
         self._factors.append(_factors(edge, self._config.cauchy_width))
 
+    def renew(self, edges: Sequence[GraphEdge]) -> None:
+        """Put these in the place of the edges that joined the same poses; closures stay.
+
+        Raises GraphUnsound if one is no measurement.
+        """
+        check_edges(edges)
+        renewed = {(edge.source, edge.target): edge for edge in edges}
+        for number, edge in enumerate(self.edges):
+            fresh = renewed.get((edge.source, edge.target))
+            if fresh is not None and edge.kind != "closure":
+                self.edges[number] = fresh
+                self._factors[number] = _factors(fresh, self._config.cauchy_width)
+        self._isam = None  # it has the old ones
+
     def update(self, poses: FloatArray) -> FloatArray:
         """(n, 3) the solution by now, given poses (n, 3) of which only new ones are looked at."""
         try:

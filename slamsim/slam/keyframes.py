@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from slamsim.config.back_end import GraphConfig, KeyframeConfig
-from slamsim.config.slam import MotionConfig
 from slamsim.geometry import between
 from slamsim.slam.marginals import rotation
 from slamsim.slam.matching.surfaces import range_noise_m
@@ -129,7 +128,7 @@ class KeyframeMaker:
 
 
 def chain_edge(
-    before: Keyframe, after: Keyframe, motion: MotionConfig, config: GraphConfig
+    before: Keyframe, after: Keyframe, odometry: OdometryNoise, config: GraphConfig
 ) -> GraphEdge:
     """The front end's measurement between two consecutive key frames.
 
@@ -139,7 +138,7 @@ def chain_edge(
     """
     noise = BLIND
     if after.odometry is not None:
-        noise = OdometryNoise(motion, 0.0, 0.0).covariance(after.odometry)
+        noise = odometry.covariance(after.odometry)
     floor = np.diag(np.square([config.min_sigma_m] * 2 + [np.deg2rad(config.min_sigma_deg)]))
     information = np.linalg.inv(floor + (noise if after.restart is None else after.restart))
     if after.restart is None:
@@ -152,7 +151,7 @@ def chain_edge(
     return GraphEdge(before.index, after.index, T, turn @ covariance @ turn.T, kind)
 
 
-def odometry_edge(before: Keyframe, after: Keyframe, motion: MotionConfig) -> GraphEdge:
+def odometry_edge(before: Keyframe, after: Keyframe, odometry: OdometryNoise) -> GraphEdge:
     """What wheels and gyroscope alone say between two consecutive key frames.
 
     To where the local map was begun anew: what the front end believed then.
@@ -161,7 +160,7 @@ def odometry_edge(before: Keyframe, after: Keyframe, motion: MotionConfig) -> Gr
         T, covariance = between(before.T_odom_base, after.T_odom_base), BLIND
         if after.odometry is not None:
             T = after.odometry.T_first_last
-            covariance = OdometryNoise(motion, 0.0, 0.0).covariance(after.odometry) + LEAST_MOTION
+            covariance = odometry.covariance(after.odometry) + LEAST_MOTION
     else:
         T = between(before.T_map_base, after.T_map_base)
         covariance = after.restart + LEAST_MOTION

@@ -6,11 +6,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from slamsim.config.slam import MotionConfig
 from slamsim.geometry import between, wrap_angle
 from slamsim.safe.errors import SlamsimError
 from slamsim.slam.arcs import walk
-from slamsim.slam.steps import PARAMETERS, ROWS, OdometryNoise, OdometryStep
+from slamsim.slam.steps import PARAMETERS, ROWS, OdometryStep
 from slamsim.types import BoolArray, FloatArray, ImuStream, IntArray, Log, PlanarTrajectory
 from slamsim.wheels import Reading, encoder_reading, pose_reading, wheel_odometry
 
@@ -86,10 +85,6 @@ class Odometry:
         ahead_ns = round(AHEAD_S * 1e9)
         return bool(first_ns >= self._stamps_ns[0] and last_ns <= self._stamps_ns[-1] + ahead_ns)
 
-    def noise(self, config: MotionConfig) -> OdometryNoise:
-        """Its random errors before any match."""
-        return OdometryNoise(config, self.reading.sigma_m, self.reading.sigma_rad)
-
     def step(
         self, first_ns: int, last_ns: int, parameters: FloatArray, bias_sigma_rad_s: float = 0.0
     ) -> OdometryStep:
@@ -101,7 +96,13 @@ class Odometry:
         if still:
             none = OdometryStep.none(parameters)
             return replace(
-                none, seconds=seconds, gyro_s=gyro_s, rest_s=gyro_s, rest_turn_rad=raw_turn_rad
+                none,
+                seconds=seconds,
+                gyro_s=gyro_s,
+                rest_s=gyro_s,
+                rest_turn_rad=raw_turn_rad,
+                reading_m=self.reading.sigma_m,
+                reading_rad=self.reading.sigma_rad,
             )
         return OdometryStep(
             T_first_last=np.append(poses[-1, :2], wrap_angle(poses[-1, 2])),
@@ -114,6 +115,8 @@ class Odometry:
             gyro_s=gyro_s,
             rest_s=0.0,
             rest_turn_rad=0.0,
+            reading_m=self.reading.sigma_m,
+            reading_rad=self.reading.sigma_rad,
             doubt=np.zeros(3),
         )
 

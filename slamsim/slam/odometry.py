@@ -8,13 +8,14 @@ import numpy as np
 
 from slamsim.config.slam import FrontEndConfig
 from slamsim.geometry import between
+from slamsim.slam.calibration_solve import Solved
 from slamsim.slam.deskew import deskew
 from slamsim.slam.matching import Match, Matcher, make_matcher
 from slamsim.slam.motion import Odometry
 from slamsim.slam.prediction import Prediction, Predictor
 from slamsim.slam.steps import OdometryStep
 from slamsim.slam.watch import Fate, Watch
-from slamsim.types import Cloud, Event, FloatArray, Scan
+from slamsim.types import Calibrated, Cloud, Event, FloatArray, Scan
 
 FAR_SIGMAS = 5.0
 FAR_STRICTNESS = 0.75
@@ -185,6 +186,10 @@ class FrontEnd:
         """What happened so far, and when."""
         happened = (*self._watch.events(), *self._predictor.events())
         return tuple(sorted(happened, key=lambda event: event.start_ns))
+
+    def calibrated(self, solved: Solved | None) -> dict[str, Calibrated]:
+        """A calibration in the units of this robot."""
+        return self._predictor.calibrated(solved)
 
     def warnings(self) -> tuple[str, ...]:
         """What went wrong so far, in words and counts."""

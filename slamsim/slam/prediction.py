@@ -8,13 +8,15 @@ import numpy as np
 
 from slamsim.config.slam import MotionConfig
 from slamsim.geometry import between, compose, inverse
+from slamsim.slam.calibrated import calibrated
 from slamsim.slam.calibration import Calibrator
+from slamsim.slam.calibration_solve import Solved
 from slamsim.slam.marginals import adjoint
 from slamsim.slam.matching.base import Match
 from slamsim.slam.motion import Odometry
 from slamsim.slam.slip import Look, SlipWatch, coasted
-from slamsim.slam.steps import OdometryStep
-from slamsim.types import Event, FloatArray, PlanarTrajectory, Scan
+from slamsim.slam.steps import OdometryNoise, OdometryStep
+from slamsim.types import Calibrated, Event, FloatArray, PlanarTrajectory, Scan
 
 MAX_SPEED_M_S = 10.0
 MAX_TURN_RAD_S = 10.0
@@ -98,7 +100,13 @@ class Predictor:
         """The odometry as it is known by now: any window from the last scan on will do."""
         self._odometry = odometry
         if odometry is not None and self._calibrator is None:
-            self._calibrator = Calibrator(odometry.noise(self._config))
+            self._calibrator = Calibrator(OdometryNoise(self._config))
+
+    def calibrated(self, solved: Solved | None) -> dict[str, Calibrated]:
+        """A calibration in the units of this robot; nothing without odometry."""
+        if solved is None or self._odometry is None:
+            return {}
+        return calibrated(solved, self._odometry.reading, self._odometry.has_gyro)
 
     @property
     def T_map_base(self) -> FloatArray:  # noqa: N802
@@ -257,6 +265,7 @@ class Predictor:
             turn_rad = float((turn + np.pi) % (2.0 * np.pi) - np.pi)
             known = odometry.jacobian[3] - odometry.jacobian[2]
             turn_variance = calibrator.noise.wheel_turn_variance(odometry) + own[2]
+            turn_variance += odometry.reading_rad**2
             turn_variance += float(known @ calibrator.covariance @ known)
         return Look(
             *(last.stamp_ns, prediction.stamp_ns, wheels, coast, variance),

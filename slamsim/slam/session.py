@@ -145,7 +145,8 @@ class SlamSession:
         breaks_ns = self._front_end.breaks_ns
         raw = self._track.front_end()
         corrected = correct_pieces(raw, outcome.graph.keyframes, breaks_ns)
-        trajectory = self._track.smoothed(corrected).track
+        odometry = self._track.calibrated_odometry(outcome.calibration)
+        trajectory = self._track.smoothed(corrected, odometry).track
         keyframes_ns = outcome.graph.keyframes.stamps_ns
         keyframes = PlanarTrajectory(keyframes_ns, trajectory.at(keyframes_ns))
         happened = (*self._front_end.events(), *outcome.events)
@@ -171,6 +172,7 @@ class SlamSession:
                 "smoothed": trajectory,
             },
             match_information=self._track.information,
+            calibration=self._front_end.calibrated(outcome.calibration),
             events=events,
         )
 

@@ -30,8 +30,9 @@ class OdometryStep:
     wheel_turn_rad: the turn by the wheels alone, not wrapped. jacobian: (4, 5) by the parameters,
     of a small step of the base at its end and of wheel_turn_rad. path_m, turned_rad: without regard
     to sign; gyro_s: for how long the yaw is the gyroscope's. rest_s, rest_turn_rad: time at rest,
-    and the gyroscope's raw turn in it. doubt: (3,) variances (m^2, m^2, rad^2) that a disagreement
-    with other sensors adds, 0 for none.
+    and the gyroscope's raw turn in it. reading_m, reading_rad: standard deviation that reading the
+    wheels at both ends adds, however long the step. doubt: (3,) variances (m^2, m^2, rad^2) that
+    a disagreement with other sensors adds, 0 for none.
     """
 
     T_first_last: FloatArray
@@ -44,6 +45,8 @@ class OdometryStep:
     gyro_s: float
     rest_s: float
     rest_turn_rad: float
+    reading_m: float
+    reading_rad: float
     doubt: FloatArray
 
     @staticmethod
@@ -51,7 +54,7 @@ class OdometryStep:
         """No motion in no time."""
         zero, jacobian = np.zeros(3), np.zeros((ROWS, PARAMETERS))
         return OdometryStep(
-            zero, 0.0, parameters, jacobian, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, doubt=zero
+            zero, 0.0, parameters, jacobian, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, doubt=zero
         )
 
     def at(self, parameters: FloatArray) -> OdometryStep:
@@ -80,6 +83,8 @@ class OdometryStep:
             before.gyro_s + onward.gyro_s,
             before.rest_s + onward.rest_s,
             before.rest_turn_rad + onward.rest_turn_rad,
+            max(before.reading_m, onward.reading_m),
+            max(before.reading_rad, onward.reading_rad),
             before.doubt + onward.doubt,
         )
 
@@ -92,31 +97,28 @@ class OdometryStep:
 class OdometryNoise:
     """Random errors of odometry; those of the calibration are told by the jacobian of a step.
 
-    reading_m, reading_rad: standard deviation that reading the wheels at both ends adds (their
-    resolution), however long the step. path, turn, gyro: factors on the configured variances of
-    the wheels' path, the wheels' turn and the gyroscope's turn, as learnt from matches.
+    path, turn, gyro: factors on the configured variances of the wheels' path, the wheels' turn and
+    the gyroscope's turn, as learnt from matches.
     """
 
     config: MotionConfig
-    reading_m: float
-    reading_rad: float
     path: float = 1.0
     turn: float = 1.0
     gyro: float = 1.0
 
     def path_variance(self, step: OdometryStep) -> float:
-        """m^2, along and across; errors add up as those of a random walk."""
+        """m^2, along and across, reading apart; errors add up as those of a random walk."""
         config = self.config
         walked = config.slip_m_per_sqrt_m**2 * step.path_m
         turned = config.slip_m_per_sqrt_rad**2 * step.turned_rad
         return self.path * (walked + turned)
 
     def wheel_turn_variance(self, step: OdometryStep) -> float:
-        """rad^2."""
+        """rad^2, reading apart."""
         config = self.config
         walked = config.turn_rad_per_sqrt_m**2 * step.path_m
         turned = config.turn_rad_per_sqrt_rad**2 * step.turned_rad
-        return self.turn * (walked + turned) + self.reading_rad**2
+        return self.turn * (walked + turned)
 
     def gyro_variance(self, step: OdometryStep) -> float:
         """rad^2."""
@@ -130,8 +132,8 @@ class OdometryNoise:
         """(3, 3) of a small step of the base at its end; a heading wrong on the way leads aside."""
         by_gyro = step.gyro_s / step.seconds if step.seconds > 0.0 else 0.0
         yaw = by_gyro * self.gyro_variance(step)
-        yaw += (1.0 - by_gyro) * self.wheel_turn_variance(step)
-        position = self.path_variance(step) + self.reading_m**2
+        yaw += (1.0 - by_gyro) * (self.wheel_turn_variance(step) + step.reading_rad**2)
+        position = self.path_variance(step) + step.reading_m**2
         half = 0.5 * step.path_m
         covariance = np.diag([position, position + half * half * yaw * 4.0 / 3.0, yaw])
         covariance[1, 2] = covariance[2, 1] = half * yaw

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from slamsim.geometry import between, compose, wrap_angle
+from slamsim.slam.calibration_solve import Solved
 from slamsim.slam.odometry import Tracked
 from slamsim.slam.smoothing import Chain, Smoothed, odometry_steps, smooth
+from slamsim.slam.steps import PARAMETERS
 from slamsim.types import BoolArray, FloatArray, PlanarTrajectory
 
 DEGENERATE_SHARE_TO_TELL = 0.05
@@ -19,6 +22,9 @@ _ROW = np.dtype(
         ("degenerate", np.bool_),
         ("information", np.float64, (3, 3)),
         ("pull", np.float64, 3),
+        ("step", np.float64, 3),
+        ("jacobian", np.float64, (3, PARAMETERS)),
+        ("parameters", np.float64, PARAMETERS),
     ]
 )
 
@@ -53,6 +59,7 @@ class Track:
             tracked.degenerate,
             tracked.information,
             np.zeros(3) if tracked.match is None else tracked.match.pull,
+            *_step(tracked),
         )
         self._count += 1
 
@@ -64,11 +71,25 @@ class Track:
         """``T_odom_base`` as wheels and gyroscope predicted it."""
         return PlanarTrajectory(self._column("stamp_ns"), self._column("T_odom_base"))
 
-    def smoothed(self, T_map_base: PlanarTrajectory) -> Smoothed:
+    def calibrated_odometry(self, calibration: Solved | None) -> PlanarTrajectory:
+        """The same with what is known in the end."""
+        predicted = self.odometry()
+        if calibration is None:
+            return predicted
+        parameters = calibration.parameters(predicted.stamps_ns)
+        moved = np.einsum(
+            "nij,nj->ni", self._column("jacobian"), parameters - self._column("parameters")
+        )
+        steps = compose(self._column("step"), moved)
+        silent = np.logical_not(np.abs(self._column("jacobian")).sum(axis=(1, 2)))
+        steps[1:][silent[1:]] = between(predicted.poses[:-1], predicted.poses[1:])[silent[1:]]
+        return PlanarTrajectory(predicted.stamps_ns, chained(predicted.poses[0], steps[1:]))
+
+    def smoothed(self, T_map_base: PlanarTrajectory, T_odom_base: PlanarTrajectory) -> Smoothed:
         """All scans taken together with the odometry between them, each matched to a map that
         has moved with ``T_map_base``: the front end's track, with the map's corrections."""
         information, pull = self._column("information"), self._column("pull")
-        return smooth(Chain(T_map_base, information, pull, *odometry_steps(self.odometry())))
+        return smooth(Chain(T_map_base, information, pull, *odometry_steps(T_odom_base)))
 
     @property
     def quality(self) -> FloatArray:
@@ -97,3 +118,21 @@ class Track:
 
     def _column(self, name: str) -> np.ndarray:
         return np.ascontiguousarray(self._rows[name][: self._count])
+
+
+def chained(start: FloatArray, steps: FloatArray) -> FloatArray:
+    """(n + 1, 3) poses from a start (3,) along steps (n, 3), each seen from the pose before."""
+    yaw = start[2] + np.concatenate([[0.0], np.cumsum(steps[:, 2])])
+    cos, sin = np.cos(yaw[:-1]), np.sin(yaw[:-1])
+    x = np.cumsum(cos * steps[:, 0] - sin * steps[:, 1])
+    y = np.cumsum(sin * steps[:, 0] + cos * steps[:, 1])
+    path = np.vstack([np.zeros(2), np.column_stack([x, y])]) + start[:2]
+    return np.column_stack([path, wrap_angle(yaw)])
+
+
+def _step(tracked: Tracked) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """The step by odometry, its jacobian and parameters; zeros where it was silent."""
+    step = tracked.odometry
+    if step is None:
+        return np.zeros(3), np.zeros((3, PARAMETERS)), np.zeros(PARAMETERS)
+    return step.T_first_last, step.jacobian[:3], step.parameters

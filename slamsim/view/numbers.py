@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import asdict
 
 import numpy as np
 
@@ -40,6 +41,7 @@ def report_json(view: RunView) -> dict[str, object]:
         "slam_seconds": dict(result.seconds),
         "peak_memory_mb": view.peak_memory_mb,
         "error_budget": view.scores.budget_numbers(),
+        "calibration": {name: asdict(one) for name, one in result.calibration.items()},
         "relations": view.scores.relation_numbers(),
         "warnings": [*view.log.warnings, *result.warnings],
         "checks": [dict(check) for check in view.checks],

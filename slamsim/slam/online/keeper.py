@@ -9,6 +9,7 @@ from typing import Protocol
 from slamsim.config.slam import SlamConfig
 from slamsim.progress import Progress
 from slamsim.slam.back_end import BackEnd, Correction
+from slamsim.slam.calibration_solve import Solved
 from slamsim.slam.keyframes import Keyframe
 from slamsim.types import Event, PlanarTrajectory, PoseGraph
 
@@ -27,6 +28,7 @@ class Outcome:
     events: tuple[Event, ...]
     seconds: Mapping[str, float]
     refusals: Mapping[str, int]
+    calibration: Solved | None = None
 
 
 class MapKeeper(Protocol):
@@ -98,4 +100,5 @@ def outcome_of(back_end: BackEnd, progress: Progress) -> Outcome:
         back_end.events(graph),
         dict(back_end.seconds),
         dict(back_end.refusals),
+        back_end.calibration,
     )
