@@ -38,6 +38,7 @@ ARM_M = 0.1
 CREEP_M_S = 0.01
 WALK_M_PER_SQRT_M = 0.002
 WALK_RAD_PER_SQRT_M = 0.001
+WALK_RAD_PER_SQRT_S = 0.0006
 SCALE_BOUNDS = (1e-6, 1e4)
 RANK_SHARE = 1e-9
 
@@ -101,14 +102,16 @@ def smooth(chain: Chain) -> Smoothed:
 def odometry_steps(odometry: PlanarTrajectory) -> tuple[FloatArray, FloatArray]:
     """(n - 1, 3) steps between the poses of ``T_odom_base``, and the shape of their covariance.
 
-    Errors of wheels and gyroscopes add up over path, turn and time as random walks do.
+    Errors of wheels and gyroscopes add up over path, turn and time as random walks do; no turn at
+    all is one that is known to be none.
     """
     steps = between(odometry.poses[:-1], odometry.poses[1:])
     seconds = np.diff(odometry.stamps_ns) * 1e-9
     work_m = np.hypot(steps[:, 0], steps[:, 1]) + ARM_M * np.abs(steps[:, 2]) + CREEP_M_S * seconds
     noise = np.zeros((len(steps), 3, 3))
     noise[:, 0, 0] = noise[:, 1, 1] = work_m * WALK_M_PER_SQRT_M**2
-    noise[:, 2, 2] = work_m * WALK_RAD_PER_SQRT_M**2
+    turning_s = np.where(steps[:, 2] != 0.0, seconds, 0.0)
+    noise[:, 2, 2] = work_m * WALK_RAD_PER_SQRT_M**2 + turning_s * WALK_RAD_PER_SQRT_S**2
     return steps, noise
 
 
