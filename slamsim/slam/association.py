@@ -7,19 +7,24 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.sparse import csr_matrix, triu
+from scipy.sparse.csgraph import dijkstra
 
 from slamsim.jit import kernel
-from slamsim.slam.estimate import Estimate
 from slamsim.slam.matching.local_map import MERGE_COS, merge_into
 from slamsim.slam.matching.surfaces import BEAMS, NORMAL_X, NORMAL_Y, PIECE_FIELDS, X, Y
 from slamsim.slam.views import moved_pieces
-from slamsim.types import BoolArray, Float32Array, FloatArray, IntArray
+from slamsim.types import BoolArray, Float32Array, FloatArray, GraphEdge, IntArray
 
 CELL_M = 0.5
 """Surfaces are sought within cells of this size: what is as long as this may still be straight."""
 
-SURE_SIGMA_M = 0.05
-"""Two views share no surface across which the graph is less sure than this how they lie."""
+SURE_SIGMA_M = 0.15
+"""Two views between which the graph is less sure than this share no surface."""
+
+LEVER_M = 5.0
+"""How far away surfaces are, when a turn is taken for a distance."""
+
+_SOURCES = 256
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -47,13 +52,13 @@ class Shared:
 
 
 def share_surfaces(
-    views: Sequence[Float32Array], poses: FloatArray, gate_m: float, estimate: Estimate
+    views: Sequence[Float32Array], poses: FloatArray, gate_m: float, edges: Sequence[GraphEdge]
 ) -> Shared:
     """What the views (n of (k, PIECE_FIELDS)) have in common, standing at ``poses`` (n, 3).
 
     gate_m: how far apart pieces of one surface may lie across it. The two faces of a wall are never
-    one, for normals point to the lidar. Passes between which the estimate is not sure get a
-    copy of the surface each.
+    one, for normals point to the lidar. Passes that the believed edges do not hold together
+    firmly get a copy of the surface each.
     """
     view = np.repeat(np.arange(len(views)), [len(one) for one in views])
     moved = [
@@ -64,7 +69,7 @@ def share_surfaces(
     by_cell = np.lexsort((-pieces[:, BEAMS], cells[:, 1], cells[:, 0]))
     surface = _cluster(pieces, cells, by_cell, gate_m)
     order = np.lexsort((view, surface))
-    parted = _parted(pieces[order], view[order], surface[order], estimate)
+    parted = _parted(view[order], surface[order], edges)
     surface = np.cumsum(parted) - 1
     new_view = parted | np.append(True, np.diff(view[order]) != 0)
     seen_by = np.bincount(surface, new_view)
@@ -73,16 +78,35 @@ def share_surfaces(
     return Shared(order[kept], view[order][kept], starts)
 
 
-def _parted(pieces: FloatArray, view: IntArray, surface: IntArray, estimate: Estimate) -> BoolArray:
-    """(k,) whether each of the sorted pieces begins another surface than the one before."""
+def _parted(view: IntArray, surface: IntArray, edges: Sequence[GraphEdge]) -> BoolArray:
+    """(k,) whether each of the sorted observations begins another surface than the one before."""
     parted = np.append(True, np.diff(surface) != 0)
     after = np.flatnonzero(~parted & np.append(False, np.diff(view) != 0))
-    covariances = estimate.covariances_in_map(view[after - 1], view[after])
-    nx, ny = pieces[after, NORMAL_X], pieces[after, NORMAL_Y]
-    lever = np.stack([nx, ny, ny * pieces[after, X] - nx * pieces[after, Y]], axis=1)
-    variance = np.einsum("ki,kij,kj->k", lever, covariances, lever)
-    parted[after] = variance > SURE_SIGMA_M**2
+    parted[after] = ~_firm(np.stack([view[after - 1], view[after]], axis=1), edges)
     return parted
+
+
+def _firm(pairs: IntArray, edges: Sequence[GraphEdge]) -> BoolArray:
+    """(p,) whether the surest way along the edges from one view to the other is sure enough.
+
+    Variances add along it: more than the graph as a whole leaves between the two.
+    """
+    count = 1 + max(edge.target for edge in edges)
+    used = [edge for edge in edges if edge.weight > 0.0]
+    turn = np.array([1.0, 1.0, LEVER_M**2])
+    variance = np.array([np.diag(edge.covariance) @ turn for edge in used])
+    ends = np.array([(edge.source, edge.target) for edge in used])
+    graph = csr_matrix((variance, (ends[:, 0], ends[:, 1])), shape=(count, count))
+    firm = np.zeros(len(pairs), dtype=np.bool_)
+    order = np.argsort(pairs[:, 0], kind="stable")
+    sources = np.unique(pairs[:, 0])
+    for begin in range(0, len(sources), _SOURCES):
+        some = sources[begin : begin + _SOURCES]
+        between = np.searchsorted(pairs[order, 0], [some[0], some[-1] + 1])
+        here = order[between[0] : between[1]]
+        reach = dijkstra(graph, directed=False, indices=some, limit=SURE_SIGMA_M**2)
+        firm[here] = np.isfinite(reach[np.searchsorted(some, pairs[here, 0]), pairs[here, 1]])
+    return firm
 
 
 @kernel

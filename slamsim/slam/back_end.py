@@ -381,9 +381,9 @@ class BackEnd:
             odometry_edge(before, after, self._odometry_noise)
             for before, after in pairwise(self._keyframes)
         ]
-        views = [keyframe.pieces for keyframe in self._keyframes]
+        views = [keyframe.view for keyframe in self._keyframes]
         try:
-            refined = refine(views, self.poses, odometry, self._noise_m, self._estimate)
+            refined = refine(views, self.poses, odometry, self._noise_m, self._graph.edges)
         except NotRefined as refusal:
             self._unrefined = str(refusal)
             return None

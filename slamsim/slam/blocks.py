@@ -1,12 +1,15 @@
 """Sparse symmetric systems of 3 x 3 blocks: factorised, solved, and inverted where it is cheap.
 
-Only the entries of the inverse that lie on the pattern of the factor are computed (Takahashi,
-Fagan & Chen 1973; Erisman & Tinney 1975).
+Neighbouring columns of the factor that reach the same rows are kept as one dense panel
+(supernodes: Ng & Peyton 1993), so that nearly all work is products of matrices. Of the inverse only
+the entries on the pattern of the factor are computed (Takahashi, Fagan & Chen 1973; Erisman &
+Tinney 1975).
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.sparse import coo_matrix, csc_matrix
@@ -15,34 +18,38 @@ from scipy.sparse.linalg import splu
 from slamsim.jit import kernel
 from slamsim.types import FloatArray, IntArray
 
+LOOSE_COLUMNS = 8
+"""A panel this narrow may take in the next column even if it holds rows that it does not reach."""
 
-@dataclass(frozen=True, slots=True, eq=False)
-class BlockPattern:
-    """Where the factor of a system of ``count`` block rows has entries.
+LOOSE_SHARE = 0.15
+"""As may a wider one, if its empty share stays below this."""
 
-    starts: (count + 1,) and rows: (entries,) of its columns, rows sorted, the diagonal first.
-    place: (count + 1,) column of each unknown; the unknown ``count``, which is held fixed and no
-    part of the system, maps to itself.
+MAX_COLUMNS = 32
+"""Panels are cut at this width: their own triangles are not products of matrices."""
+
+
+class Panels(NamedTuple):
+    """Where the blocks of a system, and of its factor, are stored in one flat array.
+
+    place: (count + 1,) column of each unknown; the unknown ``count`` is held fixed, no part of the
+    system, and maps to itself. owner: (count,) panel of each column. first: (panels + 1,) first
+    column of each. starts: (panels + 1,) into below: the rows that each panel reaches beneath its
+    own. offsets: (panels + 1,) of each panel's (3 rows, 3 columns) in the flat array.
     """
 
-    starts: IntArray
-    rows: IntArray
     place: IntArray
-
-    @property
-    def count(self) -> int:
-        return len(self.starts) - 1
-
-    def zeros(self) -> FloatArray:
-        """(entries, 3, 3) an empty lower half on this pattern."""
-        return np.zeros((len(self.rows), 3, 3))
+    owner: IntArray
+    first: IntArray
+    starts: IntArray
+    below: IntArray
+    offsets: IntArray
 
 
-def block_pattern(pairs: IntArray, count: int) -> BlockPattern:
-    """The pattern of the factor when (p, 2) pairs of unknowns meet; pairs may repeat.
+def make_panels(pairs: IntArray, count: int) -> Panels:
+    """Storage for ``count`` unknowns of which (p, 2) pairs meet; pairs may repeat.
 
-    It is that of the factor of an M-matrix on the same graph, all of whose entries have one sign,
-    so that none cancels.
+    Its pattern is that of the factor of an M-matrix on the same graph, all of whose entries have
+    one sign, so that none cancels.
     """
     inner = pairs[(pairs < count).all(axis=1)]
     degree = np.bincount(pairs.ravel(), minlength=count + 1)[:count] + 1.0
@@ -59,189 +66,304 @@ def block_pattern(pairs: IntArray, count: int) -> BlockPattern:
     lower = csc_matrix(factor.L)
     lower.sort_indices()
     place = np.append(np.asarray(factor.perm_c, dtype=np.int64), count)
-    return BlockPattern(lower.indptr.astype(np.int64), lower.indices.astype(np.int64), place)
+    return _panels(place, lower.indptr.astype(np.int64), lower.indices.astype(np.int64))
 
 
+def _panels(place: IntArray, starts: IntArray, rows: IntArray) -> Panels:
+    """Join columns of a factor given by its pattern; rows sorted, the diagonal first."""
+    first = _first_columns(starts, rows)
+    last = first[1:] - 1
+    owner = np.repeat(np.arange(len(last)), np.diff(first))
+    reached = [rows[starts[j] + 1 : starts[j + 1]] for j in last]
+    sizes = np.array([len(one) for one in reached], dtype=np.int64)
+    widths = np.diff(first)
+    return Panels(
+        place=place,
+        owner=owner,
+        first=first,
+        starts=np.append(0, np.cumsum(sizes)),
+        below=np.concatenate(reached) if reached else np.zeros(0, dtype=np.int64),
+        offsets=np.append(0, np.cumsum(9 * (widths + sizes) * widths)),
+    )
+
+
+def _first_columns(starts: IntArray, rows: IntArray) -> IntArray:
+    """(panels + 1,) where panels begin, and the number of columns."""
+    sizes = np.diff(starts)
+    first = [0]
+    filled = int(sizes[0])
+    for j in range(1, len(sizes)):
+        width = j - first[-1]
+        joined = sizes[j - 1] > 1 and rows[starts[j - 1] + 1] == j
+        whole = (width + 1) * (width + sizes[j]) - width * (width + 1) // 2
+        filled += int(sizes[j])
+        loose = width < LOOSE_COLUMNS or whole - filled <= LOOSE_SHARE * whole
+        if not (joined and loose and width < MAX_COLUMNS):
+            first.append(j)
+            filled = int(sizes[j])
+    return np.array([*first, len(sizes)], dtype=np.int64)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class BlockFactor:
-    """L D L^T of a system given by its lower half, (entries, 3, 3), on a pattern.
+    """L L^T of a system: in place of a panel's triangle its inverse, and what lies below it.
 
-    Raises numpy's LinAlgError for a system that is not positive definite.
+    ``factorise`` makes it.
     """
 
-    def __init__(self, pattern: BlockPattern, values: FloatArray) -> None:
-        self._pattern = pattern
-        self._minus_l = np.zeros(values.shape)
-        self._pivot = np.zeros((pattern.count, 3, 3))
-        if not _factorise(pattern.starts, pattern.rows, values.copy(), self._minus_l, self._pivot):
-            raise np.linalg.LinAlgError("the information matrix is not positive definite")
+    panels: Panels
+    values: FloatArray
 
     def solve(self, right: FloatArray) -> FloatArray:
         """(count, 3) solution for a right-hand side (count, 3), both in the order of unknowns."""
-        place = self._pattern.place[:-1]
-        solution = np.empty_like(right)
-        solution[place] = right
-        _substitute(self._pattern.starts, self._pattern.rows, self._minus_l, self._pivot, solution)
-        return np.asarray(solution[place])
+        place = self.panels.place[:-1]
+        solution = np.empty(right.size)
+        solution.reshape(-1, 3)[place] = right
+        _substitute(self.panels, self.values, solution)
+        return np.asarray(solution.reshape(-1, 3)[place])
 
     def inverse_diagonal(self) -> FloatArray:
         """(count, 3, 3) diagonal blocks of the inverse, in the order of unknowns."""
-        values = np.empty_like(self._minus_l)
-        starts = self._pattern.starts
-        _invert(starts, self._pattern.rows, self._minus_l, self._pivot, values)
-        return np.asarray(values[starts[self._pattern.place[:-1]]])
+        return np.asarray(_inverse_diagonal(self.panels, self.values)[self.panels.place[:-1]])
+
+
+def empty_system(panels: Panels) -> FloatArray:
+    """The flat array of a system without an equation; ``add_block`` fills it."""
+    return np.zeros(int(panels.offsets[-1]))
+
+
+def factorise(panels: Panels, system: FloatArray) -> BlockFactor:
+    """The factor of a system. Raises numpy's LinAlgError if it is not positive definite."""
+    values = system.copy()
+    if not np.isfinite(values).all():
+        raise np.linalg.LinAlgError("the information matrix is not finite")
+    _factorise(panels, values)
+    if not np.isfinite(values).all():
+        raise np.linalg.LinAlgError("the information matrix is not positive definite")
+    return BlockFactor(panels, values)
 
 
 @kernel
-def add_block(
-    pattern: tuple[IntArray, IntArray, IntArray],
-    values: FloatArray,
-    a: int,
-    b: int,
-    block: FloatArray,
-) -> None:
-    """Add what unknown ``a`` (row) and ``b`` (column) share to the lower half of a system.
+def add_block(panels: Panels, system: FloatArray, a: int, b: int, block: FloatArray) -> None:
+    """Add what unknown ``a`` (row) and ``b`` (column) share to a system.
 
-    pattern: starts, rows, place. Of a pair a != b, one of the two blocks, not both.
+    Of a pair a != b, one of the two blocks, not both.
     """
-    starts, rows, place = pattern
-    row, column = place[a], place[b]
-    if row >= column:
-        at = _find(starts, rows, row, column)
-        for i in range(3):
-            for j in range(3):
-                values[at, i, j] += block[i, j]
+    row, column = panels.place[a], panels.place[b]
+    flipped = row < column
+    if flipped:
+        row, column = column, row
+    panel = panels.owner[column]
+    begin, end = panels.first[panel], panels.first[panel + 1]
+    width = end - begin
+    if row < end:
+        at = row - begin
     else:
-        at = _find(starts, rows, column, row)
-        for i in range(3):
-            for j in range(3):
-                values[at, i, j] += block[j, i]
+        at = width + _find(panels.below, panels.starts[panel], panels.starts[panel + 1], row)
+    corner = panels.offsets[panel] + 9 * at * width + 3 * (column - begin)
+    for i in range(3):
+        for j in range(3):
+            system[corner + 3 * i * width + j] += block[j, i] if flipped else block[i, j]
 
 
 @kernel
-def _find(starts: IntArray, rows: IntArray, row: int, column: int) -> int:
-    """Where an entry is stored, by bisection."""
-    low, high = starts[column], starts[column + 1] - 1
+def _find(values: IntArray, begin: int, end: int, wanted: int) -> int:
+    """Index after ``begin`` of a number that is there, by bisection."""
+    low, high = begin, end - 1
     while low < high:
         middle = (low + high) // 2
-        if rows[middle] < row:
+        if values[middle] < wanted:
             low = middle + 1
         else:
             high = middle
-    return int(low)
+    return int(low - begin)
 
 
 @kernel
-def _inverse_3x3(m: FloatArray, out: FloatArray) -> bool:
-    """Inverse of a symmetric positive definite matrix; False if it is not that."""
-    c00 = m[1, 1] * m[2, 2] - m[1, 2] * m[2, 1]
-    c01 = m[1, 2] * m[2, 0] - m[1, 0] * m[2, 2]
-    c02 = m[1, 0] * m[2, 1] - m[1, 1] * m[2, 0]
-    determinant = m[0, 0] * c00 + m[0, 1] * c01 + m[0, 2] * c02
-    minor = m[0, 0] * m[1, 1] - m[0, 1] * m[1, 0]
-    if not (m[0, 0] > 0.0 and minor > 0.0 and determinant > 0.0):
-        return False
-    share = 1.0 / determinant
-    out[0, 0], out[0, 1], out[0, 2] = share * c00, share * c01, share * c02
-    out[1, 1] = share * (m[0, 0] * m[2, 2] - m[0, 2] * m[2, 0])
-    out[1, 2] = share * (m[0, 2] * m[1, 0] - m[0, 0] * m[1, 2])
-    out[2, 2] = share * minor
-    out[1, 0], out[2, 0], out[2, 1] = out[0, 1], out[0, 2], out[1, 2]
+def times(a: FloatArray, b: FloatArray) -> FloatArray:
+    """a b. BLAS is no faster for these sizes, and on a busy machine its threads wait for cores."""
+    out = np.zeros((a.shape[0], b.shape[1]))
+    whole = a.shape[1] // 4 * 4
+    for i in range(a.shape[0]):
+        row = out[i]
+        for k in range(0, whole, 4):
+            p, q, r, s = a[i, k], a[i, k + 1], a[i, k + 2], a[i, k + 3]
+            if p != 0.0 or q != 0.0 or r != 0.0 or s != 0.0:
+                for j in range(row.size):
+                    row[j] += p * b[k, j] + q * b[k + 1, j] + r * b[k + 2, j] + s * b[k + 3, j]
+        for k in range(whole, a.shape[1]):
+            for j in range(row.size):
+                row[j] += a[i, k] * b[k, j]
+    return out
+
+
+@kernel
+def _factorise(panels: Panels, values: FloatArray) -> None:
+    """In place; leaves numbers that are not finite where the system is not definite."""
+    for panel in range(panels.first.size - 1):
+        width = 3 * (panels.first[panel + 1] - panels.first[panel])
+        whole = values[panels.offsets[panel] : panels.offsets[panel + 1]].reshape((-1, width))
+        if not _invert_triangle(whole[:width]):
+            whole[:] = np.nan
+            return
+        if whole.shape[0] > width:
+            reach = times(whole[width:], whole[:width].T.copy())
+            whole[width:] = reach
+            _pass_on(panels, values, panel, reach)
+
+
+@kernel
+def _invert_triangle(square: FloatArray) -> bool:
+    """Replace a symmetric matrix, given by its lower half, by the inverse of its Cholesky factor.
+
+    False if it is not positive definite.
+    """
+    size = square.shape[0]
+    for i in range(size):
+        for j in range(i + 1):
+            total = square[i, j]
+            for k in range(j):
+                total -= square[i, k] * square[j, k]
+            if j < i:
+                square[i, j] = total / square[j, j]
+            elif total > 0.0:
+                square[i, i] = np.sqrt(total)
+            else:
+                return False
+    for j in range(size):
+        for i in range(j):
+            square[i, j] = 0.0
+        square[j, j] = 1.0 / square[j, j]
+        for i in range(j + 1, size):
+            total = 0.0
+            for k in range(j, i):
+                total -= square[i, k] * square[k, j]
+            square[i, j] = total / square[i, i]
     return True
 
 
 @kernel
-def _copy(out: FloatArray, a: FloatArray, factor: float) -> None:
-    """out = factor a."""
-    for i in range(3):
-        for j in range(3):
-            out[i, j] = factor * a[i, j]
+def _below_in(panels: Panels, panel: int, first: int, other: int) -> tuple[int, IntArray]:
+    """Of the rows below a panel, from the ``first`` on: how many are columns of ``other``, and
+    which row of that panel each of them is."""
+    begin, end = panels.first[other], panels.first[other + 1]
+    rows = panels.below[panels.starts[panel] + first : panels.starts[panel + 1]]
+    at = np.empty(rows.size, np.int64)
+    columns = 0
+    k = panels.starts[other]
+    for r in range(rows.size):
+        if rows[r] < end:
+            at[r] = rows[r] - begin
+            columns += 1
+        else:
+            while panels.below[k] < rows[r]:
+                k += 1
+            at[r] = end - begin + k - panels.starts[other]
+    return columns, at
 
 
 @kernel
-def _add(out: FloatArray, a: FloatArray, b: FloatArray, transpose_a: bool) -> None:
-    """out += a b, or a^T b."""
-    for i in range(3):
-        for j in range(3):
-            for k in range(3):
-                out[i, j] += (a[k, i] if transpose_a else a[i, k]) * b[k, j]
+def _pass_on(panels: Panels, values: FloatArray, panel: int, reach: FloatArray) -> None:
+    """Subtract what a finished panel's rows have in common from the panels that they belong to."""
+    count = panels.starts[panel + 1] - panels.starts[panel]
+    first = 0
+    while first < count:
+        other = panels.owner[panels.below[panels.starts[panel] + first]]
+        width = 3 * (panels.first[other + 1] - panels.first[other])
+        whole = values[panels.offsets[other] : panels.offsets[other + 1]].reshape((-1, width))
+        columns, at = _below_in(panels, panel, first, other)
+        product = times(reach[3 * first :], reach[3 * first : 3 * (first + columns)].T.copy())
+        for r in range(at.size):
+            for i in range(3):
+                row, given = whole[3 * at[r] + i], product[3 * r + i]
+                for c in range(min(columns, r + 1)):
+                    to = 3 * at[c]
+                    row[to] -= given[3 * c]
+                    row[to + 1] -= given[3 * c + 1]
+                    row[to + 2] -= given[3 * c + 2]
+        first += columns
 
 
 @kernel
-def _add_transposed(out: FloatArray, a: FloatArray, b: FloatArray) -> None:
-    """out += a b^T."""
-    for i in range(3):
-        for j in range(3):
-            out[i, j] += a[i, 0] * b[j, 0] + a[i, 1] * b[j, 1] + a[i, 2] * b[j, 2]
+def _substitute(panels: Panels, values: FloatArray, x: FloatArray) -> None:
+    """Solve L L^T x = x in place; x: (3 count,)."""
+    last = panels.first.size - 1
+    for step in range(2 * last):
+        back = step >= last
+        panel = 2 * last - 1 - step if back else step
+        begin, end = 3 * panels.first[panel], 3 * panels.first[panel + 1]
+        width = end - begin
+        whole = values[panels.offsets[panel] : panels.offsets[panel + 1]].reshape((-1, width))
+        rows = panels.below[panels.starts[panel] : panels.starts[panel + 1]]
+        if back:
+            _subtract_below(whole[width:], rows, x, (begin, end), back)
+        solved = np.zeros(width)
+        for i in range(width):
+            for k in range(i + 1):
+                if back:
+                    solved[k] += whole[i, k] * x[begin + i]
+                else:
+                    solved[i] += whole[i, k] * x[begin + k]
+        x[begin:end] = solved
+        if not back:
+            _subtract_below(whole[width:], rows, x, (begin, end), back)
 
 
 @kernel
-def _factorise(
-    starts: IntArray,
-    rows: IntArray,
-    values: FloatArray,
-    minus_l: FloatArray,
-    pivot: FloatArray,
-) -> bool:
-    """Fill minus_l and the inverse pivots of L D L^T, spoiling values; False if not definite."""
-    negative = np.empty((3, 3))
-    for j in range(starts.size - 1):
-        begin, end = starts[j] + 1, starts[j + 1]
-        if not _inverse_3x3(values[starts[j]], pivot[j]):
-            return False
-        _copy(negative, pivot[j], -1.0)
-        for p in range(begin, end):
-            _add(minus_l[p], values[p], negative, False)
-        for p in range(begin, end):
-            r = starts[rows[p]]
-            for q in range(p, end):
-                while rows[r] < rows[q]:
-                    r += 1
-                _add_transposed(values[r], minus_l[q], values[p])
-    return True
-
-
-@kernel
-def _substitute(
-    starts: IntArray, rows: IntArray, minus_l: FloatArray, pivot: FloatArray, x: FloatArray
+def _subtract_below(
+    reach: FloatArray, rows: IntArray, x: FloatArray, span: tuple[int, int], back: bool
 ) -> None:
-    """Solve L D L^T x = x in place."""
-    count = starts.size - 1
-    for j in range(count):
-        for p in range(starts[j] + 1, starts[j + 1]):
+    """Take from the rows below what a panel's own say, or, going back, the other way round."""
+    begin, end = span
+    for r in range(rows.size):
+        for i in range(3):
+            below = 3 * rows[r] + i
+            for k in range(end - begin):
+                if back:
+                    x[begin + k] -= reach[3 * r + i, k] * x[below]
+                else:
+                    x[below] -= reach[3 * r + i, k] * x[begin + k]
+
+
+@kernel
+def _inverse_diagonal(panels: Panels, values: FloatArray) -> FloatArray:
+    """(count, 3, 3) diagonal blocks of the inverse, by column."""
+    inverse = np.empty_like(values)
+    diagonal = np.empty((panels.owner.size, 3, 3))
+    for panel in range(panels.first.size - 2, -1, -1):
+        begin, end = panels.first[panel], panels.first[panel + 1]
+        width = 3 * (end - begin)
+        span = slice(panels.offsets[panel], panels.offsets[panel + 1])
+        whole, found = values[span].reshape((-1, width)), inverse[span].reshape((-1, width))
+        found[:width] = times(whole[:width].T.copy(), whole[:width])
+        if whole.shape[0] > width:
+            reach = times(whole[width:], whole[:width])
+            found[width:] = -times(_gathered(panels, inverse, panel), reach)
+            found[:width] -= times(reach.T.copy(), found[width:])
+        for j in range(end - begin):
             for i in range(3):
                 for k in range(3):
-                    x[rows[p], i] += minus_l[p, i, k] * x[j, k]
-    scaled = np.empty(3)
-    for j in range(count - 1, -1, -1):
-        for i in range(3):
-            scaled[i] = 0.0
-            for k in range(3):
-                scaled[i] += pivot[j, i, k] * x[j, k]
-        for p in range(starts[j] + 1, starts[j + 1]):
-            for i in range(3):
-                for k in range(3):
-                    scaled[i] += minus_l[p, k, i] * x[rows[p], k]
-        for i in range(3):
-            x[j, i] = scaled[i]
+                    diagonal[begin + j, i, k] = found[3 * j + i, 3 * j + k]
+    return diagonal
 
 
 @kernel
-def _invert(
-    starts: IntArray, rows: IntArray, minus_l: FloatArray, pivot: FloatArray, values: FloatArray
-) -> None:
-    """Fill values with the inverse, on the pattern of its factor."""
-    for j in range(starts.size - 2, -1, -1):
-        begin, end = starts[j] + 1, starts[j + 1]
-        for p in range(begin, end):
-            _copy(values[p], pivot[j], 0.0)
-        for p in range(begin, end):
-            r = starts[rows[p]]
-            for q in range(p, end):
-                while rows[r] < rows[q]:
-                    r += 1
-                _add(values[q], values[r], minus_l[p], False)
-                if q != p:
-                    _add(values[p], values[r], minus_l[q], True)
-        _copy(values[starts[j]], pivot[j], 1.0)
-        for p in range(begin, end):
-            _add(values[starts[j]], values[p], minus_l[p], True)
+def _gathered(panels: Panels, inverse: FloatArray, panel: int) -> FloatArray:
+    """The inverse between all rows below a panel, taken from the panels that they belong to."""
+    count = panels.starts[panel + 1] - panels.starts[panel]
+    square = np.empty((3 * count, 3 * count))
+    first = 0
+    while first < count:
+        other = panels.owner[panels.below[panels.starts[panel] + first]]
+        width = 3 * (panels.first[other + 1] - panels.first[other])
+        found = inverse[panels.offsets[other] : panels.offsets[other + 1]].reshape((-1, width))
+        columns, at = _below_in(panels, panel, first, other)
+        for r in range(at.size):
+            for c in range(min(columns, r + 1)):
+                for i in range(3):
+                    for j in range(3):
+                        value = found[3 * at[r] + i, 3 * at[c] + j]
+                        square[3 * (first + r) + i, 3 * (first + c) + j] = value
+                        square[3 * (first + c) + j, 3 * (first + r) + i] = value
+        first += columns
+    return square

@@ -17,25 +17,26 @@ import numpy as np
 from slamsim.geometry import between, compose
 from slamsim.safe.errors import SlamsimError
 from slamsim.slam.association import Shared, share_surfaces
-from slamsim.slam.blocks import BlockFactor, BlockPattern, block_pattern
-from slamsim.slam.bundle_equations import add_surfaces, fit_lines, residuals, to_map
-from slamsim.slam.estimate import Estimate
+from slamsim.slam.blocks import empty_system, factorise, make_panels
+from slamsim.slam.bundle_equations import (
+    add_surfaces,
+    fit_lines,
+    pull_to_lines,
+    residuals,
+    to_map,
+)
 from slamsim.slam.marginals import add_edges, adjoint, edge_covariances_in_map, in_own_frame
 from slamsim.slam.matching.surfaces import BEAMS, SCATTER_XX, SCATTER_XY, SCATTER_YY, X, Y
 from slamsim.types import Float32Array, FloatArray, GraphEdge
 
-GATES_M = (0.06, 0.04, 0.03)
-"""How far apart across a surface its observations may lie, from the first association to the
-last."""
+ROUNDS = ((0.06, 3), (0.03, 10))
+"""Associations: how far apart across a surface its observations may lie, and how many steps are
+taken before the next."""
 
-MAX_STEPS = 8
-SMALL_STEP = 1e-5
-"""Metres and radians: steps no larger than this end the search."""
+SMALL_STEP = 2e-5
+"""Metres and radians: steps no larger than this end a round."""
 
-SLOW = 0.3
-"""A step longer than this share of the one before calls for another factorisation."""
-
-MAX_BEND_M, MAX_BEND_RAD = 0.2, 0.2
+MAX_BEND_M, MAX_BEND_RAD = 0.5, 0.35
 ROBUST_SIGMAS = 4.0
 ODOMETRY_SIGMAS = 7.0
 NOISE_BEAMS = 5.0
@@ -70,16 +71,16 @@ def refine(
     poses: FloatArray,
     odometry: Sequence[GraphEdge],
     noise_m: float,
-    estimate: Estimate,
+    edges: Sequence[GraphEdge],
 ) -> Refined:
     """The most likely poses (n, 3) given what was seen from them, beginning at good ones.
 
     views: n of (k, PIECE_FIELDS). odometry: edges that join all poses, of wheels and gyroscope
-    alone. noise_m: standard deviation of a range. estimate: says between which key frames the
-    graph is sure. The first pose stays. Raises NotRefined.
+    alone. noise_m: standard deviation of a range. edges: of the graph, which
+    say what belongs together. The first pose stays. Raises NotRefined.
     """
     try:
-        return _refine(views, poses, odometry, noise_m, estimate)
+        return _refine(views, poses, odometry, noise_m, edges)
     except np.linalg.LinAlgError as error:
         raise NotRefined(f"the refinement has no solution: {error}") from error
 
@@ -89,15 +90,15 @@ def _refine(
     poses: FloatArray,
     odometry: Sequence[GraphEdge],
     noise_m: float,
-    estimate: Estimate,
+    edges: Sequence[GraphEdge],
 ) -> Refined:
     moments = _moments(np.concatenate(views).astype(np.float64), noise_m)
     bundle = None
     begun_at = poses
-    for gate_m in GATES_M:
-        shared = share_surfaces(views, poses, gate_m, estimate)
+    for gate_m, steps in ROUNDS:
+        shared = share_surfaces(views, poses, gate_m, edges)
         bundle = _Bundle(moments, shared, odometry, poses)
-        poses = bundle.relax(poses)
+        poses = bundle.relax(poses, steps)
     assert bundle is not None
     bundle.check(begun_at, poses)
     return Refined(poses, bundle.covariances(poses), bundle.roughness_m)
@@ -141,37 +142,29 @@ class _Bundle:
         self._odometry = odometry
         self._ends = self._number[[[edge.source, edge.target] for edge in odometry]]
         pairs = np.concatenate([self._number[shared.pairs()], self._ends])
-        self._pattern: BlockPattern = block_pattern(pairs, count - 1)
+        self._panels = make_panels(pairs, count - 1)
         self._weights = 0.5 / self._variance
         self._scaled = 2.0 * self._variance
         self.roughness_m = 0.0
 
-    def relax(self, poses: FloatArray) -> FloatArray:
-        """Steps of Gauss and Newton, the system factorised anew where they shrink too slowly."""
-        factor, size = None, np.inf
-        for _ in range(MAX_STEPS):
-            points = to_map(self._points, self._shared.views, poses)
-            self._weigh(points)
-            values, right = self._equations(points, poses)
-            if factor is None:
-                factor = BlockFactor(self._pattern, values)
-            step = factor.solve(right)
+    def relax(self, poses: FloatArray, steps: int) -> FloatArray:
+        """Steps of Gauss and Newton, all with the system as it was at the first of them."""
+        self._weigh(poses)
+        factor = factorise(self._panels, self._system(poses))
+        for _ in range(steps):
+            step = factor.solve(self._pull(poses))
             if not np.isfinite(step).all():
                 raise NotRefined("a step of the refinement is not finite")
             poses = compose(np.concatenate([np.zeros((1, 3)), step]), poses)
-            before, size = size, float(np.abs(step).max())
-            if size <= SMALL_STEP:
+            self._weigh(poses)
+            if np.abs(step).max() <= SMALL_STEP:
                 break
-            if size > SLOW * before:
-                factor = None
         return poses
 
     def covariances(self, poses: FloatArray) -> FloatArray:
         """(n, 3, 3) relative to the first pose, of small steps of the base in its own frame."""
-        points = to_map(self._points, self._shared.views, poses)
-        values, _ = self._equations(points, poses)
         in_map = np.zeros((len(poses), 3, 3))
-        in_map[1:] = BlockFactor(self._pattern, values).inverse_diagonal()
+        in_map[1:] = factorise(self._panels, self._system(poses)).inverse_diagonal()
         return in_own_frame(poses, in_map)
 
     def check(self, before: FloatArray, after: FloatArray) -> None:
@@ -189,17 +182,19 @@ class _Bundle:
                 f"and {np.rad2deg(bent_rad):.1f} deg against each other"
             )
 
-    def _weigh(self, points: FloatArray) -> None:
-        """Lines through the points, how rough surfaces are, and what each observation is worth."""
-        squares = self._squares(points)
-        unknowns = 2.0 * len(self._shared.starts) + 3.0 * self._pattern.count
+    def _weigh(self, poses: FloatArray) -> None:
+        """How rough surfaces are, and what each observation is worth."""
+        squares = self._squares(poses)
+        unknowns = 2.0 * len(self._shared.starts) + 3.0 * len(poses)
         redundancy = max(1.0 - unknowns / (2.0 * len(squares)), LEAST_REDUNDANCY)
         self.roughness_m = _roughness(squares, self._variance, redundancy)
         self._scaled = 2.0 * (self._variance + self.roughness_m**2)
         self._scaled = self._scaled * self._rougher(squares / self._scaled)[self._surfaces]
         self._weights = _robust(squares / self._scaled, ROBUST_SIGMAS) / self._scaled
 
-    def _squares(self, points: FloatArray) -> FloatArray:
+    def _squares(self, poses: FloatArray) -> FloatArray:
+        """(k,) summed squares of both points of each observation."""
+        points = to_map(self._points, self._shared.views, poses)
         lines = fit_lines(points, self._weights, self._shared.starts)
         return np.asarray(np.square(residuals(points, self._shared.starts, lines)).sum(axis=1))
 
@@ -210,22 +205,29 @@ class _Bundle:
         free = 2.0 * ROUGH_VIEWS + 2.0 * np.diff(self._shared.starts) - 2.0
         return np.maximum(shown / free, 1.0)
 
-    def _equations(self, points: FloatArray, poses: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """The system on its pattern and its right-hand side (n - 1, 3)."""
-        pattern = (self._pattern.starts, self._pattern.rows, self._pattern.place)
-        values, right = self._pattern.zeros(), np.zeros((len(poses), 3))
-        error, information = self._odometry_errors(poses)
-        chi2 = np.einsum("mi,mij,mj->m", error, information, error)
-        information = information * _robust(chi2, ODOMETRY_SIGMAS)[:, None, None]
-        add_edges(pattern, values, self._ends, information)
+    def _system(self, poses: FloatArray) -> FloatArray:
+        """The information of everything about the poses, surfaces eliminated."""
+        system = empty_system(self._panels)
+        _, information = self._believed_odometry(poses)
+        add_edges(self._panels, system, self._ends, information)
+        points = to_map(self._points, self._shared.views, poses)
+        surfaces = (self._shared.starts, fit_lines(points, self._weights, self._shared.starts))
+        unknowns = self._number[self._shared.views]
+        add_surfaces(points, self._weights, unknowns, surfaces, self._panels, system)
+        return system
+
+    def _pull(self, poses: FloatArray) -> FloatArray:
+        """(n - 1, 3) the right-hand side: where everything wants the poses to go."""
+        error, information = self._believed_odometry(poses)
         pull = np.einsum("mij,mj->mi", information, error)
+        right = np.zeros((len(poses), 3))
         np.add.at(right, self._ends[:, 0], pull)
         np.add.at(right, self._ends[:, 1], -pull)
+        points = to_map(self._points, self._shared.views, poses)
         lines = fit_lines(points, self._weights, self._shared.starts)
-        unknowns = self._number[self._shared.views]
         surfaces = (self._shared.starts, lines)
-        add_surfaces(points, self._weights, unknowns, surfaces, pattern, values, right)
-        return values, right[:-1]
+        pull_to_lines(points, self._weights, self._number[self._shared.views], surfaces, right)
+        return right[:-1]
 
     def _odometry_errors(self, poses: FloatArray) -> tuple[FloatArray, FloatArray]:
         """(m, 3) what the poses add to the odometry, as steps of the map, and its information."""
@@ -234,24 +236,30 @@ class _Bundle:
         measured = np.array([edge.T_source_target for edge in self._odometry])
         error = between(measured, between(poses[sources], poses[targets]))
         in_map = (adjoint(poses[targets]) @ error[..., None])[..., 0]
-        covariances = edge_covariances_in_map(poses, self._odometry, np.zeros(2))
-        return np.asarray(in_map), np.asarray(np.linalg.inv(covariances))
+        information = np.linalg.inv(edge_covariances_in_map(poses, self._odometry, np.zeros(2)))
+        return np.asarray(in_map), np.asarray(information)
 
-    def _cost(self, poses: FloatArray) -> float:
-        """Robust cost at given poses, as variances are by now."""
-        squares = self._squares(to_map(self._points, self._shared.views, poses))
+    def _believed_odometry(self, poses: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """The same with less information where it is far off: wheels slip."""
         error, information = self._odometry_errors(poses)
         chi2 = np.einsum("mi,mij,mj->m", error, information, error)
-        seen = _robust_cost(squares / self._scaled, ROBUST_SIGMAS).sum()
-        return float(seen + _robust_cost(chi2, ODOMETRY_SIGMAS).sum())
+        return error, information * _robust(chi2, ODOMETRY_SIGMAS)[:, None, None]
+
+    def _cost(self, poses: FloatArray) -> float:
+        """Robust cost at given poses, as variances are by now.
+
+        Of a weighted square w c with the weight of Geman & McClure, the cost is sqrt(w) c.
+        """
+        chi2 = self._squares(poses) / self._scaled
+        seen = chi2 * np.sqrt(_robust(chi2, ROBUST_SIGMAS))
+        error, information = self._odometry_errors(poses)
+        off = np.einsum("mi,mij,mj->m", error, information, error)
+        driven = off * np.sqrt(_robust(off, ODOMETRY_SIGMAS))
+        return float(seen.sum() + driven.sum())
 
 
 def _robust(chi2: FloatArray, sigmas: float) -> FloatArray:
     return np.asarray(1.0 / np.square(1.0 + chi2 / sigmas**2))
-
-
-def _robust_cost(chi2: FloatArray, sigmas: float) -> FloatArray:
-    return np.asarray(chi2 / (1.0 + chi2 / sigmas**2))
 
 
 def _roughness(squares: FloatArray, variance: FloatArray, redundancy: float) -> float:

@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from slamsim.jit import kernel
-from slamsim.slam.blocks import add_block
+from slamsim.slam.blocks import Panels, add_block
 from slamsim.slam.matching.surfaces import principal_axis
 from slamsim.types import FloatArray, IntArray
 
@@ -70,22 +70,42 @@ def residuals(points: FloatArray, starts: IntArray, lines: FloatArray) -> FloatA
 
 
 @kernel
+def pull_to_lines(
+    points: FloatArray,
+    weights: FloatArray,
+    unknowns: IntArray,
+    surfaces: tuple[IntArray, FloatArray],
+    right: FloatArray,
+) -> None:
+    """Add to the right-hand side (n, 3) what all observations want; see ``add_surfaces``."""
+    starts, lines = surfaces
+    for s in range(starts.size - 1):
+        x, y, nx, ny = lines[s]
+        for k in range(starts[s], starts[s + 1]):
+            for end in range(2):
+                px, py = points[k, end]
+                pull = weights[k] * (nx * (px - x) + ny * (py - y))
+                right[unknowns[k], 0] -= pull * nx
+                right[unknowns[k], 1] -= pull * ny
+                right[unknowns[k], 2] -= pull * (ny * px - nx * py)
+
+
+@kernel
 def add_surfaces(
     points: FloatArray,
     weights: FloatArray,
     unknowns: IntArray,
     surfaces: tuple[IntArray, FloatArray],
-    pattern: tuple[IntArray, IntArray, IntArray],
-    values: FloatArray,
-    gradient: FloatArray,
+    panels: Panels,
+    system: FloatArray,
 ) -> None:
-    """Add all observations to the system and its right-hand side.
+    """Add all observations to the system.
 
-    unknowns: (k,) number of the pose behind each observation, as in ``pattern``, equal ones next
+    unknowns: (k,) number of the pose behind each observation, as in ``panels``, equal ones next
     to each other within a surface. surfaces: starts and lines.
     """
     starts, lines = surfaces
-    fixed = pattern[2].size - 1
+    fixed = panels.place.size - 1
     row, block = np.empty(3), np.empty((3, 3))
     for s in range(starts.size - 1):
         x, y, nx, ny = lines[s]
@@ -101,7 +121,6 @@ def add_surfaces(
             for end in range(2):
                 px, py = points[k, end]
                 along = nx * (py - y) - ny * (px - x)
-                off = nx * (px - x) + ny * (py - y)
                 row[0], row[1], row[2] = nx, ny, ny * px - nx * py
                 offset += weights[k]
                 turn += weights[k] * along * along
@@ -110,11 +129,9 @@ def add_surfaces(
                     shared[groups - 1, 1, i] += weights[k] * along * row[i]
                     for j in range(3):
                         block[i, j] += weights[k] * row[i] * row[j]
-                    if unknowns[k] != fixed:
-                        gradient[unknowns[k], i] -= weights[k] * off * row[i]
             if unknowns[k] != fixed:
-                add_block(pattern, values, unknowns[k], unknowns[k], block)
-        _eliminate((offset, turn), shared, who[:groups], pattern, values)
+                add_block(panels, system, unknowns[k], unknowns[k], block)
+        _eliminate((offset, turn), shared, who[:groups], panels, system)
 
 
 @kernel
@@ -122,11 +139,11 @@ def _eliminate(
     own: tuple[float, float],
     shared: FloatArray,
     who: IntArray,
-    pattern: tuple[IntArray, IntArray, IntArray],
-    values: FloatArray,
+    panels: Panels,
+    system: FloatArray,
 ) -> None:
     """Take one surface out of the system: own is its information, shared that with each pose."""
-    fixed = pattern[2].size - 1
+    fixed = panels.place.size - 1
     offset, turn = own
     block = np.empty((3, 3))
     for a in range(who.size):
@@ -139,4 +156,4 @@ def _eliminate(
                         shared[a, 0, i] * shared[b, 0, j] / offset
                         + shared[a, 1, i] * shared[b, 1, j] / turn
                     )
-            add_block(pattern, values, who[a], who[b], block)
+            add_block(panels, system, who[a], who[b], block)

@@ -29,8 +29,9 @@ LEAST_MOTION = np.diag(np.square([0.0005, 0.0005, 0.0002]))
 class Keyframe:
     """T_map_base: (3,) as the front end saw it, drift included. T_odom_base: (3,) prediction.
 
-    pieces: (k, PIECE_FIELDS) the view of all scans since the key frame before, this one's
-    included, in the base frame of this one. origin_m: (2,) and beams_m: (b, 2),
+    pieces: (k, PIECE_FIELDS) of the scan in its base frame. view: (m, PIECE_FIELDS) what all scans
+    since the key frame before have seen, this one's included, in the base frame of this one.
+    origin_m: (2,) and beams_m: (b, 2),
     where some of its beams began and ended. path_m: travelled so far. information: (3, 3) of the
     match. restart: (3, 3) covariance of a small step of the base, relative to the key frame
     before, where a local map was begun anew, so that no match joins the two; else None. noise_m:
@@ -43,7 +44,8 @@ class Keyframe:
     T_map_base: FloatArray
     T_odom_base: FloatArray
     information: FloatArray
-    pieces: Float32Array
+    pieces: FloatArray
+    view: Float32Array
     origin_m: FloatArray
     beams_m: Float32Array
     path_m: float
@@ -99,7 +101,8 @@ class KeyframeMaker:
             T_map_base=tracked.T_map_base,
             T_odom_base=tracked.T_odom_base,
             information=tracked.information,
-            pieces=self._view.take(tracked.T_map_base),
+            pieces=tracked.pieces,
+            view=self._view.take(tracked.T_map_base),
             origin_m=origin_m,
             beams_m=beams_m,
             path_m=self._path_m,

@@ -50,8 +50,7 @@ def map_of_keyframes(keyframes: Sequence[Keyframe], poses: FloatArray) -> KnownM
     """The surfaces that key frames saw, from where the solution has them: poses (n, 3)."""
     noise_m = keyframes[-1].noise_m
     placed = [
-        (keyframe.pieces.astype(np.float64), T)
-        for keyframe, T in zip(keyframes, poses, strict=True)
+        (keyframe.view.astype(np.float64), T) for keyframe, T in zip(keyframes, poses, strict=True)
     ]
     return KnownMap(merged_surfaces(placed, noise_m), noise_m)
 

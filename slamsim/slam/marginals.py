@@ -13,7 +13,7 @@ import numpy as np
 
 from slamsim.geometry import inverse
 from slamsim.jit import kernel
-from slamsim.slam.blocks import BlockFactor, add_block, block_pattern
+from slamsim.slam.blocks import Panels, add_block, empty_system, factorise, make_panels
 from slamsim.types import FloatArray, GraphEdge, IntArray
 
 
@@ -69,11 +69,11 @@ def relative_covariances(
     number = np.empty(count, dtype=np.int64)
     number[place], number[fixed] = np.arange(count - 1), count - 1
     ends = np.array([[number[edge.source], number[edge.target]] for edge in used])
-    pattern = block_pattern(ends, count - 1)
-    values = pattern.zeros()
-    add_edges((pattern.starts, pattern.rows, pattern.place), values, ends, information)
+    panels = make_panels(ends, count - 1)
+    system = empty_system(panels)
+    add_edges(panels, system, ends, information)
     covariances = np.zeros((count, 3, 3))
-    covariances[place] = BlockFactor(pattern, values).inverse_diagonal()
+    covariances[place] = factorise(panels, system).inverse_diagonal()
     return covariances
 
 
@@ -84,19 +84,14 @@ def in_own_frame(poses: FloatArray, covariances: FloatArray) -> FloatArray:
 
 
 @kernel
-def add_edges(
-    pattern: tuple[IntArray, IntArray, IntArray],
-    values: FloatArray,
-    ends: IntArray,
-    information: FloatArray,
-) -> None:
+def add_edges(panels: Panels, system: FloatArray, ends: IntArray, information: FloatArray) -> None:
     """Add a graph Laplacian with matrix weights: ends (m, 2), information (m, 3, 3)."""
-    fixed = pattern[2].size - 1
+    fixed = panels.place.size - 1
     for m in range(ends.shape[0]):
         a, b = ends[m, 0], ends[m, 1]
         if a != fixed:
-            add_block(pattern, values, a, a, information[m])
+            add_block(panels, system, a, a, information[m])
         if b != fixed:
-            add_block(pattern, values, b, b, information[m])
+            add_block(panels, system, b, b, information[m])
         if fixed not in (a, b):
-            add_block(pattern, values, a, b, -information[m])
+            add_block(panels, system, a, b, -information[m])

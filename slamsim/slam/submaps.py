@@ -26,7 +26,7 @@ from slamsim.slam.matching.surfaces import (
 )
 from slamsim.slam.raytrace import walk_beam
 from slamsim.slam.views import PIECE_M
-from slamsim.types import Float32Array, FloatArray, IntArray
+from slamsim.types import FloatArray, IntArray
 
 SIGMA_M = 0.1
 UNKNOWN, FREE, WALL = 0, 1, 2
@@ -84,13 +84,11 @@ class Surfaces:
     def __init__(self) -> None:
         self._map = LocalMap(PIECE_M, _EVER_M)
 
-    def fill(
-        self, pieces: Sequence[tuple[FloatArray | Float32Array, FloatArray]], noise_m: float
-    ) -> None:
+    def fill(self, pieces: Sequence[tuple[FloatArray, FloatArray]], noise_m: float) -> None:
         """Merge (pieces, T_target_pieces) of several key frames, and nothing else."""
         self._map.keys.fill(_NOWHERE)
         for rows, T_target_pieces in pieces:
-            self._map.insert(rows.astype(np.float64), T_target_pieces, noise_m)
+            self._map.insert(rows, T_target_pieces, noise_m)
 
     @property
     def grid(self) -> tuple[FloatArray, IntArray, float, float]:
