@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from slamsim.geometry import between
 from slamsim.types import Event, FloatArray
 
 WINDOW_S = 0.6
@@ -19,7 +18,8 @@ OPENED_M, OPENED_RAD = 0.1, 0.05
 """What odometry is worth at most on a stretch that is not believed."""
 
 TOLD_M, TOLD_RAD = 0.05, np.deg2rad(3.0)
-STILL_M = 0.01
+STILL_SHARE = 0.1
+"""Wheels that rolled less than this of what the robot moved stood."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -39,6 +39,12 @@ class Look:
     turn_rad: float
     turn_variance: float
     path_m: float
+
+    @property
+    def differs(self) -> bool:
+        """Whether it may be part of a disagreement."""
+        wheels, turn_rad = np.nan_to_num(self.wheels), np.nan_to_num(self.turn_rad)
+        return bool(max(*np.abs(wheels), abs(turn_rad)) > LEAST_M / LEAST_LOOKS)
 
 
 @dataclass(slots=True)
@@ -80,16 +86,14 @@ class SlipWatch:
         far_m, far_rad, far_turn = self._far()
         self.coasting = far_m and self._coasts_better()
         if not (far_m or far_rad or far_turn):
-            self._close()
+            self._close(look)
             return np.zeros(3)
         if self._open is None:
-            self._open = _Open(look.start_ns, look.end_ns)
-            for seen in self._looks:
-                if abs(np.nan_to_num(seen.wheels)).max() > LEAST_M / LEAST_LOOKS:
-                    self._open.start_ns = min(self._open.start_ns, seen.start_ns)
+            before = [seen for seen in list(self._looks)[:-1] if seen.differs]
+            self._open = _Open((before or [look])[0].start_ns, look.end_ns)
+            for seen in before:
                 self._open.add(seen)
-        else:
-            self._open.add(look)
+        self._open.add(look)
         opened_m = OPENED_M**2 if far_m or far_turn else 0.0
         return np.array([opened_m, opened_m, OPENED_RAD**2 if far_rad else 0.0])
 
@@ -120,10 +124,14 @@ class SlipWatch:
         wheels = sum(float(np.square(look.wheels[:2]).sum()) for look in matched)
         return coast < COAST_SHARE * wheels
 
-    def _close(self) -> None:
-        if self._open is not None:
-            self._events.extend(_told(self._open))
-            self._open = None
+    def _close(self, look: Look) -> None:
+        """The last look may have taken back what was wrong: then there was nothing."""
+        if self._open is None:
+            return
+        self._open.add(look)
+        self._events.extend(_told(self._open))
+        self._open = None
+        self._looks.clear()
 
 
 def coasted(T_odometry: FloatArray, velocity: FloatArray, seconds: float, gyro: bool) -> FloatArray:
@@ -137,11 +145,6 @@ def coasted(T_odometry: FloatArray, velocity: FloatArray, seconds: float, gyro: 
     return np.array([x, y, T_odometry[2]])
 
 
-def error_of(T_predicted: FloatArray, T_matched: FloatArray) -> FloatArray:
-    """(3,) the small step from a predicted to a matched step."""
-    return between(T_predicted, T_matched)
-
-
 def _told(slip: _Open) -> tuple[Event, ...]:
     """The event in words; nothing if it is too small to matter to anybody."""
     moved_m, turned_rad = float(np.hypot(*slip.wheels[:2])), abs(slip.turn_rad)
@@ -149,7 +152,7 @@ def _told(slip: _Open) -> tuple[Event, ...]:
     if abs(slip.wheels[2]) > turned_rad:
         turned_rad, by = abs(float(slip.wheels[2])), "the scans"
     words = []
-    if moved_m >= TOLD_M and slip.path_m < STILL_M:
+    if moved_m >= TOLD_M and slip.path_m < STILL_SHARE * moved_m:
         words.append(f"the robot was moved {moved_m:.2f} m while its wheels stood")
     elif moved_m >= TOLD_M:
         way = "farther" if slip.wheels[0] < 0.0 else "less far"
