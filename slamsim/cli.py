@@ -129,12 +129,18 @@ def map_(
     config: ConfigFile = None,
     relations: Relations = None,
     scan_topic: ScanTopic = None,
+    earlier: Annotated[
+        Path | None,
+        typer.Option("--continue", metavar="RUN", help="Go on with the map of an earlier run."),
+    ] = None,
+    start: Start = None,
     overwrite: Overwrite = False,
     quiet: Quiet = False,
     as_json: Json = False,
 ) -> None:
     """Map a world or a recording, and say how good the map is."""
     from slamsim.console import Reporter
+    from slamsim.run.continuing import chosen_earlier, refuse_earlier
     from slamsim.run.folder import is_recording, pick_folder, recording_name
     from slamsim.run.mapping import map_recording, map_world
 
@@ -150,9 +156,11 @@ def map_(
             reporter,
             relations=relations,
             scan_topic=scan_topic,
+            earlier=chosen_earlier(earlier, start),
             overwrite=overwrite,
         )
     else:
+        refuse_earlier(earlier, start)
         resolved = _config(source, config, set_, seed)
         folder = pick_folder(out, resolved.world.name, overwrite=overwrite)
         reporter.say(f"Simulating and mapping the world {source}")

@@ -17,6 +17,7 @@ from slamsim.console import Reporter
 from slamsim.logs.reader import read_log, read_truth
 from slamsim.logs.relations import Relations, read_relations
 from slamsim.run import folder as run_folder
+from slamsim.run.continuing import Earlier, clouds_before
 from slamsim.run.recording import record, require_finished
 from slamsim.run.scoring import Estimated, Known, score
 from slamsim.run.stages import Report, Stages, peak_memory_mb
@@ -64,9 +65,10 @@ def map_recording(
     *,
     relations: Path | None = None,
     scan_topic: str | None = None,
+    earlier: Earlier | None = None,
     overwrite: bool = False,
 ) -> Report:
-    """Map, evaluate with whatever truth there is, show."""
+    """Map, evaluate with whatever truth there is, show; earlier: a map to go on with."""
     path = run_folder.log_of(source)
     log = replace(read_log(path, scan_topic), name=run_folder.recording_name(str(source)))
     wanted = None if relations is None else read_relations(relations)
@@ -81,11 +83,18 @@ def map_recording(
         run_folder.write_config(partial, config)
         if known.truth is not None:
             run_folder.write_truth(partial, known.truth)
-        return _map(log, config, partial, stages, known)
+        return _map(log, config, partial, stages, known, earlier)
 
 
-def _map(log: Log, config: RunConfig, partial: Path, stages: Stages, known: Known) -> Report:
-    result, saved, grid = _slam(log, config, stages)
+def _map(
+    log: Log,
+    config: RunConfig,
+    partial: Path,
+    stages: Stages,
+    known: Known,
+    earlier: Earlier | None = None,
+) -> Report:
+    result, saved, grid = _slam(log, config, stages, earlier)
     view = _scored(log, result, grid, config, stages, known)
     run_folder.write_slam(partial, result, grid)
     write_saved_map(partial / run_folder.SAVED_MAP, saved)
@@ -94,16 +103,26 @@ def _map(log: Log, config: RunConfig, partial: Path, stages: Stages, known: Know
         write_recording(partial / run_folder.RECORDING, view)
         write_report(partial / run_folder.REPORT, view)
         write_atomic(partial / run_folder.REPORT_JSON, json.dumps(numbers, indent=2).encode())
-    return Report(numbers, (*log.warnings, *result.warnings), mapped=True)
+    apart = () if earlier is None else earlier.warnings(saved, result)
+    return Report(numbers, (*log.warnings, *result.warnings, *apart), mapped=True)
 
 
-def _slam(log: Log, config: RunConfig, stages: Stages) -> tuple[SlamResult, SavedMap, Grid]:
+def _slam(
+    log: Log, config: RunConfig, stages: Stages, earlier: Earlier | None
+) -> tuple[SlamResult, SavedMap, Grid]:
+    saved_map, start = (None, None) if earlier is None else (earlier.saved, earlier.start)
     with stages.stage("slam", "scans/s") as progress:
-        result, saved = map_log(log, config.slam, progress)
+        result, saved = map_log(log, config.slam, progress, saved_map, start)
     with stages.stage("map", "scans/s") as progress:
         motion = motion_of(log)
         grid = build_grid(
-            log.scans, result.trajectory, log.T_base_laser, config.mapping, motion, progress
+            log.scans,
+            result.trajectory,
+            log.T_base_laser,
+            config.mapping,
+            motion,
+            progress,
+            clouds_before(saved, result),
         )
     return result, saved, grid
 

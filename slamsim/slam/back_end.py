@@ -12,7 +12,7 @@ from itertools import pairwise
 import numpy as np
 
 from slamsim.config.slam import SlamConfig
-from slamsim.geometry import between, compose
+from slamsim.geometry import between, compose, inverse
 from slamsim.progress import Progress, silent
 from slamsim.slam.agreement import WaitingClosures
 from slamsim.slam.bundle import NotRefined, refine
@@ -24,7 +24,9 @@ from slamsim.slam.graph import PoseGraphSolver, variance_factor
 from slamsim.slam.health import loose_joints
 from slamsim.slam.keyframes import Keyframe, chain_edge, odometry_edge
 from slamsim.slam.marginals import in_own_frame, relative_covariances
+from slamsim.slam.parts import Parts
 from slamsim.slam.recalibrate import Recalibration
+from slamsim.slam.rejoin import Rejoiner, moved_onto
 from slamsim.slam.steps import OdometryNoise, OdometryStep
 from slamsim.slam.submaps import Submap, Surfaces, make_submap, submap_is_full
 from slamsim.slam.visits import Visits
@@ -34,6 +36,7 @@ UPDATE_AFTER_KEYFRAMES = 10
 RENEW_AFTER_KEYFRAMES = 20
 RENEW_AFTER_SHARE = 0.1
 KNOWN_TRAVEL_M = 3.0
+REJOIN_TRAVEL_M = 6.0
 MOVED_M = 0.15
 MOVED_RAD = 0.03
 SURPRISE_M = 0.1
@@ -62,13 +65,17 @@ class BackEnd:
         self.calibration: Solved | None = None
         """Of wheels and gyroscope, once finished; None without odometry."""
         self._finder = ClosureFinder(self._config)
-        self._waiting = WaitingClosures(self._config.closures.min_support)
+        self._waiting = WaitingClosures(
+            self._config.closures.min_support, self._config.closures.query_travel_m
+        )
         self._scratch = Surfaces()
         self._estimate = Estimate()
         self._keyframes: list[Keyframe] = []
         self._taken: list[int] = []
         self._passed: list[OdometryStep | None] = []
         self._visits = Visits()
+        self._parts = Parts()
+        self._rejoiner = Rejoiner(self._config)
         self._graph = PoseGraphSolver(self._config.graph)
         self._submaps: list[Submap] = []
         self._candidates = CandidateIndex(self._config.closures)
@@ -111,10 +118,11 @@ class BackEnd:
         keyframes: Iterable[Keyframe],
         closures: Sequence[GraphEdge],
         kept: Container[int] | None = None,
+        poses: FloatArray | None = None,
     ) -> None:
         """Begin with key frames and the closures found among them in another back end's time.
 
-        kept: the indices of those that it kept, None for all.
+        kept: the indices of those that it kept, None for all. poses: (n, 3) of its solution.
         """
         for keyframe in keyframes:
             if kept is not None and keyframe.index not in kept:
@@ -122,10 +130,12 @@ class BackEnd:
                 continue
             known = self._visits.enough(self._placed(keyframe), keyframe.path_m)
             self._cut_submaps(self._join(keyframe), known)
+        if poses is not None:
+            self._estimate.move(poses)
         numbers = {submap.anchor: number for number, submap in enumerate(self._submaps)}
         for edge in closures:
-            self._graph.add(edge)
-            self._closed.add((numbers[edge.source], edge.target))
+            if edge.source in numbers:
+                self._enter(edge, numbers[edge.source])
         if closures:
             self._estimate.move(self._graph.update(self._estimate.poses))
             self._estimate.renew_covariances(self._graph.edges)
@@ -134,6 +144,11 @@ class BackEnd:
     def keyframes(self) -> Sequence[Keyframe]:
         """Those that were kept, numbered as in the graph."""
         return self._keyframes
+
+    @property
+    def loose_parts(self) -> int:
+        """How many parts of the map nothing joins to the first."""
+        return self._parts.loose
 
     @property
     def kept(self) -> list[int]:
@@ -227,6 +242,8 @@ class BackEnd:
             )
             self._graph.add(edge)
             self._estimate.extend(edge)
+        if keyframe.kidnapped and keyframe.index:
+            self._parts.begin(keyframe.index)
         self._keyframes.append(keyframe)
         self._noise_m = keyframe.noise_m
         self._visits.add(self._estimate.poses[-1], keyframe.path_m)
@@ -254,10 +271,10 @@ class BackEnd:
         self._submaps.append(submap)
         self._candidates.add(submap)
 
-    def _query(self, index: int) -> Submap:
+    def _query(self, index: int, travel_m: float) -> Submap:
         """The key frame with those just before it."""
         first = index
-        far_m = self._keyframes[index].path_m - self._config.closures.query_travel_m
+        far_m = self._keyframes[index].path_m - travel_m
         while (
             first > 0
             and not self._keyframes[first].broken
@@ -271,9 +288,11 @@ class BackEnd:
     def _close_loops(self, index: int) -> int:
         """Search the submaps that may overlap with a key frame; how many closures came of it."""
         self.refusals["unsupported"] += self._waiting.forget(self._keyframes[index].path_m)
-        query = self._query(index)
+        query = self._query(index, self._config.closures.query_travel_m)
         found = 0
         for number in self._candidates.of(query, self._estimate):
+            if self._parts.of(self._submaps[number].anchor) != self._parts.of(index):
+                continue
             expected = self._expected(number, index)
             if (number, index) in self._closed or self._failed_before(number, index, expected):
                 continue
@@ -285,6 +304,28 @@ class BackEnd:
             else:
                 self.refusals[closure] += 1
                 self._failures[number, index] = expected.T_submap_query
+        return found + (self._rejoin(index) if self._parts.loose else 0)
+
+    def _rejoin(self, index: int) -> int:
+        """Look for a key frame in all that is not joined to its part of the map."""
+        part = self._parts.of(index)
+        others = [
+            (number, submap)
+            for number, submap in enumerate(self._submaps)
+            if self._parts.of(submap.anchor) != part
+        ]
+        if not others or not self._rejoiner.due(self._keyframes[index].path_m):
+            return 0
+        query = self._query(index, REJOIN_TRAVEL_M)
+        found = 0
+        for number, expected in self._rejoiner.look(query, part, others, self._estimate.poses):
+            closure = self._finder.find(
+                query, number, self._submaps[number], expected, self._noise_m
+            )
+            if isinstance(closure, Closure):
+                found += self._weigh(replace(closure, expected=False))
+            else:
+                self.refusals[closure] += 1
         return found
 
     def _failed_before(self, number: int, index: int, expected: Expected) -> bool:
@@ -311,12 +352,30 @@ class BackEnd:
         for one in accepted:
             pair = (one.submap, one.edge.target)
             if pair not in self._closed:  # it may have been found again while it waited
-                self._closed.add(pair)
-                self._graph.add(one.edge)
+                self._enter(one.edge, one.submap)
                 self._new.append(one.edge)
                 self._unsolved.append(one)
                 count += 1
         return count
+
+    def _enter(self, edge: GraphEdge, submap: int) -> None:
+        """A closure that counts; if it joins two parts of the map, one is carried to the other."""
+        source, target = edge.source, edge.target
+        if self._parts.of(source) != self._parts.of(target):
+            poses = self._estimate.poses
+            if self._parts.of(target) < self._parts.of(source):
+                members = self._parts.members(source, len(poses))
+                T_new = compose(poses[target], inverse(edge.T_source_target))
+                poses = moved_onto(poses, members, T_new, poses[source])
+            else:
+                members = self._parts.members(target, len(poses))
+                T_new = compose(poses[source], edge.T_source_target)
+                poses = moved_onto(poses, members, T_new, poses[target])
+            self._estimate.move(poses)
+            self._graph.begin_anew()
+            self._parts.join(source, target)
+        self._closed.add((submap, target))
+        self._graph.add(edge)
 
     def _due(self) -> bool:
         """Whether a solution now would help the search for the next closures."""

@@ -74,6 +74,10 @@ class PoseGraphSolver:
                 self._factors[number] = _factors(fresh, self._config.cauchy_width)
         self._isam = None  # it has the old ones
 
+    def begin_anew(self) -> None:
+        """The next update takes all poses as they are given, for some were carried elsewhere."""
+        self._isam = None
+
     def update(self, poses: FloatArray) -> FloatArray:
         """(n, 3) the solution by now, given poses (n, 3) of which only new ones are looked at."""
         try:

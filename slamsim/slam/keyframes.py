@@ -10,7 +10,7 @@ from slamsim.config.back_end import GraphConfig, KeyframeConfig
 from slamsim.geometry import between
 from slamsim.slam.marginals import rotation
 from slamsim.slam.matching.surfaces import range_noise_m
-from slamsim.slam.odometry import ELSEWHERE_M, Tracked
+from slamsim.slam.odometry import ELSEWHERE_M, ELSEWHERE_RAD, Tracked
 from slamsim.slam.steps import PARAMETERS, OdometryNoise, OdometryStep
 from slamsim.slam.views import ViewMaker
 from slamsim.types import Cloud, EdgeKind, Float32Array, FloatArray, GraphEdge
@@ -21,6 +21,9 @@ NOISE_BOUNDS_M = (0.002, 0.05)
 NOISE_GAIN = 0.1
 BLIND = np.diag(np.square([0.3, 0.3, 0.2]))
 """Of a step between key frames of which no odometry says anything: m, m, rad."""
+OTHER_DRIVE_M = 50.0
+"""Path between two drives: more than any that makes key frames neighbours."""
+
 LEAST_MOTION = np.diag(np.square([0.0005, 0.0005, 0.0002]))
 """Covariance of a motion that odometry says was none."""
 
@@ -64,16 +67,36 @@ class Keyframe:
         return self.restart is not None and float(self.restart[0, 0]) >= ELSEWHERE_M**2
 
 
-class KeyframeMaker:
-    """Decides which scans become key frames, and distils them."""
+@dataclass(frozen=True, slots=True, eq=False)
+class Before:
+    """The last key frame of an earlier drive, and (3, 3) how surely the first of this one stands
+    where the front end begins, as seen from there."""
 
-    def __init__(self, config: KeyframeConfig, reach_m: float) -> None:
+    keyframe: Keyframe
+    restart: FloatArray
+
+
+ANYWHERE = np.diag(np.square([ELSEWHERE_M, ELSEWHERE_M, ELSEWHERE_RAD]))
+ABOUT_THERE = np.diag(np.square([0.3, 0.3, 0.1]))
+
+
+class KeyframeMaker:
+    """Decides which scans become key frames, and distils them.
+
+    before: what this drive follows on, if it does.
+    """
+
+    def __init__(
+        self, config: KeyframeConfig, reach_m: float, before: Before | None = None
+    ) -> None:
         self._config, self._reach_m = config, reach_m
+        self._first_index = 0 if before is None else before.keyframe.index + 1
+        self._restart = None if before is None else before.restart
         self._noise_m = START_NOISE_M
         self._view = ViewMaker()
         self._last: Keyframe | None = None
         self._T_map_before: FloatArray | None = None
-        self._path_m = 0.0
+        self._path_m = 0.0 if before is None else before.keyframe.path_m + OTHER_DRIVE_M
         self._odometry: OdometryStep | None = None
 
     def make(self, tracked: Tracked) -> Keyframe | None:
@@ -96,7 +119,7 @@ class KeyframeMaker:
         self._learn(tracked.pieces)
         origin_m, beams_m = _some_beams(tracked.cloud, self._reach_m)
         self._last = Keyframe(
-            index=0 if self._last is None else self._last.index + 1,
+            index=self._first_index if self._last is None else self._last.index + 1,
             stamp_ns=tracked.stamp_ns,
             T_map_base=tracked.T_map_base,
             T_odom_base=tracked.T_odom_base,
@@ -106,7 +129,7 @@ class KeyframeMaker:
             origin_m=origin_m,
             beams_m=beams_m,
             path_m=self._path_m,
-            restart=tracked.restart,
+            restart=self._restart if self._last is None else tracked.restart,
             noise_m=self._noise_m,
             odometry=self._odometry,
         )

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -31,18 +33,22 @@ def build_grid(
     config: MappingConfig,
     motion: PlanarTrajectory | None = None,
     progress: Progress = silent,
+    earlier: Iterable[tuple[Cloud, FloatArray]] = (),
 ) -> Grid:
     """Log-odds occupancy grid of the scans whose stamps are in the trajectory.
 
     trajectory: ``T_map_base`` at scan stamps. T_base_laser: (4, 4). motion: ``T_odom_base`` with
     the motion between the scans; without it they are joined by straight lines. Beams are placed
-    by their own instants. Memory is that of the map. Raises SlamsimError if the map would be
+    by their own instants. earlier: clouds and where they were seen from, of other drives. Memory is
+    that of the map. Raises SlamsimError if the map would be
     larger than ``config.max_cells`` or if there is nothing to draw.
     """
     fine = trajectory if motion is None else densify(trajectory, motion)
     poses = dict(zip(trajectory.stamps_ns.tolist(), trajectory.poses, strict=True))
     used = _stamps_to_use(trajectory, config)
     canvas = _Canvas(config)
+    for cloud, T_map_base in earlier:
+        canvas.draw(cloud, T_map_base)
     for number, scan in enumerate(scans):
         progress(number + 1, len(scans))
         if scan.stamp_ns in used and scan.end_ns <= fine.stamps_ns[-1]:

@@ -113,6 +113,10 @@ class FrontEnd:
         """The odometry as it is known by now: any window from the last scan on will do."""
         self._predictor.renew_motion(odometry)
 
+    def start_at(self, T_map_base: FloatArray) -> None:
+        """Where the base stands at the first scan, (3,); the origin if nobody says."""
+        self._predictor.place(T_map_base, self._predictor.covariance)
+
     def begin_at(self, T_map_base: FloatArray, covariance: FloatArray, matcher: Matcher) -> None:
         """Go on from a pose (3,) that is known with a covariance (3, 3), in another map."""
         self._predictor.place(T_map_base, covariance)

@@ -8,7 +8,7 @@ from __future__ import annotations
 import io
 import zipfile
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -44,7 +44,10 @@ _SHAPES: dict[str, Shape] = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SavedMap:
-    """keyframes: numbered from 0. poses: (n, 3) T_map_base. closures: between key frames."""
+    """keyframes: numbered from 0. poses: (n, 3) T_map_base. closures: between key frames.
+
+    The key frames' own T_map_base are these poses as well: no drift is left in them.
+    """
 
     keyframes: Sequence[Keyframe]
     poses: FloatArray
@@ -52,6 +55,23 @@ class SavedMap:
 
     def __len__(self) -> int:
         return len(self.keyframes)
+
+
+def settled(
+    keyframes: Sequence[Keyframe], poses: FloatArray, edges: Sequence[GraphEdge], first: int
+) -> SavedMap:
+    """The map of the key frames from number ``first`` on, at their final poses (n, 3)."""
+    placed = [
+        replace(keyframe, index=number, T_map_base=pose)
+        for number, (keyframe, pose) in enumerate(zip(keyframes, poses, strict=True))
+    ]
+    closures = [
+        replace(edge, source=edge.source - first, target=edge.target - first)
+        for edge in edges
+        if edge.kind == "closure" and edge.weight > 0.0 and min(edge.source, edge.target) >= first
+    ]
+    renumbered = [replace(keyframe, index=keyframe.index - first) for keyframe in placed[first:]]
+    return SavedMap(renumbered, poses[first:], closures)
 
 
 def write_saved_map(path: Path, saved: SavedMap) -> None:

@@ -15,7 +15,7 @@ from slamsim.progress import Progress, silent
 from slamsim.safe.errors import SlamsimError
 from slamsim.slam.correction import correct_pieces
 from slamsim.slam.events import in_words
-from slamsim.slam.keyframes import KeyframeMaker
+from slamsim.slam.keyframes import ABOUT_THERE, ANYWHERE, Before, KeyframeMaker
 from slamsim.slam.motion import NoMotion, Odometry, log_odometry, predict_motion
 from slamsim.slam.odometry import FrontEnd, Tracked
 from slamsim.slam.online.anchors import Anchors
@@ -24,7 +24,8 @@ from slamsim.slam.online.keeper import InLine, MapKeeper
 from slamsim.slam.online.motion_filter import MotionFilter
 from slamsim.slam.online.samples import NOTHING, MotionSamples, MotionSource, WholeMotion
 from slamsim.slam.online.warm import warm_up
-from slamsim.slam.saved_map import SavedMap
+from slamsim.slam.own_part import poses_since, since
+from slamsim.slam.saved_map import SavedMap, settled
 from slamsim.slam.track import Track
 from slamsim.types import (
     Event,
@@ -32,6 +33,7 @@ from slamsim.types import (
     Log,
     OutsideTimeRange,
     PlanarTrajectory,
+    PoseGraph,
     Scan,
     SlamResult,
 )
@@ -76,16 +78,24 @@ class SlamSession:
     ``open_session`` makes one for a robot that drives, ``run_slam`` one for a log.
 
     front_end: has seen no scan yet. motion: what is known of the robot's motion. keeper: the back
-    end. A context manager: closing it ends whatever the back end runs in.
+    end. before: how the drive follows on an earlier one that the back end knows. A context
+    manager: closing it ends whatever the back end runs in.
     """
 
     def __init__(
-        self, config: SlamConfig, front_end: FrontEnd, motion: MotionSource, keeper: MapKeeper
+        self,
+        config: SlamConfig,
+        front_end: FrontEnd,
+        motion: MotionSource,
+        keeper: MapKeeper,
+        before: Before | None = None,
     ) -> None:
         self._front_end, self._motion, self._keeper = front_end, motion, keeper
-        self._maker = KeyframeMaker(config.back_end.keyframes, config.front_end.max_range_m)
+        self._first = 0 if before is None else before.keyframe.index + 1
+        self._maker = KeyframeMaker(config.back_end.keyframes, config.front_end.max_range_m, before)
         self._anchors = Anchors()
         self._track = Track()
+        self._solved: PoseGraph | None = None
         self._events_told: set[tuple[str, int]] = set()
         self._seconds: defaultdict[str, float] = defaultdict(float)
 
@@ -138,7 +148,13 @@ class SlamSession:
             raise SlamsimError("there is nothing to solve: no scan was tracked")
         if not self._front_end.sighted:
             raise SlamsimError(_nothing_seen(len(self._track)))
-        outcome = self._keeper.finish(progress)
+        whole = self._keeper.finish(progress)
+        outcome = replace(
+            whole,
+            graph=since(whole.graph, self._first),
+            unrefined=poses_since(whole.unrefined, self._first),
+        )
+        self._solved = whole.graph
         seconds = defaultdict(float, self._seconds)
         for stage, spent_s in outcome.seconds.items():
             seconds[stage] += spent_s
@@ -177,10 +193,16 @@ class SlamSession:
         )
 
     def saved(self, result: SlamResult) -> SavedMap:
-        """What a later run needs to go on with the map that ``finish`` gave, or to localise."""
-        edges = result.graph.edges
-        closures = [edge for edge in edges if edge.kind == "closure" and edge.weight > 0.0]
-        return SavedMap(self._keeper.keyframes(), result.graph.keyframes.poses, closures)
+        """What a later run needs to go on with the map that ``finish`` gave, or to localise.
+
+        The earlier map is part of it if anything joins the two.
+        """
+        assert self._solved is not None
+        first, edges = self._first, self._solved.edges
+        poses = self._solved.keyframes.poses.copy()
+        poses[first:] = result.graph.keyframes.poses
+        joined = any(e.weight > 0.0 and e.source < first - 1 and e.target >= first for e in edges)
+        return settled(self._keeper.keyframes(), poses, edges, 0 if joined else first)
 
     def close(self) -> None:
         """End the back end, whatever it is doing; the session cannot go on."""
@@ -245,9 +267,18 @@ def run_slam(log: Log, config: SlamConfig, progress: Progress = silent) -> SlamR
 
 
 def map_log(
-    log: Log, config: SlamConfig, progress: Progress = silent
+    log: Log,
+    config: SlamConfig,
+    progress: Progress = silent,
+    earlier: SavedMap | None = None,
+    start: FloatArray | None = None,
 ) -> tuple[SlamResult, SavedMap]:
-    """As ``run_slam``, with what a later run needs to go on or to localise in this map."""
+    """As ``run_slam``, with what a later run needs to go on or to localise in this map.
+
+    earlier: a map to go on with; the trajectory is then in its frame, and both are one map, as
+    soon as something is recognised. start: (3,) T_map_base in it at the first scan, give or take
+    half a metre; without it the robot finds itself.
+    """
     started_s = time.perf_counter()
     odometry = odometry_of(log)
     seconds = {"motion": time.perf_counter() - started_s}
@@ -255,7 +286,13 @@ def map_log(
     gyro = log.imu is not None
     front_end = FrontEnd(config.front_end, odometry, log.T_base_laser)
     whole = len(log.scans) * (1.0 + FINISH_SHARE)
-    with SlamSession(config, front_end, WholeMotion(odometry), InLine(config, gyro)) as session:
+    if start is not None:
+        front_end.start_at(start)
+    before = None
+    if earlier is not None:
+        before = Before(earlier.keyframes[-1], ANYWHERE if start is None else ABOUT_THERE)
+    keeper = InLine(config, gyro, earlier)
+    with SlamSession(config, front_end, WholeMotion(odometry), keeper, before) as session:
         for number, scan in enumerate(log.scans):
             session.step(scan)
             progress(number + 1, whole)

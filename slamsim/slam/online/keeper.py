@@ -11,6 +11,7 @@ from slamsim.progress import Progress
 from slamsim.slam.back_end import BackEnd, Correction
 from slamsim.slam.calibration_solve import Solved
 from slamsim.slam.keyframes import Keyframe
+from slamsim.slam.saved_map import SavedMap
 from slamsim.types import Event, PlanarTrajectory, PoseGraph
 
 
@@ -60,10 +61,15 @@ class MapKeeper(Protocol):
 
 
 class InLine:
-    """The back end within the session: each key frame is dealt with before ``take`` returns."""
+    """The back end within the session: each key frame is dealt with before ``take`` returns.
 
-    def __init__(self, config: SlamConfig, gyro: bool) -> None:
+    earlier: a map to go on with.
+    """
+
+    def __init__(self, config: SlamConfig, gyro: bool, earlier: SavedMap | None = None) -> None:
         self._back_end = BackEnd(config, gyro)
+        if earlier is not None:
+            self._back_end.restore(earlier.keyframes, earlier.closures, poses=earlier.poses)
 
     def take(self, keyframe: Keyframe) -> None:
         """See ``MapKeeper``."""

@@ -1,0 +1,71 @@
+"""Going on with the map of an earlier run."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from slamsim.run.folder import SAVED_MAP
+from slamsim.run.start import start_pose
+from slamsim.safe.errors import NotFound, OverrideRefused
+from slamsim.slam.saved_map import SavedMap, read_saved_map
+from slamsim.types import Cloud, FloatArray, SlamResult
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Earlier:
+    """The map of an earlier run. start: (3,) T_map_base in it at the first scan, if known."""
+
+    run: Path
+    saved: SavedMap
+    start: FloatArray | None
+
+    def warnings(self, saved: SavedMap, result: SlamResult) -> tuple[str, ...]:
+        """What to tell of a drive that shares nothing with the earlier ones."""
+        if _is_joined(saved, result):
+            return ()
+        return (
+            f"nothing of {self.run} was recognised: the two maps are not joined, "
+            "and this folder holds the new one alone",
+        )
+
+
+def read_earlier(run: Path, start: FloatArray | None) -> Earlier:
+    """Raises NotFound, or InputRefused for a map that is damaged."""
+    file = run / SAVED_MAP
+    if run.is_dir() and not file.is_file():
+        raise NotFound(f"{run}: holds no {SAVED_MAP}; is it the folder of a mapped run?")
+    return Earlier(run, read_saved_map(file if run.is_dir() else run), start)
+
+
+def chosen_earlier(run: Path | None, start: str | None) -> Earlier | None:
+    """What ``--continue`` and ``--start`` name. Raises as ``read_earlier`` and ``start_pose``."""
+    if run is None:
+        refuse_earlier(None, start)
+        return None
+    return read_earlier(run, start_pose(start))
+
+
+def refuse_earlier(run: Path | None, start: str | None) -> None:
+    """Raises OverrideRefused if one of the options is given where it has no meaning."""
+    if run is not None:
+        raise OverrideRefused("--continue", "goes with a recording; a world is simulated anew")
+    if start is not None:
+        raise OverrideRefused("--start", "says where a drive begins in the map of --continue")
+
+
+def clouds_before(saved: SavedMap, result: SlamResult) -> Iterator[tuple[Cloud, FloatArray]]:
+    """What the key frames of earlier drives saw, and from where, if they belong to the map."""
+    earlier = len(saved) - len(result.graph.keyframes)
+    for keyframe, T_map_base in zip(saved.keyframes[:earlier], saved.poses, strict=False):
+        ends = keyframe.beams_m.astype(np.float64)
+        origins = np.repeat(keyframe.origin_m[None], len(ends), axis=0)
+        hit = np.ones(len(ends), dtype=np.bool_)
+        yield Cloud(keyframe.stamp_ns, ends, origins, hit), T_map_base
+
+
+def _is_joined(saved: SavedMap, result: SlamResult) -> bool:
+    return len(saved) > len(result.graph.keyframes)
