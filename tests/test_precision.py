@@ -62,7 +62,8 @@ def test_the_report_tells_the_limit_the_budget_and_the_doubts(run: RunView) -> N
     assert numbers["nees_expected"] == 3
     budget = numbers["error_budget"]
     assert isinstance(budget, dict)
-    assert list(budget) == ["prediction", "graph"]
+    assert list(budget) == ["prediction", "graph", "all_scans", "map"]
+    assert budget["all_scans"]["ate_rmse_m"] == ate_m
     assert {"limit", "consistency"} <= set(summary(numbers))
 
 

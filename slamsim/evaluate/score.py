@@ -71,8 +71,16 @@ class Scores:
         }
 
     def budget_numbers(self) -> dict[str, dict[str, float]]:
-        """The errors after each part, as nested dictionaries."""
-        return {part: asdict(errors) for part, errors in self.budget.items()}
+        """The errors at key frames after each part, of all scans in the end, and of the map."""
+        found = {part: asdict(errors) for part, errors in self.budget.items()}
+        if found and self.trajectory is not None:
+            found["all_scans"] = {
+                "ate_rmse_m": statistics(self.trajectory.translation_m).rmse,
+                "ate_rot_rmse_mrad": 1e3 * statistics(self.trajectory.rotation_rad).rmse,
+            }
+        if found and self.map is not None and self.map.wall_error_mean_m is not None:
+            found["map"] = {"wall_error_mean_m": self.map.wall_error_mean_m}
+        return found
 
     def relation_numbers(self) -> dict[str, object] | None:
         """The relation scores as nested dictionaries, None without a relations file."""

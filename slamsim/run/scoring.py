@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import logging
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from typing import TypeVar
+
+import numpy as np
 
 from slamsim.config.run import RunConfig
 from slamsim.evaluate.bound import TrajectoryBound, trajectory_bound
@@ -15,6 +19,9 @@ from slamsim.logs.relations import Relations
 from slamsim.run.stages import Stages
 from slamsim.types import FloatArray, Grid, PlanarTrajectory, Trajectory
 from slamsim.world.build import World
+
+_log = logging.getLogger(__name__)
+Score = TypeVar("Score")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -70,7 +77,7 @@ def score(estimated: Estimated, known: Known, true_grid: Grid | None, stages: St
     if known.truth is None or known.world is None:
         return scores
     with stages.stage("bound"):
-        return replace(scores, bound=_bound(estimated, known))
+        return replace(scores, bound=_if_sound("bound", lambda: _bound(estimated, known)))
 
 
 def _with_parts(scores: Scores, estimated: Estimated, known: Known) -> Scores:
@@ -81,11 +88,22 @@ def _with_parts(scores: Scores, estimated: Estimated, known: Known) -> Scores:
     parts = dict(estimated.parts)
     if estimated.odometry is not None:
         parts["odometry"] = estimated.odometry
+    keyframes, covariances = estimated.keyframes, estimated.covariances
     return replace(
         scores,
-        consistency=nees(estimated.keyframes, estimated.covariances, truth),
-        budget=error_budget(parts, estimated.keyframes.stamps_ns, truth),
+        consistency=_if_sound("NEES", lambda: nees(keyframes, covariances, truth)),
+        budget=error_budget(parts, keyframes.stamps_ns, truth),
     )
+
+
+def _if_sound(what: str, compute: Callable[[], Score | None]) -> Score | None:
+    """A score, or None, with a warning, where its matrices have no inverse: a map is worth having
+    all the same."""
+    try:
+        return compute()
+    except np.linalg.LinAlgError as error:
+        _log.warning("the %s is unknown: %s", what, error)
+        return None
 
 
 def _bound(estimated: Estimated, known: Known) -> TrajectoryBound | None:
