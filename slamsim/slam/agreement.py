@@ -21,21 +21,33 @@ DRIFT_M_PER_M = 0.03
 
 
 class WaitingClosures:
-    """min_support: closures, each of another key frame, that must agree before they count."""
+    """Keeps surprising closures until ``min_support`` independent ones agree.
 
-    def __init__(self, min_support: int) -> None:
-        self._min_support = min_support
+    apart_m: key frames on less path than this share scans; their closures are one witness. Three
+    closures of one metre of a corridor say no more than one: where walls repeat themselves, all
+    of them are wrong by the same step.
+    """
+
+    def __init__(self, min_support: int, apart_m: float) -> None:
+        self._min_support, self._apart_m = min_support, apart_m
         self._waiting: list[Closure] = []
 
     def add(self, closure: Closure, poses: FloatArray) -> Sequence[Closure]:
         """The closures that may count now: none, or the new one with all that agree with it."""
         agreeing = [other for other in self._waiting if agree(closure, other, poses)]
-        keyframes = {other.edge.target for other in agreeing} | {closure.edge.target}
-        if len(keyframes) < self._min_support:
+        if self._witnesses([*agreeing, closure]) < self._min_support:
             self._waiting.append(closure)
             return ()
         self._waiting = [other for other in self._waiting if other not in agreeing]
         return (*agreeing, closure)
+
+    def _witnesses(self, closures: Sequence[Closure]) -> int:
+        """How many of the closures' key frames are far enough from one another on the path."""
+        count, last_m = 0, -np.inf
+        for path_m in sorted(closure.path_m for closure in closures):
+            if path_m - last_m >= self._apart_m:
+                count, last_m = count + 1, path_m
+        return count
 
     def forget(self, path_m: float) -> int:
         """Drop those that have waited for too long; how many."""
