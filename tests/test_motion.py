@@ -15,8 +15,8 @@ from slamsim.config.slam import MotionConfig
 from slamsim.geometry import between, compose, matrix_from_rpy, se3_from_parts, wrap_angle
 from slamsim.safe.errors import SlamsimError
 from slamsim.slam.motion import NoMotion, Odometry, increments, predict_motion
-from slamsim.slam.steps import GYRO_BIAS, PARAMETERS, OdometryNoise, OdometryStep
-from slamsim.types import EncoderStream, FloatArray, ImuStream, Log, PlanarTrajectory
+from slamsim.slam.steps import PARAMETERS, OdometryNoise, OdometryStep
+from slamsim.types import Calibrated, EncoderStream, FloatArray, ImuStream, Log, PlanarTrajectory
 from slamsim.wheels import pose_reading, wheel_odometry
 
 POINTS = np.array([[0.0, 0.0], [3.0, 0.0], [3.0, 2.0], [0.0, 2.0], [0.0, 4.0], [3.0, 4.0]])
@@ -81,8 +81,10 @@ def test_perfect_sensors_give_back_the_truth() -> None:
 def test_the_gyroscope_takes_the_place_of_a_wrong_track_width() -> None:
     truth = drive(POINTS)
     wheels, imu = noisy_wheels(truth, 1), noisy_gyro(truth, 1)
-    known = NOMINAL.copy()
-    known[GYRO_BIAS] = 0.01
+    known = {
+        "gyro_bias_rad_s": Calibrated(0.01, 0.001, True),
+        "gyro_scale": Calibrated(1.0, 0.001, True),
+    }
     fused = predict_motion(_log(wheels, imu), known)
     assert ate_rmse_m(fused, truth) < 0.3 * ate_rmse_m(wheels, truth)
 

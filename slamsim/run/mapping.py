@@ -114,7 +114,7 @@ def _slam(
     with stages.stage("slam", "scans/s") as progress:
         result, saved = map_log(log, config.slam, progress, saved_map, start)
     with stages.stage("map", "scans/s") as progress:
-        motion = motion_of(log)
+        motion = motion_of(log, result.calibration)
         grid = build_grid(
             log.scans,
             result.trajectory,

@@ -2,15 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 
 import numpy as np
 
 from slamsim.geometry import between, wrap_angle
 from slamsim.safe.errors import SlamsimError
 from slamsim.slam.arcs import walk
-from slamsim.slam.steps import PARAMETERS, ROWS, OdometryStep
-from slamsim.types import BoolArray, FloatArray, ImuStream, IntArray, Log, PlanarTrajectory
+from slamsim.slam.steps import GYRO_BIAS, GYRO_SCALE, PARAMETERS, ROWS, OdometryStep
+from slamsim.types import (
+    BoolArray,
+    Calibrated,
+    FloatArray,
+    ImuStream,
+    IntArray,
+    Log,
+    PlanarTrajectory,
+)
 from slamsim.wheels import Reading, encoder_reading, pose_reading, wheel_odometry
 
 GYRO_GAP_S = 0.1
@@ -196,14 +206,19 @@ def log_odometry(log: Log) -> Odometry:
     return Odometry(increments(wheels, log.imu, rotation), reading)
 
 
-def predict_motion(log: Log, parameters: FloatArray | None = None) -> PlanarTrajectory:
-    """``T_odom_base`` by wheels and gyroscope, for given parameters (5,) of their calibration.
+def predict_motion(
+    log: Log, calibration: Mapping[str, Calibrated] = MappingProxyType({})
+) -> PlanarTrajectory:
+    """``T_odom_base`` by wheels as they are and a gyroscope less its known errors.
 
-    Raises NoMotion.
+    Good for the moments between two scans. Raises NoMotion.
     """
     odometry = log_odometry(log)
     first_ns, last_ns = odometry.stamps_ns[[0, -1]].tolist()
-    known = np.zeros(PARAMETERS) if parameters is None else parameters
+    known = np.zeros(PARAMETERS)
+    if "gyro_bias_rad_s" in calibration:
+        known[GYRO_BIAS] = calibration["gyro_bias_rad_s"].value
+        known[GYRO_SCALE] = calibration["gyro_scale"].value - 1.0
     return odometry.path(first_ns, last_ns, known)
 
 

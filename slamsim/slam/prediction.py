@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from slamsim.config.slam import MotionConfig
-from slamsim.geometry import between, compose, inverse
+from slamsim.geometry import between, compose, inverse, wrap_angle
 from slamsim.slam.calibrated import calibrated
 from slamsim.slam.calibration import Calibrator
 from slamsim.slam.calibration_solve import Solved
@@ -137,13 +137,13 @@ class Predictor:
         path = self._odometry.path(first, last, self._calibrator.parameters)
         if not self._slip.coasting:
             return path
-        gyro, turned = self._odometry.has_gyro, path.poses[-1]
         seconds = max(last - first, 1) * 1e-9
-        return _arc(coasted(turned, self._velocity, seconds, gyro) / seconds, first, last)
+        turned = coasted(path.poses[-1], self._velocity, seconds, self._odometry.has_gyro)
+        return _arc(turned / seconds, first, last)
 
     def motion_after(self, scan: Scan, match: Match) -> PlanarTrajectory:
         """Motion over the scan's beams at the speed that its match shows since the last scan."""
-        first, last = min(scan.stamp_ns, scan.end_ns), max(scan.stamp_ns, scan.end_ns)
+        first, last = sorted((scan.stamp_ns, scan.end_ns))
         velocity = self._velocity
         if self._last is not None and scan.stamp_ns > self._last.stamp_ns:
             seconds = (scan.stamp_ns - self._last.stamp_ns) * 1e-9
@@ -253,19 +253,19 @@ class Predictor:
         odometry, calibrator, last = prediction.odometry, self._calibrator, self._last
         assert odometry is not None and calibrator is not None and last is not None
         wheels = coast = variance = np.full(3, np.nan)
+        turn_rad = turn_variance = np.nan
         if match is not None and matched is not None:
             found = between(self._T_map_base, match.T_map_base)
             gyro = odometry.gyro_s > 0.0
             steady = coasted(odometry.T_first_last, self._velocity, odometry.seconds, gyro)
             wheels, coast = between(odometry.T_first_last, found), between(steady, found)
             variance = own * self._distrust + 2.0 * np.diag(matched) + np.diag(FLOOR)
-        turn_rad = turn_variance = np.nan
         if odometry.gyro_s > 0.9 * odometry.seconds > 0.0:
-            turn = odometry.wheel_turn_rad - odometry.T_first_last[2]
-            turn_rad = float((turn + np.pi) % (2.0 * np.pi) - np.pi)
+            turned = odometry.T_first_last[2]
+            turn_rad = float(wrap_angle(np.asarray(odometry.wheel_turn_rad - turned)))
             known = odometry.jacobian[3] - odometry.jacobian[2]
-            turn_variance = calibrator.noise.wheel_turn_variance(odometry) + own[2]
-            turn_variance += odometry.reading_rad**2
+            turn_variance = own[2] + odometry.reading_rad**2
+            turn_variance += calibrator.noise.wheel_turn_variance(odometry)
             turn_variance += float(known @ calibrator.covariance @ known)
         return Look(
             *(last.stamp_ns, prediction.stamp_ns, wheels, coast, variance),
@@ -283,16 +283,14 @@ class Predictor:
         excess[:2] = excess[:2].mean()
         # A step towards the share of one sigma, up or down: outliers count, but not their size.
         towards = np.where(excess > self._distrust, ONE_SIGMA_SHARE, ONE_SIGMA_SHARE - 1.0)
-        self._distrust = np.clip(
-            self._distrust * np.exp(DISTRUST_GAIN * towards), 1.0, MAX_DISTRUST
-        )
+        changed = self._distrust * np.exp(DISTRUST_GAIN * towards)
+        self._distrust = np.clip(changed, 1.0, MAX_DISTRUST)
 
 
 def _blind_variance(seconds: float) -> FloatArray:
     """(3,) of a step at constant velocity."""
-    sigma_m = BLIND_SPEED_SIGMA_M_S2 * seconds * seconds
-    sigma_rad = BLIND_TURN_SIGMA_RAD_S2 * seconds * seconds
-    return np.square([sigma_m, sigma_m, sigma_rad])
+    per_s2 = [BLIND_SPEED_SIGMA_M_S2, BLIND_SPEED_SIGMA_M_S2, BLIND_TURN_SIGMA_RAD_S2]
+    return np.square(np.array(per_s2) * seconds * seconds)
 
 
 def _arc(velocity: FloatArray, first_ns: int, last_ns: int) -> PlanarTrajectory:

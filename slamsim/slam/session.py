@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections import defaultdict
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Literal, Self
 
@@ -28,6 +29,7 @@ from slamsim.slam.own_part import poses_since, since
 from slamsim.slam.saved_map import SavedMap, settled
 from slamsim.slam.track import Track
 from slamsim.types import (
+    Calibrated,
     Event,
     FloatArray,
     Log,
@@ -305,10 +307,10 @@ def map_log(
     return replace(result, odometry=alone, seconds=seconds | result.seconds), saved
 
 
-def motion_of(log: Log) -> PlanarTrajectory | None:
+def motion_of(log: Log, calibration: Mapping[str, Calibrated]) -> PlanarTrajectory | None:
     """``T_odom_base`` of a log, None if it says nothing about how the robot moved."""
     try:
-        return predict_motion(log)
+        return predict_motion(log, calibration)
     except NoMotion:
         return None
 
