@@ -211,9 +211,9 @@ def closure_between(source: int, target: int, T: FloatArray, path_m: float = 0.0
 def test_closures_that_say_the_same_are_believed_together() -> None:
     poses = straight(np.zeros(3), 9.0, 10)
     shift = np.array([0.5, 0.2, 0.05])
-    waiting = WaitingClosures(3)
+    waiting = WaitingClosures(3, 1.0)
     say = [
-        closure_between(a, b, between(poses[a], compose(shift, poses[b])))
+        closure_between(a, b, between(poses[a], compose(shift, poses[b])), path_m=float(b))
         for a, b in ((0, 7), (1, 8), (2, 9))
     ]
     assert agree(say[0], say[1], poses)
@@ -225,7 +225,7 @@ def test_closures_that_say_the_same_are_believed_together() -> None:
 
 def test_closures_that_contradict_each_other_wait_and_are_forgotten() -> None:
     poses = straight(np.zeros(3), 9.0, 10)
-    waiting = WaitingClosures(2)
+    waiting = WaitingClosures(2, 1.0)
     for k in range(4):
         wrong = np.array([0.7 * k, -0.5 * k, 0.2 * k])
         said = closure_between(k, 9 - k, compose(between(poses[k], poses[9 - k]), wrong))
@@ -236,9 +236,23 @@ def test_closures_that_contradict_each_other_wait_and_are_forgotten() -> None:
 
 def test_one_key_frame_does_not_agree_with_itself() -> None:
     poses = straight(np.zeros(3), 9.0, 10)
-    waiting = WaitingClosures(2)
+    waiting = WaitingClosures(2, 1.0)
     assert waiting.add(closure_between(0, 9, between(poses[0], poses[9])), poses) == ()
     assert waiting.add(closure_between(1, 9, between(poses[1], poses[9])), poses) == ()
+
+
+def test_key_frames_that_share_their_scans_are_one_witness() -> None:
+    """A metre of corridor, wrong by one door: every key frame on it says the same."""
+    poses = straight(np.zeros(3), 9.0, 19)
+    step = np.array([2.0, 0.0, 0.0])
+    waiting = WaitingClosures(3, 2.0)
+    for k in range(12, 16):
+        wrong = compose(step, between(poses[0], poses[k]))
+        assert waiting.add(closure_between(0, k, wrong, path_m=0.5 * k), poses) == ()
+    last = closure_between(1, 18, compose(step, between(poses[1], poses[18])), path_m=9.0)
+    assert waiting.add(last, poses) == ()  # 6 m and 9 m of path: two witnesses
+    first = closure_between(0, 8, compose(step, between(poses[0], poses[8])), path_m=4.0)
+    assert len(waiting.add(first, poses)) == 6
 
 
 def test_the_scene_sees_what_it_should() -> None:
