@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.sparse import csr_matrix, triu
-from scipy.sparse.csgraph import dijkstra
+from scipy.sparse.csgraph import connected_components, dijkstra
+from scipy.spatial import cKDTree
 
 from slamsim.jit import kernel
 from slamsim.slam.matching.local_map import MERGE_COS, merge_into
@@ -17,6 +18,9 @@ from slamsim.types import BoolArray, Float32Array, FloatArray, GraphEdge, IntArr
 
 CELL_M = 0.5
 """Surfaces are sought within cells of this size: what is as long as this may still be straight."""
+
+BESIDE_M = 0.15
+"""Surfaces of neighbouring cells whose middles are no farther apart may be one."""
 
 SURE_SIGMA_M = 0.15
 """Two views between which the graph is less sure than this share no surface."""
@@ -65,9 +69,13 @@ def share_surfaces(
         moved_pieces(one.astype(np.float64), pose) for one, pose in zip(views, poses, strict=True)
     ]
     pieces = np.concatenate(moved)
+    if not len(pieces):
+        nothing = np.zeros(0, dtype=np.int64)
+        return Shared(nothing, nothing, np.zeros(1, dtype=np.int64))
     cells = np.floor(pieces[:, [X, Y]] / CELL_M).astype(np.int64)
     by_cell = np.lexsort((-pieces[:, BEAMS], cells[:, 1], cells[:, 0]))
-    surface = _cluster(pieces, cells, by_cell, gate_m)
+    surface, found = _cluster(pieces, cells, by_cell, gate_m)
+    surface = _across_cells(found, gate_m)[surface]
     order = np.lexsort((view, surface))
     parted = _parted(view[order], surface[order], edges)
     surface = np.cumsum(parted) - 1
@@ -76,6 +84,19 @@ def share_surfaces(
     kept = seen_by[surface] >= 2
     starts = np.flatnonzero(np.append(np.diff(surface[kept], prepend=-1) != 0, True))
     return Shared(order[kept], view[order][kept], starts)
+
+
+def _across_cells(found: FloatArray, gate_m: float) -> IntArray:
+    """(s,) new numbers of surfaces: one for two that only the border of a cell runs between.
+
+    Otherwise noise would sort what is seen of a wall on a border into a near and a far one.
+    """
+    middle, normal = found[:, [X, Y]], found[:, [NORMAL_X, NORMAL_Y]]
+    a, b = cKDTree(middle).query_pairs(BESIDE_M, output_type="ndarray").T
+    off = np.abs(((middle[a] - middle[b]) * normal[a]).sum(axis=1))
+    one = ((normal[a] * normal[b]).sum(axis=1) > MERGE_COS) & (off < gate_m)
+    joined = csr_matrix((np.ones(one.sum()), (a[one], b[one])), shape=(len(found), len(found)))
+    return np.asarray(connected_components(joined, directed=False)[1], dtype=np.int64)
 
 
 def _parted(view: IntArray, surface: IntArray, edges: Sequence[GraphEdge]) -> BoolArray:
@@ -110,8 +131,13 @@ def _firm(pairs: IntArray, edges: Sequence[GraphEdge]) -> BoolArray:
 
 
 @kernel
-def _cluster(pieces: FloatArray, cells: IntArray, order: IntArray, gate_m: float) -> IntArray:
-    """(k,) number of the surface of each piece; within a cell, those of most beams come first."""
+def _cluster(
+    pieces: FloatArray, cells: IntArray, order: IntArray, gate_m: float
+) -> tuple[IntArray, FloatArray]:
+    """(k,) number of the surface of each piece, and the surfaces (s, PIECE_FIELDS).
+
+    order: by cell, those of most beams first.
+    """
     surface = np.empty(order.size, np.int64)
     merged = np.empty((order.size, PIECE_FIELDS))
     first = used = 0
@@ -136,4 +162,4 @@ def _cluster(pieces: FloatArray, cells: IntArray, order: IntArray, gate_m: float
         else:
             merge_into(pieces[k], merged, best)
         surface[k] = best
-    return surface
+    return surface, merged[:used].copy()

@@ -29,15 +29,21 @@ from slamsim.slam.marginals import add_edges, adjoint, edge_covariances_in_map, 
 from slamsim.slam.matching.surfaces import BEAMS, SCATTER_XX, SCATTER_XY, SCATTER_YY, X, Y
 from slamsim.types import Float32Array, FloatArray, GraphEdge
 
-ROUNDS = ((0.06, 3), (0.03, 10))
-"""Associations: how far apart across a surface its observations may lie, and how many steps are
-taken before the next."""
+ROUNDS = ((0.06, 12.0, 3), (0.03, 4.0, 10))
+"""Associations: how far apart across a surface its observations may lie, from how many standard
+deviations on they are doubted, and how many steps are taken."""
+
+DOUBTED_BY_CHANCE = 0.86
+"""By what the weights that normal noise gets in the last round make variances too large: the mean
+weight times the asymptotic variance of the estimator (Huber 1981)."""
+
+OTHER_WEIGHTS = 1.2
+"""A system is made anew when the sum of all weights has grown or shrunk by this factor."""
 
 SMALL_STEP = 2e-5
 """Metres and radians: steps no larger than this end a round."""
 
 MAX_BEND_M, MAX_BEND_RAD = 0.5, 0.35
-ROBUST_SIGMAS = 4.0
 ODOMETRY_SIGMAS = 7.0
 NOISE_BEAMS = 5.0
 """The noise of a range as known beforehand counts as much as so many beams of a piece."""
@@ -95,9 +101,9 @@ def _refine(
     moments = _moments(np.concatenate(views).astype(np.float64), noise_m)
     bundle = None
     begun_at = poses
-    for gate_m, steps in ROUNDS:
+    for gate_m, doubted_sigmas, steps in ROUNDS:
         shared = share_surfaces(views, poses, gate_m, edges)
-        bundle = _Bundle(moments, shared, odometry, poses)
+        bundle = _Bundle(moments, shared, odometry, doubted_sigmas)
         poses = bundle.relax(poses, steps)
     assert bundle is not None
     bundle.check(begun_at, poses)
@@ -129,9 +135,14 @@ class _Bundle:
     """One association of views and surfaces, and the system that it makes."""
 
     def __init__(
-        self, moments: _Moments, shared: Shared, odometry: Sequence[GraphEdge], poses: FloatArray
+        self,
+        moments: _Moments,
+        shared: Shared,
+        odometry: Sequence[GraphEdge],
+        doubted_sigmas: float,
     ) -> None:
-        count = len(poses)
+        count = len(odometry) + 1
+        self._doubted_sigmas = doubted_sigmas
         if len(shared.starts) < 2:
             raise NotRefined("no surface was seen from two key frames")
         self._points = moments.points_m[shared.pieces]
@@ -148,10 +159,13 @@ class _Bundle:
         self.roughness_m = 0.0
 
     def relax(self, poses: FloatArray, steps: int) -> FloatArray:
-        """Steps of Gauss and Newton, all with the system as it was at the first of them."""
+        """Steps of Gauss and Newton; the system is kept while the weights stay alike."""
         self._weigh(poses)
-        factor = factorise(self._panels, self._system(poses))
+        factor, weight = None, 0.0
         for _ in range(steps):
+            now = float(self._weights.sum())
+            if factor is None or not weight / OTHER_WEIGHTS < now < weight * OTHER_WEIGHTS:
+                factor, weight = factorise(self._panels, self._system(poses)), now
             step = factor.solve(self._pull(poses))
             if not np.isfinite(step).all():
                 raise NotRefined("a step of the refinement is not finite")
@@ -165,7 +179,7 @@ class _Bundle:
         """(n, 3, 3) relative to the first pose, of small steps of the base in its own frame."""
         in_map = np.zeros((len(poses), 3, 3))
         in_map[1:] = factorise(self._panels, self._system(poses)).inverse_diagonal()
-        return in_own_frame(poses, in_map)
+        return DOUBTED_BY_CHANCE * in_own_frame(poses, in_map)
 
     def check(self, before: FloatArray, after: FloatArray) -> None:
         """Raise NotRefined unless the poses became more likely without being torn about."""
@@ -190,7 +204,7 @@ class _Bundle:
         self.roughness_m = _roughness(squares, self._variance, redundancy)
         self._scaled = 2.0 * (self._variance + self.roughness_m**2)
         self._scaled = self._scaled * self._rougher(squares / self._scaled)[self._surfaces]
-        self._weights = _robust(squares / self._scaled, ROBUST_SIGMAS) / self._scaled
+        self._weights = _robust(squares / self._scaled, self._doubted_sigmas) / self._scaled
 
     def _squares(self, poses: FloatArray) -> FloatArray:
         """(k,) summed squares of both points of each observation."""
@@ -200,7 +214,7 @@ class _Bundle:
 
     def _rougher(self, chi2: FloatArray) -> FloatArray:
         """(m,) how much more variance each surface shows than all do: round, moved, or clutter."""
-        capped = np.minimum(chi2, ROBUST_SIGMAS**2)
+        capped = np.minimum(chi2, self._doubted_sigmas**2)
         shown = 2.0 * ROUGH_VIEWS + np.bincount(self._surfaces, capped)
         free = 2.0 * ROUGH_VIEWS + 2.0 * np.diff(self._shared.starts) - 2.0
         return np.maximum(shown / free, 1.0)
@@ -251,7 +265,7 @@ class _Bundle:
         Of a weighted square w c with the weight of Geman & McClure, the cost is sqrt(w) c.
         """
         chi2 = self._squares(poses) / self._scaled
-        seen = chi2 * np.sqrt(_robust(chi2, ROBUST_SIGMAS))
+        seen = chi2 * np.sqrt(_robust(chi2, self._doubted_sigmas))
         error, information = self._odometry_errors(poses)
         off = np.einsum("mi,mij,mj->m", error, information, error)
         driven = off * np.sqrt(_robust(off, ODOMETRY_SIGMAS))

@@ -1,0 +1,229 @@
+"""Final refinement against a dense system, against drawn samples, and against what must not be."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from slamsim.geometry import between, compose, transform_points
+from slamsim.slam.association import share_surfaces
+from slamsim.slam.blocks import add_block, empty_system, factorise, make_panels
+from slamsim.slam.bundle import NotRefined, Refined, refine
+from slamsim.slam.bundle_equations import add_surfaces, fit_lines, pull_to_lines, residuals, to_map
+from slamsim.slam.matching.surfaces import (
+    BEAMS,
+    HALF_LENGTH,
+    NORMAL_X,
+    NORMAL_Y,
+    PIECE_FIELDS,
+    SCATTER_XX,
+    SCATTER_XY,
+    SCATTER_YY,
+    X,
+    Y,
+)
+from slamsim.types import Float32Array, FloatArray, GraphEdge, IntArray
+
+NOISE_M = 0.01
+BEAMS_PER_PIECE = 40.0
+SPREAD_M = 0.08
+WALLS = [(-3.0, 0.0, 1.0, 0.0), (3.0, 0.0, -1.0, 0.0), (0.0, -2.0, 0.0, 1.0), (0.0, 2.0, 0.0, -1.0)]
+"""A room: a point on each wall, and its normal into the room."""
+
+
+@dataclass(frozen=True)
+class Scene:
+    """Key frames in a room, what they saw, and how they were joined."""
+
+    truth: FloatArray
+    start: FloatArray
+    views: list[Float32Array]
+    odometry: list[GraphEdge]
+    edges: list[GraphEdge]
+
+
+def piece(middle: FloatArray, normal: FloatArray, rng: np.random.Generator) -> FloatArray:
+    """A piece of wall of BEAMS_PER_PIECE noisy beams."""
+    along = np.array([-normal[1], normal[0]])
+    count = int(BEAMS_PER_PIECE)
+    points = middle + np.linspace(-1.5, 1.5, count)[:, None] * SPREAD_M * along
+    points = points + rng.normal(0.0, NOISE_M, count)[:, None] * normal
+    mean = points.mean(axis=0)
+    scatter = (points - mean).T @ (points - mean)
+    row = np.zeros(PIECE_FIELDS)
+    row[[X, Y, NORMAL_X, NORMAL_Y, BEAMS, HALF_LENGTH]] = [*mean, *normal, count, 1.5 * SPREAD_M]
+    row[[SCATTER_XX, SCATTER_XY, SCATTER_YY]] = scatter[0, 0], scatter[0, 1], scatter[1, 1]
+    return row
+
+
+def view(T_map_base: FloatArray, rng: np.random.Generator) -> Float32Array:
+    """Pieces every half metre along all walls of the room, in the base frame."""
+    rows = []
+    for x, y, nx, ny in WALLS:
+        for step in np.arange(-1.75, 1.8, 0.5):
+            middle = np.array([x - ny * step, y + nx * step])
+            in_base = transform_points(between(T_map_base, np.zeros(3)), middle)
+            cos, sin = np.cos(T_map_base[2]), np.sin(T_map_base[2])
+            normal = np.array([cos * nx + sin * ny, -sin * nx + cos * ny])
+            rows.append(piece(in_base, normal, rng))
+    return np.array(rows, dtype=np.float32)
+
+
+def scene(seed: int, count: int = 8) -> Scene:
+    rng = np.random.default_rng(seed)
+    turns = np.linspace(0.0, 2.0, count)
+    truth = np.column_stack([np.linspace(-1.5, 1.5, count), np.sin(turns), turns])
+    off = rng.normal(size=(count, 3)) * [0.01, 0.01, 0.003]
+    off[0] = 0.0
+    covariance = np.diag([4e-4, 4e-4, 1e-4])
+    odometry, edges = [], []
+    for k in range(count - 1):
+        T = between(truth[k], truth[k + 1])
+        drawn = compose(T, rng.normal(size=3) * [0.02, 0.02, 0.01])
+        odometry.append(GraphEdge(k, k + 1, drawn, covariance, "odometry"))
+        edges.append(GraphEdge(k, k + 1, T, 0.1 * covariance, "match"))
+    views = [view(pose, rng) for pose in truth]
+    return Scene(truth, compose(truth, off), views, odometry, edges)
+
+
+def refined(one: Scene) -> Refined:
+    return refine(one.views, one.start, one.odometry, NOISE_M, one.edges)
+
+
+def test_poses_come_far_nearer_to_the_truth_than_they_began() -> None:
+    one = scene(1)
+    before, after = (between(one.truth[1:], poses[1:]) for poses in (one.start, refined(one).poses))
+    assert np.abs(after[:, :2]).max() < 0.2 * np.abs(before[:, :2]).max()
+    assert np.array_equal(refined(one).poses[0], one.start[0])
+
+
+def test_errors_are_as_large_as_the_covariances_say() -> None:
+    """NEES over many drawn rooms: mean 3 for three degrees of freedom."""
+    nees = []
+    for seed in range(25):
+        one = scene(100 + seed)
+        result = refined(one)
+        error = between(one.truth[1:], result.poses[1:])
+        information = np.linalg.inv(result.covariances[1:])
+        nees.append(np.einsum("ki,kij,kj->k", error, information, error))
+    assert 2.0 < np.mean(nees) < 4.0
+    assert np.array_equal(result.covariances[0], np.zeros((3, 3)))
+
+
+def test_the_same_input_gives_the_same_bytes() -> None:
+    assert refined(scene(3)).poses.tobytes() == refined(scene(3)).poses.tobytes()
+
+
+def test_slipping_wheels_do_not_pull() -> None:
+    one = scene(4)
+    slipped = list(one.odometry)
+    T = compose(slipped[3].T_source_target, np.array([0.5, 0.0, 0.3]))
+    slipped[3] = GraphEdge(3, 4, T, slipped[3].covariance, "odometry")
+    with_slip = refine(one.views, one.start, slipped, NOISE_M, one.edges)
+    assert np.abs(between(refined(one).poses, with_slip.poses)[:, :2]).max() < 0.001
+
+
+def test_the_two_faces_of_a_thin_wall_are_not_one() -> None:
+    rng = np.random.default_rng(5)
+    one_side = [piece(np.array([1.0, y]), np.array([-1.0, 0.0]), rng) for y in (0.0, 0.2)]
+    other_side = [piece(np.array([1.02, y]), np.array([1.0, 0.0]), rng) for y in (0.0, 0.2)]
+    views = [np.array(rows, dtype=np.float32) for rows in (one_side, other_side)]
+    edge = GraphEdge(0, 1, np.zeros(3), np.diag([1e-6, 1e-6, 1e-8]), "match")
+    assert len(share_surfaces(views, np.zeros((2, 3)), 0.06, [edge]).pieces) == 0
+
+
+@pytest.mark.parametrize(("sigma_m", "shared"), [(0.01, True), (1.0, False)])
+def test_views_that_nothing_holds_together_share_no_surface(sigma_m: float, shared: bool) -> None:
+    """A false overlap must not bring back what was withdrawn."""
+    rng = np.random.default_rng(6)
+    views = [view(np.zeros(3), rng) for _ in range(2)]
+    edges = [
+        GraphEdge(0, 1, np.zeros(3), np.diag([sigma_m**2, sigma_m**2, 1e-6]), "odometry"),
+        GraphEdge(0, 1, np.zeros(3), np.diag([1e-6, 1e-6, 1e-8]), "closure", weight=0.0),
+    ]
+    found = share_surfaces(views, np.zeros((2, 3)), 0.06, edges)
+    assert (len(found.pieces) > 0) == shared
+    assert (np.diff(found.starts) >= 2).all()
+
+
+def test_views_without_a_common_surface_are_left_alone() -> None:
+    one = scene(7)
+    empty = [np.zeros((0, PIECE_FIELDS), dtype=np.float32)] * len(one.views)
+    with pytest.raises(NotRefined, match="no surface"):
+        refine(empty, one.start, one.odometry, NOISE_M, one.edges)
+
+
+def test_numbers_that_are_not_finite_are_refused() -> None:
+    one = scene(8)
+    odometry = [*one.odometry[:-1], GraphEdge(6, 7, np.full(3, np.nan), np.eye(3), "odometry")]
+    with pytest.raises(NotRefined, match="finite"):
+        refine(one.views, one.start, odometry, NOISE_M, one.edges)
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.integers(0, 10_000))
+def test_the_reduced_system_is_the_dense_one_with_surfaces_eliminated(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    count, surfaces = 4, 5
+    views = np.concatenate([np.sort(rng.integers(0, count, 6)) for _ in range(surfaces)])
+    starts = np.arange(0, 6 * surfaces + 1, 6, dtype=np.int64)
+    poses = rng.normal(size=(count, 3))
+    points = to_map(rng.normal(size=(len(views), 2, 2)) * 3.0, views, poses)
+    weights = rng.uniform(0.5, 2.0, len(views))
+    lines = fit_lines(points, weights, starts)
+    number = np.append(count - 1, np.arange(count - 1))
+    everyone = np.array([(a, b) for a in range(count) for b in range(a)])
+    panels = make_panels(everyone, count - 1)
+    system = empty_system(panels)
+    add_surfaces(points, weights, number[views], (starts, lines), panels, system)
+    ridge = 1e-3 * np.eye(3)
+    for k in range(count - 1):
+        add_block(panels, system, k, k, ridge)
+    right = np.zeros((count, 3))
+    pull_to_lines(points, weights, number[views], (starts, lines), right)
+
+    dense, dense_right = dense_system(points, weights, number[views], starts, lines, count)
+    own = 3 * (count - 1)
+    dense[:own, :own] += 1e-3 * np.eye(own)
+    inverse = np.linalg.inv(dense)[:own, :own]
+    found = factorise(panels, system)
+    expected = (inverse @ dense_right[:own]).reshape(-1, 3)
+    assert np.allclose(found.solve(right[:-1]), expected, rtol=1e-6, atol=1e-9)
+    blocks = [inverse[3 * k : 3 * k + 3, 3 * k : 3 * k + 3] for k in range(count - 1)]
+    assert np.allclose(found.inverse_diagonal(), blocks, rtol=1e-6, atol=1e-9)
+
+
+def dense_system(
+    points: FloatArray,
+    weights: FloatArray,
+    unknowns: IntArray,
+    starts: IntArray,
+    lines: FloatArray,
+    count: int,
+) -> tuple[FloatArray, FloatArray]:
+    """Normal equations of poses and lines together, rows by central differences."""
+    own = 3 * (count - 1)
+    size = own + 2 * len(lines)
+    system, right = np.zeros((size, size)), np.zeros(size)
+    off = residuals(points, starts, lines)
+    for s, (x, y, nx, ny) in enumerate(lines):
+        for k in range(starts[s], starts[s + 1]):
+            for end in range(2):
+                row = np.zeros(size)
+                p = points[k, end]
+                if unknowns[k] < count - 1:
+                    for axis in range(3):
+                        step = np.zeros(3)
+                        step[axis] = 1e-6
+                        moved = [transform_points(sign * step, p) - p for sign in (1.0, -1.0)]
+                        change = (moved[0] - moved[1]) @ [nx, ny] / 2e-6
+                        row[3 * unknowns[k] + axis] = change
+                row[own + 2 * s] = -1.0
+                row[own + 2 * s + 1] = -ny * (p[0] - x) + nx * (p[1] - y)
+                system += weights[k] * np.outer(row, row)
+                right -= weights[k] * off[k, end] * row
+    return system, right
