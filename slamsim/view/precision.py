@@ -56,9 +56,9 @@ def held(view: RunView) -> Held | None:
 
 
 def scale_of(found: Held) -> LogNorm:
-    """Of sigmas in mm to 0..1."""
-    low, high = 1e3 * float(found.worst_m.min()), 1e3 * float(found.worst_m.max())
-    return LogNorm(low, max(high, _LEAST_SPREAD * low))
+    """Of sigmas in mm to 0..1; a scan in a hundred may lie beyond either end."""
+    low, high = np.percentile(1e3 * found.worst_m, [1.0, 99.0]).tolist()
+    return LogNorm(low, max(high, _LEAST_SPREAD * low), clip=True)
 
 
 def path_and_strokes(
