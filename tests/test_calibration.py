@@ -33,6 +33,7 @@ from slamsim.slam.calibration_solve import (
 )
 from slamsim.slam.motion import Odometry, increments
 from slamsim.slam.steps import CURVATURE, PARAMETERS, OdometryNoise, OdometryStep
+from slamsim.summary import summary
 from slamsim.types import EncoderStream, FloatArray, GraphEdge, PlanarTrajectory
 from slamsim.wheels import Reading, encoder_reading, pose_reading, wheel_odometry
 
@@ -295,3 +296,19 @@ def test_without_wheels_that_are_known_the_scales_are_told() -> None:
     found = calibrated(solved, Reading(0.0, 0.0, 0.0, 0.0), gyro=False)
     assert [round(one.value, 6) for one in found.values()] == [1.05, 0.98, 0.03]
     assert all(one.observed for one in found.values())
+
+
+def test_only_what_was_observed_is_told_in_a_line() -> None:
+    def one(value: float, sigma: float, observed: bool) -> dict[str, object]:
+        return {"value": value, "sigma": sigma, "observed": observed}
+
+    report = {
+        "calibration": {
+            "wheel_radius_left_m": one(0.0352, 5e-6, True),
+            "track_m": one(0.23, 0.01, False),
+            "gyro_scale": one(1.001, 1e-4, True),
+        }
+    }
+    line = summary(report)["calibration"]
+    assert line == "radius left 35.200 ± 0.005 mm, gyro scale 0.100 ± 0.010 %"
+    assert "calibration" not in summary({"calibration": {}})

@@ -128,6 +128,20 @@ def test_a_third_of_false_closures_is_found_and_withdrawn(seed: int) -> None:
     assert rms_m(solved, truth) < 0.5 * rms_m(chained(edges), truth)
 
 
+def test_a_renewed_chain_is_solved_and_closures_stay() -> None:
+    edges = [edge(i, i + 1, np.array([1.0, 0.0, 0.0])) for i in range(4)]
+    edges.append(edge(0, 2, np.array([2.0, 0.0, 0.0]), "closure"))
+    solver = solver_of(edges)
+    solver.update(chained(edges))
+    longer = [edge(i, i + 1, np.array([1.1, 0.0, 0.0])) for i in (2, 3)]
+    solver.renew(longer)
+    assert [one.kind for one in solver.edges] == [one.kind for one in edges]
+    assert np.allclose(solver.solve(chained(edges))[:, 0], [0.0, 1.0, 2.0, 3.1, 4.2], atol=1e-6)
+    assert np.allclose(solver.update(chained(edges))[-1, 0], 4.2, atol=1e-3)
+    with pytest.raises(GraphUnsound):
+        solver.renew([edge(0, 1, np.array([np.nan, 0.0, 0.0]))])
+
+
 def test_without_closures_the_chain_stays_as_it_was() -> None:
     _, edges, _ = manhattan(50, 0.0, 3)
     chain = [one for one in edges if one.kind == "match"]

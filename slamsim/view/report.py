@@ -36,6 +36,7 @@ def report_html(view: RunView) -> str:
         section("Over time", _curves(view)),
         section("Trajectory", _trajectory_table(view)),
         section("Relations", _relations_table(view)),
+        section("Calibration", _calibration_table(view)),
         section("Time spent", _timing_table(view)),
         section("Findings", _checks_table(view)),
         section("Reproduce", _reproduce(view)),
@@ -173,6 +174,16 @@ def _relation_rows(name: str, scores: RelationScores) -> list[tuple[str, ...]]:
         for span, part in parts
         if part is not None
     ]
+
+
+def _calibration_table(view: RunView) -> str:
+    rows = [
+        (name, f"{one.value:.6g}", f"{one.sigma:.2g}", "yes" if one.observed else "no")
+        for name, one in view.result.calibration.items()
+    ]
+    note = "Wheels and gyroscope as the drive shows them; what it did not tell is an assumption."
+    header = ("", "value", "standard deviation", "observed")
+    return table(Table(header, rows), note) if rows else ""
 
 
 def _timing_table(view: RunView) -> str:
