@@ -7,6 +7,7 @@ from collections import Counter, defaultdict
 from collections.abc import Container, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
@@ -21,9 +22,10 @@ from slamsim.slam.candidates import CandidateIndex
 from slamsim.slam.closure import Closure, ClosureFinder, Expected
 from slamsim.slam.estimate import Estimate
 from slamsim.slam.graph import PoseGraphSolver, variance_factor
-from slamsim.slam.health import loose_joints
+from slamsim.slam.health import CARRIED, carried, loose_joints, tears
 from slamsim.slam.keyframes import Keyframe, chain_edge, odometry_edge
 from slamsim.slam.marginals import in_own_frame, relative_covariances
+from slamsim.slam.odometry import ELSEWHERE
 from slamsim.slam.parts import Parts
 from slamsim.slam.recalibrate import Recalibration
 from slamsim.slam.rejoin import Rejoiner, moved_onto
@@ -85,6 +87,7 @@ class BackEnd:
         self._unsolved: list[Closure] = []
         self._new: list[GraphEdge] = []
         self._closed: set[tuple[int, int]] = set()
+        self._carried: list[Event] = []
         self._unrefined = ""
         self._failures: dict[tuple[int, int], FloatArray] = {}
         self.unrefined = np.zeros((0, 3))
@@ -104,7 +107,7 @@ class BackEnd:
             self._passed.append(keyframe.odometry)
             return
         with self._timed("key frames"):
-            keyframe = self._join(keyframe)
+            keyframe = self._join(self._cut_off(keyframe))
             self._cut_submaps(keyframe, known)
         if self._config.closures.enabled:
             with self._timed("closures"):
@@ -213,7 +216,22 @@ class BackEnd:
         stamps_ns = graph.keyframes.stamps_ns
         whole = (int(stamps_ns[0]), int(stamps_ns[-1]))
         unrefined = [Event(*whole, "unrefined", self._unrefined)] if self._unrefined else []
-        return (*loose_joints(graph), *unrefined)
+        with self._timed("check"):
+            around = partial(self._query, travel_m=self._config.closures.query_travel_m)
+            torn = tears(around, self._submaps, graph.keyframes, self._config.submaps)
+            return (*self._carried, *loose_joints(graph), *torn, *unrefined)
+
+    def _cut_off(self, keyframe: Keyframe) -> Keyframe:
+        """A doubtful key frame that contradicts what was seen just before may be anywhere."""
+        if keyframe.doubt_ns is None or keyframe.broken or not self._keyframes:
+            return keyframe
+        before = self._query(len(self._keyframes) - 1, self._config.closures.query_travel_m)
+        now = make_submap([keyframe], 0, self._scratch, keyframe.noise_m)
+        T = between(self._keyframes[-1].T_map_base, keyframe.T_map_base)
+        if not carried(before, now, T, self._config.submaps):
+            return keyframe
+        self._carried.append(Event(keyframe.doubt_ns, keyframe.stamp_ns, "kidnapped", CARRIED))
+        return replace(keyframe, restart=ELSEWHERE)
 
     def _placed(self, keyframe: Keyframe) -> FloatArray:
         """Where a key frame that is not joined yet should be."""
@@ -224,7 +242,7 @@ class BackEnd:
 
     def _needed(self, keyframe: Keyframe) -> bool:
         """Whether a key frame must be kept, though all that it sees was mapped already."""
-        if keyframe.broken or not self._keyframes:
+        if keyframe.broken or keyframe.doubt_ns is not None or not self._keyframes:
             return True
         return keyframe.path_m - self._keyframes[-1].path_m >= KNOWN_TRAVEL_M
 

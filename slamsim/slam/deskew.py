@@ -7,6 +7,7 @@ from functools import lru_cache
 import numpy as np
 
 from slamsim.jit import kernel
+from slamsim.safe.errors import SlamsimError
 from slamsim.types import (
     BoolArray,
     Cloud,
@@ -22,11 +23,29 @@ from slamsim.types import (
 MAX_TILT_RAD = np.deg2rad(20.0)
 """Beams steeper than this against the floor see other walls than a planar map can hold."""
 
+REFUSED_TILT_RAD = np.deg2rad(45.0)
+"""A lidar tilted more than this scans floor and ceiling; upside down it is level again."""
+
 FLOOR_CLEARANCE_M = 0.03
 """A return lower than this, from a lidar that looks down, is the floor."""
 
 MIN_FLOOR_HEIGHT_M = 0.05
 """A lidar said to be mounted lower has no known height; its floor returns are not sought."""
+
+
+def tilt_of(T_base_laser: FloatArray) -> float:
+    """How far the plane of the beams is off the level, in radians; upside down is level.
+
+    Raises SlamsimError where it is so far off that the scans are no cut through the walls.
+    """
+    upright = abs(float(T_base_laser[2, 2])) / max(float(np.linalg.norm(T_base_laser[:3, 2])), 1e-9)
+    tilt_rad = float(np.arccos(min(upright, 1.0)))
+    if not tilt_rad <= REFUSED_TILT_RAD:
+        raise SlamsimError(
+            f"the transform to the lidar tilts it by {np.rad2deg(tilt_rad):.0f} degrees: a map of "
+            "the floor needs scans that are level; correct the transform in the recording"
+        )
+    return tilt_rad
 
 
 def deskew(scan: Scan, motion: PlanarTrajectory, at_ns: int, T_base_laser: FloatArray) -> Cloud:

@@ -39,7 +39,8 @@ class Keyframe:
     match. restart: (3, 3) covariance of a small step of the base, relative to the key frame
     before, where a local map was begun anew, so that no match joins the two; else None. noise_m:
     standard deviation of a range, as learnt by then. odometry: the step since the key frame before
-    by wheels and gyroscope; None where they do not cover all of it.
+    by wheels and gyroscope; None where they do not cover all of it. doubt_ns: stamp of the first
+    scan since the key frame before that was lost or had to be searched for, None without one.
     """
 
     index: int
@@ -55,6 +56,7 @@ class Keyframe:
     restart: FloatArray | None
     noise_m: float
     odometry: OdometryStep | None = None
+    doubt_ns: int | None = None
 
     @property
     def broken(self) -> bool:
@@ -97,6 +99,7 @@ class KeyframeMaker:
         self._last: Keyframe | None = None
         self._T_map_before: FloatArray | None = None
         self._path_m = 0.0 if before is None else before.keyframe.path_m + OTHER_DRIVE_M
+        self._doubt_ns: int | None = None
         self._odometry: OdometryStep | None = None
 
     def make(self, tracked: Tracked) -> Keyframe | None:
@@ -109,10 +112,12 @@ class KeyframeMaker:
             self._odometry = self._odometry.then(tracked.odometry)
         else:
             self._odometry = None
-        if tracked.match is None:
+        if tracked.doubtful and self._doubt_ns is None:
+            self._doubt_ns = tracked.stamp_ns
+        if tracked.match is None or tracked.doubtful:
             self._view.clear()  # where the scans before stood is no longer known
-            if not tracked.keyscan:
-                return None
+        if tracked.match is None and not tracked.keyscan:
+            return None
         self._view.add(tracked.pieces, tracked.T_map_base, self._noise_m)
         if not self._due(tracked):
             return None
@@ -132,7 +137,9 @@ class KeyframeMaker:
             restart=self._restart if self._last is None else tracked.restart,
             noise_m=self._noise_m,
             odometry=self._odometry,
+            doubt_ns=self._doubt_ns,
         )
+        self._doubt_ns = None
         self._odometry = OdometryStep.none(np.zeros(PARAMETERS))
         return self._last
 

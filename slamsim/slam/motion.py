@@ -27,6 +27,9 @@ GYRO_GAP_S = 0.1
 AHEAD_S, AHEAD_FROM_S = 0.2, 0.05
 """So far beyond the last report the speed is taken to be that of the last moments."""
 
+GAP_NS = 1_000_000_000
+"""Reports farther apart than this do not tell how the robot went in between."""
+
 REST_S = 0.5
 REST_RANGE_M = (3e-4, 1e-3)
 REST_RANGE_RAD = (1e-3, 4e-3)
@@ -91,9 +94,22 @@ class Odometry:
         self._stamps_ns, self._steps = self._stamps_ns[first:], self._steps[first:]
 
     def covers(self, first_ns: int, last_ns: int) -> bool:
-        """Whether the whole stretch was reported on, or ends a moment after the last report."""
+        """Whether both ends were reported on, or the stretch ends a moment after the last report.
+
+        A stretch across a gap is covered, for the poses before and after it tell of all of it; one
+        that begins or ends within a gap is not.
+        """
         ahead_ns = round(AHEAD_S * 1e9)
-        return bool(first_ns >= self._stamps_ns[0] and last_ns <= self._stamps_ns[-1] + ahead_ns)
+        inside = first_ns >= self._stamps_ns[0] and last_ns <= self._stamps_ns[-1] + ahead_ns
+        return bool(inside and not self._silent_at(first_ns) and not self._silent_at(last_ns))
+
+    def _silent_at(self, stamp_ns: int) -> bool:
+        """Whether an instant lies well within a gap of the reports."""
+        after = int(np.searchsorted(self._stamps_ns, stamp_ns, side="right"))
+        if not 0 < after < self._stamps_ns.size:
+            return False
+        before_ns, after_ns = int(self._stamps_ns[after - 1]), int(self._stamps_ns[after])
+        return after_ns - before_ns > GAP_NS and before_ns + AHEAD_S * 1e9 < stamp_ns < after_ns
 
     def step(
         self, first_ns: int, last_ns: int, parameters: FloatArray, bias_sigma_rad_s: float = 0.0

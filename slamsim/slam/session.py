@@ -160,7 +160,8 @@ class SlamSession:
         seconds = defaultdict(float, self._seconds)
         for stage, spent_s in outcome.seconds.items():
             seconds[stage] += spent_s
-        breaks_ns = self._front_end.breaks_ns
+        carried_ns = [event.start_ns for event in outcome.events if event.kind == "kidnapped"]
+        breaks_ns = sorted([*self._front_end.breaks_ns, *carried_ns])
         raw = self._track.front_end()
         corrected = correct_pieces(raw, outcome.graph.keyframes, breaks_ns)
         odometry = self._track.calibrated_odometry(outcome.calibration)

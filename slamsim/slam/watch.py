@@ -38,6 +38,7 @@ class Watch:
 
     def __init__(self) -> None:
         self._blind, self._lost, self._frozen, self._jumps = Spells(), Spells(), Spells(), Spells()
+        self._silent, self._reported = Spells(), False
         self._single: list[Event] = []
         self._last_ns: int | None = None
         self._first_ns = 0
@@ -57,6 +58,9 @@ class Watch:
             self._lost.mark(stamp_ns, before, T_map_base)
         moved, step = between(before, T_map_base), prediction.T_last_base
         self._look_for_gap(stamp_ns, moved)
+        self._reported |= prediction.odometry is not None
+        if prediction.odometry is None:
+            self._silent.mark(stamp_ns, before, T_map_base)
         if prediction.jump:
             self._jumps.mark(stamp_ns, np.zeros(3), step)
         elif fate == "matched":
@@ -85,6 +89,10 @@ class Watch:
             if spell.scans > FEW_SCANS:
                 words = f"{spell.scans} scans fitted nowhere, placed by odometry alone"
                 yield Event(spell.start_ns, spell.end_ns, "lost", words)
+        for spell in self._silent if self._reported else ():
+            if spell.seconds >= SHORT_GAP_S:
+                words = f"no odometry for {spell.seconds:.1f} s: followed by the scans alone"
+                yield Event(spell.start_ns, spell.end_ns, "gap", words)
         for spell in self._jumps:
             size = f"{spell.moved_m:.1f} m and {np.rad2deg(spell.turned_rad):.0f} deg"
             words = f"the odometry jumped by {size}, which was not believed"

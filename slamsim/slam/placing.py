@@ -1,0 +1,131 @@
+"""Which match to believe: near the prediction, found by search, or none."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from slamsim.geometry import between
+from slamsim.slam.matching import Match, Matcher
+from slamsim.slam.prediction import Prediction
+from slamsim.types import Cloud, FloatArray
+
+FAR_SIGMAS = 5.0
+FAR_STRICTNESS = 0.75
+CLEARLY = 0.02
+DOUBTFUL_SHARE = 0.8
+USUAL_GAIN = 0.02
+START_USUAL = 0.8
+MIN_COVERED_RATIO = 0.3
+COVERED_TO_JUDGE = 0.5
+CONTRADICTED_SHARE = 0.5
+
+OTHER_GUESS_M = 0.1
+OTHER_GUESS_RAD = 0.1
+"""Guesses that are closer together lead to the same match."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Lost:
+    """A scan that fitted nowhere, and whether it contradicts the map rather than leaving it."""
+
+    prediction: Prediction
+    contradicted: bool
+
+
+class Placer:
+    """Judges matches by how well scans usually fit here.
+
+    min_inlier_ratio: share of a scan, where the map covers it, that must lie on it.
+    """
+
+    def __init__(self, min_inlier_ratio: float) -> None:
+        self._least = min_inlier_ratio
+        self._usual_inliers = START_USUAL
+        self.lost: list[Lost] = []
+        """The scans since the last that was placed."""
+        self.recovered = 0
+        """Scans that only a search could place."""
+        self.doubtful = False
+        """Whether the last scan was lost, or placed by a search."""
+
+    def begin(self) -> None:
+        """In another map scans may fit as well as they like."""
+        self._usual_inliers = START_USUAL
+        self.lost.clear()
+
+    def place(
+        self, matcher: Matcher, cloud: Cloud, prediction: Prediction, T_map_coasting: FloatArray
+    ) -> Match | None:
+        """The match to believe. T_map_coasting: (3,) where the robot is if it went on as it did."""
+        self.doubtful = False
+        near = matcher.match(cloud, prediction.T_map_base, prediction.covariance)
+        if near is not None and not prediction.jump and self._as_usual(near, prediction):
+            self.lost.clear()
+            return near
+        guesses = _other_guesses(prediction, T_map_coasting)
+        candidates = [near, *_searched(matcher, cloud, prediction, guesses)]
+        believed = [one for one in candidates if one and self._believable(one, prediction)]
+        best = max(believed, key=lambda one: one.fit, default=None)
+        if best is None:
+            self.lost.append(Lost(prediction, _contradicted(candidates)))
+            self.doubtful = True
+            return None
+        self.lost.clear()
+        if near in believed and near.fit > best.fit - CLEARLY:
+            return near
+        self.recovered += 1
+        self.doubtful = True
+        return best
+
+    def carried(self) -> bool:
+        """Whether the lost scans say that the robot was carried: their odometry jumped, or they
+        contradict the map where the odometry puts them."""
+        against = sum(one.contradicted for one in self.lost)
+        jumped = any(one.prediction.jump for one in self.lost)
+        return jumped or against > CONTRADICTED_SHARE * len(self.lost)
+
+    def _as_usual(self, match: Match, prediction: Prediction) -> bool:
+        """Whether a match near the prediction needs no second look."""
+        good = match.inlier_ratio >= DOUBTFUL_SHARE * self._usual_inliers
+        if good and self._believable(match, prediction):
+            self._usual_inliers += USUAL_GAIN * (match.inlier_ratio - self._usual_inliers)
+            return True
+        return False
+
+    def _believable(self, match: Match, prediction: Prediction) -> bool:
+        """The further a match lies from the prediction, the better it has to fit."""
+        squared = (prediction.distance(match) / FAR_SIGMAS) ** 2
+        share = self._least + FAR_STRICTNESS * (1.0 - self._least) * squared / (1.0 + squared)
+        needed = share * self._usual_inliers
+        return match.inlier_ratio >= needed and match.covered_ratio >= MIN_COVERED_RATIO
+
+
+def _other_guesses(prediction: Prediction, T_map_coasting: FloatArray) -> list[FloatArray]:
+    """Where the robot is if the odometry is wrong: it stood, or it went on as it did."""
+    guesses: list[FloatArray] = []
+    for guess in (prediction.T_map_hold, T_map_coasting):
+        if all(_apart(guess, other) for other in (prediction.T_map_base, *guesses)):
+            guesses.append(guess)
+    return guesses
+
+
+def _searched(
+    matcher: Matcher, cloud: Cloud, prediction: Prediction, guesses: list[FloatArray]
+) -> list[Match | None]:
+    """What a search around the prediction finds, and one near and around each other guess."""
+    found = [matcher.search(cloud, prediction.T_map_base, prediction.covariance)]
+    for guess in guesses:
+        found.append(matcher.match(cloud, guess, prediction.covariance))
+        found.append(matcher.search(cloud, guess, prediction.covariance))
+    return found
+
+
+def _contradicted(candidates: list[Match | None]) -> bool:
+    return any(one is not None and one.covered_ratio > COVERED_TO_JUDGE for one in candidates)
+
+
+def _apart(guess: FloatArray, other: FloatArray) -> bool:
+    step = between(other, guess)
+    return bool(np.hypot(step[0], step[1]) > OTHER_GUESS_M or abs(step[2]) > OTHER_GUESS_RAD)
