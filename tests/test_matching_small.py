@@ -79,22 +79,26 @@ def _wall_cloud(rng: np.random.Generator, turn: float) -> Cloud:
 def test_merging_scans_is_fitting_all_their_points_at_once() -> None:
     rng = np.random.default_rng(0)
     local_map = LocalMap(0.25, 30.0)
-    everything = []
+    beams, means, scatters = [], [], []
     for turn in (0.0, 0.4, -0.7):
-        cloud = _wall_cloud(rng, turn)
-        T_map_base = np.array([0.0, 0.0, turn])
+        pieces = surface_pieces(_wall_cloud(rng, turn), 0.005, 0.25, 60.0)
+        local_map.insert(pieces, np.array([0.0, 0.0, turn]), 0.005)
         cos, sin = np.cos(turn), np.sin(turn)
-        everything.append(cloud.points_m @ np.array([[cos, sin], [-sin, cos]]))
-        local_map.insert(surface_pieces(cloud, 0.005, 0.25, 60.0), T_map_base, 0.005)
-    points = np.concatenate(everything)
+        rotation = np.array([[cos, -sin], [sin, cos]])
+        (piece,) = pieces
+        xx, xy, yy = piece[[SCATTER_XX, SCATTER_XY, SCATTER_YY]]
+        beams.append(piece[BEAMS])
+        means.append(rotation @ piece[[X, Y]])
+        scatters.append(rotation @ np.array([[xx, xy], [xy, yy]]) @ rotation.T)
     used = local_map.surfaces[local_map.surfaces[:, BEAMS] > 0.0]
-    assert len(used) == 1
-    scatter = np.cov(points.T, bias=True) * len(points)
-    assert used[0, BEAMS] == 90
-    np.testing.assert_allclose(used[0, [X, Y]], points.mean(axis=0), atol=1e-9)
+    assert len(used) == 1 and used[0, BEAMS] == sum(beams)
+    mean = np.average(means, axis=0, weights=beams)
+    np.testing.assert_allclose(used[0, [X, Y]], mean, atol=1e-9)
+    apart = [n * np.outer(m - mean, m - mean) for n, m in zip(beams, means, strict=True)]
+    whole = np.sum(scatters, axis=0) + np.sum(apart, axis=0)
     np.testing.assert_allclose(
         used[0, [SCATTER_XX, SCATTER_XY, SCATTER_YY]],
-        [scatter[0, 0], scatter[0, 1], scatter[1, 1]],
+        [whole[0, 0], whole[0, 1], whole[1, 1]],
         atol=1e-9,
     )
 

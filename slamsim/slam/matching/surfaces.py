@@ -26,12 +26,15 @@ MAX_SPACING_M = 1.0
 MAX_BEAM_STEP_RAD = 0.1
 BEND_SIGMAS = 4.0
 MIN_BEAMS = 3
+MIN_BEAMS_TO_SPARE = 8
+"""Runs of this many beams do without their first and last, which may have met two surfaces."""
+
 BEAMS_PER_PIECE = 5.0
 """Pieces are lengthened, where beams are far apart, to hold about this many."""
 
 MIN_INCIDENCE_SIN = 0.08
 MAX_NORMAL_SIGMA_RAD = 0.35
-MODEL_SIGMA_M = 0.002
+MODEL_SIGMA_M = 0.0005
 """What even a long average does not remove: dents, beam width, deskew, quantisation."""
 
 
@@ -94,15 +97,10 @@ def _bend(points: FloatArray, first: int, last: int) -> tuple[int, float]:
 
 
 @kernel
-def _fit(
-    points: FloatArray,
-    origins: FloatArray,
-    span: tuple[int, int],
-    noise: float,
-    piece: FloatArray,
-) -> bool:
-    """Total least squares through points first..last; False if it tells too little."""
-    first, last = span
+def _moments(
+    points: FloatArray, first: int, last: int
+) -> tuple[float, float, tuple[float, float, float]]:
+    """Mean of points first..last, and their scatter about it."""
     count = last - first + 1
     x = y = xx = xy = yy = 0.0
     for i in range(first, last + 1):
@@ -115,9 +113,46 @@ def _fit(
         xx += dx * dx
         xy += dx * dy
         yy += dy * dy
+    return x, y, (xx, xy, yy)
+
+
+@kernel
+def _without_slant(
+    scatter: tuple[float, float, float], beam: tuple[float, float], noise: float
+) -> tuple[float, float, float]:
+    """The scatter about a slanted surface, less what range errors add along it.
+
+    They move points along their beam, which turns the axis of least scatter away from the normal.
+    What they add across the surface stays. beam: unit vector. noise: expected sum of squares.
+    """
+    (xx, xy, yy), (vx, vy) = scatter, beam
+    nx, ny, _, _ = principal_axis(xx - noise * vx * vx, xy - noise * vx * vy, yy - noise * vy * vy)
+    across = (nx * vx + ny * vy) * (nx * vx + ny * vy)
+    return (
+        xx - noise * (vx * vx - across * nx * nx),
+        xy - noise * (vx * vy - across * nx * ny),
+        yy - noise * (vy * vy - across * ny * ny),
+    )
+
+
+@kernel
+def _fit(
+    points: FloatArray,
+    origins: FloatArray,
+    span: tuple[int, int],
+    noise: float,
+    piece: FloatArray,
+) -> bool:
+    """Total least squares through points first..last; False if it tells too little."""
+    first, last = span
+    count = last - first + 1
+    x, y, scatter = _moments(points, first, last)
+    vx = 0.5 * (origins[first, 0] + origins[last, 0]) - x
+    vy = 0.5 * (origins[first, 1] + origins[last, 1]) - y
+    reach = max(np.hypot(vx, vy), 1e-9)
+    xx, xy, yy = _without_slant(scatter, (vx / reach, vy / reach), noise * noise * (count - 1))
     nx, ny, least, most = principal_axis(xx, xy, yy)
-    vx, vy = origins[first, 0] - x, origins[first, 1] - y
-    incidence = (nx * vx + ny * vy) / max(np.hypot(vx, vy), 1e-9)
+    incidence = (nx * vx + ny * vy) / reach
     if np.abs(incidence) < MIN_INCIDENCE_SIN:
         return False
     if incidence < 0.0:
@@ -196,7 +231,9 @@ def _pieces(
                 stack[depth + 1, 0], stack[depth + 1, 1] = first, worst
                 depth += 2
             else:
-                kept = _cut(points, origins, (first, last), (noise, piece_m), out, kept)
+                spare = 1 if last - first + 1 >= MIN_BEAMS_TO_SPARE else 0
+                span = (first + spare, last - spare)
+                kept = _cut(points, origins, span, (noise, piece_m), out, kept)
         start = end + 1
     return out[:kept].copy()
 
