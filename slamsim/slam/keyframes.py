@@ -24,8 +24,11 @@ BLIND = np.diag(np.square([0.3, 0.3, 0.2]))
 OTHER_DRIVE_M = 50.0
 """Path between two drives: more than any that makes key frames neighbours."""
 
-LEAST_MOTION = np.diag(np.square([0.0005, 0.0005, 0.0002]))
+LEAST_MOTION = np.diag(np.square([5e-5, 5e-5, 2e-5]))
 """Covariance of a motion that odometry says was none."""
+
+TRUSTED = np.diag(np.square([0.0005, 0.0005, 0.0002]))
+"""Covariance of what is predicted from one scan to the next."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -193,12 +196,23 @@ def odometry_edge(before: Keyframe, after: Keyframe, odometry: OdometryNoise) ->
         T, covariance = between(before.T_odom_base, after.T_odom_base), BLIND
         if after.odometry is not None:
             T = after.odometry.T_first_last
-            covariance = odometry.covariance(after.odometry) + LEAST_MOTION
+            covariance = odometry.covariance(after.odometry)
+            covariance = covariance + _shaken(before) + _shaken(after) + LEAST_MOTION
     else:
         T = between(before.T_map_base, after.T_map_base)
         covariance = after.restart + LEAST_MOTION
     turn = rotation(np.asarray(T[2]))
     return GraphEdge(before.index, after.index, T, turn @ covariance @ turn.T, "odometry")
+
+
+def _shaken(keyframe: Keyframe) -> FloatArray:
+    """(3, 3) covariance of how the match of its one scan moved a key frame about its view.
+
+    A match against a prediction as sure as TRUSTED takes over its own noise where it is the surer,
+    and none where the walls do not hold it.
+    """
+    mixed = np.linalg.inv(keyframe.information + np.linalg.inv(TRUSTED))
+    return np.asarray(mixed @ keyframe.information @ mixed)
 
 
 def _some_beams(cloud: Cloud, reach_m: float) -> tuple[FloatArray, Float32Array]:
