@@ -30,6 +30,7 @@ _SHAPES: dict[str, Shape] = {
     "T_odom_base": (3,),
     "information": (3, 3),
     "pieces": (None, PIECE_FIELDS),
+    "view": (None, PIECE_FIELDS),
     "origin_m": (2,),
     "beams_m": (None, 2),
     "restart": (3, 3),
