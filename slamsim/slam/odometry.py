@@ -114,7 +114,8 @@ class FrontEnd:
         self._placer.begin()
 
     def begin_anew(self, matcher: Matcher) -> None:
-        """Go on from here in an empty map."""
+        """Go on from here in an empty map, at no known speed."""
+        self._predictor.rest()
         self._matcher, self._T_map_key = matcher, None
 
     @property

@@ -124,6 +124,10 @@ class Predictor:
         if self._calibrator is not None:
             self._calibrator.lose()
 
+    def rest(self) -> None:
+        """Nothing is known of the speed any more."""
+        self._velocity = np.zeros(3)
+
     def motion_over(self, scan: Scan) -> PlanarTrajectory | None:
         """The base's motion over the scan's beams; None where it was not known yet.
 
