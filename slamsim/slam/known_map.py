@@ -30,20 +30,18 @@ from slamsim.types import FloatArray, Grid, IntArray
 
 TILE_M = 8.0
 OCCUPIED = 0.65
-MIN_CELLS = 3
+MIN_CELLS = 2
 """A surface is fitted through so many occupied cells, or not at all."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class KnownMap:
-    """surfaces: (m, PIECE_FIELDS) in the map frame. noise_m: how far they may be off."""
+    """surfaces: (m, PIECE_FIELDS) in the map frame. points_m: (n, 2) along all of them. noise_m:
+    how far they may be off."""
 
     surfaces: FloatArray
+    points_m: FloatArray
     noise_m: float
-
-    def points_m(self) -> FloatArray:
-        """(n, 2) along all surfaces."""
-        return sample_surfaces(self.surfaces)
 
 
 def map_of_keyframes(keyframes: Sequence[Keyframe], poses: FloatArray) -> KnownMap:
@@ -52,7 +50,8 @@ def map_of_keyframes(keyframes: Sequence[Keyframe], poses: FloatArray) -> KnownM
     placed = [
         (keyframe.view.astype(np.float64), T) for keyframe, T in zip(keyframes, poses, strict=True)
     ]
-    return KnownMap(merged_surfaces(placed, noise_m), noise_m)
+    surfaces = merged_surfaces(placed, noise_m)
+    return KnownMap(surfaces, sample_surfaces(surfaces), noise_m)
 
 
 def merged_surfaces(placed: Sequence[tuple[FloatArray, FloatArray]], noise_m: float) -> FloatArray:
@@ -95,21 +94,22 @@ def map_of_grid(grid: Grid) -> KnownMap:
     """
     occupied = grid.occupancy > OCCUPIED
     free = grid.occupancy < 1.0 - OCCUPIED
-    pieces = []
+    pieces, points_m = [], []
     for dx, dy in ((1, 0), (-1, 0), (0, 1), (0, -1)):
         beside = np.zeros_like(free)
         rows, columns = free.shape
         to = np.s_[max(0, -dy) : rows - max(0, dy), max(0, -dx) : columns - max(0, dx)]
         of = np.s_[max(0, dy) : rows + min(0, dy), max(0, dx) : columns + min(0, dx)]
         beside[to] = free[of]
-        facing = np.argwhere(occupied & beside)
-        pieces.append(_fitted(facing, (dx, dy), grid))
-    return KnownMap(np.concatenate(pieces), 0.5 * grid.resolution_m)
+        cells = np.argwhere(occupied & beside)
+        places_m = (cells[:, ::-1] + 0.5) * grid.resolution_m + np.array(grid.origin_m)
+        pieces.append(_fitted(places_m, (dx, dy), grid.resolution_m))
+        points_m.append(places_m)
+    return KnownMap(np.concatenate(pieces), np.concatenate(points_m), 0.5 * grid.resolution_m)
 
 
-def _fitted(cells: IntArray, facing: tuple[int, int], grid: Grid) -> FloatArray:
-    """(k, PIECE_FIELDS) through cells (n, 2) of (row, column) that face free space one way."""
-    places_m = (cells[:, ::-1] + 0.5) * grid.resolution_m + np.array(grid.origin_m)
+def _fitted(places_m: FloatArray, facing: tuple[int, int], resolution_m: float) -> FloatArray:
+    """(k, PIECE_FIELDS) through the middles (n, 2) of cells that face free space one way."""
     if not len(places_m):
         return np.zeros((0, PIECE_FIELDS))
     squares = np.floor(places_m / PIECE_M).astype(np.int64)
@@ -117,7 +117,7 @@ def _fitted(cells: IntArray, facing: tuple[int, int], grid: Grid) -> FloatArray:
     order = np.argsort(group.ravel(), kind="stable")
     bounds = np.flatnonzero(np.diff(group.ravel()[order])) + 1
     fitted = [
-        _piece(members, facing, grid.resolution_m)
+        _piece(members, facing, resolution_m)
         for members in np.split(places_m[order], bounds)
         if len(members) >= MIN_CELLS
     ]

@@ -67,7 +67,7 @@ class Localiser:
     ) -> None:
         self._config, self._known = config, known
         self._front_end, self._motion = front_end, motion
-        self._everywhere = Everywhere(known.points_m(), config.back_end)
+        self._everywhere = Everywhere(known.points_m, config.back_end)
         self._matcher = FixedMapMatcher(config.front_end, known.surfaces, known.noise_m)
         self._scratch = Surfaces()
         self._track = Track()
