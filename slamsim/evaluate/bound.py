@@ -22,7 +22,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from slamsim.config.sensors import SensorsConfig
+from slamsim.config.sensors import LidarConfig, SensorsConfig
 from slamsim.evaluate.bound_groups import POSE_PRIOR, Groups, group_scans, joint_information
 from slamsim.evaluate.bound_odometry import odometry_noise, rolled_between
 from slamsim.evaluate.bound_scans import scan_information
@@ -97,11 +97,7 @@ def trajectory_bound(
     left. truth: ``T_map_base``. wheels: ``T_odom_base`` of the wheels at the scans' stamps, those
     scans that the bounds are for. track_m: between the wheels.
     """
-    duration_ns = sensors.lidar.beam_dt_ns * (sensors.lidar.beam_count - 1)
-    inside = (wheels.stamps_ns >= truth.stamps_ns[0]) & (
-        wheels.stamps_ns + duration_ns <= truth.stamps_ns[-1]
-    )
-    wheels = PlanarTrajectory(wheels.stamps_ns[inside], wheels.poses[inside])
+    wheels = _whole_scans(wheels, truth, sensors.lidar)
     if not (sensors.lidar.enabled and len(outline_m) and len(wheels) > 1):
         return None
     poses = truth.at(wheels.stamps_ns)
@@ -128,6 +124,16 @@ def trajectory_bound(
         lost_share=scans.lost / beams,
         mixed_share=scans.mixed / beams,
     )
+
+
+def _whole_scans(
+    wheels: PlanarTrajectory, truth: PlanarTrajectory, lidar: LidarConfig
+) -> PlanarTrajectory:
+    """At those scans whose beams the truth covers from the first to the last."""
+    duration_ns = lidar.beam_dt_ns * (lidar.beam_count - 1)
+    inside = wheels.stamps_ns >= truth.stamps_ns[0]
+    inside &= wheels.stamps_ns + duration_ns <= truth.stamps_ns[-1]
+    return PlanarTrajectory(wheels.stamps_ns[inside], wheels.poses[inside])
 
 
 def aligned_rmse_m(errors_m: FloatArray, points_m: FloatArray, share: FloatArray) -> FloatArray:

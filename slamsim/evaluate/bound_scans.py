@@ -179,12 +179,9 @@ def _add_scan(
         cos = min(-slant, 1.0)
         if cos < model[5]:
             continue
-        chance = min(model[6] + model[7] * far * far + model[8] * (1.0 - cos), 1.0)
+        chance, variance = _loss_and_noise(far, cos, model)
         totals[0] += count * (1.0 - chance)
         totals[1] += count * chance
-        cos = max(cos, GRAZING)
-        tan_squared = 1.0 / (cos * cos) - 1.0
-        variance = model[0] + far * far * (model[1] + model[2] * tan_squared)
         weight = count * (1.0 - chance) / (variance * slant * slant)
         hx, hy = x + far * dx, y + far * dy
         row[0], row[1] = -nx, -ny
@@ -194,12 +191,27 @@ def _add_scan(
         if sums[face, 6] == 0.0:
             met[many] = face
             many += 1
-        for i in range(3):
-            for j in range(3):
-                pose[i, j] += weight * row[i] * row[j]
-            sums[face, 2 * i] += weight * row[i]
-            sums[face, 2 * i + 1] += weight * row[i] * row[4]
-        sums[face, 6] += weight
-        sums[face, 7] += weight * row[4]
-        sums[face, 8] += weight * row[4] * row[4]
+        _add_beam(row, weight, pose, sums[face])
     return met[:many].copy(), totals
+
+
+@kernel
+def _loss_and_noise(range_m: float, cos: float, model: FloatArray) -> tuple[float, float]:
+    """Chance that a beam gets lost, and variance of its range if it does not."""
+    chance = min(model[6] + model[7] * range_m * range_m + model[8] * (1.0 - cos), 1.0)
+    cos = max(cos, GRAZING)
+    tan_squared = 1.0 / (cos * cos) - 1.0
+    return chance, model[0] + range_m * range_m * (model[1] + model[2] * tan_squared)
+
+
+@kernel
+def _add_beam(row: FloatArray, weight: float, pose: FloatArray, sums: FloatArray) -> None:
+    """One range's information on pose (3, 3), on its face, and between them (9,)."""
+    for i in range(3):
+        for j in range(3):
+            pose[i, j] += weight * row[i] * row[j]
+        sums[2 * i] += weight * row[i]
+        sums[2 * i + 1] += weight * row[i] * row[4]
+    sums[6] += weight
+    sums[7] += weight * row[4]
+    sums[8] += weight * row[4] * row[4]

@@ -181,17 +181,8 @@ def first_face(
             break
         if 0 <= column < columns and 0 <= row < rows:
             cell = row * columns + column
-            for at in range(starts[cell], starts[cell + 1]):
-                k = members[at]
-                towards = normal[k, 0] * dx + normal[k, 1] * dy
-                if towards >= -1e-9:
-                    continue
-                cx, cy = middle_m[k, 0] - x, middle_m[k, 1] - y
-                far = (normal[k, 0] * cx + normal[k, 1] * cy) / towards
-                if 0.0 <= far < best:
-                    off = -normal[k, 1] * (far * dx - cx) + normal[k, 0] * (far * dy - cy)
-                    if abs(off) <= half_m[k]:
-                        best, face = far, k
+            here = members[starts[cell] : starts[cell + 1]]
+            face, best = _nearer(x, y, dx, dy, face, best, here, normal, middle_m, half_m)
         if next_x <= next_y:
             way = next_x
             column += step_x
@@ -200,4 +191,31 @@ def first_face(
             way = next_y
             row += step_y
             next_y += delta_y
+    return face, best
+
+
+@kernel
+def _nearer(
+    x: float,
+    y: float,
+    dx: float,
+    dy: float,
+    face: int,
+    best: float,
+    members: IntArray,
+    normal: FloatArray,
+    middle_m: FloatArray,
+    half_m: FloatArray,
+) -> tuple[int, float]:
+    """The nearest face by now, given those of one more cell."""
+    for k in members:
+        towards = normal[k, 0] * dx + normal[k, 1] * dy
+        if towards >= -1e-9:
+            continue
+        cx, cy = middle_m[k, 0] - x, middle_m[k, 1] - y
+        far = (normal[k, 0] * cx + normal[k, 1] * cy) / towards
+        if 0.0 <= far < best:
+            off = -normal[k, 1] * (far * dx - cx) + normal[k, 0] * (far * dy - cy)
+            if abs(off) <= half_m[k]:
+                best, face = far, k
     return face, best
