@@ -28,7 +28,8 @@ NARROWING = 8.0
 
 INIT_STEPS = 10
 INIT_LEAST = 0.01
-MEDIAN_CHI2 = 0.455
+INIT_SHARE = 0.75
+INIT_SIGMAS = 1.1503
 MAX_ROUNDS = 40
 CONVERGED_LOG = 0.02
 CONVERGED_STEP = 1e-5
@@ -123,17 +124,22 @@ def _first_scales(matched: FloatArray, steps: FloatArray, noise: FloatArray) -> 
     if count < 3 * INIT_STEPS:
         return np.ones(3)
     ahead = steps[: count - INIT_STEPS]
-    short = np.median(
-        between(ahead, between(matched[:-INIT_STEPS], matched[1 : 1 - INIT_STEPS])) ** 2, axis=0
-    )
+    short = _size(between(ahead, between(matched[:-INIT_STEPS], matched[1 : 1 - INIT_STEPS])))
     for later in range(1, INIT_STEPS):
         ahead = compose(ahead, steps[later : count - INIT_STEPS + later])
-    long = np.median(
-        between(ahead, between(matched[:-INIT_STEPS], matched[INIT_STEPS:])) ** 2, axis=0
-    )
-    grown = np.maximum(long - short, INIT_LEAST * short) / ((INIT_STEPS - 1) * MEDIAN_CHI2)
+    long = _size(between(ahead, between(matched[:-INIT_STEPS], matched[INIT_STEPS:])))
+    grown = np.maximum(long - short, INIT_LEAST * short) / (INIT_STEPS - 1)
     claimed = np.median(np.diagonal(noise, axis1=1, axis2=2), axis=0)
     return np.clip(grown / claimed, *SCALE_BOUNDS)
+
+
+def _size(off: FloatArray) -> FloatArray:
+    """(3,) variance of normal numbers whose INIT_SHARE quantile is as large.
+
+    Begun with too little noise of the odometry, the search would end where it explains whole
+    stretches of good matches away.
+    """
+    return np.asarray(np.square(np.quantile(np.abs(off), INIT_SHARE, axis=0) / INIT_SIGMAS))
 
 
 def _offsets(information: FloatArray, pull: FloatArray) -> tuple[FloatArray, FloatArray]:
