@@ -20,6 +20,7 @@ START_USUAL = 0.8
 MIN_COVERED_RATIO = 0.3
 COVERED_TO_JUDGE = 0.5
 CONTRADICTED_SHARE = 0.5
+SUDDEN_NS = 1_000_000_000
 
 OTHER_GUESS_M = 0.1
 OTHER_GUESS_RAD = 0.1
@@ -43,6 +44,7 @@ class Placer:
     def __init__(self, min_inlier_ratio: float) -> None:
         self._least = min_inlier_ratio
         self._usual_inliers = START_USUAL
+        self._placed_ns = 0
         self.lost: list[Lost] = []
         """The scans since the last that was placed."""
         self.recovered = 0
@@ -62,17 +64,19 @@ class Placer:
         self.doubtful = False
         near = matcher.match(cloud, prediction.T_map_base, prediction.covariance)
         if near is not None and not prediction.jump and self._as_usual(near, prediction):
-            self.lost.clear()
+            self._placed(prediction)
             return near
         guesses = _other_guesses(prediction, T_map_coasting)
         candidates = [near, *_searched(matcher, cloud, prediction, guesses)]
         believed = [one for one in candidates if one and self._believable(one, prediction)]
         best = max(believed, key=lambda one: one.fit, default=None)
         if best is None:
-            self.lost.append(Lost(prediction, _contradicted(candidates)))
+            self.lost.append(
+                Lost(prediction, near is not None and near.covered_ratio > COVERED_TO_JUDGE)
+            )
             self.doubtful = True
             return None
-        self.lost.clear()
+        self._placed(prediction)
         if near in believed and near.fit > best.fit - CLEARLY:
             return near
         self.recovered += 1
@@ -81,10 +85,16 @@ class Placer:
 
     def carried(self) -> bool:
         """Whether the lost scans say that the robot was carried: their odometry jumped, or they
-        contradict the map where the odometry puts them."""
+        contradict the map where the odometry puts them, from one moment to the next: after a long
+        while without a place, odometry is still the best that is known."""
         against = sum(one.contradicted for one in self.lost)
         jumped = any(one.prediction.jump for one in self.lost)
-        return jumped or against > CONTRADICTED_SHARE * len(self.lost)
+        sudden = self.lost[0].prediction.stamp_ns - self._placed_ns < SUDDEN_NS
+        return jumped or (sudden and against > CONTRADICTED_SHARE * len(self.lost))
+
+    def _placed(self, prediction: Prediction) -> None:
+        self.lost.clear()
+        self._placed_ns = prediction.stamp_ns
 
     def _as_usual(self, match: Match, prediction: Prediction) -> bool:
         """Whether a match near the prediction needs no second look."""
@@ -120,10 +130,6 @@ def _searched(
         found.append(matcher.match(cloud, guess, prediction.covariance))
         found.append(matcher.search(cloud, guess, prediction.covariance))
     return found
-
-
-def _contradicted(candidates: list[Match | None]) -> bool:
-    return any(one is not None and one.covered_ratio > COVERED_TO_JUDGE for one in candidates)
 
 
 def _apart(guess: FloatArray, other: FloatArray) -> bool:

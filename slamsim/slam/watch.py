@@ -27,7 +27,7 @@ TURNED_RAD = 0.5
 FROZEN_M = 1e-6
 FROZEN_S = 2.0
 TURN_TO_COMPARE_RAD = 0.01
-MIN_TURNED_RAD = 3.0
+MIN_TURNED_RAD = 1.5
 """Turns of the odometry are compared with those of the scans when they add up to this much."""
 
 MIRRORED_SHARE = -0.3
