@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
+from contextlib import closing
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import cast
@@ -52,8 +53,12 @@ def run_accuracy(campaign: Campaign, reporter: Reporter) -> Figures:
     """
     reporter.say(SEED_HEADER)
     runs: list[Figures] = []
-    with kept_or_temporary(campaign.logs) as folder, reporter.stage("accuracy", "") as progress:
-        for figures in _all_seeds(campaign, folder):
+    with (
+        kept_or_temporary(campaign.logs) as folder,
+        reporter.stage("accuracy", "") as progress,
+        closing(_all_seeds(campaign, folder)) as done,
+    ):
+        for figures in done:
             runs.append(figures)
             reporter.say(seed_line(figures))
             progress(len(runs), len(campaign.seeds))
@@ -119,7 +124,7 @@ COUNTED = (
 )
 
 
-def _all_seeds(campaign: Campaign, folder: Path) -> Iterator[Figures]:
+def _all_seeds(campaign: Campaign, folder: Path) -> Generator[Figures]:
     """Figures of each seed, in the order in which they are done."""
     with ThreadPoolExecutor(campaign.workers) as threads, Children() as children:
         futures = [

@@ -8,12 +8,16 @@ from collections.abc import Callable
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
-from typing import ParamSpec, Self, TypeVar, cast
+from types import FrameType
+from typing import NoReturn, ParamSpec, Self, TypeVar, cast
 
 from slamsim.safe.errors import SlamsimError
 
 Arguments = ParamSpec("Arguments")
 Result = TypeVar("Result")
+
+GRACE_S = 5.0
+"""So long a child that is told to end may take to remove what it has half written."""
 
 _STANDARD_OUTPUT = 1
 
@@ -29,7 +33,11 @@ class Children:
         return self
 
     def __exit__(self, *error: object) -> None:
-        for child in tuple(self._running):
+        running = tuple(self._running)
+        for child in running:
+            child.terminate()
+        for child in running:
+            child.join(GRACE_S)
             child.kill()
 
     def run(
@@ -70,6 +78,7 @@ def _serve(
     keywords: dict[str, object],
 ) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C ends the parent, which ends its children
+    signal.signal(signal.SIGTERM, _end)
     os.dup2(os.open(os.devnull, os.O_WRONLY), _STANDARD_OUTPUT)  # some libraries print
     try:
         out.send((True, work(*arguments, **keywords)))
@@ -77,3 +86,7 @@ def _serve(
         out.send((False, str(error)))
     except Exception as error:
         out.send((False, f"{type(error).__name__}: {error}"))
+
+
+def _end(number: int, frame: FrameType | None) -> NoReturn:
+    raise SystemExit(128 + number)

@@ -29,6 +29,9 @@ from slamsim.world.build import World, build_world
 
 Figures = dict[str, object]
 
+OTHER_PARTS = ("accuracy", "matcher", "online")
+"""What ``slamsim bench`` measures beside speed."""
+
 
 @dataclass(frozen=True, slots=True)
 class _Subject:
@@ -49,8 +52,9 @@ def run_bench(part: str, config: RunConfig, repeats: int, reporter: Reporter) ->
     it; kernels are compiled and libraries loaded before the clock runs. Raises SlamsimError for
     an unknown part.
     """
+    known = ("all", *_PARTS, *OTHER_PARTS)
     if part != "all" and part not in _PARTS:
-        raise SlamsimError(f"there is no bench {part!r}; choose from all, {', '.join(_PARTS)}")
+        raise SlamsimError(f"there is no bench {part!r}; choose from {', '.join(known)}")
     built = build_world(config.world, config.seed)
     robot = build_robot(config.robot)
     route = plan_route(built, robot, config.drive)
