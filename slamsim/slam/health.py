@@ -29,7 +29,7 @@ CARRIED = "what was seen contradicts what was seen just before, as if the robot 
 TORN_SHARE = 0.36
 """Contradiction of what was seen at different times, as an average over a few metres. At the worst
 place: 0.18 on two real logs that are whole, 0.33 among three people in a small labyrinth, 0.5 and
-more with the second half of a log moved by 0.36 m. Chosen on these, with no others to hold it to."""
+more with the second half of a log moved by 0.36 m. Chosen on these, not held to others."""
 
 HARMLESS = 0.15
 EVERY_KEYFRAMES = 2
