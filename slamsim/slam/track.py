@@ -12,6 +12,8 @@ from slamsim.slam.steps import PARAMETERS
 from slamsim.types import BoolArray, FloatArray, PlanarTrajectory
 
 DEGENERATE_SHARE_TO_TELL = 0.05
+BLOCK = 4096
+"""Scans for which memory is asked at once; what is kept is never copied while the robot drives."""
 
 _ROW = np.dtype(
     [
@@ -33,8 +35,8 @@ class Track:
     """The front end's own poses, scan by scan."""
 
     def __init__(self) -> None:
-        self._rows = np.zeros(1024, dtype=_ROW)
-        self._count = 0
+        self._blocks: list[np.ndarray] = []
+        self._count = self._last_ns = 0
         self.out_of_order = 0
         """Scans that were not later than the one before."""
 
@@ -43,15 +45,15 @@ class Track:
 
     def is_later(self, stamp_ns: int) -> bool:
         """Whether a scan follows on; counts those that do not."""
-        later = self._count == 0 or stamp_ns > int(self._rows["stamp_ns"][self._count - 1])
+        later = self._count == 0 or stamp_ns > self._last_ns
         self.out_of_order += not later
         return later
 
     def keep(self, tracked: Tracked) -> None:
         """One more scan."""
-        if self._count == len(self._rows):
-            self._rows = np.concatenate([self._rows, np.zeros_like(self._rows)])
-        self._rows[self._count] = (
+        if self._count % BLOCK == 0:
+            self._blocks.append(np.zeros(BLOCK, dtype=_ROW))
+        self._blocks[-1][self._count % BLOCK] = (
             tracked.stamp_ns,
             tracked.T_map_base,
             tracked.T_odom_base,
@@ -62,6 +64,7 @@ class Track:
             *_step(tracked),
         )
         self._count += 1
+        self._last_ns = tracked.stamp_ns
 
     def front_end(self) -> PlanarTrajectory:
         """``T_map_base`` before any loop was closed."""
@@ -99,7 +102,7 @@ class Track:
     @property
     def degenerate(self) -> BoolArray:
         """(n,) whether some direction was left to odometry."""
-        return np.ascontiguousarray(self._rows["degenerate"][: self._count])
+        return self._column("degenerate")
 
     @property
     def information(self) -> FloatArray:
@@ -117,7 +120,8 @@ class Track:
         return tuple(told)
 
     def _column(self, name: str) -> np.ndarray:
-        return np.ascontiguousarray(self._rows[name][: self._count])
+        blocks = self._blocks or [np.zeros(0, dtype=_ROW)]
+        return np.concatenate([block[name] for block in blocks])[: self._count]
 
 
 def chained(start: FloatArray, steps: FloatArray) -> FloatArray:

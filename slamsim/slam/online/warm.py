@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import gc
+
 import numpy as np
 
 from slamsim.config.slam import SlamConfig
@@ -16,7 +18,11 @@ _SCAN_NS = 100_000_000
 
 
 def warm_up(config: SlamConfig, T_base_laser: FloatArray) -> None:
-    """Track a few scans of a square room, some of them from a place that nobody predicted."""
+    """Track a few scans of a square room, some of them from a place that nobody predicted.
+
+    What is loaded by then is taken out of Python's garbage collection (``gc.freeze``): looking
+    through all of it would hold up a scan by a quarter of a second now and then.
+    """
     geometry = ScanGeometry(-np.pi, np.pi / 180.0, 360, 200_000, 0.05, 30.0)
     stamps_ns = np.arange(9) * _SCAN_NS
     wheels = PlanarTrajectory(stamps_ns, np.zeros((9, 3)))
@@ -29,6 +35,8 @@ def warm_up(config: SlamConfig, T_base_laser: FloatArray) -> None:
         tracked = front_end.step(scan)
         if tracked is not None:
             maker.make(tracked)
+    gc.collect()
+    gc.freeze()
 
 
 def _square(geometry: ScanGeometry, turned_rad: float) -> np.ndarray:

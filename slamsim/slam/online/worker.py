@@ -19,6 +19,8 @@ from slamsim.slam.online.messages import Done, Finish, News, Task
 from slamsim.slam.online.pipe import journal_messages, packed, read_message
 
 _STANDARD_OUTPUT, _STANDARD_ERROR = 1, 2
+_YIELDING = 10
+"""Niceness: where cores are few, the session's next scan comes before the next solution."""
 
 
 def serve(messages: SimpleQueue[object], answers: BinaryIO) -> None:
@@ -59,6 +61,7 @@ def _listen(stream: BinaryIO, messages: SimpleQueue[object]) -> None:
 
 def main() -> None:
     """Entry point of the process."""
+    os.nice(_YIELDING)
     # What native code prints must not come between the answers.
     answers = os.fdopen(os.dup(_STANDARD_OUTPUT), "wb")
     os.dup2(_STANDARD_ERROR, _STANDARD_OUTPUT)
