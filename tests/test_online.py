@@ -136,7 +136,7 @@ def test_the_back_end_ends_with_its_parent() -> None:
         "import time\n"
         "from slamsim.config.slam import SlamConfig\n"
         "from slamsim.slam.online.beside import Beside\n"
-        "print(Beside(SlamConfig(), True).process_id, flush=True)\n"
+        "print(Beside(SlamConfig()).process_id, flush=True)\n"
         "time.sleep(60)\n"
     )
     command = [sys.executable, "-c", code]

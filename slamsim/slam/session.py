@@ -253,10 +253,9 @@ def open_session(
             result = session.finish()
     """
     warm_up(config, T_base_laser)
-    gyro = T_base_imu is not None
     motion = MotionFilter(None if T_base_imu is None else T_base_imu[:3, :3])
     front_end = FrontEnd(config.front_end, None, T_base_laser)
-    return SlamSession(config, front_end, motion, Beside(config, gyro))
+    return SlamSession(config, front_end, motion, Beside(config))
 
 
 def run_slam(log: Log, config: SlamConfig, progress: Progress = silent) -> SlamResult:
@@ -286,7 +285,6 @@ def map_log(
     odometry = odometry_of(log)
     seconds = {"motion": time.perf_counter() - started_s}
 
-    gyro = log.imu is not None
     front_end = FrontEnd(config.front_end, odometry, log.T_base_laser)
     whole = len(log.scans) * (1.0 + FINISH_SHARE)
     if start is not None:
@@ -294,7 +292,7 @@ def map_log(
     before = None
     if earlier is not None:
         before = Before(earlier.keyframes[-1], ANYWHERE if start is None else ABOUT_THERE)
-    keeper = InLine(config, gyro, earlier)
+    keeper = InLine(config, earlier)
     with SlamSession(config, front_end, WholeMotion(odometry), keeper, before) as session:
         for number, scan in enumerate(log.scans):
             session.step(scan)

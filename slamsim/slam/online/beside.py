@@ -38,8 +38,8 @@ class Beside:
     ``behind`` tells how many key frames that process has not dealt with yet.
     """
 
-    def __init__(self, config: SlamConfig, gyro: bool) -> None:
-        self._config, self._gyro = config, gyro
+    def __init__(self, config: SlamConfig) -> None:
+        self._config = config
         self._journal = tempfile.TemporaryFile(prefix="slamsim-keyframes-")  # noqa: SIM115
         self._kept = array("q")
         self._closures: list[GraphEdge] = []
@@ -114,7 +114,7 @@ class Beside:
         """See ``MapKeeper``."""
         if self._alone is not None:
             return self._alone.keyframes()
-        back_end = BackEnd(self._config, self._gyro)
+        back_end = BackEnd(self._config)
         back_end.restore(self._journalled(), (), set(self._kept))
         return back_end.keyframes
 
@@ -127,7 +127,7 @@ class Beside:
         """What is left when no process will stay: all key frames, and no closures."""
         closures = self._config.back_end.closures.model_copy(update={"enabled": False})
         back_end = self._config.back_end.model_copy(update={"closures": closures})
-        keeper = InLine(self._config.model_copy(update={"back_end": back_end}), self._gyro)
+        keeper = InLine(self._config.model_copy(update={"back_end": back_end}))
         for keyframe in self._journalled():
             keeper.take(keyframe)
         self._alone = keeper
@@ -177,7 +177,6 @@ class Beside:
         self._pipe = Pipe(self._child.stdin, self._child.stdout)
         task = Task(
             self._config,
-            self._gyro,
             journal=descriptor,
             journal_bytes=self._journal.tell(),
             taken=self._answered,

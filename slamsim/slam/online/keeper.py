@@ -66,8 +66,8 @@ class InLine:
     earlier: a map to go on with.
     """
 
-    def __init__(self, config: SlamConfig, gyro: bool, earlier: SavedMap | None = None) -> None:
-        self._back_end = BackEnd(config, gyro)
+    def __init__(self, config: SlamConfig, earlier: SavedMap | None = None) -> None:
+        self._back_end = BackEnd(config)
         if earlier is not None:
             self._back_end.restore(earlier.keyframes, earlier.closures, poses=earlier.poses)
 

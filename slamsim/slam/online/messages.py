@@ -17,7 +17,6 @@ class Task:
     and found ``closures`` among them."""
 
     config: SlamConfig
-    gyro: bool
     journal: int
     journal_bytes: int
     taken: int

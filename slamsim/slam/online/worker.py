@@ -39,7 +39,7 @@ def serve(messages: SimpleQueue[object], answers: BinaryIO) -> None:
         tell(News(keyframe.index, new, correction, back_end.new_closures()))
 
     task = cast(Task, messages.get())
-    back_end = BackEnd(task.config, task.gyro)
+    back_end = BackEnd(task.config)
     journal = [cast(Keyframe, k) for k in journal_messages(task.journal, task.journal_bytes)]
     earlier = [keyframe for keyframe in journal if keyframe.index <= task.taken]
     back_end.restore(earlier, task.closures, set(task.kept))

@@ -1,0 +1,138 @@
+"""Where a key frame was seen before: candidates, matches, and which of them to believe."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from slamsim.config.back_end import BackEndConfig
+from slamsim.geometry import between
+from slamsim.slam.agreement import WaitingClosures
+from slamsim.slam.candidates import CandidateIndex
+from slamsim.slam.closure import Closure, ClosureFinder, Expected
+from slamsim.slam.rejoin import Rejoiner
+from slamsim.slam.solution import Solution
+from slamsim.slam.submap_cutter import SubmapCutter
+from slamsim.slam.submaps import Submap
+from slamsim.types import FloatArray, GraphEdge
+
+REJOIN_TRAVEL_M = 6.0
+MOVED_M = 0.15
+MOVED_RAD = 0.03
+
+
+class ClosureSearch:
+    """Searches the submaps of ``cutter``; what is believed is entered into ``solution``."""
+
+    def __init__(self, config: BackEndConfig, cutter: SubmapCutter, solution: Solution) -> None:
+        self._config = config.closures
+        self._cutter, self._solution = cutter, solution
+        self._candidates = CandidateIndex(config.closures)
+        self._finder = ClosureFinder(config)
+        self._waiting = WaitingClosures(config.closures.min_support, config.closures.query_travel_m)
+        self._rejoiner = Rejoiner(config)
+        self._closed: set[tuple[int, int]] = set()
+        self._failures: dict[tuple[int, int], FloatArray] = {}
+        self._new: list[GraphEdge] = []
+        self.refusals: Counter[str] = Counter()
+        """Why closures were not believed, and how often."""
+
+    def offer(self, submap: Submap) -> None:
+        """One more submap in which later key frames may find themselves."""
+        self._candidates.add(submap)
+
+    def restore(self, closures: Iterable[GraphEdge]) -> None:
+        """Enter closures that another search found among the same submaps."""
+        numbers = {submap.anchor: number for number, submap in enumerate(self._cutter.submaps)}
+        for edge in closures:
+            if edge.source in numbers:
+                self._closed.add((numbers[edge.source], edge.target))
+                self._solution.enter(edge)
+
+    def search(self, index: int) -> int:
+        """Search the submaps that may overlap with a key frame; how many closures came of it."""
+        self.refusals["unsupported"] += self._waiting.forget(self._path_m(index))
+        parts = self._solution.parts
+        query = self._cutter.query(index, self._config.query_travel_m)
+        found = 0
+        for number in self._candidates.of(query, self._solution.estimate):
+            anchor = self._cutter.submaps[number].anchor
+            if parts.of(anchor) != parts.of(index) or (number, index) in self._closed:
+                continue
+            expected = self._solution.expected(anchor, index)
+            if self._failed_before(number, index, expected):
+                continue
+            closure = self._find(query, number, expected)
+            if closure is None:
+                self._failures[number, index] = expected.T_submap_query
+            else:
+                found += self._weigh(closure)
+        return found + (self._rejoin(index) if parts.loose else 0)
+
+    def new_closures(self) -> tuple[GraphEdge, ...]:
+        """Those that came to count since this was last asked."""
+        new = tuple(self._new)
+        self._new.clear()
+        return new
+
+    def give_up_waiting(self) -> None:
+        """No closure that still waits for others to agree will ever count."""
+        self.refusals["unsupported"] += self._waiting.forget(np.inf)
+
+    def _rejoin(self, index: int) -> int:
+        """Look for a key frame in all that is not joined to its part of the map."""
+        parts = self._solution.parts
+        part = parts.of(index)
+        others = [
+            (number, submap)
+            for number, submap in enumerate(self._cutter.submaps)
+            if parts.of(submap.anchor) != part
+        ]
+        if not others or not self._rejoiner.due(self._path_m(index)):
+            return 0
+        query = self._cutter.query(index, REJOIN_TRAVEL_M)
+        found = 0
+        for number, expected in self._rejoiner.look(query, part, others, self._solution.poses):
+            closure = self._find(query, number, expected)
+            if closure is not None:
+                found += self._weigh(replace(closure, expected=False))
+        return found
+
+    def _find(self, query: Submap, number: int, expected: Expected) -> Closure | None:
+        """A verified match of the query with a submap; why there is none is counted."""
+        submap, noise_m = self._cutter.submaps[number], self._cutter.noise_m
+        closure = self._finder.find(query, number, submap, expected, noise_m)
+        if isinstance(closure, Closure):
+            return closure
+        self.refusals[closure] += 1
+        return None
+
+    def _failed_before(self, number: int, index: int, expected: Expected) -> bool:
+        """Whether the same search from nearly the same place led nowhere."""
+        before = self._failures.get((number, index))
+        if before is None:
+            return False
+        moved = between(before, expected.T_submap_query)
+        return bool(np.hypot(moved[0], moved[1]) < MOVED_M and abs(moved[2]) < MOVED_RAD)
+
+    def _weigh(self, closure: Closure) -> int:
+        """Believe an expected closure at once, a surprising one when others agree; how many count
+        now."""
+        accepted: Sequence[Closure] = [closure]
+        if not closure.expected:
+            accepted = self._waiting.add(closure, self._solution.poses)
+        count = 0
+        for one in accepted:
+            pair = (one.submap, one.edge.target)
+            if pair not in self._closed:  # it may have been found again while it waited
+                self._closed.add(pair)
+                self._solution.close(one)
+                self._new.append(one.edge)
+                count += 1
+        return count
+
+    def _path_m(self, index: int) -> float:
+        return self._cutter.keyframes[index].path_m

@@ -1,0 +1,134 @@
+"""The graph of key frames, and where it puts them while it grows."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from slamsim.config.back_end import GraphConfig
+from slamsim.geometry import between, compose, inverse
+from slamsim.slam.closure import Closure, Expected
+from slamsim.slam.estimate import Estimate
+from slamsim.slam.graph import PoseGraphSolver
+from slamsim.slam.parts import Parts
+from slamsim.slam.rejoin import moved_onto
+from slamsim.types import FloatArray, GraphEdge
+
+UPDATE_AFTER_KEYFRAMES = 10
+RENEW_AFTER_KEYFRAMES = 20
+RENEW_AFTER_SHARE = 0.1
+SURPRISE_M = 0.1
+SURPRISE_RAD = 0.03
+
+
+class Solution:
+    """Edges of the chain and closures go in; poses and their uncertainties come out.
+
+    ``update`` and ``solve`` let the edges move the poses: the one is quick, the other thorough.
+    """
+
+    def __init__(self, config: GraphConfig) -> None:
+        self._graph = PoseGraphSolver(config)
+        self._unsolved: list[Closure] = []
+        self._updated_keyframes = 0
+        self.estimate = Estimate()
+        self.parts = Parts()
+
+    @property
+    def poses(self) -> FloatArray:
+        """(n, 3) T_map_base of the key frames as estimated by now; a view."""
+        return self.estimate.poses
+
+    @property
+    def edges(self) -> Sequence[GraphEdge]:
+        """Of the chain and closures, with the weights of the last solution."""
+        return self._graph.edges
+
+    @property
+    def closures(self) -> list[GraphEdge]:
+        """Those that were entered, believed or not."""
+        return [edge for edge in self._graph.edges if edge.kind == "closure"]
+
+    def begin(self, T_map_base: FloatArray) -> None:
+        """The first key frame."""
+        self.estimate.begin(T_map_base)
+
+    def extend(self, edge: GraphEdge, apart: bool) -> None:
+        """One more key frame, joined to the last by an edge of the chain.
+
+        apart: that edge may be wrong by any distance; a part of its own begins here.
+        """
+        self._graph.add(edge)
+        self.estimate.extend(edge)
+        if apart:
+            self.parts.begin(edge.target)
+
+    def enter(self, edge: GraphEdge) -> None:
+        """A closure that counts; if it joins two parts of the map, one is carried to the other."""
+        source, target = edge.source, edge.target
+        if self.parts.of(source) != self.parts.of(target):
+            if self.parts.of(target) < self.parts.of(source):
+                T_new = compose(self.poses[target], inverse(edge.T_source_target))
+                self._carry(source, T_new)
+            else:
+                self._carry(target, compose(self.poses[source], edge.T_source_target))
+            self._graph.begin_anew()
+            self.parts.join(source, target)
+        self._graph.add(edge)
+
+    def close(self, closure: Closure) -> None:
+        """Enter a closure that was just found, to be reckoned with at the next update."""
+        self.enter(closure.edge)
+        self._unsolved.append(closure)
+
+    def expected(self, anchor: int, index: int) -> Expected:
+        """Where a key frame should be in the frame of an earlier one."""
+        T_submap_query = between(self.poses[anchor], self.poses[index])
+        return Expected(T_submap_query, self.estimate.covariance(anchor, index))
+
+    def due(self) -> bool:
+        """Whether an update now would help the search for the next closures."""
+        if not self._unsolved:
+            return False
+        if len(self.estimate) - self._updated_keyframes >= UPDATE_AFTER_KEYFRAMES:
+            return True
+        edges = [closure.edge for closure in self._unsolved]
+        now = between(self.poses[[e.source for e in edges]], self.poses[[e.target for e in edges]])
+        step = between(np.array([edge.T_source_target for edge in edges]), now)
+        surprise_m, surprise_rad = np.hypot(step[:, 0], step[:, 1]).max(), np.abs(step[:, 2]).max()
+        return bool(surprise_m > SURPRISE_M or surprise_rad > SURPRISE_RAD)
+
+    def update(self) -> None:
+        """Let the new closures move the estimate; now and then, renew its uncertainties."""
+        self.estimate.move(self._graph.update(self.poses))
+        count = self._updated_keyframes = len(self.estimate)
+        opened = not all(closure.expected for closure in self._unsolved)
+        self._unsolved.clear()
+        grown = count - self.estimate.solved_count
+        if opened or grown >= RENEW_AFTER_KEYFRAMES + RENEW_AFTER_SHARE * count:
+            self._renew_covariances()
+
+    def take_up(self) -> None:
+        """Let closures that were entered all at once move the estimate."""
+        self.estimate.move(self._graph.update(self.poses))
+        self._renew_covariances()
+
+    def solve(self) -> None:
+        """The full solution."""
+        self.estimate.move(self._graph.solve(self.poses))
+        self._renew_covariances()
+        self._unsolved.clear()
+
+    def solve_with(self, chain: Sequence[GraphEdge]) -> None:
+        """The full solution with these in the place of the edges that joined the same poses."""
+        self._graph.renew(chain)
+        self.solve()
+
+    def _carry(self, keyframe: int, T_map_base: FloatArray) -> None:
+        """Move a whole part of the map so that this key frame of it comes to lie there."""
+        members = self.parts.members(keyframe, len(self.estimate))
+        self.estimate.move(moved_onto(self.poses, members, T_map_base, self.poses[keyframe]))
+
+    def _renew_covariances(self) -> None:
+        self.estimate.renew_covariances(self._graph.edges)
