@@ -21,7 +21,7 @@ from slamsim.types import Calibrated, Cloud, Event, FloatArray, Scan
 LOST_SCANS = 20
 """After so many scans in a row that fit nowhere the local map is begun anew."""
 
-MIN_GRIP = 8
+MIN_GRIP = 5
 """A scan with fewer surface pieces than this is blind: it says nothing about where it is."""
 
 ELSEWHERE_M, ELSEWHERE_RAD = 10.0, 2.0

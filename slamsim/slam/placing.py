@@ -18,9 +18,13 @@ DOUBTFUL_SHARE = 0.8
 USUAL_GAIN = 0.02
 START_USUAL = 0.8
 MIN_COVERED_RATIO = 0.3
-COVERED_TO_JUDGE = 0.5
-CONTRADICTED_SHARE = 0.5
 SUDDEN_NS = 1_000_000_000
+
+SLIP_M, SLIP_M_S = 0.2, 0.5
+SLIP_RAD, SLIP_RAD_S = 0.4, 1.5
+SLIP_FOR_S = 0.5
+"""From one moment to the next no wheels are more wrong than this: they only seem to be where a
+robot was carried to a place that looks alike."""
 
 OTHER_GUESS_M = 0.1
 OTHER_GUESS_RAD = 0.1
@@ -29,10 +33,9 @@ OTHER_GUESS_RAD = 0.1
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Lost:
-    """A scan that fitted nowhere, and whether it contradicts the map rather than leaving it."""
+    """A scan that fitted nowhere."""
 
     prediction: Prediction
-    contradicted: bool
 
 
 class Placer:
@@ -50,7 +53,7 @@ class Placer:
         self.recovered = 0
         """Scans that only a search could place."""
         self.doubtful = False
-        """Whether the last scan was lost, or placed by a search."""
+        """Whether the last scan was lost, or needed a second look."""
 
     def begin(self) -> None:
         """In another map scans may fit as well as they like."""
@@ -68,29 +71,46 @@ class Placer:
             return near
         guesses = _other_guesses(prediction, T_map_coasting)
         candidates = [near, *_searched(matcher, cloud, prediction, guesses)]
-        believed = [one for one in candidates if one and self._believable(one, prediction)]
+        believed = [
+            one
+            for one in candidates
+            if one
+            and self._believable(one, prediction)
+            and self._reachable(one, prediction, guesses)
+        ]
         best = max(believed, key=lambda one: one.fit, default=None)
         if best is None:
-            self.lost.append(
-                Lost(prediction, near is not None and near.covered_ratio > COVERED_TO_JUDGE)
-            )
+            self.lost.append(Lost(prediction))
             self.doubtful = True
             return None
         self._placed(prediction)
+        self.doubtful = True
         if near in believed and near.fit > best.fit - CLEARLY:
             return near
         self.recovered += 1
-        self.doubtful = True
         return best
 
     def carried(self) -> bool:
-        """Whether the lost scans say that the robot was carried: their odometry jumped, or they
-        contradict the map where the odometry puts them, from one moment to the next: after a long
-        while without a place, odometry is still the best that is known."""
-        against = sum(one.contradicted for one in self.lost)
+        """Whether the lost scans say that the robot was carried: their odometry jumped, or nothing
+        fitted any more from one moment to the next: after a long while without a place, odometry
+        is still the best that is known."""
         jumped = any(one.prediction.jump for one in self.lost)
-        sudden = self.lost[0].prediction.stamp_ns - self._placed_ns < SUDDEN_NS
-        return jumped or (sudden and against > CONTRADICTED_SHARE * len(self.lost))
+        return jumped or self._sudden(self.lost[0].prediction)
+
+    def _sudden(self, prediction: Prediction) -> bool:
+        return prediction.stamp_ns - self._placed_ns < SUDDEN_NS
+
+    def _reachable(self, match: Match, prediction: Prediction, guesses: list[FloatArray]) -> bool:
+        """Whether the robot can have come to a match, be the wheels as wrong as they may be."""
+        if not self._sudden(self.lost[0].prediction if self.lost else prediction):
+            return True
+        seconds = min((prediction.stamp_ns - self._placed_ns) * 1e-9, SLIP_FOR_S)
+        for guess in (prediction.T_map_base, *guesses):
+            step = between(guess, match.T_map_base)
+            near = np.hypot(step[0], step[1]) <= SLIP_M + SLIP_M_S * seconds
+            if near and abs(step[2]) <= SLIP_RAD + SLIP_RAD_S * seconds:
+                return True
+        return False
 
     def _placed(self, prediction: Prediction) -> None:
         self.lost.clear()

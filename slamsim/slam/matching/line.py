@@ -30,7 +30,7 @@ from slamsim.types import Cloud, FloatArray, IntArray
 START_NOISE_M = 0.015
 NOISE_BOUNDS_M = (0.002, 0.05)
 NOISE_GAIN = 0.1
-MIN_PARTNERS = 8
+MIN_PARTNERS = 5
 SEARCH_CANDIDATES = 6
 NEAR_GATE_M = 0.1
 NEAR_SIGMAS = 8.0

@@ -23,13 +23,13 @@ SPACING_FACTOR = 6.0
 """Neighbouring beams this many times further apart than square on a wall are not one surface."""
 
 MAX_SPACING_M = 1.0
-MAX_BEAM_STEP_RAD = 0.1
+MAX_BEAM_STEP_RAD = 0.2
 BEND_SIGMAS = 4.0
 MIN_BEAMS = 3
 MIN_BEAMS_TO_SPARE = 8
 """Runs of this many beams do without their first and last, which may have met two surfaces."""
 
-BEAMS_PER_PIECE = 5.0
+BEAMS_PER_PIECE = 3.0
 """Pieces are lengthened, where beams are far apart, to hold about this many."""
 
 MIN_INCIDENCE_SIN = 0.08
