@@ -24,6 +24,7 @@ from slamsim.slam.keyframes import Keyframe, chain_edge, odometry_edge
 from slamsim.slam.marginals import in_own_frame, relative_covariances
 from slamsim.slam.odometry import ELSEWHERE
 from slamsim.slam.recalibrate import Recalibration
+from slamsim.slam.sights import Sights
 from slamsim.slam.solution import Solution
 from slamsim.slam.steps import OdometryNoise, OdometryStep
 from slamsim.slam.submap_cutter import SubmapCutter
@@ -62,6 +63,8 @@ class BackEnd:
         self._visits = Visits()
         self._carried: list[Event] = []
         self._unrefined = ""
+        self.sights: Sights | None = None
+        """What holds the key frames, once finished and refined."""
         self.unrefined = np.zeros((0, 3))
         """(n, 3) T_map_base of the key frames when the last closures were in."""
         self.seconds: defaultdict[str, float] = defaultdict(float)
@@ -162,11 +165,10 @@ class BackEnd:
         with self._timed("calibrate"):
             self._calibrate()
         self.unrefined = self.poses
-        covariances = None
         if self._config.refinement.enabled and len(self.keyframes) > 1:
             with self._timed("refine"):
-                covariances = self._refine()
-        return self._pose_graph(covariances)
+                self._refine()
+        return self._pose_graph()
 
     def events(self, graph: PoseGraph) -> tuple[Event, ...]:
         """What is wrong with the finished map, and where it was driven."""
@@ -260,29 +262,29 @@ class BackEnd:
         self.calibration = recalibration.solved
         self._odometry_noise = recalibration.solved.noise
 
-    def _refine(self) -> FloatArray | None:
-        """Move the key frames to where all views agree best; their covariances, or None."""
-        odometry = [
-            odometry_edge(before, after, self._odometry_noise)
-            for before, after in pairwise(self.keyframes)
-        ]
+    def _refine(self) -> None:
+        """Move the key frames to where all views agree best."""
+        noise = self._odometry_noise
+        odometry = [odometry_edge(*pair, noise) for pair in pairwise(self.keyframes)]
         views = [keyframe.view for keyframe in self.keyframes]
         edges = self._solution.edges
         try:
             refined = refine(views, self.poses, odometry, self._cutter.noise_m, edges)
         except NotRefined as refusal:
             self._unrefined = str(refusal)
-            return None
+            return
         self._solution.estimate.move(refined.poses)
-        return refined.covariances
+        self.sights = refined.sights
 
-    def _pose_graph(self, covariances: FloatArray | None) -> PoseGraph:
-        """The result. Without covariances, those of the graph, scaled by how well its closures fit
-        what was claimed."""
+    def _pose_graph(self) -> PoseGraph:
+        """The result. Unrefined, its covariances are those of the graph, scaled by how well its
+        closures fit what was claimed."""
         poses, edges = self.poses, self._solution.edges
-        if covariances is None:
+        if self.sights is None:
             in_map = relative_covariances(poses, edges, 0, np.zeros(2))
             covariances = in_own_frame(poses, in_map) * variance_factor(poses, edges)
+        else:
+            covariances = self.sights.covariances(poses)
         stamps_ns = np.array([k.stamp_ns for k in self.keyframes], dtype=np.int64)
         return PoseGraph(PlanarTrajectory(stamps_ns, poses), covariances, tuple(edges))
 

@@ -25,8 +25,9 @@ from slamsim.slam.bundle_equations import (
     residuals,
     to_map,
 )
-from slamsim.slam.marginals import add_edges, adjoint, edge_covariances_in_map, in_own_frame
+from slamsim.slam.marginals import add_edges, adjoint, edge_covariances_in_map
 from slamsim.slam.matching.surfaces import BEAMS, SCATTER_XX, SCATTER_XY, SCATTER_YY, X, Y
+from slamsim.slam.sights import Sights
 from slamsim.types import Float32Array, FloatArray, GraphEdge
 
 ROUNDS = ((0.06, 12.0, 3), (0.03, 4.0, 10))
@@ -63,12 +64,11 @@ class NotRefined(SlamsimError):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Refined:
-    """poses: (n, 3) T_map_base of the key frames. covariances: (n, 3, 3) relative to the first, of
-    small steps of the base in its own frame. roughness_m: standard deviation by which surfaces
-    differ from straight lines, beyond the noise of ranges."""
+    """poses: (n, 3) T_map_base of the key frames. sights: what holds them there. roughness_m:
+    standard deviation by which surfaces differ from straight lines, beyond the noise of ranges."""
 
     poses: FloatArray
-    covariances: FloatArray
+    sights: Sights
     roughness_m: float
 
 
@@ -107,7 +107,7 @@ def _refine(
         poses = bundle.relax(poses, steps)
     assert bundle is not None
     bundle.check(begun_at, poses)
-    return Refined(poses, bundle.covariances(poses), bundle.roughness_m)
+    return Refined(poses, bundle.sights(poses), bundle.roughness_m)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -175,11 +175,10 @@ class _Bundle:
                 break
         return poses
 
-    def covariances(self, poses: FloatArray) -> FloatArray:
-        """(n, 3, 3) relative to the first pose, of small steps of the base in its own frame."""
-        in_map = np.zeros((len(poses), 3, 3))
-        in_map[1:] = factorise(self._panels, self._system(poses)).inverse_diagonal()
-        return DOUBTED_BY_CHANCE * in_own_frame(poses, in_map)
+    def sights(self, poses: FloatArray) -> Sights:
+        """What was seen and what was driven, each for itself."""
+        drift = np.asarray(np.linalg.inv(self._believed_odometry(poses)[1]), np.float64)
+        return Sights(self._panels, self._surface_system(poses) / DOUBTED_BY_CHANCE, drift)
 
     def check(self, before: FloatArray, after: FloatArray) -> None:
         """Raise NotRefined unless the poses became more likely without being torn about."""
@@ -221,9 +220,14 @@ class _Bundle:
 
     def _system(self, poses: FloatArray) -> FloatArray:
         """The information of everything about the poses, surfaces eliminated."""
-        system = empty_system(self._panels)
+        system = self._surface_system(poses)
         _, information = self._believed_odometry(poses)
         add_edges(self._panels, system, self._ends, information)
+        return system
+
+    def _surface_system(self, poses: FloatArray) -> FloatArray:
+        """The same without the odometry."""
+        system = empty_system(self._panels)
         points = to_map(self._points, self._shared.views, poses)
         surfaces = (self._shared.starts, fit_lines(points, self._weights, self._shared.starts))
         unknowns = self._number[self._shared.views]

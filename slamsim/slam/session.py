@@ -27,6 +27,7 @@ from slamsim.slam.online.samples import NOTHING, MotionSamples, MotionSource, Wh
 from slamsim.slam.online.warm import warm_up
 from slamsim.slam.own_part import poses_since, since
 from slamsim.slam.saved_map import SavedMap, settled
+from slamsim.slam.sights import smoothed_covariances
 from slamsim.slam.track import Track
 from slamsim.types import (
     Calibrated,
@@ -165,16 +166,20 @@ class SlamSession:
         raw = self._track.front_end()
         corrected = correct_pieces(raw, outcome.graph.keyframes, breaks_ns)
         odometry = self._track.calibrated_odometry(outcome.calibration)
-        trajectory = self._track.smoothed(corrected, odometry).track
+        smoothed = self._track.smoothed(corrected, odometry)
+        trajectory = smoothed.track
         keyframes_ns = outcome.graph.keyframes.stamps_ns
         keyframes = PlanarTrajectory(keyframes_ns, trajectory.at(keyframes_ns))
+        covariances = outcome.graph.covariances
+        if outcome.sights is not None:
+            covariances = smoothed_covariances(outcome.sights, whole.graph, self._first, smoothed)
         happened = (*self._front_end.events(), *outcome.events)
         events = tuple(sorted(happened, key=lambda event: event.start_ns))
         counted = (*self._front_end.warnings(), *self._track.warnings())
         return SlamResult(
             trajectory=trajectory,
             odometry=self._track.odometry(),
-            graph=replace(outcome.graph, keyframes=keyframes),
+            graph=replace(outcome.graph, keyframes=keyframes, covariances=covariances),
             match_quality=self._track.quality,
             degenerate=self._track.degenerate,
             closures_accepted=outcome.accepted,

@@ -65,10 +65,12 @@ class Chain:
 class Smoothed:
     """track: ``T_map_base`` of all scans. covariances: (n, 3, 3) of a small step of the base in its
     own frame, relative to the local map. match_scale: variance of the matches over what they
-    claimed; motion_scale: (3,) that of the odometry along, across and in heading."""
+    claimed; motion_scale: (3,) that of the odometry along, across and in heading. drift: (n - 1, 3,
+    3) covariance of each step of the odometry, of the base at its end: large where it slipped."""
 
     track: PlanarTrajectory
     covariances: FloatArray
+    drift: FloatArray
     match_scale: float
     motion_scale: FloatArray
 
@@ -97,7 +99,8 @@ def smooth(chain: Chain) -> Smoothed:
         if change < CONVERGED_LOG and np.abs(moves).max() < CONVERGED_STEP:
             break
     track = PlanarTrajectory(chain.track.stamps_ns, poses)
-    return Smoothed(track, covariances, float(scales[0]), scales[1:])
+    drift = _drift(poses, chain.steps, noise * np.outer(*[np.sqrt(scales[1:])] * 2))
+    return Smoothed(track, covariances, drift, float(scales[0]), scales[1:])
 
 
 def odometry_steps(odometry: PlanarTrajectory) -> tuple[FloatArray, FloatArray]:
@@ -114,6 +117,13 @@ def odometry_steps(odometry: PlanarTrajectory) -> tuple[FloatArray, FloatArray]:
     turning_s = np.where(steps[:, 2] != 0.0, seconds, 0.0)
     noise[:, 2, 2] = work_m * WALK_RAD_PER_SQRT_M**2 + turning_s * WALK_RAD_PER_SQRT_S**2
     return steps, noise
+
+
+def _drift(poses: FloatArray, steps: FloatArray, noise: FloatArray) -> FloatArray:
+    """(n - 1, 3, 3) covariance of the steps by the weights of Student's t."""
+    off = between(steps, between(poses[:-1], poses[1:]))
+    squared = (off * np.linalg.solve(noise, off[:, :, None])[:, :, 0]).sum(axis=1)
+    return np.asarray(noise * ((FREEDOM + squared) / (FREEDOM + 3.0))[:, None, None])
 
 
 def _first_scales(matched: FloatArray, steps: FloatArray, noise: FloatArray) -> FloatArray:

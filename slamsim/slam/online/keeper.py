@@ -12,6 +12,7 @@ from slamsim.slam.back_end import BackEnd, Correction
 from slamsim.slam.calibration_solve import Solved
 from slamsim.slam.keyframes import Keyframe
 from slamsim.slam.saved_map import SavedMap
+from slamsim.slam.sights import Sights
 from slamsim.types import Event, PlanarTrajectory, PoseGraph
 
 
@@ -19,7 +20,8 @@ from slamsim.types import Event, PlanarTrajectory, PoseGraph
 class Outcome:
     """What the back end made of all key frames in the end.
 
-    unrefined: where the graph alone had put them, before the final refinement.
+    unrefined: where the graph alone had put them, before the final refinement. sights: what holds
+    them since then, None without it.
     """
 
     graph: PoseGraph
@@ -30,6 +32,7 @@ class Outcome:
     seconds: Mapping[str, float]
     refusals: Mapping[str, int]
     calibration: Solved | None = None
+    sights: Sights | None = None
 
 
 class MapKeeper(Protocol):
@@ -107,4 +110,5 @@ def outcome_of(back_end: BackEnd, progress: Progress) -> Outcome:
         dict(back_end.seconds),
         dict(back_end.refusals),
         back_end.calibration,
+        back_end.sights,
     )
