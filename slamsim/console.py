@@ -29,6 +29,8 @@ from slamsim.progress import Progress as Listener
 from slamsim.progress import silent
 from slamsim.safe.errors import DiskFull, SlamsimError
 
+RAISE_AGAIN_S = 0.02
+
 
 class _RateColumn(ProgressColumn):
     """Units of work per second of wall time; for simulated seconds that is the real-time factor."""
@@ -128,17 +130,22 @@ class _StopSignals:
     """Turns the first Ctrl-C or SIGTERM into an exception; the second ends the process at once.
 
     Libraries may wrap the exception in one of their own, as imports of native modules do, so
-    what counts is ``received``.
+    what counts is ``received``. Where Python cannot pass it on, as in a callback of native code or
+    a finaliser, it would only be printed: it is then raised again, from an alarm.
     """
 
     def __init__(self) -> None:
         self.received: int | None = None
+        self._unraisable = sys.unraisablehook
+        sys.unraisablehook = self._again
         for number in (signal.SIGINT, signal.SIGTERM):
             if signal.getsignal(number) is not signal.SIG_IGN:
                 signal.signal(number, self._stop)
 
     def over(self) -> None:
         """From here on a signal ends the process at once: there is nothing left to undo."""
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        sys.unraisablehook = self._unraisable
         for number in (signal.SIGINT, signal.SIGTERM):
             if signal.getsignal(number) == self._stop:
                 signal.signal(number, signal.SIG_DFL)
@@ -147,6 +154,17 @@ class _StopSignals:
         self.received = number
         signal.signal(number, signal.SIG_DFL)
         raise _Stopped
+
+    def _again(self, unraisable: sys.UnraisableHookArgs) -> None:
+        if not isinstance(unraisable.exc_value, _Stopped):
+            self._unraisable(unraisable)
+            return
+        signal.signal(signal.SIGALRM, _raise_stopped)
+        signal.setitimer(signal.ITIMER_REAL, RAISE_AGAIN_S)
+
+
+def _raise_stopped(number: int, frame: FrameType | None) -> None:
+    raise _Stopped
 
 
 def _told(error: OSError) -> tuple[str, int]:
