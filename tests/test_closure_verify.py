@@ -179,16 +179,20 @@ def test_key_frames_come_by_travel_turn_or_time_and_not_at_rest() -> None:
     assert [k for k, one in enumerate(made) if one is not None] == [0, 2, 4, 13]
 
 
-def test_a_chain_across_a_lost_scan_is_odometry_and_as_unsure_as_it() -> None:
+def test_a_chain_to_a_local_map_begun_anew_is_odometry_and_as_unsure_as_the_place() -> None:
     maker = KeyframeMaker(KeyframeConfig(travel_m=0.5), 20.0)
     poses = straight(np.array([-2.0, 0.0, 0.0]), 2.0, 5)
-    made = [maker.make(tracked(ROOM, pose, k, lost=k == 3)) for k, pose in enumerate(poses)]
+    scans = [tracked(ROOM, pose, k, lost=k == 3) for k, pose in enumerate(poses)]
+    restart = np.diag([0.04, 0.04, 0.01])
+    scans[3] = replace(scans[3], restart=restart)
+    made = [maker.make(scan) for scan in scans]
     frames = [one for one in made if one is not None]
     noise = OdometryNoise(MotionConfig())
     edges = [chain_edge(a, b, noise, GraphConfig()) for a, b in itertools.pairwise(frames)]
     assert [edge.kind for edge in edges] == ["match", "match", "odometry", "match"]
     sure, lost = edges[1].covariance, edges[2].covariance
     assert np.trace(lost) > 4.0 * np.trace(sure)
+    np.testing.assert_allclose(lost, restart, rtol=0.05, atol=1e-9)
     assert all(np.linalg.eigvalsh(edge.covariance).min() > 0.0 for edge in edges)
 
 
