@@ -87,6 +87,20 @@ def test_the_band_holds_the_mean_of_so_many_runs(runs: int) -> None:
     assert low < 3.0 < high
 
 
+@pytest.mark.parametrize("alike", [0.0, 0.9, 0.999])
+def test_the_band_holds_means_over_paths_whose_errors_are_alike(alike: float) -> None:
+    rng = np.random.default_rng(9)
+    campaigns, runs, keyframes = 400, 20, 40
+    off = rng.normal(size=(campaigns, runs, 3))
+    means = np.zeros((campaigns, runs))
+    for _ in range(keyframes):
+        off = alike * off + np.sqrt(1.0 - alike**2) * rng.normal(size=off.shape)
+        means += (off**2).sum(axis=2) / keyframes
+    low, high = nees_band(runs)
+    over_runs = means.mean(axis=1)
+    assert np.mean((low < over_runs) & (over_runs < high)) > 0.925
+
+
 def test_each_part_is_measured_at_the_key_frames_it_knows() -> None:
     rng = np.random.default_rng(7)
     truth = path(200, rng)

@@ -3,8 +3,11 @@
 Normalised estimation error squared (NEES; Bar-Shalom, Li & Kirubarajan 2001, "Estimation with
 Applications to Tracking and Navigation", section 5.4): the squared error in units of the covariance
 that was claimed. If the covariance is true, it follows the chi-square distribution with as many
-degrees of freedom as a pose has. Errors of neighbouring key frames are much alike, so one run says
-little of its own mean: the band is for the mean over many independent runs.
+degrees of freedom as a pose has. All key frames of a run share the errors of its first, so one run
+says little of its own mean: the band is for the mean over many independent runs, as if each had but
+one key frame. A run's mean over its path has the same expectation as the NEES of any one of its
+key frames and no larger variance, so that the band is on the safe side for it: true covariances
+leave it in less than one of twenty campaigns.
 """
 
 from __future__ import annotations

@@ -1,0 +1,130 @@
+"""Covariances of returned key frames, against dense matrices and drawn drives."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from slamsim.geometry import between, compose
+from slamsim.slam.blocks import add_block, empty_system, make_panels
+from slamsim.slam.marginals import adjoint
+from slamsim.slam.sights import Sights, drift_between, smoothed_covariances, with_scatter
+from slamsim.slam.smoothing import Smoothed
+from slamsim.types import EdgeKind, FloatArray, GraphEdge, PlanarTrajectory, PoseGraph
+
+SECOND_NS = 1_000_000_000
+
+
+def spd(rng: np.random.Generator, *shape: int) -> FloatArray:
+    """(*shape, 3, 3) positive definite."""
+    root = rng.standard_normal((*shape, 3, 3))
+    return np.asarray(root @ np.swapaxes(root, -1, -2) + 0.1 * np.eye(3))
+
+
+def nothing_seen(count: int) -> tuple[Sights, FloatArray]:
+    """Poses that see nothing in common, and how far odometry may be off: (count - 1, 3, 3)."""
+    rng = np.random.default_rng(count)
+    number = np.append(count - 1, np.arange(count - 1))
+    panels = make_panels(np.stack([number[:-1], number[1:]], axis=1), count - 1)
+    drift = spd(rng, count - 1)
+    return Sights(panels, empty_system(panels), drift), drift
+
+
+def driven(poses: FloatArray, drift: FloatArray, covariances: FloatArray) -> Smoothed:
+    """A drive of one scan a second."""
+    stamps_ns = np.arange(len(poses)) * SECOND_NS
+    return Smoothed(PlanarTrajectory(stamps_ns, poses), covariances, drift, 1.0, np.ones(3))
+
+
+def graph_of(drive: Smoothed, every: int, kinds: dict[int, EdgeKind]) -> PoseGraph:
+    """Every so many scans a key frame; kinds: of the edges to some of them."""
+    track = drive.track
+    keyframes = PlanarTrajectory(track.stamps_ns[::every], track.poses[::every])
+    edges = [
+        GraphEdge(k - 1, k, np.zeros(3), np.eye(3), kinds.get(k, "match"))
+        for k in range(1, len(keyframes))
+    ]
+    return PoseGraph(keyframes, np.zeros((len(keyframes), 3, 3)), tuple(edges))
+
+
+@settings(max_examples=20, deadline=None)
+@given(seed=st.integers(0, 10_000), count=st.integers(2, 7))
+def test_covariances_are_the_dense_inverse_of_all_that_was_seen_and_driven(
+    seed: int, count: int
+) -> None:
+    rng = np.random.default_rng(seed)
+    number = np.append(count - 1, np.arange(count - 1))
+    panels = make_panels(np.array([(a, b) for a in range(count) for b in range(a)]), count - 1)
+    seen, drift = empty_system(panels), spd(rng, count - 1)
+    poses = rng.normal(size=(count, 3))
+    dense = np.zeros((3 * count, 3 * count))
+    for k in range(1, count):
+        block = spd(rng)
+        add_block(panels, seen, number[k], number[k], block)
+        dense[3 * k : 3 * k + 3, 3 * k : 3 * k + 3] += block
+    for k in range(count - 1):
+        ends = np.zeros((3, 3 * count))
+        ends[:, 3 * k : 3 * k + 3], ends[:, 3 * k + 3 : 3 * k + 6] = -np.eye(3), np.eye(3)
+        dense += ends.T @ np.linalg.inv(drift[k]) @ ends
+    inverse = np.asarray(np.linalg.inv(dense[3:, 3:]), np.float64)
+    found = Sights(panels, seen, drift).covariances(poses)
+    assert not found[0].any()
+    for k in range(1, count):
+        own = np.linalg.inv(adjoint(poses[k]))
+        block = inverse[3 * k - 3 : 3 * k, 3 * k - 3 : 3 * k]
+        np.testing.assert_allclose(found[k], own @ block @ own.T, rtol=1e-8, atol=1e-12)
+
+
+def test_drift_between_key_frames_is_that_of_drawn_steps() -> None:
+    rng = np.random.default_rng(1)
+    steps = rng.normal(size=(6, 3)) * [0.5, 0.1, 0.4]
+    drift = 1e-6 * spd(rng, 6)
+    roots = np.linalg.cholesky(drift)
+    poses = [np.array([3.0, -2.0, 1.0])]
+    for step in steps:
+        poses.append(compose(poses[-1], step))
+    drive = driven(np.array(poses), drift, np.zeros((7, 3, 3)))
+    found = drift_between(drive, np.array([0, 2, 6]) * SECOND_NS)
+    ends = np.tile(poses[2], (20_000, 1))
+    for k in range(2, 6):
+        noise = rng.standard_normal((20_000, 3)) @ roots[k].T
+        ends = compose(ends, compose(np.tile(steps[k], (20_000, 1)), noise))
+    in_own_frame = np.cov(between(poses[6], ends).T)
+    turn = np.linalg.inv(adjoint(poses[6]))
+    expected = turn @ found[1] @ turn.T
+    assert found.shape == (2, 3, 3)
+    np.testing.assert_allclose(in_own_frame, expected, atol=0.05 * np.abs(expected).max())
+
+
+def test_scatter_of_the_first_pose_is_in_all_others() -> None:
+    rng = np.random.default_rng(2)
+    poses = rng.normal(size=(3, 3)) * [5.0, 5.0, 2.0]
+    scatter = 1e-6 * spd(rng, 3)
+    roots = np.linalg.cholesky(scatter)
+    drawn = [
+        compose(np.tile(pose, (20_000, 1)), rng.standard_normal((20_000, 3)) @ root.T)
+        for pose, root in zip(poses, roots, strict=True)
+    ]
+    found = with_scatter(poses, np.zeros((3, 3, 3)), scatter)
+    assert not found[0].any()
+    for k in (1, 2):
+        error = between(between(poses[0], poses[k]), between(drawn[0], drawn[k]))
+        np.testing.assert_allclose(np.cov(error.T), found[k], atol=0.05 * found[k].max())
+
+
+@pytest.mark.parametrize("first", [0, 2])
+def test_where_a_guess_joins_two_key_frames_the_drive_makes_them_no_surer(first: int) -> None:
+    sights, drift = nothing_seen(6)
+    poses = np.random.default_rng(3).normal(size=(6, 3))
+    tiny = np.tile(1e-7 * np.eye(3), (5, 1, 1))
+    whole = graph_of(driven(poses, tiny, np.zeros((6, 3, 3))), 1, {4: "odometry"})
+    drive = driven(poses[first:], tiny[first:], np.zeros((6 - first, 3, 3)))
+    stamps_ns = np.append(np.arange(first) - 10, np.arange(6 - first)) * SECOND_NS
+    graph = PoseGraph(PlanarTrajectory(stamps_ns, poses), whole.covariances, whole.edges)
+    found = smoothed_covariances(sights, graph, first, drive)
+    expected = drift[:first].sum(axis=0) + drift[3]
+    own = np.linalg.inv(adjoint(poses[5]))
+    assert found.shape == (6 - first, 3, 3)
+    np.testing.assert_allclose(found[-1], own @ expected @ own.T, atol=1e-4)
