@@ -168,6 +168,7 @@ class BackEnd:
         if self._config.refinement.enabled and len(self.keyframes) > 1:
             with self._timed("refine"):
                 self._refine()
+        self._solution.set_apart(self._cutter.submaps)
         return self._pose_graph()
 
     def events(self, graph: PoseGraph) -> tuple[Event, ...]:
@@ -177,7 +178,9 @@ class BackEnd:
         unrefined = [Event(*whole, "unrefined", self._unrefined)] if self._unrefined else []
         with self._timed("check"):
             around = partial(self._cutter.query, travel_m=self._config.closures.query_travel_m)
-            torn = tears(around, self._cutter.submaps, graph.keyframes, self._config.submaps)
+            submaps, size = self._cutter.submaps, self._config.submaps
+            doubts = [k.index for k in self.keyframes[1:] if k.doubt_ns and not k.broken]
+            torn = tears(around, submaps, graph.keyframes, size, doubts)
             return (*self._carried, *loose_joints(graph), *torn, *unrefined)
 
     def _known(self, keyframe: Keyframe) -> bool:

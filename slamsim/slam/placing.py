@@ -102,7 +102,8 @@ class Placer:
 
     def _reachable(self, match: Match, prediction: Prediction, guesses: list[FloatArray]) -> bool:
         """Whether the robot can have come to a match, be the wheels as wrong as they may be."""
-        if not self._sudden(self.lost[0].prediction if self.lost else prediction):
+        sudden = self._sudden(self.lost[0].prediction if self.lost else prediction)
+        if prediction.odometry is None or not sudden:
             return True
         seconds = min((prediction.stamp_ns - self._placed_ns) * 1e-9, SLIP_FOR_S)
         for guess in (prediction.T_map_base, *guesses):

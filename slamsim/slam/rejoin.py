@@ -9,6 +9,7 @@ import numpy as np
 from slamsim.config.back_end import BackEndConfig
 from slamsim.geometry import between, compose, transform_points
 from slamsim.slam.closure import Expected
+from slamsim.slam.parts import Parts
 from slamsim.slam.relocalise import Everywhere, surface_points
 from slamsim.slam.submaps import Submap
 from slamsim.types import FloatArray
@@ -17,6 +18,7 @@ FOUND = np.diag(np.square([0.15, 0.15, 0.05]))
 LOOK_AGAIN_M = 1.5
 MOST_SUBMAPS = 2
 NEAR_M = 8.0
+BESIDE_M = 5.0
 
 
 class Rejoiner:
@@ -74,4 +76,19 @@ def moved_onto(
     moved = poses.copy()
     for part in members:
         moved[part] = compose(T_new, between(T_old, poses[part]))
+    return moved
+
+
+def side_by_side(poses: FloatArray, parts: Parts, submaps: Sequence[Submap]) -> FloatArray:
+    """(n, 3) poses, each part that nothing joins to the others moved along x until no submap of
+    it reaches into theirs; the first stays."""
+    moved, right_m = poses.copy(), -np.inf
+    part_of = np.array([parts.of(number) for number in range(len(poses))])
+    for part in np.unique(part_of).tolist():
+        seen = surface_points([one for one in submaps if part_of[one.anchor] == part], poses)
+        x_m = np.concatenate([seen[:, 0], poses[part_of == part, 0]])
+        if np.isfinite(right_m):
+            moved[part_of == part, 0] += right_m + BESIDE_M - x_m.min()
+            x_m = x_m + right_m + BESIDE_M - x_m.min()
+        right_m = float(x_m.max())
     return moved

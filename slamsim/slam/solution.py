@@ -12,7 +12,8 @@ from slamsim.slam.closure import Closure, Expected
 from slamsim.slam.estimate import Estimate
 from slamsim.slam.graph import PoseGraphSolver
 from slamsim.slam.parts import Parts
-from slamsim.slam.rejoin import moved_onto
+from slamsim.slam.rejoin import moved_onto, side_by_side
+from slamsim.slam.submaps import Submap
 from slamsim.types import FloatArray, GraphEdge
 
 UPDATE_AFTER_KEYFRAMES = 10
@@ -66,16 +67,24 @@ class Solution:
 
     def enter(self, edge: GraphEdge) -> None:
         """A closure that counts; if it joins two parts of the map, one is carried to the other."""
-        source, target = edge.source, edge.target
-        if self.parts.of(source) != self.parts.of(target):
-            if self.parts.of(target) < self.parts.of(source):
-                T_new = compose(self.poses[target], inverse(edge.T_source_target))
-                self._carry(source, T_new)
-            else:
-                self._carry(target, compose(self.poses[source], edge.T_source_target))
+        if self.parts.of(edge.source) != self.parts.of(edge.target):
+            self.estimate.move(self.moved_by(edge))
             self._graph.begin_anew()
-            self.parts.join(source, target)
+            self.parts.join(edge.source, edge.target)
         self._graph.add(edge)
+
+    def moved_by(self, edge: GraphEdge) -> FloatArray:
+        """(n, 3) the poses if the later of two parts is carried to where an edge has it."""
+        source, target = edge.source, edge.target
+        if self.parts.of(target) < self.parts.of(source):
+            T_new = compose(self.poses[target], inverse(edge.T_source_target))
+            return self._carried(source, T_new)
+        return self._carried(target, compose(self.poses[source], edge.T_source_target))
+
+    def set_apart(self, submaps: Sequence[Submap]) -> None:
+        """Put what nothing joins side by side, so that nobody takes it for one map."""
+        if self.parts.loose:
+            self.estimate.move(side_by_side(self.poses, self.parts, submaps))
 
     def close(self, closure: Closure) -> None:
         """Enter a closure that was just found, to be reckoned with at the next update."""
@@ -125,10 +134,10 @@ class Solution:
         self._graph.renew(chain)
         self.solve()
 
-    def _carry(self, keyframe: int, T_map_base: FloatArray) -> None:
-        """Move a whole part of the map so that this key frame of it comes to lie there."""
+    def _carried(self, keyframe: int, T_map_base: FloatArray) -> FloatArray:
+        """(n, 3) the poses with a whole part moved so that this key frame of it lies there."""
         members = self.parts.members(keyframe, len(self.estimate))
-        self.estimate.move(moved_onto(self.poses, members, T_map_base, self.poses[keyframe]))
+        return moved_onto(self.poses, members, T_map_base, self.poses[keyframe])
 
     def _renew_covariances(self) -> None:
         self.estimate.renew_covariances(self._graph.edges)
