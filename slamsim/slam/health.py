@@ -176,6 +176,7 @@ def loose_joints(graph: PoseGraph) -> Iterator[Event]:
 
 def _how_loose(edge: GraphEdge) -> str:
     if edge.covariance[:2, :2].trace() >= ELSEWHERE_M**2:
-        return "the map goes on without being joined to what was mapped before: it is drawn beside "
-            "it"
+        return (
+            "the map goes on without being joined to what was mapped before: it is drawn beside it"
+        )
     return "the map is joined to what was mapped before by odometry alone"
