@@ -29,7 +29,7 @@ MIN_BEAMS = 3
 MIN_BEAMS_TO_SPARE = 8
 """Runs of this many beams do without their first and last, which may have met two surfaces."""
 
-BEAMS_PER_PIECE = 3.0
+BEAMS_PER_PIECE = 5.0
 """Pieces are lengthened, where beams are far apart, to hold about this many."""
 
 MIN_INCIDENCE_SIN = 0.08
