@@ -34,7 +34,7 @@ BEAMS_PER_PIECE = 5.0
 
 MIN_INCIDENCE_SIN = 0.08
 MAX_NORMAL_SIGMA_RAD = 0.35
-MODEL_SIGMA_M = 0.0005
+MODEL_SIGMA_M = 0.002
 """What even a long average does not remove: dents, beam width, deskew, quantisation."""
 
 
