@@ -252,7 +252,7 @@ class FrontEnd:
         lost = self._placer.lost
         if len(lost) < LOST_SCANS:
             return None
-        carried, first_ns = self._placer.carried(), lost[0].prediction.stamp_ns
+        carried, first_ns = self._placer.carried(), lost[0].stamp_ns
         if carried:
             self.breaks_ns.append(first_ns)
         self._watch.add(Event(first_ns, prediction.stamp_ns, "kidnapped", _anew(carried)))

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from slamsim.geometry import between
@@ -31,13 +29,6 @@ OTHER_GUESS_RAD = 0.1
 """Guesses that are closer together lead to the same match."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Lost:
-    """A scan that fitted nowhere."""
-
-    prediction: Prediction
-
-
 class Placer:
     """Judges matches by how well scans usually fit here.
 
@@ -48,8 +39,8 @@ class Placer:
         self._least = min_inlier_ratio
         self._usual_inliers = START_USUAL
         self._placed_ns = 0
-        self.lost: list[Lost] = []
-        """The scans since the last that was placed."""
+        self.lost: list[Prediction] = []
+        """Where the scans since the last that was placed should have been."""
         self.recovered = 0
         """Scans that only a search could place."""
         self.doubtful = False
@@ -80,7 +71,7 @@ class Placer:
         ]
         best = max(believed, key=lambda one: one.fit, default=None)
         if best is None:
-            self.lost.append(Lost(prediction))
+            self.lost.append(prediction)
             self.doubtful = True
             return None
         self._placed(prediction)
@@ -94,15 +85,15 @@ class Placer:
         """Whether the lost scans say that the robot was carried: their odometry jumped, or nothing
         fitted any more from one moment to the next: after a long while without a place, odometry
         is still the best that is known."""
-        jumped = any(one.prediction.jump for one in self.lost)
-        return jumped or self._sudden(self.lost[0].prediction)
+        jumped = any(one.jump for one in self.lost)
+        return jumped or self._sudden(self.lost[0])
 
     def _sudden(self, prediction: Prediction) -> bool:
         return prediction.stamp_ns - self._placed_ns < SUDDEN_NS
 
     def _reachable(self, match: Match, prediction: Prediction, guesses: list[FloatArray]) -> bool:
         """Whether the robot can have come to a match, be the wheels as wrong as they may be."""
-        sudden = self._sudden(self.lost[0].prediction if self.lost else prediction)
+        sudden = self._sudden(self.lost[0] if self.lost else prediction)
         if prediction.odometry is None or not sudden:
             return True
         seconds = min((prediction.stamp_ns - self._placed_ns) * 1e-9, SLIP_FOR_S)
