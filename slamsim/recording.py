@@ -1,0 +1,168 @@
+"""A recording as it was written: nothing sorted, mended or left out.
+
+SLAM reads a ``Log`` (types.py), where a reader has already put things right as well as it can.
+The checker, the faults and ``slamsim fix`` need what the file says instead: every stamp and every
+range as recorded, when each message was received, and the transform tree edge by edge. Units are
+those that the format asks for (SI in ROS), whether or not the numbers obey. All arrays of one
+stream are in the order of the file.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slamsim.types import Epoch, Float32Array, FloatArray, IntArray
+
+
+@dataclass(frozen=True, slots=True)
+class ScanLayout:
+    """What the messages of a lidar declare of their beams; often the same for all of them."""
+
+    angle_min_rad: float
+    angle_max_rad: float
+    angle_step_rad: float
+    beam_dt_s: float
+    scan_time_s: float
+    range_min_m: float
+    range_max_m: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RawStream:
+    """What every stream has.
+
+    frame_ids: the distinct frames that its messages name, in order of appearance. stamps_ns: (n,)
+    as in the messages. received_ns: (n,) when each was received by whoever recorded it, None if
+    the format does not say.
+    """
+
+    topic: str
+    frame_ids: tuple[str, ...]
+    stamps_ns: IntArray
+    received_ns: IntArray | None
+
+    def __len__(self) -> int:
+        return int(self.stamps_ns.size)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RawScans(RawStream):
+    """Scans of one lidar.
+
+    layouts: the distinct declarations; layout_of: (n,) which one each scan makes. ranges_m: n rows
+    of float32 as recorded (an array when all have as many beams, else a sequence of arrays, which
+    may read the file only when asked). intensities likewise, None without any.
+    """
+
+    layouts: tuple[ScanLayout, ...]
+    layout_of: NDArray[np.int32]
+    ranges_m: Sequence[Float32Array] | Float32Array
+    intensities: Sequence[Float32Array] | Float32Array | None = None
+
+    def layout(self, scan: int) -> ScanLayout:
+        return self.layouts[self.layout_of[scan]]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RawImu(RawStream):
+    """angular_velocity_rad_s, linear_acceleration_m_s2: (n, 3) in the stream's frame.
+
+    orientation_xyzw: (n, 4), None where the messages say that they have none.
+    """
+
+    angular_velocity_rad_s: FloatArray
+    linear_acceleration_m_s2: FloatArray
+    orientation_xyzw: FloatArray | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RawOdometry(RawStream):
+    """Poses (n, 3) and (n, 4) of child_frame_id in the stream's frame, twists (n, 3) in the child.
+
+    The ground truth of a simulation is never among the odometries of a ``Recording``.
+    """
+
+    child_frame_ids: tuple[str, ...]
+    positions_m: FloatArray
+    quats_xyzw: FloatArray
+    linear_m_s: FloatArray
+    angular_rad_s: FloatArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RawTicks(RawStream):
+    """Cumulative counts of the wheels, (n, 2) int64 as (left, right), and the driver's numbers."""
+
+    ticks: IntArray
+    ticks_per_revolution: int
+    wheel_radius_m: float
+    track_m: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RawJoints(RawStream):
+    """sensor_msgs/JointState: positions_rad, velocities_rad_s: (n, joints), nan where not given."""
+
+    names: tuple[str, ...]
+    positions_rad: FloatArray
+    velocities_rad_s: FloatArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TransformEdge:
+    """All transforms published for one pair of frames on one topic.
+
+    T_parent_child as positions_m (n, 3) and quats_xyzw (n, 4) at stamps_ns (n,); received_ns as
+    for a stream. is_static: it came on a latched topic (/tf_static).
+    """
+
+    topic: str
+    parent: str
+    child: str
+    is_static: bool
+    stamps_ns: IntArray
+    received_ns: IntArray | None
+    positions_m: FloatArray
+    quats_xyzw: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class UnreadTopic:
+    """Messages that are in the file and that nothing here looks at, and why."""
+
+    topic: str
+    type_name: str
+    messages: int
+    reason: str
+
+
+RecordingFormat = Literal["mcap", "rosbag2", "rosbag1", "carmen", "memory"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Recording:
+    """A whole recording.
+
+    clock_ns: (n, 2) of (simulated time, when received) from /clock, None without it. epoch: as
+    the file declares it or the size of its stamps tells. odd: what the reader could not make
+    sense of, in words, with counts.
+    """
+
+    name: str
+    format: RecordingFormat
+    scans: tuple[RawScans, ...] = ()
+    imus: tuple[RawImu, ...] = ()
+    odometries: tuple[RawOdometry, ...] = ()
+    ticks: tuple[RawTicks, ...] = ()
+    joints: tuple[RawJoints, ...] = ()
+    transforms: tuple[TransformEdge, ...] = ()
+    robot_description: str | None = None
+    clock_ns: IntArray | None = None
+    epoch: Epoch = "unknown"
+    unread: tuple[UnreadTopic, ...] = ()
+    odd: tuple[str, ...] = ()
