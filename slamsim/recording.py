@@ -65,7 +65,7 @@ class RawScans(RawStream):
     intensities: Sequence[Float32Array] | Float32Array | None = None
 
     def layout(self, scan: int) -> ScanLayout:
-        return self.layouts[self.layout_of[scan]]
+        return self.layouts[int(self.layout_of[scan])]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
