@@ -166,6 +166,7 @@ FAULT_NAMES: dict[str, str] = {
     "urdf_inertia": "mass or inertia does not fit the shape",
     "urdf_support_wheels": "support wheels are fixed and not free to slide",
     "urdf_wheel_height": "wheels do not touch the ground",
+    "urdf_balance": "the robot would topple where it stands",
     "urdf_unconnected": "links that nothing connects",
     "urdf_unreadable": "the robot description cannot be read",
 }

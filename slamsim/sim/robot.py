@@ -82,7 +82,8 @@ def refuse_faulty(description: Description, source: str, max_gap_m: float) -> No
             faults.append(f"joint {name} is {joints[name].kind}, a driven wheel is continuous")
     if description.root != "base_footprint":
         faults.append(f"the root is {description.root}, it must be base_footprint")
-    faults = faults or model_faults(description, max_gap_m) or _wheel_faults(description)
+    faults = faults or [fault.words for fault in model_faults(description, max_gap_m)]
+    faults = faults or _wheel_faults(description)
     if faults:
         raise InputRefused(source, "; ".join(faults))
 

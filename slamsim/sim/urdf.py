@@ -24,6 +24,10 @@ from slamsim.types import FloatArray
 ShapeKind = Literal["box", "cylinder", "sphere"]
 
 
+class Unconnected(InputRefused):
+    """Links that the joints do not join into one tree."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Shape:
     """A primitive solid. size_m: box (x, y, z), cylinder (radius, length along z), sphere (r,)."""
@@ -104,23 +108,25 @@ class Description:
         return placed
 
 
-def read_description(text: str, path: Path | str) -> Description:
+def read_description(text: str, path: Path | str, meshes: bool = False) -> Description:
     """The links and joints of a URDF text; path is only for the message.
 
-    Raises InputRefused if it is not a URDF or uses a collision mesh.
+    meshes: whether collision meshes are left out, or refused as the physics must. Raises
+    InputRefused if it is no URDF, and Unconnected if its links are no tree.
     """
     try:
         robot = fromstring(text)
     except (ParseError, DefusedXmlException, ValueError) as error:
         raise InputRefused(path, f"this is not a robot description: {error}") from None
     try:
-        links = {link.name: link for link in map(_read_link, robot.findall("link"))}
+        found = [_read_link(link, meshes) for link in robot.findall("link")]
         joints = [_read_joint(joint) for joint in robot.findall("joint")]
     except (KeyError, ValueError) as error:
         raise InputRefused(path, f"a link or joint is incomplete: {error}") from None
+    links = {link.name: link for link in found}
     roots = sorted(set(links) - {joint.child for joint in joints})
     if len(roots) != 1:
-        raise InputRefused(path, f"needs exactly one root link, has {len(roots)}: {roots}")
+        raise Unconnected(path, f"needs exactly one root link, has {len(roots)}: {roots}")
     ordered = _from_root_outwards(roots[0], joints, path)
     return Description(robot.get("name", "robot"), roots[0], links, ordered)
 
@@ -131,7 +137,7 @@ def _from_root_outwards(root: str, joints: Iterable[Joint], path: Path | str) ->
         ready = [joint for joint in waiting if joint.parent in placed]
         if not ready:
             names = ", ".join(joint.name for joint in waiting)
-            raise InputRefused(path, f"joints that do not lead back to the root {root}: {names}")
+            raise Unconnected(path, f"joints that do not lead back to the root {root}: {names}")
         ordered += ready
         placed.update(joint.child for joint in ready)
         waiting = [joint for joint in waiting if joint.child not in placed]
@@ -161,7 +167,7 @@ def _origin(element: Element) -> FloatArray:
     return se3_from_parts(matrix_from_rpy(roll, pitch, yaw), np.array(xyz))
 
 
-def _read_shape(element: Element) -> Shape | None:
+def _read_shape(element: Element, meshes: bool) -> Shape | None:
     geometry = _required(element, "geometry")
     T = _origin(element)
     if (box := geometry.find("box")) is not None:
@@ -171,7 +177,7 @@ def _read_shape(element: Element) -> Shape | None:
         return Shape("cylinder", _numbers(size, 2), T)
     if (sphere := geometry.find("sphere")) is not None:
         return Shape("sphere", _numbers(sphere.attrib["radius"], 1), T)
-    if element.tag == "collision":
+    if element.tag == "collision" and not meshes:
         raise ValueError("a collision shape must be a box, a cylinder or a sphere")
     return None
 
@@ -189,9 +195,9 @@ def _read_inertial(element: Element | None) -> Inertial | None:
     return Inertial(mass, np.zeros(3), inertia).seen_from(_origin(element))
 
 
-def _read_link(element: Element) -> Link:
+def _read_link(element: Element, meshes: bool) -> Link:
     shapes = {
-        tag: tuple(s for s in map(_read_shape, element.findall(tag)) if s is not None)
+        tag: tuple(s for e in element.findall(tag) if (s := _read_shape(e, meshes)) is not None)
         for tag in ("collision", "visual")
     }
     return Link(
