@@ -35,7 +35,7 @@ class Unit(np.random.Generator):
         return np.eye(*size)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(st.integers(0, 2**32 - 1), st.integers(2, 12))
 def test_draws_have_the_inverse_as_their_covariance(seed: int, size: int) -> None:
     rng = np.random.default_rng(seed)
@@ -60,7 +60,7 @@ def test_blocks_add_up_and_are_mirrored() -> None:
     np.testing.assert_array_equal(blocks.matrix().toarray(), expected)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(st.integers(0, 2**32 - 1))
 def test_small_errors_are_aligned_as_the_ate_aligns(seed: int) -> None:
     rng = np.random.default_rng(seed)

@@ -80,7 +80,7 @@ def moved(faces: Faces, face: int, offset_m: float, angle_rad: float) -> FloatAr
     return np.asarray(middle + offset_m * normal + np.outer([-1.0, 1.0], turned))
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(st.integers(0, 2**32 - 1), st.integers(3, 12))
 def test_the_first_face_is_the_nearest_that_faces_the_ray(seed: int, corners: int) -> None:
     rng = np.random.default_rng(seed)
@@ -102,7 +102,7 @@ def test_the_first_face_is_the_nearest_that_faces_the_ray(seed: int, corners: in
         assert which < 0 or found[1] == pytest.approx(far, abs=1e-9)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(st.integers(0, 2**32 - 1), st.integers(3, 10))
 def test_pieces_of_an_outline_are_joined_to_its_faces(seed: int, corners: int) -> None:
     rng = np.random.default_rng(seed)
@@ -131,7 +131,7 @@ def test_faces_apart_or_back_to_back_are_not_joined() -> None:
     assert sorted(faces.length_m.tolist()) == pytest.approx([0.9, 1.0, 1.0, 1.0])
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(st.integers(0, 2**32 - 1), st.integers(3, 10))
 def test_information_is_that_of_numerical_derivatives(seed: int, corners: int) -> None:
     """d range / d (pose, wall) by moving poses and walls a little, one beam at a time, each from

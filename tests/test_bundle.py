@@ -167,7 +167,7 @@ def test_numbers_that_are_not_finite_are_refused() -> None:
         refine(one.views, one.start, odometry, NOISE_M, one.edges)
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(st.integers(0, 10_000))
 def test_the_reduced_system_is_the_dense_one_with_surfaces_eliminated(seed: int) -> None:
     rng = np.random.default_rng(seed)

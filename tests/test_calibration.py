@@ -191,7 +191,7 @@ def test_a_few_bad_matches_do_not_bend_the_calibration() -> None:
     )
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(st.integers(0, 10_000))
 def test_evidence_equals_that_of_both_measurements_stacked(seed: int) -> None:
     """Woodbury's form against the plain inverse of the summed covariances."""
@@ -226,7 +226,7 @@ def test_no_match_is_better_than_its_floor() -> None:
     assert 1.0 / np.sqrt(known[1, 1]) == pytest.approx(0.001, rel=1e-3)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(st.integers(0, 10_000), st.sampled_from([0.01, 0.3, 1.0, 10.0]))
 def test_the_noise_is_found_in_spite_of_outliers(seed: int, factor: float) -> None:
     rng = np.random.default_rng(seed)

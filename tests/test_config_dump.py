@@ -87,7 +87,7 @@ _OUTERS = st.builds(
 )
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(_OUTERS)
 def test_any_configuration_reads_back_equal(config: Outer) -> None:
     text = dump_commented_yaml(config)
@@ -95,7 +95,7 @@ def test_any_configuration_reads_back_equal(config: Outer) -> None:
     assert Outer.model_validate(data) == config
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(_OUTERS)
 def test_readers_of_yaml_1_1_see_the_same_numbers(config: Outer) -> None:
     data = yaml.safe_load(dump_commented_yaml(config))

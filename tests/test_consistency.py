@@ -78,7 +78,7 @@ def test_a_covariance_that_is_none_is_refused() -> None:
         nees(truth, claimed, truth)
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(st.integers(1, 300))
 def test_the_band_holds_the_mean_of_so_many_runs(runs: int) -> None:
     low, high = nees_band(runs)

@@ -43,7 +43,7 @@ def _motion(rng: np.random.Generator) -> PlanarTrajectory:
     return PlanarTrajectory(stamps_ns, np.cumsum(steps, axis=0))
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     seed=st.integers(0, 10**6),
     beams=st.integers(1, 80),

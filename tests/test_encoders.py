@@ -27,7 +27,7 @@ def sensed(drive: Drive, seed: int = 0, **settings: Any) -> EncoderBatch:
     return encoders.sense(joined(None, drive))
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(
     ticks=st.integers(1, 5000),
     rate_hz=st.floats(1.0, 500.0),

@@ -97,7 +97,7 @@ def test_relative_errors_agree_with_evo_on_the_same_pairs(seed: int) -> None:
             np.testing.assert_allclose(values, rpe.error, atol=1e-6)
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_a_rigid_motion_is_no_error(seed: int) -> None:
     rng = np.random.default_rng(seed)
@@ -112,7 +112,7 @@ def test_a_rigid_motion_is_no_error(seed: int) -> None:
     assert relative.rotation_deg_per_m < 1e-6
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_no_other_rigid_motion_brings_the_positions_closer(seed: int) -> None:
     rng = np.random.default_rng(seed)

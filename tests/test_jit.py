@@ -33,6 +33,7 @@ def run(folder: Path, cache: Path) -> tuple[str, str]:
         cwd=folder,
         capture_output=True,
         text=True,
+        timeout=120,
         check=True,
     )
     return done.stdout.strip(), done.stderr

@@ -34,7 +34,7 @@ def span_in_cell(start: FloatArray, end: FloatArray, cell: tuple[int, int], grow
     return (last - first) * float(np.hypot(*(end - start)))
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 @given(coordinate, coordinate, coordinate, coordinate)
 def test_a_beam_passes_exactly_the_cells_that_hold_a_piece_of_it(
     x0: float, y0: float, x1: float, y1: float
@@ -48,7 +48,7 @@ def test_a_beam_passes_exactly_the_cells_that_hold_a_piece_of_it(
             assert cell not in found
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 @given(coordinate, coordinate, coordinate, coordinate)
 def test_a_walk_is_connected_by_edges_and_as_short_as_can_be(
     x0: float, y0: float, x1: float, y1: float

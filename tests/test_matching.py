@@ -168,7 +168,7 @@ def test_range_noise_is_learnt_from_the_scans() -> None:
         assert matcher.range_noise_m == pytest.approx(noise_m, rel=0.15)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(seed=st.integers(0, 10**6), yaw=st.floats(-3.0, 3.0), offset_m=st.floats(0.5, 5.0))
 def test_pieces_of_a_wall_are_the_wall(seed: int, yaw: float, offset_m: float) -> None:
     """Every beam but the first and the last, which may have met something else as well, is in one

@@ -23,7 +23,7 @@ from slamsim.types import Cloud, FloatArray
 MATRICES = arrays(np.float64, (3, 3), elements=st.floats(-10.0, 10.0, allow_subnormal=False))
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(matrix=MATRICES)
 def test_eigen_agrees_with_numpy(matrix: FloatArray) -> None:
     symmetric = matrix + matrix.T
@@ -34,7 +34,7 @@ def test_eigen_agrees_with_numpy(matrix: FloatArray) -> None:
     np.testing.assert_allclose(axes.T @ axes, np.eye(3), atol=1e-12)
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(matrix=MATRICES, right=arrays(np.float64, 3, elements=st.floats(-10.0, 10.0)))
 def test_solve_agrees_with_numpy(matrix: FloatArray, right: FloatArray) -> None:
     positive = matrix @ matrix.T + 0.1 * np.eye(3)
@@ -49,7 +49,7 @@ def test_solve_of_what_is_not_positive_is_nan() -> None:
     assert np.isnan(out).any()
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(matrix=MATRICES, inner=MATRICES)
 def test_products_agree_with_numpy(matrix: FloatArray, inner: FloatArray) -> None:
     outer = matrix + matrix.T
@@ -60,7 +60,7 @@ def test_products_agree_with_numpy(matrix: FloatArray, inner: FloatArray) -> Non
     np.testing.assert_allclose(vector, matrix @ inner[0], atol=1e-10)
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(values=arrays(np.float64, st.integers(1, 60), elements=st.floats(-5.0, 5.0)))
 def test_median_is_the_lower_middle(values: FloatArray) -> None:
     expected = np.sort(values)[(values.size - 1) // 2]

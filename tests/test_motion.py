@@ -118,7 +118,7 @@ def test_a_gap_in_the_imu_is_bridged_by_the_wheels() -> None:
     assert step.gyro_s == pytest.approx(2.0, abs=0.1)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(
     st.integers(2 * SECOND, 12 * SECOND),
     st.integers(10_000_000, 3 * SECOND),
@@ -143,7 +143,7 @@ def test_the_jacobian_is_what_a_little_more_of_a_parameter_does(
     )
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(st.lists(st.integers(2 * SECOND, 15 * SECOND), min_size=3, max_size=3, unique=True))
 def test_two_steps_make_one(stamps_ns: list[int]) -> None:
     first_ns, middle_ns, last_ns = sorted(stamps_ns)

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import os
 import signal
-import subprocess
-import sys
 import time
 from functools import cache
 
 import numpy as np
 import pytest
+from limited_child import running
 from simulated import Simulated, ate_rmse_m, labyrinth, simulate
 
 from slamsim.config.slam import SlamConfig
@@ -139,14 +138,13 @@ def test_the_back_end_ends_with_its_parent() -> None:
         "print(Beside(SlamConfig()).process_id, flush=True)\n"
         "time.sleep(60)\n"
     )
-    command = [sys.executable, "-c", code]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as parent:
+    with running(code) as parent:
         assert parent.stdout is not None
         process = int(parent.stdout.readline())
         assert is_alive(process)
         parent.kill()
-    for _ in range(200):
-        if not is_alive(process):
-            return
-        time.sleep(0.05)
+        for _ in range(200):
+            if not is_alive(process):
+                return
+            time.sleep(0.05)
     pytest.fail("the back end outlived its parent")

@@ -16,7 +16,7 @@ from slamsim.slam.visits import CELL_M, ENOUGH_PASSES, PASS_M, Visits
 COUNT = 12
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(
     begins=st.sets(st.integers(1, COUNT - 1), max_size=5),
     joins=st.lists(st.tuples(st.integers(0, COUNT - 1), st.integers(0, COUNT - 1)), max_size=6),

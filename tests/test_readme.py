@@ -57,6 +57,7 @@ def test_the_python_example_is_formatted() -> None:
         input=example,
         capture_output=True,
         text=True,
+        timeout=60,
         check=False,
     )
     assert done.returncode == 0, done.stdout

@@ -53,7 +53,7 @@ def test_every_wheel_rolls_and_touches_the_floor(robot: RobotModel) -> None:
 angles = st.floats(min_value=-180.0, max_value=180.0)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(st.floats(-0.1, 0.1), st.floats(-0.1, 0.1), st.floats(0.15, 0.3), angles, angles, angles)
 def test_a_lidar_mounted_in_six_degrees_of_freedom_is_where_it_was_put(
     x: float, y: float, z: float, roll: float, pitch: float, yaw: float

@@ -42,7 +42,7 @@ def _distance_to_blocks_m(world: World, points_m: FloatArray) -> FloatArray:
     return np.asarray(shapely.distance(solid, shapely.points(points_m)))
 
 
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=8)
 @given(st.integers(0, 10_000), st.sampled_from(["backtracker", "wilson", "kruskal"]))
 def test_a_tour_passes_everywhere_with_room_and_comes_back(seed: int, algorithm: str) -> None:
     layout = MazeLayout(rows=4, columns=4, algorithm=algorithm)  # type: ignore[arg-type]
@@ -126,7 +126,7 @@ def _open_space(seed: int) -> Space:
     return Space((labels == labels[1, 1]) * 1.0, np.zeros(2), 1.0, 0.5)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(st.integers(0, 100_000))
 def test_ways_between_places_against_a_search_from_each(seed: int) -> None:
     """A way of the net may be longer than the best one (it passes by places), never shorter."""
@@ -160,7 +160,7 @@ def _eight_neighbour_distances(cells: np.ndarray, chosen: np.ndarray) -> FloatAr
     return np.asarray(csgraph.dijkstra(graph, directed=False, indices=at)[:, at])
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(st.integers(0, 100_000), st.integers(2, 7))
 def test_a_tour_against_all_orders(seed: int, count: int) -> None:
     points = np.random.default_rng(seed).uniform(0, 10, (count, 2))

@@ -23,7 +23,7 @@ def clock(
     return StreamClock(config, START, seed, "test")
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(rate_hz=st.floats(0.1, 5000.0), phase_s=st.floats(0.0, 10.0), span_s=st.floats(0.0, 20.0))
 def test_samples_come_at_their_rate_and_phase(
     rate_hz: float, phase_s: float, span_s: float

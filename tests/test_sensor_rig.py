@@ -104,7 +104,7 @@ def sensed(drive: Drive, cuts: Sequence[int] = (), threads: int = 1) -> list[Rea
 WHOLE = all_of(sensed(DRIVE))
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(st.lists(st.integers(2, len(DRIVE) - 1), max_size=60))
 def test_the_same_bytes_however_the_drive_is_cut(cuts: list[int]) -> None:
     pieces = all_of(sensed(DRIVE, cuts))

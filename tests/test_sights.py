@@ -49,7 +49,7 @@ def graph_of(drive: Smoothed, every: int, kinds: dict[int, EdgeKind]) -> PoseGra
     return PoseGraph(keyframes, np.zeros((len(keyframes), 3, 3)), tuple(edges))
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(seed=st.integers(0, 10_000), count=st.integers(2, 7))
 def test_covariances_are_the_dense_inverse_of_all_that_was_seen_and_driven(
     seed: int, count: int

@@ -44,7 +44,7 @@ def error(result: Smoothed, truth: FloatArray) -> FloatArray:
     return np.asarray(np.sqrt(np.mean(off * off, axis=0)))
 
 
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 @given(seed=st.integers(0, 10_000), count=st.integers(2, 12))
 def test_the_track_is_the_most_likely_one_and_its_covariance_that_of_a_dense_solver(
     seed: int, count: int

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import signal
-import subprocess
-import sys
 import time
 from dataclasses import replace
 from functools import cache
@@ -14,6 +12,7 @@ from urllib.request import urlopen
 import cv2
 import numpy as np
 import pytest
+from limited_child import running
 from view_example import BOXES_M, GEOMETRY, T_BASE_LASER, Scans, example_run, walls_mesh
 
 from slamsim.evaluate.score import Scores
@@ -266,9 +265,7 @@ def test_a_browser_is_given_a_page_of_this_machine_until_ctrl_c(recording: Path)
         "import pathlib, sys; from slamsim.view.viewer import view_run;"
         "view_run(pathlib.Path(sys.argv[1]), web=True)"
     )
-    with subprocess.Popen(
-        [sys.executable, "-c", code, str(recording)], stderr=subprocess.PIPE, text=True
-    ) as process:
+    with running(code, str(recording)) as process:
         assert process.stderr is not None
         line = process.stderr.readline()
         address = line.split()[1]

@@ -75,7 +75,7 @@ DRESSES = st.fixed_dictionaries(
 )
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(layout=LAYOUTS, dress=DRESSES, seed=st.integers(0, 2**40))
 def test_a_disc_of_the_clearance_reaches_every_place_or_the_world_is_refused(
     layout: dict[str, Any], dress: dict[str, Any], seed: int
@@ -99,7 +99,7 @@ def test_a_disc_of_the_clearance_reaches_every_place_or_the_world_is_refused(
     assert built.mesh.vertices_m[:, 2].min() == 0.0
 
 
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=12)
 @given(
     seed=st.integers(0, 2**40),
     resolution=st.sampled_from([0.05, 0.1, 0.066]),
@@ -165,6 +165,7 @@ def test_every_process_builds_the_same_world() -> None:
             cwd=Path(__file__).parent,
             capture_output=True,
             text=True,
+            timeout=60,
             check=True,
         )
         assert result.stdout == expected

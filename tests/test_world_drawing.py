@@ -40,7 +40,7 @@ def drawn(plan: FloorPlan) -> str:
     return "\n".join("".join(line) for line in lines)
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(
     rows=st.integers(1, 6),
     columns=st.integers(1, 6),
@@ -123,7 +123,7 @@ def test_bad_drawings_are_refused_with_line_and_column(drawing: str, says: str) 
         build_world(WorldConfig(plan=PlanLayout(drawing=drawing)), 0)
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(st.text(alphabet="+-| D#S\n", max_size=60))
 def test_any_text_is_read_or_refused(text: str) -> None:
     try:

@@ -55,7 +55,7 @@ def solid(world: World, resolution_m: float = 0.1) -> BoolArray:
     return np.asarray(world.grid(resolution_m, 0.3).occupancy == 1.0)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(seed=st.integers(0, 2**32), share=st.floats(0.05, 0.95))
 def test_the_outlines_of_a_mask_cover_it_exactly(seed: int, share: float) -> None:
     mask = np.random.default_rng(seed).random((12, 17)) < share

@@ -36,7 +36,7 @@ def random_prisms(seed: int) -> list[Prism]:
     return [*prisms, *(moved(board, np.array([2.0, y, y])) for y in rng.uniform(0, 3, 2).tolist())]
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(seed=st.integers(0, 2**32))
 def test_prism_surfaces_are_closed_and_face_outwards(seed: int) -> None:
     prisms = merge_prisms(random_prisms(seed))
@@ -55,7 +55,7 @@ def test_merging_unites_what_has_the_same_height_and_keeps_the_rest() -> None:
     assert sorted(prism.footprint.area for prism in merged) == [2.0, 3.0, 3.0]
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(
     seed=st.integers(0, 2**32),
     resolution=st.sampled_from([0.05, 0.1, 0.07, 0.3]),
@@ -99,7 +99,7 @@ def masks(solids: Solids, raster: Raster) -> list[BoolArray]:
     return [rasterise(outline, raster) for outline in outlines]
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(seed=st.integers(0, 2**32))
 def test_a_mesh_of_prisms_is_as_solid_as_the_prisms(seed: int) -> None:
     prisms = merge_prisms(random_prisms(seed))

@@ -28,7 +28,7 @@ def maze(seed: int = 0, **keys: object) -> FloorPlan:
 
 
 @pytest.mark.parametrize("name", ALGORITHMS)
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(rows=st.integers(1, 9), columns=st.integers(1, 9), seed=st.integers(0, 2**32))
 def test_every_algorithm_draws_a_spanning_tree(
     name: str, rows: int, columns: int, seed: int
@@ -125,7 +125,7 @@ def test_turning_doors_on_moves_no_wall() -> None:
     assert with_doors.passages == grow_maze(layout, NO_DOORS, 3).passages
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     length=st.integers(1, 30),
     width=st.integers(1, 3),
