@@ -130,6 +130,10 @@ class TransformEdge:
     positions_m: FloatArray
     quats_xyzw: FloatArray
 
+    @property
+    def name(self) -> str:
+        return f"{self.parent} -> {self.child}"
+
 
 @dataclass(frozen=True, slots=True)
 class UnreadTopic:

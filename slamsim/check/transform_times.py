@@ -1,0 +1,135 @@
+"""Do the moving transforms cover the scans, and do they say what the odometry says?"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from slamsim.check.findings import Curve, Estimate, Finding, Mend, Plot
+from slamsim.check.frame_graph import FrameGraph
+from slamsim.geometry import between, wrap_angle, yaw_from_xyzw
+from slamsim.recording import RawOdometry, Recording, TransformEdge
+from slamsim.types import BoolArray, FloatArray, IntArray
+
+MAX_COVER_GAP_NS = 500_000_000
+"""Interpolating a transform over more than half a second no longer says where a robot was."""
+MAX_UNCOVERED_SHARE = 0.02
+"""A recording may begin or end a little before its transforms do."""
+MAX_DISAGREEMENT_M = 0.05
+MAX_DISAGREEMENT_RAD = 0.03
+"""Over one second of driving: more than the stamps of two honest publishers may differ by."""
+_COMPARED_NS = 1_000_000_000
+
+
+def check_coverage(recording: Recording, graph: FrameGraph) -> Iterator[Finding]:
+    """Whether each moving transform between odom and the laser has a sample on both sides."""
+    for scans in recording.scans:
+        for edge in graph.moving_above(scans.frame_ids):
+            if len(scans) == 0:
+                continue
+            share = 1.0 - float(_covered(scans.stamps_ns, np.sort(edge.stamps_ns)).mean())
+            estimate = Estimate(100.0 * share, 0.0, "%")
+            if share > MAX_UNCOVERED_SHARE and share * len(scans) > 5:
+                yield Finding(
+                    "tf.coverage",
+                    f"{edge.name} at {scans.topic}",
+                    "bad",
+                    f"{100.0 * share:.1f} % of the scans have no transform within "
+                    f"{MAX_COVER_GAP_NS * 1e-9:g} s on both sides",
+                    "tf_coverage",
+                    "Publish the transform at 10 Hz or more, on the clock of the scans, and "
+                    "record it from before the first scan.",
+                    estimate,
+                    100.0 * MAX_UNCOVERED_SHARE,
+                )
+            else:
+                words = f"{100.0 * (1.0 - share):.1f} % of the scans lie between two transforms"
+                subject = f"{edge.name} at {scans.topic}"
+                yield Finding("tf.coverage", subject, "ok", words, estimate=estimate)
+
+
+def _covered(query_ns: IntArray, stamps_ns: IntArray) -> BoolArray:
+    right = np.searchsorted(stamps_ns, query_ns, side="left")
+    exact = stamps_ns[np.minimum(right, stamps_ns.size - 1)] == query_ns
+    inside = (right > 0) & (right < stamps_ns.size)
+    gap_ns = stamps_ns[np.minimum(right, stamps_ns.size - 1)] - stamps_ns[np.maximum(right - 1, 0)]
+    return np.asarray(exact | (inside & (gap_ns <= MAX_COVER_GAP_NS)))
+
+
+def check_agreement(recording: Recording) -> Iterator[Finding]:
+    """odom -> base as a transform against the same as an odometry message."""
+    for odometry in recording.odometries:
+        for edge in recording.transforms:
+            same = edge.parent in odometry.frame_ids and edge.child in odometry.child_frame_ids
+            if same and not edge.is_static:
+                yield from _contradiction(odometry, edge)
+
+
+def _contradiction(odometry: RawOdometry, edge: TransformEdge) -> Iterator[Finding]:
+    found = _disagreement(odometry, edge)
+    subject = f"{edge.name} against {odometry.topic}"
+    if found is None:
+        words = "transform and odometry have less than a second in common"
+        yield Finding("tf.odometry", subject, "cannot tell", words)
+        return
+    elapsed_s, off_m, off_rad = found
+    at_m, at_rad = float(np.quantile(off_m, 0.95)), float(np.quantile(off_rad, 0.95))
+    words = (
+        f"over a second of driving they differ by {1e3 * at_m:.3g} mm and "
+        f"{np.degrees(at_rad):.3g} deg (95 % of the time less)"
+    )
+    if at_m <= MAX_DISAGREEMENT_M and at_rad <= MAX_DISAGREEMENT_RAD:
+        estimate = Estimate(at_m, 0.0, "m")
+        yield Finding("tf.odometry", subject, "ok", words, estimate=estimate)
+        return
+    curve = Curve("difference over 1 s", elapsed_s, off_m, "line")
+    plot = Plot(subject, "time (s)", "difference (m)", (curve,), (MAX_DISAGREEMENT_M,))
+    yield Finding(
+        "tf.odometry",
+        subject,
+        "bad",
+        words,
+        "tf_contradicts_odometry",
+        f"Let the node that makes {odometry.topic} publish the transform as well, and nobody else.",
+        Estimate(at_m, 0.0, "m"),
+        MAX_DISAGREEMENT_M,
+        (Mend("add_odometry_transform", odometry.topic),),
+        (plot,),
+    )
+
+
+def _disagreement(
+    odometry: RawOdometry, edge: TransformEdge
+) -> tuple[FloatArray, FloatArray, FloatArray] | None:
+    """(seconds, metres, radians) by which motions over a second differ, at odometry stamps."""
+    ours_ns, ours = _planar(odometry.stamps_ns, odometry.positions_m, odometry.quats_xyzw)
+    theirs_ns, theirs = _planar(edge.stamps_ns, edge.positions_m, edge.quats_xyzw)
+    if ours_ns.size < 2 or theirs_ns.size < 2:
+        return None
+    start, end = max(ours_ns[0], theirs_ns[0]), min(ours_ns[-1], theirs_ns[-1]) - _COMPARED_NS
+    begin_ns = ours_ns[(ours_ns >= start) & (ours_ns <= end)]
+    if begin_ns.size == 0:
+        return None
+    steps = [
+        between(_at(ns, poses, begin_ns), _at(ns, poses, begin_ns + _COMPARED_NS))
+        for ns, poses in ((ours_ns, ours), (theirs_ns, theirs))
+    ]
+    off = steps[0] - steps[1]
+    seconds = (begin_ns - begin_ns[0]) * 1e-9
+    return seconds, np.hypot(off[:, 0], off[:, 1]), np.abs(wrap_angle(off[:, 2]))
+
+
+def _planar(
+    stamps_ns: IntArray, positions_m: FloatArray, quats_xyzw: FloatArray
+) -> tuple[IntArray, FloatArray]:
+    """Sorted distinct stamps, and x, y, continuous yaw of what is finite."""
+    finite = np.isfinite(positions_m).all(axis=1) & np.isfinite(quats_xyzw).all(axis=1)
+    stamps, first = np.unique(stamps_ns[finite], return_index=True)
+    yaw = np.unwrap(yaw_from_xyzw(quats_xyzw[finite][first]))
+    return stamps, np.column_stack([positions_m[finite][first][:, :2], yaw])
+
+
+def _at(stamps_ns: IntArray, poses: FloatArray, query_ns: IntArray) -> FloatArray:
+    at_s, query_s = (stamps_ns - stamps_ns[0]) * 1e-9, (query_ns - stamps_ns[0]) * 1e-9
+    return np.column_stack([np.interp(query_s, at_s, column) for column in poses.T])
