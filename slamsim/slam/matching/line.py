@@ -90,7 +90,12 @@ class LineMatcher:
         self, cloud: Cloud, T_map_base_guess: FloatArray, prior_covariance: FloatArray
     ) -> Match | None:
         """See ``Matcher.match``."""
-        pieces = self.pieces(cloud)
+        return self.match_pieces(self.pieces(cloud), T_map_base_guess, prior_covariance)
+
+    def match_pieces(
+        self, pieces: FloatArray, T_map_base_guess: FloatArray, prior_covariance: FloatArray
+    ) -> Match | None:
+        """``match`` for the (k, PIECE_FIELDS) pieces of a cloud."""
         if self._map.empty or len(pieces) == 0:
             return None
         guess, prior = T_map_base_guess, _inverse(prior_covariance)
@@ -117,7 +122,12 @@ class LineMatcher:
         self, cloud: Cloud, T_map_base_guess: FloatArray, prior_covariance: FloatArray
     ) -> Match | None:
         """See ``Matcher.search``."""
-        pieces = self.pieces(cloud)
+        return self.search_pieces(self.pieces(cloud), T_map_base_guess, prior_covariance)
+
+    def search_pieces(
+        self, pieces: FloatArray, T_map_base_guess: FloatArray, prior_covariance: FloatArray
+    ) -> Match | None:
+        """``search`` for the (k, PIECE_FIELDS) pieces of a cloud."""
         if self._map.empty or len(pieces) < MIN_PARTNERS:
             return None
         window = (
@@ -140,7 +150,11 @@ class LineMatcher:
 
     def insert(self, cloud: Cloud, T_map_base: FloatArray) -> None:
         """See ``Matcher.insert``."""
-        self._map.insert(self.pieces(cloud), T_map_base, self._noise_m)
+        self.insert_pieces(self.pieces(cloud), T_map_base)
+
+    def insert_pieces(self, pieces: FloatArray, T_map_base: FloatArray) -> None:
+        """``insert`` for the (k, PIECE_FIELDS) pieces of a cloud."""
+        self._map.insert(pieces, T_map_base, self._noise_m)
 
     def forget(self) -> None:
         """See ``Matcher.forget``."""
