@@ -92,11 +92,7 @@ def test_the_first_face_is_the_nearest_that_faces_the_ray(seed: int, corners: in
         origin = rng.uniform(-8.0, 8.0, 2)
         ray = np.array([np.cos(heading), np.sin(heading)])
         at = (float(origin[0]), float(origin[1]), float(ray[0]), float(ray[1]))
-        walls = (faces.normal, faces.middle_m, 0.5 * faces.length_m)
-        found = first_face(
-            *at, 30.0, *walls, index.origin_m, index.cell_m,
-            index.columns, index.rows, index.starts, index.faces,
-        )  # fmt: skip
+        found = first_face(*at, 30.0, index)
         which, far = nearest(origin, ray, faces.ends_m)
         assert found[0] == which
         assert which < 0 or found[1] == pytest.approx(far, abs=1e-9)

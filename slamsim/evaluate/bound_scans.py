@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -49,6 +50,28 @@ class ScanInformation:
     mixed: float
 
 
+class NoiseModel(NamedTuple):
+    """Of the range to a surface r metres away, met at an angle of incidence i.
+
+    Variance: variance_m2 + r^2 (variance_per_range + spot_rad2 tan^2 i). Chance that a beam gets
+    lost: lost + lost_per_m2 r^2 + lost_grazing (1 - cos i); it is lost for sure beyond
+    range_max_m, nearer than range_min_m and where cos i < least_cos. mixed: chance that one of
+    two neighbours that lie farther apart than gap_m straddles the edge between them.
+    """
+
+    variance_m2: float
+    variance_per_range: float
+    spot_rad2: float
+    range_min_m: float
+    range_max_m: float
+    least_cos: float
+    lost: float
+    lost_per_m2: float
+    lost_grazing: float
+    gap_m: float
+    mixed: float
+
+
 def scan_information(
     faces: Faces,
     truth: PlanarTrajectory,
@@ -70,14 +93,14 @@ def scan_information(
     totals = np.zeros(3)
     work = np.zeros((len(faces), 9))
     model = _noise_model(lidar)
-    table = _table(faces, index_faces(faces))
+    index = index_faces(faces)
     base = truth.at(stamps_ns)
     for scan, stamp_ns in enumerate(stamps_ns.tolist()):
         beams = np.arange(scan % beam_stride, geometry.beam_count, beam_stride)
         lasers = compose(truth.at(stamp_ns + offsets_ns[beams]), T_base_laser_2d)
         count = geometry.beam_count / len(beams)
         met, counted = _add_scan(
-            lasers, angles_rad[beams], base[scan], count, model, *table, work, pose[scan]
+            lasers, angles_rad[beams], base[scan], count, model, index, work, pose[scan]
         )
         totals += counted
         rows.append((met, work[met].copy()))
@@ -97,39 +120,21 @@ def _gathered(
     return ScanInformation(pose, scan, face, cross, wall, returns, lost, mixed)
 
 
-def _noise_model(lidar: LidarConfig) -> FloatArray:
+def _noise_model(lidar: LidarConfig) -> NoiseModel:
     noise, dropout = lidar.noise, lidar.dropout
     spread = lidar.mixed.divergence_mrad * 1e-3 / math.radians(lidar.angle_step_deg)
-    return np.array(
-        [
-            max(noise.constant_m**2 + lidar.resolution_m**2 / 12.0, LEAST_SIGMA_M**2),
-            noise.proportional**2,
-            (noise.spot_mrad * 1e-3) ** 2,
-            lidar.range_min_m,
-            lidar.range_max_m,
-            math.cos(math.radians(lidar.max_incidence_deg)),
-            dropout.probability,
-            dropout.at_max_range / lidar.range_max_m**2,
-            dropout.at_grazing,
-            lidar.mixed.min_gap_m,
-            min(spread, 1.0),
-        ]
-    )
-
-
-def _table(
-    faces: Faces, index: FaceIndex
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, float, int, int, IntArray, IntArray]:
-    return (
-        faces.normal,
-        faces.middle_m,
-        0.5 * faces.length_m,
-        index.origin_m,
-        index.cell_m,
-        index.columns,
-        index.rows,
-        index.starts,
-        index.faces,
+    return NoiseModel(
+        variance_m2=max(noise.constant_m**2 + lidar.resolution_m**2 / 12.0, LEAST_SIGMA_M**2),
+        variance_per_range=noise.proportional**2,
+        spot_rad2=(noise.spot_mrad * 1e-3) ** 2,
+        range_min_m=lidar.range_min_m,
+        range_max_m=lidar.range_max_m,
+        least_cos=math.cos(math.radians(lidar.max_incidence_deg)),
+        lost=dropout.probability,
+        lost_per_m2=dropout.at_max_range / lidar.range_max_m**2,
+        lost_grazing=dropout.at_grazing,
+        gap_m=lidar.mixed.min_gap_m,
+        mixed=min(spread, 1.0),
     )
 
 
@@ -139,16 +144,8 @@ def _add_scan(
     angles_rad: FloatArray,
     base: FloatArray,
     count: float,
-    model: FloatArray,
-    normal: FloatArray,
-    middle_m: FloatArray,
-    half_m: FloatArray,
-    origin_m: FloatArray,
-    cell_m: float,
-    columns: int,
-    rows: int,
-    starts: IntArray,
-    members: IntArray,
+    model: NoiseModel,
+    faces: FaceIndex,
     sums: FloatArray,
     pose: FloatArray,
 ) -> tuple[IntArray, FloatArray]:
@@ -165,19 +162,16 @@ def _add_scan(
         x, y = lasers[beam, 0], lasers[beam, 1]
         heading = lasers[beam, 2] + angles_rad[beam]
         dx, dy = math.cos(heading), math.sin(heading)
-        face, far = first_face(
-            x, y, dx, dy, model[4], normal, middle_m, half_m,
-            origin_m, cell_m, columns, rows, starts, members,
-        )  # fmt: skip
-        if beam > 0 and face != last_face and abs(far - last_m) > model[9]:
-            totals[2] += model[10]
+        face, far = first_face(x, y, dx, dy, model.range_max_m, faces)
+        if beam > 0 and face != last_face and abs(far - last_m) > model.gap_m:
+            totals[2] += model.mixed
         last_face, last_m = face, far
-        if face < 0 or far < model[3]:
+        if face < 0 or far < model.range_min_m:
             continue
-        nx, ny = normal[face, 0], normal[face, 1]
+        nx, ny = faces.normal[face, 0], faces.normal[face, 1]
         slant = nx * dx + ny * dy
         cos = min(-slant, 1.0)
-        if cos < model[5]:
+        if cos < model.least_cos:
             continue
         chance, variance = _loss_and_noise(far, cos, model)
         totals[0] += count * (1.0 - chance)
@@ -187,7 +181,7 @@ def _add_scan(
         row[0], row[1] = -nx, -ny
         row[2] = nx * (hy - base[1]) - ny * (hx - base[0])
         row[3] = 1.0
-        row[4] = ny * (hx - middle_m[face, 0]) - nx * (hy - middle_m[face, 1])
+        row[4] = ny * (hx - faces.middle_m[face, 0]) - nx * (hy - faces.middle_m[face, 1])
         if sums[face, 6] == 0.0:
             met[many] = face
             many += 1
@@ -196,12 +190,14 @@ def _add_scan(
 
 
 @kernel
-def _loss_and_noise(range_m: float, cos: float, model: FloatArray) -> tuple[float, float]:
+def _loss_and_noise(range_m: float, cos: float, model: NoiseModel) -> tuple[float, float]:
     """Chance that a beam gets lost, and variance of its range if it does not."""
-    chance = min(model[6] + model[7] * range_m * range_m + model[8] * (1.0 - cos), 1.0)
+    lost_here = model.lost + model.lost_per_m2 * range_m * range_m
+    chance = min(lost_here + model.lost_grazing * (1.0 - cos), 1.0)
     cos = max(cos, GRAZING)
     tan_squared = 1.0 / (cos * cos) - 1.0
-    return chance, model[0] + range_m * range_m * (model[1] + model[2] * tan_squared)
+    of_range = model.variance_per_range + model.spot_rad2 * tan_squared
+    return chance, model.variance_m2 + range_m * range_m * of_range
 
 
 @kernel

@@ -8,10 +8,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from slamsim.jit import kernel
+from slamsim.ray_walk import begin_walk, next_cell
 from slamsim.types import FloatArray, IntArray
 
 SAME_LINE_M = 1e-4
@@ -103,16 +105,22 @@ def _longest_of(group: IntArray, length_m: FloatArray) -> IntArray:
     return order[np.unique(group[order], return_index=True)[1]]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class FaceIndex:
-    """Which faces cross which square cells: ``faces[starts[cell]:starts[cell + 1]]``."""
+class FaceIndex(NamedTuple):
+    """Faces, and which of them cross which square cells, as kernels take them.
 
+    normal: (f, 2). middle_m: (f, 2). half_m: (f,) half their lengths. origin_m: (2,) outer corner
+    of the first cell. members: of a cell, row by row, ``members[starts[cell]:starts[cell + 1]]``.
+    """
+
+    normal: FloatArray
+    middle_m: FloatArray
+    half_m: FloatArray
     origin_m: FloatArray
     cell_m: float
     columns: int
     rows: int
     starts: IntArray
-    faces: IntArray
+    members: IntArray
 
 
 def index_faces(faces: Faces) -> FaceIndex:
@@ -131,7 +139,10 @@ def index_faces(faces: Faces) -> FaceIndex:
     cells, members = np.array(pairs, dtype=np.int64).T
     order = np.argsort(cells, kind="stable")
     starts = np.searchsorted(cells[order], np.arange(rows * columns + 1)).astype(np.int64)
-    return FaceIndex(low, cell_m, columns, rows, starts, members[order])
+    half_m = 0.5 * faces.length_m
+    return FaceIndex(
+        faces.normal, faces.middle_m, half_m, low, cell_m, columns, rows, starts, members[order]
+    )
 
 
 def _span_in_column(x0: float, y0: float, x1: float, y1: float, column: int) -> tuple[float, float]:
@@ -146,76 +157,41 @@ def _span_in_column(x0: float, y0: float, x1: float, y1: float, column: int) -> 
 
 @kernel
 def first_face(
-    x: float,
-    y: float,
-    dx: float,
-    dy: float,
-    reach_m: float,
-    normal: FloatArray,
-    middle_m: FloatArray,
-    half_m: FloatArray,
-    origin_m: FloatArray,
-    cell_m: float,
-    columns: int,
-    rows: int,
-    starts: IntArray,
-    members: IntArray,
+    x: float, y: float, dx: float, dy: float, reach_m: float, index: FaceIndex
 ) -> tuple[int, float]:
     """The face that a ray meets first from its outside, and how far away; -1 for none.
 
-    Walks from cell to cell (Amanatides & Woo 1987). The ray may begin outside of all cells.
+    (dx, dy) is a unit vector. The ray may begin outside of all cells.
     """
     best, face = reach_m, -1
-    px, py = (x - origin_m[0]) / cell_m, (y - origin_m[1]) / cell_m
-    column, row = math.floor(px), math.floor(py)
-    step_x, step_y = (1 if dx > 0.0 else -1), (1 if dy > 0.0 else -1)
-    delta_x = abs(cell_m / dx) if dx != 0.0 else math.inf
-    delta_y = abs(cell_m / dy) if dy != 0.0 else math.inf
-    next_x = (column + (dx > 0.0) - px) * cell_m / dx if dx != 0.0 else math.inf
-    next_y = (row + (dy > 0.0) - py) * cell_m / dy if dy != 0.0 else math.inf
-    way = 0.0
-    while way <= best:
-        if (column < 0 and dx <= 0.0) or (column >= columns and dx >= 0.0):
+    columns, rows = index.columns, index.rows
+    walk = begin_walk(x - index.origin_m[0], y - index.origin_m[1], dx, dy, index.cell_m)
+    while walk.way <= best:
+        if (walk.column < 0 and dx <= 0.0) or (walk.column >= columns and dx >= 0.0):
             break
-        if (row < 0 and dy <= 0.0) or (row >= rows and dy >= 0.0):
+        if (walk.row < 0 and dy <= 0.0) or (walk.row >= rows and dy >= 0.0):
             break
-        if 0 <= column < columns and 0 <= row < rows:
-            cell = row * columns + column
-            here = members[starts[cell] : starts[cell + 1]]
-            face, best = _nearer(x, y, dx, dy, face, best, here, normal, middle_m, half_m)
-        if next_x <= next_y:
-            way = next_x
-            column += step_x
-            next_x += delta_x
-        else:
-            way = next_y
-            row += step_y
-            next_y += delta_y
+        if 0 <= walk.column < columns and 0 <= walk.row < rows:
+            cell = walk.row * columns + walk.column
+            face, best = _nearer(x, y, dx, dy, face, best, cell, index)
+        walk = next_cell(walk)
     return face, best
 
 
 @kernel
 def _nearer(
-    x: float,
-    y: float,
-    dx: float,
-    dy: float,
-    face: int,
-    best: float,
-    members: IntArray,
-    normal: FloatArray,
-    middle_m: FloatArray,
-    half_m: FloatArray,
+    x: float, y: float, dx: float, dy: float, face: int, best: float, cell: int, index: FaceIndex
 ) -> tuple[int, float]:
     """The nearest face by now, given those of one more cell."""
-    for k in members:
-        towards = normal[k, 0] * dx + normal[k, 1] * dy
+    for k in index.members[index.starts[cell] : index.starts[cell + 1]]:
+        nx, ny = index.normal[k, 0], index.normal[k, 1]
+        towards = nx * dx + ny * dy
         if towards >= -1e-9:
             continue
-        cx, cy = middle_m[k, 0] - x, middle_m[k, 1] - y
-        far = (normal[k, 0] * cx + normal[k, 1] * cy) / towards
+        cx, cy = index.middle_m[k, 0] - x, index.middle_m[k, 1] - y
+        far = (nx * cx + ny * cy) / towards
         if 0.0 <= far < best:
-            off = -normal[k, 1] * (far * dx - cx) + normal[k, 0] * (far * dy - cy)
-            if abs(off) <= half_m[k]:
+            off = -ny * (far * dx - cx) + nx * (far * dy - cy)
+            if abs(off) <= index.half_m[k]:
                 best, face = far, k
     return face, best

@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from slamsim.jit import kernel
+from slamsim.ray_walk import begin_walk, next_cell
 from slamsim.types import BoolArray, FloatArray, Grid
 
 LOOK_EVERY_M = 0.2
@@ -46,29 +47,15 @@ def _spread(path_m: FloatArray, step_m: float) -> FloatArray:
 def _cast(
     solid: BoolArray, seen: BoolArray, origins: FloatArray, angles_rad: FloatArray, reach: float
 ) -> None:
-    """Mark in ``seen`` the cells of each ray as far as the first solid one, which ends it
-    (Amanatides & Woo 1987); all in cells."""
+    """Mark in ``seen`` the cells of each ray as far as the first solid one, which ends it; all in
+    cells."""
     rows, columns = solid.shape
     for i in range(origins.shape[0]):
         for k in range(angles_rad.shape[0]):
             dx, dy = math.cos(angles_rad[k]), math.sin(angles_rad[k])
-            x, y = origins[i, 0], origins[i, 1]
-            column, row = math.floor(x), math.floor(y)
-            step_x, step_y = (1 if dx > 0.0 else -1), (1 if dy > 0.0 else -1)
-            delta_x = abs(1.0 / dx) if dx != 0.0 else math.inf
-            delta_y = abs(1.0 / dy) if dy != 0.0 else math.inf
-            next_x = (column + (dx > 0.0) - x) / dx if dx != 0.0 else math.inf
-            next_y = (row + (dy > 0.0) - y) / dy if dy != 0.0 else math.inf
-            way = 0.0
-            while way <= reach and 0 <= column < columns and 0 <= row < rows:
-                seen[row, column] = True
-                if solid[row, column]:
+            walk = begin_walk(origins[i, 0], origins[i, 1], dx, dy, 1.0)
+            while walk.way <= reach and 0 <= walk.column < columns and 0 <= walk.row < rows:
+                seen[walk.row, walk.column] = True
+                if solid[walk.row, walk.column]:
                     break
-                if next_x <= next_y:
-                    way = next_x
-                    column += step_x
-                    next_x += delta_x
-                else:
-                    way = next_y
-                    row += step_y
-                    next_y += delta_y
+                walk = next_cell(walk)

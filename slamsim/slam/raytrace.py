@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slamsim.jit import kernel
+from slamsim.ray_walk import begin_walk, held_at, next_cell
 from slamsim.types import BoolArray, Float32Array, FloatArray
 
 CellArray = NDArray[np.int32]
@@ -21,29 +22,14 @@ def walk_beam(start: FloatArray, end: FloatArray, cells: CellArray) -> int:
     """Fill ``cells`` with the (column, row) that a beam passes, first to last; how many.
 
     start, end: (2,) in units of cells. cells: room for at least one more than the steps between
-    both in x and y. Amanatides & Woo 1987; the number of steps is fixed beforehand, so the walk
-    always ends in the cell of ``end``.
+    both in x and y. The walk ends in the cell of ``end``, whatever is lost in rounding.
     """
-    column, row = int(np.floor(start[0])), int(np.floor(start[1]))
-    left_x, left_y = int(np.floor(end[0])) - column, int(np.floor(end[1])) - row
-    step_x, step_y = (1 if left_x > 0 else -1), (1 if left_y > 0 else -1)
-    dx, dy = end[0] - start[0], end[1] - start[1]
-    delta_x = abs(1.0 / dx) if left_x else np.inf
-    delta_y = abs(1.0 / dy) if left_y else np.inf
-    next_x = (column + (step_x > 0) - start[0]) / dx if left_x else np.inf
-    next_y = (row + (step_y > 0) - start[1]) / dy if left_y else np.inf
-    left_x, left_y = abs(left_x), abs(left_y)
-    count = left_x + left_y + 1
+    last_column, last_row = int(np.floor(end[0])), int(np.floor(end[1]))
+    walk = begin_walk(start[0], start[1], end[0] - start[0], end[1] - start[1], 1.0)
+    count = abs(last_column - walk.column) + abs(last_row - walk.row) + 1
     for i in range(count):
-        cells[i, 0], cells[i, 1] = column, row
-        if left_y == 0 or (left_x > 0 and next_x <= next_y):
-            column += step_x
-            left_x -= 1
-            next_x += delta_x
-        else:
-            row += step_y
-            left_y -= 1
-            next_y += delta_y
+        cells[i, 0], cells[i, 1] = walk.column, walk.row
+        walk = next_cell(held_at(walk, last_column, last_row))
     return count
 
 
