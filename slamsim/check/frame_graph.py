@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
+import numpy as np
+
+from slamsim.geometry import matrix_from_xyzw, se3_from_parts
 from slamsim.recording import TransformEdge
+from slamsim.types import FloatArray
 
+_FIXED_TOLERANCE = 1e-3
 _BASE_FRAMES = ("base_footprint", "base_link", "base")
 
 
@@ -84,3 +89,39 @@ class FrameGraph:
                     found[edge.parent, edge.child] = edge
                 frame = edge.parent
         return list(found.values())
+
+    def between(self, target: str, source: str) -> FloatArray | None:
+        """4 x 4 ``T_target_source`` over transforms that do not move, None if they do not join."""
+        found, waiting = {source: np.eye(4)}, [source]
+        while waiting:
+            frame = waiting.pop()
+            for other, T_other_frame in self._steps(frame):
+                if other not in found:
+                    found[other] = T_other_frame @ found[frame]
+                    waiting.append(other)
+        return found.get(target)
+
+    def _steps(self, frame: str) -> Iterator[tuple[str, FloatArray]]:
+        """(neighbour, T_neighbour_frame) for each fixed transform that touches the frame."""
+        for edge in self._edges:
+            if frame in (edge.parent, edge.child):
+                T_parent_child = _fixed(edge)
+                if T_parent_child is not None and edge.child == frame:
+                    yield edge.parent, T_parent_child
+                elif T_parent_child is not None:
+                    yield edge.child, np.asarray(np.linalg.inv(T_parent_child))
+
+
+def _fixed(edge: TransformEdge) -> FloatArray | None:
+    """4 x 4 T_parent_child of an edge that never moves, else None."""
+    norm = np.linalg.norm(edge.quats_xyzw, axis=1)
+    sound = np.isfinite(edge.positions_m).all(axis=1) & (np.abs(norm - 1.0) < 0.1)
+    if not sound.any():
+        return None
+    positions_m, quats_xyzw = edge.positions_m[sound], edge.quats_xyzw[sound]
+    turned = 1.0 - np.abs(quats_xyzw @ quats_xyzw[0]).min()
+    moved = np.ptp(positions_m, axis=0).max()
+    if not edge.is_static and max(moved, turned) > _FIXED_TOLERANCE:
+        return None
+    rotation = matrix_from_xyzw(quats_xyzw[0] / np.linalg.norm(quats_xyzw[0]))
+    return se3_from_parts(rotation, positions_m[0])

@@ -1,0 +1,231 @@
+"""The checker's look at ranges and at the inertial unit's gravity."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from slamsim.check.findings import Finding
+from slamsim.check.inertial import check_inertial
+from slamsim.check.ranges import check_ranges
+from slamsim.check.scan_sample import sample_scans
+from slamsim.recording import RawImu, RawScans, Recording, ScanLayout, TransformEdge
+from slamsim.types import Float32Array, FloatArray
+
+SECOND = 1_000_000_000
+SCANS, BEAMS = 200, 541
+STEP_RAD = float(np.radians(0.5))
+LAYOUT = ScanLayout(-1.5 * np.pi / 2, 1.5 * np.pi / 2, STEP_RAD, 0.0, 0.1, 0.1, 30.0)
+
+
+def room(seed: int = 0) -> Float32Array:
+    """Ranges of a robot that turns in an oblong room, with noise and a few lost beams."""
+    draw = np.random.default_rng(seed)
+    heading = np.linspace(0.0, 6.0 * np.pi, SCANS)[:, None]
+    angles = heading + LAYOUT.angle_min_rad + np.arange(BEAMS) * STEP_RAD
+    with np.errstate(divide="ignore"):
+        walls = np.minimum(3.0 / np.abs(np.cos(angles)), 1.5 / np.abs(np.sin(angles)))
+    noisy = walls + 0.008 * draw.standard_normal(walls.shape)
+    noisy[draw.random(walls.shape) < 0.003] = np.inf
+    return noisy.astype(np.float32)
+
+
+def recorded(ranges_m: Float32Array, layout: ScanLayout = LAYOUT) -> Recording:
+    stamps_ns = np.arange(len(ranges_m), dtype=np.int64) * SECOND // 10
+    layout_of = np.zeros(len(ranges_m), dtype=np.int32)
+    scans = RawScans("/scan", ("laser_link",), stamps_ns, None, (layout,), layout_of, ranges_m)
+    return Recording("test", "mcap", scans=(scans,), imus=(turning_imu(),))
+
+
+def turning_imu(up: tuple[float, float, float] = (0.0, 0.0, 9.81)) -> RawImu:
+    draw = np.random.default_rng(1)
+    stamps_ns = np.arange(2000, dtype=np.int64) * SECOND // 100
+    gyro = np.array([0.0, 0.0, 0.9]) + 0.002 * draw.standard_normal((2000, 3))
+    accel = np.array(up) + 0.05 * draw.standard_normal((2000, 3))
+    return RawImu("/imu", ("imu_link",), stamps_ns, None, gyro, accel)
+
+
+def bad(findings: list[Finding]) -> list[str | None]:
+    return [finding.fault for finding in findings if finding.verdict == "bad"]
+
+
+def test_a_healthy_lidar_has_nothing_to_say() -> None:
+    findings = check_ranges(recorded(room()))
+    assert [finding.verdict for finding in findings] == ["ok"] * 6
+
+
+def with_zeros() -> Float32Array:
+    ranges = room()
+    ranges[np.isinf(ranges)] = 0.0
+    return ranges
+
+
+def with_maximum() -> Float32Array:
+    ranges = room()
+    ranges[np.isinf(ranges)] = 30.0
+    return ranges
+
+
+def with_own_body() -> Float32Array:
+    ranges = room()
+    draw = np.random.default_rng(2)
+    ranges[:, 100:112] = 0.25 + 0.005 * draw.standard_normal((SCANS, 12))
+    return ranges
+
+
+def with_dead_beams() -> Float32Array:
+    ranges = room()
+    ranges[:, 300:310] = np.inf
+    return ranges
+
+
+def with_stuck_scans() -> Float32Array:
+    ranges = room()
+    ranges[50:60] = ranges[50]
+    return ranges
+
+
+def with_strays() -> Float32Array:
+    ranges = room()
+    draw = np.random.default_rng(3)
+    stray = draw.random(ranges.shape) < 0.03
+    ranges[stray] *= draw.uniform(0.1, 0.8, int(stray.sum())).astype(np.float32)
+    return ranges
+
+
+@pytest.mark.parametrize(
+    ("ranges", "fault"),
+    [
+        (with_zeros(), "range_zero_no_return"),
+        (with_maximum(), "range_max_no_return"),
+        (with_own_body(), "beams_constant"),
+        (with_dead_beams(), "beams_dead"),
+        (with_stuck_scans(), "scan_stuck"),
+        (with_strays(), "scan_interference"),
+        (room() * np.float32(1000.0), "range_unit"),
+        (room() * np.float32(0.001), "range_unit"),
+    ],
+    ids=["zeros", "maximum", "own body", "dead", "stuck", "strays", "mm", "km"],
+)
+def test_each_fault_is_named_and_nothing_else(ranges: Float32Array, fault: str) -> None:
+    findings = check_ranges(recorded(ranges))
+    assert bad(findings) == [fault]
+    assert all(finding.words for finding in findings)
+
+
+@pytest.mark.parametrize(
+    ("layout", "fault"),
+    [
+        (replace(LAYOUT, range_max_m=2.0), "range_limits"),
+        (replace(LAYOUT, range_min_m=1.8), "range_limits"),
+        (replace(LAYOUT, range_max_m=0.0), "range_limits"),
+        (replace(LAYOUT, range_max_m=np.nan), "range_limits"),
+        (replace(LAYOUT, angle_max_rad=0.3), "scan_layout"),
+    ],
+)
+def test_declarations_that_contradict_the_readings(layout: ScanLayout, fault: str) -> None:
+    assert bad(check_ranges(recorded(room(), layout))) == [fault]
+
+
+def test_a_full_turn_may_count_its_first_beam_twice() -> None:
+    one_more = replace(LAYOUT, angle_max_rad=LAYOUT.angle_max_rad + STEP_RAD)
+    assert not bad(check_ranges(recorded(room(), one_more)))
+
+
+def test_a_robot_that_stands_may_see_the_same() -> None:
+    still = np.repeat(room()[:1], SCANS, axis=0)
+    gyro = turning_imu()
+    resting = replace(gyro, angular_velocity_rad_s=np.zeros((len(gyro), 3)))
+    assert not bad(check_ranges(replace(recorded(still), imus=(resting,))))
+
+
+def test_a_wall_along_a_straight_corridor_is_not_the_robot_itself() -> None:
+    angles = LAYOUT.angle_min_rad + np.arange(BEAMS) * STEP_RAD
+    draw = np.random.default_rng(4)
+    ahead = np.linspace(12.0, 2.0, SCANS)[:, None]
+    with np.errstate(divide="ignore"):
+        side = 0.75 / np.abs(np.sin(angles))
+        end = np.where(np.cos(angles) > 0.0, ahead / np.cos(angles), np.inf)
+    ranges = np.minimum(side, end) + 0.008 * draw.standard_normal((SCANS, BEAMS))
+    assert "beams_constant" not in bad(check_ranges(recorded(ranges.astype(np.float32))))
+
+
+@given(
+    st.sampled_from([0, 1, 2, 3]),
+    st.integers(0, 8),
+    st.sampled_from([np.nan, np.inf, -np.inf, 0.0, -1.0, 1e30, 1.0]),
+)
+def test_hopeless_scans_never_break_it(scans: int, beams: int, value: float) -> None:
+    findings = check_ranges(recorded(np.full((scans, beams), value, dtype=np.float32)))
+    for finding in findings:
+        assert finding.estimate is None or np.isfinite(finding.estimate.value)
+
+
+def test_scans_of_changing_length_are_sampled_by_the_commonest() -> None:
+    rows = [row[: 300 + 10 * (i % 3 == 0)] for i, row in enumerate(room())]
+    recording = recorded(room())
+    scans = replace(recording.scans[0], ranges_m=rows)
+    sample = sample_scans(scans)
+    assert sample is not None
+    assert sample.ranges_m.shape[1] == 300
+    assert sample.repeats.shape == (SCANS,)
+
+
+def mounted(quat_xyzw: tuple[float, float, float, float]) -> tuple[TransformEdge, ...]:
+    quats: FloatArray = np.array([quat_xyzw])
+    at = np.zeros(1, dtype=np.int64)
+    edge = TransformEdge("/tf_static", "base_link", "imu_link", True, at, None, np.zeros((1, 3)),
+                         quats)  # fmt: skip
+    return (edge,)
+
+
+UPRIGHT, ROLLED = (0.0, 0.0, 0.0, 1.0), (np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5))
+
+
+def felt(imu: RawImu, quat_xyzw: tuple[float, float, float, float] = UPRIGHT) -> list[Finding]:
+    return check_inertial(Recording("t", "mcap", imus=(imu,), transforms=mounted(quat_xyzw)))
+
+
+def test_a_healthy_unit() -> None:
+    assert [finding.verdict for finding in felt(turning_imu())] == ["ok"] * 3
+
+
+def test_a_unit_on_its_side_that_says_so_is_healthy() -> None:
+    assert not bad(felt(turning_imu((0.0, 9.81, 0.0)), ROLLED))
+
+
+@pytest.mark.parametrize(
+    ("up", "fault"),
+    [
+        ((0.0, 9.81, 0.0), "imu_axis"),
+        ((0.0, 0.0, -9.81), "imu_axis"),
+        ((0.0, 0.0, 0.0), "gravity_missing"),
+        ((0.0, 0.0, 1.0), "gravity_units"),
+    ],
+)
+def test_gravity_tells_what_is_wrong(up: tuple[float, float, float], fault: str) -> None:
+    assert bad(felt(turning_imu(up))) == [fault]
+
+
+def test_a_unit_that_repeats_its_samples() -> None:
+    imu = turning_imu()
+    twice = np.repeat(np.arange(0, 2000, 2), 2)
+    stuck = replace(
+        imu,
+        angular_velocity_rad_s=imu.angular_velocity_rad_s[twice],
+        linear_acceleration_m_s2=imu.linear_acceleration_m_s2[twice],
+    )
+    assert bad(felt(stuck)) == ["imu_stuck"]
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, 0.0])
+@pytest.mark.parametrize("samples", [0, 1, 30])
+def test_a_hopeless_unit_never_breaks_it(samples: int, value: float) -> None:
+    rows = np.full((samples, 3), value)
+    imu = RawImu("/imu", ("imu_link",), np.arange(samples, dtype=np.int64), None, rows, rows)
+    for finding in felt(imu):
+        assert finding.estimate is None or np.isfinite(finding.estimate.value)
