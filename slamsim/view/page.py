@@ -75,7 +75,13 @@ class Table:
     rows: Sequence[tuple[str, ...]]
 
 
-def page(title: str, lead: str, body: str) -> str:
+RUN_FOOTER = (
+    "Made by slamsim. All numbers, under stable keys, are in report.json beside this file; "
+    "slamsim view opens the recording."
+)
+
+
+def page(title: str, lead: str, body: str, footer: str = RUN_FOOTER) -> str:
     """body: HTML. The policy forbids the page to fetch anything at all."""
     return f"""<!doctype html>
 <html lang="en">
@@ -90,8 +96,7 @@ def page(title: str, lead: str, body: str) -> str:
 <body>
 <header><h1>{escape(title)}</h1><p class="lead">{escape(lead)}</p></header>
 <main>{body}</main>
-<footer>Made by slamsim. All numbers, under stable keys, are in report.json beside this file;
-slamsim view opens the recording.</footer>
+<footer>{escape(footer)}</footer>
 </body>
 </html>
 """
