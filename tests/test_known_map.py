@@ -23,7 +23,8 @@ from slamsim.slam.mapping import build_grid
 from slamsim.slam.odometry import FrontEnd
 from slamsim.slam.online.samples import WholeMotion
 from slamsim.slam.saved_map import SavedMap, read_saved_map, write_saved_map
-from slamsim.slam.session import Step, map_log, odometry_of
+from slamsim.slam.session import map_log, odometry_of
+from slamsim.slam.tracking import Step
 from slamsim.types import FloatArray, Log, SlamResult
 
 

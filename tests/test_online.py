@@ -16,7 +16,8 @@ from slamsim.config.slam import SlamConfig
 from slamsim.geometry import between
 from slamsim.slam.online.beside import MAX_RESTARTS, Beside
 from slamsim.slam.online.replay import replay
-from slamsim.slam.session import SlamSession, Step, open_session, run_slam
+from slamsim.slam.session import SlamSession, open_session, run_slam
+from slamsim.slam.tracking import Step
 from slamsim.types import PlanarTrajectory
 
 

@@ -25,7 +25,8 @@ from slamsim.sim.route import Route, plan_route
 from slamsim.slam.online.beside import Beside
 from slamsim.slam.online.replay import replay
 from slamsim.slam.online.samples import MotionSamples
-from slamsim.slam.session import Step, open_session
+from slamsim.slam.session import open_session
+from slamsim.slam.tracking import Step
 from slamsim.types import Drive, EncoderStream, FloatArray, ImuStream, Log, PlanarTrajectory, Scan
 from slamsim.world.build import build_world
 

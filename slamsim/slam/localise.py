@@ -23,9 +23,9 @@ from slamsim.slam.matching.fixed import FixedMapMatcher
 from slamsim.slam.odometry import FrontEnd, Tracked
 from slamsim.slam.online.samples import NOTHING, MotionSamples, MotionSource
 from slamsim.slam.relocalise import Everywhere
-from slamsim.slam.session import Status, Step
 from slamsim.slam.submaps import Surfaces, make_submap
 from slamsim.slam.track import Track
+from slamsim.slam.tracking import Status, Step
 from slamsim.types import FloatArray, PlanarTrajectory, Scan
 
 AGREEING = 2

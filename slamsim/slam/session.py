@@ -5,17 +5,15 @@ from __future__ import annotations
 import time
 from collections import defaultdict
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from typing import Literal, Self
+from dataclasses import replace
+from typing import Self
 
 import numpy as np
 
 from slamsim.config.slam import SlamConfig
-from slamsim.geometry import compose, inverse
 from slamsim.progress import Progress, silent
 from slamsim.safe.errors import SlamsimError
-from slamsim.slam.correction import correct_pieces
-from slamsim.slam.events import in_words
+from slamsim.slam.assembly import assemble, odometry_alone
 from slamsim.slam.keyframes import ABOUT_THERE, ANYWHERE, Before, KeyframeMaker
 from slamsim.slam.motion import NoMotion, Odometry, log_odometry, predict_motion
 from slamsim.slam.odometry import FrontEnd, Tracked
@@ -25,16 +23,14 @@ from slamsim.slam.online.keeper import InLine, MapKeeper
 from slamsim.slam.online.motion_filter import MotionFilter
 from slamsim.slam.online.samples import NOTHING, MotionSamples, MotionSource, WholeMotion
 from slamsim.slam.online.warm import warm_up
-from slamsim.slam.own_part import poses_since, since
 from slamsim.slam.saved_map import SavedMap, settled
-from slamsim.slam.sights import smoothed_covariances
 from slamsim.slam.track import Track
+from slamsim.slam.tracking import Status, Step
 from slamsim.types import (
     Calibrated,
     Event,
     FloatArray,
     Log,
-    OutsideTimeRange,
     PlanarTrajectory,
     PoseGraph,
     Scan,
@@ -43,36 +39,6 @@ from slamsim.types import (
 
 FINISH_SHARE = 0.1
 """Part of the progress that the final search and solution take."""
-
-Status = Literal["tracking", "searching", "lost"]
-"""tracking: the scan lies on the map. searching: it fits nowhere near, odometry is followed.
-lost: so for so long that the local map was begun anew."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Step:
-    """What is known at a scan's stamp, as soon as it has been tracked.
-
-    T_map_base: (3,) as corrected by all closures known by now; it may jump when one comes in.
-    T_odom_base: (3,) from wheels and gyroscope alone, smooth (REP 105). covariance: (3, 3) of a
-    small step of the base in its own frame, relative to the first key frame. match_quality:
-    inlier ratio, 0 without a match. degenerate_directions: (k, 3) steps of the base, in its own
-    frame, that the surfaces do not hold. events: what happened since the last step.
-    """
-
-    stamp_ns: int
-    T_map_base: FloatArray
-    T_odom_base: FloatArray
-    covariance: FloatArray
-    match_quality: float
-    degenerate_directions: FloatArray
-    status: Status
-    events: tuple[Event, ...] = ()
-
-    @property
-    def T_map_odom(self) -> FloatArray:  # noqa: N802
-        """(3,) what a robot publishes beside its odometry."""
-        return compose(self.T_map_base, inverse(self.T_odom_base))
 
 
 class SlamSession:
@@ -151,54 +117,9 @@ class SlamSession:
             raise SlamsimError("there is nothing to solve: no scan was tracked")
         if not self._front_end.sighted:
             raise SlamsimError(_nothing_seen(len(self._track)))
-        whole = self._keeper.finish(progress)
-        outcome = replace(
-            whole,
-            graph=since(whole.graph, self._first),
-            unrefined=poses_since(whole.unrefined, self._first),
-        )
-        self._solved = whole.graph
-        seconds = defaultdict(float, self._seconds)
-        for stage, spent_s in outcome.seconds.items():
-            seconds[stage] += spent_s
-        carried_ns = [event.start_ns for event in outcome.events if event.kind == "kidnapped"]
-        breaks_ns = sorted([*self._front_end.breaks_ns, *carried_ns])
-        raw = self._track.front_end()
-        corrected = correct_pieces(raw, outcome.graph.keyframes, breaks_ns)
-        odometry = self._track.calibrated_odometry(outcome.calibration)
-        smoothed = self._track.smoothed(corrected, odometry)
-        trajectory = smoothed.track
-        keyframes_ns = outcome.graph.keyframes.stamps_ns
-        keyframes = PlanarTrajectory(keyframes_ns, trajectory.at(keyframes_ns))
-        covariances = outcome.graph.covariances
-        if outcome.sights is not None:
-            covariances = smoothed_covariances(outcome.sights, whole.graph, self._first, smoothed)
-        happened = (*self._front_end.events(), *outcome.events)
-        events = tuple(sorted(happened, key=lambda event: event.start_ns))
-        counted = (*self._front_end.warnings(), *self._track.warnings())
-        return SlamResult(
-            trajectory=trajectory,
-            odometry=self._track.odometry(),
-            graph=replace(outcome.graph, keyframes=keyframes, covariances=covariances),
-            match_quality=self._track.quality,
-            degenerate=self._track.degenerate,
-            closures_accepted=outcome.accepted,
-            closures_rejected=outcome.rejected,
-            warnings=(*counted, *in_words(events, int(trajectory.stamps_ns[0]))),
-            seconds=dict(seconds),
-            closure_refusals=dict(outcome.refusals),
-            front_end=raw,
-            parts={
-                "prediction": self._track.odometry(),
-                "front_end": raw,
-                "closures": outcome.unrefined,
-                "graph": outcome.graph.keyframes,
-                "smoothed": trajectory,
-            },
-            match_information=self._track.information,
-            calibration=self._front_end.calibrated(outcome.calibration),
-            events=events,
-        )
+        outcome = self._keeper.finish(progress)
+        self._solved = outcome.graph
+        return assemble(self._track, self._front_end, outcome, self._first, self._seconds)
 
     def saved(self, result: SlamResult) -> SavedMap:
         """What a later run needs to go on with the map that ``finish`` gave, or to localise.
@@ -307,7 +228,7 @@ def map_log(
         result = session.finish(_rest_of(progress, len(log.scans), whole))
         saved = session.saved(result)
     progress(whole, whole)
-    alone = _odometry_alone(log, result.odometry)
+    alone = odometry_alone(log, result.odometry)
     return replace(result, odometry=alone, seconds=seconds | result.seconds), saved
 
 
@@ -325,16 +246,6 @@ def odometry_of(log: Log) -> Odometry | None:
         return log_odometry(log)
     except NoMotion:
         return None
-
-
-def _odometry_alone(log: Log, prediction: PlanarTrajectory) -> PlanarTrajectory:
-    """What the log's own odometry says at the tracked scans; the prediction if it is silent."""
-    if log.odometry is None:
-        return prediction
-    try:
-        return PlanarTrajectory(prediction.stamps_ns, log.odometry.at(prediction.stamps_ns))
-    except OutsideTimeRange:
-        return prediction
 
 
 def _rest_of(progress: Progress, done_before: float, whole: float) -> Progress:
