@@ -1,0 +1,73 @@
+"""Steps of a laser from scan to scan, as everything that fits against them needs them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from slamsim.check.scan_motion import ScanMotions
+from slamsim.types import BoolArray, FloatArray, IntArray
+
+SWEEP_DOUBT_SIGMAS = 5.0
+"""The scans' own sweep is believed, not the declared one, when they are farther apart than this."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LaserSteps:
+    """Relative motions of one laser between pairs of its scans.
+
+    first, second: (n,) which scans of the stream. first_ns, second_ns: (n,) their claimed stamps,
+    plus half the sweep: when the middle beam claims to have fired. T_first_second: (n, 3) of the
+    laser between those two instants, in the plane of the scan as its messages declare it.
+    information: (n, 3, 3) of a small step of the second scan in its own frame. window: (n,) equal
+    for pairs of one contiguous stretch; pairs that share a scan lie in the same window. sweep_s:
+    from the first beam to the last.
+    """
+
+    topic: str
+    first: IntArray
+    second: IntArray
+    first_ns: IntArray
+    second_ns: IntArray
+    T_first_second: FloatArray
+    information: FloatArray
+    window: IntArray
+    sweep_s: float
+
+    def __len__(self) -> int:
+        return int(self.first.size)
+
+    def keep(self, chosen: BoolArray) -> LaserSteps:
+        """Only the (n,) chosen pairs."""
+        return LaserSteps(
+            self.topic,
+            *(self.first[chosen], self.second[chosen]),
+            *(self.first_ns[chosen], self.second_ns[chosen]),
+            *(self.T_first_second[chosen], self.information[chosen]),
+            *(self.window[chosen], self.sweep_s),
+        )
+
+
+def laser_steps(motions: ScanMotions) -> LaserSteps:
+    """Of all windows; steps that are not finite, or take no time, are left out."""
+    sweep, declared = motions.sweep_s, abs(motions.sweep_s.declared)
+    off = abs(abs(sweep.value) - declared) > SWEEP_DOUBT_SIGMAS * sweep.sigma
+    sweep_s = abs(sweep.value) if off else declared
+    later_ns = round(0.5e9 * (sweep_s - declared))
+    begins = [window.middle_ns[:-1] for window in motions.windows]
+    ends = [window.middle_ns[1:] for window in motions.windows]
+    steps = LaserSteps(
+        motions.topic,
+        *(motions.first, motions.second),
+        *(_joined(begins) + later_ns, _joined(ends) + later_ns),
+        *(motions.T_first_second, motions.information),
+        *(motions.window.astype(np.int64), sweep_s),
+    )
+    finite = np.isfinite(steps.T_first_second).all(axis=1)
+    finite &= np.isfinite(steps.information).all(axis=(1, 2))
+    return steps.keep(finite & (steps.second_ns > steps.first_ns))
+
+
+def _joined(parts: list[IntArray]) -> IntArray:
+    return np.concatenate(parts).astype(np.int64) if parts else np.zeros(0, dtype=np.int64)
