@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from slamsim.evaluate.consistency import nees_band
 from slamsim.geometry import between, compose, transform_points
 from slamsim.slam.association import share_surfaces
-from slamsim.slam.blocks import add_block, empty_system, factorise, make_panels
+from slamsim.slam.blocks import add_block, empty_system, factorise
 from slamsim.slam.bundle import NotRefined, Refined, refine
 from slamsim.slam.bundle_equations import add_surfaces, fit_lines, pull_to_lines, residuals, to_map
 from slamsim.slam.matching.surfaces import (
@@ -27,6 +27,7 @@ from slamsim.slam.matching.surfaces import (
     X,
     Y,
 )
+from slamsim.slam.panels import make_panels
 from slamsim.types import Float32Array, FloatArray, GraphEdge, IntArray
 
 NOISE_M = 0.01

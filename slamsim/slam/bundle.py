@@ -17,7 +17,7 @@ import numpy as np
 from slamsim.geometry import between, compose
 from slamsim.safe.errors import SlamsimError
 from slamsim.slam.association import Shared, share_surfaces
-from slamsim.slam.blocks import empty_system, factorise, make_panels
+from slamsim.slam.blocks import empty_system, factorise
 from slamsim.slam.bundle_equations import (
     add_surfaces,
     fit_lines,
@@ -27,6 +27,7 @@ from slamsim.slam.bundle_equations import (
 )
 from slamsim.slam.marginals import add_edges, adjoint, edge_covariances_in_map
 from slamsim.slam.matching.surfaces import BEAMS, SCATTER_XX, SCATTER_XY, SCATTER_YY, X, Y
+from slamsim.slam.panels import make_panels
 from slamsim.slam.sights import Sights
 from slamsim.types import Float32Array, FloatArray, GraphEdge
 

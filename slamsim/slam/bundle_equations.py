@@ -11,8 +11,9 @@ from __future__ import annotations
 import numpy as np
 
 from slamsim.jit import kernel
-from slamsim.slam.blocks import Panels, add_block
+from slamsim.slam.blocks import add_block
 from slamsim.slam.matching.surfaces import principal_axis
+from slamsim.slam.panels import Panels
 from slamsim.types import FloatArray, IntArray
 
 LINE_FIELDS = 4

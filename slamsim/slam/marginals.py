@@ -13,7 +13,8 @@ import numpy as np
 
 from slamsim.geometry import inverse
 from slamsim.jit import kernel
-from slamsim.slam.blocks import Panels, add_block, empty_system, factorise, make_panels
+from slamsim.slam.blocks import add_block, empty_system, factorise
+from slamsim.slam.panels import Panels, make_panels
 from slamsim.types import FloatArray, GraphEdge, IntArray
 
 

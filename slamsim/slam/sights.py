@@ -15,8 +15,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from slamsim.geometry import between
-from slamsim.slam.blocks import Panels, factorise
+from slamsim.slam.blocks import factorise
 from slamsim.slam.marginals import add_edges, adjoint, in_own_frame
+from slamsim.slam.panels import Panels
 from slamsim.slam.smoothing import Smoothed
 from slamsim.types import FloatArray, IntArray, PoseGraph
 
