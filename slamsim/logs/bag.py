@@ -39,14 +39,14 @@ class Bag:
 
     def raw(self, topic: str) -> Iterator[bytes]:
         """The serialised messages of one topic; InputRefused on damage or if some are missing."""
-        for _, data in self._raw({topic}):
+        for _, _, data in self.received({topic}):
             yield data
 
     def messages(self, topics: Iterable[str]) -> Iterator[Any]:
         """The messages of the topics in the order of recording; raises as ``raw`` does."""
         wanted = set(topics)
         where = f"topic {', '.join(sorted(wanted))}"
-        for topic, data in self._raw(wanted) if wanted else ():
+        for topic, _, data in self.received(wanted) if wanted else ():
             with refusing(self.path, where):
                 message = self.source.deserialize(topic, data)
             yield message
@@ -56,13 +56,14 @@ class Bag:
         with refusing(self.path, f"topic {topic}"):
             return self.source.deserialize(topic, data)
 
-    def _raw(self, topics: set[str]) -> Iterator[tuple[str, bytes]]:
+    def received(self, topics: set[str]) -> Iterator[tuple[str, int, bytes]]:
+        """(topic, when it was received in ns, serialised message); raises as ``raw`` does."""
         expected = sum(c.messages for c in self.channels if c.topic in topics)
         seen = 0
         with refusing(self.path, f"topic {', '.join(sorted(topics))}"):
-            for topic, data in self.source.raw(topics):
+            for topic, received_ns, data in self.source.raw(topics):
                 seen += 1
-                yield topic, data
+                yield topic, received_ns, data
             if seen != expected:
                 raise ValueError(f"the index leads to {seen} of {expected} messages")
 

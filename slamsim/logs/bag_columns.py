@@ -3,19 +3,83 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from slamsim.logs.bag import Bag
-from slamsim.logs.cdr import CDR_LITTLE_ENDIAN, CdrLayout
+from slamsim.logs.cdr import CDR_LITTLE_ENDIAN, CdrLayout, Rows
 from slamsim.types import FloatArray, IntArray
 
 _BATCH = 4096
-_HEADER_AND_STAMP = 12
 
 RowOf = Callable[[Any], tuple[float, ...]]
 LayoutOf = Callable[[Any], CdrLayout]
+Opened = Callable[[bytes], Any]
+"""A message from its bytes; None for one that shall be passed over."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Alike:
+    """Messages of a batch that share one layout.
+
+    places: (k,) where they stand in the batch. example: the first of them. rows: (k,) all of
+    them under the names of the layout's columns, None if only the example could be decoded.
+    """
+
+    places: IntArray
+    example: Any
+    rows: Rows | None
+
+    def stamps_ns(self) -> IntArray:
+        """(k,) stamps of messages that have a header."""
+        if self.rows is None:
+            return np.array([stamp_ns_of(self.example.header)], dtype=np.int64)
+        return stamps_of(self.rows)
+
+    def numbers(self, row_of: RowOf) -> FloatArray:
+        """(k, columns) what row_of takes out of each, in the order of the layout's columns."""
+        if self.rows is None:
+            return np.array([row_of(self.example)], dtype=np.float64)
+        names = [name for name in self.rows.dtype.names or () if not name.startswith("stamp_")]
+        columns = [self.rows[name].reshape(self.rows.size, -1) for name in names]
+        return np.concatenate([column.astype(np.float64) for column in columns], axis=1)
+
+
+def alike(batch: list[bytes], opened: Opened, layout_of: LayoutOf, is_cdr: bool) -> Iterator[Alike]:
+    """A batch by layouts: messages with the same strings and lengths are viewed as one array.
+
+    layout_of gives the bytes of all messages that share the example's strings and lengths.
+    is_cdr: whether the messages are plain ROS 2 serialisations of the type that it describes;
+    if not, each is decoded by itself.
+    """
+    sizes = np.array([len(data) for data in batch])
+    for size in np.unique(sizes).tolist():
+        places = np.flatnonzero(sizes == size)
+        plain = np.frombuffer(b"".join([batch[i] for i in places.tolist()]), dtype=np.uint8)
+        plain = plain.reshape(places.size, size)
+        while places.size:
+            example = opened(batch[int(places[0])])
+            group = None
+            if example is not None:
+                group = _viewed(plain, layout_of(example)) if is_cdr else None
+                rows, same = (None, [0]) if group is None else group
+                yield Alike(places[same], example, rows)
+            rest = np.ones(places.size, dtype=np.bool_)
+            rest[[0] if group is None else group[1]] = False
+            places, plain = places[rest], plain[rest]
+
+
+def _viewed(plain: NDArray[np.uint8], layout: CdrLayout) -> tuple[Rows, IntArray] | None:
+    """(rows, which ones) of the messages that are shaped as the first, None if it is not so."""
+    dtype = layout.rows(0).dtype
+    if dtype.itemsize != plain.shape[1] or bytes(plain[0, :4]) != CDR_LITTLE_ENDIAN:
+        return None
+    shape = layout.shape_bytes()
+    same = np.flatnonzero((plain[:, shape] == plain[0, shape]).all(axis=1))
+    return plain[same].view(dtype)[:, 0], same
 
 
 def read_columns(
@@ -23,33 +87,32 @@ def read_columns(
 ) -> tuple[IntArray, FloatArray, Any]:
     """(stamps in ns (n,), rows (n, k), the first message) of a topic whose type has a header.
 
-    row_of takes what is wanted out of a message. layout_of gives, for a message, the bytes of
-    all that share its strings, with the same columns in the same order; where messages are such
-    (plain ROS 2 serialisation, equal length, equal strings) whole batches are viewed as arrays.
+    row_of takes what is wanted out of a message, in the order of the layout's columns. Raises
+    InputRefused for a damaged message.
     """
     stamps: list[IntArray] = []
     rows: list[FloatArray] = []
     first: Any = None
     for batch in _batches(bag.raw(topic)):
-        example = bag.deserialize(topic, batch[0])
-        first = example if first is None else first
-        decoded = None
-        if bag.source.is_cdr(topic):
-            decoded = _viewed(batch, layout_of(example))
-        if decoded is None:
-            messages = [bag.deserialize(topic, data) for data in batch]
-            decoded = (
-                np.array([stamp_ns_of(message.header) for message in messages], dtype=np.int64),
-                np.array([row_of(message) for message in messages], dtype=np.float64),
-            )
-        stamps.append(decoded[0])
-        rows.append(decoded[1])
+        is_cdr = bag.source.is_cdr(topic)
+        groups = list(alike(batch, lambda data: bag.deserialize(topic, data), layout_of, is_cdr))
+        order = np.argsort(np.concatenate([group.places for group in groups]))
+        stamps.append(np.concatenate([group.stamps_ns() for group in groups])[order])
+        rows.append(np.concatenate([group.numbers(row_of) for group in groups])[order])
+        if first is None:
+            first = min(groups, key=lambda group: int(group.places[0])).example
     return np.concatenate(stamps), np.concatenate(rows), first
 
 
 def stamp_ns_of(header: Any) -> int:
     """The stamp of a std_msgs/Header."""
     return int(header.stamp.sec) * 1_000_000_000 + int(header.stamp.nanosec)
+
+
+def stamps_of(rows: Rows, name: str = "stamp") -> IntArray:
+    """(k,) stamps of viewed messages."""
+    seconds = rows[f"{name}_sec"].astype(np.int64)
+    return np.asarray(seconds * 1_000_000_000 + rows[f"{name}_nanosec"], dtype=np.int64)
 
 
 def _batches(raw: Iterator[bytes]) -> Iterator[list[bytes]]:
@@ -61,21 +124,3 @@ def _batches(raw: Iterator[bytes]) -> Iterator[list[bytes]]:
             batch = []
     if batch:
         yield batch
-
-
-def _viewed(batch: list[bytes], layout: CdrLayout) -> tuple[IntArray, FloatArray] | None:
-    empty = layout.rows(0)
-    names = [name for name in empty.dtype.names or () if not name.startswith("stamp_")]
-    size = empty.dtype.itemsize
-    if any(len(data) != size for data in batch):
-        return None
-    plain = np.frombuffer(b"".join(batch), dtype=np.uint8).reshape(-1, size)
-    strings = plain[:, _HEADER_AND_STAMP : layout.strings_end]
-    if batch[0][:4] != CDR_LITTLE_ENDIAN or (plain[:, :4] != plain[0, :4]).any():
-        return None
-    if (strings != strings[0]).any():
-        return None
-    viewed = plain.view(empty.dtype)[:, 0]
-    stamps_ns = viewed["stamp_sec"].astype(np.int64) * 1_000_000_000 + viewed["stamp_nanosec"]
-    columns = [viewed[name].reshape(len(batch), -1).astype(np.float64) for name in names]
-    return stamps_ns, np.concatenate(columns, axis=1)

@@ -24,10 +24,10 @@ from slamsim.types import (
     Trajectory,
 )
 
-_SCAN, _IMU = "sensor_msgs/msg/LaserScan", "sensor_msgs/msg/Imu"
-_ODOMETRY = "nav_msgs/msg/Odometry"
-_TRANSFORMS = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
-_CLOCK = "rosgraph_msgs/msg/Clock"
+SCAN, IMU = "sensor_msgs/msg/LaserScan", "sensor_msgs/msg/Imu"
+ODOMETRY = "nav_msgs/msg/Odometry"
+TRANSFORMS = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
+CLOCK = "rosgraph_msgs/msg/Clock"
 _BASE_FRAMES = ("base_footprint", "base_link", "base")
 _ODOM_FRAME = "odom"
 _TRUTH_WORDS = ("ground_truth", "groundtruth")
@@ -37,7 +37,7 @@ _OWN_METADATA = "slamsim"
 def read_bag(path: Path, scan_topic: str | None = None) -> Log:
     """The log in a ROS recording; raises InputRefused naming file, topic and reason."""
     bag = open_bag(path)
-    scan_channel, warnings = _choose_scan(bag, scan_topic)
+    scan_channel, warnings = choose_scan(bag, scan_topic)
     scans, first_ns, last_ns, odd = read_scans(bag, scan_channel.topic)
     warnings += odd
     laser_frame = next(iter(scans)).geometry.frame_id
@@ -50,7 +50,7 @@ def read_bag(path: Path, scan_topic: str | None = None) -> Log:
         _require_overlap(bag, odometry, first_ns, last_ns, encoders is not None, warnings)
     return Log(
         name=path.resolve().parent.name if path.name == "log" else path.stem,
-        epoch=_epoch(bag, first_ns),
+        epoch=epoch_in(bag, first_ns),
         scans=scans,
         odometry=odometry,
         imu=imu,
@@ -64,20 +64,21 @@ def read_bag(path: Path, scan_topic: str | None = None) -> Log:
 def read_bag_truth(path: Path) -> Trajectory | None:
     """``T_map_base`` from the recording's ground-truth odometry topic, None without one."""
     bag = open_bag(path)
-    topics = [channel for channel in bag.of_type(_ODOMETRY) if _is_truth(channel)]
+    topics = [channel for channel in bag.of_type(ODOMETRY) if is_truth(channel)]
     if not topics:
         return None
     truth = read_odometry(bag, topics[0].topic)[0]
     return truth if len(truth) else None
 
 
-def _is_truth(channel: Channel) -> bool:
+def is_truth(channel: Channel) -> bool:
+    """Whether a topic holds what no sensor measured."""
     return any(word in channel.topic for word in _TRUTH_WORDS)
 
 
 def _estimates(bag: Bag, type_name: str, warnings: list[str]) -> Channel | None:
     """The topic of the type with the most messages, the truth left out."""
-    channels = [channel for channel in bag.of_type(type_name) if not _is_truth(channel)]
+    channels = [channel for channel in bag.of_type(type_name) if not is_truth(channel)]
     if len(channels) > 1:
         warnings.append(f"of {_listing(channels)}, {channels[0].topic} is read")
     return channels[0] if channels else None
@@ -87,12 +88,13 @@ def _listing(channels: list[Channel]) -> str:
     return ", ".join(f"{channel.topic} ({channel.messages} messages)" for channel in channels)
 
 
-def _choose_scan(bag: Bag, wanted: str | None) -> tuple[Channel, list[str]]:
-    channels = bag.of_type(_SCAN)
+def choose_scan(bag: Bag, wanted: str | None) -> tuple[Channel, list[str]]:
+    """(the wanted topic of scans, else the largest, what was odd); InputRefused without one."""
+    channels = bag.of_type(SCAN)
     if not channels:
         kinds = sorted({channel.type_name for channel in bag.channels if channel.messages})
         there = ", ".join(kinds) or "no message at all"
-        raise InputRefused(bag.path, f"a log without scans: {_SCAN} is needed, there is {there}")
+        raise InputRefused(bag.path, f"a log without scans: {SCAN} is needed, there is {there}")
     if wanted is not None:
         for channel in channels:
             if channel.topic.lstrip("/") == wanted.lstrip("/"):
@@ -103,7 +105,7 @@ def _choose_scan(bag: Bag, wanted: str | None) -> tuple[Channel, list[str]]:
 
 
 def _transform_topics(bag: Bag, latched: bool) -> list[str]:
-    channels = bag.of_type(*_TRANSFORMS)
+    channels = bag.of_type(*TRANSFORMS)
     return [c.topic for c in channels if c.topic.endswith("tf_static") == latched]
 
 
@@ -111,7 +113,7 @@ def _odometry(
     bag: Bag, tree: FrameTree, laser_frame: str, warnings: list[str]
 ) -> tuple[PlanarTrajectory | None, str]:
     """(T_odom_base, the frame it moves). The tree is completed from /tf where that is needed."""
-    channel = _estimates(bag, _ODOMETRY, warnings)
+    channel = _estimates(bag, ODOMETRY, warnings)
     trajectory: Trajectory | None = None
     if channel is not None:
         trajectory, base_frame, odd = read_odometry(bag, channel.topic)
@@ -126,7 +128,7 @@ def _odometry(
         trajectory = read_chain(bag, _transform_topics(bag, latched=False), edges)
     if trajectory is None or len(trajectory) == 0:
         warnings.append(
-            f"a log without odometry: neither {_ODOMETRY} nor transforms from {_ODOM_FRAME!r} "
+            f"a log without odometry: neither {ODOMETRY} nor transforms from {_ODOM_FRAME!r} "
             "to the robot"
         )
         return None, base_frame
@@ -165,7 +167,7 @@ def _encoders(bag: Bag, warnings: list[str]) -> EncoderStream | None:
 
 
 def _imu(bag: Bag, warnings: list[str]) -> ImuStream | None:
-    channel = _estimates(bag, _IMU, warnings)
+    channel = _estimates(bag, IMU, warnings)
     if channel is None:
         return None
     imu, odd = read_imu(bag, channel.topic)
@@ -221,10 +223,10 @@ def _imu_mounting(
     return T_base_imu
 
 
-def _epoch(bag: Bag, first_ns: int) -> Epoch:
+def epoch_in(bag: Bag, first_ns: int) -> Epoch:
     """As our own metadata say; else UNIX by the size of the stamps; else a clock tells."""
     declared = bag.metadata.get(_OWN_METADATA, {}).get("epoch")
     if declared == "simulation":
         return "simulation"
     guessed = epoch_of(first_ns)
-    return "simulation" if guessed == "unknown" and bag.of_type(_CLOCK) else guessed
+    return "simulation" if guessed == "unknown" and bag.of_type(CLOCK) else guessed

@@ -33,8 +33,8 @@ class MessageSource(Protocol):
     def channels(self) -> list[Channel]:
         """Topics with their number of messages."""
 
-    def raw(self, topics: set[str]) -> Iterator[tuple[str, bytes]]:
-        """(topic, serialised message) in the order of recording."""
+    def raw(self, topics: set[str]) -> Iterator[tuple[str, int, bytes]]:
+        """(topic, when it was received in ns, serialised message) in the order of recording."""
 
     def deserialize(self, topic: str, data: bytes) -> Any:
         """The message object, with the fields of its definition."""
@@ -67,10 +67,10 @@ class McapSource:
                 counts[channel.topic] = counts.get(channel.topic, 0) + index.counts[number]
         return [Channel(topic, self._kinds[topic][0], n) for topic, n in counts.items()]
 
-    def raw(self, topics: set[str]) -> Iterator[tuple[str, bytes]]:
+    def raw(self, topics: set[str]) -> Iterator[tuple[str, int, bytes]]:
         for index in self._indexes:
-            for channel, data in mcap_messages(index, topics):
-                yield channel.topic, data
+            for channel, log_ns, data in mcap_messages(index, topics):
+                yield channel.topic, log_ns, data
 
     def deserialize(self, topic: str, data: bytes) -> Any:
         name, encoding = self._kinds[topic]
@@ -139,12 +139,12 @@ class RosbagsSource:
     def channels(self) -> list[Channel]:
         return self._channels
 
-    def raw(self, topics: set[str]) -> Iterator[tuple[str, bytes]]:
+    def raw(self, topics: set[str]) -> Iterator[tuple[str, int, bytes]]:
         with self._open() as reader:
             connections = [c for c in reader.connections if c.topic in topics]
             if connections:
-                for connection, _, data in reader.messages(connections):
-                    yield connection.topic, data
+                for connection, log_ns, data in reader.messages(connections):
+                    yield connection.topic, log_ns, data
 
     def deserialize(self, topic: str, data: bytes) -> Any:
         name = self._kinds[topic]

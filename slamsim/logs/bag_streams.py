@@ -41,13 +41,14 @@ def read_odometry(bag: Bag, topic: str) -> tuple[Trajectory, str, list[str]]:
         bag,
         topic,
         lambda message: odometry_layout((message.header.frame_id, message.child_frame_id)),
-        _odometry_row,
+        odometry_row,
     )
     trajectory, warnings = _trajectory(stamps_ns, rows, topic)
     return trajectory, frame_name(first.child_frame_id), warnings
 
 
-def _odometry_row(message: Any) -> tuple[float, ...]:
+def odometry_row(message: Any) -> tuple[float, ...]:
+    """Position, orientation, linear and angular velocity of a nav_msgs/Odometry."""
     p, q = message.pose.pose.position, message.pose.pose.orientation
     v, w = message.twist.twist.linear, message.twist.twist.angular
     return p.x, p.y, p.z, q.x, q.y, q.z, q.w, v.x, v.y, v.z, w.x, w.y, w.z
@@ -102,25 +103,27 @@ def _composed(parts: list[Trajectory]) -> Trajectory:
 def read_imu(bag: Bag, topic: str) -> tuple[ImuStream | None, list[str]]:
     """A sensor_msgs/Imu topic; None when no message has sound numbers."""
     stamps_ns, rows, first = read_columns(
-        bag, topic, lambda message: imu_layout(message.header.frame_id), _imu_row
+        bag, topic, lambda message: imu_layout(message.header.frame_id), imu_row
     )
-    usable = np.asarray(np.isfinite(rows).all(axis=1))
-    unique_ns, kept, warnings = in_order(stamps_ns, usable, topic)
+    angular_rad_s, linear_m_s2 = rows[:, 13:16], rows[:, 16:19]
+    usable = np.isfinite(angular_rad_s).all(axis=1) & np.isfinite(linear_m_s2).all(axis=1)
+    unique_ns, kept, warnings = in_order(stamps_ns, np.asarray(usable), topic)
     if unique_ns.size == 0:
         return None, warnings
     frame = frame_name(first.header.frame_id)
-    return ImuStream(unique_ns, rows[kept, :3], rows[kept, 3:], frame), warnings
+    return ImuStream(unique_ns, angular_rad_s[kept], linear_m_s2[kept], frame), warnings
 
 
-def _imu_row(message: Any) -> tuple[float, ...]:
-    w, a = message.angular_velocity, message.linear_acceleration
-    return w.x, w.y, w.z, a.x, a.y, a.z
+def imu_row(message: Any) -> tuple[float, ...]:
+    """Orientation, its covariance, angular velocity, acceleration of a sensor_msgs/Imu."""
+    q, w, a = message.orientation, message.angular_velocity, message.linear_acceleration
+    return q.x, q.y, q.z, q.w, *message.orientation_covariance, w.x, w.y, w.z, a.x, a.y, a.z
 
 
 def read_encoders(bag: Bag, topic: str) -> tuple[EncoderStream | None, list[str]]:
     """A slamsim_msgs/EncoderTicks topic; None when its constants make no wheels."""
     stamps_ns, rows, _ = read_columns(
-        bag, topic, lambda message: ticks_layout(message.header.frame_id), _ticks_row
+        bag, topic, lambda message: ticks_layout(message.header.frame_id), ticks_row
     )
     per_revolution, radius_m, track_m = rows[0, 2:].tolist()
     steady = bool((rows[:, 2:] == rows[0, 2:]).all())
@@ -132,6 +135,7 @@ def read_encoders(bag: Bag, topic: str) -> tuple[EncoderStream | None, list[str]
     return EncoderStream(unique_ns, ticks, int(per_revolution), radius_m, track_m), warnings
 
 
-def _ticks_row(message: Any) -> tuple[float, ...]:
+def ticks_row(message: Any) -> tuple[float, ...]:
+    """Ticks left and right, ticks a turn, radius and track of a slamsim_msgs/EncoderTicks."""
     wheels = (message.ticks_per_revolution, message.wheel_radius_m, message.track_m)
     return message.left, message.right, *wheels

@@ -7,6 +7,7 @@ beam: a scan counts as one instant (``beam_dt_ns`` 0).
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
 
@@ -45,14 +46,14 @@ def read_carmen(path: Path, scan_topic: str | None = None) -> Log:
     content = collect(open_lines(path), path)
     channel, warnings = _choose_channel(content, scan_topic, path)
     lines = content.lasers[channel]
-    warnings += _oddities(content, channel)
+    warnings += oddities(content)
     warnings += _order_warnings(channel, lines)
     lines = _sorted_unique(lines, warnings)
     odometry = _odometry(lines, content)
     if odometry is None:
         raise InputRefused(path, f"{channel} lines carry no odometry and there is no ODOM line")
     lines = _covered(lines, odometry, warnings, path)
-    T_base_laser = _mounting(lines, content, warnings)
+    T_base_laser = mounting_of(lines, content, warnings)
     return Log(
         name=path.name.split(".")[0],
         epoch=epoch_of(lines[0].stamp_ns),
@@ -82,7 +83,8 @@ def _choose_channel(
     return chosen, [f"of {listing}, {chosen} is read"] if len(counts) > 1 else []
 
 
-def _oddities(content: CarmenContent, channel: str) -> list[str]:
+def oddities(content: CarmenContent) -> list[str]:
+    """What stands in the file besides laser and odometry lines, in words."""
     warnings = []
     if content.malformed:
         warnings.append(
@@ -136,11 +138,12 @@ def _odometry(lines: list[LaserLine], content: CarmenContent) -> PlanarTrajector
     path jump to and fro.
     """
     knots = [(line.stamp_ns, line.T_odom_base) for line in lines if line.T_odom_base is not None]
+    others = [(line.stamp_ns, line.T_odom_base) for line in content.odometry]
     if knots:
         first_ns, last_ns = knots[0][0], knots[-1][0]
-        knots += [(t, pose) for t, pose in content.odometry if not first_ns <= t <= last_ns]
+        knots += [(t, pose) for t, pose in others if not first_ns <= t <= last_ns]
     else:
-        knots = list(content.odometry)
+        knots = others
     if not knots:
         return None
     stamps_ns, first = np.unique(np.array([t for t, _ in knots]), return_index=True)
@@ -176,7 +179,7 @@ def _parameter(content: CarmenContent, *names: str) -> float | None:
     return None
 
 
-def _mounting(lines: list[LaserLine], content: CarmenContent, warnings: list[str]) -> FloatArray:
+def mounting_of(lines: list[LaserLine], content: CarmenContent, warnings: list[str]) -> FloatArray:
     """4 x 4 T_base_laser: laser pose against odometry pose, if the same in all lines."""
     offset_x_m = _parameter(content, _OFFSET_PARAMETER) or 0.0
     mounting = np.array([offset_x_m, 0.0, 0.0])
@@ -196,7 +199,7 @@ def _mounting(lines: list[LaserLine], content: CarmenContent, warnings: list[str
     )
 
 
-def _range_max_m(lines: list[LaserLine], content: CarmenContent) -> tuple[float, str]:
+def range_max_of(lines: Sequence[LaserLine], content: CarmenContent) -> tuple[float, str]:
     """The reading from which on nothing was there, and how that is known.
 
     Declared by the line or a PARAM; else the largest reading, if at least one in a thousand
@@ -218,7 +221,7 @@ def _range_max_m(lines: list[LaserLine], content: CarmenContent) -> tuple[float,
 def _scans(
     lines: list[LaserLine], content: CarmenContent, channel: str, warnings: list[str]
 ) -> list[Scan]:
-    common_max_m, known_from = _range_max_m(lines, content)
+    common_max_m, known_from = range_max_of(lines, content)
     warnings.append(f"readings from {common_max_m:g} m on are no return ({known_from})")
     counts = Counter(line.fan.beam_count for line in lines)
     if len(counts) > 1:

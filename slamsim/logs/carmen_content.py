@@ -7,9 +7,14 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from slamsim.logs.carmen_lines import LaserLine, parse_configured, parse_flaser, parse_odom
+from slamsim.logs.carmen_lines import (
+    LaserLine,
+    OdomLine,
+    parse_configured,
+    parse_flaser,
+    parse_odom,
+)
 from slamsim.safe.errors import InputRefused
-from slamsim.types import FloatArray
 
 _OTHER_MESSAGES = ("SYNC", "TRUEPOS", "NMEAGGA", "NMEARMC", "SONAR", "BUMPER", "MARKER", "IMU")
 _LASERS = ("FLASER", "RLASER", *(f"{kind}LASER{i}" for kind in ("ROBOT", "RAW") for i in "12345"))
@@ -23,7 +28,7 @@ class CarmenContent:
     """
 
     lasers: dict[str, list[LaserLine]] = field(default_factory=dict)
-    odometry: list[tuple[int, FloatArray]] = field(default_factory=list)
+    odometry: list[OdomLine] = field(default_factory=list)
     parameters: dict[str, str] = field(default_factory=dict)
     ignored: Counter[str] = field(default_factory=Counter)
     malformed: int = 0

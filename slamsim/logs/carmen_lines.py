@@ -11,6 +11,7 @@ laser_y laser_theta odom_x odom_y odom_theta tv rv forward side turn_axis time h
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -36,7 +37,10 @@ class Fan:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LaserLine:
-    """readings_m: (n,) as written. T_odom_laser, T_odom_base: planar, None in raw lines."""
+    """readings_m: (n,) as written. T_odom_laser, T_odom_base: planar, None in raw lines.
+
+    logged_ns: the logger's time since its own start, None if it is missing.
+    """
 
     stamp_ns: int
     fan: Fan
@@ -44,6 +48,17 @@ class LaserLine:
     intensities: Float32Array | None
     T_odom_laser: FloatArray | None
     T_odom_base: FloatArray | None
+    logged_ns: int | None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OdomLine:
+    """T_odom_base: planar. twist: (2,) forward m/s and yaw rate rad/s. logged_ns as above."""
+
+    stamp_ns: int
+    T_odom_base: FloatArray
+    twist: FloatArray
+    logged_ns: int | None
 
 
 def sick_fan(beam_count: int) -> Fan:
@@ -78,9 +93,17 @@ def _count(word: str, least: int) -> int:
     return count
 
 
-def parse_odom(words: list[str]) -> tuple[int, FloatArray]:
-    """(stamp_ns, T_odom_base) of an ODOM line."""
-    return stamp_ns_from_decimal(_take(words, 7, 1)[0]), _finite(_take(words, 1, 3))
+def _logged_ns(words: list[str], stamp_at: int) -> int | None:
+    """The last of ``time host logger_time``, of which the first stands at stamp_at."""
+    with suppress(IndexError, ValueError):
+        return stamp_ns_from_decimal(words[stamp_at + 2])
+    return None
+
+
+def parse_odom(words: list[str]) -> OdomLine:
+    """An ODOM line."""
+    pose, twist = _finite(_take(words, 1, 3)), np.array(_take(words, 4, 2), dtype=np.float64)
+    return OdomLine(stamp_ns_from_decimal(_take(words, 7, 1)[0]), pose, twist, _logged_ns(words, 7))
 
 
 def parse_flaser(words: list[str]) -> LaserLine:
@@ -91,7 +114,8 @@ def parse_flaser(words: list[str]) -> LaserLine:
     stamp_ns = stamp_ns_from_decimal(_take(words, 8 + count, 1)[0])
     if len(words) > 11 + count:
         raise ValueError(f"{len(words)} words where {11 + count} belong")
-    return LaserLine(stamp_ns, sick_fan(count), readings, None, poses[:3], poses[3:])
+    fan, logged_ns = sick_fan(count), _logged_ns(words, 8 + count)
+    return LaserLine(stamp_ns, fan, readings, None, poses[:3], poses[3:], logged_ns)
 
 
 def parse_configured(words: list[str]) -> LaserLine:
@@ -116,6 +140,7 @@ def parse_configured(words: list[str]) -> LaserLine:
         intensities if remissions == count else None,
         None if poses is None else poses[:3],
         None if poses is None else poses[3:],
+        _logged_ns(words, at),
     )
 
 

@@ -33,8 +33,7 @@ class CdrLayout:
         self._formats: list[Any] = []
         self._offsets: list[int] = []
         self._constant = bytearray(CDR_LITTLE_ENDIAN)
-        self.strings_end = len(self._constant)
-        """Byte behind the last string; between the stamp and here equal strings are equal bytes."""
+        self._shape = [(0, len(CDR_LITTLE_ENDIAN))]
 
     def _align(self, size: int) -> None:
         behind_header = len(self._constant) - len(CDR_LITTLE_ENDIAN)
@@ -59,14 +58,16 @@ class CdrLayout:
 
     def length(self, count: int) -> Self:
         """The length that precedes a sequence."""
-        return self.constant("u4", count)
+        self.constant("u4", count)
+        self._shape.append((len(self._constant) - 4, len(self._constant)))
+        return self
 
     def string(self, text: str) -> Self:
         """A string that is the same in all messages."""
         data = text.encode() + b"\0"
         self.length(len(data))
+        self._shape.append((len(self._constant), len(self._constant) + len(data)))
         self._constant.extend(data)
-        self.strings_end = len(self._constant)
         return self
 
     def stamp(self, name: str = "stamp") -> Self:
@@ -76,6 +77,11 @@ class CdrLayout:
     def header(self, frame_id: str) -> Self:
         """std_msgs/Header."""
         return self.stamp().string(frame_id)
+
+    def shape_bytes(self) -> IntArray:
+        """The places of the bytes that are equal if and only if two messages have one layout:
+        the encoding, all strings and the lengths of all sequences."""
+        return np.concatenate([np.arange(start, end) for start, end in self._shape])
 
     def rows(self, count: int) -> Rows:
         """(count,) messages, constants set and columns zero."""

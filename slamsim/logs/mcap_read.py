@@ -73,8 +73,10 @@ def index_mcap(path: Path) -> McapIndex:
     return index
 
 
-def mcap_messages(index: McapIndex, topics: set[str]) -> Iterator[tuple[records.Channel, bytes]]:
-    """The messages of the topics, chunk after chunk, inside a chunk by log time.
+def mcap_messages(
+    index: McapIndex, topics: set[str]
+) -> Iterator[tuple[records.Channel, int, bytes]]:
+    """(channel, log time, message) of the topics, chunk after chunk, inside a chunk by log time.
 
     Raises ValueError and what the libraries raise if the file is no longer what it was.
     """
@@ -92,8 +94,8 @@ def mcap_messages(index: McapIndex, topics: set[str]) -> Iterator[tuple[records.
                     channel, _, log_ns, _ = _MESSAGE_HEAD.unpack_from(content, start)
                     if channel in wanted:
                         found.append((log_ns, start, channel, end))
-            for _, start, channel, end in sorted(found):
-                yield wanted[channel], content[start + _MESSAGE_HEAD.size : end]
+            for log_ns, start, channel, end in sorted(found):
+                yield wanted[channel], log_ns, content[start + _MESSAGE_HEAD.size : end]
 
 
 def _next_record(file: BinaryIO, size: int, index: McapIndex, crc: int) -> tuple[int, bool]:

@@ -6,6 +6,8 @@ Each function is one message type of REP 103/105/117/145 meaning: metres, radian
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from slamsim.logs.cdr import CdrLayout, Rows, set_stamps
@@ -15,25 +17,35 @@ from slamsim.types import EncoderStream, FloatArray, ImuStream, IntArray
 _NO_COVARIANCE = (0.0,) * 36
 
 
+def scan_layout(frame_id: str, beams: int, intensities: int) -> CdrLayout:
+    """sensor_msgs/LaserScan: declared are the seven numbers before the ranges, in their order.
+
+    ranges and intensities are columns unless there are none.
+    """
+    layout = CdrLayout().header(frame_id).column("declared", "f4", 7)
+    for name, count in (("ranges", beams), ("intensities", intensities)):
+        layout.length(count)
+        if count:
+            layout.column(name, "f4", count)
+    return layout
+
+
 def laser_scans(batch: ScanBatch, scan_time_s: float) -> Rows:
     """sensor_msgs/LaserScan; the stamp is the first ray's."""
     geometry = batch.geometry
     angle_max = geometry.angle_min_rad + (geometry.beam_count - 1) * geometry.angle_step_rad
-    layout = (
-        CdrLayout()
-        .header(geometry.frame_id)
-        .constant("f4", geometry.angle_min_rad, angle_max, geometry.angle_step_rad)
-        .constant("f4", geometry.beam_dt_ns * 1e-9, scan_time_s)
-        .constant("f4", geometry.range_min_m, geometry.range_max_m)
-        .length(geometry.beam_count)
-        .column("ranges", "f4", geometry.beam_count)
-    )
-    if batch.intensities is None:
-        layout.length(0)
-    else:
-        layout.length(geometry.beam_count).column("intensities", "f4", geometry.beam_count)
-    rows = layout.rows(len(batch))
+    bright = 0 if batch.intensities is None else geometry.beam_count
+    rows = scan_layout(geometry.frame_id, geometry.beam_count, bright).rows(len(batch))
     set_stamps(rows, batch.stamps_ns)
+    rows["declared"] = (
+        geometry.angle_min_rad,
+        angle_max,
+        geometry.angle_step_rad,
+        geometry.beam_dt_ns * 1e-9,
+        scan_time_s,
+        geometry.range_min_m,
+        geometry.range_max_m,
+    )
     rows["ranges"] = batch.ranges_m
     if batch.intensities is not None:
         rows["intensities"] = batch.intensities
@@ -41,12 +53,12 @@ def laser_scans(batch: ScanBatch, scan_time_s: float) -> Rows:
 
 
 def imu_layout(frame_id: str, gyro_variance: float = 0.0, accel_variance: float = 0.0) -> CdrLayout:
-    """sensor_msgs/Imu: angular_velocity, linear_acceleration."""
+    """sensor_msgs/Imu: orientation, its covariance, angular velocity, linear acceleration."""
     return (
         CdrLayout()
         .header(frame_id)
-        .constant("f8", 0.0, 0.0, 0.0, 1.0)
-        .constant("f8", -1.0, *_NO_COVARIANCE[:8])
+        .column("orientation", "f8", 4)
+        .column("orientation_covariance", "f8", 9)
         .column("angular_velocity", "f8", 3)
         .constant("f8", *(np.eye(3) * gyro_variance).ravel())
         .column("linear_acceleration", "f8", 3)
@@ -59,6 +71,7 @@ def imu_samples(stream: ImuStream, gyro_variance: float, accel_variance: float) 
     layout = imu_layout(stream.frame_id, gyro_variance, accel_variance)
     rows = layout.rows(stream.stamps_ns.size)
     set_stamps(rows, stream.stamps_ns)
+    rows["orientation"][:, 3], rows["orientation_covariance"][:, 0] = 1.0, -1.0
     rows["angular_velocity"] = stream.angular_velocity_rad_s
     rows["linear_acceleration"] = stream.linear_acceleration_m_s2
     return rows
@@ -86,23 +99,25 @@ def encoder_ticks(stream: EncoderStream, frame_id: str) -> Rows:
     return rows
 
 
+def joints_layout(
+    frame_id: str, names: Sequence[str], positions: int, velocities: int, efforts: int = 0
+) -> CdrLayout:
+    """sensor_msgs/JointState; position, velocity and effort are columns unless there are none."""
+    layout = CdrLayout().header(frame_id).length(len(names))
+    for name in names:
+        layout.string(name)
+    for field, count in (("position", positions), ("velocity", velocities), ("effort", efforts)):
+        layout.length(count)
+        if count:
+            layout.column(field, "f8", count)
+    return layout
+
+
 def joint_states(
-    stamps_ns: IntArray, names: tuple[str, str], angles_rad: FloatArray, speeds_rad_s: FloatArray
+    stamps_ns: IntArray, names: Sequence[str], angles_rad: FloatArray, speeds_rad_s: FloatArray
 ) -> Rows:
-    """sensor_msgs/JointState of both wheels; angles and speeds (n, 2), no effort."""
-    rows = (
-        CdrLayout()
-        .header("")
-        .length(2)
-        .string(names[0])
-        .string(names[1])
-        .length(2)
-        .column("position", "f8", 2)
-        .length(2)
-        .column("velocity", "f8", 2)
-        .length(0)
-        .rows(stamps_ns.size)
-    )
+    """sensor_msgs/JointState of so many joints; angles and speeds (n, joints), no effort."""
+    rows = joints_layout("", names, len(names), len(names)).rows(stamps_ns.size)
     set_stamps(rows, stamps_ns)
     rows["position"], rows["velocity"] = angles_rad, speeds_rad_s
     return rows
@@ -139,35 +154,36 @@ def odometry(
     return rows
 
 
+def transforms_layout(frames: Sequence[tuple[str, str]]) -> CdrLayout:
+    """tf2_msgs/TFMessage: of each edge (parent, child) stamp, translation, rotation, numbered."""
+    layout = CdrLayout().length(len(frames))
+    for i, (parent, child) in enumerate(frames):
+        layout.stamp(f"stamp{i}").string(parent).string(child)
+        layout.column(f"translation{i}", "f8", 3).column(f"rotation{i}", "f8", 4)
+    return layout
+
+
 def transforms(
     stamps_ns: IntArray, frames: tuple[str, str], positions_m: FloatArray, quats_xyzw: FloatArray
 ) -> Rows:
     """tf2_msgs/TFMessage with one transform each: parent frames[0], child frames[1]."""
-    rows = (
-        CdrLayout()
-        .length(1)
-        .header(frames[0])
-        .string(frames[1])
-        .column("translation", "f8", 3)
-        .column("rotation", "f8", 4)
-        .rows(stamps_ns.size)
-    )
-    set_stamps(rows, stamps_ns)
-    rows["translation"], rows["rotation"] = positions_m, quats_xyzw
+    rows = transforms_layout([frames]).rows(stamps_ns.size)
+    set_stamps(rows, stamps_ns, "stamp0")
+    rows["translation0"], rows["rotation0"] = positions_m, quats_xyzw
     return rows
 
 
 def static_transforms(
-    stamp_ns: int, frames: list[tuple[str, str]], positions_m: FloatArray, quats_xyzw: FloatArray
+    stamp_ns: int,
+    frames: Sequence[tuple[str, str]],
+    positions_m: FloatArray,
+    quats_xyzw: FloatArray,
 ) -> Rows:
     """One tf2_msgs/TFMessage that holds all of them: frames as (parent, child)."""
-    layout = CdrLayout().length(len(frames))
-    for i, (parent, child) in enumerate(frames):
-        layout.stamp(f"stamp{i}").string(parent).string(child)
-        layout.constant("f8", *positions_m[i], *quats_xyzw[i])
-    rows = layout.rows(1)
+    rows = transforms_layout(frames).rows(1)
     for i in range(len(frames)):
         set_stamps(rows, np.array([stamp_ns]), f"stamp{i}")
+        rows[f"translation{i}"], rows[f"rotation{i}"] = positions_m[i], quats_xyzw[i]
     return rows
 
 

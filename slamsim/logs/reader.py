@@ -24,8 +24,8 @@ def read_log(path: Path, scan_topic: str | None = None) -> Log:
     the one with the most scans is taken and ``Log.warnings`` says so. Raises NotFound, or
     InputRefused naming file, place and reason.
     """
-    path = _recording(path)
-    if _is_carmen(path):
+    path = recording_at(path)
+    if is_carmen(path):
         return read_carmen(path, scan_topic)
     from slamsim.logs.bag_log import read_bag
 
@@ -34,20 +34,21 @@ def read_log(path: Path, scan_topic: str | None = None) -> Log:
 
 def read_truth(path: Path) -> Trajectory | None:
     """``T_map_base`` as the simulator recorded it, or None for a log without truth."""
-    path = _recording(path)
-    if _is_carmen(path):
+    path = recording_at(path)
+    if is_carmen(path):
         return None
     from slamsim.logs.bag_log import read_bag_truth
 
     return read_bag_truth(path)
 
 
-def _is_carmen(path: Path) -> bool:
+def is_carmen(path: Path) -> bool:
+    """Whether the name is that of a CARMEN log."""
     name = path.with_suffix("") if path.suffix.lower() in _COMPRESSIONS else path
     return path.is_file() and name.suffix.lower() in _CARMEN_SUFFIXES
 
 
-def _recording(path: Path) -> Path:
+def recording_at(path: Path) -> Path:
     """The recording that a path means; InputRefused when it can be none."""
     if not path.exists():
         raise NotFound(f"{path}: there is no such file or folder")
@@ -56,6 +57,6 @@ def _recording(path: Path) -> Path:
             if (folder / "metadata.yaml").is_file():
                 return folder
         raise InputRefused(path, f"there is no metadata.yaml in this folder; {_KNOWN}")
-    if not _is_carmen(path) and path.suffix.lower() not in _BAG_SUFFIXES:
+    if not is_carmen(path) and path.suffix.lower() not in _BAG_SUFFIXES:
         raise InputRefused(path, f"{path.suffix or 'no suffix'} is no known kind of log; {_KNOWN}")
     return path
