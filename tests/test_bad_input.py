@@ -12,9 +12,10 @@ import pytest
 from simulated import ScanList, Simulated, ate_rmse_m, labyrinth, simulate
 
 from slamsim.config.slam import SlamConfig
+from slamsim.result import EventKind, SlamResult
 from slamsim.safe.errors import SlamsimError
 from slamsim.slam.session import run_slam
-from slamsim.types import EventKind, Log, SlamResult
+from slamsim.types import Log
 
 SPAN_S = (15.0, 20.0)
 Change = Callable[[Log], Log]

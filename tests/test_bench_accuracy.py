@@ -16,8 +16,9 @@ from slamsim.bench.truth import false_closures, revisits_closed
 from slamsim.config.loading import load_run_config
 from slamsim.console import Reporter
 from slamsim.geometry import between, compose
+from slamsim.result import GraphEdge, PoseGraph
 from slamsim.safe.errors import SlamsimError
-from slamsim.types import FloatArray, GraphEdge, PlanarTrajectory, PoseGraph
+from slamsim.types import FloatArray, PlanarTrajectory
 
 QUIET = Reporter(quiet=True)
 SHORT = ("drive.route.max_duration_s=6", "sensors.lidar.rate_hz=5")

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from slamsim.evaluate.consistency import nees_band
 from slamsim.geometry import between, compose, transform_points
+from slamsim.result import GraphEdge
 from slamsim.slam.association import share_surfaces
 from slamsim.slam.blocks import add_block, empty_system, factorise
 from slamsim.slam.bundle import NotRefined, Refined, refine
@@ -28,7 +29,7 @@ from slamsim.slam.matching.surfaces import (
     Y,
 )
 from slamsim.slam.panels import make_panels
-from slamsim.types import Float32Array, FloatArray, GraphEdge, IntArray
+from slamsim.types import Float32Array, FloatArray, IntArray
 
 NOISE_M = 0.01
 BEAMS_PER_PIECE = 40.0

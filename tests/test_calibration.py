@@ -13,6 +13,7 @@ from simulated import drive, noisy_gyro
 
 from slamsim.config.slam import MotionConfig
 from slamsim.geometry import between, compose, wrap_angle
+from slamsim.result import GraphEdge
 from slamsim.slam.calibrated import calibrated
 from slamsim.slam.calibration import (
     PRIOR_SIGMAS,
@@ -34,7 +35,7 @@ from slamsim.slam.calibration_solve import (
 from slamsim.slam.motion import Odometry, increments
 from slamsim.slam.steps import CURVATURE, PARAMETERS, OdometryNoise, OdometryStep
 from slamsim.summary import summary
-from slamsim.types import EncoderStream, FloatArray, GraphEdge, PlanarTrajectory
+from slamsim.types import EncoderStream, FloatArray, PlanarTrajectory
 from slamsim.wheels import Reading, encoder_reading, pose_reading, wheel_odometry
 
 TURNING = np.array([[0.0, 0.0], [3, 0], [3, 2], [0, 2], [0, 4], [3, 4], [3, 6], [0, 6], [0, 0]])

@@ -19,12 +19,13 @@ from slamsim.config.back_end import (
 )
 from slamsim.config.slam import MotionConfig
 from slamsim.geometry import between, compose, transform_points
+from slamsim.result import GraphEdge
 from slamsim.slam.agreement import WaitingClosures, agree
 from slamsim.slam.closure import Closure, ClosureFinder, Expected
 from slamsim.slam.keyframes import KeyframeMaker, chain_edge
 from slamsim.slam.steps import PARAMETERS, OdometryNoise, OdometryStep
 from slamsim.slam.submaps import FREE, UNKNOWN, WALL, Surfaces, space_grid, submap_is_full
-from slamsim.types import FloatArray, GraphEdge
+from slamsim.types import FloatArray
 
 ROOM = np.concatenate(
     [

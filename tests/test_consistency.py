@@ -14,8 +14,9 @@ from slamsim.evaluate.budget import at_instants, error_budget
 from slamsim.evaluate.consistency import nees, nees_band
 from slamsim.geometry import compose, wrap_angle
 from slamsim.logs.keyframes import HEADER, read_keyframes, write_keyframes
+from slamsim.result import PoseGraph
 from slamsim.safe.errors import InputRefused
-from slamsim.types import FloatArray, PlanarTrajectory, PoseGraph
+from slamsim.types import FloatArray, PlanarTrajectory
 
 
 def path(count: int, rng: np.random.Generator) -> PlanarTrajectory:

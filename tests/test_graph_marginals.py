@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from slamsim.geometry import between, compose
+from slamsim.result import EdgeKind, GraphEdge
 from slamsim.slam.correction import correct, densify
 from slamsim.slam.estimate import Estimate
 from slamsim.slam.marginals import (
@@ -16,7 +17,7 @@ from slamsim.slam.marginals import (
     relative_covariances,
     rotation,
 )
-from slamsim.types import EdgeKind, FloatArray, GraphEdge, OutsideTimeRange, PlanarTrajectory
+from slamsim.types import FloatArray, OutsideTimeRange, PlanarTrajectory
 
 ORIGIN = np.zeros(2)
 

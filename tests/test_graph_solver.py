@@ -9,13 +9,14 @@ import pytest
 
 from slamsim.config.back_end import GraphConfig
 from slamsim.geometry import between, compose
+from slamsim.result import EdgeKind, GraphEdge
 from slamsim.slam.graph import (
     GraphUnsound,
     PoseGraphSolver,
     residual_sigmas,
     variance_factor,
 )
-from slamsim.types import EdgeKind, FloatArray, GraphEdge
+from slamsim.types import FloatArray
 
 SIGMAS = np.array([0.02, 0.02, 0.005])
 COVARIANCE = np.diag(SIGMAS**2)

@@ -13,6 +13,7 @@ from simulated import ScanList, Simulated, labyrinth, simulate
 from slamsim.config.mapping import MappingConfig
 from slamsim.config.slam import SlamConfig
 from slamsim.geometry import between, compose
+from slamsim.result import SlamResult
 from slamsim.run.continuing import chosen_earlier, clouds_before
 from slamsim.run.localising import read_known_map
 from slamsim.run.start import start_pose
@@ -25,7 +26,7 @@ from slamsim.slam.online.samples import WholeMotion
 from slamsim.slam.saved_map import SavedMap, read_saved_map, write_saved_map
 from slamsim.slam.session import map_log, odometry_of
 from slamsim.slam.tracking import Step
-from slamsim.types import FloatArray, Log, SlamResult
+from slamsim.types import FloatArray, Log
 
 
 @cache

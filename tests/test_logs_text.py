@@ -12,8 +12,9 @@ from slamsim.geometry import xyzw_from_yaw
 from slamsim.logs.g2o import write_g2o
 from slamsim.logs.relations import read_relations
 from slamsim.logs.tum import read_tum, write_tum
+from slamsim.result import GraphEdge, PoseGraph
 from slamsim.safe.errors import InputRefused, SlamsimError
-from slamsim.types import GraphEdge, PlanarTrajectory, PoseGraph, Trajectory
+from slamsim.types import PlanarTrajectory, Trajectory
 
 
 def _trajectory(count: int = 20) -> Trajectory:

@@ -13,10 +13,11 @@ from simulated import ScanList, ate_rmse_m, drive, noisy_gyro, noisy_wheels
 
 from slamsim.config.slam import MotionConfig
 from slamsim.geometry import between, compose, matrix_from_rpy, se3_from_parts, wrap_angle
+from slamsim.result import Calibrated
 from slamsim.safe.errors import SlamsimError
 from slamsim.slam.motion import NoMotion, Odometry, increments, predict_motion
 from slamsim.slam.steps import PARAMETERS, OdometryNoise, OdometryStep
-from slamsim.types import Calibrated, EncoderStream, FloatArray, ImuStream, Log, PlanarTrajectory
+from slamsim.types import EncoderStream, FloatArray, ImuStream, Log, PlanarTrajectory
 from slamsim.wheels import pose_reading, wheel_odometry
 
 POINTS = np.array([[0.0, 0.0], [3.0, 0.0], [3.0, 2.0], [0.0, 2.0], [0.0, 4.0], [3.0, 4.0]])

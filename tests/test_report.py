@@ -13,7 +13,8 @@ import pytest
 from view_example import Scans, example_run
 
 from slamsim.evaluate.relations import RelationScores, RelationStatistics
-from slamsim.types import Grid, PlanarTrajectory, PoseGraph, SlamResult
+from slamsim.result import PoseGraph, SlamResult
+from slamsim.types import Grid, PlanarTrajectory
 from slamsim.view.numbers import path_length_m, report_json
 from slamsim.view.report import headline, report_html, write_report
 from slamsim.view.run_view import RunView

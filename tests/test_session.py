@@ -22,10 +22,11 @@ from slamsim.config.back_end import BackEndConfig, ClosureConfig
 from slamsim.config.mapping import MappingConfig
 from slamsim.config.slam import SlamConfig
 from slamsim.geometry import between
+from slamsim.result import SlamResult
 from slamsim.safe.errors import SlamsimError
 from slamsim.slam.mapping import build_grid
 from slamsim.slam.session import run_slam
-from slamsim.types import Log, PlanarTrajectory, Scan, SlamResult
+from slamsim.types import Log, PlanarTrajectory, Scan
 
 
 @cache

@@ -10,10 +10,11 @@ from simulated import Simulated, ate_rmse_m, labyrinth, noisy_wheels, simulate
 
 from slamsim.config.slam import FrontEndConfig
 from slamsim.geometry import between, compose
+from slamsim.result import Event
 from slamsim.slam.motion import log_odometry
 from slamsim.slam.odometry import FrontEnd
 from slamsim.slam.slip import OPENED_M, WINDOW_S, Look, SlipWatch, coasted
-from slamsim.types import Event, FloatArray, PlanarTrajectory
+from slamsim.types import FloatArray, PlanarTrajectory
 
 STEP_NS = 100_000_000
 SURE = np.square([0.001, 0.001, 0.0005])

@@ -17,8 +17,9 @@ from view_example import BOXES_M, GEOMETRY, T_BASE_LASER, Scans, example_run, wa
 
 from slamsim.evaluate.score import Scores
 from slamsim.geometry import compose, matrix_from_rpy, se3_from_parts
+from slamsim.result import PoseGraph, SlamResult
 from slamsim.safe.errors import InputRefused, NotFound, SlamsimError
-from slamsim.types import Grid, PlanarTrajectory, PoseGraph, Scan, SlamResult
+from slamsim.types import Grid, PlanarTrajectory, Scan
 from slamsim.view.recording import write_recording
 from slamsim.view.run_view import RunView, thinned, wall_outline
 from slamsim.view.scene import occupancy_bytes

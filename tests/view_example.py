@@ -9,18 +9,16 @@ import numpy as np
 
 from slamsim.evaluate.score import evaluate
 from slamsim.geometry import between, compose, inverse, transform_points, wrap_angle, xyzw_from_yaw
+from slamsim.result import GraphEdge, PoseGraph, SlamResult
 from slamsim.types import (
     EncoderStream,
     FloatArray,
-    GraphEdge,
     Grid,
     ImuStream,
     Log,
     PlanarTrajectory,
-    PoseGraph,
     Scan,
     ScanGeometry,
-    SlamResult,
     Trajectory,
     TriangleMesh,
 )

@@ -22,12 +22,13 @@ from slamsim.console import Reporter
 from slamsim.evaluate.consistency import nees_band
 from slamsim.evaluate.trajectory import compare, statistics
 from slamsim.logs.reader import read_log, read_truth
+from slamsim.result import SlamResult
 from slamsim.run.folder import WORLD
 from slamsim.run.scoring import Estimated, Known, score
 from slamsim.run.stages import Stages, peak_memory_mb
 from slamsim.safe.errors import InputRefused, SlamsimError
 from slamsim.slam.session import run_slam
-from slamsim.types import Log, PlanarTrajectory, SlamResult
+from slamsim.types import Log, PlanarTrajectory
 from slamsim.world.build import build_world
 
 Figures = dict[str, object]

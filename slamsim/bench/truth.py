@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from slamsim.geometry import between, wrap_angle
+from slamsim.result import GraphEdge, PoseGraph
 from slamsim.slam.graph import residual_sigmas
-from slamsim.types import BoolArray, FloatArray, GraphEdge, PlanarTrajectory, PoseGraph
+from slamsim.types import BoolArray, FloatArray, PlanarTrajectory
 
 FALSE_SIGMAS = 5.0
 FALSE_M = 0.10

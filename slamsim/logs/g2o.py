@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
+from slamsim.result import GraphEdge, PoseGraph
 from slamsim.safe.errors import SlamsimError
 from slamsim.safe.output import write_atomic
-from slamsim.types import GraphEdge, PoseGraph
 
 
 def write_g2o(path: Path, graph: PoseGraph) -> None:

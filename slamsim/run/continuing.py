@@ -8,11 +8,12 @@ from pathlib import Path
 
 import numpy as np
 
+from slamsim.result import SlamResult
 from slamsim.run.folder import SAVED_MAP
 from slamsim.run.start import start_pose
 from slamsim.safe.errors import NotFound, OverrideRefused
 from slamsim.slam.saved_map import SavedMap, read_saved_map
-from slamsim.types import Cloud, FloatArray, SlamResult
+from slamsim.types import Cloud, FloatArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)

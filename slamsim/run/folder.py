@@ -13,9 +13,10 @@ from slamsim.evaluate.budget import at_instants
 from slamsim.logs.g2o import write_g2o
 from slamsim.logs.keyframes import write_keyframes
 from slamsim.logs.tum import write_tum
+from slamsim.result import SlamResult
 from slamsim.safe.output import write_atomic
 from slamsim.slam.map_files import map_files
-from slamsim.types import Grid, SlamResult, Trajectory
+from slamsim.types import Grid, Trajectory
 from slamsim.world.build import World
 
 OUTPUTS = Path("outputs")

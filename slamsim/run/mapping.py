@@ -16,6 +16,7 @@ from slamsim.config.run import RunConfig
 from slamsim.console import Reporter
 from slamsim.logs.reader import read_log, read_truth
 from slamsim.logs.relations import Relations, read_relations
+from slamsim.result import SlamResult
 from slamsim.run import folder as run_folder
 from slamsim.run.continuing import Earlier, clouds_before
 from slamsim.run.recording import record, require_finished
@@ -25,7 +26,7 @@ from slamsim.safe.output import partial_folder, write_atomic
 from slamsim.slam.mapping import build_grid
 from slamsim.slam.saved_map import SavedMap, write_saved_map
 from slamsim.slam.session import map_log, motion_of
-from slamsim.types import Grid, Log, SlamResult, Trajectory
+from slamsim.types import Grid, Log, Trajectory
 from slamsim.view.numbers import report_json
 from slamsim.view.recording import write_recording
 from slamsim.view.report import write_report

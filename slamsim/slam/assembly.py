@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
+from slamsim.result import Event, PoseGraph, SlamResult
 from slamsim.slam.correction import correct_pieces
 from slamsim.slam.events import in_words
 from slamsim.slam.odometry import FrontEnd
@@ -13,7 +14,7 @@ from slamsim.slam.own_part import poses_since, since
 from slamsim.slam.sights import smoothed_covariances
 from slamsim.slam.smoothing import Smoothed
 from slamsim.slam.track import Track
-from slamsim.types import Event, Log, OutsideTimeRange, PlanarTrajectory, PoseGraph, SlamResult
+from slamsim.types import Log, OutsideTimeRange, PlanarTrajectory
 
 
 def assemble(

@@ -11,10 +11,11 @@ from scipy.sparse.csgraph import connected_components, dijkstra
 from scipy.spatial import cKDTree
 
 from slamsim.jit import kernel
+from slamsim.result import GraphEdge
 from slamsim.slam.matching.local_map import MERGE_COS, merge_into
 from slamsim.slam.matching.surfaces import BEAMS, NORMAL_X, NORMAL_Y, PIECE_FIELDS, X, Y
 from slamsim.slam.views import moved_pieces
-from slamsim.types import BoolArray, Float32Array, FloatArray, GraphEdge, IntArray
+from slamsim.types import BoolArray, Float32Array, FloatArray, IntArray
 
 CELL_M = 0.5
 """Surfaces are sought within cells of this size: what is as long as this may still be straight."""

@@ -15,6 +15,7 @@ import numpy as np
 from slamsim.config.slam import SlamConfig
 from slamsim.geometry import between, compose
 from slamsim.progress import Progress, silent
+from slamsim.result import Event, GraphEdge, PoseGraph
 from slamsim.slam.bundle import NotRefined, refine
 from slamsim.slam.calibration_solve import Solved
 from slamsim.slam.closure_search import ClosureSearch
@@ -29,7 +30,7 @@ from slamsim.slam.solution import Solution
 from slamsim.slam.steps import OdometryNoise, OdometryStep
 from slamsim.slam.submap_cutter import SubmapCutter
 from slamsim.slam.visits import Visits
-from slamsim.types import Event, FloatArray, GraphEdge, PlanarTrajectory, PoseGraph
+from slamsim.types import FloatArray, PlanarTrajectory
 
 KNOWN_TRAVEL_M = 3.0
 CALIBRATION_ROUNDS = 2

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from slamsim.geometry import between, compose
+from slamsim.result import GraphEdge
 from slamsim.safe.errors import SlamsimError
 from slamsim.slam.association import Shared, share_surfaces
 from slamsim.slam.blocks import empty_system, factorise
@@ -29,7 +30,7 @@ from slamsim.slam.marginals import add_edges, adjoint, edge_covariances_in_map
 from slamsim.slam.matching.surfaces import BEAMS, SCATTER_XX, SCATTER_XY, SCATTER_YY, X, Y
 from slamsim.slam.panels import make_panels
 from slamsim.slam.sights import Sights
-from slamsim.types import Float32Array, FloatArray, GraphEdge
+from slamsim.types import Float32Array, FloatArray
 
 ROUNDS = ((0.06, 12.0, 3), (0.03, 4.0, 10))
 """Associations: how far apart across a surface its observations may lie, from how many standard

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from slamsim.result import Calibrated
 from slamsim.slam.calibration import PRIOR_SIGMAS
 from slamsim.slam.calibration_solve import Solved
 from slamsim.slam.steps import CURVATURE, GYRO_BIAS, GYRO_SCALE, PATH_SCALE, TURN_SCALE
-from slamsim.types import Calibrated, FloatArray
+from slamsim.types import FloatArray
 from slamsim.wheels import Reading
 
 OBSERVED_SHARE = 0.3

@@ -19,6 +19,7 @@ from scipy.sparse.linalg import splu
 
 from slamsim.config.slam import MotionConfig
 from slamsim.geometry import between, compose, inverse
+from slamsim.result import GraphEdge
 from slamsim.slam.calibration import (
     LEAST_GYRO_FACTOR,
     PRIOR_SIGMAS,
@@ -30,7 +31,7 @@ from slamsim.slam.calibration import (
 )
 from slamsim.slam.marginals import adjoint, edge_covariances_in_map
 from slamsim.slam.steps import GYRO_BIAS, GYRO_SCALE, PARAMETERS, OdometryNoise, OdometryStep
-from slamsim.types import FloatArray, GraphEdge, IntArray
+from slamsim.types import FloatArray, IntArray
 
 KNOT_S, MOST_KNOTS = 30.0, 24
 ROUNDS = 8

@@ -9,6 +9,7 @@ import numpy as np
 
 from slamsim.config.back_end import BackEndConfig
 from slamsim.geometry import between, compose, transform_points
+from slamsim.result import GraphEdge
 from slamsim.slam.correlative import LikelihoodGrid, Peak, Window, scores, search
 from slamsim.slam.marginals import adjoint, rotation
 from slamsim.slam.matching.align import CONVERGED, COVERED, INLIERS, WEAK, align
@@ -21,7 +22,7 @@ from slamsim.slam.submaps import (
     Surfaces,
     space_grid,
 )
-from slamsim.types import FloatArray, GraphEdge
+from slamsim.types import FloatArray
 
 Refusal = Literal["score", "ambiguous", "fit", "overlap", "contradiction", "unsupported"]
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from slamsim.config.back_end import BackEndConfig
 from slamsim.geometry import between
+from slamsim.result import GraphEdge
 from slamsim.slam.agreement import WaitingClosures
 from slamsim.slam.candidates import CandidateIndex
 from slamsim.slam.closure import Closure, ClosureFinder, Expected
@@ -17,7 +18,7 @@ from slamsim.slam.rejoin import Rejoiner
 from slamsim.slam.solution import Solution
 from slamsim.slam.submap_cutter import SubmapCutter
 from slamsim.slam.submaps import Submap
-from slamsim.types import FloatArray, GraphEdge
+from slamsim.types import FloatArray
 
 REJOIN_TRAVEL_M = 6.0
 MOVED_M = 0.15

@@ -7,8 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from slamsim.geometry import compose, inverse
+from slamsim.result import GraphEdge
 from slamsim.slam.marginals import adjoint, edge_covariances_in_map, relative_covariances
-from slamsim.types import FloatArray, GraphEdge, IntArray
+from slamsim.types import FloatArray, IntArray
 
 _ORIGIN = np.zeros(2)
 

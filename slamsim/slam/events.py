@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from slamsim.geometry import between
-from slamsim.types import Event, EventKind, FloatArray
+from slamsim.result import Event, EventKind
+from slamsim.types import FloatArray
 
 JOIN_NS = 1_000_000_000
 """Spells of the same thing with a shorter pause between them are one."""

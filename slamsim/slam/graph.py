@@ -15,9 +15,10 @@ import numpy as np
 
 from slamsim.config.back_end import GraphConfig
 from slamsim.geometry import between, wrap_angle
+from slamsim.result import GraphEdge
 from slamsim.safe.errors import SlamsimError
 from slamsim.slam.marginals import rotation
-from slamsim.types import BoolArray, FloatArray, GraphEdge
+from slamsim.types import BoolArray, FloatArray
 
 _Factor = gtsam.BetweenFactorPose2
 

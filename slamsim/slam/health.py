@@ -11,9 +11,10 @@ from scipy.sparse.csgraph import connected_components
 
 from slamsim.config.back_end import SubmapConfig
 from slamsim.geometry import between, transform_points
+from slamsim.result import Event, GraphEdge, PoseGraph
 from slamsim.slam.odometry import ELSEWHERE_M
 from slamsim.slam.submaps import FREE, UNKNOWN, SpaceGrid, Submap, space_grid
-from slamsim.types import Event, FloatArray, GraphEdge, PlanarTrajectory, PoseGraph
+from slamsim.types import FloatArray, PlanarTrajectory
 
 MIN_KNOWN_SHARE = 0.1
 MIN_KNOWN = 20

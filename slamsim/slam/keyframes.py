@@ -8,12 +8,13 @@ import numpy as np
 
 from slamsim.config.back_end import GraphConfig, KeyframeConfig
 from slamsim.geometry import between
+from slamsim.result import EdgeKind, GraphEdge
 from slamsim.slam.marginals import rotation
 from slamsim.slam.matching.surfaces import range_noise_m
 from slamsim.slam.odometry import ELSEWHERE_M, ELSEWHERE_RAD, Tracked
 from slamsim.slam.steps import PARAMETERS, OdometryNoise, OdometryStep
 from slamsim.slam.views import ViewMaker
-from slamsim.types import Cloud, EdgeKind, Float32Array, FloatArray, GraphEdge
+from slamsim.types import Cloud, Float32Array, FloatArray
 
 MAX_BEAMS = 180
 START_NOISE_M = 0.015

@@ -13,9 +13,10 @@ import numpy as np
 
 from slamsim.geometry import inverse
 from slamsim.jit import kernel
+from slamsim.result import GraphEdge
 from slamsim.slam.blocks import add_block, empty_system, factorise
 from slamsim.slam.panels import Panels, make_panels
-from slamsim.types import FloatArray, GraphEdge, IntArray
+from slamsim.types import FloatArray, IntArray
 
 
 def adjoint(T_a_b: FloatArray) -> FloatArray:

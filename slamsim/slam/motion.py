@@ -9,18 +9,11 @@ from types import MappingProxyType
 import numpy as np
 
 from slamsim.geometry import between, wrap_angle
+from slamsim.result import Calibrated
 from slamsim.safe.errors import SlamsimError
 from slamsim.slam.arcs import walk
 from slamsim.slam.steps import GYRO_BIAS, GYRO_SCALE, PARAMETERS, ROWS, OdometryStep
-from slamsim.types import (
-    BoolArray,
-    Calibrated,
-    FloatArray,
-    ImuStream,
-    IntArray,
-    Log,
-    PlanarTrajectory,
-)
+from slamsim.types import BoolArray, FloatArray, ImuStream, IntArray, Log, PlanarTrajectory
 from slamsim.wheels import Reading, encoder_reading, pose_reading, wheel_odometry
 
 GYRO_GAP_S = 0.1

@@ -8,6 +8,7 @@ import numpy as np
 
 from slamsim.config.slam import FrontEndConfig
 from slamsim.geometry import between
+from slamsim.result import Calibrated, Event
 from slamsim.slam.calibration_solve import Solved
 from slamsim.slam.deskew import MAX_TILT_RAD, deskew, tilt_of
 from slamsim.slam.matching import Match, Matcher, make_matcher
@@ -16,7 +17,7 @@ from slamsim.slam.placing import Placer
 from slamsim.slam.prediction import Prediction, Predictor
 from slamsim.slam.steps import OdometryStep
 from slamsim.slam.watch import Fate, Watch
-from slamsim.types import Calibrated, Cloud, Event, FloatArray, Scan
+from slamsim.types import Cloud, FloatArray, Scan
 
 LOST_SCANS = 20
 """After so many scans in a row that fit nowhere the local map is begun anew."""

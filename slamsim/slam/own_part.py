@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from slamsim.types import PlanarTrajectory, PoseGraph
+from slamsim.result import PoseGraph
+from slamsim.types import PlanarTrajectory
 
 
 def since(graph: PoseGraph, first: int) -> PoseGraph:

@@ -8,6 +8,7 @@ import numpy as np
 
 from slamsim.config.slam import MotionConfig
 from slamsim.geometry import between, compose, inverse, wrap_angle
+from slamsim.result import Calibrated, Event
 from slamsim.slam.calibrated import calibrated
 from slamsim.slam.calibration import Calibrator
 from slamsim.slam.calibration_solve import Solved
@@ -16,7 +17,7 @@ from slamsim.slam.matching.base import Match
 from slamsim.slam.motion import Odometry
 from slamsim.slam.slip import Look, SlipWatch, coasted
 from slamsim.slam.steps import OdometryNoise, OdometryStep
-from slamsim.types import Calibrated, Event, FloatArray, PlanarTrajectory, Scan
+from slamsim.types import FloatArray, PlanarTrajectory, Scan
 
 MAX_SPEED_M_S = 10.0
 MAX_TURN_RAD_S = 10.0

@@ -11,6 +11,7 @@ import numpy as np
 from slamsim.config.back_end import GraphConfig
 from slamsim.config.slam import MotionConfig
 from slamsim.geometry import between
+from slamsim.result import GraphEdge
 from slamsim.slam.calibration_solve import (
     FREE_SHARE,
     Interval,
@@ -21,7 +22,7 @@ from slamsim.slam.calibration_solve import (
     solve_calibration,
 )
 from slamsim.slam.keyframes import Keyframe, chain_edge
-from slamsim.types import FloatArray, GraphEdge
+from slamsim.types import FloatArray
 
 
 class Recalibration:

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
+from slamsim.result import GraphEdge
 from slamsim.safe.errors import InputRefused
 from slamsim.safe.files import read_input
 from slamsim.safe.output import write_atomic
@@ -21,7 +22,7 @@ from slamsim.slam.graph import GraphUnsound, check_edges
 from slamsim.slam.keyframes import Keyframe
 from slamsim.slam.matching.surfaces import PIECE_FIELDS
 from slamsim.slam.steps import PARAMETERS, ROWS
-from slamsim.types import FloatArray, GraphEdge
+from slamsim.types import FloatArray
 
 FORMAT = 1
 MAX_BYTES = 4_000_000_000

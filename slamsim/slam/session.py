@@ -12,6 +12,7 @@ import numpy as np
 
 from slamsim.config.slam import SlamConfig
 from slamsim.progress import Progress, silent
+from slamsim.result import Calibrated, Event, PoseGraph, SlamResult
 from slamsim.safe.errors import SlamsimError
 from slamsim.slam.assembly import assemble, odometry_alone
 from slamsim.slam.keyframes import ABOUT_THERE, ANYWHERE, Before, KeyframeMaker
@@ -26,16 +27,7 @@ from slamsim.slam.online.warm import warm_up
 from slamsim.slam.saved_map import SavedMap, settled
 from slamsim.slam.track import Track
 from slamsim.slam.tracking import Status, Step
-from slamsim.types import (
-    Calibrated,
-    Event,
-    FloatArray,
-    Log,
-    PlanarTrajectory,
-    PoseGraph,
-    Scan,
-    SlamResult,
-)
+from slamsim.types import FloatArray, Log, PlanarTrajectory, Scan
 
 FINISH_SHARE = 0.1
 """Part of the progress that the final search and solution take."""

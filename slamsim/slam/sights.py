@@ -15,11 +15,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from slamsim.geometry import between
+from slamsim.result import PoseGraph
 from slamsim.slam.blocks import factorise
 from slamsim.slam.marginals import add_edges, adjoint, in_own_frame
 from slamsim.slam.panels import Panels
 from slamsim.slam.smoothing import Smoothed
-from slamsim.types import FloatArray, IntArray, PoseGraph
+from slamsim.types import FloatArray, IntArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)

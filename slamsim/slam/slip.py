@@ -7,7 +7,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from slamsim.types import Event, FloatArray
+from slamsim.result import Event
+from slamsim.types import FloatArray
 
 WINDOW_S = 0.6
 LEAST_LOOKS = 3

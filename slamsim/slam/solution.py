@@ -8,13 +8,14 @@ import numpy as np
 
 from slamsim.config.back_end import GraphConfig
 from slamsim.geometry import between, compose, inverse
+from slamsim.result import GraphEdge
 from slamsim.slam.closure import Closure, Expected
 from slamsim.slam.estimate import Estimate
 from slamsim.slam.graph import PoseGraphSolver
 from slamsim.slam.parts import Parts
 from slamsim.slam.rejoin import moved_onto, side_by_side
 from slamsim.slam.submaps import Submap
-from slamsim.types import FloatArray, GraphEdge
+from slamsim.types import FloatArray
 
 UPDATE_AFTER_KEYFRAMES = 10
 RENEW_AFTER_KEYFRAMES = 20

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 from slamsim.geometry import compose, inverse
-from slamsim.types import Event, FloatArray
+from slamsim.result import Event
+from slamsim.types import FloatArray
 
 Status = Literal["tracking", "searching", "lost"]
 """tracking: the scan lies on the map. searching: it fits nowhere near, odometry is followed.

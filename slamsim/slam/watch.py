@@ -8,9 +8,10 @@ from typing import Literal
 import numpy as np
 
 from slamsim.geometry import between
+from slamsim.result import Event
 from slamsim.slam.events import Spells
 from slamsim.slam.prediction import Prediction
-from slamsim.types import Event, FloatArray
+from slamsim.types import FloatArray
 
 Fate = Literal["first", "matched", "blind", "lost"]
 """A scan that began a map, that was matched, that saw too little, that fitted nowhere."""

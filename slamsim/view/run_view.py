@@ -10,7 +10,8 @@ import numpy as np
 
 from slamsim.evaluate.score import Scores
 from slamsim.geometry import inverse
-from slamsim.types import FloatArray, Grid, IntArray, Log, SlamResult, Trajectory, TriangleMesh
+from slamsim.result import SlamResult
+from slamsim.types import FloatArray, Grid, IntArray, Log, Trajectory, TriangleMesh
 
 
 @dataclass(frozen=True, slots=True, eq=False)

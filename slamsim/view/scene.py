@@ -7,7 +7,8 @@ import rerun as rr
 from matplotlib import colormaps
 
 from slamsim.geometry import compose, inverse
-from slamsim.types import FloatArray, GraphEdge, Grid
+from slamsim.result import GraphEdge
+from slamsim.types import FloatArray, Grid
 from slamsim.view.palette import ACCEPTED, ESTIMATE, NEUTRAL, ODOMETRY, TRUTH, WITHDRAWN, rgb
 from slamsim.view.precision import COLOURS, ellipses, held, path_and_strokes, scale_of
 from slamsim.view.run_view import RunView, outline_height_m, thinned, wall_outline

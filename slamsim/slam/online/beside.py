@@ -19,12 +19,12 @@ from typing import cast
 
 from slamsim.config.slam import SlamConfig
 from slamsim.progress import Progress, silent
+from slamsim.result import Event, GraphEdge
 from slamsim.slam.back_end import BackEnd, Correction
 from slamsim.slam.keyframes import Keyframe
 from slamsim.slam.online.keeper import InLine, Outcome
 from slamsim.slam.online.messages import Done, Finish, News, Task
 from slamsim.slam.online.pipe import Ended, Pipe, journal_messages, packed
-from slamsim.types import Event, GraphEdge
 
 MAX_RESTARTS = 3
 """A back end that ends more often than this is not begun again."""

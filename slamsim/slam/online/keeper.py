@@ -8,12 +8,13 @@ from typing import Protocol
 
 from slamsim.config.slam import SlamConfig
 from slamsim.progress import Progress
+from slamsim.result import Event, PoseGraph
 from slamsim.slam.back_end import BackEnd, Correction
 from slamsim.slam.calibration_solve import Solved
 from slamsim.slam.keyframes import Keyframe
 from slamsim.slam.saved_map import SavedMap
 from slamsim.slam.sights import Sights
-from slamsim.types import Event, PlanarTrajectory, PoseGraph
+from slamsim.types import PlanarTrajectory
 
 
 @dataclass(frozen=True, slots=True, eq=False)

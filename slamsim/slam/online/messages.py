@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from slamsim.config.slam import SlamConfig
+from slamsim.result import GraphEdge
 from slamsim.slam.back_end import Correction
-from slamsim.types import GraphEdge
 
 
 @dataclass(frozen=True, slots=True, eq=False)

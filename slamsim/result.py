@@ -1,0 +1,120 @@
+"""What SLAM says of a log: a trajectory, the graph behind it, what happened, and how sure it is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+from slamsim.types import BoolArray, FloatArray, PlanarTrajectory
+
+EdgeKind = Literal["prior", "odometry", "match", "closure"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GraphEdge:
+    """A measured ``T_source_target``: (x_m, y_m, yaw_rad), covariance (3, 3) in the source frame.
+
+    weight is what the robust estimator left of a closure: 1 believed, 0 withdrawn.
+    """
+
+    source: int
+    target: int
+    T_source_target: FloatArray
+    covariance: FloatArray
+    kind: EdgeKind
+    weight: float = 1.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PoseGraph:
+    """Key frames and their optimised ``T_map_base``.
+
+    covariances: (n, 3, 3) of a small step (dx_m, dy_m, dyaw_rad) of each key frame's base in its
+    own frame, the first key frame being exact.
+    """
+
+    keyframes: PlanarTrajectory
+    covariances: FloatArray
+    edges: tuple[GraphEdge, ...]
+
+
+EventKind = Literal[
+    "slip",
+    "gap",
+    "jump",
+    "frozen",
+    "blind",
+    "lost",
+    "kidnapped",
+    "joined",
+    "torn",
+    "lidar",
+    "unrefined",
+]
+"""What may happen on the way.
+
+slip: wheels that turned without moving the robot so. gap: no scans, or no odometry. jump: a step
+of the odometry that no robot makes. frozen: odometry that stood while the scans moved. blind:
+scans without enough returns. lost: scans that fitted nowhere. kidnapped: a local map begun anew.
+joined: a place that only odometry joins to the rest. torn: scans that contradict the map. lidar:
+a lidar that does not see what its mounting says. unrefined: a final refinement that was not used.
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class Event:
+    """Something a user should know of, and when: stamps on the log's clock, both included.
+
+    words: what happened, in plain English, without the time.
+    """
+
+    start_ns: int
+    end_ns: int
+    kind: EventKind
+    words: str
+
+
+@dataclass(frozen=True, slots=True)
+class Calibrated:
+    """A number of the robot as the drive shows it, with its standard deviation.
+
+    observed: whether it was the drive that told it; if not, it is little more than an assumption.
+    """
+
+    value: float
+    sigma: float
+    observed: bool
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SlamResult:
+    """What SLAM made of a log.
+
+    trajectory: ``T_map_base`` at each used scan's stamp. front_end: the same before any loop was
+    closed. odometry: ``T_odom_base`` as the log's own odometry has it at the same stamps, or the
+    prediction from wheels and gyroscope without it.
+    match_quality: (n,) inlier ratio of each scan's match. degenerate: (n,) whether some direction
+    of the match was left to odometry.
+    closure_refusals: why how many searches for a closure led to none; "score" means that
+    nothing was found at all, which is no rejection. events: in time order.
+    parts: ``T_map_base`` after each part of the work, at the stamps of scans or of key frames.
+    match_information: (n, 3, 3) of a small step of the base in its own frame, zero where a scan
+    told nothing. calibration: of wheels and gyroscope, under names that carry their units; empty
+    without odometry.
+    """
+
+    trajectory: PlanarTrajectory
+    odometry: PlanarTrajectory
+    graph: PoseGraph
+    match_quality: FloatArray
+    degenerate: BoolArray
+    closures_accepted: int
+    closures_rejected: int
+    warnings: tuple[str, ...] = ()
+    seconds: dict[str, float] = field(default_factory=dict)
+    closure_refusals: dict[str, int] = field(default_factory=dict)
+    events: tuple[Event, ...] = ()
+    front_end: PlanarTrajectory | None = None
+    parts: dict[str, PlanarTrajectory] = field(default_factory=dict)
+    match_information: FloatArray | None = None
+    calibration: dict[str, Calibrated] = field(default_factory=dict)
