@@ -8,7 +8,7 @@ from slamsim.config.sensors import LidarConfig
 from slamsim.randomness import random_stream
 from slamsim.sensors import effects
 from slamsim.sensors.clock import StreamClock
-from slamsim.sensors.motion import Knots, Motion
+from slamsim.sensors.motion import Course, Knots, Motion, as_mounted
 from slamsim.sensors.rays import beam_rays
 from slamsim.sensors.readings import ScanBatch
 from slamsim.sensors.scene import Hits, Scene
@@ -35,6 +35,7 @@ class Lidar:
 
     Beams are cast in batches of whole scans from the interpolated course of the laser, on
     ``threads`` threads; neither changes a byte of the result. The robot itself is not seen.
+    course: how the laser truly moves and looks, where that is not as it is mounted.
     """
 
     def __init__(
@@ -45,9 +46,10 @@ class Lidar:
         seed: int,
         start_ns: int,
         threads: int = 1,
+        course: Course = as_mounted,
     ) -> None:
         self.geometry = scan_geometry(config)
-        self._config, self._T_base_laser = config, T_base_laser
+        self._config, self._T_base_laser, self._course = config, T_base_laser, course
         self._scene = Scene(mesh, floor_reach_m=config.range_max_m, threads=threads)
         self._clock = StreamClock(config, start_ns, seed, "lidar")
         self._streams = effects.EffectStreams(
@@ -107,7 +109,7 @@ class Lidar:
         """What the beams of these scans meet, with their width at edges but without noise."""
         beam_ns = (scan_ns[:, None] + self.geometry.offsets_ns()).ravel()
         directions = np.tile(self._directions, scan_ns.size)
-        knots = motion.knots(self._T_base_laser, int(beam_ns[0]), int(beam_ns[-1]))
+        knots = self._course(motion.knots(self._T_base_laser, int(beam_ns[0]), int(beam_ns[-1])))
         hits = self._cast(knots, beam_ns, directions)
         mixing = self._config.mixed
         if mixing.divergence_mrad == 0.0:

@@ -7,6 +7,7 @@ it, so that an answer never depends on where a drive was cut into windows.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, fields
 
 import numpy as np
@@ -30,6 +31,15 @@ class Knots:
     origin_m: FloatArray
     x_axis: FloatArray
     y_axis: FloatArray
+
+
+Course = Callable[[Knots], Knots]
+"""From how a sensor is carried along to how it looks; only what is broken changes anything."""
+
+
+def as_mounted(knots: Knots) -> Knots:
+    """The course of a healthy sensor."""
+    return knots
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -9,7 +9,7 @@ from slamsim.config.sensors import SensorsConfig
 from slamsim.sensors.encoders import Encoders
 from slamsim.sensors.imu import Imu
 from slamsim.sensors.lidar import Lidar
-from slamsim.sensors.motion import Motion, joined, kept_since
+from slamsim.sensors.motion import Course, Motion, as_mounted, joined, kept_since
 from slamsim.sensors.readings import Readings
 from slamsim.types import Drive, FloatArray, TriangleMesh
 
@@ -37,7 +37,7 @@ class SensorRig:
     robot, the configuration, the seed and the whole motion, and are the same bytes however the
     drive is cut into windows and on however many ``threads``. What is carried from window to
     window is the tail of the motion that open samples still need, the number of the next sample
-    of each stream, the biases, and one generator for each random effect.
+    of each stream, the biases, and one generator for each random effect. course: as for Lidar.
     """
 
     def __init__(
@@ -47,9 +47,10 @@ class SensorRig:
         config: SensorsConfig,
         seed: int,
         threads: int = 1,
+        course: Course = as_mounted,
     ) -> None:
         self._mesh, self._robot, self._config = mesh, robot, config
-        self._seed, self._threads = seed, threads
+        self._seed, self._threads, self._course = seed, threads, course
         self._motion: Motion | None = None
         self._sensors: _Sensors | None = None
 
@@ -71,7 +72,15 @@ class SensorRig:
     def _switched_on(self, start_ns: int) -> _Sensors:
         robot, config, seed = self._robot, self._config, self._seed
         return _Sensors(
-            Lidar(config.lidar, self._mesh, robot.T_base_laser, seed, start_ns, self._threads),
+            Lidar(
+                config.lidar,
+                self._mesh,
+                robot.T_base_laser,
+                seed,
+                start_ns,
+                self._threads,
+                self._course,
+            ),
             Imu(config.imu, robot.T_base_imu, seed, start_ns),
             Encoders(config.encoders, robot.wheel_radius_m, robot.track_m, seed, start_ns),
         )

@@ -1,0 +1,132 @@
+"""Faults of time within a scan: which beam fired when, and which of them the stamp means."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import ClassVar, Literal
+
+import numpy as np
+from pydantic import Field
+
+from slamsim.config.sensors import SensorsConfig
+from slamsim.recording import RawScans, Recording, ScanLayout
+from slamsim.sensors.faults.base import CannotInject, Fault, SensedFault
+from slamsim.sensors.faults.edit import with_layouts, with_ranges, with_scans
+from slamsim.sensors.faults.motion import fired_later, plane_motion
+from slamsim.sensors.motion import Knots
+from slamsim.types import Float32Array, FloatArray
+
+_FULL_TURN = 2.0 * np.pi
+
+
+class BeamTimeReversed(SensedFault):
+    """The lidar turns clockwise, its driver turns the order round and leaves the times."""
+
+    kind: Literal["beam_time_reversed"]
+
+    def course(self, knots: Knots, config: SensorsConfig) -> Knots:
+        """Beam i looks where the last beam but i would: the axes mirrored about the middle."""
+        lidar = config.lidar
+        both_ends = 2.0 * lidar.angle_min_deg + (lidar.beam_count - 1) * lidar.angle_step_deg
+        cos, sin = np.cos(np.radians(both_ends)), np.sin(np.radians(both_ends))
+        return replace(
+            knots,
+            x_axis=cos * knots.x_axis + sin * knots.y_axis,
+            y_axis=sin * knots.x_axis - cos * knots.y_axis,
+        )
+
+    def declare(self, recording: Recording, config: SensorsConfig) -> Recording:
+        return with_ranges(
+            recording, lambda ranges, _: np.ascontiguousarray(ranges[:, ::-1], dtype=np.float32)
+        )
+
+    def inject(self, recording: Recording, rng: np.random.Generator) -> Recording:
+        return _refired(recording, lambda beam: beam[::-1] - beam)
+
+
+class FlashScanTimed(SensedFault):
+    """All beams see one instant, and are declared as fired one after the other."""
+
+    kind: Literal["flash_scan_timed"]
+
+    def sensors(self, config: SensorsConfig) -> SensorsConfig:
+        return config.model_copy(
+            update={"lidar": config.lidar.model_copy(update={"rolling": False})}
+        )
+
+    def declare(self, recording: Recording, config: SensorsConfig) -> Recording:
+        beam_dt_s = config.lidar.beam_dt_ns * 1e-9
+        return with_layouts(recording, lambda layout: replace(layout, beam_dt_s=beam_dt_s))
+
+    def inject(self, recording: Recording, rng: np.random.Generator) -> Recording:
+        if all(layout.beam_dt_s == 0.0 for scans in recording.scans for layout in scans.layouts):
+            return with_layouts(recording, _timed)
+        return _refired(recording, lambda beam: -beam)
+
+
+class RollingScanUntimed(Fault):
+    """Beams fire one after the other, and are declared as of one instant."""
+
+    kind: Literal["rolling_scan_untimed"]
+
+    def inject(self, recording: Recording, rng: np.random.Generator) -> Recording:
+        _require_timed(recording)
+        return with_layouts(recording, lambda layout: replace(layout, beam_dt_s=0.0))
+
+
+class BeamTimeScale(Fault):
+    """The declared time between beams is wrong."""
+
+    SIZE: ClassVar[str | None] = "factor"
+    kind: Literal["beam_time_scale"]
+    factor: float = Field(gt=0.0, le=100.0)
+    """Declared over true."""
+
+    def inject(self, recording: Recording, rng: np.random.Generator) -> Recording:
+        _require_timed(recording)
+        return with_layouts(
+            recording, lambda layout: replace(layout, beam_dt_s=layout.beam_dt_s * self.factor)
+        )
+
+
+class ScanStamp(Fault):
+    """The stamp is not that of the first beam but of a later instant of the scan."""
+
+    SIZE: ClassVar[str | None] = "share"
+    kind: Literal["scan_stamp"]
+    share: float = Field(ge=-1.0, le=2.0)
+    """Of the scan's duration that has passed at the stamp: 1 is the last beam."""
+
+    def inject(self, recording: Recording, rng: np.random.Generator) -> Recording:
+        _require_timed(recording)
+
+        def restamped(scans: RawScans) -> RawScans:
+            beams = np.array([len(row) for row in scans.ranges_m]) - 1
+            beam_dt_s = np.array([layout.beam_dt_s for layout in scans.layouts])[scans.layout_of]
+            later_ns = np.rint(self.share * beams * beam_dt_s * 1e9).astype(np.int64)
+            return replace(scans, stamps_ns=scans.stamps_ns + later_ns)
+
+        return with_scans(recording, restamped)
+
+
+def _timed(layout: ScanLayout) -> ScanLayout:
+    """A scan of one instant with the times of a mirror that turns once in a scan."""
+    return replace(layout, beam_dt_s=layout.scan_time_s * abs(layout.angle_step_rad) / _FULL_TURN)
+
+
+def _require_timed(recording: Recording) -> None:
+    if not any(layout.beam_dt_s for scans in recording.scans for layout in scans.layouts):
+        raise CannotInject(f"the beams of {recording.name} have no times of their own")
+
+
+def _refired(recording: Recording, steps: Callable[[FloatArray], FloatArray]) -> Recording:
+    """As if the beams had fired in other steps of time; steps: later by, from their numbers."""
+    _require_timed(recording)
+    motion = plane_motion(recording)
+
+    def changed(ranges_m: Float32Array, scans: RawScans) -> Float32Array:
+        later_s = steps(np.arange(ranges_m.shape[1], dtype=np.float64)) * scans.layout(0).beam_dt_s
+        return fired_later(ranges_m, scans, motion, later_s)
+
+    return with_ranges(recording, changed)

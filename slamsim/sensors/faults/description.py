@@ -1,0 +1,108 @@
+"""Faults of the robot description, as they are written by hand or left by a converter."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import replace
+from typing import ClassVar, Literal
+
+import numpy as np
+from pydantic import Field
+
+from slamsim.recording import Recording
+from slamsim.sensors.faults.base import CannotInject, Fault
+from slamsim.sensors.faults.mounting import joint_text, with_joint_origin
+
+
+class UrdfInertia(Fault):
+    """A small part is given the inertia that an editor fills in."""
+
+    SIZE: ClassVar[str | None] = "inertia_kg_m2"
+    kind: Literal["urdf_inertia"]
+    link: str
+    """Which part."""
+    inertia_kg_m2: float = Field(gt=0.0, le=1e6)
+    """About each of its axes."""
+
+    def inject(self, recording: Recording, rng: np.random.Generator) -> Recording:
+        value = f"{self.inertia_kg_m2:g}"
+        inertia = f'<inertia ixx="{value}" ixy="0" ixz="0" iyy="{value}" iyz="0" izz="{value}"/>'
+        pattern = rf'(<link name="{re.escape(self.link)}">.*?)<inertia\b[^>]*/>'
+        return _rewritten(
+            recording, lambda urdf: re.sub(pattern, rf"\1{inertia}", urdf, count=1, flags=re.DOTALL)
+        )
+
+
+class UrdfJointType(Fault):
+    """A joint that should turn is fixed."""
+
+    kind: Literal["urdf_joint_type"]
+    link: str
+    """The part that it carries."""
+
+    def inject(self, recording: Recording, rng: np.random.Generator) -> Recording:
+        def fixed(urdf: str) -> str:
+            joint = joint_text(urdf, self.link)
+            return urdf if joint is None else urdf.replace(joint, _as_fixed(joint))
+
+        return _rewritten(recording, fixed)
+
+
+class UrdfHeight(Fault):
+    """A wheel is drawn at the wrong height."""
+
+    SIZE: ClassVar[str | None] = "by_m"
+    kind: Literal["urdf_height"]
+    link: str
+    """Which wheel."""
+    by_m: float = Field(ge=-1.0, le=1.0)
+    """How much too high."""
+
+    def inject(self, recording: Recording, rng: np.random.Generator) -> Recording:
+        raised = np.eye(4)
+        raised[2, 3] = self.by_m
+        return _rewritten(
+            recording, lambda urdf: with_joint_origin(urdf, self.link, lambda T: raised @ T)
+        )
+
+
+class UrdfUnconnected(Fault):
+    """No joint carries one of the parts."""
+
+    kind: Literal["urdf_unconnected"]
+    link: str
+    """Which part."""
+
+    def inject(self, recording: Recording, rng: np.random.Generator) -> Recording:
+        def without(urdf: str) -> str:
+            joint = joint_text(urdf, self.link)
+            return urdf if joint is None else urdf.replace(joint, "")
+
+        return _rewritten(recording, without)
+
+
+class UrdfCut(Fault):
+    """Only the begin of the description has arrived."""
+
+    SIZE: ClassVar[str | None] = "share"
+    kind: Literal["urdf_cut"]
+    share: float = Field(gt=0.0, lt=1.0)
+    """Of its characters."""
+
+    def inject(self, recording: Recording, rng: np.random.Generator) -> Recording:
+        return _rewritten(recording, lambda urdf: urdf[: round(self.share * len(urdf))])
+
+
+def _rewritten(recording: Recording, change: Callable[[str], str]) -> Recording:
+    if recording.robot_description is None:
+        raise CannotInject(f"{recording.name} has no robot description")
+    changed = change(recording.robot_description)
+    if changed == recording.robot_description:
+        raise CannotInject(f"the robot description of {recording.name} has no such part")
+    return replace(recording, robot_description=changed)
+
+
+def _as_fixed(joint: str) -> str:
+    turned = re.sub(r'type="[a-z]+"', 'type="fixed"', joint, count=1)
+    return re.sub(r"\s*<axis[^>]*/>", "", turned)

@@ -1,0 +1,144 @@
+"""Recordings with one part exchanged: what all faults are made of."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Literal, Protocol, TypeVar
+
+import numpy as np
+
+from slamsim.recording import RawImu, RawScans, RawStream, Recording, ScanLayout, TransformEdge
+from slamsim.sensors.faults.base import CannotInject
+from slamsim.types import BoolArray, Float32Array, IntArray
+
+StreamName = Literal["lidar", "imu", "wheels"]
+"""The wheels are everything on their clock: counters, joints, odometry and its transform."""
+
+ODOMETRY_FRAME = "odom"
+Messages = TypeVar("Messages", bound=RawStream | TransformEdge)
+
+
+class Change(Protocol):
+    """From the messages of any topic or edge to others of the same kind."""
+
+    def __call__(self, messages: Messages, /) -> Messages: ...
+
+
+def with_scans(recording: Recording, change: Callable[[RawScans], RawScans]) -> Recording:
+    """Every lidar changed. Raises CannotInject without any."""
+    if not recording.scans:
+        raise CannotInject(f"{recording.name} has no scans")
+    return replace(recording, scans=tuple(map(change, recording.scans)))
+
+
+def with_ranges(
+    recording: Recording, change: Callable[[Float32Array, RawScans], Float32Array]
+) -> Recording:
+    """change: from (n, beams) ranges of one lidar to new ones; the old ones are a copy."""
+
+    def changed(scans: RawScans) -> RawScans:
+        if len(scans) == 0:
+            return scans
+        return replace(scans, ranges_m=change(range_matrix(scans), scans))
+
+    return with_scans(recording, changed)
+
+
+def with_layouts(recording: Recording, change: Callable[[ScanLayout], ScanLayout]) -> Recording:
+    """What the scans declare of their beams, changed."""
+    return with_scans(
+        recording, lambda scans: replace(scans, layouts=tuple(map(change, scans.layouts)))
+    )
+
+
+def with_imus(recording: Recording, change: Callable[[RawImu], RawImu]) -> Recording:
+    """Every inertial unit changed. Raises CannotInject without any."""
+    if not recording.imus:
+        raise CannotInject(f"{recording.name} has no inertial unit")
+    return replace(recording, imus=tuple(map(change, recording.imus)))
+
+
+def range_matrix(scans: RawScans) -> Float32Array:
+    """(n, beams) a copy of all ranges. Raises CannotInject if scans differ in length."""
+    if isinstance(scans.ranges_m, np.ndarray):
+        return scans.ranges_m.copy()
+    rows: Sequence[Float32Array] = [np.asarray(row) for row in scans.ranges_m]
+    if len({row.size for row in rows}) > 1:
+        raise CannotInject(f"the scans of {scans.topic} differ in their number of beams")
+    return np.stack(rows) if rows else np.zeros((0, 0), dtype=np.float32)
+
+
+def with_streams(recording: Recording, name: StreamName, change: Change) -> Recording:
+    """Every topic of a stream changed, and the transform that the wheels publish."""
+    if name == "lidar":
+        return with_scans(recording, change)
+    if name == "imu":
+        return with_imus(recording, change)
+    require_wheels(recording)
+    return replace(
+        recording,
+        odometries=tuple(map(change, recording.odometries)),
+        ticks=tuple(map(change, recording.ticks)),
+        joints=tuple(map(change, recording.joints)),
+        transforms=tuple(
+            change(edge) if is_odometry(edge) else edge for edge in recording.transforms
+        ),
+    )
+
+
+def with_stamps(
+    recording: Recording, name: StreamName, change: Callable[[IntArray], IntArray]
+) -> Recording:
+    """change: from (n,) stamps of any one topic or edge of the stream to new ones."""
+
+    def restamped(messages: Messages) -> Messages:
+        if messages.stamps_ns.size == 0:
+            return messages
+        return replace(messages, stamps_ns=change(messages.stamps_ns))
+
+    return with_streams(recording, name, restamped)
+
+
+def require_wheels(recording: Recording) -> None:
+    """Raises CannotInject for a recording without odometry and counters."""
+    if not recording.odometries and not recording.ticks:
+        raise CannotInject(f"{recording.name} has neither odometry nor wheel counters")
+
+
+def is_odometry(edge: TransformEdge) -> bool:
+    """Whether this is the moving edge that the wheels publish."""
+    return not edge.is_static and edge.parent.strip("/") == ODOMETRY_FRAME
+
+
+def kept(messages: Messages, which: BoolArray | IntArray) -> Messages:
+    """Some messages of a topic or edge, or all in another order."""
+    rows = np.arange(messages.stamps_ns.size)[which]
+    per_message: dict[str, object] = {}
+    for name in PER_MESSAGE:
+        value = getattr(messages, name, None)
+        if isinstance(value, np.ndarray):
+            per_message[name] = value[rows]
+        elif value is not None:
+            per_message[name] = [value[row] for row in rows]
+    return replace(messages, **per_message)  # type: ignore[arg-type]
+
+
+PER_MESSAGE = (
+    "stamps_ns",
+    "received_ns",
+    "layout_of",
+    "ranges_m",
+    "intensities",
+    "angular_velocity_rad_s",
+    "linear_acceleration_m_s2",
+    "orientation_xyzw",
+    "positions_m",
+    "quats_xyzw",
+    "linear_m_s",
+    "angular_rad_s",
+    "ticks",
+    "positions_rad",
+    "velocities_rad_s",
+)
+"""The fields that have a row for each message."""

@@ -1,0 +1,151 @@
+"""Faults of the ranges themselves, and of what a scan declares about them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import ClassVar, Literal
+
+import numpy as np
+from pydantic import Field
+
+from slamsim.recording import RawScans, Recording, ScanLayout
+from slamsim.sensors.faults.base import CannotInject, Fault
+from slamsim.sensors.faults.edit import with_layouts, with_ranges
+from slamsim.types import Float32Array
+
+
+class NoReturn(Fault):
+    """A number that could be a range stands for no return."""
+
+    kind: Literal["no_return"]
+    reads: Literal["zero", "range_max"]
+    """What stands there."""
+
+    def inject(self, recording: Recording, rng: np.random.Generator) -> Recording:
+        def marked(ranges_m: Float32Array, scans: RawScans) -> Float32Array:
+            layout = scans.layout(0)
+            nothing = ~np.isfinite(ranges_m) | (ranges_m > layout.range_max_m)
+            if not nothing.any():
+                raise CannotInject(f"every beam of {recording.name} returns")
+            mark = 0.0 if self.reads == "zero" else layout.range_max_m
+            return np.where(nothing, np.float32(mark), ranges_m)
+
+        return with_ranges(recording, marked)
+
+
+class RangeUnit(Fault):
+    """Ranges are not in metres, the limits are."""
+
+    SIZE: ClassVar[str | None] = "factor"
+    kind: Literal["range_unit"]
+    factor: float = Field(gt=0.0, le=1e6)
+    """How many of the unit are a metre."""
+
+    def inject(self, recording: Recording, rng: np.random.Generator) -> Recording:
+        return with_ranges(recording, lambda ranges, _: ranges * np.float32(self.factor))
+
+
+class RangeOffset(Fault):
+    """Every range is too long, or too short, by the same."""
+
+    SIZE: ClassVar[str | None] = "offset_m"
+    kind: Literal["range_offset"]
+    offset_m: float = Field(ge=-10.0, le=10.0)
+    """Read less true."""
+
+    def inject(self, recording: Recording, rng: np.random.Generator) -> Recording:
+        return with_ranges(recording, lambda ranges, _: ranges + np.float32(self.offset_m))
+
+
+class RangeLimits(Fault):
+    """The declared limits do not hold what is read."""
+
+    SIZE: ClassVar[str | None] = "range_max_m"
+    kind: Literal["range_limits"]
+    range_max_m: float = Field(gt=0.0, le=1e4)
+    """Declared instead of the right one."""
+
+    def inject(self, recording: Recording, rng: np.random.Generator) -> Recording:
+        return with_layouts(
+            recording,
+            lambda layout: replace(layout, range_max_m=self.range_max_m),
+        )
+
+
+class BeamsBlind(Fault):
+    """Neighbouring beams always see the robot itself, or nothing."""
+
+    SIZE: ClassVar[str | None] = "share"
+    kind: Literal["beams_blind"]
+    share: float = Field(gt=0.0, lt=1.0)
+    """Of the beams, at a quarter of the scan."""
+    sees: Literal["robot", "nothing"]
+    """A part of the robot 0.2 m away, with a millimetre of noise; or nothing."""
+
+    def inject(self, recording: Recording, rng: np.random.Generator) -> Recording:
+        def blinded(ranges_m: Float32Array, scans: RawScans) -> Float32Array:
+            beams = ranges_m.shape[1]
+            first, count = beams // 4, max(round(self.share * beams), 1)
+            part = ranges_m[:, first : first + count]
+            part[:] = np.inf if self.sees == "nothing" else rng.normal(0.2, 0.001, part.shape)
+            return ranges_m
+
+        return with_ranges(recording, blinded)
+
+
+class ScanStuck(Fault):
+    """The last scan comes again and again, for a while at a time."""
+
+    SIZE: ClassVar[str | None] = "stuck_s"
+    kind: Literal["scan_stuck"]
+    stuck_s: float = Field(gt=0.0, le=1e4)
+    """How long each time."""
+    times: int = Field(default=3, ge=1, le=1000)
+    """How often, evenly spread over the recording."""
+
+    def inject(self, recording: Recording, rng: np.random.Generator) -> Recording:
+        def stuck(ranges_m: Float32Array, scans: RawScans) -> Float32Array:
+            stamps = scans.stamps_ns
+            first, last = float(stamps[0]), float(stamps[-1])
+            source = np.arange(stamps.size)
+            for start in first + (last - first) * np.arange(1, self.times + 1) / (self.times + 1):
+                again = (stamps >= start) & (stamps < start + self.stuck_s * 1e9)
+                source[again] = source[again].min(initial=stamps.size)
+            return ranges_m[source]
+
+        return with_ranges(recording, stuck)
+
+
+class Interference(Fault):
+    """Another lidar or the sun makes single beams read too little."""
+
+    SIZE: ClassVar[str | None] = "share"
+    kind: Literal["interference"]
+    share: float = Field(gt=0.0, le=1.0)
+    """Of the beams that read anything between the minimum and what is there."""
+
+    def inject(self, recording: Recording, rng: np.random.Generator) -> Recording:
+        def disturbed(ranges_m: Float32Array, scans: RawScans) -> Float32Array:
+            low = scans.layout(0).range_min_m
+            hit = rng.random(ranges_m.shape) < self.share
+            reach = np.where(np.isfinite(ranges_m), ranges_m, 10.0)
+            stray = low + rng.random(ranges_m.shape) * np.maximum(reach - low, 0.0)
+            return np.where(hit, stray, ranges_m).astype(np.float32)
+
+        return with_ranges(recording, disturbed)
+
+
+class ScanLayoutWrong(Fault):
+    """The declared end of the scan does not fit the number of its beams."""
+
+    SIZE: ClassVar[str | None] = "beams"
+    kind: Literal["scan_layout"]
+    beams: int = Field(ge=-100_000, le=100_000)
+    """How many beams more the declared angles would have."""
+
+    def inject(self, recording: Recording, rng: np.random.Generator) -> Recording:
+        def stretched(layout: ScanLayout) -> ScanLayout:
+            end = layout.angle_max_rad + self.beams * layout.angle_step_rad
+            return replace(layout, angle_max_rad=end)
+
+        return with_layouts(recording, stretched)

@@ -1,0 +1,81 @@
+"""All kinds of faults, and the files that say which of them there are."""
+
+from __future__ import annotations
+
+import difflib
+import inspect
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, get_args
+
+from slamsim.config.bundled import bundled_names, find_input
+from slamsim.config.loading import load_model
+from slamsim.safe.errors import InputRefused, SlamsimError, shown
+from slamsim.safe.yaml import load_yaml
+from slamsim.sensors.faults import (  # noqa: F401  each registers its kinds by being there
+    beam_times,
+    description,
+    imu,
+    laser,
+    ranges,
+    stamps,
+    transforms,
+    wheels,
+)
+from slamsim.sensors.faults.base import Fault
+
+
+def _subclasses(parent: type[Any]) -> Iterator[type[Fault]]:
+    """Those that can be made."""
+    for child in parent.__subclasses__():
+        if not inspect.isabstract(child):
+            yield child
+        yield from _subclasses(child)
+
+
+KINDS: dict[str, type[Fault]] = {
+    get_args(kind.model_fields["kind"].annotation)[0]: kind for kind in _subclasses(Fault)
+}
+"""Every kind under the name that a file gives it."""
+
+
+def load_fault(name_or_path: str) -> Fault:
+    """The fault of that file, or the bundled one of that name.
+
+    Raises NotFound naming the nearest, InputRefused for a file that describes none.
+    """
+    path = find_input("configs/faults", name_or_path)
+    return load_model(_kind_of(path), path)
+
+
+def chosen_fault(text: str) -> Fault:
+    """``NAME`` or ``NAME:SIZE`` as it is typed. Raises SlamsimError."""
+    name, colon, size = text.rpartition(":")
+    if not colon:
+        return load_fault(text)
+    try:
+        number = float(size)
+    except ValueError:
+        raise SlamsimError(
+            f"--fault {shown(text)}: the size {shown(size)} is not a number"
+        ) from None
+    return load_fault(name).with_size(number)
+
+
+def bundled_faults() -> tuple[Fault, ...]:
+    """All that come with the package, sorted by name."""
+    return tuple(load_fault(name) for name in bundled_names("configs/faults"))
+
+
+def _kind_of(path: Path) -> type[Fault]:
+    document = load_yaml(path)
+    data = document.data
+    if not isinstance(data, dict) or "kind" not in data:
+        raise InputRefused(path, f"the key 'kind' is missing; it is one of {', '.join(KINDS)}")
+    kind = data["kind"]
+    if kind not in KINDS:
+        near = difflib.get_close_matches(str(kind), KINDS, n=1)
+        hint = f"did you mean {near[0]!r}?" if near else f"the kinds are {', '.join(KINDS)}"
+        line = document.line_of(("kind",))
+        raise InputRefused(path, f"there is no kind {shown(kind)}; {hint}", f"line {line}, kind")
+    return KINDS[kind]

@@ -1,0 +1,200 @@
+"""Faults of the clock: what the stamps of one stream say, and when its messages are received."""
+
+from __future__ import annotations
+
+from abc import ABC
+from dataclasses import replace
+from typing import ClassVar, Literal
+
+import numpy as np
+from pydantic import Field
+
+from slamsim.recording import Recording
+from slamsim.sensors.faults.base import CannotInject, Fault
+from slamsim.sensors.faults.edit import Messages, StreamName, kept, with_stamps, with_streams
+from slamsim.types import IntArray
+
+_NS = 1e9
+
+
+class StampsFault(Fault, ABC):
+    """A fault of one stream's stamps."""
+
+    stream: StreamName
+    """Whose: lidar, imu or wheels (counters, joints, odometry and its transform)."""
+
+
+class TimeOffset(StampsFault):
+    """All stamps are late, or early, by the same."""
+
+    SIZE: ClassVar[str | None] = "offset_s"
+    kind: Literal["time_offset"]
+    offset_s: float = Field(ge=-1e10, le=1e10)
+    """Stamp less the right one."""
+
+    def inject(self, recording: Recording, rng: np.random.Generator) -> Recording:
+        offset_ns = round(self.offset_s * _NS)
+        return with_stamps(recording, self.stream, lambda stamps: stamps + offset_ns)
+
+
+class FramesLate(StampsFault):
+    """Messages carry the stamps of later ones: the data have waited in a queue."""
+
+    SIZE: ClassVar[str | None] = "messages"
+    kind: Literal["frames_late"]
+    messages: int = Field(ge=1, le=1000)
+    """By how many periods the stamp is too late."""
+
+    def inject(self, recording: Recording, rng: np.random.Generator) -> Recording:
+        def delayed(stamps: IntArray) -> IntArray:
+            period_ns = _period_ns(stamps)
+            ends = stamps[-1:] + period_ns * np.arange(1, self.messages + 1)
+            return np.concatenate([stamps, ends])[self.messages :]
+
+        return with_stamps(recording, self.stream, delayed)
+
+
+class ClockDrift(StampsFault):
+    """The stream's clock runs too fast or too slow."""
+
+    SIZE: ClassVar[str | None] = "drift_ppm"
+    kind: Literal["clock_drift"]
+    drift_ppm: float = Field(ge=-1e5, le=1e5)
+    """Microseconds gained in each second."""
+
+    def inject(self, recording: Recording, rng: np.random.Generator) -> Recording:
+        def drifting(stamps: IntArray) -> IntArray:
+            gained = (stamps - stamps[:1]) * (self.drift_ppm * 1e-6)
+            return np.asarray(stamps + np.rint(gained).astype(np.int64))
+
+        return with_stamps(recording, self.stream, drifting)
+
+
+class StampsQuantised(StampsFault):
+    """Stamps are rounded down to a coarse clock's ticks."""
+
+    SIZE: ClassVar[str | None] = "step_s"
+    kind: Literal["stamps_quantised"]
+    step_s: float = Field(gt=0.0, le=10.0)
+    """From one tick of the clock to the next."""
+
+    def inject(self, recording: Recording, rng: np.random.Generator) -> Recording:
+        step_ns = max(round(self.step_s * _NS), 1)
+        return with_stamps(recording, self.stream, lambda stamps: stamps // step_ns * step_ns)
+
+
+class StampsJitter(StampsFault):
+    """The stamp is that of publishing: later than the measurement by a changing delay."""
+
+    SIZE: ClassVar[str | None] = "delay_s"
+    kind: Literal["stamps_jitter"]
+    delay_s: float = Field(gt=0.0, le=10.0)
+    """Mean of the exponentially distributed delay."""
+
+    def inject(self, recording: Recording, rng: np.random.Generator) -> Recording:
+        delays: dict[int, IntArray] = {}
+
+        def published(stamps: IntArray) -> IntArray:
+            if stamps.size not in delays:  # topics of one driver are published together
+                late_ns = rng.exponential(self.delay_s * _NS, stamps.size).astype(np.int64)
+                delays[stamps.size] = late_ns
+            return np.asarray(np.maximum.accumulate(stamps + delays[stamps.size]))
+
+        return with_stamps(recording, self.stream, published)
+
+
+class StampsRepeated(StampsFault):
+    """Some messages carry the stamp of the one before."""
+
+    SIZE: ClassVar[str | None] = "share"
+    kind: Literal["stamps_repeated"]
+    share: float = Field(gt=0.0, le=1.0)
+    """Of the messages; evenly spread: 0.5 is every second one."""
+
+    def inject(self, recording: Recording, rng: np.random.Generator) -> Recording:
+        def repeated(stamps: IntArray) -> IntArray:
+            count = np.floor(np.arange(stamps.size) * self.share)
+            again = np.flatnonzero(np.diff(count) > 0) + 1
+            source = np.arange(stamps.size)
+            source[again] = again - 1
+            return stamps[source]
+
+        return with_stamps(recording, self.stream, repeated)
+
+
+class StampsBackward(StampsFault):
+    """Single stamps lie before the one that came before."""
+
+    SIZE: ClassVar[str | None] = "share"
+    kind: Literal["stamps_backward"]
+    share: float = Field(gt=0.0, le=1.0)
+    """Of the messages that step back, by one and a half periods."""
+
+    def inject(self, recording: Recording, rng: np.random.Generator) -> Recording:
+        def stepped(stamps: IntArray) -> IntArray:
+            back = rng.random(stamps.size) < self.share
+            back[stamps.size // 2 :][:1] = True  # at least one
+            return stamps - np.where(back, round(1.5 * _period_ns(stamps)), 0)
+
+        return with_stamps(recording, self.stream, stepped)
+
+
+class StampsInvented(StampsFault):
+    """A converter has numbered the messages that it had at a constant rate, lost ones forgotten."""
+
+    SIZE: ClassVar[str | None] = "lost_share"
+    kind: Literal["stamps_invented"]
+    lost_share: float = Field(ge=0.0, lt=1.0)
+    """Of the messages that were lost before, in runs of ten."""
+
+    def inject(self, recording: Recording, rng: np.random.Generator) -> Recording:
+        def renumbered(messages: Messages) -> Messages:
+            first = rng.random(messages.stamps_ns.size) < self.lost_share / 10.0
+            lost = np.convolve(first, np.ones(10))[: messages.stamps_ns.size] > 0.0
+            messages = kept(messages, ~lost)
+            stamps = messages.stamps_ns
+            even = stamps[:1] + np.arange(stamps.size) * _period_ns(stamps)
+            return replace(messages, stamps_ns=even, received_ns=even.copy())
+
+        return with_streams(recording, self.stream, renumbered)
+
+
+class StreamGaps(StampsFault):
+    """Messages are missing, for a while at a time."""
+
+    SIZE: ClassVar[str | None] = "gap_s"
+    kind: Literal["stream_gaps"]
+    gap_s: float = Field(gt=0.0, le=1000.0)
+    """Length of each gap."""
+    gaps: int = Field(default=3, ge=1, le=1000)
+    """How many, evenly spread over the recording."""
+
+    def inject(self, recording: Recording, rng: np.random.Generator) -> Recording:
+        def with_gaps(messages: Messages) -> Messages:
+            first, last = float(messages.stamps_ns[0]), float(messages.stamps_ns[-1])
+            middles = first + (last - first) * (np.arange(self.gaps) + 1.0) / (self.gaps + 1.0)
+            away = np.abs(messages.stamps_ns[:, None] - middles) < 0.5 * self.gap_s * _NS
+            return kept(messages, np.asarray(~away.any(axis=1)))
+
+        return with_streams(recording, self.stream, with_gaps)
+
+
+class ReceivedOtherwise(StampsFault):
+    """Messages are received long after their stamp, or before it."""
+
+    SIZE: ClassVar[str | None] = "by_s"
+    kind: Literal["received_otherwise"]
+    by_s: float = Field(ge=-1e4, le=1e4)
+    """By how much later they are received."""
+
+    def inject(self, recording: Recording, rng: np.random.Generator) -> Recording:
+        def moved(messages: Messages) -> Messages:
+            if messages.received_ns is None:
+                raise CannotInject(f"{recording.name} does not say when messages were received")
+            return replace(messages, received_ns=messages.received_ns + round(self.by_s * _NS))
+
+        return with_streams(recording, self.stream, moved)
+
+
+def _period_ns(stamps_ns: IntArray) -> int:
+    return int(np.median(np.diff(stamps_ns))) if stamps_ns.size > 1 else 0
