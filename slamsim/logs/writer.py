@@ -28,7 +28,7 @@ MCAP_NAME = "log_0.mcap"
 METADATA_RECORD = "slamsim"
 TRUTH_TOPIC = "/ground_truth/odom"
 
-_CLOCK_RATE_HZ = 50.0
+CLOCK_RATE_HZ = 50.0
 _COMMAND_RATE_HZ = 20.0
 _TYPES = {
     "/robot_description": "std_msgs/msg/String",
@@ -167,7 +167,7 @@ class LogWriter:
         )
 
     def _add_drive(self, window: Drive) -> None:
-        clock = at_rate(window.stamps_ns, self._last_ns, _CLOCK_RATE_HZ)
+        clock = at_rate(window.stamps_ns, self._last_ns, CLOCK_RATE_HZ)
         ticking_ns = window.stamps_ns[clock]
         self._add("/clock", ticking_ns, messages.clocks(ticking_ns))
         command = at_rate(window.stamps_ns, self._last_ns, _COMMAND_RATE_HZ)

@@ -1,0 +1,173 @@
+"""A recording that is never written: what ``read_recording`` would give of the file."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import fields
+
+import numpy as np
+
+from slamsim.geometry import xyzw_from_matrix
+from slamsim.logs.recorded import OdometryTail, WheelMotion, at_rate
+from slamsim.logs.writer import CLOCK_RATE_HZ, LogHeader
+from slamsim.recording import (
+    RawImu,
+    RawJoints,
+    RawOdometry,
+    RawScans,
+    RawTicks,
+    Recording,
+    ScanLayout,
+    TransformEdge,
+)
+from slamsim.sensors.readings import Readings, ScanBatch
+from slamsim.types import Drive, EncoderStream, IntArray
+
+
+def recording_from_readings(
+    name: str, readings: Sequence[Readings], windows: Sequence[Drive], header: LogHeader
+) -> Recording:
+    """The same topics, frames and numbers as a ``LogWriter`` writes of these windows.
+
+    readings: of each window, in order; a stream without a single sample is left out. Numbers
+    that a message holds in single precision are kept in it. The truth is not part of it.
+    """
+    stamps_ns = np.concatenate([window.stamps_ns for window in windows])
+    ticking = stamps_ns[at_rate(stamps_ns, None, CLOCK_RATE_HZ)]
+    wheels = _wheels(readings, header)
+    return Recording(
+        name=name,
+        format="memory",
+        scans=_scans([part.scans for part in readings if len(part.scans)], header),
+        imus=_imus(readings),
+        odometries=wheels.odometries,
+        ticks=wheels.ticks,
+        joints=wheels.joints,
+        transforms=(*wheels.transforms, *_fixed(header, int(stamps_ns[0]))),
+        robot_description=header.robot_description,
+        clock_ns=np.column_stack([ticking, ticking]),
+        epoch=header.epoch,
+    )
+
+
+def _scans(batches: Sequence[ScanBatch], header: LogHeader) -> tuple[RawScans, ...]:
+    if not batches:
+        return ()
+    geometry = batches[0].geometry
+    last = geometry.angle_min_rad + (geometry.beam_count - 1) * geometry.angle_step_rad
+    declared = (
+        geometry.angle_min_rad,
+        last,
+        geometry.angle_step_rad,
+        geometry.beam_dt_ns * 1e-9,
+        1.0 / header.scan_rate_hz,
+        geometry.range_min_m,
+        geometry.range_max_m,
+    )
+    stamps_ns = np.concatenate([batch.stamps_ns for batch in batches])
+    strengths = [batch.intensities for batch in batches if batch.intensities is not None]
+    return (
+        RawScans(
+            topic="/scan",
+            frame_ids=(geometry.frame_id,),
+            stamps_ns=stamps_ns,
+            received_ns=np.concatenate([batch.arrival_ns for batch in batches]),
+            layouts=(ScanLayout(*(float(np.float32(value)) for value in declared)),),
+            layout_of=np.zeros(stamps_ns.size, dtype=np.int32),
+            ranges_m=np.concatenate([batch.ranges_m for batch in batches]),
+            intensities=np.concatenate(strengths) if strengths else None,
+        ),
+    )
+
+
+def _imus(readings: Sequence[Readings]) -> tuple[RawImu, ...]:
+    batches = [part.imu for part in readings if len(part.imu)]
+    if not batches:
+        return ()
+    streams = [batch.stream for batch in batches]
+    return (
+        RawImu(
+            topic="/imu/data",
+            frame_ids=(streams[0].frame_id,),
+            stamps_ns=np.concatenate([stream.stamps_ns for stream in streams]),
+            received_ns=np.concatenate([batch.arrival_ns for batch in batches]),
+            angular_velocity_rad_s=np.concatenate([s.angular_velocity_rad_s for s in streams]),
+            linear_acceleration_m_s2=np.concatenate([s.linear_acceleration_m_s2 for s in streams]),
+        ),
+    )
+
+
+def _wheels(readings: Sequence[Readings], header: LogHeader) -> Recording:
+    """All that the driver of the wheels publishes."""
+    batches = [part.encoders for part in readings if len(part.encoders)]
+    if not batches:
+        return Recording("", "memory")
+    received_ns = np.concatenate([batch.arrival_ns for batch in batches])
+    first = batches[0].stream
+    stream = EncoderStream(
+        np.concatenate([batch.stream.stamps_ns for batch in batches]),
+        np.concatenate([batch.stream.ticks for batch in batches]),
+        first.ticks_per_revolution,
+        first.wheel_radius_m,
+        first.track_m,
+    )
+    tail = OdometryTail()
+    motion = _joined([tail.extend(batch.stream) for batch in batches])
+    stamps_ns, base = stream.stamps_ns, header.base_frame
+    ticks = RawTicks(
+        "/encoder_ticks",
+        (base,),
+        stamps_ns,
+        received_ns,
+        stream.ticks,
+        stream.ticks_per_revolution,
+        stream.wheel_radius_m,
+        stream.track_m,
+    )
+    joints = RawJoints(
+        "/joint_states",
+        ("",),
+        stamps_ns,
+        received_ns,
+        header.wheel_joints,
+        motion.angles_rad,
+        motion.speeds_rad_s,
+    )
+    poses = (motion.positions_m, motion.quats_xyzw)
+    odometry = RawOdometry(
+        "/odom",
+        (header.odom_frame,),
+        stamps_ns,
+        received_ns,
+        (base,),
+        *poses,
+        motion.linear_m_s,
+        motion.angular_rad_s,
+    )
+    moving = TransformEdge("/tf", header.odom_frame, base, False, stamps_ns, received_ns, *poses)
+    return Recording(
+        "", "memory", odometries=(odometry,), ticks=(ticks,), joints=(joints,), transforms=(moving,)
+    )
+
+
+def _joined(parts: Sequence[WheelMotion]) -> WheelMotion:
+    return WheelMotion(
+        *(np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(WheelMotion))
+    )
+
+
+def _fixed(header: LogHeader, first_ns: int) -> tuple[TransformEdge, ...]:
+    at_start: IntArray = np.array([first_ns], dtype=np.int64)
+    return tuple(
+        TransformEdge(
+            "/tf_static",
+            edge.parent,
+            edge.child,
+            True,
+            at_start,
+            at_start,
+            edge.T_parent_child[None, :3, 3],
+            xyzw_from_matrix(edge.T_parent_child[:3, :3])[None],
+        )
+        for edge in header.static_transforms
+    )
