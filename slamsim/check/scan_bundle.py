@@ -1,0 +1,256 @@
+"""All scans of a window and all surfaces they share solved at once, and the shape of the scans.
+
+Surfaces are straight lines, refitted at every pose (variable projection, Golub & Pereyra 1973) and
+eliminated as in ``slam.bundle_equations``. What pulls at the shape of all scans is left when
+the poses have been eliminated too.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from slamsim.check.scan_equations import POSE, SHAPES, moved_points, window_system
+from slamsim.check.scan_sweep import beams_of, local_motion, moved_pieces, share_of_piece
+from slamsim.check.scan_track import Track
+from slamsim.geometry import compose
+from slamsim.result import GraphEdge
+from slamsim.slam.association import Shared, share_surfaces
+from slamsim.slam.bundle_equations import fit_lines, residuals
+from slamsim.slam.matching.surfaces import BEAMS, SCATTER_XX, SCATTER_XY, SCATTER_YY, X, Y
+from slamsim.types import FloatArray, IntArray
+
+ROUNDS = ((0.06, 12.0, 3), (0.03, 4.0, 6))
+"""Associations: how far apart across a surface its observations may lie, from how many standard
+deviations on they are doubted, and how many steps are taken."""
+
+NOISE_BEAMS = 5.0
+"""The noise of a range as known beforehand counts as much as so many beams of a piece."""
+
+FAINT = 1.0
+"""Information on a step of a pose that nothing else holds: metres and radians."""
+
+MEDIAN_CHI2 = 2.0 * np.log(2.0)
+"""Of the two distances that a piece has from its line."""
+
+SMOOTH_M = 0.001
+"""How straight surfaces are at best."""
+
+SMALL_STEP = 2e-5
+LEAST_REDUNDANCY = 0.2
+INLIER_SIGMAS = 4.0
+OTHER_SIGMAS = 3.0
+"""A shape is kept as declared unless the scans contradict it by this many standard deviations."""
+
+MAX_STEP = np.array([0.25, 0.1, 0.5])
+"""Seconds of the sweep, relative angle, metres: the shape moves no further at a time."""
+
+
+@dataclass(frozen=True, slots=True)
+class Shape:
+    """sweep_s: from the first beam to the last. angle_scale: true over taken angle between beams.
+    range_offset_m: by how much ranges are too long."""
+
+    sweep_s: float
+    angle_scale: float
+    range_offset_m: float
+
+    def moved(self, step: FloatArray) -> Shape:
+        """Another shape, a step (3,) away."""
+        return Shape(
+            self.sweep_s + float(step[0]),
+            self.angle_scale + float(step[1]),
+            self.range_offset_m + float(step[2]),
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WindowFit:
+    """A window solved for a given shape.
+
+    poses: (n, 3). covariance: (3n, 3n) of small steps of each laser in its own frame.
+    inlier_share: (n,). information, pull: (3, 3) and (3,) of a step of the shape with the poses
+    following. unit: variance of residuals over what was expected.
+    """
+
+    poses: FloatArray
+    covariance: FloatArray
+    inlier_share: FloatArray
+    information: FloatArray
+    pull: FloatArray
+    unit: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ShapePull:
+    """What all windows (w) say of the shape: information (w, 3, 3) and pull (w, 3)."""
+
+    information: FloatArray
+    pull: FloatArray
+
+    @staticmethod
+    def of(fits: list[WindowFit]) -> ShapePull:
+        """From the fits of all windows."""
+        information = np.array([fit.information for fit in fits]).reshape(-1, SHAPES, SHAPES)
+        return ShapePull(information, np.array([fit.pull for fit in fits]).reshape(-1, SHAPES))
+
+    def step(self) -> FloatArray:
+        """(3,) what all windows together want."""
+        total = self.information.sum(axis=0)
+        return np.asarray(np.linalg.pinv(total, hermitian=True) @ self.pull.sum(axis=0))
+
+    def sigmas(self) -> FloatArray:
+        """(3,) standard deviations by the scatter of the windows (sandwich)."""
+        total, count = self.information.sum(axis=0), len(self.pull)
+        if count < 3:
+            return np.full(SHAPES, np.inf)
+        bread = np.linalg.pinv(total, hermitian=True)
+        left = self.pull - self.information @ self.step()
+        meat = left.T @ left * (count / (count - 1.0))
+        plain, robust = np.diag(bread), np.diag(bread @ meat @ bread)
+        return np.asarray(np.sqrt(np.maximum(np.maximum(plain, robust), 1e-18)))
+
+    def better(self, shape: Shape) -> Shape | None:
+        """The shape that the scans ask for, None if this one will do."""
+        if not len(self.pull):
+            return None
+        step, sigmas = self.step(), self.sigmas()
+        wanted = np.abs(step) > OTHER_SIGMAS * sigmas
+        if not wanted.any():
+            return None
+        return shape.moved(np.clip(np.where(wanted, step, 0.0), -MAX_STEP, MAX_STEP))
+
+
+def fit_window(track: Track, shape: Shape) -> WindowFit:
+    """The most likely poses of a window's scans if they are of this shape."""
+    seen = _observations(track)
+    poses = track.poses
+    for gate_m, doubted, steps in ROUNDS:
+        shared = _shared(track, poses, shape, gate_m)
+        used = seen.only(shared.pieces)
+        for _ in range(steps):
+            solved = _solve(used, shared, poses, shape, (track.elapsed_s, doubted))
+            step, fit = solved
+            poses = compose(poses, step)
+            if np.abs(step).max() < SMALL_STEP:
+                break
+    return replace(fit, poses=poses)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Observations:
+    """points: (k, 2, 2) two points that have the mean of each piece and its spread along the
+    surface, as the scan has them. shares, angles: (k, 2) when and where in the sweep, from the
+    middle beam. variance: (k,) of the mean across the surface. views: (k,) the scan."""
+
+    points: FloatArray
+    shares: FloatArray
+    angles: FloatArray
+    variance: FloatArray
+    views: IntArray
+
+    def only(self, some: IntArray) -> _Observations:
+        """Some of them, in that order."""
+        return _Observations(
+            self.points[some],
+            self.shares[some],
+            self.angles[some],
+            self.variance[some],
+            self.views[some],
+        )
+
+
+def _observations(track: Track) -> _Observations:
+    pieces = np.concatenate(track.pieces)
+    views = np.repeat(np.arange(len(track.pieces)), [len(one) for one in track.pieces])
+    beams = pieces[:, BEAMS]
+    xx, xy, yy = pieces[:, SCATTER_XX], pieces[:, SCATTER_XY], pieces[:, SCATTER_YY]
+    middle, root = 0.5 * (xx + yy), np.hypot(0.5 * (xx - yy), xy)
+    axis = 0.5 * np.arctan2(2.0 * xy, xx - yy)
+    half = np.sqrt((middle + root) / beams)[:, None] * np.stack([np.cos(axis), np.sin(axis)], 1)
+    across = np.maximum(middle - root, 0.0) + NOISE_BEAMS * track.noise_m**2
+    mean = pieces[:, [X, Y]]
+    points = np.stack([mean - half, mean + half], axis=1)
+    shares = [
+        share_of_piece(points[views == k], beams_of(one, sweep), sweep)
+        for k, (one, sweep) in enumerate(zip(track.pieces, track.sweeps, strict=True))
+    ]
+    span = np.array([sweep.step_rad * (sweep.beams - 1) for sweep in track.sweeps])[views]
+    share = np.concatenate(shares)
+    return _Observations(
+        points=points,
+        shares=share,
+        angles=share * span[:, None],
+        variance=across / (beams + NOISE_BEAMS - 2.0) / beams + SMOOTH_M**2,
+        views=views.astype(np.int64),
+    )
+
+
+def _shared(track: Track, poses: FloatArray, shape: Shape, gate_m: float) -> Shared:
+    """Which pieces are of one surface, as seen from the middle of each sweep."""
+    motion = local_motion(poses, track.elapsed_s)
+    moved = [
+        moved_pieces(piece, beams_of(piece, sweep), own, shape.sweep_s)
+        for piece, sweep, own in zip(track.pieces, track.sweeps, motion, strict=True)
+    ]
+    sure = 1e-8 * np.eye(3)
+    chain = [GraphEdge(k, k + 1, np.zeros(3), sure, "match") for k in range(len(poses) - 1)]
+    return share_surfaces([one.astype(np.float32) for one in moved], poses, gate_m, chain)
+
+
+def _solve(
+    seen: _Observations,
+    shared: Shared,
+    poses: FloatArray,
+    shape: Shape,
+    how: tuple[FloatArray, float],
+) -> tuple[FloatArray, WindowFit]:
+    """A step of Gauss and Newton (n, 3), the first pose held, and what the fit is worth."""
+    elapsed_s, doubted = how
+    points, change = moved_points(
+        seen.points,
+        (seen.shares, seen.angles, seen.views),
+        poses,
+        local_motion(poses, elapsed_s),
+        (shape.sweep_s, shape.angle_scale, shape.range_offset_m),
+    )
+    weights = 0.5 / seen.variance
+    off = residuals(points, shared.starts, fit_lines(points, weights, shared.starts))
+    chi2 = np.square(off).sum(axis=1) * weights
+    unknowns = 2.0 * (len(shared.starts) - 1) + POSE * len(poses)
+    redundancy = max(1.0 - unknowns / (2.0 * len(chi2)), LEAST_REDUNDANCY)
+    unit = max(float(np.median(chi2)) / MEDIAN_CHI2 / redundancy, 1e-3)
+    weights = weights / unit / np.square(1.0 + chi2 / unit / doubted**2)
+    lines = fit_lines(points, weights, shared.starts)
+    everything = window_system(
+        (points, change, weights, seen.views), shared.starts, lines, len(poses)
+    )
+    inside = chi2 / unit < INLIER_SIGMAS**2
+    inliers = np.bincount(seen.views, inside, len(poses)) / np.maximum(
+        np.bincount(seen.views, minlength=len(poses)), 1
+    )
+    return _reduced(*everything, poses, unit, inliers)
+
+
+def _reduced(
+    system: FloatArray, right: FloatArray, poses: FloatArray, unit: float, inliers: FloatArray
+) -> tuple[FloatArray, WindowFit]:
+    """Poses from the whole system, and what is left for the shape."""
+    size = POSE * len(poses)
+    free, ours = slice(POSE, size), slice(size, None)
+    inner = system[free, free] + np.eye(size - POSE) * FAINT
+    inverse = np.linalg.inv(inner)
+    step = np.concatenate([np.zeros(POSE), inverse @ right[free]]).reshape(-1, POSE)
+    follow = system[ours, free] @ inverse
+    covariance = np.zeros((size, size))
+    covariance[free, free] = inverse
+    fit = WindowFit(
+        poses=poses,
+        covariance=covariance,
+        inlier_share=inliers,
+        information=system[ours, ours] - follow @ system[free, ours],
+        pull=right[ours] - follow @ right[free],
+        unit=unit,
+    )
+    return step, fit

@@ -1,0 +1,203 @@
+"""How a lidar moved, by its scans alone.
+
+Nothing else in the recording is believed: no gyroscope, no wheels, no transform. Scans are
+matched within short windows, and what the lidar declares of its beams is estimated along.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from slamsim.check.scan_beams import BeamReader
+from slamsim.check.scan_bundle import Shape, ShapePull, WindowFit, fit_window
+from slamsim.check.scan_track import Track, track_window
+from slamsim.check.scan_windows import choose_windows, period_s
+from slamsim.geometry import between
+from slamsim.recording import RawScans
+from slamsim.types import FloatArray, IntArray
+
+MAX_PASSES = 4
+MIN_SCANS = 4
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ScanWindow:
+    """Scans of a few seconds in one frame.
+
+    scans: (n,) their indices in the recording. middle_ns: (n,) when each scan's middle beam fired,
+    as the scan declares. T_window_laser: (n, 3) the laser at that instant, in the frame of the
+    first scan. covariance: (3n, 3n) of small steps of each laser in its own frame, the first scan
+    being exact. inlier_share: (n,) share of the surfaces of each scan that fit.
+    """
+
+    scans: IntArray
+    middle_ns: IntArray
+    T_window_laser: FloatArray
+    covariance: FloatArray
+    inlier_share: FloatArray
+
+    def steps(self) -> tuple[FloatArray, FloatArray]:
+        """(n - 1, 3) motion from each scan to the next, and its information (n - 1, 3, 3) as a
+        small step of the later laser in its own frame."""
+        T_first_second = between(self.T_window_laser[:-1], self.T_window_laser[1:])
+        return T_first_second, _step_information(T_first_second, self.covariance)
+
+
+@dataclass(frozen=True, slots=True)
+class ShapeEstimate:
+    """A number of the beams that overlapping scans tell, and what the lidar declares.
+
+    sigma: infinite where nothing tells it.
+    """
+
+    value: float
+    sigma: float
+    declared: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ScanMotions:
+    """What the scans of one lidar say of its motion and of themselves.
+
+    metres_per_unit: by what ranges were multiplied to make a room of them; 1 unless they are in
+    no metres. Windows are in the recorded unit. radians_per_unit: likewise for angles.
+    sweep_s: from the first beam to the last. angle_step: relative to the declared one, 1 where it
+    is right. range_offset_m: by how much ranges are too long. weak: why there is little or nothing.
+    """
+
+    topic: str
+    windows: tuple[ScanWindow, ...]
+    metres_per_unit: float
+    radians_per_unit: float
+    sweep_s: ShapeEstimate
+    angle_step: ShapeEstimate
+    range_offset_m: ShapeEstimate
+    weak: str = ""
+
+    @property
+    def sweep_scale(self) -> ShapeEstimate | None:
+        """The sweep relative to the declared one: 1 as declared, 0 all beams at once, -1 reversed.
+
+        None for scans that declare all beams as of one instant.
+        """
+        declared = self.sweep_s.declared
+        if declared == 0.0:
+            return None
+        return ShapeEstimate(self.sweep_s.value / declared, self.sweep_s.sigma / abs(declared), 1.0)
+
+    @property
+    def first(self) -> IntArray:
+        """(m,) index of the earlier scan of each step from one scan of a window to the next."""
+        return _joined([window.scans[:-1] for window in self.windows]).astype(np.int64)
+
+    @property
+    def second(self) -> IntArray:
+        """(m,) index of the later scan."""
+        return _joined([window.scans[1:] for window in self.windows]).astype(np.int64)
+
+    @property
+    def T_first_second(self) -> FloatArray:  # noqa: N802
+        """(m, 3) motion between the middle beams of both."""
+        steps = [window.steps()[0] for window in self.windows]
+        return np.concatenate(steps) if steps else np.zeros((0, 3))
+
+    @property
+    def information(self) -> FloatArray:
+        """(m, 3, 3) of a small step of the later laser in its own frame."""
+        steps = [window.steps()[1] for window in self.windows]
+        return np.concatenate(steps) if steps else np.zeros((0, 3, 3))
+
+    @property
+    def window(self) -> IntArray:
+        """(m,) the window of each step."""
+        sizes = [len(window.scans) - 1 for window in self.windows]
+        return np.repeat(np.arange(len(sizes)), sizes)
+
+
+def scan_motions(scans: RawScans, activity: FloatArray | None = None) -> ScanMotions:
+    """The motion of a lidar by its scans alone.
+
+    activity: (n,) how lively the robot is at each scan, by whatever tells; windows are chosen
+    where most happens. It decides nothing else.
+    """
+    reader = BeamReader(scans)
+
+    windows = choose_windows(scans.stamps_ns, activity)
+    stamps = (scans.stamps_ns, period_s(scans.stamps_ns))
+
+    tracks = [track_window(reader, window, stamps) for window in windows]
+    tracks = [track for track in tracks if len(track.scans) >= MIN_SCANS]
+
+    shape, fits, pulls = _fit(tracks, reader)
+
+    return _motions(scans, reader, (tracks, fits), shape, pulls)
+
+
+def _fit(tracks: list[Track], reader: BeamReader) -> tuple[Shape, list[WindowFit], ShapePull]:
+    """All windows bundled, again with a better shape of the scans until nothing pulls at it."""
+    shape = Shape(reader.declared_sweep_s, 1.0, 0.0)
+    for again in range(MAX_PASSES):
+        fits = [fit_window(track, shape) for track in tracks]
+        pull = ShapePull.of(fits)
+        better = pull.better(shape)
+        if better is None or again + 1 == MAX_PASSES:
+            return shape, fits, pull
+        shape = better
+    raise AssertionError("there is at least one pass")
+
+
+def _motions(
+    scans: RawScans,
+    reader: BeamReader,
+    windows: tuple[list[Track], list[WindowFit]],
+    shape: Shape,
+    pull: ShapePull,
+) -> ScanMotions:
+    sigmas = pull.sigmas()
+    best = shape.moved(pull.step())
+    unit = reader.metres_per_unit
+    return ScanMotions(
+        topic=scans.topic,
+        windows=tuple(
+            _window(reader, track, fit, unit) for track, fit in zip(*windows, strict=True)
+        ),
+        metres_per_unit=unit,
+        radians_per_unit=reader.radians_per_unit,
+        sweep_s=ShapeEstimate(best.sweep_s, sigmas[0], reader.declared_sweep_s),
+        angle_step=ShapeEstimate(best.angle_scale, sigmas[1], 1.0),
+        range_offset_m=ShapeEstimate(best.range_offset_m, sigmas[2], 0.0),
+        weak="" if windows[0] else "no scans that fit each other",
+    )
+
+
+def _window(reader: BeamReader, track: Track, fit: WindowFit, unit: float) -> ScanWindow:
+    scale = np.tile([1.0 / unit, 1.0 / unit, 1.0], len(track.scans))
+    return ScanWindow(
+        scans=track.scans,
+        middle_ns=reader.middle_ns(track.scans),
+        T_window_laser=fit.poses * scale[:3],
+        covariance=fit.covariance * scale[:, None] * scale,
+        inlier_share=fit.inlier_share,
+    )
+
+
+def _step_information(T_first_second: FloatArray, covariance: FloatArray) -> FloatArray:
+    """A step of the first laser moves the second by the adjoint of the inverse motion."""
+    count = len(T_first_second)
+    information = np.zeros((count, 3, 3))
+    for k in range(count):
+        x, y, yaw = T_first_second[k]
+        cos, sin = np.cos(yaw), np.sin(yaw)
+        carried = np.array(
+            [[cos, sin, x * sin - y * cos], [-sin, cos, x * cos + y * sin], [0.0, 0.0, 1.0]]
+        )
+        jacobian = np.hstack([-carried, np.eye(3)])
+        block = slice(3 * k, 3 * k + 6)
+        information[k] = np.linalg.inv(jacobian @ covariance[block, block] @ jacobian.T)
+    return information
+
+
+def _joined(parts: list[IntArray]) -> IntArray:
+    return np.concatenate(parts) if parts else np.zeros(0, dtype=np.int64)

@@ -1,0 +1,89 @@
+"""Where each surface piece of a scan was seen from, if its beams fired one after the other."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from slamsim.geometry import between, wrap_angle
+from slamsim.jit import kernel
+from slamsim.slam.matching.local_map import move_piece
+from slamsim.slam.matching.surfaces import X, Y
+from slamsim.types import FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class Sweep:
+    """How the beams of a scan lie: first_rad and step_rad as they are taken, how many there are,
+    and how long the sweep from the first to the last lasts as declared."""
+
+    first_rad: float
+    step_rad: float
+    beams: int
+    declared_s: float
+
+    @property
+    def middle_rad(self) -> float:
+        """Direction of the middle beam."""
+        return self.first_rad + 0.5 * self.span_rad
+
+    @property
+    def span_rad(self) -> float:
+        """Angle from the first beam to the last; negative for a sweep clockwise from above."""
+        return self.step_rad * max(self.beams - 1, 1)
+
+
+def beams_of(pieces: FloatArray, sweep: Sweep) -> FloatArray:
+    """(k,) share of the sweep at which the middle of each piece was seen: -0.5 by the first beam,
+    0.5 by the last."""
+    bearing = np.arctan2(pieces[:, Y], pieces[:, X])
+    return np.asarray(wrap_angle(bearing - sweep.middle_rad) / sweep.span_rad)
+
+
+def share_of_piece(points: FloatArray, middles: FloatArray, sweep: Sweep) -> FloatArray:
+    """(k, 2) the same of points (k, 2, 2) beside the middles (k,) of pieces."""
+    bearing = np.arctan2(points[..., 1], points[..., 0])
+    middle = middles[:, None] * sweep.span_rad + sweep.middle_rad
+    return np.asarray(middles[:, None] + wrap_angle(bearing - middle) / sweep.span_rad)
+
+
+def steady(velocity: FloatArray) -> FloatArray:
+    """(2, 3) motion about the middle of a sweep: velocity (3,) in its frame, no acceleration."""
+    return np.stack([velocity, np.zeros(3)])
+
+
+@kernel
+def moved_pieces(
+    pieces: FloatArray, shares: FloatArray, motion: FloatArray, sweep_s: float
+) -> FloatArray:
+    """The pieces as seen from where the laser was when its middle beam fired.
+
+    shares: (k,) of the sweep, as from ``beams_of``. motion: (2, 3) first and half the second
+    derivative of the laser's pose, in its frame at the middle.
+    """
+    out = np.empty_like(pieces)
+    for k in range(pieces.shape[0]):
+        after = shares[k] * sweep_s
+        x = after * (motion[0, 0] + after * motion[1, 0])
+        y = after * (motion[0, 1] + after * motion[1, 1])
+        yaw = after * (motion[0, 2] + after * motion[1, 2])
+        move_piece(pieces[k], (x, y, np.cos(yaw), np.sin(yaw)), out[k])
+    return out
+
+
+def local_motion(poses: FloatArray, elapsed_s: FloatArray) -> FloatArray:
+    """(n, 2, 3) first and half the second derivative of each pose (n, 3) in its own frame.
+
+    From the parabola through it and its neighbours; through the two next at the ends.
+    """
+    count = len(poses)
+    motion = np.zeros((count, 2, 3))
+    for k in range(count):
+        middle = min(max(k, 1), count - 2)
+        others = [j for j in (middle - 1, middle, middle + 1) if j != k and 0 <= j < count]
+        steps = np.array([between(poses[k], poses[j]) for j in others])
+        after = elapsed_s[others] - elapsed_s[k]
+        powers = np.stack([after**power for power in range(1, len(others) + 1)], axis=1)
+        motion[k, : len(others)] = np.linalg.solve(powers, steps)
+    return motion
