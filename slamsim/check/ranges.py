@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 
 import numpy as np
 
@@ -11,6 +10,7 @@ from slamsim.check.beams import check_beams
 from slamsim.check.findings import Curve, Estimate, Finding, Mend, Plot
 from slamsim.check.repeats import check_repeats
 from slamsim.check.scan_sample import ScanSample, sample_scans
+from slamsim.check.stray import check_stray
 from slamsim.recording import RawScans, Recording, ScanLayout
 from slamsim.types import FloatArray
 
@@ -25,9 +25,6 @@ UNITS: dict[str, float] = {
     "kilometres": 1e3,
 }
 """Units that the declared limits alone unmask, and what a reading is multiplied by to mend it."""
-MAX_STRAY_SHARE = 5e-3
-_STRAY_JUMP_M, _NEIGHBOURS_AGREE_M = 0.3, 0.1
-_WIDEST_STEP_RAD = float(np.radians(1.1))
 _SPIKE_FACTOR = 10.0
 _LIMIT_TOLERANCE = 1e-3
 _OVERFLOW = 0.9
@@ -47,13 +44,13 @@ def check_ranges(recording: Recording) -> list[Finding]:
         unit = _unit(sample)
         if unit is not None:
             findings.append(_wrong_unit(scans.topic, sample, unit))
-            sample = replace(sample, ranges_m=sample.ranges_m * np.float32(UNITS[unit]))
+            sample = sample.scaled(UNITS[unit])
         findings += [
             _limits(scans.topic, sample),
             _no_return(scans.topic, sample, recording.format == "carmen"),
             check_repeats(recording, scans, sample),
             *check_beams(scans.topic, sample),
-            _stray(scans.topic, sample),
+            check_stray(scans.topic, sample),
         ]
     return findings
 
@@ -211,34 +208,3 @@ def _histogram(topic: str, sample: ScanSample) -> Plot:
     middle = 0.5 * (edges[:-1] + edges[1:])
     curve = Curve("readings", middle, np.log10(counts + 1.0), "line")
     return Plot(f"Readings of {topic}", "range (m)", "log10(count + 1)", (curve,))
-
-
-def _stray(topic: str, sample: ScanSample) -> Finding:
-    """Beams that differ from two neighbours which agree: no wall does that."""
-    if abs(sample.layout.angle_step_rad) > _WIDEST_STEP_RAD or sample.ranges_m.shape[1] < 10:
-        words = "beams so far apart that a pole and a stray reading look alike"
-        return Finding("ranges.stray", topic, "cannot tell", words)
-    left, middle, right = (sample.ranges_m[:, i : i - 2 or None] for i in (0, 1, 2))
-    with np.errstate(invalid="ignore"):
-        agree = np.abs(left - right) < _NEIGHBOURS_AGREE_M
-        alone = np.abs(middle - 0.5 * (left + right)) > _STRAY_JUMP_M
-        known = agree & np.isfinite(middle) & (middle > 0.0)
-    stray = float((alone & known).sum() / max(int(known.sum()), 1))
-    estimate = Estimate(100.0 * stray, 0.0, "%")
-    if int(known.sum()) < MIN_COUNT:
-        words = "too few beams have two neighbours that agree"
-        return Finding("ranges.stray", topic, "cannot tell", words)
-    if stray > MAX_STRAY_SHARE:
-        return Finding(
-            "ranges.stray",
-            topic,
-            "bad",
-            f"{100.0 * stray:.2g} % of the beams stand alone between two that agree",
-            "scan_interference",
-            "Look for another lidar, sunlight or a dirty window; filter single beams.",
-            estimate,
-            100.0 * MAX_STRAY_SHARE,
-            (Mend("drop_stray_beams", topic),),
-        )
-    words = f"{100.0 * stray:.2g} % of the beams stand alone between two that agree"
-    return Finding("ranges.stray", topic, "ok", words, estimate=estimate)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections import Counter
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -16,33 +17,49 @@ SAMPLED_SCANS = 600
 class ScanSample:
     """Scans spread evenly over the recording, all of the commonest number of beams and layout.
 
-    scans: (k,) their numbers. ranges_m: (k, beams). repeats: (n,) whether each scan of the whole
-    recording has bit for bit the ranges of the one before.
+    scans: (k,) their numbers. ranges_m: (k, beams). following_m: (k, beams) of the scan after each,
+    nan where that has other beams. repeats: (n,) whether each scan of the whole recording has bit
+    for bit the ranges of the one before.
     """
 
     layout: ScanLayout
     scans: IntArray
     ranges_m: Float32Array
+    following_m: Float32Array
     repeats: BoolArray
+
+    def scaled(self, factor: float) -> ScanSample:
+        """The same with every range multiplied."""
+        scale = np.float32(factor)
+        return replace(self, ranges_m=self.ranges_m * scale, following_m=self.following_m * scale)
 
 
 def sample_scans(scans: RawScans) -> ScanSample | None:
     """One pass over all ranges; None for a stream without scans or without beams."""
     every = max(len(scans) // SAMPLED_SCANS, 1)
-    kept: dict[tuple[int, int], list[tuple[int, Float32Array]]] = {}
+    kept: dict[int, Float32Array] = {}
     repeats = np.zeros(len(scans), dtype=np.bool_)
     before: Float32Array | None = None
     for number, row in enumerate(scans.ranges_m):
         repeats[number] = before is not None and _same(before, row)
         before = row
-        if number % every == 0:
-            kept.setdefault((int(scans.layout_of[number]), row.size), []).append((number, row))
-    chosen = max(kept, key=lambda kind: len(kept[kind]), default=None)
-    if chosen is None or chosen[1] == 0:
+        if number % every in (0, 1):
+            kept[number] = row
+    first = [number for number in kept if number % every == 0]
+    kinds = Counter((int(scans.layout_of[number]), kept[number].size) for number in first)
+    if not kinds or (chosen := kinds.most_common(1)[0][0])[1] == 0:
         return None
-    numbers = np.array([number for number, _ in kept[chosen]], dtype=np.int64)
-    rows = np.stack([row for _, row in kept[chosen]])
-    return ScanSample(scans.layouts[chosen[0]], numbers, rows, repeats)
+    layout, beams = chosen
+    alike = [n for n in first if scans.layout_of[n] == layout and kept[n].size == beams]
+    unknown = np.full(beams, np.nan, dtype=np.float32)
+    after = [kept.get(number + 1, unknown) for number in alike]
+    return ScanSample(
+        scans.layouts[layout],
+        np.array(alike, dtype=np.int64),
+        np.stack([kept[number] for number in alike]),
+        np.stack([row if row.size == beams else unknown for row in after]),
+        repeats,
+    )
 
 
 def _same(one: Float32Array, other: Float32Array) -> bool:
