@@ -42,13 +42,13 @@ def simulate(config: RunConfig, log_folder: Path, progress: Progress = silent) -
         route = plan_route(world, robot, config.drive)
         windows = process.drive(world, robot, route, config.drive, progress)
         rig = SensorRig(world.mesh, robot, config.sensors, config.seed)
-        with LogWriter(log_folder, _header(robot, config)) as log:
+        with LogWriter(log_folder, log_header(robot, config)) as log:
             for window in windows:
                 log.write(rig.sense(window), window)
         return Simulation(world, robot, process.outcome)
 
 
-def _header(robot: RobotModel, config: RunConfig) -> LogHeader:
+def log_header(robot: RobotModel, config: RunConfig) -> LogHeader:
     imu = config.sensors.imu
     return LogHeader(
         robot_description=robot.urdf,

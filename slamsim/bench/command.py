@@ -20,6 +20,7 @@ STANDARD = "labyrinth_10hz"
 
 FIRST_SEED = 1
 ONLINE_PATH_M = 10000.0
+CHECK_SECONDS = 60.0
 ONLINE_RATE = "sensors.lidar.rate_hz=10"
 
 
@@ -58,11 +59,22 @@ class _Asked:
         return self if self.world or self.config else replace(self, config=STANDARD)
 
 
+@dataclass(frozen=True, slots=True)
+class _Trials:
+    """What the command line asks of the bench of the checker."""
+
+    faults: str | None
+    seeds: int
+    clean: int
+    pairs: int
+    curves: bool
+
+
 def bench(
     part: Annotated[
         str,
         typer.Argument(
-            help="sense, drive, simulate, slam, all: speed. Or accuracy, matcher, online."
+            help="sense, drive, simulate, slam, all: speed. Or accuracy, matcher, online, check."
         ),
     ] = "all",
     world: Annotated[
@@ -91,6 +103,16 @@ def bench(
     logs: Annotated[
         Path | None, typer.Option(help="Keep simulated logs here, and use them again.")
     ] = None,
+    faults: Annotated[
+        str | None, typer.Option(help="Check: only these faults, as name,name:size,...")
+    ] = None,
+    pairs: Annotated[int, typer.Option(help="Check: random pairs of faults a drive.", min=0)] = 4,
+    clean: Annotated[
+        int, typer.Option(help="Check: so many more drives without any fault.", min=0)
+    ] = 0,
+    curves: Annotated[
+        bool, typer.Option("--curves", help="Check: every size of every fault too.")
+    ] = False,
     set_: Set = None,
     config: ConfigFile = None,
     quiet: Quiet = False,
@@ -105,6 +127,8 @@ def bench(
         _accuracy(asked, seeds, workers, logs, bound)
     elif part == "online":
         _online(asked)
+    elif part == "check":
+        _check(asked, _Trials(faults, seeds, clean, pairs, curves), workers, logs)
     elif part == "matcher":
         _matcher(asked, recording, logs)
     elif part == "slam" and peers:
@@ -120,6 +144,27 @@ def _accuracy(asked: _Asked, seeds: int, workers: int, logs: Path | None, bound:
     first = FIRST_SEED if asked.seed is None else asked.seed
     campaign = Campaign(resolved, range(first, first + seeds), workers, logs, bound)
     asked.reporter.result(run_accuracy(campaign, asked.reporter))
+
+
+def _check(asked: _Asked, trials: _Trials, workers: int, kept: Path | None) -> None:
+    from slamsim.bench.check.campaign import Campaign, run_campaign
+    from slamsim.sensors.faults.registry import bundled_faults, chosen_fault
+
+    named = trials.faults
+    faults = bundled_faults() if named is None else tuple(map(chosen_fault, named.split(",")))
+    first = FIRST_SEED if asked.seed is None else asked.seed
+    after = first + trials.seeds
+    campaign = Campaign(
+        faults,
+        seeds=range(first, after),
+        clean_seeds=range(after, after + trials.clean),
+        pairs=trials.pairs,
+        curves=trials.curves,
+        seconds=asked.seconds or CHECK_SECONDS,
+        workers=workers,
+        kept=kept,
+    )
+    asked.reporter.result(run_campaign(campaign, asked.reporter))
 
 
 def _matcher(asked: _Asked, recording: Path | None, logs: Path | None) -> None:

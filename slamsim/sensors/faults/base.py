@@ -41,6 +41,8 @@ class Fault(Config, ABC):
     """What the checker must call it."""
     also: tuple[str, ...] = Field(default=(), strict=False)
     """What the checker may say besides, since it follows from the fault."""
+    hides: tuple[str, ...] = Field(default=(), strict=False)
+    """What the checker cannot tell any more beside it."""
     source: str = Field(min_length=1, max_length=400)
     """The thread, code or study it was met in."""
     sizes: Annotated[tuple[float, ...], Field(strict=False)] = ()
@@ -69,7 +71,7 @@ class Fault(Config, ABC):
             reason = error.errors()[0]["msg"]
             raise SlamsimError(f"the fault {self.name}: {self.SIZE} = {size:g}: {reason}") from None
 
-    @field_validator("expects", "also")
+    @field_validator("expects", "also", "hides")
     @classmethod
     def _is_a_known_name(cls, given: str | tuple[str, ...]) -> str | tuple[str, ...]:
         for name in (given,) if isinstance(given, str) else given:

@@ -1,0 +1,134 @@
+"""Many drives, each with many faults, on several cores; what is done is kept and not done again."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Generator, Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from contextlib import closing
+from dataclasses import dataclass
+from pathlib import Path
+
+from slamsim.bench.alone import Children
+from slamsim.bench.check.driven import Driven
+from slamsim.bench.check.outcome import Json, Outcome, outcome_of
+from slamsim.bench.check.scenario import random_scenario
+from slamsim.bench.check.summary import seed_line, summarise, summary_tables
+from slamsim.bench.check.trials import (
+    Trial,
+    clean_trial,
+    curve_trials,
+    fault_trials,
+    pair_trials,
+)
+from slamsim.console import Reporter
+from slamsim.safe.errors import SlamsimError
+from slamsim.safe.output import write_atomic
+from slamsim.sensors.faults.base import Fault
+
+
+@dataclass(frozen=True, slots=True)
+class Campaign:
+    """What to run. seeds: a drive each, checked clean and with every fault. clean_seeds: drives
+    that are only checked clean. pairs: random pairs of faults for each of ``seeds``. curves:
+    every size of every fault too. seconds: length of a drive. kept: folder with what is done."""
+
+    faults: Sequence[Fault]
+    seeds: Sequence[int]
+    clean_seeds: Sequence[int] = ()
+    pairs: int = 0
+    curves: bool = False
+    seconds: float = 60.0
+    workers: int = 1
+    kept: Path | None = None
+
+    def trials(self, seed: int) -> list[Trial]:
+        """What is checked of one drive."""
+        if seed in self.clean_seeds:
+            return [clean_trial()]
+        return [
+            clean_trial(),
+            *fault_trials(self.faults),
+            *pair_trials(self.faults, self.pairs, seed),
+            *(curve_trials(self.faults) if self.curves else ()),
+        ]
+
+
+def run_campaign(campaign: Campaign, reporter: Reporter) -> Json:
+    """Every outcome, and the summary over all drives; one that fails is told and counted."""
+    runs: list[Json] = []
+    count = len(campaign.seeds) + len(campaign.clean_seeds)
+    with (
+        reporter.stage("check", "") as progress,
+        closing(_all_seeds(campaign)) as done,
+    ):
+        for run in done:
+            runs.append(run)
+            reporter.say(seed_line(run))
+            progress(len(runs), count)
+    runs.sort(key=lambda run: int(str(run["seed"])))
+    summary = summarise(runs)
+    for title, rows in summary_tables(summary).items():
+        reporter.table(title, rows)
+    return {"summary": summary, "runs": runs}
+
+
+def _all_seeds(campaign: Campaign) -> Generator[Json]:
+    """The outcomes of each drive, in the order in which they are done."""
+    with ThreadPoolExecutor(campaign.workers) as threads, Children() as children:
+        futures = [
+            threads.submit(_one_seed, campaign, seed, children)
+            for seed in (*campaign.seeds, *campaign.clean_seeds)
+        ]
+        try:
+            for future in as_completed(futures):
+                yield future.result()
+        finally:
+            threads.shutdown(wait=False, cancel_futures=True)
+
+
+def _one_seed(campaign: Campaign, seed: int, children: Children) -> Json:
+    try:
+        return children.run(run_seed, campaign, seed)
+    except SlamsimError as error:
+        return {"seed": seed, "error": str(error), "outcomes": []}
+
+
+def run_seed(campaign: Campaign, seed: int) -> Json:
+    """One drive with all of its trials, in this process; those that were kept are taken over."""
+    scenario = random_scenario(seed, campaign.seconds)
+    done = _kept(campaign, seed)
+    missing = [trial for trial in campaign.trials(seed) if trial.name not in done]
+    if missing:
+        driven = Driven(scenario.config)
+        for trial in missing:
+            done[trial.name] = outcome_of(trial, driven)
+        _keep(campaign, seed, done)
+    asked = [done[trial.name].as_json() for trial in campaign.trials(seed)]
+    return {
+        "seed": seed,
+        "world": scenario.world,
+        "lidar": scenario.lidar,
+        "outcomes": asked,
+    }
+
+
+def _kept(campaign: Campaign, seed: int) -> dict[str, Outcome]:
+    path = _path(campaign, seed)
+    if path is None or not path.is_file():
+        return {}
+    return {name: Outcome.from_json(data) for name, data in json.loads(path.read_text()).items()}
+
+
+def _keep(campaign: Campaign, seed: int, done: dict[str, Outcome]) -> None:
+    path = _path(campaign, seed)
+    if path is not None:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        data = {name: outcome.as_json() for name, outcome in done.items()}
+        write_atomic(path, json.dumps(data).encode())
+
+
+def _path(campaign: Campaign, seed: int) -> Path | None:
+    if campaign.kept is None:
+        return None
+    return campaign.kept / f"seed_{seed}_{campaign.seconds:g}s.json"

@@ -1,0 +1,114 @@
+"""What the checker said of one trial, in numbers and names that can be kept."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import asdict, dataclass
+
+from pydantic import TypeAdapter
+
+from slamsim.bench.check.driven import Driven
+from slamsim.bench.check.trials import Trial
+from slamsim.check.check import check_recording
+from slamsim.check.findings import CheckReport, Finding
+from slamsim.recording import Recording
+from slamsim.sensors.faults.base import CannotInject
+
+Json = dict[str, object]
+
+
+@dataclass(frozen=True, slots=True)
+class Measured:
+    """An estimate that the checker gave: check and subject as in the finding."""
+
+    check: str
+    subject: str
+    verdict: str
+    value: float
+    sigma: float
+    unit: str
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """One trial.
+
+    expects: what had to be said. also: what might be said besides. said: the names of all that
+    was found bad. untold: questions that could not be answered. skipped: why there was no such
+    trial; nothing is said then.
+    """
+
+    trial: str
+    sort: str
+    expects: tuple[str, ...]
+    also: tuple[str, ...]
+    said: tuple[str, ...]
+    untold: tuple[str, ...]
+    measured: tuple[Measured, ...]
+    seconds: float
+    skipped: str = ""
+
+    @property
+    def named(self) -> bool:
+        """Whether everything that is wrong was said."""
+        return set(self.expects) <= set(self.said)
+
+    @property
+    def invented(self) -> tuple[str, ...]:
+        """What was said though it is not so."""
+        return tuple(sorted(set(self.said) - set(self.expects) - set(self.also)))
+
+    def as_json(self) -> Json:
+        return asdict(self)
+
+    @staticmethod
+    def from_json(data: object) -> Outcome:
+        """Raises ValidationError for what ``as_json`` did not give."""
+        return _OUTCOME.validate_python(data)
+
+
+_OUTCOME = TypeAdapter(Outcome)
+
+
+def outcome_of(trial: Trial, driven: Driven) -> Outcome:
+    """Inject and check."""
+    try:
+        recording = driven.recording(trial.faults)
+    except CannotInject as error:
+        return _outcome(trial, CheckReport("", ()), 0.0, str(error))
+    return checked(trial, recording)
+
+
+def checked(trial: Trial, recording: Recording) -> Outcome:
+    """Check what the trial was made of."""
+    begun_s = time.perf_counter()
+    report = check_recording(recording)
+    return _outcome(trial, report, time.perf_counter() - begun_s)
+
+
+def _outcome(trial: Trial, report: CheckReport, seconds: float, skipped: str = "") -> Outcome:
+    return Outcome(
+        trial=trial.name,
+        sort=trial.sort,
+        expects=tuple(sorted({fault.expects for fault in trial.faults})),
+        also=tuple(sorted({name for fault in trial.faults for name in fault.also})),
+        said=tuple(sorted({finding.fault for finding in report.bad if finding.fault})),
+        untold=tuple(f.check for f in report.findings if f.verdict == "cannot tell"),
+        measured=tuple(filter(None, map(_measured, report.findings))),
+        seconds=seconds,
+        skipped=skipped,
+    )
+
+
+def _measured(finding: Finding) -> Measured | None:
+    estimate = finding.estimate
+    if estimate is None:
+        return None
+    return Measured(
+        finding.check,
+        finding.subject,
+        finding.verdict,
+        estimate.value,
+        estimate.sigma,
+        estimate.unit,
+    )

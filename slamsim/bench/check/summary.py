@@ -1,0 +1,143 @@
+"""Rates over all drives, and what a person sees of them."""
+
+from __future__ import annotations
+
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Mapping, Sequence
+from typing import cast
+
+import numpy as np
+
+from slamsim.bench.check.outcome import Json, Outcome
+
+Rows = dict[str, str]
+
+MOST_NAMES = 4
+
+
+def summarise(runs: Sequence[Json]) -> Json:
+    """Per fault, pair and size how often it was named; alarms for nothing; seconds."""
+    outcomes = [outcome for run in runs for outcome in _outcomes(run)]
+    done = [outcome for outcome in outcomes if not outcome.skipped]
+    by_sort: dict[str, list[Outcome]] = defaultdict(list)
+    for outcome in done:
+        by_sort[outcome.sort].append(outcome)
+    seconds = [outcome.seconds for outcome in done]
+    return {
+        "drives": len(runs),
+        "failed": sum("error" in run for run in runs),
+        "clean": _alarms(by_sort["clean"]),
+        "faults": _by_name(by_sort["fault"]),
+        "pairs": _rates(by_sort["pair"]),
+        "curves": _by_name(by_sort["curve"]),
+        "skipped": dict(Counter(outcome.trial for outcome in outcomes if outcome.skipped)),
+        "seconds": {
+            "median": float(np.median(seconds)) if seconds else None,
+            "worst": max(seconds, default=None),
+        },
+    }
+
+
+def seed_line(run: Json) -> str:
+    """One drive in a line: what was missed in it and what was invented."""
+    seed = str(run["seed"]).rjust(5)
+    if "error" in run:
+        return f"{seed}  failed: {run['error']}"
+    outcomes = [outcome for outcome in _outcomes(run) if not outcome.skipped]
+    missed = [o.trial for o in outcomes if o.sort in ("fault", "pair") and not o.named]
+    alarms = [name for o in outcomes if o.sort == "clean" for name in o.said]
+    told = f"{seed}  {run['world']}, {run['lidar']}: {len(outcomes)} checked"
+    if alarms:
+        told += f"; clean, yet {_few(alarms)}"
+    return told + (f"; missed {_few(missed)}" if missed else "")
+
+
+def summary_tables(summary: Json) -> dict[str, Rows]:
+    """Title and rows of each table."""
+    clean, seconds = cast(Json, summary["clean"]), cast(Json, summary["seconds"])
+    overall = {
+        "drives": f"{summary['drives']}, {summary['failed']} failed",
+        "clean runs with an alarm": f"{clean['alarmed']} of {clean['trials']}",
+        **{f"  {name}": f"{count} times" for name, count in _items(clean["names"])},
+        "faults named": _share(_total(summary["faults"])),
+        "pairs, both named": _share(cast(Json, summary["pairs"])),
+    }
+    if seconds["median"] is not None:
+        overall["seconds a check"] = f"{seconds['median']:.2f} median, {seconds['worst']:.2f} worst"
+    tables = {
+        "Checker": overall,
+        "Faults": {name: _row(rates) for name, rates in _items(summary["faults"])},
+    }
+    if summary["curves"]:
+        tables["Sizes"] = {name: _row(rates) for name, rates in _items(summary["curves"])}
+    return tables
+
+
+def _outcomes(run: Json) -> list[Outcome]:
+    return [Outcome.from_json(data) for data in cast(list[Json], run["outcomes"])]
+
+
+def _by_name(outcomes: Sequence[Outcome]) -> dict[str, Json]:
+    names = dict.fromkeys(outcome.trial for outcome in outcomes)
+    return {name: _rates([o for o in outcomes if o.trial == name]) for name in names}
+
+
+def _rates(outcomes: Sequence[Outcome]) -> Json:
+    instead = Counter(name for o in outcomes if not o.named for name in o.invented or ("nothing",))
+    besides = Counter(name for o in outcomes if o.named for name in o.invented)
+    return {
+        "trials": len(outcomes),
+        "named": sum(outcome.named for outcome in outcomes),
+        "alone": sum(outcome.named and not outcome.invented for outcome in outcomes),
+        "instead": dict(instead.most_common()),
+        "besides": dict(besides.most_common()),
+    }
+
+
+def _alarms(outcomes: Sequence[Outcome]) -> Json:
+    names = Counter(name for outcome in outcomes for name in outcome.said)
+    return {
+        "trials": len(outcomes),
+        "alarmed": sum(bool(outcome.said) for outcome in outcomes),
+        "names": dict(names.most_common()),
+    }
+
+
+def _total(rates: object) -> Json:
+    every = list(cast(Mapping[str, Json], rates).values())
+    return {key: sum(cast(int, one[key]) for one in every) for key in ("trials", "named", "alone")}
+
+
+def _share(rates: Json) -> str:
+    named, trials = cast(int, rates["named"]), cast(int, rates["trials"])
+    share = f" ({100.0 * named / trials:.1f} %)" if trials else ""
+    return f"{named} of {trials}{share}, {rates['alone']} of them and nothing else"
+
+
+def _row(rates: Json) -> str:
+    told = f"{rates['named']}/{rates['trials']}"
+    instead, besides = (
+        cast(Mapping[str, int], rates["instead"]),
+        cast(Mapping[str, int], rates["besides"]),
+    )
+    if instead:
+        told += f"; instead {_counts(instead)}"
+    if besides:
+        told += f"; besides {_counts(besides)}"
+    return told
+
+
+def _counts(names: Mapping[str, int]) -> str:
+    shown = [f"{name} {count}" for name, count in list(names.items())[:MOST_NAMES]]
+    return ", ".join(shown) + (", ..." if len(names) > MOST_NAMES else "")
+
+
+def _few(names: Iterable[str]) -> str:
+    every = list(names)
+    return ", ".join(every[:MOST_NAMES]) + (
+        f" and {len(every) - MOST_NAMES} more" if len(every) > MOST_NAMES else ""
+    )
+
+
+def _items(names: object) -> list[tuple[str, Json]]:
+    return list(cast(Mapping[str, Json], names).items())

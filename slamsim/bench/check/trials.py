@@ -1,0 +1,56 @@
+"""What is checked of each drive: as it is, with one fault or two, and with sizes of them."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from slamsim.randomness import random_stream
+from slamsim.sensors.faults.base import Fault
+
+CLEAN = "clean"
+
+
+@dataclass(frozen=True, slots=True)
+class Trial:
+    """Faults to put into a drive, and what sort of trial it is: clean, fault, pair or curve."""
+
+    sort: str
+    faults: tuple[Fault, ...]
+
+    @property
+    def name(self) -> str:
+        """Unique among the trials of a drive."""
+        if self.sort == "curve":
+            return ",".join(f"{fault.name}:{fault.size:g}" for fault in self.faults)
+        return "+".join(fault.name for fault in self.faults) or CLEAN
+
+
+def clean_trial() -> Trial:
+    return Trial("clean", ())
+
+
+def fault_trials(faults: Sequence[Fault]) -> list[Trial]:
+    return [Trial("fault", (fault,)) for fault in faults]
+
+
+def curve_trials(faults: Sequence[Fault]) -> list[Trial]:
+    """Each fault with each of its sizes."""
+    return [Trial("curve", (f.with_size(size),)) for f in faults for size in f.sizes]
+
+
+def pair_trials(faults: Sequence[Fault], count: int, seed: int) -> list[Trial]:
+    """So many random pairs whose faults can both be told, as far as there are any."""
+    pairs = [pair for pair in itertools.combinations(faults, 2) if told_apart(*pair)]
+    rng = random_stream(seed, "bench check", "pairs")
+    chosen = rng.choice(len(pairs), size=min(count, len(pairs)), replace=False) if pairs else ()
+    return [Trial("pair", pairs[int(one)]) for one in chosen]
+
+
+def told_apart(one: Fault, other: Fault) -> bool:
+    """Whether neither hides the other, nor looks like it."""
+    names = ({one.expects, *one.also}, {other.expects, *other.also})
+    if names[0] & names[1]:
+        return False
+    return other.expects not in one.hides and one.expects not in other.hides
