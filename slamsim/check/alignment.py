@@ -1,0 +1,140 @@
+"""First look at what scans, gyroscope and wheels see in common: whose stamps are off by how much,
+roughly, who turns the wrong way, and which wheel counts backward."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from slamsim.check.coarse_offset import Lag, Rate, coarse_lag
+from slamsim.check.course import Course, rearranged
+from slamsim.check.laser_steps import LaserSteps
+from slamsim.types import FloatArray
+
+Wiring = Literal["as declared", "swapped", "left reversed", "right reversed", "both reversed"]
+
+CLEAR = 0.6
+BETTER = 0.15
+"""A wheel counts backward if its path turns like the robot, by so much more than its turn does."""
+
+PATH, TURN = 0, 1
+
+
+@dataclass(frozen=True, slots=True)
+class Shift:
+    """shift_ns: what must be added to the stamps of the one stream for those of the other."""
+
+    shift_ns: int
+    correlation: float
+    clear: bool
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Alignment:
+    """lidar_gyro, lidar_wheels, gyro_wheels: None where one of them says nothing. wheels: with the
+    wiring as it was found."""
+
+    lidar_gyro: Shift | None
+    lidar_wheels: Shift | None
+    gyro_wheels: Shift | None
+    wheels: Course | None
+    wiring: Wiring
+
+    @property
+    def shifts_ns(self) -> tuple[int, int]:
+        """Of gyroscope and wheels against the lidar, by whichever way is clear; 0 of none."""
+        gyro, wheels, between = self.lidar_gyro, self.lidar_wheels, self.gyro_wheels
+        gyro_ns = gyro.shift_ns if gyro is not None and gyro.clear else None
+        wheels_ns = wheels.shift_ns if wheels is not None and wheels.clear else None
+        if between is not None and between.clear:
+            if gyro_ns is None and wheels_ns is not None:
+                gyro_ns = wheels_ns - between.shift_ns
+            elif wheels_ns is None:
+                wheels_ns = (gyro_ns or 0) + between.shift_ns
+        return gyro_ns or 0, wheels_ns or 0
+
+
+def align(steps: LaserSteps, gyro: Course | None, wheels: Course | None) -> Alignment:
+    """All three pairs, once the wheels are wired as the others say."""
+    turns = [_laser_turn(steps)] if len(steps) else []
+    turns += [_rate(gyro, 0)] if gyro is not None else []
+    wiring: Wiring = "as declared"
+    if wheels is not None and wheels.wired:
+        wiring = _wiring(steps, turns, wheels)
+        wheels = rearranged(wheels, wiring)
+    laser = _laser_turn(steps) if len(steps) else None
+    by_gyro = _rate(gyro, 0) if gyro is not None else None
+    by_wheels = _rate(wheels, TURN) if wheels is not None else None
+    return Alignment(
+        _shift(laser, by_gyro),
+        _shift(laser, by_wheels),
+        _shift(by_gyro, by_wheels),
+        wheels,
+        wiring,
+    )
+
+
+def laser_path(steps: LaserSteps, yaw_base_laser_rad: float) -> FloatArray:
+    """(n,) way along the base's x axis of each step, but for the laser's own lever."""
+    cos, sin = np.cos(yaw_base_laser_rad), np.sin(yaw_base_laser_rad)
+    return np.asarray(cos * steps.T_first_second[:, 0] - sin * steps.T_first_second[:, 1])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Timed:
+    origin_ns: int
+    rate: Rate
+
+
+def _laser_turn(steps: LaserSteps) -> _Timed:
+    return _laser(steps, steps.T_first_second[:, 2])
+
+
+def _laser(steps: LaserSteps, moved: FloatArray) -> _Timed:
+    order = np.argsort(steps.first_ns, kind="stable")
+    origin = int(steps.first_ns[order[0]])
+    starts = np.asarray((steps.first_ns[order] - origin) * 1e-9)
+    ends = np.asarray((steps.second_ns[order] - origin) * 1e-9)
+    return _Timed(origin, Rate(starts, ends, moved[order] / (ends - starts)))
+
+
+def _rate(course: Course, column: int) -> _Timed:
+    values = np.diff(course.totals[:, column]) / np.diff(course.times_s)
+    return _Timed(course.origin_ns, Rate(course.times_s[:-1], course.times_s[1:], values))
+
+
+def _shift(one: _Timed | None, other: _Timed | None) -> Shift | None:
+    if one is None or other is None:
+        return None
+    apart_ns = other.origin_ns - one.origin_ns
+    begin_s = apart_ns * 1e-9
+    disjoint = begin_s > one.rate.ends_s[-1] or begin_s + other.rate.ends_s[-1] < 0.0
+    guess_ns = apart_ns if disjoint else 0
+    since_s = (apart_ns - guess_ns) * 1e-9
+    moved = Rate(other.rate.starts_s + since_s, other.rate.ends_s + since_s, other.rate.values)
+    lag: Lag | None = coarse_lag(one.rate, moved)
+    if lag is None:
+        return None
+    return Shift(guess_ns + round(lag.lag_s * 1e9), lag.correlation, lag.clear)
+
+
+def _wiring(steps: LaserSteps, turns: list[_Timed], wheels: Course) -> Wiring:
+    """Left and right as the others see them: a wheel that counts backward makes the reported path
+    turn like the robot, and the reported turn go forward like it."""
+    by_turn = [_correlation(turn, _rate(wheels, TURN)) for turn in turns]
+    by_path = [_correlation(turn, _rate(wheels, PATH)) for turn in turns]
+    strongest = [max((abs(one) for one in found), default=0.0) for found in (by_turn, by_path)]
+    if strongest[1] > max(CLEAR, strongest[0] + BETTER):
+        forward = float(wheels.totals[-1, TURN] - wheels.totals[0, TURN])
+        return "left reversed" if forward > 0.0 else "right reversed"
+    if len(by_turn) < 2 or max(by_turn) > -CLEAR:
+        return "as declared"
+    ahead = _correlation(_laser(steps, laser_path(steps, 0.0)), _rate(wheels, PATH))
+    return "both reversed" if ahead < -CLEAR else "swapped"
+
+
+def _correlation(one: _Timed, other: _Timed) -> float:
+    found = _shift(one, other)
+    return 0.0 if found is None else found.correlation

@@ -1,0 +1,238 @@
+"""Clocks, wheels, gyroscope and mounting, from one fit of all against the scans' own motions."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from slamsim.check.alignment import Alignment, Shift, align, laser_path
+from slamsim.check.calibration_fit import Fit, fit
+from slamsim.check.calibration_model import (
+    GYRO_DELAY,
+    GYRO_DRIFT,
+    GYRO_GAIN,
+    LASER,
+    LASER_YAW,
+    PATH_GAIN,
+    SLIP_SIGMAS,
+    TURN_GAIN,
+    UNKNOWNS,
+    WHEEL_DELAY,
+    WHEEL_DRIFT,
+    Model,
+)
+from slamsim.check.course import Course, gyro_course, odometry_course, wheel_course
+from slamsim.check.frame_graph import FrameGraph
+from slamsim.check.laser_steps import LaserSteps, laser_steps
+from slamsim.check.scan_motion import ScanMotions
+from slamsim.geometry import se2_from_se3, wrap_angle
+from slamsim.recording import RawImu, Recording
+from slamsim.types import FloatArray
+
+PSEUDO_STEP_NS = 100_000_000
+LEAST_GAIN = 1e-4
+MOST_PSEUDO_STEPS = 20_000
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Inputs:
+    """What there is to compare. T_base_laser: (x, y, yaw) as declared, None if nothing says so;
+    upside_down: whether it is declared so; steps are as seen from above."""
+
+    steps: LaserSteps
+    gyro: Course | None
+    wheels: Course | None
+    base_frame: str
+    laser_frame: str
+    T_base_laser: FloatArray | None
+    upside_down: bool = False
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Calibration:
+    """The fit, and the first look that it started from. model: to ask for predictions."""
+
+    inputs: Inputs
+    alignment: Alignment
+    model: Model
+    fit: Fit
+
+    def value(self, name: str) -> float:
+        return float(self.fit.values[UNKNOWNS.index(name)])
+
+    def sigma(self, name: str) -> float:
+        place = UNKNOWNS.index(name)
+        return float(np.sqrt(self.covariance[place, place]))
+
+    @property
+    def covariance(self) -> FloatArray:
+        """(p, p) with what no fit can know."""
+        return np.asarray(self.fit.covariance + np.diag(np.square(SLIP_SIGMAS)))
+
+    def offset(self, stream: str, at_s: float = 0.0) -> tuple[float, float, float]:
+        """Stamp less the lidar's stamp of the same instant, s: value, sigma, Cramer-Rao bound.
+
+        stream: "gyro" or "wheel"; of "gyro_wheel" the wheels' less the gyroscope's. at_s: after
+        the middle of what was compared.
+        """
+        gyro_ns, wheel_ns = self.alignment.shifts_ns
+        shift_ns = {"gyro": gyro_ns, "wheel": wheel_ns, "gyro_wheel": wheel_ns - gyro_ns}[stream]
+        by = _delays(stream, GYRO_DELAY, WHEEL_DELAY) + at_s * _delays(
+            stream, GYRO_DRIFT, WHEEL_DRIFT
+        )
+        return self._combined(by, shift_ns * 1e-9)
+
+    def drift(self, stream: str) -> tuple[float, float, float]:
+        """Growth of ``offset`` per second."""
+        return self._combined(_delays(stream, GYRO_DRIFT, WHEEL_DRIFT), 0.0)
+
+    def shift(self, stream: str) -> Shift | None:
+        """What the first look said."""
+        pairs = self.alignment
+        return {
+            "gyro": pairs.lidar_gyro,
+            "wheel": pairs.lidar_wheels,
+            "gyro_wheel": pairs.gyro_wheels,
+        }[stream]
+
+    def _combined(self, by: FloatArray, onto: float) -> tuple[float, float, float]:
+        sigma, bound = (
+            float(np.sqrt(by @ matrix @ by))
+            for matrix in (self.covariance, self.fit.bound_covariance)
+        )
+        return onto + float(by @ self.fit.values), sigma, bound
+
+
+def calibrate(recording: Recording, motions: ScanMotions | None) -> Calibration | None:
+    """Everything at once; None where there are not two of scans, gyroscope and wheels."""
+    inputs = gather(recording, motions)
+    return calibrate_inputs(inputs)
+
+
+def gather(recording: Recording, motions: ScanMotions | None) -> Inputs:
+    """The first lidar, inertial unit and wheels (counters, else odometry) that say enough."""
+    graph = FrameGraph(recording.transforms)
+    named = recording.odometries[0].child_frame_ids if recording.odometries else ()
+    base = graph.base(named)
+    steps = laser_steps(motions) if motions is not None else _no_steps()
+    frames = {scans.topic: scans.frame_ids for scans in recording.scans}
+    laser_frame = next(iter(frames.get(steps.topic, ())), "")
+    T_base_laser = graph.between(base, laser_frame)
+    upside_down = T_base_laser is not None and bool(T_base_laser[2, 2] < 0.0)
+    return Inputs(
+        _from_above(steps) if upside_down else steps,
+        _first([_gyro(imu, graph, base) for imu in recording.imus]),
+        _first(
+            [wheel_course(ticks) for ticks in recording.ticks]
+            + [odometry_course(odometry) for odometry in recording.odometries]
+        ),
+        base,
+        laser_frame,
+        None if T_base_laser is None else se2_from_se3(T_base_laser),
+        upside_down,
+    )
+
+
+def calibrate_inputs(inputs: Inputs) -> Calibration | None:
+    """As ``calibrate``, of streams that are gathered already."""
+    gyro, wheels, steps = inputs.gyro, inputs.wheels, inputs.steps
+    if (len(steps) > 0) + (gyro is not None) + (wheels is not None) < 2:
+        return None
+    alignment = align(steps, gyro, wheels)
+    if not len(steps):
+        assert wheels is not None
+        steps = _nothing_seen(wheels)
+        alignment = _by_wheels(alignment)
+    middle_ns = int(steps.first_ns[0] + (steps.second_ns[-1] - steps.first_ns[0]) // 2)
+    model = Model(steps, gyro, alignment.wheels, middle_ns, alignment.shifts_ns)
+    start = _start(model, inputs.T_base_laser)
+    return Calibration(inputs, alignment, model, fit(model, start))
+
+
+def _delays(stream: str, gyro: int, wheel: int) -> FloatArray:
+    """(p,) how an unknown of both clocks enters what is said of a stream."""
+    by = np.zeros(len(UNKNOWNS))
+    by[gyro], by[wheel] = {"gyro": (1.0, 0.0), "wheel": (0.0, 1.0), "gyro_wheel": (-1.0, 1.0)}[
+        stream
+    ]
+    return by
+
+
+def _start(model: Model, T_base_laser: FloatArray | None) -> FloatArray:
+    """Gains by regression, the mounting as declared, everything else at nothing."""
+    start = np.zeros(len(UNKNOWNS))
+    start[[GYRO_GAIN, PATH_GAIN, TURN_GAIN]] = 1.0
+    if T_base_laser is not None:
+        start[LASER] = T_base_laser
+    steps = model.steps
+    T_wheels, turned = model.predicted(start)
+    by_gyro, by_wheels = model.covered(start)
+    if not np.any(steps.information):
+        both = by_gyro & by_wheels
+        start[GYRO_GAIN] = _gain(turned[both], T_wheels[both, 2])
+        return start
+    turn = steps.T_first_second[:, 2]
+    start[GYRO_GAIN] = _gain(turned[by_gyro], turn[by_gyro])
+    start[TURN_GAIN] = _gain(T_wheels[by_wheels, 2], turn[by_wheels])
+    path = laser_path(steps, start[LASER_YAW])
+    wheel_path = laser_path(replace(steps, T_first_second=T_wheels), start[LASER_YAW])
+    start[PATH_GAIN] = _gain(wheel_path[by_wheels], path[by_wheels])
+    if start[PATH_GAIN] < 0.0 < start[TURN_GAIN]:
+        start[PATH_GAIN] = -start[PATH_GAIN]
+        start[LASER_YAW] = wrap_angle(start[LASER_YAW] + np.pi)
+    return start
+
+
+def _gain(one: FloatArray, other: FloatArray) -> float:
+    """The factor from the one to the other; 1 where the one is nothing."""
+    square = float(one @ one)
+    gain = float(one @ other) / square if square > 0.0 else 1.0
+    return gain if np.isfinite(gain) and abs(gain) > LEAST_GAIN else 1.0
+
+
+def _gyro(imu: RawImu, graph: FrameGraph, base: str) -> Course | None:
+    T_base_imu = graph.between(base, imu.frame_ids[0]) if imu.frame_ids else None
+    up = np.array([0.0, 0.0, 1.0]) if T_base_imu is None else T_base_imu[2, :3]
+    return gyro_course(imu, up)
+
+
+def _first(courses: list[Course | None]) -> Course | None:
+    return next((course for course in courses if course is not None), None)
+
+
+def _no_steps() -> LaserSteps:
+    none, places = np.zeros((0, 3)), np.zeros(0, dtype=np.int64)
+    return LaserSteps("", places, places, places, places, none, np.zeros((0, 3, 3)), places, 0.0)
+
+
+def _nothing_seen(wheels: Course) -> LaserSteps:
+    """Steps by the wheels' clock of which no scan tells anything: the others are still compared."""
+    begin, end = int(wheels.stamps_ns[0]), int(wheels.stamps_ns[-1])
+    period_ns = max(PSEUDO_STEP_NS, (end - begin) // MOST_PSEUDO_STEPS)
+    stamps = np.arange(begin, end, period_ns)
+    count = max(stamps.size - 1, 1)
+    first = np.arange(count)
+    return LaserSteps(
+        *("", first, first + 1, stamps[:count], stamps[:count] + period_ns),
+        *(np.zeros((count, 3)), np.zeros((count, 3, 3)), np.zeros(count, dtype=np.int64), 0.0),
+    )
+
+
+def _by_wheels(alignment: Alignment) -> Alignment:
+    """With the wheels' clock as the reference."""
+    between = alignment.gyro_wheels
+    if between is None:
+        return alignment
+    gyro = Shift(-between.shift_ns, between.correlation, between.clear)
+    return replace(alignment, lidar_gyro=gyro, lidar_wheels=Shift(0, 1.0, True))
+
+
+def _from_above(steps: LaserSteps) -> LaserSteps:
+    """What a laser that hangs upside down sees, for one that looks from above."""
+    turned = np.array([1.0, -1.0, -1.0])
+    return replace(
+        steps,
+        T_first_second=steps.T_first_second * turned,
+        information=steps.information * turned[:, None] * turned,
+    )

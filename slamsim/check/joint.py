@@ -1,0 +1,18 @@
+"""All that the joint fit of scans, gyroscope and wheels can say of a recording."""
+
+from __future__ import annotations
+
+from slamsim.check.calibration import calibrate
+from slamsim.check.findings import Finding
+from slamsim.check.scan_motion import ScanMotions
+from slamsim.check.timing import check_timing
+from slamsim.recording import Recording
+
+
+def check_calibration(recording: Recording, motions: ScanMotions | None) -> list[Finding]:
+    """Clocks against each other, wheels, gyroscope and mounting; motions: of the first lidar."""
+    calibration = calibrate(recording, motions)
+    if calibration is None:
+        words = "two of a lidar, an inertial unit and wheels are needed to compare them"
+        return [Finding("calibration", recording.name, "cannot tell", words)]
+    return check_timing(calibration)
