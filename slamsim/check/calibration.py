@@ -96,6 +96,11 @@ class Calibration:
             "gyro_wheel": pairs.gyro_wheels,
         }[stream]
 
+    def follows(self, stream: str) -> bool:
+        """Whether the turns of two streams plainly have to do with each other."""
+        shift = self.shift(stream)
+        return shift is not None and shift.clear
+
     def _combined(self, by: FloatArray, onto: float) -> tuple[float, float, float]:
         sigma, bound = (
             float(np.sqrt(by @ matrix @ by))

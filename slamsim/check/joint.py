@@ -4,8 +4,12 @@ from __future__ import annotations
 
 from slamsim.check.calibration import calibrate
 from slamsim.check.findings import Finding
+from slamsim.check.mounting import check_mounting
+from slamsim.check.rolling import check_wheels
 from slamsim.check.scan_motion import ScanMotions
 from slamsim.check.timing import check_timing
+from slamsim.check.turning import check_gyro
+from slamsim.check.votes import vote
 from slamsim.recording import Recording
 
 
@@ -15,4 +19,10 @@ def check_calibration(recording: Recording, motions: ScanMotions | None) -> list
     if calibration is None:
         words = "two of a lidar, an inertial unit and wheels are needed to compare them"
         return [Finding("calibration", recording.name, "cannot tell", words)]
-    return check_timing(calibration)
+    opinion = vote(calibration)
+    return [
+        *check_timing(calibration),
+        *check_wheels(calibration, opinion),
+        *check_gyro(calibration, opinion),
+        *check_mounting(calibration),
+    ]

@@ -68,7 +68,7 @@ class Offset:
 def check_timing(calibration: Calibration) -> list[Finding]:
     """Each pair of streams, then whoever is to blame."""
     pairs = _pairs(calibration)
-    offsets = {pair: _offset(calibration, pair) for pair in pairs if _clear(calibration, pair)}
+    offsets = {pair: _offset(calibration, pair) for pair in pairs if calibration.follows(pair)}
     blamed = _blamed({pair: (one.offset_s, one.sigma_s) for pair, one in offsets.items()})
     blamed = blamed if any(one.is_off for one in offsets.values()) else {}
     drifting = _blamed({pair: (one.drift, one.drift_sigma) for pair, one in offsets.items()})
@@ -85,11 +85,6 @@ def _pairs(calibration: Calibration) -> tuple[str, ...]:
     gyro, wheels = calibration.inputs.gyro is not None, calibration.inputs.wheels is not None
     there = {"gyro": lidar and gyro, "wheel": lidar and wheels, "gyro_wheel": gyro and wheels}
     return tuple(pair for pair, both in there.items() if both)
-
-
-def _clear(calibration: Calibration, pair: str) -> bool:
-    shift = calibration.shift(pair)
-    return shift is not None and shift.clear
 
 
 def _offset(calibration: Calibration, pair: str) -> Offset:
@@ -185,7 +180,7 @@ def _signed_ms(offset_s: float) -> str:
 
 
 def _culprit(calibration: Calibration, stream: str, late_s: float) -> Finding:
-    pairs = [pair for pair in _pairs(calibration) if _clear(calibration, pair)]
+    pairs = [pair for pair in _pairs(calibration) if calibration.follows(pair)]
     sigma = min(_offset(calibration, pair).sigma_s for pair in pairs)
     fault, how = FAULTS[stream], ""
     if abs(late_s) > OTHER_EPOCH_S:

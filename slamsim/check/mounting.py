@@ -1,0 +1,91 @@
+"""Where the laser sits on the base: hand-eye calibration against what the transforms declare.
+
+What the laser sees of a turn tells how far from the axle it sits, what it sees of a straight drive
+which way it looks (Censi, Franchi, Marchionni & Oriolo 2013).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from slamsim.check.calibration import Calibration
+from slamsim.check.findings import Estimate, Finding, Mend
+from slamsim.check.verdicts import SURE_SIGMAS, Answer, Question, judged
+from slamsim.geometry import wrap_angle
+
+YAW_LIMIT_DEG, YAW_HARM_DEG = 0.3, 2.0
+PLACE_LIMIT_M, PLACE_HARM_M = 0.01, 0.05
+"""What brackets and tape measures leave; tyres that give move the axle by a millimetre."""
+
+DRIVING = "ten metres of straight driving"
+TURNING = "turning on the spot to both sides"
+
+
+def check_mounting(calibration: Calibration) -> list[Finding]:
+    """Yaw and place of the laser."""
+    inputs = calibration.inputs
+    if not len(inputs.steps) or inputs.wheels is None:
+        return []
+    if inputs.T_base_laser is None:
+        words = f"nothing declares where {inputs.laser_frame or 'the laser'} sits on the base"
+        x, y, yaw = (calibration.value(name) for name in _NAMES)
+        words += f"; by its motion x {x:.3f} m, y {y:.3f} m, yaw {np.degrees(yaw):.2f} deg"
+        return [Finding("laser.mounting", inputs.laser_frame, "cannot tell", words)]
+    if not calibration.follows("wheel"):
+        words = f"the wheels' turns do not follow those of the scans; what would tell: {TURNING}"
+        return [Finding("laser.mounting", inputs.laser_frame, "cannot tell", words)]
+    return [_yaw(calibration), _place(calibration)]
+
+
+_NAMES = ("laser_x_m", "laser_y_m", "laser_yaw_rad")
+
+
+def _mend(calibration: Calibration) -> Mend:
+    found = {
+        name: calibration.value(long)
+        for name, long in zip(("x_m", "y_m", "yaw_rad"), _NAMES, strict=True)
+    }
+    found["yaw_rad"] = float(wrap_angle(np.asarray(found["yaw_rad"])))
+    parameters: dict[str, float | str] = {"parent": calibration.inputs.base_frame, **found}
+    return Mend("set_mounting", calibration.inputs.laser_frame, parameters)
+
+
+def _yaw(calibration: Calibration) -> Finding:
+    inputs = calibration.inputs
+    assert inputs.T_base_laser is not None
+    off = float(wrap_angle(np.asarray(calibration.value("laser_yaw_rad") - inputs.T_base_laser[2])))
+    sigma = calibration.sigma("laser_yaw_rad")
+    return judged(
+        Question(
+            *("laser.yaw", inputs.laser_frame, "laser_yaw", YAW_LIMIT_DEG, YAW_HARM_DEG, DRIVING)
+        ),
+        Estimate(float(np.degrees(off)), float(np.degrees(sigma)), "deg"),
+        Answer(
+            f"the laser looks {np.degrees(off):+.3g} deg further to the left than declared",
+            f"Turn its transform by {np.degrees(off):.3f} deg about z.",
+            (_mend(calibration),),
+        ),
+    )
+
+
+def _place(calibration: Calibration) -> Finding:
+    """x and y apart: the one that is surest to be off, else the larger one, speaks for both."""
+    inputs = calibration.inputs
+    assert inputs.T_base_laser is not None
+    off = np.array([calibration.value(name) for name in _NAMES[:2]]) - inputs.T_base_laser[:2]
+    sigmas = np.array([calibration.sigma(name) for name in _NAMES[:2]])
+    sure = (np.abs(off) > PLACE_LIMIT_M) & (np.abs(off) > SURE_SIGMAS * sigmas)
+    size = np.where(sure, np.abs(off), np.abs(off) + 1.96 * sigmas) + 1e3 * sure
+    worst = int(np.argmax(size))
+    words = (
+        f"the laser sits {1e3 * off[0]:+.1f} mm further forward and {1e3 * off[1]:+.1f} mm "
+        f"further to the left than declared"
+    )
+    return judged(
+        Question(
+            *("laser.position", inputs.laser_frame, "laser_position"),
+            *(1e3 * PLACE_LIMIT_M, 1e3 * PLACE_HARM_M, TURNING),
+        ),
+        Estimate(float(1e3 * off[worst]), float(1e3 * sigmas[worst]), "mm"),
+        Answer(words, "Correct x and y of its transform.", (_mend(calibration),)),
+    )

@@ -1,0 +1,133 @@
+"""Wheels against scans: their radius, their track, and whether they are wired as declared."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from slamsim.check.calibration import Calibration
+from slamsim.check.findings import Estimate, Finding, Mend
+from slamsim.check.verdicts import Answer, Question, judged
+from slamsim.check.votes import Vote
+
+RADIUS_LIMIT, TRACK_LIMIT = 0.01, 0.02
+"""Careful calibration leaves 0.2 % and 0.5 % (Borenstein & Feng 1996); tape measures less."""
+
+RADIUS_HARM, TRACK_HARM = 0.03, 0.06
+DRIVING = "ten metres of straight driving"
+TURNING = "a few full turns on the spot"
+
+
+def check_wheels(calibration: Calibration, vote: Vote) -> list[Finding]:
+    """Wiring first; sizes of the wheels as they are really wired."""
+    wheels = calibration.model.wheels
+    if wheels is None:
+        return []
+    if not len(calibration.inputs.steps):
+        words = "without scans nothing tells how far the wheels really go"
+        return [
+            *_wiring(calibration),
+            Finding("wheels.radius", wheels.topic, "cannot tell", words),
+            Finding("wheels.track", wheels.topic, "cannot tell", words),
+        ]
+    return [*_wiring(calibration), _radius(calibration), _track(calibration, vote)]
+
+
+def _wiring(calibration: Calibration) -> list[Finding]:
+    wheels, wiring = calibration.model.wheels, calibration.alignment.wiring
+    if wheels is None or not wheels.wired:
+        return []
+    if wiring == "as declared":
+        words = "both wheels count forward, left on the left"
+        told = any(calibration.follows(pair) for pair in ("wheel", "gyro_wheel"))
+        verdict_words = words if told else "nothing that the robot did shows how they are wired"
+        return [
+            Finding("wheels.wiring", wheels.topic, "ok" if told else "cannot tell", verdict_words)
+        ]
+    swapped = wiring == "swapped"
+    which = wiring.split()[0]
+    mend = (
+        Mend("swap_wheels", wheels.topic)
+        if swapped
+        else Mend("reverse_wheel", wheels.topic, {"wheel": which})
+    )
+    words = (
+        "the wheels turn the robot the other way than it turns: left and right are exchanged"
+        if swapped
+        else f"the {which} wheel counts backward: what it calls a path is a turn"
+    )
+    fault = "wheels_swapped" if swapped else "wheel_reversed"
+    advice = "Exchange the two counters." if swapped else "Change the sign of its counts."
+    return [
+        Finding("wheels.wiring", wheels.topic, "bad", words, fault, advice, mends=(mend,)),
+    ]
+
+
+def _radius(calibration: Calibration) -> Finding:
+    wheels = calibration.model.wheels
+    assert wheels is not None
+    gain, sigma = calibration.value("path_gain"), calibration.sigma("path_gain")
+    curvature, bend_sigma = (
+        get("curvature_rad_m") for get in (calibration.value, calibration.sigma)
+    )
+    unequal = curvature * wheels.track_m
+    large = 1.0 / gain - 1.0
+    sizes = [(large, sigma / gain**2), (unequal / gain, bend_sigma * wheels.track_m / abs(gain))]
+    size, unsure = max(sizes, key=lambda one: abs(one[0]))
+    words = f"the wheels are believed {100.0 * large:+.3g} % too large"
+    if wheels.wired:
+        words += f", right over left {100.0 * unequal / gain:+.2g} %"
+    return judged(
+        Question(
+            *("wheels.radius", wheels.topic, "wheel_radius"),
+            *(100.0 * RADIUS_LIMIT, 100.0 * RADIUS_HARM, DRIVING),
+        ),
+        Estimate(100.0 * size, 100.0 * unsure, "%"),
+        Answer(words, _advice(calibration), (_mend(calibration),)),
+    )
+
+
+def _track(calibration: Calibration, vote: Vote) -> Finding:
+    wheels = calibration.model.wheels
+    assert wheels is not None
+    path, turn = calibration.value("path_gain"), vote.turn_gain
+    relative = np.hypot(
+        calibration.sigma("path_gain") / path, calibration.sigma("turn_gain") / turn
+    )
+    ratio = turn / path
+    words = f"the wheels are believed {100.0 * (ratio - 1.0):+.3g} % too far apart"
+    return judged(
+        Question(
+            *("wheels.track", wheels.topic, "wheel_track"),
+            *(100.0 * TRACK_LIMIT, 100.0 * TRACK_HARM, TURNING),
+        ),
+        Estimate(100.0 * (ratio - 1.0), 100.0 * float(relative) * abs(ratio), "%"),
+        Answer(words, _advice(calibration), (_mend(calibration),)),
+    )
+
+
+def true_wheels(calibration: Calibration) -> tuple[float, float, float]:
+    """What to multiply the left and the right radius by, and the track."""
+    wheels = calibration.model.wheels
+    track_m = 0.0 if wheels is None else wheels.track_m
+    path, turn = calibration.value("path_gain"), calibration.value("turn_gain")
+    half = 0.5 * calibration.value("curvature_rad_m") * track_m
+    return path - half, path + half, path / turn
+
+
+def _advice(calibration: Calibration) -> str:
+    left, right, track = true_wheels(calibration)
+    return (
+        f"Multiply the radius of the left wheel by {left:.5f}, of the right by {right:.5f}, "
+        f"and the track by {track:.5f}."
+    )
+
+
+def _mend(calibration: Calibration) -> Mend:
+    wheels = calibration.model.wheels
+    assert wheels is not None
+    left, right, track = true_wheels(calibration)
+    if wheels.wired:
+        sizes = {"radius_factor": 0.5 * (left + right), "track_factor": track}
+        return Mend("scale_wheels", wheels.topic, dict(sizes))
+    path, turn = calibration.value("path_gain"), calibration.value("turn_gain")
+    return Mend("scale_odometry", wheels.topic, {"path_factor": path, "turn_factor": turn})
