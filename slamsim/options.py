@@ -13,5 +13,13 @@ Set = Annotated[
 ConfigFile = Annotated[
     str | None, typer.Option("--config", "-c", help="YAML with settings for robot, sensors, slam.")
 ]
+Faults = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--fault",
+        metavar="NAME[:SIZE]",
+        help="What shall be wrong; may be repeated. slamsim fault --list tells what there is.",
+    ),
+]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No progress, no table.")]
 Json = Annotated[bool, typer.Option("--json", help="Print the results as JSON on stdout.")]

@@ -148,10 +148,12 @@ def _accuracy(asked: _Asked, seeds: int, workers: int, logs: Path | None, bound:
 
 def _check(asked: _Asked, trials: _Trials, workers: int, kept: Path | None) -> None:
     from slamsim.bench.check.campaign import Campaign, run_campaign
+    from slamsim.config.faults import typed_choices
     from slamsim.sensors.faults.registry import bundled_faults, chosen_fault
 
-    named = trials.faults
-    faults = bundled_faults() if named is None else tuple(map(chosen_fault, named.split(",")))
+    faults = bundled_faults()
+    if trials.faults is not None:
+        faults = tuple(map(chosen_fault, typed_choices(trials.faults.split(","))))
     first = FIRST_SEED if asked.seed is None else asked.seed
     after = first + trials.seeds
     campaign = Campaign(

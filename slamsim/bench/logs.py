@@ -17,7 +17,7 @@ from slamsim.run.recording import simulate_world
 from slamsim.safe.errors import InputRefused
 from slamsim.safe.yaml import load_yaml
 
-SIMULATED = ("seed", "world", "robot", "drive", "sensors")
+SIMULATED = ("seed", "world", "robot", "drive", "sensors", "faults")
 """The parts of a configuration that decide what is in a log."""
 
 

@@ -29,6 +29,7 @@ _WORDS: dict[Kind, str] = {
     "configs/datasets": "data set recipe",
 }
 _PACKAGE = Path(__file__).resolve().parents[1]
+_MOST_TOLD = 20
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]*")
 
 
@@ -80,6 +81,8 @@ def _missing(kind: Kind, name_or_path: str, path: Path) -> str:
     else:
         hint = ""
     known = f"bundled are {', '.join(names)}" if names else "none is bundled"
+    if len(names) > _MOST_TOLD:
+        known = f"{len(names)} are bundled"
     text = f"there is no {_WORDS[kind]} file and no bundled {_WORDS[kind]} {shown(name_or_path)}"
     return f"{text}; {hint} ({known})" if hint else f"{text}; {known}"
 

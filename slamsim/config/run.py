@@ -6,6 +6,7 @@ from pydantic import Field
 
 from slamsim.config.base import Config
 from slamsim.config.drive import DriveConfig
+from slamsim.config.faults import FaultChoices
 from slamsim.config.mapping import MappingConfig
 from slamsim.config.robot import RobotConfig
 from slamsim.config.sensors import SensorsConfig
@@ -26,6 +27,8 @@ class RunConfig(Config):
     """How and where to it drives, and the physics."""
     sensors: SensorsConfig = SensorsConfig()
     """What it measures, and with which errors."""
+    faults: FaultChoices = ()
+    """What is wrong with the recording on purpose, as ``slamsim fault --list`` has it."""
     slam: SlamConfig = SlamConfig()
     """How the recording becomes a trajectory."""
     mapping: MappingConfig = MappingConfig()

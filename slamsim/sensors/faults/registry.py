@@ -8,9 +8,10 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, get_args
 
-from slamsim.config.bundled import bundled_names, find_input
+from slamsim.config.bundled import bundled_folder, bundled_names, find_input
+from slamsim.config.faults import FaultChoice
 from slamsim.config.loading import load_model
-from slamsim.safe.errors import InputRefused, SlamsimError, shown
+from slamsim.safe.errors import InputRefused, shown
 from slamsim.safe.yaml import load_yaml
 from slamsim.sensors.faults import (  # noqa: F401  each registers its kinds by being there
     beam_times,
@@ -48,18 +49,17 @@ def load_fault(name_or_path: str) -> Fault:
     return load_model(_kind_of(path), path)
 
 
-def chosen_fault(text: str) -> Fault:
-    """``NAME`` or ``NAME:SIZE`` as it is typed. Raises SlamsimError."""
-    name, colon, size = text.rpartition(":")
-    if not colon:
-        return load_fault(text)
-    try:
-        number = float(size)
-    except ValueError:
-        raise SlamsimError(
-            f"--fault {shown(text)}: the size {shown(size)} is not a number"
-        ) from None
-    return load_fault(name).with_size(number)
+def chosen_fault(choice: FaultChoice) -> Fault:
+    """The fault in the size that was chosen. Raises as ``load_fault`` and ``with_size`` do."""
+    fault = load_fault(choice.name)
+    return fault if choice.size is None else fault.with_size(choice.size)
+
+
+def resolved_choice(choice: FaultChoice) -> FaultChoice:
+    """The same choice with its size, to be understood from any folder."""
+    name = find_input("configs/faults", choice.name)
+    named = choice.name if name.parent == bundled_folder("configs/faults") else str(name.resolve())
+    return FaultChoice(name=named, size=chosen_fault(choice).size)
 
 
 def bundled_faults() -> tuple[Fault, ...]:
