@@ -228,6 +228,38 @@ def evaluate(
     reporter.result(scores)
 
 
+@app.command(
+    epilog="Exit code: 0 nothing is bad, 1 something is, 2 the check could not run. "
+    "Example: slamsim check my_rosbag2/ --html verdict.html"
+)
+def check(
+    source: Annotated[Path, typer.Argument(help="A recording: rosbag2, MCAP, ROS 1, CARMEN.")],
+    scan_topic: ScanTopic = None,
+    html: Annotated[
+        Path | None, typer.Option("--html", help="Write verdicts and plots to this file.")
+    ] = None,
+    quick: Annotated[
+        bool, typer.Option("--quick", help="Leave out what compares scans with one another.")
+    ] = False,
+    show_all: Annotated[bool, typer.Option("--all", help="Show also what is fine.")] = False,
+    quiet: Quiet = False,
+    as_json: Json = False,
+) -> None:
+    """Say what is wrong with a recording: stamps, frames, laser, wheels, gyroscope."""
+    from slamsim.console import Reporter
+    from slamsim.run.checking import check_log
+
+    report = check_log(
+        source,
+        Reporter(quiet=quiet, as_json=as_json),
+        scan_topic=scan_topic,
+        quick=quick,
+        html=html,
+        show_all=show_all,
+    )
+    raise typer.Exit(1 if report.bad else 0)
+
+
 @app.command(epilog="Example: slamsim view outputs/labyrinth --screenshot map.png")
 def view(
     run: Annotated[Path, typer.Argument(help="Folder of a run, or a .rrd file.")],

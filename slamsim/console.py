@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from types import FrameType
 
-from rich.console import Console
+from rich.console import Console, RenderableType
 from rich.logging import RichHandler
 from rich.progress import (
     BarColumn,
@@ -94,6 +94,10 @@ class Reporter:
         for name, value in rows.items():
             table.add_row(Text(name), Text(value))
         self._console.print(table)
+
+    def show(self, picture: RenderableType) -> None:
+        """Whatever ``rich`` can draw."""
+        self._console.print(picture)
 
     def result(self, values: Mapping[str, object]) -> None:
         """The same numbers as JSON on stdout, where ``--json`` was asked for."""

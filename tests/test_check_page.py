@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from slamsim.check.findings import CheckReport, Curve, Estimate, Finding, Plot
-from slamsim.view.check_page import check_page, headline
+from slamsim.check.wording import headline
+from slamsim.view.check_page import check_page
 
 
 def report() -> CheckReport:

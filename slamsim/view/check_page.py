@@ -12,7 +12,8 @@ import numpy as np
 from matplotlib import rc_context
 from matplotlib.figure import Figure
 
-from slamsim.check.findings import FAULT_NAMES, CheckReport, Curve, Estimate, Finding, Plot
+from slamsim.check.findings import FAULT_NAMES, CheckReport, Curve, Finding, Plot
+from slamsim.check.wording import headline, shown
 from slamsim.safe.output import write_atomic
 from slamsim.types import FloatArray
 from slamsim.view.figures import STYLE, Picture, svg
@@ -39,27 +40,6 @@ def check_page(report: CheckReport) -> str:
         section("Evidence", _evidence(report)),
     ]
     return page(report.name, headline(report), "".join(parts), _FOOTER)
-
-
-def headline(report: CheckReport) -> str:
-    """The verdict in one sentence."""
-    names = list(dict.fromkeys(FAULT_NAMES[f.fault] for f in report.bad if f.fault is not None))
-    if names:
-        return f"Something is wrong: {'; '.join(names)}."
-    unknown = sum(finding.verdict == "cannot tell" for finding in report.findings)
-    questions = "1 question stays" if unknown == 1 else f"{unknown} questions stay"
-    return "Nothing is wrong" + (f", but {questions} open." if unknown else ".")
-
-
-def shown(estimate: Estimate | None, limit: float | None = None) -> str:
-    """A number with its interval and its limit, empty without one."""
-    if estimate is None:
-        return ""
-    text = f"{estimate.value:.4g}"
-    if estimate.sigma > 0.0:
-        text += f" ± {1.96 * estimate.sigma:.2g}"
-    text += f" {estimate.unit}"
-    return text if limit is None else f"{text} (limit {limit:.3g})"
 
 
 def _counts(report: CheckReport) -> list[Card]:

@@ -1,0 +1,66 @@
+"""Verdicts as people and programs read them."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from dataclasses import asdict
+
+from slamsim.check.findings import FAULT_NAMES, CheckReport, Estimate, Finding
+
+
+def headline(report: CheckReport) -> str:
+    """The verdict in one sentence."""
+    names = list(dict.fromkeys(FAULT_NAMES[f.fault] for f in report.bad if f.fault is not None))
+    if names:
+        return f"Something is wrong: {'; '.join(names)}."
+    unknown = sum(finding.verdict == "cannot tell" for finding in report.findings)
+    questions = "1 question stays" if unknown == 1 else f"{unknown} questions stay"
+    return "Nothing is wrong" + (f", but {questions} open." if unknown else ".")
+
+
+def shown(estimate: Estimate | None, limit: float | None = None) -> str:
+    """A number with its interval and its limit, empty without one."""
+    if estimate is None:
+        return ""
+    text = f"{estimate.value:.4g}"
+    if estimate.sigma > 0.0:
+        text += f" ± {1.96 * estimate.sigma:.2g}"
+    text += f" {estimate.unit}"
+    return text if limit is None else f"{text} (limit {limit:.3g})"
+
+
+def as_json(report: CheckReport) -> dict[str, object]:
+    """All verdicts under stable keys; what is not a finite number is null."""
+    counts = Counter(finding.verdict for finding in report.findings)
+    return {
+        "name": report.name,
+        "bad": counts["bad"],
+        "cannot_tell": counts["cannot tell"],
+        "ok": counts["ok"],
+        "faults": sorted({finding.fault for finding in report.bad if finding.fault is not None}),
+        "findings": [_finding(finding) for finding in report.findings],
+        "seconds": {name: round(seconds, 3) for name, seconds in report.seconds.items()},
+    }
+
+
+def _finding(finding: Finding) -> dict[str, object]:
+    estimate = finding.estimate
+    return {
+        "check": finding.check,
+        "subject": finding.subject,
+        "verdict": finding.verdict,
+        "fault": finding.fault,
+        "words": finding.words,
+        "advice": finding.advice,
+        "value": None if estimate is None else _number(estimate.value),
+        "sigma": None if estimate is None else _number(estimate.sigma),
+        "interval": None if estimate is None else [_number(end) for end in estimate.interval],
+        "unit": None if estimate is None else estimate.unit,
+        "limit": _number(finding.limit),
+        "mends": [asdict(mend) for mend in finding.mends],
+    }
+
+
+def _number(value: float | None) -> float | None:
+    return value if value is not None and math.isfinite(value) else None

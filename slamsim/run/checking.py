@@ -1,0 +1,120 @@
+"""``slamsim check``: a recording in, verdicts out."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from rich.table import Table
+from rich.text import Text
+
+from slamsim.check.check import check_recording
+from slamsim.check.findings import CheckReport, Finding
+from slamsim.check.wording import as_json, headline, shown
+from slamsim.console import Reporter
+from slamsim.logs.raw import read_recording
+from slamsim.recording import Recording
+from slamsim.run.stages import Stages
+from slamsim.safe.errors import SlamsimError
+
+
+class NotChecked(SlamsimError):
+    """The check itself could not run, which must not be taken for a verdict."""
+
+    exit_code = 2
+
+
+def check_log(
+    source: Path,
+    reporter: Reporter,
+    *,
+    scan_topic: str | None = None,
+    quick: bool = False,
+    html: Path | None = None,
+    show_all: bool = False,
+) -> CheckReport:
+    """Read, check, show. Raises NotChecked whatever keeps it from a verdict."""
+    with _not_checked():
+        stages = Stages(reporter)
+        with stages.stage("read"):
+            recording = read_recording(source, scan_topic)
+        report = check_stage(recording, stages, quick=quick)
+        if html is not None:
+            from slamsim.view.check_page import write_check_page
+
+            write_check_page(html, report)
+    _show(reporter, recording, report, show_all)
+    if html is not None:
+        reporter.say(f"Written to {html}")
+    reporter.result(
+        {
+            **as_json(report),
+            "odd": list(recording.odd),
+            "unread": [f"{u.topic} ({u.type_name}): {u.reason}" for u in recording.unread],
+            "seconds": {**report.seconds, **stages.so_far()},
+        }
+    )
+    return report
+
+
+def check_stage(recording: Recording, stages: Stages, *, quick: bool = False) -> CheckReport:
+    """Check a recording under a progress bar."""
+    with stages.stage("check", "questions/s") as progress:
+        return check_recording(recording, quick=quick, progress=progress)
+
+
+@contextmanager
+def _not_checked() -> Iterator[None]:
+    try:
+        yield
+    except SlamsimError as error:
+        raise NotChecked(str(error)) from error
+    except OSError as error:
+        raise NotChecked(
+            f"{error.filename or 'input/output'}: {error.strerror or error}"
+        ) from error
+
+
+def _show(reporter: Reporter, recording: Recording, report: CheckReport, show_all: bool) -> None:
+    for words in recording.odd:
+        reporter.say(f"  {words}")
+    by_verdict = {
+        verdict: [finding for finding in report.findings if finding.verdict == verdict]
+        for verdict in ("bad", "cannot tell", "ok")
+    }
+    if by_verdict["bad"]:
+        reporter.show(_table("Wrong", by_verdict["bad"], "bold red"))
+    if by_verdict["cannot tell"]:
+        reporter.show(_table("Cannot tell", by_verdict["cannot tell"], "yellow"))
+    if show_all and by_verdict["ok"]:
+        reporter.show(_table("Fine", by_verdict["ok"], "green"))
+    elif by_verdict["ok"]:
+        reporter.say(f"Fine: {_folded(by_verdict['ok'])} (--all shows them)")
+    reporter.say(f"{report.name}: {headline(report)}")
+
+
+def _table(title: str, findings: list[Finding], style: str) -> Table:
+    table = Table(title=title, title_justify="left", title_style=style, show_header=False)
+    table.add_column(max_width=30)
+    table.add_column(ratio=1)
+    for finding in findings:
+        what = Text.assemble(
+            (finding.fault or finding.check, style), "\n", (finding.subject, "dim")
+        )
+        number = shown(finding.estimate, finding.limit)
+        words = Text(f"{_sentence(finding.words)} {finding.advice}".strip())
+        if number:
+            words.append(f"\n{number}", style="cyan")
+        table.add_row(what, words)
+    return table
+
+
+def _sentence(words: str) -> str:
+    return words if words.endswith(".") else f"{words}."
+
+
+def _folded(findings: list[Finding]) -> str:
+    """How many questions, and which."""
+    names = list(dict.fromkeys(finding.check for finding in findings))
+    return f"{len(findings)} answers to {', '.join(names)}"
