@@ -287,7 +287,7 @@ def config(
     seed: Seed = None,
 ) -> None:
     """Print every setting with its unit and meaning, as YAML that can be used again."""
-    from slamsim.config.loading import dump_commented_yaml
+    from slamsim.config.dump import dump_commented_yaml
 
     sys.stdout.write(dump_commented_yaml(_config(name, config, set_, seed)))
 

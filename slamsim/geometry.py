@@ -110,11 +110,6 @@ def xyzw_from_yaw(yaw_rad: _FloatArray) -> _FloatArray:
     return np.stack([zero, zero, np.sin(half), np.cos(half)], axis=-1)
 
 
-def xyzw_from_wxyz(quat_wxyz: _FloatArray) -> _FloatArray:
-    """The one place where the order of a quaternion changes."""
-    return np.roll(np.asarray(quat_wxyz, dtype=np.float64), -1, axis=-1)
-
-
 def matrix_from_xyzw(quat_xyzw: _FloatArray) -> _FloatArray:
     """(..., 3, 3) rotation matrices."""
     x, y, z, w = np.moveaxis(np.asarray(quat_xyzw, dtype=np.float64), -1, 0)

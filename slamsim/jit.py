@@ -22,23 +22,13 @@ from typing import Any, TypeVar, cast
 
 import numba
 from numba.core import caching as numba_caching
-from numba.core import event as numba_event
 
-# Their modules are half typed: as far as mypy goes, they are not typed at all.
+# This module is half typed: as far as mypy goes, it is not typed at all.
 caching: Any = numba_caching
-event: Any = numba_event
 
 _log = logging.getLogger(__name__)
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 _DIGEST_BYTES = hashlib.sha256().digest_size
-
-_timer = event.TimingListener()
-event.register("numba:compile", _timer)
-
-
-def compile_seconds() -> float:
-    """Wall time that this process has spent compiling so far, zero when all came from disk."""
-    return float(_timer.duration) if _timer.done else 0.0
 
 
 @cache

@@ -17,7 +17,8 @@ from slamsim.sim.drive_process import DriveProcess
 from slamsim.sim.engine import engine_parameters
 from slamsim.sim.robot import RobotModel, build_robot
 from slamsim.sim.route import plan_route
-from slamsim.world.build import World, build_world
+from slamsim.world.build import build_world
+from slamsim.world.model import World
 
 
 @dataclass(frozen=True, slots=True, eq=False)

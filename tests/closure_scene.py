@@ -31,7 +31,7 @@ def tracked(
     ranges += np.random.default_rng(number).normal(0.0, noise_m, ranges.size)
     scan = Scan(stamp_ns, ranges.astype(np.float32), FLASH)
     cloud = deskew(scan, here, stamp_ns, np.eye(4))
-    match = None if lost else Match(pose, INFORMATION, 0.9, 0.9, 0.01, 3, True, np.zeros((0, 3)))
+    match = None if lost else Match(pose, INFORMATION, 0.9, 0.9, np.zeros((0, 3)))
     information = np.zeros((3, 3)) if lost else INFORMATION
     pieces = surface_pieces(cloud, noise_m, 0.25, 20.0)
     return Tracked(stamp_ns, pose, pose, match, information, cloud, pieces, True)

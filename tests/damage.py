@@ -204,19 +204,6 @@ def walkers(log: Log, truth: PlanarTrajectory, count: int, seed: int = 0) -> Log
     return each_scan(log, change)
 
 
-def glass(log: Log, seed: int = 0) -> Log:
-    """Now and then a stretch of the beams goes through, or comes back from nowhere."""
-    rng = np.random.default_rng(seed)
-
-    def change(scan: Scan) -> Scan:
-        ranges_m = scan.ranges_m.copy()
-        start, width = rng.integers(ranges_m.size), ranges_m.size // 6
-        ranges_m[start : start + width] = np.inf if rng.random() < 0.5 else 8.0
-        return replace(scan, ranges_m=ranges_m)
-
-    return each_scan(log, change)
-
-
 def every_other_geometry(log: Log) -> Log:
     """Every second scan has half the beams."""
     number = iter(range(10**9))

@@ -13,8 +13,9 @@ from hypothesis import strategies as st
 from pydantic import Field
 
 from slamsim.config.base import Config
+from slamsim.config.bundled import bundled_names
 from slamsim.config.dump import dump_commented_yaml
-from slamsim.config.loading import bundled_names, load_model, load_run_config
+from slamsim.config.loading import load_model, load_run_config
 from slamsim.config.run import RunConfig
 from slamsim.safe.yaml import parse_yaml
 

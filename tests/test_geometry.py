@@ -63,11 +63,6 @@ def test_matrix_and_quaternion_are_inverse(q: FloatArray) -> None:
     assert min(np.abs(back - q).max(), np.abs(back + q).max()) < 1e-7
 
 
-def test_reordering_keeps_rows_apart() -> None:
-    wxyz = np.arange(1.0, 9.0).reshape(2, 4)
-    np.testing.assert_array_equal(geo.xyzw_from_wxyz(wxyz), [[2, 3, 4, 1], [6, 7, 8, 5]])
-
-
 @given(angle, angle, angle)
 def test_rpy_turns_about_fixed_axes(roll: float, pitch: float, yaw: float) -> None:
     np.testing.assert_allclose(

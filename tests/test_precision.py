@@ -13,8 +13,9 @@ from slamsim.evaluate.budget import error_budget
 from slamsim.evaluate.consistency import nees
 from slamsim.summary import summary
 from slamsim.types import FloatArray
+from slamsim.view.numbers import report_json
 from slamsim.view.precision import driven_m, ellipses, held, path_and_strokes, precision_plots
-from slamsim.view.report import report_html, report_json
+from slamsim.view.report import report_html
 from slamsim.view.run_view import RunView
 
 

@@ -10,7 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from slamsim.config.loading import find_input, load_model
+from slamsim.config.bundled import find_input
+from slamsim.config.loading import load_model
 from slamsim.config.robot import CylinderConfig, MountConfig, RobotConfig
 from slamsim.geometry import matrix_from_rpy
 from slamsim.safe.errors import InputRefused, NotFound
@@ -79,7 +80,6 @@ def test_static_transforms_lead_to_every_frame(robot: RobotModel) -> None:
         placed[joint.child] = placed[joint.parent] @ joint.T_parent_child
     np.testing.assert_allclose(placed["laser_link"], robot.T_base_laser, atol=1e-12)
     np.testing.assert_allclose(placed["imu_link"], robot.T_base_imu, atol=1e-12)
-    np.testing.assert_allclose(placed["camera_link"], robot.T_base_camera, atol=1e-12)
 
 
 def test_welding_keeps_mass_centre_and_inertia(robot: RobotModel) -> None:

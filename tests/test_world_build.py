@@ -18,7 +18,8 @@ from hypothesis import strategies as st
 from scipy import ndimage
 from world_helpers import covered_cells, digest, ground_m2, prisms, unmatched_edges, world
 
-from slamsim.config.loading import bundled_names, load_world_config
+from slamsim.config.bundled import bundled_names
+from slamsim.config.loading import load_world_config
 from slamsim.config.world import WorldConfig
 from slamsim.safe.errors import SlamsimError
 from slamsim.world.build import build_world

@@ -12,7 +12,8 @@ from shapely import Polygon
 
 from slamsim.config.world import WorldConfig
 from slamsim.types import BoolArray, TriangleMesh
-from slamsim.world.build import World, build_world
+from slamsim.world.build import build_world
+from slamsim.world.model import World
 from slamsim.world.prism import Prism
 from slamsim.world.raster import Raster
 from slamsim.world.solids import PrismSolids

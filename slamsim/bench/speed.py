@@ -25,7 +25,8 @@ from slamsim.slam.mapping import build_grid
 from slamsim.slam.motion import predict_motion
 from slamsim.slam.session import run_slam
 from slamsim.types import Drive, Float32Array
-from slamsim.world.build import World, build_world
+from slamsim.world.build import build_world
+from slamsim.world.model import World
 
 Figures = dict[str, object]
 

@@ -15,8 +15,7 @@ from typing import TYPE_CHECKING, TypeVar
 from pydantic import ValidationError
 
 from slamsim.config.base import Config
-from slamsim.config.bundled import Kind, bundled_names, find_input
-from slamsim.config.dump import dump_commented_yaml
+from slamsim.config.bundled import Kind, find_input
 from slamsim.config.explain import refusal
 from slamsim.config.layers import Place, Tree, mount, parse_override
 from slamsim.safe.errors import InputRefused
@@ -25,16 +24,6 @@ from slamsim.safe.yaml import KeyPath, YamlDocument, load_yaml
 if TYPE_CHECKING:
     from slamsim.config.run import RunConfig
     from slamsim.config.world import WorldConfig
-
-__all__ = [
-    "bundled_names",
-    "config_schema",
-    "dump_commented_yaml",
-    "find_input",
-    "load_model",
-    "load_run_config",
-    "load_world_config",
-]
 
 Model = TypeVar("Model", bound=Config)
 
@@ -114,11 +103,6 @@ def load_world_config(world: str, overrides: Sequence[str] = ()) -> WorldConfig:
         parts, value, place = parse_override(text)
         tree = tree.overlaid(tree.with_indices(parts, place), value, place)
     return _validated(WorldConfig, tree)
-
-
-def config_schema(model_type: type[Config]) -> dict[str, object]:
-    """The JSON schema of a model, for editors that complete and check YAML."""
-    return model_type.model_json_schema()
 
 
 def _validated(model_type: type[Model], tree: Tree) -> Model:

@@ -55,7 +55,7 @@ def read_bag(path: Path, scan_topic: str | None = None) -> Log:
         odometry=odometry,
         imu=imu,
         encoders=encoders,
-        T_base_laser=_mounting(bag, tree, base_frame, laser_frame, warnings),
+        T_base_laser=_mounting(tree, base_frame, laser_frame, warnings),
         T_base_imu=None if imu is None else _imu_mounting(tree, base_frame, imu, warnings),
         warnings=tuple(warnings),
     )
@@ -194,7 +194,7 @@ def _require_overlap(
 
 
 def _mounting(
-    bag: Bag, tree: FrameTree, base_frame: str, laser_frame: str, warnings: list[str]
+    tree: FrameTree, base_frame: str, laser_frame: str, warnings: list[str]
 ) -> FloatArray:
     T_base_laser = tree.between(base_frame, laser_frame)
     if T_base_laser is not None:

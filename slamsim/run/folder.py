@@ -17,7 +17,7 @@ from slamsim.result import SlamResult
 from slamsim.safe.output import write_atomic
 from slamsim.slam.map_files import map_files
 from slamsim.types import Grid, Trajectory
-from slamsim.world.build import World
+from slamsim.world.model import World
 
 OUTPUTS = Path("outputs")
 LOG, WORLD, CONFIG = "log", "world.yaml", "config.yaml"

@@ -31,7 +31,8 @@ from slamsim.view.numbers import report_json
 from slamsim.view.recording import write_recording
 from slamsim.view.report import write_report
 from slamsim.view.run_view import RunView
-from slamsim.world.build import World, build_world
+from slamsim.world.build import build_world
+from slamsim.world.model import World
 
 
 def map_world(

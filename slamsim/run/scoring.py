@@ -18,7 +18,7 @@ from slamsim.evaluate.score import Scores, evaluate
 from slamsim.logs.relations import Relations
 from slamsim.run.stages import Stages
 from slamsim.types import FloatArray, Grid, PlanarTrajectory, Trajectory
-from slamsim.world.build import World
+from slamsim.world.model import World
 
 _log = logging.getLogger(__name__)
 Score = TypeVar("Score")

@@ -45,7 +45,6 @@ class RobotModel:
     track_m: float
     T_base_laser: FloatArray
     T_base_imu: FloatArray
-    T_base_camera: FloatArray
     static_transforms: tuple[StaticTransform, ...]
     motor: MotorConfig
     wheel_friction: float
@@ -149,7 +148,6 @@ def _model(text: str, description: Description, config: RobotConfig) -> RobotMod
         track_m=float(left[1] - right[1]),
         T_base_laser=placed["laser_link"],
         T_base_imu=placed["imu_link"],
-        T_base_camera=placed["camera_link"],
         static_transforms=tuple(
             StaticTransform(joint.parent, joint.child, joint.T_parent_child)
             for joint in description.joints

@@ -96,10 +96,6 @@ class Description:
     links: dict[str, Link]
     joints: tuple[Joint, ...]
 
-    def joint_of(self, link: str) -> Joint | None:
-        """The joint that carries a link; None for the root."""
-        return next((joint for joint in self.joints if joint.child == link), None)
-
     def placements(self) -> dict[str, FloatArray]:
         """Where each link stands when all joints are at zero."""
         placed = {self.root: np.eye(4)}

@@ -117,11 +117,6 @@ class BackEnd:
         return self._cutter.keyframes
 
     @property
-    def loose_parts(self) -> int:
-        """How many parts of the map nothing joins to the first."""
-        return self._solution.parts.loose
-
-    @property
     def kept(self) -> list[int]:
         """Which key frames were kept, by their indices as they came."""
         return self._taken

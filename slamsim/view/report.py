@@ -16,8 +16,6 @@ from slamsim.view.precision_tables import precision_tables
 from slamsim.view.run_view import RunView
 from slamsim.view.series import Plot, plots
 
-__all__ = ["report_html", "report_json", "write_report"]
-
 CURVE_POINTS = 1500
 
 

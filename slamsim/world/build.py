@@ -26,8 +26,6 @@ from slamsim.world.roam import find_room, given_start
 from slamsim.world.solids import PrismSolids, Solids
 from slamsim.world.walls import build_walls
 
-__all__ = ["FloorPatch", "World", "build_world"]
-
 
 def build_world(config: WorldConfig, seed: int) -> World:
     """The world that the configuration describes; ``seed`` counts unless it has its own.

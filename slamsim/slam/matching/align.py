@@ -40,7 +40,7 @@ average out. Variances are claimed this much larger; measured on simulated labyr
 3 cm of noise."""
 
 MEDIAN_CHI2 = 0.455
-COVERED, INLIERS, SQUARES, ITERATIONS, CONVERGED, WEAK, WEIGHTS, UNIT, PULL = range(9)
+COVERED, INLIERS, CONVERGED, WEAK, WEIGHTS, UNIT, PULL = range(7)
 SUMMARY_FIELDS = PULL + 3
 """From PULL on: the gradient of the scan alone where the prior came to rest with it."""
 
@@ -83,7 +83,6 @@ def _equations(
         variance *= unit
         if off * off < INLIER_SIGMAS * INLIER_SIGMAS * variance + INLIER_M * INLIER_M:
             summary[INLIERS] += 1.0
-            summary[SQUARES] += off * off
         mx, my = grid[0][slot, NORMAL_X], grid[0][slot, NORMAL_Y]
         row[0], row[1] = cos * mx + sin * my, -sin * mx + cos * my
         row[2] = (row[1] * x - row[0] * y) / length
@@ -104,7 +103,7 @@ def _clear(sums: tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArra
         gradient[i] = 0.0
         for j in range(3):
             information[i, j] = spread[i, j] = grip[i, j] = 0.0
-    summary[COVERED] = summary[INLIERS] = summary[SQUARES] = summary[WEIGHTS] = 0.0
+    summary[COVERED] = summary[INLIERS] = summary[WEIGHTS] = 0.0
 
 
 @kernel
@@ -263,7 +262,7 @@ def align(
         while weak < 3 and values[weak] < weak_share:
             weak += 1
         _project_out(information, gradient, axes, weak)
-        summary[WEAK], summary[ITERATIONS] = weak, iteration + 1
+        summary[WEAK] = weak
         _offset(T_guess, T, length, offset)
         pull = _pull(prior_scaled, offset, axes, values, (weak_share, robust > ROBUST_SIGMAS))
         step = _newton_step(information, gradient, pull, offset)

@@ -18,18 +18,15 @@ class Match:
     (dx_m, dy_m, dyaw_rad) of the base in its own frame (``compose(T_map_base, step)``), from the
     scan alone; it is zero along degenerate directions. inlier_ratio: share of the scan, where
     the map covers it, that lies on it. covered_ratio: share of the scan that the map covers.
-    rmse_m: of the inliers. degenerate_directions: (k, 3) steps of the base, in its own frame,
-    that the surfaces do not hold; k = 0 for most scans. pull: (3,) the scan alone would rather be
-    at the step ``d`` with ``information @ d = pull``; the prediction holds it back.
+    degenerate_directions: (k, 3) steps of the base, in its own frame, that the surfaces do not
+    hold; k = 0 for most scans. pull: (3,) the scan alone would rather be at the step ``d`` with
+    ``information @ d = pull``; the prediction holds it back.
     """
 
     T_map_base: FloatArray
     information: FloatArray
     inlier_ratio: float
     covered_ratio: float
-    rmse_m: float
-    iterations: int
-    converged: bool
     degenerate_directions: FloatArray
     pull: FloatArray = field(default_factory=lambda: np.zeros(3))
 

@@ -136,9 +136,6 @@ class KissMatcher:
             information=information,
             inlier_ratio=float(np.count_nonzero(inlier) / np.count_nonzero(covered)),
             covered_ratio=float(covered.mean()),
-            rmse_m=float(np.sqrt(np.mean(np.square(distance[inlier])))),
-            iterations=MAX_ITERATIONS,
-            converged=True,
             degenerate_directions=weak,
         )
 

@@ -9,12 +9,9 @@ import numpy as np
 from slamsim.config.slam import FrontEndConfig
 from slamsim.geometry import between
 from slamsim.slam.matching.align import (
-    CONVERGED,
     COVERED,
     INLIERS,
-    ITERATIONS,
     PULL,
-    SQUARES,
     UNIT,
     WEAK,
     WEIGHTS,
@@ -188,9 +185,6 @@ class LineMatcher:
             information=information,
             inlier_ratio=float(summary[INLIERS] / max(summary[COVERED], 1.0)),
             covered_ratio=float(summary[COVERED] / len(pieces)),
-            rmse_m=float(np.sqrt(summary[SQUARES] / summary[INLIERS])),
-            iterations=int(summary[ITERATIONS]),
-            converged=bool(summary[CONVERGED]),
             degenerate_directions=axes[:, : int(summary[WEAK])].T.copy(),
             pull=summary[PULL : PULL + 3].copy(),
         )
