@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from typing import ClassVar, Literal
 
@@ -11,11 +10,10 @@ from pydantic import Field
 
 from slamsim.config.sensors import SensorsConfig
 from slamsim.recording import RawScans, Recording, ScanLayout
-from slamsim.sensors.faults.base import CannotInject, Fault, SensedFault
+from slamsim.sensors.faults.base import Fault, SensedFault
 from slamsim.sensors.faults.edit import with_layouts, with_ranges, with_scans
-from slamsim.sensors.faults.motion import fired_later, plane_motion
+from slamsim.sensors.faults.motion import refired, require_timed
 from slamsim.sensors.motion import Knots
-from slamsim.types import Float32Array, FloatArray
 
 _FULL_TURN = 2.0 * np.pi
 
@@ -42,7 +40,7 @@ class BeamTimeReversed(SensedFault):
         )
 
     def inject(self, recording: Recording, rng: np.random.Generator) -> Recording:
-        return _refired(recording, lambda beam: beam[::-1] - beam)
+        return refired(recording, lambda beam: beam[::-1] - beam)
 
 
 class FlashScanTimed(SensedFault):
@@ -56,13 +54,13 @@ class FlashScanTimed(SensedFault):
         )
 
     def declare(self, recording: Recording, config: SensorsConfig) -> Recording:
-        beam_dt_s = config.lidar.beam_dt_ns * 1e-9
+        beam_dt_s = float(np.float32(config.lidar.beam_dt_ns * 1e-9))
         return with_layouts(recording, lambda layout: replace(layout, beam_dt_s=beam_dt_s))
 
     def inject(self, recording: Recording, rng: np.random.Generator) -> Recording:
         if all(layout.beam_dt_s == 0.0 for scans in recording.scans for layout in scans.layouts):
             return with_layouts(recording, _timed)
-        return _refired(recording, lambda beam: -beam)
+        return refired(recording, lambda beam: -beam)
 
 
 class RollingScanUntimed(Fault):
@@ -71,7 +69,7 @@ class RollingScanUntimed(Fault):
     kind: Literal["rolling_scan_untimed"]
 
     def inject(self, recording: Recording, rng: np.random.Generator) -> Recording:
-        _require_timed(recording)
+        require_timed(recording)
         return with_layouts(recording, lambda layout: replace(layout, beam_dt_s=0.0))
 
 
@@ -84,7 +82,7 @@ class BeamTimeScale(Fault):
     """Declared over true."""
 
     def inject(self, recording: Recording, rng: np.random.Generator) -> Recording:
-        _require_timed(recording)
+        require_timed(recording)
         return with_layouts(
             recording, lambda layout: replace(layout, beam_dt_s=layout.beam_dt_s * self.factor)
         )
@@ -99,7 +97,7 @@ class ScanStamp(Fault):
     """Of the scan's duration that has passed at the stamp: 1 is the last beam."""
 
     def inject(self, recording: Recording, rng: np.random.Generator) -> Recording:
-        _require_timed(recording)
+        require_timed(recording)
 
         def restamped(scans: RawScans) -> RawScans:
             beams = np.array([len(row) for row in scans.ranges_m]) - 1
@@ -113,20 +111,3 @@ class ScanStamp(Fault):
 def _timed(layout: ScanLayout) -> ScanLayout:
     """A scan of one instant with the times of a mirror that turns once in a scan."""
     return replace(layout, beam_dt_s=layout.scan_time_s * abs(layout.angle_step_rad) / _FULL_TURN)
-
-
-def _require_timed(recording: Recording) -> None:
-    if not any(layout.beam_dt_s for scans in recording.scans for layout in scans.layouts):
-        raise CannotInject(f"the beams of {recording.name} have no times of their own")
-
-
-def _refired(recording: Recording, steps: Callable[[FloatArray], FloatArray]) -> Recording:
-    """As if the beams had fired in other steps of time; steps: later by, from their numbers."""
-    _require_timed(recording)
-    motion = plane_motion(recording)
-
-    def changed(ranges_m: Float32Array, scans: RawScans) -> Float32Array:
-        later_s = steps(np.arange(ranges_m.shape[1], dtype=np.float64)) * scans.layout(0).beam_dt_s
-        return fired_later(ranges_m, scans, motion, later_s)
-
-    return with_ranges(recording, changed)

@@ -13,7 +13,7 @@ from slamsim.geometry import matrix_from_rpy, se3_from_parts
 from slamsim.recording import Recording, ScanLayout
 from slamsim.sensors.faults.base import Fault, SensedFault
 from slamsim.sensors.faults.edit import with_layouts, with_ranges
-from slamsim.sensors.faults.motion import beam_angles, looked_at, plane_motion
+from slamsim.sensors.faults.motion import beam_angles, is_timed, looked_at, plane_motion, refired
 from slamsim.sensors.faults.mounting import with_mount
 from slamsim.sensors.motion import Knots
 
@@ -56,12 +56,12 @@ class LaserMirrored(SensedFault):
         return recording
 
     def inject(self, recording: Recording, rng: np.random.Generator) -> Recording:
+        if is_timed(recording):  # the beam that comes first in the message still fires first
+            recording = refired(recording, lambda beam: beam[::-1] - beam)
         return with_ranges(
             recording,
             lambda ranges, scans: looked_at(
-                ranges,
-                scans.layout(0),
-                -2.0 * beam_angles(scans.layout(0), ranges.shape[1]),
+                ranges, scans.layout(0), -2.0 * beam_angles(scans.layout(0), ranges.shape[1])
             ),
         )
 

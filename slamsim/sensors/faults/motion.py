@@ -6,6 +6,7 @@ made from its scans and this motion instead: near enough to spoil a recording, n
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,6 +14,7 @@ import numpy as np
 from slamsim.geometry import yaw_from_xyzw
 from slamsim.recording import RawScans, Recording, ScanLayout
 from slamsim.sensors.faults.base import CannotInject
+from slamsim.sensors.faults.edit import with_ranges
 from slamsim.types import Float32Array, FloatArray, IntArray
 
 _FULL_TURN = 2.0 * np.pi
@@ -53,6 +55,33 @@ def plane_motion(recording: Recording) -> PlaneMotion:
         headings = np.concatenate([[0.0], np.cumsum(turned)])
         return _ordered(imu.stamps_ns, headings, np.zeros(headings.size))
     raise CannotInject(f"{recording.name} has neither odometry nor gyroscope to turn its scans by")
+
+
+def is_timed(recording: Recording) -> bool:
+    """Whether the beams of any lidar have times of their own."""
+    return any(layout.beam_dt_s for scans in recording.scans for layout in scans.layouts)
+
+
+def require_timed(recording: Recording) -> None:
+    """Raises CannotInject for scans whose beams are all of one instant."""
+    if not is_timed(recording):
+        raise CannotInject(f"the beams of {recording.name} have no times of their own")
+
+
+def refired(recording: Recording, steps: Callable[[FloatArray], FloatArray]) -> Recording:
+    """As if the beams had fired at other times: later by so many steps from beam to beam.
+
+    steps: from the numbers of the beams (beams,) to (beams,). Raises CannotInject for scans of
+    one instant and where nothing tells the motion.
+    """
+    require_timed(recording)
+    motion = plane_motion(recording)
+
+    def changed(ranges_m: Float32Array, scans: RawScans) -> Float32Array:
+        later_s = steps(np.arange(ranges_m.shape[1], dtype=np.float64)) * scans.layout(0).beam_dt_s
+        return fired_later(ranges_m, scans, motion, later_s)
+
+    return with_ranges(recording, changed)
 
 
 def fired_later(
