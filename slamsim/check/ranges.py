@@ -7,14 +7,14 @@ from collections.abc import Iterator
 import numpy as np
 
 from slamsim.check.beams import check_beams
-from slamsim.check.findings import Curve, Estimate, Finding, Mend, Plot
+from slamsim.check.findings import Estimate, Finding, Mend
+from slamsim.check.no_return import check_no_return, freed_of_codes
 from slamsim.check.repeats import check_repeats
-from slamsim.check.scan_sample import ScanSample, sample_scans
+from slamsim.check.scan_sample import ScanSample, positive, sample_scans
 from slamsim.check.stray import check_stray
 from slamsim.recording import RawScans, Recording, ScanLayout
 from slamsim.types import FloatArray
 
-MAX_ZERO_SHARE = 1e-4
 MAX_OUTSIDE_SHARE = 2e-3
 """Rounding at the limits themselves puts a few readings a hair outside."""
 MIN_COUNT = 20
@@ -25,7 +25,6 @@ UNITS: dict[str, float] = {
     "kilometres": 1e3,
 }
 """Units that the declared limits alone unmask, and what a reading is multiplied by to mend it."""
-_SPIKE_FACTOR = 10.0
 _LIMIT_TOLERANCE = 1e-3
 _OVERFLOW = 0.9
 _MOST, _HARDLY_ANY = 0.5, 0.01
@@ -47,7 +46,10 @@ def check_ranges(recording: Recording) -> list[Finding]:
             sample = sample.scaled(UNITS[unit])
         findings += [
             _limits(scans.topic, sample),
-            _no_return(scans.topic, sample, recording.format == "carmen"),
+            check_no_return(scans.topic, sample, recording.format == "carmen"),
+        ]
+        sample = freed_of_codes(sample)
+        findings += [
             check_repeats(recording, scans, sample),
             *check_beams(scans.topic, sample),
             check_stray(scans.topic, sample),
@@ -80,7 +82,7 @@ def _layouts(scans: RawScans) -> Iterator[Finding]:
 
 def _unit(sample: ScanSample) -> str | None:
     """The unit in which most readings fit the declared limits, if metres are not it."""
-    readings, layout = _positive(sample), sample.layout
+    readings, layout = positive(sample), sample.layout
     if readings.size < MIN_COUNT or _outside_share(readings, layout) <= _MOST:
         return None
     fits = (unit for unit, factor in UNITS.items()
@@ -89,7 +91,7 @@ def _unit(sample: ScanSample) -> str | None:
 
 
 def _wrong_unit(topic: str, sample: ScanSample, unit: str) -> Finding:
-    middle = float(np.median(_positive(sample)))
+    middle = float(np.median(positive(sample)))
     return Finding(
         "ranges.unit",
         topic,
@@ -109,7 +111,7 @@ def _declared(layout: ScanLayout) -> str:
 
 
 def _limits(topic: str, sample: ScanSample) -> Finding:
-    layout, readings = sample.layout, _positive(sample)
+    layout, readings = sample.layout, positive(sample)
     if not layout.range_max_m > max(layout.range_min_m, 0.0):
         return Finding(
             "ranges.limits",
@@ -141,70 +143,9 @@ def _limits(topic: str, sample: ScanSample) -> Finding:
     return Finding("ranges.limits", topic, "ok", words, estimate=estimate)
 
 
-def _positive(sample: ScanSample) -> FloatArray:
-    flat = sample.ranges_m[np.isfinite(sample.ranges_m)].astype(np.float64)
-    return flat[flat > 0.0]
-
-
 def _outside_share(readings: FloatArray, layout: ScanLayout) -> float:
     """Of readings; those of a common largest value above the maximum are its code for nothing."""
     slack = _LIMIT_TOLERANCE * layout.range_max_m
     below = readings < layout.range_min_m - _LIMIT_TOLERANCE
     above = (readings > layout.range_max_m + slack) & (readings < readings.max() * _OVERFLOW)
     return float((below | above).mean())
-
-
-def _no_return(topic: str, sample: ScanSample, maximum_is_usual: bool) -> Finding:
-    """maximum_is_usual: the format itself writes the maximum where nothing was."""
-    ranges = sample.ranges_m
-    zeros = int((ranges == 0.0).sum())
-    if zeros >= MIN_COUNT and zeros > MAX_ZERO_SHARE * ranges.size:
-        share = 100.0 * zeros / ranges.size
-        return Finding(
-            "ranges.no_return",
-            topic,
-            "bad",
-            f"{share:.2g} % of the readings are exactly 0, which is a place and not nothing",
-            "range_zero_no_return",
-            "Write inf where nothing came back (REP 117).",
-            Estimate(share, 0.0, "%"),
-            100.0 * MAX_ZERO_SHARE,
-            (Mend("zero_to_inf", topic),),
-        )
-    code = None if maximum_is_usual else _code_for_nothing(sample)
-    if code is not None:
-        value_m, count = code
-        return Finding(
-            "ranges.no_return",
-            topic,
-            "bad",
-            f"{count} readings of {len(sample.scans)} scans are exactly {value_m:g} m and hardly "
-            "any just below: a code for nothing, inside the declared limits",
-            "range_max_no_return",
-            "Write inf where nothing came back (REP 117), or a wall grows there.",
-            Estimate(value_m, 0.0, "m"),
-            mends=(Mend("value_to_inf", topic, {"value_m": value_m}),),
-            plots=(_histogram(topic, sample),),
-        )
-    words = "no return is not written as a distance"
-    return Finding("ranges.no_return", topic, "ok", words)
-
-
-def _code_for_nothing(sample: ScanSample) -> tuple[float, int] | None:
-    """(value, count) of a largest reading that is common while nothing lies just below it."""
-    readings = _positive(sample)
-    if readings.size == 0:
-        return None
-    value = float(readings.max())
-    count = int((readings == value).sum())
-    just_below = int(((readings < value) & (readings > 0.95 * value)).sum())
-    is_inside = value <= sample.layout.range_max_m
-    is_spike = count >= MIN_COUNT and count > _SPIKE_FACTOR * just_below
-    return (value, count) if is_inside and is_spike else None
-
-
-def _histogram(topic: str, sample: ScanSample) -> Plot:
-    counts, edges = np.histogram(_positive(sample), bins=120)
-    middle = 0.5 * (edges[:-1] + edges[1:])
-    curve = Curve("readings", middle, np.log10(counts + 1.0), "line")
-    return Plot(f"Readings of {topic}", "range (m)", "log10(count + 1)", (curve,))

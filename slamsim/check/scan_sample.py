@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from slamsim.recording import RawScans, ScanLayout
-from slamsim.types import BoolArray, Float32Array, IntArray
+from slamsim.types import BoolArray, Float32Array, FloatArray, IntArray
 
 SAMPLED_SCANS = 600
 
@@ -67,3 +67,9 @@ def _same(one: Float32Array, other: Float32Array) -> bool:
     if one.size != other.size or one.tobytes() != other.tobytes():
         return False
     return bool(np.isfinite(other).any())
+
+
+def positive(sample: ScanSample) -> FloatArray:
+    """All finite readings above zero, flat."""
+    flat = sample.ranges_m[np.isfinite(sample.ranges_m)].astype(np.float64)
+    return flat[flat > 0.0]

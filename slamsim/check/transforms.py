@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 
 import numpy as np
@@ -15,6 +16,7 @@ from slamsim.types import BoolArray, FloatArray
 MAX_STATIC_CHANGE = 1e-3
 """Metres, or the entries of a rotation: a fixed transform moves by less, whatever rounds it."""
 _RIGID_TOLERANCE = 0.01
+_LINK = re.compile(r'<link\s+name="([^"]*)"')
 
 
 def check_transforms(recording: Recording) -> list[Finding]:
@@ -85,7 +87,7 @@ def _loops(graph: FrameGraph) -> Iterator[Finding]:
 
 
 def _links(recording: Recording, graph: FrameGraph) -> list[Finding]:
-    """Frames that messages name: known, and joined to the base."""
+    """Frames that messages name: known to transforms or robot description, joined to the base."""
     odometry = recording.odometries[0] if recording.odometries else None
     base = graph.base(odometry.child_frame_ids if odometry else ())
     findings = [
@@ -100,9 +102,10 @@ def _links(recording: Recording, graph: FrameGraph) -> list[Finding]:
 
 def _sensor_links(recording: Recording, graph: FrameGraph, base: str) -> Iterator[Finding]:
     streams: list[RawStream] = [*recording.scans, *recording.imus]
+    links = set(_LINK.findall(recording.robot_description or ""))
     for stream in streams:
         for frame in stream.frame_ids:
-            if frame not in graph:
+            if frame not in graph and frame not in links:
                 yield _unknown_frame(stream, frame, graph)
             elif not graph.connects(base, frame):
                 yield Finding(
