@@ -8,7 +8,7 @@ from dataclasses import fields
 import numpy as np
 
 from slamsim.geometry import xyzw_from_matrix
-from slamsim.logs.recorded import OdometryTail, WheelMotion, at_rate
+from slamsim.logs.recorded import OdometryTail, TruthTail, WheelMotion, at_rate
 from slamsim.logs.writer import CLOCK_RATE_HZ, LogHeader
 from slamsim.recording import (
     RawImu,
@@ -21,7 +21,7 @@ from slamsim.recording import (
     TransformEdge,
 )
 from slamsim.sensors.readings import Readings, ScanBatch
-from slamsim.types import Drive, EncoderStream, IntArray
+from slamsim.types import Drive, EncoderStream, IntArray, Trajectory
 
 
 def recording_from_readings(
@@ -47,6 +47,21 @@ def recording_from_readings(
         robot_description=header.robot_description,
         clock_ns=np.column_stack([ticking, ticking]),
         epoch=header.epoch,
+    )
+
+
+def true_trajectory(windows: Sequence[Drive], header: LogHeader) -> Trajectory:
+    """``T_map_base`` as a ``LogWriter`` writes it of these windows, thinned to its rate."""
+    tail, last_ns, parts = TruthTail(header.truth_rate_hz), None, []
+    for window in windows:
+        parts.append(tail.take(window, last_ns))
+        last_ns = int(window.stamps_ns[-1])
+    if tail.rest is not None:
+        parts.append(tail.rest)
+    return Trajectory(
+        np.concatenate([part.stamps_ns for part in parts]),
+        np.concatenate([part.positions_m for part in parts]),
+        np.concatenate([part.quats_xyzw for part in parts]),
     )
 
 

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from slamsim.bench.alone import Children
-from slamsim.bench.check.driven import Driven
 from slamsim.bench.check.outcome import Json, Outcome, outcome_of
 from slamsim.bench.check.scenario import random_scenario
 from slamsim.bench.check.summary import seed_line, summarise, summary_tables
@@ -22,6 +21,7 @@ from slamsim.bench.check.trials import (
     pair_trials,
 )
 from slamsim.console import Reporter
+from slamsim.driven import Driven
 from slamsim.safe.errors import SlamsimError
 from slamsim.safe.output import write_atomic
 from slamsim.sensors.faults.base import Fault

@@ -7,10 +7,10 @@ from dataclasses import asdict, dataclass
 
 from pydantic import TypeAdapter
 
-from slamsim.bench.check.driven import Driven
 from slamsim.bench.check.trials import Trial
 from slamsim.check.check import check_recording
 from slamsim.check.findings import CheckReport, Finding
+from slamsim.driven import Driven
 from slamsim.recording import Recording
 from slamsim.sensors.faults.base import CannotInject
 
