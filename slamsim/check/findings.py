@@ -12,11 +12,15 @@ Verdict = Literal["ok", "bad", "cannot tell"]
 
 @dataclass(frozen=True, slots=True)
 class Estimate:
-    """A measured size with its standard deviation, in ``unit``; the interval is 95 %."""
+    """A measured size with its standard deviation, in ``unit``; the interval is 95 %.
+
+    bound: the least standard deviation that any method could have on these data (Cramer-Rao).
+    """
 
     value: float
     sigma: float
     unit: str
+    bound: float | None = None
 
     @property
     def interval(self) -> tuple[float, float]:
