@@ -13,7 +13,7 @@ from slamsim.check.findings import Finding
 from slamsim.check.inertial import check_inertial
 from slamsim.check.ranges import check_ranges
 from slamsim.check.scan_sample import sample_scans
-from slamsim.recording import RawImu, RawScans, Recording, ScanLayout, TransformEdge
+from slamsim.recording import RawImu, RawOdometry, RawScans, Recording, ScanLayout, TransformEdge
 from slamsim.types import Float32Array, FloatArray
 
 SECOND = 1_000_000_000
@@ -229,3 +229,16 @@ def test_a_hopeless_unit_never_breaks_it(samples: int, value: float) -> None:
     imu = RawImu("/imu", ("imu_link",), np.arange(samples, dtype=np.int64), None, rows, rows)
     for finding in felt(imu):
         assert finding.estimate is None or np.isfinite(finding.estimate.value)
+
+
+def test_a_unit_that_hangs_while_the_odometry_goes_on() -> None:
+    imu = turning_imu()
+    rows = np.repeat([[0.0, 0.0, 0.0]], len(imu), axis=0)
+    frozen = replace(imu, angular_velocity_rad_s=rows, linear_acceleration_m_s2=rows + [0, 0, 9.8])
+    driven = np.column_stack([np.linspace(0.0, 5.0, len(imu)), rows[:, :2]])
+    upright = np.repeat([UPRIGHT], len(imu), axis=0)
+    odometry = RawOdometry("/odom", ("odom",), imu.stamps_ns, None, ("base_link",), driven, upright,
+                           rows * np.nan, rows * np.nan)  # fmt: skip
+    recording = Recording("t", "mcap", imus=(frozen,), transforms=mounted(UPRIGHT))
+    assert "imu_stuck" not in bad(check_inertial(recording))
+    assert "imu_stuck" in bad(check_inertial(replace(recording, odometries=(odometry,))))

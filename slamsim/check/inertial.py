@@ -8,8 +8,9 @@ import numpy as np
 
 from slamsim.check.findings import Curve, Estimate, Finding, Mend, Plot
 from slamsim.check.frame_graph import FrameGraph
+from slamsim.check.moving import moving_at
 from slamsim.recording import RawImu, Recording
-from slamsim.types import GRAVITY_M_S2, FloatArray
+from slamsim.types import GRAVITY_M_S2, BoolArray, FloatArray
 
 GRAVITY_LIMITS_M_S2 = (9.5, 10.5)
 """Of the mean over a drive on a floor, as Cartographer's validator has it."""
@@ -35,7 +36,7 @@ def check_inertial(recording: Recording) -> list[Finding]:
         findings += [
             _gravity(imu, acceleration),
             *_direction(imu, acceleration, graph, base),
-            _repeats(imu),
+            _repeats(imu, moving_at(recording, imu.stamps_ns, ask_imus=False)),
         ]
     return findings
 
@@ -114,17 +115,22 @@ def _direction(
     )
 
 
-def _repeats(imu: RawImu) -> Finding:
-    """Samples that equal the one before while the unit turns."""
+def _repeats(imu: RawImu, moving: BoolArray | None) -> Finding:
+    """Samples that equal the one before while the unit turns, or the odometry says that it moves.
+
+    At rest a simulated unit without noise may repeat itself.
+    """
     gyro, accel = imu.angular_velocity_rad_s, imu.linear_acceleration_m_s2
     same = (np.diff(gyro, axis=0) == 0.0).all(axis=1) & (np.diff(accel, axis=0) == 0.0).all(axis=1)
-    turning = np.abs(gyro[1:]).max(axis=1) > _TURNING_RAD_S
-    if int(turning.sum()) < MIN_SAMPLES:
-        words = "the unit hardly turns, so equal samples mean nothing"
+    asked = np.abs(gyro[1:]).max(axis=1) > _TURNING_RAD_S
+    if moving is not None:
+        asked |= moving[1:]
+    if int(asked.sum()) < MIN_SAMPLES:
+        words = "the robot hardly moves, so equal samples mean nothing"
         return Finding("imu.stuck", imu.topic, "cannot tell", words)
-    share = float((same & turning).sum() / turning.sum())
+    share = float((same & asked).sum() / asked.sum())
     estimate = Estimate(100.0 * share, 0.0, "%")
-    words = f"{100.0 * share:.2g} % of the samples repeat the one before while the unit turns"
+    words = f"{100.0 * share:.2g} % of the samples repeat the one before while the robot moves"
     if share <= MAX_REPEATED_SHARE:
         return Finding("imu.stuck", imu.topic, "ok", words, estimate=estimate)
     return Finding(
@@ -133,7 +139,7 @@ def _repeats(imu: RawImu) -> Finding:
         "bad",
         words,
         "imu_stuck",
-        "Look for a driver that publishes faster than the unit samples.",
+        "Look for a driver that publishes faster than the unit samples, or that hangs.",
         estimate,
         100.0 * MAX_REPEATED_SHARE,
     )
