@@ -20,6 +20,7 @@ from slamsim.bench.check.trials import (
     fault_trials,
     pair_trials,
 )
+from slamsim.bench.check.truth import truths
 from slamsim.console import Reporter
 from slamsim.driven import Driven
 from slamsim.safe.errors import SlamsimError
@@ -102,7 +103,8 @@ def run_seed(campaign: Campaign, seed: int) -> Json:
     if missing:
         driven = Driven(scenario.config)
         for trial in missing:
-            done[trial.name] = outcome_of(trial, driven)
+            truth = truths(scenario.config, trial.faults)
+            done[trial.name] = outcome_of(trial, driven.recording, truth)
         _keep(campaign, seed, done)
     asked = [done[trial.name].as_json() for trial in campaign.trials(seed)]
     return {

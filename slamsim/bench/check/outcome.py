@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 
 from pydantic import TypeAdapter
 
 from slamsim.bench.check.trials import Trial
+from slamsim.bench.check.truth import Truth
 from slamsim.check.check import check_recording
 from slamsim.check.findings import CheckReport, Finding
-from slamsim.driven import Driven
 from slamsim.recording import Recording
-from slamsim.sensors.faults.base import CannotInject
+from slamsim.sensors.faults.base import CannotInject, Fault
 
 Json = dict[str, object]
 
@@ -27,6 +28,7 @@ class Measured:
     value: float
     sigma: float
     unit: str
+    bound: float | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,8 +36,8 @@ class Outcome:
     """One trial.
 
     expects: what had to be said. also: what might be said besides. said: the names of all that
-    was found bad. untold: questions that could not be answered. skipped: why there was no such
-    trial; nothing is said then.
+    was found bad. untold: questions that could not be answered. truth: what estimates should be,
+    by check, as far as it is known. skipped: why there was no such trial; nothing is said then.
     """
 
     trial: str
@@ -45,6 +47,7 @@ class Outcome:
     said: tuple[str, ...]
     untold: tuple[str, ...]
     measured: tuple[Measured, ...]
+    truth: Truth
     seconds: float
     skipped: str = ""
 
@@ -70,24 +73,24 @@ class Outcome:
 _OUTCOME = TypeAdapter(Outcome)
 
 
-def outcome_of(trial: Trial, driven: Driven) -> Outcome:
-    """Inject and check."""
+def outcome_of(
+    trial: Trial, spoilt: Callable[[Sequence[Fault]], Recording], truth: Truth
+) -> Outcome:
+    """Inject and check. spoilt: gives the recording with faults, or raises CannotInject."""
     try:
-        recording = driven.recording(trial.faults)
+        recording = spoilt(trial.faults)
     except CannotInject as error:
-        return _outcome(trial, CheckReport("", ()), 0.0, str(error))
-    return checked(trial, recording)
-
-
-def checked(trial: Trial, recording: Recording) -> Outcome:
-    """Check what the trial was made of."""
+        return _outcome(trial, truth, CheckReport("", ()), 0.0, str(error))
     begun_s = time.perf_counter()
     report = check_recording(recording)
-    return _outcome(trial, report, time.perf_counter() - begun_s)
+    return _outcome(trial, truth, report, time.perf_counter() - begun_s)
 
 
-def _outcome(trial: Trial, report: CheckReport, seconds: float, skipped: str = "") -> Outcome:
+def _outcome(
+    trial: Trial, truth: Truth, report: CheckReport, seconds: float, skipped: str = ""
+) -> Outcome:
     return Outcome(
+        truth=truth,
         trial=trial.name,
         sort=trial.sort,
         expects=tuple(sorted({fault.expects for fault in trial.faults})),
@@ -111,4 +114,5 @@ def _measured(finding: Finding) -> Measured | None:
         estimate.value,
         estimate.sigma,
         estimate.unit,
+        estimate.bound,
     )

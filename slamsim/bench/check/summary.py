@@ -8,6 +8,7 @@ from typing import cast
 
 import numpy as np
 
+from slamsim.bench.check.coverage import coverage, coverage_row
 from slamsim.bench.check.outcome import Json, Outcome
 
 Rows = dict[str, str]
@@ -30,6 +31,7 @@ def summarise(runs: Sequence[Json]) -> Json:
         "faults": _by_name(by_sort["fault"]),
         "pairs": _rates(by_sort["pair"]),
         "curves": _by_name(by_sort["curve"]),
+        "coverage": coverage(done),
         "skipped": dict(Counter(outcome.trial for outcome in outcomes if outcome.skipped)),
         "seconds": {
             "median": float(np.median(seconds)) if seconds else None,
@@ -70,6 +72,9 @@ def summary_tables(summary: Json) -> dict[str, Rows]:
     }
     if summary["curves"]:
         tables["Sizes"] = {name: _row(rates) for name, rates in _items(summary["curves"])}
+    if summary["coverage"]:
+        rows = {check: coverage_row(figures) for check, figures in _items(summary["coverage"])}
+        tables["Stated 95 % intervals"] = rows
     return tables
 
 

@@ -1,0 +1,131 @@
+"""What the checker's estimates should be: from what was simulated and what was injected."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from slamsim.config.run import RunConfig
+from slamsim.config.sensors import EncoderConfig
+from slamsim.sensors.faults.base import Fault
+from slamsim.sensors.faults.imu import GyroScale
+from slamsim.sensors.faults.laser import LaserAngleStep, LaserMount, LaserPosition
+from slamsim.sensors.faults.ranges import RangeOffset
+from slamsim.sensors.faults.stamps import ClockDrift, TimeOffset
+from slamsim.sensors.faults.wheels import WheelRadius, WheelTrack
+
+Truth = dict[str, float]
+"""The true value of an estimate under the name of its check, in the estimate's unit."""
+
+
+def truths(config: RunConfig, faults: Sequence[Fault]) -> Truth:
+    """Of the healthy recording; with one fault, of what that fault changes.
+
+    Nothing where a fault has no number, or where there are several.
+    """
+    if not faults:
+        return _healthy(config)
+    fault = faults[0]
+    change = CHANGES.get(type(fault))
+    if len(faults) > 1 or change is None:
+        return {}
+    return change(_healthy(config), fault)
+
+
+def _healthy(config: RunConfig) -> Truth:
+    wheels = config.sensors.encoders
+    gyro = config.sensors.imu.gyro
+    return {
+        "time.offset.lidar_imu": 0.0,
+        "time.offset.lidar_wheels": 0.0,
+        "time.offset.imu_wheels": 0.0,
+        "time.drift": 0.0,
+        "wheels.radius": 100.0 * (_believed_radius(wheels) - 1.0),
+        "wheels.unequal": 100.0 * (wheels.wheel_scale_error[1] - wheels.wheel_scale_error[0]),
+        "wheels.track": 100.0 * wheels.track_error,
+        "gyro.scale": 100.0 * gyro.scale_error[2],
+        "laser.yaw": 0.0,
+        "laser.x": 0.0,
+        "laser.y": 0.0,
+        "laser.angle_step": 0.0,
+        "ranges.offset": 0.0,
+    }
+
+
+def _believed_radius(wheels: EncoderConfig) -> float:
+    """How far the driver thinks that it went, over how far it went."""
+    return (1.0 + wheels.wheel_radius_error) * (1.0 + float(np.mean(wheels.wheel_scale_error)))
+
+
+def _time_offset(healthy: Truth, fault: Fault) -> Truth:
+    assert isinstance(fault, TimeOffset)
+    late_ms = 1e3 * fault.offset_s
+    pairs = {
+        "lidar": {"lidar_imu": -late_ms, "lidar_wheels": -late_ms},
+        "imu": {"lidar_imu": late_ms, "imu_wheels": -late_ms},
+        "wheels": {"lidar_wheels": late_ms, "imu_wheels": late_ms},
+    }[fault.stream]
+    return {
+        f"time.offset.{fault.stream}": late_ms,
+        **{f"time.offset.{pair}": offset for pair, offset in pairs.items()},
+    }
+
+
+def _clock_drift(healthy: Truth, fault: Fault) -> Truth:
+    assert isinstance(fault, ClockDrift)
+    return {"time.drift": fault.drift_ppm}
+
+
+def _wheel_radius(healthy: Truth, fault: Fault) -> Truth:
+    assert isinstance(fault, WheelRadius)
+    return {"wheels.radius": _times(healthy["wheels.radius"], fault.relative_error)}
+
+
+def _wheel_track(healthy: Truth, fault: Fault) -> Truth:
+    assert isinstance(fault, WheelTrack)
+    return {"wheels.track": _times(healthy["wheels.track"], fault.relative_error)}
+
+
+def _gyro_scale(healthy: Truth, fault: Fault) -> Truth:
+    assert isinstance(fault, GyroScale)
+    return {"gyro.scale": _times(healthy["gyro.scale"], fault.factor - 1.0)}
+
+
+def _laser_mount(healthy: Truth, fault: Fault) -> Truth:
+    assert isinstance(fault, LaserMount)
+    return {"laser.yaw": fault.angle_deg} if fault.axis == "yaw" else {}
+
+
+def _laser_position(healthy: Truth, fault: Fault) -> Truth:
+    assert isinstance(fault, LaserPosition)
+    return {f"laser.{fault.axis}": 1e3 * fault.by_m}
+
+
+def _angle_step(healthy: Truth, fault: Fault) -> Truth:
+    assert isinstance(fault, LaserAngleStep)
+    return {"laser.angle_step": 100.0 * fault.relative_error}
+
+
+def _range_offset(healthy: Truth, fault: Fault) -> Truth:
+    assert isinstance(fault, RangeOffset)
+    return {"ranges.offset": 1e3 * fault.offset_m}
+
+
+def _times(percent: float, relative_error: float) -> float:
+    """One error on top of another, in per cent."""
+    return 100.0 * ((1.0 + 0.01 * percent) * (1.0 + relative_error) - 1.0)
+
+
+CHANGES: dict[type[Fault], Callable[[Truth, Fault], Truth]] = {
+    TimeOffset: _time_offset,
+    ClockDrift: _clock_drift,
+    WheelRadius: _wheel_radius,
+    WheelTrack: _wheel_track,
+    GyroScale: _gyro_scale,
+    LaserMount: _laser_mount,
+    LaserPosition: _laser_position,
+    LaserAngleStep: _angle_step,
+    RangeOffset: _range_offset,
+}
+"""For each kind with a number: what it makes of the estimates that it changes."""
