@@ -234,7 +234,7 @@ def test_a_hopeless_unit_never_breaks_it(samples: int, value: float) -> None:
 def test_a_unit_that_hangs_while_the_odometry_goes_on() -> None:
     imu = turning_imu()
     rows = np.repeat([[0.0, 0.0, 0.0]], len(imu), axis=0)
-    frozen = replace(imu, angular_velocity_rad_s=rows, linear_acceleration_m_s2=rows + [0, 0, 9.8])
+    frozen = replace(imu, angular_velocity_rad_s=rows, linear_acceleration_m_s2=rows + 9.8)
     driven = np.column_stack([np.linspace(0.0, 5.0, len(imu)), rows[:, :2]])
     upright = np.repeat([UPRIGHT], len(imu), axis=0)
     odometry = RawOdometry("/odom", ("odom",), imu.stamps_ns, None, ("base_link",), driven, upright,
