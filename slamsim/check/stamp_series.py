@@ -1,0 +1,158 @@
+"""The stamps of one stream, and what they are measured by."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from slamsim.recording import RawScans, Recording
+from slamsim.types import FloatArray, IntArray
+
+Kind = Literal["lidar", "imu", "wheels", "transform"]
+
+_SAME_ORIGIN_NS = 3600 * 1_000_000_000
+_LOCAL_STEPS = 200
+_FAR_APART = 8
+_BEAT_GROWTH = 1.4
+_EVEN_SHARE = 0.2
+_COPIED_NS = 1_000
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StampSeries:
+    """stamps_ns: (n,) in the order of the file. received_ns: (n,) on the clock of the stamps if
+    the recording tells how, None if unknown. lasts_ns: (n,) from stamp to the end of measuring.
+    """
+
+    subject: str
+    kind: Kind
+    stamps_ns: IntArray
+    received_ns: IntArray | None
+    lasts_ns: IntArray
+
+    def __len__(self) -> int:
+        return int(self.stamps_ns.size)
+
+    @property
+    def since_first_s(self) -> FloatArray:
+        """(n,) stamps counted from the first."""
+        return np.asarray((self.stamps_ns - self.stamps_ns[:1]) * 1e-9)
+
+    @property
+    def span_s(self) -> float:
+        return float(np.ptp(self.stamps_ns)) * 1e-9 if len(self) else 0.0
+
+    @property
+    def steps_s(self) -> FloatArray:
+        """(n - 1,) from each stamp to the next in the file."""
+        return np.asarray(np.diff(self.stamps_ns) * 1e-9)
+
+    @property
+    def ordered_steps_s(self) -> FloatArray:
+        """(m,) between neighbouring instants, however the file has them."""
+        return np.asarray(np.diff(np.unique(self.stamps_ns)) * 1e-9)
+
+    @property
+    def latency_s(self) -> FloatArray | None:
+        """(n,) from the stamp until the message was received; None if the two cannot be compared.
+
+        They count from different origins where most of them are an hour and more apart.
+        """
+        if self.received_ns is None or not len(self):
+            return None
+        latency_ns = self.received_ns - self.stamps_ns
+        apart = abs(float(np.median(latency_ns))) > _SAME_ORIGIN_NS
+        return None if apart else np.asarray(latency_ns * 1e-9)
+
+    @property
+    def is_copied(self) -> bool:
+        """Whether the times of receipt are the stamps over again, and so say nothing."""
+        if self.received_ns is None:
+            return False
+        return bool(np.abs(self.received_ns - self.stamps_ns).max(initial=0) <= _COPIED_NS)
+
+
+def series_of(recording: Recording) -> list[StampSeries]:
+    """The streams whose stamps matter; joint states and what never moves are none."""
+    found = [
+        StampSeries(s.topic, "lidar", s.stamps_ns, s.received_ns, _lasts_ns(s))
+        for s in recording.scans
+    ]
+    found += [_instants(s.topic, "imu", s.stamps_ns, s.received_ns) for s in recording.imus]
+    scan_topics = {scans.topic for scans in recording.scans}
+    found += [
+        _instants(s.topic, "wheels", s.stamps_ns, s.received_ns)
+        for s in (*recording.ticks, *recording.odometries)
+        if s.topic not in scan_topics  # in CARMEN logs a laser line carries the odometry
+    ]
+    found += [
+        _instants(f"{e.topic} {e.name}", "transform", e.stamps_ns, e.received_ns)
+        for e in recording.transforms
+        if not e.is_static
+    ]
+    return [_on_clock(series, recording.clock_ns) for series in found if len(series)]
+
+
+def spread_s(stamps_ns: IntArray, apart: int) -> float:
+    """How much the time from a message to the one so many later varies: sigma by the median
+    deviation within some 200 neighbours, so that single gaps and a slow change do not count."""
+    elapsed_s = (stamps_ns[apart:] - stamps_ns[:-apart]) * 1e-9
+    parts = np.array_split(elapsed_s, max(elapsed_s.size // _LOCAL_STEPS, 1))
+    deviations = [np.abs(part - np.median(part)) for part in parts if part.size]
+    return 1.4826 * float(np.median(np.concatenate(deviations))) if deviations else 0.0
+
+
+def beat_scatter_s(stamps_ns: IntArray) -> float | None:
+    """Sigma of the stamps about an even beat, None where there is none below them.
+
+    Stamps that scatter about a beat stay near it however many messages one counts on; where
+    the sensor itself comes unevenly they wander off.
+    """
+    near_s, far_s = spread_s(stamps_ns, 1), spread_s(stamps_ns, _FAR_APART)
+    period_s = float(np.median(np.diff(stamps_ns))) * 1e-9
+    wanders = far_s > _BEAT_GROWTH * near_s and far_s > 0.1 * _EVEN_SHARE * abs(period_s)
+    return None if wanders else far_s / 2.0**0.5
+
+
+def is_even(stamps_ns: IntArray) -> bool:
+    """Whether messages come at a beat, near enough to count those that are missing."""
+    scatter_s = beat_scatter_s(stamps_ns)
+    period_s = float(np.median(np.diff(stamps_ns))) * 1e-9
+    return scatter_s is not None and scatter_s < _EVEN_SHARE * period_s
+
+
+def _instants(
+    subject: str, kind: Kind, stamps_ns: IntArray, received_ns: IntArray | None
+) -> StampSeries:
+    return StampSeries(subject, kind, stamps_ns, received_ns, np.zeros_like(stamps_ns))
+
+
+def _lasts_ns(scans: RawScans) -> IntArray:
+    """As declared; a declaration that is no number lasts no time."""
+    declared_s = np.array([layout.beam_dt_s for layout in scans.layouts])[scans.layout_of]
+    if isinstance(scans.ranges_m, np.ndarray):
+        beams = np.full(len(scans), scans.ranges_m.shape[1])
+    else:
+        beams = np.array([row.size for row in scans.ranges_m])
+    lasts_ns = np.nan_to_num(declared_s * np.maximum(beams - 1, 0) * 1e9, posinf=0.0, neginf=0.0)
+    return np.asarray(np.clip(lasts_ns, 0.0, 1e12), dtype=np.int64)
+
+
+def _on_clock(series: StampSeries, clock_ns: IntArray | None) -> StampSeries:
+    """Times of receipt on the simulated clock, where stamps are on it and the recorder was not."""
+    if series.received_ns is None or clock_ns is None or len(clock_ns) < 2:
+        return series
+    if series.latency_s is not None:
+        return series
+    order = np.argsort(clock_ns[:, 1], kind="stable")
+    shown_ns, when_ns = clock_ns[order].T
+    begin_ns = int(when_ns[0])
+    seconds = np.interp(
+        (series.received_ns - begin_ns) * 1e-9,
+        (when_ns - begin_ns) * 1e-9,
+        (shown_ns - shown_ns[0]) * 1e-9,
+    )
+    received_ns = shown_ns[0] + np.rint(seconds * 1e9).astype(np.int64)
+    return StampSeries(series.subject, series.kind, series.stamps_ns, received_ns, series.lasts_ns)
