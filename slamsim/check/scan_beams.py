@@ -35,8 +35,10 @@ class BeamReader:
     metres_per_unit, radians_per_unit: 1, unless ranges or angles are evidently in another unit.
     """
 
-    def __init__(self, scans: RawScans) -> None:
+    def __init__(self, scans: RawScans, angle_scale: float = 1.0) -> None:
+        """angle_scale: true over declared angle between beams, which stay about their middle."""
         self._scans = scans
+        self.angle_scale = angle_scale
         self._angles: dict[tuple[int, int], FloatArray] = {}
         self.radians_per_unit = _radians_per_unit(scans)
         sample = _sample(scans)
@@ -53,12 +55,14 @@ class BeamReader:
     def sweep(self, scan: int) -> Sweep:
         """How the beams of a scan are taken to lie."""
         layout, beams = self.layout_of(scan)
-        first = layout.angle_min_rad * self.radians_per_unit
+        first = _first_rad(layout)
+        step = _step_rad(layout, beams, self.radians_per_unit)
+        wider = (self.angle_scale - 1.0) * step
         return Sweep(
-            first if np.isfinite(first) else -np.pi,
-            _step_rad(layout, beams, self.radians_per_unit),
-            beams,
-            _sweep_s(layout, beams),
+            first_rad=first - 0.5 * wider * (beams - 1),
+            step_rad=step + wider,
+            beams=beams,
+            declared_s=_sweep_s(layout, beams),
         )
 
     def middle_ns(self, scans: IntArray) -> IntArray:
@@ -153,6 +157,15 @@ def _step_rad(layout: ScanLayout, beams: int, radians_per_unit: float) -> float:
     span = (layout.angle_max_rad - layout.angle_min_rad) * radians_per_unit
     span = span if np.isfinite(span) and span != 0.0 else 2.0 * np.pi
     return float(span / max(beams - 1, 1))
+
+
+def _first_rad(layout: ScanLayout) -> float:
+    """Its unit may be another than that of the step."""
+    first = layout.angle_min_rad
+    if not np.isfinite(first):
+        return -np.pi
+    ends = abs(layout.angle_max_rad - first)
+    return float(np.deg2rad(first) if ends > DEGREES_SPAN_RAD else first)
 
 
 def _sweep_s(layout: ScanLayout, beams: int) -> float:

@@ -37,11 +37,13 @@ MEDIAN_CHI2 = 2.0 * np.log(2.0)
 SMOOTH_M = 0.001
 """How straight surfaces are at best."""
 
-SMALL_STEP = 2e-5
+SMALL_STEP = 5e-5
 LEAST_REDUNDANCY = 0.2
 INLIER_SIGMAS = 4.0
-OTHER_SIGMAS = 3.0
-"""A shape is kept as declared unless the scans contradict it by this many standard deviations."""
+OTHER_SIGMAS = 4.0
+OTHER_SHAPE = np.array([5e-4, 2e-4, 2e-3])
+"""A shape is kept unless the scans contradict it by this many standard deviations, and by so many
+seconds, by such a share of the angle, or by so many metres: poses feel no less."""
 
 MAX_STEP = np.array([0.25, 0.1, 0.5])
 """Seconds of the sweep, relative angle, metres: the shape moves no further at a time."""
@@ -116,7 +118,7 @@ class ShapePull:
         if not len(self.pull):
             return None
         step, sigmas = self.step(), self.sigmas()
-        wanted = np.abs(step) > OTHER_SIGMAS * sigmas
+        wanted = np.abs(step) > np.maximum(OTHER_SIGMAS * sigmas, OTHER_SHAPE)
         if not wanted.any():
             return None
         return shape.moved(np.clip(np.where(wanted, step, 0.0), -MAX_STEP, MAX_STEP))

@@ -12,6 +12,7 @@ import numpy as np
 
 from slamsim.check.scan_beams import BeamReader
 from slamsim.check.scan_bundle import Shape, ShapePull, WindowFit, fit_window
+from slamsim.check.scan_scale import rough_angle_scale
 from slamsim.check.scan_track import Track, track_window
 from slamsim.check.scan_windows import choose_windows, period_s
 from slamsim.geometry import between
@@ -63,8 +64,8 @@ class ScanMotions:
 
     metres_per_unit: by what ranges were multiplied to make a room of them; 1 unless they are in
     no metres. Windows are in the recorded unit. radians_per_unit: likewise for angles.
-    sweep_s: from the first beam to the last. angle_step: relative to the declared one, 1 where it
-    is right. range_offset_m: by how much ranges are too long. weak: why there is little or nothing.
+    sweep_s: from the first beam to the last. angle_step: true over declared, 1 where it is right;
+    windows are as the true one has them. range_offset_m: by how much ranges are too long. weak: why there is little or nothing.
     """
 
     topic: str
@@ -125,14 +126,24 @@ def scan_motions(scans: RawScans, activity: FloatArray | None = None) -> ScanMot
     reader = BeamReader(scans)
 
     windows = choose_windows(scans.stamps_ns, activity)
-    stamps = (scans.stamps_ns, period_s(scans.stamps_ns))
 
-    tracks = [track_window(reader, window, stamps) for window in windows]
-    tracks = [track for track in tracks if len(track.scans) >= MIN_SCANS]
+    tracks = _tracked(scans, reader, windows)
+
+    angle_scale = rough_angle_scale(tracks, reader.declared_sweep_s)
+
+    if angle_scale != 1.0:
+        reader = BeamReader(scans, angle_scale)
+        tracks = _tracked(scans, reader, windows)
 
     shape, fits, pulls = _fit(tracks, reader)
 
     return _motions(scans, reader, (tracks, fits), shape, pulls)
+
+
+def _tracked(scans: RawScans, reader: BeamReader, windows: list[IntArray]) -> list[Track]:
+    stamps = (scans.stamps_ns, period_s(scans.stamps_ns))
+    tracks = [track_window(reader, window, stamps) for window in windows]
+    return [track for track in tracks if len(track.scans) >= MIN_SCANS]
 
 
 def _fit(tracks: list[Track], reader: BeamReader) -> tuple[Shape, list[WindowFit], ShapePull]:
@@ -166,7 +177,9 @@ def _motions(
         metres_per_unit=unit,
         radians_per_unit=reader.radians_per_unit,
         sweep_s=ShapeEstimate(best.sweep_s, sigmas[0], reader.declared_sweep_s),
-        angle_step=ShapeEstimate(best.angle_scale, sigmas[1], 1.0),
+        angle_step=ShapeEstimate(
+            best.angle_scale * reader.angle_scale, sigmas[1] * reader.angle_scale, 1.0
+        ),
         range_offset_m=ShapeEstimate(best.range_offset_m, sigmas[2], 0.0),
         weak="" if windows[0] else "no scans that fit each other",
     )

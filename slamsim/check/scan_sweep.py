@@ -73,17 +73,14 @@ def moved_pieces(
 
 
 def local_motion(poses: FloatArray, elapsed_s: FloatArray) -> FloatArray:
-    """(n, 2, 3) first and half the second derivative of each pose (n, 3) in its own frame.
+    """(n, 2, 3) first and half the second derivative of each pose (n, 3) in its own frame, n > 2.
 
     From the parabola through it and its neighbours; through the two next at the ends.
     """
-    count = len(poses)
-    motion = np.zeros((count, 2, 3))
-    for k in range(count):
-        middle = min(max(k, 1), count - 2)
-        others = [j for j in (middle - 1, middle, middle + 1) if j != k and 0 <= j < count]
-        steps = np.array([between(poses[k], poses[j]) for j in others])
-        after = elapsed_s[others] - elapsed_s[k]
-        powers = np.stack([after**power for power in range(1, len(others) + 1)], axis=1)
-        motion[k, : len(others)] = np.linalg.solve(powers, steps)
-    return motion
+    here = np.arange(len(poses))
+    middle = np.clip(here, 1, len(poses) - 2)
+    others = np.stack([np.where(here < middle, middle, middle - 1), middle + 1], axis=1)
+    others[-1] = [len(poses) - 3, len(poses) - 2]
+    steps = between(poses[:, None], poses[others])
+    after = elapsed_s[others] - elapsed_s[:, None]
+    return np.asarray(np.linalg.solve(np.stack([after, after**2], axis=2), steps))

@@ -26,7 +26,12 @@ UNKNOWN_M_S, UNKNOWN_RAD_S = 1.0, 2.0
 
 CHANGE_M_S2, CHANGE_RAD_S2 = 3.0, 10.0
 LEAST_M, LEAST_RAD = 0.02, 0.02
-MOST_MISSING = 20
+
+SCATTER = 0.3
+"""Stamps no farther than this from whole periods, as a share of one, scatter about them."""
+
+BURST, MOST_MISSING = 0.15, 20.0
+"""Scans come no closer together, and no farther apart, than so many periods."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -106,13 +111,17 @@ def _doubt(lasted_s: float, known: bool) -> FloatArray:
 
 
 def _elapsed_s(window: IntArray, stamps_ns: IntArray, period_s: float) -> FloatArray:
-    """(n,) whole periods after the first scan: stamps tell of gaps and are not believed else."""
-    if not window.size:
-        return np.zeros(0)
-    scans = np.diff(window)
-    periods = np.diff(stamps_ns[window]) * 1e-9 / period_s
-    missing = np.round(periods) - scans
-    in_order = bool((periods > 0.0).all())
-    believable = (missing > 0) & (missing <= MOST_MISSING) & in_order
-    steps = scans + np.where(believable, missing, 0)
-    return np.concatenate([[0.0], np.cumsum(steps * period_s)])
+    """(n,) after the first scan: whole periods where stamps only scatter about them, what they
+    say where scans come at no fixed rate, and the usual time where they come in bursts or go
+    backward."""
+    if window.size < 2:
+        return np.zeros(window.size)
+    scans = np.diff(window).astype(np.float64)
+    steps = np.diff(stamps_ns[window]) * 1e-9 / period_s
+    whole = np.maximum(np.round(steps), 1.0)
+    if (steps < BURST * scans).any():
+        steps = scans * max(float(steps.sum() / scans.sum()), 1.0)
+    elif (np.abs(steps - whole) < SCATTER).all():
+        steps = whole
+    lasted = np.minimum(steps, MOST_MISSING * scans) * period_s
+    return np.concatenate([[0.0], np.cumsum(lasted)])
