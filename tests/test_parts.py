@@ -9,9 +9,12 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from slamsim.geometry import between
+from slamsim.result import EdgeKind, GraphEdge, PoseGraph
+from slamsim.slam.health import doubtful_joints
 from slamsim.slam.parts import Parts
 from slamsim.slam.rejoin import moved_onto
 from slamsim.slam.visits import CELL_M, ENOUGH_PASSES, PASS_M, Visits
+from slamsim.types import PlanarTrajectory
 
 COUNT = 12
 
@@ -63,3 +66,27 @@ def test_a_place_is_known_after_enough_passes_the_same_way_round() -> None:
     assert visits.enough(here, path_m)
     assert not visits.enough(here + np.array([0.0, 0.0, np.pi]), path_m)
     assert not visits.enough(here + np.array([CELL_M, 0.0, 0.0]), path_m)
+
+
+def _edge(source: int, target: int, kind: EdgeKind, sigma_m: float = 0.01) -> GraphEdge:
+    covariance = np.diag(np.square([sigma_m, sigma_m, 0.01]))
+    return GraphEdge(source, target, np.array([1.0, 0.0, 0.0]), covariance, kind)
+
+
+def _told(closures: list[GraphEdge], drives: set[int]) -> list[str]:
+    """Of six key frames, the robot having been carried before the fourth."""
+    chain = [_edge(k, k + 1, "match") for k in range(5) if k != 2]
+    poses = np.column_stack([np.arange(6.0), np.zeros(6), np.zeros(6)])
+    keyframes = PlanarTrajectory(np.arange(6, dtype=np.int64), poses)
+    edges = (*chain, _edge(2, 3, "odometry", sigma_m=100.0), *closures)
+    graph = PoseGraph(keyframes, np.zeros((6, 3, 3)), edges)
+    return [event.words for event in doubtful_joints(graph, drives)]
+
+
+def test_a_part_that_only_its_looks_place_is_told_of_unless_that_was_asked_for() -> None:
+    recognised = [_edge(0, 4, "closure"), _edge(1, 4, "closure"), _edge(3, 5, "closure")]
+    (words,) = _told(recognised, set())
+    assert "from 1 of its 3 key frames" in words and "may be wrong" in words
+    assert _told(recognised, {3}) == []
+    (words,) = _told([_edge(3, 5, "closure")], set())
+    assert "drawn beside" in words

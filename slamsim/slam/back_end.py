@@ -20,10 +20,10 @@ from slamsim.slam.bundle import NotRefined, refine
 from slamsim.slam.calibration_solve import Solved
 from slamsim.slam.closure_search import ClosureSearch
 from slamsim.slam.graph import variance_factor
-from slamsim.slam.health import CARRIED, carried, loose_joints, tears
-from slamsim.slam.keyframes import Keyframe, chain_edge, odometry_edge
+from slamsim.slam.health import carried, doubtful_joints, tears
+from slamsim.slam.keyframes import Keyframe, begins_drive, chain_edge, odometry_edge
 from slamsim.slam.marginals import in_own_frame, relative_covariances
-from slamsim.slam.odometry import ELSEWHERE
+from slamsim.slam.odometry import CARRIED, ELSEWHERE
 from slamsim.slam.recalibrate import Recalibration
 from slamsim.slam.sights import Sights
 from slamsim.slam.solution import Solution
@@ -177,7 +177,8 @@ class BackEnd:
             submaps, size = self._cutter.submaps, self._config.submaps
             doubts = [k.index for k in self.keyframes[1:] if k.doubt_ns and not k.broken]
             torn = tears(around, submaps, graph.keyframes, size, doubts)
-            return (*self._carried, *loose_joints(graph), *torn, *unrefined)
+            drives = {two.index for one, two in pairwise(self.keyframes) if begins_drive(one, two)}
+            return (*self._carried, *doubtful_joints(graph, drives), *torn, *unrefined)
 
     def _known(self, keyframe: Keyframe) -> bool:
         """Whether all that a key frame sees was mapped often enough."""

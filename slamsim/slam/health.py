@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Container, Iterator, Sequence
 
 import numpy as np
 from scipy.ndimage import uniform_filter1d
@@ -14,7 +14,7 @@ from slamsim.geometry import between, transform_points
 from slamsim.result import Event, GraphEdge, PoseGraph
 from slamsim.slam.odometry import ELSEWHERE_M
 from slamsim.slam.submaps import FREE, UNKNOWN, SpaceGrid, Submap, space_grid
-from slamsim.types import FloatArray, PlanarTrajectory
+from slamsim.types import FloatArray, IntArray, PlanarTrajectory
 
 MIN_KNOWN_SHARE = 0.1
 MIN_KNOWN = 20
@@ -24,8 +24,6 @@ CARRIED_SHARE = 0.25
 """Key frames one after the other that contradict each other more than this do not belong together.
 Measured: at most 0.15 on real logs, 0.20 among three people; at least 0.26 where a robot was
 carried from one corridor of a labyrinth to one that looks alike."""
-
-CARRIED = "what was seen contradicts what was seen just before, as if the robot had been carried"
 
 TORN_SHARE = 0.36
 """Contradiction of what was seen at different times, as an average over a few metres. At the worst
@@ -163,23 +161,50 @@ def _pairs(
     return [(one, there) for one, there in zip(submaps, queries, strict=True) if there]
 
 
-def loose_joints(graph: PoseGraph) -> Iterator[Event]:
-    """One event for each edge of odometry alone whose sides no match and no closure joins."""
+def doubtful_joints(graph: PoseGraph, drives: Container[int]) -> Iterator[Event]:
+    """One event for each edge of odometry alone whose sides no match and no closure joins, or only
+    closures that were found without knowing where to look.
+
+    drives: the key frames with which later drives begin: that these are recognised was asked for.
+    """
     count = len(graph.keyframes)
     firm = [e for e in graph.edges if e.kind != "odometry" and e.weight > 0.0]
     ends = np.array([(e.source, e.target) for e in firm], dtype=np.int64).reshape(-1, 2)
     joined = coo_matrix((np.ones(len(ends)), (ends[:, 0], ends[:, 1])), shape=(count, count))
     part = connected_components(joined, directed=False)[1]
     stamps_ns, poses = graph.keyframes.stamps_ns, graph.keyframes.poses
-    for edge in graph.edges:
-        if edge.kind == "odometry" and part[edge.source] != part[edge.target]:
-            x, y = poses[edge.target, :2]
+    breaks = [edge for edge in graph.edges if edge.kind == "odometry"]
+    ends_at = [*(e.target for e in breaks if _elsewhere(e)), count]
+    for edge in breaks:
+        x, y = poses[edge.target, :2]
+        if part[edge.source] != part[edge.target]:
             words = f"near ({x:.1f}, {y:.1f}) m {_how_loose(edge)}"
             yield Event(int(stamps_ns[edge.source]), int(stamps_ns[edge.target]), "joined", words)
+        elif _elsewhere(edge) and edge.target not in drives:
+            end = next(k for k in ends_at if k > edge.target)
+            words = _by_its_looks(edge.target, end, ends)
+            yield Event(int(stamps_ns[edge.target]), int(stamps_ns[end - 1]), "joined", words)
+
+
+def _by_its_looks(first: int, end: int, closures: IntArray) -> str:
+    """Of how many of its key frames, first up to and without end, closures (n, 2) lead away."""
+    inside = (closures >= first) & (closures < end)
+    crossing = inside[:, 0] != inside[:, 1]
+    recognised = len(np.unique(closures[crossing][inside[crossing]]))
+    return (
+        "nothing tells how the robot came here: this part of the map was put where it looks like "
+        f"the rest, as it does from {recognised} of its {end - first} key frames; its place may "
+        "be wrong"
+    )
+
+
+def _elsewhere(edge: GraphEdge) -> bool:
+    """Whether not even odometry tells where its end is."""
+    return bool(edge.covariance[:2, :2].trace() >= ELSEWHERE_M**2)
 
 
 def _how_loose(edge: GraphEdge) -> str:
-    if edge.covariance[:2, :2].trace() >= ELSEWHERE_M**2:
+    if _elsewhere(edge):
         return (
             "the map goes on without being joined to what was mapped before: it is drawn beside it"
         )

@@ -82,6 +82,11 @@ class Before:
     restart: FloatArray
 
 
+def begins_drive(before: Keyframe, after: Keyframe) -> bool:
+    """Whether another drive begins with the later of two consecutive key frames."""
+    return after.path_m - before.path_m >= OTHER_DRIVE_M
+
+
 ANYWHERE = np.diag(np.square([ELSEWHERE_M, ELSEWHERE_M, ELSEWHERE_RAD]))
 ABOUT_THERE = np.diag(np.square([0.3, 0.3, 0.1]))
 

@@ -29,6 +29,8 @@ ELSEWHERE_M, ELSEWHERE_RAD = 10.0, 2.0
 ELSEWHERE = np.diag(np.square([ELSEWHERE_M, ELSEWHERE_M, ELSEWHERE_RAD]))
 """Covariance of where a robot is that was carried away."""
 
+CARRIED = "what was seen contradicts what was seen just before, as if the robot had been carried"
+
 CUT_BY_ENDS = 2
 """So many sweeps may reach beyond the ends of the odometry before it is worth telling."""
 
@@ -248,15 +250,16 @@ class FrontEnd:
     def _restart(self, prediction: Prediction) -> FloatArray | None:
         """Begin the local map anew if the robot has been lost for long; how surely it is here.
 
-        Scans that contradict the map where the odometry puts them say that it was carried.
+        Scans that contradict what was seen just before say at once that it was carried.
         """
         lost = self._placer.lost
-        if len(lost) < LOST_SCANS:
+        if len(lost) < LOST_SCANS and not self._placer.elsewhere:
             return None
         carried, first_ns = self._placer.carried(), lost[0].stamp_ns
         if carried:
             self.breaks_ns.append(first_ns)
-        self._watch.add(Event(first_ns, prediction.stamp_ns, "kidnapped", _anew(carried)))
+        words = CARRIED if self._placer.elsewhere else _anew(carried)
+        self._watch.add(Event(first_ns, prediction.stamp_ns, "kidnapped", words))
         lost.clear()
         self._matcher.forget()
         self._T_map_key = None

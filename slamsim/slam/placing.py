@@ -7,6 +7,7 @@ import numpy as np
 from slamsim.geometry import between
 from slamsim.slam.matching import Match, Matcher
 from slamsim.slam.prediction import Prediction
+from slamsim.slam.sudden import SUDDEN_NS, Surroundings
 from slamsim.types import Cloud, FloatArray
 
 FAR_SIGMAS = 5.0
@@ -16,7 +17,6 @@ DOUBTFUL_SHARE = 0.8
 USUAL_GAIN = 0.02
 START_USUAL = 0.8
 MIN_COVERED_RATIO = 0.3
-SUDDEN_NS = 1_000_000_000
 
 SLIP_M, SLIP_M_S = 0.2, 0.5
 SLIP_RAD, SLIP_RAD_S = 0.4, 1.5
@@ -39,46 +39,52 @@ class Placer:
         self._least = min_inlier_ratio
         self._usual_inliers = START_USUAL
         self._placed_ns = 0
+        self._surroundings = Surroundings()
         self.lost: list[Prediction] = []
         """Where the scans since the last that was placed should have been."""
         self.recovered = 0
         """Scans that only a search could place."""
         self.doubtful = False
         """Whether the last scan was lost, or needed a second look."""
+        self.elsewhere = False
+        """Whether the last scans are of another place than those before them."""
 
     def begin(self) -> None:
         """In another map scans may fit as well as they like."""
         self._usual_inliers = START_USUAL
         self.lost.clear()
+        self._surroundings.forget()
 
     def place(
         self, matcher: Matcher, cloud: Cloud, prediction: Prediction, T_map_coasting: FloatArray
     ) -> Match | None:
         """The match to believe. T_map_coasting: (3,) where the robot is if it went on as it did."""
-        self.doubtful = False
+        self.doubtful = self.elsewhere = False
         near = matcher.match(cloud, prediction.T_map_base, prediction.covariance)
-        if near is not None and not prediction.jump and self._as_usual(near, prediction):
-            self._placed(prediction)
+        if near is not None and not prediction.jump and self._as_usual(near, prediction, cloud):
+            self._placed(prediction, cloud, near)
             return near
         guesses = _other_guesses(prediction, T_map_coasting)
-        candidates = [near, *_searched(matcher, cloud, prediction, guesses)]
+        found = [near, *_searched(matcher, cloud, prediction, guesses)]
+        reachable = [one for one in found if one and self._reachable(one, prediction, guesses)]
         believed = [
             one
-            for one in candidates
-            if one
-            and self._believable(one, prediction)
-            and self._reachable(one, prediction, guesses)
+            for one in reachable
+            if self._believable(one, prediction) and self._surroundings.agree(cloud, one)
         ]
         best = max(believed, key=lambda one: one.fit, default=None)
         if best is None:
             self.lost.append(prediction)
             self.doubtful = True
+            tried = [*guesses, *(one.T_map_base for one in reachable)]
+            self.elsewhere = self._surroundings.left(cloud, prediction.T_map_base, tried)
             return None
-        self._placed(prediction)
         self.doubtful = True
         if near in believed and near.fit > best.fit - CLEARLY:
-            return near
-        self.recovered += 1
+            best = near
+        else:
+            self.recovered += 1
+        self._placed(prediction, cloud, best)
         return best
 
     def carried(self) -> bool:
@@ -104,14 +110,16 @@ class Placer:
                 return True
         return False
 
-    def _placed(self, prediction: Prediction) -> None:
+    def _placed(self, prediction: Prediction, cloud: Cloud, match: Match) -> None:
+        self._surroundings.placed(cloud, match.T_map_base)
         self.lost.clear()
         self._placed_ns = prediction.stamp_ns
 
-    def _as_usual(self, match: Match, prediction: Prediction) -> bool:
+    def _as_usual(self, match: Match, prediction: Prediction, cloud: Cloud) -> bool:
         """Whether a match near the prediction needs no second look."""
         good = match.inlier_ratio >= DOUBTFUL_SHARE * self._usual_inliers
-        if good and self._believable(match, prediction):
+        good = good and self._believable(match, prediction)
+        if good and self._surroundings.agree(cloud, match):
             self._usual_inliers += USUAL_GAIN * (match.inlier_ratio - self._usual_inliers)
             return True
         return False
