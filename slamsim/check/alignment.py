@@ -15,7 +15,7 @@ from slamsim.types import FloatArray
 
 Wiring = Literal["as declared", "swapped", "left reversed", "right reversed", "both reversed"]
 
-CLEAR = 0.6
+CLEAR = 0.75
 BETTER = 0.15
 """A wheel counts backward if its path turns like the robot, by so much more than its turn does."""
 
@@ -56,13 +56,15 @@ class Alignment:
         return gyro_ns or 0, wheels_ns or 0
 
 
-def align(steps: LaserSteps, gyro: Course | None, wheels: Course | None) -> Alignment:
+def align(
+    steps: LaserSteps, gyro: Course | None, wheels: Course | None, yaw_base_laser_rad: float
+) -> Alignment:
     """All three pairs, once the wheels are wired as the others say."""
     turns = [_laser_turn(steps)] if len(steps) else []
     turns += [_rate(gyro, 0)] if gyro is not None else []
     wiring: Wiring = "as declared"
     if wheels is not None and wheels.wired:
-        wiring = _wiring(steps, turns, wheels)
+        wiring = _wiring(laser_path(steps, yaw_base_laser_rad), steps, turns, wheels)
         wheels = rearranged(wheels, wiring)
     laser = _laser_turn(steps) if len(steps) else None
     by_gyro = _rate(gyro, 0) if gyro is not None else None
@@ -120,7 +122,7 @@ def _shift(one: _Timed | None, other: _Timed | None) -> Shift | None:
     return Shift(guess_ns + round(lag.lag_s * 1e9), lag.correlation, lag.clear)
 
 
-def _wiring(steps: LaserSteps, turns: list[_Timed], wheels: Course) -> Wiring:
+def _wiring(ahead_m: FloatArray, steps: LaserSteps, turns: list[_Timed], wheels: Course) -> Wiring:
     """Left and right as the others see them: a wheel that counts backward makes the reported path
     turn like the robot, and the reported turn go forward like it."""
     by_turn = [_correlation(turn, _rate(wheels, TURN)) for turn in turns]
@@ -131,7 +133,7 @@ def _wiring(steps: LaserSteps, turns: list[_Timed], wheels: Course) -> Wiring:
         return "left reversed" if forward > 0.0 else "right reversed"
     if len(by_turn) < 2 or max(by_turn) > -CLEAR:
         return "as declared"
-    ahead = _correlation(_laser(steps, laser_path(steps, 0.0)), _rate(wheels, PATH))
+    ahead = _correlation(_laser(steps, ahead_m), _rate(wheels, PATH))
     return "both reversed" if ahead < -CLEAR else "swapped"
 
 

@@ -26,12 +26,14 @@ from slamsim.check.course import Course, gyro_course, odometry_course, wheel_cou
 from slamsim.check.frame_graph import FrameGraph
 from slamsim.check.laser_steps import LaserSteps, laser_steps
 from slamsim.check.scan_motion import ScanMotions
+from slamsim.check.slipping import Spells, find_spells
 from slamsim.geometry import se2_from_se3, wrap_angle
 from slamsim.recording import RawImu, Recording
 from slamsim.types import FloatArray
 
 PSEUDO_STEP_NS = 100_000_000
 LEAST_GAIN = 1e-4
+SLIP_ROUNDS = 4
 MOST_PSEUDO_STEPS = 20_000
 
 
@@ -51,12 +53,17 @@ class Inputs:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Calibration:
-    """The fit, and the first look that it started from. model: to ask for predictions."""
+    """The fit, and the first look that it started from.
+
+    model: to ask for predictions. spells: wheels against scans second by second, as far as both
+    are there.
+    """
 
     inputs: Inputs
     alignment: Alignment
     model: Model
     fit: Fit
+    spells: Spells | None
 
     def value(self, name: str) -> float:
         return float(self.fit.values[UNKNOWNS.index(name)])
@@ -144,7 +151,8 @@ def calibrate_inputs(inputs: Inputs) -> Calibration | None:
     gyro, wheels, steps = inputs.gyro, inputs.wheels, inputs.steps
     if (len(steps) > 0) + (gyro is not None) + (wheels is not None) < 2:
         return None
-    alignment = align(steps, gyro, wheels)
+    yaw_rad = 0.0 if inputs.T_base_laser is None else float(inputs.T_base_laser[2])
+    alignment = align(steps, gyro, wheels, yaw_rad)
     if not len(steps):
         assert wheels is not None
         steps = _nothing_seen(wheels)
@@ -152,7 +160,23 @@ def calibrate_inputs(inputs: Inputs) -> Calibration | None:
     middle_ns = int(steps.first_ns[0] + (steps.second_ns[-1] - steps.first_ns[0]) // 2)
     model = Model(steps, gyro, alignment.wheels, middle_ns, alignment.shifts_ns)
     start = _start(model, inputs.T_base_laser)
-    return Calibration(inputs, alignment, model, fit(model, start))
+    found = fit(model, start)
+    spells = None
+    if alignment.wheels is not None and len(inputs.steps):
+        found, spells = _without_slip(model, start, found)
+    return Calibration(inputs, alignment, model, found, spells)
+
+
+def _without_slip(model: Model, start: FloatArray, found: Fit) -> tuple[Fit, Spells]:
+    """Fitted again without the wheels where they slip, until it is plain where they do."""
+    for _ in range(SLIP_ROUNDS):
+        spells = find_spells(model, found.values)
+        trusted = ~spells.distrusted
+        if (trusted == model.trusted).all():
+            break
+        model.trusted = trusted
+        found = fit(model, start)
+    return found, spells
 
 
 def _delays(stream: str, gyro: int, wheel: int) -> FloatArray:

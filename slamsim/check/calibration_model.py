@@ -65,6 +65,8 @@ class Model:
         self.second_s = (steps.second_ns - middle_ns) * 1e-9
         self._gyro_s = 0.0 if gyro is None else (middle_ns - gyro.origin_ns + shifts_ns[0]) * 1e-9
         self.free = self._free()
+        self.trusted: BoolArray = np.ones(len(steps), dtype=np.bool_)
+        """(n,) in which steps the wheels are believed at all."""
         self._wheel_s = (
             0.0 if wheels is None else (middle_ns - wheels.origin_ns + shifts_ns[1]) * 1e-9
         )
@@ -88,8 +90,14 @@ class Model:
         none = np.zeros(len(self.steps), dtype=np.bool_)
         return (
             none if self.gyro is None else self.gyro.covers(*self._gyro_times(values)),
-            none if self.wheels is None else self.wheels.covers(*self._wheel_times(values)),
+            self.rolling(values) & self.trusted,
         )
+
+    def rolling(self, values: FloatArray) -> BoolArray:
+        """(n,) for which pairs there are wheels, trusted or not."""
+        if self.wheels is None:
+            return np.zeros(len(self.steps), dtype=np.bool_)
+        return self.wheels.covers(*self._wheel_times(values))
 
     def predicted(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
         """(n, 3) motion of the laser by the wheels and (n,) its turn by the gyroscope."""

@@ -12,10 +12,10 @@ from slamsim.types import FloatArray
 
 GRID_S = 0.02
 MOST_CELLS = 1 << 20
-LEAST_SHARE = 0.4
-"""Of what either stream tells, so much must overlap the other for a lag to count."""
+LEAST_SHARE = 0.5
+"""Of what each stream tells, so much must overlap the other for a lag to count."""
 
-CLEAR = 0.6
+CLEAR = 0.75
 """Correlation from which on a lag is believed."""
 
 RIVAL_S = 1.0
@@ -86,7 +86,7 @@ def _correlations(
     product = fftconvolve(b, a[::-1])
     square_a = fftconvolve(known_b, np.square(a)[::-1])
     square_b = fftconvolve(np.square(b), known_a[::-1])
-    enough = (square_a > LEAST_SHARE * np.square(a).sum()) | (
+    enough = (square_a > LEAST_SHARE * np.square(a).sum()) & (
         square_b > LEAST_SHARE * np.square(b).sum()
     )
     scale = np.sqrt(np.maximum(square_a, 0.0) * np.maximum(square_b, 0.0))

@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 
+from slamsim.check.wheel_counts import unwrapped
 from slamsim.geometry import wrap_angle, yaw_from_xyzw
 from slamsim.recording import RawImu, RawOdometry, RawTicks
 from slamsim.types import BoolArray, FloatArray, IntArray, PlanarTrajectory
@@ -17,6 +18,8 @@ GAP_PERIODS = 4.0
 """A pause this many times the usual period is a gap: nothing is said across it."""
 
 LEAST_SAMPLES = 8
+MOST_M_S, MOST_RAD_S = 20.0, 60.0
+"""No robot indoors is faster: the counter has been reset, the pose set anew."""
 
 
 @dataclass(frozen=True, slots=False, eq=False)
@@ -121,9 +124,10 @@ def wheel_course(ticks: RawTicks) -> Course | None:
     if good.size < LEAST_SAMPLES:
         return None
     tick_m = 2.0 * np.pi * ticks.wheel_radius_m / ticks.ticks_per_revolution
-    counts = ticks.ticks[good]
-    rolled = (counts - counts[0]) * tick_m
-    totals = np.column_stack([rolled.mean(axis=1), (rolled[:, 1] - rolled[:, 0]) / ticks.track_m])
+    counts = np.column_stack([unwrapped(wheel) for wheel in ticks.ticks[good].T])
+    rolled = np.diff(counts, axis=0) * tick_m
+    turned = (rolled[:, 1] - rolled[:, 0]) / ticks.track_m
+    totals = _possible(np.column_stack([rolled.mean(axis=1), turned]), ticks.stamps_ns[good])
     # Counts are rounded down: errors of one reading are uniform over a tick.
     reading = tick_m / np.sqrt(12.0) * np.array([np.sqrt(0.5), np.sqrt(2.0) / ticks.track_m])
     return _course(ticks.topic, ticks.stamps_ns[good], totals, reading, ticks.track_m)
@@ -143,10 +147,18 @@ def odometry_course(odometry: RawOdometry) -> Course | None:
     step = np.diff(poses[:, :2], axis=0)
     chord = step[:, 0] * np.cos(midway) + step[:, 1] * np.sin(midway)
     steps = np.column_stack([chord / np.sinc(turned / (2.0 * np.pi)), turned])
-    totals = np.vstack([np.zeros(2), np.cumsum(steps, axis=0)])
+    totals = _possible(steps, stamps)
     read = pose_reading(PlanarTrajectory(stamps, poses))
     reading = np.array([read.sigma_m, read.sigma_rad]) / np.sqrt(2.0)
     return _course(odometry.topic, stamps, totals, reading)
+
+
+def _possible(steps: FloatArray, stamps_ns: IntArray) -> FloatArray:
+    """(n, 2) path and turn added up, without (n - 1, 2) steps that no robot makes."""
+    seconds = np.diff(stamps_ns)[:, None] * 1e-9
+    fast = np.abs(steps) >= np.array([MOST_M_S, MOST_RAD_S]) * seconds
+    made = np.where(fast.any(axis=1, keepdims=True), 0.0, steps)
+    return np.vstack([np.zeros(2), np.cumsum(made, axis=0)])
 
 
 def _course(

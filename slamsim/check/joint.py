@@ -5,6 +5,7 @@ from __future__ import annotations
 from slamsim.check.calibration import calibrate
 from slamsim.check.findings import Finding
 from slamsim.check.mounting import check_mounting
+from slamsim.check.odometry import check_odometry, check_slip
 from slamsim.check.rolling import check_wheels
 from slamsim.check.scan_motion import ScanMotions
 from slamsim.check.timing import check_timing
@@ -15,12 +16,15 @@ from slamsim.recording import Recording
 
 def check_calibration(recording: Recording, motions: ScanMotions | None) -> list[Finding]:
     """Clocks against each other, wheels, gyroscope and mounting; motions: of the first lidar."""
+    alone = check_odometry(recording)
     calibration = calibrate(recording, motions)
     if calibration is None:
         words = "two of a lidar, an inertial unit and wheels are needed to compare them"
-        return [Finding("calibration", recording.name, "cannot tell", words)]
+        return [*alone, Finding("calibration", recording.name, "cannot tell", words)]
     opinion = vote(calibration)
     return [
+        *alone,
+        *check_slip(calibration),
         *check_timing(calibration),
         *check_wheels(calibration, opinion),
         *check_gyro(calibration, opinion),

@@ -1,0 +1,85 @@
+"""Spells in which the wheels say otherwise than the scans: slip, and counters that stand still."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from slamsim.check.calibration_model import LASER_YAW, Model
+from slamsim.check.laser_steps import LaserSteps
+from slamsim.types import BoolArray, FloatArray, IntArray
+
+SPELL_S = 1.0
+LEAST_M, LEAST_RAD, LEAST_SHARE = 0.02, 0.03, 0.04
+"""What a spell must differ by, in path or in turn, and as a share of either, to be no noise."""
+
+NOISE_SIGMAS = 6.0
+STILL_SHARE = 0.02
+MOVED_M, MOVED_RAD = 0.05, 0.1
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Spells:
+    """Consecutive steps of about a second each.
+
+    start_s: (k,) since the middle of the drive, by the lidar. step_of: (n,) the spell of each step.
+    wheels, scans: (k, 2) path and turn by either, added up. slipping, frozen: (k,).
+    beside_frozen: (k,) the spells before and after, in which the wheels may stand for a part.
+    """
+
+    start_s: FloatArray
+    step_of: IntArray
+    wheels: FloatArray
+    scans: FloatArray
+    slipping: BoolArray
+    frozen: BoolArray
+    beside_frozen: BoolArray
+
+    @property
+    def distrusted(self) -> BoolArray:
+        """(n,) steps in which the wheels tell nothing."""
+        return np.asarray((self.slipping | self.frozen)[self.step_of])
+
+
+def find_spells(model: Model, values: FloatArray) -> Spells:
+    """Wheels against scans with everything else as fitted: (p,) values."""
+    step_of = _numbered(model.steps)
+    covered = model.rolling(values)
+    T_wheels = model.predicted(values)[0]
+    by_wheels = _added(T_wheels, covered, values[LASER_YAW], step_of)
+    by_scans = _added(model.steps.T_first_second, covered, values[LASER_YAW], step_of)
+    apart = np.abs(by_wheels - by_scans)
+    extent = np.maximum(np.abs(by_wheels), np.abs(by_scans))
+    usual = np.median(apart, axis=0) / 0.6745
+    limits = np.maximum(np.array([LEAST_M, LEAST_RAD]), NOISE_SIGMAS * usual)
+    off = (apart > limits) & (apart > LEAST_SHARE * extent)
+    still = np.abs(by_wheels) < STILL_SHARE * np.abs(by_scans)
+    moved = np.abs(by_scans) > np.array([MOVED_M, MOVED_RAD])
+    frozen = (still & moved & off).any(axis=1) & (still | ~moved).all(axis=1)
+    start_s = np.full(len(by_wheels), np.inf)
+    np.minimum.at(start_s, step_of, model.first_s)
+    beside = np.zeros_like(frozen)
+    beside[1:] |= frozen[:-1]
+    beside[:-1] |= frozen[1:]
+    slipping = off.any(axis=1) & ~frozen
+    return Spells(start_s, step_of, by_wheels, by_scans, slipping, frozen, beside)
+
+
+def _numbered(steps: LaserSteps) -> IntArray:
+    """(n,) which spell a step belongs to: parts of one window, of about SPELL_S each."""
+    second = ((steps.first_ns - steps.first_ns.min()) / (SPELL_S * 1e9)).astype(np.int64)
+    labels = np.stack([steps.window, second], axis=1)
+    return np.asarray(np.unique(labels, axis=0, return_inverse=True)[1]).reshape(-1)
+
+
+def _added(
+    T_first_second: FloatArray, covered: BoolArray, yaw_rad: float, step_of: IntArray
+) -> FloatArray:
+    """(k, 2) way along the base's x axis and turn of each spell."""
+    cos, sin = np.cos(yaw_rad), np.sin(yaw_rad)
+    ahead = cos * T_first_second[:, 0] - sin * T_first_second[:, 1]
+    moved = np.where(covered[:, None], np.column_stack([ahead, T_first_second[:, 2]]), 0.0)
+    total = np.zeros((int(step_of.max(initial=-1)) + 1, 2))
+    np.add.at(total, step_of, moved)
+    return total
