@@ -9,6 +9,7 @@ from collections.abc import Callable, Sequence
 from slamsim.check.description import check_description
 from slamsim.check.findings import CheckReport, Finding
 from slamsim.check.inertial import check_inertial
+from slamsim.check.motion import check_motion
 from slamsim.check.ranges import check_ranges
 from slamsim.check.streams import check_streams
 from slamsim.check.transforms import check_transforms
@@ -27,7 +28,7 @@ QUICK: dict[str, Question] = {
     "robot description": check_description,
 }
 """What can be told without comparing scans with one another."""
-THOROUGH: dict[str, Question] = {}
+THOROUGH: dict[str, Question] = {"motion": check_motion}
 """What the motion between scans tells."""
 
 
