@@ -9,15 +9,18 @@ import signal
 import subprocess
 import sys
 import time
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
 import pytest
+from real_logs import needs_radish, radish
 
 from slamsim.logs.reader import read_log, read_truth
+from slamsim.safe.text import open_lines
 
+REAL_LINES = 2500
 SHORT = ("--set", "drive.route.max_duration_s=12", "--set", "sensors.lidar.rate_hz=10")
-DATA = Path(__file__).parents[2] / "shared" / "data" / "radish"
 RUN_FILES = {
     "log",
     "config.yaml",
@@ -228,10 +231,12 @@ def test_help_is_there_with_examples_and_quick_to_import(folder: Path) -> None:
     assert "slamsim map labyrinth" in done.stdout
 
 
-@pytest.mark.skipif(not DATA.is_dir(), reason="the real logs are not at ../shared/data/radish")
+@needs_radish
 def test_a_real_log_is_mapped_and_scored(tmp_path: Path) -> None:
-    """fr079 as it is: no IMU, 0.5 degree beams, a laser 4 cm behind the base."""
-    log, relations = DATA / "fr079" / "fr079.clf.bz2", DATA / "fr079" / "fr079.relations"
+    """The beginning of fr079: no IMU, 0.5 degree beams, a laser 4 cm behind the base."""
+    whole, relations = radish("fr079")
+    log = tmp_path / "begin.clf"
+    log.write_text("".join(f"{line}\n" for _, line in islice(open_lines(whole), REAL_LINES)))
     done = slamsim("map", log, "--relations", relations, "--json", cwd=tmp_path, timeout_s=400)
     assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout)["relations"]["all"]["translation_mean_m"] < 0.258

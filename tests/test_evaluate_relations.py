@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
+from real_logs import needs_radish, radish
 
 from slamsim.evaluate.relations import score_relations
 from slamsim.evaluate.score import evaluate
@@ -15,10 +14,8 @@ from slamsim.logs.relations import Relations, read_relations
 from slamsim.safe.errors import SlamsimError
 from slamsim.types import FloatArray, Grid, PlanarTrajectory, Trajectory
 
-RADISH = Path(__file__).parents[2] / "shared" / "data" / "radish"
 
-
-@pytest.mark.skipif(not RADISH.exists(), reason="the Radish logs are not at hand")
+@needs_radish
 @pytest.mark.parametrize(
     ("name", "count", "metres", "degrees"),
     [("aces", 1279, 0.549, 2.33), ("intel", 2984, 7.37, 39.2), ("fr079", 1685, 6.50, 30.3)],
@@ -26,8 +23,8 @@ RADISH = Path(__file__).parents[2] / "shared" / "data" / "radish"
 def test_odometry_alone_has_its_known_error_on_real_logs(
     name: str, count: int, metres: float, degrees: float
 ) -> None:
-    log = read_log(RADISH / name / f"{name}.clf.bz2")
-    relations = read_relations(RADISH / name / f"{name}.relations")
+    path, relations_path = radish(name)
+    log, relations = read_log(path), read_relations(relations_path)
     assert log.odometry is not None
     scores = score_relations(log.odometry, relations.from_ns, relations.to_ns, relations.planar)
     assert (scores.all.count, scores.skipped) == (count, 0)

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from real_logs import needs_radish, radish
 
 from slamsim.geometry import between, compose, inverse
 from slamsim.logs.reader import read_log, read_truth
@@ -20,15 +21,10 @@ from slamsim.logs.stamps import decimal_from_stamp_ns, stamp_ns_from_decimal
 from slamsim.safe.errors import InputRefused, NotFound
 from slamsim.types import Log
 
-RADISH = Path(__file__).parents[2] / "shared" / "data" / "radish"
-needs_radish = pytest.mark.skipif(
-    not RADISH.is_dir(), reason="the Radish logs are not at ../shared/data/radish"
-)
-
 
 @lru_cache
 def _real(name: str) -> Log:
-    return read_log(RADISH / name / f"{name}.clf.bz2")
+    return read_log(radish(name)[0])
 
 
 def _flaser(stamp: str, ranges: list[float | str], odom: tuple[float, float, float]) -> str:
@@ -73,7 +69,7 @@ def test_real_logs(
     odometry_error: tuple[float, float],
 ) -> None:
     log = _real(name)
-    relations = read_relations(RADISH / name / f"{name}.relations")
+    relations = read_relations(radish(name)[1])
     stamps = np.array([scan.stamp_ns for scan in log.scans])
     geometry = next(iter(log.scans)).geometry
     assert (len(log.scans), geometry.beam_count, geometry.beam_dt_ns) == (scans, beams, 0)

@@ -13,6 +13,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from limited_child import run_limited
+from real_logs import needs_radish, radish
 
 from slamsim.safe.errors import InputRefused, NotFound
 from slamsim.safe.limits import Limits
@@ -158,9 +159,7 @@ def test_bombs_are_stopped_in_little_memory(tmp_path: Path) -> None:
     assert "more text than a log" in told[2]
 
 
+@needs_radish
 def test_the_lines_of_a_real_log() -> None:
-    log = Path(__file__).parents[2] / "shared" / "data" / "radish" / "aces" / "aces.clf.bz2"
-    if not log.is_file():
-        pytest.skip(f"the real log {log} is not here")
-    count = sum(line.startswith("FLASER") for _, line in open_lines(log))
+    count = sum(line.startswith("FLASER") for _, line in open_lines(radish("aces")[0]))
     assert count == 7374

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import pytest
+from real_logs import needs_radish, radish
 
 from slamsim.config.slam import SlamConfig
 from slamsim.evaluate.relations import score_relations
@@ -12,11 +11,9 @@ from slamsim.logs.reader import read_log
 from slamsim.logs.relations import read_relations
 from slamsim.slam.session import run_slam
 
-DATA = Path(__file__).parents[2] / "shared" / "data" / "radish"
-
 
 @pytest.mark.slow
-@pytest.mark.skipif(not DATA.is_dir(), reason=f"the real logs are not at {DATA}")
+@needs_radish
 @pytest.mark.parametrize(
     ("name", "all_m", "all_deg", "far_m"),
     [("fr079", 0.035, 0.50, 0.05), ("aces", 0.045, 0.42, 0.12), ("intel", 0.020, 0.40, 0.03)],
@@ -25,8 +22,9 @@ def test_real_logs_are_mapped_as_well_as_ever_published(
     name: str, all_m: float, all_deg: float, far_m: float
 ) -> None:
     """Cartographer, tuned for each: 0.045 m / 0.54 deg, 0.038 / 0.37, 0.023 / 0.45."""
-    slam = run_slam(read_log(DATA / name / f"{name}.clf.bz2"), SlamConfig())
-    relations = read_relations(DATA / name / f"{name}.relations")
+    path, relations_path = radish(name)
+    slam = run_slam(read_log(path), SlamConfig())
+    relations = read_relations(relations_path)
     scores = score_relations(slam.trajectory, relations.from_ns, relations.to_ns, relations.planar)
     assert scores.all.translation_mean_m <= all_m
     assert scores.all.rotation_mean_deg <= all_deg

@@ -11,7 +11,7 @@ from typing import BinaryIO
 
 from slamsim.logs.bag_limits import CHUNK_BYTES, RECORD_BYTES, BagFacts, inflate
 from slamsim.safe.errors import InputRefused
-from slamsim.safe.files import open_input
+from slamsim.safe.files import open_input, require_magic
 
 _MAGIC = b"#ROSBAG V2.0\n"
 _MESSAGE, _CHUNK, _CONNECTION = b"\x02", b"\x05", b"\x07"
@@ -23,10 +23,7 @@ def check_bag1(path: Path) -> BagFacts:
     with open_input(path) as file:
         size = file.seek(0, 2)
         file.seek(0)
-        magic = file.read(len(_MAGIC))
-        if magic != _MAGIC:
-            what = "the file is empty" if not magic else "this is no ROS 1 bag (wrong first bytes)"
-            raise InputRefused(path, what)
+        require_magic(file, path, _MAGIC, "ROS 1 bag")
         while file.tell() < size:
             position = file.tell()
             try:

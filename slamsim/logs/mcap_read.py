@@ -22,7 +22,7 @@ from mcap.opcode import Opcode
 
 from slamsim.logs.bag_limits import CHUNK_BYTES, RECORD_BYTES, inflate
 from slamsim.safe.errors import InputRefused
-from slamsim.safe.files import open_input
+from slamsim.safe.files import open_input, require_magic
 
 _MAGIC = b"\x89MCAP0\r\n"
 _HEAD = Struct("<BQ")
@@ -53,11 +53,8 @@ def index_mcap(path: Path) -> McapIndex:
     with open_input(path) as file:
         size = file.seek(0, 2)
         file.seek(0)
-        magic = file.read(len(_MAGIC))
-        if magic != _MAGIC:
-            what = "the file is empty" if not magic else "this is no MCAP file (wrong first bytes)"
-            raise InputRefused(path, what)
-        position, crc, ended = file.tell(), zlib.crc32(magic), False
+        require_magic(file, path, _MAGIC, "MCAP file")
+        position, crc, ended = file.tell(), zlib.crc32(_MAGIC), False
         while not ended:
             try:
                 crc, ended = _next_record(file, size, index, crc)

@@ -10,7 +10,7 @@ import zstandard
 
 from slamsim.logs.bag_limits import RECORD_BYTES, BagFacts, Excessive, check_qos
 from slamsim.safe.errors import InputRefused
-from slamsim.safe.files import open_input
+from slamsim.safe.files import open_input, require_magic
 
 _MAGIC = b"SQLite format 3\0"
 
@@ -21,10 +21,7 @@ def check_sqlite(path: Path, compressed_messages: bool) -> BagFacts:
     The format has no checksum over its data: what sits inside a message is believed.
     """
     with open_input(path) as file:
-        magic = file.read(len(_MAGIC))
-    if magic != _MAGIC:
-        what = "the file is empty" if not magic else "this is no SQLite file (wrong first bytes)"
-        raise InputRefused(path, what)
+        require_magic(file, path, _MAGIC, "SQLite file")
     try:
         with closing(
             sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro&immutable=1", uri=True)

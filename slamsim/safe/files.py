@@ -44,6 +44,14 @@ def read_input(path: Path, limit_bytes: int) -> bytes:
     return data
 
 
+def require_magic(file: BinaryIO, path: Path, magic: bytes, kind: str) -> None:
+    """Read the first bytes of a file; InputRefused if they are not those of its kind."""
+    found = file.read(len(magic))
+    if found != magic:
+        what = f"this is no {kind} (wrong first bytes)" if found else "the file is empty"
+        raise InputRefused(path, what)
+
+
 def require_inside(root: Path, name: str, path: Path, where: str = "") -> Path:
     """The file ``name`` means, relative to ``root``; InputRefused if it lies outside of root.
 
