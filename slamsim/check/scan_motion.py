@@ -65,7 +65,8 @@ class ScanMotions:
     metres_per_unit: by what ranges were multiplied to make a room of them; 1 unless they are in
     no metres. Windows are in the recorded unit. radians_per_unit: likewise for angles.
     sweep_s: from the first beam to the last. angle_step: true over declared, 1 where it is right;
-    windows are as the true one has them. range_offset_m: by how much ranges are too long. weak: why there is little or nothing.
+    windows are as the true one has them. range_offset_m: by how much ranges are too long. weak:
+    why there is little or nothing.
     """
 
     topic: str

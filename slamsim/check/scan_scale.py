@@ -1,4 +1,4 @@
-"""Whether another angle between beams makes far better sense of the scans, before all is refined."""
+"""Whether another angle between beams makes far better sense of scans, before all is refined."""
 
 from __future__ import annotations
 

@@ -1,0 +1,34 @@
+"""The laser: how it looks, whether it turns with the robot, and when its beams fire."""
+
+from __future__ import annotations
+
+from slamsim.check.calibration import Inputs
+from slamsim.check.findings import Finding
+from slamsim.check.laser_rotation import check_rotation
+from slamsim.check.laser_shape import check_angles, check_range_offset, check_sweep
+from slamsim.check.scan_activity import activity
+from slamsim.check.scan_motion import ScanMotions, scan_motions
+from slamsim.recording import Recording, RecordingFormat
+
+
+def laser_motions(recording: Recording) -> ScanMotions | None:
+    """Of the lidar with most scans, by its scans alone; None without any lidar."""
+    if not recording.scans:
+        return None
+    scans = max(recording.scans, key=len)
+    return scan_motions(scans, activity(recording, scans))
+
+
+def check_laser(
+    motions: ScanMotions, inputs: Inputs, recorded_as: RecordingFormat
+) -> list[Finding]:
+    """Rotation, angles, sweep and offset of the ranges. inputs: as the joint fit gathers them."""
+    if not motions.windows:
+        words = f"the scans tell nothing of their motion: {motions.weak}"
+        return [Finding("laser.rotation", motions.topic, "cannot tell", words)]
+    return [
+        check_rotation(inputs),
+        *check_angles(motions),
+        check_sweep(motions, recorded_as),
+        check_range_offset(motions),
+    ]
