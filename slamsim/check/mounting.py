@@ -10,7 +10,7 @@ import numpy as np
 
 from slamsim.check.calibration import Calibration
 from slamsim.check.findings import Estimate, Finding, Mend
-from slamsim.check.verdicts import SURE_SIGMAS, Answer, Question, judged
+from slamsim.check.verdicts import Answer, Question, judged
 from slamsim.geometry import wrap_angle
 
 YAW_LIMIT_DEG, YAW_HARM_DEG = 0.3, 2.0
@@ -34,7 +34,7 @@ def check_mounting(calibration: Calibration) -> list[Finding]:
     if not calibration.follows("wheel"):
         words = f"the wheels' turns do not follow those of the scans; what would tell: {TURNING}"
         return [Finding("laser.mounting", inputs.laser_frame, "cannot tell", words)]
-    return [_yaw(calibration), _place(calibration)]
+    return [_yaw(calibration), _place(calibration, 0), _place(calibration, 1)]
 
 
 _NAMES = ("laser_x_m", "laser_y_m", "laser_yaw_rad")
@@ -68,24 +68,23 @@ def _yaw(calibration: Calibration) -> Finding:
     )
 
 
-def _place(calibration: Calibration) -> Finding:
-    """x and y apart: the one that is surest to be off, else the larger one, speaks for both."""
+def _place(calibration: Calibration, axis: int) -> Finding:
+    """x or y."""
     inputs = calibration.inputs
     assert inputs.T_base_laser is not None
-    off = np.array([calibration.value(name) for name in _NAMES[:2]]) - inputs.T_base_laser[:2]
-    sigmas = np.array([calibration.sigma(name) for name in _NAMES[:2]])
-    sure = (np.abs(off) > PLACE_LIMIT_M) & (np.abs(off) > SURE_SIGMAS * sigmas)
-    size = np.where(sure, np.abs(off), np.abs(off) + 1.96 * sigmas) + 1e3 * sure
-    worst = int(np.argmax(size))
-    words = (
-        f"the laser sits {1e3 * off[0]:+.1f} mm further forward and {1e3 * off[1]:+.1f} mm "
-        f"further to the left than declared"
-    )
+    name = _NAMES[axis]
+    off_m = calibration.value(name) - float(inputs.T_base_laser[axis])
+    estimate = Estimate(1e3 * off_m, 1e3 * calibration.sigma(name), "mm")
+    side = ("forward", "to the left")[axis]
     return judged(
         Question(
-            *("laser.position", inputs.laser_frame, "laser_position"),
+            *(f"laser.{'xy'[axis]}", inputs.laser_frame, "laser_position"),
             *(1e3 * PLACE_LIMIT_M, 1e3 * PLACE_HARM_M, TURNING),
         ),
-        Estimate(float(1e3 * off[worst]), float(1e3 * sigmas[worst]), "mm"),
-        Answer(words, "Correct x and y of its transform.", (_mend(calibration),)),
+        estimate,
+        Answer(
+            f"the laser sits {1e3 * off_m:+.1f} mm further {side} than declared",
+            f"Correct {'xy'[axis]} of its transform.",
+            (_mend(calibration),),
+        ),
     )

@@ -29,7 +29,12 @@ def check_wheels(calibration: Calibration, vote: Vote) -> list[Finding]:
             Finding("wheels.radius", wheels.topic, "cannot tell", words),
             Finding("wheels.track", wheels.topic, "cannot tell", words),
         ]
-    return [*_wiring(calibration), _radius(calibration), _track(calibration, vote)]
+    return [
+        *_wiring(calibration),
+        _radius(calibration),
+        *_unequal(calibration),
+        _track(calibration, vote),
+    ]
 
 
 def _wiring(calibration: Calibration) -> list[Finding]:
@@ -66,24 +71,40 @@ def _radius(calibration: Calibration) -> Finding:
     wheels = calibration.model.wheels
     assert wheels is not None
     gain, sigma = calibration.value("path_gain"), calibration.sigma("path_gain")
-    curvature, bend_sigma = (
-        get("curvature_rad_m") for get in (calibration.value, calibration.sigma)
-    )
-    unequal = curvature * wheels.track_m
-    large = 1.0 / gain - 1.0
-    sizes = [(large, sigma / gain**2), (unequal / gain, bend_sigma * wheels.track_m / abs(gain))]
-    size, unsure = max(sizes, key=lambda one: abs(one[0]))
-    words = f"the wheels are believed {100.0 * large:+.3g} % too large"
-    if wheels.wired:
-        words += f", right over left {100.0 * unequal / gain:+.2g} %"
+    large = 100.0 * (1.0 / gain - 1.0)
     return judged(
         Question(
             *("wheels.radius", wheels.topic, "wheel_radius"),
             *(100.0 * RADIUS_LIMIT, 100.0 * RADIUS_HARM, DRIVING),
         ),
-        Estimate(100.0 * size, 100.0 * unsure, "%"),
-        Answer(words, _advice(calibration), (_mend(calibration),)),
+        Estimate(large, 100.0 * sigma / gain**2, "%"),
+        Answer(
+            f"the wheels are believed {large:+.3g} % too large",
+            *(_advice(calibration), (_mend(calibration),)),
+        ),
     )
+
+
+def _unequal(calibration: Calibration) -> list[Finding]:
+    """The right wheel's true radius over the left one's, as far as their driver does not know."""
+    wheels = calibration.model.wheels
+    if wheels is None or not wheels.wired:
+        return []
+    per_curvature = 100.0 * wheels.track_m / calibration.value("path_gain")
+    larger = per_curvature * calibration.value("curvature_rad_m")
+    sigma = abs(per_curvature) * calibration.sigma("curvature_rad_m")
+    finding = judged(
+        Question(
+            *("wheels.unequal", wheels.topic, "wheel_radius"),
+            *(100.0 * RADIUS_LIMIT, 100.0 * RADIUS_HARM, DRIVING),
+        ),
+        Estimate(larger, sigma, "%"),
+        Answer(
+            f"the right wheel is {larger:+.2g} % larger than the left one",
+            *(_advice(calibration), (_mend(calibration),)),
+        ),
+    )
+    return [finding]
 
 
 def _track(calibration: Calibration, vote: Vote) -> Finding:

@@ -158,7 +158,7 @@ def _pair(calibration: Calibration, pair: str, offset: Offset | None) -> Finding
         why = "nothing turns" if shift is None else f"correlation {shift.correlation:.2f}"
         words = f"turns of {one} and {other} do not follow each other ({why}): {TURNING} would tell"
         return Finding(check, subject, "cannot tell", words)
-    estimate = Estimate(offset.offset_s * 1e3, offset.sigma_s * 1e3, "ms")
+    estimate = _in_ms(offset)
     words = (
         f"stamps of the {one} are {_signed_ms(offset.offset_s)} against those of the {other}, "
         f"± {offset.sigma_s * 1e3:.3g} ms (at best {offset.bound_s * 1e3:.2g} ms)"
@@ -167,6 +167,11 @@ def _pair(calibration: Calibration, pair: str, offset: Offset | None) -> Finding
         words += f", too unsure to tell; what would tell: {TURNING}"
     verdict: Verdict = "ok" if offset.is_known else "cannot tell"
     return Finding(check, subject, verdict, words, estimate=estimate, limit=LIMITS_S[pair] * 1e3)
+
+
+def _in_ms(offset: Offset) -> Estimate:
+    ms = 1e3
+    return Estimate(offset.offset_s * ms, offset.sigma_s * ms, "ms", offset.bound_s * ms)
 
 
 def _stream(pair: str) -> str:
