@@ -11,7 +11,7 @@ import pytest
 from slamsim.bench.check.coverage import coverage
 from slamsim.bench.check.outcome import Measured, Outcome, outcome_of
 from slamsim.bench.check.scenario import random_scenario
-from slamsim.bench.check.summary import seed_line, summarise, summary_tables
+from slamsim.bench.check.summary import run_line, summarise, summary_tables
 from slamsim.bench.check.trials import (
     clean_trial,
     curve_trials,
@@ -40,7 +40,7 @@ def outcome(
 
 def run_of(*outcomes: Outcome) -> dict[str, object]:
     listed = [one.as_json() for one in outcomes]
-    return {"seed": 1, "world": "loop", "lidar": "lds_01", "outcomes": listed}
+    return {"drive": "seed 1", "world": "loop", "lidar": "lds_01", "outcomes": listed}
 
 
 def test_a_scenario_is_the_same_each_time_and_another_for_another_seed() -> None:
@@ -131,7 +131,7 @@ def test_the_summary_counts_what_was_named_invented_and_skipped() -> None:
                 outcome(sort="clean", expects=(), said=()),
                 outcome(sort="clean", expects=(), said=("tf_loop",)),
             ),
-            {"seed": 2, "error": "the robot is stuck", "outcomes": []},
+            {"drive": "seed 2", "error": "the robot is stuck", "outcomes": []},
         ]
     )
 
@@ -154,7 +154,7 @@ def test_the_summary_counts_what_was_named_invented_and_skipped() -> None:
 
 
 def test_a_line_tells_what_was_missed_and_what_was_invented() -> None:
-    line = seed_line(run_of(outcome(said=()), outcome(sort="clean", expects=(), said=("tf_loop",))))
+    line = run_line(run_of(outcome(said=()), outcome(sort="clean", expects=(), said=("tf_loop",))))
 
     assert "clean, yet tf_loop" in line
     assert "missed gyro_sign" in line

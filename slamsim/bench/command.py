@@ -97,7 +97,8 @@ def bench(
     ] = None,
     workers: Annotated[int, typer.Option(help="Accuracy: runs at a time.", min=1, max=64)] = 1,
     recording: Annotated[
-        Path | None, typer.Option(help="Matcher: on this recording instead of a simulated one.")
+        Path | None,
+        typer.Option(help="Matcher, check: on this recording, not simulated."),
     ] = None,
     bound: Annotated[bool, typer.Option(help="Accuracy: how far from what is possible.")] = True,
     logs: Annotated[
@@ -128,7 +129,7 @@ def bench(
     elif part == "online":
         _online(asked)
     elif part == "check":
-        _check(asked, _Trials(faults, seeds, clean, pairs, curves), workers, logs)
+        _check(asked, _Trials(faults, seeds, clean, pairs, curves), workers, logs, recording)
     elif part == "matcher":
         _matcher(asked, recording, logs)
     elif part == "slam" and peers:
@@ -146,8 +147,11 @@ def _accuracy(asked: _Asked, seeds: int, workers: int, logs: Path | None, bound:
     asked.reporter.result(run_accuracy(campaign, asked.reporter))
 
 
-def _check(asked: _Asked, trials: _Trials, workers: int, kept: Path | None) -> None:
+def _check(
+    asked: _Asked, trials: _Trials, workers: int, kept: Path | None, real: Path | None
+) -> None:
     from slamsim.bench.check.campaign import Campaign, run_campaign
+    from slamsim.bench.check.real import recordings_at
     from slamsim.config.faults import typed_choices
     from slamsim.sensors.faults.registry import bundled_faults, chosen_fault
 
@@ -158,8 +162,9 @@ def _check(asked: _Asked, trials: _Trials, workers: int, kept: Path | None) -> N
     after = first + trials.seeds
     campaign = Campaign(
         faults,
-        seeds=range(first, after),
+        seeds=range(first, after) if real is None else (),
         clean_seeds=range(after, after + trials.clean),
+        recordings=() if real is None else recordings_at(real),
         pairs=trials.pairs,
         curves=trials.curves,
         seconds=asked.seconds or CHECK_SECONDS,

@@ -11,8 +11,9 @@ from pathlib import Path
 
 from slamsim.bench.alone import Children
 from slamsim.bench.check.outcome import Json, Outcome, outcome_of
+from slamsim.bench.check.real import run_recording
 from slamsim.bench.check.scenario import random_scenario
-from slamsim.bench.check.summary import seed_line, summarise, summary_tables
+from slamsim.bench.check.summary import run_line, summarise, summary_tables
 from slamsim.bench.check.trials import (
     Trial,
     clean_trial,
@@ -31,12 +32,14 @@ from slamsim.sensors.faults.base import Fault
 @dataclass(frozen=True, slots=True)
 class Campaign:
     """What to run. seeds: a drive each, checked clean and with every fault. clean_seeds: drives
-    that are only checked clean. pairs: random pairs of faults for each of ``seeds``. curves:
-    every size of every fault too. seconds: length of a drive. kept: folder with what is done."""
+    that are only checked clean. recordings: real ones. pairs: random pairs of faults for each of
+    ``seeds``. curves: every size of every fault too. seconds: length of a drive. kept: folder with
+    what is done of the drives."""
 
     faults: Sequence[Fault]
     seeds: Sequence[int]
     clean_seeds: Sequence[int] = ()
+    recordings: Sequence[Path] = ()
     pairs: int = 0
     curves: bool = False
     seconds: float = 60.0
@@ -58,28 +61,29 @@ class Campaign:
 def run_campaign(campaign: Campaign, reporter: Reporter) -> Json:
     """Every outcome, and the summary over all drives; one that fails is told and counted."""
     runs: list[Json] = []
-    count = len(campaign.seeds) + len(campaign.clean_seeds)
+    count = len(campaign.seeds) + len(campaign.clean_seeds) + len(campaign.recordings)
     with (
         reporter.stage("check", "") as progress,
-        closing(_all_seeds(campaign)) as done,
+        closing(_all_runs(campaign)) as done,
     ):
         for run in done:
             runs.append(run)
-            reporter.say(seed_line(run))
+            reporter.say(run_line(run))
             progress(len(runs), count)
-    runs.sort(key=lambda run: int(str(run["seed"])))
+    runs.sort(key=lambda run: str(run["drive"]))
     summary = summarise(runs)
     for title, rows in summary_tables(summary).items():
         reporter.table(title, rows)
     return {"summary": summary, "runs": runs}
 
 
-def _all_seeds(campaign: Campaign) -> Generator[Json]:
+def _all_runs(campaign: Campaign) -> Generator[Json]:
     """The outcomes of each drive, in the order in which they are done."""
+    every = (*campaign.seeds, *campaign.clean_seeds)
     with ThreadPoolExecutor(campaign.workers) as threads, Children() as children:
         futures = [
-            threads.submit(_one_seed, campaign, seed, children)
-            for seed in (*campaign.seeds, *campaign.clean_seeds)
+            *(threads.submit(_one_seed, campaign, seed, children) for seed in every),
+            *(threads.submit(_one_recording, campaign, p, children) for p in campaign.recordings),
         ]
         try:
             for future in as_completed(futures):
@@ -92,7 +96,18 @@ def _one_seed(campaign: Campaign, seed: int, children: Children) -> Json:
     try:
         return children.run(run_seed, campaign, seed)
     except SlamsimError as error:
-        return {"seed": seed, "error": str(error), "outcomes": []}
+        return {"drive": _drive(seed), "error": str(error), "outcomes": []}
+
+
+def _one_recording(campaign: Campaign, path: Path, children: Children) -> Json:
+    try:
+        return children.run(run_recording, path, campaign.faults)
+    except SlamsimError as error:
+        return {"drive": str(path), "error": str(error), "outcomes": []}
+
+
+def _drive(seed: int) -> str:
+    return f"seed {seed:4d}"
 
 
 def run_seed(campaign: Campaign, seed: int) -> Json:
@@ -108,7 +123,7 @@ def run_seed(campaign: Campaign, seed: int) -> Json:
         _keep(campaign, seed, done)
     asked = [done[trial.name].as_json() for trial in campaign.trials(seed)]
     return {
-        "seed": seed,
+        "drive": _drive(seed),
         "world": scenario.world,
         "lidar": scenario.lidar,
         "outcomes": asked,

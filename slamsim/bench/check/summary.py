@@ -28,6 +28,7 @@ def summarise(runs: Sequence[Json]) -> Json:
         "drives": len(runs),
         "failed": sum("error" in run for run in runs),
         "clean": _alarms(by_sort["clean"]),
+        "real": _alarms(by_sort["real"]),
         "faults": _by_name(by_sort["fault"]),
         "pairs": _rates(by_sort["pair"]),
         "curves": _by_name(by_sort["curve"]),
@@ -40,17 +41,17 @@ def summarise(runs: Sequence[Json]) -> Json:
     }
 
 
-def seed_line(run: Json) -> str:
+def run_line(run: Json) -> str:
     """One drive in a line: what was missed in it and what was invented."""
-    seed = str(run["seed"]).rjust(5)
     if "error" in run:
-        return f"{seed}  failed: {run['error']}"
+        return f"{run['drive']}: failed: {run['error']}"
     outcomes = [outcome for outcome in _outcomes(run) if not outcome.skipped]
     missed = [o.trial for o in outcomes if o.sort in ("fault", "pair") and not o.named]
-    alarms = [name for o in outcomes if o.sort == "clean" for name in o.said]
-    told = f"{seed}  {run['world']}, {run['lidar']}: {len(outcomes)} checked"
-    if alarms:
+    told = f"{run['drive']}: {run['world']}, {run['lidar']}, {len(outcomes)} checked"
+    if alarms := [name for o in outcomes if o.sort == "clean" for name in o.said]:
         told += f"; clean, yet {_few(alarms)}"
+    if has := [name for o in outcomes if o.sort == "real" for name in o.said]:
+        told += f"; has {_few(has)}"
     return told + (f"; missed {_few(missed)}" if missed else "")
 
 

@@ -1,0 +1,66 @@
+"""Recordings of real robots: what they truly have, and faults injected on top of it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from slamsim.bench.check.outcome import Json, Outcome, outcome_of
+from slamsim.bench.check.trials import Trial, clean_trial, fault_trials
+from slamsim.logs.raw import read_recording
+from slamsim.recording import Recording
+from slamsim.run.folder import recording_name
+from slamsim.sensors.faults.apply import injected
+from slamsim.sensors.faults.base import CannotInject, Fault
+
+
+def recordings_at(path: Path) -> tuple[Path, ...]:
+    """The recording itself, or all that lie in a folder of recordings.
+
+    A folder with ``metadata.yaml``, or one named ``log`` in it, is one recording.
+    """
+    if not path.is_dir() or any((path / name).exists() for name in ("metadata.yaml", "log")):
+        return (path,)
+    return tuple(sorted(one for one in path.rglob("*") if _may_be_recording(one)))
+
+
+def run_recording(path: Path, faults: Sequence[Fault]) -> Json:
+    """As it is, and with each fault on top; what it says as it is counts as no invention."""
+    recording = read_recording(path)
+    as_it_is = _checked(clean_trial(), recording)
+    spoilt = [_on_top(trial, recording, as_it_is) for trial in fault_trials(faults)]
+    told = replace(as_it_is, sort="real")
+    return {
+        "drive": recording_name(str(path)),
+        "world": "real",
+        "lidar": recording.format,
+        "outcomes": [one.as_json() for one in (told, *spoilt)],
+    }
+
+
+def _checked(trial: Trial, recording: Recording) -> Outcome:
+    return outcome_of(trial, lambda faults: injected(recording, faults, seed=0), {})
+
+
+def _on_top(trial: Trial, recording: Recording, as_it_is: Outcome) -> Outcome:
+    """What a recording has anyhow cannot be found anew."""
+    if set(as_it_is.said) & {fault.expects for fault in trial.faults}:
+        return outcome_of(trial, _has_it_already, {})
+    outcome = _checked(trial, recording)
+    return replace(outcome, also=_joined(outcome.also, as_it_is.said))
+
+
+def _has_it_already(faults: Sequence[Fault]) -> Recording:
+    raise CannotInject(f"it has {' and '.join(fault.expects for fault in faults)} already")
+
+
+def _joined(one: Iterable[str], other: Iterable[str]) -> tuple[str, ...]:
+    return tuple(sorted({*one, *other}))
+
+
+_SUFFIXES = (".mcap", ".bag", ".db3", ".clf", ".log", ".gz", ".bz2")
+
+
+def _may_be_recording(path: Path) -> bool:
+    return path.is_file() and path.suffix.lower() in _SUFFIXES
