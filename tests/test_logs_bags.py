@@ -23,8 +23,9 @@ from log_data import drive, header, readings
 from mcap.writer import CompressionType
 from rosbags.rosbag2 import StoragePlugin
 
+from slamsim.logs.bag_folder import MCAP_NAME
 from slamsim.logs.reader import read_log, read_truth
-from slamsim.logs.writer import MCAP_NAME, LogWriter
+from slamsim.logs.writer import LogWriter
 from slamsim.safe.errors import InputRefused
 from slamsim.types import Log
 from slamsim.wheels import wheel_odometry

@@ -16,8 +16,9 @@ from bag_data import ROS1, ROS2, Robot, as_mcap, as_ros1, as_rosbag2
 from log_data import drive, header, readings
 from mcap.writer import CompressionType
 
+from slamsim.logs.bag_folder import MCAP_NAME
 from slamsim.logs.reader import read_log, read_truth
-from slamsim.logs.writer import MCAP_NAME, LogWriter
+from slamsim.logs.writer import LogWriter
 from slamsim.safe.errors import InputRefused, NotFound
 from slamsim.types import Log
 
@@ -239,9 +240,9 @@ def test_a_killed_writer_leaves_all_but_the_open_chunk(tmp_path: Path) -> None:
     for start_s in range(0, 12, 2):
         part = readings(start_s, start_s + 2.0, scan_hz=40.0, beams=1081, intensities=True)
         writer.write(part, drive(start_s, start_s + 2.0))
-    writer._file.sync()
+    writer._bag._file.sync()
     data = (tmp_path / "log" / MCAP_NAME).read_bytes()
-    writer._stream.close()
+    writer._bag._stream.close()
     position, inflated = 8, 0
     while position < len(data):
         opcode, length = struct.unpack_from("<BQ", data, position)

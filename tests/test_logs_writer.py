@@ -16,9 +16,10 @@ from rosbags.rosbag2 import Reader
 
 from slamsim.geometry import xyzw_from_yaw
 from slamsim.logs import messages
+from slamsim.logs.bag_folder import MCAP_NAME
 from slamsim.logs.cdr import Rows
 from slamsim.logs.ros_types import ENCODER_TICKS, ros2_types
-from slamsim.logs.writer import MCAP_NAME, LogWriter
+from slamsim.logs.writer import LogWriter
 from slamsim.wheels import wheel_odometry
 
 STORE = ros2_types()

@@ -12,7 +12,14 @@ from slamsim.logs.carmen import mounting_of, oddities, range_max_of
 from slamsim.logs.carmen_content import CarmenContent, collect
 from slamsim.logs.carmen_lines import Fan, LaserLine, OdomLine
 from slamsim.logs.stamps import epoch_of
-from slamsim.recording import RawOdometry, RawScans, Recording, ScanLayout, TransformEdge
+from slamsim.recording import (
+    RawOdometry,
+    RawScans,
+    Recording,
+    ScanLayout,
+    TransformEdge,
+    UnreadTopic,
+)
 from slamsim.safe.errors import InputRefused
 from slamsim.safe.text import open_lines
 from slamsim.types import FloatArray, IntArray
@@ -25,8 +32,9 @@ _SAME_CLOCK_NS = 1_000_000_000
 def read_carmen_recording(path: Path, scan_topic: str | None = None) -> Recording:
     """What a CARMEN file says. Topics are the names of the messages, such as ``FLASER``.
 
-    The odometry in the laser lines comes before that of ``ODOM`` lines, which other processes
-    stamped. Raises InputRefused for a file of another kind.
+    The odometry is that of the laser lines, under their topic; ``ODOM`` lines, which another
+    process stamps, are read only where the laser lines carry none. Raises InputRefused for
+    a file of another kind.
     """
     content = collect(open_lines(path), path)
     if scan_topic is not None and scan_topic not in content.lasers:
@@ -38,7 +46,8 @@ def read_carmen_recording(path: Path, scan_topic: str | None = None) -> Recordin
     odometries = [
         _odometry(name, lines, origin_ns) for name, lines in lasers.items() if _has_poses(lines)
     ]
-    if content.odometry:
+    unread = _unread(content) if odometries else ()
+    if content.odometry and not odometries:
         odometries.append(_odometry(_ODOM, content.odometry, origin_ns))
     scans = [_scans(name, lines, content, origin_ns, odd) for name, lines in lasers.items()]
     return Recording(
@@ -48,8 +57,16 @@ def read_carmen_recording(path: Path, scan_topic: str | None = None) -> Recordin
         odometries=tuple(odometries),
         transforms=tuple(_edge(name, lines, content, odd) for name, lines in lasers.items()),
         epoch=epoch_of(int(np.median((*scans, *odometries)[0].stamps_ns))),
+        unread=unread,
         odd=tuple(odd),
     )
+
+
+def _unread(content: CarmenContent) -> tuple[UnreadTopic, ...]:
+    if not content.odometry:
+        return ()
+    reason = "the laser lines carry the odometry"
+    return (UnreadTopic(_ODOM, _ODOM, len(content.odometry), reason),)
 
 
 def _has_poses(lines: Sequence[LaserLine]) -> bool:

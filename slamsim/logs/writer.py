@@ -16,16 +16,14 @@ import numpy as np
 
 from slamsim.geometry import xyzw_from_matrix
 from slamsim.logs import messages
-from slamsim.logs.bag_metadata import Topic, bag_metadata, dump_yaml
+from slamsim.logs.bag_folder import BagFolder, TopicKind
 from slamsim.logs.cdr import Rows
-from slamsim.logs.mcap_file import McapFile, MessageBatch
+from slamsim.logs.mcap_file import MessageBatch
 from slamsim.logs.recorded import OdometryTail, TruthTail, at_rate
-from slamsim.logs.ros_types import ENCODER_TICKS, ros2_types
+from slamsim.logs.ros_types import ENCODER_TICKS
 from slamsim.sensors.readings import Readings
 from slamsim.types import Drive, Epoch, FloatArray, IntArray
 
-MCAP_NAME = "log_0.mcap"
-METADATA_RECORD = "slamsim"
 TRUTH_TOPIC = "/ground_truth/odom"
 
 CLOCK_RATE_HZ = 50.0
@@ -93,27 +91,11 @@ class LogWriter:
     """
 
     def __init__(self, folder: Path, header: LogHeader) -> None:
-        self._folder = folder
         self._header = header
-        store = ros2_types()
-        self._topics = [
-            Topic(name, kind, store.hash_rihs01(kind), name in _LATCHED)
-            for name, kind in _TYPES.items()
-        ]
-        folder.mkdir(parents=True, exist_ok=True)
-        self._stream = (folder / MCAP_NAME).open("xb")
-        self._custom = {"epoch": header.epoch, **dict(sorted(header.metadata.items()))}
-        self._file = McapFile(self._stream, {METADATA_RECORD: self._custom})
-        self._ids = {
-            topic.name: self._file.add_channel(
-                topic.name,
-                topic.type_name,
-                store.generate_msgdef(topic.type_name, ros_version=2)[0],
-                dump_yaml(topic.quality_of_service()),
-            )
-            for topic in self._topics
-        }
-        self._held: dict[str, list[MessageBatch]] = {topic.name: [] for topic in self._topics}
+        topics = [TopicKind(name, kind, name in _LATCHED) for name, kind in _TYPES.items()]
+        custom = {"epoch": header.epoch, **dict(sorted(header.metadata.items()))}
+        self._bag = BagFolder(folder, topics, custom)
+        self._held: dict[str, list[MessageBatch]] = {topic.name: [] for topic in topics}
         self._odometry = OdometryTail()
         self._truth = TruthTail(header.truth_rate_hz)
         self._last_ns: int | None = None
@@ -127,9 +109,13 @@ class LogWriter:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        with self._stream:
+        whole = False
+        try:
             if kind is None:
-                self._finish()
+                self._write_rest()
+                whole = True
+        finally:
+            self._bag.close(whole=whole)
 
     def write(self, readings: Readings, window: Drive) -> None:
         """The next window of the drive and what was sensed up to its end.
@@ -148,8 +134,7 @@ class LogWriter:
 
     def _add(self, topic: str, log_ns: IntArray, rows: Rows) -> None:
         if log_ns.size:
-            data = rows.view(np.uint8).reshape(rows.size, -1)
-            self._held[topic].append(MessageBatch(self._ids[topic], log_ns, data))
+            self._held[topic].append(self._bag.batch(topic, log_ns, rows))
 
     def _add_once(self, first_ns: int) -> None:
         at_start = np.array([first_ns], dtype=np.int64)
@@ -231,17 +216,12 @@ class LogWriter:
                 ready.append(_part(batch, slice(0, count)))
                 late.append(_part(batch, slice(count, None)))
             self._held[topic] = [batch for batch in late if batch.log_ns.size]
-        self._file.write(ready)
+        self._bag.write(ready)
 
-    def _finish(self) -> None:
+    def _write_rest(self) -> None:
         if self._truth.rest is not None:
             self._add_truth(self._truth.rest)
         self._release(None)
-        self._file.finish()
-        text = bag_metadata(
-            MCAP_NAME, self._topics, self._file.counts, self._file.time_range_ns, self._custom
-        )
-        (self._folder / "metadata.yaml").write_text(text, encoding="utf-8")
 
 
 def _part(batch: MessageBatch, which: slice) -> MessageBatch:

@@ -1,0 +1,93 @@
+"""A rosbag2 folder being written: one MCAP file, and metadata.yaml once it is whole."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+import numpy as np
+
+from slamsim.logs.bag_metadata import Topic, bag_metadata, dump_yaml
+from slamsim.logs.cdr import Rows
+from slamsim.logs.mcap_file import McapFile, MessageBatch
+from slamsim.logs.ros_types import ros2_types
+from slamsim.types import IntArray
+
+MCAP_NAME = "log_0.mcap"
+METADATA_RECORD = "slamsim"
+
+
+@dataclass(frozen=True, slots=True)
+class TopicKind:
+    """latched: a late subscriber still gets the last message."""
+
+    name: str
+    type_name: str
+    latched: bool = False
+
+
+class BagFolder:
+    """Writes into an existing or new folder; a context manager.
+
+    custom: what else shall stand in the file. After an exception inside the block the file ends
+    where it stands, without an index: the folder is then unfinished, and whoever made it
+    discards it. A killed writer loses at most the open chunk of 1 MiB; closed ones reach the
+    disk every second.
+    """
+
+    def __init__(
+        self, folder: Path, topics: Sequence[TopicKind], custom: Mapping[str, str]
+    ) -> None:
+        self._folder, self._custom = folder, custom
+        store = ros2_types()
+        self._topics = [
+            Topic(kind.name, kind.type_name, store.hash_rihs01(kind.type_name), kind.latched)
+            for kind in topics
+        ]
+        folder.mkdir(parents=True, exist_ok=True)
+        self._stream = (folder / MCAP_NAME).open("xb")
+        self._file = McapFile(self._stream, {METADATA_RECORD: custom})
+        self._ids = {
+            topic.name: self._file.add_channel(
+                topic.name,
+                topic.type_name,
+                store.generate_msgdef(topic.type_name, ros_version=2)[0],
+                dump_yaml(topic.quality_of_service()),
+            )
+            for topic in self._topics
+        }
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close(whole=kind is None)
+
+    def close(self, *, whole: bool) -> None:
+        """End the file; only what is whole gets an index and metadata.yaml."""
+        with self._stream:
+            if whole:
+                self._finish()
+
+    def batch(self, topic: str, log_ns: IntArray, rows: Rows) -> MessageBatch:
+        """Messages of one topic and one size, to be handed to ``write``."""
+        return MessageBatch(self._ids[topic], log_ns, rows.view(np.uint8).reshape(rows.size, -1))
+
+    def write(self, batches: Sequence[MessageBatch]) -> None:
+        """As ``McapFile.write``."""
+        self._file.write(batches)
+
+    def _finish(self) -> None:
+        self._file.finish()
+        text = bag_metadata(
+            MCAP_NAME, self._topics, self._file.counts, self._file.time_range_ns, self._custom
+        )
+        (self._folder / "metadata.yaml").write_text(text, encoding="utf-8")

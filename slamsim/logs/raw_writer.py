@@ -1,0 +1,81 @@
+"""Writes a recording as a rosbag2 folder with one MCAP file, whatever format it came from."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from slamsim.logs.bag_folder import BagFolder, TopicKind
+from slamsim.logs.raw_messages import Outgoing, outgoing
+from slamsim.recording import Recording
+from slamsim.safe.errors import SlamsimError
+from slamsim.types import IntArray, Trajectory
+
+_WINDOW_BYTES = 32 << 20
+_LARGEST_SECOND = 2**31 - 1
+
+
+def write_recording(recording: Recording, folder: Path, truth: Trajectory | None = None) -> None:
+    """Write into a folder, new or empty, what a recording holds, and the truth where it is known.
+
+    Every stream keeps its order: a message that was received before the one above it is written
+    as received with that one. Of several frames that the messages of one stream name, the
+    first is written. Call it inside ``partial_folder``: after an exception the folder is
+    unfinished. Raises SlamsimError for stamps that ROS 2 cannot write.
+    """
+    streams = _named([o for o in outgoing(recording, truth) if o.log_ns.size])
+    _require_stamps(recording)
+    kinds = {o.topic: TopicKind(o.topic, o.type_name, o.latched) for o in streams}
+    with BagFolder(folder, list(kinds.values()), {"epoch": recording.epoch}) as bag:
+        for begin_ns, end_ns in _windows(streams):
+            batches = []
+            for stream in streams:
+                first, end = np.searchsorted(stream.log_ns, [begin_ns, end_ns]).tolist()
+                if first < end:
+                    rows = stream.rows(np.arange(first, end))
+                    batches.append(bag.batch(stream.topic, stream.log_ns[first:end], rows))
+            bag.write(batches)
+
+
+def _windows(streams: list[Outgoing]) -> Iterator[tuple[int, int]]:
+    """(begin, end) of log time, end excluded, that hold about as many bytes each."""
+    if not streams:
+        return
+    log_ns = np.concatenate([stream.log_ns for stream in streams])
+    sizes = np.repeat([o.message_bytes for o in streams], [o.log_ns.size for o in streams])
+    order = np.argsort(log_ns, kind="stable")
+    filled = np.cumsum(sizes[order]) // _WINDOW_BYTES
+    first = np.flatnonzero(np.diff(filled, prepend=-1))
+    begins = np.unique(log_ns[order][first])
+    ends = np.append(begins[1:], int(log_ns.max()) + 1)
+    yield from zip(begins.tolist(), ends.tolist(), strict=True)
+
+
+def _named(streams: list[Outgoing]) -> list[Outgoing]:
+    """Topics as ROS names them, each of one type: CARMEN has one line for scan and odometry."""
+    taken: dict[str, str] = {}
+    named = []
+    for stream in streams:
+        topic = stream.topic if stream.topic.startswith("/") else f"/{stream.topic}"
+        if taken.setdefault(topic, stream.type_name) != stream.type_name:
+            topic = f"{topic}/{stream.type_name.rsplit('/', maxsplit=1)[-1].lower()}"
+            taken[topic] = stream.type_name
+        named.append(replace(stream, topic=topic))
+    return named
+
+
+def _require_stamps(recording: Recording) -> None:
+    stamps: list[tuple[str, IntArray]] = [
+        (stream.topic, stream.stamps_ns)
+        for streams in (recording.scans, recording.imus, recording.odometries, recording.ticks)
+        for stream in streams
+    ]
+    for topic, stamps_ns in stamps:
+        if stamps_ns.size and np.abs(stamps_ns).max() > _LARGEST_SECOND * 1_000_000_000:
+            raise SlamsimError(
+                f"{topic}: a stamp of {np.abs(stamps_ns).max() / 1e9:.0f} s cannot be written, "
+                f"ROS 2 counts to {_LARGEST_SECOND} s"
+            )
