@@ -74,7 +74,8 @@ def bench(
     part: Annotated[
         str,
         typer.Argument(
-            help="sense, drive, simulate, slam, all: speed. Or accuracy, matcher, online, check."
+            help="sense, drive, simulate, slam, all: speed. Or accuracy, matcher, check; online: "
+            "latency and memory of a session, told for each kilometre."
         ),
     ] = "all",
     world: Annotated[
@@ -85,7 +86,8 @@ def bench(
         float | None, typer.Option(help=f"Simulated time; speed: {SPEED_SECONDS:g} s.", min=5)
     ] = None,
     path: Annotated[
-        float | None, typer.Option(help="End the drive after so many metres.", min=1)
+        float | None,
+        typer.Option(help=f"End the drive after so many metres; online: {ONLINE_PATH_M:g}.", min=1),
     ] = None,
     repeats: Annotated[int, typer.Option(help="Speed: best of so many.", min=1)] = 3,
     peers: Annotated[

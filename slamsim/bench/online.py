@@ -64,6 +64,7 @@ def measure_online(config: RunConfig, path_m: float, reporter: Reporter) -> Figu
                 stretch.see(step, truth)
                 if stretch.path_m >= STRETCH_M:
                     stretches.append(stretch.closed(keeper))
+                    reporter.say(stretch.words(len(stretches)))
                     stretch = stretch.next()
                 progress(min(STRETCH_M * len(stretches) + stretch.path_m, path_m), path_m)
             if stretch.path_m > 0.1 * STRETCH_M or not stretches:
@@ -178,6 +179,15 @@ class _Stretch:
             "wall_s": time.perf_counter() - self.begun_s,
         }
         return self
+
+    def words(self, number: int) -> str:
+        """Its figures in a line, told as soon as it is driven."""
+        return (
+            "km {number}: p50 {p50_ms:.1f}, p99 {p99_ms:.1f}, max {max_ms:.0f} ms; processor time "
+            "p50 {cpu_p50_ms:.1f}, p99 {cpu_p99_ms:.1f}, max {cpu_max_ms:.0f} ms; session "
+            "{session_mb:.0f} MB, back end {back_end_mb:.0f} MB; {keyframes_kept} key frames "
+            "kept of {keyframes}, {closures} closures; off {off_rmse_m:.3f} m; {wall_s:.0f} s"
+        ).format_map(self.figures | {"number": number})
 
     def next(self) -> _Stretch:
         """The kilometre after this one."""

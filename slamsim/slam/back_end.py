@@ -32,7 +32,6 @@ from slamsim.slam.submap_cutter import SubmapCutter
 from slamsim.slam.visits import Visits
 from slamsim.types import FloatArray, PlanarTrajectory
 
-KNOWN_TRAVEL_M = 3.0
 CALIBRATION_ROUNDS = 2
 
 
@@ -76,12 +75,12 @@ class BackEnd:
 
         Where the robot has often been, only one in a few metres is kept, to hold the pose.
         """
-        known = self._known(keyframe)
-        if known and not self._needed(keyframe):
+        spacing_m = self._spacing_m(keyframe)
+        if not self._needed(keyframe, spacing_m):
             self._passed.append(keyframe.odometry)
             return
         with self._timed("key frames"):
-            self._join(self._cut_off(keyframe), known)
+            self._join(self._cut_off(keyframe), known=spacing_m > 0.0)
         if self._config.closures.enabled:
             with self._timed("closures"):
                 self._search.search(len(self.keyframes) - 1)
@@ -101,10 +100,11 @@ class BackEnd:
         kept: the indices of those that it kept, None for all. poses: (n, 3) of its solution.
         """
         for keyframe in keyframes:
+            spacing_m = self._spacing_m(keyframe)
             if kept is not None and keyframe.index not in kept:
                 self._passed.append(keyframe.odometry)
             else:
-                self._join(keyframe, self._known(keyframe))
+                self._join(keyframe, known=spacing_m > 0.0)
         if poses is not None:
             self._solution.estimate.move(poses)
         if closures:
@@ -180,19 +180,19 @@ class BackEnd:
             drives = {two.index for one, two in pairwise(self.keyframes) if begins_drive(one, two)}
             return (*self._carried, *doubtful_joints(graph, drives), *torn, *unrefined)
 
-    def _known(self, keyframe: Keyframe) -> bool:
-        """Whether all that a key frame sees was mapped often enough."""
+    def _spacing_m(self, keyframe: Keyframe) -> float:
+        """Path from one key frame to the next to keep where this one is, 0 where all are."""
         T_map_base = keyframe.T_map_base
         if self.keyframes:
             step = between(self.keyframes[-1].T_map_base, T_map_base)
             T_map_base = compose(self._solution.poses[-1], step)
-        return self._visits.enough(T_map_base, keyframe.path_m)
+        return self._visits.spacing_m(T_map_base, keyframe.path_m)
 
-    def _needed(self, keyframe: Keyframe) -> bool:
-        """Whether a key frame must be kept, though all that it sees was mapped already."""
+    def _needed(self, keyframe: Keyframe, spacing_m: float) -> bool:
+        """Whether a key frame must be kept, though what it sees may be mapped already."""
         if keyframe.broken or keyframe.doubt_ns is not None or not self.keyframes:
             return True
-        return keyframe.path_m - self.keyframes[-1].path_m >= KNOWN_TRAVEL_M
+        return keyframe.path_m - self.keyframes[-1].path_m >= spacing_m
 
     def _cut_off(self, keyframe: Keyframe) -> Keyframe:
         """A doubtful key frame that contradicts what was seen just before may be anywhere."""
@@ -219,7 +219,6 @@ class BackEnd:
             before = self.keyframes[-1]
             edge = chain_edge(before, keyframe, self._odometry_noise, self._config.graph)
             self._solution.extend(edge, apart=keyframe.kidnapped)
-        self._visits.add(self._solution.poses[-1], keyframe.path_m)
         submap = self._cutter.add(keyframe, known)
         if submap is not None:
             self._search.offer(submap)

@@ -49,9 +49,10 @@ class PoseGraphSolver:
 
     def __init__(self, config: GraphConfig) -> None:
         self._config = config
+        self._cauchy = gtsam.noiseModel.mEstimator.Cauchy.Create(config.cauchy_width)
         self.edges: list[GraphEdge] = []
         """All edges so far, in the order they came."""
-        self._factors: list[tuple[_Factor, _Factor]] = []
+        self._factors: list[_Factor] = []  # closures as ones that may be doubted
         self._isam: gtsam.ISAM2 | None = None
         self._entered_edges = self._entered_poses = 0
 
@@ -59,7 +60,7 @@ class PoseGraphSolver:
         """One more measurement. Raises GraphUnsound if it is none."""
         check_edges([edge])
         self.edges.append(edge)
-        self._factors.append(_factors(edge, self._config.cauchy_width))
+        self._factors.append(self._factor(edge))
 
     def renew(self, edges: Sequence[GraphEdge]) -> None:
         """Put these in the place of the edges that joined the same poses; closures stay.
@@ -72,7 +73,7 @@ class PoseGraphSolver:
             fresh = renewed.get((edge.source, edge.target))
             if fresh is not None and edge.kind != "closure":
                 self.edges[number] = fresh
-                self._factors[number] = _factors(fresh, self._config.cauchy_width)
+                self._factors[number] = self._factor(fresh)
         self._isam = None  # it has the old ones
 
     def begin_anew(self) -> None:
@@ -100,10 +101,8 @@ class PoseGraphSolver:
             graph.push_back(_anchor(poses[0]))
         for number in range(self._entered_poses, len(poses)):
             values.insert(number, gtsam.Pose2(*poses[number]))
-        for edge, (plain, robust) in zip(
-            self.edges[self._entered_edges :], self._factors[self._entered_edges :], strict=True
-        ):
-            graph.push_back(robust if edge.kind == "closure" else plain)
+        for factor in self._factors[self._entered_edges :]:
+            graph.push_back(factor)
         self._isam.update(graph, values)
         self._entered_edges, self._entered_poses = len(self.edges), len(poses)
         for _ in range(EXTRA_UPDATES):
@@ -124,7 +123,11 @@ class PoseGraphSolver:
         check_joined(poses, self.edges)
         closure = np.array([edge.kind == "closure" for edge in self.edges], dtype=np.bool_)
         everything = np.ones(len(self.edges), dtype=np.bool_)
-        solved = self._least_squares(poses, everything, robust=True)
+        solved = self._least_squares(poses, everything, self._factors)
+        plain = [
+            _factor(edge, _noise(edge)) if doubted else factor
+            for edge, doubted, factor in zip(self.edges, closure, self._factors, strict=True)
+        ]
         believed = np.zeros_like(everything)
         for patience in (*PATIENCE, *[1.0] * MAX_WITHDRAWALS):
             sigmas = residual_sigmas(solved, self.edges)
@@ -132,22 +135,30 @@ class PoseGraphSolver:
             if patience == 1.0 and np.array_equal(fitting, believed):
                 break
             believed = fitting
-            solved = self._least_squares(solved, believed, robust=False)
+            solved = self._least_squares(solved, believed, plain)
         self.edges = [
             replace(edge, weight=float(weight))
             for edge, weight in zip(self.edges, believed, strict=True)
         ]
         return solved
 
-    def _least_squares(self, poses: FloatArray, used: BoolArray, robust: bool) -> FloatArray:
+    def _factor(self, edge: GraphEdge) -> _Factor:
+        """The edge as the solver takes it; a closure as one that may be doubted."""
+        noise = _noise(edge)
+        if edge.kind != "closure":
+            return _factor(edge, noise)
+        return _factor(edge, gtsam.noiseModel.Robust.Create(self._cauchy, noise))
+
+    def _least_squares(
+        self, poses: FloatArray, used: BoolArray, factors: Sequence[_Factor]
+    ) -> FloatArray:
         """Levenberg and Marquardt's solution, checked."""
         if len(poses) == 1:
             return poses.copy()
         graph, initial = gtsam.NonlinearFactorGraph(), gtsam.Values()
         graph.push_back(_anchor(poses[0]))
         for number in np.flatnonzero(used).tolist():
-            doubted = robust and self.edges[number].kind == "closure"
-            graph.push_back(self._factors[number][doubted])
+            graph.push_back(factors[number])
         for number, pose in enumerate(poses):
             initial.insert(number, gtsam.Pose2(*pose))
         before = graph.error(initial)
@@ -237,19 +248,15 @@ def _anchor(pose: FloatArray) -> gtsam.PriorFactorPose2:
     return gtsam.PriorFactorPose2(0, gtsam.Pose2(*pose), noise)
 
 
-def _factors(edge: GraphEdge, cauchy_width: float) -> tuple[_Factor, _Factor]:
-    """The edge as a plain factor and as one that may be doubted."""
+def _factor(edge: GraphEdge, noise: gtsam.noiseModel.Base) -> _Factor:
+    return _Factor(edge.source, edge.target, gtsam.Pose2(*edge.T_source_target), noise)
+
+
+def _noise(edge: GraphEdge) -> gtsam.noiseModel.Gaussian:
     # GTSAM's covariances are those of a step in the frame of the target.
     turn = rotation(np.asarray(-edge.T_source_target[2]))
     covariance = turn @ edge.covariance @ turn.T
-    noise = gtsam.noiseModel.Gaussian.Covariance(0.5 * (covariance + covariance.T))
-    cauchy = gtsam.noiseModel.mEstimator.Cauchy.Create(cauchy_width)
-    doubted = gtsam.noiseModel.Robust.Create(cauchy, noise)
-    measured = gtsam.Pose2(*edge.T_source_target)
-    return (
-        gtsam.BetweenFactorPose2(edge.source, edge.target, measured, noise),
-        gtsam.BetweenFactorPose2(edge.source, edge.target, measured, doubted),
-    )
+    return gtsam.noiseModel.Gaussian.Covariance(0.5 * (covariance + covariance.T))
 
 
 def _isam_parameters() -> gtsam.ISAM2Params:

@@ -44,8 +44,9 @@ _EVER_M = 1e12
 class Submap:
     """Surfaces in the frame of its anchor, one of its key frames, ``first`` to ``last``.
 
-    surfaces: (m, PIECE_FIELDS), merged. middle_m: (2,) their mean. points_m: (p, 2) sampled
-    along them. origins_m, ends_m: (b, 2) beams. from_path_m, to_path_m: travelled distance.
+    surfaces: (m, PIECE_FIELDS), merged. middle_m: (2,) their mean. members: the key frames.
+    T_anchor_members: (k, 3). from_path_m, to_path_m: travelled distance. What follows from these
+    is made when asked for: a long drive keeps many submaps and looks at few.
     """
 
     anchor: int
@@ -53,11 +54,24 @@ class Submap:
     last: int
     surfaces: FloatArray
     middle_m: FloatArray
-    points_m: FloatArray
-    origins_m: FloatArray
-    ends_m: FloatArray
+    members: Sequence[Keyframe]
+    T_anchor_members: FloatArray
     from_path_m: float
     to_path_m: float
+
+    @property
+    def points_m(self) -> FloatArray:
+        """(p, 2) sampled along the surfaces."""
+        return sample_surfaces(self.surfaces)
+
+    def beams(self) -> tuple[FloatArray, FloatArray]:
+        """(b, 2) origins and (b, 2) ends of some beams of the key frames."""
+        placed = list(zip(self.T_anchor_members, self.members, strict=True))
+        origins = [
+            np.broadcast_to(transform_points(T, k.origin_m), k.beams_m.shape) for T, k in placed
+        ]
+        ends = [transform_points(T, k.beams_m.astype(np.float64)) for T, k in placed]
+        return np.concatenate(origins), np.concatenate(ends)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -107,23 +121,14 @@ def make_submap(
     T_anchor = [between(keyframes[anchor].T_map_base, k.T_map_base) for k in keyframes]
     scratch.fill([(k.pieces, T) for k, T in zip(keyframes, T_anchor, strict=True)], noise_m)
     surfaces = scratch.collected()
-    ends = [
-        transform_points(T, k.beams_m.astype(np.float64))
-        for k, T in zip(keyframes, T_anchor, strict=True)
-    ]
-    origins = [
-        np.repeat(transform_points(T, k.origin_m)[None], len(k.beams_m), axis=0)
-        for k, T in zip(keyframes, T_anchor, strict=True)
-    ]
     return Submap(
         anchor=keyframes[anchor].index,
         first=keyframes[0].index,
         last=keyframes[-1].index,
         surfaces=surfaces,
         middle_m=surfaces[:, [X, Y]].mean(axis=0) if len(surfaces) else np.zeros(2),
-        points_m=sample_surfaces(surfaces),
-        origins_m=np.concatenate(origins),
-        ends_m=np.concatenate(ends),
+        members=tuple(keyframes),
+        T_anchor_members=np.array(T_anchor),
         from_path_m=keyframes[0].path_m,
         to_path_m=keyframes[-1].path_m,
     )
@@ -151,12 +156,14 @@ def sample_surfaces(surfaces: FloatArray) -> FloatArray:
 
 def space_grid(submap: Submap, resolution_m: float, radius_m: float) -> SpaceGrid:
     """What the submap's beams found free and where its surfaces are."""
-    rays = submap.ends_m - submap.origins_m
+    origins, ends = submap.beams()
+    rays = ends - origins
     length = np.maximum(np.linalg.norm(rays, axis=1), 1e-9)
     reach = np.clip(length - BEAM_MARGIN_M, 0.0, radius_m)
-    ends = submap.origins_m + rays * (reach / length)[:, None]
-    points = submap.points_m[np.abs(submap.points_m).max(axis=1) <= 2.0 * radius_m]
-    everything = np.concatenate([ends, submap.origins_m, points, np.zeros((1, 2))])
+    ends = origins + rays * (reach / length)[:, None]
+    points = submap.points_m
+    points = points[np.abs(points).max(axis=1) <= 2.0 * radius_m]
+    everything = np.concatenate([ends, origins, points, np.zeros((1, 2))])
     margin = int(np.ceil(WALL_MARGIN_M / resolution_m)) + 1
     first = np.floor(everything.min(axis=0) / resolution_m) - margin
     columns, rows = (np.floor(everything.max(axis=0) / resolution_m) - first + margin + 1).astype(
@@ -164,7 +171,7 @@ def space_grid(submap: Submap, resolution_m: float, radius_m: float) -> SpaceGri
     )
     state = np.zeros((rows, columns), dtype=np.uint8)
     scale = 1.0 / resolution_m
-    _mark_free(state, submap.origins_m * scale - first, ends * scale - first)
+    _mark_free(state, origins * scale - first, ends * scale - first)
     _mark_walls(state, points * scale - first, WALL_MARGIN_M * scale)
     return SpaceGrid(state, first * resolution_m, resolution_m)
 

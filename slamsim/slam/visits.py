@@ -12,6 +12,8 @@ PASS_M = 10.0
 """Coming back after this much path is another pass."""
 
 ENOUGH_PASSES = 2
+KNOWN_TRAVEL_M = 3.0
+MOST_TRAVEL_M = 12.0
 
 
 class Visits:
@@ -20,17 +22,19 @@ class Visits:
     def __init__(self) -> None:
         self._passes: dict[tuple[int, int, int], tuple[int, float]] = {}
 
-    def enough(self, T_map_base: FloatArray, path_m: float) -> bool:
-        """Whether earlier passes have seen all that can be seen from here, facing this way."""
-        count, last_m = self._passes.get(_place(T_map_base), (0, path_m))
-        return count - (path_m - last_m < PASS_M) >= ENOUGH_PASSES
+    def spacing_m(self, T_map_base: FloatArray, path_m: float) -> float:
+        """Count a key frame that comes by; path from one key frame to the next to keep here.
 
-    def add(self, T_map_base: FloatArray, path_m: float) -> None:
-        """One more key frame that was kept."""
+        0, so that all are kept, until earlier passes have seen what can be seen from here, facing
+        this way. Each further pass needs fewer, for there are those of the passes before.
+        """
         place = _place(T_map_base)
         count, last_m = self._passes.get(place, (0, -np.inf))
         again = path_m - last_m >= PASS_M
         self._passes[place] = (count + again, path_m)
+        passes_before = count - (not again)
+        spaces = max(passes_before - ENOUGH_PASSES + 1, 0)
+        return min(spaces * KNOWN_TRAVEL_M, MOST_TRAVEL_M)
 
 
 def _place(T_map_base: FloatArray) -> tuple[int, int, int]:

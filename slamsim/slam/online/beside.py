@@ -29,6 +29,10 @@ from slamsim.slam.online.pipe import Ended, Pipe, journal_messages, packed
 MAX_RESTARTS = 3
 """A back end that ends more often than this is not begun again."""
 
+_ALLOCATOR = {"MALLOC_MMAP_THRESHOLD_": str(1 << 20)}
+"""glibc: what a solution takes for a moment goes back to the system. Without this, its limit grows
+with the largest array ever freed, and the heap with it."""
+
 _PACKAGES = Path(__file__).parents[3]
 
 
@@ -167,7 +171,11 @@ class Beside:
         descriptor = self._journal.fileno()
         self._child = subprocess.Popen(
             [sys.executable, "-P", "-m", "slamsim.slam.online.worker"],
-            env={**os.environ, "PYTHONPATH": os.pathsep.join(map(str, _import_path()))},
+            env={
+                **_ALLOCATOR,
+                **os.environ,
+                "PYTHONPATH": os.pathsep.join(map(str, _import_path())),
+            },
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             pass_fds=(descriptor,),

@@ -12,6 +12,8 @@ from typing import IO
 
 _LENGTH = struct.Struct("<Q")
 _CHUNK = 1 << 20
+_PROTOCOL = 4
+"""Arrays of later ones lie on buffers of their own: a third more memory for a key frame."""
 
 
 class Ended(Exception):
@@ -20,7 +22,7 @@ class Ended(Exception):
 
 def packed(message: object) -> bytes:
     """A message as it travels, and as it lies in a journal."""
-    data = pickle.dumps(message, protocol=pickle.HIGHEST_PROTOCOL)
+    data = pickle.dumps(message, protocol=_PROTOCOL)
     return _LENGTH.pack(len(data)) + data
 
 
