@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from slamsim.check.calibration import gather
 from slamsim.check.findings import Finding
 from slamsim.check.joint import check_calibration
-from slamsim.check.scan_motion import scan_motions
+from slamsim.check.laser import check_laser, laser_motions
 from slamsim.recording import Recording
 
 
 def check_motion(recording: Recording) -> list[Finding]:
-    """Every answer that needs scans compared with one another; of several lidars the busiest."""
-    scans = max(recording.scans, key=len, default=None)
-    motions = None if scans is None else scan_motions(scans)
-
-    return check_calibration(recording, motions)
+    """Every answer that needs scans compared with one another."""
+    motions = laser_motions(recording)
+    findings: list[Finding] = []
+    if motions is not None:
+        findings += check_laser(motions, gather(recording, motions), recording.format)
+    return findings + check_calibration(recording, motions)

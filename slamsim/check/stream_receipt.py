@@ -142,7 +142,7 @@ def _common_rate(drifts: list[_Drift]) -> float:
 def _drifting(series: StampSeries, drift: _Drift | None, common: float) -> Finding:
     if drift is None:
         words = _silent(series) or "too few messages or too short a time to see a drift"
-        return Finding("time.drift", series.subject, "cannot tell", words)
+        return Finding("time.receipt_drift", series.subject, "cannot tell", words)
     gained = common - drift.rate
     estimate = Estimate(1e6 * gained, 1e6 * drift.sigma, "ppm")
     limit_ppm = max(MAX_DRIFT_PPM, 1e6 * MAX_GAINED_S / series.span_s)
@@ -157,7 +157,7 @@ def _drifting(series: StampSeries, drift: _Drift | None, common: float) -> Findi
     if abs(estimate.value) <= limit_ppm or not sure:
         unsure = 1.96 * estimate.sigma > 10.0 * limit_ppm
         return Finding(
-            "time.drift",
+            "time.receipt_drift",
             series.subject,
             "cannot tell" if unsure else "ok",
             f"{words}; receipt is too irregular to tell" if unsure else words,
@@ -166,7 +166,7 @@ def _drifting(series: StampSeries, drift: _Drift | None, common: float) -> Findi
         )
     if abs(estimate.value) > INVENTED_PPM and _is_even(series):
         return Finding(
-            "time.drift",
+            "time.receipt_drift",
             series.subject,
             "bad",
             f"stamps are spaced evenly to the last digit, yet {words}",
@@ -180,7 +180,7 @@ def _drifting(series: StampSeries, drift: _Drift | None, common: float) -> Findi
         )
     origin_ns = str(int(series.stamps_ns[0]))
     return Finding(
-        "time.drift",
+        "time.receipt_drift",
         series.subject,
         "bad",
         words,
