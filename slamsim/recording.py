@@ -10,13 +10,13 @@ stream are in the order of the file.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Literal
+from dataclasses import dataclass, replace
+from typing import Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from slamsim.types import Epoch, Float32Array, FloatArray, IntArray
+from slamsim.types import BoolArray, Epoch, Float32Array, FloatArray, IntArray
 
 
 @dataclass(frozen=True, slots=True)
@@ -170,3 +170,38 @@ class Recording:
     epoch: Epoch = "unknown"
     unread: tuple[UnreadTopic, ...] = ()
     odd: tuple[str, ...] = ()
+
+
+Messages = TypeVar("Messages", bound=RawStream | TransformEdge)
+
+PER_MESSAGE = (
+    "stamps_ns",
+    "received_ns",
+    "layout_of",
+    "ranges_m",
+    "intensities",
+    "angular_velocity_rad_s",
+    "linear_acceleration_m_s2",
+    "orientation_xyzw",
+    "positions_m",
+    "quats_xyzw",
+    "linear_m_s",
+    "angular_rad_s",
+    "ticks",
+    "positions_rad",
+    "velocities_rad_s",
+)
+"""The fields of streams and edges that have a row for each message."""
+
+
+def kept(messages: Messages, which: BoolArray | IntArray) -> Messages:
+    """Some messages of a topic or edge, or all in another order."""
+    rows = np.arange(messages.stamps_ns.size)[which]
+    per_message: dict[str, object] = {}
+    for name in PER_MESSAGE:
+        value = getattr(messages, name, None)
+        if isinstance(value, np.ndarray):
+            per_message[name] = value[rows]
+        elif value is not None:
+            per_message[name] = [value[row] for row in rows]
+    return replace(messages, **per_message)  # type: ignore[arg-type]

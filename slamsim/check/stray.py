@@ -21,12 +21,10 @@ def check_stray(topic: str, sample: ScanSample) -> Finding:
     if abs(sample.layout.angle_step_rad) > _WIDEST_STEP_RAD or sample.ranges_m.shape[1] < 3:
         words = "beams so far apart that a pole and a stray reading look alike"
         return Finding("ranges.stray", topic, "cannot tell", words)
-    known, alone = _alone(sample.ranges_m)
-    known &= np.isfinite(sample.following_m).any(axis=1, keepdims=True)
+    known, stray = stray_beams(sample)
     if int(known.sum()) < MIN_BEAMS:
         words = "too few beams have two neighbours that agree"
         return Finding("ranges.stray", topic, "cannot tell", words)
-    stray = alone & known & ~_found_again(sample)
     share = float(stray.sum() / known.sum())
     estimate = Estimate(100.0 * share, 0.0, "%")
     words = f"{100.0 * share:.2g} % of the beams stand alone in one scan and are gone in the next"
@@ -43,6 +41,13 @@ def check_stray(topic: str, sample: ScanSample) -> Finding:
         100.0 * MAX_STRAY_SHARE,
         (Mend("drop_stray_beams", topic),),
     )
+
+
+def stray_beams(sample: ScanSample) -> tuple[BoolArray, BoolArray]:
+    """(k, beams) of which beams it could be told, and which of them are stray."""
+    known, alone = _alone(sample.ranges_m)
+    known &= np.isfinite(sample.following_m).any(axis=1, keepdims=True)
+    return known, alone & known & ~_found_again(sample)
 
 
 def _alone(ranges_m: Float32Array) -> tuple[BoolArray, BoolArray]:

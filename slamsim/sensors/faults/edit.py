@@ -4,19 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Literal, Protocol, TypeVar
+from typing import Literal, Protocol
 
 import numpy as np
 
-from slamsim.recording import RawImu, RawScans, RawStream, Recording, ScanLayout, TransformEdge
+from slamsim.recording import Messages, RawImu, RawScans, Recording, ScanLayout, TransformEdge
 from slamsim.sensors.faults.base import CannotInject
-from slamsim.types import BoolArray, Float32Array, IntArray
+from slamsim.types import Float32Array, IntArray
 
 StreamName = Literal["lidar", "imu", "wheels"]
 """The wheels are everything on their clock: counters, joints, odometry and its transform."""
 
 ODOMETRY_FRAME = "odom"
-Messages = TypeVar("Messages", bound=RawStream | TransformEdge)
 
 
 class Change(Protocol):
@@ -109,36 +108,3 @@ def require_wheels(recording: Recording) -> None:
 def is_odometry(edge: TransformEdge) -> bool:
     """Whether this is the moving edge that the wheels publish."""
     return not edge.is_static and edge.parent.strip("/") == ODOMETRY_FRAME
-
-
-def kept(messages: Messages, which: BoolArray | IntArray) -> Messages:
-    """Some messages of a topic or edge, or all in another order."""
-    rows = np.arange(messages.stamps_ns.size)[which]
-    per_message: dict[str, object] = {}
-    for name in PER_MESSAGE:
-        value = getattr(messages, name, None)
-        if isinstance(value, np.ndarray):
-            per_message[name] = value[rows]
-        elif value is not None:
-            per_message[name] = [value[row] for row in rows]
-    return replace(messages, **per_message)  # type: ignore[arg-type]
-
-
-PER_MESSAGE = (
-    "stamps_ns",
-    "received_ns",
-    "layout_of",
-    "ranges_m",
-    "intensities",
-    "angular_velocity_rad_s",
-    "linear_acceleration_m_s2",
-    "orientation_xyzw",
-    "positions_m",
-    "quats_xyzw",
-    "linear_m_s",
-    "angular_rad_s",
-    "ticks",
-    "positions_rad",
-    "velocities_rad_s",
-)
-"""The fields that have a row for each message."""

@@ -9,9 +9,9 @@ from typing import ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
-from slamsim.recording import Recording
+from slamsim.recording import Messages, Recording, kept
 from slamsim.sensors.faults.base import CannotInject, Fault
-from slamsim.sensors.faults.edit import Messages, StreamName, kept, with_stamps, with_streams
+from slamsim.sensors.faults.edit import StreamName, with_stamps, with_streams
 from slamsim.types import IntArray
 
 _NS = 1e9
