@@ -44,7 +44,8 @@ def check_rotation(inputs: Inputs) -> Finding:
 
 def rotation_gains(inputs: Inputs) -> list[Gain]:
     """Against each of gyroscope and wheels that says enough."""
-    alignment = align(inputs.steps, inputs.gyro, inputs.wheels)
+    yaw_rad = 0.0 if inputs.T_base_laser is None else float(inputs.T_base_laser[2])
+    alignment = align(inputs.steps, inputs.gyro, inputs.wheels, yaw_rad)
     gyro_ns, wheels_ns = alignment.lidar_gyro, alignment.lidar_wheels
     gains = [
         turn_gain(inputs.steps, course, column, shift)
