@@ -133,6 +133,14 @@ def test_scans_out_of_order_or_twice_are_left_out_and_counted() -> None:
     assert any("2 scans left out" in warning for warning in slam.warnings)
 
 
+def test_one_stamp_far_in_the_future_costs_one_scan() -> None:
+    scans = list(example().log.scans)[:60]
+    scans[30] = replace(scans[30], stamp_ns=scans[30].stamp_ns + 10**15)
+    slam = run_slam(short(0, scans=ScanList(scans)), SlamConfig())
+    assert len(slam.trajectory) == 59
+    assert any("1 scans left out" in warning for warning in slam.warnings)
+
+
 def test_blind_and_broken_scans_do_not_stop_the_run() -> None:
     scans = list(example().log.scans)[:120]
     nothing = np.full(SLOW_HOKUYO.beam_count, np.inf, dtype=np.float32)

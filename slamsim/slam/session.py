@@ -25,6 +25,7 @@ from slamsim.slam.online.motion_filter import MotionFilter
 from slamsim.slam.online.samples import NOTHING, MotionSamples, MotionSource, WholeMotion
 from slamsim.slam.online.warm import warm_up
 from slamsim.slam.saved_map import SavedMap, settled
+from slamsim.slam.scan_order import InOrder
 from slamsim.slam.track import Track
 from slamsim.slam.tracking import Status, Step
 from slamsim.types import FloatArray, Log, PlanarTrajectory, Scan
@@ -210,9 +211,9 @@ def map_log(
     before = None
     if earlier is not None:
         before = Before(earlier.keyframes[-1], ANYWHERE if start is None else ABOUT_THERE)
-    keeper = InLine(config, earlier)
+    keeper, scans = InLine(config, earlier), InOrder(log.scans)
     with SlamSession(config, front_end, WholeMotion(odometry), keeper, before) as session:
-        for number, scan in enumerate(log.scans):
+        for number, scan in enumerate(scans):
             session.step(scan)
             progress(number + 1, whole)
         if not len(session):
@@ -221,7 +222,9 @@ def map_log(
         saved = session.saved(result)
     progress(whole, whole)
     alone = odometry_alone(log, result.odometry)
-    return replace(result, odometry=alone, seconds=seconds | result.seconds), saved
+    told = (*result.warnings, *scans.warnings())
+    whole_result = replace(result, odometry=alone, seconds=seconds | result.seconds, warnings=told)
+    return whole_result, saved
 
 
 def motion_of(log: Log, calibration: Mapping[str, Calibrated]) -> PlanarTrajectory | None:
