@@ -1,4 +1,4 @@
-"""Parts of a map against a slow count of what hangs together, and how often a place was seen."""
+"""Parts of a map against a slow count of what hangs together."""
 
 from __future__ import annotations
 
@@ -13,7 +13,6 @@ from slamsim.result import EdgeKind, GraphEdge, PoseGraph
 from slamsim.slam.health import doubtful_joints
 from slamsim.slam.parts import Parts
 from slamsim.slam.rejoin import moved_onto
-from slamsim.slam.visits import CELL_M, ENOUGH_PASSES, PASS_M, Visits
 from slamsim.types import PlanarTrajectory
 
 COUNT = 12
@@ -53,19 +52,6 @@ def test_a_part_is_carried_rigidly_and_the_rest_stays() -> None:
     assert np.array_equal(moved[[0, 1, 5]], poses[[0, 1, 5]])
     assert np.allclose(moved[3], T_new)
     assert np.allclose(between(moved[2], moved[4]), between(poses[2], poses[4]))
-
-
-def test_a_place_is_known_after_enough_passes_the_same_way_round() -> None:
-    visits, here = Visits(), np.array([0.3, 0.4, 0.1])
-    for number in range(ENOUGH_PASSES):
-        path_m = number * 3.0 * PASS_M
-        assert not visits.enough(here, path_m)
-        visits.add(here, path_m)
-        visits.add(here, path_m + 0.3)  # the same pass
-    path_m = ENOUGH_PASSES * 3.0 * PASS_M
-    assert visits.enough(here, path_m)
-    assert not visits.enough(here + np.array([0.0, 0.0, np.pi]), path_m)
-    assert not visits.enough(here + np.array([CELL_M, 0.0, 0.0]), path_m)
 
 
 def _edge(source: int, target: int, kind: EdgeKind, sigma_m: float = 0.01) -> GraphEdge:

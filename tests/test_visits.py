@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from slamsim.slam.visits import ENOUGH_PASSES, MOST_TRAVEL_M, Visits
+from slamsim.slam.visits import CELL_M, ENOUGH_PASSES, MOST_TRAVEL_M, PASS_M, Visits
 
 STEP_M = 0.5
 LAP_M = 60.0
@@ -36,6 +36,18 @@ def test_further_laps_need_few_and_in_the_end_hardly_any() -> None:
     kept = kept_by_lap(12)
     assert max(kept[ENOUGH_PASSES:]) < 0.25 * kept[0]
     assert min(kept) > 0 and max(kept[6:]) <= 2.0 * LAP_M / MOST_TRAVEL_M
+
+
+def test_a_place_is_known_after_enough_passes_the_same_way_round() -> None:
+    visits, here = Visits(), np.array([0.3, 0.4, 0.1])
+    for number in range(ENOUGH_PASSES):
+        path_m = number * 3.0 * PASS_M
+        assert visits.spacing_m(here, path_m) == 0.0
+        assert visits.spacing_m(here, path_m + 0.3) == 0.0  # the same pass
+    path_m = ENOUGH_PASSES * 3.0 * PASS_M
+    assert visits.spacing_m(here, path_m) > 0.0
+    assert visits.spacing_m(here + np.array([0.0, 0.0, np.pi]), path_m) == 0.0
+    assert visits.spacing_m(here + np.array([CELL_M, 0.0, 0.0]), path_m) == 0.0
 
 
 def test_the_other_way_through_a_corridor_shows_other_things() -> None:
