@@ -10,7 +10,9 @@ import typer
 
 from slamsim import __version__
 from slamsim.bench.command import bench
-from slamsim.options import ConfigFile, Json, Quiet, Set
+from slamsim.options import ConfigFile, Faults, Json, Overwrite, Quiet, ScanTopic, Set
+from slamsim.run.check_command import CHECK_EPILOG, FIX_EPILOG, check, fix
+from slamsim.sensors.faults.command import fault
 
 if TYPE_CHECKING:
     from slamsim.config.run import RunConfig
@@ -34,10 +36,6 @@ Out = Annotated[
     Path | None,
     typer.Option("--out", "-o", help="Folder of the run; a new one under outputs/ by default."),
 ]
-Overwrite = Annotated[
-    bool,
-    typer.Option("--overwrite", help="Replace the folder of an earlier run once this is whole."),
-]
 Seed = Annotated[int | None, typer.Option("--seed", help="Seed of everything random.", min=0)]
 Start = Annotated[
     str | None,
@@ -47,9 +45,6 @@ Start = Annotated[
         help="Where the robot begins in the map; without it, it finds itself.",
     ),
 ]
-ScanTopic = Annotated[
-    str | None, typer.Option("--scan-topic", help="Which laser, if a recording has several.")
-]
 Relations = Annotated[
     Path | None,
     typer.Option("--relations", help="Relative poses to score against (Kümmerle et al. 2009)."),
@@ -57,11 +52,17 @@ Relations = Annotated[
 
 
 def _config(
-    world: str | None, config: str | None, overrides: list[str] | None, seed: int | None
+    world: str | None,
+    config: str | None,
+    overrides: list[str] | None,
+    seed: int | None,
+    faults: list[str] | None = None,
 ) -> RunConfig:
+    from slamsim.config.faults import typed_choices
     from slamsim.config.loading import load_run_config
 
-    return load_run_config(world, config, overrides or (), seed)
+    loaded = load_run_config(world, config, overrides or (), seed)
+    return loaded.model_copy(update={"faults": (*loaded.faults, *typed_choices(faults or ()))})
 
 
 @app.command(epilog="Example: slamsim world labyrinth --seed 7 --out outputs/my_world")
@@ -90,13 +91,16 @@ def world(
     reporter.result({**facts, "folder": str(folder)})
 
 
-@app.command(epilog="Example: slamsim simulate labyrinth --seed 3 --set sensors.lidar.rate_hz=10")
+@app.command(
+    epilog="Example: slamsim simulate labyrinth --fault laser_world_fixed --fault lidar_late:0.02"
+)
 def simulate(
     name: World = "labyrinth",
     out: Out = None,
     seed: Seed = None,
     set_: Set = None,
     config: ConfigFile = None,
+    faults: Faults = None,
     overwrite: Overwrite = False,
     quiet: Quiet = False,
     as_json: Json = False,
@@ -107,7 +111,7 @@ def simulate(
     from slamsim.run.recording import simulate_world
 
     reporter = Reporter(quiet=quiet, as_json=as_json)
-    resolved = _config(name, config, set_, seed)
+    resolved = _config(name, config, set_, seed, faults)
     folder = pick_folder(out, resolved.world.name, overwrite=overwrite)
     report = simulate_world(resolved, folder, reporter, overwrite=overwrite)
     _close(reporter, report, folder)
@@ -228,36 +232,8 @@ def evaluate(
     reporter.result(scores)
 
 
-@app.command(
-    epilog="Exit code: 0 nothing is bad, 1 something is, 2 the check could not run. "
-    "Example: slamsim check my_rosbag2/ --html verdict.html"
-)
-def check(
-    source: Annotated[Path, typer.Argument(help="A recording: rosbag2, MCAP, ROS 1, CARMEN.")],
-    scan_topic: ScanTopic = None,
-    html: Annotated[
-        Path | None, typer.Option("--html", help="Write verdicts and plots to this file.")
-    ] = None,
-    quick: Annotated[
-        bool, typer.Option("--quick", help="Leave out what compares scans with one another.")
-    ] = False,
-    show_all: Annotated[bool, typer.Option("--all", help="Show also what is fine.")] = False,
-    quiet: Quiet = False,
-    as_json: Json = False,
-) -> None:
-    """Say what is wrong with a recording: stamps, frames, laser, wheels, gyroscope."""
-    from slamsim.console import Reporter
-    from slamsim.run.checking import check_log
-
-    report = check_log(
-        source,
-        Reporter(quiet=quiet, as_json=as_json),
-        scan_topic=scan_topic,
-        quick=quick,
-        html=html,
-        show_all=show_all,
-    )
-    raise typer.Exit(1 if report.bad else 0)
+app.command(epilog=CHECK_EPILOG)(check)
+app.command(epilog=FIX_EPILOG)(fix)
 
 
 @app.command(epilog="Example: slamsim view outputs/labyrinth --screenshot map.png")
@@ -277,6 +253,9 @@ def view(
 app.command(
     epilog="Examples: slamsim bench --json · slamsim bench accuracy --seeds 20 --logs outputs/bench"
 )(bench)
+
+
+app.command(epilog="Example: slamsim fault my_rosbag2/ spoilt/ --fault laser_yaw:2")(fault)
 
 
 @app.command(epilog="Example: slamsim config --set sensors.lidar=rplidar_a2 > my_run.yaml")

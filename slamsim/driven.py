@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 
 from slamsim.config.run import RunConfig
 from slamsim.logs.raw_memory import recording_from_readings, true_trajectory
+from slamsim.logs.raw_writer import write_recording
 from slamsim.progress import Progress, silent
 from slamsim.recording import Recording
 from slamsim.sensors.faults.apply import declared, faulty_sensors
@@ -17,6 +19,15 @@ from slamsim.sim.route import plan_route
 from slamsim.simulate import Simulation, log_header
 from slamsim.types import Trajectory
 from slamsim.world.build import build_world
+
+
+def simulate_spoilt(
+    config: RunConfig, faults: Sequence[Fault], log_folder: Path, progress: Progress = silent
+) -> Simulation:
+    """As ``simulate``, with faults in the recording; the whole drive is in memory for that."""
+    driven = Driven(config, progress)
+    write_recording(driven.recording(faults), log_folder, driven.truth())
+    return driven.simulation
 
 
 class Driven:

@@ -6,11 +6,13 @@ from pathlib import Path
 
 from slamsim.config.run import RunConfig
 from slamsim.console import Reporter
+from slamsim.driven import simulate_spoilt
 from slamsim.logs.reader import read_truth
 from slamsim.run import folder as run_folder
 from slamsim.run.stages import Report, Stages, peak_memory_mb
 from slamsim.safe.errors import SlamsimError
 from slamsim.safe.output import partial_folder
+from slamsim.sensors.faults.registry import chosen_fault, resolved_choice
 from slamsim.simulate import Simulation, simulate
 
 
@@ -38,9 +40,15 @@ def simulate_world(
 
 def record(config: RunConfig, partial: Path, stages: Stages) -> Simulation:
     """Simulate into an unfinished run's folder, with all that is known of where it came from."""
-    run_folder.write_config(partial, config)
+    faults = [chosen_fault(choice) for choice in config.faults]
+    choices = tuple(map(resolved_choice, config.faults))
+    run_folder.write_config(partial, config.model_copy(update={"faults": choices}))
+    log = partial / run_folder.LOG
     with stages.stage("simulate", "x real time") as progress:
-        simulation = simulate(config, partial / run_folder.LOG, progress)
+        if faults:
+            simulation = simulate_spoilt(config, faults, log, progress)
+        else:
+            simulation = simulate(config, log, progress)
     run_folder.write_world(partial, config, simulation.world)
     truth = read_truth(partial / run_folder.LOG)
     if truth is not None:

@@ -1,0 +1,51 @@
+"""``slamsim fault``: a recording spoilt on purpose, so that one knows what is wrong with it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from slamsim.config.faults import FaultChoice
+from slamsim.logs.raw import read_recording
+from slamsim.logs.raw_writer import write_recording
+from slamsim.logs.reader import read_truth
+from slamsim.run.folder import log_of
+from slamsim.safe.output import partial_folder
+from slamsim.sensors.faults.apply import injected
+from slamsim.sensors.faults.base import Fault
+from slamsim.sensors.faults.registry import bundled_faults, chosen_fault
+
+
+def spoil_recording(
+    source: Path,
+    folder: Path,
+    choices: Sequence[FaultChoice],
+    *,
+    seed: int = 0,
+    scan_topic: str | None = None,
+    overwrite: bool = False,
+) -> tuple[Fault, ...]:
+    """Write the recording with these faults into the folder, as rosbag2; the truth is kept.
+
+    Raises SlamsimError where the recording has nothing that could be spoilt so.
+    """
+    faults = tuple(map(chosen_fault, choices))
+    path = log_of(source)
+    recording = injected(read_recording(path, scan_topic), faults, seed)
+    with partial_folder(folder, overwrite) as partial:
+        write_recording(recording, partial, read_truth(path))
+    return faults
+
+
+def fault_table() -> dict[str, str]:
+    """Name and meaning of every fault that comes with the package, with its harmful size."""
+    return {fault.name: f"{fault.title}{_sized(fault)}" for fault in bundled_faults()}
+
+
+def fault_facts() -> list[dict[str, object]]:
+    """The same with all that is known of each."""
+    return [fault.model_dump(mode="json") for fault in bundled_faults()]
+
+
+def _sized(fault: Fault) -> str:
+    return "" if fault.size is None else f" ({fault.SIZE} {fault.size:g})"
