@@ -23,3 +23,10 @@ Faults = Annotated[
 ]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No progress, no table.")]
 Json = Annotated[bool, typer.Option("--json", help="Print the results as JSON on stdout.")]
+ScanTopic = Annotated[
+    str | None, typer.Option("--scan-topic", help="Which laser, if a recording has several.")
+]
+Overwrite = Annotated[
+    bool,
+    typer.Option("--overwrite", help="Replace the folder of an earlier run once this is whole."),
+]

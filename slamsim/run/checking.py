@@ -44,7 +44,7 @@ def check_log(
             from slamsim.view.check_page import write_check_page
 
             write_check_page(html, report)
-    _show(reporter, recording, report, show_all)
+    show_verdicts(reporter, recording, report, show_all=show_all)
     if html is not None:
         reporter.say(f"Written to {html}")
     reporter.result(
@@ -76,7 +76,10 @@ def _not_checked() -> Iterator[None]:
         ) from error
 
 
-def _show(reporter: Reporter, recording: Recording, report: CheckReport, show_all: bool) -> None:
+def show_verdicts(
+    reporter: Reporter, recording: Recording, report: CheckReport, *, show_all: bool = False
+) -> None:
+    """Tables of what is bad and what cannot be told, a line for the rest, and the verdict."""
     for words in recording.odd:
         reporter.say(f"  {words}")
     by_verdict = {

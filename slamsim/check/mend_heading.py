@@ -1,0 +1,65 @@
+"""The robot's heading by any one of its streams."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from slamsim.check.mend_imu import base_rotation
+from slamsim.geometry import yaw_from_xyzw
+from slamsim.recording import RawImu, Recording
+from slamsim.safe.errors import SlamsimError
+from slamsim.types import EncoderStream, FloatArray, IntArray
+from slamsim.wheels import wheel_odometry
+
+Heading = Callable[[IntArray], FloatArray]
+
+
+def heading_from(recording: Recording, topic: str) -> Heading:
+    """Heading in rad, without jumps, at any stamps, from odometry, wheel counters or gyroscope.
+
+    Beyond the ends it stays what it was there. Raises SlamsimError for another topic.
+    """
+    for odometry in recording.odometries:
+        if odometry.topic == topic:
+            return _between(odometry.stamps_ns, np.unwrap(yaw_from_xyzw(odometry.quats_xyzw)))
+    for ticks in recording.ticks:
+        if ticks.topic == topic:
+            order = np.unique(ticks.stamps_ns, return_index=True)[1]
+            numbers = ticks.ticks_per_revolution, ticks.wheel_radius_m, ticks.track_m
+            path = wheel_odometry(
+                EncoderStream(ticks.stamps_ns[order], ticks.ticks[order], *numbers)
+            )
+            return _between(path.stamps_ns, np.unwrap(path.poses[:, 2]))
+    for imu in recording.imus:
+        if imu.topic == topic:
+            return _integrated(recording, imu)
+    raise SlamsimError(f"{topic!r} tells no heading")
+
+
+def _integrated(recording: Recording, imu: RawImu) -> Heading:
+    """Rates about the base's vertical, less what wheels or odometry say that they are too high."""
+    rates = imu.angular_velocity_rad_s @ base_rotation(recording, imu).T[:, 2]
+    order = np.argsort(imu.stamps_ns, kind="stable")
+    stamps_ns, rates = imu.stamps_ns[order], np.nan_to_num(rates[order])
+    steps_s = np.diff(stamps_ns) * 1e-9
+    turned = np.concatenate([[0.0], np.cumsum(0.5 * (rates[1:] + rates[:-1]) * steps_s)])
+    others = [stream.topic for stream in (*recording.odometries, *recording.ticks)]
+    if others and stamps_ns.size > 1:
+        apart = turned - heading_from(recording, others[0])(stamps_ns)
+        since_s = (stamps_ns - stamps_ns[0]) * 1e-9
+        turned = turned - since_s * (apart[-1] - apart[0]) / max(float(since_s[-1]), 1e-9)
+    return _between(stamps_ns, turned)
+
+
+def _between(stamps_ns: IntArray, heading_rad: FloatArray) -> Heading:
+    order = np.unique(stamps_ns, return_index=True)[1]
+    known_ns, known_rad = stamps_ns[order], heading_rad[order]
+
+    def at(query_ns: IntArray) -> FloatArray:
+        origin_ns = known_ns[0]
+        since_s = (known_ns - origin_ns) * 1e-9
+        return np.asarray(np.interp((query_ns - origin_ns) * 1e-9, since_s, known_rad))
+
+    return at

@@ -1,0 +1,92 @@
+"""``slamsim fix``: a recording in, a corrected copy out."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, replace
+from pathlib import Path
+
+from slamsim.check.findings import CheckReport, Mend
+from slamsim.check.mends import apply_mends, chosen, proposed
+from slamsim.check.wording import as_json
+from slamsim.console import Reporter
+from slamsim.logs.raw import read_recording
+from slamsim.logs.raw_writer import write_recording
+from slamsim.logs.reader import read_truth
+from slamsim.recording import Recording
+from slamsim.run.checking import check_stage, show_verdicts
+from slamsim.run.folder import log_of, recording_name
+from slamsim.run.stages import Stages
+from slamsim.safe.errors import SlamsimError
+from slamsim.safe.output import partial_folder
+
+_ROUNDS = 3
+"""What one fault hides, such as a turned mounting behind wrong stamps, shows when it is mended."""
+
+
+def fix_log(
+    source: Path,
+    folder: Path,
+    names: str,
+    reporter: Reporter,
+    *,
+    scan_topic: str | None = None,
+    overwrite: bool = False,
+) -> CheckReport:
+    """Check, mend, check again until nothing more is to be mended, write; the last report.
+
+    names: ``all``, or the operations to apply. Raises SlamsimError for other names, and when
+    the check proposes none of them.
+    """
+    stages = Stages(reporter)
+    path = log_of(source)
+    with stages.stage("read"):
+        recording = replace(read_recording(path, scan_topic), name=recording_name(str(source)))
+    with partial_folder(folder, overwrite) as partial:
+        fixed, report, applied = _mended(recording, names, stages)
+        with stages.stage("write"):
+            write_recording(fixed, partial, read_truth(path))
+    _show(reporter, fixed, report, applied)
+    reporter.say(f"Written to {folder}/")
+    applied_json = [asdict(mend) for mend in applied]
+    reporter.result({**as_json(report), "applied": applied_json, "folder": str(folder)})
+    return report
+
+
+def _mended(
+    recording: Recording, names: str, stages: Stages
+) -> tuple[Recording, CheckReport, list[Mend]]:
+    """(the mended recording, what is left, what was applied)."""
+    applied: list[Mend] = []
+    report = check_stage(recording, stages)
+    for _ in range(_ROUNDS):
+        mends = chosen(proposed(report), names)
+        if not mends:
+            break
+        recording = apply_mends(recording, mends)
+        applied += mends
+        report = check_stage(recording, stages)
+    if not applied:
+        raise SlamsimError(_nothing_to_do(recording, report, names))
+    return recording, report, applied
+
+
+def _nothing_to_do(recording: Recording, report: CheckReport, names: str) -> str:
+    there = ", ".join(dict.fromkeys(mend.operation for mend in proposed(report)))
+    if there:
+        return f"{recording.name}: the check does not propose {names}, but {there}"
+    kind = "what is wrong has no mend" if report.bad else "nothing is wrong with it"
+    return f"{recording.name}: there is nothing to mend, {kind}"
+
+
+def _show(
+    reporter: Reporter, recording: Recording, report: CheckReport, applied: list[Mend]
+) -> None:
+    for mend in applied:
+        numbers = ", ".join(
+            f"{name} {value:.6g}" if isinstance(value, float) else f"{name} {value}"
+            for name, value in mend.parameters.items()
+        )
+        reporter.say(
+            f"Applied {mend.operation} to {mend.subject}{': ' if numbers else ''}{numbers}"
+        )
+    show_verdicts(reporter, recording, report)
