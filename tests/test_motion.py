@@ -211,6 +211,23 @@ def test_a_robot_at_rest_does_not_drift_and_shows_its_bias() -> None:
     assert odometry.step(6 * SECOND, 7 * SECOND, NOMINAL, 0.02).rest_s == 0.0
 
 
+def test_a_log_that_begins_at_rest_begins_without_drift() -> None:
+    truth = drive(POINTS, rest_s=4.0)
+    odometry = _odometry(truth, noisy_gyro(truth, 1, bias_rad_s=0.01))
+    step = odometry.step(0, SECOND // 10, NOMINAL, 0.02)
+    assert step.T_first_last.tolist() == [0.0, 0.0, 0.0]
+    assert step.rest_s > 0.0
+
+
+def test_what_a_robot_drives_as_it_sets_off_is_not_lost() -> None:
+    stamps_ns = np.arange(0, 3 * SECOND, SECOND // 50)
+    yaw = 1.5 * np.square(np.maximum(stamps_ns * 1e-9 - 1.98, 0.0))
+    odometry = _odometry(PlanarTrajectory(stamps_ns, np.outer(yaw, [0.0, 0.0, 1.0])))
+    setting_off = odometry.step(19 * SECOND // 10, 2 * SECOND, NOMINAL)
+    assert setting_off.T_first_last[2] == pytest.approx(6e-4)
+    assert odometry.step(17 * SECOND // 10, 18 * SECOND // 10, NOMINAL).T_first_last[2] == 0.0
+
+
 def test_a_robot_that_is_turned_by_hand_does_not_rest() -> None:
     stamps_ns = np.arange(1000) * 5_000_000
     wheels = PlanarTrajectory(stamps_ns, np.zeros((1000, 3)))

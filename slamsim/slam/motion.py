@@ -23,7 +23,9 @@ AHEAD_S, AHEAD_FROM_S = 0.2, 0.05
 GAP_NS = 1_000_000_000
 """Reports farther apart than this do not tell how the robot went in between."""
 
-REST_S = 0.5
+REST_S, STAYS_S = 0.5, 0.1
+"""A robot rests that has not moved for so long, and does not set off before a moment later."""
+
 REST_RANGE_M = (3e-4, 1e-3)
 REST_RANGE_RAD = (1e-3, 4e-3)
 REST_READINGS = 2.5
@@ -177,11 +179,14 @@ class Odometry:
         return low, min(max(high, low + 1), len(self._steps))
 
     def _rests(self, first_ns: int, last_ns: int, bias_rad_s: float, sigma_rad_s: float) -> bool:
-        """Whether wheels and gyroscope have been still for a while, and are."""
-        since_ns = min(first_ns, last_ns - round(REST_S * 1e9))
-        if last_ns <= first_ns or since_ns < self._stamps_ns[0]:
+        """Whether wheels and gyroscope have been still for a while, and stay so for a moment."""
+        begin_ns, end_ns = self._stamps_ns[[0, -1]].tolist()
+        rest_ns = round(REST_S * 1e9)
+        since_ns = max(min(first_ns, last_ns - rest_ns), begin_ns)
+        until_ns = max(last_ns, min(last_ns + round(STAYS_S * 1e9), end_ns), since_ns + rest_ns)
+        if last_ns <= first_ns or first_ns < begin_ns or until_ns > max(end_ns, last_ns):
             return False
-        low, high = self._pieces(since_ns, last_ns)
+        low, high = self._pieces(since_ns, until_ns)
         steps = self._steps[low:high]
         within = np.abs(np.cumsum(steps[:, :GYRO_TURN], axis=0)).max(axis=0)
         least_m = np.clip(REST_READINGS * self.reading.step_m, *REST_RANGE_M)

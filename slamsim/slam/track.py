@@ -22,6 +22,7 @@ _ROW = np.dtype(
         ("T_odom_base", np.float64, 3),
         ("quality", np.float64),
         ("degenerate", np.bool_),
+        ("begins", np.bool_),
         ("information", np.float64, (3, 3)),
         ("pull", np.float64, 3),
         ("step", np.float64, 3),
@@ -59,6 +60,7 @@ class Track:
             tracked.T_odom_base,
             tracked.match_quality,
             tracked.degenerate,
+            tracked.keyscan and tracked.match is None,
             tracked.information,
             np.zeros(3) if tracked.match is None else tracked.match.pull,
             *_step(tracked),
@@ -90,8 +92,12 @@ class Track:
 
     def smoothed(self, T_map_base: PlanarTrajectory, T_odom_base: PlanarTrajectory) -> Smoothed:
         """All scans taken together with the odometry between them, each matched to a map that
-        has moved with ``T_map_base``: the front end's track, with the map's corrections."""
+        has moved with ``T_map_base``: the front end's track, with the map's corrections.
+
+        A scan that a local map began with lies on it like the one after it."""
         information, pull = self._column("information"), self._column("pull")
+        begins = np.flatnonzero(self._column("begins")[:-1])
+        information[begins] = information[begins + 1]
         return smooth(Chain(T_map_base, information, pull, *odometry_steps(T_odom_base)))
 
     @property
