@@ -10,8 +10,9 @@ import typer
 
 from slamsim import __version__
 from slamsim.bench.command import bench
-from slamsim.options import ConfigFile, Json, Overwrite, Quiet, ScanTopic, Set
+from slamsim.options import ConfigFile, Faults, Json, Overwrite, Quiet, ScanTopic, Set
 from slamsim.run.check_command import CHECK_EPILOG, FIX_EPILOG, check, fix
+from slamsim.sensors.faults.command import fault
 
 if TYPE_CHECKING:
     from slamsim.config.run import RunConfig
@@ -51,11 +52,17 @@ Relations = Annotated[
 
 
 def _config(
-    world: str | None, config: str | None, overrides: list[str] | None, seed: int | None
+    world: str | None,
+    config: str | None,
+    overrides: list[str] | None,
+    seed: int | None,
+    faults: list[str] | None = None,
 ) -> RunConfig:
+    from slamsim.config.faults import typed_choices
     from slamsim.config.loading import load_run_config
 
-    return load_run_config(world, config, overrides or (), seed)
+    loaded = load_run_config(world, config, overrides or (), seed)
+    return loaded.model_copy(update={"faults": (*loaded.faults, *typed_choices(faults or ()))})
 
 
 @app.command(epilog="Example: slamsim world labyrinth --seed 7 --out outputs/my_world")
@@ -84,13 +91,16 @@ def world(
     reporter.result({**facts, "folder": str(folder)})
 
 
-@app.command(epilog="Example: slamsim simulate labyrinth --seed 3 --set sensors.lidar.rate_hz=10")
+@app.command(
+    epilog="Example: slamsim simulate labyrinth --fault laser_world_fixed --fault lidar_late:0.02"
+)
 def simulate(
     name: World = "labyrinth",
     out: Out = None,
     seed: Seed = None,
     set_: Set = None,
     config: ConfigFile = None,
+    faults: Faults = None,
     overwrite: Overwrite = False,
     quiet: Quiet = False,
     as_json: Json = False,
@@ -101,7 +111,7 @@ def simulate(
     from slamsim.run.recording import simulate_world
 
     reporter = Reporter(quiet=quiet, as_json=as_json)
-    resolved = _config(name, config, set_, seed)
+    resolved = _config(name, config, set_, seed, faults)
     folder = pick_folder(out, resolved.world.name, overwrite=overwrite)
     report = simulate_world(resolved, folder, reporter, overwrite=overwrite)
     _close(reporter, report, folder)
@@ -243,6 +253,9 @@ def view(
 app.command(
     epilog="Examples: slamsim bench --json · slamsim bench accuracy --seeds 20 --logs outputs/bench"
 )(bench)
+
+
+app.command(epilog="Example: slamsim fault my_rosbag2/ spoilt/ --fault laser_yaw:2")(fault)
 
 
 @app.command(epilog="Example: slamsim config --set sensors.lidar=rplidar_a2 > my_run.yaml")
