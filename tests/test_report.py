@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from view_example import Scans, example_run
 
+from slamsim.check.findings import CheckReport, Finding
 from slamsim.evaluate.relations import RelationScores, RelationStatistics
 from slamsim.result import PoseGraph, SlamResult
 from slamsim.types import Grid, PlanarTrajectory
@@ -156,7 +157,7 @@ def test_strings_from_files_stay_text(run: RunView) -> None:
             command=evil,
             config_yaml=evil,
             seconds={evil: 1.0},
-            checks=({evil: evil},),
+            checked=CheckReport(evil, (Finding(evil, evil, "bad", evil, "laser_yaw", evil),)),
         )
     )
     assert "<script" not in page

@@ -30,6 +30,11 @@ def shown(estimate: Estimate | None, limit: float | None = None) -> str:
     return text if limit is None else f"{text} (limit {limit:.3g})"
 
 
+def warning(finding: Finding) -> str:
+    """What is bad, as it stands among the warnings of a run."""
+    return f"{FAULT_NAMES[finding.fault or '']} ({finding.subject}): {finding.words}"
+
+
 def as_json(report: CheckReport) -> dict[str, object]:
     """All verdicts under stable keys; what is not a finite number is null."""
     counts = Counter(finding.verdict for finding in report.findings)
@@ -39,12 +44,13 @@ def as_json(report: CheckReport) -> dict[str, object]:
         "cannot_tell": counts["cannot tell"],
         "ok": counts["ok"],
         "faults": sorted({finding.fault for finding in report.bad if finding.fault is not None}),
-        "findings": [_finding(finding) for finding in report.findings],
+        "findings": [finding_json(finding) for finding in report.findings],
         "seconds": {name: round(seconds, 3) for name, seconds in report.seconds.items()},
     }
 
 
-def _finding(finding: Finding) -> dict[str, object]:
+def finding_json(finding: Finding) -> dict[str, object]:
+    """One verdict under stable keys."""
     estimate = finding.estimate
     return {
         "check": finding.check,

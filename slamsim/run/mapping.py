@@ -10,14 +10,18 @@ from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 
+from slamsim.check.findings import CheckReport
+from slamsim.check.wording import warning
 from slamsim.config.dump import dump_commented_yaml
 from slamsim.config.loading import load_simulated_config, load_world_config
 from slamsim.config.run import RunConfig
 from slamsim.console import Reporter
+from slamsim.logs.raw import read_recording
 from slamsim.logs.reader import read_log, read_truth
 from slamsim.logs.relations import Relations, read_relations
 from slamsim.result import SlamResult
 from slamsim.run import folder as run_folder
+from slamsim.run.checking import check_stage
 from slamsim.run.continuing import Earlier, clouds_before
 from slamsim.run.recording import record, require_finished
 from slamsim.run.scoring import Estimated, Known, score
@@ -52,9 +56,10 @@ def map_world(
     with partial_folder(folder, overwrite) as partial:
         simulation = record(config, partial, stages)
         source = partial / run_folder.LOG
+        checked = _checked(source, None, stages)
         log = replace(read_log(source), name=config.world.name)
         known = _known(log, read_truth(source), wanted, (simulation.world, config))
-        report = _map(log, config, partial, stages, known)
+        report = _map(log, config, partial, stages, known, checked)
     require_finished(simulation, folder)
     return report
 
@@ -77,6 +82,7 @@ def map_recording(
     origin = _origin_beside(path)
     known = _known(log, read_truth(path), wanted, origin)
     stages = Stages(reporter)
+    checked = _checked(path, scan_topic, stages)
     with partial_folder(folder, overwrite) as partial:
         if origin is not None:
             world, simulated = origin
@@ -85,7 +91,12 @@ def map_recording(
         run_folder.write_config(partial, config)
         if known.truth is not None:
             run_folder.write_truth(partial, known.truth)
-        return _map(log, config, partial, stages, known, earlier)
+        return _map(log, config, partial, stages, known, checked, earlier)
+
+
+def _checked(source: Path, scan_topic: str | None, stages: Stages) -> CheckReport:
+    """A quick look at the recording itself, before anything is made of it."""
+    return check_stage(read_recording(source, scan_topic), stages, quick=True)
 
 
 def _map(
@@ -94,10 +105,11 @@ def _map(
     partial: Path,
     stages: Stages,
     known: Known,
+    checked: CheckReport,
     earlier: Earlier | None = None,
 ) -> Report:
     result, saved, grid = _slam(log, config, stages, earlier)
-    view = _scored(log, result, grid, config, stages, known)
+    view = replace(_scored(log, result, grid, config, stages, known), checked=checked)
     run_folder.write_slam(partial, result, grid)
     write_saved_map(partial / run_folder.SAVED_MAP, saved)
     with stages.stage("report"):
@@ -106,7 +118,8 @@ def _map(
         write_report(partial / run_folder.REPORT, view)
         write_atomic(partial / run_folder.REPORT_JSON, json.dumps(numbers, indent=2).encode())
     apart = () if earlier is None else earlier.warnings(saved, result)
-    return Report(numbers, (*log.warnings, *result.warnings, *apart), mapped=True)
+    doubts = tuple(map(warning, checked.bad))
+    return Report(numbers, (*doubts, *log.warnings, *result.warnings, *apart), mapped=True)
 
 
 def _slam(

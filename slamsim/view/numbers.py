@@ -7,6 +7,7 @@ from dataclasses import asdict
 
 import numpy as np
 
+from slamsim.check.wording import finding_json
 from slamsim.types import BoolArray, FloatArray, PlanarTrajectory
 from slamsim.view.run_view import RunView
 
@@ -44,7 +45,7 @@ def report_json(view: RunView) -> dict[str, object]:
         "calibration": {name: asdict(one) for name, one in result.calibration.items()},
         "relations": view.scores.relation_numbers(),
         "warnings": [*view.log.warnings, *result.warnings],
-        "checks": [dict(check) for check in view.checks],
+        "checks": [] if view.checked is None else [*map(finding_json, view.checked.findings)],
         "command": view.command,
     }
     return {key: _finite(value) for key, value in numbers.items()}

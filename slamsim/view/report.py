@@ -5,8 +5,10 @@ from __future__ import annotations
 from html import escape
 from pathlib import Path
 
+from slamsim.check.wording import warning
 from slamsim.evaluate.relations import RelationScores, RelationStatistics
 from slamsim.safe.output import write_atomic
+from slamsim.view.check_page import verdicts
 from slamsim.view.figures import curve_figure, map_figure, truth_figure
 from slamsim.view.numbers import realtime_factors, report_json
 from slamsim.view.page import Card, Table, cards, details, figure, page, section, table, warnings
@@ -26,9 +28,10 @@ def write_report(path: Path, view: RunView) -> None:
 
 def report_html(view: RunView) -> str:
     """The whole page; everything that comes from files is escaped."""
+    doubts = [] if view.checked is None else map(warning, view.checked.bad)
     parts = [
         cards(_verdict(view)),
-        warnings([*view.log.warnings, *view.result.warnings]),
+        warnings([*doubts, *view.log.warnings, *view.result.warnings]),
         section("Map", _maps(view)),
         section("Precision", _precision(view)),
         section("Over time", _curves(view)),
@@ -36,7 +39,7 @@ def report_html(view: RunView) -> str:
         section("Relations", _relations_table(view)),
         section("Calibration", _calibration_table(view)),
         section("Time spent", _timing_table(view)),
-        section("Findings", _checks_table(view)),
+        section("The recording", "" if view.checked is None else verdicts(view.checked.findings)),
         section("Reproduce", _reproduce(view)),
     ]
     return page(view.log.name, headline(view), "".join(parts))
@@ -191,12 +194,6 @@ def _timing_table(view: RunView) -> str:
             factor = f"{view.duration_s / spent_s:,.1f} ×" if spent_s >= 0.01 else ""
             rows.append((prefix + stage, f"{spent_s:.2f}", factor))
     return table(Table(("stage", "seconds", "real time"), rows)) if rows else ""
-
-
-def _checks_table(view: RunView) -> str:
-    keys = list(dict.fromkeys(key for check in view.checks for key in check))
-    rows = [tuple(str(check.get(key, "")) for key in keys) for check in view.checks]
-    return table(Table(tuple(keys), rows)) if rows else ""
 
 
 def _reproduce(view: RunView) -> str:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from slamsim.check.findings import CheckReport
 from slamsim.evaluate.score import Scores
 from slamsim.geometry import inverse
 from slamsim.result import SlamResult
@@ -21,7 +22,8 @@ class RunView:
     scores must come from these very values. seconds: wall-clock time per stage, of which
     ``simulate`` (driving, sensing and writing the log), ``slam`` and ``total`` give the real-time
     factors; the rest is shown as it is named. command: how to reproduce the run. config_yaml:
-    the resolved configuration. checks: findings about the log, each with its own keys.
+    the resolved configuration. checked: what a quick look at the
+    recording itself found.
     """
 
     log: Log
@@ -35,7 +37,7 @@ class RunView:
     peak_memory_mb: float | None = None
     command: str = ""
     config_yaml: str = ""
-    checks: tuple[Mapping[str, object], ...] = ()
+    checked: CheckReport | None = None
 
     @property
     def begin_ns(self) -> int:
