@@ -3,7 +3,7 @@ roughly, who turns the wrong way, and which wheel counts backward."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -11,6 +11,7 @@ import numpy as np
 from slamsim.check.coarse_offset import Lag, Rate, coarse_lag
 from slamsim.check.course import Course, rearranged
 from slamsim.check.laser_steps import LaserSteps
+from slamsim.check.local_lags import local_lags
 from slamsim.types import FloatArray
 
 Wiring = Literal["as declared", "swapped", "left reversed", "right reversed", "both reversed"]
@@ -20,6 +21,10 @@ BETTER = 0.15
 """A wheel counts backward if its path turns like the robot, by so much more than its turn does."""
 
 PATH, TURN = 0, 1
+ODD, ODD_TIMES = 0.04, 5.0
+WANDER_S = 0.08
+LIKE_ENERGY = 0.2
+"""Scans that turn far less, or more, than the gyroscope have another fault than their stamps."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,6 +46,11 @@ class Alignment:
     gyro_wheels: Shift | None
     wheels: Course | None
     wiring: Wiring
+    growth: float = 0.0
+    """Of the shifts against the lidar, per second, if one number does not do."""
+
+    contradicted: bool = False
+    """Gyroscope and wheels agree with each other, and with the lidar at no constant pace."""
 
     @property
     def shifts_ns(self) -> tuple[int, int]:
@@ -69,13 +79,40 @@ def align(
     laser = _laser_turn(steps) if len(steps) else None
     by_gyro = _rate(gyro, 0) if gyro is not None else None
     by_wheels = _rate(wheels, TURN) if wheels is not None else None
-    return Alignment(
-        _shift(laser, by_gyro),
-        _shift(laser, by_wheels),
-        _shift(by_gyro, by_wheels),
-        wheels,
-        wiring,
-    )
+    lidar_gyro, lidar_wheels = _shift(laser, by_gyro), _shift(laser, by_wheels)
+    first_look = Alignment(lidar_gyro, lidar_wheels, _shift(by_gyro, by_wheels), wheels, wiring)
+    if laser is None or by_gyro is None or not _lidar_is_odd(first_look):
+        return first_look
+    return _piece_by_piece(first_look, laser, steps, by_gyro)
+
+
+def _lidar_is_odd(look: Alignment) -> bool:
+    """Whether the other two agree much better with each other than with the lidar."""
+    pairs = (look.lidar_gyro, look.lidar_wheels, look.gyro_wheels)
+    to_gyro, to_wheels, others = (0.0 if one is None else abs(one.correlation) for one in pairs)
+    return 1.0 - max(to_gyro, to_wheels) > ODD + ODD_TIMES * (1.0 - others)
+
+
+def _piece_by_piece(
+    look: Alignment, laser: _Timed, steps: LaserSteps, by_gyro: _Timed
+) -> Alignment:
+    """The lidar's clock followed window by window: it drifts, or it contradicts everything."""
+    since_s = (by_gyro.origin_ns - laser.origin_ns) * 1e-9
+    turns = by_gyro.rate
+    moved = Rate(turns.starts_s + since_s, turns.ends_s + since_s, turns.values)
+    piece_of = steps.window[np.argsort(steps.first_ns, kind="stable")]
+    sign = -1.0 if look.lidar_gyro is not None and look.lidar_gyro.correlation < 0.0 else 1.0
+    lags = local_lags(laser.rate, piece_of, moved, sign)
+    if lags is None or lags.wander_s() > WANDER_S:
+        energy = np.mean(np.square(laser.rate.values)), np.mean(np.square(turns.values))
+        turning = LIKE_ENERGY < energy[0] / max(float(energy[1]), 1e-12) < 1.0 / LIKE_ENERGY
+        return replace(look, contradicted=bool(turning))
+    at_zero, growth = lags.line()
+    middle_s = 0.5 * float(laser.rate.starts_s[0] + laser.rate.ends_s[-1])
+    gyro_ns = round((at_zero + growth * middle_s) * 1e9)
+    between = look.gyro_wheels
+    wheels = None if between is None else Shift(gyro_ns + between.shift_ns, 1.0, True)
+    return replace(look, lidar_gyro=Shift(gyro_ns, sign, True), lidar_wheels=wheels, growth=growth)
 
 
 def laser_path(steps: LaserSteps, yaw_base_laser_rad: float) -> FloatArray:

@@ -29,18 +29,20 @@ from slamsim.check.scan_motion import ScanMotions
 from slamsim.check.slipping import Spells, find_spells
 from slamsim.geometry import se2_from_se3, wrap_angle
 from slamsim.recording import RawImu, Recording
-from slamsim.types import FloatArray
+from slamsim.types import FloatArray, IntArray
 
 PSEUDO_STEP_NS = 100_000_000
 LEAST_GAIN = 1e-4
 SLIP_ROUNDS = 4
+EVEN, EVEN_SHARE = 0.05, 0.98
 MOST_PSEUDO_STEPS = 20_000
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Inputs:
     """What there is to compare. T_base_laser: (x, y, yaw) as declared, None if nothing says so;
-    upside_down: whether it is declared so; steps are as seen from above."""
+    upside_down: whether it is declared so; steps are as seen from above. even_stamps: whether the
+    scans' stamps keep a constant rate."""
 
     steps: LaserSteps
     gyro: Course | None
@@ -49,6 +51,7 @@ class Inputs:
     laser_frame: str
     T_base_laser: FloatArray | None
     upside_down: bool = False
+    even_stamps: bool = True
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -103,6 +106,11 @@ class Calibration:
             "gyro_wheel": pairs.gyro_wheels,
         }[stream]
 
+    @property
+    def scans_count(self) -> bool:
+        """Whether the motion of the scans is in the fit at all."""
+        return bool(np.any(self.model.steps.information))
+
     def follows(self, stream: str) -> bool:
         """Whether the turns of two streams plainly have to do with each other."""
         shift = self.shift(stream)
@@ -143,7 +151,15 @@ def gather(recording: Recording, motions: ScanMotions | None) -> Inputs:
         laser_frame,
         None if T_base_laser is None else se2_from_se3(T_base_laser),
         upside_down,
+        all(_even(scans.stamps_ns) for scans in recording.scans if scans.topic == steps.topic),
     )
+
+
+def _even(stamps_ns: IntArray) -> bool:
+    """Whether nearly all steps between stamps are one period."""
+    steps = np.diff(stamps_ns)
+    period = float(np.median(steps)) if steps.size else 0.0
+    return bool(steps.size and np.mean(np.abs(steps - period) < EVEN * period) > EVEN_SHARE)
 
 
 def calibrate_inputs(inputs: Inputs) -> Calibration | None:
@@ -153,16 +169,16 @@ def calibrate_inputs(inputs: Inputs) -> Calibration | None:
         return None
     yaw_rad = 0.0 if inputs.T_base_laser is None else float(inputs.T_base_laser[2])
     alignment = align(steps, gyro, wheels, yaw_rad)
-    if not len(steps):
+    if alignment.contradicted or not len(steps):
         assert wheels is not None
         steps = _nothing_seen(wheels)
         alignment = _by_wheels(alignment)
     middle_ns = int(steps.first_ns[0] + (steps.second_ns[-1] - steps.first_ns[0]) // 2)
     model = Model(steps, gyro, alignment.wheels, middle_ns, alignment.shifts_ns)
-    start = _start(model, inputs.T_base_laser)
+    start = _start(model, inputs.T_base_laser, alignment.growth)
     found = fit(model, start)
     spells = None
-    if alignment.wheels is not None and len(inputs.steps):
+    if alignment.wheels is not None and np.any(steps.information):
         found, spells = _without_slip(model, start, found)
     return Calibration(inputs, alignment, model, found, spells)
 
@@ -188,10 +204,11 @@ def _delays(stream: str, gyro: int, wheel: int) -> FloatArray:
     return by
 
 
-def _start(model: Model, T_base_laser: FloatArray | None) -> FloatArray:
+def _start(model: Model, T_base_laser: FloatArray | None, growth: float) -> FloatArray:
     """Gains by regression, the mounting as declared, everything else at nothing."""
     start = np.zeros(len(UNKNOWNS))
     start[[GYRO_GAIN, PATH_GAIN, TURN_GAIN]] = 1.0
+    start[[GYRO_DRIFT, WHEEL_DRIFT]] = growth
     if T_base_laser is not None:
         start[LASER] = T_base_laser
     steps = model.steps

@@ -52,8 +52,8 @@ def coarse_lag(one: Rate, other: Rate) -> Lag | None:
     if len(spans) < 2:
         return None
     step = max(GRID_S, sum(spans) / MOST_CELLS)
-    (a, known_a), (b, known_b) = _sampled(one, step), _sampled(other, step)
-    correlation = _correlations(a, known_a, b, known_b)
+    (a, known_a), (b, known_b) = (_centred(*sampled(rate, step)) for rate in (one, other))
+    correlation = correlations(a, known_a, b, known_b)
     if not np.any(correlation):
         return None
     # Cell i of the full correlation: b is read i - (len(a) - 1) cells later than a.
@@ -68,18 +68,21 @@ def coarse_lag(one: Rate, other: Rate) -> Lag | None:
     return Lag(float(fine), float(correlation[best]), bool(clear))
 
 
-def _sampled(rate: Rate, step_s: float) -> tuple[FloatArray, FloatArray]:
-    """(m,) values less their mean on a grid from the first start; (m,) 1 where they are known."""
+def sampled(rate: Rate, step_s: float) -> tuple[FloatArray, FloatArray]:
+    """(m,) values on a grid from the first start; (m,) 1 where they are known, else 0."""
     begin, end = float(rate.starts_s[0]), float(rate.ends_s[-1])
     times = begin + step_s * (np.arange(max(int((end - begin) / step_s), 1)) + 0.5)
     piece = np.clip(np.searchsorted(rate.starts_s, times, side="right") - 1, 0, None)
     known = times < rate.ends_s[piece]
     values = np.where(known, rate.values[piece], 0.0)
-    mean = values.sum() / max(int(known.sum()), 1)
-    return np.where(known, values - mean, 0.0), known.astype(np.float64)
+    return values, known.astype(np.float64)
 
 
-def _correlations(
+def _centred(values: FloatArray, known: FloatArray) -> tuple[FloatArray, FloatArray]:
+    return known * (values - values.sum() / max(float(known.sum()), 1.0)), known
+
+
+def correlations(
     a: FloatArray, known_a: FloatArray, b: FloatArray, known_b: FloatArray
 ) -> FloatArray:
     """(len(a) + len(b) - 1,) normalised, over what both know; 0 where they overlap too little."""

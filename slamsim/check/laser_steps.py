@@ -13,6 +13,10 @@ SWEEP_DOUBT_SIGMAS = 5.0
 """The scans' own sweep is believed, not the declared one, when they are farther apart than this."""
 
 
+UNEVEN, SCATTERED_SHARE = 0.1, 0.2
+"""Stamps scatter if so many steps between them differ by more than this share of a period."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class LaserSteps:
     """Relative motions of one laser between pairs of its scans.
@@ -55,8 +59,9 @@ def laser_steps(motions: ScanMotions) -> LaserSteps:
     off = abs(abs(sweep.value) - declared) > SWEEP_DOUBT_SIGMAS * sweep.sigma
     sweep_s = abs(sweep.value) if off else declared
     later_ns = round(0.5e9 * (sweep_s - declared))
-    begins = [window.middle_ns[:-1] for window in motions.windows]
-    ends = [window.middle_ns[1:] for window in motions.windows]
+    stamps = _evened([window.middle_ns for window in motions.windows])
+    begins = [middle_ns[:-1] for middle_ns in stamps]
+    ends = [middle_ns[1:] for middle_ns in stamps]
     steps = LaserSteps(
         motions.topic,
         *(motions.first, motions.second),
@@ -67,6 +72,27 @@ def laser_steps(motions: ScanMotions) -> LaserSteps:
     finite = np.isfinite(steps.T_first_second).all(axis=1)
     finite &= np.isfinite(steps.information).all(axis=(1, 2))
     return steps.keep(finite & (steps.second_ns > steps.first_ns))
+
+
+def _evened(stamps: list[IntArray]) -> list[IntArray]:
+    """The stamps of each window, unless they scatter: then evenly spaced ones about their mean.
+
+    A lidar turns evenly. Stamps that do not, and are not just missing some, are those of publishing
+    or rounded; over a window their mean is still good.
+    """
+    steps = np.concatenate([np.diff(window) for window in stamps] or [np.zeros(0, dtype=np.int64)])
+    if steps.size < 2 or (period := float(np.mean(steps))) <= 0.0:
+        return stamps
+    usual = max(float(np.median(steps)), 1.0)
+    scatter = np.abs(steps - np.rint(steps / usual) * usual) > UNEVEN * period
+    if scatter.mean() < SCATTERED_SHARE and np.median(steps) > 0.5 * period:
+        return stamps
+    return [
+        np.rint(window.mean() + period * (np.arange(len(window)) - 0.5 * (len(window) - 1))).astype(
+            np.int64
+        )
+        for window in stamps
+    ]
 
 
 def _joined(parts: list[IntArray]) -> IntArray:

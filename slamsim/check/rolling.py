@@ -22,7 +22,7 @@ def check_wheels(calibration: Calibration, vote: Vote) -> list[Finding]:
     wheels = calibration.model.wheels
     if wheels is None:
         return []
-    if not len(calibration.inputs.steps):
+    if not calibration.scans_count:
         words = "without scans nothing tells how far the wheels really go"
         return [
             *_wiring(calibration),

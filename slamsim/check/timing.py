@@ -74,14 +74,29 @@ def check_timing(calibration: Calibration) -> list[Finding]:
     drifting = _blamed({pair: (one.drift, one.drift_sigma) for pair, one in offsets.items()})
     drifting = drifting if any(one.drifts for one in offsets.values()) else {}
     return [
+        *_contradicted(calibration),
         *_agreements(calibration, offsets),
         *(_culprit(calibration, stream, late_s) for stream, late_s in blamed.items()),
         *(_drift(calibration, offsets, drifting) if offsets else ()),
     ]
 
 
+def _contradicted(calibration: Calibration) -> list[Finding]:
+    """Stamps of scans that no clock explains: numbered evenly by a converter, if they are even."""
+    if not calibration.alignment.contradicted:
+        return []
+    topic = calibration.inputs.steps.topic
+    words = "turns of the scans follow those of gyroscope and wheels, but at no steady clock"
+    if not calibration.inputs.even_stamps:
+        words += ": their stamps scatter too much to compare them"
+        return [Finding("time.steady", topic, "cannot tell", words)]
+    words += ", although their stamps are evenly spaced"
+    advice = "Record again: a converter has numbered the scans and forgotten the lost ones."
+    return [Finding("time.steady", topic, "bad", words, "stamps_invented", advice)]
+
+
 def _pairs(calibration: Calibration) -> tuple[str, ...]:
-    lidar = len(calibration.inputs.steps) > 0
+    lidar = calibration.scans_count
     gyro, wheels = calibration.inputs.gyro is not None, calibration.inputs.wheels is not None
     there = {"gyro": lidar and gyro, "wheel": lidar and wheels, "gyro_wheel": gyro and wheels}
     return tuple(pair for pair, both in there.items() if both)

@@ -25,7 +25,7 @@ def check_gyro(calibration: Calibration, vote: Vote) -> list[Finding]:
     gyro = calibration.inputs.gyro
     if gyro is None:
         return []
-    if not len(calibration.inputs.steps):
+    if not calibration.scans_count:
         ratio = 1.0 / calibration.value("gyro_gain")
         words = f"turns by it are {ratio:.4g} of those by the wheels: without scans nobody knows"
         return [Finding("gyro.scale", gyro.topic, "cannot tell", words)]
