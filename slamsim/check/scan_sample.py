@@ -15,11 +15,11 @@ SAMPLED_SCANS = 600
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ScanSample:
-    """Scans spread evenly over the recording, all of the commonest number of beams and layout.
+    """Scans spread evenly over the recording, all of the commonest number of beams.
 
-    scans: (k,) their numbers. ranges_m: (k, beams). following_m: (k, beams) of the scan after each,
-    nan where that has other beams. repeats: (n,) whether each scan of the whole recording has bit
-    for bit the ranges of the one before.
+    layout: of the first of them. scans: (k,) their numbers. ranges_m: (k, beams). following_m:
+    (k, beams) of the scan after each, nan where that has other beams. repeats: (n,) whether each
+    scan of the whole recording has bit for bit the ranges of the one before.
     """
 
     layout: ScanLayout
@@ -46,20 +46,25 @@ def sample_scans(scans: RawScans) -> ScanSample | None:
         if number % every in (0, 1):
             kept[number] = row
     first = [number for number in kept if number % every == 0]
-    kinds = Counter((int(scans.layout_of[number]), kept[number].size) for number in first)
-    if not kinds or (chosen := kinds.most_common(1)[0][0])[1] == 0:
+    kinds = Counter(_kind(scans, number, kept[number]) for number in first)
+    if not kinds or (chosen := kinds.most_common(1)[0][0])[0] == 0:
         return None
-    layout, beams = chosen
-    alike = [n for n in first if scans.layout_of[n] == layout and kept[n].size == beams]
-    unknown = np.full(beams, np.nan, dtype=np.float32)
+    alike = [number for number in first if _kind(scans, number, kept[number]) == chosen]
+    unknown = np.full(chosen[0], np.nan, dtype=np.float32)
     after = [kept.get(number + 1, unknown) for number in alike]
     return ScanSample(
-        scans.layouts[layout],
+        scans.layout(alike[0]),
         np.array(alike, dtype=np.int64),
         np.stack([kept[number] for number in alike]),
-        np.stack([row if row.size == beams else unknown for row in after]),
+        np.stack([row if row.size == unknown.size else unknown for row in after]),
         repeats,
     )
+
+
+def _kind(scans: RawScans, number: int, row: Float32Array) -> tuple[int, float, float, float]:
+    """What scans must share to be looked at together; where the first beam looks is their own."""
+    layout = scans.layout(number)
+    return row.size, layout.angle_step_rad, layout.range_min_m, layout.range_max_m
 
 
 def _same(one: Float32Array, other: Float32Array) -> bool:
