@@ -12,7 +12,7 @@ from slamsim import __version__
 from slamsim.bench.command import bench
 from slamsim.options import ConfigFile, Faults, Json, Overwrite, Quiet, ScanTopic, Set
 from slamsim.run.check_command import CHECK_EPILOG, FIX_EPILOG, check, fix
-from slamsim.sensors.faults.command import fault
+from slamsim.run.fault_command import fault
 
 if TYPE_CHECKING:
     from slamsim.config.run import RunConfig

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from slamsim.options import Faults, Json, Quiet
+from slamsim.options import Faults, Json, Overwrite, Quiet, ScanTopic
 
 
 def fault(
@@ -20,12 +20,8 @@ def fault(
         bool, typer.Option("--list", help="Tell all faults that come with the package.")
     ] = False,
     seed: Annotated[int, typer.Option("--seed", help="Seed of what is random.", min=0)] = 0,
-    scan_topic: Annotated[
-        str | None, typer.Option("--scan-topic", help="Which laser, if there are several.")
-    ] = None,
-    overwrite: Annotated[
-        bool, typer.Option("--overwrite", help="Replace what is there once this is whole.")
-    ] = False,
+    scan_topic: ScanTopic = None,
+    overwrite: Overwrite = False,
     quiet: Quiet = False,
     as_json: Json = False,
 ) -> None:
