@@ -61,8 +61,9 @@ def _is_rounded(counts: FloatArray, step_s: float) -> bool:
         return any(
             abs(power - round(power)) < 1e-9 for power in (np.log2(step_s), np.log10(step_s))
         )
-    if (counts == 0.0).mean() > _REPEATED_SHARE:
-        return bool(counts.mean() < 0.8)
+    none = float((counts == 0.0).mean())
+    if none > _REPEATED_SHARE:  # behind a stamp that is repeated lies a step that is too long
+        return bool((counts > 1.0).mean() < 0.2 * none)
     values, times = np.unique(counts[counts != 0.0], return_counts=True)
     usual = values[np.argmax(times)]
     if (np.mod(counts, usual) != 0.0).mean() > _UNEVEN_SHARE:

@@ -14,8 +14,8 @@ Kind = Literal["lidar", "imu", "wheels", "transform"]
 
 _SAME_ORIGIN_NS = 3600 * 1_000_000_000
 _LOCAL_STEPS = 200
-_FAR_APART = 8
-_BEAT_GROWTH = 1.4
+_APART, _FAR_APART = 8, 32
+_BEAT_GROWTH = 1.6
 _EVEN_SHARE = 0.2
 _COPIED_NS = 1_000
 
@@ -53,6 +53,14 @@ class StampSeries:
     def ordered_steps_s(self) -> FloatArray:
         """(m,) between neighbouring instants, however the file has them."""
         return np.asarray(np.diff(np.unique(self.stamps_ns)) * 1e-9)
+
+    @property
+    def period_s(self) -> float:
+        """From one instant to the next, by most of those a few apart; 0 of fewer than two."""
+        instants_ns = np.unique(self.stamps_ns)
+        apart = min(_APART, max(instants_ns.size - 1, 1))
+        elapsed_ns = instants_ns[apart:] - instants_ns[:-apart]
+        return float(np.median(elapsed_ns)) * 1e-9 / apart if elapsed_ns.size else 0.0
 
     @property
     def latency_s(self) -> FloatArray | None:
@@ -110,10 +118,10 @@ def beat_scatter_s(stamps_ns: IntArray) -> float | None:
     Stamps that scatter about a beat stay near it however many messages one counts on; where
     the sensor itself comes unevenly they wander off.
     """
-    near_s, far_s = spread_s(stamps_ns, 1), spread_s(stamps_ns, _FAR_APART)
+    near_s, far_s = spread_s(stamps_ns, _APART), spread_s(stamps_ns, _FAR_APART)
     period_s = float(np.median(np.diff(stamps_ns))) * 1e-9
     wanders = far_s > _BEAT_GROWTH * near_s and far_s > 0.1 * _EVEN_SHARE * abs(period_s)
-    return None if wanders else far_s / 2.0**0.5
+    return None if wanders else near_s / 2.0**0.5
 
 
 def is_even(stamps_ns: IntArray) -> bool:

@@ -36,10 +36,10 @@ class _Drift:
     block_delay_s: FloatArray
 
 
-def check_receipt(series: list[StampSeries], foreign: set[str]) -> list[Finding]:
-    """foreign: the streams whose stamps count from another origin."""
+def check_receipt(series: list[StampSeries], wrong: set[str]) -> list[Finding]:
+    """wrong: the streams whose stamps are known to tell no instants."""
     asked = [s for s in series if s.kind != "transform"]
-    findings = [_delay(s) for s in asked if s.subject not in foreign]
+    findings = [_delay(s) for s in asked if s.subject not in wrong]
     drifts = {s.subject: _drift(s) for s in asked}
     common = _common_rate([drift for drift in drifts.values() if drift is not None])
     return findings + [_drifting(s, drifts[s.subject], common) for s in asked]

@@ -37,10 +37,10 @@ def check_spacing(series: StampSeries) -> list[Finding]:
     if _is_bad(findings):
         return [*findings, _gaps(series, countable=False)]
     findings.append(_rounding(series))
-    if not _is_bad(findings) or in_equal_groups(series.steps_s):
-        findings.append(_repeats(series))
     if not _is_bad(findings):
         findings.append(_scatter(series))
+    if not _is_bad(findings) or in_equal_groups(series.steps_s):
+        findings.append(_repeats(series))
     return [*findings, _gaps(series, countable=not _is_bad(findings))]
 
 

@@ -14,6 +14,8 @@ from slamsim.recording import Recording
 MAX_OVERLAP = 0.02
 """Of the scan's duration. Drivers that declare the nominal speed of their motor are off by less."""
 MIN_OVERLAP_S = 1e-4
+_NO_INSTANTS = ("epoch_mismatch", "stamps_quantised", "stamps_repeated")
+"""Stamps so wrong that how long they are before the receipt says nothing more."""
 
 
 def check_streams(recording: Recording) -> list[Finding]:
@@ -23,13 +25,13 @@ def check_streams(recording: Recording) -> list[Finding]:
         words = "the recording holds no stream with stamps"
         return [Finding("time.order", recording.name, "cannot tell", words)]
     epochs = check_epochs(series)
-    foreign = {finding.subject for finding in epochs if finding.verdict == "bad"}
     findings = [*epochs]
     for stream in series:
         findings += check_spacing(stream)
         if stream.kind == "lidar":
             findings.append(_overlap(stream))
-    return findings + check_receipt(series, foreign)
+    wrong = {finding.subject for finding in findings if finding.fault in _NO_INSTANTS}
+    return findings + check_receipt(series, wrong)
 
 
 def _overlap(series: StampSeries) -> Finding:
@@ -38,7 +40,7 @@ def _overlap(series: StampSeries) -> Finding:
     if not steps_s.size:
         words = "there are not two scans of different stamps"
         return Finding("time.overlap", series.subject, "cannot tell", words)
-    lasts_s, step_s = float(np.median(series.lasts_ns)) * 1e-9, float(np.median(steps_s))
+    lasts_s, step_s = float(np.median(series.lasts_ns)) * 1e-9, series.period_s
     overlap_s = lasts_s - step_s
     estimate = Estimate(1e3 * max(overlap_s, 0.0), 0.0, "ms")
     limit_s = max(MIN_OVERLAP_S, MAX_OVERLAP * lasts_s)
