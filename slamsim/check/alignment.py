@@ -16,6 +16,8 @@ from slamsim.types import FloatArray
 
 Wiring = Literal["as declared", "swapped", "left reversed", "right reversed", "both reversed"]
 
+Scans = Literal["of use", "unsteady", "not turning"]
+
 CLEAR = 0.75
 BETTER = 0.15
 """A wheel counts backward if its path turns like the robot, by so much more than its turn does."""
@@ -46,11 +48,21 @@ class Alignment:
     gyro_wheels: Shift | None
     wheels: Course | None
     wiring: Wiring
+    mirror: bool = False
+    """The scans have been mirrored before all this, for they turned the wrong way."""
+
     growth: float = 0.0
     """Of the shifts against the lidar, per second, if one number does not do."""
 
-    contradicted: bool = False
-    """Gyroscope and wheels agree with each other, and with the lidar at no constant pace."""
+    scans: Scans = "of use"
+    """Whether they turn with the others, which agree: not at all, or at no steady clock."""
+
+    @property
+    def mirrored(self) -> bool:
+        """Whether the scans turn the wrong way, by all that there is to hold against them."""
+        others = [one for one in (self.lidar_gyro, self.lidar_wheels) if one is not None]
+        opposite = all(one.clear and one.correlation < 0.0 for one in others)
+        return self.lidar_wheels is not None and opposite
 
     @property
     def shifts_ns(self) -> tuple[int, int]:
@@ -106,7 +118,7 @@ def _piece_by_piece(
     if lags is None or lags.wander_s() > WANDER_S:
         energy = np.mean(np.square(laser.rate.values)), np.mean(np.square(turns.values))
         turning = LIKE_ENERGY < energy[0] / max(float(energy[1]), 1e-12) < 1.0 / LIKE_ENERGY
-        return replace(look, contradicted=bool(turning))
+        return replace(look, scans="unsteady" if turning else "not turning")
     at_zero, growth = lags.line()
     middle_s = 0.5 * float(laser.rate.starts_s[0] + laser.rate.ends_s[-1])
     gyro_ns = round((at_zero + growth * middle_s) * 1e9)

@@ -34,6 +34,9 @@ from slamsim.types import FloatArray, IntArray
 PSEUDO_STEP_NS = 100_000_000
 LEAST_GAIN = 1e-4
 SLIP_ROUNDS = 4
+SIDEWAYS_SHARE = 0.2
+"""A gyroscope that turns less about the vertical, against another axis, is mounted otherwise."""
+
 EVEN, EVEN_SHARE = 0.05, 0.98
 MOST_PSEUDO_STEPS = 20_000
 
@@ -169,7 +172,10 @@ def calibrate_inputs(inputs: Inputs) -> Calibration | None:
         return None
     yaw_rad = 0.0 if inputs.T_base_laser is None else float(inputs.T_base_laser[2])
     alignment = align(steps, gyro, wheels, yaw_rad)
-    if alignment.contradicted or not len(steps):
+    if alignment.mirrored:
+        steps = _from_above(steps)
+        alignment = replace(align(steps, gyro, wheels, yaw_rad), mirror=True)
+    if alignment.scans != "of use" or not len(steps):
         assert wheels is not None
         steps = _nothing_seen(wheels)
         alignment = _by_wheels(alignment)
@@ -239,8 +245,14 @@ def _gain(one: FloatArray, other: FloatArray) -> float:
 
 def _gyro(imu: RawImu, graph: FrameGraph, base: str) -> Course | None:
     T_base_imu = graph.between(base, imu.frame_ids[0]) if imu.frame_ids else None
-    up = np.array([0.0, 0.0, 1.0]) if T_base_imu is None else T_base_imu[2, :3]
-    return gyro_course(imu, up)
+    R_base_imu = np.eye(3) if T_base_imu is None else T_base_imu[:3, :3]
+    rates = imu.angular_velocity_rad_s @ R_base_imu.T
+    finite = rates[np.isfinite(rates).all(axis=1)]
+    livelihood = finite.std(axis=0) if len(finite) else np.ones(3)
+    axis = int(np.argmax(livelihood))
+    if livelihood[2] > SIDEWAYS_SHARE * livelihood[axis]:
+        axis = 2
+    return gyro_course(imu, R_base_imu[axis], "xyz"[axis])
 
 
 def _first(courses: list[Course | None]) -> Course | None:

@@ -29,6 +29,7 @@ class Course:
     stamps_ns: (n,) strictly increasing. totals: (n, k): of a gyroscope (turn,) in the units it
     reports, of wheels (path m, turn rad) by the numbers that their driver uses. reading: (k,)
     standard deviation that reading adds to any total. track_m: 0 unless there are two counters.
+    axis: of the base, about which a gyroscope turns.
     """
 
     topic: str
@@ -36,6 +37,7 @@ class Course:
     totals: FloatArray
     reading: FloatArray
     track_m: float = 0.0
+    axis: str = "z"
 
     @property
     def wired(self) -> bool:
@@ -98,8 +100,9 @@ def smooth_curve(times_s: FloatArray, values: FloatArray) -> CubicHermiteSpline:
     return CubicHermiteSpline(times_s, values, np.gradient(values, times_s, axis=0))
 
 
-def gyro_course(imu: RawImu, axis_imu: FloatArray) -> Course | None:
-    """The turn about an axis (3,) of the unit's frame; None of too few samples.
+def gyro_course(imu: RawImu, axis_imu: FloatArray, axis: str = "z") -> Course | None:
+    """The turn about an axis (3,) of the unit's frame, by its name in the base; None of too few
+    samples.
 
     A sample is taken as the mean rate between the midpoints to its neighbours, so that the totals
     at these midpoints are exact for a unit that averages over its period.
@@ -112,7 +115,7 @@ def gyro_course(imu: RawImu, axis_imu: FloatArray) -> Course | None:
     middle = stamps[:-1] + np.diff(stamps) // 2
     turned = rates[1:-1] * np.diff(middle) * 1e-9
     totals = np.concatenate([[0.0], np.cumsum(turned)])
-    return _course(imu.topic, middle, totals[:, None], np.zeros(1))
+    return replace(_course(imu.topic, middle, totals[:, None], np.zeros(1)), axis=axis)
 
 
 def wheel_course(ticks: RawTicks) -> Course | None:

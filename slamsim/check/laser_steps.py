@@ -6,11 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from slamsim.check.scan_motion import ScanMotions
+from slamsim.check.scan_motion import ScanMotions, ShapeEstimate
 from slamsim.types import BoolArray, FloatArray, IntArray
 
-SWEEP_DOUBT_SIGMAS = 5.0
-"""The scans' own sweep is believed, not the declared one, when they are farther apart than this."""
+SWEEP_DOUBT_SIGMAS, NEARLY = 5.0, 0.25
+"""The scans' own sweep is believed, not the declared one, when they are farther apart than so many
+sigmas and this share."""
 
 
 UNEVEN, SCATTERED_SHARE = 0.1, 0.2
@@ -55,9 +56,8 @@ class LaserSteps:
 
 def laser_steps(motions: ScanMotions) -> LaserSteps:
     """Of all windows; steps that are not finite, or take no time, are left out."""
-    sweep, declared = motions.sweep_s, abs(motions.sweep_s.declared)
-    off = abs(abs(sweep.value) - declared) > SWEEP_DOUBT_SIGMAS * sweep.sigma
-    sweep_s = abs(sweep.value) if off else declared
+    declared = abs(motions.sweep_s.declared)
+    sweep_s = _true_sweep_s(motions.sweep_s)
     later_ns = round(0.5e9 * (sweep_s - declared))
     stamps = _evened([window.middle_ns for window in motions.windows])
     begins = [middle_ns[:-1] for middle_ns in stamps]
@@ -66,12 +66,26 @@ def laser_steps(motions: ScanMotions) -> LaserSteps:
         motions.topic,
         *(motions.first, motions.second),
         *(_joined(begins) + later_ns, _joined(ends) + later_ns),
-        *(motions.T_first_second, motions.information),
+        *_in_metres(motions),
         *(motions.window.astype(np.int64), sweep_s),
     )
     finite = np.isfinite(steps.T_first_second).all(axis=1)
     finite &= np.isfinite(steps.information).all(axis=(1, 2))
     return steps.keep(finite & (steps.second_ns > steps.first_ns))
+
+
+def _true_sweep_s(sweep: ShapeEstimate) -> float:
+    """By the scans where they contradict what is declared: mostly it is all, or nothing."""
+    declared, found = abs(sweep.declared), abs(sweep.value)
+    if abs(found - declared) < max(SWEEP_DOUBT_SIGMAS * sweep.sigma, NEARLY * declared):
+        return declared
+    return 0.0 if found < NEARLY * declared else found
+
+
+def _in_metres(motions: ScanMotions) -> tuple[FloatArray, FloatArray]:
+    """(n, 3) steps and (n, 3, 3) information, whatever unit the ranges are in."""
+    scale = np.array([motions.metres_per_unit, motions.metres_per_unit, 1.0])
+    return motions.T_first_second * scale, motions.information / (scale[:, None] * scale)
 
 
 def _evened(stamps: list[IntArray]) -> list[IntArray]:

@@ -26,6 +26,11 @@ def check_mounting(calibration: Calibration) -> list[Finding]:
     inputs = calibration.inputs
     if not len(inputs.steps) or inputs.wheels is None:
         return []
+    if calibration.alignment.mirror:
+        words = (
+            "the scans turn the wrong way: how the laser sits cannot be told before that is mended"
+        )
+        return [Finding("laser.mounting", inputs.laser_frame, "cannot tell", words)]
     if inputs.T_base_laser is None:
         words = f"nothing declares where {inputs.laser_frame or 'the laser'} sits on the base"
         x, y, yaw = (calibration.value(name) for name in _NAMES)

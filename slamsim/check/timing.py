@@ -83,7 +83,7 @@ def check_timing(calibration: Calibration) -> list[Finding]:
 
 def _contradicted(calibration: Calibration) -> list[Finding]:
     """Stamps of scans that no clock explains: numbered evenly by a converter, if they are even."""
-    if not calibration.alignment.contradicted:
+    if calibration.alignment.scans != "unsteady":
         return []
     topic = calibration.inputs.steps.topic
     words = "turns of the scans follow those of gyroscope and wheels, but at no steady clock"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from slamsim.check.calibration import Calibration
+from slamsim.check.course import Course
 from slamsim.check.findings import Estimate, Finding, Mend
 from slamsim.check.verdicts import Answer, Question, judged
 from slamsim.check.votes import Vote
@@ -32,7 +33,15 @@ def check_gyro(calibration: Calibration, vote: Vote) -> list[Finding]:
     if not calibration.follows("gyro"):
         words = f"its turns do not follow those of the scans; what would tell: {TURNING}"
         return [Finding("gyro.scale", gyro.topic, "cannot tell", words)]
+    if gyro.axis != "z":
+        return [_sideways(gyro)]
     return [_scale(calibration, vote), _bias(calibration)]
+
+
+def _sideways(gyro: Course) -> Finding:
+    words = f"the robot's turns are felt about the {gyro.axis} axis of the base, not about z"
+    advice = "Correct the rotation of the unit's transform."
+    return Finding("gyro.axis", gyro.topic, "bad", words, "imu_axis", advice)
 
 
 def _scale(calibration: Calibration, vote: Vote) -> Finding:
