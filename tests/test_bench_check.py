@@ -197,6 +197,7 @@ def test_an_estimate_without_a_known_truth_is_left_out() -> None:
         ("wheel_track", 0.1, "wheels.track", 10.55),
         ("angle_step_wide", 0.002, "laser.angle_step", 0.2),
         ("range_offset", 0.03, "ranges.offset", 30.0),
+        ("isaac_half_stamps", 0.5, "laser.sweep", 2.0),
     ],
 )
 def test_the_truth_of_an_injected_size(name: str, size: float, check: str, value: float) -> None:

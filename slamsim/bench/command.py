@@ -20,7 +20,7 @@ STANDARD = "labyrinth_10hz"
 
 FIRST_SEED = 1
 ONLINE_PATH_M = 10000.0
-CHECK_SECONDS = 60.0
+CHECK_SECONDS, LONG_SECONDS = 60.0, 600.0
 ONLINE_RATE = "sensors.lidar.rate_hz=10"
 
 
@@ -68,6 +68,7 @@ class _Trials:
     clean: int
     pairs: int
     curves: bool
+    long: bool
 
 
 def bench(
@@ -116,6 +117,9 @@ def bench(
     curves: Annotated[
         bool, typer.Option("--curves", help="Check: every size of every fault too.")
     ] = False,
+    long: Annotated[
+        bool, typer.Option("--long", help="Check: time ten minutes at 40 scans a second too.")
+    ] = False,
     set_: Set = None,
     config: ConfigFile = None,
     quiet: Quiet = False,
@@ -131,7 +135,7 @@ def bench(
     elif part == "online":
         _online(asked)
     elif part == "check":
-        _check(asked, _Trials(faults, seeds, clean, pairs, curves), workers, logs, recording)
+        _check(asked, _Trials(faults, seeds, clean, pairs, curves, long), workers, logs, recording)
     elif part == "matcher":
         _matcher(asked, recording, logs)
     elif part == "slam" and peers:
@@ -152,7 +156,9 @@ def _accuracy(asked: _Asked, seeds: int, workers: int, logs: Path | None, bound:
 def _check(
     asked: _Asked, trials: _Trials, workers: int, kept: Path | None, real: Path | None
 ) -> None:
+    from slamsim.bench.alone import Children
     from slamsim.bench.check.campaign import Campaign, run_campaign
+    from slamsim.bench.check.long import long_rows, time_long_check
     from slamsim.bench.check.real import recordings_at
     from slamsim.config.faults import typed_choices
     from slamsim.sensors.faults.registry import bundled_faults, chosen_fault
@@ -173,7 +179,13 @@ def _check(
         workers=workers,
         kept=kept,
     )
-    asked.reporter.result(run_campaign(campaign, asked.reporter))
+    figures = run_campaign(campaign, asked.reporter)
+    if trials.long:
+        with Children() as children, asked.reporter.stage("long recording", ""):
+            timed = children.run(time_long_check, LONG_SECONDS, first)
+        asked.reporter.table("Long recording", long_rows(timed))
+        figures["long"] = timed
+    asked.reporter.result(figures)
 
 
 def _matcher(asked: _Asked, recording: Path | None, logs: Path | None) -> None:

@@ -9,6 +9,7 @@ import numpy as np
 from slamsim.config.run import RunConfig
 from slamsim.config.sensors import EncoderConfig
 from slamsim.sensors.faults.base import Fault
+from slamsim.sensors.faults.beam_times import BeamTimeReversed, BeamTimeScale, FlashScanTimed
 from slamsim.sensors.faults.imu import GyroScale
 from slamsim.sensors.faults.laser import LaserAngleStep, LaserMount, LaserPosition
 from slamsim.sensors.faults.ranges import RangeOffset
@@ -49,6 +50,7 @@ def _healthy(config: RunConfig) -> Truth:
         "laser.x": 0.0,
         "laser.y": 0.0,
         "laser.angle_step": 0.0,
+        "laser.sweep": 1.0,
         "ranges.offset": 0.0,
     }
 
@@ -107,6 +109,13 @@ def _angle_step(healthy: Truth, fault: Fault) -> Truth:
     return {"laser.angle_step": 100.0 * fault.relative_error}
 
 
+def _sweep(healthy: Truth, fault: Fault) -> Truth:
+    """The true time between beams over the declared one."""
+    if isinstance(fault, BeamTimeScale):
+        return {"laser.sweep": 1.0 / fault.factor}
+    return {"laser.sweep": 0.0 if isinstance(fault, FlashScanTimed) else -1.0}
+
+
 def _range_offset(healthy: Truth, fault: Fault) -> Truth:
     assert isinstance(fault, RangeOffset)
     return {"ranges.offset": 1e3 * fault.offset_m}
@@ -127,5 +136,8 @@ CHANGES: dict[type[Fault], Callable[[Truth, Fault], Truth]] = {
     LaserPosition: _laser_position,
     LaserAngleStep: _angle_step,
     RangeOffset: _range_offset,
+    BeamTimeScale: _sweep,
+    FlashScanTimed: _sweep,
+    BeamTimeReversed: _sweep,
 }
 """For each kind with a number: what it makes of the estimates that it changes."""
