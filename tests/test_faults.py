@@ -191,7 +191,7 @@ def test_the_faults_cover_every_kind_and_nearly_every_name() -> None:
 
 
 THREAD = r"https://github\.com/[\w.-]+/[\w.-]+/(issues|pull)/\d+"
-WORK = r"\(\d{4}\)|IR-SIM|MVSim|IEEE Std|REP 105|the project's own"
+WORK = r"\(\d{4}\)|IR-SIM|MVSim|the project's own"
 
 
 def test_a_source_is_a_thread_or_a_work_that_can_be_found() -> None:
