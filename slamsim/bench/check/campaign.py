@@ -28,6 +28,9 @@ from slamsim.safe.errors import SlamsimError
 from slamsim.safe.output import write_atomic
 from slamsim.sensors.faults.base import Fault
 
+KEPT_EVERY = 10
+"""After so many trials what is done is written to disk."""
+
 
 @dataclass(frozen=True, slots=True)
 class Campaign:
@@ -117,10 +120,11 @@ def run_seed(campaign: Campaign, seed: int) -> Json:
     missing = [trial for trial in campaign.trials(seed) if trial.name not in done]
     if missing:
         driven = Driven(scenario.config)
-        for trial in missing:
+        for count, trial in enumerate(missing, 1):
             truth = truths(scenario.config, trial.faults)
             done[trial.name] = outcome_of(trial, driven.recording, truth)
-        _keep(campaign, seed, done)
+            if count % KEPT_EVERY == 0 or count == len(missing):
+                _keep(campaign, seed, done)
     asked = [done[trial.name].as_json() for trial in campaign.trials(seed)]
     return {
         "drive": _drive(seed),
