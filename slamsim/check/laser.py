@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from slamsim.check.calibration import Inputs
 from slamsim.check.findings import Finding
 from slamsim.check.laser_rotation import check_rotation
@@ -26,9 +28,16 @@ def check_laser(
     if not motions.windows:
         words = f"the scans tell nothing of their motion: {motions.weak}"
         return [Finding("laser.rotation", motions.topic, "cannot tell", words)]
-    return [
-        check_rotation(inputs),
-        *check_angles(motions),
-        check_sweep(motions, recorded_as),
-        check_range_offset(motions),
-    ]
+    rotation = check_rotation(inputs)
+    shape = [*check_angles(motions), check_sweep(motions, recorded_as)]
+    if rotation.fault == "laser_world_fixed":
+        shape = [_untold(finding) for finding in shape]
+    return [rotation, *shape, check_range_offset(motions)]
+
+
+def _untold(finding: Finding) -> Finding:
+    """A beam that does not turn with the laser has no fixed place among the others."""
+    if finding.verdict != "bad":
+        return finding
+    words = f"rays fixed to the world hide it ({finding.words})"
+    return replace(finding, verdict="cannot tell", words=words, fault=None, advice="", mends=())

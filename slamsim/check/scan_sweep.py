@@ -73,14 +73,23 @@ def moved_pieces(
 
 
 def local_motion(poses: FloatArray, elapsed_s: FloatArray) -> FloatArray:
-    """(n, 2, 3) first and half the second derivative of each pose (n, 3) in its own frame, n > 2.
+    """(n, 2, 3) first and half the second derivative of each pose (n, 3) in its own frame, n > 4.
 
-    From the parabola through it and its neighbours; through the two next at the ends.
+    From the polynomial through it and two neighbours on either side; near the ends from the
+    parabola through it and the two next.
     """
-    here = np.arange(len(poses))
-    middle = np.clip(here, 1, len(poses) - 2)
-    others = np.stack([np.where(here < middle, middle, middle - 1), middle + 1], axis=1)
-    others[-1] = [len(poses) - 3, len(poses) - 2]
+    motion = _by_neighbours(poses, elapsed_s, reach=1)
+    motion[2:-2] = _by_neighbours(poses, elapsed_s, reach=2)[2:-2]
+    return motion
+
+
+def _by_neighbours(poses: FloatArray, elapsed_s: FloatArray, reach: int) -> FloatArray:
+    """The same from ``reach`` neighbours on either side, of as many others at the ends."""
+    here, around = np.arange(len(poses)), np.arange(-reach, reach + 1)
+    middle = np.clip(here, reach, len(poses) - 1 - reach)
+    window = middle[:, None] + around
+    others = window[window != here[:, None]].reshape(-1, 2 * reach)
     steps = between(poses[:, None], poses[others])
     after = elapsed_s[others] - elapsed_s[:, None]
-    return np.asarray(np.linalg.solve(np.stack([after, after**2], axis=2), steps))
+    powers = after[..., None] ** np.arange(1, 2 * reach + 1)
+    return np.asarray(np.linalg.solve(powers, steps))[:, :2]
