@@ -66,7 +66,8 @@ def example() -> Recording:
     ranges = rng.uniform(0.5, 8.0, (scan_ns.size, BEAMS)).astype(np.float32)
     ranges[:, ::17] = np.inf
     layout = ScanLayout(-0.5 * np.pi, 0.5 * np.pi, STEP_RAD, 2e-4, 0.1, 0.1, 10.0)
-    still = np.tile([0.0, 0.0, 9.80665], (stamps.size, 1))
+    imu_ns = np.arange(0, int(stamps[-1]), 7_300_000, dtype=np.int64)
+    still = np.tile([0.0, 0.0, 9.80665], (imu_ns.size, 1))
 
     def fixed(parent: str, child: str, x: float, z: float) -> TransformEdge:
         at, xyz, identity = np.array([0]), np.array([[x, 0.0, z]]), np.array([[0.0, 0.0, 0.0, 1.0]])
@@ -91,9 +92,9 @@ def example() -> Recording:
             RawImu(
                 "/imu",
                 ("imu_link",),
-                stamps + 7,
-                stamps + 1_000_000,
-                rng.normal(0.0, 0.3, (stamps.size, 3)),
+                imu_ns,
+                imu_ns + 1_000_000,
+                rng.normal(0.0, 0.3, still.shape),
                 still + rng.normal(0.0, 0.01, still.shape),
             ),
         ),
@@ -246,6 +247,12 @@ def test_a_drifting_clock_gains_so_many_microseconds_a_second() -> None:
 
     elapsed = example().scans[0].stamps_ns * 1e-9
     assert_allclose(gained, elapsed * 100e-6 * 1e9, atol=1.0)
+
+
+def test_a_clock_that_ticks_with_the_stamps_rounds_nothing() -> None:
+    """Scans at 10 Hz have nothing to lose to a clock of 100 Hz but a common part."""
+    with pytest.raises(CannotInject, match="tick with that clock"):
+        spoilt("lidar_stamps_coarse", 0.01)
 
 
 def test_the_stamp_of_the_last_beam_is_a_sweep_later() -> None:

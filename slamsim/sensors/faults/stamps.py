@@ -15,6 +15,8 @@ from slamsim.sensors.faults.edit import StreamName, with_stamps, with_streams
 from slamsim.types import IntArray
 
 _NS = 1e9
+MIN_SHARE_LOST = 0.1
+"""Of a step by which rounding must move stamps apart; a common shift is another fault."""
 
 
 class StampsFault(Fault, ABC):
@@ -80,7 +82,14 @@ class StampsQuantised(StampsFault):
 
     def inject(self, recording: Recording, rng: np.random.Generator) -> Recording:
         step_ns = max(round(self.step_s * _NS), 1)
-        return with_stamps(recording, self.stream, lambda stamps: stamps // step_ns * step_ns)
+
+        def rounded(stamps: IntArray) -> IntArray:
+            lost = stamps % step_ns
+            if np.ptp(lost) < MIN_SHARE_LOST * step_ns:
+                raise CannotInject(f"stamps of {recording.name} tick with that clock already")
+            return stamps - lost
+
+        return with_stamps(recording, self.stream, rounded)
 
 
 class StampsJitter(StampsFault):
