@@ -20,6 +20,7 @@ CLOCKS = ("shift_stamps", "rescale_stamps", "restamp_evenly", "reorder")
 
 _TOGETHER = 0.9
 _SMOOTHED = 65
+_STEP_PERIODS = 0.9
 
 
 def on_clock_of(recording: Recording, subject: str) -> set[str]:
@@ -117,19 +118,20 @@ def shift_receipt(recording: Recording, mend: Mend) -> Recording:
 def even_stamps(stamps_ns: IntArray) -> IntArray:
     """(n,) stamps of the same messages without the scatter about their beat.
 
-    What is left of the stamps less the beat is smoothed by a running median, which keeps the
-    steps that missing messages make, and a running mean.
+    What is left of the stamps less the beat goes through a running median, which keeps the
+    steps that missing messages make, and between such steps through a running mean.
     """
     if stamps_ns.size < 3:
         return stamps_ns
     since_ns = (stamps_ns - stamps_ns[0]).astype(np.float64)
-    number_of = np.arange(stamps_ns.size, dtype=np.float64)
-    period_ns = _period_ns(since_ns)
-    off_ns = _running(np.median, since_ns - period_ns * number_of)
-    smooth_ns = _running(np.mean, off_ns)
-    jumps = np.abs(off_ns - smooth_ns) > 0.4 * period_ns
-    found = period_ns * number_of + np.where(jumps, off_ns, smooth_ns)
-    return np.asarray(stamps_ns[0] + np.maximum.accumulate(np.rint(found)), dtype=np.int64)
+    beat_ns = _period_ns(since_ns) * np.arange(stamps_ns.size)
+    off_ns = since_ns - beat_ns
+    pairs_ns = 0.5 * (off_ns + np.append(off_ns[1:], off_ns[-2]))
+    smooth_ns = _running(np.median, pairs_ns)
+    steps = _running(np.ptp, smooth_ns) > _STEP_PERIODS * _period_ns(since_ns)
+    smooth_ns = np.where(steps, smooth_ns, _running(np.mean, smooth_ns))
+    found_ns = np.maximum.accumulate(np.rint(beat_ns + smooth_ns))
+    return np.asarray(stamps_ns[0] + found_ns, dtype=np.int64)
 
 
 def _period_ns(since_ns: FloatArray) -> float:

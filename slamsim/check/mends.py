@@ -54,6 +54,31 @@ OPERATIONS: dict[str, Operation] = {
 """Each takes a recording and a mend, and gives the recording mended."""
 
 
+_EVIDENT = frozenset(
+    (
+        "reorder",
+        "restamp_evenly",
+        "stamp_by_receipt",
+        "drop_repeated_scans",
+        "drop_beams",
+        "zero_to_inf",
+        "value_to_inf",
+        "scale_ranges",
+        "angles_to_radians",
+        "set_angle_max",
+        "rename_frame",
+        "drop_transform",
+        "freeze_static_transform",
+        "scale_acceleration",
+        "unwrap_ticks",
+    )
+)
+"""What a stream shows by itself is mended before what streams say of each other."""
+_DOUBTFUL = frozenset(("shift_receipt",))
+"""Mended last: the stamps, not the receipt, may be what is wrong."""
+_OTHER_EPOCH_S = 60.0
+
+
 def proposed(report: CheckReport) -> tuple[Mend, ...]:
     """What the bad findings propose, in their order."""
     return tuple(mend for finding in report.bad for mend in finding.mends)
@@ -71,6 +96,20 @@ def chosen(mends: Sequence[Mend], names: str) -> tuple[Mend, ...]:
         if name not in OPERATIONS:
             raise SlamsimError(_unknown(name, mends))
     return tuple(mend for mend in mends if mend.operation in wanted)
+
+
+def next_mends(mends: Sequence[Mend]) -> tuple[Mend, ...]:
+    """Those to be applied before the check is asked again: what is evident comes first."""
+    ranks = [_rank(mend) for mend in mends]
+    first = min(ranks, default=0)
+    return tuple(mend for mend, rank in zip(mends, ranks, strict=True) if rank == first)
+
+
+def _rank(mend: Mend) -> int:
+    if mend.operation in _DOUBTFUL:
+        return 2
+    shifted_s = mend.parameters.get("offset_s", 0.0) if mend.operation == "shift_stamps" else 0.0
+    return 0 if mend.operation in _EVIDENT or abs(float(shifted_s)) > _OTHER_EPOCH_S else 1
 
 
 def apply_mends(recording: Recording, mends: Iterable[Mend]) -> Recording:

@@ -58,11 +58,11 @@ def _order(series: StampSeries) -> Finding:
         f"{backward} of {len(series)} stamps lie before the one above, by up to "
         f"{-steps_s.min():.3g} s",
         "stamps_backward",
-        "Sort the messages by stamp, and look for two publishers on one topic or a clock that "
-        "was set back.",
+        "Look for two publishers on one topic or a clock that was set back; sort by stamp, or, "
+        "where the order is right, stamp anew.",
         estimate,
         0.0,
-        (Mend("reorder", series.subject),),
+        (Mend("restamp_evenly" if is_even(series.stamps_ns) else "reorder", series.subject),),
         (_steps_plot(series, ()),),
     )
 

@@ -6,7 +6,7 @@ from dataclasses import asdict, replace
 from pathlib import Path
 
 from slamsim.check.findings import CheckReport, Mend
-from slamsim.check.mends import apply_mends, chosen, proposed
+from slamsim.check.mends import apply_mends, chosen, next_mends, proposed
 from slamsim.check.wording import as_json
 from slamsim.console import Reporter
 from slamsim.logs.raw import read_recording
@@ -19,7 +19,7 @@ from slamsim.run.stages import Stages
 from slamsim.safe.errors import SlamsimError
 from slamsim.safe.output import partial_folder
 
-_ROUNDS = 3
+_ROUNDS = 5
 """What one fault hides, such as a turned mounting behind wrong stamps, shows when it is mended."""
 
 
@@ -59,7 +59,7 @@ def _mended(
     applied: list[Mend] = []
     report = check_stage(recording, stages)
     for _ in range(_ROUNDS):
-        mends = chosen(proposed(report), names)
+        mends = next_mends(chosen(proposed(report), names))
         if not mends:
             break
         recording = apply_mends(recording, mends)
