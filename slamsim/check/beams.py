@@ -37,7 +37,8 @@ def check_beams(topic: str, sample: ScanSample) -> Iterator[Finding]:
         return
     share = finite.mean(axis=0)
     yield _constant(topic, sample, spread_m, share)
-    yield _dead(topic, share)
+    masked = np.isnan(sample.ranges_m).all(axis=0)
+    yield _dead(topic, np.where(masked, np.nan, share))
 
 
 def _spread_m(ranges_m: FloatArray) -> FloatArray:
@@ -94,11 +95,11 @@ def _is_sharp(spread_m: FloatArray, first: int, last: int) -> bool:
 
 
 def _dead(topic: str, share: FloatArray) -> Finding:
-    """Beams without a single return whose neighbours have some."""
+    """Beams without a single return whose neighbours have some; share: nan for masked ones."""
     runs = [
         (first, last)
         for first, last in _runs(share == 0.0)
-        if max(share[max(first - _BESIDE, 0) : last + 1 + _BESIDE].max(), 0.0) > _SELDOM
+        if np.nanmax(share[max(first - _BESIDE, 0) : last + 1 + _BESIDE]) > _SELDOM
     ]
     beams = sum(last - first + 1 for first, last in runs)
     if beams < MIN_DEAD_BEAMS:

@@ -136,6 +136,16 @@ def set_angle_max(recording: Recording, mend: Mend) -> Recording:
     return _layouts(recording, mend, _closed)
 
 
+def set_range_limits(recording: Recording, mend: Mend) -> Recording:
+    """Declare range_min_m and range_max_m."""
+    low, high = number(mend, "range_min_m"), number(mend, "range_max_m")
+
+    def limited(layout: ScanLayout, _: int) -> ScanLayout:
+        return replace(layout, range_min_m=low, range_max_m=high)
+
+    return _layouts(recording, mend, limited)
+
+
 def scale_angles(recording: Recording, mend: Mend) -> Recording:
     """Multiply the angle between beams by factor, about the middle beam."""
     factor = number(mend, "factor")

@@ -138,9 +138,17 @@ def _limits(topic: str, sample: ScanSample) -> Finding:
             "Declare what the lidar can do, or a SLAM throws good readings away.",
             estimate,
             100.0 * MAX_OUTSIDE_SHARE,
+            (_set_limits(topic, readings, layout),),
         )
     words = f"readings about {np.median(readings):.2f} m lie inside, {_declared(layout)}"
     return Finding("ranges.limits", topic, "ok", words, estimate=estimate)
+
+
+def _set_limits(topic: str, readings: FloatArray, layout: ScanLayout) -> Mend:
+    """Limits that hold all readings, and what is declared where that does."""
+    low = min(layout.range_min_m, 0.99 * float(readings.min()))
+    high = max(layout.range_max_m, 1.01 * float(readings.max()))
+    return Mend("set_range_limits", topic, {"range_min_m": low, "range_max_m": high})
 
 
 def _outside_share(readings: FloatArray, layout: ScanLayout) -> float:
