@@ -68,8 +68,19 @@ def _is_rounded(counts: FloatArray, step_s: float) -> bool:
     usual = values[np.argmax(times)]
     if (np.mod(counts, usual) != 0.0).mean() > _UNEVEN_SHARE:
         return True
-    # An even stream that is rounded has as many steps of the grid in any eight of its own, give
-    # or take one; messages lost at random do not come so regularly.
+    return _comes_regularly(counts, float(usual))
+
+
+def _comes_regularly(counts: FloatArray, usual: float) -> bool:
+    """Whether the longer steps are spread as evenly as rounding spreads them.
+
+    An even stream that is rounded has as many steps of the grid in any eight of its own, give
+    or take one, and its rarer steps come at a period, give or take one. What is lost is lost at
+    random.
+    """
     together = np.convolve(counts, np.ones(_TOGETHER), "valid")
     low, high = np.quantile(together, [0.01, 0.99]) if together.size else (0.0, np.inf)
-    return bool((counts != usual).mean() > _VARYING_SHARE and high - low <= 1.0)
+    if (counts != usual).mean() > _VARYING_SHARE and high - low <= 1.0:
+        return True
+    apart = np.diff(np.flatnonzero(counts != usual))
+    return bool(apart.size >= _TOGETHER and np.ptp(apart) <= 1)

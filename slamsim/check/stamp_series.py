@@ -126,8 +126,10 @@ def beat_scatter_s(stamps_ns: IntArray) -> float | None:
 
 def is_even(stamps_ns: IntArray) -> bool:
     """Whether messages come at a beat, near enough to count those that are missing."""
+    period_s = abs(float(np.median(np.diff(stamps_ns)))) * 1e-9
+    if spread_s(stamps_ns, 1) < 0.5 * _EVEN_SHARE * period_s:
+        return True
     scatter_s = beat_scatter_s(stamps_ns)
-    period_s = float(np.median(np.diff(stamps_ns))) * 1e-9
     return scatter_s is not None and scatter_s < _EVEN_SHARE * period_s
 
 

@@ -22,6 +22,7 @@ MAX_UNEVEN_GAP_S = 10.0
 """For streams without a beat, which show no rate from which anything could be missing."""
 _MIN_MESSAGES = 20
 _MIN_REPEATED = 3
+_MIN_MISSING = 6
 
 
 def check_spacing(series: StampSeries) -> list[Finding]:
@@ -159,7 +160,7 @@ def _gaps(series: StampSeries, countable: bool) -> Finding:
     even = is_even(series.stamps_ns)
     limit_s = max(MAX_GAP_S[series.kind], MAX_GAP_PERIODS * period_s) if even else MAX_UNEVEN_GAP_S
     missing = int((np.rint(steps_s / period_s) - 1.0).clip(0.0).sum()) if even and countable else 0
-    share = missing / (missing + len(series))
+    share = missing / (missing + len(series)) if missing >= _MIN_MISSING else 0.0
     rate = f"{1.0 / period_s:.4g} messages a second"
     words = f"{rate}, {missing} missing, longest gap {longest_s:.3g} s"
     estimate = Estimate(100.0 * share, 0.0, "%")

@@ -1,0 +1,274 @@
+"""Stamps of single streams: every fault by its name, and no false alarm."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from recording_data import LAYOUT, edge, recording, scans_at, stamps
+
+from slamsim.check.stamp_rounding import rounding_step_s
+from slamsim.check.stamp_series import series_of
+from slamsim.check.streams import check_streams
+from slamsim.recording import RawScans, Recording
+from slamsim.types import IntArray
+
+RNG = np.random.default_rng(5)
+
+
+def _bad(found: Recording) -> dict[str, set[str]]:
+    """Names of faults by the stream they are about."""
+    names: dict[str, set[str]] = {}
+    for finding in check_streams(found):
+        if finding.fault is not None:
+            names.setdefault(finding.subject, set()).add(finding.fault)
+    return names
+
+
+def _with_scans(change: Callable[[RawScans], RawScans], seconds: float = 60.0) -> Recording:
+    made = recording(seconds)
+    return replace(made, scans=(change(made.scans[0]),))
+
+
+def _restamped(change: Callable[[IntArray], IntArray], seconds: float = 60.0) -> Recording:
+    return _with_scans(lambda s: replace(s, stamps_ns=change(s.stamps_ns)), seconds)
+
+
+def test_a_healthy_recording_is_healthy() -> None:
+    findings = check_streams(recording())
+    assert not [finding for finding in findings if finding.verdict == "bad"]
+    asked = {finding.check for finding in findings if finding.subject == "/scan"}
+    assert asked == {
+        *("time.order", "time.rounding", "time.scatter", "time.repeats", "time.gaps"),
+        *("time.overlap", "time.receipt", "time.receipt_drift"),
+    }
+
+
+@given(
+    rate_hz=st.floats(4.0, 40.0),
+    start_s=st.sampled_from([0.0, 17.3, 1_700_000_000.0]),
+    jitter_ms=st.floats(0.0, 2.0),
+    lost=st.floats(0.0, 0.005),
+    latency_ms=st.floats(0.0, 200.0),
+    seed=st.integers(0, 2**32 - 1),
+)
+def test_what_drivers_usually_do_is_no_fault(
+    rate_hz: float, start_s: float, jitter_ms: float, lost: float, latency_ms: float, seed: int
+) -> None:
+    """Jitter of a driver on a busy computer, a slow network, some lost messages."""
+    rng = np.random.default_rng(seed)
+    even = stamps(rate_hz, 60.0, start_s)
+    even = even[rng.random(even.size) >= lost]
+    lasts_ns = round(LAYOUT.beam_dt_s * 1e9 * 59)
+    scattered = even + rng.normal(0.0, jitter_ms * 1e6, even.size).astype(np.int64)
+    queue_ns = rng.exponential(latency_ms * 1e6, even.size).astype(np.int64)
+    received = np.maximum.accumulate(even + 10_000_000 + lasts_ns + queue_ns)
+    beam_dt_s = min(LAYOUT.beam_dt_s, 0.9 / rate_hz / 59)
+    scans = replace(scans_at(scattered, received), layouts=(replace(LAYOUT, beam_dt_s=beam_dt_s),))
+    found = check_streams(Recording("usual", "memory", scans=(scans,)))
+    assert [finding.words for finding in found if finding.verdict == "bad"] == []
+
+
+def test_stamps_that_step_back_are_counted_and_sized() -> None:
+    def stepped(stamps_ns: IntArray) -> IntArray:
+        found = stamps_ns.copy()
+        found[[100, 200, 300]] -= 250_000_000
+        return found
+
+    finding = next(
+        f for f in check_streams(_restamped(stepped)) if f.check == "time.order" and f.fault
+    )
+    assert finding.fault == "stamps_backward"
+    assert finding.estimate is not None and finding.estimate.value == 3.0
+    assert "0.15 s" in finding.words
+
+
+def test_an_unordered_stream_without_a_beat_is_to_be_sorted() -> None:
+    def shuffled(stamps_ns: IntArray) -> IntArray:
+        wild = np.cumsum(np.random.default_rng(2).exponential(1e8, stamps_ns.size))
+        return np.asarray(np.random.default_rng(3).permutation(wild), dtype=np.int64)
+
+    mends = [m for f in check_streams(_restamped(shuffled)) for m in f.mends if f.fault]
+    assert "reorder" in {mend.operation for mend in mends}
+
+
+@pytest.mark.parametrize("step_s", [1.0, 0.5, 0.1, 1.0 / 64.0, 0.05, 0.02])
+@pytest.mark.parametrize("rate_hz", [9.7, 13.1, 38.3])
+def test_coarse_stamps_are_named_with_their_step(step_s: float, rate_hz: float) -> None:
+    even = stamps(rate_hz, 60.0, 3.21)
+    step_ns = round(step_s * 1e9)
+    scans = replace(scans_at(even // step_ns * step_ns), layouts=(replace(LAYOUT, beam_dt_s=0.0),))
+    found = [f for f in check_streams(Recording("c", "memory", scans=(scans,))) if f.fault]
+    assert "stamps_quantised" in {finding.fault for finding in found}
+    named = next(f for f in found if f.fault == "stamps_quantised")
+    assert named.estimate is not None
+    assert named.estimate.value == pytest.approx(1e3 * step_s)
+
+
+def test_single_precision_is_named_as_such() -> None:
+    unix = stamps(10.0, 900.0, 1_700_000_000.0)
+    single = np.asarray((unix * 1e-9).astype(np.float32).astype(np.float64) * 1e9, dtype=np.int64)
+    found = check_streams(_restamped(lambda _: single, 900.0))
+    words = [f.words for f in found if f.fault == "stamps_quantised"]
+    assert words and "single precision" in words[0] and "128 s" in words[0]
+
+
+@given(rate_hz=st.floats(1.0, 200.0), start=st.floats(0.0, 1e4), lost=st.floats(0.0, 0.1))
+def test_an_even_stream_is_never_called_rounded(rate_hz: float, start: float, lost: float) -> None:
+    """However its rate fits the grid, and though messages are lost."""
+    even = stamps(rate_hz, 4000.0 / rate_hz, start)
+    even = even[np.random.default_rng(1).random(even.size) >= lost]
+    assert rounding_step_s(np.diff(even) * 1e-9) == 0.0
+
+
+def test_repeated_stamps_are_named() -> None:
+    def repeated(stamps_ns: IntArray) -> IntArray:
+        found = stamps_ns.copy()
+        found[20::20] = found[19::20][: found[20::20].size]
+        return found
+
+    assert _bad(_restamped(repeated)) == {"/scan": {"stamps_repeated"}}
+
+
+def test_all_stamps_the_same_is_a_verdict() -> None:
+    names = _bad(_restamped(lambda stamps_ns: np.full_like(stamps_ns, 5)))
+    assert "stamps_repeated" in names["/scan"]
+
+
+@pytest.mark.parametrize("sigma_s", [0.008, 0.02, 0.04])
+def test_scatter_about_a_beat_is_measured(sigma_s: float) -> None:
+    scattered = _restamped(
+        lambda t: np.sort(t + RNG.normal(0.0, sigma_s * 1e9, t.size).astype(np.int64)), 120.0
+    )
+    found = next(f for f in check_streams(scattered) if f.fault == "stamps_jitter")
+    assert found.estimate is not None
+    assert found.estimate.value == pytest.approx(1e3 * sigma_s, rel=0.25)
+
+
+def test_a_sensor_without_a_beat_is_not_accused() -> None:
+    """What comes unevenly may be stamped rightly: this is not to be told from stamps."""
+    uneven = np.cumsum(RNG.uniform(0.07e9, 0.3e9, 2000)).astype(np.int64)
+    found = check_streams(Recording("u", "memory", scans=(scans_at(uneven),)))
+    scatter = next(f for f in found if f.check == "time.scatter")
+    assert scatter.verdict == "cannot tell" and "beat" in scatter.words
+    assert not [f.words for f in found if f.fault]
+
+
+@pytest.mark.parametrize(("share", "is_bad"), [(0.003, False), (0.05, True)])
+def test_missing_messages_are_counted(share: float, is_bad: bool) -> None:
+    keep = np.random.default_rng(4).random(3000) >= share
+    scans = scans_at(stamps(10.0, 300.0)[keep])
+    found = next(
+        f for f in check_streams(Recording("m", "memory", scans=(scans,))) if f.check == "time.gaps"
+    )
+    assert (found.fault == "stream_gaps") == is_bad
+    assert f"{int((~keep[1:-1]).sum())} missing" in found.words
+
+
+def test_one_long_gap_is_enough() -> None:
+    keep = np.ones(6000, dtype=np.bool_)
+    keep[3000:3015] = False
+    scans = scans_at(stamps(10.0, 600.0)[keep])
+    assert _bad(Recording("g", "memory", scans=(scans,)))["/scan"] == {"stream_gaps"}
+
+
+def test_the_stream_of_another_epoch_is_named_and_put_back() -> None:
+    found = check_streams(_restamped(lambda t: t + 1_700_000_000_000_000_000))
+    named = [f for f in found if f.fault]
+    assert [(f.fault, f.subject) for f in named] == [("epoch_mismatch", "/scan")]
+    offset = named[0].mends[0].parameters["offset_s"]
+    assert float(offset) == pytest.approx(-1_700_000_000.0, abs=0.1)
+
+
+@pytest.mark.parametrize(("by_s", "name"), [(-0.2, "stamps_future"), (0.9, "stamps_late")])
+def test_receipt_before_the_stamp_or_long_after(by_s: float, name: str) -> None:
+    found = _with_scans(lambda s: replace(s, received_ns=s.stamps_ns + round(by_s * 1e9)))
+    assert _bad(found) == {"/scan": {name}}
+
+
+@pytest.mark.parametrize("ppm", [-200.0, 150.0, 1000.0])
+def test_a_drifting_clock_is_measured_against_the_receiver(ppm: float) -> None:
+    def drifting(scans: RawScans) -> RawScans:
+        since = scans.stamps_ns - scans.stamps_ns[0]
+        queue = RNG.exponential(3e6, since.size).astype(np.int64)
+        received = scans.stamps_ns + 70_000_000 + queue
+        stamps_ns = scans.stamps_ns + np.rint(since * ppm * 1e-6).astype(np.int64)
+        return replace(scans, stamps_ns=stamps_ns, received_ns=received)
+
+    found = [f for f in check_streams(_with_scans(drifting, 300.0)) if f.fault == "clock_drift"]
+    assert [f.subject for f in found] == ["/scan"]
+    assert found[0].estimate is not None
+    low, high = found[0].estimate.interval
+    assert low - 2.0 < ppm < high + 2.0
+
+
+def test_a_replay_at_another_speed_is_no_drift() -> None:
+    """All streams gain alike on the receiver: nothing is wrong between them."""
+    made = recording(60.0)
+
+    def slower(stamps_ns: IntArray) -> IntArray:
+        return 5_000_000_000 + 2 * (stamps_ns - 100_000_000_000)
+
+    found = replace(
+        made,
+        scans=tuple(replace(s, received_ns=slower(s.stamps_ns)) for s in made.scans),
+        imus=tuple(replace(s, received_ns=slower(s.stamps_ns)) for s in made.imus),
+        ticks=tuple(replace(s, received_ns=slower(s.stamps_ns)) for s in made.ticks),
+        odometries=tuple(replace(s, received_ns=slower(s.stamps_ns)) for s in made.odometries),
+    )
+    drifts = [f for f in check_streams(found) if f.check == "time.receipt_drift"]
+    assert {finding.verdict for finding in drifts} == {"ok"}
+
+
+def test_stamps_made_up_at_a_constant_rate_are_contradicted_by_their_receipt() -> None:
+    def numbered(scans: RawScans) -> RawScans:
+        keep = RNG.random(len(scans)) >= 0.2
+        return replace(scans_at(scans.stamps_ns[: keep.sum()], scans.stamps_ns[keep] + 70_000_000))
+
+    assert _bad(_with_scans(numbered, 120.0))["/scan"] >= {"stamps_invented"}
+
+
+def test_scans_that_last_longer_than_their_period() -> None:
+    found = _with_scans(lambda s: replace(s, layouts=(replace(LAYOUT, beam_dt_s=3e-3),)))
+    assert _bad(found) == {"/scan": {"scans_overlap"}}
+
+
+def test_receipt_by_the_wall_clock_is_read_on_the_simulated_one() -> None:
+    """A simulation at 0.7 of real time, recorded with the wall's clock beside /clock."""
+    made = recording(60.0)
+    wall = 1_700_000_000_000_000_000
+    clock = np.arange(100_000_000_000, 165_000_000_000, 20_000_000)
+
+    def wall_of(sim_ns: IntArray) -> IntArray:
+        return wall + ((sim_ns - 100_000_000_000) / 0.7).astype(np.int64)
+
+    found = replace(
+        made,
+        clock_ns=np.column_stack([clock, wall_of(clock)]),
+        scans=tuple(replace(s, received_ns=wall_of(s.stamps_ns + 70_000_000)) for s in made.scans),
+    )
+    latency_s = series_of(found)[0].latency_s
+    assert latency_s is not None
+    assert latency_s == pytest.approx(0.07, abs=1e-3)
+
+
+def test_few_messages_and_none() -> None:
+    assert check_streams(Recording("none", "memory"))[0].verdict == "cannot tell"
+    for count in (1, 2, 3, 19):
+        found = check_streams(
+            Recording("few", "memory", scans=(scans_at(stamps(10.0, 2.0)[:count]),))
+        )
+        assert {f.verdict for f in found if f.check == "time.spacing"} <= {"cannot tell"}
+        assert not [f for f in found if f.fault]
+
+
+def test_transforms_are_asked_for_their_order_only() -> None:
+    backward = stamps(50.0, 20.0)[::-1].copy()
+    found = check_streams(
+        Recording("tf", "memory", transforms=(edge("odom", "base", backward, static=False),))
+    )
+    assert [f.fault for f in found if f.subject == "/tf odom -> base"] == ["stamps_backward"]
