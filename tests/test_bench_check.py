@@ -212,7 +212,7 @@ def test_the_truth_of_a_healthy_drive_holds_what_its_driver_believes() -> None:
 
     assert truth["wheels.radius"] == pytest.approx(0.2)
     assert truth["wheels.track"] == pytest.approx(0.5)
-    assert truth["wheels.unequal"] == pytest.approx(-0.1)
+    assert truth["wheels.unequal"] == pytest.approx(0.1)
 
 
 def test_of_two_faults_no_number_is_known() -> None:

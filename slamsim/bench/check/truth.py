@@ -43,7 +43,7 @@ def _healthy(config: RunConfig) -> Truth:
         "time.offset.imu_wheels": 0.0,
         "time.drift": 0.0,
         "wheels.radius": 100.0 * (_believed_radius(wheels) - 1.0),
-        "wheels.unequal": 100.0 * (wheels.wheel_scale_error[1] - wheels.wheel_scale_error[0]),
+        "wheels.unequal": 100.0 * (wheels.wheel_scale_error[0] - wheels.wheel_scale_error[1]),
         "wheels.track": 100.0 * wheels.track_error,
         "gyro.scale": 100.0 * gyro.scale_error[2],
         "laser.yaw": 0.0,
