@@ -126,9 +126,9 @@ class Interference(Fault):
 
     def inject(self, recording: Recording, rng: np.random.Generator) -> Recording:
         def disturbed(ranges_m: Float32Array, scans: RawScans) -> Float32Array:
-            low = scans.layout(0).range_min_m
+            low, high = scans.layout(0).range_min_m, scans.layout(0).range_max_m
             hit = rng.random(ranges_m.shape) < self.share
-            reach = np.where(np.isfinite(ranges_m), ranges_m, 10.0)
+            reach = np.where(np.isfinite(ranges_m), ranges_m, high)
             stray = low + rng.random(ranges_m.shape) * np.maximum(reach - low, 0.0)
             return np.where(hit, stray, ranges_m).astype(np.float32)
 
