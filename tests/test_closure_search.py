@@ -115,3 +115,17 @@ def test_surfaces_beyond_the_radius_are_left_out() -> None:
     near, far = np.array([[1.0, 0.0]]), np.array([[50.0, 0.0]])
     grid = likelihood_grid(np.concatenate([near, far]), 0.1, 0.1, 20.0)
     assert grid.levels.shape[2] < 200
+
+
+@pytest.mark.parametrize("yaw_rad", [0.0, 1.5, np.pi - 0.02, np.pi, -np.pi + 0.02])
+def test_a_place_does_not_rival_itself_where_the_circle_of_turns_closes(yaw_rad: float) -> None:
+    rng = np.random.default_rng(5)
+    walls = room(rng)
+    walls = np.concatenate([walls[walls[:, 0] > -2.0], 0.1 * rng.normal(size=(80, 2)) + [3.0, 2.0]])
+    grid = likelihood_grid(walls, 0.1, 0.1, 30.0)
+    T_room_points = np.array([0.2, -0.1, yaw_rad])
+    points = transform_points(inverse(T_room_points), walls[::4])
+    peak = search(grid, points, NOTHING, Window(1.0, 1.0, np.pi), 0.1, RIVAL)
+    assert peak is not None and peak.rival <= RIVAL[0] * peak.score + 1e-9
+    off = between(T_room_points, peak.T_grid_points)
+    assert np.hypot(off[0], off[1]) < 0.15 and abs(off[2]) < 0.03

@@ -93,23 +93,31 @@ def search(
     """
     ranges_m = np.sort(np.hypot(points_m[:, 0], points_m[:, 1]))
     reach_m = max(float(ranges_m[int(REACH_SHARE * (len(ranges_m) - 1))]), 1.0)
-    step_rad = grid.resolution_m / reach_m
-    turns = np.arange(-np.ceil(window.turn_rad / step_rad), np.ceil(window.turn_rad / step_rad) + 1)
+    step_rad, turns = _turns(window.turn_rad, grid.resolution_m / reach_m)
     yaws = T_grid_points[2] + turns * step_rad
     cells = _cells(grid, points_m, T_grid_points[:2], yaws)
     half = np.ceil(np.array([window.x_m, window.y_m]) / grid.resolution_m).astype(np.int64)
-    nowhere = np.array([0, 0, 0, -1, -1], dtype=np.int64)
+    circle = round(2.0 * np.pi / step_rad)
+    nowhere = np.array([0, 0, 0, -1, -1, circle], dtype=np.int64)
     best, score = best_offset(grid.levels, cells, half, min_score, nowhere)
     if score < min_score:
         return None
     share, distance_m, turn_rad = rival
-    around = np.array(
-        [*best, round(turn_rad / step_rad), round(distance_m / grid.resolution_m)], dtype=np.int64
-    )
+    reach = (round(turn_rad / step_rad), round(distance_m / grid.resolution_m))
+    around = np.array([*best, *reach, circle], dtype=np.int64)
     _, second = best_offset(grid.levels, cells, half, share * score, around)
     offset_m = (best[1:] * grid.resolution_m).astype(np.float64)
     found = np.array([*(T_grid_points[:2] + offset_m), yaws[best[0]]])
     return Peak(found, score, max(second, share * score) if second >= 0.0 else 1.0)
+
+
+def _turns(half_rad: float, step_rad: float) -> tuple[float, FloatArray]:
+    """The step, at most step_rad, and how many of it each turn is; on a circle each one once."""
+    if half_rad < np.pi:
+        half = np.ceil(half_rad / step_rad)
+        return step_rad, np.arange(-half, half + 1.0)
+    circle = int(np.ceil(2.0 * np.pi / step_rad))
+    return 2.0 * np.pi / circle, np.arange(circle) - float(circle // 2)
 
 
 def scores(grid: LikelihoodGrid, points_m: FloatArray, T_grid_points: FloatArray) -> FloatArray:
