@@ -6,8 +6,9 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from slamsim.check.calibration import Calibration, Inputs, calibrate_inputs
+from slamsim.check.calibration import Calibration, calibrate_inputs
 from slamsim.check.course import gyro_course, wheel_course
+from slamsim.check.gathering import Inputs
 from slamsim.check.laser_steps import LaserSteps
 from slamsim.geometry import between, compose
 from slamsim.recording import RawImu, RawTicks

@@ -22,39 +22,20 @@ from slamsim.check.calibration_model import (
     WHEEL_DRIFT,
     Model,
 )
-from slamsim.check.course import Course, gyro_course, odometry_course, wheel_course
-from slamsim.check.frame_graph import FrameGraph
-from slamsim.check.laser_steps import LaserSteps, laser_steps
+from slamsim.check.course import Course
+from slamsim.check.gathering import Inputs, from_above, gather
+from slamsim.check.laser_steps import LaserSteps
 from slamsim.check.scan_motion import ScanMotions
 from slamsim.check.slipping import Spells, find_spells
-from slamsim.geometry import se2_from_se3, wrap_angle
-from slamsim.recording import RawImu, Recording
-from slamsim.types import FloatArray, IntArray
+from slamsim.geometry import wrap_angle
+from slamsim.recording import Recording
+from slamsim.types import FloatArray
 
 PSEUDO_STEP_NS = 100_000_000
 LEAST_GAIN = 1e-4
 SLIP_ROUNDS = 4
-SIDEWAYS_SHARE = 0.2
-"""A gyroscope that turns less about the vertical, against another axis, is mounted otherwise."""
-
-EVEN, EVEN_SHARE = 0.05, 0.98
+HARDLY_TURNING_RAD_S = 0.05
 MOST_PSEUDO_STEPS = 20_000
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Inputs:
-    """What there is to compare. T_base_laser: (x, y, yaw) as declared, None if nothing says so;
-    upside_down: whether it is declared so; steps are as seen from above. even_stamps: whether the
-    scans' stamps keep a constant rate."""
-
-    steps: LaserSteps
-    gyro: Course | None
-    wheels: Course | None
-    base_frame: str
-    laser_frame: str
-    T_base_laser: FloatArray | None
-    upside_down: bool = False
-    even_stamps: bool = True
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -133,38 +114,6 @@ def calibrate(recording: Recording, motions: ScanMotions | None) -> Calibration 
     return calibrate_inputs(inputs)
 
 
-def gather(recording: Recording, motions: ScanMotions | None) -> Inputs:
-    """The first lidar, inertial unit and wheels (counters, else odometry) that say enough."""
-    graph = FrameGraph(recording.transforms)
-    named = recording.odometries[0].child_frame_ids if recording.odometries else ()
-    base = graph.base(named)
-    steps = laser_steps(motions) if motions is not None else _no_steps()
-    frames = {scans.topic: scans.frame_ids for scans in recording.scans}
-    laser_frame = next(iter(frames.get(steps.topic, ())), "")
-    T_base_laser = graph.between(base, laser_frame)
-    upside_down = T_base_laser is not None and bool(T_base_laser[2, 2] < 0.0)
-    return Inputs(
-        _from_above(steps) if upside_down else steps,
-        _first([_gyro(imu, graph, base) for imu in recording.imus]),
-        _first(
-            [wheel_course(ticks) for ticks in recording.ticks]
-            + [odometry_course(odometry) for odometry in recording.odometries]
-        ),
-        base,
-        laser_frame,
-        None if T_base_laser is None else se2_from_se3(T_base_laser),
-        upside_down,
-        all(_even(scans.stamps_ns) for scans in recording.scans if scans.topic == steps.topic),
-    )
-
-
-def _even(stamps_ns: IntArray) -> bool:
-    """Whether nearly all steps between stamps are one period."""
-    steps = np.diff(stamps_ns)
-    period = float(np.median(steps)) if steps.size else 0.0
-    return bool(steps.size and np.mean(np.abs(steps - period) < EVEN * period) > EVEN_SHARE)
-
-
 def calibrate_inputs(inputs: Inputs) -> Calibration | None:
     """As ``calibrate``, of streams that are gathered already."""
     gyro, wheels, steps = inputs.gyro, inputs.wheels, inputs.steps
@@ -173,14 +122,15 @@ def calibrate_inputs(inputs: Inputs) -> Calibration | None:
     yaw_rad = 0.0 if inputs.T_base_laser is None else float(inputs.T_base_laser[2])
     alignment = align(steps, gyro, wheels, yaw_rad)
     if alignment.mirrored:
-        steps = _from_above(steps)
+        steps = from_above(steps)
         alignment = replace(align(steps, gyro, wheels, yaw_rad), mirror=True)
     if alignment.scans != "of use" or not len(steps):
         assert wheels is not None
         steps = _nothing_seen(wheels)
         alignment = _by_wheels(alignment)
     middle_ns = int(steps.first_ns[0] + (steps.second_ns[-1] - steps.first_ns[0]) // 2)
-    model = Model(steps, gyro, alignment.wheels, middle_ns, alignment.shifts_ns)
+    believed = gyro if _gyro_tells(steps, alignment) else None
+    model = Model(steps, believed, alignment.wheels, middle_ns, alignment.shifts_ns)
     start = _start(model, inputs.T_base_laser, alignment.growth)
     found = fit(model, start)
     spells = None
@@ -199,6 +149,15 @@ def _without_slip(model: Model, start: FloatArray, found: Fit) -> tuple[Fit, Spe
         model.trusted = trusted
         found = fit(model, start)
     return found, spells
+
+
+def _gyro_tells(steps: LaserSteps, alignment: Alignment) -> bool:
+    """Whether it follows anybody, or nothing turns that it could follow."""
+    pairs = (alignment.lidar_gyro, alignment.gyro_wheels)
+    if any(pair is not None and pair.clear for pair in pairs):
+        return True
+    seconds = (steps.second_ns - steps.first_ns) * 1e-9
+    return float(np.std(steps.T_first_second[:, 2] / seconds)) < HARDLY_TURNING_RAD_S
 
 
 def _delays(stream: str, gyro: int, wheel: int) -> FloatArray:
@@ -243,27 +202,6 @@ def _gain(one: FloatArray, other: FloatArray) -> float:
     return gain if np.isfinite(gain) and abs(gain) > LEAST_GAIN else 1.0
 
 
-def _gyro(imu: RawImu, graph: FrameGraph, base: str) -> Course | None:
-    T_base_imu = graph.between(base, imu.frame_ids[0]) if imu.frame_ids else None
-    R_base_imu = np.eye(3) if T_base_imu is None else T_base_imu[:3, :3]
-    rates = imu.angular_velocity_rad_s @ R_base_imu.T
-    finite = rates[np.isfinite(rates).all(axis=1)]
-    livelihood = finite.std(axis=0) if len(finite) else np.ones(3)
-    axis = int(np.argmax(livelihood))
-    if livelihood[2] > SIDEWAYS_SHARE * livelihood[axis]:
-        axis = 2
-    return gyro_course(imu, R_base_imu[axis], "xyz"[axis])
-
-
-def _first(courses: list[Course | None]) -> Course | None:
-    return next((course for course in courses if course is not None), None)
-
-
-def _no_steps() -> LaserSteps:
-    none, places = np.zeros((0, 3)), np.zeros(0, dtype=np.int64)
-    return LaserSteps("", places, places, places, places, none, np.zeros((0, 3, 3)), places, 0.0)
-
-
 def _nothing_seen(wheels: Course) -> LaserSteps:
     """Steps by the wheels' clock of which no scan tells anything: the others are still compared."""
     begin, end = int(wheels.stamps_ns[0]), int(wheels.stamps_ns[-1])
@@ -284,13 +222,3 @@ def _by_wheels(alignment: Alignment) -> Alignment:
         return alignment
     gyro = Shift(-between.shift_ns, between.correlation, between.clear)
     return replace(alignment, lidar_gyro=gyro, lidar_wheels=Shift(0, 1.0, True))
-
-
-def _from_above(steps: LaserSteps) -> LaserSteps:
-    """What a laser that hangs upside down sees, for one that looks from above."""
-    turned = np.array([1.0, -1.0, -1.0])
-    return replace(
-        steps,
-        T_first_second=steps.T_first_second * turned,
-        information=steps.information * turned[:, None] * turned,
-    )

@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable, Sequence
 
 from slamsim.check.description import check_description
+from slamsim.check.diagnosis import explained
 from slamsim.check.findings import CheckReport, Finding
 from slamsim.check.inertial import check_inertial
 from slamsim.check.motion import check_motion
@@ -48,7 +49,7 @@ def check_recording(
         findings += _answered(name, question, recording)
         seconds[name] = time.perf_counter() - begun_s
     progress(len(questions), len(questions))
-    return CheckReport(recording.name, tuple(findings), seconds)
+    return CheckReport(recording.name, explained(findings), seconds)
 
 
 def _answered(name: str, question: Question, recording: Recording) -> Sequence[Finding]:

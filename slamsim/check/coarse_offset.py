@@ -21,7 +21,9 @@ CLEAR = 0.75
 RIVAL_S = 1.0
 """Peaks farther from the best than this are other answers."""
 
-RIVAL_SHARE = 0.92
+RIVAL_MISFIT, LEAST_MISFIT = 2.0, 0.02
+"""Another answer must miss perfect likeness by so many times more, and by this."""
+
 TAPER = 0.1
 """By so much a lag as long as the log counts less: of two like answers it is the smaller lag's."""
 
@@ -62,8 +64,9 @@ def coarse_lag(one: Rate, other: Rate) -> Lag | None:
     lags_s = lags * step + begin_s
     score = np.abs(correlation) * (1.0 - TAPER * np.minimum(np.abs(lags_s) / max(spans), 1.0))
     best = int(np.argmax(score))
-    rivals = score[np.abs(lags_s - lags_s[best]) > RIVAL_S].max(initial=0.0)
-    clear = abs(correlation[best]) >= CLEAR and rivals < RIVAL_SHARE * score[best]
+    likeness = abs(float(correlation[best]))
+    rival = float(score[np.abs(lags_s - lags_s[best]) > RIVAL_S].max(initial=0.0))
+    clear = likeness >= CLEAR and 1.0 - rival > RIVAL_MISFIT * (1.0 - likeness) + LEAST_MISFIT
     fine = lags_s[best] + step * _vertex(np.abs(correlation), best)
     return Lag(float(fine), float(correlation[best]), bool(clear))
 

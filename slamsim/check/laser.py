@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from slamsim.check.calibration import Inputs
 from slamsim.check.findings import Finding
+from slamsim.check.gathering import Inputs
 from slamsim.check.laser_rotation import check_rotation
 from slamsim.check.laser_shape import check_angles, check_range_offset, check_sweep
 from slamsim.check.scan_activity import activity

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from slamsim.check.alignment import align
-from slamsim.check.calibration import Inputs
 from slamsim.check.findings import Curve, Estimate, Finding, Mend, Plot
+from slamsim.check.gathering import Inputs
 from slamsim.check.laser_gain import Gain, turn_gain
 
 SAME_GAIN = 0.1

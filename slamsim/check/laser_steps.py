@@ -14,6 +14,7 @@ SWEEP_DOUBT_SIGMAS, NEARLY = 5.0, 0.25
 sigmas and this share."""
 
 
+SINGLE, SINGLE_SHARE = 0.3, 0.25
 UNEVEN, SCATTERED_SHARE = 0.1, 0.2
 """Stamps scatter if so many steps between them differ by more than this share of a period."""
 
@@ -89,7 +90,7 @@ def _in_metres(motions: ScanMotions) -> tuple[FloatArray, FloatArray]:
 
 
 def _evened(stamps: list[IntArray]) -> list[IntArray]:
-    """The stamps of each window, unless they scatter: then evenly spaced ones about their mean.
+    """The stamps of each window, mended where they scatter or single ones stand out.
 
     A lidar turns evenly. Stamps that do not, and are not just missing some, are those of publishing
     or rounded; over a window their mean is still good.
@@ -100,13 +101,25 @@ def _evened(stamps: list[IntArray]) -> list[IntArray]:
     usual = max(float(np.median(steps)), 1.0)
     scatter = np.abs(steps - np.rint(steps / usual) * usual) > UNEVEN * period
     if scatter.mean() < SCATTERED_SHARE and np.median(steps) > 0.5 * period:
-        return stamps
+        return [_without_single_steps(window, usual) for window in stamps]
     return [
         np.rint(window.mean() + period * (np.arange(len(window)) - 0.5 * (len(window) - 1))).astype(
             np.int64
         )
         for window in stamps
     ]
+
+
+def _without_single_steps(stamps_ns: IntArray, period: float) -> IntArray:
+    """(n,) with single stamps that stand out put where an even pace has them."""
+    pace = period * np.arange(len(stamps_ns))
+    apart = (stamps_ns - stamps_ns[0]) - pace
+    usual = float(np.median(apart))
+    out = np.abs(apart - usual) > SINGLE * period
+    if out.mean() > SINGLE_SHARE:
+        return stamps_ns
+    even = np.rint(stamps_ns[0] + pace + usual).astype(np.int64)
+    return np.where(out, even, stamps_ns)
 
 
 def _joined(parts: list[IntArray]) -> IntArray:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from slamsim.check.calibration import gather
 from slamsim.check.findings import Finding
+from slamsim.check.gathering import gather
 from slamsim.check.joint import check_calibration
 from slamsim.check.laser import check_laser, laser_motions
 from slamsim.recording import Recording

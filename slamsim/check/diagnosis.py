@@ -1,0 +1,80 @@
+"""One fault, one name: what follows from something else that was found is not held against anybody.
+
+Every question is asked by itself, and a single fault may spoil the answers to many. Where one fault
+makes another question unanswerable, or answers it wrongly, what was found "bad" there becomes
+"cannot tell", with the reason. Faults that do not touch each other are both told.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from slamsim.check.findings import FAULT_NAMES, Finding
+
+_LIDAR_TIMES = ("time_offset_lidar", "scan_stamp_end", "scan_stamp_middle")
+_SWEEPS = ("beam_time_scale", "beam_time_reversed", "flash_scan_timed", "rolling_scan_untimed")
+_SIZES = ("wheel_radius", "wheel_track", "wheel_slip", "laser_yaw", "laser_position", "gyro_scale")
+
+ON_ONE_SUBJECT: dict[str, tuple[str, ...]] = {
+    "stamps_quantised": (*_LIDAR_TIMES, "time_offset_imu", "time_offset_wheels", "clock_drift"),
+    "stamps_repeated": (*_LIDAR_TIMES, "time_offset_imu", "time_offset_wheels", "clock_drift"),
+    "imu_stuck": ("time_offset_imu", "gyro_scale", "gyro_bias", "clock_drift", "imu_axis"),
+    "imu_axis": ("gyro_sign", "gyro_scale", "gyro_bias"),
+    "gyro_degrees": ("gyro_scale", "gyro_bias"),
+    "stamps_invented": (*_LIDAR_TIMES, "clock_drift"),
+}
+"""Faults, and what else they make of the same topic."""
+
+ON_ANY_SUBJECT: dict[str, tuple[str, ...]] = {
+    "laser_world_fixed": (*_SIZES, *_LIDAR_TIMES, *_SWEEPS, "laser_angle_step", "range_offset"),
+    "laser_mirrored": ("laser_yaw", "laser_position", "gyro_sign", "wheels_swapped"),
+    "laser_upside_down": ("laser_yaw", "laser_position", "laser_mirrored"),
+    "laser_degrees": ("laser_angle_step", *_SWEEPS, "range_offset"),
+    "scan_stuck": (*_SIZES, *_LIDAR_TIMES, *_SWEEPS, "stamps_invented", "laser_world_fixed"),
+    "stamps_invented": (*_SIZES, *_SWEEPS, "laser_angle_step"),
+    "flash_scan_timed": (*_LIDAR_TIMES, "laser_angle_step", "scans_overlap"),
+    "rolling_scan_untimed": (*_LIDAR_TIMES, "laser_angle_step"),
+    "beam_time_reversed": (*_LIDAR_TIMES, "laser_yaw", "laser_angle_step"),
+    "wheel_reversed": ("odometry_contradicts_wheels", "wheel_slip", "wheel_track", "wheel_radius"),
+    "wheels_swapped": ("odometry_contradicts_wheels", "wheel_slip", "wheel_track"),
+    "ticks_wrap": ("odometry_contradicts_wheels", "wheel_slip", "odometry_jump"),
+    "odometry_frozen": ("wheel_slip", "odometry_contradicts_wheels"),
+    "odometry_jump": ("odometry_contradicts_wheels", "wheel_slip"),
+}
+"""Faults, and what else they make of everything."""
+
+LIDAR_STAMPS = ("stamps_quantised", "stamps_repeated", "stamps_jitter", "stamps_backward")
+LIDAR_QUESTIONS = ("laser.", "ranges.offset")
+SPOILT_BY_LIDAR_STAMPS = (*_SIZES, *_SWEEPS, "laser_angle_step", "range_offset", "stamps_invented")
+
+
+def explained(findings: Sequence[Finding]) -> tuple[Finding, ...]:
+    """The same findings, the consequences among them no longer "bad"."""
+    bad = [finding for finding in findings if finding.verdict == "bad"]
+    lidars = {one.subject for one in findings if one.check.startswith(LIDAR_QUESTIONS)}
+    return tuple(_judged(finding, bad, lidars) for finding in findings)
+
+
+def _judged(finding: Finding, bad: Sequence[Finding], lidars: set[str]) -> Finding:
+    if finding.verdict != "bad":
+        return finding
+    causes = [one for one in bad if _follows(finding, one, lidars)]
+    if not causes:
+        return finding
+    cause = causes[0]
+    assert cause.fault is not None
+    words = f"{finding.words}; cannot be told while {FAULT_NAMES[cause.fault]} ({cause.subject})"
+    return replace(finding, verdict="cannot tell", fault=None, words=words, advice="", mends=())
+
+
+def _follows(finding: Finding, cause: Finding, lidars: set[str]) -> bool:
+    """Whether the one may be nothing but a consequence of the other."""
+    fault, by = finding.fault, cause.fault
+    if fault is None or by is None or fault == by:
+        return False
+    if fault in ON_ANY_SUBJECT.get(by, ()):
+        return True
+    if by in LIDAR_STAMPS and cause.subject in lidars and fault in SPOILT_BY_LIDAR_STAMPS:
+        return True
+    return finding.subject == cause.subject and fault in ON_ONE_SUBJECT.get(by, ())

@@ -1,0 +1,98 @@
+"""The streams of a recording that the joint fit compares, made ready."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from slamsim.check.course import Course, gyro_course, odometry_course, wheel_course
+from slamsim.check.frame_graph import FrameGraph
+from slamsim.check.laser_steps import LaserSteps, laser_steps
+from slamsim.check.scan_motion import ScanMotions
+from slamsim.geometry import se2_from_se3
+from slamsim.recording import RawImu, Recording
+from slamsim.types import FloatArray, IntArray
+
+EVEN, EVEN_SHARE = 0.05, 0.98
+SIDEWAYS_SHARE = 0.2
+"""A gyroscope that turns less about the vertical, against another axis, is mounted otherwise."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Inputs:
+    """What there is to compare. T_base_laser: (x, y, yaw) as declared, None if nothing says so;
+    upside_down: whether it is declared so; steps are as seen from above. even_stamps: whether the
+    scans' stamps keep a constant rate."""
+
+    steps: LaserSteps
+    gyro: Course | None
+    wheels: Course | None
+    base_frame: str
+    laser_frame: str
+    T_base_laser: FloatArray | None
+    upside_down: bool = False
+    even_stamps: bool = True
+
+
+def gather(recording: Recording, motions: ScanMotions | None) -> Inputs:
+    """The first lidar, inertial unit and wheels (counters, else odometry) that say enough."""
+    graph = FrameGraph(recording.transforms)
+    named = recording.odometries[0].child_frame_ids if recording.odometries else ()
+    base = graph.base(named)
+    steps = laser_steps(motions) if motions is not None else _no_steps()
+    frames = {scans.topic: scans.frame_ids for scans in recording.scans}
+    laser_frame = next(iter(frames.get(steps.topic, ())), "")
+    T_base_laser = graph.between(base, laser_frame)
+    upside_down = T_base_laser is not None and bool(T_base_laser[2, 2] < 0.0)
+    return Inputs(
+        from_above(steps) if upside_down else steps,
+        _first([_gyro(imu, graph, base) for imu in recording.imus]),
+        _first(
+            [wheel_course(ticks) for ticks in recording.ticks]
+            + [odometry_course(odometry) for odometry in recording.odometries]
+        ),
+        base,
+        laser_frame,
+        None if T_base_laser is None else se2_from_se3(T_base_laser),
+        upside_down,
+        all(_even(scans.stamps_ns) for scans in recording.scans if scans.topic == steps.topic),
+    )
+
+
+def _even(stamps_ns: IntArray) -> bool:
+    """Whether nearly all steps between stamps are one period."""
+    steps = np.diff(stamps_ns)
+    period = float(np.median(steps)) if steps.size else 0.0
+    return bool(steps.size and np.mean(np.abs(steps - period) < EVEN * period) > EVEN_SHARE)
+
+
+def _gyro(imu: RawImu, graph: FrameGraph, base: str) -> Course | None:
+    T_base_imu = graph.between(base, imu.frame_ids[0]) if imu.frame_ids else None
+    R_base_imu = np.eye(3) if T_base_imu is None else T_base_imu[:3, :3]
+    rates = imu.angular_velocity_rad_s @ R_base_imu.T
+    finite = rates[np.isfinite(rates).all(axis=1)]
+    livelihood = finite.std(axis=0) if len(finite) else np.ones(3)
+    axis = int(np.argmax(livelihood))
+    if livelihood[2] > SIDEWAYS_SHARE * livelihood[axis]:
+        axis = 2
+    return gyro_course(imu, R_base_imu[axis], "xyz"[axis])
+
+
+def _first(courses: list[Course | None]) -> Course | None:
+    return next((course for course in courses if course is not None), None)
+
+
+def _no_steps() -> LaserSteps:
+    none, places = np.zeros((0, 3)), np.zeros(0, dtype=np.int64)
+    return LaserSteps("", places, places, places, places, none, np.zeros((0, 3, 3)), places, 0.0)
+
+
+def from_above(steps: LaserSteps) -> LaserSteps:
+    """What a laser that hangs upside down sees, for one that looks from above."""
+    turned = np.array([1.0, -1.0, -1.0])
+    return replace(
+        steps,
+        T_first_second=steps.T_first_second * turned,
+        information=steps.information * turned[:, None] * turned,
+    )
