@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from slamsim.bench.check.campaign import Campaign, run_campaign, run_seed
 from slamsim.bench.check.coverage import coverage
 from slamsim.bench.check.outcome import Measured, Outcome, outcome_of
 from slamsim.bench.check.scenario import random_scenario
@@ -21,6 +23,7 @@ from slamsim.bench.check.trials import (
 )
 from slamsim.bench.check.truth import truths
 from slamsim.config.run import RunConfig
+from slamsim.console import Reporter
 from slamsim.recording import Recording
 from slamsim.sensors.faults.base import CannotInject, Fault
 from slamsim.sensors.faults.registry import bundled_faults, load_fault
@@ -236,3 +239,21 @@ def test_a_broken_description_is_named_in_an_otherwise_empty_recording() -> None
     told = outcome_of(fault_trials([load_fault("urdf_cut")])[0], lambda faults: recording, {})
 
     assert told.named
+
+
+@pytest.mark.slow
+def test_what_was_kept_is_taken_over(tmp_path: Path) -> None:
+    """A campaign in processes of their own; then the same from what it kept, without a drive."""
+    faults = [load_fault("gravity_units"), load_fault("urdf_inertia")]
+    campaign = Campaign(faults, [2], [3], pairs=1, seconds=8.0, kept=tmp_path)
+
+    first = run_campaign(campaign, Reporter(quiet=True))
+    again = run_campaign(campaign, Reporter(quiet=True))
+
+    assert again == first
+    summary = summarise([run_seed(campaign, seed) for seed in (2, 3)])
+    assert summary == first["summary"]
+    assert summary["clean"]["trials"] == 2  # type: ignore[index]
+    for name in ("gravity_units", "urdf_inertia"):
+        assert summary["faults"][name]["named"] == 1  # type: ignore[index]
+    assert summary["pairs"]["named"] == 1  # type: ignore[index]
