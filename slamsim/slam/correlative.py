@@ -117,7 +117,7 @@ def _turns(half_rad: float, step_rad: float) -> tuple[float, FloatArray]:
         half = np.ceil(half_rad / step_rad)
         return step_rad, np.arange(-half, half + 1.0)
     circle = int(np.ceil(2.0 * np.pi / step_rad))
-    return 2.0 * np.pi / circle, np.arange(circle) - float(circle // 2)
+    return 2.0 * np.pi / circle, np.arange(circle, dtype=np.float64) - circle // 2
 
 
 def scores(grid: LikelihoodGrid, points_m: FloatArray, T_grid_points: FloatArray) -> FloatArray:
