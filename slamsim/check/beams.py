@@ -37,8 +37,25 @@ def check_beams(topic: str, sample: ScanSample) -> Iterator[Finding]:
         return
     share = finite.mean(axis=0)
     yield _constant(topic, sample, spread_m, share)
-    masked = np.isnan(sample.ranges_m).all(axis=0)
-    yield _dead(topic, np.where(masked, np.nan, share))
+    yield _dead(topic, share)
+
+
+def beams_on_robot(ranges_m: FloatArray) -> BoolArray:
+    """(beams,) those of (k, beams) readings, not finite where nothing returned, that always see
+    the same while most see changes."""
+    readings = np.where(np.isfinite(ranges_m) & (ranges_m > 0.0), ranges_m, np.nan)
+    spread_m = _spread_m(readings)
+    known = spread_m[np.isfinite(spread_m)]
+    on_robot = np.zeros(spread_m.size, dtype=np.bool_)
+    if known.size and float(np.median(known)) >= MIN_TYPICAL_SPREAD_M:
+        for first, last in _still_runs(spread_m, np.isfinite(readings).mean(axis=0)):
+            on_robot[first : last + 1] = True
+    return on_robot
+
+
+def _still_runs(spread_m: FloatArray, share: FloatArray) -> list[tuple[int, int]]:
+    still = (share > _OFTEN) & (spread_m < MAX_CONSTANT_SPREAD_M)
+    return [run for run in _runs(still) if _is_sharp(spread_m, *run)]
 
 
 def _spread_m(ranges_m: FloatArray) -> FloatArray:
@@ -52,8 +69,7 @@ def _spread_m(ranges_m: FloatArray) -> FloatArray:
 
 
 def _constant(topic: str, sample: ScanSample, spread_m: FloatArray, share: FloatArray) -> Finding:
-    still = (share > _OFTEN) & (spread_m < MAX_CONSTANT_SPREAD_M)
-    runs = [run for run in _runs(still) if _is_sharp(spread_m, *run)]
+    runs = _still_runs(spread_m, share)
     if not runs:
         words = "no beam always sees the same"
         return Finding("ranges.constant", topic, "ok", words)
@@ -95,11 +111,11 @@ def _is_sharp(spread_m: FloatArray, first: int, last: int) -> bool:
 
 
 def _dead(topic: str, share: FloatArray) -> Finding:
-    """Beams without a single return whose neighbours have some; share: nan for masked ones."""
+    """Beams without a single return whose neighbours have some."""
     runs = [
         (first, last)
         for first, last in _runs(share == 0.0)
-        if np.nanmax(share[max(first - _BESIDE, 0) : last + 1 + _BESIDE]) > _SELDOM
+        if max(share[max(first - _BESIDE, 0) : last + 1 + _BESIDE].max(), 0.0) > _SELDOM
     ]
     beams = sum(last - first + 1 for first, last in runs)
     if beams < MIN_DEAD_BEAMS:

@@ -26,6 +26,9 @@ SWEEP_LIMIT, SWEEP_LIMIT_S = 0.05, 5e-4
 """Errors of the time between beams up to this share, or of the sweep up to this, do no harm."""
 
 SWEEP_HARM = 0.4
+MEANT = 0.15
+"""Sweeps this near to nothing, or to minus the declared one, are meant to be so."""
+
 UNTIMED_LIMIT_S = 4e-3
 """Robots of the kind turn by less than a quarter of a degree in that time."""
 
@@ -118,7 +121,7 @@ def check_sweep(motions: ScanMotions, recorded_as: RecordingFormat) -> Finding:
 
 def _named(share: Estimate) -> _Fault:
     """Zero and minus one have names of their own."""
-    near = max(SURE_SIGMAS * share.sigma, SWEEP_LIMIT)
+    near = max(SURE_SIGMAS * share.sigma, MEANT)
     if abs(share.value) < near:
         return _Fault(
             "flash_scan_timed",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from slamsim.check.beams import beams_on_robot
 from slamsim.check.scan_sweep import Sweep
 from slamsim.jit import kernel
 from slamsim.recording import RawScans, ScanLayout
@@ -21,9 +22,6 @@ LEAST_RANGE_M = 0.03
 FEW, MANY = 0.2, 0.5
 SAME_SHARE = 0.003
 """The largest reading of all, seen this often to the last bit, stands for no return."""
-
-STILL_M, MOVING_M = 0.02, 0.3
-"""A beam that reads the same within the first while others change by the second sees the robot."""
 
 STRAY_M, STRAY_SHARE = 0.1, 0.05
 """A reading this far (and this share of it) off both neighbours, who agree, is a stray one."""
@@ -110,13 +108,8 @@ class BeamReader:
         """(beams,) those that always see the same; empty where the number of beams changes."""
         if len(sample) < 8 or len({one.size for one in sample}) != 1:
             return np.zeros(0, np.bool_)
-        readings = np.sort(np.nan_to_num(np.stack(sample), nan=0.0, posinf=0.0), axis=0)
-        quarter = len(sample) // 10
-        spread = (readings[-1 - quarter] - readings[quarter]) * self.metres_per_unit
-        seen = readings[len(sample) // 2] > 0.0
-        if not np.median(spread[seen] if seen.any() else spread) > MOVING_M:
-            return np.zeros(readings.shape[1], np.bool_)
-        return np.asarray(seen & (spread < STILL_M))
+        readings = np.stack(sample).astype(np.float64)
+        return beams_on_robot(readings * self.metres_per_unit)
 
 
 def _sample(scans: RawScans) -> list[Float32Array]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from slamsim.check.scan_bundle import Shape, ShapePull, fit_window
@@ -15,10 +17,24 @@ LARGE_MISFIT = 4.0
 """Variance of residuals, of what noise makes, from which on other angles are tried."""
 
 SCALES = np.array([0.36, 0.45, 0.53, 0.62, 0.7, 0.78, 0.87, 1.15, 1.3, 1.5, 1.75, 2.05, 2.4])
-FAR_BETTER = 0.6
-"""Share of the misfit that another angle must leave at most."""
+FAR_BETTER, FAR_SHARPER = 0.6, 2.0
+"""Share of the misfit that another angle must leave at most, and by how much more sharply the
+scans must then tell it: a fan that folds up fits anything."""
 
+LEAST_SCALE, LARGEST_SCALE = 0.3, 3.0
 STEPS = 3
+FIRST_WINDOWS = 4
+
+
+@dataclass(frozen=True, slots=True)
+class _Try:
+    """misfit: variance of residuals. sharpness: mean logarithm of the information on the scale.
+    step: where the windows would rather have it, and its sigma."""
+
+    misfit: float
+    sharpness: float
+    step: float
+    sigma: float
 
 
 def rough_angle_scale(tracks: list[Track], sweep_s: float) -> float:
@@ -26,17 +42,21 @@ def rough_angle_scale(tracks: list[Track], sweep_s: float) -> float:
     some = _liveliest(tracks)
     if not some:
         return 1.0
-    misfit, step, sigma = _tried(some, sweep_s, 1.0)
-    plain = abs(step) > SMALL_SCALE and abs(step) > SURE_SIGMAS * sigma
-    if not plain and misfit < LARGE_MISFIT:
+    here = _tried(some, sweep_s, 1.0)
+    plain = abs(here.step) > max(SMALL_SCALE, SURE_SIGMAS * here.sigma)
+    if not plain and here.misfit < LARGE_MISFIT:
         return 1.0
     starts = [1.0, *SCALES.tolist()]
-    begun = min(starts, key=lambda scale: _tried(some[:4], sweep_s, scale)[0])
-    scale = begun
+    few = some[:FIRST_WINDOWS]
+    scale = max(starts, key=lambda start: _tried(few, sweep_s, start).sharpness)
     for _ in range(STEPS):
-        scale += float(np.clip(_tried(some, sweep_s, scale)[1], -0.1, 0.1))
-    left = _tried(some, sweep_s, scale)[0]
-    return scale if left < FAR_BETTER * misfit else 1.0
+        scale += float(np.clip(_tried(some, sweep_s, scale).step, -0.1, 0.1))
+    if not LEAST_SCALE < scale < LARGEST_SCALE:
+        return 1.0
+    there = _tried(some, sweep_s, scale)
+    better = there.misfit < FAR_BETTER * here.misfit
+    sharper = there.sharpness > here.sharpness + np.log(FAR_SHARPER)
+    return scale if better and sharper else 1.0
 
 
 def _liveliest(tracks: list[Track]) -> list[Track]:
@@ -49,9 +69,12 @@ def _liveliest(tracks: list[Track]) -> list[Track]:
     return sorted(tracks, key=motion, reverse=True)[:MOST_WINDOWS]
 
 
-def _tried(tracks: list[Track], sweep_s: float, scale: float) -> tuple[float, float, float]:
-    """Misfit at a scale, and where the windows would rather have it, with its sigma."""
+def _tried(tracks: list[Track], sweep_s: float, scale: float) -> _Try:
     fits = [fit_window(track, Shape(sweep_s, scale, 0.0)) for track in tracks]
     pull = ShapePull.of(fits)
-    misfit = float(np.median([fit.unit for fit in fits]))
-    return misfit, float(pull.step()[1]), float(pull.sigmas()[1])
+    return _Try(
+        misfit=float(np.median([fit.unit for fit in fits])),
+        sharpness=float(np.log(np.maximum(pull.information[:, 1, 1], 1.0)).mean()),
+        step=float(pull.step()[1]),
+        sigma=float(pull.sigmas()[1]),
+    )

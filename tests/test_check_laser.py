@@ -1,0 +1,182 @@
+"""Questions about the laser: each fault is named, and a healthy recording has none."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scan_recording import (
+    LIDAR,
+    healthy,
+    recording,
+    with_layout,
+    with_ranges,
+    with_scans,
+    world_fixed,
+)
+
+from slamsim.check.calibration import gather
+from slamsim.check.findings import Finding
+from slamsim.check.laser import check_laser, laser_motions
+from slamsim.recording import Recording, RecordingFormat
+from slamsim.types import FloatArray
+
+STEP = LIDAR.angle_step_rad
+BEAM_DT_S = LIDAR.beam_dt_ns * 1e-9
+
+
+def findings(of: Recording) -> dict[str, Finding]:
+    motions = laser_motions(of)
+    assert motions is not None
+    found = check_laser(motions, gather(of, motions), of.format)
+    assert len({finding.check for finding in found}) == len(found)
+    return {finding.check: finding for finding in found}
+
+
+def named(of: Recording) -> set[str | None]:
+    return {finding.fault for finding in findings(of).values() if finding.verdict == "bad"}
+
+
+def ranges(of: Recording) -> FloatArray:
+    return np.asarray(of.scans[0].ranges_m, dtype=np.float64)
+
+
+def test_healthy_recording_is_told_so() -> None:
+    found = findings(healthy())
+    assert {finding.verdict for finding in found.values()} == {"ok"}
+    gain = found["laser.rotation"].estimate
+    assert gain is not None and gain.value == pytest.approx(1.0, abs=0.02)
+    assert found["laser.rotation"].plots and found["laser.sweep"].plots
+
+
+def test_rays_fixed_to_the_world_are_named() -> None:
+    found = findings(world_fixed())
+    assert found["laser.rotation"].fault == "laser_world_fixed"
+    assert {finding.fault for finding in found.values()} == {None, "laser_world_fixed"}
+
+
+def test_mirrored_scans_are_named() -> None:
+    of = healthy()
+    mirrored = with_layout(of, angle_min_rad=-LIDAR.angle_min_rad, angle_step_rad=-STEP)
+    assert named(mirrored) == {"laser_mirrored"}
+
+
+def test_an_array_that_is_turned_round_is_mirrored_and_runs_backward() -> None:
+    of = healthy()
+    assert named(with_ranges(of, ranges(of)[:, ::-1])) == {"laser_mirrored", "beam_time_reversed"}
+
+
+@pytest.mark.parametrize("error", [0.01, -0.02])
+def test_a_wrong_angle_between_beams_is_measured(error: float) -> None:
+    half = 0.5 * (1.0 + error) * STEP * (LIDAR.beam_count - 1)
+    wrong = with_layout(
+        healthy(),
+        angle_step_rad=(1.0 + error) * STEP,
+        angle_min_rad=-half,
+        angle_max_rad=half,
+    )
+    found = findings(wrong)["laser.angle_step"]
+    assert found.fault == "laser_angle_step" and found.estimate is not None
+    assert found.estimate.value == pytest.approx(100.0 * error, abs=0.2)
+    assert found.mends[0].parameters["factor"] == pytest.approx(1.0 / (1.0 + error), abs=2e-3)
+
+
+def test_degrees_are_named() -> None:
+    first, last = np.degrees([LIDAR.angle_min_rad, -LIDAR.angle_min_rad])
+    step = float(np.degrees(STEP))
+    assert named(
+        with_layout(healthy(), angle_min_rad=first, angle_max_rad=last, angle_step_rad=step)
+    ) == {"laser_degrees"}
+    assert named(with_layout(healthy(), angle_step_rad=step)) == {"laser_degrees"}
+
+
+@pytest.mark.parametrize(
+    ("declared", "fault"),
+    [
+        (-1.0, "beam_time_reversed"),
+        (0.5, "beam_time_scale"),
+        (0.05, "beam_time_scale"),
+        (0.0, "rolling_scan_untimed"),
+    ],
+)
+def test_wrong_beam_times_are_named(declared: float, fault: str) -> None:
+    of = with_layout(healthy(), beam_dt_s=declared * BEAM_DT_S)
+    found = findings(of)
+    assert {finding.fault for finding in found.values()} == {None, fault}
+    estimate = found["laser.sweep"].estimate
+    assert estimate is not None
+    true_ms = 1e3 * BEAM_DT_S * (LIDAR.beam_count - 1)
+    wanted = true_ms if declared == 0.0 else 1.0 / declared
+    assert estimate.value == pytest.approx(wanted, rel=0.05)
+
+
+def test_a_flash_scan_with_beam_times_is_named() -> None:
+    at_once = healthy(0, replace(LIDAR, beam_dt_ns=0))
+    assert named(at_once) == set()
+    assert named(with_layout(at_once, beam_dt_s=BEAM_DT_S)) == {"flash_scan_timed"}
+
+
+def test_a_format_without_beam_times_is_not_blamed_for_them() -> None:
+    no_field: RecordingFormat = "carmen"
+    of = replace(with_layout(healthy(), beam_dt_s=0.0), format=no_field)
+    assert named(of) == set()
+    assert "ms" in findings(of)["laser.sweep"].words
+
+
+def test_ranges_that_are_too_long_are_measured() -> None:
+    found = findings(with_ranges(healthy(), ranges(healthy()) + 0.06))["ranges.offset"]
+    assert found.fault == "range_offset" and found.estimate is not None
+    assert found.estimate.value == pytest.approx(60.0, abs=5.0)
+
+
+def test_a_robot_that_stands_cannot_tell() -> None:
+    of = healthy()
+    scans = of.scans[0]
+    still = np.array(scans.ranges_m)[:10].repeat(20, axis=0)[:180]
+    still += np.random.default_rng(0).normal(0.0, 0.005, still.shape).astype(np.float32)
+    first = replace(
+        scans, ranges_m=still, stamps_ns=scans.stamps_ns[:180], layout_of=scans.layout_of[:180]
+    )
+    quiet = with_scans(of, first)
+    quiet = replace(
+        quiet,
+        imus=tuple(
+            replace(i, angular_velocity_rad_s=0.0 * i.angular_velocity_rad_s) for i in of.imus
+        ),
+        odometries=(),
+    )
+    found = findings(quiet)
+    assert found["laser.rotation"].verdict == "cannot tell"
+    assert found["laser.sweep"].verdict == "cannot tell"
+    assert "turn" in found["laser.rotation"].words
+
+
+def test_without_other_sensors_rotation_cannot_be_told() -> None:
+    alone = replace(healthy(), imus=(), odometries=())
+    found = findings(alone)
+    assert found["laser.rotation"].verdict == "cannot tell"
+    assert found["laser.angle_step"].verdict == "ok"
+
+
+def test_a_gyroscope_that_turns_the_wrong_way_is_outvoted() -> None:
+    of = healthy()
+    wrong = tuple(replace(i, angular_velocity_rad_s=-i.angular_velocity_rad_s) for i in of.imus)
+    assert findings(replace(of, imus=wrong))["laser.rotation"].verdict == "ok"
+
+
+def test_no_scan_fits_anything() -> None:
+    of = healthy()
+    noise = np.random.default_rng(2).uniform(0.2, 20.0, ranges(of)[:60].shape)
+    scans = replace(
+        of.scans[0],
+        ranges_m=noise.astype(np.float32),
+        stamps_ns=of.scans[0].stamps_ns[:60],
+        layout_of=of.scans[0].layout_of[:60],
+    )
+    found = findings(recording(scans, 0))
+    assert set(found) == {"laser.rotation"} and found["laser.rotation"].verdict == "cannot tell"
+
+
+def test_a_recording_without_lidar_has_no_motion() -> None:
+    assert laser_motions(replace(healthy(), scans=())) is None

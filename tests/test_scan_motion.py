@@ -1,0 +1,257 @@
+"""Motion of a lidar by its scans alone: against exact truth, and against slow algebra."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scan_recording import LIDAR, healthy, truth, with_layout, with_ranges
+
+from slamsim.check.scan_beams import BeamReader
+from slamsim.check.scan_equations import POSE, SHAPES, UNKNOWNS, moved_points, window_system
+from slamsim.check.scan_motion import ScanMotions, scan_motions
+from slamsim.check.scan_sweep import local_motion, moved_pieces
+from slamsim.check.scan_windows import choose_windows, period_s
+from slamsim.geometry import between, compose
+from slamsim.recording import RawScans
+from slamsim.slam.bundle_equations import fit_lines
+from slamsim.slam.matching.surfaces import PIECE_FIELDS, X, Y
+from slamsim.types import FloatArray
+
+
+def chi2(motions: ScanMotions) -> FloatArray:
+    """(m,) of each step against the truth, per degree of freedom."""
+    T = [truth().at(window.middle_ns) for window in motions.windows]
+    true = np.concatenate([between(one[:-1], one[1:]) for one in T])
+    off = between(true, motions.T_first_second)
+    return np.asarray(np.einsum("ki,kij,kj->k", off, motions.information, off) / 3.0)
+
+
+def test_steps_are_as_near_the_truth_as_they_claim() -> None:
+    found = np.concatenate([chi2(scan_motions(healthy(seed).scans[0])) for seed in range(2)])
+    assert found.size > 250
+    assert 0.4 < found.mean() < 2.5
+    assert np.mean(found < 5.4) > 0.97, "three degrees of freedom, 99.9 %"
+
+
+def test_shape_of_healthy_scans_is_as_declared() -> None:
+    motions = scan_motions(healthy().scans[0])
+    sweep, angle, offset = motions.sweep_scale, motions.angle_step, motions.range_offset_m
+    assert sweep is not None and sweep.sigma < 0.05
+    assert abs(sweep.value - 1.0) < 5.0 * sweep.sigma
+    assert angle.sigma < 1e-3
+    assert abs(angle.value - 1.0) < 5.0 * angle.sigma
+    assert abs(offset.value) < 5.0 * offset.sigma
+
+
+def test_windows_hold_scans_in_order_and_steps_join_neighbours() -> None:
+    motions = scan_motions(healthy().scans[0])
+    for window in motions.windows:
+        assert (np.diff(window.scans) > 0).all()
+        np.testing.assert_array_equal(window.T_window_laser[0], np.zeros(3))
+        assert np.linalg.eigvalsh(window.covariance[3:, 3:]).min() > 0.0
+    assert motions.first.size == motions.second.size == motions.window.size
+    assert (motions.second > motions.first).all()
+
+
+def test_motion_is_told_in_the_unit_of_the_ranges() -> None:
+    of = healthy()
+    metres = scan_motions(of.scans[0])
+    millimetres = scan_motions(
+        with_ranges(of, np.multiply(1000.0, of.scans[0].ranges_m, dtype=np.float64)).scans[0]
+    )
+    assert millimetres.metres_per_unit == 1e-3
+    T = metres.T_first_second * [1000.0, 1000.0, 1.0]
+    np.testing.assert_allclose(millimetres.T_first_second, T, atol=1.5)
+
+
+def test_an_angle_that_is_far_off_is_found() -> None:
+    true = LIDAR.angle_step_rad
+    wide = with_layout(
+        healthy(), angle_step_rad=0.8 * true, angle_min_rad=-144 * true, angle_max_rad=144 * true
+    )
+    assert scan_motions(wide.scans[0]).angle_step.value == pytest.approx(1.25, abs=0.005)
+
+
+def broken(scans: RawScans, rng: np.random.Generator, kind: str) -> RawScans:
+    ranges, stamps = np.array(scans.ranges_m), scans.stamps_ns.copy()
+    if kind == "nan":
+        return replace(scans, ranges_m=np.full_like(ranges, np.nan))
+    if kind == "noise":
+        return replace(scans, ranges_m=rng.uniform(0, 30, ranges.shape).astype(np.float32))
+    if kind == "constant":
+        return replace(scans, ranges_m=np.full_like(ranges, 2.0))
+    if kind == "one stamp":
+        return replace(scans, stamps_ns=np.full_like(stamps, 7))
+    if kind == "any stamps":
+        return replace(scans, stamps_ns=rng.integers(0, 1 << 62, stamps.size))
+    if kind == "beam counts":
+        return replace(scans, ranges_m=[row[: rng.integers(0, row.size)] for row in ranges])
+    layouts = (replace(scans.layouts[0], angle_step_rad=0.0, beam_dt_s=np.nan),)
+    return replace(scans, layouts=layouts)
+
+
+@pytest.mark.parametrize(
+    "kind", ["nan", "noise", "constant", "one stamp", "any stamps", "beam counts", "layout"]
+)
+def test_whatever_is_recorded_gives_an_answer(kind: str) -> None:
+    scans = healthy().scans[0]
+    few = replace(
+        scans,
+        ranges_m=np.asarray(scans.ranges_m)[:60],
+        stamps_ns=scans.stamps_ns[:60],
+        layout_of=scans.layout_of[:60],
+    )
+    motions = scan_motions(broken(few, np.random.default_rng(1), kind))
+    assert np.isfinite(motions.T_first_second).all()
+
+
+@pytest.mark.parametrize("count", [0, 1, 2, 4])
+def test_few_scans_tell_nothing(count: int) -> None:
+    scans = healthy().scans[0]
+    few = replace(
+        scans,
+        ranges_m=np.asarray(scans.ranges_m)[:count],
+        stamps_ns=scans.stamps_ns[:count],
+        layout_of=scans.layout_of[:count],
+    )
+    motions = scan_motions(few)
+    assert motions.windows == () and motions.weak
+    assert motions.T_first_second.shape == (0, 3) and np.isinf(motions.angle_step.sigma)
+
+
+def test_stray_unreadable_and_own_beams_are_left_out() -> None:
+    scans = healthy().scans[0]
+    ranges = np.array(scans.ranges_m)
+    ranges[:, 100:120] = 0.3
+    ranges[:, 7] = 0.0
+    ranges[:, 9] = np.nan
+    ranges[:, 200] = 29.0
+    cloud = BeamReader(replace(scans, ranges_m=ranges)).cloud(40)
+    angles = np.arctan2(cloud.points_m[:, 1], cloud.points_m[:, 0])
+    beams = np.round((angles - LIDAR.angle_min_rad) / LIDAR.angle_step_rad).astype(int)
+    assert not set(beams) & {7, 9, 200, *range(100, 120)}
+    assert len(beams) > 330
+
+
+def test_walls_beside_a_straight_drive_are_not_the_robot() -> None:
+    scans = healthy().scans[0]
+    cloud = BeamReader(scans).cloud(40)
+    assert len(cloud.points_m) > 0.99 * np.isfinite(scans.ranges_m[40]).sum()
+
+
+@given(
+    count=st.integers(0, 5000),
+    period_ms=st.integers(2, 500),
+    seed=st.integers(0, 100),
+    lively=st.booleans(),
+)
+def test_windows_lie_within_the_recording(
+    count: int, period_ms: int, seed: int, lively: bool
+) -> None:
+    rng = np.random.default_rng(seed)
+    stamps = np.arange(count, dtype=np.int64) * period_ms * 1_000_000
+    activity = rng.random(count) if lively else None
+    windows = choose_windows(stamps, activity)
+    for window in windows:
+        assert window.size and window[0] >= 0 and window[-1] < count
+        assert np.unique(np.diff(window)).size <= 1
+    starts = [int(window[0]) for window in windows]
+    assert starts == sorted(starts)
+
+
+@given(seed=st.integers(0, 1000))
+def test_usual_period_does_not_mind_odd_stamps(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    stamps = np.arange(200, dtype=np.int64) * 25_000_000
+    odd = rng.random(200) < 0.2
+    stamps[odd] += rng.integers(-(10**12), 10**12, odd.sum())
+    assert period_s(stamps) == pytest.approx(0.025, rel=0.5)
+
+
+def test_motion_within_a_sweep_is_that_of_a_smooth_path() -> None:
+    seconds = np.linspace(0.0, 0.8, 9)
+    yaw = 0.3 * seconds + 0.4 * seconds**2 - 0.2 * seconds**3
+    poses = np.column_stack([np.zeros(9), np.zeros(9), yaw])
+    motion = local_motion(poses, seconds)[2:-2, :, 2]
+    at = seconds[2:-2]
+    np.testing.assert_allclose(motion[:, 0], 0.3 + 0.8 * at - 0.6 * at**2, atol=1e-9)
+    np.testing.assert_allclose(motion[:, 1], 0.4 - 0.6 * at, atol=1e-9)
+
+
+def test_pieces_move_with_the_laser() -> None:
+    rng = np.random.default_rng(5)
+    pieces = rng.normal(size=(6, PIECE_FIELDS))
+    shares, motion, sweep = rng.uniform(-0.5, 0.5, 6), rng.normal(size=(2, 3)), 0.08
+    moved = moved_pieces(pieces, shares, motion, sweep)
+    after = (shares * sweep)[:, None]
+    T_middle_then = after * motion[0] + after**2 * motion[1]
+    points = np.column_stack([pieces[:, [X, Y]], np.zeros(6)])
+    np.testing.assert_allclose(moved[:, [X, Y]], compose(T_middle_then, points)[:, :2])
+
+
+def scene(seed: int) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Raw points of 12 observations from 3 scans, shares, angles, poses and motion."""
+    rng = np.random.default_rng(seed)
+    raw = rng.uniform(1.0, 3.0, (12, 2, 2))
+    shares = rng.uniform(-0.5, 0.5, (12, 2))
+    return raw, shares, 4.0 * shares, rng.normal(size=(3, 3)), rng.normal(size=(3, 2, 3))
+
+
+VIEWS = np.tile(np.repeat(np.arange(3), 2), 2).astype(np.int64)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_derivatives_are_those_of_the_points(seed: int) -> None:
+    raw, shares, angles, poses, motion = scene(seed)
+    shape = np.array([0.07, 1.02, 0.05])
+
+    def points(pose_step: FloatArray, shape_step: FloatArray) -> FloatArray:
+        moved = compose(poses, np.tile(pose_step, (3, 1)))
+        seen = (shares, angles, VIEWS)
+        return moved_points(raw, seen, moved, motion, tuple((shape + shape_step).tolist()))[0]
+
+    _, change = moved_points(raw, (shares, angles, VIEWS), poses, motion, tuple(shape.tolist()))
+    for unknown in range(UNKNOWNS):
+        step = np.zeros(UNKNOWNS)
+        step[unknown] = 1e-6
+        up = points(step[:POSE], step[POSE:])
+        down = points(-step[:POSE], -step[POSE:])
+        np.testing.assert_allclose(change[:, :, unknown], (up - down) / 2e-6, atol=1e-6)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_system_is_what_dense_algebra_leaves_of_the_surfaces(seed: int) -> None:
+    raw, shares, angles, poses, motion = scene(seed)
+    seen = (shares, angles, VIEWS)
+    points, change = moved_points(raw, seen, poses, motion, (0.07, 1.0, 0.0))
+    weights = np.random.default_rng(seed).uniform(1.0, 9.0, 12)
+    starts = np.array([0, 6, 12])
+    lines = fit_lines(points, weights, starts)
+    system, right = window_system((points, change, weights, VIEWS), starts, lines, 3)
+
+    size = 3 * POSE + SHAPES
+    rows, off = np.zeros((24, size + 4)), np.zeros(24)
+    for k in range(12):
+        x, y, nx, ny = lines[k // 6]
+        for end in range(2):
+            r = 2 * k + end
+            normal = change[k, end] @ [nx, ny]
+            rows[r, POSE * VIEWS[k] : POSE * VIEWS[k] + POSE] = normal[:POSE]
+            rows[r, 3 * POSE : size] = normal[POSE:]
+            dx, dy = points[k, end] - [x, y]
+            rows[r, size + 2 * (k // 6) :][:2] = -1.0, -(nx * dy - ny * dx)
+            off[r] = nx * dx + ny * dy
+    whole = rows.T @ (np.repeat(weights, 2)[:, None] * rows)
+    pull = -rows.T @ (np.repeat(weights, 2) * off)
+    ours, lines_own = slice(None, size), slice(size, None)
+    inverse = np.linalg.inv(whole[lines_own, lines_own])
+    np.testing.assert_allclose(
+        system,
+        whole[ours, ours] - whole[ours, lines_own] @ inverse @ whole[lines_own, ours],
+        atol=1e-8,
+    )
+    np.testing.assert_allclose(right, pull[ours], atol=1e-8)
