@@ -183,8 +183,10 @@ def _static(recording: Recording) -> list[Outgoing]:
             made[f"translation{i}"], made[f"rotation{i}"] = edge.positions_m[0], edge.quats_xyzw[0]
         return made
 
-    begin_ns, kind = _begin_ns(recording), "tf2_msgs/msg/TFMessage"
-    found = [Outgoing("/tf_static", kind, begin_ns, 150 * len(edges), first, latched=True)]
+    kind = "tf2_msgs/msg/TFMessage"
+    begin_ns = min(int(_received(edge.stamps_ns, edge.received_ns)[0]) for edge in edges)
+    at_ns = np.array([begin_ns], dtype=np.int64)
+    found = [Outgoing("/tf_static", kind, at_ns, 150 * len(edges), first, latched=True)]
     for edge in edges:
         if edge.stamps_ns.size > 1:
             found.append(_later(edge, kind))
