@@ -56,6 +56,10 @@ class Reporter:
         if not self._quiet:
             logging.getLogger("slamsim").setLevel(logging.INFO)
 
+    def without_result(self) -> Reporter:
+        """The same for a part of a command, whose result is not the command's."""
+        return Reporter(quiet=self._quiet)
+
     @contextmanager
     def stage(self, title: str, unit: str) -> Iterator[Listener]:
         """A progress bar for one stage; unit is what it counts in each second, as in 'scans/s'."""

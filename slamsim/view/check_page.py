@@ -34,7 +34,7 @@ def check_page(report: CheckReport) -> str:
     """The whole page: what is bad with its evidence, what cannot be told and why, what is fine."""
     parts = [
         cards(_counts(report)),
-        section("What is wrong", "".join(map(_wrong, report.bad))),
+        section("What is wrong", "".join(map(wrong, report.bad))),
         section("What cannot be told", _listed(report, "cannot tell")),
         section("What is fine", _listed(report, "ok")),
         section("Evidence", _evidence(report)),
@@ -52,7 +52,8 @@ def _counts(report: CheckReport) -> list[Card]:
     ]
 
 
-def _wrong(finding: Finding) -> str:
+def wrong(finding: Finding) -> str:
+    """A fault with its number, its advice and its plots."""
     number = shown(finding.estimate, finding.limit)
     measured = f'<p class="note">{escape(number)}</p>' if number else ""
     return (

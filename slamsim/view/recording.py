@@ -37,7 +37,7 @@ def write_recording(path: Path, view: RunView) -> None:
         recording.send_recording_name(view.log.name)
         laser = laser_frame(view)
         log_transforms(recording, view, laser)
-        log_map(recording, view)
+        log_map(recording, "map", view.grid)
         log_walls(recording, view)
         log_paths(recording, view)
         log_graph(recording, view)

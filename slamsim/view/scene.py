@@ -22,20 +22,21 @@ BELIEVED_FROM = 0.5
 """A closure of less weight than this was withdrawn by the robust estimator."""
 
 
-def log_map(recording: rr.RecordingStream, view: RunView) -> None:
-    rows, columns = view.grid.occupancy.shape
+def log_map(recording: rr.RecordingStream, entity: str, grid: Grid) -> None:
+    """An occupancy grid in the map frame; nothing for one without cells."""
+    rows, columns = grid.occupancy.shape
     if rows == 0 or columns == 0:
         return
-    x_m, y_m = view.grid.origin_m
+    x_m, y_m = grid.origin_m
     recording.log(
-        "map",
+        entity,
         rr.CoordinateFrame(MAP),
         rr.GridMap(
-            data=occupancy_bytes(view.grid),
+            data=occupancy_bytes(grid),
             format=rr.components.ImageFormat(
                 width=columns, height=rows, color_model="L", channel_datatype="U8"
             ),
-            cell_size=view.grid.resolution_m,
+            cell_size=grid.resolution_m,
             translation=[x_m, y_m, 0.0],
             colormap=rr.components.Colormap.RvizMap,
         ),
@@ -67,7 +68,7 @@ def log_walls(recording: rr.RecordingStream, view: RunView) -> None:
     )
     outline = wall_outline(view.walls, outline_height_m(view))
     if len(outline):
-        _log_lines(recording, "truth/outline", TRUTH_FRAME, outline, TRUTH, 0.015, 0.02)
+        log_lines(recording, "truth/outline", TRUTH_FRAME, outline, TRUTH, 0.015, 0.02)
 
 
 def face_normals(corners: FloatArray) -> FloatArray:
@@ -92,10 +93,10 @@ def log_paths(recording: rr.RecordingStream, view: RunView) -> None:
         ("paths/odometry", odometry_path, ODOMETRY, 0.03),
         ("paths/estimate", trajectory.poses, ESTIMATE, 0.06),
     ):
-        _log_lines(recording, name, MAP, [_path(points)], colour, 0.025, height_m)
+        log_lines(recording, name, MAP, [_path(points)], colour, 0.025, height_m)
     if view.truth is not None and len(view.truth) > 1:
         true_path = _path(view.truth.planar().poses)
-        _log_lines(recording, "paths/truth", TRUTH_FRAME, [true_path], TRUTH, 0.025, 0.05)
+        log_lines(recording, "paths/truth", TRUTH_FRAME, [true_path], TRUTH, 0.025, 0.05)
 
 
 def log_graph(recording: rr.RecordingStream, view: RunView) -> None:
@@ -120,7 +121,7 @@ def log_graph(recording: rr.RecordingStream, view: RunView) -> None:
         shown = [edges[k] for k in thinned(len(edges), MAX_EDGES)]
         lines = [points[[edge.source, edge.target]] for edge in shown]
         if lines:
-            _log_lines(recording, name, MAP, lines, colour, 0.015, height_m)
+            log_lines(recording, name, MAP, lines, colour, 0.015, height_m)
 
 
 def log_precision(recording: rr.RecordingStream, view: RunView) -> None:
@@ -141,7 +142,7 @@ def log_precision(recording: rr.RecordingStream, view: RunView) -> None:
     enlarged, outlines = ellipses(view)
     if len(outlines):
         entity = f"precision/ellipses_2_sigma_x{enlarged}"
-        _log_lines(recording, entity, MAP, outlines, ESTIMATE, 0.012, 0.08)
+        log_lines(recording, entity, MAP, outlines, ESTIMATE, 0.012, 0.08)
 
 
 def closures(edges: tuple[GraphEdge, ...]) -> tuple[list[GraphEdge], list[GraphEdge]]:
@@ -155,7 +156,7 @@ def _path(poses: FloatArray) -> FloatArray:
     return np.asarray(poses[thinned(len(poses), MAX_PATH_POINTS), :2])
 
 
-def _log_lines(
+def log_lines(
     recording: rr.RecordingStream,
     entity: str,
     frame: str,

@@ -1,0 +1,73 @@
+"""``slamsim demo rotation-bug``: the fault that cost the study its maps, found and mended."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from slamsim.config.faults import FaultChoice
+from slamsim.config.run import RunConfig
+from slamsim.console import Reporter
+from slamsim.logs.raw import read_recording
+from slamsim.logs.reader import read_log
+from slamsim.logs.tum import read_tum
+from slamsim.run import folder as run_folder
+from slamsim.run.checking import check_stage
+from slamsim.run.fixing import fix_log
+from slamsim.run.mapping import map_recording, map_world
+from slamsim.run.stages import Stages
+from slamsim.safe.output import partial_folder, write_atomic
+from slamsim.slam.mapping import build_grid
+from slamsim.types import Log
+from slamsim.view.demo_page import MappedSide, demo_page
+from slamsim.view.demo_recording import write_sides
+from slamsim.world.map_server import read_map
+
+FAULT = "laser_world_fixed"
+TORN, MENDED, MENDED_LOG = "torn", "mended", "mended_log"
+
+
+def rotation_bug(
+    config: RunConfig, folder: Path, reporter: Reporter, *, overwrite: bool = False
+) -> dict[str, object]:
+    """Simulate with rays fixed to the world, map, check, fix, map again, show side by side.
+
+    The study's Figures 30 and 32. Leaves two runs, the mended recording, ``report.html`` and
+    ``run.rrd``; returns the faults found and both ATE. Raises SlamsimError.
+    """
+    spoilt = config.model_copy(update={"faults": (FaultChoice(name=FAULT),)})
+    with partial_folder(folder, overwrite) as partial:
+        torn, mended, log = (partial / name for name in (TORN, MENDED, MENDED_LOG))
+        reporter.say("1. Drive with the rotation bug, and map what it recorded")
+        before_m = map_world(spoilt, torn, reporter).numbers["ate_rmse_m"]
+        reporter.say("2. Ask what is wrong with the recording, and mend it")
+        verdict = check_stage(read_recording(torn / run_folder.LOG), Stages(reporter))
+        left = fix_log(torn, log, "all", reporter.without_result())
+        reporter.say("3. Map the mended recording")
+        after_m = map_recording(log, config, mended, reporter).numbers["ate_rmse_m"]
+        sides = (
+            _side("torn", "As recorded", torn, read_log(torn / run_folder.LOG), config, before_m),
+            _side("mended", "After slamsim fix", mended, read_log(log), config, after_m),
+        )
+        write_atomic(partial / run_folder.REPORT, demo_page(verdict, sides).encode())
+        write_sides(partial / run_folder.RECORDING, sides)
+    return {
+        "faults": [finding.fault for finding in verdict.bad],
+        "faults_left": [finding.fault for finding in left.bad],
+        **{f"{side.key}_ate_rmse_m": side.ate_m for side in sides},
+    }
+
+
+def _side(
+    key: str, title: str, run: Path, log: Log, config: RunConfig, ate_m: object
+) -> MappedSide:
+    """A finished run, and its scans laid along the path of the wheels as they are."""
+    odometry = read_tum(run / run_folder.ODOMETRY).planar()
+    return MappedSide(
+        key=key,
+        title=title,
+        laid=build_grid(log.scans, odometry, log.T_base_laser, config.mapping),
+        odometry=odometry,
+        mapped=read_map(run / "map.yaml"),
+        trajectory=read_tum(run / run_folder.TRAJECTORY).planar(),
+        ate_m=ate_m if isinstance(ate_m, float) else None,
+    )
