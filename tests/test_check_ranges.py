@@ -242,3 +242,26 @@ def test_a_unit_that_hangs_while_the_odometry_goes_on() -> None:
     recording = Recording("t", "mcap", imus=(frozen,), transforms=mounted(UPRIGHT))
     assert "imu_stuck" not in bad(check_inertial(recording))
     assert "imu_stuck" in bad(check_inertial(replace(recording, odometries=(odometry,))))
+
+
+@pytest.mark.parametrize(("per_metre", "factor"), [(1000.0, 1e-3), (100.0, 1e-2)])
+def test_of_two_units_that_fit_the_limits_the_way_driven_chooses(
+    per_metre: float, factor: float
+) -> None:
+    angles = LAYOUT.angle_min_rad + np.arange(BEAMS) * STEP_RAD
+    ahead = np.linspace(2.8, 0.8, SCANS)[:, None]
+    with np.errstate(divide="ignore"):
+        side = 0.9 / np.abs(np.sin(angles))
+        ends = np.where(np.cos(angles) > 0.0, ahead, 3.4 - ahead) / np.abs(np.cos(angles))
+    ranges = np.minimum(side, ends) + 0.005 * np.random.default_rng(5).standard_normal(
+        (SCANS, BEAMS)
+    )
+    recording = recorded((ranges * per_metre).astype(np.float32))
+    stamps_ns = recording.scans[0].stamps_ns
+    driven = np.column_stack([np.linspace(0.0, 2.0, SCANS), np.zeros((SCANS, 2))])
+    upright = np.repeat([UPRIGHT], SCANS, axis=0)
+    odometry = RawOdometry("/odom", ("odom",), stamps_ns, None, ("base_link",), driven, upright,
+                           driven * np.nan, driven * np.nan)  # fmt: skip
+    findings = check_ranges(replace(recording, odometries=(odometry,)))
+    units = [finding for finding in findings if finding.fault == "range_unit"]
+    assert [unit.mends[0].parameters["factor"] for unit in units] == [factor]

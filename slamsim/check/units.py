@@ -1,0 +1,103 @@
+"""The unit of the ranges: by the declared limits, and by how ranges change along the way."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from slamsim.check.findings import Estimate, Finding, Mend
+from slamsim.check.scan_sample import ScanSample, positive
+from slamsim.geometry import wrap_angle, yaw_from_xyzw
+from slamsim.recording import RawScans, Recording, ScanLayout
+from slamsim.types import FloatArray
+
+MIN_COUNT = 20
+UNITS: dict[str, float] = {
+    "millimetres": 1e-3,
+    "centimetres": 1e-2,
+    "kilometres": 1e3,
+}
+"""Units that the declared limits alone unmask, and what a reading is multiplied by to mend it."""
+LIMIT_TOLERANCE = 1e-3
+_OVERFLOW = 0.9
+_MOST, _HARDLY_ANY = 0.5, 0.01
+_MIN_STEP_M, _MAX_TURN_RAD = 0.02, 0.01
+_MIN_PAIRS = 5
+
+
+def unit_of(recording: Recording, scans: RawScans, sample: ScanSample) -> str | None:
+    """The unit in which most readings fit the declared limits, if metres are not it.
+
+    Of several that fit, the one in which ranges ahead change as much as the robot drove.
+    """
+    readings, layout = positive(sample), sample.layout
+    if readings.size < MIN_COUNT or outside_share(readings, layout) <= _MOST:
+        return None
+    fit = [
+        u for u, factor in UNITS.items() if outside_share(readings * factor, layout) < _HARDLY_ANY
+    ]
+    if len(fit) < 2:
+        return next(iter(fit), None)
+    changes = _changes_per_metre(recording, scans, sample)
+    if changes is None:
+        return fit[0]
+    return min(fit, key=lambda unit: abs(np.log(changes * UNITS[unit])))
+
+
+def _changes_per_metre(recording: Recording, scans: RawScans, sample: ScanSample) -> float | None:
+    """How far the beams that change most change while the odometry goes straight on by a metre.
+
+    1 if ranges are metres: beams ahead and behind change by the way that is driven. None without
+    odometry, or where it hardly ever goes straight on between two sampled scans.
+    """
+    if not recording.odometries or len(sample.scans) < 2:
+        return None
+    odometry = recording.odometries[0]
+    stamps_ns = scans.stamps_ns[sample.scans]
+    order = np.argsort(odometry.stamps_ns, kind="stable")
+    at_s, query_s = (
+        (each - stamps_ns[0]) * 1e-9 for each in (odometry.stamps_ns[order], stamps_ns)
+    )
+    yaw = np.unwrap(yaw_from_xyzw(odometry.quats_xyzw[order]))
+    x_m, y_m, yaw_rad = (
+        np.interp(query_s, at_s, column) for column in (*odometry.positions_m[order, :2].T, yaw)
+    )
+    step_m = np.hypot(np.diff(x_m), np.diff(y_m))
+    straight = (step_m > _MIN_STEP_M) & (np.abs(wrap_angle(np.diff(yaw_rad))) < _MAX_TURN_RAD)
+    if int(straight.sum()) < _MIN_PAIRS:
+        return None
+    change = np.abs(np.diff(sample.ranges_m, axis=0)[straight])
+    known = np.isfinite(change).any(axis=1)
+    change = np.where(np.isfinite(change), change, np.nan)[known]
+    if not known.any():
+        return None
+    per_metre = float(np.median(np.nanquantile(change, 0.8, axis=1) / step_m[straight][known]))
+    return per_metre if per_metre > 0.0 else None
+
+
+def wrong_unit(topic: str, sample: ScanSample, unit: str) -> Finding:
+    """The finding for a unit of ``unit_of``."""
+    middle = float(np.median(positive(sample)))
+    return Finding(
+        "ranges.unit",
+        topic,
+        "bad",
+        f"half of all readings are above {middle:.4g}, {declared(sample.layout)}: these are {unit}",
+        "range_unit",
+        f"Multiply every range by {UNITS[unit]:g}.",
+        Estimate(middle, 0.0, "m"),
+        sample.layout.range_max_m,
+        (Mend("scale_ranges", topic, {"factor": UNITS[unit]}),),
+    )
+
+
+def declared(layout: ScanLayout) -> str:
+    """The declared limits, in words."""
+    return f"declared {layout.range_min_m:g} to {layout.range_max_m:g} m"
+
+
+def outside_share(readings: FloatArray, layout: ScanLayout) -> float:
+    """Of readings; those of a common largest value above the maximum are its code for nothing."""
+    slack = LIMIT_TOLERANCE * layout.range_max_m
+    below = readings < layout.range_min_m - LIMIT_TOLERANCE
+    above = (readings > layout.range_max_m + slack) & (readings < readings.max() * _OVERFLOW)
+    return float((below | above).mean())
