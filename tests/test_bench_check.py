@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -154,6 +155,14 @@ def test_the_summary_counts_what_was_named_invented_and_skipped() -> None:
     tables = summary_tables(summary)
     assert tables["Faults"]["gyro_sign"] == "2/3; instead tf_loop 1; besides tf_loop 1"
     assert tables["Checker"]["faults named"].startswith("2 of 3 (66.7 %)")
+
+
+def test_sizes_of_a_fault_stand_in_one_row() -> None:
+    sizes = [replace(outcome(sort="curve"), trial=f"gyro_sign:{size}") for size in (1, 2, 2)]
+
+    tables = summary_tables(summarise([run_of(*sizes)]))
+
+    assert tables["Named, by size"] == {"gyro_sign": "1: 1/1, 2: 2/2"}
 
 
 def test_a_line_tells_what_was_missed_and_what_was_invented() -> None:

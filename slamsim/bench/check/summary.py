@@ -72,7 +72,7 @@ def summary_tables(summary: Json) -> dict[str, Rows]:
         "Faults": {name: _row(rates) for name, rates in _items(summary["faults"])},
     }
     if summary["curves"]:
-        tables["Sizes"] = {name: _row(rates) for name, rates in _items(summary["curves"])}
+        tables["Named, by size"] = _curve_rows(_items(summary["curves"]))
     if summary["coverage"]:
         rows = {check: coverage_row(figures) for check, figures in _items(summary["coverage"])}
         tables["Stated 95 % intervals"] = rows
@@ -131,6 +131,15 @@ def _row(rates: Json) -> str:
     if besides:
         told += f"; besides {_counts(besides)}"
     return told
+
+
+def _curve_rows(rates: Sequence[tuple[str, Json]]) -> Rows:
+    """By fault: every size, and how often it was named."""
+    rows: dict[str, list[str]] = defaultdict(list)
+    for trial, rate in rates:
+        name, _, size = trial.rpartition(":")
+        rows[name].append(f"{size}: {rate['named']}/{rate['trials']}")
+    return {name: ", ".join(sizes) for name, sizes in rows.items()}
 
 
 def _counts(names: Mapping[str, int]) -> str:
