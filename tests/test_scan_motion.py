@@ -182,15 +182,17 @@ def test_motion_within_a_sweep_is_that_of_a_smooth_path() -> None:
     np.testing.assert_allclose(motion[:, 1], 0.4 - 0.6 * at, atol=1e-9)
 
 
-def test_pieces_move_with_the_laser() -> None:
+def test_pieces_move_as_their_points_do() -> None:
     rng = np.random.default_rng(5)
-    pieces = rng.normal(size=(6, PIECE_FIELDS))
-    shares, motion, sweep = rng.uniform(-0.5, 0.5, 6), rng.normal(size=(2, 3)), 0.08
-    moved = moved_pieces(pieces, shares, motion, sweep)
-    after = (shares * sweep)[:, None]
-    T_middle_then = after * motion[0] + after**2 * motion[1]
-    points = np.column_stack([pieces[:, [X, Y]], np.zeros(6)])
-    np.testing.assert_allclose(moved[:, [X, Y]], compose(T_middle_then, points)[:, :2])
+    pieces, shares = rng.uniform(1.0, 3.0, (6, PIECE_FIELDS)), rng.uniform(-0.5, 0.5, 6)
+    motion, (sweep_s, wider_rad, offset_m) = rng.normal(size=(2, 3)), (0.08, 0.03, 0.05)
+    moved = moved_pieces(pieces, shares, motion, (sweep_s, wider_rad, offset_m))
+    raw = np.repeat(pieces[:, None, [X, Y]], 2, axis=1)
+    seen = (np.stack([shares, shares], axis=1), np.stack([shares, shares], axis=1))
+    views, still = np.zeros(6, dtype=np.int64), np.zeros((1, 3))
+    shape = (sweep_s, 1.0 + wider_rad, offset_m)
+    points, _ = moved_points(raw, (*seen, views), still, motion[None], shape)
+    np.testing.assert_allclose(moved[:, [X, Y]], points[:, 0], atol=1e-12)
 
 
 def scene(seed: int) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from slamsim.check.scan_equations import POSE, SHAPES, moved_points, window_system
-from slamsim.check.scan_sweep import beams_of, local_motion, moved_pieces, share_of_piece
+from slamsim.check.scan_sweep import Sweep, beams_of, local_motion, moved_pieces, share_of_piece
 from slamsim.check.scan_track import Track
 from slamsim.geometry import compose
 from slamsim.result import GraphEdge
@@ -24,6 +24,9 @@ from slamsim.types import FloatArray, IntArray
 ROUNDS = ((0.06, 12.0, 3), (0.03, 4.0, 6))
 """Associations: how far apart across a surface its observations may lie, from how many standard
 deviations on they are doubted, and how many steps are taken."""
+
+GATE_NOISE = 4.0
+"""They may lie apart by so many standard deviations of a range in any case."""
 
 NOISE_BEAMS = 5.0
 """The noise of a range as known beforehand counts as much as so many beams of a piece."""
@@ -45,6 +48,7 @@ OTHER_SHAPE = np.array([5e-4, 2e-4, 2e-3])
 """A shape is kept unless the scans contradict it by this many standard deviations, and by so many
 seconds, by such a share of the angle, or by so many metres: poses feel no less."""
 
+STILL_SIGMAS = 0.5
 MAX_STEP = np.array([0.25, 0.1, 0.5])
 """Seconds of the sweep, relative angle, metres: the shape moves no further at a time."""
 
@@ -57,6 +61,15 @@ class Shape:
     sweep_s: float
     angle_scale: float
     range_offset_m: float
+
+    @property
+    def numbers(self) -> FloatArray:
+        """(3,) all of it."""
+        return np.array([self.sweep_s, self.angle_scale, self.range_offset_m])
+
+    def of(self, sweep: Sweep) -> tuple[float, float, float]:
+        """As ``moved_pieces`` takes it."""
+        return self.sweep_s, (self.angle_scale - 1.0) * sweep.span_rad, self.range_offset_m
 
     def moved(self, step: FloatArray) -> Shape:
         """Another shape, a step (3,) away."""
@@ -113,12 +126,18 @@ class ShapePull:
         plain, robust = np.diag(bread), np.diag(bread @ meat @ bread)
         return np.asarray(np.sqrt(np.maximum(np.maximum(plain, robust), 1e-18)))
 
-    def better(self, shape: Shape) -> Shape | None:
-        """The shape that the scans ask for, None if this one will do."""
+    def better(self, shape: Shape, declared: Shape) -> Shape | None:
+        """The shape that the scans ask for, None if this one will do.
+
+        What is as declared stays so unless the scans plainly contradict it; what has been given up
+        is followed to where nothing pulls any more.
+        """
         if not len(self.pull):
             return None
         step, sigmas = self.step(), self.sigmas()
-        wanted = np.abs(step) > np.maximum(OTHER_SIGMAS * sigmas, OTHER_SHAPE)
+        given_up = shape.numbers != declared.numbers
+        doubt = np.maximum(OTHER_SIGMAS * sigmas, OTHER_SHAPE)
+        wanted = np.abs(step) > np.where(given_up, STILL_SIGMAS * sigmas, doubt)
         if not wanted.any():
             return None
         return shape.moved(np.clip(np.where(wanted, step, 0.0), -MAX_STEP, MAX_STEP))
@@ -129,7 +148,7 @@ def fit_window(track: Track, shape: Shape) -> WindowFit:
     seen = _observations(track)
     poses = track.poses
     for gate_m, doubted, steps in ROUNDS:
-        shared = _shared(track, poses, shape, gate_m)
+        shared = _shared(track, poses, shape, max(gate_m, GATE_NOISE * track.noise_m))
         used = seen.only(shared.pieces)
         for _ in range(steps):
             solved = _solve(used, shared, poses, shape, (track.elapsed_s, doubted))
@@ -193,7 +212,7 @@ def _shared(track: Track, poses: FloatArray, shape: Shape, gate_m: float) -> Sha
     """Which pieces are of one surface, as seen from the middle of each sweep."""
     motion = local_motion(poses, track.elapsed_s)
     moved = [
-        moved_pieces(piece, beams_of(piece, sweep), own, shape.sweep_s)
+        moved_pieces(piece, beams_of(piece, sweep), own, shape.of(sweep))
         for piece, sweep, own in zip(track.pieces, track.sweeps, motion, strict=True)
     ]
     sure = 1e-8 * np.eye(3)

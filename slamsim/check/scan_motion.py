@@ -19,7 +19,7 @@ from slamsim.geometry import between
 from slamsim.recording import RawScans
 from slamsim.types import FloatArray, IntArray
 
-MAX_PASSES = 4
+MAX_PASSES = 6
 MIN_SCANS = 5
 UNMODELLED_SWEEP, UNMODELLED_ANGLE, UNMODELLED_M = 0.002, 4e-5, 5e-4
 """By what the shape of simulated scans comes out wrong beyond its noise: motion in a sweep is no
@@ -152,11 +152,11 @@ def _tracked(scans: RawScans, reader: BeamReader, windows: list[IntArray]) -> li
 
 def _fit(tracks: list[Track], reader: BeamReader) -> tuple[Shape, list[WindowFit], ShapePull]:
     """All windows bundled, again with a better shape of the scans until nothing pulls at it."""
-    shape = Shape(reader.declared_sweep_s, 1.0, 0.0)
+    shape = declared = Shape(reader.declared_sweep_s, 1.0, 0.0)
     for again in range(MAX_PASSES):
         fits = [fit_window(track, shape) for track in tracks]
         pull = ShapePull.of(fits)
-        better = pull.better(shape)
+        better = pull.better(shape, declared)
         if better is None or again + 1 == MAX_PASSES:
             return shape, fits, pull
         shape = better

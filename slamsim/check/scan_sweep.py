@@ -12,6 +12,9 @@ from slamsim.slam.matching.local_map import move_piece
 from slamsim.slam.matching.surfaces import X, Y
 from slamsim.types import FloatArray
 
+BACKWARD_RAD = 0.5
+"""Neighbouring pieces lie no farther than this in the wrong order, however noisy they are."""
+
 
 @dataclass(frozen=True, slots=True)
 class Sweep:
@@ -36,9 +39,12 @@ class Sweep:
 
 def beams_of(pieces: FloatArray, sweep: Sweep) -> FloatArray:
     """(k,) share of the sweep at which the middle of each piece was seen: -0.5 by the first beam,
-    0.5 by the last."""
+    0.5 by the last. The pieces are in the order of their beams, which may go round more than once.
+    """
     bearing = np.arctan2(pieces[:, Y], pieces[:, X])
-    return np.asarray(wrap_angle(bearing - sweep.middle_rad) / sweep.span_rad)
+    turned = np.sign(sweep.step_rad) * np.diff(bearing, prepend=sweep.first_rad)
+    forward = (turned + BACKWARD_RAD) % (2.0 * np.pi) - BACKWARD_RAD
+    return np.asarray(np.cumsum(forward) / abs(sweep.span_rad) - 0.5)
 
 
 def share_of_piece(points: FloatArray, middles: FloatArray, sweep: Sweep) -> FloatArray:
@@ -55,20 +61,25 @@ def steady(velocity: FloatArray) -> FloatArray:
 
 @kernel
 def moved_pieces(
-    pieces: FloatArray, shares: FloatArray, motion: FloatArray, sweep_s: float
+    pieces: FloatArray, shares: FloatArray, motion: FloatArray, shape: tuple[float, float, float]
 ) -> FloatArray:
     """The pieces as seen from where the laser was when its middle beam fired.
 
     shares: (k,) of the sweep, as from ``beams_of``. motion: (2, 3) first and half the second
-    derivative of the laser's pose, in its frame at the middle.
+    derivative of the laser's pose, in its frame at the middle. shape: length of the sweep in
+    seconds, angle to add over the whole of it, and by how much ranges are too long.
     """
+    sweep_s, wider_rad, offset_m = shape
     out = np.empty_like(pieces)
     for k in range(pieces.shape[0]):
         after = shares[k] * sweep_s
         x = after * (motion[0, 0] + after * motion[1, 0])
         y = after * (motion[0, 1] + after * motion[1, 1])
-        yaw = after * (motion[0, 2] + after * motion[1, 2])
+        yaw = after * (motion[0, 2] + after * motion[1, 2]) + shares[k] * wider_rad
         move_piece(pieces[k], (x, y, np.cos(yaw), np.sin(yaw)), out[k])
+        shorter = offset_m / max(np.hypot(pieces[k, X], pieces[k, Y]), 1e-6)
+        out[k, X] -= shorter * (out[k, X] - x)
+        out[k, Y] -= shorter * (out[k, Y] - y)
     return out
 
 

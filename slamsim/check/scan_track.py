@@ -66,7 +66,8 @@ def track_window(reader: BeamReader, window: IntArray, stamps: tuple[IntArray, f
             break
         sweep = reader.sweep(scan)
         lasted = float(elapsed_s[k] - elapsed_s[k - 1]) if k else 0.0
-        still = moved_pieces(found, beams_of(found, sweep), steady(velocity), sweep.declared_s)
+        shares, shape = beams_of(found, sweep), (sweep.declared_s, 0.0, 0.0)
+        still = moved_pieces(found, shares, steady(velocity), shape)
         if k:
             guess = compose(poses[-1], velocity * lasted)
             match, searched = _place(matcher, still, guess, _doubt(lasted, known=k > 1))
@@ -75,7 +76,7 @@ def track_window(reader: BeamReader, window: IntArray, stamps: tuple[IntArray, f
                 break
             velocity = between(poses[-1], match.T_map_base) / lasted
             poses.append(match.T_map_base)
-            still = moved_pieces(found, beams_of(found, sweep), steady(velocity), sweep.declared_s)
+            still = moved_pieces(found, shares, steady(velocity), shape)
         matcher.insert_pieces(still, poses[-1])
         pieces.append(found)
         sweeps.append(sweep)
