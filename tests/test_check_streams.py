@@ -53,7 +53,7 @@ def test_a_healthy_recording_is_healthy() -> None:
     start_s=st.sampled_from([0.0, 17.3, 1_700_000_000.0]),
     jitter_ms=st.floats(0.0, 2.0),
     lost=st.floats(0.0, 0.005),
-    latency_ms=st.floats(0.0, 200.0),
+    latency_ms=st.floats(0.0, 60.0),
     seed=st.integers(0, 2**32 - 1),
 )
 def test_what_drivers_usually_do_is_no_fault(
@@ -190,7 +190,7 @@ def test_receipt_before_the_stamp_or_long_after(by_s: float, name: str) -> None:
     assert _bad(found) == {"/scan": {name}}
 
 
-@pytest.mark.parametrize("ppm", [-200.0, 150.0, 1000.0])
+@pytest.mark.parametrize("ppm", [-300.0, 250.0, 1000.0])
 def test_a_drifting_clock_is_measured_against_the_receiver(ppm: float) -> None:
     def drifting(scans: RawScans) -> RawScans:
         since = scans.stamps_ns - scans.stamps_ns[0]

@@ -142,7 +142,7 @@ def _period_ns(since_ns: FloatArray) -> float:
 
 def _running(middle: Callable[..., Any], values: FloatArray) -> FloatArray:
     width = min(_SMOOTHED, values.size // 2 * 2 - 1)
-    padded = np.pad(values, width // 2, mode="edge")
+    padded = np.pad(values, width // 2, mode="symmetric")
     windows = np.lib.stride_tricks.sliding_window_view(padded, width)
     return np.asarray(middle(windows, axis=1), dtype=np.float64)
 

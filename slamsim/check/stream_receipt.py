@@ -15,9 +15,11 @@ MAX_LATE_S = 0.5
 """Later than any network makes them; below, only other sensors can tell."""
 MAX_AHEAD_S = 0.01
 """Clocks of two computers agree to a millisecond when they are kept together at all."""
-MAX_DRIFT_PPM = 10.0
+MAX_DRIFT_PPM = 200.0
+"""No crystal is so far off. What a smaller drift does between two sensors they tell better
+themselves (``time.drift``): the receiver's clock does not matter to a map."""
 MAX_GAINED_S = 0.005
-"""What a drift may make of the offset between two streams over the whole recording."""
+"""What a drift may add to the offset between two streams over a short recording."""
 INVENTED_PPM = 10_000.0
 """No clock is so wrong: the rate was assumed."""
 _MIN_MESSAGES = 100
