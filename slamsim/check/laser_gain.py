@@ -18,13 +18,15 @@ MOST_LAG_S = 0.1
 """The lag found by correlation is refined by no more than this."""
 
 MIN_STEPS = 12
+LIVELY = 0.8
+"""Share of the steps that turn less than a lively one; single wild stamps make none lively."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Gain:
     """Turn of the scans over that of another stream, fitted with a lag and a drift.
 
-    value, sigma: of the gain. correlation: of both turns. ratio: of their sizes, root mean square,
+    value, sigma: of the gain. correlation: of both turns. ratio: of their lively turn rates,
     without regard to when. turned_rad: how far the other stream turned in all. scans_rad_s,
     other_rad_s: (n,) turn rates, the latter at the fitted lag.
     """
@@ -62,13 +64,14 @@ def turn_gain(steps: LaserSteps, course: Course, column: int, shift: Shift | Non
         fitted, covariance = _regression(columns, turned, window)
         if abs(fitted[0]) > 1e-3:
             lag = float(np.clip(lag + fitted[1] / fitted[0], -MOST_LAG_S, MOST_LAG_S))
-    sizes = np.sqrt(np.mean(np.square(turned))), np.sqrt(np.mean(np.square(other)))
+    sizes = (float(np.quantile(np.abs(one / lasted), LIVELY)) for one in (turned, other))
+    ours, theirs = sizes
     return Gain(
         topic=course.topic,
         value=float(fitted[0]),
         sigma=float(np.sqrt(covariance[0, 0])),
         correlation=_correlation(turned, other),
-        ratio=float(sizes[0] / max(sizes[1], 1e-12)),
+        ratio=ours / max(theirs, 1e-12),
         turned_rad=float(np.abs(other).sum()),
         scans_rad_s=turned / lasted,
         other_rad_s=other / lasted,

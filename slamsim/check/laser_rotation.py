@@ -12,7 +12,7 @@ from slamsim.check.laser_gain import Gain, turn_gain
 SAME_GAIN = 0.1
 """Gains this near to 1, 0 or -1 are meant to be so; less is a matter of scale, told elsewhere."""
 
-SMALL_RATIO = 0.25
+SMALL_RATIO = 0.15
 """Scans that do not follow the robot still seem to turn a little, by what they mistake for it."""
 
 LEAST_TURNED_RAD = 1.0

@@ -19,7 +19,7 @@ from slamsim.recording import RecordingFormat
 ANGLE_LIMIT, ANGLE_HARM = 5e-4, 0.01
 """0.05 % between beams is a fifth of a degree in a full turn; walls are no straighter."""
 
-OFFSET_LIMIT_M, OFFSET_HARM_M = 0.02, 0.1
+OFFSET_LIMIT_M, OFFSET_HARM_M = 0.03, 0.1
 """What edges of the beam and dark surfaces do to a healthy lidar, and what blurs a map."""
 
 SWEEP_LIMIT, SWEEP_LIMIT_S = 0.05, 5e-4
