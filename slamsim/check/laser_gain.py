@@ -18,16 +18,16 @@ MOST_LAG_S = 0.1
 """The lag found by correlation is refined by no more than this."""
 
 MIN_STEPS = 12
-LIVELY = 0.8
-"""Share of the steps that turn less than a lively one; single wild stamps make none lively."""
+WILD_RAD_S = 2.0
+"""Faster turns count as this fast: they are made by single wild stamps."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Gain:
     """Turn of the scans over that of another stream, fitted with a lag and a drift.
 
-    value, sigma: of the gain. correlation: of both turns. ratio: of their lively turn rates,
-    without regard to when. turned_rad: how far the other stream turned in all. scans_rad_s,
+    value, sigma: of the gain. correlation: of both turns. ratio: of their mean turn rates, without
+    regard to sign and when. turned_rad: how far the other stream turned in all. scans_rad_s,
     other_rad_s: (n,) turn rates, the latter at the fitted lag.
     """
 
@@ -64,8 +64,9 @@ def turn_gain(steps: LaserSteps, course: Course, column: int, shift: Shift | Non
         fitted, covariance = _regression(columns, turned, window)
         if abs(fitted[0]) > 1e-3:
             lag = float(np.clip(lag + fitted[1] / fitted[0], -MOST_LAG_S, MOST_LAG_S))
-    sizes = (float(np.quantile(np.abs(one / lasted), LIVELY)) for one in (turned, other))
-    ours, theirs = sizes
+    ours, theirs = (
+        float(np.minimum(np.abs(one / lasted), WILD_RAD_S).mean()) for one in (turned, other)
+    )
     return Gain(
         topic=course.topic,
         value=float(fitted[0]),
