@@ -95,6 +95,11 @@ class Calibration:
         """Whether the motion of the scans is in the fit at all."""
         return bool(np.any(self.model.steps.information))
 
+    @property
+    def comparable(self) -> bool:
+        """Whether wheels and scans go together, if anything turns that could tell."""
+        return self.follows("wheel") or hardly_turns(self.model.steps)
+
     def follows(self, stream: str) -> bool:
         """Whether the turns of two streams plainly have to do with each other."""
         shift = self.shift(stream)
@@ -156,6 +161,11 @@ def _gyro_tells(steps: LaserSteps, alignment: Alignment) -> bool:
     pairs = (alignment.lidar_gyro, alignment.gyro_wheels)
     if any(pair is not None and pair.clear for pair in pairs):
         return True
+    return hardly_turns(steps)
+
+
+def hardly_turns(steps: LaserSteps) -> bool:
+    """Whether the scans turn too little to tell whose turns are like theirs."""
     seconds = (steps.second_ns - steps.first_ns) * 1e-9
     return float(np.std(steps.T_first_second[:, 2] / seconds)) < HARDLY_TURNING_RAD_S
 

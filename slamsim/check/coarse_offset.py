@@ -13,7 +13,7 @@ from slamsim.types import FloatArray
 GRID_S = 0.02
 MOST_CELLS = 1 << 20
 LEAST_SHARE = 0.5
-"""Of what each stream tells, so much must overlap the other for a lag to count."""
+"""Of what each stream tells where the other one is, at the most, so much must overlap."""
 
 CLEAR = 0.75
 """Correlation from which on a lag is believed."""
@@ -54,7 +54,7 @@ def coarse_lag(one: Rate, other: Rate) -> Lag | None:
     if len(spans) < 2:
         return None
     step = max(GRID_S, sum(spans) / MOST_CELLS)
-    (a, known_a), (b, known_b) = (_centred(*sampled(rate, step)) for rate in (one, other))
+    (a, known_a), (b, known_b) = (sampled(rate, step) for rate in (one, other))
     correlation = correlations(a, known_a, b, known_b)
     if not np.any(correlation):
         return None
@@ -81,20 +81,16 @@ def sampled(rate: Rate, step_s: float) -> tuple[FloatArray, FloatArray]:
     return values, known.astype(np.float64)
 
 
-def _centred(values: FloatArray, known: FloatArray) -> tuple[FloatArray, FloatArray]:
-    return known * (values - values.sum() / max(float(known.sum()), 1.0)), known
-
-
 def correlations(
     a: FloatArray, known_a: FloatArray, b: FloatArray, known_b: FloatArray
 ) -> FloatArray:
     """(len(a) + len(b) - 1,) normalised, over what both know; 0 where they overlap too little."""
-    product = fftconvolve(b, a[::-1])
-    square_a = fftconvolve(known_b, np.square(a)[::-1])
-    square_b = fftconvolve(np.square(b), known_a[::-1])
-    enough = (square_a > LEAST_SHARE * np.square(a).sum()) & (
-        square_b > LEAST_SHARE * np.square(b).sum()
-    )
+    both = np.maximum(fftconvolve(known_b, known_a[::-1]), 1.0)
+    sum_a, sum_b = fftconvolve(known_b, a[::-1]), fftconvolve(b, known_a[::-1])
+    product = fftconvolve(b, a[::-1]) - sum_a * sum_b / both
+    square_a = fftconvolve(known_b, np.square(a)[::-1]) - np.square(sum_a) / both
+    square_b = fftconvolve(np.square(b), known_a[::-1]) - np.square(sum_b) / both
+    enough = (square_a > LEAST_SHARE * square_a.max()) & (square_b > LEAST_SHARE * square_b.max())
     scale = np.sqrt(np.maximum(square_a, 0.0) * np.maximum(square_b, 0.0))
     least = 1e-9 * np.sqrt(np.square(a).sum() * np.square(b).sum())
     enough &= (scale > least) & (scale > 0.0)

@@ -171,10 +171,6 @@ def _course(
 
 
 def _in_order(stamps_ns: IntArray, good: BoolArray) -> IntArray:
-    """Places of the good samples that carry a later stamp than all before them."""
+    """Places of the good samples by ascending stamp, of those with one stamp the first."""
     places = np.flatnonzero(good)
-    stamps = stamps_ns[places]
-    if places.size == 0:
-        return places
-    before = np.concatenate([[np.iinfo(np.int64).min], np.maximum.accumulate(stamps)[:-1]])
-    return places[stamps > before]
+    return np.asarray(places[np.unique(stamps_ns[places], return_index=True)[1]])

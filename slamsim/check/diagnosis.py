@@ -14,6 +14,7 @@ from slamsim.check.findings import FAULT_NAMES, Finding
 
 _LIDAR_TIMES = ("time_offset_lidar", "scan_stamp_end", "scan_stamp_middle")
 _SWEEPS = ("beam_time_scale", "beam_time_reversed", "flash_scan_timed", "rolling_scan_untimed")
+_MOUNTING = ("laser_yaw", "laser_position")
 _SIZES = ("wheel_radius", "wheel_track", "wheel_slip", "laser_yaw", "laser_position", "gyro_scale")
 
 ON_ONE_SUBJECT: dict[str, tuple[str, ...]] = {
@@ -28,8 +29,8 @@ ON_ONE_SUBJECT: dict[str, tuple[str, ...]] = {
 
 ON_ANY_SUBJECT: dict[str, tuple[str, ...]] = {
     "laser_world_fixed": (*_SIZES, *_LIDAR_TIMES, *_SWEEPS, "laser_angle_step", "range_offset"),
-    "laser_mirrored": ("laser_yaw", "laser_position", "gyro_sign", "wheels_swapped"),
-    "laser_upside_down": ("laser_yaw", "laser_position", "laser_mirrored"),
+    "laser_mirrored": (*_MOUNTING, *_SWEEPS, "gyro_sign", "wheels_swapped"),
+    "laser_upside_down": (*_MOUNTING, *_SWEEPS, "laser_mirrored"),
     "laser_degrees": ("laser_angle_step", *_SWEEPS, "range_offset"),
     "scan_stuck": (*_SIZES, *_LIDAR_TIMES, *_SWEEPS, "stamps_invented", "laser_world_fixed"),
     "stamps_invented": (*_SIZES, *_SWEEPS, "laser_angle_step"),

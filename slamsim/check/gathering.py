@@ -23,7 +23,7 @@ SIDEWAYS_SHARE = 0.2
 class Inputs:
     """What there is to compare. T_base_laser: (x, y, yaw) as declared, None if nothing says so;
     upside_down: whether it is declared so; steps are as seen from above. even_stamps: whether the
-    scans' stamps keep a constant rate."""
+    scans' stamps keep a constant rate. together: whether odometry comes in the scans' messages."""
 
     steps: LaserSteps
     gyro: Course | None
@@ -33,6 +33,7 @@ class Inputs:
     T_base_laser: FloatArray | None
     upside_down: bool = False
     even_stamps: bool = True
+    together: bool = False
 
 
 def gather(recording: Recording, motions: ScanMotions | None) -> Inputs:
@@ -40,7 +41,8 @@ def gather(recording: Recording, motions: ScanMotions | None) -> Inputs:
     graph = FrameGraph(recording.transforms)
     named = recording.odometries[0].child_frame_ids if recording.odometries else ()
     base = graph.base(named)
-    steps = laser_steps(motions) if motions is not None else _no_steps()
+    alone = motions is None or not _stamped_together(recording, motions.topic)
+    steps = laser_steps(motions, alone) if motions is not None else _no_steps()
     frames = {scans.topic: scans.frame_ids for scans in recording.scans}
     laser_frame = next(iter(frames.get(steps.topic, ())), "")
     T_base_laser = graph.between(base, laser_frame)
@@ -57,6 +59,17 @@ def gather(recording: Recording, motions: ScanMotions | None) -> Inputs:
         None if T_base_laser is None else se2_from_se3(T_base_laser),
         upside_down,
         all(_even(scans.stamps_ns) for scans in recording.scans if scans.topic == steps.topic),
+        not alone,
+    )
+
+
+def _stamped_together(recording: Recording, topic: str) -> bool:
+    """Whether scans and odometry come in one message, as CARMEN has them."""
+    return any(
+        np.array_equal(scans.stamps_ns, odometry.stamps_ns)
+        for scans in recording.scans
+        for odometry in recording.odometries
+        if scans.topic == topic
     )
 
 

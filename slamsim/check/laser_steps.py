@@ -14,7 +14,7 @@ SWEEP_DOUBT_SIGMAS, NEARLY = 5.0, 0.25
 sigmas and this share."""
 
 
-SINGLE, SINGLE_SHARE = 0.3, 0.25
+SINGLE = 0.3
 UNEVEN, SCATTERED_SHARE = 0.1, 0.2
 """Stamps scatter if so many steps between them differ by more than this share of a period."""
 
@@ -55,12 +55,16 @@ class LaserSteps:
         )
 
 
-def laser_steps(motions: ScanMotions) -> LaserSteps:
-    """Of all windows; steps that are not finite, or take no time, are left out."""
+def laser_steps(motions: ScanMotions, mend: bool = True) -> LaserSteps:
+    """Of all windows; steps that are not finite, or take no time, are left out.
+
+    mend: whether stamps that scatter are put right; not where others share them.
+    """
     declared = abs(motions.sweep_s.declared)
     sweep_s = _true_sweep_s(motions.sweep_s)
     later_ns = round(0.5e9 * (sweep_s - declared))
-    stamps = _evened([window.middle_ns for window in motions.windows])
+    stamps = [window.middle_ns for window in motions.windows]
+    stamps = _evened(stamps) if mend else stamps
     begins = [middle_ns[:-1] for middle_ns in stamps]
     ends = [middle_ns[1:] for middle_ns in stamps]
     steps = LaserSteps(
@@ -116,10 +120,10 @@ def _without_single_steps(stamps_ns: IntArray, period: float) -> IntArray:
     apart = (stamps_ns - stamps_ns[0]) - pace
     usual = float(np.median(apart))
     out = np.abs(apart - usual) > SINGLE * period
-    if out.mean() > SINGLE_SHARE:
-        return stamps_ns
+    alone = np.zeros_like(out)
+    alone[1:-1] = out[1:-1] & ~out[:-2] & ~out[2:]
     even = np.rint(stamps_ns[0] + pace + usual).astype(np.int64)
-    return np.where(out, even, stamps_ns)
+    return np.where(alone, even, stamps_ns)
 
 
 def _joined(parts: list[IntArray]) -> IntArray:

@@ -10,6 +10,7 @@ import numpy as np
 
 from slamsim.check.calibration import Calibration
 from slamsim.check.findings import Estimate, Finding, Mend
+from slamsim.check.rolling import POSES_TIMES
 from slamsim.check.verdicts import Answer, Question, judged
 from slamsim.geometry import wrap_angle
 
@@ -45,6 +46,12 @@ def check_mounting(calibration: Calibration) -> list[Finding]:
 _NAMES = ("laser_x_m", "laser_y_m", "laser_yaw_rad")
 
 
+def _times(calibration: Calibration) -> float:
+    """How much coarser poses are than counters."""
+    wheels = calibration.model.wheels
+    return 1.0 if wheels is None or wheels.wired else POSES_TIMES
+
+
 def _mend(calibration: Calibration) -> Mend:
     found = {
         name: calibration.value(long)
@@ -62,7 +69,8 @@ def _yaw(calibration: Calibration) -> Finding:
     sigma = calibration.sigma("laser_yaw_rad")
     return judged(
         Question(
-            *("laser.yaw", inputs.laser_frame, "laser_yaw", YAW_LIMIT_DEG, YAW_HARM_DEG, DRIVING)
+            *("laser.yaw", inputs.laser_frame, "laser_yaw"),
+            *(_times(calibration) * YAW_LIMIT_DEG, YAW_HARM_DEG, DRIVING),
         ),
         Estimate(float(np.degrees(off)), float(np.degrees(sigma)), "deg"),
         Answer(
@@ -84,7 +92,7 @@ def _place(calibration: Calibration, axis: int) -> Finding:
     return judged(
         Question(
             *(f"laser.{'xy'[axis]}", inputs.laser_frame, "laser_position"),
-            *(1e3 * PLACE_LIMIT_M, 1e3 * PLACE_HARM_M, TURNING),
+            *(_times(calibration) * 1e3 * PLACE_LIMIT_M, 1e3 * PLACE_HARM_M, TURNING),
         ),
         estimate,
         Answer(

@@ -46,6 +46,9 @@ def check_slip(calibration: Calibration) -> list[Finding]:
     spells, wheels = calibration.spells, calibration.model.wheels
     if spells is None or wheels is None:
         return []
+    if not calibration.comparable:
+        words = "turns of wheels and scans do not follow each other"
+        return [Finding("wheels.slip", wheels.topic, "cannot tell", words)]
     frozen = float(np.abs(spells.scans - spells.wheels)[spells.frozen, 0].sum())
     slips = spells.slipping & ~(spells.beside_frozen & spells.frozen.any())
     excess = np.abs(spells.wheels - spells.scans)[slips].sum(axis=0)

@@ -5,12 +5,16 @@ from __future__ import annotations
 import numpy as np
 
 from slamsim.check.calibration import Calibration
+from slamsim.check.course import Course
 from slamsim.check.findings import Estimate, Finding, Mend
 from slamsim.check.verdicts import Answer, Question, judged
 from slamsim.check.votes import Vote
 
 RADIUS_LIMIT, TRACK_LIMIT = 0.01, 0.02
 """Careful calibration leaves 0.2 % and 0.5 % (Borenstein & Feng 1996); tape measures less."""
+
+POSES_TIMES = 6.0
+"""Poses that a driver has made of its wheels come rarely, late and smoothed: so much coarser."""
 
 RADIUS_HARM, TRACK_HARM = 0.03, 0.06
 DRIVING = "ten metres of straight driving"
@@ -22,8 +26,8 @@ def check_wheels(calibration: Calibration, vote: Vote) -> list[Finding]:
     wheels = calibration.model.wheels
     if wheels is None:
         return []
-    if not calibration.scans_count:
-        words = "without scans nothing tells how far the wheels really go"
+    if not calibration.scans_count or not calibration.comparable:
+        words = "without scans that follow them nothing tells how far the wheels really go"
         return [
             *_wiring(calibration),
             Finding("wheels.radius", wheels.topic, "cannot tell", words),
@@ -75,7 +79,7 @@ def _radius(calibration: Calibration) -> Finding:
     return judged(
         Question(
             *("wheels.radius", wheels.topic, "wheel_radius"),
-            *(100.0 * RADIUS_LIMIT, 100.0 * RADIUS_HARM, DRIVING),
+            *(100.0 * _limit(wheels, RADIUS_LIMIT), 100.0 * RADIUS_HARM, DRIVING),
         ),
         Estimate(large, 100.0 * sigma / gain**2, "%"),
         Answer(
@@ -83,6 +87,10 @@ def _radius(calibration: Calibration) -> Finding:
             *(_advice(calibration), (_mend(calibration),)),
         ),
     )
+
+
+def _limit(wheels: Course, limit: float) -> float:
+    return limit if wheels.wired else POSES_TIMES * limit
 
 
 def _unequal(calibration: Calibration) -> list[Finding]:
@@ -119,7 +127,7 @@ def _track(calibration: Calibration, vote: Vote) -> Finding:
     return judged(
         Question(
             *("wheels.track", wheels.topic, "wheel_track"),
-            *(100.0 * TRACK_LIMIT, 100.0 * TRACK_HARM, TURNING),
+            *(100.0 * _limit(wheels, TRACK_LIMIT), 100.0 * TRACK_HARM, TURNING),
         ),
         Estimate(100.0 * (ratio - 1.0), 100.0 * float(relative) * abs(ratio), "%"),
         Answer(words, _advice(calibration), (_mend(calibration),)),

@@ -26,6 +26,7 @@ class Spells:
     start_s: (k,) since the middle of the drive, by the lidar. step_of: (n,) the spell of each step.
     wheels, scans: (k, 2) path and turn by either, added up. slipping, frozen: (k,).
     beside_frozen: (k,) the spells before and after, in which the wheels may stand for a part.
+    odd: (k,) the scans go further than the wheels that turn: more likely the scans are wrong.
     """
 
     start_s: FloatArray
@@ -35,11 +36,12 @@ class Spells:
     slipping: BoolArray
     frozen: BoolArray
     beside_frozen: BoolArray
+    odd: BoolArray
 
     @property
     def distrusted(self) -> BoolArray:
         """(n,) steps in which the wheels tell nothing."""
-        return np.asarray((self.slipping | self.frozen)[self.step_of])
+        return np.asarray((self.slipping | self.frozen | self.odd)[self.step_of])
 
 
 def find_spells(model: Model, values: FloatArray) -> Spells:
@@ -62,8 +64,9 @@ def find_spells(model: Model, values: FloatArray) -> Spells:
     beside = np.zeros_like(frozen)
     beside[1:] |= frozen[:-1]
     beside[:-1] |= frozen[1:]
-    slipping = off.any(axis=1) & ~frozen
-    return Spells(start_s, step_of, by_wheels, by_scans, slipping, frozen, beside)
+    slipping = (off & (np.abs(by_wheels) > np.abs(by_scans))).any(axis=1) & ~frozen
+    odd = off.any(axis=1) & ~frozen & ~slipping
+    return Spells(start_s, step_of, by_wheels, by_scans, slipping, frozen, beside, odd)
 
 
 def _numbered(steps: LaserSteps) -> IntArray:

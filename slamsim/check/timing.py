@@ -70,9 +70,10 @@ def check_timing(calibration: Calibration) -> list[Finding]:
     pairs = _pairs(calibration)
     offsets = {pair: _offset(calibration, pair) for pair in pairs if calibration.follows(pair)}
     blamed = _blamed({pair: (one.offset_s, one.sigma_s) for pair, one in offsets.items()})
-    blamed = blamed if any(one.is_off for one in offsets.values()) else {}
+    one_message = calibration.inputs.together
+    blamed = blamed if any(one.is_off for one in offsets.values()) and not one_message else {}
     drifting = _blamed({pair: (one.drift, one.drift_sigma) for pair, one in offsets.items()})
-    drifting = drifting if any(one.drifts for one in offsets.values()) else {}
+    drifting = drifting if any(one.drifts for one in offsets.values()) and not one_message else {}
     return [
         *_contradicted(calibration),
         *_agreements(calibration, offsets),
@@ -159,7 +160,7 @@ def _agreements(calibration: Calibration, offsets: dict[str, Offset]) -> list[Fi
     return [
         _pair(calibration, pair, offsets.get(pair))
         for pair in _pairs(calibration)
-        if pair not in offsets or not offsets[pair].is_off
+        if pair not in offsets or not offsets[pair].is_off or calibration.inputs.together
     ]
 
 
@@ -178,7 +179,9 @@ def _pair(calibration: Calibration, pair: str, offset: Offset | None) -> Finding
         f"stamps of the {one} are {_signed_ms(offset.offset_s)} against those of the {other}, "
         f"± {offset.sigma_s * 1e3:.3g} ms (at best {offset.bound_s * 1e3:.2g} ms)"
     )
-    if not offset.is_known:
+    if calibration.inputs.together:
+        words += "; one message carries both, so the one in it may just be older than the other"
+    elif not offset.is_known:
         words += f", too unsure to tell; what would tell: {TURNING}"
     verdict: Verdict = "ok" if offset.is_known else "cannot tell"
     return Finding(check, subject, verdict, words, estimate=estimate, limit=LIMITS_S[pair] * 1e3)

@@ -1,0 +1,47 @@
+"""Consequences are explained away, independent faults are not."""
+
+from __future__ import annotations
+
+from slamsim.check.diagnosis import ON_ANY_SUBJECT, ON_ONE_SUBJECT, explained
+from slamsim.check.findings import FAULT_NAMES, Finding
+
+
+def bad(check: str, subject: str, fault: str) -> Finding:
+    return Finding(check, subject, "bad", "words", fault, "advice")
+
+
+def names(*findings: Finding) -> set[str | None]:
+    return {one.fault for one in explained(findings) if one.verdict == "bad"}
+
+
+def test_a_consequence_is_no_fault_of_its_own() -> None:
+    cause = bad("wheels.wiring", "/ticks", "wheels_swapped")
+    consequence = bad("odometry.wheels", "/odom", "odometry_contradicts_wheels")
+    found = explained([consequence, cause])
+    assert [one.verdict for one in found] == ["cannot tell", "bad"]
+    assert "left and right wheel are exchanged" in found[0].words
+    assert not found[0].mends
+
+
+def test_two_faults_are_both_told() -> None:
+    assert names(
+        bad("wheels.radius", "/ticks", "wheel_radius"), bad("gyro.bias", "/imu", "gyro_bias")
+    ) == {"wheel_radius", "gyro_bias"}
+
+
+def test_the_stamps_of_one_stream_do_not_excuse_another() -> None:
+    rounded = bad("stamps.rounding", "/imu", "stamps_quantised")
+    assert names(rounded, bad("time.offset.imu", "/imu", "time_offset_imu")) == {"stamps_quantised"}
+    assert names(rounded, bad("time.offset.wheels", "/ticks", "time_offset_wheels")) == {
+        "stamps_quantised",
+        "time_offset_wheels",
+    }
+
+
+def test_every_name_in_the_tables_is_a_fault_and_none_excuses_itself_in_a_circle() -> None:
+    for table in (ON_ONE_SUBJECT, ON_ANY_SUBJECT):
+        for cause, consequences in table.items():
+            assert {cause, *consequences} <= set(FAULT_NAMES)
+            assert cause not in consequences
+            for other in consequences:
+                assert cause not in table.get(other, ()), (cause, other)

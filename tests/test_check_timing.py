@@ -1,0 +1,193 @@
+"""Whose clock is off, and what the joint fit says of wheels, gyroscope and mounting in words."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from calibration_example import T_BASE_LASER, Robot, without
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from slamsim.check.calibration import Calibration, calibrate_inputs
+from slamsim.check.course import wheel_course
+from slamsim.check.findings import Finding
+from slamsim.check.gathering import Inputs
+from slamsim.check.joint import check_calibration
+from slamsim.check.mounting import check_mounting
+from slamsim.check.odometry import check_slip
+from slamsim.check.rolling import check_wheels
+from slamsim.check.timing import check_timing
+from slamsim.check.turning import check_gyro
+from slamsim.check.votes import vote
+from slamsim.recording import RawImu, RawOdometry, RawTicks, Recording
+from slamsim.types import FloatArray
+
+
+def everything(calibration: Calibration) -> list[Finding]:
+    opinion = vote(calibration)
+    return [
+        *check_timing(calibration),
+        *check_slip(calibration),
+        *check_wheels(calibration, opinion),
+        *check_gyro(calibration, opinion),
+        *check_mounting(calibration),
+    ]
+
+
+def named(inputs: Inputs) -> set[str]:
+    calibration = calibrate_inputs(inputs)
+    assert calibration is not None
+    return {one.fault for one in everything(calibration) if one.fault is not None}
+
+
+FAULTS = [
+    (Robot(), set()),
+    (Robot(lidar_late_s=0.003), {"time_offset_lidar"}),
+    (Robot(lidar_late_s=-0.3), {"time_offset_lidar"}),
+    (Robot(gyro_late_s=0.01), {"time_offset_imu"}),
+    (Robot(wheels_late_s=0.05), {"time_offset_wheels"}),
+    (Robot(lidar_late_s=0.04), {"scan_stamp_end"}),
+    (Robot(lidar_late_s=0.02), {"scan_stamp_middle"}),
+    (Robot(lidar_late_s=1.7e9), {"epoch_mismatch"}),
+    (Robot(lidar_drift=5e-4), {"clock_drift"}),
+    (Robot(lidar_late_s=0.1, wheels_late_s=-0.2), {"time_offset_lidar", "time_offset_wheels"}),
+    (Robot(gyro_scale=1.05), {"gyro_scale"}),
+    (Robot(gyro_scale=-1.0), {"gyro_sign"}),
+    (Robot(gyro_scale=57.29578, noise=0.0), {"gyro_degrees"}),
+    (Robot(gyro_bias=0.05), {"gyro_bias"}),
+    (Robot(radius=1.05), {"wheel_radius"}),
+    (Robot(track=0.9), {"wheel_track"}),
+    (Robot(T_base_laser=T_BASE_LASER + np.array([0.0, 0.0, 0.05])), {"laser_yaw"}),
+    (Robot(T_base_laser=T_BASE_LASER + np.array([0.0, 0.05, 0.0])), {"laser_position"}),
+    (Robot(T_base_laser=T_BASE_LASER + np.array([0.0, 0.0, math.pi])), {"laser_yaw"}),
+]
+
+
+@pytest.mark.parametrize(("robot", "expected"), FAULTS)
+def test_one_fault_has_one_name(robot: Robot, expected: set[str]) -> None:
+    assert named(robot.inputs()) == expected
+
+
+def rewired(ticks: RawTicks, by: list[list[int]]) -> RawTicks:
+    return replace(ticks, ticks=ticks.ticks @ np.array(by))
+
+
+@pytest.mark.parametrize(
+    ("by", "expected"),
+    [
+        ([[0, 1], [1, 0]], {"wheels_swapped"}),
+        ([[-1, 0], [0, 1]], {"wheel_reversed"}),
+        ([[1, 0], [0, -1]], {"wheel_reversed"}),
+        ([[-1, 0], [0, -1]], {"wheel_reversed"}),
+    ],
+)
+def test_wiring(by: list[list[int]], expected: set[str]) -> None:
+    robot = Robot()
+    wheels = wheel_course(rewired(robot.ticks(), by))
+    assert named(replace(robot.inputs(), wheels=wheels)) == expected
+
+
+def test_mirrored_scans_are_no_fault_of_gyroscope_or_wheels() -> None:
+    inputs = Robot().inputs()
+    turned = np.array([1.0, -1.0, -1.0])
+    steps = replace(inputs.steps, T_first_second=inputs.steps.T_first_second * turned)
+    assert named(replace(inputs, steps=steps)) == set()
+
+
+def test_scans_that_do_not_turn_leave_the_others_comparable() -> None:
+    robot = Robot(wheels_late_s=0.05)
+    inputs = robot.inputs()
+    moved = inputs.steps.T_first_second.copy()
+    moved[:, 2] = 1e-4 * np.random.default_rng(0).standard_normal(len(moved))
+    steps = replace(inputs.steps, T_first_second=moved)
+    assert named(replace(inputs, steps=steps)) == {"time_offset_wheels"}
+
+
+def test_slip_is_found_and_kept_out_of_the_fit() -> None:
+    robot = Robot()
+    ticks = robot.ticks()
+    gain = np.ones(len(ticks) - 1)
+    gain[600:800] = 1.4
+    steps = np.diff(ticks.ticks, axis=0) * gain[:, None]
+    slipped = np.vstack([ticks.ticks[:1], ticks.ticks[0] + np.cumsum(steps, axis=0)])
+    wheels = wheel_course(replace(ticks, ticks=slipped.astype(np.int64)))
+    assert named(replace(robot.inputs(), wheels=wheels)) == {"wheel_slip"}
+
+
+def test_nothing_is_said_of_what_cannot_be_told() -> None:
+    """No turning: no offset, no track, no gyroscope; all "cannot tell" with what would tell."""
+    findings = {one.check: one for one in everything(Robot(turning=0.0).calibrated())}
+    for check in ("time.offset.lidar_imu", "time.offset.imu_wheels", "gyro.scale"):
+        assert findings[check].verdict == "cannot tell"
+    assert not any(one.verdict == "bad" for one in findings.values())
+    told = {one.check for one in everything(calibrated_without("gyro"))}
+    assert "time.offset.lidar_imu" not in told
+
+
+def calibrated_without(name: str) -> Calibration:
+    found = calibrate_inputs(without(Robot().inputs(), name))
+    assert found is not None
+    return found
+
+
+def odd_recordings() -> st.SearchStrategy[Recording]:
+    numbers = st.sampled_from([0.0, 1.0, -1.0, math.nan, math.inf, 1e300, 1e-300])
+    stamps = st.lists(st.sampled_from([0, 1, 10**9, 2 * 10**9, -(10**9), 2**62]), max_size=12)
+
+    def built(
+        imu_ns: list[int], ticks_ns: list[int], odometry_ns: list[int], fill: float, step: float
+    ) -> Recording:
+        def many(count: int, width: int) -> FloatArray:
+            with np.errstate(all="ignore"):
+                return np.asarray(np.full((count, width), fill) + step * np.arange(count)[:, None])
+
+        at = [np.array(one, dtype=np.int64) for one in (imu_ns, ticks_ns, odometry_ns)]
+        counts = np.arange(2 * len(ticks_ns), dtype=np.int64).reshape(-1, 2) * 10**15
+        quats = many(len(odometry_ns), 4)
+        plain = [many(len(odometry_ns), 3) for _ in range(3)]
+        imu = RawImu("/imu", (), at[0], None, many(len(imu_ns), 3), many(len(imu_ns), 3))
+        ticks = RawTicks("/ticks", ("b",), at[1], None, counts, 100, fill, step)
+        odometry = RawOdometry(
+            "/odom", ("o",), at[2], None, ("b",), plain[0], quats, plain[1], plain[2]
+        )
+        return Recording("odd", "memory", imus=(imu,), ticks=(ticks,), odometries=(odometry,))
+
+    return st.builds(built, stamps, stamps, stamps, numbers, numbers)
+
+
+@settings(max_examples=60)
+@given(recording=odd_recordings())
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")
+def test_odd_streams_are_answered_without_a_crash_or_nan(recording: Recording) -> None:
+    for finding in check_calibration(recording, None):
+        assert "nan" not in finding.words
+        if finding.estimate is not None:
+            assert math.isfinite(finding.estimate.value)
+            assert math.isfinite(finding.estimate.sigma)
+
+
+@pytest.mark.parametrize("spoil", ["nan", "reversed", "constant", "jumping"])
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")
+def test_spoilt_streams_beside_good_ones(spoil: str) -> None:
+    robot = Robot(seconds=12.0)
+    imu, ticks = robot.imu(), robot.ticks()
+    if spoil == "nan":
+        rates = imu.angular_velocity_rad_s.copy()
+        rates[::3] = math.nan
+        imu = replace(imu, angular_velocity_rad_s=rates)
+    elif spoil == "reversed":
+        imu = replace(imu, stamps_ns=imu.stamps_ns[::-1].copy())
+        ticks = replace(ticks, stamps_ns=ticks.stamps_ns[::-1].copy())
+    elif spoil == "constant":
+        ticks = replace(ticks, ticks=np.zeros_like(ticks.ticks))
+        imu = replace(imu, angular_velocity_rad_s=np.zeros_like(imu.angular_velocity_rad_s))
+    else:
+        counts = ticks.ticks.copy()
+        counts[300:] += 10**9
+        ticks = replace(ticks, ticks=counts)
+    recording = Recording("spoilt", "memory", imus=(imu,), ticks=(ticks,))
+    for finding in check_calibration(recording, None):
+        assert "nan" not in finding.words
