@@ -10,15 +10,17 @@ from scan_recording import (
     LIDAR,
     healthy,
     recording,
+    truth,
     with_layout,
     with_ranges,
     with_scans,
     world_fixed,
 )
 
-from slamsim.check.calibration import gather
 from slamsim.check.findings import Finding
+from slamsim.check.gathering import gather
 from slamsim.check.laser import check_laser, laser_motions
+from slamsim.check.mends import apply_mends
 from slamsim.recording import Recording, RecordingFormat
 from slamsim.types import FloatArray
 
@@ -54,6 +56,19 @@ def test_rays_fixed_to_the_world_are_named() -> None:
     found = findings(world_fixed())
     assert found["laser.rotation"].fault == "laser_world_fixed"
     assert {finding.fault for finding in found.values()} == {None, "laser_world_fixed"}
+
+
+def test_rays_fixed_to_the_world_are_turned_back() -> None:
+    of = world_fixed()
+    motions = laser_motions(of)
+    assert motions is not None
+    mend = findings(of)["laser.rotation"].mends[0]
+    drift, offset = (float(mend.parameters[name]) for name in ("drift_rad_s", "offset_rad"))
+    yaw = np.unwrap(truth().poses[:, 2])
+    gyro_bias_rad_s = 0.01
+    assert drift == pytest.approx(gyro_bias_rad_s, abs=1e-3)
+    assert np.sin(0.5 * (offset - yaw[0])) == pytest.approx(0.0, abs=0.01)
+    assert named(apply_mends(of, [mend])) == set()
 
 
 def test_mirrored_scans_are_named() -> None:

@@ -7,6 +7,7 @@ import numpy as np
 from slamsim.check.alignment import align
 from slamsim.check.findings import Curve, Estimate, Finding, Mend, Plot
 from slamsim.check.gathering import Inputs
+from slamsim.check.laser_course import heading_by_course
 from slamsim.check.laser_gain import Gain, turn_gain
 
 SAME_GAIN = 0.1
@@ -117,8 +118,22 @@ def _world_fixed(inputs: Inputs, gain: Gain, said: str) -> Finding:
         "Cast or publish the rays in the laser's own frame, or turn each recorded scan by the "
         "robot's heading."
     )
-    mend = Mend("turn_with_robot", inputs.steps.topic, {"heading_from": gain.topic})
+    mend = Mend("turn_with_robot", inputs.steps.topic, _heading(inputs, gain.topic))
     return _finding(inputs, gain, words, "bad", ("laser_world_fixed", advice, (mend,)))
+
+
+def _heading(inputs: Inputs, topic: str) -> dict[str, float | str]:
+    """Where the robot heads, by the stream of a topic and the way that the laser goes."""
+    by_gyro = inputs.gyro is not None and inputs.gyro.topic == topic
+    course, column = (inputs.gyro, 0) if by_gyro else (inputs.wheels, 1)
+    x_m, y_m, yaw_rad = (0.0, 0.0, 0.0) if inputs.T_base_laser is None else inputs.T_base_laser
+    found = None
+    if course is not None:
+        found = heading_by_course(inputs.steps, course, column, np.array([x_m, y_m]))
+    if found is None:
+        return {"heading_from": topic}
+    offset_rad = found.offset_rad + float(yaw_rad)
+    return {"heading_from": topic, "drift_rad_s": found.drift_rad_s, "offset_rad": offset_rad}
 
 
 def _mirrored(inputs: Inputs, gain: Gain, said: str) -> Finding:

@@ -16,14 +16,19 @@ from slamsim.wheels import wheel_odometry
 Heading = Callable[[IntArray], FloatArray]
 
 
-def heading_from(recording: Recording, topic: str) -> Heading:
+def heading_from(
+    recording: Recording, topic: str, correction: tuple[float, float] | None = None
+) -> Heading:
     """Heading in rad, without jumps, at any stamps, from odometry, wheel counters or gyroscope.
 
-    Beyond the ends it stays what it was there. Raises SlamsimError for another topic.
+    correction: of what the stream turns since its first message, to take off each second, and
+    then to add; without one, a gyroscope is freed of what wheels or odometry say that it turns
+    too far. Beyond the ends it stays what it was there. Raises SlamsimError for another topic.
     """
     for odometry in recording.odometries:
         if odometry.topic == topic:
-            return _between(odometry.stamps_ns, np.unwrap(yaw_from_xyzw(odometry.quats_xyzw)))
+            yaw_rad = np.unwrap(yaw_from_xyzw(odometry.quats_xyzw))
+            return _corrected(odometry.stamps_ns, yaw_rad, correction)
     for ticks in recording.ticks:
         if ticks.topic == topic:
             order = np.unique(ticks.stamps_ns, return_index=True)[1]
@@ -31,20 +36,35 @@ def heading_from(recording: Recording, topic: str) -> Heading:
             path = wheel_odometry(
                 EncoderStream(ticks.stamps_ns[order], ticks.ticks[order], *numbers)
             )
-            return _between(path.stamps_ns, np.unwrap(path.poses[:, 2]))
+            return _corrected(path.stamps_ns, np.unwrap(path.poses[:, 2]), correction)
     for imu in recording.imus:
         if imu.topic == topic:
-            return _integrated(recording, imu)
+            return _integrated(recording, imu, correction)
     raise SlamsimError(f"{topic!r} tells no heading")
 
 
-def _integrated(recording: Recording, imu: RawImu) -> Heading:
+def _corrected(
+    stamps_ns: IntArray, heading_rad: FloatArray, correction: tuple[float, float] | None
+) -> Heading:
+    if correction is None:
+        return _between(stamps_ns, heading_rad)
+    drift_rad_s, offset_rad = correction
+    since_s = (stamps_ns - stamps_ns.min(initial=stamps_ns[0])) * 1e-9
+    turned = heading_rad - heading_rad[0]
+    return _between(stamps_ns, turned - drift_rad_s * since_s + offset_rad)
+
+
+def _integrated(
+    recording: Recording, imu: RawImu, correction: tuple[float, float] | None
+) -> Heading:
     """Rates about the base's vertical, less what wheels or odometry say that they are too high."""
     rates = imu.angular_velocity_rad_s @ base_rotation(recording, imu).T[:, 2]
     order = np.argsort(imu.stamps_ns, kind="stable")
     stamps_ns, rates = imu.stamps_ns[order], np.nan_to_num(rates[order])
     steps_s = np.diff(stamps_ns) * 1e-9
     turned = np.concatenate([[0.0], np.cumsum(0.5 * (rates[1:] + rates[:-1]) * steps_s)])
+    if correction is not None:
+        return _corrected(stamps_ns, turned, correction)
     others = [stream.topic for stream in (*recording.odometries, *recording.ticks)]
     if others and stamps_ns.size > 1:
         apart = turned - heading_from(recording, others[0])(stamps_ns)

@@ -212,9 +212,13 @@ def set_sweep(recording: Recording, mend: Mend) -> Recording:
 def turn_with_robot(recording: Recording, mend: Mend) -> Recording:
     """Turn the rays of each scan by the robot's heading, which they should have had in them.
 
-    heading_from: the topic that tells it. Each beam is turned by the heading of its own instant.
+    heading_from: the topic that tells it; drift_rad_s and offset_rad, if they are given: what it
+    tells too much each second, and the heading at the start. Each beam is turned by the heading
+    of its own instant.
     """
-    heading_rad = heading_from(recording, str(mend.parameters["heading_from"]))
+    fitted = "drift_rad_s" in mend.parameters
+    correction = (number(mend, "drift_rad_s"), number(mend, "offset_rad")) if fitted else None
+    heading_rad = heading_from(recording, str(mend.parameters["heading_from"]), correction)
 
     def turned(scans: RawScans) -> RawScans:
         beams = _beams(scans)
