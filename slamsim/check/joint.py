@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from slamsim.check.calibration import calibrate
+from slamsim.check.excitation import check_excitation
 from slamsim.check.findings import Finding
 from slamsim.check.mounting import check_mounting
 from slamsim.check.odometry import check_odometry, check_slip
@@ -29,4 +30,5 @@ def check_calibration(recording: Recording, motions: ScanMotions | None) -> list
         *check_wheels(calibration, opinion),
         *check_gyro(calibration, opinion),
         *check_mounting(calibration),
+        *check_excitation(calibration),
     ]

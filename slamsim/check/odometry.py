@@ -24,6 +24,9 @@ COMPARED_S = 1.0
 MOVED_M, MOVED_RAD = 0.05, 0.1
 SCALE_LIMIT = 0.02
 ODD_SHARE_LIMIT = 0.05
+POSES_SHARE = 0.05
+"""Of poses instead of counters so much of the whole must slip: scans err as much in corridors."""
+
 SLIP_LIMIT_M, SLIP_LIMIT_RAD = 0.1, 0.15
 """Of all slips together: less is lost on any floor."""
 
@@ -73,7 +76,10 @@ def check_slip(calibration: Calibration) -> list[Finding]:
                 plots=(plot,),
             )
         )
-    bad = bool(excess[0] > SLIP_LIMIT_M or excess[1] > SLIP_LIMIT_RAD)
+    limits = np.array([SLIP_LIMIT_M, SLIP_LIMIT_RAD])
+    if not wheels.wired:
+        limits = np.maximum(limits, POSES_SHARE * np.abs(spells.wheels).sum(axis=0))
+    bad = bool((excess > limits).any())
     words = (
         f"in {int(slips.sum())} of {len(slips)} s wheels and scans differ, together by "
         f"{excess[0]:.2f} m and {np.degrees(excess[1]):.1f} deg"
@@ -83,7 +89,7 @@ def check_slip(calibration: Calibration) -> list[Finding]:
         Finding(
             *("wheels.slip", wheels.topic, "bad" if bad else "ok", words),
             *("wheel_slip" if bad else None, advice if bad else ""),
-            *(Estimate(float(excess[0]), 0.0, "m"), SLIP_LIMIT_M),
+            *(Estimate(float(excess[0]), 0.0, "m"), float(limits[0])),
             plots=(plot,),
         )
     )
