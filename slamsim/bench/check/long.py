@@ -17,12 +17,13 @@ def time_long_check(seconds: float, seed: int) -> Json:
     """Seconds for a healthy drive of that length at 40 scans of 1081 beams a second, in memory."""
     overrides = [f"sensors.lidar={LIDAR}", f"drive.route.max_duration_s={seconds:.1f}"]
     recording = Driven(load_run_config(WORLD, None, overrides, seed)).recording()
-    begun_s = time.perf_counter()
+    wall_s, cpu_s = time.perf_counter(), time.process_time()
     report = check_recording(recording)
     return {
         "recorded_s": seconds,
         "scans": len(recording.scans[0]),
-        "seconds": time.perf_counter() - begun_s,
+        "seconds": time.perf_counter() - wall_s,
+        "cpu_seconds": time.process_time() - cpu_s,
         "parts": report.seconds,
         "said": [finding.fault for finding in report.bad],
     }
@@ -32,6 +33,6 @@ def long_rows(figures: Json) -> dict[str, str]:
     """What a person sees of it."""
     return {
         "recorded": f"{figures['recorded_s']:.0f} s, {figures['scans']} scans",
-        "checked in": f"{figures['seconds']:.1f} s",
+        "checked in": f"{figures['seconds']:.1f} s, {figures['cpu_seconds']:.1f} s of processor",
         "found": ", ".join(cast(list[str], figures["said"])) or "nothing",
     }
