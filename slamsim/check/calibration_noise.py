@@ -25,7 +25,7 @@ def blocks(steps: LaserSteps) -> Iterator[IntArray]:
     for begin, end in zip(begins, [*begins[1:], len(steps)], strict=True):
         stamps = steps.first_ns[order[begin:end]]
         seconds = (stamps[-1] - stamps[0]) * 1e-9
-        parts = max(round(seconds / BLOCK_S), 1)
+        parts = min(max(round(seconds / BLOCK_S), 1), stamps.size)
         share = (stamps - stamps[0]) / max(float(stamps[-1] - stamps[0]), 1.0)
         since = np.minimum((share * parts).astype(np.int64), parts - 1)
         for part in range(parts):

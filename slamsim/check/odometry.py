@@ -21,6 +21,7 @@ USUAL_STEPS = 3.0
 the next, there and beside it."""
 
 COMPARED_S = 1.0
+LONGEST_S = 1e7
 MOVED_M, MOVED_RAD = 0.05, 0.1
 SCALE_LIMIT = 0.02
 ODD_SHARE_LIMIT = 0.05
@@ -147,8 +148,8 @@ def _against_wheels(odometry: Course, wheels: Course) -> Iterator[Finding]:
     """Path and turn of each second by the driver and by the counters that it is made from."""
     begin = max(odometry.origin_ns, wheels.origin_ns)
     end = min(int(odometry.stamps_ns[-1]), int(wheels.stamps_ns[-1]))
-    if end - begin < 3e9 * COMPARED_S:
-        words = "odometry and counters hardly overlap"
+    if not 3e9 * COMPARED_S <= end - begin <= 1e9 * LONGEST_S:
+        words = "odometry and counters hardly overlap, or their stamps span years"
         yield Finding("odometry.wheels", odometry.topic, "cannot tell", words)
         return
     edges_s = np.arange(0.0, (end - begin) * 1e-9, COMPARED_S)
@@ -164,7 +165,8 @@ def _against_wheels(odometry: Course, wheels: Course) -> Iterator[Finding]:
     still = moved.any(axis=1) & (np.abs(published) < 1e-6).all(axis=1)
     if still.mean() > 0.0:
         yield _still(odometry, int(still.sum()))
-    yield _scale(odometry, published[~still], counted[~still], moved[~still])
+    if not still.all():
+        yield _scale(odometry, published[~still], counted[~still], moved[~still])
 
 
 def _still(odometry: Course, seconds: int) -> Finding:

@@ -18,7 +18,8 @@ _TURNED_RAD = float(np.radians(10.0))
 
 def check_stray(topic: str, sample: ScanSample) -> Finding:
     """Beams that differ from two neighbours which agree; a pole does that as well, but stays."""
-    if abs(sample.layout.angle_step_rad) > _WIDEST_STEP_RAD or sample.ranges_m.shape[1] < 3:
+    fine = 0.0 < abs(sample.layout.angle_step_rad) <= _WIDEST_STEP_RAD
+    if not fine or sample.ranges_m.shape[1] < 3:
         words = "beams so far apart that a pole and a stray reading look alike"
         return Finding("ranges.stray", topic, "cannot tell", words)
     known, stray = stray_beams(sample)

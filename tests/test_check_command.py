@@ -1,0 +1,250 @@
+"""slamsim check and fix as they are typed, on good recordings and on bad ones."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from bag_data import ROS2, START_NS, Message, Robot, as_mcap
+from recording_data import recording, scans_at, stamps
+from typer.testing import CliRunner
+
+from slamsim.check.check import QUICK, check_recording
+from slamsim.check.findings import Finding
+from slamsim.cli import app
+from slamsim.logs.raw import read_recording
+from slamsim.logs.raw_writer import write_recording
+from slamsim.logs.reader import read_log
+from slamsim.recording import Messages, Recording
+from slamsim.run.checking import NotChecked
+from slamsim.safe.errors import SlamsimError
+
+ROBOT = Robot(ROS2)
+
+
+def _written(made: Recording, folder: Path) -> Path:
+    write_recording(made, folder)
+    return folder
+
+
+def _run(*words: str | Path) -> tuple[int, dict[str, Any], BaseException | None]:
+    """(exit code, JSON, what a person would be told)."""
+    result = CliRunner().invoke(app, [*map(str, words), "--json"])
+    found = json.loads(result.stdout) if result.stdout.strip() else {}
+    code = result.exit_code
+    if isinstance(result.exception, SlamsimError):
+        code = result.exception.exit_code
+    return code, found, result.exception
+
+
+def test_nothing_bad_ends_with_0_and_something_bad_with_1(tmp_path: Path) -> None:
+    made = recording()
+    code, found, _ = _run("check", _written(made, tmp_path / "good"), "--quick")
+    assert (code, found["bad"], found["faults"]) == (0, 0, [])
+    assert found["ok"] > 20 and {"seconds", "unread", "odd"} <= found.keys()
+    late = replace(made.scans[0], stamps_ns=made.scans[0].stamps_ns + 10**18)
+    bad = _written(replace(made, scans=(late,)), tmp_path / "bad")
+    code, found, _ = _run("check", bad, "--quick", "--html", tmp_path / "page.html")
+    assert code == 1 and "epoch_mismatch" in found["faults"]
+    first = next(f for f in found["findings"] if f["fault"] == "epoch_mismatch")
+    assert first["subject"] == "/scan" and first["advice"]
+    assert first["mends"][0]["operation"] == "shift_stamps"
+    assert "epoch_mismatch" in (tmp_path / "page.html").read_text()
+
+
+def test_what_cannot_be_read_ends_with_2_and_one_sentence(tmp_path: Path) -> None:
+    text = tmp_path / "notes.mcap"
+    text.write_text("this is a shopping list\n" * 100)
+    whole = as_mcap(tmp_path / "whole.mcap", ROBOT.drive())
+    half = tmp_path / "half.mcap"
+    half.write_bytes(whole.read_bytes()[: whole.stat().st_size // 2])
+    empty = tmp_path / "empty.log"
+    empty.write_text("")
+    for path in (text, half, empty, tmp_path / "nowhere.mcap", tmp_path):
+        code, found, error = _run("check", path)
+        assert code == 2 and not found and isinstance(error, NotChecked)
+        assert "\n" not in str(error).strip()
+
+
+def _constant(value: float) -> Recording:
+    made = recording()
+    imu, odometry = made.imus[0], made.odometries[0]
+    return replace(
+        made,
+        scans=(replace(made.scans[0], ranges_m=np.full((300, 60), value, dtype=np.float32)),),
+        imus=(
+            replace(
+                imu,
+                angular_velocity_rad_s=np.full_like(imu.angular_velocity_rad_s, value),
+                linear_acceleration_m_s2=np.full_like(imu.linear_acceleration_m_s2, value),
+            ),
+        ),
+        odometries=(
+            replace(
+                odometry,
+                positions_m=np.full_like(odometry.positions_m, value),
+                quats_xyzw=np.full_like(odometry.quats_xyzw, value),
+            ),
+        ),
+    )
+
+
+def _one_of_each() -> Recording:
+    made = recording(1.0)
+    one = stamps(10.0, 0.1)
+    return replace(made, scans=(scans_at(one),), imus=(), ticks=(), odometries=(), transforms=())
+
+
+def _unset(stream: Messages) -> Messages:
+    """UNIX time, and now and then 0, as of a driver that does not always stamp."""
+    stamps_ns = stream.stamps_ns + 1_700_000_000_000_000_000
+    stamps_ns[::50] = 0
+    return replace(stream, stamps_ns=stamps_ns)
+
+
+ODD: dict[str, Recording] = {
+    "one scan": _one_of_each(),
+    "one stream": replace(recording(), scans=(), ticks=(), odometries=(), transforms=()),
+    "wheels alone": replace(recording(), scans=(), imus=(), transforms=()),
+    "nan everywhere": _constant(np.nan),
+    "infinity everywhere": _constant(np.inf),
+    "zero everywhere": _constant(0.0),
+    "huge everywhere": _constant(1e30),
+    "two lidars": replace(
+        recording(),
+        scans=(recording().scans[0], replace(scans_at(stamps(7.0, 30.0)), topic="/rear")),
+    ),
+    "one stamp": replace(
+        recording(), scans=(replace(scans_at(stamps(10.0, 30.0)), stamps_ns=np.full(300, 7)),)
+    ),
+    "no beams": replace(
+        recording(),
+        scans=(
+            replace(scans_at(stamps(10.0, 30.0)), ranges_m=np.zeros((300, 0), dtype=np.float32)),
+        ),
+    ),
+    "one beam": replace(
+        recording(),
+        scans=(
+            replace(scans_at(stamps(10.0, 30.0)), ranges_m=np.ones((300, 1), dtype=np.float32)),
+        ),
+    ),
+    "declared nonsense": replace(
+        recording(),
+        scans=(
+            replace(
+                recording().scans[0],
+                layouts=(
+                    replace(recording().scans[0].layouts[0], angle_step_rad=np.nan, beam_dt_s=-1.0),
+                ),
+            ),
+        ),
+    ),
+    "wild stamps": replace(
+        recording(),
+        scans=(scans_at(np.random.default_rng(1).integers(-(2**60), 2**60, 300, dtype=np.int64)),),
+    ),
+    "stamps never set": replace(
+        recording(),
+        scans=(_unset(recording().scans[0]),),
+        imus=(_unset(recording().imus[0]),),
+        ticks=(_unset(recording().ticks[0]),),
+        odometries=(_unset(recording().odometries[0]),),
+    ),
+    "nothing": Recording("nothing", "memory"),
+}
+
+
+@pytest.mark.parametrize("name", ODD)
+def test_odd_recordings_get_verdicts(name: str) -> None:
+    """No part of the check may fail on them, and none may take long."""
+    report = check_recording(ODD[name])
+    failed = [f.words for f in report.findings if f.check.startswith("check.")]
+    assert failed == []
+    assert report.findings
+    json.dumps([repr(finding.estimate) for finding in report.findings])
+
+
+def test_many_messages_are_checked_in_arrays() -> None:
+    """A million samples, without a loop over them."""
+    long = recording(1.0)
+    when = stamps(1000.0, 1000.0)
+    readings = np.random.default_rng(0).normal([0.0, 0.0, 9.81], 0.01, (when.size, 3))
+    imu = replace(
+        long.imus[0],
+        stamps_ns=when,
+        received_ns=when + 2_000_000,
+        angular_velocity_rad_s=readings,
+        linear_acceleration_m_s2=readings,
+    )
+    report = check_recording(replace(long, imus=(imu,)), quick=True)
+    gaps = next(f for f in report.findings if f.check == "time.gaps" and f.subject == "/imu")
+    assert gaps.verdict == "ok"
+
+
+def test_a_question_that_fails_does_not_cost_the_others(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fails(_: Recording) -> list[Finding]:
+        raise ZeroDivisionError("by nothing")
+
+    monkeypatch.setitem(QUICK, "ranges", fails)
+    report = check_recording(recording(), quick=True)
+    broken = [f for f in report.findings if f.check == "check.ranges"]
+    assert [f.verdict for f in broken] == ["cannot tell"] and "by nothing" in broken[0].words
+    assert any(f.check == "time.order" for f in report.findings)
+
+
+def test_the_truth_makes_no_difference(tmp_path: Path) -> None:
+    messages: list[Message] = ROBOT.drive()
+    for i in range(60):
+        stamp_ns = START_NS + 20_000_000 * i
+        messages.append(("/ground_truth/odom", stamp_ns, ROBOT.odometry(stamp_ns, 9.0 * i)))
+    with_truth = as_mcap(tmp_path / "log.mcap", messages)
+    without = tmp_path / "without"
+    without.mkdir()
+    stripped = as_mcap(without / "log.mcap", ROBOT.drive())
+    reports = [check_recording(read_recording(path)) for path in (with_truth, stripped)]
+    said = [
+        [(f.check, f.subject, f.verdict, f.words) for f in report.findings] for report in reports
+    ]
+    assert said[0] == said[1]
+
+
+def test_fix_writes_a_copy_that_checks_clean_and_can_be_read(tmp_path: Path) -> None:
+    made = recording()
+    scans = made.scans[0]
+    zero = np.where(np.random.default_rng(2).random((300, 60)) < 0.3, 0.0, scans.ranges_m)
+    spoilt = replace(
+        made,
+        scans=(
+            replace(
+                scans,
+                ranges_m=zero.astype(np.float32),
+                stamps_ns=scans.stamps_ns + 1_700_000_000_000_000_000,
+            ),
+        ),
+    )
+    source = _written(spoilt, tmp_path / "spoilt")
+    names = "shift_stamps,zero_to_inf"
+    code, found, _ = _run("fix", source, tmp_path / "mended", "--apply", names)
+    applied = [mend["operation"] for mend in found["applied"]]
+    assert set(applied) == {"shift_stamps", "zero_to_inf"}
+    assert not {"epoch_mismatch", "range_zero_no_return"} & set(found["faults"])
+    assert code == (1 if found["bad"] else 0)
+    log = read_log(tmp_path / "mended")
+    assert len(log.scans) == 300
+    assert not list(tmp_path.glob("*.partial"))
+    again = read_recording(tmp_path / "mended").scans[0]
+    assert np.abs(again.stamps_ns - scans.stamps_ns).max() < 200_000_000
+
+
+def test_fix_refuses_in_one_sentence(tmp_path: Path) -> None:
+    source = _written(recording(), tmp_path / "good")
+    code, _, error = _run("fix", source, tmp_path / "out", "--apply", "shift_stampz")
+    assert code == 1 and "did you mean 'shift_stamps'" in str(error)
+    code, _, error = _run("fix", source, tmp_path / "out", "--apply", "reorder")
+    assert (code == 1 and "nothing to mend" in str(error)) or "does not propose" in str(error)
+    assert not (tmp_path / "out").exists()
