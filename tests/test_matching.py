@@ -211,9 +211,11 @@ def test_noise_does_not_turn_the_normals_of_slanted_walls() -> None:
     for _ in range(1000):
         points = rays * (exact + 0.01 * rng.standard_normal(26))[:, None]
         cloud = Cloud(0, points, np.zeros((26, 2)), np.ones(26, np.bool_))
-        (piece,) = surface_pieces(cloud, 0.01, 2.0, 60.0)
-        ours.append(off_rad(piece[[NORMAL_X, NORMAL_Y]]))
-        plain.append(off_rad(np.linalg.eigh(np.cov(points[1:-1].T))[1][:, 0]))
+        pieces = surface_pieces(cloud, 0.01, 2.0, 60.0)
+        if len(pieces) == 1:  # noise looks like two walls once in a thousand times
+            ours.append(off_rad(pieces[0, [NORMAL_X, NORMAL_Y]]))
+            plain.append(off_rad(np.linalg.eigh(np.cov(points[1:-1].T))[1][:, 0]))
+    assert len(ours) >= 995
     assert abs(np.mean(ours)) < 0.5 * abs(np.mean(plain))
 
 

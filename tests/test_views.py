@@ -43,9 +43,11 @@ def test_a_view_holds_all_beams_and_their_moments() -> None:
     poses = [np.array([0.02 * k, 0.01 * k, 0.01 * k]) for k in range(12)]
     scans = [pieces_at(pose, k) for k, pose in enumerate(poses)]
     maker = ViewMaker()
-    for scan, pose in zip(scans, poses, strict=True):
-        maker.add(scan, pose, 0.01)
-    view = maker.take(poses[-1]).astype(np.float64)
+    for k, (scan, pose) in enumerate(zip(scans, poses, strict=True)):
+        maker.add(scan, pose, between(poses[max(k - 1, 0)], pose), 0.01)
+    taken, T_map_view = maker.take()
+    view = taken.astype(np.float64)
+    np.testing.assert_allclose(T_map_view, poses[-1], atol=1e-12)
 
     apart = np.concatenate(
         [moved_pieces(s, between(poses[-1], p)) for s, p in zip(scans, poses, strict=True)]
@@ -69,24 +71,42 @@ def test_a_view_holds_all_beams_and_their_moments() -> None:
 def test_taking_a_view_begins_the_next() -> None:
     maker = ViewMaker()
     pose = np.array([0.5, 0.2, 0.3])
-    maker.add(pieces_at(pose, 1), pose, 0.01)
-    first = maker.take(pose)
-    assert len(maker.take(pose)) == 0
-    maker.add(pieces_at(pose, 1), pose, 0.01)
-    assert maker.take(pose).tobytes() == first.tobytes()
-    maker.add(pieces_at(pose, 1), pose, 0.01)
+    maker.add(pieces_at(pose, 1), pose, None, 0.01)
+    first, T_map_view = maker.take()
+    np.testing.assert_allclose(T_map_view, pose, atol=1e-12)
+    assert len(maker.take()[0]) == 0
+    maker.add(pieces_at(pose, 1), pose, np.ones(3), 0.01)
+    assert maker.take()[0].tobytes() == first.tobytes()
+    maker.add(pieces_at(pose, 1), pose, None, 0.01)
     maker.clear()
-    assert len(maker.take(pose)) == 0
+    assert len(maker.take()[0]) == 0
 
 
-def test_a_view_is_seen_from_where_it_is_taken() -> None:
-    maker, before = ViewMaker(), np.array([1.0, 0.5, 2.0])
-    step = np.array([0.1, -0.05, 0.2])
-    scan = pieces_at(np.zeros(3), 2)
-    maker.add(scan, before, 0.01)
-    view = maker.take(compose(before, step)).astype(np.float64)
-    expected = moved_pieces(scan, between(step, np.zeros(3)))
-    assert np.isclose(view[:, BEAMS] @ view[:, X], expected[:, BEAMS] @ expected[:, X], rtol=1e-4)
+def test_a_view_stands_at_the_mean_of_its_matches_carried_on_by_the_odometry() -> None:
+    rng = np.random.default_rng(3)
+    steps = [np.array([0.05, 0.01 * k, 0.02]) for k in range(10)]
+    truth = [np.array([1.0, 0.5, 2.0])]
+    for step in steps:
+        truth.append(compose(truth[-1], step))
+    matched = [compose(pose, rng.normal(0.0, 1e-4, 3)) for pose in truth]
+    maker = ViewMaker()
+    for odometry, pose in zip([None, *steps], matched, strict=True):
+        maker.add(pieces_at(np.zeros(3), 2), pose, odometry, 0.01)
+    view, T_map_view = maker.take()
+    carried = [compose(m, between(t, truth[-1])) for m, t in zip(matched, truth, strict=True)]
+    np.testing.assert_allclose(T_map_view, np.mean(carried, axis=0), atol=1e-6)
+
+    seen = [moved_pieces(pieces_at(np.zeros(3), 2), between(T_map_view, pose)) for pose in matched]
+    expected = np.concatenate(seen)
+    pooled = view.astype(np.float64)
+    assert np.isclose(pooled[:, BEAMS] @ pooled[:, X], expected[:, BEAMS] @ expected[:, X], 1e-3)
+
+
+def test_where_odometry_is_silent_a_view_stands_where_the_last_match_puts_it() -> None:
+    maker = ViewMaker()
+    for pose in (np.zeros(3), np.array([0.3, 0.1, 0.2])):
+        maker.add(pieces_at(pose, 4), pose, None, 0.01)
+    np.testing.assert_allclose(maker.take()[1], [0.3, 0.1, 0.2], atol=1e-12)
 
 
 def test_a_view_never_grows_beyond_its_table() -> None:
@@ -96,5 +116,5 @@ def test_a_view_never_grows_beyond_its_table() -> None:
         rows = np.zeros((100, PIECE_FIELDS))
         rows[:, [X, Y]] = rng.uniform(-30.0, 30.0, (100, 2))
         rows[:, 2], rows[:, BEAMS], rows[:, SCATTER_YY] = 1.0, 5.0, 0.01
-        maker.add(rows, np.zeros(3), 0.01)
-    assert len(maker.take(np.zeros(3))) == MAX_PIECES
+        maker.add(rows, np.zeros(3), None, 0.01)
+    assert len(maker.take()[0]) == MAX_PIECES

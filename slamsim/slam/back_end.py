@@ -13,7 +13,7 @@ from itertools import pairwise
 import numpy as np
 
 from slamsim.config.slam import SlamConfig
-from slamsim.geometry import between, compose
+from slamsim.geometry import between, compose, inverse
 from slamsim.progress import Progress, silent
 from slamsim.result import Event, GraphEdge, PoseGraph
 from slamsim.slam.bundle import NotRefined, refine
@@ -266,13 +266,14 @@ class BackEnd:
         noise = self._odometry_noise
         odometry = [odometry_edge(*pair, noise) for pair in pairwise(self.keyframes)]
         views = [keyframe.view for keyframe in self.keyframes]
-        edges = self._solution.edges
+        T_base_view = np.array([keyframe.T_base_view for keyframe in self.keyframes])
+        start, noise_m = compose(self.poses, T_base_view), self._cutter.noise_m
         try:
-            refined = refine(views, self.poses, odometry, self._cutter.noise_m, edges)
+            refined = refine(views, start, odometry, noise_m, self._solution.edges)
         except NotRefined as refusal:
             self._unrefined = str(refusal)
             return
-        self._solution.estimate.move(refined.poses)
+        self._solution.estimate.move(compose(refined.poses, inverse(T_base_view)))
         self.sights = refined.sights
 
     def _pose_graph(self) -> PoseGraph:

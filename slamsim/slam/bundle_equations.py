@@ -12,7 +12,7 @@ import numpy as np
 
 from slamsim.jit import kernel
 from slamsim.slam.blocks import add_block
-from slamsim.slam.matching.surfaces import principal_axis
+from slamsim.slam.matching.runs import principal_axis
 from slamsim.slam.panels import Panels
 from slamsim.types import FloatArray, IntArray
 

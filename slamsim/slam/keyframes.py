@@ -28,23 +28,21 @@ OTHER_DRIVE_M = 50.0
 LEAST_MOTION = np.diag(np.square([5e-5, 5e-5, 2e-5]))
 """Covariance of a motion that odometry says was none."""
 
-TRUSTED = np.diag(np.square([0.0005, 0.0005, 0.0002]))
-"""Covariance of what is predicted from one scan to the next."""
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Keyframe:
     """T_map_base: (3,) as the front end saw it, drift included. T_odom_base: (3,) prediction.
 
     pieces: (k, PIECE_FIELDS) of the scan in its base frame. view: (m, PIECE_FIELDS) what all scans
-    since the key frame before have seen, this one's included, in the base frame of this one.
-    origin_m: (2,) and beams_m: (b, 2),
-    where some of its beams began and ended. path_m: travelled so far. information: (3, 3) of the
-    match. restart: (3, 3) covariance of a small step of the base, relative to the key frame
-    before, where a local map was begun anew, so that no match joins the two; else None. noise_m:
-    standard deviation of a range, as learnt by then. odometry: the step since the key frame before
-    by wheels and gyroscope; None where they do not cover all of it. doubt_ns: stamp of the first
-    scan since the key frame before that was lost or had to be searched for, None without one.
+    since the key frame before have seen, this one's included. T_base_view: (3,) where the view
+    says that this scan was taken, as seen from where its own match puts it. origin_m: (2,) and
+    beams_m: (b, 2), where some of its beams began and ended. path_m: travelled so far.
+    information: (3, 3) of the match. restart: (3, 3) covariance of a small step of the base,
+    relative to the key frame before, where a local map was begun anew, so that no match joins the
+    two; else None. noise_m: standard deviation of a range, as learnt by then. odometry: the step
+    since the key frame before by wheels and gyroscope; None where they do not cover all of it.
+    doubt_ns: stamp of the first scan since the key frame before that was lost or had to be searched
+    for, None without one.
     """
 
     index: int
@@ -54,6 +52,7 @@ class Keyframe:
     information: FloatArray
     pieces: FloatArray
     view: Float32Array
+    T_base_view: FloatArray
     origin_m: FloatArray
     beams_m: Float32Array
     path_m: float
@@ -127,11 +126,13 @@ class KeyframeMaker:
             self._view.clear()  # where the scans before stood is no longer known
         if tracked.match is None and not tracked.keyscan:
             return None
-        self._view.add(tracked.pieces, tracked.T_map_base, self._noise_m)
+        moved = None if tracked.odometry is None else tracked.odometry.T_first_last
+        self._view.add(tracked.pieces, tracked.T_map_base, moved, self._noise_m)
         if not self._due(tracked):
             return None
         self._learn(tracked.pieces)
         origin_m, beams_m = _some_beams(tracked.cloud, self._reach_m)
+        view, T_map_view = self._view.take()
         self._last = Keyframe(
             index=self._first_index if self._last is None else self._last.index + 1,
             stamp_ns=tracked.stamp_ns,
@@ -139,7 +140,8 @@ class KeyframeMaker:
             T_odom_base=tracked.T_odom_base,
             information=tracked.information,
             pieces=tracked.pieces,
-            view=self._view.take(tracked.T_map_base),
+            view=view,
+            T_base_view=between(tracked.T_map_base, T_map_view),
             origin_m=origin_m,
             beams_m=beams_m,
             path_m=self._path_m,
@@ -202,23 +204,12 @@ def odometry_edge(before: Keyframe, after: Keyframe, odometry: OdometryNoise) ->
         T, covariance = between(before.T_odom_base, after.T_odom_base), BLIND
         if after.odometry is not None:
             T = after.odometry.T_first_last
-            covariance = odometry.covariance(after.odometry)
-            covariance = covariance + _shaken(before) + _shaken(after) + LEAST_MOTION
+            covariance = odometry.covariance(after.odometry) + LEAST_MOTION
     else:
         T = between(before.T_map_base, after.T_map_base)
         covariance = after.restart + LEAST_MOTION
     turn = rotation(np.asarray(T[2]))
     return GraphEdge(before.index, after.index, T, turn @ covariance @ turn.T, "odometry")
-
-
-def _shaken(keyframe: Keyframe) -> FloatArray:
-    """(3, 3) covariance of how the match of its one scan moved a key frame about its view.
-
-    A match against a prediction as sure as TRUSTED takes over its own noise where it is the surer,
-    and none where the walls do not hold it.
-    """
-    mixed = np.linalg.inv(keyframe.information + np.linalg.inv(TRUSTED))
-    return np.asarray(mixed @ keyframe.information @ mixed)
 
 
 def _some_beams(cloud: Cloud, reach_m: float) -> tuple[FloatArray, Float32Array]:

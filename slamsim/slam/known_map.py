@@ -8,7 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from slamsim.geometry import compose
 from slamsim.slam.keyframes import Keyframe
+from slamsim.slam.matching.runs import principal_axis
 from slamsim.slam.matching.surfaces import (
     BEAMS,
     HALF_LENGTH,
@@ -22,7 +24,6 @@ from slamsim.slam.matching.surfaces import (
     VARIANCE,
     X,
     Y,
-    principal_axis,
 )
 from slamsim.slam.submaps import Surfaces, sample_surfaces
 from slamsim.slam.views import PIECE_M
@@ -47,9 +48,8 @@ class KnownMap:
 def map_of_keyframes(keyframes: Sequence[Keyframe], poses: FloatArray) -> KnownMap:
     """The surfaces that key frames saw, from where the solution has them: poses (n, 3)."""
     noise_m = keyframes[-1].noise_m
-    placed = [
-        (keyframe.view.astype(np.float64), T) for keyframe, T in zip(keyframes, poses, strict=True)
-    ]
+    at = compose(poses, np.array([keyframe.T_base_view for keyframe in keyframes]))
+    placed = [(one.view.astype(np.float64), T) for one, T in zip(keyframes, at, strict=True)]
     surfaces = merged_surfaces(placed, noise_m)
     return KnownMap(surfaces, sample_surfaces(surfaces), noise_m)
 

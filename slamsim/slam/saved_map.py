@@ -24,7 +24,7 @@ from slamsim.slam.matching.surfaces import PIECE_FIELDS
 from slamsim.slam.steps import PARAMETERS, ROWS
 from slamsim.types import FloatArray
 
-FORMAT = 1
+FORMAT = 2
 MAX_BYTES = 4_000_000_000
 _SHAPES: dict[str, Shape] = {
     "T_map_base": (3,),
@@ -32,6 +32,7 @@ _SHAPES: dict[str, Shape] = {
     "information": (3, 3),
     "pieces": (None, PIECE_FIELDS),
     "view": (None, PIECE_FIELDS),
+    "T_base_view": (3,),
     "origin_m": (2,),
     "beams_m": (None, 2),
     "restart": (3, 3),
@@ -48,7 +49,8 @@ _SHAPES: dict[str, Shape] = {
 class SavedMap:
     """keyframes: numbered from 0. poses: (n, 3) T_map_base. closures: between key frames.
 
-    The key frames' own T_map_base are these poses as well: no drift is left in them.
+    The key frames' own T_map_base are these poses as well: no drift is left in them, and their
+    views stand there.
     """
 
     keyframes: Sequence[Keyframe]
@@ -64,7 +66,7 @@ def settled(
 ) -> SavedMap:
     """The map of the key frames from number ``first`` on, at their final poses (n, 3)."""
     placed = [
-        replace(keyframe, index=number, T_map_base=pose)
+        replace(keyframe, index=number, T_map_base=pose, T_base_view=np.zeros(3))
         for number, (keyframe, pose) in enumerate(zip(keyframes, poses, strict=True))
     ]
     closures = [

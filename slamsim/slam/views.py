@@ -3,13 +3,17 @@
 The pieces of each scan are carried into the base frame of the key frame by the front end's own
 relative poses, and those that lie on each other are pooled: beams, mean and scatter stay exact.
 A view so holds the information of dozens of scans in about as many pieces as one has.
+
+It stands where all its matches together say that the last of its scans was taken, each carried on
+by the odometry: a single match jitters about that, and would shake what odometry says between two
+views.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from slamsim.geometry import between
+from slamsim.geometry import between, compose
 from slamsim.jit import kernel
 from slamsim.slam.matching.local_map import MERGE_COS, merge_into, move_piece
 from slamsim.slam.matching.surfaces import (
@@ -39,29 +43,42 @@ class ViewMaker:
         self._pieces = np.zeros((MAX_PIECES, PIECE_FIELDS))
         self._keys = np.zeros((MAX_PIECES, 3), dtype=np.int64)
         self._buckets = np.zeros(_BUCKETS, dtype=np.int64)
-        self._count = 0
-        self._T_map_view: FloatArray | None = None
+        self._count = self._scans = 0
+        self._T_map_first = self._T_map_view = np.zeros(3)
 
-    def add(self, pieces: FloatArray, T_map_base: FloatArray, noise_m: float) -> None:
-        """One more scan: (k, PIECE_FIELDS) in its base frame. noise_m: of a range."""
-        if self._T_map_view is None:
-            self._T_map_view = T_map_base
-        T_view_base = between(self._T_map_view, T_map_base)
+    def add(
+        self, pieces: FloatArray, T_map_base: FloatArray, step: FloatArray | None, noise_m: float
+    ) -> None:
+        """One more scan: (k, PIECE_FIELDS) in its base frame. step: (3,) the odometry since the
+        scan before, None if that is silent. noise_m: of a range."""
+        self._stand(T_map_base, step)
+        T_first_base = between(self._T_map_first, T_map_base)
         gate_m = MERGE_SIGMAS * noise_m + MERGE_SLACK_M
         tables = (self._pieces, self._keys, self._buckets)
-        self._count = _gather(pieces, T_view_base, gate_m, tables, self._count)
+        self._count = _gather(pieces, T_first_base, gate_m, tables, self._count)
 
-    def take(self, T_map_base: FloatArray) -> Float32Array:
-        """(m, PIECE_FIELDS) everything since the last view, in the frame of a base; empties."""
-        T_map_view = T_map_base if self._T_map_view is None else self._T_map_view
-        view = moved_pieces(self._pieces[: self._count], between(T_map_base, T_map_view))
+    def take(self) -> tuple[Float32Array, FloatArray]:
+        """(m, PIECE_FIELDS) everything since the last view, and (3,) T_map_view; empties."""
+        T_view_first = between(self._T_map_view, self._T_map_first)
+        view = moved_pieces(self._pieces[: self._count], T_view_first)
         self.clear()
-        return view.astype(np.float32)
+        return view.astype(np.float32), self._T_map_view
 
     def clear(self) -> None:
         """Forget the scans since the last view."""
         self._buckets.fill(0)
-        self._count, self._T_map_view = 0, None
+        self._count = self._scans = 0
+
+    def _stand(self, T_map_base: FloatArray, step: FloatArray | None) -> None:
+        """The mean of where all matches so far, carried on by the odometry, put the last scan."""
+        if self._scans == 0:
+            self._T_map_first = T_map_base
+        if self._scans == 0 or step is None:
+            self._scans, carried = 0, T_map_base
+        else:
+            carried = compose(self._T_map_view, step)
+        self._scans += 1
+        self._T_map_view = compose(carried, between(carried, T_map_base) / self._scans)
 
 
 @kernel

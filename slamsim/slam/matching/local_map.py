@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from slamsim.jit import kernel
+from slamsim.slam.matching.runs import principal_axis
 from slamsim.slam.matching.surfaces import (
     BEAMS,
     HALF_LENGTH,
@@ -23,7 +24,6 @@ from slamsim.slam.matching.surfaces import (
     VARIANCE,
     X,
     Y,
-    principal_axis,
 )
 from slamsim.types import FloatArray, IntArray
 

@@ -1,8 +1,8 @@
 """A scan as a few straight surface pieces: the points that a matcher works on.
 
-Runs of neighbouring beams are split where they bend (Douglas & Peucker 1973) and cut into short
-lengths, each fitted by total least squares. A piece keeps the information of all its beams
-in one mean and one normal: a tenth of the points, each with a third of the noise.
+Runs of neighbouring beams are split where another surface begins and cut into short lengths, each
+fitted by total least squares. A piece keeps the information of all its beams in one mean and one
+normal: a tenth of the points, each with a third of the noise.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from slamsim.jit import kernel
+from slamsim.slam.matching.runs import LEAST_INCIDENCE, joined, parted, principal_axis
 from slamsim.slam.matching.small import median
 from slamsim.types import BoolArray, Cloud, FloatArray
 
@@ -19,12 +20,6 @@ X, Y, NORMAL_X, NORMAL_Y, BEAMS, SCATTER_XX, SCATTER_XY, SCATTER_YY, HALF_LENGTH
 )
 PIECE_FIELDS = 10
 
-SPACING_FACTOR = 6.0
-"""Neighbouring beams this many times further apart than square on a wall are not one surface."""
-
-MAX_SPACING_M = 1.0
-MAX_BEAM_STEP_RAD = 0.2
-BEND_SIGMAS = 4.0
 MIN_BEAMS = 3
 MIN_BEAMS_TO_SPARE = 8
 """Runs of this many beams do without their first and last, which may have met two surfaces."""
@@ -50,50 +45,6 @@ def surface_pieces(cloud: Cloud, noise_m: float, piece_m: float, reach_m: float)
 def range_noise_m(pieces: FloatArray) -> float:
     """Standard deviation of a range, as the scatter of the pieces shows it; nan without enough."""
     return float(_noise(pieces))
-
-
-@kernel
-def principal_axis(xx: float, xy: float, yy: float) -> tuple[float, float, float, float]:
-    """Normal (unit vector of least scatter), least and largest eigenvalue of a 2 x 2 scatter."""
-    half_gap = 0.5 * (xx - yy)
-    root = np.sqrt(half_gap * half_gap + xy * xy)
-    middle = 0.5 * (xx + yy)
-    angle = 0.5 * np.arctan2(2.0 * xy, xx - yy)
-    return -np.sin(angle), np.cos(angle), max(middle - root, 0.0), middle + root
-
-
-@kernel
-def _joined(
-    points: FloatArray, origins: FloatArray, hit: BoolArray, i: int, sizes: tuple[float, float]
-) -> bool:
-    """Whether beams i and i + 1 hit one surface."""
-    noise, reach = sizes
-    if not (hit[i] and hit[i + 1]):
-        return False
-    ax, ay = points[i, 0] - origins[i, 0], points[i, 1] - origins[i, 1]
-    bx, by = points[i + 1, 0] - origins[i + 1, 0], points[i + 1, 1] - origins[i + 1, 1]
-    near = min(np.sqrt(ax * ax + ay * ay), np.sqrt(bx * bx + by * by))
-    if near > reach:
-        return False
-    step = np.abs(np.arctan2(ax * by - ay * bx, ax * bx + ay * by))
-    spacing = np.hypot(points[i + 1, 0] - points[i, 0], points[i + 1, 1] - points[i, 1])
-    allowed = SPACING_FACTOR * (near * step + noise)
-    return bool(step < MAX_BEAM_STEP_RAD and spacing < min(allowed, MAX_SPACING_M))
-
-
-@kernel
-def _bend(points: FloatArray, first: int, last: int) -> tuple[int, float]:
-    """The point furthest from the chord between two, and how far."""
-    x0, y0 = points[first, 0], points[first, 1]
-    dx, dy = points[last, 0] - x0, points[last, 1] - y0
-    length = np.hypot(dx, dy)
-    worst, worst_m = first, 0.0
-    for i in range(first + 1, last):
-        px, py = points[i, 0] - x0, points[i, 1] - y0
-        off = np.abs(dx * py - dy * px) / length if length > 1e-9 else np.hypot(px, py)
-        if off > worst_m:
-            worst, worst_m = i, off
-    return worst, worst_m
 
 
 @kernel
@@ -158,7 +109,7 @@ def _fit(
     if incidence < 0.0:
         nx, ny = -nx, -ny
     # A range error moves a point along its beam, across the surface only by its incidence.
-    across = noise * max(np.abs(incidence), 0.2)
+    across = noise * max(np.abs(incidence), LEAST_INCIDENCE)
     if most <= 0.0 or across * across / most > MAX_NORMAL_SIGMA_RAD * MAX_NORMAL_SIGMA_RAD:
         return False
     piece[X], piece[Y], piece[NORMAL_X], piece[NORMAL_Y] = x, y, nx, ny
@@ -212,10 +163,9 @@ def _pieces(
     stack = np.empty((64, 2), np.int64)
     kept = 0
     start = 0
-    tolerance = BEND_SIGMAS * noise
     while start < count:
         end = start
-        while end + 1 < count and _joined(points, origins, hit, end, (noise, reach)):
+        while end + 1 < count and joined(points, origins, hit, end, (noise, reach)):
             end += 1
         stack[0, 0], stack[0, 1] = start, end
         depth = 1 if end - start + 1 >= MIN_BEAMS else 0
@@ -224,11 +174,11 @@ def _pieces(
             first, last = stack[depth, 0], stack[depth, 1]
             if last - first + 1 < MIN_BEAMS:
                 continue
-            worst, off = _bend(points, first, last)
-            if off > tolerance and depth < 62:
+            middle = parted(points, origins, first, last, noise)
+            if middle >= 0 and depth < 62:
                 # The nearer half comes off the stack first: pieces stay in beam order.
-                stack[depth, 0], stack[depth, 1] = worst + 1, last
-                stack[depth + 1, 0], stack[depth + 1, 1] = first, worst
+                stack[depth, 0], stack[depth, 1] = middle + 1, last
+                stack[depth + 1, 0], stack[depth + 1, 1] = first, middle
                 depth += 2
             else:
                 spare = 1 if last - first + 1 >= MIN_BEAMS_TO_SPARE else 0
@@ -253,6 +203,6 @@ def _noise(pieces: FloatArray) -> float:
         incidence = (
             pieces[k, NORMAL_X] * pieces[k, X] + pieces[k, NORMAL_Y] * pieces[k, Y]
         ) / reach
-        spread[used] = np.sqrt(least / (beams - 2.0)) / max(np.abs(incidence), 0.2)
+        spread[used] = np.sqrt(least / (beams - 2.0)) / max(np.abs(incidence), LEAST_INCIDENCE)
         used += 1
     return median(spread, used) if used >= 5 else np.nan
