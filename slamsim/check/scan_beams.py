@@ -31,6 +31,7 @@ class BeamReader:
     """Turns the scans of a recording into clouds of points as seen at each beam's own instant.
 
     metres_per_unit, radians_per_unit: 1, unless ranges or angles are evidently in another unit.
+    rounding_m: readings are multiples of this, or at least no closer together.
     """
 
     def __init__(self, scans: RawScans, angle_scale: float = 1.0) -> None:
@@ -41,6 +42,7 @@ class BeamReader:
         self.radians_per_unit = _radians_per_unit(scans)
         sample = _sample(scans)
         self.metres_per_unit = _metres_per_unit(sample)
+        self.rounding_m = _rounding(sample) * self.metres_per_unit
         self._low, self._high = self._limits(sample)
         self._own = self._beams_on_robot(sample)
         layout, beams = self.layout_of(0) if len(scans) else (None, 0)
@@ -121,6 +123,12 @@ def _sample(scans: RawScans) -> list[Float32Array]:
 def _finite(sample: list[Float32Array]) -> FloatArray:
     readings = np.concatenate([np.zeros(0, np.float32), *sample]).astype(np.float64)
     return readings[np.isfinite(readings)]
+
+
+def _rounding(sample: list[Float32Array]) -> float:
+    """The usual step between neighbouring values that occur."""
+    steps = np.diff(np.unique(np.round(_finite(sample), 6)))
+    return float(np.quantile(steps, 0.25)) if steps.size else 0.0
 
 
 def _radians_per_unit(scans: RawScans) -> float:

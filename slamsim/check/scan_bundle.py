@@ -12,13 +12,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from slamsim.check.scan_equations import POSE, SHAPES, moved_points, window_system
-from slamsim.check.scan_sweep import Sweep, beams_of, local_motion, moved_pieces, share_of_piece
+from slamsim.check.scan_observations import Observations, observations
+from slamsim.check.scan_sweep import Sweep, beams_of, local_motion, moved_pieces
 from slamsim.check.scan_track import Track
 from slamsim.geometry import compose
 from slamsim.result import GraphEdge
 from slamsim.slam.association import Shared, share_surfaces
 from slamsim.slam.bundle_equations import fit_lines, residuals
-from slamsim.slam.matching.surfaces import BEAMS, SCATTER_XX, SCATTER_XY, SCATTER_YY, X, Y
 from slamsim.types import FloatArray, IntArray
 
 ROUNDS = ((0.06, 12.0, 3), (0.03, 4.0, 6))
@@ -28,17 +28,11 @@ deviations on they are doubted, and how many steps are taken."""
 GATE_NOISE = 4.0
 """They may lie apart by so many standard deviations of a range in any case."""
 
-NOISE_BEAMS = 5.0
-"""The noise of a range as known beforehand counts as much as so many beams of a piece."""
-
 FAINT = 1.0
 """Information on a step of a pose that nothing else holds: metres and radians."""
 
 MEDIAN_CHI2 = 2.0 * np.log(2.0)
 """Of the two distances that a piece has from its line."""
-
-SMOOTH_M = 0.001
-"""How straight surfaces are at best."""
 
 SMALL_STEP = 5e-5
 LEAST_REDUNDANCY = 0.2
@@ -47,6 +41,9 @@ OTHER_SIGMAS = 4.0
 OTHER_SHAPE = np.array([5e-4, 2e-4, 2e-3])
 """A shape is kept unless the scans contradict it by this many standard deviations, and by so many
 seconds, by such a share of the angle, or by so many metres: poses feel no less."""
+
+MADE_UP_TIMES, LEAST_LEFT = 4.0, 1e-3
+"""Information of which a quarter is made up is not believed at all, but for this share."""
 
 STILL_SIGMAS = 0.5
 MAX_STEP = np.array([0.25, 0.1, 0.5])
@@ -145,7 +142,7 @@ class ShapePull:
 
 def fit_window(track: Track, shape: Shape) -> WindowFit:
     """The most likely poses of a window's scans if they are of this shape."""
-    seen = _observations(track)
+    seen = observations(track)
     poses = track.poses
     for gate_m, doubted, steps in ROUNDS:
         shared = _shared(track, poses, shape, max(gate_m, GATE_NOISE * track.noise_m))
@@ -157,55 +154,6 @@ def fit_window(track: Track, shape: Shape) -> WindowFit:
             if np.abs(step).max() < SMALL_STEP:
                 break
     return replace(fit, poses=poses)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Observations:
-    """points: (k, 2, 2) two points that have the mean of each piece and its spread along the
-    surface, as the scan has them. shares, angles: (k, 2) when and where in the sweep, from the
-    middle beam. variance: (k,) of the mean across the surface. views: (k,) the scan."""
-
-    points: FloatArray
-    shares: FloatArray
-    angles: FloatArray
-    variance: FloatArray
-    views: IntArray
-
-    def only(self, some: IntArray) -> _Observations:
-        """Some of them, in that order."""
-        return _Observations(
-            self.points[some],
-            self.shares[some],
-            self.angles[some],
-            self.variance[some],
-            self.views[some],
-        )
-
-
-def _observations(track: Track) -> _Observations:
-    pieces = np.concatenate(track.pieces)
-    views = np.repeat(np.arange(len(track.pieces)), [len(one) for one in track.pieces])
-    beams = pieces[:, BEAMS]
-    xx, xy, yy = pieces[:, SCATTER_XX], pieces[:, SCATTER_XY], pieces[:, SCATTER_YY]
-    middle, root = 0.5 * (xx + yy), np.hypot(0.5 * (xx - yy), xy)
-    axis = 0.5 * np.arctan2(2.0 * xy, xx - yy)
-    half = np.sqrt((middle + root) / beams)[:, None] * np.stack([np.cos(axis), np.sin(axis)], 1)
-    across = np.maximum(middle - root, 0.0) + NOISE_BEAMS * track.noise_m**2
-    mean = pieces[:, [X, Y]]
-    points = np.stack([mean - half, mean + half], axis=1)
-    shares = [
-        share_of_piece(points[views == k], beams_of(one, sweep), sweep)
-        for k, (one, sweep) in enumerate(zip(track.pieces, track.sweeps, strict=True))
-    ]
-    span = np.array([sweep.step_rad * (sweep.beams - 1) for sweep in track.sweeps])[views]
-    share = np.concatenate(shares)
-    return _Observations(
-        points=points,
-        shares=share,
-        angles=share * span[:, None],
-        variance=across / (beams + NOISE_BEAMS - 2.0) / beams + SMOOTH_M**2,
-        views=views.astype(np.int64),
-    )
 
 
 def _shared(track: Track, poses: FloatArray, shape: Shape, gate_m: float) -> Shared:
@@ -221,7 +169,7 @@ def _shared(track: Track, poses: FloatArray, shape: Shape, gate_m: float) -> Sha
 
 
 def _solve(
-    seen: _Observations,
+    seen: Observations,
     shared: Shared,
     poses: FloatArray,
     shape: Shape,
@@ -251,13 +199,54 @@ def _solve(
     inliers = np.bincount(seen.views, inside, len(poses)) / np.maximum(
         np.bincount(seen.views, minlength=len(poses)), 1
     )
-    return _reduced(*everything, poses, unit, inliers)
+    made_up = _made_up(points, change, weights, (seen.views, shared.surfaces, lines), len(poses))
+    return _reduced(*everything, made_up, poses, (unit, inliers))
+
+
+def _made_up(
+    points: FloatArray,
+    change: FloatArray,
+    weights: FloatArray,
+    of: tuple[IntArray, IntArray, FloatArray],
+    count: int,
+) -> FloatArray:
+    """(3 count, 3 count) what the noise of the lines' directions adds to the information.
+
+    Lines that are not quite parallel hold a scan along a corridor, where nothing does.
+    """
+    views, surfaces, lines = of
+    normal, middle = lines[:, 2:], lines[:, :2]
+    tangent = np.stack([-normal[:, 1], normal[:, 0]], axis=1)[surfaces]
+    along = ((points - middle[surfaces][:, None]) * tangent[:, None]).sum(axis=2)
+    turn = np.bincount(surfaces, weights * np.square(along).sum(axis=1), len(lines))
+    share = weights / np.maximum(turn, 1e-9)[surfaces]
+    rows = (change[:, :, :POSE] * tangent[:, None, None]).sum(axis=3)
+    blocks = np.zeros((count, POSE, POSE))
+    np.add.at(blocks, views, np.einsum("k,kei,kej->kij", share, rows, rows))
+    made_up = np.zeros((POSE * count, POSE * count))
+    for k in range(count):
+        made_up[POSE * k : POSE * k + POSE, POSE * k : POSE * k + POSE] = blocks[k]
+    return made_up
+
+
+def _believable(information: FloatArray, made_up: FloatArray) -> FloatArray:
+    """The covariance (d, d) that is left when made-up information is taken away."""
+    root = np.linalg.inv(np.linalg.cholesky(information))
+    shares, axes = np.linalg.eigh(root @ made_up @ root.T)
+    left = np.maximum(1.0 - MADE_UP_TIMES * shares, LEAST_LEFT)
+    whitened = axes.T @ root
+    return np.asarray(whitened.T @ (whitened / left[:, None]))
 
 
 def _reduced(
-    system: FloatArray, right: FloatArray, poses: FloatArray, unit: float, inliers: FloatArray
+    system: FloatArray,
+    right: FloatArray,
+    made_up: FloatArray,
+    poses: FloatArray,
+    quality: tuple[float, FloatArray],
 ) -> tuple[FloatArray, WindowFit]:
     """Poses from the whole system, and what is left for the shape."""
+    unit, inliers = quality
     size = POSE * len(poses)
     free, ours = slice(POSE, size), slice(size, None)
     inner = system[free, free] + np.eye(size - POSE) * FAINT
@@ -265,7 +254,7 @@ def _reduced(
     step = np.concatenate([np.zeros(POSE), inverse @ right[free]]).reshape(-1, POSE)
     follow = system[ours, free] @ inverse
     covariance = np.zeros((size, size))
-    covariance[free, free] = inverse
+    covariance[free, free] = _believable(inner, made_up[free, free])
     fit = WindowFit(
         poses=poses,
         covariance=covariance,

@@ -22,8 +22,10 @@ from slamsim.types import FloatArray, IntArray
 MAX_PASSES = 6
 MIN_SCANS = 5
 UNMODELLED_SWEEP, UNMODELLED_ANGLE, UNMODELLED_M = 0.002, 4e-5, 5e-4
+ANGLE_BY_ROUNDING_PER_M, OFFSET_BY_ROUNDING = 0.06, 0.2
 """By what the shape of simulated scans comes out wrong beyond its noise: motion in a sweep is no
-polynomial, edges and slanted walls answer a little late. Sweep and angle as shares."""
+polynomial, edges and slanted walls answer a little late, ranges are rounded. Sweep and angle as
+shares."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -171,7 +173,11 @@ def _motions(
     pull: ShapePull,
 ) -> ScanMotions:
     best = shape.moved(pull.step())
-    unmodelled = UNMODELLED_SWEEP * best.sweep_s, UNMODELLED_ANGLE, UNMODELLED_M
+    unmodelled = (
+        UNMODELLED_SWEEP * best.sweep_s,
+        UNMODELLED_ANGLE + ANGLE_BY_ROUNDING_PER_M * reader.rounding_m,
+        UNMODELLED_M + OFFSET_BY_ROUNDING * reader.rounding_m,
+    )
     sigmas = np.hypot(pull.sigmas(), unmodelled)
     unit = reader.metres_per_unit
     return ScanMotions(
