@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from slamsim.check.calibration_model import PRIOR_SIGMAS, ROWS, Model
-from slamsim.check.calibration_noise import blocks, jackknife, share_of_scans, whitened
+from slamsim.check.calibration_noise import blocks, jackknife, share_of_scans, whitened, wider
 from slamsim.slam.calibration import evidence
 from slamsim.types import BoolArray, FloatArray, IntArray
 
@@ -123,8 +123,9 @@ class _Equations:
         if len(self.pushes) < FEW_BLOCKS:
             return self.by_noise
         inverse = np.linalg.inv(self.information)
-        by_blocks = jackknife(self.information, self.gained, self.pushes)
-        return np.asarray(by_blocks + inverse @ self.prior @ inverse)
+        by_blocks, moved = jackknife(self.information, self.gained, self.pushes)
+        stretch = wider(moved)
+        return np.asarray(np.outer(stretch, stretch) * by_blocks + inverse @ self.prior @ inverse)
 
 
 def _equations(

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
+from scipy.stats import t
 
 from slamsim.check.laser_steps import LaserSteps
 from slamsim.types import FloatArray, IntArray
@@ -72,8 +73,10 @@ def whitened(
     return out
 
 
-def jackknife(information: FloatArray, gained: FloatArray, pushes: FloatArray) -> FloatArray:
-    """(p, p) covariance of an estimate from what each block does to it when left out.
+def jackknife(
+    information: FloatArray, gained: FloatArray, pushes: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """(p, p) covariance of an estimate, and (b, p) what each block does to it when left out.
 
     information: (p, p) of all. gained: (b, p, p) of each block, pushes: (b, p) its gradient at
     the optimum. The delete-one jackknife in one linear step (MacKinnon & White 1985).
@@ -81,4 +84,18 @@ def jackknife(information: FloatArray, gained: FloatArray, pushes: FloatArray) -
     count = len(pushes)
     moved = np.linalg.solve(information[None] - gained, pushes[..., None])[..., 0]
     moved = moved - moved.mean(axis=0)
-    return np.asarray((count - 1.0) / count * moved.T @ moved)
+    return np.asarray((count - 1.0) / count * moved.T @ moved), moved
+
+
+def wider(moved: FloatArray) -> FloatArray:
+    """(p,) by how much an interval of 1.96 sigmas is too short for sigmas from (b, p) few blocks.
+
+    Student's t, with the degrees of freedom that the spread of the blocks leaves: a few turns may
+    decide everything (Satterthwaite 1946).
+    """
+    squares = np.square(moved)
+    fourth = np.square(squares).sum(axis=0)
+    spread = np.square(squares.sum(axis=0))
+    usual = np.full(moved.shape[1], len(moved) - 1.0)
+    freedom = np.divide(3.0 * spread, fourth, out=usual.copy(), where=fourth > 0.0)
+    return np.asarray(t.ppf(0.975, np.clip(freedom, 3.0, usual)) / 1.96)

@@ -25,7 +25,7 @@ TURNING = "turning on the spot to both sides"
 def check_mounting(calibration: Calibration) -> list[Finding]:
     """Yaw and place of the laser."""
     inputs = calibration.inputs
-    if not len(inputs.steps) or inputs.wheels is None:
+    if not calibration.scans_count or inputs.wheels is None:
         return []
     if calibration.alignment.mirror:
         words = (
