@@ -13,7 +13,7 @@ from slamsim.sensors.faults.beam_times import BeamTimeReversed, BeamTimeScale, F
 from slamsim.sensors.faults.imu import GyroScale
 from slamsim.sensors.faults.laser import LaserAngleStep, LaserMount, LaserPosition
 from slamsim.sensors.faults.ranges import RangeOffset
-from slamsim.sensors.faults.stamps import ClockDrift, TimeOffset
+from slamsim.sensors.faults.stamps import TimeOffset
 from slamsim.sensors.faults.wheels import WheelRadius, WheelTrack
 
 Truth = dict[str, float]
@@ -74,11 +74,6 @@ def _time_offset(healthy: Truth, fault: Fault) -> Truth:
     }
 
 
-def _clock_drift(healthy: Truth, fault: Fault) -> Truth:
-    assert isinstance(fault, ClockDrift)
-    return {"time.drift": fault.drift_ppm}
-
-
 def _wheel_radius(healthy: Truth, fault: Fault) -> Truth:
     assert isinstance(fault, WheelRadius)
     return {"wheels.radius": _times(healthy["wheels.radius"], fault.relative_error)}
@@ -128,7 +123,6 @@ def _times(percent: float, relative_error: float) -> float:
 
 CHANGES: dict[type[Fault], Callable[[Truth, Fault], Truth]] = {
     TimeOffset: _time_offset,
-    ClockDrift: _clock_drift,
     WheelRadius: _wheel_radius,
     WheelTrack: _wheel_track,
     GyroScale: _gyro_scale,
@@ -140,4 +134,8 @@ CHANGES: dict[type[Fault], Callable[[Truth, Fault], Truth]] = {
     FlashScanTimed: _sweep,
     BeamTimeReversed: _sweep,
 }
-"""For each kind with a number: what it makes of the estimates that it changes."""
+"""For each kind with a number: what it makes of the estimates that it changes.
+
+A drift of clocks is not among them: which of two clocks a small one is told of is open, and
+with it the sign.
+"""
