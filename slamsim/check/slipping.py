@@ -54,6 +54,7 @@ def find_spells(model: Model, values: FloatArray) -> Spells:
     apart = np.abs(by_wheels - by_scans)
     extent = np.maximum(np.abs(by_wheels), np.abs(by_scans))
     usual = np.median(apart, axis=0) / 0.6745
+    usual = np.maximum(usual, _doubts(model.steps, values[LASER_YAW], step_of))
     limits = np.maximum(np.array([LEAST_M, LEAST_RAD]), NOISE_SIGMAS * usual)
     off = (apart > limits) & (apart > LEAST_SHARE * extent)
     still = np.abs(by_wheels) < STILL_SHARE * np.abs(by_scans)
@@ -74,6 +75,23 @@ def _numbered(steps: LaserSteps) -> IntArray:
     second = ((steps.first_ns - steps.first_ns.min()) / (SPELL_S * 1e9)).astype(np.int64)
     labels = np.stack([steps.window, second], axis=1)
     return np.asarray(np.unique(labels, axis=0, return_inverse=True)[1]).reshape(-1)
+
+
+def _doubts(steps: LaserSteps, yaw_rad: float, step_of: IntArray) -> FloatArray:
+    """(k, 2) how surely the scans tell the way ahead and the turn of each spell: standard
+    deviations, as if errors of steps only added up. Along a corridor they tell no way at all."""
+    count = int(step_of.max(initial=-1)) + 1
+    if not np.any(steps.information):
+        return np.zeros((count, 2))
+    covariance = np.linalg.pinv(steps.information, hermitian=True)
+    heading = yaw_rad + steps.T_first_second[:, 2]
+    ahead = np.stack([np.cos(heading), -np.sin(heading), np.zeros(len(steps))], axis=1)
+    variance = np.column_stack(
+        [np.einsum("ni,nij,nj->n", ahead, covariance, ahead), covariance[:, 2, 2]]
+    )
+    total = np.zeros((count, 2))
+    np.add.at(total, step_of, variance)
+    return np.sqrt(np.maximum(total, 0.0))
 
 
 def _added(
