@@ -37,7 +37,7 @@ LASER = slice(LASER_X, LASER_YAW + 1)
 PRIOR_SIGMAS = np.array([10.0, 1.0, 1.0, 0.01, 10.0, 10.0, 1.0, 1.0, 0.01, 2.0, 2.0, 3.0])
 """So little is believed beforehand."""
 
-SLIP_SIGMAS = np.array([0, 0, 0, 0, 3e-4, 1e-4, 0, 3e-4, 0, 7e-4, 3e-4, 0])
+SLIP_SIGMAS = np.array([0, 0, 0, 0, 3e-4, 1e-4, 0, 3e-4, 4e-6, 7e-4, 3e-4, 0])
 """What nobody can tell of wheels, for they do not quite roll: tyres give when they push, so that
 the robot lags and turns about another point. These are the simulator's robot's."""
 
