@@ -63,9 +63,15 @@ def _order(series: StampSeries) -> Finding:
         "where the order is right, stamp anew.",
         estimate,
         0.0,
-        (Mend("restamp_evenly" if is_even(series.stamps_ns) else "reorder", series.subject),),
+        (Mend("restamp_evenly" if _in_order(series) else "reorder", series.subject),),
         (_steps_plot(series, ()),),
     )
+
+
+def _in_order(series: StampSeries) -> bool:
+    """Whether the order of the file is right, and the stamps only scatter about their beat."""
+    scatter_s = beat_scatter_s(series.stamps_ns)
+    return scatter_s is not None and scatter_s < 3.0 * series.span_s / len(series)
 
 
 def _rounding(series: StampSeries) -> Finding:
