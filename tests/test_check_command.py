@@ -108,52 +108,50 @@ def _unset(stream: Messages) -> Messages:
 
 ODD: dict[str, Recording] = {
     "one scan": _one_of_each(),
-    "one stream": replace(recording(), scans=(), ticks=(), odometries=(), transforms=()),
-    "wheels alone": replace(recording(), scans=(), imus=(), transforms=()),
+    "one stream": replace(recording(8.0), scans=(), ticks=(), odometries=(), transforms=()),
+    "wheels alone": replace(recording(8.0), scans=(), imus=(), transforms=()),
     "nan everywhere": _constant(np.nan),
     "infinity everywhere": _constant(np.inf),
     "zero everywhere": _constant(0.0),
     "huge everywhere": _constant(1e30),
     "two lidars": replace(
-        recording(),
-        scans=(recording().scans[0], replace(scans_at(stamps(7.0, 30.0)), topic="/rear")),
+        recording(8.0),
+        scans=(recording(8.0).scans[0], replace(scans_at(stamps(7.0, 8.0)), topic="/rear")),
     ),
     "one stamp": replace(
-        recording(), scans=(replace(scans_at(stamps(10.0, 30.0)), stamps_ns=np.full(300, 7)),)
+        recording(8.0), scans=(replace(scans_at(stamps(10.0, 8.0)), stamps_ns=np.full(80, 7)),)
     ),
     "no beams": replace(
-        recording(),
-        scans=(
-            replace(scans_at(stamps(10.0, 30.0)), ranges_m=np.zeros((300, 0), dtype=np.float32)),
-        ),
+        recording(8.0),
+        scans=(replace(scans_at(stamps(10.0, 8.0)), ranges_m=np.zeros((80, 0), dtype=np.float32)),),
     ),
     "one beam": replace(
-        recording(),
-        scans=(
-            replace(scans_at(stamps(10.0, 30.0)), ranges_m=np.ones((300, 1), dtype=np.float32)),
-        ),
+        recording(8.0),
+        scans=(replace(scans_at(stamps(10.0, 8.0)), ranges_m=np.ones((80, 1), dtype=np.float32)),),
     ),
     "declared nonsense": replace(
-        recording(),
+        recording(8.0),
         scans=(
             replace(
-                recording().scans[0],
+                recording(8.0).scans[0],
                 layouts=(
-                    replace(recording().scans[0].layouts[0], angle_step_rad=np.nan, beam_dt_s=-1.0),
+                    replace(
+                        recording(8.0).scans[0].layouts[0], angle_step_rad=np.nan, beam_dt_s=-1.0
+                    ),
                 ),
             ),
         ),
     ),
     "wild stamps": replace(
-        recording(),
-        scans=(scans_at(np.random.default_rng(1).integers(-(2**60), 2**60, 300, dtype=np.int64)),),
+        recording(8.0),
+        scans=(scans_at(np.random.default_rng(1).integers(-(2**60), 2**60, 80, dtype=np.int64)),),
     ),
     "stamps never set": replace(
-        recording(),
-        scans=(_unset(recording().scans[0]),),
-        imus=(_unset(recording().imus[0]),),
-        ticks=(_unset(recording().ticks[0]),),
-        odometries=(_unset(recording().odometries[0]),),
+        recording(8.0),
+        scans=(_unset(recording(8.0).scans[0]),),
+        imus=(_unset(recording(8.0).imus[0]),),
+        ticks=(_unset(recording(8.0).ticks[0]),),
+        odometries=(_unset(recording(8.0).odometries[0]),),
     ),
     "nothing": Recording("nothing", "memory"),
 }
@@ -242,7 +240,7 @@ def test_fix_writes_a_copy_that_checks_clean_and_can_be_read(tmp_path: Path) -> 
 
 
 def test_fix_refuses_in_one_sentence(tmp_path: Path) -> None:
-    source = _written(recording(), tmp_path / "good")
+    source = _written(recording(8.0), tmp_path / "good")
     code, _, error = _run("fix", source, tmp_path / "out", "--apply", "shift_stampz")
     assert code == 1 and "did you mean 'shift_stamps'" in str(error)
     code, _, error = _run("fix", source, tmp_path / "out", "--apply", "reorder")

@@ -188,8 +188,7 @@ def _solve(
     off = residuals(points, shared.starts, fit_lines(points, weights, shared.starts))
     chi2 = np.square(off).sum(axis=1) * weights
     unknowns = 2.0 * (len(shared.starts) - 1) + POSE * len(poses)
-    redundancy = max(1.0 - unknowns / (2.0 * len(chi2)), LEAST_REDUNDANCY)
-    unit = max(float(np.median(chi2)) / MEDIAN_CHI2 / redundancy, 1e-3)
+    unit = _unit_variance(chi2, unknowns)
     weights = weights / unit / np.square(1.0 + chi2 / unit / doubted**2)
     lines = fit_lines(points, weights, shared.starts)
     everything = window_system(
@@ -201,6 +200,14 @@ def _solve(
     )
     made_up = _made_up(points, change, weights, (seen.views, shared.surfaces, lines), len(poses))
     return _reduced(*everything, made_up, poses, (unit, inliers))
+
+
+def _unit_variance(chi2: FloatArray, unknowns: float) -> float:
+    """By how much the misfits exceed their variances; 1 where no scan shares a surface."""
+    if len(chi2) == 0:
+        return 1.0
+    redundancy = max(1.0 - unknowns / (2.0 * len(chi2)), LEAST_REDUNDANCY)
+    return max(float(np.median(chi2)) / MEDIAN_CHI2 / redundancy, 1e-3)
 
 
 def _made_up(

@@ -11,7 +11,6 @@ from itertools import islice
 from pathlib import Path
 
 from slamsim.check.findings import CheckReport
-from slamsim.check.wording import warning
 from slamsim.config.dump import dump_commented_yaml
 from slamsim.config.loading import load_simulated_config, load_world_config
 from slamsim.config.run import RunConfig
@@ -118,8 +117,7 @@ def _map(
         write_report(partial / run_folder.REPORT, view)
         write_atomic(partial / run_folder.REPORT_JSON, json.dumps(numbers, indent=2).encode())
     apart = () if earlier is None else earlier.warnings(saved, result)
-    doubts = tuple(map(warning, checked.bad))
-    return Report(numbers, (*doubts, *log.warnings, *result.warnings, *apart), mapped=True)
+    return Report(numbers, (*view.doubts, *log.warnings, *result.warnings, *apart), mapped=True)
 
 
 def _slam(

@@ -5,7 +5,6 @@ from __future__ import annotations
 from html import escape
 from pathlib import Path
 
-from slamsim.check.wording import warning
 from slamsim.evaluate.relations import RelationScores, RelationStatistics
 from slamsim.safe.output import write_atomic
 from slamsim.view.check_page import verdicts
@@ -28,10 +27,9 @@ def write_report(path: Path, view: RunView) -> None:
 
 def report_html(view: RunView) -> str:
     """The whole page; everything that comes from files is escaped."""
-    doubts = [] if view.checked is None else map(warning, view.checked.bad)
     parts = [
         cards(_verdict(view)),
-        warnings([*doubts, *view.log.warnings, *view.result.warnings]),
+        warnings([*view.doubts, *view.log.warnings, *view.result.warnings]),
         section("Map", _maps(view)),
         section("Precision", _precision(view)),
         section("Over time", _curves(view)),

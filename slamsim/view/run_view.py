@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from slamsim.check.findings import CheckReport
+from slamsim.check.wording import warning
 from slamsim.evaluate.score import Scores
 from slamsim.geometry import inverse
 from slamsim.result import SlamResult
@@ -38,6 +39,11 @@ class RunView:
     command: str = ""
     config_yaml: str = ""
     checked: CheckReport | None = None
+
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """What is wrong with the recording itself, a sentence each."""
+        return () if self.checked is None else tuple(map(warning, self.checked.bad))
 
     @property
     def begin_ns(self) -> int:
