@@ -207,7 +207,7 @@ def _unit_variance(chi2: FloatArray, unknowns: float) -> float:
     if len(chi2) == 0:
         return 1.0
     redundancy = max(1.0 - unknowns / (2.0 * len(chi2)), LEAST_REDUNDANCY)
-    return max(float(np.median(chi2)) / MEDIAN_CHI2 / redundancy, 1e-3)
+    return float(max(np.median(chi2) / MEDIAN_CHI2 / redundancy, 1e-3))
 
 
 def _made_up(
