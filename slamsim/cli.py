@@ -10,7 +10,7 @@ import typer
 
 from slamsim import __version__
 from slamsim.bench.command import bench
-from slamsim.options import ConfigFile, Faults, Json, Overwrite, Quiet, ScanTopic, Set
+from slamsim.options import ConfigFile, Faults, Json, Out, Overwrite, Quiet, ScanTopic, Seed, Set
 from slamsim.run.check_command import CHECK_EPILOG, FIX_EPILOG, check, fix
 from slamsim.run.demo_command import EPILOG as DEMO_EPILOG
 from slamsim.run.demo_command import demo
@@ -34,11 +34,6 @@ app = typer.Typer(
 World = Annotated[
     str, typer.Argument(help="A world: YAML, map.yaml, image or mesh file, or a bundled name.")
 ]
-Out = Annotated[
-    Path | None,
-    typer.Option("--out", "-o", help="Folder of the run; a new one under outputs/ by default."),
-]
-Seed = Annotated[int | None, typer.Option("--seed", help="Seed of everything random.", min=0)]
 Start = Annotated[
     str | None,
     typer.Option(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -30,3 +31,8 @@ Overwrite = Annotated[
     bool,
     typer.Option("--overwrite", help="Replace the folder of an earlier run once this is whole."),
 ]
+Out = Annotated[
+    Path | None,
+    typer.Option("--out", "-o", help="Folder of the run; a new one under outputs/ by default."),
+]
+Seed = Annotated[int | None, typer.Option("--seed", help="Seed of everything random.", min=0)]

@@ -8,7 +8,8 @@ import numpy as np
 
 from slamsim.check.findings import Curve, Estimate, Finding, Mend, Plot
 from slamsim.check.frame_graph import FrameGraph
-from slamsim.geometry import between, wrap_angle, yaw_from_xyzw
+from slamsim.check.planar_track import planar_track, track_at
+from slamsim.geometry import between, wrap_angle
 from slamsim.recording import RawOdometry, Recording, TransformEdge
 from slamsim.types import BoolArray, FloatArray, IntArray
 
@@ -103,8 +104,8 @@ def _disagreement(
     odometry: RawOdometry, edge: TransformEdge
 ) -> tuple[FloatArray, FloatArray, FloatArray] | None:
     """(seconds, metres, radians) by which motions over a second differ, at odometry stamps."""
-    ours_ns, ours = _planar(odometry.stamps_ns, odometry.positions_m, odometry.quats_xyzw)
-    theirs_ns, theirs = _planar(edge.stamps_ns, edge.positions_m, edge.quats_xyzw)
+    ours_ns, ours = planar_track(odometry.stamps_ns, odometry.positions_m, odometry.quats_xyzw)
+    theirs_ns, theirs = planar_track(edge.stamps_ns, edge.positions_m, edge.quats_xyzw)
     if ours_ns.size < 2 or theirs_ns.size < 2:
         return None
     start, end = max(ours_ns[0], theirs_ns[0]), min(ours_ns[-1], theirs_ns[-1]) - _COMPARED_NS
@@ -112,24 +113,9 @@ def _disagreement(
     if begin_ns.size == 0:
         return None
     steps = [
-        between(_at(ns, poses, begin_ns), _at(ns, poses, begin_ns + _COMPARED_NS))
+        between(track_at(ns, poses, begin_ns), track_at(ns, poses, begin_ns + _COMPARED_NS))
         for ns, poses in ((ours_ns, ours), (theirs_ns, theirs))
     ]
     off = steps[0] - steps[1]
     seconds = (begin_ns - begin_ns[0]) * 1e-9
     return seconds, np.hypot(off[:, 0], off[:, 1]), np.abs(wrap_angle(off[:, 2]))
-
-
-def _planar(
-    stamps_ns: IntArray, positions_m: FloatArray, quats_xyzw: FloatArray
-) -> tuple[IntArray, FloatArray]:
-    """Sorted distinct stamps, and x, y, continuous yaw of what is finite."""
-    finite = np.isfinite(positions_m).all(axis=1) & np.isfinite(quats_xyzw).all(axis=1)
-    stamps, first = np.unique(stamps_ns[finite], return_index=True)
-    yaw = np.unwrap(yaw_from_xyzw(quats_xyzw[finite][first]))
-    return stamps, np.column_stack([positions_m[finite][first][:, :2], yaw])
-
-
-def _at(stamps_ns: IntArray, poses: FloatArray, query_ns: IntArray) -> FloatArray:
-    at_s, query_s = (stamps_ns - stamps_ns[0]) * 1e-9, (query_ns - stamps_ns[0]) * 1e-9
-    return np.column_stack([np.interp(query_s, at_s, column) for column in poses.T])

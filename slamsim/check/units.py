@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from slamsim.check.findings import Estimate, Finding, Mend
+from slamsim.check.planar_track import planar_track, track_at
 from slamsim.check.scan_sample import ScanSample, positive
-from slamsim.geometry import wrap_angle, yaw_from_xyzw
+from slamsim.geometry import wrap_angle
 from slamsim.recording import RawScans, Recording, ScanLayout
 from slamsim.types import FloatArray
 
@@ -52,17 +53,12 @@ def _changes_per_metre(recording: Recording, scans: RawScans, sample: ScanSample
     if not recording.odometries or len(sample.scans) < 2:
         return None
     odometry = recording.odometries[0]
-    stamps_ns = scans.stamps_ns[sample.scans]
-    order = np.argsort(odometry.stamps_ns, kind="stable")
-    at_s, query_s = (
-        (each - stamps_ns[0]) * 1e-9 for each in (odometry.stamps_ns[order], stamps_ns)
-    )
-    yaw = np.unwrap(yaw_from_xyzw(odometry.quats_xyzw[order]))
-    x_m, y_m, yaw_rad = (
-        np.interp(query_s, at_s, column) for column in (*odometry.positions_m[order, :2].T, yaw)
-    )
-    step_m = np.hypot(np.diff(x_m), np.diff(y_m))
-    straight = (step_m > _MIN_STEP_M) & (np.abs(wrap_angle(np.diff(yaw_rad))) < _MAX_TURN_RAD)
+    known_ns, track = planar_track(odometry.stamps_ns, odometry.positions_m, odometry.quats_xyzw)
+    if known_ns.size == 0:
+        return None
+    steps = np.diff(track_at(known_ns, track, scans.stamps_ns[sample.scans]), axis=0)
+    step_m = np.hypot(steps[:, 0], steps[:, 1])
+    straight = (step_m > _MIN_STEP_M) & (np.abs(wrap_angle(steps[:, 2])) < _MAX_TURN_RAD)
     if int(straight.sum()) < _MIN_PAIRS:
         return None
     change = np.abs(np.diff(sample.ranges_m, axis=0)[straight])

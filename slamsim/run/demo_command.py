@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from enum import StrEnum
-from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from slamsim.options import Json, Overwrite, Quiet
+from slamsim.options import Json, Out, Overwrite, Quiet, Seed
 
 EPILOG = "Example: slamsim demo rotation-bug --out outputs/rotation_bug"
 _SETTINGS = (
@@ -24,11 +23,8 @@ class Demo(StrEnum):
 
 def demo(
     name: Annotated[Demo, typer.Argument(help="What to show.")] = Demo.ROTATION_BUG,
-    out: Annotated[
-        Path | None,
-        typer.Option("--out", "-o", help="Folder; a new one under outputs/ by default."),
-    ] = None,
-    seed: Annotated[int | None, typer.Option("--seed", help="Seed of world and drive.")] = None,
+    out: Out = None,
+    seed: Seed = None,
     overwrite: Overwrite = False,
     quiet: Quiet = False,
     as_json: Json = False,

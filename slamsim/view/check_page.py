@@ -17,7 +17,7 @@ from slamsim.check.wording import headline, shown
 from slamsim.safe.output import write_atomic
 from slamsim.types import FloatArray
 from slamsim.view.figures import STYLE, Picture, svg
-from slamsim.view.page import Card, Table, cards, figure, page, section, table
+from slamsim.view.page import Card, Table, cards, figure, page, pair, section, table
 from slamsim.view.palette import ESTIMATE, NEUTRAL, ODOMETRY, SCAN, TRUTH, WITHDRAWN
 
 _COLOURS = (ESTIMATE, ODOMETRY, TRUTH, SCAN)
@@ -81,7 +81,7 @@ def _plots(finding: Finding) -> str:
         figure(plot_picture(plot, f"{finding.check}-{finding.subject}-{number}"), plot.title)
         for number, plot in enumerate(finding.plots)
     ]
-    return f'<div class="pair">{"".join(pictures)}</div>' if pictures else ""
+    return pair(pictures)
 
 
 def plot_picture(plot: Plot, key: str) -> Picture:

@@ -14,7 +14,7 @@ from slamsim.evaluate.grid import cell_centres, occupied
 from slamsim.types import Grid, PlanarTrajectory
 from slamsim.view.check_page import wrong
 from slamsim.view.figures import INK, STYLE, Picture, svg
-from slamsim.view.page import Card, cards, figure, page, section
+from slamsim.view.page import Card, cards, figure, page, pair, section
 from slamsim.view.palette import ESTIMATE
 
 _FOOTER = "Made by slamsim demo. Both runs, and the mended recording, are beside this file."
@@ -55,15 +55,11 @@ def demo_page(verdict: CheckReport, sides: tuple[MappedSide, MappedSide]) -> str
     ]
     body = (
         cards([Card(side.title, _off(side), "SLAM's position error, RMSE") for side in sides])
-        + section("Scans laid along the wheels' path", _pair(laid))
-        + section("What SLAM makes of it", _pair(mapped))
+        + section("Scans laid along the wheels' path", pair(laid, paper=True))
+        + section("What SLAM makes of it", pair(mapped, paper=True))
         + section("The verdict", "".join(map(wrong, verdict.bad)))
     )
     return page("The rotation bug", lead, body, _FOOTER)
-
-
-def _pair(figures: list[str]) -> str:
-    return f'<div class="pair paper">{"".join(figures)}</div>'
 
 
 def _off(side: MappedSide) -> str:

@@ -129,6 +129,12 @@ def figure(picture: Picture, caption: str, wide: bool = False) -> str:
     )
 
 
+def pair(figures: Sequence[str], paper: bool = False) -> str:
+    """Figures side by side where there is room, nothing for none; paper: on a light ground."""
+    kind = "pair paper" if paper else "pair"
+    return f'<div class="{kind}">{"".join(figures)}</div>' if figures else ""
+
+
 def table(content: Table, note: str = "") -> str:
     header = "".join(f"<th>{escape(cell)}</th>" for cell in content.header)
     rows = "".join(

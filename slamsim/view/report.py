@@ -10,7 +10,18 @@ from slamsim.safe.output import write_atomic
 from slamsim.view.check_page import verdicts
 from slamsim.view.figures import curve_figure, map_figure, truth_figure
 from slamsim.view.numbers import realtime_factors, report_json
-from slamsim.view.page import Card, Table, cards, details, figure, page, section, table, warnings
+from slamsim.view.page import (
+    Card,
+    Table,
+    cards,
+    details,
+    figure,
+    page,
+    pair,
+    section,
+    table,
+    warnings,
+)
 from slamsim.view.precision import precision_plots
 from slamsim.view.precision_figures import held_figure
 from slamsim.view.precision_tables import precision_tables
@@ -93,10 +104,11 @@ def _verdict(view: RunView) -> list[Card]:
 
 def _maps(view: RunView) -> str:
     against = truth_figure(view)
-    pictures = figure(map_figure(view), "Map, paths driven and loop closures", wide=against is None)
+    caption = "Map, paths driven and loop closures"
+    pictures = [figure(map_figure(view), caption, wide=against is None)]
     if against is not None:
-        pictures += figure(against, "Mapped walls against the true ones")
-    return f'<div class="pair paper">{pictures}</div>'
+        pictures.append(figure(against, "Mapped walls against the true ones"))
+    return pair(pictures, paper=True)
 
 
 def _curves(view: RunView) -> str:
@@ -115,8 +127,7 @@ def _precision(view: RunView) -> str:
 
 
 def _pair(view: RunView, curves: tuple[Plot, ...]) -> str:
-    drawn = [figure(curve_figure(plot, view), plot.title) for plot in curves]
-    return f'<div class="pair">{"".join(drawn)}</div>' if drawn else ""
+    return pair([figure(curve_figure(plot, view), plot.title) for plot in curves])
 
 
 def _trajectory_table(view: RunView) -> str:

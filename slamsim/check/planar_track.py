@@ -1,0 +1,24 @@
+"""Published poses as a path in the plane, whatever is wrong with them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from slamsim.geometry import yaw_from_xyzw
+from slamsim.types import FloatArray, IntArray
+
+
+def planar_track(
+    stamps_ns: IntArray, positions_m: FloatArray, quats_xyzw: FloatArray
+) -> tuple[IntArray, FloatArray]:
+    """Sorted distinct stamps, and x, y, continuous yaw of what is finite."""
+    finite = np.isfinite(positions_m).all(axis=1) & np.isfinite(quats_xyzw).all(axis=1)
+    stamps, first = np.unique(stamps_ns[finite], return_index=True)
+    yaw = np.unwrap(yaw_from_xyzw(quats_xyzw[finite][first]))
+    return stamps, np.column_stack([positions_m[finite][first][:, :2], yaw])
+
+
+def track_at(stamps_ns: IntArray, poses: FloatArray, query_ns: IntArray) -> FloatArray:
+    """(m, 3) of such a track between its stamps (n,); beyond the ends it stays where it was."""
+    at_s, query_s = (stamps_ns - stamps_ns[0]) * 1e-9, (query_ns - stamps_ns[0]) * 1e-9
+    return np.column_stack([np.interp(query_s, at_s, column) for column in poses.T])
