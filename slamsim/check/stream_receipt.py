@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -166,21 +166,27 @@ def _drifting(series: StampSeries, drift: _Drift | None, common: float) -> Findi
             estimate=estimate,
             limit=limit_ppm,
         )
-    if abs(estimate.value) > INVENTED_PPM and _is_even(series):
-        return Finding(
-            "time.receipt_drift",
-            series.subject,
-            "bad",
-            f"stamps are spaced evenly to the last digit, yet {words}",
-            "stamps_invented",
-            "Convert the recording again with the stamps that the driver gave, or with the times "
-            "of receipt.",
-            estimate,
-            limit_ppm,
-            (Mend("stamp_by_receipt", series.subject),),
-            (plot,),
-        )
+    found = _invented if abs(estimate.value) > INVENTED_PPM and _is_even(series) else _runaway
+    return replace(found(series, words, estimate), limit=limit_ppm, plots=(plot,))
+
+
+def _invented(series: StampSeries, words: str, estimate: Estimate) -> Finding:
+    return Finding(
+        "time.receipt_drift",
+        series.subject,
+        "bad",
+        f"stamps are spaced evenly to the last digit, yet {words}",
+        "stamps_invented",
+        "Convert the recording again with the stamps that the driver gave, or with the times "
+        "of receipt.",
+        estimate,
+        mends=(Mend("stamp_by_receipt", series.subject),),
+    )
+
+
+def _runaway(series: StampSeries, words: str, estimate: Estimate) -> Finding:
     origin_ns = str(int(series.stamps_ns[0]))
+    slower: dict[str, float | str] = {"drift_ppm": estimate.value, "origin_ns": origin_ns}
     return Finding(
         "time.receipt_drift",
         series.subject,
@@ -189,15 +195,7 @@ def _drifting(series: StampSeries, drift: _Drift | None, common: float) -> Findi
         "clock_drift",
         "Discipline the sensor's clock (PTP), or stamp by the computer's.",
         estimate,
-        limit_ppm,
-        (
-            Mend(
-                "rescale_stamps",
-                series.subject,
-                {"drift_ppm": estimate.value, "origin_ns": origin_ns},
-            ),
-        ),
-        (plot,),
+        mends=(Mend("rescale_stamps", series.subject, slower),),
     )
 
 
