@@ -1,0 +1,1 @@
+"""Synthetic SLAM data sets by the thousand: recipe, sequences, engines, catalogue, reader."""
