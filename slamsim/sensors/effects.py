@@ -199,6 +199,7 @@ def mixed(middle: Hits, parts: Hits, config: MixedReturnsConfig, rng: np.random.
         np.where(two, np.where(mixes, mixture, stronger), middle.ranges_m).astype(np.float32),
         np.where(two, cosines, middle.cos_incidence),
         middle.surfaces,
+        middle.triangles,
     )
 
 

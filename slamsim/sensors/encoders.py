@@ -42,7 +42,8 @@ class Encoders:
         samples = self._clock.samples_until(self._next, motion.covered_ns)
         self._next += samples.size
         true_ns = self._clock.instants_ns(samples)
-        ticks = self._count(motion.wheel_angles_at(true_ns))
+        angles_rad = motion.wheel_angles_at(true_ns)
+        ticks = self._count(angles_rad)
         stamps_ns = self._clock.stamps_ns(true_ns)
         arrival_ns = self._clock.arrivals_ns(true_ns)
         there = self._clock.arrived(true_ns.size)
@@ -53,7 +54,7 @@ class Encoders:
             self._wheel_radius_m,
             self._track_m,
         )
-        return EncoderBatch(stream, true_ns[there], arrival_ns[there])
+        return EncoderBatch(stream, true_ns[there], arrival_ns[there], angles_rad[there])
 
     def _count(self, angles_rad: FloatArray) -> IntArray:
         """(n, 2) ticks after these true angles, less the ones missed so far."""

@@ -21,7 +21,7 @@ from slamsim.geometry import matrix_from_xyzw, xyzw_from_matrix
 from slamsim.randomness import random_stream
 from slamsim.sensors.clock import StreamClock
 from slamsim.sensors.motion import Motion
-from slamsim.sensors.readings import ImuBatch
+from slamsim.sensors.readings import ImuBatch, ImuTruth
 from slamsim.types import GRAVITY_M_S2, FloatArray, ImuStream, IntArray
 
 
@@ -57,12 +57,13 @@ class Imu:
         stamps_ns = self._clock.stamps_ns(true_ns)
         arrival_ns = self._clock.arrivals_ns(edges_ns[1:])
         there = self._clock.arrived(true_ns.size)
-        stream = ImuStream(
-            stamps_ns[there],
-            self._gyro.measure(rates)[there],
-            self._accelerometer.measure(forces)[there],
+        turning, gyro_biases = self._gyro.measure(rates)
+        pulling, accelerometer_biases = self._accelerometer.measure(forces)
+        stream = ImuStream(stamps_ns[there], turning[there], pulling[there])
+        truth = ImuTruth(
+            rates[there], forces[there], gyro_biases[there], accelerometer_biases[there]
         )
-        return ImuBatch(stream, true_ns[there], arrival_ns[there])
+        return ImuBatch(stream, true_ns[there], arrival_ns[there], truth)
 
 
 class _Triad:
@@ -77,15 +78,16 @@ class _Triad:
         turn_on = random_stream(seed, "imu", name, "turn-on bias")
         self._bias = config.turn_on_bias * turn_on.standard_normal(3)
 
-    def measure(self, true: FloatArray) -> FloatArray:
-        """(n, 3) readings of (n, 3) true values; the bias walks on by n steps."""
-        measured = true * (1.0 + np.array(self._config.scale_error)) + self._biases(len(true))
+    def measure(self, true: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """(n, 3) readings of (n, 3) true values and their biases, which walk on by n steps."""
+        biases = self._biases(len(true))
+        measured = true * (1.0 + np.array(self._config.scale_error)) + biases
         if self._sigma > 0.0:
             measured += self._sigma * self._noise.standard_normal(true.shape)
         measured = np.clip(measured, -self._config.saturation, self._config.saturation)
         if self._config.resolution > 0.0:
             measured = np.rint(measured / self._config.resolution) * self._config.resolution
-        return np.asarray(measured)
+        return np.asarray(measured), biases
 
     def _biases(self, count: int) -> FloatArray:
         steps = np.zeros((count + 1, 3))

@@ -10,7 +10,7 @@ from slamsim.sensors import effects
 from slamsim.sensors.clock import StreamClock
 from slamsim.sensors.motion import Course, Knots, Motion, as_mounted
 from slamsim.sensors.rays import beam_rays
-from slamsim.sensors.readings import ScanBatch
+from slamsim.sensors.readings import BeamTruth, ScanBatch
 from slamsim.sensors.scene import Hits, Scene
 from slamsim.types import Float32Array, FloatArray, IntArray, ScanGeometry, TriangleMesh
 
@@ -35,7 +35,8 @@ class Lidar:
 
     Beams are cast in batches of whole scans from the interpolated course of the laser, on
     ``threads`` threads; neither changes a byte of the result. The robot itself is not seen.
-    course: how the laser truly moves and looks, where that is not as it is mounted.
+    course: how the laser truly moves and looks, where that is not as it is mounted. with_truth:
+    keep what each beam truly met.
     """
 
     def __init__(
@@ -47,6 +48,7 @@ class Lidar:
         start_ns: int,
         threads: int = 1,
         course: Course = as_mounted,
+        with_truth: bool = False,
     ) -> None:
         self.geometry = scan_geometry(config)
         self._config, self._T_base_laser, self._course = config, T_base_laser, course
@@ -59,6 +61,7 @@ class Lidar:
         )
         angles_rad = self.geometry.angles_rad()
         self._directions = np.stack([np.cos(angles_rad), np.sin(angles_rad)])
+        self._with_truth = with_truth
         self._next = 0
 
     @property
@@ -72,7 +75,7 @@ class Lidar:
         samples = self._clock.samples_until(self._next, last_start_ns)
         self._next += samples.size
         true_ns = self._clock.instants_ns(samples)
-        ranges_m, strengths = self.scan_batch(motion, true_ns)
+        ranges_m, strengths, truth = self.scan_batch(motion, true_ns)
         stamps_ns = self._clock.stamps_ns(true_ns)
         arrival_ns = self._clock.arrivals_ns(true_ns + self.geometry.duration_ns)
         there = self._clock.arrived(true_ns.size)
@@ -83,39 +86,45 @@ class Lidar:
             arrival_ns[there],
             ranges_m[there],
             strengths[there] if strengths is not None else None,
+            truth[there] if truth is not None else None,
         )
 
     def scan_batch(
         self, motion: Motion, true_ns: IntArray
-    ) -> tuple[Float32Array, Float32Array | None]:
-        """(k, beams) ranges, and intensities if configured, of scans that begin at true_ns (k,).
+    ) -> tuple[Float32Array, Float32Array | None, BeamTruth | None]:
+        """(k, beams) ranges, intensities if configured, and truth if asked for, of scans that
+        begin at true_ns (k,).
 
         Advances the random streams by k scans. Raises OutsideTimeRange for uncovered instants.
         """
         shape = (true_ns.size, self.geometry.beam_count)
         ranges_m = np.empty(shape, dtype=np.float32)
         strengths = np.empty(shape, dtype=np.float32) if self._config.intensities else None
+        truth = _no_truth(shape) if self._with_truth else None
         scans = max(BEAMS_PER_BATCH // self.geometry.beam_count, 1)
         for first in range(0, true_ns.size, scans):
             part = slice(first, first + scans)
-            hits = self._true_hits(motion, true_ns[part])
+            middle, hits = self._true_hits(motion, true_ns[part])
+            if truth is not None:
+                _set(truth[part], middle)
             reading = effects.measured(hits, self._config, self._streams)
             ranges_m[part] = reading.reshape(-1, shape[1])
             if strengths is not None:
                 strengths[part] = effects.strengths(hits, reading).reshape(-1, shape[1])
-        return ranges_m, strengths
+        return ranges_m, strengths, truth
 
-    def _true_hits(self, motion: Motion, scan_ns: IntArray) -> Hits:
-        """What the beams of these scans meet, with their width at edges but without noise."""
+    def _true_hits(self, motion: Motion, scan_ns: IntArray) -> tuple[Hits, Hits]:
+        """What the beams of these scans meet without noise: their middles, and with their width
+        at edges."""
         beam_ns = (scan_ns[:, None] + self.geometry.offsets_ns()).ravel()
         directions = np.tile(self._directions, scan_ns.size)
         knots = self._course(motion.knots(self._T_base_laser, int(beam_ns[0]), int(beam_ns[-1])))
         hits = self._cast(knots, beam_ns, directions)
         mixing = self._config.mixed
         if mixing.divergence_mrad == 0.0:
-            return hits
+            return hits, hits
         beside = effects.beside_a_jump(hits, self.geometry.beam_count, mixing.min_gap_m)
-        return self._with_edges(hits, np.flatnonzero(beside), knots, beam_ns, directions)
+        return hits, self._with_edges(hits, np.flatnonzero(beside), knots, beam_ns, directions)
 
     def _with_edges(
         self,
@@ -135,11 +144,33 @@ class Lidar:
         # Most beams beside an edge miss it: their two rims are cheaper than all their parts.
         rims = parts(beside, sub_rays[:, [0, -1]]).surfaces.reshape(-1, 2)
         two = beside[(rims != hits.surfaces[beside][:, None]).any(axis=1)]
-        middle = Hits(hits.ranges_m[two], hits.cos_incidence[two], hits.surfaces[two])
+        middle = Hits(
+            hits.ranges_m[two],
+            hits.cos_incidence[two],
+            hits.surfaces[two],
+            hits.triangles[two],
+        )
         seen = effects.mixed(middle, parts(two, sub_rays), self._config.mixed, self._streams.mixed)
-        hits.ranges_m[two], hits.cos_incidence[two] = seen.ranges_m, seen.cos_incidence
-        return hits
+        ranges_m, cosines = hits.ranges_m.copy(), hits.cos_incidence.copy()
+        ranges_m[two], cosines[two] = seen.ranges_m, seen.cos_incidence
+        return Hits(ranges_m, cosines, hits.surfaces, hits.triangles)
 
     def _cast(self, knots: Knots, beam_ns: IntArray, directions: FloatArray) -> Hits:
         rays = beam_rays(knots, beam_ns, directions, self._scene.origin_m)
         return self._scene.cast(rays)
+
+
+def _no_truth(shape: tuple[int, int]) -> BeamTruth:
+    """To be set."""
+    return BeamTruth(
+        np.empty(shape, dtype=np.float32),
+        np.empty(shape, dtype=np.float32),
+        np.empty(shape, dtype=np.uint32),
+    )
+
+
+def _set(truth: BeamTruth, hits: Hits) -> None:
+    shape = truth.ranges_m.shape
+    truth.ranges_m[:] = hits.ranges_m.reshape(shape)
+    truth.cos_incidence[:] = hits.cos_incidence.reshape(shape)
+    truth.triangles[:] = hits.triangles.reshape(shape)

@@ -5,7 +5,35 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from slamsim.types import EncoderStream, Float32Array, ImuStream, IntArray, Scan, ScanGeometry
+import numpy as np
+from numpy.typing import NDArray
+
+from slamsim.types import (
+    EncoderStream,
+    Float32Array,
+    FloatArray,
+    ImuStream,
+    IntArray,
+    Scan,
+    ScanGeometry,
+)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BeamTruth:
+    """What the middle of each beam truly met, (k, beam_count) each.
+
+    ranges_m: without noise, ``inf`` for nothing, however far. cos_incidence: 1 head-on.
+    triangles: number in the world's mesh, behind which come the two of the floor; NO_TRIANGLE
+    for nothing.
+    """
+
+    ranges_m: Float32Array
+    cos_incidence: Float32Array
+    triangles: NDArray[np.uint32]
+
+    def __getitem__(self, scans: slice | NDArray[np.bool_]) -> BeamTruth:
+        return BeamTruth(self.ranges_m[scans], self.cos_incidence[scans], self.triangles[scans])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -16,6 +44,7 @@ class ScanBatch:
     true_stamps_ns: (k,) the same instants in true time. arrival_ns: (k,) true time at which
     each message was there: never before its last beam, never before an earlier message.
     ranges_m, intensities: (k, beam_count) float32, ``inf`` no return, ``nan`` invalid.
+    truth: of every beam, where it was asked for.
     """
 
     geometry: ScanGeometry
@@ -24,6 +53,7 @@ class ScanBatch:
     arrival_ns: IntArray
     ranges_m: Float32Array
     intensities: Float32Array | None = None
+    truth: BeamTruth | None = None
 
     def __len__(self) -> int:
         return int(self.stamps_ns.size)
@@ -37,12 +67,23 @@ class ScanBatch:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class ImuTruth:
+    """(n, 3) each: what an unit without errors would read, and the biases of this one."""
+
+    angular_velocity_rad_s: FloatArray
+    linear_acceleration_m_s2: FloatArray
+    gyro_bias_rad_s: FloatArray
+    accelerometer_bias_m_s2: FloatArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class ImuBatch:
     """Consecutive samples of an inertial unit; true_stamps_ns, arrival_ns: (n,) as for scans."""
 
     stream: ImuStream
     true_stamps_ns: IntArray
     arrival_ns: IntArray
+    truth: ImuTruth | None = None
 
     def __len__(self) -> int:
         return int(self.true_stamps_ns.size)
@@ -50,11 +91,15 @@ class ImuBatch:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EncoderBatch:
-    """Consecutive readings of the wheel encoders; true_stamps_ns, arrival_ns: (n,) likewise."""
+    """Consecutive readings of the wheel encoders; true_stamps_ns, arrival_ns: (n,) likewise.
+
+    true_angles_rad: (n, 2) of the wheels (left, right) at the true stamps.
+    """
 
     stream: EncoderStream
     true_stamps_ns: IntArray
     arrival_ns: IntArray
+    true_angles_rad: FloatArray | None = None
 
     def __len__(self) -> int:
         return int(self.true_stamps_ns.size)

@@ -37,7 +37,8 @@ class SensorRig:
     robot, the configuration, the seed and the whole motion, and are the same bytes however the
     drive is cut into windows and on however many ``threads``. What is carried from window to
     window is the tail of the motion that open samples still need, the number of the next sample
-    of each stream, the biases, and one generator for each random effect. course: as for Lidar.
+    of each stream, the biases, and one generator for each random effect. course, with_truth: as
+    for Lidar.
     """
 
     def __init__(
@@ -48,9 +49,11 @@ class SensorRig:
         seed: int,
         threads: int = 1,
         course: Course = as_mounted,
+        with_truth: bool = False,
     ) -> None:
         self._mesh, self._robot, self._config = mesh, robot, config
         self._seed, self._threads, self._course = seed, threads, course
+        self._with_truth = with_truth
         self._motion: Motion | None = None
         self._sensors: _Sensors | None = None
 
@@ -80,6 +83,7 @@ class SensorRig:
                 start_ns,
                 self._threads,
                 self._course,
+                self._with_truth,
             ),
             Imu(config.imu, robot.T_base_imu, seed, start_ns),
             Encoders(config.encoders, robot.wheel_radius_m, robot.track_m, seed, start_ns),

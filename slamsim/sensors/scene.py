@@ -15,6 +15,7 @@ from slamsim.sensors.rays import cosines_of_incidence
 from slamsim.types import Float32Array, FloatArray, TriangleMesh
 
 NOTHING = -1
+NO_TRIANGLE = 0xFFFFFFFF
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -22,12 +23,14 @@ class Hits:
     """What (n,) rays met first.
 
     ranges_m: ``inf`` for nothing. cos_incidence: 1 head-on, 0 grazing or nothing.
-    surfaces: number of the flat surface, NOTHING for nothing.
+    surfaces: number of the flat surface, NOTHING for nothing. triangles: number in the mesh,
+    behind which come the two of the floor; NO_TRIANGLE for nothing.
     """
 
     ranges_m: Float32Array
     cos_incidence: Float32Array
     surfaces: NDArray[np.int32]
+    triangles: NDArray[np.uint32]
 
 
 class Scene:
@@ -56,7 +59,8 @@ class Scene:
     def cast(self, rays: Float32Array) -> Hits:
         """The first hit of (n, 6) rays: origin relative to ``origin_m``, unit direction."""
         if len(rays) == 0:
-            return Hits(rays[:, 0], rays[:, 0], np.zeros(0, dtype=np.int32))
+            none = np.zeros(0, dtype=np.uint32)
+            return Hits(rays[:, 0], rays[:, 0], none.view(np.int32), none)
         answer = self._caster.cast_rays(
             self._open3d.core.Tensor.from_numpy(rays), nthreads=self._threads
         )
@@ -67,6 +71,7 @@ class Scene:
             answer["t_hit"].numpy(),
             cosines_of_incidence(rays, answer["primitive_normals"].numpy()),
             self._surfaces[entries],
+            triangles,
         )
 
 
