@@ -35,7 +35,7 @@ def partial_folder(final: Path, overwrite: bool = False) -> Iterator[Path]:
     with ExitStack() as clean_up:
         with _reported(final):
             final.parent.mkdir(parents=True, exist_ok=True)
-            clean_up.enter_context(_lock(final))
+            clean_up.enter_context(folder_lock(final))
             _restore(final, retired)
             _require_free_name(final, overwrite)
             _remove(partial)
@@ -45,7 +45,7 @@ def partial_folder(final: Path, overwrite: bool = False) -> Iterator[Path]:
         with _disk_full_reported(final):
             yield partial
         with _reported(final):
-            _sync_tree(partial)
+            sync_tree(partial)
             _put_in_place(partial, final, retired)
 
 
@@ -117,7 +117,7 @@ def _disk_full_reported(final: Path) -> Iterator[None]:
     except SlamsimError:
         raise
     except Exception as error:
-        full = _disk_full(error)
+        full = disk_full(error)
         if full is None:
             raise
         raise DiskFull(
@@ -126,8 +126,8 @@ def _disk_full_reported(final: Path) -> Iterator[None]:
         ) from error
 
 
-def _disk_full(error: BaseException | None) -> OSError | None:
-    """The disk's own error, also when a library wrapped it in one of its own."""
+def disk_full(error: BaseException | None) -> OSError | None:
+    """The error of a full disk (or quota), also when a library wrapped it in one of its own."""
     for _ in range(8):
         if isinstance(error, OSError) and error.errno in _FULL:
             return error
@@ -142,8 +142,11 @@ def _free_megabytes(path: Path) -> int:
 
 
 @contextmanager
-def _lock(final: Path) -> Iterator[None]:
-    """Hold ``<final>.lock``: it vanishes with the process, however that ends."""
+def folder_lock(final: Path) -> Iterator[None]:
+    """Hold ``<final>.lock``: it vanishes with the process, however that ends.
+
+    Raises Locked while another process holds it.
+    """
     path = _sibling(final, ".lock")
     while True:
         descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
@@ -212,7 +215,8 @@ def _remove(partial: Path) -> None:
         partial.unlink(missing_ok=True)
 
 
-def _sync_tree(folder: Path) -> None:
+def sync_tree(folder: Path) -> None:
+    """Wait until a folder with all that is in it is on the disk."""
     for root, _, names in os.walk(folder):
         for name in names:
             path = Path(root, name)
