@@ -20,7 +20,6 @@ from slamsim.bench.check.trials import (
     curve_trials,
     fault_trials,
     pair_trials,
-    told_apart,
 )
 from slamsim.bench.check.truth import truths
 from slamsim.config.run import RunConfig
@@ -28,6 +27,7 @@ from slamsim.console import Reporter
 from slamsim.recording import Recording
 from slamsim.sensors.faults.base import CannotInject, Fault
 from slamsim.sensors.faults.registry import bundled_faults, load_fault
+from slamsim.sensors.faults.together import told_apart
 
 
 def outcome(

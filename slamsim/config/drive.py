@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Self
+from typing import Annotated, Literal, Self
 
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
 from slamsim.config.base import Config
+from slamsim.config.layout import ascending
+
+Seconds = Annotated[float, Field(ge=0.0, le=600.0)]
 
 
 class PhysicsConfig(Config):
@@ -40,9 +43,15 @@ class LimitsConfig(Config):
 class RouteConfig(Config):
     """Where the robot goes."""
 
+    kind: Literal["tour", "random_goals"] = "tour"
+    """tour: past every place of the world and back to the start, on the shortest way.
+    random_goals: from one random place to the next, as long as length and duration allow; without
+    either, to as many as a tour would visit."""
+    seed: int | None = Field(default=None, ge=0, lt=2**63)
+    """Seed of random goals and stops; without one, the seed of the world."""
     file: str | None = None
-    """A route to follow instead of a tour of the whole world: YAML or CSV with poses
-    (x_m, y_m, optionally yaw_deg) or twists (t_s, v_m_s, w_rad_s)."""
+    """A route to follow instead: YAML or CSV with poses (x_m, y_m, optionally yaw_deg) or twists
+    (t_s, v_m_s, w_rad_s)."""
     clearance_m: float = Field(default=0.05, ge=0.0, le=2.0)
     """Distance that the planned path keeps between the robot and any wall."""
     preferred_clearance_m: float = Field(default=0.6, ge=0.0, le=10.0)
@@ -53,6 +62,21 @@ class RouteConfig(Config):
     """The route is cut after this length."""
     max_duration_s: float | None = Field(default=None, gt=0.0)
     """The drive is brought to a stop so that it lasts no longer than this."""
+
+
+class StopsConfig(Config):
+    """Where the robot stops on its way, and what it does there; not for twists of a file."""
+
+    every_m: float | None = Field(default=None, ge=0.5, le=1e6)
+    """Length of path from one stop to the next, on average (half as much to half as much again);
+    null for no stops."""
+    rest_s: Annotated[tuple[Seconds, Seconds], Field(strict=False), AfterValidator(ascending)] = (
+        0.5,
+        3.0,
+    )
+    """Shortest and longest time that it stands."""
+    turn_deg: float = Field(default=0.0, ge=0.0, le=180.0)
+    """Before it stands, it turns on the spot by up to so much to either side."""
 
 
 class FollowConfig(Config):
@@ -85,6 +109,8 @@ class DriveConfig(Config):
     """Speed and acceleration of the commands."""
     route: RouteConfig = RouteConfig()
     """Where to."""
+    stops: StopsConfig = StopsConfig()
+    """Where it stops on its way."""
     follow: FollowConfig = FollowConfig()
     """How."""
 

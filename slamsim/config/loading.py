@@ -30,6 +30,7 @@ Model = TypeVar("Model", bound=Config)
 SECTIONS: dict[KeyPath, Kind] = {
     ("world",): "worlds",
     ("robot",): "configs/robots",
+    ("drive",): "configs/drives",
     ("sensors",): "configs/sensors",
     ("sensors", "lidar"): "configs/sensors",
     ("sensors", "imu"): "configs/sensors",
@@ -50,7 +51,7 @@ def load_model(model_type: type[Model], path: Path, overrides: Sequence[str] = (
     for text in overrides:
         parts, value, place = parse_override(text)
         tree = tree.overlaid(tree.with_indices(parts, place), value, place)
-    return _validated(model_type, tree)
+    return validated(model_type, tree)
 
 
 def load_run_config(
@@ -70,14 +71,14 @@ def load_run_config(
 
     tree = Tree()
     if config is not None:
-        tree = _with_presets(mount(load_yaml(find_input("configs", config))))
+        tree = with_presets(mount(load_yaml(find_input("configs", config))))
     if world is not None:
         tree = tree.replaced(("world",), _world_tree(find_input("worlds", world), ("world",)))
     for text in overrides:
         tree = _overridden(tree, text)
     if seed is not None:
         tree = tree.overlaid(("seed",), seed, Place(None, option=f"--seed {seed}"))
-    return _validated(RunConfig, tree)
+    return validated(RunConfig, tree)
 
 
 def load_simulated_config(path: Path) -> RunConfig:
@@ -91,7 +92,7 @@ def load_simulated_config(path: Path) -> RunConfig:
     tree = mount(load_yaml(path))
     for later in ("slam", "mapping"):
         tree = tree.section((), leaving_out=later)
-    return _validated(RunConfig, tree)
+    return validated(RunConfig, tree)
 
 
 def load_world_config(world: str, overrides: Sequence[str] = ()) -> WorldConfig:
@@ -102,12 +103,13 @@ def load_world_config(world: str, overrides: Sequence[str] = ()) -> WorldConfig:
     for text in overrides:
         parts, value, place = parse_override(text)
         tree = tree.overlaid(tree.with_indices(parts, place), value, place)
-    return _validated(WorldConfig, tree)
+    return validated(WorldConfig, tree)
 
 
-def _validated(model_type: type[Model], tree: Tree) -> Model:
+def validated(model_type: type[Model], tree: Tree) -> Model:
+    """The model that the data make; what is refused is told with its place."""
     try:
-        return model_type.model_validate(_located(tree).data)
+        return model_type.model_validate(located(tree).data)
     except ValidationError as error:
         raise refusal(model_type, tree, error) from None
 
@@ -118,10 +120,10 @@ def _overridden(tree: Tree, text: str) -> Tree:
     if path[-1:] == ("preset",) and path[:-1] in SECTIONS:
         path = path[:-1]  # a preset chosen here takes the place of the one in the file
     tree = tree.overlaid(path, value, place)
-    return _with_presets(tree)
+    return with_presets(tree)
 
 
-def _with_presets(tree: Tree) -> Tree:
+def with_presets(tree: Tree) -> Tree:
     """With every section that is, or starts from, a file's name filled in."""
     for at, kind in SECTIONS.items():
         for _ in range(_MAX_PRESETS):
@@ -132,7 +134,7 @@ def _with_presets(tree: Tree) -> Tree:
                 break
             if not isinstance(name, str):
                 raise place.refusal(name_at, f"must be the name or path of a file, not {name!r}")
-            preset = _preset_tree(kind, name, place, at)
+            preset = section_tree(kind, name, place, at)
             tree = tree.replaced(
                 at, preset if is_name else preset.merged(tree.section(at, "preset"))
             )
@@ -141,7 +143,8 @@ def _with_presets(tree: Tree) -> Tree:
     return tree
 
 
-def _preset_tree(kind: Kind, name: str, place: Place, at: KeyPath) -> Tree:
+def section_tree(kind: Kind, name: str, place: Place, at: KeyPath) -> Tree:
+    """What a section at ``at`` becomes that names a file; place: where it names it."""
     path = find_input(kind, name, None if place.path is None else place.folder)
     if kind == "worlds":
         return _world_tree(path, at)
@@ -178,7 +181,7 @@ def _layout_tree(layout: str, path: Path, at: KeyPath) -> Tree:
     return Tree().overlaid(at, data, place) if at else Tree(dict(data), {(): place})
 
 
-def _located(tree: Tree) -> Tree:
+def located(tree: Tree) -> Tree:
     """With absolute file names, so that the saved configuration means the same files elsewhere."""
     located = tree
     for path, name in tree.texts():

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 from slamsim.randomness import random_stream
 from slamsim.sensors.faults.base import Fault
+from slamsim.sensors.faults.together import told_apart
 
 CLEAN = "clean"
 
@@ -46,11 +47,3 @@ def pair_trials(faults: Sequence[Fault], count: int, seed: int) -> list[Trial]:
     rng = random_stream(seed, "bench check", "pairs")
     chosen = rng.choice(len(pairs), size=min(count, len(pairs)), replace=False) if pairs else ()
     return [Trial("pair", pairs[int(one)]) for one in chosen]
-
-
-def told_apart(one: Fault, other: Fault) -> bool:
-    """Whether neither hides the other, nor looks like it."""
-    names = ({one.expects, *one.also}, {other.expects, *other.also})
-    if names[0] & names[1]:
-        return False
-    return other.expects not in one.hides and one.expects not in other.hides
