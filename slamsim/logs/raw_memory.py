@@ -25,16 +25,21 @@ from slamsim.types import Drive, EncoderStream, IntArray, Trajectory
 
 
 def recording_from_readings(
-    name: str, readings: Sequence[Readings], windows: Sequence[Drive], header: LogHeader
+    name: str,
+    readings: Sequence[Readings],
+    windows: Sequence[Drive],
+    header: LogHeader,
+    odometry: OdometryTail | None = None,
 ) -> Recording:
     """The same topics, frames and numbers as a ``LogWriter`` writes of these windows.
 
     readings: of each window, in order; a stream without a single sample is left out. Numbers
     that a message holds in single precision are kept in it. The truth is not part of it.
+    odometry: what the windows before left, if these are not the first; it is carried on.
     """
     stamps_ns = np.concatenate([window.stamps_ns for window in windows])
     ticking = stamps_ns[at_rate(stamps_ns, None, CLOCK_RATE_HZ)]
-    wheels = _wheels(readings, header)
+    wheels = _wheels(readings, header, odometry or OdometryTail())
     return Recording(
         name=name,
         format="memory",
@@ -112,7 +117,7 @@ def _imus(readings: Sequence[Readings]) -> tuple[RawImu, ...]:
     )
 
 
-def _wheels(readings: Sequence[Readings], header: LogHeader) -> Recording:
+def _wheels(readings: Sequence[Readings], header: LogHeader, tail: OdometryTail) -> Recording:
     """All that the driver of the wheels publishes."""
     batches = [part.encoders for part in readings if len(part.encoders)]
     if not batches:
@@ -126,7 +131,6 @@ def _wheels(readings: Sequence[Readings], header: LogHeader) -> Recording:
         first.wheel_radius_m,
         first.track_m,
     )
-    tail = OdometryTail()
     motion = _joined([tail.extend(batch.stream) for batch in batches])
     stamps_ns, base = stream.stamps_ns, header.base_frame
     ticks = RawTicks(

@@ -46,8 +46,8 @@ class Scene:
         check_mesh(mesh.vertices_m, mesh.triangles, Path("the mesh of the world"))
         low, high = mesh.vertices_m.min(axis=0), mesh.vertices_m.max(axis=0)
         self.origin_m: FloatArray = 0.5 * (low + high)
-        vertices, triangles = _with_floor(mesh, low - floor_reach_m, high + floor_reach_m)
-        self._surfaces = np.append(_surface_numbers(vertices, triangles), NOTHING).astype(np.int32)
+        vertices, triangles = with_floor(mesh, low - floor_reach_m, high + floor_reach_m)
+        self._surfaces = np.append(plane_numbers(vertices, triangles), NOTHING).astype(np.int32)
         self._open3d, self._threads = import_open3d(), threads
         tensor = self._open3d.core.Tensor.from_numpy
         self._caster = self._open3d.t.geometry.RaycastingScene(nthreads=threads)
@@ -87,9 +87,10 @@ def import_open3d() -> Any:
     return open3d
 
 
-def _with_floor(
+def with_floor(
     mesh: TriangleMesh, low: FloatArray, high: FloatArray
 ) -> tuple[FloatArray, NDArray[np.int32]]:
+    """(v + 4, 3) vertices and (t + 2, 3) triangles of a mesh and a floor from low to high."""
     corners = np.array(
         [
             [low[0], low[1], 0.0],
@@ -102,8 +103,8 @@ def _with_floor(
     return np.vstack([mesh.vertices_m, corners]), np.vstack([mesh.triangles, floor])
 
 
-def _surface_numbers(vertices: FloatArray, triangles: NDArray[np.int32]) -> NDArray[np.int64]:
-    """(t,) triangles of one plane share a number, as far as rounding lets it be seen."""
+def plane_numbers(vertices: FloatArray, triangles: NDArray[np.int32]) -> NDArray[np.int64]:
+    """(t,) number of the plane of each triangle, as far as rounding lets it be seen."""
     a, b, c = (vertices[triangles[:, corner]] for corner in range(3))
     normals = np.cross(b - a, c - a)
     lengths = np.linalg.norm(normals, axis=1, keepdims=True)
