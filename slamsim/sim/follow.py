@@ -64,6 +64,7 @@ class PathFollower:
         self._ahead = max(round(follow.lookahead_m / SPACING_M), 1)
         self._turn_beyond_rad = math.radians(follow.turn_in_place_deg)
         self._limits = limits
+        self._tick_s = 1.0 / follow.control_rate_hz
         self._leg_index, self._passed, self._at = -1, 0, 0
         self.done, self.progress = False, 0.0
         self._next_leg()
@@ -99,6 +100,7 @@ class PathFollower:
         self._y: list[float] = leg.points_m[:, 1].tolist()
         self._speed: list[float] = leg.speeds_m_s.tolist()
         self._end_yaw = leg.end_yaw_rad
+        self._rest_ticks = round(leg.rest_s / self._tick_s)
         dx, dy = self._x[-1] - self._x[-2], self._y[-1] - self._y[-2]
         length = math.hypot(dx, dy)
         self._last = len(self._x) - 1 if length > 0.0 else 0
@@ -109,12 +111,12 @@ class PathFollower:
     ) -> Twist | None:
         """None when the leg is behind us."""
         if self._arrived:
-            return self._final_turn(yaw_rad, yaw_rate_rad_s)
+            return self._at_the_end(yaw_rad, yaw_rate_rad_s)
         self._advance(x_m, y_m)
         left_m = (self._x[-1] - x_m) * self._along[0] + (self._y[-1] - y_m) * self._along[1]
         if self._at >= self._last - 2 and left_m < ARRIVED_M:
             self._arrived = True
-            return self._final_turn(yaw_rad, yaw_rate_rad_s)
+            return self._at_the_end(yaw_rad, yaw_rate_rad_s)
         dx, dy = self._aim(x_m, y_m)
         error = _wrapped(math.atan2(dy, dx) - yaw_rad)
         if self._turning or abs(error) > self._turn_beyond_rad:
@@ -146,6 +148,14 @@ class PathFollower:
             self._x[i] + over_m * self._along[0] - x_m,
             self._y[i] + over_m * self._along[1] - y_m,
         )
+
+    def _at_the_end(self, yaw_rad: float, yaw_rate_rad_s: float) -> Twist | None:
+        """Turn, then stand; None when both are done."""
+        turn = self._final_turn(yaw_rad, yaw_rate_rad_s)
+        if turn is not None or self._rest_ticks <= 0:
+            return turn
+        self._rest_ticks -= 1
+        return 0.0, 0.0
 
     def _final_turn(self, yaw_rad: float, yaw_rate_rad_s: float) -> Twist | None:
         if self._end_yaw is None:

@@ -1,26 +1,36 @@
-"""Where the robot goes: a tour of the whole world on the true map, or a route from a file."""
+"""Where the robot goes: a tour of the whole world on the true map, random goals, or a file."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from slamsim.config.drive import DriveConfig, RouteConfig
+from slamsim.config.drive import DriveConfig, LimitsConfig, RouteConfig
 from slamsim.geometry import wrap_angle
+from slamsim.randomness import random_stream
 from slamsim.safe.errors import InputRefused, SlamsimError
 from slamsim.sim.robot import RobotModel
 from slamsim.sim.route_file import PoseRoute, TwistRoute, read_route
 from slamsim.sim.smooth import resample, smooth_path, speed_profile
-from slamsim.sim.space import Space, connect_places, free_space
+from slamsim.sim.space import Space, connect_places, free_space, reachable_cells
 from slamsim.sim.tour import closed_tour
 from slamsim.types import FloatArray, IntArray
 
 if TYPE_CHECKING:
     from slamsim.world.model import World
+
+GOAL_PLACES = 64
+"""Among so many random places the goals are chosen."""
+GOAL_SPARE_M = 0.05
+"""Room to spare at a goal, where there are such places."""
+MAX_GOALS = 100_000
+FROM_END_M = 0.25
+"""Between a stop and the ends of a leg, where the robot stops or turns anyway."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -28,15 +38,31 @@ class Leg:
     """A line to drive along, forwards, to a stop; the robot first turns into its direction.
 
     points_m: (n, 2) evenly spaced, in the map frame. speeds_m_s: (n,) speed to have there.
-    end_yaw_rad: heading to turn to at the end, None for any.
+    end_yaw_rad: heading to turn to at the end, None for any. rest_s: time to stand there then.
     """
 
     points_m: FloatArray
     speeds_m_s: FloatArray
     end_yaw_rad: float | None = None
+    rest_s: float = 0.0
 
     def length_m(self) -> float:
         return float(np.linalg.norm(np.diff(self.points_m, axis=0), axis=1).sum())
+
+    def heading_rad(self) -> float:
+        """Into which it ends."""
+        dx, dy = self.points_m[-1] - self.points_m[-2]
+        return float(np.arctan2(dy, dx))
+
+    def first(self, last: int, limits: LimitsConfig) -> Leg:
+        """Up to that point, where it ends in a stop."""
+        points_m = self.points_m[: last + 1]
+        stop = speed_profile(points_m, None, limits)
+        return Leg(points_m, np.minimum(self.speeds_m_s[: last + 1], stop))
+
+    def rest(self, start: int) -> Leg:
+        """From that point on."""
+        return replace(self, points_m=self.points_m[start:], speeds_m_s=self.speeds_m_s[start:])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,40 +81,80 @@ class Route:
 
 
 def plan_route(world: World, robot: RobotModel, config: DriveConfig) -> Route:
-    """A tour past every visit point and back to the start, or the route of ``route.file``.
+    """A tour past every visit point and back to the start, random goals, or ``route.file``.
 
     Raises SlamsimError, with the widths, if the robot cannot get somewhere; InputRefused or
     NotFound for a route file.
     """
     if config.route.file is None:
         space = _space(world, robot, config.route)
-        return _route(_tour_legs(world, space, config), space, config)
+        tours = config.route.kind == "tour"
+        ways = _tour(world, space, config) if tours else _random_goals(world, space, config)
+        return _route(_ways_as_legs(world, space, config, ways), world, space, config)
     given = read_route(Path(config.route.file))
     if isinstance(given, TwistRoute):
+        if config.stops.every_m is not None:
+            reason = "holds twists, which say themselves where to stop: leave drive.stops out"
+            raise InputRefused(config.route.file, reason)
         return _twist_route(given.twists, config)
     space = _space(world, robot, config.route)
-    legs = _pose_legs(world, space, given, config)
-    return _route(legs, space, config)
+    return _route(_pose_legs(world, space, given, config), world, space, config)
 
 
 def _space(world: World, robot: RobotModel, route: RouteConfig) -> Space:
     return free_space(world, route.resolution_m, robot.footprint_radius_m + route.clearance_m)
 
 
-def _tour_legs(world: World, space: Space, config: DriveConfig) -> list[Leg]:
+def _tour(world: World, space: Space, config: DriveConfig) -> list[IntArray]:
+    """Chains of cells (n, 2), one after the other."""
     places_m = np.vstack([world.start_pose[:2], world.visit_points_m])
     net = connect_places(space, places_m, config.route.preferred_clearance_m)
     order = closed_tour(net.lengths).tolist()
-    pieces = [
-        piece
-        for a, b in zip(order, [*order[1:], order[0]], strict=True)
-        for piece in net.cells_between(a, b)
-    ]
-    if not pieces:
+    stretches = zip(order, [*order[1:], order[0]], strict=True)
+    return [way for a, b in stretches for way in net.cells_between(a, b)]
+
+
+def _random_goals(world: World, space: Space, config: DriveConfig) -> list[IntArray]:
+    """Chains of cells from goal to goal, past the visit points between them."""
+    rng = random_stream(_seed(world, config.route), "route", "goals")
+    goals_m = _goals_m(space, world.start_pose[:2], rng)
+    places_m = np.vstack([world.start_pose[:2], world.visit_points_m, goals_m])
+    net = connect_places(space, places_m, config.route.preferred_clearance_m)
+    first = len(places_m) - len(goals_m)
+    order, left_m = [0], _longest_way_m(config)
+    while left_m > 0.0 and len(order) <= (MAX_GOALS if math.isfinite(left_m) else first):
+        order.append(int(rng.integers(first, len(places_m))))
+        left_m -= float(net.lengths[order[-2], order[-1]]) * space.resolution_m
+    return [way for a, b in pairwise(order) for way in net.cells_between(a, b)]
+
+
+def _goals_m(space: Space, start_m: FloatArray, rng: np.random.Generator) -> FloatArray:
+    """(n, 2) random places with room to turn, as far as there are any."""
+    reachable = reachable_cells(space, start_m)
+    roomy = reachable & (space.room_m >= space.needed_m + GOAL_SPARE_M)
+    cells = np.argwhere(roomy if roomy.any() else reachable)
+    chosen = rng.choice(len(cells), size=min(GOAL_PLACES, len(cells)), replace=False)
+    return space.centres_m(cells[chosen])
+
+
+def _longest_way_m(config: DriveConfig) -> float:
+    """No drive is longer, inf if nothing limits it."""
+    length_m, duration_s = config.route.max_path_length_m, config.route.max_duration_s
+    ways_m = (
+        math.inf if length_m is None else length_m,
+        math.inf if duration_s is None else duration_s * config.limits.max_speed_m_s,
+    )
+    return min(ways_m)
+
+
+def _ways_as_legs(
+    world: World, space: Space, config: DriveConfig, ways: list[IntArray]
+) -> list[Leg]:
+    if not ways:
         raise SlamsimError(
             f"the tour of {world.name} has nowhere to go: its only place to visit is the start"
         )
-    cells = np.concatenate(pieces)
+    cells = np.concatenate(ways)
     cells = cells[np.append(True, np.any(np.diff(cells, axis=0) != 0, axis=1))]
     return [
         _leg(smooth_path(space.centres_m(stretch), space), space, config)
@@ -132,8 +198,11 @@ def _pose_legs(world: World, space: Space, given: PoseRoute, config: DriveConfig
     return legs
 
 
-def _route(legs: list[Leg], space: Space, config: DriveConfig) -> Route:
+def _route(legs: list[Leg], world: World, space: Space, config: DriveConfig) -> Route:
     legs = _cut(legs, config)
+    if config.stops.every_m is not None:
+        rng = random_stream(_seed(world, config.route), "route", "stops")
+        legs = _with_stops(legs, config.stops.every_m, config, rng)
     length_m = sum(leg.length_m() for leg in legs)
     narrowest_m = min(float(space.room_at_m(leg.points_m).min()) for leg in legs)
     return Route(tuple(legs), None, length_m, _duration_s(legs, config), narrowest_m)
@@ -151,11 +220,29 @@ def _cut(legs: list[Leg], config: DriveConfig) -> list[Leg]:
             kept.append(leg)
             left_m -= length_m
             continue
-        count = max(int(left_m / length_m * (len(leg.points_m) - 1)) + 1, 2)
-        points_m = leg.points_m[:count]
-        stop = speed_profile(points_m, None, config.limits)
-        kept.append(Leg(points_m, np.minimum(leg.speeds_m_s[:count], stop)))
+        last = max(int(left_m / length_m * (len(leg.points_m) - 1)), 1)
+        kept.append(leg.first(last, config.limits))
         break
+    return kept
+
+
+def _with_stops(
+    legs: list[Leg], every_m: float, config: DriveConfig, rng: np.random.Generator
+) -> list[Leg]:
+    """The legs taken apart at random places, with what is to be done there."""
+    stops, kept = config.stops, list[Leg]()
+    to_go_m = every_m * rng.uniform(0.5, 1.5)
+    for leg in legs:
+        ahead = leg
+        while ahead.length_m() > to_go_m + FROM_END_M:
+            at = max(round(to_go_m / ahead.length_m() * (len(ahead.points_m) - 1)), 1)
+            before, ahead = ahead.first(at, config.limits), ahead.rest(at)
+            turn = np.radians(stops.turn_deg) * rng.uniform(-1.0, 1.0)
+            yaw = before.heading_rad() + turn if stops.turn_deg > 0.0 else None
+            kept.append(replace(before, end_yaw_rad=yaw, rest_s=rng.uniform(*stops.rest_s)))
+            to_go_m = every_m * rng.uniform(0.5, 1.5)
+        to_go_m = max(to_go_m - ahead.length_m(), FROM_END_M)
+        kept.append(ahead)
     return kept
 
 
@@ -171,7 +258,12 @@ def _duration_s(legs: list[Leg], config: DriveConfig) -> float:
             turn = np.arctan2(first[1], first[0]) - np.arctan2(heading[1], heading[0])
             total_s += abs(float(wrap_angle(turn))) / (0.7 * limits.max_yaw_rate_rad_s)
         heading = last
+        total_s += leg.rest_s
     return total_s
+
+
+def _seed(world: World, route: RouteConfig) -> int:
+    return world.seed if route.seed is None else route.seed
 
 
 def _twist_route(twists: FloatArray, config: DriveConfig) -> Route:

@@ -105,7 +105,7 @@ def connect_places(space: Space, places_m: FloatArray, preferred_m: float) -> Wa
     One search from all places at once gives each its region; where regions meet, the cheapest
     crossing becomes a way (Mehlhorn 1988). Raises SlamsimError if a place is out of reach.
     """
-    open_cells = _reachable(space, places_m[0])
+    open_cells = reachable_cells(space, places_m[0])
     cells = np.argwhere(open_cells)
     if len(cells) > MAX_OPEN_CELLS:
         raise SlamsimError(
@@ -135,7 +135,9 @@ def connect_places(space: Space, places_m: FloatArray, preferred_m: float) -> Wa
     return _net(ways, len(places_m))
 
 
-def _reachable(space: Space, start_m: FloatArray) -> BoolArray:
+def reachable_cells(space: Space, start_m: FloatArray) -> BoolArray:
+    """(rows, cols) where the robot's middle may come to. Raises SlamsimError if it does not fit
+    at its start."""
     wide = space.room_m >= space.needed_m
     start = tuple(space.cells_of(start_m[None])[0])
     if not wide[start]:
