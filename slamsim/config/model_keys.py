@@ -126,12 +126,18 @@ def suggest(
     return f"unknown key {shown(key)}; the keys here are {', '.join(valid)}"
 
 
-def key_paths(model: type[BaseModel], at: KeyPath = ()) -> Iterator[KeyPath]:
-    """Every key path of a model and of the models in it."""
+def key_paths(
+    model: type[BaseModel], at: KeyPath = (), around: tuple[type[BaseModel], ...] = ()
+) -> Iterator[KeyPath]:
+    """Every key path of a model and of the models in it; around: models that it stands in.
+
+    A model that holds itself is not followed again.
+    """
     for name, field in model.model_fields.items():
         yield (*at, name)
         for inner in _models(field.annotation):
-            yield from key_paths(inner, (*at, name))
+            if inner not in (*around, model):
+                yield from key_paths(inner, (*at, name), (*around, model))
 
 
 def _under(homes: list[KeyPath], parent: KeyPath, within: KeyPath) -> str:

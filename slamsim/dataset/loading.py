@@ -23,7 +23,7 @@ from slamsim.dataset.distributions import edges
 from slamsim.dataset.draw import draw
 from slamsim.dataset.probes import edge_drafts, try_draft
 from slamsim.dataset.recipe import Recipe, Source, Vary
-from slamsim.safe.errors import SlamsimError
+from slamsim.safe.errors import NotFound, SlamsimError
 from slamsim.safe.yaml import KeyPath, load_yaml
 from slamsim.sensors.faults.registry import resolved_choice
 
@@ -86,27 +86,30 @@ def _check_keys(recipe: Recipe, tree: Tree) -> None:
 
 def _bases(recipe: Recipe, tree: Tree) -> Bases:
     """Every file that the recipe names, read, each value with its place."""
-    config = Tree()
-    if isinstance(recipe.config, str):
-        config = section_tree("configs", recipe.config, tree.place_of(("config",)), ())
-    elif recipe.config is not None:
-        config = _moved(tree, ("config",), (), recipe.config)
-    return Bases(
-        located(with_presets(config)),
-        tuple(
-            located(with_presets(_moved(tree, ("worlds", i, "world"), WORLD, variant.world)))
-            for i, variant in enumerate(recipe.worlds)
-        ),
-        tuple(
-            located(with_presets(_moved(tree, ("drives", i, "drive"), DRIVE, variant.drive)))
-            for i, variant in enumerate(recipe.drives)
-        ),
-        _presets(recipe, tree),
+    config = Tree() if recipe.config is None else _read(tree, ("config",), (), recipe.config)
+    worlds = (
+        _read(tree, ("worlds", i, "world"), WORLD, variant.world)
+        for i, variant in enumerate(recipe.worlds)
     )
+    drives = (
+        _read(tree, ("drives", i, "drive"), DRIVE, variant.drive)
+        for i, variant in enumerate(recipe.drives)
+    )
+    return Bases(config, tuple(worlds), tuple(drives), _presets(recipe, tree))
+
+
+def _read(tree: Tree, source: KeyPath, at: KeyPath, given: Source) -> Tree:
+    """What the recipe has, or names, at ``source``, as if it stood at ``at``."""
+    place = tree.place_of(source)
+    try:
+        if isinstance(given, str) and not at:
+            return located(with_presets(section_tree("configs", given, place, at)))
+        return located(with_presets(_moved(tree, source, at, given)))
+    except NotFound as error:
+        raise place.refusal(source, str(error)) from None
 
 
 def _moved(tree: Tree, source: KeyPath, at: KeyPath, given: Source) -> Tree:
-    """What the recipe has at ``source``, as if it stood at ``at``."""
     places = {
         (*at, *path[len(source) :]): place
         for path, place in tree.places.items()
@@ -132,8 +135,8 @@ def _presets(recipe: Recipe, tree: Tree) -> Mapping[str, Mapping[str, Tree]]:
                     continue
                 own = recipe.presets.get(text, {}).get(name)
                 source = (*at, key) if own is None else ("presets", text, name)
-                section = _moved(tree, source, path, name if own is None else own)
-                found.setdefault(text, {})[name] = located(with_presets(section))
+                section = _read(tree, source, path, name if own is None else own)
+                found.setdefault(text, {})[name] = section
     return found
 
 

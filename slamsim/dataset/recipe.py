@@ -2,18 +2,39 @@
 
 from __future__ import annotations
 
+import re
 from typing import Annotated, Any, Self
 
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
 from slamsim.config.base import Config
 from slamsim.dataset.distributions import Constant, Distribution
 from slamsim.dataset.sequence import SPLITS, FormatName, Split
+from slamsim.safe.errors import shown
 
 PARTS = 10_000
 """Shares are whole multiples of one part in so many."""
 
-Label = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]*$", max_length=64)]
+
+def _as_label(name: str) -> str:
+    if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_-]*", name):
+        raise ValueError(f"{shown(name)} is no name: letters, digits, - and _, not - or _ first")
+    return name
+
+
+def _some_weigh(variants: tuple[Any, ...]) -> tuple[Any, ...]:
+    if not any(variant.weight > 0.0 for variant in variants):
+        raise ValueError("all weights are zero: nothing could be chosen")
+    return variants
+
+
+def _no_twins(names: tuple[str, ...]) -> tuple[str, ...]:
+    if len(set(names)) < len(names):
+        raise ValueError(f"one is named twice: {', '.join(names)}")
+    return names
+
+
+Label = Annotated[str, Field(max_length=64), AfterValidator(_as_label)]
 Share = Annotated[float, Field(ge=0.0, le=1.0)]
 Weight = Annotated[float, Field(ge=0.0, le=1e9)]
 Source = str | dict[str, Any]
@@ -139,7 +160,9 @@ class Recipe(Config):
     """How many drives there are through each world."""
     splits: Splits = Splits()
     """Which share of the worlds is for what."""
-    formats: Annotated[tuple[FormatName, ...], Field(strict=False, min_length=1)] = (
+    formats: Annotated[
+        tuple[FormatName, ...], Field(strict=False, min_length=1), AfterValidator(_no_twins)
+    ] = (
         "mcap",
         "parquet",
     )
@@ -148,11 +171,13 @@ class Recipe(Config):
     """So many sequences are made one after the other by one worker."""
     config: Source | None = None
     """Name or path of a run configuration from which every sequence starts, or its keys."""
-    worlds: Annotated[tuple[WorldVariant, ...], Field(strict=False, min_length=1)]
+    worlds: Annotated[
+        tuple[WorldVariant, ...], Field(strict=False, min_length=1), AfterValidator(_some_weigh)
+    ]
     """The sorts of worlds."""
-    drives: Annotated[tuple[DriveVariant, ...], Field(strict=False, min_length=1)] = (
-        DriveVariant(),
-    )
+    drives: Annotated[
+        tuple[DriveVariant, ...], Field(strict=False, min_length=1), AfterValidator(_some_weigh)
+    ] = (DriveVariant(),)
     """The sorts of drives."""
     vary: Vary = Field(default_factory=dict)
     """What differs from sequence to sequence: keys of a run configuration, such as
@@ -161,12 +186,3 @@ class Recipe(Config):
     """Presets that ``vary`` chooses by name, beside the bundled ones: by key path, then name."""
     faults: FaultMix = FaultMix()
     """What is wrong with the recordings on purpose."""
-
-    @model_validator(mode="after")
-    def _check(self) -> Self:
-        for what in ("worlds", "drives"):
-            if not any(variant.weight > 0.0 for variant in getattr(self, what)):
-                raise ValueError(f"the weights of all {what} are zero: nothing could be chosen")
-        if len(set(self.formats)) < len(self.formats):
-            raise ValueError(f"formats names one twice: {', '.join(self.formats)}")
-        return self
