@@ -12,6 +12,7 @@ from slamsim import __version__
 from slamsim.bench.command import bench
 from slamsim.options import ConfigFile, Faults, Json, Out, Overwrite, Quiet, ScanTopic, Seed, Set
 from slamsim.run.check_command import CHECK_EPILOG, FIX_EPILOG, check, fix
+from slamsim.run.dataset_command import dataset
 from slamsim.run.demo_command import EPILOG as DEMO_EPILOG
 from slamsim.run.demo_command import demo
 from slamsim.run.fault_command import fault
@@ -232,6 +233,7 @@ def evaluate(
 app.command(epilog=CHECK_EPILOG)(check)
 app.command(epilog=FIX_EPILOG)(fix)
 app.command(epilog=DEMO_EPILOG)(demo)
+app.add_typer(dataset)
 
 
 @app.command(epilog="Example: slamsim view outputs/labyrinth --screenshot map.png")
