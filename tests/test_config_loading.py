@@ -76,7 +76,9 @@ def test_a_wheel_has_its_own_copies(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     assert find_input("worlds", "only_here").parent == tmp_path / "bundled" / "worlds"
 
 
-@pytest.mark.parametrize("kind", ["worlds", "configs/robots", "configs/sensors", "configs/slam"])
+@pytest.mark.parametrize(
+    "kind", ["worlds", "configs/robots", "configs/drives", "configs/sensors", "configs/slam"]
+)
 def test_every_bundled_file_loads(kind: bundled.Kind) -> None:
     for name in bundled_names(kind):
         if kind == "worlds":

@@ -18,14 +18,18 @@ from slamsim.config.bundled import find_input
 from slamsim.config.faults import FaultChoice
 from slamsim.config.layers import Place, Tree, mount
 from slamsim.config.loading import SECTIONS, located, section_tree, validated, with_presets
+from slamsim.config.robot import RobotConfig
+from slamsim.config.world import WorldConfig
 from slamsim.dataset.compose import DRIVE, WORLD, Bases, key_path
 from slamsim.dataset.distributions import edges
-from slamsim.dataset.draw import draw
-from slamsim.dataset.probes import edge_drafts, try_draft
+from slamsim.dataset.draw import Draft, draw
+from slamsim.dataset.probes import edge_drafts, tried
 from slamsim.dataset.recipe import Recipe, Source, Vary
 from slamsim.safe.errors import NotFound, SlamsimError
 from slamsim.safe.yaml import KeyPath, load_yaml
 from slamsim.sensors.faults.registry import resolved_choice
+from slamsim.sim.robot import build_robot
+from slamsim.world.build import check_sizes
 
 RANDOM_PROBES = 16
 """Sequences that are drawn and checked whole, beside the edges of each distribution."""
@@ -52,11 +56,41 @@ def load_recipe(name_or_path: str) -> Recipe:
     _check_keys(given, tree)
     bases = _bases(given, tree)
     recipe = _with_files(_with_faults(given, tree), bases)
+    robots, worlds = set[RobotConfig](), set[WorldConfig]()
     for draft in (*edge_drafts(recipe), *(draw(recipe, index) for index in range(RANDOM_PROBES))):
         places = dict(_places(recipe, tree, draft.world, draft.drive))
         places["max_duration_s"] = tree.place_of(("duration_s",))
-        try_draft(recipe, draft, replace(bases, places=places))
+        config = tried(recipe, draft, replace(bases, places=places))
+        if config.robot not in robots:
+            robots.add(config.robot)
+            _check_robot(config.robot, draft, tree)
+        if config.world not in worlds:
+            worlds.add(config.world)
+            _check_world(config.world, draft, tree)
     return recipe
+
+
+def _check_robot(robot: RobotConfig, draft: Draft, tree: Tree) -> None:
+    try:
+        build_robot(robot)
+    except SlamsimError as error:
+        raise tree.place_of(("vary",)).refusal(
+            ("vary",), f"{error}{_drawn(draft, 'robot')}"
+        ) from None
+
+
+def _check_world(world: WorldConfig, draft: Draft, tree: Tree) -> None:
+    at: KeyPath = ("worlds", draft.world)
+    try:
+        check_sizes(world, draft.world_index)
+    except SlamsimError as error:
+        raise tree.place_of(at).refusal(at, f"{error}{_drawn(draft, 'world')}") from None
+
+
+def _drawn(draft: Draft, section: str) -> str:
+    """What a draft has in a section, to be told of a fault there."""
+    values = [f"{key} = {value}" for key, value in draft.values.items() if key.startswith(section)]
+    return f", where {', '.join(values)}" if values else ""
 
 
 def _varied(recipe: Recipe) -> Iterator[tuple[KeyPath, KeyPath, Vary]]:

@@ -48,9 +48,11 @@ def _edges(
             yield replace(draft, values={**usual, key: edge})
 
 
-def try_draft(recipe: Recipe, draft: Draft, bases: Bases) -> None:
-    """Raises what ``validated`` raises; bases: with the places that are then told."""
+def tried(recipe: Recipe, draft: Draft, bases: Bases) -> RunConfig:
+    """The configuration, checked. Raises what ``validated`` raises.
+
+    bases: with the places that are then told.
+    """
     with suppress(ValidationError, SlamsimError):
-        RunConfig.model_validate(config_tree(recipe, draft, Bases.of(recipe)).data)
-        return
-    validated(RunConfig, config_tree(recipe, draft, bases))
+        return RunConfig.model_validate(config_tree(recipe, draft, Bases.of(recipe)).data)
+    return validated(RunConfig, config_tree(recipe, draft, bases))
