@@ -42,7 +42,7 @@ def partial_folder(final: Path, overwrite: bool = False) -> Iterator[Path]:
             clean_up.callback(_remove, partial)
             partial.mkdir()
             (partial / _MARK).write_text(_MARK_TEXT, encoding="utf-8")
-        with _disk_full_reported(final):
+        with disk_full_reported(final):
             yield partial
         with _reported(final):
             sync_tree(partial)
@@ -66,7 +66,7 @@ def write_atomic(path: Path, data: bytes) -> None:
                 file.flush()
                 os.fsync(file.fileno())
             partial.replace(path)
-            _sync(path.parent)
+            sync(path.parent)
         finally:
             partial.unlink(missing_ok=True)
 
@@ -103,7 +103,7 @@ def _sibling(final: Path, suffix: str) -> Path:
 def _reported(final: Path) -> Iterator[None]:
     """Turn what the operating system says about our own steps into what the user is told."""
     try:
-        with _disk_full_reported(final):
+        with disk_full_reported(final):
             yield
     except OSError as error:
         name = f" ({error.filename})" if error.filename else ""
@@ -111,7 +111,8 @@ def _reported(final: Path) -> Iterator[None]:
 
 
 @contextmanager
-def _disk_full_reported(final: Path) -> Iterator[None]:
+def disk_full_reported(final: Path) -> Iterator[None]:
+    """Raise DiskFull where the block ends with the error of a full disk."""
     try:
         yield
     except SlamsimError:
@@ -204,7 +205,7 @@ def _put_in_place(partial: Path, final: Path, retired: Path) -> None:
             raise
     else:
         partial.rename(final)
-    _sync(final.parent)
+    sync(final.parent)
     shutil.rmtree(retired, ignore_errors=True)
 
 
@@ -221,11 +222,12 @@ def sync_tree(folder: Path) -> None:
         for name in names:
             path = Path(root, name)
             if not path.is_symlink():
-                _sync(path)
-        _sync(Path(root))
+                sync(path)
+        sync(Path(root))
 
 
-def _sync(path: Path) -> None:
+def sync(path: Path) -> None:
+    """Wait until a file, or the names in a folder, are on the disk."""
     descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
     try:
         os.fsync(descriptor)

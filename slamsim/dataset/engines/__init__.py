@@ -1,0 +1,1 @@
+"""Who makes the sequences: the cores of this machine, or a cluster."""

@@ -1,0 +1,42 @@
+"""What an engine is, and how it tells that a worker died."""
+
+from __future__ import annotations
+
+from concurrent.futures import Future
+from typing import Protocol, Self
+
+from slamsim.dataset.shard import Task, Tried
+
+Answer = Future[tuple[Tried, ...]]
+
+
+class WorkerDied(Exception):
+    """The process that made the sequences of a task ended: which one it was at, nobody knows.
+
+    reason: how, in words. trace: what it printed last.
+    """
+
+    def __init__(self, reason: str, trace: str = "") -> None:
+        super().__init__(reason, trace)
+        self.reason, self.trace = reason, trace
+
+
+class Engine(Protocol):
+    """Runs ``shard.make_sequences`` in workers; none outlives the ``with`` block.
+
+    batch: at most so many sequences make a task of it.
+    """
+
+    batch: int
+
+    def __enter__(self) -> Self:
+        """Raises SlamsimError if no worker can be had."""
+
+    def __exit__(self, *error: object) -> None:
+        """Ends all that still runs, within seconds."""
+
+    def slots(self) -> int:
+        """So many tasks are worth submitting at a time; a cluster may grow and shrink."""
+
+    def submit(self, task: Task) -> Answer:
+        """Raises, when asked for its result, what ``make_sequences`` raises, or WorkerDied."""

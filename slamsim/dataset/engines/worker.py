@@ -1,0 +1,162 @@
+"""A process that makes sequences: one core, a memory limit, and replaced when it dies.
+
+Every engine uses it, so that a sequence that crashes, hangs or eats all memory ends its own
+process and nothing else. It is a pebble pool of one: the workers of a larger pool share a pipe
+and its locks, and one that is killed at the wrong moment takes the others with it.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import faulthandler
+import os
+import resource
+import signal
+import sys
+import tempfile
+from collections.abc import Callable
+from concurrent.futures import wait
+from concurrent.futures.process import BrokenProcessPool
+from multiprocessing import get_context
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from threading import Event
+from typing import TypeVar
+
+from pebble import ProcessExpired, ProcessPool
+
+from slamsim.dataset.engines.base import WorkerDied
+from slamsim.dataset.shard import Task, Tried, Unworkable, make_sequences
+
+Result = TypeVar("Result")
+
+_ONE_THREAD = (
+    "OMP_NUM_THREADS",
+    "OPENBLAS_NUM_THREADS",
+    "MKL_NUM_THREADS",
+    "NUMEXPR_NUM_THREADS",
+    "NUMBA_NUM_THREADS",
+)
+_LOOK_S = 0.2
+"""How often a task that runs looks whether it is to be stopped."""
+_STARTS = 3
+_PRINTED = "printed.txt"
+_TRACE_CHARACTERS = 4000
+_PR_SET_PDEATHSIG = 1
+
+
+class Worker:
+    """Belongs to one thread: with that thread its process dies."""
+
+    def __init__(self, memory_bytes: int) -> None:
+        self._memory_bytes = memory_bytes
+        self._stopped = Event()
+        self._pool: ProcessPool | None = None
+        self._process = 0
+        self._folder: TemporaryDirectory[str] | None = None
+
+    def make(self, task: Task) -> tuple[Tried, ...]:
+        """``make_sequences`` in the process. Raises what it raises, and WorkerDied."""
+        if self._pool is None:
+            self._start()
+        try:
+            return self._waited(make_sequences, task)
+        except (ProcessExpired, BrokenProcessPool, TimeoutError) as error:
+            died = WorkerDied(self._why(error, task), self._printed())
+            self.close()
+            raise died from None
+        except MemoryError:
+            self.close()
+            raise WorkerDied(self._out_of_memory()) from None
+
+    def stop(self) -> None:
+        """From any thread: end what runs now, and all that comes."""
+        self._stopped.set()
+
+    def close(self) -> None:
+        """End the process; the next task gets a new one."""
+        if self._pool is not None:
+            self._pool.stop()  # type: ignore[no-untyped-call]
+            self._pool.join()
+            self._pool, self._process = None, 0
+        if self._folder is not None:
+            self._folder.cleanup()
+            self._folder = None
+
+    def _start(self) -> None:
+        """Raises Unworkable if a process does not even begin."""
+        for _ in range(_STARTS):
+            self._folder = TemporaryDirectory(prefix="slamsim-worker-", ignore_cleanup_errors=True)
+            self._pool = ProcessPool(
+                max_workers=1,
+                initializer=_settle,
+                initargs=(os.getpid(), self._folder.name, self._memory_bytes),
+                context=get_context("spawn"),
+            )
+            try:
+                self._process = self._waited(os.getpid)
+                return
+            except (ProcessExpired, BrokenProcessPool):
+                printed = self._printed()
+                self.close()
+        raise Unworkable(f"no worker process can be started here: {printed or 'it ends at once'}")
+
+    def _waited(self, work: Callable[..., Result], *arguments: object) -> Result:
+        assert self._pool is not None
+        future = self._pool.schedule(work, args=arguments)
+        while not wait((future,), _LOOK_S).done:
+            if self._stopped.is_set():
+                self.close()
+                raise WorkerDied("stopped")
+            if self._process and not _runs(self._process):
+                # pebble takes an exit with code 0 for a worker's own end: its task stays open
+                wait((future,), _LOOK_S)
+                break
+        return future.result(0.0)
+
+    def _why(self, error: Exception, task: Task) -> str:
+        code = error.exitcode if isinstance(error, ProcessExpired) else None
+        if code == -signal.SIGALRM:
+            return f"it took longer than {task.limit_s:g} s"
+        if code is not None and code < 0:
+            return f"its process was ended by {signal.Signals(-code).name}"
+        if "bad_alloc" in self._printed() or "MemoryError" in self._printed():
+            return self._out_of_memory()
+        return "its process ended" if code is None else f"its process ended with code {code}"
+
+    def _out_of_memory(self) -> str:
+        return f"out of memory: a worker has {self._memory_bytes / 1e6:,.0f} MB"
+
+    def _printed(self) -> str:
+        """What the process wrote on its way out, its Python stack after a crash above all."""
+        assert self._folder is not None
+        try:
+            text = (Path(self._folder.name) / _PRINTED).read_text(errors="replace")
+        except OSError:
+            return ""
+        return text.partition("\nExtension modules:")[0][-_TRACE_CHARACTERS:]
+
+
+def _runs(process: int) -> bool:
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    return True
+
+
+def _settle(parent: int, folder: str, memory_bytes: int) -> None:
+    """What a new process does first, before it loads any library that computes."""
+    if sys.platform == "linux":
+        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+    if os.getppid() != parent:
+        os._exit(0)
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    signal.signal(signal.SIGALRM, signal.SIG_DFL)
+    os.environ.update(dict.fromkeys(_ONE_THREAD, "1"))
+    tempfile.tempdir = folder
+    resource.setrlimit(resource.RLIMIT_DATA, (memory_bytes, memory_bytes))
+    printed = os.open(Path(folder) / _PRINTED, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o600)
+    os.dup2(printed, 1)
+    os.dup2(printed, 2)
+    faulthandler.enable()

@@ -1,0 +1,100 @@
+"""Which data set a place holds: ``dataset.yaml``, written before anything else."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from slamsim.dataset.store import Store
+from slamsim.dataset.versions import difference, versions
+from slamsim.safe.errors import InputRefused, SlamsimError, shown
+from slamsim.safe.yaml import parse_yaml
+
+IDENTITY = "dataset.yaml"
+_KIND = "slamsim data set 1"
+_OURS = frozenset((".partial", ".lock.json", "logs"))
+"""What may lie in a place that holds no data set yet."""
+
+
+@dataclass(frozen=True, slots=True)
+class Identity:
+    """recipe: resolved, as plain values. sequences: how many there are to be."""
+
+    name: str
+    sequences: int
+    recipe: Mapping[str, Any]
+
+    def text(self) -> str:
+        """The file's contents: the same for the same data set and software."""
+        told = {
+            "kind": _KIND,
+            "name": self.name,
+            "sequences": self.sequences,
+            "versions": dict(versions()),
+            "recipe": dict(self.recipe),
+        }
+        return yaml.safe_dump(told, sort_keys=False, allow_unicode=True, width=100)
+
+
+def read_identity(store: Store) -> Mapping[str, Any] | None:
+    """What ``dataset.yaml`` says, or nothing if there is none. Raises InputRefused if it is bad."""
+    data = store.read(IDENTITY)
+    if data is None:
+        return None
+    path = f"{store.address}/{IDENTITY}"
+    told = parse_yaml(data.decode("utf-8", "replace"), Path(path)).data
+    if not isinstance(told, dict) or told.get("kind") != _KIND:
+        raise InputRefused(path, f"it does not begin with 'kind: {_KIND}'")
+    return told
+
+
+def require_place_for(store: Store, identity: Identity) -> None:
+    """Raise SlamsimError unless the place is empty or holds this data set, perhaps fewer of it."""
+    data = store.read(IDENTITY)
+    if data is None:
+        if others := sorted(store.names("") - _OURS):
+            raise SlamsimError(
+                f"{store.address} holds files that are no data set, such as {shown(others[0])}; "
+                "choose another place"
+            )
+        return
+    if identity.text().encode().startswith(data):  # the same, or cut while it was written
+        return
+    found = read_identity(store)
+    assert found is not None
+    if found.get("name") != identity.name or found.get("recipe") != identity.recipe:
+        raise SlamsimError(
+            f"{store.address} holds another data set ({_first_difference(found, identity)}); "
+            "choose another place"
+        )
+    if differs := difference(found.get("versions", {}), versions()):
+        raise SlamsimError(
+            f"{store.address} was begun with other software: here is {differs}; "
+            "go on with the same versions, or choose another place"
+        )
+    if found.get("sequences", 0) > identity.sequences:
+        raise SlamsimError(
+            f"{store.address} is to have {found['sequences']} sequences, more than the "
+            f"{identity.sequences} asked for; it can grow, not shrink"
+        )
+
+
+def claim(store: Store, identity: Identity) -> None:
+    """Write ``dataset.yaml``, unless it is there as it is to be."""
+    text = identity.text().encode()
+    if store.read(IDENTITY) != text:
+        store.write(IDENTITY, text)
+
+
+def _first_difference(found: Mapping[str, Any], identity: Identity) -> str:
+    if found.get("name") != identity.name:
+        return f"its name is {shown(found.get('name'))}, not {shown(identity.name)}"
+    recipe = found.get("recipe") or {}
+    for key in {**recipe, **identity.recipe}:
+        if recipe.get(key) != identity.recipe.get(key):
+            return f"{key} of its recipe is {shown(recipe.get(key))}"
+    return "its recipe is another"

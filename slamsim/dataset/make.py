@@ -1,0 +1,83 @@
+"""A data set from a recipe: claim the place, make what is missing, whoever makes it."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Callable, Sequence
+from functools import partial
+
+from slamsim.dataset.draw import sequence_spec
+from slamsim.dataset.engines.base import Engine
+from slamsim.dataset.identity import Identity, claim, require_place_for
+from slamsim.dataset.produce import produce
+from slamsim.dataset.production import DatasetSummary, Order, Production
+from slamsim.dataset.recipe import Recipe
+from slamsim.dataset.store import Store, open_store
+from slamsim.dataset.watch import Unwatched, Watch
+
+LIMIT_S = 1800.0
+"""A sequence that takes longer is ended and counts as failed."""
+
+
+def make_dataset(
+    recipe: Recipe,
+    count: int,
+    out: str,
+    engine: Engine,
+    watch: Watch | None = None,
+    *,
+    needed_bytes: int = 0,
+    only: Sequence[int] | None = None,
+    limit_s: float = LIMIT_S,
+    source: str | None = None,
+) -> DatasetSummary:
+    """Make the first ``count`` sequences of a recipe, or those of them that are missing.
+
+    recipe: as ``load_recipe`` gives it. out: a folder, or a URL that fsspec knows. needed_bytes:
+    what the whole set will take, as ``plan`` says. only: make these indices alone and leave the
+    catalogue. source: how the user named the recipe, for the commands that are told.
+
+    It may be killed anywhere: called again with the same arguments it goes on, and what it
+    leaves is byte for byte what an undisturbed call leaves. With a larger count it makes the new
+    ones. Raises SlamsimError if the place holds something else, Locked while another run writes
+    there, DiskFull, and what the engine raises when it cannot begin; then nothing is written.
+    """
+    identity = Identity(recipe.name, count, recipe.model_dump(mode="json"))
+    order = Order(
+        count=count,
+        shard_sequences=recipe.shard_sequences,
+        draw=partial(sequence_spec, recipe, count=count),
+        produce=produce,
+        limit_s=limit_s,
+        command=_command(source or recipe.name, count, out),
+    )
+    return fulfil(
+        order, identity, open_store(out), engine, watch or Unwatched(), needed_bytes, only
+    )
+
+
+def fulfil(
+    order: Order,
+    identity: Identity,
+    store: Store,
+    engine: Engine,
+    watch: Watch,
+    needed_bytes: int = 0,
+    only: Sequence[int] | None = None,
+) -> DatasetSummary:
+    """As ``make_dataset``, for sequences of any kind."""
+    require_place_for(store, identity)
+    with store.owned():
+        require_place_for(store, identity)
+        with engine:
+            production = Production(order, store, engine, watch)
+            left = production.left() / order.count
+            store.require_free_space(int(needed_bytes * left))
+            claim(store, identity)
+            return production.run(only)
+
+
+def _command(source: str, count: int, out: str) -> Callable[[int], str]:
+    words = ["slamsim", "dataset", "make", source, "-n", str(count), "--out", out]
+    text = shlex.join(words)
+    return lambda index: f"{text} --only {index}"

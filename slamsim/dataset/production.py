@@ -1,0 +1,234 @@
+"""All sequences of a data set made, whatever happens to the workers that make them."""
+
+from __future__ import annotations
+
+import time
+from collections import Counter, deque
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, CancelledError, wait
+from dataclasses import dataclass
+from datetime import UTC, datetime
+
+from slamsim.dataset.engines.base import Answer, Engine, WorkerDied
+from slamsim.dataset.shard import (
+    MADE,
+    Draw,
+    Produce,
+    Row,
+    Task,
+    Tried,
+    failed_row,
+    shard_path,
+)
+from slamsim.dataset.store import Store
+from slamsim.dataset.table import rows_from_parquet, rows_to_parquet
+from slamsim.dataset.versions import versions
+from slamsim.dataset.watch import Watch
+from slamsim.safe.errors import SlamsimError
+
+TRIES = 3
+"""So often a sequence is tried before it is given up."""
+_LOOK_S = 0.5
+_BATCHES_LEFT = 4
+"""What is left is cut into at least so many tasks for each worker, so that all end together."""
+
+
+@dataclass(frozen=True, slots=True)
+class Order:
+    """What is to be made. command: what a user types to see the sequence of an index made alone."""
+
+    count: int
+    shard_sequences: int
+    draw: Draw
+    produce: Produce
+    limit_s: float
+    command: Callable[[int], str]
+
+
+@dataclass(frozen=True, slots=True)
+class Failure:
+    """A sequence that was given up."""
+
+    index: int
+    reason: str
+    command: str
+
+
+@dataclass(frozen=True, slots=True)
+class DatasetSummary:
+    """What a production came to; ``already``: sequences that were there before."""
+
+    address: str
+    sequences: int
+    already: int
+    made: int
+    failures: tuple[Failure, ...]
+    simulated_s: float
+    size_bytes: int
+    wall_s: float
+
+
+class Production:
+    """One run over all that is missing in a place."""
+
+    def __init__(self, order: Order, store: Store, engine: Engine, watch: Watch) -> None:
+        self._order, self._store, self._engine, self._watch = order, store, engine, watch
+        self._shards: dict[int, dict[int, Row]] = {}
+        self._waiting: deque[tuple[int, ...]] = deque()
+        self._running: dict[Answer, tuple[int, ...]] = {}
+        self._tries: Counter[int] = Counter()
+        self._failures: list[Failure] = []
+        self._log: dict[int, list[str]] = {}
+        self._made = self._size_bytes = 0
+        self._simulated_s = 0.0
+        self._missing = self._survey()
+
+    def left(self) -> int:
+        """So many sequences are to be made."""
+        return sum(map(len, self._missing))
+
+    def run(self, only: Sequence[int] | None = None) -> DatasetSummary:
+        """Make what is missing; only: of these indices, and nothing of the catalogue.
+
+        Raises what stops a whole production: DiskFull, StoreFailed, Unworkable, SlamsimError
+        for an engine that is lost. What was made by then stays, and counts next time.
+        """
+        begin_s = time.monotonic()
+        missing = self._missing if only is None else [tuple(only)]
+        left = sum(map(len, missing))
+        already = self._order.count - left
+        self._watch.begin(self._order.count, already)
+        batches = self._batches(missing, left)
+        try:
+            while self._fill(batches) or self._running:
+                self._collect()
+        finally:
+            self._write_logs()
+        return DatasetSummary(
+            address=self._store.address,
+            sequences=self._order.count,
+            already=already,
+            made=self._made,
+            failures=tuple(sorted(self._failures, key=lambda failure: failure.index)),
+            simulated_s=self._simulated_s,
+            size_bytes=self._size_bytes,
+            wall_s=time.monotonic() - begin_s,
+        )
+
+    def _survey(self) -> list[tuple[int, ...]]:
+        """Indices by shard; what failed before is tried again."""
+        there = self._store.names("shards")
+        size, missing = self._order.shard_sequences, []
+        for shard, first in enumerate(range(0, self._order.count, size)):
+            indices = range(first, min(first + size, self._order.count))
+            path = shard_path(shard)
+            known = self._known(path) if path.removeprefix("shards/") in there else {}
+            if lacking := tuple(index for index in indices if index not in known):
+                self._shards[shard] = known
+                missing.append(lacking)
+        return missing
+
+    def _known(self, path: str) -> dict[int, Row]:
+        data = self._store.read(path)
+        try:
+            rows = rows_from_parquet(data or b"")
+        except ValueError:  # cut while it was written
+            return {}
+        return {int(str(row["index"])): row for row in rows if row["status"] == MADE}
+
+    def _batches(self, missing: list[tuple[int, ...]], left: int) -> Iterator[tuple[int, ...]]:
+        """Tasks that grow smaller towards the end, each within one shard."""
+        for indices in missing:
+            rest = indices
+            while rest:
+                fair = left // (_BATCHES_LEFT * max(1, self._engine.slots()))
+                size = max(1, min(self._engine.batch, fair))
+                batch, rest = rest[:size], rest[size:]
+                left -= len(batch)
+                yield batch
+
+    def _fill(self, batches: Iterator[tuple[int, ...]]) -> bool:
+        """Keep every worker busy; True if something was submitted."""
+        submitted = False
+        while len(self._running) < self._engine.slots():
+            indices = self._waiting.popleft() if self._waiting else next(batches, None)
+            if indices is None:
+                break
+            self._running[self._engine.submit(self._task(indices))] = indices
+            submitted = True
+        return submitted
+
+    def _task(self, indices: tuple[int, ...]) -> Task:
+        order = self._order
+        return Task(
+            self._store.address, order.draw, order.produce, indices, order.limit_s, versions()
+        )
+
+    def _collect(self) -> None:
+        done = wait(self._running, _LOOK_S, FIRST_COMPLETED).done
+        if not done:
+            self._watch.still()
+        for answer in done:
+            indices = self._running.pop(answer)
+            try:
+                for tried in answer.result():
+                    self._take(tried)
+            except WorkerDied as died:
+                self._blame(indices, died)
+            except CancelledError:
+                raise SlamsimError(
+                    "the engine is gone; run the same command again to go on"
+                ) from None
+
+    def _blame(self, indices: tuple[int, ...], died: WorkerDied) -> None:
+        """One alone is the culprit; of several each is tried alone, those made are skipped."""
+        if len(indices) > 1:
+            self._waiting.extend((index,) for index in indices)
+        else:
+            self._take(Tried(indices[0], reason=died.reason, trace=died.trace))
+
+    def _take(self, tried: Tried) -> None:
+        index = tried.index
+        self._tries[index] += 1
+        if tried.row is not None:
+            self._made += 1
+            self._size_bytes += int(str(tried.row["size_bytes"]))
+            self._simulated_s += float(str(tried.row.get("quality.duration_s") or 0.0))
+            self._note(index, f"made in {tried.wall_s:.2f} s")
+            self._watch.made(tried)
+            self._keep(index, tried.row)
+            return
+        tries = self._tries[index]
+        self._note(index, f"try {tries} failed: {tried.reason}\n{tried.trace}".rstrip())
+        if tries < TRIES:
+            self._watch.tried(index, tried.reason, tries)
+            self._waiting.append((index,))
+            return
+        command = self._order.command(index)
+        self._failures.append(Failure(index, tried.reason, command))
+        self._watch.failed(index, tried.reason, command)
+        self._keep(index, failed_row(self._order.draw, index, tried.reason, command))
+
+    def _keep(self, index: int, row: Row) -> None:
+        """Write the file of the shard once all its rows are known."""
+        shard = index // self._order.shard_sequences
+        rows = self._shards.get(shard)
+        if rows is None:
+            return
+        rows[index] = row
+        first = shard * self._order.shard_sequences
+        if len(rows) < min(self._order.shard_sequences, self._order.count - first):
+            return
+        ordered = [rows[index] for index in sorted(rows)]
+        self._store.write(shard_path(shard), rows_to_parquet(ordered))
+        del self._shards[shard]
+
+    def _note(self, index: int, text: str) -> None:
+        at = datetime.now(UTC).isoformat(timespec="seconds")
+        shard = index // self._order.shard_sequences
+        self._log.setdefault(shard, []).append(f"{at} {index:06d} {text}\n")
+
+    def _write_logs(self) -> None:
+        for shard, lines in self._log.items():
+            self._store.append(f"logs/{shard:05d}.log", "".join(lines))
+        self._log.clear()

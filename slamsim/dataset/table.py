@@ -1,0 +1,48 @@
+"""Rows of plain values as Parquet, the same bytes for the same rows."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterable, Mapping, Sequence
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from slamsim.dataset.sequence import Cell
+
+Row = Mapping[str, Cell]
+
+
+def rows_to_parquet(rows: Sequence[Row]) -> bytes:
+    """One column for every key of any row, in the order of first appearance; null where absent.
+
+    Whole numbers and fractions of one column become fractions; other mixtures become texts.
+    """
+    names = list(dict.fromkeys(name for row in rows for name in row))
+    columns = {name: _column([row.get(name) for row in rows]) for name in names}
+    out = io.BytesIO()
+    pq.write_table(pa.table(columns), out, compression="zstd", write_page_checksum=True)
+    return out.getvalue()
+
+
+def rows_from_parquet(data: bytes, columns: Iterable[str] | None = None) -> list[dict[str, Cell]]:
+    """The rows again. Raises ValueError if the data are cut or damaged."""
+    try:
+        table = pq.read_table(
+            io.BytesIO(data),
+            columns=list(columns) if columns else None,
+            page_checksum_verification=True,
+        )
+    except (pa.ArrowException, OSError) as error:
+        raise ValueError(f"no whole Parquet file: {error}") from None
+    rows: list[dict[str, Cell]] = table.to_pylist()
+    return rows
+
+
+def _column(values: list[Cell]) -> pa.Array:
+    kinds = {type(value) for value in values if value is not None}
+    if kinds == {int, float}:
+        values = [None if value is None else float(value) for value in values]
+    elif len(kinds) > 1:
+        values = [None if value is None else str(value) for value in values]
+    return pa.array(values)
