@@ -10,7 +10,7 @@ stream are in the order of the file.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Literal, TypeVar
 
 import numpy as np
@@ -38,13 +38,15 @@ class RawStream:
 
     frame_ids: the distinct frames that its messages name, in order of appearance. stamps_ns: (n,)
     as in the messages. received_ns: (n,) when each was received by whoever recorded it, None if
-    the format does not say.
+    the format does not say. samples: (n,) number of each among all that the sensor took, None
+    where nobody knows of lost ones.
     """
 
     topic: str
     frame_ids: tuple[str, ...]
     stamps_ns: IntArray
     received_ns: IntArray | None
+    samples: IntArray | None = field(default=None, kw_only=True)
 
     def __len__(self) -> int:
         return int(self.stamps_ns.size)
@@ -177,6 +179,7 @@ Messages = TypeVar("Messages", bound=RawStream | TransformEdge)
 PER_MESSAGE = (
     "stamps_ns",
     "received_ns",
+    "samples",
     "layout_of",
     "ranges_m",
     "intensities",

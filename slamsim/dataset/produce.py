@@ -3,52 +3,45 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
+from functools import reduce
 from pathlib import Path
-from typing import Protocol, Self
+from typing import Self, TypeVar
+
+import numpy as np
 
 from slamsim.config.run import RunConfig
+from slamsim.config.sensors import SensorsConfig
+from slamsim.dataset.formats import Formats
 from slamsim.dataset.sequence import FileFact, SequenceFacts, SequenceSpec
-from slamsim.dataset.truth_surfaces import Surfaces, surfaces_of
-from slamsim.dataset.truth_tables import TruthTables
-from slamsim.logs.parquet_log import ParquetLog
+from slamsim.dataset.truth import Truth
 from slamsim.logs.raw_memory import recording_from_readings, true_trajectory
 from slamsim.logs.raw_writer import write_recording
 from slamsim.logs.recorded import OdometryTail
 from slamsim.logs.writer import LogWriter
-from slamsim.recording import Recording
+from slamsim.recording import RawStream, Recording
 from slamsim.run.folder import LOG, write_config, write_world
 from slamsim.sensors.faults.apply import declared, faulty_sensors
 from slamsim.sensors.faults.base import Fault
 from slamsim.sensors.faults.registry import chosen_fault
+from slamsim.sensors.motion import Course, joined
 from slamsim.sensors.readings import Readings
 from slamsim.sensors.rig import SensorRig
 from slamsim.sim.drive import DriveRun, drive
 from slamsim.sim.robot import RobotModel, build_robot
 from slamsim.sim.route import plan_route
 from slamsim.simulate import log_header
-from slamsim.types import Drive
+from slamsim.types import Drive, IntArray
 from slamsim.world.build import build_world
 from slamsim.world.model import World
 
-PARQUET, TRUTH = "parquet", "truth"
+TRUTH = "truth"
+_Stream = TypeVar("_Stream", bound=RawStream)
 
 Moments = Iterator[tuple[Readings, Drive]]
 """What was sensed during each window of a drive, and the window."""
-
-
-class SensedTaker(Protocol):
-    """Takes what was sensed, window by window: a log, the truth."""
-
-    def write(self, readings: Readings, window: Drive) -> None: ...
-
-
-class RecordedTaker(Protocol):
-    """Takes a recording part by part, or as a whole: the tables of one format."""
-
-    def write(self, part: Recording) -> None: ...
 
 
 def produce(spec: SequenceSpec, folder: Path) -> SequenceFacts:
@@ -62,22 +55,29 @@ def produce(spec: SequenceSpec, folder: Path) -> SequenceFacts:
     ride = _Ride.planned(spec.config)
     write_config(folder, spec.config)
     write_world(folder, spec.config, ride.world)
-    with TruthTables(folder / TRUTH, ride.surfaces(), ride.wheels()) as truth:
-        if ride.faults:
-            _write_spoilt(spec, ride, folder, truth)
-        else:
-            _write_clean(spec, ride, folder, truth)
+    write = _write_spoilt if ride.faults else _write_clean
+    laser = ride.robot.T_base_laser
+    with (
+        Truth(folder / TRUTH, ride.world, ride.robot, spec.config, ride.course) as truth,
+        Formats(spec, folder, laser, ride.course) as formats,
+    ):
+        write(spec, ride, folder, truth, formats)
     outcome = ride.run.outcome
-    quality = {"duration_s": outcome.duration_s, "path_length_m": outcome.path_length_m}
+    quality = {"duration_s": outcome.duration_s, "finished": outcome.finished, **truth.quality()}
     return SequenceFacts(quality, tuple(files_of(folder)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Ride:
-    """All that is known before the robot starts."""
+    """All that is known before the robot starts.
+
+    sensors, course: what is sensed with and how the laser looks, as faults would have it.
+    """
 
     config: RunConfig
     faults: tuple[Fault, ...]
+    sensors: SensorsConfig
+    course: Course
     world: World
     robot: RobotModel
     run: DriveRun
@@ -85,50 +85,46 @@ class _Ride:
     @classmethod
     def planned(cls, config: RunConfig) -> Self:
         faults = tuple(map(chosen_fault, config.faults))
+        sensors, course = faulty_sensors(faults, config.sensors)
         world, robot = build_world(config.world, config.seed), build_robot(config.robot)
         route = plan_route(world, robot, config.drive)
-        return cls(config, faults, world, robot, drive(world, robot, route, config.drive))
-
-    def surfaces(self) -> Surfaces:
-        """What the lidar may meet."""
-        return surfaces_of(self.world.mesh, self.config.sensors.lidar.range_max_m)
-
-    def wheels(self) -> tuple[float, float]:
-        """True radius and track, m."""
-        return self.robot.wheel_radius_m, self.robot.track_m
+        run = drive(world, robot, route, config.drive)
+        return cls(config, faults, sensors, course, world, robot, run)
 
     def moments(self) -> Moments:
         """The drive, sensed with its truth as it goes."""
-        sensors, course = faulty_sensors(self.faults, self.config.sensors)
         rig = SensorRig(
             self.world.mesh,
             self.robot,
-            sensors,
+            self.sensors,
             self.config.seed,
-            course=course,
+            course=self.course,
             with_truth=True,
         )
         for window in self.run:
             yield rig.sense(window), window
 
 
-def _write_clean(spec: SequenceSpec, ride: _Ride, folder: Path, truth: TruthTables) -> None:
+def _write_clean(
+    spec: SequenceSpec, ride: _Ride, folder: Path, truth: Truth, formats: Formats
+) -> None:
     """Window by window: nothing is kept longer than it must."""
     header, odometry = log_header(ride.robot, spec.config), OdometryTail()
     with ExitStack() as stack:
-        sensed: list[SensedTaker] = [truth]
+        log = None
         if "mcap" in spec.formats:
-            sensed.append(stack.enter_context(LogWriter(folder / LOG, header)))
-        recorded = _recorded_takers(spec, folder, stack)
+            log = stack.enter_context(LogWriter(folder / LOG, header))
         for readings, window in ride.moments():
-            for taker in sensed:
-                taker.write(readings, window)
+            truth.write(readings, window)
+            if log is not None:
+                log.write(readings, window)
             part = recording_from_readings(spec.name, [readings], [window], header, odometry)
-            for table in recorded:
-                table.write(part)
+            formats.write(part, readings.scans.true_stamps_ns, window)
 
 
-def _write_spoilt(spec: SequenceSpec, ride: _Ride, folder: Path, truth: TruthTables) -> None:
+def _write_spoilt(
+    spec: SequenceSpec, ride: _Ride, folder: Path, truth: Truth, formats: Formats
+) -> None:
     """Faults look at the whole recording, so it is in memory."""
     config, header = spec.config, log_header(ride.robot, spec.config)
     windows, readings = list[Drive](), list[Readings]()
@@ -136,20 +132,36 @@ def _write_spoilt(spec: SequenceSpec, ride: _Ride, folder: Path, truth: TruthTab
         truth.write(sensed, window)
         readings.append(replace(sensed, scans=replace(sensed.scans, truth=None)))
         windows.append(window)
-    clean = recording_from_readings(spec.name, readings, windows, header)
+    clean = _numbered(recording_from_readings(spec.name, readings, windows, header))
     recording = declared(clean, ride.faults, config.sensors, config.seed)
     if "mcap" in spec.formats:
         write_recording(recording, folder / LOG, true_trajectory(windows, header))
-    with ExitStack() as stack:
-        for table in _recorded_takers(spec, folder, stack):
-            table.write(recording)
+    true_ns = np.concatenate([part.scans.true_stamps_ns for part in readings])
+    whole = reduce(joined, windows[1:], joined(None, windows[0]))
+    formats.write(recording, _still_there(recording, true_ns), whole.drive)
 
 
-def _recorded_takers(spec: SequenceSpec, folder: Path, stack: ExitStack) -> Sequence[RecordedTaker]:
-    takers: list[RecordedTaker] = []
-    if "parquet" in spec.formats:
-        takers.append(stack.enter_context(ParquetLog(folder / PARQUET)))
-    return takers
+def _numbered(recording: Recording) -> Recording:
+    """The recording with the number of each message, which stays when others are lost."""
+
+    def numbered(stream: _Stream) -> _Stream:
+        return replace(stream, samples=np.arange(len(stream)))
+
+    return replace(
+        recording,
+        scans=tuple(map(numbered, recording.scans)),
+        imus=tuple(map(numbered, recording.imus)),
+        odometries=tuple(map(numbered, recording.odometries)),
+        ticks=tuple(map(numbered, recording.ticks)),
+        joints=tuple(map(numbered, recording.joints)),
+    )
+
+
+def _still_there(recording: Recording, true_ns: IntArray) -> IntArray:
+    """True stamps of the scans that a recording holds of all that were sensed."""
+    if not recording.scans or recording.scans[0].samples is None:
+        return true_ns[:0]
+    return true_ns[recording.scans[0].samples]
 
 
 def files_of(folder: Path) -> Iterator[FileFact]:

@@ -46,10 +46,15 @@ class Surfaces:
     def __len__(self) -> int:
         return int(self.areas_m2.size)
 
+    def of_beams(self, triangles: NDArray[np.uint32]) -> IntArray:
+        """The surface of each triangle that a beam met, -1 for none; same shape."""
+        table = np.append(self.of_triangle, -1)
+        return np.asarray(table[np.minimum(triangles, np.uint32(table.size - 1))])
+
     def met(self, triangles: NDArray[np.uint32]) -> NDArray[np.uint16]:
         """The surface of each triangle that a beam met, NO_SURFACE for none; same shape."""
-        table = np.append(np.minimum(self.of_triangle, NO_SURFACE), NO_SURFACE).astype(np.uint16)
-        return np.asarray(table[np.minimum(triangles, np.uint32(table.size - 1))])
+        numbers = self.of_beams(triangles)
+        return np.where(numbers < 0, NO_SURFACE, np.minimum(numbers, NO_SURFACE)).astype(np.uint16)
 
 
 def surfaces_of(mesh: TriangleMesh, floor_reach_m: float) -> Surfaces:

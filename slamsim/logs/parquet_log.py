@@ -7,6 +7,7 @@ truth. A stream that is never recorded has no file. Rows are in the order of arr
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass
@@ -34,6 +35,7 @@ _STAMPS = (
     Column("stamp_ns", "int64", "as in the message, on the sensor's clock"),
     Column("received_ns", "int64", "when whoever recorded it received it"),
 )
+_SAMPLE = Column("sample", "int64", "number among all that were sensed, with those a fault lost")
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,6 +59,7 @@ class ParquetLog:
     def __init__(self, folder: Path) -> None:
         folder.mkdir(parents=True)
         self._folder, self._files = folder, dict[str, ParquetFile]()
+        self._rows = Counter[str]()
         self._stack = ExitStack()
 
     def __enter__(self) -> Self:
@@ -83,7 +86,10 @@ class ParquetLog:
                 about = {"table": rows.table, **shared, **rows.facts}
                 opened = ParquetFile(path, rows.columns, about, rows.rows_per_group)
                 file = self._files[rows.table] = self._stack.enter_context(opened)
-            file.append(rows.cells)
+            count = len(rows.cells["stamp_ns"])
+            numbers = np.arange(self._rows[rows.table], self._rows[rows.table] + count)
+            file.append({"sample": numbers, **rows.cells})
+            self._rows[rows.table] += count
 
 
 def _shared_facts(recording: Recording) -> dict[str, object]:
@@ -128,9 +134,10 @@ def _received(stamps_ns: IntArray, received_ns: IntArray | None) -> IntArray:
     return stamps_ns if received_ns is None else received_ns
 
 
-def _stamps(stream: RawStream | TransformEdge) -> dict[str, Cells]:
-    stamps_ns = stream.stamps_ns
-    return {"stamp_ns": stamps_ns, "received_ns": _received(stamps_ns, stream.received_ns)}
+def _stamps(stream: RawStream) -> dict[str, Cells]:
+    stamps_ns, samples = stream.stamps_ns, stream.samples
+    known: dict[str, Cells] = {} if samples is None else {"sample": samples}
+    return {"stamp_ns": stamps_ns, "received_ns": _received(stamps_ns, stream.received_ns), **known}
 
 
 def _scans(table: str, scans: RawScans) -> _Rows:
@@ -138,6 +145,7 @@ def _scans(table: str, scans: RawScans) -> _Rows:
     beams = int(ranges_m.shape[1])
     columns = [
         *_STAMPS,
+        _SAMPLE,
         Column("layout", "uint8", "which of the declared layouts of the beams"),
         Column("ranges_m", "float32", "inf: no return, nan: invalid", width=beams, repeats=True),
     ]
@@ -184,7 +192,7 @@ def _joints(table: str, joints: RawJoints) -> _Rows:
     for index, name in enumerate(joints.names):
         cells[f"{name}_position_rad"] = joints.positions_rad[:, index]
         cells[f"{name}_velocity_rad_s"] = joints.velocities_rad_s[:, index]
-    columns = (*_STAMPS, *(Column(name, "float64") for name in cells))
+    columns = (*_STAMPS, _SAMPLE, *(Column(name, "float64") for name in cells))
     facts = {**_stream_facts(joints), "joints": list(joints.names)}
     return _Rows(table, columns, facts, {**_stamps(joints), **cells})
 
@@ -192,6 +200,7 @@ def _joints(table: str, joints: RawJoints) -> _Rows:
 def _ticks(table: str, ticks: RawTicks) -> _Rows:
     columns = (
         *_STAMPS,
+        _SAMPLE,
         Column("ticks_left", "int64", "since the start"),
         Column("ticks_right", "int64", "since the start"),
     )
@@ -214,7 +223,7 @@ def _numbers(
 ) -> _Rows:
     """A table of vectors; ``{}`` in a name stands for the axis."""
     cells = split_axes(vectors)
-    columns = (*_STAMPS, *(Column(name, "float64") for name in cells))
+    columns = (*_STAMPS, _SAMPLE, *(Column(name, "float64") for name in cells))
     return _Rows(table, columns, {**_stream_facts(stream), **facts}, {**_stamps(stream), **cells})
 
 

@@ -1,0 +1,72 @@
+"""The formats of a sequence besides rosbag2, fed alike by clean and by spoilt recordings."""
+
+from __future__ import annotations
+
+from contextlib import ExitStack
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from slamsim.dataset.deskewed import DeskewedScans
+from slamsim.dataset.sequence import SequenceSpec
+from slamsim.dataset.tum_paths import TumPaths
+from slamsim.logs.carmen_writer import CarmenFile
+from slamsim.logs.kitti import KittiFolder
+from slamsim.logs.parquet_log import ParquetLog
+from slamsim.recording import Recording
+from slamsim.sensors.motion import Course
+from slamsim.types import Drive, FloatArray, IntArray
+
+PARQUET, TUM, KITTI, CARMEN = "parquet", "tum", "kitti", "carmen"
+CARMEN_NAME = "log.clf"
+
+
+class Formats:
+    """What a specification asks for, in folders of their names; a context manager.
+
+    T_base_laser, course: of the robot, and how its laser truly looks, as for sensing.
+    """
+
+    def __init__(
+        self, spec: SequenceSpec, folder: Path, T_base_laser: FloatArray, course: Course
+    ) -> None:
+        self._parquet: ParquetLog | None = None
+        self._carmen: CarmenFile | None = None
+        self._kitti: DeskewedScans | None = None
+        self._tum: TumPaths | None = None
+        with ExitStack() as stack:
+            if "parquet" in spec.formats:
+                self._parquet = stack.enter_context(ParquetLog(folder / PARQUET))
+            if "carmen" in spec.formats:
+                carmen = CarmenFile(folder / CARMEN / CARMEN_NAME, T_base_laser)
+                self._carmen = stack.enter_context(carmen)
+            if "kitti" in spec.formats:
+                clouds = stack.enter_context(KittiFolder(folder / KITTI))
+                beam_dt_ns = spec.config.sensors.lidar.beam_dt_ns
+                self._kitti = DeskewedScans(clouds, T_base_laser, course, beam_dt_ns)
+            if "tum" in spec.formats:
+                self._tum = TumPaths(folder / TUM)
+            self._stack = stack.pop_all()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._stack.__exit__(kind, error, trace)
+        if kind is None and self._tum is not None:
+            self._tum.finish()
+
+    def write(self, part: Recording, true_scan_ns: IntArray, window: Drive) -> None:
+        """The next part of the recording, the true stamps of its scans, the drive meanwhile."""
+        for log in (self._parquet, self._carmen, self._tum):
+            if log is not None:
+                log.write(part)
+        if self._tum is not None:
+            self._tum.take_truth(window)
+        if self._kitti is not None:
+            self._kitti.write(part.scans[0] if part.scans else None, true_scan_ns, window)

@@ -1,0 +1,87 @@
+"""All that is true of a sequence: tables while the robot drives, pairs, grid and quality after."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+import numpy as np
+
+from slamsim.config.run import RunConfig
+from slamsim.config.sensors import LidarConfig
+from slamsim.dataset.key_scans import MOST_BEAMS, KeyScans
+from slamsim.dataset.overlap import overlapping, write_pairs
+from slamsim.dataset.quality import DriveQuality, scene_numbers, view_numbers
+from slamsim.dataset.sequence import Cell
+from slamsim.dataset.truth_grid import write_occupancy
+from slamsim.dataset.truth_surfaces import surfaces_of
+from slamsim.dataset.truth_tables import TruthTables
+from slamsim.sensors.motion import Course
+from slamsim.sensors.readings import Readings
+from slamsim.sim.robot import RobotModel
+from slamsim.types import Drive
+from slamsim.world.model import World
+
+
+class Truth:
+    """The truth of one sequence, written into a new folder; a context manager.
+
+    course: how the laser truly looks, as for sensing. What needs the whole drive is written when
+    the block ends; ``quality`` is known from then on.
+    """
+
+    def __init__(
+        self, folder: Path, world: World, robot: RobotModel, config: RunConfig, course: Course
+    ) -> None:
+        lidar, wheels_m = config.sensors.lidar, (robot.wheel_radius_m, robot.track_m)
+        self._folder, self._world, self._robot, self._config = folder, world, robot, config
+        self._surfaces = surfaces_of(world.mesh, lidar.range_max_m)
+        self._tables = TruthTables(folder, self._surfaces, wheels_m)
+        self._keys = KeyScans(lidar, robot, course, self._surfaces)
+        self._drive = DriveQuality(wheels_m)
+        self._quality: dict[str, Cell] = {}
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._tables.__exit__(kind, error, trace)
+        if kind is None:
+            self._write_rest()
+
+    def write(self, readings: Readings, window: Drive) -> None:
+        """The next window of the drive, and what was sensed during it."""
+        self._tables.write(readings, window)
+        self._keys.take(readings.scans, window)
+        self._drive.write(readings, window)
+
+    def quality(self) -> Mapping[str, Cell]:
+        """The numbers of the sequence under stable, unit-bearing keys."""
+        return self._quality
+
+    def _write_rest(self) -> None:
+        lidar, keys = self._config.sensors.lidar, self._keys.scans
+        pairs = overlapping(keys, self._surfaces, _kept_step_rad(lidar))
+        write_pairs(self._folder / "pairs.parquet", keys, pairs)
+        height_m = float(self._robot.T_base_laser[2, 3])
+        grid = self._world.grid(self._config.mapping.resolution_m, height_m)
+        write_occupancy(self._folder, grid)
+        radius_m = self._robot.footprint_radius_m
+        path_m = self._drive.path_m()
+        self._quality = {
+            **self._drive.numbers(),
+            **scene_numbers(self._world, grid, path_m, radius_m, lidar.range_max_m),
+            **view_numbers(keys, pairs, self._surfaces),
+        }
+
+
+def _kept_step_rad(lidar: LidarConfig) -> float:
+    """Between the beams of a key scan."""
+    return float(np.radians(lidar.angle_step_deg)) * -(-lidar.beam_count // MOST_BEAMS)
