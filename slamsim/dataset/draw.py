@@ -97,8 +97,9 @@ def drawn_cells(recipe: Recipe, draft: Draft) -> dict[str, Cell]:
     cells: dict[str, Cell] = {
         "world": recipe.worlds[draft.world].name,
         "drive": recipe.drives[draft.drive].name,
+        "duration_s": _as_float(draft.duration_s),
     }
-    for key, value in {"duration_s": draft.duration_s, **draft.values}.items():
+    for key, value in draft.values.items():
         cells.update(_cells(key, value))
     return cells
 
@@ -111,6 +112,17 @@ def split_of(splits: Splits, world_index: int) -> Split:
     """
     order = _split_order(shares_to_parts(splits.shares))
     return SPLITS[order[world_index % len(order)]]
+
+
+def split_counts(recipe: Recipe, count: int) -> dict[Split, int]:
+    """How many of the first ``count`` sequences are in each split."""
+    order = _split_order(shares_to_parts(recipe.splits.shares))
+    per_world = recipe.sequences_per_world
+    rounds, rest = divmod(count, per_world * len(order))
+    numbers = {split: rounds * per_world * order.count(i) for i, split in enumerate(SPLITS)}
+    for world in range(-(-rest // per_world)):
+        numbers[SPLITS[order[world]]] += min(per_world, rest - world * per_world)
+    return numbers
 
 
 @lru_cache(maxsize=16)
@@ -189,8 +201,7 @@ def _size(variant: FaultVariant, seed: int, names: Names) -> float | None:
     if variant.size is None:
         return _fault(variant.fault).size
     size = _value(seed, (*names, "size", variant.fault), variant.size)
-    assert isinstance(size, int | float)  # held by the loading
-    return float(size)
+    return _as_float(size)
 
 
 @lru_cache(maxsize=1000)
@@ -221,6 +232,11 @@ def config_tree(recipe: Recipe, draft: Draft, bases: Bases) -> Tree:
     ):
         tree = tree.overlaid(path, value, bases.places.get(str(path[-1]), DRAWN))
     return tree
+
+
+def _as_float(value: object) -> float:
+    assert isinstance(value, int | float)  # held by the loading
+    return float(value)
 
 
 def _cells(key: str, value: object) -> Iterator[tuple[str, Cell]]:

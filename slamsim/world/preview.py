@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import cv2
@@ -31,14 +33,22 @@ _LIDAR_HEIGHT_M = 0.3
 
 
 def preview_png(world: World) -> bytes:
-    """The world as a PNG, y up.
+    """The world as a PNG, y up, with title and scale; see ``top_view``."""
+    x_min, y_min, x_max, y_max = world.bounds_m
+    resolution = max(x_max - x_min, y_max - y_min) / _LONGEST_PX
+    return encoded_png(_framed(top_view(world, _LONGEST_PX), world, resolution))
+
+
+def top_view(world: World, longest_px: int, ways: Sequence[Way] = ()) -> Image:
+    """(rows, columns, 3) blue, green, red; y up; the longer side so many pixels.
 
     Dark: solid at 0.3 m, where a lidar looks. Sand: between 0.01 m and 0.5 m only above or below
     that height. White: free; grey: free but out of reach. Blue and green: floor patches with less
-    and more friction than the floor. Dots: places to visit. Red: the start and its heading.
+    and more friction than the floor. Dots: places to visit. Red: the start and its heading. ways:
+    lines over it, each drawn over those before.
     """
     x_min, y_min, x_max, y_max = world.bounds_m
-    resolution = max(x_max - x_min, y_max - y_min) / _LONGEST_PX
+    resolution = max(x_max - x_min, y_max - y_min) / longest_px
     grid = world.grid(resolution, _LIDAR_HEIGHT_M)
     body = world.obstacle_grid(resolution).occupancy
     image = np.full((*grid.occupancy.shape, 3), _FREE, dtype=np.uint8)
@@ -52,8 +62,19 @@ def preview_png(world: World) -> bytes:
     image[grid.occupancy == 1.0] = _WALL
     for place in world.visit_points_m:
         view.disc(place, 0.06, _VISIT)
+    for way in ways:
+        view.line(way)
     view.arrow(world.start_pose, 0.5 * world.clearance_m, _START)
-    return _encoded(_framed(image[::-1], world, resolution))
+    return image[::-1]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Way:
+    """A line (n, 2) in the map frame; colour: blue, green, red."""
+
+    points_m: FloatArray
+    colour: Colour
+    width_px: int = 1
 
 
 class _View:
@@ -76,6 +97,10 @@ class _View:
         middle, radius = self._pixel(middle_m), self._length(radius_m)
         cv2.circle(self._image, middle, radius, colour, -1, cv2.LINE_AA)
 
+    def line(self, way: Way) -> None:
+        pixels = np.array([self._pixel(point) for point in way.points_m], dtype=np.int32)
+        cv2.polylines(self._image, [pixels[:, None]], False, way.colour, way.width_px, cv2.LINE_AA)
+
     def arrow(self, pose: FloatArray, length_m: float, colour: Colour) -> None:
         """A disc at the pose and a line from it ahead, together as long as two lengths."""
         ahead = pose[:2] + 2.0 * length_m * np.array([np.cos(pose[2]), np.sin(pose[2])])
@@ -93,19 +118,20 @@ def _framed(image: NDArray[Any], world: World, resolution_m: float) -> Image:
     framed[_MARGIN_PX:-_MARGIN_PX, _MARGIN_PX:-_MARGIN_PX] = image
     x_min, y_min, x_max, y_max = world.bounds_m
     title = f"{world.name}   {x_max - x_min:.1f} x {y_max - y_min:.1f} m   seed {world.seed}"
-    _write(framed, title, (_MARGIN_PX, _MARGIN_PX - 16))
+    write_text(framed, title, (_MARGIN_PX, _MARGIN_PX - 16))
     bar_m = _round_length(0.25 * image.shape[1] * resolution_m)
     y, end = framed.shape[0] - _MARGIN_PX // 2, _MARGIN_PX + round(bar_m / resolution_m)
     cv2.line(framed, (_MARGIN_PX, y), (end, y), _INK, 2)
     for x in (_MARGIN_PX, end):
         cv2.line(framed, (x, y - 5), (x, y + 5), _INK, 2)
-    _write(framed, f"{bar_m:g} m", (end + 12, y + 6))
+    write_text(framed, f"{bar_m:g} m", (end + 12, y + 6))
     return framed
 
 
-def _write(image: NDArray[Any], text: str, place: tuple[int, int]) -> None:
+def write_text(image: NDArray[Any], text: str, place: tuple[int, int], scale: float = 0.6) -> None:
+    """Dark letters whose base line begins so many columns right and rows down."""
     printable = text.encode("ascii", "replace").decode()
-    cv2.putText(image, printable, place, cv2.FONT_HERSHEY_SIMPLEX, 0.6, _INK, 1, cv2.LINE_AA)
+    cv2.putText(image, printable, place, cv2.FONT_HERSHEY_SIMPLEX, scale, _INK, 1, cv2.LINE_AA)
 
 
 def _round_length(length_m: float) -> float:
@@ -114,7 +140,8 @@ def _round_length(length_m: float) -> float:
     return float(max(step * power for step in (1.0, 2.0, 5.0) if step * power <= length_m))
 
 
-def _encoded(image: Image) -> bytes:
+def encoded_png(image: Image) -> bytes:
+    """The picture as PNG."""
     done, data = cv2.imencode(".png", image)
     if not done:
         raise RuntimeError("OpenCV could not encode the preview as PNG")

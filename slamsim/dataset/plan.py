@@ -1,0 +1,174 @@
+"""What a recipe will make, and what it will cost, learnt by making a little of it."""
+
+from __future__ import annotations
+
+import os
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from slamsim.dataset.draw import Draft, draw, drawn_cells, sequence_spec, split_counts
+from slamsim.dataset.pilot import Pilot, Pilots, make_pilots
+from slamsim.dataset.recipe import Recipe
+from slamsim.dataset.sequence import SequenceSpec, Split
+from slamsim.safe.errors import SlamsimError
+
+MOST_DRAWN = 5_000
+"""Of a larger data set, only so many sequences are drawn for the counts, and the counts scaled."""
+MOST_KINDS = 4
+"""Pilots are made of the most frequent kinds of sequence alone."""
+PILOT_S = (5.0, 10.0)
+"""Two lengths, so that what every sequence costs is told from what every second costs."""
+COUNTED = ("world", "drive", "robot", "sensors.lidar")
+"""What is counted where the recipe draws it."""
+
+Kind = tuple[str, bool]
+"""Lidar, and whether there are faults: what time and size depend on most."""
+Maker = Callable[[Sequence[SequenceSpec]], Pilots]
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """What is to be expected.
+
+    counts: sequences by what was drawn, those with several faults counted for each of them; exact
+    if ``drawn`` is all, else scaled. simulated_s: if no route ends early. core_s: of one core;
+    seconds: with all workers. disk_bytes: by format; ``truth`` and ``settings`` beside them.
+    memory_bytes: of one worker.
+    """
+
+    name: str
+    sequences: int
+    worlds: int
+    splits: Mapping[Split, int]
+    counts: Mapping[str, Mapping[str, int]]
+    drawn: int
+    simulated_s: float
+    core_s: float
+    workers: int
+    seconds: float
+    disk_bytes: Mapping[str, int]
+    memory_bytes: int
+
+    @property
+    def total_bytes(self) -> int:
+        return sum(self.disk_bytes.values())
+
+
+def plan(recipe: Recipe, count: int, workers: int | None = None, make: Maker = make_pilots) -> Plan:
+    """The plan of the first ``count`` sequences of a recipe.
+
+    workers: processes at a time, by default one for each core. Raises SlamsimError where not even
+    one short sequence can be made.
+    """
+    workers = workers or len(os.sched_getaffinity(0))
+    drafts = [draw(recipe, index) for index in range(min(count, MOST_DRAWN))]
+    kinds = [_kind(recipe, draft) for draft in drafts]
+    chosen = [kind for kind, _ in Counter(kinds).most_common(MOST_KINDS)]
+    pilots = make([_short(recipe, kinds.index(kind), count, s) for kind in chosen for s in PILOT_S])
+    costs = _costs(chosen, pilots)
+    expected = [
+        costs[kind if kind in costs else None].at(_seconds(d))
+        for kind, d in zip(kinds, drafts, strict=True)
+    ]
+    scale = count / len(drafts)
+    core_s = scale * sum(one.core_s for one in expected)
+    sizes = Counter[str]()
+    for one in expected:
+        sizes.update(one.sizes)
+    return Plan(
+        name=recipe.name,
+        sequences=count,
+        worlds=-(-count // recipe.sequences_per_world),
+        splits=split_counts(recipe, count),
+        counts=_counts(recipe, drafts, scale),
+        drawn=len(drafts),
+        simulated_s=scale * sum(one.simulated_s for one in expected),
+        core_s=core_s,
+        workers=workers,
+        seconds=pilots.start_s + core_s / min(workers, count),
+        disk_bytes={name: round(scale * size) for name, size in sorted(sizes.items())},
+        memory_bytes=pilots.memory_bytes,
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class _Cost:
+    """What sequences of one kind cost: rows (for each sequence, for each second)."""
+
+    core: tuple[float, float]
+    sizes: Mapping[str, tuple[float, float]]
+
+    def at(self, duration_s: float) -> Pilot:
+        """What is to be expected of one that long."""
+        sizes = {name: round(each + s * duration_s) for name, (each, s) in self.sizes.items()}
+        return Pilot(duration_s, self.core[0] + self.core[1] * duration_s, sizes)
+
+
+def _costs(chosen: Sequence[Kind], pilots: Pilots) -> dict[Kind | None, _Cost]:
+    """By kind, and under None what holds for the others. Raises SlamsimError without any pilot."""
+    made = dict[Kind | None, list[Pilot]]()
+    for place, pilot in enumerate(pilots.made):
+        if pilot is not None:
+            made.setdefault(chosen[place // len(PILOT_S)], []).append(pilot)
+    every = [pilot for group in made.values() for pilot in group]
+    if not every:
+        raise SlamsimError(f"nothing can be made of this recipe: {pilots.reasons[0]}")
+    return {kind: _cost(group) for kind, group in {None: every, **made}.items()}
+
+
+def _cost(pilots: Sequence[Pilot]) -> _Cost:
+    durations_s = [pilot.simulated_s for pilot in pilots]
+    names = {name for pilot in pilots for name in pilot.sizes}
+    return _Cost(
+        _line(durations_s, [pilot.core_s for pilot in pilots]),
+        {name: _line(durations_s, [p.sizes.get(name, 0) for p in pilots]) for name in names},
+    )
+
+
+def _line(x: Sequence[float], y: Sequence[float]) -> tuple[float, float]:
+    """Offset and slope of the best line, neither of them negative."""
+    if np.ptp(x) < 1.0:
+        return 0.0, float(np.sum(y) / max(np.sum(x), 1e-9))
+    slope, offset = np.polyfit(x, y, 1)
+    return (float(offset), float(slope)) if slope > 0.0 < offset else _through(x, y, slope)
+
+
+def _through(x: Sequence[float], y: Sequence[float], slope: float) -> tuple[float, float]:
+    """The line that is level, or that begins at nothing."""
+    return (float(np.mean(y)), 0.0) if slope <= 0.0 else (0.0, float(np.sum(y) / np.sum(x)))
+
+
+def _kind(recipe: Recipe, draft: Draft) -> Kind:
+    return str(draft.values.get("sensors.lidar", "")), bool(draft.faults)
+
+
+def _seconds(draft: Draft) -> float:
+    assert isinstance(draft.duration_s, int | float)  # held by the loading
+    return float(draft.duration_s)
+
+
+def _short(recipe: Recipe, index: int, count: int, most_s: float) -> SequenceSpec:
+    """A sequence of the data set, cut after so many seconds."""
+    spec = sequence_spec(recipe, index, count)
+    route = spec.config.drive.route
+    cut = route.model_copy(update={"max_duration_s": min(most_s, route.max_duration_s or most_s)})
+    drive = spec.config.drive.model_copy(update={"route": cut})
+    return replace(spec, config=spec.config.model_copy(update={"drive": drive}))
+
+
+def _counts(recipe: Recipe, drafts: Sequence[Draft], scale: float) -> dict[str, dict[str, int]]:
+    found = {name: Counter[str]() for name in (*COUNTED, "faults")}
+    for draft in drafts:
+        cells = drawn_cells(recipe, draft)
+        for name in COUNTED:
+            if name in cells:
+                found[name][str(cells[name])] += 1
+        found["faults"].update([choice.name for choice in draft.faults] or ["none"])
+    return {
+        name: {what: round(scale * number) for what, number in counter.most_common()}
+        for name, counter in found.items()
+        if counter
+    }

@@ -1,0 +1,77 @@
+"""``slamsim dataset plan`` and ``preview``: a data set before it is made."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+
+from slamsim.console import Reporter
+from slamsim.dataset.loading import load_recipe
+from slamsim.dataset.plan import Plan, plan
+from slamsim.dataset.preview import contact_sheet
+from slamsim.safe.errors import SlamsimError
+from slamsim.safe.output import write_atomic
+
+_UNITS = ("B", "kB", "MB", "GB", "TB", "PB")
+
+
+def tell_plan(recipe: str, count: int, reporter: Reporter, workers: int | None = None) -> None:
+    """Print the plan, and give it as JSON. Raises what loading and planning raise."""
+    loaded = load_recipe(recipe)
+    reporter.say(f"Trying out {loaded.name}: a few short sequences are made and thrown away")
+    found = plan(loaded, count, workers)
+    reporter.table(f"{loaded.name}: {loaded.title}", plan_rows(found))
+    reporter.result({**asdict(found), "total_bytes": found.total_bytes})
+
+
+def draw_preview(
+    recipe: str, count: int, out: Path | None, reporter: Reporter, *, overwrite: bool = False
+) -> None:
+    """Write the contact sheet. Raises SlamsimError if the file is there and not to be replaced."""
+    loaded = load_recipe(recipe)
+    path = out or Path(f"{loaded.name}.png")
+    if path.exists() and not overwrite:
+        raise SlamsimError(f"{path} is there already; choose another --out, or --overwrite")
+    with reporter.stage("preview", "worlds/s") as progress:
+        write_atomic(path, contact_sheet(loaded, count, progress))
+    reporter.say(f"Written to {path}")
+    reporter.result({"file": str(path), "worlds": count})
+
+
+def plan_rows(found: Plan) -> dict[str, str]:
+    """The plan as a table."""
+    splits = ", ".join(f"{split} {number}" for split, number in found.splits.items())
+    sizes = ", ".join(f"{name} {as_size(size)}" for name, size in found.disk_bytes.items())
+    about = "" if found.drawn == found.sequences else f" (from the first {found.drawn})"
+    counted = {
+        f"by {what}{about}": ", ".join(f"{name} {n}" for name, n in numbers.items())
+        for what, numbers in found.counts.items()
+    }
+    return {
+        "sequences": f"{found.sequences} in {found.worlds} worlds: {splits}",
+        **counted,
+        "simulated": as_time(found.simulated_s),
+        "expected time": f"{as_time(found.seconds)} with {found.workers} workers, "
+        f"{found.simulated_s / max(found.core_s, 1e-9):.0f} simulated seconds a core-second",
+        "disk": f"{as_size(found.total_bytes)}: {sizes}",
+        "memory": f"{as_size(found.memory_bytes)} a worker",
+    }
+
+
+def as_size(size: float) -> str:
+    """``5.5 GB``; in powers of ten, as disks are sold."""
+    unit = 0
+    while size >= 1000.0 and unit < len(_UNITS) - 1:
+        size, unit = size / 1000.0, unit + 1
+    return f"{size:.3g} {_UNITS[unit]}"
+
+
+def as_time(seconds: float) -> str:
+    """``1 h 40 min``, ``12 min``, ``8 s``."""
+    if seconds < 100.0:
+        return f"{seconds:.0f} s"
+    minutes = round(seconds / 60.0)
+    if minutes < 100:
+        return f"{minutes} min"
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours} h {minutes} min" if hours < 100 else f"{hours / 24.0:.1f} days"
