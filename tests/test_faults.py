@@ -146,13 +146,18 @@ def leaves(value: object, at: str = "") -> Iterator[tuple[str, object]]:
         yield at, value
 
 
+def _alike(one: np.ndarray, other: np.ndarray) -> bool:
+    return np.array_equal(one, other, equal_nan=one.dtype.kind == "f")
+
+
 def differences(one: Recording, other: Recording) -> set[str]:
     """The names of fields that differ, without indices."""
     ours, theirs = dict(leaves(one)), dict(leaves(other))
     found = set(ours) ^ set(theirs)
     for place in set(ours) & set(theirs):
         a, b = ours[place], theirs[place]
-        same = np.array_equal(a, np.asarray(b)) if isinstance(a, np.ndarray) else a == b
+        arrays = isinstance(a, np.ndarray), isinstance(b, np.ndarray)
+        same = _alike(np.asarray(a), np.asarray(b)) if all(arrays) else not any(arrays) and a == b
         if not same:
             found.add(place)
     return {re.sub(r"\[\d+\]", "", place).lstrip(".") for place in found}

@@ -13,6 +13,8 @@ from slamsim.check.diagnosis import explained
 from slamsim.check.findings import CheckReport, Finding
 from slamsim.check.inertial import check_inertial
 from slamsim.check.motion import check_motion
+from slamsim.check.published import check_published
+from slamsim.check.publishers import check_publishers
 from slamsim.check.ranges import check_ranges
 from slamsim.check.streams import check_streams
 from slamsim.check.transforms import check_transforms
@@ -26,8 +28,10 @@ _log = logging.getLogger(__name__)
 QUICK: dict[str, Question] = {
     "stamps": check_streams,
     "transforms": check_transforms,
+    "publishers": check_publishers,
     "ranges": check_ranges,
     "inertial unit": check_inertial,
+    "odometry": check_published,
     "robot description": check_description,
 }
 """What can be told without comparing scans with one another."""

@@ -16,6 +16,11 @@ _LIDAR_TIMES = ("time_offset_lidar", "scan_stamp_end", "scan_stamp_middle")
 _SWEEPS = ("beam_time_scale", "beam_time_reversed", "flash_scan_timed", "rolling_scan_untimed")
 _MOUNTING = ("laser_yaw", "laser_position")
 _SIZES = ("wheel_radius", "wheel_track", "wheel_slip", "laser_yaw", "laser_position", "gyro_scale")
+_STAMPS = ("stamps_quantised", "stamps_repeated", "stamps_jitter", "stamps_backward", "stream_gaps")
+_WHEELS = (
+    *("wheel_slip", "wheel_track", "wheel_radius", "wheel_reversed", "wheels_swapped"),
+    *("odometry_contradicts_wheels", "time_offset_wheels"),
+)
 
 ON_ONE_SUBJECT: dict[str, tuple[str, ...]] = {
     "stamps_quantised": (*_LIDAR_TIMES, "time_offset_imu", "time_offset_wheels", "clock_drift"),
@@ -24,6 +29,8 @@ ON_ONE_SUBJECT: dict[str, tuple[str, ...]] = {
     "imu_axis": ("gyro_sign", "gyro_scale", "gyro_bias"),
     "gyro_degrees": ("gyro_scale", "gyro_bias"),
     "stamps_invented": (*_LIDAR_TIMES, "clock_drift"),
+    "imu_axis_dead": ("time_offset_imu", "gyro_scale", "gyro_bias", "clock_drift", "imu_axis"),
+    "topic_shared": (*_STAMPS, "scans_overlap", "odometry_jump", "odometry_contradicts_wheels"),
 }
 """Faults, and what else they make of the same topic."""
 
@@ -40,14 +47,39 @@ ON_ANY_SUBJECT: dict[str, tuple[str, ...]] = {
     "wheel_reversed": ("odometry_contradicts_wheels", "wheel_slip", "wheel_track", "wheel_radius"),
     "wheels_swapped": ("odometry_contradicts_wheels", "wheel_slip", "wheel_track"),
     "ticks_wrap": ("odometry_contradicts_wheels", "wheel_slip", "odometry_jump"),
-    "odometry_frozen": ("wheel_slip", "odometry_contradicts_wheels"),
+    "ticks_frozen": (*_WHEELS, "odometry_frozen"),
+    "odometry_invalid": (
+        *("odometry_contradicts_wheels", "odometry_frozen", "odometry_jump", "wheel_slip"),
+        *("tf_contradicts_odometry", "odometries_contradict"),
+    ),
+    "topic_shared": ("tf_contradicts_odometry", "odometries_contradict", "wheel_slip"),
+    "odometry_frozen": (
+        *("wheel_slip", "odometry_contradicts_wheels", "tf_contradicts_odometry"),
+        "odometries_contradict",
+    ),
     "odometry_jump": ("odometry_contradicts_wheels", "wheel_slip"),
 }
 """Faults, and what else they make of everything."""
 
-LIDAR_STAMPS = ("stamps_quantised", "stamps_repeated", "stamps_jitter", "stamps_backward")
+LIDAR_STAMPS = (
+    "topic_shared",
+    "stamps_quantised",
+    "stamps_repeated",
+    "stamps_jitter",
+    "stamps_backward",
+)
 LIDAR_QUESTIONS = ("laser.", "ranges.offset")
-SPOILT_BY_LIDAR_STAMPS = (*_SIZES, *_SWEEPS, "laser_angle_step", "range_offset", "stamps_invented")
+SPOILT_BY_LIDAR_STAMPS = (
+    *(
+        *_SIZES,
+        *_SWEEPS,
+        "laser_angle_step",
+        "range_offset",
+        "stamps_invented",
+        "scan_interference",
+    ),
+    *("laser_world_fixed", "laser_mirrored", "odometry_frozen", *_LIDAR_TIMES, "clock_drift"),
+)
 
 
 def explained(findings: Sequence[Finding]) -> tuple[Finding, ...]:

@@ -8,6 +8,7 @@ import numpy as np
 
 from slamsim.check.findings import Curve, Estimate, Finding, Mend, Plot
 from slamsim.check.frame_graph import FrameGraph
+from slamsim.check.inertial_values import check_inertial_values
 from slamsim.check.moving import moving_at
 from slamsim.recording import RawImu, Recording
 from slamsim.types import GRAVITY_M_S2, BoolArray, FloatArray
@@ -22,11 +23,12 @@ _TURNING_RAD_S = 0.02
 
 
 def check_inertial(recording: Recording) -> list[Finding]:
-    """Gravity's length and direction, and repeated samples, of every inertial unit."""
+    """Sound readings, gravity's length and direction, and repeats, of every inertial unit."""
     graph = FrameGraph(recording.transforms)
     base = graph.base(recording.odometries[0].child_frame_ids if recording.odometries else ())
     findings: list[Finding] = []
     for imu in recording.imus:
+        findings += check_inertial_values(recording, imu)
         finite = np.isfinite(imu.linear_acceleration_m_s2).all(axis=1)
         if int(finite.sum()) < MIN_SAMPLES:
             words = f"{int(finite.sum())} finite samples of {len(imu)}"

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from difflib import get_close_matches
 
-from slamsim.check import mend_frames, mend_imu, mend_scans, mend_stamps, mend_wheels
+from slamsim.check import mend_frames, mend_imu, mend_scans, mend_stamps, mend_values, mend_wheels
 from slamsim.check.findings import CheckReport, Mend
 from slamsim.recording import Recording
 from slamsim.safe.errors import SlamsimError, shown
@@ -38,6 +38,10 @@ OPERATIONS: dict[str, Operation] = {
     "rotate_imu": mend_imu.rotate_imu,
     "scale_gyro": mend_imu.scale_gyro,
     "subtract_gyro_bias": mend_imu.subtract_gyro_bias,
+    "normalise_rotations": mend_values.normalise_rotations,
+    "drop_broken_poses": mend_values.drop_broken_poses,
+    "drop_broken_readings": mend_values.drop_broken_readings,
+    "drop_orientation": mend_values.drop_orientation,
     "scale_wheels": mend_wheels.scale_wheels,
     "swap_wheels": mend_wheels.swap_wheels,
     "reverse_wheel": mend_wheels.reverse_wheel,
@@ -73,6 +77,10 @@ _EVIDENT = frozenset(
         "freeze_static_transform",
         "scale_acceleration",
         "unwrap_ticks",
+        "normalise_rotations",
+        "drop_broken_poses",
+        "drop_broken_readings",
+        "drop_orientation",
     )
 )
 """What a stream shows by itself is mended before what streams say of each other."""

@@ -8,11 +8,17 @@ from collections.abc import Iterator
 import numpy as np
 
 from slamsim.check.calibration import Calibration
+from slamsim.check.counting import (
+    MOVED_M,
+    MOVED_RAD,
+    check_counter,
+    check_counting,
+    counters_stand,
+)
 from slamsim.check.course import Course, odometry_course, wheel_course
 from slamsim.check.findings import Curve, Estimate, Finding, Mend, Plot
-from slamsim.check.wheel_counts import counter_range
 from slamsim.geometry import between, yaw_from_xyzw
-from slamsim.recording import RawOdometry, RawTicks, Recording
+from slamsim.recording import RawOdometry, Recording
 from slamsim.types import BoolArray, FloatArray
 
 JUMP_M, JUMP_RAD = 0.04, 0.1
@@ -22,7 +28,6 @@ the next, there and beside it."""
 
 COMPARED_S = 1.0
 LONGEST_S = 1e7
-MOVED_M, MOVED_RAD = 0.05, 0.1
 SCALE_LIMIT = 0.02
 ODD_SHARE_LIMIT = 0.05
 POSES_SHARE = 0.05
@@ -34,7 +39,7 @@ SLIP_LIMIT_M, SLIP_LIMIT_RAD = 0.1, 0.15
 
 def check_odometry(recording: Recording) -> list[Finding]:
     """What needs no other sensor than the wheels."""
-    findings = [_wrap(ticks) for ticks in recording.ticks if len(ticks) > 2]
+    findings = [f for ticks in recording.ticks if len(ticks) > 2 for f in check_counter(ticks)]
     wheels = next(filter(None, (wheel_course(ticks) for ticks in recording.ticks)), None)
     for odometry in recording.odometries:
         jumps = _jumps(odometry)
@@ -97,16 +102,6 @@ def check_slip(calibration: Calibration) -> list[Finding]:
     return findings
 
 
-def _wrap(ticks: RawTicks) -> Finding:
-    whole = next(filter(None, (counter_range(wheel) for wheel in ticks.ticks.T)), None)
-    if whole is None:
-        return Finding("wheels.counter", ticks.topic, "ok", "the counters never wrap")
-    words = f"the counters wrap round: they have {whole} different values"
-    advice = "Take differences modulo that number, or count with 32 bits or more."
-    mend = Mend("unwrap_ticks", ticks.topic, {"modulus": float(whole)})
-    return Finding("wheels.counter", ticks.topic, "bad", words, "ticks_wrap", advice, mends=(mend,))
-
-
 def _jumps(odometry: RawOdometry) -> FloatArray:
     """(k, 3) stamp, s since the first, length, m, and turn, rad, of steps that no robot makes."""
     poses = np.column_stack([odometry.positions_m[:, :2], yaw_from_xyzw(odometry.quats_xyzw)])
@@ -157,6 +152,9 @@ def _against_wheels(odometry: Course, wheels: Course) -> Iterator[Finding]:
         np.diff(course.at(edges_s + (begin - course.origin_ns) * 1e-9), axis=0)
         for course in (odometry, wheels)
     )
+    frozen = counters_stand(published, counted)
+    yield check_counting(wheels, published, frozen)
+    published, counted = published[~frozen], counted[~frozen]
     moved = np.abs(counted) > np.array([MOVED_M, MOVED_RAD])
     if not moved.any():
         words = "the wheels hardly turn: nothing to compare"

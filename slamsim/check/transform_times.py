@@ -68,7 +68,7 @@ def check_agreement(recording: Recording) -> Iterator[Finding]:
 
 
 def _contradiction(odometry: RawOdometry, edge: TransformEdge) -> Iterator[Finding]:
-    found = _disagreement(odometry, edge)
+    found = disagreement(odometry, edge)
     subject = f"{edge.name} against {odometry.topic}"
     if found is None:
         words = "transform and odometry have less than a second in common"
@@ -100,12 +100,13 @@ def _contradiction(odometry: RawOdometry, edge: TransformEdge) -> Iterator[Findi
     )
 
 
-def _disagreement(
-    odometry: RawOdometry, edge: TransformEdge
+def disagreement(
+    one: RawOdometry, other: RawOdometry | TransformEdge
 ) -> tuple[FloatArray, FloatArray, FloatArray] | None:
-    """(seconds, metres, radians) by which motions over a second differ, at odometry stamps."""
-    ours_ns, ours = planar_track(odometry.stamps_ns, odometry.positions_m, odometry.quats_xyzw)
-    theirs_ns, theirs = planar_track(edge.stamps_ns, edge.positions_m, edge.quats_xyzw)
+    """(seconds, metres, radians) by which motions over a second differ, at the stamps of the first;
+    None without a second in common."""
+    ours_ns, ours = planar_track(one.stamps_ns, one.positions_m, one.quats_xyzw)
+    theirs_ns, theirs = planar_track(other.stamps_ns, other.positions_m, other.quats_xyzw)
     if ours_ns.size < 2 or theirs_ns.size < 2:
         return None
     start, end = max(ours_ns[0], theirs_ns[0]), min(ours_ns[-1], theirs_ns[-1]) - _COMPARED_NS

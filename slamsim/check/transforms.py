@@ -16,6 +16,7 @@ from slamsim.types import BoolArray, FloatArray
 MAX_STATIC_CHANGE = 1e-3
 """Metres, or the entries of a rotation: a fixed transform moves by less, whatever rounds it."""
 _RIGID_TOLERANCE = 0.01
+MAP_FRAME = "map"
 _LINK = re.compile(r'<link\s+name="([^"]*)"')
 
 
@@ -29,6 +30,7 @@ def check_transforms(recording: Recording) -> list[Finding]:
         *_not_rigid(recording.transforms),
         *_two_parents(graph),
         *_loops(graph),
+        *_maps(recording.transforms),
         *_links(recording, graph),
         *_static_changes(recording.transforms),
         *check_coverage(recording, graph),
@@ -84,6 +86,22 @@ def _loops(graph: FrameGraph) -> Iterator[Finding]:
             "tf_loop",
             "Turn one of these transforms round; every frame but the root has one parent.",
         )
+
+
+def _maps(edges: tuple[TransformEdge, ...]) -> Iterator[Finding]:
+    """A recording that a SLAM is to read must not hold another one's answer."""
+    for edge in edges:
+        if edge.parent == MAP_FRAME:
+            yield Finding(
+                "tf.map",
+                edge.name,
+                "bad",
+                f"{edge.name} on {edge.topic} is what a SLAM or localiser publishes; one that maps "
+                "this recording will publish it as well",
+                "tf_map_recorded",
+                "Leave it out, and record without SLAM or localiser.",
+                mends=(Mend("drop_transform", edge.name),),
+            )
 
 
 def _links(recording: Recording, graph: FrameGraph) -> list[Finding]:

@@ -18,9 +18,11 @@ from slamsim.sensors.faults import (  # noqa: F401  each registers its kinds by 
     description,
     imu,
     laser,
+    publishers,
     ranges,
     stamps,
     transforms,
+    values,
     wheels,
 )
 from slamsim.sensors.faults.base import Fault

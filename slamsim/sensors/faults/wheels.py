@@ -8,7 +8,7 @@ from typing import ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
-from slamsim.recording import Recording
+from slamsim.recording import RawTicks, Recording
 from slamsim.sensors.faults.base import Fault
 from slamsim.sensors.faults.edit import is_odometry, require_wheels
 from slamsim.sensors.faults.wheel_motion import (
@@ -60,6 +60,18 @@ class WheelReversed(Fault):
     def inject(self, recording: Recording, rng: np.random.Generator) -> Recording:
         signs = np.array([-1, 1]) if self.wheel == "left" else np.array([1, -1])
         return rewired(recording, lambda wheels: wheels * signs)
+
+
+class WheelDead(Fault):
+    """One wheel's counter never counts."""
+
+    kind: Literal["wheel_dead"]
+    wheel: Literal["left", "right"]
+    """Which one."""
+
+    def inject(self, recording: Recording, rng: np.random.Generator) -> Recording:
+        counting = np.array([0, 1]) if self.wheel == "left" else np.array([1, 0])
+        return rewired(recording, lambda wheels: wheels * counting)
 
 
 class WheelsSwapped(Fault):
@@ -165,6 +177,36 @@ class OdometryFrozen(Fault):
     def _gain(self, stamps_ns: IntArray) -> FloatArray:
         frozen = _spells(stamps_ns[1:], self.times, self.frozen_s)
         return np.where(frozen, 0.0, 1.0)
+
+
+class TicksFrozen(Fault):
+    """Only the counters stand still for a while, and do not catch up; the odometry goes on."""
+
+    SIZE: ClassVar[str | None] = "frozen_s"
+    kind: Literal["ticks_frozen"]
+    frozen_s: float = Field(gt=0.0, le=1e4)
+    """How long each time."""
+    times: int = Field(default=2, ge=1, le=1000)
+    """How often, evenly spread over the recording."""
+
+    def inject(self, recording: Recording, rng: np.random.Generator) -> Recording:
+        require_ticks(recording)
+        return replace(recording, ticks=tuple(map(self._frozen, recording.ticks)))
+
+    def _frozen(self, ticks: RawTicks) -> RawTicks:
+        standing = _spells(ticks.stamps_ns[1:], self.times, self.frozen_s)
+        steps = np.where(standing[:, None], 0, np.diff(ticks.ticks, axis=0))
+        return replace(ticks, ticks=np.vstack([ticks.ticks[:1], steps]).cumsum(axis=0))
+
+
+class OdometryStill(Fault):
+    """The published odometry never moves; the counters do."""
+
+    kind: Literal["odometry_still"]
+
+    def inject(self, recording: Recording, rng: np.random.Generator) -> Recording:
+        require_wheels(recording)
+        return with_odometry(recording, 0.0, 0.0)
 
 
 def _spells(stamps_ns: IntArray, count: int, length_s: float) -> BoolArray:

@@ -1,0 +1,113 @@
+"""What published odometry shows by itself and beside another: numbers that are no pose, two that
+tell different drives, counters that stand while it goes on."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import combinations
+
+import numpy as np
+
+from slamsim.check.findings import Curve, Estimate, Finding, Mend, Plot
+from slamsim.check.transform_times import (
+    MAX_DISAGREEMENT_M,
+    MAX_DISAGREEMENT_RAD,
+    disagreement,
+)
+from slamsim.recording import RawOdometry, Recording
+from slamsim.types import BoolArray, FloatArray
+
+UNIT_TOLERANCE = 0.01
+"""Of a quaternion's length: what single precision rounds is far less."""
+REPLACED_SHARE = 0.5
+"""Where more of the poses are broken than this, dropping them leaves no odometry."""
+
+
+def check_published(recording: Recording) -> list[Finding]:
+    """Sound numbers in every odometry, and one story from all of them."""
+    return [
+        *(_values(odometry, bool(recording.ticks)) for odometry in recording.odometries),
+        *_contradictions(recording.odometries),
+    ]
+
+
+def sound_poses(odometry: RawOdometry) -> BoolArray:
+    """(n,) which messages hold a pose and a twist."""
+    return _finite(odometry) & has_unit_length(odometry.quats_xyzw)
+
+
+def _finite(odometry: RawOdometry) -> BoolArray:
+    numbers = (odometry.positions_m, odometry.linear_m_s, odometry.angular_rad_s)
+    return np.asarray(np.isfinite(np.concatenate(numbers, axis=1)).all(axis=1))
+
+
+def has_unit_length(quats_xyzw: FloatArray) -> BoolArray:
+    """(n,) whether each quaternion is a rotation."""
+    with np.errstate(invalid="ignore", over="ignore"):
+        length = np.linalg.norm(quats_xyzw, axis=1)
+        return np.asarray(np.abs(length - 1.0) < UNIT_TOLERANCE)
+
+
+def _values(odometry: RawOdometry, has_ticks: bool) -> Finding:
+    finite = _finite(odometry)
+    unit = has_unit_length(odometry.quats_xyzw)
+    broken = int((~(finite & unit)).sum())
+    share = broken / max(len(odometry), 1)
+    estimate = Estimate(100.0 * share, 0.0, "%")
+    if not broken:
+        words = "every pose is finite, every rotation of unit length"
+        return Finding("odometry.values", odometry.topic, "ok", words, estimate=estimate, limit=0.0)
+    words = (
+        f"{broken} of {len(odometry)} messages hold numbers that are no pose: "
+        f"{int((~finite).sum())} not finite, {int((~unit).sum())} with a quaternion that is not of "
+        "unit length"
+    )
+    return Finding(
+        *("odometry.values", odometry.topic, "bad", words, "odometry_invalid"),
+        "Start the quaternion at w = 1, keep it of unit length, and publish nothing where nothing "
+        "is known: one NaN stays in a filter for ever.",
+        *(estimate, 0.0),
+        _mends(odometry, finite, share, has_ticks),
+    )
+
+
+def _mends(
+    odometry: RawOdometry, finite: BoolArray, share: float, has_ticks: bool
+) -> tuple[Mend, ...]:
+    length = np.linalg.norm(odometry.quats_xyzw, axis=1)
+    if (finite & np.isfinite(length) & (length > 0.0)).all():
+        return (Mend("normalise_rotations", odometry.topic),)
+    if share < REPLACED_SHARE:
+        return (Mend("drop_broken_poses", odometry.topic),)
+    return (Mend("odometry_from_ticks", odometry.topic),) if has_ticks else ()
+
+
+def _contradictions(odometries: tuple[RawOdometry, ...]) -> Iterator[Finding]:
+    """Two odometries of one body must show the same motion, from wherever they count."""
+    for one, other in combinations(odometries, 2):
+        if set(one.child_frame_ids) & set(other.child_frame_ids):
+            yield _agreement(one, other)
+
+
+def _agreement(one: RawOdometry, other: RawOdometry) -> Finding:
+    subject = f"{one.topic} against {other.topic}"
+    found = disagreement(one, other)
+    if found is None:
+        words = "they have less than a second in common"
+        return Finding("odometry.others", subject, "cannot tell", words)
+    elapsed_s, off_m, off_rad = found
+    at_m, at_rad = float(np.quantile(off_m, 0.95)), float(np.quantile(off_rad, 0.95))
+    estimate = Estimate(at_m, 0.0, "m")
+    words = (
+        f"over a second of driving they differ by {1e3 * at_m:.3g} mm and "
+        f"{np.degrees(at_rad):.3g} deg (95 % of the time less)"
+    )
+    if at_m <= MAX_DISAGREEMENT_M and at_rad <= MAX_DISAGREEMENT_RAD:
+        return Finding("odometry.others", subject, "ok", words, estimate=estimate)
+    curve = Curve("difference over 1 s", elapsed_s, off_m, "line")
+    return Finding(
+        *("odometry.others", subject, "bad", words, "odometries_contradict"),
+        "Find out which of them is right before either is used: compare both with the scans.",
+        *(estimate, MAX_DISAGREEMENT_M),
+        plots=(Plot(subject, "time (s)", "difference (m)", (curve,), (MAX_DISAGREEMENT_M,)),),
+    )

@@ -1,0 +1,140 @@
+"""Faults of publishing: two nodes on one topic, two sensors in one frame, a second odometry."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Annotated, ClassVar, Literal
+
+import numpy as np
+from pydantic import Field
+
+from slamsim.recording import RawOdometry, RawScans, Recording, TransformEdge
+from slamsim.sensors.faults.base import CannotInject, Fault
+from slamsim.sensors.faults.edit import range_matrix, require_wheels, with_scans
+from slamsim.sensors.faults.transforms import span_ns
+from slamsim.sensors.faults.wheel_motion import scaled_odometry
+from slamsim.types import FloatArray, IntArray
+
+_Turn = Annotated[float, Field(gt=0.0, lt=360.0)]
+
+
+class TwoLidarsOneTopic(Fault):
+    """The driver of a second lidar, mounted otherwise, publishes on the first one's topic."""
+
+    kind: Literal["two_lidars_one_topic"]
+    yaw_deg: _Turn
+    """How the second is turned against the first."""
+
+    def inject(self, recording: Recording, rng: np.random.Generator) -> Recording:
+        def joined(scans: RawScans) -> RawScans:
+            return _interleaved(scans, _turned(scans, self.yaw_deg))
+
+        return with_scans(recording, joined)
+
+
+class TwoLidarsOneFrame(Fault):
+    """A second lidar, mounted otherwise, names the frame of the first."""
+
+    kind: Literal["two_lidars_one_frame"]
+    yaw_deg: _Turn
+    """How the second is turned against the first."""
+
+    def inject(self, recording: Recording, rng: np.random.Generator) -> Recording:
+        if not any(len(scans) for scans in recording.scans):
+            raise CannotInject(f"{recording.name} has no scans")
+        first = recording.scans[0]
+        second = replace(_turned(first, self.yaw_deg), topic=f"{first.topic}_2")
+        return replace(recording, scans=(*recording.scans, second))
+
+
+class TwoOdometriesOneTopic(Fault):
+    """Two nodes publish odometry on one topic, each from where it was started."""
+
+    kind: Literal["two_odometries_one_topic"]
+    apart_m: float = Field(gt=0.0, le=1000.0)
+    """How far the origins of the two lie apart."""
+
+    def inject(self, recording: Recording, rng: np.random.Generator) -> Recording:
+        _require_odometry(recording)
+
+        def joined(odometry: RawOdometry) -> RawOdometry:
+            positions = odometry.positions_m.copy()
+            positions[1::2, 1] += self.apart_m
+            return replace(odometry, positions_m=positions)
+
+        return replace(recording, odometries=tuple(map(joined, recording.odometries)))
+
+
+class SecondOdometry(Fault):
+    """Another node publishes an odometry of the same body that turns otherwise."""
+
+    SIZE: ClassVar[str | None] = "turn_error"
+    kind: Literal["second_odometry"]
+    turn_error: float = Field(gt=-1.0, le=10.0)
+    """Of its turns, against those of the first."""
+
+    def inject(self, recording: Recording, rng: np.random.Generator) -> Recording:
+        _require_odometry(recording)
+        first = recording.odometries[0]
+        second = scaled_odometry(first, 1.0, 1.0 + self.turn_error)
+        second = replace(second, topic=f"{first.topic}_2")
+        return replace(recording, odometries=(*recording.odometries, second))
+
+
+class MapRecorded(Fault):
+    """A SLAM ran while this was recorded: its transform from map to odometry is in it."""
+
+    kind: Literal["map_recorded"]
+    frame: str = Field(default="map", min_length=1, max_length=256)
+    """What the map is called."""
+
+    def inject(self, recording: Recording, rng: np.random.Generator) -> Recording:
+        _require_odometry(recording)
+        begin_ns, end_ns = span_ns(recording)
+        stamps_ns: IntArray = np.arange(begin_ns, end_ns, 50_000_000, dtype=np.int64)
+        drift: FloatArray = np.linspace(0.0, 0.3, stamps_ns.size)
+        positions = np.column_stack([drift, -drift, np.zeros(stamps_ns.size)])
+        still = np.tile([0.0, 0.0, 0.0, 1.0], (stamps_ns.size, 1))
+        odom = recording.odometries[0].frame_ids[0]
+        edge = TransformEdge(
+            "/tf", self.frame, odom, False, stamps_ns, stamps_ns.copy(), positions, still
+        )
+        return replace(recording, transforms=(*recording.transforms, edge))
+
+
+def _require_odometry(recording: Recording) -> None:
+    require_wheels(recording)
+    if not any(len(odometry) for odometry in recording.odometries):
+        raise CannotInject(f"{recording.name} has no odometry")
+
+
+def _turned(scans: RawScans, yaw_deg: float) -> RawScans:
+    """What a lidar in the same place sees that looks another way; no return beyond what is seen."""
+    ranges = range_matrix(scans)
+    beams = ranges.shape[1]
+    step_rad = scans.layouts[0].angle_step_rad
+    shift = round(float(np.radians(yaw_deg)) / abs(step_rad)) if step_rad else 0
+    if not 0 < shift % max(beams, 1) < beams:
+        raise CannotInject(f"{scans.topic} has no beams to turn by {yaw_deg:g} degrees")
+    return replace(scans, ranges_m=np.roll(ranges, shift, axis=1))
+
+
+def _interleaved(one: RawScans, other: RawScans) -> RawScans:
+    """Both in turn, the second half a period later."""
+    if len(one) < 2:
+        raise CannotInject(f"{one.topic} has no two scans")
+    later_ns = int(np.median(np.diff(one.stamps_ns))) // 2
+    places = np.argsort(np.tile(np.arange(len(one)), 2), kind="stable")
+
+    def both(first: IntArray, second: IntArray) -> IntArray:
+        return np.concatenate([first, second])[places]
+
+    received = one.received_ns
+    return replace(
+        one,
+        stamps_ns=both(one.stamps_ns, one.stamps_ns + later_ns),
+        received_ns=None if received is None else both(received, received + later_ns),
+        layout_of=np.concatenate([one.layout_of, one.layout_of])[places],
+        ranges_m=np.concatenate([range_matrix(one), range_matrix(other)])[places],
+        intensities=None,
+    )
