@@ -14,7 +14,7 @@ from pathlib import Path
 
 from pydantic import ValidationError
 
-from slamsim.config.bundled import find_input
+from slamsim.config.bundled import bundled_names, find_input
 from slamsim.config.faults import FaultChoice
 from slamsim.config.layers import Place, Tree, mount
 from slamsim.config.loading import SECTIONS, located, section_tree, validated, with_presets
@@ -24,7 +24,7 @@ from slamsim.dataset.compose import DRIVE, WORLD, Bases, key_path
 from slamsim.dataset.distributions import edges
 from slamsim.dataset.draw import Draft, draw
 from slamsim.dataset.probes import edge_drafts, tried
-from slamsim.dataset.recipe import Recipe, Source, Vary
+from slamsim.dataset.recipe import FaultVariant, Recipe, Source, Vary
 from slamsim.safe.errors import NotFound, SlamsimError
 from slamsim.safe.yaml import KeyPath, load_yaml
 from slamsim.sensors.faults.registry import resolved_choice
@@ -229,12 +229,16 @@ def _with_faults(recipe: Recipe, tree: Tree) -> Recipe:
         try:
             for size in sizes or (None,):
                 choice = FaultChoice.model_validate({"name": variant.fault, "size": size})
-                named = resolved_choice(choice).name
+                name = resolved_choice(choice).name
         except ValidationError:
             reason = "a fault's size is a number"
             raise tree.place_of((*at, "size")).refusal((*at, "size"), reason) from None
         except SlamsimError as error:
             raise place.refusal((*at, "fault"), str(error)) from None
-        variants.append(variant.model_copy(update={"fault": named}))
-    faults = recipe.faults.model_copy(update={"choice": tuple(variants)})
+        variants.append(variant.model_copy(update={"fault": name}))
+    if recipe.faults.every:
+        named = {variant.fault for variant in variants}
+        others = (name for name in bundled_names("configs/faults") if name not in named)
+        variants += [FaultVariant(fault=name) for name in others]
+    faults = recipe.faults.model_copy(update={"choice": tuple(variants), "every": False})
     return recipe.model_copy(update={"faults": faults})

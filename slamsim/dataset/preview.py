@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from slamsim.dataset.draw import sequence_spec
 from slamsim.dataset.recipe import Recipe
-from slamsim.dataset.sequence import Cell, SequenceSpec, Split
+from slamsim.dataset.sequence import SequenceSpec, Split
 from slamsim.progress import Progress, silent
 from slamsim.safe.errors import SlamsimError
 from slamsim.sim.robot import build_robot
@@ -27,9 +27,10 @@ _SPLIT: Mapping[Split, Colour] = {
     "test": (110, 176, 92),
 }
 _WAYS: tuple[Colour, ...] = ((200, 90, 20), (30, 130, 220), (60, 150, 60))
+_WHITE: Colour = (255, 255, 255)
 _LATER: Colour = (225, 215, 205)
 _PICTURE_PX, _TILE_PX, _BAND_PX, _GAP_PX = 360, 400, 22, 10
-_LINE_PX, _LETTERS, _LINES, _SCALE = 15, 64, 9, 0.38
+_LINE_PX, _LETTERS, _LINES, _SCALE = 15, 62, 10, 0.38
 _CREEP_M_S = 0.05
 
 
@@ -65,18 +66,25 @@ def _tile(specs: Sequence[SequenceSpec]) -> Image:
     tile[:_BAND_PX, : _TILE_PX - _GAP_PX] = _SPLIT[first.split]
     title = f"{first.split}   world {first.world_index}   {first.drawn['world']}"
     write_text(tile, title, (6, _BAND_PX - 7), 0.45)
-    words = list(_captions(specs))
+    words = [(text, _WHITE) for text in _told(first)]
     try:
         picture = _picture(specs)
     except SlamsimError as error:
-        words = [*textwrap.wrap(str(error), _LETTERS), *words]
+        words = [(text, _WHITE) for text in textwrap.wrap(str(error), _LETTERS)]
     else:
         rows, columns = picture.shape[:2]
-        x = (_TILE_PX - _GAP_PX - columns) // 2
-        tile[_BAND_PX + 5 : _BAND_PX + 5 + rows, x : x + columns] = picture
-    for line, text in enumerate(words[:_LINES]):
-        place = (4, _BAND_PX + _PICTURE_PX + 22 + line * _LINE_PX)
-        write_text(tile, text, place, _SCALE)
+        x, y = (_TILE_PX - _GAP_PX - columns) // 2, _BAND_PX + (_PICTURE_PX - rows) // 2
+        tile[y : y + rows, x : x + columns] = picture
+    captions = [
+        line
+        for spec, colour in zip(specs, _WAYS, strict=False)
+        for line in zip(_caption(spec), (colour, _WHITE), strict=False)
+    ]
+    words = [*words[: _LINES - len(captions)], *captions]
+    for line, (text, colour) in enumerate(words):
+        y = _BAND_PX + _PICTURE_PX + 22 + line * _LINE_PX
+        tile[y - 6 : y - 2, 4:16] = colour
+        write_text(tile, text, (4 if colour == _WHITE else 22, y), _SCALE)
     return tile
 
 
@@ -107,29 +115,22 @@ def _driven(route: Route, duration_s: float) -> tuple[FloatArray, int]:
     return np.concatenate(line_m), max(int(np.searchsorted(passed_s, duration_s)), 2)
 
 
-def _captions(specs: Sequence[SequenceSpec]) -> Iterator[str]:
-    """What the world was drawn with, then a line for each sequence."""
-    world = {
-        key.removeprefix("world."): value
-        for key, value in specs[0].drawn.items()
-        if key.startswith("world.")
-    }
-    yield from textwrap.wrap(_told(world), _LETTERS)[:5]
-    for spec in specs:
-        faults = " + ".join(choice.name for choice in spec.config.faults)
-        facts = [
-            spec.drawn["drive"],
-            f"{spec.config.drive.route.max_duration_s:g} s",
-            *(spec.drawn[key] for key in ("robot", "sensors.lidar") if key in spec.drawn),
-            *([faults] if faults else []),
-        ]
-        yield f"{spec.index:06d}: {', '.join(map(str, facts))}"[:_LETTERS]
-
-
-def _told(values: Mapping[str, Cell]) -> str:
-    """The last part of each key, and its value in three digits."""
+def _told(spec: SequenceSpec) -> list[str]:
+    """What the world was drawn with: keys without their layout, numbers in three digits."""
     parts = (
-        f"{key.rpartition('.')[2]} {f'{value:.3g}' if isinstance(value, float) else value}"
-        for key, value in values.items()
+        f"{key.removeprefix('world.').removeprefix('maze.').removeprefix('rooms.')} "
+        f"{f'{value:.3g}' if isinstance(value, float) else value}"
+        for key, value in spec.drawn.items()
+        if key.startswith("world.")
     )
-    return ", ".join(parts)
+    return textwrap.wrap(", ".join(parts), _LETTERS)
+
+
+def _caption(spec: SequenceSpec) -> list[str]:
+    """A line on the drive, and one on the faults if there are any."""
+    named = (str(spec.drawn[key]) for key in ("robot", "sensors.lidar") if key in spec.drawn)
+    duration = f"{spec.config.drive.route.max_duration_s:g} s"
+    lines = [f"{spec.index:06d} {', '.join((str(spec.drawn['drive']), duration, *named))}"]
+    if spec.config.faults:
+        lines.append(f"       {' + '.join(choice.name for choice in spec.config.faults)}")
+    return [line[:_LETTERS] for line in lines]

@@ -106,11 +106,14 @@ class FaultMix(Config):
     """How many several are at most; each number is as likely as the others."""
     choice: Annotated[tuple[FaultVariant, ...], Field(strict=False)] = ()
     """The faults there are."""
+    every: bool = False
+    """All other bundled faults too, with weight 1 and clearly harmful."""
 
     @model_validator(mode="after")
     def _check(self) -> Self:
         shares_to_parts({"none": self.none, "one": self.one, "several": self.several})
-        if self.none < 1.0 and not any(variant.weight > 0.0 for variant in self.choice):
+        some = self.every or any(variant.weight > 0.0 for variant in self.choice)
+        if self.none < 1.0 and not some:
             raise ValueError("some recordings are to have faults, but choice names none")
         names = [variant.fault for variant in self.choice]
         if twice := [name for name in names if names.count(name) > 1]:
