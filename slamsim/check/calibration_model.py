@@ -30,6 +30,8 @@ curvature: of the path of wheels that report a straight line. laser: pose in the
 (GYRO_GAIN, GYRO_BIAS, GYRO_DELAY, GYRO_DRIFT, PATH_GAIN, TURN_GAIN, CURVATURE) = range(7)
 (WHEEL_DELAY, WHEEL_DRIFT, LASER_X, LASER_Y, LASER_YAW) = range(7, 12)
 
+CLOCKS = ((GYRO_DELAY, GYRO_DRIFT), (WHEEL_DELAY, WHEEL_DRIFT))
+
 GYRO_UNKNOWNS = slice(GYRO_GAIN, GYRO_DRIFT + 1)
 WHEEL_UNKNOWNS = slice(PATH_GAIN, LASER_YAW + 1)
 LASER = slice(LASER_X, LASER_YAW + 1)
@@ -41,11 +43,18 @@ SLIP_SIGMAS = np.array([0, 0, 0, 0, 3e-4, 1e-4, 0, 3e-4, 4e-6, 7e-4, 3e-4, 0])
 """What nobody can tell of wheels, for they do not quite roll: tyres give when they push, so that
 the robot lags and turns about another point. These are the simulator's robot's."""
 
-STEPS = np.array([1e-4, 1e-4, 1e-3, 1e-5, 1e-4, 1e-4, 1e-4, 1e-3, 1e-5, 1e-4, 1e-4, 1e-4])
+STEP = 1e-4
 """Of the differences that stand for derivatives."""
+
+LEAST_TIME_STEP_S, TIME_STEP_PERIODS = 0.02, 2.0
+"""Of differences in time: so far apart that the errors of a stream's own readings are others. A
+slope that shares them with the residual would see a delay where nothing turns."""
 
 ROWS = 4
 """Of a residual: laser's x, y, yaw by wheels less by scans, turn by gyroscope less by scans."""
+
+AS_TIMED = np.zeros((2, 2))
+"""No shift of (gyroscope, wheels) at the (first, second) scan of a pair."""
 
 
 class Model:
@@ -99,13 +108,15 @@ class Model:
             return np.zeros(len(self.steps), dtype=np.bool_)
         return self.wheels.covers(*self._wheel_times(values))
 
-    def predicted(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def predicted(
+        self, values: FloatArray, shifts_s: FloatArray = AS_TIMED
+    ) -> tuple[FloatArray, FloatArray]:
         """(n, 3) motion of the laser by the wheels and (n,) its turn by the gyroscope."""
-        return self._by_wheels(values), self._by_gyro(values)
+        return self._by_wheels(values, shifts_s[1]), self._by_gyro(values, shifts_s[0])
 
-    def residual(self, values: FloatArray) -> FloatArray:
+    def residual(self, values: FloatArray, shifts_s: FloatArray = AS_TIMED) -> FloatArray:
         """(n, 4)."""
-        T_wheels, turned = self.predicted(values)
+        T_wheels, turned = self.predicted(values, shifts_s)
         matched = self.steps.T_first_second
         turn = wrap_angle(turned - matched[:, 2])
         return np.column_stack([between(matched, T_wheels), turn])
@@ -113,14 +124,33 @@ class Model:
     def jacobian(self, values: FloatArray) -> FloatArray:
         """(n, 4, p) of the residual."""
         jacobian = np.zeros((len(self.steps), ROWS, len(UNKNOWNS)))
+        clocks = np.ravel(CLOCKS)
         for unknown in np.flatnonzero(self.free):
-            step = np.zeros(len(UNKNOWNS))
-            step[unknown] = STEPS[unknown] * max(1.0, abs(values[unknown]))
-            ahead, behind = self.residual(values + step), self.residual(values - step)
-            apart = ahead - behind
-            apart[:, 2:] = wrap_angle(apart[:, 2:])
-            jacobian[:, :, unknown] = apart / (2.0 * step[unknown])
+            if unknown not in clocks:
+                step = np.zeros(len(UNKNOWNS))
+                step[unknown] = STEP * max(1.0, abs(values[unknown]))
+                ahead, behind = self.residual(values + step), self.residual(values - step)
+                jacobian[:, :, unknown] = _slope(behind, ahead, step[unknown])
+        for stream, (delay, drift) in enumerate(CLOCKS):
+            if self.free[delay]:
+                by_first, by_second = self._slopes_in_time(values, stream)
+                jacobian[:, :, delay] = by_first + by_second
+                by_growth = self.first_s[:, None] * by_first + self.second_s[:, None] * by_second
+                jacobian[:, :, drift] = by_growth
         return jacobian
+
+    def _slopes_in_time(self, values: FloatArray, stream: int) -> tuple[FloatArray, FloatArray]:
+        """(n, 4) twice: of the residual by the instants of one stream at both ends of a pair."""
+        course = (self.gyro, self.wheels)[stream]
+        assert course is not None
+        step_s = max(LEAST_TIME_STEP_S, TIME_STEP_PERIODS * course.period_s)
+        slopes = []
+        for end in range(2):
+            shifts_s = np.zeros((2, 2))
+            shifts_s[stream, end] = step_s
+            ahead, behind = self.residual(values, shifts_s), self.residual(values, -shifts_s)
+            slopes.append(_slope(behind, ahead, step_s))
+        return slopes[0], slopes[1]
 
     def _gyro_times(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
         return self._times(self._gyro_s, values[GYRO_DELAY], values[GYRO_DRIFT])
@@ -133,23 +163,30 @@ class Model:
         shift_s += delay_s
         return start + shift_s + drift * start, end + shift_s + drift * end
 
-    def _by_gyro(self, values: FloatArray) -> FloatArray:
+    def _by_gyro(self, values: FloatArray, shifts_s: FloatArray) -> FloatArray:
         if self.gyro is None:
             return np.zeros(len(self.steps))
-        start, end = self._gyro_times(values)
+        start, end = np.add(self._gyro_times(values), shifts_s[:, None])
         turned = (self.gyro.at(end) - self.gyro.at(start))[:, 0]
         return np.asarray(values[GYRO_GAIN] * turned - values[GYRO_BIAS] * (end - start))
 
-    def _by_wheels(self, values: FloatArray) -> FloatArray:
+    def _by_wheels(self, values: FloatArray, shifts_s: FloatArray) -> FloatArray:
         if self.wheels is None:
             return np.zeros((len(self.steps), 3))
-        start, end = self._wheel_times(values)
-        inside = np.clip([start, end], 0.0, self.wheels.times_s[-1])
+        times_s = np.add(self._wheel_times(values), shifts_s[:, None])
+        inside = np.clip(times_s, 0.0, self.wheels.times_s[-1])
         rolled = rolled_poses(self.wheels, values)
         course = smooth_curve(self.wheels.times_s, rolled)
         moved = between(course(inside[0]), course(inside[1]))
         T_base_laser = values[LASER]
         return compose(inverse(T_base_laser), compose(moved, T_base_laser))
+
+
+def _slope(behind: FloatArray, ahead: FloatArray, step: float) -> FloatArray:
+    """(n, 4) difference of residuals whose last two rows are angles, by the step either way."""
+    apart = ahead - behind
+    apart[:, 2:] = wrap_angle(apart[:, 2:])
+    return np.asarray(apart / (2.0 * step))
 
 
 def rolled_poses(wheels: Course, values: FloatArray) -> FloatArray:
