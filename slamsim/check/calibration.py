@@ -196,13 +196,30 @@ def _start(model: Model, T_base_laser: FloatArray | None, growth: float) -> Floa
     turn = steps.T_first_second[:, 2]
     start[GYRO_GAIN] = _gain(turned[by_gyro], turn[by_gyro])
     start[TURN_GAIN] = _gain(T_wheels[by_wheels, 2], turn[by_wheels])
-    path = laser_path(steps, start[LASER_YAW])
     wheel_path = laser_path(replace(steps, T_first_second=T_wheels), start[LASER_YAW])
-    start[PATH_GAIN] = _gain(wheel_path[by_wheels], path[by_wheels])
-    if start[PATH_GAIN] < 0.0 < start[TURN_GAIN]:
-        start[PATH_GAIN] = -start[PATH_GAIN]
-        start[LASER_YAW] = wrap_angle(start[LASER_YAW] + np.pi)
+    start[[PATH_GAIN, LASER_YAW]] = _heading(
+        wheel_path[by_wheels], steps.T_first_second[by_wheels], start[LASER_YAW], start[TURN_GAIN]
+    )
     return start
+
+
+def _heading(
+    path_m: FloatArray, T_steps: FloatArray, declared_rad: float, turn_gain: float
+) -> tuple[float, float]:
+    """Gain of the path (n,) of the wheels, and the laser's yaw by the steps (n, 3) of the scans.
+
+    Wheels that turn the right way go the right way too; others may go either, and the yaw is then
+    the one nearer to the declared.
+    """
+    square = float(path_m @ path_m)
+    along = complex(path_m @ T_steps[:, 0], path_m @ T_steps[:, 1]) / square if square else 0.0
+    if not np.isfinite(along) or abs(along) < LEAST_GAIN:
+        return 1.0, declared_rad
+    yaw_rad = -float(np.angle(along))
+    away = np.cos(yaw_rad - declared_rad) < 0.0
+    if away and turn_gain < 0.0:
+        return -abs(along), yaw_rad + np.pi
+    return abs(along), yaw_rad
 
 
 def _gain(one: FloatArray, other: FloatArray) -> float:
