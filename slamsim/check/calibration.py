@@ -27,7 +27,6 @@ from slamsim.check.gathering import Inputs, from_above, gather
 from slamsim.check.laser_steps import LaserSteps
 from slamsim.check.scan_motion import ScanMotions
 from slamsim.check.slipping import Spells, find_spells
-from slamsim.geometry import wrap_angle
 from slamsim.recording import Recording
 from slamsim.types import FloatArray
 
