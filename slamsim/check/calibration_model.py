@@ -70,6 +70,7 @@ class Model:
     ) -> None:
         """shifts_ns: how much later the stamps of gyroscope and wheels are, roughly."""
         self.steps, self.gyro, self.wheels = steps, gyro, wheels
+        self.middle_ns = middle_ns
         self.first_s = (steps.first_ns - middle_ns) * 1e-9
         self.second_s = (steps.second_ns - middle_ns) * 1e-9
         self._gyro_s = 0.0 if gyro is None else (middle_ns - gyro.origin_ns + shifts_ns[0]) * 1e-9

@@ -52,13 +52,15 @@ class Curve:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Plot:
-    """Evidence to look at: curves over labelled axes (with units) and horizontal limits."""
+    """Evidence to look at: curves over labelled axes (with units), horizontal limits, and spans
+    (from, to) of x that are shaded."""
 
     title: str
     x_label: str
     y_label: str
     curves: tuple[Curve, ...]
     limits: tuple[float, ...] = ()
+    spans: tuple[tuple[float, float], ...] = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from slamsim.check.calibration import calibrate
+from slamsim.check.crispness import crispness
 from slamsim.check.excitation import check_excitation
 from slamsim.check.findings import Finding
+from slamsim.check.map_agreement import held_against_map
 from slamsim.check.mounting import check_mounting
 from slamsim.check.odometry import check_odometry, check_slip
 from slamsim.check.rolling import check_wheels
@@ -26,7 +28,7 @@ def check_calibration(recording: Recording, motions: ScanMotions | None) -> list
     return [
         *alone,
         *check_slip(calibration),
-        *check_timing(calibration),
+        *held_against_map(check_timing(calibration), crispness(recording, motions, calibration)),
         *check_wheels(calibration, opinion),
         *check_gyro(calibration, opinion),
         *check_mounting(calibration),

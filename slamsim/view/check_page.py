@@ -97,6 +97,8 @@ def plot_picture(plot: Plot, key: str) -> Picture:
             else:
                 axes.plot(x, y, ".", color=colour, markersize=2.5, alpha=0.6)
             legend.append((curve.label, colour))
+        for begin, end in plot.spans:
+            axes.axvspan(begin, end, color=NEUTRAL, alpha=0.3, linewidth=0.0)
         for limit in plot.limits:
             axes.axhline(limit, color=WITHDRAWN, linewidth=0.8, linestyle="--")
         if plot.limits:
