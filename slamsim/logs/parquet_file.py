@@ -29,7 +29,6 @@ Cells = NDArray[Any] | Sequence[str]
 
 _ZSTD_LEVEL = 1
 _SPLIT = frozenset(("float64", "float32", "uint16"))
-_FLUSH_BYTES = 8 << 20
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,8 +84,9 @@ class ParquetFile:
         self._held: list[Any] = []
         self._held_rows = 0
         encodings = {c.leaf: c.encoding for c in columns if c.encoding is not None}
+        self._sink = pa.OSFile(str(path), "wb")
         self._writer = pq.ParquetWriter(
-            path,
+            self._sink,
             self._schema,
             compression="zstd",
             compression_level=_ZSTD_LEVEL,
@@ -105,11 +105,13 @@ class ParquetFile:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        if kind is None:
-            self._write(self._held_rows)
-            self._writer.close()
-        else:
-            self._writer.file_handle.close()
+        try:
+            if kind is None:
+                self._write(self._held_rows)
+                self._writer.close()
+        finally:
+            self._writer.is_open = False  # else its destructor would make a whole file of it
+            self._sink.close()
 
     def append(self, cells: Mapping[str, Cells]) -> None:
         """The next rows: every column by its name."""
