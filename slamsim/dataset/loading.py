@@ -28,7 +28,8 @@ from slamsim.dataset.recipe import FaultVariant, Recipe, Source, Vary
 from slamsim.safe.errors import NotFound, SlamsimError
 from slamsim.safe.yaml import KeyPath, load_yaml
 from slamsim.sensors.faults.registry import resolved_choice
-from slamsim.sim.robot import build_robot
+from slamsim.sim.describe import describe
+from slamsim.sim.robot import build_robot, refuse_faulty
 from slamsim.world.build import check_sizes
 
 RANDOM_PROBES = 16
@@ -72,7 +73,10 @@ def load_recipe(name_or_path: str) -> Recipe:
 
 def _check_robot(robot: RobotConfig, draft: Draft, tree: Tree) -> None:
     try:
-        build_robot(robot)
+        if robot.urdf_file is None:
+            refuse_faulty(describe(robot), f"robot {robot.name}", robot.max_contact_gap_m)
+        else:
+            build_robot(robot)
     except SlamsimError as error:
         raise tree.place_of(("vary",)).refusal(
             ("vary",), f"{error}{_drawn(draft, 'robot')}"
