@@ -84,6 +84,10 @@ class Reporter:
             total = bars.tasks[0].total or 1.0
             bars.update(task, completed=total, total=total)
 
+    def bars(self, *columns: ProgressColumn) -> Progress:
+        """Bars of the caller's own making, on stderr, or nothing where all is quiet."""
+        return Progress(*columns, console=self._console, disable=self._quiet)
+
     def say(self, sentence: str) -> None:
         self._console.print(sentence, markup=False)
 

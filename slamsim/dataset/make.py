@@ -9,14 +9,18 @@ from functools import partial
 from slamsim.dataset.draw import sequence_spec
 from slamsim.dataset.engines.base import Engine
 from slamsim.dataset.identity import Identity, claim, require_place_for
+from slamsim.dataset.plan import plan
 from slamsim.dataset.produce import produce
 from slamsim.dataset.production import DatasetSummary, Order, Production
 from slamsim.dataset.recipe import Recipe
 from slamsim.dataset.store import Store, open_store
 from slamsim.dataset.watch import Unwatched, Watch
+from slamsim.safe.errors import DiskFull
 
 LIMIT_S = 1800.0
 """A sequence that takes longer is ended and counts as failed."""
+AMPLE_BYTES_PER_S = 10e6
+"""No second of a recording takes as much."""
 
 
 def make_dataset(
@@ -26,23 +30,21 @@ def make_dataset(
     engine: Engine,
     watch: Watch | None = None,
     *,
-    needed_bytes: int = 0,
     only: Sequence[int] | None = None,
     limit_s: float = LIMIT_S,
     source: str | None = None,
 ) -> DatasetSummary:
     """Make the first ``count`` sequences of a recipe, or those of them that are missing.
 
-    recipe: as ``load_recipe`` gives it. out: a folder, or a URL that fsspec knows. needed_bytes:
-    what the whole set will take, as ``plan`` says. only: make these indices alone and leave the
-    catalogue. source: how the user named the recipe, for the commands that are told.
+    recipe: as ``load_recipe`` gives it. out: a folder, or a URL that fsspec knows. only: make these
+    indices alone and leave the catalogue. limit_s: for one sequence. source: how the user named
+    the recipe, for the commands that are told.
 
     It may be killed anywhere: called again with the same arguments it goes on, and what it
     leaves is byte for byte what an undisturbed call leaves. With a larger count it makes the new
     ones. Raises SlamsimError if the place holds something else, Locked while another run writes
     there, DiskFull, and what the engine raises when it cannot begin; then nothing is written.
     """
-    identity = Identity(recipe.name, count, recipe.model_dump(mode="json"))
     order = Order(
         count=count,
         shard_sequences=recipe.shard_sequences,
@@ -51,9 +53,13 @@ def make_dataset(
         limit_s=limit_s,
         command=_command(source or recipe.name, count, out),
     )
-    return fulfil(
-        order, identity, open_store(out), engine, watch or Unwatched(), needed_bytes, only
-    )
+    identity = Identity(recipe.name, count, recipe.model_dump(mode="json"))
+    store = open_store(out)
+
+    def require_room(left: int) -> None:
+        _require_room(recipe, count, left, store)
+
+    return fulfil(order, identity, store, engine, watch or Unwatched(), require_room, only)
 
 
 def fulfil(
@@ -62,19 +68,35 @@ def fulfil(
     store: Store,
     engine: Engine,
     watch: Watch,
-    needed_bytes: int = 0,
+    require_room: Callable[[int], None] | None = None,
     only: Sequence[int] | None = None,
 ) -> DatasetSummary:
-    """As ``make_dataset``, for sequences of any kind."""
+    """As ``make_dataset``, for sequences of any kind; require_room: raises DiskFull."""
     require_place_for(store, identity)
     with store.owned():
         require_place_for(store, identity)
         with engine:
             production = Production(order, store, engine, watch)
-            left = production.left() / order.count
-            store.require_free_space(int(needed_bytes * left))
+            if require_room is not None:
+                require_room(production.left())
             claim(store, identity)
             return production.run(only)
+
+
+def _require_room(recipe: Recipe, count: int, left: int, store: Store) -> None:
+    """Plan, which takes some seconds, only where the disk is not ample anyway."""
+    free = store.free_bytes()
+    if free is None or left == 0:
+        return
+    longest_s = sequence_spec(recipe, 0, count).config.drive.route.max_duration_s
+    if longest_s is not None and free > left * longest_s * AMPLE_BYTES_PER_S:
+        return
+    needed = plan(recipe, count).total_bytes * left // count
+    if free < needed:
+        raise DiskFull(
+            f"{store.address}: about {needed / 1e6:,.0f} MB are needed, "
+            f"{free / 1e6:,.0f} MB are free"
+        )
 
 
 def _command(source: str, count: int, out: str) -> Callable[[int], str]:

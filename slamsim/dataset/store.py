@@ -23,7 +23,7 @@ from slamsim.safe.errors import Locked, SlamsimError
 from slamsim.safe.output import (
     disk_full_reported,
     folder_lock,
-    require_free_space,
+    free_bytes,
     sync,
     sync_tree,
     write_atomic,
@@ -68,8 +68,8 @@ class Store(Protocol):
     def publish(self, folder: Path, name: str) -> None:
         """Put a working folder in its place, its ``sequence.json`` last."""
 
-    def require_free_space(self, needed_bytes: int) -> None:
-        """Raise DiskFull if so much does not fit; nothing where that is not known."""
+    def free_bytes(self) -> int | None:
+        """How much more there is room for, where that is known."""
 
     def owned(self) -> AbstractContextManager[None]:
         """Held by a whole run; raises Locked while another run, or a worker of it, is there."""
@@ -146,8 +146,8 @@ class LocalStore:
             folder.rename(final)
             sync(final.parent)
 
-    def require_free_space(self, needed_bytes: int) -> None:
-        require_free_space(self._root, needed_bytes)
+    def free_bytes(self) -> int | None:
+        return free_bytes(self._root)
 
     @contextmanager
     def owned(self) -> Iterator[None]:

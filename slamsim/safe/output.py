@@ -73,15 +73,19 @@ def write_atomic(path: Path, data: bytes) -> None:
 
 def require_free_space(folder: Path, needed_bytes: int) -> None:
     """Raise DiskFull now rather than after an hour; folder need not exist yet."""
-    folder = _absolute(folder)
-    while not folder.exists():
-        folder = folder.parent
-    free_bytes = shutil.disk_usage(folder).free
-    if free_bytes < needed_bytes:
+    if (free := free_bytes(folder)) < needed_bytes:
         raise DiskFull(
-            f"{folder}: about {needed_bytes / 1e6:,.0f} MB are needed, "
-            f"{free_bytes / 1e6:,.0f} MB are free"
+            f"{_absolute(folder)}: about {needed_bytes / 1e6:,.0f} MB are needed, "
+            f"{free / 1e6:,.0f} MB are free"
         )
+
+
+def free_bytes(path: Path) -> int:
+    """Room on the disk that a file or folder lies on, or will lie on."""
+    path = _absolute(path)
+    while not path.exists():
+        path = path.parent
+    return shutil.disk_usage(path).free
 
 
 def _absolute(path: Path) -> Path:
@@ -122,7 +126,7 @@ def disk_full_reported(final: Path) -> Iterator[None]:
         if full is None:
             raise
         raise DiskFull(
-            f"{final}: {full.strerror} ({_free_megabytes(final)} MB are free); "
+            f"{final}: {full.strerror} ({free_bytes(final) // 1_000_000} MB are free); "
             "nothing new stands under this name"
         ) from error
 
@@ -134,12 +138,6 @@ def disk_full(error: BaseException | None) -> OSError | None:
             return error
         error = error and (error.__cause__ or error.__context__)
     return None
-
-
-def _free_megabytes(path: Path) -> int:
-    while not path.exists():
-        path = path.parent
-    return shutil.disk_usage(path).free // 1_000_000
 
 
 @contextmanager

@@ -5,14 +5,11 @@ from __future__ import annotations
 import os
 import threading
 from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
 from typing import Self
 
 from slamsim.dataset.engines.base import Answer
-from slamsim.dataset.engines.worker import Worker
+from slamsim.dataset.engines.worker import Worker, fair_share_bytes
 from slamsim.dataset.shard import Task, Tried
-
-_SHARE_OF_MEMORY = 0.9
 
 
 class LocalEngine:
@@ -26,7 +23,7 @@ class LocalEngine:
 
     def __init__(self, workers: int | None = None, memory_bytes: int | None = None) -> None:
         self._count = workers or _cores()
-        self._memory_bytes = memory_bytes or int(_machine_bytes() * _SHARE_OF_MEMORY / self._count)
+        self._memory_bytes = memory_bytes or fair_share_bytes(self._count)
         self._own = threading.local()
         self._workers: list[Worker] = []
         self._threads = ThreadPoolExecutor(self._count, "worker", self._begin)
@@ -61,13 +58,3 @@ def _cores() -> int:
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
-
-
-def _machine_bytes() -> int:
-    """The memory of this machine, or of the control group that we are confined to."""
-    pages = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
-    try:
-        limit = Path("/sys/fs/cgroup/memory.max").read_text().strip()
-        return min(pages, int(limit))
-    except (OSError, ValueError):
-        return pages

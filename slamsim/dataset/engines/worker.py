@@ -17,10 +17,11 @@ import tempfile
 from collections.abc import Callable
 from concurrent.futures import wait
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import suppress
 from multiprocessing import get_context
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from threading import Event
+from threading import Event, Lock
 from typing import TypeVar
 
 from pebble import ProcessExpired, ProcessPool
@@ -39,7 +40,10 @@ _ONE_THREAD = (
 )
 _LOOK_S = 0.2
 """How often a task that runs looks whether it is to be stopped."""
+_NOTICED_S = 2.0
+"""Within this pebble tells of a process that is gone, if it does at all."""
 _STARTS = 3
+_SHARE_OF_MEMORY = 0.9
 _PRINTED = "printed.txt"
 _TRACE_CHARACTERS = 4000
 _PR_SET_PDEATHSIG = 1
@@ -51,30 +55,43 @@ class Worker:
     def __init__(self, memory_bytes: int) -> None:
         self._memory_bytes = memory_bytes
         self._stopped = Event()
+        self._busy = Lock()
         self._pool: ProcessPool | None = None
         self._process = 0
         self._folder: TemporaryDirectory[str] | None = None
 
     def make(self, task: Task) -> tuple[Tried, ...]:
         """``make_sequences`` in the process. Raises what it raises, and WorkerDied."""
-        if self._pool is None:
-            self._start()
+        with self._busy:
+            if self._pool is None:
+                self._start()
+            return self._make(task)
+
+    @property
+    def stopped(self) -> bool:
+        return self._stopped.is_set()
+
+    def stop(self) -> None:
+        """From any thread: end what runs now; no more will be made."""
+        self._stopped.set()
+
+    def close(self) -> None:
+        """End the process, once it was stopped or has nothing to do."""
+        with self._busy:
+            self._end()
+
+    def _make(self, task: Task) -> tuple[Tried, ...]:
         try:
             return self._waited(make_sequences, task)
         except (ProcessExpired, BrokenProcessPool, TimeoutError) as error:
             died = WorkerDied(self._why(error, task), self._printed())
-            self.close()
+            self._end()
             raise died from None
         except MemoryError:
-            self.close()
+            self._end()
             raise WorkerDied(self._out_of_memory()) from None
 
-    def stop(self) -> None:
-        """From any thread: end what runs now, and all that comes."""
-        self._stopped.set()
-
-    def close(self) -> None:
-        """End the process; the next task gets a new one."""
+    def _end(self) -> None:
         if self._pool is not None:
             self._pool.stop()  # type: ignore[no-untyped-call]
             self._pool.join()
@@ -98,7 +115,7 @@ class Worker:
                 return
             except (ProcessExpired, BrokenProcessPool):
                 printed = self._printed()
-                self.close()
+                self._end()
         raise Unworkable(f"no worker process can be started here: {printed or 'it ends at once'}")
 
     def _waited(self, work: Callable[..., Result], *arguments: object) -> Result:
@@ -106,11 +123,11 @@ class Worker:
         future = self._pool.schedule(work, args=arguments)
         while not wait((future,), _LOOK_S).done:
             if self._stopped.is_set():
-                self.close()
+                self._end()
                 raise WorkerDied("stopped")
             if self._process and not _runs(self._process):
                 # pebble takes an exit with code 0 for a worker's own end: its task stays open
-                wait((future,), _LOOK_S)
+                wait((future,), _NOTICED_S)
                 break
         return future.result(0.0)
 
@@ -135,6 +152,14 @@ class Worker:
         except OSError:
             return ""
         return text.partition("\nExtension modules:")[0][-_TRACE_CHARACTERS:]
+
+
+def fair_share_bytes(workers: int) -> int:
+    """What each of so many may have of the machine's memory, or of our control group's."""
+    machine: int = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    with suppress(OSError, ValueError):
+        machine = min(machine, int(Path("/sys/fs/cgroup/memory.max").read_text()))
+    return int(machine * _SHARE_OF_MEMORY / workers)
 
 
 def _runs(process: int) -> bool:

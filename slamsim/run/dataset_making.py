@@ -1,0 +1,83 @@
+"""``slamsim dataset make``: a recipe made into a data set, and what is told of it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict
+
+from slamsim.console import Reporter
+from slamsim.dataset.engines.base import Engine
+from slamsim.dataset.loading import load_recipe
+from slamsim.dataset.make import make_dataset
+from slamsim.dataset.production import DatasetSummary
+from slamsim.run.dataset_watch import ConsoleWatch
+from slamsim.safe.errors import SlamsimError, shown
+
+
+def run_make(
+    recipe_name: str,
+    count: int,
+    out: str,
+    reporter: Reporter,
+    *,
+    engine: str = "local",
+    workers: int | None = None,
+    scheduler: str | None = None,
+    only: Sequence[int] | None = None,
+) -> None:
+    """Make it, or what is missing of it. Raises SlamsimError as ``make_dataset`` does."""
+    recipe = load_recipe(recipe_name)
+    if bad := [index for index in only or () if index >= count]:
+        raise SlamsimError(f"--only {bad[0]}: the data set ends with sequence {count - 1}")
+    maker = _engine(engine, workers, scheduler, recipe.shard_sequences)
+    try:
+        with ConsoleWatch(reporter) as watch:
+            summary = make_dataset(
+                recipe,
+                count,
+                out,
+                maker,
+                watch,
+                only=only,
+                source=recipe_name,
+            )
+    except BaseException:
+        reporter.say("What is made stays; the same command goes on from there.")
+        raise
+    _tell(summary, reporter)
+
+
+def _engine(name: str, workers: int | None, scheduler: str | None, shard_sequences: int) -> Engine:
+    if name == "local":
+        from slamsim.dataset.engines.local import LocalEngine
+
+        if scheduler is not None:
+            raise SlamsimError("--scheduler goes with --engine dask")
+        return LocalEngine(workers)
+    if name == "dask":
+        from slamsim.dataset.engines.dask import DaskEngine
+
+        if scheduler is None or workers is not None:
+            raise SlamsimError(
+                "--engine dask takes --scheduler tcp://HOST:PORT, and as many workers as that has"
+            )
+        return DaskEngine(scheduler, shard_sequences)
+    raise SlamsimError(f"--engine {shown(name)}: there are local and dask")
+
+
+def _tell(summary: DatasetSummary, reporter: Reporter) -> None:
+    hours = summary.wall_s / 3600.0
+    reporter.table(
+        f"Data set {summary.address}",
+        {
+            "sequences": f"{summary.sequences}, {summary.made} made now",
+            "simulated": f"{summary.simulated_s / 3600.0:.3g} h in {hours:.3g} h",
+            "written": f"{summary.size_bytes / 1e6:,.1f} MB",
+            "failed": str(len(summary.failures)),
+        },
+    )
+    for failure in summary.failures:
+        reporter.warn(f"sequence {failure.index}: {failure.reason}; see it by: {failure.command}")
+    if summary.failures:
+        reporter.say("The same command tries those that failed again.")
+    reporter.result(asdict(summary))
