@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -300,6 +301,8 @@ def _close(reporter: Reporter, report: Report, folder: Path) -> None:
 
 def main() -> None:
     """Entry point of the ``slamsim`` command."""
-    from slamsim.console import run_command
+    from slamsim.ending import run_command
 
+    # Matrices are small here: more threads wait for each other, sevenfold on a busy machine.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     sys.exit(run_command(app))

@@ -1,15 +1,12 @@
-"""What the user sees while work goes on, and how a command ends."""
+"""What the user sees while work goes on."""
 
 from __future__ import annotations
 
-import errno
 import json
 import logging
-import signal
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from types import FrameType
 
 from rich.console import Console, RenderableType
 from rich.logging import RichHandler
@@ -27,9 +24,6 @@ from rich.text import Text
 
 from slamsim.progress import Progress as Listener
 from slamsim.progress import silent
-from slamsim.safe.errors import DiskFull, SlamsimError
-
-RAISE_AGAIN_S = 0.02
 
 
 class _RateColumn(ProgressColumn):
@@ -111,81 +105,3 @@ class Reporter:
         """The same numbers as JSON on stdout, where ``--json`` was asked for."""
         if self._as_json:
             sys.stdout.write(json.dumps(values, indent=2, allow_nan=False) + "\n")
-
-
-def run_command(command: Callable[[], object]) -> int:
-    """Run a command; what a user may cause ends in one sentence and an exit code.
-
-    The command parser ends the process itself: with 0, or with 2 after a wrong call.
-    """
-    stop = _StopSignals()
-    try:
-        command()
-    except BaseException as error:
-        if stop.received is not None:
-            return _fail("stopped; nothing was left half-written", 128 + stop.received)
-        if isinstance(error, SlamsimError):
-            return _fail(str(error), error.exit_code)
-        if isinstance(error, OSError):
-            return _fail(*_told(error))
-        raise
-    finally:
-        stop.over()
-    return 0
-
-
-class _Stopped(BaseException):
-    """Ctrl-C or SIGTERM, on its way out through every ``finally``."""
-
-
-class _StopSignals:
-    """Turns the first Ctrl-C or SIGTERM into an exception; the second ends the process at once.
-
-    Libraries may wrap the exception in one of their own, as imports of native modules do, so
-    what counts is ``received``. Where Python cannot pass it on, as in a callback of native code or
-    a finaliser, it would only be printed: it is then raised again, from an alarm.
-    """
-
-    def __init__(self) -> None:
-        self.received: int | None = None
-        self._unraisable = sys.unraisablehook
-        sys.unraisablehook = self._again
-        for number in (signal.SIGINT, signal.SIGTERM):
-            if signal.getsignal(number) is not signal.SIG_IGN:
-                signal.signal(number, self._stop)
-
-    def over(self) -> None:
-        """From here on a signal ends the process at once: there is nothing left to undo."""
-        signal.setitimer(signal.ITIMER_REAL, 0.0)
-        sys.unraisablehook = self._unraisable
-        for number in (signal.SIGINT, signal.SIGTERM):
-            if signal.getsignal(number) == self._stop:
-                signal.signal(number, signal.SIG_DFL)
-
-    def _stop(self, number: int, frame: FrameType | None) -> None:
-        self.received = number
-        signal.signal(number, signal.SIG_DFL)
-        raise _Stopped
-
-    def _again(self, unraisable: sys.UnraisableHookArgs) -> None:
-        if not isinstance(unraisable.exc_value, _Stopped):
-            self._unraisable(unraisable)
-            return
-        signal.signal(signal.SIGALRM, _raise_stopped)
-        signal.setitimer(signal.ITIMER_REAL, RAISE_AGAIN_S)
-
-
-def _raise_stopped(number: int, frame: FrameType | None) -> None:
-    raise _Stopped
-
-
-def _told(error: OSError) -> tuple[str, int]:
-    place = error.filename or "input/output"
-    if error.errno == errno.ENOSPC:
-        return f"{place}: the disk is full", DiskFull.exit_code
-    return f"{place}: {error.strerror or error}", SlamsimError.exit_code
-
-
-def _fail(sentence: str, code: int) -> int:
-    sys.stderr.write(f"slamsim: {sentence}\n")
-    return code

@@ -33,6 +33,11 @@ def run_limited(
     return done
 
 
+def hear_interrupts() -> None:
+    """In a child before its program: Ctrl-C reaches it even where the tests run in background."""
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
 @contextmanager
 def running(code: str, *arguments: str, seconds: float = 60.0) -> Iterator[subprocess.Popen[str]]:
     """A child that runs Python code beside the test, its output piped.

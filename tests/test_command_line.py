@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 import signal
 import subprocess
 import sys
@@ -14,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from limited_child import hear_interrupts
 from real_logs import needs_radish, radish
 
 from slamsim.logs.reader import read_log, read_truth
@@ -206,11 +206,14 @@ def test_a_stopped_run_leaves_nothing_half_written(
         stderr=subprocess.PIPE,
         text=True,
         start_new_session=True,
+        preexec_fn=hear_interrupts,  # noqa: PLW1509  no threads here
     )
     time.sleep(delay_s)
-    os.kill(child.pid, number)
-    _, told = child.communicate(timeout=20)
-    assert child.returncode == 128 + number
+    ended_before = child.poll()
+    child.send_signal(number)
+    _, told = child.communicate(timeout=60)
+    assert ended_before is None, f"it ended by itself: {told}"
+    assert child.returncode == 128 + number, told
     assert "Traceback" not in told
     assert list(tmp_path.iterdir()) == []
 
