@@ -14,7 +14,12 @@ from slamsim.check.scan_beams import BeamReader
 from slamsim.check.scan_equations import POSE, SHAPES, UNKNOWNS, moved_points, window_system
 from slamsim.check.scan_motion import ScanMotions, scan_motions
 from slamsim.check.scan_sweep import local_motion, moved_pieces
-from slamsim.check.scan_windows import choose_windows, period_s
+from slamsim.check.scan_windows import (
+    choose_windows,
+    longest_ascending,
+    period_s,
+    surely_ascending,
+)
 from slamsim.geometry import between, compose
 from slamsim.recording import RawScans
 from slamsim.slam.bundle_equations import fit_lines
@@ -257,3 +262,30 @@ def test_system_is_what_dense_algebra_leaves_of_the_surfaces(seed: int) -> None:
         atol=1e-8,
     )
     np.testing.assert_allclose(right, pull[ours], atol=1e-8)
+
+
+def _most_in_order(stamps: list[int]) -> int:
+    """Slow: the longest chain that ends with each."""
+    longest: list[int] = []
+    for index, stamp in enumerate(stamps):
+        before = (longest[k] for k in range(index) if stamps[k] <= stamp)
+        longest.append(1 + max(before, default=0))
+    return max(longest, default=0)
+
+
+@given(st.lists(st.integers(0, 30), max_size=40))
+def test_as_many_scans_as_can_be_are_kept_in_order(stamps: list[int]) -> None:
+    given_ns = np.array(stamps, dtype=np.int64)
+    kept = longest_ascending(given_ns)
+    assert (np.diff(kept) > 0).all()
+    assert (np.diff(given_ns[kept]) >= 0).all()
+    assert kept.size == _most_in_order(stamps)
+    sure = surely_ascending(given_ns)
+    assert set(sure.tolist()) <= set(kept.tolist())
+
+
+def test_of_two_scans_that_contradict_each_other_neither_is_used() -> None:
+    stamps_ns = np.array([0, 10, 20, 30, 15, 40, 50], dtype=np.int64)
+    assert surely_ascending(stamps_ns).tolist() == [0, 1, 2, 3, 5, 6], "15 contradicts two"
+    swapped_ns = np.array([0, 10, 30, 25, 40], dtype=np.int64)
+    assert surely_ascending(swapped_ns).tolist() == [0, 1, 4]

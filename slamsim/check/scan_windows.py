@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from itertools import pairwise
 
 import numpy as np
@@ -14,6 +15,9 @@ LEAST_STEP_S = 0.06
 """Scans that follow each other faster are thinned out: a window shall see some motion."""
 
 DEFAULT_PERIOD_S = 0.1
+
+LEAST_IN_ORDER = 0.8
+"""With fewer scans stamped in order nobody knows which stamps are the wrong ones."""
 
 
 def period_s(stamps_ns: IntArray) -> float:
@@ -28,19 +32,49 @@ def choose_windows(stamps_ns: IntArray, activity: FloatArray | None) -> list[Int
     """Indices of the scans of each window, in the order of the file.
 
     The recording is cut into equal stretches; each gives the window with most activity (n,),
-    the middle one if nobody knows. Scans are thinned evenly within a window.
+    the middle one if nobody knows. Scans are thinned evenly within a window; single ones that are
+    stamped out of order are left out.
     """
-    count = int(stamps_ns.size)
+    usable = surely_ascending(stamps_ns)
+    if usable.size < LEAST_IN_ORDER * stamps_ns.size:
+        usable = np.arange(stamps_ns.size)
+    active = None if activity is None else activity[usable]
+    count = int(usable.size)
     stride = max(1, round(LEAST_STEP_S / period_s(stamps_ns)))
     length = min(WINDOW_SCANS * stride, count)
     if count < 2:
         return []
     stretches = min(max(1, count // length), MAX_WINDOWS)
     borders = np.linspace(0, count, stretches + 1).astype(int)
-    starts = [
-        _liveliest(first, last, length, activity) for first, last in pairwise(borders.tolist())
-    ]
-    return [np.arange(start, start + length, stride, dtype=np.int64) for start in starts]
+    starts = [_liveliest(first, last, length, active) for first, last in pairwise(borders.tolist())]
+    return [usable[start : start + length : stride] for start in starts]
+
+
+def surely_ascending(stamps_ns: IntArray) -> IntArray:
+    """Indices of the stamps that stay when as few as possible are taken out to put (n,) in order,
+    whichever of two that contradict each other is taken."""
+    earliest = longest_ascending(stamps_ns)
+    latest = stamps_ns.size - 1 - longest_ascending(-stamps_ns[::-1])
+    return np.intersect1d(earliest, latest)
+
+
+def longest_ascending(stamps_ns: IntArray) -> IntArray:
+    """Indices of the most stamps of (n,) of which none is before the one above.
+
+    Fredman (1975): On computing the length of longest increasing subsequences.
+    """
+    lowest: list[int] = []
+    ends: list[int] = []
+    before = np.full(stamps_ns.size, -1, dtype=np.int64)
+    for index, stamp in enumerate(stamps_ns.tolist()):
+        length = bisect_right(lowest, stamp)
+        before[index] = ends[length - 1] if length else -1
+        lowest[length : length + 1] = [stamp]
+        ends[length : length + 1] = [index]
+    chain = ends[-1:]
+    while chain and before[chain[-1]] >= 0:
+        chain.append(int(before[chain[-1]]))
+    return np.array(chain[::-1], dtype=np.int64)
 
 
 def _liveliest(first: int, last: int, length: int, activity: FloatArray | None) -> int:
