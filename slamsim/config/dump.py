@@ -8,6 +8,7 @@ import re
 import textwrap
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from enum import Enum
+from functools import lru_cache
 from pathlib import Path
 from typing import TypeGuard
 
@@ -43,8 +44,12 @@ def _comment(field: FieldInfo, value: object, indent: str) -> Iterator[str]:
     if not text and isinstance(value, BaseModel):
         text = (inspect.getdoc(type(value)) or "").split("\n\n")[0]
     if text:
-        lines = textwrap.wrap(" ".join(text.split()), _WIDTH - len(indent))
-        yield from (f"{indent}# {line}" for line in lines)
+        yield from (f"{indent}# {line}" for line in _wrapped(text, _WIDTH - len(indent)))
+
+
+@lru_cache(maxsize=1024)
+def _wrapped(text: str, width: int) -> tuple[str, ...]:
+    return tuple(textwrap.wrap(" ".join(text.split()), width))
 
 
 def _entry(head: str, value: object, indent: str) -> Iterator[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -69,9 +70,12 @@ class KeyScans:
         motion = joined(self._motion, window)
         if len(scans):
             poses, ways_m = self._places(motion, scans)
-            for number in range(len(scans)):
-                if self._is_due(poses[number]):
-                    self._pick(motion, scans, number, poses[number], float(ways_m[number]))
+            due = self._due(poses)
+            if due:
+                knots = self._course_during(motion, scans, due)
+                for number in due:
+                    key = self._picked(knots, scans, number, poses[number], float(ways_m[number]))
+                    self.scans.append(key)
         self._rows += len(scans)
         self._motion = kept_since(motion, motion.covered_ns - round(2e9 / self._lidar.rate_hz))
 
@@ -87,16 +91,28 @@ class KeyScans:
         self._last_m, self._way_m = path_m[-1:], float(ways_m[-1])
         return np.column_stack([path_m, wrap_angle(yaws)]), ways_m
 
-    def _is_due(self, pose: FloatArray) -> bool:
-        if not self.scans:
-            return True
-        moved = pose - self.scans[-1].pose
-        turned = abs((moved[2] + np.pi) % (2.0 * np.pi) - np.pi)
-        return bool(np.hypot(moved[0], moved[1]) >= EVERY_M or turned >= EVERY_RAD)
+    def _due(self, poses: FloatArray) -> list[int]:
+        """Which of the next scans are far enough, each from the one before that was."""
+        due = list[int]()
+        last = self.scans[-1].pose.tolist() if self.scans else None
+        for number, (x_m, y_m, yaw_rad) in enumerate(poses.tolist()):
+            if last is not None:
+                turned = abs((yaw_rad - last[2] + math.pi) % (2.0 * math.pi) - math.pi)
+                if math.hypot(x_m - last[0], y_m - last[1]) < EVERY_M and turned < EVERY_RAD:
+                    continue
+            due.append(number)
+            last = (x_m, y_m, yaw_rad)
+        return due
 
-    def _pick(
-        self, motion: Motion, scans: ScanBatch, number: int, pose: FloatArray, way_m: float
-    ) -> None:
+    def _course_during(self, motion: Motion, scans: ScanBatch, due: list[int]) -> Knots:
+        """How the laser moved from the first of these scans to the last."""
+        begin_ns, end_ns = (int(scans.true_stamps_ns[due[place]]) for place in (0, -1))
+        end_ns += scans.geometry.duration_ns
+        return self._course(motion.knots(self._T_base_laser, begin_ns, end_ns))
+
+    def _picked(
+        self, knots: Knots, scans: ScanBatch, number: int, pose: FloatArray, way_m: float
+    ) -> KeyScan:
         truth, geometry = scans.truth, scans.geometry
         if truth is None:
             raise ValueError("the scans were sensed without their truth")
@@ -105,9 +121,6 @@ class KeyScans:
         ranges_m = truth.ranges_m[number, chosen].astype(np.float64)
         surfaces = self._surfaces.of_beams(truth.triangles[number, chosen])
         begin_ns = int(scans.true_stamps_ns[number])
-        knots = self._course(
-            motion.knots(self._T_base_laser, begin_ns, begin_ns + geometry.duration_ns)
-        )
         seen = self._returns(ranges_m, truth.cos_incidence[number, chosen], surfaces)
         angles_rad = geometry.angles_rad()[chosen[seen]]
         rays = beam_rays(
@@ -116,7 +129,7 @@ class KeyScans:
             np.stack([np.cos(angles_rad), np.sin(angles_rad)]),
             np.zeros(3),
         ).astype(np.float64)
-        key = KeyScan(
+        return KeyScan(
             row=self._rows + number,
             true_stamp_ns=begin_ns,
             pose=pose,
@@ -126,7 +139,6 @@ class KeyScans:
             surfaces=surfaces[seen],
             beams=chosen.size,
         )
-        self.scans.append(key)
 
     def _returns(self, ranges_m: FloatArray, cosines: FloatArray, surfaces: IntArray) -> IntArray:
         """Which beams a lidar without chance losses gets back from walls."""
@@ -141,9 +153,13 @@ class KeyScans:
 def frame_at(knots: Knots, stamp_ns: int) -> FloatArray:
     """4 x 4 of the sensor in the map at one instant."""
 
+    left = int(np.searchsorted(knots.stamps_ns, stamp_ns, side="right")) - 1
+    left = min(max(left, 0), knots.stamps_ns.size - 2)
+    begin_ns, end_ns = knots.stamps_ns[left : left + 2].tolist()
+    later = (stamp_ns - begin_ns) / (end_ns - begin_ns)
+
     def at(values: FloatArray) -> FloatArray:
-        columns = [np.interp(stamp_ns, knots.stamps_ns, values[:, axis]) for axis in range(3)]
-        return np.array(columns)
+        return np.asarray((1.0 - later) * values[left] + later * values[left + 1])
 
     x_axis = at(knots.x_axis)
     x_axis /= np.linalg.norm(x_axis)

@@ -6,14 +6,16 @@ import hashlib
 from collections.abc import Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
-from functools import reduce
+from functools import lru_cache, reduce
 from pathlib import Path
 from typing import Self, TypeVar
 
 import numpy as np
 
+from slamsim.config.robot import RobotConfig
 from slamsim.config.run import RunConfig
 from slamsim.config.sensors import SensorsConfig
+from slamsim.config.world import WorldConfig
 from slamsim.dataset.formats import Formats
 from slamsim.dataset.sequence import FileFact, SequenceFacts, SequenceSpec
 from slamsim.dataset.truth import Truth
@@ -86,7 +88,8 @@ class _Ride:
     def planned(cls, config: RunConfig) -> Self:
         faults = tuple(map(chosen_fault, config.faults))
         sensors, course = faulty_sensors(faults, config.sensors)
-        world, robot = build_world(config.world, config.seed), build_robot(config.robot)
+        seed = config.seed if config.world.seed is None else config.world.seed
+        world, robot = _built_world(config.world, seed), _built_robot(config.robot)
         route = plan_route(world, robot, config.drive)
         run = drive(world, robot, route, config.drive)
         return cls(config, faults, sensors, course, world, robot, run)
@@ -103,6 +106,17 @@ class _Ride:
         )
         for window in self.run:
             yield rig.sense(window), window
+
+
+@lru_cache(maxsize=1)
+def _built_world(config: WorldConfig, seed: int) -> World:
+    """Kept for the next sequence, which is often in the same world."""
+    return build_world(config, seed)
+
+
+@lru_cache(maxsize=4)
+def _built_robot(config: RobotConfig) -> RobotModel:
+    return build_robot(config)
 
 
 def _write_clean(

@@ -53,8 +53,8 @@ class Surfaces:
 
     def met(self, triangles: NDArray[np.uint32]) -> NDArray[np.uint16]:
         """The surface of each triangle that a beam met, NO_SURFACE for none; same shape."""
-        numbers = self.of_beams(triangles)
-        return np.where(numbers < 0, NO_SURFACE, np.minimum(numbers, NO_SURFACE)).astype(np.uint16)
+        table = np.append(np.minimum(self.of_triangle, NO_SURFACE), NO_SURFACE).astype(np.uint16)
+        return np.asarray(table[np.minimum(triangles, np.uint32(table.size - 1))])
 
 
 def surfaces_of(mesh: TriangleMesh, floor_reach_m: float) -> Surfaces:

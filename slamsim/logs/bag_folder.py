@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -29,6 +30,13 @@ class TopicKind:
     latched: bool = False
 
 
+@cache
+def _described(type_name: str) -> tuple[str, str]:
+    """(hash, definition) of a message type."""
+    store = ros2_types()
+    return store.hash_rihs01(type_name), store.generate_msgdef(type_name, ros_version=2)[0]
+
+
 class BagFolder:
     """Writes into an existing or new folder; a context manager.
 
@@ -42,9 +50,8 @@ class BagFolder:
         self, folder: Path, topics: Sequence[TopicKind], custom: Mapping[str, str]
     ) -> None:
         self._folder, self._custom = folder, custom
-        store = ros2_types()
         self._topics = [
-            Topic(kind.name, kind.type_name, store.hash_rihs01(kind.type_name), kind.latched)
+            Topic(kind.name, kind.type_name, _described(kind.type_name)[0], kind.latched)
             for kind in topics
         ]
         folder.mkdir(parents=True, exist_ok=True)
@@ -54,7 +61,7 @@ class BagFolder:
             topic.name: self._file.add_channel(
                 topic.name,
                 topic.type_name,
-                store.generate_msgdef(topic.type_name, ros_version=2)[0],
+                _described(topic.type_name)[1],
                 dump_yaml(topic.quality_of_service()),
             )
             for topic in self._topics
