@@ -34,8 +34,8 @@ class Plan:
     """What is to be expected.
 
     counts: sequences by what was drawn, those with several faults counted for each of them; exact
-    if ``drawn`` is all, else scaled. simulated_s: if no route ends early. core_s: of one core;
-    seconds: with all workers. disk_bytes: by format; ``truth`` and ``settings`` beside them.
+    if ``drawn`` is all, else scaled. simulated_s: as far as routes do not end early. core_s: of one
+    core; seconds: with all workers. disk_bytes: by format; ``truth`` and ``settings`` beside them.
     memory_bytes: of one worker.
     """
 
@@ -67,11 +67,12 @@ def plan(recipe: Recipe, count: int, workers: int | None = None, make: Maker = m
     drafts = [draw(recipe, index) for index in range(min(count, MOST_DRAWN))]
     kinds = [_kind(recipe, draft) for draft in drafts]
     chosen = [kind for kind, _ in Counter(kinds).most_common(MOST_KINDS)]
-    pilots = make([_short(recipe, kinds.index(kind), count, s) for kind in chosen for s in PILOT_S])
-    costs = _costs(chosen, pilots)
+    specs = [_short(recipe, kinds.index(kind), count, s) for kind in chosen for s in PILOT_S]
+    pilots = make(specs)
+    costs = _costs(chosen, specs, pilots)
     expected = [
-        costs[kind if kind in costs else None].at(_seconds(d))
-        for kind, d in zip(kinds, drafts, strict=True)
+        costs[kind if kind in costs else None].at(_asked_s(draft.duration_s))
+        for kind, draft in zip(kinds, drafts, strict=True)
     ]
     scale = count / len(drafts)
     core_s = scale * sum(one.core_s for one in expected)
@@ -96,58 +97,65 @@ def plan(recipe: Recipe, count: int, workers: int | None = None, make: Maker = m
 
 @dataclass(frozen=True, slots=True)
 class _Cost:
-    """What sequences of one kind cost: rows (for each sequence, for each second)."""
+    """What sequences of one kind come to, as pairs: for each of them, for each second asked."""
 
+    simulated: tuple[float, float]
     core: tuple[float, float]
     sizes: Mapping[str, tuple[float, float]]
 
-    def at(self, duration_s: float) -> Pilot:
+    def at(self, asked_s: float) -> Pilot:
         """What is to be expected of one that long."""
-        sizes = {name: round(each + s * duration_s) for name, (each, s) in self.sizes.items()}
-        return Pilot(duration_s, self.core[0] + self.core[1] * duration_s, sizes)
+        return Pilot(
+            _on(self.simulated, asked_s),
+            _on(self.core, asked_s),
+            {name: round(_on(line, asked_s)) for name, line in self.sizes.items()},
+        )
 
 
-def _costs(chosen: Sequence[Kind], pilots: Pilots) -> dict[Kind | None, _Cost]:
+def _on(line: tuple[float, float], asked_s: float) -> float:
+    return max(line[0] + line[1] * asked_s, 0.0)
+
+
+def _costs(
+    chosen: Sequence[Kind], specs: Sequence[SequenceSpec], pilots: Pilots
+) -> dict[Kind | None, _Cost]:
     """By kind, and under None what holds for the others. Raises SlamsimError without any pilot."""
-    made = dict[Kind | None, list[Pilot]]()
-    for place, pilot in enumerate(pilots.made):
+    made = dict[Kind | None, list[tuple[float, Pilot]]]()
+    for place, (spec, pilot) in enumerate(zip(specs, pilots.made, strict=True)):
         if pilot is not None:
-            made.setdefault(chosen[place // len(PILOT_S)], []).append(pilot)
-    every = [pilot for group in made.values() for pilot in group]
+            asked_s = _asked_s(spec.config.drive.route.max_duration_s)
+            made.setdefault(chosen[place // len(PILOT_S)], []).append((asked_s, pilot))
+    every = [pair for group in made.values() for pair in group]
     if not every:
         raise SlamsimError(f"nothing can be made of this recipe: {pilots.reasons[0]}")
     return {kind: _cost(group) for kind, group in {None: every, **made}.items()}
 
 
-def _cost(pilots: Sequence[Pilot]) -> _Cost:
-    durations_s = [pilot.simulated_s for pilot in pilots]
-    names = {name for pilot in pilots for name in pilot.sizes}
+def _cost(pilots: Sequence[tuple[float, Pilot]]) -> _Cost:
+    asked_s = [asked for asked, _ in pilots]
+    names = {name for _, pilot in pilots for name in pilot.sizes}
     return _Cost(
-        _line(durations_s, [pilot.core_s for pilot in pilots]),
-        {name: _line(durations_s, [p.sizes.get(name, 0) for p in pilots]) for name in names},
+        _line(asked_s, [pilot.simulated_s for _, pilot in pilots]),
+        _line(asked_s, [pilot.core_s for _, pilot in pilots]),
+        {name: _line(asked_s, [p.sizes.get(name, 0) for _, p in pilots]) for name in names},
     )
 
 
 def _line(x: Sequence[float], y: Sequence[float]) -> tuple[float, float]:
-    """Offset and slope of the best line, neither of them negative."""
+    """Offset and slope of the best line; of one that begins at nothing, where x hardly differs."""
     if np.ptp(x) < 1.0:
-        return 0.0, float(np.sum(y) / max(np.sum(x), 1e-9))
+        return 0.0, float(np.sum(y) / np.sum(x))
     slope, offset = np.polyfit(x, y, 1)
-    return (float(offset), float(slope)) if slope > 0.0 < offset else _through(x, y, slope)
-
-
-def _through(x: Sequence[float], y: Sequence[float], slope: float) -> tuple[float, float]:
-    """The line that is level, or that begins at nothing."""
-    return (float(np.mean(y)), 0.0) if slope <= 0.0 else (0.0, float(np.sum(y) / np.sum(x)))
+    return (float(offset), float(slope)) if slope > 0.0 else (float(np.mean(y)), 0.0)
 
 
 def _kind(recipe: Recipe, draft: Draft) -> Kind:
     return str(draft.values.get("sensors.lidar", "")), bool(draft.faults)
 
 
-def _seconds(draft: Draft) -> float:
-    assert isinstance(draft.duration_s, int | float)  # held by the loading
-    return float(draft.duration_s)
+def _asked_s(duration: object) -> float:
+    assert isinstance(duration, int | float)  # every sequence has one, held by the loading
+    return float(duration)
 
 
 def _short(recipe: Recipe, index: int, count: int, most_s: float) -> SequenceSpec:

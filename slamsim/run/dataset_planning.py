@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from slamsim.dataset.preview import contact_sheet
 from slamsim.safe.errors import SlamsimError
 from slamsim.safe.output import write_atomic
 
+_MOST_TOLD = 12
 _UNITS = ("B", "kB", "MB", "GB", "TB", "PB")
 
 
@@ -43,10 +45,7 @@ def plan_rows(found: Plan) -> dict[str, str]:
     splits = ", ".join(f"{split} {number}" for split, number in found.splits.items())
     sizes = ", ".join(f"{name} {as_size(size)}" for name, size in found.disk_bytes.items())
     about = "" if found.drawn == found.sequences else f" (from the first {found.drawn})"
-    counted = {
-        f"by {what}{about}": ", ".join(f"{name} {n}" for name, n in numbers.items())
-        for what, numbers in found.counts.items()
-    }
+    counted = {f"by {what}{about}": _counted(numbers) for what, numbers in found.counts.items()}
     return {
         "sequences": f"{found.sequences} in {found.worlds} worlds: {splits}",
         **counted,
@@ -56,6 +55,13 @@ def plan_rows(found: Plan) -> dict[str, str]:
         "disk": f"{as_size(found.total_bytes)}: {sizes}",
         "memory": f"{as_size(found.memory_bytes)} a worker",
     }
+
+
+def _counted(numbers: Mapping[str, int]) -> str:
+    """The most frequent first; a hundred faults are not all told."""
+    told = [f"{name} {number}" for name, number in numbers.items()]
+    more = [f"{len(told) - _MOST_TOLD} more"] if len(told) > _MOST_TOLD else []
+    return ", ".join([*told[:_MOST_TOLD], *more])
 
 
 def as_size(size: float) -> str:
