@@ -1,36 +1,34 @@
-"""Sequences that cost nothing: a few bytes each, and told to misbehave by what lies in a folder."""
+"""Sequences that cost nothing: a few bytes each, and told to misbehave by what lies in a folder.
+
+Workers load this module: it imports nothing that takes long.
+"""
 
 from __future__ import annotations
 
 import hashlib
 import os
+import random
 import signal
 import time
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 
-import numpy as np
-
 from slamsim.config.run import RunConfig
-from slamsim.dataset.identity import Identity
-from slamsim.dataset.production import Order
 from slamsim.dataset.sequence import SPLITS, FileFact, SequenceFacts, SequenceSpec
-from slamsim.randomness import random_stream
 from slamsim.safe.errors import SlamsimError
 
 SIZE_BYTES = 3000
+_CONFIG = RunConfig()
 
 
-def draw(index: int, count: int = 1000) -> SequenceSpec:
-    assert index < count
+def draw(index: int) -> SequenceSpec:
     split = SPLITS[index % 3]
     return SequenceSpec(
         index=index,
         name=f"{split}/{index:06d}",
         split=split,
         world_index=index // 3,
-        config=RunConfig(seed=index),
+        config=_CONFIG.model_copy(update={"seed": index}),
         formats=("parquet",),
         drawn={"size": index * 0.5},
     )
@@ -40,7 +38,7 @@ def draw(index: int, count: int = 1000) -> SequenceSpec:
 class Stub:
     """Makes two files. ``<orders>/<index>``: what to do instead, one word for each try.
 
-    The words: raise, refuse, crash, kill, hang, memory, leave. seconds: how long each takes.
+    The words: break, refuse, crash, kill, hang, eat, leave, fill. seconds: how long each takes.
     """
 
     orders: Path
@@ -48,16 +46,16 @@ class Stub:
 
     def __call__(self, spec: SequenceSpec, folder: Path) -> SequenceFacts:
         (folder / "log").mkdir()
-        (folder / "log" / "half").write_bytes(b"x")
+        half = folder / "log" / "data.bin"
+        half.write_bytes(b"half-written")
         self._obey(spec.index)
         time.sleep(self.seconds)
-        (folder / "log" / "half").unlink()
-        stream = random_stream(spec.config.seed, "stub")
-        files = {"log/data.bin": stream.bytes(SIZE_BYTES), "config.yaml": b"seed: 1\n"}
+        stream = random.Random(spec.config.seed)
+        files = {"log/data.bin": stream.randbytes(SIZE_BYTES), "config.yaml": b"seed: 1\n"}
         for name, data in files.items():
             (folder / name).write_bytes(data)
         return SequenceFacts(
-            {"duration_s": 60.0, "path_length_m": float(np.round(stream.random(), 3))},
+            {"duration_s": 60.0, "path_length_m": round(stream.random(), 3)},
             tuple(
                 FileFact(name, len(data), hashlib.sha256(data).hexdigest())
                 for name, data in files.items()
@@ -66,54 +64,51 @@ class Stub:
 
     def _obey(self, index: int) -> None:
         order = self.orders / str(index)
-        if not order.is_file():
-            return
-        words = order.read_text().split()
-        order.write_text(" ".join(words[1:]))
+        words = order.read_text().split() if order.is_file() else []
         if words:
-            getattr(self, f"_{words[0]}")()
-
-    def _raise(self) -> None:
-        raise KeyError("told to")
-
-    def _refuse(self) -> None:
-        raise SlamsimError("the robot is stuck")
-
-    def _crash(self) -> None:
-        os.kill(os.getpid(), signal.SIGSEGV)
-
-    def _kill(self) -> None:
-        os.kill(os.getpid(), signal.SIGKILL)
-
-    def _hang(self) -> None:
-        time.sleep(1000.0)
-
-    def _memory(self) -> None:
-        np.ones(10**10)
-
-    def _leave(self) -> None:
-        os._exit(0)
+            order.write_text(" ".join(words[1:]))
+            _MISDEEDS[words[0]]()
 
 
-def order(stub: Stub, count: int, *, shard_sequences: int = 4, limit_s: float = 30.0) -> Order:
-    return Order(
-        count=count,
-        shard_sequences=shard_sequences,
-        draw=partial(draw, count=count),
-        produce=stub,
-        limit_s=limit_s,
-        command=lambda index: f"make --only {index}",
-    )
+def _break() -> None:
+    raise KeyError("told to")
 
 
-def identity(count: int, **recipe: object) -> Identity:
-    return Identity("stub", count, {"seed": 1, **recipe})
+def _refuse() -> None:
+    raise SlamsimError("the robot is stuck")
 
 
-def tree(folder: Path) -> dict[str, bytes]:
-    """All files but the logs."""
-    return {
-        path.relative_to(folder).as_posix(): path.read_bytes()
-        for path in sorted(folder.rglob("*"))
-        if path.is_file() and path.relative_to(folder).parts[0] != "logs"
-    }
+def _crash() -> None:
+    os.kill(os.getpid(), signal.SIGSEGV)
+
+
+def _kill() -> None:
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+def _hang() -> None:
+    time.sleep(1000.0)
+
+
+def _eat() -> None:
+    bytearray(10**12)
+
+
+def _leave() -> None:
+    os._exit(0)
+
+
+def _fill() -> None:
+    raise OSError(28, "No space left on device")
+
+
+_MISDEEDS = {
+    "break": _break,
+    "refuse": _refuse,
+    "crash": _crash,
+    "kill": _kill,
+    "hang": _hang,
+    "eat": _eat,
+    "leave": _leave,
+    "fill": _fill,
+}

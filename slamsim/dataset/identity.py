@@ -29,7 +29,10 @@ class Identity:
     recipe: Mapping[str, Any]
 
     def text(self) -> str:
-        """The file's contents: the same for the same data set and software."""
+        """The file's contents: the same for the same data set and software.
+
+        Its last line is the end mark of YAML, by which a file that was cut is told.
+        """
         told = {
             "kind": _KIND,
             "name": self.name,
@@ -37,7 +40,9 @@ class Identity:
             "versions": dict(versions()),
             "recipe": dict(self.recipe),
         }
-        return yaml.safe_dump(told, sort_keys=False, allow_unicode=True, width=100)
+        return yaml.safe_dump(
+            told, sort_keys=False, allow_unicode=True, width=100, explicit_end=True
+        )
 
 
 def read_identity(store: Store) -> Mapping[str, Any] | None:

@@ -1,0 +1,92 @@
+"""The Dask engine on a small cluster of this machine."""
+
+from __future__ import annotations
+
+import signal
+import socket
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from dataset_run import children, end, make, tree
+
+from slamsim.dataset.engines.dask import DaskEngine
+from slamsim.dataset.shard import Tried
+from slamsim.dataset.versions import versions
+from slamsim.dataset.watch import Unwatched
+from slamsim.safe.errors import SlamsimError
+
+distributed = pytest.importorskip("distributed")
+COUNT = 12
+
+
+@pytest.fixture(scope="module")
+def cluster() -> Iterator[Any]:
+    with distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, dashboard_address=None, silence_logs=50
+    ) as cluster:
+        yield cluster
+
+
+@pytest.fixture
+def orders(tmp_path: Path) -> Path:
+    folder = tmp_path / "orders"
+    folder.mkdir()
+    return folder
+
+
+class Killer(Unwatched):
+    """Kills a worker of the cluster once some sequences are there."""
+
+    def __init__(self, cluster: Any) -> None:
+        self._cluster, self._made = cluster, 0
+
+    def made(self, tried: Tried) -> None:
+        self._made += 1
+        if self._made == 3:
+            end(next(iter(self._cluster.workers.values())).process.pid, signal.SIGKILL)
+
+
+def test_the_same_bytes_as_on_one_core_though_sequences_crash_and_a_worker_is_lost(
+    cluster: Any, orders: Path, tmp_path: Path
+) -> None:
+    make(tmp_path / "undisturbed", orders, COUNT)
+    (orders / "2").write_text("crash")
+    (orders / "7").write_text("break kill")
+    (orders / "9").write_text("crash crash crash crash")  # once in company, three times alone
+    engine = DaskEngine(cluster.scheduler_address, batch=3)
+    summary = make(tmp_path / "set", orders, COUNT, engine, seconds=0.1, watch=Killer(cluster))
+    assert [failure.index for failure in summary.failures] in ([9], [])
+    engine = DaskEngine(cluster.scheduler_address)
+    assert make(tmp_path / "set", orders, COUNT, engine).failures == ()
+    assert tree(tmp_path / "set") == tree(tmp_path / "undisturbed")
+    workers = [worker.process.pid for worker in cluster.workers.values()]
+    assert not any(children(process) for process in workers)
+
+
+def test_a_worker_with_other_software_is_refused(
+    cluster: Any, orders: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    versions.cache_clear()
+    monkeypatch.setattr("slamsim.dataset.versions.__version__", "9.0")
+    with pytest.raises(SlamsimError, match=r"has slamsim .* instead of 9\.0"):
+        make(tmp_path / "set", orders, COUNT, DaskEngine(cluster.scheduler_address))
+    versions.cache_clear()
+    assert not (tmp_path / "set").exists()
+
+
+def test_a_scheduler_that_does_not_answer_is_refused(
+    orders: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("slamsim.dataset.engines.dask._ANSWER_S", 0.5)
+    with socket.create_server(("127.0.0.1", 0)) as mute:
+        silent = f"tcp://127.0.0.1:{mute.getsockname()[1]}"
+        for address, says in (
+            (silent, "no Dask scheduler answers at tcp://127.0.0.1:.*timed out"),
+            ("tcp://127.0.0.1:1", "no Dask scheduler answers .*refused"),
+            ("10.0.0.1", "'10.0.0.1' is no address of a Dask scheduler"),
+        ):
+            with pytest.raises(SlamsimError, match=says):
+                make(tmp_path / "set", orders, COUNT, DaskEngine(address))
+    assert not (tmp_path / "set").exists()

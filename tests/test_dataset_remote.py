@@ -1,0 +1,117 @@
+"""Data sets behind a URL: a server that speaks S3, over HTTP."""
+
+from __future__ import annotations
+
+import json
+import signal
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from dataset_run import end, make, start, tree
+
+from slamsim.dataset.engines.local import LocalEngine
+from slamsim.dataset.remote import LOCK, RemoteStore
+from slamsim.dataset.shard import shard_path
+from slamsim.safe.errors import Locked, SlamsimError
+
+moto_server = pytest.importorskip("moto.server")
+pytest.importorskip("s3fs")
+COUNT = 6
+
+
+@pytest.fixture(scope="module")
+def bucket() -> Iterator[str]:
+    server = moto_server.ThreadedMotoServer(ip_address="127.0.0.1", port=0)
+    server.start()
+    host, port = server.get_host_and_port()
+    settings = {
+        "AWS_ENDPOINT_URL": f"http://{host}:{port}",
+        "AWS_ACCESS_KEY_ID": "test",
+        "AWS_SECRET_ACCESS_KEY": "test",
+        "AWS_DEFAULT_REGION": "us-east-1",
+        "NO_PROXY": "127.0.0.1",
+    }
+    with pytest.MonkeyPatch.context() as patch:
+        for name, value in settings.items():
+            patch.setenv(name, value)
+        yield "s3://bucket"
+    server.stop()
+
+
+@pytest.fixture
+def orders(tmp_path: Path) -> Path:
+    folder = tmp_path / "orders"
+    folder.mkdir()
+    return folder
+
+
+def _downloaded(address: str, folder: Path) -> dict[str, bytes]:
+    store = RemoteStore(address)
+    store._files.invalidate_cache()
+    store._files.get(store._root, str(folder), recursive=True)
+    return tree(folder)
+
+
+def test_what_is_uploaded_is_what_a_folder_would_hold(
+    bucket: str, orders: Path, tmp_path: Path
+) -> None:
+    address = f"{bucket}/a/set"
+    make(tmp_path / "set", orders, COUNT)
+    (orders / "2").write_text("refuse")
+    summary = make(address, orders, COUNT, LocalEngine(1))
+    assert (summary.made, summary.failures) == (COUNT, ())
+    assert _downloaded(address, tmp_path / "down") == tree(tmp_path / "set")
+
+
+def test_what_was_cut_on_the_way_counts_for_nothing(
+    bucket: str, orders: Path, tmp_path: Path
+) -> None:
+    address = f"{bucket}/cut"
+    store = RemoteStore(address)
+    make(address, orders, COUNT, LocalEngine(1))
+    whole = _downloaded(address, tmp_path / "before")
+    for name in ("dataset.yaml", shard_path(0), "val/000001/sequence.json"):
+        store.write(name, whole[name][:-20])
+    store._files.rm_file(store._at("test/000002/sequence.json"))
+    store.write("val/000001/log/data.bin", b"half")
+    make(address, orders, COUNT, LocalEngine(1))
+    assert _downloaded(address, tmp_path / "after") == whole
+
+
+def test_a_killed_run_is_gone_on_with(bucket: str, orders: Path, tmp_path: Path) -> None:
+    address = f"{bucket}/killed"
+    store = RemoteStore(address)
+    with start(address, orders, COUNT, 1, 0.2) as process:
+        end_s = time.monotonic() + 60
+        while not store.names("train") and time.monotonic() < end_s:
+            time.sleep(0.05)
+        end(process.pid, signal.SIGKILL)
+    assert make(address, orders, COUNT, LocalEngine(1)).failures == ()
+    make(tmp_path / "set", orders, COUNT)
+    assert _downloaded(address, tmp_path / "down") == tree(tmp_path / "set")
+
+
+def test_the_lock_of_a_run_elsewhere_holds_until_it_is_forgotten(bucket: str, orders: Path) -> None:
+    store = RemoteStore(f"{bucket}/locked")
+    lock = {"owner": "process 1 on elsewhere", "key": "x", "renewed_s": time.time()}
+    store.write(LOCK, json.dumps(lock).encode())
+    with pytest.raises(Locked, match="is being written by process 1 on elsewhere"):
+        make(store.address, orders, 1)
+    store.write(LOCK, json.dumps({**lock, "renewed_s": time.time() - 1000.0}).encode())
+    assert make(store.address, orders, 1, LocalEngine(1)).made == 1
+    assert LOCK not in store.names("")
+
+
+def test_a_place_that_cannot_be_is_refused(
+    bucket: str, orders: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("slamsim.dataset.remote._PAUSES_S", ())
+    for address, says in (
+        ("nonsense://x/y", "nonsense"),
+        (f"{bucket}/../other", r"has '\.\.' in it"),
+        ("sftp://127.0.0.1:1/tmp/x", "cannot be reached or written"),
+    ):
+        with pytest.raises(SlamsimError, match=says):
+            make(address, orders, 1)
