@@ -13,11 +13,13 @@ from hypothesis import strategies as st
 
 from slamsim.check.calibration import Calibration, calibrate_inputs
 from slamsim.check.course import wheel_course
+from slamsim.check.diagnosis import explained
 from slamsim.check.findings import Finding
 from slamsim.check.gathering import Inputs
 from slamsim.check.joint import check_calibration
 from slamsim.check.mounting import check_mounting
 from slamsim.check.odometry import check_slip
+from slamsim.check.reversing import check_reversing
 from slamsim.check.rolling import check_wheels
 from slamsim.check.timing import check_timing
 from slamsim.check.turning import check_gyro
@@ -191,3 +193,36 @@ def test_spoilt_streams_beside_good_ones(spoil: str) -> None:
     recording = Recording("spoilt", "memory", imus=(imu,), ticks=(ticks,))
     for finding in check_calibration(recording, None):
         assert "nan" not in finding.words
+
+
+class ToAndFro(Robot):
+    """Backward now and then."""
+
+    def rates(self, t: FloatArray) -> tuple[FloatArray, FloatArray]:
+        return 0.2 + 0.4 * np.sin(0.4 * t), super().rates(t)[1]
+
+
+@pytest.mark.parametrize("signed", [True, False])
+def test_wheels_that_do_not_know_backward_are_told_from_slip(signed: bool) -> None:
+    robot = ToAndFro()
+    inputs = robot.inputs()
+    assert inputs.wheels is not None
+    path = np.diff(inputs.wheels.totals[:, 0])
+    totals = inputs.wheels.totals.copy()
+    totals[1:, 0] = totals[0, 0] + np.cumsum(path if signed else np.abs(path))
+    poses = replace(inputs.wheels, totals=totals, track_m=0.0)
+    calibration = calibrate_inputs(replace(inputs, wheels=poses))
+    assert calibration is not None
+    told = {
+        one.check: one
+        for one in explained([*check_slip(calibration), *check_reversing(calibration)])
+    }
+    assert told["odometry.direction"].verdict == ("ok" if signed else "bad")
+    assert told["wheels.slip"].verdict != "bad"
+    assert {one.fault for one in told.values()} - {None} <= {"odometry_unsigned"}
+
+
+def test_a_robot_that_never_backs_up_tells_nothing_of_the_sign() -> None:
+    (finding,) = check_reversing(Robot().calibrated())
+    assert finding.verdict == "cannot tell"
+    assert "backward" in finding.words

@@ -193,7 +193,10 @@ def test_the_faults_cover_every_kind_and_nearly_every_name() -> None:
     assert {fault.kind for fault in faults} == set(KINDS)
     assert len({fault.kind for fault in faults}) >= 30
     untried = set(FAULT_NAMES) - {fault.expects for fault in faults}
-    assert untried <= {"urdf_balance"}, "a name that no fault tries cannot be relied on"
+    only_where_robots_back_up = {"odometry_unsigned"}  # tried in test_check_timing.py
+    assert untried <= {"urdf_balance"} | only_where_robots_back_up, (
+        "a name that no fault tries cannot be relied on"
+    )
 
 
 THREAD = r"https://github\.com/[\w.-]+/[\w.-]+/(issues|pull)/\d+"

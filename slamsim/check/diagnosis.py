@@ -47,6 +47,7 @@ ON_ANY_SUBJECT: dict[str, tuple[str, ...]] = {
     "wheel_reversed": ("odometry_contradicts_wheels", "wheel_slip", "wheel_track", "wheel_radius"),
     "wheels_swapped": ("odometry_contradicts_wheels", "wheel_slip", "wheel_track"),
     "ticks_wrap": ("odometry_contradicts_wheels", "wheel_slip", "odometry_jump"),
+    "odometry_unsigned": ("wheel_slip", "odometry_contradicts_wheels"),
     "ticks_frozen": (*_WHEELS, "odometry_frozen"),
     "odometry_invalid": (
         *("odometry_contradicts_wheels", "odometry_frozen", "odometry_jump", "wheel_slip"),

@@ -149,6 +149,7 @@ FAULT_NAMES: dict[str, str] = {
     "odometries_contradict": "two odometries tell different drives",
     "odometry_contradicts_wheels": "the published odometry is not what the wheels say",
     "odometry_jump": "the odometry makes a step that no robot makes",
+    "odometry_unsigned": "the odometry goes forward while the robot drives backward",
     "odometry_frozen": "the odometry stands still while the robot moves",
     "ticks_frozen": "a wheel counter stands still while the robot moves",
     "wheel_radius": "the wheels are larger or smaller than declared",

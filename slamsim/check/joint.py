@@ -9,6 +9,7 @@ from slamsim.check.findings import Finding
 from slamsim.check.map_agreement import held_against_map
 from slamsim.check.mounting import check_mounting
 from slamsim.check.odometry import check_odometry, check_slip
+from slamsim.check.reversing import check_reversing
 from slamsim.check.rolling import check_wheels
 from slamsim.check.scan_motion import ScanMotions
 from slamsim.check.timing import check_timing
@@ -28,6 +29,7 @@ def check_calibration(recording: Recording, motions: ScanMotions | None) -> list
     return [
         *alone,
         *check_slip(calibration),
+        *check_reversing(calibration),
         *held_against_map(check_timing(calibration), crispness(recording, motions, calibration)),
         *check_wheels(calibration, opinion),
         *check_gyro(calibration, opinion),
