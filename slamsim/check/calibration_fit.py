@@ -25,6 +25,7 @@ HELD_SIGMA = 1e-9
 DOUBT_SQUARED = 12.0
 UNKNOWN_VARIANCE = 1e12
 NOTHING = 1e-6
+ROUNDING = 1e-12
 """Weight, 1/m^2 or 1/rad^2, of what is not known: keeps roots real."""
 
 FEW_BLOCKS = 6
@@ -205,7 +206,9 @@ class _Noise:
         found = evidence(
             zero, self._information, zero, np.zeros(count), np.zeros((count, ROWS, 0)), covariance
         )
-        weight = 0.5 * (found.weight + np.swapaxes(found.weight, 1, 2)) + NOTHING * np.eye(ROWS)
+        weight = 0.5 * (found.weight + np.swapaxes(found.weight, 1, 2))
+        rounding = ROUNDING * np.trace(weight, axis1=1, axis2=2)
+        weight += (NOTHING + rounding)[:, None, None] * np.eye(ROWS)
         return np.asarray(np.swapaxes(np.linalg.cholesky(weight), 1, 2))
 
 

@@ -30,7 +30,10 @@ ON_ONE_SUBJECT: dict[str, tuple[str, ...]] = {
     "gyro_degrees": ("gyro_scale", "gyro_bias"),
     "stamps_invented": (*_LIDAR_TIMES, "clock_drift"),
     "imu_axis_dead": ("time_offset_imu", "gyro_scale", "gyro_bias", "clock_drift", "imu_axis"),
-    "topic_shared": (*_STAMPS, "scans_overlap", "odometry_jump", "odometry_contradicts_wheels"),
+    "topic_shared": (
+        *(*_STAMPS, "scans_overlap"),
+        *("odometry_jump", "odometry_contradicts_wheels", "odometry_frozen"),
+    ),
 }
 """Faults, and what else they make of the same topic."""
 

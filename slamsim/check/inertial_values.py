@@ -101,8 +101,9 @@ def _axes(imu: RawImu, finite: BoolArray, turns: bool) -> Finding:
 
 def _upward(imu: RawImu) -> int:
     """The axis of the unit that gravity is felt along, z where it is not."""
-    mean = np.nanmean(imu.linear_acceleration_m_s2, axis=0)
-    felt = bool(np.isfinite(mean).all()) and float(np.linalg.norm(mean)) > 0.5
+    finite = imu.linear_acceleration_m_s2[np.isfinite(imu.linear_acceleration_m_s2).all(axis=1)]
+    mean = finite.mean(axis=0) if len(finite) else np.zeros(3)
+    felt = float(np.linalg.norm(mean)) > 0.5
     return int(np.argmax(np.abs(mean))) if felt else 2
 
 

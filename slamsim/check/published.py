@@ -4,7 +4,6 @@ tell different drives, counters that stand while it goes on."""
 from __future__ import annotations
 
 from collections.abc import Iterator
-from itertools import combinations
 
 import numpy as np
 
@@ -83,9 +82,12 @@ def _mends(
 
 
 def _contradictions(odometries: tuple[RawOdometry, ...]) -> Iterator[Finding]:
-    """Two odometries of one body must show the same motion, from wherever they count."""
-    for one, other in combinations(odometries, 2):
-        if set(one.child_frame_ids) & set(other.child_frame_ids):
+    """Odometries of one body must show the same motion as the first, from wherever they count."""
+    first: dict[str, RawOdometry] = {}
+    for other in odometries:
+        one = next((first[body] for body in other.child_frame_ids if body in first), None)
+        first = {**dict.fromkeys(other.child_frame_ids, other), **first}
+        if one is not None:
             yield _agreement(one, other)
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from itertools import combinations
 from typing import TypeVar
 
 import numpy as np
@@ -94,8 +93,9 @@ def _odd_one_out(rows: list[Float32Array]) -> bool | None:
     seen = np.isfinite(first) & np.isfinite(middle) & np.isfinite(last)
     if int(seen.sum()) < MIN_BEAMS:
         return None
-    off = [float(np.median(np.abs(one - other)[seen]))
-           for one, other in ((first, middle), (middle, last), (first, last))]  # fmt: skip
+    first, middle, last = first[seen], middle[seen], last[seen]
+    pairs = ((first, middle), (middle, last), (first, last))
+    off = [float(np.median(np.abs(one - other))) for one, other in pairs]
     return min(off[0], off[1]) > ODD_TIMES * off[2] + ODD_M
 
 
@@ -113,13 +113,16 @@ def _lengths(first: FloatArray, second: FloatArray) -> FloatArray:
 
 
 def _frames(streams: Sequence[Stream], same: Callable[[Stream, Stream], bool]) -> Iterator[Finding]:
-    """Sensors of one kind that name one frame on two topics: copies, or one of them is wrong."""
-    for one, other in combinations(streams, 2):
-        shared = set(one.frame_ids) & set(other.frame_ids) - {""}
-        if not shared:
+    """Each sensor of a kind beside the first that names its frame: a copy, or one is wrong."""
+    first: dict[str, Stream] = {}
+    for other in streams:
+        named = [frame for frame in other.frame_ids if frame]
+        one = next((first[frame] for frame in named if frame in first), None)
+        first = {**dict.fromkeys(named, other), **first}
+        if one is None:
             continue
         subject = f"{one.topic} and {other.topic}"
-        words = f"both name {', '.join(sorted(shared))}"
+        words = f"both name {', '.join(sorted(set(one.frame_ids) & set(named)))}"
         if same(one, other):
             words += " and measure the same: one sensor, published twice"
             yield Finding("topic.frames", subject, "ok", words)
@@ -164,7 +167,7 @@ def _agreeing(one: tuple[FloatArray, FloatArray], other: tuple[FloatArray, Float
     seen &= np.abs(others[place] - angles) <= step
     if int(seen.sum()) < MIN_BEAMS:
         return float("nan")
-    off = np.abs(ranges - theirs[place])[seen]
+    off = np.abs(ranges[seen] - theirs[place][seen])
     return float(np.mean(off < _AGREE_M + _AGREE_SHARE * ranges[seen]))
 
 

@@ -21,6 +21,10 @@ from slamsim.types import FloatArray, IntArray
 
 MAX_PASSES = 6
 MIN_SCANS = 5
+MOST_LOST = 8
+"""So many windows are tried before scans that nowhere follow each other are given up."""
+GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
+"""Multiples of this, less their whole part, lie evenly however many of them there are."""
 UNMODELLED_SWEEP, UNMODELLED_ANGLE, UNMODELLED_M = 0.002, 4e-5, 5e-4
 ANGLE_BY_ROUNDING_PER_M, OFFSET_BY_ROUNDING = 0.06, 0.2
 """By what the shape of simulated scans comes out wrong beyond its noise: motion in a sweep is no
@@ -147,9 +151,20 @@ def scan_motions(scans: RawScans, activity: FloatArray | None = None) -> ScanMot
 
 
 def _tracked(scans: RawScans, reader: BeamReader, windows: list[IntArray]) -> list[Track]:
+    """Windows in which some scans follow each other, in the order of the file.
+
+    Those looked at first lie all over the recording: where none of them does, none will.
+    """
     stamps = (scans.stamps_ns, period_s(scans.stamps_ns))
-    tracks = [track_window(reader, window, stamps) for window in windows]
-    return [track for track in tracks if len(track.scans) >= MIN_SCANS]
+    places = np.argsort(np.arange(len(windows)) * GOLDEN % 1.0, kind="stable").tolist()
+    tracks: dict[int, Track] = {}
+    for looked_at, place in enumerate(places):
+        if looked_at == MOST_LOST and not tracks:
+            break
+        track = track_window(reader, windows[place], stamps)
+        if len(track.scans) >= MIN_SCANS:
+            tracks[place] = track
+    return [tracks[place] for place in sorted(tracks)]
 
 
 def _fit(tracks: list[Track], reader: BeamReader) -> tuple[Shape, list[WindowFit], ShapePull]:
@@ -192,7 +207,7 @@ def _motions(
             best.angle_scale * reader.angle_scale, sigmas[1] * reader.angle_scale, 1.0
         ),
         range_offset_m=ShapeEstimate(best.range_offset_m, sigmas[2], 0.0),
-        weak="" if windows[0] else "no scans that fit each other",
+        weak="" if windows[0] else "scans do not fit one another",
     )
 
 

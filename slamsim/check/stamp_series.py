@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -20,7 +21,7 @@ _EVEN_SHARE = 0.2
 _COPIED_NS = 1_000
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class StampSeries:
     """stamps_ns: (n,) in the order of the file. received_ns: (n,) on the clock of the stamps if
     the recording tells how, None if unknown. lasts_ns: (n,) from stamp to the end of measuring.
@@ -49,15 +50,22 @@ class StampSeries:
         """(n - 1,) from each stamp to the next in the file."""
         return np.asarray(np.diff(self.stamps_ns) * 1e-9)
 
+    @cached_property
+    def instants_ns(self) -> IntArray:
+        """(m,) distinct stamps, ascending."""
+        if (self.stamps_ns[1:] > self.stamps_ns[:-1]).all():
+            return self.stamps_ns
+        return np.unique(self.stamps_ns)
+
     @property
     def ordered_steps_s(self) -> FloatArray:
         """(m,) between neighbouring instants, however the file has them."""
-        return np.asarray(np.diff(np.unique(self.stamps_ns)) * 1e-9)
+        return np.asarray(np.diff(self.instants_ns) * 1e-9)
 
     @property
     def period_s(self) -> float:
         """From one instant to the next, by most of those a few apart; 0 of fewer than two."""
-        instants_ns = np.unique(self.stamps_ns)
+        instants_ns = self.instants_ns
         apart = min(_APART, max(instants_ns.size - 1, 1))
         elapsed_ns = instants_ns[apart:] - instants_ns[:-apart]
         return float(np.median(elapsed_ns)) * 1e-9 / apart if elapsed_ns.size else 0.0

@@ -105,7 +105,7 @@ def _rounding(series: StampSeries) -> Finding:
 
 
 def _repeats(series: StampSeries) -> Finding:
-    repeated = len(series) - np.unique(series.stamps_ns).size
+    repeated = len(series) - series.instants_ns.size
     share = repeated / len(series)
     estimate = Estimate(100.0 * share, 0.0, "%")
     limit = 100.0 * MAX_REPEATED_SHARE
