@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import random
 import signal
+import subprocess
 import time
 from pathlib import Path
 
@@ -14,7 +15,10 @@ from slamsim.dataset.engines.local import LocalEngine
 
 SHARDS = 500
 SECONDS = 0.02
-RUN_KILLED_EVERY_S = 30.0
+KILL_EVERY_S = 2.0
+LEAST_MADE = 50
+"""New sequences between two murders: a slow machine still gets on."""
+KILLS_OF_A_RUN = 6
 
 
 @pytest.mark.slow
@@ -25,17 +29,29 @@ def test_what_is_left_is_what_an_undisturbed_run_leaves(tmp_path: Path) -> None:
     chance, killed, runs = random.Random(1), 0, 0
     while True:
         runs += 1
-        begin_s = time.monotonic()
         with start(folder, orders, count, 3, SECONDS) as process:
-            while process.poll() is None:
-                time.sleep(2.0)
-                if workers := workers_of(process.pid):
-                    end(chance.choice(workers), signal.SIGKILL)
-                    killed += 1
-                if time.monotonic() - begin_s > RUN_KILLED_EVERY_S:
-                    end(process.pid, signal.SIGKILL)
+            for _ in range(KILLS_OF_A_RUN):
+                if _ended_before_more(process, folder):
+                    break
+                end(chance.choice(workers_of(process.pid) or [process.pid]), signal.SIGKILL)
+                killed += 1
+            end(process.pid, signal.SIGKILL)
         if process.returncode == 0:
             break
-    assert killed > 5 and runs > 1
+    assert killed > 10 and runs > 2
     assert make(folder, orders, count, LocalEngine(2)).failures == ()  # the unluckiest
     assert tree(folder) == tree(tmp_path / "undisturbed")
+
+
+def _ended_before_more(process: subprocess.Popen[str], folder: Path) -> bool:
+    """Wait for the next murder."""
+    begin_s, before = time.monotonic(), _made(folder)
+    while process.poll() is None:
+        time.sleep(0.2)
+        if time.monotonic() > begin_s + KILL_EVERY_S and _made(folder) >= before + LEAST_MADE:
+            return False
+    return True
+
+
+def _made(folder: Path) -> int:
+    return len(list(folder.glob("t*/*"))) + len(list(folder.glob("val/*")))

@@ -79,7 +79,7 @@ class Production:
         self._tries: Counter[int] = Counter()
         self._failures: list[Failure] = []
         self._log: dict[int, list[str]] = {}
-        self._made = self._size_bytes = 0
+        self._already = self._made = self._size_bytes = 0
         self._simulated_s = 0.0
         self._missing = self._survey()
 
@@ -96,8 +96,8 @@ class Production:
         begin_s = time.monotonic()
         missing = self._missing if only is None else [tuple(only)]
         left = sum(map(len, missing))
-        already = self._order.count - left
-        self._watch.begin(self._order.count, already)
+        self._already = self._order.count - left
+        self._watch.begin(self._order.count, self._already)
         batches = self._batches(missing, left)
         try:
             while self._fill(batches) or self._running:
@@ -107,7 +107,7 @@ class Production:
         return DatasetSummary(
             address=self._store.address,
             sequences=self._order.count,
-            already=already,
+            already=self._already,
             made=self._made,
             failures=tuple(sorted(self._failures, key=lambda failure: failure.index)),
             simulated_s=self._simulated_s,
@@ -189,15 +189,11 @@ class Production:
 
     def _take(self, tried: Tried) -> None:
         index = tried.index
-        self._tries[index] += 1
         if tried.row is not None:
-            self._made += 1
-            self._size_bytes += int(str(tried.row["size_bytes"]))
-            self._simulated_s += float(str(tried.row.get("quality.duration_s") or 0.0))
-            self._note(index, f"made in {tried.wall_s:.2f} s")
-            self._watch.made(tried)
+            self._count(tried, tried.row)
             self._keep(index, tried.row)
             return
+        self._tries[index] += 1
         tries = self._tries[index]
         self._note(index, f"try {tries} failed: {tried.reason}\n{tried.trace}".rstrip())
         if tries < TRIES:
@@ -208,6 +204,16 @@ class Production:
         self._failures.append(Failure(index, tried.reason, command))
         self._watch.failed(index, tried.reason, command)
         self._keep(index, failed_row(self._order.draw, index, tried.reason, command))
+
+    def _count(self, tried: Tried, row: Row) -> None:
+        self._watch.made(tried)
+        if tried.old:
+            self._already += 1
+            return
+        self._made += 1
+        self._size_bytes += int(str(row["size_bytes"]))
+        self._simulated_s += float(str(row.get("quality.duration_s") or 0.0))
+        self._note(tried.index, f"made in {tried.wall_s:.2f} s")
 
     def _keep(self, index: int, row: Row) -> None:
         """Write the file of the shard once all its rows are known."""

@@ -49,14 +49,15 @@ class Task:
 
 @dataclass(frozen=True, slots=True)
 class Tried:
-    """One attempt at one sequence: its row if it was made, else reason and trace.
+    """One attempt at one sequence: its row if it is there, else reason and trace.
 
-    wall_s: 0 if it was there before.
+    old: it was there before.
     """
 
     index: int
     wall_s: float = 0.0
     row: Row | None = None
+    old: bool = False
     reason: str = ""
     trace: str = ""
 
@@ -132,7 +133,7 @@ def _try(store: Store, task: Task, index: int) -> Tried:
     try:
         spec = task.draw(index)
         if row := _row_of_old(store, spec):
-            return Tried(index, row=row)
+            return Tried(index, row=row, old=True)
         with store.working_folder(spec.name) as folder:
             row = _make(store, task, spec, folder)
     except (StoreFailed, MemoryError):  # after which the process is not to be trusted

@@ -53,6 +53,8 @@ class ConsoleWatch:
     def made(self, tried: Tried) -> None:
         row = tried.row or {}
         self._done += 1
+        if tried.old:
+            return
         self._made += 1
         self._simulated_s += float(str(row.get("quality.duration_s") or 0.0))
         self._megabytes += int(str(row.get("size_bytes") or 0)) * 1e-6
