@@ -147,7 +147,7 @@ class UnreadTopic:
     reason: str
 
 
-RecordingFormat = Literal["mcap", "rosbag2", "rosbag1", "carmen", "memory"]
+RecordingFormat = Literal["mcap", "rosbag2", "rosbag1", "carmen", "parquet", "memory"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

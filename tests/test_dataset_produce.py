@@ -169,3 +169,38 @@ def test_a_spoilt_sequence_is_the_log_that_simulate_spoils(tmp_path: Path) -> No
     assert 0 < len(log["sample"]) < len(truth["stamp_ns"])
     errors = np.abs(log["ranges_m"] - truth["true_ranges_m"][log["sample"]])
     assert np.median(errors[np.isfinite(errors)]) < 0.01
+
+
+def test_slam_and_checker_read_the_tables_as_they_read_the_log(made: Made) -> None:
+    ours, log = read_log(made[0] / "parquet"), read_log(made[0] / "log")
+    assert [s.stamp_ns for s in ours.scans] == [s.stamp_ns for s in log.scans]
+    for one, other in zip(ours.scans, log.scans, strict=True):
+        assert one.geometry == other.geometry
+        assert np.array_equal(one.ranges_m, other.ranges_m, equal_nan=True)
+    assert ours.odometry is not None
+    assert log.odometry is not None
+    assert np.array_equal(ours.odometry.poses, log.odometry.poses)
+    assert ours.imu is not None
+    assert log.imu is not None
+    assert np.array_equal(ours.imu.angular_velocity_rad_s, log.imu.angular_velocity_rad_s)
+    assert ours.encoders is not None
+    assert log.encoders is not None
+    assert np.array_equal(ours.encoders.ticks, log.encoders.ticks)
+    assert np.array_equal(ours.T_base_laser, log.T_base_laser)
+    assert ours.T_base_imu is not None
+    assert log.T_base_imu is not None
+    assert np.array_equal(ours.T_base_imu, log.T_base_imu)
+    assert (ours.epoch, ours.warnings) == (log.epoch, log.warnings)
+
+
+def test_a_recording_in_tables_holds_all_that_the_bag_holds(made: Made) -> None:
+    ours, bag = (read_recording(made[0] / name) for name in ("parquet", "log"))
+    for kind in ("scans", "imus", "odometries", "ticks", "joints", "transforms"):
+        for one, other in zip(getattr(ours, kind), getattr(bag, kind), strict=True):
+            for name in type(one).__dataclass_fields__:
+                if name not in ("samples", "frame_ids", "layouts"):
+                    value, expected = getattr(one, name), getattr(other, name)
+                    same = isinstance(expected, str | int | float | tuple | None)
+                    assert value == expected if same else np.array_equal(value, expected), name
+    assert ours.scans[0].layouts == bag.scans[0].layouts
+    assert ours.robot_description == bag.robot_description

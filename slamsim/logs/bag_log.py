@@ -55,8 +55,8 @@ def read_bag(path: Path, scan_topic: str | None = None) -> Log:
         odometry=odometry,
         imu=imu,
         encoders=encoders,
-        T_base_laser=_mounting(tree, base_frame, laser_frame, warnings),
-        T_base_imu=None if imu is None else _imu_mounting(tree, base_frame, imu, warnings),
+        T_base_laser=laser_mounting_of(tree, base_frame, laser_frame, warnings),
+        T_base_imu=None if imu is None else imu_mounting_of(tree, base_frame, imu, warnings),
         warnings=tuple(warnings),
     )
 
@@ -193,9 +193,10 @@ def _require_overlap(
         warnings.append(f"odometry does not cover all scans: {spans}")
 
 
-def _mounting(
+def laser_mounting_of(
     tree: FrameTree, base_frame: str, laser_frame: str, warnings: list[str]
 ) -> FloatArray:
+    """4 x 4 T_base_laser; from another base frame, or the identity, with a warning, if need be."""
     T_base_laser = tree.between(base_frame, laser_frame)
     if T_base_laser is not None:
         return T_base_laser
@@ -214,9 +215,10 @@ def _mounting(
     return np.eye(4)
 
 
-def _imu_mounting(
+def imu_mounting_of(
     tree: FrameTree, base_frame: str, imu: ImuStream, warnings: list[str]
 ) -> FloatArray | None:
+    """4 x 4 T_base_imu; None, with a warning, where no fixed transform tells."""
     T_base_imu = tree.between(base_frame, imu.frame_id)
     if T_base_imu is None:
         warnings.append(f"no fixed transform from {base_frame!r} to {imu.frame_id!r}")

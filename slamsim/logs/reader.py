@@ -13,12 +13,13 @@ _BAG_SUFFIXES = (".mcap", ".db3", ".bag")
 _COMPRESSIONS = (".gz", ".bz2")
 _KNOWN = (
     "a log is .clf or .log (CARMEN, also .gz and .bz2), .mcap, .db3, .bag, "
-    "or a rosbag2 folder with metadata.yaml"
+    "or a folder: rosbag2 with metadata.yaml, or Parquet with scans.parquet"
 )
 
 
 def read_log(path: Path, scan_topic: str | None = None) -> Log:
-    """The log at path: CARMEN, ROS 1 bag, ROS 2 recording, or a run's folder that holds one.
+    """The log at path: CARMEN, ROS 1 bag, ROS 2 recording, a folder of Parquet tables as data sets
+    have it, or a run's folder that holds one.
 
     The truth in it, if any, is never read. scan_topic chooses one of several lidars; without it
     the one with the most scans is taken and ``Log.warnings`` says so. Raises NotFound, or
@@ -27,6 +28,10 @@ def read_log(path: Path, scan_topic: str | None = None) -> Log:
     path = recording_at(path)
     if is_carmen(path):
         return read_carmen(path, scan_topic)
+    if is_parquet_log(path):
+        from slamsim.logs.parquet_read import read_parquet
+
+        return read_parquet(path)
     from slamsim.logs.bag_log import read_bag
 
     return read_bag(path, scan_topic)
@@ -35,7 +40,7 @@ def read_log(path: Path, scan_topic: str | None = None) -> Log:
 def read_truth(path: Path) -> Trajectory | None:
     """``T_map_base`` as the simulator recorded it, or None for a log without truth."""
     path = recording_at(path)
-    if is_carmen(path):
+    if is_carmen(path) or is_parquet_log(path):
         return None
     from slamsim.logs.bag_log import read_bag_truth
 
@@ -48,6 +53,11 @@ def is_carmen(path: Path) -> bool:
     return path.is_file() and name.suffix.lower() in _CARMEN_SUFFIXES
 
 
+def is_parquet_log(path: Path) -> bool:
+    """Whether a folder holds a recording as Parquet tables."""
+    return path.is_dir() and (path / "scans.parquet").is_file()
+
+
 def recording_at(path: Path) -> Path:
     """The recording that a path means; InputRefused when it can be none."""
     if not path.exists():
@@ -55,6 +65,9 @@ def recording_at(path: Path) -> Path:
     if path.is_dir():
         for folder in (path, path / "log"):
             if (folder / "metadata.yaml").is_file():
+                return folder
+        for folder in (path, path / "parquet"):
+            if is_parquet_log(folder):
                 return folder
         raise InputRefused(path, f"there is no metadata.yaml in this folder; {_KNOWN}")
     if not is_carmen(path) and path.suffix.lower() not in _BAG_SUFFIXES:

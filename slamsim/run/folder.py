@@ -12,6 +12,7 @@ from slamsim.config.run import RunConfig
 from slamsim.evaluate.budget import at_instants
 from slamsim.logs.g2o import write_g2o
 from slamsim.logs.keyframes import write_keyframes
+from slamsim.logs.reader import is_parquet_log
 from slamsim.logs.tum import write_tum
 from slamsim.result import SlamResult
 from slamsim.safe.output import write_atomic
@@ -38,14 +39,15 @@ def is_recording(source: str) -> bool:
     path = Path(source)
     if path.is_dir():
         holds_log = (log_of(path) / "metadata.yaml").is_file()
-        return holds_log or source not in bundled_names("worlds")
+        holds_tables = any(map(is_parquet_log, (path, path / "parquet")))
+        return holds_log or holds_tables or source not in bundled_names("worlds")
     return path.suffix != "" and path.suffix.lower() not in _WORLD_SUFFIXES
 
 
 def recording_name(source: str) -> str:
     """What a run over a recording is called."""
     path = Path(source).resolve()
-    if path.name == LOG:
+    if path.name in (LOG, "parquet"):
         path = path.parent
     name = path.stem if path.suffix.lower() in _COMPRESSIONS else path.name
     return Path(name).stem

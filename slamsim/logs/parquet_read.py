@@ -1,0 +1,258 @@
+"""Reads the folder of Parquet tables that ``ParquetLog`` writes: as a recording, or as a log."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+
+from slamsim.logs.bag_log import imu_mounting_of, laser_mounting_of
+from slamsim.logs.bag_scans import scan_from_message
+from slamsim.logs.bag_streams import in_order
+from slamsim.logs.frames import FrameTree
+from slamsim.logs.parquet_file import read_table, table_facts
+from slamsim.logs.parquet_log import joined_axes
+from slamsim.logs.scans import StoredScans
+from slamsim.recording import (
+    RawImu,
+    RawJoints,
+    RawOdometry,
+    RawScans,
+    RawTicks,
+    Recording,
+    ScanLayout,
+    TransformEdge,
+)
+from slamsim.safe.errors import InputRefused
+from slamsim.types import (
+    BoolArray,
+    EncoderStream,
+    ImuStream,
+    IntArray,
+    Log,
+    PlanarTrajectory,
+    Scan,
+    Trajectory,
+)
+
+SCANS_NAME = "scans.parquet"
+
+Table = dict[str, Any]
+
+
+def read_parquet_recording(folder: Path) -> Recording:
+    """What the tables say, nothing mended. Raises InputRefused for a file that is damaged."""
+    facts, transforms = _read(folder, "transforms")
+    scans = _read(folder, "scans")
+    return Recording(
+        name=str(scans[0].get("recording", folder.name)),
+        format="parquet",
+        scans=(_scans(*scans),),
+        imus=tuple(_imu(*_read(folder, "imu")) for _ in _there(folder, "imu")),
+        odometries=tuple(_odometry(*_read(folder, "odometry")) for _ in _there(folder, "odometry")),
+        ticks=tuple(_ticks(*_read(folder, "encoders")) for _ in _there(folder, "encoders")),
+        joints=tuple(_joints(*_read(folder, "joints")) for _ in _there(folder, "joints")),
+        transforms=_transforms(transforms),
+        robot_description=facts["robot_description"],
+        epoch=facts["epoch"],
+    )
+
+
+def read_parquet(folder: Path) -> Log:
+    """The log in the tables, put in order as that of a bag is; its scans are in memory."""
+    recording = read_parquet_recording(folder)
+    warnings: list[str] = []
+    scans = _in_time(recording.scans[0], warnings)
+    if not scans:
+        raise InputRefused(folder / SCANS_NAME, "none of its scans describes a lidar")
+    odometry, base = _path(recording, warnings)
+    tree = FrameTree()
+    tree.add([SimpleNamespace(transforms=_messages(recording.transforms))])
+    imu = _imu_stream(recording, warnings)
+    laser = scans[0].geometry.frame_id
+    return Log(
+        name=recording.name,
+        epoch=recording.epoch,
+        scans=StoredScans(scans),
+        odometry=odometry,
+        imu=imu,
+        encoders=_encoders(recording, warnings),
+        T_base_laser=laser_mounting_of(tree, base, laser, warnings),
+        T_base_imu=None if imu is None else imu_mounting_of(tree, base, imu, warnings),
+        warnings=tuple(warnings),
+    )
+
+
+def _there(folder: Path, table: str) -> list[str]:
+    return [table] if (folder / f"{table}.parquet").is_file() else []
+
+
+def _read(folder: Path, table: str) -> tuple[Table, Table]:
+    """(what the file says of itself, its columns)."""
+    path = folder / f"{table}.parquet"
+    try:
+        return table_facts(path), read_table(path)
+    except (OSError, ValueError) as error:
+        raise InputRefused(path, f"cannot be read as Parquet: {error}") from None
+
+
+def _stream(facts: Table, cells: Table) -> dict[str, Any]:
+    return {
+        "topic": facts["topic"],
+        "frame_ids": tuple(facts["frame_ids"]),
+        "stamps_ns": cells["stamp_ns"],
+        "received_ns": cells["received_ns"],
+        "samples": cells["sample"],
+    }
+
+
+def _scans(facts: Table, cells: Table) -> RawScans:
+    return RawScans(
+        **_stream(facts, cells),
+        layouts=tuple(ScanLayout(**layout) for layout in facts["layouts"]),
+        layout_of=cells["layout"].astype(np.int32),
+        ranges_m=cells["ranges_m"],
+        intensities=cells.get("intensities"),
+    )
+
+
+def _imu(facts: Table, cells: Table) -> RawImu:
+    return RawImu(
+        **_stream(facts, cells),
+        angular_velocity_rad_s=joined_axes(cells, "angular_velocity_{}_rad_s"),
+        linear_acceleration_m_s2=joined_axes(cells, "linear_acceleration_{}_m_s2"),
+    )
+
+
+def _odometry(facts: Table, cells: Table) -> RawOdometry:
+    return RawOdometry(
+        **_stream(facts, cells),
+        child_frame_ids=tuple(facts["child_frame_ids"]),
+        positions_m=joined_axes(cells, "position_{}_m"),
+        quats_xyzw=joined_axes(cells, "quat_{}", "xyzw"),
+        linear_m_s=joined_axes(cells, "linear_velocity_{}_m_s"),
+        angular_rad_s=joined_axes(cells, "angular_velocity_{}_rad_s"),
+    )
+
+
+def _ticks(facts: Table, cells: Table) -> RawTicks:
+    return RawTicks(
+        **_stream(facts, cells),
+        ticks=np.column_stack([cells["ticks_left"], cells["ticks_right"]]),
+        ticks_per_revolution=facts["ticks_per_revolution"],
+        wheel_radius_m=facts["wheel_radius_m"],
+        track_m=facts["track_m"],
+    )
+
+
+def _joints(facts: Table, cells: Table) -> RawJoints:
+    names = tuple(facts["joints"])
+    return RawJoints(
+        **_stream(facts, cells),
+        names=names,
+        positions_rad=np.column_stack([cells[f"{name}_position_rad"] for name in names]),
+        velocities_rad_s=np.column_stack([cells[f"{name}_velocity_rad_s"] for name in names]),
+    )
+
+
+def _transforms(cells: Table) -> tuple[TransformEdge, ...]:
+    """One edge for each topic and pair of frames, in the order of their first messages."""
+    keys = list(zip(cells["topic"], cells["parent"], cells["child"], strict=True))
+    rows: dict[tuple[str, str, str], list[int]] = {}
+    for row, key in enumerate(keys):
+        rows.setdefault(key, []).append(row)
+    positions_m = joined_axes(cells, "position_{}_m")
+    quats_xyzw = joined_axes(cells, "quat_{}", "xyzw")
+    return tuple(
+        TransformEdge(
+            *key,
+            bool(cells["is_static"][mine[0]]),
+            cells["stamp_ns"][mine],
+            cells["received_ns"][mine],
+            positions_m[mine],
+            quats_xyzw[mine],
+        )
+        for key, mine in rows.items()
+    )
+
+
+def _in_time(raw: RawScans, warnings: list[str]) -> list[Scan]:
+    """The scans that describe a lidar, by the rules for messages, in the order of their stamps."""
+    scans = [scan_from_message(_message(raw, number)) for number in range(len(raw))]
+    usable = np.array([scan is not None for scan in scans], dtype=np.bool_)
+    _, kept, odd = in_order(raw.stamps_ns, usable, raw.topic)
+    warnings += odd
+    return [scan for number in kept.tolist() if (scan := scans[number]) is not None]
+
+
+def _message(raw: RawScans, number: int) -> SimpleNamespace:
+    layout = raw.layout(number)
+    sec, nanosec = divmod(int(raw.stamps_ns[number]), 1_000_000_000)
+    return SimpleNamespace(
+        header=SimpleNamespace(
+            stamp=SimpleNamespace(sec=sec, nanosec=nanosec), frame_id=raw.frame_ids[0]
+        ),
+        angle_min=layout.angle_min_rad,
+        angle_increment=layout.angle_step_rad,
+        time_increment=layout.beam_dt_s,
+        range_min=layout.range_min_m,
+        range_max=layout.range_max_m,
+        ranges=raw.ranges_m[number],
+        intensities=() if raw.intensities is None else raw.intensities[number],
+    )
+
+
+def _messages(edges: tuple[TransformEdge, ...]) -> list[SimpleNamespace]:
+    """Every fixed transform as a message has it."""
+    return [
+        SimpleNamespace(
+            header=SimpleNamespace(frame_id=edge.parent),
+            child_frame_id=edge.child,
+            transform=SimpleNamespace(
+                translation=SimpleNamespace(**dict(zip("xyz", position_m, strict=True))),
+                rotation=SimpleNamespace(**dict(zip("xyzw", quat_xyzw, strict=True))),
+            ),
+        )
+        for edge in edges
+        if edge.is_static
+        for position_m, quat_xyzw in zip(edge.positions_m, edge.quats_xyzw, strict=True)
+    ]
+
+
+def _all(stamps_ns: IntArray) -> BoolArray:
+    return np.ones(stamps_ns.size, dtype=np.bool_)
+
+
+def _path(recording: Recording, warnings: list[str]) -> tuple[PlanarTrajectory | None, str]:
+    """(T_odom_base, the frame that it moves)."""
+    for moved in recording.odometries:
+        norms = np.linalg.norm(moved.quats_xyzw, axis=1)
+        sound = np.isfinite(moved.positions_m).all(axis=1) & (np.abs(norms - 1.0) < 0.1)
+        stamps_ns, rows, odd = in_order(moved.stamps_ns, np.asarray(sound), moved.topic)
+        warnings += odd
+        quats_xyzw = moved.quats_xyzw[rows] / norms[rows, None]
+        path = Trajectory(stamps_ns, moved.positions_m[rows], quats_xyzw)
+        return path.planar(), moved.child_frame_ids[0]
+    warnings.append("a log without odometry")
+    return None, "base_footprint"
+
+
+def _imu_stream(recording: Recording, warnings: list[str]) -> ImuStream | None:
+    for imu in recording.imus:
+        rates, forces = imu.angular_velocity_rad_s, imu.linear_acceleration_m_s2
+        sound = np.isfinite(np.hstack([rates, forces])).all(axis=1)
+        stamps_ns, rows, odd = in_order(imu.stamps_ns, np.asarray(sound), imu.topic)
+        warnings += odd
+        return ImuStream(stamps_ns, rates[rows], forces[rows], imu.frame_ids[0])
+    return None
+
+
+def _encoders(recording: Recording, warnings: list[str]) -> EncoderStream | None:
+    for wheels in recording.ticks:
+        stamps_ns, rows, odd = in_order(wheels.stamps_ns, _all(wheels.stamps_ns), wheels.topic)
+        warnings += odd
+        constants = (wheels.ticks_per_revolution, wheels.wheel_radius_m, wheels.track_m)
+        return EncoderStream(stamps_ns, wheels.ticks[rows], *constants)
+    return None
