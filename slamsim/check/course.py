@@ -19,7 +19,11 @@ GAP_PERIODS = 4.0
 
 LEAST_SAMPLES = 8
 MOST_M_S, MOST_RAD_S = 20.0, 60.0
-"""No robot indoors is faster: the counter has been reset, the pose set anew."""
+"""No robot indoors is faster: the counter has been reset, the pose set anew; unless it is always
+so, in another unit."""
+
+USUAL_TIMES = 10.0
+"""A step this many times as fast as nine tenths of all are is made by nobody either."""
 
 
 @dataclass(frozen=True, slots=False, eq=False)
@@ -159,7 +163,8 @@ def odometry_course(odometry: RawOdometry) -> Course | None:
 def _possible(steps: FloatArray, stamps_ns: IntArray) -> FloatArray:
     """(n, 2) path and turn added up, without (n - 1, 2) steps that no robot makes."""
     seconds = np.diff(stamps_ns)[:, None] * 1e-9
-    fast = np.abs(steps) >= np.array([MOST_M_S, MOST_RAD_S]) * seconds
+    usual = USUAL_TIMES * np.quantile(np.abs(steps) / seconds, 0.9, axis=0)
+    fast = np.abs(steps) >= np.maximum(np.array([MOST_M_S, MOST_RAD_S]), usual) * seconds
     made = np.where(fast.any(axis=1, keepdims=True), 0.0, steps)
     return np.vstack([np.zeros(2), np.cumsum(made, axis=0)])
 

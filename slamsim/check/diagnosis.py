@@ -25,6 +25,7 @@ _WHEELS = (
 ON_ONE_SUBJECT: dict[str, tuple[str, ...]] = {
     "stamps_quantised": (*_LIDAR_TIMES, "time_offset_imu", "time_offset_wheels", "clock_drift"),
     "stamps_repeated": (*_LIDAR_TIMES, "time_offset_imu", "time_offset_wheels", "clock_drift"),
+    "range_unit": ("range_limits", "range_offset", "scan_interference"),
     "imu_stuck": ("time_offset_imu", "gyro_scale", "gyro_bias", "clock_drift", "imu_axis"),
     "imu_axis": ("gyro_sign", "gyro_scale", "gyro_bias"),
     "gyro_degrees": ("gyro_scale", "gyro_bias"),
@@ -48,6 +49,7 @@ ON_ANY_SUBJECT: dict[str, tuple[str, ...]] = {
     "rolling_scan_untimed": (*_LIDAR_TIMES, "laser_angle_step"),
     "beam_time_reversed": (*_LIDAR_TIMES, "laser_yaw", "laser_angle_step"),
     "wheel_reversed": ("odometry_contradicts_wheels", "wheel_slip", "wheel_track", "wheel_radius"),
+    "wheel_unit": ("odometry_jump", "wheel_slip", "odometry_contradicts_wheels"),
     "wheels_swapped": ("odometry_contradicts_wheels", "wheel_slip", "wheel_track"),
     "ticks_wrap": ("odometry_contradicts_wheels", "wheel_slip", "odometry_jump"),
     "odometry_unsigned": ("wheel_slip", "odometry_contradicts_wheels"),

@@ -153,6 +153,7 @@ FAULT_NAMES: dict[str, str] = {
     "odometry_frozen": "the odometry stands still while the robot moves",
     "ticks_frozen": "a wheel counter stands still while the robot moves",
     "wheel_radius": "the wheels are larger or smaller than declared",
+    "wheel_unit": "the wheels or the odometry count in another unit than metres",
     "wheel_track": "the wheels stand wider or closer than declared",
     "wheel_reversed": "one wheel counts backward",
     "wheels_swapped": "left and right wheel are exchanged",

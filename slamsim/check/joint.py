@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from slamsim.check.calibration import calibrate
 from slamsim.check.crispness import crispness
+from slamsim.check.distance_unit import check_unit, in_metres, of_slip, wrong_unit
 from slamsim.check.excitation import check_excitation
 from slamsim.check.findings import Finding
 from slamsim.check.map_agreement import held_against_map
@@ -25,14 +26,19 @@ def check_calibration(recording: Recording, motions: ScanMotions | None) -> list
     if calibration is None:
         words = "two of a lidar, an inertial unit and wheels are needed to compare them"
         return [*alone, Finding("calibration", recording.name, "cannot tell", words)]
-    opinion = vote(calibration)
+    unit = wrong_unit(recording, motions, calibration)
+    metres_per_unit = motions.metres_per_unit if motions else 1.0
+    metric = in_metres(calibration, unit, metres_per_unit)
+    placed = calibration if unit is not None and unit.side == "ranges" else metric
+    opinion = vote(metric)
     return [
         *alone,
-        *check_slip(calibration),
-        *check_reversing(calibration),
-        *held_against_map(check_timing(calibration), crispness(recording, motions, calibration)),
-        *check_wheels(calibration, opinion),
-        *check_gyro(calibration, opinion),
-        *check_mounting(calibration),
-        *check_excitation(calibration),
+        *check_unit(unit),
+        *of_slip(check_slip(metric), unit, metres_per_unit),
+        *check_reversing(metric),
+        *held_against_map(check_timing(metric), crispness(recording, motions, placed)),
+        *check_wheels(metric, opinion),
+        *check_gyro(metric, opinion),
+        *check_mounting(metric),
+        *check_excitation(metric),
     ]

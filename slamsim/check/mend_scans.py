@@ -40,12 +40,13 @@ def value_to_inf(recording: Recording, mend: Mend) -> Recording:
 
 
 def scale_ranges(recording: Recording, mend: Mend) -> Recording:
-    """Multiply readings by factor, and the declared limits where the readings keep within them."""
-    factor = number(mend, "factor")
+    """Multiply readings by factor; the declared limits if limits is "scale", not if it is "keep",
+    and if nothing is said where the readings keep within them."""
+    factor, limits = number(mend, "factor"), mend.parameters.get("limits")
 
     def scaled(scans: RawScans) -> RawScans:
         found = _with_ranges(scans, lambda ranges_m: ranges_m * np.float32(factor))
-        if _beyond_limits(scans):
+        if limits == "keep" or (limits is None and _beyond_limits(scans)):
             return found
         layouts = (
             replace(

@@ -29,6 +29,17 @@ def scale_wheels(recording: Recording, mend: Mend) -> Recording:
     )
 
 
+def scale_lengths(recording: Recording, mend: Mend) -> Recording:
+    """Of counters as ``scale_wheels``; of an odometry the path by radius_factor."""
+    if any(ticks.topic == mend.subject for ticks in recording.ticks):
+        return scale_wheels(recording, mend)
+    factors: dict[str, float | str] = {
+        "path_factor": number(mend, "radius_factor"),
+        "turn_factor": 1.0,
+    }
+    return scale_odometry(recording, replace(mend, parameters=factors))
+
+
 def swap_wheels(recording: Recording, mend: Mend) -> Recording:
     """Exchange left and right."""
     return _with_ticks(recording, mend, lambda t: replace(t, ticks=t.ticks[:, ::-1].copy()))

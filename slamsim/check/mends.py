@@ -43,6 +43,7 @@ OPERATIONS: dict[str, Operation] = {
     "drop_broken_readings": mend_values.drop_broken_readings,
     "drop_orientation": mend_values.drop_orientation,
     "scale_wheels": mend_wheels.scale_wheels,
+    "scale_lengths": mend_wheels.scale_lengths,
     "swap_wheels": mend_wheels.swap_wheels,
     "reverse_wheel": mend_wheels.reverse_wheel,
     "unwrap_ticks": mend_wheels.unwrap_ticks,

@@ -16,6 +16,7 @@ from slamsim.check.counting import (
     counters_stand,
 )
 from slamsim.check.course import Course, odometry_course, wheel_course
+from slamsim.check.distance_unit import ratio_of_units
 from slamsim.check.findings import Curve, Estimate, Finding, Mend, Plot
 from slamsim.geometry import between, yaw_from_xyzw
 from slamsim.recording import RawOdometry, Recording
@@ -185,6 +186,8 @@ def _scale(
         else 1.0
         for k in (0, 1)
     ]
+    if ratios[0] > 0.0 and (unit := ratio_of_units(ratios[0])) is not None:
+        return _other_unit(odometry, ratios[0], 1.0 / unit)
     expected = counted * np.array(ratios)
     apart = np.abs(published - expected)
     odd = ((apart > 0.1 * np.abs(counted)) & (apart > np.array([MOVED_M, MOVED_RAD]))).any(axis=1)
@@ -202,4 +205,14 @@ def _scale(
         *("odometry_contradicts_wheels" if bad else None, advice if bad else ""),
         *(Estimate(100.0 * off, sigma, "%"), 100.0 * SCALE_LIMIT),
         (mend,) if bad else (),
+    )
+
+
+def _other_unit(odometry: Course, ratio: float, metres: float) -> Finding:
+    return Finding(
+        *("odometry.wheels", odometry.topic, "bad"),
+        f"it shows {ratio:.4g} of the path that its wheels count: one of it is {metres:.4g} m",
+        *("wheel_unit", f"Multiply its lengths by {metres:.4g}."),
+        *(Estimate(ratio, 0.0, "m/m"), None),
+        (Mend("odometry_from_ticks", odometry.topic),),
     )

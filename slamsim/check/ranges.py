@@ -12,7 +12,7 @@ from slamsim.check.no_return import check_no_return, freed_of_codes
 from slamsim.check.repeats import check_repeats
 from slamsim.check.scan_sample import ScanSample, positive, sample_scans
 from slamsim.check.stray import check_stray
-from slamsim.check.units import UNITS, declared, outside_share, unit_of, wrong_unit
+from slamsim.check.units import declared, metres_of, outside_share, unit_of, wrong_unit
 from slamsim.recording import RawScans, Recording, ScanLayout
 from slamsim.types import FloatArray
 
@@ -35,7 +35,7 @@ def check_ranges(recording: Recording) -> list[Finding]:
         unit = unit_of(recording, scans, sample)
         if unit is not None:
             findings.append(wrong_unit(scans.topic, sample, unit))
-            sample = sample.scaled(UNITS[unit])
+            sample = sample.scaled(metres_of(unit))
         findings += [
             _limits(scans.topic, sample),
             check_no_return(scans.topic, sample, recording.format == "carmen"),

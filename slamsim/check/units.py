@@ -17,7 +17,9 @@ UNITS: dict[str, float] = {
     "centimetres": 1e-2,
     "kilometres": 1e3,
 }
-"""Units that the declared limits alone unmask, and what a reading is multiplied by to mend it."""
+"""Units that the declared limits alone unmask, and how many metres one of them is."""
+RARE_UNITS: dict[str, float] = {"inches": 0.0254, "feet": 0.3048}
+"""These are told from the others by the way that is driven alone."""
 LIMIT_TOLERANCE = 1e-3
 _OVERFLOW = 0.9
 _MOST, _HARDLY_ANY = 0.5, 0.01
@@ -33,15 +35,19 @@ def unit_of(recording: Recording, scans: RawScans, sample: ScanSample) -> str | 
     readings, layout = positive(sample), sample.layout
     if readings.size < MIN_COUNT or outside_share(readings, layout) <= _MOST:
         return None
-    fit = [
-        u for u, factor in UNITS.items() if outside_share(readings * factor, layout) < _HARDLY_ANY
-    ]
-    if len(fit) < 2:
-        return next(iter(fit), None)
-    changes = _changes_per_metre(recording, scans, sample)
+    fit, rare = (
+        [u for u, metres in units.items() if outside_share(readings * metres, layout) < _HARDLY_ANY]
+        for units in (UNITS, RARE_UNITS)
+    )
+    changes = _changes_per_metre(recording, scans, sample) if fit else None
     if changes is None:
-        return fit[0]
-    return min(fit, key=lambda unit: abs(np.log(changes * UNITS[unit])))
+        return next(iter(fit), None)
+    return min([*fit, *rare], key=lambda unit: abs(np.log(changes * metres_of(unit))))
+
+
+def metres_of(unit: str) -> float:
+    """What a reading in that unit is multiplied by to mend it."""
+    return {**UNITS, **RARE_UNITS}[unit]
 
 
 def _changes_per_metre(recording: Recording, scans: RawScans, sample: ScanSample) -> float | None:
@@ -79,10 +85,10 @@ def wrong_unit(topic: str, sample: ScanSample, unit: str) -> Finding:
         "bad",
         f"half of all readings are above {middle:.4g}, {declared(sample.layout)}: these are {unit}",
         "range_unit",
-        f"Multiply every range by {UNITS[unit]:g}.",
+        f"Multiply every range by {metres_of(unit):g}.",
         Estimate(middle, 0.0, "m"),
         sample.layout.range_max_m,
-        (Mend("scale_ranges", topic, {"factor": UNITS[unit]}),),
+        (Mend("scale_ranges", topic, {"factor": metres_of(unit)}),),
     )
 
 

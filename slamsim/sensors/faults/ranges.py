@@ -34,15 +34,27 @@ class NoReturn(Fault):
 
 
 class RangeUnit(Fault):
-    """Ranges are not in metres, the limits are."""
+    """Ranges are not in metres."""
 
     SIZE: ClassVar[str | None] = "factor"
     kind: Literal["range_unit"]
     factor: float = Field(gt=0.0, le=1e6)
     """How many of the unit are a metre."""
+    limits_too: bool = False
+    """Whether the declared limits are in that unit as well."""
 
     def inject(self, recording: Recording, rng: np.random.Generator) -> Recording:
-        return with_ranges(recording, lambda ranges, _: ranges * np.float32(self.factor))
+        spoilt = with_ranges(recording, lambda ranges, _: ranges * np.float32(self.factor))
+        if not self.limits_too:
+            return spoilt
+        return with_layouts(
+            spoilt,
+            lambda layout: replace(
+                layout,
+                range_min_m=layout.range_min_m * self.factor,
+                range_max_m=layout.range_max_m * self.factor,
+            ),
+        )
 
 
 class RangeOffset(Fault):

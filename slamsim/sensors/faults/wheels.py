@@ -35,6 +35,29 @@ class WheelRadius(Fault):
         return replace(spoilt, ticks=tuple(ticks))
 
 
+class WheelUnit(Fault):
+    """Lengths by the wheels are not in metres."""
+
+    SIZE: ClassVar[str | None] = "factor"
+    kind: Literal["wheel_unit"]
+    factor: float = Field(gt=0.0, le=1e6)
+    """How many of the unit are a metre."""
+    of: Literal["lengths", "radius", "odometry"] = "lengths"
+    """All of them; the radius alone, so that turns are off too; or the published odometry alone."""
+
+    def inject(self, recording: Recording, rng: np.random.Generator) -> Recording:
+        alone = self.of == "radius"
+        spoilt = with_odometry(recording, self.factor, self.factor if alone else 1.0)
+        if self.of == "odometry":
+            return spoilt
+        track = 1.0 if alone else self.factor
+        ticks = (
+            replace(t, wheel_radius_m=t.wheel_radius_m * self.factor, track_m=t.track_m * track)
+            for t in spoilt.ticks
+        )
+        return replace(spoilt, ticks=tuple(ticks))
+
+
 class WheelTrack(Fault):
     """The driver believes in another distance between the wheels."""
 
