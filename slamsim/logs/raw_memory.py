@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import fields
+from dataclasses import fields, replace
 
 import numpy as np
 
@@ -122,51 +122,60 @@ def _wheels(readings: Sequence[Readings], header: LogHeader, tail: OdometryTail)
     batches = [part.encoders for part in readings if len(part.encoders)]
     if not batches:
         return Recording("", "memory")
-    received_ns = np.concatenate([batch.arrival_ns for batch in batches])
-    first = batches[0].stream
-    stream = EncoderStream(
-        np.concatenate([batch.stream.stamps_ns for batch in batches]),
-        np.concatenate([batch.stream.ticks for batch in batches]),
-        first.ticks_per_revolution,
-        first.wheel_radius_m,
-        first.track_m,
-    )
     motion = _joined([tail.extend(batch.stream) for batch in batches])
-    stamps_ns, base = stream.stamps_ns, header.base_frame
-    ticks = RawTicks(
+    stream = _encoders([batch.stream for batch in batches])
+    received_ns = np.concatenate([batch.arrival_ns for batch in batches])
+    odometry, moving = _odometry(stream.stamps_ns, received_ns, motion, header)
+    return Recording(
+        "",
+        "memory",
+        odometries=(odometry,),
+        ticks=(_ticks(stream, received_ns, header.base_frame),),
+        joints=(_joints(stream.stamps_ns, received_ns, motion, header),),
+        transforms=(moving,),
+    )
+
+
+def _encoders(parts: Sequence[EncoderStream]) -> EncoderStream:
+    """One stream of all; the constants are those of the first."""
+    return replace(
+        parts[0],
+        stamps_ns=np.concatenate([part.stamps_ns for part in parts]),
+        ticks=np.concatenate([part.ticks for part in parts]),
+    )
+
+
+def _ticks(stream: EncoderStream, received_ns: IntArray, base_frame: str) -> RawTicks:
+    return RawTicks(
         "/encoder_ticks",
-        (base,),
-        stamps_ns,
+        (base_frame,),
+        stream.stamps_ns,
         received_ns,
         stream.ticks,
         stream.ticks_per_revolution,
         stream.wheel_radius_m,
         stream.track_m,
     )
-    joints = RawJoints(
-        "/joint_states",
-        ("",),
-        stamps_ns,
-        received_ns,
-        header.wheel_joints,
-        motion.angles_rad,
-        motion.speeds_rad_s,
+
+
+def _joints(
+    stamps_ns: IntArray, received_ns: IntArray, motion: WheelMotion, header: LogHeader
+) -> RawJoints:
+    moved = motion.angles_rad, motion.speeds_rad_s
+    return RawJoints("/joint_states", ("",), stamps_ns, received_ns, header.wheel_joints, *moved)
+
+
+def _odometry(
+    stamps_ns: IntArray, received_ns: IntArray, motion: WheelMotion, header: LogHeader
+) -> tuple[RawOdometry, TransformEdge]:
+    """The same poses as messages and as the moving edge of the transform tree."""
+    odom, base, when = header.odom_frame, header.base_frame, (stamps_ns, received_ns)
+    poses, twists = (
+        (motion.positions_m, motion.quats_xyzw),
+        (motion.linear_m_s, motion.angular_rad_s),
     )
-    poses = (motion.positions_m, motion.quats_xyzw)
-    odometry = RawOdometry(
-        "/odom",
-        (header.odom_frame,),
-        stamps_ns,
-        received_ns,
-        (base,),
-        *poses,
-        motion.linear_m_s,
-        motion.angular_rad_s,
-    )
-    moving = TransformEdge("/tf", header.odom_frame, base, False, stamps_ns, received_ns, *poses)
-    return Recording(
-        "", "memory", odometries=(odometry,), ticks=(ticks,), joints=(joints,), transforms=(moving,)
-    )
+    odometry = RawOdometry("/odom", (odom,), *when, (base,), *poses, *twists)
+    return odometry, TransformEdge("/tf", odom, base, False, *when, *poses)
 
 
 def _joined(parts: Sequence[WheelMotion]) -> WheelMotion:
