@@ -154,14 +154,31 @@ def _add_walls(client: int, mesh: TriangleMesh) -> Iterator[int]:
     triangles = mesh.triangles[np.abs(heights).max(axis=1) > FLAT_FLOOR_M].astype(np.int64)
     for first in range(0, len(triangles), MESH_CHUNK_TRIANGLES):
         vertices_m, indices = _compact(mesh, triangles[first : first + MESH_CHUNK_TRIANGLES])
+        corners, numbers = _lent(vertices_m), indices.tolist()
         shape = pybullet.createCollisionShape(
             pybullet.GEOM_MESH,
-            vertices=vertices_m.tolist(),
-            indices=indices.tolist(),
+            vertices=corners,
+            indices=numbers,
             flags=pybullet.GEOM_FORCE_CONCAVE_TRIMESH,
             physicsClientId=client,
         )
+        # PyBullet 3.2 keeps these lists for ever.
+        corners.clear()
+        numbers.clear()
         yield _add_static(client, shape)
+
+
+_rows_lent: list[list[float]] = []
+
+
+def _lent(vertices_m: FloatArray) -> list[list[float]]:
+    """The vertices as lists. PyBullet 3.2 keeps what it is given for ever, so it is always given
+    the same ones: a process that drives a thousand times does not grow."""
+    rows = vertices_m.tolist()
+    for kept, row in zip(_rows_lent, rows, strict=False):
+        kept[:] = row
+    _rows_lent.extend(rows[len(_rows_lent) :])
+    return _rows_lent[: len(rows)]
 
 
 def _compact(mesh: TriangleMesh, triangles: IntArray) -> tuple[FloatArray, IntArray]:
