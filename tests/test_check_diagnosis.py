@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from slamsim.check.diagnosis import ON_ANY_SUBJECT, ON_ONE_SUBJECT, explained
-from slamsim.check.findings import FAULT_NAMES, Finding
+from slamsim.check.findings import FAULT_NAMES, Estimate, Finding
 
 
 def bad(check: str, subject: str, fault: str) -> Finding:
@@ -45,3 +45,15 @@ def test_every_name_in_the_tables_is_a_fault_and_none_excuses_itself_in_a_circle
             assert cause not in consequences
             for other in consequences:
                 assert cause not in table.get(other, ()), (cause, other)
+
+
+def test_sizes_wait_until_somebody_knows_how_far_the_scans_turn() -> None:
+    offset = Finding("ranges.offset", "/scan", "bad", "too long", "range_offset")
+    unsure = Estimate(18.0, 9.0, "%")
+    rotation = Finding("laser.rotation", "/scan", "cannot tell", "gain 0.3", estimate=unsure)
+    step = Finding("laser.angle_step", "/scan", "cannot tell", "unsure", estimate=unsure)
+
+    assert [one.verdict for one in explained([offset, rotation])] == ["bad", "cannot tell"]
+    told = explained([offset, rotation, step])
+    assert {one.verdict for one in told} == {"cannot tell"}
+    assert "contradict" in told[0].words

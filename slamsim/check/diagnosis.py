@@ -67,6 +67,9 @@ ON_ANY_SUBJECT: dict[str, tuple[str, ...]] = {
 }
 """Faults, and what else they make of everything."""
 
+UNTIL_TURNS_AGREE = (*_SIZES, "range_offset")
+"""What scans of a wrong shape, or wheels of wrong sizes, make of everything else."""
+
 LIDAR_STAMPS = (
     "topic_shared",
     "stamps_quantised",
@@ -90,9 +93,27 @@ SPOILT_BY_LIDAR_STAMPS = (
 
 def explained(findings: Sequence[Finding]) -> tuple[Finding, ...]:
     """The same findings, the consequences among them no longer "bad"."""
+    findings = _without_contradicted(findings)
     bad = [finding for finding in findings if finding.verdict == "bad"]
     lidars = {one.subject for one in findings if one.check.startswith(LIDAR_QUESTIONS)}
     return tuple(_judged(finding, bad, lidars) for finding in findings)
+
+
+def _without_contradicted(findings: Sequence[Finding]) -> list[Finding]:
+    """Where turns of scans and of all others differ, and scans do not fit each other well enough
+    to know their angles, no size that rests on either is told."""
+    open_questions = {
+        one.check for one in findings if one.verdict == "cannot tell" and one.estimate is not None
+    }
+    if not {"laser.rotation", "laser.angle_step"} <= open_questions:
+        return list(findings)
+    reason = "cannot be told while the turns of the scans and of the others contradict each other"
+    return [_untold(one, reason) if one.fault in UNTIL_TURNS_AGREE else one for one in findings]
+
+
+def _untold(finding: Finding, reason: str) -> Finding:
+    words = f"{finding.words}; {reason}"
+    return replace(finding, verdict="cannot tell", fault=None, words=words, advice="", mends=())
 
 
 def _judged(finding: Finding, bad: Sequence[Finding], lidars: set[str]) -> Finding:
@@ -103,8 +124,8 @@ def _judged(finding: Finding, bad: Sequence[Finding], lidars: set[str]) -> Findi
         return finding
     cause = causes[0]
     assert cause.fault is not None
-    words = f"{finding.words}; cannot be told while {FAULT_NAMES[cause.fault]} ({cause.subject})"
-    return replace(finding, verdict="cannot tell", fault=None, words=words, advice="", mends=())
+    reason = f"cannot be told while {FAULT_NAMES[cause.fault]} ({cause.subject})"
+    return _untold(finding, reason)
 
 
 def _follows(finding: Finding, cause: Finding, lidars: set[str]) -> bool:

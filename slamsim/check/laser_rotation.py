@@ -9,12 +9,19 @@ from slamsim.check.findings import Curve, Estimate, Finding, Mend, Plot
 from slamsim.check.gathering import Inputs
 from slamsim.check.laser_course import heading_by_course
 from slamsim.check.laser_gain import Gain, turn_gain
+from slamsim.check.laser_steps import LaserSteps
 
 SAME_GAIN = 0.1
 """Gains this near to 1, 0 or -1 are meant to be so; less is a matter of scale, told elsewhere."""
 
 SMALL_RATIO = 0.15
 """Scans that do not follow the robot still seem to turn a little, by what they mistake for it."""
+
+STILL_GAIN, STILL_RATIO, MANY_TURNS_RAD = 0.15, 0.5, 12.0
+"""Over some full turns this is enough: what follows the robot and is lost seems to turn more."""
+
+SEEN_TURNS = 0.25
+"""So small a share of the robot's turns must the scans be able to see."""
 
 LEAST_TURNED_RAD = 1.0
 LARGEST_SIGMA = 0.04
@@ -79,9 +86,15 @@ def _near(gain: Gain, whole: float) -> bool:
     return abs(gain.value - whole) < SAME_GAIN and abs(gain.correlation) > FOLLOWS
 
 
-def _stands(gain: Gain) -> bool:
+def _stands(gain: Gain, steps: LaserSteps) -> bool:
     """The scans do not turn while the other stream does."""
-    return abs(gain.value) < SAME_GAIN and gain.ratio < SMALL_RATIO
+    if abs(gain.value) < SAME_GAIN and gain.ratio < SMALL_RATIO:
+        return True
+    variance = np.linalg.pinv(steps.information, hermitian=True)[:, 2, 2]
+    unsure_rad_s = np.sqrt(variance) / ((steps.second_ns - steps.first_ns) * 1e-9)
+    seen = float(np.median(unsure_rad_s)) < SEEN_TURNS * float(np.abs(gain.other_rad_s).mean())
+    still = abs(gain.value) < STILL_GAIN and gain.ratio < STILL_RATIO
+    return still and seen and gain.turned_rad > MANY_TURNS_RAD
 
 
 def _judged(gains: list[Gain], inputs: Inputs) -> Finding:
@@ -90,7 +103,7 @@ def _judged(gains: list[Gain], inputs: Inputs) -> Finding:
     healthy = [gain for gain in gains if _near(gain, 1.0)]
     if healthy:
         return _finding(inputs, healthy[0], f"the scans turn as the robot does: {said}")
-    if all(_stands(gain) for gain in gains):
+    if all(_stands(gain, inputs.steps) for gain in gains):
         return _world_fixed(inputs, gains[0], said)
     if all(_near(gain, -1.0) for gain in gains):
         return _mirrored(inputs, gains[0], said)
@@ -100,6 +113,8 @@ def _judged(gains: list[Gain], inputs: Inputs) -> Finding:
     apart = max(gain.value for gain in gains) - min(gain.value for gain in gains)
     if unsure or apart > ALIKE * abs(best.value) or len(gains) < LEAST_POINTS:
         words = f"{said}: they follow the scans too badly, or contradict each other, to judge"
+        if not unsure and len(gains) < LEAST_POINTS:
+            words = f"{said}: the scans or the other turn too far, and no third sensor says which"
         words += f"; what would tell: {TURNING}"
         return _finding(inputs, best, words, "cannot tell")
     words = f"scans turn {best.value:.4g} times as far as the robot: {said}"

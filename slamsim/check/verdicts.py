@@ -49,7 +49,7 @@ def judged(question: Question, estimate: Estimate, answer: Answer) -> Finding:
     found = verdict(estimate, question.limit, question.harm)
     words = answer.words
     if found == "cannot tell":
-        words += f", too unsure to tell; what would tell: {question.wanted}"
+        words += f", {_why(estimate, question.limit)}; what would tell: {question.wanted}"
     bad = found == "bad"
     return Finding(
         question.check,
@@ -63,3 +63,11 @@ def judged(question: Question, estimate: Estimate, answer: Answer) -> Finding:
         answer.mends if bad else (),
         answer.plots,
     )
+
+
+def _why(estimate: Estimate, limit: float) -> str:
+    """Why a size can be neither healthy nor bad."""
+    sure = SURE_SIGMAS * estimate.sigma < abs(estimate.value) <= limit
+    if not sure:
+        return "too unsure to tell"
+    return f"which is less than can be held against such sensors ({limit:.3g} {estimate.unit})"

@@ -10,7 +10,7 @@ from pydantic import Field
 
 from slamsim.config.sensors import SensorsConfig
 from slamsim.recording import RawScans, Recording, ScanLayout
-from slamsim.sensors.faults.base import Fault, SensedFault
+from slamsim.sensors.faults.base import CannotInject, Fault, SensedFault
 from slamsim.sensors.faults.edit import with_layouts, with_ranges, with_scans
 from slamsim.sensors.faults.motion import refired, require_timed
 from slamsim.sensors.motion import Knots
@@ -59,7 +59,7 @@ class FlashScanTimed(SensedFault):
 
     def inject(self, recording: Recording, rng: np.random.Generator) -> Recording:
         if all(layout.beam_dt_s == 0.0 for scans in recording.scans for layout in scans.layouts):
-            return with_layouts(recording, _timed)
+            return with_scans(recording, _timed)
         return refired(recording, lambda beam: -beam)
 
 
@@ -108,6 +108,14 @@ class ScanStamp(Fault):
         return with_scans(recording, restamped)
 
 
-def _timed(layout: ScanLayout) -> ScanLayout:
-    """A scan of one instant with the times of a mirror that turns once in a scan."""
-    return replace(layout, beam_dt_s=layout.scan_time_s * abs(layout.angle_step_rad) / _FULL_TURN)
+def _timed(scans: RawScans) -> RawScans:
+    """Scans of one instant with the times of a mirror that turns once from scan to scan."""
+    period_s = float(np.median(np.diff(scans.stamps_ns))) * 1e-9 if len(scans) > 1 else 0.0
+    if not period_s > 0.0:
+        raise CannotInject(f"{scans.topic}: its stamps show no period")
+
+    def timed(layout: ScanLayout) -> ScanLayout:
+        turn_s = layout.scan_time_s if layout.scan_time_s > 0.0 else period_s
+        return replace(layout, beam_dt_s=turn_s * abs(layout.angle_step_rad) / _FULL_TURN)
+
+    return replace(scans, layouts=tuple(map(timed, scans.layouts)))
