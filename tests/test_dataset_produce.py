@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import hashlib
 from pathlib import Path
 
@@ -204,3 +205,14 @@ def test_a_recording_in_tables_holds_all_that_the_bag_holds(made: Made) -> None:
                     assert value == expected if same else np.array_equal(value, expected), name
     assert ours.scans[0].layouts == bag.scans[0].layouts
     assert ours.robot_description == bag.robot_description
+
+
+def test_a_process_does_not_grow_with_the_sequences_it_makes(tmp_path: Path) -> None:
+    def objects_after(number: int) -> int:
+        produced(tmp_path / str(number), seconds=3.0)
+        gc.collect()
+        return len(gc.get_objects())
+
+    objects_after(0)
+    before = objects_after(1)
+    assert objects_after(2) - before < 100
