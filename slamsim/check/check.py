@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import time
+import warnings
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -61,7 +62,9 @@ def check_recording(
 def _answered(name: str, question: Question, recording: Recording) -> Sequence[Finding]:
     """The answer; one that fails on an odd recording must not cost the others."""
     try:
-        with np.errstate(all="ignore"):  # recordings hold inf and nan, which are judged as such
+        # Recordings hold inf and nan, and nothing at all: that is judged, not warned of.
+        with np.errstate(all="ignore"), warnings.catch_warnings():
+            warnings.simplefilter("ignore", RuntimeWarning)
             return question(recording)
     except Exception as error:
         _log.debug("the question about %s failed", name, exc_info=True)
