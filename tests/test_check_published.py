@@ -125,3 +125,11 @@ def test_a_few_messages_are_no_fault(count: int) -> None:
         ),
     )
     assert not named(check_publishers(few))
+
+
+def test_a_format_without_twists_has_sound_poses() -> None:
+    recording = healthy()
+    none = np.full_like(recording.odometries[0].linear_m_s, np.nan)
+    odometry = replace(recording.odometries[0], linear_m_s=none, angular_rad_s=none)
+    (values,) = check_published(replace(recording, odometries=(odometry,)))
+    assert values.verdict == "ok"

@@ -36,7 +36,9 @@ def sound_poses(odometry: RawOdometry) -> BoolArray:
 
 
 def _finite(odometry: RawOdometry) -> BoolArray:
-    numbers = (odometry.positions_m, odometry.linear_m_s, odometry.angular_rad_s)
+    """(n,) of all numbers but twists that no message has, as in CARMEN logs."""
+    twists = (odometry.linear_m_s, odometry.angular_rad_s)
+    numbers = (odometry.positions_m, *(one for one in twists if np.isfinite(one).any()))
     return np.asarray(np.isfinite(np.concatenate(numbers, axis=1)).all(axis=1))
 
 
