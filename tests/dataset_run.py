@@ -48,7 +48,7 @@ def make(
         command=lambda index: f"make --only {index}",
     )
     identity = Identity("stub", count, {"seed": 1, **recipe})
-    engine = engine or LocalEngine(2, 2 * 10**9)
+    engine = engine or LocalEngine(1, 2 * 10**9)
     return fulfil(order, identity, open_store(str(out)), engine, watch or Unwatched(), only=only)
 
 

@@ -23,6 +23,9 @@ ALLOWED = {
     "karto_scanmatcher": ("bench/peers/",),
     "genz_icp": ("bench/peers/",),
     "trimesh": ("world/",),
+    "pebble": ("dataset/engines/",),
+    "distributed": ("dataset/engines/",),
+    "fsspec": ("dataset/remote.py",),
     "evo": (),
 }
 HEAVY = [*ALLOWED, "numba", "scipy", "cv2", "shapely"]

@@ -225,7 +225,7 @@ def test_ctrl_c_ends_within_seconds_and_the_same_command_goes_on(
     orders: Path, tmp_path: Path, undisturbed: dict[str, bytes]
 ) -> None:
     folder = tmp_path / "set"
-    (orders / "9").write_text("hang")
+    (orders / "5").write_text("hang")
     with start(folder, orders, COUNT, 2, 0.05) as process:
         _wait_for_sequences(folder, 4, process)
         workers = workers_of(process.pid)
@@ -235,6 +235,7 @@ def test_ctrl_c_ends_within_seconds_and_the_same_command_goes_on(
         assert time.monotonic() - begin_s < 15
     assert workers and not any(map(runs, workers))
     assert not (folder / ".partial").exists()
+    (orders / "5").unlink()
     make(folder, orders, COUNT)
     assert tree(folder) == undisturbed
 

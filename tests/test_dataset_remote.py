@@ -11,7 +11,6 @@ from pathlib import Path
 import pytest
 from dataset_run import end, make, start, tree
 
-from slamsim.dataset.engines.local import LocalEngine
 from slamsim.dataset.remote import LOCK, RemoteStore
 from slamsim.dataset.shard import shard_path
 from slamsim.safe.errors import Locked, SlamsimError
@@ -60,7 +59,7 @@ def test_what_is_uploaded_is_what_a_folder_would_hold(
     address = f"{bucket}/a/set"
     make(tmp_path / "set", orders, COUNT)
     (orders / "2").write_text("refuse")
-    summary = make(address, orders, COUNT, LocalEngine(1))
+    summary = make(address, orders, COUNT)
     assert (summary.made, summary.failures) == (COUNT, ())
     assert _downloaded(address, tmp_path / "down") == tree(tmp_path / "set")
 
@@ -70,13 +69,13 @@ def test_what_was_cut_on_the_way_counts_for_nothing(
 ) -> None:
     address = f"{bucket}/cut"
     store = RemoteStore(address)
-    make(address, orders, COUNT, LocalEngine(1))
+    make(address, orders, COUNT)
     whole = _downloaded(address, tmp_path / "before")
     for name in ("dataset.yaml", shard_path(0), "val/000001/sequence.json"):
         store.write(name, whole[name][:-20])
     store._files.rm_file(store._at("test/000002/sequence.json"))
     store.write("val/000001/log/data.bin", b"half")
-    make(address, orders, COUNT, LocalEngine(1))
+    make(address, orders, COUNT)
     assert _downloaded(address, tmp_path / "after") == whole
 
 
@@ -88,7 +87,7 @@ def test_a_killed_run_is_gone_on_with(bucket: str, orders: Path, tmp_path: Path)
         while not store.names("train") and time.monotonic() < end_s:
             time.sleep(0.05)
         end(process.pid, signal.SIGKILL)
-    assert make(address, orders, COUNT, LocalEngine(1)).failures == ()
+    assert make(address, orders, COUNT).failures == ()
     make(tmp_path / "set", orders, COUNT)
     assert _downloaded(address, tmp_path / "down") == tree(tmp_path / "set")
 
@@ -100,7 +99,7 @@ def test_the_lock_of_a_run_elsewhere_holds_until_it_is_forgotten(bucket: str, or
     with pytest.raises(Locked, match="is being written by process 1 on elsewhere"):
         make(store.address, orders, 1)
     store.write(LOCK, json.dumps({**lock, "renewed_s": time.time() - 1000.0}).encode())
-    assert make(store.address, orders, 1, LocalEngine(1)).made == 1
+    assert make(store.address, orders, 1).made == 1
     assert LOCK not in store.names("")
 
 

@@ -134,6 +134,8 @@ class Production:
             rows = rows_from_parquet(data or b"")
         except ValueError:  # cut while it was written
             return {}
+        if rows_to_parquet(rows) != data:  # a byte in it has changed
+            return {}
         return {int(str(row["index"])): row for row in rows if row["status"] == MADE}
 
     def _batches(self, missing: list[tuple[int, ...]], left: int) -> Iterator[tuple[int, ...]]:
@@ -196,6 +198,7 @@ class Production:
         self._tries[index] += 1
         tries = self._tries[index]
         self._note(index, f"try {tries} failed: {tried.reason}\n{tried.trace}".rstrip())
+        self._write_logs()
         if tries < TRIES:
             self._watch.tried(index, tried.reason, tries)
             self._waiting.append((index,))
@@ -228,6 +231,7 @@ class Production:
         ordered = [rows[index] for index in sorted(rows)]
         self._store.write(shard_path(shard), rows_to_parquet(ordered))
         del self._shards[shard]
+        self._write_logs()
 
     def _note(self, index: int, text: str) -> None:
         at = datetime.now(UTC).isoformat(timespec="seconds")
