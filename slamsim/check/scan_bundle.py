@@ -123,8 +123,10 @@ class ShapePull:
         plain, robust = np.diag(bread), np.diag(bread @ meat @ bread)
         return np.asarray(np.sqrt(np.maximum(np.maximum(plain, robust), 1e-18)))
 
-    def better(self, shape: Shape, declared: Shape) -> Shape | None:
+    def better(self, shape: Shape, declared: Shape, unmodelled: FloatArray) -> Shape | None:
         """The shape that the scans ask for, None if this one will do.
+
+        unmodelled: (3,) by what it comes out wrong beyond noise.
 
         What is as declared stays so unless the scans plainly contradict it; what has been given up
         is followed to where nothing pulls any more.
@@ -133,7 +135,7 @@ class ShapePull:
             return None
         step, sigmas = self.step(), self.sigmas()
         given_up = shape.numbers != declared.numbers
-        doubt = np.maximum(OTHER_SIGMAS * sigmas, OTHER_SHAPE)
+        doubt = np.maximum(OTHER_SIGMAS * np.hypot(sigmas, unmodelled), OTHER_SHAPE)
         wanted = np.abs(step) > np.where(given_up, STILL_SIGMAS * sigmas, doubt)
         if not wanted.any():
             return None

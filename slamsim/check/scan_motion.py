@@ -173,7 +173,7 @@ def _fit(tracks: list[Track], reader: BeamReader) -> tuple[Shape, list[WindowFit
     for again in range(MAX_PASSES):
         fits = [fit_window(track, shape) for track in tracks]
         pull = ShapePull.of(fits)
-        better = pull.better(shape, declared)
+        better = pull.better(shape, declared, _unmodelled(shape, reader))
         if better is None or again + 1 == MAX_PASSES:
             return shape, fits, pull
         shape = better
@@ -188,12 +188,7 @@ def _motions(
     pull: ShapePull,
 ) -> ScanMotions:
     best = shape.moved(pull.step())
-    unmodelled = (
-        UNMODELLED_SWEEP * best.sweep_s,
-        UNMODELLED_ANGLE + ANGLE_BY_ROUNDING_PER_M * reader.rounding_m,
-        UNMODELLED_M + OFFSET_BY_ROUNDING * reader.rounding_m,
-    )
-    sigmas = np.hypot(pull.sigmas(), unmodelled)
+    sigmas = np.hypot(pull.sigmas(), _unmodelled(best, reader))
     unit = reader.metres_per_unit
     return ScanMotions(
         topic=scans.topic,
@@ -208,6 +203,17 @@ def _motions(
         ),
         range_offset_m=ShapeEstimate(best.range_offset_m, sigmas[2], 0.0),
         weak="" if windows[0] else "scans do not fit one another",
+    )
+
+
+def _unmodelled(shape: Shape, reader: BeamReader) -> FloatArray:
+    """(3,) standard deviation of the numbers of a shape beyond what noise makes."""
+    return np.array(
+        [
+            UNMODELLED_SWEEP * shape.sweep_s,
+            UNMODELLED_ANGLE + ANGLE_BY_ROUNDING_PER_M * reader.rounding_m,
+            UNMODELLED_M + OFFSET_BY_ROUNDING * reader.rounding_m,
+        ]
     )
 
 
