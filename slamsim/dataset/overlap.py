@@ -36,6 +36,21 @@ _CELL_M = 1.0
 _OUT_OF_SIGHT_M = 1e6
 
 
+_COLUMNS = (
+    Column("scan_a", "int32", "row of scans.parquet"),
+    Column("scan_b", "int32", "row of scans.parquet"),
+    Column("true_stamp_a_ns", "int64"),
+    Column("true_stamp_b_ns", "int64"),
+    Column("overlap_a", "float32", "share of the returns of a from walls that b sees"),
+    Column("overlap_b", "float32", "share of the returns of b from walls that a sees"),
+    Column("x_m", "float64", "of T_a_b of the base at the first beam of each scan"),
+    Column("y_m", "float64"),
+    Column("yaw_rad", "float64"),
+    Column("way_m", "float32", "driven between the two"),
+    Column("closes_loop", "bool"),
+)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Pairs:
     """Pairs of key scans that overlap, by the numbers of the key scans.
@@ -105,9 +120,8 @@ def _shares(
     shape: IntArray,
     step_rad: float,
 ) -> FloatArray:
-    count = frames.shape[0]
-    shares = np.zeros((count, count))
-    for b in range(count):
+    shares = np.zeros((frames.shape[0], frames.shape[0]))
+    for b in range(len(shares)):
         first, last = starts[b], starts[b + 1]
         # Which surfaces and places scan b can see at all: most points need no more than this.
         near = np.zeros(shape[0] * shape[1], dtype=np.bool_)
@@ -117,7 +131,7 @@ def _shares(
             for row in range(-1, 2):
                 for column in range(-1, 2):
                     near[cells[k] + row * shape[1] + column] = True
-        for a in range(count):
+        for a in range(len(shares)):
             seen = 0
             for k in range(starts[a], starts[a + 1]):
                 if met[numbers[k]] or near[cells[k]]:
@@ -193,19 +207,6 @@ def write_pairs(path: Path, keys: Sequence[KeyScan], pairs: Pairs) -> None:
         "way_m": ways_m[b] - ways_m[a],
         "closes_loop": pairs.closes,
     }
-    columns = [
-        Column("scan_a", "int32", "row of scans.parquet"),
-        Column("scan_b", "int32", "row of scans.parquet"),
-        Column("true_stamp_a_ns", "int64"),
-        Column("true_stamp_b_ns", "int64"),
-        Column("overlap_a", "float32", "share of the returns of a from walls that b sees"),
-        Column("overlap_b", "float32", "share of the returns of b from walls that a sees"),
-        Column("x_m", "float64", "of T_a_b of the base at the first beam of each scan"),
-        Column("y_m", "float64"),
-        Column("yaw_rad", "float64"),
-        Column("way_m", "float32", "driven between the two"),
-        Column("closes_loop", "bool"),
-    ]
     facts = {
         "table": "pairs",
         "least_overlap": LEAST_OVERLAP,
@@ -213,5 +214,5 @@ def write_pairs(path: Path, keys: Sequence[KeyScan], pairs: Pairs) -> None:
         f"at least {CLOSURE_WAY_M:g} m driven in between",
         "key_scans": rows.tolist(),
     }
-    with ParquetFile(path, columns, facts) as file:
+    with ParquetFile(path, _COLUMNS, facts) as file:
         file.append(cells)
