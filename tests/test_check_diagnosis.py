@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from slamsim.check.diagnosis import ON_ANY_SUBJECT, ON_ONE_SUBJECT, explained
 from slamsim.check.findings import FAULT_NAMES, Estimate, Finding
 
@@ -57,3 +59,14 @@ def test_sizes_wait_until_somebody_knows_how_far_the_scans_turn() -> None:
     told = explained([offset, rotation, step])
     assert {one.verdict for one in told} == {"cannot tell"}
     assert "contradict" in told[0].words
+
+
+def test_a_sweep_of_milliseconds_explains_no_offset_of_a_tenth_of_a_second() -> None:
+    sweep = replace(
+        bad("laser.sweep", "/scan", "rolling_scan_untimed"), estimate=Estimate(8.0, 1.0, "ms")
+    )
+    late = bad("time.offset.lidar", "/scan", "time_offset_lidar")
+
+    small, large = (replace(late, estimate=Estimate(ms, 1.0, "ms")) for ms in (5.0, 130.0))
+    assert names(sweep, small) == {"rolling_scan_untimed"}
+    assert names(sweep, large) == {"rolling_scan_untimed", "time_offset_lidar"}

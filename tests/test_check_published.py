@@ -10,6 +10,7 @@ import pytest
 from recording_data import recording as healthy
 
 from slamsim.check.findings import Finding
+from slamsim.check.gathering import gather
 from slamsim.check.inertial import check_inertial
 from slamsim.check.mends import apply_mends
 from slamsim.check.odometry import check_odometry
@@ -133,3 +134,13 @@ def test_a_format_without_twists_has_sound_poses() -> None:
     odometry = replace(recording.odometries[0], linear_m_s=none, angular_rad_s=none)
     (values,) = check_published(replace(recording, odometries=(odometry,)))
     assert values.verdict == "ok"
+
+
+def test_odometry_that_is_only_a_transform_is_compared_with_the_scans() -> None:
+    recording = replace(healthy(), odometries=(), ticks=())
+    edge = next(one for one in recording.transforms if not one.is_static)
+
+    wheels = gather(recording, None).wheels
+    assert wheels is not None
+    assert wheels.topic == f"{edge.topic} {edge.name}"
+    assert gather(replace(recording, transforms=()), None).wheels is None

@@ -67,6 +67,9 @@ ON_ANY_SUBJECT: dict[str, tuple[str, ...]] = {
 }
 """Faults, and what else they make of everything."""
 
+SWEEPS = 2.0
+"""Stamps are off by no more than this many sweeps because nobody declared the sweep."""
+
 UNTIL_TURNS_AGREE = (*_SIZES, "range_offset")
 """What scans of a wrong shape, or wheels of wrong sizes, make of everything else."""
 
@@ -134,7 +137,16 @@ def _follows(finding: Finding, cause: Finding, lidars: set[str]) -> bool:
     if fault is None or by is None or fault == by:
         return False
     if fault in ON_ANY_SUBJECT.get(by, ()):
-        return True
+        return not _is_larger(finding, cause)
     if by in LIDAR_STAMPS and cause.subject in lidars and fault in SPOILT_BY_LIDAR_STAMPS:
         return True
     return finding.subject == cause.subject and fault in ON_ONE_SUBJECT.get(by, ())
+
+
+def _is_larger(finding: Finding, cause: Finding) -> bool:
+    """Whether an offset is more than an undeclared sweep can make of the stamps."""
+    if cause.fault != "rolling_scan_untimed" or finding.fault not in _LIDAR_TIMES:
+        return False
+    if finding.estimate is None or cause.estimate is None:
+        return False
+    return abs(finding.estimate.value) > SWEEPS * abs(cause.estimate.value)

@@ -11,7 +11,7 @@ from slamsim.check.frame_graph import FrameGraph
 from slamsim.check.laser_steps import LaserSteps, laser_steps
 from slamsim.check.scan_motion import ScanMotions
 from slamsim.geometry import se2_from_se3
-from slamsim.recording import RawImu, Recording
+from slamsim.recording import RawImu, RawOdometry, Recording, TransformEdge
 from slamsim.types import FloatArray, IntArray
 
 EVEN, EVEN_SHARE = 0.05, 0.98
@@ -37,7 +37,8 @@ class Inputs:
 
 
 def gather(recording: Recording, motions: ScanMotions | None) -> Inputs:
-    """The first lidar, inertial unit and wheels (counters, else odometry) that say enough."""
+    """The first lidar, inertial unit and wheels (counters, else odometry, else its transform) that
+    say enough."""
     graph = FrameGraph(recording.transforms)
     named = recording.odometries[0].child_frame_ids if recording.odometries else ()
     base = graph.base(named)
@@ -53,6 +54,7 @@ def gather(recording: Recording, motions: ScanMotions | None) -> Inputs:
         _first(
             [wheel_course(ticks) for ticks in recording.ticks]
             + [odometry_course(odometry) for odometry in recording.odometries]
+            + [odometry_course(_as_odometry(edge)) for edge in _odometry_edges(recording, base)]
         ),
         base,
         laser_frame,
@@ -60,6 +62,31 @@ def gather(recording: Recording, motions: ScanMotions | None) -> Inputs:
         upside_down,
         all(_even(scans.stamps_ns) for scans in recording.scans if scans.topic == steps.topic),
         not alone,
+    )
+
+
+def _odometry_edges(recording: Recording, base: str) -> list[TransformEdge]:
+    """What moves the base but for a localiser, which corrects itself."""
+    return [
+        edge
+        for edge in recording.transforms
+        if not edge.is_static and edge.child == base and not edge.parent.endswith("map")
+    ]
+
+
+def _as_odometry(edge: TransformEdge) -> RawOdometry:
+    """The same poses as messages without twists."""
+    none = np.full_like(edge.positions_m, np.nan)
+    return RawOdometry(
+        topic=f"{edge.topic} {edge.name}",
+        frame_ids=(edge.parent,),
+        stamps_ns=edge.stamps_ns,
+        received_ns=edge.received_ns,
+        child_frame_ids=(edge.child,),
+        positions_m=edge.positions_m,
+        quats_xyzw=edge.quats_xyzw,
+        linear_m_s=none,
+        angular_rad_s=none,
     )
 
 

@@ -180,7 +180,7 @@ def _pair(calibration: Calibration, pair: str, offset: Offset | None) -> Finding
         f"± {offset.sigma_s * 1e3:.3g} ms (at best {offset.bound_s * 1e3:.2g} ms)"
     )
     if calibration.inputs.together:
-        words += "; one message carries both, so the one in it may just be older than the other"
+        words += "; both carry one stamp, so the pose may just be older or newer than the scan"
     elif not offset.is_known:
         words += f", too unsure to tell; what would tell: {TURNING}"
     verdict: Verdict = "ok" if offset.is_known else "cannot tell"
