@@ -83,7 +83,7 @@ class Reporter:
         return Progress(*columns, console=self._console, disable=self._quiet)
 
     def say(self, sentence: str) -> None:
-        self._console.print(sentence, markup=False)
+        self._console.print(sentence, markup=False, soft_wrap=True)
 
     def warn(self, sentence: str) -> None:
         self._console.print(Text(f"! {sentence}", style="yellow"))

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import yaml
 
 from slamsim.dataset.store import Store
+from slamsim.dataset.sums import SUMS, SumsDamaged, read_sums
 from slamsim.dataset.versions import difference, versions
 from slamsim.safe.errors import InputRefused, SlamsimError, shown
 from slamsim.safe.yaml import parse_yaml
@@ -45,7 +47,16 @@ class Identity:
         )
 
 
-def read_identity(store: Store) -> Mapping[str, Any] | None:
+class Readable(Protocol):
+    """Where a data set can be read."""
+
+    @property
+    def address(self) -> str: ...
+
+    def read(self, path: str) -> bytes | None: ...
+
+
+def read_identity(store: Readable) -> Mapping[str, Any] | None:
     """What ``dataset.yaml`` says, or nothing if there is none. Raises InputRefused if it is bad."""
     data = store.read(IDENTITY)
     if data is None:
@@ -60,6 +71,8 @@ def read_identity(store: Store) -> Mapping[str, Any] | None:
 def require_place_for(store: Store, identity: Identity) -> None:
     """Raise SlamsimError unless the place is empty or holds this data set, perhaps fewer of it."""
     data = store.read(IDENTITY)
+    if _vouched(store, identity):
+        return
     if data is None:
         if others := sorted(store.names("") - _OURS):
             raise SlamsimError(
@@ -86,6 +99,15 @@ def require_place_for(store: Store, identity: Identity) -> None:
             f"{store.address} is to have {found['sequences']} sequences, more than the "
             f"{identity.sequences} asked for; it can grow, not shrink"
         )
+
+
+def _vouched(store: Readable, identity: Identity) -> bool:
+    """Whether the finished data set that lies there was this very one, though its file be lost."""
+    try:
+        hashes = read_sums(store.read(SUMS) or b"")
+    except SumsDamaged:
+        return False
+    return hashes.get(IDENTITY) == hashlib.sha256(identity.text().encode()).hexdigest()
 
 
 def claim(store: Store, identity: Identity) -> None:

@@ -6,6 +6,7 @@ import shlex
 from collections.abc import Callable, Sequence
 from functools import partial
 
+from slamsim.dataset.catalogue import write_catalogue
 from slamsim.dataset.draw import sequence_spec
 from slamsim.dataset.engines.base import Engine
 from slamsim.dataset.identity import Identity, claim, require_place_for
@@ -59,7 +60,12 @@ def make_dataset(
     def require_room(left: int) -> None:
         _require_room(recipe, count, left, store)
 
-    return fulfil(order, identity, store, engine, watch or Unwatched(), require_room, only)
+    def catalogue(store: Store) -> None:
+        write_catalogue(store, recipe, count)
+
+    return fulfil(
+        order, identity, store, engine, watch or Unwatched(), require_room, only, catalogue
+    )
 
 
 def fulfil(
@@ -70,8 +76,12 @@ def fulfil(
     watch: Watch,
     require_room: Callable[[int], None] | None = None,
     only: Sequence[int] | None = None,
+    catalogue: Callable[[Store], None] | None = None,
 ) -> DatasetSummary:
-    """As ``make_dataset``, for sequences of any kind; require_room: raises DiskFull."""
+    """As ``make_dataset``, for sequences of any kind.
+
+    require_room: raises DiskFull. catalogue: writes what stands beside the sequences.
+    """
     require_place_for(store, identity)
     with store.owned():
         require_place_for(store, identity)
@@ -80,7 +90,10 @@ def fulfil(
             if require_room is not None:
                 require_room(production.left())
             claim(store, identity)
-            return production.run(only)
+            summary = production.run(only)
+            if only is None and catalogue is not None:
+                catalogue(store)
+            return summary
 
 
 def _require_room(recipe: Recipe, count: int, left: int, store: Store) -> None:

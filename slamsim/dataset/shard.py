@@ -154,13 +154,14 @@ def _row_of_old(store: Store, spec: SequenceSpec) -> Row | None:
 def _make(store: Store, task: Task, spec: SequenceSpec, folder: Path) -> Row | None:
     with _time_limit(task.limit_s):
         facts = task.produce(spec, folder)
-    mark = _mark(spec, facts)
+    mark = sequence_mark(spec, facts)
     write_atomic(folder / MARK, mark)
     store.publish(folder, spec.name)
     return made_row(spec, mark)
 
 
-def _mark(spec: SequenceSpec, facts: SequenceFacts) -> bytes:
+def sequence_mark(spec: SequenceSpec, facts: SequenceFacts) -> bytes:
+    """The contents of ``sequence.json``."""
     told = {
         "index": spec.index,
         "name": spec.name,

@@ -1,4 +1,4 @@
-"""Rows of plain values as Parquet, the same bytes for the same rows."""
+"""Tables of plain values as Parquet, the same bytes for the same rows."""
 
 from __future__ import annotations
 
@@ -20,23 +20,32 @@ def rows_to_parquet(rows: Sequence[Row]) -> bytes:
     """
     names = list(dict.fromkeys(name for row in rows for name in row))
     columns = {name: _column([row.get(name) for row in rows]) for name in names}
+    return table_to_parquet(pa.table(columns))
+
+
+def table_to_parquet(table: pa.Table) -> bytes:
+    """A file whose every page carries a checksum."""
     out = io.BytesIO()
-    pq.write_table(pa.table(columns), out, compression="zstd", write_page_checksum=True)
+    pq.write_table(table, out, compression="zstd", write_page_checksum=True)
     return out.getvalue()
 
 
 def rows_from_parquet(data: bytes, columns: Iterable[str] | None = None) -> list[dict[str, Cell]]:
     """The rows again. Raises ValueError if the data are cut or damaged."""
+    rows: list[dict[str, Cell]] = table_from_parquet(data, columns).to_pylist()
+    return rows
+
+
+def table_from_parquet(data: bytes, columns: Iterable[str] | None = None) -> pa.Table:
+    """The table again. Raises ValueError if the data are cut or damaged."""
     try:
-        table = pq.read_table(
+        return pq.read_table(
             io.BytesIO(data),
             columns=list(columns) if columns else None,
             page_checksum_verification=True,
         )
     except (pa.ArrowException, OSError) as error:
         raise ValueError(f"no whole Parquet file: {error}") from None
-    rows: list[dict[str, Cell]] = table.to_pylist()
-    return rows
 
 
 def _column(values: list[Cell]) -> pa.Array:

@@ -117,10 +117,14 @@ def preview(
 
 @dataset.command(
     epilog="Exit code: 0 all is as it was made, 1 something is not. "
-    "Example: slamsim dataset verify my_data --again 3"
+    "Examples: slamsim dataset verify my_data --again 3 · slamsim dataset verify s3://bucket/set "
+    "--subset 5%"
 )
 def verify(
     place: Place,
+    subset: Annotated[
+        str, typer.Option(metavar="PERCENT", help="Read only this part of the sequences.")
+    ] = "100%",
     again: Annotated[
         int, typer.Option(help="So many sequences are made again and compared.", min=0)
     ] = 0,
@@ -135,7 +139,7 @@ def verify(
     from slamsim.run.dataset_telling import run_verify
 
     reporter = Reporter(quiet=quiet, as_json=as_json)
-    whole = run_verify(place, reporter, again=again, workers=workers)
+    whole = run_verify(place, reporter, subset=subset, again=again, workers=workers)
     raise typer.Exit(0 if whole else 1)
 
 

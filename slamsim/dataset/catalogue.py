@@ -1,0 +1,76 @@
+"""What stands beside the sequences: manifest, statistics, data card, figures and their hashes.
+
+All of it follows from ``dataset.yaml`` and the rows of the shards, byte for byte.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+
+import pyarrow as pa
+
+from slamsim.config.dump import dump_commented_yaml
+from slamsim.dataset.identity import IDENTITY
+from slamsim.dataset.manifest import MANIFEST, manifest
+from slamsim.dataset.recipe import Recipe
+from slamsim.dataset.shard import shard_path
+from slamsim.dataset.store import Store
+from slamsim.dataset.sums import SUMS, SumsDamaged, read_sums, sums_text
+from slamsim.dataset.table import table_from_parquet, table_to_parquet
+from slamsim.dataset.versions import versions
+
+RECIPE = "recipe.yaml"
+
+_READERS = 16
+"""An object store answers slowly, but many at a time."""
+
+
+def write_catalogue(store: Store, recipe: Recipe, count: int) -> None:
+    """Write it, unless it is there and right; every shard is.
+
+    count: of the sequences. Raises what the store raises, and ValueError for a damaged shard.
+    """
+    shards = [shard_path(number) for number in range(-(-count // recipe.shard_sequences))]
+    paths = (IDENTITY, *shards)
+    with ThreadPoolExecutor(_READERS) as readers:
+        given = dict(zip(paths, readers.map(partial(_read, store), paths), strict=True))
+    if _is_right(store, given):
+        return
+    table = manifest([table_from_parquet(given[path]) for path in shards], versions())
+    hashes = {path: _sha256(data) for path, data in given.items()}
+    for path, data in catalogue_files(recipe, table):
+        store.write(path, data)
+        hashes[path] = _sha256(data)
+    store.write(SUMS, sums_text(hashes).encode())
+
+
+def catalogue_files(recipe: Recipe, table: pa.Table) -> Iterator[tuple[str, bytes]]:
+    """Paths and contents. table: the manifest."""
+    yield MANIFEST, table_to_parquet(table)
+    yield RECIPE, dump_commented_yaml(recipe).encode()
+
+
+def _read(store: Store, path: str) -> bytes:
+    data = store.read(path)
+    if data is None:
+        raise ValueError(f"{store.address} has no {path}")
+    return data
+
+
+def _is_right(store: Store, given: Mapping[str, bytes]) -> bool:
+    """Whether all that the sums tell of is so, and they tell of all that is given."""
+    try:
+        hashes = read_sums(store.read(SUMS) or b"")
+    except SumsDamaged:
+        return False
+    return given.keys() <= hashes.keys() and all(
+        _sha256(given.get(path) or store.read(path) or b"") == sha256
+        for path, sha256 in hashes.items()
+    )
+
+
+def _sha256(data: bytes) -> str:
+    return hashlib.sha256(data).hexdigest()

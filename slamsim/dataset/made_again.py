@@ -1,0 +1,70 @@
+"""Sequences of a data set made once more, and compared with those that lie there."""
+
+from __future__ import annotations
+
+import json
+import multiprocessing
+import tempfile
+from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from pathlib import Path
+from typing import Any
+
+from slamsim.dataset.identity import read_identity
+from slamsim.dataset.place import Place
+from slamsim.dataset.recipe import Recipe
+from slamsim.dataset.sequence_check import Finding
+from slamsim.dataset.store import MARK
+from slamsim.dataset.versions import difference, versions
+from slamsim.safe.errors import SlamsimError
+
+
+def require_same_software(place: Place) -> None:
+    """Raise SlamsimError where other software would make other bytes."""
+    identity = read_identity(place) or {}
+    if differs := difference(identity.get("versions", {}), versions()):
+        raise SlamsimError(
+            f"{place.address} was made with other software, which may make other bytes: "
+            f"here is {differs}"
+        )
+
+
+def make_again(
+    place: Place, indices: Sequence[int], workers: int | None
+) -> Iterator[tuple[Finding, ...]]:
+    """What differs, sequence by sequence."""
+    if not indices:
+        return
+    identity = read_identity(place)
+    assert identity is not None
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(workers, mp_context=context) as makers:
+        made = [makers.submit(_compared, place, identity, index) for index in indices]
+        try:
+            for one in made:
+                yield one.result()
+        except BrokenProcessPool:
+            raise SlamsimError("a process that made sequences again was killed") from None
+
+
+def _compared(place: Place, identity: Mapping[str, Any], index: int) -> tuple[Finding, ...]:
+    from slamsim.dataset.draw import sequence_spec
+    from slamsim.dataset.produce import produce
+    from slamsim.dataset.shard import sequence_mark
+
+    recipe = Recipe.model_validate(identity["recipe"])
+    spec = sequence_spec(recipe, index, identity["sequences"])
+    there = place.read(f"{spec.name}/{MARK}") or b""
+    with tempfile.TemporaryDirectory(prefix="slamsim-again-") as folder:
+        try:
+            facts = produce(spec, Path(folder))
+        except SlamsimError as error:
+            return (Finding(spec.name, f"cannot be made again: {error}", index),)
+    if sequence_mark(spec, facts) == there:
+        return ()
+    old = {file["path"]: file["sha256"] for file in json.loads(there)["files"]}
+    new = {file.path: file.sha256 for file in facts.files}
+    reason = "made again, its bytes are others"
+    paths = [path for path in {**old, **new} if old.get(path) != new.get(path)] or [MARK]
+    return tuple(Finding(f"{spec.name}/{path}", reason, index) for path in paths)

@@ -1,0 +1,74 @@
+"""``manifest.parquet``: one row for each sequence, put together from the rows of the shards."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+
+import pyarrow as pa
+
+MANIFEST = "manifest.parquet"
+
+_HEAD = ("index", "name", "split", "world_index", "seed", "status", "faults")
+_GROUPS = ("drawn.", "quality.")
+_WHOLE: Mapping[str, pa.DataType] = {
+    "index": pa.int64(),
+    "world_index": pa.int64(),
+    "seed": pa.int64(),
+    "files": pa.int64(),
+    "size_bytes": pa.int64(),
+}
+_TEXTS = ("name", "split", "status", "faults", "sha256", "reason", "command")
+"""With those above, what every manifest has."""
+
+
+def manifest(shards: Sequence[pa.Table], versions: Mapping[str, str]) -> pa.Table:
+    """The rows of all shards under one schema, with the software that made them.
+
+    shards: in the order of their sequences. A column that only some of them have is null in the
+    others; numbers and texts in one column become texts.
+    """
+    names = _in_order(dict.fromkeys(name for shard in shards for name in shard.column_names))
+    columns = {name: _joined(name, shards) for name in names}
+    software = ", ".join(f"{name} {version}" for name, version in versions.items())
+    rows = sum(shard.num_rows for shard in shards)
+    return pa.table({**columns, "versions": pa.array([software] * rows, pa.string())})
+
+
+def _in_order(names: Iterable[str]) -> list[str]:
+    """What identifies a sequence, what was drawn, what came of it, its files."""
+    places = {name: place for place, name in enumerate(_HEAD)}
+
+    def group(name: str) -> int:
+        prefixes = [i for i, prefix in enumerate(_GROUPS) if name.startswith(prefix)]
+        return len(_HEAD) + (prefixes[0] if prefixes else len(_GROUPS))
+
+    every = dict.fromkeys((*_HEAD, *names, *_WHOLE, *_TEXTS))
+    return sorted(every, key=lambda name: places.get(name, group(name)))
+
+
+def _joined(name: str, shards: Sequence[pa.Table]) -> pa.ChunkedArray:
+    kind = _kind(name, shards)
+    parts = [
+        shard.column(name).cast(kind)
+        if name in shard.column_names
+        else pa.nulls(shard.num_rows, kind)
+        for shard in shards
+    ]
+    chunks = [
+        chunk
+        for part in parts
+        for chunk in (part.chunks if isinstance(part, pa.ChunkedArray) else [part])
+    ]
+    return pa.chunked_array(chunks, kind).combine_chunks()
+
+
+def _kind(name: str, shards: Sequence[pa.Table]) -> pa.DataType:
+    if name in _WHOLE:
+        return _WHOLE[name]
+    if name in _TEXTS:
+        return pa.string()
+    kinds = {shard.schema.field(name).type for shard in shards if name in shard.column_names}
+    kinds.discard(pa.null())
+    if kinds == {pa.int64(), pa.float64()}:
+        return pa.float64()
+    return kinds.pop() if len(kinds) == 1 else pa.string()

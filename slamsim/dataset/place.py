@@ -1,0 +1,98 @@
+"""A data set that is read where it lies: in a folder, or wherever fsspec reaches by a URL."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, BinaryIO
+
+from fsspec.core import url_to_fs
+from fsspec.implementations.local import LocalFileSystem
+
+from slamsim.safe.errors import SlamsimError
+
+_PART_BYTES = 1 << 20
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """The files of a data set; paths are relative to it, with ``/``. It can be pickled.
+
+    All raise SlamsimError when the place cannot be read.
+    """
+
+    address: str
+
+    @contextmanager
+    def open(self, path: str) -> Iterator[BinaryIO]:
+        """A file that can be searched. Raises FileNotFoundError if there is none."""
+        files, root = _reached(self.address)
+        with self._told(), files.open(f"{root}/{path}", "rb") as file:
+            yield file
+
+    def read(self, path: str) -> bytes | None:
+        """The whole file, or nothing if there is none."""
+        try:
+            with self.open(path) as file:
+                return file.read()
+        except (FileNotFoundError, IsADirectoryError, NotADirectoryError):
+            return None
+
+    def digest(self, path: str) -> tuple[int, str] | None:
+        """Size and SHA-256 of a file, part by part, or nothing if there is none."""
+        total, size = hashlib.sha256(), 0
+        try:
+            with self.open(path) as file:
+                while part := file.read(_PART_BYTES):
+                    total.update(part)
+                    size += len(part)
+        except (FileNotFoundError, IsADirectoryError, NotADirectoryError):
+            return None
+        return size, total.hexdigest()
+
+    def names(self, folder: str) -> frozenset[str]:
+        """Names of the files and folders in a folder; none if it is not there."""
+        files, root = _reached(self.address)
+        where = f"{root}/{folder}".rstrip("/")
+        try:
+            with self._told():
+                found = files.ls(where, detail=False)
+        except (FileNotFoundError, NotADirectoryError):
+            return frozenset()
+        names = (path.rstrip("/").rpartition("/")[2] for path in found if path != where)
+        return frozenset(names)
+
+    def files(self, folder: str) -> tuple[str, ...]:
+        """Every file below a folder, relative to it, sorted."""
+        files, root = _reached(self.address)
+        where = f"{root}/{folder}".rstrip("/")
+        with self._told():
+            found = files.find(where)
+        return tuple(sorted(path[len(where) + 1 :] for path in found))
+
+    @contextmanager
+    def _told(self) -> Iterator[None]:
+        try:
+            yield
+        except (SlamsimError, FileNotFoundError, IsADirectoryError, NotADirectoryError):
+            raise
+        except OSError as error:
+            raise SlamsimError(f"{self.address} cannot be read: {error}") from error
+
+
+@lru_cache(maxsize=8)
+def _reached(address: str) -> tuple[Any, str]:
+    """The file system of an address, and what it calls the place."""
+    try:
+        if "://" not in address:
+            return LocalFileSystem(), str(Path(address).resolve())
+        files, root = url_to_fs(address)
+    except ImportError as error:
+        raise SlamsimError(f"{address}: {error}; try: pip install 'slamsim[cloud]'") from None
+    except (OSError, ValueError, RuntimeError) as error:
+        raise SlamsimError(f"{address!r} cannot be read: {error}") from None
+    return files, root.rstrip("/")

@@ -1,0 +1,120 @@
+"""``slamsim dataset verify`` and ``stats``: what is told of a data set that is there."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Collection
+from dataclasses import asdict, dataclass
+from functools import reduce
+from operator import getitem
+from pathlib import Path
+from typing import Any
+
+from slamsim.console import Reporter
+from slamsim.dataset.catalogue import RECIPE
+from slamsim.dataset.identity import IDENTITY
+from slamsim.dataset.place import Place
+from slamsim.dataset.sequence_check import EXTRA, Finding
+from slamsim.dataset.shard import shard_path
+from slamsim.dataset.verify import Verification, verify
+from slamsim.run.dataset_planning import as_size
+from slamsim.safe.errors import SlamsimError, shown
+from slamsim.safe.yaml import parse_yaml
+
+SHARD_KEY = "shard_sequences"
+_MOST_TOLD = 20
+
+
+@dataclass(frozen=True, slots=True)
+class Mending:
+    """remove: paths in the data set. command: makes what is then missing."""
+
+    remove: tuple[str, ...]
+    command: str
+
+
+def run_verify(
+    address: str,
+    reporter: Reporter,
+    *,
+    subset: str = "100%",
+    again: int = 0,
+    workers: int | None = None,
+) -> bool:
+    """Check a data set and tell what is wrong with it; whether nothing is.
+
+    Raises what ``verify`` raises, and SlamsimError for a subset that is no percentage.
+    """
+    share = _share(subset)
+    with reporter.stage("verify", "sequences/s") as progress:
+        found = verify(address, share=share, again=again, workers=workers, progress=progress)
+    mending = None if found.whole else mending_of(found)
+    _tell(found, mending, reporter)
+    told = {"whole": found.whole, "mending": mending and asdict(mending)}
+    reporter.result({**asdict(found), **told})
+    return found.whole
+
+
+def mending_of(found: Verification) -> Mending:
+    """How everything that is not as it was made is made again."""
+    place = Place(found.address)
+    damaged = [finding for finding in found.findings if finding.reason != EXTRA]
+    paths = {_at(finding) for finding in damaged}
+    indices = {finding.index for finding in damaged if finding.index is not None}
+    paths |= _shards_of(place, indices, paths)
+    there = sorted(path for path in paths if place.names(path) or place.digest(path))
+    recipe = "RECIPE" if RECIPE in paths else f"{found.address}/{RECIPE}"
+    words = ["slamsim", "dataset", "make", recipe, "-n", str(found.sequences)]
+    return Mending(tuple(there), shlex.join([*words, "--out", found.address]))
+
+
+def _shards_of(place: Place, indices: Collection[int], damaged: Collection[str]) -> set[str]:
+    """The files whose rows say that these sequences are there."""
+    if not indices:
+        return set()
+    for path, keys in ((IDENTITY, ("recipe", SHARD_KEY)), (RECIPE, (SHARD_KEY,))):
+        if path not in damaged:
+            told: Any = parse_yaml((place.read(path) or b"").decode(), Path(path)).data
+            size = int(reduce(getitem, keys, told))
+            return {shard_path(index // size) for index in indices}
+    return {f"shards/{name}" for name in place.names("shards")}
+
+
+def _at(finding: Finding) -> str:
+    """What is made again as a whole: a sequence, or a file beside them."""
+    if finding.index is None:
+        return finding.path
+    return "/".join(finding.path.split("/")[:2])
+
+
+def _share(subset: str) -> float:
+    try:
+        share = float(subset.removesuffix("%")) / 100.0
+    except ValueError:
+        share = 0.0
+    if not 0.0 < share <= 1.0:
+        raise SlamsimError(f"--subset {shown(subset)}: say a part of the sequences, such as 5%")
+    return share
+
+
+def _tell(found: Verification, mending: Mending | None, reporter: Reporter) -> None:
+    rows = {
+        "sequences": f"{found.sequences:,}, {found.failed:,} of them could not be made",
+        "read": f"{found.checked:,} sequences, {found.files:,} files, {as_size(found.size_bytes)}",
+        "made again": ", ".join(map(str, found.again)) or "none",
+        "not as it was made": f"{len(found.findings):,} files" if mending else "nothing",
+    }
+    reporter.table(f"Data set {found.address}", rows)
+    for finding in found.findings[:_MOST_TOLD]:
+        reporter.warn(f"{finding.path}: {finding.reason}")
+    if len(found.findings) > _MOST_TOLD:
+        reporter.warn(f"and {len(found.findings) - _MOST_TOLD:,} more; --json tells all")
+    if any(finding.reason == EXTRA for finding in found.findings):
+        reporter.say("Move what is no part of the data set elsewhere.")
+    if mending is None or all(finding.reason == EXTRA for finding in found.findings):
+        return
+    remove = [f"{found.address}/{path}" for path in mending.remove]
+    reporter.say("This makes the same bytes again:")
+    if remove:
+        reporter.say(f"  {shlex.join(['rm', '-r', *remove])}")
+    reporter.say(f"  {mending.command}")

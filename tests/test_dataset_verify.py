@@ -1,0 +1,163 @@
+"""Verification: what was changed is found and named, nothing else is, and it can be mended."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import pytest
+from dataset_run import tree
+from dataset_whole import COUNT, copied, make_small
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from slamsim.console import Reporter
+from slamsim.dataset.manifest import MANIFEST
+from slamsim.dataset.sums import SUMS, SumsDamaged, read_sums, sums_text
+from slamsim.dataset.verify import Verification, verify
+from slamsim.run.dataset_telling import mending_of, run_verify
+from slamsim.safe.errors import NotFound, SlamsimError
+
+QUIET = Reporter(quiet=True)
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    place = tmp_path_factory.mktemp("verified") / "set"
+    make_small(place)
+    return place
+
+
+@pytest.fixture(scope="module")
+def scratch(whole: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A copy; whoever changes it puts it right again."""
+    return copied(whole, tmp_path_factory.mktemp("scratch") / "set")
+
+
+def named(found: Verification) -> set[str]:
+    return {finding.path for finding in found.findings}
+
+
+def test_what_was_just_made_is_whole(whole: Path) -> None:
+    found = verify(str(whole), again=1)
+    assert found.whole and found.sequences == found.checked == COUNT
+    assert found.again == (0,) and found.failed == 0
+    assert found.files == len(tree(whole))
+
+
+@settings(max_examples=60, suppress_health_check=[HealthCheck.too_slow], deadline=None)
+@given(data=st.data())
+def test_one_flipped_bit_in_any_file_is_named_and_nothing_else_is(
+    data: st.DataObject, scratch: Path
+) -> None:
+    files = tree(scratch)
+    name = data.draw(st.sampled_from(sorted(files)))
+    place = data.draw(st.integers(0, len(files[name]) - 1))
+    changed = bytearray(files[name])
+    changed[place] ^= 1 << data.draw(st.integers(0, 7))
+    (scratch / name).write_bytes(changed)
+    try:
+        assert named(verify(str(scratch))) == {name}
+    finally:
+        (scratch / name).write_bytes(files[name])
+
+
+def test_every_file_is_missed_when_it_is_gone_or_cut(scratch: Path) -> None:
+    files = tree(scratch)
+    judges = [name for name in files if name.endswith((SUMS, MANIFEST, "sequence.json"))]
+    for names in (sorted(files.keys() - set(judges)), *([name] for name in judges)):
+        for name in names:
+            (scratch / name).unlink()
+        assert named(verify(str(scratch))) >= set(names)
+        for name in names:
+            (scratch / name).write_bytes(files[name][:-1])
+        assert named(verify(str(scratch))) == set(names)
+        for name in names:
+            (scratch / name).write_bytes(files[name])
+    assert verify(str(scratch)).whole
+
+
+def test_whatever_else_lies_there_is_told_but_for_logs_and_hidden_files(scratch: Path) -> None:
+    strange = ["notes.txt", "shards/x.parquet", "train/000099/a", "train/000000/truth/b"]
+    for name in (*strange, "logs/more.log", ".git/config", "train/000000/.cache"):
+        (scratch / name).parent.mkdir(parents=True, exist_ok=True)
+        (scratch / name).write_text("strange")
+    assert named(verify(str(scratch))) == {*strange[:2], "train/000099", strange[3]}
+    for name in (*strange, "train/000000/.cache"):
+        (scratch / name).unlink()
+    shutil.rmtree(scratch / "train/000099")
+    assert verify(str(scratch)).whole
+
+
+def test_a_data_set_that_was_never_finished_is_not_whole(whole: Path, tmp_path: Path) -> None:
+    place = copied(whole, tmp_path / "set")
+    for name in (SUMS, "manifest.parquet", "shards/00001.parquet"):
+        (place / name).unlink()
+    found = verify(str(place))
+    assert not found.whole and found.checked == 2
+    assert [finding.reason for finding in found.findings] == [
+        "missing: the data set was never finished",
+        "tells nothing of 2 of 4 sequences; the first: 2",
+    ]
+
+
+@pytest.mark.parametrize(
+    "damaged",
+    [
+        ["train/000000/config.yaml"],
+        ["train/000001/sequence.json", "shards/00000.parquet", "manifest.parquet"],
+        ["recipe.yaml", "val/000002/truth/scans.parquet", SUMS],
+        ["dataset.yaml", "test/000003/log/log_0.mcap"],
+    ],
+)
+def test_what_is_damaged_is_made_again_by_the_commands_that_are_told(
+    damaged: list[str], whole: Path, tmp_path: Path
+) -> None:
+    place = copied(whole, tmp_path / "set")
+    for name in damaged:
+        if (place / name).is_file():
+            data = bytearray((place / name).read_bytes())
+            data[len(data) // 2] ^= 1
+            (place / name).write_bytes(data)
+    mending = mending_of(verify(str(place)))
+    for name in mending.remove:
+        if (place / name).is_dir():
+            shutil.rmtree(place / name)
+        else:
+            (place / name).unlink()
+    assert mending.command.endswith(f" -n {COUNT} --out {place}")
+    make_small(place)
+    assert tree(place) == tree(whole)
+
+
+def test_a_part_is_spread_over_the_whole(whole: Path) -> None:
+    assert verify(str(whole), share=0.5).checked == 2
+    assert verify(str(whole), share=1e-9).checked == 1
+    assert run_verify(str(whole), QUIET, subset="50%")
+
+
+@pytest.mark.parametrize("subset", ["0%", "101%", "some", "nan"])
+def test_a_part_that_is_none_is_refused(subset: str, whole: Path) -> None:
+    with pytest.raises(SlamsimError, match="a part of the sequences"):
+        run_verify(str(whole), QUIET, subset=subset)
+
+
+def test_where_there_is_no_data_set_there_is_nothing_to_verify(tmp_path: Path) -> None:
+    with pytest.raises(NotFound, match=r"no dataset\.yaml"):
+        verify(str(tmp_path))
+    with pytest.raises(NotFound):
+        verify(str(tmp_path / "nowhere"))
+
+
+@given(
+    st.dictionaries(
+        st.from_regex(r"[^\n]{1,20}", fullmatch=True), st.binary(min_size=32, max_size=32)
+    )
+)
+def test_sums_are_read_as_they_were_written(hashes: dict[str, bytes]) -> None:
+    told = {path: sha256.hex() for path, sha256 in hashes.items()}
+    text = sums_text(told).encode()
+    assert read_sums(text) == told
+    for spoilt in (text[:-1], text + b"\n", text.replace(b"# of", b"# if"), text[1:]):
+        with pytest.raises(SumsDamaged):
+            read_sums(spoilt)
