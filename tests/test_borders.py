@@ -25,7 +25,7 @@ ALLOWED = {
     "trimesh": ("world/",),
     "pebble": ("dataset/engines/",),
     "distributed": ("dataset/engines/",),
-    "fsspec": ("dataset/remote.py",),
+    "fsspec": ("dataset/",),
     "evo": (),
 }
 HEAVY = [*ALLOWED, "numba", "scipy", "cv2", "shapely"]
