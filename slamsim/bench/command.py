@@ -18,6 +18,8 @@ SPEED_SECONDS = 120.0
 STANDARD = "labyrinth_10hz"
 """The setting of the accuracy bench when neither a world nor a configuration is named."""
 
+STANDARD_RECIPE = "labyrinths"
+
 FIRST_SEED = 1
 ONLINE_PATH_M = 10000.0
 CHECK_SECONDS, LONG_SECONDS = 60.0, 600.0
@@ -75,8 +77,8 @@ def bench(
     part: Annotated[
         str,
         typer.Argument(
-            help="sense, drive, simulate, slam, all: speed. Or accuracy, matcher, check; online: "
-            "latency and memory of a session, told for each kilometre."
+            help="sense, drive, simulate, slam, all: speed. Or accuracy, matcher, check, dataset; "
+            "online: latency and memory of a session, told for each kilometre."
         ),
     ] = "all",
     world: Annotated[
@@ -94,7 +96,9 @@ def bench(
     peers: Annotated[
         bool, typer.Option("--peers", help="slam: beside other scan matchers, on one log.")
     ] = False,
-    seeds: Annotated[int, typer.Option(help="Accuracy: how many seeds.", min=1)] = 20,
+    seeds: Annotated[
+        int, typer.Option(help="Accuracy, check: how many seeds; dataset: sequences.", min=1)
+    ] = 20,
     seed: Annotated[
         int | None, typer.Option(help="The seed; accuracy: the first, by default 1.", min=0)
     ] = None,
@@ -138,6 +142,8 @@ def bench(
         _check(asked, _Trials(faults, seeds, clean, pairs, curves, long), workers, logs, recording)
     elif part == "matcher":
         _matcher(asked, recording, logs)
+    elif part == "dataset":
+        _dataset(asked, config, seeds)
     elif part == "slam" and peers:
         _peers(asked, logs)
     else:
@@ -206,6 +212,12 @@ def _matcher(asked: _Asked, recording: Path | None, logs: Path | None) -> None:
         "Home from, %: plain/with search", basin_rows(measured.plain, measured.searched)
     )
     _show("Single matches", asdict(measured), asked)
+
+
+def _dataset(asked: _Asked, recipe: str | None, count: int) -> None:
+    from slamsim.bench.dataset import measure_dataset
+
+    _show("Data set", measure_dataset(recipe or STANDARD_RECIPE, count, asked.reporter), asked)
 
 
 def _online(asked: _Asked) -> None:

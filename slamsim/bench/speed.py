@@ -24,13 +24,13 @@ from slamsim.simulate import simulate
 from slamsim.slam.mapping import build_grid
 from slamsim.slam.motion import predict_motion
 from slamsim.slam.session import run_slam
-from slamsim.types import Drive, Float32Array
+from slamsim.types import Drive, Float32Array, TriangleMesh
 from slamsim.world.build import build_world
 from slamsim.world.model import World
 
 Figures = dict[str, object]
 
-OTHER_PARTS = ("accuracy", "matcher", "online")
+OTHER_PARTS = ("accuracy", "matcher", "online", "check", "dataset")
 """What ``slamsim bench`` measures beside speed."""
 
 
@@ -82,7 +82,7 @@ def _sense(subject: _Subject) -> Figures:
 
     beams = sense_all() * lidar.beam_count
     sensed_s = _least(sense_all, subject, "sense")
-    rays = _plain_rays(windows, subject)
+    rays = plain_rays(windows, subject.world.mesh, subject.robot, subject.config)
     scene = Scene(subject.world.mesh, lidar.range_max_m)
     bare_s = _least(lambda: [scene.cast(batch) for batch in rays], subject, "cast")
     bare_s *= beams / sum(len(batch) for batch in rays)
@@ -94,17 +94,16 @@ def _sense(subject: _Subject) -> Figures:
     }
 
 
-def _plain_rays(windows: list[Drive], subject: _Subject) -> list[Float32Array]:
+def plain_rays(
+    windows: list[Drive], mesh: TriangleMesh, robot: RobotModel, config: RunConfig
+) -> list[Float32Array]:
     """Level rays to all sides from along the drive: what a caster alone would have to do."""
-    lidar = subject.config.sensors.lidar
-    every = max(round(subject.config.drive.physics.rate_hz / lidar.rate_hz), 1)
+    lidar = config.sensors.lidar
+    every = max(round(config.drive.physics.rate_hz / lidar.rate_hz), 1)
     angles = np.radians(lidar.angle_min_deg + lidar.angle_step_deg * np.arange(lidar.beam_count))
     directions = np.stack([np.cos(angles), np.sin(angles), np.zeros_like(angles)], axis=1)
-    low, high = (
-        subject.world.mesh.vertices_m.min(axis=0),
-        subject.world.mesh.vertices_m.max(axis=0),
-    )
-    mount = subject.robot.T_base_laser[:3, 3] - 0.5 * (low + high)
+    low, high = mesh.vertices_m.min(axis=0), mesh.vertices_m.max(axis=0)
+    mount = robot.T_base_laser[:3, 3] - 0.5 * (low + high)
     return [
         np.hstack([np.tile(origin, (len(angles), 1)), directions]).astype(np.float32)
         for window in windows

@@ -13,9 +13,9 @@ import re
 import socket
 import threading
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from concurrent.futures import CancelledError, Future
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from typing import Any, Self
 from urllib.parse import urlsplit
 
@@ -48,8 +48,7 @@ class DaskEngine:
 
     def __enter__(self) -> Self:
         """Raises SlamsimError if no scheduler answers, or a worker has other software."""
-        for name in ("distributed", "tornado"):
-            logging.getLogger(name).setLevel(logging.CRITICAL)
+        _mute()
         self._client = _connected(self._scheduler)
         try:
             self._require_same_software()
@@ -88,6 +87,26 @@ class DaskEngine:
                 raise SlamsimError(
                     f"the Dask worker {worker} has {differs}; give all the same software"
                 )
+
+
+@contextmanager
+def cluster_here(workers: int) -> Iterator[str]:
+    """The address of a scheduler on this machine with so many workers, of one thread each."""
+    try:
+        from distributed import LocalCluster
+    except ImportError:
+        raise SlamsimError("this needs Dask: pip install 'slamsim[cluster]'") from None
+    _mute()
+    with LocalCluster(  # type: ignore[no-untyped-call]
+        n_workers=workers, threads_per_worker=1, dashboard_address=":0"
+    ) as cluster:
+        yield cluster.scheduler_address
+
+
+def _mute() -> None:
+    """What goes wrong is told by what is raised."""
+    for name in ("distributed", "tornado"):
+        logging.getLogger(name).setLevel(logging.CRITICAL)
 
 
 def _connected(scheduler: str) -> Any:

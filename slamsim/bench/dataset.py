@@ -1,0 +1,160 @@
+"""``slamsim bench dataset``: what a sequence costs beside its bare parts, and how many make more.
+
+Processor time counts for one sequence, for the bare parts are measured in the same process; wall
+time for many, from when each worker has made its first.
+"""
+
+from __future__ import annotations
+
+import tempfile
+import time
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import cast
+
+import numpy as np
+
+from slamsim.bench.alone import Children
+from slamsim.bench.speed import plain_rays
+from slamsim.console import Reporter
+from slamsim.dataset.draw import sequence_spec
+from slamsim.dataset.engines.base import Engine
+from slamsim.dataset.engines.dask import DaskEngine, cluster_here
+from slamsim.dataset.engines.local import LocalEngine
+from slamsim.dataset.loading import load_recipe
+from slamsim.dataset.make import make_dataset
+from slamsim.dataset.produce import produce
+from slamsim.dataset.recipe import Recipe
+from slamsim.dataset.sequence import SequenceSpec
+from slamsim.dataset.shard import Tried
+from slamsim.dataset.watch import Unwatched
+from slamsim.logs.plain_copy import PlainCopy
+from slamsim.run.folder import LOG
+from slamsim.run.stages import peak_memory_mb
+from slamsim.sensors.scene import Scene
+from slamsim.sim.drive import bare_step_seconds, drive
+from slamsim.sim.robot import build_robot
+from slamsim.sim.route import plan_route
+from slamsim.types import Float32Array
+from slamsim.world.build import build_world
+
+Figures = dict[str, object]
+
+START_SHARED_BY = 50
+"""A worker makes at least so many sequences: each bears that share of its start."""
+
+BARE_SEQUENCES = 3
+PARALLEL = 2
+
+
+def measure_dataset(recipe_name: str, count: int, reporter: Reporter) -> Figures:
+    """One core, and several, on the first ``count`` sequences of a recipe.
+
+    Raises SlamsimError for a recipe that cannot be, and if a sequence fails on one core.
+    """
+    recipe = load_recipe(recipe_name)
+    with Children() as children, reporter.stage("one core", ""):
+        alone = children.run(measure_alone, recipe, count)
+    figures: Figures = {"recipe": recipe.name, "sequences": count, "one_core": alone}
+
+    def settled(engine: Engine, title: str) -> float:
+        with reporter.stage(title, ""):
+            return _settled_rate(recipe, count, engine)
+
+    rates = {
+        "one_worker": settled(LocalEngine(1), "one worker"),
+        "two_workers": settled(LocalEngine(PARALLEL), "two workers"),
+    }
+    with cluster_here(PARALLEL) as address:
+        engine = DaskEngine(address, recipe.shard_sequences)
+        rates["dask_two_workers"] = settled(engine, "two workers of Dask")
+    figures["sequences_per_s"] = rates
+    figures["two_workers_over_one"] = rates["two_workers"] / rates["one_worker"]
+    figures["dask_time_over_local"] = rates["two_workers"] / rates["dask_two_workers"]
+    return figures
+
+
+def measure_alone(recipe: Recipe, count: int) -> Figures:
+    """Sequences made one after the other in this process, and their bare parts."""
+    specs = [sequence_spec(recipe, index, count) for index in range(count)]
+    cpu_s, simulated_s, memory_mb = [], [], []
+    imported_s = time.process_time()
+    with tempfile.TemporaryDirectory() as folder:
+        for spec in specs:
+            place = Path(folder) / str(spec.index)
+            place.mkdir()
+            begun_s = time.process_time()
+            facts = produce(spec, place)
+            cpu_s.append(time.process_time() - begun_s)
+            simulated_s.append(cast(float, facts.quality["duration_s"]))
+            memory_mb.append(peak_memory_mb())
+            if spec.index >= BARE_SEQUENCES:
+                _forget(place)
+        bare = _bare_parts(specs[:BARE_SEQUENCES], Path(folder))
+    usual_s = float(np.median(cpu_s[1:] or cpu_s))
+    start_s = imported_s + cpu_s[0] - usual_s
+    each_s = usual_s + start_s / START_SHARED_BY
+    length_s = float(np.median(simulated_s))
+    return {
+        "cpu_s_per_sequence": usual_s,
+        "cpu_s_to_start": start_s,
+        "simulated_s_per_cpu_s": length_s / each_s,
+        "bare_cpu_s": bare,
+        "time_over_bare_parts": usual_s / sum(bare.values()),
+        "peak_memory_mb": memory_mb[-1],
+        "peak_memory_grown_mb": memory_mb[-1] - memory_mb[len(memory_mb) // 10],
+    }
+
+
+def _forget(place: Path) -> None:
+    for path in sorted(place.rglob("*"), reverse=True):
+        path.unlink() if path.is_file() else path.rmdir()
+
+
+def _bare_parts(specs: list[SequenceSpec], folder: Path) -> dict[str, float]:
+    """Mean processor time of stepping, casting and writing what these sequences hold."""
+    parts = {"stepping": 0.0, "casting": 0.0, "writing": 0.0}
+    for spec in specs:
+        config, place = spec.config, folder / str(spec.index)
+        world, robot = build_world(config.world, config.seed), build_robot(config.robot)
+        windows = list(drive(world, robot, plan_route(world, robot, config.drive), config.drive))
+        simulated_s = sum(map(len, windows)) / config.drive.physics.rate_hz
+        rays = plain_rays(windows, world.mesh, robot, config)
+        scene = Scene(world.mesh, config.sensors.lidar.range_max_m)
+        copy = PlainCopy.of(place / LOG)
+        step = partial(bare_step_seconds, world, robot, config.drive.physics)
+        parts["stepping"] += _cpu_s(partial(step, simulated_s)) - _cpu_s(partial(step, 0.0))
+        parts["casting"] += _cpu_s(partial(_cast_all, scene, rays))
+        parts["writing"] += _cpu_s(partial(copy.write, place / "plain"))
+    return {name: total / len(specs) for name, total in parts.items()}
+
+
+def _cast_all(scene: Scene, rays: list[Float32Array]) -> None:
+    for batch in rays:
+        scene.cast(batch)
+
+
+def _cpu_s(work: Callable[[], object]) -> float:
+    begun_s = time.process_time()
+    work()
+    return time.process_time() - begun_s
+
+
+class _Ends(Unwatched):
+    """When each sequence was made."""
+
+    def __init__(self) -> None:
+        self.at_s: list[float] = []
+
+    def made(self, tried: Tried) -> None:
+        self.at_s.append(time.perf_counter())
+
+
+def _settled_rate(recipe: Recipe, count: int, engine: Engine) -> float:
+    """Sequences per second once every worker has made its first."""
+    ends = _Ends()
+    with tempfile.TemporaryDirectory() as folder:
+        make_dataset(recipe, count, str(Path(folder) / "set"), engine, ends)
+    begun = min(PARALLEL, len(ends.at_s) - 1)
+    return (len(ends.at_s) - begun) / (ends.at_s[-1] - ends.at_s[begun - 1])
