@@ -6,23 +6,30 @@ All of it follows from ``dataset.yaml`` and the rows of the shards, byte for byt
 from __future__ import annotations
 
 import hashlib
+import json
 from collections.abc import Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 
 import pyarrow as pa
+import pyarrow.compute as pc
 
 from slamsim.config.dump import dump_commented_yaml
+from slamsim.dataset.card import data_card, licence_text
 from slamsim.dataset.identity import IDENTITY
 from slamsim.dataset.manifest import MANIFEST, manifest
+from slamsim.dataset.preview import contact_sheet
 from slamsim.dataset.recipe import Recipe
-from slamsim.dataset.shard import shard_path
+from slamsim.dataset.shard import MADE, shard_path
+from slamsim.dataset.statistics import statistics
 from slamsim.dataset.store import Store
 from slamsim.dataset.sums import SUMS, SumsDamaged, read_sums, sums_text
 from slamsim.dataset.table import table_from_parquet, table_to_parquet
 from slamsim.dataset.versions import versions
 
-RECIPE = "recipe.yaml"
+RECIPE, STATISTICS = "recipe.yaml", "statistics.json"
+
+_WORLDS_SHOWN = 12
 
 _READERS = 16
 """An object store answers slowly, but many at a time."""
@@ -49,8 +56,19 @@ def write_catalogue(store: Store, recipe: Recipe, count: int) -> None:
 
 def catalogue_files(recipe: Recipe, table: pa.Table) -> Iterator[tuple[str, bytes]]:
     """Paths and contents. table: the manifest."""
+    from slamsim.view.dataset_figures import dataset_figures
+
+    told = statistics(table)
+    figures = dict(dataset_figures(table.filter(pc.equal(table["status"], MADE)), told))
+    worlds = min(-(-table.num_rows // recipe.sequences_per_world), _WORLDS_SHOWN)
     yield MANIFEST, table_to_parquet(table)
+    yield STATISTICS, (json.dumps(told, indent=1, allow_nan=False) + "\n").encode()
     yield RECIPE, dump_commented_yaml(recipe).encode()
+    for name, png in figures.items():
+        yield f"figures/{name}.png", png
+    yield "preview.png", contact_sheet(recipe, worlds)
+    yield "LICENSE.txt", licence_text(recipe).encode()
+    yield "README.md", data_card(recipe, told, versions(), figures).encode()
 
 
 def _read(store: Store, path: str) -> bytes:

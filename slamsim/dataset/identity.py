@@ -71,10 +71,9 @@ def read_identity(store: Readable) -> Mapping[str, Any] | None:
 def require_place_for(store: Store, identity: Identity) -> None:
     """Raise SlamsimError unless the place is empty or holds this data set, perhaps fewer of it."""
     data = store.read(IDENTITY)
-    if _vouched(store, identity):
-        return
     if data is None:
-        if others := sorted(store.names("") - _OURS):
+        others = sorted(store.names("") - _OURS)
+        if others and not _vouched(store, identity):
             raise SlamsimError(
                 f"{store.address} holds files that are no data set, such as {shown(others[0])}; "
                 "choose another place"

@@ -6,6 +6,10 @@ from collections.abc import Iterable, Mapping, Sequence
 
 import pyarrow as pa
 
+from slamsim.dataset.identity import Readable
+from slamsim.dataset.table import table_from_parquet
+from slamsim.safe.errors import InputRefused, NotFound
+
 MANIFEST = "manifest.parquet"
 
 _HEAD = ("index", "name", "split", "world_index", "seed", "status", "faults")
@@ -72,3 +76,14 @@ def _kind(name: str, shards: Sequence[pa.Table]) -> pa.DataType:
     if kinds == {pa.int64(), pa.float64()}:
         return pa.float64()
     return kinds.pop() if len(kinds) == 1 else pa.string()
+
+
+def read_manifest(place: Readable) -> pa.Table:
+    """Raises NotFound where there is none, InputRefused if it is damaged."""
+    data = place.read(MANIFEST)
+    if data is None:
+        raise NotFound(f"{place.address} holds no finished data set: there is no {MANIFEST}")
+    try:
+        return table_from_parquet(data)
+    except ValueError as error:
+        raise InputRefused(f"{place.address}/{MANIFEST}", str(error)) from None

@@ -45,7 +45,7 @@ def plan_rows(found: Plan) -> dict[str, str]:
     splits = ", ".join(f"{split} {number}" for split, number in found.splits.items())
     sizes = ", ".join(f"{name} {as_size(size)}" for name, size in found.disk_bytes.items())
     about = "" if found.drawn == found.sequences else f" (from the first {found.drawn})"
-    counted = {f"by {what}{about}": _counted(numbers) for what, numbers in found.counts.items()}
+    counted = {f"by {what}{about}": counted(numbers) for what, numbers in found.counts.items()}
     return {
         "sequences": f"{found.sequences} in {found.worlds} worlds: {splits}",
         **counted,
@@ -57,7 +57,7 @@ def plan_rows(found: Plan) -> dict[str, str]:
     }
 
 
-def _counted(numbers: Mapping[str, int]) -> str:
+def counted(numbers: Mapping[str, int]) -> str:
     """The most frequent first; a hundred faults are not all told."""
     told = [f"{name} {number}" for name, number in numbers.items()]
     more = [f"{len(told) - _MOST_TOLD} more"] if len(told) > _MOST_TOLD else []

@@ -13,11 +13,13 @@ from typing import Any
 from slamsim.console import Reporter
 from slamsim.dataset.catalogue import RECIPE
 from slamsim.dataset.identity import IDENTITY
+from slamsim.dataset.manifest import read_manifest
 from slamsim.dataset.place import Place
 from slamsim.dataset.sequence_check import EXTRA, Finding
 from slamsim.dataset.shard import shard_path
+from slamsim.dataset.statistics import statistics
 from slamsim.dataset.verify import Verification, verify
-from slamsim.run.dataset_planning import as_size
+from slamsim.run.dataset_planning import as_size, as_time, counted
 from slamsim.safe.errors import SlamsimError, shown
 from slamsim.safe.yaml import parse_yaml
 
@@ -53,6 +55,32 @@ def run_verify(
     told = {"whole": found.whole, "mending": mending and asdict(mending)}
     reporter.result({**asdict(found), **told})
     return found.whole
+
+
+def run_stats(address: str, reporter: Reporter) -> None:
+    """Tell what a data set holds, from its manifest. Raises NotFound, InputRefused."""
+    told = statistics(read_manifest(Place(address)))
+    totals = {
+        "sequences": f"{told['sequences']:,}, {told['failed']:,} of them could not be made",
+        "worlds": f"{told['worlds']:,}",
+        "simulated": f"{as_time(told['simulated_h'] * 3600.0)}, {told['path_km']:,.4g} km, "
+        f"{told['scans']:,} scans, {told['loop_closures']:,} loop closures",
+        "disk": f"{as_size(told['size_bytes'])} in {told['files']:,} files",
+    }
+    splits = {
+        f"split {split}": f"{part['sequences']:,} in {part['worlds']:,} worlds, "
+        f"{as_time(part['simulated_h'] * 3600.0)}, {part['path_km']:,.4g} km"
+        for split, part in told["splits"].items()
+    }
+    drawn = {name: counted(counts) for name, counts in told["drawn"].items()}
+    numbers = {
+        name.removeprefix("quality."): f"{spread['median']:.4g} in the median, "
+        f"{spread['least']:.4g} to {spread['most']:.4g}"
+        for name, spread in told["numbers"].items()
+    }
+    faults = {"faults": counted(told["faults"])}
+    reporter.table(f"Data set {address}", {**totals, **splits, **drawn, **faults, **numbers})
+    reporter.result(told)
 
 
 def mending_of(found: Verification) -> Mending:
