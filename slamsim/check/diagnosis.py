@@ -26,7 +26,10 @@ ON_ONE_SUBJECT: dict[str, tuple[str, ...]] = {
     "stamps_quantised": (*_LIDAR_TIMES, "time_offset_imu", "time_offset_wheels", "clock_drift"),
     "stamps_repeated": (*_LIDAR_TIMES, "time_offset_imu", "time_offset_wheels", "clock_drift"),
     "range_unit": ("range_limits", "range_offset", "scan_interference"),
-    "imu_stuck": ("time_offset_imu", "gyro_scale", "gyro_bias", "clock_drift", "imu_axis"),
+    "imu_stuck": (
+        *("time_offset_imu", "gyro_scale", "gyro_bias", "clock_drift", "imu_axis"),
+        "imu_axis_dead",
+    ),
     "imu_axis": ("gyro_sign", "gyro_scale", "gyro_bias"),
     "gyro_degrees": ("gyro_scale", "gyro_bias"),
     "stamps_invented": (*_LIDAR_TIMES, "clock_drift"),
