@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 
@@ -182,7 +182,11 @@ def read_drive(path: Path) -> Drive:
     ``slamsim.sensors.motion.Motion(drive)`` tells pose, velocities and wheel angles at any instant
     as every sensor had them; ``drive.trajectory()`` gives poses.
     """
-    cells = read_table(path)
+    return drive_of(read_table(path))
+
+
+def drive_of(cells: Mapping[str, Any]) -> Drive:
+    """Columns of the table, or some rows of them, as a drive."""
     pairs = {
         field: np.column_stack([cells[name] for name in names]) for field, names in _PAIRS.items()
     }

@@ -147,7 +147,11 @@ def _array(cells: Cells, field: Any) -> Any:
 
 def read_table(path: Path, columns: Sequence[str] | None = None) -> dict[str, NDArray[Any]]:
     """The columns of a file, (n,) or (n, width) each; checksums are verified."""
-    table = pq.read_table(path, columns=columns, page_checksum_verification=True)
+    return cells_of(pq.read_table(path, columns=columns, page_checksum_verification=True))
+
+
+def cells_of(table: pa.Table) -> dict[str, NDArray[Any]]:
+    """The columns of a table, (n,) or (n, width) each."""
     return {name: _cells(table.column(name)) for name in table.column_names}
 
 
@@ -161,6 +165,10 @@ def _cells(column: Any) -> NDArray[Any]:
 
 def table_facts(path: Path) -> dict[str, Any]:
     """What the file says of the whole table."""
-    metadata = pq.read_schema(path).metadata or {}
-    facts: dict[str, Any] = json.loads(metadata.get(METADATA_KEY, b"{}"))
+    return facts_of(pq.read_schema(path))
+
+
+def facts_of(schema: pa.Schema) -> dict[str, Any]:
+    """What a schema says of the whole table."""
+    facts: dict[str, Any] = json.loads((schema.metadata or {}).get(METADATA_KEY, b"{}"))
     return facts

@@ -49,10 +49,12 @@ def read_parquet_recording(folder: Path) -> Recording:
     return Recording(
         name=str(scans[0].get("recording", folder.name)),
         format="parquet",
-        scans=(_scans(*scans),),
-        imus=tuple(_imu(*_read(folder, "imu")) for _ in _there(folder, "imu")),
-        odometries=tuple(_odometry(*_read(folder, "odometry")) for _ in _there(folder, "odometry")),
-        ticks=tuple(_ticks(*_read(folder, "encoders")) for _ in _there(folder, "encoders")),
+        scans=(scans_of(*scans),),
+        imus=tuple(imu_of(*_read(folder, "imu")) for _ in _there(folder, "imu")),
+        odometries=tuple(
+            odometry_of(*_read(folder, "odometry")) for _ in _there(folder, "odometry")
+        ),
+        ticks=tuple(ticks_of(*_read(folder, "encoders")) for _ in _there(folder, "encoders")),
         joints=tuple(_joints(*_read(folder, "joints")) for _ in _there(folder, "joints")),
         transforms=_transforms(transforms),
         robot_description=facts["robot_description"],
@@ -108,7 +110,8 @@ def _stream(facts: Table, cells: Table) -> dict[str, Any]:
     }
 
 
-def _scans(facts: Table, cells: Table) -> RawScans:
+def scans_of(facts: Table, cells: Table) -> RawScans:
+    """Of what a table says of itself, and its columns or some rows of them; so are the others."""
     return RawScans(
         **_stream(facts, cells),
         layouts=tuple(ScanLayout(**layout) for layout in facts["layouts"]),
@@ -118,7 +121,7 @@ def _scans(facts: Table, cells: Table) -> RawScans:
     )
 
 
-def _imu(facts: Table, cells: Table) -> RawImu:
+def imu_of(facts: Table, cells: Table) -> RawImu:
     return RawImu(
         **_stream(facts, cells),
         angular_velocity_rad_s=joined_axes(cells, "angular_velocity_{}_rad_s"),
@@ -126,7 +129,7 @@ def _imu(facts: Table, cells: Table) -> RawImu:
     )
 
 
-def _odometry(facts: Table, cells: Table) -> RawOdometry:
+def odometry_of(facts: Table, cells: Table) -> RawOdometry:
     return RawOdometry(
         **_stream(facts, cells),
         child_frame_ids=tuple(facts["child_frame_ids"]),
@@ -137,7 +140,7 @@ def _odometry(facts: Table, cells: Table) -> RawOdometry:
     )
 
 
-def _ticks(facts: Table, cells: Table) -> RawTicks:
+def ticks_of(facts: Table, cells: Table) -> RawTicks:
     return RawTicks(
         **_stream(facts, cells),
         ticks=np.column_stack([cells["ticks_left"], cells["ticks_right"]]),

@@ -1,0 +1,180 @@
+"""A finished data set as it is used: sequences read when, and as far as, they are asked for.
+
+Everything here can be pickled and sent to other processes, and nothing keeps a file open.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar, overload
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+
+from slamsim.config.run import RunConfig
+from slamsim.dataset.lazy_table import Cells, LazyTable
+from slamsim.dataset.manifest import read_manifest
+from slamsim.dataset.place import Place
+from slamsim.dataset.sequence import SPLITS, Cell
+from slamsim.dataset.shard import MADE
+from slamsim.dataset.truth_read import SequenceTruth, Span
+from slamsim.logs.parquet_read import imu_of, odometry_of, scans_of, ticks_of
+from slamsim.recording import RawImu, RawOdometry, RawScans, RawTicks
+from slamsim.run.folder import CONFIG, LOG
+from slamsim.safe.errors import NotFound, SlamsimError, shown
+from slamsim.safe.yaml import parse_yaml
+from slamsim.types import BoolArray, Log
+
+if TYPE_CHECKING:
+    from slamsim.dataset.windows import Windows
+
+_Raw = TypeVar("_Raw")
+
+
+@dataclass(frozen=True, slots=True)
+class Sequence:
+    """One sequence, or a part of it in time.
+
+    row: what the manifest has of it. truth: what is true of it.
+
+    ``scans``, ``imu``, ``odometry`` and ``encoders`` are the recording as it was written, faults
+    and all, of a data set that has the format parquet; ``samples`` of each numbers the rows of
+    its truth. Of a part they are what was sensed in that time, whatever their stamps say.
+    """
+
+    place: Place
+    name: str
+    row: Mapping[str, Cell]
+    truth: SequenceTruth
+
+    def between(self, start_s: float, end_s: float) -> Sequence:
+        """What was sensed from one instant to before another, in true time since the start."""
+        if not 0.0 <= start_s < end_s:
+            raise ValueError(f"no time lies from {start_s:g} s to {end_s:g} s")
+        span = round(start_s * 1e9), round(end_s * 1e9)
+        return replace(self, truth=replace(self.truth, span=span))
+
+    @property
+    def scans(self) -> RawScans:
+        """``ranges_m``: (n, beams)."""
+        return self._recorded("scans", scans_of)
+
+    @property
+    def imu(self) -> RawImu:
+        """Rates of turn and specific forces, (n, 3) each."""
+        return self._recorded("imu", imu_of)
+
+    @property
+    def encoders(self) -> RawTicks:
+        """``ticks``: (n, 2) left, right."""
+        return self._recorded("encoders", ticks_of)
+
+    @property
+    def odometry(self) -> RawOdometry:
+        """Poses as the robot's driver published them; of a part by their stamps."""
+        return self._recorded("odometry", odometry_of)
+
+    @property
+    def log(self) -> Log:
+        """The whole sequence as SLAM reads it. Raises SlamsimError where it is not a folder."""
+        from slamsim.logs.reader import read_log
+
+        if "://" in self.place.address:
+            raise SlamsimError(f"{self.name} is at {self.place.address}: copy it to a folder first")
+        folder = Path(self.place.address) / self.name
+        return read_log(folder / LOG if (folder / LOG).is_dir() else folder / "parquet")
+
+    @property
+    def config(self) -> RunConfig:
+        """Every setting that it was made with."""
+        path = f"{self.name}/{CONFIG}"
+        data = self.place.read(path)
+        if data is None:
+            raise NotFound(f"{self.place.address} has no {path}")
+        return RunConfig.model_validate(parse_yaml(data.decode(), Path(path)).data)
+
+    def _recorded(self, name: str, made: Callable[[Cells, Cells], _Raw]) -> _Raw:
+        table = LazyTable(self.place, f"{self.name}/parquet/{name}.parquet")
+        if self.truth.span is None:
+            return made(table.facts, table.rows(0, len(table)))
+        rows = np.flatnonzero(self._inside(table, name, self.truth.span))
+        first, last = (int(rows[0]), int(rows[-1]) + 1) if rows.size else (0, 0)
+        cells = table.rows(first, last)
+        return made(table.facts, {key: values[rows - first] for key, values in cells.items()})
+
+    def _inside(self, table: LazyTable, name: str, span: Span) -> BoolArray:
+        """Which rows of a table are in the part."""
+        if name == "odometry":
+            values, (first, last) = table.column("stamp_ns"), span
+        else:
+            values, (first, last) = table.column("sample"), self.truth.samples(name)
+        return np.asarray((values >= first) & (values < last))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Dataset:
+    """Sequences, as many as the manifest has rows: those that were made, or some of them."""
+
+    place: Place
+    manifest: pa.Table
+
+    def __len__(self) -> int:
+        return int(self.manifest.num_rows)
+
+    @overload
+    def __getitem__(self, which: int | str) -> Sequence: ...
+
+    @overload
+    def __getitem__(self, which: slice) -> Dataset: ...
+
+    def __getitem__(self, which: int | str | slice) -> Sequence | Dataset:
+        """By place in this selection, by name (``train/000012``), or several of them."""
+        if isinstance(which, slice):
+            return replace(self, manifest=self.manifest.take(list(range(len(self))[which])))
+        if isinstance(which, str):
+            place = pc.index(self.manifest["name"], which).as_py()
+            if place < 0:
+                raise KeyError(f"there is no sequence {shown(which)}")
+        else:
+            place = range(len(self))[which]
+        row = self.manifest.slice(place, 1).to_pylist()[0]
+        name = str(row["name"])
+        return Sequence(self.place, name, row, SequenceTruth(self.place, name))
+
+    def __iter__(self) -> Iterator[Sequence]:
+        return (self[place] for place in range(len(self)))
+
+    def split(self, name: str) -> Dataset:
+        """Those of train, val or test."""
+        if name not in SPLITS:
+            raise SlamsimError(f"there is no split {shown(name)}, but {', '.join(SPLITS)}")
+        return self.filter(pc.field("split") == name)
+
+    def filter(self, condition: pc.Expression) -> Dataset:
+        """Those whose row fulfils it: ``pc.field("quality.path_length_m") > 20``.
+
+        ``pc`` is pyarrow.compute; ``dataset.manifest.column_names`` are the fields.
+        """
+        return replace(self, manifest=self.manifest.filter(condition))
+
+    def windows(self, scans: int = 8, stride: int = 4) -> Windows:
+        """Stretches of so many scans, one begun every ``stride``, as dicts of arrays to learn from.
+
+        What it gives has a length and items, so that a PyTorch DataLoader takes it as it is.
+        """
+        from slamsim.dataset.windows import windows_of
+
+        return windows_of(self, scans, stride)
+
+
+def open_dataset(address: str | Path) -> Dataset:
+    """The data set in a folder or behind a URL.
+
+    Raises NotFound where there is none, InputRefused if its manifest is damaged.
+    """
+    place = Place(str(address))
+    manifest: Any = read_manifest(place)
+    return Dataset(place, manifest.filter(pc.field("status") == MADE))
