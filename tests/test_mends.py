@@ -114,6 +114,14 @@ def test_stamps_are_put_back_on_their_beat(spoil: Any) -> None:
     assert (np.diff(found) >= 0).all()
 
 
+def test_times_of_receipt_that_copy_the_stamps_go_along_and_no_others() -> None:
+    copied = _scans(MADE, received_ns=MADE.scans[0].stamps_ns)
+    found = _mended(copied, "shift_stamps", "/scan", offset_s=0.5).scans[0]
+    np.testing.assert_array_equal(found.received_ns, found.stamps_ns)
+    measured = _mended(MADE, "shift_stamps", "/scan", offset_s=0.5).scans[0]
+    np.testing.assert_array_equal(measured.received_ns, MADE.scans[0].received_ns)
+
+
 def test_reordering_sorts_messages_with_all_they_carry() -> None:
     shuffle = np.random.default_rng(1).permutation(len(MADE.scans[0]))
     scans = MADE.scans[0]

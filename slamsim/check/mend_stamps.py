@@ -10,7 +10,7 @@ import numpy as np
 
 from slamsim.check.findings import Mend
 from slamsim.check.mend_subjects import STREAMS, edge_subject, number
-from slamsim.check.stamp_series import series_of
+from slamsim.check.stamp_series import are_copies, series_of
 from slamsim.recording import Messages, Recording, kept
 from slamsim.safe.errors import SlamsimError
 from slamsim.types import FloatArray, IntArray
@@ -150,9 +150,15 @@ def _running(middle: Callable[..., Any], values: FloatArray) -> FloatArray:
 def _each_stamp(
     recording: Recording, mend: Mend, change: Callable[[IntArray], IntArray]
 ) -> Recording:
-    return _each(
-        recording, mend, lambda messages: replace(messages, stamps_ns=change(messages.stamps_ns))
-    )
+    """Stamps changed, and with them times of receipt that are nothing but copies of them."""
+
+    def stamped(messages: Messages) -> Messages:
+        stamps_ns = change(messages.stamps_ns)
+        copied = are_copies(messages.received_ns, messages.stamps_ns)
+        received_ns = stamps_ns if copied else messages.received_ns
+        return replace(messages, stamps_ns=stamps_ns, received_ns=received_ns)
+
+    return _each(recording, mend, stamped)
 
 
 def _each(recording: Recording, mend: Mend, change: Callable[[Any], Any]) -> Recording:

@@ -129,7 +129,7 @@ def _jump(odometry: RawOdometry, jumps: FloatArray) -> Finding:
     at = int(np.argmax(jumps[:, 1] + jumps[:, 2]))
     stamp, length, turn = jumps[at]
     words = (
-        f"{len(jumps)} steps that no robot makes, the largest {length:.2f} m and "
+        f"steps that no robot makes: {len(jumps)}, the largest {length:.2f} m and "
         f"{np.degrees(turn):.0f} deg, {stamp:.1f} s after the first message"
     )
     return Finding(

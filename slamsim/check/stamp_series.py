@@ -85,9 +85,14 @@ class StampSeries:
     @property
     def is_copied(self) -> bool:
         """Whether the times of receipt are the stamps over again, and so say nothing."""
-        if self.received_ns is None:
-            return False
-        return bool(np.abs(self.received_ns - self.stamps_ns).max(initial=0) <= _COPIED_NS)
+        return are_copies(self.received_ns, self.stamps_ns)
+
+
+def are_copies(received_ns: IntArray | None, stamps_ns: IntArray) -> bool:
+    """Whether times of receipt (n,) are those stamps (n,), as converters write them."""
+    if received_ns is None:
+        return False
+    return bool(np.abs(received_ns - stamps_ns).max(initial=0) <= _COPIED_NS)
 
 
 def series_of(recording: Recording) -> list[StampSeries]:
