@@ -13,7 +13,7 @@ MAX_ZERO_SHARE = 1e-4
 MIN_COUNT = 20
 """Fewer readings than this are accidents."""
 SPIKE_FACTOR = 10.0
-"""How much more often than all readings just below it a code for nothing is read."""
+"""How much more often than any one reading just below it a code for nothing is read."""
 
 
 def check_no_return(topic: str, sample: ScanSample, maximum_is_usual: bool) -> Finding:
@@ -40,8 +40,8 @@ def check_no_return(topic: str, sample: ScanSample, maximum_is_usual: bool) -> F
             "ranges.no_return",
             topic,
             "bad",
-            f"{count} readings of {len(sample.scans)} scans are exactly {value_m:g} m and hardly "
-            "any just below: a code for nothing, inside the declared limits",
+            f"{count} readings of {len(sample.scans)} scans are exactly {value_m:g} m, far more "
+            "than just below: a code for nothing, inside the declared limits",
             "range_max_no_return",
             "Write inf where nothing came back (REP 117), or a wall grows there.",
             Estimate(value_m, 0.0, "m"),
@@ -53,15 +53,16 @@ def check_no_return(topic: str, sample: ScanSample, maximum_is_usual: bool) -> F
 
 
 def _code_for_nothing(sample: ScanSample) -> tuple[float, int] | None:
-    """(value, count) of a largest reading that is common while nothing lies just below it."""
+    """(value, count) of a largest reading that is far more common than each just below it."""
     readings = positive(sample)
     if readings.size == 0:
         return None
     value = float(readings.max())
     count = int((readings == value).sum())
-    just_below = int(((readings < value) & (readings > 0.95 * value)).sum())
+    just_below = readings[(readings < value) & (readings > 0.95 * value)]
+    most_common = np.unique(just_below, return_counts=True)[1].max(initial=0)
     is_inside = value <= sample.layout.range_max_m
-    is_spike = count >= MIN_COUNT and count > SPIKE_FACTOR * just_below
+    is_spike = count >= MIN_COUNT and count > SPIKE_FACTOR * most_common
     return (value, count) if is_inside and is_spike else None
 
 
