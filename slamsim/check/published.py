@@ -7,12 +7,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from slamsim.check.findings import Curve, Estimate, Finding, Mend, Plot
-from slamsim.check.transform_times import (
-    MAX_DISAGREEMENT_M,
-    MAX_DISAGREEMENT_RAD,
-    disagreement,
-)
+from slamsim.check.disagreement import IN_COMMON, LIMIT_M, disagreement
+from slamsim.check.findings import Estimate, Finding, Mend
 from slamsim.recording import RawOdometry, Recording
 from slamsim.types import BoolArray, FloatArray
 
@@ -97,21 +93,13 @@ def _agreement(one: RawOdometry, other: RawOdometry) -> Finding:
     subject = f"{one.topic} against {other.topic}"
     found = disagreement(one, other)
     if found is None:
-        words = "they have less than a second in common"
+        words = f"they have less than {IN_COMMON}"
         return Finding("odometry.others", subject, "cannot tell", words)
-    elapsed_s, off_m, off_rad = found
-    at_m, at_rad = float(np.quantile(off_m, 0.95)), float(np.quantile(off_rad, 0.95))
-    estimate = Estimate(at_m, 0.0, "m")
-    words = (
-        f"over a second of driving they differ by {1e3 * at_m:.3g} mm and "
-        f"{np.degrees(at_rad):.3g} deg (95 % of the time less)"
-    )
-    if at_m <= MAX_DISAGREEMENT_M and at_rad <= MAX_DISAGREEMENT_RAD:
-        return Finding("odometry.others", subject, "ok", words, estimate=estimate)
-    curve = Curve("difference over 1 s", elapsed_s, off_m, "line")
+    if not found.matters:
+        return Finding("odometry.others", subject, "ok", found.words, estimate=found.estimate)
     return Finding(
-        *("odometry.others", subject, "bad", words, "odometries_contradict"),
+        *("odometry.others", subject, "bad", found.words, "odometries_contradict"),
         "Find out which of them is right before either is used: compare both with the scans.",
-        *(estimate, MAX_DISAGREEMENT_M),
-        plots=(Plot(subject, "time (s)", "difference (m)", (curve,), (MAX_DISAGREEMENT_M,)),),
+        *(found.estimate, LIMIT_M),
+        plots=(found.plot(subject),),
     )
