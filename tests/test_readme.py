@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from dataset_whole import make_small
 
 README = (Path(__file__).parents[1] / "README.md").read_text()
 
@@ -17,8 +18,11 @@ def blocks(language: str) -> list[str]:
     return re.findall(rf"```{language}\n(.*?)```", README, flags=re.DOTALL)
 
 
-def test_the_python_example_runs(tmp_path: Path) -> None:
-    (example,) = blocks("python")
+@pytest.mark.parametrize("number", range(len(blocks("python"))))
+def test_the_python_examples_run(number: int, tmp_path: Path) -> None:
+    example = blocks("python")[number]
+    if "my_data" in example:
+        make_small(tmp_path / "my_data")
     done = subprocess.run(
         [sys.executable, "-c", example],
         cwd=tmp_path,
@@ -39,8 +43,9 @@ def test_every_command_shown_is_one(line: str) -> None:
     words = shlex.split(line.rsplit("&&", maxsplit=1)[-1], comments=True)
     if "slamsim" not in Path(words[0]).name:
         return
+    command = words[1:3] if words[1] == "dataset" else words[1:2]
     done = subprocess.run(
-        [sys.executable, "-c", "from slamsim.cli import main; main()", words[1], "--help"],
+        [sys.executable, "-c", "from slamsim.cli import main; main()", *command, "--help"],
         capture_output=True,
         text=True,
         timeout=60,
@@ -50,8 +55,8 @@ def test_every_command_shown_is_one(line: str) -> None:
     assert all(word in done.stdout for word in words if word.startswith("--"))
 
 
-def test_the_python_example_is_formatted() -> None:
-    (example,) = blocks("python")
+@pytest.mark.parametrize("example", blocks("python"))
+def test_the_python_examples_are_formatted(example: str) -> None:
     done = subprocess.run(
         [sys.executable, "-m", "ruff", "format", "--line-length", "100", "--check", "-"],
         input=example,
