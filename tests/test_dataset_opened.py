@@ -9,6 +9,7 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
+import fsspec
 import numpy as np
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
@@ -22,6 +23,7 @@ from slamsim.dataset.lazy_table import LazyTable
 from slamsim.dataset.opened import Dataset, Sequence
 from slamsim.dataset.place import Place
 from slamsim.dataset.truth_tables import read_drive
+from slamsim.dataset.verify import verify
 from slamsim.logs.parquet_file import Column, ParquetFile
 from slamsim.recording import RawStream
 from slamsim.safe.errors import InputRefused, NotFound, SlamsimError
@@ -218,3 +220,19 @@ def test_rows_of_a_table_are_slices_of_it(
     assert len(table) == len(values) and table.facts == {"said": 1}
     np.testing.assert_array_equal(table.rows(first, last)["pair"], values[first:last])
     np.testing.assert_array_equal(table.column("number"), np.arange(len(values)))
+
+
+def test_behind_a_url_it_is_the_same(dataset: Dataset, place: Path) -> None:
+    fsspec.filesystem("memory").put(str(place), "/data/set", recursive=True)
+    remote = slamsim.dataset.open("memory://data/set")
+    assert len(remote) == COUNT
+    for mine, theirs in zip(remote, dataset, strict=True):
+        np.testing.assert_array_equal(mine.scans.ranges_m, theirs.scans.ranges_m)
+        grids = mine.truth.occupancy.occupancy, theirs.truth.occupancy.occupancy
+        np.testing.assert_array_equal(*grids)
+    with pytest.raises(SlamsimError, match="copy it"):
+        _ = remote[0].log
+    assert verify("memory://data/set").whole
+    fsspec.filesystem("memory").pipe_file("/data/set/train/000000/config.yaml", b"other: 1")
+    (finding,) = verify("memory://data/set").findings
+    assert finding.path == "train/000000/config.yaml" and "bytes long" in finding.reason
