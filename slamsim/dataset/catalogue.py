@@ -29,7 +29,7 @@ from slamsim.dataset.versions import versions
 
 RECIPE, STATISTICS = "recipe.yaml", "statistics.json"
 
-_WORLDS_SHOWN = 12
+_WORLDS_SHOWN = 6
 
 _READERS = 16
 """An object store answers slowly, but many at a time."""
