@@ -208,3 +208,21 @@ def kept(messages: Messages, which: BoolArray | IntArray) -> Messages:
         elif value is not None:
             per_message[name] = [value[row] for row in rows]
     return replace(messages, **per_message)  # type: ignore[arg-type]
+
+
+def with_odometry_edge(recording: Recording, odometry: RawOdometry) -> Recording:
+    """The edge between an odometry's frames says what the odometry does."""
+    parent, child = odometry.frame_ids[0], odometry.child_frame_ids[0]
+    topics = [edge.topic for edge in recording.transforms if not edge.is_static]
+    edge = TransformEdge(
+        topics[0] if topics else "/tf",
+        parent,
+        child,
+        False,
+        odometry.stamps_ns,
+        odometry.received_ns,
+        odometry.positions_m,
+        odometry.quats_xyzw,
+    )
+    others = [e for e in recording.transforms if e.child != child or e.is_static]
+    return replace(recording, transforms=(*others, edge))

@@ -120,3 +120,23 @@ def test_stamps_beyond_what_ros_can_write_are_refused(tmp_path: Path) -> None:
     far = scans_at(stamps(10.0, 1.0) + 2**62)
     with pytest.raises(SlamsimError, match="cannot be written"):
         write_recording(Recording("far", "memory", scans=(far,)), tmp_path / "bag")
+
+
+def test_a_carmen_log_is_written_in_the_words_of_ros(tmp_path: Path) -> None:
+    lines = [
+        f"FLASER 4 1.0 2.0 81.83 90.0 {0.1 * k} 0 0 {0.1 * k} 0 0 {100.0 + 0.2 * k:.6f} host "
+        f"{100.0 + 0.2 * k:.6f}"
+        for k in range(30)
+    ]
+    path = tmp_path / "drive.clf"
+    path.write_text("PARAM robot_front_laser_max 81.83\n" + "\n".join(lines) + "\n")
+    made = read_recording(path)
+    back = _back(made, tmp_path / "bag")
+    ranges_m = np.asarray(back.scans[0].ranges_m)
+    np.testing.assert_array_equal(ranges_m[:, :2], np.asarray(made.scans[0].ranges_m)[:, :2])
+    assert np.isinf(ranges_m[:, 2:]).all(), "a wall would grow where nothing came back"
+    (odometry,) = back.odometries
+    (moving,) = (one for one in back.transforms if not one.is_static)
+    assert moving.name == f"{odometry.frame_ids[0]} -> {odometry.child_frame_ids[0]}"
+    np.testing.assert_array_equal(moving.stamps_ns, odometry.stamps_ns)
+    np.testing.assert_allclose(moving.positions_m, odometry.positions_m)

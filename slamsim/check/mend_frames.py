@@ -11,7 +11,7 @@ from slamsim.check.findings import Mend
 from slamsim.check.frame_graph import FrameGraph
 from slamsim.check.mend_subjects import STREAMS, number, with_edges
 from slamsim.geometry import matrix_from_rpy, matrix_from_xyzw, se3_from_parts, xyzw_from_matrix
-from slamsim.recording import RawOdometry, Recording, TransformEdge
+from slamsim.recording import Recording, TransformEdge, with_odometry_edge
 from slamsim.safe.errors import SlamsimError
 from slamsim.types import FloatArray, IntArray
 
@@ -22,24 +22,6 @@ def add_odometry_transform(recording: Recording, mend: Mend) -> Recording:
         if odometry.topic == mend.subject and odometry.frame_ids and odometry.child_frame_ids:
             return with_odometry_edge(recording, odometry)
     raise SlamsimError(f"there is no odometry with frames on {mend.subject!r}")
-
-
-def with_odometry_edge(recording: Recording, odometry: RawOdometry) -> Recording:
-    """The edge between an odometry's frames says what the odometry does."""
-    parent, child = odometry.frame_ids[0], odometry.child_frame_ids[0]
-    topics = [edge.topic for edge in recording.transforms if not edge.is_static]
-    edge = TransformEdge(
-        topics[0] if topics else "/tf",
-        parent,
-        child,
-        False,
-        odometry.stamps_ns,
-        odometry.received_ns,
-        odometry.positions_m,
-        odometry.quats_xyzw,
-    )
-    others = [e for e in recording.transforms if e.child != child or e.is_static]
-    return replace(recording, transforms=(*others, edge))
 
 
 def drop_transform(recording: Recording, mend: Mend) -> Recording:

@@ -8,10 +8,9 @@ from dataclasses import replace
 import numpy as np
 
 from slamsim.check.findings import Mend
-from slamsim.check.mend_frames import with_odometry_edge
 from slamsim.check.mend_subjects import number, with_topic
 from slamsim.geometry import between, compose, xyzw_from_yaw, yaw_from_xyzw
-from slamsim.recording import RawOdometry, RawTicks, Recording
+from slamsim.recording import RawOdometry, RawTicks, Recording, with_odometry_edge
 from slamsim.safe.errors import SlamsimError
 from slamsim.types import EncoderStream, FloatArray
 from slamsim.wheels import wheel_odometry

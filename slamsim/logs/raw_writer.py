@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from slamsim.logs.as_ros import as_ros
 from slamsim.logs.bag_folder import BagFolder, TopicKind
 from slamsim.logs.raw_messages import Outgoing, outgoing
 from slamsim.recording import Recording
@@ -21,11 +22,14 @@ _LARGEST_SECOND = 2**31 - 1
 def write_recording(recording: Recording, folder: Path, truth: Trajectory | None = None) -> None:
     """Write into a folder, new or empty, what a recording holds, and the truth where it is known.
 
+    What ROS says in other words than the recording's format is written in these.
+
     Every stream keeps its order: a message that was received before the one above it is written
     as received with that one. Of several frames that the messages of one stream name, the
     first is written. Call it inside ``partial_folder``: after an exception the folder is
     unfinished. Raises SlamsimError for stamps that ROS 2 cannot write.
     """
+    recording = as_ros(recording)
     streams = _named([o for o in outgoing(recording, truth) if o.log_ns.size])
     _require_stamps(recording)
     kinds = {o.topic: TopicKind(o.topic, o.type_name, o.latched) for o in streams}
