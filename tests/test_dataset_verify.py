@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 import shutil
 from pathlib import Path
 
@@ -12,10 +14,12 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from slamsim.console import Reporter
+from slamsim.dataset import made_again
 from slamsim.dataset.manifest import MANIFEST
 from slamsim.dataset.sums import SUMS, SumsDamaged, read_sums, sums_text
+from slamsim.dataset.table import rows_from_parquet, rows_to_parquet
 from slamsim.dataset.verify import Verification, verify
-from slamsim.run.dataset_telling import mending_of, run_verify
+from slamsim.run.dataset_telling import mending_of, run_stats, run_verify
 from slamsim.safe.errors import NotFound, SlamsimError
 
 QUIET = Reporter(quiet=True)
@@ -128,6 +132,60 @@ def test_what_is_damaged_is_made_again_by_the_commands_that_are_told(
     assert mending.command.endswith(f" -n {COUNT} --out {place}")
     make_small(place)
     assert tree(place) == tree(whole)
+
+
+def forged(place: Path, name: str, data: bytes) -> None:
+    """A file of the first sequence changed, and every hash that would tell."""
+    (place / "train/000000" / name).write_bytes(data)
+    mark = place / "train/000000/sequence.json"
+    told = json.loads(mark.read_text())
+    for file in told["files"]:
+        if file["path"] == name:
+            file |= {"size_bytes": len(data), "sha256": hashlib.sha256(data).hexdigest()}
+    mark.write_text(json.dumps(told, indent=1) + "\n")
+    rows = rows_from_parquet((place / MANIFEST).read_bytes())
+    rows[0]["sha256"] = hashlib.sha256(mark.read_bytes()).hexdigest()
+    (place / MANIFEST).write_bytes(rows_to_parquet(rows))
+    sums = read_sums((place / SUMS).read_bytes())
+    sums[MANIFEST] = hashlib.sha256((place / MANIFEST).read_bytes()).hexdigest()
+    (place / SUMS).write_text(sums_text(sums))
+
+
+def test_only_making_it_again_tells_what_was_never_made_so(whole: Path, tmp_path: Path) -> None:
+    place = copied(whole, tmp_path / "set")
+    forged(place, "world.yaml", b"name: another\n")
+    assert verify(str(place)).whole
+    found = verify(str(place), again=1)
+    assert named(found) == {"train/000000/world.yaml"}
+    assert found.findings[0].index == 0
+
+
+def test_other_software_does_not_judge(whole: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(made_again, "versions", lambda: {"numpy": "0.1"})
+    with pytest.raises(SlamsimError, match=r"numpy 0\.1 instead of"):
+        verify(str(whole), again=1)
+    assert verify(str(whole)).whole
+
+
+def test_what_is_told_can_be_read_by_programs(
+    scratch: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    teller = Reporter(as_json=True)
+    assert run_verify(str(scratch), teller)
+    told = json.loads(capsys.readouterr().out)
+    assert told["whole"] and told["mending"] is None and told["checked"] == COUNT
+    config = scratch / "train/000001/config.yaml"
+    contents = config.read_bytes()
+    config.unlink()
+    assert not run_verify(str(scratch), teller)
+    told = json.loads(capsys.readouterr().out)
+    assert told["findings"] == [
+        {"path": "train/000001/config.yaml", "reason": "missing", "index": 1}
+    ]
+    assert told["mending"]["remove"] == ["shards/00000.parquet", "train/000001"]
+    config.write_bytes(contents)
+    run_stats(str(scratch), teller)
+    assert json.loads(capsys.readouterr().out)["sequences"] == COUNT
 
 
 def test_a_part_is_spread_over_the_whole(whole: Path) -> None:
