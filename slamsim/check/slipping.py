@@ -15,6 +15,9 @@ LEAST_M, LEAST_RAD, LEAST_SHARE = 0.02, 0.03, 0.04
 """What a spell must differ by, in path or in turn, and as a share of either, to be no noise."""
 
 NOISE_SIGMAS = 6.0
+ONE_STEP = 0.7
+"""If one step makes up as much of a spell's difference, its scans were matched wrongly."""
+
 STILL_SHARE = 0.02
 MOVED_M, MOVED_RAD = 0.05, 0.1
 
@@ -65,9 +68,25 @@ def find_spells(model: Model, values: FloatArray) -> Spells:
     beside = np.zeros_like(frozen)
     beside[1:] |= frozen[:-1]
     beside[:-1] |= frozen[1:]
-    slipping = (off & (np.abs(by_wheels) > np.abs(by_scans))).any(axis=1) & ~frozen
+    lasting = _largest_step(model, T_wheels, covered, values[LASER_YAW], step_of) < ONE_STEP * apart
+    farther = np.abs(by_wheels) > np.abs(by_scans)
+    slipping = (off & lasting & farther).any(axis=1) & ~frozen
     odd = off.any(axis=1) & ~frozen & ~slipping
     return Spells(start_s, step_of, by_wheels, by_scans, slipping, frozen, beside, odd)
+
+
+def _largest_step(
+    model: Model, T_wheels: FloatArray, covered: BoolArray, yaw_rad: float, step_of: IntArray
+) -> FloatArray:
+    """(k, 2) the most that one step adds to a spell's difference in path and turn."""
+    each = np.arange(step_of.size)
+    differ = _added(T_wheels, covered, yaw_rad, each)
+    differ -= _added(model.steps.T_first_second, covered, yaw_rad, each)
+    total = np.zeros((int(step_of.max(initial=-1)) + 1, 2))
+    np.add.at(total, step_of, differ)
+    largest = np.zeros_like(total)
+    np.maximum.at(largest, step_of, differ * np.sign(total)[step_of])
+    return largest
 
 
 def _numbered(steps: LaserSteps) -> IntArray:
