@@ -97,6 +97,10 @@ SPOILT_BY_LIDAR_STAMPS = (
 )
 
 
+SPOILT_BY_COARSE_STAMPS = ("time_offset_imu", "time_offset_wheels")
+"""Stamps that repeat leave scans at instants when they were not made, for all to be compared to."""
+
+
 def explained(findings: Sequence[Finding]) -> tuple[Finding, ...]:
     """The same findings, the consequences among them no longer "bad"."""
     findings = _without_contradicted(findings)
@@ -141,8 +145,10 @@ def _follows(finding: Finding, cause: Finding, lidars: set[str]) -> bool:
         return False
     if fault in ON_ANY_SUBJECT.get(by, ()):
         return not _is_larger(finding, cause)
-    if by in LIDAR_STAMPS and cause.subject in lidars and fault in SPOILT_BY_LIDAR_STAMPS:
-        return True
+    if by in LIDAR_STAMPS and cause.subject in lidars:
+        coarse = by == "stamps_quantised" and fault in SPOILT_BY_COARSE_STAMPS
+        if coarse or fault in SPOILT_BY_LIDAR_STAMPS:
+            return True
     return finding.subject == cause.subject and fault in ON_ONE_SUBJECT.get(by, ())
 
 
