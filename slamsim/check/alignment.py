@@ -118,7 +118,7 @@ def _piece_by_piece(
     if lags is None or lags.wander_s() > WANDER_S:
         energy = np.mean(np.square(laser.rate.values)), np.mean(np.square(turns.values))
         turning = LIKE_ENERGY < energy[0] / max(float(energy[1]), 1e-12) < 1.0 / LIKE_ENERGY
-        return replace(look, scans="unsteady" if turning else "not turning")
+        return replace(look, scans="unsteady" if turning and lags is not None else "not turning")
     at_zero, growth = lags.line()
     middle_s = 0.5 * float(laser.rate.starts_s[0] + laser.rate.ends_s[-1])
     gyro_ns = round((at_zero + growth * middle_s) * 1e9)

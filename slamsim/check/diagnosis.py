@@ -73,7 +73,7 @@ ON_ANY_SUBJECT: dict[str, tuple[str, ...]] = {
 SWEEPS = 2.0
 """Stamps are off by no more than this many sweeps because nobody declared the sweep."""
 
-UNTIL_TURNS_AGREE = (*_SIZES, "range_offset")
+UNTIL_TURNS_AGREE = (*_SIZES, "range_offset", "stamps_invented")
 """What scans of a wrong shape, or wheels of wrong sizes, make of everything else."""
 
 LIDAR_STAMPS = (
