@@ -45,10 +45,10 @@ def plan_rows(found: Plan) -> dict[str, str]:
     splits = ", ".join(f"{split} {number}" for split, number in found.splits.items())
     sizes = ", ".join(f"{name} {as_size(size)}" for name, size in found.disk_bytes.items())
     about = "" if found.drawn == found.sequences else f" (from the first {found.drawn})"
-    counted = {f"by {what}{about}": counted(numbers) for what, numbers in found.counts.items()}
+    drawn = {f"by {what}{about}": counted(numbers) for what, numbers in found.counts.items()}
     return {
         "sequences": f"{found.sequences} in {found.worlds} worlds: {splits}",
-        **counted,
+        **drawn,
         "simulated": as_time(found.simulated_s),
         "expected time": f"{as_time(found.seconds)} with {found.workers} workers, "
         f"{found.simulated_s / max(found.core_s, 1e-9):.0f} simulated seconds a core-second",
