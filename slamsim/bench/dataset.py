@@ -6,6 +6,7 @@ time for many, from when each worker has made its first.
 
 from __future__ import annotations
 
+import shutil
 import tempfile
 import time
 from collections.abc import Callable
@@ -90,7 +91,7 @@ def measure_alone(recipe: Recipe, count: int) -> Figures:
             simulated_s.append(cast(float, facts.quality["duration_s"]))
             memory_mb.append(peak_memory_mb())
             if spec.index >= BARE_SEQUENCES:
-                _forget(place)
+                shutil.rmtree(place)
         bare = _bare_parts(specs[:BARE_SEQUENCES], Path(folder))
     usual_s = float(np.median(cpu_s[1:] or cpu_s))
     start_s = imported_s + cpu_s[0] - usual_s
@@ -105,11 +106,6 @@ def measure_alone(recipe: Recipe, count: int) -> Figures:
         "peak_memory_mb": memory_mb[-1],
         "peak_memory_grown_mb": memory_mb[-1] - memory_mb[len(memory_mb) // 10],
     }
-
-
-def _forget(place: Path) -> None:
-    for path in sorted(place.rglob("*"), reverse=True):
-        path.unlink() if path.is_file() else path.rmdir()
 
 
 def _bare_parts(specs: list[SequenceSpec], folder: Path) -> dict[str, float]:

@@ -8,7 +8,6 @@ makes another question unanswerable, or answers it wrongly, what was found "bad"
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 from slamsim.check.findings import FAULT_NAMES, Finding
 
@@ -118,12 +117,7 @@ def _without_contradicted(findings: Sequence[Finding]) -> list[Finding]:
     if not {"laser.rotation", "laser.angle_step"} <= open_questions:
         return list(findings)
     reason = "cannot be told while the turns of the scans and of the others contradict each other"
-    return [_untold(one, reason) if one.fault in UNTIL_TURNS_AGREE else one for one in findings]
-
-
-def _untold(finding: Finding, reason: str) -> Finding:
-    words = f"{finding.words}; {reason}"
-    return replace(finding, verdict="cannot tell", fault=None, words=words, advice="", mends=())
+    return [one.untold(reason) if one.fault in UNTIL_TURNS_AGREE else one for one in findings]
 
 
 def _judged(finding: Finding, bad: Sequence[Finding], lidars: set[str]) -> Finding:
@@ -135,7 +129,7 @@ def _judged(finding: Finding, bad: Sequence[Finding], lidars: set[str]) -> Findi
     cause = causes[0]
     assert cause.fault is not None
     reason = f"cannot be told while {FAULT_NAMES[cause.fault]} ({cause.subject})"
-    return _untold(finding, reason)
+    return finding.untold(reason)
 
 
 def _follows(finding: Finding, cause: Finding, lidars: set[str]) -> bool:

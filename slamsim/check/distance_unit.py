@@ -150,11 +150,8 @@ def of_slip(
     """What was found of slip; scans that were matched at another scale than theirs tell none."""
     if unit is None or unit.side == "wheels" or abs(unit.metres / metres_per_unit - 1.0) < SAME:
         return list(findings)
-    words = f"ranges in {unit.name} were matched as if they were in metres"
-    return [
-        replace(one, verdict="cannot tell", fault=None, words=f"{one.words}; {words}", advice="")
-        for one in findings
-    ]
+    reason = f"ranges in {unit.name} were matched as if they were in metres"
+    return [one.untold(reason) for one in findings]
 
 
 def check_unit(unit: WrongUnit | None) -> list[Finding]:

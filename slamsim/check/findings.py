@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 from slamsim.types import FloatArray
@@ -91,6 +91,11 @@ class Finding:
             raise ValueError(f"{self.check}: a fault is named if and only if something is bad")
         if self.fault is not None and self.fault not in FAULT_NAMES:
             raise ValueError(f"{self.check}: {self.fault!r} is no known fault")
+
+    def untold(self, reason: str) -> Finding:
+        """The same as something that cannot be told, the reason added to its words."""
+        words = f"{self.words}; {reason}"
+        return replace(self, verdict="cannot tell", fault=None, words=words, advice="", mends=())
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 from slamsim.check.findings import Finding
 from slamsim.check.gathering import Inputs
 from slamsim.check.laser_rotation import check_rotation
@@ -31,13 +29,7 @@ def check_laser(
     rotation = check_rotation(inputs)
     shape = [*check_angles(motions), check_sweep(motions, recorded_as)]
     if rotation.fault == "laser_world_fixed":
-        shape = [_untold(finding) for finding in shape]
+        # A beam that does not turn with the laser has no fixed place among the others.
+        reason = "rays fixed to the world hide it"
+        shape = [one.untold(reason) if one.verdict == "bad" else one for one in shape]
     return [rotation, *shape, check_range_offset(motions)]
-
-
-def _untold(finding: Finding) -> Finding:
-    """A beam that does not turn with the laser has no fixed place among the others."""
-    if finding.verdict != "bad":
-        return finding
-    words = f"rays fixed to the world hide it ({finding.words})"
-    return replace(finding, verdict="cannot tell", words=words, fault=None, advice="", mends=())

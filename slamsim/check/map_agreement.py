@@ -36,7 +36,4 @@ def _held(finding: Finding, crispness: Mapping[Stream, Crispness]) -> Finding:
     if not found.objection:
         words = f"{finding.words}; {found.support}" if found.support else finding.words
         return replace(finding, words=words, plots=plots)
-    words = f"{finding.words}; but {found.objection}: one of both is misled"
-    return replace(
-        finding, verdict="cannot tell", fault=None, words=words, advice="", mends=(), plots=plots
-    )
+    return replace(finding.untold(f"but {found.objection}: one of both is misled"), plots=plots)
