@@ -15,7 +15,7 @@ Row = Mapping[str, Value]
 Who = Literal["slamsim", "unity", "gazebo", "reality", "theory"]
 """Whose result: each has its own colour in every figure."""
 
-Settings = TypeVar("Settings", bound=Config, contravariant=True)
+Settings_contra = TypeVar("Settings_contra", bound=Config, contravariant=True)
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,14 +136,14 @@ class ScenarioResult:
     wall_s: float = 0.0
 
 
-class Scenario(Protocol[Settings]):
+class Scenario(Protocol[Settings_contra]):
     """One of the nine. All its methods are pure functions of what they are given."""
 
     name: str
     title: str
 
-    def trials(self, config: Settings, seed: int) -> Sequence[Trial]:
+    def trials(self, config: Settings_contra, seed: int) -> Sequence[Trial]:
         """The work, in the order in which it is told of."""
 
-    def conclude(self, config: Settings, outcomes: Sequence[Outcome]) -> Findings:
+    def conclude(self, config: Settings_contra, outcomes: Sequence[Outcome]) -> Findings:
         """What the outcomes, in the order of the trials, say. Some may be missing."""
