@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Literal, Protocol, TypeVar
+from dataclasses import dataclass, field
+from typing import Any, Literal, Protocol, TypeVar
+
+from numpy.typing import NDArray
 
 from slamsim.config.base import Config
-from slamsim.types import FloatArray, Trajectory
+from slamsim.types import FloatArray, Grid, Trajectory
 
 Value = float | int | str | bool | None
 Row = Mapping[str, Value]
@@ -39,18 +41,21 @@ class Motion:
 class Outcome:
     """What one trial came to. values: a row of the scenario's raw numbers, finite or None.
 
-    motions: what to show of it; empty for most trials.
+    motions: what to show of it; empty for most trials. arrays: what ``conclude`` needs and no row
+    can hold, such as a path.
     """
 
     values: Row
     motions: tuple[Motion, ...] = ()
+    arrays: Mapping[str, NDArray[Any]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
 class Trial:
     """One piece of work. run: a partial of a function of a module, so that it can be sent away.
 
-    cost: how long it takes beside other trials, in any unit; the longest begin first.
+    label: unlike that of any other trial of the scenario. cost: about how many seconds of one core
+    it takes; the longest begin first.
     """
 
     label: str
@@ -96,7 +101,7 @@ class Series:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Chart:
-    """A figure. equal: one metre is as long on both axes."""
+    """A figure. equal: one metre is as long on both axes. grid: drawn below the curves."""
 
     title: str
     x_label: str
@@ -104,6 +109,7 @@ class Chart:
     series: tuple[Series, ...]
     equal: bool = False
     logarithmic: tuple[bool, bool] = (False, False)
+    grid: Grid | None = None
     note: str = ""
 
 
@@ -119,10 +125,19 @@ class Findings:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ScenarioResult:
-    """A scenario that was run. rows: of all trials, in their order; failures: label and reason.
+class Scene:
+    """What one trial has to show. title: its label."""
 
-    engine: parameters of the physics engine that were used.
+    title: str
+    motions: tuple[Motion, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ScenarioResult:
+    """A scenario that was run. rows: of all trials that ended well, in their order.
+
+    engine: parameters of the physics engine that were used. failures: label and reason. busy_s:
+    what all trials together took of one core.
     """
 
     name: str
@@ -130,17 +145,19 @@ class ScenarioResult:
     config: Config
     rows: tuple[Row, ...]
     findings: Findings
-    motions: tuple[Motion, ...]
+    scenes: tuple[Scene, ...]
     engine: Row
     failures: tuple[tuple[str, str], ...] = ()
-    wall_s: float = 0.0
+    busy_s: float = 0.0
 
 
 class Scenario(Protocol[Settings_contra]):
     """One of the nine. All its methods are pure functions of what they are given."""
 
-    name: str
     title: str
+
+    def engine(self, config: Settings_contra) -> Row:
+        """Parameters of the physics engine that its trials use, as they stand in the report."""
 
     def trials(self, config: Settings_contra, seed: int) -> Sequence[Trial]:
         """The work, in the order in which it is told of."""

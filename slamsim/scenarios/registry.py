@@ -1,0 +1,71 @@
+"""The nine scenarios by name; each is loaded when it is asked for."""
+
+from __future__ import annotations
+
+import difflib
+from dataclasses import dataclass
+from importlib import import_module
+from typing import Any
+
+from slamsim.config.base import Config
+from slamsim.safe.errors import NotFound, shown
+from slamsim.scenarios.base import Scenario
+
+ALL = "all"
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """name: as it is typed. asks: what the scenario asks, in one line. settings: its model."""
+
+    name: str
+    asks: str
+    settings: str
+
+    @property
+    def key(self) -> str:
+        """The name as it stands in keys, modules and files."""
+        return self.name.replace("-", "_")
+
+    @property
+    def module(self) -> str:
+        return "slam_case" if self.name == "slam" else self.key
+
+    def config_type(self) -> type[Config]:
+        """The model of its parameters."""
+        found: type[Config] = getattr(
+            import_module(f"slamsim.config.scenarios.{self.module}"), self.settings
+        )
+        return found
+
+    def scenario(self) -> Scenario[Any]:
+        """The scenario itself, with the libraries that it needs."""
+        found: Scenario[Any] = import_module(f"slamsim.scenarios.{self.module}").SCENARIO
+        return found
+
+
+ENTRIES = (
+    Entry("stacking", "how many boxes stand on one another at which time step", "StackingConfig"),
+    Entry("collision", "how deep bodies sink into each other", "CollisionConfig"),
+    Entry("integrator", "how far a free fall is from theory", "IntegratorConfig"),
+    Entry("mu-split", "one wheel on a slippery floor", "MuSplitConfig"),
+    Entry("ramp", "up a slope, until wheels slip or the robot tips over", "RampConfig"),
+    Entry("friction-turn", "a heavy box at 20° turns the robot", "FrictionTurnConfig"),
+    Entry("basic-drive", "forth and back, and where it stops", "BasicDriveConfig"),
+    Entry("umbmark", "squares in both directions: odometry judged and corrected", "UmbmarkConfig"),
+    Entry("slam", "a labyrinth mapped, with what went wrong in the study", "SlamCaseConfig"),
+)
+
+
+def find_entries(name: str) -> tuple[Entry, ...]:
+    """The scenario of that name, or all of them. Raises NotFound naming the nearest."""
+    if name == ALL:
+        return ENTRIES
+    wanted = name.replace("_", "-")
+    for entry in ENTRIES:
+        if entry.name == wanted:
+            return (entry,)
+    names = [*(entry.name for entry in ENTRIES), ALL]
+    near = difflib.get_close_matches(wanted, names, n=1)
+    meant = f"did you mean {near[0]!r}? " if near else ""
+    raise NotFound(f"there is no scenario {shown(name)}; {meant}({', '.join(names)})")
