@@ -107,8 +107,8 @@ def test_a_sequence_that_fails_three_times_is_recorded_and_the_rest_goes_on(
 
 
 def test_one_sequence_alone(orders: Path, tmp_path: Path) -> None:
-    summary = make(tmp_path / "set", orders, COUNT, only=[3])
-    assert summary.made == 1
+    summary = make(tmp_path / "set", orders, COUNT, only=[3, 3])
+    assert (summary.already, summary.made) == (0, 1)
     assert [path.name for path in (tmp_path / "set").glob("t*/*")] == ["000003"]
     assert not (tmp_path / "set" / "shards").exists()
 

@@ -16,7 +16,7 @@ from slamsim.dataset.production import DatasetSummary, Order, Production
 from slamsim.dataset.recipe import Recipe
 from slamsim.dataset.store import Store, open_store
 from slamsim.dataset.watch import Unwatched, Watch
-from slamsim.safe.errors import DiskFull
+from slamsim.safe.errors import DiskFull, SlamsimError
 
 LIMIT_S = 1800.0
 """A sequence that takes longer is ended and counts as failed."""
@@ -46,6 +46,8 @@ def make_dataset(
     ones. Raises SlamsimError if the place holds something else, Locked while another run writes
     there, DiskFull, and what the engine raises when it cannot begin; then nothing is written.
     """
+    if beyond := [index for index in only or () if not 0 <= index < count]:
+        raise SlamsimError(f"--only {beyond[0]}: the data set ends with sequence {count - 1}")
     order = Order(
         count=count,
         shard_sequences=recipe.shard_sequences,
@@ -86,11 +88,11 @@ def fulfil(
     with store.owned():
         require_place_for(store, identity)
         with engine:
-            production = Production(order, store, engine, watch)
+            production = Production(order, store, engine, watch, only)
             if require_room is not None:
                 require_room(production.left())
             claim(store, identity)
-            summary = production.run(only)
+            summary = production.run()
             if only is None and catalogue is not None:
                 catalogue(store)
             return summary

@@ -69,9 +69,16 @@ class DatasetSummary:
 
 
 class Production:
-    """One run over all that is missing in a place."""
+    """One run over all that is missing in a place; only: over these indices, missing or not."""
 
-    def __init__(self, order: Order, store: Store, engine: Engine, watch: Watch) -> None:
+    def __init__(
+        self,
+        order: Order,
+        store: Store,
+        engine: Engine,
+        watch: Watch,
+        only: Sequence[int] | None = None,
+    ) -> None:
         self._order, self._store, self._engine, self._watch = order, store, engine, watch
         self._shards: dict[int, dict[int, Row]] = {}
         self._waiting: deque[tuple[int, ...]] = deque()
@@ -81,24 +88,24 @@ class Production:
         self._log: dict[int, list[str]] = {}
         self._already = self._made = self._size_bytes = 0
         self._simulated_s = 0.0
-        self._missing = self._survey()
+        missing = self._survey()
+        self._total = order.count if only is None else len(set(only))
+        self._missing = missing if only is None else [tuple(dict.fromkeys(only))]
 
     def left(self) -> int:
         """So many sequences are to be made."""
         return sum(map(len, self._missing))
 
-    def run(self, only: Sequence[int] | None = None) -> DatasetSummary:
-        """Make what is missing; only: of these indices, and nothing of the catalogue.
+    def run(self) -> DatasetSummary:
+        """Make what is missing.
 
         Raises what stops a whole production: DiskFull, StoreFailed, Unworkable, SlamsimError
         for an engine that is lost. What was made by then stays, and counts next time.
         """
         begin_s = time.monotonic()
-        missing = self._missing if only is None else [tuple(only)]
-        left = sum(map(len, missing))
-        self._already = self._order.count - left
-        self._watch.begin(self._order.count, self._already)
-        batches = self._batches(missing, left)
+        self._already = self._total - self.left()
+        self._watch.begin(self._total, self._already)
+        batches = self._batches(self._missing, self.left())
         try:
             while self._fill(batches) or self._running:
                 self._collect()

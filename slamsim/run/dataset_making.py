@@ -27,23 +27,9 @@ def run_make(
 ) -> None:
     """Make it, or what is missing of it. Raises SlamsimError as ``make_dataset`` does."""
     recipe = load_recipe(recipe_name)
-    if bad := [index for index in only or () if index >= count]:
-        raise SlamsimError(f"--only {bad[0]}: the data set ends with sequence {count - 1}")
     maker = _engine(engine, workers, scheduler, recipe.shard_sequences)
-    try:
-        with ConsoleWatch(reporter) as watch:
-            summary = make_dataset(
-                recipe,
-                count,
-                out,
-                maker,
-                watch,
-                only=only,
-                source=recipe_name,
-            )
-    except BaseException:
-        reporter.say("What is made stays; the same command goes on from there.")
-        raise
+    with ConsoleWatch(reporter) as watch:
+        summary = make_dataset(recipe, count, out, maker, watch, only=only, source=recipe_name)
     _tell(summary, reporter)
 
 

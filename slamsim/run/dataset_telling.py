@@ -91,7 +91,8 @@ def mending_of(found: Verification) -> Mending:
     indices = {finding.index for finding in damaged if finding.index is not None}
     paths |= _shards_of(place, indices, paths)
     there = sorted(path for path in paths if place.names(path) or place.digest(path))
-    recipe = "RECIPE" if RECIPE in paths else f"{found.address}/{RECIPE}"
+    is_sound = RECIPE not in paths and place.digest(RECIPE)
+    recipe = f"{found.address}/{RECIPE}" if is_sound else "RECIPE"
     words = ["slamsim", "dataset", "make", recipe, "-n", str(found.sequences)]
     return Mending(tuple(there), shlex.join([*words, "--out", found.address]))
 

@@ -27,12 +27,11 @@ class ConsoleWatch:
             TextColumn("{task.fields[told]}", style="cyan"),
         )
         self._task = self._bars.add_task("sequences", total=1, told="")
-        self._begun_s = time.monotonic()
+        self._begun_s = 0.0
         self._total = self._done = self._made = self._failed = 0
         self._simulated_s = self._megabytes = 0.0
 
     def __enter__(self) -> Self:
-        self._bars.start()
         return self
 
     def __exit__(
@@ -41,11 +40,15 @@ class ConsoleWatch:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
+        """What is stopped before it begins leaves nothing to go on from."""
         self._bars.stop()
+        if kind is not None and self._begun_s:
+            self._reporter.say("What is made stays; the same command goes on from there.")
 
     def begin(self, total: int, already: int) -> None:
         self._total, self._done = total, already
         self._begun_s = time.monotonic()
+        self._bars.start()
         if already:
             self._reporter.say(f"{already} of {total} sequences are there already")
         self._show()
