@@ -23,7 +23,7 @@ ALLOWED = {
     "karto_scanmatcher": ("bench/peers/",),
     "genz_icp": ("bench/peers/",),
     "trimesh": ("world/",),
-    "pebble": ("dataset/engines/",),
+    "pebble": ("worker.py",),
     "distributed": ("dataset/engines/",),
     "fsspec": ("dataset/",),
     "evo": (),

@@ -9,7 +9,7 @@ from concurrent.futures import FIRST_COMPLETED, CancelledError, wait
 from dataclasses import dataclass
 from datetime import UTC, datetime
 
-from slamsim.dataset.engines.base import Answer, Engine, WorkerDied
+from slamsim.dataset.engines.base import Answer, Engine
 from slamsim.dataset.shard import (
     MADE,
     Draw,
@@ -25,6 +25,7 @@ from slamsim.dataset.table import rows_from_parquet, rows_to_parquet
 from slamsim.dataset.versions import versions
 from slamsim.dataset.watch import Watch
 from slamsim.safe.errors import SlamsimError
+from slamsim.worker import WorkerDied
 
 TRIES = 3
 """So often a sequence is tried before it is given up."""

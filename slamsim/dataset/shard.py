@@ -9,11 +9,9 @@ from __future__ import annotations
 
 import hashlib
 import json
-import signal
 import time
 import traceback
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -22,6 +20,7 @@ from slamsim.dataset.store import MARK, Store, StoreFailed, open_store
 from slamsim.dataset.versions import difference, versions
 from slamsim.safe.errors import DiskFull, SlamsimError
 from slamsim.safe.output import disk_full, write_atomic
+from slamsim.worker import Unworkable, time_limit
 
 MADE, FAILED = "made", "failed"
 
@@ -60,10 +59,6 @@ class Tried:
     old: bool = False
     reason: str = ""
     trace: str = ""
-
-
-class Unworkable(SlamsimError):
-    """What stops a whole run, for no other sequence would fare better."""
 
 
 def shard_path(shard: int) -> str:
@@ -152,7 +147,7 @@ def _row_of_old(store: Store, spec: SequenceSpec) -> Row | None:
 
 
 def _make(store: Store, task: Task, spec: SequenceSpec, folder: Path) -> Row | None:
-    with _time_limit(task.limit_s):
+    with time_limit(task.limit_s):
         facts = task.produce(spec, folder)
     mark = sequence_mark(spec, facts)
     write_atomic(folder / MARK, mark)
@@ -177,16 +172,6 @@ def sequence_mark(spec: SequenceSpec, facts: SequenceFacts) -> bytes:
         ],
     }
     return (json.dumps(told, indent=1, allow_nan=False) + "\n").encode()
-
-
-@contextmanager
-def _time_limit(limit_s: float) -> Iterator[None]:
-    """End this process if the block takes longer, whatever native code it is in."""
-    signal.setitimer(signal.ITIMER_REAL, limit_s)
-    try:
-        yield
-    finally:
-        signal.setitimer(signal.ITIMER_REAL, 0.0)
 
 
 def _reason(error: Exception) -> str:

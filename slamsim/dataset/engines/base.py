@@ -1,4 +1,4 @@
-"""What an engine is, and how it tells that a worker died."""
+"""What an engine is."""
 
 from __future__ import annotations
 
@@ -8,17 +8,6 @@ from typing import Protocol, Self
 from slamsim.dataset.shard import Task, Tried
 
 Answer = Future[tuple[Tried, ...]]
-
-
-class WorkerDied(Exception):
-    """The process that made the sequences of a task ended: which one it was at, nobody knows.
-
-    reason: how, in words. trace: what it printed last.
-    """
-
-    def __init__(self, reason: str, trace: str = "") -> None:
-        super().__init__(reason, trace)
-        self.reason, self.trace = reason, trace
 
 
 class Engine(Protocol):

@@ -16,14 +16,15 @@ import time
 from collections.abc import Iterator, Mapping
 from concurrent.futures import CancelledError, Future
 from contextlib import contextmanager, suppress
+from functools import partial
 from typing import Any, Self
 from urllib.parse import urlsplit
 
-from slamsim.dataset.engines.base import Answer, WorkerDied
-from slamsim.dataset.engines.worker import Worker, fair_share_bytes
-from slamsim.dataset.shard import Task, Tried
+from slamsim.dataset.engines.base import Answer
+from slamsim.dataset.shard import Task, Tried, make_sequences
 from slamsim.dataset.versions import difference, versions
 from slamsim.safe.errors import SlamsimError, shown
+from slamsim.worker import Worker, WorkerDied, fair_share_bytes
 
 _ANSWER_S = 5.0
 """So long a scheduler may take to answer before it is taken for absent."""
@@ -159,7 +160,7 @@ def make_on_worker(task: Task) -> tuple[Tried, ...]:
         multiprocessing.current_process()._config["daemon"] = False  # type: ignore[attr-defined]
         worker = _own.worker = Worker(_share_bytes())
         _workers.add(worker)
-    return worker.make(task)
+    return worker.run(partial(make_sequences, task), task.limit_s)
 
 
 def end_workers() -> None:

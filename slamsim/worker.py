@@ -1,8 +1,8 @@
-"""A process that makes sequences: one core, a memory limit, and replaced when it dies.
+"""Processes that work: each one core, a memory limit, and replaced when it dies.
 
-Every engine uses it, so that a sequence that crashes, hangs or eats all memory ends its own
-process and nothing else. It is a pebble pool of one: the workers of a larger pool share a pipe
-and its locks, and one that is killed at the wrong moment takes the others with it.
+Work that crashes, hangs or eats all memory ends its own process and nothing else. Each is a
+pebble pool of one: the workers of a larger pool share a pipe and its locks, and one that is
+killed at the wrong moment takes the others with it.
 """
 
 from __future__ import annotations
@@ -14,20 +14,19 @@ import resource
 import signal
 import sys
 import tempfile
-from collections.abc import Callable
-from concurrent.futures import wait
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from multiprocessing import get_context
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from threading import Event, Lock
-from typing import TypeVar
+from threading import Event, Lock, local
+from typing import Self, TypeVar
 
 from pebble import ProcessExpired, ProcessPool
 
-from slamsim.dataset.engines.base import WorkerDied
-from slamsim.dataset.shard import Task, Tried, Unworkable, make_sequences
+from slamsim.safe.errors import SlamsimError
 
 Result = TypeVar("Result")
 
@@ -49,6 +48,21 @@ _TRACE_CHARACTERS = 4000
 _PR_SET_PDEATHSIG = 1
 
 
+class WorkerDied(Exception):
+    """The process ended during its work: which part of it that was at, nobody knows.
+
+    reason: how, in words. trace: what it printed last.
+    """
+
+    def __init__(self, reason: str, trace: str = "") -> None:
+        super().__init__(reason, trace)
+        self.reason, self.trace = reason, trace
+
+
+class Unworkable(SlamsimError):
+    """What stops a whole run, for no other work would fare better."""
+
+
 class Worker:
     """Belongs to one thread: with that thread its process dies."""
 
@@ -60,12 +74,15 @@ class Worker:
         self._process = 0
         self._folder: TemporaryDirectory[str] | None = None
 
-    def make(self, task: Task) -> tuple[Tried, ...]:
-        """``make_sequences`` in the process. Raises what it raises, and WorkerDied."""
+    def run(self, work: Callable[[], Result], limit_s: float) -> Result:
+        """What the work returns, done in the process. Raises what it raises, and WorkerDied.
+
+        work: can be pickled. limit_s: what ``time_limit`` is set to in it.
+        """
         with self._busy:
             if self._pool is None:
                 self._start()
-            return self._make(task)
+            return self._run(work, limit_s)
 
     @property
     def stopped(self) -> bool:
@@ -80,11 +97,11 @@ class Worker:
         with self._busy:
             self._end()
 
-    def _make(self, task: Task) -> tuple[Tried, ...]:
+    def _run(self, work: Callable[[], Result], limit_s: float) -> Result:
         try:
-            return self._waited(make_sequences, task)
+            return self._waited(work)
         except (ProcessExpired, BrokenProcessPool, TimeoutError) as error:
-            died = WorkerDied(self._why(error, task), self._printed())
+            died = WorkerDied(self._why(error, limit_s), self._printed())
             self._end()
             raise died from None
         except MemoryError:
@@ -118,9 +135,9 @@ class Worker:
                 self._end()
         raise Unworkable(f"no worker process can be started here: {printed or 'it ends at once'}")
 
-    def _waited(self, work: Callable[..., Result], *arguments: object) -> Result:
+    def _waited(self, work: Callable[[], Result]) -> Result:
         assert self._pool is not None
-        future = self._pool.schedule(work, args=arguments)
+        future = self._pool.schedule(work)
         while not wait((future,), _LOOK_S).done:
             if self._stopped.is_set():
                 self._end()
@@ -131,10 +148,10 @@ class Worker:
                 break
         return future.result(0.0)
 
-    def _why(self, error: Exception, task: Task) -> str:
+    def _why(self, error: Exception, limit_s: float) -> str:
         code = error.exitcode if isinstance(error, ProcessExpired) else None
         if code == -signal.SIGALRM:
-            return f"it took longer than {task.limit_s:g} s"
+            return f"it took longer than {limit_s:g} s"
         if code is not None and code < 0:
             return f"its process was ended by {signal.Signals(-code).name}"
         if "bad_alloc" in self._printed() or "MemoryError" in self._printed():
@@ -154,12 +171,65 @@ class Worker:
         return text.partition("\nExtension modules:")[0][-_TRACE_CHARACTERS:]
 
 
+class Workers:
+    """As many processes as there are workers, each with a thread here that waits for it.
+
+    count: as many as there are cores for us, if none is given. memory_bytes: the most that one
+    may have; without it, its share of the machine's. None outlives the ``with`` block.
+    """
+
+    def __init__(self, count: int | None = None, memory_bytes: int | None = None) -> None:
+        self.count = count or _cores()
+        self._memory_bytes = memory_bytes or fair_share_bytes(self.count)
+        self._own = local()
+        self._workers: list[Worker] = []
+        self._threads = ThreadPoolExecutor(self.count, "worker", self._begin)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        for worker in self._workers:
+            worker.stop()
+        self._threads.shutdown(cancel_futures=True)
+        for worker in self._workers:
+            worker.close()
+
+    def submit(self, work: Callable[[], Result], limit_s: float) -> Future[Result]:
+        """What ``Worker.run`` returns and raises, by whichever is free first."""
+        return self._threads.submit(self._run, work, limit_s)
+
+    def _begin(self) -> None:
+        self._own.worker = Worker(self._memory_bytes)
+        self._workers.append(self._own.worker)
+
+    def _run(self, work: Callable[[], Result], limit_s: float) -> Result:
+        worker: Worker = self._own.worker
+        return worker.run(work, limit_s)
+
+
+@contextmanager
+def time_limit(limit_s: float) -> Iterator[None]:
+    """End this process if the block takes longer, whatever native code it is in."""
+    signal.setitimer(signal.ITIMER_REAL, limit_s)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+
+
 def fair_share_bytes(workers: int) -> int:
     """What each of so many may have of the machine's memory, or of our control group's."""
     machine: int = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
     with suppress(OSError, ValueError):
         machine = min(machine, int(Path("/sys/fs/cgroup/memory.max").read_text()))
     return int(machine * _SHARE_OF_MEMORY / workers)
+
+
+def _cores() -> int:
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
 
 
 def _runs(process: int) -> bool:
