@@ -2,35 +2,26 @@
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from slamsim.config.drive import DriveConfig, PhysicsConfig
-from slamsim.geometry import xyzw_from_matrix
 from slamsim.progress import Progress, silent
 from slamsim.sim.bullet import pybullet
 from slamsim.sim.engine import Engine, hold_wheels, running_engine
 from slamsim.sim.floor import Floor
-from slamsim.sim.motors import build_motors
 from slamsim.sim.pilot import Pilot
-from slamsim.sim.record import Recorder
+from slamsim.sim.ride import BasePose, Decision, Ride, touching
 from slamsim.sim.robot import RobotModel
 from slamsim.sim.route import Route
-from slamsim.types import Drive, FloatArray
+from slamsim.types import Drive
 
 if TYPE_CHECKING:
     from slamsim.world.model import World
-
-Vector = tuple[float, ...]
-
-CONTACT_DISTANCE = 8
-"""Place of the distance in PyBullet's contact points."""
-TOUCHING_M = 0.0005
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +67,7 @@ class DriveRun:
     def __iter__(self) -> Iterator[Drive]:
         self._outcome = None
         with running_engine(self._world, self._robot, self._config.physics) as engine:
-            ride = _Ride(engine, self._world, self._robot, self._route, self._config)
+            ride = _RouteRide(engine, self._world, self._robot, self._route, self._config)
             path_length_m, last = 0.0, np.empty((0, 2))
             for window in ride.windows(self._progress, self._route.duration_estimate_s):
                 path = np.vstack([last, window.positions_m[:, :2]])
@@ -103,22 +94,17 @@ def drive(
     return DriveRun(world, robot, route, config, progress)
 
 
-class _Ride:
-    """One running drive: the loop around the physics engine."""
+class _RouteRide:
+    """One running drive along a route: the pilot, the floor and the walls around a ride."""
 
     def __init__(
         self, engine: Engine, world: World, robot: RobotModel, route: Route, config: DriveConfig
     ) -> None:
-        self._engine = engine
         rate_hz, control_hz = config.physics.rate_hz, config.follow.control_rate_hz
-        self._steps_per_tick, self._tick_s = rate_hz // control_hz, 1.0 / control_hz
+        self._engine, self._tick, self._tick_s = engine, 0, 1.0 / control_hz
         self._window_ticks = max(round(config.physics.window_s * control_hz), 1)
-        self._motors = build_motors(engine, robot.motor, 1.0 / rate_hz, self._steps_per_tick)
-        self._floor = Floor(engine, world)
-        self._recorder = Recorder(engine.T_base_com, rate_hz, self._steps_per_tick)
-        self._com_base = _inverse_for_pybullet(engine.T_base_com)
-        self._wheel_radius_m, self._half_track_m = robot.wheel_radius_m, 0.5 * robot.track_m
-        self._tick = 0
+        self._ride = Ride(engine, robot, rate_hz, rate_hz // control_hz)
+        self._floor = Floor(engine, world.floor_friction, world.floor_patches)
         self.pilot = Pilot(route, config)
 
     def time_s(self) -> float:
@@ -126,71 +112,19 @@ class _Ride:
 
     def windows(self, progress: Progress, estimate_s: float) -> Iterator[Drive]:
         while not self.pilot.ended:
-            self._control_tick()
+            self._ride.control_tick(self._decide)
             self._tick += 1
             if self.pilot.ended or self._tick % self._window_ticks == 0:
-                window = _finite_part(self._recorder.take_window())
+                window = self._ride.take_window()
                 progress(self.time_s(), max(estimate_s, self.time_s()))
                 yield window
         progress(self.time_s(), self.time_s())
 
-    def _control_tick(self) -> None:
-        """Decide the command, then record and step until the next control tick.
-
-        The hot loop: everything is looked up once, for each look-up counts at 240 Hz.
-        """
-        body, client, wheels = self._engine.body, self._engine.client, self._engine.wheels
-        read_pose, read_velocity = pybullet.getBasePositionAndOrientation, pybullet.getBaseVelocity
-        read_wheels, step, motors = pybullet.getJointStates, pybullet.stepSimulation, self._motors
-        record = self._recorder.states.extend
-        for i in range(self._steps_per_tick):
-            position, quaternion = read_pose(body, client)
-            linear, angular = read_velocity(body, client)
-            left, right = read_wheels(body, wheels, client)
-            record((*position, *quaternion, *linear, *angular, *left[:2], *right[:2]))
-            if i == 0:
-                self._decide(position, quaternion)
-            if motors.busy:
-                motors.update((left[1], right[1]))
-            step(client)
-
-    def _decide(self, position: Vector, quaternion: Vector) -> None:
-        """From the pose of the centre of mass to the wheels' speeds."""
-        (x_m, y_m, z_m), (qx, qy, qz, qw) = pybullet.multiplyTransforms(
-            position, quaternion, *self._com_base
-        )
-        yaw_rad = math.atan2(2.0 * (qw * qz + qx * qy), 1.0 - 2.0 * (qy * qy + qz * qz))
-        pilot, before = self.pilot, self.pilot.command
-        up = 1.0 - 2.0 * (qx * qx + qy * qy)
-        pilot.decide(self._tick * self._tick_s, x_m, y_m, z_m, yaw_rad, up)
-        if pilot.command != before:
-            speed, turn = pilot.command[0], pilot.command[1] * self._half_track_m
-            radius_m = self._wheel_radius_m
-            self._motors.command(((speed - turn) / radius_m, (speed + turn) / radius_m))
-        self._floor.update(x_m, y_m, yaw_rad)
-        self._recorder.ticks.extend((*pilot.command, float(self._touches_wall())))
-
-    def _touches_wall(self) -> bool:
-        engine = self._engine
-        for wall in engine.walls:
-            for point in pybullet.getContactPoints(engine.body, wall, -2, -2, engine.client):
-                if point[CONTACT_DISTANCE] < TOUCHING_M:
-                    return True
-        return False
-
-
-def _inverse_for_pybullet(T_base_com: FloatArray) -> tuple[list[float], list[float]]:
-    T_com_base: FloatArray = np.linalg.inv(T_base_com).astype(np.float64)
-    return T_com_base[:3, 3].tolist(), xyzw_from_matrix(T_com_base[:3, :3]).tolist()
-
-
-def _finite_part(window: Drive) -> Drive:
-    """The window up to the first step that is not a number; physics that fails stays failed."""
-    whole = np.isfinite(np.hstack([window.positions_m, window.quats_xyzw, window.wheel_angles_rad]))
-    bad = np.flatnonzero(~whole.all(axis=1))
-    if bad.size == 0:
-        return window
-    return Drive(*(getattr(window, column.name)[: bad[0]] for column in fields(window)))
+    def _decide(self, pose: BasePose) -> Decision:
+        self.pilot.decide(self.time_s(), *pose)
+        self._floor.update(pose.x_m, pose.y_m, pose.yaw_rad)
+        walls = self._engine.walls
+        return Decision(self.pilot.command, any(touching(self._engine, wall) for wall in walls))
 
 
 def bare_step_seconds(

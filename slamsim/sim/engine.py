@@ -10,9 +10,10 @@ per wall costs several times the time of a step.
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -64,19 +65,39 @@ class Engine:
     T_base_com: FloatArray
 
 
+Furnish = Callable[[int], Iterable[int]]
+"""Puts the solids around a robot into a client's world and gives their bodies."""
+
+
 @contextmanager
 def running_engine(world: World, robot: RobotModel, physics: PhysicsConfig) -> Iterator[Engine]:
     """A world with the robot at its start pose, standing still; gone when the block ends."""
+    walls = partial(_add_walls, mesh=world.mesh)
+    with standing_robot(robot, physics, world.start_pose, world.floor_friction, walls) as engine:
+        yield engine
+
+
+@contextmanager
+def standing_robot(
+    robot: RobotModel,
+    physics: PhysicsConfig,
+    start_pose: FloatArray,
+    floor_friction: float,
+    furnish: Furnish,
+    gravity_m_s2: float = GRAVITY_M_S2,
+) -> Iterator[Engine]:
+    """A robot that came to rest at (x, y, yaw) on a level floor; gone when the block ends."""
     client = pybullet.connect(pybullet.DIRECT)
     if client < 0:
         raise SlamsimError("PyBullet could not start a physics world")
     try:
         _set_up(client, physics)
+        set_gravity(client, (0.0, 0.0, -gravity_m_s2))
         _add_ground(client)
-        walls = tuple(_add_walls(client, world.mesh))
-        body = _load_robot(client, robot, world.start_pose)
+        walls = tuple(furnish(client))
+        body = _load_robot(client, robot, start_pose)
         engine = _prepare(client, body, walls, robot)
-        set_floor_friction(engine, world.floor_friction)
+        set_floor_friction(engine, floor_friction)
         _settle(engine, physics)
         yield engine
     finally:
@@ -120,7 +141,7 @@ def _client() -> Iterator[int]:
 
 
 def _set_up(client: int, physics: PhysicsConfig) -> None:
-    pybullet.setGravity(0.0, 0.0, -GRAVITY_M_S2, client)
+    set_gravity(client, (0.0, 0.0, -GRAVITY_M_S2))
     pybullet.setPhysicsEngineParameter(
         fixedTimeStep=1.0 / physics.rate_hz,
         numSubSteps=0,
@@ -132,6 +153,11 @@ def _set_up(client: int, physics: PhysicsConfig) -> None:
         enableFileCaching=0,
         physicsClientId=client,
     )
+
+
+def set_gravity(client: int, gravity_m_s2: tuple[float, float, float]) -> None:
+    """What everything falls with, in the map frame."""
+    pybullet.setGravity(*gravity_m_s2, client)
 
 
 def _add_static(client: int, shape: int) -> int:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from slamsim.sim.engine import Engine, set_foot_friction
 
 if TYPE_CHECKING:
-    from slamsim.world.model import World
+    from slamsim.world.model import FloorPatch
 
 
 class Floor:
@@ -17,11 +18,10 @@ class Floor:
     A wheel's place is where its joint stands on the robot, which turns with the robot's heading.
     """
 
-    def __init__(self, engine: Engine, world: World) -> None:
-        self._engine, self._floor = engine, world.floor_friction
+    def __init__(self, engine: Engine, friction: float, patches: Sequence[FloorPatch]) -> None:
+        self._engine, self._floor = engine, friction
         self._patches = [
-            (p.x_min_m, p.y_min_m, p.x_max_m, p.y_max_m, p.friction)
-            for p in reversed(world.floor_patches)
+            (p.x_min_m, p.y_min_m, p.x_max_m, p.y_max_m, p.friction) for p in reversed(patches)
         ]
         self._under = [math.nan] * len(engine.feet)
 

@@ -1,0 +1,99 @@
+"""Where a scripted run happens: a sloping plane with patches of friction and blocks on it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from slamsim.safe.errors import SlamsimError
+from slamsim.sim.bullet import pybullet
+from slamsim.types import GRAVITY_M_S2
+
+if TYPE_CHECKING:
+    from slamsim.world.model import FloorPatch
+
+Triple = tuple[float, float, float]
+
+STEEPEST_RAD = math.radians(89.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Block:
+    """A cuboid on the floor. mass_kg: 0 for one that cannot be moved. position_m: of its centre.
+
+    friction: Coulomb coefficient; it is multiplied with that of what it touches, which is 1 for
+    the floor.
+    """
+
+    size_m: Triple
+    mass_kg: float
+    position_m: Triple
+    yaw_rad: float = 0.0
+    friction: float = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class Ground:
+    """The plane z = 0 with what lies on it. slope_rad: it rises along +x.
+
+    The plane stays level in the map frame and gravity is turned instead, so that x and y are
+    measured along the slope and z at right angles to it. friction: Coulomb coefficient of the
+    floor outside of the patches, multiplied with that of each wheel. held: a hand keeps the
+    robot's base where it stands along the slope and across it; it is free to rise and to pitch.
+    """
+
+    slope_rad: float = 0.0
+    friction: float = 1.0
+    patches: tuple[FloorPatch, ...] = ()
+    blocks: tuple[Block, ...] = ()
+    held: bool = False
+
+    def __post_init__(self) -> None:
+        if not abs(self.slope_rad) <= STEEPEST_RAD:
+            raise SlamsimError(
+                f"a slope of {math.degrees(self.slope_rad):g} degrees cannot be driven: "
+                f"at most {math.degrees(STEEPEST_RAD):g} degrees are simulated"
+            )
+        coefficients = (
+            self.friction,
+            *(p.friction for p in self.patches),
+            *(b.friction for b in self.blocks),
+        )
+        for friction in coefficients:
+            if not 0.0 <= friction < math.inf:
+                raise SlamsimError(f"a friction coefficient of {friction:g} is below 0 or endless")
+
+    @property
+    def gravity_m_s2(self) -> Triple:
+        """In the frame whose x and y lie in the slope."""
+        along, down = math.sin(self.slope_rad), math.cos(self.slope_rad)
+        return -GRAVITY_M_S2 * along, 0.0, -GRAVITY_M_S2 * down
+
+
+def add_blocks(client: int, blocks: Iterable[Block]) -> Iterator[int]:
+    """The bodies of the blocks, in their order."""
+    for block in blocks:
+        shape = pybullet.createCollisionShape(
+            pybullet.GEOM_BOX, halfExtents=[0.5 * s for s in block.size_m], physicsClientId=client
+        )
+        if shape < 0:
+            raise SlamsimError(f"PyBullet refused a block of size {block.size_m} m")
+        body = pybullet.createMultiBody(
+            block.mass_kg,
+            shape,
+            basePosition=block.position_m,
+            baseOrientation=pybullet.getQuaternionFromEuler((0.0, 0.0, block.yaw_rad)),
+            physicsClientId=client,
+        )
+        pybullet.changeDynamics(
+            body,
+            -1,
+            lateralFriction=block.friction,
+            restitution=0.0,
+            linearDamping=0.0,
+            angularDamping=0.0,
+            physicsClientId=client,
+        )
+        yield int(body)
