@@ -175,6 +175,7 @@ class Recording:
 
 
 Messages = TypeVar("Messages", bound=RawStream | TransformEdge)
+_Stream = TypeVar("_Stream", bound=RawStream)
 
 PER_MESSAGE = (
     "stamps_ns",
@@ -208,6 +209,22 @@ def kept(messages: Messages, which: BoolArray | IntArray) -> Messages:
         elif value is not None:
             per_message[name] = [value[row] for row in rows]
     return replace(messages, **per_message)  # type: ignore[arg-type]
+
+
+def numbered(recording: Recording) -> Recording:
+    """With the number of each message, which it keeps when others are lost."""
+
+    def each(stream: _Stream) -> _Stream:
+        return replace(stream, samples=np.arange(len(stream)))
+
+    return replace(
+        recording,
+        scans=tuple(map(each, recording.scans)),
+        imus=tuple(map(each, recording.imus)),
+        odometries=tuple(map(each, recording.odometries)),
+        ticks=tuple(map(each, recording.ticks)),
+        joints=tuple(map(each, recording.joints)),
+    )
 
 
 def with_odometry_edge(recording: Recording, odometry: RawOdometry) -> Recording:

@@ -23,6 +23,7 @@ from slamsim.recording import (
     Recording,
     ScanLayout,
     TransformEdge,
+    numbered,
 )
 from slamsim.safe.errors import InputRefused, NotFound, SlamsimError
 from slamsim.sensors.faults.apply import injected
@@ -218,6 +219,16 @@ def test_a_fault_changes_the_recording_and_not_the_one_it_was_given(name: str) -
     assert differences(recording, before) == set(), "the recording that was given"
     assert differences(before, changed), "the fault does nothing"
     assert differences(changed, injected(before, [fault], seed=3)) == set(), "not the same twice"
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_message_of_a_numbered_recording_keeps_its_number(name: str) -> None:
+    changed = injected(numbered(example()), [load_fault(name)], seed=3)
+
+    for streams in (changed.scans, changed.imus, changed.odometries, changed.ticks, changed.joints):
+        for stream in streams:
+            assert stream.samples is not None
+            assert stream.samples.shape == stream.stamps_ns.shape
 
 
 @pytest.mark.parametrize(

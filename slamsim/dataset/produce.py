@@ -8,7 +8,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from functools import lru_cache, reduce
 from pathlib import Path
-from typing import Self, TypeVar
+from typing import Self
 
 import numpy as np
 
@@ -23,7 +23,7 @@ from slamsim.logs.raw_memory import recording_from_readings, true_trajectory
 from slamsim.logs.raw_writer import write_recording
 from slamsim.logs.recorded import OdometryTail
 from slamsim.logs.writer import LogWriter
-from slamsim.recording import RawStream, Recording
+from slamsim.recording import Recording, numbered
 from slamsim.run.folder import LOG, write_config, write_world
 from slamsim.sensors.faults.apply import declared, faulty_sensors
 from slamsim.sensors.faults.base import Fault
@@ -40,7 +40,6 @@ from slamsim.world.build import build_world
 from slamsim.world.model import World
 
 TRUTH = "truth"
-_Stream = TypeVar("_Stream", bound=RawStream)
 
 Moments = Iterator[tuple[Readings, Drive]]
 """What was sensed during each window of a drive, and the window."""
@@ -146,29 +145,13 @@ def _write_spoilt(
         truth.write(sensed, window)
         readings.append(replace(sensed, scans=replace(sensed.scans, truth=None)))
         windows.append(window)
-    clean = _numbered(recording_from_readings(spec.name, readings, windows, header))
+    clean = numbered(recording_from_readings(spec.name, readings, windows, header))
     recording = declared(clean, ride.faults, config.sensors, config.seed)
     if "mcap" in spec.formats:
         write_recording(recording, folder / LOG, true_trajectory(windows, header))
     true_ns = np.concatenate([part.scans.true_stamps_ns for part in readings])
     whole = reduce(joined, windows[1:], joined(None, windows[0]))
     formats.write(recording, _still_there(recording, true_ns), whole.drive)
-
-
-def _numbered(recording: Recording) -> Recording:
-    """The recording with the number of each message, which stays when others are lost."""
-
-    def numbered(stream: _Stream) -> _Stream:
-        return replace(stream, samples=np.arange(len(stream)))
-
-    return replace(
-        recording,
-        scans=tuple(map(numbered, recording.scans)),
-        imus=tuple(map(numbered, recording.imus)),
-        odometries=tuple(map(numbered, recording.odometries)),
-        ticks=tuple(map(numbered, recording.ticks)),
-        joints=tuple(map(numbered, recording.joints)),
-    )
 
 
 def _still_there(recording: Recording, true_ns: IntArray) -> IntArray:

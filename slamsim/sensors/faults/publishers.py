@@ -134,6 +134,7 @@ def _interleaved(one: RawScans, other: RawScans) -> RawScans:
         one,
         stamps_ns=both(one.stamps_ns, one.stamps_ns + later_ns),
         received_ns=None if received is None else both(received, received + later_ns),
+        samples=None if one.samples is None else both(one.samples, one.samples),
         layout_of=np.concatenate([one.layout_of, one.layout_of])[places],
         ranges_m=np.concatenate([range_matrix(one), range_matrix(other)])[places],
         intensities=None,
