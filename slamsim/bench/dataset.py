@@ -1,7 +1,7 @@
 """``slamsim bench dataset``: what a sequence costs beside its bare parts, and how many make more.
 
 Processor time counts for one sequence, for the bare parts are measured in the same process; wall
-time for many, from when each worker has made its first.
+time for many, and beside it what processes without any memory or files come to meanwhile.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from typing import cast
 import numpy as np
 
 from slamsim.bench.alone import Children
+from slamsim.bench.dataset_pace import Pace, bare_scaling, pace
 from slamsim.bench.speed import plain_rays
 from slamsim.console import Reporter
 from slamsim.dataset.draw import sequence_spec
@@ -24,12 +25,9 @@ from slamsim.dataset.engines.base import Engine
 from slamsim.dataset.engines.dask import DaskEngine, cluster_here
 from slamsim.dataset.engines.local import LocalEngine
 from slamsim.dataset.loading import load_recipe
-from slamsim.dataset.make import make_dataset
 from slamsim.dataset.produce import produce
 from slamsim.dataset.recipe import Recipe
 from slamsim.dataset.sequence import SequenceSpec
-from slamsim.dataset.shard import Tried
-from slamsim.dataset.watch import Unwatched
 from slamsim.logs.plain_copy import PlainCopy
 from slamsim.run.folder import LOG
 from slamsim.run.stages import peak_memory_mb
@@ -58,22 +56,30 @@ def measure_dataset(recipe_name: str, count: int, reporter: Reporter) -> Figures
     with Children() as children, reporter.stage("one core", ""):
         alone = children.run(measure_alone, recipe, count)
     figures: Figures = {"recipe": recipe.name, "sequences": count, "one_core": alone}
+    return {**figures, **_paces(recipe, count, reporter)}
 
-    def settled(engine: Engine, title: str) -> float:
+
+def _paces(recipe: Recipe, count: int, reporter: Reporter) -> Figures:
+    def measured(engine: Engine, title: str) -> Pace:
         with reporter.stage(title, ""):
-            return _settled_rate(recipe, count, engine)
+            return pace(recipe, count, engine)
 
-    rates = {
-        "one_worker": settled(LocalEngine(1), "one worker"),
-        "two_workers": settled(LocalEngine(PARALLEL), "two workers"),
-    }
+    paces = {"one_worker": measured(LocalEngine(1), "one worker")}
+    with Children() as children:
+        bare = [bare_scaling(children, PARALLEL)]
+        paces["two_workers"] = measured(LocalEngine(PARALLEL), "two workers")
+        bare.append(bare_scaling(children, PARALLEL))
     with cluster_here(PARALLEL) as address:
         engine = DaskEngine(address, recipe.shard_sequences)
-        rates["dask_two_workers"] = settled(engine, "two workers of Dask")
-    figures["sequences_per_s"] = rates
-    figures["two_workers_over_one"] = rates["two_workers"] / rates["one_worker"]
-    figures["dask_time_over_local"] = rates["two_workers"] / rates["dask_two_workers"]
-    return figures
+        paces["dask_two_workers"] = measured(engine, "two workers of Dask")
+    per_s = {name: one.sequences_per_s for name, one in paces.items()}
+    return {
+        "sequences_per_s": per_s,
+        "cpu_s_per_sequence": {name: one.cpu_s for name, one in paces.items()},
+        "two_workers_over_one": per_s["two_workers"] / per_s["one_worker"],
+        "two_bare_processes_over_one": float(np.mean(bare)),
+        "dask_time_over_local": per_s["two_workers"] / per_s["dask_two_workers"],
+    }
 
 
 def measure_alone(recipe: Recipe, count: int) -> Figures:
@@ -135,22 +141,3 @@ def _cpu_s(work: Callable[[], object]) -> float:
     begun_s = time.process_time()
     work()
     return time.process_time() - begun_s
-
-
-class _Ends(Unwatched):
-    """When each sequence was made."""
-
-    def __init__(self) -> None:
-        self.at_s: list[float] = []
-
-    def made(self, tried: Tried) -> None:
-        self.at_s.append(time.perf_counter())
-
-
-def _settled_rate(recipe: Recipe, count: int, engine: Engine) -> float:
-    """Sequences per second once every worker has made its first."""
-    ends = _Ends()
-    with tempfile.TemporaryDirectory() as folder:
-        make_dataset(recipe, count, str(Path(folder) / "set"), engine, ends)
-    begun = min(PARALLEL, len(ends.at_s) - 1)
-    return (len(ends.at_s) - begun) / (ends.at_s[-1] - ends.at_s[begun - 1])
