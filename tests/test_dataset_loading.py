@@ -70,7 +70,11 @@ def refused(folder: Path, text: str) -> str:
             "line 5, vary.sensors.lidar",
             "did you mean the bundled 'utm_30lx'?",
         ),
-        ("duration_s: {uniform: [0, 3]}", "line 4, drive.route.max_duration_s", "greater than 0"),
+        ("duration_s: {uniform: [0, 3]}", "line 4, duration_s", "more than 0"),
+        ("duration_s: null", "line 4, duration_s", "at most 86400 seconds, not None"),
+        ("duration_s: .inf", "line 4, duration_s", "not inf"),
+        ("licence: my own", "line 4, licence", "LicenseRef-"),
+        ("presets: {sensors.lidr: {a: {}}}", "line 4, presets.sensors.lidr", "sensors.lidar"),
         (
             "drives:\n - drive: tour\n   vary: {limits.max_speed_m_s: {uniform: [0.1, 20]}}",
             "line 6, drive.limits.max_speed_m_s",

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 
 import yaml
 
-from slamsim.dataset.recipe import Recipe
+from slamsim.dataset.recipe import OWN_LICENCE, Recipe
 from slamsim.dataset.sequence import FormatName
 from slamsim.dataset.statistics import Statistics
 
@@ -73,9 +73,11 @@ def data_card(
 
 def licence_text(recipe: Recipe) -> str:
     """What ``LICENSE.txt`` says."""
+    told = f"{recipe.title}\n\nThis data set is given away under the licence {recipe.licence}"
+    if recipe.licence.startswith(OWN_LICENCE):
+        return f"{told}.\nIts full text is to be had from whoever gives the data away.\n"
     return (
-        f"{recipe.title}\n\nThis data set is given away under the licence {recipe.licence} "
-        "(SPDX identifier).\nIts full text:\n"
+        f"{told} (SPDX identifier).\nIts full text:\n"
         f"https://spdx.org/licenses/{recipe.licence}.html\n"
     )
 
@@ -84,7 +86,7 @@ def _front_matter(recipe: Recipe, told: Statistics) -> str:
     sizes = (name for most, name in _SIZES if told["sequences"] < most)
     matter = {
         "pretty_name": recipe.title,
-        "license": recipe.licence.lower(),
+        "license": "other" if recipe.licence.startswith(OWN_LICENCE) else recipe.licence.lower(),
         "task_categories": ["robotics"],
         "tags": ["slam", "lidar", "odometry", "synthetic"],
         "size_categories": [next(sizes, "n>1M")],

@@ -26,7 +26,8 @@ LEAST_MASS = 1e-6
 """A cut normal distribution must leave this share of itself."""
 
 Pair = Annotated[tuple[float, float], Field(strict=False)]
-Weights = Annotated[tuple[Annotated[float, Field(ge=0.0)], ...], Field(strict=False)]
+Weight = Annotated[float, Field(ge=0.0, le=1e9)]
+Weights = Annotated[tuple[Weight, ...], Field(strict=False)]
 
 
 class Drawn(Config, ABC):
@@ -210,6 +211,8 @@ def as_distribution(given: object) -> object:
         return {"listed": given}
     if not isinstance(given, dict):
         return {"constant": given}
+    if len(several := [kind for kind in KINDS if kind in given]) > 1:
+        raise ValueError(f"one distribution stands here, not {' and '.join(several)}")
     if kind_of(given) is None:
         key = str(next(iter(given), ""))
         near = difflib.get_close_matches(key, KINDS, n=1)

@@ -230,7 +230,7 @@ def config_tree(recipe: Recipe, draft: Draft, bases: Bases) -> Tree:
         (("faults",), [choice.model_dump() for choice in draft.faults]),
         (("drive", "route", "max_duration_s"), draft.duration_s),
     ):
-        tree = tree.overlaid(path, value, bases.places.get(str(path[-1]), DRAWN))
+        tree = tree.overlaid(path, value, DRAWN)
     return tree
 
 

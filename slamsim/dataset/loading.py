@@ -25,7 +25,7 @@ from slamsim.dataset.distributions import edges
 from slamsim.dataset.draw import Draft, draw
 from slamsim.dataset.probes import edge_drafts, tried
 from slamsim.dataset.recipe import FaultVariant, Recipe, Source, Vary
-from slamsim.safe.errors import NotFound, SlamsimError
+from slamsim.safe.errors import NotFound, SlamsimError, shown
 from slamsim.safe.yaml import KeyPath, load_yaml
 from slamsim.sensors.faults.registry import resolved_choice
 from slamsim.sim.describe import describe
@@ -34,6 +34,9 @@ from slamsim.world.build import check_sizes
 
 RANDOM_PROBES = 16
 """Sequences that are drawn and checked whole, beside the edges of each distribution."""
+
+MOST_S = 86_400.0
+"""A day: no recording is longer."""
 
 _TOP = "at the top level of the recipe"
 _NOT_VARIED: dict[KeyPath, str] = {
@@ -55,12 +58,12 @@ def load_recipe(name_or_path: str) -> Recipe:
     tree = mount(load_yaml(find_input("configs/datasets", name_or_path)))
     given = validated(Recipe, tree)
     _check_keys(given, tree)
+    _check_duration(given, tree)
     bases = _bases(given, tree)
     recipe = _with_files(_with_faults(given, tree), bases)
     robots, worlds = set[RobotConfig](), set[WorldConfig]()
     for draft in (*edge_drafts(recipe), *(draw(recipe, index) for index in range(RANDOM_PROBES))):
         places = dict(_places(recipe, tree, draft.world, draft.drive))
-        places["max_duration_s"] = tree.place_of(("duration_s",))
         config = tried(recipe, draft, replace(bases, places=places))
         if config.robot not in robots:
             robots.add(config.robot)
@@ -120,6 +123,23 @@ def _check_keys(recipe: Recipe, tree: Tree) -> None:
             if str(path[-1]).split("_")[-1] == "file":
                 reason = "cannot vary: give each file a variant of its own"
                 raise place.refusal((*at, key), reason)
+    chosen_by_name = [".".join(map(str, path)) for path in SECTIONS]
+    for key in recipe.presets:
+        if key not in chosen_by_name:
+            reason = f"is not chosen by name; {', '.join(chosen_by_name)} are"
+            raise tree.place_of(("presets", key)).refusal(("presets", key), reason)
+
+
+def _check_duration(recipe: Recipe, tree: Tree) -> None:
+    at: KeyPath = ("duration_s",)
+    for value in edges(recipe.duration_s):
+        if (
+            isinstance(value, bool)
+            or not isinstance(value, int | float)
+            or not 0.0 < value <= MOST_S
+        ):
+            reason = f"must be more than 0 and at most {MOST_S:g} seconds, not {shown(value)}"
+            raise tree.place_of(at).refusal(at, reason)
 
 
 def _bases(recipe: Recipe, tree: Tree) -> Bases:

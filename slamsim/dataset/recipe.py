@@ -8,17 +8,34 @@ from typing import Annotated, Any, Self
 from pydantic import AfterValidator, Field, model_validator
 
 from slamsim.config.base import Config
-from slamsim.dataset.distributions import Constant, Distribution
+from slamsim.dataset.distributions import Constant, Distribution, Weight
 from slamsim.dataset.sequence import SPLITS, FormatName, Split
 from slamsim.safe.errors import shown
 
 PARTS = 10_000
 """Shares are whole multiples of one part in so many."""
+OWN_LICENCE = "LicenseRef-"
+"""With this SPDX begins the names of licences that it does not know."""
 
 
 def _as_label(name: str) -> str:
     if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_-]*", name):
         raise ValueError(f"{shown(name)} is no name: letters, digits, - and _, not - or _ first")
+    return name
+
+
+def _as_line(text: str) -> str:
+    if not text.isprintable():
+        raise ValueError(f"{shown(text)} is not one line of text")
+    return text
+
+
+def _as_licence(name: str) -> str:
+    if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9.+-]*", name):
+        raise ValueError(
+            f"{shown(name)} is no name of SPDX, such as CC-BY-4.0; a licence of your own is "
+            f"named {OWN_LICENCE}NAME"
+        )
     return name
 
 
@@ -35,8 +52,9 @@ def _no_twins(names: tuple[str, ...]) -> tuple[str, ...]:
 
 
 Label = Annotated[str, Field(max_length=64), AfterValidator(_as_label)]
+Line = Annotated[str, Field(min_length=1, max_length=200), AfterValidator(_as_line)]
+Licence = Annotated[str, Field(max_length=100), AfterValidator(_as_licence)]
 Share = Annotated[float, Field(ge=0.0, le=1.0)]
-Weight = Annotated[float, Field(ge=0.0, le=1e9)]
 Source = str | dict[str, Any]
 """Name or path of a file, or what would stand in it."""
 Vary = dict[str, Distribution]
@@ -112,9 +130,11 @@ class FaultMix(Config):
     @model_validator(mode="after")
     def _check(self) -> Self:
         shares_to_parts({"none": self.none, "one": self.one, "several": self.several})
-        some = self.every or any(variant.weight > 0.0 for variant in self.choice)
-        if self.none < 1.0 and not some:
+        named = sum(variant.weight > 0.0 for variant in self.choice)
+        if self.none < 1.0 and not (named or self.every):
             raise ValueError("some recordings are to have faults, but choice names none")
+        if self.several > 0.0 and named < 2 and not self.every:
+            raise ValueError("some recordings are to have several faults, but choice names one")
         names = [variant.fault for variant in self.choice]
         if twice := [name for name in names if names.count(name) > 1]:
             raise ValueError(f"the fault {twice[0]!r} is named twice")
@@ -151,10 +171,10 @@ class Recipe(Config):
 
     name: Label
     """What the data set is called."""
-    title: str = Field(min_length=1, max_length=200)
+    title: Line
     """What it is, in one line; heads the data card."""
-    licence: str = Field(default="CC-BY-4.0", min_length=1, max_length=100)
-    """Under which licence the data are given away, as SPDX names it."""
+    licence: Licence = "CC-BY-4.0"
+    """Under which licence the data are given away, as SPDX names it; LicenseRef-NAME for others."""
     seed: int = Field(default=0, ge=0, lt=2**63)
     """All that is drawn grows from this number."""
     duration_s: Distribution = Constant(constant=60.0)
