@@ -1,4 +1,4 @@
-"""Recorded scans as clouds without motion, by the truth: what the KITTI layout asks for."""
+"""Recorded scans as clouds without motion: what the KITTI layout asks for."""
 
 from __future__ import annotations
 
@@ -7,8 +7,9 @@ import numpy as np
 from slamsim.dataset.key_scans import frame_at
 from slamsim.jit import kernel
 from slamsim.logs.kitti import KittiFolder
-from slamsim.recording import RawScans, ScanLayout
-from slamsim.sensors.motion import Course, Motion, joined, kept_since
+from slamsim.logs.mountings import declared_laser_mounting
+from slamsim.recording import RawScans, Recording, ScanLayout
+from slamsim.sensors.motion import Motion, joined, kept_since
 from slamsim.sensors.rays import beam_rays
 from slamsim.types import Drive, Float32Array, FloatArray, IntArray
 
@@ -19,40 +20,48 @@ _TAIL_NS = 2_000_000_000
 class DeskewedScans:
     """Clouds of a recording's scans, each as seen midway through it, into a KITTI folder.
 
-    Points are where the true motion carries the recorded ranges; they keep noise and lack what
-    was not returned. T_base_laser: 4 x 4; course: how the laser truly looks, as for sensing.
-    beam_dt_ns: true time from each beam to the next.
+    Clouds and times are what the recording says: its ranges at the declared angles, freed of the
+    robot's true motion by the declared times of the beams and the declared mounting, at the scan's
+    stamp. Poses are the true ones of a laser that sits where the recording declares it.
     """
 
-    def __init__(
-        self, folder: KittiFolder, T_base_laser: FloatArray, course: Course, beam_dt_ns: int
-    ) -> None:
-        self._folder, self._T_base_laser, self._course = folder, T_base_laser, course
-        self._beam_dt_ns = beam_dt_ns
+    def __init__(self, folder: KittiFolder) -> None:
+        self._folder = folder
+        self._T_base_laser: FloatArray | None = None
         self._motion: Motion | None = None
 
-    def write(self, scans: RawScans | None, true_stamps_ns: IntArray, window: Drive) -> None:
-        """The next window of the drive; the scans, if any, that were sensed up to its end."""
+    def write(self, part: Recording, true_stamps_ns: IntArray, window: Drive) -> None:
+        """The next part of the recording, when its scans truly began, and the drive meanwhile."""
+        if self._T_base_laser is None:
+            self._T_base_laser = declared_laser_mounting(part)
         motion = joined(self._motion, window)
-        for number, true_ns in enumerate(true_stamps_ns.tolist() if scans is not None else ()):
-            assert scans is not None
-            self._write_one(motion, scans, number, true_ns)
+        for scans in part.scans[:1]:
+            for number, true_ns in enumerate(true_stamps_ns.tolist()):
+                self._write_one(motion, self._T_base_laser, scans, number, true_ns)
         self._motion = kept_since(motion, motion.covered_ns - _TAIL_NS)
 
-    def _write_one(self, motion: Motion, scans: RawScans, number: int, true_ns: int) -> None:
-        ranges_m = scans.ranges_m[number]
+    def _write_one(
+        self, motion: Motion, T_base_laser: FloatArray, scans: RawScans, number: int, true_ns: int
+    ) -> None:
+        ranges_m, layout = scans.ranges_m[number], scans.layout(number)
         met = np.flatnonzero(np.isfinite(ranges_m))
-        last_ns = true_ns + self._beam_dt_ns * (ranges_m.size - 1)
-        knots = self._course(motion.knots(self._T_base_laser, true_ns, last_ns))
-        middle_ns = (true_ns + last_ns) // 2
-        T_map_laser = frame_at(knots, middle_ns)
-        directions = _directions(scans.layout(number), met)
-        rays = beam_rays(knots, true_ns + met * self._beam_dt_ns, directions, T_map_laser[:3, 3])
+        half_ns, beams_ns = _since_first(layout, ranges_m.size, met)
+        end_ns = motion.covered_ns  # a wrong time of the beams may reach beyond the drive
+        knots = motion.knots(T_base_laser, true_ns, min(true_ns + 2 * half_ns + 1, end_ns))
+        T_map_laser = frame_at(knots, min(true_ns + half_ns, end_ns))
+        instants_ns = np.minimum(true_ns + beams_ns, end_ns)
+        rays = beam_rays(knots, instants_ns, _directions(layout, met), T_map_laser[:3, 3])
         points = np.zeros((met.size, 4), dtype=np.float32)
         _place(points, rays, ranges_m[met], T_map_laser[:3, :3])
         if scans.intensities is not None:
             points[:, 3] = scans.intensities[number][met]
-        self._folder.add(middle_ns, T_map_laser, points)
+        self._folder.add(int(scans.stamps_ns[number]) + half_ns, T_map_laser, points)
+
+
+def _since_first(layout: ScanLayout, count: int, beams: IntArray) -> tuple[int, IntArray]:
+    """Half of a scan as it is declared, and when these beams fired after the first; ns."""
+    beam_dt_ns = max(round(layout.beam_dt_s * 1e9), 0)
+    return beam_dt_ns * (count - 1) // 2, beam_dt_ns * beams
 
 
 def _directions(layout: ScanLayout, beams: IntArray) -> FloatArray:

@@ -14,8 +14,7 @@ from slamsim.logs.carmen_writer import CarmenFile
 from slamsim.logs.kitti import KittiFolder
 from slamsim.logs.parquet_log import ParquetLog
 from slamsim.recording import Recording
-from slamsim.sensors.motion import Course
-from slamsim.types import Drive, FloatArray, IntArray
+from slamsim.types import Drive, IntArray
 
 PARQUET, TUM, KITTI, CARMEN = "parquet", "tum", "kitti", "carmen"
 CARMEN_NAME = "log.clf"
@@ -24,12 +23,10 @@ CARMEN_NAME = "log.clf"
 class Formats:
     """What a specification asks for, in folders of their names; a context manager.
 
-    T_base_laser, course: of the robot, and how its laser truly looks, as for sensing.
+    All of them tell what the recording tells, faults included; trajectories called true are.
     """
 
-    def __init__(
-        self, spec: SequenceSpec, folder: Path, T_base_laser: FloatArray, course: Course
-    ) -> None:
+    def __init__(self, spec: SequenceSpec, folder: Path) -> None:
         self._parquet: ParquetLog | None = None
         self._carmen: CarmenFile | None = None
         self._kitti: DeskewedScans | None = None
@@ -38,12 +35,11 @@ class Formats:
             if "parquet" in spec.formats:
                 self._parquet = stack.enter_context(ParquetLog(folder / PARQUET))
             if "carmen" in spec.formats:
-                carmen = CarmenFile(folder / CARMEN / CARMEN_NAME, T_base_laser)
+                carmen = CarmenFile(folder / CARMEN / CARMEN_NAME)
                 self._carmen = stack.enter_context(carmen)
             if "kitti" in spec.formats:
                 clouds = stack.enter_context(KittiFolder(folder / KITTI))
-                beam_dt_ns = spec.config.sensors.lidar.beam_dt_ns
-                self._kitti = DeskewedScans(clouds, T_base_laser, course, beam_dt_ns)
+                self._kitti = DeskewedScans(clouds)
             if "tum" in spec.formats:
                 self._tum = TumPaths(folder / TUM)
             self._stack = stack.pop_all()
@@ -69,4 +65,4 @@ class Formats:
         if self._tum is not None:
             self._tum.take_truth(window)
         if self._kitti is not None:
-            self._kitti.write(part.scans[0] if part.scans else None, true_scan_ns, window)
+            self._kitti.write(part, true_scan_ns, window)

@@ -57,10 +57,9 @@ def produce(spec: SequenceSpec, folder: Path) -> SequenceFacts:
     write_config(folder, spec.config)
     write_world(folder, spec.config, ride.world)
     write = _write_spoilt if ride.faults else _write_clean
-    laser = ride.robot.T_base_laser
     with (
         Truth(folder / TRUTH, ride.world, ride.robot, spec.config, ride.course) as truth,
-        Formats(spec, folder, laser, ride.course) as formats,
+        Formats(spec, folder) as formats,
     ):
         write(spec, ride, folder, truth, formats)
     outcome = ride.run.outcome

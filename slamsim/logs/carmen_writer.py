@@ -16,6 +16,7 @@ import numpy as np
 
 from slamsim.geometry import compose, se2_from_se3
 from slamsim.logs.carmen_lines import sick_fan
+from slamsim.logs.mountings import declared_laser_mounting
 from slamsim.logs.stamps import decimal_from_stamp_ns
 from slamsim.recording import RawScans, Recording, ScanLayout
 from slamsim.types import Float32Array, FloatArray, IntArray, PlanarTrajectory, Trajectory
@@ -28,14 +29,14 @@ _MM_PER_M = 1000.0
 class CarmenFile:
     """A CARMEN log being written; a context manager.
 
-    T_base_laser: 4 x 4 as the robot's description has it. Without odometry no line can be written,
-    for each carries a pose.
+    The laser sits where the first part of the recording declares it. Without odometry no line can
+    be written, for each carries a pose.
     """
 
-    def __init__(self, path: Path, T_base_laser: FloatArray) -> None:
+    def __init__(self, path: Path) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
         self._file = path.open("x", encoding="ascii")
-        self._T_base_laser = se2_from_se3(T_base_laser)
+        self._T_base_laser: FloatArray | None = None
         self._odometry: list[PlanarTrajectory] = []
         self._waiting: list[tuple[int, str, str]] = []
 
@@ -54,6 +55,8 @@ class CarmenFile:
 
     def write(self, part: Recording) -> None:
         """The next part of the recording: its first lidar and its first odometry."""
+        if self._T_base_laser is None:
+            self._T_base_laser = se2_from_se3(declared_laser_mounting(part))
         if part.odometries and len(part.odometries[0]):
             moved = part.odometries[0]
             order = np.unique(moved.stamps_ns, return_index=True)[1]
@@ -73,7 +76,7 @@ class CarmenFile:
 
     def _write_covered(self, *, last: bool) -> None:
         """The lines whose odometry is known, in the order of the scans."""
-        if not self._odometry:
+        if not self._odometry or self._T_base_laser is None:
             return
         known = _joined(self._odometry)
         first_ns, last_ns = int(known.stamps_ns[0]), int(known.stamps_ns[-1])

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from itertools import count, takewhile
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 from slamsim.logs.bag_log import imu_mounting_of, laser_mounting_of
 from slamsim.logs.bag_scans import scan_from_message
 from slamsim.logs.bag_streams import in_order
-from slamsim.logs.frames import FrameTree
+from slamsim.logs.mountings import BASE_FRAME, tree_of
 from slamsim.logs.parquet_file import read_table, table_facts
 from slamsim.logs.parquet_log import joined_axes
 from slamsim.logs.scans import StoredScans
@@ -40,22 +42,20 @@ from slamsim.types import (
 SCANS_NAME = "scans.parquet"
 
 Table = dict[str, Any]
+_Raw = TypeVar("_Raw")
 
 
 def read_parquet_recording(folder: Path) -> Recording:
     """What the tables say, nothing mended. Raises InputRefused for a file that is damaged."""
     facts, transforms = _read(folder, "transforms")
-    scans = _read(folder, "scans")
     return Recording(
-        name=str(scans[0].get("recording", folder.name)),
+        name=str(facts.get("recording", folder.name)),
         format="parquet",
-        scans=(scans_of(*scans),),
-        imus=tuple(imu_of(*_read(folder, "imu")) for _ in _there(folder, "imu")),
-        odometries=tuple(
-            odometry_of(*_read(folder, "odometry")) for _ in _there(folder, "odometry")
-        ),
-        ticks=tuple(ticks_of(*_read(folder, "encoders")) for _ in _there(folder, "encoders")),
-        joints=tuple(_joints(*_read(folder, "joints")) for _ in _there(folder, "joints")),
+        scans=_streams(folder, "scans", scans_of),
+        imus=_streams(folder, "imu", imu_of),
+        odometries=_streams(folder, "odometry", odometry_of),
+        ticks=_streams(folder, "encoders", ticks_of),
+        joints=_streams(folder, "joints", _joints),
         transforms=_transforms(transforms),
         robot_description=facts["robot_description"],
         epoch=facts["epoch"],
@@ -66,12 +66,11 @@ def read_parquet(folder: Path) -> Log:
     """The log in the tables, put in order as that of a bag is; its scans are in memory."""
     recording = read_parquet_recording(folder)
     warnings: list[str] = []
-    scans = _in_time(recording.scans[0], warnings)
+    scans = [scan for raw in recording.scans[:1] for scan in _in_time(raw, warnings)]
     if not scans:
         raise InputRefused(folder / SCANS_NAME, "none of its scans describes a lidar")
     odometry, base = _path(recording, warnings)
-    tree = FrameTree()
-    tree.add([SimpleNamespace(transforms=_messages(recording.transforms))])
+    tree = tree_of(recording.transforms)
     imu = _imu_stream(recording, warnings)
     laser = scans[0].geometry.frame_id
     return Log(
@@ -87,8 +86,11 @@ def read_parquet(folder: Path) -> Log:
     )
 
 
-def _there(folder: Path, table: str) -> list[str]:
-    return [table] if (folder / f"{table}.parquet").is_file() else []
+def _streams(folder: Path, table: str, made: Callable[[Table, Table], _Raw]) -> tuple[_Raw, ...]:
+    """All of one kind: ``odometry``, ``odometry_1`` and so on, as many as there are."""
+    names = (table if number == 0 else f"{table}_{number}" for number in count())
+    there = takewhile(lambda name: (folder / f"{name}.parquet").is_file(), names)
+    return tuple(made(*_read(folder, name)) for name in there)
 
 
 def _read(folder: Path, table: str) -> tuple[Table, Table]:
@@ -207,23 +209,6 @@ def _message(raw: RawScans, number: int) -> SimpleNamespace:
     )
 
 
-def _messages(edges: tuple[TransformEdge, ...]) -> list[SimpleNamespace]:
-    """Every fixed transform as a message has it."""
-    return [
-        SimpleNamespace(
-            header=SimpleNamespace(frame_id=edge.parent),
-            child_frame_id=edge.child,
-            transform=SimpleNamespace(
-                translation=SimpleNamespace(**dict(zip("xyz", position_m, strict=True))),
-                rotation=SimpleNamespace(**dict(zip("xyzw", quat_xyzw, strict=True))),
-            ),
-        )
-        for edge in edges
-        if edge.is_static
-        for position_m, quat_xyzw in zip(edge.positions_m, edge.quats_xyzw, strict=True)
-    ]
-
-
 def _all(stamps_ns: IntArray) -> BoolArray:
     return np.ones(stamps_ns.size, dtype=np.bool_)
 
@@ -239,7 +224,7 @@ def _path(recording: Recording, warnings: list[str]) -> tuple[PlanarTrajectory |
         path = Trajectory(stamps_ns, moved.positions_m[rows], quats_xyzw)
         return path.planar(), moved.child_frame_ids[0]
     warnings.append("a log without odometry")
-    return None, "base_footprint"
+    return None, BASE_FRAME
 
 
 def _imu_stream(recording: Recording, warnings: list[str]) -> ImuStream | None:

@@ -8,7 +8,7 @@ from typing import Annotated, ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
-from slamsim.recording import RawOdometry, RawScans, Recording, TransformEdge
+from slamsim.recording import RawOdometry, RawScans, Recording, TransformEdge, kept
 from slamsim.sensors.faults.base import CannotInject, Fault
 from slamsim.sensors.faults.edit import range_matrix, require_wheels, with_scans
 from slamsim.sensors.faults.transforms import span_ns
@@ -120,22 +120,16 @@ def _turned(scans: RawScans, yaw_deg: float) -> RawScans:
 
 
 def _interleaved(one: RawScans, other: RawScans) -> RawScans:
-    """Both in turn, the second half a period later."""
+    """Both in turn, the second half a period later; each pair was one sample."""
     if len(one) < 2:
         raise CannotInject(f"{one.topic} has no two scans")
     later_ns = int(np.median(np.diff(one.stamps_ns))) // 2
-    places = np.argsort(np.tile(np.arange(len(one)), 2), kind="stable")
-
-    def both(first: IntArray, second: IntArray) -> IntArray:
-        return np.concatenate([first, second])[places]
-
-    received = one.received_ns
+    twice = kept(replace(one, intensities=None), np.repeat(np.arange(len(one)), 2))
+    second = np.arange(len(twice)) % 2
+    received = twice.received_ns
     return replace(
-        one,
-        stamps_ns=both(one.stamps_ns, one.stamps_ns + later_ns),
-        received_ns=None if received is None else both(received, received + later_ns),
-        samples=None if one.samples is None else both(one.samples, one.samples),
-        layout_of=np.concatenate([one.layout_of, one.layout_of])[places],
-        ranges_m=np.concatenate([range_matrix(one), range_matrix(other)])[places],
-        intensities=None,
+        twice,
+        stamps_ns=twice.stamps_ns + second * later_ns,
+        received_ns=None if received is None else received + second * later_ns,
+        ranges_m=np.stack([range_matrix(one), range_matrix(other)], axis=1).reshape(len(twice), -1),
     )

@@ -183,7 +183,10 @@ class StreamGaps(StampsFault):
             first, last = float(messages.stamps_ns[0]), float(messages.stamps_ns[-1])
             middles = first + (last - first) * (np.arange(self.gaps) + 1.0) / (self.gaps + 1.0)
             away = np.abs(messages.stamps_ns[:, None] - middles) < 0.5 * self.gap_s * _NS
-            return kept(messages, np.asarray(~away.any(axis=1)))
+            left = np.asarray(~away.any(axis=1))
+            if not left.any():
+                raise CannotInject(f"gaps of {self.gap_s:g} s leave nothing of {recording.name}")
+            return kept(messages, left)
 
         return with_streams(recording, self.stream, with_gaps)
 
