@@ -17,6 +17,9 @@ from slamsim.run.dataset_command import dataset
 from slamsim.run.demo_command import EPILOG as DEMO_EPILOG
 from slamsim.run.demo_command import demo
 from slamsim.run.fault_command import fault
+from slamsim.run.scenario_command import EPILOG as SCENARIO_EPILOG
+from slamsim.run.scenario_command import HELP as SCENARIO_HELP
+from slamsim.run.scenario_command import scenario
 
 if TYPE_CHECKING:
     from slamsim.config.run import RunConfig
@@ -234,6 +237,7 @@ def evaluate(
 app.command(epilog=CHECK_EPILOG)(check)
 app.command(epilog=FIX_EPILOG)(fix)
 app.command(epilog=DEMO_EPILOG)(demo)
+app.command(help=SCENARIO_HELP, epilog=SCENARIO_EPILOG)(scenario)
 app.add_typer(dataset)
 
 

@@ -18,6 +18,7 @@ Kind = Literal[
     "configs/slam",
     "configs/faults",
     "configs/datasets",
+    "configs/scenarios",
 ]
 
 _WORDS: dict[Kind, str] = {
@@ -29,6 +30,7 @@ _WORDS: dict[Kind, str] = {
     "configs/slam": "SLAM configuration",
     "configs/faults": "fault",
     "configs/datasets": "data set recipe",
+    "configs/scenarios": "scenario configuration",
 }
 _PACKAGE = Path(__file__).resolve().parents[1]
 _MOST_TOLD = 20

@@ -8,7 +8,7 @@ is told with the file, line and key path where it was written, and with what wou
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
@@ -75,7 +75,7 @@ def load_run_config(
     if world is not None:
         tree = tree.replaced(("world",), _world_tree(find_input("worlds", world), ("world",)))
     for text in overrides:
-        tree = _overridden(tree, text)
+        tree = overridden(tree, text, SECTIONS)
     if seed is not None:
         tree = tree.overlaid(("seed",), seed, Place(None, option=f"--seed {seed}"))
     return validated(RunConfig, tree)
@@ -114,18 +114,19 @@ def validated(model_type: type[Model], tree: Tree) -> Model:
         raise refusal(model_type, tree, error) from None
 
 
-def _overridden(tree: Tree, text: str) -> Tree:
+def overridden(tree: Tree, text: str, sections: Mapping[KeyPath, Kind]) -> Tree:
+    """With one ``key.path=value`` set; raises OverrideRefused."""
     parts, value, place = parse_override(text)
     path = tree.with_indices(parts, place)
-    if path[-1:] == ("preset",) and path[:-1] in SECTIONS:
+    if path[-1:] == ("preset",) and path[:-1] in sections:
         path = path[:-1]  # a preset chosen here takes the place of the one in the file
     tree = tree.overlaid(path, value, place)
-    return with_presets(tree)
+    return with_presets(tree, sections)
 
 
-def with_presets(tree: Tree) -> Tree:
-    """With every section that is, or starts from, a file's name filled in."""
-    for at, kind in SECTIONS.items():
+def with_presets(tree: Tree, sections: Mapping[KeyPath, Kind] = SECTIONS) -> Tree:
+    """With every one of these sections that is, or starts from, a file's name filled in."""
+    for at, kind in sections.items():
         for _ in range(_MAX_PRESETS):
             is_name = isinstance(tree.get(at), str)
             name_at = at if is_name else (*at, "preset")

@@ -18,7 +18,7 @@ from pathlib import Path
 from slamsim.dataset.sequence import Cell, SequenceFacts, SequenceSpec
 from slamsim.dataset.store import MARK, Store, StoreFailed, open_store
 from slamsim.dataset.versions import difference, versions
-from slamsim.safe.errors import DiskFull, SlamsimError
+from slamsim.safe.errors import DiskFull, SlamsimError, reason_of
 from slamsim.safe.output import disk_full, write_atomic
 from slamsim.worker import Unworkable, time_limit
 
@@ -137,7 +137,7 @@ def _try(store: Store, task: Task, index: int) -> Tried:
         if full := disk_full(error):
             raise DiskFull(f"{task.address}: {full.strerror}") from None
         wall_s = time.monotonic() - begin_s
-        return Tried(index, wall_s, reason=_reason(error), trace=_trace(error))
+        return Tried(index, wall_s, reason=reason_of(error), trace=_trace(error))
     return Tried(index, time.monotonic() - begin_s, row)
 
 
@@ -172,12 +172,6 @@ def sequence_mark(spec: SequenceSpec, facts: SequenceFacts) -> bytes:
         ],
     }
     return (json.dumps(told, indent=1, allow_nan=False) + "\n").encode()
-
-
-def _reason(error: Exception) -> str:
-    if isinstance(error, SlamsimError):
-        return str(error)
-    return f"{type(error).__name__}: {error}".splitlines()[0]
 
 
 def _trace(error: Exception) -> str:

@@ -63,3 +63,10 @@ class DiskFull(SlamsimError):
     """The disk filled up; what stood under its final name before is untouched."""
 
     exit_code = 75
+
+
+def reason_of(error: Exception) -> str:
+    """What went wrong, in one line: ours in its own words, any other with its type."""
+    if isinstance(error, SlamsimError):
+        return str(error)
+    return f"{type(error).__name__}: {error}".splitlines()[0]

@@ -5,11 +5,13 @@ from __future__ import annotations
 import difflib
 from dataclasses import dataclass
 from importlib import import_module
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from slamsim.config.base import Config
 from slamsim.safe.errors import NotFound, shown
-from slamsim.scenarios.base import Scenario
+
+if TYPE_CHECKING:
+    from slamsim.config.base import Config
+    from slamsim.scenarios.base import Scenario
 
 ALL = "all"
 

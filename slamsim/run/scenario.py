@@ -1,0 +1,89 @@
+"""``slamsim scenario``: run, tell, and leave a folder."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn
+from rich.table import Table
+from rich.text import Text
+
+from slamsim.config.base import Config
+from slamsim.config.scenarios.loading import parts_of
+from slamsim.console import Reporter
+from slamsim.run.scenario_folder import told, write_results
+from slamsim.safe.output import partial_folder
+from slamsim.scenarios.base import ScenarioResult
+from slamsim.scenarios.registry import Entry
+from slamsim.scenarios.run import TRIAL_LIMIT_S, Chosen, Listener, run_scenarios
+
+_MARKS = {True: ("✓", "green"), False: ("✗", "red"), None: ("–", "dim")}
+
+
+def run_and_report(
+    entries: Sequence[Entry],
+    whole: Config,
+    folder: Path,
+    reporter: Reporter,
+    *,
+    jobs: int | None = None,
+    limit_s: float = TRIAL_LIMIT_S,
+    overwrite: bool = False,
+) -> bool:
+    """Run these scenarios and leave a folder with report, figures and rows; whether all ran.
+
+    whole: as ``load_scenarios`` gives it. Raises SlamsimError.
+    """
+    types = {entry.key: entry.config_type() for entry in entries}
+    parts = parts_of(types, whole)
+    chosen = [Chosen(entry.key, entry.scenario(), parts[entry.key]) for entry in entries]
+    seed: int = whole.seed  # type: ignore[attr-defined]
+    with partial_folder(folder, overwrite) as partial:
+        with _bars(reporter, entries) as listen:
+            results = run_scenarios(chosen, seed, jobs=jobs, limit_s=limit_s, listen=listen)
+        write_results(partial, results, whole, seed)
+    for result in results:
+        _tell(result, reporter)
+    reporter.say(f"Look at {folder}/report.html, or: slamsim view {folder}/{results[0].name}.rrd")
+    reporter.result({**told(results, seed, with_rows=False), "folder": str(folder)})
+    return not any(result.failures for result in results)
+
+
+@contextmanager
+def _bars(reporter: Reporter, entries: Sequence[Entry]) -> Iterator[Listener]:
+    """A bar for each scenario."""
+    columns = (
+        TextColumn("{task.description:<14}"),
+        BarColumn(bar_width=30),
+        MofNCompleteColumn(),
+        TextColumn("trials"),
+        TimeElapsedColumn(),
+    )
+    with reporter.bars(*columns) as bars:
+        tasks: dict[str, Any] = {
+            entry.key: bars.add_task(entry.name, total=None) for entry in entries
+        }
+
+        def listen(name: str, done: int, total: int) -> None:
+            bars.update(tasks[name], completed=done, total=total)
+
+        yield listen
+
+
+def _tell(result: ScenarioResult, reporter: Reporter) -> None:
+    """The verdicts, each with its mark and its numbers."""
+    table = Table(
+        title=f"{result.title}: {result.findings.lead}",
+        show_header=False,
+        title_justify="left",
+        title_style="bold",
+    )
+    for verdict in result.findings.verdicts:
+        mark, style = _MARKS[verdict.holds]
+        table.add_row(Text(mark, style), Text(verdict.statement), Text(verdict.numbers, "dim"))
+    reporter.show(table)
+    for label, reason in result.failures:
+        reporter.warn(f"{result.name}, {label}: {reason}")
