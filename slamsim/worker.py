@@ -26,6 +26,7 @@ from typing import Self, TypeVar
 
 from pebble import ProcessExpired, ProcessPool
 
+from slamsim.instructions import settle_instructions
 from slamsim.safe.errors import SlamsimError
 
 Result = TypeVar("Result")
@@ -119,6 +120,7 @@ class Worker:
 
     def _start(self) -> None:
         """Raises Unworkable if a process does not even begin."""
+        settle_instructions()
         for _ in range(_STARTS):
             self._folder = TemporaryDirectory(prefix="slamsim-worker-", ignore_cleanup_errors=True)
             self._pool = ProcessPool(

@@ -45,7 +45,8 @@ def make(
         draw=draw,
         produce=Stub(orders, seconds),
         limit_s=limit_s,
-        command=lambda index: f"make --only {index}",
+        command=lambda index: f"make --out {out} --only {index}",
+        recorded=lambda index: f"make --only {index}",
     )
     identity = Identity("stub", count, {"seed": 1, **recipe})
     engine = engine or LocalEngine(1, 2 * 10**9)

@@ -129,7 +129,7 @@ def test_what_is_damaged_is_made_again_by_the_commands_that_are_told(
             shutil.rmtree(place / name)
         else:
             (place / name).unlink()
-    assert mending.command.endswith(f" -n {COUNT} --out {place}")
+    assert mending.commands[-1].endswith(f" -n {COUNT} --out {place}")
     make_small(place)
     assert tree(place) == tree(whole)
 

@@ -17,6 +17,7 @@ from slamsim.dataset.recipe import Recipe
 from slamsim.dataset.sequence_check import Finding
 from slamsim.dataset.store import MARK
 from slamsim.dataset.versions import difference, versions
+from slamsim.instructions import settle_instructions
 from slamsim.safe.errors import SlamsimError
 
 
@@ -38,6 +39,7 @@ def make_again(
         return
     identity = read_identity(place)
     assert identity is not None
+    settle_instructions()
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(workers, mp_context=context) as makers:
         made = [makers.submit(_compared, place, identity, index) for index in indices]

@@ -6,7 +6,7 @@ import shlex
 from collections.abc import Callable, Sequence
 from functools import partial
 
-from slamsim.dataset.catalogue import write_catalogue
+from slamsim.dataset.catalogue import RECIPE, write_catalogue
 from slamsim.dataset.draw import sequence_spec
 from slamsim.dataset.engines.base import Engine
 from slamsim.dataset.identity import Identity, claim, require_place_for
@@ -55,6 +55,7 @@ def make_dataset(
         produce=produce,
         limit_s=limit_s,
         command=_command(source or recipe.name, count, out),
+        recorded=_command(f"DIR/{RECIPE}", count, "DIR"),
     )
     identity = Identity(recipe.name, count, recipe.model_dump(mode="json"))
     store = open_store(out)
@@ -94,6 +95,7 @@ def fulfil(
             claim(store, identity)
             summary = production.run()
             if only is None and catalogue is not None:
+                watch.catalogue()
                 catalogue(store)
             return summary
 

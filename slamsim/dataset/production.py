@@ -36,7 +36,11 @@ _BATCHES_LEFT = 4
 
 @dataclass(frozen=True, slots=True)
 class Order:
-    """What is to be made. command: what a user types to see the sequence of an index made alone."""
+    """What is to be made.
+
+    command: what a user types to see the sequence of an index made alone. recorded: the same as
+    its row tells it, with nothing in it of where the data set lies.
+    """
 
     count: int
     shard_sequences: int
@@ -44,6 +48,7 @@ class Order:
     produce: Produce
     limit_s: float
     command: Callable[[int], str]
+    recorded: Callable[[int], str]
 
 
 @dataclass(frozen=True, slots=True)
@@ -214,7 +219,8 @@ class Production:
         command = self._order.command(index)
         self._failures.append(Failure(index, tried.reason, command))
         self._watch.failed(index, tried.reason, command)
-        self._keep(index, failed_row(self._order.draw, index, tried.reason, command))
+        recorded = self._order.recorded(index)
+        self._keep(index, failed_row(self._order.draw, index, tried.reason, recorded))
 
     def _count(self, tried: Tried, row: Row) -> None:
         self._watch.made(tried)

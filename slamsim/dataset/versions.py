@@ -1,4 +1,4 @@
-"""Which software a data set's bytes depend on."""
+"""Which software, and which instructions of the processor, a data set's bytes depend on."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 
 from slamsim import __version__
+from slamsim.instructions import has_avx2
 
 _PACKAGES = (
     "numpy",
@@ -36,7 +37,12 @@ def versions() -> Mapping[str, str]:
             found[package] = version(package)
         except PackageNotFoundError:
             continue
-    return {**found, "machine": f"{platform.system()} {platform.machine()}"}
+    return {**found, "libc": " ".join(platform.libc_ver()), "machine": _machine()}
+
+
+def _machine() -> str:
+    lacking = platform.machine() == "x86_64" and not has_avx2()
+    return f"{platform.system()} {platform.machine()}{' without AVX2' if lacking else ''}"
 
 
 def difference(ours: Mapping[str, str], theirs: Mapping[str, str]) -> str:

@@ -25,6 +25,9 @@ class Watch(Protocol):
     def still(self) -> None:
         """Nothing has happened for a moment."""
 
+    def catalogue(self) -> None:
+        """Every sequence is there or given up; now what stands beside them is written."""
+
 
 class Unwatched:
     """The listener that does nothing."""
@@ -38,3 +41,5 @@ class Unwatched:
     def failed(self, index: int, reason: str, command: str) -> None: ...
 
     def still(self) -> None: ...
+
+    def catalogue(self) -> None: ...

@@ -4,14 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 from slamsim.console import Reporter
 from slamsim.dataset.engines.base import Engine
 from slamsim.dataset.loading import load_recipe
 from slamsim.dataset.make import make_dataset
+from slamsim.dataset.manifest import MANIFEST
+from slamsim.dataset.place import Place
 from slamsim.dataset.production import DatasetSummary
+from slamsim.dataset.recipe import Recipe
 from slamsim.run.dataset_watch import ConsoleWatch
-from slamsim.safe.errors import SlamsimError, shown
+from slamsim.safe.errors import NotFound, SlamsimError, shown
 
 
 def run_make(
@@ -25,12 +30,30 @@ def run_make(
     scheduler: str | None = None,
     only: Sequence[int] | None = None,
 ) -> None:
-    """Make it, or what is missing of it. Raises SlamsimError as ``make_dataset`` does."""
-    recipe = load_recipe(recipe_name)
+    """Make it, or what is missing of it.
+
+    Raises SlamsimError as ``make_dataset`` does, and, when all that can be made is there, if there
+    are sequences that were given up.
+    """
+    recipe = _recipe(recipe_name)
     maker = _engine(engine, workers, scheduler, recipe.shard_sequences)
     with ConsoleWatch(reporter) as watch:
         summary = make_dataset(recipe, count, out, maker, watch, only=only, source=recipe_name)
     _tell(summary, reporter)
+
+
+def _recipe(name: str) -> Recipe:
+    """Raises what ``load_recipe`` raises; a URL is fetched first."""
+    if "://" not in name:
+        return load_recipe(name)
+    address, _, file = name.rpartition("/")
+    data = Place(address).read(file)
+    if data is None:
+        raise NotFound(f"{name} does not exist")
+    with TemporaryDirectory(prefix="slamsim-recipe-") as folder:
+        path = Path(folder) / file
+        path.write_bytes(data)
+        return load_recipe(str(path))
 
 
 def _engine(name: str, workers: int | None, scheduler: str | None, shard_sequences: int) -> Engine:
@@ -64,6 +87,10 @@ def _tell(summary: DatasetSummary, reporter: Reporter) -> None:
     )
     for failure in summary.failures:
         reporter.warn(f"sequence {failure.index}: {failure.reason}; see it by: {failure.command}")
-    if summary.failures:
-        reporter.say("The same command tries those that failed again.")
     reporter.result(asdict(summary))
+    if summary.failures:
+        raise SlamsimError(
+            f"{len(summary.failures):,} of {summary.sequences:,} sequences could not be made: "
+            f"reasons in {summary.address}/{MANIFEST}, traces in {summary.address}/logs; "
+            "the same command tries them again"
+        )

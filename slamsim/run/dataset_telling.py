@@ -24,15 +24,21 @@ from slamsim.safe.errors import SlamsimError, shown
 from slamsim.safe.yaml import parse_yaml
 
 SHARD_KEY = "shard_sequences"
+_REMOVE_HERE = ("rm", "-r")
+_REMOVE_THERE = (
+    "python",
+    "-c",
+    "import sys, fsspec; [f.rm(p, True) for f, p in map(fsspec.url_to_fs, sys.argv[1:])]",
+)
 _MOST_TOLD = 20
 
 
 @dataclass(frozen=True, slots=True)
 class Mending:
-    """remove: paths in the data set. command: makes what is then missing."""
+    """remove: paths in the data set. commands: remove them, and make what is then missing."""
 
     remove: tuple[str, ...]
-    command: str
+    commands: tuple[str, ...]
 
 
 def run_verify(
@@ -94,7 +100,11 @@ def mending_of(found: Verification) -> Mending:
     is_sound = RECIPE not in paths and place.digest(RECIPE)
     recipe = f"{found.address}/{RECIPE}" if is_sound else "RECIPE"
     words = ["slamsim", "dataset", "make", recipe, "-n", str(found.sequences)]
-    return Mending(tuple(there), shlex.join([*words, "--out", found.address]))
+    commands = [[*words, "--out", found.address]]
+    if there:
+        removal = _REMOVE_THERE if "://" in found.address else _REMOVE_HERE
+        commands.insert(0, [*removal, *(f"{found.address}/{path}" for path in there)])
+    return Mending(tuple(there), tuple(map(shlex.join, commands)))
 
 
 def _shards_of(place: Place, indices: Collection[int], damaged: Collection[str]) -> set[str]:
@@ -142,8 +152,6 @@ def _tell(found: Verification, mending: Mending | None, reporter: Reporter) -> N
         reporter.say("Move what is no part of the data set elsewhere.")
     if mending is None or all(finding.reason == EXTRA for finding in found.findings):
         return
-    remove = [f"{found.address}/{path}" for path in mending.remove]
     reporter.say("This makes the same bytes again:")
-    if remove:
-        reporter.say(f"  {shlex.join(['rm', '-r', *remove])}")
-    reporter.say(f"  {mending.command}")
+    for command in mending.commands:
+        reporter.say(f"  {command}")

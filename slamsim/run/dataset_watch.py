@@ -75,6 +75,10 @@ class ConsoleWatch:
     def still(self) -> None:
         self._show()
 
+    def catalogue(self) -> None:
+        self._show()
+        self._bars.add_task("catalogue", total=None, completed=0, told="figures, card and sums")
+
     def _show(self) -> None:
         elapsed_s = max(time.monotonic() - self._begun_s, 1e-3)
         told = [

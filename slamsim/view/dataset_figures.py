@@ -15,8 +15,7 @@ from matplotlib.figure import Figure
 
 from slamsim.dataset.sequence import SPLITS
 from slamsim.dataset.statistics import Statistics, numbers
-from slamsim.view.figures import INK
-from slamsim.view.palette import ESTIMATE, NEUTRAL, ODOMETRY, TRUTH
+from slamsim.view.palette import ESTIMATE, INK, NEUTRAL, ODOMETRY, TRUTH
 
 _STYLE: Any = {
     "font.family": "DejaVu Sans",  # which comes with matplotlib: the same everywhere

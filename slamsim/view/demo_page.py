@@ -13,9 +13,9 @@ from slamsim.check.wording import headline
 from slamsim.evaluate.grid import cell_centres, occupied
 from slamsim.types import Grid, PlanarTrajectory
 from slamsim.view.check_page import wrong
-from slamsim.view.figures import INK, STYLE, Picture, svg
+from slamsim.view.figures import STYLE, Picture, svg
 from slamsim.view.page import Card, cards, figure, page, pair, section
-from slamsim.view.palette import ESTIMATE
+from slamsim.view.palette import ESTIMATE, INK
 
 _FOOTER = "Made by slamsim demo. Both runs, and the mended recording, are beside this file."
 

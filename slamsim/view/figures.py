@@ -18,14 +18,22 @@ from numpy.typing import NDArray
 from slamsim.evaluate.grid import FREE_BELOW, cell_centres, occupied, wrong_walls
 from slamsim.geometry import compose, inverse, transform_points
 from slamsim.types import BoolArray, FloatArray, Grid, IntArray
-from slamsim.view.palette import ACCEPTED, ESTIMATE, NEUTRAL, ODOMETRY, TRUTH, WITHDRAWN, rgb
+from slamsim.view.palette import (
+    ACCEPTED,
+    ESTIMATE,
+    INK,
+    NEUTRAL,
+    ODOMETRY,
+    TRUTH,
+    WITHDRAWN,
+    rgb,
+)
 from slamsim.view.precision import driven_m
 from slamsim.view.run_view import RunView, outline_height_m, thinned, wall_outline
 from slamsim.view.scene import closures
 from slamsim.view.series import Plot
 
 Pixels = NDArray[np.uint8]
-INK = "#1b1f24"
 _PAGE_INK = "#010203"
 """Stands for the page's own text colour, which depends on the reader's theme."""
 

@@ -13,6 +13,7 @@ ACCEPTED = "#cc79a7"
 WITHDRAWN = "#d55e00"
 SCAN = "#56b4e9"
 NEUTRAL = "#8a8f98"
+INK = "#1b1f24"
 
 
 def rgb(colour: str) -> tuple[int, int, int]:

@@ -1,0 +1,52 @@
+"""``slamsim dataset make`` as a script meets it: how it ends, and what the rows tell."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from dataset_run import tree
+from dataset_stub import Stub
+
+from slamsim.console import Reporter
+from slamsim.dataset.manifest import MANIFEST
+from slamsim.dataset.table import rows_from_parquet
+from slamsim.run.dataset_making import run_make
+from slamsim.safe.errors import NotFound, SlamsimError
+
+COUNT = 3
+
+
+@pytest.fixture
+def orders(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """What sequences of the recipe ``tiny`` do instead of being made."""
+    folder = tmp_path / "orders"
+    folder.mkdir()
+    monkeypatch.setattr("slamsim.dataset.make.produce", Stub(folder))
+    return folder
+
+
+def test_sequences_that_fail_for_good_end_in_an_error_that_tells_how_many_and_where(
+    orders: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    there = tmp_path / "a"
+    recipes = {there: "tiny", tmp_path / "elsewhere" / "b": f"file://{there}/recipe.yaml"}
+    for place, recipe in recipes.items():
+        (orders / "1").write_text("refuse refuse refuse")
+        with pytest.raises(SlamsimError, match="1 of 3 sequences could not be made") as raised:
+            run_make(recipe, COUNT, str(place), Reporter(as_json=True), workers=1)
+        assert raised.value.exit_code == 1 and str(place / MANIFEST) in str(raised.value)
+        told = json.loads(capsys.readouterr().out)
+        assert (told["made"], [one["index"] for one in told["failures"]]) == (COUNT - 1, [1])
+        assert f"make {recipe} -n {COUNT} --out {place} --only 1" in told["failures"][0]["command"]
+    assert tree(there) == tree(place)
+    row = rows_from_parquet((there / MANIFEST).read_bytes())[1]
+    assert (row["status"], row["reason"]) == ("failed", "the robot is stuck")
+    words = "slamsim dataset make DIR/recipe.yaml -n 3 --out DIR --only 1"
+    assert row["command"] == words
+
+
+def test_a_recipe_that_is_not_behind_its_url_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(NotFound, match=r"nothing\.yaml does not exist"):
+        run_make(f"file://{tmp_path}/nothing.yaml", 1, str(tmp_path / "b"), Reporter(quiet=True))
