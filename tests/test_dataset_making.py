@@ -11,8 +11,10 @@ from dataset_stub import Stub
 
 from slamsim.console import Reporter
 from slamsim.dataset.manifest import MANIFEST
+from slamsim.dataset.shard import Tried
 from slamsim.dataset.table import rows_from_parquet
 from slamsim.run.dataset_making import run_make
+from slamsim.run.dataset_watch import ConsoleWatch
 from slamsim.safe.errors import NotFound, SlamsimError
 
 COUNT = 3
@@ -50,3 +52,17 @@ def test_sequences_that_fail_for_good_end_in_an_error_that_tells_how_many_and_wh
 def test_a_recipe_that_is_not_behind_its_url_is_refused(tmp_path: Path) -> None:
     with pytest.raises(NotFound, match=r"nothing\.yaml does not exist"):
         run_make(f"file://{tmp_path}/nothing.yaml", 1, str(tmp_path / "b"), Reporter(quiet=True))
+
+
+def test_what_is_told_while_it_runs_ends_with_the_catalogue(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    with ConsoleWatch(Reporter()) as watch:
+        watch.begin(5, 2)
+        watch.made(Tried(2, 1.0, {"quality.duration_s": 60.0, "size_bytes": 10**6}))
+        watch.tried(3, "it broke", 1)
+        watch.failed(3, "it broke", "slamsim ...")
+        watch.catalogue()
+    told = capsys.readouterr().err
+    for part in ("2 of 5 sequences", "4 of 5", "1 failed", "sequence 3, try 1", "catalogue"):
+        assert part in told

@@ -60,12 +60,17 @@ def pace(recipe: Recipe, count: int, engine: Engine) -> Pace:
         draw=partial(sequence_spec, recipe, count=count),
         produce=timed_produce,
         limit_s=LIMIT_S,
-        command=lambda index: f"sequence {index} of {recipe.name}",
+        command=_named,
+        recorded=_named,
     )
     with tempfile.TemporaryDirectory() as folder:
         store = open_store(str(Path(folder) / "set"))
         fulfil(order, Identity(recipe.name, count, {}), store, engine, watch)
     return settled_pace(watch.made_ones)
+
+
+def _named(index: int) -> str:
+    return f"sequence {index}"
 
 
 def settled_pace(made: Sequence[Made]) -> Pace:

@@ -30,6 +30,7 @@ _REMOVE_THERE = (
     "-c",
     "import sys, fsspec; [f.rm(p, True) for f, p in map(fsspec.url_to_fs, sys.argv[1:])]",
 )
+_ANY = "RECIPE"
 _MOST_TOLD = 20
 
 
@@ -98,7 +99,7 @@ def mending_of(found: Verification) -> Mending:
     paths |= _shards_of(place, indices, paths)
     there = sorted(path for path in paths if place.names(path) or place.digest(path))
     is_sound = RECIPE not in paths and place.digest(RECIPE)
-    recipe = f"{found.address}/{RECIPE}" if is_sound else "RECIPE"
+    recipe = f"{found.address}/{RECIPE}" if is_sound else _ANY
     words = ["slamsim", "dataset", "make", recipe, "-n", str(found.sequences)]
     commands = [[*words, "--out", found.address]]
     if there:
@@ -141,7 +142,7 @@ def _tell(found: Verification, mending: Mending | None, reporter: Reporter) -> N
         "sequences": f"{found.sequences:,}, {found.failed:,} of them could not be made",
         "read": f"{found.checked:,} sequences, {found.files:,} files, {as_size(found.size_bytes)}",
         "made again": ", ".join(map(str, found.again)) or "none",
-        "not as it was made": f"{len(found.findings):,} files" if mending else "nothing",
+        "not as it was made": f"{len(found.findings):,} of the files" if mending else "nothing",
     }
     reporter.table(f"Data set {found.address}", rows)
     for finding in found.findings[:_MOST_TOLD]:
@@ -152,6 +153,7 @@ def _tell(found: Verification, mending: Mending | None, reporter: Reporter) -> N
         reporter.say("Move what is no part of the data set elsewhere.")
     if mending is None or all(finding.reason == EXTRA for finding in found.findings):
         return
-    reporter.say("This makes the same bytes again:")
+    which = ", RECIPE being what it was made of:" if _ANY in mending.commands[-1].split() else ":"
+    reporter.say(f"This makes the same bytes again{which}")
     for command in mending.commands:
         reporter.say(f"  {command}")

@@ -23,10 +23,10 @@ class ConsoleWatch:
         self._bars = reporter.bars(
             TextColumn("{task.description}"),
             BarColumn(bar_width=24),
-            TextColumn("{task.completed:.0f} of {task.total:.0f}"),
+            TextColumn("{task.fields[count]}"),
             TextColumn("{task.fields[told]}", style="cyan"),
         )
-        self._task = self._bars.add_task("sequences", total=1, told="")
+        self._task = self._bars.add_task("sequences", total=1, count="", told="")
         self._begun_s = 0.0
         self._total = self._done = self._made = self._failed = 0
         self._simulated_s = self._megabytes = 0.0
@@ -77,7 +77,7 @@ class ConsoleWatch:
 
     def catalogue(self) -> None:
         self._show()
-        self._bars.add_task("catalogue", total=None, completed=0, told="figures, card and sums")
+        self._bars.add_task("catalogue", total=None, count="", told="manifest, card, figures, sums")
 
     def _show(self) -> None:
         elapsed_s = max(time.monotonic() - self._begun_s, 1e-3)
@@ -92,7 +92,11 @@ class ConsoleWatch:
         if self._failed:
             told.append(f"{self._failed} failed")
         self._bars.update(
-            self._task, completed=self._done, total=self._total, told=" · ".join(told)
+            self._task,
+            completed=self._done,
+            total=self._total,
+            count=f"{self._done} of {self._total}",
+            told=" · ".join(told),
         )
 
 
