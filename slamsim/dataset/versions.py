@@ -25,12 +25,14 @@ _PACKAGES = (
     "rosbags",
     "zstandard",
     "pydantic",
+    "pyyaml",
+    "matplotlib",
 )
 
 
 @cache
 def versions() -> Mapping[str, str]:
-    """Name and version of all that has a part in the bytes of a sequence, here."""
+    """Name and version of all that has a part in the bytes of a data set, here."""
     found = {"slamsim": __version__, "python": platform.python_version()}
     for package in _PACKAGES:
         try:

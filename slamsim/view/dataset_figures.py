@@ -75,6 +75,8 @@ def _histograms(table: pa.Table, columns: Mapping[str, str]) -> Figure:
             label=splits,
         )
         axes.set_xlabel(text)
+        axes.locator_params(axis="x", nbins=5)
+        axes.locator_params(axis="y", integer=True)
         if place == 0:
             axes.set_ylabel("sequences")
             axes.legend(frameon=False)
