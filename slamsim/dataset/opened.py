@@ -175,6 +175,7 @@ def open_dataset(address: str | Path) -> Dataset:
 
     Raises NotFound where there is none, InputRefused if its manifest is damaged.
     """
-    place = Place(str(address))
+    text = str(address)
+    place = Place(text if "://" in text else str(Path(text).resolve()))  # wherever it is sent
     manifest: Any = read_manifest(place)
     return Dataset(place, manifest.filter(pc.field("status") == MADE))

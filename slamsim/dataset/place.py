@@ -84,12 +84,19 @@ class Place:
             raise SlamsimError(f"{self.address} cannot be read: {error}") from error
 
 
-@lru_cache(maxsize=8)
 def _reached(address: str) -> tuple[Any, str]:
     """The file system of an address, and what it calls the place."""
+    if "://" in address:
+        return _connected(address)
     try:
-        if "://" not in address:
-            return LocalFileSystem(), str(Path(address).resolve())
+        return LocalFileSystem(), str(Path(address).resolve())
+    except (OSError, ValueError, RuntimeError) as error:
+        raise SlamsimError(f"{address!r} cannot be read: {error}") from None
+
+
+@lru_cache(maxsize=8)
+def _connected(address: str) -> tuple[Any, str]:
+    try:
         files, root = url_to_fs(address)
     except ImportError as error:
         raise SlamsimError(f"{address}: {error}; try: pip install 'slamsim[cloud]'") from None

@@ -78,11 +78,13 @@ class Store(Protocol):
         """Held by a worker while it writes."""
 
 
-@lru_cache(maxsize=8)
 def open_store(address: str) -> Store:
     """The store at a local path or a URL such as ``s3://bucket/set``. Raises SlamsimError."""
-    if "://" not in address:
-        return LocalStore(address)
+    return _connected(address) if "://" in address else LocalStore(address)
+
+
+@lru_cache(maxsize=8)
+def _connected(address: str) -> Store:
     from slamsim.dataset.remote import RemoteStore
 
     return RemoteStore(address)
@@ -92,6 +94,8 @@ class LocalStore:
     """A folder of this machine, or of a file system that several machines share."""
 
     def __init__(self, address: str) -> None:
+        if not address:
+            raise SlamsimError("the name of the folder is empty; '.' is the one we are in")
         try:
             self._root = Path(address).resolve()
         except (OSError, ValueError, RuntimeError) as error:
