@@ -120,7 +120,7 @@ def _extra(place: Place, sums: Mapping[str, str], rows: Sequence[Row]) -> Iterat
     folders = {path.partition("/")[0] for path in named if "/" in path}
     paths = [
         *sorted(place.names("") - _ALSO - folders),
-        *(f"{folder}/{name}" for folder in sorted(folders) for name in place.names(folder)),
+        *(f"{folder}/{name}" for folder in sorted(folders) for name in sorted(place.names(folder))),
     ]
     for path in paths:
         if path not in named and not is_hidden(path):

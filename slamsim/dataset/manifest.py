@@ -84,6 +84,9 @@ def read_manifest(place: Readable) -> pa.Table:
     if data is None:
         raise NotFound(f"{place.address} holds no finished data set: there is no {MANIFEST}")
     try:
-        return table_from_parquet(data)
+        table = table_from_parquet(data)
     except ValueError as error:
         raise InputRefused(f"{place.address}/{MANIFEST}", str(error)) from None
+    if lacking := [name for name in (*_HEAD, *_WHOLE, *_TEXTS) if name not in table.column_names]:
+        raise InputRefused(f"{place.address}/{MANIFEST}", f"it has no column {lacking[0]}")
+    return table

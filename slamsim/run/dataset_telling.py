@@ -20,7 +20,7 @@ from slamsim.dataset.shard import shard_path
 from slamsim.dataset.statistics import statistics
 from slamsim.dataset.verify import Verification, verify
 from slamsim.run.dataset_planning import as_size, as_time, counted
-from slamsim.safe.errors import SlamsimError, shown
+from slamsim.safe.errors import InputRefused, SlamsimError, shown
 from slamsim.safe.yaml import parse_yaml
 
 SHARD_KEY = "shard_sequences"
@@ -113,11 +113,18 @@ def _shards_of(place: Place, indices: Collection[int], damaged: Collection[str])
     if not indices:
         return set()
     for path, keys in ((IDENTITY, ("recipe", SHARD_KEY)), (RECIPE, (SHARD_KEY,))):
-        if path not in damaged:
-            told: Any = parse_yaml((place.read(path) or b"").decode(), Path(path)).data
-            size = int(reduce(getitem, keys, told))
+        if path not in damaged and (size := _whole_number(place.read(path), keys)):
             return {shard_path(index // size) for index in indices}
     return {f"shards/{name}" for name in place.names("shards")}
+
+
+def _whole_number(data: bytes | None, keys: Collection[str]) -> int | None:
+    """What YAML says under one key below the other, if it can be read."""
+    try:
+        told: Any = parse_yaml((data or b"").decode("utf-8", "replace"), Path(RECIPE)).data
+        return int(reduce(getitem, keys, told))
+    except (InputRefused, KeyError, TypeError, ValueError):
+        return None
 
 
 def _at(finding: Finding) -> str:
