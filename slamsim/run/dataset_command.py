@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from slamsim.options import Json, Overwrite, Quiet
+from slamsim.options import Json, Quiet
 
 dataset = typer.Typer(
     name="dataset",
@@ -105,7 +105,9 @@ def preview(
     out: Annotated[
         Path | None, typer.Option("--out", "-o", help="PNG file; RECIPE.png by default.")
     ] = None,
-    overwrite: Overwrite = False,
+    overwrite: Annotated[
+        bool, typer.Option("--overwrite", help="Replace the file if it is there.")
+    ] = False,
     quiet: Quiet = False,
     as_json: Json = False,
 ) -> None:
