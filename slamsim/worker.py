@@ -181,7 +181,7 @@ class Workers:
     """
 
     def __init__(self, count: int | None = None, memory_bytes: int | None = None) -> None:
-        self.count = count or _cores()
+        self.count = count or cores()
         self._memory_bytes = memory_bytes or fair_share_bytes(self.count)
         self._own = local()
         self._workers: list[Worker] = []
@@ -228,7 +228,8 @@ def fair_share_bytes(workers: int) -> int:
     return int(machine * _SHARE_OF_MEMORY / workers)
 
 
-def _cores() -> int:
+def cores() -> int:
+    """Those of this machine that we may use."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1

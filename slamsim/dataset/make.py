@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from functools import partial
 
 from slamsim.dataset.catalogue import RECIPE, write_catalogue
+from slamsim.dataset.distributions import edges
 from slamsim.dataset.draw import sequence_spec
 from slamsim.dataset.engines.base import Engine
 from slamsim.dataset.identity import Identity, claim, require_place_for
@@ -105,8 +106,8 @@ def _require_room(recipe: Recipe, count: int, left: int, store: Store) -> None:
     free = store.free_bytes()
     if free is None or left == 0:
         return
-    longest_s = sequence_spec(recipe, 0, count).config.drive.route.max_duration_s
-    if longest_s is not None and free > left * longest_s * AMPLE_BYTES_PER_S:
+    longest_s = max(float(str(value)) for value in edges(recipe.duration_s))
+    if free > left * longest_s * AMPLE_BYTES_PER_S:
         return
     needed = plan(recipe, count).total_bytes * left // count
     if free < needed:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -14,6 +13,7 @@ from slamsim.dataset.pilot import Pilot, Pilots, make_pilots
 from slamsim.dataset.recipe import Recipe
 from slamsim.dataset.sequence import SequenceSpec, Split
 from slamsim.safe.errors import SlamsimError
+from slamsim.worker import cores
 
 MOST_DRAWN = 5_000
 """Of a larger data set, only so many sequences are drawn for the counts, and the counts scaled."""
@@ -63,7 +63,7 @@ def plan(recipe: Recipe, count: int, workers: int | None = None, make: Maker = m
     workers: processes at a time, by default one for each core. Raises SlamsimError where not even
     one short sequence can be made.
     """
-    workers = workers or len(os.sched_getaffinity(0))
+    workers = workers or cores()
     drafts = [draw(recipe, index) for index in range(min(count, MOST_DRAWN))]
     kinds = [_kind(recipe, draft) for draft in drafts]
     chosen = [kind for kind, _ in Counter(kinds).most_common(MOST_KINDS)]
