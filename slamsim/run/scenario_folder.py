@@ -15,6 +15,7 @@ from slamsim.dataset.versions import versions
 from slamsim.run.folder import CONFIG, REPORT, REPORT_JSON
 from slamsim.safe.output import write_atomic
 from slamsim.scenarios.base import Row, ScenarioResult
+from slamsim.view.scenario_figures import pictures
 from slamsim.view.scenario_page import scenario_page
 
 
@@ -25,6 +26,8 @@ def write_results(
     write_atomic(folder / CONFIG, dump_commented_yaml(whole).encode())
     for result in results:
         write_atomic(folder / f"{result.name}.csv", rows_as_csv(result.rows).encode())
+        for name, picture in pictures(result.findings.charts, result.name).items():
+            write_atomic(folder / name, picture)
     numbers = json.dumps(told(results, seed), indent=1, allow_nan=False)
     write_atomic(folder / REPORT_JSON, f"{numbers}\n".encode())
     write_atomic(folder / REPORT, scenario_page(results, seed, versions()).encode())

@@ -34,7 +34,7 @@ from slamsim.view.scene import closures
 from slamsim.view.series import Plot
 
 Pixels = NDArray[np.uint8]
-_PAGE_INK = "#010203"
+PAGE_INK = "#010203"
 """Stands for the page's own text colour, which depends on the reader's theme."""
 
 _MAX_PATH_POINTS = 3000
@@ -47,11 +47,11 @@ STYLE: Any = {
     "font.family": "sans-serif",
     "font.size": 9.0,
     "axes.linewidth": 0.6,
-    "axes.edgecolor": _PAGE_INK,
-    "axes.labelcolor": _PAGE_INK,
-    "text.color": _PAGE_INK,
-    "xtick.color": _PAGE_INK,
-    "ytick.color": _PAGE_INK,
+    "axes.edgecolor": PAGE_INK,
+    "axes.labelcolor": PAGE_INK,
+    "text.color": PAGE_INK,
+    "xtick.color": PAGE_INK,
+    "ytick.color": PAGE_INK,
     "axes.spines.top": False,
     "axes.spines.right": False,
     "path.simplify_threshold": 0.3,
@@ -95,7 +95,7 @@ def map_figure(view: RunView) -> Picture:
     T_page_map = page_from_map(view)
     with rc_context(STYLE):
         figure, axes = map_axes(view)
-        show_cells(axes, view.grid, _map_colours(view.grid), T_page_map)
+        show_cells(axes, view.grid, map_colours(view.grid), T_page_map)
         legend = _show_closures(axes, view, T_page_map)
         for name, colour, points in _paths(view, T_page_map):
             axes.plot(points[:, 0], points[:, 1], color=colour, linewidth=0.9)
@@ -177,7 +177,7 @@ def show_cells(axes: Axes, grid: Grid, colours: Pixels, T_page_grid: FloatArray)
     axes.axis(limits)
 
 
-def _map_colours(grid: Grid) -> Pixels:
+def map_colours(grid: Grid) -> Pixels:
     walls, free = occupied(grid), grid.occupancy < FREE_BELOW
     unsure = np.isfinite(grid.occupancy) & ~walls & ~free
     return cell_colours(((free, "#ffffff"), (unsure, "#b9bec6"), (walls, INK)))
@@ -235,7 +235,7 @@ def svg(figure: Figure, key: str) -> str:
     metadata = {"Date": None, "Creator": None}
     figure.savefig(text, format="svg", metadata=metadata, transparent=True)
     svg = text.getvalue()
-    svg = svg[svg.index("<svg") :].replace(_PAGE_INK, "currentColor")
+    svg = svg[svg.index("<svg") :].replace(PAGE_INK, "currentColor")
     svg = re.sub(r"<metadata>.*?</metadata>", "", svg, flags=re.DOTALL)
     svg = re.sub(r'\bid="', f'id="{key}-', svg)
     return re.sub(r'(url\(#|href="#)', rf"\g<1>{key}-", svg)

@@ -81,8 +81,8 @@ RUN_FOOTER = (
 )
 
 
-def page(title: str, lead: str, body: str, footer: str = RUN_FOOTER) -> str:
-    """body: HTML. The policy forbids the page to fetch anything at all."""
+def page(title: str, lead: str, body: str, footer: str = RUN_FOOTER, style: str = "") -> str:
+    """body: HTML; style: CSS of its own. The policy forbids the page to fetch anything at all."""
     return f"""<!doctype html>
 <html lang="en">
 <head>
@@ -91,7 +91,7 @@ def page(title: str, lead: str, body: str, footer: str = RUN_FOOTER) -> str:
 <meta http-equiv="Content-Security-Policy"
   content="default-src 'none'; style-src 'unsafe-inline'; img-src data:">
 <title>{escape(title)} · slamsim</title>
-<style>{_STYLE}</style>
+<style>{_STYLE}{style}</style>
 </head>
 <body>
 <header><h1>{escape(title)}</h1><p class="lead">{escape(lead)}</p></header>

@@ -1,0 +1,213 @@
+"""Charts of scenarios: one look for each whose result it is, in the page and as pictures."""
+
+from __future__ import annotations
+
+import colorsys
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from io import BytesIO
+
+import numpy as np
+from matplotlib import rc_context
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from slamsim.scenarios.base import Chart, Series, Who
+from slamsim.types import FloatArray
+from slamsim.view.figures import PAGE_INK, STYLE, map_colours, show_cells, svg
+from slamsim.view.palette import ACCEPTED, ESTIMATE, NEUTRAL, ODOMETRY, TRUTH, rgb
+from slamsim.view.run_view import thinned
+
+_COLOURS: dict[Who, str] = {
+    "slamsim": ESTIMATE,
+    "unity": ODOMETRY,
+    "gazebo": ACCEPTED,
+    "reality": TRUTH,
+    "theory": PAGE_INK,
+}
+_MARKERS: dict[Who, str] = {
+    "slamsim": "o",
+    "unity": "s",
+    "gazebo": "^",
+    "reality": "D",
+    "theory": "x",
+}
+_HEIGHTS: dict[Who, float] = {"slamsim": 3.0, "theory": 3.5}
+"""Thin and dashed, theory is seen above what agrees with it."""
+_LIGHTEST, _DARKEST = 0.74, 0.34
+_DASHES = ((0, (4, 2)), (0, (1, 1.5)), (0, (6, 2, 1, 2)))
+_MAX_POINTS = 2000
+_PNG_DPI = 160
+
+
+@dataclass(frozen=True, slots=True)
+class Look:
+    """How a series is drawn. dash: matplotlib's; marker: empty for none, as for no line."""
+
+    colour: str
+    line: bool
+    dash: tuple[float, tuple[float, ...]] | None
+    marker: str
+    hollow: bool
+
+    @property
+    def page_colour(self) -> str:
+        """As the page says it, whose own text colour depends on the reader's theme."""
+        return "currentColor" if self.colour == PAGE_INK else self.colour
+
+
+@dataclass(frozen=True, slots=True)
+class Drawn:
+    """A chart as an ``<svg>`` element, and the name and look of each of its series."""
+
+    svg: str
+    legend: tuple[tuple[str, Look], ...]
+
+
+def chart_figure(chart: Chart, key: str) -> Drawn:
+    """key: unlike that of any other figure of the page."""
+    with rc_context(STYLE):
+        figure = Figure(figsize=_size(chart), layout="constrained")
+        looks = _draw(figure.add_subplot(), chart)
+        names = [series.name for series in chart.series]
+        return Drawn(svg(figure, key), tuple(zip(names, looks, strict=True)))
+
+
+def chart_png(chart: Chart) -> bytes:
+    """The same to be pasted elsewhere: on white, with title and legend."""
+    with rc_context(STYLE):
+        width, height = _size(chart)
+        rows = -(-len(chart.series) // 3)
+        figure = Figure(figsize=(width, height + 0.3 + 0.2 * rows), layout="constrained")
+        looks = _draw(figure.add_subplot(), chart)
+        figure.suptitle(_words(chart.title), fontsize=10.0, fontweight="bold")
+        handles = [_handle(look) for look in looks]
+        names = [_words(series.name) for series in chart.series]
+        figure.legend(handles, names, loc="outside lower center", ncols=3, frameon=False)
+        file = BytesIO()
+        figure.savefig(file, format="png", dpi=_PNG_DPI, facecolor="white")
+        return file.getvalue()
+
+
+def looks_of(chart: Chart) -> tuple[Look, ...]:
+    """Series of one and the same differ in shade from light to dark, points in being hollow."""
+    of_all = Counter(series.who for series in chart.series)
+    before: Counter[Who] = Counter()
+    looks = []
+    for series in chart.series:
+        k, of = before[series.who], of_all[series.who]
+        before[series.who] += 1
+        looks.append(_look(series, k, of))
+    return tuple(looks)
+
+
+def _look(series: Series, k: int, of: int) -> Look:
+    ink = series.who == "theory"
+    dash = _DASHES[k % len(_DASHES)] if ink else _DASHES[0] if series.dashed else None
+    return Look(
+        colour=_COLOURS[series.who] if ink or of == 1 else _shade(_COLOURS[series.who], k, of),
+        line=series.kind in ("line", "line+points"),
+        dash=dash,
+        marker="" if series.kind == "line" else _MARKERS[series.who],
+        hollow=series.kind == "points" and k % 2 == 1,
+    )
+
+
+def _shade(colour: str, k: int, of: int) -> str:
+    hue, _, saturation = colorsys.rgb_to_hls(*(part / 255 for part in rgb(colour)))
+    lightness = _LIGHTEST + (_DARKEST - _LIGHTEST) * k / (of - 1)
+    parts = colorsys.hls_to_rgb(hue, lightness, saturation)
+    return "#" + "".join(f"{round(255 * part):02x}" for part in parts)
+
+
+def _size(chart: Chart) -> tuple[float, float]:
+    if chart.grid is not None:
+        return 3.2, 3.2
+    return (5.2, 4.4) if chart.equal else (5.2, 3.1)
+
+
+def _draw(axes: Axes, chart: Chart) -> tuple[Look, ...]:
+    looks = looks_of(chart)
+    for axis, logarithmic in (("x", chart.logarithmic[0]), ("y", chart.logarithmic[1])):
+        if logarithmic:
+            axes.set(**{f"{axis}scale": "log"})
+    for series, look in zip(chart.series, looks, strict=True):
+        if series.kind == "boxes" and series.spread is not None:
+            _draw_boxes(axes, series, series.spread, look, chart.logarithmic[0])
+        else:
+            _draw_curve(axes, series, look)
+    if chart.grid is not None:
+        axes.autoscale_view()
+        show_cells(axes, chart.grid, map_colours(chart.grid), np.zeros(3))
+    else:
+        axes.grid(color=NEUTRAL, alpha=0.25, linewidth=0.5)
+    if chart.equal or chart.grid is not None:
+        axes.set_aspect("equal", adjustable="datalim")
+    axes.set_xlabel(_words(chart.x_label))
+    axes.set_ylabel(_words(chart.y_label))
+    return looks
+
+
+def _draw_curve(axes: Axes, series: Series, look: Look) -> None:
+    pick = thinned(len(series.x), _MAX_POINTS)
+    axes.plot(
+        series.x[pick],
+        series.y[pick],
+        color=look.colour,
+        linestyle=(look.dash or "-") if look.line else "none",
+        linewidth=1.0 if series.who == "theory" else 1.4,
+        marker=look.marker or None,
+        markersize=4.5,
+        markerfacecolor="none" if look.hollow else look.colour,
+        zorder=_HEIGHTS.get(series.who, 2.5),
+    )
+
+
+def _draw_boxes(
+    axes: Axes, series: Series, spread: FloatArray, look: Look, logarithmic: bool
+) -> None:
+    """Whiskers reach the least and the largest; the mark is the mean."""
+    gaps = np.diff(np.sort(series.x))
+    width = 0.55 * float(gaps.min()) if gaps.size else 0.5
+    boxes = [
+        {"whislo": low, "q1": q1, "med": median, "q3": q3, "whishi": high}
+        for low, q1, median, q3, high in spread
+    ]
+    line = {"color": look.colour, "linewidth": 1.0}
+    axes.bxp(
+        boxes,
+        positions=series.x.tolist(),
+        widths=(0.25 * series.x).tolist() if logarithmic else width,
+        showfliers=False,
+        manage_ticks=False,
+        patch_artist=True,
+        boxprops={"facecolor": f"{look.colour}40", "edgecolor": look.colour, "linewidth": 1.0},
+        medianprops=line,
+        whiskerprops=line,
+        capprops=line,
+    )
+    axes.plot(series.x, series.y, look.marker, color=look.colour, markersize=3.5)
+
+
+def _handle(look: Look) -> Line2D:
+    return Line2D(
+        [],
+        [],
+        color=look.colour,
+        linestyle=(look.dash or "-") if look.line else "none",
+        marker=look.marker or None,
+        markersize=4.5,
+        markerfacecolor="none" if look.hollow else look.colour,
+    )
+
+
+def _words(text: str) -> str:
+    """Never taken for a formula."""
+    return text.replace("$", r"\$")
+
+
+def pictures(charts: Sequence[Chart], name: str) -> dict[str, bytes]:
+    """File name and contents of a PNG for each chart."""
+    return {f"{name}_{k}.png": chart_png(chart) for k, chart in enumerate(charts, 1)}
