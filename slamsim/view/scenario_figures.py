@@ -151,7 +151,8 @@ def _draw(axes: Axes, chart: Chart) -> tuple[Look, ...]:
 
 
 def _draw_curve(axes: Axes, series: Series, look: Look) -> None:
-    pick = thinned(len(series.x), _MAX_POINTS)
+    pick = np.isnan(series.y)  # where a line of several pieces breaks
+    pick[thinned(len(series.x), _MAX_POINTS)] = True
     axes.plot(
         series.x[pick],
         series.y[pick],

@@ -7,44 +7,23 @@ from collections.abc import Mapping, Sequence
 from html import escape
 
 from slamsim.config.dump import dump_commented_yaml
-from slamsim.scenarios.base import Chart, Row, ScenarioResult, Sheet, Verdict
-from slamsim.view.page import Table, details, page, section, table, warnings
-from slamsim.view.scenario_figures import Drawn, Look, chart_figure
+from slamsim.scenarios.base import ScenarioResult, Verdict
+from slamsim.view.page import details, page, section, warnings
+from slamsim.view.scenario_parts import (
+    STYLE,
+    chart_rows,
+    mark,
+    number_list,
+    sheet_table,
+    verdict_table,
+    wide_table,
+)
 
 _FOOTER = (
     "Made by slamsim scenario. All numbers, under stable keys, are in report.json beside this "
     "file, the rows of all trials in the CSV files, the figures as PNG; slamsim view opens the "
     "recordings (.rrd)."
 )
-_STYLE = """
-:root { --yes: #00785a; --no: #c2410c; }
-@media (prefers-color-scheme: dark) { :root { --yes: #3cc79b; --no: #ff8f57; } }
-main > section { margin-top: 3rem; padding-top: 0.5rem; border-top: 1px solid var(--line); }
-main > section:first-child { border: 0; margin-top: 1rem; }
-h2 { margin: 1rem 0 0.3rem; font-size: 1.4rem; letter-spacing: -0.01em; }
-h3 { margin: 1.8rem 0 0.6rem; font-size: 0.95rem; }
-section > .lead { margin: 0 0 1.2rem; max-width: 52rem; }
-table.verdicts { width: 100%; }
-.verdicts th, .verdicts td { text-align: left; white-space: normal; vertical-align: top; }
-.verdicts td:nth-child(3) { color: var(--soft); white-space: nowrap; }
-.verdicts .mark { width: 1.6rem; padding-right: 0.5rem; font-weight: 700; text-align: center; }
-.yes { color: var(--yes); } .no { color: var(--no); } .open { color: var(--soft); }
-.verdicts a { color: inherit; text-decoration-color: var(--line); text-underline-offset: 0.2em; }
-.dots { white-space: nowrap; letter-spacing: 0.1em; }
-.charts { display: grid; gap: 1rem; margin-top: 1rem;
-  grid-template-columns: repeat(auto-fit, minmax(min(400px, 100%), 1fr)); }
-.charts.small { grid-template-columns: repeat(auto-fill, minmax(min(250px, 100%), 1fr)); }
-.charts figure:only-child { max-width: 720px; }
-.legend svg { display: inline-block; width: 28px; height: 10px; margin-right: 0.35em;
-  vertical-align: middle; }
-.text td { white-space: normal; min-width: 6rem; }
-"""
-_MARKS = {
-    True: ("yes", "✓", "holds"),
-    False: ("no", "✗", "does not hold"),
-    None: ("open", "–", "cannot tell"),
-}
-_SOURCES = {"study": "study", "theory": "theory", "reality": "real robot", "target": "our target"}
 
 
 def scenario_page(results: Sequence[ScenarioResult], seed: int, versions: Mapping[str, str]) -> str:
@@ -56,7 +35,7 @@ def scenario_page(results: Sequence[ScenarioResult], seed: int, versions: Mappin
     parts += [_scenario(result, headed=several) for result in results]
     software = "\n".join(f"{name}: {version}" for name, version in versions.items())
     parts.append(section("Software", f"<p>Seed {seed}</p>" + details("Versions", software)))
-    return page(title, lead, "".join(parts), _FOOTER, _STYLE)
+    return page(title, lead, "".join(parts), _FOOTER, STYLE)
 
 
 def _together(results: Sequence[ScenarioResult]) -> str:
@@ -77,106 +56,33 @@ def _summary(results: Sequence[ScenarioResult]) -> str:
         for result in results
     )
     head = "<th>scenario</th><th>statements</th><th>hold</th><th>what came out</th>"
-    overview = _verdict_table(head, rows)
+    overview = wide_table(head, rows)
     targets = [v for one in results for v in one.findings.verdicts if v.source == "target"]
-    reached = f"<h3>What was to be reached</h3>{_verdicts(targets)}" if targets else ""
+    reached = f"<h3>What was to be reached</h3>{verdict_table(targets)}" if targets else ""
     return f"<section>{overview}{reached}</section>"
 
 
 def _scenario(result: ScenarioResult, headed: bool) -> str:
     findings = result.findings
-    plain = [chart for chart in findings.charts if chart.grid is None]
-    maps = [chart for chart in findings.charts if chart.grid is not None]
     head = f"<h2>{escape(result.title)}</h2>" if headed else ""
     lead = f'<p class="lead">{escape(findings.lead)}</p>' if headed else ""
     body = (
         head
         + lead
         + warnings([f"{label}: {reason}" for label, reason in result.failures])
-        + _charts(plain, result.name, "charts")
-        + _charts(maps, f"{result.name}-map", "charts small")
-        + (f"<h3>Verdicts</h3>{_verdicts(findings.verdicts)}" if findings.verdicts else "")
-        + "".join(map(_sheet, findings.sheets))
-        + _numbers("Numbers", findings.numbers)
-        + _numbers("Physics engine", result.engine)
+        + chart_rows(findings.charts, result.name)
+        + (f"<h3>Verdicts</h3>{verdict_table(findings.verdicts)}" if findings.verdicts else "")
+        + "".join(map(sheet_table, findings.sheets))
+        + number_list("Numbers", findings.numbers)
+        + number_list("Physics engine", result.engine)
         + details("Parameters", dump_commented_yaml(result.config))
     )
     return f'<section id="{escape(result.name)}">{body}</section>'
 
 
-def _verdicts(verdicts: Sequence[Verdict]) -> str:
-    rows = "".join(
-        f'<tr><td class="mark">{_mark(verdict.holds)}</td><td>{escape(verdict.statement)}</td>'
-        f"<td>{_SOURCES[verdict.source]}</td><td>{escape(verdict.numbers)}</td></tr>"
-        for verdict in verdicts
-    )
-    head = '<th class="mark"></th><th>statement</th><th>source</th><th>here</th>'
-    return _verdict_table(head, rows)
-
-
-def _verdict_table(head: str, rows: str) -> str:
-    return (
-        f'<div class="scroll"><table class="verdicts"><thead><tr>{head}</tr></thead>'
-        f"<tbody>{rows}</tbody></table></div>"
-    )
-
-
-def _mark(holds: bool | None) -> str:
-    kind, sign, words = _MARKS[holds]
-    return f'<span class="{kind}" role="img" aria-label="{words}" title="{words}">{sign}</span>'
-
-
 def _dots(verdicts: Sequence[Verdict]) -> str:
-    return "".join(_mark(verdict.holds) for verdict in verdicts)
+    return "".join(mark(verdict.holds) for verdict in verdicts)
 
 
 def _share(verdicts: Sequence[Verdict]) -> str:
     return f"{sum(verdict.holds is True for verdict in verdicts)} of {len(verdicts)}"
-
-
-def _sheet(sheet: Sheet) -> str:
-    return f"<h3>{escape(sheet.title)}</h3>{table(Table(sheet.header, sheet.rows), sheet.note)}"
-
-
-def _numbers(title: str, row: Row) -> str:
-    return details(title, "\n".join(f"{key}: {value}" for key, value in row.items())) if row else ""
-
-
-def _charts(charts: Sequence[Chart], key: str, kind: str) -> str:
-    figures = "".join(
-        _figure(chart, chart_figure(chart, f"{key}-{k}")) for k, chart in enumerate(charts, 1)
-    )
-    return f'<div class="{kind}">{figures}</div>' if figures else ""
-
-
-def _figure(chart: Chart, drawn: Drawn) -> str:
-    legend = "".join(f"<li>{_sample(look)}{escape(name)}</li>" for name, look in drawn.legend)
-    note = f'<p class="note">{escape(chart.note)}</p>' if chart.note else ""
-    return (
-        f"<figure><figcaption>{escape(chart.title)}</figcaption>"
-        f'<ul class="legend">{legend}</ul>{drawn.svg}{note}</figure>'
-    )
-
-
-def _sample(look: Look) -> str:
-    """A piece of the line with its marker."""
-    colour = escape(look.page_colour)
-    dash = " ".join(f"{part * 1.3:g}" for part in look.dash[1]) if look.dash else ""
-    line = (
-        f'<path d="M0 5H28" stroke="{colour}" stroke-width="2" stroke-dasharray="{dash}"/>'
-        if look.line
-        else ""
-    )
-    shape = _SHAPES.get(look.marker, "")
-    fill = "none" if look.hollow else colour
-    marker = f'<path d="{shape}" fill="{fill}" stroke="{colour}"/>' if shape else ""
-    return f'<svg viewBox="0 0 28 10" aria-hidden="true">{line}{marker}</svg>'
-
-
-_SHAPES = {
-    "o": "M14 1.5a3.5 3.5 0 1 0 .01 0z",
-    "s": "M11 2h6v6h-6z",
-    "^": "M14 1.5l3.8 6.8h-7.6z",
-    "D": "M14 1l4 4-4 4-4-4z",
-    "x": "M11 2l6 6M11 8l6-6",
-}
