@@ -50,10 +50,13 @@ def describe(config: RobotConfig) -> Description:
         contact = Shape("sphere", (wheels.radius_m,), np.eye(4))
         wheel = _solid(f"wheel_{side}_link", tyre, wheels.mass_kg, contact)
         parts.append((wheel, "continuous", translation(0.0, y_m, wheels.radius_m)))
-    for end, x_m in (("front", supports.front_x_m), ("rear", supports.rear_x_m)):
+    for end, x_m, gap_m in (
+        ("front", supports.front_x_m, supports.front_gap_m),
+        ("rear", supports.rear_x_m, supports.rear_gap_m),
+    ):
         ball = Shape("sphere", (supports.radius_m,), np.eye(4))
         link = _solid(f"caster_{end}_link", ball, supports.mass_kg, ball)
-        parts.append((link, "continuous", translation(x_m, 0.0, supports.radius_m)))
+        parts.append((link, "continuous", translation(x_m, 0.0, supports.radius_m + gap_m)))
     return _assemble(config.name, T_base_link, parts)
 
 
@@ -121,6 +124,7 @@ def weld_fixed_joints(description: Description) -> Description:
             joint.child,
             carrier[joint.parent][1] @ joint.T_parent_child,
             joint.axis,
+            joint.limits,
         )
         for joint in description.joints
         if joint.kind != "fixed"
@@ -217,4 +221,7 @@ def _joint_lines(joint: Joint) -> list[str]:
     ]
     if joint.kind != "fixed":
         lines.append(f'    <axis xyz="{_numbers(joint.axis)}"/>')
+    if joint.limits is not None:
+        low, high = (_numbers([value]) for value in joint.limits)
+        lines.append(f'    <limit lower="{low}" upper="{high}" effort="1e4" velocity="1e3"/>')
     return [*lines, "  </joint>"]

@@ -12,7 +12,8 @@ import numpy as np
 from slamsim.config.drive import DriveConfig, PhysicsConfig
 from slamsim.progress import Progress, silent
 from slamsim.sim.bullet import pybullet
-from slamsim.sim.engine import Engine, hold_wheels, running_engine
+from slamsim.sim.chassis import Engine, hold_wheels
+from slamsim.sim.engine import running_engine
 from slamsim.sim.floor import Floor
 from slamsim.sim.pilot import Pilot
 from slamsim.sim.ride import BasePose, Decision, Ride, touching
@@ -135,7 +136,8 @@ def bare_step_seconds(
     The yardstick for the cost of driving: same world, same robot, wheels turning, nothing read.
     """
     with running_engine(world, robot, physics) as engine:
-        hold_wheels(engine, (-1.0, 1.0), robot.motor.max_torque_n_m)
+        torque_n_m = robot.motor.max_torque_n_m
+        hold_wheels(engine, (-1.0, 1.0), (torque_n_m, torque_n_m))
         count, client = round(seconds * physics.rate_hz), engine.client
         begin = time.perf_counter()
         for _ in range(count):

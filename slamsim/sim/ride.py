@@ -11,7 +11,7 @@ import numpy as np
 
 from slamsim.geometry import xyzw_from_matrix
 from slamsim.sim.bullet import pybullet
-from slamsim.sim.engine import Engine
+from slamsim.sim.chassis import Engine
 from slamsim.sim.follow import Twist
 from slamsim.sim.motors import build_motors
 from slamsim.sim.record import Recorder
@@ -71,7 +71,7 @@ class Ride:
         """
         body, client, wheels = self._engine.body, self._engine.client, self._engine.wheels
         read_pose, read_velocity = pybullet.getBasePositionAndOrientation, pybullet.getBaseVelocity
-        read_wheels, step, motors = pybullet.getJointStates, pybullet.stepSimulation, self._motors
+        read_wheels, step, motors = pybullet.getJointStates, self._engine.step, self._motors
         record = self._recorder.states.extend
         for i in range(self._steps_per_tick):
             position, quaternion = read_pose(body, client)
@@ -83,7 +83,7 @@ class Ride:
             watch()
             if motors.busy:
                 motors.update((left[1], right[1]))
-            step(client)
+            step()
 
     def _obey(self, decision: Decision) -> None:
         """From the commanded twist to the wheels' speeds."""

@@ -7,14 +7,15 @@ from pathlib import Path
 
 import numpy as np
 
-from slamsim.config.robot import MotorConfig, RobotConfig
+from slamsim.config.robot import MotorConfig, RobotConfig, SuspensionConfig
 from slamsim.safe.errors import InputRefused, NotFound
 from slamsim.sim.describe import describe, urdf_text
+from slamsim.sim.specimen import specimen
 from slamsim.sim.urdf import Description, read_description
 from slamsim.sim.validate import model_faults
 from slamsim.types import FloatArray
 
-LEFT_WHEEL_JOINT, RIGHT_WHEEL_JOINT = "wheel_left_joint", "wheel_right_joint"
+WHEEL_JOINTS = LEFT_WHEEL_JOINT, RIGHT_WHEEL_JOINT = "wheel_left_joint", "wheel_right_joint"
 REQUIRED_FRAMES = ("base_footprint", "base_link", "laser_link", "imu_link", "camera_link")
 
 
@@ -31,14 +32,16 @@ class StaticTransform:
 class RobotModel:
     """A robot that passed validation. base is base_footprint.
 
-    urdf: the description for others. footprint_radius_m: of the smallest circle about the base's
-    vertical axis that holds every contact shape. height_m: of the highest one. static_transforms:
-    every rigid joint, from the root outwards.
+    urdf, description: the robot as it was designed, for others. body: as it is, for the physics.
+    wheel_radius_m, track_m: as designed, which is what drivers believe. footprint_radius_m: of
+    the smallest circle about the base's vertical axis that holds every contact shape. height_m:
+    of the highest one. static_transforms: every rigid joint, from the root outwards.
     """
 
     name: str
     urdf: str
     description: Description
+    body: Description
     footprint_radius_m: float
     height_m: float
     wheel_radius_m: float
@@ -48,7 +51,10 @@ class RobotModel:
     static_transforms: tuple[StaticTransform, ...]
     motor: MotorConfig
     wheel_friction: float
+    lateral_friction_ratio: float
+    suspension: SuspensionConfig | None
     support_friction: float
+    supports_roll: bool
     body_friction: float
 
 
@@ -74,7 +80,7 @@ def refuse_faulty(description: Description, source: str, max_gap_m: float) -> No
         f"there is no link {name}" for name in REQUIRED_FRAMES if name not in description.links
     ]
     joints = {joint.name: joint for joint in description.joints}
-    for name in (LEFT_WHEEL_JOINT, RIGHT_WHEEL_JOINT):
+    for name in WHEEL_JOINTS:
         if name not in joints:
             faults.append(f"there is no joint {name}")
         elif joints[name].kind != "continuous":
@@ -142,6 +148,7 @@ def _model(text: str, description: Description, config: RobotConfig) -> RobotMod
         name=description.name,
         urdf=text,
         description=description,
+        body=specimen(description, WHEEL_JOINTS, config.drive_wheels),
         footprint_radius_m=radius_m,
         height_m=height_m,
         wheel_radius_m=float(left[2]),
@@ -155,6 +162,9 @@ def _model(text: str, description: Description, config: RobotConfig) -> RobotMod
         ),
         motor=config.motor,
         wheel_friction=config.drive_wheels.friction,
+        lateral_friction_ratio=config.drive_wheels.lateral_friction_ratio,
+        suspension=config.drive_wheels.suspension,
         support_friction=config.support_wheels.friction,
+        supports_roll=config.support_wheels.rolling,
         body_friction=config.body_friction,
     )

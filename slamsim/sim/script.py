@@ -15,7 +15,8 @@ import numpy as np
 from slamsim.config.drive import LimitsConfig, PhysicsConfig
 from slamsim.safe.errors import SlamsimError
 from slamsim.sim.bullet import pybullet
-from slamsim.sim.engine import Engine, set_gravity, standing_robot
+from slamsim.sim.chassis import Engine
+from slamsim.sim.engine import set_gravity, standing_robot
 from slamsim.sim.floor import Floor
 from slamsim.sim.follow import Twist
 from slamsim.sim.ground import Ground, add_blocks

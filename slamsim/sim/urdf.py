@@ -77,7 +77,10 @@ class Link:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Joint:
-    """axis: (3,) unit vector in the child's frame. kind: as in URDF, "fixed", "continuous", ..."""
+    """axis: (3,) unit vector in the child's frame. kind: as in URDF, "fixed", "continuous", ...
+
+    limits: lowest and highest position, where it has any.
+    """
 
     name: str
     kind: str
@@ -85,6 +88,7 @@ class Joint:
     child: str
     T_parent_child: FloatArray
     axis: FloatArray
+    limits: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,0 +1,211 @@
+"""The robot inside the physics engine: its wheels, tyres, supports and springs.
+
+PyBullet multiplies the friction coefficients of two touching bodies. The ground body therefore
+has friction 1 and each wheel carries the product of its own coefficient and that of the floor
+under it; it is changed when the wheel rolls onto a patch, so that a patch has no edge to bump
+into and its border is exact to a control step.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from slamsim.geometry import matrix_from_xyzw, se3_from_parts
+from slamsim.sim.bullet import pybullet
+from slamsim.sim.describe import urdf_text, weld_fixed_joints
+from slamsim.sim.robot import WHEEL_JOINTS, RobotModel
+from slamsim.sim.specimen import spring_joint, spring_link
+from slamsim.sim.springs import Springs, refuse_unstable
+from slamsim.sim.validate import rolling_links
+from slamsim.types import FloatArray
+
+BODY_CONTACT_M = 0.001
+"""The body's contacts further apart than this, which the engine's reach finds, are not solved."""
+STUCK_N_M = 1e3
+"""Torque that holds a support which does not roll."""
+
+
+@dataclass(frozen=True, slots=True)
+class Foot:
+    """A wheel on the floor: its link index, its place on the robot, its own coefficient."""
+
+    link: int
+    x_m: float
+    y_m: float
+    friction: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Engine:
+    """Handles of a running PyBullet world. T_base_com: 4 x 4, the frame PyBullet reports.
+
+    step: one time step of the physics.
+    """
+
+    client: int
+    body: int
+    walls: tuple[int, ...]
+    wheels: tuple[int, int]
+    feet: tuple[Foot, ...]
+    T_base_com: FloatArray
+    step: Callable[[], None]
+
+
+def load_robot(
+    client: int, walls: tuple[int, ...], robot: RobotModel, start_pose: FloatArray, step_s: float
+) -> Engine:
+    """The robot at (x, y, yaw) in a client's world that has a ground and walls already.
+
+    Raises SlamsimError for springs that the time step cannot follow.
+    """
+    return _prepare(client, _load_body(client, robot, start_pose), walls, robot, step_s)
+
+
+def _load_body(client: int, robot: RobotModel, start_pose: FloatArray) -> int:
+    """The reduced robot at (x, y, yaw); PyBullet reads descriptions from files only."""
+    x_m, y_m, yaw_rad = (float(value) for value in start_pose)
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "robot.urdf"
+        path.write_text(urdf_text(weld_fixed_joints(robot.body)), encoding="utf-8")
+        return int(
+            pybullet.loadURDF(
+                str(path),
+                basePosition=(x_m, y_m, 0.0),
+                baseOrientation=pybullet.getQuaternionFromEuler((0.0, 0.0, yaw_rad)),
+                # Without these flags PyBullet makes up the inertia and turns cylinders into
+                # prisms of 32 sides.
+                flags=pybullet.URDF_USE_INERTIA_FROM_FILE | pybullet.URDF_USE_IMPLICIT_CYLINDER,
+                physicsClientId=client,
+            )
+        )
+
+
+def _prepare(
+    client: int, body: int, walls: tuple[int, ...], robot: RobotModel, step_s: float
+) -> Engine:
+    """Free the joints of PyBullet's own motors and the links of its damping."""
+    free = {"linearDamping": 0.0, "angularDamping": 0.0, "jointDamping": 0.0, "restitution": 0.0}
+    pybullet.changeDynamics(
+        body,
+        -1,
+        lateralFriction=robot.body_friction,
+        contactProcessingThreshold=BODY_CONTACT_M,
+        physicsClientId=client,
+        **free,
+    )
+    joint_index, link_index = dict[str, int](), dict[str, int]()
+    for index in range(pybullet.getNumJoints(body, client)):
+        info = pybullet.getJointInfo(body, index, client)
+        joint_index[info[1].decode()], link_index[info[12].decode()] = index, index
+        pybullet.setJointMotorControl2(
+            body, index, pybullet.VELOCITY_CONTROL, force=0.0, physicsClientId=client
+        )
+        pybullet.changeDynamics(body, index, physicsClientId=client, **free)
+    left, right = (joint_index[name] for name in WHEEL_JOINTS)
+    wheels = left, right
+    feet = _feet(robot, link_index, wheels)
+    _fit_wheels(client, body, robot, feet, wheels)
+    centre_m, quat_xyzw = pybullet.getDynamicsInfo(body, -1, client)[3:5]
+    T_base_com = se3_from_parts(matrix_from_xyzw(np.array(quat_xyzw)), np.array(centre_m))
+    step = _step(client, body, robot, joint_index, step_s)
+    return Engine(client, body, walls, wheels, feet, T_base_com, step)
+
+
+def _feet(
+    robot: RobotModel, link_index: dict[str, int], wheels: tuple[int, int]
+) -> tuple[Foot, ...]:
+    placed = robot.body.placements()
+    return tuple(
+        Foot(
+            link=link_index[name],
+            x_m=float(placed[name][0, 3]),
+            y_m=float(placed[name][1, 3]),
+            friction=robot.wheel_friction if link_index[name] in wheels else robot.support_friction,
+        )
+        for name in rolling_links(robot.body)
+    )
+
+
+def _fit_wheels(
+    client: int, body: int, robot: RobotModel, feet: tuple[Foot, ...], wheels: tuple[int, int]
+) -> None:
+    """Tyres that grip differently across their direction, rotors, supports that are stuck."""
+    for foot in feet:
+        if foot.link in wheels:
+            if robot.lateral_friction_ratio != 1.0:
+                pybullet.changeDynamics(
+                    body,
+                    foot.link,
+                    anisotropicFriction=[1.0, robot.lateral_friction_ratio, 1.0],
+                    physicsClientId=client,
+                )
+            if robot.motor.rotor_inertia_kg_m2 > 0.0:
+                _add_rotor(client, body, foot.link, robot.motor.rotor_inertia_kg_m2)
+        elif not robot.supports_roll:
+            pybullet.setJointMotorControl2(
+                body,
+                foot.link,
+                pybullet.VELOCITY_CONTROL,
+                targetVelocity=0.0,
+                force=STUCK_N_M,
+                physicsClientId=client,
+            )
+
+
+def _add_rotor(client: int, body: int, wheel: int, inertia_kg_m2: float) -> None:
+    """About the wheel's axle alone: no solid body is like that, so no description can say it."""
+    moments = list(pybullet.getDynamicsInfo(body, wheel, client)[2])
+    quat_xyzw = np.array(pybullet.getDynamicsInfo(body, wheel, client)[4])
+    axle = matrix_from_xyzw(quat_xyzw).T @ np.array(pybullet.getJointInfo(body, wheel, client)[13])
+    moments[int(np.argmax(np.abs(axle)))] += inertia_kg_m2
+    pybullet.changeDynamics(body, wheel, localInertiaDiagonal=moments, physicsClientId=client)
+
+
+def _step(
+    client: int, body: int, robot: RobotModel, joint_index: dict[str, int], step_s: float
+) -> Callable[[], None]:
+    """One step of the physics, with springs where the robot has any."""
+    if robot.suspension is None:
+        return partial(pybullet.stepSimulation, client)
+    left, right = (joint_index[spring_joint(name)] for name in WHEEL_JOINTS)
+    for name in WHEEL_JOINTS:
+        child = next(joint.child for joint in robot.body.joints if joint.name == name)
+        parts = [robot.body.links[link].inertial for link in (child, spring_link(name))]
+        refuse_unstable(robot.suspension, sum(part.mass_kg for part in parts if part), step_s)
+    return Springs(client, body, (left, right), robot.suspension).step
+
+
+def set_floor_friction(engine: Engine, friction: float) -> None:
+    """The floor under every wheel."""
+    for foot in engine.feet:
+        set_foot_friction(engine, foot, friction)
+
+
+def set_foot_friction(engine: Engine, foot: Foot, friction: float) -> None:
+    """The floor under one wheel."""
+    pybullet.changeDynamics(
+        engine.body,
+        foot.link,
+        lateralFriction=foot.friction * friction,
+        physicsClientId=engine.client,
+    )
+
+
+def hold_wheels(
+    engine: Engine, speeds_rad_s: tuple[float, float], torques_n_m: tuple[float, float]
+) -> None:
+    """Velocity motors on (left, right) with a largest torque each."""
+    pybullet.setJointMotorControlArray(
+        engine.body,
+        engine.wheels,
+        pybullet.VELOCITY_CONTROL,
+        targetVelocities=speeds_rad_s,
+        forces=torques_n_m,
+        physicsClientId=engine.client,
+    )
