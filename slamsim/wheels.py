@@ -62,15 +62,20 @@ def wheel_odometry(
     start = np.zeros(3) if start_pose is None else np.asarray(start_pose, dtype=np.float64)
     metres_per_tick = 2.0 * np.pi * encoders.wheel_radius_m / encoders.ticks_per_revolution
     rolled_m = np.diff(encoders.ticks, axis=0) * metres_per_tick
-    forward_m = rolled_m.mean(axis=1)
-    turned_rad = (rolled_m[:, 1] - rolled_m[:, 0]) / encoders.track_m
+    return PlanarTrajectory(encoders.stamps_ns, rolled_poses(rolled_m, encoders.track_m, start))
 
-    yaw = start[2] + np.concatenate([[0.0], np.cumsum(turned_rad)])
+
+def rolled_poses(rolled_m: FloatArray, track_m: float, start_pose: FloatArray) -> FloatArray:
+    """(n + 1, 3) ``T_odom_base`` of wheels that roll (n, 2), left and right, arc by arc."""
+    forward_m = rolled_m.mean(axis=1)
+    turned_rad = (rolled_m[:, 1] - rolled_m[:, 0]) / track_m
+
+    yaw = start_pose[2] + np.concatenate([[0.0], np.cumsum(turned_rad)])
     mid_yaw = yaw[:-1] + 0.5 * turned_rad
     chord_m = forward_m * np.sinc(turned_rad / (2.0 * np.pi))
-    x = start[0] + np.concatenate([[0.0], np.cumsum(chord_m * np.cos(mid_yaw))])
-    y = start[1] + np.concatenate([[0.0], np.cumsum(chord_m * np.sin(mid_yaw))])
-    return PlanarTrajectory(encoders.stamps_ns, np.column_stack([x, y, wrap_angle(yaw)]))
+    x = start_pose[0] + np.concatenate([[0.0], np.cumsum(chord_m * np.cos(mid_yaw))])
+    y = start_pose[1] + np.concatenate([[0.0], np.cumsum(chord_m * np.sin(mid_yaw))])
+    return np.column_stack([x, y, wrap_angle(yaw)])
 
 
 def _least_step(values: FloatArray) -> float:
