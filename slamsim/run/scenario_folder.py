@@ -17,6 +17,7 @@ from slamsim.safe.output import write_atomic
 from slamsim.scenarios.base import Row, ScenarioResult
 from slamsim.view.scenario_figures import pictures
 from slamsim.view.scenario_page import scenario_page
+from slamsim.view.scenario_recording import write_scenes
 
 
 def write_results(
@@ -28,6 +29,8 @@ def write_results(
         write_atomic(folder / f"{result.name}.csv", rows_as_csv(result.rows).encode())
         for name, picture in pictures(result.findings.charts, result.name).items():
             write_atomic(folder / name, picture)
+        if result.scenes:
+            write_scenes(folder / f"{result.name}.rrd", result)
     numbers = json.dumps(told(results, seed), indent=1, allow_nan=False)
     write_atomic(folder / REPORT_JSON, f"{numbers}\n".encode())
     write_atomic(folder / REPORT, scenario_page(results, seed, versions()).encode())

@@ -82,7 +82,7 @@ def chart_rows(charts: Sequence[Chart], key: str) -> str:
     ]
     rows = (
         ("charts", [figure for is_map, figure in made if not is_map]),
-        ("charts small", [figure for is_map, figure in made if is_map]),
+        ("charts small paper", [figure for is_map, figure in made if is_map]),
     )
     return "".join(f'<div class="{kind}">{"".join(row)}</div>' for kind, row in rows if row)
 

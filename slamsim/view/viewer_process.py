@@ -27,9 +27,15 @@ _QUIET = "warn,egui_wgpu=error,re_renderer=error,re_viewer::native=error"
 def recording_of(run: Path) -> Path:
     """The recording in a run's folder, or the recording itself.
 
-    Raises NotFound, or InputRefused for a file that is something else.
+    Raises NotFound, also if a folder holds several, or InputRefused for a file that is something
+    else.
     """
     path = run / "run.rrd" if run.is_dir() else run
+    if run.is_dir() and not path.is_file():
+        names = sorted(found.name for found in run.glob("*.rrd"))
+        if len(names) > 1:
+            raise NotFound(f"{run} holds several recordings; name one: {', '.join(names)}")
+        path = run / names[0] if names else path
     if not path.is_file():
         raise NotFound(f"{path}: there is no such recording; slamsim map writes one")
     with path.open("rb") as file:
