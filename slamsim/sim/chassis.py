@@ -187,6 +187,13 @@ def set_floor_friction(engine: Engine, friction: float) -> None:
         set_foot_friction(engine, foot, friction)
 
 
+def set_wheel_friction(engine: Engine, left: float, right: float) -> None:
+    """The floor under each drive wheel."""
+    for foot in engine.feet:
+        if foot.link in engine.wheels:
+            set_foot_friction(engine, foot, left if foot.link == engine.wheels[0] else right)
+
+
 def set_foot_friction(engine: Engine, foot: Foot, friction: float) -> None:
     """The floor under one wheel."""
     pybullet.changeDynamics(

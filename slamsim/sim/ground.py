@@ -40,13 +40,16 @@ class Ground:
 
     The plane stays level in the map frame and gravity is turned instead, so that x and y are
     measured along the slope and z at right angles to it. friction: Coulomb coefficient of the
-    floor outside of the patches, multiplied with that of each wheel. held: a hand keeps the
-    robot's base where it stands along the slope and across it; it is free to rise and to pitch.
+    floor outside of the patches, multiplied with that of each wheel. under_wheels: instead, of
+    the floor under the left and the right drive wheel wherever they go; not beside patches. held: a
+    hand keeps the robot's base where it stands along the slope and across it; it is free to rise
+    and to pitch.
     """
 
     slope_rad: float = 0.0
     friction: float = 1.0
     patches: tuple[FloorPatch, ...] = ()
+    under_wheels: tuple[float, float] | None = None
     blocks: tuple[Block, ...] = ()
     held: bool = False
 
@@ -56,8 +59,11 @@ class Ground:
                 f"a slope of {math.degrees(self.slope_rad):g} degrees cannot be driven: "
                 f"at most {math.degrees(STEEPEST_RAD):g} degrees are simulated"
             )
+        if self.under_wheels is not None and self.patches:
+            raise SlamsimError("the floor is told by patches or for each wheel, not by both")
         coefficients = (
             self.friction,
+            *(self.under_wheels or ()),
             *(p.friction for p in self.patches),
             *(b.friction for b in self.blocks),
         )

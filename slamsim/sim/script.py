@@ -15,7 +15,7 @@ import numpy as np
 from slamsim.config.drive import LimitsConfig, PhysicsConfig
 from slamsim.safe.errors import SlamsimError
 from slamsim.sim.bullet import pybullet
-from slamsim.sim.chassis import Engine
+from slamsim.sim.chassis import Engine, set_wheel_friction
 from slamsim.sim.engine import set_gravity, standing_robot
 from slamsim.sim.floor import Floor
 from slamsim.sim.follow import Twist
@@ -120,6 +120,8 @@ class _Play:
             raise SlamsimError("a script needs commands that last for some time, but not for ever")
         self._ride = Ride(engine, robot, physics.rate_hz, steps_per_tick)
         self._floor = Floor(engine, ground.friction, ground.patches)
+        if ground.under_wheels is not None:
+            set_wheel_friction(engine, *ground.under_wheels)
         self._watch = _Watch(engine, ground)
         self._command, self._tick, self._ended = STANDING, 0, ""
 
