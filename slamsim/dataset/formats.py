@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-from contextlib import ExitStack
 from pathlib import Path
-from types import TracebackType
-from typing import Self
 
 from slamsim.dataset.deskewed import DeskewedScans
 from slamsim.dataset.sequence import SequenceSpec
@@ -13,6 +10,7 @@ from slamsim.dataset.tum_paths import TumPaths
 from slamsim.logs.carmen_writer import CarmenFile
 from slamsim.logs.kitti import KittiFolder
 from slamsim.logs.parquet_log import ParquetLog
+from slamsim.logs.written import Written
 from slamsim.recording import Recording
 from slamsim.types import Drive, IntArray
 
@@ -20,42 +18,27 @@ PARQUET, TUM, KITTI, CARMEN = "parquet", "tum", "kitti", "carmen"
 CARMEN_NAME = "log.clf"
 
 
-class Formats:
+class Formats(Written):
     """What a specification asks for, in folders of their names; a context manager.
 
     All of them tell what the recording tells, faults included; trajectories called true are.
     """
 
     def __init__(self, spec: SequenceSpec, folder: Path) -> None:
+        super().__init__()
         self._parquet: ParquetLog | None = None
         self._carmen: CarmenFile | None = None
         self._kitti: DeskewedScans | None = None
         self._tum: TumPaths | None = None
-        with ExitStack() as stack:
-            if "parquet" in spec.formats:
-                self._parquet = stack.enter_context(ParquetLog(folder / PARQUET))
-            if "carmen" in spec.formats:
-                carmen = CarmenFile(folder / CARMEN / CARMEN_NAME)
-                self._carmen = stack.enter_context(carmen)
-            if "kitti" in spec.formats:
-                clouds = stack.enter_context(KittiFolder(folder / KITTI))
-                self._kitti = DeskewedScans(clouds)
-            if "tum" in spec.formats:
-                self._tum = TumPaths(folder / TUM)
-            self._stack = stack.pop_all()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self._stack.__exit__(kind, error, trace)
-        if kind is None and self._tum is not None:
-            self._tum.finish()
+        opened = self._open.enter_context
+        if "parquet" in spec.formats:
+            self._parquet = opened(ParquetLog(folder / PARQUET))
+        if "carmen" in spec.formats:
+            self._carmen = opened(CarmenFile(folder / CARMEN / CARMEN_NAME))
+        if "kitti" in spec.formats:
+            self._kitti = DeskewedScans(opened(KittiFolder(folder / KITTI)))
+        if "tum" in spec.formats:
+            self._tum = opened(TumPaths(folder / TUM))
 
     def write(self, part: Recording, true_scan_ns: IntArray, window: Drive) -> None:
         """The next part of the recording, the true stamps of its scans, the drive meanwhile."""

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from types import TracebackType
-from typing import Self
 
 import numpy as np
 
@@ -18,6 +16,7 @@ from slamsim.dataset.sequence import Cell
 from slamsim.dataset.truth_grid import write_occupancy
 from slamsim.dataset.truth_surfaces import surfaces_of
 from slamsim.dataset.truth_tables import TruthTables
+from slamsim.logs.written import Written
 from slamsim.sensors.motion import Course
 from slamsim.sensors.readings import Readings
 from slamsim.sim.robot import RobotModel
@@ -25,7 +24,7 @@ from slamsim.types import Drive
 from slamsim.world.model import World
 
 
-class Truth:
+class Truth(Written):
     """The truth of one sequence, written into a new folder; a context manager.
 
     course: how the laser truly looks, as for sensing. What needs the whole drive is written when
@@ -35,26 +34,14 @@ class Truth:
     def __init__(
         self, folder: Path, world: World, robot: RobotModel, config: RunConfig, course: Course
     ) -> None:
+        super().__init__()
         lidar, wheels_m = config.sensors.lidar, (robot.wheel_radius_m, robot.track_m)
         self._folder, self._world, self._robot, self._config = folder, world, robot, config
         self._surfaces = surfaces_of(world.mesh, lidar.range_max_m)
-        self._tables = TruthTables(folder, self._surfaces, wheels_m)
+        self._tables = self._open.enter_context(TruthTables(folder, self._surfaces, wheels_m))
         self._keys = KeyScans(lidar, robot, course, self._surfaces)
         self._drive = DriveQuality(wheels_m)
         self._quality: dict[str, Cell] = {}
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self._tables.__exit__(kind, error, trace)
-        if kind is None:
-            self._write_rest()
 
     def write(self, readings: Readings, window: Drive) -> None:
         """The next window of the drive, and what was sensed during it."""
@@ -66,7 +53,7 @@ class Truth:
         """The numbers of the sequence under stable, unit-bearing keys."""
         return self._quality
 
-    def _write_rest(self) -> None:
+    def _finish(self) -> None:
         lidar, keys = self._config.sensors.lidar, self._keys.scans
         pairs = overlapping(keys, self._surfaces, _kept_step_rad(lidar))
         write_pairs(self._folder / "pairs.parquet", keys, pairs)

@@ -9,10 +9,8 @@ error, biases. The rows of the sensors stand in the order in which they were sen
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from contextlib import ExitStack
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 
@@ -20,6 +18,7 @@ from slamsim.dataset.truth_surfaces import NO_SURFACE, Surfaces, rounded, write_
 from slamsim.logs.parquet_file import Cells, Column, ParquetFile, read_table
 from slamsim.logs.parquet_log import SCANS_PER_GROUP, joined_axes, split_axes
 from slamsim.logs.recorded import TruthTail
+from slamsim.logs.written import Written
 from slamsim.sensors.readings import EncoderBatch, ImuBatch, Readings, ScanBatch
 from slamsim.types import Drive, FloatArray
 
@@ -44,30 +43,19 @@ _PAIRS = {
 _SLIPS = ("slip_left_m_s", "slip_right_m_s", "slip_sideways_m_s")
 
 
-class TruthTables:
+class TruthTables(Written):
     """The tables of one sequence in a new folder; a context manager.
 
     wheels_m: true radius and track of the robot. A sensor without a single sample has no table.
     """
 
     def __init__(self, folder: Path, surfaces: Surfaces, wheels_m: tuple[float, float]) -> None:
+        super().__init__()
         folder.mkdir(parents=True)
         write_surfaces(folder / "surfaces.parquet", surfaces)
         self._folder, self._surfaces = folder, surfaces
         self._wheels = wheels_m
         self._files = dict[str, ParquetFile]()
-        self._stack = ExitStack()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self._stack.__exit__(kind, error, trace)
 
     def write(self, readings: Readings, window: Drive) -> None:
         """The next window of the drive, and what was sensed during it."""
@@ -160,7 +148,7 @@ class TruthTables:
         if file is None:
             path = self._folder / f"{table}.parquet"
             opened = ParquetFile(path, columns, {"table": table, **facts}, rows_per_group)
-            file = self._files[table] = self._stack.enter_context(opened)
+            file = self._files[table] = self._open.enter_context(opened)
         file.append(cells)
 
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from slamsim.logs.recorded import TruthTail
 from slamsim.logs.tum import write_tum
+from slamsim.logs.written import Written
 from slamsim.recording import Recording
 from slamsim.types import Drive, Trajectory
 
@@ -15,10 +16,11 @@ TRUTH_RATE_HZ = 50.0
 GROUND_TRUTH, ODOMETRY = "ground_truth.tum", "odometry.tum"
 
 
-class TumPaths:
+class TumPaths(Written):
     """``ground_truth.tum``, ``T_map_base`` in true time, and ``odometry.tum``, as was published."""
 
     def __init__(self, folder: Path) -> None:
+        super().__init__()
         self._folder = folder
         self._tail = TruthTail(TRUTH_RATE_HZ)
         self._last_ns: int | None = None
@@ -36,8 +38,8 @@ class TumPaths:
             path = Trajectory(moved.stamps_ns, moved.positions_m, moved.quats_xyzw)
             self._odometry.append(path)
 
-    def finish(self) -> None:
-        """Write what was collected; a recording without odometry has no file of it."""
+    def _finish(self) -> None:
+        """A recording without odometry has no file of it."""
         rest = [] if self._tail.rest is None else [self._tail.rest.trajectory()]
         write_tum(self._folder / GROUND_TRUTH, _joined([*self._truth, *rest]))
         if self._odometry:

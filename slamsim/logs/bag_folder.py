@@ -6,8 +6,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from types import TracebackType
-from typing import Self
 
 import numpy as np
 
@@ -15,6 +13,7 @@ from slamsim.logs.bag_metadata import Topic, bag_metadata, dump_yaml
 from slamsim.logs.cdr import Rows
 from slamsim.logs.mcap_file import McapFile, MessageBatch
 from slamsim.logs.ros_types import ros2_types
+from slamsim.logs.written import Written
 from slamsim.types import IntArray
 
 MCAP_NAME = "log_0.mcap"
@@ -37,7 +36,7 @@ def _described(type_name: str) -> tuple[str, str]:
     return store.hash_rihs01(type_name), store.generate_msgdef(type_name, ros_version=2)[0]
 
 
-class BagFolder:
+class BagFolder(Written):
     """Writes into an existing or new folder; a context manager.
 
     custom: what else shall stand in the file. After an exception inside the block the file ends
@@ -49,13 +48,14 @@ class BagFolder:
     def __init__(
         self, folder: Path, topics: Sequence[TopicKind], custom: Mapping[str, str]
     ) -> None:
+        super().__init__()
         self._folder, self._custom = folder, custom
         self._topics = [
             Topic(kind.name, kind.type_name, _described(kind.type_name)[0], kind.latched)
             for kind in topics
         ]
         folder.mkdir(parents=True, exist_ok=True)
-        self._stream = (folder / MCAP_NAME).open("xb")
+        self._stream = self._open.enter_context((folder / MCAP_NAME).open("xb"))
         self._file = McapFile(self._stream, {METADATA_RECORD: custom})
         self._ids = {
             topic.name: self._file.add_channel(
@@ -67,23 +67,6 @@ class BagFolder:
             for topic in self._topics
         }
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close(whole=kind is None)
-
-    def close(self, *, whole: bool) -> None:
-        """End the file; only what is whole gets an index and metadata.yaml."""
-        with self._stream:
-            if whole:
-                self._finish()
-
     def batch(self, topic: str, log_ns: IntArray, rows: Rows) -> MessageBatch:
         """Messages of one topic and one size, to be handed to ``write``."""
         return MessageBatch(self._ids[topic], log_ns, rows.view(np.uint8).reshape(rows.size, -1))
@@ -93,6 +76,7 @@ class BagFolder:
         self._file.write(batches)
 
     def _finish(self) -> None:
+        """Only what is whole gets an index and metadata.yaml."""
         self._file.finish()
         text = bag_metadata(
             MCAP_NAME, self._topics, self._file.counts, self._file.time_range_ns, self._custom

@@ -9,8 +9,6 @@ from __future__ import annotations
 
 from functools import lru_cache
 from pathlib import Path
-from types import TracebackType
-from typing import Self
 
 import numpy as np
 
@@ -18,6 +16,7 @@ from slamsim.geometry import compose, se2_from_se3
 from slamsim.logs.carmen_lines import sick_fan
 from slamsim.logs.mountings import declared_laser_mounting
 from slamsim.logs.stamps import decimal_from_stamp_ns
+from slamsim.logs.written import Written
 from slamsim.recording import RawScans, Recording, ScanLayout
 from slamsim.types import Float32Array, FloatArray, IntArray, PlanarTrajectory, Trajectory
 
@@ -26,7 +25,7 @@ _SAME_FAN_RAD = 1e-4
 _MM_PER_M = 1000.0
 
 
-class CarmenFile:
+class CarmenFile(Written):
     """A CARMEN log being written; a context manager.
 
     The laser sits where the first part of the recording declares it. Without odometry no line can
@@ -34,24 +33,12 @@ class CarmenFile:
     """
 
     def __init__(self, path: Path) -> None:
+        super().__init__()
         path.parent.mkdir(parents=True, exist_ok=True)
-        self._file = path.open("x", encoding="ascii")
+        self._file = self._open.enter_context(path.open("x", encoding="ascii"))
         self._T_base_laser: FloatArray | None = None
         self._odometry: list[PlanarTrajectory] = []
         self._waiting: list[tuple[int, str, str]] = []
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        with self._file:
-            if kind is None:
-                self._write_covered(last=True)
 
     def write(self, part: Recording) -> None:
         """The next part of the recording: its first lidar and its first odometry."""
@@ -67,6 +54,9 @@ class CarmenFile:
                 self._declare(scans)
             self._waiting += _lines(scans)
         self._write_covered(last=False)
+
+    def _finish(self) -> None:
+        self._write_covered(last=True)
 
     def _declare(self, scans: RawScans) -> None:
         """What the lines do not say: from which reading on nothing was there."""

@@ -11,11 +11,10 @@ As in KITTI, the clouds are free of motion: all points of one are as seen at its
 from __future__ import annotations
 
 from pathlib import Path
-from types import TracebackType
-from typing import Self
 
 import numpy as np
 
+from slamsim.logs.written import Written
 from slamsim.types import Float32Array, FloatArray, IntArray
 
 SEQUENCE = "00"
@@ -24,27 +23,16 @@ CAMERA_FROM_LASER: FloatArray = np.array(
 )
 
 
-class KittiFolder:
+class KittiFolder(Written):
     """A sequence being written into a new folder; a context manager."""
 
     def __init__(self, folder: Path) -> None:
+        super().__init__()
         self._folder = folder
         self._clouds = folder / "sequences" / SEQUENCE / "velodyne"
         self._clouds.mkdir(parents=True)
         self._stamps_ns: list[int] = []
         self._poses: list[FloatArray] = []
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        if kind is None:
-            self._write_rest()
 
     def add(self, stamp_ns: int, T_map_laser: FloatArray, points: Float32Array) -> None:
         """The next cloud: (n, 4) x, y, z in metres in the laser frame at the stamp, intensity."""
@@ -53,7 +41,7 @@ class KittiFolder:
         self._stamps_ns.append(stamp_ns)
         self._poses.append(T_map_laser)
 
-    def _write_rest(self) -> None:
+    def _finish(self) -> None:
         stamps_ns: IntArray = np.array(self._stamps_ns, dtype=np.int64)
         times = "".join(f"{ns * 1e-9:.9f}\n" for ns in (stamps_ns - stamps_ns[:1]).tolist())
         still = np.eye(4)[:3]

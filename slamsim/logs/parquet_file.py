@@ -12,13 +12,14 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Literal, Self
+from typing import Any, Literal
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
+
+from slamsim.logs.written import Written
 
 METADATA_KEY = b"slamsim"
 TypeName = Literal[
@@ -67,7 +68,7 @@ class Column:
         return "BYTE_STREAM_SPLIT" if self.type_name in _SPLIT else "DELTA_BINARY_PACKED"
 
 
-class ParquetFile:
+class ParquetFile(Written):
     """A table being written; a context manager. After an exception there is no readable file."""
 
     def __init__(
@@ -77,6 +78,7 @@ class ParquetFile:
         about: Mapping[str, object],
         rows_per_group: int = 1 << 16,
     ) -> None:
+        super().__init__()
         text = json.dumps(about, sort_keys=True)
         fields = [column.field() for column in columns]
         self._schema = pa.schema(fields, metadata={METADATA_KEY: text.encode()})
@@ -84,9 +86,9 @@ class ParquetFile:
         self._held: list[Any] = []
         self._held_rows = 0
         encodings = {c.leaf: c.encoding for c in columns if c.encoding is not None}
-        self._sink = pa.OSFile(str(path), "wb")
+        sink = self._open.enter_context(pa.OSFile(str(path), "wb"))
         self._writer = pq.ParquetWriter(
-            self._sink,
+            sink,
             self._schema,
             compression="zstd",
             compression_level=_ZSTD_LEVEL,
@@ -95,23 +97,8 @@ class ParquetFile:
             write_statistics=[c.name for c in columns if not c.width],
             write_page_checksum=True,
         )
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        try:
-            if kind is None:
-                self._write(self._held_rows)
-                self._writer.close()
-        finally:
-            self._writer.is_open = False  # else its destructor would make a whole file of it
-            self._sink.close()
+        # else its destructor would make a whole file of what was not finished
+        self._open.callback(setattr, self._writer, "is_open", False)
 
     def append(self, cells: Mapping[str, Cells]) -> None:
         """The next rows: every column by its name."""
@@ -123,6 +110,10 @@ class ParquetFile:
         self._held.append(part)
         self._held_rows += part.num_rows
         self._write(self._held_rows - self._held_rows % self._rows_per_group)
+
+    def _finish(self) -> None:
+        self._write(self._held_rows)
+        self._writer.close()
 
     def _write(self, rows: int) -> None:
         """The first rows of those held, in groups that do not depend on how they came."""

@@ -9,15 +9,14 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import ExitStack
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 
 from slamsim.logs.parquet_file import Cells, Column, ParquetFile
+from slamsim.logs.written import Written
 from slamsim.recording import (
     RawImu,
     RawJoints,
@@ -49,29 +48,14 @@ class _Rows:
     rows_per_group: int = 1 << 16
 
 
-class ParquetLog:
-    """A recording being written into a new folder; a context manager.
-
-    After an exception inside the block the files are not readable: whoever made them discards
-    the folder.
-    """
+class ParquetLog(Written):
+    """A recording being written into a new folder; a context manager."""
 
     def __init__(self, folder: Path) -> None:
+        super().__init__()
         folder.mkdir(parents=True)
         self._folder, self._files = folder, dict[str, ParquetFile]()
         self._rows = Counter[str]()
-        self._stack = ExitStack()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self._stack.__exit__(kind, error, trace)
 
     def write(self, part: Recording) -> None:
         """The next part of the recording: the same streams as before, later messages.
@@ -85,7 +69,7 @@ class ParquetLog:
                 path = self._folder / f"{rows.table}.parquet"
                 about = {"table": rows.table, **shared, **rows.facts}
                 opened = ParquetFile(path, rows.columns, about, rows.rows_per_group)
-                file = self._files[rows.table] = self._stack.enter_context(opened)
+                file = self._files[rows.table] = self._open.enter_context(opened)
             count = len(rows.cells["stamp_ns"])
             numbers = np.arange(self._rows[rows.table], self._rows[rows.table] + count)
             file.append({"sample": numbers, **rows.cells})

@@ -9,8 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import TracebackType
-from typing import Protocol, Self
+from typing import Protocol
 
 import numpy as np
 
@@ -21,6 +20,7 @@ from slamsim.logs.cdr import Rows
 from slamsim.logs.mcap_file import MessageBatch
 from slamsim.logs.recorded import OdometryTail, TruthTail, at_rate
 from slamsim.logs.ros_types import ENCODER_TICKS
+from slamsim.logs.written import Written
 from slamsim.sensors.readings import Readings
 from slamsim.types import Drive, Epoch, FloatArray, IntArray
 
@@ -82,7 +82,7 @@ class LogHeader:
     metadata: Mapping[str, str] = field(default_factory=dict)
 
 
-class LogWriter:
+class LogWriter(Written):
     """A recording being written into an existing or new folder; a context manager.
 
     After an exception inside the block the file ends where it stands, without an index: the
@@ -91,31 +91,15 @@ class LogWriter:
     """
 
     def __init__(self, folder: Path, header: LogHeader) -> None:
+        super().__init__()
         self._header = header
         topics = [TopicKind(name, kind, name in _LATCHED) for name, kind in _TYPES.items()]
         custom = {"epoch": header.epoch, **dict(sorted(header.metadata.items()))}
-        self._bag = BagFolder(folder, topics, custom)
+        self._bag = self._open.enter_context(BagFolder(folder, topics, custom))
         self._held: dict[str, list[MessageBatch]] = {topic.name: [] for topic in topics}
         self._odometry = OdometryTail()
         self._truth = TruthTail(header.truth_rate_hz)
         self._last_ns: int | None = None
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        whole = False
-        try:
-            if kind is None:
-                self._write_rest()
-                whole = True
-        finally:
-            self._bag.close(whole=whole)
 
     def write(self, readings: Readings, window: Drive) -> None:
         """The next window of the drive and what was sensed up to its end.
@@ -218,7 +202,7 @@ class LogWriter:
             self._held[topic] = [batch for batch in late if batch.log_ns.size]
         self._bag.write(ready)
 
-    def _write_rest(self) -> None:
+    def _finish(self) -> None:
         if self._truth.rest is not None:
             self._add_truth(self._truth.rest)
         self._release(None)
