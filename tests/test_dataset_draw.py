@@ -74,7 +74,7 @@ def test_what_was_drawn_is_in_the_configuration() -> None:
     assert maze is not None
     assert maze.rows == spec.drawn["world.maze.rows"]
     assert spec.config.world.clutter.per_cell == spec.drawn["world.clutter.per_cell"]
-    assert spec.config.drive.route.max_duration_s == spec.drawn["duration_s"] == 4.0
+    assert spec.config.drive.route.max_duration_s == spec.drawn["duration_s"] == 12.0
     lidar = {"lds_01": 360, "rplidar_a2": 400}[str(spec.drawn["sensors.lidar"])]
     assert spec.config.sensors.lidar.beam_count == lidar
     assert {*spec.drawn} >= {"world", "drive"}

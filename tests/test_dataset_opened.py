@@ -160,10 +160,17 @@ def test_windows_are_stretches_of_scans_with_their_poses(dataset: Dataset, fault
         np.testing.assert_array_equal(
             window["poses"], sequence.truth.poses_at(window["true_stamps_ns"])
         )
+        assert window["ranges_m"].shape == (5, windows.beams)
         if not fault:
             assert window["recorded"].all()
             whole = np.asarray(sequence.scans.ranges_m)
-            np.testing.assert_array_equal(window["ranges_m"], whole[first : first + 5])
+            beams = whole.shape[1]
+            np.testing.assert_array_equal(window["ranges_m"][:, :beams], whole[first : first + 5])
+            assert np.isnan(window["ranges_m"][:, beams:]).all()
+            lidar = sequence.config.sensors.lidar
+            angles = np.radians(lidar.angle_min_deg + lidar.angle_step_deg * np.arange(beams))
+            np.testing.assert_allclose(window["angles_rad"][:beams], angles, atol=1e-4)
+            assert np.isnan(window["angles_rad"][beams:]).all()
     with pytest.raises(IndexError):
         windows[len(windows)]
     with pytest.raises(ValueError, match="none"):
@@ -186,6 +193,15 @@ def test_a_scan_that_was_lost_leaves_a_gap_in_its_window(tmp_path: Path, dataset
     assert window["recorded"].tolist() == [True, False, False, True]
     assert np.isnan(window["ranges_m"][1:3]).all()
     np.testing.assert_array_equal(window["ranges_m"][3], sequence.scans.ranges_m[3])
+
+
+def test_windows_of_several_lidars_are_all_of_one_shape(dataset: Dataset) -> None:
+    lidars = set(dataset.manifest["drawn.sensors.lidar"].to_pylist())
+    assert len(lidars) > 1
+    windows = dataset.windows(scans=4, stride=9)
+    batch = [windows[number] for number in range(len(windows))]
+    for name in batch[0]:
+        assert np.stack([window[name] for window in batch]).shape[0] == len(windows)
 
 
 def loaded(windows: Any, numbers: list[int]) -> list[bytes]:

@@ -175,6 +175,17 @@ def test_raw_lines_take_odometry_from_odom_lines(tmp_path: Path) -> None:
     assert log.T_base_laser[0, 3] == pytest.approx(0.3)
 
 
+def test_a_laser_that_looks_back_does_so_in_every_line(tmp_path: Path) -> None:
+    """Its yaw is written as one half turn or the other."""
+    raw = "ROBOTLASER1 0 -1.0 2.0 0.5 20.0 0.01 0 5 1 2 3 4 5 0"
+    lines = [
+        f"{raw} {i - 0.2} 0 {yaw} {i} 0 0 0 0 0 0 0 {i}.5 host 0"
+        for i, yaw in enumerate((3.141593, -3.141593, -3.141592, 3.141592))
+    ]
+    log = read_log(_write(tmp_path, *lines))
+    assert log.T_base_laser[0] == pytest.approx([-1.0, 0.0, 0.0, -0.2], abs=1e-5)
+
+
 def test_malformed_and_unknown_lines_are_counted_with_the_first_place(tmp_path: Path) -> None:
     log = _small(tmp_path, "FLASER 180 1 2", "ODOM 1 x", "# a comment", "SYNC tag", "RLASER oops")
     assert any(w.startswith("3 malformed lines") and "line 4" in w for w in log.warnings)

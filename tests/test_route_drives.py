@@ -142,3 +142,20 @@ def test_every_bundled_drive_is_a_preset() -> None:
         config = load_run_config("tiny", None, [f"drive={name}"])
         route = plan_route(build_world(config.world, 0), ROBOT, config.drive)
         assert route.length_m > 1.0
+
+
+@pytest.mark.parametrize("name", bundled_names("configs/drives"))
+def test_a_bundled_drive_is_what_its_name_says(name: str) -> None:
+    """In the same world: whether it stops, turns on the spot, and differs from seed to seed."""
+    routes = []
+    for seed in (1, 2):
+        given = (f"drive={name}", f"drive.route.seed={seed}", "drive.route.max_duration_s=40")
+        config = load_run_config("tiny", None, given, 1)
+        world, robot = build_world(config.world, 1), build_robot(config.robot)
+        routes.append(plan_route(world, robot, config.drive))
+    rests = [leg.rest_s for leg in routes[0].legs[:-1] if leg.rest_s > 0.0]
+    turns = [leg for leg in routes[0].legs[:-1] if leg.end_yaw_rad is not None]
+    assert (len(rests) >= 3 and min(rests) >= 0.5) == (name == "stop_and_go")
+    assert (len(turns) >= 3) == (name == "fast_turns")
+    assert (config.drive.limits.max_yaw_rate_rad_s > 2.5) == (name == "fast_turns")
+    assert _same(*routes) == (name == "tour")

@@ -35,7 +35,7 @@ class DriveQuality:
         self._touching = False
         self._contacts = self._steps = self._steps_in_contact = 0
         self._counts = {"scans": 0, "imu_samples": 0, "encoder_readings": 0}
-        self._beams = self._silent = self._invalid = 0
+        self._beams = self._silent = self._invalid = self._width = 0
 
     def write(self, readings: Readings, window: Drive) -> None:
         """The next window."""
@@ -44,7 +44,7 @@ class DriveQuality:
         self._counts["imu_samples"] += len(readings.imu)
         self._counts["encoder_readings"] += len(readings.encoders)
         ranges_m = readings.scans.ranges_m
-        self._beams += ranges_m.size
+        self._beams, self._width = self._beams + ranges_m.size, ranges_m.shape[1]
         self._silent += int(np.count_nonzero(np.isinf(ranges_m)))
         self._invalid += int(np.count_nonzero(np.isnan(ranges_m)))
 
@@ -88,6 +88,7 @@ class DriveQuality:
             "path_length_m": _plain(self._way_m),
             "turned_rad": _plain(self._turn_rad),
             **self._counts,
+            "beams": self._width,
             "contacts": self._contacts,
             "contact_share": _share(self._steps_in_contact, self._steps),
             "slip_share": _share(self._slipped_m, self._rolled_m),

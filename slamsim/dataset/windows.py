@@ -21,16 +21,19 @@ Window = dict[str, NDArray[Any]]
 class Windows:
     """A sequence of dicts of arrays; k is the number of scans in each.
 
-    ``ranges_m``: (k, beams) float32 as recorded, ``nan`` throughout where a fault lost the scan.
-    ``recorded``: (k,) which are there. ``true_stamps_ns``: (k,) of beam 0. ``poses``: (k, 3)
-    ``T_map_base`` then: x_m, y_m, yaw_rad. ``sequence``: (), its index in the data set.
+    ``ranges_m``: (k, beams) float32 as recorded, ``nan`` throughout where a fault lost the scan,
+    and beyond the beams of a lidar that has fewer than the others chosen. ``angles_rad``: (beams,)
+    as declared, likewise. ``recorded``: (k,) which are there. ``true_stamps_ns``: (k,) of beam 0.
+    ``poses``: (k, 3) ``T_map_base`` then: x_m, y_m, yaw_rad. ``sequence``: (), its index.
 
-    ends: (sequences,) how many windows there are up to the end of each sequence.
+    beams: the most that any of these lidars has. ends: (sequences,) how many windows there are up
+    to the end of each sequence.
     """
 
     dataset: Dataset
     scans: int
     stride: int
+    beams: int
     ends: IntArray
 
     def __len__(self) -> int:
@@ -51,6 +54,7 @@ class Windows:
         during = int(true_stamps_ns[0]), int(true_stamps_ns[-1]) + 1
         return {
             "ranges_m": ranges_m,
+            "angles_rad": self._angles_rad(scans),
             "recorded": recorded,
             "true_stamps_ns": true_stamps_ns,
             "poses": replace(sequence.truth, span=during).poses_at(true_stamps_ns),
@@ -64,11 +68,17 @@ class Windows:
         rows = np.flatnonzero((samples >= first) & (samples < last))
         begin, end = (int(rows[0]), int(rows[-1]) + 1) if rows.size else (0, 1)
         ranges_m = table.rows(begin, end, ("ranges_m",))["ranges_m"]
-        found = np.full((self.scans, ranges_m.shape[1]), np.nan, dtype=np.float32)
-        found[samples[rows] - first] = ranges_m[rows - begin]
+        found = np.full((self.scans, self.beams), np.nan, dtype=np.float32)
+        found[samples[rows] - first, : ranges_m.shape[1]] = ranges_m[rows - begin]
         recorded = np.zeros(self.scans, dtype=np.bool_)
         recorded[samples[rows] - first] = True
         return found, recorded
+
+    def _angles_rad(self, table: LazyTable) -> NDArray[np.float64]:
+        layout, found = table.facts["layouts"][0], np.full(self.beams, np.nan)
+        beams = table.rows(0, 0, ("ranges_m",))["ranges_m"].shape[1]
+        found[:beams] = layout["angle_min_rad"] + layout["angle_step_rad"] * np.arange(beams)
+        return found
 
 
 def windows_of(dataset: Dataset, scans: int, stride: int) -> Windows:
@@ -77,4 +87,5 @@ def windows_of(dataset: Dataset, scans: int, stride: int) -> Windows:
         raise ValueError(f"windows of {scans} scans, one every {stride}, are none")
     sensed = dataset.manifest["quality.scans"].to_numpy()
     counts = np.maximum((sensed - scans) // stride + 1, 0)
-    return Windows(dataset, scans, stride, np.cumsum(counts, dtype=np.int64))
+    beams = int(dataset.manifest["quality.beams"].to_numpy().max(initial=0))
+    return Windows(dataset, scans, stride, beams, np.cumsum(counts, dtype=np.int64))

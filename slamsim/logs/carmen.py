@@ -186,6 +186,7 @@ def mounting_of(lines: list[LaserLine], content: CarmenContent, warnings: list[s
     pairs = [(a.T_odom_base, a.T_odom_laser) for a in lines if a.T_odom_laser is not None]
     if pairs:
         T_base_laser = between(np.array([p[0] for p in pairs]), np.array([p[1] for p in pairs]))
+        T_base_laser[:, 2] = np.unwrap(T_base_laser[:, 2])  # one that looks back may be at +-pi
         middle = np.median(T_base_laser, axis=0)
         if np.abs(T_base_laser - middle).max() <= _RIGID_TOLERANCE:
             mounting = np.round(middle, 6)  # the log has six decimals
