@@ -12,6 +12,7 @@ from slamsim.dataset.recipe import Recipe
 from slamsim.dataset.sequence import SequenceSpec, Split
 from slamsim.progress import Progress, silent
 from slamsim.safe.errors import SlamsimError
+from slamsim.sim.pilot import stop_at_s
 from slamsim.sim.robot import build_robot
 from slamsim.sim.route import Route, plan_route
 from slamsim.types import FloatArray
@@ -96,14 +97,14 @@ def _picture(specs: Sequence[SequenceSpec]) -> Image:
         route = plan_route(world, robot, drive)
         if not route.legs:
             continue
-        line_m, driven = _driven(route, drive.route.max_duration_s or np.inf)
+        line_m, driven = _driven(route, stop_at_s(drive) - drive.follow.standstill_s)
         later.append(Way(line_m, _LATER))
         now.append(Way(line_m[:driven], colour, 2))
     return top_view(world, _PICTURE_PX - 10, [*later, *now])
 
 
-def _driven(route: Route, duration_s: float) -> tuple[FloatArray, int]:
-    """The line (n, 2) of a route, and how many of its points are passed in so much time."""
+def _driven(route: Route, time_s: float) -> tuple[FloatArray, int]:
+    """The line (n, 2) of a route, and how many of its points are passed in so much driving."""
     line_m, times_s = list[FloatArray](), list[FloatArray]()
     for leg in route.legs:
         steps_m = np.linalg.norm(np.diff(leg.points_m, axis=0, prepend=leg.points_m[:1]), axis=1)
@@ -112,7 +113,7 @@ def _driven(route: Route, duration_s: float) -> tuple[FloatArray, int]:
         line_m.append(leg.points_m)
         times_s.append(step_s)
     passed_s = np.cumsum(np.concatenate(times_s))
-    return np.concatenate(line_m), max(int(np.searchsorted(passed_s, duration_s)), 2)
+    return np.concatenate(line_m), max(int(np.searchsorted(passed_s, time_s)), 1)
 
 
 def _told(spec: SequenceSpec) -> list[str]:

@@ -23,7 +23,7 @@ class Pilot:
         self._tick_s = 1.0 / config.follow.control_rate_hz
         self._follower = build_follower(route, config.follow, config.limits)
         self._supervisor = Supervisor(config.follow, self._follower)
-        self._stop_at_s = _stop_at_s(config)
+        self._stop_at_s = stop_at_s(config)
         self._rest_ticks = math.ceil(config.follow.final_standstill_s / self._tick_s)
         self._resting = False
         self.command = STANDING
@@ -82,7 +82,7 @@ def limited(current: Twist, wanted: Twist, limits: LimitsConfig, tick_s: float) 
     )
 
 
-def _stop_at_s(config: DriveConfig) -> float:
+def stop_at_s(config: DriveConfig) -> float:
     """When to begin to stop so that the largest duration is kept."""
     if config.route.max_duration_s is None:
         return math.inf
