@@ -6,6 +6,8 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+from slamsim.safe.errors import SlamsimError
+
 STANDARD_ERROR = 2
 
 
@@ -26,4 +28,16 @@ def _quiet() -> Iterator[None]:
 with _quiet():
     import pybullet
 
-__all__ = ["pybullet"]
+__all__ = ["physics_client", "pybullet"]
+
+
+@contextmanager
+def physics_client() -> Iterator[int]:
+    """A PyBullet world of its own; gone when the block ends."""
+    client = pybullet.connect(pybullet.DIRECT)
+    if client < 0:
+        raise SlamsimError("PyBullet could not start a physics world")
+    try:
+        yield client
+    finally:
+        pybullet.disconnect(client)
