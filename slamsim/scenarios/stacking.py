@@ -166,4 +166,4 @@ def _checked(config: StackingConfig, run: StackRun | None, boxes: int) -> dict[s
 def _cost_s(config: StackingConfig, solver: SolverConfig, step_s: float) -> float:
     """Of a search, about: boxes and trials vary less than the work of a step."""
     sweeps = solver.iterations * solver.substeps / step_s
-    return 1e-4 * sweeps * config.duration_s / 20.0
+    return 5e-4 * sweeps * config.duration_s / 20.0

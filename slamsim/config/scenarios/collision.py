@@ -15,7 +15,7 @@ class CollisionConfig(Config):
     """Time steps of the physics."""
     duration_s: float = Field(default=3.0, ge=0.5, le=60.0)
     """Length of each fall."""
-    repeats: int = Field(default=5, ge=1, le=100)
+    repeats: int = Field(default=3, ge=1, le=100)
     """Falls at each time step, each from other random places."""
     spheres_per_edge: int = Field(default=3, ge=1, le=6)
     """The spheres begin as a cube with so many along each edge."""
@@ -47,5 +47,5 @@ class CollisionConfig(Config):
         }
     )
     """Other settings, to be compared at other_steps_s."""
-    other_steps_s: Steps = (0.001, 0.002, 0.004, 0.006, 0.010, 0.014, 0.020, 0.030)
+    other_steps_s: Steps = (0.002, 0.004, 0.006, 0.010, 0.014, 0.020, 0.030)
     """Time steps at which the settings are compared, also the first."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+from itertools import pairwise
 from typing import Annotated, Protocol, Self
 
 from pydantic import AfterValidator, Field, model_validator
@@ -10,7 +12,6 @@ from slamsim.config.base import Config
 
 Step = Annotated[float, Field(ge=1e-4, le=0.1)]
 """Time step of the physics in seconds."""
-Steps = Annotated[tuple[Step, ...], Field(strict=False, max_length=100)]
 MAX_STEPS = 300
 STANDARD = "standard"
 """Name of the settings that all time steps are tried with."""
@@ -19,10 +20,19 @@ STANDARD = "standard"
 def _own_name(name: str) -> str:
     if name == STANDARD:
         raise ValueError(f"{STANDARD!r} is the name of the settings under solver")
+    if not re.fullmatch("[a-z][a-z0-9_]{0,40}", name):
+        raise ValueError("a name is made of small letters, digits and _, and begins with a letter")
     return name
 
 
-Name = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]{0,40}$"), AfterValidator(_own_name)]
+def _each_once(steps_s: tuple[float, ...]) -> tuple[float, ...]:
+    if any(later <= sooner for sooner, later in pairwise(steps_s)):
+        raise ValueError("the time steps must ascend")
+    return steps_s
+
+
+Name = Annotated[str, AfterValidator(_own_name)]
+Steps = Annotated[tuple[Step, ...], Field(strict=False, max_length=100), AfterValidator(_each_once)]
 
 
 class SolverConfig(Config):
