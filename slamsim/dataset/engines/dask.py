@@ -32,6 +32,14 @@ _AHEAD = 2
 """Tasks submitted for each thread of the cluster: one runs, one waits beside it."""
 _LOOK_S = 2.0
 _END_S = 10.0
+_CALM = {
+    "distributed.admin.tick.interval": "1s",
+    "distributed.admin.system-monitor.interval": "5s",
+    "distributed.worker.profile.enabled": False,
+    "distributed.worker.memory.monitor-interval": "2s",
+}
+"""Dask looks at itself up to 100 times a second, as it must where tasks take milliseconds; with two
+cores that takes a tenth of them."""
 _ADDRESS = re.compile(r"[a-z]+://[^/\s]+:\d+")
 
 
@@ -92,15 +100,19 @@ class DaskEngine:
 
 @contextmanager
 def cluster_here(workers: int) -> Iterator[str]:
-    """The address of a scheduler on this machine with so many workers, of one thread each."""
+    """The address of a scheduler on this machine with one worker of so many threads."""
     try:
+        import dask
         from distributed import LocalCluster
     except ImportError:
         raise SlamsimError("this needs Dask: pip install 'slamsim[cluster]'") from None
     _mute()
-    with LocalCluster(  # type: ignore[no-untyped-call]
-        n_workers=workers, threads_per_worker=1, dashboard_address=":0"
-    ) as cluster:
+    with (
+        dask.config.set(_CALM),
+        LocalCluster(  # type: ignore[no-untyped-call]
+            n_workers=1, threads_per_worker=workers, dashboard_address=":0"
+        ) as cluster,
+    ):
         yield cluster.scheduler_address
 
 
