@@ -1,0 +1,206 @@
+"""What runs with one wheel on a slippery floor say."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from slamsim.config.scenarios.mu_split import MuSplitConfig
+from slamsim.scenarios.base import Chart, Findings, Outcome, Series, Sheet, Verdict
+from slamsim.scenarios.rows import column, having, number
+from slamsim.scenarios.trend import trend
+
+STUDY_LIMIT, STUDY_NOTABLE = 0.40, 0.35
+STUDY_END_M = (1.96, -0.04)
+"""Forward and to the left, with STUDY_LIMIT under the right wheel."""
+STUDY_UNITY_TURN_DEG, STUDY_GAZEBO_TURN_DEG = 120.0, 88.0
+"""Of the direction of motion where the right wheel finds no hold; Gazebo: slightly under 90."""
+_FAR_DEG = (70.0, 140.0)
+END_TOLERANCE_M = 0.05
+STRAIGHT_DEG = 0.1
+THEORY_RANGE, THEORY_TOLERANCE = (0.0, 0.2), 0.15
+"""Where the wheel slips for many control ticks, and the turn stays small."""
+
+_LEAD = (
+    "The left wheel stands on good floor, the right one on less and less friction. While the robot "
+    "gets going the slipping wheel lags, and the robot turns to its side until friction has "
+    "brought both wheels to the same speed."
+)
+
+
+def split_found(config: MuSplitConfig, outcomes: Sequence[Outcome]) -> Findings:
+    """outcomes: those on rolling supports, and those whose supports are dragged."""
+    plain = having(outcomes, support_friction=None)
+    dragged = [one for one in outcomes if one not in plain]
+    main = having(plain, motor=config.motors[0])
+    turns = {
+        number(one.values, "right_friction"): number(one.values, "direction_deg") for one in main
+    }
+    return Findings(
+        lead=_LEAD,
+        numbers={f"direction_deg_at_{friction:g}": turn for friction, turn in turns.items()},
+        verdicts=(*_study_verdicts(turns, main), *_theory_verdicts(config, turns, main)),
+        sheets=(_ends(plain), *([_drags(dragged)] if dragged else [])),
+        charts=(_paths(main), _turns(config, plain)),
+    )
+
+
+def _study_verdicts(turns: Mapping[float, float], main: Sequence[Outcome]) -> list[Verdict]:
+    slippery = {f: turn for f, turn in turns.items() if f < STUDY_LIMIT}
+    grows = trend(list(slippery), [abs(turn) for turn in slippery.values()])
+    notable, free = turns.get(STUDY_NOTABLE), turns.get(0.0)
+    return [
+        Verdict(
+            f"The robot turns towards the slippery side below about {STUDY_LIMIT:g}",
+            "study",
+            all(turn < -STRAIGHT_DEG for turn in slippery.values()) if slippery else None,
+            ", ".join(f"{f:g}: {turn:.1f}°" for f, turn in slippery.items()),
+        ),
+        Verdict(
+            "The less friction, the more it turns",
+            "study",
+            None if grows is None else grows.falls(),
+            "too few runs" if grows is None else str(grows),
+        ),
+        Verdict(
+            f"The curve is still to be seen at {STUDY_NOTABLE:g}",
+            "study",
+            None if notable is None else notable < -STRAIGHT_DEG,
+            "not run" if notable is None else f"{notable:.2f}°",
+        ),
+        _end_verdict(having(main, right_friction=STUDY_LIMIT)),
+        Verdict(
+            f"Without any friction its direction of motion turns about as far as in Unity "
+            f"({STUDY_UNITY_TURN_DEG:.0f}°) or Gazebo (slightly under 90°)",
+            "study",
+            None if free is None else _FAR_DEG[0] <= -free <= _FAR_DEG[1],
+            "not run" if free is None else f"{free:.0f}°; the drag of the supports decides",
+        ),
+    ]
+
+
+def _end_verdict(runs: Sequence[Outcome]) -> Verdict:
+    ahead_m, left_m = STUDY_END_M
+    statement = f"At {STUDY_LIMIT:g} it ends near {ahead_m} m ahead, {-left_m} m to the right"
+    if not runs:
+        return Verdict(statement, "study", None, "not run")
+    x_m, y_m = (number(runs[0].values, key) for key in ("end_x_m", "end_y_m"))
+    off_m = float(np.hypot(x_m - ahead_m, y_m - left_m))
+    told = f"{x_m:.3f} m ahead, {-y_m:.3f} m to the right: {100 * off_m:.1f} cm away"
+    return Verdict(statement, "study", off_m < END_TOLERANCE_M, told)
+
+
+def _theory_verdicts(
+    config: MuSplitConfig, turns: Mapping[float, float], main: Sequence[Outcome]
+) -> list[Verdict]:
+    even = turns.get(config.left_friction)
+    least, most = THEORY_RANGE
+    frictions = column(main, "right_friction")
+    inside = (frictions >= least) & (frictions <= most)
+    share = column(main, "direction_deg")[inside] / column(main, "turn_by_theory_deg")[inside]
+    worst = float(np.abs(share - 1.0).max()) if share.size else None
+    return [
+        Verdict(
+            "With the same friction on both sides it drives straight",
+            "theory",
+            None if even is None else abs(even) < STRAIGHT_DEG,
+            "not run" if even is None else f"{even:.3f}°",
+        ),
+        Verdict(
+            f"From {least:g} to {most:g} it turns as a rigid body that Coulomb friction brakes, "
+            f"within {100 * THEORY_TOLERANCE:.0f} %",
+            "theory",
+            None if worst is None else worst < THEORY_TOLERANCE,
+            "not run" if worst is None else f"at most {100 * worst:.1f} % away",
+        ),
+    ]
+
+
+def _ends(outcomes: Sequence[Outcome]) -> Sheet:
+    header = (
+        "motors",
+        "friction right",
+        "ahead [m]",
+        "to the left [m]",
+        "heading [°]",
+        "direction of motion [°]",
+        "theory [°]",
+    )
+    return Sheet("Where it ends", header, tuple(map(_end_row, outcomes)))
+
+
+def _end_row(one: Outcome) -> tuple[str, ...]:
+    row = one.values
+    known = row["turn_by_theory_deg"] is not None
+    return (
+        str(row["motor"]),
+        f"{row['right_friction']:g}",
+        f"{row['end_x_m']:.3f}",
+        f"{row['end_y_m']:.3f}",
+        f"{row['yaw_deg']:.1f}",
+        f"{row['direction_deg']:.1f}",
+        f"{row['turn_by_theory_deg']:.1f}" if known else "",
+    )
+
+
+def _drags(outcomes: Sequence[Outcome]) -> Sheet:
+    rows = tuple(
+        (
+            f"{row['support_friction']:g}",
+            f"{row['direction_deg']:.0f}",
+            f"{row['end_x_m']:.2f}",
+            f"{row['end_y_m']:.2f}",
+        )
+        for row in (one.values for one in outcomes)
+    )
+    return Sheet(
+        "Supports that are dragged, where the right wheel finds least hold",
+        ("their friction", "direction of motion [°]", "ahead [m]", "to the left [m]"),
+        rows,
+        "Unity's direction turned by 120°, Gazebo's by slightly less than 90°. The supports of the "
+        "study's model were dragged; their friction is not told.",
+    )
+
+
+def _paths(outcomes: Sequence[Outcome]) -> Chart:
+    paths = [
+        Series(f"{one.values['right_friction']:g}", "slamsim", *one.arrays["path_m"].T)
+        for one in outcomes
+    ]
+    end = [np.array([value]) for value in STUDY_END_M]
+    unity = Series(f"Unity, end at {STUDY_LIMIT:g}", "unity", end[0], end[1], "points")
+    return Chart("Paths by friction", "ahead [m]", "to the left [m]", (*paths, unity), equal=True)
+
+
+def _turns(config: MuSplitConfig, outcomes: Sequence[Outcome]) -> Chart:
+    curves = [
+        Series(
+            f"{motor} motors",
+            "slamsim",
+            column(runs, "right_friction"),
+            -column(runs, "direction_deg"),
+            "line+points",
+            dashed=motor != config.motors[0],
+        )
+        for motor in config.motors
+        if (runs := having(outcomes, motor=motor))
+    ]
+    main = having(outcomes, motor=config.motors[0])
+    expected_deg = -column(main, "turn_by_theory_deg")
+    known = np.isfinite(expected_deg)
+    theory = Series(
+        "rigid body, Coulomb friction",
+        "theory",
+        column(main, "right_friction")[known],
+        expected_deg[known],
+    )
+    zero = np.array([0.0])
+    unity = Series("Unity", "unity", zero, np.array([STUDY_UNITY_TURN_DEG]), "points")
+    gazebo = Series("Gazebo", "gazebo", zero, np.array([STUDY_GAZEBO_TURN_DEG]), "points")
+    return Chart(
+        "Turn towards the slippery side",
+        "friction under the right wheel",
+        "turn of the direction of motion [°]",
+        (*curves, theory, unity, gazebo),
+    )
