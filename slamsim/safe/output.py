@@ -8,6 +8,7 @@ import os
 import shutil
 import socket
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
@@ -15,6 +16,7 @@ from slamsim.safe.errors import DiskFull, Locked, SlamsimError, shown
 
 _MARK = ".slamsim"
 _MARK_TEXT = "Written by slamsim, which may replace this folder when told to overwrite it.\n"
+_SYNCED_TOGETHER = 8
 _FULL = frozenset((errno.ENOSPC, errno.EDQUOT, errno.EFBIG))
 
 
@@ -215,13 +217,19 @@ def _remove(partial: Path) -> None:
 
 
 def sync_tree(folder: Path) -> None:
-    """Wait until a folder with all that is in it is on the disk."""
+    """Wait until a folder with all that is in it is on the disk.
+
+    Files are waited for together: a file system writes down many at once as fast as one.
+    """
+    files, folders = list[Path](), list[Path]()
     for root, _, names in os.walk(folder):
-        for name in names:
-            path = Path(root, name)
-            if not path.is_symlink():
-                sync(path)
-        sync(Path(root))
+        folders.append(Path(root))
+        files += (path for name in names if not (path := Path(root, name)).is_symlink())
+    with ThreadPoolExecutor(_SYNCED_TOGETHER) as threads:
+        for _ in threads.map(sync, files):
+            pass
+    for each in folders:
+        sync(each)
 
 
 def sync(path: Path) -> None:
