@@ -15,7 +15,7 @@ import numpy as np
 from slamsim.config.scenarios.solver import STANDARD, SolverConfig, all_solvers
 from slamsim.config.scenarios.stacking import StackingConfig
 from slamsim.scenarios.base import Findings, Motion, Outcome, Row, Trial, Value
-from slamsim.scenarios.film import filmed
+from slamsim.scenarios.film import POSES_PER_S, filmed
 from slamsim.scenarios.search import largest_passing, smallest_failing
 from slamsim.scenarios.stack_run import StackRun, run_stack
 from slamsim.scenarios.stack_sway import leaving_of, sway_of
@@ -102,7 +102,7 @@ def smallest_stack(
     }
     motions: tuple[Motion, ...] = ()
     if shown and boxes is not None:
-        run = run_stack(config, boxes, step_s, solver, seed, AFTERMATH_S)
+        run = run_stack(config, boxes, step_s, solver, seed, 1.0 / POSES_PER_S, AFTERMATH_S)
         names = [f"box {k + 1}" for k in range(boxes)]
         motions = filmed(names, Box(config.box_size_m), run.stamps_s, run.centres_m, run.quats_xyzw)
     return Outcome(values, motions, {} if boxes is None else _arrays(config, runs[boxes]))

@@ -10,7 +10,7 @@ import numpy as np
 from slamsim.config.scenarios.solver import STANDARD, all_solvers
 from slamsim.config.scenarios.stacking import StackingConfig
 from slamsim.scenarios.base import Chart, Findings, Outcome, Row, Series, Sheet, Verdict
-from slamsim.scenarios.trend import trend
+from slamsim.scenarios.trend import FEWEST, trend
 
 AS_ONE = 0.25
 """The stack moves as one piece if neighbours' offsets make up less than this share of the top's."""
@@ -66,7 +66,17 @@ def _numbers(standard: Sequence[Row]) -> Row:
         "bent_share": _median(_known(standard, "bent")),
         "straight_share": _median(_known(standard, "straight")),
         "growth_per_s": _median(_known(standard, "growth_per_s")),
+        "boxes_over_step_exponent": _exponent(standard),
     }
+
+
+def _exponent(standard: Sequence[Row]) -> float | None:
+    """Of the power of the time step that the number of boxes follows."""
+    known = [row for row in standard if row["boxes"] is not None]
+    if len(known) < FEWEST:
+        return None
+    steps_s, boxes = _known(known, "step_s"), _known(known, "boxes")
+    return float(np.polyfit(np.log(steps_s), np.log(boxes), 1)[0])
 
 
 def _verdicts(config: StackingConfig, standard: Sequence[Row]) -> tuple[Verdict, ...]:
@@ -158,7 +168,10 @@ def _sheet_of_solvers(config: StackingConfig, rows: Sequence[Row]) -> Sheet:
     def line(name: str) -> Iterable[str]:
         yield name.replace("_", " ")
         step_s = given.get(name)
-        yield f"below {tried[0]:g}" if name in given and step_s is None else _told(step_s, "{:g}")
+        if name in given and step_s is None:
+            yield f"< {tried[0]:g}"
+        else:
+            yield _told(step_s, "≥ {:g}" if step_s == tried[-1] else "{:g}")
         for at_s in steps_s:
             found = boxes.get((name, at_s))
             capped = (name, at_s) in boxes and found is None
