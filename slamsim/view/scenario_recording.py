@@ -22,7 +22,7 @@ _LOOSE = (ODOMETRY, SCAN, ACCEPTED, TRUTH)
 _MOST_SCENES = 9
 _EYE = np.array([-0.45, -1.0, 0.55])
 """From where a scene is seen: aside, from behind and above."""
-_SINE_OF_VIEW = 0.48
+_SINE_OF_VIEW = 0.42
 """Of half the angle that the eye sees in: a ball of that radius in 1 m distance is seen whole."""
 
 
