@@ -14,8 +14,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from slamsim.evaluate.grid import cell_centres, occupied
 from slamsim.scenarios.base import Chart, Series, Who
-from slamsim.types import FloatArray
+from slamsim.types import FloatArray, Grid
 from slamsim.view.figures import PAGE_INK, STYLE, map_colours, show_cells, svg
 from slamsim.view.palette import ACCEPTED, ESTIMATE, NEUTRAL, ODOMETRY, TRUTH, rgb
 from slamsim.view.run_view import thinned
@@ -39,6 +40,8 @@ _HEIGHTS: dict[Who, float] = {"slamsim": 3.0, "theory": 3.5}
 _LIGHTEST, _DARKEST = 0.74, 0.34
 _DASHES = ((0, (4, 2)), (0, (1, 1.5)), (0, (6, 2, 1, 2)))
 _MAX_POINTS = 2000
+_STRAY = 0.005
+"""Share of a map's walls on each side that is not looked at."""
 _PNG_DPI = 160
 
 
@@ -139,15 +142,23 @@ def _draw(axes: Axes, chart: Chart) -> tuple[Look, ...]:
         else:
             _draw_curve(axes, series, look)
     if chart.grid is not None:
-        axes.autoscale_view()
+        _frame(axes, chart.grid)
         show_cells(axes, chart.grid, map_colours(chart.grid), np.zeros(3))
     else:
         axes.grid(color=NEUTRAL, alpha=0.25, linewidth=0.5)
     if chart.equal or chart.grid is not None:
-        axes.set_aspect("equal", adjustable="datalim")
+        axes.set_aspect("equal", adjustable="datalim" if chart.grid is None else "box")
     axes.set_xlabel(_words(chart.x_label))
     axes.set_ylabel(_words(chart.y_label))
     return looks
+
+
+def _frame(axes: Axes, grid: Grid) -> None:
+    """Around the curves and nearly all walls; stray beams may reach farther."""
+    walls = cell_centres(grid, occupied(grid))
+    if len(walls):
+        axes.update_datalim(np.quantile(walls, (_STRAY, 1.0 - _STRAY), axis=0))
+    axes.autoscale_view()
 
 
 def _draw_curve(axes: Axes, series: Series, look: Look) -> None:

@@ -26,7 +26,7 @@ table.verdicts { width: 100%; }
 .dots { white-space: nowrap; letter-spacing: 0.1em; }
 .charts { display: grid; gap: 1rem; margin-top: 1rem;
   grid-template-columns: repeat(auto-fit, minmax(min(400px, 100%), 1fr)); }
-.charts.small { grid-template-columns: repeat(auto-fill, minmax(min(250px, 100%), 1fr)); }
+.charts.small { grid-template-columns: repeat(auto-fill, minmax(min(320px, 100%), 1fr)); }
 .charts figure:only-child { max-width: 720px; }
 .legend svg { display: inline-block; width: 28px; height: 10px; margin-right: 0.35em;
   vertical-align: middle; }
