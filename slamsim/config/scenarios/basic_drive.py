@@ -9,6 +9,7 @@ from pydantic import Field
 from slamsim.config.base import Config
 from slamsim.config.drive import PhysicsConfig
 from slamsim.config.robot import RobotConfig
+from slamsim.config.scenarios.defaults import SCENARIO_PHYSICS, SCENARIO_ROBOT
 
 Speed = Annotated[float, Field(gt=0.0, le=5.0)]
 RobotNames = Annotated[tuple[str, ...], Field(strict=False, max_length=8)]
@@ -34,11 +35,11 @@ class BasicDriveConfig(StraightScript):
 
     runs: int = Field(default=6, ge=2, le=1000)
     """Number of runs of each robot; the study asks for at least six."""
-    robot: RobotConfig = RobotConfig()
+    robot: RobotConfig = SCENARIO_ROBOT
     """The robot."""
     beside: RobotNames = ("turtlebot2_identified",)
     """Bundled names or files of robots that drive the same beside it."""
     floor_friction: float = Field(default=1.0, ge=0.0, le=5.0)
     """Coulomb coefficient of the floor, times that of the tyre."""
-    physics: PhysicsConfig = PhysicsConfig()
+    physics: PhysicsConfig = SCENARIO_PHYSICS
     """Time step and solver."""

@@ -1,0 +1,38 @@
+"""Robots that drive a script again and again, each run a little different."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from slamsim.config.bundled import find_input
+from slamsim.config.loading import load_model
+from slamsim.config.robot import RobotConfig, VariationConfig
+from slamsim.randomness import random_bits
+
+
+@dataclass(frozen=True, slots=True)
+class Tested:
+    """A robot under its name in tables."""
+
+    name: str
+    config: RobotConfig
+
+    def runs(self, wanted: int) -> int:
+        """How many runs are worth driving: one of a robot that is always the same."""
+        return wanted if self.config.variation != VariationConfig() else 1
+
+
+def tested_robots(robot: RobotConfig, beside: Sequence[str]) -> list[Tested]:
+    """The robot, then those of these names or files, each name once."""
+    found = [Tested(robot.name, robot)]
+    for name in beside:
+        config = load_model(RobotConfig, find_input("configs/robots", name))
+        if config.name not in [tested.name for tested in found]:
+            found.append(Tested(config.name, config))
+    return found
+
+
+def run_seed(seed: int, *names: str) -> int:
+    """The seed of one run."""
+    return random_bits(seed, *names) >> 1
