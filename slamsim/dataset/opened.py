@@ -6,7 +6,7 @@ Everything here can be pickled and sent to other processes, and nothing keeps a 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar, overload
 
@@ -47,8 +47,8 @@ class Sequence:
 
     place: Place
     name: str
-    row: Mapping[str, Cell]
-    truth: SequenceTruth
+    row: Mapping[str, Cell] = field(repr=False)
+    truth: SequenceTruth = field(repr=False)
 
     def between(self, start_s: float, end_s: float) -> Sequence:
         """What was sensed from one instant to before another, in true time since the start."""
@@ -119,7 +119,7 @@ class Dataset:
     """Sequences, as many as the manifest has rows: those that were made, or some of them."""
 
     place: Place
-    manifest: pa.Table
+    manifest: pa.Table = field(repr=False)
 
     def __len__(self) -> int:
         return int(self.manifest.num_rows)

@@ -7,8 +7,8 @@ damaged, and nothing else is.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Iterator, Sequence
+from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
 
@@ -78,18 +78,17 @@ def verify(
             require_same_software(place)
         rows = [row for row in catalogue.rows if row["status"] == MADE]
         chosen = spread(rows, max(round(share * len(rows)), 1))
+        total = len(chosen) + again
         checked = list[Checked]()
-        for first in range(0, len(chosen), _AT_ONCE):
-            some = chosen[first : first + _AT_ONCE]
-            for one in readers.map(partial(_check, place), some):
-                checked.append(one)
-                progress(len(checked), len(chosen) + again)
+        for one in _checked(place, chosen, readers):
+            checked.append(one)
+            progress(len(checked), total)
     sound = [row for row, one in zip(chosen, checked, strict=True) if not one.findings]
     twice = tuple(_index(row) for row in spread(sound, again))
     remade = list[Finding]()
-    for number, findings in enumerate(make_again(place, twice, workers)):
+    for number, findings in enumerate(make_again(place, twice, workers), start=len(checked) + 1):
         remade += findings
-        progress(len(checked) + number + 1, len(checked) + again)
+        progress(number, total)
     of_sequences = (finding for one in checked for finding in one.findings)
     return Verification(
         address=address,
@@ -101,6 +100,12 @@ def verify(
         size_bytes=sum(one.size_bytes for one in checked),
         findings=(*catalogue.findings, *of_sequences, *remade),
     )
+
+
+def _checked(place: Place, rows: Sequence[Row], readers: Executor) -> Iterator[Checked]:
+    """One after the other, some of them being read meanwhile."""
+    for first in range(0, len(rows), _AT_ONCE):
+        yield from readers.map(partial(_check, place), rows[first : first + _AT_ONCE])
 
 
 def spread(rows: Sequence[Row], number: int) -> list[Row]:
