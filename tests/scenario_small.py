@@ -16,7 +16,7 @@ COARSE = StepsConfig(first_s=0.02, last_s=0.03, by_s=0.01)
 STACKS = StackingConfig(
     steps=COARSE,
     duration_s=8.0,
-    most_boxes=16,
+    max_boxes=16,
     compared_boxes=4,
     other_solvers={"few": SolverConfig(iterations=5)},
     other_steps_s=(0.03,),

@@ -129,7 +129,7 @@ def test_what_stacks_say(stacks: list[Outcome]) -> None:
 
 
 def test_no_collapse_up_to_the_cap_is_said(stacks: list[Outcome]) -> None:
-    config = STACKS.model_copy(update={"most_boxes": 2, "other_solvers": {}})
+    config = STACKS.model_copy(update={"max_boxes": 2, "other_solvers": {}})
     outcomes = [stacking.smallest_stack(config, "standard", 0.02, seed=0)]
     assert outcomes[0].values["boxes"] is None and outcomes[0].values["standing_boxes"] == 2
     findings = stacking.SCENARIO.conclude(config, outcomes)

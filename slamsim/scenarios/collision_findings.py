@@ -163,9 +163,8 @@ def _sheet_of_solvers(config: CollisionConfig, rows: Sequence[Row]) -> Sheet:
             ),
         ),
         tuple(line(name) for name in all_solvers(config)),
-        f"Of {', '.join(f'{step_s:g}' for step_s in sorted(config.other_steps_s))} s. The deepest "
-        "is that of the first blow, about the speed times the step unless the contact was seen "
-        "coming; the mean is ruled by what the solver leaves when all lie still.",
+        f"Of {', '.join(f'{step_s:g}' for step_s in sorted(config.other_steps_s))} s. The largest "
+        "is that of a blow: up to the speed of the blow times the step.",
     )
 
 

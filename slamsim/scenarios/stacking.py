@@ -88,7 +88,7 @@ def smallest_stack(
         runs[boxes] = run_stack(config, boxes, step_s, solver, seed)
         return runs[boxes].collapsed_s is not None
 
-    boxes = smallest_failing(collapses, config.most_boxes)
+    boxes = smallest_failing(collapses, config.max_boxes)
     standing = max((n for n in runs if runs[n].collapsed_s is None), default=None)
     values: dict[str, Value] = {
         "kind": "smallest",

@@ -44,7 +44,7 @@ def stacking_findings(config: StackingConfig, outcomes: Sequence[Outcome]) -> Fi
 def _lead(config: StackingConfig, standard: Sequence[Row]) -> str:
     collapsed = [row for row in standard if row["boxes"] is not None]
     if not collapsed:
-        return f"No stack of up to {config.most_boxes} boxes collapsed at any time step."
+        return f"No stack of up to {config.max_boxes} boxes collapsed at any time step."
     first, last = collapsed[0], collapsed[-1]
     lead = (
         f"At {first['step_s']:g} s the smallest stack that collapses within "
@@ -54,7 +54,7 @@ def _lead(config: StackingConfig, standard: Sequence[Row]) -> str:
     missing = [row for row in standard if row["boxes"] is None]
     if missing:
         steps = ", ".join(f"{row['step_s']:g}" for row in missing)
-        lead += f" None of up to {config.most_boxes} collapses at {steps} s."
+        lead += f" None of up to {config.max_boxes} collapses at {steps} s."
     return lead
 
 
@@ -122,7 +122,7 @@ def _verdicts(config: StackingConfig, standard: Sequence[Row]) -> tuple[Verdict,
 def _higher_with_smaller_steps(config: StackingConfig, standard: Sequence[Row]) -> Verdict:
     """A step at which none collapsed counts as one box more than the search goes to."""
     steps_s = [cast(float, row["step_s"]) for row in standard]
-    boxes = [cast(int, row["boxes"] or config.most_boxes + 1) for row in standard]
+    boxes = [cast(int, row["boxes"] or config.max_boxes + 1) for row in standard]
     found = trend(steps_s, boxes)
     numbers = "too few time steps" if found is None else f"boxes against step: {found}"
     holds = None if found is None else found.falls()
@@ -144,7 +144,7 @@ def _sheet_of_steps(config: StackingConfig, standard: Sequence[Row]) -> Sheet:
         tuple(
             (
                 f"{row['step_s']:g}",
-                f"> {config.most_boxes}" if row["boxes"] is None else f"{row['boxes']}",
+                f"> {config.max_boxes}" if row["boxes"] is None else f"{row['boxes']}",
                 _told(row["collapsed_after_s"], "{:.1f}"),
                 *(_told(row[share], "{:.3f}") for share in shares),
                 _told(row["swings"], "{}"),
@@ -175,7 +175,7 @@ def _sheet_of_solvers(config: StackingConfig, rows: Sequence[Row]) -> Sheet:
         for at_s in steps_s:
             found = boxes.get((name, at_s))
             capped = (name, at_s) in boxes and found is None
-            yield f"> {config.most_boxes}" if capped else _told(found, "{}")
+            yield f"> {config.max_boxes}" if capped else _told(found, "{}")
 
     return Sheet(
         f"Which time step for a stack of {config.compared_boxes}",
@@ -198,7 +198,7 @@ def _chart_of_steps(config: StackingConfig, smallest: Sequence[Row]) -> Chart:
             _series(name, [row for row in smallest if row["solver"] == name], "step_s", "boxes")
             for name in all_solvers(config)
         ),
-        note=f"No point where none of up to {config.most_boxes} boxes collapsed.",
+        note=f"No point where none of up to {config.max_boxes} boxes collapsed.",
     )
 
 

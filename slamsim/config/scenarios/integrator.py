@@ -25,8 +25,8 @@ class IntegratorConfig(Config):
         default={
             "four_substeps": SolverConfig(substeps=4),
             "articulated": SolverConfig(articulated=True),
-            "shipped_damping": SolverConfig(damping=0.04),
-            "shipped_damping_articulated": SolverConfig(damping=0.04, articulated=True),
+            "damping": SolverConfig(damping=0.04),
+            "damping_articulated": SolverConfig(damping=0.04, articulated=True),
         }
     )
     """Other settings, to be compared at other_steps_s."""

@@ -27,7 +27,7 @@ class StackingConfig(Config):
     """Coefficient of friction of each contact."""
     misplacement_m: float = Field(default=0.0, ge=0.0, le=10.0)
     """Each box is put down by up to so much, at random, beside the one exactly above the first."""
-    most_boxes: int = Field(default=40, ge=2, le=200)
+    max_boxes: int = Field(default=40, ge=2, le=200)
     """The search for the smallest stack that collapses ends here."""
     compared_boxes: int = Field(default=10, ge=2, le=200)
     """The largest time step at which a stack of so many stands is told for every solver."""
@@ -44,7 +44,7 @@ class StackingConfig(Config):
         }
     )
     """Other settings, to be compared at other_steps_s."""
-    other_steps_s: Steps = (0.015, 0.02, 0.03)
+    other_steps_s: Steps = (0.02, 0.03)
     """Time steps at which the other settings are tried."""
 
     @model_validator(mode="after")
