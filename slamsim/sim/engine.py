@@ -14,7 +14,7 @@ import numpy as np
 
 from slamsim.config.drive import PhysicsConfig
 from slamsim.safe.errors import SlamsimError
-from slamsim.sim.bullet import pybullet
+from slamsim.sim.bullet import physics_client, pybullet
 from slamsim.sim.chassis import Engine, hold_wheels, load_robot, set_floor_friction
 from slamsim.sim.robot import RobotModel
 from slamsim.types import GRAVITY_M_S2, FloatArray, IntArray, TriangleMesh
@@ -54,10 +54,7 @@ def standing_robot(
     gravity_m_s2: float = GRAVITY_M_S2,
 ) -> Iterator[Engine]:
     """A robot that came to rest at (x, y, yaw) on a level floor; gone when the block ends."""
-    client = pybullet.connect(pybullet.DIRECT)
-    if client < 0:
-        raise SlamsimError("PyBullet could not start a physics world")
-    try:
+    with physics_client() as client:
         _set_up(client, physics)
         set_gravity(client, (0.0, 0.0, -gravity_m_s2))
         _add_ground(client)
@@ -66,13 +63,11 @@ def standing_robot(
         set_floor_friction(engine, floor_friction)
         _settle(engine, physics)
         yield engine
-    finally:
-        pybullet.disconnect(client)
 
 
 def engine_parameters(physics: PhysicsConfig) -> dict[str, float | int | str]:
     """What a result depends on, to be kept beside it."""
-    with _client() as client:
+    with physics_client() as client:
         _set_up(client, physics)
         used = pybullet.getPhysicsEngineParameters(client)
     kept = (
@@ -95,15 +90,6 @@ def engine_parameters(physics: PhysicsConfig) -> dict[str, float | int | str]:
         "friction_combination": "product",
         **{key: used[key] for key in kept if key in used},
     }
-
-
-@contextmanager
-def _client() -> Iterator[int]:
-    client = pybullet.connect(pybullet.DIRECT)
-    try:
-        yield client
-    finally:
-        pybullet.disconnect(client)
 
 
 def _set_up(client: int, physics: PhysicsConfig) -> None:
