@@ -33,6 +33,20 @@ class Block:
     yaw_rad: float = 0.0
     friction: float = 1.0
 
+    def __post_init__(self) -> None:
+        numbers = (*self.size_m, self.mass_kg, *self.position_m, self.yaw_rad)
+        if not (all(map(math.isfinite, numbers)) and min(self.size_m) > 0.0 <= self.mass_kg):
+            raise SlamsimError(
+                f"a block of {self.size_m} m and {self.mass_kg:g} kg at {self.position_m} m: its "
+                "size must be positive, its mass not negative, and every number finite"
+            )
+        _refuse_friction(self.friction)
+
+
+def _refuse_friction(friction: float) -> None:
+    if not 0.0 <= friction < math.inf:
+        raise SlamsimError(f"a friction coefficient is 0 or more and finite, not {friction:g}")
+
 
 @dataclass(frozen=True, slots=True)
 class Ground:
@@ -41,9 +55,9 @@ class Ground:
     The plane stays level in the map frame and gravity is turned instead, so that x and y are
     measured along the slope and z at right angles to it. friction: Coulomb coefficient of the
     floor outside of the patches, multiplied with that of each wheel. under_wheels: instead, of
-    the floor under the left and the right drive wheel wherever they go; not beside patches. held: a
-    hand keeps the robot's base where it stands along the slope and across it; it is free to rise
-    and to pitch.
+    the floor under the left and the right drive wheel wherever they go; not beside patches.
+    hand_height_m: if given, a hand keeps that point of the robot's axis where it is along the
+    slope and across it; the robot can rise and lean about it.
     """
 
     slope_rad: float = 0.0
@@ -51,7 +65,7 @@ class Ground:
     patches: tuple[FloorPatch, ...] = ()
     under_wheels: tuple[float, float] | None = None
     blocks: tuple[Block, ...] = ()
-    held: bool = False
+    hand_height_m: float | None = None
 
     def __post_init__(self) -> None:
         if not abs(self.slope_rad) <= STEEPEST_RAD:
@@ -61,15 +75,9 @@ class Ground:
             )
         if self.under_wheels is not None and self.patches:
             raise SlamsimError("the floor is told by patches or for each wheel, not by both")
-        coefficients = (
-            self.friction,
-            *(self.under_wheels or ()),
-            *(p.friction for p in self.patches),
-            *(b.friction for b in self.blocks),
-        )
-        for friction in coefficients:
-            if not 0.0 <= friction < math.inf:
-                raise SlamsimError(f"a friction coefficient of {friction:g} is below 0 or endless")
+        patches = (patch.friction for patch in self.patches)
+        for friction in (self.friction, *(self.under_wheels or ()), *patches):
+            _refuse_friction(friction)
 
     @property
     def gravity_m_s2(self) -> Triple:

@@ -13,6 +13,7 @@ from itertools import accumulate
 import numpy as np
 
 from slamsim.config.drive import LimitsConfig, PhysicsConfig
+from slamsim.geometry import matrix_from_xyzw
 from slamsim.safe.errors import SlamsimError
 from slamsim.sim.bullet import pybullet
 from slamsim.sim.chassis import Engine, set_wheel_friction
@@ -30,6 +31,9 @@ CONTROL_HZ = 40
 LEAST_UP = math.cos(math.radians(60.0))
 """A robot that leans further than this does not come back."""
 FARTHEST_M = 1e4
+HAND_N_M, HAND_N_S_M = 5000.0, 150.0
+"""A firm hand: it gives way by a centimetre at 50 N."""
+LONGEST_S = 100_000.0
 NORMAL_FORCE = 9
 """Place of the normal force in PyBullet's contact points."""
 FINEST_TICKS = 1_000_000
@@ -42,6 +46,13 @@ class Command:
     duration_s: float
     speed_m_s: float
     yaw_rate_rad_s: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.speed_m_s + self.yaw_rate_rad_s) and self.duration_s >= 0.0):
+            raise SlamsimError(
+                f"a command of {self.speed_m_s:g} m/s and {self.yaw_rate_rad_s:g} rad/s for "
+                f"{self.duration_s:g} s cannot be played"
+            )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -89,7 +100,8 @@ def scripted_run(
 
     It settles on the level ground; the ground tilts as the first command begins. limits: what the
     commands keep to; without them they are steps. forces: whether each step's contact forces are
-    read, which takes about as long as the step. Raises SlamsimError for commands without end.
+    read, which takes about as long as the step. Raises SlamsimError for commands that
+    last for no time or too long, and if the physics fails before the first one.
     """
     down = -ground.gravity_m_s2[2]
     furnish = partial(add_blocks, blocks=ground.blocks)
@@ -116,8 +128,10 @@ class _Play:
         self._engine, self._ground, self._commands = engine, ground, tuple(commands)
         self._limits, self._tick_s = limits, steps_per_tick / physics.rate_hz
         self._ends_s = list(accumulate(command.duration_s for command in commands))
-        if not (self._ends_s and 0.0 < self._ends_s[-1] < math.inf):
-            raise SlamsimError("a script needs commands that last for some time, but not for ever")
+        if not (self._ends_s and self._tick_s <= self._ends_s[-1] <= LONGEST_S):
+            raise SlamsimError(
+                f"the commands of a script last for {self._tick_s:g} to {LONGEST_S:g} s in all"
+            )
         self._ride = Ride(engine, robot, physics.rate_hz, steps_per_tick)
         self._floor = Floor(engine, ground.friction, ground.patches)
         if ground.under_wheels is not None:
@@ -127,11 +141,15 @@ class _Play:
 
     def run(self, forces: bool) -> ScriptedRun:
         set_gravity(self._engine.client, self._ground.gravity_m_s2)
-        watch = self._watch.forces_and_blocks if forces else self._watch.blocks
+        watch = self._watch.all if forces else self._watch.hand_and_blocks
         while not self._ended and self._tick < round(self._ends_s[-1] / self._tick_s):
             self._ride.control_tick(self._decide, watch)
             self._tick += 1
         drive = self._ride.take_window()
+        if len(drive) == 0:
+            raise SlamsimError(
+                "the physics failed while the robot came to rest: its pose is not a number"
+            )
         return ScriptedRun(
             drive,
             self._watch.trajectories(drive.stamps_ns),
@@ -164,6 +182,37 @@ def _trouble(pose: BasePose) -> str:
     return "tipped over" if pose.up < LEAST_UP else ""
 
 
+class _Hand:
+    """A spring with a damper between a point of the robot and where that was at first."""
+
+    def __init__(self, engine: Engine, height_m: float) -> None:
+        self._engine = engine
+        T_com_base = np.linalg.inv(engine.T_base_com)
+        self._point_com_m = (T_com_base @ np.array([0.0, 0.0, height_m, 1.0]))[:3]
+        self._held_m = self._point()[0]
+
+    def _point(self) -> tuple[FloatArray, FloatArray]:
+        """Its position and its velocity, (3,) each."""
+        body, client = self._engine.body, self._engine.client
+        position, quaternion = pybullet.getBasePositionAndOrientation(body, client)
+        linear, angular = pybullet.getBaseVelocity(body, client)
+        arm = matrix_from_xyzw(np.array(quaternion)) @ self._point_com_m
+        return np.array(position) + arm, np.array(linear) + np.cross(angular, arm)
+
+    def hold(self) -> None:
+        """Push during the next step."""
+        point_m, velocity_m_s = self._point()
+        force_n = HAND_N_M * (self._held_m - point_m) - HAND_N_S_M * velocity_m_s
+        pybullet.applyExternalForce(
+            self._engine.body,
+            -1,
+            (*force_n[:2], 0.0),
+            point_m,
+            pybullet.WORLD_FRAME,
+            self._engine.client,
+        )
+
+
 class _Watch:
     """What is read at each step beside the robot's own motion."""
 
@@ -173,16 +222,19 @@ class _Watch:
             body for body, b in zip(engine.walls, ground.blocks, strict=True) if b.mass_kg > 0.0
         ]
         self._poses, self._felt = array("d"), array("d")
+        self._hand = ground.hand_height_m and _Hand(engine, ground.hand_height_m)
         links = [*engine.wheels, *(f.link for f in engine.feet if f.link not in engine.wheels)]
         self._column = {link: column for column, link in enumerate(links[:4])}
 
-    def blocks(self) -> None:
+    def hand_and_blocks(self) -> None:
+        if self._hand:
+            self._hand.hold()
         for body in self._free:
             position, quaternion = pybullet.getBasePositionAndOrientation(body, self._engine.client)
             self._poses.extend((*position, *quaternion))
 
-    def forces_and_blocks(self) -> None:
-        self.blocks()
+    def all(self) -> None:
+        self.hand_and_blocks()
         engine, loads = self._engine, [0.0] * 5
         points = pybullet.getContactPoints(bodyA=engine.body, physicsClientId=engine.client)
         for point in points:

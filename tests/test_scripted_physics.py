@@ -1,0 +1,422 @@
+"""Scripted runs against what mechanics says, in closed form."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from slamsim.config.drive import PhysicsConfig
+from slamsim.config.robot import (
+    DriveWheelsConfig,
+    MotorConfig,
+    RobotConfig,
+    SupportWheelsConfig,
+    SuspensionConfig,
+    VariationConfig,
+)
+from slamsim.geometry import yaw_from_xyzw
+from slamsim.safe.errors import SlamsimError
+from slamsim.sim.ground import Block, Ground
+from slamsim.sim.inertia import Inertial, join
+from slamsim.sim.robot import RobotModel, build_robot
+from slamsim.sim.script import Command, ScriptedRun, read_encoders, scripted_run
+from slamsim.sim.specimen import drawn_robot
+from slamsim.types import GRAVITY_M_S2 as G
+from slamsim.types import FloatArray
+from slamsim.wheels import wheel_odometry
+from slamsim.world.model import FloorPatch
+
+PHYSICS = PhysicsConfig(solver_iterations=20)
+RATE_HZ = 240
+ROTOR_KG_M2 = 0.0012
+RADIUS_M, HALF_TRACK_M = 0.0352, 0.115
+FRONT_M, REAR_M = 0.115, 0.135
+SPRING = SuspensionConfig()
+FREE = {"kind": "pid", "pid_proportional": 0.0, "pid_integral": 0.0}
+PROPORTIONAL = {"kind": "pid", "pid_proportional": 0.2, "pid_integral": 0.0}
+
+
+def robot(
+    wheels: dict[str, object] | None = None,
+    supports: dict[str, object] | None = None,
+    motor: dict[str, object] | None = None,
+) -> RobotModel:
+    config = RobotConfig(
+        drive_wheels=DriveWheelsConfig(**wheels or {}),  # type: ignore[arg-type]
+        support_wheels=SupportWheelsConfig(**supports or {}),  # type: ignore[arg-type]
+        motor=MotorConfig(**{"rotor_inertia_kg_m2": ROTOR_KG_M2, **(motor or {})}),  # type: ignore[arg-type]
+    )
+    return build_robot(config)
+
+
+def whole(model: RobotModel) -> Inertial:
+    placed = model.body.placements()
+    links = model.body.links.items()
+    return join([link.inertial.seen_from(placed[n]) for n, link in links if link.inertial])
+
+
+def rolling_mass_kg(model: RobotModel) -> float:
+    """The mass and what everything that turns while it rolls adds to it."""
+    wheel = 0.5 * 0.1 + model.motor.rotor_inertia_kg_m2 / RADIUS_M**2
+    return whole(model).mass_kg + 2.0 * wheel + 2.0 * 0.4 * 0.02
+
+
+def play(model: RobotModel, ground: Ground, *commands: Command, **options: object) -> ScriptedRun:
+    return scripted_run(model, ground, commands, PHYSICS, **options)  # type: ignore[arg-type]
+
+
+def gain(run: ScriptedRun, begin_s: float, end_s: float) -> FloatArray:
+    """(3,) mean acceleration between two instants."""
+    first, last = round(begin_s * RATE_HZ), round(end_s * RATE_HZ)
+    velocity = run.drive.linear_velocity_m_s
+    return np.asarray((velocity[last] - velocity[first]) / (end_s - begin_s))
+
+
+def mean(values: FloatArray, begin_s: float) -> FloatArray:
+    return np.asarray(values[round(begin_s * RATE_HZ) :].mean(axis=0))
+
+
+@pytest.mark.parametrize("slope_deg", [3.0, 15.0])
+@pytest.mark.parametrize("suspension", [None, SPRING])
+def test_free_wheels_roll_down_and_no_energy_comes_from_nowhere(
+    slope_deg: float, suspension: SuspensionConfig | None
+) -> None:
+    model = robot({"suspension": suspension}, motor=FREE)
+    slope = math.radians(slope_deg)
+    run = play(model, Ground(slope), Command(2.0, 0.0))
+    pull_n = whole(model).mass_kg * G * math.sin(slope)
+    assert gain(run, 0.5, 1.9)[0] == pytest.approx(-pull_n / rolling_mass_kg(model), rel=0.01)
+    fallen_j = -pull_n * run.drive.positions_m[:, 0]
+    kinetic_j = 0.5 * rolling_mass_kg(model) * run.drive.linear_velocity_m_s[:, 0] ** 2
+    assert np.all(kinetic_j <= 1.01 * fallen_j + 0.005)
+
+
+def locked(friction: float) -> RobotModel:
+    """All four wheels are stuck and grip alike."""
+    return robot(
+        {"friction": friction},
+        {"rolling": False, "friction": friction},
+        {"max_torque_n_m": 100.0},
+    )
+
+
+@pytest.mark.parametrize("friction", [0.15, 0.5])
+def test_it_holds_until_the_slopes_tangent_is_the_friction(friction: float) -> None:
+    steepest = math.atan(friction)
+    held = play(locked(friction), Ground(0.98 * steepest), Command(2.0, 0.0))
+    assert np.abs(held.drive.positions_m[-1, :2]).max() < 0.001
+    slid = play(locked(friction), Ground(1.03 * steepest), Command(2.0, 0.0))
+    assert slid.drive.positions_m[-1, 0] < -0.05
+
+
+@settings(max_examples=12, deadline=None)
+@given(st.floats(0.05, 0.6), st.floats(1.2, 2.0), st.floats(-math.pi, math.pi))
+def test_a_locked_robot_slides_alike_in_every_heading(
+    friction: float, steepness: float, yaw_rad: float
+) -> None:
+    slope = min(steepness * math.atan(friction), 0.6)
+    run = play(locked(friction), Ground(slope), Command(0.6, 0.0), start_pose=(0.0, 0.0, yaw_rad))
+    expected = G * (math.sin(slope) - friction * math.cos(slope))
+    along, across, _ = gain(run, 0.2, 0.55)
+    assert -along == pytest.approx(expected, rel=0.03, abs=0.05)
+    assert abs(across) < 0.05 * G * friction + 0.05
+
+
+@pytest.mark.parametrize("torque_n_m", [0.02, 0.1])
+@pytest.mark.parametrize("rotor_kg_m2", [0.0, ROTOR_KG_M2])
+def test_the_largest_torque_speeds_up_mass_and_rotors(
+    torque_n_m: float, rotor_kg_m2: float
+) -> None:
+    model = robot(motor={"max_torque_n_m": torque_n_m, "rotor_inertia_kg_m2": rotor_kg_m2})
+    run = play(model, Ground(), Command(0.6, 5.0))
+    expected = 2.0 * torque_n_m / RADIUS_M / rolling_mass_kg(model)
+    assert gain(run, 0.1, 0.55)[0] == pytest.approx(expected, rel=0.02)
+
+
+@pytest.mark.parametrize("torque_n_m", [0.1, 0.3])
+def test_the_steepest_slope_is_where_the_torque_holds_the_weight(torque_n_m: float) -> None:
+    model = robot({"suspension": SPRING}, motor={"max_torque_n_m": torque_n_m})
+    steepest = math.asin(2.0 * torque_n_m / RADIUS_M / (whole(model).mass_kg * G))
+    up = play(model, Ground(0.95 * steepest), Command(4.0, 0.1))
+    down = play(model, Ground(1.05 * steepest), Command(4.0, 0.1))
+    assert up.drive.positions_m[-1, 0] > 0.2
+    assert down.drive.positions_m[-1, 0] < -0.2
+
+
+@settings(max_examples=8, deadline=None)
+@given(st.floats(0.0, 0.15), st.floats(0.8, 1.25), st.floats(0.15, 0.4))
+def test_gear_friction_over_gain_is_what_a_proportional_motor_lacks(
+    friction_n_m: float, ratio: float, speed_m_s: float
+) -> None:
+    gears = {"gear_friction_n_m": friction_n_m, "gear_friction_ratio": ratio}
+    model = robot(supports={"friction": 0.0}, motor={**PROPORTIONAL, **gears})
+    run = play(model, Ground(), Command(3.0, speed_m_s))
+    turning = mean(run.drive.wheel_speeds_rad_s, 2.8)
+    lacking = np.array(model.motor.gear_frictions_n_m) / 0.2
+    np.testing.assert_allclose(turning, speed_m_s / RADIUS_M - lacking, atol=0.005)
+
+
+def test_too_little_torque_does_not_overcome_gear_friction() -> None:
+    model = robot(motor={**PROPORTIONAL, "gear_friction_n_m": 0.2})
+    run = play(model, Ground(), Command(2.0, 0.034))
+    assert np.abs(run.drive.positions_m[-1]).max() < 1e-3
+
+
+@pytest.mark.parametrize("kind", ["velocity", "pid"])
+def test_gear_friction_holds_or_hinders(kind: str) -> None:
+    """On a slope it adds to the motor's torque at rest, and is lost from it on the way up."""
+    strength = {"kind": kind, "max_torque_n_m": 0.2, "gear_friction_n_m": 0.1}
+    model = robot({"suspension": SPRING}, motor=strength)
+    weight_n = whole(model).mass_kg * G
+
+    def steepest(torque_n_m: float) -> float:
+        return math.asin(2.0 * torque_n_m / RADIUS_M / weight_n)
+
+    assert abs(play(model, Ground(steepest(0.27)), Command(1.0, 0.0)).drive.positions_m[-1, 0]) < (
+        0.05
+    )
+    assert play(model, Ground(steepest(0.08)), Command(3.0, 0.2)).drive.positions_m[-1, 0] > 0.1
+    assert play(model, Ground(steepest(0.13)), Command(3.0, 0.2)).drive.positions_m[-1, 0] < 0.1
+
+
+@pytest.mark.parametrize("load", [0.2, 0.5])
+def test_the_torque_of_a_dc_motor_falls_with_its_speed(load: float) -> None:
+    """Up a slope it turns as fast as its line has the torque for, from a voltage that sags."""
+    line = {"max_torque_n_m": 0.5, "no_load_speed_rad_s": 10.0}
+    for sag, voltage in ((0.0, 1.0), (1.0, 1.0 - 3.9 / 60.0)):
+        model = robot({"suspension": SPRING}, motor={**line, "battery_sag_per_min": sag})
+        slope = math.asin(load * 0.5 * 2.0 / RADIUS_M / (whole(model).mass_kg * G))
+        run = play(model, Ground(slope), Command(4.0, 1.0))
+        turning = mean(run.drive.wheel_speeds_rad_s, 3.8)
+        np.testing.assert_allclose(turning, 10.0 * (voltage - load), rtol=0.02)
+
+
+def test_a_sagging_battery_weakens_the_gain() -> None:
+    sag = {**PROPORTIONAL, "gear_friction_n_m": 0.1, "battery_sag_per_min": 1.0}
+    run = play(robot(motor=sag), Ground(), Command(12.0, 0.3))
+    lacking = 0.1 / (0.2 * (1.0 - 11.9 / 60.0))
+    turning = mean(run.drive.wheel_speeds_rad_s, 11.8)
+    np.testing.assert_allclose(turning, 0.3 / RADIUS_M - lacking, atol=0.005)
+
+
+def _loads_n(model: RobotModel, slope: float) -> tuple[float, float, float]:
+    """(both drive wheels, front, rear) by the balance of forces and of moments."""
+    body, cos, sin = whole(model), math.cos(slope), math.sin(slope)
+    wheels_n = 2.0 * (SPRING.preload_n + 0.1 * G * cos)
+    weight_n = body.mass_kg * G
+    moment_n_m = weight_n * (float(body.centre_m[0]) * cos - float(body.centre_m[2]) * sin)
+    supports_n = weight_n * cos - wheels_n
+    front_n = (moment_n_m + REAR_M * supports_n) / (FRONT_M + REAR_M)
+    return wheels_n, front_n, supports_n - front_n
+
+
+@pytest.mark.parametrize("slope_deg", [-6.0, 0.0, 6.0])
+def test_sprung_wheels_carry_what_statics_gives_them(slope_deg: float) -> None:
+    model = robot({"suspension": SPRING})
+    run = play(model, Ground(math.radians(slope_deg)), Command(1.5, 0.0), forces=True)
+    assert run.forces is not None
+    wheels_n, front_n, rear_n = _loads_n(model, math.radians(slope_deg))
+    np.testing.assert_allclose(mean(run.forces.wheel_load_n, 1.0), 0.5 * wheels_n, rtol=0.01)
+    supports_n = mean(run.forces.support_load_n, 1.0)
+    np.testing.assert_allclose(supports_n, [front_n, rear_n], rtol=0.02, atol=0.05)
+    assert np.abs(run.drive.positions_m[:, 2]).max() < 0.001
+    assert np.all(run.forces.body_load_n == 0.0)
+
+
+@pytest.mark.parametrize("stiffness_n_m", [400.0, 1500.0])
+def test_a_spring_gives_way_by_load_over_stiffness(stiffness_n_m: float) -> None:
+    """Preloaded with more than the weight, it lifts the body until it carries what is there."""
+    spring = SuspensionConfig(preload_n=24.0, stiffness_n_m=stiffness_n_m, travel_m=0.02)
+    model = robot({"suspension": spring})
+    run = play(model, Ground(), Command(1.5, 0.0), forces=True)
+    assert run.forces is not None
+    carried_n = mean(run.forces.wheel_load_n, 1.0)[0] - 0.1 * G
+    expected_m = (24.0 - carried_n) / stiffness_n_m
+    assert expected_m > 0.002
+    assert run.drive.positions_m[-1, 2] == pytest.approx(expected_m, rel=0.02)
+
+
+def test_springs_that_are_too_hard_for_the_step_are_refused() -> None:
+    model = robot({"suspension": SuspensionConfig(stiffness_n_m=50_000.0)})
+    with pytest.raises(SlamsimError, match="too hard"):
+        play(model, Ground(), Command(1.0, 0.0))
+
+
+@pytest.mark.parametrize("mass_kg", [4.0, 40.0])
+def test_a_collision_keeps_the_momentum(mass_kg: float) -> None:
+    """At speed onto ice, where nothing but the block can push the robot."""
+    ice = FloorPatch(0.15, -5.0, 20.0, 5.0, 0.0)
+    block = Block((0.4, 1.0, 0.4), mass_kg, (0.9, 0.0, 0.2), friction=0.0)
+    model = robot()
+    run = play(model, Ground(patches=(ice,), blocks=(block,)), Command(2.0, 0.5))
+    moved_m = np.diff(run.blocks[0].positions_m[:, 0]) * RATE_HZ
+    momentum = whole(model).mass_kg * run.drive.linear_velocity_m_s[1:, 0] + mass_kg * moved_m
+    on_ice = run.drive.positions_m[1:, 0] > 0.32
+    assert moved_m.max() > 0.03
+    assert np.ptp(momentum[on_ice]) < 0.02 * momentum[on_ice].mean()
+
+
+@settings(max_examples=6, deadline=None)
+@given(st.floats(0.97, 1.03), st.floats(0.95, 1.05), st.floats(0.95, 1.05))
+def test_unequal_wheels_draw_the_circle_that_geometry_says(
+    ratio: float, scale: float, track: float
+) -> None:
+    """And odometry from the nominal wheels sees them drive straight."""
+    deviations = {"radius_ratio": ratio, "radius_scale": scale, "track_scale": track}
+    model = robot({"suspension": SPRING, **deviations}, {"friction": 0.0})
+    run = play(model, Ground(), Command(6.0, 0.2))
+    wheels = DriveWheelsConfig(**deviations)  # type: ignore[arg-type]
+    left_m, right_m = wheels.true_radii_m
+    assert 0.5 * (left_m + right_m) == pytest.approx(RADIUS_M * scale)
+    turning = mean(run.drive.wheel_speeds_rad_s, 1.0)
+    np.testing.assert_allclose(turning, 0.2 / RADIUS_M, rtol=1e-4)
+    expected = (right_m * turning[1] - left_m * turning[0]) / wheels.true_track_m
+    measured = mean(run.drive.angular_velocity_rad_s, 1.0)[2]
+    assert measured == pytest.approx(expected, rel=0.02, abs=2e-5)
+    assert np.abs(wheel_odometry(read_encoders(run.drive, model)).poses[-1, 1:]).max() < 0.002
+
+
+def test_on_the_spot_low_friction_turns_the_robot_no_faster() -> None:
+    """Both wheels slip: the friction of their load, at half the track, turns the inertia."""
+    friction = 0.05
+    model = robot(
+        {"suspension": SPRING, "friction": friction}, {"friction": 0.0}, {"kind": "ideal"}
+    )
+    run = play(model, Ground(), Command(0.5, 0.0, 5.0))
+    moment_n_m = friction * _loads_n(model, 0.0)[0] * HALF_TRACK_M
+    expected = moment_n_m / whole(model).inertia_kg_m2[2, 2]
+    turned = run.drive.angular_velocity_rad_s[:, 2]
+    assert (turned[108] - turned[12]) / 0.4 == pytest.approx(expected, rel=0.03)
+
+
+@pytest.mark.parametrize("ratio", [0.3, 1.5])
+def test_a_tyre_can_grip_less_or_more_across_its_direction(ratio: float) -> None:
+    friction, slope = 0.2, math.radians(30.0)
+    wheels = {"suspension": SPRING, "friction": friction, "lateral_friction_ratio": ratio}
+    model = robot(wheels, {"friction": 0.0}, {"max_torque_n_m": 100.0})
+    grip_n = friction * _loads_n(model, slope)[0]
+    pull_n = whole(model).mass_kg * G * math.sin(slope)
+    for yaw_rad, share in ((0.0, 1.0), (0.5 * math.pi, ratio)):
+        start = (0.0, 0.0, yaw_rad)
+        run = play(model, Ground(slope), Command(0.3, 0.0), start_pose=start)
+        mass_kg = whole(model).mass_kg + (2.0 * 0.4 * 0.02 if yaw_rad == 0.0 else 0.0)
+        expected = (share * grip_n - pull_n) / mass_kg
+        assert gain(run, 0.05, 0.25)[0] == pytest.approx(expected, rel=0.05)
+
+
+def test_supports_that_are_dragged_cost_torque() -> None:
+    friction = 0.3
+    model = robot({"suspension": SPRING}, {"friction": friction, "rolling": False})
+    run = play(model, Ground(), Command(1.5, 0.2), forces=True)
+    assert run.forces is not None
+    dragged_n = mean(run.forces.support_load_n, 1.0).sum() * friction
+    expected = 0.5 * dragged_n * RADIUS_M
+    np.testing.assert_allclose(mean(run.forces.motor_torque_n_m, 1.0), expected, rtol=0.05)
+
+
+COMMANDS = (Command(1.0, 0.3, 0.5), Command(1.0, 0.1, -1.0), Command(1.0, -0.2, 0.4))
+
+
+@pytest.mark.parametrize("suspension", [None, SPRING])
+def test_mirrored_commands_draw_a_mirrored_path(suspension: SuspensionConfig | None) -> None:
+    model = robot({"suspension": suspension})
+    ends = []
+    for side in (1.0, -1.0):
+        commands = [Command(c.duration_s, c.speed_m_s, side * c.yaw_rate_rad_s) for c in COMMANDS]
+        driven = play(model, Ground(), *commands).drive
+        ends.append([*driven.positions_m[-1], yaw_from_xyzw(driven.quats_xyzw)[-1]])
+    np.testing.assert_allclose(ends[0], np.array(ends[1]) * [1.0, -1.0, 1.0, -1.0], atol=2e-4)
+
+
+def test_the_same_run_twice_is_the_same_run() -> None:
+    ground = Ground(0.1, blocks=(Block((0.3, 0.3, 0.3), 5.0, (0.6, 0.05, 0.15)),))
+    first, second = (play(robot(), ground, *COMMANDS).drive for _ in range(2))
+    assert np.array_equal(first.positions_m, second.positions_m)
+
+
+def test_a_hand_holds_a_sprung_robot_and_its_front_rises() -> None:
+    """The springs push on while the body leans; without them the wheels lift at once."""
+
+    def raised_deg(suspension: SuspensionConfig | None) -> float:
+        model = robot({"suspension": suspension})
+        ground = Ground(math.radians(30.0), hand_height_m=0.05)
+        run = play(model, ground, Command(2.0, 0.2))
+        x, y, z, w = run.drive.quats_xyzw.T
+        assert np.abs(run.drive.positions_m[:, 0]).max() < 0.03
+        return float(-np.degrees(np.arcsin(2.0 * (w * y - z * x))).min())
+
+    assert raised_deg(SPRING) > 3.0
+    assert raised_deg(None) < 0.2
+
+
+def test_a_variation_draws_each_quantity_by_itself() -> None:
+    still = RobotConfig()
+    assert drawn_robot(still, 7) == still
+    varied = RobotConfig(
+        variation=VariationConfig(radius=0.01, track=0.02),
+        motor=MotorConfig(gear_friction_n_m=0.1),
+    )
+    drawn = [drawn_robot(varied, seed) for seed in range(200)]
+    assert drawn[3] == drawn_robot(varied, 3)
+    radii = np.log([one.drive_wheels.radius_scale for one in drawn])
+    tracks = np.log([one.drive_wheels.track_scale for one in drawn])
+    assert np.std(radii) == pytest.approx(0.01, rel=0.2)
+    assert np.std(tracks) == pytest.approx(0.02, rel=0.2)
+    assert abs(np.corrcoef(radii, tracks)[0, 1]) < 0.25
+    assert {one.motor.gear_friction_n_m for one in drawn} == {0.1}
+    other = varied.model_copy(update={"variation": VariationConfig(radius=0.01)})
+    assert drawn_robot(other, 3).drive_wheels.radius_scale == drawn[3].drive_wheels.radius_scale
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        lambda: Ground(slope_rad=math.radians(90.0)),
+        lambda: Ground(friction=-0.1),
+        lambda: Ground(patches=(FloorPatch(0.0, 0.0, 1.0, 1.0, math.nan),)),
+        lambda: Block((1.0, 0.0, 1.0), 1.0, (0.0, 0.0, 0.0)),
+        lambda: Block((1.0, 1.0, 1.0), -1.0, (0.0, 0.0, 0.0)),
+        lambda: Command(1.0, math.nan),
+        lambda: Command(-1.0, 0.1),
+        lambda: play(robot(), Ground()),
+        lambda: play(robot(), Ground(), Command(1e9, 0.1)),
+    ],
+)
+def test_what_cannot_be_is_refused(wrong: object) -> None:
+    with pytest.raises(SlamsimError):
+        wrong()  # type: ignore[operator]
+
+
+@settings(max_examples=15, deadline=None)
+@given(
+    mass=st.floats(1e-6, 1e6),
+    inertia=st.floats(1e-12, 1e6),
+    torque=st.floats(1e-6, 1000.0),
+    speed=st.floats(-1e4, 1e4),
+)
+def test_physics_that_bursts_ends_with_a_reason(
+    mass: float, inertia: float, torque: float, speed: float
+) -> None:
+    """Wheels as no validation lets them pass: it ends early and says why, or gives numbers."""
+    model = robot(motor={"max_torque_n_m": torque})
+    burst = {
+        name: replace(link, inertial=Inertial(mass, np.zeros(3), inertia * np.eye(3)))
+        for name, link in model.body.links.items()
+        if name.startswith("wheel")
+    }
+    links = {**model.body.links, **burst}
+    try:
+        run = play(
+            replace(model, body=replace(model.body, links=links)), Ground(), Command(0.5, speed)
+        )
+    except SlamsimError as error:
+        assert "not a number" in str(error)
+        return
+    assert np.isfinite(run.drive.positions_m).all()
+    assert run.ended in {"", "tipped over", "left the floor", "not a number"}
+    assert run.ended or len(run.drive) == 120
