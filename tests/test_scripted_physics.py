@@ -177,9 +177,8 @@ def test_gear_friction_holds_or_hinders(kind: str) -> None:
     def steepest(torque_n_m: float) -> float:
         return math.asin(2.0 * torque_n_m / RADIUS_M / weight_n)
 
-    assert abs(play(model, Ground(steepest(0.27)), Command(1.0, 0.0)).drive.positions_m[-1, 0]) < (
-        0.05
-    )
+    held = play(model, Ground(steepest(0.27)), Command(2.0, 0.0))
+    assert abs(held.drive.linear_velocity_m_s[-1, 0]) < 0.005
     assert play(model, Ground(steepest(0.08)), Command(3.0, 0.2)).drive.positions_m[-1, 0] > 0.1
     assert play(model, Ground(steepest(0.13)), Command(3.0, 0.2)).drive.positions_m[-1, 0] < 0.1
 
@@ -294,19 +293,19 @@ def test_on_the_spot_low_friction_turns_the_robot_no_faster() -> None:
     assert (turned[108] - turned[12]) / 0.4 == pytest.approx(expected, rel=0.03)
 
 
-@pytest.mark.parametrize("ratio", [0.3, 1.5])
+@pytest.mark.parametrize("ratio", [0.3, 1.0, 1.5])
 def test_a_tyre_can_grip_less_or_more_across_its_direction(ratio: float) -> None:
     friction, slope = 0.2, math.radians(30.0)
-    wheels = {"suspension": SPRING, "friction": friction, "lateral_friction_ratio": ratio}
+    wheels: dict[str, object] = {"friction": friction, "lateral_friction_ratio": ratio}
     model = robot(wheels, {"friction": 0.0}, {"max_torque_n_m": 100.0})
-    grip_n = friction * _loads_n(model, slope)[0]
-    pull_n = whole(model).mass_kg * G * math.sin(slope)
     for yaw_rad, share in ((0.0, 1.0), (0.5 * math.pi, ratio)):
         start = (0.0, 0.0, yaw_rad)
-        run = play(model, Ground(slope), Command(0.3, 0.0), start_pose=start)
-        mass_kg = whole(model).mass_kg + (2.0 * 0.4 * 0.02 if yaw_rad == 0.0 else 0.0)
-        expected = (share * grip_n - pull_n) / mass_kg
-        assert gain(run, 0.05, 0.25)[0] == pytest.approx(expected, rel=0.05)
+        run = play(model, Ground(slope), Command(0.2, 0.0), start_pose=start, forces=True)
+        assert run.forces is not None
+        grip_n = share * friction * run.forces.wheel_load_n[12:].sum(axis=1).mean()
+        pull_n = whole(model).mass_kg * G * math.sin(slope)
+        slid = gain(run, 0.05, 0.19)[0] * whole(model).mass_kg
+        assert slid == pytest.approx(grip_n - pull_n, rel=0.03)
 
 
 def test_supports_that_are_dragged_cost_torque() -> None:
@@ -322,15 +321,18 @@ def test_supports_that_are_dragged_cost_torque() -> None:
 COMMANDS = (Command(1.0, 0.3, 0.5), Command(1.0, 0.1, -1.0), Command(1.0, -0.2, 0.4))
 
 
-@pytest.mark.parametrize("suspension", [None, SPRING])
-def test_mirrored_commands_draw_a_mirrored_path(suspension: SuspensionConfig | None) -> None:
+@pytest.mark.parametrize(("suspension", "apart"), [(SPRING, 1e-4), (None, 0.02)])
+def test_mirrored_commands_draw_a_mirrored_path(
+    suspension: SuspensionConfig | None, apart: float
+) -> None:
+    """Nearly so without springs: what four rigid wheels carry is then the solver's choice."""
     model = robot({"suspension": suspension})
     ends = []
     for side in (1.0, -1.0):
         commands = [Command(c.duration_s, c.speed_m_s, side * c.yaw_rate_rad_s) for c in COMMANDS]
         driven = play(model, Ground(), *commands).drive
         ends.append([*driven.positions_m[-1], yaw_from_xyzw(driven.quats_xyzw)[-1]])
-    np.testing.assert_allclose(ends[0], np.array(ends[1]) * [1.0, -1.0, 1.0, -1.0], atol=2e-4)
+    np.testing.assert_allclose(ends[0], np.array(ends[1]) * [1.0, -1.0, 1.0, -1.0], atol=apart)
 
 
 def test_the_same_run_twice_is_the_same_run() -> None:

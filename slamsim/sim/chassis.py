@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -22,13 +22,12 @@ from slamsim.sim.describe import urdf_text, weld_fixed_joints
 from slamsim.sim.robot import WHEEL_JOINTS, RobotModel
 from slamsim.sim.specimen import spring_joint, spring_link
 from slamsim.sim.springs import Springs, refuse_unstable
+from slamsim.sim.urdf import Description
 from slamsim.sim.validate import rolling_links
 from slamsim.types import FloatArray
 
 BODY_CONTACT_M = 0.001
 """The body's contacts further apart than this, which the engine's reach finds, are not solved."""
-STUCK_N_M = 1e3
-"""Torque that holds a support which does not roll."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,7 +71,7 @@ def _load_body(client: int, robot: RobotModel, start_pose: FloatArray) -> int:
     x_m, y_m, yaw_rad = (float(value) for value in start_pose)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "robot.urdf"
-        path.write_text(urdf_text(weld_fixed_joints(robot.body)), encoding="utf-8")
+        path.write_text(urdf_text(_reduced(robot)), encoding="utf-8")
         return int(
             pybullet.loadURDF(
                 str(path),
@@ -84,6 +83,19 @@ def _load_body(client: int, robot: RobotModel, start_pose: FloatArray) -> int:
                 physicsClientId=client,
             )
         )
+
+
+def _reduced(robot: RobotModel) -> Description:
+    """What can move, or has a friction of its own: supports that do not roll are links that are
+    fixed, for a motor that holds so light a ball would converge slowly."""
+    welded = weld_fixed_joints(robot.body)
+    if robot.supports_roll:
+        return welded
+    supports = set(rolling_links(robot.body)) - {
+        joint.child for joint in robot.body.joints if joint.name in WHEEL_JOINTS
+    }
+    joints = (replace(j, kind="fixed") if j.child in supports else j for j in welded.joints)
+    return replace(welded, joints=tuple(joints))
 
 
 def _prepare(
@@ -110,7 +122,7 @@ def _prepare(
     left, right = (joint_index[name] for name in WHEEL_JOINTS)
     wheels = left, right
     feet = _feet(robot, link_index, wheels)
-    _fit_wheels(client, body, robot, feet, wheels)
+    _fit_wheels(client, body, robot, wheels)
     centre_m, quat_xyzw = pybullet.getDynamicsInfo(body, -1, client)[3:5]
     T_base_com = se3_from_parts(matrix_from_xyzw(np.array(quat_xyzw)), np.array(centre_m))
     step = _step(client, body, robot, joint_index, step_s)
@@ -132,30 +144,18 @@ def _feet(
     )
 
 
-def _fit_wheels(
-    client: int, body: int, robot: RobotModel, feet: tuple[Foot, ...], wheels: tuple[int, int]
-) -> None:
-    """Tyres that grip differently across their direction, rotors, supports that are stuck."""
-    for foot in feet:
-        if foot.link in wheels:
-            if robot.lateral_friction_ratio != 1.0:
-                pybullet.changeDynamics(
-                    body,
-                    foot.link,
-                    anisotropicFriction=[1.0, robot.lateral_friction_ratio, 1.0],
-                    physicsClientId=client,
-                )
-            if robot.motor.rotor_inertia_kg_m2 > 0.0:
-                _add_rotor(client, body, foot.link, robot.motor.rotor_inertia_kg_m2)
-        elif not robot.supports_roll:
-            pybullet.setJointMotorControl2(
+def _fit_wheels(client: int, body: int, robot: RobotModel, wheels: tuple[int, int]) -> None:
+    """Tyres that grip differently across their direction, rotors."""
+    for wheel in wheels:
+        if robot.lateral_friction_ratio != 1.0:
+            pybullet.changeDynamics(
                 body,
-                foot.link,
-                pybullet.VELOCITY_CONTROL,
-                targetVelocity=0.0,
-                force=STUCK_N_M,
+                wheel,
+                anisotropicFriction=[1.0, robot.lateral_friction_ratio, 1.0],
                 physicsClientId=client,
             )
+        if robot.motor.rotor_inertia_kg_m2 > 0.0:
+            _add_rotor(client, body, wheel, robot.motor.rotor_inertia_kg_m2)
 
 
 def _add_rotor(client: int, body: int, wheel: int, inertia_kg_m2: float) -> None:
