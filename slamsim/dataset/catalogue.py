@@ -17,12 +17,12 @@ import pyarrow.compute as pc
 from slamsim.config.dump import dump_commented_yaml
 from slamsim.dataset.card import data_card, licence_text
 from slamsim.dataset.identity import IDENTITY
-from slamsim.dataset.manifest import MANIFEST, manifest
+from slamsim.dataset.manifest import MANIFEST, joined, manifest
 from slamsim.dataset.preview import contact_sheet
 from slamsim.dataset.recipe import Recipe
 from slamsim.dataset.shard import MADE, shard_path
 from slamsim.dataset.statistics import statistics
-from slamsim.dataset.store import Store
+from slamsim.dataset.store import READERS, Store
 from slamsim.dataset.sums import SUMS, SumsDamaged, read_sums, sums_text
 from slamsim.dataset.table import table_from_parquet, table_to_parquet
 from slamsim.dataset.versions import versions
@@ -30,9 +30,8 @@ from slamsim.dataset.versions import versions
 RECIPE, STATISTICS = "recipe.yaml", "statistics.json"
 
 _WORLDS_SHOWN = 6
-
-_READERS = 16
-"""An object store answers slowly, but many at a time."""
+_AT_ONCE = 256
+"""So many shards, of perhaps fifty thousand, are in memory at a time."""
 
 
 def write_catalogue(store: Store, recipe: Recipe, count: int) -> None:
@@ -41,13 +40,19 @@ def write_catalogue(store: Store, recipe: Recipe, count: int) -> None:
     count: of the sequences. Raises what the store raises, and ValueError for a damaged shard.
     """
     shards = [shard_path(number) for number in range(-(-count // recipe.shard_sequences))]
-    paths = (IDENTITY, *shards)
-    with ThreadPoolExecutor(_READERS) as readers:
-        given = dict(zip(paths, readers.map(partial(_read, store), paths), strict=True))
-    if _is_right(store, given):
+    hashes = {IDENTITY: _sha256(_read(store, IDENTITY))}
+    parts = list[pa.Table]()
+    with ThreadPoolExecutor(READERS) as readers:
+        for first in range(0, len(shards), _AT_ONCE):
+            some = shards[first : first + _AT_ONCE]
+            tables = list[pa.Table]()
+            for path, data in zip(some, readers.map(partial(_read, store), some), strict=True):
+                hashes[path] = _sha256(data)
+                tables.append(table_from_parquet(data))
+            parts.append(joined(tables))
+    if _is_right(store, hashes):
         return
-    table = manifest([table_from_parquet(given[path]) for path in shards], versions())
-    hashes = {path: _sha256(data) for path, data in given.items()}
+    table = manifest(parts, versions())
     for path, data in catalogue_files(recipe, table):
         store.write(path, data)
         hashes[path] = _sha256(data)
@@ -78,14 +83,14 @@ def _read(store: Store, path: str) -> bytes:
     return data
 
 
-def _is_right(store: Store, given: Mapping[str, bytes]) -> bool:
+def _is_right(store: Store, given: Mapping[str, str]) -> bool:
     """Whether all that the sums tell of is so, and they tell of all that is given."""
     try:
         hashes = read_sums(store.read(SUMS) or b"")
     except SumsDamaged:
         return False
     return given.keys() <= hashes.keys() and all(
-        _sha256(given.get(path) or store.read(path) or b"") == sha256
+        (given.get(path) or _sha256(store.read(path) or b"")) == sha256
         for path, sha256 in hashes.items()
     )
 

@@ -31,11 +31,28 @@ def manifest(shards: Sequence[pa.Table], versions: Mapping[str, str]) -> pa.Tabl
     shards: in the order of their sequences. A column that only some of them have is null in the
     others; numbers and texts in one column become texts.
     """
-    names = _in_order(dict.fromkeys(name for shard in shards for name in shard.column_names))
-    columns = {name: _joined(name, shards) for name in names}
+    whole = joined(shards)
+    columns = {name: _column(name, whole) for name in _in_order(whole.column_names)}
     software = ", ".join(f"{name} {version}" for name, version in versions.items())
-    rows = sum(shard.num_rows for shard in shards)
-    return pa.table({**columns, "versions": pa.array([software] * rows, pa.string())})
+    return pa.table({**columns, "versions": pa.repeat(software, whole.num_rows)})
+
+
+def joined(shards: Sequence[pa.Table]) -> pa.Table:
+    """The rows of all shards, one after the other, columns in the order of first appearance."""
+    if not shards:
+        return pa.table({})
+    try:
+        return pa.concat_tables(shards, promote_options="default").combine_chunks()
+    except pa.ArrowTypeError:  # numbers and texts in one column
+        names = dict.fromkeys(name for shard in shards for name in shard.column_names)
+        return pa.table({name: _joined(name, shards) for name in names})
+
+
+def _column(name: str, table: pa.Table) -> pa.ChunkedArray:
+    kind = _kind(name, (table,))
+    if name not in table.column_names:
+        return pa.chunked_array([pa.nulls(table.num_rows, kind)])
+    return table.column(name).cast(kind)
 
 
 def _in_order(names: Iterable[str]) -> list[str]:

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
+from threading import RLock
 from typing import Any, BinaryIO
 
 from fsspec.core import url_to_fs
@@ -16,6 +17,7 @@ from fsspec.implementations.local import LocalFileSystem
 from slamsim.safe.errors import SlamsimError
 
 _PART_BYTES = 1 << 20
+_ONE_AT_A_TIME = RLock()
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,7 +33,7 @@ class Place:
     def open(self, path: str) -> Iterator[BinaryIO]:
         """A file that can be searched. Raises FileNotFoundError if there is none."""
         files, root = _reached(self.address)
-        with self._told(), files.open(f"{root}/{path}", "rb") as file:
+        with self._told(), turn(files), files.open(f"{root}/{path}", "rb") as file:
             yield file
 
     def read(self, path: str) -> bytes | None:
@@ -59,7 +61,7 @@ class Place:
         files, root = _reached(self.address)
         where = f"{root}/{folder}".rstrip("/")
         try:
-            with self._told():
+            with self._told(), turn(files):
                 found = files.ls(where, detail=False)
         except (FileNotFoundError, NotADirectoryError):
             return frozenset()
@@ -70,7 +72,7 @@ class Place:
         """Every file below a folder, relative to it, sorted."""
         files, root = _reached(self.address)
         where = f"{root}/{folder}".rstrip("/")
-        with self._told():
+        with self._told(), turn(files):
             found = files.find(where)
         return tuple(sorted(path[len(where) + 1 :] for path in found))
 
@@ -92,6 +94,12 @@ def _reached(address: str) -> tuple[Any, str]:
         return LocalFileSystem(), str(Path(address).resolve())
     except (OSError, ValueError, RuntimeError) as error:
         raise SlamsimError(f"{address!r} cannot be read: {error}") from None
+
+
+def turn(files: Any) -> AbstractContextManager[Any]:
+    """Held while a file system is used: threads that share an SSH connection wait for ever."""
+    is_shared = files.async_impl or isinstance(files, LocalFileSystem)
+    return nullcontext() if is_shared else _ONE_AT_A_TIME
 
 
 @lru_cache(maxsize=8)

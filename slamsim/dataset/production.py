@@ -5,9 +5,12 @@ from __future__ import annotations
 import time
 from collections import Counter, deque
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, CancelledError, wait
+from concurrent.futures import FIRST_COMPLETED, CancelledError, ThreadPoolExecutor, wait
 from dataclasses import dataclass
 from datetime import UTC, datetime
+
+import pyarrow as pa
+import pyarrow.compute as pc
 
 from slamsim.dataset.engines.base import Answer, Engine
 from slamsim.dataset.shard import (
@@ -20,8 +23,8 @@ from slamsim.dataset.shard import (
     failed_row,
     shard_path,
 )
-from slamsim.dataset.store import Store
-from slamsim.dataset.table import rows_from_parquet, rows_to_parquet
+from slamsim.dataset.store import READERS, Store
+from slamsim.dataset.table import rows_to_parquet, table_from_parquet, table_to_parquet
 from slamsim.dataset.versions import versions
 from slamsim.dataset.watch import Watch
 from slamsim.safe.errors import SlamsimError
@@ -132,24 +135,30 @@ class Production:
         """Indices by shard; what failed before is tried again."""
         there = self._store.names("shards")
         size, missing = self._order.shard_sequences, []
-        for shard, first in enumerate(range(0, self._order.count, size)):
-            indices = range(first, min(first + size, self._order.count))
-            path = shard_path(shard)
-            known = self._known(path) if path.removeprefix("shards/") in there else {}
-            if lacking := tuple(index for index in indices if index not in known):
-                self._shards[shard] = known
-                missing.append(lacking)
+        starts = range(0, self._order.count, size)
+        paths = [shard_path(shard) for shard in range(len(starts))]
+        found = (path if path.removeprefix("shards/") in there else None for path in paths)
+        with ThreadPoolExecutor(READERS) as readers:
+            for shard, table in enumerate(readers.map(self._whole, found)):
+                indices = range(starts[shard], min(starts[shard] + size, self._order.count))
+                if table is not None and _tells_all_made(table, indices):
+                    continue
+                known = _made_rows(table)
+                if lacking := tuple(index for index in indices if index not in known):
+                    self._shards[shard] = known
+                    missing.append(lacking)
         return missing
 
-    def _known(self, path: str) -> dict[int, Row]:
-        data = self._store.read(path)
+    def _whole(self, path: str | None) -> pa.Table | None:
+        """What a shard tells, if it is there and every byte of it as it was written."""
+        data = path and self._store.read(path)
+        if not data:
+            return None
         try:
-            rows = rows_from_parquet(data or b"")
+            table = table_from_parquet(data)
         except ValueError:  # cut while it was written
-            return {}
-        if rows_to_parquet(rows) != data:  # a byte in it has changed
-            return {}
-        return {int(str(row["index"])): row for row in rows if row["status"] == MADE}
+            return None
+        return table if table_to_parquet(table) == data else None
 
     def _batches(self, missing: list[tuple[int, ...]], left: int) -> Iterator[tuple[int, ...]]:
         """Tasks that grow smaller towards the end, each within one shard."""
@@ -256,3 +265,14 @@ class Production:
         for shard, lines in self._log.items():
             self._store.append(f"logs/{shard:05d}.log", "".join(lines))
         self._log.clear()
+
+
+def _tells_all_made(shard: pa.Table, indices: range) -> bool:
+    """Without making a Python object of every cell."""
+    is_made = pc.all(pc.equal(shard["status"], MADE)).as_py()
+    return bool(is_made) and shard["index"].to_pylist() == list(indices)
+
+
+def _made_rows(shard: pa.Table | None) -> dict[int, Row]:
+    rows = [] if shard is None else shard.to_pylist()
+    return {int(str(row["index"])): row for row in rows if row["status"] == MADE}

@@ -16,6 +16,7 @@ from typing import Any, TypeVar
 
 from fsspec.core import url_to_fs
 
+from slamsim.dataset.place import turn
 from slamsim.dataset.store import MARK, StoreFailed
 from slamsim.safe.errors import Locked, SlamsimError
 
@@ -164,11 +165,13 @@ class RemoteStore:
     def _tried(self, act: Callable[[], _Result]) -> _Result:
         for pause_s in _PAUSES_S:
             try:
-                return act()
+                with turn(self._files):
+                    return act()
             except Exception:
                 time.sleep(pause_s)
         try:
-            return act()
+            with turn(self._files):
+                return act()
         except Exception as error:
             raise self._failed(error) from error
 

@@ -32,6 +32,9 @@ from slamsim.safe.output import (
 MARK = "sequence.json"
 """The file of a sequence that is written last."""
 
+READERS = 16
+"""An object store answers slowly, but many at a time."""
+
 _WORK, _WORKERS_LOCK = ".partial", "lock"
 _ORPHANS_END_S = 10.0
 """So long a run waits for the workers of one that was killed; they are killed with it, but a
