@@ -18,12 +18,14 @@ def number(row: Row, key: str) -> float:
 
 def column(outcomes: Sequence[Outcome], key: str) -> FloatArray:
     """(n,) the same number of every row; nan where a row has none."""
-    values = (one.values[key] for one in outcomes)
+    values = (one.values.get(key) for one in outcomes)
     return np.array([np.nan if value is None else cast(float, value) for value in values])
 
 
 def having(outcomes: Sequence[Outcome], **wanted: object) -> list[Outcome]:
     """Those whose rows say exactly this."""
     return [
-        one for one in outcomes if all(one.values[key] == value for key, value in wanted.items())
+        one
+        for one in outcomes
+        if all(one.values.get(key) == value for key, value in wanted.items())
     ]
