@@ -6,6 +6,7 @@ through; what a finite and thin wall would let pass shows as a deep penetration.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from functools import partial
 
@@ -110,7 +111,8 @@ def _motions(config: CollisionConfig, drop: Drop) -> tuple[Motion, ...]:
 
 
 def _faces(slope_deg: float, length_m: float) -> tuple[Motion, ...]:
-    """Squares in the four planes, from the lowest point of the pyramid upwards."""
+    """Rectangles in the four planes, from the lowest point up to where their edges meet."""
+    width_m = 2.0 * length_m * math.cos(math.radians(slope_deg))
     faces = []
     for number, normal in enumerate(face_normals(slope_deg), start=1):
         along = np.cross(normal, np.cross([0.0, 0.0, 1.0], normal))
@@ -118,7 +120,7 @@ def _faces(slope_deg: float, length_m: float) -> tuple[Motion, ...]:
         rotation = np.column_stack([along, np.cross(normal, along), normal])
         centre_m: FloatArray = along * length_m / 2 - normal * FACE_M / 2
         pose = Trajectory(np.zeros(1, np.int64), centre_m[None], xyzw_from_matrix(rotation)[None])
-        faces.append(Motion(f"face {number}", Solid("box", (length_m, length_m, FACE_M)), pose))
+        faces.append(Motion(f"face {number}", Solid("box", (length_m, width_m, FACE_M)), pose))
     return tuple(faces)
 
 

@@ -55,6 +55,9 @@ def _lead(config: StackingConfig, standard: Sequence[Row]) -> str:
     if missing:
         steps = ", ".join(f"{row['step_s']:g}" for row in missing)
         lead += f" None of up to {config.max_boxes} collapses at {steps} s."
+    slid = _median(_known(standard, "slid"))
+    if slid is not None:
+        lead += f" Offsets between neighbours are {100 * slid:.1f} % of the top's way to the side."
     return lead
 
 

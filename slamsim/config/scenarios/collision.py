@@ -47,5 +47,5 @@ class CollisionConfig(Config):
         }
     )
     """Other settings, to be compared at other_steps_s."""
-    other_steps_s: Steps = (0.002, 0.004, 0.006, 0.010, 0.014, 0.020, 0.030)
+    other_steps_s: Steps = (0.003, 0.006, 0.010, 0.014, 0.020, 0.030)
     """Time steps at which the settings are compared, also the first."""
