@@ -9,76 +9,35 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scripted import (
+    FREE,
+    HALF_TRACK_M,
+    RADIUS_M,
+    RATE_HZ,
+    ROTOR_KG_M2,
+    SPRING,
+    G,
+    gain,
+    loads_n,
+    mean,
+    play,
+    robot,
+    rolling_mass_kg,
+    whole,
+)
 
-from slamsim.config.drive import PhysicsConfig
 from slamsim.config.robot import (
     DriveWheelsConfig,
-    MotorConfig,
-    RobotConfig,
-    SupportWheelsConfig,
     SuspensionConfig,
-    VariationConfig,
 )
 from slamsim.geometry import yaw_from_xyzw
 from slamsim.safe.errors import SlamsimError
 from slamsim.sim.ground import Block, Ground
-from slamsim.sim.inertia import Inertial, join
-from slamsim.sim.robot import RobotModel, build_robot
-from slamsim.sim.script import Command, ScriptedRun, read_encoders, scripted_run
-from slamsim.sim.specimen import drawn_robot
-from slamsim.types import GRAVITY_M_S2 as G
-from slamsim.types import FloatArray
+from slamsim.sim.inertia import Inertial
+from slamsim.sim.robot import RobotModel
+from slamsim.sim.script import Command, read_encoders
 from slamsim.wheels import wheel_odometry
 from slamsim.world.model import FloorPatch
-
-PHYSICS = PhysicsConfig(solver_iterations=20)
-RATE_HZ = 240
-ROTOR_KG_M2 = 0.0012
-RADIUS_M, HALF_TRACK_M = 0.0352, 0.115
-FRONT_M, REAR_M = 0.115, 0.135
-SPRING = SuspensionConfig()
-FREE = {"kind": "pid", "pid_proportional": 0.0, "pid_integral": 0.0}
-PROPORTIONAL = {"kind": "pid", "pid_proportional": 0.2, "pid_integral": 0.0}
-
-
-def robot(
-    wheels: dict[str, object] | None = None,
-    supports: dict[str, object] | None = None,
-    motor: dict[str, object] | None = None,
-) -> RobotModel:
-    config = RobotConfig(
-        drive_wheels=DriveWheelsConfig(**wheels or {}),  # type: ignore[arg-type]
-        support_wheels=SupportWheelsConfig(**supports or {}),  # type: ignore[arg-type]
-        motor=MotorConfig(**{"rotor_inertia_kg_m2": ROTOR_KG_M2, **(motor or {})}),  # type: ignore[arg-type]
-    )
-    return build_robot(config)
-
-
-def whole(model: RobotModel) -> Inertial:
-    placed = model.body.placements()
-    links = model.body.links.items()
-    return join([link.inertial.seen_from(placed[n]) for n, link in links if link.inertial])
-
-
-def rolling_mass_kg(model: RobotModel) -> float:
-    """The mass and what everything that turns while it rolls adds to it."""
-    wheel = 0.5 * 0.1 + model.motor.rotor_inertia_kg_m2 / RADIUS_M**2
-    return whole(model).mass_kg + 2.0 * wheel + 2.0 * 0.4 * 0.02
-
-
-def play(model: RobotModel, ground: Ground, *commands: Command, **options: object) -> ScriptedRun:
-    return scripted_run(model, ground, commands, PHYSICS, **options)  # type: ignore[arg-type]
-
-
-def gain(run: ScriptedRun, begin_s: float, end_s: float) -> FloatArray:
-    """(3,) mean acceleration between two instants."""
-    first, last = round(begin_s * RATE_HZ), round(end_s * RATE_HZ)
-    velocity = run.drive.linear_velocity_m_s
-    return np.asarray((velocity[last] - velocity[first]) / (end_s - begin_s))
-
-
-def mean(values: FloatArray, begin_s: float) -> FloatArray:
-    return np.asarray(values[round(begin_s * RATE_HZ) :].mean(axis=0))
 
 
 @pytest.mark.parametrize("slope_deg", [3.0, 15.0])
@@ -148,78 +107,12 @@ def test_the_steepest_slope_is_where_the_torque_holds_the_weight(torque_n_m: flo
     assert down.drive.positions_m[-1, 0] < -0.2
 
 
-@settings(max_examples=8, deadline=None)
-@given(st.floats(0.0, 0.15), st.floats(0.8, 1.25), st.floats(0.15, 0.4))
-def test_gear_friction_over_gain_is_what_a_proportional_motor_lacks(
-    friction_n_m: float, ratio: float, speed_m_s: float
-) -> None:
-    gears = {"gear_friction_n_m": friction_n_m, "gear_friction_ratio": ratio}
-    model = robot(supports={"friction": 0.0}, motor={**PROPORTIONAL, **gears})
-    run = play(model, Ground(), Command(3.0, speed_m_s))
-    turning = mean(run.drive.wheel_speeds_rad_s, 2.8)
-    lacking = np.array(model.motor.gear_frictions_n_m) / 0.2
-    np.testing.assert_allclose(turning, speed_m_s / RADIUS_M - lacking, atol=0.005)
-
-
-def test_too_little_torque_does_not_overcome_gear_friction() -> None:
-    model = robot(motor={**PROPORTIONAL, "gear_friction_n_m": 0.2})
-    run = play(model, Ground(), Command(2.0, 0.034))
-    assert np.abs(run.drive.positions_m[-1]).max() < 1e-3
-
-
-@pytest.mark.parametrize("kind", ["velocity", "pid"])
-def test_gear_friction_holds_or_hinders(kind: str) -> None:
-    """On a slope it adds to the motor's torque at rest, and is lost from it on the way up."""
-    strength = {"kind": kind, "max_torque_n_m": 0.2, "gear_friction_n_m": 0.1}
-    model = robot({"suspension": SPRING}, motor=strength)
-    weight_n = whole(model).mass_kg * G
-
-    def steepest(torque_n_m: float) -> float:
-        return math.asin(2.0 * torque_n_m / RADIUS_M / weight_n)
-
-    held = play(model, Ground(steepest(0.27)), Command(2.0, 0.0))
-    assert abs(held.drive.linear_velocity_m_s[-1, 0]) < 0.005
-    assert play(model, Ground(steepest(0.08)), Command(3.0, 0.2)).drive.positions_m[-1, 0] > 0.1
-    assert play(model, Ground(steepest(0.13)), Command(3.0, 0.2)).drive.positions_m[-1, 0] < 0.1
-
-
-@pytest.mark.parametrize("load", [0.2, 0.5])
-def test_the_torque_of_a_dc_motor_falls_with_its_speed(load: float) -> None:
-    """Up a slope it turns as fast as its line has the torque for, from a voltage that sags."""
-    line = {"max_torque_n_m": 0.5, "no_load_speed_rad_s": 10.0}
-    for sag, voltage in ((0.0, 1.0), (1.0, 1.0 - 3.9 / 60.0)):
-        model = robot({"suspension": SPRING}, motor={**line, "battery_sag_per_min": sag})
-        slope = math.asin(load * 0.5 * 2.0 / RADIUS_M / (whole(model).mass_kg * G))
-        run = play(model, Ground(slope), Command(4.0, 1.0))
-        turning = mean(run.drive.wheel_speeds_rad_s, 3.8)
-        np.testing.assert_allclose(turning, 10.0 * (voltage - load), rtol=0.02)
-
-
-def test_a_sagging_battery_weakens_the_gain() -> None:
-    sag = {**PROPORTIONAL, "gear_friction_n_m": 0.1, "battery_sag_per_min": 1.0}
-    run = play(robot(motor=sag), Ground(), Command(12.0, 0.3))
-    lacking = 0.1 / (0.2 * (1.0 - 11.9 / 60.0))
-    turning = mean(run.drive.wheel_speeds_rad_s, 11.8)
-    np.testing.assert_allclose(turning, 0.3 / RADIUS_M - lacking, atol=0.005)
-
-
-def _loads_n(model: RobotModel, slope: float) -> tuple[float, float, float]:
-    """(both drive wheels, front, rear) by the balance of forces and of moments."""
-    body, cos, sin = whole(model), math.cos(slope), math.sin(slope)
-    wheels_n = 2.0 * (SPRING.preload_n + 0.1 * G * cos)
-    weight_n = body.mass_kg * G
-    moment_n_m = weight_n * (float(body.centre_m[0]) * cos - float(body.centre_m[2]) * sin)
-    supports_n = weight_n * cos - wheels_n
-    front_n = (moment_n_m + REAR_M * supports_n) / (FRONT_M + REAR_M)
-    return wheels_n, front_n, supports_n - front_n
-
-
 @pytest.mark.parametrize("slope_deg", [-6.0, 0.0, 6.0])
 def test_sprung_wheels_carry_what_statics_gives_them(slope_deg: float) -> None:
     model = robot({"suspension": SPRING})
     run = play(model, Ground(math.radians(slope_deg)), Command(1.5, 0.0), forces=True)
     assert run.forces is not None
-    wheels_n, front_n, rear_n = _loads_n(model, math.radians(slope_deg))
+    wheels_n, front_n, rear_n = loads_n(model, math.radians(slope_deg))
     np.testing.assert_allclose(mean(run.forces.wheel_load_n, 1.0), 0.5 * wheels_n, rtol=0.01)
     supports_n = mean(run.forces.support_load_n, 1.0)
     np.testing.assert_allclose(supports_n, [front_n, rear_n], rtol=0.02, atol=0.05)
@@ -287,7 +180,7 @@ def test_on_the_spot_low_friction_turns_the_robot_no_faster() -> None:
         {"suspension": SPRING, "friction": friction}, {"friction": 0.0}, {"kind": "ideal"}
     )
     run = play(model, Ground(), Command(0.5, 0.0, 5.0))
-    moment_n_m = friction * _loads_n(model, 0.0)[0] * HALF_TRACK_M
+    moment_n_m = friction * loads_n(model, 0.0)[0] * HALF_TRACK_M
     expected = moment_n_m / whole(model).inertia_kg_m2[2, 2]
     turned = run.drive.angular_velocity_rad_s[:, 2]
     assert (turned[108] - turned[12]) / 0.4 == pytest.approx(expected, rel=0.03)
@@ -356,25 +249,6 @@ def test_a_hand_holds_a_sprung_robot_and_its_front_rises() -> None:
     assert raised_deg(None) < 0.2
 
 
-def test_a_variation_draws_each_quantity_by_itself() -> None:
-    still = RobotConfig()
-    assert drawn_robot(still, 7) == still
-    varied = RobotConfig(
-        variation=VariationConfig(radius=0.01, track=0.02),
-        motor=MotorConfig(gear_friction_n_m=0.1),
-    )
-    drawn = [drawn_robot(varied, seed) for seed in range(200)]
-    assert drawn[3] == drawn_robot(varied, 3)
-    radii = np.log([one.drive_wheels.radius_scale for one in drawn])
-    tracks = np.log([one.drive_wheels.track_scale for one in drawn])
-    assert np.std(radii) == pytest.approx(0.01, rel=0.2)
-    assert np.std(tracks) == pytest.approx(0.02, rel=0.2)
-    assert abs(np.corrcoef(radii, tracks)[0, 1]) < 0.25
-    assert {one.motor.gear_friction_n_m for one in drawn} == {0.1}
-    other = varied.model_copy(update={"variation": VariationConfig(radius=0.01)})
-    assert drawn_robot(other, 3).drive_wheels.radius_scale == drawn[3].drive_wheels.radius_scale
-
-
 @pytest.mark.parametrize(
     "wrong",
     [
@@ -394,20 +268,16 @@ def test_what_cannot_be_is_refused(wrong: object) -> None:
         wrong()  # type: ignore[operator]
 
 
-@settings(max_examples=15, deadline=None)
-@given(
-    mass=st.floats(1e-6, 1e6),
-    inertia=st.floats(1e-12, 1e6),
-    torque=st.floats(1e-6, 1000.0),
-    speed=st.floats(-1e4, 1e4),
-)
+@settings(max_examples=30, deadline=None)
+@given(st.floats(-30.0, 30.0), st.floats(-60.0, 60.0), st.floats(-1e4, 1e4))
 def test_physics_that_bursts_ends_with_a_reason(
-    mass: float, inertia: float, torque: float, speed: float
+    mass_power: float, inertia_power: float, speed: float
 ) -> None:
     """Wheels as no validation lets them pass: it ends early and says why, or gives numbers."""
-    model = robot(motor={"max_torque_n_m": torque})
+    model = robot(motor={"max_torque_n_m": 1000.0})
+    body = Inertial(10.0**mass_power, np.zeros(3), 10.0**inertia_power * np.eye(3))
     burst = {
-        name: replace(link, inertial=Inertial(mass, np.zeros(3), inertia * np.eye(3)))
+        name: replace(link, inertial=body)
         for name, link in model.body.links.items()
         if name.startswith("wheel")
     }

@@ -222,12 +222,13 @@ class _Watch:
             body for body, b in zip(engine.walls, ground.blocks, strict=True) if b.mass_kg > 0.0
         ]
         self._poses, self._felt = array("d"), array("d")
-        self._hand = ground.hand_height_m and _Hand(engine, ground.hand_height_m)
+        height_m = ground.hand_height_m
+        self._hand = None if height_m is None else _Hand(engine, height_m)
         links = [*engine.wheels, *(f.link for f in engine.feet if f.link not in engine.wheels)]
         self._column = {link: column for column, link in enumerate(links[:4])}
 
     def hand_and_blocks(self) -> None:
-        if self._hand:
+        if self._hand is not None:
             self._hand.hold()
         for body in self._free:
             position, quaternion = pybullet.getBasePositionAndOrientation(body, self._engine.client)
