@@ -23,6 +23,7 @@ table.verdicts { width: 100%; }
 .verdicts .mark { width: 1.6rem; padding-right: 0.5rem; font-weight: 700; text-align: center; }
 .yes { color: var(--yes); } .no { color: var(--no); } .open { color: var(--soft); }
 .verdicts a { color: inherit; text-decoration-color: var(--line); text-underline-offset: 0.2em; }
+main td:first-child { white-space: normal; }
 .dots { white-space: nowrap; letter-spacing: 0.1em; }
 .charts { display: grid; gap: 1rem; margin-top: 1rem;
   grid-template-columns: repeat(auto-fit, minmax(min(400px, 100%), 1fr)); }
