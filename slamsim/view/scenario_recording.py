@@ -45,7 +45,10 @@ def write_scenes(path: Path, result: ScenarioResult) -> None:
 
 def _log_scene(recording: rr.RecordingStream, root: str, scene: Scene) -> None:
     colours = cycle(_LOOSE)
+    _log_fixed_boxes(recording, f"{root}/fixed", [m for m in scene.motions if _is_fixed_box(m)])
     for k, motion in enumerate(scene.motions):
+        if _is_fixed_box(motion):
+            continue
         entity = f"{root}/{rr.escape_entity_path_part(f'{k} {motion.name}')}"
         if len(motion.T_map_body) < 2:
             colour = NEUTRAL
@@ -56,6 +59,24 @@ def _log_scene(recording: rr.RecordingStream, root: str, scene: Scene) -> None:
             colour = next(colours)
         recording.log(entity, *_shape(motion.solid, colour), static=True)
         _log_motion(recording, entity, motion)
+
+
+def _is_fixed_box(motion: Motion) -> bool:
+    return motion.solid.kind == "box" and len(motion.T_map_body) == 1
+
+
+def _log_fixed_boxes(recording: rr.RecordingStream, entity: str, boxes: Sequence[Motion]) -> None:
+    """Walls and floors, which may be hundreds, as one."""
+    if not boxes:
+        return
+    shown = rr.Boxes3D(
+        centers=[box.T_map_body.positions_m[0] for box in boxes],
+        half_sizes=[0.5 * np.array(box.solid.size_m) for box in boxes],
+        quaternions=[rr.Quaternion(xyzw=box.T_map_body.quats_xyzw[0]) for box in boxes],
+        colors=rgb(NEUTRAL),
+        fill_mode=rr.components.FillMode.Solid,
+    )
+    recording.log(entity, shown, static=True)
 
 
 def _shape(solid: Solid, colour: str) -> list[rr.AsComponents]:
