@@ -7,12 +7,15 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from io import BytesIO
+from textwrap import wrap
 
 import numpy as np
 from matplotlib import rc_context
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from slamsim.evaluate.grid import cell_centres, occupied
 from slamsim.scenarios.base import Chart, Series, Who
@@ -29,19 +32,24 @@ _COLOURS: dict[Who, str] = {
     "theory": PAGE_INK,
 }
 _MARKERS: dict[Who, str] = {
-    "slamsim": "o",
+    "slamsim": "osD^vPX",
     "unity": "s",
     "gazebo": "^",
     "reality": "D",
     "theory": "x",
 }
+"""Of several of ours each has its own; the first is that of a single one."""
 _HEIGHTS: dict[Who, float] = {"slamsim": 3.0, "theory": 3.5}
 """Thin and dashed, theory is seen above what agrees with it."""
-_LIGHTEST, _DARKEST = 0.74, 0.34
+_LIGHTNESS, _HUES, _MOST_SATURATED = (0.42, 0.62), (-0.04, 0.08), 0.75
+"""Between these lightnesses, and so far apart in hue, lie several series of one, from
+cyan to indigo for ours: seen on white as on black."""
 _DASHES = ((0, (4, 2)), (0, (1, 1.5)), (0, (6, 2, 1, 2)))
 _MAX_POINTS = 2000
 _STRAY = 0.005
 """Share of a map's walls on each side that is not looked at."""
+_LABEL_WIDTH = 38
+_FEW_DECADES = 2.0
 _PNG_DPI = 160
 
 
@@ -95,7 +103,7 @@ def chart_png(chart: Chart) -> bytes:
 
 
 def looks_of(chart: Chart) -> tuple[Look, ...]:
-    """Series of one and the same differ in shade from light to dark, points in being hollow."""
+    """Series of one and the same differ in shade and marker, points also in being hollow."""
     of_all = Counter(series.who for series in chart.series)
     before: Counter[Who] = Counter()
     looks = []
@@ -107,21 +115,22 @@ def looks_of(chart: Chart) -> tuple[Look, ...]:
 
 
 def _look(series: Series, k: int, of: int) -> Look:
-    ink = series.who == "theory"
+    ink, markers = series.who == "theory", _MARKERS[series.who]
     dash = _DASHES[k % len(_DASHES)] if ink else _DASHES[0] if series.dashed else None
     return Look(
         colour=_COLOURS[series.who] if ink or of == 1 else _shade(_COLOURS[series.who], k, of),
         line=series.kind in ("line", "line+points"),
         dash=dash,
-        marker="" if series.kind == "line" else _MARKERS[series.who],
+        marker="" if series.kind == "line" else markers[k % len(markers)],
         hollow=series.kind == "points" and k % 2 == 1,
     )
 
 
 def _shade(colour: str, k: int, of: int) -> str:
     hue, _, saturation = colorsys.rgb_to_hls(*(part / 255 for part in rgb(colour)))
-    lightness = _LIGHTEST + (_DARKEST - _LIGHTEST) * k / (of - 1)
-    parts = colorsys.hls_to_rgb(hue, lightness, saturation)
+    at = k / (of - 1)
+    lightness, turned = (low + (high - low) * at for low, high in (_LIGHTNESS, _HUES))
+    parts = colorsys.hls_to_rgb((hue + turned) % 1.0, lightness, min(saturation, _MOST_SATURATED))
     return "#" + "".join(f"{round(255 * part):02x}" for part in parts)
 
 
@@ -133,9 +142,9 @@ def _size(chart: Chart) -> tuple[float, float]:
 
 def _draw(axes: Axes, chart: Chart) -> tuple[Look, ...]:
     looks = looks_of(chart)
-    for axis, logarithmic in (("x", chart.logarithmic[0]), ("y", chart.logarithmic[1])):
+    for name, logarithmic in zip("xy", chart.logarithmic, strict=True):
         if logarithmic:
-            axes.set(**{f"{axis}scale": "log"})
+            axes.set(**{f"{name}scale": "log"})
     for series, look in zip(chart.series, looks, strict=True):
         if series.kind == "boxes" and series.spread is not None:
             _draw_boxes(axes, series, series.spread, look, chart.logarithmic[0])
@@ -148,9 +157,21 @@ def _draw(axes: Axes, chart: Chart) -> tuple[Look, ...]:
         axes.grid(color=NEUTRAL, alpha=0.25, linewidth=0.5)
     if chart.equal or chart.grid is not None:
         axes.set_aspect("equal", adjustable="datalim" if chart.grid is None else "box")
+    for axis, logarithmic in zip((axes.xaxis, axes.yaxis), chart.logarithmic, strict=True):
+        if logarithmic:
+            _plain_ticks(axis)
     axes.set_xlabel(_words(chart.x_label))
-    axes.set_ylabel(_words(chart.y_label))
+    axes.set_ylabel("\n".join(wrap(_words(chart.y_label), _LABEL_WIDTH)))
     return looks
+
+
+def _plain_ticks(axis: Axis) -> None:
+    """1, 2 and 5 of each decade as they are, only decades where there are many."""
+    low, high = axis.get_view_interval()
+    few = high < low * 10.0**_FEW_DECADES
+    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if few else (1.0,)))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.set_minor_formatter(NullFormatter())
 
 
 def _frame(axes: Axes, grid: Grid) -> None:

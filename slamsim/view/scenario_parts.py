@@ -23,7 +23,8 @@ table.verdicts { width: 100%; }
 .verdicts .mark { width: 1.6rem; padding-right: 0.5rem; font-weight: 700; text-align: center; }
 .yes { color: var(--yes); } .no { color: var(--no); } .open { color: var(--soft); }
 .verdicts a { color: inherit; text-decoration-color: var(--line); text-underline-offset: 0.2em; }
-main td:first-child { white-space: normal; }
+main td:first-child { white-space: normal; min-width: 6.5rem; }
+main .verdicts td.mark { min-width: 0; }
 .dots { white-space: nowrap; letter-spacing: 0.1em; }
 .charts { display: grid; gap: 1rem; margin-top: 1rem;
   grid-template-columns: repeat(auto-fit, minmax(min(400px, 100%), 1fr)); }
@@ -32,6 +33,7 @@ main td:first-child { white-space: normal; }
 .legend svg { display: inline-block; width: 28px; height: 10px; margin-right: 0.35em;
   vertical-align: middle; }
 """
+_MOST_ROWS = 12
 _MARKS = {
     True: ("yes", "✓", "holds"),
     False: ("no", "✗", "does not hold"),
@@ -66,8 +68,11 @@ def mark(holds: bool | None) -> str:
 
 
 def sheet_table(sheet: Sheet) -> str:
-    """With its title and note."""
-    return f"<h3>{escape(sheet.title)}</h3>{table(Table(sheet.header, sheet.rows), sheet.note)}"
+    """With its title and note; a long one is folded away."""
+    shown = table(Table(sheet.header, sheet.rows), sheet.note)
+    if len(sheet.rows) <= _MOST_ROWS:
+        return f"<h3>{escape(sheet.title)}</h3>{shown}"
+    return f"<details><summary>{escape(sheet.title)}</summary>{shown}</details>"
 
 
 def number_list(title: str, row: Row) -> str:
@@ -118,4 +123,7 @@ _SHAPES = {
     "^": "M14 1.5l3.8 6.8h-7.6z",
     "D": "M14 1l4 4-4 4-4-4z",
     "x": "M11 2l6 6M11 8l6-6",
+    "v": "M14 8.5l3.8-6.8h-7.6z",
+    "P": "M13 1.5h2v2.5h2.5v2h-2.5v2.5h-2v-2.5h-2.5v-2h2.5z",
+    "X": "M11 2l6 6M11 8l6-6",
 }
