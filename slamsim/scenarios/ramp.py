@@ -98,7 +98,6 @@ def climb(name: str, climbed: ClimbConfig, slope_deg: float, config: RampConfig)
             "ended_after_s": duration_s(run),
         },
         motions=(robot_motion(label, run, model),) if (name, slope_deg) in SHOWN else (),
-        arrays={"path_m": poses[:: max(config.physics.rate_hz // 20, 1), :2]},
     )
 
 
