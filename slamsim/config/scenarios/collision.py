@@ -38,7 +38,7 @@ class CollisionConfig(Config):
     """Settings of the engine for all time steps."""
     other_solvers: Solvers = Field(
         default={
-            "few_sweeps": SolverConfig(iterations=10),
+            "few_sweeps": SolverConfig(iterations=6),
             "many_sweeps": SolverConfig(iterations=200),
             "four_substeps": SolverConfig(substeps=4),
             "fast_correction": SolverConfig(contact_erp=0.5),

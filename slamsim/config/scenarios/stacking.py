@@ -35,7 +35,7 @@ class StackingConfig(Config):
     """Settings of the engine for all time steps."""
     other_solvers: Solvers = Field(
         default={
-            "few_sweeps": SolverConfig(iterations=10),
+            "few_sweeps": SolverConfig(iterations=6),
             "double_sweeps": SolverConfig(iterations=100),
             "two_substeps": SolverConfig(substeps=2),
             "fast_correction": SolverConfig(contact_erp=0.5),
