@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -49,49 +50,50 @@ def run_stack(
 
     every_s: from look to look. aftermath_s: how long to go on watching what has collapsed.
     """
-    start_m = _start_m(config, boxes, seed)
+    shape, start_m = Box(config.box_size_m), _start_m(config, boxes, seed)
     around = Surroundings(FLOOR, config.friction)
     steps = max(1, round(every_s / step_s))
     looks = math.ceil(config.duration_s / (steps * step_s) - 1e-9)
-    collapsed_s, burst, seen, stamps_s = None, False, list[_Look](), [0.0]
-    with free_bodies(
-        Box(config.box_size_m), config.box_mass_kg, start_m, around, step_s, solver
-    ) as stack:
-        seen.append(_look(stack))
+    collapsed_s: float | None = None
+    with free_bodies(shape, config.box_mass_kg, start_m, around, step_s, solver) as stack:
+        seen = [_look(stack, 0.0)]
         for look in range(1, looks + 1):
+            now_s = look * steps * step_s
             try:
                 stack.advance(steps)
-                seen.append(_look(stack))
+                seen.append(_look(stack, now_s))
             except BurstApart:
-                burst = True
-            now_s = look * steps * step_s
-            if not burst:
-                stamps_s.append(now_s)
-            if collapsed_s is None and (burst or _fallen(seen[-1].state.centres_m, config)):
+                return _told(seen, now_s if collapsed_s is None else collapsed_s, burst=True)
+            if collapsed_s is None and _fallen(seen[-1].state.centres_m, config):
                 collapsed_s = now_s
-            if burst or (collapsed_s is not None and now_s >= collapsed_s + aftermath_s):
+            if collapsed_s is not None and now_s >= collapsed_s + aftermath_s:
                 break
+    return _told(seen, collapsed_s, burst=False)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Look:
+    stamp_s: float
+    state: State
+    energy_j: float
+    load_n: float
+
+
+def _look(stack: FreeBodies, stamp_s: float) -> _Look:
+    state = stack.state()
+    return _Look(stamp_s, state, stack.energy_j(state), stack.load_n())
+
+
+def _told(seen: Sequence[_Look], collapsed_s: float | None, *, burst: bool) -> StackRun:
     return StackRun(
         collapsed_s,
-        np.array(stamps_s),
+        np.array([look.stamp_s for look in seen]),
         np.array([look.state.centres_m for look in seen]),
         np.array([look.state.quats_xyzw for look in seen]),
         np.array([look.energy_j for look in seen]),
         np.array([look.load_n for look in seen]),
         burst,
     )
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Look:
-    state: State
-    energy_j: float
-    load_n: float
-
-
-def _look(stack: FreeBodies) -> _Look:
-    state = stack.state()
-    return _Look(state, stack.energy_j(state), stack.load_n())
 
 
 def _start_m(config: StackingConfig, boxes: int, seed: int) -> FloatArray:
