@@ -10,14 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scripted import PROPORTIONAL, RADIUS_M, SPRING, G, mean, play, robot, whole
 
-from slamsim.config.robot import (
-    MotorConfig,
-    RobotConfig,
-    VariationConfig,
-)
 from slamsim.sim.ground import Ground
 from slamsim.sim.script import Command
-from slamsim.sim.specimen import drawn_robot
 
 
 @settings(max_examples=8, deadline=None)
@@ -73,22 +67,3 @@ def test_a_sagging_battery_weakens_the_gain() -> None:
     lacking = 0.1 / (0.2 * (1.0 - 11.9 / 60.0))
     turning = mean(run.drive.wheel_speeds_rad_s, 11.8)
     np.testing.assert_allclose(turning, 0.3 / RADIUS_M - lacking, atol=0.005)
-
-
-def test_a_variation_draws_each_quantity_by_itself() -> None:
-    still = RobotConfig()
-    assert drawn_robot(still, 7) == still
-    varied = RobotConfig(
-        variation=VariationConfig(radius=0.01, track=0.02),
-        motor=MotorConfig(gear_friction_n_m=0.1),
-    )
-    drawn = [drawn_robot(varied, seed) for seed in range(200)]
-    assert drawn[3] == drawn_robot(varied, 3)
-    radii = np.log([one.drive_wheels.radius_scale for one in drawn])
-    tracks = np.log([one.drive_wheels.track_scale for one in drawn])
-    assert np.std(radii) == pytest.approx(0.01, rel=0.2)
-    assert np.std(tracks) == pytest.approx(0.02, rel=0.2)
-    assert abs(np.corrcoef(radii, tracks)[0, 1]) < 0.25
-    assert {one.motor.gear_friction_n_m for one in drawn} == {0.1}
-    other = varied.model_copy(update={"variation": VariationConfig(radius=0.01)})
-    assert drawn_robot(other, 3).drive_wheels.radius_scale == drawn[3].drive_wheels.radius_scale

@@ -27,7 +27,6 @@ from scripted import (
 )
 
 from slamsim.config.robot import (
-    DriveWheelsConfig,
     SuspensionConfig,
 )
 from slamsim.geometry import yaw_from_xyzw
@@ -35,8 +34,7 @@ from slamsim.safe.errors import SlamsimError
 from slamsim.sim.ground import Block, Ground
 from slamsim.sim.inertia import Inertial
 from slamsim.sim.robot import RobotModel
-from slamsim.sim.script import Command, read_encoders
-from slamsim.wheels import wheel_odometry
+from slamsim.sim.script import Command
 from slamsim.world.model import FloorPatch
 
 
@@ -153,26 +151,6 @@ def test_a_collision_keeps_the_momentum(mass_kg: float) -> None:
     assert np.ptp(momentum[on_ice]) < 0.02 * momentum[on_ice].mean()
 
 
-@settings(max_examples=6, deadline=None)
-@given(st.floats(0.97, 1.03), st.floats(0.95, 1.05), st.floats(0.95, 1.05))
-def test_unequal_wheels_draw_the_circle_that_geometry_says(
-    ratio: float, scale: float, track: float
-) -> None:
-    """And odometry from the nominal wheels sees them drive straight."""
-    deviations = {"radius_ratio": ratio, "radius_scale": scale, "track_scale": track}
-    model = robot({"suspension": SPRING, **deviations}, {"friction": 0.0})
-    run = play(model, Ground(), Command(6.0, 0.2))
-    wheels = DriveWheelsConfig(**deviations)  # type: ignore[arg-type]
-    left_m, right_m = wheels.true_radii_m
-    assert 0.5 * (left_m + right_m) == pytest.approx(RADIUS_M * scale)
-    turning = mean(run.drive.wheel_speeds_rad_s, 1.0)
-    np.testing.assert_allclose(turning, 0.2 / RADIUS_M, rtol=1e-4)
-    expected = (right_m * turning[1] - left_m * turning[0]) / wheels.true_track_m
-    measured = mean(run.drive.angular_velocity_rad_s, 1.0)[2]
-    assert measured == pytest.approx(expected, rel=0.02, abs=2e-5)
-    assert np.abs(wheel_odometry(read_encoders(run.drive, model)).poses[-1, 1:]).max() < 0.002
-
-
 def test_on_the_spot_low_friction_turns_the_robot_no_faster() -> None:
     """Both wheels slip: the friction of their load, at half the track, turns the inertia."""
     friction = 0.05
@@ -184,21 +162,6 @@ def test_on_the_spot_low_friction_turns_the_robot_no_faster() -> None:
     expected = moment_n_m / whole(model).inertia_kg_m2[2, 2]
     turned = run.drive.angular_velocity_rad_s[:, 2]
     assert (turned[108] - turned[12]) / 0.4 == pytest.approx(expected, rel=0.03)
-
-
-@pytest.mark.parametrize("ratio", [0.3, 1.0, 1.5])
-def test_a_tyre_can_grip_less_or_more_across_its_direction(ratio: float) -> None:
-    friction, slope = 0.2, math.radians(30.0)
-    wheels: dict[str, object] = {"friction": friction, "lateral_friction_ratio": ratio}
-    model = robot(wheels, {"friction": 0.0}, {"max_torque_n_m": 100.0})
-    for yaw_rad, share in ((0.0, 1.0), (0.5 * math.pi, ratio)):
-        start = (0.0, 0.0, yaw_rad)
-        run = play(model, Ground(slope), Command(0.2, 0.0), start_pose=start, forces=True)
-        assert run.forces is not None
-        grip_n = share * friction * run.forces.wheel_load_n[12:].sum(axis=1).mean()
-        pull_n = whole(model).mass_kg * G * math.sin(slope)
-        slid = gain(run, 0.05, 0.19)[0] * whole(model).mass_kg
-        assert slid == pytest.approx(grip_n - pull_n, rel=0.03)
 
 
 def test_supports_that_are_dragged_cost_torque() -> None:

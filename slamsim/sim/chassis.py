@@ -145,26 +145,24 @@ def _feet(
 
 
 def _fit_wheels(client: int, body: int, robot: RobotModel, wheels: tuple[int, int]) -> None:
-    """Tyres that grip differently across their direction, rotors."""
+    """Tyres that grip differently across their direction; rotors.
+
+    A rotor adds inertia about the axle alone: no solid body is like that, so no description can
+    say it.
+    """
     for wheel in wheels:
+        moments, _, quat_xyzw = pybullet.getDynamicsInfo(body, wheel, client)[2:5]
+        axis = np.array(pybullet.getJointInfo(body, wheel, client)[13])
+        axle = int(np.argmax(np.abs(matrix_from_xyzw(np.array(quat_xyzw)).T @ axis)))
         if robot.lateral_friction_ratio != 1.0:
-            pybullet.changeDynamics(
-                body,
-                wheel,
-                anisotropicFriction=[1.0, robot.lateral_friction_ratio, 1.0],
-                physicsClientId=client,
-            )
+            grip = [robot.lateral_friction_ratio if i == axle else 1.0 for i in range(3)]
+            pybullet.changeDynamics(body, wheel, anisotropicFriction=grip, physicsClientId=client)
         if robot.motor.rotor_inertia_kg_m2 > 0.0:
-            _add_rotor(client, body, wheel, robot.motor.rotor_inertia_kg_m2)
-
-
-def _add_rotor(client: int, body: int, wheel: int, inertia_kg_m2: float) -> None:
-    """About the wheel's axle alone: no solid body is like that, so no description can say it."""
-    moments = list(pybullet.getDynamicsInfo(body, wheel, client)[2])
-    quat_xyzw = np.array(pybullet.getDynamicsInfo(body, wheel, client)[4])
-    axle = matrix_from_xyzw(quat_xyzw).T @ np.array(pybullet.getJointInfo(body, wheel, client)[13])
-    moments[int(np.argmax(np.abs(axle)))] += inertia_kg_m2
-    pybullet.changeDynamics(body, wheel, localInertiaDiagonal=moments, physicsClientId=client)
+            turned = list(moments)
+            turned[axle] += robot.motor.rotor_inertia_kg_m2
+            pybullet.changeDynamics(
+                body, wheel, localInertiaDiagonal=turned, physicsClientId=client
+            )
 
 
 def _step(
