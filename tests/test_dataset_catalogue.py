@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from typing import Any
 
 import pyarrow as pa
 import pytest
@@ -120,9 +121,33 @@ def test_the_same_rows_make_the_same_files_and_the_card_names_all_of_them() -> N
     assert {"figures/path_length.png", "figures/lidars.png", "figures/faults.png"} <= pictures
     matter = yaml.safe_load(card.split("---\n")[1])
     assert matter["license"] == "cc0-1.0" and matter["pretty_name"] == recipe.title
+    assert "4 kB, with" in card
     assert files["LICENSE.txt"].decode().count("CC0-1.0") == 2
     for name in pictures:
         assert files[name].startswith(b"\x89PNG") and b"tIME" not in files[name]
+
+
+def tables_of(card: str) -> dict[str, Any]:
+    """What the card offers to Hugging Face, by name."""
+    matter = yaml.safe_load(card.split("---\n")[1])
+    return {table["config_name"]: table["data_files"] for table in matter["configs"]}
+
+
+@pytest.mark.parametrize(("beams", "has_scans"), [((360, 360), True), ((360, 1440), False)])
+def test_the_card_names_the_tables_that_can_be_read_as_one(
+    beams: tuple[int, int], has_scans: bool
+) -> None:
+    recipe = load_recipe("tiny")
+    rows = [row(index, **{"quality.beams": beams[index]}) for index in range(2)]
+    told = statistics(manifest([shard(rows)], {}))
+    tables = tables_of(data_card(recipe, told, {}, ()))
+    assert tables["manifest"] == "manifest.parquet"
+    assert tables["imu"] == [
+        {"split": split, "path": f"{split}/*/parquet/imu.parquet"} for split in ("train", "val")
+    ]
+    assert ("scans" in tables) == has_scans
+    without = recipe.model_copy(update={"formats": ("mcap",)})
+    assert set(tables_of(data_card(without, told, {}, ()))) == {"manifest"}
 
 
 def test_a_data_set_of_which_nothing_could_be_made_has_a_card_too() -> None:

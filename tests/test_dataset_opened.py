@@ -12,6 +12,7 @@ from typing import Any
 import fsspec
 import numpy as np
 import pyarrow.compute as pc
+import pyarrow.dataset as pads
 import pyarrow.parquet as pq
 import pytest
 from dataset_whole import make_small
@@ -137,6 +138,19 @@ def test_beams_pairs_surfaces_and_grid_come_with_the_truth(dataset: Dataset) -> 
     assert len(sequence.log.scans) == len(recorded)
     assert truth.imu["true_stamp_ns"].size == len(sequence.imu)
     assert truth.encoders["wheel_left_rad"].size == len(sequence.encoders)
+
+
+@pytest.mark.parametrize("table", ["parquet/imu", "truth/trajectory", "truth/surfaces"])
+def test_tables_of_many_sequences_read_as_one_join_with_the_manifest(
+    dataset: Dataset, place: Path, table: str
+) -> None:
+    files = [str(place / one.name / f"{table}.parquet") for one in dataset]
+    rows = pads.dataset(files).to_table(columns=["sequence"]).group_by("sequence")
+    joined = rows.aggregate([([], "count_all")]).join(dataset.manifest, "sequence", "index")
+    found = {row["name"]: row["count_all"] for row in joined.to_pylist()}
+    assert found == {
+        one.name: len(LazyTable(one.place, f"{one.name}/{table}.parquet")) for one in dataset
+    }
 
 
 @pytest.mark.parametrize("fault", ["", "faulty"])

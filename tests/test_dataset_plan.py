@@ -19,7 +19,8 @@ from slamsim.dataset.plan import plan
 from slamsim.dataset.preview import contact_sheet
 from slamsim.dataset.recipe import Recipe
 from slamsim.dataset.sequence import SequenceSpec
-from slamsim.run.dataset_planning import as_size, as_time, plan_rows
+from slamsim.quantities import as_size, as_time
+from slamsim.run.dataset_planning import plan_rows
 from slamsim.safe.errors import SlamsimError
 
 TINY = load_recipe("tiny")

@@ -7,6 +7,7 @@ import hashlib
 from pathlib import Path
 
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
 import yaml
 from dataset_example import produced, small_spec
@@ -205,6 +206,19 @@ def test_a_recording_in_tables_holds_all_that_the_bag_holds(made: Made) -> None:
                     assert value == expected if same else np.array_equal(value, expected), name
     assert ours.scans[0].layouts == bag.scans[0].layouts
     assert ours.robot_description == bag.robot_description
+
+
+def test_tables_that_do_not_name_their_sequence_are_read_alike(made: Made, tmp_path: Path) -> None:
+    for path in (made[0] / "parquet").iterdir():
+        pq.write_table(pq.read_table(path).drop_columns("sequence"), tmp_path / path.name)
+    ours, theirs = read_log(made[0] / "parquet"), read_log(tmp_path)
+    for one, other in zip(ours.scans, theirs.scans, strict=True):
+        assert (one.stamp_ns, one.geometry) == (other.stamp_ns, other.geometry)
+        assert np.array_equal(one.ranges_m, other.ranges_m, equal_nan=True)
+    for mine, foreign in ((ours.imu, theirs.imu), (ours.encoders, theirs.encoders)):
+        assert mine is not None and foreign is not None
+        assert np.array_equal(mine.stamps_ns, foreign.stamps_ns)
+    assert np.array_equal(ours.T_base_laser, theirs.T_base_laser)
 
 
 def test_a_process_does_not_grow_with_the_sequences_it_makes(tmp_path: Path) -> None:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
@@ -63,6 +64,17 @@ def test_cuts_do_not_show_and_every_value_comes_back(
         )
         if isinstance(values, np.ndarray):
             assert back[name].dtype == values.dtype
+
+
+def test_a_table_of_a_data_set_says_in_every_row_whose_it_is(tmp_path: Path) -> None:
+    for number, count in ((3, 40), (11, 5)):
+        path = tmp_path / f"{number}.parquet"
+        with ParquetFile(path, COLUMNS, {"table": "example"}, 16, sequence=number) as file:
+            file.append(cells(count))
+    whole = pq.read_table(tmp_path)
+    rows = whole.group_by("sequence").aggregate([([], "count_all")]).to_pydict()
+    assert dict(zip(rows["sequence"], rows["count_all"], strict=True)) == {3: 40, 11: 5}
+    assert np.array_equal(read_table(path)["x_m"], cells(5)["x_m"])
 
 
 def test_what_holds_for_the_table_stands_in_the_file(tmp_path: Path) -> None:

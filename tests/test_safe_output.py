@@ -161,7 +161,7 @@ def test_a_full_disk_is_told_as_such(tmp_path: Path, fault: str, wrapped: bool) 
                     raise RuntimeError("flush failed") from error
                 raise
 
-    with pytest.raises(DiskFull, match=r"MB are free"):
+    with pytest.raises(DiskFull, match=r"B are free"):
         fail()
     assert names(tmp_path) == []
 

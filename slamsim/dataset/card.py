@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
 
 import yaml
 
 from slamsim.dataset.recipe import OWN_LICENCE, Recipe
 from slamsim.dataset.sequence import FormatName
 from slamsim.dataset.statistics import Statistics
+from slamsim.quantities import as_size
 
 _SIZES = ((10**3, "n<1K"), (10**4, "1K<n<10K"), (10**5, "10K<n<100K"), (10**6, "100K<n<1M"))
 _FORMATS: Mapping[FormatName, str] = {
@@ -90,9 +92,26 @@ def _front_matter(recipe: Recipe, told: Statistics) -> str:
         "task_categories": ["robotics"],
         "tags": ["slam", "lidar", "odometry", "synthetic"],
         "size_categories": [next(sizes, "n>1M")],
-        "configs": [{"config_name": "manifest", "data_files": "manifest.parquet"}],
+        "configs": _tables(recipe, told),
     }
     return f"---\n{yaml.safe_dump(matter, sort_keys=False, allow_unicode=True, width=100)}---"
+
+
+def _tables(recipe: Recipe, told: Statistics) -> list[dict[str, Any]]:
+    """What ``datasets.load_dataset`` gives by name: the manifest, and tables of all sequences."""
+    whole = {"config_name": "manifest", "data_files": "manifest.parquet", "default": True}
+    found = list[dict[str, Any]]([whole])
+    if "parquet" not in recipe.formats or not told["splits"]:
+        return found
+    beams = told["numbers"].get("quality.beams", {"least": 0, "most": 1})
+    one_lidar = beams["least"] == beams["most"]
+    for name in ("imu", "encoders", "odometry", *(["scans"] if one_lidar else [])):
+        files = [
+            {"split": split, "path": f"{split}/*/parquet/{name}.parquet"}
+            for split in told["splits"]
+        ]
+        found.append({"config_name": name, "data_files": files})
+    return found
 
 
 def _lead(recipe: Recipe, told: Statistics) -> str:
@@ -101,7 +120,7 @@ def _lead(recipe: Recipe, told: Statistics) -> str:
         f"`{recipe.name}`: {told['sequences']:,} simulated recordings{failed} in "
         f"{told['worlds']:,} worlds, {told['simulated_h']:,.3g} hours and "
         f"{told['path_km']:,.3g} km of driving, {told['scans']:,} laser scans, "
-        f"{told['size_bytes'] / 1e9:,.3g} GB, with the complete truth of each."
+        f"{as_size(told['size_bytes'])}, with the complete truth of each."
     )
 
 
@@ -113,7 +132,8 @@ def _contents(recipe: Recipe) -> str:
         "and beside them `manifest.parquet`: one row for each sequence with seed, drawn values, "
         "faults, quality numbers, size and hash, and for one that could not be made the reason and "
         "the command that shows it (`DIR`: this folder); `statistics.json`; `recipe.yaml` and "
-        "`dataset.yaml`: of what and with which software it was made; `SHA256SUMS`.\n\n"
+        "`dataset.yaml`: of what and with which software it was made; `SHA256SUMS`. "
+        "In every table of a sequence the column `sequence` is its `index` in the manifest.\n\n"
         "Units are SI and in the names; stamps are integer nanoseconds; frames are right-handed, "
         "x forward, y left, z up; `T_a_b` takes coordinates in b to coordinates in a. No return "
         "is `inf`, an invalid reading `nan`."
@@ -134,8 +154,11 @@ def _opening(recipe: Recipe) -> str:
         lines.insert(-1, "part.scans.ranges_m                        # (n, beams)")
         lines += [
             "",
-            "import pyarrow.parquet as pq               # or pandas, polars, datasets",
-            'pq.read_table("PATH/train/000000/parquet/scans.parquet")',
+            "import polars as pl                        # or pyarrow, pandas, datasets",
+            "",
+            'imu = pl.scan_parquet("PATH/train/*/parquet/imu.parquet")   # of all sequences',
+            'rows = pl.scan_parquet("PATH/manifest.parquet")',
+            'imu.join(rows, left_on="sequence", right_on="index").collect()',
         ]
     return "\n".join([*lines, "```"])
 

@@ -32,7 +32,7 @@ class Formats(Written):
         self._tum: TumPaths | None = None
         opened = self._open.enter_context
         if "parquet" in spec.formats:
-            self._parquet = opened(ParquetLog(folder / PARQUET))
+            self._parquet = opened(ParquetLog(folder / PARQUET, spec.index))
         if "carmen" in spec.formats:
             self._carmen = opened(CarmenFile(folder / CARMEN / CARMEN_NAME))
         if "kitti" in spec.formats:

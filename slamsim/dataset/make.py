@@ -17,6 +17,7 @@ from slamsim.dataset.production import DatasetSummary, Order, Production
 from slamsim.dataset.recipe import Recipe
 from slamsim.dataset.store import Store, open_store
 from slamsim.dataset.watch import Unwatched, Watch
+from slamsim.quantities import as_size
 from slamsim.safe.errors import DiskFull, SlamsimError
 
 LIMIT_S = 1800.0
@@ -112,8 +113,7 @@ def _require_room(recipe: Recipe, count: int, left: int, store: Store) -> None:
     needed = plan(recipe, count).total_bytes * left // count
     if free < needed:
         raise DiskFull(
-            f"{store.address}: about {needed / 1e6:,.0f} MB are needed, "
-            f"{free / 1e6:,.0f} MB are free"
+            f"{store.address}: about {as_size(needed)} are needed, {as_size(free)} are free"
         )
 
 

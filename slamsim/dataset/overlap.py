@@ -186,7 +186,7 @@ def _sees(
     return False
 
 
-def write_pairs(path: Path, keys: Sequence[KeyScan], pairs: Pairs) -> None:
+def write_pairs(path: Path, keys: Sequence[KeyScan], pairs: Pairs, sequence: int) -> None:
     """``pairs.parquet``: a row for each pair, with the true motion between the two scans."""
     rows = np.array([key.row for key in keys], dtype=np.int64)
     stamps_ns = np.array([key.true_stamp_ns for key in keys], dtype=np.int64)
@@ -214,5 +214,5 @@ def write_pairs(path: Path, keys: Sequence[KeyScan], pairs: Pairs) -> None:
         f"at least {CLOSURE_WAY_M:g} m driven in between",
         "key_scans": rows.tolist(),
     }
-    with ParquetFile(path, _COLUMNS, facts) as file:
+    with ParquetFile(path, _COLUMNS, facts, sequence=sequence) as file:
         file.append(cells)

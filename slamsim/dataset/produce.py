@@ -58,7 +58,7 @@ def produce(spec: SequenceSpec, folder: Path) -> SequenceFacts:
     write_world(folder, spec.config, ride.world)
     write = _write_spoilt if ride.faults else _write_clean
     with (
-        Truth(folder / TRUTH, ride.world, ride.robot, spec.config, ride.course) as truth,
+        Truth(folder / TRUTH, ride.world, ride.robot, spec, ride.course) as truth,
         Formats(spec, folder) as formats,
     ):
         write(spec, ride, folder, truth, formats)

@@ -7,12 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
-from slamsim.config.run import RunConfig
 from slamsim.config.sensors import LidarConfig
 from slamsim.dataset.key_scans import MOST_BEAMS, KeyScans
 from slamsim.dataset.overlap import overlapping, write_pairs
 from slamsim.dataset.quality import DriveQuality, scene_numbers, view_numbers
-from slamsim.dataset.sequence import Cell
+from slamsim.dataset.sequence import Cell, SequenceSpec
 from slamsim.dataset.truth_grid import write_occupancy
 from slamsim.dataset.truth_surfaces import surfaces_of
 from slamsim.dataset.truth_tables import TruthTables
@@ -25,20 +24,21 @@ from slamsim.world.model import World
 
 
 class Truth(Written):
-    """The truth of one sequence, written into a new folder; a context manager.
+    """The truth of a sequence that is being made, in a new folder; a context manager.
 
     course: how the laser truly looks, as for sensing. What needs the whole drive is written when
     the block ends; ``quality`` is known from then on.
     """
 
     def __init__(
-        self, folder: Path, world: World, robot: RobotModel, config: RunConfig, course: Course
+        self, folder: Path, world: World, robot: RobotModel, spec: SequenceSpec, course: Course
     ) -> None:
         super().__init__()
-        lidar, wheels_m = config.sensors.lidar, (robot.wheel_radius_m, robot.track_m)
-        self._folder, self._world, self._robot, self._config = folder, world, robot, config
+        lidar, wheels_m = spec.config.sensors.lidar, (robot.wheel_radius_m, robot.track_m)
+        self._folder, self._world, self._robot, self._spec = folder, world, robot, spec
         self._surfaces = surfaces_of(world.mesh, lidar.range_max_m)
-        self._tables = self._open.enter_context(TruthTables(folder, self._surfaces, wheels_m))
+        tables = TruthTables(folder, self._surfaces, wheels_m, spec.index)
+        self._tables = self._open.enter_context(tables)
         self._keys = KeyScans(lidar, robot, course, self._surfaces)
         self._drive = DriveQuality(wheels_m)
         self._quality: dict[str, Cell] = {}
@@ -54,11 +54,12 @@ class Truth(Written):
         return self._quality
 
     def _finish(self) -> None:
-        lidar, keys = self._config.sensors.lidar, self._keys.scans
+        config, keys = self._spec.config, self._keys.scans
+        lidar = config.sensors.lidar
         pairs = overlapping(keys, self._surfaces, _kept_step_rad(lidar))
-        write_pairs(self._folder / "pairs.parquet", keys, pairs)
+        write_pairs(self._folder / "pairs.parquet", keys, pairs, self._spec.index)
         height_m = float(self._robot.T_base_laser[2, 3])
-        grid = self._world.grid(self._config.mapping.resolution_m, height_m)
+        grid = self._world.grid(config.mapping.resolution_m, height_m)
         write_occupancy(self._folder, grid)
         radius_m = self._robot.footprint_radius_m
         path_m = self._drive.path_m()

@@ -86,7 +86,7 @@ def surfaces_of(mesh: TriangleMesh, floor_reach_m: float) -> Surfaces:
     )
 
 
-def write_surfaces(path: Path, surfaces: Surfaces) -> None:
+def write_surfaces(path: Path, surfaces: Surfaces, sequence: int) -> None:
     """``surfaces.parquet``: row n describes surface n."""
     floor = surfaces.bodies < 0
     upright = np.abs(surfaces.normals[:, 2]) < _UPRIGHT
@@ -111,7 +111,8 @@ def write_surfaces(path: Path, surfaces: Surfaces) -> None:
         *(Column(name, "float64") for name in cells if name.endswith(("_m2", "_m"))),
         *(Column(f"normal_{axis}", "float64", "outward") for axis in "xyz"),
     ]
-    with ParquetFile(path, columns, {"table": "surfaces", "frame": "map"}) as file:
+    facts = {"table": "surfaces", "frame": "map"}
+    with ParquetFile(path, columns, facts, sequence=sequence) as file:
         file.append(cells)
 
 

@@ -46,14 +46,17 @@ _SLIPS = ("slip_left_m_s", "slip_right_m_s", "slip_sideways_m_s")
 class TruthTables(Written):
     """The tables of one sequence in a new folder; a context manager.
 
-    wheels_m: true radius and track of the robot. A sensor without a single sample has no table.
+    wheels_m: true radius and track of the robot. sequence: its number in the data set. A sensor
+    without a single sample has no table.
     """
 
-    def __init__(self, folder: Path, surfaces: Surfaces, wheels_m: tuple[float, float]) -> None:
+    def __init__(
+        self, folder: Path, surfaces: Surfaces, wheels_m: tuple[float, float], sequence: int
+    ) -> None:
         super().__init__()
         folder.mkdir(parents=True)
-        write_surfaces(folder / "surfaces.parquet", surfaces)
-        self._folder, self._surfaces = folder, surfaces
+        write_surfaces(folder / "surfaces.parquet", surfaces, sequence)
+        self._folder, self._surfaces, self._sequence = folder, surfaces, sequence
         self._wheels = wheels_m
         self._files = dict[str, ParquetFile]()
 
@@ -147,7 +150,8 @@ class TruthTables(Written):
         file = self._files.get(table)
         if file is None:
             path = self._folder / f"{table}.parquet"
-            opened = ParquetFile(path, columns, {"table": table, **facts}, rows_per_group)
+            about = {"table": table, **facts}
+            opened = ParquetFile(path, columns, about, rows_per_group, sequence=self._sequence)
             file = self._files[table] = self._open.enter_context(opened)
         file.append(cells)
 

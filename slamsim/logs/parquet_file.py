@@ -68,8 +68,15 @@ class Column:
         return "BYTE_STREAM_SPLIT" if self.type_name in _SPLIT else "DELTA_BINARY_PACKED"
 
 
+SEQUENCE = Column("sequence", "int64", "`index` of the manifest of its data set", repeats=True)
+
+
 class ParquetFile(Written):
-    """A table being written; a context manager. After an exception there is no readable file."""
+    """A table being written; a context manager. After an exception there is no readable file.
+
+    sequence: of a table of a data set, the number that stands in every row, so that tables of many
+    sequences can be read as one.
+    """
 
     def __init__(
         self,
@@ -77,12 +84,16 @@ class ParquetFile(Written):
         columns: Sequence[Column],
         about: Mapping[str, object],
         rows_per_group: int = 1 << 16,
+        *,
+        sequence: int | None = None,
     ) -> None:
         super().__init__()
         text = json.dumps(about, sort_keys=True)
+        columns = columns if sequence is None else (SEQUENCE, *columns)
         fields = [column.field() for column in columns]
         self._schema = pa.schema(fields, metadata={METADATA_KEY: text.encode()})
         self._columns, self._rows_per_group = columns, rows_per_group
+        self._sequence = sequence
         self._held: list[Any] = []
         self._held_rows = 0
         encodings = {c.leaf: c.encoding for c in columns if c.encoding is not None}
@@ -102,6 +113,9 @@ class ParquetFile(Written):
 
     def append(self, cells: Mapping[str, Cells]) -> None:
         """The next rows: every column by its name."""
+        if self._sequence is not None:
+            count = len(next(iter(cells.values())))
+            cells = {**cells, SEQUENCE.name: np.full(count, self._sequence)}
         arrays = [
             _array(cells[column.name], field)
             for column, field in zip(self._columns, self._schema, strict=True)

@@ -49,12 +49,16 @@ class _Rows:
 
 
 class ParquetLog(Written):
-    """A recording being written into a new folder; a context manager."""
+    """A recording being written into a new folder; a context manager.
 
-    def __init__(self, folder: Path) -> None:
+    sequence: its number, if it is one of a data set.
+    """
+
+    def __init__(self, folder: Path, sequence: int | None = None) -> None:
         super().__init__()
         folder.mkdir(parents=True)
-        self._folder, self._files = folder, dict[str, ParquetFile]()
+        self._folder, self._sequence = folder, sequence
+        self._files = dict[str, ParquetFile]()
         self._rows = Counter[str]()
 
     def write(self, part: Recording) -> None:
@@ -68,7 +72,9 @@ class ParquetLog(Written):
             if file is None:
                 path = self._folder / f"{rows.table}.parquet"
                 about = {"table": rows.table, **shared, **rows.facts}
-                opened = ParquetFile(path, rows.columns, about, rows.rows_per_group)
+                opened = ParquetFile(
+                    path, rows.columns, about, rows.rows_per_group, sequence=self._sequence
+                )
                 file = self._files[rows.table] = self._open.enter_context(opened)
             count = len(rows.cells["stamp_ns"])
             numbers = np.arange(self._rows[rows.table], self._rows[rows.table] + count)

@@ -15,6 +15,7 @@ from slamsim.dataset.manifest import MANIFEST
 from slamsim.dataset.place import Place
 from slamsim.dataset.production import DatasetSummary
 from slamsim.dataset.recipe import Recipe
+from slamsim.quantities import as_size
 from slamsim.run.dataset_watch import ConsoleWatch
 from slamsim.safe.errors import NotFound, SlamsimError, shown
 
@@ -81,7 +82,7 @@ def _tell(summary: DatasetSummary, reporter: Reporter) -> None:
         {
             "sequences": f"{summary.sequences}, {summary.made} made now",
             "simulated": f"{summary.simulated_s / 3600.0:.3g} h in {hours:.3g} h",
-            "written": f"{summary.size_bytes / 1e6:,.1f} MB",
+            "written": as_size(summary.size_bytes),
             "failed": str(len(summary.failures)),
         },
     )

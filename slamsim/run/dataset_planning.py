@@ -10,11 +10,11 @@ from slamsim.console import Reporter
 from slamsim.dataset.loading import load_recipe
 from slamsim.dataset.plan import Plan, plan
 from slamsim.dataset.preview import contact_sheet
+from slamsim.quantities import as_size, as_time
 from slamsim.safe.errors import SlamsimError
 from slamsim.safe.output import write_atomic
 
 _MOST_TOLD = 12
-_UNITS = ("B", "kB", "MB", "GB", "TB", "PB")
 
 
 def tell_plan(recipe: str, count: int, reporter: Reporter, workers: int | None = None) -> None:
@@ -62,22 +62,3 @@ def counted(numbers: Mapping[str, int]) -> str:
     told = [f"{name} {number}" for name, number in numbers.items()]
     more = [f"{len(told) - _MOST_TOLD} more"] if len(told) > _MOST_TOLD else []
     return ", ".join([*told[:_MOST_TOLD], *more])
-
-
-def as_size(size: float) -> str:
-    """``5.5 GB``; in powers of ten, as disks are sold."""
-    unit = 0
-    while size >= 1000.0 and unit < len(_UNITS) - 1:
-        size, unit = size / 1000.0, unit + 1
-    return f"{size:.3g} {_UNITS[unit]}"
-
-
-def as_time(seconds: float) -> str:
-    """``1 h 40 min``, ``12 min``, ``8 s``."""
-    if seconds < 100.0:
-        return f"{seconds:.0f} s"
-    minutes = round(seconds / 60.0)
-    if minutes < 100:
-        return f"{minutes} min"
-    hours, minutes = divmod(minutes, 60)
-    return f"{hours} h {minutes} min" if hours < 100 else f"{hours / 24.0:.1f} days"

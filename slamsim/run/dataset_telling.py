@@ -19,7 +19,8 @@ from slamsim.dataset.sequence_check import EXTRA, Finding
 from slamsim.dataset.shard import shard_path
 from slamsim.dataset.statistics import statistics
 from slamsim.dataset.verify import Verification, verify
-from slamsim.run.dataset_planning import as_size, as_time, counted
+from slamsim.quantities import as_size, as_time
+from slamsim.run.dataset_planning import counted
 from slamsim.safe.errors import InputRefused, SlamsimError, shown
 from slamsim.safe.yaml import parse_yaml
 

@@ -12,6 +12,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
+from slamsim.quantities import as_size
 from slamsim.safe.errors import DiskFull, Locked, SlamsimError, shown
 
 _MARK = ".slamsim"
@@ -77,8 +78,8 @@ def require_free_space(folder: Path, needed_bytes: int) -> None:
     """Raise DiskFull now rather than after an hour; folder need not exist yet."""
     if (free := free_bytes(folder)) < needed_bytes:
         raise DiskFull(
-            f"{_absolute(folder)}: about {needed_bytes / 1e6:,.0f} MB are needed, "
-            f"{free / 1e6:,.0f} MB are free"
+            f"{_absolute(folder)}: about {as_size(needed_bytes)} are needed, "
+            f"{as_size(free)} are free"
         )
 
 
@@ -128,7 +129,7 @@ def disk_full_reported(final: Path) -> Iterator[None]:
         if full is None:
             raise
         raise DiskFull(
-            f"{final}: {full.strerror} ({free_bytes(final) // 1_000_000} MB are free); "
+            f"{final}: {full.strerror} ({as_size(free_bytes(final))} are free); "
             "nothing new stands under this name"
         ) from error
 
