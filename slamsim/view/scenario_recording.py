@@ -20,6 +20,10 @@ from slamsim.view.recording import APPLICATION
 _LOOSE = (ODOMETRY, SCAN, ACCEPTED, TRUTH)
 """Bodies that move without being robots take turns, so that neighbours can be told apart."""
 _MOST_SCENES = 9
+_FEW = 3
+"""So many moving bodies have their paths shown; robots always."""
+_LINE, _DOT = 1.5, 4.0
+"""Radii on the screen, in its points."""
 _EYE = np.array([-0.45, -1.0, 0.55])
 """From where a scene is seen: aside, from behind and above."""
 _SINE_OF_VIEW = 0.42
@@ -44,7 +48,7 @@ def write_scenes(path: Path, result: ScenarioResult) -> None:
 
 
 def _log_scene(recording: rr.RecordingStream, root: str, scene: Scene) -> None:
-    colours = cycle(_LOOSE)
+    colours, movers = cycle(_LOOSE), sum(len(motion.T_map_body) > 1 for motion in scene.motions)
     _log_fixed_boxes(recording, f"{root}/fixed", [m for m in scene.motions if _is_fixed_box(m)])
     for k, motion in enumerate(scene.motions):
         if _is_fixed_box(motion):
@@ -54,9 +58,11 @@ def _log_scene(recording: rr.RecordingStream, root: str, scene: Scene) -> None:
             colour = NEUTRAL
         elif motion.solid.kind == "robot":
             colour = ESTIMATE
-            _log_path(recording, f"{root}/path_{k}", motion)
         else:
             colour = next(colours)
+        if len(motion.T_map_body) > 1 and (motion.solid.kind == "robot" or movers <= _FEW):
+            _log_path(recording, f"{root}/path_{k}", motion, colour)
+            recording.log(f"{entity}/middle", _dot(motion.solid, colour), static=True)
         recording.log(entity, *_shape(motion.solid, colour), static=True)
         _log_motion(recording, entity, motion)
 
@@ -121,13 +127,16 @@ def _log_motion(recording: rr.RecordingStream, entity: str, motion: Motion) -> N
     )
 
 
-def _log_path(recording: rr.RecordingStream, entity: str, motion: Motion) -> None:
+def _log_path(recording: rr.RecordingStream, entity: str, motion: Motion, colour: str) -> None:
     strip = np.add(motion.T_map_body.positions_m, (0.0, 0.0, 0.005))
-    recording.log(
-        entity,
-        rr.LineStrips3D([strip], colors=rgb(ESTIMATE), radii=0.06 * motion.solid.size_m[0]),
-        static=True,
-    )
+    width = rr.Radius.ui_points(_LINE)
+    recording.log(entity, rr.LineStrips3D([strip], colors=rgb(colour), radii=width), static=True)
+
+
+def _dot(solid: Solid, colour: str) -> rr.Points3D:
+    """Seen from any distance, which a ball of 1 m that falls 500 m is not."""
+    height_m = 0.5 * solid.size_m[1] if solid.kind == "robot" else 0.0
+    return rr.Points3D([[0.0, 0.0, height_m]], colors=rgb(colour), radii=rr.Radius.ui_points(_DOT))
 
 
 def _side_by_side(scenes: Sequence[Scene]) -> rrb.Blueprint:
