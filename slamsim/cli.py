@@ -17,6 +17,8 @@ from slamsim.run.dataset_command import dataset
 from slamsim.run.demo_command import EPILOG as DEMO_EPILOG
 from slamsim.run.demo_command import demo
 from slamsim.run.fault_command import fault
+from slamsim.run.identify_command import EPILOG as IDENTIFY_EPILOG
+from slamsim.run.identify_command import identify
 from slamsim.run.scenario_command import EPILOG as SCENARIO_EPILOG
 from slamsim.run.scenario_command import HELP as SCENARIO_HELP
 from slamsim.run.scenario_command import scenario
@@ -238,6 +240,7 @@ app.command(epilog=CHECK_EPILOG)(check)
 app.command(epilog=FIX_EPILOG)(fix)
 app.command(epilog=DEMO_EPILOG)(demo)
 app.command(help=SCENARIO_HELP, epilog=SCENARIO_EPILOG)(scenario)
+app.command(epilog=IDENTIFY_EPILOG)(identify)
 app.add_typer(dataset)
 
 

@@ -19,6 +19,7 @@ Kind = Literal[
     "configs/faults",
     "configs/datasets",
     "configs/scenarios",
+    "configs/measurements",
 ]
 
 _WORDS: dict[Kind, str] = {
@@ -31,6 +32,7 @@ _WORDS: dict[Kind, str] = {
     "configs/faults": "fault",
     "configs/datasets": "data set recipe",
     "configs/scenarios": "scenario configuration",
+    "configs/measurements": "measurements",
 }
 _PACKAGE = Path(__file__).resolve().parents[1]
 _MOST_TOLD = 20

@@ -46,7 +46,7 @@ def run_and_report(
             results = run_scenarios(chosen, seed, jobs=jobs, limit_s=limit_s, listen=listen)
         write_results(partial, results, whole, seed)
     for result in results:
-        _tell(result, reporter)
+        tell(result, reporter)
     reporter.say(f"Look at {folder}/report.html, or: slamsim view {folder}/{results[0].name}.rrd")
     reporter.result({**told(results, seed, with_rows=False), "folder": str(folder)})
     return not any(result.failures for result in results)
@@ -73,7 +73,7 @@ def _bars(reporter: Reporter, entries: Sequence[Entry]) -> Iterator[Listener]:
         yield listen
 
 
-def _tell(result: ScenarioResult, reporter: Reporter) -> None:
+def tell(result: ScenarioResult, reporter: Reporter) -> None:
     """The verdicts, each with its mark and its numbers."""
     table = Table(
         title=f"{result.title}: {result.findings.lead}",

@@ -14,7 +14,7 @@ from slamsim.scenarios.base import Findings, Outcome, Row, Trial
 from slamsim.scenarios.basic_drive_findings import stops_found
 from slamsim.scenarios.repeats import robot_motion, steps_at, true_poses
 from slamsim.scenarios.scripts import straight_commands
-from slamsim.scenarios.tested import Tested, run_seed, tested_robots
+from slamsim.scenarios.tested import Tested, run_seed, robots_under_test
 from slamsim.sim.engine import engine_parameters
 from slamsim.sim.ground import Ground
 from slamsim.sim.robot import build_robot
@@ -68,7 +68,7 @@ def ideal_twin(robot: RobotConfig) -> Tested:
 
 
 def _robots(config: BasicDriveConfig) -> list[Tested]:
-    return [*tested_robots(config.robot, config.beside), ideal_twin(config.robot)]
+    return [*robots_under_test(config.robot, config.beside), ideal_twin(config.robot)]
 
 
 def drive_once(robot: Tested, config: BasicDriveConfig, run: int, seed: int) -> Outcome:

@@ -23,7 +23,7 @@ class Tested:
         return wanted if self.config.variation != VariationConfig() else 1
 
 
-def tested_robots(robot: RobotConfig, beside: Sequence[str]) -> list[Tested]:
+def robots_under_test(robot: RobotConfig, beside: Sequence[str]) -> list[Tested]:
     """The robot, then those of these names or files, each name once."""
     found = [Tested(robot.name, robot)]
     for name in beside:

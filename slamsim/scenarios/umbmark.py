@@ -13,7 +13,7 @@ from slamsim.config.scenarios.umbmark import UmbmarkConfig
 from slamsim.scenarios.base import Findings, Outcome, Row, Trial, Value
 from slamsim.scenarios.repeats import corner_deg, robot_motion, steps_at, true_poses
 from slamsim.scenarios.scripts import square_commands
-from slamsim.scenarios.tested import Tested, run_seed, tested_robots
+from slamsim.scenarios.tested import Tested, run_seed, robots_under_test
 from slamsim.scenarios.umbmark_findings import squares_found
 from slamsim.sim.engine import engine_parameters
 from slamsim.sim.ground import Ground
@@ -52,7 +52,7 @@ def known_faults(config: UmbmarkConfig) -> Tested:
 
 
 def _squares(config: UmbmarkConfig, seed: int) -> list[Trial]:
-    robot, *others = tested_robots(config.robot, config.beside)
+    robot, *others = robots_under_test(config.robot, config.beside)
     first_m = config.sides_m[0]
     squares = [
         *((robot, side_m, 1) for side_m in config.sides_m),

@@ -1,0 +1,50 @@
+"""``slamsim identify`` as it is typed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from slamsim.options import Json, Out, Overwrite, Quiet, Set
+
+EPILOG = (
+    "Examples: slamsim identify turtlebot2_study · slamsim identify my_robot.yaml "
+    "--robot-file my_robot_identified.yaml"
+)
+
+
+def identify(
+    measurements: Annotated[
+        str,
+        typer.Argument(
+            help="Figures measured on a robot: YAML, or a bundled name.", show_default=False
+        ),
+    ],
+    out: Out = None,
+    robot_file: Annotated[
+        Path | None,
+        typer.Option("--robot-file", help="Write the robot to this file too."),
+    ] = None,
+    set_: Set = None,
+    jobs: Annotated[
+        int | None, typer.Option("--jobs", "-j", help="How many processes; all cores.", min=1)
+    ] = None,
+    overwrite: Overwrite = False,
+    quiet: Quiet = False,
+    as_json: Json = False,
+) -> None:
+    """Fit a robot to figures measured on a real one, and say what they leave open."""
+    from slamsim.config.measurements import load_measurements
+    from slamsim.console import Reporter
+    from slamsim.run.folder import pick_folder
+    from slamsim.run.identifying import identify_and_report
+
+    reporter = Reporter(quiet=quiet, as_json=as_json)
+    config = load_measurements(measurements, set_ or ())
+    folder = pick_folder(out, f"{config.name}_identified", overwrite=overwrite)
+    typed = " ".join(["slamsim identify", measurements, *(f"--set {text}" for text in set_ or ())])
+    identify_and_report(
+        config, typed, folder, reporter, robot_file=robot_file, jobs=jobs, overwrite=overwrite
+    )

@@ -1,0 +1,232 @@
+"""The parameters of the fit as a robot that can be driven, and its runs in the physics engine."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import partial
+from itertools import accumulate
+
+import numpy as np
+
+from slamsim.config.measurements import MeasurementsConfig, ParameterName
+from slamsim.config.robot import MotorConfig, RobotConfig, VariationConfig
+from slamsim.config.scenarios.defaults import SCENARIO_PHYSICS
+from slamsim.safe.errors import SlamsimError
+from slamsim.scenarios.base import Findings, Outcome, Row, Trial
+from slamsim.scenarios.identify_figures import Body, Runs
+from slamsim.scenarios.identify_model import VARYING
+from slamsim.scenarios.repeats import corner_deg, steps_at, true_poses
+from slamsim.scenarios.run import Chosen, Listener, run_scenarios
+from slamsim.scenarios.scripts import square_commands, straight_commands
+from slamsim.sim.engine import engine_parameters
+from slamsim.sim.ground import Ground
+from slamsim.sim.robot import build_robot
+from slamsim.sim.script import Command, read_encoders, scripted_run
+from slamsim.types import FloatArray
+from slamsim.wheels import wheel_odometry
+
+SECONDS_OF_CORE = 0.02
+TURNING_S, TURNING_RAD_S = 2.0, 1.0
+
+
+def robot_at(values: Mapping[ParameterName, float], nominal: RobotConfig, name: str) -> RobotConfig:
+    """The robot of these parameters, with a proportional motor controller."""
+    wheels = nominal.drive_wheels
+    gain = values["motor_gain_n_m_s"]
+    true_wheels = {
+        "radius_ratio": values["radius_ratio"],
+        "radius_scale": values["radius_scale"],
+        "track_scale": values["track_scale"],
+        "friction": values["tyre_friction"],
+    }
+    motor = {
+        "kind": "pid",
+        "pid_proportional": gain,
+        "pid_integral": 0.0,
+        "pid_derivative": 0.0,
+        "gear_friction_n_m": gain * values["droop_m_s"] / wheels.radius_m,
+        "gear_friction_ratio": values["gear_friction_ratio"],
+        "battery_sag_per_min": values["battery_sag_per_min"],
+        "max_torque_n_m": values["max_torque_n_m"],
+    }
+    variation = VariationConfig(
+        radius_ratio=values["variation_radius_ratio"],
+        track=values["variation_track"],
+        gear_friction=values["variation_gear_friction"],
+        gear_friction_ratio=values["variation_gear_friction_ratio"],
+    )
+    return nominal.model_copy(
+        update={
+            "name": name,
+            "drive_wheels": wheels.model_copy(update=true_wheels),
+            "motor": MotorConfig.model_validate({**nominal.motor.model_dump(), **motor}),
+            "variation": variation,
+        }
+    )
+
+
+def varied(robot: RobotConfig, draws: FloatArray) -> RobotConfig:
+    """The robot of one run. draws: (4,) standard normal, one for each of VARYING."""
+    factors = {
+        name: float(np.exp(getattr(robot.variation, name) * z))
+        for name, z in zip(VARYING, draws.tolist(), strict=True)
+    }
+    wheels, motor = robot.drive_wheels, robot.motor
+    true_wheels = {
+        "radius_ratio": wheels.radius_ratio * factors["radius_ratio"],
+        "track_scale": wheels.track_scale * factors["track"],
+    }
+    gears = {
+        "gear_friction_n_m": motor.gear_friction_n_m * factors["gear_friction"],
+        "gear_friction_ratio": motor.gear_friction_ratio * factors["gear_friction_ratio"],
+    }
+    return robot.model_copy(
+        update={
+            "drive_wheels": wheels.model_copy(update=true_wheels),
+            "motor": motor.model_copy(update=gears),
+            "variation": VariationConfig(),
+        }
+    )
+
+
+def weighed(robot: RobotConfig) -> Body:
+    """Mass, weight on the driven wheels and scrubbing, as the robot turns in the engine."""
+    as_drawn = robot.model_copy(update={"variation": VariationConfig()})
+    held = robot.motor.model_copy(update={"kind": "velocity", "gear_friction_n_m": 0.0})
+    model = build_robot(as_drawn.model_copy(update={"motor": held}))
+    turning = scripted_run(
+        model, Ground(), [Command(TURNING_S, 0.0, TURNING_RAD_S)], SCENARIO_PHYSICS, forces=True
+    )
+    assert turning.forces is not None
+    steady = slice(len(turning.drive) // 2, None)
+    driven_n = float(turning.forces.wheel_load_n[steady].sum(axis=1).mean())
+    carried_n = float(turning.forces.support_load_n[steady].sum(axis=1).mean())
+    torque_n_m = float(np.abs(turning.forces.motor_torque_n_m[steady]).mean())
+    bodies = [link.inertial for link in model.description.links.values()]
+    return Body(
+        mass_kg=sum(body.mass_kg for body in bodies if body is not None),
+        wheel_radius_m=model.wheel_radius_m,
+        track_m=model.track_m,
+        driven_share=driven_n / (driven_n + carried_n),
+        scrub_n_m=torque_n_m
+        / model.wheel_radius_m
+        * model.track_m
+        / max(robot.drive_wheels.friction, 1e-6),
+    )
+
+
+def simulated(
+    config: MeasurementsConfig,
+    robot: RobotConfig,
+    draws: FloatArray,
+    listen: Listener,
+    jobs: int | None,
+) -> tuple[Runs, tuple[Row, ...]]:
+    """The measured experiments in the physics engine, and the row of each of its runs.
+
+    draws: (m, runs, 4) as of an Experiment. Runs of the same draws are driven once. Raises
+    SlamsimError naming the first run that failed.
+    """
+    check = _Check(robot, draws)
+    (result,) = run_scenarios([Chosen(robot.name, check, config)], 0, jobs=jobs, listen=listen)
+    if result.failures:
+        label, reason = result.failures[0]
+        raise SlamsimError(f"{robot.name}, {label}: {reason}")
+    of_draws = {str(row["draws"]) + str(row["script"]): row for row in result.rows}
+
+    def column(key: str, script: str, runs: FloatArray) -> FloatArray:
+        """runs: (m, n, 4)."""
+        rows = [[of_draws[_key(draw) + script][key] for draw in some] for some in runs]
+        return np.array(rows, dtype=np.float64)
+
+    straights, squares = config.basic_drive.runs, config.umbmark.runs
+    ways = (
+        ("clockwise", draws[:, straights : straights + squares]),
+        ("counter-clockwise", draws[:, straights + squares :]),
+    )
+    stops = range(1, 2 * len(config.basic_drive.speeds_m_s) + 1)
+    return Runs(
+        np.stack(
+            [
+                np.stack(
+                    [column(f"stop_{s}_{axis}_m", "straight", draws[:, :straights]) for s in stops],
+                    axis=-1,
+                )
+                for axis in "xy"
+            ],
+            axis=-1,
+        ),
+        np.stack(
+            [
+                np.stack([column(f"error_{axis}_m", way, some) for axis in "xy"], axis=-1)
+                for way, some in ways
+            ],
+            axis=1,
+        ),
+        np.stack([column("corner_deg", way, some) for way, some in ways], axis=1),
+    ), result.rows
+
+
+class _Check:
+    """The experiments as trials of a scenario, so that they run side by side."""
+
+    title = "Check in the physics engine"
+
+    def __init__(self, robot: RobotConfig, draws: FloatArray) -> None:
+        self._robot, self._draws = robot, draws
+
+    def engine(self, config: MeasurementsConfig) -> Row:
+        return engine_parameters(SCENARIO_PHYSICS)
+
+    def trials(self, config: MeasurementsConfig, seed: int) -> Sequence[Trial]:
+        straights, squares = config.basic_drive.runs, config.umbmark.runs
+        side_m = config.umbmark.side_m
+        scripts = (
+            ("straight", straight_commands(config.basic_drive), slice(0, straights)),
+            (
+                "clockwise",
+                square_commands(config.umbmark, side_m, left=False),
+                slice(straights, straights + squares),
+            ),
+            (
+                "counter-clockwise",
+                square_commands(config.umbmark, side_m, left=True),
+                slice(straights + squares, None),
+            ),
+        )
+        return [
+            Trial(
+                f"{name}, {key}",
+                partial(_play, varied(self._robot, draw), name, key, commands),
+                cost=SECONDS_OF_CORE * sum(command.duration_s for command in commands),
+            )
+            for name, commands, which in scripts
+            for key, draw in {
+                _key(draw): draw for draw in self._draws[:, which].reshape(-1, len(VARYING))
+            }.items()
+        ]
+
+    def conclude(self, config: MeasurementsConfig, outcomes: Sequence[Outcome]) -> Findings:
+        return Findings("", {}, ())
+
+
+def _key(draw: FloatArray) -> str:
+    return " ".join(f"{z:.4f}" for z in draw.tolist())
+
+
+def _play(robot: RobotConfig, script: str, key: str, commands: Sequence[Command]) -> Outcome:
+    """One run: all that any figure asks of it."""
+    model = build_robot(robot)
+    run = scripted_run(model, Ground(), commands, SCENARIO_PHYSICS)
+    ends = steps_at(run, np.array(list(accumulate(command.duration_s for command in commands))))
+    true = true_poses(run)
+    values: dict[str, float | str] = {"script": script, "draws": key}
+    if script == "straight":
+        for number, (x_m, y_m) in enumerate(true[ends[1::2], :2].tolist(), start=1):
+            values[f"stop_{number}_x_m"], values[f"stop_{number}_y_m"] = x_m, y_m
+    else:
+        told = wheel_odometry(read_encoders(run.drive, model)).poses
+        values["error_x_m"], values["error_y_m"] = (true[-1, :2] - told[-1, :2]).tolist()
+        values["corner_deg"] = corner_deg(true[ends, 2])
+        values["odometry_corner_deg"] = corner_deg(np.unwrap(told[:, 2])[ends])
+    return Outcome(values)
