@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import permutations
 
 import numpy as np
@@ -79,6 +80,19 @@ def test_a_passage_that_is_too_narrow_is_refused_with_the_widths() -> None:
     world = world_of(blocks, [(5.0, 1.5)], start=(1.0, 1.5, 0.0))
     with pytest.raises(SlamsimError, match=r"narrows to 0\.2\d m, .* need 0\.45 m"):
         plan_route(world, ROBOT, DriveConfig())
+
+
+@settings(max_examples=10)
+@given(st.floats(0.0, 0.04), st.floats(0.04, 0.1))
+def test_a_way_that_the_world_promises_is_found_however_cells_lie(
+    shift_m: float, spare_m: float
+) -> None:
+    wide_m = 2.0 * NEEDED_M + spare_m
+    low_m, high_m = 1.2 + shift_m, 1.2 + shift_m + wide_m
+    blocks = [*walls_around(0, 0, 6, 3), (2.0, 0.0, 3.0, low_m, 0.5), (2.0, high_m, 3.0, 3.0, 0.5)]
+    world = replace(world_of(blocks, [(5.0, 1.5)], start=(1.0, 1.5, 0.0)), clearance_m=wide_m)
+    route = plan_route(world, ROBOT, DriveConfig())
+    assert _distance_to_blocks_m(world, _line(route)).min() >= NEEDED_M - 1e-6
 
 
 def test_a_start_without_room_is_refused() -> None:

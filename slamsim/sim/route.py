@@ -17,13 +17,15 @@ from slamsim.safe.errors import InputRefused, SlamsimError
 from slamsim.sim.robot import RobotModel
 from slamsim.sim.route_file import PoseRoute, TwistRoute, read_route
 from slamsim.sim.smooth import resample, smooth_path, speed_profile
-from slamsim.sim.space import Space, connect_places, free_space, reachable_cells
+from slamsim.sim.space import NoWay, Space, connect_places, free_space, reachable_cells
 from slamsim.sim.tour import closed_tour
 from slamsim.types import FloatArray, IntArray
 
 if TYPE_CHECKING:
     from slamsim.world.model import World
 
+FINEST_M = 0.01
+"""Cells are not made smaller than this."""
 GOAL_PLACES = 64
 """Among so many random places the goals are chosen."""
 GOAL_SPARE_M = 0.05
@@ -87,22 +89,32 @@ def plan_route(world: World, robot: RobotModel, config: DriveConfig) -> Route:
     NotFound for a route file.
     """
     if config.route.file is None:
-        space = _space(world, robot, config.route)
-        tours = config.route.kind == "tour"
-        ways = _tour(world, space, config) if tours else _random_goals(world, space, config)
-        return _route(_ways_as_legs(world, space, config, ways), world, space, config)
+        return _planned(world, config, _needed_m(robot, config), config.route.resolution_m)
     given = read_route(Path(config.route.file))
     if isinstance(given, TwistRoute):
         if config.stops.every_m is not None:
             reason = "holds twists, which say themselves where to stop: leave drive.stops out"
             raise InputRefused(config.route.file, reason)
         return _twist_route(given.twists, config)
-    space = _space(world, robot, config.route)
+    space = free_space(world, config.route.resolution_m, _needed_m(robot, config))
     return _route(_pose_legs(world, space, given, config), world, space, config)
 
 
-def _space(world: World, robot: RobotModel, route: RouteConfig) -> Space:
-    return free_space(world, route.resolution_m, robot.footprint_radius_m + route.clearance_m)
+def _needed_m(robot: RobotModel, config: DriveConfig) -> float:
+    return robot.footprint_radius_m + config.route.clearance_m
+
+
+def _planned(world: World, config: DriveConfig, needed_m: float, resolution_m: float) -> Route:
+    """Searched in finer cells where the world promises a way that coarse ones do not show."""
+    space = free_space(world, resolution_m, needed_m)
+    tours = config.route.kind == "tour"
+    try:
+        ways = _tour(world, space, config) if tours else _random_goals(world, space, config)
+    except NoWay:
+        if 2.0 * needed_m > world.clearance_m or resolution_m < 2.0 * FINEST_M:
+            raise
+        return _planned(world, config, needed_m, 0.5 * resolution_m)
+    return _route(_ways_as_legs(world, space, config, ways), world, space, config)
 
 
 def _tour(world: World, space: Space, config: DriveConfig) -> list[IntArray]:

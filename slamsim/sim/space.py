@@ -24,6 +24,10 @@ AVOIDANCE = 4.0
 """A step along a wall costs this much more than one in the middle, as a share of its length."""
 
 
+class NoWay(SlamsimError):
+    """The robot is too wide for a place where it is to be."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Space:
     """The cells of the true map.
@@ -103,7 +107,7 @@ def connect_places(space: Space, places_m: FloatArray, preferred_m: float) -> Wa
     """The net of ways between places (k, 2), the first of which is the start.
 
     One search from all places at once gives each its region; where regions meet, the cheapest
-    crossing becomes a way (Mehlhorn 1988). Raises SlamsimError if a place is out of reach.
+    crossing becomes a way (Mehlhorn 1988). Raises NoWay if a place is out of reach.
     """
     open_cells = reachable_cells(space, places_m[0])
     cells = np.argwhere(open_cells)
@@ -136,12 +140,12 @@ def connect_places(space: Space, places_m: FloatArray, preferred_m: float) -> Wa
 
 
 def reachable_cells(space: Space, start_m: FloatArray) -> BoolArray:
-    """(rows, cols) where the robot's middle may come to. Raises SlamsimError if it does not fit
-    at its start."""
+    """(rows, cols) where the robot's middle may come to. Raises NoWay if it does not fit at its
+    start."""
     wide = space.room_m >= space.needed_m
     start = tuple(space.cells_of(start_m[None])[0])
     if not wide[start]:
-        raise SlamsimError(
+        raise NoWay(
             f"the robot does not fit at its start ({start_m[0]:.2f}, {start_m[1]:.2f}): there is "
             f"room for a radius of {space.room_m[start]:.3f} m, it needs {space.needed_m:.3f} m"
         )
@@ -150,7 +154,7 @@ def reachable_cells(space: Space, start_m: FloatArray) -> BoolArray:
 
 
 def _standing_cells(space: Space, open_cells: BoolArray, places_m: FloatArray) -> IntArray:
-    """(k, 2) open cell nearest to each place; raises SlamsimError if one is not at the place."""
+    """(k, 2) open cell nearest to each place; raises NoWay if one is not at the place."""
     _, nearest = ndimage.distance_transform_edt(~open_cells, return_indices=True)
     wanted = space.cells_of(places_m)
     standing = nearest[:, wanted[:, 0], wanted[:, 1]].T.astype(np.int64)
@@ -158,7 +162,7 @@ def _standing_cells(space: Space, open_cells: BoolArray, places_m: FloatArray) -
     if off_m.max() > 0.5 * space.needed_m + space.resolution_m:
         place = places_m[int(off_m.argmax())]
         narrowest_m = narrowest_on_the_way_m(space, places_m[0], place)
-        raise SlamsimError(
+        raise NoWay(
             f"there is no way for the robot from ({places_m[0, 0]:.2f}, {places_m[0, 1]:.2f}) to "
             f"({place[0]:.2f}, {place[1]:.2f}): the widest one narrows to {2 * narrowest_m:.2f} m, "
             f"the robot and its clearance need {2 * space.needed_m:.2f} m"
