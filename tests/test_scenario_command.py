@@ -111,9 +111,12 @@ def test_the_command_leaves_a_whole_folder_and_tells_its_numbers(tmp_path: Path)
     assert (done.returncode, done.stderr) == (0, "")
     told = json.loads(done.stdout)
     report = json.loads((out / "report.json").read_text())
-    rows = report["scenarios"]["integrator"].pop("rows")
+    found = report["scenarios"]["integrator"]
+    rows, sheets, charts = (found.pop(name) for name in ("rows", "sheets", "charts"))
     assert report == {key: value for key, value in told.items() if key != "folder"}
     assert report["seed"] == 4
+    assert sheets[0]["rows"]
+    assert charts[0]["series"][0]["who"] == "slamsim"
     assert report["trials_failed"] == 0
     with (out / "integrator.csv").open() as file:
         assert [row["trial"] for row in csv.DictReader(file)] == [row["trial"] for row in rows]

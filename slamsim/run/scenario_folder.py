@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import csv
 import json
+import math
 from collections import Counter
 from collections.abc import Sequence
+from dataclasses import asdict
 from io import StringIO
 from pathlib import Path
 
@@ -14,7 +16,8 @@ from slamsim.config.dump import dump_commented_yaml
 from slamsim.dataset.versions import versions
 from slamsim.run.folder import CONFIG, REPORT, REPORT_JSON
 from slamsim.safe.output import write_atomic
-from slamsim.scenarios.base import Row, ScenarioResult
+from slamsim.scenarios.base import Row, ScenarioResult, Series
+from slamsim.types import FloatArray
 from slamsim.view.scenario_figures import pictures
 from slamsim.view.scenario_page import scenario_page
 from slamsim.view.scenario_recording import write_scenes
@@ -78,8 +81,41 @@ def _told(result: ScenarioResult, with_rows: bool) -> dict[str, object]:
         "engine": dict(result.engine),
         "config": result.config.model_dump(mode="json"),
         "busy_s": result.busy_s,
-        **({"rows": [dict(row) for row in result.rows]} if with_rows else {}),
+        **(_raw(result) if with_rows else {}),
     }
+
+
+def _raw(result: ScenarioResult) -> dict[str, object]:
+    """What stands in the file alone: rows of trials, tables and curves of the page."""
+    findings = result.findings
+    return {
+        "rows": [dict(row) for row in result.rows],
+        "sheets": [asdict(sheet) for sheet in findings.sheets],
+        "charts": [
+            {
+                "title": chart.title,
+                "x_label": chart.x_label,
+                "y_label": chart.y_label,
+                "series": [_curve(series) for series in chart.series],
+            }
+            for chart in findings.charts
+        ],
+    }
+
+
+def _curve(series: Series) -> dict[str, object]:
+    return {
+        "name": series.name,
+        "who": series.who,
+        "x": _finite(series.x),
+        "y": _finite(series.y),
+        "spread": None if series.spread is None else [_finite(five) for five in series.spread],
+    }
+
+
+def _finite(values: FloatArray) -> list[float | None]:
+    """Seven digits, which any drawing is content with; nothing where a line breaks."""
+    return [float(f"{value:.7g}") if math.isfinite(value) else None for value in values.tolist()]
 
 
 def _counts(results: Sequence[ScenarioResult]) -> dict[str, int]:

@@ -14,7 +14,7 @@ from slamsim.scenarios.base import Findings, Outcome, Row, Trial
 from slamsim.scenarios.basic_drive_findings import stops_found
 from slamsim.scenarios.repeats import robot_motion, steps_at, true_poses
 from slamsim.scenarios.scripts import straight_commands
-from slamsim.scenarios.tested import Tested, run_seed, robots_under_test
+from slamsim.scenarios.tested import Tested, robots_under_test, run_seed
 from slamsim.sim.engine import engine_parameters
 from slamsim.sim.ground import Ground
 from slamsim.sim.robot import build_robot

@@ -13,7 +13,7 @@ from slamsim.config.scenarios.umbmark import UmbmarkConfig
 from slamsim.scenarios.base import Findings, Outcome, Row, Trial, Value
 from slamsim.scenarios.repeats import corner_deg, robot_motion, steps_at, true_poses
 from slamsim.scenarios.scripts import square_commands
-from slamsim.scenarios.tested import Tested, run_seed, robots_under_test
+from slamsim.scenarios.tested import Tested, robots_under_test, run_seed
 from slamsim.scenarios.umbmark_findings import squares_found
 from slamsim.sim.engine import engine_parameters
 from slamsim.sim.ground import Ground

@@ -51,6 +51,10 @@ _STRAY = 0.005
 _LABEL_WIDTH = 38
 _FEW_DECADES = 2.0
 _PNG_DPI = 160
+_TITLE_CHARACTERS = 11.5
+"""Of the title's font to the inch."""
+_LINE_IN, _SAMPLE_IN, _CHARACTER_IN = 0.2, 0.6, 0.075
+"""Of the legend: height of a line, width of a sample with its gaps, and of a character."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,16 +94,24 @@ def chart_png(chart: Chart) -> bytes:
     """The same to be pasted elsewhere: on white, with title and legend."""
     with rc_context(STYLE):
         width, height = _size(chart)
-        rows = -(-len(chart.series) // 3)
-        figure = Figure(figsize=(width, height + 0.3 + 0.2 * rows), layout="constrained")
-        looks = _draw(figure.add_subplot(), chart)
-        figure.suptitle(_words(chart.title), fontsize=10.0, fontweight="bold")
-        handles = [_handle(look) for look in looks]
         names = [_words(series.name) for series in chart.series]
-        figure.legend(handles, names, loc="outside lower center", ncols=3, frameon=False)
+        title = wrap(_words(chart.title), round(width * _TITLE_CHARACTERS))
+        columns = _legend_columns(names, width)
+        lines = len(title) + -(-len(names) // columns)
+        figure = Figure(figsize=(width, height + _LINE_IN * lines), layout="constrained")
+        looks = _draw(figure.add_subplot(), chart)
+        figure.suptitle("\n".join(title), fontsize=10.0, fontweight="bold")
+        handles = [_handle(look) for look in looks]
+        figure.legend(handles, names, loc="outside lower center", ncols=columns, frameon=False)
         file = BytesIO()
         figure.savefig(file, format="png", dpi=_PNG_DPI, facecolor="white")
         return file.getvalue()
+
+
+def _legend_columns(names: Sequence[str], width: float) -> int:
+    """As many as there is room for."""
+    longest = max(map(len, names), default=0)
+    return max(int(width / (_SAMPLE_IN + _CHARACTER_IN * longest)), 1)
 
 
 def looks_of(chart: Chart) -> tuple[Look, ...]:

@@ -26,7 +26,7 @@ table.verdicts { width: 100%; }
 main td:first-child { white-space: normal; min-width: 6.5rem; }
 main .verdicts td.mark { min-width: 0; }
 .dots { white-space: nowrap; letter-spacing: 0.1em; }
-.charts { display: grid; gap: 1rem; margin-top: 1rem;
+.charts { display: grid; gap: 1rem; margin-top: 1rem; align-items: start;
   grid-template-columns: repeat(auto-fit, minmax(min(400px, 100%), 1fr)); }
 .charts.small { grid-template-columns: repeat(auto-fill, minmax(min(320px, 100%), 1fr)); }
 .charts figure:only-child { max-width: 720px; }
