@@ -29,7 +29,7 @@ class Body:
     """What a robot weighs on its wheels.
 
     driven_share: of its weight, on the driven wheels. scrub_n_m: moment against turning on the
-    spot, for tyres of friction 1.
+    spot, by supports that are dragged and tyres that are twisted.
     """
 
     mass_kg: float
@@ -39,8 +39,8 @@ class Body:
     scrub_n_m: float
 
     @property
-    def scrub_m2_n(self) -> float:
-        """Difference of the tyres' speeds that scrubbing takes, for a friction and a gain of 1."""
+    def scrub_n_m2(self) -> float:
+        """Motor gain times the difference of the tyres' speeds that scrubbing takes."""
         return 2.0 * self.wheel_radius_m**2 * self.scrub_n_m / self.track_m
 
 

@@ -83,7 +83,7 @@ class Experiment:
         straights, squares = config.basic_drive.runs, config.umbmark.runs
         track_m, m = config.robot.drive_wheels.track_m, len(self.draws)
 
-        scrub = self.body.scrub_m2_n
+        scrub = self.body.scrub_n_m2
         wheels = wheels_of(values, self.draws[:, :straights].reshape(-1, len(VARYING)), scrub)
         true = driven(wheels, straight_commands(config.basic_drive), track_m).true
         stops_m = true[:, 1::2, :2].reshape(m, straights, -1, 2)

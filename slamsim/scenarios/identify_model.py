@@ -1,8 +1,8 @@
 """A robot in closed form: what its wheels make of open-loop commands, run by run.
 
 A wheel turns at its commanded rim speed, less what the gear's friction takes from a proportional
-controller: the same at any speed, and more as the battery runs down. Tyres that scrub as the robot
-turns brake one wheel and push the other, so that a soft controller yields to them. Nothing slips
+controller: the same at any speed, and more as the battery runs down. Whatever scrubs as the robot
+turns brakes one wheel and pushes the other, so that a soft controller yields to it. Nothing slips
 but what the effective track stands for. Thousands of runs take milliseconds: a fit can afford them.
 """
 
@@ -46,11 +46,11 @@ class Motions:
 
 
 def wheels_of(
-    values: Mapping[ParameterName, float], draws: FloatArray, scrub_m2_n: float = 0.0
+    values: Mapping[ParameterName, float], draws: FloatArray, scrub_n_m2: float = 0.0
 ) -> Wheels:
     """The wheels of runs that differ by draws (n, 4): standard normal, one column per VARYING.
 
-    scrub_m2_n: yielding_m_s for a friction and a motor gain of 1.
+    scrub_n_m2: motor gain times yielding_m_s.
     """
 
     def varied(name: ParameterName, variation: ParameterName, column: int) -> FloatArray:
@@ -64,7 +64,7 @@ def wheels_of(
         droops_m_s=_pair(droop_m_s, droop_ratio),
         track_scale=varied("track_scale", "variation_track", 1),
         sag_per_s=values["battery_sag_per_min"] / 60.0,
-        yielding_m_s=scrub_m2_n * values["tyre_friction"] / values["motor_gain_n_m_s"],
+        yielding_m_s=scrub_n_m2 / values["motor_gain_n_m_s"],
     )
 
 

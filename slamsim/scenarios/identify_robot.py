@@ -108,10 +108,7 @@ def weighed(robot: RobotConfig) -> Body:
         wheel_radius_m=model.wheel_radius_m,
         track_m=model.track_m,
         driven_share=driven_n / (driven_n + carried_n),
-        scrub_n_m=torque_n_m
-        / model.wheel_radius_m
-        * model.track_m
-        / max(robot.drive_wheels.friction, 1e-6),
+        scrub_n_m=torque_n_m / model.wheel_radius_m * model.track_m,
     )
 
 
