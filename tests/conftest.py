@@ -1,12 +1,43 @@
 """Random examples have no deadline: compiling, or a busy machine, is no failure. Ctrl-C is heard in
-child processes also where the tests run in the background, which has it ignored."""
+child processes also where the tests run in the background, which has it ignored. What takes long
+to make and is only looked at is made once for all files."""
+
+from __future__ import annotations
 
 import signal
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
 
+import pytest
 from hypothesis import settings
+
+if TYPE_CHECKING:
+    from slamsim.dataset.engines.base import Engine
 
 settings.register_profile("any machine", deadline=None)
 settings.load_profile("any machine")
 
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+@pytest.fixture(scope="session")
+def one_worker() -> Iterator[Engine]:
+    """An engine whose worker has been started, and stays."""
+    from dataset_whole import KeptEngine
+
+    from slamsim.dataset.engines.local import LocalEngine
+
+    with LocalEngine(1) as engine:
+        yield KeptEngine(engine)
+
+
+@pytest.fixture(scope="session")
+def small_set(one_worker: Engine, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A finished data set, as ``dataset_whole`` makes it: to be read, not to be changed."""
+    from dataset_whole import make_small
+
+    place = tmp_path_factory.mktemp("small") / "set"
+    make_small(place, one_worker)
+    return place

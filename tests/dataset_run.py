@@ -17,8 +17,8 @@ from dataset_stub import Stub, draw
 
 from slamsim.dataset.engines.base import Engine
 from slamsim.dataset.engines.local import LocalEngine
+from slamsim.dataset.fulfil import fulfil
 from slamsim.dataset.identity import Identity
-from slamsim.dataset.make import fulfil
 from slamsim.dataset.production import DatasetSummary, Order
 from slamsim.dataset.store import open_store
 from slamsim.dataset.watch import Unwatched, Watch

@@ -1,21 +1,45 @@
-"""A small finished data set, for tests that look at one."""
+"""A small finished data set, for tests that look at one, and the worker that makes such."""
 
 from __future__ import annotations
 
 import shutil
 from pathlib import Path
+from typing import Self
 
 from slamsim.dataset.distributions import Constant
+from slamsim.dataset.engines.base import Answer, Engine
 from slamsim.dataset.engines.local import LocalEngine
 from slamsim.dataset.loading import load_recipe
 from slamsim.dataset.make import make_dataset
+from slamsim.dataset.shard import Task
 
-COUNT = 4
+COUNT, SECONDS = 4, 4.0
 
 
-def make_small(out: Path, count: int = COUNT, seconds: float = 4.0) -> None:
-    recipe = load_recipe("tiny").model_copy(update={"duration_s": Constant(constant=seconds)})
-    make_dataset(recipe, count, str(out), LocalEngine(1))
+class KeptEngine:
+    """One worker of this machine that several data sets are made by, one after the other."""
+
+    batch = 1
+
+    def __init__(self, engine: LocalEngine) -> None:
+        self._engine = engine
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        """It stays for the next."""
+
+    def slots(self) -> int:
+        return self._engine.slots()
+
+    def submit(self, task: Task) -> Answer:
+        return self._engine.submit(task)
+
+
+def make_small(out: Path, engine: Engine) -> None:
+    recipe = load_recipe("tiny").model_copy(update={"duration_s": Constant(constant=SECONDS)})
+    make_dataset(recipe, COUNT, str(out), engine)
 
 
 def copied(place: Path, folder: Path) -> Path:

@@ -15,7 +15,8 @@ import pyarrow.compute as pc
 import pyarrow.dataset as pads
 import pyarrow.parquet as pq
 import pytest
-from dataset_whole import make_small
+from dataset_reader import read_windows
+from dataset_whole import COUNT, SECONDS
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -30,19 +31,10 @@ from slamsim.recording import RawStream
 from slamsim.safe.errors import InputRefused, NotFound, SlamsimError
 from slamsim.sensors.motion import Motion
 
-COUNT, SECONDS = 6, 9.0
-
 
 @pytest.fixture(scope="module")
-def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("opened") / "set"
-    make_small(folder, COUNT, seconds=SECONDS)
-    return folder
-
-
-@pytest.fixture(scope="module")
-def dataset(place: Path) -> Dataset:
-    return slamsim.dataset.open(place)
+def dataset(small_set: Path) -> Dataset:
+    return slamsim.dataset.open(small_set)
 
 
 def test_sequences_are_had_by_number_name_split_and_condition(dataset: Dataset) -> None:
@@ -112,10 +104,10 @@ def require_rows(part: RawStream, whole: RawStream, kept: np.ndarray[Any, Any]) 
 @settings(max_examples=25)
 @given(data=st.data())
 def test_the_truth_of_any_instant_is_the_simulators_own(
-    data: st.DataObject, dataset: Dataset, place: Path
+    data: st.DataObject, dataset: Dataset, small_set: Path
 ) -> None:
     sequence = dataset[0]
-    motion = Motion(read_drive(place / sequence.name / "truth/trajectory.parquet"))
+    motion = Motion(read_drive(small_set / sequence.name / "truth/trajectory.parquet"))
     ends = st.integers(0, motion.covered_ns)
     begin_ns, end_ns = sorted(data.draw(st.tuples(ends, ends), "part"))
     instants = data.draw(st.lists(st.integers(begin_ns, end_ns), min_size=1), "instants")
@@ -142,9 +134,9 @@ def test_beams_pairs_surfaces_and_grid_come_with_the_truth(dataset: Dataset) -> 
 
 @pytest.mark.parametrize("table", ["parquet/imu", "truth/trajectory", "truth/surfaces"])
 def test_tables_of_many_sequences_read_as_one_join_with_the_manifest(
-    dataset: Dataset, place: Path, table: str
+    dataset: Dataset, small_set: Path, table: str
 ) -> None:
-    files = [str(place / one.name / f"{table}.parquet") for one in dataset]
+    files = [str(small_set / one.name / f"{table}.parquet") for one in dataset]
     rows = pads.dataset(files).to_table(columns=["sequence"]).group_by("sequence")
     joined = rows.aggregate([([], "count_all")]).join(dataset.manifest, "sequence", "index")
     found = {row["name"]: row["count_all"] for row in joined.to_pylist()}
@@ -218,16 +210,13 @@ def test_windows_of_several_lidars_are_all_of_one_shape(dataset: Dataset) -> Non
         assert np.stack([window[name] for window in batch]).shape[0] == len(windows)
 
 
-def loaded(windows: Any, numbers: list[int]) -> list[bytes]:
-    """What a worker of a loader does."""
-    return [windows[number]["ranges_m"].tobytes() for number in numbers]
-
-
 def test_other_processes_read_the_same(dataset: Dataset) -> None:
     windows = dataset.filter(pc.field("drawn.sensors.lidar") == "lds_01").windows(4, 4)
     numbers = list(range(len(windows)))
     with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as pool:
-        assert pool.submit(loaded, windows, numbers).result() == loaded(windows, numbers)
+        assert pool.submit(read_windows, windows, numbers).result() == read_windows(
+            windows, numbers
+        )
     part: Sequence = pickle.loads(pickle.dumps(dataset[0].between(1.0, 2.0)))
     assert len(part.scans) == len(dataset[0].between(1.0, 2.0).scans)
 
@@ -252,8 +241,8 @@ def test_rows_of_a_table_are_slices_of_it(
     np.testing.assert_array_equal(table.column("number"), np.arange(len(values)))
 
 
-def test_behind_a_url_it_is_the_same(dataset: Dataset, place: Path) -> None:
-    fsspec.filesystem("memory").put(str(place), "/data/set", recursive=True)
+def test_behind_a_url_it_is_the_same(dataset: Dataset, small_set: Path) -> None:
+    fsspec.filesystem("memory").put(str(small_set), "/data/set", recursive=True)
     remote = slamsim.dataset.open("memory://data/set")
     assert len(remote) == COUNT
     for mine, theirs in zip(remote, dataset, strict=True):

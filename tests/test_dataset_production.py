@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from dataset_run import SHARD, end, make, runs, start, tree, workers_of
 
-from slamsim.dataset.engines.local import LocalEngine
+from slamsim.dataset.engines.base import Engine
 from slamsim.dataset.identity import Identity, read_identity
 from slamsim.dataset.shard import shard_path
 from slamsim.dataset.store import LocalStore, open_store
@@ -40,10 +40,10 @@ def orders(tmp_path: Path) -> Path:
 
 
 @pytest.fixture(scope="module")
-def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
+def undisturbed(tmp_path_factory: pytest.TempPathFactory, one_worker: Engine) -> dict[str, bytes]:
     """What every run of ``COUNT`` sequences must leave, whatever happened to it."""
     folder = tmp_path_factory.mktemp("undisturbed")
-    summary = make(folder / "set", folder, COUNT, LocalEngine(1))
+    summary = make(folder / "set", folder, COUNT, one_worker)
     assert (summary.made, summary.already, summary.failures) == (COUNT, 0, ())
     assert summary.simulated_s == COUNT * 60.0
     return tree(folder / "set")
@@ -87,7 +87,7 @@ def test_workers_that_die_cost_nothing_but_a_retry(
 
 
 def test_a_sequence_that_fails_three_times_is_recorded_and_the_rest_goes_on(
-    orders: Path, tmp_path: Path, undisturbed: dict[str, bytes]
+    orders: Path, one_worker: Engine, tmp_path: Path, undisturbed: dict[str, bytes]
 ) -> None:
     (orders / "5").write_text("crash crash crash")
     (orders / "6").write_text("refuse refuse refuse")
@@ -101,42 +101,42 @@ def test_a_sequence_that_fails_three_times_is_recorded_and_the_rest_goes_on(
     assert rows[1]["command"] == "make --only 5" and rows[1]["seed"] == 5
     assert not (tmp_path / "set" / "test" / "000005").exists()
 
-    again = make(tmp_path / "set", orders, COUNT)  # the same command tries them again
+    again = make(tmp_path / "set", orders, COUNT, one_worker)  # the same command tries them again
     assert (again.already, again.made, again.failures) == (COUNT - 2, 2, ())
     assert tree(tmp_path / "set") == undisturbed
 
 
-def test_one_sequence_alone(orders: Path, tmp_path: Path) -> None:
-    summary = make(tmp_path / "set", orders, COUNT, only=[3, 3])
+def test_one_sequence_alone(orders: Path, one_worker: Engine, tmp_path: Path) -> None:
+    summary = make(tmp_path / "set", orders, COUNT, one_worker, only=[3, 3])
     assert (summary.already, summary.made) == (0, 1)
     assert [path.name for path in (tmp_path / "set").glob("t*/*")] == ["000003"]
     assert not (tmp_path / "set" / "shards").exists()
 
 
 def test_a_larger_data_set_keeps_what_is_there(
-    orders: Path, tmp_path: Path, undisturbed: dict[str, bytes]
+    orders: Path, one_worker: Engine, tmp_path: Path, undisturbed: dict[str, bytes]
 ) -> None:
-    make(tmp_path / "set", orders, 6)
+    make(tmp_path / "set", orders, 6, one_worker)
     kept = (tmp_path / "set" / "train" / "000003" / "log" / "data.bin").stat().st_mtime_ns
-    summary = make(tmp_path / "set", orders, COUNT)
+    summary = make(tmp_path / "set", orders, COUNT, one_worker)
     assert (summary.already, summary.made) == (6, COUNT - 6)
     assert tree(tmp_path / "set") == undisturbed
     assert (tmp_path / "set/train/000003/log/data.bin").stat().st_mtime_ns == kept
     with pytest.raises(SlamsimError, match="it can grow, not shrink"):
-        make(tmp_path / "set", orders, 6)
+        make(tmp_path / "set", orders, 6, one_worker)
 
 
 def test_what_was_cut_is_made_again(
-    orders: Path, tmp_path: Path, undisturbed: dict[str, bytes]
+    orders: Path, one_worker: Engine, tmp_path: Path, undisturbed: dict[str, bytes]
 ) -> None:
     folder = tmp_path / "set"
-    make(folder, orders, COUNT)
+    make(folder, orders, COUNT, one_worker)
     for name in ("dataset.yaml", shard_path(1), "train/000006/sequence.json"):
         data = (folder / name).read_bytes()
         (folder / name).write_bytes(data[: len(data) // 2])
     (folder / "val" / "000004" / "sequence.json").unlink()
     (folder / ".partial" / "train-000000.host-1.x").mkdir(parents=True)
-    assert make(folder, orders, COUNT).failures == ()
+    assert make(folder, orders, COUNT, one_worker).failures == ()
     assert tree(folder) == undisturbed
 
 
@@ -174,15 +174,15 @@ def test_a_place_that_holds_something_else_is_refused(
 
 
 def test_another_recipe_and_other_software_are_refused(
-    orders: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    orders: Path, one_worker: Engine, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    make(tmp_path / "set", orders, 2)
+    make(tmp_path / "set", orders, 2, one_worker)
     with pytest.raises(SlamsimError, match=r"another data set \(clutter of its recipe is None"):
-        make(tmp_path / "set", orders, 2, clutter=0.5)
+        make(tmp_path / "set", orders, 2, one_worker, clutter=0.5)
     text = (tmp_path / "set" / "dataset.yaml").read_text()
     (tmp_path / "set" / "dataset.yaml").write_text(text.replace("pybullet: ", "pybullet: 1."))
     with pytest.raises(SlamsimError, match=r"other software: here is pybullet 3.*instead of 1\.3"):
-        make(tmp_path / "set", orders, 2)
+        make(tmp_path / "set", orders, 2, one_worker)
 
 
 def test_the_identity_reads_back(tmp_path: Path) -> None:
@@ -195,25 +195,25 @@ def test_the_identity_reads_back(tmp_path: Path) -> None:
 
 
 def test_a_full_disk_stops_the_run_and_the_same_command_goes_on(
-    orders: Path, tmp_path: Path, undisturbed: dict[str, bytes]
+    orders: Path, one_worker: Engine, tmp_path: Path, undisturbed: dict[str, bytes]
 ) -> None:
     (orders / "6").write_text("fill")
     with pytest.raises(DiskFull, match="No space left"):
         make(tmp_path / "set", orders, COUNT)
-    assert make(tmp_path / "set", orders, COUNT).failures == ()
+    assert make(tmp_path / "set", orders, COUNT, one_worker).failures == ()
     assert tree(tmp_path / "set") == undisturbed
 
 
 def test_a_second_run_and_a_worker_that_lives_on_keep_others_out(
-    orders: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    orders: Path, one_worker: Engine, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("slamsim.dataset.store._ORPHANS_END_S", 0.2)
     store = LocalStore(str(tmp_path / "set"))
     with store.owned(), pytest.raises(Locked, match="is being written by process"):
-        make(tmp_path / "set", orders, 2)
+        make(tmp_path / "set", orders, 2, one_worker)
     with store.used(), pytest.raises(Locked, match="workers of an earlier run"):
-        make(tmp_path / "set", orders, 2)
-    assert make(tmp_path / "set", orders, 2).made == 2
+        make(tmp_path / "set", orders, 2, one_worker)
+    assert make(tmp_path / "set", orders, 2, one_worker).made == 2
 
 
 def _wait_for_sequences(folder: Path, count: int, process: subprocess.Popen[str]) -> None:
@@ -222,7 +222,7 @@ def _wait_for_sequences(folder: Path, count: int, process: subprocess.Popen[str]
 
 
 def test_ctrl_c_ends_within_seconds_and_the_same_command_goes_on(
-    orders: Path, tmp_path: Path, undisturbed: dict[str, bytes]
+    orders: Path, one_worker: Engine, tmp_path: Path, undisturbed: dict[str, bytes]
 ) -> None:
     folder = tmp_path / "set"
     (orders / "5").write_text("hang")
@@ -236,12 +236,12 @@ def test_ctrl_c_ends_within_seconds_and_the_same_command_goes_on(
     assert workers and not any(map(runs, workers))
     assert not (folder / ".partial").exists()
     (orders / "5").unlink()
-    make(folder, orders, COUNT)
+    make(folder, orders, COUNT, one_worker)
     assert tree(folder) == undisturbed
 
 
 def test_a_killed_run_leaves_no_worker_and_the_same_command_goes_on(
-    orders: Path, tmp_path: Path, undisturbed: dict[str, bytes]
+    orders: Path, one_worker: Engine, tmp_path: Path, undisturbed: dict[str, bytes]
 ) -> None:
     folder = tmp_path / "set"
     with start(folder, orders, COUNT, 2, 0.1) as process:
@@ -252,5 +252,5 @@ def test_a_killed_run_leaves_no_worker_and_the_same_command_goes_on(
     while any(map(runs, workers)) and time.monotonic() < end_s:
         time.sleep(0.05)
     assert workers and not any(map(runs, workers))
-    make(folder, orders, COUNT)
+    make(folder, orders, COUNT, one_worker)
     assert tree(folder) == undisturbed

@@ -11,7 +11,10 @@ from pathlib import Path
 
 import pytest
 from dataset_run import end, make, start, tree
+from dataset_whole import KeptEngine
 
+from slamsim.dataset.engines.base import Engine
+from slamsim.dataset.engines.local import LocalEngine
 from slamsim.dataset.remote import LOCK, RemoteStore
 from slamsim.dataset.shard import shard_path
 from slamsim.safe.errors import Locked, SlamsimError
@@ -40,6 +43,13 @@ def bucket() -> Iterator[str]:
     server.stop()
 
 
+@pytest.fixture(scope="module")
+def worker(bucket: str) -> Iterator[Engine]:
+    """One that knows the server."""
+    with LocalEngine(1) as engine:
+        yield KeptEngine(engine)
+
+
 @pytest.fixture
 def orders(tmp_path: Path) -> Path:
     folder = tmp_path / "orders"
@@ -55,32 +65,34 @@ def _downloaded(address: str, folder: Path) -> dict[str, bytes]:
 
 
 def test_what_is_uploaded_is_what_a_folder_would_hold(
-    bucket: str, orders: Path, tmp_path: Path
+    bucket: str, worker: Engine, orders: Path, tmp_path: Path
 ) -> None:
     address = f"{bucket}/a/set"
-    make(tmp_path / "set", orders, COUNT)
+    make(tmp_path / "set", orders, COUNT, worker)
     (orders / "2").write_text("refuse")
-    summary = make(address, orders, COUNT)
+    summary = make(address, orders, COUNT, worker)
     assert (summary.made, summary.failures) == (COUNT, ())
     assert _downloaded(address, tmp_path / "down") == tree(tmp_path / "set")
 
 
 def test_what_was_cut_on_the_way_counts_for_nothing(
-    bucket: str, orders: Path, tmp_path: Path
+    bucket: str, worker: Engine, orders: Path, tmp_path: Path
 ) -> None:
     address = f"{bucket}/cut"
     store = RemoteStore(address)
-    make(address, orders, COUNT)
+    make(address, orders, COUNT, worker)
     whole = _downloaded(address, tmp_path / "before")
     for name in ("dataset.yaml", shard_path(0), "val/000001/sequence.json"):
         store.write(name, whole[name][:-20])
     store._files.rm_file(store._at("test/000002/sequence.json"))
     store.write("val/000001/log/data.bin", b"half")
-    make(address, orders, COUNT)
+    make(address, orders, COUNT, worker)
     assert _downloaded(address, tmp_path / "after") == whole
 
 
-def test_a_killed_run_is_gone_on_with(bucket: str, orders: Path, tmp_path: Path) -> None:
+def test_a_killed_run_is_gone_on_with(
+    bucket: str, worker: Engine, orders: Path, tmp_path: Path
+) -> None:
     address = f"{bucket}/killed"
     store = RemoteStore(address)
     with start(address, orders, COUNT, 1, 0.2) as process:
@@ -88,19 +100,21 @@ def test_a_killed_run_is_gone_on_with(bucket: str, orders: Path, tmp_path: Path)
         while not store.names("train") and time.monotonic() < end_s:
             time.sleep(0.05)
         end(process.pid, signal.SIGKILL)
-    assert make(address, orders, COUNT).failures == ()
-    make(tmp_path / "set", orders, COUNT)
+    assert make(address, orders, COUNT, worker).failures == ()
+    make(tmp_path / "set", orders, COUNT, worker)
     assert _downloaded(address, tmp_path / "down") == tree(tmp_path / "set")
 
 
-def test_the_lock_of_a_run_elsewhere_holds_until_it_is_forgotten(bucket: str, orders: Path) -> None:
+def test_the_lock_of_a_run_elsewhere_holds_until_it_is_forgotten(
+    bucket: str, worker: Engine, orders: Path
+) -> None:
     store = RemoteStore(f"{bucket}/locked")
     lock = {"owner": "process 1 on elsewhere", "key": "x", "renewed_s": time.time()}
     store.write(LOCK, json.dumps(lock).encode())
     with pytest.raises(Locked, match="is being written by process 1 on elsewhere"):
-        make(store.address, orders, 1)
+        make(store.address, orders, 1, worker)
     store.write(LOCK, json.dumps({**lock, "renewed_s": time.time() - 1000.0}).encode())
-    assert make(store.address, orders, 1).made == 1
+    assert make(store.address, orders, 1, worker).made == 1
     assert LOCK not in store.names("")
 
 

@@ -10,10 +10,11 @@ from slamsim.dataset.catalogue import RECIPE, write_catalogue
 from slamsim.dataset.distributions import edges
 from slamsim.dataset.draw import sequence_spec
 from slamsim.dataset.engines.base import Engine
-from slamsim.dataset.identity import Identity, claim, require_place_for
+from slamsim.dataset.fulfil import fulfil
+from slamsim.dataset.identity import Identity
 from slamsim.dataset.plan import plan
 from slamsim.dataset.produce import produce
-from slamsim.dataset.production import DatasetSummary, Order, Production
+from slamsim.dataset.production import DatasetSummary, Order
 from slamsim.dataset.recipe import Recipe
 from slamsim.dataset.store import Store, open_store
 from slamsim.dataset.watch import Unwatched, Watch
@@ -71,35 +72,6 @@ def make_dataset(
     return fulfil(
         order, identity, store, engine, watch or Unwatched(), require_room, only, catalogue
     )
-
-
-def fulfil(
-    order: Order,
-    identity: Identity,
-    store: Store,
-    engine: Engine,
-    watch: Watch,
-    require_room: Callable[[int], None] | None = None,
-    only: Sequence[int] | None = None,
-    catalogue: Callable[[Store], None] | None = None,
-) -> DatasetSummary:
-    """As ``make_dataset``, for sequences of any kind.
-
-    require_room: raises DiskFull. catalogue: writes what stands beside the sequences.
-    """
-    require_place_for(store, identity)
-    with store.owned():
-        require_place_for(store, identity)
-        with engine:
-            production = Production(order, store, engine, watch, only)
-            if require_room is not None:
-                require_room(production.left())
-            claim(store, identity)
-            summary = production.run()
-            if only is None and catalogue is not None:
-                watch.catalogue()
-                catalogue(store)
-            return summary
 
 
 def _require_room(recipe: Recipe, count: int, left: int, store: Store) -> None:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from functools import partial
+from functools import lru_cache, partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -67,6 +67,12 @@ def standing_robot(
 
 def engine_parameters(physics: PhysicsConfig) -> dict[str, float | int | str]:
     """What a result depends on, to be kept beside it."""
+    return dict(_engine_parameters(physics))
+
+
+@lru_cache(maxsize=16)
+def _engine_parameters(physics: PhysicsConfig) -> dict[str, float | int | str]:
+    """Asked once: an engine takes some 30 ms to start, and every log tells of its own."""
     with physics_client() as client:
         _set_up(client, physics)
         used = pybullet.getPhysicsEngineParameters(client)

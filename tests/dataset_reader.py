@@ -1,0 +1,9 @@
+"""What a worker of a loader does: it imports this and no more."""
+
+from __future__ import annotations
+
+from slamsim.dataset.windows import Windows
+
+
+def read_windows(windows: Windows, numbers: list[int]) -> list[bytes]:
+    return [windows[number]["ranges_m"].tobytes() for number in numbers]
