@@ -29,7 +29,7 @@ def turn_found(config: FrictionTurnConfig, outcomes: Sequence[Outcome]) -> Findi
     """outcomes: every motor on every friction between body and box."""
     main = having(outcomes, body_friction=config.body_frictions[0])
     return Findings(
-        lead=_LEAD,
+        lead=f"{_LEAD}{_told(main)}",
         numbers={
             f"{one.values['motor']}_turned_deg_at_2.9_s": _turned_at(one, STUDY_SINCE_START_S[-1])
             for one in main
@@ -38,6 +38,15 @@ def turn_found(config: FrictionTurnConfig, outcomes: Sequence[Outcome]) -> Findi
         sheets=(_sheet(outcomes),),
         charts=(_turn_chart(main), _path_chart(main)),
     )
+
+
+def _told(main: Sequence[Outcome]) -> str:
+    turns = ", ".join(
+        f"{_turned_at(one, STUDY_SINCE_START_S[-1]):.0f}° with {one.values['motor']} motors"
+        for one in main
+    )
+    unity_deg = STUDY_TURNED_DEG[-1]
+    return f" After 2.9 s it has turned by {turns}; Unity {unity_deg:.0f}°." if turns else ""
 
 
 def _turned_at(one: Outcome, since_start_s: float) -> float:

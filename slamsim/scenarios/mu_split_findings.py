@@ -19,8 +19,8 @@ STUDY_UNITY_TURN_DEG, STUDY_GAZEBO_TURN_DEG = 120.0, 88.0
 _FAR_DEG = (70.0, 140.0)
 END_TOLERANCE_M = 0.05
 STRAIGHT_DEG = 0.1
-THEORY_RANGE, THEORY_TOLERANCE = (0.0, 0.2), 0.15
-"""Where the wheel slips for many control ticks, and the turn stays small."""
+THEORY_RANGE, THEORY_TOLERANCE = (0.0, 0.15), 0.15
+"""Where the wheel slips for so long that the 25 ms in which motors take a new speed hardly count."""
 
 _LEAD = (
     "The left wheel stands on good floor, the right one on less and less friction. While the robot "
@@ -38,11 +38,21 @@ def split_found(config: MuSplitConfig, outcomes: Sequence[Outcome]) -> Findings:
         number(one.values, "right_friction"): number(one.values, "direction_deg") for one in main
     }
     return Findings(
-        lead=_LEAD,
+        lead=f"{_LEAD}{_told(turns)}",
         numbers={f"direction_deg_at_{friction:g}": turn for friction, turn in turns.items()},
         verdicts=(*_study_verdicts(turns, main), *_theory_verdicts(config, turns, main)),
         sheets=(_ends(plain), *([_drags(dragged)] if dragged else [])),
         charts=(_paths(main), _turns(config, plain)),
+    )
+
+
+def _told(turns: Mapping[float, float]) -> str:
+    if not turns:
+        return ""
+    least, most = min(turns), max(f for f in turns if f <= STUDY_LIMIT or f == min(turns))
+    return (
+        f" Its direction of motion turns by {-turns[least]:.0f}° on {least:g} and by "
+        f"{-turns[most]:.1f}° on {most:g}."
     )
 
 

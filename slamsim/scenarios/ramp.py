@@ -4,25 +4,27 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from slamsim.config.robot import RobotConfig
 from slamsim.config.scenarios.ramp import ClimbConfig, HandConfig, RampConfig
-from slamsim.scenarios.base import Findings, Outcome, Row, Trial
+from slamsim.scenarios.base import Findings, Motion, Outcome, Row, Solid, Trial
 from slamsim.scenarios.ramp_findings import ramp_found
 from slamsim.scenarios.repeats import duration_s, robot_motion, true_poses
 from slamsim.sim.engine import engine_parameters
 from slamsim.sim.ground import Block, Ground
 from slamsim.sim.robot import RobotModel, build_robot
 from slamsim.sim.script import Command, ScriptedRun, scripted_run
-from slamsim.types import GRAVITY_M_S2
+from slamsim.types import GRAVITY_M_S2, FloatArray, Trajectory
 
 SECONDS_OF_CORE = 0.03
 """Per simulated second, about."""
 WALL_M = (0.1, 2.0, 0.5)
+RAMP_M = (4.0, 1.0, 0.02)
 SHOWN = {("proportional", 20.0), ("velocity", 36.0)}
 
 
@@ -97,7 +99,7 @@ def climb(name: str, climbed: ClimbConfig, slope_deg: float, config: RampConfig)
             "ended": run.ended,
             "ended_after_s": duration_s(run),
         },
-        motions=(robot_motion(label, run, model),) if (name, slope_deg) in SHOWN else (),
+        motions=shown_on_slope(label, run, model, ground) if (name, slope_deg) in SHOWN else (),
     )
 
 
@@ -116,10 +118,34 @@ def hold(sprung: bool, slope_deg: float, hand: HandConfig, config: RampConfig) -
             "ended": run.ended,
             "ended_after_s": duration_s(run),
         },
-        motions=(robot_motion(_held_label(sprung, slope_deg), run, model),)
+        motions=shown_on_slope(_held_label(sprung, slope_deg), run, model, ground)
         if slope_deg == max(hand.slopes_deg)
         else (),
     )
+
+
+def shown_on_slope(
+    label: str, run: ScriptedRun, model: RobotModel, ground: Ground
+) -> tuple[Motion, ...]:
+    """The robot, the ramp and what stands on it, seen by somebody who stands upright."""
+    length_m, width_m, thick_m = RAMP_M
+    below = np.array([[0.4 * length_m, 0.0, -0.5 * thick_m]])
+    level = Trajectory(np.zeros(1, dtype=np.int64), below, np.array([[0.0, 0.0, 0.0, 1.0]]))
+    shown = [
+        robot_motion(label, run, model),
+        Motion("ramp", Solid("box", (length_m, width_m, thick_m)), level),
+        *(
+            Motion("wall", Solid("box", block.size_m), way)
+            for block, way in zip(ground.blocks, run.blocks, strict=True)
+        ),
+    ]
+    up = Rotation.from_euler("y", -ground.slope_rad)
+    return tuple(replace(one, T_map_body=_turned(one.T_map_body, up)) for one in shown)
+
+
+def _turned(way: Trajectory, rotation: Rotation) -> Trajectory:
+    quats = (rotation * Rotation.from_quat(way.quats_xyzw)).as_quat()
+    return Trajectory(way.stamps_ns, rotation.apply(way.positions_m), quats)
 
 
 def _held_label(sprung: bool, slope_deg: float) -> str:
@@ -155,7 +181,7 @@ def _sideways_m(run: ScriptedRun) -> float:
     return float(np.abs((poses[:, :2] - [x_m, y_m]) @ across).max())
 
 
-def pitches_deg(run: ScriptedRun) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+def pitches_deg(run: ScriptedRun) -> FloatArray:
     """(n,) about the robot's y axis; negative where the front is up."""
     x, y, z, w = run.drive.quats_xyzw.T
     return np.asarray(np.degrees(np.arcsin(np.clip(2.0 * (w * y - z * x), -1.0, 1.0))))

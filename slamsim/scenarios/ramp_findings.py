@@ -16,7 +16,8 @@ STUDY_GAZEBO_SHARE = 0.06
 STUDY_SLIDING_DEG = 30.0
 """Unity's robot slides sideways from about there on."""
 SLIDING_NEAR_DEG = 5.0
-SIDEWAYS_M = 0.02
+SIDEWAYS_SHARE = 0.02
+"""A robot that leaves its line by less than this share of the way does not slide sideways."""
 CAUGHT_SHARE = 0.1
 """A robot that comes less far than this share of the way has not climbed."""
 CLEAR_SHARE = 0.08
@@ -33,7 +34,7 @@ def ramp_found(config: RampConfig, outcomes: Sequence[Outcome]) -> Findings:
     """outcomes: drives, and runs in which the robot is held."""
     climbs, held = having(outcomes, held=False), having(outcomes, held=True)
     return Findings(
-        lead=_LEAD,
+        lead=f"{_LEAD}{_told(config, climbs)}",
         numbers=_numbers(config, climbs),
         verdicts=(
             *_blindness(config, climbs),
@@ -48,6 +49,17 @@ def ramp_found(config: RampConfig, outcomes: Sequence[Outcome]) -> Findings:
             _curves(config, climbs, "sideways_m", "Motion sideways", "farthest from the line [m]"),
         ),
     )
+
+
+def _told(config: RampConfig, climbs: Sequence[Outcome]) -> str:
+    """In numbers, for motors that come less far and still climb."""
+    ways = [
+        f"{name} {number(up[0].values, 'travel_m'):.2f} m at {up[0].values['slope_deg']:g}° and "
+        f"{number(up[-1].values, 'travel_m'):.2f} m at {up[-1].values['slope_deg']:g}°"
+        for name in config.climbs
+        if (up := _climbed(config, having(climbs, motor=name)))
+    ]
+    return f" Of {_way_m(config):.2f} m commanded: {'; '.join(ways)}." if ways else ""
 
 
 def _way_m(config: RampConfig) -> float:
@@ -72,8 +84,8 @@ def _blindness(config: RampConfig, climbs: Sequence[Outcome]) -> list[Verdict]:
         Verdict(
             f"{name.capitalize()} motors: no motion sideways, as in Gazebo",
             "study",
-            bool(sideways_m.max() < 2.0 * SIDEWAYS_M),
-            f"at most {1e3 * sideways_m.max():.0f} mm",
+            bool(sideways_m.max() < SIDEWAYS_SHARE * _way_m(config)),
+            f"at most {100 * sideways_m.max():.0f} cm",
         ),
     ]
 
@@ -112,7 +124,7 @@ def _sliding(config: RampConfig, climbs: Sequence[Outcome]) -> list[Verdict]:
     verdicts = []
     for name, runs in _limited(config, climbs).items():
         slope_deg, aside_m = column(runs, "slope_deg"), column(runs, "sideways_m")
-        slides = aside_m > SIDEWAYS_M
+        slides = aside_m > SIDEWAYS_SHARE * _way_m(config)
         first = float(slope_deg[slides].min()) if slides.any() else None
         verdicts.append(
             Verdict(

@@ -9,7 +9,7 @@ from pydantic import Field
 from slamsim.config.base import Config
 from slamsim.config.drive import PhysicsConfig
 from slamsim.config.robot import RobotConfig
-from slamsim.config.scenarios.sprung import sprung_robot
+from slamsim.config.scenarios.defaults import SCENARIO_PHYSICS, SPRUNG_ROBOT
 
 Friction = Annotated[float, Field(ge=0.0, le=5.0)]
 MotorKind = Literal["velocity", "pid", "ideal"]
@@ -51,7 +51,7 @@ class FrictionTurnConfig(Config):
     """Commanded speed, from the first instant on."""
     duration_s: float = Field(default=6.0, gt=0.1, le=600.0)
     """How long it is commanded."""
-    robot: RobotConfig = sprung_robot()
+    robot: RobotConfig = SPRUNG_ROBOT
     """The robot; its body's friction is replaced by each of body_frictions."""
-    physics: PhysicsConfig = PhysicsConfig()
+    physics: PhysicsConfig = SCENARIO_PHYSICS
     """Time step and solver."""

@@ -9,7 +9,7 @@ from pydantic import Field
 from slamsim.config.base import Config
 from slamsim.config.drive import PhysicsConfig
 from slamsim.config.robot import RobotConfig
-from slamsim.config.scenarios.sprung import sprung_robot
+from slamsim.config.scenarios.defaults import SCENARIO_PHYSICS, SPRUNG_ROBOT
 
 Friction = Annotated[float, Field(ge=0.0, le=5.0)]
 MotorKind = Literal["velocity", "pid", "ideal"]
@@ -40,7 +40,7 @@ class MuSplitConfig(Config):
     """Commanded speed, from the first instant on."""
     duration_s: float = Field(default=10.0, gt=0.1, le=600.0)
     """How long it is commanded."""
-    robot: RobotConfig = sprung_robot()
+    robot: RobotConfig = SPRUNG_ROBOT
     """The robot; its drive wheels' friction is what the floor's is made to fit."""
-    physics: PhysicsConfig = PhysicsConfig()
+    physics: PhysicsConfig = SCENARIO_PHYSICS
     """Time step and solver."""

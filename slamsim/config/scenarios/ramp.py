@@ -9,8 +9,9 @@ from pydantic import Field
 from slamsim.config.base import Config
 from slamsim.config.drive import PhysicsConfig
 from slamsim.config.robot import MotorConfig, RobotConfig, SuspensionConfig
-from slamsim.config.scenarios.sprung import ROTOR_INERTIA_KG_M2, sprung_robot
+from slamsim.config.scenarios.defaults import SCENARIO_PHYSICS, SCENARIO_ROBOT, SPRUNG_ROBOT
 
+ROTOR_KG_M2 = SCENARIO_ROBOT.motor.rotor_inertia_kg_m2
 Slope = Annotated[float, Field(ge=0.0, le=60.0)]
 Slopes = Annotated[tuple[Slope, ...], Field(strict=False, min_length=1, max_length=100)]
 
@@ -49,19 +50,17 @@ class RampConfig(Config):
     climbs: dict[str, ClimbConfig] = Field(
         default={
             "ideal": ClimbConfig(
-                motor=MotorConfig(kind="ideal", rotor_inertia_kg_m2=ROTOR_INERTIA_KG_M2),
+                motor=MotorConfig(kind="ideal", rotor_inertia_kg_m2=ROTOR_KG_M2),
                 floor_friction=3.5,
             ),
-            "velocity": ClimbConfig(motor=MotorConfig(rotor_inertia_kg_m2=ROTOR_INERTIA_KG_M2)),
-            "pid": ClimbConfig(
-                motor=MotorConfig(kind="pid", rotor_inertia_kg_m2=ROTOR_INERTIA_KG_M2)
-            ),
+            "velocity": ClimbConfig(motor=MotorConfig(rotor_inertia_kg_m2=ROTOR_KG_M2)),
+            "pid": ClimbConfig(motor=MotorConfig(kind="pid", rotor_inertia_kg_m2=ROTOR_KG_M2)),
             "proportional": ClimbConfig(
                 motor=MotorConfig(
                     kind="pid",
                     pid_proportional=0.4,
                     pid_integral=0.0,
-                    rotor_inertia_kg_m2=ROTOR_INERTIA_KG_M2,
+                    rotor_inertia_kg_m2=ROTOR_KG_M2,
                 )
             ),
         },
@@ -79,7 +78,7 @@ class RampConfig(Config):
     """How far from straight up the robot is placed: nobody places one perfectly."""
     hand: HandConfig | None = HandConfig()
     """The runs in which it is held; null for none."""
-    robot: RobotConfig = sprung_robot()
+    robot: RobotConfig = SPRUNG_ROBOT
     """The robot; its motor is replaced in each climb."""
-    physics: PhysicsConfig = PhysicsConfig()
+    physics: PhysicsConfig = SCENARIO_PHYSICS
     """Time step and solver."""
