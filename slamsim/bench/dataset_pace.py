@@ -17,8 +17,9 @@ from typing import cast
 from slamsim.bench.alone import Children
 from slamsim.dataset.draw import sequence_spec
 from slamsim.dataset.engines.base import Engine
+from slamsim.dataset.fulfil import fulfil
 from slamsim.dataset.identity import Identity
-from slamsim.dataset.make import LIMIT_S, fulfil
+from slamsim.dataset.make import LIMIT_S
 from slamsim.dataset.produce import produce
 from slamsim.dataset.production import Order
 from slamsim.dataset.recipe import Recipe
