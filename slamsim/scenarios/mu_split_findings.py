@@ -20,7 +20,7 @@ _FAR_DEG = (70.0, 140.0)
 END_TOLERANCE_M = 0.05
 STRAIGHT_DEG = 0.1
 THEORY_RANGE, THEORY_TOLERANCE = (0.0, 0.15), 0.15
-"""Where the wheel slips for so long that the 25 ms in which motors take a new speed hardly count."""
+"""Where the wheel slips so long that the 25 ms in which motors take a new speed hardly count."""
 
 _LEAD = (
     "The left wheel stands on good floor, the right one on less and less friction. While the robot "
