@@ -11,8 +11,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsed
 from rich.table import Table
 from rich.text import Text
 
-from slamsim.config.base import Config
-from slamsim.config.scenarios.loading import parts_of
+from slamsim.config.scenarios.loading import Seeded, parts_of
 from slamsim.console import Reporter
 from slamsim.run.scenario_folder import told, write_results
 from slamsim.safe.output import partial_folder
@@ -25,7 +24,7 @@ _MARKS = {True: ("✓", "green"), False: ("✗", "red"), None: ("–", "dim")}
 
 def run_and_report(
     entries: Sequence[Entry],
-    whole: Config,
+    whole: Seeded,
     folder: Path,
     reporter: Reporter,
     *,
@@ -40,15 +39,17 @@ def run_and_report(
     types = {entry.key: entry.config_type() for entry in entries}
     parts = parts_of(types, whole)
     chosen = [Chosen(entry.key, entry.scenario(), parts[entry.key]) for entry in entries]
-    seed: int = whole.seed  # type: ignore[attr-defined]
     with partial_folder(folder, overwrite) as partial:
         with _bars(reporter, entries) as listen:
-            results = run_scenarios(chosen, seed, jobs=jobs, limit_s=limit_s, listen=listen)
-        write_results(partial, results, whole, seed)
+            results = run_scenarios(chosen, whole.seed, jobs=jobs, limit_s=limit_s, listen=listen)
+        write_results(partial, results, whole, whole.seed)
     for result in results:
         tell(result, reporter)
-    reporter.say(f"Look at {folder}/report.html, or: slamsim view {folder}/{results[0].name}.rrd")
-    reporter.result({**told(results, seed, with_rows=False), "folder": str(folder)})
+    shown = [
+        f", or: slamsim view {folder}/{result.name}.rrd" for result in results if result.scenes
+    ]
+    reporter.say(f"Look at {folder}/report.html{''.join(shown[:1])}")
+    reporter.result({**told(results, whole.seed, with_rows=False), "folder": str(folder)})
     return not any(result.failures for result in results)
 
 

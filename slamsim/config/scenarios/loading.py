@@ -6,7 +6,7 @@ For one scenario the keys are its own; for several each has a section of its nam
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, cast
 
 from pydantic import Field, create_model
 
@@ -22,10 +22,17 @@ Types = Mapping[str, type[Config]]
 """The model of each scenario that is to be run, by the scenario's key."""
 
 
+class Seeded(Config):
+    """The parameters of a run of scenarios."""
+
+    seed: int = Field(default=0, ge=0, lt=2**63)
+    """All that is random grows from this number."""
+
+
 def load_scenarios(
     types: Types, config: str | None = None, overrides: Sequence[str] = (), seed: int | None = None
-) -> Config:
-    """The parameters of all of them, with ``seed``, as one model that can be saved.
+) -> Seeded:
+    """The parameters of all of them as one model that can be saved.
 
     config: name or path of a file whose keys are laid over the bundled ones. What comes later
     wins: bundled files, config, overrides in their order, seed. Raises as ``load_model`` does.
@@ -46,7 +53,7 @@ def load_scenarios(
     return validated(_whole(types, several), tree)
 
 
-def parts_of(types: Types, whole: Config) -> dict[str, Config]:
+def parts_of(types: Types, whole: Seeded) -> dict[str, Config]:
     """The parameters of each scenario, as its own model."""
     if len(types) > 1:
         return {key: getattr(whole, key) for key in types}
@@ -65,15 +72,12 @@ def _sections(types: Types, several: bool) -> dict[KeyPath, Kind]:
     return found
 
 
-def _whole(types: Types, several: bool) -> type[Config]:
-    seed = Field(
-        default=0, ge=0, lt=2**63, description="All that is random grows from this number."
-    )
+def _whole(types: Types, several: bool) -> type[Seeded]:
     if several:
         fields: dict[str, Any] = {key: (model, model()) for key, model in types.items()}
-        return create_model("Scenarios", __base__=Config, seed=(int, seed), **fields)
+        return create_model("Scenarios", __base__=Seeded, **fields)
     (model,) = types.values()
-    return create_model(model.__name__, __base__=model, seed=(int, seed))
+    return cast(type[Seeded], create_model(model.__name__, __base__=(model, Seeded)))
 
 
 def _laid(tree: Tree, top: Tree, at: KeyPath = ()) -> Tree:
