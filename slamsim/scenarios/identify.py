@@ -21,14 +21,14 @@ from slamsim.scenarios.identify_fit import (
     Experiment,
     Fit,
     Foreseen,
+    first_fits,
     foreseen,
     most_likely,
-    spread_starts,
 )
 from slamsim.scenarios.identify_robot import robot_at, simulated, weighed
 from slamsim.types import FloatArray
 
-STARTS = 8
+STARTS = 6
 CHECKED = 2
 """Repetitions of the experiment that are driven in the physics engine at each step."""
 STEPS = 4
@@ -75,7 +75,7 @@ def identify(
     """
     experiment = Experiment(config, weighed(config.robot))
     listen("fit", 0.0)
-    fits = most_likely(experiment, spread_starts(experiment.space, STARTS))
+    fits = first_fits(experiment, STARTS)
     draws = _checked_draws(experiment)
     name, moves = f"{config.name}_identified", list[float]()
     for step in range(STEPS + 1):

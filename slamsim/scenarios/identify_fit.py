@@ -9,7 +9,7 @@ iteratively reweighted); its curvature is the posterior covariance (Laplace's ap
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -30,6 +30,7 @@ STEP = 1e-3
 FARTHEST_SIGMAS = 6.0
 FORESEEN = 100
 SAME_POINT_SIGMAS = 0.5
+SCRUBBING = (0.0, 0.3, 0.6, 1.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -160,26 +161,32 @@ def most_likely(
     return tuple(found)
 
 
-def spread_starts(space: Space, count: int) -> list[FloatArray]:
-    """The most likely point of the priors, and others drawn from them."""
-    stream = random_stream(0, "identify", "starts")
-    return [np.zeros(len(space)), *stream.standard_normal((count - 1, len(space)))]
+def first_fits(experiment: Experiment, count: int) -> tuple[Fit, ...]:
+    """As ``most_likely``, from the middle of the priors and ``count`` - 1 points drawn from them.
+
+    A robot that scrubbing holds straight does not tell in which direction its faults would turn
+    it: from there the way downhill leads nowhere. So scrubbing grows little by little from nothing.
+    """
+    stream, size = random_stream(0, "identify", "starts"), len(experiment.space)
+    starts = [np.zeros(size), *stream.standard_normal((count - 1, size))]
+    for share in SCRUBBING:
+        body = replace(experiment.body, scrub_n_m=share * experiment.body.scrub_n_m)
+        fits = most_likely(Experiment(experiment.config, body, experiment.draws), starts)
+        starts = [fit.z for fit in fits]
+    return fits
 
 
 def _fit(experiment: Experiment, z: FloatArray, used: BoolArray) -> Fit:
     figures = experiment.figures
-    measured = np.array([figure.value for figure in figures])
-    read = np.array([figure.sigma for figure in figures])
 
     def misses(z: FloatArray) -> FloatArray:
-        off = experiment.predict(z).values - measured
-        return np.concatenate([z, (_beyond(figures, off) / sigmas)[used]])
+        return np.concatenate([z, (_off(figures, experiment.predict(z)) / sigmas)[used]])
 
     def slopes(z: FloatArray) -> FloatArray:
         return _slopes(misses, z)
 
     for _ in range(REWEIGHTED):
-        sigmas = np.hypot(read, experiment.predict(z).chance)
+        sigmas = _sigmas(figures, experiment.predict(z))
         z = np.clip(z, -0.99 * FARTHEST_SIGMAS, 0.99 * FARTHEST_SIGMAS)
         solution = least_squares(
             misses, z, slopes, bounds=(-FARTHEST_SIGMAS, FARTHEST_SIGMAS), xtol=1e-5, ftol=1e-6
@@ -201,8 +208,14 @@ def _slopes(function: Callable[[FloatArray], FloatArray], z: FloatArray) -> Floa
     return np.stack(columns, axis=1)
 
 
-def _beyond(figures: Sequence[FigureConfig], off: FloatArray) -> FloatArray:
+def _sigmas(figures: Sequence[FigureConfig], prediction: Prediction) -> FloatArray:
+    """(f,) reading and chance."""
+    return np.hypot([figure.sigma for figure in figures], prediction.chance)
+
+
+def _off(figures: Sequence[FigureConfig], prediction: Prediction) -> FloatArray:
     """(f,) how far each figure is off; a bound that is kept is not off at all."""
+    off = prediction.values - [figure.value for figure in figures]
     low = np.array([0.0 if figure.bound == "at_most" else -np.inf for figure in figures])
     high = np.array([0.0 if figure.bound == "at_least" else np.inf for figure in figures])
     return np.asarray(np.clip(off, low, high))

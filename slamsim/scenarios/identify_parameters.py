@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
@@ -9,6 +10,8 @@ import numpy as np
 
 from slamsim.config.measurements import ParameterName, PriorConfig
 from slamsim.types import FloatArray
+
+_UNIT = re.compile(r"(_n)?_m(_s)?$|_per_min$")
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,6 +26,11 @@ class Parameter:
     value: float
     sigma: float
     why: str
+
+    @property
+    def short(self) -> str:
+        """Its name as words, without a unit."""
+        return _UNIT.sub("", self.name).replace("_", " ")
 
     def shown(self, value: float, sigma: float) -> str:
         """A value of it, known to sigma in its logarithm, as text."""

@@ -25,6 +25,7 @@ from slamsim.sim.script import Command, read_encoders, scripted_run
 from slamsim.types import FloatArray
 from slamsim.wheels import wheel_odometry
 
+STRAIGHT, WAYS = "straight", ("clockwise", "counter-clockwise")
 SECONDS_OF_CORE = 0.02
 TURNING_S, TURNING_RAD_S = 2.0, 1.0
 
@@ -97,7 +98,8 @@ def weighed(robot: RobotConfig) -> Body:
     turning = scripted_run(
         model, Ground(), [Command(TURNING_S, 0.0, TURNING_RAD_S)], SCENARIO_PHYSICS, forces=True
     )
-    assert turning.forces is not None
+    if turning.ended or turning.forces is None:
+        raise SlamsimError(f"the robot {robot.name} {turning.ended} when it turns on the spot")
     steady = slice(len(turning.drive) // 2, None)
     driven_n = float(turning.forces.wheel_load_n[steady].sum(axis=1).mean())
     carried_n = float(turning.forces.support_load_n[steady].sum(axis=1).mean())
@@ -129,39 +131,37 @@ def simulated(
     if result.failures:
         label, reason = result.failures[0]
         raise SlamsimError(f"{robot.name}, {label}: {reason}")
-    of_draws = {str(row["draws"]) + str(row["script"]): row for row in result.rows}
+    return _gathered(config, draws, result.rows), result.rows
 
-    def column(key: str, script: str, runs: FloatArray) -> FloatArray:
-        """runs: (m, n, 4)."""
-        rows = [[of_draws[_key(draw) + script][key] for draw in some] for some in runs]
-        return np.array(rows, dtype=np.float64)
 
-    straights, squares = config.basic_drive.runs, config.umbmark.runs
-    ways = (
-        ("clockwise", draws[:, straights : straights + squares]),
-        ("counter-clockwise", draws[:, straights + squares :]),
-    )
+def _gathered(config: MeasurementsConfig, draws: FloatArray, rows: Sequence[Row]) -> Runs:
+    """The rows in the order of the draws."""
+    of_run = {(row["script"], row["draws"]): row for row in rows}
+    parts = _parts(config, draws)
+
+    def column(script: str, key: str) -> FloatArray:
+        """(m, n) of the runs of one script."""
+        values = [[of_run[script, _key(draw)][key] for draw in some] for some in parts[script]]
+        return np.array(values, dtype=np.float64)
+
+    def places(script: str, key: str) -> FloatArray:
+        """(m, n, 2)."""
+        return np.stack([column(script, f"{key}_{axis}_m") for axis in "xy"], axis=-1)
+
     stops = range(1, 2 * len(config.basic_drive.speeds_m_s) + 1)
     return Runs(
-        np.stack(
-            [
-                np.stack(
-                    [column(f"stop_{s}_{axis}_m", "straight", draws[:, :straights]) for s in stops],
-                    axis=-1,
-                )
-                for axis in "xy"
-            ],
-            axis=-1,
-        ),
-        np.stack(
-            [
-                np.stack([column(f"error_{axis}_m", way, some) for axis in "xy"], axis=-1)
-                for way, some in ways
-            ],
-            axis=1,
-        ),
-        np.stack([column("corner_deg", way, some) for way, some in ways], axis=1),
-    ), result.rows
+        np.stack([places(STRAIGHT, f"stop_{stop}") for stop in stops], axis=2),
+        np.stack([places(way, "error") for way in WAYS], axis=1),
+        np.stack([column(way, "corner_deg") for way in WAYS], axis=1),
+    )
+
+
+def _parts(config: MeasurementsConfig, draws: FloatArray) -> dict[str, FloatArray]:
+    """(m, n, 4) draws of each script's runs."""
+    straights = config.basic_drive.runs
+    clockwise = straights + config.umbmark.runs
+    parts = draws[:, :straights], draws[:, straights:clockwise], draws[:, clockwise:]
+    return dict(zip((STRAIGHT, *WAYS), parts, strict=True))
 
 
 class _Check:
@@ -176,31 +176,19 @@ class _Check:
         return engine_parameters(SCENARIO_PHYSICS)
 
     def trials(self, config: MeasurementsConfig, seed: int) -> Sequence[Trial]:
-        straights, squares = config.basic_drive.runs, config.umbmark.runs
-        side_m = config.umbmark.side_m
-        scripts = (
-            ("straight", straight_commands(config.basic_drive), slice(0, straights)),
-            (
-                "clockwise",
-                square_commands(config.umbmark, side_m, left=False),
-                slice(straights, straights + squares),
-            ),
-            (
-                "counter-clockwise",
-                square_commands(config.umbmark, side_m, left=True),
-                slice(straights + squares, None),
-            ),
-        )
+        squares, side_m = config.umbmark, config.umbmark.side_m
+        commands = {
+            STRAIGHT: straight_commands(config.basic_drive),
+            **{way: square_commands(squares, side_m, left=way == WAYS[1]) for way in WAYS},
+        }
         return [
             Trial(
-                f"{name}, {key}",
-                partial(_play, varied(self._robot, draw), name, key, commands),
-                cost=SECONDS_OF_CORE * sum(command.duration_s for command in commands),
+                f"{script}, {key}",
+                partial(_play, varied(self._robot, draw), script, key, commands[script]),
+                cost=SECONDS_OF_CORE * sum(command.duration_s for command in commands[script]),
             )
-            for name, commands, which in scripts
-            for key, draw in {
-                _key(draw): draw for draw in self._draws[:, which].reshape(-1, len(VARYING))
-            }.items()
+            for script, some in _parts(config, self._draws).items()
+            for key, draw in {_key(draw): draw for draw in some.reshape(-1, len(VARYING))}.items()
         ]
 
     def conclude(self, config: MeasurementsConfig, outcomes: Sequence[Outcome]) -> Findings:
@@ -218,7 +206,7 @@ def _play(robot: RobotConfig, script: str, key: str, commands: Sequence[Command]
     ends = steps_at(run, np.array(list(accumulate(command.duration_s for command in commands))))
     true = true_poses(run)
     values: dict[str, float | str] = {"script": script, "draws": key}
-    if script == "straight":
+    if script == STRAIGHT:
         for number, (x_m, y_m) in enumerate(true[ends[1::2], :2].tolist(), start=1):
             values[f"stop_{number}_x_m"], values[f"stop_{number}_y_m"] = x_m, y_m
     else:

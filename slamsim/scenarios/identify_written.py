@@ -9,8 +9,8 @@ from pydantic import BaseModel
 
 from slamsim.config.robot import RobotConfig
 from slamsim.scenarios.identify import Identified
-from slamsim.scenarios.identify_findings import UNTOUCHED, measured
 from slamsim.scenarios.identify_fit import sigmas_left
+from slamsim.scenarios.identify_sheets import UNTOUCHED, measured
 
 _WIDTH = 96
 _DIGITS = 6

@@ -5,45 +5,19 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, cast
 
-from slamsim.scenarios.base import Row, Sheet
+from slamsim.scenarios.base import Row, Sheet, Who
 from slamsim.scenarios.study_drives import SQUARE_SIDE_M, SQUARES, UNITY_CORNERS_DEG
 from slamsim.scenarios.umbmark_method import Calibration, Clusters
 
 if TYPE_CHECKING:
     from slamsim.scenarios.umbmark_findings import Calibrated, Tried
 
-_NAMES = {"reality": "real robot", "unity": "Unity", "gazebo": "Gazebo"}
+_NAMES: dict[Who, str] = {"reality": "real robot", "unity": "Unity", "gazebo": "Gazebo"}
 
 
 def errors_sheet(robots: Sequence[Tried]) -> Sheet:
     """E_max, spread and corners of all, ours and others'."""
-    rows = [
-        (
-            _NAMES[who],
-            f"{SQUARE_SIDE_M:g}",
-            f"{figures.largest_error_m:.2f}",
-            *(
-                "" if value is None else f"{value:g}"
-                for value in (figures.spread_m, figures.corner_deg)
-            ),
-            "",
-            "",
-        )
-        for who, figures in SQUARES.items()
-    ]
-    for one in robots:
-        each = " ".join(f"{found.largest_m():.2f}" for found in one.found)
-        rows.append(
-            (
-                f"slamsim, {one.robot}",
-                f"{one.side_m:g}",
-                f"{one.largest_m:.2f}",
-                f"{one.spread_m:.2f}",
-                f"{one.corner_deg:.1f}",
-                f"{one.odometry_corner_deg:.1f}",
-                each if len(one.found) > 1 else "",
-            )
-        )
+    rows = [*map(_studys_row, SQUARES), *map(_our_row, robots)]
     header = (
         "who",
         "side [m]",
@@ -59,6 +33,26 @@ def errors_sheet(robots: Sequence[Tried]) -> Sheet:
         "the real robot's is nearly the same."
     )
     return Sheet("Errors of odometry", header, tuple(rows), note)
+
+
+def _studys_row(who: Who) -> tuple[str, ...]:
+    found = SQUARES[who]
+    spread = "" if found.spread_m is None else f"{found.spread_m:g}"
+    corner = "" if found.corner_deg is None else f"{found.corner_deg:g}"
+    return _NAMES[who], f"{SQUARE_SIDE_M:g}", f"{found.largest_error_m:.2f}", spread, corner, "", ""
+
+
+def _our_row(one: Tried) -> tuple[str, ...]:
+    each = " ".join(f"{found.largest_m():.2f}" for found in one.found)
+    return (
+        f"slamsim, {one.robot}",
+        f"{one.side_m:g}",
+        f"{one.largest_m:.2f}",
+        f"{one.spread_m:.2f}",
+        f"{one.corner_deg:.1f}",
+        f"{one.odometry_corner_deg:.1f}",
+        each if len(one.found) > 1 else "",
+    )
 
 
 def calibration_sheet(calibrated: Sequence[Calibrated]) -> Sheet:

@@ -38,7 +38,7 @@ class UmbmarkConfig(SquareScript):
     """Sides of the squares: the study drives 2 m, Borenstein and Feng 4 m."""
     runs: int = Field(default=5, ge=2, le=1000)
     """Runs in each direction."""
-    sets: int = Field(default=6, ge=2, le=100)
+    sets: int = Field(default=8, ge=2, le=100)
     """How often a robot that differs from run to run drives the whole set of runs. Five runs of a
     robot whose errors spread over metres leave their centre of gravity to chance; the study drove
     one set. Calibration is made on the first and judged on the others."""
