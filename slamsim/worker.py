@@ -45,6 +45,7 @@ _NOTICED_S = 2.0
 _STARTS = 3
 _SHARE_OF_MEMORY = 0.9
 _PRINTED = "printed.txt"
+_OUT_OF_MEMORY = "out of memory"
 _TRACE_CHARACTERS = 4000
 _PR_SET_PDEATHSIG = 1
 
@@ -52,7 +53,8 @@ _PR_SET_PDEATHSIG = 1
 class WorkerDied(Exception):
     """The process ended during its work: which part of it that was at, nobody knows.
 
-    reason: how, in words. trace: what it printed last.
+    reason: how, in words that do not depend on where it was. trace: its memory limit, and what it
+    printed last.
     """
 
     def __init__(self, reason: str, trace: str = "") -> None:
@@ -102,12 +104,13 @@ class Worker:
         try:
             return self._waited(work)
         except (ProcessExpired, BrokenProcessPool, TimeoutError) as error:
-            died = WorkerDied(self._why(error, limit_s), self._printed())
+            died = WorkerDied(self._why(error, limit_s), self._trace())
             self._end()
             raise died from None
         except MemoryError:
+            died = WorkerDied(_OUT_OF_MEMORY, self._trace())
             self._end()
-            raise WorkerDied(self._out_of_memory()) from None
+            raise died from None
 
     def _end(self) -> None:
         if self._pool is not None:
@@ -157,11 +160,12 @@ class Worker:
         if code is not None and code < 0:
             return f"its process was ended by {signal.Signals(-code).name}"
         if "bad_alloc" in self._printed() or "MemoryError" in self._printed():
-            return self._out_of_memory()
+            return _OUT_OF_MEMORY
         return "its process ended" if code is None else f"its process ended with code {code}"
 
-    def _out_of_memory(self) -> str:
-        return f"out of memory: a worker has {self._memory_bytes / 1e6:,.0f} MB"
+    def _trace(self) -> str:
+        limit = f"a worker has {self._memory_bytes / 1e6:,.0f} MB of memory"
+        return f"{limit}\n{self._printed()}".rstrip()
 
     def _printed(self) -> str:
         """What the process wrote on its way out, its Python stack after a crash above all."""

@@ -11,6 +11,7 @@ import random
 import signal
 import time
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from slamsim.config.run import RunConfig
@@ -38,7 +39,7 @@ def draw(index: int) -> SequenceSpec:
 class Stub:
     """Makes two files. ``<orders>/<index>``: what to do instead, one word for each try.
 
-    The words: break, refuse, crash, kill, hang, eat, leave, fill. seconds: how long each takes.
+    The words: break, refuse, crash, kill, hang, eat, leave, fill, lose. seconds: for each.
     """
 
     orders: Path
@@ -48,7 +49,7 @@ class Stub:
         (folder / "log").mkdir()
         half = folder / "log" / "data.bin"
         half.write_bytes(b"half-written")
-        self._obey(spec.index)
+        self._obey(spec.index, folder)
         time.sleep(self.seconds)
         stream = random.Random(spec.config.seed)
         files = {"log/data.bin": stream.randbytes(SIZE_BYTES), "config.yaml": b"seed: 1\n"}
@@ -62,12 +63,12 @@ class Stub:
             ),
         )
 
-    def _obey(self, index: int) -> None:
+    def _obey(self, index: int, folder: Path) -> None:
         order = self.orders / str(index)
         words = order.read_text().split() if order.is_file() else []
         if words:
             order.write_text(" ".join(words[1:]))
-            _MISDEEDS[words[0]]()
+            _MISDEEDS.get(words[0], partial(_lose, folder))()
 
 
 def _break() -> None:
@@ -96,6 +97,10 @@ def _eat() -> None:
 
 def _leave() -> None:
     os._exit(0)
+
+
+def _lose(folder: Path) -> None:
+    (folder / "log" / "lost").read_bytes()
 
 
 def _fill() -> None:

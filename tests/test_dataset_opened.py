@@ -5,7 +5,7 @@ from __future__ import annotations
 import multiprocessing
 import pickle
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -199,6 +199,12 @@ def test_a_scan_that_was_lost_leaves_a_gap_in_its_window(tmp_path: Path, dataset
     assert window["recorded"].tolist() == [True, False, False, True]
     assert np.isnan(window["ranges_m"][1:3]).all()
     np.testing.assert_array_equal(window["ranges_m"][3], sequence.scans.ranges_m[3])
+
+
+def test_windows_of_a_data_set_that_does_not_tell_its_beams_are_refused(dataset: Dataset) -> None:
+    old = replace(dataset, manifest=dataset.manifest.drop_columns(["quality.beams"]))
+    with pytest.raises(SlamsimError, match=r"made by an earlier version.*quality\.beams"):
+        old.windows()
 
 
 def test_windows_of_several_lidars_are_all_of_one_shape(dataset: Dataset) -> None:

@@ -78,12 +78,14 @@ def test_workers_that_die_cost_nothing_but_a_retry(
         1: ["KeyError: 'told to'"],
         2: ["its process was ended by SIGSEGV"],
         4: ["its process was ended by SIGKILL"] * 2,
-        6: ["out of memory: a worker has 2,000 MB"],
+        6: ["out of memory"],
         7: ["it took longer than 2 s"],
         9: ["its process ended"],
     }
     log = (tmp_path / "set" / "logs" / "00000.log").read_text()
     assert "Segmentation fault" in log and "_crash" in log
+    log = (tmp_path / "set" / "logs" / "00001.log").read_text()
+    assert "out of memory\na worker has 2,000 MB of memory" in log
 
 
 def test_a_sequence_that_fails_three_times_is_recorded_and_the_rest_goes_on(
@@ -104,6 +106,18 @@ def test_a_sequence_that_fails_three_times_is_recorded_and_the_rest_goes_on(
     again = make(tmp_path / "set", orders, COUNT, one_worker)  # the same command tries them again
     assert (again.already, again.made, again.failures) == (COUNT - 2, 2, ())
     assert tree(tmp_path / "set") == undisturbed
+
+
+def test_the_reason_of_a_failure_is_the_same_wherever_it_happens(
+    orders: Path, one_worker: Engine, tmp_path: Path
+) -> None:
+    for name in ("a", "b"):
+        (orders / "1").write_text("lose lose lose")
+        summary = make(tmp_path / name, orders, 2, one_worker)
+        lost = "FileNotFoundError: [Errno 2] No such file or directory: 'log/lost'"
+        assert [failure.reason for failure in summary.failures] == [lost]
+        assert f"{tmp_path / name}/.partial" in (tmp_path / name / "logs/00000.log").read_text()
+    assert tree(tmp_path / "a")[shard_path(0)] == tree(tmp_path / "b")[shard_path(0)]
 
 
 def test_one_sequence_alone(orders: Path, one_worker: Engine, tmp_path: Path) -> None:

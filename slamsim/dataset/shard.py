@@ -9,10 +9,12 @@ from __future__ import annotations
 
 import hashlib
 import json
+import tempfile
 import time
 import traceback
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import reduce
 from pathlib import Path
 
 from slamsim.dataset.sequence import Cell, SequenceFacts, SequenceSpec
@@ -125,11 +127,13 @@ def _drawn_row(spec: SequenceSpec) -> Row:
 
 def _try(store: Store, task: Task, index: int) -> Tried:
     begin_s = time.monotonic()
+    places = [tempfile.gettempdir()]
     try:
         spec = task.draw(index)
         if row := _row_of_old(store, spec):
             return Tried(index, row=row, old=True)
         with store.working_folder(spec.name) as folder:
+            places.insert(0, str(folder))
             row = _make(store, task, spec, folder)
     except (StoreFailed, MemoryError):  # after which the process is not to be trusted
         raise
@@ -137,7 +141,7 @@ def _try(store: Store, task: Task, index: int) -> Tried:
         if full := disk_full(error):
             raise DiskFull(f"{task.address}: {full.strerror}") from None
         wall_s = time.monotonic() - begin_s
-        return Tried(index, wall_s, reason=reason_of(error), trace=_trace(error))
+        return Tried(index, wall_s, reason=_reason(error, places), trace=_trace(error))
     return Tried(index, time.monotonic() - begin_s, row)
 
 
@@ -172,6 +176,11 @@ def sequence_mark(spec: SequenceSpec, facts: SequenceFacts) -> bytes:
         ],
     }
     return (json.dumps(told, indent=1, allow_nan=False) + "\n").encode()
+
+
+def _reason(error: Exception, places: Sequence[str]) -> str:
+    """Without the folders that it happened in, which are others each time."""
+    return reduce(lambda told, place: told.replace(f"{place}/", ""), places, reason_of(error))
 
 
 def _trace(error: Exception) -> str:

@@ -116,9 +116,10 @@ class LocalStore:
 
     def append(self, path: str, text: str) -> None:
         file = self._root / path
-        file.parent.mkdir(parents=True, exist_ok=True)
-        with file.open("a", encoding="utf-8") as log:
-            log.write(text)
+        with disk_full_reported(file):
+            file.parent.mkdir(parents=True, exist_ok=True)
+            with file.open("a", encoding="utf-8") as log:
+                log.write(text)
 
     def names(self, folder: str) -> frozenset[str]:
         try:

@@ -9,10 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slamsim.dataset.lazy_table import LazyTable
+from slamsim.safe.errors import SlamsimError
 from slamsim.types import IntArray
 
 if TYPE_CHECKING:
     from slamsim.dataset.opened import Dataset
+
+_BEAMS = "quality.beams"
 
 Window = dict[str, NDArray[Any]]
 
@@ -82,10 +85,18 @@ class Windows:
 
 
 def windows_of(dataset: Dataset, scans: int, stride: int) -> Windows:
-    """Raises ValueError for windows without scans, or that never move on."""
+    """Raises ValueError for windows without scans, or that never move on.
+
+    Raises SlamsimError for a data set that does not tell how many beams its lidars have.
+    """
     if scans < 1 or stride < 1:
         raise ValueError(f"windows of {scans} scans, one every {stride}, are none")
+    if _BEAMS not in dataset.manifest.column_names:
+        raise SlamsimError(
+            f"{dataset.place.address} was made by an earlier version, which did not note {_BEAMS}, "
+            "the number of beams; windows need it: make the data set again with this version"
+        )
     sensed = dataset.manifest["quality.scans"].to_numpy()
     counts = np.maximum((sensed - scans) // stride + 1, 0)
-    beams = int(dataset.manifest["quality.beams"].to_numpy().max(initial=0))
+    beams = int(dataset.manifest[_BEAMS].to_numpy().max(initial=0))
     return Windows(dataset, scans, stride, beams, np.cumsum(counts, dtype=np.int64))
