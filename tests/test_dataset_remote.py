@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from dataset_remote_life import downloaded, live_through
 from dataset_run import end, make, start, tree
 from dataset_whole import KeptEngine
 
@@ -57,13 +58,6 @@ def orders(tmp_path: Path) -> Path:
     return folder
 
 
-def _downloaded(address: str, folder: Path) -> dict[str, bytes]:
-    store = RemoteStore(address)
-    store._files.invalidate_cache()
-    store._files.get(store._root, str(folder), recursive=True)
-    return tree(folder)
-
-
 def test_what_is_uploaded_is_what_a_folder_would_hold(
     bucket: str, worker: Engine, orders: Path, tmp_path: Path
 ) -> None:
@@ -72,7 +66,7 @@ def test_what_is_uploaded_is_what_a_folder_would_hold(
     (orders / "2").write_text("refuse")
     summary = make(address, orders, COUNT, worker)
     assert (summary.made, summary.failures) == (COUNT, ())
-    assert _downloaded(address, tmp_path / "down") == tree(tmp_path / "set")
+    assert downloaded(address, tmp_path / "down") == tree(tmp_path / "set")
 
 
 def test_what_was_cut_on_the_way_counts_for_nothing(
@@ -81,13 +75,13 @@ def test_what_was_cut_on_the_way_counts_for_nothing(
     address = f"{bucket}/cut"
     store = RemoteStore(address)
     make(address, orders, COUNT, worker)
-    whole = _downloaded(address, tmp_path / "before")
+    whole = downloaded(address, tmp_path / "before")
     for name in ("dataset.yaml", shard_path(0), "val/000001/sequence.json"):
         store.write(name, whole[name][:-20])
     store._files.rm_file(store._at("test/000002/sequence.json"))
     store.write("val/000001/log/data.bin", b"half")
     make(address, orders, COUNT, worker)
-    assert _downloaded(address, tmp_path / "after") == whole
+    assert downloaded(address, tmp_path / "after") == whole
 
 
 def test_a_killed_run_is_gone_on_with(
@@ -102,7 +96,7 @@ def test_a_killed_run_is_gone_on_with(
         end(process.pid, signal.SIGKILL)
     assert make(address, orders, COUNT, worker).failures == ()
     make(tmp_path / "set", orders, COUNT, worker)
-    assert _downloaded(address, tmp_path / "down") == tree(tmp_path / "set")
+    assert downloaded(address, tmp_path / "down") == tree(tmp_path / "set")
 
 
 def test_the_lock_of_a_run_elsewhere_holds_until_it_is_forgotten(

@@ -1,0 +1,59 @@
+"""What a data set behind a URL goes through: made, read, spoilt, verified, mended."""
+
+from __future__ import annotations
+
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+from dataset_run import tree
+
+import slamsim.dataset
+from slamsim.dataset.distributions import Constant
+from slamsim.dataset.engines.base import Engine
+from slamsim.dataset.loading import load_recipe
+from slamsim.dataset.make import make_dataset
+from slamsim.dataset.remote import RemoteStore
+from slamsim.dataset.verify import verify
+from slamsim.run.dataset_telling import mending_of
+
+COUNT, SECONDS = 2, 4.0
+SPOILT = "train/000000/truth/scans.parquet"
+_TYPED = {
+    "python": [sys.executable],
+    "slamsim": [sys.executable, "-c", "from slamsim.cli import main; main()"],
+}
+
+
+def downloaded(address: str, folder: Path) -> dict[str, bytes]:
+    store = RemoteStore(address)
+    store._files.invalidate_cache()
+    store._files.get(store._root, str(folder), recursive=True)
+    return tree(folder)
+
+
+def live_through(address: str, engine: Engine, folder: Path) -> None:
+    """All of it, mended by the commands that are told; folder: for copies here."""
+    recipe = load_recipe("tiny").model_copy(update={"duration_s": Constant(constant=SECONDS)})
+    make_dataset(recipe, COUNT, address, engine)
+    found = verify(address)
+    assert found.whole and found.checked == COUNT
+    whole = downloaded(address, folder / "whole")
+    assert found.files == len(whole)
+
+    there, here = slamsim.dataset.open(address), slamsim.dataset.open(folder / "whole")
+    np.testing.assert_array_equal(there[1].scans.ranges_m, here[1].scans.ranges_m)
+
+    data = bytearray(whole[SPOILT])
+    data[len(data) // 2] ^= 1
+    RemoteStore(address).write(SPOILT, bytes(data))
+    spoilt = verify(address)
+    assert [finding.path for finding in spoilt.findings] == [SPOILT]
+
+    for command in mending_of(spoilt).commands:
+        name, *words = shlex.split(command)
+        subprocess.run([*_TYPED[name], *words], check=True, capture_output=True)
+    assert downloaded(address, folder / "mended") == whole
+    assert verify(address).whole
