@@ -99,6 +99,12 @@ def test_a_killed_run_is_gone_on_with(
     assert downloaded(address, tmp_path / "down") == tree(tmp_path / "set")
 
 
+def test_a_data_set_there_is_made_read_verified_and_mended(
+    bucket: str, worker: Engine, tmp_path: Path
+) -> None:
+    live_through(f"{bucket}/lived", worker, tmp_path)
+
+
 def test_the_lock_of_a_run_elsewhere_holds_until_it_is_forgotten(
     bucket: str, worker: Engine, orders: Path
 ) -> None:
