@@ -118,6 +118,7 @@ def friction_verdict(corners: Sequence[Row]) -> Verdict:
         "With friction 0.6 corners turn about 30 degrees instead of 90, with 1.4 about 70",
         "study",
         all(alike) if alike else None,
-        f"{told}. A tyre that is not overloaded rolls, by Coulomb's law whatever its friction, "
-        "and a turn on the spot asks little of it: what the study saw is Unity's solver and motor",
+        f"{told}. By Coulomb's law a tyre that is not overloaded rolls whatever its friction, and "
+        "dragged supports resist in the same proportion as tyres hold: what the study saw must "
+        "come from solver or motor",
     )
