@@ -17,15 +17,20 @@ from slamsim.dataset.versions import versions
 from slamsim.dataset.watch import Unwatched
 from slamsim.safe.errors import SlamsimError
 
+dask = pytest.importorskip("dask")
 distributed = pytest.importorskip("distributed")
 COUNT = 12
 
 
 @pytest.fixture(scope="module")
 def cluster() -> Iterator[Any]:
-    with distributed.LocalCluster(
-        n_workers=2, threads_per_worker=1, dashboard_address=None, silence_logs=50
-    ) as cluster:
+    calm = {"distributed.worker.profile.enabled": False}
+    with (
+        dask.config.set(calm),
+        distributed.LocalCluster(
+            n_workers=2, threads_per_worker=1, dashboard_address=None, silence_logs=50
+        ) as cluster,
+    ):
         yield cluster
 
 

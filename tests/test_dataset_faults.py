@@ -45,7 +45,7 @@ def spec_of(*faults: str) -> SequenceSpec:
         "sensors.lidar.angle_step_deg=3.0",
         "sensors.imu.rate_hz=60",
         "sensors.encoders.rate_hz=20",
-        seconds=8.0,
+        seconds=6.0,
     )
 
 
