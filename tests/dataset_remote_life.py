@@ -21,10 +21,6 @@ from slamsim.run.dataset_telling import mending_of
 
 COUNT, SECONDS = 2, 4.0
 SPOILT = "train/000000/truth/scans.parquet"
-_TYPED = {
-    "python": [sys.executable],
-    "slamsim": [sys.executable, "-c", "from slamsim.cli import main; main()"],
-}
 
 
 def downloaded(address: str, folder: Path) -> dict[str, bytes]:
@@ -35,7 +31,7 @@ def downloaded(address: str, folder: Path) -> dict[str, bytes]:
 
 
 def live_through(address: str, engine: Engine, folder: Path) -> None:
-    """All of it, mended by the commands that are told; folder: for copies here."""
+    """All of it, mended as the commands that are told do it; folder: for copies here."""
     recipe = load_recipe("tiny").model_copy(update={"duration_s": Constant(constant=SECONDS)})
     make_dataset(recipe, COUNT, address, engine)
     found = verify(address)
@@ -52,8 +48,12 @@ def live_through(address: str, engine: Engine, folder: Path) -> None:
     spoilt = verify(address)
     assert [finding.path for finding in spoilt.findings] == [SPOILT]
 
-    for command in mending_of(spoilt).commands:
-        name, *words = shlex.split(command)
-        subprocess.run([*_TYPED[name], *words], check=True, capture_output=True)
+    *removal, making = mending_of(spoilt).commands
+    for command in removal:
+        python, *words = shlex.split(command)
+        assert python == "python"
+        subprocess.run([sys.executable, *words], check=True)
+    assert making == f"slamsim dataset make {address}/recipe.yaml -n {COUNT} --out {address}"
+    make_dataset(recipe, COUNT, address, engine)
     assert downloaded(address, folder / "mended") == whole
     assert verify(address).whole

@@ -14,6 +14,7 @@ from pathlib import Path
 import fsspec.config
 import pytest
 from dataset_remote_life import live_through
+from dataset_whole import KeptEngine
 
 from slamsim.dataset.engines.local import LocalEngine
 
@@ -76,4 +77,5 @@ def _await_greeting(port: int) -> None:
 def test_a_data_set_on_a_server_is_made_read_verified_and_mended(
     server: str, tmp_path: Path
 ) -> None:
-    live_through(f"{server}{tmp_path}/there/set", LocalEngine(1), tmp_path)
+    with LocalEngine(1) as engine:
+        live_through(f"{server}{tmp_path}/there/set", KeptEngine(engine), tmp_path)
