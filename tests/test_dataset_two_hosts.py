@@ -120,6 +120,8 @@ def _processes(host: str) -> list[int]:
 
 
 def _lose(host: str) -> None:
+    """Unplugged first: nobody is told that its connections end."""
+    _run(f"ip link set {host} down")
     for process in _processes(host):
         end(process, signal.SIGKILL)
 
