@@ -25,7 +25,7 @@ table.verdicts { width: 100%; }
 .verdicts a { color: inherit; text-decoration-color: var(--line); text-underline-offset: 0.2em; }
 main td:first-child { white-space: normal; min-width: 6.5rem; }
 main .verdicts td.mark { min-width: 0; }
-.dots { white-space: nowrap; letter-spacing: 0.1em; }
+.dots { min-width: 4.5rem; overflow-wrap: anywhere; letter-spacing: 0.1em; }
 .charts { display: grid; gap: 1rem; margin-top: 1rem; align-items: start;
   grid-template-columns: repeat(auto-fit, minmax(min(400px, 100%), 1fr)); }
 .charts.small { grid-template-columns: repeat(auto-fill, minmax(min(320px, 100%), 1fr)); }
