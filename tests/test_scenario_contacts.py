@@ -56,7 +56,7 @@ def test_on_a_split_floor_the_robot_turns_as_mechanics_says() -> None:
     require_finite(outcomes)
     for one in outcomes[:2]:
         theory_deg = number(one.values, "turn_by_theory_deg")
-        assert number(one.values, "direction_deg") == pytest.approx(theory_deg, rel=0.2)
+        assert number(one.values, "direction_deg") == pytest.approx(theory_deg, rel=0.05)
     assert abs(number(outcomes[2].values, "direction_deg")) < 0.01
     found = mu_split.SCENARIO.conclude(SPLIT, outcomes)
     assert verdict(found, "same friction on both sides").holds

@@ -17,7 +17,7 @@ from slamsim.sim.engine import engine_parameters
 from slamsim.sim.ground import Ground
 from slamsim.sim.inertia import Inertial, join
 from slamsim.sim.robot import RobotModel, build_robot
-from slamsim.sim.script import Command, Forces, ScriptedRun, scripted_run
+from slamsim.sim.script import CONTROL_HZ, Command, Forces, ScriptedRun, scripted_run
 
 SECONDS_OF_CORE = 0.03
 """Per simulated second, about."""
@@ -93,9 +93,7 @@ def drive_split(case: _Case, config: MuSplitConfig) -> Outcome:
             "end_y_m": float(poses[-1, 1]),
             "yaw_deg": float(np.degrees(poses[-1, 2])),
             "direction_deg": direction_deg(run),
-            "turn_by_theory_deg": turn_by_theory_deg(
-                model, case.right, config.speed_m_s, run.forces
-            ),
+            "turn_by_theory_deg": turn_by_theory_deg(model, case, config, run.forces),
             "right_wheel_load_n": typical_load_n(run.forces),
             "ended": run.ended,
         },
@@ -115,23 +113,41 @@ def direction_deg(run: ScriptedRun) -> float:
 
 
 def turn_by_theory_deg(
-    model: RobotModel, friction: float, speed_m_s: float, forces: Forces
+    model: RobotModel, case: _Case, config: MuSplitConfig, forces: Forces
 ) -> float | None:
-    """The turn while the right wheel slips, if the left one is at full speed at once.
+    """The turn while the right wheel slips and the left one holds.
 
-    The blow at the left contact sets the robot turning about it, with ``m v d / 2`` of angular
-    momentum. The slipping wheel brakes that at distance d, and so do the supports, which roll
-    along and are dragged across. None where nothing brakes.
+    Getting going sets the robot turning about the left contact, with ``m v d / 2`` of angular
+    momentum L. The slipping wheel brakes that at distance d with a moment M from the first
+    instant on, and so do the supports, which roll along and are dragged across. With L building
+    up evenly over a time T the robot turns by ``L (L - T M) / (2 I M)``. None where nothing
+    brakes, or T is not known.
     """
     load_n, (front_n, rear_n) = typical_load_n(forces), np.median(forces.support_load_n, axis=0)
     feet = model.description.placements()
     dragged = front_n * abs(feet["caster_front_link"][0, 3])
     dragged += rear_n * abs(feet["caster_rear_link"][0, 3])
-    braking_n_m = friction * load_n * model.track_m + model.support_friction * dragged
-    if braking_n_m == 0.0:
+    braking_n_m = case.right * load_n * model.track_m + model.support_friction * dragged
+    going_s = _getting_going_s(model, case, config, forces)
+    if braking_n_m == 0.0 or going_s is None:
         return None
-    turned = _momentum(model, speed_m_s) ** 2 / (2.0 * _inertia_about_left(model) * braking_n_m)
+    momentum = _momentum(model, config.speed_m_s)
+    left_over = max(momentum - going_s * braking_n_m, 0.0)
+    turned = momentum * left_over / (2.0 * _inertia_about_left(model) * braking_n_m)
     return float(-np.degrees(turned))
+
+
+def _getting_going_s(
+    model: RobotModel, case: _Case, config: MuSplitConfig, forces: Forces
+) -> float | None:
+    """Until the left tyre has the commanded speed: its grip takes so long, its motor may longer."""
+    if case.motor == "pid" or config.left_friction == 0.0:
+        return None
+    turning_rad_s = _momentum(model, config.speed_m_s) / _inertia_about_left(model)
+    centre_m_s = config.speed_m_s - 0.5 * model.track_m * turning_rad_s
+    grip_n = config.left_friction * float(np.median(forces.wheel_load_n[:, 0]))
+    gripping_s = _whole(model).mass_kg * centre_m_s / grip_n
+    return max(gripping_s, 1.0 / CONTROL_HZ if case.motor == "velocity" else 0.0)
 
 
 def typical_load_n(forces: Forces) -> float:
