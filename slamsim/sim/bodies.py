@@ -21,6 +21,8 @@ from slamsim.safe.errors import SlamsimError
 from slamsim.sim.bullet import physics_client, pybullet
 from slamsim.types import GRAVITY_M_S2, FloatArray
 
+CONTACT_BREAKING_M = 0.02
+"""Contact points further apart than this are forgotten; the default of Bullet."""
 FARTHEST_M = 1e5
 """What is farther away was not thrown there by anything that we simulate: it burst."""
 
@@ -175,6 +177,8 @@ def _set_up(client: int, step_s: float, solver: SolverConfig) -> None:
         # All sweeps are made, so that their number means something.
         solverResidualThreshold=0.0,
         contactERP=solver.contact_erp,
+        # One number for all worlds of a process: whoever came before may have changed it.
+        contactBreakingThreshold=CONTACT_BREAKING_M,
         enableConeFriction=1,
         deterministicOverlappingPairs=1,
         physicsClientId=client,
