@@ -16,6 +16,8 @@ from scenario_stub import HOSTILE, SCENARIO, StubConfig
 
 from slamsim.config.dump import dump_commented_yaml
 from slamsim.config.scenarios.loading import load_scenarios, parts_of
+from slamsim.console import Reporter
+from slamsim.run.scenario import run_and_report
 from slamsim.run.scenario_folder import rows_as_csv, write_results
 from slamsim.safe.errors import InputRefused, NotFound, OverrideRefused
 from slamsim.scenarios.registry import ENTRIES, Entry, find_entries
@@ -190,3 +192,14 @@ def test_a_urdf_without_wheels_is_a_failed_trial_with_its_reason(tmp_path: Path)
     assert result.rows == ()
     assert all("wheel" in reason for _, reason in result.failures)
     assert result.findings.lead == "No trial came to an end."
+
+
+def test_a_robot_that_cannot_be_built_is_refused_before_anything_runs(tmp_path: Path) -> None:
+    urdf, out = tmp_path / "bare.urdf", tmp_path / "out"
+    urdf.write_text('<robot name="bare"><link name="base_footprint"/></robot>')
+    types = types_of("umbmark")
+    whole = load_scenarios(types, None, [f"robot.urdf_file={urdf}"])
+
+    with pytest.raises(InputRefused, match="there is no joint wheel_left_joint"):
+        run_and_report(find_entries("umbmark"), whole, out, Reporter(quiet=True))
+    assert not out.exists()

@@ -36,7 +36,7 @@ _RANGE = {"greater_than", "greater_than_equal", "less_than", "less_than_equal"}
 def refusal(model_type: type[BaseModel], tree: Tree, error: ValidationError) -> SlamsimError:
     """The exception to raise; its message has a line for each faulty key."""
     faults: dict[KeyPath, list[str]] = {}
-    for detail in error.errors(include_url=False):
+    for detail in _told_once(error.errors(include_url=False)):
         keys, reason = _sentence(model_type, detail, tree)
         told = faults.setdefault(keys, [])
         if reason not in told:
@@ -51,6 +51,14 @@ def refusal(model_type: type[BaseModel], tree: Tree, error: ValidationError) -> 
         also.append(f"... and {len(faults) - _MAX_TOLD} more")
     first = in_order[0]
     return tree.place_of(first).refusal(first, "; or ".join(faults[first]), tuple(also))
+
+
+def _told_once(details: list[ErrorDetails]) -> list[ErrorDetails]:
+    """Without lists that are too short only because pydantic left a faulty value out."""
+    inside = {detail["loc"][:k] for detail in details for k in range(len(detail["loc"]))}
+    return [
+        detail for detail in details if detail["type"] != "too_short" or detail["loc"] not in inside
+    ]
 
 
 def _sentence(root: type[BaseModel], detail: ErrorDetails, tree: Tree) -> tuple[KeyPath, str]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -11,6 +11,8 @@ from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsed
 from rich.table import Table
 from rich.text import Text
 
+from slamsim.config.base import Config
+from slamsim.config.robot import RobotConfig
 from slamsim.config.scenarios.loading import Seeded, parts_of
 from slamsim.console import Reporter
 from slamsim.run.scenario_folder import told, write_results
@@ -18,6 +20,7 @@ from slamsim.safe.output import partial_folder
 from slamsim.scenarios.base import ScenarioResult
 from slamsim.scenarios.registry import Entry
 from slamsim.scenarios.run import TRIAL_LIMIT_S, Chosen, Listener, run_scenarios
+from slamsim.sim.robot import build_robot
 
 _MARKS = {True: ("✓", "green"), False: ("✗", "red"), None: ("–", "dim")}
 
@@ -34,11 +37,12 @@ def run_and_report(
 ) -> bool:
     """Run these scenarios and leave a folder with report, figures and rows; whether all ran.
 
-    whole: as ``load_scenarios`` gives it. Raises SlamsimError.
+    whole: as ``load_scenarios`` gives it. Raises SlamsimError, InputRefused for a robot.
     """
     types = {entry.key: entry.config_type() for entry in entries}
     parts = parts_of(types, whole)
     chosen = [Chosen(entry.key, entry.scenario(), parts[entry.key]) for entry in entries]
+    _refuse_robots(parts.values())
     with partial_folder(folder, overwrite) as partial:
         with _bars(reporter, entries) as listen:
             results = run_scenarios(chosen, whole.seed, jobs=jobs, limit_s=limit_s, listen=listen)
@@ -51,6 +55,14 @@ def run_and_report(
     reporter.say(f"Look at {folder}/report.html{''.join(shown[:1])}")
     reporter.result({**told(results, whole.seed, with_rows=False), "folder": str(folder)})
     return not any(result.failures for result in results)
+
+
+def _refuse_robots(parts: Iterable[Config]) -> None:
+    """A robot that cannot be built is told of once, not by each of its trials."""
+    for part in parts:
+        robot = getattr(part, "robot", None)
+        if isinstance(robot, RobotConfig):
+            build_robot(robot)
 
 
 @contextmanager

@@ -16,6 +16,7 @@ STUDY_GAZEBO_SHARE = 0.06
 STUDY_SLIDING_DEG = 30.0
 """Unity's robot slides sideways from about there on."""
 SLIDING_NEAR_DEG = 5.0
+"""As far apart as the study's slopes are up to there."""
 SIDEWAYS_SHARE = 0.02
 """A robot that leaves its line by less than this share of the way does not slide sideways."""
 CAUGHT_SHARE = 0.1
@@ -40,7 +41,7 @@ def ramp_found(config: RampConfig, outcomes: Sequence[Outcome]) -> Findings:
             *_blindness(config, climbs),
             *_shortened(config, climbs),
             *_sliding(config, climbs),
-            *_tipping(held),
+            *_tipping(config, held),
             _traction(config, climbs),
         ),
         sheets=(_climb_sheet(climbs), *([_held_sheet(held)] if held else [])),
@@ -71,6 +72,7 @@ def _blindness(config: RampConfig, climbs: Sequence[Outcome]) -> list[Verdict]:
     runs = having(climbs, motor=name)
     if len(runs) < 2:
         return []
+    floor = f"on a floor of friction {config.climbs[name].floor_friction:g}"
     travel_m, sideways_m = column(runs, "travel_m"), column(runs, "sideways_m")
     lost = float(travel_m.max() - travel_m.min()) / _way_m(config)
     return [
@@ -79,13 +81,13 @@ def _blindness(config: RampConfig, climbs: Sequence[Outcome]) -> list[Verdict]:
             "the way between 5° and 36°)",
             "study",
             lost <= STUDY_GAZEBO_SHARE,
-            f"{100 * lost:.1f} %: {travel_m.max():.3f} to {travel_m.min():.3f} m",
+            f"{100 * lost:.1f} %: {travel_m.max():.3f} to {travel_m.min():.3f} m, {floor}",
         ),
         Verdict(
             f"{name.capitalize()} motors: no motion sideways, as in Gazebo",
             "study",
             bool(sideways_m.max() < SIDEWAYS_SHARE * _way_m(config)),
-            f"at most {100 * sideways_m.max():.0f} cm",
+            f"at most {100 * sideways_m.max():.0f} cm, {floor}",
         ),
     ]
 
@@ -126,12 +128,14 @@ def _sliding(config: RampConfig, climbs: Sequence[Outcome]) -> list[Verdict]:
         slope_deg, aside_m = column(runs, "slope_deg"), column(runs, "sideways_m")
         slides = aside_m > SIDEWAYS_SHARE * _way_m(config)
         first = float(slope_deg[slides].min()) if slides.any() else None
+        steep_enough = bool((slope_deg > STUDY_SLIDING_DEG + SLIDING_NEAR_DEG).any())
+        holds = first is not None and abs(first - STUDY_SLIDING_DEG) <= SLIDING_NEAR_DEG
         verdicts.append(
             Verdict(
                 f"With {name} motors the robot slides sideways from about "
                 f"{STUDY_SLIDING_DEG:.0f}° on",
                 "study",
-                first is not None and abs(first - STUDY_SLIDING_DEG) <= SLIDING_NEAR_DEG,
+                holds if steep_enough or first is not None else None,
                 "it never does"
                 if first is None
                 else f"from {first:g}° on, by up to {100 * aside_m.max():.0f} cm",
@@ -140,22 +144,23 @@ def _sliding(config: RampConfig, climbs: Sequence[Outcome]) -> list[Verdict]:
     return verdicts
 
 
-def _tipping(held: Sequence[Outcome]) -> list[Verdict]:
+def _tipping(config: RampConfig, held: Sequence[Outcome]) -> list[Verdict]:
     sprung, rigid = having(held, springs=True), having(held, springs=False)
-    if not (sprung and rigid):
+    if config.hand is None or not (sprung and rigid):
         return []
+    load = f"with {config.hand.load_kg:g} kg on it"
     return [
         Verdict(
             "Held on a steep ramp, a robot on springs tips over backwards",
             "reality",
             bool(_over(sprung)),
-            _risen(sprung),
+            f"{load}: {_risen(sprung)}",
         ),
         Verdict(
-            "Without springs, as the study's model is, that cannot be shown",
+            "Without springs, as the study's model is, it does not",
             "study",
             not _over(rigid),
-            _risen(rigid),
+            f"{load}: {_risen(rigid)}",
         ),
     ]
 

@@ -69,5 +69,5 @@ def find_entries(name: str) -> tuple[Entry, ...]:
             return (entry,)
     names = [*(entry.name for entry in ENTRIES), ALL]
     near = difflib.get_close_matches(wanted, names, n=1)
-    meant = f"did you mean {near[0]!r}? " if near else ""
-    raise NotFound(f"there is no scenario {shown(name)}; {meant}({', '.join(names)})")
+    meant = f"; did you mean {near[0]!r}?" if near else ""
+    raise NotFound(f"there is no scenario {shown(name)}{meant} ({', '.join(names)})")
