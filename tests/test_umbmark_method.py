@@ -55,7 +55,9 @@ def squares(diameter_ratio: float, track_ratio: float, corner_rad: float) -> lis
     made = []
     for left in (False, True):
         rolled_m = rolled_square(left, corner_rad)
-        made.append(Square(left, rolled_m, true_end_m(rolled_m, diameter_ratio, track_ratio)))
+        made.append(
+            Square(left, rolled_m, true_end_m(rolled_m, diameter_ratio, track_ratio), TRACK_M)
+        )
     return made
 
 
@@ -64,7 +66,7 @@ def squares(diameter_ratio: float, track_ratio: float, corner_rad: float) -> lis
 def test_least_squares_finds_the_wheels_whatever_the_corner(
     diameter_ratio: float, track_ratio: float, corner_rad: float
 ) -> None:
-    found = fitted(squares(diameter_ratio, track_ratio, corner_rad), TRACK_M)
+    found = fitted(squares(diameter_ratio, track_ratio, corner_rad))
     assert found.diameter_ratio == pytest.approx(diameter_ratio, abs=1e-5)
     assert found.track_ratio == pytest.approx(track_ratio, abs=1e-4)
 
@@ -73,7 +75,7 @@ def test_least_squares_finds_the_wheels_whatever_the_corner(
 @given(st.floats(-0.004, 0.004), st.floats(-0.015, 0.015))
 def test_the_formulas_find_small_faults_of_square_corners(unequal: float, wide: float) -> None:
     driven = squares(1.0 + unequal, 1.0 + wide, 0.5 * math.pi)
-    found = classical(clusters(driven, TRACK_M), SIDE_M, TRACK_M)
+    found = classical(clusters(driven), SIDE_M, TRACK_M)
     # They are of first order, and mix the two faults in the second.
     left_over = 0.1 * max(abs(unequal), abs(wide)) + 1e-4
     assert found.diameter_ratio - 1.0 == pytest.approx(unequal, abs=left_over)

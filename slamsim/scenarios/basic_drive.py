@@ -12,7 +12,7 @@ from slamsim.config.robot import MotorConfig, RobotConfig, VariationConfig
 from slamsim.config.scenarios.basic_drive import BasicDriveConfig
 from slamsim.scenarios.base import Findings, Outcome, Row, Trial
 from slamsim.scenarios.basic_drive_findings import stops_found
-from slamsim.scenarios.repeats import robot_motion, steps_at, true_poses
+from slamsim.scenarios.repeats import SECONDS_OF_CORE, robot_motion, steps_at, true_poses
 from slamsim.scenarios.scripts import straight_commands
 from slamsim.scenarios.tested import Tested, robots_under_test, run_seed
 from slamsim.sim.engine import engine_parameters
@@ -23,8 +23,6 @@ from slamsim.sim.specimen import drawn_robot
 from slamsim.types import FloatArray
 from slamsim.wheels import wheel_odometry
 
-SECONDS_OF_CORE = 0.02
-"""Per simulated second, about."""
 PATH_HZ = 10
 
 

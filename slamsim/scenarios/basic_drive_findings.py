@@ -15,10 +15,10 @@ from slamsim.scenarios.study_drives import (
     FIFTH_STOP_M,
     FIFTH_STOP_SPEEDS_M_S,
 )
+from slamsim.scenarios.tested import IDENTIFIED
 from slamsim.types import FloatArray
 
 IDEAL = "ideal motors"
-IDENTIFIED = "turtlebot2_identified"
 FIFTH = 4
 CLOSE_M = 0.3
 STRAIGHT_M = 0.01

@@ -10,6 +10,7 @@ import numpy as np
 from slamsim.config.scenarios.collision import CollisionConfig
 from slamsim.config.scenarios.solver import STANDARD, all_solvers
 from slamsim.scenarios.base import Chart, Findings, Row, Series, Sheet, Verdict
+from slamsim.scenarios.rows import number
 from slamsim.scenarios.trend import largest_below, trend
 
 KINDS = {"planes": "sphere and plane", "spheres": "sphere and sphere"}
@@ -64,10 +65,10 @@ def _lead(rows: Sequence[Row]) -> str:
 def _numbers(rows: Sequence[Row]) -> Row:
     numbers: dict[str, float] = {}
     for row in (*rows[:1], *rows[-1:]):
-        step = f"{1000 * cast(float, row['step_s']):g}_ms"
+        step = f"{1000 * number(row, 'step_s'):g}_ms"
         for kind in KINDS:
-            numbers[f"{kind}_mean_at_{step}_m"] = cast(float, row[f"{kind}_mean_m"])
-            numbers[f"{kind}_most_at_{step}_m"] = cast(float, row[f"{kind}_most_m"])
+            numbers[f"{kind}_mean_at_{step}_m"] = number(row, f"{kind}_mean_m")
+            numbers[f"{kind}_most_at_{step}_m"] = number(row, f"{kind}_most_m")
     return numbers
 
 
@@ -75,8 +76,8 @@ def _grows(rows: Sequence[Row], kind: str, which: str) -> Verdict:
     word = {"mean": "mean", "most": "maximum"}[which]
     statement = f"The {word} penetration of {KINDS[kind]} grows with the time step"
     found = trend(
-        [cast(float, row["step_s"]) for row in rows],
-        [cast(float, row[f"{kind}_{which}_m"]) for row in rows],
+        [number(row, "step_s") for row in rows],
+        [number(row, f"{kind}_{which}_m") for row in rows],
     )
     if found is None:
         return Verdict(statement, "study", None, "too few time steps")
@@ -91,13 +92,13 @@ def _least_is_zero(rows: Sequence[Row]) -> Verdict:
     statement = "The least penetration is 0"
     if not rows:
         return Verdict(statement, "study", None, "no fall came to an end")
-    least_m = max(cast(float, row[f"{kind}_least_m"]) for row in rows for kind in KINDS)
+    least_m = max(number(row, f"{kind}_least_m") for row in rows for kind in KINDS)
     return Verdict(statement, "study", least_m == 0.0, f"{1000 * least_m:.3g} mm at most")
 
 
 def _list_agrees(rows: Sequence[Row]) -> Verdict:
     statement = "The engine's list of contacts has the penetrations of the poses"
-    off_m = [cast(float, row["listed_off_m"]) for row in rows if row["listed_off_m"] is not None]
+    off_m = [number(row, "listed_off_m") for row in rows if row["listed_off_m"] is not None]
     if not off_m:
         return Verdict(statement, "theory", None, "nothing to compare")
     return Verdict(
@@ -109,7 +110,7 @@ def _no_energy_gained(rows: Sequence[Row]) -> Verdict:
     statement = "The spheres never have more energy than at the start"
     if not rows:
         return Verdict(statement, "theory", None, "no fall came to an end")
-    gain = max(cast(float, row["energy_gain_share"]) for row in rows)
+    gain = max(number(row, "energy_gain_share") for row in rows)
     return Verdict(statement, "theory", gain < ENERGY_GAIN, f"{100 * gain:.2g} % more at most")
 
 
@@ -140,7 +141,7 @@ def _sheet_of_solvers(config: CollisionConfig, rows: Sequence[Row]) -> Sheet:
         own = [
             row for row in rows if row["solver"] == name and row["step_s"] in config.other_steps_s
         ]
-        steps_s = [cast(float, row["step_s"]) for row in own]
+        steps_s = [number(row, "step_s") for row in own]
         bounds = [("mean", bound_m) for bound_m in MEAN_BOUNDS_M]
         bounds += [("most", bound_m) for bound_m in MOST_BOUNDS_M]
         cells = [name.replace("_", " ")]
@@ -170,9 +171,9 @@ def _sheet_of_solvers(config: CollisionConfig, rows: Sequence[Row]) -> Sheet:
 
 def _boxes(rows: Sequence[Row], kind: str) -> Chart:
     at = ("least", "quarter", "median", "three_quarters", "most")
-    steps_s = np.array([cast(float, row["step_s"]) for row in rows])
-    means_mm = np.array([1000 * cast(float, row[f"{kind}_mean_m"]) for row in rows])
-    spread = [[1000 * cast(float, row[f"{kind}_{value}_m"]) for value in at] for row in rows]
+    steps_s = np.array([number(row, "step_s") for row in rows])
+    means_mm = np.array([1000 * number(row, f"{kind}_mean_m") for row in rows])
+    spread = [[1000 * number(row, f"{kind}_{value}_m") for value in at] for row in rows]
     return Chart(
         f"Largest penetration at each time step: {KINDS[kind]}",
         "time step (s)",
@@ -217,11 +218,11 @@ def _series(config: CollisionConfig, rows: Sequence[Row], *, work: bool) -> tupl
         sweeps = solver.iterations * solver.substeps
         points = sorted(
             (
-                sweeps / cast(float, row["step_s"]) if work else cast(float, row["step_s"]),
-                1000 * cast(float, row["spheres_mean_m"]),
+                sweeps / number(row, "step_s") if work else number(row, "step_s"),
+                1000 * number(row, "spheres_mean_m"),
             )
             for row in rows
-            if row["solver"] == name and cast(float, row["spheres_mean_m"]) > 0.0
+            if row["solver"] == name and number(row, "spheres_mean_m") > 0.0
         )
         x, y = np.array(points, dtype=np.float64).reshape(-1, 2).T
         series.append(Series(name.replace("_", " "), "slamsim", x, y, kind="line+points"))
@@ -229,4 +230,4 @@ def _series(config: CollisionConfig, rows: Sequence[Row], *, work: bool) -> tupl
 
 
 def _mm(row: Row, key: str) -> str:
-    return f"{1000 * cast(float, row[key]):.2f}"
+    return f"{1000 * number(row, key):.2f}"

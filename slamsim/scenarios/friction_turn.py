@@ -11,15 +11,13 @@ import numpy as np
 from slamsim.config.scenarios.friction_turn import BoxConfig, FrictionTurnConfig
 from slamsim.scenarios.base import Findings, Motion, Outcome, Row, Solid, Trial
 from slamsim.scenarios.friction_turn_findings import turn_found
-from slamsim.scenarios.repeats import robot_motion, true_poses
+from slamsim.scenarios.repeats import SECONDS_OF_CORE, robot_motion, true_poses
 from slamsim.sim.engine import engine_parameters
 from slamsim.sim.ground import Block, Ground
 from slamsim.sim.robot import RobotModel, build_robot
 from slamsim.sim.script import Command, scripted_run
 from slamsim.types import FloatArray
 
-SECONDS_OF_CORE = 0.03
-"""Per simulated second, about."""
 SHOWN_HZ = 20
 
 

@@ -15,7 +15,7 @@ from slamsim.safe.errors import SlamsimError
 from slamsim.scenarios.base import Findings, Outcome, Row, Trial
 from slamsim.scenarios.identify_figures import Body, Runs
 from slamsim.scenarios.identify_model import VARYING
-from slamsim.scenarios.repeats import corner_deg, steps_at, true_poses
+from slamsim.scenarios.repeats import SECONDS_OF_CORE, corner_deg, steps_at, true_poses
 from slamsim.scenarios.run import Chosen, Listener, run_scenarios
 from slamsim.scenarios.scripts import square_commands, straight_commands
 from slamsim.sim.engine import engine_parameters
@@ -26,7 +26,6 @@ from slamsim.types import FloatArray
 from slamsim.wheels import wheel_odometry
 
 STRAIGHT, WAYS = "straight", ("clockwise", "counter-clockwise")
-SECONDS_OF_CORE = 0.02
 TURNING_S, TURNING_RAD_S = 2.0, 1.0
 
 

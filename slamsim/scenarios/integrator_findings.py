@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import cast
 
 import numpy as np
 
 from slamsim.config.scenarios.integrator import IntegratorConfig
 from slamsim.config.scenarios.solver import STANDARD, SolverConfig, all_solvers
 from slamsim.scenarios.base import Chart, Findings, Row, Series, Sheet, Verdict
+from slamsim.scenarios.rows import number
 from slamsim.scenarios.trend import trend
 from slamsim.types import GRAVITY_M_S2, FloatArray
 
@@ -73,8 +73,8 @@ def _line(config: IntegratorConfig, solver: SolverConfig, rows: Sequence[Row]) -
     """A step that does not divide the duration ends early; its error is scaled to the whole."""
     known = sorted(
         (
-            cast(float, row["step_s"]),
-            cast(float, row["error_m"]) * config.duration_s / cast(float, row["end_s"]),
+            number(row, "step_s"),
+            number(row, "error_m") * config.duration_s / number(row, "end_s"),
         )
         for row in rows
         if row["error_m"] is not None
@@ -135,7 +135,7 @@ def _speed_exact(config: IntegratorConfig, standard: Sequence[Row]) -> Verdict:
     statement = "The speed has no error but rounding"
     if not standard or config.solver.damping:
         return Verdict(statement, "theory", None, "no fall without damping")
-    worst_m_s = max(abs(cast(float, row["speed_error_m_s"])) for row in standard)
+    worst_m_s = max(abs(number(row, "speed_error_m_s")) for row in standard)
     holds = worst_m_s < EXACT * GRAVITY_M_S2 * config.duration_s
     return Verdict(statement, "theory", holds, f"off by {worst_m_s:.1g} m/s at most")
 
@@ -148,9 +148,9 @@ def _energy_as_in_theory(config: IntegratorConfig, standard: Sequence[Row]) -> V
     weight_n = config.sphere_mass_kg * GRAVITY_M_S2
     shares = []
     for row in standard:
-        end_s, step_s = cast(float, row["end_s"]), cast(float, row["step_s"])
+        end_s, step_s = number(row, "end_s"), number(row, "step_s")
         lost_j = weight_n * GRAVITY_M_S2 * end_s * step_s / config.solver.substeps / 2
-        shares.append(abs(cast(float, row["energy_error_j"]) / -lost_j - 1.0))
+        shares.append(abs(number(row, "energy_error_j") / -lost_j - 1.0))
     numbers = f"off by {100 * max(shares):.2g} % of m g (g t dt / 2) at most"
     return Verdict(statement, "theory", max(shares) < NEAR, numbers)
 

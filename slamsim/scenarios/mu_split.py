@@ -12,15 +12,13 @@ from slamsim.config.robot import RobotConfig
 from slamsim.config.scenarios.mu_split import MuSplitConfig
 from slamsim.scenarios.base import Findings, Outcome, Row, Trial
 from slamsim.scenarios.mu_split_findings import split_found
-from slamsim.scenarios.repeats import robot_motion, true_poses
+from slamsim.scenarios.repeats import SECONDS_OF_CORE, robot_motion, true_poses
 from slamsim.sim.engine import engine_parameters
 from slamsim.sim.ground import Ground
 from slamsim.sim.inertia import Inertial, join
 from slamsim.sim.robot import RobotModel, build_robot
 from slamsim.sim.script import CONTROL_HZ, Command, Forces, ScriptedRun, scripted_run
 
-SECONDS_OF_CORE = 0.03
-"""Per simulated second, about."""
 SHOWN = (0.0, 0.1)
 
 

@@ -14,15 +14,13 @@ from slamsim.config.robot import RobotConfig
 from slamsim.config.scenarios.ramp import ClimbConfig, HandConfig, RampConfig
 from slamsim.scenarios.base import Findings, Motion, Outcome, Row, Solid, Trial
 from slamsim.scenarios.ramp_findings import ramp_found
-from slamsim.scenarios.repeats import duration_s, robot_motion, true_poses
+from slamsim.scenarios.repeats import SECONDS_OF_CORE, duration_s, robot_motion, true_poses
 from slamsim.sim.engine import engine_parameters
 from slamsim.sim.ground import Block, Ground
 from slamsim.sim.robot import RobotModel, build_robot
 from slamsim.sim.script import Command, ScriptedRun, scripted_run
 from slamsim.types import GRAVITY_M_S2, FloatArray, Trajectory
 
-SECONDS_OF_CORE = 0.03
-"""Per simulated second, about."""
 WALL_M = (0.1, 2.0, 0.5)
 RAMP_M = (4.0, 1.0, 0.02)
 SHOWN = {("proportional", 20.0), ("velocity", 36.0)}

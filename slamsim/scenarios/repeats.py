@@ -11,6 +11,8 @@ from slamsim.sim.script import ScriptedRun
 from slamsim.types import FloatArray, IntArray, Trajectory
 
 SHOWN_HZ = 10
+SECONDS_OF_CORE = 0.03
+"""Per simulated second of a scripted run, about."""
 
 
 def robot_motion(name: str, run: ScriptedRun, model: RobotModel) -> Motion:

@@ -10,6 +10,7 @@ import numpy as np
 from slamsim.config.scenarios.solver import STANDARD, all_solvers
 from slamsim.config.scenarios.stacking import StackingConfig
 from slamsim.scenarios.base import Chart, Findings, Outcome, Row, Series, Sheet, Verdict
+from slamsim.scenarios.rows import number
 from slamsim.scenarios.trend import FEWEST, trend
 
 AS_ONE = 0.25
@@ -124,7 +125,7 @@ def _verdicts(config: StackingConfig, standard: Sequence[Row]) -> tuple[Verdict,
 
 def _higher_with_smaller_steps(config: StackingConfig, standard: Sequence[Row]) -> Verdict:
     """A step at which none collapsed counts as one box more than the search goes to."""
-    steps_s = [cast(float, row["step_s"]) for row in standard]
+    steps_s = [number(row, "step_s") for row in standard]
     boxes = [cast(int, row["boxes"] or config.max_boxes + 1) for row in standard]
     found = trend(steps_s, boxes)
     numbers = "too few time steps" if found is None else f"boxes against step: {found}"
@@ -251,7 +252,7 @@ def _chart_of_work(config: StackingConfig, smallest: Sequence[Row]) -> Chart:
         rows = [
             {
                 **row,
-                "work": solver.iterations * solver.substeps / cast(float, row["step_s"]),
+                "work": solver.iterations * solver.substeps / number(row, "step_s"),
             }
             for row in smallest
             if row["solver"] == name
@@ -267,13 +268,13 @@ def _chart_of_work(config: StackingConfig, smallest: Sequence[Row]) -> Chart:
 
 
 def _series(name: str, rows: Sequence[Row], x: str, y: str) -> Series:
-    known = sorted((cast(float, row[x]), cast(float, row[y])) for row in rows if row[y] is not None)
+    known = sorted((number(row, x), number(row, y)) for row in rows if row[y] is not None)
     points = np.array(known, dtype=np.float64).reshape(-1, 2)
     return Series(name.replace("_", " "), "slamsim", points[:, 0], points[:, 1], kind="line+points")
 
 
 def _known(rows: Sequence[Row], key: str) -> list[float]:
-    return [cast(float, row[key]) for row in rows if row[key] is not None]
+    return [number(row, key) for row in rows if row[key] is not None]
 
 
 def _median(values: Sequence[float]) -> float | None:

@@ -10,6 +10,9 @@ from slamsim.config.loading import load_model
 from slamsim.config.robot import RobotConfig, VariationConfig
 from slamsim.randomness import random_bits
 
+IDENTIFIED = "turtlebot2_identified"
+"""Name of the robot that was fitted to the study's figures of the real one."""
+
 
 @dataclass(frozen=True, slots=True)
 class Tested:

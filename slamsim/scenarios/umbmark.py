@@ -11,20 +11,22 @@ import numpy as np
 
 from slamsim.config.scenarios.umbmark import UmbmarkConfig
 from slamsim.scenarios.base import Findings, Outcome, Row, Trial, Value
-from slamsim.scenarios.repeats import corner_deg, robot_motion, steps_at, true_poses
+from slamsim.scenarios.repeats import (
+    SECONDS_OF_CORE,
+    corner_deg,
+    robot_motion,
+    steps_at,
+    true_poses,
+)
 from slamsim.scenarios.scripts import square_commands
 from slamsim.scenarios.tested import Tested, robots_under_test, run_seed
-from slamsim.scenarios.umbmark_findings import squares_found
+from slamsim.scenarios.umbmark_findings import KNOWN, squares_found
 from slamsim.sim.engine import engine_parameters
 from slamsim.sim.ground import Ground
 from slamsim.sim.robot import build_robot
 from slamsim.sim.script import read_encoders, scripted_run
 from slamsim.sim.specimen import drawn_robot
 from slamsim.wheels import wheel_odometry
-
-KNOWN = "known faults"
-SECONDS_OF_CORE = 0.02
-"""Per simulated second, about."""
 
 
 class Umbmark:
@@ -127,6 +129,7 @@ def drive_square(
         arrays={
             "rolled_m": np.diff(encoders.ticks, axis=0) * tick_m,
             "end_m": true[-1, :2],
+            "track_m": np.array(encoders.track_m),
             "path_m": true[:: 10 * every, :2],
         },
     )

@@ -83,10 +83,9 @@ class Calibrated:
 
 def squares_found(config: UmbmarkConfig, outcomes: Sequence[Outcome]) -> Findings:
     """The findings of all robots that drove both ways round."""
-    track_m = config.robot.drive_wheels.track_m
-    tried = _tried([outcome for outcome in outcomes if "way" in outcome.values], track_m)
+    tried = _tried([outcome for outcome in outcomes if "way" in outcome.values])
     robots = [one for one in tried if one.robot != KNOWN]
-    calibrated = [_calibrated(one, config, track_m) for one in tried if len(one.sets) > 1]
+    calibrated = [_calibrated(one, config) for one in tried if len(one.sets) > 1]
     corners = [outcome.values for outcome in outcomes if "friction" in outcome.values]
     smallest = [(one.robot, one.found[0]) for one in robots if one.side_m == config.sides_m[0]]
     return Findings(
@@ -105,7 +104,7 @@ def squares_found(config: UmbmarkConfig, outcomes: Sequence[Outcome]) -> Finding
     )
 
 
-def _tried(outcomes: Sequence[Outcome], track_m: float) -> list[Tried]:
+def _tried(outcomes: Sequence[Outcome]) -> list[Tried]:
     groups: dict[tuple[Value, Value], list[Outcome]] = {}
     for outcome in outcomes:
         groups.setdefault((outcome.values["robot"], outcome.values["side_m"]), []).append(outcome)
@@ -118,7 +117,7 @@ def _tried(outcomes: Sequence[Outcome], track_m: float) -> list[Tried]:
                     str(robot),
                     cast(float, side_m),
                     sets,
-                    tuple(clusters(squares, track_m) for squares in sets),
+                    tuple(clusters(squares) for squares in sets),
                     _mean(group, "corner_deg"),
                     _mean(group, "odometry_corner_deg"),
                 )
@@ -131,7 +130,8 @@ def _sets(outcomes: Sequence[Outcome]) -> tuple[tuple[Square, ...], ...]:
     sets: dict[Value, list[Square]] = {}
     for outcome in outcomes:
         left = outcome.values["way"] == "counter-clockwise"
-        square = Square(left, outcome.arrays["rolled_m"], outcome.arrays["end_m"])
+        arrays = outcome.arrays
+        square = Square(left, arrays["rolled_m"], arrays["end_m"], float(arrays["track_m"]))
         sets.setdefault(outcome.values["set"], []).append(square)
     both = (some for some in sets.values() if len({s.counter_clockwise for s in some}) > 1)
     return tuple(tuple(some) for some in both)
@@ -141,12 +141,12 @@ def _mean(outcomes: Sequence[Outcome], key: str) -> float:
     return float(np.mean([cast(float, outcome.values[key]) for outcome in outcomes]))
 
 
-def _calibrated(tried: Tried, config: UmbmarkConfig, track_m: float) -> Calibrated:
+def _calibrated(tried: Tried, config: UmbmarkConfig) -> Calibrated:
     first, *others = tried.sets
     fresh = [square for some in others for square in some]
-    found = fitted(first, track_m)
+    found = fitted(first)
     try:
-        formulas = classical(tried.found[0], tried.side_m, track_m)
+        formulas = classical(tried.found[0], tried.side_m, first[0].track_m)
     except SlamsimError:
         formulas = None
     known = Calibration(config.known_diameter_ratio, config.known_track_ratio)
@@ -155,12 +155,10 @@ def _calibrated(tried: Tried, config: UmbmarkConfig, track_m: float) -> Calibrat
         known if tried.robot == KNOWN else None,
         formulas,
         found,
-        clusters(fresh, track_m),
-        None if formulas is None else clusters(fresh, track_m, formulas),
-        clusters(fresh, track_m, found),
-        math.hypot(
-            clusters(first, track_m, found).floor_m(), clusters(fresh, track_m, found).floor_m()
-        ),
+        clusters(fresh),
+        None if formulas is None else clusters(fresh, formulas),
+        clusters(fresh, found),
+        math.hypot(clusters(first, found).floor_m(), clusters(fresh, found).floor_m()),
     )
 
 

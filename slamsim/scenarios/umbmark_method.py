@@ -43,17 +43,18 @@ class Square:
     """One square that was driven.
 
     rolled_m: (n, 2) how far each wheel rolled from reading to reading by its nominal radius, left
-    and right. end_m: (2,) the true end.
+    and right. end_m: (2,) the true end. track_m: nominal.
     """
 
     counter_clockwise: bool
     rolled_m: FloatArray
     end_m: FloatArray
+    track_m: float
 
-    def error_m(self, track_m: float, calibration: Calibration = UNCORRECTED) -> FloatArray:
-        """(2,) true end less that of odometry. track_m: nominal."""
+    def error_m(self, calibration: Calibration = UNCORRECTED) -> FloatArray:
+        """(2,) true end less that of odometry."""
         rolled_m = self.rolled_m * calibration.factors()
-        poses = rolled_poses(rolled_m, track_m * calibration.track_ratio, np.zeros(3))
+        poses = rolled_poses(rolled_m, self.track_m * calibration.track_ratio, np.zeros(3))
         return np.asarray(self.end_m - poses[-1, :2])
 
 
@@ -85,11 +86,9 @@ class Clusters:
         return float(np.sqrt(max(variances, default=0.0)))
 
 
-def clusters(
-    squares: Sequence[Square], track_m: float, calibration: Calibration = UNCORRECTED
-) -> Clusters:
+def clusters(squares: Sequence[Square], calibration: Calibration = UNCORRECTED) -> Clusters:
     """The end errors of all squares, of odometry with this calibration."""
-    errors = np.array([square.error_m(track_m, calibration) for square in squares])
+    errors = np.array([square.error_m(calibration) for square in squares])
     left = np.array([square.counter_clockwise for square in squares])
     return Clusters(errors[~left], errors[left])
 
@@ -115,16 +114,16 @@ def classical(found: Clusters, side_m: float, track_m: float) -> Calibration:
     )
 
 
-def fitted(squares: Sequence[Square], track_m: float) -> Calibration:
+def fitted(squares: Sequence[Square]) -> Calibration:
     """E_d and E_b with which odometry ends nearest to the true ends, by least squares.
 
     Each square is followed reading by reading, so that corners need not be of 90 degrees nor
-    errors small. track_m: nominal.
+    errors small.
     """
 
     def misses_m(logs: FloatArray) -> FloatArray:
         guess = Calibration(*np.exp(logs).tolist())
-        return np.concatenate([square.error_m(track_m, guess) for square in squares])
+        return np.concatenate([square.error_m(guess) for square in squares])
 
     solution = least_squares(misses_m, np.zeros(2), x_scale=(0.01, 0.05))
     ratios = np.exp(solution.x)

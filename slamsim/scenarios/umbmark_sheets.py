@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING
 
 from slamsim.scenarios.base import Row, Sheet, Who
+from slamsim.scenarios.rows import number
 from slamsim.scenarios.study_drives import SQUARE_SIDE_M, SQUARES, UNITY_CORNERS_DEG
 from slamsim.scenarios.umbmark_method import Calibration, Clusters
 
@@ -106,7 +107,7 @@ def corner_sheet(corners: Sequence[Row]) -> Sheet:
             f"{UNITY_CORNERS_DEG[friction]:g}" if friction in UNITY_CORNERS_DEG else "",
         )
         for row in corners
-        for friction in [cast(float, row["friction"])]
+        for friction in [number(row, "friction")]
     )
     header = ("friction", "supports", "corner [deg]", "by odometry [deg]", "Unity [deg]")
     return Sheet("One corner of 90 degrees", header, rows)

@@ -6,13 +6,14 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, cast
 
 from slamsim.scenarios.base import Row, Verdict
+from slamsim.scenarios.rows import number
 from slamsim.scenarios.study_drives import SQUARE_SIDE_M, SQUARES, UNITY_CORNERS_DEG
+from slamsim.scenarios.tested import IDENTIFIED
 from slamsim.scenarios.umbmark_method import Calibration
 
 if TYPE_CHECKING:
     from slamsim.scenarios.umbmark_findings import Calibrated, Tried
 
-IDENTIFIED = "turtlebot2_identified"
 CLOSE_M, LEAST_SPREAD_M, MOST_SPREAD_M = 0.25, 1.0, 2.0
 CORNER_WITHIN_DEG = 5.0
 LEAST_IMPROVEMENT = 10.0
@@ -105,14 +106,14 @@ def _ratios(calibration: Calibration | None) -> tuple[float, float]:
 def friction_verdict(corners: Sequence[Row]) -> Verdict:
     """The study's corners that shrink with the friction of the tyres."""
     told = ", ".join(
-        f"{cast(float, row['corner_deg']):.1f} degrees at {row['friction']:g} with supports "
+        f"{number(row, 'corner_deg'):.1f} degrees at {row['friction']:g} with supports "
         f"{'dragged' if row['dragged'] else 'rolling'}"
         for row in corners
     )
     alike = [
-        abs(cast(float, row["corner_deg"]) - UNITY_CORNERS_DEG[friction]) <= CORNER_WITHIN_DEG
+        abs(number(row, "corner_deg") - UNITY_CORNERS_DEG[friction]) <= CORNER_WITHIN_DEG
         for row in corners
-        if (friction := cast(float, row["friction"])) in UNITY_CORNERS_DEG and not row["dragged"]
+        if (friction := number(row, "friction")) in UNITY_CORNERS_DEG and not row["dragged"]
     ]
     return Verdict(
         "With friction 0.6 corners turn about 30 degrees instead of 90, with 1.4 about 70",
