@@ -17,9 +17,9 @@ STUDY_END_M = (1.96, -0.04)
 STUDY_UNITY_TURN_DEG, STUDY_GAZEBO_TURN_DEG = 120.0, 90.0
 """Of the direction of motion where the right wheel finds no hold; Gazebo: slightly under that."""
 TURN_NEAR_DEG = 15.0
-"""The study's turns are read off pictures: about 120, slightly under 90."""
+"""The study tells of about 120 and of slightly under 90."""
 END_TOLERANCE_M = 0.05
-"""Of a place that is read off a picture of 2 m."""
+"""The study tells of a place near it, to the centimetre."""
 STRAIGHT_DEG = 0.1
 """Over 2 m this is 3.5 mm aside, which no picture would show."""
 THEORY_TOLERANCE = 0.05

@@ -173,7 +173,7 @@ def _lead(robots: Sequence[Tried], calibrated: Sequence[Calibrated]) -> str:
         for c in calibrated
         if c.true is not None
     ]
-    text = "; ".join([*told, *better])
+    text = "; ".join([*told, *better]) or "no robot drove squares in both directions"
     return f"{text[:1].upper()}{text[1:]}."
 
 

@@ -115,10 +115,13 @@ def friction_verdict(corners: Sequence[Row]) -> Verdict:
         for row in corners
         if (friction := number(row, "friction")) in UNITY_CORNERS_DEG and not row["dragged"]
     ]
+    statement = "With friction 0.6 corners turn about 30 degrees instead of 90, with 1.4 about 70"
+    if not alike:
+        return Verdict(statement, "study", None, told or "no corner was turned")
     return Verdict(
-        "With friction 0.6 corners turn about 30 degrees instead of 90, with 1.4 about 70",
+        statement,
         "study",
-        all(alike) if alike else None,
+        all(alike),
         f"{told}. By Coulomb's law a tyre that is not overloaded rolls whatever its friction, and "
         "dragged supports resist in the same proportion as tyres hold: what the study saw must "
         "come from solver or motor",
