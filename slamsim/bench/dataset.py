@@ -45,6 +45,9 @@ START_SHARED_BY = 50
 
 BARE_SEQUENCES = 3
 PARALLEL = 2
+ROUNDS = 2
+"""So often each engine is measured, in turns. Its best pace counts: what else a machine does can
+only slow it."""
 
 
 def measure_dataset(recipe_name: str, count: int, reporter: Reporter) -> Figures:
@@ -60,26 +63,41 @@ def measure_dataset(recipe_name: str, count: int, reporter: Reporter) -> Figures
 
 
 def _paces(recipe: Recipe, count: int, reporter: Reporter) -> Figures:
-    def measured(engine: Engine, title: str) -> Pace:
-        with reporter.stage(title, ""):
-            return pace(recipe, count, engine)
-
-    paces = {"one_worker": measured(LocalEngine(1), "one worker")}
+    rounds = []
     with Children() as children:
         bare = [bare_scaling(children, PARALLEL)]
-        paces["two_workers"] = measured(LocalEngine(PARALLEL), "two workers")
-        bare.append(bare_scaling(children, PARALLEL))
+        for number in range(ROUNDS):
+            rounds.append(_round(recipe, count, reporter, f", round {number + 1}"))
+            bare.append(bare_scaling(children, PARALLEL))
+    best = {
+        name: max((paces[name] for paces in rounds), key=lambda one: one.sequences_per_s)
+        for name in rounds[0]
+    }
+    per_s = {name: one.sequences_per_s for name, one in best.items()}
+    return {
+        "sequences_per_s": per_s,
+        "cpu_s_per_sequence": {name: one.cpu_s for name, one in best.items()},
+        "two_workers_over_one": per_s["two_workers"] / per_s["one_worker"],
+        "two_bare_processes_over_one": max(bare),
+        "dask_time_over_local": per_s["two_workers"] / per_s["dask_two_workers"],
+    }
+
+
+def _round(recipe: Recipe, count: int, reporter: Reporter, which: str) -> dict[str, Pace]:
+    """Each engine once."""
+
+    def measured(engine: Engine, title: str) -> Pace:
+        with reporter.stage(f"{title}{which}", ""):
+            return pace(recipe, count, engine)
+
+    paces = {
+        "one_worker": measured(LocalEngine(1), "one worker"),
+        "two_workers": measured(LocalEngine(PARALLEL), "two workers"),
+    }
     with cluster_here(PARALLEL) as address:
         engine = DaskEngine(address, recipe.shard_sequences)
         paces["dask_two_workers"] = measured(engine, "two workers of Dask")
-    per_s = {name: one.sequences_per_s for name, one in paces.items()}
-    return {
-        "sequences_per_s": per_s,
-        "cpu_s_per_sequence": {name: one.cpu_s for name, one in paces.items()},
-        "two_workers_over_one": per_s["two_workers"] / per_s["one_worker"],
-        "two_bare_processes_over_one": float(np.mean(bare)),
-        "dask_time_over_local": per_s["two_workers"] / per_s["dask_two_workers"],
-    }
+    return paces
 
 
 def measure_alone(recipe: Recipe, count: int) -> Figures:
