@@ -98,7 +98,7 @@ def weighed(robot: RobotConfig) -> Body:
         model, Ground(), [Command(TURNING_S, 0.0, TURNING_RAD_S)], SCENARIO_PHYSICS, forces=True
     )
     if turning.ended or turning.forces is None:
-        raise SlamsimError(f"the robot {robot.name} {turning.ended} when it turns on the spot")
+        raise SlamsimError(f"the robot {robot.name} does not turn on the spot: {turning.ended}")
     steady = slice(len(turning.drive) // 2, None)
     driven_n = float(turning.forces.wheel_load_n[steady].sum(axis=1).mean())
     carried_n = float(turning.forces.support_load_n[steady].sum(axis=1).mean())

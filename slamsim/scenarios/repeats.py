@@ -34,7 +34,7 @@ def steps_at(run: ScriptedRun, instants_s: FloatArray) -> IntArray:
     Raises SlamsimError for a run that ended before the last.
     """
     if run.ended:
-        raise SlamsimError(f"the robot {run.ended} {duration_s(run):.1f} s after its start")
+        raise SlamsimError(f"the run ended after {duration_s(run):.1f} s: {run.ended}")
     since_ns = run.drive.stamps_ns - run.drive.stamps_ns[0]
     steps = np.searchsorted(since_ns, np.rint(instants_s * 1e9))
     return np.asarray(np.minimum(steps, len(since_ns) - 1))

@@ -92,7 +92,7 @@ def squares_found(config: UmbmarkConfig, outcomes: Sequence[Outcome]) -> Finding
         lead=_lead(robots, calibrated),
         numbers=_numbers(robots, calibrated),
         verdicts=(
-            *robot_verdicts(robots),
+            *robot_verdicts(robots, config.robot),
             *calibration_verdicts([c for c in calibrated if c.true is not None]),
             friction_verdict(corners),
         ),

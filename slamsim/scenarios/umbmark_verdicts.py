@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, cast
 
+from slamsim.config.robot import RobotConfig, VariationConfig
 from slamsim.scenarios.base import Row, Verdict
 from slamsim.scenarios.rows import number
 from slamsim.scenarios.study_drives import SQUARE_SIDE_M, SQUARES, UNITY_CORNERS_DEG
@@ -20,14 +21,23 @@ LEAST_IMPROVEMENT = 10.0
 SIGMAS = 3.0
 
 
-def robot_verdicts(robots: Sequence[Tried]) -> list[Verdict]:
-    """Of robots in squares as large as those of the study."""
+def robot_verdicts(robots: Sequence[Tried], main: RobotConfig) -> list[Verdict]:
+    """Of robots in squares as large as those of the study. main: the robot of the scenario."""
     verdicts = list[Verdict]()
     for tried in robots:
-        if tried.side_m == SQUARE_SIDE_M:
-            identified = tried.robot == IDENTIFIED
-            verdicts += _targets(tried) if identified else [_without_faults(tried)]
+        if tried.side_m != SQUARE_SIDE_M:
+            continue
+        if tried.robot == IDENTIFIED:
+            verdicts += _targets(tried)
+        elif tried.robot == main.name and _is_as_believed(main):
+            verdicts.append(_without_faults(tried))
     return verdicts
+
+
+def _is_as_believed(robot: RobotConfig) -> bool:
+    wheels = robot.drive_wheels
+    scales = (wheels.radius_ratio, wheels.radius_scale, wheels.track_scale)
+    return scales == (1.0, 1.0, 1.0) and robot.variation == VariationConfig()
 
 
 def _targets(tried: Tried) -> list[Verdict]:

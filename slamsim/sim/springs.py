@@ -54,5 +54,5 @@ def refuse_unstable(config: SuspensionConfig, carried_kg: float, step_s: float) 
         raise SlamsimError(
             f"a suspension of {config.stiffness_n_m:g} N/m and {config.damping_n_s_m:g} N s/m is "
             f"too hard for a wheel of {carried_kg:g} kg at {1.0 / step_s:g} steps per second: "
-            f"raise drive.physics.rate_hz or make it softer"
+            f"raise physics.rate_hz or make it softer"
         )
