@@ -22,6 +22,7 @@ from slamsim.sim.engine import engine_parameters
 from slamsim.sim.ground import Ground
 from slamsim.sim.robot import build_robot
 from slamsim.sim.script import Command, read_encoders, scripted_run
+from slamsim.sim.specimen import multiplied
 from slamsim.types import FloatArray
 from slamsim.wheels import wheel_odometry
 
@@ -67,25 +68,12 @@ def robot_at(values: Mapping[ParameterName, float], nominal: RobotConfig, name: 
 
 def varied(robot: RobotConfig, draws: FloatArray) -> RobotConfig:
     """The robot of one run. draws: (4,) standard normal, one for each of VARYING."""
-    factors = {
-        name: float(np.exp(getattr(robot.variation, name) * z))
-        for name, z in zip(VARYING, draws.tolist(), strict=True)
-    }
-    wheels, motor = robot.drive_wheels, robot.motor
-    true_wheels = {
-        "radius_ratio": wheels.radius_ratio * factors["radius_ratio"],
-        "track_scale": wheels.track_scale * factors["track"],
-    }
-    gears = {
-        "gear_friction_n_m": motor.gear_friction_n_m * factors["gear_friction"],
-        "gear_friction_ratio": motor.gear_friction_ratio * factors["gear_friction_ratio"],
-    }
-    return robot.model_copy(
-        update={
-            "drive_wheels": wheels.model_copy(update=true_wheels),
-            "motor": motor.model_copy(update=gears),
-            "variation": VariationConfig(),
-        }
+    return multiplied(
+        robot,
+        {
+            name: float(np.exp(getattr(robot.variation, name) * z))
+            for name, z in zip(VARYING, draws.tolist(), strict=True)
+        },
     )
 
 

@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 
-from slamsim.config.robot import DriveWheelsConfig, RobotConfig, SuspensionConfig
+from slamsim.config.robot import (
+    DriveWheelsConfig,
+    RobotConfig,
+    SuspensionConfig,
+    VariationConfig,
+)
 from slamsim.randomness import random_stream
 from slamsim.sim.inertia import Inertial
 from slamsim.sim.urdf import Description, Joint, Link, Shape
@@ -29,15 +35,27 @@ def drawn_robot(config: RobotConfig, seed: int) -> RobotConfig:
         z = random_stream(seed, "robot", name).standard_normal()
         return float(np.exp(sigma * np.clip(z, -LARGEST_DEVIATION, LARGEST_DEVIATION)))
 
+    return multiplied(config, {name: factor(name) for name in VariationConfig.model_fields})
+
+
+def multiplied(config: RobotConfig, factors: Mapping[str, float]) -> RobotConfig:
+    """The robot with each of these quantities of its variation so many times as large.
+
+    Its own variation becomes zero. Quantities that are missing stay as they are.
+    """
+
+    def factor(name: str) -> float:
+        return factors.get(name, 1.0)
+
     wheels, motor, supports = config.drive_wheels, config.motor, config.support_wheels
     gain, floor = factor("motor_gain"), factor("floor_friction")
-    drawn_wheels = {
+    changed_wheels = {
         "radius_scale": wheels.radius_scale * factor("radius"),
         "radius_ratio": wheels.radius_ratio * factor("radius_ratio"),
         "track_scale": wheels.track_scale * factor("track"),
         "friction": wheels.friction * floor,
     }
-    drawn_motor = {
+    changed_motor = {
         "gear_friction_n_m": motor.gear_friction_n_m * factor("gear_friction"),
         "gear_friction_ratio": motor.gear_friction_ratio * factor("gear_friction_ratio"),
         "pid_proportional": motor.pid_proportional * gain,
@@ -45,10 +63,10 @@ def drawn_robot(config: RobotConfig, seed: int) -> RobotConfig:
     }
     return config.model_copy(
         update={
-            "drive_wheels": wheels.model_copy(update=drawn_wheels),
-            "motor": motor.model_copy(update=drawn_motor),
+            "drive_wheels": wheels.model_copy(update=changed_wheels),
+            "motor": motor.model_copy(update=changed_motor),
             "support_wheels": supports.model_copy(update={"friction": supports.friction * floor}),
-            "variation": type(config.variation)(),
+            "variation": VariationConfig(),
         }
     )
 
