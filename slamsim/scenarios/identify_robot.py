@@ -91,9 +91,8 @@ def weighed(robot: RobotConfig) -> Body:
     driven_n = float(turning.forces.wheel_load_n[steady].sum(axis=1).mean())
     carried_n = float(turning.forces.support_load_n[steady].sum(axis=1).mean())
     torque_n_m = float(np.abs(turning.forces.motor_torque_n_m[steady]).mean())
-    bodies = [link.inertial for link in model.description.links.values()]
     return Body(
-        mass_kg=sum(body.mass_kg for body in bodies if body is not None),
+        mass_kg=model.description.whole().mass_kg,
         wheel_radius_m=model.wheel_radius_m,
         track_m=model.track_m,
         driven_share=driven_n / (driven_n + carried_n),

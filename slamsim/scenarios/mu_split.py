@@ -15,7 +15,6 @@ from slamsim.scenarios.mu_split_findings import split_found
 from slamsim.scenarios.repeats import SECONDS_OF_CORE, robot_motion, true_poses
 from slamsim.sim.engine import engine_parameters
 from slamsim.sim.ground import Ground
-from slamsim.sim.inertia import Inertial, join
 from slamsim.sim.robot import RobotModel, build_robot
 from slamsim.sim.script import CONTROL_HZ, Command, Forces, ScriptedRun, scripted_run
 
@@ -144,7 +143,7 @@ def _getting_going_s(
     turning_rad_s = _momentum(model, config.speed_m_s) / _inertia_about_left(model)
     centre_m_s = config.speed_m_s - 0.5 * model.track_m * turning_rad_s
     grip_n = config.left_friction * float(np.median(forces.wheel_load_n[:, 0]))
-    gripping_s = _whole(model).mass_kg * centre_m_s / grip_n
+    gripping_s = model.description.whole().mass_kg * centre_m_s / grip_n
     return max(gripping_s, 1.0 / CONTROL_HZ if case.motor == "velocity" else 0.0)
 
 
@@ -154,25 +153,14 @@ def typical_load_n(forces: Forces) -> float:
 
 
 def _momentum(model: RobotModel, speed_m_s: float) -> float:
-    return _whole(model).mass_kg * speed_m_s * 0.5 * model.track_m
+    return model.description.whole().mass_kg * speed_m_s * 0.5 * model.track_m
 
 
 def _inertia_about_left(model: RobotModel) -> float:
     """kg m^2, about the vertical through the left wheel's point of contact."""
-    whole = _whole(model)
+    whole = model.description.whole()
     arm_m = np.array([whole.centre_m[0], whole.centre_m[1] - 0.5 * model.track_m])
     return float(whole.inertia_kg_m2[2, 2] + whole.mass_kg * (arm_m @ arm_m))
-
-
-def _whole(model: RobotModel) -> Inertial:
-    placed = model.description.placements()
-    return join(
-        [
-            link.inertial.seen_from(placed[name])
-            for name, link in model.description.links.items()
-            if link.inertial is not None
-        ]
-    )
 
 
 SCENARIO = MuSplit()

@@ -161,11 +161,7 @@ def _push(run: ScriptedRun, model: RobotModel, floor: float, slope_rad: float) -
     """From the loads that were felt, in the middle of the run."""
     assert run.forces is not None
     loads_n = run.forces.wheel_load_n.sum(axis=1)
-    weight_n = GRAVITY_M_S2 * sum(
-        link.inertial.mass_kg
-        for link in model.description.links.values()
-        if link.inertial is not None
-    )
+    weight_n = GRAVITY_M_S2 * model.description.whole().mass_kg
     return _Push(
         weight_n * math.sin(slope_rad), float(np.median(loads_n)) * floor * model.wheel_friction
     )

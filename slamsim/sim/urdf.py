@@ -18,7 +18,7 @@ from defusedxml.ElementTree import fromstring
 
 from slamsim.geometry import matrix_from_rpy, se3_from_parts
 from slamsim.safe.errors import InputRefused
-from slamsim.sim.inertia import Inertial, box_inertia, cylinder_inertia, sphere_inertia
+from slamsim.sim.inertia import Inertial, box_inertia, cylinder_inertia, join, sphere_inertia
 from slamsim.types import FloatArray
 
 ShapeKind = Literal["box", "cylinder", "sphere"]
@@ -106,6 +106,17 @@ class Description:
         for joint in self.joints:
             placed[joint.child] = placed[joint.parent] @ joint.T_parent_child
         return placed
+
+    def whole(self) -> Inertial:
+        """All links as one rigid body, in the frame of the root."""
+        placed = self.placements()
+        return join(
+            [
+                link.inertial.seen_from(placed[name])
+                for name, link in self.links.items()
+                if link.inertial is not None
+            ]
+        )
 
 
 def read_description(text: str, path: Path | str, meshes: bool = False) -> Description:

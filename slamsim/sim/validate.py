@@ -12,7 +12,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from slamsim.sim.inertia import Inertial, join
+from slamsim.sim.inertia import Inertial
 from slamsim.sim.urdf import Description, Link, Shape
 from slamsim.types import FloatArray
 
@@ -185,12 +185,7 @@ def _floor_faults(description: Description, max_gap_m: float) -> Iterator[ModelF
 def _balance_faults(description: Description) -> Iterator[ModelFault]:
     """The centre of mass must stand between the wheels, else the robot topples at rest."""
     placed = description.placements()
-    bodies = [
-        link.inertial.seen_from(placed[name])
-        for name, link in description.links.items()
-        if link.inertial is not None
-    ]
-    centre = join(bodies).centre_m[:2]
+    centre = description.whole().centre_m[:2]
     feet = np.array([placed[name][:2, 3] for name in rolling_links(description)])
     middle = feet.mean(axis=0)
     feet = feet[np.argsort(np.arctan2(*(feet - middle).T[::-1]))]
