@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 from recording_data import LAYOUT, edge, recording, scans_at, stamps
 
@@ -48,6 +48,7 @@ def test_a_healthy_recording_is_healthy() -> None:
     }
 
 
+@example(6.0, 0.0, 0.0, 0.0047, 0.0, 65)
 @given(
     rate_hz=st.floats(4.0, 40.0),
     start_s=st.sampled_from([0.0, 17.3, 1_700_000_000.0]),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.special import pdtrc
 
 from slamsim.check.findings import Curve, Estimate, Finding, Mend, Plot
 from slamsim.check.stamp_rounding import in_equal_groups, rounding_step_s
@@ -22,7 +23,9 @@ MAX_UNEVEN_GAP_S = 10.0
 """For streams without a beat, which show no rate from which anything could be missing."""
 _MIN_MESSAGES = 20
 _MIN_REPEATED = 3
-_MIN_MISSING = 6
+_USUAL_LOSS, _CHANCE = 0.005, 1e-4
+"""A driver that loses this share of its messages is usual; what it could lose by chance in so many
+messages, but for one recording in ten thousand, is not held against it."""
 
 
 def check_spacing(series: StampSeries) -> list[Finding]:
@@ -166,7 +169,9 @@ def _gaps(series: StampSeries, countable: bool) -> Finding:
     even = is_even(series.stamps_ns)
     limit_s = max(MAX_GAP_S[series.kind], MAX_GAP_PERIODS * period_s) if even else MAX_UNEVEN_GAP_S
     missing = int((np.rint(steps_s / period_s) - 1.0).clip(0.0).sum()) if even and countable else 0
-    share = missing / (missing + len(series)) if missing >= _MIN_MISSING else 0.0
+    sent = missing + len(series)
+    by_chance = missing == 0 or pdtrc(missing - 1, _USUAL_LOSS * sent) > _CHANCE
+    share = 0.0 if by_chance else missing / sent
     rate = f"{1.0 / period_s:.4g} messages a second"
     words = f"{rate}, {missing} missing, longest gap {longest_s:.3g} s"
     estimate = Estimate(100.0 * share, 0.0, "%")

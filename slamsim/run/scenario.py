@@ -16,6 +16,7 @@ from slamsim.config.robot import RobotConfig
 from slamsim.config.scenarios.loading import Seeded, parts_of
 from slamsim.console import Reporter
 from slamsim.run.scenario_folder import told, write_results
+from slamsim.safe.errors import SlamsimError
 from slamsim.safe.output import partial_folder
 from slamsim.scenarios.base import ScenarioResult
 from slamsim.scenarios.registry import Entry
@@ -34,10 +35,11 @@ def run_and_report(
     jobs: int | None = None,
     limit_s: float = TRIAL_LIMIT_S,
     overwrite: bool = False,
-) -> bool:
-    """Run these scenarios and leave a folder with report, figures and rows; whether all ran.
+) -> None:
+    """Run these scenarios and leave a folder with report, figures and rows.
 
-    whole: as ``load_scenarios`` gives it. Raises SlamsimError, InputRefused for a robot.
+    whole: as ``load_scenarios`` gives it. Raises InputRefused for a robot, and SlamsimError, once
+    everything is written, if trials failed.
     """
     types = {entry.key: entry.config_type() for entry in entries}
     parts = parts_of(types, whole)
@@ -54,7 +56,8 @@ def run_and_report(
     ]
     reporter.say(f"Look at {folder}/report.html{''.join(shown[:1])}")
     reporter.result({**told(results, whole.seed, with_rows=False), "folder": str(folder)})
-    return not any(result.failures for result in results)
+    if failed := sum(len(result.failures) for result in results):
+        raise SlamsimError(f"{failed} trials failed: reasons in {folder}/report.json")
 
 
 def _refuse_robots(parts: Iterable[Config]) -> None:
