@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import logging
 import multiprocessing
+import os
 import re
 import socket
 import threading
@@ -170,6 +171,9 @@ def make_on_worker(task: Task) -> tuple[Tried, ...]:
         # Dask marks its workers as daemons, which may have no children, lest these outlive them;
         # ours die with their parent in any case.
         multiprocessing.current_process()._config["daemon"] = False  # type: ignore[attr-defined]
+        # Dask has its workers give memory back at once; ours, which take it again for the next
+        # scan, would spend a sixth of their time on that.
+        os.environ.pop("MALLOC_TRIM_THRESHOLD_", None)
         worker = _own.worker = Worker(_share_bytes())
         _workers.add(worker)
     return worker.run(partial(make_sequences, task), task.limit_s)
