@@ -22,6 +22,9 @@ Faults = Annotated[
         help="What shall be wrong; may be repeated. slamsim fault --list tells what there is.",
     ),
 ]
+Jobs = Annotated[
+    int | None, typer.Option("--jobs", "-j", help="How many processes; all cores.", min=1)
+]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No progress, no table.")]
 Json = Annotated[bool, typer.Option("--json", help="Print the results as JSON on stdout.")]
 ScanTopic = Annotated[

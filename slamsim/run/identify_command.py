@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from slamsim.options import Json, Out, Overwrite, Quiet, Set
+from slamsim.options import Jobs, Json, Out, Overwrite, Quiet, Set
 
 EPILOG = (
     "Examples: slamsim identify turtlebot2_study · slamsim identify my_robot.yaml "
@@ -28,9 +28,7 @@ def identify(
         typer.Option("--robot-file", help="Write the robot to this file too."),
     ] = None,
     set_: Set = None,
-    jobs: Annotated[
-        int | None, typer.Option("--jobs", "-j", help="How many processes; all cores.", min=1)
-    ] = None,
+    jobs: Jobs = None,
     overwrite: Overwrite = False,
     quiet: Quiet = False,
     as_json: Json = False,

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from slamsim.options import Json, Out, Overwrite, Quiet, Seed, Set
+from slamsim.options import Jobs, Json, Out, Overwrite, Quiet, Seed, Set
 from slamsim.scenarios.registry import ALL, ENTRIES
 
 _LINES = "\n".join(f"[bold]{entry.name}[/bold]: {entry.asks}" for entry in ENTRIES)
@@ -33,9 +33,7 @@ def scenario(
         str | None,
         typer.Option("--config", "-c", help="YAML with parameters of the scenario."),
     ] = None,
-    jobs: Annotated[
-        int | None, typer.Option("--jobs", "-j", help="How many processes; all cores.", min=1)
-    ] = None,
+    jobs: Jobs = None,
     overwrite: Overwrite = False,
     quiet: Quiet = False,
     as_json: Json = False,

@@ -2,8 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Annotated, Literal
+
+from pydantic import Field
+
 from slamsim.config.drive import PhysicsConfig
 from slamsim.config.robot import DriveWheelsConfig, MotorConfig, RobotConfig, SuspensionConfig
+
+Friction = Annotated[float, Field(ge=0.0, le=5.0)]
+MotorKind = Literal["velocity", "pid", "ideal"]
 
 SCENARIO_ROBOT = RobotConfig(motor=MotorConfig(rotor_inertia_kg_m2=0.0012))
 """A TurtleBot2 with the inertia of its motors' rotors: without it, wheels of unequal size need

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated
 
 from pydantic import Field
 
 from slamsim.config.base import Config
 from slamsim.config.drive import PhysicsConfig
 from slamsim.config.robot import RobotConfig
-from slamsim.config.scenarios.defaults import SCENARIO_PHYSICS, SPRUNG_ROBOT
-
-Friction = Annotated[float, Field(ge=0.0, le=5.0)]
-MotorKind = Literal["velocity", "pid", "ideal"]
+from slamsim.config.scenarios.defaults import SCENARIO_PHYSICS, SPRUNG_ROBOT, Friction, MotorKind
 
 
 class MuSplitConfig(Config):
