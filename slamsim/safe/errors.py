@@ -22,16 +22,36 @@ class InputRefused(SlamsimError):
 
     path: the file. where: line, key, topic or byte inside it, as words. reason: what is wrong
     and what would be right. also: further faults found at the same time, a sentence each.
+    limit: which of ``slamsim.safe.limits`` it goes beyond, by name, if it is one.
     """
 
     exit_code = 3
 
     def __init__(
-        self, path: Path | str, reason: str, where: str = "", also: tuple[str, ...] = ()
+        self,
+        path: Path | str,
+        reason: str,
+        where: str = "",
+        also: tuple[str, ...] = (),
+        limit: str = "",
     ) -> None:
         self.path, self.where, self.reason, self.also = Path(path), where, reason, also
+        self.limit = limit
         place = f"{path}, {where}" if where else f"{path}"
         super().__init__("\n".join((f"{place}: {reason}", *also)))
+
+
+class DataDamaged(SlamsimError):
+    """A file that slamsim wrote is no longer as it was written.
+
+    path: the file. reason: how that was seen.
+    """
+
+    exit_code = 4
+
+    def __init__(self, path: Path | str, reason: str) -> None:
+        self.path, self.reason = Path(path), reason
+        super().__init__(f"{path}: {reason}")
 
 
 class OverrideRefused(SlamsimError):
