@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from slamsim.safe import output
 from slamsim.safe.errors import DiskFull, SlamsimError
 from slamsim.safe.output import partial_folder, require_free_space, write_atomic
 
@@ -137,6 +138,7 @@ def test_a_failing_rename_brings_the_old_run_back(
         return rename(self, target)
 
     monkeypatch.setattr(Path, "rename", fail_for_partial)
+    monkeypatch.setattr(output, "exchange", lambda one, other: False)
     with pytest.raises(SlamsimError, match=r"cannot be written: Input/output error"):
         run_of(final, "new", overwrite=True)
     assert (final / "map.pgm").read_text() == "old"

@@ -14,6 +14,7 @@ from pathlib import Path
 
 from slamsim.quantities import as_size
 from slamsim.safe.errors import DiskFull, Locked, SlamsimError, shown
+from slamsim.safe.exchange import exchange
 
 _MARK = ".slamsim"
 _MARK_TEXT = "Written by slamsim, which may replace this folder when told to overwrite it.\n"
@@ -28,7 +29,7 @@ def partial_folder(final: Path, overwrite: bool = False) -> Iterator[Path]:
     It is ``<final>.partial`` until everything in it is on the disk; then it is renamed. After
     an exception, Ctrl-C included, it is removed and what stood under ``final`` still stands.
     An existing folder is refused at once, unless it is empty, or overwrite is set and slamsim
-    wrote it; it is then kept until the new one is whole.
+    wrote it; it then stands under its name until the new one does.
 
     Raises SlamsimError for a name that cannot be written, Locked while another process writes
     there, DiskFull when the disk (or quota, or file size limit) does not suffice.
@@ -39,10 +40,10 @@ def partial_folder(final: Path, overwrite: bool = False) -> Iterator[Path]:
         with _reported(final):
             final.parent.mkdir(parents=True, exist_ok=True)
             clean_up.enter_context(folder_lock(final))
-            _restore(final, retired)
+            _restore(final, partial, retired)
             _require_free_name(final, overwrite)
             _remove(partial)
-            clean_up.callback(_remove, partial)
+            clean_up.callback(_discard, partial)
             partial.mkdir()
             (partial / _MARK).write_text(_MARK_TEXT, encoding="utf-8")
         with disk_full_reported(final):
@@ -55,7 +56,8 @@ def partial_folder(final: Path, overwrite: bool = False) -> Iterator[Path]:
 def write_atomic(path: Path, data: bytes) -> None:
     """Write a file under its name only when it is whole and on the disk.
 
-    Makes missing parent folders. Raises SlamsimError or DiskFull; an old file then stays.
+    Makes missing parent folders. Raises SlamsimError or DiskFull; an old file then stays, unless
+    all that failed was to wait for the new name to be on the disk.
     """
     path = _absolute(path)
     partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
@@ -71,7 +73,7 @@ def write_atomic(path: Path, data: bytes) -> None:
             partial.replace(path)
             sync(path.parent)
         finally:
-            partial.unlink(missing_ok=True)
+            _discard(partial)
 
 
 def require_free_space(folder: Path, needed_bytes: int) -> None:
@@ -130,7 +132,7 @@ def disk_full_reported(final: Path) -> Iterator[None]:
             raise
         raise DiskFull(
             f"{final}: {full.strerror} ({as_size(free_bytes(final))} are free); "
-            "nothing new stands under this name"
+            "nothing half-written stands under this name"
         ) from error
 
 
@@ -169,8 +171,10 @@ def folder_lock(final: Path) -> Iterator[None]:
             os.write(descriptor, f"process {os.getpid()} on {socket.gethostname()}\n".encode())
         yield
     finally:
-        path.unlink(missing_ok=True)
-        os.close(descriptor)
+        with suppress(OSError):  # a file without its holder locks nobody out
+            path.unlink(missing_ok=True)
+        with suppress(OSError):
+            os.close(descriptor)
 
 
 def _require_free_name(final: Path, overwrite: bool) -> None:
@@ -188,34 +192,57 @@ def _require_free_name(final: Path, overwrite: bool) -> None:
         raise SlamsimError(f"{final} is there already; choose another name or overwrite it")
 
 
-def _restore(final: Path, retired: Path) -> None:
-    """Mend what a kill between the two renames of ``_put_in_place`` left behind."""
+def _restore(final: Path, partial: Path, retired: Path) -> None:
+    """Mend what a kill between the renames of ``_replace`` left behind."""
     if retired.is_dir() and (retired / _MARK).is_file():
         if os.path.lexists(final):
-            shutil.rmtree(retired, ignore_errors=True)
+            _remove(partial)
+            retired.rename(partial)
         else:
             retired.rename(final)
 
 
 def _put_in_place(partial: Path, final: Path, retired: Path) -> None:
-    if final.is_dir() and any(final.iterdir()):
-        final.rename(retired)
-        try:
-            partial.rename(final)
-        except BaseException:
-            retired.rename(final)
-            raise
+    """What stood under the name is then in ``partial``, to be removed."""
+    replaced = final.is_dir() and any(final.iterdir())
+    if replaced:
+        _replace(partial, final, retired)
     else:
         partial.rename(final)
-    sync(final.parent)
-    shutil.rmtree(retired, ignore_errors=True)
+    try:
+        sync(final.parent)
+    except OSError:
+        if replaced:
+            _replace(partial, final, retired)
+        else:
+            final.rename(partial)
+        raise
+
+
+def _replace(partial: Path, final: Path, retired: Path) -> None:
+    """Exchange two folders, in one step where the file system can."""
+    if exchange(partial, final):
+        return
+    final.rename(retired)
+    try:
+        partial.rename(final)
+    except BaseException:
+        retired.rename(final)
+        raise
+    retired.rename(partial)
 
 
 def _remove(partial: Path) -> None:
     if partial.is_dir() and not partial.is_symlink():
-        shutil.rmtree(partial, ignore_errors=True)
+        shutil.rmtree(partial)
     else:
         partial.unlink(missing_ok=True)
+
+
+def _discard(partial: Path) -> None:
+    """Remove what nobody needs; what cannot be removed now is when the name is next used."""
+    with suppress(OSError):
+        _remove(partial)
 
 
 def sync_tree(folder: Path) -> None:
