@@ -21,12 +21,12 @@ from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 
 from slamsim.logs.bag_limits import CHUNK_BYTES, RECORD_BYTES, inflate
+from slamsim.logs.mcap_stream import MAGIC
 from slamsim.safe.errors import InputRefused
 from slamsim.safe.files import open_input, require_magic
 
-_MAGIC = b"\x89MCAP0\r\n"
-_HEAD = Struct("<BQ")
-_MESSAGE_HEAD = Struct("<HIQQ")
+RECORD_HEAD = Struct("<BQ")
+MESSAGE_HEAD = Struct("<HIQQ")
 _BLOCK_BYTES = 1 << 20
 
 
@@ -53,8 +53,8 @@ def index_mcap(path: Path) -> McapIndex:
     with open_input(path) as file:
         size = file.seek(0, 2)
         file.seek(0)
-        require_magic(file, path, _MAGIC, "MCAP file")
-        position, crc, ended = file.tell(), zlib.crc32(_MAGIC), False
+        require_magic(file, path, MAGIC, "MCAP file")
+        position, crc, ended = file.tell(), zlib.crc32(MAGIC), False
         while not ended:
             try:
                 crc, ended = _next_record(file, size, index, crc)
@@ -62,7 +62,7 @@ def index_mcap(path: Path) -> McapIndex:
                 detail = " ".join(str(error).split())[:200] or type(error).__name__
                 raise InputRefused(path, detail, f"byte {position:,}") from error
             position = file.tell()
-        if file.read(len(_MAGIC) + 1) != _MAGIC:
+        if file.read(len(MAGIC) + 1) != MAGIC:
             raise InputRefused(path, "the file does not end where its footer says it does")
     found = index.counts.total()
     if index.announced not in (None, found):
@@ -81,27 +81,27 @@ def mcap_messages(
     with open_input(index.path) as file:
         for position, length in index.places:
             file.seek(position)
-            head, data = file.read(_HEAD.size), file.read(length)
+            head, data = file.read(RECORD_HEAD.size), file.read(length)
             if len(data) != length:
                 raise ValueError("the file has become shorter")
-            content = _content(data) if head[0] == Opcode.CHUNK else head + data
+            content = read_chunk(data)[1] if head[0] == Opcode.CHUNK else head + data
             found = []
-            for opcode, start, end in _inside(content):
+            for opcode, start, end in records_in(content):
                 if opcode == Opcode.MESSAGE:
-                    channel, _, log_ns, _ = _MESSAGE_HEAD.unpack_from(content, start)
+                    channel, _, log_ns, _ = MESSAGE_HEAD.unpack_from(content, start)
                     if channel in wanted:
                         found.append((log_ns, start, channel, end))
             for log_ns, start, channel, end in sorted(found):
-                yield wanted[channel], log_ns, content[start + _MESSAGE_HEAD.size : end]
+                yield wanted[channel], log_ns, content[start + MESSAGE_HEAD.size : end]
 
 
 def _next_record(file: BinaryIO, size: int, index: McapIndex, crc: int) -> tuple[int, bool]:
     """(running checksum, whether this was the footer) after one more record."""
     position = file.tell()
-    head = file.read(_HEAD.size)
-    if len(head) < _HEAD.size:
+    head = file.read(RECORD_HEAD.size)
+    if len(head) < RECORD_HEAD.size:
         raise ValueError("the file is cut off here: a recording that was not ended")
-    opcode, length = _HEAD.unpack(head)
+    opcode, length = RECORD_HEAD.unpack(head)
     if length > size - file.tell():
         raise ValueError("the file is cut off in this record, or the record is damaged")
     if opcode == Opcode.ATTACHMENT:
@@ -141,8 +141,8 @@ def _require_crc(stored: int, computed: int, what: str) -> None:
 
 def _take(opcode: int, data: bytes, index: McapIndex) -> None:
     if opcode == Opcode.CHUNK:
-        content = _content(data)
-        for inner, start, end in _inside(content):
+        _, content = read_chunk(data)
+        for inner, start, end in records_in(content):
             if inner == Opcode.MESSAGE:
                 _count(content, start, end, index)
             elif inner in (Opcode.SCHEMA, Opcode.CHANNEL):
@@ -150,45 +150,47 @@ def _take(opcode: int, data: bytes, index: McapIndex) -> None:
     elif opcode == Opcode.MESSAGE:
         _count(data, 0, len(data), index)
     elif opcode == Opcode.SCHEMA:
-        schema = records.Schema.read(_stream(data))
+        schema = records.Schema.read(data_stream(data))
         index.schemas[schema.id] = schema
     elif opcode == Opcode.CHANNEL:
-        channel = records.Channel.read(_stream(data))
+        channel = records.Channel.read(data_stream(data))
         index.channels[channel.id] = channel
     elif opcode == Opcode.METADATA:
-        metadata = records.Metadata.read(_stream(data))
+        metadata = records.Metadata.read(data_stream(data))
         index.metadata[metadata.name] = metadata.metadata
     elif opcode == Opcode.STATISTICS:
-        index.announced = records.Statistics.read(_stream(data)).message_count
+        index.announced = records.Statistics.read(data_stream(data)).message_count
 
 
 def _count(content: bytes, start: int, end: int, index: McapIndex) -> None:
-    if end - start < _MESSAGE_HEAD.size:
+    if end - start < MESSAGE_HEAD.size:
         raise ValueError("a message record is too short")
-    channel = _MESSAGE_HEAD.unpack_from(content, start)[0]
+    channel = MESSAGE_HEAD.unpack_from(content, start)[0]
     if channel not in index.channels:
         raise ValueError(f"a message on channel {channel}, which is not declared before it")
     index.counts[channel] += 1
 
 
-def _content(data: bytes) -> bytes:
-    chunk = records.Chunk.read(_stream(data))
+def read_chunk(data: bytes) -> tuple[records.Chunk, bytes]:
+    """(chunk, the records in it unpacked); ValueError when they do not fit its checksum."""
+    chunk = records.Chunk.read(data_stream(data))
     content = inflate(chunk.data, chunk.compression, chunk.uncompressed_size)
     _require_crc(chunk.uncompressed_crc, zlib.crc32(content), "a chunk")
-    return content
+    return chunk, content
 
 
-def _inside(content: bytes) -> Iterator[tuple[int, int, int]]:
+def records_in(content: bytes) -> Iterator[tuple[int, int, int]]:
     """(opcode, start, end) of the content of each record."""
     position = 0
     while position < len(content):
-        opcode, length = _HEAD.unpack_from(content, position)
-        start = position + _HEAD.size
+        opcode, length = RECORD_HEAD.unpack_from(content, position)
+        start = position + RECORD_HEAD.size
         position = start + length
         if position > len(content):
             raise ValueError("a record reaches beyond the end of its chunk")
         yield opcode, start, position
 
 
-def _stream(data: bytes) -> ReadDataStream:
+def data_stream(data: bytes) -> ReadDataStream:
+    """As the records of the ``mcap`` library are read from."""
     return ReadDataStream(BytesIO(data))
