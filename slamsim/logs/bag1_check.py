@@ -9,15 +9,16 @@ from __future__ import annotations
 from pathlib import Path
 from typing import BinaryIO
 
-from slamsim.logs.bag_limits import CHUNK_BYTES, RECORD_BYTES, BagFacts, inflate
-from slamsim.safe.errors import InputRefused
+from slamsim.logs.bag_limits import BagFacts, inflate
+from slamsim.safe.errors import Excessive, InputRefused, limit_of
 from slamsim.safe.files import open_input, require_magic
+from slamsim.safe.limits import LIMITS, Limits
 
 _MAGIC = b"#ROSBAG V2.0\n"
 _MESSAGE, _CHUNK, _CONNECTION = b"\x02", b"\x05", b"\x07"
 
 
-def check_bag1(path: Path) -> BagFacts:
+def check_bag1(path: Path, limits: Limits = LIMITS) -> BagFacts:
     """What is in the file; InputRefused, with the byte, for one that is cut, damaged or a bomb."""
     messages, definitions = 0, {}
     with open_input(path) as file:
@@ -27,26 +28,28 @@ def check_bag1(path: Path) -> BagFacts:
         while file.tell() < size:
             position = file.tell()
             try:
-                head = _fields(_block(file, size, RECORD_BYTES))
-                data = _block(file, size, CHUNK_BYTES)
+                head = _fields(_block(file, size, "bag_record_bytes", limits))
+                data = _block(file, size, "bag_chunk_bytes", limits)
                 if head[b"op"] == _CHUNK:
-                    messages += _count_in_chunk(head, data)
+                    messages += _count_in_chunk(head, data, limits)
                 elif head[b"op"] == _CONNECTION:
                     fields = _fields(data)
                     definitions[fields[b"type"].decode()] = fields[b"message_definition"].decode()
             except Exception as error:
                 detail = " ".join(str(error).split())[:200] or type(error).__name__
                 reason = f"{detail} ({type(error).__name__}): the bag is damaged or cut off"
-                raise InputRefused(path, reason, f"byte {position:,}") from error
+                where = f"byte {position:,}"
+                raise InputRefused(path, reason, where, limit=limit_of(error)) from error
     return BagFacts(messages, tuple(definitions.items()))
 
 
-def _block(file: BinaryIO, size: int, limit: int) -> bytes:
+def _block(file: BinaryIO, size: int, limit: str, limits: Limits) -> bytes:
     length = int.from_bytes(file.read(4), "little")
     if length > size - file.tell():
         raise ValueError("a record reaches beyond the end of the file")
-    if length > limit:
-        raise ValueError(f"a record of {length:,} bytes, at most {limit:,} are read")
+    most: int = getattr(limits, limit)
+    if length > most:
+        raise Excessive(f"a record of {length:,} bytes, at most {most:,} are read", limit)
     return file.read(length)
 
 
@@ -62,9 +65,9 @@ def _fields(data: bytes) -> dict[bytes, bytes]:
     return fields
 
 
-def _count_in_chunk(head: dict[bytes, bytes], data: bytes) -> int:
+def _count_in_chunk(head: dict[bytes, bytes], data: bytes, limits: Limits) -> int:
     size = int.from_bytes(head[b"size"], "little")
-    content = inflate(data, head[b"compression"].decode(), size)
+    content = inflate(data, head[b"compression"].decode(), size, limits)
     position, messages = 0, 0
     while position < len(content):
         ends = []

@@ -10,23 +10,14 @@ from dataclasses import dataclass
 import zstandard
 from lz4.frame import LZ4FrameDecompressor  # type: ignore[import-untyped]
 
-CHUNK_BYTES = 256 << 20
-RECORD_BYTES = 64 << 20
-_RATIO = 1000
-_RATIO_FLOOR_BYTES = 64 << 20
-_DEFINITION_BYTES = 256 << 10
-_DEFINITION_FIELDS = 1000
-_FIXED_ARRAY = 10_000
-_QOS_CHARACTERS = 100_000
+from slamsim.safe.errors import Excessive
+from slamsim.safe.limits import LIMITS, Limits
+
 _ARRAY = re.compile(
     r"\[[ \t]*(?:<=[ \t]*)?(\d+)[ \t]*\]|sequence[ \t]*<[^<>\n]*,[ \t]*(\d+)[ \t]*>"
 )
 _FIELD = re.compile(r"^[ \t]*([A-Za-z]\w*(?:/\w+)*)(?:\[[^\]\n]*\]|<=\d+)*[ \t]+\w+", re.MULTILINE)
 _NEXT_TYPE = re.compile(r"^=+[ \t]*\nMSG:[ \t]*(\S+)[ \t]*$", re.MULTILINE)
-
-
-class Excessive(ValueError):
-    """Larger than any sane recording; the sentence says what and which limit."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,16 +31,20 @@ class BagFacts:
     definitions: tuple[tuple[str, str], ...]
 
 
-def inflate(data: bytes | memoryview, compression: str, size: int) -> bytes:
+def inflate(
+    data: bytes | memoryview, compression: str, size: int, limits: Limits = LIMITS
+) -> bytes:
     """The content of a chunk that is announced to be ``size`` bytes long.
 
     Never makes more than one byte beyond that. Raises Excessive when the announcement is
     out of all proportion, ValueError when the content does not keep to it.
     """
-    if size > CHUNK_BYTES:
-        raise Excessive(f"a chunk of {size:,} bytes, at most {CHUNK_BYTES:,} are read")
-    if size > max(_RATIO_FLOOR_BYTES, _RATIO * len(data)):
-        raise Excessive(f"a chunk unpacks to more than {_RATIO} times its size")
+    if size > limits.bag_chunk_bytes:
+        reason = f"a chunk of {size:,} bytes, at most {limits.bag_chunk_bytes:,} are read"
+        raise Excessive(reason, "bag_chunk_bytes")
+    if size > max(limits.bag_ratio_floor_bytes, limits.bag_ratio * len(data)):
+        reason = f"a chunk unpacks to more than {limits.bag_ratio} times its size"
+        raise Excessive(reason, "bag_ratio")
     if compression in ("", "none"):
         content = bytes(data)
     elif compression == "zstd":
@@ -70,22 +65,25 @@ def inflate(data: bytes | memoryview, compression: str, size: int) -> bytes:
     return content
 
 
-def check_definitions(definitions: Iterable[tuple[str, str]]) -> None:
+def check_definitions(definitions: Iterable[tuple[str, str]], limits: Limits = LIMITS) -> None:
     """Refuses message definitions that would blow up the code generated from them.
 
     rosbags unrolls fixed arrays and executes what it generates; a type that holds itself
-    recurses without end. Raises Excessive.
+    recurses without end. Raises Excessive, and ValueError for such a type.
     """
     holds: dict[str, set[str]] = {}
     for name, text in definitions:
-        if len(text) > _DEFINITION_BYTES:
-            raise Excessive(f"the definition of {name[:60]} is {len(text):,} characters long")
-        if len(_FIELD.findall(text)) > _DEFINITION_FIELDS:
-            raise Excessive(f"{name[:60]} has more than {_DEFINITION_FIELDS} fields")
+        if len(text) > limits.bag_definition_characters:
+            reason = f"the definition of {name[:60]} is {len(text):,} characters long"
+            raise Excessive(reason, "bag_definition_characters")
+        if len(_FIELD.findall(text)) > limits.bag_definition_fields:
+            reason = f"{name[:60]} has more than {limits.bag_definition_fields} fields"
+            raise Excessive(reason, "bag_definition_fields")
         for match in _ARRAY.finditer(text):
             digits = match[1] or match[2]
-            if len(digits) > 9 or int(digits) > _FIXED_ARRAY:
-                raise Excessive(f"{name[:60]} has an array of {digits[:20]} elements")
+            if len(digits) > 9 or int(digits) > limits.bag_array_elements:
+                reason = f"{name[:60]} has an array of {digits[:20]} elements"
+                raise Excessive(reason, "bag_array_elements")
         parts = _NEXT_TYPE.split(text)
         for part_name, part in zip([name, *parts[1::2]], parts[::2], strict=True):
             short = part_name.replace("/msg/", "/")
@@ -106,11 +104,14 @@ def _require_no_cycle(holds: Mapping[str, set[str]]) -> None:
     while open_types:
         finite = {name for name, kinds in open_types.items() if not kinds}
         if not finite:
-            raise Excessive(f"message type {min(open_types)[:60]} contains itself")
+            raise ValueError(f"message type {min(open_types)[:60]} contains itself")
         open_types = {n: kinds - finite for n, kinds in open_types.items() if n not in finite}
 
 
-def check_qos(text: str) -> None:
+def check_qos(text: str, limits: Limits = LIMITS) -> None:
     """Refuses the YAML of a quality of service that no ROS writes: anchors, aliases, endless."""
-    if len(text) > _QOS_CHARACTERS or re.search(r"[&*]|<<|\[{9}", text):
-        raise Excessive("a quality of service with YAML anchors, deep nesting or endless length")
+    if len(text) > limits.bag_qos_characters:
+        reason = f"a quality of service of {len(text):,} characters"
+        raise Excessive(reason, "bag_qos_characters")
+    if re.search(r"[&*]|<<|\[{9}", text):
+        raise ValueError("a quality of service with YAML anchors or deep nesting")

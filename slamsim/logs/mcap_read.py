@@ -20,14 +20,16 @@ from mcap import records
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 
-from slamsim.logs.bag_limits import CHUNK_BYTES, RECORD_BYTES, inflate
+from slamsim.logs.bag_limits import inflate
 from slamsim.logs.mcap_stream import MAGIC
-from slamsim.safe.errors import InputRefused
+from slamsim.safe.errors import Excessive, InputRefused, limit_of
 from slamsim.safe.files import open_input, require_magic
+from slamsim.safe.limits import LIMITS, Limits
 
 RECORD_HEAD = Struct("<BQ")
 MESSAGE_HEAD = Struct("<HIQQ")
 _BLOCK_BYTES = 1 << 20
+_CHUNK_HEAD_BYTES = 1024
 
 
 @dataclass(slots=True)
@@ -47,7 +49,7 @@ class McapIndex:
     announced: int | None = None
 
 
-def index_mcap(path: Path) -> McapIndex:
+def index_mcap(path: Path, limits: Limits = LIMITS) -> McapIndex:
     """Walks over the file; InputRefused, with the byte, for one that is cut, damaged or a bomb."""
     index = McapIndex(path)
     with open_input(path) as file:
@@ -57,10 +59,11 @@ def index_mcap(path: Path) -> McapIndex:
         position, crc, ended = file.tell(), zlib.crc32(MAGIC), False
         while not ended:
             try:
-                crc, ended = _next_record(file, size, index, crc)
+                crc, ended = _next_record(file, size, index, crc, limits)
             except Exception as error:
                 detail = " ".join(str(error).split())[:200] or type(error).__name__
-                raise InputRefused(path, detail, f"byte {position:,}") from error
+                where = f"byte {position:,}"
+                raise InputRefused(path, detail, where, limit=limit_of(error)) from error
             position = file.tell()
         if file.read(len(MAGIC) + 1) != MAGIC:
             raise InputRefused(path, "the file does not end where its footer says it does")
@@ -95,7 +98,9 @@ def mcap_messages(
                 yield wanted[channel], log_ns, content[start + MESSAGE_HEAD.size : end]
 
 
-def _next_record(file: BinaryIO, size: int, index: McapIndex, crc: int) -> tuple[int, bool]:
+def _next_record(
+    file: BinaryIO, size: int, index: McapIndex, crc: int, limits: Limits
+) -> tuple[int, bool]:
     """(running checksum, whether this was the footer) after one more record."""
     position = file.tell()
     head = file.read(RECORD_HEAD.size)
@@ -106,8 +111,10 @@ def _next_record(file: BinaryIO, size: int, index: McapIndex, crc: int) -> tuple
         raise ValueError("the file is cut off in this record, or the record is damaged")
     if opcode == Opcode.ATTACHMENT:
         return _skip(file, length, zlib.crc32(head, crc)), False
-    if length > (CHUNK_BYTES + 1024 if opcode == Opcode.CHUNK else RECORD_BYTES):
-        raise ValueError(f"a record of {length:,} bytes is larger than any in a recording")
+    limit = "bag_chunk_bytes" if opcode == Opcode.CHUNK else "bag_record_bytes"
+    if length > getattr(limits, limit) + _CHUNK_HEAD_BYTES:
+        reason = f"a record of {length:,} bytes is larger than any in a recording"
+        raise Excessive(reason, limit)
     data = file.read(length)
     if opcode == Opcode.DATA_END:
         _require_crc(int.from_bytes(data[:4], "little"), crc, "the data section")
@@ -120,7 +127,7 @@ def _next_record(file: BinaryIO, size: int, index: McapIndex, crc: int) -> tuple
         return 0, True
     if opcode in (Opcode.CHUNK, Opcode.MESSAGE):
         index.places.append((position, length))
-    _take(opcode, data, index)
+    _take(opcode, data, index, limits)
     return zlib.crc32(data, zlib.crc32(head, crc)), False
 
 
@@ -139,14 +146,14 @@ def _require_crc(stored: int, computed: int, what: str) -> None:
         raise ValueError(f"the checksum of {what} does not fit: damaged")
 
 
-def _take(opcode: int, data: bytes, index: McapIndex) -> None:
+def _take(opcode: int, data: bytes, index: McapIndex, limits: Limits) -> None:
     if opcode == Opcode.CHUNK:
-        _, content = read_chunk(data)
+        _, content = read_chunk(data, limits)
         for inner, start, end in records_in(content):
             if inner == Opcode.MESSAGE:
                 _count(content, start, end, index)
             elif inner in (Opcode.SCHEMA, Opcode.CHANNEL):
-                _take(inner, content[start:end], index)
+                _take(inner, content[start:end], index, limits)
     elif opcode == Opcode.MESSAGE:
         _count(data, 0, len(data), index)
     elif opcode == Opcode.SCHEMA:
@@ -171,10 +178,10 @@ def _count(content: bytes, start: int, end: int, index: McapIndex) -> None:
     index.counts[channel] += 1
 
 
-def read_chunk(data: bytes) -> tuple[records.Chunk, bytes]:
+def read_chunk(data: bytes, limits: Limits = LIMITS) -> tuple[records.Chunk, bytes]:
     """(chunk, the records in it unpacked); ValueError when they do not fit its checksum."""
     chunk = records.Chunk.read(data_stream(data))
-    content = inflate(chunk.data, chunk.compression, chunk.uncompressed_size)
+    content = inflate(chunk.data, chunk.compression, chunk.uncompressed_size, limits)
     _require_crc(chunk.uncompressed_crc, zlib.crc32(content), "a chunk")
     return chunk, content
 

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from slamsim.safe.errors import InputRefused, SlamsimError
+from slamsim.safe.errors import InputRefused, SlamsimError, limit_of
 
 
 @contextmanager
@@ -25,4 +25,4 @@ def refusing(path: Path, where: str) -> Iterator[None]:
         detail = " ".join(str(error).split())[:200]
         kind = type(error).__name__
         reason = f"damaged, or no recording ({kind}: {detail})" if detail else f"damaged ({kind})"
-        raise InputRefused(path, reason, where) from error
+        raise InputRefused(path, reason, where, limit=limit_of(error)) from error

@@ -41,6 +41,17 @@ class InputRefused(SlamsimError):
         super().__init__("\n".join((f"{place}: {reason}", *also)))
 
 
+class Excessive(ValueError):
+    """Larger than any sane input; whoever knows the file makes an InputRefused of it.
+
+    limit: which of ``slamsim.safe.limits`` it goes beyond, by name.
+    """
+
+    def __init__(self, reason: str, limit: str) -> None:
+        self.limit = limit
+        super().__init__(reason)
+
+
 class DataDamaged(SlamsimError):
     """A file that slamsim wrote is no longer as it was written.
 
@@ -83,6 +94,11 @@ class DiskFull(SlamsimError):
     """The disk filled up; what stood under its final name before is untouched."""
 
     exit_code = 75
+
+
+def limit_of(error: Exception) -> str:
+    """Which limit an exception says was exceeded, or nothing."""
+    return error.limit if isinstance(error, Excessive | InputRefused) else ""
 
 
 def reason_of(error: Exception) -> str:

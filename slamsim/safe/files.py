@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 from slamsim.safe.errors import InputRefused, NotFound
+from slamsim.safe.limits import LIMITS, Limits
 
 
 def open_input(path: Path) -> BinaryIO:
@@ -31,16 +32,21 @@ def open_input(path: Path) -> BinaryIO:
     return os.fdopen(descriptor, "rb")
 
 
-def read_input(path: Path, limit_bytes: int) -> bytes:
-    """The whole file; raises as ``open_input`` does, and InputRefused above the limit."""
+def read_input(path: Path, limit: str, limits: Limits = LIMITS) -> bytes:
+    """The whole file; raises as ``open_input`` does, and InputRefused above the limit.
+
+    limit: the field of ``limits`` that says how many bytes it may have.
+    """
+    most: int = getattr(limits, limit)
     with open_input(path) as file:
         try:
-            data = file.read(limit_bytes + 1)
+            data = file.read(most + 1)
         except OSError as error:
             raise InputRefused(path, f"cannot be read: {error.strerror}") from None
-        if len(data) > limit_bytes:
+        if len(data) > most:
             size = os.fstat(file.fileno()).st_size
-            raise InputRefused(path, f"is {size:,} bytes long, at most {limit_bytes:,} are read")
+            reason = f"is {size:,} bytes long, at most {most:,} are read"
+            raise InputRefused(path, reason, limit=limit)
     return data
 
 

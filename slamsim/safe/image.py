@@ -30,7 +30,7 @@ def read_gray_image(path: Path, limits: Limits = LIMITS) -> GrayImage:
     transparent keeps its colour. Raises NotFound, or InputRefused for anything but a whole PGM
     or PNG of at most ``limits.image_pixels``.
     """
-    data = read_input(path, limits.image_file_bytes)
+    data = read_input(path, "image_file_bytes", limits)
     if data.startswith(_PNG_MAGIC):
         return _read_png(data, path, limits)
     if data[:2] in (b"P2", b"P5"):
@@ -44,9 +44,13 @@ def _check_size(width: int, height: int, bytes_per_pixel: int, path: Path, limit
     if width < 1 or height < 1:
         raise InputRefused(path, f"an image of {width} x {height} pixels is empty")
     pixels = width * height
-    allowed = min(limits.image_pixels, limits.image_decoded_bytes // bytes_per_pixel)
+    allowed, limit = min(
+        (limits.image_pixels, "image_pixels"),
+        (limits.image_decoded_bytes // bytes_per_pixel, "image_decoded_bytes"),
+    )
     if pixels > allowed:
-        raise InputRefused(path, f"{width} x {height} pixels, at most {allowed:,} are read")
+        reason = f"{width} x {height} pixels, at most {allowed:,} are read"
+        raise InputRefused(path, reason, limit=limit)
 
 
 def _read_pgm(data: bytes, path: Path, limits: Limits) -> GrayImage:

@@ -12,7 +12,8 @@ class Limits:
     """What a sane file stays below by a wide margin and a hostile one does not.
 
     The ratios of text count only above their floors: a robot that stands still in front of a
-    wall compresses very well too, but each of its lines has a time of its own.
+    wall compresses very well too, but each of its lines has a time of its own. A refusal names
+    the limit that it is for: ``InputRefused.limit``.
     """
 
     yaml_bytes: int = MIB
@@ -36,6 +37,16 @@ class Limits:
     urdf_depth: int = 32
     urdf_elements: int = 50_000
     urdf_number: float = 1e6
+    route_rows: int = 100_000
+    saved_map_bytes: int = 4_000_000_000
+    bag_chunk_bytes: int = 256 * MIB
+    bag_record_bytes: int = 64 * MIB
+    bag_ratio: int = 1000
+    bag_ratio_floor_bytes: int = 64 * MIB
+    bag_definition_characters: int = 256 << 10
+    bag_definition_fields: int = 1000
+    bag_array_elements: int = 10_000
+    bag_qos_characters: int = 100_000
 
 
 LIMITS = Limits()

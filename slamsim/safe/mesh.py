@@ -33,7 +33,8 @@ def check_mesh(
     if far.any():
         bad = int(np.argmax(far))
         reason = f"lies {np.abs(vertices[bad]).max():g} m out, more than "
-        raise InputRefused(path, f"{reason}{limits.mesh_coordinate_m:g} m", f"vertex {bad}")
+        reason += f"{limits.mesh_coordinate_m:g} m"
+        raise InputRefused(path, reason, f"vertex {bad}", limit="mesh_coordinate_m")
     wrong = ((triangles < 0) | (triangles >= len(vertices))).any(axis=1)
     if wrong.any():
         bad = int(np.argmax(wrong))
@@ -60,7 +61,8 @@ def _check_shapes(
         ("triangles", len(triangles), limits.mesh_triangles),
     ):
         if count > most:
-            raise InputRefused(path, f"has {count:,} {name}, at most {most:,} are read")
+            reason = f"has {count:,} {name}, at most {most:,} are read"
+            raise InputRefused(path, reason, limit=f"mesh_{name}")
 
 
 def _has_area(vertices: NDArray[np.float64], triangles: NDArray[Any]) -> bool:

@@ -43,7 +43,7 @@ def check_mesh_file(path: Path, limits: Limits = LIMITS) -> None:
     check = checks.get(path.suffix.lower())
     if check is None:
         raise InputRefused(path, f"is none of the mesh formats {', '.join(checks)}")
-    data = read_input(path, limits.mesh_file_bytes)
+    data = read_input(path, "mesh_file_bytes", limits)
     if not data:
         raise InputRefused(path, "is empty")
     check(data, path, limits)
@@ -76,7 +76,9 @@ def _check_obj(data: bytes, path: Path, limits: Limits) -> None:
 def _check_ply(data: bytes, path: Path, limits: Limits) -> None:
     end = re.search(rb"^end_header\r?\n", data[: limits.mesh_header_bytes], re.MULTILINE)
     if not data.startswith(b"ply") or end is None:
-        raise InputRefused(path, "is no PLY: the header from 'ply' to 'end_header' is not whole")
+        reason = "is no PLY: the header from 'ply' to 'end_header' is not whole"
+        limit = "mesh_header_bytes" if len(data) > limits.mesh_header_bytes else ""
+        raise InputRefused(path, reason, limit=limit)
     lines = data[: end.start()].decode("ascii", errors="replace").splitlines()
     is_text = any(line.split()[:2] == ["format", "ascii"] for line in lines)
     least, announced = _ply_least_bytes(lines, is_text, path)
@@ -122,8 +124,12 @@ def _check_glb(data: bytes, path: Path, limits: Limits) -> None:
     if version != 2 or length != len(data):
         reason = f"announces version {version} and {length:,} bytes, has {len(data):,} bytes"
         raise InputRefused(path, reason)
-    if kind != _GLB_JSON or 20 + json_length > len(data) or json_length > limits.mesh_header_bytes:
+    if kind != _GLB_JSON or 20 + json_length > len(data):
         raise InputRefused(path, f"its description of {json_length:,} bytes is not in the file")
+    if json_length > limits.mesh_header_bytes:
+        reason = f"has a description of {json_length:,} bytes, at most "
+        reason += f"{limits.mesh_header_bytes:,} are read"
+        raise InputRefused(path, reason, limit="mesh_header_bytes")
     try:
         scene = json.loads(data[20 : 20 + json_length])
         _check_scene(scene, _glb_binary_bytes(data, 20 + json_length), path)

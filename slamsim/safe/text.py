@@ -20,6 +20,10 @@ _GZIP_MAGIC, _BZIP2_MAGIC, _BOM = b"\x1f\x8b", b"BZh", b"\xef\xbb\xbf"
 class _Damaged(Exception):
     """Why no more can be read out of an archive; the line is known further up."""
 
+    def __init__(self, reason: str, limit: str = "") -> None:
+        self.limit = limit
+        super().__init__(reason)
+
 
 def open_lines(path: Path, limits: Limits = LIMITS) -> Iterator[tuple[int, str]]:
     """(1-based line number, line without its end) of a plain, gzip or bzip2 file.
@@ -52,7 +56,8 @@ def _lines(path: Path, file: BinaryIO, limits: Limits) -> Iterator[tuple[int, st
                 if suspect:
                     _check_line(rest, limits)
         except _Damaged as damage:
-            raise InputRefused(path, str(damage), f"line {number + 1}") from None
+            where = f"line {number + 1}"
+            raise InputRefused(path, str(damage), where, limit=damage.limit) from None
         except OSError as error:
             reason = f"cannot be read: {error.strerror or error}"
             raise InputRefused(path, reason, f"line {number + 1}") from None
@@ -68,20 +73,22 @@ def _decode(piece: bytes, number: int) -> str:
 
 def _check_line(piece: bytes, limits: Limits) -> None:
     if len(piece) > limits.text_line_bytes:
-        raise _Damaged(f"the line is longer than {limits.text_line_bytes:,} bytes")
+        reason = f"the line is longer than {limits.text_line_bytes:,} bytes"
+        raise _Damaged(reason, "text_line_bytes")
     if b"\0" in piece:
         raise _Damaged("holds a NUL byte: this is not a text file")
 
 
 def _check_total(total: int, lines: int, file: BinaryIO, limits: Limits) -> None:
     if total > limits.text_total_bytes:
-        raise _Damaged(f"more than {limits.text_total_bytes:,} bytes of text")
+        reason = f"more than {limits.text_total_bytes:,} bytes of text"
+        raise _Damaged(reason, "text_total_bytes")
     packed = file.tell()
-    too_many_lines = lines > limits.text_lines_floor and lines > limits.text_lines_per_byte * packed
-    if too_many_lines or (
-        total > limits.text_ratio_floor_bytes and total > limits.text_ratio * packed
-    ):
-        raise _Damaged("unpacks to more text than a log of this size can hold")
+    bomb = "unpacks to more text than a log of this size can hold"
+    if lines > limits.text_lines_floor and lines > limits.text_lines_per_byte * packed:
+        raise _Damaged(bomb, "text_lines_per_byte")
+    if total > limits.text_ratio_floor_bytes and total > limits.text_ratio * packed:
+        raise _Damaged(bomb, "text_ratio")
 
 
 def _blocks(file: BinaryIO) -> Iterator[bytes]:

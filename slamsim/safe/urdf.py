@@ -48,20 +48,20 @@ class _UrdfCheck:
         for link in links:
             self._link(link)
 
-    def refuse(self, reason: str, element: Element | None = None) -> InputRefused:
+    def refuse(self, reason: str, element: Element | None = None, limit: str = "") -> InputRefused:
         if element is None:
-            return InputRefused(self.path, reason)
+            return InputRefused(self.path, reason, limit=limit)
         name = element.get("name")
         where = f"<{element.tag} name={shown(name)}>" if name else f"<{element.tag}>"
-        return InputRefused(self.path, reason, where)
+        return InputRefused(self.path, reason, where, limit=limit)
 
     def _parse(self, text: str) -> Element:
         size = len(text.encode("utf-8", errors="replace"))
         if size > self.limits.urdf_bytes:
             reason = f"is {size:,} bytes long, at most {self.limits.urdf_bytes:,} are read"
-            raise self.refuse(reason)
+            raise self.refuse(reason, limit="urdf_bytes")
         if text.count("<") > 4 * self.limits.urdf_elements:  # before a tree of them is built
-            raise self.refuse(f"has more than {self.limits.urdf_elements:,} elements")
+            raise self._too_many()
         try:
             robot: Element = defusedxml.ElementTree.fromstring(text, forbid_dtd=True)
         except ParseError as error:
@@ -78,10 +78,15 @@ class _UrdfCheck:
         while level:
             depth, count = depth + 1, count + len(level)
             if depth > self.limits.urdf_depth:
-                raise self.refuse(f"is nested deeper than {self.limits.urdf_depth} levels")
+                reason = f"is nested deeper than {self.limits.urdf_depth} levels"
+                raise self.refuse(reason, limit="urdf_depth")
             if count > self.limits.urdf_elements:
-                raise self.refuse(f"has more than {self.limits.urdf_elements:,} elements")
+                raise self._too_many()
             level = [child for element in level for child in element]
+
+    def _too_many(self) -> InputRefused:
+        reason = f"has more than {self.limits.urdf_elements:,} elements"
+        return self.refuse(reason, limit="urdf_elements")
 
     def _names(self, elements: list[Element], kind: str) -> None:
         counts = Counter(element.get("name") for element in elements)
@@ -228,9 +233,10 @@ class _UrdfCheck:
         if len(values) != count:
             needed = "one number" if count == 1 else f"{count} numbers"
             raise self.refuse(f"{what} is {shown(text)}, {needed} are needed", owner)
-        most = self.limits.urdf_number if bounded else math.inf
-        if not all(math.isfinite(value) and abs(value) <= most for value in values):
-            raise self.refuse(f"{what} is {shown(text)}, not a finite sane number", owner)
+        finite = all(map(math.isfinite, values))
+        if not finite or (bounded and max(map(abs, values)) > self.limits.urdf_number):
+            reason = f"{what} is {shown(text)}, not a finite sane number"
+            raise self.refuse(reason, owner, "urdf_number" if finite else "")
         return values
 
 

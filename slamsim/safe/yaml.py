@@ -67,7 +67,7 @@ def key_text(key_path: KeyPath) -> str:
 
 def load_yaml(path: Path, limits: Limits = LIMITS) -> YamlDocument:
     """Read one YAML document; raises NotFound, or InputRefused naming line and key."""
-    return parse_yaml(_decode(read_input(path, limits.yaml_bytes), path), path, limits)
+    return parse_yaml(_decode(read_input(path, "yaml_bytes", limits), path), path, limits)
 
 
 def parse_yaml(text: str, path: Path, limits: Limits = LIMITS) -> YamlDocument:
@@ -151,16 +151,17 @@ class _Builder:
     def _line(event: yaml.Event) -> int:
         return 1 if event.start_mark is None else event.start_mark.line + 1
 
-    def _refuse(self, event: yaml.Event, reason: str) -> InputRefused:
+    def _refuse(self, event: yaml.Event, reason: str, limit: str = "") -> InputRefused:
         where = f"line {self._line(event)}"
         if self._at:
             where += f", {key_text(tuple(self._at))}"
-        return InputRefused(self.path, reason, where)
+        return InputRefused(self.path, reason, where, limit=limit)
 
     def _count(self, event: yaml.ScalarEvent | yaml.CollectionStartEvent) -> None:
         self._nodes += 1
         if self._nodes > self.limits.yaml_nodes:
-            raise self._refuse(event, f"more than {self.limits.yaml_nodes:,} values")
+            reason = f"more than {self.limits.yaml_nodes:,} values"
+            raise self._refuse(event, reason, "yaml_nodes")
         if event.tag is not None:
             raise self._refuse(event, f"the tag {shown(event.tag)} is not allowed: remove it")
 
@@ -197,7 +198,8 @@ class _Builder:
             raise self._refuse(event, "a list or mapping cannot be a key")
         self._count(event)
         if len(self._stack) >= self.limits.yaml_depth:
-            raise self._refuse(event, f"nested deeper than {self.limits.yaml_depth} levels")
+            reason = f"nested deeper than {self.limits.yaml_depth} levels"
+            raise self._refuse(event, reason, "yaml_depth")
         self._enter(event)
         self._place(value)
         self._stack.append(value)

@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from slamsim.config.robot import MotorConfig, RobotConfig, SuspensionConfig
-from slamsim.safe.errors import InputRefused, NotFound
+from slamsim.safe.errors import InputRefused
+from slamsim.safe.files import read_input
 from slamsim.sim.describe import describe, urdf_text
 from slamsim.sim.specimen import specimen
 from slamsim.sim.urdf import Description, read_description
@@ -97,10 +98,8 @@ def _read_foreign(path: Path) -> str:
     from slamsim.safe.urdf import check_urdf
 
     try:
-        text = path.read_text(encoding="utf-8")
-    except FileNotFoundError:
-        raise NotFound(f"{path}: there is no such robot description") from None
-    except (OSError, UnicodeDecodeError) as error:
+        text = read_input(path, "urdf_bytes").decode("utf-8-sig")
+    except UnicodeDecodeError as error:
         raise InputRefused(path, f"this cannot be read as text: {error}") from None
     check_urdf(text, path)
     return text

@@ -13,10 +13,10 @@ from pydantic import Field, model_validator
 from slamsim.config.base import Config
 from slamsim.config.loading import load_model
 from slamsim.safe.errors import InputRefused
+from slamsim.safe.limits import LIMITS
 from slamsim.safe.text import open_lines
 from slamsim.types import FloatArray
 
-MAX_ROWS = 100_000
 POSE_COLUMNS = (("x_m", "y_m"), ("x_m", "y_m", "yaw_rad"), ("x_m", "y_m", "yaw_deg"))
 TWIST_COLUMNS = ("t_s", "v_m_s", "w_rad_s")
 
@@ -61,9 +61,9 @@ class TwistRow(Config):
 class RouteFile(Config):
     """Either poses or twists."""
 
-    poses: Annotated[tuple[PoseRow, ...], Field(strict=False, max_length=MAX_ROWS)] = ()
+    poses: Annotated[tuple[PoseRow, ...], Field(strict=False, max_length=LIMITS.route_rows)] = ()
     """Places to drive to, straight from one to the next."""
-    twists: Annotated[tuple[TwistRow, ...], Field(strict=False, max_length=MAX_ROWS)] = ()
+    twists: Annotated[tuple[TwistRow, ...], Field(strict=False, max_length=LIMITS.route_rows)] = ()
     """Commands over time; the last row only tells when the route ends."""
 
     @model_validator(mode="after")
@@ -100,8 +100,11 @@ def _read_csv(path: Path) -> PoseRoute | TwistRoute:
             f"line {number}",
         )
     rows = [_row(words, len(columns), path, number) for number, words in lines]
-    if not 1 <= len(rows) <= MAX_ROWS:
-        raise InputRefused(path, f"has {len(rows)} rows, a route has 1 to {MAX_ROWS}")
+    if not rows:
+        raise InputRefused(path, "has 0 rows below the names of its columns")
+    if len(rows) > LIMITS.route_rows:
+        reason = f"has {len(rows):,} rows, a route has at most {LIMITS.route_rows:,}"
+        raise InputRefused(path, reason, limit="route_rows")
     table = np.array(rows)
     if columns == TWIST_COLUMNS:
         return _checked(table, path)

@@ -16,6 +16,7 @@ import numpy as np
 from slamsim.result import GraphEdge
 from slamsim.safe.errors import InputRefused
 from slamsim.safe.files import read_input
+from slamsim.safe.limits import LIMITS, Limits
 from slamsim.safe.output import write_atomic
 from slamsim.slam.columns import Columns, Shape, from_columns, to_columns
 from slamsim.slam.graph import GraphUnsound, check_edges
@@ -25,7 +26,6 @@ from slamsim.slam.steps import PARAMETERS, ROWS
 from slamsim.types import FloatArray
 
 FORMAT = 2
-MAX_BYTES = 4_000_000_000
 _SHAPES: dict[str, Shape] = {
     "T_map_base": (3,),
     "T_odom_base": (3,),
@@ -91,9 +91,9 @@ def write_saved_map(path: Path, saved: SavedMap) -> None:
     write_atomic(path, file.getvalue())
 
 
-def read_saved_map(path: Path) -> SavedMap:
+def read_saved_map(path: Path, limits: Limits = LIMITS) -> SavedMap:
     """Raises NotFound, or InputRefused for a file that is damaged or none of these."""
-    data = read_input(path, MAX_BYTES)
+    data = read_input(path, "saved_map_bytes", limits)
     try:
         return _checked(_arrays(data))
     except (ValueError, KeyError, TypeError, OverflowError, EOFError, GraphUnsound) as error:

@@ -16,7 +16,6 @@ from slamsim.config.loading import load_model
 from slamsim.safe.errors import InputRefused
 from slamsim.safe.files import read_input, require_inside
 from slamsim.safe.image import read_gray_image
-from slamsim.safe.limits import LIMITS
 from slamsim.types import BoolArray, Grid
 
 _Threshold = Annotated[float, Field(ge=0.0, le=1.0)]
@@ -93,7 +92,7 @@ def _opaque(image_path: Path, shape: tuple[int, ...]) -> BoolArray:
     """Which pixels are not transparent at all; the image was found whole before."""
     import cv2
 
-    data = np.frombuffer(read_input(image_path, LIMITS.image_file_bytes), np.uint8)
+    data = np.frombuffer(read_input(image_path, "image_file_bytes"), np.uint8)
     image = cv2.imdecode(data, cv2.IMREAD_UNCHANGED)
     if image is None or image.ndim != 3 or image.shape[2] != 4 or image.shape[:2] != shape:
         return np.ones(shape, dtype=bool)

@@ -1,0 +1,171 @@
+"""Every field of the one table of limits refuses something, and the refusal names it."""
+
+from __future__ import annotations
+
+import gzip
+import json
+import struct
+from collections.abc import Callable
+from dataclasses import fields, replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from bag_data import ROS1, ROS2, Robot, as_mcap, as_ros1, as_rosbag2
+from mcap.writer import CompressionType
+
+from slamsim.logs.bag1_check import check_bag1
+from slamsim.logs.bag_limits import check_definitions, check_qos
+from slamsim.logs.mcap_read import index_mcap
+from slamsim.logs.refusing import refusing
+from slamsim.logs.sqlite_check import check_sqlite
+from slamsim.safe.errors import InputRefused
+from slamsim.safe.image import read_gray_image
+from slamsim.safe.limits import LIMITS, Limits
+from slamsim.safe.mesh import check_mesh
+from slamsim.safe.mesh_file import check_mesh_file
+from slamsim.safe.text import open_lines
+from slamsim.safe.urdf import check_urdf
+from slamsim.safe.yaml import load_yaml
+from slamsim.sim.route_file import read_route
+from slamsim.slam.saved_map import read_saved_map
+
+pytestmark = pytest.mark.fault
+
+Excess = Callable[[Path, Limits], object]
+CORNERS = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
+FACES = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
+LINK = '<link name="a"><inertial><mass value="9"/></inertial></link>'
+
+
+def put(path: Path, data: bytes) -> Path:
+    path.write_bytes(data)
+    return path
+
+
+def yaml(text: str) -> Excess:
+    return lambda folder, limits: load_yaml(put(folder / "a.yaml", text.encode()), limits)
+
+
+def text(data: bytes) -> Excess:
+    return lambda folder, limits: list(open_lines(put(folder / "a.log", data), limits))
+
+
+def image(folder: Path, limits: Limits) -> object:
+    data = cv2.imencode(".png", np.zeros((8, 8, 3), np.uint8))[1].tobytes()
+    return read_gray_image(put(folder / "a.png", data), limits)
+
+
+def mesh(folder: Path, limits: Limits) -> None:
+    check_mesh(CORNERS, FACES, folder / "a.stl", limits)
+
+
+def mesh_file(folder: Path, limits: Limits) -> None:
+    scene = json.dumps({"asset": {"version": "2.0"}}).encode()
+    head = struct.pack("<4sIIII", b"glTF", 2, 20 + len(scene), len(scene), 0x4E4F534A)
+    check_mesh_file(put(folder / "a.glb", head + scene), limits)
+
+
+def urdf(folder: Path, limits: Limits) -> None:
+    check_urdf(f'<robot name="r">{LINK}</robot>', folder / "a.urdf", limits)
+
+
+def chunk(folder: Path, limits: Limits) -> object:
+    path = as_mcap(folder / "a.mcap", Robot(ROS2).drive(), CompressionType.ZSTD)
+    return index_mcap(path, limits)
+
+
+def definition(text: str) -> Excess:
+    def check(folder: Path, limits: Limits) -> None:
+        with refusing(folder, "message definitions"):
+            check_definitions([("a/msg/B", text)], limits)
+
+    return check
+
+
+def quality(folder: Path, limits: Limits) -> None:
+    with refusing(folder, "topics"):
+        check_qos("- history: 1", limits)
+
+
+def many_rows(folder: Path, limits: Limits) -> object:
+    assert limits.route_rows == LIMITS.route_rows
+    rows = "1,2\n" * (LIMITS.route_rows + 1)
+    return read_route(put(folder / "a.csv", f"x_m,y_m\n{rows}".encode()))
+
+
+PACKED = gzip.compress(b"0" * 99 + b"\n" * 5000)
+BOMB = gzip.compress(b"\n" * 100_000)
+
+EXCESS: dict[str, tuple[Excess, dict[str, float]]] = {
+    "yaml_bytes": (yaml("a: 1"), {"yaml_bytes": 3}),
+    "yaml_depth": (yaml("[[[]]]"), {"yaml_depth": 2}),
+    "yaml_nodes": (yaml("[1, 2, 3]"), {"yaml_nodes": 3}),
+    "text_line_bytes": (text(b"12345\n"), {"text_line_bytes": 4}),
+    "text_total_bytes": (text(b"12345\n"), {"text_total_bytes": 5}),
+    "text_ratio": (text(PACKED), {"text_ratio": 5, "text_ratio_floor_bytes": 1000}),
+    "text_ratio_floor_bytes": (text(PACKED), {"text_ratio_floor_bytes": 10, "text_ratio": 1}),
+    "text_lines_per_byte": (text(BOMB), {"text_lines_per_byte": 9, "text_lines_floor": 999}),
+    "text_lines_floor": (text(BOMB), {"text_lines_floor": 999}),
+    "image_file_bytes": (image, {"image_file_bytes": 20}),
+    "image_pixels": (image, {"image_pixels": 63}),
+    "image_decoded_bytes": (image, {"image_decoded_bytes": 191}),
+    "mesh_file_bytes": (mesh_file, {"mesh_file_bytes": 19}),
+    "mesh_header_bytes": (mesh_file, {"mesh_header_bytes": 9}),
+    "mesh_vertices": (mesh, {"mesh_vertices": 3}),
+    "mesh_triangles": (mesh, {"mesh_triangles": 3}),
+    "mesh_coordinate_m": (mesh, {"mesh_coordinate_m": 0.5}),
+    "urdf_bytes": (urdf, {"urdf_bytes": 20}),
+    "urdf_depth": (urdf, {"urdf_depth": 2}),
+    "urdf_elements": (urdf, {"urdf_elements": 3}),
+    "urdf_number": (urdf, {"urdf_number": 8.5}),
+    "route_rows": (many_rows, {}),
+    "saved_map_bytes": (
+        lambda folder, limits: read_saved_map(put(folder / "map.npz", bytes(9)), limits),
+        {"saved_map_bytes": 8},
+    ),
+    "bag_chunk_bytes": (chunk, {"bag_chunk_bytes": 3000}),
+    "bag_ratio": (chunk, {"bag_ratio": 1, "bag_ratio_floor_bytes": 0}),
+    "bag_ratio_floor_bytes": (chunk, {"bag_ratio_floor_bytes": 999, "bag_ratio": 1}),
+    "bag_record_bytes": (
+        lambda folder, limits: check_bag1(as_ros1(folder / "a", Robot(ROS1).drive()), limits),
+        {"bag_record_bytes": 60},
+    ),
+    "bag_definition_characters": (definition("int8 a\n"), {"bag_definition_characters": 6}),
+    "bag_definition_fields": (definition("int8 a\nint8 b\n"), {"bag_definition_fields": 1}),
+    "bag_array_elements": (definition("int8[8] a\n"), {"bag_array_elements": 7}),
+    "bag_qos_characters": (quality, {"bag_qos_characters": 5}),
+}
+FLOORS = {
+    "text_ratio_floor_bytes": "text_ratio",
+    "text_lines_floor": "text_lines_per_byte",
+    "bag_ratio_floor_bytes": "bag_ratio",
+}
+
+
+def test_each_field_of_the_table_is_exceeded_here() -> None:
+    assert set(EXCESS) == {field.name for field in fields(Limits)}
+
+
+@pytest.mark.parametrize("name", EXCESS)
+def test_a_refusal_names_the_limit(name: str, tmp_path: Path) -> None:
+    exceed, lowered = EXCESS[name]
+    with pytest.raises(InputRefused) as caught:
+        exceed(tmp_path, replace(LIMITS, **lowered))  # type: ignore[arg-type]
+    assert caught.value.limit == FLOORS.get(name, name)
+
+
+@pytest.mark.parametrize("name", sorted(EXCESS.keys() - {"route_rows", "saved_map_bytes"}))
+def test_within_the_limits_the_same_is_no_excess(name: str, tmp_path: Path) -> None:
+    try:
+        EXCESS[name][0](tmp_path, LIMITS)
+    except InputRefused as refusal:
+        assert refusal.limit == ""
+
+
+def test_sqlite_messages_have_the_same_limit(tmp_path: Path) -> None:
+    path = next(as_rosbag2(tmp_path / "a", Robot(ROS2).drive()).glob("*.db3"))
+    with pytest.raises(InputRefused) as caught:
+        check_sqlite(path, False, replace(LIMITS, bag_record_bytes=50))
+    assert caught.value.limit == "bag_record_bytes"
