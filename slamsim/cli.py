@@ -82,14 +82,15 @@ def world(
 ) -> None:
     """Build a world: preview, mesh and true occupancy map."""
     from slamsim.console import Reporter
-    from slamsim.run.folder import pick_folder
-    from slamsim.run.world import export_world
+    from slamsim.run.naming import output_folder
     from slamsim.summary import flat
 
     reporter = Reporter(quiet=quiet, as_json=as_json)
     resolved = _config(name, config, set_, seed)
-    folder = pick_folder(out, f"{resolved.world.name}_world", overwrite=overwrite)
-    facts = export_world(resolved, folder, overwrite=overwrite)
+    with output_folder(out, f"{resolved.world.name}_world", overwrite=overwrite) as folder:
+        from slamsim.run.world import export_world
+
+        facts = export_world(resolved, folder, overwrite=overwrite)
     reporter.table(f"World {resolved.world.name}", flat(facts))
     reporter.say(f"Written to {folder}/")
     reporter.result({**facts, "folder": str(folder)})
@@ -111,13 +112,14 @@ def simulate(
 ) -> None:
     """Drive through a world and record what the sensors measure."""
     from slamsim.console import Reporter
-    from slamsim.run.folder import pick_folder
-    from slamsim.run.recording import simulate_world
+    from slamsim.run.naming import output_folder
 
     reporter = Reporter(quiet=quiet, as_json=as_json)
     resolved = _config(name, config, set_, seed, faults)
-    folder = pick_folder(out, resolved.world.name, overwrite=overwrite)
-    report = simulate_world(resolved, folder, reporter, overwrite=overwrite)
+    with output_folder(out, resolved.world.name, overwrite=overwrite) as folder:
+        from slamsim.run.recording import simulate_world
+
+        report = simulate_world(resolved, folder, reporter, overwrite=overwrite)
     _close(reporter, report, folder)
 
 
@@ -148,31 +150,32 @@ def map_(
 ) -> None:
     """Map a world or a recording, and say how good the map is."""
     from slamsim.console import Reporter
-    from slamsim.run.continuing import chosen_earlier, refuse_earlier
-    from slamsim.run.folder import is_recording, pick_folder, recording_name
-    from slamsim.run.mapping import map_recording, map_world
+    from slamsim.run.naming import is_recording, output_folder, recording_name
 
     reporter = Reporter(quiet=quiet, as_json=as_json)
-    if is_recording(source):
-        resolved = _config(None, config, set_, seed)
-        folder = pick_folder(out, recording_name(source), overwrite=overwrite)
-        reporter.say(f"Mapping the recording {source}")
-        report = map_recording(
-            Path(source),
-            resolved,
-            folder,
-            reporter,
-            relations=relations,
-            scan_topic=scan_topic,
-            earlier=chosen_earlier(earlier, start),
-            overwrite=overwrite,
-        )
-    else:
-        refuse_earlier(earlier, start)
-        resolved = _config(source, config, set_, seed)
-        folder = pick_folder(out, resolved.world.name, overwrite=overwrite)
-        reporter.say(f"Simulating and mapping the world {source}")
-        report = map_world(resolved, folder, reporter, relations=relations, overwrite=overwrite)
+    recorded = is_recording(source)
+    resolved = _config(None if recorded else source, config, set_, seed)
+    name = recording_name(source) if recorded else resolved.world.name
+    with output_folder(out, name, overwrite=overwrite) as folder:
+        from slamsim.run.continuing import chosen_earlier, refuse_earlier
+        from slamsim.run.mapping import map_recording, map_world
+
+        if recorded:
+            reporter.say(f"Mapping the recording {source}")
+            report = map_recording(
+                Path(source),
+                resolved,
+                folder,
+                reporter,
+                relations=relations,
+                scan_topic=scan_topic,
+                earlier=chosen_earlier(earlier, start),
+                overwrite=overwrite,
+            )
+        else:
+            refuse_earlier(earlier, start)
+            reporter.say(f"Simulating and mapping the world {source}")
+            report = map_world(resolved, folder, reporter, relations=relations, overwrite=overwrite)
     _close(reporter, report, folder)
 
 
@@ -193,24 +196,25 @@ def localise(
 ) -> None:
     """Tell where a recording was driven, in the frame of a finished map."""
     from slamsim.console import Reporter
-    from slamsim.run.folder import pick_folder, recording_name
-    from slamsim.run.localising import localise_recording
+    from slamsim.run.naming import output_folder, recording_name
     from slamsim.run.start import start_pose
 
     reporter = Reporter(quiet=quiet, as_json=as_json)
     resolved = _config(None, config, set_, None)
     name = f"{recording_name(str(source))}_in_{known.resolve().name}"
-    folder = pick_folder(out, name, overwrite=overwrite)
-    report = localise_recording(
-        source,
-        known,
-        resolved,
-        folder,
-        reporter,
-        start=start_pose(start),
-        scan_topic=scan_topic,
-        overwrite=overwrite,
-    )
+    with output_folder(out, name, overwrite=overwrite) as folder:
+        from slamsim.run.localising import localise_recording
+
+        report = localise_recording(
+            source,
+            known,
+            resolved,
+            folder,
+            reporter,
+            start=start_pose(start),
+            scan_topic=scan_topic,
+            overwrite=overwrite,
+        )
     _close(reporter, report, folder)
 
 

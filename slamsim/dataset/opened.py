@@ -23,7 +23,8 @@ from slamsim.dataset.shard import MADE
 from slamsim.dataset.truth_read import SequenceTruth, Span
 from slamsim.logs.parquet_read import imu_of, odometry_of, scans_of, ticks_of
 from slamsim.recording import RawImu, RawOdometry, RawScans, RawTicks
-from slamsim.run.folder import CONFIG, LOG
+from slamsim.run.folder import CONFIG
+from slamsim.run.naming import LOG
 from slamsim.safe.errors import NotFound, SlamsimError, shown
 from slamsim.safe.yaml import parse_yaml
 from slamsim.types import BoolArray, Log

@@ -24,7 +24,8 @@ from slamsim.logs.raw_writer import write_recording
 from slamsim.logs.recorded import OdometryTail
 from slamsim.logs.writer import LogWriter
 from slamsim.recording import Recording, numbered
-from slamsim.run.folder import LOG, write_config, write_world
+from slamsim.run.folder import write_config, write_world
+from slamsim.run.naming import LOG
 from slamsim.sensors.faults.apply import declared, faulty_sensors
 from slamsim.sensors.faults.base import Fault
 from slamsim.sensors.faults.registry import chosen_fault

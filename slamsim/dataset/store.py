@@ -14,15 +14,15 @@ import socket
 import tempfile
 import time
 from collections.abc import Iterator
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from functools import lru_cache
 from pathlib import Path
 from typing import Protocol
 
 from slamsim.safe.errors import Locked, SlamsimError
+from slamsim.safe.lock import claimed, folder_lock
 from slamsim.safe.output import (
     disk_full_reported,
-    folder_lock,
     free_bytes,
     sync,
     sync_tree,
@@ -84,6 +84,11 @@ class Store(Protocol):
 def open_store(address: str) -> Store:
     """The store at a local path or a URL such as ``s3://bucket/set``. Raises SlamsimError."""
     return _connected(address) if "://" in address else LocalStore(address)
+
+
+def claimed_place(address: str) -> AbstractContextManager[None]:
+    """Keep a folder for a run in the block, and raise Locked now rather than then."""
+    return nullcontext() if "://" in address else claimed(Path(LocalStore(address).address))
 
 
 @lru_cache(maxsize=8)
@@ -159,7 +164,6 @@ class LocalStore:
 
     @contextmanager
     def owned(self) -> Iterator[None]:
-        self._root.parent.mkdir(parents=True, exist_ok=True)
         with folder_lock(self._root):
             self._wait_for_workers()
             self._clear_work()

@@ -70,14 +70,11 @@ def fix(
 ) -> None:
     """Write a corrected copy of a recording, and check it again."""
     from slamsim.console import Reporter
-    from slamsim.run.fixing import fix_log
+    from slamsim.safe.output import claimed_folder
 
-    report = fix_log(
-        source,
-        out,
-        apply,
-        Reporter(quiet=quiet, as_json=as_json),
-        scan_topic=scan_topic,
-        overwrite=overwrite,
-    )
+    reporter = Reporter(quiet=quiet, as_json=as_json)
+    with claimed_folder(out, overwrite):
+        from slamsim.run.fixing import fix_log
+
+        report = fix_log(source, out, apply, reporter, scan_topic=scan_topic, overwrite=overwrite)
     raise typer.Exit(1 if report.bad else 0)

@@ -65,18 +65,21 @@ def make(
 ) -> None:
     """Make a data set, or what is missing of it."""
     from slamsim.console import Reporter
-    from slamsim.run.dataset_making import run_make
+    from slamsim.dataset.store import claimed_place
 
-    run_make(
-        recipe,
-        count,
-        out,
-        Reporter(quiet=quiet, as_json=as_json),
-        engine=engine,
-        workers=workers,
-        scheduler=scheduler,
-        only=only,
-    )
+    with claimed_place(out):
+        from slamsim.run.dataset_making import run_make
+
+        run_make(
+            recipe,
+            count,
+            out,
+            Reporter(quiet=quiet, as_json=as_json),
+            engine=engine,
+            workers=workers,
+            scheduler=scheduler,
+            only=only,
+        )
 
 
 @dataset.command(epilog="Example: slamsim dataset plan labyrinths -n 10000")

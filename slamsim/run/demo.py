@@ -14,6 +14,7 @@ from slamsim.run import folder as run_folder
 from slamsim.run.checking import check_stage
 from slamsim.run.fixing import fix_log
 from slamsim.run.mapping import map_recording, map_world
+from slamsim.run.naming import LOG
 from slamsim.run.stages import Stages
 from slamsim.safe.output import partial_folder, write_atomic
 from slamsim.slam.mapping import build_grid
@@ -40,12 +41,12 @@ def rotation_bug(
         reporter.say("1. Drive with the rotation bug, and map what it recorded")
         before_m = map_world(spoilt, torn, reporter).numbers["ate_rmse_m"]
         reporter.say("2. Ask what is wrong with the recording, and mend it")
-        verdict = check_stage(read_recording(torn / run_folder.LOG), Stages(reporter))
+        verdict = check_stage(read_recording(torn / LOG), Stages(reporter))
         left = fix_log(torn, log, "all", reporter.without_result())
         reporter.say("3. Map the mended recording")
         after_m = map_recording(log, config, mended, reporter).numbers["ate_rmse_m"]
         sides = (
-            _side("torn", "As recorded", torn, read_log(torn / run_folder.LOG), config, before_m),
+            _side("torn", "As recorded", torn, read_log(torn / LOG), config, before_m),
             _side("mended", "After slamsim fix", mended, read_log(log), config, after_m),
         )
         write_atomic(partial / run_folder.REPORT, demo_page(verdict, sides).encode())

@@ -32,13 +32,14 @@ def demo(
     """Show a fault at work: the torn map, the verdict, and the mended map."""
     from slamsim.config.loading import load_run_config
     from slamsim.console import Reporter
-    from slamsim.run.demo import rotation_bug
-    from slamsim.run.folder import pick_folder
+    from slamsim.run.naming import output_folder
 
     reporter = Reporter(quiet=quiet, as_json=as_json)
     config = load_run_config("labyrinth", overrides=_SETTINGS, seed=seed)
-    folder = pick_folder(out, name.value.replace("-", "_"), overwrite=overwrite)
-    numbers = rotation_bug(config, folder, reporter, overwrite=overwrite)
+    with output_folder(out, name.value.replace("-", "_"), overwrite=overwrite) as folder:
+        from slamsim.run.demo import rotation_bug
+
+        numbers = rotation_bug(config, folder, reporter, overwrite=overwrite)
     reporter.table(name.value, {key: str(value) for key, value in numbers.items()})
     reporter.say(f"Look at {folder}/report.html, or: slamsim view {folder}")
     reporter.result({**numbers, "folder": str(folder)})

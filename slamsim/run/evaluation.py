@@ -18,8 +18,8 @@ from slamsim.run.folder import (
     TRAJECTORY,
     TRUTH,
     WORLD,
-    log_of,
 )
+from slamsim.run.naming import log_of
 from slamsim.run.scoring import Estimated, Known, score
 from slamsim.run.stages import Stages
 from slamsim.safe.errors import NotFound, SlamsimError

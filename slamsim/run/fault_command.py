@@ -28,22 +28,23 @@ def fault(
     """Copy a recording and spoil it with known faults, to try a checker or a SLAM on them."""
     from slamsim.config.faults import typed_choices
     from slamsim.console import Reporter
-    from slamsim.run.faulting import fault_facts, fault_table, spoil_recording
+    from slamsim.safe.output import claimed_folder
 
     reporter = Reporter(quiet=quiet, as_json=as_json)
     if list_:
+        from slamsim.run.faulting import fault_facts, fault_table
+
         reporter.table("Faults", fault_table())
         reporter.result({"faults": fault_facts()})
         return
     if source is None or out is None or not faults:
         raise typer.BadParameter("give a recording, a folder and at least one --fault, or --list")
-    spoilt = spoil_recording(
-        source,
-        out,
-        typed_choices(faults),
-        seed=seed,
-        scan_topic=scan_topic,
-        overwrite=overwrite,
-    )
+    choices = typed_choices(faults)
+    with claimed_folder(out, overwrite):
+        from slamsim.run.faulting import spoil_recording
+
+        spoilt = spoil_recording(
+            source, out, choices, seed=seed, scan_topic=scan_topic, overwrite=overwrite
+        )
     reporter.table(str(out), {one.name: one.title for one in spoilt})
     reporter.result({"folder": str(out), "faults": [one.model_dump(mode="json") for one in spoilt]})

@@ -9,7 +9,7 @@ from slamsim.config.faults import FaultChoice
 from slamsim.logs.raw import read_recording
 from slamsim.logs.raw_writer import write_recording
 from slamsim.logs.reader import read_truth
-from slamsim.run.folder import log_of
+from slamsim.run.naming import log_of
 from slamsim.safe.output import partial_folder
 from slamsim.sensors.faults.apply import injected
 from slamsim.sensors.faults.base import Fault

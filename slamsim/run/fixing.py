@@ -14,7 +14,7 @@ from slamsim.logs.raw_writer import write_recording
 from slamsim.logs.reader import read_truth
 from slamsim.recording import Recording
 from slamsim.run.checking import check_stage, show_verdicts
-from slamsim.run.folder import log_of, recording_name
+from slamsim.run.naming import log_of, recording_name
 from slamsim.run.stages import Stages
 from slamsim.safe.errors import SlamsimError
 from slamsim.safe.output import partial_folder

@@ -1,18 +1,15 @@
-"""What a run reads and what it leaves behind: names, kinds of input, files of the folder."""
+"""What a run leaves behind: the files of its folder."""
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 
 from slamsim.config.base import Config
-from slamsim.config.bundled import bundled_names
 from slamsim.config.dump import dump_commented_yaml
 from slamsim.config.run import RunConfig
 from slamsim.evaluate.budget import at_instants
 from slamsim.logs.g2o import write_g2o
 from slamsim.logs.keyframes import write_keyframes
-from slamsim.logs.reader import is_parquet_log
 from slamsim.logs.tum import write_tum
 from slamsim.result import SlamResult
 from slamsim.safe.output import write_atomic
@@ -20,55 +17,11 @@ from slamsim.slam.map_files import map_files
 from slamsim.types import Grid, Trajectory
 from slamsim.world.model import World
 
-OUTPUTS = Path("outputs")
-LOG, WORLD, CONFIG = "log", "world.yaml", "config.yaml"
+WORLD, CONFIG = "world.yaml", "config.yaml"
 TRAJECTORY, ODOMETRY, TRUTH = "trajectory.tum", "odometry.tum", "ground_truth.tum"
 PARTS, KEYFRAMES = "parts", "keyframes.csv"
 SAVED_MAP = "session.npz"
 RECORDING, REPORT, REPORT_JSON = "run.rrd", "report.html", "report.json"
-
-_WORLD_SUFFIXES = frozenset((".yaml", ".yml", ".pgm", ".png", ".stl", ".obj", ".ply", ".glb"))
-_COMPRESSIONS = frozenset((".gz", ".bz2"))
-
-
-def is_recording(source: str) -> bool:
-    """Whether this names a recording; worlds have their own suffixes, or are bundled names.
-
-    A folder that holds no recording does not hide the bundled world of its name.
-    """
-    path = Path(source)
-    if path.is_dir():
-        holds_log = (log_of(path) / "metadata.yaml").is_file()
-        holds_tables = any(map(is_parquet_log, (path, path / "parquet")))
-        return holds_log or holds_tables or source not in bundled_names("worlds")
-    return path.suffix != "" and path.suffix.lower() not in _WORLD_SUFFIXES
-
-
-def recording_name(source: str) -> str:
-    """What a run over a recording is called."""
-    path = Path(source).resolve()
-    if path.name in (LOG, "parquet"):
-        path = path.parent
-    name = path.stem if path.suffix.lower() in _COMPRESSIONS else path.name
-    return Path(name).stem
-
-
-def log_of(source: Path) -> Path:
-    """The recording itself, where a whole run's folder was named."""
-    return source / LOG if (source / LOG / "metadata.yaml").is_file() else source
-
-
-def pick_folder(out: Path | None, name: str, *, overwrite: bool) -> Path:
-    """The folder that was asked for, else the first free one of this name under outputs/."""
-    if out is not None:
-        return out
-    first = OUTPUTS / re.sub(r"[^\w.-]+|^\.+", "_", name)
-    if overwrite or not first.exists():
-        return first
-    number = 2
-    while (folder := first.with_name(f"{first.name}_{number}")).exists():
-        number += 1
-    return folder
 
 
 def write_config(folder: Path, config: RunConfig) -> None:

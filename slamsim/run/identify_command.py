@@ -36,13 +36,14 @@ def identify(
     """Fit a robot to figures measured on a real one, and say what they leave open."""
     from slamsim.config.measurements import load_measurements
     from slamsim.console import Reporter
-    from slamsim.run.folder import pick_folder
-    from slamsim.run.identifying import identify_and_report
+    from slamsim.run.naming import output_folder
 
     reporter = Reporter(quiet=quiet, as_json=as_json)
     config = load_measurements(measurements, set_ or ())
-    folder = pick_folder(out, f"{config.name}_identified", overwrite=overwrite)
     typed = " ".join(["slamsim identify", measurements, *(f"--set {text}" for text in set_ or ())])
-    identify_and_report(
-        config, typed, folder, reporter, robot_file=robot_file, jobs=jobs, overwrite=overwrite
-    )
+    with output_folder(out, f"{config.name}_identified", overwrite=overwrite) as folder:
+        from slamsim.run.identifying import identify_and_report
+
+        identify_and_report(
+            config, typed, folder, reporter, robot_file=robot_file, jobs=jobs, overwrite=overwrite
+        )

@@ -16,6 +16,7 @@ from slamsim.logs.reader import read_log, read_truth
 from slamsim.logs.tum import read_tum, write_tum
 from slamsim.progress import Progress
 from slamsim.run import folder as run_folder
+from slamsim.run.naming import log_of, recording_name
 from slamsim.run.stages import Report, Stages, peak_memory_mb
 from slamsim.safe.errors import NotFound
 from slamsim.safe.output import partial_folder, write_atomic
@@ -47,7 +48,7 @@ def localise_recording(
     start: (3,) T_map_base at the first scan, None if nobody knows. Raises NotFound and
     InputRefused for what cannot be read, SlamsimError if no scan could be placed.
     """
-    path = run_folder.log_of(source)
+    path = log_of(source)
     log, truth = read_log(path, scan_topic), read_truth(path)
     stages = Stages(reporter)
     surfaces = read_known_map(known)
@@ -60,7 +61,7 @@ def localise_recording(
         if truth is not None:
             run_folder.write_truth(partial, truth)
         numbers = {
-            "name": run_folder.recording_name(str(source)),
+            "name": recording_name(str(source)),
             "map": str(known),
             **_numbers(localised, step_ms),
             **_errors(localised.trajectory, truth, known),

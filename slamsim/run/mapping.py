@@ -22,6 +22,7 @@ from slamsim.result import SlamResult
 from slamsim.run import folder as run_folder
 from slamsim.run.checking import check_stage
 from slamsim.run.continuing import Earlier, clouds_before
+from slamsim.run.naming import LOG, log_of, recording_name
 from slamsim.run.recording import record, require_finished
 from slamsim.run.scoring import Estimated, Known, score
 from slamsim.run.stages import Report, Stages, peak_memory_mb
@@ -54,7 +55,7 @@ def map_world(
     stages = Stages(reporter)
     with partial_folder(folder, overwrite) as partial:
         simulation = record(config, partial, stages)
-        source = partial / run_folder.LOG
+        source = partial / LOG
         checked = _checked(source, None, stages)
         log = replace(read_log(source), name=config.world.name)
         known = _known(log, read_truth(source), wanted, (simulation.world, config))
@@ -75,8 +76,8 @@ def map_recording(
     overwrite: bool = False,
 ) -> Report:
     """Map, evaluate with whatever truth there is, show; earlier: a map to go on with."""
-    path = run_folder.log_of(source)
-    log = replace(read_log(path, scan_topic), name=run_folder.recording_name(str(source)))
+    path = log_of(source)
+    log = replace(read_log(path, scan_topic), name=recording_name(str(source)))
     wanted = None if relations is None else read_relations(relations)
     origin = _origin_beside(path)
     known = _known(log, read_truth(path), wanted, origin)
@@ -183,6 +184,6 @@ def _known(
 def _origin_beside(log_path: Path) -> tuple[World, RunConfig] | None:
     """Where and how a simulated log was made, if its folder still tells."""
     world, config = log_path.parent / run_folder.WORLD, log_path.parent / run_folder.CONFIG
-    if log_path.name != run_folder.LOG or not (world.is_file() and config.is_file()):
+    if log_path.name != LOG or not (world.is_file() and config.is_file()):
         return None
     return build_world(load_world_config(str(world)), seed=0), load_simulated_config(config)

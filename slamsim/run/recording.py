@@ -9,6 +9,7 @@ from slamsim.console import Reporter
 from slamsim.driven import simulate_spoilt
 from slamsim.logs.reader import read_truth
 from slamsim.run import folder as run_folder
+from slamsim.run.naming import LOG
 from slamsim.run.stages import Report, Stages, peak_memory_mb
 from slamsim.safe.errors import SlamsimError
 from slamsim.safe.output import partial_folder
@@ -43,14 +44,14 @@ def record(config: RunConfig, partial: Path, stages: Stages) -> Simulation:
     faults = [chosen_fault(choice) for choice in config.faults]
     choices = tuple(map(resolved_choice, config.faults))
     run_folder.write_config(partial, config.model_copy(update={"faults": choices}))
-    log = partial / run_folder.LOG
+    log = partial / LOG
     with stages.stage("simulate", "x real time") as progress:
         if faults:
             simulation = simulate_spoilt(config, faults, log, progress)
         else:
             simulation = simulate(config, log, progress)
     run_folder.write_world(partial, config, simulation.world)
-    truth = read_truth(partial / run_folder.LOG)
+    truth = read_truth(partial / LOG)
     if truth is not None:
         run_folder.write_truth(partial, truth)
     return simulation

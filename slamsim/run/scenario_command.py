@@ -40,8 +40,7 @@ def scenario(
 ) -> None:
     from slamsim.config.scenarios.loading import load_scenarios
     from slamsim.console import Reporter
-    from slamsim.run.folder import pick_folder
-    from slamsim.run.scenario import run_and_report
+    from slamsim.run.naming import output_folder
     from slamsim.scenarios.registry import find_entries
 
     entries = find_entries(name)
@@ -49,5 +48,7 @@ def scenario(
     types = {entry.key: entry.config_type() for entry in entries}
     whole = load_scenarios(types, config, set_ or (), seed)
     key = entries[0].key if len(entries) == 1 else ALL
-    folder = pick_folder(out, f"scenario_{key}", overwrite=overwrite)
-    run_and_report(entries, whole, folder, reporter, jobs=jobs, overwrite=overwrite)
+    with output_folder(out, f"scenario_{key}", overwrite=overwrite) as folder:
+        from slamsim.run.scenario import run_and_report
+
+        run_and_report(entries, whole, folder, reporter, jobs=jobs, overwrite=overwrite)

@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import errno
-import fcntl
 import os
 import shutil
-import socket
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 from slamsim.quantities import as_size
-from slamsim.safe.errors import DiskFull, Locked, SlamsimError, shown
+from slamsim.safe.errors import DiskFull, SlamsimError, shown
 from slamsim.safe.exchange import exchange
+from slamsim.safe.lock import claimed, folder_lock
 
 _MARK = ".slamsim"
 _MARK_TEXT = "Written by slamsim, which may replace this folder when told to overwrite it.\n"
@@ -38,7 +37,6 @@ def partial_folder(final: Path, overwrite: bool = False) -> Iterator[Path]:
     partial, retired = _sibling(final, ".partial"), _sibling(final, ".old")
     with ExitStack() as clean_up:
         with _reported(final):
-            final.parent.mkdir(parents=True, exist_ok=True)
             clean_up.enter_context(folder_lock(final))
             _restore(final, partial, retired)
             _require_free_name(final, overwrite)
@@ -51,6 +49,21 @@ def partial_folder(final: Path, overwrite: bool = False) -> Iterator[Path]:
         with _reported(final):
             sync_tree(partial)
             _put_in_place(partial, final, retired)
+
+
+@contextmanager
+def claimed_folder(final: Path, overwrite: bool = False) -> Iterator[None]:
+    """Keep a name for a ``partial_folder`` in the block, and refuse now what it would refuse.
+
+    So a second process is told at once, and not when all libraries are loaded.
+    """
+    final = _absolute(final)
+    with ExitStack() as clean_up:
+        with _reported(final):
+            clean_up.enter_context(claimed(final))
+            _restore(final, _sibling(final, ".partial"), _sibling(final, ".old"))
+            _require_free_name(final, overwrite)
+        yield
 
 
 def write_atomic(path: Path, data: bytes) -> None:
@@ -143,38 +156,6 @@ def disk_full(error: BaseException | None) -> OSError | None:
             return error
         error = error and (error.__cause__ or error.__context__)
     return None
-
-
-@contextmanager
-def folder_lock(final: Path) -> Iterator[None]:
-    """Hold ``<final>.lock``: it vanishes with the process, however that ends.
-
-    Raises Locked while another process holds it.
-    """
-    path = _sibling(final, ".lock")
-    while True:
-        descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
-        try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            owner = os.read(descriptor, 200).decode(errors="replace").strip()
-            os.close(descriptor)
-            raise Locked(f"{final} is being written by {owner or 'another process'}") from None
-        # The holder before us may have removed the file between our open and our flock.
-        with suppress(FileNotFoundError):
-            if os.path.samestat(os.fstat(descriptor), path.stat()):
-                break
-        os.close(descriptor)
-    try:
-        with disk_full_reported(final):
-            os.truncate(descriptor, 0)
-            os.write(descriptor, f"process {os.getpid()} on {socket.gethostname()}\n".encode())
-        yield
-    finally:
-        with suppress(OSError):  # a file without its holder locks nobody out
-            path.unlink(missing_ok=True)
-        with suppress(OSError):
-            os.close(descriptor)
 
 
 def _require_free_name(final: Path, overwrite: bool) -> None:
