@@ -11,10 +11,18 @@ def shown(value: object, limit: int = 60) -> str:
     return text if len(text) <= limit else f"{text[: limit - 4]}...{text[-1]}"
 
 
+def printable(text: str) -> str:
+    """The same, with what a terminal would obey instead of showing it written out: ``\\x1b``."""
+    return "".join(c if c.isprintable() or c == "\n" else repr(c)[1:-1] for c in text)
+
+
 class SlamsimError(Exception):
     """Something that is told to the user in one sentence, without a traceback."""
 
     exit_code = 1
+
+    def __init__(self, message: str = "") -> None:
+        super().__init__(printable(message))
 
 
 class InputRefused(SlamsimError):
@@ -35,10 +43,10 @@ class InputRefused(SlamsimError):
         also: tuple[str, ...] = (),
         limit: str = "",
     ) -> None:
-        self.path, self.where, self.reason, self.also = Path(path), where, reason, also
-        self.limit = limit
+        self.path, self.where, self.also, self.limit = Path(path), where, also, limit
+        self.reason = " ".join(reason.split())
         place = f"{path}, {where}" if where else f"{path}"
-        super().__init__("\n".join((f"{place}: {reason}", *also)))
+        super().__init__("\n".join((f"{place}: {self.reason}", *also)))
 
 
 class Excessive(ValueError):
