@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import faulthandler
 import gc
 import json
 import os
@@ -161,6 +162,7 @@ def _live(tries: Sequence[Try], writer: int) -> None:
         nothing = os.open(os.devnull, os.O_RDWR)
         for descriptor in (0, 1, 2):
             os.dup2(nothing, descriptor)
+        faulthandler.disable()
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
         most = _status_bytes("VmData") + (2 << 30)
         resource.setrlimit(resource.RLIMIT_DATA, (most, most))

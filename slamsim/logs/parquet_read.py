@@ -16,6 +16,7 @@ from slamsim.logs.bag_streams import in_order
 from slamsim.logs.mountings import BASE_FRAME, tree_of
 from slamsim.logs.parquet_file import read_table, table_facts
 from slamsim.logs.parquet_log import joined_axes
+from slamsim.logs.refusing import refusing
 from slamsim.logs.scans import StoredScans
 from slamsim.recording import (
     RawImu,
@@ -47,7 +48,9 @@ _Raw = TypeVar("_Raw")
 
 def read_parquet_recording(folder: Path) -> Recording:
     """What the tables say, nothing mended. Raises InputRefused for a file that is damaged."""
-    facts, transforms = _read(folder, "transforms")
+    facts, transforms = _made(
+        folder, "transforms", lambda facts, cells: (facts, _transforms(cells))
+    )
     return Recording(
         name=str(facts.get("recording", folder.name)),
         format="parquet",
@@ -56,7 +59,7 @@ def read_parquet_recording(folder: Path) -> Recording:
         odometries=_streams(folder, "odometry", odometry_of),
         ticks=_streams(folder, "encoders", ticks_of),
         joints=_streams(folder, "joints", _joints),
-        transforms=_transforms(transforms),
+        transforms=transforms,
         robot_description=facts["robot_description"],
         epoch=facts["epoch"],
     )
@@ -90,16 +93,13 @@ def _streams(folder: Path, table: str, made: Callable[[Table, Table], _Raw]) -> 
     """All of one kind: ``odometry``, ``odometry_1`` and so on, as many as there are."""
     names = (table if number == 0 else f"{table}_{number}" for number in count())
     there = takewhile(lambda name: (folder / f"{name}.parquet").is_file(), names)
-    return tuple(made(*_read(folder, name)) for name in there)
+    return tuple(_made(folder, name, made) for name in there)
 
 
-def _read(folder: Path, table: str) -> tuple[Table, Table]:
-    """(what the file says of itself, its columns)."""
+def _made(folder: Path, table: str, made: Callable[[Table, Table], _Raw]) -> _Raw:
     path = folder / f"{table}.parquet"
-    try:
-        return table_facts(path), read_table(path)
-    except (OSError, ValueError) as error:
-        raise InputRefused(path, f"cannot be read as Parquet: {error}") from None
+    with refusing(path, "its columns"):
+        return made(table_facts(path), read_table(path))
 
 
 def _stream(facts: Table, cells: Table) -> dict[str, Any]:
