@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import shutil
 from pathlib import Path
@@ -17,11 +16,19 @@ from slamsim.console import Reporter
 from slamsim.dataset import made_again
 from slamsim.dataset.engines.base import Engine
 from slamsim.dataset.manifest import MANIFEST
-from slamsim.dataset.sums import SUMS, SumsDamaged, read_sums, sums_text
 from slamsim.dataset.table import rows_from_parquet, rows_to_parquet
 from slamsim.dataset.verify import Verification, verify
 from slamsim.run.dataset_telling import mending_of, run_stats, run_verify
 from slamsim.safe.errors import NotFound, SlamsimError
+from slamsim.safe.sums import (
+    SUMS,
+    SumsDamaged,
+    read_sequence,
+    read_sums,
+    sequence_text,
+    sha256_of,
+    sums_text,
+)
 
 QUIET = Reporter(quiet=True)
 
@@ -132,16 +139,16 @@ def forged(place: Path, name: str, data: bytes) -> None:
     """A file of the first sequence changed, and every hash that would tell."""
     (place / "train/000000" / name).write_bytes(data)
     mark = place / "train/000000/sequence.json"
-    told = json.loads(mark.read_text())
+    told = read_sequence(mark.read_bytes())
     for file in told["files"]:
         if file["path"] == name:
-            file |= {"size_bytes": len(data), "sha256": hashlib.sha256(data).hexdigest()}
-    mark.write_text(json.dumps(told, indent=1) + "\n")
+            file |= {"size_bytes": len(data), "sha256": sha256_of(data)}
+    mark.write_text(sequence_text(told))
     rows = rows_from_parquet((place / MANIFEST).read_bytes())
-    rows[0]["sha256"] = hashlib.sha256(mark.read_bytes()).hexdigest()
+    rows[0]["sha256"] = sha256_of(mark.read_bytes())
     (place / MANIFEST).write_bytes(rows_to_parquet(rows))
     sums = read_sums((place / SUMS).read_bytes())
-    sums[MANIFEST] = hashlib.sha256((place / MANIFEST).read_bytes()).hexdigest()
+    sums[MANIFEST] = sha256_of((place / MANIFEST).read_bytes())
     (place / SUMS).write_text(sums_text(sums))
 
 

@@ -25,6 +25,8 @@ from slamsim.safe.image import read_gray_image
 from slamsim.safe.limits import LIMITS, Limits
 from slamsim.safe.mesh import check_mesh
 from slamsim.safe.mesh_file import check_mesh_file
+from slamsim.safe.seal import require_as_written
+from slamsim.safe.sums import sums_text
 from slamsim.safe.text import open_lines
 from slamsim.safe.urdf import check_urdf
 from slamsim.safe.yaml import load_yaml
@@ -89,6 +91,11 @@ def quality(folder: Path, limits: Limits) -> None:
         check_qos("- history: 1", limits)
 
 
+def sums(folder: Path, limits: Limits) -> None:
+    put(folder / "SHA256SUMS", sums_text({}).encode())
+    require_as_written(put(folder / "map.pgm", b"P5"), limits)
+
+
 def many_rows(folder: Path, limits: Limits) -> object:
     assert limits.route_rows == LIMITS.route_rows
     rows = "1,2\n" * (LIMITS.route_rows + 1)
@@ -120,6 +127,7 @@ EXCESS: dict[str, tuple[Excess, dict[str, float]]] = {
     "urdf_depth": (urdf, {"urdf_depth": 2}),
     "urdf_elements": (urdf, {"urdf_elements": 3}),
     "urdf_number": (urdf, {"urdf_number": 8.5}),
+    "sums_bytes": (sums, {"sums_bytes": 20}),
     "route_rows": (many_rows, {}),
     "saved_map_bytes": (
         lambda folder, limits: read_saved_map(put(folder / "map.npz", bytes(9)), limits),

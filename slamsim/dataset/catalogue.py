@@ -5,7 +5,6 @@ All of it follows from ``dataset.yaml`` and the rows of the shards, byte for byt
 
 from __future__ import annotations
 
-import hashlib
 import json
 from collections.abc import Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
@@ -23,9 +22,9 @@ from slamsim.dataset.recipe import Recipe
 from slamsim.dataset.shard import MADE, shard_path
 from slamsim.dataset.statistics import statistics
 from slamsim.dataset.store import READERS, Store
-from slamsim.dataset.sums import SUMS, SumsDamaged, read_sums, sums_text
 from slamsim.dataset.table import table_from_parquet, table_to_parquet
 from slamsim.dataset.versions import versions
+from slamsim.safe.sums import SUMS, SumsDamaged, read_sums, sha256_of, sums_text
 
 RECIPE, STATISTICS = "recipe.yaml", "statistics.json"
 
@@ -40,14 +39,14 @@ def write_catalogue(store: Store, recipe: Recipe, count: int) -> None:
     count: of the sequences. Raises what the store raises, and ValueError for a damaged shard.
     """
     shards = [shard_path(number) for number in range(-(-count // recipe.shard_sequences))]
-    hashes = {IDENTITY: _sha256(_read(store, IDENTITY))}
+    hashes = {IDENTITY: sha256_of(_read(store, IDENTITY))}
     parts = list[pa.Table]()
     with ThreadPoolExecutor(READERS) as readers:
         for first in range(0, len(shards), _AT_ONCE):
             some = shards[first : first + _AT_ONCE]
             tables = list[pa.Table]()
             for path, data in zip(some, readers.map(partial(_read, store), some), strict=True):
-                hashes[path] = _sha256(data)
+                hashes[path] = sha256_of(data)
                 tables.append(table_from_parquet(data))
             parts.append(joined(tables))
     if _is_right(store, hashes):
@@ -55,7 +54,7 @@ def write_catalogue(store: Store, recipe: Recipe, count: int) -> None:
     table = manifest(parts, versions())
     for path, data in catalogue_files(recipe, table):
         store.write(path, data)
-        hashes[path] = _sha256(data)
+        hashes[path] = sha256_of(data)
     store.write(SUMS, sums_text(hashes).encode())
 
 
@@ -90,10 +89,6 @@ def _is_right(store: Store, given: Mapping[str, str]) -> bool:
     except SumsDamaged:
         return False
     return given.keys() <= hashes.keys() and all(
-        (given.get(path) or _sha256(store.read(path) or b"")) == sha256
+        (given.get(path) or sha256_of(store.read(path) or b"")) == sha256
         for path, sha256 in hashes.items()
     )
-
-
-def _sha256(data: bytes) -> str:
-    return hashlib.sha256(data).hexdigest()

@@ -13,9 +13,9 @@ from slamsim.dataset.place import Place
 from slamsim.dataset.sequence import SPLITS
 from slamsim.dataset.sequence_check import EXTRA, Finding, file_faults, is_hidden
 from slamsim.dataset.shard import MADE
-from slamsim.dataset.sums import SUMS, SumsDamaged, read_sums
 from slamsim.dataset.table import Row, rows_from_parquet
 from slamsim.safe.errors import InputRefused
+from slamsim.safe.sums import SUMS, SumsDamaged, read_sums
 
 _NEEDED = ("index", "name", "status", "sha256")
 _ALSO = frozenset(("logs", "shards", SUMS, *SPLITS))

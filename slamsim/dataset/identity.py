@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,9 +10,9 @@ from typing import Any, Protocol
 import yaml
 
 from slamsim.dataset.store import Store
-from slamsim.dataset.sums import SUMS, SumsDamaged, read_sums
 from slamsim.dataset.versions import difference, versions
 from slamsim.safe.errors import InputRefused, SlamsimError, shown
+from slamsim.safe.sums import SUMS, SumsDamaged, read_sums, sha256_of
 from slamsim.safe.yaml import parse_yaml
 
 IDENTITY = "dataset.yaml"
@@ -106,7 +105,7 @@ def _vouched(store: Readable, identity: Identity) -> bool:
         hashes = read_sums(store.read(SUMS) or b"")
     except SumsDamaged:
         return False
-    return hashes.get(IDENTITY) == hashlib.sha256(identity.text().encode()).hexdigest()
+    return hashes.get(IDENTITY) == sha256_of(identity.text().encode())
 
 
 def claim(store: Store, identity: Identity) -> None:

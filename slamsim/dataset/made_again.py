@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import multiprocessing
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
@@ -15,10 +14,10 @@ from slamsim.dataset.identity import read_identity
 from slamsim.dataset.place import Place
 from slamsim.dataset.recipe import Recipe
 from slamsim.dataset.sequence_check import Finding
-from slamsim.dataset.store import MARK
 from slamsim.dataset.versions import difference, versions
 from slamsim.instructions import settle_instructions
 from slamsim.safe.errors import SlamsimError
+from slamsim.safe.sums import SEQUENCE, read_sequence
 
 
 def require_same_software(place: Place) -> None:
@@ -57,7 +56,7 @@ def _compared(place: Place, identity: Mapping[str, Any], index: int) -> tuple[Fi
 
     recipe = Recipe.model_validate(identity["recipe"])
     spec = sequence_spec(recipe, index, identity["sequences"])
-    there = place.read(f"{spec.name}/{MARK}") or b""
+    there = place.read(f"{spec.name}/{SEQUENCE}") or b""
     with tempfile.TemporaryDirectory(prefix="slamsim-again-") as folder:
         try:
             facts = produce(spec, Path(folder))
@@ -65,8 +64,8 @@ def _compared(place: Place, identity: Mapping[str, Any], index: int) -> tuple[Fi
             return (Finding(spec.name, f"cannot be made again: {error}", index),)
     if sequence_mark(spec, facts) == there:
         return ()
-    old = {file["path"]: file["sha256"] for file in json.loads(there)["files"]}
+    old = {file["path"]: file["sha256"] for file in read_sequence(there)["files"]}
     new = {file.path: file.sha256 for file in facts.files}
     reason = "made again, its bytes are others"
-    paths = [path for path in {**old, **new} if old.get(path) != new.get(path)] or [MARK]
+    paths = [path for path in {**old, **new} if old.get(path) != new.get(path)] or [SEQUENCE]
     return tuple(Finding(f"{spec.name}/{path}", reason, index) for path in paths)

@@ -17,8 +17,9 @@ from typing import Any, TypeVar
 from fsspec.core import url_to_fs
 
 from slamsim.dataset.place import turn
-from slamsim.dataset.store import MARK, StoreFailed
+from slamsim.dataset.store import StoreFailed
 from slamsim.safe.errors import Locked, SlamsimError
+from slamsim.safe.sums import SEQUENCE
 
 LOCK = ".lock.json"
 RENEWED_EVERY_S = 20.0
@@ -86,7 +87,7 @@ class RemoteStore:
 
     def publish(self, folder: Path, name: str) -> None:
         paths = [path for path in sorted(folder.rglob("*")) if path.is_file()]
-        for path in sorted(paths, key=lambda path: path == folder / MARK):
+        for path in sorted(paths, key=lambda path: path == folder / SEQUENCE):
             target = f"{name}/{path.relative_to(folder).as_posix()}"
             self._make_folder(target)
             self._upload(path, target)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -12,8 +10,8 @@ import pyarrow.parquet as pq
 
 from slamsim.dataset.place import Place
 from slamsim.dataset.sequence import FileFact
-from slamsim.dataset.store import MARK
 from slamsim.safe.errors import SlamsimError
+from slamsim.safe.sums import SEQUENCE, read_sequence, sha256_of
 
 EXTRA = "no part of the data set"
 """The reason of a finding whose file was never written by us."""
@@ -39,20 +37,20 @@ class Checked:
 
 def check_sequence(place: Place, index: int, name: str, sha256: str) -> Checked:
     """sha256: of its ``sequence.json``, as the manifest has it."""
-    path = f"{name}/{MARK}"
+    path = f"{name}/{SEQUENCE}"
     mark = place.read(path)
     if mark is None:
         return Checked(0, 0, (Finding(path, "missing", index),))
-    if hashlib.sha256(mark).hexdigest() != sha256:
+    if sha256_of(mark) != sha256:
         reason = "not as the manifest has it, so that its other files cannot be judged"
         return Checked(1, len(mark), (Finding(path, reason, index),))
-    facts = tuple(FileFact(**file) for file in json.loads(mark)["files"])
+    facts = tuple(FileFact(**file) for file in read_sequence(mark)["files"])
     findings = [
         Finding(f"{name}/{fact.path}", reason, index)
         for fact in facts
         for reason in file_faults(place, f"{name}/{fact.path}", fact.sha256, fact.size_bytes)
     ]
-    told = {MARK, *(fact.path for fact in facts)}
+    told = {SEQUENCE, *(fact.path for fact in facts)}
     extra = [path for path in place.files(name) if path not in told and not is_hidden(path)]
     findings += [Finding(f"{name}/{path}", EXTRA, index) for path in extra]
     size_bytes = len(mark) + sum(fact.size_bytes for fact in facts)

@@ -7,8 +7,6 @@ time changes nothing in any file.
 
 from __future__ import annotations
 
-import hashlib
-import json
 import tempfile
 import time
 import traceback
@@ -18,10 +16,11 @@ from functools import reduce
 from pathlib import Path
 
 from slamsim.dataset.sequence import Cell, SequenceFacts, SequenceSpec
-from slamsim.dataset.store import MARK, Store, StoreFailed, open_store
+from slamsim.dataset.store import Store, StoreFailed, open_store
 from slamsim.dataset.versions import difference, versions
 from slamsim.safe.errors import DiskFull, SlamsimError, reason_of
 from slamsim.safe.output import disk_full, write_atomic
+from slamsim.safe.sums import SEQUENCE, SumsDamaged, read_sequence, sequence_text, sha256_of
 from slamsim.worker import Unworkable, time_limit
 
 MADE, FAILED = "made", "failed"
@@ -81,22 +80,22 @@ def make_sequences(task: Task) -> tuple[Tried, ...]:
 
 
 def made_row(spec: SequenceSpec, mark: bytes) -> Row | None:
-    """The row of a sequence by its ``sequence.json``; nothing if that is cut or another's."""
+    """The row of a sequence by its ``sequence.json``; nothing if that is damaged or another's."""
     try:
-        facts = json.loads(mark)
+        facts = read_sequence(mark)
         files = facts["files"]
         if facts["index"] != spec.index or facts["name"] != spec.name:
             return None
         size_bytes = sum(file["size_bytes"] for file in files)
         quality = {f"quality.{name}": value for name, value in facts["quality"].items()}
-    except (ValueError, KeyError, TypeError):
+    except (SumsDamaged, KeyError, TypeError):
         return None
     return {
         **_drawn_row(spec),
         **quality,
         "files": len(files),
         "size_bytes": size_bytes + len(mark),
-        "sha256": hashlib.sha256(mark).hexdigest(),
+        "sha256": sha256_of(mark),
         "status": MADE,
         "reason": None,
         "command": None,
@@ -146,7 +145,7 @@ def _try(store: Store, task: Task, index: int) -> Tried:
 
 
 def _row_of_old(store: Store, spec: SequenceSpec) -> Row | None:
-    mark = store.read(f"{spec.name}/{MARK}")
+    mark = store.read(f"{spec.name}/{SEQUENCE}")
     return None if mark is None else made_row(spec, mark)
 
 
@@ -154,7 +153,7 @@ def _make(store: Store, task: Task, spec: SequenceSpec, folder: Path) -> Row | N
     with time_limit(task.limit_s):
         facts = task.produce(spec, folder)
     mark = sequence_mark(spec, facts)
-    write_atomic(folder / MARK, mark)
+    write_atomic(folder / SEQUENCE, mark)
     store.publish(folder, spec.name)
     return made_row(spec, mark)
 
@@ -175,7 +174,7 @@ def sequence_mark(spec: SequenceSpec, facts: SequenceFacts) -> bytes:
             for file in facts.files
         ],
     }
-    return (json.dumps(told, indent=1, allow_nan=False) + "\n").encode()
+    return sequence_text(told).encode()
 
 
 def _reason(error: Exception, places: Sequence[str]) -> str:

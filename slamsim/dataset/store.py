@@ -2,7 +2,7 @@
 
 Nothing half-written ever counts. In a folder, a sequence is written beside its final name and
 renamed when it is whole and on the disk. Elsewhere it is made in a temporary folder and uploaded,
-its ``sequence.json`` last; whoever reads it there takes one that does not parse for absent.
+its ``sequence.json`` last; whoever reads it there takes one that is not whole for absent.
 """
 
 from __future__ import annotations
@@ -28,9 +28,7 @@ from slamsim.safe.output import (
     sync_tree,
     write_atomic,
 )
-
-MARK = "sequence.json"
-"""The file of a sequence that is written last."""
+from slamsim.safe.sums import SEQUENCE
 
 READERS = 16
 """An object store answers slowly, but many at a time."""
@@ -153,7 +151,7 @@ class LocalStore:
             sync_tree(folder)
             final.parent.mkdir(parents=True, exist_ok=True)
             if final.is_dir():
-                if self.read(f"{name}/{MARK}") == (folder / MARK).read_bytes():
+                if self.read(f"{name}/{SEQUENCE}") == (folder / SEQUENCE).read_bytes():
                     return
                 shutil.rmtree(final)
             folder.rename(final)

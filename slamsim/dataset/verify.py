@@ -18,10 +18,10 @@ from slamsim.dataset.made_again import make_again, require_same_software
 from slamsim.dataset.place import Place
 from slamsim.dataset.sequence_check import Checked, Finding, check_sequence
 from slamsim.dataset.shard import MADE
-from slamsim.dataset.sums import SUMS
 from slamsim.dataset.table import Row
 from slamsim.progress import Progress, silent
 from slamsim.safe.errors import NotFound
+from slamsim.safe.sums import SUMS
 
 _AT_ONCE = 256
 """So many sequences, of perhaps a million, are handed to the readers at a time."""

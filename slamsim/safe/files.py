@@ -1,4 +1,7 @@
-"""Opening a file that someone else wrote: it exists, it is a file, it is not too large."""
+"""Opening a file that is to be read: it exists, it is a file, it is not too large.
+
+Anybody may have written it; if it was slamsim, it must be as it was written.
+"""
 
 from __future__ import annotations
 
@@ -9,14 +12,27 @@ from typing import BinaryIO
 
 from slamsim.safe.errors import InputRefused, NotFound
 from slamsim.safe.limits import LIMITS, Limits
+from slamsim.safe.seal import require_as_written
 
 
 def open_input(path: Path) -> BinaryIO:
     """Open for reading; the caller closes.
 
     Raises NotFound if nothing is there, InputRefused for a folder, a pipe or a device (a pipe
-    without a writer would block for ever) and for a file that may not be read.
+    without a writer would block for ever) and for a file that may not be read, DataDamaged for
+    one that slamsim sealed and that is not as it was written.
     """
+    file = open_as_found(path)
+    try:
+        require_as_written(path)
+    except BaseException:
+        file.close()
+        raise
+    return file
+
+
+def open_as_found(path: Path) -> BinaryIO:
+    """The same for whoever looks into what may be damaged."""
     try:
         descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
     except FileNotFoundError:

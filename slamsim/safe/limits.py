@@ -37,6 +37,7 @@ class Limits:
     urdf_depth: int = 32
     urdf_elements: int = 50_000
     urdf_number: float = 1e6
+    sums_bytes: int = 256 * MIB
     route_rows: int = 100_000
     saved_map_bytes: int = 4_000_000_000
     bag_chunk_bytes: int = 256 * MIB

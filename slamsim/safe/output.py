@@ -14,8 +14,8 @@ from slamsim.quantities import as_size
 from slamsim.safe.errors import DiskFull, SlamsimError, shown
 from slamsim.safe.exchange import exchange
 from slamsim.safe.lock import claimed, folder_lock
+from slamsim.safe.seal import WRITTEN_BY_US, seal_folder
 
-_MARK = ".slamsim"
 _MARK_TEXT = "Written by slamsim, which may replace this folder when told to overwrite it.\n"
 _SYNCED_TOGETHER = 8
 _FULL = frozenset((errno.ENOSPC, errno.EDQUOT, errno.EFBIG))
@@ -25,10 +25,10 @@ _FULL = frozenset((errno.ENOSPC, errno.EDQUOT, errno.EFBIG))
 def partial_folder(final: Path, overwrite: bool = False) -> Iterator[Path]:
     """A folder to write into, which becomes ``final`` if the block ends without an exception.
 
-    It is ``<final>.partial`` until everything in it is on the disk; then it is renamed. After
-    an exception, Ctrl-C included, it is removed and what stood under ``final`` still stands.
-    An existing folder is refused at once, unless it is empty, or overwrite is set and slamsim
-    wrote it; it then stands under its name until the new one does.
+    It is ``<final>.partial`` until everything in it is sealed with ``SHA256SUMS`` and on the
+    disk; then it is renamed. After an exception, Ctrl-C included, it is removed and what stood
+    under ``final`` still stands. An existing folder is refused at once, unless it is empty, or
+    overwrite is set and slamsim wrote it; it then stands under its name until the new one does.
 
     Raises SlamsimError for a name that cannot be written, Locked while another process writes
     there, DiskFull when the disk (or quota, or file size limit) does not suffice.
@@ -43,10 +43,11 @@ def partial_folder(final: Path, overwrite: bool = False) -> Iterator[Path]:
             _remove(partial)
             clean_up.callback(_discard, partial)
             partial.mkdir()
-            (partial / _MARK).write_text(_MARK_TEXT, encoding="utf-8")
+            (partial / WRITTEN_BY_US).write_text(_MARK_TEXT, encoding="utf-8")
         with disk_full_reported(final):
             yield partial
         with _reported(final):
+            seal_folder(partial)
             sync_tree(partial)
             _put_in_place(partial, final, retired)
 
@@ -165,7 +166,7 @@ def _require_free_name(final: Path, overwrite: bool) -> None:
         raise SlamsimError(f"{final} is there already and is not a folder; choose another name")
     if not any(final.iterdir()):
         return
-    if not (final / _MARK).is_file():
+    if not (final / WRITTEN_BY_US).is_file():
         raise SlamsimError(
             f"{final} holds files that slamsim did not write; choose another name for the output"
         )
@@ -175,7 +176,7 @@ def _require_free_name(final: Path, overwrite: bool) -> None:
 
 def _restore(final: Path, partial: Path, retired: Path) -> None:
     """Mend what a kill between the renames of ``_replace`` left behind."""
-    if retired.is_dir() and (retired / _MARK).is_file():
+    if retired.is_dir() and (retired / WRITTEN_BY_US).is_file():
         if os.path.lexists(final):
             _remove(partial)
             retired.rename(partial)
