@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from slamsim.safe.errors import DataDamaged, NotFound
-from slamsim.safe.files import open_as_found, read_input
+from slamsim.safe.files import open_as_found, open_input
 from slamsim.safe.output import partial_folder
 from slamsim.safe.seal import require_as_written, seal_in
 from slamsim.safe.sums import SEQUENCE, SUMS, read_sums, sequence_text, sha256_of
@@ -29,6 +29,11 @@ def run(tmp_path: Path) -> Path:
     return folder
 
 
+def read(path: Path) -> bytes:
+    with open_input(path) as file:
+        return file.read()
+
+
 def altered(path: Path) -> None:
     """One bit, and neither size nor time of last change tell."""
     facts = path.stat()
@@ -45,13 +50,13 @@ def test_every_written_folder_says_what_its_files_must_be(run: Path) -> None:
 
 
 def test_what_was_altered_is_refused_and_the_rest_is_read(run: Path) -> None:
-    assert read_input(run / "map", 100) == b"second"
+    assert read(run / "map") == b"second"
     altered(run / "map")
     with pytest.raises(DataDamaged, match="no longer as slamsim wrote it") as refused:
-        read_input(run / "map", 100)
+        read(run / "map")
     assert refused.value.path == run / "map" and refused.value.exit_code == 4
     assert f"slamsim verify {run}" in str(refused.value)
-    assert read_input(run / "log" / "data", 100) == b"first"
+    assert read(run / "log" / "data") == b"first"
     with open_as_found(run / "map") as file:
         assert len(file.read()) == len(b"second")
 
@@ -66,23 +71,23 @@ def test_a_file_is_found_by_any_of_its_names(
     monkeypatch.chdir(run / "log")
     for name in ("whole/log/data", "part/data", "file", "run/log/../log/data"):
         with pytest.raises(DataDamaged):
-            read_input(tmp_path / name, 100)
+            read(tmp_path / name)
     with pytest.raises(DataDamaged):
-        read_input(Path("data"), 100)
+        read(Path("data"))
     shutil.move(run / "log" / "data", tmp_path / "elsewhere")
     (run / "log" / "data").symlink_to(tmp_path / "elsewhere")
     with pytest.raises(DataDamaged):
-        read_input(run / "log" / "data", 100)
+        read(run / "log" / "data")
 
 
 def test_what_was_copied_out_or_added_is_anybodys(run: Path, tmp_path: Path) -> None:
     altered(run / "map")
     shutil.copy(run / "map", tmp_path / "map")
     (run / "notes").write_text("mine")
-    assert read_input(tmp_path / "map", 100) != b"second"
-    assert read_input(run / "notes", 100) == b"mine"
+    assert read(tmp_path / "map") != b"second"
+    assert read(run / "notes") == b"mine"
     with pytest.raises(NotFound):
-        read_input(run / "nothing", 100)
+        read(run / "nothing")
 
 
 def test_sums_that_were_altered_vouch_for_nothing(run: Path) -> None:
@@ -91,10 +96,10 @@ def test_sums_that_were_altered_vouch_for_nothing(run: Path) -> None:
         data[place] ^= 4
         (run / SUMS).write_bytes(data)
         with pytest.raises(DataDamaged, match=SUMS):
-            read_input(run / "map", 100)
+            read(run / "map")
         data[place] ^= 4
         (run / SUMS).write_bytes(data)
-    assert read_input(run / "map", 100) == b"second"
+    assert read(run / "map") == b"second"
 
 
 def test_a_sequence_is_sealed_by_the_file_that_describes_it(tmp_path: Path) -> None:
@@ -103,14 +108,14 @@ def test_a_sequence_is_sealed_by_the_file_that_describes_it(tmp_path: Path) -> N
     facts = [{"path": "truth/a", "size_bytes": 1, "sha256": sha256_of(b"a")}]
     text = sequence_text({"name": "train/000000", "files": facts})
     (tmp_path / SEQUENCE).write_text(text)
-    assert read_input(tmp_path / "truth" / "a", 100) == b"a"
+    assert read(tmp_path / "truth" / "a") == b"a"
     (tmp_path / "truth" / "a").write_bytes(b"b")
     with pytest.raises(DataDamaged):
-        read_input(tmp_path / "truth" / "a", 100)
+        read(tmp_path / "truth" / "a")
     for place in range(len(text)):
         (tmp_path / SEQUENCE).write_text(text[:place] + "#" + text[place + 1 :])
         with pytest.raises(DataDamaged, match=SEQUENCE):
-            read_input(tmp_path / "truth" / "a", 100)
+            read(tmp_path / "truth" / "a")
 
 
 @pytest.mark.parametrize(
@@ -122,7 +127,7 @@ def test_files_of_the_same_name_that_others_wrote_are_no_seals(
     (tmp_path / "map").write_bytes(b"map")
     for name in (SUMS, SEQUENCE):
         (tmp_path / name).write_text(foreign)
-    assert read_input(tmp_path / "map", 100) == b"map"
+    assert read(tmp_path / "map") == b"map"
 
 
 def test_whatever_else_bears_the_name_of_a_seal_is_none(tmp_path: Path) -> None:
@@ -134,8 +139,8 @@ def test_whatever_else_bears_the_name_of_a_seal_is_none(tmp_path: Path) -> None:
 
 
 def test_an_overwritten_folder_is_sealed_anew(run: Path) -> None:
-    assert read_input(run / "map", 100) == b"second"
+    assert read(run / "map") == b"second"
     with partial_folder(run, overwrite=True) as partial:
         (partial / "map").write_bytes(b"second, again")
-    assert read_input(run / "map", 100) == b"second, again"
+    assert read(run / "map") == b"second, again"
     assert sorted(read_sums((run / SUMS).read_bytes())) == [".slamsim", "map"]
