@@ -19,6 +19,8 @@ from slamsim.run.demo_command import demo
 from slamsim.run.fault_command import fault
 from slamsim.run.identify_command import EPILOG as IDENTIFY_EPILOG
 from slamsim.run.identify_command import identify
+from slamsim.run.recover_command import EPILOG as RECOVER_EPILOG
+from slamsim.run.recover_command import recover
 from slamsim.run.scenario_command import EPILOG as SCENARIO_EPILOG
 from slamsim.run.scenario_command import HELP as SCENARIO_HELP
 from slamsim.run.scenario_command import scenario
@@ -242,6 +244,7 @@ def evaluate(
 
 app.command(epilog=CHECK_EPILOG)(check)
 app.command(epilog=FIX_EPILOG)(fix)
+app.command(epilog=RECOVER_EPILOG)(recover)
 app.command(epilog=DEMO_EPILOG)(demo)
 app.command(help=SCENARIO_HELP, epilog=SCENARIO_EPILOG)(scenario)
 app.command(epilog=IDENTIFY_EPILOG)(identify)

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from slamsim.logs.bag_metadata import Topic, bag_metadata, dump_yaml
+from slamsim.logs.bag_metadata import BagFile, Topic, bag_metadata, dump_yaml, quality_of_service
 from slamsim.logs.cdr import Rows
 from slamsim.logs.mcap_file import McapFile, MessageBatch
 from slamsim.logs.ros_types import ros2_types
@@ -51,7 +51,12 @@ class BagFolder(Written):
         super().__init__()
         self._folder, self._custom = folder, custom
         self._topics = [
-            Topic(kind.name, kind.type_name, _described(kind.type_name)[0], kind.latched)
+            Topic(
+                kind.name,
+                kind.type_name,
+                _described(kind.type_name)[0],
+                quality_of_service(latched=kind.latched),
+            )
             for kind in topics
         ]
         folder.mkdir(parents=True, exist_ok=True)
@@ -62,7 +67,7 @@ class BagFolder(Written):
                 topic.name,
                 topic.type_name,
                 _described(topic.type_name)[1],
-                dump_yaml(topic.quality_of_service()),
+                dump_yaml(topic.quality_of_service),
             )
             for topic in self._topics
         }
@@ -78,7 +83,6 @@ class BagFolder(Written):
     def _finish(self) -> None:
         """Only what is whole gets an index and metadata.yaml."""
         self._file.finish()
-        text = bag_metadata(
-            MCAP_NAME, self._topics, self._file.counts, self._file.time_range_ns, self._custom
-        )
+        file = BagFile(MCAP_NAME, self._file.counts, self._file.time_range_ns)
+        text = bag_metadata([file], self._topics, self._custom)
         (self._folder / "metadata.yaml").write_text(text, encoding="utf-8")

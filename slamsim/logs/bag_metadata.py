@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,28 +13,29 @@ _FOREVER = {"sec": 9223372036, "nsec": 854775807}
 
 @dataclass(frozen=True, slots=True)
 class Topic:
-    """latched: a late subscriber still gets the last message (durability TRANSIENT_LOCAL)."""
+    """quality_of_service: the offered profiles, as rosbag2 writes them."""
 
     name: str
     type_name: str
     type_hash: str
-    latched: bool = False
+    quality_of_service: Sequence[Mapping[str, Any]]
 
-    def quality_of_service(self) -> list[dict[str, Any]]:
-        """The offered profile, as rosbag2 writes it."""
-        return [
-            {
-                "history": "keep_last",
-                "depth": 1 if self.latched else 10,
-                "reliability": "reliable",
-                "durability": "transient_local" if self.latched else "volatile",
-                "deadline": _FOREVER,
-                "lifespan": _FOREVER,
-                "liveliness": "automatic",
-                "liveliness_lease_duration": _FOREVER,
-                "avoid_ros_namespace_conventions": False,
-            }
-        ]
+
+def quality_of_service(*, latched: bool) -> list[dict[str, Any]]:
+    """Of our own topics. latched: a late subscriber still gets the last message."""
+    return [
+        {
+            "history": "keep_last",
+            "depth": 1 if latched else 10,
+            "reliability": "reliable",
+            "durability": "transient_local" if latched else "volatile",
+            "deadline": _FOREVER,
+            "lifespan": _FOREVER,
+            "liveliness": "automatic",
+            "liveliness_lease_duration": _FOREVER,
+            "avoid_ros_namespace_conventions": False,
+        }
+    ]
 
 
 class _PlainDumper(yaml.CSafeDumper):
@@ -49,48 +50,61 @@ def dump_yaml(data: Any) -> str:
     return yaml.dump(data, Dumper=_PlainDumper, sort_keys=False, width=1000)
 
 
+@dataclass(frozen=True, slots=True)
+class BagFile:
+    """counts: messages by topic. time_range_ns: log time of the first and the last message."""
+
+    name: str
+    counts: Mapping[str, int]
+    time_range_ns: tuple[int, int]
+
+    @property
+    def messages(self) -> int:
+        return sum(self.counts.values())
+
+
 def bag_metadata(
-    file_name: str,
-    topics: list[Topic],
-    counts: Mapping[str, int],
-    time_range_ns: tuple[int, int],
-    custom: Mapping[str, str],
+    files: Sequence[BagFile], topics: Sequence[Topic], custom: Mapping[str, str]
 ) -> str:
-    """The text of metadata.yaml for one MCAP file."""
-    start = {"nanoseconds_since_epoch": time_range_ns[0]}
-    duration = {"nanoseconds": time_range_ns[1] - time_range_ns[0]}
-    total = sum(counts.values())
+    """The text of metadata.yaml for MCAP files, at least one."""
+    first_ns = min(file.time_range_ns[0] for file in files)
     information = {
         "version": 9,
         "storage_identifier": "mcap",
-        "duration": duration,
-        "starting_time": start,
-        "message_count": total,
+        **_span(first_ns, max(file.time_range_ns[1] for file in files)),
+        "message_count": sum(file.messages for file in files),
         "topics_with_message_count": [
             {
                 "topic_metadata": {
                     "name": topic.name,
                     "type": topic.type_name,
                     "serialization_format": "cdr",
-                    "offered_qos_profiles": topic.quality_of_service(),
+                    "offered_qos_profiles": topic.quality_of_service,
                     "type_description_hash": topic.type_hash,
                 },
-                "message_count": counts[topic.name],
+                "message_count": sum(file.counts.get(topic.name, 0) for file in files),
             }
             for topic in topics
         ],
         "compression_format": "",
         "compression_mode": "",
-        "relative_file_paths": [file_name],
+        "relative_file_paths": [file.name for file in files],
         "files": [
             {
-                "path": file_name,
-                "starting_time": start,
-                "duration": duration,
-                "message_count": total,
+                "path": file.name,
+                **dict(reversed(_span(*file.time_range_ns).items())),
+                "message_count": file.messages,
             }
+            for file in files
         ],
         "custom_data": dict(custom),
         "ros_distro": "jazzy",
     }
     return dump_yaml({"rosbag2_bagfile_information": information})
+
+
+def _span(first_ns: int, last_ns: int) -> dict[str, dict[str, int]]:
+    return {
+        "duration": {"nanoseconds": last_ns - first_ns},
+        "starting_time": {"nanoseconds_since_epoch": first_ns},
+    }

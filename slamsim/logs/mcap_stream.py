@@ -18,8 +18,6 @@ from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
 from numpy.typing import NDArray
 
-from slamsim.types import IntArray
-
 MAGIC = b"\x89MCAP0\r\n"
 
 
@@ -77,8 +75,8 @@ class McapStream:
         self,
         chunk: records.Chunk,
         channels: NDArray[np.integer],
-        log_ns: IntArray,
-        offsets: IntArray,
+        log_ns: NDArray[np.integer],
+        offsets: NDArray[np.integer],
     ) -> None:
         """A chunk with, of its n messages, channel, log time and byte in the content, each (n,)."""
         chunk_start = self._position
@@ -137,13 +135,17 @@ class McapStream:
         self.sync()
 
     def _put_message_index(
-        self, channels: NDArray[np.integer], log_ns: IntArray, offsets: IntArray
+        self,
+        channels: NDArray[np.integer],
+        log_ns: NDArray[np.integer],
+        offsets: NDArray[np.integer],
     ) -> dict[int, int]:
         index_offsets = {}
         for channel in np.unique(channels).tolist():
             mine = channels == channel
             self._counts[channel] += int(mine.sum())
-            entries = np.column_stack([log_ns[mine], offsets[mine]]).astype("<u8").tobytes()
+            columns = [column[mine].astype("<u8") for column in (log_ns, offsets)]
+            entries = np.column_stack(columns).tobytes()
             index_offsets[channel] = self._position
             head = bytes([Opcode.MESSAGE_INDEX]) + (6 + len(entries)).to_bytes(8, "little")
             head += channel.to_bytes(2, "little") + len(entries).to_bytes(4, "little")

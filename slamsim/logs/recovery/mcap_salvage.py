@@ -1,0 +1,304 @@
+"""Finds what is whole in a damaged MCAP file, record by record.
+
+A chunk is whole if its content fits its checksum and is a row of records. After damage the walk
+goes on at the next thing that has the shape of a chunk: its length is written in it twice. The
+idea of copying chunk by chunk is that of ``mcap recover``. Format: mcap.dev/spec.
+"""
+
+from __future__ import annotations
+
+import re
+import zlib
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from struct import Struct
+from typing import BinaryIO, TypeVar
+
+from mcap import records
+from mcap.opcode import Opcode
+
+from slamsim.logs.bag_limits import CHUNK_BYTES, RECORD_BYTES
+from slamsim.logs.mcap_read import MESSAGE_HEAD, RECORD_HEAD, data_stream, read_chunk, records_in
+from slamsim.logs.mcap_stream import MAGIC, record_bytes
+from slamsim.safe.files import open_input
+
+_CHUNK_SHAPE = re.compile(
+    rb"\x06(?=.{4}\0{4}.{28}(?:\x04\0\0\0zstd|\x03\0\0\0lz4|\0\0\0\0|\x04\0\0\0none).{8})",
+    re.DOTALL,
+)
+_MESSAGE_SHAPE = re.compile(rb"\x05(?=.{4}\0{4}.{22})", re.DOTALL)
+_SHAPE_BYTES = 64
+_CHUNK_HEAD = Struct("<BQQQQII")
+_INDEX_HEAD = Struct("<HI")
+_INDEX_ENTRY_BYTES = 16
+_FOOTER = Struct("<9xQQI")
+_FOOTER_BYTES = _FOOTER.size + len(MAGIC)
+_LENGTHS: dict[int, int] = {Opcode.FOOTER: 20, Opcode.DATA_END: 4}
+_WINDOW_BYTES = 1 << 20
+
+
+@dataclass(frozen=True, slots=True)
+class WholeChunk:
+    """content: the records in it, unpacked."""
+
+    chunk: records.Chunk
+    content: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class LoneMessage:
+    """record: a message outside of all chunks, with opcode and length."""
+
+    record: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class Gap:
+    """Bytes that are of no use. messages: how many per channel id, None where nothing tells."""
+
+    first_byte: int
+    bytes: int
+    reason: str
+    messages: dict[int, int] | None = None
+
+
+Declaration = records.Schema | records.Channel
+Piece = WholeChunk | LoneMessage | Gap | Declaration | records.Metadata
+_Record = TypeVar("_Record", bound=records.McapRecord)
+
+
+@dataclass(slots=True)
+class Summary:
+    """What the end of a file says of the whole of it. messages: per channel, None if unknown."""
+
+    declarations: list[Declaration] = field(default_factory=list)
+    messages: dict[int, int] | None = None
+
+
+class McapSalvage:
+    """A damaged MCAP file open for reading; the caller closes ``file``.
+
+    profile: as its header has it. summary: what could be read of it. ended: whether the walk came
+    to the end of the data.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.file: BinaryIO = open_input(path)
+        self.size = self.file.seek(0, 2)
+        self.profile = self._profile()
+        self.summary = _summary(self.file, self.size)
+        self.ended = False
+        self._channels = {d.id for d in self.summary.declarations if isinstance(d, records.Channel)}
+        self._has_chunks = self._next_chunk(0) < self.size
+
+    def pieces(self) -> Iterator[tuple[int, Piece]]:
+        """(byte reached, piece), in the order of the file."""
+        position = len(MAGIC)
+        if _at(self.file, 0, len(MAGIC)) != MAGIC:
+            position = self._next_place(0)
+            yield position, Gap(0, position, "the first bytes are not those of an MCAP file")
+        while position < self.size and not self.ended:
+            piece, end = self._piece_at(position)
+            if piece is not None:
+                yield end, piece
+            position = end
+
+    def _profile(self) -> str:
+        found = self._record_at(len(MAGIC))
+        with suppress(Exception):
+            if isinstance(found, tuple) and found[0] == Opcode.HEADER:
+                return str(records.Header.read(data_stream(found[1])).profile)
+        return "ros2"
+
+    def _piece_at(self, position: int) -> tuple[Piece | None, int]:
+        """(what is there, where it ends)."""
+        found = self._record_at(position)
+        if isinstance(found, str):
+            end = self._next_place(position + 1)
+            return Gap(position, end - position, found), end
+        opcode, data = found
+        end = position + RECORD_HEAD.size + len(data)
+        try:
+            if opcode == Opcode.MESSAGE and not self._may_begin(end):
+                raise ValueError("the length of a message is damaged")
+            return self._piece(opcode, data), end
+        except Exception as error:
+            reason = " ".join(str(error).split())[:200] or type(error).__name__
+            after, counts = self._indexes_at(end) if opcode == Opcode.CHUNK else (end, None)
+            if after < self.size and isinstance(self._record_at(after), str):
+                after, counts = self._next_place(position + 1), None  # its length is wrong too
+            return Gap(position, after - position, reason, counts), after
+
+    def _record_at(self, position: int) -> tuple[int, bytes] | str:
+        """(opcode, content) of the record there, or why there is none."""
+        head = _at(self.file, position, RECORD_HEAD.size)
+        if len(head) < RECORD_HEAD.size:
+            return "the file is cut off here"
+        opcode, length = RECORD_HEAD.unpack(head)
+        if not _possible(opcode, length):
+            return "here is no record"
+        if length > self.size - position - RECORD_HEAD.size:
+            return "the file is cut off in this record, or its length is damaged"
+        return opcode, self.file.read(length)
+
+    def _may_begin(self, position: int) -> bool:
+        """Whether a record can begin there, or the file is cut off before that can be told."""
+        head = _at(self.file, position, RECORD_HEAD.size)
+        return len(head) < RECORD_HEAD.size or _possible(*RECORD_HEAD.unpack(head))
+
+    def _piece(self, opcode: int, data: bytes) -> Piece | None:
+        """Raises whatever the libraries raise on damage."""
+        if opcode == Opcode.CHUNK:
+            chunk, content = read_chunk(data)
+            self._look_through(content)
+            return WholeChunk(chunk, content)
+        if opcode == Opcode.MESSAGE:
+            _require_head(len(data))
+            return LoneMessage(RECORD_HEAD.pack(opcode, len(data)) + data)
+        if opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+            return self._declared(opcode, data)
+        if opcode == Opcode.METADATA:
+            metadata: records.Metadata = records.Metadata.read(data_stream(data))
+            return _whole(metadata, data)
+        if opcode == Opcode.DATA_END:
+            self.ended = True
+        elif opcode == Opcode.HEADER:
+            _whole(records.Header.read(data_stream(data)), data)
+        elif opcode == Opcode.MESSAGE_INDEX:
+            _index_of(data)
+        elif opcode == Opcode.ATTACHMENT:
+            raise ValueError("an attachment, which is not copied")
+        else:
+            raise ValueError("a record that does not belong here")
+        return None
+
+    def _look_through(self, content: bytes) -> None:
+        """Raises ValueError unless it is a row of records; notes the channels."""
+        for opcode, start, end in records_in(content):
+            if opcode == Opcode.MESSAGE:
+                _require_head(end - start)
+            elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+                self._declared(opcode, content[start:end])
+
+    def _declared(self, opcode: int, data: bytes) -> Declaration:
+        found = declaration(opcode, data)
+        if isinstance(found, records.Channel):
+            self._channels.add(found.id)
+        return found
+
+    def _indexes_at(self, position: int) -> tuple[int, dict[int, int] | None]:
+        """(end, messages per channel) of the message indexes that follow a chunk."""
+        counts = Counter[int]()
+        while isinstance(found := self._record_at(position), tuple):
+            opcode, data = found
+            if opcode != Opcode.MESSAGE_INDEX:
+                break
+            with suppress(Exception):
+                channel, messages = _index_of(data)
+                counts[channel] += messages
+            position += RECORD_HEAD.size + len(data)
+        return position, dict(counts) or None
+
+    def _next_place(self, position: int) -> int:
+        """Where the walk can go on, from there: the next chunk, or lone message; else the end."""
+        if self._has_chunks:
+            return self._next_chunk(position)
+        for place in _matches(self.file, position, _MESSAGE_SHAPE):
+            if self._is_message(place):
+                return place
+        return self.size
+
+    def _next_chunk(self, position: int) -> int:
+        for place in _matches(self.file, position, _CHUNK_SHAPE):
+            if self._is_chunk(place):
+                return place
+        return self.size
+
+    def _is_chunk(self, place: int) -> bool:
+        head = _at(self.file, place, _CHUNK_HEAD.size)
+        _, length, _, _, unpacked, _, name = _CHUNK_HEAD.unpack(head)
+        packed = int.from_bytes(_at(self.file, place + _CHUNK_HEAD.size + name, 8), "little")
+        stated = _CHUNK_HEAD.size - RECORD_HEAD.size + name + 8 + packed
+        fits = place + RECORD_HEAD.size + length <= self.size
+        return fits and bool(length == stated and unpacked <= CHUNK_BYTES)
+
+    def _is_message(self, place: int) -> bool:
+        """Of a known channel, and followed by something that can be a record."""
+        head = _at(self.file, place, RECORD_HEAD.size + 2)
+        length, channel = RECORD_HEAD.unpack(head[:-2])[1], int.from_bytes(head[-2:], "little")
+        end = place + RECORD_HEAD.size + length
+        return channel in self._channels and end <= self.size and self._may_begin(end)
+
+
+def declaration(opcode: int, data: bytes) -> Declaration:
+    """The schema or channel in the content of a record."""
+    kind = records.Schema if opcode == Opcode.SCHEMA else records.Channel
+    found: Declaration = kind.read(data_stream(data))
+    return _whole(found, data)
+
+
+def _whole(record: _Record, data: bytes) -> _Record:
+    """The record, if it is all of the data: without a checksum, a wrong length is seen only so."""
+    if record_bytes(record)[RECORD_HEAD.size :] != data:
+        raise ValueError("a record is damaged")
+    return record
+
+
+def _index_of(data: bytes) -> tuple[int, int]:
+    """(channel, messages) of a message index."""
+    if len(data) < _INDEX_HEAD.size:
+        raise ValueError("a message index is too short")
+    channel, size = _INDEX_HEAD.unpack_from(data)
+    if size != len(data) - _INDEX_HEAD.size:
+        raise ValueError("a message index is damaged")
+    return channel, size // _INDEX_ENTRY_BYTES
+
+
+def _require_head(length: int) -> None:
+    if length < MESSAGE_HEAD.size:
+        raise ValueError("a message record is too short")
+
+
+def _possible(opcode: int, length: int) -> bool:
+    if opcode in _LENGTHS:
+        return length == _LENGTHS[opcode]
+    limit = CHUNK_BYTES + 1024 if opcode == Opcode.CHUNK else RECORD_BYTES
+    return 1 <= opcode <= Opcode.DATA_END and length <= limit
+
+
+def _matches(file: BinaryIO, position: int, shape: re.Pattern[bytes]) -> Iterator[int]:
+    """Where the bytes look like that."""
+    while window := _at(file, position, _WINDOW_BYTES + _SHAPE_BYTES):
+        for match in shape.finditer(window):
+            if match.start() < _WINDOW_BYTES:
+                yield position + match.start()
+        position += _WINDOW_BYTES
+
+
+def _at(file: BinaryIO, position: int, length: int) -> bytes:
+    file.seek(position)
+    return file.read(length)
+
+
+def _summary(file: BinaryIO, size: int) -> Summary:
+    """Empty where the end of the file is missing or damaged."""
+    tail = _at(file, max(size - _FOOTER_BYTES, 0), _FOOTER_BYTES)
+    start, _, crc = _FOOTER.unpack_from(tail) if len(tail) == _FOOTER_BYTES else (0, 0, 0)
+    length = size - len(MAGIC) - start
+    if not tail.endswith(MAGIC) or not 0 < start < size or length > CHUNK_BYTES:
+        return Summary()
+    data = _at(file, start, length)
+    if crc not in (0, zlib.crc32(data[:-4])):
+        return Summary()
+    summary = Summary()
+    with suppress(Exception):
+        for opcode, begin, end in records_in(data):
+            if opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+                summary.declarations.append(declaration(opcode, data[begin:end]))
+            elif opcode == Opcode.STATISTICS:
+                statistics = records.Statistics.read(data_stream(data[begin:end]))
+                summary.messages = statistics.channel_message_counts
+    return summary

@@ -1,0 +1,25 @@
+"""Rebuilds a cut or damaged recording, whatever its format, out of what is whole in it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from slamsim.logs.recovery.bag2 import recover_bag2
+from slamsim.logs.recovery.source import Damaged
+from slamsim.logs.recovery.tally import Recovered
+from slamsim.progress import Progress, silent
+from slamsim.safe.errors import InputRefused
+
+
+def recover(source: Damaged, folder: Path, progress: Progress = silent) -> Recovered:
+    """Write into a new or empty folder what is whole in a recording, which is only read.
+
+    progress counts bytes of it. Call it inside ``partial_folder``. Raises InputRefused if there is
+    not one whole message.
+    """
+    result = recover_bag2(source, folder, progress)
+    if result.messages == 0:
+        reasons = "; ".join(dict.fromkeys(loss.reason for loss in result.losses[:3]))
+        why = f" ({reasons})" if reasons else ""
+        raise InputRefused(source.path, f"there is not one whole message in it{why}")
+    return result

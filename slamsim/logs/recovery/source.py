@@ -1,0 +1,84 @@
+"""Which files of a damaged recording there are, whatever is left of it."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from slamsim.logs.reader import is_carmen
+from slamsim.safe.errors import InputRefused, NotFound
+from slamsim.safe.files import open_input
+
+Kind = Literal["ROS 2", "ROS 1", "CARMEN", "Parquet"]
+
+_SUFFIXES: dict[str, Kind] = {
+    ".mcap": "ROS 2",
+    ".db3": "ROS 2",
+    ".bag": "ROS 1",
+    ".parquet": "Parquet",
+}
+_FIRST_BYTES: dict[bytes, Kind] = {
+    b"\x89MCAP": "ROS 2",
+    b"SQLite": "ROS 2",
+    b"#ROSBA": "ROS 1",
+}
+_IN_FOLDERS: tuple[Kind, ...] = ("ROS 2", "Parquet")
+_PLACES = ("", "log", "parquet")
+
+
+@dataclass(frozen=True, slots=True)
+class Damaged:
+    """path: the file or folder. files: in the order in which they were written."""
+
+    path: Path
+    kind: Kind
+    files: tuple[Path, ...]
+
+    @property
+    def bytes(self) -> int:
+        return sum(file.stat().st_size for file in self.files)
+
+
+def damaged_recording(path: Path) -> Damaged:
+    """What can be looked through at ``path``: a file, a folder with or without metadata.yaml, or
+    what a killed run left of the folder it was to make. Raises NotFound or InputRefused.
+    """
+    unfinished = path.with_name(f"{path.name}.partial") if path.name else path
+    if not path.exists() and unfinished.is_dir():
+        path = unfinished
+    if not path.exists():
+        raise NotFound(f"{path}: there is no such file or folder")
+    if not path.is_dir():
+        return Damaged(path, _kind(path), (path,))
+    for place in _PLACES:
+        folder = path / place
+        for kind in _IN_FOLDERS:
+            files = [file for file in _files(folder) if _SUFFIXES.get(file.suffix) == kind]
+            if files:
+                return Damaged(folder, kind, tuple(sorted(files, key=_natural)))
+    raise InputRefused(path, "there is no .mcap, .db3 or .parquet file in this folder")
+
+
+def _files(folder: Path) -> list[Path]:
+    return [file for file in folder.iterdir() if file.is_file()] if folder.is_dir() else []
+
+
+def _kind(path: Path) -> Kind:
+    if is_carmen(path):
+        return "CARMEN"
+    for suffix in reversed(path.suffixes):  # a recorder that was killed leaves a .bag.active
+        if suffix.lower() in _SUFFIXES:
+            return _SUFFIXES[suffix.lower()]
+    with open_input(path) as file:
+        first = file.read(6)
+    if first not in _FIRST_BYTES:
+        raise InputRefused(path, "is no known kind of recording: MCAP, .db3, .bag, CARMEN")
+    return _FIRST_BYTES[first]
+
+
+def _natural(path: Path) -> list[int | str]:
+    """``log_10`` after ``log_9``."""
+    parts = re.split(r"(\d+)", path.name)
+    return [int(part) if number % 2 else part for number, part in enumerate(parts)]

@@ -1,0 +1,163 @@
+"""What came back from a damaged recording and what did not, topic by topic."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+from slamsim.safe.errors import shown
+
+
+@dataclass(frozen=True, slots=True)
+class Loss:
+    """Bytes of a file that are of no use.
+
+    messages: how many were in it, by topic; None where nothing tells. gap_s: from the last message
+    received before it to the first one after it; None at either end of the file.
+    """
+
+    path: Path
+    first_byte: int
+    bytes: int
+    reason: str
+    messages: Mapping[str, int] | None = None
+    gap_s: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class TopicTally:
+    """messages, their bytes, and when the first and last of them was received: those recovered.
+
+    lost: how many were not. lost_is_known: from what the recording says, else estimated from how
+    many of its bytes are lost.
+    """
+
+    topic: str
+    type_name: str
+    messages: int = 0
+    bytes: int = 0
+    first_ns: int = 0
+    last_ns: int = 0
+    lost: int = 0
+    lost_is_known: bool = True
+
+    @property
+    def seconds(self) -> float:
+        return (self.last_ns - self.first_ns) * 1e-9
+
+    def joined(self, other: TopicTally) -> TopicTally:
+        """Both together."""
+        parts = [tally for tally in (self, other) if tally.messages] or [self]
+        return TopicTally(
+            self.topic,
+            self.type_name or other.type_name,
+            self.messages + other.messages,
+            self.bytes + other.bytes,
+            min(part.first_ns for part in parts),
+            max(part.last_ns for part in parts),
+            self.lost + other.lost,
+            self.lost_is_known and other.lost_is_known,
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Recovered:
+    """recording: what stands there now, to be read. notes: what else to know, in sentences."""
+
+    recording: Path
+    topics: tuple[TopicTally, ...]
+    losses: tuple[Loss, ...]
+    notes: tuple[str, ...]
+
+    @property
+    def messages(self) -> int:
+        return sum(topic.messages for topic in self.topics)
+
+
+@dataclass(slots=True)
+class Tally:
+    """Counts while one file is copied.
+
+    announced: how many messages the whole file held, by topic, if it says so. packed_bytes: how
+    much of the file the recovered messages take.
+    """
+
+    path: Path
+    losses: list[Loss] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+    announced: Mapping[str, int] | None = None
+    packed_bytes: int = 0
+    _topics: dict[str, TopicTally] = field(default_factory=dict)
+    _last_ns: int | None = None
+    _open: list[int] = field(default_factory=list)
+
+    def know(self, topic: str, type_name: str) -> None:
+        """A topic that is in the file, whether or not a message of it is recovered."""
+        self._topics.setdefault(topic, TopicTally(topic, type_name))
+
+    def keep(self, topic: str, count: int, size: int, span_ns: tuple[int, int]) -> None:
+        """Messages of one topic. size: their bytes. span_ns: the first and last log time."""
+        more = TopicTally(topic, "", count, size, *span_ns)
+        known = self._topics.get(topic)
+        self._topics[topic] = more if known is None else known.joined(more)
+        for index in self._open:
+            gap_s = max(span_ns[0] - (self._last_ns or 0), 0) * 1e-9
+            self.losses[index] = replace(self.losses[index], gap_s=gap_s)
+        self._open.clear()
+        self._last_ns = max(span_ns[1], self._last_ns or span_ns[1])
+
+    def lose(
+        self, first_byte: int, size: int, reason: str, messages: Mapping[str, int] | None = None
+    ) -> None:
+        """Bytes that are of no use, and how many messages were in them, if that is known."""
+        if self._last_ns is not None:
+            self._open.append(len(self.losses))
+        self.losses.append(Loss(self.path, first_byte, size, reason, messages))
+
+    def note(self, sentence: str) -> None:
+        """What else to know; said once."""
+        if sentence not in self.notes:
+            self.notes.append(sentence)
+
+    def topics(self) -> dict[str, TopicTally]:
+        """With what is lost of each."""
+        names = {*self._topics, *(self.announced or ())}
+        names.update(*(loss.messages or () for loss in self.losses))
+        tallies = {name: self._topics.get(name) or TopicTally(name, "") for name in sorted(names)}
+        return {name: self._with_lost(tally) for name, tally in tallies.items()}
+
+    def _with_lost(self, tally: TopicTally) -> TopicTally:
+        """Announced and not there; else counted in the losses, and estimated by their bytes."""
+        if self.announced is not None:
+            return replace(tally, lost=max(self.announced.get(tally.topic, 0) - tally.messages, 0))
+        known = sum(loss.messages.get(tally.topic, 0) for loss in self.losses if loss.messages)
+        unknown_bytes = sum(loss.bytes for loss in self.losses if loss.messages is None)
+        share = unknown_bytes / self.packed_bytes if self.packed_bytes else 0.0
+        estimated = round(share * tally.messages)
+        return replace(tally, lost=known + estimated, lost_is_known=unknown_bytes == 0)
+
+
+def recovered(
+    recording: Path, tallies: Sequence[Tally], announced: Mapping[str, int] | None = None
+) -> Recovered:
+    """Of all files of a recording. announced: messages by topic, if something beside them tells."""
+    topics: dict[str, TopicTally] = {}
+    for tally in tallies:
+        for name, more in tally.topics().items():
+            topics[name] = topics[name].joined(more) if name in topics else more
+    for name, count in (announced or {}).items():
+        known = topics.get(name) or TopicTally(name, "", lost_is_known=False)
+        if not known.lost_is_known:
+            lost = max(count - known.messages, 0)
+            topics[name] = replace(known, lost=lost, lost_is_known=True)
+    return Recovered(
+        recording,
+        tuple(replace(topic, topic=_printable(name)) for name, topic in sorted(topics.items())),
+        tuple(loss for tally in tallies for loss in tally.losses),
+        tuple(dict.fromkeys(note for tally in tallies for note in tally.notes)),
+    )
+
+
+def _printable(name: str) -> str:
+    return name if name.isprintable() and len(name) <= 200 else shown(name)

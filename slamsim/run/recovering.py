@@ -1,0 +1,85 @@
+"""``slamsim recover``: a damaged recording in, what is whole of it out."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+
+from slamsim.console import Reporter
+from slamsim.logs.recovery.recover import recover
+from slamsim.logs.recovery.source import Damaged, damaged_recording
+from slamsim.logs.recovery.tally import Loss, Recovered, TopicTally
+from slamsim.quantities import as_size
+from slamsim.run.folder import pick_folder, recording_name
+from slamsim.run.stages import Stages
+from slamsim.safe.errors import SlamsimError
+from slamsim.safe.output import partial_folder
+
+RECOVERY = "recovery.json"
+
+
+def recover_log(
+    path: Path, out: Path | None, reporter: Reporter, *, overwrite: bool = False
+) -> Recovered:
+    """Look through the recording and write a new one beside it; what came back.
+
+    Raises NotFound, and InputRefused when nothing of it is whole.
+    """
+    source = damaged_recording(path)
+    name = f"{recording_name(str(source.path))}_recovered"
+    folder = pick_folder(out, name, overwrite=overwrite)
+    _require_elsewhere(source, folder)
+    with partial_folder(folder, overwrite) as partial:
+        with Stages(reporter).stage("recover", "MB/s") as progress:
+            found = recover(source, partial, lambda n, total: progress(n * 1e-6, total * 1e-6))
+        recording = folder / found.recording.relative_to(partial)
+        facts = _as_json(source, found)
+        (partial / RECOVERY).write_text(json.dumps(facts, indent=2) + "\n", encoding="utf-8")
+    _show(reporter, found)
+    reporter.say(f"Written to {recording}")
+    reporter.result({**facts, "folder": str(folder), "recording": str(recording)})
+    return found
+
+
+def _require_elsewhere(source: Damaged, folder: Path) -> None:
+    """The recording is not written over, nor is what a killed run left where it now lies."""
+    place, final = source.path.resolve(), folder.resolve()
+    forbidden = (final, *(final.with_name(final.name + suffix) for suffix in (".partial", ".old")))
+    if final.is_relative_to(place) or any(map(place.is_relative_to, forbidden)):
+        raise SlamsimError(f"{folder} is where the damaged recording lies; choose another --out")
+
+
+def _as_json(source: Damaged, found: Recovered) -> dict[str, object]:
+    return {
+        "source": str(source.path),
+        "format": source.kind,
+        "messages": found.messages,
+        "topics": [{**asdict(topic), "seconds": round(topic.seconds, 9)} for topic in found.topics],
+        "losses": [{**asdict(loss), "path": loss.path.name} for loss in found.losses],
+        "notes": list(found.notes),
+    }
+
+
+def _show(reporter: Reporter, found: Recovered) -> None:
+    rows = {topic.topic: _topic_in_words(topic) for topic in found.topics}
+    reporter.table(f"Recovered: {found.messages:,} messages", rows)
+    for loss in found.losses:
+        reporter.warn(_loss_in_words(loss))
+    for note in found.notes:
+        reporter.warn(note)
+    if not found.losses:
+        reporter.say("Nothing was lost of what the recording holds")
+
+
+def _topic_in_words(topic: TopicTally) -> str:
+    lost = f"{'' if topic.lost_is_known else 'about '}{topic.lost:,} lost"
+    kept = f"{topic.messages:,} messages, {topic.seconds:.1f} s, {as_size(topic.bytes)}"
+    return f"{kept}; {lost if topic.lost else 'none lost'}"
+
+
+def _loss_in_words(loss: Loss) -> str:
+    gap = "" if loss.gap_s is None else f", {loss.gap_s:.3g} s"
+    messages = "" if not loss.messages else f", {sum(loss.messages.values()):,} messages"
+    size = f"{as_size(loss.bytes)}{gap}{messages}"
+    return f"Lost at byte {loss.first_byte:,} of {loss.path.name}: {size}: {loss.reason}"
