@@ -62,13 +62,13 @@ def check_catalogue(place: Place, readers: Executor) -> Catalogue:
 
 def _sums(place: Place) -> tuple[dict[str, str], list[Finding]]:
     data = place.read(SUMS)
-    if data is None:
-        return {}, [Finding(SUMS, "missing: the data set was never finished")]
     try:
-        return read_sums(data), []
+        sums = {} if data is None else read_sums(data)
     except SumsDamaged:
         reason = "not as it was written, so that what it lists cannot be judged"
         return {}, [Finding(SUMS, reason)]
+    told = "missing" if data is None else "tells of no file"
+    return sums, [] if sums else [Finding(SUMS, f"{told}: the data set was never finished")]
 
 
 def _rows(place: Place, bad: Collection[str]) -> tuple[list[Row], bool]:

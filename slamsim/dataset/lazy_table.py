@@ -28,7 +28,8 @@ _GROUPS_KEPT, _FOOTERS_KEPT = 16, 256
 class LazyTable:
     """A file of a data set; it can be pickled.
 
-    All raise NotFound if it is not there and InputRefused if it is damaged.
+    All raise NotFound if it is not there, DataDamaged if it is not as it was written, and
+    InputRefused if it cannot be read.
     """
 
     place: Place
@@ -82,6 +83,7 @@ def _schema(place: Place, path: str, columns: tuple[str, ...] | None) -> pa.Sche
 
 @contextmanager
 def _parquet(place: Place, path: str) -> Iterator[pq.ParquetFile]:
+    place.require_as_written(path)
     try:
         with place.open(path) as file:
             yield pq.ParquetFile(file, page_checksum_verification=True)

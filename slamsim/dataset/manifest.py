@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 
 import pyarrow as pa
 
-from slamsim.dataset.identity import Readable
+from slamsim.dataset.place import Place
 from slamsim.dataset.table import table_from_parquet
 from slamsim.safe.errors import InputRefused, NotFound
 
@@ -95,8 +95,9 @@ def _kind(name: str, shards: Sequence[pa.Table]) -> pa.DataType:
     return kinds.pop() if len(kinds) == 1 else pa.string()
 
 
-def read_manifest(place: Readable) -> pa.Table:
-    """Raises NotFound where there is none, InputRefused if it is damaged."""
+def read_manifest(place: Place) -> pa.Table:
+    """Raises NotFound where there is none, DataDamaged or InputRefused if it is damaged."""
+    place.require_as_written(MANIFEST)
     data = place.read(MANIFEST)
     if data is None:
         raise NotFound(f"{place.address} holds no finished data set: there is no {MANIFEST}")

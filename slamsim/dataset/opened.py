@@ -92,6 +92,7 @@ class Sequence:
     def config(self) -> RunConfig:
         """Every setting that it was made with."""
         path = f"{self.name}/{CONFIG}"
+        self.place.require_as_written(path)
         data = self.place.read(path)
         if data is None:
             raise NotFound(f"{self.place.address} has no {path}")
@@ -174,7 +175,7 @@ class Dataset:
 def open_dataset(address: str | Path) -> Dataset:
     """The data set in a folder or behind a URL.
 
-    Raises NotFound where there is none, InputRefused if its manifest is damaged.
+    Raises NotFound where there is none, DataDamaged or InputRefused if its manifest is damaged.
     """
     text = str(address)
     place = Place(text if "://" in text else str(Path(text).resolve()))  # wherever it is sent

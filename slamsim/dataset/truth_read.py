@@ -125,6 +125,7 @@ class SequenceTruth:
         with tempfile.TemporaryDirectory() as folder:
             for name in ("occupancy.yaml", "occupancy.png"):
                 path = f"{self.name}/truth/{name}"
+                self.place.require_as_written(path)
                 data = self.place.read(path)
                 if data is None:
                     raise NotFound(f"{self.place.address} has no {path}")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -59,6 +60,11 @@ class McapSource:
                 self._kinds[channel.topic] = (name, channel.message_encoding)
                 if schema is not None and schema.data:
                     self._definitions[name] = (schema.encoding, schema.data.decode())
+
+    @property
+    def unvouched(self) -> Counter[str]:
+        """How many of each part of the files carry no checksum."""
+        return sum((index.unvouched for index in self._indexes), Counter[str]())
 
     def channels(self) -> list[Channel]:
         counts: dict[str, int] = {}

@@ -37,7 +37,7 @@ class McapIndex:
     """What a walk over a file found.
 
     counts: messages per channel id. places: byte and length of every record that holds
-    messages, a chunk or a lone message.
+    messages, a chunk or a lone message. unvouched: how many of each part carry no checksum.
     """
 
     path: Path
@@ -47,6 +47,7 @@ class McapIndex:
     metadata: dict[str, dict[str, str]] = field(default_factory=dict)
     places: list[tuple[int, int]] = field(default_factory=list)
     announced: int | None = None
+    unvouched: Counter[str] = field(default_factory=Counter)
 
 
 def index_mcap(path: Path, limits: Limits = LIMITS) -> McapIndex:
@@ -117,13 +118,13 @@ def _next_record(
         raise Excessive(reason, limit)
     data = file.read(length)
     if opcode == Opcode.DATA_END:
-        _require_crc(int.from_bytes(data[:4], "little"), crc, "the data section")
+        _check(index, "the data section", int.from_bytes(data[:4], "little"), crc)
         return 0, False
     if opcode == Opcode.FOOTER:
         if length != 20:
             raise ValueError("the footer is damaged")
         computed = zlib.crc32(head + data[:16], crc)
-        _require_crc(int.from_bytes(data[16:20], "little"), computed, "the summary section")
+        _check(index, "the summary section", int.from_bytes(data[16:20], "little"), computed)
         return 0, True
     if opcode in (Opcode.CHUNK, Opcode.MESSAGE):
         index.places.append((position, length))
@@ -141,6 +142,11 @@ def _skip(file: BinaryIO, length: int, crc: int) -> int:
     return crc
 
 
+def _check(index: McapIndex, what: str, stored: int, computed: int) -> None:
+    index.unvouched[what] += stored == 0
+    _require_crc(stored, computed, what)
+
+
 def _require_crc(stored: int, computed: int, what: str) -> None:
     if stored not in (0, computed):
         raise ValueError(f"the checksum of {what} does not fit: damaged")
@@ -148,7 +154,8 @@ def _require_crc(stored: int, computed: int, what: str) -> None:
 
 def _take(opcode: int, data: bytes, index: McapIndex, limits: Limits) -> None:
     if opcode == Opcode.CHUNK:
-        _, content = read_chunk(data, limits)
+        chunk, content = read_chunk(data, limits)
+        index.unvouched["a chunk"] += chunk.uncompressed_crc == 0
         for inner, start, end in records_in(content):
             if inner == Opcode.MESSAGE:
                 _count(content, start, end, index)

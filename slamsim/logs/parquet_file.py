@@ -20,6 +20,7 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from slamsim.logs.written import Written
+from slamsim.safe.seal import require_as_written
 
 METADATA_KEY = b"slamsim"
 TypeName = Literal[
@@ -151,7 +152,11 @@ def _array(cells: Cells, field: Any) -> Any:
 
 
 def read_table(path: Path, columns: Sequence[str] | None = None) -> dict[str, NDArray[Any]]:
-    """The columns of a file, (n,) or (n, width) each; checksums are verified."""
+    """The columns of a file, (n,) or (n, width) each; checksums are verified.
+
+    Raises DataDamaged if it is sealed and not as it was written; so does ``table_facts``.
+    """
+    require_as_written(path)
     return cells_of(pq.read_table(path, columns=columns, page_checksum_verification=True))
 
 
@@ -170,6 +175,7 @@ def _cells(column: Any) -> NDArray[Any]:
 
 def table_facts(path: Path) -> dict[str, Any]:
     """What the file says of the whole table."""
+    require_as_written(path)
     return facts_of(pq.read_schema(path))
 
 

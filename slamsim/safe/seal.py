@@ -70,7 +70,7 @@ def require_as_written(path: Path, limits: Limits = LIMITS) -> None:
             seal = seal_in(folder, limits)
             name = where.relative_to(folder).as_posix()
             if seal is not None and (sha256 := seal.hashes.get(name)) is not None:
-                if _digest(where, _identity(where)) != sha256:
+                if where.exists() and _digest(where, _identity(where)) != sha256:
                     raise DataDamaged(path, _altered(seal))
                 return
 

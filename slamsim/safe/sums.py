@@ -38,7 +38,7 @@ def read_sums(data: bytes) -> dict[str, str]:
     text = data.decode("utf-8", "replace")
     lines = map(_LINE.fullmatch, text.split("\n"))
     hashes = {line[2]: line[1] for line in lines if line is not None}
-    if sums_text(hashes).encode() != data:
+    if sums_text(hashes).encode() != data or not all(map(_is_below, hashes)):
         raise SumsDamaged(f"{SUMS} is not as it was written")
     return hashes
 
@@ -73,7 +73,14 @@ def hashes_in(name: str, data: bytes) -> dict[str, str]:
 
 def _lists_files(told: Mapping[str, Any]) -> bool:
     files = told.get("files")
-    return isinstance(files, list) and all({"path", "sha256"} <= file.keys() for file in files)
+    return isinstance(files, list) and all(
+        {"path", "sha256"} <= file.keys() and _is_below(file["path"]) for file in files
+    )
+
+
+def _is_below(path: str) -> bool:
+    """Whether this is a path of a file in the same folder, or of one in a folder of it."""
+    return not path.startswith("/") and ".." not in path.split("/")
 
 
 def _dumped(told: Mapping[str, Any]) -> str:

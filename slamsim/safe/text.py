@@ -37,6 +37,13 @@ def open_lines(path: Path, limits: Limits = LIMITS) -> Iterator[tuple[int, str]]
     return _lines(path, file, limits)
 
 
+def is_packed(path: Path) -> bool:
+    """Whether ``open_lines`` would unpack this file; raises as it does."""
+    with open_input(path) as file:
+        magic = file.read(3)
+    return magic.startswith(_GZIP_MAGIC) or magic == _BZIP2_MAGIC
+
+
 def _lines(path: Path, file: BinaryIO, limits: Limits) -> Iterator[tuple[int, str]]:
     number, rest, total = 0, b"", 0
     with file:

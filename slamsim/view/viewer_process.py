@@ -18,6 +18,7 @@ from urllib.parse import quote
 from rerun.experimental import ViewerClient
 
 from slamsim.safe.errors import InputRefused, NotFound, SlamsimError
+from slamsim.safe.files import open_input
 
 START_TIMEOUT_S = 60.0
 _QUIET = "warn,egui_wgpu=error,re_renderer=error,re_viewer::native=error"
@@ -27,8 +28,8 @@ _QUIET = "warn,egui_wgpu=error,re_renderer=error,re_viewer::native=error"
 def recording_of(run: Path) -> Path:
     """The recording in a run's folder, or the recording itself.
 
-    Raises NotFound, also if a folder holds several, or InputRefused for a file that is something
-    else.
+    Raises NotFound, also if a folder holds several, InputRefused for a file that is something
+    else, and DataDamaged for one that is not as it was written.
     """
     path = run / "run.rrd" if run.is_dir() else run
     if run.is_dir() and not path.is_file():
@@ -38,7 +39,7 @@ def recording_of(run: Path) -> Path:
         path = run / names[0] if names else path
     if not path.is_file():
         raise NotFound(f"{path}: there is no such recording; slamsim map writes one")
-    with path.open("rb") as file:
+    with open_input(path) as file:
         if not file.read(4).startswith(b"RRF"):
             raise InputRefused(path, "is not a Rerun recording (.rrd)")
     return path
