@@ -24,6 +24,8 @@ from slamsim.run.recover_command import recover
 from slamsim.run.scenario_command import EPILOG as SCENARIO_EPILOG
 from slamsim.run.scenario_command import HELP as SCENARIO_HELP
 from slamsim.run.scenario_command import scenario
+from slamsim.run.verify_command import EPILOG as VERIFY_EPILOG
+from slamsim.run.verify_command import verify
 
 if TYPE_CHECKING:
     from slamsim.config.run import RunConfig
@@ -248,6 +250,7 @@ app.command(epilog=RECOVER_EPILOG)(recover)
 app.command(epilog=DEMO_EPILOG)(demo)
 app.command(help=SCENARIO_HELP, epilog=SCENARIO_EPILOG)(scenario)
 app.command(epilog=IDENTIFY_EPILOG)(identify)
+app.command(epilog=VERIFY_EPILOG)(verify)
 app.add_typer(dataset)
 
 

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from slamsim.options import Json, Quiet
+from slamsim.safe.errors import DataDamaged
 
 dataset = typer.Typer(
     name="dataset",
@@ -123,7 +124,7 @@ def preview(
 
 
 @dataset.command(
-    epilog="Exit code: 0 all is as it was made, 1 something is not. "
+    epilog="Exit code: 0 all is as it was made, 4 something is not. "
     "Examples: slamsim dataset verify my_data --again 3 · slamsim dataset verify s3://bucket/set "
     "--subset 5%"
 )
@@ -147,7 +148,7 @@ def verify(
 
     reporter = Reporter(quiet=quiet, as_json=as_json)
     whole = run_verify(place, reporter, subset=subset, again=again, workers=workers)
-    raise typer.Exit(0 if whole else 1)
+    raise typer.Exit(0 if whole else DataDamaged.exit_code)
 
 
 @dataset.command(epilog="Example: slamsim dataset stats my_data --json")

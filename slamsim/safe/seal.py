@@ -65,7 +65,7 @@ def require_as_written(path: Path, limits: Limits = LIMITS) -> None:
     A file that no seal tells of is anybody's. One that was found as it is to be is read again
     only after it has changed. Raises InputRefused for a seal that is larger than any.
     """
-    for where in _names_of(path):
+    for where in names_of(path):
         for folder in where.parents:
             seal = seal_in(folder, limits)
             name = where.relative_to(folder).as_posix()
@@ -91,7 +91,7 @@ def digest(path: Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def _names_of(path: Path) -> Iterator[Path]:
+def names_of(path: Path) -> Iterator[Path]:
     """Where a file lies as it was named, and where it lies in truth."""
     named = Path(os.path.abspath(path))  # noqa: PTH100 - resolve would follow the links
     yield named

@@ -1,0 +1,180 @@
+"""``slamsim verify``: what slamsim wrote compared with what it sealed; nothing is ever written."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from slamsim.console import Reporter
+from slamsim.progress import Progress, silent
+from slamsim.quantities import as_size
+from slamsim.safe.errors import DataDamaged, InputRefused, NotFound
+from slamsim.safe.seal import WRITTEN_BY_US, Seal, digest, files_in, names_of, seal_in
+from slamsim.safe.sums import SUMS
+
+_READ_TOGETHER = 4
+_MOST_TOLD = 20
+
+
+@dataclass(frozen=True, slots=True)
+class Damage:
+    """path: relative to what was looked at, where it lies in there."""
+
+    path: str
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class Verified:
+    """What was looked at. vouched_by: what says how it must be, in words.
+
+    files, size_bytes: read. extra: files beside them that nobody vouches for.
+    """
+
+    path: str
+    vouched_by: str
+    files: int
+    size_bytes: int
+    damaged: tuple[Damage, ...] = ()
+    extra: tuple[str, ...] = ()
+
+    @property
+    def whole(self) -> bool:
+        """Whether all that somebody vouches for is as it was written."""
+        return not self.damaged
+
+
+def verify_and_tell(place: str, reporter: Reporter) -> bool:
+    """Whether all is as it was written, of a data set too. Raises what ``verify_path`` raises."""
+    if "://" in place or _is_dataset(Path(place)):
+        from slamsim.run.dataset_telling import run_verify
+
+        return run_verify(place, reporter)
+    with reporter.stage("verify", "files/s") as progress:
+        found = verify_path(Path(place), progress)
+    _tell(found, reporter)
+    reporter.result({**asdict(found), "whole": found.whole})
+    return found.whole
+
+
+def verify_path(path: Path, progress: Progress = silent) -> Verified:
+    """A sealed folder, something in one, or a recording that nobody sealed.
+
+    Raises NotFound where nothing tells how it must be, and InputRefused for a recording that
+    goes beyond the limits.
+    """
+    if not path.exists():
+        raise NotFound(f"{path}: there is no such file or folder")
+    try:
+        sealed = _sealed(path)
+    except DataDamaged as damage:
+        return Verified(
+            str(path), damage.path.name, 1, 0, (Damage(str(damage.path), damage.reason),)
+        )
+    if sealed is not None:
+        return _compared(path, *sealed, progress)
+    if (path / WRITTEN_BY_US).is_file():
+        reason = "missing, so that nothing in this folder can be vouched for"
+        return Verified(str(path), SUMS, 0, 0, (Damage(SUMS, reason),))
+    return _recording(path)
+
+
+def _is_dataset(path: Path) -> bool:
+    from slamsim.dataset.identity import IDENTITY
+
+    try:
+        seal = seal_in(path)
+    except DataDamaged:
+        seal = None
+    return (path / IDENTITY).is_file() or (seal is not None and IDENTITY in seal.hashes)
+
+
+def _sealed(path: Path) -> tuple[Seal, str] | None:
+    """The seal that tells of a file or folder, and what it calls that; DataDamaged as seal_in."""
+    for where in names_of(path):
+        for folder in (where, *where.parents):
+            seal, name = seal_in(folder), where.relative_to(folder).as_posix()
+            if seal is not None and any(_within(name, told) for told in seal.hashes):
+                return seal, name
+    return None
+
+
+def _within(folder: str, name: str) -> bool:
+    return folder in (".", name) or name.startswith(f"{folder}/")
+
+
+def _compared(path: Path, seal: Seal, part: str, progress: Progress) -> Verified:
+    told = sorted(name for name in seal.hashes if _within(part, name))
+    damaged, size_bytes = list[Damage](), 0
+    with ThreadPoolExecutor(_READ_TOGETHER) as readers:
+        judged = readers.map(lambda name: _judged(seal, name), told)
+        for number, (name, (reason, size)) in enumerate(zip(told, judged, strict=True), start=1):
+            if reason:
+                damaged.append(Damage(name, reason))
+            size_bytes += size
+            progress(number, len(told))
+    extra = tuple(name for name in _others(seal) if _within(part, name))
+    by = f"{seal.name} in {seal.folder}"
+    return Verified(str(path), by, len(told), size_bytes, tuple(damaged), extra)
+
+
+def _judged(seal: Seal, name: str) -> tuple[str, int]:
+    """(what is wrong with a file, or nothing; its size in bytes)."""
+    path = seal.folder / name
+    if not path.is_file():
+        return "missing", 0
+    try:
+        fits = digest(path) == seal.hashes[name]
+    except OSError as error:
+        return f"cannot be read: {error.strerror}", 0
+    return "" if fits else "its bytes are not those that were written", path.stat().st_size
+
+
+def _others(seal: Seal) -> Iterator[str]:
+    """Files that the seal does not tell of, but for hidden ones."""
+    for name in files_in(seal.folder):
+        is_hidden = any(part.startswith(".") for part in name.split("/"))
+        if name not in seal.hashes and name != seal.name and not is_hidden:
+            yield name
+
+
+def _recording(path: Path) -> Verified:
+    from slamsim.logs.checksums import checked_recording
+    from slamsim.logs.reader import recording_at
+
+    try:
+        recording = recording_at(path)
+    except InputRefused as refusal:
+        reason = f"slamsim sealed nothing here, and it is no recording: {refusal.reason}"
+        raise NotFound(f"{path}: {reason}") from None
+    names = [recording / name for name in files_in(recording)] or [recording]
+    size_bytes = sum(name.stat().st_size for name in names)
+    try:
+        vouched_by = checked_recording(recording)
+    except InputRefused as refusal:
+        if refusal.limit:
+            raise
+        place = ", ".join(filter(None, (str(refusal.path), refusal.where)))
+        damage = Damage(place, refusal.reason)
+        return Verified(str(path), "its own checksums", len(names), size_bytes, (damage,))
+    return Verified(str(path), vouched_by, len(names), size_bytes)
+
+
+def _tell(found: Verified, reporter: Reporter) -> None:
+    rows = {
+        "vouched for by": found.vouched_by,
+        "read": f"{found.files:,} files, {as_size(found.size_bytes)}",
+        "not as written": f"{len(found.damaged):,} of the files" if found.damaged else "nothing",
+        "nobody's": f"{len(found.extra):,} more files" if found.extra else "no other file",
+    }
+    reporter.table(f"Verified {found.path}", rows)
+    for damage in found.damaged[:_MOST_TOLD]:
+        reporter.warn(f"{damage.path}: {damage.reason}")
+    for name in found.extra[:_MOST_TOLD]:
+        reporter.say(f"{name}: slamsim did not write it, nobody vouches for it")
+    if max(len(found.damaged), len(found.extra)) > _MOST_TOLD:
+        reporter.say("There are more; --json tells all.")
+    if not found.whole:
+        reporter.say("Make it again; slamsim recover gets back what is whole of a recording.")
