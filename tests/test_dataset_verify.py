@@ -211,7 +211,7 @@ def test_where_there_is_no_data_set_there_is_nothing_to_verify(tmp_path: Path) -
 
 @given(
     st.dictionaries(
-        st.text(st.characters(exclude_characters="\n", codec="utf-8"), min_size=1, max_size=20),
+        st.text(st.characters(exclude_characters="\n/", codec="utf-8"), min_size=3, max_size=20),
         st.binary(min_size=32, max_size=32),
         max_size=4,
     )

@@ -13,7 +13,16 @@ from slamsim.safe.errors import DataDamaged, NotFound
 from slamsim.safe.files import open_as_found, open_input
 from slamsim.safe.output import partial_folder
 from slamsim.safe.seal import require_as_written, seal_in
-from slamsim.safe.sums import SEQUENCE, SUMS, read_sums, sequence_text, sha256_of
+from slamsim.safe.sums import (
+    SEQUENCE,
+    SUMS,
+    SumsDamaged,
+    read_sequence,
+    read_sums,
+    sequence_text,
+    sha256_of,
+    sums_text,
+)
 
 pytestmark = pytest.mark.fault
 
@@ -100,6 +109,14 @@ def test_sums_that_were_altered_vouch_for_nothing(run: Path) -> None:
         data[place] ^= 4
         (run / SUMS).write_bytes(data)
     assert read(run / "map") == b"second"
+
+
+@pytest.mark.parametrize("name", ["/etc/passwd", "../map", "log/../../map", ".."])
+def test_a_seal_tells_of_files_in_its_folder_alone(name: str) -> None:
+    with pytest.raises(SumsDamaged):
+        read_sums(sums_text({name: "0" * 64}).encode())
+    with pytest.raises(SumsDamaged):
+        read_sequence(sequence_text({"files": [{"path": name, "sha256": "0" * 64}]}).encode())
 
 
 def test_a_sequence_is_sealed_by_the_file_that_describes_it(tmp_path: Path) -> None:

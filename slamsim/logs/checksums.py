@@ -55,5 +55,5 @@ def _of_bag(path: Path) -> str:
 def _of_mcap(unvouched: Counter[str]) -> str:
     lacking = [f"{what} ({count}x)" for what, count in sorted(unvouched.items()) if count]
     if not lacking:
-        return "all of it has checksums, and they hold"
+        return "all that is in the MCAP files has checksums, and they hold"
     return f"checksums hold where there are any; without: {', '.join(lacking)}"

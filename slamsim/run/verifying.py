@@ -76,7 +76,7 @@ def verify_path(path: Path, progress: Progress = silent) -> Verified:
     if sealed is not None:
         return _compared(path, *sealed, progress)
     if (path / WRITTEN_BY_US).is_file():
-        reason = "missing, so that nothing in this folder can be vouched for"
+        reason = "missing, or never written: nothing in this folder can be vouched for"
         return Verified(str(path), SUMS, 0, 0, (Damage(SUMS, reason),))
     return _recording(path)
 
