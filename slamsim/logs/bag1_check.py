@@ -6,6 +6,7 @@ wiki.ros.org/Bags/Format/2.0.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import BinaryIO
 
@@ -14,8 +15,8 @@ from slamsim.safe.errors import Excessive, InputRefused, limit_of
 from slamsim.safe.files import open_input, require_magic
 from slamsim.safe.limits import LIMITS, Limits
 
-_MAGIC = b"#ROSBAG V2.0\n"
-_MESSAGE, _CHUNK, _CONNECTION = b"\x02", b"\x05", b"\x07"
+MAGIC = b"#ROSBAG V2.0\n"
+MESSAGE, BAG_HEADER, INDEX, CHUNK, CHUNK_INFO, CONNECTION = (bytes([op]) for op in range(2, 8))
 
 
 def check_bag1(path: Path, limits: Limits = LIMITS) -> BagFacts:
@@ -24,16 +25,16 @@ def check_bag1(path: Path, limits: Limits = LIMITS) -> BagFacts:
     with open_input(path) as file:
         size = file.seek(0, 2)
         file.seek(0)
-        require_magic(file, path, _MAGIC, "ROS 1 bag")
+        require_magic(file, path, MAGIC, "ROS 1 bag")
         while file.tell() < size:
             position = file.tell()
             try:
-                head = _fields(_block(file, size, "bag_record_bytes", limits))
+                head = header_fields(_block(file, size, "bag_record_bytes", limits))
                 data = _block(file, size, "bag_chunk_bytes", limits)
-                if head[b"op"] == _CHUNK:
+                if head[b"op"] == CHUNK:
                     messages += _count_in_chunk(head, data, limits)
-                elif head[b"op"] == _CONNECTION:
-                    fields = _fields(data)
+                elif head[b"op"] == CONNECTION:
+                    fields = header_fields(data)
                     definitions[fields[b"type"].decode()] = fields[b"message_definition"].decode()
             except Exception as error:
                 detail = " ".join(str(error).split())[:200] or type(error).__name__
@@ -53,7 +54,8 @@ def _block(file: BinaryIO, size: int, limit: str, limits: Limits) -> bytes:
     return file.read(length)
 
 
-def _fields(data: bytes) -> dict[bytes, bytes]:
+def header_fields(data: bytes) -> dict[bytes, bytes]:
+    """The values of a header by name; ValueError unless it is all fields."""
     fields, position = {}, 0
     while position < len(data):
         length = int.from_bytes(data[position : position + 4], "little")
@@ -65,17 +67,27 @@ def _fields(data: bytes) -> dict[bytes, bytes]:
     return fields
 
 
-def _count_in_chunk(head: dict[bytes, bytes], data: bytes, limits: Limits) -> int:
+def chunk_content(head: dict[bytes, bytes], data: bytes, limits: Limits = LIMITS) -> bytes:
+    """The records in a chunk with this header, unpacked; raises as ``inflate`` does."""
     size = int.from_bytes(head[b"size"], "little")
-    content = inflate(data, head[b"compression"].decode(), size, limits)
-    position, messages = 0, 0
+    return inflate(data, head[b"compression"].decode(), size, limits)
+
+
+def records_in_chunk(content: bytes) -> Iterator[tuple[dict[bytes, bytes], int, int, int]]:
+    """(header, first byte of the record, of its data, end); ValueError unless it is all records."""
+    position = 0
     while position < len(content):
-        ends = []
+        ends = [position]
         for _ in range(2):
-            length = int.from_bytes(content[position : position + 4], "little")
-            ends.append((position + 4, position + 4 + length))
-            position += 4 + length
-        if position > len(content):
+            length = int.from_bytes(content[ends[-1] : ends[-1] + 4], "little")
+            ends.append(ends[-1] + 4 + length)
+        begin, middle, end = ends
+        if end > len(content):
             raise ValueError("a record reaches beyond the end of its chunk")
-        messages += _fields(content[slice(*ends[0])]).get(b"op") == _MESSAGE
-    return messages
+        yield header_fields(content[begin + 4 : middle]), begin, middle + 4, end
+        position = end
+
+
+def _count_in_chunk(head: dict[bytes, bytes], data: bytes, limits: Limits) -> int:
+    records = records_in_chunk(chunk_content(head, data, limits))
+    return sum(fields.get(b"op") == MESSAGE for fields, *_ in records)

@@ -31,6 +31,15 @@ def recover(
 ) -> None:
     """Rebuild a cut or damaged recording out of what is whole in it."""
     from slamsim.console import Reporter
-    from slamsim.run.recovering import recover_log
+    from slamsim.logs.recovery.source import damaged_recording
+    from slamsim.run.naming import output_folder, recording_name
 
-    recover_log(source, out, Reporter(quiet=quiet, as_json=as_json), overwrite=overwrite)
+    reporter = Reporter(quiet=quiet, as_json=as_json)
+    damaged = damaged_recording(source)
+    if out is not None:
+        damaged.require_elsewhere(out)
+    name = f"{recording_name(str(damaged.path))}_recovered"
+    with output_folder(out, name, overwrite=overwrite) as folder:
+        from slamsim.run.recovering import recover_log
+
+        recover_log(damaged, folder, reporter, overwrite=overwrite)

@@ -8,28 +8,22 @@ from pathlib import Path
 
 from slamsim.console import Reporter
 from slamsim.logs.recovery.recover import recover
-from slamsim.logs.recovery.source import Damaged, damaged_recording
+from slamsim.logs.recovery.source import Damaged
 from slamsim.logs.recovery.tally import Loss, Recovered, TopicTally
 from slamsim.quantities import as_size
-from slamsim.run.folder import pick_folder, recording_name
 from slamsim.run.stages import Stages
-from slamsim.safe.errors import SlamsimError
 from slamsim.safe.output import partial_folder
 
 RECOVERY = "recovery.json"
 
 
 def recover_log(
-    path: Path, out: Path | None, reporter: Reporter, *, overwrite: bool = False
+    source: Damaged, folder: Path, reporter: Reporter, *, overwrite: bool = False
 ) -> Recovered:
-    """Look through the recording and write a new one beside it; what came back.
+    """Look through the recording and write what is whole into a new folder; what came back.
 
-    Raises NotFound, and InputRefused when nothing of it is whole.
+    Raises InputRefused when nothing of it is whole.
     """
-    source = damaged_recording(path)
-    name = f"{recording_name(str(source.path))}_recovered"
-    folder = pick_folder(out, name, overwrite=overwrite)
-    _require_elsewhere(source, folder)
     with partial_folder(folder, overwrite) as partial:
         with Stages(reporter).stage("recover", "MB/s") as progress:
             found = recover(source, partial, lambda n, total: progress(n * 1e-6, total * 1e-6))
@@ -40,14 +34,6 @@ def recover_log(
     reporter.say(f"Written to {recording}")
     reporter.result({**facts, "folder": str(folder), "recording": str(recording)})
     return found
-
-
-def _require_elsewhere(source: Damaged, folder: Path) -> None:
-    """The recording is not written over, nor is what a killed run left where it now lies."""
-    place, final = source.path.resolve(), folder.resolve()
-    forbidden = (final, *(final.with_name(final.name + suffix) for suffix in (".partial", ".old")))
-    if final.is_relative_to(place) or any(map(place.is_relative_to, forbidden)):
-        raise SlamsimError(f"{folder} is where the damaged recording lies; choose another --out")
 
 
 def _as_json(source: Damaged, found: Recovered) -> dict[str, object]:

@@ -20,10 +20,10 @@ from typing import BinaryIO, TypeVar
 from mcap import records
 from mcap.opcode import Opcode
 
-from slamsim.logs.bag_limits import CHUNK_BYTES, RECORD_BYTES
 from slamsim.logs.mcap_read import MESSAGE_HEAD, RECORD_HEAD, data_stream, read_chunk, records_in
 from slamsim.logs.mcap_stream import MAGIC, record_bytes
-from slamsim.safe.files import open_input
+from slamsim.safe.files import open_as_found
+from slamsim.safe.limits import LIMITS
 
 _CHUNK_SHAPE = re.compile(
     rb"\x06(?=.{4}\0{4}.{28}(?:\x04\0\0\0zstd|\x03\0\0\0lz4|\0\0\0\0|\x04\0\0\0none).{8})",
@@ -86,7 +86,7 @@ class McapSalvage:
     """
 
     def __init__(self, path: Path) -> None:
-        self.file: BinaryIO = open_input(path)
+        self.file: BinaryIO = open_as_found(path)
         self.size = self.file.seek(0, 2)
         self.profile = self._profile()
         self.summary = _summary(self.file, self.size)
@@ -223,7 +223,7 @@ class McapSalvage:
         packed = int.from_bytes(_at(self.file, place + _CHUNK_HEAD.size + name, 8), "little")
         stated = _CHUNK_HEAD.size - RECORD_HEAD.size + name + 8 + packed
         fits = place + RECORD_HEAD.size + length <= self.size
-        return fits and bool(length == stated and unpacked <= CHUNK_BYTES)
+        return fits and bool(length == stated and unpacked <= LIMITS.bag_chunk_bytes)
 
     def _is_message(self, place: int) -> bool:
         """Of a known channel, and followed by something that can be a record."""
@@ -265,7 +265,8 @@ def _require_head(length: int) -> None:
 def _possible(opcode: int, length: int) -> bool:
     if opcode in _LENGTHS:
         return length == _LENGTHS[opcode]
-    limit = CHUNK_BYTES + 1024 if opcode == Opcode.CHUNK else RECORD_BYTES
+    chunk = opcode == Opcode.CHUNK
+    limit = LIMITS.bag_chunk_bytes + 1024 if chunk else LIMITS.bag_record_bytes
     return 1 <= opcode <= Opcode.DATA_END and length <= limit
 
 
@@ -288,7 +289,7 @@ def _summary(file: BinaryIO, size: int) -> Summary:
     tail = _at(file, max(size - _FOOTER_BYTES, 0), _FOOTER_BYTES)
     start, _, crc = _FOOTER.unpack_from(tail) if len(tail) == _FOOTER_BYTES else (0, 0, 0)
     length = size - len(MAGIC) - start
-    if not tail.endswith(MAGIC) or not 0 < start < size or length > CHUNK_BYTES:
+    if not tail.endswith(MAGIC) or not 0 < start < size or length > LIMITS.bag_chunk_bytes:
         return Summary()
     data = _at(file, start, length)
     if crc not in (0, zlib.crc32(data[:-4])):

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Literal
 
 from slamsim.logs.reader import is_carmen
-from slamsim.safe.errors import InputRefused, NotFound
-from slamsim.safe.files import open_input
+from slamsim.safe.errors import InputRefused, NotFound, SlamsimError
+from slamsim.safe.files import open_as_found
 
 Kind = Literal["ROS 2", "ROS 1", "CARMEN", "Parquet"]
 
@@ -39,6 +39,18 @@ class Damaged:
     @property
     def bytes(self) -> int:
         return sum(file.stat().st_size for file in self.files)
+
+    def require_elsewhere(self, folder: Path) -> None:
+        """The recording is not written over, nor is what a killed run left where it lies now.
+
+        Raises SlamsimError.
+        """
+        place, final = self.path.resolve(), folder.resolve()
+        taken = (final, *(final.with_name(final.name + suffix) for suffix in (".partial", ".old")))
+        if final.is_relative_to(place) or any(map(place.is_relative_to, taken)):
+            raise SlamsimError(
+                f"{folder} is where the damaged recording lies; choose another --out"
+            )
 
 
 def damaged_recording(path: Path) -> Damaged:
@@ -71,7 +83,7 @@ def _kind(path: Path) -> Kind:
     for suffix in reversed(path.suffixes):  # a recorder that was killed leaves a .bag.active
         if suffix.lower() in _SUFFIXES:
             return _SUFFIXES[suffix.lower()]
-    with open_input(path) as file:
+    with open_as_found(path) as file:
         first = file.read(6)
     if first not in _FIRST_BYTES:
         raise InputRefused(path, "is no known kind of recording: MCAP, .db3, .bag, CARMEN")
