@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -11,6 +10,7 @@ import typer
 
 from slamsim import __version__
 from slamsim.bench.command import bench
+from slamsim.entry import main
 from slamsim.options import ConfigFile, Faults, Json, Out, Overwrite, Quiet, ScanTopic, Seed, Set
 from slamsim.run.check_command import CHECK_EPILOG, FIX_EPILOG, check, fix
 from slamsim.run.dataset_command import dataset
@@ -31,6 +31,8 @@ if TYPE_CHECKING:
     from slamsim.config.run import RunConfig
     from slamsim.console import Reporter
     from slamsim.run.stages import Report
+
+__all__ = ["app", "main"]
 
 app = typer.Typer(
     name="slamsim",
@@ -314,12 +316,3 @@ def _close(reporter: Reporter, report: Report, folder: Path) -> None:
     if report.mapped:
         reporter.say(f"Look at {folder}/report.html, or: slamsim view {folder}")
     reporter.result({**report.numbers, "folder": str(folder)})
-
-
-def main() -> None:
-    """Entry point of the ``slamsim`` command."""
-    from slamsim.ending import run_command
-
-    # Matrices are small here: more threads wait for each other, sevenfold on a busy machine.
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    sys.exit(run_command(app))

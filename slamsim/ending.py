@@ -14,7 +14,8 @@ from types import FrameType
 from slamsim.safe.errors import DiskFull, SlamsimError
 
 AGAIN_S = 0.05
-_STOPPING = (signal.SIGINT, signal.SIGTERM)
+STOPPING = (signal.SIGINT, signal.SIGTERM)
+STOPPED = "stopped; nothing was left half-written"
 
 
 def run_command(command: Callable[[], object]) -> int:
@@ -30,11 +31,11 @@ def run_command(command: Callable[[], object]) -> int:
             stop.over()
     except BaseException as error:
         if stop.received is not None:
-            return _fail("stopped; nothing was left half-written", 128 + stop.received)
+            return fail(STOPPED, 128 + stop.received)
         if isinstance(error, SlamsimError):
-            return _fail(str(error), error.exit_code)
+            return fail(str(error), error.exit_code)
         if isinstance(error, OSError):
-            return _fail(*_told(error))
+            return fail(*_told(error))
         raise
     return 0
 
@@ -44,7 +45,7 @@ class _Stopped(BaseException):
 
 
 class _StopSignals:
-    """Turns the first Ctrl-C or SIGTERM into an exception; the second ends the process at once.
+    """Turns the first Ctrl-C or SIGTERM into an exception; later ones change nothing.
 
     Libraries may wrap the exception in one of their own, as imports of native modules do, so
     what counts is ``received``. They may swallow it, and Python itself cannot pass it on from a
@@ -57,24 +58,24 @@ class _StopSignals:
         self._is_over = False
         self._unraisable = sys.unraisablehook
         sys.unraisablehook = self._tell_others
-        for number in _STOPPING:
+        for number in STOPPING:
             if signal.getsignal(number) is not signal.SIG_IGN:
                 signal.signal(number, self._stop)
 
     def over(self) -> None:
-        """From here on a signal ends the process at once: there is nothing left to undo."""
+        """From here on a first signal ends the process at once: there is nothing to undo."""
         self._is_over = True
         signal.setitimer(signal.ITIMER_REAL, 0.0)
         sys.unraisablehook = self._unraisable
-        for number in _STOPPING:
+        for number in STOPPING:
             if signal.getsignal(number) == self._stop:
-                signal.signal(number, signal.SIG_DFL)
+                after = signal.SIG_DFL if self.received is None else signal.SIG_IGN
+                signal.signal(number, after)
 
     def _stop(self, number: int, frame: FrameType | None) -> None:
-        if self._is_over:
+        if self._is_over or self.received is not None:
             return
         self.received = number
-        signal.signal(number, signal.SIG_DFL)
         signal.signal(signal.SIGALRM, self._raise)
         signal.setitimer(signal.ITIMER_REAL, AGAIN_S, AGAIN_S)
         self._raise(number, frame)
@@ -95,6 +96,7 @@ def _told(error: OSError) -> tuple[str, int]:
     return f"{place}: {error.strerror or error}", SlamsimError.exit_code
 
 
-def _fail(sentence: str, code: int) -> int:
+def fail(sentence: str, code: int) -> int:
+    """The code, once the user has been told."""
     sys.stderr.write(f"slamsim: {sentence}\n")
     return code

@@ -7,12 +7,10 @@ killed at the wrong moment takes the others with it.
 
 from __future__ import annotations
 
-import ctypes
 import faulthandler
 import os
 import resource
 import signal
-import sys
 import tempfile
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor, wait
@@ -27,6 +25,7 @@ from typing import Self, TypeVar
 from pebble import ProcessExpired, ProcessPool
 
 from slamsim.instructions import settle_instructions
+from slamsim.kin import end_with_parent
 from slamsim.safe.errors import SlamsimError
 
 Result = TypeVar("Result")
@@ -47,7 +46,6 @@ _SHARE_OF_MEMORY = 0.9
 _PRINTED = "printed.txt"
 _OUT_OF_MEMORY = "out of memory"
 _TRACE_CHARACTERS = 4000
-_PR_SET_PDEATHSIG = 1
 
 
 class WorkerDied(Exception):
@@ -249,10 +247,7 @@ def _runs(process: int) -> bool:
 
 def _settle(parent: int, folder: str, memory_bytes: int) -> None:
     """What a new process does first, before it loads any library that computes."""
-    if sys.platform == "linux":
-        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
-    if os.getppid() != parent:
-        os._exit(0)
+    end_with_parent(parent)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     signal.signal(signal.SIGALRM, signal.SIG_DFL)
     os.environ.update(dict.fromkeys(_ONE_THREAD, "1"))

@@ -11,6 +11,7 @@ from multiprocessing.process import BaseProcess
 from types import FrameType
 from typing import NoReturn, ParamSpec, Self, TypeVar, cast
 
+from slamsim.kin import end_with_parent
 from slamsim.safe.errors import SlamsimError
 
 Arguments = ParamSpec("Arguments")
@@ -53,7 +54,7 @@ class Children:
         """
         answers, out = self._context.Pipe(duplex=False)
         child = self._context.Process(
-            target=_serve, args=(out, work, arguments, keywords), daemon=True
+            target=_serve, args=(os.getpid(), out, work, arguments, keywords), daemon=True
         )
         child.start()
         self._running.add(child)
@@ -72,11 +73,13 @@ class Children:
 
 
 def _serve(
+    parent: int,
     out: Connection,
     work: Callable[..., object],
     arguments: tuple[object, ...],
     keywords: dict[str, object],
 ) -> None:
+    end_with_parent(parent)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C ends the parent, which ends its children
     signal.signal(signal.SIGTERM, _end)
     os.dup2(os.open(os.devnull, os.O_WRONLY), _STANDARD_OUTPUT)  # some libraries print

@@ -19,12 +19,11 @@ from slamsim.dataset.draw import sequence_spec
 from slamsim.dataset.engines.base import Engine
 from slamsim.dataset.fulfil import fulfil
 from slamsim.dataset.identity import Identity
-from slamsim.dataset.make import LIMIT_S
 from slamsim.dataset.produce import produce
 from slamsim.dataset.production import Order
 from slamsim.dataset.recipe import Recipe
 from slamsim.dataset.sequence import SequenceFacts, SequenceSpec
-from slamsim.dataset.shard import Tried
+from slamsim.dataset.shard import LIMIT_S, Tried
 from slamsim.dataset.store import open_store
 from slamsim.dataset.watch import Unwatched
 from slamsim.safe.errors import SlamsimError

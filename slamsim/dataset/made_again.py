@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import multiprocessing
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,10 +12,11 @@ from slamsim.dataset.identity import read_identity
 from slamsim.dataset.place import Place
 from slamsim.dataset.recipe import Recipe
 from slamsim.dataset.sequence_check import Finding
+from slamsim.dataset.shard import LIMIT_S
 from slamsim.dataset.versions import difference, versions
-from slamsim.instructions import settle_instructions
 from slamsim.safe.errors import SlamsimError
 from slamsim.safe.sums import SEQUENCE, read_sequence
+from slamsim.worker import WorkerDied, Workers, time_limit
 
 
 def require_same_software(place: Place) -> None:
@@ -38,15 +37,17 @@ def make_again(
         return
     identity = read_identity(place)
     assert identity is not None
-    settle_instructions()
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(workers, mp_context=context) as makers:
-        made = [makers.submit(_compared, place, identity, index) for index in indices]
-        try:
-            for one in made:
+    with Workers(workers) as makers:
+        made = [
+            makers.submit(partial(_compared, place, identity, index), LIMIT_S) for index in indices
+        ]
+        for index, one in zip(indices, made, strict=True):
+            try:
                 yield one.result()
-        except BrokenProcessPool:
-            raise SlamsimError("a process that made sequences again was killed") from None
+            except WorkerDied as died:
+                raise SlamsimError(
+                    f"sequence {index} cannot be made again: {died.reason}"
+                ) from None
 
 
 def _compared(place: Place, identity: Mapping[str, Any], index: int) -> tuple[Finding, ...]:
@@ -57,7 +58,7 @@ def _compared(place: Place, identity: Mapping[str, Any], index: int) -> tuple[Fi
     recipe = Recipe.model_validate(identity["recipe"])
     spec = sequence_spec(recipe, index, identity["sequences"])
     there = place.read(f"{spec.name}/{SEQUENCE}") or b""
-    with tempfile.TemporaryDirectory(prefix="slamsim-again-") as folder:
+    with time_limit(LIMIT_S), tempfile.TemporaryDirectory(prefix="slamsim-again-") as folder:
         try:
             facts = produce(spec, Path(folder))
         except SlamsimError as error:

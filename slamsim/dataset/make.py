@@ -16,13 +16,12 @@ from slamsim.dataset.plan import plan
 from slamsim.dataset.produce import produce
 from slamsim.dataset.production import DatasetSummary, Order
 from slamsim.dataset.recipe import Recipe
+from slamsim.dataset.shard import LIMIT_S
 from slamsim.dataset.store import Store, open_store
 from slamsim.dataset.watch import Unwatched, Watch
 from slamsim.quantities import as_size
 from slamsim.safe.errors import DiskFull, SlamsimError
 
-LIMIT_S = 1800.0
-"""A sequence that takes longer is ended and counts as failed."""
 AMPLE_BYTES_PER_S = 10e6
 """No second of a recording takes as much."""
 

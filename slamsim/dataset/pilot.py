@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-import multiprocessing
 import resource
 import tempfile
 import time
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from slamsim.dataset.sequence import SequenceSpec
+from slamsim.dataset.shard import LIMIT_S
 from slamsim.safe.errors import SlamsimError
+from slamsim.worker import Worker, WorkerDied, fair_share_bytes, time_limit
 
 FOLDERS = {"log": "mcap"}
 """Folders of a sequence whose format is called otherwise."""
@@ -45,15 +45,16 @@ class Pilots:
 def make_pilots(specs: Sequence[SequenceSpec]) -> Pilots:
     """Make them one after the other in one new process, and throw them away."""
     begin_s = time.perf_counter()
-    context = multiprocessing.get_context("spawn")
+    worker = Worker(fair_share_bytes(1))
     try:
-        with ProcessPoolExecutor(1, mp_context=context) as process:
-            process.submit(_make, specs[0]).result()  # imports, compiled kernels
-            start_s = time.perf_counter() - begin_s
-            made = [process.submit(_make, spec).result() for spec in specs]
-            memory_bytes = process.submit(_peak_bytes).result()
-    except BrokenProcessPool:
-        raise SlamsimError("the process that tried the recipe out was killed") from None
+        worker.run(partial(_make, specs[0]), LIMIT_S)  # imports, compiled kernels
+        start_s = time.perf_counter() - begin_s
+        made = [worker.run(partial(_make, spec), LIMIT_S) for spec in specs]
+        memory_bytes = worker.run(_peak_bytes, LIMIT_S)
+    except WorkerDied as died:
+        raise SlamsimError(f"the recipe cannot be tried out: {died.reason}") from None
+    finally:
+        worker.close()
     return Pilots(
         tuple(one if isinstance(one, Pilot) else None for one in made),
         tuple(one for one in made if isinstance(one, str)),
@@ -66,7 +67,7 @@ def _make(spec: SequenceSpec) -> Pilot | str:
     """The pilot, or why it cannot be."""
     from slamsim.dataset.produce import produce
 
-    with tempfile.TemporaryDirectory(prefix="slamsim-pilot-") as folder:
+    with time_limit(LIMIT_S), tempfile.TemporaryDirectory(prefix="slamsim-pilot-") as folder:
         begin_s = time.process_time()
         try:
             facts = produce(spec, Path(folder))

@@ -24,6 +24,8 @@ from slamsim.safe.sums import SEQUENCE, SumsDamaged, read_sequence, sequence_tex
 from slamsim.worker import Unworkable, time_limit
 
 MADE, FAILED = "made", "failed"
+LIMIT_S = 1800.0
+"""A sequence that takes longer is ended and counts as failed."""
 
 Draw = Callable[[int], SequenceSpec]
 Produce = Callable[[SequenceSpec, Path], SequenceFacts]

@@ -2,8 +2,7 @@
 
 PyBullet and Open3D both hold Python's lock while they compute; only a second process lets them
 work side by side. The child is ``python -m slamsim.sim.drive_process``: it is sent the drive on
-standard input and answers with windows on standard output, at most one or two ahead. If this
-process dies, the child ends at its next window, for nobody is there to take it.
+standard input and answers with windows on standard output, at most one or two ahead.
 """
 
 from __future__ import annotations
@@ -17,6 +16,7 @@ from pathlib import Path
 from typing import IO, TYPE_CHECKING, Self
 
 from slamsim.config.drive import DriveConfig
+from slamsim.kin import dying_with_us
 from slamsim.progress import Progress, silent
 from slamsim.safe.errors import SlamsimError
 from slamsim.sim.drive import DriveOutcome, drive
@@ -39,7 +39,7 @@ class DriveProcess:
 
     def __init__(self) -> None:
         self._child = subprocess.Popen(
-            [sys.executable, "-P", "-m", "slamsim.sim.drive_process"],
+            dying_with_us([sys.executable, "-P", "-m", "slamsim.sim.drive_process"]),
             env={**os.environ, "PYTHONPATH": os.pathsep.join(map(str, _import_path()))},
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,

@@ -17,6 +17,7 @@ from urllib.parse import quote
 
 from rerun.experimental import ViewerClient
 
+from slamsim.kin import dying_with_us
 from slamsim.safe.errors import InputRefused, NotFound, SlamsimError
 from slamsim.safe.files import open_input
 
@@ -75,7 +76,7 @@ def headless_viewer(recording: Path, width: int, height: int) -> Iterator[Viewer
     arguments += ["--window-size", f"{width}x{height}", str(recording.resolve())]
     with TemporaryFile() as output:
         process = subprocess.Popen(
-            [_executable(), *arguments],
+            dying_with_us([_executable(), *arguments]),
             env=_environment(),
             stdin=subprocess.DEVNULL,
             stdout=output,
@@ -135,7 +136,7 @@ def _end(process: subprocess.Popen[bytes]) -> None:
 
 
 def _run_until_closed(arguments: list[str]) -> None:
-    process = subprocess.Popen([_executable(), *arguments], env=_environment())
+    process = subprocess.Popen(dying_with_us([_executable(), *arguments]), env=_environment())
     try:
         code = process.wait()
     except BaseException:

@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import cast
 
 from slamsim.config.slam import SlamConfig
+from slamsim.kin import dying_with_us
 from slamsim.progress import Progress, silent
 from slamsim.result import Event, GraphEdge
 from slamsim.slam.back_end import BackEnd, Correction
@@ -170,7 +171,7 @@ class Beside:
         self._journal.flush()
         descriptor = self._journal.fileno()
         self._child = subprocess.Popen(
-            [sys.executable, "-P", "-m", "slamsim.slam.online.worker"],
+            dying_with_us([sys.executable, "-P", "-m", "slamsim.slam.online.worker"]),
             env={
                 **_ALLOCATOR,
                 **os.environ,
