@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Protocol
 
 from slamsim.safe.errors import Locked, SlamsimError
+from slamsim.safe.files import own_file
 from slamsim.safe.lock import claimed, folder_lock
 from slamsim.safe.output import (
     disk_full_reported,
@@ -110,15 +111,15 @@ class LocalStore:
 
     def read(self, path: str) -> bytes | None:
         try:
-            return (self._root / path).read_bytes()
+            return self._own(path).read_bytes()
         except (FileNotFoundError, NotADirectoryError):
             return None
 
     def write(self, path: str, data: bytes) -> None:
-        write_atomic(self._root / path, data)
+        write_atomic(self._own(path), data)
 
     def append(self, path: str, text: str) -> None:
-        file = self._root / path
+        file = self._own(path)
         with disk_full_reported(file):
             file.parent.mkdir(parents=True, exist_ok=True)
             with file.open("a", encoding="utf-8") as log:
@@ -126,7 +127,7 @@ class LocalStore:
 
     def names(self, folder: str) -> frozenset[str]:
         try:
-            return frozenset(os.listdir(self._root / folder))  # noqa: PTH208 - a million names
+            return frozenset(os.listdir(self._own(folder)))  # noqa: PTH208 - a million names
         except FileNotFoundError:
             return frozenset()
         except NotADirectoryError:
@@ -134,7 +135,7 @@ class LocalStore:
 
     @contextmanager
     def working_folder(self, name: str) -> Iterator[Path]:
-        parent = self._root / _WORK
+        parent = self._own(_WORK)
         parent.mkdir(parents=True, exist_ok=True)
         prefix = f"{name.replace('/', '-')}.{socket.gethostname()}-{os.getpid()}."
         folder = Path(tempfile.mkdtemp(prefix=prefix, dir=parent))
@@ -146,7 +147,7 @@ class LocalStore:
 
     def publish(self, folder: Path, name: str) -> None:
         """A sequence that another worker has put there meanwhile stays: it is the same."""
-        final = self._root / name
+        final = self._own(name)
         with disk_full_reported(final):
             sync_tree(folder)
             final.parent.mkdir(parents=True, exist_ok=True)
@@ -172,7 +173,7 @@ class LocalStore:
 
     @contextmanager
     def used(self) -> Iterator[None]:
-        work = self._root / _WORK
+        work = self._own(_WORK)
         work.mkdir(parents=True, exist_ok=True)
         descriptor = os.open(work / _WORKERS_LOCK, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
         try:
@@ -182,7 +183,7 @@ class LocalStore:
             os.close(descriptor)
 
     def _wait_for_workers(self) -> None:
-        lock = self._root / _WORK / _WORKERS_LOCK
+        lock = self._own(f"{_WORK}/{_WORKERS_LOCK}")
         if not lock.exists():
             return
         end_s = time.monotonic() + _ORPHANS_END_S
@@ -197,6 +198,10 @@ class LocalStore:
                 time.sleep(0.1)
         finally:
             os.close(descriptor)
+
+    def _own(self, path: str) -> Path:
+        """InputRefused for a link that leads out of the data set."""
+        return own_file(self._root, path)
 
     def _clear_work(self) -> None:
         shutil.rmtree(self._root / _WORK, ignore_errors=True)

@@ -80,7 +80,7 @@ def write_atomic(path: Path, data: bytes) -> None:
         if os.path.lexists(path) and not path.is_file():
             raise SlamsimError(f"{path} is there already and is not a file; choose another name")
         try:
-            with partial.open("wb") as file:
+            with open(partial, "wb", opener=_itself) as file:  # noqa: PTH123 - Path has no opener
                 file.write(data)
                 file.flush()
                 os.fsync(file.fileno())
@@ -116,6 +116,11 @@ def _absolute(path: Path) -> Path:
     if not whole.name or "\0" in whole.name:
         raise SlamsimError(f"{shown(str(path))} is not a name that can be written")
     return whole
+
+
+def _itself(path: str | Path, flags: int) -> int:
+    """Open a file under a name that anybody could have foreseen: never what a link leads to."""
+    return os.open(path, flags | os.O_NOFOLLOW, 0o666)
 
 
 def _sibling(final: Path, suffix: str) -> Path:
@@ -176,7 +181,7 @@ def _require_free_name(final: Path, overwrite: bool) -> None:
 
 def _restore(final: Path, partial: Path, retired: Path) -> None:
     """Mend what a kill between the renames of ``_replace`` left behind."""
-    if retired.is_dir() and (retired / WRITTEN_BY_US).is_file():
+    if retired.is_dir() and not retired.is_symlink() and (retired / WRITTEN_BY_US).is_file():
         if os.path.lexists(final):
             _remove(partial)
             retired.rename(partial)
