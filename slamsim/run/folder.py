@@ -12,6 +12,7 @@ from slamsim.logs.g2o import write_g2o
 from slamsim.logs.keyframes import write_keyframes
 from slamsim.logs.tum import write_tum
 from slamsim.result import SlamResult
+from slamsim.run.own_files import with_own_files
 from slamsim.safe.output import write_atomic
 from slamsim.slam.map_files import map_files
 from slamsim.types import Grid, Trajectory
@@ -25,12 +26,12 @@ RECORDING, REPORT, REPORT_JSON = "run.rrd", "report.html", "report.json"
 
 
 def write_config(folder: Path, config: RunConfig) -> None:
-    """``config.yaml``: every setting, so that the run can be had again."""
+    """``config.yaml``: every setting, so that the run can be had again; ``files/`` for it."""
     _write_yaml(folder / CONFIG, config)
 
 
 def write_world(folder: Path, config: RunConfig, world: World) -> None:
-    """``world.yaml``: this very world, whatever the seed of the next run."""
+    """``world.yaml``: this very world, whatever the seed of the next run; ``files/`` for it."""
     _write_yaml(folder / WORLD, config.world.model_copy(update={"seed": world.seed}))
 
 
@@ -63,4 +64,5 @@ def write_map(folder: Path, grid: Grid) -> None:
 
 
 def _write_yaml(path: Path, config: Config) -> None:
-    write_atomic(path, dump_commented_yaml(config).encode())
+    own = with_own_files(path.parent, config)
+    write_atomic(path, dump_commented_yaml(own).encode())

@@ -15,6 +15,7 @@ from slamsim.config.base import Config
 from slamsim.config.dump import dump_commented_yaml
 from slamsim.dataset.versions import versions
 from slamsim.run.folder import CONFIG, REPORT, REPORT_JSON
+from slamsim.run.own_files import with_own_files
 from slamsim.safe.output import write_atomic
 from slamsim.scenarios.base import Row, ScenarioResult, Series
 from slamsim.types import FloatArray
@@ -27,7 +28,7 @@ def write_results(
     folder: Path, results: Sequence[ScenarioResult], whole: Config, seed: int
 ) -> None:
     """All files of a run. whole: its parameters, as they were loaded."""
-    write_atomic(folder / CONFIG, dump_commented_yaml(whole).encode())
+    write_atomic(folder / CONFIG, dump_commented_yaml(with_own_files(folder, whole)).encode())
     for result in results:
         write_atomic(folder / f"{result.name}.csv", rows_as_csv(result.rows).encode())
         for name, picture in pictures(result.findings.charts, result.name).items():
