@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TypeGuard, cast
 
 from slamsim.safe.errors import InputRefused, OverrideRefused, SlamsimError, shown
+from slamsim.safe.files import leads_outside
 from slamsim.safe.yaml import KeyPath, YamlDocument, key_text, parse_yaml
 
 Data = dict[str, object]
@@ -37,6 +38,18 @@ class Place:
     def folder(self) -> Path:
         """Where relative paths start that were written here."""
         return Path.cwd() if self.path is None else self.path.parent
+
+    def require_own(self, key_path: KeyPath, name: str) -> None:
+        """Raise if this file names one that lies outside of its folder.
+
+        Only who types a name may mean any file of the machine; a file may come from anybody.
+        """
+        if self.path is not None and leads_outside(self.folder, name):
+            raise self.refusal(
+                key_path,
+                f"the file {shown(name)} must lie inside the folder {self.folder}; put it there, "
+                f"or name it on the command line",
+            )
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,9 +1,10 @@
 """From files, names and ``--set`` to a checked configuration.
 
 A section may be a mapping, or the name or path of a file that holds one; a mapping may start
-from such a file with ``preset: name`` and change single keys. A relative name under a key that
-is ``file`` or ends in ``_file`` starts at the folder of the file that says so. Whatever is wrong
-is told with the file, line and key path where it was written, and with what would be right.
+from such a file with ``preset: name`` and change single keys. A relative name, or one under a
+key that is ``file`` or ends in ``_file``, starts at the folder of the file that says so, and may
+not leave it: names on the command line may. Whatever is wrong is told with the file, line and key
+path where it was written, and with what would be right.
 """
 
 from __future__ import annotations
@@ -15,10 +16,12 @@ from typing import TYPE_CHECKING, TypeVar
 from pydantic import ValidationError
 
 from slamsim.config.base import Config
-from slamsim.config.bundled import Kind, find_input
+from slamsim.config.bundled import Kind, bundled_folder, find_input
 from slamsim.config.explain import refusal
+from slamsim.config.faults import as_choice
 from slamsim.config.layers import Place, Tree, mount, parse_override
 from slamsim.safe.errors import InputRefused
+from slamsim.safe.files import own_file
 from slamsim.safe.yaml import KeyPath, YamlDocument, load_yaml
 
 if TYPE_CHECKING:
@@ -37,6 +40,8 @@ SECTIONS: dict[KeyPath, Kind] = {
     ("sensors", "encoders"): "configs/sensors",
     ("slam",): "configs/slam",
 }
+_LISTS: dict[str, Kind] = {"faults": "configs/faults", "beside": "configs/robots"}
+"""Keys of lists of names; a fault may have its size behind a colon, or under a key of its own."""
 _IMAGES = frozenset((".pgm", ".png"))
 _MESHES = frozenset((".stl", ".obj", ".ply", ".glb"))
 _MAX_PRESETS = 8
@@ -146,6 +151,7 @@ def with_presets(tree: Tree, sections: Mapping[KeyPath, Kind] = SECTIONS) -> Tre
 
 def section_tree(kind: Kind, name: str, place: Place, at: KeyPath) -> Tree:
     """What a section at ``at`` becomes that names a file; place: where it names it."""
+    place.require_own(at, name)
     path = find_input(kind, name, None if place.path is None else place.folder)
     if kind == "worlds":
         return _world_tree(path, at)
@@ -165,7 +171,7 @@ def _world_tree(path: Path, at: KeyPath) -> Tree:
         if not beside.is_file():
             reason = f"has no size in metres; describe it in {beside.name} (image, resolution)"
             raise InputRefused(path, f"{reason} as ROS map_server does")
-        return _layout_tree("image", beside, at)
+        return _layout_tree("image", own_file(path.parent, beside.name), at)
     document = load_yaml(path)
     if _is_map_server(document):
         return _layout_tree("image", path, at)
@@ -178,15 +184,38 @@ def _is_map_server(document: YamlDocument) -> bool:
 
 
 def _layout_tree(layout: str, path: Path, at: KeyPath) -> Tree:
-    place, data = Place(path, 1, mount=at), {"name": path.stem, layout: {"file": path.name}}
+    file = path.resolve()
+    place, data = Place(file, 1, mount=at), {"name": path.stem, layout: {"file": file.name}}
     return Tree().overlaid(at, data, place) if at else Tree(dict(data), {(): place})
 
 
 def located(tree: Tree) -> Tree:
-    """With absolute file names, so that the saved configuration means the same files elsewhere."""
+    """With absolute file names, which mean the same wherever they are used.
+
+    Raises if a file names what lies outside of its folder, NotFound for a name in a list that
+    neither a file nor a bundled one has.
+    """
     located = tree
-    for path, name in tree.texts():
-        if name and str(path[-1]).split("_")[-1] == "file":
-            place = tree.place_of(path)
-            located = located.overlaid(path, str((place.folder / name).resolve()), place)
+    for path, text in tree.texts():
+        place = tree.place_of(path)
+        if text and str(path[-1]).split("_")[-1] == "file":
+            place.require_own(path, text)
+            located = located.overlaid(path, str((place.folder / text).resolve()), place)
+        elif (kind := _LISTS.get(_list_key(path))) is not None:
+            located = located.overlaid(path, _located_name(kind, text, path, place), place)
     return located
+
+
+def _list_key(path: KeyPath) -> str:
+    """``faults`` for ``faults[2]`` and ``faults[2].name``, nothing for what is in no list."""
+    inner = path[:-1] if path[-1:] == ("name",) else path
+    return str(inner[-2]) if len(inner) > 1 and isinstance(inner[-1], int) else ""
+
+
+def _located_name(kind: Kind, text: str, path: KeyPath, place: Place) -> str:
+    choice = as_choice(text) if kind == "configs/faults" else None
+    name = str(choice["name"]) if isinstance(choice, dict) else text
+    place.require_own(path, name)
+    file = find_input(kind, name, place.folder)
+    is_bundled = file.parent == bundled_folder(kind)
+    return text if is_bundled else f"{file.resolve()}{text[len(name) :]}"

@@ -249,11 +249,12 @@ def _with_faults(recipe: Recipe, tree: Tree) -> Recipe:
     for i, variant in enumerate(recipe.faults.choice):
         at: KeyPath = ("faults", "choice", i)
         place = tree.place_of((*at, "fault"))
+        place.require_own((*at, "fault"), variant.fault)
         sizes = () if variant.size is None else edges(variant.size)
         try:
             for size in sizes or (None,):
                 choice = FaultChoice.model_validate({"name": variant.fault, "size": size})
-                name = resolved_choice(choice).name
+                name = resolved_choice(choice, place.folder).name
         except ValidationError:
             reason = "a fault's size is a number"
             raise tree.place_of((*at, "size")).refusal((*at, "size"), reason) from None

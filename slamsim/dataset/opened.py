@@ -26,6 +26,7 @@ from slamsim.recording import RawImu, RawOdometry, RawScans, RawTicks
 from slamsim.run.folder import CONFIG
 from slamsim.run.naming import LOG
 from slamsim.safe.errors import NotFound, SlamsimError, shown
+from slamsim.safe.files import own_file
 from slamsim.safe.yaml import parse_yaml
 from slamsim.types import BoolArray, Log
 
@@ -85,8 +86,8 @@ class Sequence:
 
         if "://" in self.place.address:
             raise SlamsimError(f"{self.name} is at {self.place.address}: copy it to a folder first")
-        folder = Path(self.place.address) / self.name
-        return read_log(folder / LOG if (folder / LOG).is_dir() else folder / "parquet")
+        folder = own_file(Path(self.place.address), self.name)
+        return read_log(own_file(folder, LOG if (folder / LOG).is_dir() else "parquet"))
 
     @property
     def config(self) -> RunConfig:

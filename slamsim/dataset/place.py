@@ -14,7 +14,8 @@ from typing import Any, BinaryIO
 from fsspec.core import url_to_fs
 from fsspec.implementations.local import LocalFileSystem
 
-from slamsim.safe.errors import SlamsimError
+from slamsim.safe.errors import InputRefused, SlamsimError
+from slamsim.safe.files import leads_outside
 from slamsim.safe.seal import require_as_written
 
 _PART_BYTES = 1 << 20
@@ -25,7 +26,7 @@ _ONE_AT_A_TIME = RLock()
 class Place:
     """The files of a data set; paths are relative to it, with ``/``. It can be pickled.
 
-    All raise SlamsimError when the place cannot be read.
+    All raise SlamsimError when the place cannot be read, InputRefused for a path out of it.
     """
 
     address: str
@@ -33,8 +34,8 @@ class Place:
     @contextmanager
     def open(self, path: str) -> Iterator[BinaryIO]:
         """A file that can be searched. Raises FileNotFoundError if there is none."""
-        files, root = _reached(self.address)
-        with self._told(), turn(files), files.open(f"{root}/{path}", "rb") as file:
+        files, whole = self._at(path)
+        with self._told(), turn(files), files.open(whole, "rb") as file:
             yield file
 
     def read(self, path: str) -> bytes | None:
@@ -67,8 +68,7 @@ class Place:
 
     def names(self, folder: str) -> frozenset[str]:
         """Names of the files and folders in a folder; none if it is not there."""
-        files, root = _reached(self.address)
-        where = f"{root}/{folder}".rstrip("/")
+        files, where = self._at(folder)
         try:
             with self._told(), turn(files):
                 found = files.ls(where, detail=False)
@@ -79,11 +79,18 @@ class Place:
 
     def files(self, folder: str) -> tuple[str, ...]:
         """Every file below a folder, relative to it, sorted."""
-        files, root = _reached(self.address)
-        where = f"{root}/{folder}".rstrip("/")
+        files, where = self._at(folder)
         with self._told(), turn(files):
             found = files.find(where)
         return tuple(sorted(path[len(where) + 1 :] for path in found))
+
+    def _at(self, path: str) -> tuple[Any, str]:
+        """The file system, and what it calls a path: a catalogue may have been made by anybody."""
+        files, root = _reached(self.address)
+        is_local = isinstance(files, LocalFileSystem)
+        if ".." in path.split("/") or (is_local and leads_outside(Path(root), path)):
+            raise InputRefused(f"{self.address}/{path}", "lies outside of the data set")
+        return files, f"{root}/{path}".rstrip("/")
 
     @contextmanager
     def _told(self) -> Iterator[None]:

@@ -38,7 +38,10 @@ class Checked:
 def check_sequence(place: Place, index: int, name: str, sha256: str) -> Checked:
     """sha256: of its ``sequence.json``, as the manifest has it."""
     path = f"{name}/{SEQUENCE}"
-    mark = place.read(path)
+    try:
+        mark = place.read(path)
+    except SlamsimError as error:
+        return Checked(0, 0, (Finding(path, str(error), index),))
     if mark is None:
         return Checked(0, 0, (Finding(path, "missing", index),))
     if sha256_of(mark) != sha256:

@@ -18,6 +18,7 @@ from slamsim.logs.mcap_read import index_mcap
 from slamsim.logs.refusing import refusing
 from slamsim.logs.sqlite_check import check_sqlite
 from slamsim.safe.errors import InputRefused
+from slamsim.safe.files import own_file
 from slamsim.safe.yaml import load_yaml
 
 _METADATA = "metadata.yaml"
@@ -114,7 +115,7 @@ def _rosbags_bag(path: Path, files: list[Path], compressed: bool) -> Bag:
 
 def _files(folder: Path) -> tuple[list[Path], int, bool]:
     """(files, number of messages announced, whether each is compressed) by metadata.yaml."""
-    metadata = folder / _METADATA
+    metadata = own_file(folder, _METADATA)
     document = load_yaml(metadata).data
     with refusing(metadata, "rosbag2_bagfile_information"):
         if not isinstance(document, dict):
@@ -122,7 +123,8 @@ def _files(folder: Path) -> tuple[list[Path], int, bool]:
         information = document["rosbag2_bagfile_information"]
         mode = str(information.get("compression_mode") or "").lower()
         announced = int(information["message_count"])
-        files = [folder / PurePath(str(name)).name for name in information["relative_file_paths"]]
+        names = [PurePath(str(name)).name for name in information["relative_file_paths"]]
+        files = [own_file(folder, name) for name in names]
         for topic in information["topics_with_message_count"]:
             check_qos(str(topic["topic_metadata"].get("offered_qos_profiles", "")))
     if mode == "file":

@@ -29,6 +29,7 @@ from slamsim.recording import (
     TransformEdge,
 )
 from slamsim.safe.errors import InputRefused
+from slamsim.safe.files import own_file
 from slamsim.types import (
     BoolArray,
     EncoderStream,
@@ -97,7 +98,7 @@ def _streams(folder: Path, table: str, made: Callable[[Table, Table], _Raw]) -> 
 
 
 def _made(folder: Path, table: str, made: Callable[[Table, Table], _Raw]) -> _Raw:
-    path = folder / f"{table}.parquet"
+    path = own_file(folder, f"{table}.parquet")
     with refusing(path, "its columns"):
         return made(table_facts(path), read_table(path))
 

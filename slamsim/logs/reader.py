@@ -6,6 +6,7 @@ from pathlib import Path
 
 from slamsim.logs.carmen import read_carmen
 from slamsim.safe.errors import InputRefused, NotFound
+from slamsim.safe.files import own_file
 from slamsim.types import Log, Trajectory
 
 _CARMEN_SUFFIXES = (".clf", ".log")
@@ -63,12 +64,12 @@ def recording_at(path: Path) -> Path:
     if not path.exists():
         raise NotFound(f"{path}: there is no such file or folder")
     if path.is_dir():
-        for folder in (path, path / "log"):
-            if (folder / "metadata.yaml").is_file():
-                return folder
-        for folder in (path, path / "parquet"):
-            if is_parquet_log(folder):
-                return folder
+        for name in (".", "log"):
+            if (path / name / "metadata.yaml").is_file():
+                return own_file(path, name)
+        for name in (".", "parquet"):
+            if is_parquet_log(path / name):
+                return own_file(path, name)
         raise InputRefused(path, f"there is no metadata.yaml in this folder; {_KNOWN}")
     if not is_carmen(path) and path.suffix.lower() not in _BAG_SUFFIXES:
         raise InputRefused(path, f"{path.suffix or 'no suffix'} is no known kind of log; {_KNOWN}")

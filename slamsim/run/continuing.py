@@ -12,6 +12,7 @@ from slamsim.result import SlamResult
 from slamsim.run.folder import SAVED_MAP
 from slamsim.run.start import start_pose
 from slamsim.safe.errors import NotFound, OverrideRefused
+from slamsim.safe.files import own_file
 from slamsim.slam.saved_map import SavedMap, read_saved_map
 from slamsim.types import Cloud, FloatArray
 
@@ -36,7 +37,7 @@ class Earlier:
 
 def read_earlier(run: Path, start: FloatArray | None) -> Earlier:
     """Raises NotFound, or InputRefused for a map that is damaged."""
-    file = run / SAVED_MAP
+    file = own_file(run, SAVED_MAP)
     if run.is_dir() and not file.is_file():
         raise NotFound(f"{run}: holds no {SAVED_MAP}; is it the folder of a mapped run?")
     return Earlier(run, read_saved_map(file if run.is_dir() else run), start)

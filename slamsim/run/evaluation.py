@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
 from slamsim.config.loading import load_simulated_config, load_world_config
@@ -23,6 +24,7 @@ from slamsim.run.naming import log_of
 from slamsim.run.scoring import Estimated, Known, score
 from slamsim.run.stages import Stages
 from slamsim.safe.errors import NotFound, SlamsimError
+from slamsim.safe.files import own_file
 from slamsim.sim.robot import build_robot
 from slamsim.types import PlanarTrajectory, Trajectory
 from slamsim.world.build import build_world
@@ -40,7 +42,7 @@ def evaluate_run(
     """
     wanted = None if relations is None else read_relations(relations)
     run = _read_run(estimate)
-    own_truth = estimate / TRUTH
+    own_truth = own_file(estimate, TRUTH)
     true = _truth(truth or (own_truth if own_truth.is_file() else None))
     known = _known(estimate, true, wanted)
     true_grid = None if run.grid is None else known.true_grid(run.grid.resolution_m)
@@ -58,10 +60,10 @@ def evaluate_run(
 
 def _known(run: Path, truth: Trajectory | None, relations: Relations | None) -> Known:
     """With the world and how it was sensed, for the folder of a run that knows them."""
-    file = run / WORLD
+    file = own_file(run, WORLD)
     if not file.is_file():
         return Known(truth, relations)
-    config = load_simulated_config(run / CONFIG)
+    config = load_simulated_config(own_file(run, CONFIG))
     world = build_world(load_world_config(str(file)), seed=0)
     T_base_laser = build_robot(config.robot).T_base_laser
     range_m = config.sensors.lidar.range_max_m
@@ -77,17 +79,19 @@ def _read_run(estimate: Path) -> Estimated:
         raise NotFound(f"{estimate}: there is no such run or trajectory")
     if not estimate.is_dir():
         return Estimated(read_tum(estimate).planar())
-    if not (estimate / TRAJECTORY).is_file():
+    own = partial(own_file, estimate)
+    if not own(TRAJECTORY).is_file():
         raise NotFound(f"{estimate}: holds no {TRAJECTORY}; is it the folder of a mapped run?")
     keyframes = covariances = None
-    if (estimate / KEYFRAMES).is_file():
-        keyframes, covariances = read_keyframes(estimate / KEYFRAMES)
+    if own(KEYFRAMES).is_file():
+        keyframes, covariances = read_keyframes(own(KEYFRAMES))
     return Estimated(
-        trajectory=read_tum(estimate / TRAJECTORY).planar(),
-        odometry=_planar(estimate / ODOMETRY),
-        grid=read_map(estimate / "map.yaml") if (estimate / "map.yaml").is_file() else None,
+        trajectory=read_tum(own(TRAJECTORY)).planar(),
+        odometry=_planar(own(ODOMETRY)),
+        grid=read_map(own("map.yaml")) if own("map.yaml").is_file() else None,
         parts={
-            file.stem: read_tum(file).planar() for file in sorted((estimate / PARTS).glob("*.tum"))
+            file.stem: read_tum(own(f"{PARTS}/{file.name}")).planar()
+            for file in sorted(own(PARTS).glob("*.tum"))
         },
         keyframes=keyframes,
         covariances=covariances,

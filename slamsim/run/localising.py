@@ -19,6 +19,7 @@ from slamsim.run import folder as run_folder
 from slamsim.run.naming import log_of, recording_name
 from slamsim.run.stages import Report, Stages, peak_memory_mb
 from slamsim.safe.errors import NotFound
+from slamsim.safe.files import own_file
 from slamsim.safe.output import partial_folder, write_atomic
 from slamsim.slam.known_map import KnownMap, map_of_grid, map_of_keyframes
 from slamsim.slam.localise import Localised, Localiser
@@ -76,12 +77,12 @@ def read_known_map(path: Path) -> KnownMap:
     """The map of a run's folder or of a ROS map_server file. Raises NotFound or InputRefused."""
     if not path.is_dir():
         return map_of_grid(read_map(path))
-    saved = path / run_folder.SAVED_MAP
+    saved = own_file(path, run_folder.SAVED_MAP)
     if saved.is_file():
         earlier = read_saved_map(saved)
         return map_of_keyframes(earlier.keyframes, earlier.poses)
     if (path / "map.yaml").is_file():
-        return map_of_grid(read_map(path / "map.yaml"))
+        return map_of_grid(read_map(own_file(path, "map.yaml")))
     raise NotFound(
         f"{path}: holds neither {run_folder.SAVED_MAP} nor map.yaml; is it a mapped run?"
     )
@@ -125,7 +126,8 @@ def _errors(
     true = truth.planar()
     own = statistics(compare(trajectory, true).translation_m)
     numbers: dict[str, object] = {"ate_rmse_m": own.rmse, "ate_max_m": own.max}
-    mapped, mapped_truth = known / run_folder.TRAJECTORY, known / run_folder.TRUTH
+    names = run_folder.TRAJECTORY, run_folder.TRUTH
+    mapped, mapped_truth = (own_file(known, name) for name in names)
     if known.is_dir() and mapped.is_file() and mapped_truth.is_file():
         earlier = compare(read_tum(mapped).planar(), read_tum(mapped_truth).planar())
         poses = compose(earlier.T_truth_estimate, trajectory.poses)

@@ -26,6 +26,7 @@ from slamsim.run.naming import LOG, log_of, recording_name
 from slamsim.run.recording import record, require_finished
 from slamsim.run.scoring import Estimated, Known, score
 from slamsim.run.stages import Report, Stages, peak_memory_mb
+from slamsim.safe.files import own_file
 from slamsim.safe.output import partial_folder, write_atomic
 from slamsim.slam.mapping import build_grid
 from slamsim.slam.saved_map import SavedMap, write_saved_map
@@ -186,4 +187,5 @@ def _origin_beside(log_path: Path) -> tuple[World, RunConfig] | None:
     world, config = log_path.parent / run_folder.WORLD, log_path.parent / run_folder.CONFIG
     if log_path.name != LOG or not (world.is_file() and config.is_file()):
         return None
+    world, config = own_file(world.parent, world.name), own_file(config.parent, config.name)
     return build_world(load_world_config(str(world)), seed=0), load_simulated_config(config)

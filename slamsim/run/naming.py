@@ -10,6 +10,7 @@ from pathlib import Path
 
 from slamsim.config.bundled import bundled_names
 from slamsim.safe.errors import Locked, SlamsimError
+from slamsim.safe.files import own_file
 from slamsim.safe.output import claimed_folder
 
 OUTPUTS = Path("outputs")
@@ -43,7 +44,7 @@ def recording_name(source: str) -> str:
 
 def log_of(source: Path) -> Path:
     """The recording itself, where a whole run's folder was named."""
-    return source / LOG if (source / LOG / "metadata.yaml").is_file() else source
+    return own_file(source, LOG) if (source / LOG / "metadata.yaml").is_file() else source
 
 
 @contextmanager

@@ -74,16 +74,31 @@ def require_magic(file: BinaryIO, path: Path, magic: bytes, kind: str) -> None:
         raise InputRefused(path, what)
 
 
+def leads_outside(root: Path, name: str) -> bool:
+    """Whether ``name``, relative to ``root``, is outside of it once all links are followed."""
+    try:
+        return not (root / name).resolve().is_relative_to(root.resolve())
+    except (OSError, ValueError, RuntimeError):
+        return True
+
+
 def require_inside(root: Path, name: str, path: Path, where: str = "") -> Path:
     """The file ``name`` means, relative to ``root``; InputRefused if it lies outside of root.
 
     path and where say which file asked for it.
     """
-    try:
-        target = (root / name).resolve()
-        inside = target.is_relative_to(root.resolve())
-    except (OSError, ValueError, RuntimeError):
-        inside = False
-    if not inside or Path(name).is_absolute():
+    if leads_outside(root, name) or Path(name).is_absolute():
         raise InputRefused(path, f"the file {name!r} must lie inside the folder {root}", where)
-    return target
+    return (root / name).resolve()
+
+
+def own_file(folder: Path, name: str) -> Path:
+    """``folder / name``, there or not; InputRefused if a link takes it out of the folder.
+
+    What somebody names is read wherever it lies, what is found in a folder must belong to it: a
+    folder may come from anybody.
+    """
+    if leads_outside(folder, name):
+        reason = f"is a link that leads out of {folder}; name the file that is meant, or copy it"
+        raise InputRefused(folder / name, reason)
+    return folder / name

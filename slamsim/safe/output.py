@@ -80,7 +80,7 @@ def write_atomic(path: Path, data: bytes) -> None:
         if os.path.lexists(path) and not path.is_file():
             raise SlamsimError(f"{path} is there already and is not a file; choose another name")
         try:
-            with open(partial, "wb", opener=_itself) as file:  # noqa: PTH123 - Path has no opener
+            with open(partial, "wb", opener=_itself) as file:
                 file.write(data)
                 file.flush()
                 os.fsync(file.fileno())

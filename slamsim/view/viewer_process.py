@@ -19,7 +19,7 @@ from rerun.experimental import ViewerClient
 
 from slamsim.kin import dying_with_us
 from slamsim.safe.errors import InputRefused, NotFound, SlamsimError
-from slamsim.safe.files import open_input
+from slamsim.safe.files import open_input, own_file
 
 START_TIMEOUT_S = 60.0
 _QUIET = "warn,egui_wgpu=error,re_renderer=error,re_viewer::native=error"
@@ -32,12 +32,12 @@ def recording_of(run: Path) -> Path:
     Raises NotFound, also if a folder holds several, InputRefused for a file that is something
     else, and DataDamaged for one that is not as it was written.
     """
-    path = run / "run.rrd" if run.is_dir() else run
+    path = own_file(run, "run.rrd") if run.is_dir() else run
     if run.is_dir() and not path.is_file():
         names = sorted(found.name for found in run.glob("*.rrd"))
         if len(names) > 1:
             raise NotFound(f"{run} holds several recordings; name one: {', '.join(names)}")
-        path = run / names[0] if names else path
+        path = own_file(run, names[0]) if names else path
     if not path.is_file():
         raise NotFound(f"{path}: there is no such recording; slamsim map writes one")
     with open_input(path) as file:

@@ -57,11 +57,16 @@ def chosen_fault(choice: FaultChoice) -> Fault:
     return fault if choice.size is None else fault.with_size(choice.size)
 
 
-def resolved_choice(choice: FaultChoice) -> FaultChoice:
-    """The same choice with its size, to be understood from any folder."""
-    name = find_input("configs/faults", choice.name)
-    named = choice.name if name.parent == bundled_folder("configs/faults") else str(name.resolve())
-    return FaultChoice(name=named, size=chosen_fault(choice).size)
+def resolved_choice(choice: FaultChoice, folder: Path | None = None) -> FaultChoice:
+    """The same choice with its size, to be understood from any folder.
+
+    folder: where a relative name starts; without one, at the working directory.
+    """
+    path = find_input("configs/faults", choice.name, folder)
+    named = choice.name if path.parent == bundled_folder("configs/faults") else str(path.resolve())
+    return FaultChoice(
+        name=named, size=chosen_fault(FaultChoice(name=named, size=choice.size)).size
+    )
 
 
 def bundled_faults() -> tuple[Fault, ...]:
