@@ -10,17 +10,17 @@ from pathlib import Path
 import pyarrow.parquet as pq
 from fault_path_recordings import tables
 from fault_paths import Action, Reference, Scene, attempt, ways
-from slamsim.dataset.sums import SUMS, sums_text
 
 from slamsim.dataset.identity import IDENTITY, Identity
 from slamsim.dataset.manifest import MANIFEST, manifest
 from slamsim.dataset.opened import open_dataset
 from slamsim.dataset.sequence import Cell
 from slamsim.dataset.shard import MADE
-from slamsim.dataset.store import MARK, LocalStore
+from slamsim.dataset.store import LocalStore
 from slamsim.dataset.table import rows_to_parquet, table_from_parquet, table_to_parquet
 from slamsim.dataset.verify import verify
 from slamsim.safe.errors import SlamsimError
+from slamsim.safe.sums import SEQUENCE, SUMS, sequence_text, sums_text
 
 NAME = "train/000000"
 
@@ -50,7 +50,7 @@ def _dataset(folder: Path, name: str) -> None:
 
 def _mark(path: str) -> bytes:
     facts = {"path": path, "size_bytes": 6, "sha256": hashlib.sha256(b"secret").hexdigest()}
-    return json.dumps({"index": 0, "name": NAME, "files": [facts]}).encode()
+    return sequence_text({"index": 0, "name": NAME, "files": [facts]}).encode()
 
 
 def _sha256(path: Path) -> str:
@@ -60,7 +60,7 @@ def _sha256(path: Path) -> str:
 def _sequence(folder: Path, path: str = "log/data.bin") -> None:
     (folder / "log").mkdir(parents=True)
     (folder / "log" / "data.bin").write_bytes(b"secret")
-    (folder / MARK).write_bytes(_mark(path))
+    (folder / SEQUENCE).write_bytes(_mark(path))
     tables(folder / "parquet")
     (folder / "config.yaml").write_text("{}\n")
 
@@ -100,9 +100,9 @@ def _(scene: Scene, way: Reference) -> Action:
     for link in scene.inputs.glob("link-*"):
         link.rename(scene.inputs / NAME / link.name)
     _dataset(scene.inputs, NAME)
-    told = json.loads((scene.inputs / NAME / MARK).read_text())
+    told = json.loads((scene.inputs / NAME / SEQUENCE).read_text())
     row = pq.read_table(scene.inputs / MANIFEST).to_pylist()[0]
-    row["sha256"] = _sha256(scene.inputs / NAME / MARK)
+    row["sha256"] = _sha256(scene.inputs / NAME / SEQUENCE)
     assert told["files"][0]["path"] == name
     table = manifest([table_from_parquet(rows_to_parquet([row]))], {})
     (scene.inputs / MANIFEST).write_bytes(table_to_parquet(table))
@@ -134,7 +134,7 @@ def _(scene: Scene) -> Action:
 
     def act() -> None:
         with store.owned(), store.used(), store.working_folder("train/precious") as folder:
-            (folder / MARK).write_text("{}")
+            (folder / SEQUENCE).write_text("{}")
             store.publish(folder, "train/precious")
 
     return act
@@ -147,7 +147,7 @@ def _(scene: Scene) -> Action:
 
     def act() -> None:
         with store.owned(), store.used(), store.working_folder(NAME) as folder:
-            (folder / MARK).write_text("{}")
+            (folder / SEQUENCE).write_text("{}")
             store.publish(folder, NAME)
 
     return act

@@ -8,8 +8,8 @@ import re
 from fault_paths import Action, Scene, attempt
 
 from slamsim.config.measurements import MeasurementsConfig
-from slamsim.run import folder as run_folder
-from slamsim.safe.output import folder_lock, partial_folder, write_atomic
+from slamsim.run.naming import OUTPUTS, output_folder
+from slamsim.safe.output import partial_folder, write_atomic
 
 
 @attempt("a link under the name of the lock")
@@ -18,7 +18,7 @@ def _(scene: Scene) -> Action:
     (scene.out / "run.lock").symlink_to(scene.outside / "notes")
 
     def act() -> None:
-        with folder_lock(scene.out / "run"):
+        with partial_folder(scene.out / "run"):
             pass
 
     return act
@@ -105,9 +105,9 @@ def _(scene: Scene) -> Action:
 def _(scene: Scene) -> Action:
     def act() -> None:
         for name in ("../../outside/x", str(scene.outside / "x"), "..", "a/../../x", "\0", "~/x"):
-            folder = run_folder.pick_folder(None, name, overwrite=True)
-            assert folder.parent == run_folder.OUTPUTS
-            assert re.fullmatch(r"[\w.-]+", folder.name) and folder.name not in (".", "..")
+            with output_folder(None, name, overwrite=True) as folder:
+                assert folder.parent == OUTPUTS
+                assert re.fullmatch(r"[\w.-]+", folder.name) and folder.name not in (".", "..")
 
     return act
 
