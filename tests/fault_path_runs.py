@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from fault_paths import Action, Scene, attempt
+from fault_paths import Action, Reference, Scene, attempt, ways
 from test_world_import import ROOM, write_map
 
 from slamsim.config.run import RunConfig
@@ -17,6 +18,8 @@ from slamsim.run.continuing import read_earlier
 from slamsim.run.evaluation import evaluate_run
 from slamsim.run.localising import read_known_map
 from slamsim.run.mapping import _origin_beside
+from slamsim.run.verifying import verify_path
+from slamsim.safe.sums import sums_text
 from slamsim.types import Trajectory
 from slamsim.view.viewer_process import recording_of
 
@@ -91,6 +94,18 @@ def _(scene: Scene) -> Action:
     (run / "map.yaml").unlink()
     (run / "map.yaml").symlink_to(other / "map.yaml")
     return lambda: read_known_map(run)
+
+
+@ways("a line of SHA256SUMS of a run", "relative", "absolute", "link")
+def _(scene: Scene, way: Reference) -> Action:
+    secret = scene.outside / "secret"
+    secret.write_bytes(b"secret")
+    run = _run(scene.inputs)
+    (run / ".slamsim").write_text("")
+    (run / "SHA256SUMS").write_text(
+        sums_text({way(scene, "secret"): hashlib.sha256(b"secret").hexdigest()})
+    )
+    return lambda: verify_path(run)
 
 
 @attempt("members of a saved map that are paths")

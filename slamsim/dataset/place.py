@@ -52,7 +52,7 @@ class Place:
         Behind a URL nothing is compared: whole files would be fetched for the sake of a few rows.
         """
         if "://" not in self.address:
-            require_as_written(Path(self.address) / path)
+            require_as_written(Path(self._at(path)[1]))
 
     def digest(self, path: str) -> tuple[int, str] | None:
         """Size and SHA-256 of a file, part by part, or nothing if there is none."""

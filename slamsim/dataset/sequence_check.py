@@ -11,7 +11,7 @@ import pyarrow.parquet as pq
 from slamsim.dataset.place import Place
 from slamsim.dataset.sequence import FileFact
 from slamsim.safe.errors import SlamsimError
-from slamsim.safe.sums import SEQUENCE, read_sequence, sha256_of
+from slamsim.safe.sums import SEQUENCE, SumsDamaged, read_sequence, sha256_of
 
 EXTRA = "no part of the data set"
 """The reason of a finding whose file was never written by us."""
@@ -47,7 +47,10 @@ def check_sequence(place: Place, index: int, name: str, sha256: str) -> Checked:
     if sha256_of(mark) != sha256:
         reason = "not as the manifest has it, so that its other files cannot be judged"
         return Checked(1, len(mark), (Finding(path, reason, index),))
-    facts = tuple(FileFact(**file) for file in read_sequence(mark)["files"])
+    try:
+        facts = tuple(FileFact(**file) for file in read_sequence(mark)["files"])
+    except (SumsDamaged, TypeError) as error:
+        return Checked(1, len(mark), (Finding(path, str(error), index),))
     findings = [
         Finding(f"{name}/{fact.path}", reason, index)
         for fact in facts

@@ -11,6 +11,7 @@ from slamsim.console import Reporter
 from slamsim.progress import Progress, silent
 from slamsim.quantities import as_size
 from slamsim.safe.errors import DataDamaged, InputRefused, NotFound
+from slamsim.safe.files import leads_outside
 from slamsim.safe.seal import WRITTEN_BY_US, Seal, digest, files_in, names_of, seal_in
 from slamsim.safe.sums import SUMS
 
@@ -123,6 +124,8 @@ def _compared(path: Path, seal: Seal, part: str, progress: Progress) -> Verified
 def _judged(seal: Seal, name: str) -> tuple[str, int]:
     """(what is wrong with a file, or nothing; its size in bytes)."""
     path = seal.folder / name
+    if leads_outside(seal.folder, name):
+        return "a link that leads out of the folder", 0
     if not path.is_file():
         return "missing", 0
     try:
