@@ -123,8 +123,11 @@ class Robot:
         return sorted(messages, key=lambda message: message[1])
 
 
-def as_ros1(path: Path, messages: Iterable[Message], compression: str = "") -> Path:
+def as_ros1(
+    path: Path, messages: Iterable[Message], compression: str = "", chunk_size: int = 1 << 20
+) -> Path:
     writer = Writer1(path)
+    writer.chunk_threshold = chunk_size
     if compression:
         writer.set_compression(Writer1.CompressionFormat[compression])
     with writer:

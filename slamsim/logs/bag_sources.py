@@ -56,7 +56,7 @@ class McapSource:
         for index in indexes:
             for channel in index.channels.values():
                 schema = index.schemas.get(channel.schema_id)
-                name = _normal(schema.name) if schema is not None else ""
+                name = normal_type_name(schema.name) if schema is not None else ""
                 self._kinds[channel.topic] = (name, channel.message_encoding)
                 if schema is not None and schema.data:
                     self._definitions[name] = (schema.encoding, schema.data.decode())
@@ -164,7 +164,7 @@ class RosbagsSource:
         return self._cdr and self._typestore.fielddefs.get(name) == known
 
 
-def _normal(type_name: str) -> str:
+def normal_type_name(type_name: str) -> str:
     """``pkg/Type`` of ROS 1 as ``pkg/msg/Type``."""
     package, _, name = type_name.partition("/")
     return type_name if "/" in name or not name else f"{package}/msg/{name}"

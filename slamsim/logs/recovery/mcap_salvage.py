@@ -22,6 +22,7 @@ from mcap.opcode import Opcode
 
 from slamsim.logs.mcap_read import MESSAGE_HEAD, RECORD_HEAD, data_stream, read_chunk, records_in
 from slamsim.logs.mcap_stream import MAGIC, record_bytes
+from slamsim.logs.recovery.tally import PATIENCE
 from slamsim.safe.files import open_as_found
 from slamsim.safe.limits import LIMITS
 
@@ -91,6 +92,7 @@ class McapSalvage:
         self.profile = self._profile()
         self.summary = _summary(self.file, self.size)
         self.ended = False
+        self._wasted_bytes = 0
         self._channels = {d.id for d in self.summary.declarations if isinstance(d, records.Channel)}
         self._has_chunks = self._next_chunk(0) < self.size
 
@@ -128,9 +130,14 @@ class McapSalvage:
         except Exception as error:
             reason = " ".join(str(error).split())[:200] or type(error).__name__
             after, counts = self._indexes_at(end) if opcode == Opcode.CHUNK else (end, None)
-            if after < self.size and isinstance(self._record_at(after), str):
+            if not self._may_begin(after) and self._is_patient(end - position):
                 after, counts = self._next_place(position + 1), None  # its length is wrong too
             return Gap(position, after - position, reason, counts), after
+
+    def _is_patient(self, size: int) -> bool:
+        """Whether to look for records inside one that is damaged: a hostile file nests them."""
+        self._wasted_bytes += size
+        return self._wasted_bytes < PATIENCE * self.size
 
     def _record_at(self, position: int) -> tuple[int, bytes] | str:
         """(opcode, content) of the record there, or why there is none."""

@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
+from slamsim.logs.recovery.bag1 import recover_bag1
 from slamsim.logs.recovery.bag2 import recover_bag2
-from slamsim.logs.recovery.source import Damaged
+from slamsim.logs.recovery.source import Damaged, Kind
 from slamsim.logs.recovery.tally import Recovered
 from slamsim.progress import Progress, silent
 from slamsim.safe.errors import InputRefused
+
+_RECOVER: Mapping[Kind, Callable[[Damaged, Path, Progress], Recovered]] = {
+    "ROS 2": recover_bag2,
+    "ROS 1": recover_bag1,
+}
 
 
 def recover(source: Damaged, folder: Path, progress: Progress = silent) -> Recovered:
@@ -17,7 +24,7 @@ def recover(source: Damaged, folder: Path, progress: Progress = silent) -> Recov
     progress counts bytes of it. Call it inside ``partial_folder``. Raises InputRefused if there is
     not one whole message.
     """
-    result = recover_bag2(source, folder, progress)
+    result = _RECOVER[source.kind](source, folder, progress)
     if result.messages == 0:
         reasons = "; ".join(dict.fromkeys(loss.reason for loss in result.losses[:3]))
         why = f" ({reasons})" if reasons else ""

@@ -8,6 +8,9 @@ from pathlib import Path
 
 from slamsim.safe.errors import shown
 
+PATIENCE = 8
+"""How often over the bytes of a file are looked through for records that begin in damaged ones."""
+
 
 @dataclass(frozen=True, slots=True)
 class Loss:
