@@ -9,7 +9,7 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
 
@@ -20,7 +20,7 @@ from slamsim.dataset.engines.local import LocalEngine
 from slamsim.dataset.fulfil import fulfil
 from slamsim.dataset.identity import Identity
 from slamsim.dataset.production import DatasetSummary, Order
-from slamsim.dataset.store import open_store
+from slamsim.dataset.store import Store, open_store
 from slamsim.dataset.watch import Unwatched, Watch
 from slamsim.ending import run_command
 
@@ -37,6 +37,7 @@ def make(
     limit_s: float = 60.0,
     watch: Watch | None = None,
     only: Sequence[int] | None = None,
+    catalogue: Callable[[Store], None] | None = None,
     **recipe: object,
 ) -> DatasetSummary:
     order = Order(
@@ -50,7 +51,8 @@ def make(
     )
     identity = Identity("stub", count, {"seed": 1, **recipe})
     engine = engine or LocalEngine(1, 2 * 10**9)
-    return fulfil(order, identity, open_store(str(out)), engine, watch or Unwatched(), only=only)
+    store, watch = open_store(str(out)), watch or Unwatched()
+    return fulfil(order, identity, store, engine, watch, only=only, catalogue=catalogue)
 
 
 def start(

@@ -17,7 +17,7 @@ from slamsim.safe.yaml import parse_yaml
 
 IDENTITY = "dataset.yaml"
 _KIND = "slamsim data set 1"
-_OURS = frozenset((".partial", ".lock.json", "logs"))
+_OURS = frozenset((".partial", ".lock.json", "logs", f".{IDENTITY}.partial"))
 """What may lie in a place that holds no data set yet."""
 
 

@@ -140,7 +140,7 @@ def _try(store: Store, task: Task, index: int) -> Tried:
         raise
     except Exception as error:
         if full := disk_full(error):
-            raise DiskFull(f"{task.address}: {full.strerror}") from None
+            raise DiskFull(f"{task.address}: {full}") from None
         wall_s = time.monotonic() - begin_s
         return Tried(index, wall_s, reason=_reason(error, places), trace=_trace(error))
     return Tried(index, time.monotonic() - begin_s, row)

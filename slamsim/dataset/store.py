@@ -14,7 +14,7 @@ import socket
 import tempfile
 import time
 from collections.abc import Iterator
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext, suppress
 from functools import lru_cache
 from pathlib import Path
 from typing import Protocol
@@ -23,11 +23,11 @@ from slamsim.safe.errors import Locked, SlamsimError
 from slamsim.safe.files import own_file
 from slamsim.safe.lock import claimed, folder_lock
 from slamsim.safe.output import (
-    disk_full_reported,
     free_bytes,
     sync,
     sync_tree,
     write_atomic,
+    written_to,
 )
 from slamsim.safe.sums import SEQUENCE
 
@@ -120,7 +120,7 @@ class LocalStore:
 
     def append(self, path: str, text: str) -> None:
         file = self._own(path)
-        with disk_full_reported(file):
+        with written_to(file):
             file.parent.mkdir(parents=True, exist_ok=True)
             with file.open("a", encoding="utf-8") as log:
                 log.write(text)
@@ -136,10 +136,11 @@ class LocalStore:
     @contextmanager
     def working_folder(self, name: str) -> Iterator[Path]:
         parent = self._own(_WORK)
-        parent.mkdir(parents=True, exist_ok=True)
         prefix = f"{name.replace('/', '-')}.{socket.gethostname()}-{os.getpid()}."
-        folder = Path(tempfile.mkdtemp(prefix=prefix, dir=parent))
-        folder.chmod(0o755)
+        with written_to(self._root):
+            parent.mkdir(parents=True, exist_ok=True)
+            folder = Path(tempfile.mkdtemp(prefix=prefix, dir=parent))
+            folder.chmod(0o755)
         try:
             yield folder
         finally:
@@ -148,7 +149,7 @@ class LocalStore:
     def publish(self, folder: Path, name: str) -> None:
         """A sequence that another worker has put there meanwhile stays: it is the same."""
         final = self._own(name)
-        with disk_full_reported(final):
+        with written_to(final):
             sync_tree(folder)
             final.parent.mkdir(parents=True, exist_ok=True)
             if final.is_dir():
@@ -163,24 +164,26 @@ class LocalStore:
 
     @contextmanager
     def owned(self) -> Iterator[None]:
-        with folder_lock(self._root):
-            self._wait_for_workers()
+        with ExitStack() as leaving:
+            with written_to(self._root):
+                leaving.enter_context(folder_lock(self._root))
+                self._wait_for_workers()
             self._clear_work()
-            try:
-                yield
-            finally:
-                self._clear_work()
+            leaving.callback(self._clear_work)
+            yield
 
     @contextmanager
     def used(self) -> Iterator[None]:
         work = self._own(_WORK)
-        work.mkdir(parents=True, exist_ok=True)
-        descriptor = os.open(work / _WORKERS_LOCK, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
+        with written_to(self._root):
+            work.mkdir(parents=True, exist_ok=True)
+            lock = os.open(work / _WORKERS_LOCK, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
         try:
-            fcntl.flock(descriptor, fcntl.LOCK_SH)
+            fcntl.flock(lock, fcntl.LOCK_SH)
             yield
         finally:
-            os.close(descriptor)
+            with suppress(OSError):  # nothing was written to it
+                os.close(lock)
 
     def _wait_for_workers(self) -> None:
         lock = self._own(f"{_WORK}/{_WORKERS_LOCK}")

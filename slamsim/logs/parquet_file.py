@@ -98,7 +98,8 @@ class ParquetFile(Written):
         self._held: list[Any] = []
         self._held_rows = 0
         encodings = {c.leaf: c.encoding for c in columns if c.encoding is not None}
-        sink = self._open.enter_context(pa.OSFile(str(path), "wb"))
+        # Arrow's own files lose the error number of a disk that fails when they are closed
+        sink = self._open.enter_context(path.open("wb"))
         self._writer = pq.ParquetWriter(
             sink,
             self._schema,

@@ -14,6 +14,8 @@ from slamsim.safe.errors import Locked
 
 _OPENED = os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC
 
+_SOMEBODY = "another process"
+
 _claimed: set[Path] = set()
 """What this process has locked, and nothing in it writes to yet."""
 
@@ -58,26 +60,45 @@ def folder_lock(final: Path) -> Iterator[None]:
                 folder.rmdir()
 
 
+def held(path: Path) -> int:
+    """The descriptor of a file, made if need be, that is locked until it is closed.
+
+    It is the file itself, never what a link leads to: its name could have been foreseen.
+    Raises BlockingIOError while somebody else holds it, and OSError.
+    """
+    while True:
+        descriptor = os.open(path, _OPENED, 0o666)
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            # The holder before us may have removed the file between our open and our flock.
+            if os.path.samestat(os.fstat(descriptor), path.stat(follow_symlinks=False)):
+                return descriptor
+        except FileNotFoundError:
+            pass
+        except BaseException:
+            os.close(descriptor)
+            raise
+        os.close(descriptor)
+
+
 def _locked(final: Path, path: Path) -> int:
     """The descriptor that holds the lock, and the file tells whose it is."""
     while True:
         try:
             final.parent.mkdir(parents=True, exist_ok=True)
-            descriptor = os.open(path, _OPENED, 0o666)
+            descriptor = held(path)
+            break
         except FileNotFoundError:
             continue  # the folder was empty, and gone again
-        try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
-            owner = os.read(descriptor, 200).decode(errors="replace").strip()
-            os.close(descriptor)
-            raise Locked(f"{final} is being written by {owner or 'another process'}") from None
-        # The holder before us may have removed the file between our open and our flock.
-        with suppress(FileNotFoundError):
-            if os.path.samestat(os.fstat(descriptor), path.stat()):
-                break
-        os.close(descriptor)
+            raise Locked(f"{final} is being written by {_owner(path)}") from None
     with suppress(OSError):  # on a full disk nobody is told whose it is
         os.truncate(descriptor, 0)
         os.write(descriptor, f"process {os.getpid()} on {socket.gethostname()}\n".encode())
     return descriptor
+
+
+def _owner(path: Path) -> str:
+    with suppress(OSError):
+        return path.read_bytes()[:200].decode(errors="replace").strip() or _SOMEBODY
+    return _SOMEBODY

@@ -9,16 +9,18 @@ from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
+from typing import BinaryIO
 
 from slamsim.quantities import as_size
-from slamsim.safe.errors import DiskFull, SlamsimError, shown
+from slamsim.safe.errors import DiskFull, Locked, SlamsimError, shown
 from slamsim.safe.exchange import exchange
-from slamsim.safe.lock import claimed, folder_lock
+from slamsim.safe.lock import claimed, folder_lock, held
 from slamsim.safe.seal import WRITTEN_BY_US, seal_folder
 
 _MARK_TEXT = "Written by slamsim, which may replace this folder when told to overwrite it.\n"
 _SYNCED_TOGETHER = 8
 _FULL = frozenset((errno.ENOSPC, errno.EDQUOT, errno.EFBIG))
+_FAILING = frozenset((errno.EIO, errno.EROFS, errno.ENXIO, errno.ENODEV, errno.ESTALE))
 
 
 @contextmanager
@@ -36,7 +38,7 @@ def partial_folder(final: Path, overwrite: bool = False) -> Iterator[Path]:
     final = _absolute(final)
     partial, retired = _sibling(final, ".partial"), _sibling(final, ".old")
     with ExitStack() as clean_up:
-        with _reported(final):
+        with written_to(final):
             clean_up.enter_context(folder_lock(final))
             _restore(final, partial, retired)
             _require_free_name(final, overwrite)
@@ -44,9 +46,9 @@ def partial_folder(final: Path, overwrite: bool = False) -> Iterator[Path]:
             clean_up.callback(_discard, partial)
             partial.mkdir()
             (partial / WRITTEN_BY_US).write_text(_MARK_TEXT, encoding="utf-8")
-        with disk_full_reported(final):
+        with disk_told(final):
             yield partial
-        with _reported(final):
+        with written_to(final):
             seal_folder(partial)
             sync_tree(partial)
             _put_in_place(partial, final, retired)
@@ -60,7 +62,7 @@ def claimed_folder(final: Path, overwrite: bool = False) -> Iterator[None]:
     """
     final = _absolute(final)
     with ExitStack() as clean_up:
-        with _reported(final):
+        with written_to(final):
             clean_up.enter_context(claimed(final))
             _restore(final, _sibling(final, ".partial"), _sibling(final, ".old"))
             _require_free_name(final, overwrite)
@@ -70,24 +72,35 @@ def claimed_folder(final: Path, overwrite: bool = False) -> Iterator[None]:
 def write_atomic(path: Path, data: bytes) -> None:
     """Write a file under its name only when it is whole and on the disk.
 
-    Makes missing parent folders. Raises SlamsimError or DiskFull; an old file then stays, unless
-    all that failed was to wait for the new name to be on the disk.
+    It is ``.<name>.partial`` until then; what a kill leaves of that is gone when the name is next
+    written. Makes missing parent folders. Raises SlamsimError, DiskFull, or Locked while somebody
+    else writes the file; an old one then stays, unless all that failed was to wait for the new
+    name to be on the disk.
     """
     path = _absolute(path)
-    partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
-    with _reported(path):
+    partial = path.with_name(f".{path.name}.partial")
+    with written_to(path):
         path.parent.mkdir(parents=True, exist_ok=True)
         if os.path.lexists(path) and not path.is_file():
             raise SlamsimError(f"{path} is there already and is not a file; choose another name")
-        try:
-            with open(partial, "wb", opener=_itself) as file:
+        with _alone(partial, path) as file:
+            try:
+                file.truncate()
                 file.write(data)
                 file.flush()
                 os.fsync(file.fileno())
-            partial.replace(path)
-            sync(path.parent)
-        finally:
-            _discard(partial)
+                partial.replace(path)
+            except BaseException:
+                _discard(partial)
+                raise
+        sync(path.parent)
+
+
+def _alone(partial: Path, path: Path) -> BinaryIO:
+    try:
+        return os.fdopen(held(partial), "wb")
+    except BlockingIOError:
+        raise Locked(f"{path} is being written by another process") from None
 
 
 def require_free_space(folder: Path, needed_bytes: int) -> None:
@@ -118,20 +131,18 @@ def _absolute(path: Path) -> Path:
     return whole
 
 
-def _itself(path: str | Path, flags: int) -> int:
-    """Open a file under a name that anybody could have foreseen: never what a link leads to."""
-    return os.open(path, flags | os.O_NOFOLLOW, 0o666)
-
-
 def _sibling(final: Path, suffix: str) -> Path:
     return final.with_name(final.name + suffix)
 
 
 @contextmanager
-def _reported(final: Path) -> Iterator[None]:
-    """Turn what the operating system says about our own steps into what the user is told."""
+def written_to(final: Path) -> Iterator[None]:
+    """What the operating system says of a block that only writes, as the user is told it.
+
+    Raises DiskFull, or SlamsimError, where the block ends with an OSError.
+    """
     try:
-        with disk_full_reported(final):
+        with disk_told(final):
             yield
     except OSError as error:
         name = f" ({error.filename})" if error.filename else ""
@@ -139,27 +150,37 @@ def _reported(final: Path) -> Iterator[None]:
 
 
 @contextmanager
-def disk_full_reported(final: Path) -> Iterator[None]:
-    """Raise DiskFull where the block ends with the error of a full disk."""
+def disk_told(final: Path) -> Iterator[None]:
+    """A disk that is full or fails, told as such where the block ends with its error.
+
+    Raises DiskFull or SlamsimError in its place. Whatever else the block raises passes.
+    """
     try:
         yield
     except SlamsimError:
         raise
     except Exception as error:
-        full = disk_full(error)
-        if full is None:
+        if (number := _error_number(error, _FULL | _FAILING)) is None:
             raise
-        raise DiskFull(
-            f"{final}: {full.strerror} ({as_size(free_bytes(final))} are free); "
-            "nothing half-written stands under this name"
-        ) from error
+        told = f"{final}: {os.strerror(number)}"
+        rest = "nothing half-written stands under this name"
+        if number in _FULL:
+            room = f"({as_size(free_bytes(final))} are free)"
+            raise DiskFull(f"{told} {room}; {rest}") from error
+        raise SlamsimError(f"{told}; {rest}") from error
 
 
-def disk_full(error: BaseException | None) -> OSError | None:
-    """The error of a full disk (or quota), also when a library wrapped it in one of its own."""
+def disk_full(error: BaseException | None) -> str | None:
+    """What a full disk (or quota) is called, where that is the error, wrapped or not."""
+    number = _error_number(error, _FULL)
+    return None if number is None else os.strerror(number)
+
+
+def _error_number(error: BaseException | None, wanted: frozenset[int]) -> int | None:
+    """Of the operating system, also when a library wrapped its error in one of its own."""
     for _ in range(8):
-        if isinstance(error, OSError) and error.errno in _FULL:
-            return error
+        if isinstance(error, OSError) and error.errno in wanted:
+            return error.errno
         error = error and (error.__cause__ or error.__context__)
     return None
 

@@ -1,0 +1,148 @@
+"""The commands that write runs and sequences, as ``fault_stages`` has them.
+
+What is computed between the writes (physics, sensing, SLAM, figures) is done once and replayed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from functools import cache, partial
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+from unittest.mock import patch
+
+from dataset_example import SMALL, small_spec
+from fault_stages import Stage, folder_of
+
+from slamsim.config.loading import load_run_config
+from slamsim.config.run import RunConfig
+from slamsim.console import Reporter
+from slamsim.dataset import produce
+from slamsim.logs.raw import read_recording
+from slamsim.logs.raw_writer import write_recording
+from slamsim.logs.writer import LogWriter
+from slamsim.progress import Progress, silent
+from slamsim.recording import Recording
+from slamsim.run import mapping, recording
+from slamsim.run.mapping import map_world
+from slamsim.run.naming import LOG
+from slamsim.run.recording import simulate_world
+from slamsim.run.world import export_world
+from slamsim.safe.output import partial_folder
+from slamsim.simulate import Simulation, log_header
+from slamsim.types import Log
+from slamsim.view import report
+from slamsim.view.run_view import RunView
+
+
+@cache
+def _config() -> RunConfig:
+    return load_run_config("tiny", None, (*SMALL, "drive.route.max_duration_s=3"), 7)
+
+
+@cache
+def _reporter() -> Reporter:
+    return Reporter(quiet=True)
+
+
+@cache
+def _ride() -> tuple[produce._Ride, list[Any]]:
+    """A drive and all that was sensed of it."""
+    ride = produce._Ride.planned(small_spec(seconds=3.0).config)
+    return ride, list(ride.moments())
+
+
+def _simulated(config: RunConfig, log: Path, progress: Progress = silent) -> Simulation:
+    ride, moments = _ride()
+    with LogWriter(log, log_header(ride.robot, config)) as writer:
+        for readings, window in moments:
+            writer.write(readings, window)
+    return Simulation(ride.world, ride.robot, ride.run.outcome)
+
+
+@contextmanager
+def _replayed(owner: object, *names: str) -> Iterator[None]:
+    """Pure functions answer as they did when first asked."""
+    if not names:
+        yield
+        return
+    key = (getattr(owner, "__name__", ""), names[0])
+    true = getattr(owner, names[0])
+
+    def replay(*given: Any, **named: Any) -> Any:
+        if key not in _ANSWERS:
+            _ANSWERS[key] = true(*given, **named)
+        return _ANSWERS[key]
+
+    with patch.object(owner, names[0], replay), _replayed(owner, *names[1:]):
+        yield
+
+
+_ANSWERS: dict[object, Any] = {}
+
+
+def _simulate(out: Path) -> None:
+    with patch.object(recording, "simulate", _simulated):
+        simulate_world(_config(), out, _reporter(), overwrite=True)
+
+
+_true_scored = mapping._scored
+
+
+def _scored(log: Log, *given: Any) -> RunView:
+    """The scores of the first run, about the log of this one."""
+    if "view" not in _ANSWERS:
+        _ANSWERS["view"] = _true_scored(log, *given)
+    view: RunView = replace(_ANSWERS["view"], log=log)
+    return view
+
+
+def _map(out: Path) -> None:
+    with (
+        patch.object(recording, "simulate", _simulated),
+        patch.object(mapping, "require_finished"),
+        _replayed(mapping, "_checked", "_slam"),
+        patch.object(mapping, "_scored", _scored),
+        _replayed(report, "report_html"),
+    ):
+        map_world(_config(), out, _reporter(), overwrite=True)
+
+
+def _world(out: Path) -> None:
+    export_world(_config(), out, overwrite=True)
+
+
+def _sequence(out: Path) -> None:
+    ride, moments = _ride()
+    with (
+        patch.object(produce._Ride, "planned", lambda config: ride),
+        patch.object(produce._Ride, "moments", lambda self: iter(moments)),
+        partial_folder(out, overwrite=True) as folder,
+    ):
+        produce.produce(small_spec(seconds=3.0), folder)
+
+
+@cache
+def _recorded() -> Recording:
+    with TemporaryDirectory() as folder:
+        _simulated(_config(), Path(folder) / LOG)
+        return read_recording(Path(folder) / LOG)
+
+
+def _copy(out: Path) -> None:
+    """As ``slamsim fix`` writes it."""
+    with partial_folder(out) as folder:
+        write_recording(_recorded(), folder)
+
+
+COMMANDS = (
+    Stage("simulate", _simulate),
+    Stage("map", _map),
+    Stage("map replaced", _map, partial(folder_of, "old")),
+    Stage("world", _world),
+    Stage("fix", _copy),
+    Stage("a sequence in all formats", _sequence),
+)
