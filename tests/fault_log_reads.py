@@ -13,8 +13,11 @@ from slamsim.config.mapping import MappingConfig
 from slamsim.config.slam import SlamConfig
 from slamsim.logs.raw import read_recording
 from slamsim.logs.reader import read_log, read_truth
+from slamsim.logs.relations import read_relations
+from slamsim.logs.tum import read_tum
 from slamsim.recording import RawStream, Recording
 from slamsim.slam.mapping import build_grid
+from slamsim.slam.saved_map import read_saved_map
 from slamsim.slam.session import map_log, motion_of
 from slamsim.types import FloatArray, IntArray, Log, Scan, Trajectory
 
@@ -176,3 +179,27 @@ def _require_rigid(T_base_sensor: FloatArray) -> None:
     _require_finite(T_base_sensor, (4, 4))
     rotation = T_base_sensor[:3, :3]
     assert np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-6), "no rotation"
+
+
+def saved_map(path: Path) -> object:
+    """A map to go on with, as it is saved."""
+    saved = read_saved_map(path)
+    _require_finite(saved.poses, (len(saved), 3))
+    return [saved.keyframes, saved.poses, saved.closures]
+
+
+def paths(path: Path) -> object:
+    """A trajectory in the TUM format."""
+    trajectory = read_tum(path)
+    assert len(trajectory) > 0
+    _require_path(trajectory)
+    return trajectory
+
+
+def relations(path: Path) -> object:
+    """Relations between poses."""
+    found = read_relations(path)
+    assert len(found) == found.from_ns.size == found.to_ns.size > 0
+    _require_finite(found.T_from_to, (len(found), 4, 4))
+    _require_finite(found.planar, (len(found), 3))
+    return found

@@ -1,83 +1,92 @@
-"""Recordings of one short drive in every format, to be damaged."""
+"""Recordings of one short drive in every format, and what is made of them, to be damaged."""
 
 from __future__ import annotations
 
 import bz2
 import gzip
 from collections.abc import Callable
-from functools import cache
+from functools import partial
 from pathlib import Path
 
-import numpy as np
-from bag_data import ROS1, ROS2, START_NS, Message, Robot, as_mcap, as_ros1, as_rosbag2
-from fault_log_reads import judged_quickly, judged_thoroughly, mapped, whole_log
-from fault_seeds import Seed
+from fault_content import Content, as_mcap, as_ros1_bag, as_rosbag2, content, written_anew
+from fault_database_changes import change_database
+from fault_log_reads import (
+    judged_quickly,
+    judged_thoroughly,
+    mapped,
+    paths,
+    relations,
+    saved_map,
+    whole_log,
+)
+from fault_record_changes import change_bag_records, change_records
+from fault_seeds import Change, Seed
+from fault_table_changes import change_arrays, change_table
+from fault_text_changes import TEXT, in_bzip2, in_gzip
 from mcap.writer import CompressionType
-from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
-from rosbags.rosbag2 import Writer as Writer2
 
+from slamsim.config.slam import SlamConfig
 from slamsim.logs.bag_folder import MCAP_NAME
 from slamsim.logs.carmen_writer import CarmenFile
 from slamsim.logs.parquet_log import ParquetLog
 from slamsim.logs.raw import read_recording
 from slamsim.logs.raw_writer import write_recording
+from slamsim.logs.reader import read_log
+from slamsim.logs.tum import write_tum
 from slamsim.recording import Recording
+from slamsim.slam.saved_map import write_saved_map
+from slamsim.slam.session import map_log
 
-_SECONDS, _SPEED_M_S = 2.0, 0.4
-_BEAMS = 61
-_LOG_RARELY = ((3, judged_quickly),)
-_DEEP_RARELY = ((3, judged_quickly), (150, judged_thoroughly), (300, mapped))
+Make = Callable[[Path], Path]
 
-
-def _ranges(x_m: float) -> list[float]:
-    """What a lidar sees in a room of 7 x 5 m with a niche, 2 m in front of the wall behind."""
-    angles = -2.0 + 4.0 / (_BEAMS - 1) * np.arange(_BEAMS)
-    cos, sin = np.cos(angles), np.sin(angles)
-    with np.errstate(divide="ignore"):
-        along = np.where(cos > 0.0, (5.0 - x_m) / cos, (-2.0 - x_m) / cos)
-        across = np.where(sin > 0.0, 2.0 / sin, -3.0 / sin)
-    niche = (angles > 0.3) & (angles < 0.5)
-    ranges = np.minimum(np.abs(along), np.abs(across)) + 0.7 * niche
-    return [float(range_m) for range_m in ranges]
+_RARELY = ((3, judged_quickly),)
+_DEEP = ((3, judged_quickly), (150, judged_thoroughly), (300, mapped))
+_RELATIONS = "".join(f"{i}.5 {i + 3}.25 0.{i} -0.25 0.0 0.0 0.0 0.{i}1\n" for i in range(1, 9))
 
 
-def messages(robot: Robot) -> list[Message]:
-    """A drive straight through a room: scans, odometry, IMU and transforms by log time."""
-    found = [robot.mounting()]
-    for i in range(round(_SECONDS * 10)):
-        stamp_ns = START_NS + 100_000_000 * i
-        ranges = _ranges(0.2 + _SPEED_M_S * 0.1 * i)
-        declared = {"angle_min": -2.0, "angle_max": 2.0, "angle_increment": 4.0 / (_BEAMS - 1)}
-        scan = robot.scan(stamp_ns, ranges, **declared, time_increment=5e-4, range_min=0.1)
-        found.append(("/scan", stamp_ns + 40_000_000, scan))
-    for i in range(round(_SECONDS * 20) + 3):
-        stamp_ns, x_m = START_NS - 50_000_000 + 50_000_000 * i, _SPEED_M_S * 0.05 * i
-        found.append(("/odom", stamp_ns, robot.odometry(stamp_ns, x_m)))
-        found.append(("/imu", stamp_ns, robot.imu(stamp_ns, 0.0)))
-        moving = robot.transform(stamp_ns, ("odom", "base_footprint"), x_m)
-        found.append(("/tf", stamp_ns, robot.tf(moving)))
-    return sorted(found, key=lambda message: message[1])
+def _as_single_mcap(path: Path, held: Content) -> Path:
+    return as_mcap(path.with_suffix(".mcap"), held, CompressionType.ZSTD)
 
 
-@cache
-def messages1() -> list[Message]:
-    return messages(Robot(ROS1))
+def _as_single_db3(path: Path, held: Content, packed: bool = False) -> Path:
+    return next(as_rosbag2(path, held, packed=packed).glob("*.db3"))
 
 
-@cache
-def messages2() -> list[Message]:
-    return messages(Robot(ROS2))
+def _as_single_bag(path: Path, held: Content, compression: str) -> Path:
+    return as_ros1_bag(path.with_suffix(".bag"), held, compression)
 
 
-def _recorded(folder: Path) -> Recording:
-    """The drive as a recording in memory."""
-    return read_recording(as_mcap(folder / "source.mcap", messages2()))
+OTHER_MCAP = written_anew(2, _as_single_mcap)
+OTHER_DB3 = written_anew(2, _as_single_db3)
+OTHER_BAG = written_anew(1, partial(_as_single_bag, compression=""))
+OTHER_PACKED_BAG = written_anew(1, partial(_as_single_bag, compression="LZ4"))
 
 
-def _made(write: Callable[[Recording, Path], Path]) -> Callable[[Path], Path]:
+def _mcap(packing: CompressionType, chunked: bool = True) -> Make:
+    return lambda folder: as_mcap(folder / "a.mcap", content(2), packing, chunked)
+
+
+def _ros1(compression: str) -> Make:
+    return lambda folder: as_ros1_bag(folder / "a.bag", content(1), compression)
+
+
+def _rosbag2(mcap: bool = False, packed: bool = False) -> Make:
+    return lambda folder: as_rosbag2(folder / "bag", content(2), mcap=mcap, packed=packed)
+
+
+def _lone_db3(folder: Path) -> Path:
+    path = _as_single_db3(folder / "bag", content(2))
+    (path.parent / "metadata.yaml").unlink()
+    return path
+
+
+def _made(write: Callable[[Recording, Path], Path]) -> Make:
+    """By our own writers."""
+
     def make(folder: Path) -> Path:
-        recording = _recorded(folder)
-        (folder / "source.mcap").unlink()
+        source = as_mcap(folder / "source.mcap", content(2), CompressionType.NONE)
+        recording = read_recording(source)
+        source.unlink()
         return write(recording, folder)
 
     return make
@@ -100,77 +109,62 @@ def _parquet(recording: Recording, folder: Path) -> Path:
     return folder / "parquet"
 
 
-def _carmen(recording: Recording, folder: Path) -> Path:
-    with CarmenFile(folder / "a.clf") as written:
+def _carmen(
+    recording: Recording, folder: Path, pack: Callable[[bytes], bytes] = bytes, suffix: str = ""
+) -> Path:
+    plain, packed = folder / "plain.clf", folder / f"a.clf{suffix}"
+    with CarmenFile(plain) as written:
         written.write(recording)
-    return folder / "a.clf"
-
-
-def _carmen_gz(recording: Recording, folder: Path) -> Path:
-    plain = _carmen(recording, folder)
-    packed = folder / "a.clf.gz"
-    packed.write_bytes(gzip.compress(plain.read_bytes(), mtime=0))
+    packed.write_bytes(pack(plain.read_bytes()))
     plain.unlink()
     return packed
 
 
-def _carmen_bz2(recording: Recording, folder: Path) -> Path:
-    plain = _carmen(recording, folder)
-    packed = folder / "a.clf.bz2"
-    packed.write_bytes(bz2.compress(plain.read_bytes()))
-    plain.unlink()
-    return packed
+def _saved_map(recording: Recording, folder: Path) -> Path:
+    saved = map_log(read_log(_own_mcap(recording, folder)), SlamConfig())[1]
+    (folder / "log" / MCAP_NAME).unlink()
+    write_saved_map(folder / "session.npz", saved)
+    return folder / "session.npz"
 
 
-def _only_db3(folder: Path) -> Path:
-    bag = as_rosbag2(folder / "bag", messages2())
-    (bag / "metadata.yaml").unlink()
-    return next(bag.glob("*.db3"))
+def _trajectory(recording: Recording, folder: Path) -> Path:
+    odometry = read_log(_own_mcap(recording, folder)).odometry
+    (folder / "log" / MCAP_NAME).unlink()
+    assert odometry is not None
+    write_tum(folder / "trajectory.tum", odometry)
+    return folder / "trajectory.tum"
 
 
-def _packed_messages(folder: Path) -> Path:
-    """SQLite whose messages are compressed one by one."""
-    writer = Writer2(folder / "bag", version=9, storage_plugin=StoragePlugin.SQLITE3)
-    writer.set_compression(CompressionMode.MESSAGE, CompressionFormat.ZSTD)
-    with writer:
-        connections = {}
-        for topic, log_ns, message in messages2():
-            kind = message.__msgtype__
-            if topic not in connections:
-                connections[topic] = writer.add_connection(topic, kind, typestore=ROS2)
-            writer.write(connections[topic], log_ns, ROS2.serialize_cdr(message, kind))
-    return folder / "bag"
+def _relations(folder: Path) -> Path:
+    path = folder / "a.relations"
+    path.write_text(_RELATIONS)
+    return path
 
 
-def _mcap(compression: CompressionType, chunked: bool = True) -> Callable[[Path], Path]:
-    return lambda folder: as_mcap(folder / "a.mcap", messages2(), compression, chunked)
-
-
-def _ros1(compression: str) -> Callable[[Path], Path]:
-    return lambda folder: as_ros1(folder / "a.bag", messages1(), compression)
-
-
-def _foreign(name: str, make: Callable[[Path], Path]) -> Seed:
-    return Seed(name, make, whole_log, rarely=_LOG_RARELY)
+def _log(name: str, make: Make, *changes: Change, sealed: bool = False, deep: bool = False) -> Seed:
+    return Seed(name, make, whole_log, sealed, changes, _DEEP if deep else _RARELY)
 
 
 LOG_SEEDS: tuple[Seed, ...] = (
-    Seed("mcap of ours", _made(_own_mcap), whole_log, sealed=True, rarely=_DEEP_RARELY),
-    Seed("rosbag2 of ours", _made(_own_folder), whole_log, sealed=True, rarely=_LOG_RARELY),
-    Seed("mcap zstd", _mcap(CompressionType.ZSTD), whole_log, sealed=True, rarely=_LOG_RARELY),
-    Seed("mcap lz4", _mcap(CompressionType.LZ4), whole_log, sealed=True, rarely=_LOG_RARELY),
-    _foreign(
-        "mcap without checksums",
-        lambda folder: as_rosbag2(folder / "bag", messages2(), StoragePlugin.MCAP),
-    ),
-    _foreign("rosbag2 sqlite", lambda folder: as_rosbag2(folder / "bag", messages2())),
-    _foreign("db3 alone", _only_db3),
-    _foreign("sqlite zstd", _packed_messages),
-    _foreign("ros 1", _ros1("")),
-    _foreign("ros 1 bz2", _ros1("BZ2")),
-    _foreign("ros 1 lz4", _ros1("LZ4")),
-    Seed("carmen", _made(_carmen), whole_log, rarely=_DEEP_RARELY),
-    Seed("carmen gz", _made(_carmen_gz), whole_log, sealed=True, rarely=_LOG_RARELY),
-    Seed("carmen bz2", _made(_carmen_bz2), whole_log, sealed=True, rarely=_LOG_RARELY),
-    Seed("parquet", _made(_parquet), whole_log, rarely=_DEEP_RARELY),
-)
+    _log("mcap of ours", _made(_own_mcap), change_records, OTHER_MCAP, sealed=True, deep=True),
+    _log("rosbag2 of ours", _made(_own_folder), change_records, *TEXT, sealed=True),
+    _log("mcap zstd", _mcap(CompressionType.ZSTD), change_records, OTHER_MCAP, sealed=True),
+    _log("mcap lz4", _mcap(CompressionType.LZ4), change_records, sealed=True),
+    _log("mcap without chunks", _mcap(CompressionType.NONE, False), change_records, sealed=True),
+    _log("mcap without checksums", _rosbag2(mcap=True), change_records, *TEXT),
+    _log("rosbag2 sqlite", _rosbag2(), change_database, *TEXT),
+    _log("db3 alone", _lone_db3, change_database, OTHER_DB3, OTHER_DB3),
+    _log("sqlite zstd", _rosbag2(packed=True), change_database, *TEXT),
+    _log("ros 1", _ros1(""), change_bag_records, OTHER_BAG, OTHER_BAG),
+    _log("ros 1 bz2", _ros1("BZ2"), change_bag_records),
+    _log("ros 1 lz4", _ros1("LZ4"), change_bag_records, OTHER_PACKED_BAG),
+    _log("carmen", _made(_carmen), *TEXT, deep=True),
+    _log("carmen gz", _made(partial(_carmen, pack=gzip.compress, suffix=".gz")), in_gzip,
+         sealed=True),
+    _log("carmen bz2", _made(partial(_carmen, pack=bz2.compress, suffix=".bz2")), in_bzip2,
+         sealed=True),
+    _log("parquet", _made(_parquet), change_table, deep=True),
+    Seed("saved map", _made(_saved_map), saved_map, True, (change_arrays,)),
+    Seed("trajectory", _made(_trajectory), paths, False, TEXT),
+    Seed("relations", _relations, relations, False, TEXT),
+)  # fmt: skip
