@@ -15,11 +15,11 @@ import pytest
 from bag_data import ROS1, ROS2, Robot, as_mcap, as_ros1, as_rosbag2
 from mcap.writer import CompressionType
 
-from slamsim.logs.bag1_check import check_bag1
-from slamsim.logs.bag_limits import check_definitions, check_qos
+from slamsim.logs.bag1_check import index_bag1
+from slamsim.logs.bag_limits import check_definitions
 from slamsim.logs.mcap_read import index_mcap
 from slamsim.logs.refusing import refusing
-from slamsim.logs.sqlite_check import check_sqlite
+from slamsim.logs.sqlite_read import index_sqlite
 from slamsim.safe.errors import InputRefused
 from slamsim.safe.image import read_gray_image
 from slamsim.safe.limits import LIMITS, Limits
@@ -86,11 +86,6 @@ def definition(text: str) -> Excess:
     return check
 
 
-def quality(folder: Path, limits: Limits) -> None:
-    with refusing(folder, "topics"):
-        check_qos("- history: 1", limits)
-
-
 def sums(folder: Path, limits: Limits) -> None:
     put(folder / "SHA256SUMS", sums_text({}).encode())
     require_as_written(put(folder / "map.pgm", b"P5"), limits)
@@ -137,13 +132,12 @@ EXCESS: dict[str, tuple[Excess, dict[str, float]]] = {
     "bag_ratio": (chunk, {"bag_ratio": 1, "bag_ratio_floor_bytes": 0}),
     "bag_ratio_floor_bytes": (chunk, {"bag_ratio_floor_bytes": 999, "bag_ratio": 1}),
     "bag_record_bytes": (
-        lambda folder, limits: check_bag1(as_ros1(folder / "a", Robot(ROS1).drive()), limits),
+        lambda folder, limits: index_bag1(as_ros1(folder / "a", Robot(ROS1).drive()), limits),
         {"bag_record_bytes": 60},
     ),
     "bag_definition_characters": (definition("int8 a\n"), {"bag_definition_characters": 6}),
     "bag_definition_fields": (definition("int8 a\nint8 b\n"), {"bag_definition_fields": 1}),
     "bag_array_elements": (definition("int8[8] a\n"), {"bag_array_elements": 7}),
-    "bag_qos_characters": (quality, {"bag_qos_characters": 5}),
 }
 FLOORS = {
     "text_ratio_floor_bytes": "text_ratio",
@@ -175,5 +169,5 @@ def test_within_the_limits_the_same_is_no_excess(name: str, tmp_path: Path) -> N
 def test_sqlite_messages_have_the_same_limit(tmp_path: Path) -> None:
     path = next(as_rosbag2(tmp_path / "a", Robot(ROS2).drive()).glob("*.db3"))
     with pytest.raises(InputRefused) as caught:
-        check_sqlite(path, False, replace(LIMITS, bag_record_bytes=50))
+        index_sqlite(path, False, replace(LIMITS, bag_record_bytes=50))
     assert caught.value.limit == "bag_record_bytes"

@@ -7,17 +7,16 @@ recording is a .bag. Topics are found by their type, never by their name.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path, PurePath
 from typing import Any
 
-from slamsim.logs.bag1_check import check_bag1
-from slamsim.logs.bag_limits import check_definitions, check_qos
-from slamsim.logs.bag_sources import Channel, McapSource, MessageSource, RosbagsSource
+from slamsim.logs.bag1_check import index_bag1
+from slamsim.logs.bag_sources import Bag1Source, Channel, McapSource, MessageSource, SqliteSource
 from slamsim.logs.mcap_read import index_mcap
 from slamsim.logs.refusing import refusing
-from slamsim.logs.sqlite_check import check_sqlite
-from slamsim.safe.errors import InputRefused
+from slamsim.logs.sqlite_read import index_sqlite
+from slamsim.safe.errors import InputRefused, shown
 from slamsim.safe.files import own_file
 from slamsim.safe.yaml import load_yaml
 
@@ -57,6 +56,12 @@ class Bag:
         with refusing(self.path, f"topic {topic}"):
             return self.source.deserialize(topic, data)
 
+    def is_cdr(self, topic: str) -> bool:
+        """Whether its messages are plain ROS 2 serialisations of the standard type; InputRefused
+        if its definition is none."""
+        with refusing(self.path, f"topic {topic}"):
+            return self.source.is_cdr(topic)
+
     def received(self, topics: set[str]) -> Iterator[tuple[str, int, bytes]]:
         """(topic, when it was received in ns, serialised message); raises as ``raw`` does."""
         expected = sum(c.messages for c in self.channels if c.topic in topics)
@@ -77,8 +82,10 @@ def open_bag(path: Path) -> Bag:
         if compressed:
             raise InputRefused(path, "messages compressed one by one in an MCAP are not read")
         bag = _mcap_bag(path, files)
-    elif kinds in ({".db3"}, {".bag"}):
-        bag = _rosbags_bag(path, files, compressed)
+    elif kinds == {".db3"}:
+        bag = _bag(path, SqliteSource([index_sqlite(file, compressed) for file in files]))
+    elif kinds == {".bag"} and len(files) == 1:
+        bag = _bag(path, Bag1Source(index_bag1(files[0])))
     else:
         names = ", ".join(file.name for file in files) or "no file"
         raise InputRefused(path, f"{names}: .mcap or .db3 files belong into a recording")
@@ -95,22 +102,16 @@ def _mcap_bag(path: Path, files: list[Path]) -> Bag:
     metadata = {name: entries for index in indexes for name, entries in index.metadata.items()}
     with refusing(path, "channels"):
         source = McapSource(indexes)
-        return Bag(path, source, tuple(source.channels()), metadata)
+    return replace(_bag(path, source), metadata=metadata)
 
 
-def _rosbags_bag(path: Path, files: list[Path], compressed: bool) -> Bag:
-    facts = [
-        check_bag1(file) if file.suffix.lower() == ".bag" else check_sqlite(file, compressed)
-        for file in files
-    ]
-    with refusing(path, "message definitions"):
-        check_definitions(definition for fact in facts for definition in fact.definitions)
-    with refusing(path, "index"):
-        source = RosbagsSource(path)
-    indexed, found = sum(c.messages for c in source.channels()), sum(f.messages for f in facts)
-    if indexed != found:
-        raise InputRefused(path, f"the index knows {indexed:,} messages, {found:,} are there")
-    return Bag(path, source, tuple(source.channels()))
+def _bag(path: Path, source: MessageSource) -> Bag:
+    channels = tuple(source.channels())
+    for channel in channels:
+        if not (channel.topic.isprintable() and channel.type_name.isprintable()):
+            name = shown(channel.topic)
+            raise InputRefused(path, f"the topic {name} or its type is no name: damaged, or a trap")
+    return Bag(path, source, channels)
 
 
 def _files(folder: Path) -> tuple[list[Path], int, bool]:
@@ -125,8 +126,6 @@ def _files(folder: Path) -> tuple[list[Path], int, bool]:
         announced = int(information["message_count"])
         names = [PurePath(str(name)).name for name in information["relative_file_paths"]]
         files = [own_file(folder, name) for name in names]
-        for topic in information["topics_with_message_count"]:
-            check_qos(str(topic["topic_metadata"].get("offered_qos_profiles", "")))
     if mode == "file":
         raise InputRefused(metadata, "its files are compressed as a whole: unpack them first")
     return files, announced, mode == "message"

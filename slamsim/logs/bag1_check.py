@@ -1,16 +1,20 @@
-"""Walks over a ROS 1 bag (format 2.0) before anyone reads it: sizes, chunks, definitions.
+"""Reads ROS 1 bags (format 2.0) whole and checked: sizes, chunks, counts.
 
-The format has no checksums of its own; only bz2 chunks carry one. Format:
-wiki.ros.org/Bags/Format/2.0.
+Readers that follow the index of a bag believe what it says. This one walks record by record with
+bounded memory, as for MCAP, and holds what it finds against what the index announces. The format
+has no checksums of its own; only bz2 chunks carry one. Format: wiki.ros.org/Bags/Format/2.0.
 """
 
 from __future__ import annotations
 
+import struct
+from collections import Counter
 from collections.abc import Iterator
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import BinaryIO
 
-from slamsim.logs.bag_limits import BagFacts, inflate
+from slamsim.logs.bag_limits import inflate
 from slamsim.safe.errors import Excessive, InputRefused, limit_of
 from slamsim.safe.files import open_input, require_magic
 from slamsim.safe.limits import LIMITS, Limits
@@ -18,10 +22,36 @@ from slamsim.safe.limits import LIMITS, Limits
 MAGIC = b"#ROSBAG V2.0\n"
 MESSAGE, BAG_HEADER, INDEX, CHUNK, CHUNK_INFO, CONNECTION = (bytes([op]) for op in range(2, 8))
 
+Fields = dict[bytes, bytes]
 
-def check_bag1(path: Path, limits: Limits = LIMITS) -> BagFacts:
-    """What is in the file; InputRefused, with the byte, for one that is cut, damaged or a bomb."""
-    messages, definitions = 0, {}
+
+@dataclass(frozen=True, slots=True)
+class Connection1:
+    """What the messages of one publisher are. definition: its text, with those of its parts."""
+
+    topic: str
+    type_name: str
+    definition: str
+
+
+@dataclass(slots=True)
+class Bag1Index:
+    """What a walk over a bag found.
+
+    counts: messages by number of connection. places: where each chunk begins. announced: how many
+    messages the index says there are.
+    """
+
+    path: Path
+    connections: dict[int, Connection1] = field(default_factory=dict)
+    counts: Counter[int] = field(default_factory=Counter)
+    places: list[int] = field(default_factory=list)
+    announced: int = 0
+
+
+def index_bag1(path: Path, limits: Limits = LIMITS) -> Bag1Index:
+    """Walks over the file; InputRefused, with the byte, for one that is cut, damaged or a bomb."""
+    index = Bag1Index(path)
     with open_input(path) as file:
         size = file.seek(0, 2)
         file.seek(0)
@@ -29,19 +59,41 @@ def check_bag1(path: Path, limits: Limits = LIMITS) -> BagFacts:
         while file.tell() < size:
             position = file.tell()
             try:
-                head = header_fields(_block(file, size, "bag_record_bytes", limits))
-                data = _block(file, size, "bag_chunk_bytes", limits)
-                if head[b"op"] == CHUNK:
-                    messages += _count_in_chunk(head, data, limits)
-                elif head[b"op"] == CONNECTION:
-                    fields = header_fields(data)
-                    definitions[fields[b"type"].decode()] = fields[b"message_definition"].decode()
+                _take(*_record(file, size, limits), position, index, limits)
             except Exception as error:
                 detail = " ".join(str(error).split())[:200] or type(error).__name__
                 reason = f"{detail} ({type(error).__name__}): the bag is damaged or cut off"
                 where = f"byte {position:,}"
                 raise InputRefused(path, reason, where, limit=limit_of(error)) from error
-    return BagFacts(messages, tuple(definitions.items()))
+    found = index.counts.total()
+    if index.announced != found:
+        reason = f"the index knows {index.announced:,} messages, {found:,} are there"
+        raise InputRefused(path, f"{reason}: a recording that was not ended, or damaged")
+    return index
+
+
+def bag1_messages(index: Bag1Index, topics: set[str]) -> Iterator[tuple[str, int, bytes]]:
+    """(topic, when it was received in ns, message), chunk after chunk, inside a chunk by time.
+
+    Raises ValueError and what the libraries raise if the file is no longer what it was.
+    """
+    wanted = {n: c.topic for n, c in index.connections.items() if c.topic in topics}
+    with open_input(index.path) as file:
+        size = file.seek(0, 2)
+        for position in index.places:
+            file.seek(position)
+            content = chunk_content(*_record(file, size, LIMITS))
+            found = []
+            for fields, _, start, end in records_in_chunk(content):
+                if fields[b"op"] == MESSAGE and (connection := _number(fields[b"conn"])) in wanted:
+                    found.append((_time_ns(fields[b"time"]), start, end, connection))
+            for received_ns, start, end, connection in sorted(found):
+                yield wanted[connection], received_ns, content[start:end]
+
+
+def _record(file: BinaryIO, size: int, limits: Limits) -> tuple[Fields, bytes]:
+    head = header_fields(_block(file, size, "bag_record_bytes", limits))
+    return head, _block(file, size, "bag_chunk_bytes", limits)
 
 
 def _block(file: BinaryIO, size: int, limit: str, limits: Limits) -> bytes:
@@ -54,7 +106,7 @@ def _block(file: BinaryIO, size: int, limit: str, limits: Limits) -> bytes:
     return file.read(length)
 
 
-def header_fields(data: bytes) -> dict[bytes, bytes]:
+def header_fields(data: bytes) -> Fields:
     """The values of a header by name; ValueError unless it is all fields."""
     fields, position = {}, 0
     while position < len(data):
@@ -67,13 +119,13 @@ def header_fields(data: bytes) -> dict[bytes, bytes]:
     return fields
 
 
-def chunk_content(head: dict[bytes, bytes], data: bytes, limits: Limits = LIMITS) -> bytes:
+def chunk_content(head: Fields, data: bytes, limits: Limits = LIMITS) -> bytes:
     """The records in a chunk with this header, unpacked; raises as ``inflate`` does."""
     size = int.from_bytes(head[b"size"], "little")
     return inflate(data, head[b"compression"].decode(), size, limits)
 
 
-def records_in_chunk(content: bytes) -> Iterator[tuple[dict[bytes, bytes], int, int, int]]:
+def records_in_chunk(content: bytes) -> Iterator[tuple[Fields, int, int, int]]:
     """(header, first byte of the record, of its data, end); ValueError unless it is all records."""
     position = 0
     while position < len(content):
@@ -88,6 +140,49 @@ def records_in_chunk(content: bytes) -> Iterator[tuple[dict[bytes, bytes], int, 
         position = end
 
 
-def _count_in_chunk(head: dict[bytes, bytes], data: bytes, limits: Limits) -> int:
-    records = records_in_chunk(chunk_content(head, data, limits))
-    return sum(fields.get(b"op") == MESSAGE for fields, *_ in records)
+def _take(head: Fields, data: bytes, position: int, index: Bag1Index, limits: Limits) -> None:
+    kind = head[b"op"]
+    if kind == CHUNK:
+        index.places.append(position)
+        content = chunk_content(head, data, limits)
+        for fields, _, start, end in records_in_chunk(content):
+            if fields[b"op"] == CONNECTION:
+                _connect(fields, content[start:end], index)
+            elif fields[b"op"] == MESSAGE:
+                _time_ns(fields[b"time"])
+                _count(_number(fields[b"conn"]), index)
+    elif kind == CONNECTION:
+        _connect(head, data, index)
+    elif kind == CHUNK_INFO:
+        if len(data) != 8 * _number(head[b"count"]):
+            raise ValueError("an entry of the index is damaged")
+        index.announced += sum(count for _, count in struct.iter_unpack("<II", data))
+    elif kind == MESSAGE:
+        raise ValueError("a message stands outside of any chunk")
+    elif kind == BAG_HEADER and b"encryptor" in head and head[b"encryptor"]:
+        raise ValueError("the bag is encrypted")
+
+
+def _connect(head: Fields, data: bytes, index: Bag1Index) -> None:
+    number, fields = _number(head[b"conn"]), header_fields(data)
+    texts = head[b"topic"], fields[b"type"], fields[b"message_definition"]
+    connection = Connection1(*(text.decode() for text in texts))
+    if index.connections.setdefault(number, connection) != connection:
+        raise ValueError(f"connection {number} is declared twice, each time otherwise")
+
+
+def _count(number: int, index: Bag1Index) -> None:
+    if number not in index.connections:
+        raise ValueError(f"a message on connection {number}, which is not declared before it")
+    index.counts[number] += 1
+
+
+def _number(value: bytes) -> int:
+    if len(value) != 4:
+        raise ValueError("a number of a record's header is damaged")
+    return int.from_bytes(value, "little")
+
+
+def _time_ns(value: bytes) -> int:
+    seconds, nanoseconds = struct.unpack("<II", value)
+    return int(seconds) * 1_000_000_000 + int(nanoseconds)

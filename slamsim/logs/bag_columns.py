@@ -94,7 +94,7 @@ def read_columns(
     rows: list[FloatArray] = []
     first: Any = None
     for batch in _batches(bag.raw(topic)):
-        is_cdr = bag.source.is_cdr(topic)
+        is_cdr = bag.is_cdr(topic)
         groups = list(alike(batch, lambda data: bag.deserialize(topic, data), layout_of, is_cdr))
         order = np.argsort(np.concatenate([group.places for group in groups]))
         stamps.append(np.concatenate([group.stamps_ns() for group in groups])[order])

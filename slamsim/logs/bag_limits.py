@@ -5,7 +5,6 @@ from __future__ import annotations
 import bz2
 import re
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
 
 import zstandard
 from lz4.frame import LZ4FrameDecompressor  # type: ignore[import-untyped]
@@ -18,17 +17,6 @@ _ARRAY = re.compile(
 )
 _FIELD = re.compile(r"^[ \t]*([A-Za-z]\w*(?:/\w+)*)(?:\[[^\]\n]*\]|<=\d+)*[ \t]+\w+", re.MULTILINE)
 _NEXT_TYPE = re.compile(r"^=+[ \t]*\nMSG:[ \t]*(\S+)[ \t]*$", re.MULTILINE)
-
-
-@dataclass(frozen=True, slots=True)
-class BagFacts:
-    """What a walk over the bytes of a recording found, independent of its index.
-
-    messages: how many there are. definitions: (type name, text of its definition).
-    """
-
-    messages: int
-    definitions: tuple[tuple[str, str], ...]
 
 
 def inflate(
@@ -106,12 +94,3 @@ def _require_no_cycle(holds: Mapping[str, set[str]]) -> None:
         if not finite:
             raise ValueError(f"message type {min(open_types)[:60]} contains itself")
         open_types = {n: kinds - finite for n, kinds in open_types.items() if n not in finite}
-
-
-def check_qos(text: str, limits: Limits = LIMITS) -> None:
-    """Refuses the YAML of a quality of service that no ROS writes: anchors, aliases, endless."""
-    if len(text) > limits.bag_qos_characters:
-        reason = f"a quality of service of {len(text):,} characters"
-        raise Excessive(reason, "bag_qos_characters")
-    if re.search(r"[&*]|<<|\[{9}", text):
-        raise ValueError("a quality of service with YAML anchors or deep nesting")

@@ -35,6 +35,17 @@ def in_order(
     return unique_ns, rows[first], warnings
 
 
+def lengths(vectors: FloatArray) -> FloatArray:
+    """(n,) of the rows, however odd their numbers; ``inf`` where they are too large for one."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        return np.asarray(np.linalg.norm(vectors, axis=1))
+
+
+def are_wheels(*constants: float) -> bool:
+    """Whether ticks a turn, radius and track can be those of a robot."""
+    return all(0.0 < number < np.inf for number in constants)
+
+
 def read_odometry(bag: Bag, topic: str) -> tuple[Trajectory, str, list[str]]:
     """(pose over time, child frame, what was odd) of a nav_msgs/Odometry topic."""
     stamps_ns, rows, first = read_columns(
@@ -57,7 +68,7 @@ def odometry_row(message: Any) -> tuple[float, ...]:
 def _trajectory(stamps_ns: IntArray, rows: FloatArray, what: str) -> tuple[Trajectory, list[str]]:
     """From rows that begin with x, y, z and a quaternion x, y, z, w, which need not be unit."""
     poses = rows[:, :7]
-    norms = np.linalg.norm(poses[:, 3:], axis=1)
+    norms = lengths(poses[:, 3:])
     usable = np.isfinite(poses).all(axis=1) & (np.abs(norms - 1.0) < 0.1)
     unique_ns, kept, warnings = in_order(stamps_ns, np.asarray(usable), what)
     quats = poses[kept, 3:] / norms[kept, None]
@@ -127,7 +138,7 @@ def read_encoders(bag: Bag, topic: str) -> tuple[EncoderStream | None, list[str]
     )
     per_revolution, radius_m, track_m = rows[0, 2:].tolist()
     steady = bool((rows[:, 2:] == rows[0, 2:]).all())
-    if not steady or not all(0.0 < number < np.inf for number in rows[0, 2:]):
+    if not steady or not are_wheels(per_revolution, radius_m, track_m):
         constants = f"{per_revolution} ticks a turn, radius {radius_m} m, track {track_m} m"
         return None, [f"{topic}: {constants} change or make no wheels: left out"]
     unique_ns, kept, warnings = in_order(stamps_ns, np.ones(len(rows), dtype=np.bool_), topic)

@@ -253,6 +253,9 @@ def _geometry(fan: Fan, common_max_m: float, channel: str) -> ScanGeometry:
 
 def _ranges_m(readings_m: FloatArray, range_max_m: float) -> Float32Array:
     """Readings at or above the maximum return nothing; none, zero or less is no reading."""
-    invalid: BoolArray = ~(readings_m > 0.0)
-    ranges_m = np.where(readings_m >= range_max_m, np.inf, readings_m)
-    return np.where(invalid, np.nan, ranges_m).astype(np.float32)
+    with np.errstate(over="ignore"):
+        ranges_m = readings_m.astype(np.float32)
+    invalid: BoolArray = ~(ranges_m > 0.0)
+    ranges_m[ranges_m >= np.float32(range_max_m)] = np.inf
+    ranges_m[invalid] = np.nan
+    return ranges_m

@@ -14,7 +14,7 @@ from slamsim.logs.carmen_lines import (
     parse_flaser,
     parse_odom,
 )
-from slamsim.safe.errors import InputRefused
+from slamsim.safe.errors import InputRefused, printable
 
 _OTHER_MESSAGES = ("SYNC", "TRUEPOS", "NMEAGGA", "NMEARMC", "SONAR", "BUMPER", "MARKER", "IMU")
 _LASERS = ("FLASER", "RLASER", *(f"{kind}LASER{i}" for kind in ("ROBOT", "RAW") for i in "12345"))
@@ -48,7 +48,7 @@ def _take_line(content: CarmenContent, words: list[str]) -> None:
         line = parse(words)
         content.lasers.setdefault(name, []).append(line)
     elif name.rstrip("0123456789-").isupper() or name.startswith(_OTHER_MESSAGES):
-        content.ignored[name] += 1
+        content.ignored[printable(name[:30])] += 1
     else:
         raise ValueError(f"{name[:30]!r} is no CARMEN message")
 

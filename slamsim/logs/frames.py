@@ -8,14 +8,15 @@ from typing import Any
 import numpy as np
 
 from slamsim.geometry import matrix_from_xyzw, se3_from_parts
+from slamsim.safe.errors import printable
 from slamsim.types import FloatArray
 
 _RIGID_TOLERANCE = 1e-4
 
 
 def frame_name(name: str) -> str:
-    """ROS 1 names sometimes begin with a slash that means nothing."""
-    return name.strip().lstrip("/")
+    """ROS 1 names sometimes begin with a slash that means nothing; what is no letter is shown."""
+    return printable(name.strip().lstrip("/"))
 
 
 def matrix_of(transform: Any) -> FloatArray | None:

@@ -12,10 +12,11 @@ import numpy as np
 
 from slamsim.logs.bag_log import imu_mounting_of, laser_mounting_of
 from slamsim.logs.bag_scans import scan_from_message
-from slamsim.logs.bag_streams import in_order
+from slamsim.logs.bag_streams import are_wheels, in_order, lengths
 from slamsim.logs.mountings import BASE_FRAME, tree_of
 from slamsim.logs.parquet_file import read_table, table_facts
 from slamsim.logs.parquet_log import joined_axes
+from slamsim.logs.parquet_sound import require_sound
 from slamsim.logs.refusing import refusing
 from slamsim.logs.scans import StoredScans
 from slamsim.recording import (
@@ -100,7 +101,9 @@ def _streams(folder: Path, table: str, made: Callable[[Table, Table], _Raw]) -> 
 def _made(folder: Path, table: str, made: Callable[[Table, Table], _Raw]) -> _Raw:
     path = own_file(folder, f"{table}.parquet")
     with refusing(path, "its columns"):
-        return made(table_facts(path), read_table(path))
+        facts, cells = table_facts(path), read_table(path)
+        require_sound(facts, cells)
+        return made(facts, cells)
 
 
 def _stream(facts: Table, cells: Table) -> dict[str, Any]:
@@ -217,7 +220,7 @@ def _all(stamps_ns: IntArray) -> BoolArray:
 def _path(recording: Recording, warnings: list[str]) -> tuple[PlanarTrajectory | None, str]:
     """(T_odom_base, the frame that it moves)."""
     for moved in recording.odometries:
-        norms = np.linalg.norm(moved.quats_xyzw, axis=1)
+        norms = lengths(moved.quats_xyzw)
         sound = np.isfinite(moved.positions_m).all(axis=1) & (np.abs(norms - 1.0) < 0.1)
         stamps_ns, rows, odd = in_order(moved.stamps_ns, np.asarray(sound), moved.topic)
         warnings += odd
@@ -243,5 +246,7 @@ def _encoders(recording: Recording, warnings: list[str]) -> EncoderStream | None
         stamps_ns, rows, odd = in_order(wheels.stamps_ns, _all(wheels.stamps_ns), wheels.topic)
         warnings += odd
         constants = (wheels.ticks_per_revolution, wheels.wheel_radius_m, wheels.track_m)
-        return EncoderStream(stamps_ns, wheels.ticks[rows], *constants)
+        if are_wheels(*constants):
+            return EncoderStream(stamps_ns, wheels.ticks[rows], *constants)
+        warnings.append(f"{wheels.topic}: ticks a turn, radius and track make no wheels: left out")
     return None

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from slamsim.logs.raw_carmen import read_carmen_recording
 from slamsim.logs.reader import is_carmen, is_parquet_log, recording_at
+from slamsim.logs.refusing import refusing
 from slamsim.recording import Recording
 
 
@@ -19,12 +20,13 @@ def read_recording(path: Path, scan_topic: str | None = None) -> Recording:
     messages suffer from stands in ``Recording.odd`` and ``unread``.
     """
     path = recording_at(path)
-    if is_carmen(path):
-        return read_carmen_recording(path, scan_topic)
-    if is_parquet_log(path):
-        from slamsim.logs.parquet_read import read_parquet_recording
+    with refusing(path, "its contents"):
+        if is_carmen(path):
+            return read_carmen_recording(path, scan_topic)
+        if is_parquet_log(path):
+            from slamsim.logs.parquet_read import read_parquet_recording
 
-        return read_parquet_recording(path)
-    from slamsim.logs.raw_bag import read_bag_recording
+            return read_parquet_recording(path)
+        from slamsim.logs.raw_bag import read_bag_recording
 
-    return read_bag_recording(path, scan_topic)
+        return read_bag_recording(path, scan_topic)

@@ -88,7 +88,7 @@ class _Topic:
         self._held: list[bytes] = []
         self._held_bytes = 0
         with self._given_up():
-            is_cdr = bag.source.is_cdr(channel.topic)
+            is_cdr = bag.is_cdr(channel.topic)
             make = _COLLECTORS.get(channel.type_name, TextCollector)
             self.collector = make(channel.topic, self._opened, is_cdr)
 

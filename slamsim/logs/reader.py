@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from slamsim.logs.carmen import read_carmen
+from slamsim.logs.refusing import refusing
 from slamsim.safe.errors import InputRefused, NotFound
 from slamsim.safe.files import own_file
 from slamsim.types import Log, Trajectory
@@ -27,15 +28,16 @@ def read_log(path: Path, scan_topic: str | None = None) -> Log:
     InputRefused naming file, place and reason.
     """
     path = recording_at(path)
-    if is_carmen(path):
-        return read_carmen(path, scan_topic)
-    if is_parquet_log(path):
-        from slamsim.logs.parquet_read import read_parquet
+    with refusing(path, "its contents"):
+        if is_carmen(path):
+            return read_carmen(path, scan_topic)
+        if is_parquet_log(path):
+            from slamsim.logs.parquet_read import read_parquet
 
-        return read_parquet(path)
-    from slamsim.logs.bag_log import read_bag
+            return read_parquet(path)
+        from slamsim.logs.bag_log import read_bag
 
-    return read_bag(path, scan_topic)
+        return read_bag(path, scan_topic)
 
 
 def read_truth(path: Path) -> Trajectory | None:
@@ -45,7 +47,8 @@ def read_truth(path: Path) -> Trajectory | None:
         return None
     from slamsim.logs.bag_log import read_bag_truth
 
-    return read_bag_truth(path)
+    with refusing(path, "its truth"):
+        return read_bag_truth(path)
 
 
 def is_carmen(path: Path) -> bool:

@@ -7,27 +7,33 @@ from decimal import Decimal, InvalidOperation
 from slamsim.types import Epoch
 
 _YEAR_2000_NS = 946_684_800 * 1_000_000_000
-_LARGEST_NS = 2**63 - 1
+LARGEST_NS = 2**62
+"""No stamp is farther from 0, 146 years: the time between any two fits into 64 bits."""
 
 
 def stamp_ns_from_decimal(seconds: str) -> int:
     """Decimal seconds to nanoseconds without passing through a float; digits beyond are cut.
 
-    Raises ValueError for anything that is not a finite decimal number within 292 years of 0.
+    Raises ValueError for anything that is not a finite decimal number within ``LARGEST_NS`` of 0.
     """
     whole, _, fraction = seconds.partition(".")
     if whole.isdecimal() and (fraction.isdecimal() or not fraction) and len(whole) < 10 + 1:
-        return int(whole) * 1_000_000_000 + int(fraction[:9].ljust(9, "0"))
+        stamp_ns = int(whole) * 1_000_000_000 + int(fraction[:9].ljust(9, "0"))
+    else:
+        stamp_ns = _from_decimal(seconds)
+    if abs(stamp_ns) > LARGEST_NS:
+        raise ValueError(f"{seconds!r} s does not fit into nanoseconds of 64 bits")
+    return stamp_ns
+
+
+def _from_decimal(seconds: str) -> int:
     try:
         value = Decimal(seconds)
         if not value.is_finite() or abs(value.adjusted()) > 11:
             raise ValueError(f"{seconds!r} is not a stamp in seconds")
-        stamp_ns = int(value.scaleb(9))
+        return int(value.scaleb(9))
     except InvalidOperation:
         raise ValueError(f"{seconds!r} is not a stamp in seconds") from None
-    if abs(stamp_ns) > _LARGEST_NS:
-        raise ValueError(f"{seconds!r} s does not fit into nanoseconds of 64 bits")
-    return stamp_ns
 
 
 def decimal_from_stamp_ns(stamp_ns: int) -> str:

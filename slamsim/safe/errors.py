@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
+LONGEST_PLACE = 200
+"""Characters of a key, topic or line that a message names; a hostile one has thousands."""
+
 
 def shown(value: object, limit: int = 60) -> str:
     """A value as it is quoted in a message: one line, and never a screenful."""
@@ -12,8 +15,10 @@ def shown(value: object, limit: int = 60) -> str:
 
 
 def printable(text: str) -> str:
-    """The same, with what a terminal would obey instead of showing it written out: ``\\x1b``."""
-    return "".join(c if c.isprintable() or c == "\n" else repr(c)[1:-1] for c in text)
+    """A line of text, with what a terminal would obey and not show written out: ``\\x1b``."""
+    if text.isprintable():
+        return text
+    return "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)
 
 
 class SlamsimError(Exception):
@@ -22,7 +27,7 @@ class SlamsimError(Exception):
     exit_code = 1
 
     def __init__(self, message: str = "") -> None:
-        super().__init__(printable(message))
+        super().__init__("\n".join(map(printable, message.split("\n"))))
 
 
 class InputRefused(SlamsimError):
@@ -43,9 +48,10 @@ class InputRefused(SlamsimError):
         also: tuple[str, ...] = (),
         limit: str = "",
     ) -> None:
-        self.path, self.where, self.also, self.limit = Path(path), where, also, limit
+        self.path, self.also, self.limit = Path(path), also, limit
+        self.where = where if len(where) <= LONGEST_PLACE else f"{where[:LONGEST_PLACE]}..."
         self.reason = " ".join(reason.split())
-        place = f"{path}, {where}" if where else f"{path}"
+        place = f"{path}, {self.where}" if where else f"{path}"
         super().__init__("\n".join((f"{place}: {self.reason}", *also)))
 
 

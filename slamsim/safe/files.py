@@ -55,15 +55,14 @@ def read_input(path: Path, limit: str, limits: Limits = LIMITS) -> bytes:
     """
     most: int = getattr(limits, limit)
     with open_input(path) as file:
-        try:
-            data = file.read(most + 1)
-        except OSError as error:
-            raise InputRefused(path, f"cannot be read: {error.strerror}") from None
-        if len(data) > most:
-            size = os.fstat(file.fileno()).st_size
+        size = os.fstat(file.fileno()).st_size
+        if size > most:
             reason = f"is {size:,} bytes long, at most {most:,} are read"
             raise InputRefused(path, reason, limit=limit)
-    return data
+        try:
+            return file.read(size)
+        except OSError as error:
+            raise InputRefused(path, f"cannot be read: {error.strerror}") from None
 
 
 def require_magic(file: BinaryIO, path: Path, magic: bytes, kind: str) -> None:

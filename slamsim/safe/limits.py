@@ -47,7 +47,6 @@ class Limits:
     bag_definition_characters: int = 256 << 10
     bag_definition_fields: int = 1000
     bag_array_elements: int = 10_000
-    bag_qos_characters: int = 100_000
 
 
 LIMITS = Limits()

@@ -9,7 +9,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from slamsim.logs.bag1_check import header_fields
 from slamsim.logs.bag_limits import check_definitions
-from slamsim.logs.bag_sources import normal_type_name, register
+from slamsim.logs.message_types import normal_type_name, register
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,0 +1,92 @@
+"""From the bytes of messages to objects, by the definitions that a recording brings along."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
+from rosbags.typesys.store import Typestore
+
+from slamsim.logs.bag_limits import check_definitions
+from slamsim.logs.ros_types import ros2_types
+
+_IDL_RULE = "=" * 80 + "\n"
+
+
+class MessageTypes:
+    """The types of a recording's topics; a definition is looked at when it is first needed."""
+
+    def __init__(self) -> None:
+        self._standard = ros2_types()
+        self._store = get_typestore(Stores.EMPTY)
+        self._kinds: dict[str, tuple[str, str]] = {}
+        self._definitions: dict[str, tuple[str, str]] = {}
+
+    def declare(self, topic: str, type_name: str, encoding: str) -> None:
+        """How the messages of a topic are serialised: ``cdr`` or ``ros1``.
+
+        One of several types is none that anybody reads.
+        """
+        kind = normal_type_name(type_name)
+        known, _ = self._kinds.get(topic, (kind, encoding))
+        self._kinds[topic] = (kind if known == kind else f"{known} and {kind}", encoding)
+
+    def define(self, type_name: str, written_as: str, text: str) -> None:
+        """written_as: ``ros1msg``, ``ros2msg``, ``ros2idl`` or ``omgidl``."""
+        self._definitions[normal_type_name(type_name)] = (written_as, text)
+
+    def type_name(self, topic: str) -> str:
+        """With ``msg`` in the middle."""
+        return self._kinds[topic][0]
+
+    def deserialize(self, topic: str, data: bytes) -> Any:
+        """The message object, with the fields of its definition; raises whatever the library
+        raises on damage."""
+        name, encoding = self._kinds[topic]
+        self._require_type(name)
+        if encoding == "cdr":
+            return self._store.deserialize_cdr(data, name)
+        if encoding == "ros1":
+            return self._store.deserialize_ros1(data, name)
+        raise ValueError(f"messages are encoded as {encoding[:30]!r}; cdr and ros1 are read")
+
+    def is_cdr(self, topic: str) -> bool:
+        """Whether messages are serialised as ROS 2 does, with the standard definition."""
+        name, encoding = self._kinds[topic]
+        self._require_type(name)
+        known = self._standard.fielddefs.get(name)
+        return encoding == "cdr" and self._store.fielddefs[name] == known
+
+    def _require_type(self, name: str) -> None:
+        if name in self._store.fielddefs:
+            return
+        written_as, text = self._definitions.get(name, ("", ""))
+        if not text:
+            if name not in self._standard.fielddefs:
+                raise ValueError(f"no definition of {name[:60]!r}")
+            known = self._store.fielddefs
+            defs = self._standard.fielddefs.items()
+            self._store.register({kind: of for kind, of in defs if kind not in known})
+            return
+        check_definitions([(name, text)])
+        register(self._store, name, written_as, text)
+
+
+def register(store: Typestore, name: str, encoding: str, text: str) -> None:
+    """Adds a definition in the ROS 2 .msg, ROS 1 .msg or IDL way of writing."""
+    if encoding in ("ros2msg", "ros1msg"):
+        store.register(get_types_from_msg(text, name))
+    elif encoding in ("ros2idl", "omgidl"):
+        for part in text.split(_IDL_RULE):
+            _, is_section, body = part.partition("\n") if part.startswith("IDL: ") else ("", "", "")
+            idl = body if is_section else part
+            if idl.strip():
+                store.register(get_types_from_idl(idl))
+    else:
+        raise ValueError(f"{name[:60]} is defined as {encoding[:30]!r}, which is not known")
+
+
+def normal_type_name(type_name: str) -> str:
+    """``pkg/Type`` of ROS 1 as ``pkg/msg/Type``."""
+    package, _, name = type_name.partition("/")
+    return type_name if "/" in name or not name else f"{package}/msg/{name}"

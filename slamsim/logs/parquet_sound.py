@@ -1,0 +1,69 @@
+"""Whether a Parquet table holds what ``ParquetLog`` writes: types, facts, bounds."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import fields
+from typing import Any, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slamsim.logs.stamps import LARGEST_NS
+from slamsim.recording import ScanLayout
+from slamsim.types import Epoch
+
+_WHOLE = ("stamp_ns", "received_ns", "sample", "sequence", "ticks_left", "ticks_right")
+_TYPES: dict[str, str] = {
+    **dict.fromkeys(_WHOLE, "int64"),
+    **dict.fromkeys(("ranges_m", "intensities"), "float32"),
+    **dict.fromkeys(("topic", "parent", "child"), "object"),
+    "layout": "uint8",
+    "is_static": "bool",
+}
+_LISTS, _NUMBER = ("ranges_m", "intensities"), "float64"
+
+
+def require_sound(facts: Mapping[str, Any], cells: Mapping[str, NDArray[Any]]) -> None:
+    """Raises ValueError saying what is wrong, KeyError for a fact that is missing."""
+    for name, column in cells.items():
+        dtype = _TYPES.get(name, _NUMBER)
+        if column.dtype != dtype or column.ndim != 1 + (name in _LISTS):
+            raise ValueError(f"the column {name!r} holds {column.dtype}, not {dtype}")
+        if dtype == "object" and not all(_is_name(text) for text in column):
+            raise ValueError(f"the column {name!r} holds what is no name")
+    for name in ("stamp_ns", "received_ns"):
+        if (np.abs(cells[name]) > LARGEST_NS).any() or (cells[name] == np.iinfo("i8").min).any():
+            raise ValueError(f"the column {name!r} holds what is no time")
+    if not _is_name(facts["recording"]) or facts["epoch"] not in get_args(Epoch):
+        raise ValueError("its name or its epoch is none")
+    if "topic" in facts:
+        _require_stream(facts, cells)
+    elif not isinstance(facts["robot_description"], str | None):
+        raise ValueError("its robot description is no text")
+
+
+def _require_stream(facts: Mapping[str, Any], cells: Mapping[str, NDArray[Any]]) -> None:
+    for names in ([facts["topic"]], facts["frame_ids"], facts.get("child_frame_ids", ["base"])):
+        if not names or not all(map(_is_name, names)):
+            raise ValueError("its topic or a frame is no name")
+    if not len(cells["stamp_ns"]):
+        raise ValueError("there is no row in it")
+    if "layouts" in facts:
+        _require_layouts(facts["layouts"], cells["layout"])
+    for name in ("ticks_per_revolution", "wheel_radius_m", "track_m"):
+        if not isinstance(facts.get(name, 1), int | float):
+            raise ValueError(f"{name!r} is no number")
+
+
+def _require_layouts(layouts: Any, used: NDArray[Any]) -> None:
+    expected = {field.name for field in fields(ScanLayout)}
+    for layout in layouts:
+        if layout.keys() != expected or not all(type(v) is float for v in layout.values()):
+            raise ValueError("a layout of the beams is not one of numbers")
+    if used.max() >= len(layouts):
+        raise ValueError(f"a scan is of layout {used.max()}, there are {len(layouts)}")
+
+
+def _is_name(text: object) -> bool:
+    return isinstance(text, str) and text.isprintable()
