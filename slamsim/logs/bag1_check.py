@@ -27,11 +27,15 @@ Fields = dict[bytes, bytes]
 
 @dataclass(frozen=True, slots=True)
 class Connection1:
-    """What the messages of one publisher are. definition: its text, with those of its parts."""
+    """What the messages of one publisher are. definition: its text, with those of its parts.
+
+    md5sum: of the type, empty where nobody computed it.
+    """
 
     topic: str
     type_name: str
     definition: str
+    md5sum: str
 
 
 @dataclass(slots=True)
@@ -65,6 +69,9 @@ def index_bag1(path: Path, limits: Limits = LIMITS) -> Bag1Index:
                 reason = f"{detail} ({type(error).__name__}): the bag is damaged or cut off"
                 where = f"byte {position:,}"
                 raise InputRefused(path, reason, where, limit=limit_of(error)) from error
+    if strangers := index.counts.keys() - index.connections.keys():
+        reason = f"messages on connection {min(strangers)}, which is never declared: damaged"
+        raise InputRefused(path, reason)
     found = index.counts.total()
     if index.announced != found:
         reason = f"the index knows {index.announced:,} messages, {found:,} are there"
@@ -150,7 +157,7 @@ def _take(head: Fields, data: bytes, position: int, index: Bag1Index, limits: Li
                 _connect(fields, content[start:end], index)
             elif fields[b"op"] == MESSAGE:
                 _time_ns(fields[b"time"])
-                _count(_number(fields[b"conn"]), index)
+                index.counts[_number(fields[b"conn"])] += 1
     elif kind == CONNECTION:
         _connect(head, data, index)
     elif kind == CHUNK_INFO:
@@ -165,16 +172,11 @@ def _take(head: Fields, data: bytes, position: int, index: Bag1Index, limits: Li
 
 def _connect(head: Fields, data: bytes, index: Bag1Index) -> None:
     number, fields = _number(head[b"conn"]), header_fields(data)
-    texts = head[b"topic"], fields[b"type"], fields[b"message_definition"]
-    connection = Connection1(*(text.decode() for text in texts))
+    texts = head[b"topic"], fields[b"type"], fields[b"message_definition"], fields[b"md5sum"]
+    topic, type_name, definition, md5sum = (text.decode() for text in texts)
+    connection = Connection1(topic, type_name, definition, "" if md5sum == "*" else md5sum)
     if index.connections.setdefault(number, connection) != connection:
         raise ValueError(f"connection {number} is declared twice, each time otherwise")
-
-
-def _count(number: int, index: Bag1Index) -> None:
-    if number not in index.connections:
-        raise ValueError(f"a message on connection {number}, which is not declared before it")
-    index.counts[number] += 1
 
 
 def _number(value: bytes) -> int:

@@ -84,7 +84,8 @@ class Bag1Source:
         self._types = MessageTypes()
         for connection in index.connections.values():
             self._types.declare(connection.topic, connection.type_name, "ros1")
-            self._types.define(connection.type_name, "ros1msg", connection.definition)
+            definition, md5sum = connection.definition, connection.md5sum
+            self._types.define(connection.type_name, "ros1msg", definition, md5sum)
 
     def channels(self) -> list[Channel]:
         counts: Counter[str] = Counter()
@@ -111,8 +112,8 @@ class SqliteSource:
         for index in indexes:
             for topic in index.topics.values():
                 self._types.declare(topic.name, topic.type_name, topic.encoding)
-            for definition in index.definitions:
-                self._types.define(*definition)
+            for type_name, written_as, text in index.definitions:
+                self._types.define(type_name, written_as, text, index.hashes.get(type_name, ""))
 
     def channels(self) -> list[Channel]:
         counts: Counter[str] = Counter()

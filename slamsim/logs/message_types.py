@@ -19,8 +19,9 @@ class MessageTypes:
     def __init__(self) -> None:
         self._standard = ros2_types()
         self._store = get_typestore(Stores.EMPTY)
+        self._ready: set[str] = set()
         self._kinds: dict[str, tuple[str, str]] = {}
-        self._definitions: dict[str, tuple[str, str]] = {}
+        self._definitions: dict[str, tuple[str, str, str]] = {}
 
     def declare(self, topic: str, type_name: str, encoding: str) -> None:
         """How the messages of a topic are serialised: ``cdr`` or ``ros1``.
@@ -31,9 +32,12 @@ class MessageTypes:
         known, _ = self._kinds.get(topic, (kind, encoding))
         self._kinds[topic] = (kind if known == kind else f"{known} and {kind}", encoding)
 
-    def define(self, type_name: str, written_as: str, text: str) -> None:
-        """written_as: ``ros1msg``, ``ros2msg``, ``ros2idl`` or ``omgidl``."""
-        self._definitions[normal_type_name(type_name)] = (written_as, text)
+    def define(self, type_name: str, written_as: str, text: str, known_hash: str = "") -> None:
+        """written_as: ``ros1msg``, ``ros2msg``, ``ros2idl`` or ``omgidl``.
+
+        known_hash: what its MD5 (ROS 1) or RIHS01 hash (ROS 2) must be, if anybody says.
+        """
+        self._definitions[normal_type_name(type_name)] = (written_as, text, known_hash)
 
     def type_name(self, topic: str) -> str:
         """With ``msg`` in the middle."""
@@ -58,18 +62,32 @@ class MessageTypes:
         return encoding == "cdr" and self._store.fielddefs[name] == known
 
     def _require_type(self, name: str) -> None:
-        if name in self._store.fielddefs:
+        if name in self._ready:
             return
-        written_as, text = self._definitions.get(name, ("", ""))
-        if not text:
-            if name not in self._standard.fielddefs:
-                raise ValueError(f"no definition of {name[:60]!r}")
-            known = self._store.fielddefs
-            defs = self._standard.fielddefs.items()
-            self._store.register({kind: of for kind, of in defs if kind not in known})
+        written_as, text, known_hash = self._definitions.get(name, ("", "", ""))
+        if text:
+            check_definitions([(name, text)])
+            register(self._store, name, written_as, text)
+            if known_hash and known_hash != self._hash(name, written_as):
+                raise ValueError(f"the definition of {name[:60]} does not fit its hash")
+        else:
+            self._take_standard(name)
+        self._ready.add(name)
+
+    def _take_standard(self, name: str) -> None:
+        """For a recording without definitions."""
+        known = self._store.fielddefs
+        if name in known:
             return
-        check_definitions([(name, text)])
-        register(self._store, name, written_as, text)
+        if name not in self._standard.fielddefs:
+            raise ValueError(f"no definition of {name[:60]!r}")
+        defs = self._standard.fielddefs.items()
+        self._store.register({kind: of for kind, of in defs if kind not in known})
+
+    def _hash(self, name: str, written_as: str) -> str:
+        if written_as == "ros1msg":
+            return str(self._store.generate_msgdef(name)[1])
+        return str(self._store.hash_rihs01(name))
 
 
 def register(store: Typestore, name: str, encoding: str, text: str) -> None:

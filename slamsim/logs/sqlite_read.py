@@ -22,7 +22,7 @@ _TYPES = {
     "topics": {"id": "integer", "name": "text", "type": "text", "serialization_format": "text"},
     "messages": {"topic_id": "integer", "timestamp": "integer", "data": "blob"},
 }
-_DEFINITIONS = "message_definitions"
+_DEFINITIONS, _HASH = "message_definitions", "type_description_hash"
 _DEFINITION_TYPES = {"topic_type": "text", "encoding": "text", "encoded_message_definition": "text"}
 
 
@@ -40,12 +40,13 @@ class SqliteTopic:
 class SqliteIndex:
     """What is in a file. topics: by number. definitions: (type, as what it is written, text).
 
-    packed: whether each message is compressed.
+    hashes: of types, where the file has them. packed: whether each message is compressed.
     """
 
     path: Path
     topics: dict[int, SqliteTopic]
     definitions: tuple[tuple[str, str, str], ...]
+    hashes: dict[str, str]
     packed: bool
 
 
@@ -56,7 +57,7 @@ def index_sqlite(path: Path, packed: bool, limits: Limits = LIMITS) -> SqliteInd
     try:
         with closing(_open(path)) as db:
             _require_sound(db, limits)
-            return SqliteIndex(path, _topics(db), _definitions(db), packed)
+            return SqliteIndex(path, _topics(db), _definitions(db), _hashes(db), packed)
     except (sqlite3.Error, ValueError) as error:
         reason = f"damaged, or no recording ({error})"
         raise InputRefused(path, reason, limit=limit_of(error)) from error
@@ -129,6 +130,14 @@ def _definitions(db: sqlite3.Connection) -> tuple[tuple[str, str, str], ...]:
         return ()
     _require_types(db, _DEFINITIONS, _DEFINITION_TYPES)
     return tuple(db.execute(f"SELECT {', '.join(_DEFINITION_TYPES)} FROM {_DEFINITIONS}"))
+
+
+def _hashes(db: sqlite3.Connection) -> dict[str, str]:
+    """RIHS01 by type, since ROS 2 Iron; any other kind of hash is passed over."""
+    if _HASH not in {row[1] for row in db.execute("PRAGMA table_info(topics)")}:
+        return {}
+    rows = db.execute(f"SELECT type, {_HASH} FROM topics WHERE {_HASH} LIKE 'RIHS01_%'")
+    return {type_name: text for type_name, text in rows if isinstance(text, str)}
 
 
 def _unpacked(data: bytes, limits: Limits) -> bytes:
