@@ -18,6 +18,8 @@ from slamsim.console import Reporter
 
 KINDS: dict[str, str] = {
     "mutations": "fault_mutations",
+    "kills": "fault_kills",
+    "stops": "fault_stops",
 }
 """Each names a module with ``options(parser)`` and ``run(chosen, journal) -> list[Row]``."""
 
