@@ -5,13 +5,13 @@ Little is imported here, so that Ctrl-C is in good hands before a command loads 
 
 from __future__ import annotations
 
-import errno
 import signal
 import sys
 from collections.abc import Callable
 from types import FrameType
 
 from slamsim.safe.errors import DiskFull, SlamsimError
+from slamsim.safe.output import disk_full
 
 AGAIN_S = 0.05
 STOPPING = (signal.SIGINT, signal.SIGTERM)
@@ -91,7 +91,7 @@ class _StopSignals:
 
 def _told(error: OSError) -> tuple[str, int]:
     place = error.filename or "input/output"
-    if error.errno == errno.ENOSPC:
+    if disk_full(error):
         return f"{place}: the disk is full", DiskFull.exit_code
     return f"{place}: {error.strerror or error}", SlamsimError.exit_code
 

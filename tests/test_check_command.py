@@ -20,8 +20,7 @@ from slamsim.logs.raw import read_recording
 from slamsim.logs.raw_writer import write_recording
 from slamsim.logs.reader import read_log
 from slamsim.recording import Messages, Recording
-from slamsim.run.checking import NotChecked
-from slamsim.safe.errors import SlamsimError
+from slamsim.safe.errors import InputRefused, NotFound, SlamsimError
 
 ROBOT = Robot(ROS2)
 
@@ -56,7 +55,7 @@ def test_nothing_bad_ends_with_0_and_something_bad_with_1(tmp_path: Path) -> Non
     assert "epoch_mismatch" in (tmp_path / "page.html").read_text()
 
 
-def test_what_cannot_be_read_ends_with_2_and_one_sentence(tmp_path: Path) -> None:
+def test_what_cannot_be_read_is_no_verdict_but_one_sentence(tmp_path: Path) -> None:
     text = tmp_path / "notes.mcap"
     text.write_text("this is a shopping list\n" * 100)
     whole = as_mcap(tmp_path / "whole.mcap", ROBOT.drive())
@@ -66,7 +65,8 @@ def test_what_cannot_be_read_ends_with_2_and_one_sentence(tmp_path: Path) -> Non
     empty.write_text("")
     for path in (text, half, empty, tmp_path / "nowhere.mcap", tmp_path):
         code, found, error = _run("check", path)
-        assert code == 2 and not found and isinstance(error, NotChecked)
+        assert code == (3 if path.exists() else 10) and not found
+        assert isinstance(error, InputRefused | NotFound)
         assert "\n" not in str(error).strip()
 
 

@@ -10,7 +10,7 @@ import typer
 from slamsim.options import Json, Overwrite, Quiet, ScanTopic
 
 CHECK_EPILOG = (
-    "Exit code: 0 nothing is bad, 1 something is, 2 the check could not run. "
+    "Exit code: 0 nothing is bad, 1 something is; 2, 3, 4 and 10 the check could not run. "
     "Example: slamsim check my_rosbag2/ --html verdict.html"
 )
 FIX_EPILOG = (

@@ -20,7 +20,7 @@ from slamsim.safe.errors import SlamsimError
 
 
 class NotChecked(SlamsimError):
-    """The check itself could not run, which must not be taken for a verdict."""
+    """The check itself could not run, though its code 1 would be taken for a verdict."""
 
     exit_code = 2
 
@@ -34,7 +34,7 @@ def check_log(
     html: Path | None = None,
     show_all: bool = False,
 ) -> CheckReport:
-    """Read, check, show. Raises NotChecked whatever keeps it from a verdict."""
+    """Read, check, show. Raises NotFound, InputRefused, and NotChecked for any other error."""
     with _not_checked():
         stages = Stages(reporter)
         with stages.stage("read"):
@@ -69,6 +69,8 @@ def _not_checked() -> Iterator[None]:
     try:
         yield
     except SlamsimError as error:
+        if error.exit_code != SlamsimError.exit_code:
+            raise
         raise NotChecked(str(error)) from error
     except OSError as error:
         raise NotChecked(

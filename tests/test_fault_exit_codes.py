@@ -1,0 +1,152 @@
+"""Every exit code of the README's table, by a command as a user types it; and who is refused."""
+
+from __future__ import annotations
+
+import json
+import resource
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+from fault_processes import MAIN, Run, running
+
+from slamsim.safe.output import partial_folder
+
+pytestmark = pytest.mark.fault
+
+README = (Path(__file__).parents[1] / "README.md").read_text()
+GENEROUS_S = 60.0
+HOLDER = """
+import sys, time
+from pathlib import Path
+from slamsim.safe.lock import folder_lock
+with folder_lock(Path("held").resolve()):
+    print("begun", flush=True)
+    time.sleep(1000)
+"""
+
+
+def of(*arguments: object, cwd: Path, limit: Callable[[], None] | None = None) -> tuple[int, str]:
+    """(exit code, what it told)."""
+    done = subprocess.run(
+        [sys.executable, "-c", MAIN, *map(str, arguments)],
+        cwd=cwd,
+        capture_output=True,
+        text=True,
+        timeout=GENEROUS_S,
+        preexec_fn=limit,
+        check=False,
+    )
+    assert "Traceback" not in done.stderr
+    return done.returncode, done.stderr
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """With a folder ``there`` that slamsim wrote, and ``altered``, in which a byte was changed."""
+    for name in ("there", "altered"):
+        with partial_folder(tmp_path / name) as partial:
+            (partial / "map.yaml").write_text("resolution: 0.05\n")
+    (tmp_path / "altered" / "map.yaml").write_text("resolution: 0.06\n")
+    (tmp_path / "foreign.mcap").write_text("hello")
+    (tmp_path / "foreign.yaml").write_text("*hello")
+    return tmp_path
+
+
+@contextmanager
+def held(folder: Path) -> Iterator[None]:
+    """Another process writes to ``held``."""
+    with subprocess.Popen(
+        [sys.executable, "-c", HOLDER], cwd=folder, stdout=subprocess.PIPE, text=True
+    ) as holder:
+        assert holder.stdout is not None and holder.stdout.readline() == "begun\n"
+        yield
+        holder.kill()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "words"),
+    [
+        (["verify", "there"], 0, ""),
+        (["world", "tiny", "--out", "there"], 1, "is there already"),
+        (["map", "tiny", "--no-such-option"], 2, "No such option"),
+        (["map", "tiny", "--set", "sensors.lidar.rat_hz=3"], 2, "did you mean 'rate_hz'"),
+        (["config", "--config", "foreign.yaml"], 3, "foreign.yaml"),
+        (["verify", "altered"], 4, ""),
+        (["map", "labirynth"], 10, "did you mean the bundled 'labyrinth'"),
+    ],
+)
+def test_how_a_command_ended_is_in_its_code(
+    folder: Path, arguments: list[str], code: int, words: str
+) -> None:
+    ended, told = of(*arguments, cwd=folder)
+    assert ended == code and words in told
+    assert f"| {code} |" in README
+
+
+def test_a_full_disk_is_75_and_leaves_nothing(tmp_path: Path) -> None:
+    def limit() -> None:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000))
+
+    code, told = of("world", "tiny", "--out", "run", "-q", cwd=tmp_path, limit=limit)
+    assert code == 75 and str(tmp_path / "run") in told
+    assert list(tmp_path.iterdir()) == []
+    assert "| 75 |" in README
+
+
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+@pytest.mark.parametrize("at_s", [0.1, 0.5, 2.0])
+def test_a_command_that_is_stopped_at_once_tells_so(
+    number: signal.Signals, code: int, at_s: float, tmp_path: Path
+) -> None:
+    with running("map", "labyrinth", "--out", "run", "-q", cwd=tmp_path) as run:
+        time.sleep(at_s)
+        begun = run.child() is not None
+        run.process.send_signal(number)
+        ended, told, _ = run.ended(GENEROUS_S)
+        assert run.orphans() == []
+    assert not (tmp_path / "run").exists()
+    if begun:  # before that, Python itself is still starting
+        assert (ended, told) == (code, "slamsim: stopped; nothing was left half-written\n")
+    assert "| 130, 143 |" in README
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["map", "tiny", "--out", "held"],
+        ["simulate", "tiny", "--overwrite", "--out", "held"],
+        ["dataset", "make", "tiny", "--out", "held"],
+        ["fix", "foreign.mcap", "held"],
+        ["fault", "foreign.mcap", "held", "--fault", "laser_yaw:2"],
+    ],
+)
+def test_a_second_process_on_a_folder_is_told_before_it_loads_anything(
+    folder: Path, arguments: list[str]
+) -> None:
+    counting = (
+        "import sys; from slamsim.ending import run_command; from slamsim.cli import app\n"
+        "code = run_command(app)\n"
+        "print([name for name in ('numba', 'scipy', 'open3d', 'gtsam') if name in sys.modules])\n"
+        "sys.exit(code)"
+    )
+    with held(folder), running(*arguments, cwd=folder, code=counting) as run:
+        told, says = run.process.communicate(timeout=GENEROUS_S)
+    assert run.process.returncode == 11 and "held is being written by process" in says
+    assert told == "[]\n"
+    assert "| 11 |" in README
+    assert not (folder / "held").exists()
+
+
+def test_runs_that_begin_at_once_take_names_of_their_own(tmp_path: Path) -> None:
+    arguments = ("world", "tiny", "--json")
+    runs = [Run(*arguments, cwd=tmp_path) for _ in range(3)]
+    told = [run.process.communicate(timeout=4 * GENEROUS_S)[0] for run in runs]
+    names = {"outputs/tiny_world", "outputs/tiny_world_2", "outputs/tiny_world_3"}
+    assert {json.loads(one)["folder"] for one in told} == names
+    assert {f"outputs/{path.name}" for path in (tmp_path / "outputs").iterdir()} == names
