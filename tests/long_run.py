@@ -20,6 +20,7 @@ KINDS: dict[str, str] = {
     "mutations": "fault_mutations",
     "kills": "fault_kills",
     "stops": "fault_stops",
+    "sealed": "fault_sealed",
 }
 """Each names a module with ``options(parser)`` and ``run(chosen, journal) -> list[Row]``."""
 

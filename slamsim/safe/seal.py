@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import time
 from collections.abc import Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
@@ -23,6 +24,7 @@ WRITTEN_BY_US = ".slamsim"
 """A folder that holds a file of this name is ours."""
 
 _HASHED_TOGETHER = 4
+_NEW_NS = 1_000_000_000
 _SEALS_KEPT, _DIGESTS_KEPT = 1024, 1 << 16
 
 _Identity = tuple[int, ...]
@@ -100,9 +102,15 @@ def names_of(path: Path) -> Iterator[Path]:
 
 
 def _identity(path: Path) -> _Identity:
-    """Another one, as far as the system can tell, after any change."""
+    """Another one after any change.
+
+    The clock of a file system stands still for some milliseconds, in which a second change could
+    not be told: a file that was changed just now is another one at each look.
+    """
     facts = path.stat()
+    is_new = abs(time.time_ns() - facts.st_ctime_ns) < _NEW_NS
     return (
+        time.monotonic_ns() if is_new else 0,
         facts.st_dev,
         facts.st_ino,
         facts.st_size,
