@@ -47,7 +47,7 @@ class Sealed:
     damaged: Callable[[Path], set[str]]
 
 
-def _named(folder: Path) -> set[str]:
+def named_by_verify(folder: Path) -> set[str]:
     return {Path(damage.path).name for damage in verify_path(folder).damaged}
 
 
@@ -85,13 +85,13 @@ def of_run(folder: Path) -> Sealed:
     """What ``slamsim map`` of a world leaves."""
     config = load_run_config("tiny", overrides=SHORT)
     map_world(config, folder, QUIET)
-    return Sealed("map", folder, {**SIMULATED, **OF_MAP}, _named)
+    return Sealed("map", folder, {**SIMULATED, **OF_MAP}, named_by_verify)
 
 
 def of_simulation(folder: Path) -> Sealed:
     """What ``slamsim simulate`` leaves."""
     simulate_world(load_run_config("tiny", overrides=SHORT), folder, QUIET)
-    return Sealed("simulate", folder, SIMULATED, _named)
+    return Sealed("simulate", folder, SIMULATED, named_by_verify)
 
 
 def of_fix(folder: Path) -> Sealed:
@@ -104,7 +104,7 @@ def of_fix(folder: Path) -> Sealed:
         faults = (*config.faults, *typed_choices(["lidar_late:0.2"]))
         simulate_world(config.model_copy(update={"faults": faults}), run, QUIET)
         fix_log(run, folder, "all", QUIET)
-    return Sealed("fix", folder, _recording("."), _named)
+    return Sealed("fix", folder, _recording("."), named_by_verify)
 
 
 def of_world(folder: Path) -> Sealed:
@@ -115,7 +115,7 @@ def of_world(folder: Path) -> Sealed:
         "world": lambda folder: load_world_config(str(folder / "world.yaml")).model_dump(),
         "mesh": lambda folder: _built(folder / "world.stl"),
     }
-    return Sealed("world", folder, readers, _named)
+    return Sealed("world", folder, readers, named_by_verify)
 
 
 def _built(mesh: Path) -> object:

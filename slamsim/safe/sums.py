@@ -14,7 +14,8 @@ from typing import Any
 
 SUMS, SEQUENCE = "SHA256SUMS", "sequence.json"
 _OWN = "# of the lines above: "
-_OUR_WORDS = (_OWN.encode(), b'\n "files": [', b'\n "sha256": "')
+_OUR_WORDS = (b"# of the", b" lines ", b"above: ", b'\n "files": [', b'\n "sha256": "')
+"""More than damage of a few bytes makes unreadable."""
 _LINE = re.compile(r"([0-9a-f]{64})  ([^\n]+)")
 
 
