@@ -135,9 +135,17 @@ def test_a_sequence_is_sealed_by_the_file_that_describes_it(tmp_path: Path) -> N
             read(tmp_path / "truth" / "a")
 
 
-@pytest.mark.parametrize(
-    "foreign", ["", "0" * 64 + "  map\n", "{}", '{"files": [1]}', "[" * 100_000, "\xff\0"]
+FOREIGN = (
+    "",
+    f"{0:064}  map\n",
+    f"{0:064}  lines above: 1\n",
+    "{}",
+    '{"files": [1]}',
+    "[" * 99_999,
 )
+
+
+@pytest.mark.parametrize("foreign", [*FOREIGN, "\xff\0"])
 def test_files_of_the_same_name_that_others_wrote_are_no_seals(
     tmp_path: Path, foreign: str
 ) -> None:

@@ -123,7 +123,10 @@ def without_checksums(path: Path) -> Path:
         ),
         (lambda p: without_checksums(p / "a.mcap"), r"a chunk \(1x\), the data section \(1x\)"),
         (lambda p: as_rosbag2(p / "a", Robot(ROS2).drive()), "nothing: SQLite"),
-        (lambda p: as_ros1(p / "a", Robot(ROS1).drive(), "BZ2"), "packed with bz2 have checksums"),
+        (
+            lambda p: as_ros1(p / "a.bag", Robot(ROS1).drive(), "BZ2"),
+            "packed with bz2 have checksums",
+        ),
         (lambda p: carmen(p / "a.clf", bytes), "nothing: plain text"),
         (lambda p: carmen(p / "a.clf.gz", gzip.compress), "the packed text has checksums"),
         (lambda p: carmen(p / "a.clf.bz2", bz2.compress), "the packed text has checksums"),

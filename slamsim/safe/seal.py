@@ -18,7 +18,7 @@ from pathlib import Path
 
 from slamsim.safe.errors import DataDamaged, InputRefused
 from slamsim.safe.limits import LIMITS, Limits
-from slamsim.safe.sums import SEQUENCE, SUMS, SumsDamaged, are_ours, hashes_in, sums_text
+from slamsim.safe.sums import SEQUENCE, SUMS, SumsDamaged, hashes_in, is_ours, sums_text
 
 WRITTEN_BY_US = ".slamsim"
 """A folder that holds a file of this name is ours."""
@@ -134,7 +134,7 @@ def _seal(path: Path, _: _Identity, limits: Limits) -> Seal | None:
     if len(data) > limits.sums_bytes:
         reason = f"is longer than {limits.sums_bytes:,} bytes, which no such file is"
         raise InputRefused(path, reason, limit="sums_bytes")
-    if not ((path.parent / WRITTEN_BY_US).is_file() or are_ours(data)):
+    if not ((path.parent / WRITTEN_BY_US).is_file() or is_ours(path.name, data)):
         return None
     try:
         return Seal(path.parent, path.name, hashes_in(path.name, data))

@@ -14,7 +14,8 @@ from typing import Any
 
 SUMS, SEQUENCE = "SHA256SUMS", "sequence.json"
 _OWN = "# of the lines above: "
-_OUR_WORDS = (b"# of the", b" lines ", b"above: ", b'\n "files": [', b'\n "sha256": "')
+_OWN_WORDS = (b"# of the", b"lines", b"above:")
+_SEQUENCE_WORDS = (b'\n "files": [', b'\n "sha256": "')
 """More than damage of a few bytes makes unreadable."""
 _LINE = re.compile(r"([0-9a-f]{64})  ([^\n]+)")
 
@@ -60,9 +61,13 @@ def read_sequence(data: bytes) -> dict[str, Any]:
     raise SumsDamaged(f"{SEQUENCE} is not as it was written")
 
 
-def are_ours(data: bytes) -> bool:
+def is_ours(name: str, data: bytes) -> bool:
     """Whether we wrote this, perhaps otherwise, and not somebody who uses the same name."""
-    return any(words in data for words in _OUR_WORDS)
+    if name == SEQUENCE:
+        return any(words in data for words in _SEQUENCE_WORDS)
+    last = data.rstrip(b"\n").rpartition(b"\n")[2]
+    is_hash = _LINE.fullmatch(last.decode("utf-8", "replace")) is not None
+    return not is_hash and any(words in last for words in _OWN_WORDS)
 
 
 def hashes_in(name: str, data: bytes) -> dict[str, str]:
