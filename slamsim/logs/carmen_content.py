@@ -18,6 +18,7 @@ from slamsim.safe.errors import InputRefused, printable
 
 _OTHER_MESSAGES = ("SYNC", "TRUEPOS", "NMEAGGA", "NMEARMC", "SONAR", "BUMPER", "MARKER", "IMU")
 _LASERS = ("FLASER", "RLASER", *(f"{kind}LASER{i}" for kind in ("ROBOT", "RAW") for i in "12345"))
+MESSAGES = frozenset((*_OTHER_MESSAGES, *_LASERS, "ODOM", "PARAM"))
 
 
 @dataclass(slots=True)
@@ -35,22 +36,30 @@ class CarmenContent:
     first_malformed: str = ""
 
 
-def _take_line(content: CarmenContent, words: list[str]) -> None:
+def parse_line(words: list[str]) -> LaserLine | OdomLine | None:
+    """What a line measures, None for one of another kind; ValueError if it is no CARMEN line."""
     name = words[0]
-    if name == "PARAM":
-        if len(words) < 3:
-            raise ValueError("a PARAM without a value")
-        content.parameters[words[1]] = words[2]
-    elif name == "ODOM":
-        content.odometry.append(parse_odom(words))
-    elif name in _LASERS:
-        parse = parse_flaser if name in ("FLASER", "RLASER") else parse_configured
-        line = parse(words)
-        content.lasers.setdefault(name, []).append(line)
-    elif name.rstrip("0123456789-").isupper() or name.startswith(_OTHER_MESSAGES):
-        content.ignored[printable(name[:30])] += 1
-    else:
+    if name == "ODOM":
+        return parse_odom(words)
+    if name in _LASERS:
+        return (parse_flaser if name in ("FLASER", "RLASER") else parse_configured)(words)
+    if name == "PARAM" and len(words) < 3:
+        raise ValueError("a PARAM without a value")
+    if not (name.rstrip("0123456789-").isupper() or name.startswith(_OTHER_MESSAGES)):
         raise ValueError(f"{name[:30]!r} is no CARMEN message")
+    return None
+
+
+def _take_line(content: CarmenContent, words: list[str]) -> None:
+    name, line = words[0], parse_line(words)
+    if isinstance(line, OdomLine):
+        content.odometry.append(line)
+    elif line is not None:
+        content.lasers.setdefault(name, []).append(line)
+    elif name == "PARAM":
+        content.parameters[words[1]] = words[2]
+    else:
+        content.ignored[printable(name[:30])] += 1
 
 
 def collect(lines: Iterable[tuple[int, str]], path: Path) -> CarmenContent:

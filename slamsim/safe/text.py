@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import BinaryIO
 
-from slamsim.safe.errors import InputRefused
+from slamsim.safe.errors import Excessive, InputRefused
 from slamsim.safe.files import open_input
 from slamsim.safe.limits import LIMITS, Limits
 
@@ -50,7 +50,7 @@ def _lines(path: Path, file: BinaryIO, limits: Limits) -> Iterator[tuple[int, st
         try:
             for block in _blocks(file):
                 total += len(block)
-                _check_total(total, number, file, limits)
+                require_proportion(total, number, file.tell(), limits)
                 joined = rest + block
                 suspect = b"\0" in joined or len(joined) > limits.text_line_bytes
                 pieces = joined.split(b"\n")
@@ -62,7 +62,7 @@ def _lines(path: Path, file: BinaryIO, limits: Limits) -> Iterator[tuple[int, st
                     yield number, _decode(piece, number)
                 if suspect:
                     _check_line(rest, limits)
-        except _Damaged as damage:
+        except (_Damaged, Excessive) as damage:
             where = f"line {number + 1}"
             raise InputRefused(path, str(damage), where, limit=damage.limit) from None
         except OSError as error:
@@ -86,16 +86,19 @@ def _check_line(piece: bytes, limits: Limits) -> None:
         raise _Damaged("holds a NUL byte: this is not a text file")
 
 
-def _check_total(total: int, lines: int, file: BinaryIO, limits: Limits) -> None:
+def require_proportion(total: int, lines: int, packed: int, limits: Limits = LIMITS) -> None:
+    """Raise Excessive for more text than belongs into this many bytes of a file, packed or not.
+
+    total: bytes of text so far, in this many lines.
+    """
     if total > limits.text_total_bytes:
         reason = f"more than {limits.text_total_bytes:,} bytes of text"
-        raise _Damaged(reason, "text_total_bytes")
-    packed = file.tell()
+        raise Excessive(reason, "text_total_bytes")
     bomb = "unpacks to more text than a log of this size can hold"
     if lines > limits.text_lines_floor and lines > limits.text_lines_per_byte * packed:
-        raise _Damaged(bomb, "text_lines_per_byte")
+        raise Excessive(bomb, "text_lines_per_byte")
     if total > limits.text_ratio_floor_bytes and total > limits.text_ratio * packed:
-        raise _Damaged(bomb, "text_ratio")
+        raise Excessive(bomb, "text_ratio")
 
 
 def _blocks(file: BinaryIO) -> Iterator[bytes]:
