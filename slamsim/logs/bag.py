@@ -14,7 +14,7 @@ from typing import Any
 from slamsim.logs.bag1_check import index_bag1
 from slamsim.logs.bag_sources import Bag1Source, Channel, McapSource, MessageSource, SqliteSource
 from slamsim.logs.mcap_read import index_mcap
-from slamsim.logs.refusing import refusing
+from slamsim.logs.refusing import damaged, refusing
 from slamsim.logs.sqlite_read import index_sqlite
 from slamsim.safe.errors import InputRefused, shown
 from slamsim.safe.files import own_file
@@ -91,9 +91,7 @@ def open_bag(path: Path) -> Bag:
         raise InputRefused(path, f"{names}: .mcap or .db3 files belong into a recording")
     found = sum(channel.messages for channel in bag.channels)
     if announced not in (None, found):
-        raise InputRefused(
-            path / _METADATA, f"announces {announced:,} messages, the files hold {found:,}"
-        )
+        raise damaged(path, f"{_METADATA} announces {announced:,} messages, there are {found:,}")
     return bag
 
 

@@ -15,7 +15,8 @@ from pathlib import Path
 from typing import BinaryIO
 
 from slamsim.logs.bag_limits import inflate
-from slamsim.safe.errors import Excessive, InputRefused, limit_of
+from slamsim.logs.refusing import damaged
+from slamsim.safe.errors import Excessive
 from slamsim.safe.files import open_input, require_magic
 from slamsim.safe.limits import LIMITS, Limits
 
@@ -67,15 +68,14 @@ def index_bag1(path: Path, limits: Limits = LIMITS) -> Bag1Index:
             except Exception as error:
                 detail = " ".join(str(error).split())[:200] or type(error).__name__
                 reason = f"{detail} ({type(error).__name__}): the bag is damaged or cut off"
-                where = f"byte {position:,}"
-                raise InputRefused(path, reason, where, limit=limit_of(error)) from error
+                raise damaged(path, reason, f"byte {position:,}", error) from error
     if strangers := index.counts.keys() - index.connections.keys():
         reason = f"messages on connection {min(strangers)}, which is never declared: damaged"
-        raise InputRefused(path, reason)
+        raise damaged(path, reason)
     found = index.counts.total()
     if index.announced != found:
         reason = f"the index knows {index.announced:,} messages, {found:,} are there"
-        raise InputRefused(path, f"{reason}: a recording that was not ended, or damaged")
+        raise damaged(path, f"{reason}: a recording that was not ended, or damaged")
     return index
 
 

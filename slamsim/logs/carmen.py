@@ -19,7 +19,6 @@ from slamsim.logs.carmen_lines import Fan, LaserLine, count_backward
 from slamsim.logs.scans import StoredScans
 from slamsim.logs.stamps import epoch_of
 from slamsim.safe.errors import InputRefused
-from slamsim.safe.text import open_lines
 from slamsim.types import (
     BoolArray,
     Float32Array,
@@ -43,7 +42,7 @@ def read_carmen(path: Path, scan_topic: str | None = None) -> Log:
     Without it: of the messages that carry odometry (else of all) the one with the most lines.
     Raises InputRefused for a file without scans, without odometry or of another kind.
     """
-    content = collect(open_lines(path), path)
+    content = collect(path)
     channel, warnings = _choose_channel(content, scan_topic, path)
     lines = content.lasers[channel]
     warnings += oddities(content)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -14,7 +14,9 @@ from slamsim.logs.carmen_lines import (
     parse_flaser,
     parse_odom,
 )
+from slamsim.logs.refusing import damaged
 from slamsim.safe.errors import InputRefused, printable
+from slamsim.safe.text import open_lines
 
 _OTHER_MESSAGES = ("SYNC", "TRUEPOS", "NMEAGGA", "NMEARMC", "SONAR", "BUMPER", "MARKER", "IMU")
 _LASERS = ("FLASER", "RLASER", *(f"{kind}LASER{i}" for kind in ("ROBOT", "RAW") for i in "12345"))
@@ -62,14 +64,15 @@ def _take_line(content: CarmenContent, words: list[str]) -> None:
         content.ignored[printable(name[:30])] += 1
 
 
-def collect(lines: Iterable[tuple[int, str]], path: Path) -> CarmenContent:
-    """Reads every line of (number, text); raises InputRefused when nothing is a CARMEN message.
+def collect(path: Path) -> CarmenContent:
+    """Reads every line of a file; raises as ``open_lines`` does, and InputRefused when nothing is
+    a CARMEN message.
 
     A line that cannot be read is counted and left out.
     """
     content = CarmenContent()
     number = 0
-    for number, line in lines:
+    for number, line in _lines(path):
         words = line.split()
         if not words or words[0].startswith("#"):
             continue
@@ -85,3 +88,12 @@ def collect(lines: Iterable[tuple[int, str]], path: Path) -> CarmenContent:
         seen = content.first_malformed or f"{number} lines without a laser or odometry message"
         raise InputRefused(path, f"this is no CARMEN log with FLASER and ODOM lines ({seen})")
     return content
+
+
+def _lines(path: Path) -> Iterator[tuple[int, str]]:
+    try:
+        yield from open_lines(path)
+    except InputRefused as refusal:
+        if not refusal.where:
+            raise
+        raise damaged(path, refusal.reason, refusal.where, refusal) from None

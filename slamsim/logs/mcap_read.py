@@ -22,7 +22,8 @@ from mcap.opcode import Opcode
 
 from slamsim.logs.bag_limits import inflate
 from slamsim.logs.mcap_stream import MAGIC
-from slamsim.safe.errors import Excessive, InputRefused, limit_of
+from slamsim.logs.refusing import damaged
+from slamsim.safe.errors import Excessive
 from slamsim.safe.files import open_input, require_magic
 from slamsim.safe.limits import LIMITS, Limits
 
@@ -63,14 +64,13 @@ def index_mcap(path: Path, limits: Limits = LIMITS) -> McapIndex:
                 crc, ended = _next_record(file, size, index, crc, limits)
             except Exception as error:
                 detail = " ".join(str(error).split())[:200] or type(error).__name__
-                where = f"byte {position:,}"
-                raise InputRefused(path, detail, where, limit=limit_of(error)) from error
+                raise damaged(path, detail, f"byte {position:,}", error) from error
             position = file.tell()
         if file.read(len(MAGIC) + 1) != MAGIC:
-            raise InputRefused(path, "the file does not end where its footer says it does")
+            raise damaged(path, "the file does not end where its footer says it does")
     found = index.counts.total()
     if index.announced not in (None, found):
-        raise InputRefused(path, f"{index.announced:,} messages announced, {found:,} are there")
+        raise damaged(path, f"{index.announced:,} messages announced, {found:,} are there")
     return index
 
 

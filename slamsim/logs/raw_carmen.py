@@ -21,7 +21,6 @@ from slamsim.recording import (
     UnreadTopic,
 )
 from slamsim.safe.errors import InputRefused
-from slamsim.safe.text import open_lines
 from slamsim.types import FloatArray, IntArray
 
 _ODOM_FRAME, _BASE_FRAME = "odom", "base_link"
@@ -36,7 +35,7 @@ def read_carmen_recording(path: Path, scan_topic: str | None = None) -> Recordin
     process stamps, are read only where the laser lines carry none. Raises InputRefused for
     a file of another kind.
     """
-    content = collect(open_lines(path), path)
+    content = collect(path)
     if scan_topic is not None and scan_topic not in content.lasers:
         there = ", ".join(content.lasers) or "none"
         raise InputRefused(path, f"no laser message {scan_topic!r}; there is {there}")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from slamsim.logs.carmen import read_carmen
-from slamsim.logs.refusing import refusing
+from slamsim.logs.refusing import damaged, refusing
 from slamsim.safe.errors import InputRefused, NotFound
 from slamsim.safe.files import own_file
 from slamsim.types import Log, Trajectory
@@ -73,6 +73,8 @@ def recording_at(path: Path) -> Path:
         for name in (".", "parquet"):
             if is_parquet_log(path / name):
                 return own_file(path, name)
+        if any(file.suffix in (".mcap", ".db3") for file in path.iterdir()):
+            raise damaged(path, "there is no metadata.yaml in this folder")
         raise InputRefused(path, f"there is no metadata.yaml in this folder; {_KNOWN}")
     if not is_carmen(path) and path.suffix.lower() not in _BAG_SUFFIXES:
         raise InputRefused(path, f"{path.suffix or 'no suffix'} is no known kind of log; {_KNOWN}")

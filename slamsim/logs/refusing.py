@@ -9,6 +9,18 @@ from pathlib import Path
 from slamsim.safe.errors import InputRefused, SlamsimError, limit_of
 
 
+def damaged(
+    path: Path, reason: str, where: str = "", error: Exception | None = None
+) -> InputRefused:
+    """The refusal of a recording that is cut or damaged, which says what to do about it.
+
+    error: what led to it; one that exceeds a limit is no damage.
+    """
+    limit = "" if error is None else limit_of(error)
+    way_out = "" if limit else f"; `slamsim recover {path}` gets back what is whole"
+    return InputRefused(path, f"{reason}{way_out}", where, limit=limit)
+
+
 @contextmanager
 def refusing(path: Path, where: str) -> Iterator[None]:
     """Inside, whatever is raised about the file is raised as InputRefused.

@@ -13,7 +13,8 @@ from pathlib import Path
 
 import zstandard
 
-from slamsim.safe.errors import Excessive, InputRefused, limit_of
+from slamsim.logs.refusing import damaged
+from slamsim.safe.errors import Excessive
 from slamsim.safe.files import open_input, require_magic
 from slamsim.safe.limits import LIMITS, Limits
 
@@ -59,8 +60,7 @@ def index_sqlite(path: Path, packed: bool, limits: Limits = LIMITS) -> SqliteInd
             _require_sound(db, limits)
             return SqliteIndex(path, _topics(db), _definitions(db), _hashes(db), packed)
     except (sqlite3.Error, ValueError) as error:
-        reason = f"damaged, or no recording ({error})"
-        raise InputRefused(path, reason, limit=limit_of(error)) from error
+        raise damaged(path, f"damaged, or no recording ({error})", error=error) from error
 
 
 def sqlite_messages(

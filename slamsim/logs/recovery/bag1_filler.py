@@ -72,8 +72,8 @@ class Bag1Filler:
     def chunk(self, chunk: WholeChunk) -> int:
         """A whole chunk as it is; how many messages are left out, of connections not known."""
         self._pack()
-        places, strangers = self._places(chunk.content)
-        if strangers:
+        places, strangers, is_sound = self._places(chunk.content)
+        if not is_sound:
             for place in places:
                 self.message(chunk.content[place.begin : place.begin + place.bytes])
         elif places:
@@ -99,19 +99,24 @@ class Bag1Filler:
         self._stream.seek(len(MAGIC))
         self._put(head + pack("<I", padding) + b" " * padding)
 
-    def _places(self, content: bytes) -> tuple[list[_Place], int]:
-        """(messages that can be used, number of others); connections in it are known from here."""
-        places, strangers = list[_Place](), 0
+    def _places(self, content: bytes) -> tuple[list[_Place], int, bool]:
+        """(messages that can be used, number of others, whether all of it can be used).
+
+        Connections in it are known from here.
+        """
+        places, strangers, is_sound = list[_Place](), 0, True
         for fields, begin, data, end in records_in_chunk(content):
             if fields[b"op"] == CONNECTION:
-                self.know(connection(fields, content[begin:end], data - begin))
+                found = connection(fields, content[begin:end], data - begin)
+                self.know(found)
+                is_sound &= self.known[found.number].record == found.record
             elif fields[b"op"] == MESSAGE:
                 number = int.from_bytes(fields[b"conn"], "little")
                 if number in self.known:
                     places.append(_Place(number, fields[b"time"], begin, end - begin))
                 else:
                     strangers += 1
-        return places, strangers
+        return places, strangers, is_sound and not strangers
 
     def _pack(self) -> None:
         """The messages that wait become a chunk, not compressed."""

@@ -9,7 +9,7 @@ from typing import Literal
 
 from slamsim.logs.reader import is_carmen
 from slamsim.safe.errors import InputRefused, NotFound, SlamsimError
-from slamsim.safe.files import open_as_found
+from slamsim.safe.files import open_as_found, own_file
 
 Kind = Literal["ROS 2", "ROS 1", "CARMEN", "Parquet"]
 
@@ -74,7 +74,9 @@ def damaged_recording(path: Path) -> Damaged:
 
 
 def _files(folder: Path) -> list[Path]:
-    return [file for file in folder.iterdir() if file.is_file()] if folder.is_dir() else []
+    if not folder.is_dir():
+        return []
+    return [own_file(folder, file.name) for file in folder.iterdir() if file.is_file()]
 
 
 def _kind(path: Path) -> Kind:

@@ -1,0 +1,117 @@
+"""A recording whose writer was killed at any moment loses at most the chunk that was open."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from log_data import drive, header, readings
+
+from slamsim.logs.bag_folder import MCAP_NAME
+from slamsim.logs.reader import read_log, read_truth
+from slamsim.logs.recovery.recover import recover
+from slamsim.logs.recovery.source import damaged_recording
+from slamsim.logs.writer import LogWriter
+
+pytestmark = pytest.mark.fault
+
+KILLS = 12
+WINDOW_S = 0.5
+CHUNK_BYTES = 20_000
+COMMAND = [sys.executable, "-c", "from slamsim.entry import main; main()"]
+
+
+def write_until_killed(folder: Path, told: int) -> None:
+    """Records for ever, and says after each window that it is written."""
+    with LogWriter(folder, header()) as writer:
+        for number in range(10_000):
+            span = (number * WINDOW_S, (number + 1) * WINDOW_S)
+            writer.write(readings(*span), drive(*span))
+            os.write(told, b".")
+
+
+def killed_writer(folder: Path, after_s: float) -> int:
+    """How many windows a child said to be written before it was killed."""
+    heard, told = os.pipe()
+    child = os.fork()
+    if child == 0:
+        try:
+            os.close(heard)
+            write_until_killed(folder, told)
+        finally:
+            os._exit(1)
+    os.close(told)
+    os.read(heard, 1)
+    time.sleep(after_s)
+    os.kill(child, signal.SIGKILL)
+    os.waitpid(child, 0)
+    with os.fdopen(heard, "rb") as rest:
+        return 1 + len(rest.read())
+
+
+def test_a_killed_writer_loses_at_most_one_chunk(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("slamsim.logs.mcap_file.CHUNK_BYTES", CHUNK_BYTES)
+    for number, after_s in enumerate(np.random.default_rng(1).uniform(0.0, 0.4, KILLS).tolist()):
+        log = tmp_path / f"{number}.partial" / "log"
+        windows = killed_writer(log, after_s)
+        (out := tmp_path / f"out_{number}").mkdir()
+        told = recover(damaged_recording(tmp_path / str(number)), out)
+        last_ns = max(topic.last_ns for topic in told.topics)
+        bytes_per_s = sum(topic.bytes for topic in told.topics) / (last_ns * 1e-9)
+        assert windows * WINDOW_S - last_ns * 1e-9 <= CHUNK_BYTES / bytes_per_s + 0.1
+        read_log(out)
+        truth = read_truth(out)
+        assert truth is not None and len(truth) > 10
+
+
+def test_what_a_killed_simulation_had_recorded_is_mapped(tmp_path: Path) -> None:
+    """By its own name, although only the unfinished folder is there."""
+    run = subprocess.Popen(
+        [*COMMAND, "simulate", "labyrinth", "-q"],
+        cwd=tmp_path,
+        start_new_session=True,
+        stderr=subprocess.DEVNULL,
+    )
+    recording = tmp_path / "outputs" / "labyrinth.partial" / "log" / MCAP_NAME
+    deadline_s = time.monotonic() + 120.0
+    while time.monotonic() < deadline_s and not (
+        recording.exists() and recording.stat().st_size > 450_000
+    ):
+        time.sleep(0.02)
+    os.killpg(run.pid, signal.SIGKILL)
+    run.wait()
+    size = recording.stat().st_size
+    done = subprocess.run(
+        [*COMMAND, "recover", "outputs/labyrinth", "--json"],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    told = json.loads(done.stdout)
+    assert told["folder"] == told["recording"] == "outputs/labyrinth_recovered"
+    assert sum(loss["bytes"] for loss in told["losses"]) < 400_000
+    assert recording.stat().st_size == size
+    log = read_log(tmp_path / told["recording"])
+    seconds = {topic["topic"]: topic["seconds"] for topic in told["topics"]}
+    assert len(list(log.scans)) > 20 and seconds["/scan"] > 2.0
+    again = subprocess.run(
+        [*COMMAND, "recover", "outputs/labyrinth", "--out", "outputs/labyrinth"],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert again.returncode == 1
+    assert "choose another" in again.stderr
+    assert recording.stat().st_size == size
