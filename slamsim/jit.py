@@ -10,10 +10,12 @@ or read-only disk costs the cache, not the run; and compiling is told to the log
 
 from __future__ import annotations
 
+import atexit
 import hashlib
 import logging
 import os
 import pickle
+import shutil
 import tempfile
 from collections.abc import Callable
 from functools import cache
@@ -32,8 +34,11 @@ _DIGEST_BYTES = hashlib.sha256().digest_size
 
 
 @cache
-def _cache_folder() -> Path:
-    """A private, writable folder for exactly these kernel sources."""
+def _cache_folder() -> Path | None:
+    """A private, writable folder for exactly these kernel sources; none where nothing is writable.
+
+    A cache is code: one that somebody else could have written to is not used.
+    """
     package = Path(__file__).parent
     digest = hashlib.sha256(numba.__version__.encode())
     for source in sorted(package.rglob("*.py")):
@@ -46,11 +51,29 @@ def _cache_folder() -> Path:
         folder = parent / "slamsim" / f"kernels-{digest.hexdigest()[:16]}"
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         tempfile.TemporaryFile(dir=folder).close()
-        if folder.stat().st_uid != os.getuid():
-            raise PermissionError(f"{folder} belongs to someone else")
+        found = folder.stat()
+        if found.st_uid != os.getuid() or found.st_mode & 0o022:
+            raise PermissionError(f"{folder} could have been written to by someone else")
     except (OSError, RuntimeError) as error:
+        return _passing_folder(error)
+    return folder
+
+
+def _passing_folder(why: Exception) -> Path | None:
+    """A folder that goes with this process, not with those that it forks."""
+    try:
         folder = Path(tempfile.mkdtemp(prefix="slamsim-kernels-"))
-        _log.warning("kernels are cached for this run only, in %s: %s", folder, error)
+    except OSError:
+        _log.warning("kernels are not cached: %s", why)
+        return None
+    _log.warning("kernels are cached for this run only, in %s: %s", folder, why)
+    ours = os.getpid()
+
+    def remove() -> None:
+        if os.getpid() == ours:
+            shutil.rmtree(folder, ignore_errors=True)
+
+    atexit.register(remove)
     return folder
 
 
@@ -151,5 +174,6 @@ def _announce_compilation() -> None:
 def kernel(function: _Function) -> _Function:
     """Compile a function of numbers and arrays on its first call, or take it from the cache."""
     dispatcher: Any = numba.njit(nogil=True, error_model="numpy")(function)
-    dispatcher._cache = _ForgivingCache(function)
+    if _cache_folder() is not None:
+        dispatcher._cache = _ForgivingCache(function)
     return cast(_Function, dispatcher)

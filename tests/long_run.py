@@ -21,6 +21,7 @@ KINDS: dict[str, str] = {
     "kills": "fault_kills",
     "stops": "fault_stops",
     "sealed": "fault_sealed",
+    "atheris": "fault_atheris",
 }
 """Each names a module with ``options(parser)`` and ``run(chosen, journal) -> list[Row]``."""
 
