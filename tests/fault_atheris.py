@@ -40,7 +40,7 @@ INSTRUMENTED = (
 )
 """No kernels: their byte code must stay as it is."""
 LONGEST_BYTES = 1 << 16
-LONGEST_S, MOST_MIB = 10, 1500
+LONGEST_S, MOST_MIB = 30, 1500
 _KINDS = {70: "signal", 71: "memory", 77: "signal"}
 
 
@@ -130,6 +130,7 @@ def _main(name: str, corpus: Path, finds: Path, seconds: str) -> None:
             f"-max_total_time={seconds}",
             f"-max_len={LONGEST_BYTES}",
             f"-timeout={LONGEST_S}",
+            f"-report_slow_units={LONGEST_S}",
             f"-rss_limit_mb={MOST_MIB}",
             f"-artifact_prefix={finds}/",
             "-seed=1",

@@ -6,15 +6,14 @@ from collections import Counter
 from collections.abc import Iterable
 from pathlib import Path
 
-from bag_data import ROS2, Message, Robot, as_ros1, as_rosbag2
+from bag_data import ROS1, ROS2, Message, Robot, as_ros1, as_rosbag2
 from fault_fuzz import Target, as_file, made, texts
 from fault_log_reads import whole_log
-from fault_log_seeds import messages1, messages2
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.typesys import Stores, get_typestore
 
 from slamsim.logs.bag_limits import check_definitions
-from slamsim.logs.bag_sources import register
+from slamsim.logs.message_types import register
 from slamsim.logs.refusing import refusing
 
 
@@ -47,14 +46,11 @@ def _messages() -> Iterable[bytes]:
         yield bytes([number]) + bytes(ROS2.serialize_cdr(message, message.__msgtype__))
 
 
-MESHES = ("stl", "obj", "ply", "glb")
-
-
-def _small_messages(messages: list[Message]) -> list[Message]:
+def _small_messages(robot: Robot) -> list[Message]:
     """As many as show every topic twice: what is small is searched faster."""
     seen = Counter[str]()
     kept = []
-    for message in messages:
+    for message in robot.drive():
         seen[message[0]] += 1
         if seen[message[0]] <= 2:
             kept.append(message)
@@ -63,7 +59,7 @@ def _small_messages(messages: list[Message]) -> list[Message]:
 
 def _plain_mcap(path: Path) -> Path:
     """Without compression and checksums, so that every change reaches what it changes."""
-    bag = as_rosbag2(path.with_suffix(""), _small_messages(messages2()), StoragePlugin.MCAP)
+    bag = as_rosbag2(path.with_suffix(""), _small_messages(Robot(ROS2)), StoragePlugin.MCAP)
     return next(bag.glob("*.mcap"))
 
 
@@ -88,12 +84,12 @@ LOG_TARGETS = (
     Target(
         "ros 1 bag",
         as_file("a.bag", whole_log),
-        made("a.bag", lambda path: as_ros1(path, _small_messages(messages1()))),
+        made("a.bag", lambda path: as_ros1(path, _small_messages(Robot(ROS1)))),
     ),
     Target(
         "sqlite",
         as_file("a.db3", whole_log),
-        made("bag", lambda path: as_rosbag2(path, _small_messages(messages2()))),
+        made("bag", lambda path: as_rosbag2(path, _small_messages(Robot(ROS2)))),
     ),
     Target("definition", _definition, _definitions, _DEFINITION_WORDS),
     Target("message", _cdr, _messages),
