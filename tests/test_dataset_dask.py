@@ -53,16 +53,20 @@ class Killer(Unwatched):
             end(next(iter(self._cluster.workers.values())).process.pid, signal.SIGKILL)
 
 
-def test_the_same_bytes_as_on_one_core_though_sequences_crash_and_a_worker_is_lost(
+def test_the_same_bytes_as_on_one_core_whatever_happens_to_the_workers(
     cluster: Any, orders: Path, tmp_path: Path
 ) -> None:
     make(tmp_path / "undisturbed", orders, COUNT)
     (orders / "2").write_text("crash")
+    (orders / "4").write_text("eat leave")
+    (orders / "6").write_text("hang")
     (orders / "7").write_text("break kill")
     (orders / "9").write_text("crash crash crash crash")  # once in company, three times alone
     engine = DaskEngine(cluster.scheduler_address, batch=3)
-    summary = make(tmp_path / "set", orders, COUNT, engine, seconds=0.1, watch=Killer(cluster))
-    assert [failure.index for failure in summary.failures] in ([9], [])
+    summary = make(
+        tmp_path / "set", orders, COUNT, engine, seconds=0.1, limit_s=5.0, watch=Killer(cluster)
+    )
+    assert {failure.index for failure in summary.failures} <= {4, 7, 9}  # in company, then alone
     engine = DaskEngine(cluster.scheduler_address)
     assert make(tmp_path / "set", orders, COUNT, engine).failures == ()
     assert tree(tmp_path / "set") == tree(tmp_path / "undisturbed")
