@@ -85,7 +85,7 @@ def _code(status: int, stopped_by: int | None) -> int:
     ended_by = os.WTERMSIG(status)
     if stopped_by is not None or ended_by in STOPPING:
         return fail(STOPPED, 128 + (stopped_by or ended_by))
-    how = f"it was ended by {signal.Signals(ended_by).name}"
+    how = f"this run was ended by {signal.Signals(ended_by).name}"
     if ended_by == signal.SIGKILL:
         how += ", as the system does where memory runs out"
     return fail(f"{how}; {_UNTOUCHED}", SlamsimError.exit_code)
