@@ -50,6 +50,11 @@ class Run:
             return next(map(int, children.read_text().split()), None)
         return None
 
+    def await_child(self) -> None:
+        """Until then Python itself is starting, and a signal ends it as it ends any process."""
+        while self.child() is None and self.process.poll() is None:
+            time.sleep(0.005)
+
     def ended(self, within_s: float = 60.0) -> tuple[int, str, float]:
         """(exit code, what it said, how long that took)."""
         begin_s = time.monotonic()

@@ -121,6 +121,7 @@ def _stopped(number: int, places: dict[str, str]) -> dict[str, Any]:
             tempfile.TemporaryDirectory(prefix="slamsim-stop-") as folder,
             running(*words, cwd=Path(folder)) as run,
         ):
+            run.await_child()
             with suppress(subprocess.TimeoutExpired):
                 run.process.wait(at_s)
             if run.process.poll() is not None:

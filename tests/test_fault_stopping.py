@@ -128,7 +128,7 @@ def test_whatever_a_command_started_is_killed_with_it(
 
 @pytest.mark.parametrize(
     ("doing", "says"),
-    [("crash", "run was ended by SIGSEGV;"), ("killed", "ended by SIGKILL, as the system does where")],
+    [("crash", "ended by SIGSEGV;"), ("killed", "ended by SIGKILL, as the system does where")],
 )
 def test_a_crash_is_told(doing: str, says: str, tmp_path: Path) -> None:
     with running(doing, cwd=tmp_path, code=BEGIN) as run:
