@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import sqlite3
 import tempfile
 from collections.abc import Callable
+from contextlib import closing
 from dataclasses import dataclass, replace
 from functools import cache, lru_cache
 from pathlib import Path
@@ -25,6 +27,14 @@ from slamsim.logs.ros_types import ENCODER_TICKS, ros2_types
 
 SECONDS, SPEED_M_S, BEAMS = 2.0, 0.4, 61
 _ROS2 = ros2_types()
+_TABLES = """
+    CREATE TABLE topics (id INTEGER PRIMARY KEY, name TEXT, type TEXT, serialization_format TEXT,
+        offered_qos_profiles TEXT, type_description_hash TEXT);
+    CREATE TABLE messages (id INTEGER PRIMARY KEY, topic_id INTEGER, timestamp INTEGER, data BLOB);
+    CREATE TABLE message_definitions (id INTEGER PRIMARY KEY, topic_type TEXT, encoding TEXT,
+        encoded_message_definition TEXT, type_description_hash TEXT);
+    CREATE INDEX timestamp_idx ON messages (timestamp ASC);
+"""
 _URDF = "<robot name='r'><link name='base_link'/></robot>"
 
 
@@ -155,6 +165,23 @@ def as_rosbag2(path: Path, held: Content, *, mcap: bool = False, packed: bool = 
                     *key, msgdef=text, rihs01=_hash(2, raw.kind, text)
                 )
             writer.write(connections[key], raw.log_ns, raw.data)
+    return path
+
+
+def as_db3(path: Path, held: Content) -> Path:
+    """A single SQLite file, written with SQL."""
+    keys = list(dict.fromkeys((raw.topic, raw.kind) for raw in held.messages))
+    texts = {kind: held.definitions[kind] for _, kind in keys}
+    with closing(sqlite3.connect(path)) as db:
+        db.executescript(_TABLES)
+        hashes = {kind: _hash(2, kind, text) for kind, text in texts.items()}
+        topics = [(i, *key, "cdr", "", hashes[key[1]]) for i, key in enumerate(keys)]
+        db.executemany("INSERT INTO topics VALUES (?, ?, ?, ?, ?, ?)", topics)
+        rows = [(keys.index((raw.topic, raw.kind)), raw.log_ns, raw.data) for raw in held.messages]
+        db.executemany("INSERT INTO messages VALUES (NULL, ?, ?, ?)", rows)
+        defined = [(kind, "ros2msg", text, "") for kind, text in texts.items()]
+        db.executemany("INSERT INTO message_definitions VALUES (NULL, ?, ?, ?, ?)", defined)
+        db.commit()
     return path
 
 

@@ -21,6 +21,8 @@ from typing import Literal
 from slamsim.safe.errors import DiskFull, InputRefused, SlamsimError
 
 HANG_S = 10.0
+_STARVED = 4.0
+"""A busy machine: without an answer a child may take so many times as long as its own seconds."""
 MOST_BYTES = 700 << 20
 """What one try may take beyond what the process holds before, 0.3 GiB once all is imported: with
 it less than 1 GiB."""
@@ -44,7 +46,10 @@ class Try:
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """detail: the refusal, or where and how it failed. peak_bytes: beyond what was held before."""
+    """detail: the refusal, or where and how it failed. seconds: of the processor.
+
+    peak_bytes: beyond what was held before.
+    """
 
     name: str
     outcome: Outcome
@@ -69,9 +74,9 @@ def judged(tries: Sequence[Try], hang_s: float = HANG_S) -> Iterator[Verdict]:
 def attempt(tried: Try) -> Verdict:
     """Here and now, without protection: for the child, and to look at one try closely."""
     held, files = _start_peak(), _open_files()
-    begun_s = time.perf_counter()
+    begun_s = time.process_time()
     outcome, detail = _outcome(tried)
-    seconds = time.perf_counter() - begun_s
+    seconds = time.process_time() - begun_s
     peak = max(_status_bytes("VmHWM") - held, 0)
     if outcome in GOOD and peak > MOST_BYTES:
         outcome, detail = "memory", f"{peak >> 20} MiB; {detail}"
@@ -138,7 +143,7 @@ def _by_one_child(tries: Sequence[Try], hang_s: float) -> Iterator[Verdict]:
     done, rest = 0, b""
     try:
         while done < len(tries):
-            if not select.select([reader], [], [], hang_s)[0]:
+            if not _heard(reader, child, hang_s):
                 yield Verdict(tries[done].name, "hang", f"nothing for {hang_s:g} s", hang_s)
                 return
             block = os.read(reader, 1 << 16)
@@ -152,6 +157,22 @@ def _by_one_child(tries: Sequence[Try], hang_s: float) -> Iterator[Verdict]:
     finally:
         os.close(reader)
         _end(child)
+
+
+def _heard(reader: int, child: int, hang_s: float) -> bool:
+    """Whether the child says something before it has worked for so long, or was silent for long."""
+    begun_s, worked_s = time.monotonic(), _worked_s(child)
+    while not select.select([reader], [], [], 0.1 * hang_s)[0]:
+        waited_s = time.monotonic() - begun_s
+        if _worked_s(child) - worked_s > hang_s or waited_s > _STARVED * hang_s:
+            return False
+    return True
+
+
+def _worked_s(child: int) -> float:
+    """Processor time of a process so far."""
+    fields = Path(f"/proc/{child}/stat").read_text(encoding="ascii").rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
 def _live(tries: Sequence[Try], writer: int) -> None:

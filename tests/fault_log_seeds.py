@@ -8,7 +8,7 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
-from fault_content import Content, as_mcap, as_ros1_bag, as_rosbag2, content, written_anew
+from fault_content import Content, as_db3, as_mcap, as_ros1_bag, as_rosbag2, content, written_anew
 from fault_database_changes import change_database
 from fault_log_reads import (
     judged_quickly,
@@ -48,16 +48,12 @@ def _as_single_mcap(path: Path, held: Content) -> Path:
     return as_mcap(path.with_suffix(".mcap"), held, CompressionType.ZSTD)
 
 
-def _as_single_db3(path: Path, held: Content, packed: bool = False) -> Path:
-    return next(as_rosbag2(path, held, packed=packed).glob("*.db3"))
-
-
 def _as_single_bag(path: Path, held: Content, compression: str) -> Path:
     return as_ros1_bag(path.with_suffix(".bag"), held, compression)
 
 
 OTHER_MCAP = written_anew(2, _as_single_mcap)
-OTHER_DB3 = written_anew(2, _as_single_db3)
+OTHER_DB3 = written_anew(2, as_db3)
 OTHER_BAG = written_anew(1, partial(_as_single_bag, compression=""))
 OTHER_PACKED_BAG = written_anew(1, partial(_as_single_bag, compression="LZ4"))
 
@@ -75,9 +71,7 @@ def _rosbag2(mcap: bool = False, packed: bool = False) -> Make:
 
 
 def _lone_db3(folder: Path) -> Path:
-    path = _as_single_db3(folder / "bag", content(2))
-    (path.parent / "metadata.yaml").unlink()
-    return path
+    return as_db3(folder / "a.db3", content(2))
 
 
 def _made(write: Callable[[Recording, Path], Path]) -> Make:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache, lru_cache
 from typing import Any
 
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
@@ -14,12 +15,13 @@ _IDL_RULE = "=" * 80 + "\n"
 
 
 class MessageTypes:
-    """The types of a recording's topics; a definition is looked at when it is first needed."""
+    """The types of a recording's topics; a definition is looked at when it is first needed.
+
+    Each is taken for itself, with the parts that it brings along: what one says of a part holds
+    for no other.
+    """
 
     def __init__(self) -> None:
-        self._standard = ros2_types()
-        self._store = get_typestore(Stores.EMPTY)
-        self._ready: set[str] = set()
         self._kinds: dict[str, tuple[str, str]] = {}
         self._definitions: dict[str, tuple[str, str, str]] = {}
 
@@ -47,47 +49,48 @@ class MessageTypes:
         """The message object, with the fields of its definition; raises whatever the library
         raises on damage."""
         name, encoding = self._kinds[topic]
-        self._require_type(name)
         if encoding == "cdr":
-            return self._store.deserialize_cdr(data, name)
+            return self._store(name).deserialize_cdr(data, name)
         if encoding == "ros1":
-            return self._store.deserialize_ros1(data, name)
+            return self._store(name).deserialize_ros1(data, name)
         raise ValueError(f"messages are encoded as {encoding[:30]!r}; cdr and ros1 are read")
 
     def is_cdr(self, topic: str) -> bool:
         """Whether messages are serialised as ROS 2 does, with the standard definition."""
         name, encoding = self._kinds[topic]
-        self._require_type(name)
-        known = self._standard.fielddefs.get(name)
-        return encoding == "cdr" and self._store.fielddefs[name] == known
+        defined, standard = self._store(name).fielddefs, _standard().fielddefs
+        return encoding == "cdr" and all(standard.get(kind) == of for kind, of in defined.items())
 
-    def _require_type(self, name: str) -> None:
-        if name in self._ready:
-            return
-        written_as, text, known_hash = self._definitions.get(name, ("", "", ""))
-        if text:
-            check_definitions([(name, text)])
-            register(self._store, name, written_as, text)
-            if known_hash and known_hash != self._hash(name, written_as):
-                raise ValueError(f"the definition of {name[:60]} does not fit its hash")
-        else:
-            self._take_standard(name)
-        self._ready.add(name)
-
-    def _take_standard(self, name: str) -> None:
-        """For a recording without definitions."""
-        known = self._store.fielddefs
-        if name in known:
-            return
-        if name not in self._standard.fielddefs:
+    def _store(self, name: str) -> Typestore:
+        definition = self._definitions.get(name)
+        if definition is not None and definition[1]:
+            return _store_of(name, *definition)
+        if name not in _standard().fielddefs:
             raise ValueError(f"no definition of {name[:60]!r}")
-        defs = self._standard.fielddefs.items()
-        self._store.register({kind: of for kind, of in defs if kind not in known})
+        return _standard()
 
-    def _hash(self, name: str, written_as: str) -> str:
-        if written_as == "ros1msg":
-            return str(self._store.generate_msgdef(name)[1])
-        return str(self._store.hash_rihs01(name))
+
+@cache
+def _standard() -> Typestore:
+    """For recordings without definitions; nothing is ever added to it."""
+    return ros2_types()
+
+
+@lru_cache(maxsize=64)
+def _store_of(name: str, written_as: str, text: str, known_hash: str) -> Typestore:
+    """One definition; what it generates is kept for the next file that has the very same."""
+    check_definitions([(name, text)])
+    store = get_typestore(Stores.EMPTY)
+    register(store, name, written_as, text)
+    if known_hash and known_hash != _hash(store, name, written_as):
+        raise ValueError(f"the definition of {name[:60]} does not fit its hash")
+    return store
+
+
+def _hash(store: Typestore, name: str, written_as: str) -> str:
+    if written_as == "ros1msg":
+        return str(store.generate_msgdef(name)[1])
+    return str(store.hash_rihs01(name))
 
 
 def register(store: Typestore, name: str, encoding: str, text: str) -> None:
