@@ -1,6 +1,7 @@
 """Mutations of valid inputs of every format: read right, refused, or a fault of ours.
 
-Each case is the seed's name and a number, which together fix every random choice.
+Each case is a campaign, the seed's name and a number, which together fix every random choice.
+A run that is taken up again also tries anew what failed.
 """
 
 from __future__ import annotations
@@ -134,14 +135,14 @@ def options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(chosen: argparse.Namespace, journal: Journal) -> list[Row]:
-    seeds = [seed for seed in SEEDS if chosen.formats in seed.name]
+    seeds = [seed for seed in SEEDS if chosen.case or chosen.formats in seed.name]
     with tempfile.TemporaryDirectory() as folder:
         made = grounds(seeds, Path(folder))
         if chosen.case:
             return _one(made, chosen.case)
         total = -(-chosen.count // len(made)) * len(made)
         prefix = tuple(f"{chosen.campaign}/{seed.name}/" for seed in seeds)
-        done = frozenset(name for name in journal.names if name.startswith(prefix))
+        done = frozenset(each.name for each in journal.verdicts(prefix) if each.good)
         with journal.progress("mutations", total, len(done)) as told:
             for verdict in verdicts(made, chosen.count, chosen.campaign, done):
                 journal.add(verdict)
