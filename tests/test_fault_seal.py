@@ -8,7 +8,10 @@ import subprocess
 from pathlib import Path
 
 import pytest
+from dataset_stub import draw
 
+from slamsim.dataset.sequence import SequenceFacts
+from slamsim.dataset.shard import made_row, sequence_mark
 from slamsim.safe.errors import DataDamaged, NotFound
 from slamsim.safe.files import open_as_found, open_input
 from slamsim.safe.output import partial_folder
@@ -133,6 +136,15 @@ def test_a_sequence_is_sealed_by_the_file_that_describes_it(tmp_path: Path) -> N
         (tmp_path / SEQUENCE).write_text(text[:place] + "#" + text[place + 1 :])
         with pytest.raises(DataDamaged, match=SEQUENCE):
             read(tmp_path / "truth" / "a")
+
+
+def test_a_damaged_sequence_is_taken_for_absent_and_made_again() -> None:
+    spec = draw(0)
+    mark = sequence_mark(spec, SequenceFacts({"scans": 12, "overlap": 0.25}, ()))
+    row = made_row(spec, mark)
+    assert row is not None and row["quality.scans"] == 12
+    for place in range(len(mark)):
+        assert made_row(spec, mark[:place] + bytes([mark[place] ^ 1]) + mark[place + 1 :]) is None
 
 
 FOREIGN = (

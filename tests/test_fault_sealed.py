@@ -8,13 +8,21 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from dataset_whole import copied
+from dataset_whole import COUNT, copied
 from fault_sealed import Ground, case
 from fault_sealed_folders import OF_MAP, OF_WORLD, Sealed, named_by_verify, of_world, sealed_dataset
 
 from slamsim.config.loading import load_run_config
 from slamsim.console import Reporter
+from slamsim.dataset.catalogue import write_catalogue
+from slamsim.dataset.loading import load_recipe
+from slamsim.dataset.store import open_store
+from slamsim.dataset.verify import verify
+from slamsim.logs.raw import read_recording
+from slamsim.logs.reader import read_log
 from slamsim.run.mapping import map_recording
+from slamsim.safe.errors import DataDamaged
+from slamsim.safe.sums import SUMS, sums_text
 
 pytestmark = pytest.mark.fault
 CASES = 25
@@ -36,6 +44,29 @@ def grounds(small_set: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[s
         of_world(home / "world"),
     )
     return {sealed.name: Ground.of(sealed) for sealed in made}
+
+
+def test_a_table_that_is_missing_is_missed(small_set: Path, tmp_path: Path) -> None:
+    sequence = copied(small_set / "train/000000", tmp_path / "sequence")
+    assert read_log(sequence / "parquet").imu is not None
+    (sequence / "parquet/imu.parquet").unlink()
+    for read in (read_log, read_recording):
+        with pytest.raises(DataDamaged, match=r"imu\.parquet: missing"):
+            read(sequence / "parquet")
+    (sequence / "sequence.json").unlink()
+    assert read_log(sequence / "parquet").imu is None
+
+
+def test_a_data_set_vouches_for_nothing_while_its_catalogue_is_written(
+    small_set: Path, tmp_path: Path
+) -> None:
+    place = copied(small_set, tmp_path / "set")
+    (place / SUMS).write_text(sums_text({}))
+    (place / "manifest.parquet").write_bytes((place / "shards/00000.parquet").read_bytes())
+    reasons = [finding.reason for finding in verify(str(place)).findings if finding.path == SUMS]
+    assert reasons == ["tells of no file: the data set was never finished"]
+    write_catalogue(open_store(str(place)), load_recipe(str(place / "recipe.yaml")), COUNT)
+    assert verify(str(place)).whole
 
 
 @pytest.mark.parametrize("kind", ["data set", "map", "world"])

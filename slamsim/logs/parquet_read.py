@@ -31,6 +31,7 @@ from slamsim.recording import (
 )
 from slamsim.safe.errors import InputRefused
 from slamsim.safe.files import own_file
+from slamsim.safe.seal import require_complete
 from slamsim.types import (
     BoolArray,
     EncoderStream,
@@ -49,7 +50,12 @@ _Raw = TypeVar("_Raw")
 
 
 def read_parquet_recording(folder: Path) -> Recording:
-    """What the tables say, nothing mended. Raises InputRefused for a file that is damaged."""
+    """What the tables say, nothing mended.
+
+    Raises InputRefused for a file that cannot be read, DataDamaged for one that is not as it was
+    written, or is missing.
+    """
+    require_complete(folder)
     facts, transforms = _made(
         folder, "transforms", lambda facts, cells: (facts, _transforms(cells))
     )

@@ -12,7 +12,7 @@ from slamsim.progress import Progress, silent
 from slamsim.quantities import as_size
 from slamsim.safe.errors import DataDamaged, InputRefused, NotFound
 from slamsim.safe.files import leads_outside
-from slamsim.safe.seal import WRITTEN_BY_US, Seal, digest, files_in, names_of, seal_in
+from slamsim.safe.seal import WRITTEN_BY_US, Seal, digest, files_in, is_within, seal_in, seal_over
 from slamsim.safe.sums import SUMS
 
 _READ_TOGETHER = 4
@@ -69,7 +69,7 @@ def verify_path(path: Path, progress: Progress = silent) -> Verified:
     if not path.exists():
         raise NotFound(f"{path}: there is no such file or folder")
     try:
-        sealed = _sealed(path)
+        sealed = seal_over(path)
     except DataDamaged as damage:
         return Verified(
             str(path), damage.path.name, 1, 0, (Damage(str(damage.path), damage.reason),)
@@ -92,22 +92,8 @@ def _is_dataset(path: Path) -> bool:
     return (path / IDENTITY).is_file() or (seal is not None and IDENTITY in seal.hashes)
 
 
-def _sealed(path: Path) -> tuple[Seal, str] | None:
-    """The seal that tells of a file or folder, and what it calls that; DataDamaged as seal_in."""
-    for where in names_of(path):
-        for folder in (where, *where.parents):
-            seal, name = seal_in(folder), where.relative_to(folder).as_posix()
-            if seal is not None and any(_within(name, told) for told in seal.hashes):
-                return seal, name
-    return None
-
-
-def _within(folder: str, name: str) -> bool:
-    return folder in (".", name) or name.startswith(f"{folder}/")
-
-
 def _compared(path: Path, seal: Seal, part: str, progress: Progress) -> Verified:
-    told = sorted(name for name in seal.hashes if _within(part, name))
+    told = sorted(name for name in seal.hashes if is_within(part, name))
     damaged, size_bytes = list[Damage](), 0
     with ThreadPoolExecutor(_READ_TOGETHER) as readers:
         judged = readers.map(lambda name: _judged(seal, name), told)
@@ -116,7 +102,7 @@ def _compared(path: Path, seal: Seal, part: str, progress: Progress) -> Verified
                 damaged.append(Damage(name, reason))
             size_bytes += size
             progress(number, len(told))
-    extra = tuple(name for name in _others(seal) if _within(part, name))
+    extra = tuple(name for name in _others(seal) if is_within(part, name))
     by = f"{seal.name} in {seal.folder}"
     return Verified(str(path), by, len(told), size_bytes, tuple(damaged), extra)
 

@@ -77,6 +77,36 @@ def require_as_written(path: Path, limits: Limits = LIMITS) -> None:
                 return
 
 
+def require_complete(folder: Path) -> None:
+    """Raise DataDamaged if a seal tells of a file in this folder that is not there."""
+    found = seal_over(folder)
+    if found is None:
+        return
+    seal, part = found
+    for name in seal.hashes:
+        if is_within(part, name) and not (seal.folder / name).exists():
+            reason = f"missing; slamsim verify {seal.folder} tells what else is"
+            raise DataDamaged(seal.folder / name, reason)
+
+
+def seal_over(path: Path) -> tuple[Seal, str] | None:
+    """The nearest seal that tells of a file or of something in a folder, and what it calls that.
+
+    Raises DataDamaged for a damaged seal.
+    """
+    for where in names_of(path):
+        for folder in (where, *where.parents):
+            seal, name = seal_in(folder), where.relative_to(folder).as_posix()
+            if seal is not None and any(is_within(name, told) for told in seal.hashes):
+                return seal, name
+    return None
+
+
+def is_within(folder: str, name: str) -> bool:
+    """Whether a file is this one, or lies in this folder; ``.``: the sealed folder itself."""
+    return folder in (".", name) or name.startswith(f"{folder}/")
+
+
 def seal_in(folder: Path, limits: Limits = LIMITS) -> Seal | None:
     """The seal of a folder, or nothing if it has none. Raises DataDamaged if it is damaged."""
     for name in (SUMS, SEQUENCE):
