@@ -1,10 +1,20 @@
-"""What SLAM says of a log: a trajectory, the graph behind it, what happened, and how sure it is."""
+"""What SLAM says of a log: a trajectory, the graph behind it, what happened, and how sure it is.
+
+As in ``types``, constructors refuse what is not finite: no map is drawn from such numbers.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
 from typing import Literal
 
+from slamsim.safe.numbers import (
+    FINITE,
+    require_array,
+    require_covariances,
+    require_finite,
+    require_number,
+)
 from slamsim.types import BoolArray, FloatArray, PlanarTrajectory
 
 EdgeKind = Literal["prior", "odometry", "match", "closure"]
@@ -36,6 +46,10 @@ class PoseGraph:
     keyframes: PlanarTrajectory
     covariances: FloatArray
     edges: tuple[GraphEdge, ...]
+
+    def __post_init__(self) -> None:
+        shape = (len(self.keyframes), 3, 3)
+        require_covariances("the covariances of key frames", self.covariances, shape)
 
 
 EventKind = Literal[
@@ -85,6 +99,10 @@ class Calibrated:
     sigma: float
     observed: bool
 
+    def __post_init__(self) -> None:
+        require_number("a calibrated number", self.value)
+        require_number("the standard deviation of a calibrated number", self.sigma, 0.0)
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SlamResult:
@@ -118,3 +136,11 @@ class SlamResult:
     parts: dict[str, PlanarTrajectory] = field(default_factory=dict)
     match_information: FloatArray | None = None
     calibration: dict[str, Calibrated] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        count = len(self.trajectory)
+        require_finite("the match quality of scans", self.match_quality, (count,), 1.0)
+        require_array("the degeneracy of scans", self.degenerate, (count,), "b")
+        if self.match_information is not None:
+            shape = (count, 3, 3)
+            require_finite("the information of scans", self.match_information, shape, FINITE)

@@ -9,6 +9,10 @@ coordinates in ``source`` to coordinates in ``target``, so that
 
 Units are SI. Time is an integer count of nanoseconds. All stamps are instants of
 acquisition, on the clock of the log. No return is ``inf``, invalid is ``nan``.
+
+Every constructor here raises BadNumbers for what no stage can work with: numbers that are not
+finite or beyond ``safe.numbers.MOST``, stamps out of order, arrays of another shape or type. So
+no stage has to ask again, and none can pass on what it must not.
 """
 
 from __future__ import annotations
@@ -20,98 +24,47 @@ from typing import Literal, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from slamsim.geometry import interpolate_se2, slerp_xyzw, yaw_from_xyzw
+from slamsim.arrays import BoolArray, Float32Array, FloatArray, IntArray
+from slamsim.safe import numbers
+from slamsim.trajectory import OutsideTimeRange, PlanarTrajectory, Trajectory
 
-FloatArray = NDArray[np.float64]
-Float32Array = NDArray[np.float32]
-IntArray = NDArray[np.int64]
-BoolArray = NDArray[np.bool_]
+__all__ = [
+    "GRAVITY_M_S2",
+    "BoolArray",
+    "Cloud",
+    "Drive",
+    "EncoderStream",
+    "Epoch",
+    "Float32Array",
+    "FloatArray",
+    "Grid",
+    "ImuStream",
+    "IntArray",
+    "Log",
+    "OutsideTimeRange",
+    "PlanarTrajectory",
+    "Scan",
+    "ScanGeometry",
+    "ScanSource",
+    "Trajectory",
+    "TriangleMesh",
+]
 
 Epoch = Literal["simulation", "unix", "unknown"]
+
+MOST_BEAMS, MOST_BEAM_NS = 1_000_000, 1_000_000_000
 
 GRAVITY_M_S2 = 9.80665
 """Standard gravity, down along z: what the physics falls with and a resting robot feels."""
 
-
-class OutsideTimeRange(ValueError):
-    """A look-up at an instant that the data do not cover; nothing is extrapolated."""
-
-
-def _require_covered(stamps_ns: IntArray, query_ns: IntArray, what: str) -> None:
-    if query_ns.size == 0:
-        return
-    first, last = int(query_ns.min()), int(query_ns.max())
-    if stamps_ns.size == 0 or first < stamps_ns[0] or last > stamps_ns[-1]:
-        have = "nothing" if stamps_ns.size == 0 else f"{stamps_ns[0]}..{stamps_ns[-1]} ns"
-        raise OutsideTimeRange(f"{what} covers {have}, asked for {first}..{last} ns")
-
-
-def _bracket(stamps_ns: IntArray, query_ns: IntArray) -> tuple[IntArray, FloatArray]:
-    """Index of the sample at or before each query and the fraction towards the next."""
-    left = np.clip(
-        np.searchsorted(stamps_ns, query_ns, side="right") - 1, 0, max(stamps_ns.size - 2, 0)
-    )
-    right = np.minimum(left + 1, stamps_ns.size - 1)
-    span = (stamps_ns[right] - stamps_ns[left]).astype(np.float64)
-    elapsed = (query_ns - stamps_ns[left]).astype(np.float64)
-    fraction = np.divide(elapsed, span, out=np.zeros_like(elapsed), where=span > 0)
-    return left, fraction
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class PlanarTrajectory:
-    """``T_target_base`` over time in the plane.
-
-    stamps_ns: (n,) strictly increasing. poses: (n, 3) rows of (x_m, y_m, yaw_rad).
-    """
-
-    stamps_ns: IntArray
-    poses: FloatArray
-
-    def __len__(self) -> int:
-        return int(self.stamps_ns.size)
-
-    def at(self, stamps_ns: IntArray) -> FloatArray:
-        """(m, 3) poses at the given instants; raises OutsideTimeRange beyond the ends."""
-        _require_covered(self.stamps_ns, stamps_ns, "the trajectory")
-        left, fraction = _bracket(self.stamps_ns, stamps_ns)
-        right = np.minimum(left + 1, len(self) - 1)
-        return interpolate_se2(self.poses[left], self.poses[right], fraction)
-
-    def path_length_m(self) -> float:
-        return float(np.linalg.norm(np.diff(self.poses[:, :2], axis=0), axis=1).sum())
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Trajectory:
-    """``T_target_base`` over time in space.
-
-    stamps_ns: (n,) strictly increasing. positions_m: (n, 3). quats_xyzw: (n, 4), unit.
-    """
-
-    stamps_ns: IntArray
-    positions_m: FloatArray
-    quats_xyzw: FloatArray
-
-    def __len__(self) -> int:
-        return int(self.stamps_ns.size)
-
-    def at(self, stamps_ns: IntArray) -> Trajectory:
-        """Poses at the given instants; raises OutsideTimeRange beyond the ends."""
-        _require_covered(self.stamps_ns, stamps_ns, "the trajectory")
-        left, fraction = _bracket(self.stamps_ns, stamps_ns)
-        right = np.minimum(left + 1, len(self) - 1)
-        step = self.positions_m[right] - self.positions_m[left]
-        return Trajectory(
-            stamps_ns,
-            self.positions_m[left] + fraction[:, None] * step,
-            slerp_xyzw(self.quats_xyzw[left], self.quats_xyzw[right], fraction),
-        )
-
-    def planar(self) -> PlanarTrajectory:
-        """The projection onto the floor: x, y and the heading of the x axis."""
-        yaw = yaw_from_xyzw(self.quats_xyzw)
-        return PlanarTrajectory(self.stamps_ns, np.column_stack([self.positions_m[:, :2], yaw]))
+_DRIVE_COLUMNS = {
+    "positions_m": 3,
+    "linear_velocity_m_s": 3,
+    "angular_velocity_rad_s": 3,
+    "wheel_angles_rad": 2,
+    "wheel_speeds_rad_s": 2,
+    "commands": 2,
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,6 +83,17 @@ class ScanGeometry:
     range_min_m: float
     range_max_m: float
     frame_id: str = "laser"
+
+    def __post_init__(self) -> None:
+        numbers.require_angle("the first angle of a scan", self.angle_min_rad)
+        numbers.require_angle("the angle between beams", self.angle_step_rad)
+        numbers.require_whole("the number of beams", self.beam_count, 1, MOST_BEAMS)
+        numbers.require_whole("the ns between beams", self.beam_dt_ns, -MOST_BEAM_NS, MOST_BEAM_NS)
+        numbers.require_number("the least range (m)", self.range_min_m, 0.0)
+        numbers.require_number("the largest range (m)", self.range_max_m, self.range_min_m)
+        alike = self.beam_count > 1 and self.angle_step_rad == 0.0
+        if alike or self.range_max_m == self.range_min_m:
+            raise numbers.BadNumbers(f"beams without an angle or a range between them: {self}")
 
     def angles_rad(self) -> FloatArray:
         """(beam_count,) direction of each beam in the laser frame."""
@@ -159,6 +123,12 @@ class Scan:
     geometry: ScanGeometry
     intensities: Float32Array | None = None
 
+    def __post_init__(self) -> None:
+        numbers.require_whole("the stamp of a scan (ns)", self.stamp_ns)
+        numbers.require_array("the ranges of a scan", self.ranges_m, (self.geometry.beam_count,))
+        if self.intensities is not None:
+            numbers.require_array("the intensities", self.intensities, self.ranges_m.shape)
+
     @property
     def end_ns(self) -> int:
         return self.stamp_ns + self.geometry.duration_ns
@@ -177,6 +147,12 @@ class Cloud:
     origins_m: FloatArray
     hit: BoolArray
 
+    def __post_init__(self) -> None:
+        numbers.require_whole("the stamp of a cloud (ns)", self.stamp_ns)
+        numbers.require_finite("the points of a cloud", self.points_m, (None, 2))
+        numbers.require_finite("the origins of a cloud", self.origins_m, self.points_m.shape)
+        numbers.require_array("the hits of a cloud", self.hit, (len(self.points_m),), "b")
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ImuStream:
@@ -189,6 +165,12 @@ class ImuStream:
     angular_velocity_rad_s: FloatArray
     linear_acceleration_m_s2: FloatArray
     frame_id: str = "imu_link"
+
+    def __post_init__(self) -> None:
+        numbers.require_stamps("an IMU", self.stamps_ns, rising=False)
+        shape = (self.stamps_ns.size, 3)
+        numbers.require_finite("the turning of an IMU", self.angular_velocity_rad_s, shape)
+        numbers.require_finite("the forces of an IMU", self.linear_acceleration_m_s2, shape)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -203,6 +185,13 @@ class EncoderStream:
     ticks_per_revolution: int
     wheel_radius_m: float
     track_m: float
+
+    def __post_init__(self) -> None:
+        numbers.require_stamps("wheel encoders", self.stamps_ns, rising=False)
+        numbers.require_counts("the ticks of wheels", self.ticks, (self.stamps_ns.size, 2))
+        numbers.require_whole("the ticks of one revolution", self.ticks_per_revolution, 1)
+        numbers.require_size("the radius of the wheels (m)", self.wheel_radius_m)
+        numbers.require_size("the track of the wheels (m)", self.track_m)
 
 
 class ScanSource(Protocol):
@@ -231,6 +220,14 @@ class Log:
     T_base_imu: FloatArray | None = None
     warnings: tuple[str, ...] = ()
 
+    def __post_init__(self) -> None:
+        for what, stream in (("the IMU", self.imu), ("the wheel encoders", self.encoders)):
+            if stream is not None:
+                numbers.require_stamps(f"{what} of {self.name}", stream.stamps_ns)
+        numbers.require_rigid("T_base_laser", self.T_base_laser)
+        if self.T_base_imu is not None:
+            numbers.require_rigid("T_base_imu", self.T_base_imu)
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TriangleMesh:
@@ -238,6 +235,11 @@ class TriangleMesh:
 
     vertices_m: FloatArray
     triangles: NDArray[np.int32]
+
+    def __post_init__(self) -> None:
+        numbers.require_finite("the vertices of a mesh", self.vertices_m, (None, 3))
+        numbers.require_array("the triangles of a mesh", self.triangles, (None, 3), "i")
+        numbers.require_indices("a triangle of a mesh", self.triangles, len(self.vertices_m))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -260,6 +262,13 @@ class Drive:
     commands: FloatArray
     wall_contact: BoolArray
 
+    def __post_init__(self) -> None:
+        numbers.require_stamps("a drive", self.stamps_ns)
+        for name, columns in _DRIVE_COLUMNS.items():
+            numbers.require_finite(f"{name} of a drive", getattr(self, name), (len(self), columns))
+        numbers.require_unit_quaternions("quats_xyzw of a drive", self.quats_xyzw, len(self))
+        numbers.require_array("wall_contact of a drive", self.wall_contact, (len(self),), "b")
+
     def __len__(self) -> int:
         return int(self.stamps_ns.size)
 
@@ -278,3 +287,11 @@ class Grid:
     occupancy: Float32Array
     resolution_m: float
     origin_m: tuple[float, float]
+
+    def __post_init__(self) -> None:
+        numbers.require_array("the occupancy of a grid", self.occupancy, (None, None))
+        numbers.require_size("the resolution of a grid (m)", self.resolution_m)
+        for value in self.origin_m:
+            numbers.require_number("the origin of a grid (m)", value)
+        if (self.occupancy < 0.0).any() or (self.occupancy > 1.0).any():
+            raise numbers.BadNumbers("the occupancy of a grid is from 0 to 1, or nan for unknown")

@@ -193,12 +193,12 @@ def test_iterating_a_batch_gives_its_scans() -> None:
 
 
 @pytest.mark.parametrize("name", ["positions_m", "quats_xyzw", "angular_velocity_rad_s"])
-def test_a_motion_that_is_not_finite_is_refused_with_the_instant(name: str) -> None:
+def test_a_motion_that_is_not_finite_is_refused_with_its_place(name: str) -> None:
     drive = standing(0.1)
     values = getattr(drive, name).copy()
     values[7, 1] = np.nan
     rig = SensorRig(WORLD, Robot(), SensorsConfig(), seed=0)
-    with pytest.raises(ValueError, match=f"{name} at {drive.stamps_ns[7]} ns is not finite"):
+    with pytest.raises(ValueError, match=f"{name} of a drive: 1 of .* not finite.* number 7"):
         rig.sense(replace(drive, **{name: values}))
 
 
@@ -206,7 +206,7 @@ def test_windows_that_do_not_follow_on_are_refused() -> None:
     rig = SensorRig(WORLD, Robot(), SensorsConfig(), seed=0)
     first, second = windows(standing(0.2), [20])
     rig.sense(first)
-    with pytest.raises(ValueError, match="stamps must increase"):
+    with pytest.raises(ValueError, match="stamp must be later"):
         rig.sense(first)
     assert len(rig.sense(second).encoders) > 0  # the refused window left no trace
     one_step = next(windows(standing(0.2), [1]))

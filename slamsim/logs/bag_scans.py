@@ -13,6 +13,7 @@ from slamsim.logs.bag_columns import stamp_ns_of
 from slamsim.logs.frames import frame_name
 from slamsim.logs.scans import StoredScans
 from slamsim.safe.errors import InputRefused
+from slamsim.safe.numbers import MOST, BadNumbers
 from slamsim.types import Float32Array, Scan, ScanGeometry, ScanSource
 
 
@@ -31,15 +32,18 @@ def scan_from_message(message: Any) -> Scan | None:
         return None
     if abs(step) * (ranges_m.size - 1) > 2.0 * math.pi + abs(step) or not 0.0 <= beam_dt_s < 1.0:
         return None
-    geometry = ScanGeometry(
-        angle_min_rad=angle_min,
-        angle_step_rad=step,
-        beam_count=ranges_m.size,
-        beam_dt_ns=round(beam_dt_s * 1e9),
-        range_min_m=max(range_min_m, 0.0),
-        range_max_m=range_max_m if math.isfinite(range_max_m) else _largest_m(ranges_m),
-        frame_id=frame_name(message.header.frame_id),
-    )
+    try:
+        geometry = ScanGeometry(
+            angle_min_rad=angle_min,
+            angle_step_rad=step,
+            beam_count=ranges_m.size,
+            beam_dt_ns=round(beam_dt_s * 1e9),
+            range_min_m=max(range_min_m, 0.0),
+            range_max_m=range_max_m if math.isfinite(range_max_m) else _largest_m(ranges_m),
+            frame_id=frame_name(message.header.frame_id),
+        )
+    except BadNumbers:
+        return None
     intensities = np.asarray(message.intensities, dtype=np.float32)
     return Scan(
         stamp_ns=stamp_ns_of(message.header),
@@ -51,7 +55,7 @@ def scan_from_message(message: Any) -> Scan | None:
 
 def _largest_m(ranges_m: Float32Array) -> float:
     """Just above every reading, for a driver that declares no maximum."""
-    finite = ranges_m[np.isfinite(ranges_m)]
+    finite = ranges_m[ranges_m < np.float32(MOST)]
     return float(np.nextafter(finite.max(initial=np.float32(1.0)), np.float32(np.inf)))
 
 

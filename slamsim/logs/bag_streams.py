@@ -12,6 +12,7 @@ from slamsim.logs.bag import Bag
 from slamsim.logs.bag_columns import read_columns, stamp_ns_of
 from slamsim.logs.frames import frame_name
 from slamsim.logs.messages import imu_layout, odometry_layout, ticks_layout
+from slamsim.safe.numbers import LEAST_SIZE_M, MOST, is_sound
 from slamsim.types import BoolArray, EncoderStream, FloatArray, ImuStream, IntArray, Trajectory
 
 
@@ -43,7 +44,7 @@ def lengths(vectors: FloatArray) -> FloatArray:
 
 def are_wheels(*constants: float) -> bool:
     """Whether ticks a turn, radius and track can be those of a robot."""
-    return all(0.0 < number < np.inf for number in constants)
+    return all(LEAST_SIZE_M <= number <= MOST for number in constants)
 
 
 def read_odometry(bag: Bag, topic: str) -> tuple[Trajectory, str, list[str]]:
@@ -69,7 +70,7 @@ def _trajectory(stamps_ns: IntArray, rows: FloatArray, what: str) -> tuple[Traje
     """From rows that begin with x, y, z and a quaternion x, y, z, w, which need not be unit."""
     poses = rows[:, :7]
     norms = lengths(poses[:, 3:])
-    usable = np.isfinite(poses).all(axis=1) & (np.abs(norms - 1.0) < 0.1)
+    usable = is_sound(poses) & (np.abs(norms - 1.0) < 0.1)
     unique_ns, kept, warnings = in_order(stamps_ns, np.asarray(usable), what)
     quats = poses[kept, 3:] / norms[kept, None]
     return Trajectory(unique_ns, poses[kept, :3], quats), warnings
@@ -117,7 +118,7 @@ def read_imu(bag: Bag, topic: str) -> tuple[ImuStream | None, list[str]]:
         bag, topic, lambda message: imu_layout(message.header.frame_id), imu_row
     )
     angular_rad_s, linear_m_s2 = rows[:, 13:16], rows[:, 16:19]
-    usable = np.isfinite(angular_rad_s).all(axis=1) & np.isfinite(linear_m_s2).all(axis=1)
+    usable = is_sound(angular_rad_s) & is_sound(linear_m_s2)
     unique_ns, kept, warnings = in_order(stamps_ns, np.asarray(usable), topic)
     if unique_ns.size == 0:
         return None, warnings

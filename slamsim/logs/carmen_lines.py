@@ -18,6 +18,7 @@ from itertools import pairwise
 import numpy as np
 
 from slamsim.logs.stamps import stamp_ns_from_decimal
+from slamsim.safe.numbers import is_sound
 from slamsim.types import Float32Array, FloatArray
 
 _MOST_BEAMS = 100_000
@@ -75,8 +76,8 @@ def sick_fan(beam_count: int) -> Fan:
 
 def _finite(words: list[str]) -> FloatArray:
     values = np.array(words, dtype=np.float64)
-    if not np.isfinite(values).all():
-        raise ValueError("a number that is not finite")
+    if not is_sound(values).all():
+        raise ValueError("a number that is not finite, or too large")
     return values
 
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from slamsim.geometry import matrix_from_xyzw, se3_from_parts
 from slamsim.safe.errors import printable
+from slamsim.safe.numbers import is_sound
 from slamsim.types import FloatArray
 
 _RIGID_TOLERANCE = 1e-4
@@ -25,7 +26,7 @@ def matrix_of(transform: Any) -> FloatArray | None:
     quat_xyzw = np.array([q.x, q.y, q.z, q.w], dtype=np.float64)
     translation_m = np.array([t.x, t.y, t.z], dtype=np.float64)
     norm = float(np.linalg.norm(quat_xyzw))
-    if not (np.isfinite(translation_m).all() and abs(norm - 1.0) < 0.1):
+    if not (is_sound(translation_m).all() and abs(norm - 1.0) < 0.1):
         return None
     return se3_from_parts(matrix_from_xyzw(quat_xyzw / norm), translation_m)
 

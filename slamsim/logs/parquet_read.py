@@ -31,6 +31,7 @@ from slamsim.recording import (
 )
 from slamsim.safe.errors import InputRefused
 from slamsim.safe.files import own_file
+from slamsim.safe.numbers import is_sound
 from slamsim.safe.seal import require_complete
 from slamsim.types import (
     BoolArray,
@@ -227,7 +228,7 @@ def _path(recording: Recording, warnings: list[str]) -> tuple[PlanarTrajectory |
     """(T_odom_base, the frame that it moves)."""
     for moved in recording.odometries:
         norms = lengths(moved.quats_xyzw)
-        sound = np.isfinite(moved.positions_m).all(axis=1) & (np.abs(norms - 1.0) < 0.1)
+        sound = is_sound(moved.positions_m) & (np.abs(norms - 1.0) < 0.1)
         stamps_ns, rows, odd = in_order(moved.stamps_ns, np.asarray(sound), moved.topic)
         warnings += odd
         quats_xyzw = moved.quats_xyzw[rows] / norms[rows, None]
@@ -240,7 +241,7 @@ def _path(recording: Recording, warnings: list[str]) -> tuple[PlanarTrajectory |
 def _imu_stream(recording: Recording, warnings: list[str]) -> ImuStream | None:
     for imu in recording.imus:
         rates, forces = imu.angular_velocity_rad_s, imu.linear_acceleration_m_s2
-        sound = np.isfinite(np.hstack([rates, forces])).all(axis=1)
+        sound = is_sound(np.hstack([rates, forces]))
         stamps_ns, rows, odd = in_order(imu.stamps_ns, np.asarray(sound), imu.topic)
         warnings += odd
         return ImuStream(stamps_ns, rates[rows], forces[rows], imu.frame_ids[0])

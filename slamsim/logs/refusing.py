@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from slamsim.safe.errors import InputRefused, SlamsimError, limit_of
+from slamsim.safe.numbers import BadNumbers
 
 
 def damaged(
@@ -31,6 +32,8 @@ def refusing(path: Path, where: str) -> Iterator[None]:
     """
     try:
         yield
+    except BadNumbers as error:
+        raise InputRefused(path, str(error), where) from error
     except SlamsimError:
         raise
     except Exception as error:

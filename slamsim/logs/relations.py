@@ -10,6 +10,7 @@ import numpy as np
 from slamsim.geometry import matrix_from_rpy, se3_from_parts
 from slamsim.logs.stamps import stamp_ns_from_decimal
 from slamsim.safe.errors import InputRefused
+from slamsim.safe.numbers import is_sound
 from slamsim.safe.text import open_lines
 from slamsim.types import FloatArray, IntArray
 
@@ -63,6 +64,6 @@ def read_relations(path: Path) -> Relations:
 
 def _finite(words: list[str]) -> list[float]:
     values = [float(word) for word in words]
-    if not np.isfinite(values).all():
-        raise ValueError("a number that is not finite")
+    if not is_sound(np.array(values)).all():
+        raise ValueError("a number that is not finite, or too large")
     return values

@@ -9,6 +9,7 @@ import numpy as np
 from slamsim.geometry import xyzw_from_yaw
 from slamsim.logs.stamps import decimal_from_stamp_ns, stamp_ns_from_decimal
 from slamsim.safe.errors import InputRefused
+from slamsim.safe.numbers import is_sound
 from slamsim.safe.output import write_atomic
 from slamsim.safe.text import open_lines
 from slamsim.types import PlanarTrajectory, Trajectory
@@ -58,6 +59,6 @@ def _pose(words: list[str]) -> list[float]:
     if len(values) != 7:
         raise ValueError(f"{len(values) + 1} numbers")
     norm = float(np.linalg.norm(values[3:]))
-    if not (np.isfinite(values).all() and abs(norm - 1.0) < 1e-2):
+    if not (is_sound(np.array(values)).all() and abs(norm - 1.0) < 1e-2):
         raise ValueError(f"a quaternion of length {norm:.3g}")
     return values

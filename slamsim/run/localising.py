@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import time
 from pathlib import Path
 
@@ -20,6 +19,7 @@ from slamsim.run.naming import log_of, recording_name
 from slamsim.run.stages import Report, Stages, peak_memory_mb
 from slamsim.safe.errors import NotFound
 from slamsim.safe.files import own_file
+from slamsim.safe.numbers import as_json
 from slamsim.safe.output import partial_folder, write_atomic
 from slamsim.slam.known_map import KnownMap, map_of_grid, map_of_keyframes
 from slamsim.slam.localise import Localised, Localiser
@@ -69,7 +69,7 @@ def localise_recording(
             "seconds": stages.so_far(),
             "peak_memory_mb": peak_memory_mb(),
         }
-        write_atomic(partial / run_folder.REPORT_JSON, json.dumps(numbers, indent=2).encode())
+        write_atomic(partial / run_folder.REPORT_JSON, as_json(run_folder.REPORT_JSON, numbers))
     return Report(numbers, (*log.warnings, *_warnings(localised)))
 
 

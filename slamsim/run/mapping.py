@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import shlex
 import sys
@@ -27,6 +26,7 @@ from slamsim.run.recording import record, require_finished
 from slamsim.run.scoring import Estimated, Known, score
 from slamsim.run.stages import Report, Stages, peak_memory_mb
 from slamsim.safe.files import own_file
+from slamsim.safe.numbers import as_json
 from slamsim.safe.output import partial_folder, write_atomic
 from slamsim.slam.mapping import build_grid
 from slamsim.slam.saved_map import SavedMap, write_saved_map
@@ -117,7 +117,7 @@ def _map(
         numbers = report_json(view)
         write_recording(partial / run_folder.RECORDING, view)
         write_report(partial / run_folder.REPORT, view)
-        write_atomic(partial / run_folder.REPORT_JSON, json.dumps(numbers, indent=2).encode())
+        write_atomic(partial / run_folder.REPORT_JSON, as_json(run_folder.REPORT_JSON, numbers))
     apart = () if earlier is None else earlier.warnings(saved, result)
     return Report(numbers, (*view.doubts, *log.warnings, *result.warnings, *apart), mapped=True)
 

@@ -61,7 +61,7 @@ class SensorRig:
         """Every sample whose whole acquisition is now covered and that was not given before.
 
         window: the next part of the drive, at least two steps in the first; its first stamp is
-        the start of the streams. Raises ValueError if it does not follow on or is not finite.
+        the start of the streams. Raises BadNumbers if it does not follow on.
         """
         motion = joined(self._motion, window)
         if self._sensors is None:

@@ -7,6 +7,7 @@ from array import array
 import numpy as np
 
 from slamsim.geometry import matrix_from_xyzw, xyzw_from_matrix
+from slamsim.safe.numbers import is_sound
 from slamsim.types import Drive, FloatArray, IntArray
 
 STATE_COLUMNS, TICK_COLUMNS = 17, 3
@@ -37,8 +38,9 @@ class Recorder:
         """Each control tick: commanded speed and yaw rate, and 1 if a wall was touched."""
 
     def take_window(self) -> Drive:
-        """Everything since the last window, as one."""
-        states = np.array(self.states).reshape(-1, STATE_COLUMNS)
+        """Everything since the last window, up to the first step that is not a number: physics
+        that fails stays failed."""
+        states = _sound_part(np.array(self.states).reshape(-1, STATE_COLUMNS))
         ticks = np.array(self.ticks).reshape(-1, TICK_COLUMNS)
         ticks = np.repeat(ticks, self._steps_per_tick, axis=0)[: len(states)]
         positions_m, quats_xyzw = self._base_poses(states)
@@ -63,6 +65,12 @@ class Recorder:
         quats = states[:, 3:7]
         offset_m = matrix_from_xyzw(quats) @ self._T_com_base[:3, 3]
         return states[:, :3] + offset_m, _hamilton(quats, self._quat_com_base)
+
+
+def _sound_part(states: FloatArray) -> FloatArray:
+    """The rows before the first that holds what is no number, or one that no robot reaches."""
+    bad = np.flatnonzero(~is_sound(states))
+    return states[: bad[0]] if bad.size else states
 
 
 def _hamilton(left_xyzw: FloatArray, right_xyzw: FloatArray) -> FloatArray:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import fields
 from typing import NamedTuple
 
 import numpy as np
@@ -104,7 +103,7 @@ class Ride:
 
     def take_window(self) -> Drive:
         """All motion since the last window, up to the first step that is not a number."""
-        return _finite_part(self._recorder.take_window())
+        return self._recorder.take_window()
 
 
 def touching(engine: Engine, other: int) -> bool:
@@ -116,12 +115,3 @@ def touching(engine: Engine, other: int) -> bool:
 def _inverse_for_pybullet(T_base_com: FloatArray) -> tuple[list[float], list[float]]:
     T_com_base: FloatArray = np.linalg.inv(T_base_com).astype(np.float64)
     return T_com_base[:3, 3].tolist(), xyzw_from_matrix(T_com_base[:3, :3]).tolist()
-
-
-def _finite_part(window: Drive) -> Drive:
-    """The window up to the first step that is not a number; physics that fails stays failed."""
-    whole = np.isfinite(np.hstack([window.positions_m, window.quats_xyzw, window.wheel_angles_rad]))
-    bad = np.flatnonzero(~whole.all(axis=1))
-    if bad.size == 0:
-        return window
-    return Drive(*(getattr(window, column.name)[: bad[0]] for column in fields(window)))

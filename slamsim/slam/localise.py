@@ -16,6 +16,7 @@ import numpy as np
 from slamsim.config.slam import SlamConfig
 from slamsim.geometry import between, compose, inverse
 from slamsim.safe.errors import SlamsimError
+from slamsim.safe.numbers import require_finite, solving
 from slamsim.slam.keyframes import Keyframe, KeyframeMaker
 from slamsim.slam.known_map import KnownMap
 from slamsim.slam.matching import make_matcher
@@ -65,6 +66,8 @@ class Localiser:
         motion: MotionSource,
         T_map_base: FloatArray | None = None,
     ) -> None:
+        if T_map_base is not None:
+            require_finite("the pose to begin at", T_map_base, (3,))
         self._config, self._known = config, known
         self._front_end, self._motion = front_end, motion
         self._everywhere = Everywhere(known.points_m, config.back_end)
@@ -87,6 +90,11 @@ class Localiser:
         """
         if not self._track.is_later(scan.stamp_ns):
             return None
+        with solving(f"the scan at {scan.stamp_ns} ns"):
+            return self._followed(scan, samples)
+
+    def _followed(self, scan: Scan, samples: MotionSamples) -> Step | None:
+        """``step`` for a scan that is later than the one before."""
         self._motion.add(samples)
         self._front_end.renew_motion(self._motion.until(scan.end_ns))
         tracked = self._front_end.step(scan)

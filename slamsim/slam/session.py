@@ -14,6 +14,7 @@ from slamsim.config.slam import SlamConfig
 from slamsim.progress import Progress, silent
 from slamsim.result import Calibrated, Event, PoseGraph, SlamResult
 from slamsim.safe.errors import SlamsimError
+from slamsim.safe.numbers import require_finite, require_rigid, solving
 from slamsim.slam.assembly import assemble, odometry_alone
 from slamsim.slam.keyframes import ABOUT_THERE, ANYWHERE, Before, KeyframeMaker
 from slamsim.slam.motion import NoMotion, Odometry, log_odometry, predict_motion
@@ -80,10 +81,15 @@ class SlamSession:
         """Track one scan, given what arrived of the robot's motion until the scan's end.
 
         None for a scan that had to be left out: not later than the one before, or at a time that
-        the motion does not cover.
+        the motion does not cover. Raises BadNumbers or NoSolution for a motion that is none.
         """
         if not self._track.is_later(scan.stamp_ns):
             return None
+        with solving(f"the scan at {scan.stamp_ns} ns"):
+            return self._followed(scan, samples)
+
+    def _followed(self, scan: Scan, samples: MotionSamples) -> Step | None:
+        """``step`` for a scan that is later than the one before."""
         begun_s = time.perf_counter()
         self._motion.add(samples)
         self._front_end.renew_motion(self._motion.until(scan.end_ns))
@@ -110,9 +116,10 @@ class SlamSession:
             raise SlamsimError("there is nothing to solve: no scan was tracked")
         if not self._front_end.sighted:
             raise SlamsimError(_nothing_seen(len(self._track)))
-        outcome = self._keeper.finish(progress)
-        self._solved = outcome.graph
-        return assemble(self._track, self._front_end, outcome, self._first, self._seconds)
+        with solving("the whole map"):
+            outcome = self._keeper.finish(progress)
+            self._solved = outcome.graph
+            return assemble(self._track, self._front_end, outcome, self._first, self._seconds)
 
     def saved(self, result: SlamResult) -> SavedMap:
         """What a later run needs to go on with the map that ``finish`` gave, or to localise.
@@ -171,6 +178,9 @@ def open_session(
                 publish(step.T_map_odom)
             result = session.finish()
     """
+    require_rigid("T_base_laser", T_base_laser)
+    if T_base_imu is not None:
+        require_rigid("T_base_imu", T_base_imu)
     warm_up(config, T_base_laser)
     motion = MotionFilter(None if T_base_imu is None else T_base_imu[:3, :3])
     front_end = FrontEnd(config.front_end, None, T_base_laser)
@@ -201,6 +211,8 @@ def map_log(
     half a metre; without it the robot finds itself.
     """
     started_s = time.perf_counter()
+    if start is not None:
+        require_finite("the pose to begin at", start, (3,))
     odometry = odometry_of(log)
     seconds = {"motion": time.perf_counter() - started_s}
 

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from slamsim.geometry import between, compose
+from slamsim.safe.numbers import FINITE, require_covariances, require_finite
 from slamsim.slam.chain import newton_round
 from slamsim.types import FloatArray, PlanarTrajectory
 
@@ -60,6 +61,13 @@ class Chain:
     steps: FloatArray
     noise: FloatArray
 
+    def __post_init__(self) -> None:
+        count = len(self.track)
+        require_finite("the information of a chain", self.information, (count, 3, 3), FINITE)
+        require_finite("the pull of a chain", self.pull, (count, 3), FINITE)
+        require_finite("the steps of a chain", self.steps, (count - 1, 3))
+        require_covariances("the noise of a chain", self.noise, (count - 1, 3, 3))
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Smoothed:
@@ -73,6 +81,11 @@ class Smoothed:
     drift: FloatArray
     match_scale: float
     motion_scale: FloatArray
+
+    def __post_init__(self) -> None:
+        shape = (len(self.track), 3, 3)
+        require_covariances("the covariances of smoothed scans", self.covariances, shape)
+        require_finite("the drift of smoothed scans", self.drift, (shape[0] - 1, 3, 3), FINITE)
 
 
 def smooth(chain: Chain) -> Smoothed:

@@ -7,7 +7,10 @@ from typing import Protocol
 
 import numpy as np
 
+from slamsim.safe.numbers import FINITE, require_finite, require_number
 from slamsim.types import Cloud, FloatArray
+
+ROUNDING = 1e-9
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -29,6 +32,13 @@ class Match:
     covered_ratio: float
     degenerate_directions: FloatArray
     pull: FloatArray = field(default_factory=lambda: np.zeros(3))
+
+    def __post_init__(self) -> None:
+        require_finite("the pose of a match", self.T_map_base, (3,))
+        require_finite("the information of a match", self.information, (3, 3), FINITE)
+        require_finite("the pull of a match", self.pull, (3,), FINITE)
+        require_number("the inlier ratio of a match", self.inlier_ratio, 0.0, 1.0 + ROUNDING)
+        require_number("the covered ratio of a match", self.covered_ratio, 0.0, 1.0 + ROUNDING)
 
     @property
     def fit(self) -> float:

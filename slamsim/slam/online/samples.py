@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Protocol
 
+from slamsim.safe.numbers import require_stamps
 from slamsim.slam.motion import Odometry
 from slamsim.types import EncoderStream, ImuStream, PlanarTrajectory
 
@@ -20,6 +21,11 @@ class MotionSamples:
     odometry: PlanarTrajectory | None = None
     encoders: EncoderStream | None = None
     imu: ImuStream | None = None
+
+    def __post_init__(self) -> None:
+        for what, stream in (("an IMU", self.imu), ("wheel encoders", self.encoders)):
+            if stream is not None:
+                require_stamps(f"new samples of {what}", stream.stamps_ns)
 
 
 NOTHING = MotionSamples()
