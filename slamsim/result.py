@@ -15,7 +15,7 @@ from slamsim.safe.numbers import (
     require_finite,
     require_number,
 )
-from slamsim.types import BoolArray, FloatArray, PlanarTrajectory
+from slamsim.types import BoolArray, FloatArray, PlanarPoses, PlanarTrajectory
 
 EdgeKind = Literal["prior", "odometry", "match", "closure"]
 
@@ -36,20 +36,27 @@ class GraphEdge:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PoseGraph:
-    """Key frames and their optimised ``T_map_base``.
+class MapGraph:
+    """Key frames of one or several drives, by their numbers, and their optimised ``T_map_base``.
 
     covariances: (n, 3, 3) of a small step (dx_m, dy_m, dyaw_rad) of each key frame's base in its
     own frame, the first key frame being exact.
     """
 
-    keyframes: PlanarTrajectory
+    keyframes: PlanarPoses
     covariances: FloatArray
     edges: tuple[GraphEdge, ...]
 
     def __post_init__(self) -> None:
         shape = (len(self.keyframes), 3, 3)
         require_covariances("the covariances of key frames", self.covariances, shape)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PoseGraph(MapGraph):
+    """That of one drive, whose key frames are in order of time."""
+
+    keyframes: PlanarTrajectory
 
 
 EventKind = Literal[

@@ -37,21 +37,33 @@ def _bracket(stamps_ns: IntArray, query_ns: IntArray) -> tuple[IntArray, FloatAr
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PlanarTrajectory:
-    """``T_target_base`` over time in the plane.
+class PlanarPoses:
+    """``T_target_base`` at some instants, in no order: the key frames of several drives.
 
-    stamps_ns: (n,) strictly increasing. poses: (n, 3) rows of (x_m, y_m, yaw_rad).
+    stamps_ns: (n,). poses: (n, 3) rows of (x_m, y_m, yaw_rad).
     """
 
     stamps_ns: IntArray
     poses: FloatArray
 
     def __post_init__(self) -> None:
-        require_stamps("a planar trajectory", self.stamps_ns)
-        require_finite("the poses of a planar trajectory", self.poses, (self.stamps_ns.size, 3))
+        require_stamps("planar poses", self.stamps_ns, rising=False)
+        require_finite("planar poses", self.poses, (self.stamps_ns.size, 3))
 
     def __len__(self) -> int:
         return int(self.stamps_ns.size)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlanarTrajectory(PlanarPoses):
+    """``T_target_base`` over time in the plane.
+
+    stamps_ns: (n,) strictly increasing. poses: (n, 3) rows of (x_m, y_m, yaw_rad).
+    """
+
+    def __post_init__(self) -> None:
+        require_stamps("a planar trajectory", self.stamps_ns)
+        require_finite("the poses of a planar trajectory", self.poses, (self.stamps_ns.size, 3))
 
     def at(self, stamps_ns: IntArray) -> FloatArray:
         """(m, 3) poses at the given instants; raises OutsideTimeRange beyond the ends."""

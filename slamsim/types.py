@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from slamsim.arrays import BoolArray, Float32Array, FloatArray, IntArray
 from slamsim.safe import numbers
-from slamsim.trajectory import OutsideTimeRange, PlanarTrajectory, Trajectory
+from slamsim.trajectory import OutsideTimeRange, PlanarPoses, PlanarTrajectory, Trajectory
 
 __all__ = [
     "GRAVITY_M_S2",
@@ -42,6 +42,7 @@ __all__ = [
     "IntArray",
     "Log",
     "OutsideTimeRange",
+    "PlanarPoses",
     "PlanarTrajectory",
     "Scan",
     "ScanGeometry",
@@ -290,6 +291,7 @@ class Grid:
 
     def __post_init__(self) -> None:
         numbers.require_array("the occupancy of a grid", self.occupancy, (None, None))
+        numbers.require_whole("the number of cells of a grid", self.occupancy.size, 1)
         numbers.require_size("the resolution of a grid (m)", self.resolution_m)
         for value in self.origin_m:
             numbers.require_number("the origin of a grid (m)", value)

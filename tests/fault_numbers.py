@@ -8,6 +8,7 @@ import warnings
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import fields, is_dataclass
+from functools import partial
 from types import FrameType
 from typing import Any, Literal
 
@@ -39,6 +40,11 @@ def refused(call: Callable[[], object]) -> Case:
 def right(call: Callable[[], object]) -> Case:
     """A case that must give numbers, all of them finite."""
     return call, "right"
+
+
+def each(name: str, call: Callable[[float], object]) -> dict[str, Case]:
+    """A case for every number that is none, given to a call that must refuse them all."""
+    return {f"{name} of {what}": refused(partial(call, bad)) for what, bad in BAD.items()}
 
 
 def judge(case: Case) -> None:

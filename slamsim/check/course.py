@@ -11,6 +11,7 @@ from scipy.interpolate import CubicHermiteSpline
 from slamsim.check.wheel_counts import unwrapped
 from slamsim.geometry import wrap_angle, yaw_from_xyzw
 from slamsim.recording import RawImu, RawOdometry, RawTicks
+from slamsim.safe.numbers import MOST_NS, is_sound
 from slamsim.types import BoolArray, FloatArray, IntArray, PlanarTrajectory
 from slamsim.wheels import pose_reading
 
@@ -112,7 +113,7 @@ def gyro_course(imu: RawImu, axis_imu: FloatArray, axis: str = "z") -> Course | 
     at these midpoints are exact for a unit that averages over its period.
     """
     rates = imu.angular_velocity_rad_s @ axis_imu
-    good = _in_order(imu.stamps_ns, np.isfinite(rates))
+    good = _in_order(imu.stamps_ns, is_sound(rates))
     if good.size < LEAST_SAMPLES:
         return None
     stamps, rates = imu.stamps_ns[good], rates[good]
@@ -125,7 +126,7 @@ def gyro_course(imu: RawImu, axis_imu: FloatArray, axis: str = "z") -> Course | 
 def wheel_course(ticks: RawTicks) -> Course | None:
     """Path and turn by the nominal radius and track; None of too few or senseless readings."""
     nominal = np.array([ticks.ticks_per_revolution, ticks.wheel_radius_m, ticks.track_m])
-    if not (np.isfinite(nominal).all() and (nominal > 0.0).all()):
+    if not (is_sound(nominal).all() and (nominal > 0.0).all()):
         return None
     good = _in_order(ticks.stamps_ns, np.ones(len(ticks), dtype=np.bool_))
     if good.size < LEAST_SAMPLES:
@@ -144,8 +145,7 @@ def odometry_course(odometry: RawOdometry) -> Course | None:
     """Poses taken as wheels: the path along the heading midway and the turn of each step."""
     yaw = yaw_from_xyzw(odometry.quats_xyzw)
     poses = np.column_stack([odometry.positions_m[:, :2], yaw])
-    finite = np.asarray(np.isfinite(poses).all(axis=1))
-    good = _in_order(odometry.stamps_ns, finite)
+    good = _in_order(odometry.stamps_ns, is_sound(poses))
     if good.size < LEAST_SAMPLES:
         return None
     stamps, poses = odometry.stamps_ns[good], poses[good]
@@ -177,5 +177,5 @@ def _course(
 
 def _in_order(stamps_ns: IntArray, good: BoolArray) -> IntArray:
     """Places of the good samples by ascending stamp, of those with one stamp the first."""
-    places = np.flatnonzero(good)
+    places = np.flatnonzero(good & (stamps_ns >= -MOST_NS) & (stamps_ns <= MOST_NS))
     return np.asarray(places[np.unique(stamps_ns[places], return_index=True)[1]])

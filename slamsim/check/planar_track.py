@@ -5,14 +5,15 @@ from __future__ import annotations
 import numpy as np
 
 from slamsim.geometry import yaw_from_xyzw
+from slamsim.safe.numbers import is_sound
 from slamsim.types import FloatArray, IntArray
 
 
 def planar_track(
     stamps_ns: IntArray, positions_m: FloatArray, quats_xyzw: FloatArray
 ) -> tuple[IntArray, FloatArray]:
-    """Sorted distinct stamps, and x, y, continuous yaw of what is finite."""
-    finite = np.isfinite(positions_m).all(axis=1) & np.isfinite(quats_xyzw).all(axis=1)
+    """Sorted distinct stamps, and x, y, continuous yaw of what is sound."""
+    finite = is_sound(positions_m) & is_sound(quats_xyzw)
     stamps, first = np.unique(stamps_ns[finite], return_index=True)
     yaw = np.unwrap(yaw_from_xyzw(quats_xyzw[finite][first]))
     return stamps, np.column_stack([positions_m[finite][first][:, :2], yaw])

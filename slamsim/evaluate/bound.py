@@ -28,6 +28,7 @@ from slamsim.evaluate.bound_odometry import odometry_noise, rolled_between
 from slamsim.evaluate.bound_scans import scan_information
 from slamsim.evaluate.bound_solve import draws
 from slamsim.evaluate.bound_walls import wall_faces
+from slamsim.safe.numbers import FINITE, require_covariances, require_stamps
 from slamsim.types import FloatArray, IntArray, PlanarTrajectory
 
 BEAMS_CAST = 270
@@ -154,7 +155,11 @@ def _of_poses(drawn: FloatArray, groups: Groups) -> FloatArray:
 
 def scan_bound(stamps_ns: IntArray, information: FloatArray) -> ScanBound:
     """What information (n, 3, 3) of single scans about x, y and yaw amounts to; a direction that
-    nothing holds counts as held to ten metres. worst_direction_rad is in the axes given."""
+    nothing holds counts as held to ten metres. worst_direction_rad is in the axes given. Raises
+    BadNumbers."""
+    require_stamps("scans", stamps_ns)
+    shape = (stamps_ns.size, 3, 3)
+    require_covariances("the information of scans", information, shape, FINITE)
     covariance = np.linalg.inv(information + POSE_PRIOR)
     values, vectors = np.linalg.eigh(covariance[:, :2, :2])
     return ScanBound(

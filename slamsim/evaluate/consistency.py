@@ -19,6 +19,7 @@ from scipy.stats import chi2
 
 from slamsim.evaluate.trajectory import covered_by
 from slamsim.geometry import between
+from slamsim.safe.numbers import require_covariances, require_number, require_whole, solving
 from slamsim.types import FloatArray, IntArray, PlanarTrajectory
 
 DEGREES_OF_FREEDOM = 3
@@ -60,9 +61,10 @@ def nees(
     frame, relative to the first key frame, which has none. truth: ``T_truth_base``.
 
     Looks at all key frames but the first that the truth covers; None if these are fewer than two,
-    or the truth does not cover the first. Raises numpy.linalg.LinAlgError for a covariance that
-    is not positive definite.
+    or the truth does not cover the first. Raises BadNumbers for what is no covariance, NoSolution
+    for one that is sure of a direction.
     """
+    require_covariances("the covariances of key frames", covariances, (len(keyframes), 3, 3))
     covered = covered_by(truth.stamps_ns, keyframes.stamps_ns)
     if len(keyframes) < 2 or not covered[0] or np.count_nonzero(covered) < 3:
         return None
@@ -71,18 +73,22 @@ def nees(
     true_way = between(true_poses[0], true_poses[1:])
     errors = between(true_way, between(keyframes.poses[0], keyframes.poses[later]))
     claimed = covariances[later]
-    np.linalg.cholesky(claimed)
+    with solving("the consistency of the key frames"):
+        np.linalg.cholesky(claimed)
+        weighted = np.linalg.solve(claimed, errors[:, :, None])[:, :, 0]
     return Consistency(
         stamps_ns=keyframes.stamps_ns[later],
         errors=errors,
         sigmas=np.sqrt(np.diagonal(claimed, axis1=1, axis2=2)),
-        nees=(errors * np.linalg.solve(claimed, errors[:, :, None])[:, :, 0]).sum(axis=1),
+        nees=(errors * weighted).sum(axis=1),
     )
 
 
 def nees_band(runs: int, share: float = INSIDE_SHARE) -> tuple[float, float]:
     """Within which the mean NEES of one instant over so many independent runs lies with that
-    probability, if the covariances are true."""
+    probability, if the covariances are true. Raises BadNumbers."""
+    require_whole("the number of runs", runs, 1)
+    require_number("the share within the band", share, 1e-9, 1.0 - 1e-9)
     freedom = DEGREES_OF_FREEDOM * runs
     tails = np.array([0.5 * (1.0 - share), 0.5 * (1.0 + share)])
     low, high = (chi2.ppf(tails, freedom) / runs).tolist()

@@ -16,6 +16,7 @@ import numpy as np
 from slamsim.evaluate.visibility import seen_from
 from slamsim.geometry import inverse, transform_points
 from slamsim.safe.errors import SlamsimError
+from slamsim.safe.numbers import require_finite
 from slamsim.types import BoolArray, Float32Array, FloatArray, Grid, IntArray
 
 OCCUPIED_ABOVE = 0.65
@@ -29,6 +30,9 @@ GHOST_RADIUS_M = 0.5
 GHOST_LENGTH_M = 0.25
 """What is drawn where no wall is counts as one if so much of it hangs together; a stray cell just
 beyond the tolerance is no wall, and precision counts it already."""
+
+MOST_CELLS = 2e9
+"""Of the lattice over both grids; a labyrinth has a few million."""
 
 _BLOCK_ROWS = 256
 _ROUNDING = 1e-6
@@ -69,8 +73,10 @@ def compare_grids(
 
     T_truth_estimate: (3,) takes the estimate's frame to the truth's, from the trajectories.
     path_m: (n, 2) the true path, from which the walls were seen as far as range_m.
-    Raises SlamsimError if the truth has no wall that borders reachable space.
+    Raises SlamsimError if the truth has no wall that borders reachable space, or the two lie too
+    far apart, BadNumbers for an alignment, a path or a range that is none.
     """
+    _lattice_bounds(estimate, truth, T_truth_estimate)
     surface_cells = wall_surface(truth.occupancy)
     surface = cell_centres(truth, surface_cells)
     if surface.shape[0] == 0:
@@ -107,6 +113,7 @@ def wrong_walls(
     Returns the estimate's occupied cells (its shape) that belong to no true wall, and the
     truth's surface cells in view (its shape) that the map does not show.
     """
+    _lattice_bounds(estimate, truth, T_truth_estimate)
     in_view = wall_surface(truth.occupancy) & seen_from(truth, path_m, range_m)
     surface = cell_centres(truth, wall_surface(truth.occupancy))
     walls, wall_cells = _walls(estimate, T_truth_estimate), occupied(estimate)
@@ -211,7 +218,10 @@ def _free_shares(
 def _lattice_bounds(
     estimate: Grid, truth: Grid, T_truth_estimate: FloatArray
 ) -> tuple[IntArray, IntArray]:
-    """First and past-the-last (column, row) on the true lattice that hold both grids."""
+    """First and past-the-last (column, row) on the true lattice that hold both grids.
+
+    Raises SlamsimError if that are more cells than can be looked at."""
+    require_finite("the alignment of the map", T_truth_estimate, (3,))
     rows, columns = truth.occupancy.shape
     low, high = np.zeros(2, dtype=np.int64), np.array([columns, rows], dtype=np.int64)
     rows, columns = estimate.occupancy.shape
@@ -220,4 +230,10 @@ def _lattice_bounds(
     cells = (transform_points(T_truth_estimate, corners) - truth.origin_m) / truth.resolution_m
     low = np.minimum(low, np.floor(cells.min(axis=0)).astype(np.int64))
     high = np.maximum(high, np.ceil(cells.max(axis=0)).astype(np.int64))
+    metres = (high - low) * truth.resolution_m
+    if float(np.prod((high - low).astype(np.float64))) > MOST_CELLS:
+        raise SlamsimError(
+            f"the map and the true grid lie {metres[0]:.3g} x {metres[1]:.3g} m apart, too many "
+            f"cells of {truth.resolution_m:g} m to compare"
+        )
     return low, high

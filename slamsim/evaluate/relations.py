@@ -15,6 +15,7 @@ import numpy as np
 from slamsim.evaluate.trajectory import span_in_words
 from slamsim.geometry import between
 from slamsim.safe.errors import SlamsimError
+from slamsim.safe.numbers import require_finite, require_stamps
 from slamsim.types import BoolArray, FloatArray, IntArray, PlanarTrajectory
 
 NEAR_BELOW_S = 5.0
@@ -53,8 +54,11 @@ def score_relations(
 ) -> RelationScores:
     """from_ns, to_ns: (n,) instants; T_from_to: (n, 3) the true motion.
 
-    Raises SlamsimError if the trajectory covers no relation.
+    Raises SlamsimError if the trajectory covers no relation, BadNumbers for what is none.
     """
+    for stamps_ns in (from_ns, to_ns):
+        require_stamps("relations", stamps_ns, rising=False)
+    require_finite("relations", T_from_to, (from_ns.size, 3))
     used = _covered(trajectory, from_ns) & _covered(trajectory, to_ns)
     if not used.any():
         raise SlamsimError(

@@ -12,6 +12,7 @@ from slamsim.evaluate.consistency import DEGREES_OF_FREEDOM, Consistency
 from slamsim.evaluate.grid import MapScores, compare_grids
 from slamsim.evaluate.relations import RelationScores, score_relations
 from slamsim.evaluate.trajectory import TrajectoryErrors, compare, relative_errors, statistics
+from slamsim.evaluate.visibility import require_range
 from slamsim.logs.relations import Relations
 from slamsim.types import Grid, PlanarTrajectory, Trajectory
 
@@ -108,6 +109,7 @@ def evaluate(
     alignment it shares. range_m: how far the lidar sees; no walls further from the path than that
     are asked of the map. Raises SlamsimError if the truth and the run do not meet in time.
     """
+    require_range(range_m)
     errors = drift = map_scores = None
     if truth is not None:
         planar = truth.planar()

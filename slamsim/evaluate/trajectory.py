@@ -16,6 +16,7 @@ import numpy as np
 
 from slamsim.geometry import between, compose, wrap_angle
 from slamsim.safe.errors import SlamsimError
+from slamsim.safe.numbers import FINITE, BadNumbers, require_finite
 from slamsim.types import BoolArray, FloatArray, IntArray, PlanarTrajectory
 
 SEGMENT_LENGTHS_M = (1.0, 2.0, 5.0, 10.0, 20.0, 50.0)
@@ -67,7 +68,10 @@ class RelativeErrors:
 
 
 def statistics(errors: FloatArray) -> Statistics:
-    """errors: (n,) with n > 0; signs do not matter."""
+    """errors: (n,) with n > 0; signs do not matter. Raises BadNumbers."""
+    require_finite("errors", errors, (None,), FINITE**0.5)
+    if not errors.size:
+        raise BadNumbers("there is no error to tell the size of")
     size = np.abs(errors)
     return Statistics(
         rmse=float(np.sqrt(np.mean(size**2))),
@@ -81,8 +85,13 @@ def align_se2(estimate: FloatArray, truth: FloatArray) -> FloatArray:
     """``T_truth_estimate`` (3,), which minimises the squared distances of the positions.
 
     estimate, truth: (n, 3) poses at equal instants. If the estimate hardly moves, its positions
-    do not define a turn, and the mean difference of the headings is taken instead.
+    do not define a turn, and the mean difference of the headings is taken instead. Raises
+    BadNumbers.
     """
+    require_finite("the poses to align", estimate, (None, 3))
+    require_finite("the poses to align with", truth, estimate.shape)
+    if not len(estimate):
+        raise BadNumbers("there is no pose to align")
     from_mean, to_mean = estimate[:, :2].mean(axis=0), truth[:, :2].mean(axis=0)
     source, target = estimate[:, :2] - from_mean, truth[:, :2] - to_mean
     if np.sqrt(np.mean(np.sum(source**2, axis=1))) < _MIN_SPREAD_M:
@@ -100,10 +109,8 @@ def compare(
 ) -> TrajectoryErrors:
     """The errors of an estimate after alignment; what: its name in an error message.
 
-    Raises SlamsimError if fewer than two poses can be compared, or a number is not finite.
+    Raises SlamsimError if fewer than two poses can be compared.
     """
-    if not (np.isfinite(estimate.poses).all() and np.isfinite(truth.poses).all()):
-        raise SlamsimError(f"{what} or the truth holds a pose that is not finite")
     covered = covered_by(truth.stamps_ns, estimate.stamps_ns)
     if np.count_nonzero(covered) < 2:
         raise SlamsimError(
@@ -130,8 +137,11 @@ def relative_errors(
     """Mean relative error over every segment that starts at any pose; None if there is none.
 
     A segment of length L ends at the first pose at which the true path is at least L longer. Its
-    error is divided by the true path it really covers.
+    error is divided by the true path it really covers. Raises BadNumbers for lengths that are none.
     """
+    require_finite("lengths of segments", np.array(lengths_m, dtype=np.float64), (None,))
+    if not lengths_m or min(lengths_m) <= 0.0:
+        raise BadNumbers(f"segments need lengths above zero, not {lengths_m}")
     path_m = _path_m(errors.truth.poses)
     starts, ends = segments(path_m, lengths_m)
     if starts.size == 0:

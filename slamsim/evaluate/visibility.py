@@ -8,10 +8,14 @@ import numpy as np
 
 from slamsim.jit import kernel
 from slamsim.ray_walk import begin_walk, next_cell
+from slamsim.safe.numbers import BadNumbers, require_finite
 from slamsim.types import BoolArray, FloatArray, Grid
 
 LOOK_EVERY_M = 0.2
 """Spacing of the points of the path from which is looked around."""
+
+LONGEST_PATH_M = 1e7
+"""No robot drives so far, but a path with a pose that is off by as much as can be."""
 
 DIRECTIONS = 720
 """Rays in all directions from each of them: 0.5 degrees apart."""
@@ -22,8 +26,11 @@ def seen_from(truth: Grid, path_m: FloatArray, range_m: float = math.inf) -> Boo
     one on it.
 
     truth: 1 solid; all else lets a ray through. path_m: (n, 2) in the grid's frame, in the order
-    driven. range_m: rays end there. Looks in all directions, whatever the lidar's own are.
+    driven. range_m: rays end there. Looks in all directions, whatever the lidar's own are. Raises
+    BadNumbers for a path or a range that is none.
     """
+    require_finite("the path", path_m, (None, 2))
+    require_range(range_m)
     solid = truth.occupancy == 1.0
     seen: BoolArray = np.zeros(solid.shape, dtype=np.bool_)
     origins = (_spread(path_m, LOOK_EVERY_M) - truth.origin_m) / truth.resolution_m
@@ -33,11 +40,19 @@ def seen_from(truth: Grid, path_m: FloatArray, range_m: float = math.inf) -> Boo
     return seen
 
 
+def require_range(range_m: float) -> None:
+    """Raise BadNumbers unless that is how far something may see; ``inf`` is without an end."""
+    if not range_m > 0.0:
+        raise BadNumbers(f"the range of sight is {range_m} m; it must be above zero")
+
+
 def _spread(path_m: FloatArray, step_m: float) -> FloatArray:
     """The first point of the path, the last, and one for each step of the way between."""
     if len(path_m) == 0:
         return path_m
     driven_m = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path_m, axis=0), axis=1))])
+    if driven_m[-1] > LONGEST_PATH_M:
+        raise BadNumbers(f"the path is {driven_m[-1]:.3g} m long; one of its poses is far off")
     wanted_m = np.arange(0.0, driven_m[-1], step_m)
     pick = np.append(np.searchsorted(driven_m, wanted_m), len(path_m) - 1)
     return np.asarray(path_m[np.unique(pick)])

@@ -42,7 +42,7 @@ class BadNumbers(SlamsimError, ValueError):
     """Numbers that no stage can work with: not finite, too large, out of order, misshapen."""
 
 
-class NoSolution(SlamsimError):
+class NoSolution(SlamsimError, np.linalg.LinAlgError):
     """Equations that hold nothing, or contradict themselves: a matrix without an inverse."""
 
 
@@ -171,9 +171,9 @@ def require_unit_quaternions(what: str, quats_xyzw: object, count: int) -> None:
         raise BadNumbers(f"{what}: number {off.argmax()} is no unit quaternion")
 
 
-def require_covariances(what: str, covariances: object, shape: Shape) -> None:
+def require_covariances(what: str, covariances: object, shape: Shape, most: float = MOST) -> None:
     """Raise BadNumbers unless (..., 3, 3) are finite, symmetric, and negative in no direction."""
-    require_finite(what, covariances, shape)
+    require_finite(what, covariances, shape, most)
     assert isinstance(covariances, np.ndarray)
     sizes = np.abs(covariances).max(axis=(-1, -2), keepdims=True, initial=1e-300)
     scaled = covariances / sizes

@@ -15,7 +15,7 @@ import numpy as np
 from slamsim.config.slam import SlamConfig
 from slamsim.geometry import between, compose, inverse
 from slamsim.progress import Progress, silent
-from slamsim.result import Event, GraphEdge, PoseGraph
+from slamsim.result import Event, GraphEdge, MapGraph
 from slamsim.slam.bundle import NotRefined, refine
 from slamsim.slam.calibration_solve import Solved
 from slamsim.slam.closure_search import ClosureSearch
@@ -30,7 +30,7 @@ from slamsim.slam.solution import Solution
 from slamsim.slam.steps import OdometryNoise, OdometryStep
 from slamsim.slam.submap_cutter import SubmapCutter
 from slamsim.slam.visits import Visits
-from slamsim.types import FloatArray, PlanarTrajectory
+from slamsim.types import FloatArray, PlanarPoses
 
 CALIBRATION_ROUNDS = 2
 
@@ -154,7 +154,7 @@ class BackEnd:
         covariance = self._solution.estimate.covariance(0, last)
         return Correction(self._taken[last], self._solution.poses[last].copy(), covariance)
 
-    def finish(self, progress: Progress = silent) -> PoseGraph:
+    def finish(self, progress: Progress = silent) -> MapGraph:
         """The final solution, after searching again wherever the estimate is better by now."""
         self._solve()
         self._close_what_is_open(progress)
@@ -165,9 +165,9 @@ class BackEnd:
             with self._timed("refine"):
                 self._refine()
         self._solution.set_apart(self._cutter.submaps)
-        return self._pose_graph()
+        return self._map_graph()
 
-    def events(self, graph: PoseGraph) -> tuple[Event, ...]:
+    def events(self, graph: MapGraph) -> tuple[Event, ...]:
         """What is wrong with the finished map, and where it was driven."""
         stamps_ns = graph.keyframes.stamps_ns
         whole = (int(stamps_ns[0]), int(stamps_ns[-1]))
@@ -276,7 +276,7 @@ class BackEnd:
         self._solution.estimate.move(compose(refined.poses, inverse(T_base_view)))
         self.sights = refined.sights
 
-    def _pose_graph(self) -> PoseGraph:
+    def _map_graph(self) -> MapGraph:
         """The result. Unrefined, its covariances are those of the graph, scaled by how well its
         closures fit what was claimed."""
         poses, edges = self.poses, self._solution.edges
@@ -286,7 +286,7 @@ class BackEnd:
         else:
             covariances = self.sights.covariances(poses)
         stamps_ns = np.array([k.stamp_ns for k in self.keyframes], dtype=np.int64)
-        return PoseGraph(PlanarTrajectory(stamps_ns, poses), covariances, tuple(edges))
+        return MapGraph(PlanarPoses(stamps_ns, poses), covariances, tuple(edges))
 
     @contextmanager
     def _timed(self, stage: str) -> Iterator[None]:

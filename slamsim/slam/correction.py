@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 
 from slamsim.geometry import between, compose, interpolate_se2
-from slamsim.types import FloatArray, IntArray, PlanarTrajectory
+from slamsim.types import FloatArray, IntArray, OutsideTimeRange, PlanarTrajectory
 
 
 def correct_pieces(
@@ -19,6 +19,8 @@ def correct_pieces(
     breaks_ns: stamps at which something new begins, in order. A piece without an anchor stays
     as it is.
     """
+    if not len(relative):
+        return relative
     cuts = np.searchsorted(relative.stamps_ns, np.array(breaks_ns, dtype=np.int64))
     bounds = [0, *cuts.tolist(), len(relative)]
     poses = []
@@ -41,8 +43,10 @@ def correct(relative: PlanarTrajectory, anchors: PlanarTrajectory) -> PlanarTraj
     forward from the first and back from the second are blended by elapsed time; before the
     first and after the last anchor, the nearest one moves everything rigidly. Returns
     ``T_map_base`` at the stamps of ``relative``. Raises OutsideTimeRange if an anchor lies
-    outside ``relative``.
+    outside ``relative``, or there is none.
     """
+    if not len(anchors):
+        raise OutsideTimeRange("a trajectory cannot be corrected: there is no pose to do it by")
     T_odom_anchor = relative.at(anchors.stamps_ns)
     right = np.clip(np.searchsorted(anchors.stamps_ns, relative.stamps_ns), 0, len(anchors) - 1)
     left = np.where(anchors.stamps_ns[right] > relative.stamps_ns, right - 1, right)
@@ -60,6 +64,8 @@ def densify(coarse: PlanarTrajectory, motion: PlanarTrajectory) -> PlanarTraject
     coarse: ``T_map_base`` at the stamps of scans. motion: ``T_odom_base``, more often. After the
     last pose of ``coarse`` the motion goes on alone, so that the last scan's beams are covered.
     """
+    if not len(motion):
+        return coarse
     overlap = (coarse.stamps_ns >= motion.stamps_ns[0]) & (coarse.stamps_ns <= motion.stamps_ns[-1])
     anchors = PlanarTrajectory(coarse.stamps_ns[overlap], coarse.poses[overlap])
     if not len(anchors):

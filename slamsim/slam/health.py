@@ -11,10 +11,10 @@ from scipy.sparse.csgraph import connected_components
 
 from slamsim.config.back_end import SubmapConfig
 from slamsim.geometry import between, transform_points
-from slamsim.result import Event, GraphEdge, PoseGraph
+from slamsim.result import Event, GraphEdge, MapGraph
 from slamsim.slam.odometry import ELSEWHERE_M
 from slamsim.slam.submaps import FREE, UNKNOWN, SpaceGrid, Submap, space_grid
-from slamsim.types import FloatArray, IntArray, PlanarTrajectory
+from slamsim.types import FloatArray, IntArray, PlanarPoses
 
 MIN_KNOWN_SHARE = 0.1
 MIN_KNOWN = 20
@@ -57,7 +57,7 @@ def carried(before: Submap, now: Submap, T_before_now: FloatArray, size: SubmapC
 def _torn_unnoticed(
     query_of: Callable[[int], Submap],
     doubts: Sequence[int],
-    keyframes: PlanarTrajectory,
+    keyframes: PlanarPoses,
     size: SubmapConfig,
 ) -> Iterator[Event]:
     """Key frames that followed on scans that fitted badly, where what was seen on the next metres
@@ -100,7 +100,7 @@ def _share_in_the_open(space: SpaceGrid, other: Submap, T_space_other: FloatArra
 def tears(
     query_of: Callable[[int], Submap],
     submaps: Sequence[Submap],
-    keyframes: PlanarTrajectory,
+    keyframes: PlanarPoses,
     size: SubmapConfig,
     doubts: Sequence[int],
 ) -> Iterator[Event]:
@@ -121,7 +121,7 @@ def tears(
         yield from _torn_stretches(worst, keyframes)
 
 
-def _torn_stretches(worst: dict[int, list[float]], keyframes: PlanarTrajectory) -> Iterator[Event]:
+def _torn_stretches(worst: dict[int, list[float]], keyframes: PlanarPoses) -> Iterator[Event]:
     numbers = np.array(sorted(worst))
     mean = np.array([np.mean(worst[number]) for number in numbers])
     smooth = uniform_filter1d(mean, SMOOTHED, mode="nearest")
@@ -139,7 +139,7 @@ def _torn_stretches(worst: dict[int, list[float]], keyframes: PlanarTrajectory) 
 
 
 def _pairs(
-    query_of: Callable[[int], Submap], submaps: Sequence[Submap], keyframes: PlanarTrajectory
+    query_of: Callable[[int], Submap], submaps: Sequence[Submap], keyframes: PlanarPoses
 ) -> list[tuple[Submap, list[Submap]]]:
     """Submaps, and what was seen near by, about some key frames, at other times."""
     if not submaps:
@@ -161,7 +161,7 @@ def _pairs(
     return [(one, there) for one, there in zip(submaps, queries, strict=True) if there]
 
 
-def doubtful_joints(graph: PoseGraph, drives: Container[int]) -> Iterator[Event]:
+def doubtful_joints(graph: MapGraph, drives: Container[int]) -> Iterator[Event]:
     """One event for each edge of odometry alone whose sides no match and no closure joins, or only
     closures that were found without knowing where to look.
 

@@ -8,6 +8,7 @@ import zlib
 import numpy as np
 from numpy.typing import NDArray
 
+from slamsim.safe.numbers import require_number
 from slamsim.types import Grid
 
 OCCUPIED, UNKNOWN, FREE = 0, 205, 254
@@ -46,7 +47,9 @@ def map_files(
 def trinary_image(
     grid: Grid, occupied_threshold: float = 0.65, free_threshold: float = 0.25
 ) -> NDArray[np.uint8]:
-    """(rows, cols) grey values, the first row at the largest y."""
+    """(rows, cols) grey values, the first row at the largest y. Raises BadNumbers."""
+    require_number("the threshold of what is occupied", occupied_threshold, 0.0, 1.0)
+    require_number("the threshold of what is free", free_threshold, 0.0, occupied_threshold)
     image = np.full(grid.occupancy.shape, UNKNOWN, dtype=np.uint8)
     image[grid.occupancy > occupied_threshold] = OCCUPIED
     image[grid.occupancy < free_threshold] = FREE

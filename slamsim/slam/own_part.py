@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from slamsim.result import PoseGraph
-from slamsim.types import PlanarTrajectory
+from slamsim.result import MapGraph, PoseGraph
+from slamsim.types import PlanarPoses, PlanarTrajectory
 
 
-def since(graph: PoseGraph, first: int) -> PoseGraph:
+def since(graph: MapGraph, first: int) -> PoseGraph:
     """The key frames from number ``first`` on, and the edges between them."""
-    if first == 0:
-        return graph
     edges = tuple(
         replace(edge, source=edge.source - first, target=edge.target - first)
         for edge in graph.edges
@@ -20,6 +18,6 @@ def since(graph: PoseGraph, first: int) -> PoseGraph:
     return PoseGraph(poses_since(graph.keyframes, first), graph.covariances[first:], edges)
 
 
-def poses_since(keyframes: PlanarTrajectory, first: int) -> PlanarTrajectory:
+def poses_since(keyframes: PlanarPoses, first: int) -> PlanarTrajectory:
     """Those of one drive alone; the stamps of several are in no order."""
     return PlanarTrajectory(keyframes.stamps_ns[first:], keyframes.poses[first:])

@@ -12,7 +12,7 @@ import numpy as np
 
 from slamsim.config.slam import SlamConfig
 from slamsim.progress import Progress, silent
-from slamsim.result import Calibrated, Event, PoseGraph, SlamResult
+from slamsim.result import Calibrated, Event, MapGraph, SlamResult
 from slamsim.safe.errors import SlamsimError
 from slamsim.safe.numbers import require_finite, require_rigid, solving
 from slamsim.slam.assembly import assemble, odometry_alone
@@ -58,7 +58,7 @@ class SlamSession:
         self._maker = KeyframeMaker(config.back_end.keyframes, config.front_end.max_range_m, before)
         self._anchors = Anchors()
         self._track = Track()
-        self._solved: PoseGraph | None = None
+        self._solved: MapGraph | None = None
         self._events_told: set[tuple[str, int]] = set()
         self._seconds: defaultdict[str, float] = defaultdict(float)
 

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from slamsim.geometry import between
-from slamsim.result import PoseGraph
+from slamsim.result import MapGraph
 from slamsim.slam.blocks import factorise
 from slamsim.slam.marginals import add_edges, adjoint, in_own_frame
 from slamsim.slam.panels import Panels
@@ -52,7 +52,7 @@ class Sights:
 
 
 def smoothed_covariances(
-    sights: Sights, graph: PoseGraph, first: int, smoothed: Smoothed
+    sights: Sights, graph: MapGraph, first: int, smoothed: Smoothed
 ) -> FloatArray:
     """(n - first, 3, 3) of the smoothed key frames from number ``first`` of the graph on, relative
     to its first, of small steps of the base in its own frame.

@@ -8,13 +8,13 @@ from typing import Protocol
 
 from slamsim.config.slam import SlamConfig
 from slamsim.progress import Progress
-from slamsim.result import Event, PoseGraph
+from slamsim.result import Event, MapGraph
 from slamsim.slam.back_end import BackEnd, Correction
 from slamsim.slam.calibration_solve import Solved
 from slamsim.slam.keyframes import Keyframe
 from slamsim.slam.saved_map import SavedMap
 from slamsim.slam.sights import Sights
-from slamsim.types import PlanarTrajectory
+from slamsim.types import PlanarPoses
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -25,8 +25,8 @@ class Outcome:
     them since then, None without it.
     """
 
-    graph: PoseGraph
-    unrefined: PlanarTrajectory
+    graph: MapGraph
+    unrefined: PlanarPoses
     accepted: int
     rejected: int
     events: tuple[Event, ...]
@@ -104,7 +104,7 @@ def outcome_of(back_end: BackEnd, progress: Progress) -> Outcome:
     graph = back_end.finish(progress)
     return Outcome(
         graph,
-        PlanarTrajectory(graph.keyframes.stamps_ns, back_end.unrefined),
+        PlanarPoses(graph.keyframes.stamps_ns, back_end.unrefined),
         back_end.accepted,
         back_end.rejected,
         back_end.events(graph),
