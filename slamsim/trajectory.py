@@ -80,7 +80,8 @@ class PlanarTrajectory(PlanarPoses):
 class Trajectory:
     """``T_target_base`` over time in space.
 
-    stamps_ns: (n,) strictly increasing. positions_m: (n, 3). quats_xyzw: (n, 4), unit.
+    stamps_ns: (n,), strictly increasing for whoever looks between them. positions_m: (n, 3).
+    quats_xyzw: (n, 4), unit.
     """
 
     stamps_ns: IntArray
@@ -88,7 +89,7 @@ class Trajectory:
     quats_xyzw: FloatArray
 
     def __post_init__(self) -> None:
-        require_stamps("a trajectory", self.stamps_ns)
+        require_stamps("a trajectory", self.stamps_ns, rising=False)
         require_finite("the positions of a trajectory", self.positions_m, (len(self), 3))
         require_unit_quaternions("the quaternions of a trajectory", self.quats_xyzw, len(self))
 
@@ -96,7 +97,8 @@ class Trajectory:
         return int(self.stamps_ns.size)
 
     def at(self, stamps_ns: IntArray) -> Trajectory:
-        """Poses at the given instants; raises OutsideTimeRange beyond the ends."""
+        """Poses at the given instants, in any order; raises OutsideTimeRange beyond the ends."""
+        require_stamps("a trajectory", self.stamps_ns)
         _require_covered(self.stamps_ns, stamps_ns, "the trajectory")
         left, fraction = _bracket(self.stamps_ns, stamps_ns)
         right = np.minimum(left + 1, len(self) - 1)

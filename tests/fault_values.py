@@ -173,7 +173,7 @@ COUNTS = ("observed", "closures_accepted", "closures_rejected")
 """Arguments that are told, and never reckoned with."""
 
 
-IN_ORDER = (PlanarTrajectory, Trajectory, Drive)
+IN_ORDER = (PlanarTrajectory, Drive)
 """Values whose stamps increase; those of a single sensor do in a log, see below."""
 
 

@@ -68,6 +68,12 @@ DEGENERATE: dict[str, Case] = {
     "samples: encoders that stand still": refused(
         lambda: MotionSamples(encoders=replace(ENCODERS, stamps_ns=steps(N) * 0))
     ),
+    "trajectory: a look between stamps that run backwards": refused(
+        lambda: Trajectory(steps(N)[::-1].copy(), THREE, QUATS).at(steps(1))
+    ),
+    "trajectory: the plane of stamps that stand still": refused(
+        lambda: Trajectory(steps(N) * 0, THREE, QUATS).planar()
+    ),
     "trajectory: quaternions of zeros": refused(
         lambda: Trajectory(steps(N), THREE, np.zeros((N, 4)))
     ),

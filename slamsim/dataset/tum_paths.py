@@ -10,6 +10,7 @@ from slamsim.logs.recorded import TruthTail
 from slamsim.logs.tum import write_tum
 from slamsim.logs.written import Written
 from slamsim.recording import Recording
+from slamsim.safe.numbers import UNIT_WITHIN, is_sound
 from slamsim.types import Drive, Trajectory
 
 TRUTH_RATE_HZ = 50.0
@@ -17,7 +18,8 @@ GROUND_TRUTH, ODOMETRY = "ground_truth.tum", "odometry.tum"
 
 
 class TumPaths(Written):
-    """``ground_truth.tum``, ``T_map_base`` in true time, and ``odometry.tum``, as was published."""
+    """``ground_truth.tum``, ``T_map_base`` in true time, and ``odometry.tum``, as was published,
+    without what is no pose."""
 
     def __init__(self, folder: Path) -> None:
         super().__init__()
@@ -35,8 +37,10 @@ class TumPaths(Written):
     def write(self, part: Recording) -> None:
         """The next part of the recording."""
         for moved in part.odometries[:1]:
-            path = Trajectory(moved.stamps_ns, moved.positions_m, moved.quats_xyzw)
-            self._odometry.append(path)
+            length = np.linalg.norm(moved.quats_xyzw, axis=1)
+            sound = is_sound(moved.positions_m) & (np.abs(length - 1.0) < UNIT_WITHIN)
+            rows = moved.stamps_ns, moved.positions_m, moved.quats_xyzw
+            self._odometry.append(Trajectory(*(column[sound] for column in rows)))
 
     def _finish(self) -> None:
         """A recording without odometry has no file of it."""

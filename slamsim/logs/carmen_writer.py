@@ -2,7 +2,8 @@
 
 A fan that a FLASER line implies by its number of beams is written so, any other as ROBOTLASER1,
 which describes itself. Each line carries the odometry at the stamp of its scan. Lengths are in
-millimetres (three decimals); no return is the lidar's maximum, an invalid reading 0.
+millimetres (three decimals); no return is the lidar's maximum, an invalid reading 0. The format
+has no word for a pose that is no number: it is left out.
 """
 
 from __future__ import annotations
@@ -12,13 +13,14 @@ from pathlib import Path
 
 import numpy as np
 
-from slamsim.geometry import compose, se2_from_se3
+from slamsim.geometry import compose, se2_from_se3, yaw_from_xyzw
 from slamsim.logs.carmen_lines import sick_fan
 from slamsim.logs.mountings import declared_laser_mounting
 from slamsim.logs.stamps import decimal_from_stamp_ns
 from slamsim.logs.written import Written
 from slamsim.recording import RawScans, Recording, ScanLayout
-from slamsim.types import Float32Array, FloatArray, IntArray, PlanarTrajectory, Trajectory
+from slamsim.safe.numbers import is_sound
+from slamsim.types import Float32Array, FloatArray, IntArray, PlanarTrajectory
 
 _HOST = "slamsim"
 _SAME_FAN_RAD = 1e-4
@@ -44,11 +46,13 @@ class CarmenFile(Written):
         """The next part of the recording: its first lidar and its first odometry."""
         if self._T_base_laser is None:
             self._T_base_laser = se2_from_se3(declared_laser_mounting(part))
-        if part.odometries and len(part.odometries[0]):
-            moved = part.odometries[0]
-            order = np.unique(moved.stamps_ns, return_index=True)[1]
-            path = Trajectory(moved.stamps_ns, moved.positions_m, moved.quats_xyzw).planar()
-            self._odometry.append(PlanarTrajectory(path.stamps_ns[order], path.poses[order]))
+        for moved in part.odometries[:1]:
+            yaw = yaw_from_xyzw(moved.quats_xyzw)
+            poses = np.column_stack([moved.positions_m[:, :2], yaw])
+            sound = np.flatnonzero(is_sound(poses))
+            stamps_ns, first = np.unique(moved.stamps_ns[sound], return_index=True)
+            if stamps_ns.size:
+                self._odometry.append(PlanarTrajectory(stamps_ns, poses[sound[first]]))
         for scans in part.scans[:1]:
             if self._file.tell() == 0 and len(scans):
                 self._declare(scans)

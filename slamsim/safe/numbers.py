@@ -26,6 +26,9 @@ MOST_NS = 2**62
 FINITE = float(np.finfo(np.float64).max)
 """The bound of numbers that may have any size, such as information."""
 
+UNIT_WITHIN = 1e-2
+"""A quaternion whose length is not nearer to one is no rotation."""
+
 MOST_COUNT = 2**53
 """Larger integers are not exact in floating point."""
 
@@ -167,7 +170,7 @@ def require_unit_quaternions(what: str, quats_xyzw: object, count: int) -> None:
     require_finite(what, quats_xyzw, (count, 4))
     assert isinstance(quats_xyzw, np.ndarray)
     off = np.abs(np.einsum("ni,ni->n", quats_xyzw, quats_xyzw) - 1.0)
-    if off.size and off.max() > 1e-2:
+    if off.size and off.max() > 2.0 * UNIT_WITHIN:
         raise BadNumbers(f"{what}: number {off.argmax()} is no unit quaternion")
 
 
