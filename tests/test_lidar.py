@@ -248,7 +248,8 @@ def test_damaged_meshes_are_refused_with_the_place() -> None:
     good = room()
     bad_number = TriangleMesh(good.vertices_m.copy(), good.triangles)
     bad_number.vertices_m[3, 1] = np.nan
-    bad_index = TriangleMesh(good.vertices_m, good.triangles + np.int32(1))
+    bad_index = TriangleMesh(good.vertices_m, good.triangles.copy())
+    bad_index.triangles[:] += 1
     empty = TriangleMesh(good.vertices_m, good.triangles[:0])
     for mesh, words in (
         (bad_number, "finite"),
