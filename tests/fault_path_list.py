@@ -1,5 +1,6 @@
 """Every attempt to reach outside a folder: importing this puts them on the list."""
 
+import fault_path_commands
 import fault_path_configs
 import fault_path_datasets
 import fault_path_outputs
@@ -10,6 +11,7 @@ from fault_paths import ATTEMPTS
 
 __all__ = [
     "ATTEMPTS",
+    "fault_path_commands",
     "fault_path_configs",
     "fault_path_datasets",
     "fault_path_outputs",

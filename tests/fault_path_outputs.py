@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import re
 
 from fault_paths import Action, Scene, attempt
@@ -96,8 +95,7 @@ def _(scene: Scene) -> Action:
 @attempt("a link under the name of an unfinished output file")
 def _(scene: Scene) -> Action:
     (scene.outside / "notes").write_text("mine\n")
-    name = f".page.html.{os.getpid()}.partial"
-    (scene.out / name).symlink_to(scene.outside / "notes")
+    (scene.out / ".page.html.partial").symlink_to(scene.outside / "notes")
     return lambda: write_atomic(scene.out / "page.html", b"new")
 
 

@@ -15,6 +15,8 @@ from slamsim.logs.parquet_log import ParquetLog
 from slamsim.logs.raw import read_recording
 from slamsim.logs.raw_writer import write_recording
 from slamsim.logs.reader import read_log
+from slamsim.logs.recovery.recover import recover
+from slamsim.logs.recovery.source import damaged_recording
 from slamsim.safe.output import partial_folder
 
 
@@ -108,6 +110,36 @@ def _(scene: Scene, way: Reference) -> Action:
                 written.write(recording)
 
     return act
+
+
+def _recovered(path: Path, scene: Scene) -> object:
+    with partial_folder(scene.out / "recovered") as folder:
+        return recover(damaged_recording(path), folder)
+
+
+@ways("a file of a recording to recover", "link", "linked folder")
+def _(scene: Scene, way: Reference) -> Action:
+    other, bag = _bag(scene.outside / "other", StoragePlugin.MCAP), scene.inputs / "bag"
+    bag.mkdir()
+    (other / "other.mcap").rename(scene.outside / "o.mcap")
+    name = way(scene, "o.mcap")
+    (scene.inputs / name.split("/")[0]).rename(bag / ("log" if "/" in name else name))
+    return lambda: _recovered(bag, scene)
+
+
+@attempt("a recording to recover whose metadata are a link")
+def _(scene: Scene) -> Action:
+    bag, other = _bag(scene.inputs / "bag", StoragePlugin.MCAP), scene.outside / "metadata.yaml"
+    (bag / "metadata.yaml").rename(other)
+    (bag / "metadata.yaml").symlink_to(other)
+    return lambda: _recovered(bag, scene)
+
+
+@attempt("what a killed run left of a recording is a link")
+def _(scene: Scene) -> Action:
+    bag = _bag(scene.outside / "bag", StoragePlugin.MCAP)
+    (scene.inputs / "run.partial").symlink_to(bag, target_is_directory=True)
+    return lambda: _recovered(scene.inputs / "run", scene)
 
 
 def tables(folder: Path) -> Path:

@@ -59,13 +59,13 @@ def damaged_recording(path: Path) -> Damaged:
     """
     unfinished = path.with_name(f"{path.name}.partial") if path.name else path
     if not path.exists() and unfinished.is_dir():
-        path = unfinished
+        path = own_file(unfinished.parent, unfinished.name)
     if not path.exists():
         raise NotFound(f"{path}: there is no such file or folder")
     if not path.is_dir():
         return Damaged(path, _kind(path), (path,))
     for place in _PLACES:
-        folder = path / place
+        folder = own_file(path, place)
         for kind in _IN_FOLDERS:
             files = [file for file in _files(folder) if _SUFFIXES.get(file.suffix) == kind]
             if files:
