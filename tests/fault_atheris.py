@@ -16,10 +16,14 @@ import subprocess
 import sys
 import tempfile
 import traceback
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
+from fault_fuzz import Target
 from long_run_journal import Journal, Row
+
+from slamsim.safe.errors import SlamsimError
 
 INSTRUMENTED = (
     "slamsim.config",
@@ -41,7 +45,6 @@ INSTRUMENTED = (
 """No kernels: their byte code must stay as it is."""
 LONGEST_BYTES = 1 << 16
 LONGEST_S, MOST_MIB = 30, 1500
-_KINDS = {70: "signal", 71: "memory", 77: "signal"}
 
 
 def options(parser: argparse.ArgumentParser) -> None:
@@ -56,14 +59,12 @@ def run(chosen: argparse.Namespace, journal: Journal) -> list[Row]:
     from fault_fuzz_targets import TARGETS
 
     names = [name for name in TARGETS if chosen.loaders in name]
-    done = {name: f"{chosen.campaign}/{name}" for name in names}
-    with journal.progress("atheris", len(names)) as told:
-        for name in names:
-            if done[name] not in journal.names:
-                found = fed(name, chosen.out / "atheris", chosen.minutes * 60.0)
-                journal.add({"name": done[name], **found})
+    left = [name for name in names if f"{chosen.campaign}/{name}" not in journal.names]
+    with journal.progress("atheris", len(names), len(names) - len(left)) as told:
+        for found in fed(left, chosen.out / "atheris", chosen.minutes * 60.0):
+            journal.add({**found, "name": f"{chosen.campaign}/{found['name']}"})
             told()
-    lines = [journal.lines[done[name]] for name in names]
+    lines = [journal.lines[f"{chosen.campaign}/{name}"] for name in names]
     rows = [
         Row(name, f"{line['runs']:,} inputs, {line['reached']:,} places in the code")
         for name, line in zip(names, lines, strict=True)
@@ -74,43 +75,66 @@ def run(chosen: argparse.Namespace, journal: Journal) -> list[Row]:
     return [*rows, Row("finds", "; ".join(finds) or "0", "0", not finds)]
 
 
-def fed(name: str, place: Path, seconds: float) -> dict[str, object]:
-    """runs, reached: how many inputs, how many places. finds: what was found, in words."""
-    slug = re.sub(r"\W+", "-", name)
-    corpus, finds = (place / slug / part for part in ("corpus", "finds"))
-    for folder in (corpus, finds):
-        folder.mkdir(parents=True, exist_ok=True)
+def fed(names: Sequence[str], place: Path, seconds: float) -> Iterator[dict[str, Any]]:
+    """Of each loader its name, runs and reached: how many inputs, how many places in the code;
+    finds: what was found, in words."""
     memory = Path("/dev/shm")
     with tempfile.TemporaryDirectory(dir=memory if memory.is_dir() else None) as scratch:
-        done = subprocess.run(
-            [sys.executable, __file__, name, str(corpus), str(finds), f"{seconds:.0f}"],
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.PIPE,
+        child = subprocess.Popen(
+            [sys.executable, __file__, str(place), f"{seconds:.0f}", *names],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
             text=True,
-            errors="replace",
-            check=False,
             env={**os.environ, "TMPDIR": scratch},
         )
-    told = done.stderr
+        with child:
+            assert child.stdout is not None
+            for name, line in zip(names, child.stdout, strict=False):
+                yield {"name": name, **_summary(place / _slug(name), int(line))}
+
+
+def _summary(place: Path, code: int) -> dict[str, Any]:
+    told = (place / "told").read_text(encoding="utf-8", errors="replace")
     runs = [int(number) for number in re.findall(r"^#(\d+)", told, re.MULTILINE)]
     reached = [int(number) for number in re.findall(r" ft: (\d+)", told)]
-    words = sorted(path.stem for path in finds.iterdir())
-    if done.returncode:
-        words.append(f"{_KINDS.get(done.returncode, 'death')}: {told.strip()[-300:]}")
-    return {"runs": max(runs, default=0), "reached": max(reached, default=0), "finds": words}
+    finds = sorted(path.name for path in (place / "finds").iterdir())
+    if code:
+        finds.append(f"ended by {code}: {told.strip()[-300:]}")
+    return {"runs": max(runs, default=0), "reached": max(reached, default=0), "finds": finds}
 
 
-def _main(name: str, corpus: Path, finds: Path, seconds: str) -> None:
+def _slug(name: str) -> str:
+    return re.sub(r"\W+", "-", name)
+
+
+def _main(place: Path, seconds: str, names: Sequence[str]) -> None:
+    """Each in a fork of this process, in which all is imported already."""
     import atheris
 
     with atheris.instrument_imports(include=list(INSTRUMENTED)):
         from fault_fuzz_targets import TARGETS
+    for name in names:
+        folder = place / _slug(name)
+        for part in ("corpus", "finds"):
+            (folder / part).mkdir(parents=True, exist_ok=True)
+        process = os.fork()
+        if process == 0:
+            told = os.open(folder / "told", os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o644)
+            os.dup2(told, 1)
+            os.dup2(told, 2)
+            _feed(TARGETS[name], folder, seconds)
+        code = os.waitstatus_to_exitcode(os.waitpid(process, 0)[1])
+        sys.stdout.write(f"{code}\n")
+        sys.stdout.flush()
 
-        from slamsim.safe.errors import SlamsimError
-    target = TARGETS[name]
+
+def _feed(target: Target, folder: Path, seconds: str) -> None:
+    """Never comes back."""
+    import atheris
+
+    corpus, finds, words = (folder / part for part in ("corpus", "finds", "words"))
     for data in target.seeds():
         (corpus / hashlib.sha1(data).hexdigest()).write_bytes(data)
-    words = finds.parent / "words"
     words.write_text("".join(f"{_quoted(token)}\n" for token in target.tokens))
 
     def one(data: bytes) -> None:
@@ -153,4 +177,4 @@ def _place(error: Exception) -> str:
 
 
 if __name__ == "__main__":
-    _main(sys.argv[1], Path(sys.argv[2]), Path(sys.argv[3]), sys.argv[4])
+    _main(Path(sys.argv[1]), sys.argv[2], sys.argv[3:])

@@ -19,7 +19,7 @@ from fault_fuzz_logs import LOG_TARGETS
 from slamsim.config.base import Config
 from slamsim.config.bundled import bundled_folder
 from slamsim.config.layers import mount, parse_override
-from slamsim.config.loading import validated
+from slamsim.config.loading import validated, with_presets
 from slamsim.config.robot import RobotConfig
 from slamsim.config.run import RunConfig
 from slamsim.config.world import WorldConfig
@@ -61,7 +61,8 @@ def _model(model: type[Config]) -> Callable[[bytes], object]:
 
     def run(data: bytes) -> object:
         text = data.decode("utf-8", "replace")
-        return validated(model, mount(parse_yaml(text, Path("a.yaml"))))
+        tree = mount(parse_yaml(text, Path("a.yaml")))
+        return validated(model, with_presets(tree) if model is RunConfig else tree)
 
     return run
 
