@@ -77,7 +77,8 @@ def sqlite_messages(
     query = f"SELECT topic_id, timestamp, data FROM messages WHERE topic_id IN ({marks})"
     with closing(_open(index.path)) as db:
         for number, received_ns, data in db.execute(f"{query} ORDER BY timestamp", list(names)):
-            yield names[number], received_ns, _unpacked(data, limits) if index.packed else data
+            content = unpacked_message(data, limits) if index.packed else data
+            yield names[number], received_ns, content
 
 
 def _open(path: Path) -> sqlite3.Connection:
@@ -85,10 +86,8 @@ def _open(path: Path) -> sqlite3.Connection:
 
 
 def _require_sound(db: sqlite3.Connection, limits: Limits) -> None:
-    """Plain tables with values of the right types; a view may compute for ever."""
-    query = "SELECT name FROM sqlite_master WHERE type NOT IN ('table', 'index') OR sql LIKE ?"
-    for (name,) in db.execute(query, ("create virtual%",)):
-        raise ValueError(f"{str(name)[:60]!r} is no plain table")
+    """Plain tables with values of the right types."""
+    require_plain(db)
     (verdict,) = db.execute("PRAGMA quick_check(1)").fetchone()
     if verdict != "ok":
         raise ValueError(str(verdict)[:200])
@@ -100,10 +99,18 @@ def _require_sound(db: sqlite3.Connection, limits: Limits) -> None:
         raise Excessive(reason, "bag_record_bytes")
 
 
+def require_plain(db: sqlite3.Connection) -> None:
+    """Raise ValueError for what is no table of stored values: a view may compute for ever."""
+    query = "SELECT name FROM sqlite_master WHERE type NOT IN ('table', 'index') OR sql LIKE ?"
+    for (name,) in db.execute(query, ("create virtual%",)):
+        raise ValueError(f"{str(name)[:60]!r} is no plain table")
+    for table in (*_TYPES, _DEFINITIONS):
+        for row in db.execute(f"PRAGMA table_xinfo({table})"):
+            if row[-1]:
+                raise ValueError(f"the column {str(row[1])[:60]!r} of {table} is computed")
+
+
 def _require_types(db: sqlite3.Connection, table: str, types: dict[str, str]) -> None:
-    for row in db.execute(f"PRAGMA table_xinfo({table})"):
-        if row[-1]:
-            raise ValueError(f"the column {str(row[1])[:60]!r} of {table} is computed")
     wrong = " OR ".join(f"typeof({name}) <> '{kind}'" for name, kind in types.items())
     (count,) = db.execute(f"SELECT count(*) FROM {table} WHERE {wrong}").fetchone()
     if count:
@@ -140,10 +147,13 @@ def _hashes(db: sqlite3.Connection) -> dict[str, str]:
     return {type_name: text for type_name, text in rows if isinstance(text, str)}
 
 
-def _unpacked(data: bytes, limits: Limits) -> bytes:
+def unpacked_message(data: bytes, limits: Limits = LIMITS) -> bytes:
+    """A message that was compressed by itself; raises Excessive, and what zstandard raises."""
     most = limits.bag_record_bytes
     with zstandard.ZstdDecompressor().stream_reader(data, read_across_frames=True) as reader:
         content = reader.read(most + 1)
     if len(content) > most:
         raise Excessive(f"a message unpacks to more than {most:,} bytes", "bag_record_bytes")
+    if zstandard.frame_content_size(data) not in (-1, len(content)):
+        raise ValueError("a compressed message is cut off")
     return content

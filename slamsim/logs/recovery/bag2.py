@@ -13,7 +13,8 @@ from slamsim.logs.bag_folder import METADATA_RECORD
 from slamsim.logs.bag_metadata import BagFile, Topic, bag_metadata
 from slamsim.logs.recovery.mcap_copy import copy_mcap
 from slamsim.logs.recovery.mcap_filler import McapFiller
-from slamsim.logs.recovery.source import Damaged
+from slamsim.logs.recovery.source import Damaged, is_sqlite
+from slamsim.logs.recovery.sqlite_copy import copy_sqlite
 from slamsim.logs.recovery.tally import Recovered, Tally, recovered
 from slamsim.logs.ros_types import ros2_types
 from slamsim.progress import Progress
@@ -30,7 +31,8 @@ def recover_bag2(source: Damaged, folder: Path, progress: Progress) -> Recovered
     written: list[tuple[BagFile, McapFiller]] = []
     for path in source.files:
         target = folder / f"{path.stem}.mcap"
-        tally, filler = copy_mcap(path, target, partial(_report, progress, done, source.bytes))
+        copy = copy_sqlite if is_sqlite(path) else copy_mcap
+        tally, filler = copy(path, target, partial(_report, progress, done, source.bytes))
         tallies.append(tally)
         if any(filler.file.counts.values()):
             file = BagFile(target.name, filler.file.counts, filler.file.time_range_ns)

@@ -92,6 +92,14 @@ def _kind(path: Path) -> Kind:
     return _FIRST_BYTES[first]
 
 
+def is_sqlite(path: Path) -> bool:
+    """Of the files of ROS 2 recordings, by the name, else by the first bytes."""
+    if path.suffix.lower() in _SUFFIXES:
+        return path.suffix.lower() == ".db3"
+    with open_as_found(path) as file:
+        return file.read(6) == b"SQLite"
+
+
 def _natural(path: Path) -> list[int | str]:
     """``log_10`` after ``log_9``."""
     parts = re.split(r"(\d+)", path.name)
