@@ -11,7 +11,6 @@ from collections.abc import Callable
 from types import FrameType
 
 from slamsim.safe.errors import DiskFull, SlamsimError
-from slamsim.safe.output import disk_full
 
 AGAIN_S = 0.05
 STOPPING = (signal.SIGINT, signal.SIGTERM)
@@ -90,6 +89,8 @@ class _StopSignals:
 
 
 def _told(error: OSError) -> tuple[str, int]:
+    from slamsim.safe.output import disk_full
+
     place = error.filename or "input/output"
     if disk_full(error):
         return f"{place}: the disk is full", DiskFull.exit_code
