@@ -9,6 +9,7 @@ from __future__ import annotations
 import argparse
 import os
 import random
+import resource
 import signal
 import subprocess
 import sys
@@ -161,18 +162,25 @@ def _held(folder: Path) -> Iterator[Path]:
 
 def _refused(number: int, places: dict[str, str], cwd: Path) -> dict[str, Any]:
     words = [word.format(**places) for word in REFUSED[number % len(REFUSED)]]
-    begin_s = time.monotonic()
+    begin_s, busy_before_s = time.monotonic(), _busy_s()
     with running(*words, cwd=cwd) as run:
         code, told, _ = run.ended()
-        took_s = time.monotonic() - begin_s
+        took_s, busy_s = time.monotonic() - begin_s, _busy_s() - busy_before_s
     right = code == 11 and "is being written by process" in told
     return {
         "command": words[:2],
         "code": code,
         "took_s": round(took_s, 3),
+        "busy_s": round(busy_s, 3),
         "right": right,
         "told": told[-300:],
     }
+
+
+def _busy_s() -> float:
+    """What ended children took of a core."""
+    usage = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return usage.ru_utime + usage.ru_stime
 
 
 def rows(lines: Sequence[dict[str, Any]], wanted: int) -> list[Row]:
@@ -185,6 +193,7 @@ def rows(lines: Sequence[dict[str, Any]], wanted: int) -> list[Row]:
         _row("stopped within 2 s, in one sentence", in_time, stops, "took_s"),
         Row("processes left after 2 s", f"{orphans}", "0", orphans == 0),
         _row("second process refused within 1 s", at_once, refusals, "took_s"),
+        Row("of a core, the longest", f"{max((one['busy_s'] for one in refusals), default=0.0)} s"),
         Row("cases of each", f"{min(len(stops), len(refusals))}", f"{wanted}"),
     ]
 
