@@ -20,7 +20,7 @@ from slamsim.safe.text import open_lines
 
 _OTHER_MESSAGES = ("SYNC", "TRUEPOS", "NMEAGGA", "NMEARMC", "SONAR", "BUMPER", "MARKER", "IMU")
 _LASERS = ("FLASER", "RLASER", *(f"{kind}LASER{i}" for kind in ("ROBOT", "RAW") for i in "12345"))
-MESSAGES = frozenset((*_OTHER_MESSAGES, *_LASERS, "ODOM", "PARAM"))
+MEASURING = frozenset((*_LASERS, "ODOM"))
 
 
 @dataclass(slots=True)

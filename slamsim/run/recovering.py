@@ -15,6 +15,7 @@ from slamsim.run.stages import Stages
 from slamsim.safe.output import partial_folder
 
 RECOVERY = "recovery.json"
+_SHOWN_LOSSES = 10
 
 
 def recover_log(
@@ -50,8 +51,10 @@ def _as_json(source: Damaged, found: Recovered) -> dict[str, object]:
 def _show(reporter: Reporter, found: Recovered) -> None:
     rows = {topic.topic: _topic_in_words(topic) for topic in found.topics}
     reporter.table(f"Recovered: {found.messages:,} messages", rows)
-    for loss in found.losses:
+    for loss in found.losses[:_SHOWN_LOSSES]:
         reporter.warn(_loss_in_words(loss))
+    if (more := len(found.losses) - _SHOWN_LOSSES) > 0:
+        reporter.warn(f"... and {more:,} more, which are in {RECOVERY}")
     for note in found.notes:
         reporter.warn(note)
     if not found.losses:

@@ -9,7 +9,7 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import IO
 
-from slamsim.logs.carmen_content import MESSAGES, parse_line
+from slamsim.logs.carmen_content import MEASURING, parse_line
 from slamsim.logs.carmen_lines import LaserLine, OdomLine
 from slamsim.logs.recovery.source import Damaged
 from slamsim.logs.recovery.tally import Recovered, Tally, recovered
@@ -27,7 +27,8 @@ _BY_SUFFIX = {".gz": "gz", ".bz2": "bz2"}
 def recover_carmen(source: Damaged, folder: Path, progress: Progress) -> Recovered:
     """Into a new file of the same name and compression.
 
-    A line is whole if it ends, and reads as a CARMEN message or a comment.
+    A line is whole if it ends, and reads as a CARMEN message or a comment. Those that measure
+    something are counted.
     """
     (path,) = source.files
     tally, target, compression = Tally(path), folder / path.name, _compression(path)
@@ -90,13 +91,12 @@ class _Lines:
         try:
             found = _parsed(words, line, self._limits)
         except ValueError as error:
-            gone = {words[0]: 1} if words and words[0] in MESSAGES else {}
+            gone = {words[0]: 1} if words and words[0] in MEASURING else {}
             self._tally.lose(read - len(line), len(line), f"line {self._number}: {error}", gone)
             return
         self._out.write(line + b"\n")
-        if words and not words[0].startswith("#"):
-            span_ns = None if found is None else (found.stamp_ns, found.stamp_ns)
-            self._tally.keep(words[0], 1, len(line), span_ns)
+        if found is not None:
+            self._tally.keep(words[0], 1, len(line), (found.stamp_ns, found.stamp_ns))
 
     def _drop(self, read: int, reason: str) -> None:
         self._tally.lose(read - len(self._rest), len(self._rest), reason, {})

@@ -99,18 +99,10 @@ class Tally:
         """A topic that is in the file, whether or not a message of it is recovered."""
         self._topics.setdefault(topic, TopicTally(topic, type_name))
 
-    def keep(
-        self, topic: str, count: int, size: int, span_ns: tuple[int, int] | None = None
-    ) -> None:
+    def keep(self, topic: str, count: int, size: int, span_ns: tuple[int, int]) -> None:
         """Messages of one topic. size: their bytes. span_ns: the first and last log time."""
         known = self._topics.get(topic) or TopicTally(topic, "")
-        span = span_ns or (known.first_ns, known.last_ns)
-        self._topics[topic] = known.joined(TopicTally(topic, "", count, size, *span))
-        if span_ns is not None:
-            self._pass(span_ns)
-
-    def _pass(self, span_ns: tuple[int, int]) -> None:
-        """What was lost just before lasted until here."""
+        self._topics[topic] = known.joined(TopicTally(topic, "", count, size, *span_ns))
         for index in self._open:
             gap_s = max(span_ns[0] - (self._last_ns or 0), 0) * 1e-9
             self.losses[index] = replace(self.losses[index], gap_s=gap_s)
