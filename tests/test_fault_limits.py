@@ -104,6 +104,7 @@ EXCESS: dict[str, tuple[Excess, dict[str, float]]] = {
     "yaml_bytes": (yaml("a: 1"), {"yaml_bytes": 3}),
     "yaml_depth": (yaml("[[[]]]"), {"yaml_depth": 2}),
     "yaml_nodes": (yaml("[1, 2, 3]"), {"yaml_nodes": 3}),
+    "yaml_key_characters": (yaml("abc: 1"), {"yaml_key_characters": 2}),
     "text_line_bytes": (text(b"12345\n"), {"text_line_bytes": 4}),
     "text_total_bytes": (text(b"12345\n"), {"text_total_bytes": 5}),
     "text_ratio": (text(PACKED), {"text_ratio": 5, "text_ratio_floor_bytes": 1000}),

@@ -49,7 +49,7 @@ class RouteConfig(Config):
     either, to as many as a tour would visit."""
     seed: int | None = Field(default=None, ge=0, lt=2**63)
     """Seed of random goals and stops; without one, the seed of the world."""
-    file: str | None = None
+    file: str | None = Field(default=None, min_length=1, max_length=1000)
     """A route to follow instead: YAML or CSV with poses (x_m, y_m, optionally yaw_deg) or twists
     (t_s, v_m_s, w_rad_s)."""
     clearance_m: float = Field(default=0.05, ge=0.0, le=2.0)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
@@ -11,6 +13,7 @@ from slamsim.safe.errors import SlamsimError, shown
 from slamsim.safe.yaml import KeyPath, key_text
 
 _MAX_TOLD = 5
+_MAX_JUDGED = 1000  # a file may have faults by the ten thousand
 _NEEDED = {
     "float_type": "a number",
     "float_parsing": "a number",
@@ -35,22 +38,21 @@ _RANGE = {"greater_than", "greater_than_equal", "less_than", "less_than_equal"}
 
 def refusal(model_type: type[BaseModel], tree: Tree, error: ValidationError) -> SlamsimError:
     """The exception to raise; its message has a line for each faulty key."""
-    faults: dict[KeyPath, list[str]] = {}
-    for detail in _told_once(error.errors(include_url=False)):
-        keys, reason = _sentence(model_type, detail, tree)
-        told = faults.setdefault(keys, [])
-        if reason not in told:
-            told.append(reason)
+    faults: dict[KeyPath, list[_Fault]] = {}
+    details = error.errors(include_url=False)
+    for detail in _told_once(details[:_MAX_JUDGED]):
+        fault = _Fault(find_spot(model_type, detail["loc"], tree.data), detail)
+        faults.setdefault(fault.told_for(tree), []).append(fault)
     in_order = sorted(faults, key=lambda keys: tree.place_of(keys).line)
-    refusals = [
-        tree.place_of(keys).refusal(keys, "; or ".join(faults[keys]))
+    told = {
+        keys: "; or ".join(dict.fromkeys(f.sentence(model_type, tree) for f in faults[keys]))
         for keys in in_order[:_MAX_TOLD]
-    ]
-    also = [str(other) for other in refusals[1:]]
-    if len(faults) > _MAX_TOLD:
-        also.append(f"... and {len(faults) - _MAX_TOLD} more")
-    first = in_order[0]
-    return tree.place_of(first).refusal(first, "; or ".join(faults[first]), tuple(also))
+    }
+    first, *others = told
+    also = [str(tree.place_of(keys).refusal(keys, told[keys])) for keys in others]
+    if (more := len(faults) - len(told) + len(details[_MAX_JUDGED:])) > 0:
+        also.append(f"... and {more} more")
+    return tree.place_of(first).refusal(first, told[first], tuple(also))
 
 
 def _told_once(details: list[ErrorDetails]) -> list[ErrorDetails]:
@@ -61,23 +63,34 @@ def _told_once(details: list[ErrorDetails]) -> list[ErrorDetails]:
     ]
 
 
-def _sentence(root: type[BaseModel], detail: ErrorDetails, tree: Tree) -> tuple[KeyPath, str]:
-    """The key path that the fault is told for, and the fault."""
-    kind, loc = detail["type"], detail["loc"]
-    spot = find_spot(root, loc, tree.data)
-    keys = spot.keys
-    if kind == "extra_forbidden":
-        return keys, suggest(root, spot.owner, keys, tree.place_of(keys).mount)
-    if kind == "missing":
-        parent = tree.get(keys[:-1])
-        if isinstance(parent, list):
-            length = find_spot(root, loc[:-1], tree.data).length
-            return keys[:-1], f"must be a list of {length} values, not of {len(parent)}"
-        return keys[:-1], f"the key {key_text(keys[-1:])!r} is missing"
-    if kind == "value_error" and isinstance(tree.get(keys), dict):
-        # Several keys do not fit together: what was typed last is what to look at first.
-        keys = tree.option_below(keys) or keys
-    return keys, _reason(spot, detail, tree.get(keys))
+class _Fault(NamedTuple):
+    """One thing that pydantic found wrong, and where."""
+
+    spot: Spot
+    detail: ErrorDetails
+
+    def told_for(self, tree: Tree) -> KeyPath:
+        """The key path whose line is to be looked at."""
+        kind, keys = self.detail["type"], self.spot.keys
+        if kind == "missing":
+            return keys[:-1]
+        if kind == "value_error" and isinstance(tree.get(keys), dict):
+            # Several keys do not fit together: what was typed last is what to look at first.
+            return tree.option_below(keys) or keys
+        return keys
+
+    def sentence(self, root: type[BaseModel], tree: Tree) -> str:
+        """What is wrong and what would be right."""
+        keys = self.spot.keys
+        if self.detail["type"] == "extra_forbidden":
+            return suggest(root, self.spot.owner, keys, tree.place_of(keys).mount)
+        if self.detail["type"] == "missing":
+            parent = tree.get(keys[:-1])
+            if isinstance(parent, list):
+                length = find_spot(root, self.detail["loc"][:-1], tree.data).length
+                return f"must be a list of {length} values, not of {len(parent)}"
+            return f"the key {key_text(keys[-1:])!r} is missing"
+        return _reason(self.spot, self.detail, tree.get(self.told_for(tree)))
 
 
 def _reason(spot: Spot, detail: ErrorDetails, given: object) -> str:

@@ -14,7 +14,7 @@ from slamsim.safe.errors import OverrideRefused, shown
 class FaultChoice(Config):
     """One fault; ``name`` or ``name:size`` as a text says the same."""
 
-    name: str = Field(min_length=1, max_length=4096)
+    name: str = Field(min_length=1, max_length=1000)
     """Name of a bundled fault, or path of a file that describes one."""
     size: float | None = None
     """How large, in the unit of the fault's own size; null is clearly harmful."""

@@ -105,7 +105,7 @@ class PlanLayout(Config):
 class ImageLayout(Config):
     """The occupied cells of a ROS map_server map, extruded to the height of the walls."""
 
-    file: str = Field(min_length=1, max_length=4096)
+    file: str = Field(min_length=1, max_length=1000)
     """The map's YAML file; a relative path starts at the folder of the file that says so."""
     unknown: Literal["solid", "open"] = "solid"
     """What the map's unknown cells are made of: solid keeps the robot in the known part."""
@@ -116,7 +116,7 @@ class ImageLayout(Config):
 class MeshLayout(Config):
     """A triangle mesh, closed or open; its own floor may stay in it."""
 
-    file: str = Field(min_length=1, max_length=4096)
+    file: str = Field(min_length=1, max_length=1000)
     """An STL, OBJ, PLY or GLB file; a relative path starts at the folder of the file that says
     so."""
     scale: float = Field(default=1.0, gt=0.0, le=1e6)

@@ -10,6 +10,7 @@ path where it was written, and with what would be right.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
@@ -20,7 +21,7 @@ from slamsim.config.bundled import Kind, bundled_folder, find_input
 from slamsim.config.explain import refusal
 from slamsim.config.faults import as_choice
 from slamsim.config.layers import Place, Tree, mount, parse_override
-from slamsim.safe.errors import InputRefused
+from slamsim.safe.errors import InputRefused, shown
 from slamsim.safe.files import own_file
 from slamsim.safe.yaml import KeyPath, YamlDocument, load_yaml
 
@@ -195,15 +196,26 @@ def located(tree: Tree) -> Tree:
     Raises if a file names what lies outside of its folder, NotFound for a name in a list that
     neither a file nor a bundled one has.
     """
-    located = tree
-    for path, text in tree.texts():
-        place = tree.place_of(path)
-        if text and str(path[-1]).split("_")[-1] == "file":
-            place.require_own(path, text)
-            located = located.overlaid(path, str((place.folder / text).resolve()), place)
-        elif (kind := _LISTS.get(_list_key(path))) is not None:
-            located = located.overlaid(path, _located_name(kind, text, path, place), place)
-    return located
+
+    def placed(at: KeyPath, value: object) -> object:
+        if isinstance(value, dict):
+            return {key: placed((*at, key), inner) for key, inner in value.items()}
+        if isinstance(value, list):
+            return [placed((*at, index), inner) for index, inner in enumerate(value)]
+        return _located_text(value, at, tree.place_of(at)) if isinstance(value, str) else value
+
+    return replace(tree, data={key: placed((key,), value) for key, value in tree.data.items()})
+
+
+def _located_text(text: str, at: KeyPath, place: Place) -> str:
+    if text and str(at[-1]).split("_")[-1] == "file":
+        place.require_own(at, text)
+        try:
+            return str((place.folder / text).resolve())
+        except (OSError, ValueError, RuntimeError) as error:
+            raise place.refusal(at, f"{shown(text)} is not a file name: {error}") from None
+    kind = _LISTS.get(_list_key(at))
+    return text if kind is None else _located_name(kind, text, at, place)
 
 
 def _list_key(path: KeyPath) -> str:

@@ -217,7 +217,7 @@ class RobotConfig(Config):
 
     name: str = Field(default="turtlebot2", min_length=1, max_length=64)
     """Name in the robot description."""
-    urdf_file: str | None = None
+    urdf_file: str | None = Field(default=None, min_length=1, max_length=1000)
     """A robot description (URDF) to use instead of the bodies and mounts below; it is checked
     like our own. Friction and motor are still taken from here."""
     base: CylinderConfig = CylinderConfig(

@@ -27,6 +27,9 @@ from slamsim.config.layout import (
 
 ClutterShape = Literal["box", "cylinder", "table", "chair", "l_shape", "panel"]
 LAYOUTS = ("maze", "rooms", "plan", "image", "mesh")
+FARTHEST_M = 1e5
+Place = Annotated[float, Field(ge=-FARTHEST_M, le=FARTHEST_M)]
+PlaceRange = Annotated[tuple[Place, Place], Field(strict=False), AfterValidator(ascending)]
 
 
 class WallsConfig(Config):
@@ -114,9 +117,9 @@ class ClutterConfig(Config):
 class FloorPatchConfig(Config):
     """A rectangle of floor with its own friction; where patches overlap, the last one counts."""
 
-    x_m: Annotated[tuple[float, float], Field(strict=False), AfterValidator(ascending)]
+    x_m: PlaceRange
     """Smallest and largest x, in metres in the map frame."""
-    y_m: Annotated[tuple[float, float], Field(strict=False), AfterValidator(ascending)]
+    y_m: PlaceRange
     """Smallest and largest y, in metres in the map frame."""
     friction: float = Field(ge=0.0, le=10.0)
     """Coulomb friction coefficient."""
@@ -140,11 +143,11 @@ class FloorConfig(Config):
 class StartConfig(Config):
     """Where the robot starts."""
 
-    x_m: float
+    x_m: Place
     """Position in the map frame, in metres."""
-    y_m: float
+    y_m: Place
     """Position in the map frame, in metres."""
-    yaw_deg: float = 0.0
+    yaw_deg: float = Field(default=0.0, ge=-360.0, le=360.0)
     """Heading in degrees, counter-clockwise from the x axis."""
 
 

@@ -18,7 +18,8 @@ class Limits:
 
     yaml_bytes: int = MIB
     yaml_depth: int = 32
-    yaml_nodes: int = 100_000
+    yaml_nodes: int = 50_000
+    yaml_key_characters: int = 1024
     text_line_bytes: int = MIB
     text_total_bytes: int = 4 * GIB
     text_ratio: int = 1000

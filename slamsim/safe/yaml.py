@@ -181,6 +181,9 @@ class _Builder:
     def _key(self, event: yaml.ScalarEvent) -> None:
         self._count(event)
         key, mapping = event.value, self._stack[-1]
+        if len(key) > (most := self.limits.yaml_key_characters):
+            reason = f"a key of {len(key):,} characters, at most {most:,} are read"
+            raise self._refuse(event, reason, "yaml_key_characters")
         if key == "<<" and event.implicit[0]:
             raise self._refuse(event, "the merge key '<<' is not allowed: write the keys out")
         if key in mapping:

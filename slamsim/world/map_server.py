@@ -13,22 +13,24 @@ from pydantic import Field, model_validator
 
 from slamsim.config.base import Config
 from slamsim.config.loading import load_model
+from slamsim.config.world import Place
 from slamsim.safe.errors import InputRefused
 from slamsim.safe.files import read_input, require_inside
 from slamsim.safe.image import read_gray_image
 from slamsim.types import BoolArray, Grid
 
+Angle = Annotated[float, Field(ge=-100.0, le=100.0)]
 _Threshold = Annotated[float, Field(ge=0.0, le=1.0)]
 
 
 class MapServerMap(Config):
     """The YAML file of a ROS map_server map."""
 
-    image: str = Field(min_length=1, max_length=4096)
+    image: str = Field(min_length=1, max_length=1000)
     """Image file in the folder of the map."""
     resolution: float = Field(gt=0.0, le=100.0)
     """Metres per pixel."""
-    origin: Annotated[tuple[float, float, float], Field(strict=False)]
+    origin: Annotated[tuple[Place, Place, Angle], Field(strict=False)]
     """Pose of the image's lower left corner: x and y in metres, yaw in radians."""
     negate: Literal[0, 1] | bool
     """Whether white is occupied, instead of black."""

@@ -80,7 +80,7 @@ def _kind_of(path: Path) -> type[Fault]:
     if not isinstance(data, dict) or "kind" not in data:
         raise InputRefused(path, f"the key 'kind' is missing; it is one of {', '.join(KINDS)}")
     kind = data["kind"]
-    if kind not in KINDS:
+    if not isinstance(kind, str) or kind not in KINDS:
         near = difflib.get_close_matches(str(kind), KINDS, n=1)
         hint = f"did you mean {near[0]!r}?" if near else f"the kinds are {', '.join(KINDS)}"
         line = document.line_of(("kind",))
