@@ -12,9 +12,11 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+import trimesh
 from bag_data import ROS1, ROS2, Robot, as_mcap, as_ros1, as_rosbag2
 from mcap.writer import CompressionType
 
+from slamsim.config.layout import ImageLayout
 from slamsim.logs.bag1_check import index_bag1
 from slamsim.logs.bag_limits import check_definitions
 from slamsim.logs.mcap_read import index_mcap
@@ -32,6 +34,7 @@ from slamsim.safe.urdf import check_urdf
 from slamsim.safe.yaml import load_yaml
 from slamsim.sim.route_file import read_route
 from slamsim.slam.saved_map import read_saved_map
+from slamsim.world.from_image import image_prisms
 
 pytestmark = pytest.mark.fault
 
@@ -39,6 +42,10 @@ Excess = Callable[[Path, Limits], object]
 CORNERS = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
 FACES = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
 LINK = '<link name="a"><inertial><mass value="9"/></inertial></link>'
+
+TURNING = (
+    '<link name="b"/><joint name="j" type="continuous"><parent link="a"/><child link="b"/></joint>'
+)
 
 
 def put(path: Path, data: bytes) -> Path:
@@ -59,6 +66,17 @@ def image(folder: Path, limits: Limits) -> object:
     return read_gray_image(put(folder / "a.png", data), limits)
 
 
+def map_image(folder: Path, limits: Limits) -> object:
+    walls = np.full((8, 8), 255, np.uint8)
+    walls[2:6, 2:6], walls[3:5, 3:5] = 0, 255
+    put(folder / "map.png", cv2.imencode(".png", walls)[1].tobytes())
+    described = "resolution: 1.0\norigin: [0, 0, 0]\nnegate: 0\n"
+    thresholds = "occupied_thresh: 0.6\nfree_thresh: 0.2\n"
+    text = f"image: map.png\n{described}{thresholds}"
+    path = put(folder / "map.yaml", text.encode())
+    return image_prisms(ImageLayout(file=str(path)), 1.0, limits)
+
+
 def mesh(folder: Path, limits: Limits) -> None:
     check_mesh(CORNERS, FACES, folder / "a.stl", limits)
 
@@ -69,8 +87,13 @@ def mesh_file(folder: Path, limits: Limits) -> None:
     check_mesh_file(put(folder / "a.glb", head + scene), limits)
 
 
+def unrolled(folder: Path, limits: Limits) -> None:
+    scene = trimesh.Scene([trimesh.Trimesh(CORNERS, FACES) for _ in range(5)])
+    check_mesh_file(put(folder / "a.glb", bytes(scene.export(file_type="glb"))), limits)
+
+
 def urdf(folder: Path, limits: Limits) -> None:
-    check_urdf(f'<robot name="r">{LINK}</robot>', folder / "a.urdf", limits)
+    check_urdf(f'<robot name="r">{LINK}{TURNING}</robot>', folder / "a.urdf", limits)
 
 
 def chunk(folder: Path, limits: Limits) -> object:
@@ -114,14 +137,19 @@ EXCESS: dict[str, tuple[Excess, dict[str, float]]] = {
     "image_file_bytes": (image, {"image_file_bytes": 20}),
     "image_pixels": (image, {"image_pixels": 63}),
     "image_decoded_bytes": (image, {"image_decoded_bytes": 191}),
+    "image_corners": (map_image, {"image_corners": 7}),
     "mesh_file_bytes": (mesh_file, {"mesh_file_bytes": 19}),
     "mesh_header_bytes": (mesh_file, {"mesh_header_bytes": 9}),
     "mesh_vertices": (mesh, {"mesh_vertices": 3}),
     "mesh_triangles": (mesh, {"mesh_triangles": 3}),
+    "mesh_parts": (unrolled, {"mesh_parts": 4}),
     "mesh_coordinate_m": (mesh, {"mesh_coordinate_m": 0.5}),
     "urdf_bytes": (urdf, {"urdf_bytes": 20}),
     "urdf_depth": (urdf, {"urdf_depth": 2}),
     "urdf_elements": (urdf, {"urdf_elements": 3}),
+    "urdf_links": (urdf, {"urdf_links": 0}),
+    "urdf_moving_joints": (urdf, {"urdf_moving_joints": 0}),
+    "urdf_name_characters": (urdf, {"urdf_name_characters": 0}),
     "urdf_number": (urdf, {"urdf_number": 8.5}),
     "sums_bytes": (sums, {"sums_bytes": 20}),
     "route_rows": (many_rows, {}),

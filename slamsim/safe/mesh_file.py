@@ -11,11 +11,13 @@ import re
 import struct
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 from slamsim.safe.errors import InputRefused
 from slamsim.safe.files import read_input
 from slamsim.safe.limits import LIMITS, Limits
 
+_OBJ_ZERO = re.compile(rb"^[ \t]*f[ \t](?:[^\n]*[ \t])?[-+]?0+(?=[/\s]|\Z)", re.MULTILINE)
 _STL_HEADER, _STL_TRIANGLE = 84, 50
 _GLB_JSON, _GLB_BINARY = 0x4E4F534A, 0x004E4942
 _GLB_SIZES = {5120: 1, 5121: 1, 5122: 2, 5123: 2, 5125: 4, 5126: 4}
@@ -59,7 +61,7 @@ def _check_stl(data: bytes, path: Path, limits: Limits) -> None:
         raise InputRefused(path, f"is no STL: {len(data)} bytes, the header alone has 84")
     (count,) = struct.unpack_from("<I", data, _STL_HEADER - 4)
     needed = _STL_HEADER + count * _STL_TRIANGLE
-    if len(data) < needed or count == 0:
+    if len(data) != needed or count == 0:
         reason = f"announces {count:,} triangles ({needed:,} bytes), has {len(data):,} bytes"
         raise InputRefused(path, reason)
 
@@ -71,6 +73,9 @@ def _check_obj(data: bytes, path: Path, limits: Limits) -> None:
         if not re.search(rb"^[ \t]*" + kind + rb"[ \t]", data, re.MULTILINE):
             what = "vertex (v)" if kind == b"v" else "face (f)"
             raise InputRefused(path, f"is no OBJ, or is cut off: not one line is a {what}")
+    if zero := _OBJ_ZERO.search(data):
+        line = data.count(b"\n", 0, zero.start()) + 1
+        raise InputRefused(path, "names the vertex 0, the first one is 1", f"line {line}")
 
 
 def _check_ply(data: bytes, path: Path, limits: Limits) -> None:
@@ -132,6 +137,7 @@ def _check_glb(data: bytes, path: Path, limits: Limits) -> None:
         raise InputRefused(path, reason, limit="mesh_header_bytes")
     try:
         scene = json.loads(data[20 : 20 + json_length])
+        _check_unrolled(scene, path, limits)
         _check_scene(scene, _glb_binary_bytes(data, 20 + json_length), path)
     except (ValueError, RecursionError, KeyError, TypeError, AttributeError, IndexError) as error:
         raise InputRefused(path, f"its description is damaged ({error!r:.80})") from None
@@ -163,6 +169,28 @@ def _check_scene(scene: dict[str, list[dict[str, object]]], binary: int, path: P
             reason = f"announces {needed:,} bytes, its view has {available:,}"
             raise InputRefused(path, reason, f"accessor {number}")
     _check_nodes(scene.get("nodes", []), path)
+
+
+def _check_unrolled(scene: dict[str, list[dict[str, Any]]], path: Path, limits: Limits) -> None:
+    """What all nodes hold together: one mesh may stand in many places."""
+    accessors = scene.get("accessors", [])
+    sizes = []
+    for mesh in scene.get("meshes", []):
+        parts = vertices = triangles = 0
+        for part in mesh["primitives"]:
+            corners = _count(accessors[_count(part["attributes"]["POSITION"])]["count"])
+            listed = part.get("indices")
+            indices = corners if listed is None else _count(accessors[_count(listed)]["count"])
+            parts, vertices, triangles = parts + 1, vertices + corners, triangles + indices // 3
+        sizes.append((parts, vertices, triangles))
+    nodes = scene.get("nodes", [])
+    shown = [sizes[_count(node["mesh"])] for node in nodes if "mesh" in node]
+    totals = [len(nodes), *(sum(column) for column in zip(*shown, strict=True))]
+    for name, total in zip(("parts", "parts", "vertices", "triangles"), totals, strict=False):
+        most = getattr(limits, f"mesh_{name}")
+        if total > most:
+            reason = f"unrolls to {total:,} {name}, at most {most:,} are read"
+            raise InputRefused(path, reason, limit=f"mesh_{name}")
 
 
 def _check_nodes(nodes: list[dict[str, object]], path: Path) -> None:

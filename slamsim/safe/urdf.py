@@ -21,6 +21,7 @@ _JOINT_TYPES = ("fixed", "continuous", "revolute", "prismatic", "floating", "pla
 _MESH_SUFFIXES = (".stl", ".obj", ".dae")
 _AXIS_JOINTS = ("continuous", "revolute", "prismatic", "planar")
 _MIN_AXIS = 1e-6
+_MIN_SIZE_M = 1e-6
 
 
 def check_urdf(text: str, path: Path, limits: Limits = LIMITS) -> None:
@@ -40,6 +41,9 @@ class _UrdfCheck:
     def check(self, text: str) -> None:
         robot = self._parse(text)
         links, joints = robot.findall("link"), robot.findall("joint")
+        moving = [joint for joint in joints if joint.get("type") != "fixed"]
+        self._few("links", len(links))
+        self._few("moving_joints", len(moving))
         self._names(links, "link")
         self._names(joints, "joint")
         for joint in joints:
@@ -54,6 +58,12 @@ class _UrdfCheck:
         name = element.get("name")
         where = f"<{element.tag} name={shown(name)}>" if name else f"<{element.tag}>"
         return InputRefused(self.path, reason, where, limit=limit)
+
+    def _few(self, what: str, count: int) -> None:
+        most: int = getattr(self.limits, f"urdf_{what}")
+        if count > most:
+            reason = f"has {count:,} {what.replace('_', ' ')}, at most {most:,} are read"
+            raise self.refuse(reason, limit=f"urdf_{what}")
 
     def _parse(self, text: str) -> Element:
         size = len(text.encode("utf-8", errors="replace"))
@@ -93,6 +103,11 @@ class _UrdfCheck:
         if counts[None] or counts[""]:
             raise self.refuse(f"a <{kind}> has no name")
         for name, count in counts.items():
+            if name is not None and len(name) > (most := self.limits.urdf_name_characters):
+                reason = (
+                    f"a {kind} has a name of {len(name):,} characters, at most {most:,} are read"
+                )
+                raise self.refuse(reason, limit="urdf_name_characters")
             if count > 1:
                 raise self.refuse(f"{count} {kind}s are called {shown(name)}")
 
@@ -137,7 +152,7 @@ class _UrdfCheck:
             parent_of[child] = parent
         roots = sorted(names - parent_of.keys())
         if len(roots) != 1:
-            found = ", ".join(roots[:5]) if roots else "none, the joints form a ring"
+            found = ", ".join(name[:60] for name in roots[:5]) if roots else "none, the joints form a ring"
             raise self.refuse(f"needs exactly one root link, has {len(roots)}: {found}")
         reached = _reached(roots[0], parent_of)
         if lost := sorted(names - reached):
@@ -189,7 +204,7 @@ class _UrdfCheck:
             self._mesh(shape, link)
         elif shape.tag in sizes:
             for key, count in sizes[shape.tag]:
-                if min(self._numbers(shape, key, count, link)) <= 0:
+                if min(self._numbers(shape, key, count, link)) < _MIN_SIZE_M:
                     raise self.refuse(f"the {key} of a {shape.tag} is not above 0", link)
         else:
             known = ", ".join((*sizes, "mesh"))

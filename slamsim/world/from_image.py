@@ -11,13 +11,18 @@ from shapely import Polygon
 from slamsim.config.layout import ImageLayout
 from slamsim.geometry import transform_points
 from slamsim.safe.errors import InputRefused
+from slamsim.safe.limits import LIMITS, Limits
 from slamsim.types import BoolArray, IntArray
 from slamsim.world.map_server import MapServerMap, read_cells
 from slamsim.world.model import Bounds
 from slamsim.world.prism import Prism, polygons_of
 
+_BLOCK_ROWS = 512
 
-def image_prisms(layout: ImageLayout, height_m: float) -> tuple[list[Prism], Bounds]:
+
+def image_prisms(
+    layout: ImageLayout, height_m: float, limits: Limits = LIMITS
+) -> tuple[list[Prism], Bounds]:
     """Occupied cells, and unknown ones if they are to be solid, as upright prisms; and the bounds
     of the whole image. Raises InputRefused or NotFound."""
     path = Path(layout.file)
@@ -26,6 +31,9 @@ def image_prisms(layout: ImageLayout, height_m: float) -> tuple[list[Prism], Bou
         reason = f"not one of its {occupied.size:,} cells is occupied"
         raise InputRefused(image_path, f"{reason} by the thresholds and mode of {path.name}")
     solid = ~free if layout.unknown == "solid" else occupied
+    if (corners := _corners(solid)) > limits.image_corners:
+        reason = f"its walls have {corners:,} corners, at most {limits.image_corners:,} are built"
+        raise InputRefused(image_path, f"{reason}: this is noise", limit="image_corners")
     prisms = [Prism(_placed(polygon, described), 0.0, height_m) for polygon in outline_cells(solid)]
     rows, columns = solid.shape
     frame = shapely.bounds(_placed(shapely.box(0, 0, columns, rows), described)).tolist()
@@ -38,6 +46,18 @@ def _placed(polygon: Polygon, described: MapServerMap) -> Polygon:
     return shapely.transform(
         polygon, lambda points: transform_points(pose, points * described.resolution)
     )
+
+
+def _corners(solid: BoolArray) -> int:
+    """How many corners the outlines of a mask have."""
+    padded, count = np.pad(solid, 1), 0
+    for first in range(0, len(padded) - 1, _BLOCK_ROWS):
+        rows = padded[first : first + _BLOCK_ROWS + 1]
+        a, b, c, d = rows[:-1, :-1], rows[:-1, 1:], rows[1:, :-1], rows[1:, 1:]
+        count += np.count_nonzero(a ^ b ^ c ^ d) + 2 * np.count_nonzero(
+            (a == d) & (a ^ b) & (a ^ c)
+        )
+    return count
 
 
 def outline_cells(solid: BoolArray) -> list[Polygon]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -23,9 +24,11 @@ def read_mesh(layout: MeshLayout) -> TriangleMesh:
     import trimesh
 
     try:
-        loaded = trimesh.load_scene(path, process=False).to_mesh()
+        with np.errstate(all="ignore"), warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of numbers that are not finite, which are refused
+            loaded = trimesh.load_scene(path, process=False, skip_materials=True).to_mesh()
     except Exception as error:  # trimesh raises whatever a damaged file makes its parsers raise
-        raise InputRefused(path, f"cannot be read as a mesh ({error})") from None
+        raise InputRefused(path, f"cannot be read as a mesh ({error!r:.200})") from None
     vertices = np.array(loaded.vertices, dtype=np.float64) * layout.scale
     if layout.up == "y" or (layout.up == "auto" and path.suffix.lower() == ".glb"):
         vertices = np.column_stack([vertices[:, 0], -vertices[:, 2], vertices[:, 1]])

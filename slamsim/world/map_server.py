@@ -78,16 +78,18 @@ def read_cells(path: Path) -> tuple[MapServerMap, Path, BoolArray, BoolArray]:
 
 def _classified(described: MapServerMap, image_path: Path) -> tuple[BoolArray, BoolArray]:
     """Which cells are occupied, and which are free; the first row is the lowest in y."""
-    gray = read_gray_image(image_path)[::-1].astype(np.float64)
+    gray, level = read_gray_image(image_path)[::-1], np.arange(256)
     if described.mode == "raw":
-        probability, known = gray / 100.0, gray <= 100.0
+        probability, known = level / 100.0, level <= 100
     else:
-        probability = gray / 255.0 if described.negate else 1.0 - gray / 255.0
-        known = np.ones(gray.shape, dtype=bool)
-        if described.mode == "scale":
-            known = _opaque(image_path, gray.shape)[::-1]
-    occupied = known & (probability > described.occupied_thresh)
-    return occupied, known & (probability < described.free_thresh)
+        probability = level / 255.0 if described.negate else 1.0 - level / 255.0
+        known = np.ones(256, dtype=bool)
+    occupied = (known & (probability > described.occupied_thresh))[gray]
+    free = (known & (probability < described.free_thresh))[gray]
+    if described.mode == "scale":
+        opaque = _opaque(image_path, gray.shape)[::-1]
+        occupied, free = occupied & opaque, free & opaque
+    return occupied, free
 
 
 def _opaque(image_path: Path, shape: tuple[int, ...]) -> BoolArray:

@@ -3,14 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import shapely
+from numpy.typing import NDArray
 from shapely import Polygon
 
 from slamsim.geometry import transform_points
+from slamsim.safe.errors import SlamsimError
 from slamsim.types import FloatArray, IntArray, TriangleMesh
+
+_MIRRORS = tuple(
+    np.array(turn)
+    for turn in ([[1, 0], [0, 1]], [[-1, 0], [0, 1]], [[1, 0], [0, -1]], [[0, 1], [1, 0]])
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -140,7 +149,26 @@ def _starts(rings: list[FloatArray]) -> IntArray:
 
 def _triangulated(polygon: Polygon, corners: FloatArray) -> FloatArray:
     """(t, 3) counter-clockwise triangles that fill a polygon, as indices into its corners."""
-    pieces = shapely.get_parts(shapely.constrained_delaunay_triangles(polygon))
+    pieces = _pieces(polygon)
     points = shapely.get_coordinates(shapely.orient_polygons(pieces)).reshape(-1, 4, 2)[:, :3]
     index = {tuple(corner): at for at, corner in enumerate(corners.tolist())}
     return np.array([[index[tuple(p)] for p in piece] for piece in points.tolist()]).reshape(-1, 3)
+
+
+def _mirrored(geometry: shapely.Geometry, mirror: FloatArray) -> shapely.Geometry:
+    """Twice the same mirror image is the geometry itself."""
+    return shapely.transform(geometry, lambda points: points @ mirror)
+
+
+def _pieces(polygon: Polygon) -> NDArray[Any]:
+    """Triangles whose corners are the polygon's.
+
+    GEOS finds no ear in about one in 50,000 polygons with many holes, but does in their mirror
+    images, for it takes the holes from left to right.
+    """
+    for turn in _MIRRORS:
+        with suppress(shapely.GEOSException):
+            pieces = shapely.constrained_delaunay_triangles(_mirrored(polygon, turn))
+            return shapely.get_parts(_mirrored(pieces, turn))
+    corners = shapely.get_num_coordinates(polygon)
+    raise SlamsimError(f"an outline of {corners} corners cannot be divided into triangles")

@@ -6,6 +6,7 @@ with the solid on the left. Outlines may overlap: what has a positive winding nu
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,6 +15,7 @@ from slamsim.types import BoolArray, FloatArray, IntArray
 
 # Overlaps thinner than this do not make a cell solid: rounding at cell borders stays below it.
 TOUCH_M = 1e-7
+_CROSSED_AT_ONCE = 1_000_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,14 +65,30 @@ def rasterise(segments: FloatArray, raster: Raster) -> BoolArray:
     A cell that the solid covers wholly is found by the winding number of its middle (Sunday
     2001), any other by walking along the outline (Amanatides and Woo 1987).
     """
-    solid = _winding_of_centres(segments, raster) > 0
-    rows, columns = _outline_cells(segments, raster).T
-    solid[rows, columns] = True
-    return solid
+    touched = np.zeros(raster.shape, dtype=bool)
+    steps = np.zeros((raster.rows, raster.columns + 1), dtype=np.int64)
+    for some in _blocks(segments, raster):
+        _add_winding(steps, some, raster)
+        rows, columns = _outline_cells(some, raster).T
+        touched[rows, columns] = True
+    return touched | (np.cumsum(steps, axis=1)[:, :-1] > 0)
 
 
-def _winding_of_centres(segments: FloatArray, raster: Raster) -> IntArray:
-    """How often the outlines wind around the middle of each cell."""
+def _blocks(segments: FloatArray, raster: Raster) -> Iterator[FloatArray]:
+    """The segments by as many as cross a million borders of cells: what one step holds at once."""
+    crossed = np.abs(segments[:, 1] - segments[:, 0]).sum(axis=1) / raster.resolution_m + 2.0
+    before = np.concatenate([[0.0], np.cumsum(crossed)])
+    first = 0
+    while first < len(segments):
+        after = np.searchsorted(before, before[first] + _CROSSED_AT_ONCE, side="right") - 1
+        last = max(int(after), first + 1)
+        yield segments[first:last]
+        first = last
+
+
+def _add_winding(steps: IntArray, segments: FloatArray, raster: Raster) -> None:
+    """Enters into (rows, columns + 1) how the winding number of the middles of cells changes from
+    each cell to the next, in place."""
     scaled = segments / raster.resolution_m - (raster.first_column, raster.first_row)
     upward = scaled[:, 0, 1] < scaled[:, 1, 1]
     low = np.where(upward[:, None], scaled[:, 0], scaled[:, 1])
@@ -83,9 +101,7 @@ def _winding_of_centres(segments: FloatArray, raster: Raster) -> IntArray:
     fraction = (row + 0.5 - low[which, 1]) / rise
     x = low[which, 0] + fraction * (high[which, 0] - low[which, 0])
     column = np.clip(np.ceil(x - 0.5), 0, raster.columns).astype(np.int64)
-    steps = np.zeros((raster.rows, raster.columns + 1), dtype=np.int64)
     np.add.at(steps, (row, column), np.where(upward[which], -1, 1))
-    return np.cumsum(steps, axis=1)[:, :-1]
 
 
 def _ramps(counts: IntArray) -> IntArray:
