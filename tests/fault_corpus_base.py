@@ -28,7 +28,7 @@ class Hostile:
     command: tuple[str, ...] = ()
 
 
-Data = bytes | str | Callable[[], bytes]
+Data = bytes | str | Callable[[], bytes] | Callable[[], str]
 """What is in a file; a function where it is large, so that it is made when it is written."""
 
 

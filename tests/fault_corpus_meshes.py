@@ -9,22 +9,32 @@ from collections.abc import Iterator
 from typing import Any
 
 import fault_doors as doors
+import numpy as np
 import trimesh
 from fault_corpus_base import Data, Hostile, several
 from fault_corpus_images import _zeros, png
+from numpy.typing import NDArray
+
+
+def _at(place: tuple[float, float, float]) -> NDArray[np.float64]:
+    T = np.eye(4)
+    T[:3, 3] = place
+    return T
 
 
 def hall() -> trimesh.Trimesh:
     """Four walls of 6 by 6 m, 1 m high, and nothing else."""
     walls = [
-        trimesh.creation.box((6.2, 0.2, 1.0), trimesh.transformations.translation_matrix(place))
+        trimesh.creation.box((6.2, 0.2, 1.0), _at(place))
         for place in ((0.0, 3.0, 0.5), (0.0, -3.0, 0.5))
     ]
     walls += [
-        trimesh.creation.box((0.2, 5.8, 1.0), trimesh.transformations.translation_matrix(place))
+        trimesh.creation.box((0.2, 5.8, 1.0), _at(place))
         for place in ((3.0, 0.0, 0.5), (-3.0, 0.0, 0.5))
     ]
-    return trimesh.util.concatenate(walls)
+    joined = trimesh.util.concatenate(walls)
+    assert isinstance(joined, trimesh.Trimesh)
+    return joined
 
 
 def exported(kind: str, **options: Any) -> bytes:
@@ -119,7 +129,9 @@ _FACE = struct.pack("<Biii", 3, 0, 1, 2)
 def _below() -> bytes:
     sunk = hall()
     sunk.apply_translation((0, 0, -5))
-    return bytes(sunk.export(file_type="stl"))
+    data = sunk.export(file_type="stl")
+    assert isinstance(data, bytes)
+    return data
 
 
 def _glb_text(text: bytes) -> bytes:
@@ -164,7 +176,7 @@ MESHES: dict[str, tuple[str, Data, str]] = {
         b"mtllib ../../../../etc/passwd\nmtllib /etc/passwd\nusemtl a\n" + OBJ,
         "",
     ),
-    "OBJ with a long line": ("m.obj", OBJ + b"f" + b" 1" * 500_000 + b"\n", "m.obj"),
+    "OBJ with a long line": ("m.obj", OBJ + b"f" + b" 1" * 500_000 + b"\n", "a line is longer"),
     "OBJ with a face of 400 corners": (
         "m.obj",
         OBJ + b"f" + b"".join(b" %d" % (1 + i % 32) for i in range(400)) + b"\n",

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import fault_doors as doors
-from fault_corpus_base import Hostile, one
+from fault_corpus_base import Data, Hostile, one
 
 from slamsim.config.robot import RobotConfig
 from slamsim.sim.robot import build_robot
@@ -67,7 +67,7 @@ _ENTITIES = '<!DOCTYPE r [<!ENTITY a "aaaaaaaaaa">' + "".join(
     f'<!ENTITY {new} "{10 * f"&{old};"}">' for old, new in zip("abcdefgh", "bcdefghi", strict=True)
 )
 
-ROBOTS: dict[str, tuple[str | bytes | Callable[[], str], str]] = {
+ROBOTS: dict[str, tuple[Data, str]] = {
     "two roots": (_with(_LINK.format("other")), "exactly one root"),
     "no link": ("<robot name='r'/>", "no link"),
     "a ring": (

@@ -99,12 +99,12 @@ WORLDS: dict[str, tuple[str, str]] = {
     "an image that is a folder": ("image: {file: .}\n", "folder"),
     "a mesh of NUL": ('mesh: {file: "a\\0b.stl"}\n', "mesh"),
     "a mesh with a long name": (f"mesh: {{file: {'a' * 4000}.stl}}\n", "name"),
-    "10,000 file names": ("".join(f"k{i}_file: a\n" for i in range(10_000)), "unknown key"),
-    "10,000 broken file names": (
-        "".join(f'k{i}_file: "\\0"\n' for i in range(10_000)),
-        "not a file name",
+    "3,000 file names": ("".join(f"k{i}_file: a\n" for i in range(3_000)), "unknown key"),
+    "3,000 broken file names": (
+        "".join(f'k{i}_file: "\\0"\n' for i in range(3_000)),
+        "must lie inside",
     ),
-    "a mesh of no kind": ("mesh: {file: /dev/zero}\n", "none of the mesh formats"),
+    "a mesh of no kind": ("mesh: {file: /dev/zero}\n", "must lie inside"),
 }
 """What is wrong with a world alone."""
 
@@ -177,17 +177,17 @@ def _special() -> Iterator[Hostile]:
     yield Hostile("a ring of links", "a.yaml", link("a.yaml"), world, "a.yaml", command)
     yield Hostile("a link to nothing", "a.yaml", link("nothing"), world, "a.yaml", command)
     yield Hostile("a folder", ".", lambda _: None, world, "folder", command)
-    yield Hostile("a mesh without end", "a.yaml", _zero, world, "none of the mesh formats", command)
+    yield Hostile("a mesh without end", "a.yaml", _zero, world, "must lie inside", command)
 
 
 def hostile_yaml() -> Iterator[Hostile]:
     """All of it."""
     for number, (name, (text, words)) in enumerate(SYNTAX.items()):
         command = ("world",) if number % 8 == 0 else ()
-        yield Hostile(name, "a.yaml", one("a.yaml", text), doors.world, words, command)
+        yield Hostile(f"YAML: {name}", "a.yaml", one("a.yaml", text), doors.world, words, command)
     for number, (name, (text, words)) in enumerate(WORLDS.items()):
         command = ("world",) if number % 5 == 0 else ()
-        yield Hostile(name, "a.yaml", one("a.yaml", text), doors.world, words, command)
+        yield Hostile(f"world: {name}", "a.yaml", one("a.yaml", text), doors.world, words, command)
     for name, (fill, words) in CONFIGS.items():
         yield Hostile(name, "a.yaml", fill, doors.config, words)
     for name, (read, text, words) in OTHERS.items():

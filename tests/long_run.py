@@ -22,6 +22,7 @@ KINDS: dict[str, str] = {
     "stops": "fault_stops",
     "sealed": "fault_sealed",
     "atheris": "fault_atheris",
+    "corpus": "fault_corpus",
 }
 """Each names a module with ``options(parser)`` and ``run(chosen, journal) -> list[Row]``."""
 

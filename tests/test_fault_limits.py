@@ -11,6 +11,8 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 import trimesh
 from bag_data import ROS1, ROS2, Robot, as_mcap, as_ros1, as_rosbag2
@@ -20,6 +22,7 @@ from slamsim.config.layout import ImageLayout
 from slamsim.logs.bag1_check import index_bag1
 from slamsim.logs.bag_limits import check_definitions
 from slamsim.logs.mcap_read import index_mcap
+from slamsim.logs.parquet_file import read_table
 from slamsim.logs.refusing import refusing
 from slamsim.logs.sqlite_read import index_sqlite
 from slamsim.safe.errors import InputRefused
@@ -87,9 +90,14 @@ def mesh_file(folder: Path, limits: Limits) -> None:
     check_mesh_file(put(folder / "a.glb", head + scene), limits)
 
 
+def obj(folder: Path, limits: Limits) -> None:
+    check_mesh_file(put(folder / "a.obj", b"v 0 0 0\n" * 3 + b"f 1 2 3 1 2 3\n"), limits)
+
+
 def unrolled(folder: Path, limits: Limits) -> None:
     scene = trimesh.Scene([trimesh.Trimesh(CORNERS, FACES) for _ in range(5)])
-    check_mesh_file(put(folder / "a.glb", bytes(scene.export(file_type="glb"))), limits)
+    data = scene.export(file_type="glb")  # type: ignore[no-untyped-call]
+    check_mesh_file(put(folder / "a.glb", bytes(data)), limits)
 
 
 def urdf(folder: Path, limits: Limits) -> None:
@@ -99,6 +107,13 @@ def urdf(folder: Path, limits: Limits) -> None:
 def chunk(folder: Path, limits: Limits) -> object:
     path = as_mcap(folder / "a.mcap", Robot(ROS2).drive(), CompressionType.ZSTD)
     return index_mcap(path, limits)
+
+
+def table(folder: Path, limits: Limits) -> object:
+    path = folder / "a.parquet"
+    pq.write_table(pa.table({"a": np.zeros(10_000)}), path, compression="zstd")
+    with refusing(path, "its columns"):
+        return read_table(path, limits=limits)
 
 
 def definition(text: str) -> Excess:
@@ -140,6 +155,7 @@ EXCESS: dict[str, tuple[Excess, dict[str, float]]] = {
     "image_corners": (map_image, {"image_corners": 7}),
     "mesh_file_bytes": (mesh_file, {"mesh_file_bytes": 19}),
     "mesh_header_bytes": (mesh_file, {"mesh_header_bytes": 9}),
+    "mesh_line_bytes": (obj, {"mesh_line_bytes": 8}),
     "mesh_vertices": (mesh, {"mesh_vertices": 3}),
     "mesh_triangles": (mesh, {"mesh_triangles": 3}),
     "mesh_parts": (unrolled, {"mesh_parts": 4}),
@@ -164,6 +180,8 @@ EXCESS: dict[str, tuple[Excess, dict[str, float]]] = {
         lambda folder, limits: index_bag1(as_ros1(folder / "a", Robot(ROS1).drive()), limits),
         {"bag_record_bytes": 60},
     ),
+    "table_ratio": (table, {"table_ratio": 1, "table_ratio_floor_bytes": 0}),
+    "table_ratio_floor_bytes": (table, {"table_ratio_floor_bytes": 99, "table_ratio": 1}),
     "bag_definition_characters": (definition("int8 a\n"), {"bag_definition_characters": 6}),
     "bag_definition_fields": (definition("int8 a\nint8 b\n"), {"bag_definition_fields": 1}),
     "bag_array_elements": (definition("int8[8] a\n"), {"bag_array_elements": 7}),
@@ -172,6 +190,7 @@ FLOORS = {
     "text_ratio_floor_bytes": "text_ratio",
     "text_lines_floor": "text_lines_per_byte",
     "bag_ratio_floor_bytes": "bag_ratio",
+    "table_ratio_floor_bytes": "table_ratio",
 }
 
 

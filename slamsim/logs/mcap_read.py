@@ -161,6 +161,8 @@ def _take(opcode: int, data: bytes, index: McapIndex, limits: Limits) -> None:
                 _count(content, start, end, index)
             elif inner in (Opcode.SCHEMA, Opcode.CHANNEL):
                 _take(inner, content[start:end], index, limits)
+            else:
+                raise ValueError(f"a record of the kind 0x{inner:02x} has no place in a chunk")
     elif opcode == Opcode.MESSAGE:
         _count(data, 0, len(data), index)
     elif opcode == Opcode.SCHEMA:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from decimal import Decimal, InvalidOperation
 
+from slamsim.safe.errors import shown
 from slamsim.types import Epoch
 
 _YEAR_2000_NS = 946_684_800 * 1_000_000_000
@@ -30,10 +31,10 @@ def _from_decimal(seconds: str) -> int:
     try:
         value = Decimal(seconds)
         if not value.is_finite() or abs(value.adjusted()) > 11:
-            raise ValueError(f"{seconds!r} is not a stamp in seconds")
+            raise ValueError(f"{shown(seconds)} is not a stamp in seconds")
         return int(value.scaleb(9))
     except InvalidOperation:
-        raise ValueError(f"{seconds!r} is not a stamp in seconds") from None
+        raise ValueError(f"{shown(seconds)} is not a stamp in seconds") from None
 
 
 def decimal_from_stamp_ns(stamp_ns: int) -> str:

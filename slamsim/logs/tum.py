@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import numpy as np
@@ -58,7 +59,7 @@ def _pose(words: list[str]) -> list[float]:
     values = [float(word) for word in words]
     if len(values) != 7:
         raise ValueError(f"{len(values) + 1} numbers")
-    norm = float(np.linalg.norm(values[3:]))
+    norm = math.hypot(*values[3:])
     if not (is_sound(np.array(values)).all() and abs(norm - 1.0) < 1e-2):
         raise ValueError(f"a quaternion of length {norm:.3g}")
     return values

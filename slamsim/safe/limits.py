@@ -32,6 +32,7 @@ class Limits:
     image_corners: int = 400_000
     mesh_file_bytes: int = 512 * MIB
     mesh_header_bytes: int = 4 * MIB
+    mesh_line_bytes: int = 64 << 10
     mesh_vertices: int = 20_000_000
     mesh_triangles: int = 20_000_000
     mesh_parts: int = 10_000
@@ -49,7 +50,9 @@ class Limits:
     bag_chunk_bytes: int = 256 * MIB
     bag_record_bytes: int = 64 * MIB
     bag_ratio: int = 1000
-    bag_ratio_floor_bytes: int = 64 * MIB
+    bag_ratio_floor_bytes: int = 16 * MIB
+    table_ratio: int = 1000
+    table_ratio_floor_bytes: int = 64 * MIB
     bag_definition_characters: int = 256 << 10
     bag_definition_fields: int = 1000
     bag_array_elements: int = 10_000

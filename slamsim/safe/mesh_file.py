@@ -73,6 +73,11 @@ def _check_obj(data: bytes, path: Path, limits: Limits) -> None:
         if not re.search(rb"^[ \t]*" + kind + rb"[ \t]", data, re.MULTILINE):
             what = "vertex (v)" if kind == b"v" else "face (f)"
             raise InputRefused(path, f"is no OBJ, or is cut off: not one line is a {what}")
+    longest = limits.mesh_line_bytes
+    if long := re.search(rb"[^\n]{%d}" % (longest + 1), data):
+        line = data.count(b"\n", 0, long.start()) + 1
+        reason = f"a line is longer than {longest:,} bytes"
+        raise InputRefused(path, reason, f"line {line}", limit="mesh_line_bytes")
     if zero := _OBJ_ZERO.search(data):
         line = data.count(b"\n", 0, zero.start()) + 1
         raise InputRefused(path, "names the vertex 0, the first one is 1", f"line {line}")

@@ -152,7 +152,11 @@ class _UrdfCheck:
             parent_of[child] = parent
         roots = sorted(names - parent_of.keys())
         if len(roots) != 1:
-            found = ", ".join(name[:60] for name in roots[:5]) if roots else "none, the joints form a ring"
+            found = (
+                ", ".join(name[:60] for name in roots[:5])
+                if roots
+                else "none, the joints form a ring"
+            )
             raise self.refuse(f"needs exactly one root link, has {len(roots)}: {found}")
         reached = _reached(roots[0], parent_of)
         if lost := sorted(names - reached):

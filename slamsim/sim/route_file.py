@@ -12,6 +12,7 @@ from pydantic import Field, model_validator
 
 from slamsim.config.base import Config
 from slamsim.config.loading import load_model
+from slamsim.config.world import FARTHEST_M
 from slamsim.safe.errors import InputRefused
 from slamsim.safe.limits import LIMITS
 from slamsim.safe.text import open_lines
@@ -52,9 +53,9 @@ class TwistRow(Config):
 
     t_s: float = Field(ge=0.0, le=1e6)
     """Time since the end of the first standstill."""
-    v_m_s: float
+    v_m_s: float = Field(ge=-100.0, le=100.0)
     """Forward speed."""
-    w_rad_s: float
+    w_rad_s: float = Field(ge=-100.0, le=100.0)
     """Turning rate."""
 
 
@@ -106,6 +107,8 @@ def _read_csv(path: Path) -> PoseRoute | TwistRoute:
         reason = f"has {len(rows):,} rows, a route has at most {LIMITS.route_rows:,}"
         raise InputRefused(path, reason, limit="route_rows")
     table = np.array(rows)
+    if np.abs(table).max() > FARTHEST_M and columns != TWIST_COLUMNS:
+        raise InputRefused(path, f"a pose lies beyond {FARTHEST_M:g} m")
     if columns == TWIST_COLUMNS:
         return _checked(table, path)
     yaws = table[:, 2] if len(columns) == 3 else np.full(len(table), math.nan)

@@ -54,9 +54,8 @@ def _corners(solid: BoolArray) -> int:
     for first in range(0, len(padded) - 1, _BLOCK_ROWS):
         rows = padded[first : first + _BLOCK_ROWS + 1]
         a, b, c, d = rows[:-1, :-1], rows[:-1, 1:], rows[1:, :-1], rows[1:, 1:]
-        count += np.count_nonzero(a ^ b ^ c ^ d) + 2 * np.count_nonzero(
-            (a == d) & (a ^ b) & (a ^ c)
-        )
+        touching = (a == d) & (a ^ b) & (a ^ c)
+        count += int(np.count_nonzero(a ^ b ^ c ^ d) + 2 * np.count_nonzero(touching))
     return count
 
 

@@ -169,6 +169,6 @@ def _pieces(polygon: Polygon) -> NDArray[Any]:
     for turn in _MIRRORS:
         with suppress(shapely.GEOSException):
             pieces = shapely.constrained_delaunay_triangles(_mirrored(polygon, turn))
-            return shapely.get_parts(_mirrored(pieces, turn))
+            return np.asarray(shapely.get_parts(_mirrored(pieces, turn)))
     corners = shapely.get_num_coordinates(polygon)
     raise SlamsimError(f"an outline of {corners} corners cannot be divided into triangles")
