@@ -93,7 +93,7 @@ def choose_scan(bag: Bag, wanted: str | None) -> tuple[Channel, list[str]]:
     channels = bag.of_type(SCAN)
     if not channels:
         kinds = sorted({channel.type_name for channel in bag.channels if channel.messages})
-        there = ", ".join(kinds) or "no message at all"
+        there = ", ".join(kind[:60] for kind in kinds[:9]) or "no message at all"
         raise InputRefused(bag.path, f"a log without scans: {SCAN} is needed, there is {there}")
     if wanted is not None:
         for channel in channels:

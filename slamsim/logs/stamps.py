@@ -23,7 +23,7 @@ def stamp_ns_from_decimal(seconds: str) -> int:
     else:
         stamp_ns = _from_decimal(seconds)
     if abs(stamp_ns) > LARGEST_NS:
-        raise ValueError(f"{seconds!r} s does not fit into nanoseconds of 64 bits")
+        raise ValueError(f"{shown(seconds)} s does not fit into nanoseconds of 64 bits")
     return stamp_ns
 
 
