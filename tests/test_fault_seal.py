@@ -67,7 +67,7 @@ def test_what_was_altered_is_refused_and_the_rest_is_read(run: Path) -> None:
     with pytest.raises(DataDamaged, match="no longer as slamsim wrote it") as refused:
         read(run / "map")
     assert refused.value.path == run / "map" and refused.value.exit_code == 4
-    assert f"slamsim verify {run}" in str(refused.value)
+    assert f"slamsim verify {run}`" in str(refused.value)
     assert read(run / "log" / "data") == b"first"
     with open_as_found(run / "map") as file:
         assert len(file.read()) == len(b"second")

@@ -24,6 +24,7 @@ WRITTEN_BY_US = ".slamsim"
 """A folder that holds a file of this name is ours."""
 
 _HASHED_TOGETHER = 4
+_RECOVERABLE = frozenset((".mcap", ".log", ".clf", ".gz", ".bz2"))
 _NEW_NS = 1_000_000_000
 _SEALS_KEPT, _DIGESTS_KEPT = 1024, 1 << 16
 
@@ -73,7 +74,7 @@ def require_as_written(path: Path, limits: Limits = LIMITS) -> None:
             name = where.relative_to(folder).as_posix()
             if seal is not None and (sha256 := seal.hashes.get(name)) is not None:
                 if where.exists() and _digest(where, _identity(where)) != sha256:
-                    raise DataDamaged(path, _altered(seal))
+                    raise DataDamaged(path, _altered(seal, where))
                 return
 
 
@@ -85,7 +86,7 @@ def require_complete(folder: Path) -> None:
     seal, part = found
     for name in seal.hashes:
         if is_within(part, name) and not (seal.folder / name).exists():
-            reason = f"missing; slamsim verify {seal.folder} tells what else is"
+            reason = f"missing; `slamsim verify {seal.folder}` tells what else is"
             raise DataDamaged(seal.folder / name, reason)
 
 
@@ -173,9 +174,11 @@ def _seal(path: Path, _: _Identity, limits: Limits) -> Seal | None:
         raise DataDamaged(path, reason) from None
 
 
-def _altered(seal: Seal) -> str:
+def _altered(seal: Seal, path: Path) -> str:
+    way_out = "make it again"
+    if path.suffix in _RECOVERABLE:
+        way_out += f", or `slamsim recover {path}` gets back what is whole"
     return (
-        f"it is no longer as slamsim wrote it; if somebody changed it on purpose, copy it out of "
-        f"the folder {seal.folder}, else make it again (slamsim verify {seal.folder} tells what "
-        "else is damaged)"
+        f"is no longer as slamsim wrote it; {way_out}; if it was changed on purpose, copy it out "
+        f"of the folder {seal.folder} (`slamsim verify {seal.folder}` tells what else is damaged)"
     )
