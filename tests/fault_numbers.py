@@ -27,7 +27,9 @@ BAD: dict[str, float] = {
 }
 EDGES_NS = {"least": np.iinfo(np.int64).min, "most": np.iinfo(np.int64).max}
 CLEAR = (SlamsimError, OutsideTimeRange, ValidationError)
-HANG_S = 10
+HANG_S = 60
+"""Most of it for kernels that are compiled at the first call, beside other tests."""
+
 Outcome = Literal["refused", "right"]
 Case = tuple[Callable[[], object], Outcome]
 

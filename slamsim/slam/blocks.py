@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from slamsim.jit import kernel
+from slamsim.safe.numbers import NoSolution
 from slamsim.slam.panels import Panels
 from slamsim.types import FloatArray, IntArray
 
@@ -45,13 +46,13 @@ def empty_system(panels: Panels) -> FloatArray:
 
 
 def factorise(panels: Panels, system: FloatArray) -> BlockFactor:
-    """The factor of a system. Raises numpy's LinAlgError if it is not positive definite."""
+    """The factor of a system. Raises NoSolution if it is not positive definite."""
     values = system.copy()
     if not np.isfinite(values).all():
-        raise np.linalg.LinAlgError("the information matrix is not finite")
+        raise NoSolution("the information matrix is not finite")
     _factorise(panels, values)
     if not np.isfinite(values).all():
-        raise np.linalg.LinAlgError("the information matrix is not positive definite")
+        raise NoSolution("the information matrix is not positive definite")
     return BlockFactor(panels, values)
 
 

@@ -17,6 +17,8 @@ from slamsim.config.back_end import GraphConfig
 from slamsim.geometry import between, wrap_angle
 from slamsim.result import GraphEdge
 from slamsim.safe.errors import SlamsimError
+from slamsim.safe.numbers import is_sound
+from slamsim.slam.joined import Joined
 from slamsim.slam.marginals import rotation
 from slamsim.types import BoolArray, FloatArray
 
@@ -29,6 +31,7 @@ PATIENCE = (4.0, 2.0)
 MAX_WITHDRAWALS = 8
 EXTRA_UPDATES = 2
 RISE_ALLOWED = 1e-6
+MOST_POSES = 10_000_000
 CLOSURES_TO_TELL = 10
 CLOSURES_PER_EVIDENCE = 5.0
 LEAST_VARIANCE_FACTOR = 1e-4
@@ -53,6 +56,7 @@ class PoseGraphSolver:
         self.edges: list[GraphEdge] = []
         """All edges so far, in the order they came."""
         self._factors: list[_Factor] = []  # closures as ones that may be doubted
+        self._joined = Joined()
         self._isam: gtsam.ISAM2 | None = None
         self._entered_edges = self._entered_poses = 0
 
@@ -60,6 +64,7 @@ class PoseGraphSolver:
         """One more measurement. Raises GraphUnsound if it is none."""
         check_edges([edge])
         self.edges.append(edge)
+        self._joined.join(edge.source, edge.target)
         self._factors.append(self._factor(edge))
 
     def renew(self, edges: Sequence[GraphEdge]) -> None:
@@ -81,7 +86,11 @@ class PoseGraphSolver:
         self._isam = None
 
     def update(self, poses: FloatArray) -> FloatArray:
-        """(n, 3) the solution by now, given poses (n, 3) of which only new ones are looked at."""
+        """(n, 3) the solution by now, given poses (n, 3) of which only new ones are looked at.
+
+        Raises GraphUnsound.
+        """
+        check_joined(poses, self._joined)  # ISAM2 leaves poses that nothing holds where they are
         try:
             return self._update(poses)
         except RuntimeError:  # GTSAM's; the object goes on unoptimised after it
@@ -120,7 +129,7 @@ class PoseGraphSolver:
         ones that fit. At first only those far off go, since a true closure that Cauchy gave up
         can pull the poses to itself; a closure may always come back. Raises GraphUnsound.
         """
-        check_joined(poses, self.edges)
+        check_joined(poses, self._joined)
         closure = np.array([edge.kind == "closure" for edge in self.edges], dtype=np.bool_)
         everything = np.ones(len(self.edges), dtype=np.bool_)
         solved = self._least_squares(poses, everything, self._factors)
@@ -205,10 +214,13 @@ def check_edges(edges: Sequence[GraphEdge]) -> None:
     for edge in edges:
         ends = f"edge {edge.source} to {edge.target} of the pose graph"
         covariance = edge.covariance
-        if edge.source == edge.target or min(edge.source, edge.target) < 0:
+        ordered = sorted((edge.source, edge.target))
+        if not 0 <= ordered[0] < ordered[1] < MOST_POSES:
             raise GraphUnsound(f"{ends} joins no two poses")
-        if not (np.isfinite(edge.T_source_target).all() and np.isfinite(covariance).all()):
-            raise GraphUnsound(f"{ends} is not finite")
+        if edge.T_source_target.shape != (3,) or covariance.shape != (3, 3):
+            raise GraphUnsound(f"{ends} is no step in the plane with a covariance")
+        if not (is_sound(edge.T_source_target).all() and is_sound(covariance).all()):
+            raise GraphUnsound(f"{ends} is not finite, or leads too far")
         if not np.allclose(covariance, covariance.T, rtol=1e-6, atol=1e-12):
             raise GraphUnsound(f"{ends} has a covariance that is not symmetric")
         least, _, most = np.linalg.eigvalsh(covariance).tolist()
@@ -219,25 +231,14 @@ def check_edges(edges: Sequence[GraphEdge]) -> None:
             )
 
 
-def check_joined(poses: FloatArray, edges: Sequence[GraphEdge]) -> None:
-    """Raise GraphUnsound unless the poses are finite and all joined to the first (union-find)."""
+def check_joined(poses: FloatArray, joined: Joined) -> None:
+    """Raise GraphUnsound unless the poses are finite and all joined to the first."""
     count = len(poses)
-    if count == 0 or not np.isfinite(poses).all():
-        raise GraphUnsound(f"not all of the {count} poses of the graph are finite")
-    if max((max(edge.source, edge.target) for edge in edges), default=0) >= count:
+    if count == 0 or not is_sound(poses).all():
+        raise GraphUnsound(f"not all of the {count} poses of the graph are finite, or they are far")
+    if len(joined) > count:
         raise GraphUnsound(f"an edge leads beyond the {count} poses of the graph")
-    parent = list(range(count))
-
-    def root(node: int) -> int:
-        while parent[node] != node:
-            parent[node] = parent[parent[node]]
-            node = parent[node]
-        return node
-
-    for edge in edges:
-        parent[root(edge.target)] = root(edge.source)
-    home = root(0)
-    loose = sum(root(node) != home for node in range(count))
+    loose = count - joined.with_first()
     if loose:
         raise GraphUnsound(f"{loose} of {count} poses of the graph are not joined to the first")
 

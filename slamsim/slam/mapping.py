@@ -43,6 +43,8 @@ def build_grid(
     that of the map. Raises SlamsimError if the map would be
     larger than ``config.max_cells`` or if there is nothing to draw.
     """
+    if not len(trajectory):
+        raise SlamsimError("there is nothing to map: no scan has a pose")
     fine = trajectory if motion is None else densify(trajectory, motion)
     poses = dict(zip(trajectory.stamps_ns.tolist(), trajectory.poses, strict=True))
     used = _stamps_to_use(trajectory, config)

@@ -14,6 +14,7 @@ import numpy as np
 from slamsim.geometry import inverse
 from slamsim.jit import kernel
 from slamsim.result import GraphEdge
+from slamsim.safe.numbers import NoSolution
 from slamsim.slam.blocks import add_block, empty_system, factorise
 from slamsim.slam.panels import Panels, make_panels
 from slamsim.types import FloatArray, IntArray
@@ -56,12 +57,14 @@ def relative_covariances(
 ) -> FloatArray:
     """(n, 3, 3) covariance of each pose relative to the fixed one, as steps about ``origin_m``.
 
-    Edges count by their weight. Every pose must be joined to the fixed one.
+    Edges count by their weight. Raises NoSolution unless every pose is joined to the fixed one.
     """
     count = len(poses)
     if count == 1:
         return np.zeros((1, 3, 3))
     used = [edge for edge in edges if edge.weight > 0.0]
+    if not used:
+        raise NoSolution(f"nothing joins {count} poses, which are as unsure as can be")
     weights = np.array([edge.weight for edge in used])
     information = weights[:, None, None] * np.linalg.inv(
         edge_covariances_in_map(poses, used, origin_m)

@@ -145,8 +145,10 @@ class Odometry:
         """The motion over a stretch that is covered, from the origin, at all stamps within."""
         last_ns = max(last_ns, first_ns + 1)
         stamps_ns, poses, _, _ = self._walk(first_ns, last_ns, parameters)
-        within = np.concatenate([[first_ns], stamps_ns[1:-1], [last_ns]])
-        return PlanarTrajectory(within, poses)
+        # A stretch that begins where a piece ends touches that piece, but has none of it.
+        inner = (stamps_ns[1:-1] > first_ns) & (stamps_ns[1:-1] < last_ns)
+        within = np.concatenate([[first_ns], stamps_ns[1:-1][inner], [last_ns]])
+        return PlanarTrajectory(within, poses[np.concatenate([[True], inner, [True]])])
 
     def _walk(
         self, first_ns: int, last_ns: int, parameters: FloatArray
