@@ -9,6 +9,7 @@ from slamsim.logs.recovery.bag1 import recover_bag1
 from slamsim.logs.recovery.bag2 import recover_bag2
 from slamsim.logs.recovery.carmen import recover_carmen
 from slamsim.logs.recovery.source import Damaged, Kind
+from slamsim.logs.recovery.tables import recover_tables
 from slamsim.logs.recovery.tally import Recovered
 from slamsim.progress import Progress, silent
 from slamsim.safe.errors import InputRefused
@@ -17,6 +18,7 @@ _RECOVER: Mapping[Kind, Callable[[Damaged, Path, Progress], Recovered]] = {
     "ROS 2": recover_bag2,
     "ROS 1": recover_bag1,
     "CARMEN": recover_carmen,
+    "Parquet": recover_tables,
 }
 
 
