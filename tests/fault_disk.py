@@ -11,16 +11,18 @@ import ctypes
 import fcntl
 import os
 import platform
+import resource
 import select
 import signal
 import socket
 import struct
 import sys
-import tempfile
+import time
 import traceback
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -119,46 +121,82 @@ def require_watching() -> None:
 
 def watched(work: Callable[[], object], folder: Path, verdict: Verdict) -> Outcome:
     """Run a command in a child of this process, each of its changes in a folder judged before."""
-    outcome = Outcome()
     ours, theirs = socket.socketpair()
-    with tempfile.TemporaryFile() as told, ours, theirs:
-        child = os.fork()
-        if child == 0:
-            _run(work, theirs, told.fileno())
+    with ours, theirs:
+        child = _Child(work, partial(_offer, theirs))
         theirs.close()
         try:
             _, descriptors, _, _ = socket.recv_fds(ours, 1, 1)
-            listener = descriptors[0]
             try:
-                _judge(listener, child, folder.resolve(), verdict, outcome)
+                _judge(descriptors[0], child.number, folder.resolve(), verdict, child.outcome)
             finally:
-                os.close(listener)
+                os.close(descriptors[0])
         finally:
             with suppress(ProcessLookupError):
-                os.killpg(child, signal.SIGKILL)
-            outcome.code = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
-        told.seek(0)
-        outcome.told = told.read().decode(errors="replace")
-    return outcome
+                os.killpg(child.number, signal.SIGKILL)
+            child.wait()
+    return child.outcome
 
 
-def _run(work: Callable[[], object], theirs: socket.socket, told: int) -> None:
-    """The child: never returns."""
+def limited(work: Callable[[], object], file_bytes: int) -> Outcome:
+    """Run a command in a child whose files may not grow beyond a size: to write more is an error.
+
+    It is as good as a full disk, and needs no root.
+    """
+    child = _Child(work, partial(_limit, file_bytes))
+    child.wait()
+    return child.outcome
+
+
+class _Child:
+    """A fork of this process that runs a command and tells on a pipe."""
+
+    def __init__(self, work: Callable[[], object], first: Callable[[], None]) -> None:
+        self.outcome = Outcome()
+        self._told, told = os.pipe()
+        self.number = os.fork()
+        if self.number == 0:
+            _end(work, told, first)
+        os.close(told)
+
+    def wait(self) -> None:
+        """Until it ends, or is killed because it hangs."""
+        end_s = time.monotonic() + _LIMIT_S
+        while (ended := os.waitpid(self.number, os.WNOHANG))[0] == 0:
+            if time.monotonic() > end_s:
+                os.kill(self.number, signal.SIGKILL)
+            time.sleep(0.002)
+        self.outcome.code = os.waitstatus_to_exitcode(ended[1])
+        os.set_blocking(self._told, False)
+        with os.fdopen(self._told, "rb") as told:
+            self.outcome.told = (told.read() or b"").decode(errors="replace")
+
+
+def _limit(file_bytes: int) -> None:
+    resource.setrlimit(resource.RLIMIT_FSIZE, (file_bytes, file_bytes))
+
+
+def _end(work: Callable[[], object], told: int, first: Callable[[], None]) -> None:
+    """What the child does: never returns."""
     code = ODD
     try:
         os.setpgid(0, 0)
         os.dup2(told, 1)
         os.dup2(told, 2)
         sys.stdout = sys.stderr = open(2, "w", closefd=False)  # noqa: SIM115
-        listener = _install()
-        socket.send_fds(theirs, [b"x"], [listener])
-        os.close(listener)
+        first()
         code = run_command(work)
     except BaseException:
         traceback.print_exc()
     finally:
         sys.stderr.flush()
         os._exit(code)
+
+
+def _offer(theirs: socket.socket) -> None:
+    listener = _install()
+    socket.send_fds(theirs, [b"x"], [listener])
+    os.close(listener)
 
 
 def _install() -> int:

@@ -23,7 +23,9 @@ from fault_disk import KILL, ODD, Call, Kill, Outcome, Verdict, watched
 from fault_stages import FOLDERS, SETS, WRITERS, Stage, contents
 
 from slamsim.dataset.verify import verify
+from slamsim.run.verifying import verify_path
 from slamsim.safe.errors import SlamsimError
+from slamsim.safe.seal import WRITTEN_BY_US
 
 _GROWING = frozenset(("open", "write", "mkdir", "fsync"))
 
@@ -99,9 +101,9 @@ class _Campaign:
         self._count = 0
         folder.mkdir()
         out = stage.prepared(folder / "before")
-        self._before = contents(out)
+        self._before = self._contents(out)
         stage.work(out)
-        self._whole = contents(out)
+        self._whole = self._contents(out)
         self.calls = len(self._run(lambda number, call: None)[0].calls)
 
     def strike(self, fault: str, number: int) -> Case:
@@ -120,6 +122,11 @@ class _Campaign:
         out = self._stage.prepared(place)
         return watched(partial(self._stage.work, out), place, verdict), out
 
+    def _contents(self, out: Path) -> dict[str, bytes]:
+        """But for what is never twice the same."""
+        found = contents(out)
+        return {name: data for name, data in found.items() if name not in self._stage.varies}
+
     def _told_wrong(self, fault: str, outcome: Outcome, out: Path) -> Iterator[str]:
         if outcome.code == ODD:
             yield f"it ends in a traceback: {outcome.told[-800:]}"
@@ -131,16 +138,18 @@ class _Campaign:
                 yield f"no sentence that names the path: {outcome.told[-800:]!r}"
 
     def _left_wrong(self, outcome: Outcome, out: Path) -> Iterator[str]:
-        left = contents(out)
+        left = self._contents(out)
         if outcome.code == 0:
             if left != self._whole:
                 yield f"it says that it succeeded, but {_difference(left, self._whole)}"
         elif not self._stage.in_parts:
             if left not in (self._before, self._whole):
                 yield f"neither the old nor the new stands there: {_difference(left, self._whole)}"
+            if out.is_dir() and not vouched(out):
+                yield "what stands there is not found whole"
         else:
             yield from self._parts_wrong(left)
-            if _vouched(out) and left not in (self._before, self._whole):
+            if vouched(out) and left not in (self._before, self._whole):
                 yield f"it is found whole, but {_difference(left, self._whole)}"
 
     def _parts_wrong(self, left: Mapping[str, bytes]) -> Iterator[str]:
@@ -162,11 +171,13 @@ class _Campaign:
         try:
             self._stage.work(out)
         except SlamsimError as error:
-            taken = contents(out) == self._whole and "is there already" in str(error)
+            taken = self._contents(out) == self._whole and "is there already" in str(error)
             if not taken:
                 yield f"the next run ends with: {error}"
-        if (left := contents(out)) != self._whole:
+        if (left := self._contents(out)) != self._whole:
             yield f"after the next run {_difference(left, self._whole)}"
+        if out.is_dir() and not vouched(out):
+            yield "what the next run leaves is not found whole"
         beside = sorted(path.name for path in out.parent.iterdir() if path != out)
         if beside:
             yield f"the next run leaves {', '.join(beside)}"
@@ -182,9 +193,10 @@ def _below(folder: str, files: Mapping[str, bytes]) -> dict[str, bytes]:
     return {name: data for name, data in files.items() if name.startswith(f"{folder}/")}
 
 
-def _vouched(out: Path) -> bool:
+def vouched(out: Path) -> bool:
+    """Whether ``slamsim verify`` finds it whole."""
     with suppress(SlamsimError):
-        return verify(str(out)).whole
+        return verify_path(out).whole if (out / WRITTEN_BY_US).is_file() else verify(str(out)).whole
     return False
 
 

@@ -21,8 +21,12 @@ from slamsim.config.loading import load_run_config
 from slamsim.config.run import RunConfig
 from slamsim.console import Reporter
 from slamsim.dataset import produce
+from slamsim.dataset.formats import Formats
+from slamsim.dataset.sequence import FormatName
 from slamsim.logs.raw import read_recording
+from slamsim.logs.raw_memory import recording_from_readings
 from slamsim.logs.raw_writer import write_recording
+from slamsim.logs.recorded import OdometryTail
 from slamsim.logs.writer import LogWriter
 from slamsim.progress import Progress, silent
 from slamsim.recording import Recording
@@ -138,11 +142,29 @@ def _copy(out: Path) -> None:
         write_recording(_recorded(), folder)
 
 
+def _format(name: FormatName, out: Path) -> None:
+    """One format of a sequence alone."""
+    ride, moments = _ride()
+    spec, header = small_spec(formats=(name,)), log_header(ride.robot, _config())
+    odometry = OdometryTail()
+    with partial_folder(out) as folder, Formats(spec, folder) as formats:
+        for readings, window in moments:
+            part = recording_from_readings(spec.name, [readings], [window], header, odometry)
+            formats.write(part, readings.scans.true_stamps_ns, window)
+
+
+_VARIES = ("run.rrd", "SHA256SUMS")
+"""Rerun notes when it recorded."""
+
 COMMANDS = (
     Stage("simulate", _simulate),
-    Stage("map", _map),
-    Stage("map replaced", _map, partial(folder_of, "old")),
+    Stage("map", _map, varies=_VARIES),
+    Stage("map replaced", _map, partial(folder_of, "old"), varies=_VARIES),
     Stage("world", _world),
     Stage("fix", _copy),
     Stage("a sequence in all formats", _sequence),
+)
+FORMATS = tuple(
+    Stage(f"the format {name}", partial(_format, name))
+    for name in ("parquet", "tum", "kitti", "carmen")
 )

@@ -37,13 +37,15 @@ Work = Callable[[Path], object]
 class Stage:
     """A command that writes to the path it is given, and what was done to that path before.
 
-    in_parts: whether what it makes may be there in parts until it has succeeded.
+    in_parts: whether what it makes may be there in parts until it has succeeded. varies: files
+    that have other bytes each time.
     """
 
     name: str
     work: Work
     before: Work | None = None
     in_parts: bool = False
+    varies: tuple[str, ...] = ()
 
     def prepared(self, place: Path) -> Path:
         """The path to write to, in a new folder ``place``, as it stands before the command."""
