@@ -121,7 +121,8 @@ class Inline:
 
 def _catalogue(store: Store) -> None:
     """As ``write_catalogue``, with a few bytes in place of figures and data card."""
-    shards = [f"shards/{name}" for name in sorted(store.names("shards"))]
+    names = sorted(name for name in store.names("shards") if not name.startswith("."))
+    shards = [f"shards/{name}" for name in names]
     tables = [table_from_parquet(store.read(path) or b"") for path in shards]
     table = manifest(tables, {"slamsim": "1"})
     files = {MANIFEST: table_to_parquet(table), "README.md": b"%d sequences\n" % table.num_rows}
@@ -132,7 +133,7 @@ def _catalogue(store: Store) -> None:
     store.write(SUMS, sums_text(hashes).encode())
 
 
-def _dataset(count: int, out: Path) -> None:
+def dataset_of(count: int, out: Path) -> None:
     """Stub sequences, each in a place of its own, and what stands beside them."""
     dataset_run.make(out, out.parent, count, Inline(), catalogue=_catalogue)
 
@@ -145,6 +146,6 @@ FOLDERS = (
 )
 WRITERS = (Stage("a log", _log), Stage("a table", _table))
 SETS = (
-    Stage("a data set", partial(_dataset, 3), in_parts=True),
-    Stage("a data set grown", partial(_dataset, 3), partial(_dataset, 1), in_parts=True),
+    Stage("a data set", partial(dataset_of, 3), in_parts=True),
+    Stage("a data set grown", partial(dataset_of, 3), partial(dataset_of, 1), in_parts=True),
 )

@@ -109,10 +109,16 @@ def _vouched(store: Readable, identity: Identity) -> bool:
 
 
 def claim(store: Store, identity: Identity) -> None:
-    """Write ``dataset.yaml``, unless it is there as it is to be."""
-    text = identity.text().encode()
-    if store.read(IDENTITY) != text:
-        store.write(IDENTITY, text)
+    """Write ``dataset.yaml``, unless it is there as it is to be.
+
+    Where another is there, the data set grows: it is not finished, so nothing says so any more.
+    """
+    text, found = identity.text().encode(), store.read(IDENTITY)
+    if found == text:
+        return
+    if found is not None:
+        store.remove(SUMS)
+    store.write(IDENTITY, text)
 
 
 def _first_difference(found: Mapping[str, Any], identity: Identity) -> str:

@@ -10,7 +10,7 @@ import threading
 import time
 import uuid
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -60,6 +60,13 @@ class RemoteStore:
         """What is cut on the way does not parse, and so counts for nothing."""
         self._make_folder(path)
         self._tried(lambda: self._files.pipe_file(self._at(path), data))
+
+    def remove(self, path: str) -> None:
+        def rm() -> None:
+            with suppress(FileNotFoundError):
+                self._files.rm_file(self._at(path))
+
+        self._tried(rm)
 
     def append(self, path: str, text: str) -> None:
         self.write(path, (self.read(path) or b"") + text.encode())

@@ -58,6 +58,9 @@ class Store(Protocol):
     def write(self, path: str, data: bytes) -> None:
         """A file: whole, or as it was before."""
 
+    def remove(self, path: str) -> None:
+        """A file, if it is there."""
+
     def append(self, path: str, text: str) -> None:
         """More lines of a log, which is no part of the data."""
 
@@ -117,6 +120,12 @@ class LocalStore:
 
     def write(self, path: str, data: bytes) -> None:
         write_atomic(self._own(path), data)
+
+    def remove(self, path: str) -> None:
+        file = self._own(path)
+        with written_to(file):
+            file.unlink(missing_ok=True)
+            sync(file.parent)
 
     def append(self, path: str, text: str) -> None:
         file = self._own(path)
