@@ -7,12 +7,14 @@ is forked for each case: what the tests around it have loaded would make that sl
 
 from __future__ import annotations
 
+import argparse
 import errno
 import hashlib
 import json
 import os
+import shutil
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 from functools import partial
@@ -21,6 +23,7 @@ from tempfile import TemporaryDirectory
 
 from fault_disk import KILL, ODD, Call, Kill, Outcome, Verdict, watched
 from fault_stages import FOLDERS, SETS, WRITERS, Stage, contents
+from long_run_journal import Journal, Row
 
 from slamsim.dataset.verify import verify
 from slamsim.run.verifying import verify_path
@@ -81,16 +84,26 @@ class Case:
     code: int
     broken: tuple[str, ...]
 
+    @property
+    def name(self) -> str:
+        return f"{self.stage}, {self.fault} {self.number}"
+
 
 def strikes(
-    stages: Sequence[Stage], faults: Sequence[str], every: int, folder: Path
+    stages: Sequence[Stage],
+    faults: Sequence[str],
+    every: int,
+    folder: Path,
+    done: Collection[str] = (),
 ) -> Iterator[Case]:
-    """Each stage struck at its calls 0, every, 2 every ... by each of the faults."""
+    """Each stage struck at its calls 0, every, 2 every ... by each of the faults, but for those
+    whose names are done."""
     for place, stage in enumerate(stages):
         campaign = _Campaign(stage, folder / str(place))
         for fault in faults:
             for number in range(0, campaign.calls, every):
-                yield campaign.strike(fault, number)
+                if f"{stage.name}, {fault} {number}" not in done:
+                    yield campaign.strike(fault, number)
 
 
 class _Campaign:
@@ -234,6 +247,34 @@ def quick_folder() -> str | None:
     """Where waiting for the disk takes no time."""
     memory = Path("/dev/shm")
     return str(memory) if memory.is_dir() and os.access(memory, os.W_OK) else None
+
+
+def options(parser: argparse.ArgumentParser) -> None:
+    """Of ``long_run.py disk``."""
+    parser.add_argument("--groups", default="folders,writers,sets,commands")
+    parser.add_argument("--faults", default=",".join(FAULTS))
+    parser.add_argument("--every", type=int, default=1, help="strike at every so-many-th call")
+
+
+def run(chosen: argparse.Namespace, journal: Journal) -> list[Row]:
+    """All cases that the journal does not have."""
+    faults = chosen.faults.split(",")
+    with TemporaryDirectory(dir=quick_folder()) as place:
+        for group in chosen.groups.split(","):
+            (folder := Path(place) / group).mkdir()
+            for stage in stages_of(group):
+                found = strikes(
+                    [stage], chosen.faults.split(","), chosen.every, folder, journal.names
+                )
+                with journal.progress(stage.name, 0) as step:
+                    for case in found:
+                        journal.add({**asdict(case), "name": case.name})
+                        step()
+                shutil.rmtree(folder / "0")
+    struck = [case for case in journal.lines.values() if case["call"]]
+    broken = [case["name"] for case in struck if case["broken"]]
+    figure = f"{len(broken)} of {len(struck):,}" + "".join(f"; {name}" for name in broken[:5])
+    return [Row("n-th call fails: broken promises", figure, "0", not broken)]
 
 
 def main(group: str, faults: str, every: str) -> int:

@@ -17,6 +17,7 @@ from long_run_journal import Journal, shown
 from slamsim.console import Reporter
 
 KINDS: dict[str, str] = {
+    "disk": "fault_nth",
     "mutations": "fault_mutations",
     "kills": "fault_kills",
     "stops": "fault_stops",
