@@ -258,7 +258,7 @@ def options(parser: argparse.ArgumentParser) -> None:
 
 def run(chosen: argparse.Namespace, journal: Journal) -> list[Row]:
     """All cases that the journal does not have."""
-    faults = chosen.faults.split(",")
+    chosen.faults.split(",")
     with TemporaryDirectory(dir=quick_folder()) as place:
         for group in chosen.groups.split(","):
             (folder := Path(place) / group).mkdir()
