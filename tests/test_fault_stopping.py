@@ -41,7 +41,7 @@ def working():
         time.sleep(1000)
 
 def parent():
-    sleep = dying_with_us(["/bin/sh", "-c", "sleep 1000"])
+    sleep = dying_with_us(["/bin/sleep", "1000"])
     subprocess.Popen(sleep, start_new_session=True)
     working()
 
