@@ -258,14 +258,12 @@ def options(parser: argparse.ArgumentParser) -> None:
 
 def run(chosen: argparse.Namespace, journal: Journal) -> list[Row]:
     """All cases that the journal does not have."""
-    chosen.faults.split(",")
+    faults = chosen.faults.split(",")
     with TemporaryDirectory(dir=quick_folder()) as place:
         for group in chosen.groups.split(","):
             (folder := Path(place) / group).mkdir()
             for stage in stages_of(group):
-                found = strikes(
-                    [stage], chosen.faults.split(","), chosen.every, folder, journal.names
-                )
+                found = strikes([stage], faults, chosen.every, folder, journal.names)
                 with journal.progress(stage.name, 0) as step:
                     for case in found:
                         journal.add({**asdict(case), "name": case.name})
