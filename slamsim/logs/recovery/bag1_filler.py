@@ -48,6 +48,7 @@ class Bag1Filler:
     def __init__(self, stream: BinaryIO, tally: Tally) -> None:
         self._stream, self._tally = stream, tally
         self.known: dict[int, Connection] = {}
+        self._copied: set[int] = set()
         self._waiting = bytearray()
         self._infos: list[bytes] = []
         self._put(MAGIC + bytes(_HEADER_BYTES))
@@ -55,7 +56,8 @@ class Bag1Filler:
     def know(self, found: Connection) -> None:
         """A connection whose messages can be used from here on; of two the sound one."""
         known = self.known.setdefault(found.number, found)
-        if known.record != found.record and not known.fits_its_hash() and found.fits_its_hash():
+        is_other = known.record != found.record and found.number not in self._copied
+        if is_other and not known.fits_its_hash() and found.fits_its_hash():
             self.known[found.number] = found
         self._tally.know(found.topic, found.type_name)
 
@@ -77,6 +79,7 @@ class Bag1Filler:
             for place in places:
                 self.message(chunk.content[place.begin : place.begin + place.bytes])
         elif places:
+            self._copied.update(place.connection for place in places)
             self._chunk(chunk.compression, chunk.packed, len(chunk.content), places)
         return strangers
 

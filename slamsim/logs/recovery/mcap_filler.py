@@ -40,11 +40,12 @@ class McapFiller:
         self._waiting = bytearray()
 
     def know(self, known: Declaration) -> None:
-        """It is declared when it is first needed."""
+        """It is declared when it is first needed, and instead of another one outside of chunks."""
         self._later[type(known), known.id] = known
 
     def declare(self, declared: Declaration) -> None:
         """A schema or a channel, to be used from here on."""
+        declared = self._later.get((type(declared), declared.id), declared)
         known = self.schemas if isinstance(declared, records.Schema) else self.channels
         if known.get(declared.id) == declared:
             return
