@@ -20,7 +20,7 @@ from slamsim.logs.recovery.source import Damaged
 from slamsim.logs.recovery.tally import Recovered, Tally, recovered
 from slamsim.progress import Progress
 
-_UNKNOWN = "messages of connections that nothing describes any more"
+_UNKNOWN = "messages that nothing describes any more, or that are damaged"
 
 
 def recover_bag1(source: Damaged, folder: Path, progress: Progress) -> Recovered:

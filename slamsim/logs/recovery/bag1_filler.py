@@ -21,6 +21,7 @@ from slamsim.logs.bag1_check import (
 )
 from slamsim.logs.recovery.bag1_connection import Connection, connection
 from slamsim.logs.recovery.bag1_salvage import WholeChunk
+from slamsim.logs.recovery.readable import Readable
 from slamsim.logs.recovery.tally import Tally
 
 _CHUNK_BYTES = 768 << 10
@@ -47,6 +48,7 @@ class Bag1Filler:
 
     def __init__(self, stream: BinaryIO, tally: Tally) -> None:
         self._stream, self._tally = stream, tally
+        self._readable = Readable()
         self.known: dict[int, Connection] = {}
         self._copied: set[int] = set()
         self._waiting = bytearray()
@@ -58,13 +60,14 @@ class Bag1Filler:
         known = self.known.setdefault(found.number, found)
         is_other = known.record != found.record and found.number not in self._copied
         if is_other and not known.fits_its_hash() and found.fits_its_hash():
-            self.known[found.number] = found
+            self.known[found.number] = known = found
+        self._readable.describe(known.topic, known.type_name, "ros1", "ros1msg", known.definition)
         self._tally.know(found.topic, found.type_name)
 
     def message(self, record: bytes) -> bool:
-        """A message with its header; whether its connection is known."""
-        ((fields, *_),) = records_in_chunk(record)
-        if int.from_bytes(fields[b"conn"], "little") not in self.known:
+        """A message with its header; whether it could be used."""
+        ((fields, _, data, _),) = records_in_chunk(record)
+        if not self._is_usable(fields, record[data:]):
             return False
         self._waiting += record
         if len(self._waiting) >= _CHUNK_BYTES:
@@ -115,11 +118,15 @@ class Bag1Filler:
                 is_sound &= self.known[found.number].record == found.record
             elif fields[b"op"] == MESSAGE:
                 number = int.from_bytes(fields[b"conn"], "little")
-                if number in self.known:
+                if self._is_usable(fields, content[data:end]):
                     places.append(_Place(number, fields[b"time"], begin, end - begin))
                 else:
                     strangers += 1
         return places, strangers, is_sound and not strangers
+
+    def _is_usable(self, fields: dict[bytes, bytes], data: bytes) -> bool:
+        known = self.known.get(int.from_bytes(fields[b"conn"], "little"))
+        return known is not None and self._readable(known.topic, data)
 
     def _pack(self) -> None:
         """The messages that wait become a chunk, not compressed."""

@@ -12,6 +12,7 @@ from slamsim.logs.recovery.mcap_salvage import Gap, LoneMessage, McapSalvage, Pi
 from slamsim.logs.recovery.tally import Tally
 from slamsim.progress import Progress
 
+_UNUSABLE = "a message that nothing declares any more, or that is damaged"
 _UNDECLARED = "messages of channels that nothing declares any more"
 
 
@@ -53,8 +54,8 @@ def _take(piece: Piece, begun: int, filler: McapFiller, tally: Tally) -> None:
             if not piece.chunk.uncompressed_crc:
                 tally.note(f"{tally.path.name}: chunks without a checksum were taken as they are")
         case LoneMessage():
-            if not filler.message(piece.record):
-                tally.lose(begun, len(piece.record), f"1 {_UNDECLARED}", {})
+            if not filler.unvouched_message(piece.record):
+                tally.lose(begun, len(piece.record), _UNUSABLE, {})
             tally.note(f"{tally.path.name}: messages without a checksum were taken as they are")
         case records.Metadata():
             filler.file.put_metadata(piece.name, piece.metadata)

@@ -18,6 +18,7 @@ from slamsim.logs.mcap_file import CHUNK_BYTES, ZSTD_LEVEL
 from slamsim.logs.mcap_read import MESSAGE_HEAD, RECORD_HEAD, records_in
 from slamsim.logs.mcap_stream import McapStream
 from slamsim.logs.recovery.mcap_salvage import Declaration, declaration
+from slamsim.logs.recovery.readable import Readable
 from slamsim.logs.recovery.tally import Tally
 
 _Place = tuple[int, int, int, int]
@@ -36,6 +37,7 @@ class McapFiller:
         self.channels: dict[int, records.Channel] = {}
         self.metadata: dict[str, dict[str, str]] = {}
         self._tally = tally
+        self._readable = Readable()
         self._later: dict[tuple[type, int], Declaration] = {}
         self._waiting = bytearray()
 
@@ -54,6 +56,14 @@ class McapFiller:
             self._require_schema(declared.schema_id)
         self.file.put(declared)
         self._list(declared)
+
+    def unvouched_message(self, record: bytes) -> bool:
+        """One without a checksum; whether it could be used."""
+        channel = int.from_bytes(record[RECORD_HEAD.size : RECORD_HEAD.size + 2], "little")
+        if not self._is_known(channel):
+            return False
+        data = record[RECORD_HEAD.size + MESSAGE_HEAD.size :]
+        return self._readable(self.channels[channel].topic, data) and self.message(record)
 
     def message(self, record: bytes) -> bool:
         """One message, with opcode and length; whether its channel is known."""
@@ -134,7 +144,12 @@ class McapFiller:
             self.channels[declared.id] = declared
             self.file.list_channel(declared)
             schema = self.schemas.get(declared.schema_id)
-            self._tally.know(declared.topic, "" if schema is None else schema.name)
+            kind = "" if schema is None else schema.name
+            self._tally.know(declared.topic, kind)
+            if schema is not None:
+                text = schema.data.decode(errors="replace")
+                encoding = declared.message_encoding
+                self._readable.describe(declared.topic, kind, encoding, schema.encoding, text)
 
     def _pack(self) -> None:
         """The messages that wait become a chunk."""

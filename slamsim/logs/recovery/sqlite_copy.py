@@ -51,10 +51,9 @@ def _copy(
     kept, kept_bytes, unusable = 0, 0, 0
     for row in salvage.rows("messages", "topic_id, timestamp, data"):
         record = _record(row, channels, kept)
-        if record is None:
+        if record is None or not filler.unvouched_message(record):
             unusable += 1
             continue
-        filler.message(record)
         kept, kept_bytes = kept + 1, kept_bytes + len(record)
         progress(min(kept_bytes, size), size)
     each = kept_bytes / max(kept, 1)
@@ -64,7 +63,7 @@ def _copy(
         which = "on" if last == LARGEST_ID else f"to {last}"
         tally.lose(0, lost_bytes, f"messages from {first} {which} are on damaged pages")
     if unusable:
-        reason = f"{unusable} messages of no known topic, or that cannot be unpacked"
+        reason = f"{unusable} messages of no known topic, damaged, or that cannot be unpacked"
         tally.lose(0, round(unusable * each), reason)
 
 
