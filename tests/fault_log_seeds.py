@@ -40,7 +40,7 @@ from slamsim.slam.session import map_log
 Make = Callable[[Path], Path]
 
 _RARELY = ((3, judged_quickly),)
-_DEEP = ((3, judged_quickly), (150, judged_thoroughly), (300, mapped))
+_DEEP = ((3, judged_quickly), (40, judged_thoroughly), (60, mapped))
 _RELATIONS = "".join(f"{i}.5 {i + 3}.25 0.{i} -0.25 0.0 0.0 0.0 0.{i}1\n" for i in range(1, 9))
 
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from slamsim.geometry import matrix_from_xyzw, se3_from_parts
 from slamsim.recording import TransformEdge
+from slamsim.safe.numbers import is_sound
 from slamsim.types import FloatArray
 
 _FIXED_TOLERANCE = 1e-3
@@ -115,7 +116,7 @@ class FrameGraph:
 def _fixed(edge: TransformEdge) -> FloatArray | None:
     """4 x 4 T_parent_child of an edge that never moves, else None."""
     norm = np.linalg.norm(edge.quats_xyzw, axis=1)
-    sound = np.isfinite(edge.positions_m).all(axis=1) & (np.abs(norm - 1.0) < 0.1)
+    sound = is_sound(edge.positions_m) & (np.abs(norm - 1.0) < 0.1)
     if not sound.any():
         return None
     positions_m, quats_xyzw = edge.positions_m[sound], edge.quats_xyzw[sound]

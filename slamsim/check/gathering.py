@@ -12,6 +12,7 @@ from slamsim.check.laser_steps import LaserSteps, laser_steps
 from slamsim.check.scan_motion import ScanMotions
 from slamsim.geometry import se2_from_se3
 from slamsim.recording import RawImu, RawOdometry, Recording, TransformEdge
+from slamsim.safe.numbers import is_sound
 from slamsim.types import FloatArray, IntArray
 
 EVEN, EVEN_SHARE = 0.05, 0.98
@@ -111,7 +112,7 @@ def _gyro(imu: RawImu, graph: FrameGraph, base: str) -> Course | None:
     T_base_imu = graph.between(base, imu.frame_ids[0]) if imu.frame_ids else None
     R_base_imu = np.eye(3) if T_base_imu is None else T_base_imu[:3, :3]
     rates = imu.angular_velocity_rad_s @ R_base_imu.T
-    finite = rates[np.isfinite(rates).all(axis=1)]
+    finite = rates[is_sound(rates)]
     livelihood = finite.std(axis=0) if len(finite) else np.ones(3)
     axis = int(np.argmax(livelihood))
     if livelihood[2] > SIDEWAYS_SHARE * livelihood[axis]:

@@ -11,6 +11,7 @@ from slamsim.check.frame_graph import FrameGraph
 from slamsim.check.inertial_values import check_inertial_values
 from slamsim.check.moving import moving_at
 from slamsim.recording import RawImu, Recording
+from slamsim.safe.numbers import is_sound
 from slamsim.types import GRAVITY_M_S2, BoolArray, FloatArray
 
 GRAVITY_LIMITS_M_S2 = (9.5, 10.5)
@@ -29,7 +30,7 @@ def check_inertial(recording: Recording) -> list[Finding]:
     findings: list[Finding] = []
     for imu in recording.imus:
         findings += check_inertial_values(recording, imu)
-        finite = np.isfinite(imu.linear_acceleration_m_s2).all(axis=1)
+        finite = is_sound(imu.linear_acceleration_m_s2)
         if int(finite.sum()) < MIN_SAMPLES:
             words = f"{int(finite.sum())} finite samples of {len(imu)}"
             findings.append(Finding("imu.gravity", imu.topic, "cannot tell", words))

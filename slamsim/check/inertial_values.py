@@ -11,6 +11,7 @@ from slamsim.check.findings import Estimate, Finding, Mend
 from slamsim.check.published import has_unit_length
 from slamsim.geometry import wrap_angle, yaw_from_xyzw
 from slamsim.recording import RawImu, Recording
+from slamsim.safe.numbers import MOST, is_sound
 from slamsim.types import BoolArray, FloatArray, IntArray
 
 SPIKE_M_S2 = (3.0, 30.0)
@@ -28,7 +29,7 @@ MIN_SAMPLES = 20
 def check_inertial_values(recording: Recording, imu: RawImu) -> Iterator[Finding]:
     """What needs nothing but the readings themselves."""
     rates, accelerations = imu.angular_velocity_rad_s, imu.linear_acceleration_m_s2
-    finite = np.isfinite(np.concatenate([rates, accelerations], axis=1)).all(axis=1)
+    finite = is_sound(np.concatenate([rates, accelerations], axis=1))
     yield _finite(imu, finite)
     if int(finite.sum()) < MIN_SAMPLES:
         return
@@ -47,8 +48,8 @@ def _finite(imu: RawImu, finite: BoolArray) -> Finding:
     columns = np.concatenate([imu.angular_velocity_rad_s, imu.linear_acceleration_m_s2], axis=1)
     names = [f"{kind} {axis}" for kind in ("gyroscope", "acceleration") for axis in "xyz"]
     whole = [name for name, column in zip(names, columns.T, strict=True)
-             if not np.isfinite(column).any()]  # fmt: skip
-    words = f"{broken} of {len(imu)} readings are not finite"
+             if not is_sound(column).any()]  # fmt: skip
+    words = f"{broken} of {len(imu)} readings are not finite (or beyond {MOST:g})"
     words += f", of {', '.join(whole)} all" if whole else ""
     return Finding(
         *("imu.values", imu.topic, "bad", words, "imu_invalid"),
@@ -101,7 +102,7 @@ def _axes(imu: RawImu, finite: BoolArray, turns: bool) -> Finding:
 
 def _upward(imu: RawImu) -> int:
     """The axis of the unit that gravity is felt along, z where it is not."""
-    finite = imu.linear_acceleration_m_s2[np.isfinite(imu.linear_acceleration_m_s2).all(axis=1)]
+    finite = imu.linear_acceleration_m_s2[is_sound(imu.linear_acceleration_m_s2)]
     mean = finite.mean(axis=0) if len(finite) else np.zeros(3)
     felt = float(np.linalg.norm(mean)) > 0.5
     return int(np.argmax(np.abs(mean))) if felt else 2

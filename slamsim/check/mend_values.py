@@ -10,6 +10,7 @@ from slamsim.check.findings import Mend
 from slamsim.check.mend_subjects import with_topic
 from slamsim.check.published import sound_poses
 from slamsim.recording import RawImu, RawOdometry, Recording, kept
+from slamsim.safe.numbers import is_sound
 
 
 def normalise_rotations(recording: Recording, mend: Mend) -> Recording:
@@ -36,7 +37,7 @@ def drop_broken_readings(recording: Recording, mend: Mend) -> Recording:
 
     def finite(imu: RawImu) -> RawImu:
         numbers = (imu.angular_velocity_rad_s, imu.linear_acceleration_m_s2)
-        return kept(imu, np.asarray(np.isfinite(np.concatenate(numbers, axis=1)).all(axis=1)))
+        return kept(imu, is_sound(np.concatenate(numbers, axis=1)))
 
     return with_topic(recording, "imus", mend, finite)
 

@@ -20,6 +20,7 @@ from slamsim.check.distance_unit import ratio_of_units
 from slamsim.check.findings import Curve, Estimate, Finding, Mend, Plot
 from slamsim.geometry import between, yaw_from_xyzw
 from slamsim.recording import RawOdometry, Recording
+from slamsim.safe.numbers import is_sound
 from slamsim.types import BoolArray, FloatArray
 
 JUMP_M, JUMP_RAD = 0.04, 0.1
@@ -106,7 +107,7 @@ def check_slip(calibration: Calibration) -> list[Finding]:
 def _jumps(odometry: RawOdometry) -> FloatArray:
     """(k, 3) stamp, s since the first, length, m, and turn, rad, of steps that no robot makes."""
     poses = np.column_stack([odometry.positions_m[:, :2], yaw_from_xyzw(odometry.quats_xyzw)])
-    finite = np.isfinite(poses).all(axis=1)
+    finite = is_sound(poses)
     poses, stamps = poses[finite], odometry.stamps_ns[finite]
     if len(poses) < 4:
         return np.zeros((0, 3))

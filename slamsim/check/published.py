@@ -10,6 +10,7 @@ import numpy as np
 from slamsim.check.disagreement import IN_COMMON, LIMIT_M, disagreement
 from slamsim.check.findings import Estimate, Finding, Mend
 from slamsim.recording import RawOdometry, Recording
+from slamsim.safe.numbers import is_sound
 from slamsim.types import BoolArray, FloatArray
 
 UNIT_TOLERANCE = 0.01
@@ -35,7 +36,7 @@ def _finite(odometry: RawOdometry) -> BoolArray:
     """(n,) of all numbers but twists that no message has, as in CARMEN logs."""
     twists = (odometry.linear_m_s, odometry.angular_rad_s)
     numbers = (odometry.positions_m, *(one for one in twists if np.isfinite(one).any()))
-    return np.asarray(np.isfinite(np.concatenate(numbers, axis=1)).all(axis=1))
+    return is_sound(np.concatenate(numbers, axis=1))
 
 
 def has_unit_length(quats_xyzw: FloatArray) -> BoolArray:

@@ -11,6 +11,7 @@ from slamsim.check.findings import Finding, Mend
 from slamsim.check.frame_graph import FrameGraph
 from slamsim.check.transform_times import check_agreement, check_coverage
 from slamsim.recording import RawOdometry, RawStream, Recording, TransformEdge
+from slamsim.safe.numbers import is_sound
 from slamsim.types import BoolArray, FloatArray
 
 MAX_STATIC_CHANGE = 1e-3
@@ -56,7 +57,7 @@ def _not_rigid(edges: tuple[TransformEdge, ...]) -> Iterator[Finding]:
 def _is_rigid(edge: TransformEdge) -> BoolArray:
     with np.errstate(invalid="ignore", over="ignore"):
         norm = np.linalg.norm(edge.quats_xyzw, axis=1)
-        finite = np.isfinite(edge.positions_m).all(axis=1)
+        finite = is_sound(edge.positions_m)
         return np.asarray(finite & (np.abs(norm - 1.0) < _RIGID_TOLERANCE))
 
 

@@ -106,7 +106,7 @@ def _mcap_bag(path: Path, files: list[Path]) -> Bag:
 def _bag(path: Path, source: MessageSource) -> Bag:
     channels = tuple(source.channels())
     for channel in channels:
-        if not (channel.topic.isprintable() and channel.type_name.isprintable()):
+        if not (channel.topic.strip() and f"{channel.topic}{channel.type_name}".isprintable()):
             name = shown(channel.topic)
             raise InputRefused(path, f"the topic {name} or its type is no name: damaged, or a trap")
     return Bag(path, source, channels)

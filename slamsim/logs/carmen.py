@@ -250,10 +250,15 @@ def _geometry(fan: Fan, common_max_m: float, channel: str) -> ScanGeometry:
     )
 
 
+def to_single(readings_m: FloatArray) -> Float32Array:
+    """As ranges are kept; ``inf`` where a reading is too large for that."""
+    with np.errstate(over="ignore"):
+        return readings_m.astype(np.float32)
+
+
 def _ranges_m(readings_m: FloatArray, range_max_m: float) -> Float32Array:
     """Readings at or above the maximum return nothing; none, zero or less is no reading."""
-    with np.errstate(over="ignore"):
-        ranges_m = readings_m.astype(np.float32)
+    ranges_m = to_single(readings_m)
     invalid: BoolArray = ~(ranges_m > 0.0)
     ranges_m[ranges_m >= np.float32(range_max_m)] = np.inf
     ranges_m[invalid] = np.nan

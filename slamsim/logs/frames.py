@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from typing import Any
 
@@ -25,7 +26,7 @@ def matrix_of(transform: Any) -> FloatArray | None:
     t, q = transform.translation, transform.rotation
     quat_xyzw = np.array([q.x, q.y, q.z, q.w], dtype=np.float64)
     translation_m = np.array([t.x, t.y, t.z], dtype=np.float64)
-    norm = float(np.linalg.norm(quat_xyzw))
+    norm = math.hypot(*quat_xyzw.tolist())
     if not (is_sound(translation_m).all() and abs(norm - 1.0) < 0.1):
         return None
     return se3_from_parts(matrix_from_xyzw(quat_xyzw / norm), translation_m)

@@ -9,8 +9,8 @@ from typing import Any, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from slamsim.logs.stamps import LARGEST_NS
 from slamsim.recording import ScanLayout
+from slamsim.safe.numbers import MOST_NS
 from slamsim.types import Epoch
 
 _WHOLE = ("stamp_ns", "received_ns", "sample", "sequence", "ticks_left", "ticks_right")
@@ -33,7 +33,7 @@ def require_sound(facts: Mapping[str, Any], cells: Mapping[str, NDArray[Any]]) -
         if dtype == "object" and not all(_is_name(text) for text in column):
             raise ValueError(f"the column {name!r} holds what is no name")
     for name in ("stamp_ns", "received_ns"):
-        if (np.abs(cells[name]) > LARGEST_NS).any() or (cells[name] == np.iinfo("i8").min).any():
+        if (np.abs(cells[name]) > MOST_NS).any() or (cells[name] == np.iinfo("i8").min).any():
             raise ValueError(f"the column {name!r} holds what is no time")
     if not _is_name(facts["recording"]) or facts["epoch"] not in get_args(Epoch):
         raise ValueError("its name or its epoch is none")

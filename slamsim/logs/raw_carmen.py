@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from slamsim.geometry import xyzw_from_matrix, xyzw_from_yaw
-from slamsim.logs.carmen import mounting_of, oddities, range_max_of
+from slamsim.logs.carmen import mounting_of, oddities, range_max_of, to_single
 from slamsim.logs.carmen_content import CarmenContent, collect
 from slamsim.logs.carmen_lines import Fan, LaserLine, OdomLine
 from slamsim.logs.stamps import epoch_of
@@ -108,7 +108,7 @@ def _scans(
     common_max_m, known_from = range_max_of(lines, content)
     odd.append(f"{name}: readings from {common_max_m:g} m on are no return ({known_from})")
     fans = {fan: i for i, fan in enumerate(dict.fromkeys(line.fan for line in lines))}
-    rows = [line.readings_m.astype(np.float32) for line in lines]
+    rows = [to_single(line.readings_m) for line in lines]
     bright = [line.intensities for line in lines if line.intensities is not None]
     same = len({row.size for row in rows}) == 1
     return RawScans(

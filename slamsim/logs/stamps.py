@@ -5,24 +5,23 @@ from __future__ import annotations
 from decimal import Decimal, InvalidOperation
 
 from slamsim.safe.errors import shown
+from slamsim.safe.numbers import MOST_NS
 from slamsim.types import Epoch
 
 _YEAR_2000_NS = 946_684_800 * 1_000_000_000
-LARGEST_NS = 2**62
-"""No stamp is farther from 0, 146 years: the time between any two fits into 64 bits."""
 
 
 def stamp_ns_from_decimal(seconds: str) -> int:
     """Decimal seconds to nanoseconds without passing through a float; digits beyond are cut.
 
-    Raises ValueError for anything that is not a finite decimal number within ``LARGEST_NS`` of 0.
+    Raises ValueError for anything that is not a finite decimal number within ``MOST_NS`` of 0.
     """
     whole, _, fraction = seconds.partition(".")
     if whole.isdecimal() and (fraction.isdecimal() or not fraction) and len(whole) < 10 + 1:
         stamp_ns = int(whole) * 1_000_000_000 + int(fraction[:9].ljust(9, "0"))
     else:
         stamp_ns = _from_decimal(seconds)
-    if abs(stamp_ns) > LARGEST_NS:
+    if abs(stamp_ns) > MOST_NS:
         raise ValueError(f"{shown(seconds)} s does not fit into nanoseconds of 64 bits")
     return stamp_ns
 
