@@ -145,17 +145,14 @@ def test_what_is_lost_is_told_by_topic(tmp_path: Path) -> None:
     assert [loss.first_byte for loss in told.losses] == [begin]
 
 
-@pytest.mark.parametrize("compression", ["", "LZ4"])
-def test_a_message_that_does_not_read_as_its_type_is_left_out(
-    compression: str, tmp_path: Path
-) -> None:
+def test_a_message_that_does_not_read_as_its_type_is_left_out(tmp_path: Path) -> None:
     """Without checksums nothing else tells; a reader would refuse the whole topic for it."""
     messages = Robot(ROS1).drive()
     place = next(n for n, (topic, *_) in enumerate(messages) if topic == "/wheel_odom")
-    messages[place + 2][2].child_frame_id = "@@@@@@"
-    data = as_ros1(tmp_path / "a.bag", messages, compression).read_bytes()
-    assert data.count(b"@@@@@@") == 1
-    told, folder = recovered_from(data.replace(b"@@@@@@", b"\xff" * 6), tmp_path / "b", "a.bag")
+    messages[place][2].child_frame_id = "qwzxvk"
+    data = as_ros1(tmp_path / "a.bag", messages).read_bytes()
+    assert data.count(b"qwzxvk") == 1
+    told, folder = recovered_from(data.replace(b"qwzxvk", b"\xff" * 6), tmp_path / "b", "a.bag")
     assert told.messages == len(messages) - 1
     assert sum(topic.lost for topic in told.topics) == 1
     assert read_log(folder / "a.bag").odometry is not None
