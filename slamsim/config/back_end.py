@@ -16,7 +16,7 @@ class KeyframeConfig(Config):
     turn_deg: float = Field(17.0, gt=0.0, le=180.0)
     """A new key frame after this much turning."""
 
-    interval_s: float = Field(10.0, gt=0.0)
+    interval_s: float = Field(10.0, gt=0.0, le=1e6)
     """A new key frame after this long, if the robot has moved at all meanwhile."""
 
 
@@ -26,7 +26,7 @@ class SubmapConfig(Config):
     travel_m: float = Field(3.0, gt=0.0, le=100.0)
     """Travelled distance that one submap covers; the next starts half way through it."""
 
-    turn_deg: float = Field(360.0, gt=0.0)
+    turn_deg: float = Field(360.0, gt=0.0, le=1e6)
     """A submap also ends after this much turning."""
 
     max_keyframes: int = Field(24, ge=2, le=1000)
@@ -48,19 +48,19 @@ class ClosureConfig(Config):
     enabled: bool = True
     """Whether to close loops at all."""
 
-    min_travel_m: float = Field(6.0, ge=0.0)
+    min_travel_m: float = Field(6.0, ge=0.0, le=1e6)
     """Submaps left behind by less than this much travel are not sought again."""
 
     max_candidates: int = Field(3, ge=1, le=100)
     """At most this many submaps are searched for one key frame."""
 
-    reach_m: float = Field(5.0, gt=0.0)
+    reach_m: float = Field(5.0, gt=0.0, le=1e6)
     """Submaps are candidates within this distance, widened by the uncertainty of the estimate."""
 
     gate_sigmas: float = Field(3.5, gt=0.0, le=10.0)
     """Half width of the search, in standard deviations of the relative pose."""
 
-    min_window_m: float = Field(0.5, gt=0.0)
+    min_window_m: float = Field(0.5, gt=0.0, le=1e6)
     """The search reaches at least this far on each side of the prediction."""
 
     max_window_m: float = Field(6.0, gt=0.0, le=50.0)
@@ -72,7 +72,7 @@ class ClosureConfig(Config):
     max_window_deg: float = Field(45.0, gt=0.0, le=180.0)
     """The search turns at most this far."""
 
-    query_travel_m: float = Field(2.0, ge=0.0)
+    query_travel_m: float = Field(2.0, ge=0.0, le=1e6)
     """Key frames up to this much travel back are joined with the one being matched."""
 
     min_score: float = Field(0.55, gt=0.0, lt=1.0)
@@ -91,13 +91,13 @@ class ClosureConfig(Config):
     ambiguity_ratio: float = Field(0.88, gt=0.0, lt=1.0)
     """A second peak of the score, relative to the best, above which the match is ambiguous."""
 
-    ambiguity_distance_m: float = Field(0.6, gt=0.0)
+    ambiguity_distance_m: float = Field(0.6, gt=0.0, le=1e6)
     """How far from the best pose a second peak counts as another place."""
 
-    ambiguity_turn_deg: float = Field(20.0, gt=0.0)
+    ambiguity_turn_deg: float = Field(20.0, gt=0.0, le=360.0)
     """How much turned from the best pose a second peak counts as another place."""
 
-    sure_window_m: float = Field(0.6, ge=0.0)
+    sure_window_m: float = Field(0.6, ge=0.0, le=1e6)
     """A closure whose search had to reach farther than this waits for others that agree, as does
     one beyond the gate."""
 
@@ -114,22 +114,22 @@ class GraphConfig(Config):
     sigma_scale: float = Field(2.0, gt=0.0, le=100.0)
     """Match standard deviations are multiplied by this: scan points are not independent."""
 
-    min_sigma_m: float = Field(0.003, gt=0.0)
+    min_sigma_m: float = Field(0.003, gt=0.0, le=1e3)
     """Least standard deviation of a matched translation between key frames."""
 
-    min_sigma_deg: float = Field(0.06, gt=0.0)
+    min_sigma_deg: float = Field(0.06, gt=0.0, le=360.0)
     """Least standard deviation of a matched turn between key frames."""
 
-    closure_sigma_m: float = Field(0.01, gt=0.0)
+    closure_sigma_m: float = Field(0.01, gt=0.0, le=1e3)
     """Least standard deviation of a closure's translation."""
 
-    closure_sigma_deg: float = Field(0.15, gt=0.0)
+    closure_sigma_deg: float = Field(0.15, gt=0.0, le=360.0)
     """Least standard deviation of a closure's turn."""
 
-    cauchy_width: float = Field(1.0, gt=0.0)
+    cauchy_width: float = Field(1.0, gt=0.0, le=1e6)
     """Residual, in standard deviations, at which a closure loses half its weight."""
 
-    withdraw_sigmas: float = Field(4.0, gt=0.0)
+    withdraw_sigmas: float = Field(4.0, gt=0.0, le=1e9)
     """A closure whose residual stays above this many standard deviations is withdrawn."""
 
 

@@ -13,13 +13,13 @@ class MappingConfig(Config):
     resolution_m: float = Field(0.05, gt=0.0, le=10.0)
     """Side of a cell."""
 
-    max_range_m: float = Field(30.0, gt=0.0)
+    max_range_m: float = Field(30.0, gt=0.0, le=1e6)
     """Returns farther than this only clear, up to this range."""
 
-    clear_without_return_m: float = Field(8.0, ge=0.0)
+    clear_without_return_m: float = Field(8.0, ge=0.0, le=1e6)
     """A beam without return clears up to this range; 0 leaves such beams out."""
 
-    min_travel_m: float = Field(0.06, ge=0.0)
+    min_travel_m: float = Field(0.06, ge=0.0, le=1e6)
     """A scan is used once the robot has travelled this far since the last one used ..."""
 
     min_turn_deg: float = Field(4.0, ge=0.0, le=180.0)
