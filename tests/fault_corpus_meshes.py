@@ -170,6 +170,11 @@ MESHES: dict[str, tuple[str, Data, str]] = {
     "OBJ with nan": ("m.obj", b"v nan nan nan\n" + OBJ, "not finite"),
     "OBJ with 1e999": ("m.obj", b"v 1e999 0 0\n" + OBJ, "not finite"),
     "OBJ with words": ("m.obj", b"v one two three\n" + OBJ, "m.obj"),
+    "OBJ of two dimensions": (
+        "m.obj",
+        b"v 0 0\nv 1 0\nv 0 1\nf 1 2 3\n",
+        "shape (3, 2)",
+    ),
     "OBJ with NUL": ("m.obj", OBJ + b"\0", "NUL"),
     "OBJ with materials elsewhere": (
         "m.obj",

@@ -20,9 +20,10 @@ from fault_changes import PLAIN, splice_with
 from fault_judge import Outcome, Try, Verdict, attempt, judged
 from fault_log_seeds import LOG_SEEDS
 from fault_seeds import Change, Read, Seed, Unfit, digest
+from fault_shape_seeds import SHAPE_SEEDS
 from long_run_journal import Journal, Row
 
-SEEDS: tuple[Seed, ...] = LOG_SEEDS
+SEEDS: tuple[Seed, ...] = (*LOG_SEEDS, *SHAPE_SEEDS)
 CASES = 100_000
 _BATCH = 250
 

@@ -30,11 +30,11 @@ def read_mesh(layout: MeshLayout) -> TriangleMesh:
     except Exception as error:  # trimesh raises whatever a damaged file makes its parsers raise
         raise InputRefused(path, f"cannot be read as a mesh ({error!r:.200})") from None
     vertices = np.array(loaded.vertices, dtype=np.float64) * layout.scale
+    triangles = np.array(loaded.faces, dtype=np.int64)
+    check_mesh(vertices, triangles, path)
     if layout.up == "y" or (layout.up == "auto" and path.suffix.lower() == ".glb"):
         vertices = np.column_stack([vertices[:, 0], -vertices[:, 2], vertices[:, 1]])
     vertices[:, 2] -= layout.floor_m
-    triangles = np.array(loaded.faces, dtype=np.int64)
-    check_mesh(vertices, triangles, path)
     if vertices[:, 2].max() <= 0.0:
         top = vertices[:, 2].max()
         raise InputRefused(path, f"ends {-top:g} m below the floor (mesh.floor_m, mesh.up)")
