@@ -27,6 +27,7 @@ from slamsim.logs.raw import read_recording
 from slamsim.logs.raw_memory import recording_from_readings
 from slamsim.logs.raw_writer import write_recording
 from slamsim.logs.recorded import OdometryTail
+from slamsim.logs.recovery.source import damaged_recording
 from slamsim.logs.writer import LogWriter
 from slamsim.progress import Progress, silent
 from slamsim.recording import Recording
@@ -34,6 +35,7 @@ from slamsim.run import mapping, recording
 from slamsim.run.mapping import map_world
 from slamsim.run.naming import LOG
 from slamsim.run.recording import simulate_world
+from slamsim.run.recovering import recover_log
 from slamsim.run.world import export_world
 from slamsim.safe.output import partial_folder
 from slamsim.simulate import Simulation, log_header
@@ -142,6 +144,23 @@ def _copy(out: Path) -> None:
         write_recording(_recorded(), folder)
 
 
+_cut_place = TemporaryDirectory()
+
+
+@cache
+def _cut() -> Path:
+    """The file of a recording whose writer was killed."""
+    log, file = Path(_cut_place.name) / LOG, Path(_cut_place.name) / "cut.mcap"
+    _simulated(_config(), log)
+    data = next(log.glob("*.mcap")).read_bytes()
+    file.write_bytes(data[: len(data) * 3 // 4])
+    return file
+
+
+def _recover(out: Path) -> None:
+    recover_log(damaged_recording(_cut()), out, _reporter(), overwrite=True)
+
+
 def _format(name: FormatName, out: Path) -> None:
     """One format of a sequence alone."""
     ride, moments = _ride()
@@ -162,6 +181,7 @@ COMMANDS = (
     Stage("map replaced", _map, partial(folder_of, "old"), varies=_VARIES),
     Stage("world", _world),
     Stage("fix", _copy),
+    Stage("recover", _recover),
     Stage("a sequence in all formats", _sequence),
 )
 FORMATS = tuple(
