@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from slamsim.logs.mcap_file import CHUNK_BYTES, ZSTD_LEVEL
 from slamsim.logs.mcap_read import MESSAGE_HEAD, RECORD_HEAD, records_in
 from slamsim.logs.mcap_stream import McapStream
-from slamsim.logs.recovery.mcap_salvage import Declaration, declaration
+from slamsim.logs.recovery.mcap_summary import Declaration, declaration
 from slamsim.logs.recovery.readable import Readable
 from slamsim.logs.recovery.tally import Tally
 

@@ -8,20 +8,26 @@ idea of copying chunk by chunk is that of ``mcap recover``. Format: mcap.dev/spe
 from __future__ import annotations
 
 import re
-import zlib
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from struct import Struct
-from typing import BinaryIO, TypeVar
+from typing import BinaryIO
 
 from mcap import records
 from mcap.opcode import Opcode
 
 from slamsim.logs.mcap_read import MESSAGE_HEAD, RECORD_HEAD, data_stream, read_chunk, records_in
-from slamsim.logs.mcap_stream import MAGIC, record_bytes
+from slamsim.logs.mcap_stream import MAGIC
+from slamsim.logs.recovery.mcap_summary import (
+    Declaration,
+    bytes_at,
+    declaration,
+    summary_of,
+    whole_record,
+)
 from slamsim.logs.recovery.tally import PATIENCE
 from slamsim.safe.files import open_as_found
 from slamsim.safe.limits import LIMITS
@@ -35,8 +41,7 @@ _SHAPE_BYTES = 64
 _CHUNK_HEAD = Struct("<BQQQQII")
 _INDEX_HEAD = Struct("<HI")
 _INDEX_ENTRY_BYTES = 16
-_FOOTER = Struct("<9xQQI")
-_FOOTER_BYTES = _FOOTER.size + len(MAGIC)
+_TEXTS = ("ros1msg", "ros2msg", "ros2idl", "omgidl")
 _LENGTHS: dict[int, int] = {Opcode.FOOTER: 20, Opcode.DATA_END: 4}
 _WINDOW_BYTES = 1 << 20
 
@@ -66,17 +71,7 @@ class Gap:
     messages: dict[int, int] | None = None
 
 
-Declaration = records.Schema | records.Channel
 Piece = WholeChunk | LoneMessage | Gap | Declaration | records.Metadata
-_Record = TypeVar("_Record", bound=records.McapRecord)
-
-
-@dataclass(slots=True)
-class Summary:
-    """What the end of a file says of the whole of it. messages: per channel, None if unknown."""
-
-    declarations: list[Declaration] = field(default_factory=list)
-    messages: dict[int, int] | None = None
 
 
 class McapSalvage:
@@ -90,7 +85,7 @@ class McapSalvage:
         self.file: BinaryIO = open_as_found(path)
         self.size = self.file.seek(0, 2)
         self.profile = self._profile()
-        self.summary = _summary(self.file, self.size)
+        self.summary = summary_of(self.file, self.size)
         self.ended = False
         self._wasted_bytes = 0
         self._channels = {d.id for d in self.summary.declarations if isinstance(d, records.Channel)}
@@ -99,25 +94,25 @@ class McapSalvage:
     def pieces(self) -> Iterator[tuple[int, Piece]]:
         """(byte reached, piece), in the order of the file."""
         position = len(MAGIC)
-        if _at(self.file, 0, len(MAGIC)) != MAGIC:
+        if bytes_at(self.file, 0, len(MAGIC)) != MAGIC:
             position = self._next_place(0)
             yield position, Gap(0, position, "the first bytes are not those of an MCAP file")
         while position < self.size and not self.ended:
-            piece, end = self._piece_at(position)
+            piece, end = self._piecebytes_at(position)
             if piece is not None:
                 yield end, piece
             position = end
 
     def _profile(self) -> str:
-        found = self._record_at(len(MAGIC))
+        found = self._recordbytes_at(len(MAGIC))
         with suppress(Exception):
             if isinstance(found, tuple) and found[0] == Opcode.HEADER:
                 return str(records.Header.read(data_stream(found[1])).profile)
         return "ros2"
 
-    def _piece_at(self, position: int) -> tuple[Piece | None, int]:
+    def _piecebytes_at(self, position: int) -> tuple[Piece | None, int]:
         """(what is there, where it ends)."""
-        found = self._record_at(position)
+        found = self._recordbytes_at(position)
         if isinstance(found, str):
             end = self._next_place(position + 1)
             return Gap(position, end - position, found), end
@@ -129,7 +124,7 @@ class McapSalvage:
             return self._piece(opcode, data), end
         except Exception as error:
             reason = " ".join(str(error).split())[:200] or type(error).__name__
-            after, counts = self._indexes_at(end) if opcode == Opcode.CHUNK else (end, None)
+            after, counts = self._indexesbytes_at(end) if opcode == Opcode.CHUNK else (end, None)
             if not self._may_begin(after) and self._is_patient(end - position):
                 after, counts = self._next_place(position + 1), None  # its length is wrong too
             return Gap(position, after - position, reason, counts), after
@@ -139,9 +134,9 @@ class McapSalvage:
         self._wasted_bytes += size
         return self._wasted_bytes < PATIENCE * self.size
 
-    def _record_at(self, position: int) -> tuple[int, bytes] | str:
+    def _recordbytes_at(self, position: int) -> tuple[int, bytes] | str:
         """(opcode, content) of the record there, or why there is none."""
-        head = _at(self.file, position, RECORD_HEAD.size)
+        head = bytes_at(self.file, position, RECORD_HEAD.size)
         if len(head) < RECORD_HEAD.size:
             return "the file is cut off here"
         opcode, length = RECORD_HEAD.unpack(head)
@@ -153,7 +148,7 @@ class McapSalvage:
 
     def _may_begin(self, position: int) -> bool:
         """Whether a record can begin there, or the file is cut off before that can be told."""
-        head = _at(self.file, position, RECORD_HEAD.size)
+        head = bytes_at(self.file, position, RECORD_HEAD.size)
         return len(head) < RECORD_HEAD.size or _possible(*RECORD_HEAD.unpack(head))
 
     def _piece(self, opcode: int, data: bytes) -> Piece | None:
@@ -166,14 +161,17 @@ class McapSalvage:
             _require_head(len(data))
             return LoneMessage(RECORD_HEAD.pack(opcode, len(data)) + data)
         if opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
-            return self._declared(opcode, data)
+            found = self._declared(opcode, data)
+            if isinstance(found, records.Schema) and found.encoding in _TEXTS:
+                found.data.decode()
+            return found
         if opcode == Opcode.METADATA:
             metadata: records.Metadata = records.Metadata.read(data_stream(data))
-            return _whole(metadata, data)
+            return whole_record(metadata, data)
         if opcode == Opcode.DATA_END:
             self.ended = True
         elif opcode == Opcode.HEADER:
-            _whole(records.Header.read(data_stream(data)), data)
+            whole_record(records.Header.read(data_stream(data)), data)
         elif opcode == Opcode.MESSAGE_INDEX:
             _index_of(data)
         elif opcode == Opcode.ATTACHMENT:
@@ -196,10 +194,10 @@ class McapSalvage:
             self._channels.add(found.id)
         return found
 
-    def _indexes_at(self, position: int) -> tuple[int, dict[int, int] | None]:
+    def _indexesbytes_at(self, position: int) -> tuple[int, dict[int, int] | None]:
         """(end, messages per channel) of the message indexes that follow a chunk."""
         counts = Counter[int]()
-        while isinstance(found := self._record_at(position), tuple):
+        while isinstance(found := self._recordbytes_at(position), tuple):
             opcode, data = found
             if opcode != Opcode.MESSAGE_INDEX:
                 break
@@ -225,33 +223,19 @@ class McapSalvage:
         return self.size
 
     def _is_chunk(self, place: int) -> bool:
-        head = _at(self.file, place, _CHUNK_HEAD.size)
+        head = bytes_at(self.file, place, _CHUNK_HEAD.size)
         _, length, _, _, unpacked, _, name = _CHUNK_HEAD.unpack(head)
-        packed = int.from_bytes(_at(self.file, place + _CHUNK_HEAD.size + name, 8), "little")
+        packed = int.from_bytes(bytes_at(self.file, place + _CHUNK_HEAD.size + name, 8), "little")
         stated = _CHUNK_HEAD.size - RECORD_HEAD.size + name + 8 + packed
         fits = place + RECORD_HEAD.size + length <= self.size
         return fits and bool(length == stated and unpacked <= LIMITS.bag_chunk_bytes)
 
     def _is_message(self, place: int) -> bool:
         """Of a known channel, and followed by something that can be a record."""
-        head = _at(self.file, place, RECORD_HEAD.size + 2)
+        head = bytes_at(self.file, place, RECORD_HEAD.size + 2)
         length, channel = RECORD_HEAD.unpack(head[:-2])[1], int.from_bytes(head[-2:], "little")
         end = place + RECORD_HEAD.size + length
         return channel in self._channels and end <= self.size and self._may_begin(end)
-
-
-def declaration(opcode: int, data: bytes) -> Declaration:
-    """The schema or channel in the content of a record."""
-    kind = records.Schema if opcode == Opcode.SCHEMA else records.Channel
-    found: Declaration = kind.read(data_stream(data))
-    return _whole(found, data)
-
-
-def _whole(record: _Record, data: bytes) -> _Record:
-    """The record, if it is all of the data: without a checksum, a wrong length is seen only so."""
-    if record_bytes(record)[RECORD_HEAD.size :] != data:
-        raise ValueError("a record is damaged")
-    return record
 
 
 def _index_of(data: bytes) -> tuple[int, int]:
@@ -279,34 +263,8 @@ def _possible(opcode: int, length: int) -> bool:
 
 def _matches(file: BinaryIO, position: int, shape: re.Pattern[bytes]) -> Iterator[int]:
     """Where the bytes look like that."""
-    while window := _at(file, position, _WINDOW_BYTES + _SHAPE_BYTES):
+    while window := bytes_at(file, position, _WINDOW_BYTES + _SHAPE_BYTES):
         for match in shape.finditer(window):
             if match.start() < _WINDOW_BYTES:
                 yield position + match.start()
         position += _WINDOW_BYTES
-
-
-def _at(file: BinaryIO, position: int, length: int) -> bytes:
-    file.seek(position)
-    return file.read(length)
-
-
-def _summary(file: BinaryIO, size: int) -> Summary:
-    """Empty where the end of the file is missing or damaged."""
-    tail = _at(file, max(size - _FOOTER_BYTES, 0), _FOOTER_BYTES)
-    start, _, crc = _FOOTER.unpack_from(tail) if len(tail) == _FOOTER_BYTES else (0, 0, 0)
-    length = size - len(MAGIC) - start
-    if not tail.endswith(MAGIC) or not 0 < start < size or length > LIMITS.bag_chunk_bytes:
-        return Summary()
-    data = _at(file, start, length)
-    if crc not in (0, zlib.crc32(data[:-4])):
-        return Summary()
-    summary = Summary()
-    with suppress(Exception):
-        for opcode, begin, end in records_in(data):
-            if opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
-                summary.declarations.append(declaration(opcode, data[begin:end]))
-            elif opcode == Opcode.STATISTICS:
-                statistics = records.Statistics.read(data_stream(data[begin:end]))
-                summary.messages = statistics.channel_message_counts
-    return summary
