@@ -107,14 +107,15 @@ def require_stamps(what: str, stamps_ns: object, rising: bool = True) -> None:
     assert isinstance(stamps_ns, np.ndarray)
     if not stamps_ns.size:
         return
-    if int(stamps_ns.min()) < -MOST_NS or int(stamps_ns.max()) > MOST_NS:
-        raise BadNumbers(f"{what}: stamps must lie within {MOST_NS} ns of zero, 146 years")
     if rising and not (stamps_ns[1:] > stamps_ns[:-1]).all():
         late = int(np.argmin(stamps_ns[1:] > stamps_ns[:-1])) + 1
         raise BadNumbers(
             f"{what}: each stamp must be later than the one before it; number {late} is "
             f"{stamps_ns[late]} ns after {stamps_ns[late - 1]} ns"
         )
+    ends = (stamps_ns[0], stamps_ns[-1]) if rising else (stamps_ns.min(), stamps_ns.max())
+    if int(ends[0]) < -MOST_NS or int(ends[1]) > MOST_NS:
+        raise BadNumbers(f"{what}: stamps must lie within {MOST_NS} ns of zero, 146 years")
 
 
 def require_counts(what: str, values: object, shape: Shape) -> None:
