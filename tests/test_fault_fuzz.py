@@ -15,6 +15,7 @@ pytestmark = pytest.mark.fault
 
 FOUND: tuple[tuple[str, bytes], ...] = (
     ("carmen", b"ODO1\x17W0.0 0 1.2 host 1.2\nFLASER 3 1 2 3 0 0 0 0 0 0 1.3 h 1.3\n"),
+    ("manifest", next(iter(TARGETS["manifest"].seeds())).replace(b"faults", b"\xffaults")),
 )
 """Bytes after which a loader did anything but answer or refuse."""
 

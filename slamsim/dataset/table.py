@@ -39,13 +39,15 @@ def rows_from_parquet(data: bytes, columns: Iterable[str] | None = None) -> list
 def table_from_parquet(data: bytes, columns: Iterable[str] | None = None) -> pa.Table:
     """The table again. Raises ValueError if the data are cut or damaged."""
     try:
-        return pq.read_table(
+        table = pq.read_table(
             io.BytesIO(data),
             columns=list(columns) if columns else None,
             page_checksum_verification=True,
         )
-    except (pa.ArrowException, OSError) as error:
+        _ = table.column_names  # which need not be text
+    except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
         raise ValueError(f"no whole Parquet file: {error}") from None
+    return table
 
 
 def _column(values: list[Cell]) -> pa.Array:
