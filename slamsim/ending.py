@@ -25,6 +25,7 @@ def run_command(command: Callable[[], object]) -> int:
     stop = _StopSignals()
     try:
         try:
+            stop.heed()
             command()
         finally:
             stop.over()
@@ -56,6 +57,9 @@ class _StopSignals:
         self.received: int | None = None
         self._is_over = False
         self._unraisable = sys.unraisablehook
+
+    def heed(self) -> None:
+        """From here on a first signal is raised, perhaps before this returns."""
         sys.unraisablehook = self._tell_others
         for number in STOPPING:
             if signal.getsignal(number) is not signal.SIG_IGN:

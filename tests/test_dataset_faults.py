@@ -13,13 +13,11 @@ import numpy as np
 import pytest
 import shapely
 from dataset_example import small_spec
-from rosbags.typesys import Stores, get_typestore
 
 from slamsim.config.bundled import bundled_names
 from slamsim.dataset import produce as production
 from slamsim.dataset.sequence import SequenceSpec
 from slamsim.geometry import between, matrix_from_xyzw, se2_from_se3, se3_from_parts
-from slamsim.logs import bag_sources
 from slamsim.logs.kitti import CAMERA_FROM_LASER
 from slamsim.logs.mountings import declared_laser_mounting
 from slamsim.logs.parquet_file import read_table
@@ -62,14 +60,13 @@ class Driven:
 
 @contextmanager
 def one_drive_for_all() -> Iterator[None]:
-    """No fault of a recording changes how the robot drives, nor how messages are defined."""
+    """No fault of a recording changes how the robot drives."""
     config = spec_of().config
     world, robot = build_world(config.world, config.seed), build_robot(config.robot)
     route = plan_route(world, robot, config.drive)
     run = drive(world, robot, route, config.drive)
-    driven, definitions = Driven(list(run), run.outcome), get_typestore(Stores.EMPTY)
+    driven = Driven(list(run), run.outcome)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(bag_sources, "get_typestore", lambda _: definitions)
         patch.setattr(production, "plan_route", lambda *_: route)
         patch.setattr(production, "drive", lambda *_: driven)
         yield

@@ -89,7 +89,8 @@ def _missing(kind: Kind, name_or_path: str, path: Path) -> str:
     known = f"bundled are {', '.join(names)}" if names else "none is bundled"
     if len(names) > _MOST_TOLD:
         known = f"{len(names)} are bundled"
-    text = f"there is no {_WORDS[kind]} file and no bundled {_WORDS[kind]} {shown(name_or_path)}"
+    word = _WORDS[kind]
+    text = f"there is no {word} file and no bundled {word} {shown(name_or_path, 200)}"
     return f"{text}; {hint} ({known})" if hint else f"{text}; {known}"
 
 

@@ -11,11 +11,10 @@ from slamsim.logs.recovery.bag1_connection import Connection
 from slamsim.logs.recovery.bag1_filler import Bag1Filler
 from slamsim.logs.recovery.bag1_salvage import (
     Bag1Salvage,
-    Gap,
-    LoneMessage,
     Piece,
     WholeChunk,
 )
+from slamsim.logs.recovery.pieces import Gap, LoneMessage
 from slamsim.logs.recovery.source import Damaged
 from slamsim.logs.recovery.tally import Recovered, Tally, recovered
 from slamsim.progress import Progress

@@ -30,6 +30,7 @@ from slamsim.logs.bag1_check import (
     records_in_chunk,
 )
 from slamsim.logs.recovery.bag1_connection import Connection, connection
+from slamsim.logs.recovery.pieces import Gap, LoneMessage
 from slamsim.logs.recovery.tally import PATIENCE
 from slamsim.safe.files import open_as_found
 from slamsim.safe.limits import LIMITS
@@ -72,23 +73,6 @@ class WholeChunk:
     compression: str
     packed: bytes
     content: bytes
-
-
-@dataclass(frozen=True, slots=True)
-class LoneMessage:
-    """record: of a message that is in no compressed chunk."""
-
-    record: bytes
-
-
-@dataclass(frozen=True, slots=True)
-class Gap:
-    """Bytes that are of no use. messages: by connection, None where nothing tells."""
-
-    first_byte: int
-    bytes: int
-    reason: str
-    messages: dict[int, int] | None = None
 
 
 Piece = Connection | WholeChunk | LoneMessage | Gap

@@ -8,7 +8,8 @@ from pathlib import Path
 from mcap import records
 
 from slamsim.logs.recovery.mcap_filler import McapFiller
-from slamsim.logs.recovery.mcap_salvage import Gap, LoneMessage, McapSalvage, Piece, WholeChunk
+from slamsim.logs.recovery.mcap_salvage import McapSalvage, Piece, WholeChunk
+from slamsim.logs.recovery.pieces import Gap, LoneMessage
 from slamsim.logs.recovery.tally import Tally
 from slamsim.progress import Progress
 

@@ -28,6 +28,7 @@ from slamsim.logs.recovery.mcap_summary import (
     summary_of,
     whole_record,
 )
+from slamsim.logs.recovery.pieces import Gap, LoneMessage
 from slamsim.logs.recovery.tally import PATIENCE
 from slamsim.safe.files import open_as_found
 from slamsim.safe.limits import LIMITS
@@ -52,23 +53,6 @@ class WholeChunk:
 
     chunk: records.Chunk
     content: bytes
-
-
-@dataclass(frozen=True, slots=True)
-class LoneMessage:
-    """record: a message outside of all chunks, with opcode and length."""
-
-    record: bytes
-
-
-@dataclass(frozen=True, slots=True)
-class Gap:
-    """Bytes that are of no use. messages: how many per channel id, None where nothing tells."""
-
-    first_byte: int
-    bytes: int
-    reason: str
-    messages: dict[int, int] | None = None
 
 
 Piece = WholeChunk | LoneMessage | Gap | Declaration | records.Metadata
