@@ -8,6 +8,7 @@ import numpy as np
 from scipy.stats import t
 
 from slamsim.check.laser_steps import LaserSteps
+from slamsim.safe.numbers import solving
 from slamsim.types import FloatArray, IntArray
 
 BLOCK_S = 2.0
@@ -82,7 +83,8 @@ def jackknife(
     the optimum. The delete-one jackknife in one linear step (MacKinnon & White 1985).
     """
     count = len(pushes)
-    moved = np.linalg.solve(information[None] - gained, pushes[..., None])[..., 0]
+    with solving("an estimate without one of its blocks"):
+        moved = np.linalg.solve(information[None] - gained, pushes[..., None])[..., 0]
     moved = moved - moved.mean(axis=0)
     return np.asarray((count - 1.0) / count * moved.T @ moved), moved
 

@@ -11,7 +11,14 @@ from scipy.interpolate import CubicHermiteSpline
 from slamsim.check.wheel_counts import unwrapped
 from slamsim.geometry import wrap_angle, yaw_from_xyzw
 from slamsim.recording import RawImu, RawOdometry, RawTicks
-from slamsim.safe.numbers import MOST_NS, is_sound
+from slamsim.safe.numbers import (
+    MOST,
+    MOST_NS,
+    is_sound,
+    require_finite,
+    require_number,
+    require_stamps,
+)
 from slamsim.types import BoolArray, FloatArray, IntArray, PlanarTrajectory
 from slamsim.wheels import pose_reading
 
@@ -43,6 +50,12 @@ class Course:
     reading: FloatArray
     track_m: float = 0.0
     axis: str = "z"
+
+    def __post_init__(self) -> None:
+        require_stamps(f"totals of {self.topic}", self.stamps_ns)
+        require_finite(f"totals of {self.topic}", self.totals, (len(self.stamps_ns), None), MOST**4)
+        require_finite(f"errors of {self.topic}", self.reading, (None,), MOST**4)
+        require_number(f"the track of {self.topic} in m", self.track_m, 0.0)
 
     @property
     def wired(self) -> bool:

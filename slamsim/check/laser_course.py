@@ -14,6 +14,7 @@ from scipy.optimize import least_squares
 
 from slamsim.check.course import Course
 from slamsim.check.laser_steps import LaserSteps
+from slamsim.safe.numbers import require_finite
 from slamsim.types import FloatArray
 
 STARTS = 24
@@ -42,6 +43,7 @@ def heading_by_course(
     column: of the course, its turn. lever_m: (2,) from the base to the laser. Stamps are believed:
     scans that do not turn tell nothing of them.
     """
+    require_finite("the lever of a laser", lever_m, (2,))
     begin, end = (
         np.asarray((stamps - course.origin_ns) * 1e-9, dtype=np.float64)
         for stamps in (steps.first_ns, steps.second_ns)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from slamsim.check.scan_motion import ScanMotions, ShapeEstimate
+from slamsim.safe.numbers import MOST, require_covariances, require_finite, require_number
 from slamsim.types import BoolArray, FloatArray, IntArray
 
 SWEEP_DOUBT_SIGMAS, NEARLY = 5.0, 0.25
@@ -40,6 +41,12 @@ class LaserSteps:
     information: FloatArray
     window: IntArray
     sweep_s: float
+
+    def __post_init__(self) -> None:
+        require_finite("steps of a laser", self.T_first_second, (len(self), 3), MOST**4)
+        shape = (len(self), 3, 3)
+        require_covariances("the information of steps", self.information, shape, MOST**4)
+        require_number("the seconds of a sweep", self.sweep_s)
 
     def __len__(self) -> int:
         return int(self.first.size)

@@ -19,13 +19,16 @@ from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 
 from slamsim.config.base import Config
 from slamsim.safe.errors import shown
+from slamsim.safe.numbers import MOST_COUNT, MOST_NS
 
 DIGITS = 6
 """Significant digits of what is drawn: enough for any setting, and short to read."""
 LEAST_MASS = 1e-6
 """A cut normal distribution must leave this share of itself."""
 
-Pair = Annotated[tuple[float, float], Field(strict=False)]
+Number = Annotated[float, Field(ge=-MOST_COUNT, le=MOST_COUNT)]
+Pair = Annotated[tuple[Number, Number], Field(strict=False)]
+Whole = Annotated[int, Field(ge=-MOST_NS, le=MOST_NS)]
 Weight = Annotated[float, Field(ge=0.0, le=1e9)]
 Weights = Annotated[tuple[Weight, ...], Field(strict=False)]
 
@@ -83,7 +86,7 @@ class Choice(Drawn):
 class Integers(Drawn):
     """A whole number, each of a range as likely as the others."""
 
-    integers: Annotated[tuple[int, int], Field(strict=False)]
+    integers: Annotated[tuple[Whole, Whole], Field(strict=False)]
     """Smallest and largest, both possible."""
 
     @model_validator(mode="after")
@@ -129,6 +132,8 @@ class LogUniform(Drawn):
         _ascending("log_uniform", self.log_uniform)
         if self.log_uniform[0] <= 0.0:
             raise ValueError(f"log_uniform begins above 0, not at {self.log_uniform[0]:g}")
+        if not math.isfinite(self.log_uniform[1] / self.log_uniform[0]):
+            raise ValueError("log_uniform spans more orders of magnitude than there are numbers")
         return self
 
     def value(self, share: float) -> float:

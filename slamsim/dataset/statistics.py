@@ -12,6 +12,7 @@ import pyarrow.compute as pc
 
 from slamsim.dataset.sequence import SPLITS
 from slamsim.dataset.shard import MADE
+from slamsim.safe.numbers import MOST_COUNT, require_finite
 from slamsim.types import FloatArray
 
 Statistics = dict[str, Any]
@@ -55,13 +56,17 @@ def statistics(manifest: pa.Table) -> Statistics:
 
 
 def numbers(table: pa.Table, column: str) -> FloatArray:
-    """The values of a column that are numbers; none of a column of others, or that is not there."""
+    """The values of a column that are numbers; none of a column of others, or that is not there.
+
+    Raises BadNumbers."""
     if column not in table.column_names:
         return np.zeros(0)
     kind = table.schema.field(column).type
     if not (pa.types.is_integer(kind) or pa.types.is_floating(kind)):
         return np.zeros(0)
-    return np.asarray(table[column].drop_null().to_numpy(), dtype=np.float64)
+    values = np.asarray(table[column].drop_null().to_numpy(), dtype=np.float64)
+    require_finite(f"the column {column} of a manifest", values, (None,), MOST_COUNT)
+    return values
 
 
 def fault_counts(table: pa.Table) -> dict[str, int]:

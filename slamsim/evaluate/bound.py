@@ -28,7 +28,14 @@ from slamsim.evaluate.bound_odometry import odometry_noise, rolled_between
 from slamsim.evaluate.bound_scans import scan_information
 from slamsim.evaluate.bound_solve import draws
 from slamsim.evaluate.bound_walls import wall_faces
-from slamsim.safe.numbers import FINITE, require_covariances, require_stamps
+from slamsim.safe.numbers import (
+    FINITE,
+    require_covariances,
+    require_finite,
+    require_number,
+    require_rigid,
+    require_stamps,
+)
 from slamsim.types import FloatArray, IntArray, PlanarTrajectory
 
 BEAMS_CAST = 270
@@ -96,10 +103,14 @@ def trajectory_bound(
 
     outline_m: (n, 2, 2) true walls at the lidar's height as directed segments, the solid on the
     left. truth: ``T_map_base``. wheels: ``T_odom_base`` of the wheels at the scans' stamps, those
-    scans that the bounds are for. track_m: between the wheels.
+    scans that the bounds are for. track_m: between the wheels. Raises BadNumbers.
     """
+    require_finite("the true walls", outline_m, (None, 2, 2))
+    require_rigid("T_base_laser", T_base_laser)
+    require_number("the track in m", track_m, 0.0)
     wheels = _whole_scans(wheels, truth, sensors.lidar)
-    if not (sensors.lidar.enabled and len(outline_m) and len(wheels) > 1):
+    walls = wall_faces(outline_m)
+    if not (sensors.lidar.enabled and len(walls) and len(wheels) > 1):
         return None
     poses = truth.at(wheels.stamps_ns)
     if rolled_between(poses, track_m).sum() < LEAST_ROLLED_M:
@@ -107,9 +118,7 @@ def trajectory_bound(
     groups = group_scans(wheels.stamps_ns, poses, track_m)
     cast_ns = wheels.stamps_ns[groups.cast]
     stride = max(1, sensors.lidar.beam_count // BEAMS_CAST)
-    scans = scan_information(
-        wall_faces(outline_m), truth, cast_ns, T_base_laser, sensors.lidar, stride
-    )
+    scans = scan_information(walls, truth, cast_ns, T_base_laser, sensors.lidar, stride)
     noise = odometry_noise(truth, wheels, sensors, track_m)
     known, joint = joint_information(groups, scans, poses[groups.cast], noise)
     rng = np.random.default_rng(0)
@@ -132,6 +141,8 @@ def _whole_scans(
 ) -> PlanarTrajectory:
     """At those scans whose beams the truth covers from the first to the last."""
     duration_ns = lidar.beam_dt_ns * (lidar.beam_count - 1)
+    if not len(truth):
+        return PlanarTrajectory(truth.stamps_ns, truth.poses)
     inside = wheels.stamps_ns >= truth.stamps_ns[0]
     inside &= wheels.stamps_ns + duration_ns <= truth.stamps_ns[-1]
     return PlanarTrajectory(wheels.stamps_ns[inside], wheels.poses[inside])

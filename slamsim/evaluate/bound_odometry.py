@@ -20,7 +20,9 @@ from slamsim.types import FloatArray, IntArray, PlanarTrajectory
 STRETCH_M = 1.0
 """Of rolling of the wheels, over which their slip is measured."""
 
-_MIN_STRETCHES = 12
+_MIN_STRETCHES, _MOST_STRETCHES = 12, 1_000_000
+_LEAST_ROLLED_M = 1e-6
+"""Wheels that rolled less tell nothing of the motion."""
 _LEAST_VARIANCE = 1e-14
 _UNKNOWN_VARIANCE = 1e6
 
@@ -81,7 +83,10 @@ def _slip_per_metre(
     fitted = np.linalg.lstsq(wheel_step, true_step, rcond=None)[0]
     error = np.cumsum(np.vstack([np.zeros(3), true_step - wheel_step @ fitted]), axis=0)
     rolled_m = np.concatenate([[0.0], np.cumsum(rolled_between(wheels.poses, track_m))])
+    if rolled_m[-1] < _LEAST_ROLLED_M:
+        return np.full(3, _UNKNOWN_VARIANCE)
     stretch_m = min(STRETCH_M, float(rolled_m[-1]) / _MIN_STRETCHES)
+    stretch_m = max(stretch_m, float(rolled_m[-1]) / _MOST_STRETCHES)
     cuts: IntArray = np.searchsorted(rolled_m, np.arange(0.0, rolled_m[-1], stretch_m))
     cuts = np.unique(np.append(cuts, len(rolled_m) - 1))
     return np.asarray(np.square(np.diff(error[cuts], axis=0)).sum(axis=0) / rolled_m[-1])

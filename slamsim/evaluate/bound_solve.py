@@ -10,6 +10,7 @@ import numpy as np
 from scipy.sparse import coo_array, csc_array
 from scipy.sparse.linalg import splu
 
+from slamsim.safe.numbers import NoSolution, solving
 from slamsim.types import FloatArray, IntArray
 
 
@@ -46,16 +47,17 @@ class Blocks:
 def draws(information: csc_array, count: int, rng: np.random.Generator) -> FloatArray:
     """(n, count) independent normal vectors whose covariance is the inverse of ``information``.
 
-    Raises numpy.linalg.LinAlgError unless it is positive definite.
+    Raises NoSolution unless it is positive definite.
     """
-    factor = splu(
-        information.tocsc(),
-        permc_spec="MMD_AT_PLUS_A",
-        diag_pivot_thresh=0.0,
-        options={"SymmetricMode": True},
-    )
+    with solving("a bound"):
+        factor = splu(
+            information.tocsc(),
+            permc_spec="MMD_AT_PLUS_A",
+            diag_pivot_thresh=0.0,
+            options={"SymmetricMode": True},
+        )
     diagonal = factor.U.diagonal()
     if not (np.array_equal(factor.perm_r, factor.perm_c) and np.all(diagonal > 0.0)):
-        raise np.linalg.LinAlgError("the information matrix is not positive definite")
+        raise NoSolution("the information matrix is not positive definite")
     normal = np.sqrt(diagonal)[:, None] * rng.standard_normal((diagonal.size, count))
     return np.asarray(factor.solve(np.ascontiguousarray((factor.L @ normal)[factor.perm_r])))

@@ -7,7 +7,7 @@ finite can neither enter one nor leave it.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any
 
@@ -147,6 +147,21 @@ def require_angle(what: str, value: object) -> None:
 def require_size(what: str, value: object) -> None:
     """Raise BadNumbers unless value is a length in metres that can be divided by."""
     require_number(what, value, LEAST_SIZE_M)
+
+
+def require_sizes(what: str, values: Iterable[object]) -> None:
+    """Raise BadNumbers unless each value is a length in metres that can be divided by."""
+    for value in values:
+        require_size(what, value)
+
+
+def require_directions(what: str, directions: object) -> None:
+    """Raise BadNumbers unless (n, k) are unit vectors, to a hundredth."""
+    require_array(what, directions, (None, None))
+    assert isinstance(directions, np.ndarray)
+    squares = np.einsum("ni,ni->n", directions, directions)
+    if squares.size and not float(np.abs(squares - 1.0).max()) <= 2.0 * UNIT_WITHIN:
+        raise BadNumbers(f"{what}: number {np.abs(squares - 1.0).argmax()} is no unit vector")
 
 
 def require_whole(what: str, value: object, low: int = -MOST_NS, high: int = MOST_NS) -> None:

@@ -19,6 +19,7 @@ import numpy as np
 from slamsim.config.sensors import ImuConfig, InertialAxesConfig
 from slamsim.geometry import matrix_from_xyzw, xyzw_from_matrix
 from slamsim.randomness import random_stream
+from slamsim.safe.numbers import require_rigid
 from slamsim.sensors.clock import StreamClock
 from slamsim.sensors.motion import Motion
 from slamsim.sensors.readings import ImuBatch, ImuTruth
@@ -29,6 +30,7 @@ class Imu:
     """An inertial unit mounted at ``T_base_imu`` (4 x 4)."""
 
     def __init__(self, config: ImuConfig, T_base_imu: FloatArray, seed: int, start_ns: int) -> None:
+        require_rigid("T_base_imu", T_base_imu)
         self._config = config
         self._lever_base_m = T_base_imu[:3, 3]
         self._quat_base_imu = xyzw_from_matrix(T_base_imu[:3, :3])

@@ -6,6 +6,7 @@ import numpy as np
 
 from slamsim.config.sensors import LidarConfig
 from slamsim.randomness import random_stream
+from slamsim.safe.numbers import require_rigid
 from slamsim.sensors import effects
 from slamsim.sensors.clock import StreamClock
 from slamsim.sensors.motion import Course, Knots, Motion, as_mounted
@@ -50,6 +51,7 @@ class Lidar:
         course: Course = as_mounted,
         with_truth: bool = False,
     ) -> None:
+        require_rigid("T_base_laser", T_base_laser)
         self.geometry = scan_geometry(config)
         self._config, self._T_base_laser, self._course = config, T_base_laser, course
         self._scene = Scene(mesh, floor_reach_m=config.range_max_m, threads=threads)

@@ -18,6 +18,9 @@ from slamsim.types import Drive, FloatArray, IntArray, OutsideTimeRange
 
 MAX_KNOT_TURN_RAD = 0.004
 
+MOST_STEP_NS = 60_000_000_000
+"""Steps farther apart are no record of a motion, and would be sampled for ever."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Knots:
@@ -48,6 +51,10 @@ class Motion:
     """The part of a drive that sensing needs at the moment."""
 
     drive: Drive
+
+    def __post_init__(self) -> None:
+        if len(self.drive) < 2:
+            raise BadNumbers(f"a drive begins with at least two steps, not {len(self.drive)}")
 
     @property
     def covered_ns(self) -> int:
@@ -123,8 +130,11 @@ class Motion:
 
 def joined(before: Motion | None, window: Drive) -> Motion:
     """The motion with one more window; raises BadNumbers if it does not follow on."""
-    if before is None and len(window) < 2:
-        raise BadNumbers(f"a drive begins with at least two steps, not {len(window)}")
+    stamps_ns = window.stamps_ns
+    if before is not None:
+        stamps_ns = np.concatenate([[before.covered_ns], stamps_ns])
+    if np.diff(stamps_ns).max(initial=0) > MOST_STEP_NS:
+        raise BadNumbers(f"a drive has a step at least every {MOST_STEP_NS * 1e-9:g} s")
     whole = window if before is None else _concatenated(before.drive, window)
     return Motion(whole)
 

@@ -11,6 +11,12 @@ from numpy.typing import NDArray
 
 from slamsim.safe.errors import SlamsimError
 from slamsim.safe.mesh import check_mesh
+from slamsim.safe.numbers import (
+    BadNumbers,
+    require_directions,
+    require_finite,
+    require_number,
+)
 from slamsim.sensors.rays import cosines_of_incidence
 from slamsim.types import Float32Array, FloatArray, TriangleMesh
 
@@ -43,6 +49,7 @@ class Scene:
     """
 
     def __init__(self, mesh: TriangleMesh, floor_reach_m: float, threads: int = 1) -> None:
+        require_number("how far the floor reaches in m", floor_reach_m, 0.0)
         check_mesh(mesh.vertices_m, mesh.triangles, Path("the mesh of the world"))
         low, high = mesh.vertices_m.min(axis=0), mesh.vertices_m.max(axis=0)
         self.origin_m: FloatArray = 0.5 * (low + high)
@@ -57,7 +64,14 @@ class Scene:
         )
 
     def cast(self, rays: Float32Array) -> Hits:
-        """The first hit of (n, 6) rays: origin relative to ``origin_m``, unit direction."""
+        """The first hit of (n, 6) rays: origin relative to ``origin_m``, unit direction.
+
+        Raises BadNumbers: the caster takes what is no number for a miss.
+        """
+        require_finite("rays", rays, (None, 6))
+        require_directions("the directions of rays", rays[:, 3:])
+        if rays.dtype != np.float32:
+            raise BadNumbers(f"rays of single precision are needed, not of {rays.dtype}")
         if len(rays) == 0:
             none = np.zeros(0, dtype=np.uint32)
             return Hits(rays[:, 0], rays[:, 0], none.view(np.int32), none)

@@ -18,6 +18,14 @@ import numpy as np
 from slamsim.config.scenarios.solver import SolverConfig
 from slamsim.geometry import matrix_from_xyzw
 from slamsim.safe.errors import SlamsimError
+from slamsim.safe.numbers import (
+    BadNumbers,
+    require_directions,
+    require_finite,
+    require_number,
+    require_size,
+    require_sizes,
+)
 from slamsim.sim.bullet import physics_client, pybullet
 from slamsim.types import GRAVITY_M_S2, FloatArray
 
@@ -25,6 +33,9 @@ CONTACT_BREAKING_M = 0.02
 """Contact points further apart than this are forgotten; the default of Bullet."""
 FARTHEST_M = 1e5
 """What is farther away was not thrown there by anything that we simulate: it burst."""
+
+LEAST_MASS_KG = 1e-9
+LEAST_STEP_S, MOST_STEP_S = 1e-6, 1.0
 
 
 class BurstApart(SlamsimError):
@@ -37,12 +48,18 @@ class Box:
 
     size_m: tuple[float, float, float]
 
+    def __post_init__(self) -> None:
+        require_sizes("an edge of a box in m", self.size_m)
+
 
 @dataclass(frozen=True, slots=True)
 class Sphere:
     """A ball."""
 
     radius_m: float
+
+    def __post_init__(self) -> None:
+        require_size("the radius of a ball in m", self.radius_m)
 
 
 Shape = Box | Sphere
@@ -56,6 +73,12 @@ class Surroundings:
     plane_normals: FloatArray
     friction: float
     restitution: float = 0.0
+
+    def __post_init__(self) -> None:
+        require_finite("the normals of planes", self.plane_normals, (None, 3))
+        require_directions("the normals of planes", self.plane_normals)
+        require_number("a friction coefficient", self.friction, 0.0)
+        require_number("a restitution", self.restitution, 0.0, 1.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -133,7 +156,15 @@ def free_bodies(
     step_s: float,
     solver: SolverConfig,
 ) -> Iterator[FreeBodies]:
-    """Equal bodies at rest at ``centres_m`` (n, 3), axes along those of the map."""
+    """Equal bodies at rest at ``centres_m`` (n, 3), axes along those of the map.
+
+    Raises BadNumbers for none, and for what is no mass, place or time step.
+    """
+    require_number("the mass of a body in kg", mass_kg, LEAST_MASS_KG)
+    require_number("a time step in s", step_s, LEAST_STEP_S, MOST_STEP_S)
+    require_finite("the middles of bodies", centres_m, (None, 3), FARTHEST_M)
+    if not len(centres_m):
+        raise BadNumbers("at least one body is needed")
     with physics_client() as client:
         _set_up(client, step_s, solver)
         planes = tuple(

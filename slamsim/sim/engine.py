@@ -14,6 +14,7 @@ import numpy as np
 
 from slamsim.config.drive import PhysicsConfig
 from slamsim.safe.errors import SlamsimError
+from slamsim.safe.numbers import require_finite
 from slamsim.sim.bullet import physics_client, pybullet
 from slamsim.sim.chassis import Engine, hold_wheels, load_robot, set_floor_friction
 from slamsim.sim.robot import RobotModel
@@ -53,7 +54,11 @@ def standing_robot(
     furnish: Furnish,
     gravity_m_s2: float = GRAVITY_M_S2,
 ) -> Iterator[Engine]:
-    """A robot that came to rest at (x, y, yaw) on a level floor; gone when the block ends."""
+    """A robot that came to rest at (x, y, yaw) on a level floor; gone when the block ends.
+
+    Raises BadNumbers for a pose that is none.
+    """
+    require_finite("where a robot starts", start_pose, (3,))
     with physics_client() as client:
         _set_up(client, physics)
         set_gravity(client, (0.0, 0.0, -gravity_m_s2))

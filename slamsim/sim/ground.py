@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from slamsim.safe.errors import SlamsimError
+from slamsim.safe.numbers import require_number, require_sizes
 from slamsim.sim.bullet import pybullet
 from slamsim.types import GRAVITY_M_S2
 
@@ -34,18 +35,11 @@ class Block:
     friction: float = 1.0
 
     def __post_init__(self) -> None:
-        numbers = (*self.size_m, self.mass_kg, *self.position_m, self.yaw_rad)
-        if not (all(map(math.isfinite, numbers)) and min(self.size_m) > 0.0 <= self.mass_kg):
-            raise SlamsimError(
-                f"a block of {self.size_m} m and {self.mass_kg:g} kg at {self.position_m} m: its "
-                "size must be positive, its mass not negative, and every number finite"
-            )
-        _refuse_friction(self.friction)
-
-
-def _refuse_friction(friction: float) -> None:
-    if not 0.0 <= friction < math.inf:
-        raise SlamsimError(f"a friction coefficient is 0 or more and finite, not {friction:g}")
+        require_sizes("an edge of a block in m", self.size_m)
+        require_number("the mass of a block in kg", self.mass_kg, 0.0)
+        for value in (*self.position_m, self.yaw_rad):
+            require_number("the place of a block in m or rad", value)
+        require_number("a friction coefficient", self.friction, 0.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,7 +71,9 @@ class Ground:
             raise SlamsimError("the floor is told by patches or for each wheel, not by both")
         patches = (patch.friction for patch in self.patches)
         for friction in (self.friction, *(self.under_wheels or ()), *patches):
-            _refuse_friction(friction)
+            require_number("a friction coefficient", friction, 0.0)
+        if self.hand_height_m is not None:
+            require_number("the height of a hand in m", self.hand_height_m)
 
     @property
     def gravity_m_s2(self) -> Triple:

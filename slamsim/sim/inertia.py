@@ -11,23 +11,38 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from slamsim.safe.numbers import (
+    MOST,
+    BadNumbers,
+    require_finite,
+    require_number,
+    require_rigid,
+)
 from slamsim.types import FloatArray
 
 
 def box_inertia(mass_kg: float, size_m: Sequence[float]) -> FloatArray:
     """(3, 3) of a cuboid with edges along x, y, z."""
+    require_number("a mass in kg", mass_kg, 0.0)
+    for edge_m in size_m:
+        require_number("an edge in m", edge_m, 0.0)
     x2, y2, z2 = (edge * edge for edge in size_m)
     return np.diag([y2 + z2, x2 + z2, x2 + y2]) * (mass_kg / 12.0)
 
 
 def cylinder_inertia(mass_kg: float, radius_m: float, length_m: float) -> FloatArray:
     """(3, 3) of a cylinder whose axis is z."""
+    require_number("a mass in kg", mass_kg, 0.0)
+    require_number("a radius in m", radius_m, 0.0)
+    require_number("a length in m", length_m, 0.0)
     across = mass_kg * (3.0 * radius_m**2 + length_m**2) / 12.0
     return np.diag([across, across, 0.5 * mass_kg * radius_m**2])
 
 
 def sphere_inertia(mass_kg: float, radius_m: float) -> FloatArray:
     """(3, 3) of a ball."""
+    require_number("a mass in kg", mass_kg, 0.0)
+    require_number("a radius in m", radius_m, 0.0)
     return np.eye(3) * (0.4 * mass_kg * radius_m**2)
 
 
@@ -42,8 +57,14 @@ class Inertial:
     centre_m: FloatArray
     inertia_kg_m2: FloatArray
 
+    def __post_init__(self) -> None:
+        require_number("a mass in kg", self.mass_kg, 0.0, MOST**2)
+        require_finite("a centre of mass", self.centre_m, (3,))
+        require_finite("an inertia", self.inertia_kg_m2, (3, 3), MOST**4)
+
     def seen_from(self, T_parent_frame: FloatArray) -> Inertial:
         """The same body in the axes of another frame; T_parent_frame is 4 x 4."""
+        require_rigid("the frame of a body", T_parent_frame)
         rotation = T_parent_frame[:3, :3]
         return Inertial(
             self.mass_kg,
@@ -53,8 +74,13 @@ class Inertial:
 
 
 def join(bodies: Sequence[Inertial]) -> Inertial:
-    """Bodies welded together, all given in the same frame."""
+    """Bodies welded together, all given in the same frame.
+
+    Raises BadNumbers for bodies without mass: they have no centre.
+    """
     mass_kg = float(sum(body.mass_kg for body in bodies))
+    if mass_kg == 0.0:
+        raise BadNumbers("bodies without mass have no centre of mass")
     centre_m = sum((body.mass_kg * body.centre_m for body in bodies), np.zeros(3)) / mass_kg
     inertia = np.zeros((3, 3))
     for body in bodies:

@@ -15,6 +15,7 @@ import numpy as np
 from slamsim.config.drive import LimitsConfig, PhysicsConfig
 from slamsim.geometry import matrix_from_xyzw
 from slamsim.safe.errors import SlamsimError
+from slamsim.safe.numbers import require_number
 from slamsim.sim.bullet import pybullet
 from slamsim.sim.chassis import Engine, set_wheel_friction
 from slamsim.sim.engine import set_gravity, standing_robot
@@ -48,11 +49,9 @@ class Command:
     yaw_rate_rad_s: float = 0.0
 
     def __post_init__(self) -> None:
-        if not (math.isfinite(self.speed_m_s + self.yaw_rate_rad_s) and self.duration_s >= 0.0):
-            raise SlamsimError(
-                f"a command of {self.speed_m_s:g} m/s and {self.yaw_rate_rad_s:g} rad/s for "
-                f"{self.duration_s:g} s cannot be played"
-            )
+        require_number("the speed of a command in m/s", self.speed_m_s)
+        require_number("the yaw rate of a command in rad/s", self.yaw_rate_rad_s)
+        require_number("the seconds of a command", self.duration_s, 0.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -106,7 +105,7 @@ def scripted_run(
     down = -ground.gravity_m_s2[2]
     furnish = partial(add_blocks, blocks=ground.blocks)
     with standing_robot(
-        robot, physics, np.array(start_pose), ground.friction, furnish, down
+        robot, physics, np.array(start_pose, dtype=np.float64), ground.friction, furnish, down
     ) as engine:
         play = _Play(engine, robot, ground, commands, physics, limits)
         return play.run(forces)

@@ -6,10 +6,12 @@ import numpy as np
 from scipy import ndimage
 
 from slamsim.config.drive import LimitsConfig
+from slamsim.safe.numbers import BadNumbers, require_finite, require_number, require_size
 from slamsim.sim.space import Space
 from slamsim.types import FloatArray
 
 SPACING_M = 0.025
+MOST_POINTS = 1e8
 SMOOTHING_M = 0.25
 """Standard deviation of the smoothing kernel along the path; bends get about this radius."""
 SLOWEST_SHARE = 0.4
@@ -19,10 +21,15 @@ SLOWED_WITHIN_M = 0.25
 
 
 def resample(points_m: FloatArray, spacing_m: float = SPACING_M) -> FloatArray:
-    """(m, 2) points evenly spaced along a line (n, 2); the ends stay."""
+    """(m, 2) points evenly spaced along a line (n, 2); the ends stay. Raises BadNumbers."""
+    require_finite("a line to drive", points_m, (None, 2))
+    require_size("the spacing of a line in m", spacing_m)
+    if not len(points_m):
+        raise BadNumbers("a line to drive has at least one point")
     steps_m = np.linalg.norm(np.diff(points_m, axis=0), axis=1)
     keep = np.append(True, steps_m > 1e-9)
     points_m, along_m = points_m[keep], np.cumsum(np.append(0.0, steps_m[keep[1:]]))
+    require_number("the points of a line", float(along_m[-1]) / spacing_m, 0.0, MOST_POINTS)
     count = max(round(along_m[-1] / spacing_m), 1) + 1
     at_m = np.linspace(0.0, along_m[-1], count)
     return np.column_stack([np.interp(at_m, along_m, axis) for axis in points_m.T])

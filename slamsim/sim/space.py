@@ -12,6 +12,7 @@ from scipy import ndimage, sparse
 from scipy.sparse import csgraph
 
 from slamsim.safe.errors import SlamsimError
+from slamsim.safe.numbers import BadNumbers, require_finite, require_number, require_size
 from slamsim.types import BoolArray, FloatArray, IntArray
 
 if TYPE_CHECKING:
@@ -40,6 +41,12 @@ class Space:
     origin_m: FloatArray
     resolution_m: float
     needed_m: float
+
+    def __post_init__(self) -> None:
+        require_finite("the room in a world", self.room_m, (None, None))
+        require_finite("where a world begins", self.origin_m, (2,))
+        require_size("the size of a cell in m", self.resolution_m)
+        require_number("the radius that a robot needs in m", self.needed_m, 0.0)
 
     def cells_of(self, points_m: FloatArray) -> IntArray:
         """(n, 2) row and column of the cell under each point (n, 2), clipped to the map."""
@@ -107,8 +114,12 @@ def connect_places(space: Space, places_m: FloatArray, preferred_m: float) -> Wa
     """The net of ways between places (k, 2), the first of which is the start.
 
     One search from all places at once gives each its region; where regions meet, the cheapest
-    crossing becomes a way (Mehlhorn 1988). Raises NoWay if a place is out of reach.
+    crossing becomes a way (Mehlhorn 1988). Raises NoWay if a place is out of reach,
+    and BadNumbers for no place, or one that is none.
     """
+    require_finite("places", places_m, (None, 2))
+    if not len(places_m):
+        raise BadNumbers("a net of ways has at least one place, the start")
     open_cells = reachable_cells(space, places_m[0])
     cells = np.argwhere(open_cells)
     if len(cells) > MAX_OPEN_CELLS:

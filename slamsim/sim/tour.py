@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from slamsim.safe.numbers import BadNumbers, require_finite
 from slamsim.types import FloatArray, IntArray
 
 
@@ -11,8 +12,11 @@ def closed_tour(lengths: FloatArray) -> IntArray:
     """An order of all places that begins at place 0 and from which the way leads back to it.
 
     lengths: (k, k) symmetric. Nearest neighbour, then 2-opt and moving single places until
-    neither helps (Croes 1958; Or 1976). Deterministic.
+    neither helps (Croes 1958; Or 1976). Deterministic. Raises BadNumbers for what are no lengths.
     """
+    require_finite("the lengths of ways", lengths, (len(lengths), len(lengths)))
+    if not len(lengths) or not (lengths >= 0.0).all() or not np.allclose(lengths, lengths.T):
+        raise BadNumbers("the ways between places are as long as the ways back, and not negative")
     tour = _nearest_neighbour(lengths)
     while True:
         shorter = _relocate(lengths, _two_opt(lengths, tour))

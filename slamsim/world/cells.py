@@ -5,7 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
+from slamsim.safe.numbers import require_whole
+
 Edge = tuple[int, int]
+MOST_SIDE_CELLS = 10_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -17,6 +20,10 @@ class CellGrid:
 
     rows: int
     columns: int
+
+    def __post_init__(self) -> None:
+        require_whole("the rows of a labyrinth", self.rows, 1, MOST_SIDE_CELLS)
+        require_whole("the columns of a labyrinth", self.columns, 1, MOST_SIDE_CELLS)
 
     def __len__(self) -> int:
         return self.rows * self.columns

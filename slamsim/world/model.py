@@ -8,6 +8,7 @@ import numpy as np
 from scipy import ndimage
 
 from slamsim.safe.errors import SlamsimError
+from slamsim.safe.numbers import require_finite, require_number
 from slamsim.types import BoolArray, FloatArray, Grid, TriangleMesh
 from slamsim.world.raster import Raster, rasterise
 from slamsim.world.solids import Solids
@@ -30,6 +31,11 @@ class FloorPatch:
     x_max_m: float
     y_max_m: float
     friction: float
+
+    def __post_init__(self) -> None:
+        for border_m in (self.x_min_m, self.y_min_m, self.x_max_m, self.y_max_m):
+            require_number("a border of a patch of floor in m", border_m)
+        require_number("a friction coefficient", self.friction, 0.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,6 +60,14 @@ class World:
     visit_points_m: FloatArray
     clearance_m: float
 
+    def __post_init__(self) -> None:
+        require_finite("the start of a world", self.start_pose, (3,))
+        require_finite("the places of a world", self.visit_points_m, (None, 2))
+        for border_m in self.bounds_m:
+            require_number("a border of a world in m", border_m)
+        require_number("the friction of a world's floor", self.floor_friction, 0.0)
+        require_number("the clearance of a world in m", self.clearance_m, 0.0)
+
     def grid(self, resolution_m: float, height_m: float) -> Grid:
         """The true occupancy at a height.
 
@@ -61,6 +75,7 @@ class World:
         free cells that share sides, ``nan`` if it is free but out of reach. Cell borders lie on
         whole multiples of the resolution. Raises SlamsimError if the start is not free.
         """
+        require_number("a height in m", height_m)
         return self._grid(self.solids.section(height_m), resolution_m, f"at {height_m:g} m")
 
     def obstacle_grid(self, resolution_m: float) -> Grid:

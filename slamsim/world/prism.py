@@ -14,6 +14,7 @@ from shapely import Polygon
 
 from slamsim.geometry import transform_points
 from slamsim.safe.errors import SlamsimError
+from slamsim.safe.numbers import BadNumbers, require_finite, require_number
 from slamsim.types import FloatArray, IntArray, TriangleMesh
 
 _MIRRORS = tuple(
@@ -34,6 +35,14 @@ class Prism:
     z_min_m: float
     z_max_m: float
     lean_m: tuple[float, float] = (0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        corners_m = shapely.get_coordinates(self.footprint)
+        require_finite("the corners of a solid", corners_m, (None, 2))
+        for value_m in (*self.lean_m, self.z_min_m, self.z_max_m):
+            require_number("the height or lean of a solid in m", value_m)
+        if not self.z_min_m < self.z_max_m:
+            raise BadNumbers(f"a solid ends above {self.z_min_m:g} m, not at {self.z_max_m:g} m")
 
     def shift_m(self, height_m: float) -> tuple[float, float]:
         """How far the section at a height is shifted against the bottom."""
@@ -66,6 +75,8 @@ def moved(prism: Prism, pose: FloatArray) -> Prism:
 
 def circle(centre_m: tuple[float, float], radius_m: float, corners: int = 24) -> Polygon:
     """A regular polygon inscribed in a circle, a corner on the x axis."""
+    for value_m in (*centre_m, radius_m):
+        require_number("the place or size of a circle in m", value_m)
     angles = np.arange(corners) * (2.0 * np.pi / corners)
     points = np.column_stack([np.cos(angles), np.sin(angles)]) * radius_m
     return Polygon(points + np.asarray(centre_m))

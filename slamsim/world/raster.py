@@ -11,11 +11,21 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from slamsim.safe.numbers import (
+    BadNumbers,
+    require_finite,
+    require_number,
+    require_size,
+    require_whole,
+)
 from slamsim.types import BoolArray, FloatArray, IntArray
 
 # Overlaps thinner than this do not make a cell solid: rounding at cell borders stays below it.
 TOUCH_M = 1e-7
 _CROSSED_AT_ONCE = 1_000_000
+MOST_CELLS = 400_000_000
+MOST_CROSSED = 50_000_000
+"""Cells along one segment: more do not fit into memory."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,7 +43,12 @@ class Raster:
 
     @classmethod
     def covering(cls, bounds_m: tuple[float, float, float, float], resolution_m: float) -> Raster:
-        """The smallest raster over (x_min, y_min, x_max, y_max)."""
+        """The smallest raster over (x_min, y_min, x_max, y_max). Raises BadNumbers."""
+        for border_m in bounds_m:
+            require_number("a border of a raster in m", border_m)
+        require_size("the size of a cell in m", resolution_m)
+        if bounds_m[0] > bounds_m[2] or bounds_m[1] > bounds_m[3]:
+            raise BadNumbers(f"the smaller borders of a raster come first, not {bounds_m}")
         low = np.floor(np.array(bounds_m[:2]) / resolution_m + TOUCH_M).astype(int)
         high = np.ceil(np.array(bounds_m[2:]) / resolution_m - TOUCH_M).astype(int)
         columns, rows = np.maximum(high - low, 1).tolist()
@@ -63,8 +78,14 @@ def rasterise(segments: FloatArray, raster: Raster) -> BoolArray:
     """(rows, columns): True where the cell and the solid share any area.
 
     A cell that the solid covers wholly is found by the winding number of its middle (Sunday
-    2001), any other by walking along the outline (Amanatides and Woo 1987).
+    2001), any other by walking along the outline (Amanatides and Woo 1987). Raises
+    BadNumbers for what is no outline, or reaches over more cells than memory holds.
     """
+    require_finite("an outline", segments, (None, 2, 2))
+    require_whole("the cells of a raster", raster.rows * raster.columns, 1, MOST_CELLS)
+    longest_m = float(np.abs(segments[:, 1] - segments[:, 0]).max(initial=0.0))
+    crossed = longest_m / raster.resolution_m
+    require_number("the cells along a segment of an outline", crossed, 0.0, MOST_CROSSED)
     touched = np.zeros(raster.shape, dtype=bool)
     steps = np.zeros((raster.rows, raster.columns + 1), dtype=np.int64)
     for some in _blocks(segments, raster):
