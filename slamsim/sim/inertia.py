@@ -6,19 +6,23 @@ Classical Mechanics, ch. 5). Inertia is a 3 x 3 tensor in kg m^2 about the centr
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from slamsim.safe.numbers import (
-    MOST,
+    FINITE,
     BadNumbers,
     require_finite,
     require_number,
     require_rigid,
 )
 from slamsim.types import FloatArray
+
+_MOST = math.sqrt(FINITE)
+"""Squares of mass and inertia stay finite."""
 
 
 def box_inertia(mass_kg: float, size_m: Sequence[float]) -> FloatArray:
@@ -58,9 +62,9 @@ class Inertial:
     inertia_kg_m2: FloatArray
 
     def __post_init__(self) -> None:
-        require_number("a mass in kg", self.mass_kg, 0.0, MOST**2)
+        require_number("a mass in kg", self.mass_kg, 0.0, _MOST)
         require_finite("a centre of mass", self.centre_m, (3,))
-        require_finite("an inertia", self.inertia_kg_m2, (3, 3), MOST**4)
+        require_finite("an inertia", self.inertia_kg_m2, (3, 3), _MOST)
 
     def seen_from(self, T_parent_frame: FloatArray) -> Inertial:
         """The same body in the axes of another frame; T_parent_frame is 4 x 4."""
