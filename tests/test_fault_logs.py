@@ -206,6 +206,7 @@ TABLES: dict[str, tuple[str, Table]] = {
     "a layout that is not there": ("scans", _replaced("layout", pa.array([7] * 20, pa.uint8()))),
     "a layout of words": ("scans", _facts(b'"range_max_m": 20.0', b'"range_max_m": "far"')),
     "a topic that is a list": ("encoders", _facts(b'"/wheel_ticks"', b"[1]")),
+    "a topic without a name": ("encoders", _facts(b'"/wheel_ticks"', b'" "')),
     "no frame": ("imu", _facts(b'["imu_link"]', b"[]")),
     "another epoch": ("scans", _facts(b'"epoch": "unix"', b'"epoch": "stone age"')),
     "no row": ("imu", lambda table: table.slice(0, 0)),
@@ -238,5 +239,6 @@ def test_a_small_file_needs_little_memory_whatever_the_limit(tmp_path: Path) -> 
 
 def test_messages_hold_nothing_that_a_terminal_obeys_and_no_screenful() -> None:
     assert str(SlamsimError("a\x1b[2J\r\nb\u202e")) == "a\\x1b[2J\\r\nb\\u202e"
-    refusal = InputRefused("a", "two\nlines", "topic " + "x" * 5000)
+    refusal = InputRefused("a", "two\nlines\0", "topic " + "x" * 5000)
+    assert refusal.reason == "two lines\\x00"
     assert "\n" not in str(refusal) and len(str(refusal)) < 300

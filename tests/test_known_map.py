@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import zipfile
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -113,6 +114,10 @@ def test_what_is_no_map_is_said_to_be_none(tmp_path: Path) -> None:
         chosen_earlier(tmp_path, None)
     np.savez(tmp_path / "session.npz", a=np.zeros(3))
     with pytest.raises(InputRefused):
+        chosen_earlier(tmp_path, None)
+    with zipfile.ZipFile(tmp_path / "session.npz", "w") as archive:
+        archive.writestr("format", b"no array")
+    with pytest.raises(InputRefused, match="no array"):
         chosen_earlier(tmp_path, None)
 
 

@@ -150,6 +150,18 @@ def test_the_studys_fixed_support_wheel_is_refused(tmp_path: Path, robot: RobotM
     assert "caster_rear_link: this wheel is fixed" in message
 
 
+def test_wheels_on_one_spot_hold_no_robot(tmp_path: Path, robot: RobotModel) -> None:
+    places = (
+        ('xyz="0.115 0 -0.0176"', 'xyz="0 0.115 -0.0176"'),
+        ('xyz="-0.135 0 -0.0176"', 'xyz="0 0.115 -0.0176"'),
+    )
+    text = robot.urdf
+    for place, same in places:
+        assert place in text
+        text = text.replace(place, same)
+    assert "would topple" in _refusal(tmp_path, text)
+
+
 def test_a_drive_wheel_below_the_floor_is_refused(tmp_path: Path, robot: RobotModel) -> None:
     text = robot.urdf.replace('xyz="0 0.115 0"', 'xyz="0 0.115 -0.002"')
     assert "wheel_left_link: the wheel's lowest point is 2.00 mm below" in _refusal(tmp_path, text)

@@ -47,6 +47,8 @@ def _require_stream(facts: Mapping[str, Any], cells: Mapping[str, NDArray[Any]])
     for names in ([facts["topic"]], facts["frame_ids"], facts.get("child_frame_ids", ["base"])):
         if not names or not all(map(_is_name, names)):
             raise ValueError("its topic or a frame is no name")
+    if not facts["topic"].strip():
+        raise ValueError("its topic has no name")
     if not len(cells["stamp_ns"]):
         raise ValueError("there is no row in it")
     if "layouts" in facts:

@@ -37,11 +37,13 @@ class _Part:
             return cls(frame_id, group.places, group.stamps_ns(), *_fields(group.example))
         names = group.rows.dtype.names or ()
         none = np.zeros((group.rows.size, 0), dtype=np.float32)
+        with np.errstate(invalid="ignore"):  # of a signalling NaN, which becomes a quiet one
+            declared = group.rows["declared"].astype(np.float64)
         return cls(
             frame_id,
             group.places,
             group.stamps_ns(),
-            group.rows["declared"].astype(np.float64),
+            declared,
             np.ascontiguousarray(group.rows["ranges"]) if "ranges" in names else none,
             np.ascontiguousarray(group.rows["intensities"]) if "intensities" in names else none,
         )

@@ -49,10 +49,11 @@ class InputRefused(SlamsimError):
         limit: str = "",
     ) -> None:
         self.path, self.also, self.limit = Path(path), also, limit
-        self.where = where if len(where) <= LONGEST_PLACE else f"{where[:LONGEST_PLACE]}..."
-        self.reason = " ".join(reason.split())
-        place = f"{path}, {self.where}" if where else f"{path}"
-        super().__init__("\n".join((f"{place}: {self.reason}", *also)))
+        place = where if len(where) <= LONGEST_PLACE else f"{where[:LONGEST_PLACE]}..."
+        self.where = printable(place)
+        self.reason = printable(" ".join(reason.split()))
+        where = f"{path}, {self.where}" if where else f"{path}"
+        super().__init__("\n".join((f"{where}: {self.reason}", *also)))
 
 
 class Excessive(ValueError):

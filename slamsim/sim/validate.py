@@ -22,6 +22,7 @@ LEAST_DENSITY_KG_M3, GREATEST_DENSITY_KG_M3 = 5.0, 23_000.0
 GREATEST_INERTIA_FACTOR = 3.0
 """All mass in the corners of a cuboid gives three times the moment of the solid one."""
 LEAST_INERTIA_FACTOR = 0.05
+_LEAST_EDGE_M = 1e-6
 ROLLING_NAMES = ("caster", "wheel")
 
 FaultKind = Literal["inertia", "support_wheels", "wheel_height", "balance"]
@@ -186,11 +187,13 @@ def _balance_faults(description: Description) -> Iterator[ModelFault]:
     """The centre of mass must stand between the wheels, else the robot topples at rest."""
     placed = description.placements()
     centre = description.whole().centre_m[:2]
-    feet = np.array([placed[name][:2, 3] for name in rolling_links(description)])
+    touching = np.array([placed[name][:2, 3] for name in rolling_links(description)])
+    feet = np.unique(touching.round(6), axis=0)
     middle = feet.mean(axis=0)
     feet = feet[np.argsort(np.arctan2(*(feet - middle).T[::-1]))]
     edges, arms = np.roll(feet, -1, axis=0) - feet, centre - feet
-    inside_m = (edges[:, 0] * arms[:, 1] - edges[:, 1] * arms[:, 0]) / np.linalg.norm(edges, axis=1)
+    lengths_m = np.maximum(np.linalg.norm(edges, axis=1), _LEAST_EDGE_M)
+    inside_m = (edges[:, 0] * arms[:, 1] - edges[:, 1] * arms[:, 0]) / lengths_m
     if inside_m.min() <= 0.0:
         yield ModelFault(
             "balance",

@@ -113,7 +113,10 @@ def _arrays(data: bytes) -> Columns:
         if (name := archive.testzip()) is not None:
             raise ValueError(f"the checksum of {name} is wrong")
     with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
-        return dict(arrays)
+        loaded = dict(arrays)
+    if not all(isinstance(array, np.ndarray) for array in loaded.values()):
+        raise ValueError("it holds something that is no array")
+    return loaded
 
 
 def _checked(columns: Columns) -> SavedMap:
