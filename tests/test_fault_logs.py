@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 import pyarrow.parquet as pq
 import pytest
 from fault_content import Content, Raw, as_db3, as_mcap, as_ros1_bag, content
@@ -197,6 +198,13 @@ def _facts(old: bytes, new: bytes) -> Table:
     return replace_fact
 
 
+def _gaps(table: pa.Table) -> pa.Table:
+    ranges_m = table["ranges_m"].combine_chunks()
+    gaps = pc.if_else(pa.array([i != 3 for i in range(len(table))]), ranges_m, None)
+    field = pa.field("ranges_m", ranges_m.type)
+    return table.set_column(table.column_names.index("ranges_m"), field, gaps)
+
+
 TABLES: dict[str, tuple[str, Table]] = {
     "a column is missing": ("imu", lambda table: table.drop_columns(["angular_velocity_z_rad_s"])),
     "stamps with gaps": ("imu", _replaced("stamp_ns", [None, *range(42)])),
@@ -209,6 +217,7 @@ TABLES: dict[str, tuple[str, Table]] = {
     "a topic without a name": ("encoders", _facts(b'"/wheel_ticks"', b'" "')),
     "no frame": ("imu", _facts(b'["imu_link"]', b"[]")),
     "another epoch": ("scans", _facts(b'"epoch": "unix"', b'"epoch": "stone age"')),
+    "rows without ranges": ("scans", _gaps),
     "no row": ("imu", lambda table: table.slice(0, 0)),
 }
 

@@ -188,6 +188,8 @@ def cells_of(table: pa.Table) -> dict[str, NDArray[Any]]:
 def _cells(column: Any) -> NDArray[Any]:
     whole = column.combine_chunks()
     if pa.types.is_fixed_size_list(whole.type):
+        if whole.null_count:
+            raise ValueError(f"{whole.null_count} rows have no list")
         width = whole.type.list_size
         return np.asarray(whole.flatten().to_numpy(zero_copy_only=False)).reshape(-1, width)
     return np.asarray(whole.to_numpy(zero_copy_only=False))
