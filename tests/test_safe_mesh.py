@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import random
 import struct
 from collections.abc import Callable
@@ -12,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 import trimesh
+from fault_corpus_meshes import glb
 from limited_child import run_limited
 from numpy.typing import NDArray
 
@@ -97,15 +97,6 @@ def test_cut_files_are_refused(tmp_path: Path, name: str) -> None:
         path.write_bytes(data[:end])
         with pytest.raises(InputRefused):
             check_mesh_file(path)
-
-
-def glb(scene: object, binary: bytes = b"", length: int | None = None) -> bytes:
-    text = json.dumps(scene).encode()
-    text += b" " * (-len(text) % 4)
-    body = struct.pack("<II", len(text), 0x4E4F534A) + text
-    if binary:
-        body += struct.pack("<II", len(binary), 0x004E4942) + binary
-    return b"glTF" + struct.pack("<II", 2, 12 + len(body) if length is None else length) + body
 
 
 VIEW = {"buffer": 0, "byteOffset": 0, "byteLength": 36}

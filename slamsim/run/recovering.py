@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import asdict
 from pathlib import Path
 
@@ -12,6 +11,7 @@ from slamsim.logs.recovery.source import Damaged
 from slamsim.logs.recovery.tally import Loss, Recovered, TopicTally
 from slamsim.quantities import as_size
 from slamsim.run.stages import Stages
+from slamsim.safe.numbers import as_json
 from slamsim.safe.output import partial_folder
 
 RECOVERY = "recovery.json"
@@ -30,7 +30,7 @@ def recover_log(
             found = recover(source, partial, lambda n, total: progress(n * 1e-6, total * 1e-6))
         recording = folder / found.recording.relative_to(partial)
         facts = _as_json(source, found)
-        (partial / RECOVERY).write_text(json.dumps(facts, indent=2) + "\n", encoding="utf-8")
+        (partial / RECOVERY).write_bytes(as_json(RECOVERY, facts))
     _show(reporter, found)
     reporter.say(f"Written to {recording}")
     reporter.result({**facts, "folder": str(folder), "recording": str(recording)})
