@@ -33,13 +33,38 @@ class ScanLayout:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Origin:
+    """Where in a file the rows of a stream or edge come from: a copy of the file changes there.
+
+    topic: as the file names it. places: (n, 2) number of the message among those of the topic,
+    and which of the transforms in it (0 in all other messages).
+    """
+
+    topic: str
+    places: IntArray
+
+    def __getitem__(self, rows: IntArray) -> Origin:
+        return replace(self, places=self.places[rows])
+
+    @property
+    def keys(self) -> IntArray:
+        """(n,) one number for each message and transform in it."""
+        return np.asarray((self.places[:, 0] << 32) | self.places[:, 1])
+
+    @classmethod
+    def in_order(cls, topic: str, messages: IntArray) -> Origin:
+        """Rows that are a message each."""
+        return cls(topic, np.column_stack([messages, np.zeros_like(messages)]))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class RawStream:
     """What every stream has.
 
     frame_ids: the distinct frames that its messages name, in order of appearance. stamps_ns: (n,)
     as in the messages. received_ns: (n,) when each was received by whoever recorded it, None if
     the format does not say. samples: (n,) number of each among all that the sensor took, None
-    where nobody knows of lost ones.
+    where nobody knows of lost ones. origin: the messages of a file that these were read from.
     """
 
     topic: str
@@ -47,6 +72,7 @@ class RawStream:
     stamps_ns: IntArray
     received_ns: IntArray | None
     samples: IntArray | None = field(default=None, kw_only=True)
+    origin: Origin | None = field(default=None, kw_only=True)
 
     def __len__(self) -> int:
         return int(self.stamps_ns.size)
@@ -120,7 +146,7 @@ class TransformEdge:
     """All transforms published for one pair of frames on one topic.
 
     T_parent_child as positions_m (n, 3) and quats_xyzw (n, 4) at stamps_ns (n,); received_ns as
-    for a stream. is_static: it came on a latched topic (/tf_static).
+    and origin as for a stream. is_static: it came on a latched topic (/tf_static).
     """
 
     topic: str
@@ -131,6 +157,7 @@ class TransformEdge:
     received_ns: IntArray | None
     positions_m: FloatArray
     quats_xyzw: FloatArray
+    origin: Origin | None = None
 
     @property
     def name(self) -> str:
@@ -181,6 +208,7 @@ PER_MESSAGE = (
     "stamps_ns",
     "received_ns",
     "samples",
+    "origin",
     "layout_of",
     "ranges_m",
     "intensities",
@@ -204,7 +232,7 @@ def kept(messages: Messages, which: BoolArray | IntArray) -> Messages:
     per_message: dict[str, object] = {}
     for name in PER_MESSAGE:
         value = getattr(messages, name, None)
-        if isinstance(value, np.ndarray):
+        if isinstance(value, np.ndarray | Origin):
             per_message[name] = value[rows]
         elif value is not None:
             per_message[name] = [value[row] for row in rows]
@@ -230,9 +258,9 @@ def numbered(recording: Recording) -> Recording:
 def with_odometry_edge(recording: Recording, odometry: RawOdometry) -> Recording:
     """The edge between an odometry's frames says what the odometry does."""
     parent, child = odometry.frame_ids[0], odometry.child_frame_ids[0]
-    topics = [edge.topic for edge in recording.transforms if not edge.is_static]
+    moving = [edge for edge in recording.transforms if not edge.is_static]
     edge = TransformEdge(
-        topics[0] if topics else "/tf",
+        moving[0].topic if moving else "/tf",
         parent,
         child,
         False,
@@ -241,5 +269,10 @@ def with_odometry_edge(recording: Recording, odometry: RawOdometry) -> Recording
         odometry.positions_m,
         odometry.quats_xyzw,
     )
+    for old in moving:  # published together: its messages stay, with new poses
+        if (old.parent, old.child) == (parent, child) and np.array_equal(
+            old.stamps_ns, odometry.stamps_ns
+        ):
+            edge = replace(old, positions_m=odometry.positions_m, quats_xyzw=odometry.quats_xyzw)
     others = [e for e in recording.transforms if e.child != child or e.is_static]
     return replace(recording, transforms=(*others, edge))

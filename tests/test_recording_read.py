@@ -22,7 +22,7 @@ from slamsim.logs import raw_ranges
 from slamsim.logs.raw import read_recording
 from slamsim.logs.raw_ranges import RowStore
 from slamsim.logs.writer import LogWriter
-from slamsim.recording import Recording
+from slamsim.recording import Origin, Recording
 from slamsim.safe.errors import InputRefused, NotFound
 
 ROBOT1, ROBOT2 = Robot(ROS1), Robot(ROS2)
@@ -45,6 +45,11 @@ def assert_same(one: Recording, other: Recording, but: tuple[str, ...] = ()) -> 
 def _assert_equal(one: Any, other: Any, name: str) -> None:
     if isinstance(one, np.ndarray):
         np.testing.assert_array_equal(one, other, err_msg=name)
+    elif isinstance(one, Origin) and isinstance(other, Origin):
+        assert one.topic == other.topic
+        np.testing.assert_array_equal(one.places, other.places)
+    elif name == "origin":
+        assert one is None or other is None
     elif isinstance(one, list | raw_ranges.Ragged):
         assert len(one) == len(other)
         for a, b in zip(one, other, strict=True):

@@ -11,7 +11,7 @@ from slamsim.check.findings import Mend
 from slamsim.check.frame_graph import FrameGraph
 from slamsim.check.mend_subjects import STREAMS, number, with_edges
 from slamsim.geometry import matrix_from_rpy, matrix_from_xyzw, se3_from_parts, xyzw_from_matrix
-from slamsim.recording import Recording, TransformEdge, with_odometry_edge
+from slamsim.recording import Recording, TransformEdge, kept, with_odometry_edge
 from slamsim.safe.errors import SlamsimError
 from slamsim.types import FloatArray, IntArray
 
@@ -41,9 +41,7 @@ def freeze_static_transform(recording: Recording, mend: Mend) -> Recording:
         off = np.abs(poses - np.median(poses, axis=0)).sum(axis=1)
         usual = np.array([int(np.argmin(off))])
         return replace(
-            edge,
-            stamps_ns=edge.stamps_ns[:1],
-            received_ns=None if edge.received_ns is None else edge.received_ns[:1],
+            kept(edge, np.array([0])),
             positions_m=edge.positions_m[usual],
             quats_xyzw=edge.quats_xyzw[usual],
         )
@@ -111,6 +109,10 @@ def _mount(recording: Recording, mend: Mend, T_base_frame: FloatArray) -> Transf
     if above and (known := graph.between(base, above[0].parent)) is not None:
         parent, T_base_parent = above[0].parent, known
     T_parent_frame = np.linalg.inv(T_base_parent) @ T_base_frame
+    pose = T_parent_frame[None, :3, 3], xyzw_from_matrix(T_parent_frame[:3, :3])[None]
+    if above and above[0].is_static and above[0].parent == parent:
+        published = kept(above[0], np.array([0]))  # its message stays, with a new pose
+        return replace(published, positions_m=pose[0], quats_xyzw=pose[1])
     return TransformEdge(
         "/tf_static",
         parent,
@@ -118,8 +120,7 @@ def _mount(recording: Recording, mend: Mend, T_base_frame: FloatArray) -> Transf
         True,
         _begin_ns(recording),
         None,
-        T_parent_frame[None, :3, 3],
-        xyzw_from_matrix(T_parent_frame[:3, :3])[None],
+        *pose,
     )
 
 

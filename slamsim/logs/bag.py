@@ -6,13 +6,20 @@ recording is a .bag. Topics are found by their type, never by their name.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path, PurePath
 from typing import Any
 
 from slamsim.logs.bag1_check import index_bag1
-from slamsim.logs.bag_sources import Bag1Source, Channel, McapSource, MessageSource, SqliteSource
+from slamsim.logs.bag_sources import (
+    Bag1Source,
+    Channel,
+    McapSource,
+    MessageSource,
+    Received,
+    SqliteSource,
+)
 from slamsim.logs.mcap_read import index_mcap
 from slamsim.logs.refusing import damaged, refusing
 from slamsim.logs.sqlite_read import index_sqlite
@@ -64,12 +71,23 @@ class Bag:
 
     def received(self, topics: set[str]) -> Iterator[tuple[str, int, bytes]]:
         """(topic, when it was received in ns, serialised message); raises as ``raw`` does."""
+        names = {n: d.topic for n, d in self.source.declarations.items() if d.topic in topics}
+        for number, received_ns, _, _, data in self._of(names):
+            yield names[number], received_ns, data
+
+    def everything(self) -> Iterator[Received]:
+        """All messages as they were recorded; raises as ``raw`` does."""
+        return self._of({n: each.topic for n, each in self.source.declarations.items()})
+
+    def _of(self, names: Mapping[int, str]) -> Iterator[Received]:
+        """names: topics by the number of their declarations."""
+        topics = set(names.values())
         expected = sum(c.messages for c in self.channels if c.topic in topics)
         seen = 0
         with refusing(self.path, f"topic {', '.join(sorted(topics))}"):
-            for topic, received_ns, data in self.source.raw(topics):
+            for message in self.source.received(names):
                 seen += 1
-                yield topic, received_ns, data
+                yield message
             if seen != expected:
                 raise ValueError(f"the index leads to {seen} of {expected} messages")
 
@@ -97,7 +115,7 @@ def open_bag(path: Path) -> Bag:
 
 def _mcap_bag(path: Path, files: list[Path]) -> Bag:
     indexes = [index_mcap(file) for file in files]
-    metadata = {name: entries for index in indexes for name, entries in index.metadata.items()}
+    metadata = {each.name: each.metadata for index in indexes for each in index.metadata}
     with refusing(path, "channels"):
         source = McapSource(indexes)
     return replace(_bag(path, source), metadata=metadata)

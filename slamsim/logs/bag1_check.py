@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import struct
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Container, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import BinaryIO
@@ -30,13 +30,15 @@ Fields = dict[bytes, bytes]
 class Connection1:
     """What the messages of one publisher are. definition: its text, with those of its parts.
 
-    md5sum: of the type, empty where nobody computed it.
+    md5sum: of the type, empty where nobody computed it. callerid, latching: where it says them.
     """
 
     topic: str
     type_name: str
     definition: str
     md5sum: str
+    callerid: str | None = None
+    latching: str | None = None
 
 
 @dataclass(slots=True)
@@ -79,12 +81,14 @@ def index_bag1(path: Path, limits: Limits = LIMITS) -> Bag1Index:
     return index
 
 
-def bag1_messages(index: Bag1Index, topics: set[str]) -> Iterator[tuple[str, int, bytes]]:
-    """(topic, when it was received in ns, message), chunk after chunk, inside a chunk by time.
+def bag1_messages(
+    index: Bag1Index, connections: Container[int]
+) -> Iterator[tuple[int, int, bytes]]:
+    """(connection, when it was received in ns, message) of the connections.
 
-    Raises ValueError and what the libraries raise if the file is no longer what it was.
+    Chunk after chunk, inside a chunk by time. Raises ValueError and what the libraries raise if
+    the file is no longer what it was.
     """
-    wanted = {n: c.topic for n, c in index.connections.items() if c.topic in topics}
     with open_input(index.path) as file:
         size = file.seek(0, 2)
         for position in index.places:
@@ -92,10 +96,12 @@ def bag1_messages(index: Bag1Index, topics: set[str]) -> Iterator[tuple[str, int
             content = chunk_content(*_record(file, size, LIMITS))
             found = []
             for fields, _, start, end in records_in_chunk(content):
-                if fields[b"op"] == MESSAGE and (connection := _number(fields[b"conn"])) in wanted:
+                if fields[b"op"] != MESSAGE:
+                    continue
+                if (connection := _number(fields[b"conn"])) in connections:
                     found.append((_time_ns(fields[b"time"]), start, end, connection))
             for received_ns, start, end, connection in sorted(found):
-                yield wanted[connection], received_ns, content[start:end]
+                yield connection, received_ns, content[start:end]
 
 
 def _record(file: BinaryIO, size: int, limits: Limits) -> tuple[Fields, bytes]:
@@ -174,7 +180,11 @@ def _connect(head: Fields, data: bytes, index: Bag1Index) -> None:
     number, fields = _number(head[b"conn"]), header_fields(data)
     texts = head[b"topic"], fields[b"type"], fields[b"message_definition"], fields[b"md5sum"]
     topic, type_name, definition, md5sum = (text.decode() for text in texts)
-    connection = Connection1(topic, type_name, definition, "" if md5sum == "*" else md5sum)
+    told = (
+        fields[name].decode() if name in fields else None for name in (b"callerid", b"latching")
+    )
+    known = "" if md5sum == "*" else md5sum
+    connection = Connection1(topic, type_name, definition, known, *told)
     if index.connections.setdefault(number, connection) != connection:
         raise ValueError(f"connection {number} is declared twice, each time otherwise")
 

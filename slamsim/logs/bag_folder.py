@@ -30,7 +30,7 @@ class TopicKind:
 
 
 @cache
-def _described(type_name: str) -> tuple[str, str]:
+def described(type_name: str) -> tuple[str, str]:
     """(hash, definition) of a message type."""
     store = ros2_types()
     return store.hash_rihs01(type_name), store.generate_msgdef(type_name, ros_version=2)[0]
@@ -54,7 +54,7 @@ class BagFolder(Written):
             Topic(
                 kind.name,
                 kind.type_name,
-                _described(kind.type_name)[0],
+                described(kind.type_name)[0],
                 quality_of_service(latched=kind.latched),
             )
             for kind in topics
@@ -66,7 +66,7 @@ class BagFolder(Written):
             topic.name: self._file.add_channel(
                 topic.name,
                 topic.type_name,
-                _described(topic.type_name)[1],
+                described(topic.type_name)[1],
                 dump_yaml(topic.quality_of_service),
             )
             for topic in self._topics

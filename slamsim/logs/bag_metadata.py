@@ -4,10 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
 from typing import Any
 
 import yaml
 
+from slamsim.logs.ros_types import ros2_types
+from slamsim.safe.errors import InputRefused
+from slamsim.safe.yaml import parse_yaml
+
+METADATA = "metadata.yaml"
+OFFERED_QOS, TYPE_HASH = "offered_qos_profiles", "topic_type_hash"
+"""What rosbag2 writes into the metadata of an MCAP channel."""
 _FOREVER = {"sec": 9223372036, "nsec": 854775807}
 
 
@@ -19,6 +28,29 @@ class Topic:
     type_name: str
     type_hash: str
     quality_of_service: Sequence[Mapping[str, Any]]
+    encoding: str = "cdr"
+
+
+def topic_as_declared(
+    name: str, type_name: str, metadata: Mapping[str, str], encoding: str = "cdr"
+) -> Topic:
+    """A topic with hash and profiles as the metadata of its MCAP channel have them.
+
+    A reader may want those of metadata.yaml to be the same.
+    """
+    type_hash = metadata.get(TYPE_HASH) or _known_hash(type_name)
+    try:
+        profiles: Any = parse_yaml(metadata.get(OFFERED_QOS, ""), Path(METADATA)).data
+    except InputRefused:
+        profiles = ()
+    offered = profiles if isinstance(profiles, list) else ()
+    return Topic(name, type_name, type_hash, [o for o in offered if isinstance(o, dict)], encoding)
+
+
+@cache
+def _known_hash(type_name: str) -> str:
+    store = ros2_types()
+    return store.hash_rihs01(type_name) if type_name in store.fielddefs else ""
 
 
 def quality_of_service(*, latched: bool) -> list[dict[str, Any]]:
@@ -64,7 +96,10 @@ class BagFile:
 
 
 def bag_metadata(
-    files: Sequence[BagFile], topics: Sequence[Topic], custom: Mapping[str, str]
+    files: Sequence[BagFile],
+    topics: Sequence[Topic],
+    custom: Mapping[str, str],
+    distro: str = "jazzy",
 ) -> str:
     """The text of metadata.yaml for MCAP files, at least one."""
     first_ns = min(file.time_range_ns[0] for file in files)
@@ -78,7 +113,7 @@ def bag_metadata(
                 "topic_metadata": {
                     "name": topic.name,
                     "type": topic.type_name,
-                    "serialization_format": "cdr",
+                    "serialization_format": topic.encoding,
                     "offered_qos_profiles": topic.quality_of_service,
                     "type_description_hash": topic.type_hash,
                 },
@@ -98,7 +133,7 @@ def bag_metadata(
             for file in files
         ],
         "custom_data": dict(custom),
-        "ros_distro": "jazzy",
+        "ros_distro": distro,
     }
     return dump_yaml({"rosbag2_bagfile_information": information})
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import zlib
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Container, Iterator
 from dataclasses import dataclass, field
 from io import BytesIO
 from pathlib import Path
@@ -37,16 +37,19 @@ _CHUNK_HEAD_BYTES = 1024
 class McapIndex:
     """What a walk over a file found.
 
-    counts: messages per channel id. places: byte and length of every record that holds
-    messages, a chunk or a lone message. unvouched: how many of each part carry no checksum.
+    profile: as the header has it. counts: messages per channel id. places: byte and length of
+    every record that holds messages, a chunk or a lone message; attachments: of those.
+    unvouched: how many of each part carry no checksum.
     """
 
     path: Path
+    profile: str = ""
     schemas: dict[int, records.Schema] = field(default_factory=dict)
     channels: dict[int, records.Channel] = field(default_factory=dict)
     counts: Counter[int] = field(default_factory=Counter)
-    metadata: dict[str, dict[str, str]] = field(default_factory=dict)
+    metadata: list[records.Metadata] = field(default_factory=list)
     places: list[tuple[int, int]] = field(default_factory=list)
+    attachments: list[tuple[int, int]] = field(default_factory=list)
     announced: int | None = None
     unvouched: Counter[str] = field(default_factory=Counter)
 
@@ -75,13 +78,13 @@ def index_mcap(path: Path, limits: Limits = LIMITS) -> McapIndex:
 
 
 def mcap_messages(
-    index: McapIndex, topics: set[str]
-) -> Iterator[tuple[records.Channel, int, bytes]]:
-    """(channel, log time, message) of the topics, chunk after chunk, inside a chunk by log time.
+    index: McapIndex, channels: Container[int]
+) -> Iterator[tuple[int, int, int, int, bytes]]:
+    """(channel id, log time, publish time, sequence, message) of the channels.
 
-    Raises ValueError and what the libraries raise if the file is no longer what it was.
+    Chunk after chunk, inside a chunk by log time. Raises ValueError and what the libraries raise
+    if the file is no longer what it was.
     """
-    wanted = {n: channel for n, channel in index.channels.items() if channel.topic in topics}
     with open_input(index.path) as file:
         for position, length in index.places:
             file.seek(position)
@@ -92,11 +95,25 @@ def mcap_messages(
             found = []
             for opcode, start, end in records_in(content):
                 if opcode == Opcode.MESSAGE:
-                    channel, _, log_ns, _ = MESSAGE_HEAD.unpack_from(content, start)
-                    if channel in wanted:
-                        found.append((log_ns, start, channel, end))
-            for log_ns, start, channel, end in sorted(found):
-                yield wanted[channel], log_ns, content[start + MESSAGE_HEAD.size : end]
+                    channel, sequence, log_ns, published_ns = MESSAGE_HEAD.unpack_from(
+                        content, start
+                    )
+                    if channel in channels:
+                        found.append((log_ns, start, channel, end, published_ns, sequence))
+            for log_ns, start, channel, end, published_ns, sequence in sorted(found):
+                data = content[start + MESSAGE_HEAD.size : end]
+                yield channel, log_ns, published_ns, sequence, data
+
+
+def mcap_attachments(index: McapIndex) -> Iterator[records.Attachment]:
+    """One after the other; raises as ``mcap_messages`` does, and ValueError for a damaged one."""
+    with open_input(index.path) as file:
+        for position, length in index.attachments:
+            file.seek(position + RECORD_HEAD.size)
+            data = file.read(length)
+            stored = int.from_bytes(data[-4:], "little")
+            _require_crc(stored, zlib.crc32(data[:-4]), "an attachment")
+            yield records.Attachment.read(data_stream(data))
 
 
 def _next_record(
@@ -111,6 +128,7 @@ def _next_record(
     if length > size - file.tell():
         raise ValueError("the file is cut off in this record, or the record is damaged")
     if opcode == Opcode.ATTACHMENT:
+        index.attachments.append((position, length))
         return _skip(file, length, zlib.crc32(head, crc)), False
     limit = "bag_chunk_bytes" if opcode == Opcode.CHUNK else "bag_record_bytes"
     if length > getattr(limits, limit) + _CHUNK_HEAD_BYTES:
@@ -172,8 +190,9 @@ def _take(opcode: int, data: bytes, index: McapIndex, limits: Limits) -> None:
         channel = records.Channel.read(data_stream(data))
         index.channels[channel.id] = channel
     elif opcode == Opcode.METADATA:
-        metadata = records.Metadata.read(data_stream(data))
-        index.metadata[metadata.name] = metadata.metadata
+        index.metadata.append(records.Metadata.read(data_stream(data)))
+    elif opcode == Opcode.HEADER:
+        index.profile = records.Header.read(data_stream(data)).profile
     elif opcode == Opcode.STATISTICS:
         index.announced = records.Statistics.read(data_stream(data)).message_count
 

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import cache, lru_cache
 from typing import Any
 
+from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
 from slamsim.logs.bag_limits import check_definitions
 from slamsim.logs.ros_types import ros2_types
 
+WRITTEN_AS = ("ros2msg", "ros1msg", "ros2idl", "omgidl")
+"""The ways of writing a definition that are read."""
 _IDL_RULE = "=" * 80 + "\n"
 
 
@@ -42,7 +46,7 @@ class MessageTypes:
         self._definitions[normal_type_name(type_name)] = (written_as, text, known_hash)
 
     def type_name(self, topic: str) -> str:
-        """With ``msg`` in the middle."""
+        """With ``msg`` in the middle; of a topic with several types their names."""
         return self._kinds[topic][0]
 
     def deserialize(self, topic: str, data: bytes) -> Any:
@@ -54,6 +58,33 @@ class MessageTypes:
         if encoding == "ros1":
             return self._store(name).deserialize_ros1(data, name)
         raise ValueError(f"messages are encoded as {encoding[:30]!r}; cdr and ros1 are read")
+
+    def serialize(self, topic: str, message: Any) -> bytes:
+        """The message as its topic's others are serialised (CDR: little-endian)."""
+        name, encoding = self._kinds[topic]
+        store = self._store(name)
+        if encoding == "ros1":
+            return bytes(store.serialize_ros1(message, name))
+        return bytes(store.serialize_cdr(message, name))
+
+    def fields(self, topic: str) -> list[tuple[str, str]]:
+        """(name, type) of the topic's fields, of what is no plain message the type is empty.
+
+        Raises ValueError for a topic without a known definition.
+        """
+        name, _ = self._kinds[topic]
+        return [
+            (field, str(kind[1]) if kind[0] == Nodetype.NAME else "")
+            for field, kind in self._store(name).fielddefs[name][1]
+        ]
+
+    def encoding(self, topic: str) -> str:
+        """``cdr``, ``ros1``, or what the file says else."""
+        return self._kinds[topic][1]
+
+    def types(self, topic: str) -> Mapping[str, Any]:
+        """The classes of the topic's message and of all its parts, by name."""
+        return self._store(self._kinds[topic][0]).types
 
     def is_cdr(self, topic: str) -> bool:
         """Whether messages are serialised as ROS 2 does, with the standard definition."""

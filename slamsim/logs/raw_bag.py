@@ -137,6 +137,12 @@ class _Topic:
         return f"{self.channel.topic}: {counts} cannot be decoded ({self.first_damage})"
 
 
+def description_topic(bag: Bag) -> str | None:
+    """Where the robot description is read."""
+    topics = (channel.topic for channel in bag.of_type("std_msgs/msg/String"))
+    return next((topic for topic in topics if topic.endswith(_DESCRIPTION)), None)
+
+
 def _wanted(bag: Bag, scan_topic: str | None) -> list[Channel]:
     chosen = None if scan_topic is None else choose_scan(bag, scan_topic)[0].topic
     found = []

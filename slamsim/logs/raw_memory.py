@@ -11,6 +11,7 @@ from slamsim.geometry import xyzw_from_matrix
 from slamsim.logs.recorded import OdometryTail, TruthTail, WheelMotion, at_rate
 from slamsim.logs.writer import CLOCK_RATE_HZ, LogHeader
 from slamsim.recording import (
+    Origin,
     RawImu,
     RawJoints,
     RawOdometry,
@@ -96,6 +97,7 @@ def _scans(batches: Sequence[ScanBatch], header: LogHeader) -> tuple[RawScans, .
             layout_of=np.zeros(stamps_ns.size, dtype=np.int32),
             ranges_m=np.concatenate([batch.ranges_m for batch in batches]),
             intensities=np.concatenate(strengths) if strengths else None,
+            origin=Origin.in_order("/scan", np.arange(stamps_ns.size)),
         ),
     )
 
@@ -105,6 +107,7 @@ def _imus(readings: Sequence[Readings]) -> tuple[RawImu, ...]:
     if not batches:
         return ()
     streams = [batch.stream for batch in batches]
+    count = sum(map(len, batches))
     return (
         RawImu(
             topic="/imu/data",
@@ -113,6 +116,7 @@ def _imus(readings: Sequence[Readings]) -> tuple[RawImu, ...]:
             received_ns=np.concatenate([batch.arrival_ns for batch in batches]),
             angular_velocity_rad_s=np.concatenate([s.angular_velocity_rad_s for s in streams]),
             linear_acceleration_m_s2=np.concatenate([s.linear_acceleration_m_s2 for s in streams]),
+            origin=Origin.in_order("/imu/data", np.arange(count)),
         ),
     )
 
@@ -155,6 +159,7 @@ def _ticks(stream: EncoderStream, received_ns: IntArray, base_frame: str) -> Raw
         stream.ticks_per_revolution,
         stream.wheel_radius_m,
         stream.track_m,
+        origin=Origin.in_order("/encoder_ticks", np.arange(stream.stamps_ns.size)),
     )
 
 
@@ -162,7 +167,9 @@ def _joints(
     stamps_ns: IntArray, received_ns: IntArray, motion: WheelMotion, header: LogHeader
 ) -> RawJoints:
     moved = motion.angles_rad, motion.speeds_rad_s
-    return RawJoints("/joint_states", ("",), stamps_ns, received_ns, header.wheel_joints, *moved)
+    common = "/joint_states", ("",), stamps_ns, received_ns
+    origin = Origin.in_order("/joint_states", np.arange(stamps_ns.size))
+    return RawJoints(*common, header.wheel_joints, *moved, origin=origin)
 
 
 def _odometry(
@@ -174,8 +181,11 @@ def _odometry(
         (motion.positions_m, motion.quats_xyzw),
         (motion.linear_m_s, motion.angular_rad_s),
     )
-    odometry = RawOdometry("/odom", (odom,), *when, (base,), *poses, *twists)
-    return odometry, TransformEdge("/tf", odom, base, False, *when, *poses)
+    each = np.arange(stamps_ns.size)
+    published = Origin.in_order("/odom", each)
+    odometry = RawOdometry("/odom", (odom,), *when, (base,), *poses, *twists, origin=published)
+    moved = Origin.in_order("/tf", each)
+    return odometry, TransformEdge("/tf", odom, base, False, *when, *poses, moved)
 
 
 def _joined(parts: Sequence[WheelMotion]) -> WheelMotion:
@@ -196,6 +206,7 @@ def _fixed(header: LogHeader, first_ns: int) -> tuple[TransformEdge, ...]:
             at_start,
             edge.T_parent_child[None, :3, 3],
             xyzw_from_matrix(edge.T_parent_child[:3, :3])[None],
+            Origin("/tf_static", np.array([[0, number]])),
         )
-        for edge in header.static_transforms
+        for number, edge in enumerate(header.static_transforms)
     )

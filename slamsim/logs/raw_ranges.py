@@ -64,9 +64,9 @@ class RowStore:
         self._blocks.append(block)
         self._held_bytes += block.nbytes
         if self._file is None and self._held_bytes > self._limit_bytes:
-            self._file = tempfile.TemporaryFile(dir=_folder())  # noqa: SIM115, as long as the rows
+            self._file = tempfile.TemporaryFile(dir=large_files_folder())  # noqa: SIM115, as long as the rows
         if self._file is not None:
-            require_free_space(_folder(), sum(held.nbytes for held in self._blocks))
+            require_free_space(large_files_folder(), sum(held.nbytes for held in self._blocks))
             for held in self._blocks:
                 self._file.write(np.ascontiguousarray(held, dtype="<f4").tobytes())
             self._blocks = []
@@ -87,7 +87,7 @@ class RowStore:
         return np.memmap(self._file, dtype=np.float32, mode="r", shape=(count,))
 
 
-def _folder() -> Path:
+def large_files_folder() -> Path:
     chosen = os.environ.get("TMPDIR")
     if chosen or not _LARGE_FILES.is_dir():
         return Path(chosen or tempfile.gettempdir())

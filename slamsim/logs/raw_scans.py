@@ -15,7 +15,7 @@ from slamsim.logs.frames import frame_name
 from slamsim.logs.messages import scan_layout
 from slamsim.logs.raw_ranges import RowStore
 from slamsim.logs.raw_streams import Collector
-from slamsim.recording import RawScans, ScanLayout
+from slamsim.recording import Origin, RawScans, ScanLayout
 from slamsim.types import Float32Array, FloatArray, IntArray
 
 
@@ -69,6 +69,7 @@ class ScanCollector(Collector):
         self._layout_of_scans: list[NDArray[np.int32]] = []
         self._stamps: list[IntArray] = []
         self._received: list[IntArray] = []
+        self._numbers: list[IntArray] = []
         self._ranges = RowStore()
         self._intensities: RowStore | None = None
 
@@ -84,7 +85,9 @@ class ScanCollector(Collector):
             parts = sorted(rows, key=lambda part: int(part.places[0]))
         for part in parts:
             self.taken += part.places.size
+            self._numbers.append(self._seen + part.places)
             self._append(part, received_ns[part.places])
+        self._seen += len(batch)
 
     def _append(self, part: _Part, received_ns: IntArray) -> None:
         if not self._stamps and part.intensities.shape == part.ranges_m.shape:
@@ -113,6 +116,7 @@ class ScanCollector(Collector):
             layout_of=np.concatenate(self._layout_of_scans),
             ranges_m=self._ranges.rows(),
             intensities=None if self._intensities is None else self._intensities.rows(),
+            origin=Origin.in_order(self.topic, np.concatenate(self._numbers)),
         )
 
 

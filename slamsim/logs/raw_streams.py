@@ -23,13 +23,16 @@ from slamsim.logs.messages import (
     ticks_layout,
     transforms_layout,
 )
-from slamsim.recording import RawImu, RawJoints, RawOdometry, RawTicks, TransformEdge
+from slamsim.recording import Origin, RawImu, RawJoints, RawOdometry, RawTicks, TransformEdge
 from slamsim.types import FloatArray, IntArray
 
 
 @dataclass(slots=True, eq=False)
 class _Gathered:
-    """Rows that come in groups, put back into the order of the file."""
+    """Rows that come in groups, put back into the order of the file.
+
+    orders: (k, 2) of each group, as ``Origin`` has them.
+    """
 
     orders: list[IntArray] = field(default_factory=list)
     stamps: list[IntArray] = field(default_factory=list)
@@ -42,10 +45,12 @@ class _Gathered:
         self.received.append(received)
         self.rows.append(rows)
 
-    def joined(self) -> tuple[IntArray, IntArray, FloatArray]:
-        """(stamps (n,), when received (n,), rows (n, k))."""
-        order = np.argsort(np.concatenate(self.orders), kind="stable")
+    def joined(self) -> tuple[IntArray, IntArray, IntArray, FloatArray]:
+        """(messages (n, 2) as in ``Origin``, stamps (n,), when received (n,), rows (n, k))."""
+        numbers = np.concatenate(self.orders)
+        order = np.argsort(numbers[:, 0], kind="stable")
         return (
+            numbers[order],
             np.concatenate(self.stamps)[order],
             np.concatenate(self.received)[order],
             np.concatenate(self.rows)[order],
@@ -65,7 +70,9 @@ class Collector:
         """The next messages, and when each was received."""
         for group in self._groups(batch):
             self.taken += group.places.size
-            self._take(group, self._seen + group.places, received_ns[group.places])
+            numbers = self._seen + group.places
+            order = np.column_stack([numbers, np.zeros_like(numbers)])
+            self._take(group, order, received_ns[group.places])
         self._seen += len(batch)
 
     def _groups(self, batch: list[bytes]) -> Iterator[Alike]:
@@ -75,7 +82,7 @@ class Collector:
         raise NotImplementedError
 
     def _take(self, group: Alike, order: IntArray, received_ns: IntArray) -> None:
-        """order: (k,) which messages of the topic these are."""
+        """order: (k, 2) which messages of the topic these are, and 0, as ``Origin`` has them."""
         raise NotImplementedError
 
 
@@ -94,10 +101,13 @@ class _Columns(Collector):
         self._frames.setdefault(frame_name(group.example.header.frame_id))
         self._gathered.add(order, group.stamps_ns(), received_ns, group.numbers(self._row_of))
 
-    def _joined(self) -> tuple[tuple[str, tuple[str, ...], IntArray, IntArray], FloatArray]:
-        """((topic, frames, stamps, when received), rows)."""
-        stamps_ns, received_ns, rows = self._gathered.joined()
-        return (self.topic, tuple(self._frames), stamps_ns, received_ns), rows
+    def _joined(
+        self,
+    ) -> tuple[tuple[str, tuple[str, ...], IntArray, IntArray], FloatArray, Origin]:
+        """((topic, frames, stamps, when received), rows, which messages)."""
+        places, stamps_ns, received_ns, rows = self._gathered.joined()
+        common = self.topic, tuple(self._frames), stamps_ns, received_ns
+        return common, rows, Origin(self.topic, places)
 
 
 class ImuCollector(_Columns):
@@ -109,10 +119,11 @@ class ImuCollector(_Columns):
         return imu_layout(message.header.frame_id)
 
     def stream(self) -> RawImu:
-        common, rows = self._joined()
+        common, rows, origin = self._joined()
         # A covariance that begins with -1 says that the message has no orientation.
         oriented = bool((rows[:, 4] != -1.0).any())
-        return RawImu(*common, rows[:, 13:16], rows[:, 16:19], rows[:, :4] if oriented else None)
+        read = rows[:, 13:16], rows[:, 16:19], rows[:, :4] if oriented else None
+        return RawImu(*common, *read, origin=origin)
 
 
 class OdometryCollector(_Columns):
@@ -132,9 +143,9 @@ class OdometryCollector(_Columns):
         self._children.setdefault(frame_name(group.example.child_frame_id))
 
     def stream(self) -> RawOdometry:
-        common, rows = self._joined()
+        common, rows, origin = self._joined()
         parts = rows[:, :3], rows[:, 3:7], rows[:, 7:10], rows[:, 10:13]
-        return RawOdometry(*common, tuple(self._children), *parts)
+        return RawOdometry(*common, tuple(self._children), *parts, origin=origin)
 
 
 class TicksCollector(_Columns):
@@ -146,10 +157,11 @@ class TicksCollector(_Columns):
         return ticks_layout(message.header.frame_id)
 
     def stream(self) -> RawTicks:
-        common, rows = self._joined()
+        common, rows, origin = self._joined()
         per_revolution, radius_m, track_m = rows[0, 2:].tolist()
         ticks = rows[:, :2].astype(np.int64)
-        return RawTicks(*common, ticks, int(per_revolution), radius_m, track_m)
+        driver = int(per_revolution), radius_m, track_m
+        return RawTicks(*common, ticks, *driver, origin=origin)
 
 
 class JointCollector(Collector):
@@ -171,22 +183,21 @@ class JointCollector(Collector):
             if len(getattr(message, name)) == len(message.name) > 0:
                 numbers[:, i] = getattr(message, name) if group.rows is None else group.rows[name]
         gathered = self._by_names.setdefault(tuple(message.name), _Gathered())
-        rows = np.column_stack([order, numbers.reshape(order.size, -1)])
-        gathered.add(order, group.stamps_ns(), received_ns, rows)
+        gathered.add(order, group.stamps_ns(), received_ns, numbers.reshape(len(order), -1))
 
     def stream(self) -> RawJoints:
         names = list(dict.fromkeys(name for names in self._by_names for name in names))
         whole = _Gathered()
         for mine, gathered in self._by_names.items():
-            stamps_ns, received_ns, rows = gathered.joined()
+            order, stamps_ns, received_ns, rows = gathered.joined()
             numbers = np.full((stamps_ns.size, 2, len(names)), np.nan)
             columns = [names.index(name) for name in mine]
-            numbers[:, :, columns] = rows[:, 1:].reshape(stamps_ns.size, 2, len(mine))
-            order = rows[:, 0].astype(np.int64)
+            numbers[:, :, columns] = rows.reshape(stamps_ns.size, 2, len(mine))
             whole.add(order, stamps_ns, received_ns, numbers.reshape(stamps_ns.size, -1))
-        stamps_ns, received_ns, rows = whole.joined()
+        order, stamps_ns, received_ns, rows = whole.joined()
         common = self.topic, tuple(self._frames), stamps_ns, received_ns
-        return RawJoints(*common, tuple(names), rows[:, : len(names)], rows[:, len(names) :])
+        read = rows[:, : len(names)], rows[:, len(names) :]
+        return RawJoints(*common, tuple(names), *read, origin=Origin(self.topic, order))
 
 
 class TransformCollector(Collector):
@@ -210,18 +221,17 @@ class TransformCollector(Collector):
             else:
                 stamps_ns = stamps_of(group.rows, f"stamp{i}")
                 rows = np.column_stack([group.rows[f"translation{i}"], group.rows[f"rotation{i}"]])
-            self._edges.setdefault(name, _Gathered()).add(order, stamps_ns, received_ns, rows)
+            places = order + np.array([0, i])
+            self._edges.setdefault(name, _Gathered()).add(places, stamps_ns, received_ns, rows)
 
     def edges(self) -> list[TransformEdge]:
         """In the order of their first appearance in a batch."""
         is_static = self.topic.endswith("tf_static")
         found = []
         for (parent, child), gathered in self._edges.items():
-            stamps_ns, received_ns, rows = gathered.joined()
-            poses = rows[:, :3], rows[:, 3:]
-            edge = TransformEdge(
-                self.topic, parent, child, is_static, stamps_ns, received_ns, *poses
-            )
+            places, stamps_ns, received_ns, rows = gathered.joined()
+            which = self.topic, parent, child, is_static, stamps_ns, received_ns
+            edge = TransformEdge(*which, rows[:, :3], rows[:, 3:], Origin(self.topic, places))
             found.append(edge)
         return found
 
@@ -241,11 +251,11 @@ class ClockCollector(Collector):
         stamps_ns = np.array([int(shown.sec) * 1_000_000_000 + int(shown.nanosec)], dtype=np.int64)
         if group.rows is not None:
             stamps_ns = stamps_of(group.rows)
-        self._gathered.add(order, stamps_ns, received_ns, np.zeros((order.size, 0)))
+        self._gathered.add(order, stamps_ns, received_ns, np.zeros((len(order), 0)))
 
     def instants_ns(self) -> IntArray:
         """(n, 2) simulated time and when it was received."""
-        return np.column_stack(self._gathered.joined()[:2])
+        return np.column_stack(self._gathered.joined()[1:3])
 
 
 class TextCollector(Collector):

@@ -6,7 +6,7 @@ The format has no checksum over its data: what sits inside a message is believed
 from __future__ import annotations
 
 import sqlite3
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,17 +24,19 @@ _TYPES = {
     "messages": {"topic_id": "integer", "timestamp": "integer", "data": "blob"},
 }
 _DEFINITIONS, _HASH = "message_definitions", "type_description_hash"
+_QOS = "offered_qos_profiles"
 _DEFINITION_TYPES = {"topic_type": "text", "encoding": "text", "encoded_message_definition": "text"}
 
 
 @dataclass(frozen=True, slots=True)
 class SqliteTopic:
-    """encoding: ``cdr`` in all that ROS 2 wrote."""
+    """encoding: ``cdr`` in all that ROS 2 wrote. qos: the profiles that were offered, as YAML."""
 
     name: str
     type_name: str
     encoding: str
     messages: int
+    qos: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,21 +66,20 @@ def index_sqlite(path: Path, packed: bool, limits: Limits = LIMITS) -> SqliteInd
 
 
 def sqlite_messages(
-    index: SqliteIndex, topics: set[str], limits: Limits = LIMITS
-) -> Iterator[tuple[str, int, bytes]]:
-    """(topic, when it was received in ns, message) in the order of time.
+    index: SqliteIndex, topics: Collection[int], limits: Limits = LIMITS
+) -> Iterator[tuple[int, int, bytes]]:
+    """(topic, when it was received in ns, message) of the topics, in the order of time.
 
     Raises Excessive for a message that unpacks to too much, and what the libraries raise.
     """
-    names = {n: topic.name for n, topic in index.topics.items() if topic.name in topics}
-    if not names:
+    if not topics:
         return
-    marks = ", ".join("?" * len(names))
+    marks = ", ".join("?" * len(topics))
     query = f"SELECT topic_id, timestamp, data FROM messages WHERE topic_id IN ({marks})"
+    order = "ORDER BY timestamp, rowid"
     with closing(_open(index.path)) as db:
-        for number, received_ns, data in db.execute(f"{query} ORDER BY timestamp", list(names)):
-            content = unpacked_message(data, limits) if index.packed else data
-            yield names[number], received_ns, content
+        for number, received_ns, data in db.execute(f"{query} {order}", list(topics)):
+            yield number, received_ns, unpacked_message(data, limits) if index.packed else data
 
 
 def _open(path: Path) -> sqlite3.Connection:
@@ -120,14 +121,20 @@ def _require_types(db: sqlite3.Connection, table: str, types: dict[str, str]) ->
 def _topics(db: sqlite3.Connection) -> dict[int, SqliteTopic]:
     query = "SELECT topic_id, count(*) FROM messages GROUP BY topic_id"
     counts = dict(db.execute(query).fetchall())
-    query = "SELECT id, name, type, serialization_format FROM topics"
+    columns = {row[1] for row in db.execute("PRAGMA table_info(topics)")}
+    qos = _QOS if _QOS in columns else "''"  # none before ROS 2 Foxy
+    query = f"SELECT id, name, type, serialization_format, {qos} FROM topics"
     topics = {
-        number: SqliteTopic(name, type_name, encoding, counts.pop(number, 0))
-        for number, name, type_name, encoding in db.execute(query)
+        number: SqliteTopic(name, type_name, encoding, counts.pop(number, 0), _text(offered))
+        for number, name, type_name, encoding, offered in db.execute(query)
     }
     if counts:
         raise ValueError(f"{sum(counts.values()):,} messages belong to no topic")
     return topics
+
+
+def _text(value: object) -> str:
+    return value if isinstance(value, str) else ""
 
 
 def _definitions(db: sqlite3.Connection) -> tuple[tuple[str, str, str], ...]:

@@ -7,21 +7,16 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from mcap import records
-
 from slamsim.logs.bag_folder import METADATA_RECORD
-from slamsim.logs.bag_metadata import BagFile, Topic, bag_metadata
+from slamsim.logs.bag_metadata import METADATA, BagFile, Topic, bag_metadata, topic_as_declared
 from slamsim.logs.recovery.mcap_copy import copy_mcap
 from slamsim.logs.recovery.mcap_filler import McapFiller
 from slamsim.logs.recovery.source import Damaged, is_sqlite
 from slamsim.logs.recovery.sqlite_copy import copy_sqlite
 from slamsim.logs.recovery.tally import Recovered, Tally, recovered
-from slamsim.logs.ros_types import ros2_types
 from slamsim.progress import Progress
-from slamsim.safe.errors import InputRefused, SlamsimError
-from slamsim.safe.yaml import load_yaml, parse_yaml
-
-_METADATA = "metadata.yaml"
+from slamsim.safe.errors import SlamsimError
+from slamsim.safe.yaml import load_yaml
 
 
 def recover_bag2(source: Damaged, folder: Path, progress: Progress) -> Recovered:
@@ -48,7 +43,7 @@ def recover_bag2(source: Damaged, folder: Path, progress: Progress) -> Recovered
             for name, text in filler.metadata.get(METADATA_RECORD, {}).items()
         }
         text = bag_metadata(files, _topics(fillers), custom)
-        (folder / _METADATA).write_text(text, encoding="utf-8")
+        (folder / METADATA).write_text(text, encoding="utf-8")
     return recovered(folder, tallies, _announced(source.path))
 
 
@@ -58,33 +53,20 @@ def _report(progress: Progress, before: int, total: int, done: float, _: float) 
 
 def _topics(fillers: Iterable[McapFiller]) -> list[Topic]:
     """Each once, as the first file that has it declares it."""
-    store = ros2_types()
     topics: dict[str, Topic] = {}
     for filler in fillers:
         for channel in filler.channels.values():
             schema = filler.schemas.get(channel.schema_id)
             kind = "" if schema is None else schema.name
-            known = store.hash_rihs01(kind) if kind in store.fielddefs else ""
-            type_hash = channel.metadata.get("topic_type_hash", known)
-            topic = Topic(channel.topic, kind, type_hash, _offered(channel))
+            topic = topic_as_declared(channel.topic, kind, channel.metadata)
             topics.setdefault(channel.topic, topic)
     return list(topics.values())
-
-
-def _offered(channel: records.Channel) -> list[dict[str, Any]]:
-    """The profiles of the channel: a reader may want those of metadata.yaml to be the same."""
-    text = channel.metadata.get("offered_qos_profiles", "")
-    try:
-        profiles: Any = parse_yaml(text, Path(_METADATA)).data
-    except InputRefused:
-        return []
-    return [each for each in profiles or () if isinstance(each, dict)]
 
 
 def _announced(path: Path) -> dict[str, int] | None:
     """Messages by topic as metadata.yaml has them, if there is one that can be read."""
     try:
-        document: Any = load_yaml(path / _METADATA).data
+        document: Any = load_yaml(path / METADATA).data
         information = document["rosbag2_bagfile_information"]
         return {
             str(topic["topic_metadata"]["name"]): int(topic["message_count"])

@@ -13,7 +13,7 @@ from slamsim.sensors.faults.base import CannotInject, Fault
 from slamsim.sensors.faults.edit import range_matrix, require_wheels, with_scans
 from slamsim.sensors.faults.transforms import span_ns
 from slamsim.sensors.faults.wheel_motion import scaled_odometry
-from slamsim.types import FloatArray, IntArray
+from slamsim.types import Float32Array, FloatArray, IntArray
 
 _Turn = Annotated[float, Field(gt=0.0, lt=360.0)]
 
@@ -116,7 +116,10 @@ def _turned(scans: RawScans, yaw_deg: float) -> RawScans:
     shift = round(float(np.radians(yaw_deg)) / abs(step_rad)) if step_rad else 0
     if not 0 < shift % max(beams, 1) < beams:
         raise CannotInject(f"{scans.topic} has no beams to turn by {yaw_deg:g} degrees")
-    return replace(scans, ranges_m=np.roll(ranges, shift, axis=1))
+    bright = scans.intensities
+    if isinstance(bright, np.ndarray):
+        bright = np.roll(bright, shift, axis=1)
+    return replace(scans, ranges_m=np.roll(ranges, shift, axis=1), intensities=bright)
 
 
 def _interleaved(one: RawScans, other: RawScans) -> RawScans:
@@ -124,12 +127,20 @@ def _interleaved(one: RawScans, other: RawScans) -> RawScans:
     if len(one) < 2:
         raise CannotInject(f"{one.topic} has no two scans")
     later_ns = int(np.median(np.diff(one.stamps_ns))) // 2
-    twice = kept(replace(one, intensities=None), np.repeat(np.arange(len(one)), 2))
+    twice = kept(one, np.repeat(np.arange(len(one)), 2))
     second = np.arange(len(twice)) % 2
-    received = twice.received_ns
+    received, bright = twice.received_ns, None
+    if isinstance(one.intensities, np.ndarray) and isinstance(other.intensities, np.ndarray):
+        bright = _in_turn(one.intensities, other.intensities)
     return replace(
         twice,
         stamps_ns=twice.stamps_ns + second * later_ns,
         received_ns=None if received is None else received + second * later_ns,
-        ranges_m=np.stack([range_matrix(one), range_matrix(other)], axis=1).reshape(len(twice), -1),
+        ranges_m=_in_turn(range_matrix(one), range_matrix(other)),
+        intensities=bright,
     )
+
+
+def _in_turn(one: Float32Array, other: Float32Array) -> Float32Array:
+    """(2n, beams) the rows of two (n, beams), one after the other."""
+    return np.stack([one, other], axis=1).reshape(2 * len(one), -1)

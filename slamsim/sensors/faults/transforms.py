@@ -81,14 +81,16 @@ class StaticChanges(Fault):
         middle_ns = (start_ns + end_ns) // 2
 
         def published_again(edge: TransformEdge) -> TransformEdge:
-            received = edge.received_ns
-            again = np.array([middle_ns])
+            count = edge.stamps_ns.size
+            again = kept(edge, np.minimum(np.arange(count + 1), count - 1))
+            stamps_ns, positions_m = again.stamps_ns.copy(), again.positions_m.copy()
+            received_ns = None if again.received_ns is None else again.received_ns.copy()
+            stamps_ns[-1] = middle_ns
+            positions_m[-1, 0] += self.by_m
+            if received_ns is not None:
+                received_ns[-1] = middle_ns
             return replace(
-                edge,
-                stamps_ns=np.append(edge.stamps_ns, again),
-                received_ns=None if received is None else np.append(received, again),
-                positions_m=np.vstack([edge.positions_m, edge.positions_m[-1] + [self.by_m, 0, 0]]),
-                quats_xyzw=np.vstack([edge.quats_xyzw, edge.quats_xyzw[-1]]),
+                again, stamps_ns=stamps_ns, received_ns=received_ns, positions_m=positions_m
             )
 
         return _with_laser_edge(recording, published_again)
