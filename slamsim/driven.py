@@ -4,20 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 from slamsim.config.run import RunConfig
+from slamsim.io.rewrite import rewrite_recording
 from slamsim.logs.raw_memory import recording_from_readings, true_trajectory
-from slamsim.logs.raw_writer import write_recording
+from slamsim.logs.writer import LogHeader, LogWriter
 from slamsim.progress import Progress, silent
 from slamsim.recording import Recording
 from slamsim.sensors.faults.apply import declared, faulty_sensors
 from slamsim.sensors.faults.base import Fault, SensedFault
+from slamsim.sensors.readings import Readings
 from slamsim.sensors.rig import SensorRig
 from slamsim.sim.drive_process import DriveProcess
 from slamsim.sim.robot import build_robot
 from slamsim.sim.route import plan_route
 from slamsim.simulate import Simulation, log_header
-from slamsim.types import Trajectory
+from slamsim.types import Drive, Trajectory
 from slamsim.world.build import build_world
 
 
@@ -26,8 +29,28 @@ def simulate_spoilt(
 ) -> Simulation:
     """As ``simulate``, with faults in the recording; the whole drive is in memory for that."""
     driven = Driven(config, progress)
-    write_recording(driven.recording(faults), log_folder, driven.truth())
+    driven.write(faults, log_folder)
     return driven.simulation
+
+
+def write_corrupted(
+    folder: Path,
+    moments: Sequence[tuple[Readings, Drive]],
+    header: LogHeader,
+    sensed: Recording,
+    corrupted: Recording,
+) -> None:
+    """Write the recording of a drive with faults into a new folder.
+
+    It is the recording that ``simulate`` would write of these moments, with what differs between
+    ``sensed``, made of them, and ``corrupted``: truth, commands and covariances are all there.
+    """
+    with TemporaryDirectory(dir=folder.parent, prefix=".sensed.") as beside:
+        plain = Path(beside) / "log"
+        with LogWriter(plain, header) as log:
+            for readings, window in moments:
+                log.write(readings, window)
+        rewrite_recording(plain, sensed, corrupted, folder)
 
 
 class Driven:
@@ -45,27 +68,39 @@ class Driven:
             route = plan_route(world, robot, config.drive)
             self._windows = list(process.drive(world, robot, route, config.drive, progress))
             self.simulation = Simulation(world, robot, process.outcome)
+        self._header = log_header(robot, config)
         self._clean: Recording | None = None
 
     def recording(self, faults: Sequence[Fault] = ()) -> Recording:
         """The recording with these faults. Raises CannotInject where there is nothing to spoil."""
-        sensed = [fault for fault in faults if isinstance(fault, SensedFault)]
-        if sensed:
-            recording = self._sensed(sensed)
+        if any(isinstance(fault, SensedFault) for fault in faults):
+            recording = self._recorded(self._sensed(faults))
         elif self._clean is None:
-            recording = self._clean = self._sensed(())
+            recording = self._clean = self._recorded(self._sensed(()))
         else:
             recording = self._clean
         return declared(recording, faults, self._config.sensors, self._config.seed)
 
+    def write(self, faults: Sequence[Fault], folder: Path) -> None:
+        """The same, written into a new folder with all that ``simulate`` writes."""
+        readings = self._sensed(faults)
+        sensed = self._recorded(readings)
+        corrupted = declared(sensed, faults, self._config.sensors, self._config.seed)
+        moments = list(zip(readings, self._windows, strict=True))
+        write_corrupted(folder, moments, self._header, sensed, corrupted)
+
     def truth(self) -> Trajectory:
         """``T_map_base`` as a file would hold it."""
-        return true_trajectory(self._windows, log_header(self.simulation.robot, self._config))
+        return true_trajectory(self._windows, self._header)
 
-    def _sensed(self, faults: Sequence[Fault]) -> Recording:
-        config, robot = self._config, self.simulation.robot
+    def _sensed(self, faults: Sequence[Fault]) -> list[Readings]:
+        """What sensors with these faults measure, window by window."""
+        config, simulation = self._config, self.simulation
         sensors, course = faulty_sensors(faults, config.sensors)
-        rig = SensorRig(self.simulation.world.mesh, robot, sensors, config.seed, course=course)
-        readings = [rig.sense(window) for window in self._windows]
-        header = log_header(robot, config)
-        return recording_from_readings(config.world.name, readings, self._windows, header)
+        mesh, robot = simulation.world.mesh, simulation.robot
+        rig = SensorRig(mesh, robot, sensors, config.seed, course=course)
+        return [rig.sense(window) for window in self._windows]
+
+    def _recorded(self, readings: Sequence[Readings]) -> Recording:
+        name = self._config.world.name
+        return recording_from_readings(name, readings, self._windows, self._header)

@@ -41,6 +41,10 @@ Json = Annotated[bool, typer.Option("--json", help="Print the results as JSON on
 ScanTopic = Annotated[
     str | None, typer.Option("--scan-topic", help="Which laser, if a recording has several.")
 ]
+Lossy = Annotated[
+    bool,
+    typer.Option("--lossy", help="Go on where the copy cannot hold all that the recording holds."),
+]
 Overwrite = Annotated[
     bool,
     typer.Option(

@@ -8,10 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from mcap.reader import make_reader
 from test_command_line import slamsim
 
 from slamsim.config.faults import typed_choices
 from slamsim.config.loading import load_run_config
+from slamsim.logs.bag import open_bag
 from slamsim.logs.raw import read_recording
 from slamsim.logs.reader import read_truth
 from slamsim.run.faulting import fault_facts, fault_table, spoil_recording
@@ -43,6 +45,23 @@ def test_a_faulty_run_is_the_healthy_one_but_for_its_faults(runs: Path) -> None:
     )
     np.testing.assert_array_equal(faulty.ticks[0].ticks, healthy.ticks[0].ticks)
     assert not np.array_equal(faulty.scans[0].ranges_m[50], healthy.scans[0].ranges_m[50])
+
+
+def test_a_faulty_run_has_all_other_messages_of_the_healthy_one(runs: Path) -> None:
+    """Truth with its twist, commands, covariances, what stands beside them: byte for byte."""
+    found = []
+    for name in ("healthy", "faulty"):
+        with (runs / name / "log" / "log_0.mcap").open("rb") as stream:
+            reader = make_reader(stream)
+            messages = [
+                (channel.topic, channel.metadata, message.log_time, message.data)
+                for _, channel, message in reader.iter_messages()
+                if channel.topic != "/scan"
+            ]
+            found.append((sorted(messages, key=str), [r.metadata for r in reader.iter_metadata()]))
+    assert found[0] == found[1]
+    truth = list(open_bag(runs / "faulty" / "log").messages(["/ground_truth/odom"]))
+    assert max(abs(message.twist.twist.linear.x) for message in truth) > 0.05
 
 
 def test_a_faulty_run_keeps_its_truth(runs: Path) -> None:

@@ -15,10 +15,9 @@ from test_recording_read import assert_same
 from slamsim.logs import raw_writer
 from slamsim.logs.raw import read_recording
 from slamsim.logs.raw_writer import write_recording
-from slamsim.logs.reader import read_log, read_truth
+from slamsim.logs.reader import read_log
 from slamsim.recording import RawJoints, Recording, TransformEdge
 from slamsim.safe.errors import SlamsimError
-from slamsim.types import Trajectory
 
 
 def _back(made: Recording, folder: Path) -> Recording:
@@ -94,16 +93,12 @@ def test_a_static_transform_that_changes_goes_on_changing(tmp_path: Path) -> Non
     assert found.is_static and found.positions_m[:, 0].tolist() == [0.1, 0.2, 0.3]
 
 
-def test_joints_and_the_truth_are_written_too(tmp_path: Path) -> None:
+def test_joints_are_written_too(tmp_path: Path) -> None:
     when = stamps(20.0, 2.0)
     numbers = np.arange(when.size * 2, dtype=np.float64).reshape(-1, 2)
     joints = RawJoints("/joint_states", ("",), when, when, ("a", "b"), numbers, np.nan * numbers)
-    quats = np.tile([0.0, 0.0, 0.0, 1.0], (when.size, 1))
-    truth = Trajectory(when, np.ones((when.size, 3)), quats)
-    write_recording(replace(recording(), joints=(joints,)), tmp_path / "bag", truth)
+    write_recording(replace(recording(), joints=(joints,)), tmp_path / "bag")
     np.testing.assert_array_equal(read_recording(tmp_path / "bag").joints[0].positions_rad, numbers)
-    found = read_truth(tmp_path / "bag")
-    assert found is not None and len(found) == when.size
 
 
 def test_a_carmen_line_becomes_two_topics(tmp_path: Path) -> None:

@@ -19,8 +19,8 @@ from slamsim.config.world import WorldConfig
 from slamsim.dataset.formats import Formats
 from slamsim.dataset.sequence import FileFact, SequenceFacts, SequenceSpec
 from slamsim.dataset.truth import Truth
-from slamsim.logs.raw_memory import recording_from_readings, true_trajectory
-from slamsim.logs.raw_writer import write_recording
+from slamsim.driven import write_corrupted
+from slamsim.logs.raw_memory import recording_from_readings
 from slamsim.logs.recorded import OdometryTail
 from slamsim.logs.writer import LogWriter
 from slamsim.recording import Recording, numbered
@@ -148,7 +148,8 @@ def _write_spoilt(
     clean = numbered(recording_from_readings(spec.name, readings, windows, header))
     recording = declared(clean, ride.faults, config.sensors, config.seed)
     if "mcap" in spec.formats:
-        write_recording(recording, folder / LOG, true_trajectory(windows, header))
+        moments = list(zip(readings, windows, strict=True))
+        write_corrupted(folder / LOG, moments, header, clean, recording)
     true_ns = np.concatenate([part.scans.true_stamps_ns for part in readings])
     whole = reduce(joined, windows[1:], joined(None, windows[0]))
     formats.write(recording, _still_there(recording, true_ns), whole.drive)

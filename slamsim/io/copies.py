@@ -10,6 +10,7 @@ from abc import abstractmethod
 from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path
+from types import MappingProxyType
 
 from mcap import records
 from mcap.writer import Writer
@@ -21,6 +22,7 @@ from slamsim.logs.bag_metadata import (
     METADATA,
     OFFERED_QOS,
     BagFile,
+    Topic,
     bag_metadata,
     dump_yaml,
     quality_of_service,
@@ -55,17 +57,24 @@ class Copy(Written):
 class Bag2Copy(Copy):
     """rosbag2: one MCAP file with all CRCs, metadata.yaml once it is whole.
 
-    profile: of the MCAP file. custom, distro: of metadata.yaml.
+    profile: of the MCAP file. custom, distro, topics: of metadata.yaml; topics that it does not
+    announce are announced as they are declared.
     """
 
     format = "ROS 2"
     first_s, last_s = -(2**31), 2**31 - 1
 
     def __init__(
-        self, folder: Path, profile: str, custom: Mapping[str, str], distro: str = "jazzy"
+        self,
+        folder: Path,
+        profile: str,
+        custom: Mapping[str, str],
+        distro: str = "jazzy",
+        topics: Mapping[str, Topic] = MappingProxyType({}),
     ) -> None:
         super().__init__()
         self._folder, self._custom, self._distro = folder, custom, distro
+        self._topics = topics
         self._declared: dict[int, Declaration] = {}
         self._counts: Counter[str] = Counter()
         self._first_ns, self._last_ns = 0, 0
@@ -119,14 +128,14 @@ class Bag2Copy(Copy):
 
     def _finish(self) -> None:
         self._writer.finish()  # type: ignore[no-untyped-call]
-        topics = {
-            each.topic: topic_as_declared(each.topic, each.type_name, each.metadata, each.encoding)
-            for each in reversed(self._declared.values())
-        }
+        topics = {each.topic: self._announced(each) for each in self._declared.values()}
         file = BagFile(MCAP_NAME, self._counts, (self._first_ns, self._last_ns))
-        in_order = list(reversed(topics.values()))
-        text = bag_metadata([file], in_order, self._custom, self._distro)
+        text = bag_metadata([file], list(topics.values()), self._custom, self._distro)
         (self._folder / METADATA).write_text(text, encoding="utf-8")
+
+    def _announced(self, each: Declaration) -> Topic:
+        declared = topic_as_declared(each.topic, each.type_name, each.metadata, each.encoding)
+        return self._topics.get(each.topic, declared)
 
 
 class Bag1Copy(Copy):

@@ -22,9 +22,10 @@ from slamsim.io.spool import Message, Spool
 from slamsim.logs.bag import Bag, open_bag
 from slamsim.logs.bag_folder import METADATA_RECORD
 from slamsim.logs.bag_log import TRANSFORMS, is_truth
-from slamsim.logs.bag_metadata import METADATA
+from slamsim.logs.bag_metadata import METADATA, topics_announced
 from slamsim.logs.bag_sources import Bag1Source, McapSource
 from slamsim.logs.raw_bag import description_topic
+from slamsim.logs.refusing import refusing
 from slamsim.recording import Recording, TransformEdge
 from slamsim.safe.errors import SlamsimError
 from slamsim.safe.yaml import load_yaml
@@ -33,18 +34,36 @@ from slamsim.types import IntArray
 
 @dataclass(frozen=True, slots=True)
 class Copied:
-    """What became of the topics of a recording.
+    """What became of a recording in a copy.
 
-    changed: those in which any message was changed, dropped or moved. unchanged: (topic, type,
-    messages) of all others. restamped: topics that are not modelled and whose stamps were moved
-    with those of the topic they were made from. not_restamped: those with stamps of their own
-    that stayed, while stamps of others were changed.
+    changed: topics in which any message was changed, dropped or moved. unchanged: (topic, type,
+    messages) of all others, byte for byte. restamped: (topic, stream) of topics that are not
+    modelled and whose stamps were moved with those of the stream that they were made from.
+    not_restamped: those with stamps that stayed, while stamps of others were changed. attached:
+    files that travel along in the copy. lost: what its format could not hold.
     """
 
-    changed: tuple[str, ...]
-    unchanged: tuple[tuple[str, str, int], ...]
+    changed: tuple[str, ...] = ()
+    unchanged: tuple[tuple[str, str, int], ...] = ()
     restamped: tuple[tuple[str, str], ...] = ()
     not_restamped: tuple[str, ...] = ()
+    attached: tuple[str, ...] = ()
+    lost: tuple[str, ...] = ()
+
+    def sentences(self) -> Iterator[str]:
+        """What a user should know of it, one line each."""
+        if self.unchanged:
+            topics = ", ".join(topic for topic, _, _ in self.unchanged)
+            yield f"Copied byte for byte: {topics}"
+        for topic, stream in self.restamped:
+            yield f"Stamps of {topic} were moved with those of {stream}: it has the same stamps"
+        if self.not_restamped:
+            topics = ", ".join(self.not_restamped)
+            yield f"Stamps not moved, for nothing shows that they are on that clock: {topics}"
+        for name in self.attached:
+            yield f"All of {name} travels along as an attachment of the MCAP file"
+        if self.lost:
+            yield f"Not in the copy, for rosbag2 cannot hold it: {', '.join(self.lost)}"
 
 
 def rewrite_recording(path: Path, read: Recording, edited: Recording, folder: Path) -> Copied:
@@ -148,14 +167,14 @@ def _parts(message: Any) -> Sequence[Any]:
 def _copy_of(bag: Bag, folder: Path) -> Copy:
     if isinstance(bag.source, Bag1Source):
         return Bag1Copy(folder, bag.path.name)
-    custom, distro = dict(bag.metadata.get(METADATA_RECORD, {})), "jazzy"
-    if bag.path.is_dir():
-        document: Any = load_yaml(bag.path / METADATA).data  # as ``open_bag`` found it
-        told = document["rosbag2_bagfile_information"]
-        custom = {str(k): str(v) for k, v in (told.get("custom_data") or {}).items()}
-        distro = str(told.get("ros_distro") or distro)
     profile = bag.source.profile if isinstance(bag.source, McapSource) else "ros2"
-    return Bag2Copy(folder, profile, custom, distro)
+    if not bag.path.is_dir():
+        return Bag2Copy(folder, profile, bag.metadata.get(METADATA_RECORD, {}))
+    document: Any = load_yaml(bag.path / METADATA).data  # as ``open_bag`` found it
+    told = document["rosbag2_bagfile_information"]
+    custom = {str(name): str(value) for name, value in (told.get("custom_data") or {}).items()}
+    distro = str(told.get("ros_distro") or "")
+    return Bag2Copy(folder, profile, custom, distro, topics_announced(told))
 
 
 def _declared(bag: Bag, copy: Copy) -> dict[int, int]:
@@ -163,8 +182,9 @@ def _declared(bag: Bag, copy: Copy) -> dict[int, int]:
     if isinstance(bag.source, McapSource) and isinstance(copy, Bag2Copy):
         for record in bag.source.metadata():
             copy.put_metadata(record)
-        for attachment in bag.source.attachments():
-            copy.put_attachment(attachment)
+        with refusing(bag.path, "attachments"):
+            for attachment in bag.source.attachments():
+                copy.put_attachment(attachment)
     return {n: copy.declare(each) for n, each in bag.source.declarations.items()}
 
 

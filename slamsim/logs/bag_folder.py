@@ -8,12 +8,14 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
+from mcap import records
 
 from slamsim.logs.bag_metadata import BagFile, Topic, bag_metadata, dump_yaml, quality_of_service
 from slamsim.logs.cdr import Rows
 from slamsim.logs.mcap_file import McapFile, MessageBatch
 from slamsim.logs.ros_types import ros2_types
 from slamsim.logs.written import Written
+from slamsim.safe.files import read_input
 from slamsim.types import IntArray
 
 MCAP_NAME = "log_0.mcap"
@@ -39,14 +41,18 @@ def described(type_name: str) -> tuple[str, str]:
 class BagFolder(Written):
     """Writes into an existing or new folder; a context manager.
 
-    custom: what else shall stand in the file. After an exception inside the block the file ends
-    where it stands, without an index: the folder is then unfinished, and whoever made it
-    discards it. A killed writer loses at most the open chunk of 1 MiB; closed ones reach the
-    disk every second.
+    custom: what else shall stand in the file. attached: files that travel along in it. After an
+    exception inside the block the file ends where it stands, without an index: the folder is then
+    unfinished, and whoever made it discards it. A killed writer loses at most the open chunk of
+    1 MiB; closed ones reach the disk every second.
     """
 
     def __init__(
-        self, folder: Path, topics: Sequence[TopicKind], custom: Mapping[str, str]
+        self,
+        folder: Path,
+        topics: Sequence[TopicKind],
+        custom: Mapping[str, str],
+        attached: Sequence[Path] = (),
     ) -> None:
         super().__init__()
         self._folder, self._custom = folder, custom
@@ -62,6 +68,11 @@ class BagFolder(Written):
         folder.mkdir(parents=True, exist_ok=True)
         self._stream = self._open.enter_context((folder / MCAP_NAME).open("xb"))
         self._file = McapFile(self._stream, {METADATA_RECORD: custom})
+        for path in attached:
+            data = read_input(path, "attachment_bytes")
+            self._file.put_attachment(
+                records.Attachment(0, 0, path.name, "application/octet-stream", data)
+            )
         self._ids = {
             topic.name: self._file.add_channel(
                 topic.name,

@@ -39,12 +39,30 @@ def topic_as_declared(
     A reader may want those of metadata.yaml to be the same.
     """
     type_hash = metadata.get(TYPE_HASH) or _known_hash(type_name)
-    try:
-        profiles: Any = parse_yaml(metadata.get(OFFERED_QOS, ""), Path(METADATA)).data
-    except InputRefused:
-        profiles = ()
-    offered = profiles if isinstance(profiles, list) else ()
-    return Topic(name, type_name, type_hash, [o for o in offered if isinstance(o, dict)], encoding)
+    return Topic(name, type_name, type_hash, _profiles(metadata.get(OFFERED_QOS, "")), encoding)
+
+
+def topics_announced(information: Mapping[str, Any]) -> dict[str, Topic]:
+    """By name, as a metadata.yaml has them; those that it has not whole are left out."""
+    found = {}
+    for entry in information.get("topics_with_message_count") or ():
+        told = entry.get("topic_metadata") if isinstance(entry, dict) else None
+        if isinstance(told, dict) and isinstance(told.get("name"), str):
+            kind, encoding = str(told.get("type", "")), str(told.get("serialization_format", "cdr"))
+            type_hash = str(told.get("type_description_hash") or _known_hash(kind))
+            offered = _profiles(told.get("offered_qos_profiles", ""))
+            found[told["name"]] = Topic(told["name"], kind, type_hash, offered, encoding)
+    return found
+
+
+def _profiles(offered: Any) -> list[dict[str, Any]]:
+    """Quality of service as a list, which it is since ROS 2 Jazzy, or as the text of one."""
+    if isinstance(offered, str):
+        try:
+            offered = parse_yaml(offered, Path(METADATA)).data
+        except InputRefused:
+            return []
+    return [each for each in offered or () if isinstance(each, dict)]
 
 
 @cache

@@ -69,6 +69,10 @@ class McapFile:
         """Log time of the first and of the last message in closed chunks; (0, 0) without any."""
         return self._file.time_range_ns
 
+    def put_attachment(self, attachment: records.Attachment) -> None:
+        """Before the first message."""
+        self._file.put_attachment(attachment)
+
     def add_channel(self, topic: str, type_name: str, definition: str, qos_yaml: str) -> int:
         """Its id. Schema and channel stand at the beginning of the next chunk."""
         schema = self._schemas.get(type_name)

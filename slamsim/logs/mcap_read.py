@@ -105,10 +105,12 @@ def mcap_messages(
                 yield channel, log_ns, published_ns, sequence, data
 
 
-def mcap_attachments(index: McapIndex) -> Iterator[records.Attachment]:
-    """One after the other; raises as ``mcap_messages`` does, and ValueError for a damaged one."""
+def mcap_attachments(index: McapIndex, limits: Limits = LIMITS) -> Iterator[records.Attachment]:
+    """One after the other; raises as ``mcap_messages`` does, and Excessive for a too large one."""
     with open_input(index.path) as file:
         for position, length in index.attachments:
+            if length > limits.attachment_bytes:
+                raise Excessive(f"an attachment of {length:,} bytes", "attachment_bytes")
             file.seek(position + RECORD_HEAD.size)
             data = file.read(length)
             stored = int.from_bytes(data[-4:], "little")

@@ -33,6 +33,7 @@ class McapStream:
         self._counts = Counter[int]()
         self._chunk_indexes: list[records.ChunkIndex] = []
         self._metadata_indexes: list[records.MetadataIndex] = []
+        self._attachment_indexes: list[records.AttachmentIndex] = []
         self._put(MAGIC)
         self._put(record_bytes(records.Header(profile=profile, library="slamsim")))
 
@@ -57,6 +58,22 @@ class McapStream:
         self._put(record_bytes(records.Metadata(name=name, metadata=dict(entries))))
         self._metadata_indexes.append(
             records.MetadataIndex(offset=offset, length=self._position - offset, name=name)
+        )
+
+    def put_attachment(self, attachment: records.Attachment) -> None:
+        """A whole file that travels along."""
+        offset = self._position
+        self._put(record_bytes(attachment))
+        self._attachment_indexes.append(
+            records.AttachmentIndex(
+                offset=offset,
+                length=self._position - offset,
+                create_time=attachment.create_time,
+                log_time=attachment.log_time,
+                data_size=len(attachment.data),
+                name=attachment.name,
+                media_type=attachment.media_type,
+            )
         )
 
     def list_schema(self, schema: records.Schema) -> None:
@@ -110,6 +127,7 @@ class McapStream:
             (Opcode.CHANNEL, list(self._channels.values())),
             (Opcode.STATISTICS, [self._statistics()]),
             (Opcode.CHUNK_INDEX, list(self._chunk_indexes)),
+            (Opcode.ATTACHMENT_INDEX, list(self._attachment_indexes)),
             (Opcode.METADATA_INDEX, list(self._metadata_indexes)),
         ]
         summary_start = self._position
@@ -155,7 +173,7 @@ class McapStream:
     def _statistics(self) -> records.Statistics:
         start_ns, end_ns = self.time_range_ns
         return records.Statistics(
-            attachment_count=0,
+            attachment_count=len(self._attachment_indexes),
             channel_count=len(self._channels),
             channel_message_counts={n: self._counts[n] for n in self._channels if self._counts[n]},
             chunk_count=len(self._chunk_indexes),

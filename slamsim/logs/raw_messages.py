@@ -19,9 +19,7 @@ from slamsim.recording import (
     Recording,
     TransformEdge,
 )
-from slamsim.types import Float32Array, IntArray, Trajectory
-
-TRUTH_TOPIC = "/ground_truth/odom"
+from slamsim.types import Float32Array, IntArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -39,7 +37,7 @@ class Outgoing:
     latched: bool = False
 
 
-def outgoing(recording: Recording, truth: Trajectory | None) -> list[Outgoing]:
+def outgoing(recording: Recording) -> list[Outgoing]:
     """All that a recording holds, static transforms and description first."""
     found = [*_description(recording), *_static(recording), *_clock(recording)]
     for scans in recording.scans:
@@ -48,8 +46,7 @@ def outgoing(recording: Recording, truth: Trajectory | None) -> list[Outgoing]:
     found += [_ticks(stream) for stream in recording.ticks]
     found += [_joints(stream) for stream in recording.joints]
     found += [_odometry(stream) for stream in recording.odometries]
-    found += [_moving(edge) for edge in recording.transforms if not edge.is_static]
-    return found if truth is None else [*found, _truth(truth)]
+    return found + [_moving(edge) for edge in recording.transforms if not edge.is_static]
 
 
 def _received(stamps_ns: IntArray, received_ns: IntArray | None) -> IntArray:
@@ -225,14 +222,3 @@ def _clock(recording: Recording) -> list[Outgoing]:
     kind = "rosgraph_msgs/msg/Clock"
     log_ns = _received(shown_ns, log_ns)
     return [Outgoing("/clock", kind, log_ns, 12, lambda which: messages.clocks(shown_ns[which]))]
-
-
-def _truth(truth: Trajectory) -> Outgoing:
-    def rows(which: IntArray) -> Rows:
-        still = np.zeros((which.size, 3))
-        poses = truth.positions_m[which], truth.quats_xyzw[which]
-        stamps_ns = truth.stamps_ns[which]
-        return messages.odometry(stamps_ns, ("map", "base_footprint"), *poses, still, still)
-
-    log_ns = _received(truth.stamps_ns, None)
-    return Outgoing(TRUTH_TOPIC, "nav_msgs/msg/Odometry", log_ns, 750, rows)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,16 +13,17 @@ from slamsim.logs.bag_folder import BagFolder, TopicKind
 from slamsim.logs.raw_messages import Outgoing, outgoing
 from slamsim.recording import Recording
 from slamsim.safe.errors import SlamsimError
-from slamsim.types import IntArray, Trajectory
+from slamsim.types import IntArray
 
 _WINDOW_BYTES = 32 << 20
 _LARGEST_SECOND = 2**31 - 1
 
 
-def write_recording(recording: Recording, folder: Path, truth: Trajectory | None = None) -> None:
-    """Write into a folder, new or empty, what a recording holds, and the truth where it is known.
+def write_recording(recording: Recording, folder: Path, attached: Sequence[Path] = ()) -> None:
+    """Write into a folder, new or empty, what a recording holds.
 
-    What ROS says in other words than the recording's format is written in these.
+    What ROS says in other words than the recording's format is written in these. attached: files
+    that travel along in the MCAP file.
 
     Every stream keeps its order: a message that was received before the one above it is written
     as received with that one. Of several frames that the messages of one stream name, the
@@ -30,10 +31,11 @@ def write_recording(recording: Recording, folder: Path, truth: Trajectory | None
     unfinished. Raises SlamsimError for stamps that ROS 2 cannot write.
     """
     recording = as_ros(recording)
-    streams = _named([o for o in outgoing(recording, truth) if o.log_ns.size])
+    streams = _named([o for o in outgoing(recording) if o.log_ns.size])
     _require_stamps(recording)
     kinds = {o.topic: TopicKind(o.topic, o.type_name, o.latched) for o in streams}
-    with BagFolder(folder, list(kinds.values()), {"epoch": recording.epoch}) as bag:
+    custom = {"epoch": recording.epoch}
+    with BagFolder(folder, list(kinds.values()), custom, attached) as bag:
         for begin_ns, end_ns in _windows(streams):
             batches = []
             for stream in streams:

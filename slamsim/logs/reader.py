@@ -15,7 +15,7 @@ _BAG_SUFFIXES = (".mcap", ".db3", ".bag")
 _COMPRESSIONS = (".gz", ".bz2")
 _KNOWN = (
     "a log is .clf or .log (CARMEN, also .gz and .bz2), .mcap, .db3, .bag, "
-    "or a folder: rosbag2 with metadata.yaml, or Parquet with scans.parquet"
+    "or a folder: rosbag2 with metadata.yaml, one ROS 1 bag, or Parquet with scans.parquet"
 )
 
 
@@ -73,6 +73,9 @@ def recording_at(path: Path) -> Path:
         for name in (".", "parquet"):
             if is_parquet_log(path / name):
                 return own_file(path, name)
+        bags = [file for file in path.iterdir() if file.suffix == ".bag"]
+        if len(bags) == 1:
+            return own_file(path, bags[0].name)
         if any(file.suffix in (".mcap", ".db3") for file in path.iterdir()):
             raise damaged(path, "there is no metadata.yaml in this folder")
         raise InputRefused(path, f"there is no metadata.yaml in this folder; {_KNOWN}")

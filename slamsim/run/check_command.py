@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from slamsim.options import Json, Overwrite, Quiet, ScanTopic
+from slamsim.options import Json, Lossy, Overwrite, Quiet, ScanTopic
 
 CHECK_EPILOG = (
     "Exit code: 0 nothing is bad, 1 something is; 2, 3, 4 and 10 the check could not run. "
@@ -55,20 +55,29 @@ def fix(
     source: Source,
     out: Annotated[
         Path,
-        typer.Argument(help="Folder of the corrected copy (rosbag2, MCAP).", show_default=False),
+        typer.Argument(
+            help="Folder of the corrected copy: rosbag2 (MCAP); a ROS 1 bag stays one.",
+            show_default=False,
+        ),
     ],
     apply: Annotated[
         str,
         typer.Option(
-            "--apply", metavar="all|NAME[,NAME...]", help="Which of the mends that check proposes."
+            "--apply",
+            metavar="all|none|NAME[,NAME...]",
+            help="Which of the repairs that check proposes; none: a plain copy.",
         ),
     ] = "all",
     scan_topic: ScanTopic = None,
+    lossy: Lossy = False,
     overwrite: Overwrite = False,
     quiet: Quiet = False,
     as_json: Json = False,
 ) -> None:
-    """Write a corrected copy of a recording, and check it again."""
+    """Write a corrected copy of a recording, and check it again.
+
+    What a repair does not touch is copied byte for byte: other topics, covariances, attachments.
+    """
     from slamsim.console import Reporter
     from slamsim.safe.output import claimed_folder
 
@@ -76,5 +85,13 @@ def fix(
     with claimed_folder(out, overwrite):
         from slamsim.run.fixing import fix_log
 
-        report = fix_log(source, out, apply, reporter, scan_topic=scan_topic, overwrite=overwrite)
+        report = fix_log(
+            source,
+            out,
+            apply,
+            reporter,
+            scan_topic=scan_topic,
+            lossy=lossy,
+            overwrite=overwrite,
+        )
     raise typer.Exit(1 if report.bad else 0)

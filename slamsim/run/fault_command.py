@@ -2,30 +2,35 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from slamsim.options import Faults, Json, Overwrite, Quiet, ScanTopic
+from slamsim.options import Faults, Json, Lossy, Overwrite, Quiet, ScanTopic
 
 
 def fault(
     source: Annotated[
         Path | None, typer.Argument(help="A recording: rosbag2, MCAP, ROS 1, CARMEN.")
     ] = None,
-    out: Annotated[Path | None, typer.Argument(help="Folder for the spoilt copy.")] = None,
+    out: Annotated[Path | None, typer.Argument(help="Folder for the copy.")] = None,
     faults: Faults = None,
     list_: Annotated[
         bool, typer.Option("--list", help="Tell all faults that come with the package.")
     ] = False,
     seed: Annotated[int, typer.Option("--seed", help="Seed of what is random.", min=0)] = 0,
     scan_topic: ScanTopic = None,
+    lossy: Lossy = False,
     overwrite: Overwrite = False,
     quiet: Quiet = False,
     as_json: Json = False,
 ) -> None:
-    """Copy a recording and spoil it with known faults, to try a checker or a SLAM on them."""
+    """Copy a recording with known faults in it, to try a checker or a SLAM on them.
+
+    What the faults do not touch is copied byte for byte.
+    """
     from slamsim.config.faults import typed_choices
     from slamsim.console import Reporter
     from slamsim.safe.output import claimed_folder
@@ -43,8 +48,17 @@ def fault(
     with claimed_folder(out, overwrite):
         from slamsim.run.faulting import spoil_recording
 
-        spoilt = spoil_recording(
-            source, out, choices, seed=seed, scan_topic=scan_topic, overwrite=overwrite
+        injected, copied = spoil_recording(
+            source,
+            out,
+            choices,
+            seed=seed,
+            scan_topic=scan_topic,
+            lossy=lossy,
+            overwrite=overwrite,
         )
-    reporter.table(str(out), {one.name: one.title for one in spoilt})
-    reporter.result({"folder": str(out), "faults": [one.model_dump(mode="json") for one in spoilt]})
+    reporter.table(str(out), {one.name: one.title for one in injected})
+    for sentence in copied.sentences():
+        reporter.say(sentence)
+    facts = [one.model_dump(mode="json") for one in injected]
+    reporter.result({"folder": str(out), "faults": facts, "copied": asdict(copied)})

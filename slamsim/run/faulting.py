@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from slamsim.config.faults import FaultChoice
+from slamsim.io.copying import copy_recording, require_lossless
+from slamsim.io.rewrite import Copied
 from slamsim.logs.raw import read_recording
-from slamsim.logs.raw_writer import write_recording
-from slamsim.logs.reader import read_truth
 from slamsim.run.naming import log_of
 from slamsim.safe.output import partial_folder
 from slamsim.sensors.faults.apply import injected
@@ -23,18 +23,23 @@ def spoil_recording(
     *,
     seed: int = 0,
     scan_topic: str | None = None,
+    lossy: bool = False,
     overwrite: bool = False,
-) -> tuple[Fault, ...]:
-    """Write the recording with these faults into the folder, as rosbag2; the truth is kept.
+) -> tuple[tuple[Fault, ...], Copied]:
+    """Write the recording with these faults into the folder, and say what became of the rest.
 
-    Raises SlamsimError where the recording has nothing that could be spoilt so.
+    Raises SlamsimError where the recording has nothing that could be corrupted so; Lossy for what
+    the copy could not hold, unless lossy is set.
     """
     faults = tuple(map(chosen_fault, choices))
     path = log_of(source)
-    recording = injected(read_recording(path, scan_topic), faults, seed)
+    if not lossy:
+        require_lossless(path)
+    recording = read_recording(path, scan_topic)
+    corrupted = injected(recording, faults, seed)
     with partial_folder(folder, overwrite) as partial:
-        write_recording(recording, partial, read_truth(path))
-    return faults
+        copied = copy_recording(path, recording, corrupted, partial)
+    return faults, copied
 
 
 def fault_table() -> dict[str, str]:

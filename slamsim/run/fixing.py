@@ -9,9 +9,8 @@ from slamsim.check.findings import CheckReport, Mend
 from slamsim.check.mends import apply_mends, chosen, next_mends, proposed
 from slamsim.check.wording import as_json
 from slamsim.console import Reporter
+from slamsim.io.copying import copy_recording, require_lossless
 from slamsim.logs.raw import read_recording
-from slamsim.logs.raw_writer import write_recording
-from slamsim.logs.reader import read_truth
 from slamsim.recording import Recording
 from slamsim.run.checking import check_stage, show_verdicts
 from slamsim.run.naming import log_of, recording_name
@@ -19,6 +18,7 @@ from slamsim.run.stages import Stages
 from slamsim.safe.errors import SlamsimError
 from slamsim.safe.output import partial_folder
 
+NONE = "none"
 _ROUNDS = 5
 """What one fault hides, such as a turned mounting behind wrong stamps, shows when it is mended."""
 
@@ -30,25 +30,31 @@ def fix_log(
     reporter: Reporter,
     *,
     scan_topic: str | None = None,
+    lossy: bool = False,
     overwrite: bool = False,
 ) -> CheckReport:
-    """Check, mend, check again until nothing more is to be mended, write; the last report.
+    """Check, repair, check again until nothing more is to be repaired, write; the last report.
 
-    names: ``all``, or the operations to apply. Raises SlamsimError for other names, and when
-    the check proposes none of them.
+    names: ``all``, the operations to apply, or ``none`` for a plain copy. Raises SlamsimError for
+    other names, and when the check proposes none of them; Lossy for what the copy could not hold,
+    unless lossy is set.
     """
     stages = Stages(reporter)
     path = log_of(source)
+    if not lossy:
+        require_lossless(path)
     with stages.stage("read"):
         recording = replace(read_recording(path, scan_topic), name=recording_name(str(source)))
     with partial_folder(folder, overwrite) as partial:
         fixed, report, applied = _mended(recording, names, stages)
         with stages.stage("write"):
-            write_recording(fixed, partial, read_truth(path))
+            copied = copy_recording(path, recording, fixed, partial)
     _show(reporter, fixed, report, applied)
+    for sentence in copied.sentences():
+        reporter.say(sentence)
     reporter.say(f"Written to {folder}/")
-    applied_json = [asdict(mend) for mend in applied]
-    reporter.result({**as_json(report), "applied": applied_json, "folder": str(folder)})
+    told = {"applied": [asdict(mend) for mend in applied], "copied": asdict(copied)}
+    reporter.result({**as_json(report), **told, "folder": str(folder)})
     return report
 
 
@@ -59,13 +65,13 @@ def _mended(
     applied: list[Mend] = []
     report = check_stage(recording, stages)
     for _ in range(_ROUNDS):
-        mends = next_mends(chosen(proposed(report), names))
+        mends = () if names == NONE else next_mends(chosen(proposed(report), names))
         if not mends:
             break
         recording = apply_mends(recording, mends)
         applied += mends
         report = check_stage(recording, stages)
-    if not applied:
+    if not applied and names != NONE:
         raise SlamsimError(_nothing_to_do(recording, report, names))
     return recording, report, applied
 

@@ -47,6 +47,7 @@ class Limits:
     sums_bytes: int = 256 * MIB
     route_rows: int = 100_000
     saved_map_bytes: int = 4_000_000_000
+    attachment_bytes: int = 2 * GIB
     bag_chunk_bytes: int = 256 * MIB
     bag_record_bytes: int = 64 * MIB
     bag_ratio: int = 1000

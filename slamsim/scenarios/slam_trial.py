@@ -127,7 +127,7 @@ def _map(recording: Recording, driven: Driven, config: SlamCaseConfig) -> _Mappe
     truth = driven.truth()
     with TemporaryDirectory() as folder:
         path = Path(folder) / "log"
-        write_recording(recording, path, truth)
+        write_recording(recording, path)
         log = read_log(path)
         result = run_slam(log, config.slam)
         grid, laid = (
