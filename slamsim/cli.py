@@ -11,7 +11,18 @@ import typer
 from slamsim import __version__
 from slamsim.bench.command import bench
 from slamsim.entry import main
-from slamsim.options import ConfigFile, Faults, Json, Out, Overwrite, Quiet, ScanTopic, Seed, Set
+from slamsim.options import (
+    ConfigFile,
+    Faults,
+    Json,
+    Out,
+    Overwrite,
+    OverwriteFile,
+    Quiet,
+    ScanTopic,
+    Seed,
+    Set,
+)
 from slamsim.run.check_command import CHECK_EPILOG, FIX_EPILOG, check, fix
 from slamsim.run.dataset_command import dataset
 from slamsim.run.demo_command import EPILOG as DEMO_EPILOG
@@ -30,6 +41,7 @@ from slamsim.run.verify_command import verify
 if TYPE_CHECKING:
     from slamsim.config.run import RunConfig
     from slamsim.console import Reporter
+    from slamsim.run.naming import Loaded
     from slamsim.run.stages import Report
 
 __all__ = ["app", "main"]
@@ -75,6 +87,19 @@ def _config(
     return loaded.model_copy(update={"faults": (*loaded.faults, *typed_choices(faults or ()))})
 
 
+def _loaded(
+    world: str | None,
+    config: str | None,
+    overrides: list[str] | None,
+    seed: int | None,
+    faults: list[str] | None = None,
+) -> Loaded[RunConfig]:
+    """The configuration with the files that it is read from and that it names."""
+    from slamsim.run.naming import loaded
+
+    return loaded(lambda: _config(world, config, overrides, seed, faults))
+
+
 @app.command(epilog="Example: slamsim world labyrinth --seed 7 --out outputs/my_world")
 def world(
     name: World = "labyrinth",
@@ -92,8 +117,10 @@ def world(
     from slamsim.summary import flat
 
     reporter = Reporter(quiet=quiet, as_json=as_json)
-    resolved = _config(name, config, set_, seed)
-    with output_folder(out, f"{resolved.world.name}_world", overwrite=overwrite) as folder:
+    loaded = _loaded(name, config, set_, seed)
+    resolved = loaded.config
+    called = f"{resolved.world.name}_world"
+    with output_folder(out, called, overwrite=overwrite, inputs=loaded.files) as folder:
         from slamsim.run.world import export_world
 
         facts = export_world(resolved, folder, overwrite=overwrite)
@@ -121,11 +148,12 @@ def simulate(
     from slamsim.run.naming import output_folder
 
     reporter = Reporter(quiet=quiet, as_json=as_json)
-    resolved = _config(name, config, set_, seed, faults)
-    with output_folder(out, resolved.world.name, overwrite=overwrite) as folder:
+    loaded = _loaded(name, config, set_, seed, faults)
+    called = loaded.config.world.name
+    with output_folder(out, called, overwrite=overwrite, inputs=loaded.files) as folder:
         from slamsim.run.recording import simulate_world
 
-        report = simulate_world(resolved, folder, reporter, overwrite=overwrite)
+        report = simulate_world(loaded.config, folder, reporter, overwrite=overwrite)
     _close(reporter, report, folder)
 
 
@@ -160,9 +188,11 @@ def map_(
 
     reporter = Reporter(quiet=quiet, as_json=as_json)
     recorded = is_recording(source)
-    resolved = _config(None if recorded else source, config, set_, seed)
+    loaded = _loaded(None if recorded else source, config, set_, seed)
+    resolved = loaded.config
     name = recording_name(source) if recorded else resolved.world.name
-    with output_folder(out, name, overwrite=overwrite) as folder:
+    inputs = (Path(source) if recorded else None, relations, earlier, *loaded.files)
+    with output_folder(out, name, overwrite=overwrite, inputs=inputs) as folder:
         from slamsim.run.continuing import chosen_earlier, refuse_earlier
         from slamsim.run.mapping import map_recording, map_world
 
@@ -206,15 +236,16 @@ def localise(
     from slamsim.run.start import start_pose
 
     reporter = Reporter(quiet=quiet, as_json=as_json)
-    resolved = _config(None, config, set_, None)
+    loaded = _loaded(None, config, set_, None)
     name = f"{recording_name(str(source))}_in_{known.resolve().name}"
-    with output_folder(out, name, overwrite=overwrite) as folder:
+    inputs = (source, known, *loaded.files)
+    with output_folder(out, name, overwrite=overwrite, inputs=inputs) as folder:
         from slamsim.run.localising import localise_recording
 
         report = localise_recording(
             source,
             known,
-            resolved,
+            loaded.config,
             folder,
             reporter,
             start=start_pose(start),
@@ -263,11 +294,15 @@ def view(
     screenshot: Annotated[
         Path | None, typer.Option("--screenshot", help="Render to this PNG, without a screen.")
     ] = None,
+    overwrite: OverwriteFile = False,
 ) -> None:
     """Look at a run in Rerun."""
-    from slamsim.view.viewer import view_run
+    from slamsim.run.naming import output_file
 
-    view_run(run, web=web, screenshot=screenshot)
+    with output_file(screenshot, overwrite=overwrite, inputs=(run,)) as picture:
+        from slamsim.view.viewer import view_run
+
+        view_run(run, web=web, screenshot=picture)
 
 
 app.command(

@@ -7,17 +7,6 @@ from typing import Annotated
 
 import typer
 
-from slamsim.safe.output import claimed_folder
-
-
-def _refuse_taken(context: typer.Context, out: Path | None) -> Path | None:
-    """Refuse a folder that is taken before anything else is done."""
-    if out is not None and not context.resilient_parsing:
-        with claimed_folder(out, context.params.get("overwrite", False)):
-            pass
-    return out
-
-
 Set = Annotated[
     list[str] | None,
     typer.Option("--set", metavar="KEY.PATH=VALUE", help="Override one setting; may be repeated."),
@@ -48,18 +37,14 @@ Lossy = Annotated[
 Overwrite = Annotated[
     bool,
     typer.Option(
-        "--overwrite",
-        is_eager=True,  # known when --out is looked at
-        help="Replace the folder of an earlier run once this is whole.",
+        "--overwrite", help="Replace what an earlier run left under this name, once this is whole."
     ),
+]
+OverwriteFile = Annotated[
+    bool, typer.Option("--overwrite", help="Replace the file that is to be written if it is there.")
 ]
 Out = Annotated[
     Path | None,
-    typer.Option(
-        "--out",
-        "-o",
-        callback=_refuse_taken,
-        help="Folder of the run; a new one under outputs/ by default.",
-    ),
+    typer.Option("--out", "-o", help="Folder of the run; a new one under outputs/ by default."),
 ]
 Seed = Annotated[int | None, typer.Option("--seed", help="Seed of everything random.", min=0)]

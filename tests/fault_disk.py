@@ -41,10 +41,10 @@ _X86_64 = {
     "fdatasync": 75, "truncate": 76, "ftruncate": 77, "rename": 82, "mkdir": 83, "rmdir": 84,
     "link": 86, "unlink": 87, "symlink": 88, "chmod": 90, "fchmod": 91, "open": 2, "creat": 85,
     "openat": 257, "mkdirat": 258, "unlinkat": 263, "renameat": 264, "fallocate": 285,
-    "pwritev": 296, "renameat2": 316, "copy_file_range": 326,
+    "linkat": 265, "pwritev": 296, "renameat2": 316, "copy_file_range": 326,
 }  # fmt: skip
 _AARCH64 = {
-    "mkdirat": 34, "unlinkat": 35, "renameat": 38, "truncate": 45, "ftruncate": 46,
+    "mkdirat": 34, "unlinkat": 35, "linkat": 37, "renameat": 38, "truncate": 45, "ftruncate": 46,
     "fallocate": 47, "fchmod": 52, "openat": 56, "close": 57, "write": 64, "writev": 66,
     "pwrite64": 68, "pwritev": 70, "sendfile": 71, "fsync": 82, "fdatasync": 83,
     "renameat2": 276, "copy_file_range": 285,
@@ -65,7 +65,8 @@ _CALLS: Mapping[str, tuple[str, str, int]] = {
     "rename": ("rename", "path", 1), "renameat": ("rename", "at", 2),
     "renameat2": ("rename", "at", 2), "mkdir": ("mkdir", "path", 0),
     "mkdirat": ("mkdir", "at", 0), "rmdir": ("unlink", "path", 0), "unlink": ("unlink", "path", 0),
-    "unlinkat": ("unlink", "at", 0), "link": ("open", "path", 1), "symlink": ("open", "path", 1),
+    "unlinkat": ("unlink", "at", 0), "link": ("open", "path", 1), "linkat": ("open", "at", 2),
+    "symlink": ("open", "path", 1),
     "chmod": ("chmod", "path", 0), "fchmod": ("chmod", "fd", 0),
 }  # fmt: skip
 _FLAGS_AT = {"open": 1, "openat": 2}

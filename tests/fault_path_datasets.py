@@ -20,6 +20,7 @@ from slamsim.dataset.store import LocalStore
 from slamsim.dataset.table import rows_to_parquet, table_from_parquet, table_to_parquet
 from slamsim.dataset.verify import verify
 from slamsim.safe.errors import SlamsimError
+from slamsim.safe.lock import lock_of, owner_words
 from slamsim.safe.sums import SEQUENCE, SUMS, sequence_text, sums_text
 
 NAME = "train/000000"
@@ -142,7 +143,9 @@ def _(scene: Scene) -> Action:
 
 @attempt("a data set to go on with, whose place of work is a link")
 def _(scene: Scene) -> Action:
-    (scene.out / ".partial").symlink_to(scene.outside, target_is_directory=True)
+    staging = scene.out / f".slamsim-{'0' * 16}"
+    lock_of(scene.out).write_bytes(owner_words("lock", scene.out.name, staging))
+    staging.symlink_to(scene.outside, target_is_directory=True)
     store = LocalStore(str(scene.out))
 
     def act() -> None:

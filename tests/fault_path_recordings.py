@@ -17,7 +17,9 @@ from slamsim.logs.raw_writer import write_recording
 from slamsim.logs.reader import read_log
 from slamsim.logs.recovery.recover import recover
 from slamsim.logs.recovery.source import damaged_recording
+from slamsim.safe.lock import lock_of, owner_words
 from slamsim.safe.output import partial_folder
+from slamsim.safe.staging import NEW
 
 
 def _bag(folder: Path, plugin: StoragePlugin = StoragePlugin.SQLITE3) -> Path:
@@ -138,7 +140,10 @@ def _(scene: Scene) -> Action:
 @attempt("what a killed run left of a recording is a link")
 def _(scene: Scene) -> Action:
     bag = _bag(scene.outside / "bag", StoragePlugin.MCAP)
-    (scene.inputs / "run.partial").symlink_to(bag, target_is_directory=True)
+    run = scene.inputs / "run"
+    (staging := run.with_name(f".run.slamsim-{'0' * 16}")).mkdir()
+    lock_of(run).write_bytes(owner_words("lock", "run", staging))
+    (staging / NEW).symlink_to(bag, target_is_directory=True)
     return lambda: _recovered(scene.inputs / "run", scene)
 
 

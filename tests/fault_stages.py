@@ -26,7 +26,7 @@ from slamsim.dataset.store import Store
 from slamsim.dataset.table import table_from_parquet, table_to_parquet
 from slamsim.logs.parquet_file import Column, ParquetFile
 from slamsim.logs.writer import LogWriter
-from slamsim.safe.output import partial_folder, write_atomic
+from slamsim.safe.output import partial_file, partial_folder, write_atomic
 from slamsim.safe.sums import SUMS, sums_text
 
 LOG = "log"
@@ -65,7 +65,7 @@ def contents(out: Path) -> dict[str, bytes]:
 
 
 def _is_unfinished(path: Path) -> bool:
-    return path.parts[0] == ".partial" or path.name.endswith(".partial")
+    return path.parts[0].startswith(".slamsim-")
 
 
 def folder_of(text: str, out: Path) -> None:
@@ -76,7 +76,8 @@ def folder_of(text: str, out: Path) -> None:
 
 
 def _file(text: str, out: Path) -> None:
-    write_atomic(out, text.encode())
+    with partial_file(out, overwrite=True) as unfinished:
+        unfinished.write_text(text)
 
 
 def _log(out: Path) -> None:

@@ -234,7 +234,7 @@ def test_fix_writes_a_copy_that_checks_clean_and_can_be_read(tmp_path: Path) -> 
     assert code == (1 if found["bad"] else 0)
     log = read_log(tmp_path / "mended")
     assert len(log.scans) == 300
-    assert not list(tmp_path.glob("*.partial"))
+    assert not list(tmp_path.glob(".*"))
     again = read_recording(tmp_path / "mended").scans[0]
     assert np.abs(again.stamps_ns - scans.stamps_ns).max() < 200_000_000
 

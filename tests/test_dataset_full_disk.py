@@ -89,7 +89,7 @@ def test_a_disk_too_small_for_the_plan_is_refused_before_anything_is_written(dis
 
 
 def _amid_a_sequence(out: Path) -> bool:
-    return bool(list(out.glob(".partial/*/log")))
+    return bool(list(out.glob(".slamsim-*/*/log")))
 
 
 def _amid_the_shards(out: Path) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import subprocess
 import time
@@ -61,7 +62,7 @@ def test_a_data_set_has_its_identity_its_sequences_and_its_rows(
     assert [row["index"] for row in rows] == list(range(COUNT))
     assert {row["status"] for row in rows} == {"made"}
     assert rows[3]["drawn.size"] == 1.5 and rows[3]["name"] == "train/000003"
-    assert not [name for name in undisturbed if "partial" in name or "lock" in name]
+    assert not [name for name in undisturbed if "slamsim" in name or "lock" in name]
 
 
 def test_workers_that_die_cost_nothing_but_a_retry(
@@ -116,7 +117,7 @@ def test_the_reason_of_a_failure_is_the_same_wherever_it_happens(
         summary = make(tmp_path / name, orders, 2, one_worker)
         lost = "FileNotFoundError: [Errno 2] No such file or directory: 'log/lost'"
         assert [failure.reason for failure in summary.failures] == [lost]
-        assert f"{tmp_path / name}/.partial" in (tmp_path / name / "logs/00000.log").read_text()
+        assert f"{tmp_path / name}/.slamsim-" in (tmp_path / name / "logs/00000.log").read_text()
     assert tree(tmp_path / "a")[shard_path(0)] == tree(tmp_path / "b")[shard_path(0)]
 
 
@@ -149,14 +150,21 @@ def test_what_was_cut_is_made_again(
         data = (folder / name).read_bytes()
         (folder / name).write_bytes(data[: len(data) // 2])
     (folder / "val" / "000004" / "sequence.json").unlink()
-    (folder / ".partial" / "train-000000.host-1.x").mkdir(parents=True)
+    (folder / ".partial").mkdir()
+    (folder / ".partial" / "mine").write_text("mine")
     assert make(folder, orders, COUNT, one_worker).failures == ()
-    assert tree(folder) == undisturbed
+    assert tree(folder) == {**undisturbed, ".partial/mine": b"mine"}
 
 
 def _foreign(folder: Path) -> None:
     folder.mkdir()
     (folder / "thesis.tex").write_text("mine")
+
+
+def _work_of_others(folder: Path) -> None:
+    for name in (".partial", "logs"):
+        (folder / name).mkdir(parents=True)
+        (folder / name / "00000.log").write_text("mine")
 
 
 def _file(folder: Path) -> None:
@@ -172,6 +180,7 @@ def _garbage(folder: Path) -> None:
     ("prepare", "says"),
     [
         (_foreign, "holds files that are no data set, such as 'thesis.tex'"),
+        (_work_of_others, "holds files that are no data set, such as '.partial'"),
         (_file, "is a file"),
         (_garbage, "does not begin with"),
     ],
@@ -225,6 +234,10 @@ def test_a_second_run_and_a_worker_that_lives_on_keep_others_out(
     store = LocalStore(str(tmp_path / "set"))
     with store.owned(), pytest.raises(Locked, match="is being written by process"):
         make(tmp_path / "set", orders, 2, one_worker)
+    if (run := os.fork()) == 0:
+        with store.owned(), store.used():
+            os.kill(os.getpid(), signal.SIGKILL)
+    os.waitpid(run, 0)
     with store.used(), pytest.raises(Locked, match="workers of an earlier run"):
         make(tmp_path / "set", orders, 2, one_worker)
     assert make(tmp_path / "set", orders, 2, one_worker).made == 2
@@ -248,7 +261,7 @@ def test_ctrl_c_ends_within_seconds_and_the_same_command_goes_on(
         assert process.wait(30) == 130
         assert time.monotonic() - begin_s < 15
     assert workers and not any(map(runs, workers))
-    assert not (folder / ".partial").exists()
+    assert not list(folder.glob(".slamsim-*"))
     (orders / "5").unlink()
     make(folder, orders, COUNT, one_worker)
     assert tree(folder) == undisturbed

@@ -152,11 +152,11 @@ def test_a_host_lost_in_the_middle_costs_nothing_and_changes_nothing(tmp_path: P
         assert all(maker.items() >= _SAME.items() for maker in lost)
     make_dataset(load_recipe("tiny"), COUNT, str(tmp_path / "here"), LocalEngine(2))
     assert tree(out) == tree(tmp_path / "here")
-    assert not list(out.parent.glob("*.lock")) and not (out / ".partial").exists()
+    assert not list(out.parent.glob(".*")) and not list(out.glob(".slamsim-*"))
 
 
 def _works_amid_it_all(out: Path, host: str) -> bool:
     """Whether some sequences are there, and the host is at another."""
     if len(list(out.glob("t*/*/sequence.json"))) < 3:
         return False
-    return bool(list(out.glob(f".partial/*.{host}-*/log")))
+    return bool(list(out.glob(f".slamsim-*/*.{host}-*/log")))

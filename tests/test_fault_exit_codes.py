@@ -24,8 +24,8 @@ GENEROUS_S = 60.0
 HOLDER = """
 import sys, time
 from pathlib import Path
-from slamsim.safe.lock import folder_lock
-with folder_lock(Path("held").resolve()):
+from slamsim.safe.lock import locked
+with locked(Path("held").resolve(), print):
     print("begun", flush=True)
     time.sleep(1000)
 """

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import bz2
 import json
+import os
+import signal
 import struct
 import time
 import zlib
@@ -23,7 +25,9 @@ from slamsim.logs.mcap_stream import MAGIC, record_bytes
 from slamsim.logs.reader import read_log
 from slamsim.logs.recovery.source import damaged_recording
 from slamsim.run.recovering import recover_log
-from slamsim.safe.errors import InputRefused, SlamsimError
+from slamsim.safe.errors import InputRefused, OutputRefused
+from slamsim.safe.output import partial_folder
+from slamsim.safe.replaceable import require_apart
 
 pytestmark = pytest.mark.fault
 
@@ -123,13 +127,16 @@ def test_the_damaged_recording_is_never_written_over(tmp_path: Path) -> None:
     damaged = damaged_recording(tmp_path / "run")
     assert damaged.path == log
     for taken in (log, tmp_path / "run", log / "new", tmp_path / "run" / ".." / "run"):
-        with pytest.raises(SlamsimError, match="choose another"):
-            damaged.require_elsewhere(taken)
-    damaged.require_elsewhere(tmp_path / "run_recovered")
-    (tmp_path / "x.partial").mkdir()
-    as_mcap(tmp_path / "x.partial" / "a.mcap", Robot(ROS2).drive())
-    with pytest.raises(SlamsimError, match="choose another"):
-        damaged_recording(tmp_path / "x").require_elsewhere(tmp_path / "x")
+        with pytest.raises(OutputRefused, match="choose another"):
+            require_apart([taken], [damaged.path])
+    require_apart([tmp_path / "run_recovered"], [damaged.path])
+    if (child := os.fork()) == 0:
+        with partial_folder(tmp_path / "x") as folder:
+            as_mcap(folder / "a.mcap", Robot(ROS2).drive())
+            os.kill(os.getpid(), signal.SIGKILL)
+    os.waitpid(child, 0)
+    with pytest.raises(OutputRefused, match="choose another"):
+        require_apart([tmp_path / "x"], [damaged_recording(tmp_path / "x").path])
 
 
 def test_a_link_out_of_the_folder_is_not_followed(tmp_path: Path) -> None:

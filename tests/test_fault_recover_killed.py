@@ -19,6 +19,7 @@ from slamsim.logs.reader import read_log, read_truth
 from slamsim.logs.recovery.recover import recover
 from slamsim.logs.recovery.source import damaged_recording
 from slamsim.logs.writer import LogWriter
+from slamsim.safe.output import partial_folder
 
 pytestmark = pytest.mark.fault
 
@@ -28,23 +29,23 @@ CHUNK_BYTES = 20_000
 COMMAND = [sys.executable, "-c", "from slamsim.entry import main; main()"]
 
 
-def write_until_killed(folder: Path, told: int) -> None:
+def write_until_killed(run: Path, told: int) -> None:
     """Records for ever, and says after each window that it is written."""
-    with LogWriter(folder, header()) as writer:
+    with partial_folder(run) as folder, LogWriter(folder / "log", header()) as writer:
         for number in range(10_000):
             span = (number * WINDOW_S, (number + 1) * WINDOW_S)
             writer.write(readings(*span), drive(*span))
             os.write(told, b".")
 
 
-def killed_writer(folder: Path, after_s: float) -> int:
+def killed_writer(run: Path, after_s: float) -> int:
     """How many windows a child said to be written before it was killed."""
     heard, told = os.pipe()
     child = os.fork()
     if child == 0:
         try:
             os.close(heard)
-            write_until_killed(folder, told)
+            write_until_killed(run, told)
         finally:
             os._exit(1)
     os.close(told)
@@ -61,8 +62,7 @@ def test_a_killed_writer_loses_at_most_one_chunk(
 ) -> None:
     monkeypatch.setattr("slamsim.logs.mcap_file.CHUNK_BYTES", CHUNK_BYTES)
     for number, after_s in enumerate(np.random.default_rng(1).uniform(0.0, 0.4, KILLS).tolist()):
-        log = tmp_path / f"{number}.partial" / "log"
-        windows = killed_writer(log, after_s)
+        windows = killed_writer(tmp_path / str(number), after_s)
         (out := tmp_path / f"out_{number}").mkdir()
         told = recover(damaged_recording(tmp_path / str(number)), out)
         last_ns = max(topic.last_ns for topic in told.topics)
@@ -81,12 +81,13 @@ def test_what_a_killed_simulation_had_recorded_is_mapped(tmp_path: Path) -> None
         start_new_session=True,
         stderr=subprocess.DEVNULL,
     )
-    recording = tmp_path / "outputs" / "labyrinth.partial" / "log" / MCAP_NAME
+    pattern = f".labyrinth.slamsim-*/new/log/{MCAP_NAME}"
     deadline_s = time.monotonic() + 120.0
-    while time.monotonic() < deadline_s and not (
-        recording.exists() and recording.stat().st_size > 450_000
+    while time.monotonic() < deadline_s and not any(
+        file.stat().st_size > 450_000 for file in (tmp_path / "outputs").glob(pattern)
     ):
         time.sleep(0.02)
+    (recording,) = (tmp_path / "outputs").glob(pattern)
     os.killpg(run.pid, signal.SIGKILL)
     run.wait()
     size = recording.stat().st_size
@@ -112,6 +113,6 @@ def test_what_a_killed_simulation_had_recorded_is_mapped(tmp_path: Path) -> None
         text=True,
         check=False,
     )
-    assert again.returncode == 1
+    assert again.returncode == 2
     assert "choose another" in again.stderr
     assert recording.stat().st_size == size

@@ -40,7 +40,7 @@ from slamsim.logs.writer import LogWriter
 from slamsim.run.dataset_telling import mending_of
 from slamsim.run.verifying import verify_path
 from slamsim.safe.errors import InputRefused, Locked, SlamsimError
-from slamsim.safe.lock import folder_lock
+from slamsim.safe.lock import locked
 from slamsim.safe.output import partial_folder, write_atomic
 from slamsim.safe.sums import SUMS
 
@@ -165,12 +165,14 @@ class Run(Folder):
         return self.version > 0 and self.left == run_of(self.version)
 
     def is_free(self, overwrite: bool) -> bool:
-        return not self.left or (overwrite and MARK in self.left)
+        """What replaces it must be told that nothing in it is somebody else's."""
+        sealed = self.left.get(SUMS) == run_of(self.version or 1)[SUMS]
+        return not self.left or (overwrite and MARK in self.left and sealed)
 
     @rule(version=st.integers(1, 3), overwrite=st.booleans())
     def make(self, version: int, overwrite: bool) -> None:
         if not self.is_free(overwrite):
-            with pytest.raises(SlamsimError, match=r"is there already|did not write"):
+            with pytest.raises(SlamsimError, match=r"there already|did not write|not replaced"):
                 write_run(version, overwrite, self.out)
             return
         write_run(version, overwrite, self.out)
@@ -193,7 +195,7 @@ class Run(Folder):
 
     @rule(version=st.integers(1, 3))
     def second_writer(self, version: int) -> None:
-        with folder_lock(self.out), pytest.raises(Locked):
+        with locked(self.out, print), pytest.raises(Locked if self.is_free(True) else SlamsimError):
             write_run(version, True, self.out)
 
     @rule()

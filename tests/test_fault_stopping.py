@@ -75,7 +75,7 @@ print("ended", job.wait(), flush=True)
 def begun(run: Run, cwd: Path, processes: int) -> None:
     """Wait until it is at work, with so many processes."""
     end_s = time.monotonic() + BEGUN_S
-    while not (cwd / "run.partial" / "half").exists() or len(run.kin()) < processes:
+    while not list(cwd.glob(".run.slamsim-*/new/half")) or len(run.kin()) < processes:
         assert time.monotonic() < end_s and run.process.poll() is None
         time.sleep(0.02)
 
@@ -163,7 +163,7 @@ def test_a_terminal_pauses_and_stops_a_command(tmp_path: Path) -> None:
         os.chdir(tmp_path)
         os.execv(sys.executable, [sys.executable, "-c", SHELL, BEGIN])
     end_s = time.monotonic() + BEGUN_S
-    while not (tmp_path / "run.partial" / "half").exists():
+    while not list(tmp_path.glob(".run.slamsim-*/new/half")):
         assert time.monotonic() < end_s
         time.sleep(0.02)
     os.write(terminal, b"\x1a")

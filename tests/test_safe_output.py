@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import errno
 import os
+import signal
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
-from slamsim.safe import output
+from slamsim.safe import staging
 from slamsim.safe.errors import DiskFull, SlamsimError
+from slamsim.safe.lock import staging_of
 from slamsim.safe.output import partial_folder, require_free_space, write_atomic
 
 
@@ -30,7 +32,8 @@ def test_a_whole_folder_appears_under_its_name_and_nothing_beside_it(tmp_path: P
     with partial_folder(final) as folder:
         (folder / "a").write_text("a")
         assert not final.exists()
-        assert folder.parent == final.parent
+        assert folder.parent.parent == final.parent
+        assert {path.name[0] for path in final.parent.iterdir()} == {"."}
     assert (final / "a").read_text() == "a"
     assert names(tmp_path / "outputs") == ["run"]
 
@@ -107,22 +110,77 @@ def test_an_empty_folder_may_be_filled(tmp_path: Path) -> None:
     assert (tmp_path / "run" / "map.pgm").exists()
 
 
+def killed_in_the_middle(work: Callable[[], object]) -> None:
+    """Run this in a fork of this process, which must not come to its end."""
+    if (child := os.fork()) == 0:
+        try:
+            work()
+        finally:
+            os._exit(0)
+    assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == -signal.SIGKILL
+
+
+def kill(*_: object) -> None:
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
 def test_remains_of_a_killed_run_are_cleared_away(tmp_path: Path) -> None:
-    (tmp_path / "run.partial").mkdir()
-    (tmp_path / "run.partial" / "half").touch()
-    (tmp_path / "run.lock").touch()
+    def work() -> None:
+        with partial_folder(tmp_path / "run") as folder:
+            (folder / "half").touch()
+            kill()
+
+    killed_in_the_middle(work)
+    assert len(names(tmp_path)) == 2
     run_of(tmp_path / "run", "x")
     assert names(tmp_path) == ["run"]
     assert not (tmp_path / "run" / "half").exists()
 
 
-def test_a_kill_between_the_two_renames_loses_nothing(tmp_path: Path) -> None:
-    final = tmp_path / "run"
+def killed_between_the_renames(final: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The staging folder that is left; what stood under the name is in there."""
     run_of(final, "old")
-    final.rename(tmp_path / "run.old")
+    rename = Path.rename
+
+    def kill_at_the_second(self: Path, target: Path) -> Path:
+        if target == final:
+            kill()
+        return rename(self, target)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(staging, "exchange", lambda one, other: False)
+        patch.setattr(Path, "rename", kill_at_the_second)
+        killed_in_the_middle(lambda: run_of(final, "new", overwrite=True))
+    assert not final.exists()
+    left = staging_of(final)
+    assert left is not None and (left / "old" / "map.pgm").read_text() == "old"
+    return left
+
+
+def test_a_kill_between_the_two_renames_loses_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    final = tmp_path / "run"
+    killed_between_the_renames(final, monkeypatch)
     with pytest.raises(SlamsimError, match="is there already"):
         run_of(final, "new")
     assert (final / "map.pgm").read_text() == "old"
+    assert names(tmp_path) == ["run"]
+
+
+def test_what_took_the_name_between_the_two_renames_loses_nothing_either(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    final = tmp_path / "run"
+    left = killed_between_the_renames(final, monkeypatch)
+    final.mkdir()
+    with pytest.raises(SlamsimError, match="took the name of a run"):
+        run_of(final, "new")
+    assert (left / "old" / "map.pgm").read_text() == "old"
+    final.rmdir()
+    with pytest.raises(SlamsimError, match="is there already"):
+        run_of(final, "new")
+    assert names(tmp_path) == ["run"]
 
 
 def test_a_failing_rename_brings_the_old_run_back(
@@ -133,12 +191,12 @@ def test_a_failing_rename_brings_the_old_run_back(
     rename = Path.rename
 
     def fail_for_partial(self: Path, target: Path) -> Path:
-        if self.name.endswith(".partial"):
+        if self.name == staging.NEW:
             raise OSError(errno.EIO, "Input/output error")
         return rename(self, target)
 
     monkeypatch.setattr(Path, "rename", fail_for_partial)
-    monkeypatch.setattr(output, "exchange", lambda one, other: False)
+    monkeypatch.setattr(staging, "exchange", lambda one, other: False)
     with pytest.raises(SlamsimError, match="Input/output error"):
         run_of(final, "new", overwrite=True)
     assert (final / "map.pgm").read_text() == "old"
@@ -189,7 +247,7 @@ def test_each_failing_step_leaves_nothing(
             patch.setattr(
                 Path,
                 "mkdir",
-                lambda p, *a, **k: fail() if p.suffix == ".partial" else mkdir(p, *a, **k),
+                lambda p, *a, **k: fail() if p.name == staging.NEW else mkdir(p, *a, **k),
             )
         else:
             patch.setattr(Path, "write_text", fail)

@@ -15,7 +15,7 @@ import pyarrow.compute as pc
 
 from slamsim.config.dump import dump_commented_yaml
 from slamsim.dataset.card import data_card, licence_text
-from slamsim.dataset.identity import IDENTITY
+from slamsim.dataset.identity import IDENTITY, RECIPE
 from slamsim.dataset.manifest import MANIFEST, joined, manifest
 from slamsim.dataset.preview import contact_sheet
 from slamsim.dataset.recipe import Recipe
@@ -26,7 +26,7 @@ from slamsim.dataset.table import table_from_parquet, table_to_parquet
 from slamsim.dataset.versions import versions
 from slamsim.safe.sums import SUMS, SumsDamaged, read_sums, sha256_of, sums_text
 
-RECIPE, STATISTICS = "recipe.yaml", "statistics.json"
+STATISTICS = "statistics.json"
 
 _WORLDS_SHOWN = 6
 _AT_ONCE = 256

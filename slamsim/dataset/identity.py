@@ -15,10 +15,8 @@ from slamsim.safe.errors import InputRefused, SlamsimError, shown
 from slamsim.safe.sums import SUMS, SumsDamaged, read_sums, sha256_of
 from slamsim.safe.yaml import parse_yaml
 
-IDENTITY = "dataset.yaml"
+IDENTITY, RECIPE = "dataset.yaml", "recipe.yaml"
 _KIND = "slamsim data set 1"
-_OURS = frozenset((".partial", ".lock.json", "logs", f".{IDENTITY}.partial"))
-"""What may lie in a place that holds no data set yet."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,12 +69,8 @@ def require_place_for(store: Store, identity: Identity) -> None:
     """Raise SlamsimError unless the place is empty or holds this data set, perhaps fewer of it."""
     data = store.read(IDENTITY)
     if data is None:
-        others = sorted(store.names("") - _OURS)
-        if others and not _vouched(store, identity):
-            raise SlamsimError(
-                f"{store.address} holds files that are no data set, such as {shown(others[0])}; "
-                "choose another place"
-            )
+        if not _vouched(store, identity):
+            require_empty(store)
         return
     if identity.text().encode().startswith(data):  # the same, or cut while it was written
         return
@@ -96,6 +90,15 @@ def require_place_for(store: Store, identity: Identity) -> None:
         raise SlamsimError(
             f"{store.address} is to have {found['sequences']} sequences, more than the "
             f"{identity.sequences} asked for; it can grow, not shrink"
+        )
+
+
+def require_empty(store: Store) -> None:
+    """Raise SlamsimError if there is anything in a place."""
+    if others := sorted(store.names("")):
+        raise SlamsimError(
+            f"{store.address} holds files that are no data set, such as {shown(others[0])}; "
+            "choose another place"
         )
 
 

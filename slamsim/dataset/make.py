@@ -6,12 +6,12 @@ import shlex
 from collections.abc import Callable, Sequence
 from functools import partial
 
-from slamsim.dataset.catalogue import RECIPE, write_catalogue
+from slamsim.dataset.catalogue import write_catalogue
 from slamsim.dataset.distributions import edges
 from slamsim.dataset.draw import sequence_spec
 from slamsim.dataset.engines.base import Engine
 from slamsim.dataset.fulfil import fulfil
-from slamsim.dataset.identity import Identity
+from slamsim.dataset.identity import RECIPE, Identity
 from slamsim.dataset.plan import plan
 from slamsim.dataset.produce import produce
 from slamsim.dataset.production import DatasetSummary, Order

@@ -21,7 +21,8 @@ from slamsim.dataset.store import StoreFailed
 from slamsim.safe.errors import Locked, SlamsimError
 from slamsim.safe.sums import SEQUENCE
 
-LOCK = ".lock.json"
+LOCK = ".slamsim-lock.json"
+_KIND = "lock of a data set"
 RENEWED_EVERY_S = 20.0
 FORGOTTEN_AFTER_S = 90.0
 """A lock that was not renewed for so long belongs to a run that was killed."""
@@ -79,11 +80,12 @@ class RemoteStore:
                 found = self._files.ls(where, detail=False)
             except FileNotFoundError:
                 return frozenset()
-            return frozenset(
+            names = {
                 path.rstrip("/").rpartition("/")[2]
                 for path in found
                 if path.strip("/") != where.strip("/")
-            )
+            }
+            return frozenset(names if folder else names - {LOCK})
 
         return self._tried(ls)
 
@@ -104,7 +106,8 @@ class RemoteStore:
 
     @contextmanager
     def owned(self) -> Iterator[None]:
-        me = {"owner": f"process {os.getpid()} on {socket.gethostname()}", "key": uuid.uuid4().hex}
+        owner = f"process {os.getpid()} on {socket.gethostname()}"
+        me = {"slamsim": _KIND, "owner": owner, "key": uuid.uuid4().hex}
         self._take_lock(me)
         over = threading.Event()
         renewal = threading.Thread(target=self._renew, args=(me, over), daemon=True)
@@ -142,11 +145,19 @@ class RemoteStore:
         self.write(LOCK, json.dumps({**me, "renewed_s": time.time()}).encode())
 
     def _lock(self) -> dict[str, Any] | None:
+        """Nothing for one that was cut on the way. Raises SlamsimError if it is not ours."""
+        data = self.read(LOCK) or b""
+        begin = json.dumps({"slamsim": _KIND})[:-1].encode()
+        if not data.startswith(begin[: len(data)]):
+            raise SlamsimError(
+                f"{self.address}/{LOCK} has the name of slamsim's lock, and slamsim did not write "
+                "it; choose another place"
+            )
         try:
-            found = json.loads(self.read(LOCK) or b"null")
+            found: dict[str, Any] = json.loads(data)
         except ValueError:
             return None
-        return found if isinstance(found, dict) else None
+        return found
 
     def _at(self, path: str) -> str:
         return f"{self._root}/{path}" if path else self._root

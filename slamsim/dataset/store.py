@@ -1,8 +1,10 @@
 """Where a data set lies: a local folder, or any place that fsspec knows by a URL.
 
-Nothing half-written ever counts. In a folder, a sequence is written beside its final name and
-renamed when it is whole and on the disk. Elsewhere it is made in a temporary folder and uploaded,
-its ``sequence.json`` last; whoever reads it there takes one that is not whole for absent.
+Nothing half-written ever counts. In a folder, a sequence is written in the staging folder of the
+run, which lies inside the data set (that may be a disk of its own) and which workers find by the
+run's lock file, and renamed when it is whole and on the disk. Elsewhere it is made in a temporary
+folder and uploaded, its ``sequence.json`` last; whoever reads it there takes one that is not whole
+for absent.
 """
 
 from __future__ import annotations
@@ -19,22 +21,18 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Protocol
 
-from slamsim.safe.errors import Locked, SlamsimError
+from slamsim.safe.errors import Locked, SlamsimError, shown
 from slamsim.safe.files import own_file
-from slamsim.safe.lock import claimed, folder_lock
-from slamsim.safe.output import (
-    free_bytes,
-    sync,
-    sync_tree,
-    write_atomic,
-    written_to,
-)
+from slamsim.safe.lock import claimed, locked, staging_of
+from slamsim.safe.output import free_bytes, sync_tree, write_atomic, written_to
+from slamsim.safe.seal import files_in
+from slamsim.safe.staging import is_staging, make_staging, remove_staging, sync
 from slamsim.safe.sums import SEQUENCE
 
 READERS = 16
 """An object store answers slowly, but many at a time."""
 
-_WORK, _WORKERS_LOCK = ".partial", "lock"
+_WORKERS_LOCK = "workers"
 _ORPHANS_END_S = 10.0
 """So long a run waits for the workers of one that was killed; they are killed with it, but a
 worker of another machine first finishes what it has."""
@@ -90,7 +88,7 @@ def open_store(address: str) -> Store:
 
 def claimed_place(address: str) -> AbstractContextManager[None]:
     """Keep a folder for a run in the block, and raise Locked now rather than then."""
-    return nullcontext() if "://" in address else claimed(Path(LocalStore(address).address))
+    return nullcontext() if "://" in address else LocalStore(address).claimed()
 
 
 @lru_cache(maxsize=8)
@@ -119,7 +117,10 @@ class LocalStore:
             return None
 
     def write(self, path: str, data: bytes) -> None:
-        write_atomic(self._own(path), data)
+        file = self._own(path)
+        with written_to(file):
+            staging = self._made_staging() if self._staging() else None
+        write_atomic(file, data, staging)
 
     def remove(self, path: str) -> None:
         file = self._own(path)
@@ -136,7 +137,9 @@ class LocalStore:
 
     def names(self, folder: str) -> frozenset[str]:
         try:
-            return frozenset(os.listdir(self._own(folder)))  # noqa: PTH208 - a million names
+            found = frozenset(os.listdir(self._own(folder)))  # noqa: PTH208 - a million names
+            staging = None if folder else self._staging()
+            return found - {staging.name} if staging and is_staging(staging) else found
         except FileNotFoundError:
             return frozenset()
         except NotADirectoryError:
@@ -144,11 +147,9 @@ class LocalStore:
 
     @contextmanager
     def working_folder(self, name: str) -> Iterator[Path]:
-        parent = self._own(_WORK)
         prefix = f"{name.replace('/', '-')}.{socket.gethostname()}-{os.getpid()}."
         with written_to(self._root):
-            parent.mkdir(parents=True, exist_ok=True)
-            folder = Path(tempfile.mkdtemp(prefix=prefix, dir=parent))
+            folder = Path(tempfile.mkdtemp(prefix=prefix, dir=self._made_staging()))
             folder.chmod(0o755)
         try:
             yield folder
@@ -156,7 +157,10 @@ class LocalStore:
             shutil.rmtree(folder, ignore_errors=True)
 
     def publish(self, folder: Path, name: str) -> None:
-        """A sequence that another worker has put there meanwhile stays: it is the same."""
+        """A sequence that another worker has put there meanwhile stays: it is the same.
+
+        Raises SlamsimError rather than replace a folder that holds files of somebody else.
+        """
         final = self._own(name)
         with written_to(final):
             sync_tree(folder)
@@ -164,6 +168,11 @@ class LocalStore:
             if final.is_dir():
                 if self.read(f"{name}/{SEQUENCE}") == (folder / SEQUENCE).read_bytes():
                     return
+                if others := sorted({*files_in(final)} - {*files_in(folder)}):
+                    raise SlamsimError(
+                        f"{final} is to be made again and holds {shown(others[0])}, "
+                        "which is no part of it; move that away"
+                    )
                 shutil.rmtree(final)
             folder.rename(final)
             sync(final.parent)
@@ -172,21 +181,28 @@ class LocalStore:
         return free_bytes(self._root)
 
     @contextmanager
+    def claimed(self) -> Iterator[None]:
+        """Keep it for an ``owned`` in the block. Raises what that raises."""
+        with ExitStack() as held:
+            with written_to(self._root):
+                held.enter_context(claimed(self._root, self._put_away, inside=True))
+            yield
+
+    @contextmanager
     def owned(self) -> Iterator[None]:
         with ExitStack() as leaving:
             with written_to(self._root):
-                leaving.enter_context(folder_lock(self._root))
-                self._wait_for_workers()
-            self._clear_work()
-            leaving.callback(self._clear_work)
+                staging = leaving.enter_context(locked(self._root, self._put_away, inside=True))
+            if not self._root.exists():
+                leaving.callback(self._remove_if_empty)
+            leaving.callback(self._clear, staging)
             yield
 
     @contextmanager
     def used(self) -> Iterator[None]:
-        work = self._own(_WORK)
         with written_to(self._root):
-            work.mkdir(parents=True, exist_ok=True)
-            lock = os.open(work / _WORKERS_LOCK, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
+            path = self._made_staging() / _WORKERS_LOCK
+            lock = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, 0o666)
         try:
             fcntl.flock(lock, fcntl.LOCK_SH)
             yield
@@ -194,12 +210,29 @@ class LocalStore:
             with suppress(OSError):  # nothing was written to it
                 os.close(lock)
 
-    def _wait_for_workers(self) -> None:
-        lock = self._own(f"{_WORK}/{_WORKERS_LOCK}")
-        if not lock.exists():
+    def _staging(self) -> Path | None:
+        """Where the run that holds the lock, in whatever process, has its unfinished work."""
+        staging = staging_of(self._root)
+        return staging if staging and staging.parent == self._root else None
+
+    def _made_staging(self) -> Path:
+        staging = self._staging()
+        if staging is None:
+            raise StoreFailed(f"no run is there that makes the data set {self._root}")
+        make_staging(staging, self._root)
+        return staging
+
+    def _put_away(self, staging: Path) -> None:
+        """What a run left that was killed, once its workers are done too."""
+        self._wait_for_workers(staging / _WORKERS_LOCK)
+        remove_staging(staging)
+
+    def _wait_for_workers(self, lock: Path) -> None:
+        try:
+            descriptor = os.open(lock, os.O_RDWR | os.O_NOFOLLOW | os.O_CLOEXEC)
+        except FileNotFoundError:
             return
         end_s = time.monotonic() + _ORPHANS_END_S
-        descriptor = os.open(lock, os.O_RDWR | os.O_CLOEXEC)
         try:
             while not _taken(descriptor):
                 if time.monotonic() > end_s:
@@ -215,8 +248,14 @@ class LocalStore:
         """InputRefused for a link that leads out of the data set."""
         return own_file(self._root, path)
 
-    def _clear_work(self) -> None:
-        shutil.rmtree(self._root / _WORK, ignore_errors=True)
+    def _clear(self, staging: Path) -> None:
+        """What cannot be removed now is when the next run begins."""
+        with suppress(OSError):
+            remove_staging(staging)
+
+    def _remove_if_empty(self) -> None:
+        with suppress(OSError):
+            self._root.rmdir()
 
 
 def _taken(descriptor: int) -> bool:

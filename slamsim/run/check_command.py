@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from slamsim.options import Json, Lossy, Overwrite, Quiet, ScanTopic
+from slamsim.options import Json, Lossy, Overwrite, OverwriteFile, Quiet, ScanTopic
+from slamsim.safe.errors import SlamsimError
 
 CHECK_EPILOG = (
     "Exit code: 0 nothing is bad, 1 something is; 2, 3, 4 and 10 the check could not run. "
@@ -17,6 +20,13 @@ FIX_EPILOG = (
     "Exit code: 0 nothing bad is left, 1 something is. "
     "Example: slamsim fix my_rosbag2/ mended/ --apply all"
 )
+
+
+class NotChecked(SlamsimError):
+    """The check itself could not run, though its code 1 would be taken for a verdict."""
+
+    exit_code = 2
+
 
 Source = Annotated[
     Path, typer.Argument(help="A recording: rosbag2, MCAP, ROS 1, CARMEN.", show_default=False)
@@ -33,22 +43,38 @@ def check(
         bool, typer.Option("--quick", help="Leave out what compares scans with one another.")
     ] = False,
     show_all: Annotated[bool, typer.Option("--all", help="Show also what is fine.")] = False,
+    overwrite: OverwriteFile = False,
     quiet: Quiet = False,
     as_json: Json = False,
 ) -> None:
     """Say what is wrong with a recording: stamps, frames, laser, wheels, gyroscope."""
     from slamsim.console import Reporter
-    from slamsim.run.checking import check_log
+    from slamsim.run.naming import output_file
 
-    report = check_log(
-        source,
-        Reporter(quiet=quiet, as_json=as_json),
-        scan_topic=scan_topic,
-        quick=quick,
-        html=html,
-        show_all=show_all,
-    )
+    reporter = Reporter(quiet=quiet, as_json=as_json)
+    with _not_checked(), output_file(html, overwrite=overwrite, inputs=(source,)) as page:
+        from slamsim.run.checking import check_log
+
+        report = check_log(
+            source, reporter, scan_topic=scan_topic, quick=quick, html=page, show_all=show_all
+        )
+    if html is not None:
+        reporter.say(f"Written to {html}")
     raise typer.Exit(1 if report.bad else 0)
+
+
+@contextmanager
+def _not_checked() -> Iterator[None]:
+    try:
+        yield
+    except SlamsimError as error:
+        if error.exit_code != SlamsimError.exit_code:
+            raise
+        raise NotChecked(str(error)) from error
+    except OSError as error:
+        raise NotChecked(
+            f"{error.filename or 'input/output'}: {error.strerror or error}"
+        ) from error
 
 
 def fix(
@@ -79,10 +105,10 @@ def fix(
     What a repair does not touch is copied byte for byte: other topics, covariances, attachments.
     """
     from slamsim.console import Reporter
-    from slamsim.safe.output import claimed_folder
+    from slamsim.run.naming import output_folder
 
     reporter = Reporter(quiet=quiet, as_json=as_json)
-    with claimed_folder(out, overwrite):
+    with output_folder(out, "", overwrite=overwrite, inputs=(source,)):
         from slamsim.run.fixing import fix_log
 
         report = fix_log(

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 from rich.table import Table
@@ -16,13 +14,6 @@ from slamsim.console import Reporter
 from slamsim.logs.raw import read_recording
 from slamsim.recording import Recording
 from slamsim.run.stages import Stages
-from slamsim.safe.errors import SlamsimError
-
-
-class NotChecked(SlamsimError):
-    """The check itself could not run, though its code 1 would be taken for a verdict."""
-
-    exit_code = 2
 
 
 def check_log(
@@ -34,19 +25,16 @@ def check_log(
     html: Path | None = None,
     show_all: bool = False,
 ) -> CheckReport:
-    """Read, check, show. Raises NotFound, InputRefused, and NotChecked for any other error."""
-    with _not_checked():
-        stages = Stages(reporter)
-        with stages.stage("read"):
-            recording = read_recording(source, scan_topic)
-        report = check_stage(recording, stages, quick=quick)
-        if html is not None:
-            from slamsim.view.check_page import write_check_page
-
-            write_check_page(html, report)
-    show_verdicts(reporter, recording, report, show_all=show_all)
+    """Read, check, show. Raises NotFound and InputRefused."""
+    stages = Stages(reporter)
+    with stages.stage("read"):
+        recording = read_recording(source, scan_topic)
+    report = check_stage(recording, stages, quick=quick)
     if html is not None:
-        reporter.say(f"Written to {html}")
+        from slamsim.view.check_page import write_check_page
+
+        write_check_page(html, report)
+    show_verdicts(reporter, recording, report, show_all=show_all)
     reporter.result(
         {
             **as_json(report),
@@ -62,20 +50,6 @@ def check_stage(recording: Recording, stages: Stages, *, quick: bool = False) ->
     """Check a recording under a progress bar."""
     with stages.stage("check", "questions/s") as progress:
         return check_recording(recording, quick=quick, progress=progress)
-
-
-@contextmanager
-def _not_checked() -> Iterator[None]:
-    try:
-        yield
-    except SlamsimError as error:
-        if error.exit_code != SlamsimError.exit_code:
-            raise
-        raise NotChecked(str(error)) from error
-    except OSError as error:
-        raise NotChecked(
-            f"{error.filename or 'input/output'}: {error.strerror or error}"
-        ) from error
 
 
 def show_verdicts(

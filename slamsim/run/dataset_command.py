@@ -68,6 +68,8 @@ def make(
     from slamsim.console import Reporter
     from slamsim.dataset.store import claimed_place
 
+    if "://" not in out:
+        _require_place(out, recipe)
     with claimed_place(out):
         from slamsim.run.dataset_making import run_make
 
@@ -81,6 +83,28 @@ def make(
             scheduler=scheduler,
             only=only,
         )
+
+
+def _require_place(out: str, recipe: str) -> None:
+    """Raises SlamsimError for a folder that cannot be a data set's, and what ``require_apart``
+    raises, but for the recipe that a data set itself holds: by that it is made again, and nothing
+    in it is replaced by other bytes.
+    """
+    from slamsim.config.bundled import find_input
+    from slamsim.dataset.identity import IDENTITY, RECIPE, require_empty
+    from slamsim.dataset.store import open_store
+    from slamsim.safe.replaceable import require_apart
+    from slamsim.safe.sums import SUMS
+
+    store = open_store(out)
+    is_dataset = not store.names("").isdisjoint((IDENTITY, SUMS))
+    own = Path(store.address) / RECIPE
+    if "://" not in recipe:
+        file = find_input("configs/datasets", recipe)
+        if not (is_dataset and own.is_file() and own.samefile(file)):
+            require_apart((Path(out),), (file,))
+    if not is_dataset:
+        require_empty(store)
 
 
 @dataset.command(epilog="Example: slamsim dataset plan labyrinths -n 10000")

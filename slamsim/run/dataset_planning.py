@@ -11,18 +11,17 @@ from slamsim.dataset.loading import load_recipe
 from slamsim.dataset.plan import Plan, plan
 from slamsim.dataset.preview import contact_sheet
 from slamsim.quantities import as_size, as_time
-from slamsim.safe.errors import SlamsimError
-from slamsim.safe.output import write_atomic
+from slamsim.run.naming import loaded, output_file
 
 _MOST_TOLD = 12
 
 
 def tell_plan(recipe: str, count: int, reporter: Reporter, workers: int | None = None) -> None:
     """Print the plan, and give it as JSON. Raises what loading and planning raise."""
-    loaded = load_recipe(recipe)
-    reporter.say(f"Trying out {loaded.name}: a few short sequences are made and thrown away")
-    found = plan(loaded, count, workers)
-    reporter.table(f"{loaded.name}: {loaded.title}", plan_rows(found))
+    chosen = load_recipe(recipe)
+    reporter.say(f"Trying out {chosen.name}: a few short sequences are made and thrown away")
+    found = plan(chosen, count, workers)
+    reporter.table(f"{chosen.name}: {chosen.title}", plan_rows(found))
     reporter.result({**asdict(found), "total_bytes": found.total_bytes})
 
 
@@ -30,12 +29,12 @@ def draw_preview(
     recipe: str, count: int, out: Path | None, reporter: Reporter, *, overwrite: bool = False
 ) -> None:
     """Write the contact sheet. Raises SlamsimError if the file is there and not to be replaced."""
-    loaded = load_recipe(recipe)
-    path = out or Path(f"{loaded.name}.png")
-    if path.exists() and not overwrite:
-        raise SlamsimError(f"{path} is there already; choose another --out, or --overwrite")
-    with reporter.stage("preview", "worlds/s") as progress:
-        write_atomic(path, contact_sheet(loaded, count, progress))
+    read = loaded(lambda: load_recipe(recipe))
+    path = out or Path(f"{read.config.name}.png")
+    with output_file(path, overwrite=overwrite, inputs=read.files) as unfinished:
+        assert unfinished is not None
+        with reporter.stage("preview", "worlds/s") as progress:
+            unfinished.write_bytes(contact_sheet(read.config, count, progress))
     reporter.say(f"Written to {path}")
     reporter.result({"file": str(path), "worlds": count})
 

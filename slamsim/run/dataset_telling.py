@@ -11,8 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from slamsim.console import Reporter
-from slamsim.dataset.catalogue import RECIPE
-from slamsim.dataset.identity import IDENTITY
+from slamsim.dataset.identity import IDENTITY, RECIPE
 from slamsim.dataset.manifest import read_manifest
 from slamsim.dataset.place import Place
 from slamsim.dataset.sequence_check import EXTRA, Finding

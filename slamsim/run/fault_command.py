@@ -33,7 +33,7 @@ def fault(
     """
     from slamsim.config.faults import typed_choices
     from slamsim.console import Reporter
-    from slamsim.safe.output import claimed_folder
+    from slamsim.run.naming import output_folder
 
     reporter = Reporter(quiet=quiet, as_json=as_json)
     if list_:
@@ -45,7 +45,8 @@ def fault(
     if source is None or out is None or not faults:
         raise typer.BadParameter("give a recording, a folder and at least one --fault, or --list")
     choices = typed_choices(faults)
-    with claimed_folder(out, overwrite):
+    own = (Path(choice.name) for choice in choices if Path(choice.name).is_file())
+    with output_folder(out, "", overwrite=overwrite, inputs=(source, *own)):
         from slamsim.run.faulting import spoil_recording
 
         injected, copied = spoil_recording(

@@ -36,14 +36,21 @@ def identify(
     """Fit a robot to figures measured on a real one, and say what they leave open."""
     from slamsim.config.measurements import load_measurements
     from slamsim.console import Reporter
-    from slamsim.run.naming import output_folder
+    from slamsim.run.naming import loaded, output_file, output_folder
 
     reporter = Reporter(quiet=quiet, as_json=as_json)
-    config = load_measurements(measurements, set_ or ())
+    read = loaded(lambda: load_measurements(measurements, set_ or ()))
+    config = read.config
     typed = " ".join(["slamsim identify", measurements, *(f"--set {text}" for text in set_ or ())])
-    with output_folder(out, f"{config.name}_identified", overwrite=overwrite) as folder:
+    name = f"{config.name}_identified"
+    with (
+        output_folder(out, name, overwrite=overwrite, inputs=read.files) as folder,
+        output_file(robot_file, overwrite=overwrite, inputs=read.files, beside=folder) as copy,
+    ):
         from slamsim.run.identifying import identify_and_report
 
         identify_and_report(
-            config, typed, folder, reporter, robot_file=robot_file, jobs=jobs, overwrite=overwrite
+            config, typed, folder, reporter, robot_file=copy, jobs=jobs, overwrite=overwrite
         )
+    if robot_file is not None:
+        reporter.say(f"The robot, too: {robot_file}")

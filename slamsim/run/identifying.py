@@ -51,7 +51,7 @@ def identify_and_report(
         if robot_file is not None:
             write_atomic(robot_file, robot)
     tell(result, reporter)
-    reporter.say(f"The robot: {robot_file or folder / f'{found.robot.name}.yaml'}")
+    reporter.say(f"The robot: {folder / f'{found.robot.name}.yaml'}")
     reporter.say(f"Look at {folder}/report.html")
     reporter.result({**told([result], SEED, with_rows=False), "folder": str(folder)})
 

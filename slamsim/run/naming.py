@@ -2,17 +2,25 @@
 
 from __future__ import annotations
 
+import os
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
 from itertools import count
 from pathlib import Path
+from typing import TYPE_CHECKING, Generic, TypeVar
 
 from slamsim.config.bundled import bundled_names
-from slamsim.safe.errors import Locked, SlamsimError
-from slamsim.safe.files import own_file
-from slamsim.safe.output import claimed_folder
+from slamsim.safe.errors import Locked, OutputRefused, SlamsimError
+from slamsim.safe.files import noted_inputs, own_file
+from slamsim.safe.output import claimed_folder, partial_file
+from slamsim.safe.replaceable import require_apart
 
+if TYPE_CHECKING:
+    from slamsim.config.base import Config
+
+_Config = TypeVar("_Config", bound="Config")
 OUTPUTS = Path("outputs")
 LOG, TABLES = "log", "parquet"
 
@@ -47,34 +55,109 @@ def log_of(source: Path) -> Path:
     return own_file(source, LOG) if (source / LOG / "metadata.yaml").is_file() else source
 
 
+@dataclass(frozen=True, slots=True)
+class Loaded(Generic[_Config]):
+    """A configuration, and the files that it was read from and those that it names."""
+
+    config: _Config
+    files: tuple[Path, ...]
+
+
+def loaded(load: Callable[[], _Config]) -> Loaded[_Config]:
+    """What ``load`` gives, with all files that are read meanwhile."""
+    with noted_inputs() as read:
+        config = load()
+    named = (Path(text) for text in _texts(config.model_dump()) if text.startswith("/"))
+    return Loaded(config, (*read, *filter(_is_file, named)))
+
+
+def _texts(value: object) -> Iterator[str]:
+    if isinstance(value, str):
+        yield value
+    elif isinstance(value, Mapping):
+        for inner in value.values():
+            yield from _texts(inner)
+    elif isinstance(value, list | tuple):
+        for inner in value:
+            yield from _texts(inner)
+
+
+def _is_file(path: Path) -> bool:
+    try:
+        return path.is_file()
+    except (OSError, ValueError):
+        return False
+
+
 @contextmanager
-def output_folder(out: Path | None, name: str, *, overwrite: bool) -> Iterator[Path]:
+def output_folder(
+    out: Path | None, name: str, *, overwrite: bool, inputs: Iterable[Path | None] = ()
+) -> Iterator[Path]:
     """The folder that was asked for, else the first free one of this name under outputs/.
 
-    Nobody else gets it within the block. Raises what ``claimed_folder`` raises.
+    Nobody else gets it within the block. inputs: all that the command reads. Raises what
+    ``require_apart`` and ``claimed_folder`` raise, and then nothing has been touched.
     """
+    read = tuple(inputs)
     with ExitStack() as held:
         if out is not None or overwrite:
-            folder = out or OUTPUTS / _safe(name)
+            folder = out or _apart(OUTPUTS / _safe(name), read)
+            require_apart((folder,), read)
             held.enter_context(claimed_folder(folder, overwrite))
         else:
-            folder = _claimed_free(OUTPUTS / _safe(name), held)
+            folder = _claimed_free(OUTPUTS / _safe(name), read, held)
         yield folder
 
 
-def _claimed_free(first: Path, held: ExitStack) -> Path:
+@contextmanager
+def output_file(
+    path: Path | None,
+    *,
+    overwrite: bool,
+    inputs: Iterable[Path | None] = (),
+    beside: Path | None = None,
+) -> Iterator[Path | None]:
+    """Where to write a file that was asked for: it has its name after the block.
+
+    beside: the output folder of the same command. Raises as ``output_folder`` does.
+    """
+    if path is None:
+        yield None
+        return
+    require_apart((path, beside), inputs)
+    with partial_file(path, overwrite) as unfinished:
+        yield unfinished
+
+
+def _apart(folder: Path, inputs: tuple[Path | None, ...]) -> Path:
+    """The same; where it meets an input, the refusal tells an ``--out`` that would not."""
+    try:
+        require_apart((folder,), inputs)
+    except OutputRefused as refusal:
+        free = next(path for path in _numbered(folder) if not os.path.lexists(path))
+        raise OutputRefused(f"{refusal}, such as --out {free}") from None
+    return folder
+
+
+def _claimed_free(first: Path, inputs: tuple[Path | None, ...], held: ExitStack) -> Path:
     """The first of this name, and of it with a number, that nobody has or is about to have."""
-    for number in count(1):
-        folder = first if number == 1 else first.with_name(f"{first.name}_{number}")
-        if folder.exists():
+    for folder in _numbered(first):
+        if os.path.lexists(folder):
             continue
+        require_apart((folder,), inputs)
         try:
             held.enter_context(claimed_folder(folder))
-            break
+            return folder
         except SlamsimError as error:  # somebody was quicker
-            if not isinstance(error, Locked) and not folder.exists():
+            if not isinstance(error, Locked) and not os.path.lexists(folder):
                 raise
-    return folder
+    raise AssertionError("there are infinitely many numbers")
+
+
+def _numbered(first: Path) -> Iterator[Path]:
+    yield first
+    for number in count(2):
+        yield first.with_name(f"{first.name}_{number}")
 
 
 def _safe(name: str) -> str:

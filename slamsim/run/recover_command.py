@@ -36,10 +36,8 @@ def recover(
 
     reporter = Reporter(quiet=quiet, as_json=as_json)
     damaged = damaged_recording(source)
-    if out is not None:
-        damaged.require_elsewhere(out)
     name = f"{recording_name(str(damaged.path))}_recovered"
-    with output_folder(out, name, overwrite=overwrite) as folder:
+    with output_folder(out, name, overwrite=overwrite, inputs=(damaged.path,)) as folder:
         from slamsim.run.recovering import recover_log
 
         recover_log(damaged, folder, reporter, overwrite=overwrite)

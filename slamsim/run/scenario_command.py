@@ -40,15 +40,16 @@ def scenario(
 ) -> None:
     from slamsim.config.scenarios.loading import load_scenarios
     from slamsim.console import Reporter
-    from slamsim.run.naming import output_folder
+    from slamsim.run.naming import loaded, output_folder
     from slamsim.scenarios.registry import find_entries
 
     entries = find_entries(name)
     reporter = Reporter(quiet=quiet, as_json=as_json)
     types = {entry.key: entry.config_type() for entry in entries}
-    whole = load_scenarios(types, config, set_ or (), seed)
+    read = loaded(lambda: load_scenarios(types, config, set_ or (), seed))
     key = entries[0].key if len(entries) == 1 else ALL
-    with output_folder(out, f"scenario_{key}", overwrite=overwrite) as folder:
+    name = f"scenario_{key}"
+    with output_folder(out, name, overwrite=overwrite, inputs=read.files) as folder:
         from slamsim.run.scenario import run_and_report
 
-        run_and_report(entries, whole, folder, reporter, jobs=jobs, overwrite=overwrite)
+        run_and_report(entries, read.config, folder, reporter, jobs=jobs, overwrite=overwrite)

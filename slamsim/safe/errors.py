@@ -93,6 +93,12 @@ class OverrideRefused(SlamsimError):
         super().__init__("\n".join((f"{option}: {reason}", *also)))
 
 
+class OutputRefused(SlamsimError):
+    """An output that would harm what the same command reads."""
+
+    exit_code = 2
+
+
 class NotFound(SlamsimError):
     """A file or a bundled name that does not exist."""
 

@@ -7,12 +7,28 @@ from __future__ import annotations
 
 import os
 import stat
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
 from pathlib import Path
 from typing import BinaryIO
 
 from slamsim.safe.errors import InputRefused, NotFound
 from slamsim.safe.limits import LIMITS, Limits
 from slamsim.safe.seal import require_as_written
+
+_noted: ContextVar[list[Path] | None] = ContextVar("_noted", default=None)
+
+
+@contextmanager
+def noted_inputs() -> Iterator[list[Path]]:
+    """The files that ``open_input`` opens in the block, as they come."""
+    files = list[Path]()
+    token = _noted.set(files)
+    try:
+        yield files
+    finally:
+        _noted.reset(token)
 
 
 def open_input(path: Path) -> BinaryIO:
@@ -23,6 +39,8 @@ def open_input(path: Path) -> BinaryIO:
     one that slamsim sealed and that is not as it was written.
     """
     file = open_as_found(path)
+    if (noted := _noted.get()) is not None:
+        noted.append(path)
     try:
         require_as_written(path)
     except BaseException:

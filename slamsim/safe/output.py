@@ -1,22 +1,36 @@
-"""The one way out: everything is written beside its final name and renamed when whole."""
+"""The one way out: everything is written in a staging folder and renamed when whole.
+
+How names are locked, and what belongs to whom, is told in ``slamsim.safe.lock``.
+"""
 
 from __future__ import annotations
 
 import errno
 import os
+import secrets
 import shutil
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
+from functools import partial
 from pathlib import Path
-from typing import BinaryIO
+from typing import TypeVar
 
 from slamsim.quantities import as_size
-from slamsim.safe.errors import DiskFull, Locked, SlamsimError, shown
-from slamsim.safe.exchange import exchange
-from slamsim.safe.lock import claimed, folder_lock, held
+from slamsim.safe.errors import DiskFull, SlamsimError, shown
+from slamsim.safe.lock import claimed, locked
+from slamsim.safe.replaceable import require_replaceable_file, require_replaceable_folder
 from slamsim.safe.seal import WRITTEN_BY_US, seal_folder
+from slamsim.safe.staging import (
+    NEW,
+    make_staging,
+    put_in_place,
+    remove_staging,
+    restore,
+    sync,
+)
 
+_Held = TypeVar("_Held")
 _MARK_TEXT = "Written by slamsim, which may replace this folder when told to overwrite it.\n"
 _SYNCED_TOGETHER = 8
 _FULL = frozenset((errno.ENOSPC, errno.EDQUOT, errno.EFBIG))
@@ -27,31 +41,46 @@ _FAILING = frozenset((errno.EIO, errno.EROFS, errno.ENXIO, errno.ENODEV, errno.E
 def partial_folder(final: Path, overwrite: bool = False) -> Iterator[Path]:
     """A folder to write into, which becomes ``final`` if the block ends without an exception.
 
-    It is ``<final>.partial`` until everything in it is sealed with ``SHA256SUMS`` and on the
-    disk; then it is renamed. After an exception, Ctrl-C included, it is removed and what stood
-    under ``final`` still stands. An existing folder is refused at once, unless it is empty, or
-    overwrite is set and slamsim wrote it; it then stands under its name until the new one does.
+    It is in a staging folder beside it until everything in it is sealed with ``SHA256SUMS`` and on
+    the disk; then it is renamed. After an exception, Ctrl-C included, it is removed and what stood
+    under ``final`` still stands. An existing folder is refused at once, and nothing is touched,
+    unless it is empty, or overwrite is set, slamsim wrote it and its ``SHA256SUMS`` lists every
+    file in it; it then stands under its name until the new one does.
 
     Raises SlamsimError for a name that cannot be written, Locked while another process writes
     there, DiskFull when the disk (or quota, or file size limit) does not suffice.
     """
-    final = _absolute(final)
-    partial, retired = _sibling(final, ".partial"), _sibling(final, ".old")
-    with ExitStack() as clean_up:
+    final = as_written(final)
+    with _staged(final, partial(require_replaceable_folder, final, overwrite)) as staging:
+        new = staging / NEW
         with written_to(final):
-            clean_up.enter_context(folder_lock(final))
-            _restore(final, partial, retired)
-            _require_free_name(final, overwrite)
-            _remove(partial)
-            clean_up.callback(_discard, partial)
-            partial.mkdir()
-            (partial / WRITTEN_BY_US).write_text(_MARK_TEXT, encoding="utf-8")
+            new.mkdir()
+            (new / WRITTEN_BY_US).write_text(_MARK_TEXT, encoding="utf-8")
         with disk_told(final):
-            yield partial
+            yield new
         with written_to(final):
-            seal_folder(partial)
-            sync_tree(partial)
-            _put_in_place(partial, final, retired)
+            seal_folder(new)
+            sync_tree(new)
+            require_replaceable_folder(final, overwrite)  # it may have changed meanwhile
+            put_in_place(staging, final)
+
+
+@contextmanager
+def partial_file(final: Path, overwrite: bool = False) -> Iterator[Path]:
+    """A name to write a file to, which becomes ``final`` if the block ends without an exception.
+
+    An existing file is replaced only if overwrite is set, and never one that slamsim sealed, nor a
+    link, folder, pipe or device. Raises as ``partial_folder`` does.
+    """
+    final = as_written(final)
+    with _staged(final, partial(require_replaceable_file, final, overwrite)) as staging:
+        with disk_told(final):
+            yield staging / NEW
+        with written_to(final):
+            sync(staging / NEW)
+            require_replaceable_file(final, overwrite)
+            (staging / NEW).replace(final)
+            sync(final.parent)
 
 
 @contextmanager
@@ -60,67 +89,82 @@ def claimed_folder(final: Path, overwrite: bool = False) -> Iterator[None]:
 
     So a second process is told at once, and not when all libraries are loaded.
     """
-    final = _absolute(final)
-    with ExitStack() as clean_up:
-        with written_to(final):
-            clean_up.enter_context(claimed(final))
-            _restore(final, _sibling(final, ".partial"), _sibling(final, ".old"))
-            _require_free_name(final, overwrite)
+    final = as_written(final)
+    require_replaceable_folder(final, overwrite)
+    with _entered(final, claimed(final, partial(restore, final))):
+        require_replaceable_folder(final, overwrite)
         yield
 
 
-def write_atomic(path: Path, data: bytes) -> None:
+@contextmanager
+def _staged(final: Path, require_free: Callable[[], None]) -> Iterator[Path]:
+    """The staging folder of a name that is free, before its lock is taken and after."""
+    require_free()
+    with _entered(final, locked(final, partial(restore, final))) as staging:
+        require_free()
+        try:
+            with written_to(final):
+                make_staging(staging, final)
+            yield staging
+        finally:
+            with suppress(OSError):  # the next writer of this name removes it then
+                remove_staging(staging)
+
+
+@contextmanager
+def _entered(final: Path, lock: AbstractContextManager[_Held]) -> Iterator[_Held]:
+    """What the operating system says of a lock that cannot be taken, as the user is told it."""
+    with ExitStack() as held:
+        with written_to(final):
+            staging = held.enter_context(lock)
+        yield staging
+
+
+def write_atomic(path: Path, data: bytes, within: Path | None = None) -> None:
     """Write a file under its name only when it is whole and on the disk.
 
-    It is ``.<name>.partial`` until then; what a kill leaves of that is gone when the name is next
-    written. Makes missing parent folders. Raises SlamsimError, DiskFull, or Locked while somebody
-    else writes the file; an old one then stays, unless all that failed was to wait for the new
-    name to be on the disk.
+    For files in folders of ours; ``partial_file`` is for those that a user names. Until it is
+    whole it has a random name in its folder or in ``within``, a staging folder on the same file
+    system. Makes missing parent folders. Raises SlamsimError or DiskFull; an old one then stays,
+    unless all that failed was to wait for the new name to be on the disk.
     """
-    path = _absolute(path)
-    partial = path.with_name(f".{path.name}.partial")
+    path = as_written(path)
+    unfinished = (within or path.parent) / f".{path.name}.slamsim-{secrets.token_hex(8)}"
     with written_to(path):
         path.parent.mkdir(parents=True, exist_ok=True)
         if os.path.lexists(path) and not path.is_file():
             raise SlamsimError(f"{path} is there already and is not a file; choose another name")
-        with _alone(partial, path) as file:
-            try:
-                file.truncate()
+        try:
+            with unfinished.open("xb") as file:
                 file.write(data)
                 file.flush()
                 os.fsync(file.fileno())
-                partial.replace(path)
-            except BaseException:
-                _discard(partial)
-                raise
+            unfinished.replace(path)
+        except BaseException:
+            with suppress(OSError):
+                unfinished.unlink(missing_ok=True)
+            raise
         sync(path.parent)
-
-
-def _alone(partial: Path, path: Path) -> BinaryIO:
-    try:
-        return os.fdopen(held(partial), "wb")
-    except BlockingIOError:
-        raise Locked(f"{path} is being written by another process") from None
 
 
 def require_free_space(folder: Path, needed_bytes: int) -> None:
     """Raise DiskFull now rather than after an hour; folder need not exist yet."""
     if (free := free_bytes(folder)) < needed_bytes:
         raise DiskFull(
-            f"{_absolute(folder)}: about {as_size(needed_bytes)} are needed, "
+            f"{as_written(folder)}: about {as_size(needed_bytes)} are needed, "
             f"{as_size(free)} are free"
         )
 
 
 def free_bytes(path: Path) -> int:
     """Room on the disk that a file or folder lies on, or will lie on."""
-    path = _absolute(path)
+    path = as_written(path)
     while not path.exists():
         path = path.parent
     return shutil.disk_usage(path).free
 
 
-def _absolute(path: Path) -> Path:
+def as_written(path: Path) -> Path:
     """Without ``..`` and links in its folder, so that the siblings are where the rename is."""
     try:
         whole = path.resolve() if path.name in ("", "..") else path.parent.resolve() / path.name
@@ -129,10 +173,6 @@ def _absolute(path: Path) -> Path:
     if not whole.name or "\0" in whole.name:
         raise SlamsimError(f"{shown(str(path))} is not a name that can be written")
     return whole
-
-
-def _sibling(final: Path, suffix: str) -> Path:
-    return final.with_name(final.name + suffix)
 
 
 @contextmanager
@@ -153,14 +193,14 @@ def written_to(final: Path) -> Iterator[None]:
 def disk_told(final: Path) -> Iterator[None]:
     """A disk that is full or fails, told as such where the block ends with its error.
 
-    Raises DiskFull or SlamsimError in its place. Whatever else the block raises passes.
+    Raises DiskFull or SlamsimError in its place, also where the block told it of a file of its own
+    that is not finished: the user asked for ``final``. Whatever else the block raises passes.
     """
     try:
         yield
-    except SlamsimError:
-        raise
     except Exception as error:
-        if (number := _error_number(error, _FULL | _FAILING)) is None:
+        is_refusal = isinstance(error, SlamsimError) and type(error) not in (SlamsimError, DiskFull)
+        if is_refusal or (number := _error_number(error, _FULL | _FAILING)) is None:
             raise
         told = f"{final}: {os.strerror(number)}"
         rest = "nothing half-written stands under this name"
@@ -185,74 +225,6 @@ def _error_number(error: BaseException | None, wanted: frozenset[int]) -> int | 
     return None
 
 
-def _require_free_name(final: Path, overwrite: bool) -> None:
-    if not os.path.lexists(final):
-        return
-    if final.is_symlink() or not final.is_dir():
-        raise SlamsimError(f"{final} is there already and is not a folder; choose another name")
-    if not any(final.iterdir()):
-        return
-    if not (final / WRITTEN_BY_US).is_file():
-        raise SlamsimError(
-            f"{final} holds files that slamsim did not write; choose another name for the output"
-        )
-    if not overwrite:
-        raise SlamsimError(f"{final} is there already; choose another name or overwrite it")
-
-
-def _restore(final: Path, partial: Path, retired: Path) -> None:
-    """Mend what a kill between the renames of ``_replace`` left behind."""
-    if retired.is_dir() and not retired.is_symlink() and (retired / WRITTEN_BY_US).is_file():
-        if os.path.lexists(final):
-            _remove(partial)
-            retired.rename(partial)
-        else:
-            retired.rename(final)
-
-
-def _put_in_place(partial: Path, final: Path, retired: Path) -> None:
-    """What stood under the name is then in ``partial``, to be removed."""
-    replaced = final.is_dir() and any(final.iterdir())
-    if replaced:
-        _replace(partial, final, retired)
-    else:
-        partial.rename(final)
-    try:
-        sync(final.parent)
-    except OSError:
-        if replaced:
-            _replace(partial, final, retired)
-        else:
-            final.rename(partial)
-        raise
-
-
-def _replace(partial: Path, final: Path, retired: Path) -> None:
-    """Exchange two folders, in one step where the file system can."""
-    if exchange(partial, final):
-        return
-    final.rename(retired)
-    try:
-        partial.rename(final)
-    except BaseException:
-        retired.rename(final)
-        raise
-    retired.rename(partial)
-
-
-def _remove(partial: Path) -> None:
-    if partial.is_dir() and not partial.is_symlink():
-        shutil.rmtree(partial)
-    else:
-        partial.unlink(missing_ok=True)
-
-
-def _discard(partial: Path) -> None:
-    """Remove what nobody needs; what cannot be removed now is when the name is next used."""
-    with suppress(OSError):
-        _remove(partial)
-
-
 def sync_tree(folder: Path) -> None:
     """Wait until a folder with all that is in it is on the disk.
 
@@ -267,12 +239,3 @@ def sync_tree(folder: Path) -> None:
             pass
     for each in folders:
         sync(each)
-
-
-def sync(path: Path) -> None:
-    """Wait until a file, or the names in a folder, are on the disk."""
-    descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)

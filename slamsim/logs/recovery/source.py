@@ -8,8 +8,10 @@ from pathlib import Path
 from typing import Literal
 
 from slamsim.logs.reader import is_carmen
-from slamsim.safe.errors import InputRefused, NotFound, SlamsimError
+from slamsim.safe.errors import InputRefused, NotFound
 from slamsim.safe.files import open_as_found, own_file
+from slamsim.safe.lock import staging_of
+from slamsim.safe.staging import NEW
 
 Kind = Literal["ROS 2", "ROS 1", "CARMEN", "Parquet"]
 
@@ -40,28 +42,16 @@ class Damaged:
     def bytes(self) -> int:
         return sum(file.stat().st_size for file in self.files)
 
-    def require_elsewhere(self, folder: Path) -> None:
-        """The recording is not written over, nor is what a killed run left where it lies now.
-
-        Raises SlamsimError.
-        """
-        place, final = self.path.resolve(), folder.resolve()
-        taken = (final, *(final.with_name(final.name + suffix) for suffix in (".partial", ".old")))
-        if final.is_relative_to(place) or any(map(place.is_relative_to, taken)):
-            raise SlamsimError(
-                f"{folder} is where the damaged recording lies; choose another --out"
-            )
-
 
 def damaged_recording(path: Path) -> Damaged:
     """What can be looked through at ``path``: a file, a folder with or without metadata.yaml, or
     what a killed run left of the folder it was to make. Raises NotFound or InputRefused.
     """
-    unfinished = path.with_name(f"{path.name}.partial") if path.name else path
-    if not path.exists() and unfinished.is_dir():
-        path = own_file(unfinished.parent, unfinished.name)
     if not path.exists():
-        raise NotFound(f"{path}: there is no such file or folder")
+        staging = staging_of(path) if path.name else None
+        if staging is None or not (staging / NEW).is_dir():
+            raise NotFound(f"{path}: there is no such file or folder")
+        path = own_file(staging.parent, f"{staging.name}/{NEW}")
     if not path.is_dir():
         return Damaged(path, _kind(path), (path,))
     for place in _PLACES:
