@@ -22,6 +22,7 @@ Patches = list[tuple[BoolArray, Patch]]
 """(where, how): (k,) rows of a pair, and what is set there."""
 Setter = Callable[[Any, Any], None]
 
+_BLOCK = 4096
 _LAYOUT_FIELDS = (
     "angle_min",
     "angle_max",
@@ -54,7 +55,14 @@ class Pair:
         if isinstance(mine, np.ndarray) and isinstance(theirs, np.ndarray):
             if mine.shape[1:] != theirs.shape[1:]:
                 return np.ones(self.rows.size, dtype=np.bool_)
-            return _bits_differ(mine[self.rows], theirs[self.read_rows])
+            blocks = [  # for ranges may be on the disk, and larger than the memory
+                _bits_differ(
+                    mine[self.rows[start : start + _BLOCK]],
+                    theirs[self.read_rows[start : start + _BLOCK]],
+                )
+                for start in range(0, self.rows.size, _BLOCK)
+            ]
+            return np.concatenate(blocks)
         pairs = zip(self.rows.tolist(), self.read_rows.tolist(), strict=True)
         return np.array([not _same_bits(mine[i], theirs[j]) for i, j in pairs], dtype=np.bool_)
 

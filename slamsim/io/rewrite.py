@@ -8,7 +8,7 @@ is encoded again: fields that a ``Recording`` does not hold, such as covariances
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Container, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -109,11 +109,11 @@ class _Edits:
     restamped: dict[str, StampMap]
     description: tuple[str, str] | None
 
-    def counted(self) -> Iterator[tuple[str, int, Message]]:
-        """(topic, number of the message on it, message) of all messages."""
+    def counted(self, topics: Container[str] | None = None) -> Iterator[tuple[str, int, Message]]:
+        """(topic, number of the message on it, message) of all messages, or of some topics."""
         names = {n: each.topic for n, each in self.bag.source.declarations.items()}
         counts = dict.fromkeys(names.values(), 0)
-        for message in self.bag.everything():
+        for message in self.bag.everything(topics):
             topic = names[message[0]]
             yield topic, counts[topic], message
             counts[topic] += 1
@@ -190,13 +190,11 @@ def _declared(bag: Bag, copy: Copy) -> dict[int, int]:
 
 def _spool_moved(edits: _Edits, copy: Copy, numbers: dict[int, int], spool: Spool) -> None:
     """Rows that have a log time or a topic of their own."""
-    if not any(plan.moved for plan in edits.plans.values()):
-        return
+    topics = {topic for topic, plan in edits.plans.items() if plan.moved}
     declared = edits.bag.source.declarations
     elsewhere: dict[tuple[int, str], int] = {}
-    for topic, count, (number, log_ns, published_ns, sequence, data) in edits.counted():
-        plan = edits.plans.get(topic)
-        for row in () if plan is None else plan.moved.get(count, ()):
+    for topic, count, (number, log_ns, published_ns, sequence, data) in edits.counted(topics):
+        for row in edits.plans[topic].moved.get(count, ()):
             target = numbers[number]
             if row.change.topic != topic:
                 key = number, row.change.topic

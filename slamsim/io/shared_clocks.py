@@ -47,7 +47,8 @@ def header_topics(bag: Bag, topics: Iterable[str]) -> list[str]:
             fields = bag.source.types.fields(topic)
         except Exception:  # a type that cannot be read has no stamp that could be moved
             continue
-        if fields and fields[0] == _HEADER:
+        is_ros = bag.source.types.encoding(topic) in ("cdr", "ros1")
+        if is_ros and fields and fields[0] == _HEADER:
             found.append(topic)
     return found
 

@@ -6,7 +6,7 @@ recording is a .bag. Topics are found by their type, never by their name.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Container, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path, PurePath
 from typing import Any
@@ -71,16 +71,19 @@ class Bag:
 
     def received(self, topics: set[str]) -> Iterator[tuple[str, int, bytes]]:
         """(topic, when it was received in ns, serialised message); raises as ``raw`` does."""
-        names = {n: d.topic for n, d in self.source.declarations.items() if d.topic in topics}
-        for number, received_ns, _, _, data in self._of(names):
-            yield names[number], received_ns, data
+        declared = self.source.declarations
+        for number, received_ns, _, _, data in self.everything(topics):
+            yield declared[number].topic, received_ns, data
 
-    def everything(self) -> Iterator[Received]:
-        """All messages as they were recorded; raises as ``raw`` does."""
-        return self._of({n: each.topic for n, each in self.source.declarations.items()})
+    def everything(self, topics: Container[str] | None = None) -> Iterator[Received]:
+        """All messages, or those of some topics, as they were recorded; raises as ``raw`` does."""
+        names = {n: each.topic for n, each in self.source.declarations.items()}
+        return self._of({n: t for n, t in names.items() if topics is None or t in topics})
 
     def _of(self, names: Mapping[int, str]) -> Iterator[Received]:
         """names: topics by the number of their declarations."""
+        if not names:
+            return
         topics = set(names.values())
         expected = sum(c.messages for c in self.channels if c.topic in topics)
         seen = 0

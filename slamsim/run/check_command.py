@@ -18,7 +18,7 @@ CHECK_EPILOG = (
 )
 FIX_EPILOG = (
     "Exit code: 0 nothing bad is left, 1 something is. "
-    "Example: slamsim fix my_rosbag2/ mended/ --apply all"
+    "Example: slamsim fix my_rosbag2/ fixed/ --apply all"
 )
 
 
