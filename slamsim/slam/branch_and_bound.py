@@ -10,7 +10,7 @@ from slamsim.types import FloatArray, IntArray
 
 FULL_SCALE = 255.0
 MAX_LOOKUPS = 60_000_000
-"""A search that has read the grid so often is given up."""
+"""A search in a small window that has read the grid so often is given up."""
 
 
 def best_offset(
@@ -19,17 +19,18 @@ def best_offset(
     half: IntArray,
     min_score: float,
     around: IntArray,
+    most_lookups: float = MAX_LOOKUPS,
 ) -> tuple[IntArray, float]:
     """Best (turn, x, y) in cells and its score; score 0 if none reaches min_score, -1 if given up.
 
-    around: (turn, x, y, half width in turns, in cells, turns of a whole circle) of poses not to
+    most_lookups: a search that has read the grid so often is given up. around: (turn, x, y, half width in turns, in cells, turns of a whole circle) of poses not to
     consider.
     """
     full = FULL_SCALE * cells.shape[1]
     top = min(int(np.ceil(np.log2(max(half.max(), 1)))), len(levels) - 1)
     roots = _roots(levels, cells, half, top, min_score * full, around)
     roots = roots[np.argsort(-roots[:, 0], kind="stable")]
-    best, found = _descend(roots, levels, cells, half, min_score * full, around)
+    best, found = _descend(roots, levels, cells, half, min_score * full, around, most_lookups)
     return best, found / full if found >= 0.0 else -1.0
 
 
@@ -136,6 +137,7 @@ def _descend(
     half: IntArray,
     goal: float,
     around: IntArray,
+    most_lookups: float,
 ) -> tuple[IntArray, float]:
     """Depth first through the blocks, best first; the winner and its score, -1 if given up."""
     best, found = np.zeros(3, np.int64), 0.0
@@ -160,6 +162,6 @@ def _descend(
                 (a, x, y, level), stack, depth, levels, cells, half, goal, around
             )
             blocks += 4
-            if blocks * cells.shape[1] > MAX_LOOKUPS:
+            if blocks * cells.shape[1] > most_lookups:
                 return best, -1.0
     return best, found

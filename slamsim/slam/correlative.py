@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from slamsim.geometry import transform_points
 from slamsim.jit import kernel
-from slamsim.slam.branch_and_bound import FULL_SCALE, best_offset
+from slamsim.slam.branch_and_bound import FULL_SCALE, MAX_LOOKUPS, best_offset
 from slamsim.types import FloatArray
 
 MAX_LEVEL = 6
@@ -82,6 +82,7 @@ def search(
     window: Window,
     min_score: float,
     rival: tuple[float, float, float],
+    most_lookups: float = MAX_LOOKUPS,
 ) -> Peak | None:
     """The pose in the window about ``T_grid_points`` with the highest score, at least min_score.
 
@@ -89,7 +90,7 @@ def search(
     Translations are searched in steps of a cell, turns in steps that move the points by less
     than one. rival: (share, distance_m, turn_rad): the second search asks whether a pose farther
     than that from the best reaches that share of its score. None if nothing reaches min_score or
-    the search grew too long.
+    the search reads the grid more often than most_lookups.
     """
     ranges_m = np.sort(np.hypot(points_m[:, 0], points_m[:, 1]))
     reach_m = max(float(ranges_m[int(REACH_SHARE * (len(ranges_m) - 1))]), 1.0)
@@ -99,13 +100,13 @@ def search(
     half = np.ceil(np.array([window.x_m, window.y_m]) / grid.resolution_m).astype(np.int64)
     circle = round(2.0 * np.pi / step_rad)
     nowhere = np.array([0, 0, 0, -1, -1, circle], dtype=np.int64)
-    best, score = best_offset(grid.levels, cells, half, min_score, nowhere)
+    best, score = best_offset(grid.levels, cells, half, min_score, nowhere, most_lookups)
     if score < min_score:
         return None
     share, distance_m, turn_rad = rival
     reach = (round(turn_rad / step_rad), round(distance_m / grid.resolution_m))
     around = np.array([*best, *reach, circle], dtype=np.int64)
-    _, second = best_offset(grid.levels, cells, half, share * score, around)
+    _, second = best_offset(grid.levels, cells, half, share * score, around, most_lookups)
     offset_m = (best[1:] * grid.resolution_m).astype(np.float64)
     found = np.array([*(T_grid_points[:2] + offset_m), yaws[best[0]]])
     return Peak(found, score, max(second, share * score) if second >= 0.0 else 1.0)

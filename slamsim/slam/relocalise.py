@@ -14,6 +14,10 @@ from slamsim.types import FloatArray
 
 MAX_CELLS = 6_000_000
 MAX_POINTS = 300
+LOOKUPS_PER_M2 = 10_000_000
+"""A search of the whole map may take so many, for its effort grows with the area. The offices of
+fr079 needed up to 1.5 million: rooms that look alike keep many blocks in the running. 10 million take
+some 2 ms."""
 MIN_SPREAD_M = 1.5
 """A query that spans less than this could be anywhere."""
 
@@ -60,7 +64,12 @@ class Everywhere:
             float(np.deg2rad(limits.ambiguity_turn_deg)),
         )
         window = Window(float(self._half_m[0]), float(self._half_m[1]), np.pi)
-        return search(self._grid, points_m, np.zeros(3), window, limits.min_score, rival)
+        area_m2 = 4.0 * float(self._half_m[0] * self._half_m[1])
+        most_lookups = LOOKUPS_PER_M2 * max(area_m2, 1.0)
+        middle = np.zeros(3)
+        return search(
+            self._grid, points_m, middle, window, limits.min_score, rival, most_lookups
+        )
 
 
 def surface_points(submaps: Sequence[Submap], poses: FloatArray) -> FloatArray:
