@@ -36,7 +36,7 @@ def recover(
 
     reporter = Reporter(quiet=quiet, as_json=as_json)
     damaged = damaged_recording(source)
-    name = f"{recording_name(str(damaged.path))}_recovered"
+    name = f"{recording_name(str(source))}_recovered"
     with output_folder(out, name, overwrite=overwrite, inputs=(damaged.path,)) as folder:
         from slamsim.run.recovering import recover_log
 
