@@ -238,7 +238,9 @@ def test_a_second_run_and_a_worker_that_lives_on_keep_others_out(
         with store.owned(), store.used():
             os.kill(os.getpid(), signal.SIGKILL)
     os.waitpid(run, 0)
-    with store.used(), pytest.raises(Locked, match="workers of an earlier run"):
+    (staging,) = (tmp_path / "set").glob(".slamsim-*")
+    worker = LocalStore(store.address, staging.name)
+    with worker.used(), pytest.raises(Locked, match="workers of an earlier run"):
         make(tmp_path / "set", orders, 2, one_worker)
     assert make(tmp_path / "set", orders, 2, one_worker).made == 2
 
