@@ -37,6 +37,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
         for name in ("world.yaml", "config.yaml"):
             shutil.copy(bundled_folder("worlds") / "tiny.yaml", run / name)
         (run / "config.yaml").write_text("seed: 3\n")
+        shutil.copy(bundled_folder("configs/faults") / "laser_yaw.yaml", run / "fault.yaml")
         (run / "report.html").write_text("<html>")
         (run / "x.relations").write_text("")
     write_recording(recording(2.0), root / "data" / "rec")
@@ -84,6 +85,9 @@ APART = (
     "fault data/rec data/rec/x --overwrite --fault laser_yaw:2",
     "recover data/rec --out data/rec",
     "recover data/rec --out data/rec/new",
+    "recover outputs/run --out outputs/run/new",
+    "simulate tiny --config outputs/run/config.yaml --out outputs/run --overwrite",
+    "simulate tiny --fault outputs/run/fault.yaml --out outputs/run --overwrite",
     "check data/rec.mcap --html data/rec.mcap --overwrite",
     "check data/rec.mcap --html hard.html --overwrite",
     "check data/rec --html within.html --overwrite",

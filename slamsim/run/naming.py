@@ -67,7 +67,8 @@ def loaded(load: Callable[[], _Config]) -> Loaded[_Config]:
     """What ``load`` gives, with all files that are read meanwhile."""
     with noted_inputs() as read:
         config = load()
-    named = (Path(text) for text in _texts(config.model_dump()) if text.startswith("/"))
+    texts = _texts(config.model_dump())
+    named = (Path(text) for text in texts if "/" in text or text.endswith(".yaml"))
     return Loaded(config, (*read, *filter(_is_file, named)))
 
 
