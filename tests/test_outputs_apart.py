@@ -117,6 +117,9 @@ def test_a_run_that_is_read_is_told_where_to_write_instead(here: Path) -> None:
     (here / "outputs" / "run_2").mkdir()
     code, told = typed("map", "outputs/run", "--overwrite")
     assert code == 2 and told.endswith("such as --out outputs/run_3")
+    (here / "outputs" / "log").symlink_to("run/log")
+    code, told = typed("map", "outputs", "--overwrite")
+    assert code == 2 and told.endswith("choose another name for it")
 
 
 SEALED = ("report.html", "log/metadata.yaml", "SHA256SUMS", ".slamsim")

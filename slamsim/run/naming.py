@@ -131,11 +131,15 @@ def output_file(
 
 
 def _apart(folder: Path, inputs: tuple[Path | None, ...]) -> Path:
-    """The same; where it meets an input, the refusal tells an ``--out`` that would not."""
+    """The same; where it meets an input, the refusal tells an ``--out`` that would not, if any."""
     try:
         require_apart((folder,), inputs)
     except OutputRefused as refusal:
         free = next(path for path in _numbered(folder) if not os.path.lexists(path))
+        try:
+            require_apart((free,), inputs)
+        except OutputRefused:
+            raise refusal from None
         raise OutputRefused(f"{refusal}, such as --out {free}") from None
     return folder
 
