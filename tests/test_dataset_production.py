@@ -156,6 +156,23 @@ def test_what_was_cut_is_made_again(
     assert tree(folder) == {**undisturbed, ".partial/mine": b"mine"}
 
 
+def test_what_a_user_put_into_a_sequence_is_not_made_away_with(
+    orders: Path, one_worker: Engine, tmp_path: Path, undisturbed: dict[str, bytes]
+) -> None:
+    folder = tmp_path / "set"
+    make(folder, orders, COUNT, one_worker)
+    sequence = folder / "train" / "000006"
+    (sequence / "notes.txt").write_text("mine")
+    (sequence / "sequence.json").unlink()
+    (folder / shard_path(1)).unlink()
+    (failure,) = make(folder, orders, COUNT, one_worker).failures
+    assert failure.index == 6 and "holds 'notes.txt', which is no part of it" in failure.reason
+    assert (sequence / "notes.txt").read_text() == "mine"
+    (sequence / "notes.txt").unlink()
+    assert make(folder, orders, COUNT, one_worker).failures == ()
+    assert tree(folder) == undisturbed
+
+
 def _foreign(folder: Path) -> None:
     folder.mkdir()
     (folder / "thesis.tex").write_text("mine")
@@ -238,7 +255,9 @@ def test_a_second_run_and_a_worker_that_lives_on_keep_others_out(
         with store.owned(), store.used():
             os.kill(os.getpid(), signal.SIGKILL)
     os.waitpid(run, 0)
-    with store.used(), pytest.raises(Locked, match="workers of an earlier run"):
+    (staging,) = (tmp_path / "set").glob(".slamsim-*")
+    worker = LocalStore(store.address, staging.name)
+    with worker.used(), pytest.raises(Locked, match="workers of an earlier run"):
         make(tmp_path / "set", orders, 2, one_worker)
     assert make(tmp_path / "set", orders, 2, one_worker).made == 2
 

@@ -109,13 +109,18 @@ def test_the_lock_of_a_run_elsewhere_holds_until_it_is_forgotten(
     bucket: str, worker: Engine, orders: Path
 ) -> None:
     store = RemoteStore(f"{bucket}/locked")
-    lock = {"owner": "process 1 on elsewhere", "key": "x", "renewed_s": time.time()}
+    owner = {"slamsim": "lock of a data set", "owner": "process 1 on elsewhere"}
+    lock = {**owner, "key": "x", "renewed_s": time.time()}
     store.write(LOCK, json.dumps(lock).encode())
     with pytest.raises(Locked, match="is being written by process 1 on elsewhere"):
         make(store.address, orders, 1, worker)
     store.write(LOCK, json.dumps({**lock, "renewed_s": time.time() - 1000.0}).encode())
     assert make(store.address, orders, 1, worker).made == 1
-    assert LOCK not in store.names("")
+    assert store.read(LOCK) is None
+    store.write(LOCK, b'{"mine": 1}')
+    with pytest.raises(SlamsimError, match="slamsim did not write it"):
+        make(store.address, orders, 1, worker)
+    assert store.read(LOCK) == b'{"mine": 1}'
 
 
 def test_a_place_that_cannot_be_is_refused(

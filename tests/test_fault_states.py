@@ -42,6 +42,7 @@ from slamsim.run.verifying import verify_path
 from slamsim.safe.errors import InputRefused, Locked, SlamsimError
 from slamsim.safe.lock import locked
 from slamsim.safe.output import partial_folder, write_atomic
+from slamsim.safe.staging import restore
 from slamsim.safe.sums import SUMS
 
 pytestmark = pytest.mark.fault
@@ -195,7 +196,10 @@ class Run(Folder):
 
     @rule(version=st.integers(1, 3))
     def second_writer(self, version: int) -> None:
-        with locked(self.out, print), pytest.raises(Locked if self.is_free(True) else SlamsimError):
+        with (
+            locked(self.out, partial(restore, self.out)),
+            pytest.raises(Locked if self.is_free(True) else SlamsimError),
+        ):
             write_run(version, True, self.out)
 
     @rule()

@@ -167,8 +167,10 @@ def _check(
     from slamsim.bench.check.long import long_rows, time_long_check
     from slamsim.bench.check.real import recordings_at
     from slamsim.config.faults import typed_choices
+    from slamsim.safe.replaceable import require_apart
     from slamsim.sensors.faults.registry import bundled_faults, chosen_fault
 
+    require_apart((kept,), (real,))
     faults = bundled_faults()
     if trials.faults is not None:
         faults = tuple(map(chosen_fault, typed_choices(trials.faults.split(","))))

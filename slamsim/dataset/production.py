@@ -183,9 +183,15 @@ class Production:
         return submitted
 
     def _task(self, indices: tuple[int, ...]) -> Task:
-        order = self._order
+        order, store = self._order, self._store
         return Task(
-            self._store.address, order.draw, order.produce, indices, order.limit_s, versions()
+            store.address,
+            order.draw,
+            order.produce,
+            indices,
+            order.limit_s,
+            versions(),
+            store.staging,
         )
 
     def _collect(self) -> None:

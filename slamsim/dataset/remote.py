@@ -38,7 +38,7 @@ class RemoteStore:
     def __init__(self, address: str) -> None:
         if ".." in address.split("/"):
             raise SlamsimError(f"{address} has '..' in it; name the place itself")
-        self.address = address.rstrip("/")
+        self.address, self.staging = address.rstrip("/"), ""
         try:
             self._files, self._root = url_to_fs(self.address)
         except ImportError as error:
@@ -155,7 +155,7 @@ class RemoteStore:
             )
         try:
             found: dict[str, Any] = json.loads(data)
-        except ValueError:
+        except (ValueError, RecursionError):
             return None
         return found
 

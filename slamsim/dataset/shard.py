@@ -38,7 +38,7 @@ class Task:
 
     address: where the data set lies. draw: the sequence of an index, a pure function. produce:
     makes one in a folder. limit_s: a sequence that takes longer ends its process. versions: what
-    the worker must run on, too.
+    the worker must run on, too. staging: what the store of the run says.
     """
 
     address: str
@@ -47,6 +47,7 @@ class Task:
     indices: tuple[int, ...]
     limit_s: float
     versions: Mapping[str, str]
+    staging: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +77,7 @@ def make_sequences(task: Task) -> tuple[Tried, ...]:
     """
     if found := difference(task.versions, versions()):
         raise Unworkable(f"a worker has {found}; give all workers the same software")
-    store = open_store(task.address)
+    store = open_store(task.address, task.staging)
     with store.used():
         return tuple(_try(store, task, index) for index in task.indices)
 

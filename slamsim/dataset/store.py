@@ -1,10 +1,9 @@
 """Where a data set lies: a local folder, or any place that fsspec knows by a URL.
 
 Nothing half-written ever counts. In a folder, a sequence is written in the staging folder of the
-run, which lies inside the data set (that may be a disk of its own) and which workers find by the
-run's lock file, and renamed when it is whole and on the disk. Elsewhere it is made in a temporary
-folder and uploaded, its ``sequence.json`` last; whoever reads it there takes one that is not whole
-for absent.
+run, which lies inside the data set (that may be a disk of its own, and the only one that workers
+see), and renamed when it is whole and on the disk. Elsewhere it is made in a temporary folder and
+uploaded, its ``sequence.json`` last; whoever reads it there takes one that is not whole for absent.
 """
 
 from __future__ import annotations
@@ -49,6 +48,8 @@ class Store(Protocol):
     """
 
     address: str
+    staging: str
+    """The name of the run's staging folder in it, if it has one; workers are told."""
 
     def read(self, path: str) -> bytes | None:
         """The whole file, or nothing if there is none."""
@@ -81,9 +82,12 @@ class Store(Protocol):
         """Held by a worker while it writes."""
 
 
-def open_store(address: str) -> Store:
-    """The store at a local path or a URL such as ``s3://bucket/set``. Raises SlamsimError."""
-    return _connected(address) if "://" in address else LocalStore(address)
+def open_store(address: str, staging: str = "") -> Store:
+    """The store at a local path or a URL such as ``s3://bucket/set``. Raises SlamsimError.
+
+    staging: what the store of the run says, for its workers.
+    """
+    return _connected(address) if "://" in address else LocalStore(address, staging)
 
 
 def claimed_place(address: str) -> AbstractContextManager[None]:
@@ -101,14 +105,14 @@ def _connected(address: str) -> Store:
 class LocalStore:
     """A folder of this machine, or of a file system that several machines share."""
 
-    def __init__(self, address: str) -> None:
+    def __init__(self, address: str, staging: str = "") -> None:
         if not address:
             raise SlamsimError("the name of the folder is empty; '.' is the one we are in")
         try:
             self._root = Path(address).resolve()
         except (OSError, ValueError, RuntimeError) as error:
             raise SlamsimError(f"{address!r} cannot be written: {error}") from None
-        self.address = str(self._root)
+        self.address, self.staging = str(self._root), staging
 
     def read(self, path: str) -> bytes | None:
         try:
@@ -118,9 +122,7 @@ class LocalStore:
 
     def write(self, path: str, data: bytes) -> None:
         file = self._own(path)
-        with written_to(file):
-            staging = self._made_staging() if self._staging() else None
-        write_atomic(file, data, staging)
+        write_atomic(file, data, self._staging() if self.staging else None)
 
     def remove(self, path: str) -> None:
         file = self._own(path)
@@ -138,8 +140,8 @@ class LocalStore:
     def names(self, folder: str) -> frozenset[str]:
         try:
             found = frozenset(os.listdir(self._own(folder)))  # noqa: PTH208 - a million names
-            staging = None if folder else self._staging()
-            return found - {staging.name} if staging and is_staging(staging) else found
+            left = None if folder else staging_of(self._root)
+            return found - {left.name} if left and is_staging(left) else found
         except FileNotFoundError:
             return frozenset()
         except NotADirectoryError:
@@ -149,7 +151,7 @@ class LocalStore:
     def working_folder(self, name: str) -> Iterator[Path]:
         prefix = f"{name.replace('/', '-')}.{socket.gethostname()}-{os.getpid()}."
         with written_to(self._root):
-            folder = Path(tempfile.mkdtemp(prefix=prefix, dir=self._made_staging()))
+            folder = Path(tempfile.mkdtemp(prefix=prefix, dir=self._staging()))
             folder.chmod(0o755)
         try:
             yield folder
@@ -196,12 +198,15 @@ class LocalStore:
             if not self._root.exists():
                 leaving.callback(self._remove_if_empty)
             leaving.callback(self._clear, staging)
+            with written_to(self._root):
+                make_staging(staging, self._root)
+            self.staging = staging.name
             yield
 
     @contextmanager
     def used(self) -> Iterator[None]:
         with written_to(self._root):
-            path = self._made_staging() / _WORKERS_LOCK
+            path = self._staging() / _WORKERS_LOCK
             lock = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, 0o666)
         try:
             fcntl.flock(lock, fcntl.LOCK_SH)
@@ -210,16 +215,11 @@ class LocalStore:
             with suppress(OSError):  # nothing was written to it
                 os.close(lock)
 
-    def _staging(self) -> Path | None:
-        """Where the run that holds the lock, in whatever process, has its unfinished work."""
-        staging = staging_of(self._root)
-        return staging if staging and staging.parent == self._root else None
-
-    def _made_staging(self) -> Path:
-        staging = self._staging()
-        if staging is None:
-            raise StoreFailed(f"no run is there that makes the data set {self._root}")
-        make_staging(staging, self._root)
+    def _staging(self) -> Path:
+        """Where the run has its unfinished work, which is gone when the run is."""
+        staging = self._root / self.staging
+        if not self.staging or not is_staging(staging):
+            raise StoreFailed(f"the run that makes the data set {self._root} is over")
         return staging
 
     def _put_away(self, staging: Path) -> None:
@@ -250,6 +250,7 @@ class LocalStore:
 
     def _clear(self, staging: Path) -> None:
         """What cannot be removed now is when the next run begins."""
+        self.staging = ""
         with suppress(OSError):
             remove_staging(staging)
 

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from slamsim.options import Json, Quiet
+from slamsim.options import Json, OverwriteFile, Quiet
 from slamsim.safe.errors import DataDamaged
 
 dataset = typer.Typer(
@@ -133,9 +133,7 @@ def preview(
     out: Annotated[
         Path | None, typer.Option("--out", "-o", help="PNG file; RECIPE.png by default.")
     ] = None,
-    overwrite: Annotated[
-        bool, typer.Option("--overwrite", help="Replace the file if it is there.")
-    ] = False,
+    overwrite: OverwriteFile = False,
     quiet: Quiet = False,
     as_json: Json = False,
 ) -> None:

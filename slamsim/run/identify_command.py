@@ -44,8 +44,8 @@ def identify(
     typed = " ".join(["slamsim identify", measurements, *(f"--set {text}" for text in set_ or ())])
     name = f"{config.name}_identified"
     with (
+        output_file(robot_file, overwrite=overwrite, inputs=read.files, beside=out) as copy,
         output_folder(out, name, overwrite=overwrite, inputs=read.files) as folder,
-        output_file(robot_file, overwrite=overwrite, inputs=read.files, beside=folder) as copy,
     ):
         from slamsim.run.identifying import identify_and_report
 

@@ -67,7 +67,8 @@ def loaded(load: Callable[[], _Config]) -> Loaded[_Config]:
     """What ``load`` gives, with all files that are read meanwhile."""
     with noted_inputs() as read:
         config = load()
-    named = (Path(text) for text in _texts(config.model_dump()) if text.startswith("/"))
+    texts = _texts(config.model_dump())
+    named = (Path(text) for text in texts if "/" in text or text.endswith(".yaml"))
     return Loaded(config, (*read, *filter(_is_file, named)))
 
 
@@ -130,11 +131,15 @@ def output_file(
 
 
 def _apart(folder: Path, inputs: tuple[Path | None, ...]) -> Path:
-    """The same; where it meets an input, the refusal tells an ``--out`` that would not."""
+    """The same; where it meets an input, the refusal tells an ``--out`` that would not, if any."""
     try:
         require_apart((folder,), inputs)
     except OutputRefused as refusal:
         free = next(path for path in _numbered(folder) if not os.path.lexists(path))
+        try:
+            require_apart((free,), inputs)
+        except OutputRefused:
+            raise refusal from None
         raise OutputRefused(f"{refusal}, such as --out {free}") from None
     return folder
 

@@ -36,8 +36,9 @@ def recover(
 
     reporter = Reporter(quiet=quiet, as_json=as_json)
     damaged = damaged_recording(source)
-    name = f"{recording_name(str(damaged.path))}_recovered"
-    with output_folder(out, name, overwrite=overwrite, inputs=(damaged.path,)) as folder:
+    inputs = (damaged.path, source if source.exists() else None)
+    name = f"{recording_name(str(source))}_recovered"
+    with output_folder(out, name, overwrite=overwrite, inputs=inputs) as folder:
         from slamsim.run.recovering import recover_log
 
         recover_log(damaged, folder, reporter, overwrite=overwrite)

@@ -247,7 +247,7 @@ def _staging_in(final: Path, words: bytes) -> Path | None:
 def _told(words: bytes) -> dict[str, str]:
     try:
         told = json.loads(words)
-    except ValueError:
+    except (ValueError, RecursionError):
         return {}
     is_ours = isinstance(told, dict) and all(isinstance(value, str) for value in told.values())
     return told if is_ours else {}

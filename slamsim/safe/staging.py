@@ -5,10 +5,8 @@
 
 from __future__ import annotations
 
-import errno
 import os
 import shutil
-from contextlib import suppress
 from pathlib import Path
 
 from slamsim.safe.errors import SlamsimError
@@ -20,12 +18,9 @@ NEW, OLD, MARKER = "new", "old", "slamsim-staging.json"
 
 
 def make_staging(staging: Path, final: Path) -> None:
-    """With its marker; it may be there already, if several processes share it. Raises OSError."""
-    staging.mkdir(parents=True, exist_ok=True)
-    if staging.is_symlink():
-        raise NotADirectoryError(errno.ENOTDIR, os.strerror(errno.ENOTDIR), str(staging))
-    with suppress(FileExistsError), (staging / MARKER).open("xb") as marker:
-        marker.write(owner_words("staging", final.name, staging))
+    """With its marker. Raises OSError."""
+    staging.mkdir(parents=True)
+    (staging / MARKER).write_bytes(owner_words("staging", final.name, staging))
 
 
 def is_staging(path: Path) -> bool:
