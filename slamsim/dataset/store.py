@@ -19,8 +19,8 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Protocol
 
-from slamsim.safe.errors import Locked, SlamsimError
-from slamsim.safe.files import own_file
+from slamsim.safe.errors import Locked, NotFound, SlamsimError
+from slamsim.safe.files import open_as_found, own_file
 from slamsim.safe.lock import claimed, folder_lock
 from slamsim.safe.output import (
     free_bytes,
@@ -114,8 +114,9 @@ class LocalStore:
 
     def read(self, path: str) -> bytes | None:
         try:
-            return self._own(path).read_bytes()
-        except (FileNotFoundError, NotADirectoryError):
+            with open_as_found(self._own(path)) as file:
+                return file.read()
+        except NotFound:
             return None
 
     def write(self, path: str, data: bytes) -> None:
