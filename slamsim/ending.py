@@ -8,9 +8,10 @@ from __future__ import annotations
 import signal
 import sys
 from collections.abc import Callable
+from contextlib import suppress
 from types import FrameType
 
-from slamsim.safe.errors import DiskFull, SlamsimError
+from slamsim.safe.errors import DiskFull, SlamsimError, printable
 
 AGAIN_S = 0.05
 STOPPING = (signal.SIGINT, signal.SIGTERM)
@@ -102,6 +103,9 @@ def _told(error: OSError) -> tuple[str, int]:
 
 
 def fail(sentence: str, code: int) -> int:
-    """The code, once the user has been told."""
-    sys.stderr.write(f"slamsim: {sentence}\n")
+    """The code, once the user has been told; where nobody can be, the code must do."""
+    lines = map(printable, f"slamsim: {sentence}".split("\n"))
+    with suppress(OSError, ValueError):
+        sys.stderr.write("\n".join(lines) + "\n")
+        sys.stderr.flush()
     return code
