@@ -71,7 +71,9 @@ def stopped(script: str, name: str) -> subprocess.CompletedProcess[str]:
     )
 
 
-@pytest.mark.parametrize(("name", "code"), [("SIGTERM", 143), ("SIGINT", 130)])
+@pytest.mark.parametrize(
+    ("name", "code"), [("SIGTERM", 143), ("SIGINT", 130), ("SIGHUP", 129), ("SIGQUIT", 131)]
+)
 def test_a_signal_that_python_cannot_pass_on_stops_the_command_all_the_same(
     name: str, code: int
 ) -> None:
@@ -81,7 +83,9 @@ def test_a_signal_that_python_cannot_pass_on_stops_the_command_all_the_same(
     assert done.stderr == STOPPED
 
 
-@pytest.mark.parametrize(("name", "code"), [("SIGTERM", 143), ("SIGINT", 130)])
+@pytest.mark.parametrize(
+    ("name", "code"), [("SIGTERM", 143), ("SIGINT", 130), ("SIGHUP", 129), ("SIGQUIT", 131)]
+)
 def test_a_signal_that_a_library_swallows_stops_the_command_and_lets_it_clean_up(
     name: str, code: int
 ) -> None:
