@@ -74,6 +74,7 @@ OWN_DOORS = {
     "logs/raw_ranges.py": "a temporary file without a name",
     "sim/chassis.py": "the robot's description as we write it for the engine",
     "dataset/produce.py": "a sequence that was made just now, hashed",
+    "kin.py": "what the system tells of a process",
     "bench/online.py": "what the system tells of this process",
     # no file of anybody's
     "sim/bullet.py": "the null device",
