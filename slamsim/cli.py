@@ -11,7 +11,18 @@ import typer
 from slamsim import __version__
 from slamsim.bench.command import bench
 from slamsim.entry import main
-from slamsim.options import ConfigFile, Faults, Json, Out, Overwrite, Quiet, ScanTopic, Seed, Set
+from slamsim.options import (
+    ConfigFile,
+    Faults,
+    Json,
+    Out,
+    Overwrite,
+    Quiet,
+    ScanTopic,
+    Seed,
+    Set,
+    local_path,
+)
 from slamsim.run.check_command import CHECK_EPILOG, FIX_EPILOG, check, fix
 from slamsim.run.dataset_command import dataset
 from slamsim.run.demo_command import EPILOG as DEMO_EPILOG
@@ -261,7 +272,13 @@ def view(
     run: Annotated[Path, typer.Argument(help="Folder of a run, or a .rrd file.")],
     web: Annotated[bool, typer.Option("--web", help="Serve it to a browser.")] = False,
     screenshot: Annotated[
-        Path | None, typer.Option("--screenshot", help="Render to this PNG, without a screen.")
+        Path | None,
+        typer.Option(
+            "--screenshot",
+            metavar="FILE",
+            parser=local_path,
+            help="Render to this PNG, without a screen.",
+        ),
     ] = None,
 ) -> None:
     """Look at a run in Rerun."""

@@ -2,12 +2,27 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from slamsim.safe.errors import OverrideRefused, shown
 from slamsim.safe.output import claimed_folder
+
+_URL = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*://")
+
+
+def local_path(text: str) -> Path:
+    """Where a command writes that knows this machine only. Raises OverrideRefused for a URL.
+
+    As a path it would be a folder of the name ``s3:``.
+    """
+    if _URL.match(text):
+        reason = "is a URL, and this command writes to folders of this machine alone"
+        raise OverrideRefused(shown(text, 200), reason)
+    return Path(text)
 
 
 def _refuse_taken(context: typer.Context, out: Path | None) -> Path | None:
@@ -54,6 +69,8 @@ Out = Annotated[
     typer.Option(
         "--out",
         "-o",
+        metavar="FOLDER",
+        parser=local_path,
         callback=_refuse_taken,
         help="Folder of the run; a new one under outputs/ by default.",
     ),

@@ -15,8 +15,11 @@ from pathlib import Path
 
 import pytest
 from fault_processes import MAIN, Run, running
+from typer.testing import CliRunner
 
+from slamsim.cli import app
 from slamsim.run.folder import TRUTH
+from slamsim.safe.errors import OverrideRefused
 from slamsim.safe.output import partial_folder
 
 pytestmark = pytest.mark.fault
@@ -99,6 +102,46 @@ def test_a_full_disk_is_75_and_leaves_nothing(tmp_path: Path) -> None:
     assert code == 75 and str(tmp_path / "run") in told
     assert list(tmp_path.iterdir()) == []
     assert "| 75 |" in README
+
+
+WRITING = [
+    ["map", "tiny", "--out", "URL"],
+    ["simulate", "tiny", "--overwrite", "-o", "URL"],
+    ["world", "tiny", "--out", "URL"],
+    ["localise", "x.mcap", "--in", "there", "--out", "URL"],
+    ["check", "x.mcap", "--html", "URL"],
+    ["fix", "x.mcap", "URL"],
+    ["fault", "x.mcap", "URL", "--fault", "laser_yaw"],
+    ["recover", "x.mcap", "--out", "URL"],
+    ["identify", "x.yaml", "--robot-file", "URL"],
+    ["demo", "rotation-bug", "--out", "URL"],
+    ["scenario", "all", "--out", "URL"],
+    ["view", "there", "--screenshot", "URL"],
+    ["bench", "accuracy", "--logs", "URL"],
+    ["dataset", "preview", "tiny", "--out", "URL"],
+]
+
+
+@pytest.mark.parametrize("command", WRITING, ids=lambda words: words[0])
+@pytest.mark.parametrize("url", ["s3://bucket/x", "file:///tmp/x", "gs+cache://x"])
+def test_where_a_url_makes_no_sense_it_makes_no_folder(
+    command: list[str], url: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    words = [url if word == "URL" else word for word in command]
+    error = CliRunner().invoke(app, words).exception
+    assert isinstance(error, OverrideRefused) and "is a URL" in str(error)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("url", ["memory://x", "simplecache::memory://x", "data:text/plain,x"])
+def test_a_data_set_is_not_made_where_it_does_not_stay(
+    url: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    error = CliRunner().invoke(app, ["dataset", "make", "tiny", "-n", "1", "--out", url]).exception
+    assert isinstance(error, OverrideRefused) and "is gone when this command ends" in str(error)
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.fixture(scope="module")

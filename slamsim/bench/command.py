@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Self
 
 import typer
 
-from slamsim.options import ConfigFile, Json, Quiet, Set
+from slamsim.options import ConfigFile, Json, Quiet, Set, local_path
 
 if TYPE_CHECKING:
     from slamsim.config.run import RunConfig
@@ -109,7 +109,12 @@ def bench(
     ] = None,
     bound: Annotated[bool, typer.Option(help="Accuracy: how far from what is possible.")] = True,
     logs: Annotated[
-        Path | None, typer.Option(help="Keep simulated logs here, and use them again.")
+        Path | None,
+        typer.Option(
+            metavar="FOLDER",
+            parser=local_path,
+            help="Keep simulated logs here, and use them again.",
+        ),
     ] = None,
     faults: Annotated[
         str | None, typer.Option(help="Check: only these faults, as name,name:size,...")
@@ -217,7 +222,12 @@ def _matcher(asked: _Asked, recording: Path | None, logs: Path | None) -> None:
 def _dataset(asked: _Asked, recipe: str | None, count: int) -> None:
     from slamsim.bench.dataset import measure_dataset
 
-    _show("Data set", measure_dataset(recipe or STANDARD_RECIPE, count, asked.reporter), asked)
+    figures: dict[str, object] = {}
+    try:
+        measure_dataset(recipe or STANDARD_RECIPE, count, figures, asked.reporter)
+    finally:  # what was measured before something failed is worth minutes
+        if figures:
+            _show("Data set", figures, asked)
 
 
 def _online(asked: _Asked) -> None:

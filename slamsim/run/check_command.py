@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from slamsim.options import Json, Overwrite, Quiet, ScanTopic
+from slamsim.options import Json, Overwrite, Quiet, ScanTopic, local_path
 
 CHECK_EPILOG = (
     "Exit code: 0 nothing is bad, 1 something is; 2, 3, 4 and 10 the check could not run. "
@@ -27,7 +27,13 @@ def check(
     source: Source,
     scan_topic: ScanTopic = None,
     html: Annotated[
-        Path | None, typer.Option("--html", help="Write verdicts and plots to this file.")
+        Path | None,
+        typer.Option(
+            "--html",
+            metavar="FILE",
+            parser=local_path,
+            help="Write verdicts and plots to this file.",
+        ),
     ] = None,
     quick: Annotated[
         bool, typer.Option("--quick", help="Leave out what compares scans with one another.")
@@ -55,7 +61,12 @@ def fix(
     source: Source,
     out: Annotated[
         Path,
-        typer.Argument(help="Folder of the corrected copy (rosbag2, MCAP).", show_default=False),
+        typer.Argument(
+            metavar="OUT",
+            parser=local_path,
+            help="Folder of the corrected copy (rosbag2, MCAP).",
+            show_default=False,
+        ),
     ],
     apply: Annotated[
         str,

@@ -7,14 +7,17 @@ from typing import Annotated
 
 import typer
 
-from slamsim.options import Faults, Json, Overwrite, Quiet, ScanTopic
+from slamsim.options import Faults, Json, Overwrite, Quiet, ScanTopic, local_path
 
 
 def fault(
     source: Annotated[
         Path | None, typer.Argument(help="A recording: rosbag2, MCAP, ROS 1, CARMEN.")
     ] = None,
-    out: Annotated[Path | None, typer.Argument(help="Folder for the spoilt copy.")] = None,
+    out: Annotated[
+        Path | None,
+        typer.Argument(metavar="OUT", parser=local_path, help="Folder for the spoilt copy."),
+    ] = None,
     faults: Faults = None,
     list_: Annotated[
         bool, typer.Option("--list", help="Tell all faults that come with the package.")

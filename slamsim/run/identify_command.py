@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from slamsim.options import Jobs, Json, Out, Overwrite, Quiet, Set
+from slamsim.options import Jobs, Json, Out, Overwrite, Quiet, Set, local_path
 
 EPILOG = (
     "Examples: slamsim identify turtlebot2_study · slamsim identify my_robot.yaml "
@@ -25,7 +25,12 @@ def identify(
     out: Out = None,
     robot_file: Annotated[
         Path | None,
-        typer.Option("--robot-file", help="Write the robot to this file too."),
+        typer.Option(
+            "--robot-file",
+            metavar="FILE",
+            parser=local_path,
+            help="Write the robot to this file too.",
+        ),
     ] = None,
     set_: Set = None,
     jobs: Jobs = None,

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from slamsim.options import Json, Overwrite, Quiet
+from slamsim.options import Json, Overwrite, Quiet, local_path
 
 EPILOG = "Example: slamsim recover my_rosbag2/ --out whole/"
 
@@ -23,7 +23,13 @@ def recover(
     ],
     out: Annotated[
         Path | None,
-        typer.Option("--out", "-o", help="New folder for it; one under outputs/ by default."),
+        typer.Option(
+            "--out",
+            "-o",
+            metavar="FOLDER",
+            parser=local_path,
+            help="New folder for it; one under outputs/ by default.",
+        ),
     ] = None,
     overwrite: Overwrite = False,
     quiet: Quiet = False,
