@@ -281,7 +281,7 @@ def test_a_mesh_in_another_unit_is_told(
     """A room of 6 x 4 m whose numbers are metres, or much larger."""
     hall().apply_scale(unit).export(tmp_path / "hall.ply")
     if warned is None:
-        size = r"is 6000 x 4000 m large and 1000 m high: too large .* set mesh.scale to 0.001$"
+        size = r"is 6000 x 4000 m large and 1000 m high: too large .* --set world.mesh.scale=0.001$"
         with pytest.raises(InputRefused, match=size):
             world_of(tmp_path / "hall.ply")
     elif unit < 1.0:

@@ -39,4 +39,4 @@ def check_extent(
 def _remedy(layout: ImageLayout | MeshLayout) -> str:
     if isinstance(layout, ImageLayout):
         return "check its resolution, which is in metres per pixel"
-    return f"if its numbers are millimetres, set mesh.scale to {0.001 * layout.scale:g}"
+    return f"if its numbers are millimetres, --set world.mesh.scale={0.001 * layout.scale:g}"
