@@ -292,7 +292,12 @@ def view(
     run: Annotated[Path, typer.Argument(help="Folder of a run, or a .rrd file.")],
     web: Annotated[bool, typer.Option("--web", help="Serve it to a browser.")] = False,
     screenshot: Annotated[
-        Path | None, typer.Option("--screenshot", help="Render to this PNG, without a screen.")
+        Path | None,
+        typer.Option(
+            "--screenshot",
+            metavar="FILE",
+            help="Render to this PNG, without a screen.",
+        ),
     ] = None,
     overwrite: OverwriteFile = False,
 ) -> None:

@@ -5,10 +5,10 @@ from __future__ import annotations
 import json
 import logging
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 
-from rich.console import Console, RenderableType
+from rich.console import Console, ConsoleOptions, RenderableType
 from rich.logging import RichHandler
 from rich.progress import (
     BarColumn,
@@ -19,11 +19,40 @@ from rich.progress import (
     TimeElapsedColumn,
     TimeRemainingColumn,
 )
+from rich.segment import Segment
 from rich.table import Table
 from rich.text import Text
 
 from slamsim.progress import Progress as Listener
 from slamsim.progress import silent
+from slamsim.safe.errors import printable
+
+
+class _PlainConsole(Console):
+    """Only what rich itself makes up obeys the terminal: names may come from anybody's file."""
+
+    def render(
+        self, renderable: RenderableType, options: ConsoleOptions | None = None
+    ) -> Iterable[Segment]:
+        for segment in super().render(renderable, options):
+            if segment.control:
+                yield segment
+            else:
+                text = "\n".join(map(printable, segment.text.split("\n")))
+                yield Segment(text, segment.style)
+
+
+class _Once(logging.Filter):
+    """The same warning, of a file that several parts of a command read, is told once."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._told: set[str] = set()
+
+    def filter(self, record: logging.LogRecord) -> bool:
+        told = record.getMessage() in self._told
+        self._told.add(record.getMessage())
+        return not told
 
 
 class _RateColumn(ProgressColumn):
@@ -41,11 +70,15 @@ class Reporter:
     def __init__(self, *, quiet: bool = False, as_json: bool = False) -> None:
         self._quiet = quiet or as_json
         self._as_json = as_json
-        self._console = Console(stderr=True, quiet=self._quiet, highlight=False)
+        self._console = _PlainConsole(
+            stderr=True, quiet=self._quiet, highlight=False, markup=False, emoji=False
+        )
+        handler = RichHandler(console=self._console, show_time=False, show_path=False)
+        handler.addFilter(_Once())
         logging.basicConfig(
             level=logging.ERROR if self._quiet else logging.WARNING,
             format="%(message)s",
-            handlers=[RichHandler(console=self._console, show_time=False, show_path=False)],
+            handlers=[handler],
         )
         if not self._quiet:
             logging.getLogger("slamsim").setLevel(logging.INFO)
@@ -61,7 +94,7 @@ class Reporter:
             yield silent
             return
         columns = (
-            TextColumn("{task.description:<10}"),
+            TextColumn("{task.description:<10}", markup=False),
             BarColumn(bar_width=30),
             TextColumn("{task.percentage:>4.0f} %"),
             _RateColumn(),
@@ -83,7 +116,7 @@ class Reporter:
         return Progress(*columns, console=self._console, disable=self._quiet)
 
     def say(self, sentence: str) -> None:
-        self._console.print(sentence, markup=False, soft_wrap=True)
+        self._console.print(sentence, soft_wrap=True)
 
     def warn(self, sentence: str) -> None:
         self._console.print(Text(f"! {sentence}", style="yellow"))

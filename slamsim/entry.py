@@ -9,6 +9,7 @@ import sys
 
 def main() -> None:
     """Entry point of the ``slamsim`` command."""
+    _open_standard_streams()
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         signal.signal(signal.SIGINT, signal.SIG_DFL)  # nothing has begun: no traceback either
     from slamsim.ending import run_command
@@ -17,6 +18,16 @@ def main() -> None:
     # Matrices are small here: more threads wait for each other, sevenfold on a busy machine.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     sys.exit(supervised(lambda: run_command(_typed)))
+
+
+def _open_standard_streams() -> None:
+    """Those that the shell has closed lead nowhere; else files that are opened would be them."""
+    for number, name in enumerate(("stdin", "stdout", "stderr")):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.set_inheritable(os.open(os.devnull, os.O_RDWR), True)
+            setattr(sys, name, open(number, "r" if number == 0 else "w", closefd=False))  # noqa: SIM115
 
 
 def _typed() -> None:

@@ -9,12 +9,47 @@ from __future__ import annotations
 
 import ctypes
 import os
+import select
 import signal
 import sys
 import threading
 from collections.abc import Sequence
 
+LOOK_S = 0.5
+HALTED_S = 10.0
+"""A process that is stopped (SIGSTOP) for so long without a break is not waited for any longer."""
 _PR_SET_PDEATHSIG = 1
+
+
+class Halted(Exception):
+    """A process is stopped and does not go on; ``str`` says so, after "its process"."""
+
+
+class Patience:
+    """Looks at one process again and again while it is waited for."""
+
+    def __init__(self, process: int) -> None:
+        self._process, self._seen_s = process, 0.0
+
+    def look(self, after_s: float) -> None:
+        """after_s: since the last look. Raises Halted; looks count, for we may be stopped too."""
+        self._seen_s = self._seen_s + after_s if is_halted(self._process) else 0.0
+        if self._seen_s >= HALTED_S:
+            raise Halted(f"was stopped (SIGSTOP) and did not go on within {HALTED_S:g} s")
+
+    def wait(self, readable: Sequence[int], writable: Sequence[int] = ()) -> None:
+        """Until one of these descriptors can be read or written. Raises Halted."""
+        while not any(select.select(readable, writable, (), LOOK_S)):
+            self.look(LOOK_S)
+
+
+def is_halted(process: int) -> bool:
+    """Whether it was stopped by a signal; on Linux only, elsewhere that is never seen."""
+    try:
+        with open(f"/proc/{process}/stat", errors="replace") as file:  # noqa: PTH123 - no imports
+            return file.read().rpartition(")")[2].split()[0] == "T"
+    except (OSError, IndexError):
+        return False
 
 
 def end_with_parent(parent: int) -> None:

@@ -12,23 +12,22 @@ import signal
 import sys
 import time
 from collections.abc import Callable
-from contextlib import suppress
 from typing import NoReturn
 
-from slamsim.ending import STOPPED, STOPPING, fail
+from slamsim.ending import STOPPED, STOPPING, UNTOUCHED, ended_by, fail
 from slamsim.kin import end_with_parent
 from slamsim.safe.errors import SlamsimError
 
 GRACE_S = 1.5
 """So long a command that is stopped may take to put its things in order."""
 _AGAIN_S = 0.2
-_UNTOUCHED = "what is finished stays, nothing half-written stands under a final name"
 
 
 def supervised(command: Callable[[], int]) -> int:
     """The exit code of a command that runs in a child; in the child itself this does not return.
 
-    Ctrl-C and SIGTERM, to this process or to the child, end both within two seconds.
+    Ctrl-C, SIGTERM, a terminal that is closed and Ctrl-\\ end both within two seconds, whether this
+    process or the child gets the signal.
     """
     heard, told = os.pipe()
     os.set_blocking(told, False)
@@ -42,15 +41,12 @@ def supervised(command: Callable[[], int]) -> int:
         signal.signal(signal.SIGCHLD, signal.SIG_DFL)
         end_with_parent(parent)
         _end(command())
-    stopped_by, status = _watch(child, heard)
-    return _code(status, stopped_by)
+    return _code(*_watch(child, heard))
 
 
 def _end(code: int) -> NoReturn:
     """End the child; once it was stopped, without a wait for what its threads still do."""
     if code > 128:
-        with suppress(OSError):
-            sys.stdout.flush()
         os._exit(code)
     sys.exit(code)
 
@@ -78,14 +74,11 @@ def _watch(child: int, heard: int) -> tuple[int | None, int]:
             os.kill(child, stopped_by if time.monotonic() < end_s else signal.SIGKILL)
 
 
-def _code(status: int, stopped_by: int | None) -> int:
+def _code(stopped_by: int | None, status: int) -> int:
     """The exit code that says so, and a sentence where the child could not say it."""
     if os.WIFEXITED(status):
         return os.WEXITSTATUS(status)
-    ended_by = os.WTERMSIG(status)
-    if stopped_by is not None or ended_by in STOPPING:
-        return fail(STOPPED, 128 + (stopped_by or ended_by))
-    how = f"this run was ended by {signal.Signals(ended_by).name}"
-    if ended_by == signal.SIGKILL:
-        how += ", as the system does where memory runs out"
-    return fail(f"{how}; {_UNTOUCHED}", SlamsimError.exit_code)
+    killed_by = os.WTERMSIG(status)
+    if stopped_by is not None or killed_by in STOPPING:
+        return fail(STOPPED, 128 + (stopped_by or killed_by))
+    return fail(f"this run {ended_by(killed_by)}; {UNTOUCHED}", SlamsimError.exit_code)

@@ -25,7 +25,7 @@ from typing import Self, TypeVar
 from pebble import ProcessExpired, ProcessPool
 
 from slamsim.instructions import settle_instructions
-from slamsim.kin import end_with_parent
+from slamsim.kin import Halted, Patience, end_with_parent
 from slamsim.safe.errors import SlamsimError
 
 Result = TypeVar("Result")
@@ -140,7 +140,7 @@ class Worker:
 
     def _waited(self, work: Callable[[], Result]) -> Result:
         assert self._pool is not None
-        future = self._pool.schedule(work)
+        future, patience = self._pool.schedule(work), Patience(self._process)
         while not wait((future,), _LOOK_S).done:
             if self._stopped.is_set():
                 self._end()
@@ -149,6 +149,11 @@ class Worker:
                 # pebble takes an exit with code 0 for a worker's own end: its task stays open
                 wait((future,), _NOTICED_S)
                 break
+            try:
+                patience.look(_LOOK_S)
+            except Halted as halted:
+                self._end()
+                raise WorkerDied(f"its process {halted}") from None
         return future.result(0.0)
 
     def _why(self, error: Exception, limit_s: float) -> str:

@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+import json
+from collections.abc import Callable
+from typing import Self
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from slamsim.bench.dataset_pace import Made, settled_pace
+from slamsim.bench import dataset
+from slamsim.bench.command import bench
+from slamsim.bench.dataset_pace import Made, Pace, settled_pace
 from slamsim.safe.errors import SlamsimError
 
 workers = st.lists(
@@ -32,3 +38,40 @@ def test_paces_of_workers_add_up_whenever_each_begins_and_ends(
 def test_a_worker_that_made_one_has_no_pace() -> None:
     with pytest.raises(SlamsimError, match="ask for more"):
         settled_pace([Made(1, 1.0, 1.0), Made(1, 2.0, 1.0), Made(2, 1.5, 1.0)])
+
+
+class _Here:
+    """As ``Children``, with nothing measured."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        pass
+
+    def run(self, work: Callable[..., object], *arguments: object) -> dict[str, float]:
+        return {"cpu_s_per_sequence": 7.0}
+
+
+@pytest.mark.parametrize("fails", [False, True])
+def test_what_was_measured_is_told_without_dask_and_when_the_rest_fails(
+    fails: bool, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def pace(*arguments: object) -> Pace:
+        if fails:
+            raise SlamsimError("a worker has made fewer than two sequences")
+        return Pace(2.0, 1.0)
+
+    monkeypatch.setattr(dataset, "find_spec", lambda name: None)
+    monkeypatch.setattr(dataset, "Children", _Here)
+    monkeypatch.setattr(dataset, "bare_scaling", lambda children, count: 1.9)
+    monkeypatch.setattr(dataset, "pace", pace)
+    if fails:
+        with pytest.raises(SlamsimError, match="fewer than two"):
+            bench("dataset", seeds=2, as_json=True)
+    else:
+        bench("dataset", seeds=2, as_json=True)
+    told = json.loads(capsys.readouterr().out)
+    assert told["one_core"] == {"cpu_s_per_sequence": 7.0}
+    assert ("sequences_per_s" in told) is not fails
+    assert "dask_time_over_local" not in told

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from pathlib import Path
 from typing import Any
 
 import pyarrow as pa
@@ -13,11 +14,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from slamsim.dataset.card import data_card
-from slamsim.dataset.catalogue import catalogue_files
+from slamsim.dataset.catalogue import catalogue_files, write_catalogue
+from slamsim.dataset.identity import IDENTITY
 from slamsim.dataset.loading import load_recipe
 from slamsim.dataset.manifest import manifest
 from slamsim.dataset.sequence import SPLITS, Cell
+from slamsim.dataset.shard import shard_path
 from slamsim.dataset.statistics import statistics
+from slamsim.dataset.store import StoreFailed, open_store
 from slamsim.dataset.table import rows_to_parquet, table_from_parquet
 
 Row = dict[str, Cell]
@@ -164,3 +168,15 @@ def test_the_card_follows_the_size_of_the_set() -> None:
     for count, size in ((999, "n<1K"), (1000, "1K<n<10K"), (10**6, "n>1M")):
         card = data_card(recipe, {**told, "sequences": count}, {}, ())
         assert yaml.safe_load(card.split("---\n")[1])["size_categories"] == [size]
+
+
+def test_a_data_set_that_is_removed_while_it_is_made_is_told(tmp_path: Path) -> None:
+    recipe, store = load_recipe("tiny"), open_store(str(tmp_path / "set"))
+    with pytest.raises(StoreFailed, match=f"{IDENTITY} is gone: another program changed"):
+        write_catalogue(store, recipe, 1)
+    store.write(IDENTITY, b"{}")
+    with pytest.raises(StoreFailed, match="parquet is gone: another program changed"):
+        write_catalogue(store, recipe, 1)
+    store.write(shard_path(0), b"PAR1")
+    with pytest.raises(StoreFailed, match=r"parquet is damaged .* another program changed"):
+        write_catalogue(store, recipe, 1)

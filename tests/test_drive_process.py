@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import threading
 from dataclasses import fields
 from pathlib import Path
 
@@ -19,6 +20,7 @@ from slamsim.sim.drive_process import DriveProcess
 from slamsim.sim.robot import build_robot
 from slamsim.sim.route import plan_route
 from slamsim.types import Drive
+from slamsim.worker import WorkerDied, Workers
 
 CONFIG = DriveConfig.model_validate(
     {"route": {"max_duration_s": 6.0}, "physics": {"window_s": 1.0}}
@@ -68,5 +70,45 @@ def test_a_killed_engine_is_told() -> None:
         next(windows)
         (child,) = children() - before
         os.kill(child, signal.SIGKILL)
-        with pytest.raises(SlamsimError, match="ended with code -9"):
+        with pytest.raises(SlamsimError, match="was ended by SIGKILL"):
             list(windows)
+
+
+@pytest.mark.parametrize("before_it_begins", [True, False])
+def test_a_stopped_engine_is_told(before_it_begins: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("slamsim.kin.HALTED_S", 1.0)
+    before = children()
+    with DriveProcess() as process:
+        (child,) = children() - before
+        windows = process.drive(WORLD, ROBOT, ROUTE, CONFIG)
+        if before_it_begins:
+            os.kill(child, signal.SIGSTOP)
+        else:
+            next(windows)
+            os.kill(child, signal.SIGSTOP)
+        with pytest.raises(SlamsimError, match=r"process was stopped \(SIGSTOP\) and did not go"):
+            list(windows)
+    assert children() == before
+
+
+def test_an_engine_that_goes_on_in_time_is_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("slamsim.kin.HALTED_S", 1000.0)
+    before = children()
+    with DriveProcess() as process:
+        (child,) = children() - before
+        os.kill(child, signal.SIGSTOP)
+        threading.Timer(1.5, os.kill, (child, signal.SIGCONT)).start()
+        count = sum(1 for _ in process.drive(WORLD, ROBOT, ROUTE, CONFIG))
+        assert count > 0 and process.outcome.finished
+
+
+def stop_myself() -> None:
+    os.kill(os.getpid(), signal.SIGSTOP)
+
+
+def test_a_stopped_worker_is_told_and_replaced(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("slamsim.kin.HALTED_S", 1.0)
+    with Workers(1) as workers:
+        with pytest.raises(WorkerDied, match="was stopped"):
+            workers.submit(stop_myself, 100.0).result()
+        assert workers.submit(os.getpid, 100.0).result() > 0

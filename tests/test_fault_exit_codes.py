@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import resource
 import signal
 import subprocess
@@ -14,7 +15,11 @@ from pathlib import Path
 
 import pytest
 from fault_processes import MAIN, Run, running
+from typer.testing import CliRunner
 
+from slamsim.cli import app
+from slamsim.run.folder import TRUTH
+from slamsim.safe.errors import OverrideRefused
 from slamsim.safe.output import partial_folder
 
 pytestmark = pytest.mark.fault
@@ -99,8 +104,126 @@ def test_a_full_disk_is_75_and_leaves_nothing(tmp_path: Path) -> None:
     assert "| 75 |" in README
 
 
-@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
-@pytest.mark.parametrize("at_s", [0.0, 0.1, 0.5, 2.0])
+WRITING = [
+    ["map", "tiny", "--out", "URL"],
+    ["simulate", "tiny", "--overwrite", "-o", "URL"],
+    ["world", "tiny", "--out", "URL"],
+    ["localise", "x.mcap", "--in", "there", "--out", "URL"],
+    ["check", "x.mcap", "--html", "URL"],
+    ["fix", "x.mcap", "URL"],
+    ["fault", "x.mcap", "URL", "--fault", "laser_yaw"],
+    ["recover", "x.mcap", "--out", "URL"],
+    ["identify", "x.yaml", "--robot-file", "URL"],
+    ["demo", "rotation-bug", "--out", "URL"],
+    ["scenario", "all", "--out", "URL"],
+    ["view", "there", "--screenshot", "URL"],
+    ["bench", "accuracy", "--logs", "URL"],
+    ["dataset", "preview", "tiny", "--out", "URL"],
+]
+
+
+@pytest.mark.parametrize("command", WRITING, ids=lambda words: words[0])
+@pytest.mark.parametrize("url", ["s3://bucket/x", "file:///tmp/x", "gs+cache://x"])
+def test_where_a_url_makes_no_sense_it_makes_no_folder(
+    command: list[str], url: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    words = [url if word == "URL" else word for word in command]
+    error = CliRunner().invoke(app, words).exception
+    assert isinstance(error, OverrideRefused) and "is a URL" in str(error)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("url", ["memory://x", "simplecache::memory://x", "data:text/plain,x"])
+def test_a_data_set_is_not_made_where_it_does_not_stay(
+    url: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    error = CliRunner().invoke(app, ["dataset", "make", "tiny", "-n", "1", "--out", url]).exception
+    assert isinstance(error, OverrideRefused) and "is gone when this command ends" in str(error)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.fixture(scope="module")
+def run_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A recording in ``made``, of a few seconds, and its true trajectory."""
+    cwd = tmp_path_factory.mktemp("full")
+    brief = ("--set", "drive.route.max_duration_s=5")
+    assert of("simulate", "tiny", "--out", "made", "-q", *brief, cwd=cwd)[0] == 0
+    return cwd
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["--version"],
+        ["--help"],
+        ["config", "tiny"],
+        ["world", "tiny", "--json"],
+        ["check", "made", "--json"],
+        ["verify", "made", "--json"],
+        ["evaluate", f"made/{TRUTH}", "--truth", f"made/{TRUTH}", "--json"],
+        ["fault", "--list", "--json"],
+    ],
+)
+def test_a_full_disk_behind_standard_output_is_75(arguments: list[str], run_folder: Path) -> None:
+    with Path("/dev/full").open("w") as full:
+        done = subprocess.run(
+            [sys.executable, "-c", MAIN, *arguments],
+            cwd=run_folder,
+            stdout=full,
+            stderr=subprocess.PIPE,
+            text=True,
+            timeout=GENEROUS_S,
+            check=False,
+        )
+    assert done.returncode == 75
+    assert done.stderr.endswith(": the disk is full\n") and "Traceback" not in done.stderr
+
+
+@pytest.mark.parametrize("arguments", [["--version"], ["config", "tiny"]])
+def test_who_reads_no_more_and_who_never_did_hear_nothing(
+    arguments: list[str], tmp_path: Path
+) -> None:
+    """``| head``, and ``>&-``."""
+    closed, written = os.pipe()
+    os.close(closed)
+    command = [sys.executable, "-c", MAIN, *arguments]
+    done = subprocess.run(
+        command, cwd=tmp_path, stdout=written, stderr=subprocess.PIPE, check=False
+    )
+    os.close(written)
+    assert (done.returncode, done.stderr) == (1, b"")
+
+    def close() -> None:
+        os.close(1)
+
+    done = subprocess.run(
+        command, cwd=tmp_path, stderr=subprocess.PIPE, check=False, preexec_fn=close
+    )
+    assert (done.returncode, done.stderr) == (0, b"")
+
+
+@pytest.mark.parametrize("hard_s", [1, 1000])
+def test_the_limit_of_processor_time_is_told(hard_s: int, tmp_path: Path) -> None:
+    """By SIGXCPU at the soft limit; where the hard one is the same, by SIGKILL."""
+
+    def limit() -> None:
+        resource.setrlimit(resource.RLIMIT_CPU, (1, hard_s))
+
+    code, told = of("map", "labyrinth", "--out", "run", "-q", cwd=tmp_path, limit=limit)
+    assert code == 1 and "at the limit of processor time (1 s, ulimit -t)" in told
+
+
+@pytest.mark.parametrize(
+    ("number", "code", "at_s"),
+    [
+        *((signal.SIGINT, 130, at_s) for at_s in (0.0, 0.1, 0.5, 2.0)),
+        *((signal.SIGTERM, 143, at_s) for at_s in (0.0, 0.1, 0.5, 2.0)),
+        *((signal.SIGHUP, 129, at_s) for at_s in (0.1, 2.0)),
+        (signal.SIGQUIT, 131, 0.5),
+    ],
+)
 def test_a_command_that_is_stopped_at_once_tells_so(
     number: signal.Signals, code: int, at_s: float, tmp_path: Path
 ) -> None:
@@ -112,7 +235,7 @@ def test_a_command_that_is_stopped_at_once_tells_so(
         assert run.orphans() == []
     assert not (tmp_path / "run").exists()
     assert (ended, told) == (code, "slamsim: stopped; nothing was left half-written\n")
-    assert "| 130, 143 |" in README
+    assert "| 129, 130, 131, 143 |" in README
 
 
 @pytest.mark.parametrize(

@@ -94,6 +94,11 @@ def obj(folder: Path, limits: Limits) -> None:
     check_mesh_file(put(folder / "a.obj", b"v 0 0 0\n" * 3 + b"f 1 2 3 1 2 3\n"), limits)
 
 
+def collada(folder: Path, limits: Limits) -> None:
+    path = put(folder / "a.dae", b"<COLLADA><a><b/></a></COLLADA>")
+    check_mesh_file(path, limits, (".dae",))
+
+
 def unrolled(folder: Path, limits: Limits) -> None:
     scene = trimesh.Scene([trimesh.Trimesh(CORNERS, FACES) for _ in range(5)])
     data = scene.export(file_type="glb")  # type: ignore[no-untyped-call]
@@ -159,6 +164,7 @@ EXCESS: dict[str, tuple[Excess, dict[str, float]]] = {
     "mesh_vertices": (mesh, {"mesh_vertices": 3}),
     "mesh_triangles": (mesh, {"mesh_triangles": 3}),
     "mesh_parts": (unrolled, {"mesh_parts": 4}),
+    "mesh_depth": (collada, {"mesh_depth": 2}),
     "mesh_coordinate_m": (mesh, {"mesh_coordinate_m": 0.5}),
     "urdf_bytes": (urdf, {"urdf_bytes": 20}),
     "urdf_depth": (urdf, {"urdf_depth": 2}),

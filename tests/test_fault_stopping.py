@@ -51,6 +51,19 @@ def crash():
 def killed():
     os.kill(os.getpid(), signal.SIGKILL)
 
+def greedy():
+    with partial_folder(Path("run")) as folder:
+        bytearray(1 << 60)
+
+def wrapped():
+    try:
+        greedy()
+    except MemoryError as error:
+        raise RuntimeError("a library fails") from error
+
+def unloaded():
+    raise ImportError("libarrow.so: failed to map segment from shared object")
+
 def tell():
     print("told")
     sys.exit(7)
@@ -94,7 +107,7 @@ def to_session(run: Run, number: int) -> None:
     os.killpg(run.process.pid, number)
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 @pytest.mark.parametrize("send", [to_started, to_child, to_session])
 @pytest.mark.parametrize(("doing", "processes"), [("deaf", 2), ("working", 2), ("parent", 3)])
 def test_a_command_ends_whatever_it_is_doing_and_whoever_is_told(
@@ -128,13 +141,20 @@ def test_whatever_a_command_started_is_killed_with_it(
 
 @pytest.mark.parametrize(
     ("doing", "says"),
-    [("crash", "ended by SIGSEGV;"), ("killed", "ended by SIGKILL, as the system does where")],
+    [
+        ("crash", "ended by SIGSEGV;"),
+        ("killed", "ended by SIGKILL, as the system does where"),
+        ("greedy", "slamsim: memory ran out; what is finished stays"),
+        ("wrapped", "slamsim: memory ran out; what is finished stays"),
+        ("unloaded", "slamsim: memory ran out; what is finished stays"),
+    ],
 )
 def test_a_crash_is_told(doing: str, says: str, tmp_path: Path) -> None:
     with running(doing, cwd=tmp_path, code=BEGIN) as run:
         code, told, _ = run.ended(GENEROUS_S)
     assert code == 1
     assert says in told and told.count("\n") == 1
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_what_a_command_says_and_its_code_pass_through(tmp_path: Path) -> None:
@@ -154,6 +174,22 @@ def test_a_command_that_is_to_ignore_ctrl_c_does(tmp_path: Path) -> None:
             run.process.wait(2.0)
         to_started(run, signal.SIGTERM)
         assert run.ended(GENEROUS_S)[0] == 143
+
+
+def test_a_terminal_that_is_closed_ends_a_command(tmp_path: Path) -> None:
+    """And what it started, and what it had begun to write; there is nobody to be told."""
+    shell, terminal = pty.fork()
+    if shell == 0:
+        os.chdir(tmp_path)
+        os.execv(sys.executable, [sys.executable, "-c", BEGIN, "parent"])
+    end_s = time.monotonic() + BEGUN_S
+    while not (tmp_path / "run.partial" / "half").exists():
+        assert time.monotonic() < end_s
+        time.sleep(0.02)
+    os.close(terminal)
+    _, status = os.waitpid(shell, 0)
+    assert os.waitstatus_to_exitcode(status) == 129
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_terminal_pauses_and_stops_a_command(tmp_path: Path) -> None:

@@ -105,6 +105,18 @@ def test_a_killed_back_end_is_told_and_begun_again_with_all_it_knew() -> None:
     assert ate_rmse_m(result.trajectory, example().truth) < 0.01
 
 
+def test_a_stopped_back_end_is_begun_again_at_the_end(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("slamsim.kin.HALTED_S", 1.0)
+    with opened() as session:
+        drive(session, slice(100))
+        process = beside(session).process_id
+        assert process is not None
+        os.kill(process, signal.SIGSTOP)
+        result = session.finish()
+    assert "begun again" in " ".join(event.words for event in result.events)
+    assert ate_rmse_m(result.trajectory, example().truth) < 0.01
+
+
 def test_a_back_end_that_keeps_dying_leaves_the_odometry() -> None:
     with opened() as session:
         for number in range(MAX_RESTARTS + 1):

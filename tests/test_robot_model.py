@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -185,7 +186,7 @@ def test_a_drive_wheel_below_the_floor_is_refused(tmp_path: Path, robot: RobotMo
 def test_other_faults_are_named(
     tmp_path: Path, robot: RobotModel, pattern: str, replacement: str, words: str
 ) -> None:
-    (tmp_path / "w.stl").write_text("solid w\nendsolid w\n")
+    trimesh.creation.box().export(tmp_path / "w.stl")
     text = re.sub(pattern, replacement, robot.urdf)
     assert text != robot.urdf
     assert words in _refusal(tmp_path, text)

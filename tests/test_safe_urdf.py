@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+import trimesh
 from limited_child import run_limited
 
 from slamsim.safe.errors import InputRefused
@@ -126,8 +127,9 @@ def test_faults_are_named(text: str, words: str, tmp_path: Path) -> None:
 
 def test_a_mesh_inside_the_folder_passes(tmp_path: Path) -> None:
     (tmp_path / "meshes").mkdir()
-    (tmp_path / "meshes" / "m.STL").touch()
-    check_urdf(body(shape='<mesh filename="meshes/m.STL"/>'), tmp_path / "robot.urdf")
+    trimesh.creation.box().export(tmp_path / "meshes" / "m.STL", file_type="stl")
+    shape = '<mesh filename="./meshes//m.STL"/>'
+    assert check_urdf(body(shape=shape), tmp_path / "robot.urdf") == ("meshes/m.STL",)
 
 
 def test_xml_bombs_go_off_in_no_memory(tmp_path: Path) -> None:

@@ -158,7 +158,6 @@ def test_a_given_start_decides_which_part_counts(tmp_path: Path) -> None:
         ({"origin": [0.0, 0.0, ".nan"]}, "origin"),
         ({"negate": 2}, "negate"),
         ({"mode": "trinery"}, "mode"),
-        ({"free_tresh": 0.2}, "free_thresh"),
         ({"free_thresh": 0.9}, "exceeds occupied_thresh"),
         ({"image": "../map.pgm"}, "inside the folder"),
         ({"image": "/etc/passwd"}, "inside the folder"),
@@ -170,6 +169,20 @@ def test_bad_maps_are_refused(tmp_path: Path, keys: dict[str, Any], says: str) -
     path = write_map(tmp_path, ROOM, **keys)
     with pytest.raises(InputRefused, match=says):
         build_world(load_world_config_of(path), 0)
+
+
+def test_further_keys_of_other_programs_are_told_and_ignored(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    plain = solid(world_of(write_map(tmp_path, ROOM)))
+    assert caplog.messages == []
+    further = {"map_type": "occupancy", "free_tresh": 0.2, "layers": "{a: [1, .nan]}"}
+    found = solid(world_of(write_map(tmp_path, ROOM, **further)))
+    np.testing.assert_array_equal(found, plain)
+    path = tmp_path / "map.yaml"
+    assert caplog.messages == [
+        f"{path}: these keys of the map are not used: map_type, free_tresh, layers"
+    ]
 
 
 def load_world_config_of(path: Path) -> WorldConfig:
@@ -257,3 +270,32 @@ def test_a_solid_block_has_no_room_for_a_robot(tmp_path: Path) -> None:
     trimesh.creation.box(bounds=[(0, 0, 0), (4, 4, 1)]).export(tmp_path / "block.ply")
     with pytest.raises(SlamsimError, match=r"clearance_m 0\.6: nowhere"):
         world_of(tmp_path / "block.ply")
+
+
+@pytest.mark.parametrize(
+    ("unit", "warned"), [(1.0, False), (60.0, True), (1000.0, None), (0.0254, False)]
+)
+def test_a_mesh_in_another_unit_is_told(
+    unit: float, warned: bool | None, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """A room of 6 x 4 m whose numbers are metres, or much larger."""
+    hall().apply_scale(unit).export(tmp_path / "hall.ply")
+    if warned is None:
+        size = r"is 6000 x 4000 m large and 1000 m high: too large .* --set world.mesh.scale=0.001$"
+        with pytest.raises(InputRefused, match=size):
+            world_of(tmp_path / "hall.ply")
+    elif unit < 1.0:
+        with pytest.raises(SlamsimError, match="nowhere is there so much room"):
+            world_of(tmp_path / "hall.ply")
+    else:
+        world_of(tmp_path / "hall.ply", "mesh.visit_spacing_m=50.0")
+    told = [message for message in caplog.messages if "360 x 240 m large and 60 m" in message]
+    assert len(told) == len(caplog.messages) == int(bool(warned))
+
+
+def test_an_image_of_the_wrong_resolution_is_told(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    world_of(write_map(tmp_path, ROOM, resolution=5.0), "image.visit_spacing_m=50.0")
+    assert len(caplog.messages) == 1
+    assert "300 x 200 m" in caplog.messages[0] and "metres per pixel" in caplog.messages[0]

@@ -109,7 +109,11 @@ def bench(
     ] = None,
     bound: Annotated[bool, typer.Option(help="Accuracy: how far from what is possible.")] = True,
     logs: Annotated[
-        Path | None, typer.Option(help="Keep simulated logs here, and use them again.")
+        Path | None,
+        typer.Option(
+            metavar="FOLDER",
+            help="Keep simulated logs here, and use them again.",
+        ),
     ] = None,
     faults: Annotated[
         str | None, typer.Option(help="Check: only these faults, as name,name:size,...")
@@ -219,7 +223,12 @@ def _matcher(asked: _Asked, recording: Path | None, logs: Path | None) -> None:
 def _dataset(asked: _Asked, recipe: str | None, count: int) -> None:
     from slamsim.bench.dataset import measure_dataset
 
-    _show("Data set", measure_dataset(recipe or STANDARD_RECIPE, count, asked.reporter), asked)
+    figures: dict[str, object] = {}
+    try:
+        measure_dataset(recipe or STANDARD_RECIPE, count, figures, asked.reporter)
+    finally:  # what was measured before something failed is worth minutes
+        if figures:
+            _show("Data set", figures, asked)
 
 
 def _online(asked: _Asked) -> None:

@@ -11,6 +11,7 @@ import tempfile
 import time
 from collections.abc import Callable
 from functools import partial
+from importlib.util import find_spec
 from pathlib import Path
 from typing import cast
 
@@ -50,40 +51,48 @@ ROUNDS = 2
 only slow it."""
 
 
-def measure_dataset(recipe_name: str, count: int, reporter: Reporter) -> Figures:
+def measure_dataset(recipe_name: str, count: int, figures: Figures, reporter: Reporter) -> None:
     """One core, and several, on the first ``count`` sequences of a recipe.
 
+    figures: where each is put once it is known; Dask's are left out where it is not installed.
     Raises SlamsimError for a recipe that cannot be, and if a sequence fails on one core.
     """
     recipe = load_recipe(recipe_name)
+    with_dask = find_spec("distributed") is not None
+    if not with_dask:
+        reporter.warn("Dask is not measured, it is not installed: pip install 'slamsim[cluster]'")
     with Children() as children, reporter.stage("one core", ""):
         alone = children.run(measure_alone, recipe, count)
-    figures: Figures = {"recipe": recipe.name, "sequences": count, "one_core": alone}
-    return {**figures, **_paces(recipe, count, reporter)}
+    figures |= {"recipe": recipe.name, "sequences": count, "one_core": alone}
+    figures |= _paces(recipe, count, with_dask, reporter)
 
 
-def _paces(recipe: Recipe, count: int, reporter: Reporter) -> Figures:
+def _paces(recipe: Recipe, count: int, with_dask: bool, reporter: Reporter) -> Figures:
     rounds = []
     with Children() as children:
         bare = [bare_scaling(children, PARALLEL)]
         for number in range(ROUNDS):
-            rounds.append(_round(recipe, count, reporter, f", round {number + 1}"))
+            rounds.append(_round(recipe, count, with_dask, reporter, f", round {number + 1}"))
             bare.append(bare_scaling(children, PARALLEL))
     best = {
         name: max((paces[name] for paces in rounds), key=lambda one: one.sequences_per_s)
         for name in rounds[0]
     }
     per_s = {name: one.sequences_per_s for name, one in best.items()}
-    return {
+    figures: Figures = {
         "sequences_per_s": per_s,
         "cpu_s_per_sequence": {name: one.cpu_s for name, one in best.items()},
         "two_workers_over_one": per_s["two_workers"] / per_s["one_worker"],
         "two_bare_processes_over_one": max(bare),
-        "dask_time_over_local": per_s["two_workers"] / per_s["dask_two_workers"],
     }
+    if with_dask:
+        figures["dask_time_over_local"] = per_s["two_workers"] / per_s["dask_two_workers"]
+    return figures
 
 
-def _round(recipe: Recipe, count: int, reporter: Reporter, which: str) -> dict[str, Pace]:
+def _round(
+    recipe: Recipe, count: int, with_dask: bool, reporter: Reporter, which: str
+) -> dict[str, Pace]:
     """Each engine once."""
 
     def measured(engine: Engine, title: str) -> Pace:
@@ -94,9 +103,10 @@ def _round(recipe: Recipe, count: int, reporter: Reporter, which: str) -> dict[s
         "one_worker": measured(LocalEngine(1), "one worker"),
         "two_workers": measured(LocalEngine(PARALLEL), "two workers"),
     }
-    with cluster_here(PARALLEL) as address:
-        engine = DaskEngine(address, recipe.shard_sequences)
-        paces["dask_two_workers"] = measured(engine, "two workers of Dask")
+    if with_dask:
+        with cluster_here(PARALLEL) as address:
+            engine = DaskEngine(address, recipe.shard_sequences)
+            paces["dask_two_workers"] = measured(engine, "two workers of Dask")
     return paces
 
 

@@ -21,7 +21,7 @@ from slamsim.dataset.preview import contact_sheet
 from slamsim.dataset.recipe import Recipe
 from slamsim.dataset.shard import MADE, shard_path
 from slamsim.dataset.statistics import statistics
-from slamsim.dataset.store import READERS, Store
+from slamsim.dataset.store import READERS, Store, StoreFailed
 from slamsim.dataset.table import table_from_parquet, table_to_parquet
 from slamsim.dataset.versions import versions
 from slamsim.safe.sums import SUMS, SumsDamaged, read_sums, sha256_of, sums_text
@@ -36,7 +36,8 @@ _AT_ONCE = 256
 def write_catalogue(store: Store, recipe: Recipe, count: int) -> None:
     """Write it, unless it is there and right; every shard is.
 
-    count: of the sequences. Raises what the store raises, and ValueError for a damaged shard.
+    count: of the sequences. Raises what the store raises, and StoreFailed for a shard that is
+    gone or damaged meanwhile.
     """
     shards = [shard_path(number) for number in range(-(-count // recipe.shard_sequences))]
     hashes = {IDENTITY: sha256_of(_read(store, IDENTITY))}
@@ -47,7 +48,7 @@ def write_catalogue(store: Store, recipe: Recipe, count: int) -> None:
             tables = list[pa.Table]()
             for path, data in zip(some, readers.map(partial(_read, store), some), strict=True):
                 hashes[path] = sha256_of(data)
-                tables.append(table_from_parquet(data))
+                tables.append(_table(store, path, data))
             parts.append(joined(tables))
     if _is_right(store, hashes):
         return
@@ -79,8 +80,22 @@ def catalogue_files(recipe: Recipe, table: pa.Table) -> Iterator[tuple[str, byte
 def _read(store: Store, path: str) -> bytes:
     data = store.read(path)
     if data is None:
-        raise ValueError(f"{store.address} has no {path}")
+        raise _disturbed(store, f"{path} is gone")
     return data
+
+
+def _table(store: Store, path: str, data: bytes) -> pa.Table:
+    try:
+        return table_from_parquet(data)
+    except (OSError, ValueError) as error:
+        raise _disturbed(store, f"{path} is damaged ({error!s:.100})") from None
+
+
+def _disturbed(store: Store, what: str) -> StoreFailed:
+    return StoreFailed(
+        f"{store.address}: {what}: another program changed the data set while it was made; "
+        "the same command makes what is missing"
+    )
 
 
 def _is_right(store: Store, given: Mapping[str, str]) -> bool:

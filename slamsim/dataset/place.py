@@ -9,13 +9,13 @@ from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from threading import RLock
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, cast
 
 from fsspec.core import url_to_fs
 from fsspec.implementations.local import LocalFileSystem
 
-from slamsim.safe.errors import InputRefused, SlamsimError
-from slamsim.safe.files import leads_outside
+from slamsim.safe.errors import InputRefused, NotFound, SlamsimError
+from slamsim.safe.files import leads_outside, open_as_found
 from slamsim.safe.seal import require_as_written
 
 _PART_BYTES = 1 << 20
@@ -35,7 +35,7 @@ class Place:
     def open(self, path: str) -> Iterator[BinaryIO]:
         """A file that can be searched. Raises FileNotFoundError if there is none."""
         files, whole = self._at(path)
-        with self._told(), turn(files), files.open(whole, "rb") as file:
+        with self._told(), turn(files), _opened(files, whole) as file:
             yield file
 
     def read(self, path: str) -> bytes | None:
@@ -100,6 +100,18 @@ class Place:
             raise
         except OSError as error:
             raise SlamsimError(f"{self.address} cannot be read: {error}") from error
+
+
+def _opened(files: Any, whole: str) -> BinaryIO:
+    """A pipe or device in a folder is refused: it would be waited for without end."""
+    if not isinstance(files, LocalFileSystem):
+        return cast(BinaryIO, files.open(whole, "rb"))
+    if Path(whole).is_dir():
+        raise IsADirectoryError(whole)
+    try:
+        return open_as_found(Path(whole))
+    except NotFound:
+        raise FileNotFoundError(whole) from None
 
 
 def _reached(address: str) -> tuple[Any, str]:

@@ -20,8 +20,8 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Protocol
 
-from slamsim.safe.errors import Locked, SlamsimError, shown
-from slamsim.safe.files import own_file
+from slamsim.safe.errors import Locked, NotFound, SlamsimError, shown
+from slamsim.safe.files import open_as_found, own_file
 from slamsim.safe.lock import claimed, locked, staging_of
 from slamsim.safe.output import free_bytes, sync_tree, write_atomic, written_to
 from slamsim.safe.seal import files_in
@@ -116,8 +116,9 @@ class LocalStore:
 
     def read(self, path: str) -> bytes | None:
         try:
-            return self._own(path).read_bytes()
-        except (FileNotFoundError, NotADirectoryError):
+            with open_as_found(self._own(path)) as file:
+                return file.read()
+        except NotFound:
             return None
 
     def write(self, path: str, data: bytes) -> None:

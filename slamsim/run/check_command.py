@@ -37,7 +37,12 @@ def check(
     source: Source,
     scan_topic: ScanTopic = None,
     html: Annotated[
-        Path | None, typer.Option("--html", help="Write verdicts and plots to this file.")
+        Path | None,
+        typer.Option(
+            "--html",
+            metavar="FILE",
+            help="Write verdicts and plots to this file.",
+        ),
     ] = None,
     quick: Annotated[
         bool, typer.Option("--quick", help="Leave out what compares scans with one another.")

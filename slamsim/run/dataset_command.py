@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from slamsim.options import Json, OverwriteFile, Quiet
-from slamsim.safe.errors import DataDamaged
+from slamsim.safe.errors import DataDamaged, OverrideRefused, shown
 
 dataset = typer.Typer(
     name="dataset",
@@ -29,6 +29,16 @@ RecipeName = Annotated[
 Count = Annotated[
     int, typer.Option("-n", "--count", help="How many sequences.", min=1, max=10_000_000)
 ]
+
+
+def _refuse_fleeting(out: str) -> str:
+    """Refuse what fsspec writes to as if it were a disk, though it ends with the process."""
+    if "memory://" in out or out.startswith("data:"):
+        reason = "is gone when this command ends; name a folder, or a URL of a place that stays"
+        raise OverrideRefused(f"--out {shown(out, 200)}", reason)
+    return out
+
+
 Place = Annotated[
     str, typer.Argument(metavar="DIR", help="Folder or URL of a data set.", show_default=False)
 ]
@@ -45,7 +55,12 @@ def make(
     recipe: RecipeName,
     out: Annotated[
         str,
-        typer.Option("--out", "-o", help="Folder, or URL such as s3://bucket/path, sftp://..."),
+        typer.Option(
+            "--out",
+            "-o",
+            callback=_refuse_fleeting,
+            help="Folder, or URL such as s3://bucket/path, sftp://...",
+        ),
     ],
     count: Count = 100,
     engine: Annotated[
@@ -131,7 +146,13 @@ def preview(
         int, typer.Option("-n", "--count", help="How many worlds to draw.", min=1, max=100)
     ] = 12,
     out: Annotated[
-        Path | None, typer.Option("--out", "-o", help="PNG file; RECIPE.png by default.")
+        Path | None,
+        typer.Option(
+            "--out",
+            "-o",
+            metavar="FILE",
+            help="PNG file; RECIPE.png by default.",
+        ),
     ] = None,
     overwrite: OverwriteFile = False,
     quiet: Quiet = False,

@@ -25,7 +25,11 @@ def identify(
     out: Out = None,
     robot_file: Annotated[
         Path | None,
-        typer.Option("--robot-file", help="Write the robot to this file too."),
+        typer.Option(
+            "--robot-file",
+            metavar="FILE",
+            help="Write the robot to this file too.",
+        ),
     ] = None,
     set_: Set = None,
     jobs: Jobs = None,

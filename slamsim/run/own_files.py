@@ -1,21 +1,33 @@
-"""What a configuration names, copied beside it: a run's folder needs nothing from elsewhere."""
+"""What a configuration names, copied beside it: a run's folder needs nothing from elsewhere.
+
+A file may come from anybody, so each goes through the loader of its kind first, which says what
+else it names; nothing is copied before all have passed, and nothing to a place outside.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
-from defusedxml.ElementTree import fromstring
-
 from slamsim.config.base import Config
 from slamsim.config.bundled import Kind, bundled_folder, find_input
+from slamsim.config.drive import RouteConfig
 from slamsim.config.dump import dump_commented_yaml
 from slamsim.config.faults import FaultChoice
-from slamsim.config.layout import ImageLayout
+from slamsim.config.layout import ImageLayout, MeshLayout
 from slamsim.config.loading import load_model
 from slamsim.config.robot import RobotConfig
+from slamsim.safe.errors import InputRefused
+from slamsim.safe.files import leads_outside, read_input
+from slamsim.safe.mesh_file import check_mesh_file
 from slamsim.safe.output import write_atomic
-from slamsim.world.map_server import MapServerMap
+from slamsim.safe.urdf import read_urdf
+from slamsim.sensors.faults.registry import load_fault
+from slamsim.sim.route_file import read_route
+from slamsim.world.map_server import read_cells
 
 FILES = "files"
 _Model = TypeVar("_Model", bound=Config)
@@ -25,59 +37,90 @@ def with_own_files(folder: Path, config: _Model) -> _Model:
     """Copy every file that the configuration names into ``files/`` of the folder.
 
     Returns the configuration that names the copies, for a file in that folder. Raises
-    SlamsimError for a file that is gone meanwhile.
+    SlamsimError, before anything is copied, for a file that is gone or that its loader refuses.
     """
-    return _kept(folder, FILES, config)
+    copies = _Copies(folder)
+    own = copies.renamed("", FILES, config)
+    for target, read in copies.planned.items():
+        write_atomic(target, read())
+    return own
 
 
-def _kept(folder: Path, at: str, model: _Model) -> _Model:
-    changed: dict[str, object] = {}
-    for name in type(model).model_fields:
-        value = getattr(model, name)
-        if isinstance(value, Config):
-            changed[name] = _kept(folder, f"{FILES}/{name}", value)
-        elif isinstance(value, str) and name.split("_")[-1] == "file":
-            changed[name] = _copied(folder, at, Path(value), *_needed(model, Path(value)))
-        elif name == "faults":
-            changed[name] = tuple(
-                _kept_fault(folder, f"{FILES}/{name}/{number}", choice)
-                for number, choice in enumerate(value)
-            )
-        elif name == "beside":
-            changed[name] = tuple(
-                _kept_robot(folder, f"{FILES}/{name}/{number}", robot)
-                for number, robot in enumerate(value)
-            )
-    return model.model_copy(update=changed)
+@dataclass(frozen=True, slots=True)
+class _Copies:
+    """What is to be written below a folder, and how its bytes are had."""
+
+    folder: Path
+    planned: dict[Path, Callable[[], bytes]] = field(default_factory=dict)
+
+    def renamed(self, base: str, at: str, model: _Model) -> _Model:
+        """The model with the names of the copies, which start at ``base`` and lie in ``at``."""
+        changed: dict[str, object] = {}
+        for name in type(model).model_fields:
+            value = getattr(model, name)
+            if isinstance(value, Config):
+                changed[name] = self.renamed(base, f"{FILES}/{name}", value)
+            elif isinstance(value, str) and name.split("_")[-1] == "file":
+                changed[name] = self._files(base, at, Path(value), _named_by(model, Path(value)))
+            elif name == "faults":
+                changed[name] = tuple(
+                    self._fault(base, f"{FILES}/{name}/{number}", choice)
+                    for number, choice in enumerate(value)
+                )
+            elif name == "beside":
+                changed[name] = tuple(
+                    self._robot(f"{FILES}/{name}/{number}", robot)
+                    for number, robot in enumerate(value)
+                )
+        return model.model_copy(update=changed)
+
+    def _files(self, base: str, at: str, source: Path, beside: dict[str, str]) -> str:
+        for name, limit in beside.items():
+            origin = source.parent / name
+            self._plan(f"{base}{at}/{name}", partial(read_input, origin, limit), origin)
+        return f"{at}/{source.name}"
+
+    def _fault(self, base: str, at: str, choice: FaultChoice) -> FaultChoice:
+        path = _own(choice.name, "configs/faults")
+        if path is None:
+            return choice
+        load_fault(str(path))
+        copy = self._files(base, at, path, {path.name: "yaml_bytes"})
+        return choice.model_copy(update={"name": copy})
+
+    def _robot(self, at: str, robot: str) -> str:
+        path = _own(robot, "configs/robots")
+        if path is None:
+            return robot
+        config = self.renamed(f"{at}/", FILES, load_model(RobotConfig, path))
+        text = dump_commented_yaml(config).encode()
+        self._plan(f"{at}/{path.name}", lambda: text, path)
+        return f"{at}/{path.name}"
+
+    def _plan(self, name: str, read: Callable[[], bytes], origin: Path) -> None:
+        if leads_outside(self.folder, name):
+            raise InputRefused(origin, f"would be copied to {name}, outside of {self.folder}")
+        self.planned[self.folder / name] = read
 
 
-def _needed(model: Config, file: Path) -> list[str]:
-    """What the file that a section names has beside it."""
+def _named_by(model: Config, file: Path) -> dict[str, str]:
+    """The file that a section names and what that names in turn, each with its limit of bytes.
+
+    Names are relative to the folder of the file. Raises what the loader of its kind raises.
+    """
     if isinstance(model, ImageLayout):
-        return [load_model(MapServerMap, file).image]
+        described, *_ = read_cells(file)
+        return {file.name: "yaml_bytes", described.image: "image_file_bytes"}
+    if isinstance(model, MeshLayout):
+        check_mesh_file(file)
+        return {file.name: "mesh_file_bytes"}
     if isinstance(model, RobotConfig):
-        return [mesh.attrib["filename"] for mesh in fromstring(file.read_bytes()).iter("mesh")]
-    return []
-
-
-def _copied(folder: Path, at: str, source: Path, *beside: str) -> str:
-    for name in (source.name, *beside):
-        write_atomic(folder / at / name, (source.parent / name).read_bytes())
-    return f"{at}/{source.name}"
-
-
-def _kept_fault(folder: Path, at: str, choice: FaultChoice) -> FaultChoice:
-    path = _own(choice.name, "configs/faults")
-    return choice if path is None else choice.model_copy(update={"name": _copied(folder, at, path)})
-
-
-def _kept_robot(folder: Path, at: str, robot: str) -> str:
-    path = _own(robot, "configs/robots")
-    if path is None:
-        return robot
-    config = with_own_files(folder / at, load_model(RobotConfig, path))
-    write_atomic(folder / at / path.name, dump_commented_yaml(config).encode())
-    return f"{at}/{path.name}"
+        _, meshes = read_urdf(file)
+        return {file.name: "urdf_bytes", **dict.fromkeys(meshes, "mesh_file_bytes")}
+    if isinstance(model, RouteConfig):
+        read_route(file)
+        return {file.name: "text_total_bytes" if file.suffix.lower() == ".csv" else "yaml_bytes"}
+    raise TypeError(f"no loader is known for the file of a {type(model).__name__}")
 
 
 def _own(name: str, kind: Kind) -> Path | None:

@@ -23,7 +23,12 @@ def recover(
     ],
     out: Annotated[
         Path | None,
-        typer.Option("--out", "-o", help="New folder for it; one under outputs/ by default."),
+        typer.Option(
+            "--out",
+            "-o",
+            metavar="FOLDER",
+            help="New folder for it; one under outputs/ by default.",
+        ),
     ] = None,
     overwrite: Overwrite = False,
     quiet: Quiet = False,

@@ -13,7 +13,7 @@ from contextvars import ContextVar
 from pathlib import Path
 from typing import BinaryIO
 
-from slamsim.safe.errors import InputRefused, NotFound
+from slamsim.safe.errors import InputRefused, NotFound, shown
 from slamsim.safe.limits import LIMITS, Limits
 from slamsim.safe.seal import require_as_written
 
@@ -53,7 +53,7 @@ def open_as_found(path: Path) -> BinaryIO:
     """The same for whoever looks into what may be damaged."""
     try:
         descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
-    except FileNotFoundError:
+    except (FileNotFoundError, NotADirectoryError):
         raise NotFound(f"{path}: no such file") from None
     except (OSError, ValueError) as error:
         reason = error.strerror if isinstance(error, OSError) else str(error)
@@ -102,10 +102,12 @@ def leads_outside(root: Path, name: str) -> bool:
 def require_inside(root: Path, name: str, path: Path, where: str = "") -> Path:
     """The file ``name`` means, relative to ``root``; InputRefused if it lies outside of root.
 
-    path and where say which file asked for it.
+    path and where say which file asked for it. A name with ``..`` in it is refused too: behind a
+    link it means another file than its text does, so a copy would lie in the wrong place.
     """
-    if leads_outside(root, name) or Path(name).is_absolute():
-        raise InputRefused(path, f"the file {name!r} must lie inside the folder {root}", where)
+    if leads_outside(root, name) or Path(name).is_absolute() or ".." in Path(name).parts:
+        reason = f"the file {shown(name)} must lie inside the folder {root}"
+        raise InputRefused(path, f"{reason}, named without '..'", where)
     return (root / name).resolve()
 
 

@@ -36,6 +36,7 @@ class Limits:
     mesh_vertices: int = 20_000_000
     mesh_triangles: int = 20_000_000
     mesh_parts: int = 10_000
+    mesh_depth: int = 256
     mesh_coordinate_m: float = 100_000.0
     urdf_bytes: int = 4 * MIB
     urdf_depth: int = 32

@@ -1,17 +1,23 @@
 """Mesh files from outside: what a file announces must be in it, before a library believes it.
 
 Twenty-two bytes of GLB made a loader claim 4 GB; a cut PLY came back with made-up vertices.
-Only formats that hold everything in one file are read.
+Only formats that hold everything in one file are read; COLLADA (.dae) only for robots, whose
+meshes are copied and shown and never computed with.
 """
 
 from __future__ import annotations
 
+import io
 import json
 import re
 import struct
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
+from xml.etree.ElementTree import Element, ParseError
+
+from defusedxml import DefusedXmlException
+from defusedxml.ElementTree import iterparse
 
 from slamsim.safe.errors import InputRefused
 from slamsim.safe.files import read_input
@@ -30,8 +36,13 @@ _PLY_SIZES = {
 }
 
 
-def check_mesh_file(path: Path, limits: Limits = LIMITS) -> None:
-    """Raise unless the file is a whole STL, OBJ, PLY or GLB by its suffix and its own counts.
+WORLD_MESHES = (".stl", ".obj", ".ply", ".glb")
+
+
+def check_mesh_file(
+    path: Path, limits: Limits = LIMITS, suffixes: tuple[str, ...] = WORLD_MESHES
+) -> None:
+    """Raise unless the file is whole by its own counts, and of one of these kinds.
 
     Raises NotFound, or InputRefused naming what is announced and what is there. What the
     library makes of the file still goes through ``check_mesh``.
@@ -41,14 +52,36 @@ def check_mesh_file(path: Path, limits: Limits = LIMITS) -> None:
         ".obj": _check_obj,
         ".ply": _check_ply,
         ".glb": _check_glb,
+        ".dae": _check_dae,
     }
-    check = checks.get(path.suffix.lower())
-    if check is None:
-        raise InputRefused(path, f"is none of the mesh formats {', '.join(checks)}")
+    suffix = path.suffix.lower()
+    if suffix not in suffixes:
+        raise InputRefused(path, f"is none of the mesh formats {', '.join(suffixes)}")
     data = read_input(path, "mesh_file_bytes", limits)
     if not data:
         raise InputRefused(path, "is empty")
-    check(data, path, limits)
+    checks[suffix](data, path, limits)
+
+
+def _check_dae(data: bytes, path: Path, limits: Limits) -> None:
+    """Well-formed XML without entities, read element by element: no tree of it is kept."""
+    unfinished, root = list[Element](), ""
+    try:
+        for event, element in iterparse(io.BytesIO(data), ("start", "end"), forbid_dtd=True):
+            root = root or element.tag
+            if event == "start":
+                unfinished.append(element)
+            else:
+                unfinished.pop()
+                if unfinished:
+                    unfinished[-1].clear()
+            if len(unfinished) > limits.mesh_depth:
+                reason = f"is nested deeper than {limits.mesh_depth} levels"
+                raise InputRefused(path, reason, limit="mesh_depth")
+    except (ParseError, DefusedXmlException, ValueError) as error:
+        raise InputRefused(path, f"is refused as XML: {error}") from None
+    if root.rpartition("}")[2] != "COLLADA":
+        raise InputRefused(path, f"begins with <{root[:60]}>, a COLLADA file with <COLLADA>")
 
 
 def _check_stl(data: bytes, path: Path, limits: Limits) -> None:

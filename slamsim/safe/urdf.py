@@ -7,15 +7,16 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from xml.etree.ElementTree import Element, ParseError
 
 import defusedxml.ElementTree
 from defusedxml import DefusedXmlException
 
-from slamsim.safe.errors import InputRefused, shown
-from slamsim.safe.files import require_inside
+from slamsim.safe.errors import InputRefused, NotFound, shown
+from slamsim.safe.files import read_input, require_inside
 from slamsim.safe.limits import LIMITS, Limits
+from slamsim.safe.mesh_file import check_mesh_file
 
 _JOINT_TYPES = ("fixed", "continuous", "revolute", "prismatic", "floating", "planar")
 _MESH_SUFFIXES = (".stl", ".obj", ".dae")
@@ -24,24 +25,41 @@ _MIN_AXIS = 1e-6
 _MIN_SIZE_M = 1e-6
 
 
-def check_urdf(text: str, path: Path, limits: Limits = LIMITS) -> None:
+def read_urdf(path: Path, limits: Limits = LIMITS) -> tuple[str, tuple[str, ...]]:
+    """The text of a URDF file, and the mesh files that it names, relative to its folder.
+
+    Raises NotFound, or InputRefused as ``check_urdf`` does.
+    """
+    try:
+        text = read_input(path, "urdf_bytes", limits).decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        reason = f"cannot be read as text, save it as UTF-8: {error}"
+        raise InputRefused(path, reason) from None
+    return text, check_urdf(text, path, limits)
+
+
+def check_urdf(text: str, path: Path, limits: Limits = LIMITS) -> tuple[str, ...]:
     """Raise InputRefused unless this is one well-formed robot with sane numbers.
 
     That is: one tree of links with unique names, known joint types, finite numbers of the
     right count, masses and moments of inertia >= 0, sizes > 0, axes that point somewhere, and
-    mesh files inside the folder of ``path``.
+    whole mesh files inside the folder of ``path``. Returns their names, relative to that folder.
     """
-    _UrdfCheck(path, limits).check(text)
+    checked = _UrdfCheck(path, limits)
+    checked.check(text)
+    return tuple(checked.meshes)
 
 
 class _UrdfCheck:
     def __init__(self, path: Path, limits: Limits) -> None:
         self.path, self.limits = path, limits
+        self.meshes: dict[str, Path] = {}
 
     def check(self, text: str) -> None:
         robot = self._parse(text)
         links, joints = robot.findall("link"), robot.findall("joint")
         moving = [joint for joint in joints if joint.get("type") != "fixed"]
+        self._short(robot.get("name", ""), "robot")
         self._few("links", len(links))
         self._few("moving_joints", len(moving))
         self._names(links, "link")
@@ -103,13 +121,14 @@ class _UrdfCheck:
         if counts[None] or counts[""]:
             raise self.refuse(f"a <{kind}> has no name")
         for name, count in counts.items():
-            if name is not None and len(name) > (most := self.limits.urdf_name_characters):
-                reason = (
-                    f"a {kind} has a name of {len(name):,} characters, at most {most:,} are read"
-                )
-                raise self.refuse(reason, limit="urdf_name_characters")
+            self._short(name or "", kind)
             if count > 1:
                 raise self.refuse(f"{count} {kind}s are called {shown(name)}")
+
+    def _short(self, name: str, kind: str) -> None:
+        if len(name) > (most := self.limits.urdf_name_characters):
+            reason = f"a {kind} has a name of {len(name):,} characters, at most {most:,} are read"
+            raise self.refuse(reason, limit="urdf_name_characters")
 
     def _joint(self, joint: Element) -> None:
         kind = joint.get("type")
@@ -218,13 +237,19 @@ class _UrdfCheck:
         if 0.0 in self._numbers(mesh, "scale", 3, link, default=(1.0, 1.0, 1.0)):
             raise self.refuse("the scale of a mesh is 0", link)
         name = mesh.get("filename", "")
+        self._short(name, "mesh")
         if not name or "://" in name or not name.lower().endswith(_MESH_SUFFIXES):
             kinds = ", ".join(_MESH_SUFFIXES)
             reason = f"the mesh {shown(name)} is not a plain file name that ends in {kinds}"
             raise self.refuse(reason, link)
         target = require_inside(self.path.parent, name, self.path, f"<link {link.get('name')}>")
-        if not target.is_file():
-            raise self.refuse(f"the mesh file {shown(name)} does not exist", link)
+        if target not in self.meshes.values():
+            try:
+                check_mesh_file(target, self.limits, _MESH_SUFFIXES)
+            except NotFound:
+                reason = f"the mesh file {shown(name)} does not exist"
+                raise self.refuse(reason, link) from None
+        self.meshes[str(PurePosixPath(name))] = target
 
     def _origin(self, origin: Element, owner: Element) -> None:
         for key in ("xyz", "rpy"):

@@ -7,16 +7,19 @@ standard input and answers with windows on standard output, at most one or two a
 
 from __future__ import annotations
 
+import io
 import os
 import pickle
 import subprocess
 import sys
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Self
 
 from slamsim.config.drive import DriveConfig
-from slamsim.kin import dying_with_us
+from slamsim.ending import ended_by
+from slamsim.kin import Halted, Patience, dying_with_us
 from slamsim.progress import Progress, silent
 from slamsim.safe.errors import SlamsimError
 from slamsim.sim.drive import DriveOutcome, drive
@@ -25,10 +28,13 @@ from slamsim.sim.route import Route
 from slamsim.types import Drive
 
 if TYPE_CHECKING:
+    from _typeshed import WriteableBuffer
+
     from slamsim.world.model import World
 
 _STANDARD_OUTPUT, _STANDARD_ERROR = 1, 2
 _PACKAGES = Path(__file__).parents[2]
+_BUFFER_BYTES = 1 << 16
 
 
 class DriveProcess:
@@ -45,6 +51,10 @@ class DriveProcess:
             stdout=subprocess.PIPE,
             start_new_session=True,  # Ctrl-C ends this process, which then ends the child
         )
+        assert self._child.stdout is not None
+        self._patience = Patience(self._child.pid)
+        answers = _From(self._child.stdout.fileno(), self._patience)
+        self._from = io.BufferedReader(answers, _BUFFER_BYTES)
         self._outcome: DriveOutcome | None = None
 
     def __enter__(self) -> Self:
@@ -69,28 +79,67 @@ class DriveProcess:
         config: DriveConfig,
         progress: Progress = silent,
     ) -> Iterator[Drive]:
-        """The same windows and outcome as ``sim.drive.drive`` gives, byte for byte; once only."""
-        assert self._child.stdin is not None
-        _send(self._child.stdin, (world, robot, route, config))
-        for window in self._windows():
+        """The same windows and outcome as ``sim.drive.drive`` gives, byte for byte; once only.
+
+        Raises SlamsimError where the process ends, or is stopped and does not go on.
+        """
+        try:
+            yield from self._windows(world, robot, route, config, progress)
+        except Halted as halted:
+            raise SlamsimError(f"the physics engine's process {halted}") from None
+
+    def _windows(
+        self,
+        world: World,
+        robot: RobotModel,
+        route: Route,
+        config: DriveConfig,
+        progress: Progress,
+    ) -> Iterator[Drive]:
+        self._tell((world, robot, route, config))
+        for window in self._answers():
             elapsed_s = float(window.stamps_ns[-1]) * 1e-9
             progress(elapsed_s, max(route.duration_estimate_s, elapsed_s))
             yield window
 
-    def _windows(self) -> Iterator[Drive]:
-        assert self._child.stdout is not None
+    def _tell(self, value: object) -> None:
+        assert self._child.stdin is not None
+        descriptor = self._child.stdin.fileno()
+        os.set_blocking(descriptor, False)
+        rest = memoryview(pickle.dumps(value, protocol=pickle.HIGHEST_PROTOCOL))
+        with suppress(BrokenPipeError):  # the other end is gone: who reads from it is told why
+            while rest:
+                self._patience.wait((), (descriptor,))
+                rest = rest[os.write(descriptor, rest) :]
+
+    def _answers(self) -> Iterator[Drive]:
         while self._outcome is None:
             try:
-                answer = pickle.load(self._child.stdout)
+                answer = pickle.load(self._from)
             except (EOFError, pickle.UnpicklingError):
                 code = self._child.wait()
-                raise SlamsimError(f"the physics engine's process ended with code {code}") from None
+                how = ended_by(-code) if code < 0 else f"ended with code {code}"
+                raise SlamsimError(f"the physics engine's process {how}") from None
             if isinstance(answer, Drive):
                 yield answer
             elif isinstance(answer, DriveOutcome):
                 self._outcome = answer
             else:
                 raise SlamsimError(str(answer))
+
+
+class _From(io.RawIOBase):
+    """A pipe from a process that may be stopped."""
+
+    def __init__(self, descriptor: int, patience: Patience) -> None:
+        self._descriptor, self._patience = descriptor, patience
+
+    def readable(self) -> bool:
+        return True
+
+    def readinto(self, buffer: WriteableBuffer) -> int:
+        self._patience.wait((self._descriptor,))
+        return os.readv(self._descriptor, (buffer,))
 
 
 def _import_path() -> list[str | Path]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from slamsim.config.robot import MotorConfig, RobotConfig, SuspensionConfig
 from slamsim.safe.errors import InputRefused
-from slamsim.safe.files import read_input
+from slamsim.safe.urdf import read_urdf
 from slamsim.sim.describe import describe, urdf_text
 from slamsim.sim.specimen import specimen
 from slamsim.sim.urdf import Description, read_description
@@ -69,7 +69,7 @@ def build_robot(config: RobotConfig) -> RobotModel:
         text = urdf_text(describe(config))
     else:
         source = config.urdf_file
-        text = _read_foreign(Path(config.urdf_file))
+        text, _ = read_urdf(Path(config.urdf_file))
     description = read_description(text, source)
     refuse_faulty(description, source, config.max_contact_gap_m)
     return _model(text, description, config)
@@ -92,17 +92,6 @@ def refuse_faulty(description: Description, source: str, max_gap_m: float) -> No
     faults = faults or _wheel_faults(description)
     if faults:
         raise InputRefused(source, "; ".join(faults))
-
-
-def _read_foreign(path: Path) -> str:
-    from slamsim.safe.urdf import check_urdf
-
-    try:
-        text = read_input(path, "urdf_bytes").decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise InputRefused(path, f"this cannot be read as text: {error}") from None
-    check_urdf(text, path)
-    return text
 
 
 def _wheel_faults(description: Description) -> list[str]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 from typing import Annotated, Self
 
@@ -100,11 +101,12 @@ def _read_csv(path: Path) -> PoseRoute | TwistRoute:
             "or t_s,v_m_s,w_rad_s",
             f"line {number}",
         )
-    rows = [_row(words, len(columns), path, number) for number, words in lines]
+    most = LIMITS.route_rows
+    rows = [_row(words, len(columns), path, number) for number, words in islice(lines, most + 1)]
     if not rows:
         raise InputRefused(path, "has 0 rows below the names of its columns")
-    if len(rows) > LIMITS.route_rows:
-        reason = f"has {len(rows):,} rows, a route has at most {LIMITS.route_rows:,}"
+    if len(rows) > most:
+        reason = f"has more than {most:,} rows, a route has at most {most:,}"
         raise InputRefused(path, reason, limit="route_rows")
     table = np.array(rows)
     if np.abs(table).max() > FARTHEST_M and columns != TWIST_COLUMNS:

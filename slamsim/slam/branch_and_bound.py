@@ -23,8 +23,8 @@ def best_offset(
 ) -> tuple[IntArray, float]:
     """Best (turn, x, y) in cells and its score; score 0 if none reaches min_score, -1 if given up.
 
-    most_lookups: a search that has read the grid so often is given up. around: (turn, x, y, half width in turns, in cells, turns of a whole circle) of poses not to
-    consider.
+    around: (turn, x, y, half width in turns, in cells, turns of a whole circle) of poses not to
+    consider. most_lookups: a search that has read the grid so often is given up.
     """
     full = FULL_SCALE * cells.shape[1]
     top = min(int(np.ceil(np.log2(max(half.max(), 1)))), len(levels) - 1)

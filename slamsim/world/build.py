@@ -15,6 +15,7 @@ from slamsim.safe.errors import SlamsimError
 from slamsim.types import FloatArray, TriangleMesh
 from slamsim.world.clutter import place_clutter
 from slamsim.world.drawing import read_drawing
+from slamsim.world.extent import check_extent
 from slamsim.world.floor_plan import FloorPlan, grow_maze, grow_rooms, unreachable_cells
 from slamsim.world.from_image import image_prisms
 from slamsim.world.from_mesh import read_mesh
@@ -65,6 +66,7 @@ def _plan(
 
 def _image_world(layout: ImageLayout, config: WorldConfig, seed: int) -> World:
     prisms, bounds = image_prisms(layout, config.walls.height_m)
+    check_extent(layout, bounds, config.walls.height_m, config.clearance_m)
     return _roamed_world(
         prism_mesh(prisms), PrismSolids(prisms), bounds, layout.visit_spacing_m, config, seed
     )
@@ -76,6 +78,7 @@ def _mesh_world(layout: MeshLayout, config: WorldConfig, seed: int) -> World:
         side.tolist() for side in (mesh.vertices_m[:, :2].min(0), mesh.vertices_m[:, :2].max(0))
     )
     bounds = (x_min, y_min, x_max, y_max)
+    check_extent(layout, bounds, float(mesh.vertices_m[:, 2].max()), config.clearance_m)
     return _roamed_world(mesh, MeshSolids(mesh), bounds, layout.visit_spacing_m, config, seed)
 
 

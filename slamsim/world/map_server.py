@@ -5,11 +5,12 @@ The format: http://wiki.ros.org/map_server (image, resolution, origin, negate, t
 
 from __future__ import annotations
 
+import logging
 from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import ConfigDict, Field, model_validator
 
 from slamsim.config.base import Config
 from slamsim.config.loading import load_model
@@ -19,12 +20,19 @@ from slamsim.safe.files import read_input, require_inside
 from slamsim.safe.image import read_gray_image
 from slamsim.types import BoolArray, Grid
 
+_log = logging.getLogger(__name__)
 Angle = Annotated[float, Field(ge=-100.0, le=100.0)]
 _Threshold = Annotated[float, Field(ge=0.0, le=1.0)]
 
 
 class MapServerMap(Config):
-    """The YAML file of a ROS map_server map."""
+    """The YAML file of a ROS map_server map.
+
+    Other programs write these files, and add keys of their own (``map_type``, ``cost_scaling``):
+    unlike in our own files a further key is told of and otherwise ignored.
+    """
+
+    model_config = ConfigDict(extra="allow")
 
     image: str = Field(min_length=1, max_length=1000)
     """Image file in the folder of the map."""
@@ -71,6 +79,8 @@ def read_cells(path: Path) -> tuple[MapServerMap, Path, BoolArray, BoolArray]:
     (rows, cols) each, the first row the lowest in y. Raises InputRefused or NotFound.
     """
     described = load_model(MapServerMap, path)
+    if further := ", ".join(described.model_extra or ()):
+        _log.warning("%s: these keys of the map are not used: %.200s", path, further)
     image_path = require_inside(path.parent, described.image, path, "image")
     occupied, free = _classified(described, image_path)
     return described, image_path, occupied, free

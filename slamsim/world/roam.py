@@ -60,8 +60,13 @@ def find_room(
 
 def _resolution(bounds_m: Bounds, clearance_m: float) -> float:
     """Fine enough for the clearance, coarse enough for the memory."""
+    return max(min(0.025, clearance_m / 20.0), coarsest_m(bounds_m))
+
+
+def coarsest_m(bounds_m: Bounds) -> float:
+    """The side of the smallest cells that memory suffices for within these bounds."""
     area = (bounds_m[2] - bounds_m[0]) * (bounds_m[3] - bounds_m[1])
-    return max(min(0.025, clearance_m / 20.0), math.sqrt(area / _MAX_CELLS))
+    return math.sqrt(area / _MAX_CELLS)
 
 
 def _room(solid: BoolArray, resolution_m: float) -> FloatArray:

@@ -24,7 +24,8 @@ from slamsim.bench.check.trials import (
 from slamsim.bench.check.truth import truths
 from slamsim.console import Reporter
 from slamsim.driven import Driven
-from slamsim.safe.errors import SlamsimError
+from slamsim.safe.errors import InputRefused, SlamsimError
+from slamsim.safe.files import open_input
 from slamsim.safe.output import write_atomic
 from slamsim.sensors.faults.base import Fault
 
@@ -138,7 +139,12 @@ def _kept(campaign: Campaign, seed: int) -> dict[str, Outcome]:
     path = _path(campaign, seed)
     if path is None or not path.is_file():
         return {}
-    return {name: Outcome.from_json(data) for name, data in json.loads(path.read_text()).items()}
+    try:
+        with open_input(path) as file:
+            return {name: Outcome.from_json(data) for name, data in json.load(file).items()}
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
+        reason = f"holds no outcomes of trials ({error!r:.100}); delete it to measure again"
+        raise InputRefused(path, reason) from None
 
 
 def _keep(campaign: Campaign, seed: int, done: dict[str, Outcome]) -> None:

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import cast
 
 from slamsim.config.slam import SlamConfig
-from slamsim.kin import dying_with_us
+from slamsim.kin import Halted, Patience, dying_with_us
 from slamsim.progress import Progress, silent
 from slamsim.result import Event, GraphEdge
 from slamsim.slam.back_end import BackEnd, Correction
@@ -108,8 +108,11 @@ class Beside:
         self._ask()
         while self._outcome is None and self._child is not None:
             before = self._restarts
-            self._pipe.wait()
-            self._read(progress)
+            try:
+                self._pipe.wait(Patience(self._child.pid))
+                self._read(progress)
+            except Halted:
+                self._begin_again()
             if self._restarts != before:
                 self._ask()
         outcome = self._outcome or self._chain_alone(progress)

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import os
 import pickle
-import select
 import struct
 from collections import deque
 from collections.abc import Iterator
 from typing import IO
+
+from slamsim.kin import Patience
 
 _LENGTH = struct.Struct("<Q")
 _CHUNK = 1 << 20
@@ -70,9 +71,9 @@ class Pipe:
             raise Ended
         return messages
 
-    def wait(self) -> None:
-        """Until there is something to receive or to hand on."""
-        select.select([self._from], [self._to] if self._outgoing else [], [])
+    def wait(self, patience: Patience) -> None:
+        """Until there is something to receive or to hand on. Raises Halted."""
+        patience.wait((self._from,), (self._to,) if self._outgoing else ())
 
     def _flush(self) -> None:
         try:
