@@ -17,8 +17,8 @@ MAX_POINTS = 300
 LOOKUPS_PER_M2 = 10_000_000
 """A search of the whole map may read the grid so often, for its effort grows with the area.
 
-In the offices of fr079, where many rooms look alike and so keep many blocks in the running, searches
-ended within 3 million; the rest is margin for buildings that are more alike still.
+In the offices of fr079, where many rooms look alike and so keep many blocks in the running,
+searches ended within 3 million; the rest is margin for buildings that are more alike still.
 """
 MIN_SPREAD_M = 1.5
 """A query that spans less than this could be anywhere."""
