@@ -16,8 +16,8 @@ import shutil
 import subprocess
 import sys
 import time
-from collections.abc import Iterator, Sequence
-from contextlib import suppress
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import mkdtemp
@@ -25,30 +25,33 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from long_run_journal import Journal, Row
-    from promise_commands import Command
+    from promise_arguments import Command
     from promise_endings import Ended, Ending
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+os.environ.setdefault("XDG_CACHE_HOME", str(Path.home() / ".cache"))  # of compiled kernels
 _LOADED = (
     *("slamsim.cli", "slamsim.run.checking", "slamsim.run.fixing", "slamsim.run.faulting"),
     *("slamsim.run.recovering", "slamsim.run.verifying", "slamsim.run.evaluation"),
-    *("slamsim.run.world", "slamsim.view.check_page", "slamsim.dataset.preview"),
-    *("slamsim.dataset.verify", "slamsim.config.loading", "slamsim.config.dump"),
+    *("slamsim.run.world", "slamsim.dataset.preview", "slamsim.dataset.verify"),
+    *("promise_tree", "promise_commands", "promise_endings", "promise_oracle"),
+    *("slamsim.config.loading", "slamsim.config.dump", "matplotlib.figure"),
 )
-"""None of Open3D, PyBullet, GTSAM and Rerun: they have threads of their own."""
+"""Nothing that loads Open3D, PyBullet or Rerun: they have threads of their own."""
 _FAST_S, _SLOW_S = 30.0, 180.0
 _MEMORY = Path("/dev/shm")
 
 
 @dataclass(frozen=True)
 class Case:
-    """One command. broken: the promises that were not kept."""
+    """One command. told: the end of what it said. broken: the promises that were not kept."""
 
     name: str
     typed: str
     ending: str
     code: int
     seconds: float
+    told: str
     broken: list[str]
 
 
@@ -67,10 +70,13 @@ def case(seed: int, place: Path, masters: Path, *, slow: bool) -> Case:
     ending = _ending(command, chance)
     before = Before.of(place)
     ended, broken = _judged(command, place, ending, before)
-    how = f"{ending.kind} {ending.after:.3g}" if ending.after else ending.kind
-    told = [text.replace(f"{place}/", "") for text in broken]
+    how = f"{ending.kind}, {ending.after:.3g}" if ending.after else ending.kind
     seconds = round(time.monotonic() - begin_s, 2)
-    return Case(f"seed {seed}", shlex.join(command.typed), how, ended.code, seconds, told)
+    typed, last, *told = (
+        text.replace(str(place), "TREE")
+        for text in (shlex.join(command.typed), ended.told[-300:], *broken)
+    )
+    return Case(f"seed {seed}", typed, how, ended.code, seconds, last, told)
 
 
 def _ending(command: Command, chance: random.Random) -> Ending:
@@ -80,19 +86,17 @@ def _ending(command: Command, chance: random.Random) -> Ending:
     number = int(10 ** chance.uniform(0.0, 2.3))
     size = int(10 ** chance.uniform(0.0, 6.0))
     kinds = {
-        Ending(): 50,
+        Ending(): 0 if command.endless else 50,
         Ending("SIGKILL", seconds): 10,
         Ending("SIGTERM", seconds): 13,
-        Ending("file size", size): 9,
+        Ending("file size", size): 0 if command.endless else 9,
         Ending("SIGKILL at a change", number): 0 if command.slow else 10,
         Ending("full at a change", number): 0 if command.slow else 8,
     }
     return chance.choices(list(kinds), list(kinds.values()))[0]
 
 
-def _judged(
-    command: Command, place: Path, ending: Ending, before: Any
-) -> tuple[Ended, list[str]]:
+def _judged(command: Command, place: Path, ending: Ending, before: Any) -> tuple[Ended, list[str]]:
     """What came of it, and of the same command once more where the first was struck."""
     from promise_endings import Ending, run
     from promise_oracle import Before, Judge, unmarked
@@ -103,7 +107,7 @@ def _judged(
     broken = list(judge.broken(ended, ending, _without_tmp(after.there, place, ending)))
     hidden = judge.hidden(set(after.there))
     broken += unmarked(hidden)
-    if ending.kind != "let run" and ended.code not in (0, 2, 3):
+    if ending.kind != "let run" and ended.code not in (0, 2, 3) and not command.endless:
         again = run(command.typed, place, Ending(), limit_s)
         at_last, judge = Before.of(place), Judge(place, command, after, hidden)
         broken += [f"next run: {text}" for text in judge.broken(again, Ending(), at_last.there)]
@@ -118,6 +122,66 @@ def _without_tmp(there: Any, place: Path, ending: Ending) -> Any:
     if not ending.is_kill:
         return there
     return {path: entry for path, entry in there.items() if not path.startswith(f"{place}/tmp/")}
+
+
+def lines_of(
+    seeds: range, inputs: Path | None, *, jobs: int, slow: bool
+) -> Iterator[dict[str, Any]]:
+    """What comes of these seeds, in a program of its own; inputs: where they are kept."""
+    options = ["--seeds", f"{seeds.start}:{seeds.stop}", "--jobs", str(jobs)]
+    options += ["--slow"] if slow else []
+    options += ["--inputs", str(inputs)] if inputs is not None else []
+    program = [sys.executable, __file__, *options]
+    with subprocess.Popen(program, stdout=subprocess.PIPE, text=True) as found:
+        assert found.stdout is not None
+        yield from map(json.loads, found.stdout)
+    assert found.returncode == 0, "the program that runs the cases failed"
+
+
+def repeat(line: Mapping[str, Any], *, slow: bool = False) -> str:
+    """The command that runs this one case again."""
+    seed = int(line["name"].split()[1])
+    more = " --slow" if slow else ""
+    return f"{sys.executable} {__file__} --seeds {seed}:{seed + 1}{more}"
+
+
+def options(parser: argparse.ArgumentParser) -> None:
+    """Of ``long_run.py promise``."""
+    parser.add_argument("--count", type=int, default=10_000)
+    parser.add_argument("--jobs", type=int, default=2)
+
+
+def run(chosen: argparse.Namespace, journal: Journal) -> list[Row]:
+    """All cases that the journal does not have."""
+    from long_run_journal import Row
+
+    inputs = chosen.out / "promise-inputs"
+    done = {int(name.split()[1]) for name in journal.names}
+    with journal.progress("commands", chosen.count, len(done)) as told:
+        for seeds in _gaps(done, chosen.count):
+            for line in lines_of(seeds, inputs, jobs=chosen.jobs, slow=True):
+                journal.add(line)
+                told()
+    lines = list(journal.lines.values())
+    broken = [line for line in lines if line["broken"]]
+    ends = Counter(f"{line['ending'].split(',')[0]}: {line['code']}" for line in lines)
+    return [
+        Row("commands", f"{len(lines)}", f"{chosen.count}", len(lines) >= chosen.count),
+        Row("that broke the promise", f"{len(broken)}", "0", not broken),
+        *(Row(name, f"{number}") for name, number in sorted(ends.items())),
+        *(Row(line["name"], repeat(line, slow=True)) for line in broken[:20]),
+    ]
+
+
+def _gaps(done: set[int], count: int) -> Iterator[range]:
+    """The numbers below count that are not done, in pieces."""
+    left = [seed for seed in range(count) if seed not in done]
+    while left:
+        length = 1
+        while length < len(left) and left[length] == left[0] + length:
+            length += 1
+        yield range(left[0], left[0] + length)
+        left = left[length:]
 
 
 def cases(
@@ -148,7 +212,7 @@ def cases(
 
 def _lost(seed: int, status: int) -> dict[str, Any]:
     told = f"the case itself failed: {os.waitstatus_to_exitcode(status)}"
-    return Case(f"seed {seed}", "", "", 0, 0.0, [told]).__dict__
+    return Case(f"seed {seed}", "", "", 0, 0.0, "", [told]).__dict__
 
 
 def _tell(tells: int, seed: int, place: Path, masters: Path, slow: bool) -> None:
@@ -181,6 +245,7 @@ def _main() -> int:
     try:
         if not inputs.is_dir():
             _make(inputs, whole=chosen.slow)
+        _compile(inputs / "log.clf")
         found = cases(range(first, last), inputs.resolve(), jobs=chosen.jobs, slow=chosen.slow)
         for line in found:
             sys.stdout.write(f"{json.dumps(line)}\n")
@@ -191,13 +256,23 @@ def _main() -> int:
     return 0
 
 
+def _compile(recording: Path) -> None:
+    """Here, so that no case has to: kernels are compiled, or loaded, at their first call."""
+    from slamsim.console import Reporter
+    from slamsim.run.checking import check_log
+
+    check_log(recording, Reporter(quiet=True))
+
+
 def _make(inputs: Path, *, whole: bool) -> None:
     """In processes of their own: what they start stays out of this one."""
     from promise_inputs import make_inputs
 
     def command(typed: Sequence[str], folder: Path) -> int:
         code = "from slamsim.entry import main; main()"
-        return subprocess.run([sys.executable, "-c", code, *typed], cwd=folder, check=False).returncode
+        return subprocess.run(
+            [sys.executable, "-c", code, *typed], cwd=folder, check=False
+        ).returncode
 
     make_inputs(inputs, command, whole=whole)
 

@@ -92,7 +92,8 @@ def _signalled(typed: Sequence[str], root: Path, ending: Ending, limit_s: float)
         os.setsid()
         os.dup2(tells, 1)
         os.dup2(tells, 2)
-        sys.stdout, sys.stderr = (open(number, "w", closefd=False) for number in (1, 2))
+        sys.stdout = open(1, "w", closefd=False)  # noqa: SIM115
+        sys.stderr = open(2, "w", closefd=False)  # noqa: SIM115
         if ending.kind == "file size":
             limit = int(ending.after)
             resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))

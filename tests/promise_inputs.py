@@ -12,12 +12,6 @@ import textwrap
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
-import fault_stages
-import foreign_bags
-import numpy as np
-import trimesh
-from test_world_import import ROOM, write_map
-
 _STAMPED = "\n".join(f"{0.2 * i:.1f} {0.05 * i:.2f} 0 0 0 0 0 1" for i in range(15)) + "\n"
 _TEXTS: Mapping[str, str] = {
     "path.tum": _STAMPED,
@@ -29,9 +23,11 @@ _TEXTS: Mapping[str, str] = {
     "<mesh filename='parts/box.stl'/></geometry></visual></link></robot>\n",
     "hostile.urdf": "<robot name='h'><link name='base_link'><visual><geometry>"
     "<mesh filename='../../notes.txt'/></geometry></visual></link></robot>\n",
-    "measured.yaml": "name: mine\n",
-    "fault.yaml": "name: mine\n",
 }
+_BUNDLED = (
+    ("faults", "laser_yaw", "fault.yaml"),
+    ("measurements", "turtlebot2_study", "measured.yaml"),
+)
 _RECIPE = """\
     name: mine
     title: Short drives through tiny labyrinths
@@ -74,6 +70,12 @@ def make_inputs(folder: Path, command: Command, *, whole: bool) -> None:
 
     command: runs slamsim with these arguments in this folder, and gives its exit code.
     """
+    import fault_stages
+    import trimesh
+    from test_world_import import ROOM, write_map
+
+    from slamsim.config.bundled import find_input
+
     unfinished = folder.with_name(f"{folder.name}.unfinished")
     shutil.rmtree(unfinished, ignore_errors=True)
     unfinished.mkdir(parents=True)
@@ -85,8 +87,15 @@ def make_inputs(folder: Path, command: Command, *, whole: bool) -> None:
     trimesh.creation.box((4.0, 4.0, 1.0)).export(unfinished / "room.stl")
     (unfinished / "parts").mkdir()
     shutil.copy(unfinished / "room.stl", unfinished / "parts" / "box.stl")
+    shutil.copy(find_input("configs/faults", "laser_yaw"), unfinished / "fault.yaml")
+    shutil.copy(
+        find_input("configs/measurements", "turtlebot2_study"), unfinished / "measured.yaml"
+    )
     fault_stages.dataset_of(2, unfinished / "stub_set")
-    made = [("recover", "foreign.mcap", "--out", "copy"), ("world", "tiny", "--out", "world")]
+    made: list[tuple[str, ...]] = [
+        ("recover", "foreign.mcap", "--out", "copy"),
+        ("world", "tiny", "--out", "world"),
+    ]
     if whole:
         made.append(("simulate", "tiny", *SHORT, "--out", "drive"))
         made.append(("map", "drive", "--out", "run"))
@@ -99,13 +108,15 @@ def make_inputs(folder: Path, command: Command, *, whole: bool) -> None:
 
 def _foreign(folder: Path) -> None:
     """Recordings of other writers, each with topics that slamsim does not model."""
+    import foreign_bags
+
     for kind, name in (("mcap", "foreign"), ("rosbag2_sqlite", "bag2"), ("rosbag1", "ros1")):
         store = foreign_bags.store_of(kind)
         messages = list(foreign_bags.sent(kind, store, foreign_bags.drive(store, 1)))
         foreign_bags.write(kind, folder / name, messages, store)
     whole = (folder / "foreign.mcap").read_bytes()
     (folder / "cut.mcap").write_bytes(whole[: len(whole) * 2 // 3])
-    ranges = " ".join(f"{value:.2f}" for value in np.linspace(1.0, 4.0, 60))
+    ranges = " ".join(f"{1.0 + 0.05 * beam:.2f}" for beam in range(60))
     lines = (
         f"FLASER 60 {ranges} {0.05 * i} 0 0 {0.05 * i} 0 0 {0.2 * i:.3f} host 0.5\n"
         for i in range(15)

@@ -15,7 +15,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from promise_commands import Command
+from promise_arguments import Command
 from promise_endings import Ended, Ending
 
 CODES = frozenset((0, 1, 2, 3, 4, 10, 11, 75))
@@ -135,9 +135,10 @@ class Judge:
             if old is None:
                 if not (self._may_be_new(path, ended, after) or (struck and self._is_hidden(path))):
                     yield f"new: {path}"
-            elif new is None or old[0] == "file" or old[:3] != new[:3]:
-                if not self._may_change(path, after):
-                    yield f"{'changed' if new else 'gone'}: {path}"
+                continue
+            is_touched = new is None or old[0] == "file" or old[:3] != new[:3]
+            if is_touched and not self._may_change(path, after):
+                yield f"{'changed' if new else 'gone'}: {path}"
         yield from self._left_wrong(ended, after)
 
     def _ended_wrong(self, ended: Ended, ending: Ending) -> Iterator[str]:

@@ -13,7 +13,16 @@ from pathlib import Path
 from promise_inputs import KINDS
 
 OUT_NAMES = (
-    *("lab", "poetry", "out", "lab.old", "my lab", "\u00fcn\u00efcode \u2603", "a.b.c", "deep/er/out"),
+    *(
+        "lab",
+        "poetry",
+        "out",
+        "lab.old",
+        "my lab",
+        "\u00fcn\u00efcode \u2603",
+        "a.b.c",
+        "deep/er/out",
+    ),
     *("-dash", "x" * 120, "new\nline", "page.html", "map.png", "robot_new.yaml", ".hidden"),
     *("outputs/tiny", "outputs/foreign", "sub/out", "to_outside/out", "../outside/out"),
 )
@@ -39,6 +48,10 @@ class Tree:
     @property
     def work(self) -> Path:
         return self.root / "work"
+
+    @property
+    def all_inputs(self) -> list[str]:
+        return [path for paths in self.inputs.values() for path in paths]
 
 
 def build(root: Path, masters: Path, chance: random.Random) -> Tree:
@@ -89,7 +102,7 @@ def _copy(source: Path, final: Path) -> None:
 
 
 def _some_input(tree: Tree) -> Path:
-    return tree.work / tree.chance.choice(sum(tree.inputs.values(), []))
+    return tree.work / tree.chance.choice(tree.all_inputs)
 
 
 def _some_name(tree: Tree) -> Path:
