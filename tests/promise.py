@@ -38,7 +38,7 @@ _LOADED = (
     *("slamsim.config.loading", "slamsim.config.dump", "matplotlib.figure"),
 )
 """Nothing that loads Open3D, PyBullet or Rerun: they have threads of their own."""
-_FAST_S, _SLOW_S = 30.0, 180.0
+_FAST_S, _SLOW_S = 60.0, 240.0
 _MEMORY = Path("/dev/shm")
 
 

@@ -38,6 +38,7 @@ def _map_world(drawn: Drawn) -> None:
 
 def _map(drawn: Drawn) -> None:
     drawn.source("recording")
+    drawn.command.arguments += SHORT  # it may be a world
     drawn.reads("--relations", "relations", 0.3)
     drawn.reads("--continue", "run", 0.2)
     drawn.reads("--config", "config", 0.2)

@@ -185,7 +185,8 @@ class Judge:
         return self._before.there.get(path) != after.get(path)
 
     def _is_default(self, path: str) -> bool:
-        return self._command.under_outputs and str(Path(path).parent) == self._outputs
+        above, name = os.path.split(path)
+        return self._command.under_outputs and above == self._outputs and name[0] != "."
 
     def _may_be_new(self, path: str, ended: Ended, after: Snapshot) -> bool:
         for folder in self._new_folders(after):
@@ -257,7 +258,7 @@ class Judge:
 
 def unmarked(hidden: set[str]) -> Iterator[str]:
     """Remains that do not say that they are slamsim's. Staging folders may be empty as yet."""
-    for path in sorted(hidden):
+    for path in sorted(path for path in hidden if str(Path(path).parent) not in hidden):
         if path.endswith(".slamsim-lock"):
             marker = Path(path)
         elif re.search(r"slamsim-[0-9a-f]{16}$", path) and any(Path(path).iterdir()):
