@@ -28,8 +28,6 @@ if TYPE_CHECKING:
     from promise_arguments import Command
     from promise_endings import Ended, Ending
 
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-os.environ.setdefault("XDG_CACHE_HOME", str(Path.home() / ".cache"))  # of compiled kernels
 _LOADED = (
     *("slamsim.cli", "slamsim.run.checking", "slamsim.run.fixing", "slamsim.run.faulting"),
     *("slamsim.run.recovering", "slamsim.run.verifying", "slamsim.run.evaluation"),
@@ -39,6 +37,7 @@ _LOADED = (
 )
 """Nothing that loads Open3D, PyBullet or Rerun: they have threads of their own."""
 _FAST_S, _SLOW_S = 60.0, 240.0
+"""A command that is not done by then hangs: twenty times what it takes on an idle machine."""
 _MEMORY = Path("/dev/shm")
 
 
@@ -239,6 +238,8 @@ def _main() -> int:
     parser.add_argument("--slow", action="store_true", help="commands that take seconds, too")
     chosen = parser.parse_args()
     first, last = map(int, chosen.seeds.split(":"))
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    os.environ.setdefault("XDG_CACHE_HOME", str(Path.home() / ".cache"))  # of compiled kernels
     for name in _LOADED:
         importlib.import_module(name)
     inputs = chosen.inputs or Path(mkdtemp(prefix="promise-inputs-")) / "inputs"
