@@ -24,6 +24,7 @@ KINDS: dict[str, str] = {
     "sealed": "fault_sealed",
     "atheris": "fault_atheris",
     "corpus": "fault_corpus",
+    "promise": "promise",
 }
 """Each names a module with ``options(parser)`` and ``run(chosen, journal) -> list[Row]``."""
 

@@ -65,6 +65,24 @@ def test_a_viewer_opens_it_without_an_error_and_with_a_whole_transform_tree(
     assert check.duration_s == pytest.approx(39.9)
 
 
+def test_a_screenshot_leaves_nothing_at_home_nor_among_temporary_files(
+    recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if reason := why_no_viewer():
+        pytest.skip(reason)
+    home, temporary = tmp_path / "home", tmp_path / "tmp"
+    home.mkdir()
+    temporary.mkdir()
+    for name in ("XDG_CONFIG_HOME", "XDG_DATA_HOME"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))  # of graphics drivers
+    monkeypatch.setenv("HOME", str(home))
+    monkeypatch.setenv("TMPDIR", str(temporary))
+    monkeypatch.setattr("tempfile.tempdir", None)
+    render_screenshot(recording, tmp_path / "map.png")
+    assert [*home.rglob("*"), *temporary.rglob("*")] == []
+
+
 def test_the_map_looks_like_the_map(recording: Path, tmp_path: Path) -> None:
     if reason := why_no_viewer():
         pytest.skip(reason)

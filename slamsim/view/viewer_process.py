@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import socket
 import subprocess
@@ -11,7 +12,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from importlib.util import find_spec
 from pathlib import Path
-from tempfile import TemporaryFile
+from tempfile import TemporaryDirectory, TemporaryFile
 from typing import IO
 from urllib.parse import quote
 
@@ -74,10 +75,10 @@ def headless_viewer(recording: Path, width: int, height: int) -> Iterator[Viewer
     port = free_port()
     arguments = ["--headless", "--port", str(port), "--bind", "127.0.0.1"]
     arguments += ["--window-size", f"{width}x{height}", str(recording.resolve())]
-    with TemporaryFile() as output:
+    with TemporaryFile() as output, TemporaryDirectory(prefix="slamsim-viewer-") as own:
         process = subprocess.Popen(
             dying_with_us([_executable(), *arguments]),
-            env=_environment(),
+            env={**_environment(), **_apart(Path(own))},
             stdin=subprocess.DEVNULL,
             stdout=output,
             stderr=subprocess.STDOUT,
@@ -159,3 +160,20 @@ def _executable() -> str:
 
 def _environment() -> Mapping[str, str]:
     return {"RUST_LOG": _QUIET, **os.environ, "RERUN_APP_ONLY": "true"}
+
+
+def _apart(folder: Path) -> Mapping[str, str]:
+    """What makes a viewer keep its own files in this folder, not at the user's home or in /tmp.
+
+    One that finds no settings takes usage statistics, which nobody asked a screenshot for.
+    """
+    settings = {
+        "analytics_enabled": False,
+        "analytics_id": "",
+        "metadata": {},
+        "config_file_path": str(folder / "rerun" / "analytics.json"),
+        "data_dir_path": str(folder / "rerun" / "analytics"),
+    }
+    (folder / "rerun").mkdir()
+    (folder / "rerun" / "analytics.json").write_text(json.dumps(settings), encoding="utf-8")
+    return dict.fromkeys(("XDG_CONFIG_HOME", "XDG_DATA_HOME", "TMPDIR"), str(folder))
