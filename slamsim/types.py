@@ -208,7 +208,8 @@ class Log:
     """A recording as SLAM and the checker see it: never the truth.
 
     odometry is ``T_odom_base`` as some driver published it. T_base_laser is 4 x 4.
-    warnings tells in words what the reader found odd and mended, with counts.
+    warnings tells in words what the reader found odd and mended, with counts. recorded_scans:
+    how many the recording holds, with those that had to be left out; 0 if that is not known.
     """
 
     name: str
@@ -220,6 +221,7 @@ class Log:
     T_base_laser: FloatArray
     T_base_imu: FloatArray | None = None
     warnings: tuple[str, ...] = ()
+    recorded_scans: int = 0
 
     def __post_init__(self) -> None:
         for what, stream in (("the IMU", self.imu), ("the wheel encoders", self.encoders)):
