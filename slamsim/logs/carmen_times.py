@@ -1,4 +1,4 @@
-"""When the scans of a CARMEN log were taken: by its stamps, the logger's times, the order of lines."""
+"""When the scans of a CARMEN log were taken: stamps, the logger's times, the order of lines."""
 
 from __future__ import annotations
 
