@@ -164,7 +164,7 @@ def map_(
     name = recording_name(source) if recorded else resolved.world.name
     with output_folder(out, name, overwrite=overwrite) as folder:
         from slamsim.run.continuing import chosen_earlier, refuse_earlier
-        from slamsim.run.mapping import map_recording, map_world
+        from slamsim.run.mapping import map_recording, map_world, require_used
 
         if recorded:
             reporter.say(f"Mapping the recording {source}")
@@ -183,6 +183,7 @@ def map_(
             reporter.say(f"Simulating and mapping the world {source}")
             report = map_world(resolved, folder, reporter, relations=relations, overwrite=overwrite)
     _close(reporter, report, folder)
+    require_used(report, folder)
 
 
 @app.command(epilog="Example: slamsim localise my_second_drive/ --in outputs/labyrinth")

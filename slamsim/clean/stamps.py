@@ -23,6 +23,8 @@ MOST_PER_STAMP = 100
 ALIKE_FACTOR, ALIKE_SHARE = 3.0, 0.5
 """The time between messages is known if for that share of them it is within the factor of its
 median."""
+LEAST_DEFAULT = 3
+"""A clock that is set back passes a stamp twice, not so often."""
 LEAST_PERIOD_NS = 100_000
 """No sensor is faster than 10 kHz: what counts faster is no clock."""
 
@@ -151,8 +153,14 @@ def _made_anew(
 
 
 def _known(stamps_ns: IntArray) -> IntArray:
-    """Places of the most stamps that rise, the first of equal ones in a row among them."""
+    """Places of the most stamps that rise, the first of equal ones in a row among them.
+
+    A stamp that stands in ``LEAST_DEFAULT`` places is what a driver writes where it has none.
+    """
     first = np.flatnonzero(np.concatenate([[True], np.diff(stamps_ns) != 0]))
+    values, places = np.unique(stamps_ns[first], return_counts=True)
+    is_default = np.isin(stamps_ns[first], values[places >= LEAST_DEFAULT])
+    first = first if is_default.all() else first[~is_default]
     tails: list[int] = []  # the least stamp that ends a rising sequence of each length
     ends: list[int] = []
     before = np.full(first.size, -1, dtype=np.int64)

@@ -230,7 +230,9 @@ def _path(recording: Recording, warnings: list[str]) -> tuple[PlanarTrajectory |
     for moved in recording.odometries:
         norms = lengths(moved.quats_xyzw)
         sound = is_sound(moved.positions_m) & (np.abs(norms - 1.0) < 0.1)
-        stamps_ns, rows, odd = in_order(moved.stamps_ns, np.asarray(sound), moved.topic)
+        stamps_ns, rows, odd = in_order(
+            moved.stamps_ns, np.asarray(sound), moved.topic, moved.received_ns
+        )
         warnings += odd
         quats_xyzw = moved.quats_xyzw[rows] / norms[rows, None]
         path = Trajectory(stamps_ns, moved.positions_m[rows], quats_xyzw)
@@ -243,7 +245,9 @@ def _imu_stream(recording: Recording, warnings: list[str]) -> ImuStream | None:
     for imu in recording.imus:
         rates, forces = imu.angular_velocity_rad_s, imu.linear_acceleration_m_s2
         sound = is_sound(np.hstack([rates, forces]))
-        stamps_ns, rows, odd = in_order(imu.stamps_ns, np.asarray(sound), imu.topic)
+        stamps_ns, rows, odd = in_order(
+            imu.stamps_ns, np.asarray(sound), imu.topic, imu.received_ns
+        )
         warnings += odd
         return ImuStream(stamps_ns, rates[rows], forces[rows], imu.frame_ids[0])
     return None
@@ -251,7 +255,9 @@ def _imu_stream(recording: Recording, warnings: list[str]) -> ImuStream | None:
 
 def _encoders(recording: Recording, warnings: list[str]) -> EncoderStream | None:
     for wheels in recording.ticks:
-        stamps_ns, rows, odd = in_order(wheels.stamps_ns, _all(wheels.stamps_ns), wheels.topic)
+        stamps_ns, rows, odd = in_order(
+            wheels.stamps_ns, _all(wheels.stamps_ns), wheels.topic, wheels.received_ns
+        )
         warnings += odd
         constants = (wheels.ticks_per_revolution, wheels.wheel_radius_m, wheels.track_m)
         if are_wheels(*constants):
