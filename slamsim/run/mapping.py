@@ -40,7 +40,6 @@ from slamsim.view.run_view import RunView
 from slamsim.world.build import build_world
 from slamsim.world.model import World
 
-
 LEAST_USED = 0.5
 """Share of a recording's scans below which a run has failed, though it is written."""
 
