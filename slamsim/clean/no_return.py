@@ -41,8 +41,10 @@ NEAR_DECLARED = 0.99
 LEAST_BEYOND, MAX_BEYOND, MOST_BEYOND = 20, 2e-3, 0.5
 """A declared maximum is wrong if so many readings, and more than the first share, exceed it: fewer
 are accidents and rounding. If more than the second share does, the unit is wrong, not the limit."""
-SAMPLED_SCANS = 4096
+SAMPLED_READINGS = 1_000_000
 
+_UNKNOWN_STEP_RAD = 1e-9
+"""With so small a step no run of beams is too long for a flat wall."""
 _LOG_LEVEL = math.log(FALSE_ALARM / (2 * 2 * (HALVINGS + 2) * 25))
 """Both tests, both tops, every width, and up to 25 codes share the false alarm rate."""
 
@@ -101,9 +103,9 @@ def _band_words(code: Code) -> str:
     return f"{code.lowest_m:.6g} to {code.highest_m:.6g} m"
 
 
-class ScanSample:
-    """Scans spread evenly over a recording: all of a short one, at least half of
-    ``SAMPLED_SCANS`` of a longer one."""
+class RangeSample:
+    """Scans spread evenly over a recording: all of a short one, of a longer one at least a third
+    of ``SAMPLED_READINGS``."""
 
     def __init__(self) -> None:
         self.rows: list[Float32Array] = []
@@ -111,7 +113,7 @@ class ScanSample:
         """Of the scans in rows, among all that were added."""
         self._steps: Counter[float] = Counter()
         self._every = 1
-        self._count = 0
+        self._count = self._readings = 0
 
     def add(self, readings_m: Float32Array, angle_step_rad: float) -> None:
         """The next scan, its readings as recorded."""
@@ -119,9 +121,11 @@ class ScanSample:
             self.rows.append(readings_m)
             self.numbers.append(self._count)
             self._steps[abs(angle_step_rad)] += 1
+            self._readings += readings_m.size
         self._count += 1
-        if len(self.rows) > SAMPLED_SCANS:
+        while self._readings > SAMPLED_READINGS and len(self.rows) > 1:
             self.rows, self.numbers = self.rows[::2], self.numbers[::2]
+            self._readings = sum(row.size for row in self.rows)
             self._every *= 2
 
     def limit(self, declared_m: float, positions_m: FloatArray | None = None) -> RangeLimit:
@@ -141,7 +145,9 @@ def find_limit(
     rows: readings in metres of each scan, as recorded. declared_m: the maximum that the recording
     declares, ``inf`` for none. positions_m: (k, 2) of the robot at each scan, None if not known.
     """
-    readings = _Readings.of(rows, abs(angle_step_rad), positions_m)
+    step_rad = abs(angle_step_rad)
+    step_rad = step_rad if math.isfinite(step_rad) and step_rad > 0.0 else _UNKNOWN_STEP_RAD
+    readings = _Readings.of(rows, step_rad, positions_m)
     declared_m = float(np.float32(declared_m))
     codes, surfaces = _peeled(readings, declared_m)
     beyond = _beyond(surfaces.values, declared_m)
@@ -149,8 +155,10 @@ def find_limit(
         largest_m = float(surfaces.values.max())
         usable_m = codes[-1].lowest_m if codes else float(np.nextafter(largest_m, np.inf))
         return RangeLimit(tuple(codes), beyond, usable_m)
-    more, _ = _peeled(surfaces.of_those(surfaces.values < declared_m), declared_m)
-    found = tuple(code for code in (*codes, *more) if code.lowest_m < declared_m)
+    within = surfaces.of_those(surfaces.values < declared_m)
+    if within.values.size < surfaces.values.size:  # what lies above may have hidden a code below
+        codes += _peeled(within, declared_m)[0]
+    found = tuple(code for code in codes if code.lowest_m < declared_m)
     return RangeLimit(found, 0.0, found[-1].lowest_m if found else None)
 
 
@@ -282,13 +290,20 @@ def _of_runs(readings: _Readings, low_m: float, top_m: float) -> float:
 
     Only the scan with the longest runs counts: others may show the same surfaces.
     """
-    quantum_m = float(np.diff(np.unique(readings.values)).min(initial=top_m))
-    width_m = top_m - low_m + quantum_m
-    flat = math.floor(2.0 * math.acos(low_m / (low_m + width_m)) / readings.step_rad) + 2
     inside = readings.values >= low_m
     scan, beam = readings.scan[inside], readings.beam[inside]
     begins = np.ones(beam.size, dtype=np.bool_)
     begins[1:] = (np.diff(beam) != 1) | (np.diff(scan) != 0)
-    excess = np.maximum(np.bincount(np.cumsum(begins) - 1) - flat, 0)
+    lengths = np.bincount(np.cumsum(begins) - 1)
+    if lengths.max() <= _flat_wall(low_m, top_m - low_m, readings.step_rad):
+        return 0.0
+    quantum_m = float(np.diff(np.unique(readings.values)).min(initial=top_m))
+    width_m = top_m - low_m + quantum_m
+    excess = np.maximum(lengths - _flat_wall(low_m, width_m, readings.step_rad), 0)
     of_scan = np.bincount(scan[begins], weights=excess)
     return float(of_scan.max()) * math.log(min(2.0 * width_m / top_m, 1.0))
+
+
+def _flat_wall(nearest_m: float, width_m: float, step_rad: float) -> int:
+    """Most beams that a wall nearest_m away returns within a band of that width."""
+    return math.floor(2.0 * math.acos(nearest_m / (nearest_m + width_m)) / step_rad) + 2

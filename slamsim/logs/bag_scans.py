@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from slamsim.clean.no_return import AS_DECLARED, RangeLimit, ScanSample
+from slamsim.clean.no_return import AS_DECLARED, RangeLimit, RangeSample
 from slamsim.clean.stamps import NoTime, Times, rising_times
 from slamsim.logs.bag import Bag
 from slamsim.logs.bag_columns import stamp_ns_of
@@ -96,7 +96,7 @@ class Survey:
         self._is_repeat: list[bool] = []
         self._last: Scan | None = None
         self._frame_id = ""
-        self._sample = ScanSample()
+        self._sample = RangeSample()
         self._declared_m: Counter[float] = Counter()
         self._beam_counts: set[int] = set()
         self._unusable = 0

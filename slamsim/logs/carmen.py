@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from slamsim.clean.no_return import RangeLimit, ScanSample
+from slamsim.clean.no_return import RangeLimit, RangeSample
 from slamsim.geometry import between, matrix_from_rpy, se3_from_parts, wrap_angle
 from slamsim.logs.carmen_content import CarmenContent, collect
 from slamsim.logs.carmen_lines import Fan, LaserLine, OdomLine
@@ -188,7 +188,7 @@ class CarmenLimit:
 def range_limit_of(lines: Sequence[LaserLine], content: CarmenContent) -> CarmenLimit:
     """What the lines declare, as far as their readings bear it out."""
     declared_m, known_from = _declared_max(lines[0], content)
-    sample = ScanSample()
+    sample = RangeSample()
     for line in lines:
         sample.add(to_single(line.readings_m), line.fan.angle_step_rad)
     poses = [lines[number].T_odom_base for number in sample.numbers]
