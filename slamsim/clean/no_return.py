@@ -152,8 +152,9 @@ def find_limit(
     codes, surfaces = _peeled(readings, declared_m)
     beyond = _beyond(surfaces.values, declared_m)
     if beyond:
-        largest_m = float(surfaces.values.max())
-        usable_m = codes[-1].lowest_m if codes else float(np.nextafter(largest_m, np.inf))
+        largest_m = np.float32(surfaces.values.max())
+        beyond_all_m = float(np.nextafter(largest_m, np.float32(np.inf)))
+        usable_m = codes[-1].lowest_m if codes else beyond_all_m
         return RangeLimit(tuple(codes), beyond, usable_m)
     within = surfaces.of_those(surfaces.values < declared_m)
     if within.values.size < surfaces.values.size:  # what lies above may have hidden a code below
