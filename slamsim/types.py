@@ -208,8 +208,7 @@ class Log:
     """A recording as SLAM and the checker see it: never the truth.
 
     odometry is ``T_odom_base`` as some driver published it. T_base_laser is 4 x 4.
-    warnings tells in words what the reader found odd and mended, with counts. recorded_scans:
-    how many the recording holds, with those that had to be left out; 0 if that is not known.
+    warnings: what was odd, and what was done about it. recorded_scans: with those left out, or 0.
     """
 
     name: str

@@ -1,19 +1,18 @@
 """Which readings of a lidar mean that nothing came back, estimated from the readings themselves.
 
-Drivers write 0, ``inf``, the declared maximum or a number of their own (81.91, 65.535, anything
-from 51.05 to 51.12). Such a code is a pile-up at the top of the readings that no surface can
-make. Two tests look for one; each asks how likely real surfaces would show as much.
+Drivers write 0, ``inf``, the declared maximum or a code of their own (81.91, 51.05 to 51.12): a
+pile-up at the top of the readings. Two tests ask how likely surfaces would show as much.
 
 1. Over the path. The readings of a surface change with the robot's position, so over looks from
    different places a narrow band at the top is occupied about as often as other bands of that width
    at long range. The number of looks that occupy it is compared with the most often occupied of
-   those bands by a Chernoff bound of the binomial distribution. Where positions are not known all
-   scans are looks and bands at every range are compared, which a robot at rest fills as often.
+   those by a Chernoff bound of the binomial distribution. Where positions are not known all scans
+   are looks and bands at every range are compared, which a robot at rest fills as often.
 2. Within a scan. On a flat wall ranges grow as 1/cos of the angle to its normal: a run of more
-   beams within a narrow band than that allows needs unrelated surfaces at one distance, each with
-   a chance of the band's width over half the range.
+   beams within a band than that allows needs unrelated surfaces at one distance, each with a chance
+   of the band's width over half the range.
 
-A log of real surfaces is taken to have a code with a probability below ``FALSE_ALARM``.
+Surfaces alone are taken for a code with a probability below ``FALSE_ALARM``.
 """
 
 from __future__ import annotations
@@ -21,7 +20,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
@@ -33,14 +32,14 @@ WIDEST_BAND = 2.5e-3
 """Of the range: 51.05 to 51.16 m is the widest pile-up seen in practice, 0.22 %."""
 HALVINGS = 6
 CELL_M = 0.25
-"""Looks come from different cells of this size: a surface moves by more than the widest band."""
+"""Looks come from different cells of this size, which the widest band does not exceed at 80 m."""
 OUTLIERS = 1e-4
 """Share of readings that may lie above a code: single wrong measurements."""
 NEAR_DECLARED = 0.99
 """From here on a spread of readings may be surfaces cut off by the range: only repeats count."""
 LEAST_BEYOND, MAX_BEYOND, MOST_BEYOND = 20, 2e-3, 0.5
-"""A declared maximum is wrong if so many readings, and more than the first share, exceed it: fewer
-are accidents and rounding. If more than the second share does, the unit is wrong, not the limit."""
+"""A declared maximum is wrong if so many readings exceed it and more than the first share: fewer
+are rounding. If more than the second share do, the unit is wrong."""
 SAMPLED_READINGS = 1_000_000
 
 _UNKNOWN_STEP_RAD = 1e-9
@@ -57,14 +56,18 @@ class Code:
     highest_m: float
     count: int
 
+    def __str__(self) -> str:
+        lowest = "" if self.lowest_m == self.highest_m else f"{self.lowest_m:.6g} to "
+        return f"{lowest}{self.highest_m:.6g} m"
+
 
 @dataclass(frozen=True, slots=True)
 class RangeLimit:
     """What the readings say of a lidar's range.
 
-    codes: found below the declared maximum, or above one that is wrong. beyond: share of the
-    readings above the declared maximum that are surfaces, 0 unless it is wrong. usable_m: readings
-    from here on are no return; None where the declared maximum stands.
+    codes: below the declared maximum, or any if that is wrong. beyond: share of readings above the
+    declared maximum, 0 unless these are surfaces. usable_m: readings from here on are no return;
+    None where the declared maximum stands.
     """
 
     codes: tuple[Code, ...] = ()
@@ -86,32 +89,22 @@ class RangeLimit:
                 f"{declared_m:g} m and are surfaces: {self.usable_m:g} m is used"
             )
         if self.codes:
-            bands = ", ".join(_band_words(code) for code in reversed(self.codes))
-            told.append(
-                f"readings of {bands} are no return, by their number "
-                f"(false alarm rate {FALSE_ALARM:g})"
-            )
+            bands = ", ".join(str(code) for code in reversed(self.codes))
+            told.append(f"readings of {bands} are no return (false alarm rate {FALSE_ALARM:g})")
         return told
 
 
 AS_DECLARED = RangeLimit()
 
 
-def _band_words(code: Code) -> str:
-    if code.lowest_m == code.highest_m:
-        return f"{code.lowest_m:.6g} m"
-    return f"{code.lowest_m:.6g} to {code.highest_m:.6g} m"
-
-
 class RangeSample:
-    """Scans spread evenly over a recording: all of a short one, of a longer one at least a third
-    of ``SAMPLED_READINGS``."""
+    """Scans spread evenly over a recording, with at most ``SAMPLED_READINGS``."""
 
     def __init__(self) -> None:
         self.rows: list[Float32Array] = []
         self.numbers: list[int] = []
         """Of the scans in rows, among all that were added."""
-        self._steps: Counter[float] = Counter()
+        self._steps = Counter[float]()
         self._every = 1
         self._count = self._readings = 0
 
@@ -130,31 +123,31 @@ class RangeSample:
 
     def limit(self, declared_m: float, positions_m: FloatArray | None = None) -> RangeLimit:
         """What the sample says; positions_m: (k, 2) of the robot at its scans, if known."""
-        step_rad = self._steps.most_common(1)[0][0] if self._steps else 1.0
+        step_rad = max(self._steps, key=self._steps.__getitem__, default=0.0)
         return find_limit(self.rows, step_rad, declared_m, positions_m)
 
 
 def find_limit(
-    rows: Sequence[Float32Array],
+    rows: Sequence[Float32Array] | Float32Array,
     angle_step_rad: float,
     declared_m: float,
     positions_m: FloatArray | None = None,
 ) -> RangeLimit:
     """The range limit and the codes for no return in scans of one lidar.
 
-    rows: readings in metres of each scan, as recorded. declared_m: the maximum that the recording
-    declares, ``inf`` for none. positions_m: (k, 2) of the robot at each scan, None if not known.
+    rows: readings in metres of each scan, as recorded. declared_m: maximum that is declared,
+    ``inf`` for none. positions_m: (k, 2) of the robot at each scan, None if not known.
     """
-    step_rad = abs(angle_step_rad)
-    step_rad = step_rad if math.isfinite(step_rad) and step_rad > 0.0 else _UNKNOWN_STEP_RAD
-    readings = _Readings.of(rows, step_rad, positions_m)
-    declared_m = float(np.float32(declared_m))
+    step_rad = abs(angle_step_rad) if math.isfinite(angle_step_rad) else 0.0
+    readings = _Readings.of(rows, max(step_rad, _UNKNOWN_STEP_RAD), positions_m)
+    with np.errstate(over="ignore"):
+        declared_m = float(np.float32(declared_m))
     codes, surfaces = _peeled(readings, declared_m)
     beyond = _beyond(surfaces.values, declared_m)
     if beyond:
         largest_m = np.float32(surfaces.values.max())
-        beyond_all_m = float(np.nextafter(largest_m, np.float32(np.inf)))
-        usable_m = codes[-1].lowest_m if codes else beyond_all_m
+        next_m = float(np.nextafter(largest_m, np.float32(np.inf)))
+        usable_m = codes[-1].lowest_m if codes else next_m
         return RangeLimit(tuple(codes), beyond, usable_m)
     within = surfaces.of_those(surfaces.values < declared_m)
     if within.values.size < surfaces.values.size:  # what lies above may have hidden a code below
@@ -167,9 +160,8 @@ def find_limit(
 class _Readings:
     """Readings that are distances, in the order of scans and beams.
 
-    values: (n,). scan, beam: (n,) of which each is, beams counted on from scan to scan. is_look:
-    (scans,) whether a scan is compared with others. is_elsewhere: whether looks are from different
-    places. step_rad: between beams.
+    values: (n,). scan, beam: (n,) of which each is; beams are counted on from scan to scan.
+    is_look: (scans,) which are compared. is_elsewhere: whether these are from different places.
     """
 
     values: FloatArray
@@ -181,7 +173,10 @@ class _Readings:
 
     @classmethod
     def of(
-        cls, rows: Sequence[Float32Array], step_rad: float, positions_m: FloatArray | None
+        cls,
+        rows: Sequence[Float32Array] | Float32Array,
+        step_rad: float,
+        positions_m: FloatArray | None,
     ) -> Self:
         values = np.concatenate([np.zeros(0, dtype=np.float32), *rows]).astype(np.float64)
         beam = np.flatnonzero(np.isfinite(values) & (values > 0.0))
@@ -195,9 +190,8 @@ class _Readings:
 
     def of_those(self, which: BoolArray) -> Self:
         """The same readings without some."""
-        return replace(
-            self, values=self.values[which], scan=self.scan[which], beam=self.beam[which]
-        )
+        values, scan, beam = self.values[which], self.scan[which], self.beam[which]
+        return type(self)(values, scan, beam, self.is_look, self.is_elsewhere, self.step_rad)
 
 
 def _beyond(values: FloatArray, declared_m: float) -> float:
@@ -289,8 +283,7 @@ def _log_tail(hits: int, trials: int, chance: float) -> float:
 def _of_runs(readings: _Readings, low_m: float, top_m: float) -> float:
     """Logarithm of the chance of runs of beams in the band longer than a flat wall's.
 
-    Only the scan with the longest runs counts: others may show the same surfaces.
-    """
+    Only the scan with the longest runs counts: others may show the same surfaces."""
     inside = readings.values >= low_m
     scan, beam = readings.scan[inside], readings.beam[inside]
     begins = np.ones(beam.size, dtype=np.bool_)
