@@ -42,8 +42,8 @@ LEAST_BEYOND, MAX_BEYOND, MOST_BEYOND = 20, 2e-3, 0.5
 are rounding. If more than the second share do, the unit is wrong."""
 SAMPLED_READINGS = 1_000_000
 
-_UNKNOWN_STEP_RAD = 1e-9
-"""With so small a step no run of beams is too long for a flat wall."""
+_Rows = Sequence[Float32Array] | Float32Array
+_UNKNOWN_STEP_RAD = 1e-9  # so small that no run of beams is too long for a flat wall
 _LOG_LEVEL = math.log(FALSE_ALARM / (2 * 2 * (HALVINGS + 2) * 25))
 """Both tests, both tops, every width, and up to 25 codes share the false alarm rate."""
 
@@ -128,7 +128,7 @@ class RangeSample:
 
 
 def find_limit(
-    rows: Sequence[Float32Array] | Float32Array,
+    rows: _Rows,
     angle_step_rad: float,
     declared_m: float,
     positions_m: FloatArray | None = None,
@@ -172,12 +172,7 @@ class _Readings:
     step_rad: float
 
     @classmethod
-    def of(
-        cls,
-        rows: Sequence[Float32Array] | Float32Array,
-        step_rad: float,
-        positions_m: FloatArray | None,
-    ) -> Self:
+    def of(cls, rows: _Rows, step_rad: float, positions_m: FloatArray | None) -> Self:
         values = np.concatenate([np.zeros(0, dtype=np.float32), *rows]).astype(np.float64)
         beam = np.flatnonzero(np.isfinite(values) & (values > 0.0))
         scan = np.repeat(np.arange(len(rows)), [row.size for row in rows])[beam]
