@@ -194,7 +194,7 @@ def map_(
     inputs = (Path(source) if recorded else None, relations, earlier, *loaded.files)
     with output_folder(out, name, overwrite=overwrite, inputs=inputs) as folder:
         from slamsim.run.continuing import chosen_earlier, refuse_earlier
-        from slamsim.run.mapping import map_recording, map_world
+        from slamsim.run.mapping import map_recording, map_world, require_used
 
         if recorded:
             reporter.say(f"Mapping the recording {source}")
@@ -213,6 +213,7 @@ def map_(
             reporter.say(f"Simulating and mapping the world {source}")
             report = map_world(resolved, folder, reporter, relations=relations, overwrite=overwrite)
     _close(reporter, report, folder)
+    require_used(report, folder)
 
 
 @app.command(epilog="Example: slamsim localise my_second_drive/ --in outputs/labyrinth")

@@ -208,7 +208,7 @@ class Log:
     """A recording as SLAM and the checker see it: never the truth.
 
     odometry is ``T_odom_base`` as some driver published it. T_base_laser is 4 x 4.
-    warnings tells in words what the reader found odd and mended, with counts.
+    warnings: what was odd, and what was done about it. recorded_scans: with those left out, or 0.
     """
 
     name: str
@@ -220,6 +220,7 @@ class Log:
     T_base_laser: FloatArray
     T_base_imu: FloatArray | None = None
     warnings: tuple[str, ...] = ()
+    recorded_scans: int = 0
 
     def __post_init__(self) -> None:
         for what, stream in (("the IMU", self.imu), ("the wheel encoders", self.encoders)):

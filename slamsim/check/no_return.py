@@ -8,12 +8,11 @@ import numpy as np
 
 from slamsim.check.findings import Curve, Estimate, Finding, Mend, Plot
 from slamsim.check.scan_sample import ScanSample, positive
+from slamsim.clean.no_return import find_limit
 
 MAX_ZERO_SHARE = 1e-4
 MIN_COUNT = 20
 """Fewer readings than this are accidents."""
-SPIKE_FACTOR = 10.0
-"""How much more often than any one reading just below it a code for nothing is read."""
 
 
 def check_no_return(topic: str, sample: ScanSample, maximum_is_usual: bool) -> Finding:
@@ -53,17 +52,11 @@ def check_no_return(topic: str, sample: ScanSample, maximum_is_usual: bool) -> F
 
 
 def _code_for_nothing(sample: ScanSample) -> tuple[float, int] | None:
-    """(value, count) of a largest reading that is far more common than each just below it."""
-    readings = positive(sample)
-    if readings.size == 0:
-        return None
-    value = float(readings.max())
-    count = int((readings == value).sum())
-    just_below = readings[(readings < value) & (readings > 0.95 * value)]
-    most_common = np.unique(just_below, return_counts=True)[1].max(initial=0)
-    is_inside = value <= sample.layout.range_max_m
-    is_spike = count >= MIN_COUNT and count > SPIKE_FACTOR * most_common
-    return (value, count) if is_inside and is_spike else None
+    """(value, count) of a largest reading that surfaces would not repeat as often."""
+    codes = find_limit(sample.ranges_m, sample.layout.angle_step_rad, np.inf).codes
+    value = codes[0].highest_m if codes else np.inf
+    count = int((sample.ranges_m == np.float32(value)).sum())
+    return (value, count) if value <= sample.layout.range_max_m and count >= MIN_COUNT else None
 
 
 def _histogram(topic: str, sample: ScanSample) -> Plot:

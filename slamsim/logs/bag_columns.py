@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -82,18 +83,29 @@ def _viewed(plain: NDArray[np.uint8], layout: CdrLayout) -> tuple[Rows, IntArray
     return plain[same].view(dtype)[:, 0], same
 
 
-def read_columns(
-    bag: Bag, topic: str, layout_of: LayoutOf, row_of: RowOf
-) -> tuple[IntArray, FloatArray, Any]:
-    """(stamps in ns (n,), rows (n, k), the first message) of a topic whose type has a header.
+@dataclass(frozen=True, slots=True, eq=False)
+class Columns:
+    """Messages of one topic. stamps_ns, received_ns: (n,) as written, and when each was received.
+    rows: (n, k) what was wanted of each. first: the first message."""
+
+    stamps_ns: IntArray
+    received_ns: IntArray
+    rows: FloatArray
+    first: Any
+
+
+def read_columns(bag: Bag, topic: str, layout_of: LayoutOf, row_of: RowOf) -> Columns:
+    """The messages of a topic whose type has a header, in the order of the recording.
 
     row_of takes what is wanted out of a message, in the order of the layout's columns. Raises
     InputRefused for a damaged message.
     """
     stamps: list[IntArray] = []
+    received: list[IntArray] = []
     rows: list[FloatArray] = []
     first: Any = None
-    for batch in _batches(bag.raw(topic)):
+    for received_ns, batch in _batches(bag.received({topic})):
+        received.append(received_ns)
         is_cdr = bag.is_cdr(topic)
         groups = list(alike(batch, lambda data: bag.deserialize(topic, data), layout_of, is_cdr))
         order = np.argsort(np.concatenate([group.places for group in groups]))
@@ -101,7 +113,7 @@ def read_columns(
         rows.append(np.concatenate([group.numbers(row_of) for group in groups])[order])
         if first is None:
             first = min(groups, key=lambda group: int(group.places[0])).example
-    return np.concatenate(stamps), np.concatenate(rows), first
+    return Columns(np.concatenate(stamps), np.concatenate(received), np.concatenate(rows), first)
 
 
 def stamp_ns_of(header: Any) -> int:
@@ -115,12 +127,10 @@ def stamps_of(rows: Rows, name: str = "stamp") -> IntArray:
     return np.asarray(seconds * 1_000_000_000 + rows[f"{name}_nanosec"], dtype=np.int64)
 
 
-def _batches(raw: Iterator[bytes]) -> Iterator[list[bytes]]:
-    batch: list[bytes] = []
-    for data in raw:
-        batch.append(bytes(data))
-        if len(batch) == _BATCH:
-            yield batch
-            batch = []
-    if batch:
-        yield batch
+def _batches(
+    received: Iterator[tuple[str, int, bytes]],
+) -> Iterator[tuple[IntArray, list[bytes]]]:
+    """(times of receipt, messages) of some at a time."""
+    while some := list(islice(received, _BATCH)):
+        times_ns = np.array([received_ns for _, received_ns, _ in some], dtype=np.int64)
+        yield times_ns, [bytes(data) for _, _, data in some]

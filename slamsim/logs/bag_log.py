@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from slamsim.logs.bag import Bag, open_bag
-from slamsim.logs.bag_scans import read_scans
+from slamsim.logs.bag_scans import bag_scans, survey_scans
 from slamsim.logs.bag_sources import Channel
 from slamsim.logs.bag_streams import read_chain, read_encoders, read_imu, read_odometry
 from slamsim.logs.frames import FrameTree
@@ -38,12 +38,16 @@ def read_bag(path: Path, scan_topic: str | None = None) -> Log:
     """The log in a ROS recording; raises InputRefused naming file, topic and reason."""
     bag = open_bag(path)
     scan_channel, warnings = choose_scan(bag, scan_topic)
-    scans, first_ns, last_ns, odd = read_scans(bag, scan_channel.topic)
-    warnings += odd
-    laser_frame = next(iter(scans)).geometry.frame_id
+    topic = scan_channel.topic
+    survey, times = survey_scans(bag, topic)
+    odd = survey.warnings(times)
+    first_ns, last_ns = int(times.stamps_ns[0]), int(times.stamps_ns[-1])
     tree = FrameTree()
     tree.add(bag.messages(_transform_topics(bag, latched=True)))
-    odometry, base_frame = _odometry(bag, tree, laser_frame, warnings)
+    moved: list[str] = []
+    odometry, base_frame = _odometry(bag, tree, survey.frame_id, moved)
+    limit, told = survey.limit(times, odometry)
+    warnings += [f"{topic}: {words}" for words in (*odd, *told)] + moved
     encoders = _encoders(bag, warnings)
     imu = _imu(bag, warnings)
     if odometry is not None:
@@ -51,13 +55,14 @@ def read_bag(path: Path, scan_topic: str | None = None) -> Log:
     return Log(
         name=path.resolve().parent.name if path.name == "log" else path.stem,
         epoch=epoch_in(bag, first_ns),
-        scans=scans,
+        scans=bag_scans(bag, topic, times, limit),
         odometry=odometry,
         imu=imu,
         encoders=encoders,
-        T_base_laser=laser_mounting_of(tree, base_frame, laser_frame, warnings),
+        T_base_laser=laser_mounting_of(tree, base_frame, survey.frame_id, warnings),
         T_base_imu=None if imu is None else imu_mounting_of(tree, base_frame, imu, warnings),
         warnings=tuple(warnings),
+        recorded_scans=survey.recorded,
     )
 
 

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
 
+from slamsim.clean.stamps import NoTime, rising_times
 from slamsim.geometry import matrix_from_xyzw, xyzw_from_matrix
 from slamsim.logs.bag import Bag
 from slamsim.logs.bag_columns import read_columns, stamp_ns_of
@@ -17,11 +19,12 @@ from slamsim.types import BoolArray, EncoderStream, FloatArray, ImuStream, IntAr
 
 
 def in_order(
-    stamps_ns: IntArray, usable: BoolArray, what: str
+    stamps_ns: IntArray, usable: BoolArray, what: str, received_ns: IntArray | None = None
 ) -> tuple[IntArray, IntArray, list[str]]:
     """(strictly increasing stamps, index of the row of each, what was odd).
 
-    Of equal stamps the first row is kept; rows that are not usable are left out.
+    received_ns: when each row was received, if known. Of equal stamps the first row is kept,
+    unless most are equal; rows that are not usable are left out.
     """
     warnings = []
     if not usable.all():
@@ -29,6 +32,12 @@ def in_order(
     rows = np.flatnonzero(usable)
     backward = int((np.diff(stamps_ns[rows]) < 0).sum())
     unique_ns, first = np.unique(stamps_ns[rows], return_index=True)
+    if 2 * unique_ns.size < rows.size:
+        with suppress(NoTime):
+            received_ns = None if received_ns is None else received_ns[rows]
+            times = rising_times(stamps_ns[rows], received_ns, what="messages")
+            told = [f"{what}: {words}" for words in times.told]
+            return times.stamps_ns, rows[times.order], [*warnings, *told]
     if backward:
         warnings.append(f"{what}: {backward} of {rows.size} stamps run backwards: sorted")
     if unique_ns.size < rows.size:
@@ -49,14 +58,14 @@ def are_wheels(*constants: float) -> bool:
 
 def read_odometry(bag: Bag, topic: str) -> tuple[Trajectory, str, list[str]]:
     """(pose over time, child frame, what was odd) of a nav_msgs/Odometry topic."""
-    stamps_ns, rows, first = read_columns(
+    read = read_columns(
         bag,
         topic,
         lambda message: odometry_layout((message.header.frame_id, message.child_frame_id)),
         odometry_row,
     )
-    trajectory, warnings = _trajectory(stamps_ns, rows, topic)
-    return trajectory, frame_name(first.child_frame_id), warnings
+    trajectory, warnings = _trajectory(read.stamps_ns, read.rows, topic, read.received_ns)
+    return trajectory, frame_name(read.first.child_frame_id), warnings
 
 
 def odometry_row(message: Any) -> tuple[float, ...]:
@@ -66,12 +75,14 @@ def odometry_row(message: Any) -> tuple[float, ...]:
     return p.x, p.y, p.z, q.x, q.y, q.z, q.w, v.x, v.y, v.z, w.x, w.y, w.z
 
 
-def _trajectory(stamps_ns: IntArray, rows: FloatArray, what: str) -> tuple[Trajectory, list[str]]:
+def _trajectory(
+    stamps_ns: IntArray, rows: FloatArray, what: str, received_ns: IntArray | None = None
+) -> tuple[Trajectory, list[str]]:
     """From rows that begin with x, y, z and a quaternion x, y, z, w, which need not be unit."""
     poses = rows[:, :7]
     norms = lengths(poses[:, 3:])
     usable = is_sound(poses) & (np.abs(norms - 1.0) < 0.1)
-    unique_ns, kept, warnings = in_order(stamps_ns, np.asarray(usable), what)
+    unique_ns, kept, warnings = in_order(stamps_ns, np.asarray(usable), what, received_ns)
     quats = poses[kept, 3:] / norms[kept, None]
     return Trajectory(unique_ns, poses[kept, :3], quats), warnings
 
@@ -114,15 +125,13 @@ def _composed(parts: list[Trajectory]) -> Trajectory:
 
 def read_imu(bag: Bag, topic: str) -> tuple[ImuStream | None, list[str]]:
     """A sensor_msgs/Imu topic; None when no message has sound numbers."""
-    stamps_ns, rows, first = read_columns(
-        bag, topic, lambda message: imu_layout(message.header.frame_id), imu_row
-    )
-    angular_rad_s, linear_m_s2 = rows[:, 13:16], rows[:, 16:19]
-    usable = is_sound(angular_rad_s) & is_sound(linear_m_s2)
-    unique_ns, kept, warnings = in_order(stamps_ns, np.asarray(usable), topic)
+    read = read_columns(bag, topic, lambda message: imu_layout(message.header.frame_id), imu_row)
+    angular_rad_s, linear_m_s2 = read.rows[:, 13:16], read.rows[:, 16:19]
+    usable = np.asarray(is_sound(angular_rad_s) & is_sound(linear_m_s2))
+    unique_ns, kept, warnings = in_order(read.stamps_ns, usable, topic, read.received_ns)
     if unique_ns.size == 0:
         return None, warnings
-    frame = frame_name(first.header.frame_id)
+    frame = frame_name(read.first.header.frame_id)
     return ImuStream(unique_ns, angular_rad_s[kept], linear_m_s2[kept], frame), warnings
 
 
@@ -134,15 +143,17 @@ def imu_row(message: Any) -> tuple[float, ...]:
 
 def read_encoders(bag: Bag, topic: str) -> tuple[EncoderStream | None, list[str]]:
     """A slamsim_msgs/EncoderTicks topic; None when its constants make no wheels."""
-    stamps_ns, rows, _ = read_columns(
+    read = read_columns(
         bag, topic, lambda message: ticks_layout(message.header.frame_id), ticks_row
     )
+    rows = read.rows
     per_revolution, radius_m, track_m = rows[0, 2:].tolist()
     steady = bool((rows[:, 2:] == rows[0, 2:]).all())
     if not steady or not are_wheels(per_revolution, radius_m, track_m):
         constants = f"{per_revolution} ticks a turn, radius {radius_m} m, track {track_m} m"
         return None, [f"{topic}: {constants} change or make no wheels: left out"]
-    unique_ns, kept, warnings = in_order(stamps_ns, np.ones(len(rows), dtype=np.bool_), topic)
+    every = np.ones(len(rows), dtype=np.bool_)
+    unique_ns, kept, warnings = in_order(read.stamps_ns, every, topic, read.received_ns)
     ticks = rows[kept, :2].astype(np.int64)
     return EncoderStream(unique_ns, ticks, int(per_revolution), radius_m, track_m), warnings
 

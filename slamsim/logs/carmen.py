@@ -8,14 +8,16 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from itertools import pairwise
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from slamsim.clean.no_return import RangeLimit, RangeSample
 from slamsim.geometry import between, matrix_from_rpy, se3_from_parts, wrap_angle
 from slamsim.logs.carmen_content import CarmenContent, collect
-from slamsim.logs.carmen_lines import Fan, LaserLine, count_backward
+from slamsim.logs.carmen_lines import Fan, LaserLine, OdomLine
+from slamsim.logs.carmen_times import timed
 from slamsim.logs.scans import StoredScans
 from slamsim.logs.stamps import epoch_of
 from slamsim.safe.errors import InputRefused
@@ -31,7 +33,6 @@ from slamsim.types import (
 
 _MAXIMUM_PARAMETERS = ("robot_front_laser_max", "robot_laser_max", "laser_front_laser_max")
 _OFFSET_PARAMETER = "robot_frontlaser_offset"
-_SATURATED_SHARE = 1e-3
 _LMS_CODES_FROM_M = 81.83
 _RIGID_TOLERANCE = 2e-3
 
@@ -45,10 +46,13 @@ def read_carmen(path: Path, scan_topic: str | None = None) -> Log:
     content = collect(path)
     channel, warnings = _choose_channel(content, scan_topic, path)
     lines = content.lasers[channel]
+    recorded = len(lines)
     warnings += oddities(content)
-    warnings += _order_warnings(channel, lines)
-    lines = _sorted_unique(lines, warnings)
-    odometry = _odometry(lines, content)
+    limit = range_limit_of(lines, content)
+    lines, made_anew = timed(lines, channel, warnings)
+    odometry = _odometry(lines, [] if made_anew else content.odometry)
+    if odometry is None:
+        odometry = _odometry([], content.odometry)
     if odometry is None:
         raise InputRefused(path, f"{channel} lines carry no odometry and there is no ODOM line")
     lines = _covered(lines, odometry, warnings, path)
@@ -56,12 +60,13 @@ def read_carmen(path: Path, scan_topic: str | None = None) -> Log:
     return Log(
         name=path.name.split(".")[0],
         epoch=epoch_of(lines[0].stamp_ns),
-        scans=StoredScans(_scans(lines, content, channel, warnings)),
+        scans=StoredScans(_scans(lines, limit, channel, warnings)),
         odometry=odometry,
         imu=None,
         encoders=None,
         T_base_laser=T_base_laser,
         warnings=tuple(warnings),
+        recorded_scans=recorded,
     )
 
 
@@ -95,41 +100,7 @@ def oddities(content: CarmenContent) -> list[str]:
     return warnings
 
 
-def _path_length_m(lines: list[LaserLine]) -> float:
-    positions = [line.T_odom_base[:2] for line in lines if line.T_odom_base is not None]
-    return sum(float(np.linalg.norm(b - a)) for a, b in pairwise(positions))
-
-
-def _order_warnings(channel: str, lines: list[LaserLine]) -> list[str]:
-    backward = count_backward([line.stamp_ns for line in lines])
-    if not backward:
-        return []
-    warning = (
-        f"{backward} of {len(lines)} {channel} lines are stamped before the line above: "
-        "sorted by stamp"
-    )
-    as_written_m = _path_length_m(lines)
-    as_stamped_m = _path_length_m(sorted(lines, key=lambda line: line.stamp_ns))
-    if as_stamped_m > 1.05 * as_written_m:
-        warning += (
-            f"; the odometry path grows from {as_written_m:.0f} m to {as_stamped_m:.0f} m by that, "
-            "so the stamps were wrong, not the order; each scan keeps the odometry of its line"
-        )
-    return [warning]
-
-
-def _sorted_unique(lines: list[LaserLine], warnings: list[str]) -> list[LaserLine]:
-    ordered = sorted(lines, key=lambda line: line.stamp_ns)
-    kept = [ordered[0]]
-    kept += [b for a, b in pairwise(ordered) if a.stamp_ns != b.stamp_ns]
-    if len(kept) < len(ordered):
-        warnings.append(
-            f"{len(ordered) - len(kept)} scans carry the stamp of another one: the first is kept"
-        )
-    return kept
-
-
-def _odometry(lines: list[LaserLine], content: CarmenContent) -> PlanarTrajectory | None:
+def _odometry(lines: list[LaserLine], others: list[OdomLine]) -> PlanarTrajectory | None:
     """Each scan's own odometry pose; ODOM lines where the laser lines carry none, and outside.
 
     Between the scans ODOM lines are left out: they are stamped by another process, up to a
@@ -137,12 +108,12 @@ def _odometry(lines: list[LaserLine], content: CarmenContent) -> PlanarTrajector
     path jump to and fro.
     """
     knots = [(line.stamp_ns, line.T_odom_base) for line in lines if line.T_odom_base is not None]
-    others = [(line.stamp_ns, line.T_odom_base) for line in content.odometry]
+    more = [(line.stamp_ns, line.T_odom_base) for line in others]
     if knots:
         first_ns, last_ns = knots[0][0], knots[-1][0]
-        knots += [(t, pose) for t, pose in others if not first_ns <= t <= last_ns]
+        knots += [(t, pose) for t, pose in more if not first_ns <= t <= last_ns]
     else:
-        knots = others
+        knots = more
     if not knots:
         return None
     stamps_ns, first = np.unique(np.array([t for t, _ in knots]), return_index=True)
@@ -199,30 +170,48 @@ def mounting_of(lines: list[LaserLine], content: CarmenContent, warnings: list[s
     )
 
 
-def range_max_of(lines: Sequence[LaserLine], content: CarmenContent) -> tuple[float, str]:
-    """The reading from which on nothing was there, and how that is known.
+@dataclass(frozen=True, slots=True)
+class CarmenLimit:
+    """From where on readings are no return. declared_m: by a PARAM line, or the codes of a SICK
+    LMS, for lines that declare nothing themselves."""
 
-    Declared by the line or a PARAM; else the largest reading, if at least one in a thousand
-    equals it, capped where the codes of a SICK LMS begin; else beyond all readings.
-    """
-    if lines[0].fan.range_max_m is not None:
-        return lines[0].fan.range_max_m, "declared by the laser lines"
+    declared_m: float
+    found: RangeLimit
+    words: str
+
+    def maximum_m(self, fan: Fan) -> float:
+        """For the readings of a fan."""
+        declared_m = self.declared_m if fan.range_max_m is None else fan.range_max_m
+        return self.found.maximum_m(declared_m)
+
+
+def range_limit_of(lines: Sequence[LaserLine], content: CarmenContent) -> CarmenLimit:
+    """What the lines declare, as far as their readings bear it out."""
+    declared_m, known_from = _declared_max(lines[0], content)
+    sample = RangeSample()
+    for line in lines:
+        sample.add(to_single(line.readings_m), line.fan.angle_step_rad)
+    poses = [lines[number].T_odom_base for number in sample.numbers]
+    known = [pose[:2] for pose in poses if pose is not None]
+    found = sample.limit(declared_m, np.array(known) if len(known) == len(poses) else None)
+    told = found.warnings(declared_m)
+    words = "; ".join(told) or f"readings from {declared_m:g} m on are no return ({known_from})"
+    return CarmenLimit(declared_m, found, words)
+
+
+def _declared_max(line: LaserLine, content: CarmenContent) -> tuple[float, str]:
+    if line.fan.range_max_m is not None:
+        return line.fan.range_max_m, "declared by the laser lines"
     declared = _parameter(content, *_MAXIMUM_PARAMETERS)
     if declared is not None and declared > 0.0:
         return declared, "declared by a PARAM line"
-    readings = np.concatenate([line.readings_m for line in lines])
-    readings = readings[np.isfinite(readings)]
-    largest = float(readings.max(initial=0.0))
-    if largest >= _LMS_CODES_FROM_M or np.mean(readings == largest) >= _SATURATED_SHARE:
-        return min(largest, _LMS_CODES_FROM_M), "seen as the saturation of the readings"
     return _LMS_CODES_FROM_M, "where the codes of a SICK LMS begin"
 
 
 def _scans(
-    lines: list[LaserLine], content: CarmenContent, channel: str, warnings: list[str]
+    lines: list[LaserLine], limit: CarmenLimit, channel: str, warnings: list[str]
 ) -> list[Scan]:
-    common_max_m, known_from = range_max_of(lines, content)
-    warnings.append(f"readings from {common_max_m:g} m on are no return ({known_from})")
+    warnings.append(limit.words)
     counts = Counter(line.fan.beam_count for line in lines)
     if len(counts) > 1:
         listing = ", ".join(f"{beams} beams ({n} scans)" for beams, n in counts.most_common())
@@ -232,20 +221,21 @@ def _scans(
     for line in lines:
         geometry = geometries.get(line.fan)
         if geometry is None:
-            geometry = geometries[line.fan] = _geometry(line.fan, common_max_m, channel)
+            geometry = _geometry(line.fan, limit.maximum_m(line.fan), channel)
+            geometries[line.fan] = geometry
         ranges_m = _ranges_m(line.readings_m, geometry.range_max_m)
         scans.append(Scan(line.stamp_ns, ranges_m, geometry, line.intensities))
     return scans
 
 
-def _geometry(fan: Fan, common_max_m: float, channel: str) -> ScanGeometry:
+def _geometry(fan: Fan, range_max_m: float, channel: str) -> ScanGeometry:
     return ScanGeometry(
         angle_min_rad=fan.angle_min_rad,
         angle_step_rad=fan.angle_step_rad,
         beam_count=fan.beam_count,
         beam_dt_ns=0,
         range_min_m=0.0,
-        range_max_m=common_max_m if fan.range_max_m is None else fan.range_max_m,
+        range_max_m=range_max_m,
         frame_id=channel.lower(),
     )
 

@@ -13,7 +13,6 @@ from __future__ import annotations
 import math
 from contextlib import suppress
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 
@@ -143,8 +142,3 @@ def parse_configured(words: list[str]) -> LaserLine:
         None if poses is None else poses[3:],
         _logged_ns(words, at),
     )
-
-
-def count_backward(stamps_ns: list[int]) -> int:
-    """How many stamps are smaller than the one before."""
-    return sum(later < earlier for earlier, later in pairwise(stamps_ns))

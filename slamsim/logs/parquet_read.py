@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from slamsim.logs.bag_log import imu_mounting_of, laser_mounting_of
-from slamsim.logs.bag_scans import scan_from_message
+from slamsim.logs.bag_scans import Survey, scan_from_message
 from slamsim.logs.bag_streams import are_wheels, in_order, lengths
 from slamsim.logs.mountings import BASE_FRAME, tree_of
 from slamsim.logs.parquet_file import read_table, table_facts
@@ -40,7 +40,6 @@ from slamsim.types import (
     IntArray,
     Log,
     PlanarTrajectory,
-    Scan,
     Trajectory,
 )
 
@@ -77,24 +76,35 @@ def read_parquet_recording(folder: Path) -> Recording:
 def read_parquet(folder: Path) -> Log:
     """The log in the tables, put in order as that of a bag is; its scans are in memory."""
     recording = read_parquet_recording(folder)
-    warnings: list[str] = []
-    scans = [scan for raw in recording.scans[:1] for scan in _in_time(raw, warnings)]
-    if not scans:
-        raise InputRefused(folder / SCANS_NAME, "none of its scans describes a lidar")
-    odometry, base = _path(recording, warnings)
-    tree = tree_of(recording.transforms)
+    if not recording.scans:
+        raise InputRefused(folder / SCANS_NAME, "there is no scan in it")
+    raw, survey = recording.scans[0], Survey()
+    received_ns = raw.stamps_ns if raw.received_ns is None else raw.received_ns
+    for number in range(len(raw)):
+        survey.add(_message(raw, number), int(received_ns[number]))
+    try:
+        times = survey.times()
+    except ValueError as error:
+        raise InputRefused(folder / SCANS_NAME, str(error)) from None
+    moved: list[str] = []
+    odometry, base = _path(recording, moved)
+    limit, told = survey.limit(times, odometry)
+    found = (scan_from_message(_message(raw, number), limit) for number in range(len(raw)))
+    scans = times.applied(scan for scan in found if scan is not None)
+    warnings = [f"{raw.topic}: {words}" for words in (*survey.warnings(times), *told)] + moved
+    tree, laser = tree_of(recording.transforms), survey.frame_id
     imu = _imu_stream(recording, warnings)
-    laser = scans[0].geometry.frame_id
     return Log(
         name=recording.name,
         epoch=recording.epoch,
-        scans=StoredScans(scans),
+        scans=StoredScans(list(scans)),
         odometry=odometry,
         imu=imu,
         encoders=_encoders(recording, warnings),
         T_base_laser=laser_mounting_of(tree, base, laser, warnings),
         T_base_imu=None if imu is None else imu_mounting_of(tree, base, imu, warnings),
         warnings=tuple(warnings),
+        recorded_scans=survey.recorded,
     )
 
 
@@ -194,15 +204,6 @@ def _transforms(cells: Table) -> tuple[TransformEdge, ...]:
     )
 
 
-def _in_time(raw: RawScans, warnings: list[str]) -> list[Scan]:
-    """The scans that describe a lidar, by the rules for messages, in the order of their stamps."""
-    scans = [scan_from_message(_message(raw, number)) for number in range(len(raw))]
-    usable = np.array([scan is not None for scan in scans], dtype=np.bool_)
-    _, kept, odd = in_order(raw.stamps_ns, usable, raw.topic)
-    warnings += odd
-    return [scan for number in kept.tolist() if (scan := scans[number]) is not None]
-
-
 def _message(raw: RawScans, number: int) -> SimpleNamespace:
     layout = raw.layout(number)
     sec, nanosec = divmod(int(raw.stamps_ns[number]), 1_000_000_000)
@@ -229,7 +230,9 @@ def _path(recording: Recording, warnings: list[str]) -> tuple[PlanarTrajectory |
     for moved in recording.odometries:
         norms = lengths(moved.quats_xyzw)
         sound = is_sound(moved.positions_m) & (np.abs(norms - 1.0) < 0.1)
-        stamps_ns, rows, odd = in_order(moved.stamps_ns, np.asarray(sound), moved.topic)
+        stamps_ns, rows, odd = in_order(
+            moved.stamps_ns, np.asarray(sound), moved.topic, moved.received_ns
+        )
         warnings += odd
         quats_xyzw = moved.quats_xyzw[rows] / norms[rows, None]
         path = Trajectory(stamps_ns, moved.positions_m[rows], quats_xyzw)
@@ -242,7 +245,9 @@ def _imu_stream(recording: Recording, warnings: list[str]) -> ImuStream | None:
     for imu in recording.imus:
         rates, forces = imu.angular_velocity_rad_s, imu.linear_acceleration_m_s2
         sound = is_sound(np.hstack([rates, forces]))
-        stamps_ns, rows, odd = in_order(imu.stamps_ns, np.asarray(sound), imu.topic)
+        stamps_ns, rows, odd = in_order(
+            imu.stamps_ns, np.asarray(sound), imu.topic, imu.received_ns
+        )
         warnings += odd
         return ImuStream(stamps_ns, rates[rows], forces[rows], imu.frame_ids[0])
     return None
@@ -250,7 +255,9 @@ def _imu_stream(recording: Recording, warnings: list[str]) -> ImuStream | None:
 
 def _encoders(recording: Recording, warnings: list[str]) -> EncoderStream | None:
     for wheels in recording.ticks:
-        stamps_ns, rows, odd = in_order(wheels.stamps_ns, _all(wheels.stamps_ns), wheels.topic)
+        stamps_ns, rows, odd = in_order(
+            wheels.stamps_ns, _all(wheels.stamps_ns), wheels.topic, wheels.received_ns
+        )
         warnings += odd
         constants = (wheels.ticks_per_revolution, wheels.wheel_radius_m, wheels.track_m)
         if are_wheels(*constants):

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from slamsim.geometry import xyzw_from_matrix, xyzw_from_yaw
-from slamsim.logs.carmen import mounting_of, oddities, range_max_of, to_single
+from slamsim.logs.carmen import mounting_of, oddities, range_limit_of, to_single
 from slamsim.logs.carmen_content import CarmenContent, collect
 from slamsim.logs.carmen_lines import Fan, LaserLine, OdomLine
 from slamsim.logs.stamps import epoch_of
@@ -83,7 +83,8 @@ def _logger_start_ns(content: CarmenContent) -> int | None:
     if len(ahead) < len(lines):
         return None
     offsets = np.array(ahead, dtype=np.int64)
-    near = np.abs(offsets - np.median(offsets)) < _SAME_CLOCK_NS
+    middle_ns = np.sort(offsets)[(offsets.size - 1) // 2]  # one of them, unlike the median
+    near = np.abs(offsets - middle_ns) < _SAME_CLOCK_NS
     return int(offsets[near].max())
 
 
@@ -105,8 +106,8 @@ def _scans(
     origin_ns: int | None,
     odd: list[str],
 ) -> RawScans:
-    common_max_m, known_from = range_max_of(lines, content)
-    odd.append(f"{name}: readings from {common_max_m:g} m on are no return ({known_from})")
+    limit = range_limit_of(lines, content)
+    odd.append(f"{name}: {limit.words}")
     fans = {fan: i for i, fan in enumerate(dict.fromkeys(line.fan for line in lines))}
     rows = [to_single(line.readings_m) for line in lines]
     bright = [line.intensities for line in lines if line.intensities is not None]
@@ -116,14 +117,14 @@ def _scans(
         frame_ids=(name.lower(),),
         stamps_ns=_stamps_ns(lines),
         received_ns=_received_ns(lines, origin_ns),
-        layouts=tuple(_layout(fan, common_max_m) for fan in fans),
+        layouts=tuple(_layout(fan, limit.maximum_m(fan)) for fan in fans),
         layout_of=np.array([fans[line.fan] for line in lines], dtype=np.int32),
         ranges_m=np.stack(rows) if same else rows,
         intensities=None if len(bright) < len(lines) else np.stack(bright) if same else bright,
     )
 
 
-def _layout(fan: Fan, common_max_m: float) -> ScanLayout:
+def _layout(fan: Fan, range_max_m: float) -> ScanLayout:
     return ScanLayout(
         angle_min_rad=fan.angle_min_rad,
         angle_max_rad=fan.angle_min_rad + (fan.beam_count - 1) * fan.angle_step_rad,
@@ -131,7 +132,7 @@ def _layout(fan: Fan, common_max_m: float) -> ScanLayout:
         beam_dt_s=0.0,
         scan_time_s=0.0,
         range_min_m=0.0,
-        range_max_m=common_max_m if fan.range_max_m is None else fan.range_max_m,
+        range_max_m=range_max_m,
     )
 
 

@@ -29,9 +29,9 @@ def stamp_ns_from_decimal(seconds: str) -> int:
 def _from_decimal(seconds: str) -> int:
     try:
         value = Decimal(seconds)
-        if not value.is_finite() or abs(value.adjusted()) > 11:
+        if not value.is_finite() or value.adjusted() > 11:
             raise ValueError(f"{shown(seconds)} is not a stamp in seconds")
-        return int(value.scaleb(9))
+        return 0 if value.adjusted() < -9 else int(value.scaleb(9))
     except InvalidOperation:
         raise ValueError(f"{shown(seconds)} is not a stamp in seconds") from None
 

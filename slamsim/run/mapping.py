@@ -25,6 +25,7 @@ from slamsim.run.naming import LOG, log_of, recording_name
 from slamsim.run.recording import record, require_finished
 from slamsim.run.scoring import Estimated, Known, score
 from slamsim.run.stages import Report, Stages, peak_memory_mb
+from slamsim.safe.errors import SlamsimError
 from slamsim.safe.files import own_file
 from slamsim.safe.numbers import as_json
 from slamsim.safe.output import partial_folder, write_atomic
@@ -38,6 +39,9 @@ from slamsim.view.report import write_report
 from slamsim.view.run_view import RunView
 from slamsim.world.build import build_world
 from slamsim.world.model import World
+
+LEAST_USED = 0.5
+"""Share of a recording's scans below which a run has failed, though it is written."""
 
 
 def map_world(
@@ -93,6 +97,18 @@ def map_recording(
         if known.truth is not None:
             run_folder.write_truth(partial, known.truth)
         return _map(log, config, partial, stages, known, checked, earlier)
+
+
+def require_used(report: Report, folder: Path) -> None:
+    """Raises SlamsimError if less than half of the scans were used: a map of a part."""
+    used, scans = report.numbers.get("scans_used"), report.numbers.get("scans")
+    if not (isinstance(used, int) and isinstance(scans, int) and used < LEAST_USED * scans):
+        return
+    why = [words for words in report.warnings if "left out" in words or "skipped" in words]
+    raise SlamsimError(
+        f"only {used} of {scans} scans were used: {'; '.join(why) or 'the motion covers no more'}; "
+        f"the map of these is in {folder}/"
+    )
 
 
 def _checked(source: Path, scan_topic: str | None, stages: Stages) -> CheckReport:

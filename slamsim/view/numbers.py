@@ -27,7 +27,7 @@ def report_json(view: RunView) -> dict[str, object]:
         **view.scores.numbers(),
         "path_length_m": path_length_m(_best_path(view)),
         "duration_s": view.duration_s,
-        "scans": len(view.log.scans),
+        "scans": max(view.log.recorded_scans, len(view.log.scans)),
         "scans_used": len(result.trajectory),
         "keyframes": len(result.graph.keyframes),
         "loop_closures": result.closures_accepted,
