@@ -22,7 +22,7 @@ from slamsim.slam.closure_search import ClosureSearch
 from slamsim.slam.graph import variance_factor
 from slamsim.slam.health import carried, doubtful_joints, tears
 from slamsim.slam.keyframes import Keyframe, begins_drive, chain_edge, odometry_edge
-from slamsim.slam.marginals import in_own_frame, relative_covariances
+from slamsim.slam.marginals import relative_covariances
 from slamsim.slam.odometry import CARRIED, ELSEWHERE
 from slamsim.slam.recalibrate import Recalibration
 from slamsim.slam.sights import Sights
@@ -274,17 +274,16 @@ class BackEnd:
             self._unrefined = str(refusal)
             return
         self._solution.estimate.move(compose(refined.poses, inverse(T_base_view)))
-        self.sights = refined.sights
+        self.sights = replace(refined.sights, T_base_view=T_base_view)
 
     def _map_graph(self) -> MapGraph:
         """The result. Unrefined, its covariances are those of the graph, scaled by how well its
         closures fit what was claimed."""
         poses, edges = self.poses, self._solution.edges
         if self.sights is None:
-            in_map = relative_covariances(poses, edges, 0, np.zeros(2))
-            covariances = in_own_frame(poses, in_map) * variance_factor(poses, edges)
+            covariances = relative_covariances(poses, edges, 0) * variance_factor(poses, edges)
         else:
-            covariances = self.sights.covariances(poses)
+            covariances = self.sights.covariances()
         stamps_ns = np.array([k.stamp_ns for k in self.keyframes], dtype=np.int64)
         return MapGraph(PlanarPoses(stamps_ns, poses), covariances, tuple(edges))
 

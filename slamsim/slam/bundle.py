@@ -26,11 +26,11 @@ from slamsim.slam.bundle_equations import (
     residuals,
     to_map,
 )
-from slamsim.slam.marginals import add_edges, adjoint, edge_covariances_in_map
+from slamsim.slam.marginals import add_edges, adjoint, edge_covariances
 from slamsim.slam.matching.surfaces import BEAMS, SCATTER_XX, SCATTER_XY, SCATTER_YY, X, Y
 from slamsim.slam.panels import make_panels
 from slamsim.slam.sights import Sights
-from slamsim.types import Float32Array, FloatArray
+from slamsim.types import Float32Array, FloatArray, IntArray
 
 ROUNDS = ((0.06, 12.0, 3), (0.03, 4.0, 10))
 """Associations: how far apart across a surface its observations may lie, from how many standard
@@ -152,8 +152,11 @@ class _Bundle:
         self._shared, self._surfaces = shared, shared.surfaces
         # The first pose is held fixed: it goes last in the numbering.
         self._number = np.append(count - 1, np.arange(count - 1))
-        self._odometry = odometry
-        self._ends = self._number[[[edge.source, edge.target] for edge in odometry]]
+        self._sources = np.array([edge.source for edge in odometry])
+        self._targets = np.array([edge.target for edge in odometry])
+        self._measured = np.array([edge.T_source_target for edge in odometry])
+        self._driven = np.asarray(np.linalg.inv(edge_covariances(odometry)), np.float64)
+        self._ends = self._number[np.stack([self._sources, self._targets], axis=1)]
         pairs = np.concatenate([self._number[shared.pairs()], self._ends])
         self._panels = make_panels(pairs, count - 1)
         self._weights = 0.5 / self._variance
@@ -167,11 +170,12 @@ class _Bundle:
         for _ in range(steps):
             now = float(self._weights.sum())
             if factor is None or not weight / OTHER_WEIGHTS < now < weight * OTHER_WEIGHTS:
-                factor, weight = factorise(self._panels, self._system(poses)), now
+                system, keyframes = self._system(poses), np.arange(1, len(poses))
+                factor, weight = factorise(self._panels, system, keyframes), now
             step = factor.solve(self._pull(poses))
             if not np.isfinite(step).all():
                 raise NotRefined("a step of the refinement is not finite")
-            poses = compose(np.concatenate([np.zeros((1, 3)), step]), poses)
+            poses = compose(poses, np.concatenate([np.zeros((1, 3)), step]))
             self._weigh(poses)
             if np.abs(step).max() <= SMALL_STEP:
                 break
@@ -180,7 +184,8 @@ class _Bundle:
     def sights(self, poses: FloatArray) -> Sights:
         """What was seen and what was driven, each for itself."""
         drift = np.asarray(np.linalg.inv(self._believed_odometry(poses)[1]), np.float64)
-        return Sights(self._panels, self._surface_system(poses) / DOUBTED_BY_CHANCE, drift)
+        seen = self._surface_system(poses) / DOUBTED_BY_CHANCE
+        return Sights(self._panels, seen, drift, poses, np.zeros_like(poses))
 
     def check(self, before: FloatArray, after: FloatArray) -> None:
         """Raise NotRefined unless the poses became more likely without being torn about."""
@@ -224,7 +229,7 @@ class _Bundle:
         """The information of everything about the poses, surfaces eliminated."""
         system = self._surface_system(poses)
         _, information = self._believed_odometry(poses)
-        add_edges(self._panels, system, self._ends, information)
+        add_edges(self._panels, system, self._ends, self._carry(poses), information)
         return system
 
     def _surface_system(self, poses: FloatArray) -> FloatArray:
@@ -232,38 +237,41 @@ class _Bundle:
         system = empty_system(self._panels)
         points = to_map(self._points, self._shared.views, poses)
         surfaces = (self._shared.starts, fit_lines(points, self._weights, self._shared.starts))
-        unknowns = self._number[self._shared.views]
-        add_surfaces(points, self._weights, unknowns, surfaces, self._panels, system)
+        add_surfaces(points, self._weights, self._own(poses), surfaces, self._panels, system)
         return system
+
+    def _own(self, poses: FloatArray) -> tuple[IntArray, FloatArray]:
+        """Number of the pose behind each observation, and all poses by number."""
+        return self._number[self._shared.views], np.roll(poses, -1, axis=0)
+
+    def _carry(self, poses: FloatArray) -> FloatArray:
+        """(m, 3, 3) takes a small step of the source of each odometry edge to its target's frame."""
+        return adjoint(between(poses[self._targets], poses[self._sources]))
 
     def _pull(self, poses: FloatArray) -> FloatArray:
         """(n - 1, 3) the right-hand side: where everything wants the poses to go."""
         error, information = self._believed_odometry(poses)
         pull = np.einsum("mij,mj->mi", information, error)
         right = np.zeros((len(poses), 3))
-        np.add.at(right, self._ends[:, 0], pull)
+        np.add.at(right, self._ends[:, 0], np.einsum("mji,mj->mi", self._carry(poses), pull))
         np.add.at(right, self._ends[:, 1], -pull)
         points = to_map(self._points, self._shared.views, poses)
         lines = fit_lines(points, self._weights, self._shared.starts)
         surfaces = (self._shared.starts, lines)
-        pull_to_lines(points, self._weights, self._number[self._shared.views], surfaces, right)
+        pull_to_lines(points, self._weights, self._own(poses), surfaces, right)
         return right[:-1]
 
     def _odometry_errors(self, poses: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """(m, 3) what the poses add to the odometry, as steps of the map, and its information."""
-        sources = [edge.source for edge in self._odometry]
-        targets = [edge.target for edge in self._odometry]
-        measured = np.array([edge.T_source_target for edge in self._odometry])
-        error = between(measured, between(poses[sources], poses[targets]))
-        in_map = (adjoint(poses[targets]) @ error[..., None])[..., 0]
-        information = np.linalg.inv(edge_covariances_in_map(poses, self._odometry, np.zeros(2)))
-        return np.asarray(in_map), np.asarray(information)
+        """(m, 3) what the poses add to the odometry, as steps of its targets, and (m,) the squared
+        number of standard deviations."""
+        error = between(self._measured, between(poses[self._sources], poses[self._targets]))
+        return error, np.einsum("mi,mij,mj->m", error, self._driven, error)
 
     def _believed_odometry(self, poses: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """The same with less information where it is far off: wheels slip."""
-        error, information = self._odometry_errors(poses)
-        chi2 = np.einsum("mi,mij,mj->m", error, information, error)
-        return error, information * _robust(chi2, ODOMETRY_SIGMAS)[:, None, None]
+        """(m, 3) what the poses add to the odometry, and (m, 3, 3) its information, less where it
+        is far off: wheels slip."""
+        error, chi2 = self._odometry_errors(poses)
+        return error, self._driven * _robust(chi2, ODOMETRY_SIGMAS)[:, None, None]
 
     def _cost(self, poses: FloatArray) -> float:
         """Robust cost at given poses, as variances are by now.
@@ -272,8 +280,7 @@ class _Bundle:
         """
         chi2 = self._squares(poses) / self._scaled
         seen = chi2 * np.sqrt(_robust(chi2, self._doubted_sigmas))
-        error, information = self._odometry_errors(poses)
-        off = np.einsum("mi,mij,mj->m", error, information, error)
+        off = self._odometry_errors(poses)[1]
         driven = off * np.sqrt(_robust(off, ODOMETRY_SIGMAS))
         return float(seen.sum() + driven.sum())
 

@@ -1,6 +1,7 @@
 """The equations of a bundle adjustment of poses and straight surfaces, surfaces eliminated.
 
-Poses are disturbed from the left, in the map frame. Each observation of a surface is two points
+Each pose is disturbed by a small step in its own frame, so that levers are no longer than the lidar
+reaches, wherever in the map it stands. Each observation of a surface is two points
 that stand for all its beams: they have their mean and their spread along the surface. A surface
 is a line, refitted to its observations at every pose (variable projection, Golub & Pereyra 1973),
 with an offset and a turn that are eliminated by Schur complement.
@@ -74,37 +75,52 @@ def residuals(points: FloatArray, starts: IntArray, lines: FloatArray) -> FloatA
 def pull_to_lines(
     points: FloatArray,
     weights: FloatArray,
-    unknowns: IntArray,
+    poses: tuple[IntArray, FloatArray],
     surfaces: tuple[IntArray, FloatArray],
     right: FloatArray,
 ) -> None:
     """Add to the right-hand side (n, 3) what all observations want; see ``add_surfaces``."""
+    unknowns, T_map_own = poses
     starts, lines = surfaces
+    row = np.empty(3)
     for s in range(starts.size - 1):
         x, y, nx, ny = lines[s]
         for k in range(starts[s], starts[s + 1]):
             for end in range(2):
                 px, py = points[k, end]
                 pull = weights[k] * (nx * (px - x) + ny * (py - y))
-                right[unknowns[k], 0] -= pull * nx
-                right[unknowns[k], 1] -= pull * ny
-                right[unknowns[k], 2] -= pull * (ny * px - nx * py)
+                _across(T_map_own[unknowns[k]], points[k, end], (nx, ny), row)
+                for i in range(3):
+                    right[unknowns[k], i] -= pull * row[i]
+
+
+@kernel
+def _across(
+    T_map_own: FloatArray, point: FloatArray, normal: tuple[float, float], row: FloatArray
+) -> None:
+    """How far a point moves across a surface for a small step of its pose in the pose's frame."""
+    x, y, yaw = T_map_own
+    nx, ny = normal
+    cos, sin = np.cos(yaw), np.sin(yaw)
+    row[0], row[1] = cos * nx + sin * ny, cos * ny - sin * nx
+    row[2] = ny * (point[0] - x) - nx * (point[1] - y)
 
 
 @kernel
 def add_surfaces(
     points: FloatArray,
     weights: FloatArray,
-    unknowns: IntArray,
+    poses: tuple[IntArray, FloatArray],
     surfaces: tuple[IntArray, FloatArray],
     panels: Panels,
     system: FloatArray,
 ) -> None:
     """Add all observations to the system.
 
-    unknowns: (k,) number of the pose behind each observation, as in ``panels``, equal ones next
-    to each other within a surface. surfaces: starts and lines.
+    poses: (k,) number of the pose behind each observation, as in ``panels``, equal ones next to
+    each other within a surface, and (n, 3) T_map_own by that number. surfaces: starts and lines.
     """
+    unknowns, T_map_own = poses
     starts, lines = surfaces
     fixed = panels.place.size - 1
     row, block = np.empty(3), np.empty((3, 3))
@@ -122,7 +138,7 @@ def add_surfaces(
             for end in range(2):
                 px, py = points[k, end]
                 along = nx * (py - y) - ny * (px - x)
-                row[0], row[1], row[2] = nx, ny, ny * px - nx * py
+                _across(T_map_own[unknowns[k]], points[k, end], (nx, ny), row)
                 offset += weights[k]
                 turn += weights[k] * along * along
                 for i in range(3):
