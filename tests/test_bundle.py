@@ -13,7 +13,7 @@ from slamsim.evaluate.consistency import nees_band
 from slamsim.geometry import between, compose, inverse, transform_points
 from slamsim.result import GraphEdge
 from slamsim.slam.association import share_surfaces
-from slamsim.slam.blocks import add_block, empty_system, factorise
+from slamsim.slam.blocks import factorise
 from slamsim.slam.bundle import NotRefined, Refined, refine
 from slamsim.slam.bundle_equations import add_surfaces, fit_lines, pull_to_lines, residuals, to_map
 from slamsim.slam.matching.surfaces import (
@@ -28,7 +28,7 @@ from slamsim.slam.matching.surfaces import (
     X,
     Y,
 )
-from slamsim.slam.panels import make_panels
+from slamsim.slam.panels import add_block, empty_system, make_panels
 from slamsim.types import Float32Array, FloatArray, IntArray
 
 NOISE_M = 0.01

@@ -48,14 +48,10 @@ class BlockFactor:
             bad = int(np.argmin(positive))
             variances = np.diag(diagonal[bad]).tolist()
             raise NoSolution(
-                f"the variances {variances} of key frame {self.keyframes[bad]} are not positive"
+                f"the variances {variances} of key frame {self.keyframes[bad]} are not positive",
+                int(self.keyframes[bad]),
             )
         return np.asarray(diagonal)
-
-
-def empty_system(panels: Panels) -> FloatArray:
-    """The flat array of a system without an equation; ``add_block`` fills it."""
-    return np.zeros(int(panels.offsets[-1]))
 
 
 def factorise(panels: Panels, system: FloatArray, keyframes: IntArray) -> BlockFactor:
@@ -71,49 +67,10 @@ def factorise(panels: Panels, system: FloatArray, keyframes: IntArray) -> BlockF
     else:
         column = _factorise(panels, values)
     if column >= 0:
-        at = keyframes[np.flatnonzero(panels.place[:-1] == column)[0]]
+        at = int(keyframes[np.flatnonzero(panels.place[:-1] == column)[0]])
         fault = "positive definite" if finite.all() else "finite"
-        raise NoSolution(f"the information matrix is not {fault} at key frame {at}")
+        raise NoSolution(f"the information matrix is not {fault} at key frame {at}", at)
     return BlockFactor(panels, values, keyframes)
-
-
-@kernel
-def add_block(panels: Panels, system: FloatArray, a: int, b: int, block: FloatArray) -> None:
-    """Add what unknown ``a`` (row) and ``b`` (column) share to a system.
-
-    Of a pair a != b, one of the two blocks, not both. Raises IndexError if the panels were made
-    without this pair.
-    """
-    row, column = panels.place[a], panels.place[b]
-    flipped = row < column
-    if flipped:
-        row, column = column, row
-    panel = panels.owner[column]
-    begin, end = panels.first[panel], panels.first[panel + 1]
-    width = end - begin
-    if row < end:
-        at = row - begin
-    else:
-        at = width + _find(panels.below, panels.starts[panel], panels.starts[panel + 1], row)
-    corner = panels.offsets[panel] + 9 * at * width + 3 * (column - begin)
-    for i in range(3):
-        for j in range(3):
-            system[corner + 3 * i * width + j] += block[j, i] if flipped else block[i, j]
-
-
-@kernel
-def _find(values: IntArray, begin: int, end: int, wanted: int) -> int:
-    """Index after ``begin`` of a number, by bisection. Raises IndexError if it is not there."""
-    low, high = begin, end
-    while low < high:
-        middle = (low + high) // 2
-        if values[middle] < wanted:
-            low = middle + 1
-        else:
-            high = middle
-    if low == end or values[low] != wanted:
-        raise IndexError("the factor has no entry for two unknowns that meet")
-    return int(low - begin)
 
 
 @kernel

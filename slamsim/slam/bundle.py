@@ -18,7 +18,7 @@ from slamsim.geometry import between, compose
 from slamsim.result import GraphEdge
 from slamsim.safe.errors import SlamsimError
 from slamsim.slam.association import Shared, share_surfaces
-from slamsim.slam.blocks import empty_system, factorise
+from slamsim.slam.blocks import factorise
 from slamsim.slam.bundle_equations import (
     add_surfaces,
     fit_lines,
@@ -28,7 +28,8 @@ from slamsim.slam.bundle_equations import (
 )
 from slamsim.slam.marginals import add_edges, adjoint, edge_covariances
 from slamsim.slam.matching.surfaces import BEAMS, SCATTER_XX, SCATTER_XY, SCATTER_YY, X, Y
-from slamsim.slam.panels import make_panels
+from slamsim.slam.odometry import ELSEWHERE
+from slamsim.slam.panels import add_block, empty_system, make_panels
 from slamsim.slam.sights import Sights
 from slamsim.types import Float32Array, FloatArray, IntArray
 
@@ -43,11 +44,18 @@ weight times the asymptotic variance of the estimator (Huber 1981)."""
 OTHER_WEIGHTS = 1.2
 """A system is made anew when the sum of all weights has grown or shrunk by this factor."""
 
+OTHER_PLACE = 0.02
+"""And after a step larger than this, metres or radians: levers and directions are others then."""
+
 SMALL_STEP = 2e-5
 """Metres and radians: steps no larger than this end a round."""
 
 MAX_BEND_M, MAX_BEND_RAD = 0.5, 0.35
 ODOMETRY_SIGMAS = 7.0
+LEAST_KNOWN = np.linalg.inv(ELSEWHERE)
+"""Information about a step that odometry is far off from: as if the robot had been carried. By the
+robust weight alone, which tends to zero, nothing would hold two parts of a map together."""
+
 NOISE_BEAMS = 5.0
 """The noise of a range as known beforehand counts as much as so many beams of a piece."""
 
@@ -84,22 +92,10 @@ def refine(
     """The most likely poses (n, 3) given what was seen from them, beginning at good ones.
 
     views: n of (k, PIECE_FIELDS). odometry: edges that join all poses, of wheels and gyroscope
-    alone. noise_m: standard deviation of a range. edges: of the graph, which
-    say what belongs together. The first pose stays. Raises NotRefined.
+    alone. noise_m: standard deviation of a range. edges: of the graph, which say what belongs
+    together. The first pose stays. Raises NotRefined for a result that is not to be used,
+    NoSolution for equations that have none.
     """
-    try:
-        return _refine(views, poses, odometry, noise_m, edges)
-    except np.linalg.LinAlgError as error:
-        raise NotRefined(f"the refinement has no solution: {error}") from error
-
-
-def _refine(
-    views: Sequence[Float32Array],
-    poses: FloatArray,
-    odometry: Sequence[GraphEdge],
-    noise_m: float,
-    edges: Sequence[GraphEdge],
-) -> Refined:
     moments = _moments(np.concatenate(views).astype(np.float64), noise_m)
     bundle = None
     begun_at = poses
@@ -166,10 +162,11 @@ class _Bundle:
     def relax(self, poses: FloatArray, steps: int) -> FloatArray:
         """Steps of Gauss and Newton; the system is kept while the weights stay alike."""
         self._weigh(poses)
-        factor, weight = None, 0.0
+        factor, weight, largest = None, 0.0, np.inf
         for _ in range(steps):
             now = float(self._weights.sum())
-            if factor is None or not weight / OTHER_WEIGHTS < now < weight * OTHER_WEIGHTS:
+            alike = weight / OTHER_WEIGHTS < now < weight * OTHER_WEIGHTS
+            if factor is None or not alike or largest > OTHER_PLACE:
                 system, keyframes = self._system(poses), np.arange(1, len(poses))
                 factor, weight = factorise(self._panels, system, keyframes), now
             step = factor.solve(self._pull(poses))
@@ -177,7 +174,8 @@ class _Bundle:
                 raise NotRefined("a step of the refinement is not finite")
             poses = compose(poses, np.concatenate([np.zeros((1, 3)), step]))
             self._weigh(poses)
-            if np.abs(step).max() <= SMALL_STEP:
+            largest = float(np.abs(step).max())
+            if largest <= SMALL_STEP:
                 break
         return poses
 
@@ -226,10 +224,16 @@ class _Bundle:
         return np.maximum(shown / free, 1.0)
 
     def _system(self, poses: FloatArray) -> FloatArray:
-        """The information of everything about the poses, surfaces eliminated."""
+        """The information of everything about the poses, surfaces eliminated.
+
+        Damped (Levenberg 1944), or parts of the map that hardly anything joins would be thrown
+        about: no step leads farther than a robot that was carried may be.
+        """
         system = self._surface_system(poses)
         _, information = self._believed_odometry(poses)
         add_edges(self._panels, system, self._ends, self._carry(poses), information)
+        for unknown in range(len(poses) - 1):
+            add_block(self._panels, system, unknown, unknown, LEAST_KNOWN)
         return system
 
     def _surface_system(self, poses: FloatArray) -> FloatArray:
@@ -245,7 +249,7 @@ class _Bundle:
         return self._number[self._shared.views], np.roll(poses, -1, axis=0)
 
     def _carry(self, poses: FloatArray) -> FloatArray:
-        """(m, 3, 3) takes a small step of the source of each odometry edge to its target's frame."""
+        """(m, 3, 3) takes a small step of the source of each odometry edge to its target."""
         return adjoint(between(poses[self._targets], poses[self._sources]))
 
     def _pull(self, poses: FloatArray) -> FloatArray:
@@ -269,9 +273,9 @@ class _Bundle:
 
     def _believed_odometry(self, poses: FloatArray) -> tuple[FloatArray, FloatArray]:
         """(m, 3) what the poses add to the odometry, and (m, 3, 3) its information, less where it
-        is far off: wheels slip."""
+        is far off, since wheels slip, but never none."""
         error, chi2 = self._odometry_errors(poses)
-        return error, self._driven * _robust(chi2, ODOMETRY_SIGMAS)[:, None, None]
+        return error, self._driven * _robust(chi2, ODOMETRY_SIGMAS)[:, None, None] + LEAST_KNOWN
 
     def _cost(self, poses: FloatArray) -> float:
         """Robust cost at given poses, as variances are by now.
@@ -280,8 +284,9 @@ class _Bundle:
         """
         chi2 = self._squares(poses) / self._scaled
         seen = chi2 * np.sqrt(_robust(chi2, self._doubted_sigmas))
-        off = self._odometry_errors(poses)[1]
+        error, off = self._odometry_errors(poses)
         driven = off * np.sqrt(_robust(off, ODOMETRY_SIGMAS))
+        driven += np.einsum("mi,ij,mj->m", error, LEAST_KNOWN, error)
         return float(seen.sum() + driven.sum())
 
 

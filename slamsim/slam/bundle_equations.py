@@ -12,9 +12,8 @@ from __future__ import annotations
 import numpy as np
 
 from slamsim.jit import kernel
-from slamsim.slam.blocks import add_block
 from slamsim.slam.matching.runs import principal_axis
-from slamsim.slam.panels import Panels
+from slamsim.slam.panels import Panels, add_block
 from slamsim.types import FloatArray, IntArray
 
 LINE_FIELDS = 4

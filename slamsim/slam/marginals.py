@@ -15,8 +15,8 @@ from slamsim.geometry import between
 from slamsim.jit import kernel
 from slamsim.result import GraphEdge
 from slamsim.safe.numbers import NoSolution
-from slamsim.slam.blocks import BlockFactor, add_block, empty_system, factorise
-from slamsim.slam.panels import Panels, make_panels
+from slamsim.slam.blocks import BlockFactor, factorise
+from slamsim.slam.panels import Panels, add_block, empty_system, make_panels
 from slamsim.types import FloatArray, IntArray
 
 
@@ -48,9 +48,7 @@ def edge_covariances(edges: Sequence[GraphEdge]) -> FloatArray:
     return np.asarray(turn @ covariances @ np.swapaxes(turn, -1, -2))
 
 
-def relative_covariances(
-    poses: FloatArray, edges: Sequence[GraphEdge], fixed: int
-) -> FloatArray:
+def relative_covariances(poses: FloatArray, edges: Sequence[GraphEdge], fixed: int) -> FloatArray:
     """(n, 3, 3) covariance of each pose relative to the fixed one, as small steps in its own frame.
 
     Edges count by their weight. Raises NoSolution unless every pose is joined to the fixed one.

@@ -14,7 +14,7 @@ from scipy.sparse import csc_matrix, csr_matrix
 from scipy.sparse.linalg import spilu
 
 from slamsim.jit import kernel
-from slamsim.types import IntArray
+from slamsim.types import FloatArray, IntArray
 
 LOOSE_COLUMNS = 8
 """A panel this narrow may take in the next column even if it holds rows that it does not reach."""
@@ -55,6 +55,50 @@ def make_panels(pairs: IntArray, count: int) -> Panels:
     starts = np.append(0, np.cumsum(sizes))
     rows = _fill(*rows_of, parent, starts)
     return _panels(np.append(order, count), starts, rows)
+
+
+def empty_system(panels: Panels) -> FloatArray:
+    """The flat array of a system without an equation; ``add_block`` fills it."""
+    return np.zeros(int(panels.offsets[-1]))
+
+
+@kernel
+def add_block(panels: Panels, system: FloatArray, a: int, b: int, block: FloatArray) -> None:
+    """Add what unknown ``a`` (row) and ``b`` (column) share to a system.
+
+    Of a pair a != b, one of the two blocks, not both. Raises IndexError if the panels were made
+    without this pair.
+    """
+    row, column = panels.place[a], panels.place[b]
+    flipped = row < column
+    if flipped:
+        row, column = column, row
+    panel = panels.owner[column]
+    begin, end = panels.first[panel], panels.first[panel + 1]
+    width = end - begin
+    if row < end:
+        at = row - begin
+    else:
+        at = width + _find(panels.below, panels.starts[panel], panels.starts[panel + 1], row)
+    corner = panels.offsets[panel] + 9 * at * width + 3 * (column - begin)
+    for i in range(3):
+        for j in range(3):
+            system[corner + 3 * i * width + j] += block[j, i] if flipped else block[i, j]
+
+
+@kernel
+def _find(values: IntArray, begin: int, end: int, wanted: int) -> int:
+    """Index after ``begin`` of a number, by bisection. Raises IndexError if it is not there."""
+    low, high = begin, end
+    while low < high:
+        middle = (low + high) // 2
+        if values[middle] < wanted:
+            low = middle + 1
+        else:
+            high = middle
+    if low == end or values[low] != wanted:
+        raise IndexError("the factor has no entry for two unknowns that meet")
+    return int(low - begin)
 
 
 def _order(inner: IntArray, count: int) -> IntArray:
