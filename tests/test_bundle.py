@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from slamsim.evaluate.consistency import nees_band
 from slamsim.geometry import between, compose, inverse, transform_points
 from slamsim.result import GraphEdge
+from slamsim.safe.numbers import NoSolution
 from slamsim.slam.association import share_surfaces
 from slamsim.slam.blocks import factorise
 from slamsim.slam.bundle import NotRefined, Refined, refine
@@ -165,7 +166,7 @@ def test_views_without_a_common_surface_are_left_alone() -> None:
 def test_numbers_that_are_not_finite_are_refused() -> None:
     one = scene(8)
     odometry = [*one.odometry[:-1], GraphEdge(6, 7, np.full(3, np.nan), np.eye(3), "odometry")]
-    with pytest.raises(NotRefined, match="finite"):
+    with pytest.raises(NoSolution, match="finite"):
         refine(one.views, one.start, odometry, NOISE_M, one.edges)
 
 

@@ -7,16 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from slamsim.geometry import between, compose
+from slamsim.geometry import adjoint, between, compose, rotation
 from slamsim.result import EdgeKind, GraphEdge
 from slamsim.slam.correction import correct, densify
 from slamsim.slam.estimate import Estimate
-from slamsim.slam.marginals import (
-    adjoint,
-    edge_covariances,
-    relative_covariances,
-    rotation,
-)
+from slamsim.slam.marginals import edge_covariances, relative_covariances
 from slamsim.types import FloatArray, OutsideTimeRange, PlanarTrajectory
 
 

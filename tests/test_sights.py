@@ -7,9 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from slamsim.geometry import between, compose
+from slamsim.geometry import adjoint, between, compose
 from slamsim.result import EdgeKind, GraphEdge, PoseGraph
-from slamsim.slam.marginals import adjoint
 from slamsim.slam.panels import add_block, empty_system, make_panels
 from slamsim.slam.sights import Sights, drift_between, smoothed_covariances, with_scatter
 from slamsim.slam.smoothing import Smoothed

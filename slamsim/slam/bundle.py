@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from slamsim.geometry import between, compose
+from slamsim.geometry import adjoint, between, compose
 from slamsim.result import GraphEdge
 from slamsim.safe.errors import SlamsimError
 from slamsim.slam.association import Shared, share_surfaces
@@ -26,7 +26,7 @@ from slamsim.slam.bundle_equations import (
     residuals,
     to_map,
 )
-from slamsim.slam.marginals import add_edges, adjoint, edge_covariances
+from slamsim.slam.marginals import add_edges, edge_covariances
 from slamsim.slam.matching.surfaces import BEAMS, SCATTER_XX, SCATTER_XY, SCATTER_YY, X, Y
 from slamsim.slam.odometry import ELSEWHERE
 from slamsim.slam.panels import add_block, empty_system, make_panels
@@ -153,7 +153,8 @@ class _Bundle:
         self._measured = np.array([edge.T_source_target for edge in odometry])
         self._driven = np.asarray(np.linalg.inv(edge_covariances(odometry)), np.float64)
         self._ends = self._number[np.stack([self._sources, self._targets], axis=1)]
-        pairs = np.concatenate([self._number[shared.pairs()], self._ends])
+        self._pairs = shared.pairs()
+        pairs = np.concatenate([self._number[self._pairs], self._ends])
         self._panels = make_panels(pairs, count - 1)
         self._weights = 0.5 / self._variance
         self._scaled = 2.0 * self._variance
@@ -183,7 +184,7 @@ class _Bundle:
         """What was seen and what was driven, each for itself."""
         drift = np.asarray(np.linalg.inv(self._believed_odometry(poses)[1]), np.float64)
         seen = self._surface_system(poses) / DOUBTED_BY_CHANCE
-        return Sights(self._panels, seen, drift, poses, np.zeros_like(poses))
+        return Sights(self._panels, seen, drift, self._pairs, poses, np.zeros_like(poses))
 
     def check(self, before: FloatArray, after: FloatArray) -> None:
         """Raise NotRefined unless the poses became more likely without being torn about."""

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from slamsim.config.slam import MotionConfig
-from slamsim.geometry import between, compose
+from slamsim.geometry import adjoint, between, compose
 from slamsim.result import GraphEdge
 from slamsim.slam.calibration import (
     LEAST_GYRO_FACTOR,
@@ -27,7 +27,7 @@ from slamsim.slam.calibration import (
     match_information,
     step_covariance,
 )
-from slamsim.slam.marginals import adjoint, edge_covariances, graph_factor
+from slamsim.slam.marginals import edge_covariances, graph_factor
 from slamsim.slam.steps import GYRO_BIAS, GYRO_SCALE, PARAMETERS, OdometryNoise, OdometryStep
 from slamsim.types import FloatArray, IntArray
 

@@ -6,10 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from slamsim.geometry import between, compose
+from slamsim.geometry import adjoint, between, compose
 from slamsim.jit import kernel
 from slamsim.result import GraphEdge
-from slamsim.slam.marginals import adjoint, edge_covariances, relative_covariances
+from slamsim.slam.marginals import edge_covariances, relative_covariances
 from slamsim.slam.matching.small import product
 from slamsim.types import FloatArray, IntArray
 

@@ -2,7 +2,8 @@
 
 Each pose is disturbed by a small step in its own frame, so that no number grows with the distance
 from the map's origin: levers are those between the two poses of an edge. The inverse, with one pose
-held fixed, has the uncertainty of every other pose relative to that one on its diagonal.
+held fixed, has the uncertainty of every other pose relative to that one on its diagonal. Edges that
+alone hold a part of the graph are left out of it: covariances add up along them.
 """
 
 from __future__ import annotations
@@ -11,33 +12,17 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from slamsim.geometry import between
+from slamsim.geometry import adjoint, between, rotation
 from slamsim.jit import kernel
 from slamsim.result import GraphEdge
 from slamsim.safe.numbers import NoSolution
 from slamsim.slam.blocks import BlockFactor, factorise
+from slamsim.slam.bridges import across, find_bridges
 from slamsim.slam.panels import Panels, add_block, empty_system, make_panels
 from slamsim.types import FloatArray, IntArray
 
-
-def adjoint(T_a_b: FloatArray) -> FloatArray:
-    """(..., 3, 3): takes a small step (x, y, yaw) seen in frame b to the same step in frame a."""
-    T_a_b = np.asarray(T_a_b, dtype=np.float64)
-    cos, sin = np.cos(T_a_b[..., 2]), np.sin(T_a_b[..., 2])
-    zero, one = np.zeros_like(cos), np.ones_like(cos)
-    rows = [
-        np.stack([cos, -sin, T_a_b[..., 1]], axis=-1),
-        np.stack([sin, cos, -T_a_b[..., 0]], axis=-1),
-        np.stack([zero, zero, one], axis=-1),
-    ]
-    return np.stack(rows, axis=-2)
-
-
-def rotation(yaw_rad: FloatArray) -> FloatArray:
-    """(..., 3, 3): turns x and y of a step (x, y, yaw), leaving yaw as it is."""
-    turn = np.zeros((*np.shape(yaw_rad), 3))
-    turn[..., 2] = yaw_rad
-    return adjoint(turn)
+HOLD = 1e9
+"""A pose is held fixed by this many times the largest information of a system."""
 
 
 def edge_covariances(edges: Sequence[GraphEdge]) -> FloatArray:
@@ -53,11 +38,45 @@ def relative_covariances(poses: FloatArray, edges: Sequence[GraphEdge], fixed: i
 
     Edges count by their weight. Raises NoSolution unless every pose is joined to the fixed one.
     """
-    covariances = np.zeros((len(poses), 3, 3))
-    if len(poses) > 1:
-        factor = graph_factor(poses, edges, fixed)
-        covariances[factor.keyframes] = factor.inverse_diagonal()
-    return covariances
+    if len(poses) == 1:
+        return np.zeros((1, 3, 3))
+    ends, covariances = _weighted(poses, edges)
+    panels = make_panels(_numbers(len(poses), fixed)[ends], len(poses) - 1)
+    nothing = np.zeros((0, 2), dtype=np.int64)
+    return joined_covariances(
+        poses, fixed, (panels, empty_system(panels), nothing), (ends, covariances)
+    )
+
+
+def joined_covariances(
+    poses: FloatArray,
+    fixed: int,
+    seen: tuple[Panels, FloatArray, IntArray],
+    steps: tuple[IntArray, FloatArray],
+) -> FloatArray:
+    """(n, 3, 3) covariance of poses (n, 3) relative to the fixed one, each in its own frame.
+
+    seen: a system of all poses but the fixed one, numbered in their order, and the (p, 2) pairs of
+    poses that meet in it. steps: (m, 2) pairs of poses with the (m, 3, 3) covariance of each, of
+    its second pose in that one's own frame. Raises NoSolution.
+    """
+    panels, values, met = seen
+    ends, covariances = steps
+    number = _numbers(len(poses), fixed)
+    bridges = find_bridges(np.concatenate([ends, met]), len(poses), fixed)
+    gates, system = bridges.gates, values.copy()
+    inside = np.ones(len(ends), dtype=np.bool_)
+    inside[bridges.link[gates]] = False
+    carry = adjoint(between(poses[ends[inside, 1]], poses[ends[inside, 0]]))
+    information = np.asarray(np.linalg.inv(covariances[inside]), np.float64)
+    add_edges(panels, system, number[ends[inside]], carry, information)
+    # Beyond a bridge, poses are held by its end: a part of its own within the same system.
+    hold = HOLD * max(float(np.abs(system).max(initial=0.0)), 1.0) * np.eye(3)
+    for gate in number[gates].tolist():
+        add_block(panels, system, gate, gate, hold)
+    held, others = np.zeros((len(poses), 3, 3)), np.delete(np.arange(len(poses)), fixed)
+    held[others] = factorise(panels, system, others).inverse_diagonal()
+    return across(bridges, poses, ends, covariances, held)
 
 
 def graph_factor(poses: FloatArray, edges: Sequence[GraphEdge], fixed: int) -> BlockFactor:
@@ -65,21 +84,32 @@ def graph_factor(poses: FloatArray, edges: Sequence[GraphEdge], fixed: int) -> B
 
     Its unknowns are the other poses in their order. Raises as ``relative_covariances``.
     """
+    ends, covariances = _weighted(poses, edges)
+    number, others = _numbers(len(poses), fixed), np.delete(np.arange(len(poses)), fixed)
+    panels = make_panels(number[ends], len(others))
+    system = empty_system(panels)
+    carry = adjoint(between(poses[ends[:, 1]], poses[ends[:, 0]]))
+    information = np.asarray(np.linalg.inv(covariances), np.float64)
+    add_edges(panels, system, number[ends], carry, information)
+    return factorise(panels, system, others)
+
+
+def _weighted(poses: FloatArray, edges: Sequence[GraphEdge]) -> tuple[IntArray, FloatArray]:
+    """(m, 2) ends of the edges that count, and (m, 3, 3) covariances by their weight."""
     used = [edge for edge in edges if edge.weight > 0.0]
     if not used:
         raise NoSolution(f"nothing joins {len(poses)} poses, which are as unsure as can be")
     weights = np.array([edge.weight for edge in used])
-    information = weights[:, None, None] * np.linalg.inv(edge_covariances(used))
-    ends = np.array([(edge.source, edge.target) for edge in used])
-    T_target_source = between(poses[ends[:, 1]], poses[ends[:, 0]])
-    # The fixed pose goes last in the numbering and is left out of the system.
-    others = np.delete(np.arange(len(poses)), fixed)
-    number = np.empty(len(poses), dtype=np.int64)
-    number[others], number[fixed] = np.arange(len(others)), len(others)
-    panels = make_panels(number[ends], len(others))
-    system = empty_system(panels)
-    add_edges(panels, system, number[ends], adjoint(T_target_source), information)
-    return factorise(panels, system, others)
+    ends = np.array([(edge.source, edge.target) for edge in used], dtype=np.int64)
+    return ends, edge_covariances(used) / weights[:, None, None]
+
+
+def _numbers(count: int, fixed: int) -> IntArray:
+    """(count,) number of each pose in a system without the fixed one, which goes last."""
+    number = np.arange(count)
+    number[fixed + 1 :] -= 1
+    number[fixed] = count - 1
+    return number
 
 
 def add_edges(

@@ -14,10 +14,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from slamsim.geometry import between, inverse
+from slamsim.geometry import adjoint, between, inverse
 from slamsim.result import MapGraph
-from slamsim.slam.blocks import factorise
-from slamsim.slam.marginals import add_edges, adjoint
+from slamsim.slam.marginals import joined_covariances
 from slamsim.slam.panels import Panels
 from slamsim.slam.smoothing import Smoothed
 from slamsim.types import FloatArray, IntArray
@@ -29,13 +28,15 @@ class Sights:
 
     panels, values: what the views of shared surfaces say, a system whose unknowns are small steps
     of each view but the first, which is held fixed, in its own frame. drift: (n - 1, 3, 3)
-    covariance of the odometry from view to view, of the later one in its own frame. poses: (n, 3)
-    T_map_view. T_base_view: (n, 3) where each view is seen from its base.
+    covariance of the odometry from view to view, of the later one in its own frame. pairs: (p, 2)
+    of views that share surfaces. poses: (n, 3) T_map_view. T_base_view: (n, 3) where each view is
+    seen from its base.
     """
 
     panels: Panels
     values: FloatArray
     drift: FloatArray
+    pairs: IntArray
     poses: FloatArray
     T_base_view: FloatArray
 
@@ -44,16 +45,10 @@ class Sights:
 
         Raises NoSolution if nothing holds some pose.
         """
-        last = len(self.poses) - 1
-        number = np.append(last, np.arange(last))
-        system = self.values.copy()
-        ends = np.stack([number[:-1], number[1:]], axis=1)
-        carry = adjoint(between(self.poses[1:], self.poses[:-1]))
-        information = np.asarray(np.linalg.inv(self.drift), np.float64)
-        add_edges(self.panels, system, ends, carry, information)
-        covariances = np.zeros((last + 1, 3, 3))
-        factor = factorise(self.panels, system, np.arange(1, last + 1))
-        covariances[1:] = factor.inverse_diagonal()
+        count = len(self.poses)
+        ends = np.stack([np.arange(count - 1), np.arange(1, count)], axis=1)
+        seen = (self.panels, self.values, self.pairs)
+        covariances = joined_covariances(self.poses, 0, seen, (ends, self.drift))
         return _carried(adjoint(self.T_base_view), covariances)
 
 

@@ -8,8 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from slamsim.config.slam import MotionConfig
-from slamsim.geometry import compose, inverse
-from slamsim.slam.marginals import adjoint
+from slamsim.geometry import adjoint, compose, inverse
 from slamsim.types import FloatArray
 
 PATH_SCALE, TURN_SCALE, CURVATURE, GYRO_SCALE, GYRO_BIAS = range(5)
