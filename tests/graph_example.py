@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import gtsam
 import numpy as np
 
@@ -10,6 +12,8 @@ from slamsim.result import GraphEdge
 from slamsim.slam.graph import _factor, _noise
 from slamsim.slam.marginals import edge_covariances
 from slamsim.types import FloatArray
+
+Wide = np.ndarray[Any, np.dtype[np.longdouble]]
 
 MATCHED = np.diag(np.square([0.003, 0.003, 0.001]))
 CARRIED = np.diag(np.square([10.0, 10.0, 2.0]))
@@ -78,3 +82,47 @@ def off(found: FloatArray, expected: FloatArray) -> float:
     """The largest difference, in units of the standard deviations of row and column."""
     sigma = np.sqrt(np.einsum("nii->ni", expected))
     return float((np.abs(found - expected) / (sigma[:, :, None] * sigma[:, None, :])).max())
+
+
+def by_long_double(poses: FloatArray, edges: list[GraphEdge]) -> FloatArray:
+    """(n, 3, 3) relative to the first pose: the whole system, inverted with 64 bits of mantissa."""
+    size = 3 * len(poses)
+    system = np.zeros((size, size), np.longdouble)
+    wide = poses.astype(np.longdouble)
+    for edge in edges:
+        a, b = edge.source, edge.target
+        rows = np.zeros((3, size), np.longdouble)
+        rows[:, 3 * a : 3 * a + 3] = -_carry(*(wide[a] - wide[b]), wide[b, 2])
+        rows[:, 3 * b : 3 * b + 3] = np.eye(3)
+        turn = np.longdouble(-edge.T_source_target[2])
+        to_target = _carry(np.longdouble(0.0), np.longdouble(0.0), turn, turn * 0)
+        covariance = to_target @ edge.covariance.astype(np.longdouble) @ to_target.T
+        both = np.r_[3 * a : 3 * a + 3, 3 * b : 3 * b + 3]
+        known = rows[:, both].T @ _inverse(covariance) @ rows[:, both]
+        system[np.ix_(both, both)] += known
+    inverse = _inverse(system[3:, 3:])
+    found = np.zeros((len(poses), 3, 3))
+    for k in range(1, len(poses)):
+        own = slice(3 * k - 3, 3 * k)
+        found[k] = inverse[own, own]
+    return found
+
+
+def _carry(x: np.longdouble, y: np.longdouble, turn: np.longdouble, yaw: np.longdouble) -> Wide:
+    """As ``adjoint`` of a pose given by differences in the map and the yaw of the other."""
+    cos, sin, one = np.cos(yaw), np.sin(yaw), np.longdouble(1.0)
+    forward, left = cos * x + sin * y, cos * y - sin * x
+    rows = [[np.cos(turn), -np.sin(turn), left], [np.sin(turn), np.cos(turn), -forward]]
+    return np.array([*rows, [0 * one, 0 * one, one]], np.longdouble)
+
+
+def _inverse(matrix: Wide) -> Wide:
+    """By Cholesky's decomposition, for NumPy has none of this precision."""
+    left, right = matrix.copy(), np.eye(len(matrix), dtype=np.longdouble)
+    for k in range(len(matrix)):
+        assert left[k, k] > 0.0
+        root = left[k:, k] / np.sqrt(left[k, k])
+        left[k + 1 :, k + 1 :] -= np.outer(root[1:], root[1:])
+        right[k] /= root[0]
+        right[k + 1 :] -= np.outer(root[1:], right[k])
+    return np.asarray(right.T @ right)

@@ -24,6 +24,7 @@ KINDS: dict[str, str] = {
     "sealed": "fault_sealed",
     "atheris": "fault_atheris",
     "corpus": "fault_corpus",
+    "graphs": "fault_graphs",
 }
 """Each names a module with ``options(parser)`` and ``run(chosen, journal) -> list[Row]``."""
 
