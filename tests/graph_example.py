@@ -92,7 +92,8 @@ def by_long_double(poses: FloatArray, edges: list[GraphEdge]) -> FloatArray:
     for edge in edges:
         a, b = edge.source, edge.target
         rows = np.zeros((3, size), np.longdouble)
-        rows[:, 3 * a : 3 * a + 3] = -_carry(*(wide[a] - wide[b]), wide[b, 2])
+        x, y, between_yaw = wide[a] - wide[b]
+        rows[:, 3 * a : 3 * a + 3] = -_carry(x, y, between_yaw, wide[b, 2])
         rows[:, 3 * b : 3 * b + 3] = np.eye(3)
         turn = np.longdouble(-edge.T_source_target[2])
         to_target = _carry(np.longdouble(0.0), np.longdouble(0.0), turn, turn * 0)

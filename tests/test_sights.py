@@ -30,7 +30,9 @@ def nothing_seen(poses: FloatArray) -> tuple[Sights, FloatArray]:
     number = np.append(count - 1, np.arange(count - 1))
     panels = make_panels(np.stack([number[:-1], number[1:]], axis=1), count - 1)
     drift = spd(rng, count - 1)
-    return Sights(panels, empty_system(panels), drift, poses, np.zeros_like(poses)), drift
+    nowhere = np.zeros((0, 2), dtype=np.int64)
+    seen = empty_system(panels)
+    return Sights(panels, seen, drift, nowhere, poses, np.zeros_like(poses)), drift
 
 
 def driven(poses: FloatArray, drift: FloatArray, covariances: FloatArray) -> Smoothed:
@@ -57,7 +59,8 @@ def test_covariances_are_the_dense_inverse_of_all_that_was_seen_and_driven(
 ) -> None:
     rng = np.random.default_rng(seed)
     number = np.append(count - 1, np.arange(count - 1))
-    panels = make_panels(np.array([(a, b) for a in range(count) for b in range(a)]), count - 1)
+    pairs = np.array([(a, b) for a in range(count) for b in range(a)])
+    panels = make_panels(number[pairs], count - 1)
     seen, drift = empty_system(panels), spd(rng, count - 1)
     poses, T_base_view = rng.normal(size=(2, count, 3))
     dense = np.zeros((3 * count, 3 * count))
@@ -71,7 +74,7 @@ def test_covariances_are_the_dense_inverse_of_all_that_was_seen_and_driven(
         ends[:, 3 * k + 3 : 3 * k + 6] = np.eye(3)
         dense += ends.T @ np.linalg.inv(drift[k]) @ ends
     inverse = np.asarray(np.linalg.inv(dense[3:, 3:]), np.float64)
-    found = Sights(panels, seen, drift, poses, T_base_view).covariances()
+    found = Sights(panels, seen, drift, pairs, poses, T_base_view).covariances()
     assert not found[0].any()
     for k in range(1, count):
         own = adjoint(T_base_view[k])

@@ -6,7 +6,7 @@ import time
 from collections import Counter, defaultdict
 from collections.abc import Container, Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial, reduce
 from itertools import pairwise
 
@@ -19,6 +19,7 @@ from slamsim.result import Event, GraphEdge, MapGraph
 from slamsim.slam.bundle import NotRefined
 from slamsim.slam.calibration_solve import Solved
 from slamsim.slam.closure_search import ClosureSearch
+from slamsim.slam.correction import Correction
 from slamsim.slam.failures import Failures
 from slamsim.slam.graph import variance_factor
 from slamsim.slam.health import carried, doubtful_joints, tears
@@ -29,23 +30,12 @@ from slamsim.slam.recalibrate import Recalibration
 from slamsim.slam.refinement import refine_keyframes
 from slamsim.slam.sights import Sights
 from slamsim.slam.solution import Solution
-from slamsim.slam.steps import OdometryNoise, OdometryStep
+from slamsim.slam.steps import OdometryNoise, OdometryStep, then
 from slamsim.slam.submap_cutter import SubmapCutter
 from slamsim.slam.visits import Visits
 from slamsim.types import FloatArray, PlanarPoses
 
 CALIBRATION_ROUNDS = 2
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Correction:
-    """T_map_base: (3,) of a key frame as the closures known by now have it. covariance: (3, 3)
-    relative to the first key frame, of a small step of the base in its own frame. keyframe: its
-    index as it came."""
-
-    keyframe: int
-    T_map_base: FloatArray
-    covariance: FloatArray
 
 
 class BackEnd:
@@ -159,11 +149,9 @@ class BackEnd:
         return Correction(self._taken[last], self._solution.poses[last].copy(), covariance)
 
     def finish(self, progress: Progress = silent) -> MapGraph:
-        """The final solution, after searching again wherever the estimate is better by now.
-
-        A stage that fails leaves all as the one before it made it; ``failures`` tells.
-        """
-        self._solve()
+        """The final solution, after searching again wherever the estimate is better by now."""
+        with self._stage("solve"):
+            self._solution.solve()
         self._close_what_is_open(progress)
         with self._stage("calibrate"):
             self._calibrate()
@@ -224,7 +212,7 @@ class BackEnd:
     def _join(self, keyframe: Keyframe, known: bool) -> None:
         """Give a key frame its number, and its place in the graph and in a submap."""
         self._taken.append(keyframe.index)
-        odometry = reduce(_then, [*self._passed, keyframe.odometry])
+        odometry = reduce(then, [*self._passed, keyframe.odometry])
         self._passed.clear()
         keyframe = replace(keyframe, index=len(self.keyframes), odometry=odometry)
         if not self.keyframes:
@@ -244,7 +232,8 @@ class BackEnd:
             begun = number * len(self.keyframes)
             if not self._search_all(progress, begun, rounds * len(self.keyframes)):
                 break
-            self._solve()
+            with self._stage("solve"):
+                self._solution.solve()
         self._search.give_up_waiting()
 
     def _search_all(self, progress: Progress, begun: int, whole: int) -> int:
@@ -257,10 +246,6 @@ class BackEnd:
                 with self._stage("closures", keyframe.index):
                     found += self._search.search(keyframe.index)
         return found
-
-    def _solve(self) -> None:
-        with self._stage("solve"):
-            self._solution.solve()
 
     def _calibrate(self) -> None:
         """Calibrate the odometry by all key frames; what only odometry held moves with it."""
@@ -312,8 +297,3 @@ class BackEnd:
         start = time.perf_counter()
         yield
         self.seconds[stage] += time.perf_counter() - start
-
-
-def _then(one: OdometryStep | None, other: OdometryStep | None) -> OdometryStep | None:
-    """One step after the other, None if one of them is not known."""
-    return None if one is None or other is None else one.then(other)

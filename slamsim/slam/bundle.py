@@ -20,14 +20,15 @@ from slamsim.safe.errors import SlamsimError
 from slamsim.slam.association import Shared, share_surfaces
 from slamsim.slam.blocks import factorise
 from slamsim.slam.bundle_equations import (
+    Moments,
     add_surfaces,
     fit_lines,
+    moments_of,
     pull_to_lines,
     residuals,
     to_map,
 )
 from slamsim.slam.marginals import add_edges, edge_covariances
-from slamsim.slam.matching.surfaces import BEAMS, SCATTER_XX, SCATTER_XY, SCATTER_YY, X, Y
 from slamsim.slam.odometry import ELSEWHERE
 from slamsim.slam.panels import add_block, empty_system, make_panels
 from slamsim.slam.sights import Sights
@@ -55,9 +56,6 @@ ODOMETRY_SIGMAS = 7.0
 LEAST_KNOWN = np.linalg.inv(ELSEWHERE)
 """Information about a step that odometry is far off from: as if the robot had been carried. By the
 robust weight alone, which tends to zero, nothing would hold two parts of a map together."""
-
-NOISE_BEAMS = 5.0
-"""The noise of a range as known beforehand counts as much as so many beams of a piece."""
 
 ROUGH_VIEWS = 4.0
 """That all surfaces are equally rough counts as much as so many views of each."""
@@ -96,7 +94,7 @@ def refine(
     together. The first pose stays. Raises NotRefined for a result that is not to be used,
     NoSolution for equations that have none.
     """
-    moments = _moments(np.concatenate(views).astype(np.float64), noise_m)
+    moments = moments_of(np.concatenate(views).astype(np.float64), noise_m)
     bundle = None
     begun_at = poses
     for gate_m, doubted_sigmas, steps in ROUNDS:
@@ -108,33 +106,12 @@ def refine(
     return Refined(poses, bundle.sights(poses), bundle.roughness_m)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Moments:
-    """points_m: (k, 2, 2) two points that have the mean of each piece and its spread along the
-    surface, in the frame of its view. variance: (k,) of the mean across the surface."""
-
-    points_m: FloatArray
-    variance: FloatArray
-
-
-def _moments(pieces: FloatArray, noise_m: float) -> _Moments:
-    beams = pieces[:, BEAMS]
-    xx, xy, yy = pieces[:, SCATTER_XX], pieces[:, SCATTER_XY], pieces[:, SCATTER_YY]
-    middle, root = 0.5 * (xx + yy), np.hypot(0.5 * (xx - yy), xy)
-    angle = 0.5 * np.arctan2(2.0 * xy, xx - yy)
-    half = np.sqrt((middle + root) / beams)[:, None] * np.stack([np.cos(angle), np.sin(angle)], 1)
-    across = np.maximum(middle - root, 0.0) + NOISE_BEAMS * noise_m**2
-    mean = pieces[:, [X, Y]]
-    points = np.stack([mean - half, mean + half], axis=1)
-    return _Moments(points, across / (beams + NOISE_BEAMS - 2.0) / beams)
-
-
 class _Bundle:
     """One association of views and surfaces, and the system that it makes."""
 
     def __init__(
         self,
-        moments: _Moments,
+        moments: Moments,
         shared: Shared,
         odometry: Sequence[GraphEdge],
         doubted_sigmas: float,

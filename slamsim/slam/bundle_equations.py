@@ -1,23 +1,51 @@
 """The equations of a bundle adjustment of poses and straight surfaces, surfaces eliminated.
 
 Each pose is disturbed by a small step in its own frame, so that levers are no longer than the lidar
-reaches, wherever in the map it stands. Each observation of a surface is two points
-that stand for all its beams: they have their mean and their spread along the surface. A surface
-is a line, refitted to its observations at every pose (variable projection, Golub & Pereyra 1973),
-with an offset and a turn that are eliminated by Schur complement.
+reaches, wherever in the map it stands. Each observation of a surface is two points that stand for
+all its beams: they have their mean and their spread along the surface. A surface is a line,
+refitted to its observations at every pose (variable projection, Golub & Pereyra 1973), with an
+offset and a turn that are eliminated by Schur complement.
 """
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 
 from slamsim.jit import kernel
 from slamsim.slam.matching.runs import principal_axis
+from slamsim.slam.matching.surfaces import BEAMS, SCATTER_XX, SCATTER_XY, SCATTER_YY, X, Y
 from slamsim.slam.panels import Panels, add_block
 from slamsim.types import FloatArray, IntArray
 
 LINE_FIELDS = 4
 """A line: a point (x, y) in the middle of its observations, and its normal (x, y)."""
+
+NOISE_BEAMS = 5.0
+"""The noise of a range as known beforehand counts as much as so many beams of a piece."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Moments:
+    """points_m: (k, 2, 2) two points that have the mean of each piece and its spread along the
+    surface, in the frame of its view. variance: (k,) of the mean across the surface."""
+
+    points_m: FloatArray
+    variance: FloatArray
+
+
+def moments_of(pieces: FloatArray, noise_m: float) -> Moments:
+    """Of pieces (k, PIECE_FIELDS); noise_m: standard deviation of a range."""
+    beams = pieces[:, BEAMS]
+    xx, xy, yy = pieces[:, SCATTER_XX], pieces[:, SCATTER_XY], pieces[:, SCATTER_YY]
+    middle, root = 0.5 * (xx + yy), np.hypot(0.5 * (xx - yy), xy)
+    angle = 0.5 * np.arctan2(2.0 * xy, xx - yy)
+    half = np.sqrt((middle + root) / beams)[:, None] * np.stack([np.cos(angle), np.sin(angle)], 1)
+    across = np.maximum(middle - root, 0.0) + NOISE_BEAMS * noise_m**2
+    mean = pieces[:, [X, Y]]
+    points = np.stack([mean - half, mean + half], axis=1)
+    return Moments(points, across / (beams + NOISE_BEAMS - 2.0) / beams)
 
 
 @kernel

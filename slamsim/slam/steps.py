@@ -137,3 +137,8 @@ class OdometryNoise:
         covariance = np.diag([position, position + half * half * yaw * 4.0 / 3.0, yaw])
         covariance[1, 2] = covariance[2, 1] = half * yaw
         return np.asarray(covariance + np.diag(step.doubt))
+
+
+def then(one: OdometryStep | None, other: OdometryStep | None) -> OdometryStep | None:
+    """One step after the other, None if one of them is not known."""
+    return None if one is None or other is None else one.then(other)

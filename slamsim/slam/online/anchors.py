@@ -7,7 +7,7 @@ from collections import deque
 import numpy as np
 
 from slamsim.geometry import adjoint, between, compose, inverse
-from slamsim.slam.back_end import Correction
+from slamsim.slam.correction import Correction
 from slamsim.slam.keyframes import Keyframe
 from slamsim.slam.odometry import Tracked
 from slamsim.types import FloatArray

@@ -9,8 +9,9 @@ from typing import Protocol
 from slamsim.config.slam import SlamConfig
 from slamsim.progress import Progress
 from slamsim.result import Event, FailedStage, MapGraph
-from slamsim.slam.back_end import BackEnd, Correction
+from slamsim.slam.back_end import BackEnd
 from slamsim.slam.calibration_solve import Solved
+from slamsim.slam.correction import Correction
 from slamsim.slam.keyframes import Keyframe
 from slamsim.slam.saved_map import SavedMap
 from slamsim.slam.sights import Sights
