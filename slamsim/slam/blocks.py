@@ -42,16 +42,18 @@ class BlockFactor:
         Raises NoSolution, naming the key frame, for a variance that is not positive.
         """
         diagonal = _inverse_diagonal(self.panels, self.values)[self.panels.place[:-1]]
-        positive = (np.diagonal(diagonal, axis1=1, axis2=2) > 0.0).all(axis=1)
-        positive &= np.isfinite(diagonal).all(axis=(1, 2))
-        if not positive.all():
-            bad = int(np.argmin(positive))
-            variances = np.diag(diagonal[bad]).tolist()
-            raise NoSolution(
-                f"the variances {variances} of key frame {self.keyframes[bad]} are not positive",
-                int(self.keyframes[bad]),
-            )
+        require_variances(diagonal, self.keyframes)
         return np.asarray(diagonal)
+
+
+def require_variances(covariances: FloatArray, keyframes: IntArray) -> None:
+    """Raise NoSolution, naming the key frame, unless all variances of (n, 3, 3) are positive."""
+    variances = np.diagonal(covariances, axis1=1, axis2=2)
+    positive = (variances > 0.0).all(axis=1) & np.isfinite(covariances).all(axis=(1, 2))
+    if not positive.all():
+        bad = int(np.argmin(positive))
+        at, found = int(keyframes[bad]), variances[bad].tolist()
+        raise NoSolution(f"the variances {found} of key frame {at} are not positive", at)
 
 
 def factorise(panels: Panels, system: FloatArray, keyframes: IntArray) -> BlockFactor:

@@ -16,7 +16,7 @@ from slamsim.geometry import adjoint, between, rotation
 from slamsim.jit import kernel
 from slamsim.result import GraphEdge
 from slamsim.safe.numbers import NoSolution
-from slamsim.slam.blocks import BlockFactor, factorise
+from slamsim.slam.blocks import BlockFactor, factorise, require_variances
 from slamsim.slam.bridges import across, find_bridges
 from slamsim.slam.panels import Panels, add_block, empty_system, make_panels
 from slamsim.types import FloatArray, IntArray
@@ -76,7 +76,9 @@ def joined_covariances(
         add_block(panels, system, gate, gate, hold)
     held, others = np.zeros((len(poses), 3, 3)), np.delete(np.arange(len(poses)), fixed)
     held[others] = factorise(panels, system, others).inverse_diagonal()
-    return across(bridges, poses, ends, covariances, held)
+    found = across(bridges, poses, ends, covariances, held)
+    require_variances(found[others], others)
+    return found
 
 
 def graph_factor(poses: FloatArray, edges: Sequence[GraphEdge], fixed: int) -> BlockFactor:
