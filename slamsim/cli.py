@@ -37,6 +37,7 @@ from slamsim.run.scenario_command import HELP as SCENARIO_HELP
 from slamsim.run.scenario_command import scenario
 from slamsim.run.verify_command import EPILOG as VERIFY_EPILOG
 from slamsim.run.verify_command import verify
+from slamsim.safe.errors import SlamsimError
 
 if TYPE_CHECKING:
     from slamsim.config.run import RunConfig
@@ -357,3 +358,7 @@ def _close(reporter: Reporter, report: Report, folder: Path) -> None:
     if report.mapped:
         reporter.say(f"Look at {folder}/report.html, or: slamsim view {folder}")
     reporter.result({**report.numbers, "folder": str(folder)})
+    if report.failed:
+        raise SlamsimError(
+            f"{'; '.join(map(str, report.failed))}; what the stages before made is in {folder}/"
+        )

@@ -65,6 +65,26 @@ def _between_two(T_a_b: _FloatArray, T_a_c: _FloatArray) -> _FloatArray:
     return np.array([cos * x + sin * y, -sin * x + cos * y, yaw])
 
 
+def adjoint(T_a_b: _FloatArray) -> _FloatArray:
+    """(..., 3, 3): takes a small step (x, y, yaw) seen in frame b to the same step in frame a."""
+    T_a_b = np.asarray(T_a_b, dtype=np.float64)
+    cos, sin = np.cos(T_a_b[..., 2]), np.sin(T_a_b[..., 2])
+    zero, one = np.zeros_like(cos), np.ones_like(cos)
+    rows = [
+        np.stack([cos, -sin, T_a_b[..., 1]], axis=-1),
+        np.stack([sin, cos, -T_a_b[..., 0]], axis=-1),
+        np.stack([zero, zero, one], axis=-1),
+    ]
+    return np.stack(rows, axis=-2)
+
+
+def rotation(yaw_rad: _FloatArray) -> _FloatArray:
+    """(..., 3, 3): turns x and y of a step (x, y, yaw), leaving yaw as it is."""
+    turn = np.zeros((*np.shape(yaw_rad), 3))
+    turn[..., 2] = yaw_rad
+    return adjoint(turn)
+
+
 def transform_points(T_a_b: _FloatArray, points_b: _FloatArray) -> _FloatArray:
     """(..., 2) planar points in frame a; one transform for all, or one for each."""
     T_a_b, points_b = np.asarray(T_a_b), np.asarray(points_b)

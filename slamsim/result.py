@@ -96,6 +96,23 @@ class Event:
 
 
 @dataclass(frozen=True, slots=True)
+class FailedStage:
+    """A stage of SLAM that failed; the result is that of the stages before it.
+
+    keyframe: the number of the key frame at which it failed first. times: how often.
+    """
+
+    stage: str
+    keyframe: int
+    reason: str
+    times: int = 1
+
+    def __str__(self) -> str:
+        often = f" and {self.times - 1} times more" if self.times > 1 else ""
+        return f"{self.stage} failed at key frame {self.keyframe}{often}: {self.reason}"
+
+
+@dataclass(frozen=True, slots=True)
 class Calibrated:
     """A number of the robot as the drive shows it, with its standard deviation.
 
@@ -121,7 +138,8 @@ class SlamResult:
     match_quality: (n,) inlier ratio of each scan's match. degenerate: (n,) whether some direction
     of the match was left to odometry.
     closure_refusals: why how many searches for a closure led to none; "score" means that
-    nothing was found at all, which is no rejection. events: in time order.
+    nothing was found at all, which is no rejection. events: in time order. failed: stages that
+    failed, whose work is missing from the result.
     parts: ``T_map_base`` after each part of the work, at the stamps of scans or of key frames.
     match_information: (n, 3, 3) of a small step of the base in its own frame, zero where a scan
     told nothing. calibration: of wheels and gyroscope, under names that carry their units; empty
@@ -143,6 +161,7 @@ class SlamResult:
     parts: dict[str, PlanarTrajectory] = field(default_factory=dict)
     match_information: FloatArray | None = None
     calibration: dict[str, Calibrated] = field(default_factory=dict)
+    failed: tuple[FailedStage, ...] = ()
 
     def __post_init__(self) -> None:
         count = len(self.trajectory)

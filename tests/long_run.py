@@ -25,6 +25,7 @@ KINDS: dict[str, str] = {
     "atheris": "fault_atheris",
     "corpus": "fault_corpus",
     "promise": "promise",
+    "graphs": "fault_graphs",
 }
 """Each names a module with ``options(parser)`` and ``run(chosen, journal) -> list[Row]``."""
 

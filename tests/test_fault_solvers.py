@@ -98,9 +98,9 @@ GRAPH: dict[str, Case] = {
     "on the way: no edge": refused(lambda: _updated([])),
     "on the way: a pose too many": refused(lambda: _updated(CHAIN, line(N + 1))),
     "on the way: all in one place": right(lambda: _updated([*CHAIN, LOOP], np.zeros((N, 3)))),
-    "marginals: two parts": refused(lambda: relative_covariances(POSES, APART, 0, np.zeros(2))),
-    "marginals: no edge": refused(lambda: relative_covariances(POSES, [], 0, np.zeros(2))),
-    "marginals: one pose": right(lambda: relative_covariances(POSES[:1], [], 0, np.zeros(2))),
+    "marginals: two parts": refused(lambda: relative_covariances(POSES, APART, 0)),
+    "marginals: no edge": refused(lambda: relative_covariances(POSES, [], 0)),
+    "marginals: one pose": right(lambda: relative_covariances(POSES[:1], [], 0)),
 }
 
 TRACK = PlanarTrajectory(steps(N), POSES)

@@ -40,8 +40,8 @@ def write_truth(folder: Path, truth: Trajectory) -> None:
     write_tum(folder / TRUTH, truth)
 
 
-def write_slam(folder: Path, result: SlamResult, grid: Grid) -> None:
-    """Trajectories, graph and map in the forms that other tools read.
+def write_slam(folder: Path, result: SlamResult) -> None:
+    """Trajectories and graph in the forms that other tools read.
 
     ``parts/``: what each part of SLAM made of the key frames, before the parts after it.
     """
@@ -54,7 +54,6 @@ def write_slam(folder: Path, result: SlamResult, grid: Grid) -> None:
         )
     write_keyframes(folder / KEYFRAMES, result.graph)
     write_g2o(folder / "graph.g2o", result.graph)
-    write_map(folder, grid)
 
 
 def write_map(folder: Path, grid: Grid) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import shlex
 import sys
-from dataclasses import replace
+from dataclasses import asdict, replace
 from itertools import islice
 from pathlib import Path
 
@@ -29,6 +29,7 @@ from slamsim.safe.errors import SlamsimError
 from slamsim.safe.files import own_file
 from slamsim.safe.numbers import as_json
 from slamsim.safe.output import partial_folder, write_atomic
+from slamsim.slam.failures import Failures
 from slamsim.slam.mapping import build_grid
 from slamsim.slam.saved_map import SavedMap, write_saved_map
 from slamsim.slam.session import map_log, motion_of
@@ -125,28 +126,45 @@ def _map(
     checked: CheckReport,
     earlier: Earlier | None = None,
 ) -> Report:
-    result, saved, grid = _slam(log, config, stages, earlier)
-    view = replace(_scored(log, result, grid, config, stages, known), checked=checked)
-    run_folder.write_slam(partial, result, grid)
+    """What SLAM made of it is written before anything is drawn of it, so that it stays whatever
+    fails then."""
+    result, saved = _slam(log, config, stages, earlier)
+    run_folder.write_slam(partial, result)
     write_saved_map(partial / run_folder.SAVED_MAP, saved)
-    with stages.stage("report"):
-        numbers = report_json(view)
-        write_recording(partial / run_folder.RECORDING, view)
-        write_report(partial / run_folder.REPORT, view)
-        write_atomic(partial / run_folder.REPORT_JSON, as_json(run_folder.REPORT_JSON, numbers))
+    failures = Failures(result.failed)
+    numbers: dict[str, object] = {"name": log.name}
+    told = (*log.warnings, *result.warnings)
+    last = len(result.graph.keyframes) - 1
+    with failures.caught("map", last):
+        grid = _grid(log, result, saved, config, stages)
+        run_folder.write_map(partial, grid)
+        with failures.caught("report", last):
+            view = replace(_scored(log, result, grid, config, stages, known), checked=checked)
+            with stages.stage("report"):
+                numbers = report_json(view)
+                write_recording(partial / run_folder.RECORDING, view)
+                write_report(partial / run_folder.REPORT, view)
+            told = (*view.doubts, *told)
+    failed = tuple(failures)
+    complete = not {"map", "report"} & {one.stage for one in failed}
+    numbers["failed_stages"] = [asdict(one) for one in failed]
+    write_atomic(partial / run_folder.REPORT_JSON, as_json(run_folder.REPORT_JSON, numbers))
     apart = () if earlier is None else earlier.warnings(saved, result)
-    return Report(numbers, (*view.doubts, *log.warnings, *result.warnings, *apart), mapped=True)
+    return Report(numbers, (*told, *apart), mapped=complete, failed=failed)
 
 
 def _slam(
     log: Log, config: RunConfig, stages: Stages, earlier: Earlier | None
-) -> tuple[SlamResult, SavedMap, Grid]:
+) -> tuple[SlamResult, SavedMap]:
     saved_map, start = (None, None) if earlier is None else (earlier.saved, earlier.start)
     with stages.stage("slam", "scans/s") as progress:
-        result, saved = map_log(log, config.slam, progress, saved_map, start)
+        return map_log(log, config.slam, progress, saved_map, start)
+
+
+def _grid(log: Log, result: SlamResult, saved: SavedMap, config: RunConfig, stages: Stages) -> Grid:
     with stages.stage("map", "scans/s") as progress:
         motion = motion_of(log, result.calibration)
-        grid = build_grid(
+        return build_grid(
             log.scans,
             result.trajectory,
             log.T_base_laser,
@@ -155,7 +173,6 @@ def _slam(
             progress,
             clouds_before(saved, result),
         )
-    return result, saved, grid
 
 
 def _scored(

@@ -10,15 +10,20 @@ from dataclasses import dataclass, field
 
 from slamsim.console import Reporter
 from slamsim.progress import Progress
+from slamsim.result import FailedStage
 
 
 @dataclass(frozen=True, slots=True)
 class Report:
-    """The numbers of a run under stable, unit-bearing keys, and what a person should be told."""
+    """The numbers of a run under stable, unit-bearing keys, and what a person should be told.
+
+    failed: stages of SLAM whose work is missing from the result.
+    """
 
     numbers: dict[str, object]
     warnings: tuple[str, ...] = ()
     mapped: bool = False
+    failed: tuple[FailedStage, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

@@ -46,7 +46,14 @@ class BadNumbers(SlamsimError, ValueError):
 
 
 class NoSolution(SlamsimError, np.linalg.LinAlgError):
-    """Equations that hold nothing, or contradict themselves: a matrix without an inverse."""
+    """Equations that hold nothing, or contradict themselves: a matrix without an inverse.
+
+    keyframe: number of the one at which that was seen, if it is known.
+    """
+
+    def __init__(self, message: str, keyframe: int | None = None) -> None:
+        super().__init__(message)
+        self.keyframe = keyframe
 
 
 @contextmanager

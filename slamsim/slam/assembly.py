@@ -8,6 +8,7 @@ from dataclasses import replace
 from slamsim.result import Event, PoseGraph, SlamResult
 from slamsim.slam.correction import correct_pieces
 from slamsim.slam.events import in_words
+from slamsim.slam.failures import Failures
 from slamsim.slam.odometry import FrontEnd
 from slamsim.slam.online.keeper import Outcome
 from slamsim.slam.own_part import poses_since, since
@@ -23,24 +24,29 @@ def assemble(
     """The result of one drive.
 
     track: its scans, at least one of them. outcome: of the whole map; the drive begins at key
-    frame number ``first`` of it. seconds: spent on the way, by stage.
+    frame number ``first`` of it. seconds: spent on the way, by stage. What fails here leaves the
+    result of the back end as it is.
     """
     graph = since(outcome.graph, first)
     raw, odometry = track.front_end(), track.odometry()
     corrected = correct_pieces(raw, graph.keyframes, _breaks_ns(front_end, outcome))
-    smoothed = track.smoothed(corrected, track.calibrated_odometry(outcome.calibration))
-    trajectory = smoothed.track
+    failures, last = Failures(outcome.failed), len(outcome.graph.keyframes) - 1
+    trajectory, of_scans = corrected, graph
+    with failures.caught("smooth", last):
+        smoothed = track.smoothed(corrected, track.calibrated_odometry(outcome.calibration))
+        of_scans = _smoothed_graph(graph, outcome, first, smoothed)
+        trajectory = smoothed.track
     events = _in_order(front_end, outcome)
     counted = (*front_end.warnings(), *track.warnings())
     return SlamResult(
         trajectory=trajectory,
         odometry=odometry,
-        graph=_smoothed_graph(graph, outcome, first, smoothed),
+        graph=of_scans,
         match_quality=track.quality,
         degenerate=track.degenerate,
         closures_accepted=outcome.accepted,
         closures_rejected=outcome.rejected,
-        warnings=(*counted, *in_words(events, int(trajectory.stamps_ns[0]))),
+        warnings=(*map(str, failures), *counted, *in_words(events, int(trajectory.stamps_ns[0]))),
         seconds=_summed(seconds, outcome.seconds),
         closure_refusals=dict(outcome.refusals),
         front_end=raw,
@@ -54,6 +60,7 @@ def assemble(
         match_information=track.information,
         calibration=front_end.calibrated(outcome.calibration),
         events=events,
+        failed=tuple(failures),
     )
 
 

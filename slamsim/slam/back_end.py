@@ -6,44 +6,36 @@ import time
 from collections import Counter, defaultdict
 from collections.abc import Container, Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial, reduce
 from itertools import pairwise
 
 import numpy as np
 
 from slamsim.config.slam import SlamConfig
-from slamsim.geometry import between, compose, inverse
+from slamsim.geometry import between, compose
 from slamsim.progress import Progress, silent
 from slamsim.result import Event, GraphEdge, MapGraph
-from slamsim.slam.bundle import NotRefined, refine
+from slamsim.slam.bundle import NotRefined
 from slamsim.slam.calibration_solve import Solved
 from slamsim.slam.closure_search import ClosureSearch
+from slamsim.slam.correction import Correction
+from slamsim.slam.failures import Failures
 from slamsim.slam.graph import variance_factor
 from slamsim.slam.health import carried, doubtful_joints, tears
-from slamsim.slam.keyframes import Keyframe, begins_drive, chain_edge, odometry_edge
-from slamsim.slam.marginals import in_own_frame, relative_covariances
+from slamsim.slam.keyframes import Keyframe, begins_drive, chain_edge
+from slamsim.slam.marginals import relative_covariances
 from slamsim.slam.odometry import CARRIED, ELSEWHERE
 from slamsim.slam.recalibrate import Recalibration
+from slamsim.slam.refinement import refine_keyframes
 from slamsim.slam.sights import Sights
 from slamsim.slam.solution import Solution
-from slamsim.slam.steps import OdometryNoise, OdometryStep
+from slamsim.slam.steps import OdometryNoise, OdometryStep, then
 from slamsim.slam.submap_cutter import SubmapCutter
 from slamsim.slam.visits import Visits
 from slamsim.types import FloatArray, PlanarPoses
 
 CALIBRATION_ROUNDS = 2
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Correction:
-    """T_map_base: (3,) of a key frame as the closures known by now have it. covariance: (3, 3)
-    relative to the first key frame, of a small step of the base in its own frame. keyframe: its
-    index as it came."""
-
-    keyframe: int
-    T_map_base: FloatArray
-    covariance: FloatArray
 
 
 class BackEnd:
@@ -67,6 +59,8 @@ class BackEnd:
         """What holds the key frames, once finished and refined."""
         self.unrefined = np.zeros((0, 3))
         """(n, 3) T_map_base of the key frames when the last closures were in."""
+        self.failures = Failures()
+        """Stages that failed; what stood before them is the result."""
         self.seconds: defaultdict[str, float] = defaultdict(float)
         """Time spent per stage."""
 
@@ -82,10 +76,10 @@ class BackEnd:
         with self._timed("key frames"):
             self._join(self._cut_off(keyframe), known=spacing_m > 0.0)
         if self._config.closures.enabled:
-            with self._timed("closures"):
+            with self._stage("closures"):
                 self._search.search(len(self.keyframes) - 1)
         if self._solution.due():
-            with self._timed("solve"):
+            with self._stage("solve"):
                 self._solution.update()
 
     def restore(
@@ -156,29 +150,37 @@ class BackEnd:
 
     def finish(self, progress: Progress = silent) -> MapGraph:
         """The final solution, after searching again wherever the estimate is better by now."""
-        self._solve()
+        with self._stage("solve"):
+            self._solution.solve()
         self._close_what_is_open(progress)
-        with self._timed("calibrate"):
+        with self._stage("calibrate"):
             self._calibrate()
-        self.unrefined = self.poses
+        self.unrefined, covariances = self.poses, None
         if self._config.refinement.enabled and len(self.keyframes) > 1:
-            with self._timed("refine"):
-                self._refine()
-        self._solution.set_apart(self._cutter.submaps)
-        return self._map_graph()
+            with self._stage("refine"):
+                covariances = self._refine()
+        if covariances is None:
+            covariances = self._graph_covariances()
+        with self._stage("set apart"):
+            self._solution.set_apart(self._cutter.submaps)
+        stamps_ns = np.array([k.stamp_ns for k in self.keyframes], dtype=np.int64)
+        keyframes = PlanarPoses(stamps_ns, self.poses)
+        return MapGraph(keyframes, covariances, tuple(self._solution.edges))
 
     def events(self, graph: MapGraph) -> tuple[Event, ...]:
         """What is wrong with the finished map, and where it was driven."""
         stamps_ns = graph.keyframes.stamps_ns
         whole = (int(stamps_ns[0]), int(stamps_ns[-1]))
         unrefined = [Event(*whole, "unrefined", self._unrefined)] if self._unrefined else []
-        with self._timed("check"):
+        torn: list[Event] = []
+        with self._stage("check"):
             around = partial(self._cutter.query, travel_m=self._config.closures.query_travel_m)
             submaps, size = self._cutter.submaps, self._config.submaps
             doubts = [k.index for k in self.keyframes[1:] if k.doubt_ns and not k.broken]
-            torn = tears(around, submaps, graph.keyframes, size, doubts)
             drives = {two.index for one, two in pairwise(self.keyframes) if begins_drive(one, two)}
-            return (*self._carried, *doubtful_joints(graph, drives), *torn, *unrefined)
+            torn += doubtful_joints(graph, drives)
+            torn += tears(around, submaps, graph.keyframes, size, doubts)
+        return (*self._carried, *torn, *unrefined)
 
     def _spacing_m(self, keyframe: Keyframe) -> float:
         """Path from one key frame to the next to keep where this one is, 0 where all are."""
@@ -210,7 +212,7 @@ class BackEnd:
     def _join(self, keyframe: Keyframe, known: bool) -> None:
         """Give a key frame its number, and its place in the graph and in a submap."""
         self._taken.append(keyframe.index)
-        odometry = reduce(_then, [*self._passed, keyframe.odometry])
+        odometry = reduce(then, [*self._passed, keyframe.odometry])
         self._passed.clear()
         keyframe = replace(keyframe, index=len(self.keyframes), odometry=odometry)
         if not self.keyframes:
@@ -228,11 +230,10 @@ class BackEnd:
         rounds = self._config.closures.rounds if self._config.closures.enabled else 0
         for number in range(rounds):
             begun = number * len(self.keyframes)
-            with self._timed("closures"):
-                found = self._search_all(progress, begun, rounds * len(self.keyframes))
-            if not found:
+            if not self._search_all(progress, begun, rounds * len(self.keyframes)):
                 break
-            self._solve()
+            with self._stage("solve"):
+                self._solution.solve()
         self._search.give_up_waiting()
 
     def _search_all(self, progress: Progress, begun: int, whole: int) -> int:
@@ -242,12 +243,9 @@ class BackEnd:
         for keyframe in self.keyframes:
             progress(begun + keyframe.index + 1, whole)
             if keyframe.index not in closed:
-                found += self._search.search(keyframe.index)
+                with self._stage("closures", keyframe.index):
+                    found += self._search.search(keyframe.index)
         return found
-
-    def _solve(self) -> None:
-        with self._timed("solve"):
-            self._solution.solve()
 
     def _calibrate(self) -> None:
         """Calibrate the odometry by all key frames; what only odometry held moves with it."""
@@ -261,40 +259,41 @@ class BackEnd:
         self.calibration = recalibration.solved
         self._odometry_noise = recalibration.solved.noise
 
-    def _refine(self) -> None:
-        """Move the key frames to where all views agree best."""
-        noise = self._odometry_noise
-        odometry = [odometry_edge(*pair, noise) for pair in pairwise(self.keyframes)]
-        views = [keyframe.view for keyframe in self.keyframes]
-        T_base_view = np.array([keyframe.T_base_view for keyframe in self.keyframes])
-        start, noise_m = compose(self.poses, T_base_view), self._cutter.noise_m
+    def _refine(self) -> FloatArray | None:
+        """Move the key frames to where all views agree best.
+
+        (n, 3, 3) how sure they are there, None if the refinement is not to be used.
+        """
+        noise_m, edges = self._cutter.noise_m, self._solution.edges
         try:
-            refined = refine(views, start, odometry, noise_m, self._solution.edges)
+            poses, sights = refine_keyframes(
+                self.keyframes, self.poses, self._odometry_noise, noise_m, edges
+            )
         except NotRefined as refusal:
             self._unrefined = str(refusal)
-            return
-        self._solution.estimate.move(compose(refined.poses, inverse(T_base_view)))
-        self.sights = refined.sights
+            return None
+        covariances = sights.covariances()
+        self._solution.estimate.move(poses)
+        self.sights = sights
+        return covariances
 
-    def _map_graph(self) -> MapGraph:
-        """The result. Unrefined, its covariances are those of the graph, scaled by how well its
-        closures fit what was claimed."""
+    def _graph_covariances(self) -> FloatArray:
+        """(n, 3, 3) without a refinement: those of the graph, scaled by how well its closures fit
+        what was claimed; those of its chain alone if it has none."""
         poses, edges = self.poses, self._solution.edges
-        if self.sights is None:
-            in_map = relative_covariances(poses, edges, 0, np.zeros(2))
-            covariances = in_own_frame(poses, in_map) * variance_factor(poses, edges)
-        else:
-            covariances = self.sights.covariances(poses)
-        stamps_ns = np.array([k.stamp_ns for k in self.keyframes], dtype=np.int64)
-        return MapGraph(PlanarPoses(stamps_ns, poses), covariances, tuple(edges))
+        with self._stage("covariances"):
+            return relative_covariances(poses, edges, 0) * variance_factor(poses, edges)
+        return relative_covariances(poses, [e for e in edges if e.kind != "closure"], 0)
+
+    @contextmanager
+    def _stage(self, name: str, keyframe: int | None = None) -> Iterator[None]:
+        """A stage that may fail alone, and how long it takes."""
+        at = len(self.keyframes) - 1 if keyframe is None else keyframe
+        with self._timed(name), self.failures.caught(name, at):
+            yield
 
     @contextmanager
     def _timed(self, stage: str) -> Iterator[None]:
         start = time.perf_counter()
         yield
         self.seconds[stage] += time.perf_counter() - start
-
-
-def _then(one: OdometryStep | None, other: OdometryStep | None) -> OdometryStep | None:
-    """One step after the other, None if one of them is not known."""
-    return None if one is None or other is None else one.then(other)

@@ -21,11 +21,12 @@ from slamsim.types import FloatArray, IntArray
 class BlockFactor:
     """L L^T of a system: in place of a panel's triangle its inverse, and what lies below it.
 
-    ``factorise`` makes it.
+    keyframes: (count,) which key frame each unknown is. ``factorise`` makes it.
     """
 
     panels: Panels
     values: FloatArray
+    keyframes: IntArray
 
     def solve(self, right: FloatArray) -> FloatArray:
         """(count, 3) solution for a right-hand side (count, 3), both in the order of unknowns."""
@@ -36,60 +37,42 @@ class BlockFactor:
         return np.asarray(solution.reshape(-1, 3)[place])
 
     def inverse_diagonal(self) -> FloatArray:
-        """(count, 3, 3) diagonal blocks of the inverse, in the order of unknowns."""
-        return np.asarray(_inverse_diagonal(self.panels, self.values)[self.panels.place[:-1]])
+        """(count, 3, 3) diagonal blocks of the inverse, in the order of unknowns.
+
+        Raises NoSolution, naming the key frame, for a variance that is not positive.
+        """
+        diagonal = _inverse_diagonal(self.panels, self.values)[self.panels.place[:-1]]
+        require_variances(diagonal, self.keyframes)
+        return np.asarray(diagonal)
 
 
-def empty_system(panels: Panels) -> FloatArray:
-    """The flat array of a system without an equation; ``add_block`` fills it."""
-    return np.zeros(int(panels.offsets[-1]))
+def require_variances(covariances: FloatArray, keyframes: IntArray) -> None:
+    """Raise NoSolution, naming the key frame, unless all variances of (n, 3, 3) are positive."""
+    variances = np.diagonal(covariances, axis1=1, axis2=2)
+    positive = (variances > 0.0).all(axis=1) & np.isfinite(covariances).all(axis=(1, 2))
+    if not positive.all():
+        bad = int(np.argmin(positive))
+        at, found = int(keyframes[bad]), variances[bad].tolist()
+        raise NoSolution(f"the variances {found} of key frame {at} are not positive", at)
 
 
-def factorise(panels: Panels, system: FloatArray) -> BlockFactor:
-    """The factor of a system. Raises NoSolution if it is not positive definite."""
-    values = system.copy()
-    if not np.isfinite(values).all():
-        raise NoSolution("the information matrix is not finite")
-    _factorise(panels, values)
-    if not np.isfinite(values).all():
-        raise NoSolution("the information matrix is not positive definite")
-    return BlockFactor(panels, values)
+def factorise(panels: Panels, system: FloatArray, keyframes: IntArray) -> BlockFactor:
+    """The factor of a system; keyframes: (count,) which key frame each unknown is.
 
-
-@kernel
-def add_block(panels: Panels, system: FloatArray, a: int, b: int, block: FloatArray) -> None:
-    """Add what unknown ``a`` (row) and ``b`` (column) share to a system.
-
-    Of a pair a != b, one of the two blocks, not both.
+    Raises NoSolution, naming the key frame, if it is not finite or not positive definite.
     """
-    row, column = panels.place[a], panels.place[b]
-    flipped = row < column
-    if flipped:
-        row, column = column, row
-    panel = panels.owner[column]
-    begin, end = panels.first[panel], panels.first[panel + 1]
-    width = end - begin
-    if row < end:
-        at = row - begin
+    values = system.copy()
+    finite = np.isfinite(values)
+    if not finite.all():
+        panel = int(np.searchsorted(panels.offsets, np.argmin(finite), "right")) - 1
+        column = int(panels.first[panel])
     else:
-        at = width + _find(panels.below, panels.starts[panel], panels.starts[panel + 1], row)
-    corner = panels.offsets[panel] + 9 * at * width + 3 * (column - begin)
-    for i in range(3):
-        for j in range(3):
-            system[corner + 3 * i * width + j] += block[j, i] if flipped else block[i, j]
-
-
-@kernel
-def _find(values: IntArray, begin: int, end: int, wanted: int) -> int:
-    """Index after ``begin`` of a number that is there, by bisection."""
-    low, high = begin, end - 1
-    while low < high:
-        middle = (low + high) // 2
-        if values[middle] < wanted:
-            low = middle + 1
-        else:
-            high = middle
-    return int(low - begin)
+        column = _factorise(panels, values)
+    if column >= 0:
+        at = int(keyframes[np.flatnonzero(panels.place[:-1] == column)[0]])
+        fault = "positive definite" if finite.all() else "finite"
+        raise NoSolution(f"the information matrix is not {fault} at key frame {at}", at)
+    return BlockFactor(panels, values, keyframes)
 
 
 @kernel
@@ -111,25 +94,26 @@ def times(a: FloatArray, b: FloatArray) -> FloatArray:
 
 
 @kernel
-def _factorise(panels: Panels, values: FloatArray) -> None:
-    """In place; leaves numbers that are not finite where the system is not definite."""
+def _factorise(panels: Panels, values: FloatArray) -> int:
+    """In place; the column at which the system is not definite, -1 without one."""
     for panel in range(panels.first.size - 1):
         width = 3 * (panels.first[panel + 1] - panels.first[panel])
         whole = values[panels.offsets[panel] : panels.offsets[panel + 1]].reshape((-1, width))
-        if not _invert_triangle(whole[:width]):
-            whole[:] = np.nan
-            return
+        failed = _invert_triangle(whole[:width])
+        if failed >= 0:
+            return int(panels.first[panel] + failed // 3)
         if whole.shape[0] > width:
             reach = times(whole[width:], whole[:width].T.copy())
             whole[width:] = reach
             _pass_on(panels, values, panel, reach)
+    return -1
 
 
 @kernel
-def _invert_triangle(square: FloatArray) -> bool:
+def _invert_triangle(square: FloatArray) -> int:
     """Replace a symmetric matrix, given by its lower half, by the inverse of its Cholesky factor.
 
-    False if it is not positive definite.
+    The row at which it is not positive definite, -1 if it is.
     """
     size = square.shape[0]
     for i in range(size):
@@ -139,10 +123,10 @@ def _invert_triangle(square: FloatArray) -> bool:
                 total -= square[i, k] * square[j, k]
             if j < i:
                 square[i, j] = total / square[j, j]
-            elif total > 0.0:
+            elif 0.0 < total < np.inf:
                 square[i, i] = np.sqrt(total)
             else:
-                return False
+                return i
     for j in range(size):
         for i in range(j):
             square[i, j] = 0.0
@@ -152,26 +136,28 @@ def _invert_triangle(square: FloatArray) -> bool:
             for k in range(j, i):
                 total -= square[i, k] * square[k, j]
             square[i, j] = total / square[i, i]
-    return True
+    return -1
 
 
 @kernel
 def _below_in(panels: Panels, panel: int, first: int, other: int) -> tuple[int, IntArray]:
     """Of the rows below a panel, from the ``first`` on: how many are columns of ``other``, and
-    which row of that panel each of them is."""
+    which row of that panel each of them is. Raises IndexError if one is no row of it."""
     begin, end = panels.first[other], panels.first[other + 1]
     rows = panels.below[panels.starts[panel] + first : panels.starts[panel + 1]]
+    there = panels.below[panels.starts[other] : panels.starts[other + 1]]
     at = np.empty(rows.size, np.int64)
-    columns = 0
-    k = panels.starts[other]
+    columns = k = 0
     for r in range(rows.size):
         if rows[r] < end:
             at[r] = rows[r] - begin
             columns += 1
         else:
-            while panels.below[k] < rows[r]:
+            while k < there.size and there[k] < rows[r]:
                 k += 1
-            at[r] = end - begin + k - panels.starts[other]
+            if k == there.size or there[k] != rows[r]:
+                raise IndexError("the factor has no row for an entry that fills in")
+            at[r] = end - begin + k
     return columns, at
 
 

@@ -14,23 +14,25 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from slamsim.geometry import between, compose
+from slamsim.geometry import adjoint, between, compose
 from slamsim.result import GraphEdge
 from slamsim.safe.errors import SlamsimError
 from slamsim.slam.association import Shared, share_surfaces
-from slamsim.slam.blocks import empty_system, factorise
+from slamsim.slam.blocks import factorise
 from slamsim.slam.bundle_equations import (
+    Moments,
     add_surfaces,
     fit_lines,
+    moments_of,
     pull_to_lines,
     residuals,
     to_map,
 )
-from slamsim.slam.marginals import add_edges, adjoint, edge_covariances_in_map
-from slamsim.slam.matching.surfaces import BEAMS, SCATTER_XX, SCATTER_XY, SCATTER_YY, X, Y
-from slamsim.slam.panels import make_panels
+from slamsim.slam.marginals import add_edges, edge_covariances
+from slamsim.slam.odometry import ELSEWHERE
+from slamsim.slam.panels import add_block, empty_system, make_panels
 from slamsim.slam.sights import Sights
-from slamsim.types import Float32Array, FloatArray
+from slamsim.types import Float32Array, FloatArray, IntArray
 
 ROUNDS = ((0.06, 12.0, 3), (0.03, 4.0, 10))
 """Associations: how far apart across a surface its observations may lie, from how many standard
@@ -43,13 +45,17 @@ weight times the asymptotic variance of the estimator (Huber 1981)."""
 OTHER_WEIGHTS = 1.2
 """A system is made anew when the sum of all weights has grown or shrunk by this factor."""
 
+OTHER_PLACE = 0.02
+"""And after a step larger than this, metres or radians: levers and directions are others then."""
+
 SMALL_STEP = 2e-5
 """Metres and radians: steps no larger than this end a round."""
 
 MAX_BEND_M, MAX_BEND_RAD = 0.5, 0.35
 ODOMETRY_SIGMAS = 7.0
-NOISE_BEAMS = 5.0
-"""The noise of a range as known beforehand counts as much as so many beams of a piece."""
+LEAST_KNOWN = np.linalg.inv(ELSEWHERE)
+"""Information about a step that odometry is far off from: as if the robot had been carried. By the
+robust weight alone, which tends to zero, nothing would hold two parts of a map together."""
 
 ROUGH_VIEWS = 4.0
 """That all surfaces are equally rough counts as much as so many views of each."""
@@ -84,23 +90,11 @@ def refine(
     """The most likely poses (n, 3) given what was seen from them, beginning at good ones.
 
     views: n of (k, PIECE_FIELDS). odometry: edges that join all poses, of wheels and gyroscope
-    alone. noise_m: standard deviation of a range. edges: of the graph, which
-    say what belongs together. The first pose stays. Raises NotRefined.
+    alone. noise_m: standard deviation of a range. edges: of the graph, which say what belongs
+    together. The first pose stays. Raises NotRefined for a result that is not to be used,
+    NoSolution for equations that have none.
     """
-    try:
-        return _refine(views, poses, odometry, noise_m, edges)
-    except np.linalg.LinAlgError as error:
-        raise NotRefined(f"the refinement has no solution: {error}") from error
-
-
-def _refine(
-    views: Sequence[Float32Array],
-    poses: FloatArray,
-    odometry: Sequence[GraphEdge],
-    noise_m: float,
-    edges: Sequence[GraphEdge],
-) -> Refined:
-    moments = _moments(np.concatenate(views).astype(np.float64), noise_m)
+    moments = moments_of(np.concatenate(views).astype(np.float64), noise_m)
     bundle = None
     begun_at = poses
     for gate_m, doubted_sigmas, steps in ROUNDS:
@@ -112,33 +106,12 @@ def _refine(
     return Refined(poses, bundle.sights(poses), bundle.roughness_m)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Moments:
-    """points_m: (k, 2, 2) two points that have the mean of each piece and its spread along the
-    surface, in the frame of its view. variance: (k,) of the mean across the surface."""
-
-    points_m: FloatArray
-    variance: FloatArray
-
-
-def _moments(pieces: FloatArray, noise_m: float) -> _Moments:
-    beams = pieces[:, BEAMS]
-    xx, xy, yy = pieces[:, SCATTER_XX], pieces[:, SCATTER_XY], pieces[:, SCATTER_YY]
-    middle, root = 0.5 * (xx + yy), np.hypot(0.5 * (xx - yy), xy)
-    angle = 0.5 * np.arctan2(2.0 * xy, xx - yy)
-    half = np.sqrt((middle + root) / beams)[:, None] * np.stack([np.cos(angle), np.sin(angle)], 1)
-    across = np.maximum(middle - root, 0.0) + NOISE_BEAMS * noise_m**2
-    mean = pieces[:, [X, Y]]
-    points = np.stack([mean - half, mean + half], axis=1)
-    return _Moments(points, across / (beams + NOISE_BEAMS - 2.0) / beams)
-
-
 class _Bundle:
     """One association of views and surfaces, and the system that it makes."""
 
     def __init__(
         self,
-        moments: _Moments,
+        moments: Moments,
         shared: Shared,
         odometry: Sequence[GraphEdge],
         doubted_sigmas: float,
@@ -152,9 +125,13 @@ class _Bundle:
         self._shared, self._surfaces = shared, shared.surfaces
         # The first pose is held fixed: it goes last in the numbering.
         self._number = np.append(count - 1, np.arange(count - 1))
-        self._odometry = odometry
-        self._ends = self._number[[[edge.source, edge.target] for edge in odometry]]
-        pairs = np.concatenate([self._number[shared.pairs()], self._ends])
+        self._sources = np.array([edge.source for edge in odometry])
+        self._targets = np.array([edge.target for edge in odometry])
+        self._measured = np.array([edge.T_source_target for edge in odometry])
+        self._driven = np.asarray(np.linalg.inv(edge_covariances(odometry)), np.float64)
+        self._ends = self._number[np.stack([self._sources, self._targets], axis=1)]
+        self._pairs = shared.pairs()
+        pairs = np.concatenate([self._number[self._pairs], self._ends])
         self._panels = make_panels(pairs, count - 1)
         self._weights = 0.5 / self._variance
         self._scaled = 2.0 * self._variance
@@ -163,24 +140,28 @@ class _Bundle:
     def relax(self, poses: FloatArray, steps: int) -> FloatArray:
         """Steps of Gauss and Newton; the system is kept while the weights stay alike."""
         self._weigh(poses)
-        factor, weight = None, 0.0
+        factor, weight, largest = None, 0.0, np.inf
         for _ in range(steps):
             now = float(self._weights.sum())
-            if factor is None or not weight / OTHER_WEIGHTS < now < weight * OTHER_WEIGHTS:
-                factor, weight = factorise(self._panels, self._system(poses)), now
+            alike = weight / OTHER_WEIGHTS < now < weight * OTHER_WEIGHTS
+            if factor is None or not alike or largest > OTHER_PLACE:
+                system, keyframes = self._system(poses), np.arange(1, len(poses))
+                factor, weight = factorise(self._panels, system, keyframes), now
             step = factor.solve(self._pull(poses))
             if not np.isfinite(step).all():
                 raise NotRefined("a step of the refinement is not finite")
-            poses = compose(np.concatenate([np.zeros((1, 3)), step]), poses)
+            poses = compose(poses, np.concatenate([np.zeros((1, 3)), step]))
             self._weigh(poses)
-            if np.abs(step).max() <= SMALL_STEP:
+            largest = float(np.abs(step).max())
+            if largest <= SMALL_STEP:
                 break
         return poses
 
     def sights(self, poses: FloatArray) -> Sights:
         """What was seen and what was driven, each for itself."""
         drift = np.asarray(np.linalg.inv(self._believed_odometry(poses)[1]), np.float64)
-        return Sights(self._panels, self._surface_system(poses) / DOUBTED_BY_CHANCE, drift)
+        seen = self._surface_system(poses) / DOUBTED_BY_CHANCE
+        return Sights(self._panels, seen, drift, self._pairs, poses, np.zeros_like(poses))
 
     def check(self, before: FloatArray, after: FloatArray) -> None:
         """Raise NotRefined unless the poses became more likely without being torn about."""
@@ -221,10 +202,16 @@ class _Bundle:
         return np.maximum(shown / free, 1.0)
 
     def _system(self, poses: FloatArray) -> FloatArray:
-        """The information of everything about the poses, surfaces eliminated."""
+        """The information of everything about the poses, surfaces eliminated.
+
+        Damped (Levenberg 1944), or parts of the map that hardly anything joins would be thrown
+        about: no step leads farther than a robot that was carried may be.
+        """
         system = self._surface_system(poses)
         _, information = self._believed_odometry(poses)
-        add_edges(self._panels, system, self._ends, information)
+        add_edges(self._panels, system, self._ends, self._carry(poses), information)
+        for unknown in range(len(poses) - 1):
+            add_block(self._panels, system, unknown, unknown, LEAST_KNOWN)
         return system
 
     def _surface_system(self, poses: FloatArray) -> FloatArray:
@@ -232,38 +219,41 @@ class _Bundle:
         system = empty_system(self._panels)
         points = to_map(self._points, self._shared.views, poses)
         surfaces = (self._shared.starts, fit_lines(points, self._weights, self._shared.starts))
-        unknowns = self._number[self._shared.views]
-        add_surfaces(points, self._weights, unknowns, surfaces, self._panels, system)
+        add_surfaces(points, self._weights, self._own(poses), surfaces, self._panels, system)
         return system
+
+    def _own(self, poses: FloatArray) -> tuple[IntArray, FloatArray]:
+        """Number of the pose behind each observation, and all poses by number."""
+        return self._number[self._shared.views], np.roll(poses, -1, axis=0)
+
+    def _carry(self, poses: FloatArray) -> FloatArray:
+        """(m, 3, 3) takes a small step of the source of each odometry edge to its target."""
+        return adjoint(between(poses[self._targets], poses[self._sources]))
 
     def _pull(self, poses: FloatArray) -> FloatArray:
         """(n - 1, 3) the right-hand side: where everything wants the poses to go."""
         error, information = self._believed_odometry(poses)
         pull = np.einsum("mij,mj->mi", information, error)
         right = np.zeros((len(poses), 3))
-        np.add.at(right, self._ends[:, 0], pull)
+        np.add.at(right, self._ends[:, 0], np.einsum("mji,mj->mi", self._carry(poses), pull))
         np.add.at(right, self._ends[:, 1], -pull)
         points = to_map(self._points, self._shared.views, poses)
         lines = fit_lines(points, self._weights, self._shared.starts)
         surfaces = (self._shared.starts, lines)
-        pull_to_lines(points, self._weights, self._number[self._shared.views], surfaces, right)
+        pull_to_lines(points, self._weights, self._own(poses), surfaces, right)
         return right[:-1]
 
     def _odometry_errors(self, poses: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """(m, 3) what the poses add to the odometry, as steps of the map, and its information."""
-        sources = [edge.source for edge in self._odometry]
-        targets = [edge.target for edge in self._odometry]
-        measured = np.array([edge.T_source_target for edge in self._odometry])
-        error = between(measured, between(poses[sources], poses[targets]))
-        in_map = (adjoint(poses[targets]) @ error[..., None])[..., 0]
-        information = np.linalg.inv(edge_covariances_in_map(poses, self._odometry, np.zeros(2)))
-        return np.asarray(in_map), np.asarray(information)
+        """(m, 3) what the poses add to the odometry, as steps of its targets, and (m,) the squared
+        number of standard deviations."""
+        error = between(self._measured, between(poses[self._sources], poses[self._targets]))
+        return error, np.einsum("mi,mij,mj->m", error, self._driven, error)
 
     def _believed_odometry(self, poses: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """The same with less information where it is far off: wheels slip."""
-        error, information = self._odometry_errors(poses)
-        chi2 = np.einsum("mi,mij,mj->m", error, information, error)
-        return error, information * _robust(chi2, ODOMETRY_SIGMAS)[:, None, None]
+        """(m, 3) what the poses add to the odometry, and (m, 3, 3) its information, less where it
+        is far off, since wheels slip, but never none."""
+        error, chi2 = self._odometry_errors(poses)
+        return error, self._driven * _robust(chi2, ODOMETRY_SIGMAS)[:, None, None] + LEAST_KNOWN
 
     def _cost(self, poses: FloatArray) -> float:
         """Robust cost at given poses, as variances are by now.
@@ -272,9 +262,9 @@ class _Bundle:
         """
         chi2 = self._squares(poses) / self._scaled
         seen = chi2 * np.sqrt(_robust(chi2, self._doubted_sigmas))
-        error, information = self._odometry_errors(poses)
-        off = np.einsum("mi,mij,mj->m", error, information, error)
+        error, off = self._odometry_errors(poses)
         driven = off * np.sqrt(_robust(off, ODOMETRY_SIGMAS))
+        driven += np.einsum("mi,ij,mj->m", error, LEAST_KNOWN, error)
         return float(seen.sum() + driven.sum())
 
 

@@ -1,23 +1,51 @@
 """The equations of a bundle adjustment of poses and straight surfaces, surfaces eliminated.
 
-Poses are disturbed from the left, in the map frame. Each observation of a surface is two points
-that stand for all its beams: they have their mean and their spread along the surface. A surface
-is a line, refitted to its observations at every pose (variable projection, Golub & Pereyra 1973),
-with an offset and a turn that are eliminated by Schur complement.
+Each pose is disturbed by a small step in its own frame, so that levers are no longer than the lidar
+reaches, wherever in the map it stands. Each observation of a surface is two points that stand for
+all its beams: they have their mean and their spread along the surface. A surface is a line,
+refitted to its observations at every pose (variable projection, Golub & Pereyra 1973), with an
+offset and a turn that are eliminated by Schur complement.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from slamsim.jit import kernel
-from slamsim.slam.blocks import add_block
 from slamsim.slam.matching.runs import principal_axis
-from slamsim.slam.panels import Panels
+from slamsim.slam.matching.surfaces import BEAMS, SCATTER_XX, SCATTER_XY, SCATTER_YY, X, Y
+from slamsim.slam.panels import Panels, add_block
 from slamsim.types import FloatArray, IntArray
 
 LINE_FIELDS = 4
 """A line: a point (x, y) in the middle of its observations, and its normal (x, y)."""
+
+NOISE_BEAMS = 5.0
+"""The noise of a range as known beforehand counts as much as so many beams of a piece."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Moments:
+    """points_m: (k, 2, 2) two points that have the mean of each piece and its spread along the
+    surface, in the frame of its view. variance: (k,) of the mean across the surface."""
+
+    points_m: FloatArray
+    variance: FloatArray
+
+
+def moments_of(pieces: FloatArray, noise_m: float) -> Moments:
+    """Of pieces (k, PIECE_FIELDS); noise_m: standard deviation of a range."""
+    beams = pieces[:, BEAMS]
+    xx, xy, yy = pieces[:, SCATTER_XX], pieces[:, SCATTER_XY], pieces[:, SCATTER_YY]
+    middle, root = 0.5 * (xx + yy), np.hypot(0.5 * (xx - yy), xy)
+    angle = 0.5 * np.arctan2(2.0 * xy, xx - yy)
+    half = np.sqrt((middle + root) / beams)[:, None] * np.stack([np.cos(angle), np.sin(angle)], 1)
+    across = np.maximum(middle - root, 0.0) + NOISE_BEAMS * noise_m**2
+    mean = pieces[:, [X, Y]]
+    points = np.stack([mean - half, mean + half], axis=1)
+    return Moments(points, across / (beams + NOISE_BEAMS - 2.0) / beams)
 
 
 @kernel
@@ -74,37 +102,52 @@ def residuals(points: FloatArray, starts: IntArray, lines: FloatArray) -> FloatA
 def pull_to_lines(
     points: FloatArray,
     weights: FloatArray,
-    unknowns: IntArray,
+    poses: tuple[IntArray, FloatArray],
     surfaces: tuple[IntArray, FloatArray],
     right: FloatArray,
 ) -> None:
     """Add to the right-hand side (n, 3) what all observations want; see ``add_surfaces``."""
+    unknowns, T_map_own = poses
     starts, lines = surfaces
+    row = np.empty(3)
     for s in range(starts.size - 1):
         x, y, nx, ny = lines[s]
         for k in range(starts[s], starts[s + 1]):
             for end in range(2):
                 px, py = points[k, end]
                 pull = weights[k] * (nx * (px - x) + ny * (py - y))
-                right[unknowns[k], 0] -= pull * nx
-                right[unknowns[k], 1] -= pull * ny
-                right[unknowns[k], 2] -= pull * (ny * px - nx * py)
+                _across(T_map_own[unknowns[k]], points[k, end], (nx, ny), row)
+                for i in range(3):
+                    right[unknowns[k], i] -= pull * row[i]
+
+
+@kernel
+def _across(
+    T_map_own: FloatArray, point: FloatArray, normal: tuple[float, float], row: FloatArray
+) -> None:
+    """How far a point moves across a surface for a small step of its pose in the pose's frame."""
+    x, y, yaw = T_map_own
+    nx, ny = normal
+    cos, sin = np.cos(yaw), np.sin(yaw)
+    row[0], row[1] = cos * nx + sin * ny, cos * ny - sin * nx
+    row[2] = ny * (point[0] - x) - nx * (point[1] - y)
 
 
 @kernel
 def add_surfaces(
     points: FloatArray,
     weights: FloatArray,
-    unknowns: IntArray,
+    poses: tuple[IntArray, FloatArray],
     surfaces: tuple[IntArray, FloatArray],
     panels: Panels,
     system: FloatArray,
 ) -> None:
     """Add all observations to the system.
 
-    unknowns: (k,) number of the pose behind each observation, as in ``panels``, equal ones next
-    to each other within a surface. surfaces: starts and lines.
+    poses: (k,) number of the pose behind each observation, as in ``panels``, equal ones next to
+    each other within a surface, and (n, 3) T_map_own by that number. surfaces: starts and lines.
     """
+    unknowns, T_map_own = poses
     starts, lines = surfaces
     fixed = panels.place.size - 1
     row, block = np.empty(3), np.empty((3, 3))
@@ -122,7 +165,7 @@ def add_surfaces(
             for end in range(2):
                 px, py = points[k, end]
                 along = nx * (py - y) - ny * (px - x)
-                row[0], row[1], row[2] = nx, ny, ny * px - nx * py
+                _across(T_map_own[unknowns[k]], points[k, end], (nx, ny), row)
                 offset += weights[k]
                 turn += weights[k] * along * along
                 for i in range(3):

@@ -14,11 +14,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.sparse import coo_matrix, csc_matrix
-from scipy.sparse.linalg import splu
 
 from slamsim.config.slam import MotionConfig
-from slamsim.geometry import between, compose, inverse
+from slamsim.geometry import adjoint, between, compose
 from slamsim.result import GraphEdge
 from slamsim.slam.calibration import (
     LEAST_GYRO_FACTOR,
@@ -29,7 +27,7 @@ from slamsim.slam.calibration import (
     match_information,
     step_covariance,
 )
-from slamsim.slam.marginals import adjoint, edge_covariances_in_map
+from slamsim.slam.marginals import edge_covariances, graph_factor
 from slamsim.slam.steps import GYRO_BIAS, GYRO_SCALE, PARAMETERS, OdometryNoise, OdometryStep
 from slamsim.types import FloatArray, IntArray
 
@@ -238,49 +236,29 @@ def closed_by_loops(
     if not loose.any() or not any(edge.kind == "closure" and edge.weight > 0.0 for edge in edges):
         return solved
     chain = {(edge.source, edge.target): edge for edge in edges if edge.kind != "closure"}
-    laplacian = _laplacian(poses, [edge for edge in edges if edge.weight > 0.0])
+    factor = graph_factor(poses, edges, 0)
     size = len(solved.values)
     coupling, own, push = np.zeros((len(poses), 3, size)), np.zeros((size, size)), np.zeros(size)
     for n in np.flatnonzero(loose).tolist():
         a, b = ends[n]
         edge = chain[a, b]
-        to_target = adjoint(inverse(poses[b]))
-        known = np.linalg.inv(edge_covariances_in_map(poses, [edge], np.zeros(2))[0])
+        known = np.linalg.inv(edge_covariances([edge])[0])
         share = shares(solved.knots_ns, np.array([intervals[n].stamp_ns]))
         jacobian = intervals[n].step.jacobian[:3]
         jacobian = np.hstack([jacobian[:, :GYRO_BIAS], jacobian[:, GYRO_BIAS:] * share])
-        # The step by which the measured step moves, as a step of the map.
-        moved = np.linalg.solve(to_target, free[n] @ jacobian)
-        apart = between(edge.T_source_target, between(poses[a], poses[b]))
-        off = np.asarray(np.linalg.solve(to_target, apart), np.float64)
+        # The step by which the measured step moves, in the frame of its end.
+        moved = free[n] @ jacobian
+        off = between(edge.T_source_target, between(poses[a], poses[b]))
         own += moved.T @ known @ moved
         push += moved.T @ known @ off
         coupling[b] += known @ moved
-        coupling[a] -= known @ moved
-    flat = coupling[1:].reshape(-1, size)
-    gained = own - flat.T @ splu(laplacian).solve(flat)
+        coupling[a] -= adjoint(between(poses[b], poses[a])).T @ known @ moved
+    moves = np.stack([factor.solve(column) for column in np.moveaxis(coupling[1:], 2, 0)], axis=2)
+    gained = own - coupling[1:].reshape(-1, size).T @ moves.reshape(-1, size)
     known_alone = np.linalg.inv(alone.covariance)
     covariance = np.asarray(np.linalg.inv(known_alone + gained), np.float64)
     step = covariance @ (push - known_alone @ (solved.values - alone.values))
     return replace(solved, values=solved.values + step, covariance=covariance)
-
-
-def _laplacian(poses: FloatArray, edges: Sequence[GraphEdge]) -> csc_matrix:
-    """Information of all poses but the first as steps of the map about its origin."""
-    information = np.linalg.inv(edge_covariances_in_map(poses, edges, np.zeros(2)))
-    information *= np.array([edge.weight for edge in edges])[:, None, None]
-    a = np.array([edge.source for edge in edges])
-    b = np.array([edge.target for edge in edges])
-    rows = np.concatenate([a, b, a, b])
-    columns = np.concatenate([a, b, b, a])
-    blocks = np.concatenate([information, information, -information, -information])
-    inner = (rows > 0) & (columns > 0)
-    within = np.arange(3)
-    row = 3 * (rows[inner, None, None] - 1) + within[None, :, None] + np.zeros((1, 1, 3), int)
-    column = 3 * (columns[inner, None, None] - 1) + within[None, None, :] + np.zeros((1, 3, 1), int)
-    size = 3 * (len(poses) - 1)
-    matrix = coo_matrix((blocks[inner].ravel(), (row.ravel(), column.ravel())), (size, size))
-    return csc_matrix(matrix)
 
 
 def moved_match(interval: Interval, T_used: FloatArray, solved: Solved) -> FloatArray:

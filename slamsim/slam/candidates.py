@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from slamsim.config.back_end import ClosureConfig
-from slamsim.geometry import transform_points
+from slamsim.geometry import inverse, transform_points
 from slamsim.slam.estimate import Estimate
 from slamsim.slam.submaps import Submap
 from slamsim.types import FloatArray, IntArray
@@ -63,8 +63,9 @@ def _position_sigmas(
     estimate: Estimate, anchors: IntArray, later: int, at_m: FloatArray
 ) -> FloatArray:
     """(m,) standard deviation of points (m, 2) that move with each anchor, as seen later."""
-    covariances = estimate.covariances_in_map(anchors, np.array([later]))
+    covariances = estimate.covariances(anchors, later)
+    seen_m = transform_points(inverse(estimate.poses[later]), at_m)
     lever = np.tile(np.eye(3)[:2], (len(anchors), 1, 1))
-    lever[:, 0, 2], lever[:, 1, 2] = -at_m[:, 1], at_m[:, 0]
+    lever[:, 0, 2], lever[:, 1, 2] = -seen_m[:, 1], seen_m[:, 0]
     spread = lever @ covariances @ np.swapaxes(lever, 1, 2)
     return np.asarray(np.sqrt(np.trace(spread, axis1=1, axis2=2)))

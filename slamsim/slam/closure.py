@@ -8,10 +8,9 @@ from typing import Literal
 import numpy as np
 
 from slamsim.config.back_end import BackEndConfig
-from slamsim.geometry import between, compose, transform_points
+from slamsim.geometry import adjoint, between, compose, rotation, transform_points
 from slamsim.result import GraphEdge
 from slamsim.slam.correlative import LikelihoodGrid, Peak, Window, scores, search
-from slamsim.slam.marginals import adjoint, rotation
 from slamsim.slam.matching.align import CONVERGED, COVERED, INLIERS, WEAK, align
 from slamsim.slam.submaps import (
     FREE,

@@ -3,12 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 
 from slamsim.geometry import between, compose, interpolate_se2
 from slamsim.types import FloatArray, IntArray, OutsideTimeRange, PlanarTrajectory
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Correction:
+    """T_map_base: (3,) of a key frame as the closures known by now have it. covariance: (3, 3)
+    relative to the first key frame, of a small step of the base in its own frame. keyframe: its
+    index as it came."""
+
+    keyframe: int
+    T_map_base: FloatArray
+    covariance: FloatArray
 
 
 def correct_pieces(

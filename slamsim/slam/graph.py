@@ -14,12 +14,11 @@ import gtsam
 import numpy as np
 
 from slamsim.config.back_end import GraphConfig
-from slamsim.geometry import between, wrap_angle
+from slamsim.geometry import between, rotation, wrap_angle
 from slamsim.result import GraphEdge
 from slamsim.safe.errors import SlamsimError
 from slamsim.safe.numbers import is_sound
 from slamsim.slam.joined import Joined
-from slamsim.slam.marginals import rotation
 from slamsim.types import BoolArray, FloatArray
 
 _Factor = gtsam.BetweenFactorPose2

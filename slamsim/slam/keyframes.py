@@ -7,9 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from slamsim.config.back_end import GraphConfig, KeyframeConfig
-from slamsim.geometry import between
+from slamsim.geometry import between, rotation
 from slamsim.result import EdgeKind, GraphEdge
-from slamsim.slam.marginals import rotation
 from slamsim.slam.matching.surfaces import range_noise_m
 from slamsim.slam.odometry import ELSEWHERE_M, ELSEWHERE_RAD, Tracked
 from slamsim.slam.steps import PARAMETERS, OdometryNoise, OdometryStep

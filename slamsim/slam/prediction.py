@@ -7,12 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from slamsim.config.slam import MotionConfig
-from slamsim.geometry import between, compose, inverse, wrap_angle
+from slamsim.geometry import adjoint, between, compose, inverse, wrap_angle
 from slamsim.result import Calibrated, Event
 from slamsim.slam.calibrated import calibrated
 from slamsim.slam.calibration import Calibrator
 from slamsim.slam.calibration_solve import Solved
-from slamsim.slam.marginals import adjoint
 from slamsim.slam.matching.base import Match
 from slamsim.slam.motion import Odometry
 from slamsim.slam.slip import Look, SlipWatch, coasted

@@ -14,10 +14,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from slamsim.geometry import between
+from slamsim.geometry import adjoint, between, inverse
 from slamsim.result import MapGraph
-from slamsim.slam.blocks import factorise
-from slamsim.slam.marginals import add_edges, adjoint, in_own_frame
+from slamsim.slam.marginals import joined_covariances
 from slamsim.slam.panels import Panels
 from slamsim.slam.smoothing import Smoothed
 from slamsim.types import FloatArray, IntArray
@@ -25,30 +24,32 @@ from slamsim.types import FloatArray, IntArray
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sights:
-    """What holds n poses of a map together.
+    """What holds n views of a map together.
 
-    panels, values: what the views of shared surfaces say, a system whose unknowns are steps of the
-    map, one for each pose but the first, which is held fixed. drift: (n - 1, 3, 3) covariance of
-    the odometry from pose to pose, as a step of the map.
+    panels, values: what the views of shared surfaces say, a system whose unknowns are small steps
+    of each view but the first, which is held fixed, in its own frame. drift: (n - 1, 3, 3)
+    covariance of the odometry from view to view, of the later one in its own frame. pairs: (p, 2)
+    of views that share surfaces. poses: (n, 3) T_map_view. T_base_view: (n, 3) where each view is
+    seen from its base.
     """
 
     panels: Panels
     values: FloatArray
     drift: FloatArray
+    pairs: IntArray
+    poses: FloatArray
+    T_base_view: FloatArray
 
-    def covariances(self, poses: FloatArray) -> FloatArray:
+    def covariances(self) -> FloatArray:
         """(n, 3, 3) relative to the first pose, of small steps of the base in its own frame.
 
-        poses: (n, 3) T_map_base. Raises numpy.linalg.LinAlgError if nothing holds some pose.
+        Raises NoSolution if nothing holds some pose.
         """
-        last = len(poses) - 1
-        number = np.append(last, np.arange(last))
-        system = self.values.copy()
-        ends = np.stack([number[:-1], number[1:]], axis=1)
-        add_edges(self.panels, system, ends, np.asarray(np.linalg.inv(self.drift), np.float64))
-        in_map = np.zeros((len(poses), 3, 3))
-        in_map[1:] = factorise(self.panels, system).inverse_diagonal()
-        return in_own_frame(poses, in_map)
+        count = len(self.poses)
+        ends = np.stack([np.arange(count - 1), np.arange(1, count)], axis=1)
+        seen = (self.panels, self.values, self.pairs)
+        covariances = joined_covariances(self.poses, 0, seen, (ends, self.drift))
+        return _carried(adjoint(self.T_base_view), covariances)
 
 
 def smoothed_covariances(
@@ -64,19 +65,21 @@ def smoothed_covariances(
     guessed = {edge.target for edge in graph.edges if edge.kind == "odometry"}
     driven = np.array([k not in guessed for k in range(first + 1, len(poses))], dtype=np.bool_)
     drift, scatter = sights.drift.copy(), np.zeros((len(poses), 3, 3))
-    drift[first:][driven] = drift_between(smoothed, stamps_ns)[driven]
+    to_view = adjoint(inverse(sights.T_base_view[first + 1 :]))
+    drift[first:][driven] = _carried(to_view, drift_between(smoothed, stamps_ns))[driven]
     scatter[first:] = smoothed.covariances[_numbers(smoothed, stamps_ns)]
-    of_map = replace(sights, drift=drift).covariances(poses)
+    of_map = replace(sights, drift=drift).covariances()
     return with_scatter(poses, of_map, scatter)[first:]
 
 
 def drift_between(smoothed: Smoothed, stamps_ns: IntArray) -> FloatArray:
-    """(k - 1, 3, 3) covariance of the odometry between scans, by their (k,) stamps, as a step of
-    the map."""
-    at = _numbers(smoothed, stamps_ns)
-    turn = adjoint(smoothed.track.poses[1:])
-    in_map = turn @ smoothed.drift @ np.swapaxes(turn, 1, 2)
-    return np.asarray(np.add.reduceat(in_map[: at[-1]], at[:-1], axis=0))
+    """(k - 1, 3, 3) covariance of the odometry between scans, by their (k,) stamps, of the base at
+    the later scan in its own frame."""
+    at, poses = _numbers(smoothed, stamps_ns), smoothed.track.poses
+    end = poses[np.repeat(at[1:], np.diff(at))]
+    steps = slice(at[0], at[-1])
+    carried = _carried(adjoint(between(end, poses[1:][steps])), smoothed.drift[steps])
+    return np.asarray(np.add.reduceat(carried, at[:-1] - at[0], axis=0))
 
 
 def with_scatter(poses: FloatArray, covariances: FloatArray, scatter: FloatArray) -> FloatArray:
@@ -84,8 +87,12 @@ def with_scatter(poses: FloatArray, covariances: FloatArray, scatter: FloatArray
     by an error of its own besides, of (n, 3, 3) ``scatter`` in its own frame."""
     from_first = adjoint(between(poses[1:], poses[0]))
     whole = covariances.copy()
-    whole[1:] += scatter[1:] + from_first @ scatter[0] @ np.swapaxes(from_first, 1, 2)
+    whole[1:] += scatter[1:] + _carried(from_first, scatter[0])
     return whole
+
+
+def _carried(carry: FloatArray, covariances: FloatArray) -> FloatArray:
+    return np.asarray(carry @ covariances @ np.swapaxes(carry, -1, -2))
 
 
 def _numbers(smoothed: Smoothed, stamps_ns: IntArray) -> IntArray:

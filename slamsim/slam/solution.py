@@ -111,10 +111,10 @@ class Solution:
 
     def update(self) -> None:
         """Let the new closures move the estimate; now and then, renew its uncertainties."""
-        self.estimate.move(self._graph.update(self.poses))
         count = self._updated_keyframes = len(self.estimate)
         opened = not all(closure.expected for closure in self._unsolved)
         self._unsolved.clear()
+        self.estimate.move(self._graph.update(self.poses))
         grown = count - self.estimate.solved_count
         if opened or grown >= RENEW_AFTER_KEYFRAMES + RENEW_AFTER_SHARE * count:
             self._renew_covariances()
@@ -131,9 +131,15 @@ class Solution:
         self._unsolved.clear()
 
     def solve_with(self, chain: Sequence[GraphEdge]) -> None:
-        """The full solution with these in the place of the edges that joined the same poses."""
-        self._graph.renew(chain)
-        self.solve()
+        """The full solution with these in the place of the edges that joined the same poses, which
+        come back if there is none."""
+        before = [edge for edge in self._graph.edges if edge.kind != "closure"]
+        try:
+            self._graph.renew(chain)
+            self.solve()
+        except Exception:
+            self._graph.renew(before)
+            raise
 
     def _carried(self, keyframe: int, T_map_base: FloatArray) -> FloatArray:
         """(n, 3) the poses with a whole part moved so that this key frame of it lies there."""

@@ -8,8 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from slamsim.config.slam import MotionConfig
-from slamsim.geometry import compose, inverse
-from slamsim.slam.marginals import adjoint
+from slamsim.geometry import adjoint, compose, inverse
 from slamsim.types import FloatArray
 
 PATH_SCALE, TURN_SCALE, CURVATURE, GYRO_SCALE, GYRO_BIAS = range(5)
@@ -138,3 +137,8 @@ class OdometryNoise:
         covariance = np.diag([position, position + half * half * yaw * 4.0 / 3.0, yaw])
         covariance[1, 2] = covariance[2, 1] = half * yaw
         return np.asarray(covariance + np.diag(step.doubt))
+
+
+def then(one: OdometryStep | None, other: OdometryStep | None) -> OdometryStep | None:
+    """One step after the other, None if one of them is not known."""
+    return None if one is None or other is None else one.then(other)

@@ -6,10 +6,9 @@ from collections import deque
 
 import numpy as np
 
-from slamsim.geometry import between, compose, inverse
-from slamsim.slam.back_end import Correction
+from slamsim.geometry import adjoint, between, compose, inverse
+from slamsim.slam.correction import Correction
 from slamsim.slam.keyframes import Keyframe
-from slamsim.slam.marginals import adjoint
 from slamsim.slam.odometry import Tracked
 from slamsim.types import FloatArray
 

@@ -21,7 +21,8 @@ from slamsim.config.slam import SlamConfig
 from slamsim.kin import Halted, Patience, dying_with_us
 from slamsim.progress import Progress, silent
 from slamsim.result import Event, GraphEdge
-from slamsim.slam.back_end import BackEnd, Correction
+from slamsim.slam.back_end import BackEnd
+from slamsim.slam.correction import Correction
 from slamsim.slam.keyframes import Keyframe
 from slamsim.slam.online.keeper import InLine, Outcome
 from slamsim.slam.online.messages import Done, Finish, News, Task

@@ -8,9 +8,10 @@ from typing import Protocol
 
 from slamsim.config.slam import SlamConfig
 from slamsim.progress import Progress
-from slamsim.result import Event, MapGraph
-from slamsim.slam.back_end import BackEnd, Correction
+from slamsim.result import Event, FailedStage, MapGraph
+from slamsim.slam.back_end import BackEnd
 from slamsim.slam.calibration_solve import Solved
+from slamsim.slam.correction import Correction
 from slamsim.slam.keyframes import Keyframe
 from slamsim.slam.saved_map import SavedMap
 from slamsim.slam.sights import Sights
@@ -22,7 +23,7 @@ class Outcome:
     """What the back end made of all key frames in the end.
 
     unrefined: where the graph alone had put them, before the final refinement. sights: what holds
-    them since then, None without it.
+    them since then, None without it. failed: stages whose work is missing.
     """
 
     graph: MapGraph
@@ -34,6 +35,7 @@ class Outcome:
     refusals: Mapping[str, int]
     calibration: Solved | None = None
     sights: Sights | None = None
+    failed: tuple[FailedStage, ...] = ()
 
 
 class MapKeeper(Protocol):
@@ -102,14 +104,16 @@ class InLine:
 def outcome_of(back_end: BackEnd, progress: Progress) -> Outcome:
     """Finish, and gather all that there is to tell."""
     graph = back_end.finish(progress)
+    events = back_end.events(graph)
     return Outcome(
         graph,
         PlanarPoses(graph.keyframes.stamps_ns, back_end.unrefined),
         back_end.accepted,
         back_end.rejected,
-        back_end.events(graph),
+        events,
         dict(back_end.seconds),
         dict(back_end.refusals),
         back_end.calibration,
         back_end.sights,
+        tuple(back_end.failures),
     )

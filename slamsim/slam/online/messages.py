@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from slamsim.config.slam import SlamConfig
 from slamsim.result import GraphEdge
-from slamsim.slam.back_end import Correction
+from slamsim.slam.correction import Correction
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,0 +1,36 @@
+"""The last step: key frames moved to where all their views agree best."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+
+from slamsim.geometry import compose, inverse
+from slamsim.result import GraphEdge
+from slamsim.slam.bundle import refine
+from slamsim.slam.keyframes import Keyframe, odometry_edge
+from slamsim.slam.sights import Sights
+from slamsim.slam.steps import OdometryNoise
+from slamsim.types import FloatArray
+
+
+def refine_keyframes(
+    keyframes: Sequence[Keyframe],
+    poses: FloatArray,
+    noise: OdometryNoise,
+    noise_m: float,
+    edges: Sequence[GraphEdge],
+) -> tuple[FloatArray, Sights]:
+    """(n, 3) T_map_base beginning at ``poses``, and what holds them there; raises as ``refine``.
+
+    noise: of the odometry. noise_m: standard deviation of a range. edges: of the graph.
+    """
+    odometry = [odometry_edge(*pair, noise) for pair in pairwise(keyframes)]
+    views = [keyframe.view for keyframe in keyframes]
+    T_base_view = np.array([keyframe.T_base_view for keyframe in keyframes])
+    refined = refine(views, compose(poses, T_base_view), odometry, noise_m, edges)
+    poses = compose(refined.poses, inverse(T_base_view))
+    return poses, replace(refined.sights, T_base_view=T_base_view)
