@@ -257,7 +257,10 @@ class Judge:
 
 
 def unmarked(hidden: set[str]) -> Iterator[str]:
-    """Remains that do not say that they are slamsim's. Staging folders may be empty as yet."""
+    """Remains that do not say that they are slamsim's.
+
+    A staging folder, and the marker in it, may be empty as yet: its lock file names it.
+    """
     for path in sorted(path for path in hidden if str(Path(path).parent) not in hidden):
         if path.endswith(".slamsim-lock"):
             marker = Path(path)
@@ -266,7 +269,8 @@ def unmarked(hidden: set[str]) -> Iterator[str]:
         else:
             continue
         try:
-            is_ours = "slamsim" in json.loads(marker.read_text())
+            text = marker.read_text()
+            is_ours = "slamsim" in json.loads(text) if text else marker.parent == Path(path)
         except (OSError, ValueError):
             is_ours = False
         if not is_ours:
