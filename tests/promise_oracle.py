@@ -153,7 +153,7 @@ class Judge:
 
     def _left_wrong(self, ended: Ended, after: Snapshot) -> Iterator[str]:
         """What stands under the announced names is whole, and finished work is there."""
-        for folder in self._new_folders(after):
+        for folder in self.results(after):
             if self._command.in_parts or after == self._before.there:
                 continue
             sums = listed(folder, after)
@@ -168,7 +168,7 @@ class Judge:
                 if path is not None and path not in after:
                     yield f"it ended with 0, and there is no {path}"
 
-    def _new_folders(self, after: Snapshot) -> list[str]:
+    def results(self, after: Snapshot) -> list[str]:
         """Announced folders that this command made or replaced."""
         announced = [self.folder] if self.folder is not None else []
         if self._command.under_outputs:
@@ -189,7 +189,7 @@ class Judge:
         return self._command.under_outputs and above == self._outputs and name[0] != "."
 
     def _may_be_new(self, path: str, ended: Ended, after: Snapshot) -> bool:
-        for folder in self._new_folders(after):
+        for folder in self.results(after):
             if path == folder or path.startswith(f"{folder}/"):
                 return True
             if folder.startswith(f"{path}/"):  # one of the folders above it
@@ -257,7 +257,10 @@ class Judge:
 
 
 def unmarked(hidden: set[str]) -> Iterator[str]:
-    """Remains that do not say that they are slamsim's. Staging folders may be empty as yet."""
+    """Remains that do not say that they are slamsim's.
+
+    A staging folder, and the marker in it, may be empty as yet: its lock file names it.
+    """
     for path in sorted(path for path in hidden if str(Path(path).parent) not in hidden):
         if path.endswith(".slamsim-lock"):
             marker = Path(path)
@@ -266,7 +269,8 @@ def unmarked(hidden: set[str]) -> Iterator[str]:
         else:
             continue
         try:
-            is_ours = "slamsim" in json.loads(marker.read_text())
+            text = marker.read_text()
+            is_ours = "slamsim" in json.loads(text) if text else marker.parent == Path(path)
         except (OSError, ValueError):
             is_ours = False
         if not is_ours:
