@@ -108,12 +108,10 @@ def _judged(command: Command, place: Path, ending: Ending, before: Any) -> tuple
     broken += unmarked(hidden)
     if ending.kind != "let run" and ended.code not in (0, 2, 3) and not command.endless:
         again = run(command.typed, place, Ending(), limit_s)
-        # A free name is taken then: that of a finished result has no next writer.
-        is_finished = command.under_outputs and judge.results(after.there)
         at_last, judge = Before.of(place), Judge(place, command, after, hidden)
         broken += [f"next run: {text}" for text in judge.broken(again, Ending(), at_last.there)]
         stays = [path for path in sorted(hidden) if path in at_last.there]
-        if stays and again.code == 0 and not is_finished:
+        if stays and again.code == 0:
             broken.append(f"next run: remains stay: {stays[0]}")
     return ended, broken
 

@@ -20,6 +20,7 @@ from foreign_files import snapshot
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from slamsim.run.naming import output_folder
 from slamsim.safe import lock, staging
 from slamsim.safe.errors import Locked, SlamsimError
 from slamsim.safe.lock import lock_of, locked, owner_words, staging_of
@@ -223,6 +224,39 @@ def test_a_foreign_file_under_the_name_of_the_lock_is_refused(
             pass
         assert "\n" not in str(caught.value)
     assert snapshot(tmp_path) == before
+
+
+def test_what_a_kill_leaves_beside_a_finished_run_goes_with_the_next_default_name(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    run = tmp_path.resolve() / "outputs" / RUN
+
+    def finish() -> None:
+        with partial_folder(run) as new:
+            (new / "log").mkdir()
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("slamsim.safe.output.remove_staging", die)
+        killed(finish)
+    assert (run / "log").is_dir() and staging_of(run) is not None
+    with output_folder(None, RUN, overwrite=False) as folder:
+        assert folder == Path("outputs") / f"{RUN}_2"
+        assert not lock_of(run).exists()
+    assert names(tmp_path / "outputs") == {RUN}
+
+
+def test_what_a_kill_leaves_unfinished_stays_for_recover(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    outputs = Outputs(tmp_path / "outputs")
+    outputs.overwrite()
+    outputs.be_killed()
+    staging = staging_of(outputs.run.resolve())
+    with output_folder(None, RUN, overwrite=False):
+        pass
+    assert staging is not None and (staging / "new" / "log" / "data").is_file()
 
 
 def test_a_lock_of_ours_that_was_altered_is_not_ours(tmp_path: Path) -> None:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Generic, TypeVar
 from slamsim.config.bundled import bundled_names
 from slamsim.safe.errors import Locked, OutputRefused, SlamsimError
 from slamsim.safe.files import noted_inputs, own_file
-from slamsim.safe.output import claimed_folder, partial_file
+from slamsim.safe.output import claimed_folder, partial_file, put_away_remains
 from slamsim.safe.replaceable import require_apart
 
 if TYPE_CHECKING:
@@ -148,6 +148,7 @@ def _claimed_free(first: Path, inputs: tuple[Path | None, ...], held: ExitStack)
     """The first of this name, and of it with a number, that nobody has or is about to have."""
     for folder in _numbered(first):
         if os.path.lexists(folder):
+            put_away_remains(folder)
             continue
         require_apart((folder,), inputs)
         try:

@@ -18,11 +18,12 @@ from typing import TypeVar
 
 from slamsim.quantities import as_size
 from slamsim.safe.errors import DiskFull, SlamsimError, shown
-from slamsim.safe.lock import claimed, locked
+from slamsim.safe.lock import claimed, locked, staging_of
 from slamsim.safe.replaceable import require_replaceable_file, require_replaceable_folder
 from slamsim.safe.seal import WRITTEN_BY_US, seal_folder
 from slamsim.safe.staging import (
     NEW,
+    OLD,
     make_staging,
     put_in_place,
     remove_staging,
@@ -94,6 +95,19 @@ def claimed_folder(final: Path, overwrite: bool = False) -> Iterator[None]:
     with _entered(final, claimed(final, partial(restore, final))):
         require_replaceable_folder(final, overwrite)
         yield
+
+
+def put_away_remains(final: Path) -> None:
+    """Remove what a process left beside ``final`` that was killed when that was finished.
+
+    What it left unfinished, or was to replace, stays: ``slamsim recover`` may look for it.
+    """
+    final = as_written(final)
+    staging = staging_of(final)
+    if staging is None or any(os.path.lexists(staging / name) for name in (NEW, OLD)):
+        return
+    with suppress(SlamsimError, OSError), locked(final, partial(restore, final)):
+        pass
 
 
 @contextmanager
