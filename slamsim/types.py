@@ -226,9 +226,9 @@ class Log:
         for what, stream in (("the IMU", self.imu), ("the wheel encoders", self.encoders)):
             if stream is not None:
                 numbers.require_stamps(f"{what} of {self.name}", stream.stamps_ns)
-        numbers.require_rigid("T_base_laser", self.T_base_laser)
+        numbers.require_mount("T_base_laser", self.T_base_laser)
         if self.T_base_imu is not None:
-            numbers.require_rigid("T_base_imu", self.T_base_imu)
+            numbers.require_mount("T_base_imu", self.T_base_imu)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

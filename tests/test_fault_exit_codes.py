@@ -19,7 +19,7 @@ from typer.testing import CliRunner
 
 from slamsim.cli import app
 from slamsim.run.folder import TRUTH
-from slamsim.safe.errors import OverrideRefused
+from slamsim.safe.errors import OutputRefused, OverrideRefused
 from slamsim.safe.output import partial_folder
 
 pytestmark = pytest.mark.fault
@@ -113,7 +113,7 @@ WRITING = [
     ["fix", "x.mcap", "URL"],
     ["fault", "x.mcap", "URL", "--fault", "laser_yaw"],
     ["recover", "x.mcap", "--out", "URL"],
-    ["identify", "x.yaml", "--robot-file", "URL"],
+    ["identify", "turtlebot2_study", "--robot-file", "URL"],
     ["demo", "rotation-bug", "--out", "URL"],
     ["scenario", "all", "--out", "URL"],
     ["view", "there", "--screenshot", "URL"],
@@ -129,9 +129,10 @@ def test_where_a_url_makes_no_sense_it_makes_no_folder(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     words = [url if word == "URL" else word for word in command]
+    (tmp_path / "x.mcap").write_bytes(b"")
     error = CliRunner().invoke(app, words).exception
-    assert isinstance(error, OverrideRefused) and "is a URL" in str(error)
-    assert list(tmp_path.iterdir()) == []
+    assert isinstance(error, OutputRefused) and "is a URL" in str(error)
+    assert [path.name for path in tmp_path.iterdir()] == ["x.mcap"]
 
 
 @pytest.mark.parametrize("url", ["memory://x", "simplecache::memory://x", "data:text/plain,x"])

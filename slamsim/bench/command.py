@@ -135,8 +135,10 @@ def bench(
 ) -> None:
     """Measure speed, as ratios taken in one run on this machine; or accuracy over many seeds."""
     from slamsim.console import Reporter
+    from slamsim.safe.replaceable import require_apart
 
     reporter = Reporter(quiet=quiet, as_json=as_json)
+    require_apart((logs,), (recording,))
     asked = _Asked(world, config, tuple(set_ or ()), seed, seconds, path, reporter)
     if part == "accuracy":
         _accuracy(asked, seeds, workers, logs, bound)
@@ -171,10 +173,8 @@ def _check(
     from slamsim.bench.check.long import long_rows, time_long_check
     from slamsim.bench.check.real import recordings_at
     from slamsim.config.faults import typed_choices
-    from slamsim.safe.replaceable import require_apart
     from slamsim.sensors.faults.registry import bundled_faults, chosen_fault
 
-    require_apart((kept,), (real,))
     faults = bundled_faults()
     if trials.faults is not None:
         faults = tuple(map(chosen_fault, typed_choices(trials.faults.split(","))))

@@ -212,6 +212,7 @@ def _message(raw: RawScans, number: int) -> SimpleNamespace:
             stamp=SimpleNamespace(sec=sec, nanosec=nanosec), frame_id=raw.frame_ids[0]
         ),
         angle_min=layout.angle_min_rad,
+        angle_max=layout.angle_max_rad,
         angle_increment=layout.angle_step_rad,
         time_increment=layout.beam_dt_s,
         range_min=layout.range_min_m,

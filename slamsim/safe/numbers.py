@@ -26,6 +26,8 @@ MOST_NS = 2**62
 FINITE = float(np.finfo(np.float64).max)
 """The bound of numbers that may have any size, such as information."""
 
+FARTHEST_MOUNT_M = 1000.0
+"""No vehicle is longer; what is, is an error of units or of frames."""
 UNIT_WITHIN = 1e-2
 """A quaternion whose length is not nearer to one is no rotation."""
 
@@ -186,6 +188,16 @@ def require_rigid(what: str, T_a_b: object) -> None:
     square = np.allclose(turn @ turn.T, np.eye(3), atol=1e-3) and float(np.linalg.det(turn)) > 0.0
     if not square or not np.allclose(last, (0.0, 0.0, 0.0, 1.0)):
         raise BadNumbers(f"{what}: the 4 x 4 matrix is no rotation with a translation")
+
+
+def require_mount(what: str, T_base_sensor: object) -> None:
+    """Raise BadNumbers unless a sensor can be mounted so: rigidly, and on the robot."""
+    require_rigid(what, T_base_sensor)
+    assert isinstance(T_base_sensor, np.ndarray)
+    if float(np.abs(T_base_sensor[:3, 3]).max()) > FARTHEST_MOUNT_M:
+        raise BadNumbers(
+            f"{what}: the sensor is mounted more than {FARTHEST_MOUNT_M:g} m from the base"
+        )
 
 
 def require_unit_quaternions(what: str, quats_xyzw: object, count: int) -> None:

@@ -67,13 +67,14 @@ def require_apart(outputs: Iterable[Path | None], inputs: Iterable[Path | None])
     that is not there.
     """
     read = [path for path in inputs if path is not None]
+    written = [path for path in outputs if path is not None]
+    for out in written:
+        if _URL.match(str(out)):
+            raise OutputRefused(f"{shown(str(out))} is a URL; this is written to folders only")
     for path in read:
         if not _exists(path):
             raise NotFound(f"{path}: no such file or folder")
-    written = [path for path in outputs if path is not None]
     for number, out in enumerate(written):
-        if _URL.match(str(out)):
-            raise OutputRefused(f"{shown(str(out))} is a URL; this is written to folders only")
         for path in (*read, *written[:number]):
             left = staging_of(out) if out.name else None
             for place in (out, left):

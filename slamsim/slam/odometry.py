@@ -9,7 +9,7 @@ import numpy as np
 from slamsim.config.slam import FrontEndConfig
 from slamsim.geometry import between
 from slamsim.result import Calibrated, Event
-from slamsim.safe.numbers import require_rigid
+from slamsim.safe.numbers import require_mount
 from slamsim.slam.calibration_solve import Solved
 from slamsim.slam.deskew import MAX_TILT_RAD, deskew, tilt_of
 from slamsim.slam.matching import Match, Matcher, make_matcher
@@ -87,7 +87,7 @@ class FrontEnd:
         odometry: Odometry | None,
         T_base_laser: FloatArray,
     ) -> None:
-        require_rigid("T_base_laser", T_base_laser)
+        require_mount("T_base_laser", T_base_laser)
         self._config = config
         self._T_base_laser, self._tilt_rad = T_base_laser, tilt_of(T_base_laser)
         self._predictor = Predictor(config.motion, odometry)

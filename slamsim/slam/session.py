@@ -14,7 +14,7 @@ from slamsim.config.slam import SlamConfig
 from slamsim.progress import Progress, silent
 from slamsim.result import Calibrated, Event, MapGraph, SlamResult
 from slamsim.safe.errors import SlamsimError
-from slamsim.safe.numbers import require_finite, require_rigid, solving
+from slamsim.safe.numbers import require_finite, require_mount, solving
 from slamsim.slam.assembly import assemble, odometry_alone
 from slamsim.slam.keyframes import ABOUT_THERE, ANYWHERE, Before, KeyframeMaker
 from slamsim.slam.motion import NoMotion, Odometry, log_odometry, predict_motion
@@ -178,9 +178,9 @@ def open_session(
                 publish(step.T_map_odom)
             result = session.finish()
     """
-    require_rigid("T_base_laser", T_base_laser)
+    require_mount("T_base_laser", T_base_laser)
     if T_base_imu is not None:
-        require_rigid("T_base_imu", T_base_imu)
+        require_mount("T_base_imu", T_base_imu)
     warm_up(config, T_base_laser)
     motion = MotionFilter(None if T_base_imu is None else T_base_imu[:3, :3])
     front_end = FrontEnd(config.front_end, None, T_base_laser)
