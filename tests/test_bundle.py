@@ -199,7 +199,9 @@ def test_the_reduced_system_is_the_dense_one_with_surfaces_eliminated(seed: int)
     dense_inverse = np.linalg.inv(dense)[:size, :size]
     found = factorise(panels, system, np.arange(1, count))
     expected = (dense_inverse @ dense_right[:size]).reshape(-1, 3)
-    assert np.allclose(found.solve(right[:-1]), expected, rtol=1e-6, atol=1e-9)
+    # The central differences of the oracle are off by up to some 1e-8 of the largest number.
+    off = 1e-7 * np.abs(expected).max()
+    assert np.allclose(found.solve(right[:-1]), expected, rtol=0.0, atol=off)
     blocks = [dense_inverse[3 * k : 3 * k + 3, 3 * k : 3 * k + 3] for k in range(count - 1)]
     assert np.allclose(found.inverse_diagonal(), blocks, rtol=1e-6, atol=1e-9)
 

@@ -16,12 +16,12 @@ import pyarrow.parquet as pq
 import pytest
 import trimesh
 from bag_data import ROS1, ROS2, Robot, as_mcap, as_ros1, as_rosbag2
-from mcap.writer import CompressionType
+from mcap.writer import CompressionType, Writer
 
 from slamsim.config.layout import ImageLayout
 from slamsim.logs.bag1_check import index_bag1
 from slamsim.logs.bag_limits import check_definitions
-from slamsim.logs.mcap_read import index_mcap
+from slamsim.logs.mcap_read import index_mcap, mcap_attachments
 from slamsim.logs.parquet_file import read_table
 from slamsim.logs.refusing import refusing
 from slamsim.logs.sqlite_read import index_sqlite
@@ -114,6 +114,17 @@ def chunk(folder: Path, limits: Limits) -> object:
     return index_mcap(path, limits)
 
 
+def attachment(folder: Path, limits: Limits) -> object:
+    path = folder / "a.mcap"
+    with path.open("wb") as stream:
+        writer = Writer(stream)
+        writer.start()
+        writer.add_attachment(0, 0, "notes.txt", "text/plain", bytes(100))
+        writer.finish()  # type: ignore[no-untyped-call]
+    with refusing(path, "attachments"):
+        return list(mcap_attachments(index_mcap(path), limits))
+
+
 def table(folder: Path, limits: Limits) -> object:
     path = folder / "a.parquet"
     pq.write_table(pa.table({"a": np.zeros(10_000)}), path, compression="zstd")
@@ -179,6 +190,7 @@ EXCESS: dict[str, tuple[Excess, dict[str, float]]] = {
         lambda folder, limits: read_saved_map(put(folder / "map.npz", bytes(9)), limits),
         {"saved_map_bytes": 8},
     ),
+    "attachment_bytes": (attachment, {"attachment_bytes": 99}),
     "bag_chunk_bytes": (chunk, {"bag_chunk_bytes": 3000}),
     "bag_ratio": (chunk, {"bag_ratio": 1, "bag_ratio_floor_bytes": 0}),
     "bag_ratio_floor_bytes": (chunk, {"bag_ratio_floor_bytes": 999, "bag_ratio": 1}),

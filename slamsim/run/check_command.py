@@ -11,6 +11,7 @@ import typer
 
 from slamsim.options import Json, Lossy, Overwrite, OverwriteFile, Quiet, ScanTopic
 from slamsim.safe.errors import SlamsimError
+from slamsim.safe.output import disk_full
 
 CHECK_EPILOG = (
     "Exit code: 0 nothing is bad, 1 something is; 2, 3, 4 and 10 the check could not run. "
@@ -77,6 +78,8 @@ def _not_checked() -> Iterator[None]:
             raise
         raise NotChecked(str(error)) from error
     except OSError as error:
+        if isinstance(error, BrokenPipeError) or disk_full(error):
+            raise  # of standard output, which has codes of its own
         raise NotChecked(
             f"{error.filename or 'input/output'}: {error.strerror or error}"
         ) from error
