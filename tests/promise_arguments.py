@@ -121,5 +121,5 @@ class Drawn:
         elif drawn < 0.93:
             spelled = path.swapcase()
         else:
-            spelled = f"../work/{path}"
+            spelled = f"../{work.name}/{path}"
         return f"./{spelled}" if spelled.startswith("-") else spelled

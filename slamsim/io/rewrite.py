@@ -9,6 +9,7 @@ is encoded again: fields that a ``Recording`` does not hold, such as covariances
 from __future__ import annotations
 
 from collections.abc import Container, Iterator, Sequence
+from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -86,7 +87,7 @@ def rewrite_recording(path: Path, read: Recording, edited: Recording, folder: Pa
         _new_description(bag, read, edited),
     )
     edges = new_edges(edited)
-    with _copy_of(bag, folder) as copy, Spool() as spool:
+    with _copy_of(bag, folder) as copy, closing(Spool()) as spool:
         _require_stamps(copy, [*(c.stamps_ns for c in changes), *(e.stamps_ns for e in edges)])
         numbers = _declared(bag, copy)
         _spool_moved(edits, copy, numbers, spool)

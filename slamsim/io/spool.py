@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Iterator
-from types import TracebackType
-from typing import Self
 
 import numpy as np
 
@@ -16,22 +14,15 @@ Message = tuple[int, int, int, int, bytes]
 
 
 class Spool:
-    """A context manager; what grows beyond the limit goes to an unnamed file."""
+    """What grows beyond the limit goes to an unnamed file; the caller closes."""
 
     def __init__(self, limit_bytes: int = IN_MEMORY_BYTES) -> None:
         folder = large_files_folder()
         self._file = tempfile.SpooledTemporaryFile(max_size=limit_bytes, dir=str(folder))  # noqa: SIM115
         self._heads: list[tuple[int, int, int, int, int]] = []
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def close(self) -> None:
+        """Give the file back."""
         self._file.close()
 
     def put(self, number: int, log_ns: int, published_ns: int, sequence: int, data: bytes) -> None:
