@@ -1,6 +1,7 @@
-"""Random examples have no deadline: compiling, or a busy machine, is no failure. Ctrl-C is heard in
-child processes also where the tests run in the background, which has it ignored. What takes long
-to make and is only looked at is made once for all files."""
+"""Random examples have no deadline: compiling, or a busy machine, is no failure. Where CI is set
+Hypothesis draws the same examples for the same code, elsewhere new ones in each run. Ctrl-C is
+heard in child processes also where the tests run in the background, which has it ignored. What
+takes long to make and is only looked at is made once for all files."""
 
 from __future__ import annotations
 
@@ -15,7 +16,7 @@ from hypothesis import settings
 if TYPE_CHECKING:
     from slamsim.dataset.engines.base import Engine
 
-settings.register_profile("any machine", deadline=None)
+settings.register_profile("any machine", settings(), deadline=None)
 settings.load_profile("any machine")
 
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
