@@ -77,10 +77,10 @@ def test_one_strange_scan_may_be_spoilt_and_two_alike_are_another_place() -> Non
     around = Surroundings()
     around.placed(seen(HERE, ROOM).cloud, HERE)
     strange = seen(HERE, OTHER_ROOM, stamp_ns=10**8).cloud
-    assert not around.agree(strange, poor_match(HERE))
+    assert not around.agree(strange, poor_match(HERE), expected=False)
     assert not around.left(strange, HERE, ())
     home = seen(HERE, ROOM, stamp_ns=2 * 10**8).cloud
-    assert around.agree(home, poor_match(HERE))
+    assert around.agree(home, poor_match(HERE), expected=False)
     assert not around.left(home, HERE, ())
     assert not around.left(strange, HERE, ())
     assert around.left(seen(HERE, OTHER_ROOM, stamp_ns=3 * 10**8).cloud, HERE, ())
@@ -90,7 +90,7 @@ def test_what_changed_in_a_long_time_is_no_contradiction() -> None:
     around = Surroundings()
     around.placed(seen(HERE, ROOM).cloud, HERE)
     late = seen(HERE, OTHER_ROOM, stamp_ns=2 * 10**9).cloud
-    assert around.agree(late, poor_match(HERE))
+    assert around.agree(late, poor_match(HERE), expected=False)
 
 
 def test_a_scan_that_fits_the_map_from_another_guess_was_not_carried() -> None:

@@ -77,7 +77,12 @@ def odometry_alone(log: Log, prediction: PlanarTrajectory) -> PlanarTrajectory:
 def _breaks_ns(front_end: FrontEnd, outcome: Outcome) -> list[int]:
     """Where the map is torn apart: what lies before and after is corrected apart as well."""
     carried_ns = [event.start_ns for event in outcome.events if event.kind == "kidnapped"]
-    return sorted([*front_end.breaks_ns, *carried_ns])
+    withdrawn_ns = {e.start_ns for e in front_end.events() if _is_withdrawn(e, outcome)}
+    return sorted({*front_end.breaks_ns, *carried_ns} - withdrawn_ns)
+
+
+def _is_withdrawn(event: Event, outcome: Outcome) -> bool:
+    return event.kind == "kidnapped" and event.end_ns in outcome.withdrawn_ns
 
 
 def _smoothed_graph(
@@ -93,7 +98,8 @@ def _smoothed_graph(
 
 
 def _in_order(front_end: FrontEnd, outcome: Outcome) -> tuple[Event, ...]:
-    happened = (*front_end.events(), *outcome.events)
+    noticed = (event for event in front_end.events() if not _is_withdrawn(event, outcome))
+    happened = (*noticed, *outcome.events)
     return tuple(sorted(happened, key=lambda event: event.start_ns))
 
 

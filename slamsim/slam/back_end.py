@@ -22,8 +22,8 @@ from slamsim.slam.closure_search import ClosureSearch
 from slamsim.slam.correction import Correction
 from slamsim.slam.failures import Failures
 from slamsim.slam.graph import variance_factor
-from slamsim.slam.health import carried, doubtful_joints, tears
-from slamsim.slam.keyframes import Keyframe, begins_drive, chain_edge
+from slamsim.slam.health import carried, carried_to, doubtful_joints, tears
+from slamsim.slam.keyframes import LEAST_MOTION, Keyframe, begins_drive, chain_edge
 from slamsim.slam.marginals import relative_covariances
 from slamsim.slam.odometry import CARRIED, ELSEWHERE
 from slamsim.slam.recalibrate import Recalibration
@@ -53,7 +53,7 @@ class BackEnd:
         self._taken: list[int] = []
         self._passed: list[OdometryStep | None] = []
         self._visits = Visits()
-        self._carried: list[Event] = []
+        self._suspected: list[Event] = []
         self._unrefined = ""
         self.sights: Sights | None = None
         """What holds the key frames, once finished and refined."""
@@ -153,6 +153,8 @@ class BackEnd:
         with self._stage("solve"):
             self._solution.solve()
         self._close_what_is_open(progress)
+        with self._stage("join"):
+            self._settle()
         with self._stage("calibrate"):
             self._calibrate()
         self.unrefined, covariances = self.poses, None
@@ -180,7 +182,15 @@ class BackEnd:
             drives = {two.index for one, two in pairwise(self.keyframes) if begins_drive(one, two)}
             torn += doubtful_joints(graph, drives)
             torn += tears(around, submaps, graph.keyframes, size, doubts)
-        return (*self._carried, *torn, *unrefined)
+        withdrawn = self.withdrawn_ns
+        carried = (event for event in self._suspected if event.end_ns not in withdrawn)
+        return (*carried, *torn, *unrefined)
+
+    @property
+    def withdrawn_ns(self) -> frozenset[int]:
+        """Stamps of the key frames before which the robot may have been carried, and was not."""
+        begun = self._solution.parts.withdrawn
+        return frozenset(self.keyframes[number].stamp_ns for number in begun)
 
     def _spacing_m(self, keyframe: Keyframe) -> float:
         """Path from one key frame to the next to keep where this one is, 0 where all are."""
@@ -197,7 +207,8 @@ class BackEnd:
         return keyframe.path_m - self.keyframes[-1].path_m >= spacing_m
 
     def _cut_off(self, keyframe: Keyframe) -> Keyframe:
-        """A doubtful key frame that contradicts what was seen just before may be anywhere."""
+        """Before a doubtful key frame that contradicts what was seen just before, the robot may
+        have been carried."""
         if keyframe.doubt_ns is None or keyframe.broken or not self.keyframes:
             return keyframe
         last = len(self.keyframes) - 1
@@ -206,8 +217,12 @@ class BackEnd:
         now = self._cutter.alone(keyframe)
         if not carried(before, now, T_before_now, self._config.submaps):
             return keyframe
-        self._carried.append(Event(keyframe.doubt_ns, keyframe.stamp_ns, "kidnapped", CARRIED))
-        return replace(keyframe, restart=ELSEWHERE)
+        event = Event(keyframe.doubt_ns, keyframe.stamp_ns, "kidnapped", CARRIED)
+        self._suspected.append(event)
+        if keyframe.odometry is None:
+            return replace(keyframe, restart=ELSEWHERE)
+        noise = self._odometry_noise.covariance(keyframe.odometry) + LEAST_MOTION
+        return replace(keyframe, restart=noise, suspect=True)
 
     def _join(self, keyframe: Keyframe, known: bool) -> None:
         """Give a key frame its number, and its place in the graph and in a submap."""
@@ -220,7 +235,8 @@ class BackEnd:
         else:
             before = self.keyframes[-1]
             edge = chain_edge(before, keyframe, self._odometry_noise, self._config.graph)
-            self._solution.extend(edge, apart=keyframe.kidnapped)
+            apart = keyframe.kidnapped or keyframe.suspect
+            self._solution.extend(edge, apart, linked=not keyframe.kidnapped)
         submap = self._cutter.add(keyframe, known)
         if submap is not None:
             self._search.offer(submap)
@@ -246,6 +262,26 @@ class BackEnd:
                 with self._stage("closures", keyframe.index):
                     found += self._search.search(keyframe.index)
         return found
+
+    def _settle(self) -> None:
+        """Decide of the parts that odometry links and no closure joins, whether they follow on.
+
+        They do unless what was seen on the metres after contradicts what was seen before.
+        """
+        parts, count = self._solution.parts, len(self.keyframes)
+        undecided = parts.open_between(0, count)
+        if not undecided:
+            return
+        around = partial(self._cutter.query, travel_m=self._config.closures.query_travel_m)
+        carried = carried_to(around, self.keyframes, undecided, self._config.submaps)
+        for begin in undecided:
+            if begin in carried:
+                self._solution.loosen(begin)
+                loose = replace(self.keyframes[begin], restart=ELSEWHERE)
+                self._cutter.keyframes[begin] = loose
+            else:
+                parts.withdraw(begin)
+        self._solution.solve()
 
     def _calibrate(self) -> None:
         """Calibrate the odometry by all key frames; what only odometry held moves with it."""

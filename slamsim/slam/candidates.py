@@ -32,14 +32,17 @@ class CandidateIndex:
         self._to_path_m[self._count] = submap.to_path_m
         self._count += 1
 
-    def of(self, query: Submap, estimate: Estimate) -> list[int]:
+    def of(self, query: Submap, estimate: Estimate, before_m: float) -> list[int]:
         """Numbers of the submaps near enough to overlap; nearest first, few, not neighbours.
+
+        before_m: those that end before this much path, however near the query, are no part of what
+        it follows on.
 
         Nearness is that of the middles of what was seen, not of where the robot stood, so that
         a lidar that looks one way only finds what it sees on the way back.
         """
         limits = self._config
-        behind_m = query.to_path_m - limits.min_travel_m
+        behind_m = max(query.to_path_m - limits.min_travel_m, before_m)
         count = int(np.searchsorted(self._to_path_m[: self._count], behind_m))
         if count == 0:
             return []

@@ -92,7 +92,7 @@ class ClosureFinder:
         if isinstance(edge, str):
             return edge
         edge = _without_sliding(edge, likelihood, points, middle)
-        expected_here = surely_near and _mahalanobis(edge, expected) <= limits.gate_sigmas
+        expected_here = surely_near and sigmas_off(edge, expected) <= limits.gate_sigmas
         refusal = self._refuted(query, submap, space, edge.T_source_target, expected_here)
         if refusal is not None:
             return refusal
@@ -196,7 +196,7 @@ def _without_sliding(
     return replace(edge, covariance=covariance)
 
 
-def _mahalanobis(edge: GraphEdge, expected: Expected) -> float:
+def sigmas_off(edge: GraphEdge, expected: Expected) -> float:
     """How many standard deviations the found pose is from the expected one."""
     step = between(expected.T_submap_query, edge.T_source_target)
     turn = rotation(np.asarray(-edge.T_source_target[2]))

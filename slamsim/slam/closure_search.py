@@ -57,11 +57,14 @@ class ClosureSearch:
         """Search the submaps that may overlap with a key frame; how many closures came of it."""
         self.refusals["unsupported"] += self._waiting.forget(self._path_m(index))
         parts = self._solution.parts
+        begun = parts.begun(index)
+        is_open = bool(parts.open_between(begun - 1, begun))
         query = self._cutter.query(index, self._config.query_travel_m)
+        before_m = np.nextafter(self._path_m(begun), np.inf) if is_open else -np.inf
         found = 0
-        for number in self._candidates.of(query, self._solution.estimate):
+        for number in self._candidates.of(query, self._solution.estimate, before_m):
             anchor = self._cutter.submaps[number].anchor
-            if parts.of(anchor) != parts.of(index) or (number, index) in self._closed:
+            if not parts.linked(anchor, index) or (number, index) in self._closed:
                 continue
             expected = self._solution.expected(anchor, index)
             if self._failed_before(number, index, expected):
@@ -71,7 +74,9 @@ class ClosureSearch:
                 self._failures[number, index] = expected.T_submap_query
             else:
                 found += self._weigh(closure)
-        return found + (self._rejoin(index) if parts.loose else 0)
+        if not parts.loose or (is_open and self._path_m(index) < before_m + REJOIN_TRAVEL_M):
+            return found
+        return found + self._rejoin(index)
 
     def new_closures(self) -> tuple[GraphEdge, ...]:
         """Those that came to count since this was last asked."""

@@ -12,6 +12,7 @@ from scipy.sparse.csgraph import connected_components
 from slamsim.config.back_end import SubmapConfig
 from slamsim.geometry import between, transform_points
 from slamsim.result import Event, GraphEdge, MapGraph
+from slamsim.slam.keyframes import Keyframe
 from slamsim.slam.odometry import ELSEWHERE_M
 from slamsim.slam.submaps import FREE, UNKNOWN, SpaceGrid, Submap, space_grid
 from slamsim.types import FloatArray, IntArray, PlanarPoses
@@ -40,6 +41,10 @@ TORN_HERE = (
     "before: the robot may have been carried, and the map be torn there"
 )
 
+USUAL_SAMPLES = 100
+"""Places at which the usual contradiction is measured; more than at all of them has, in a recording
+that looks the same everywhere, a chance of one in a hundred."""
+
 HARMLESS = 0.15
 EVERY_KEYFRAMES = 2
 MAX_PAIRS = 3
@@ -52,6 +57,44 @@ def carried(before: Submap, now: Submap, T_before_now: FloatArray, size: SubmapC
     """Whether what is seen now cannot have been seen from beside where the robot just was."""
     space = space_grid(before, size.resolution_m, size.radius_m)
     return contradiction(before, space, now, T_before_now, size) > CARRIED_SHARE
+
+
+def carried_to(
+    query_of: Callable[[int], Submap],
+    keyframes: Sequence[Keyframe],
+    begins: Sequence[int],
+    size: SubmapConfig,
+) -> set[int]:
+    """Those of the key frames ``begins`` to which the robot was carried: what was seen on the
+    metres after each contradicts what was seen before as it does nowhere else in the recording.
+
+    query_of: what was seen about a key frame.
+    """
+    usual = [
+        _afterwards(query_of, keyframes, number, size)
+        for number in np.linspace(1, len(keyframes) - 1, USUAL_SAMPLES).astype(int).tolist()
+        if not any(begin <= number + AFTERWARDS and number <= begin for begin in begins)
+    ]
+    limit = max([CARRIED_SHARE, *usual])
+    return {b for b in begins if _afterwards(query_of, keyframes, b, size) > limit}
+
+
+def _afterwards(
+    query_of: Callable[[int], Submap],
+    keyframes: Sequence[Keyframe],
+    number: int,
+    size: SubmapConfig,
+) -> float:
+    """Mean contradiction of what was seen before a key frame with what was seen on the next."""
+    before = query_of(number - 1)
+    space = space_grid(before, size.resolution_m, size.radius_m)
+    shares = []
+    for later in range(number, min(number + AFTERWARDS, len(keyframes))):
+        now = query_of(later)
+        if now.first >= number:
+            T = between(keyframes[before.anchor].T_map_base, keyframes[later].T_map_base)
+            shares.append(contradiction(before, space, now, T, size))
+    return float(np.mean(shares)) if shares else 0.0
 
 
 def _torn_unnoticed(

@@ -41,7 +41,8 @@ class Keyframe:
     two; else None. noise_m: standard deviation of a range, as learnt by then. odometry: the step
     since the key frame before by wheels and gyroscope; None where they do not cover all of it.
     doubt_ns: stamp of the first scan since the key frame before that was lost or had to be searched
-    for, None without one.
+    for, None without one. suspect: whether the robot may have been carried before it; restart then
+    tells how sure odometry is if it was not.
     """
 
     index: int
@@ -59,6 +60,7 @@ class Keyframe:
     noise_m: float
     odometry: OdometryStep | None = None
     doubt_ns: int | None = None
+    suspect: bool = False
 
     @property
     def broken(self) -> bool:
@@ -148,6 +150,7 @@ class KeyframeMaker:
             noise_m=self._noise_m,
             odometry=self._odometry,
             doubt_ns=self._doubt_ns,
+            suspect=tracked.suspect,
         )
         self._doubt_ns = None
         self._odometry = OdometryStep.none(np.zeros(PARAMETERS))

@@ -46,9 +46,9 @@ class Tracked:
     small step of the base in its own frame relative to the local map, zero where nothing is
     known from the scan. pieces: (k, PIECE_FIELDS) of the cloud, in the base frame. keyscan:
     whether the scan entered the local map. restart: (3, 3), if a local map was begun anew here,
-    of a small step of the base relative to the map before. doubtful: whether the scan was lost, or
-    placed by a search. odometry: what wheels and
-    gyroscope say of the step since the last scan; None if nothing.
+    of a small step of the base relative to the map before, if the robot was not carried. suspect:
+    whether it may have been. doubtful: whether the scan was lost, or placed by a search. odometry:
+    what wheels and gyroscope say of the step since the last scan; None if nothing.
     """
 
     stamp_ns: int
@@ -62,6 +62,7 @@ class Tracked:
     restart: FloatArray | None = None
     odometry: OdometryStep | None = None
     doubtful: bool = False
+    suspect: bool = False
 
     @property
     def match_quality(self) -> float:
@@ -157,7 +158,7 @@ class FrontEnd:
         fate = self._fate(cloud, match)
         self._watch.see(prediction, T_map_base, fate)
 
-        restart = self._restart(prediction) if fate == "lost" else None
+        restart, suspect = self._restart(prediction) if fate == "lost" else (None, False)
 
         keyscan = fate in ("first", "matched") or restart is not None
         keyscan = keyscan and self._keep(cloud, T_map_base)
@@ -175,6 +176,7 @@ class FrontEnd:
             restart,
             self._predictor.step,
             self._placer.doubtful,
+            suspect,
         )
 
     @property
@@ -249,15 +251,18 @@ class FrontEnd:
             self._placer.lost.pop()  # it is no evidence for being elsewhere
         return "blind" if blind else "lost"
 
-    def _restart(self, prediction: Prediction) -> FloatArray | None:
-        """Begin the local map anew if the robot has been lost for long; how surely it is here.
+    def _restart(self, prediction: Prediction) -> tuple[FloatArray | None, bool]:
+        """Begin the local map anew if the robot has been lost for long; how surely it is here, and
+        whether it may have been carried.
 
-        Scans that contradict what was seen just before say at once that it was carried.
+        Scans that contradict what was seen just before say at once that it may have been. Where
+        odometry went on it tells nevertheless where the robot is if it was not.
         """
         lost = self._placer.lost
         if len(lost) < LOST_SCANS and not self._placer.elsewhere:
-            return None
+            return None, False
         carried, first_ns = self._placer.carried(), lost[0].stamp_ns
+        known = not carried or all(one.odometry is not None and not one.jump for one in lost)
         if carried:
             self.breaks_ns.append(first_ns)
         words = CARRIED if self._placer.elsewhere else _anew(carried)
@@ -266,7 +271,7 @@ class FrontEnd:
         self._matcher.forget()
         self._T_map_key = None
         self.restarts += 1
-        return ELSEWHERE if carried else prediction.covariance
+        return prediction.covariance if known else ELSEWHERE, carried
 
     def _keep(self, cloud: Cloud, T_map_base: FloatArray) -> bool:
         """Insert the scan into the local map when the robot has moved enough since the last."""

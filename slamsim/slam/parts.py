@@ -1,4 +1,5 @@
-"""Which key frames hold together: a new part of the map begins where the robot was carried."""
+"""Which key frames hold together: a new part of the map begins where the robot may have been
+carried, until something says whether it was."""
 
 from __future__ import annotations
 
@@ -6,16 +7,55 @@ from bisect import bisect_right
 
 
 class Parts:
-    """Runs of key frames, joined with each other by closures (union-find)."""
+    """Runs of key frames, joined with each other by closures (union-find).
+
+    A run that begins where odometry went on is linked to the one before, as long as nothing says
+    that odometry was wrong there.
+    """
 
     def __init__(self) -> None:
         self._begins = [0]
         self._parent = [0]
+        self._open: list[int] = []
+        self._unknown: list[int] = []
+        self.withdrawn: set[int] = set()
+        """Key frames that began a run to which, as it turned out, the robot was not carried."""
 
-    def begin(self, keyframe: int) -> None:
-        """This key frame and those after it belong to a part of their own."""
+    def begin(self, keyframe: int, linked: bool = False) -> None:
+        """This key frame and those after it belong to a part of their own.
+
+        linked: whether odometry tells where it should be as seen from the one before.
+        """
         self._begins.append(keyframe)
         self._parent.append(len(self._parent))
+        (self._open if linked else self._unknown).append(keyframe)
+
+    def begun(self, keyframe: int) -> int:
+        """The first key frame of the run to which one belongs."""
+        return self._begins[bisect_right(self._begins, keyframe) - 1]
+
+    def open_between(self, one: int, other: int) -> list[int]:
+        """The first key frames of the runs between two key frames that odometry links to the run
+        before, which nothing has confirmed or refuted yet."""
+        low, high = sorted((one, other))
+        return [begin for begin in self._open if low < begin <= high]
+
+    def linked(self, one: int, other: int) -> bool:
+        """Whether something tells where two key frames should be as seen from each other."""
+        low, high = sorted((one, other))
+        unknown = any(low < begin <= high for begin in self._unknown)
+        return not unknown or self.of(one) == self.of(other)
+
+    def withdraw(self, begin: int) -> None:
+        """The run that begins here follows on the one before: the robot was not carried."""
+        self._open.remove(begin)
+        self.withdrawn.add(begin)
+        self.join(begin - 1, begin)
+
+    def confirm(self, begin: int) -> None:
+        """The robot was carried to where this run begins."""
+        self._open.remove(begin)
+        self._unknown.append(begin)
 
     def of(self, keyframe: int) -> int:
         """A number that is the same for all key frames that hold together."""

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import dataclass
+
 import numpy as np
 
 from slamsim.geometry import between
@@ -13,6 +16,20 @@ from slamsim.types import Cloud, FloatArray
 FAR_SIGMAS = 5.0
 FAR_STRICTNESS = 0.75
 CLEARLY = 0.02
+
+TAIL_FREEDOM = 3.0
+"""Odometry errs by its noise or, seldom, by far more: its step has a Student t distribution."""
+
+LIKELY_SHARE, LIKELY_SIGMAS = 0.95, 2.8
+"""A match as near the prediction as so many are needs not fit better than the prediction does; in
+three dimensions that is within so many sigmas, if they are honest."""
+
+LEARN_GAIN = 0.1
+
+NATS_A_PIECE = 1.0
+"""How much likelier a place is at which one more piece lies on the map. By chance one in ten does,
+which makes two nats, but neighbours on one wall tell the same."""
+
 DOUBTFUL_SHARE = 0.8
 USUAL_GAIN = 0.02
 START_USUAL = 0.8
@@ -29,6 +46,18 @@ OTHER_GUESS_RAD = 0.1
 """Guesses that are closer together lead to the same match."""
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Look:
+    """One scan, where odometry has it, and the map."""
+
+    matcher: Matcher
+    cloud: Cloud
+    prediction: Prediction
+
+    def support(self, T_map_base: FloatArray) -> float:
+        return self.matcher.support(self.cloud, T_map_base)
+
+
 class Placer:
     """Judges matches by how well scans usually fit here.
 
@@ -38,10 +67,12 @@ class Placer:
     def __init__(self, min_inlier_ratio: float) -> None:
         self._least = min_inlier_ratio
         self._usual_inliers = START_USUAL
+        self._likely_sigmas = LIKELY_SIGMAS
         self._placed_ns = 0
         self._surroundings = Surroundings()
         self.lost: list[Prediction] = []
-        """Where the scans since the last that was placed should have been."""
+        """Where the scans that fitted nowhere should have been, since the last that was placed
+        without a second look: a lost robot finds what looks alike now and then."""
         self.recovered = 0
         """Scans that only a search could place."""
         self.doubtful = False
@@ -60,17 +91,23 @@ class Placer:
     ) -> Match | None:
         """The match to believe. T_map_coasting: (3,) where the robot is if it went on as it did."""
         self.doubtful = self.elsewhere = False
+        look = _Look(matcher, cloud, prediction)
         near = matcher.match(cloud, prediction.T_map_base, prediction.covariance)
-        if near is not None and not prediction.jump and self._as_usual(near, prediction, cloud):
-            self._placed(prediction, cloud, near)
+        if near is not None and not prediction.jump and self._as_usual(near, look):
+            self._surroundings.placed(cloud, near.T_map_base)
+            self.lost.clear()
+            self._placed_ns = prediction.stamp_ns
             return near
         guesses = _other_guesses(prediction, T_map_coasting)
-        found = [near, *_searched(matcher, cloud, prediction, guesses)]
-        reachable = [one for one in found if one and self._reachable(one, prediction, guesses)]
+        searched = [one for one in _searched(look, guesses) if one is not None]
+        found = [*([near] if near is not None else []), *searched]
+        reachable = [one for one in found if self._reachable(one, prediction, guesses)]
         believed = [
             one
             for one in reachable
-            if self._believable(one, prediction) and self._surroundings.agree(cloud, one)
+            if self._believable(one, prediction)
+            and self._outweighs_odometry(one, look)
+            and self._surroundings.agree(cloud, one, self._expected(one, prediction))
         ]
         best = max(believed, key=lambda one: one.fit, default=None)
         if best is None:
@@ -84,7 +121,7 @@ class Placer:
             best = near
         else:
             self.recovered += 1
-        self._placed(prediction, cloud, best)
+        self._surroundings.placed(cloud, best.T_map_base)
         return best
 
     def carried(self) -> bool:
@@ -110,26 +147,55 @@ class Placer:
                 return True
         return False
 
-    def _placed(self, prediction: Prediction, cloud: Cloud, match: Match) -> None:
-        self._surroundings.placed(cloud, match.T_map_base)
-        self.lost.clear()
-        self._placed_ns = prediction.stamp_ns
-
-    def _as_usual(self, match: Match, prediction: Prediction, cloud: Cloud) -> bool:
+    def _as_usual(self, match: Match, look: _Look) -> bool:
         """Whether a match near the prediction needs no second look."""
+        expected = self._expected(match, look.prediction)
         good = match.inlier_ratio >= DOUBTFUL_SHARE * self._usual_inliers
-        good = good and self._believable(match, prediction)
-        if good and self._surroundings.agree(cloud, match):
-            self._usual_inliers += USUAL_GAIN * (match.inlier_ratio - self._usual_inliers)
-            return True
-        return False
+        if not good or not self._believable(match, look.prediction):
+            return False
+        if not self._surroundings.agree(look.cloud, match, expected):
+            return False
+        self._learn_usual(match, look.prediction)
+        return self._outweighs_odometry(match, look)
 
     def _believable(self, match: Match, prediction: Prediction) -> bool:
         """The further a match lies from the prediction, the better it has to fit."""
-        squared = (prediction.distance(match) / FAR_SIGMAS) ** 2
+        squared = (self._sigmas_off(match, prediction) / FAR_SIGMAS) ** 2
         share = self._least + FAR_STRICTNESS * (1.0 - self._least) * squared / (1.0 + squared)
         needed = share * self._usual_inliers
         return match.inlier_ratio >= needed and match.covered_ratio >= MIN_COVERED_RATIO
+
+    def _sigmas_off(self, match: Match, prediction: Prediction) -> float:
+        """How far a match lies from the prediction, in such sigmas as odometry shows here."""
+        return prediction.distance(match) * (LIKELY_SIGMAS / self._likely_sigmas)
+
+    def _outweighs_odometry(self, match: Match, look: _Look) -> bool:
+        """Whether so much more of a scan lies on the map at a match than at the prediction that
+        it is likelier that odometry is wrong than that the match is."""
+        prediction = look.prediction
+        sigmas = self._sigmas_off(match, prediction)
+        if prediction.jump or sigmas <= LIKELY_SIGMAS:
+            return True
+        gain = look.support(match.T_map_base) - look.support(prediction.T_map_base)
+        return NATS_A_PIECE * gain >= _surprise(sigmas) - _surprise(LIKELY_SIGMAS)
+
+    def _expected(self, match: Match, prediction: Prediction) -> bool:
+        return not prediction.jump and self._sigmas_off(match, prediction) <= LIKELY_SIGMAS
+
+    def _learn_usual(self, match: Match, prediction: Prediction) -> None:
+        """Follow how well scans usually fit, and how far from the prediction; never to less than
+        its own noise explains."""
+        self._usual_inliers += USUAL_GAIN * (match.inlier_ratio - self._usual_inliers)
+        farther = prediction.distance(match) > self._likely_sigmas
+        changed = self._likely_sigmas * math.exp(LEARN_GAIN * (farther - (1.0 - LIKELY_SHARE)))
+        self._likely_sigmas = max(changed, LIKELY_SIGMAS)
+
+
+def _surprise(sigmas: float) -> float:
+    """Negative logarithm of the density of a step so many sigmas from the expected, relative to
+    that of the expected one, for a Student t distribution in three dimensions."""
+    exponent = 0.5 * (TAIL_FREEDOM + 3.0)
+    return exponent * math.log1p(sigmas * sigmas / TAIL_FREEDOM)
 
 
 def _other_guesses(prediction: Prediction, T_map_coasting: FloatArray) -> list[FloatArray]:
@@ -141,10 +207,9 @@ def _other_guesses(prediction: Prediction, T_map_coasting: FloatArray) -> list[F
     return guesses
 
 
-def _searched(
-    matcher: Matcher, cloud: Cloud, prediction: Prediction, guesses: list[FloatArray]
-) -> list[Match | None]:
+def _searched(look: _Look, guesses: list[FloatArray]) -> list[Match | None]:
     """What a search around the prediction finds, and one near and around each other guess."""
+    matcher, cloud, prediction = look.matcher, look.cloud, look.prediction
     found = [matcher.search(cloud, prediction.T_map_base, prediction.covariance)]
     for guess in guesses:
         found.append(matcher.match(cloud, guess, prediction.covariance))

@@ -24,9 +24,6 @@ FLOOR = np.diag(np.square([0.0005, 0.0005, 0.0002]))
 REST_FLOOR = np.diag(np.square([0.00005, 0.00005, 0.00002]))
 BLIND_SPEED_SIGMA_M_S2 = 1.5
 BLIND_TURN_SIGMA_RAD_S2 = 3.0
-LOST_GROWTH = 4.0
-"""Each scan that fits nowhere makes the odometry this much more doubtful."""
-
 MAX_VARIANCE = 1.0
 DISTRUST_GAIN = 0.1
 ONE_SIGMA_SHARE = 0.683
@@ -187,8 +184,7 @@ class Predictor:
         followed = prediction.T_map_hold if prediction.jump else prediction.T_map_base
         T_map_base = followed if match is None else match.T_map_base
         if match is None:
-            widest = float(np.diag(prediction.covariance).max())
-            self._covariance = prediction.covariance * min(LOST_GROWTH, MAX_VARIANCE / widest)
+            self._covariance = prediction.covariance
         else:
             prior = np.linalg.inv(prediction.covariance)
             self._covariance = np.linalg.inv(prior + match.information)

@@ -15,7 +15,9 @@ from slamsim.slam.submaps import Submap
 from slamsim.types import FloatArray
 
 FOUND = np.diag(np.square([0.15, 0.15, 0.05]))
-LOOK_AGAIN_M = 1.5
+LOOK_AGAIN_M, LOOK_AGAIN_GROWTH = 1.5, 1.5
+"""Path after a look that led nowhere; after each further one it is longer, for a search of a whole
+map takes long, and a part that shows nothing of the others may stay so for kilometres."""
 MOST_SUBMAPS = 2
 NEAR_M = 8.0
 BESIDE_M = 5.0
@@ -28,7 +30,7 @@ class Rejoiner:
         self._config = config
         self._everywhere: Everywhere | None = None
         self._built_for: tuple[int, int] | None = None
-        self._next_m = -np.inf
+        self._next_m, self._pause_m = -np.inf, LOOK_AGAIN_M
 
     def due(self, path_m: float) -> bool:
         """Whether to look again, after looks that led nowhere."""
@@ -44,8 +46,10 @@ class Rejoiner:
         everywhere = self._of(part, others, poses)
         T_map_query = everywhere.find(query)
         if T_map_query is None:
-            self._next_m = query.to_path_m + LOOK_AGAIN_M
+            self._next_m = query.to_path_m + self._pause_m
+            self._pause_m *= LOOK_AGAIN_GROWTH
             return []
+        self._pause_m = LOOK_AGAIN_M
         here_m = transform_points(T_map_query, query.middle_m)
         middles_m = np.array(
             [transform_points(poses[submap.anchor], submap.middle_m) for _, submap in others]

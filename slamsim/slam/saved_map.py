@@ -25,7 +25,7 @@ from slamsim.slam.matching.surfaces import PIECE_FIELDS
 from slamsim.slam.steps import PARAMETERS, ROWS
 from slamsim.types import FloatArray
 
-FORMAT = 2
+FORMAT = 3
 _SHAPES: dict[str, Shape] = {
     "T_map_base": (3,),
     "T_odom_base": (3,),

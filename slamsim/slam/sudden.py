@@ -7,6 +7,7 @@ beams are people and doors, most of them are another place.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -18,9 +19,15 @@ from slamsim.slam.matching.base import Match
 from slamsim.types import Cloud, FloatArray
 
 STRANGE_SHARE = 0.25
-"""Scans one after the other that contradict each other more than this are of different places.
-Measured: at most 0.16 between scans that were placed on three real logs, at least 0.36 where a
-robot was carried in small worlds whose rooms and corridors look alike."""
+"""Scans one after the other that contradict each other more than this are of different places,
+until those that were placed where odometry had them show that here it is more. Between walls it is
+at most 0.16 (three real logs), and at least 0.36 where a robot was carried in small worlds whose
+rooms and corridors look alike; among trees, and where beams meet sloping ground, 0.3 is usual."""
+
+FALSE_ALARMS = 0.01
+"""Share of the scans placed where odometry had them that may contradict the one before so much."""
+
+LEARN_GAIN = 0.1
 
 SUDDEN_NS = 1_000_000_000
 """In a longer time much may have changed, and the robot may have come far."""
@@ -54,6 +61,7 @@ class Surroundings:
     def __init__(self) -> None:
         self._placed: Sighting | None = None
         self._strange: Sighting | None = None
+        self._usual_share = STRANGE_SHARE
 
     def forget(self) -> None:
         """Nothing is known of what was seen just before."""
@@ -63,30 +71,41 @@ class Surroundings:
         """A scan that was placed, for the next ones to be held against."""
         self._placed, self._strange = Sighting(cloud, T_map_base), None
 
-    def agree(self, cloud: Cloud, match: Match) -> bool:
-        """Whether a scan can have been taken where it was matched, so shortly after the last."""
-        return match.fit >= 1.0 - STRANGE_SHARE or not self._contradicted(cloud, match.T_map_base)
+    def agree(self, cloud: Cloud, match: Match, expected: bool) -> bool:
+        """Whether a scan can have been taken where it was matched, so shortly after the last.
+
+        expected: whether that is where odometry has it."""
+        if match.fit >= 1.0 - STRANGE_SHARE:
+            return True
+        share = self._contradicted(cloud, match.T_map_base)
+        agrees = not share > self._usual_share
+        if expected and np.isfinite(share):
+            step = math.exp(LEARN_GAIN * ((share > self._usual_share) - FALSE_ALARMS))
+            self._usual_share = max(self._usual_share * step, STRANGE_SHARE)
+        return agrees
 
     def left(self, cloud: Cloud, T_map_base: FloatArray, others: Sequence[FloatArray]) -> bool:
         """Whether a scan that was not placed shows that the robot was carried.
 
         T_map_base: (3,) where it was predicted. others: where else it might have been taken.
         """
-        if not all(self._contradicted(cloud, T) for T in (T_map_base, *others)):
+        shares = [self._contradicted(cloud, T) for T in (T_map_base, *others)]
+        if not all(share > self._usual_share for share in shares):
             self._strange = None
             return False
         before, self._strange = self._strange, Sighting(cloud, T_map_base)
         if before is None:
             return False
-        return contradiction(before, self._strange) <= STRANGE_SHARE
+        return contradiction(before, self._strange) <= self._usual_share
 
-    def _contradicted(self, cloud: Cloud, T_map_base: FloatArray) -> bool:
+    def _contradicted(self, cloud: Cloud, T_map_base: FloatArray) -> float:
+        """How much a scan contradicts the last that was placed, nan where nothing is known."""
         if self._placed is None:
-            return False
+            return np.nan
         late = cloud.stamp_ns - self._placed.cloud.stamp_ns > SUDDEN_NS
         if late and self._strange is None:
-            return False
-        return contradiction(self._placed, Sighting(cloud, T_map_base)) > STRANGE_SHARE
+            return np.nan
+        return contradiction(self._placed, Sighting(cloud, T_map_base))
 
 
 def contradiction(one: Sighting, other: Sighting) -> float:

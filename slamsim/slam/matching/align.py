@@ -33,6 +33,9 @@ INLIER_M = 0.03
 FAINT = 1e-3
 """Weight of the prior, along what the surfaces hold, while partners are still being found."""
 
+LEAST_GATE_M = 0.15
+"""How far partners may be in the end."""
+
 DOUBT_SIGMAS = 3.0
 ALIKE = 2.0
 """Scans matched one after the other err alike, through the map they share: their errors do not
@@ -226,6 +229,20 @@ def typical_range(pieces: FloatArray) -> float:
 
 
 @kernel
+def support(
+    pieces: FloatArray,
+    T_map_base: FloatArray,
+    unit: float,
+    grid: tuple[FloatArray, IntArray, float, float],
+) -> float:
+    """Sum of the robust weights at a pose: how many pieces lie on the map there."""
+    blocks = np.zeros((3, 3, 3))
+    sums = (blocks[0], np.zeros(3), blocks[1], blocks[2], np.zeros(SUMMARY_FIELDS))
+    _equations(pieces, T_map_base, (LEAST_GATE_M, ROBUST_SIGMAS, 1.0, unit), grid, sums)
+    return float(sums[4][WEIGHTS])
+
+
+@kernel
 def align(
     pieces: FloatArray,
     T_start: FloatArray,
@@ -252,7 +269,7 @@ def align(
     prior_scaled = prior.copy()
     _scale(prior_scaled, 1.0 / length)
     # From wide to narrow: first everything within the gate pulls, in the end only what fits.
-    least = min(narrow, 0.15)
+    least = min(narrow, LEAST_GATE_M)
     for iteration in range(max_iterations):
         sums = (information, gradient, spread, grip, summary)
         _equations(pieces, T, (narrow, robust, length, unit), grid, sums)

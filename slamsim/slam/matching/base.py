@@ -75,6 +75,10 @@ class Matcher(Protocol):
         """As ``match``, from a guess that may be wrong by decimetres and tens of degrees."""
         ...
 
+    def support(self, cloud: Cloud, T_map_base: FloatArray) -> float:
+        """How many surface pieces of the cloud lie on the map when its base is at a pose (3,)."""
+        ...
+
     def insert(self, cloud: Cloud, T_map_base: FloatArray) -> None:
         """Make the cloud part of the local map."""
         ...

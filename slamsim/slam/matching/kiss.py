@@ -93,6 +93,14 @@ class KissMatcher:
         good = [match for match in found if match is not None]
         return max(good, key=lambda match: match.fit, default=None)
 
+    def support(self, cloud: Cloud, T_map_base: FloatArray) -> float:
+        """See ``Matcher.support``; thinned points stand for pieces."""
+        if self._tree is None:
+            return 0.0
+        points = transform_points(T_map_base, self._thin(cloud, 1.5 * VOXEL_M)[:, :2])
+        distance = self._tree.query(points, distance_upper_bound=INLIER_M)[0]
+        return float(np.count_nonzero(np.isfinite(distance)))
+
     def insert(self, cloud: Cloud, T_map_base: FloatArray) -> None:
         """See ``Matcher.insert``."""
         points = self._thin(cloud, 0.5 * VOXEL_M)

@@ -16,6 +16,7 @@ from slamsim.slam.matching.align import (
     WEAK,
     WEIGHTS,
     align,
+    support,
     typical_range,
 )
 from slamsim.slam.matching.base import Match
@@ -132,7 +133,9 @@ class LineMatcher:
             float(np.deg2rad(self._matching.search_turn_deg)),
         )
         starts = coarse_poses(pieces, T_map_base_guess, window, self._grid, SEARCH_CANDIDATES)
-        prior = _inverse(prior_covariance)
+        # If the prediction is wrong it is so by any step within the window.
+        spread = np.square(np.array([window[0], window[0], window[1]])) / 3.0
+        prior = _inverse(prior_covariance + np.diag(spread))
         guess = T_map_base_guess
         gate = (self._matching.gate_m, WIDE_SIGMAS)
         found = [self._align(pieces, start, guess, prior, gate) for start in starts]
@@ -144,6 +147,14 @@ class LineMatcher:
 
         best = max((one for one in found if one is not None), key=worth, default=None)
         return None if best is None else best.match
+
+    def support(self, cloud: Cloud, T_map_base: FloatArray) -> float:
+        """See ``Matcher.support``."""
+        return (
+            0.0
+            if self._map.empty
+            else support(self.pieces(cloud), T_map_base, self._unit, self._grid)
+        )
 
     def insert(self, cloud: Cloud, T_map_base: FloatArray) -> None:
         """See ``Matcher.insert``."""

@@ -23,7 +23,8 @@ class Outcome:
     """What the back end made of all key frames in the end.
 
     unrefined: where the graph alone had put them, before the final refinement. sights: what holds
-    them since then, None without it. failed: stages whose work is missing.
+    them since then, None without it. failed: stages whose work is missing. withdrawn_ns: ends of
+    the events that said the robot had been carried, and that later evidence refuted.
     """
 
     graph: MapGraph
@@ -36,6 +37,7 @@ class Outcome:
     calibration: Solved | None = None
     sights: Sights | None = None
     failed: tuple[FailedStage, ...] = ()
+    withdrawn_ns: frozenset[int] = frozenset()
 
 
 class MapKeeper(Protocol):
@@ -116,4 +118,5 @@ def outcome_of(back_end: BackEnd, progress: Progress) -> Outcome:
         back_end.calibration,
         back_end.sights,
         tuple(back_end.failures),
+        back_end.withdrawn_ns,
     )
