@@ -22,7 +22,7 @@ from slamsim.slam.closure_search import ClosureSearch
 from slamsim.slam.correction import Correction
 from slamsim.slam.failures import Failures
 from slamsim.slam.graph import variance_factor
-from slamsim.slam.health import carried, carried_to, doubtful_joints, tears
+from slamsim.slam.health import Usual, carried, doubtful_joints, tears
 from slamsim.slam.keyframes import LEAST_MOTION, Keyframe, begins_drive, chain_edge
 from slamsim.slam.marginals import relative_covariances
 from slamsim.slam.odometry import CARRIED, ELSEWHERE
@@ -181,7 +181,8 @@ class BackEnd:
             doubts = [k.index for k in self.keyframes[1:] if k.doubt_ns and not k.broken]
             drives = {two.index for one, two in pairwise(self.keyframes) if begins_drive(one, two)}
             torn += doubtful_joints(graph, drives)
-            torn += tears(around, submaps, graph.keyframes, size, doubts)
+            usual = Usual(around, self.keyframes, doubts, size)
+            torn += tears(around, submaps, graph.keyframes, size, doubts, usual.share)
         withdrawn = self.withdrawn_ns
         carried = (event for event in self._suspected if event.end_ns not in withdrawn)
         return (*carried, *torn, *unrefined)
@@ -273,9 +274,9 @@ class BackEnd:
         if not undecided:
             return
         around = partial(self._cutter.query, travel_m=self._config.closures.query_travel_m)
-        carried = carried_to(around, self.keyframes, undecided, self._config.submaps)
+        usual = Usual(around, self.keyframes, undecided, self._config.submaps)
         for begin in undecided:
-            if begin in carried:
+            if usual.is_carried_to(begin):
                 self._solution.loosen(begin)
                 loose = replace(self.keyframes[begin], restart=ELSEWHERE)
                 self._cutter.keyframes[begin] = loose

@@ -59,42 +59,44 @@ def carried(before: Submap, now: Submap, T_before_now: FloatArray, size: SubmapC
     return contradiction(before, space, now, T_before_now, size) > CARRIED_SHARE
 
 
-def carried_to(
-    query_of: Callable[[int], Submap],
-    keyframes: Sequence[Keyframe],
-    begins: Sequence[int],
-    size: SubmapConfig,
-) -> set[int]:
-    """Those of the key frames ``begins`` to which the robot was carried: what was seen on the
-    metres after each contradicts what was seen before as it does nowhere else in the recording.
+class Usual:
+    """How much what is seen on some metres contradicts what was seen before, where nothing is
+    suspected: among trees, on ramps, in a crowd it is more than between walls.
 
-    query_of: what was seen about a key frame.
+    query_of: what was seen about a key frame, given its number.
     """
-    usual = [
-        _afterwards(query_of, keyframes, number, size)
-        for number in np.linspace(1, len(keyframes) - 1, USUAL_SAMPLES).astype(int).tolist()
-        if not any(begin <= number + AFTERWARDS and number <= begin for begin in begins)
-    ]
-    limit = max([CARRIED_SHARE, *usual])
-    return {b for b in begins if _afterwards(query_of, keyframes, b, size) > limit}
 
+    def __init__(
+        self,
+        query_of: Callable[[int], Submap],
+        keyframes: Sequence[Keyframe],
+        doubts: Sequence[int],
+        size: SubmapConfig,
+    ) -> None:
+        self._query_of, self._keyframes, self._size = query_of, keyframes, size
+        numbers = np.linspace(1, len(keyframes) - 1, USUAL_SAMPLES).astype(int).tolist()
+        plain = (n for n in numbers if not any(n <= doubt <= n + AFTERWARDS for doubt in doubts))
+        samples = [shares for number in plain if (shares := self._shares(number))]
+        self.mean_share = max((float(np.mean(one)) for one in samples), default=0.0)
+        self.share = max((max(one) for one in samples), default=0.0)
 
-def _afterwards(
-    query_of: Callable[[int], Submap],
-    keyframes: Sequence[Keyframe],
-    number: int,
-    size: SubmapConfig,
-) -> float:
-    """Mean contradiction of what was seen before a key frame with what was seen on the next."""
-    before = query_of(number - 1)
-    space = space_grid(before, size.resolution_m, size.radius_m)
-    shares = []
-    for later in range(number, min(number + AFTERWARDS, len(keyframes))):
-        now = query_of(later)
-        if now.first >= number:
-            T = between(keyframes[before.anchor].T_map_base, keyframes[later].T_map_base)
-            shares.append(contradiction(before, space, now, T, size))
-    return float(np.mean(shares)) if shares else 0.0
+    def is_carried_to(self, number: int) -> bool:
+        """Whether what was seen on the metres after a key frame contradicts what was seen before
+        it as it does nowhere else."""
+        shares = self._shares(number)
+        return bool(shares) and float(np.mean(shares)) > max(CARRIED_SHARE, self.mean_share)
+
+    def _shares(self, number: int) -> list[float]:
+        before = self._query_of(number - 1)
+        space = space_grid(before, self._size.resolution_m, self._size.radius_m)
+        T_map_before = self._keyframes[before.anchor].T_map_base
+        shares = []
+        for later in range(number, min(number + AFTERWARDS, len(self._keyframes))):
+            now = self._query_of(later)
+            if now.first >= number:
+                T = between(T_map_before, self._keyframes[later].T_map_base)
+                shares.append(contradiction(before, space, now, T, self._size))
+        return shares
 
 
 def _torn_unnoticed(
@@ -102,6 +104,7 @@ def _torn_unnoticed(
     doubts: Sequence[int],
     keyframes: PlanarPoses,
     size: SubmapConfig,
+    usual_share: float,
 ) -> Iterator[Event]:
     """Key frames that followed on scans that fitted badly, where what was seen on the next metres
     contradicts what was seen before."""
@@ -111,7 +114,8 @@ def _torn_unnoticed(
         for later in range(number, min(number + AFTERWARDS, len(keyframes))):
             now = query_of(later)
             T = between(keyframes.poses[before.anchor], keyframes.poses[later])
-            if now.first < number or contradiction(before, space, now, T, size) <= DOUBTED_SHARE:
+            share = contradiction(before, space, now, T, size)
+            if now.first < number or share <= max(DOUBTED_SHARE, usual_share):
                 continue
             x, y = keyframes.poses[number, :2]
             start_ns, end_ns = keyframes.stamps_ns[[number - 1, number]].tolist()
@@ -146,13 +150,15 @@ def tears(
     keyframes: PlanarPoses,
     size: SubmapConfig,
     doubts: Sequence[int],
+    usual_share: float,
 ) -> Iterator[Event]:
     """Stretches of the path from which was seen what contradicts the map of other times.
 
     query_of: what was seen about a key frame. keyframes: their final T_map_base. doubts: the
-    numbers of those to which scans led that fitted badly.
+    numbers of those to which scans led that fitted badly. usual_share: contradictions up to this
+    are usual here, see ``Usual``.
     """
-    yield from _torn_unnoticed(query_of, doubts, keyframes, size)
+    yield from _torn_unnoticed(query_of, doubts, keyframes, size, usual_share)
     worst: dict[int, list[float]] = {}
     for submap, queries in _pairs(query_of, submaps, keyframes):
         space = space_grid(submap, size.resolution_m, size.radius_m)
@@ -161,14 +167,16 @@ def tears(
             share = contradiction(submap, space, query, T, size)
             worst.setdefault(query.anchor, []).append(share)
     if worst:
-        yield from _torn_stretches(worst, keyframes)
+        yield from _torn_stretches(worst, keyframes, max(TORN_SHARE, usual_share))
 
 
-def _torn_stretches(worst: dict[int, list[float]], keyframes: PlanarPoses) -> Iterator[Event]:
+def _torn_stretches(
+    worst: dict[int, list[float]], keyframes: PlanarPoses, limit: float
+) -> Iterator[Event]:
     numbers = np.array(sorted(worst))
     mean = np.array([np.mean(worst[number]) for number in numbers])
     smooth = uniform_filter1d(mean, SMOOTHED, mode="nearest")
-    torn = np.concatenate([[False], smooth > TORN_SHARE, [False]])
+    torn = np.concatenate([[False], smooth > limit, [False]])
     edges = np.flatnonzero(np.diff(torn.astype(np.int8)))
     for first, end in zip(edges[::2], edges[1::2], strict=True):
         at = first + int(np.argmax(smooth[first:end]))

@@ -8,7 +8,7 @@ import numpy as np
 
 from slamsim.config.slam import FrontEndConfig
 from slamsim.geometry import between
-from slamsim.result import Calibrated, Event
+from slamsim.result import Calibrated, Event, EventKind
 from slamsim.safe.numbers import require_mount
 from slamsim.slam.calibration_solve import Solved
 from slamsim.slam.deskew import MAX_TILT_RAD, deskew, tilt_of
@@ -266,7 +266,8 @@ class FrontEnd:
         if carried:
             self.breaks_ns.append(first_ns)
         words = CARRIED if self._placer.elsewhere else _anew(carried)
-        self._watch.add(Event(first_ns, prediction.stamp_ns, "kidnapped", words))
+        kind: EventKind = "kidnapped" if carried else "lost"
+        self._watch.add(Event(first_ns, prediction.stamp_ns, kind, words))
         lost.clear()
         self._matcher.forget()
         self._T_map_key = None

@@ -25,6 +25,8 @@ LIKELY_SHARE, LIKELY_SIGMAS = 0.95, 2.8
 three dimensions that is within so many sigmas, if they are honest."""
 
 LEARN_GAIN = 0.1
+PLAIN_SHARE = 0.95
+"""Matches of which all but so little fits as usual tell what odometry is worth."""
 
 NATS_A_PIECE = 1.0
 """How much likelier a place is at which one more piece lies on the map. By chance one in ten does,
@@ -186,6 +188,8 @@ class Placer:
         """Follow how well scans usually fit, and how far from the prediction; never to less than
         its own noise explains."""
         self._usual_inliers += USUAL_GAIN * (match.inlier_ratio - self._usual_inliers)
+        if match.fit < PLAIN_SHARE * self._usual_inliers:
+            return  # among trees and ramps it may be the match that is wrong
         farther = prediction.distance(match) > self._likely_sigmas
         changed = self._likely_sigmas * math.exp(LEARN_GAIN * (farther - (1.0 - LIKELY_SHARE)))
         self._likely_sigmas = max(changed, LIKELY_SIGMAS)

@@ -15,7 +15,7 @@ from slamsim.slam.submaps import Submap
 from slamsim.types import FloatArray
 
 FOUND = np.diag(np.square([0.15, 0.15, 0.05]))
-LOOK_AGAIN_M, LOOK_AGAIN_GROWTH = 1.5, 1.5
+LOOK_AGAIN_M, LOOK_AGAIN_GROWTH = 1.5, 2.0
 """Path after a look that led nowhere; after each further one it is longer, for a search of a whole
 map takes long, and a part that shows nothing of the others may stay so for kilometres."""
 MOST_SUBMAPS = 2

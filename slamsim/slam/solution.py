@@ -25,6 +25,9 @@ RENEW_AFTER_SHARE = 0.1
 SURPRISE_M = 0.1
 SURPRISE_RAD = 0.03
 
+DRIFT_M_PER_M, MOST_DRIFT_RAD = 0.03, 0.1
+"""Of maps whose odometry is bad, beyond what its noise explains."""
+
 CARRIED_SIGMAS = 5.0
 """A robot that is found farther from where odometry has it was carried, or slid: for Gaussian
 errors in the plane a false alarm in 60,000 closures."""
@@ -156,15 +159,20 @@ class Solution:
             raise
 
     def _judge(self, edge: GraphEdge) -> None:
-        """Whether a closure finds the robot where odometry had it, past runs that it links."""
+        """Whether a closure finds the robot where odometry had it, past runs that it links, or
+        farther off than any drift; in between nothing is decided yet."""
         begins = self.parts.open_between(edge.source, edge.target)
         if not begins or not self.parts.linked(edge.source, edge.target):
             return
-        off = sigmas_off(edge, self.expected(edge.source, edge.target))
+        expected = self.expected(edge.source, edge.target)
+        steps = np.diff(self.poses[slice(*sorted((edge.source, edge.target + 1)))], axis=0)
+        drift_m = DRIFT_M_PER_M * float(np.hypot(steps[:, 0], steps[:, 1]).sum())
+        drift = np.diag(np.square([drift_m, drift_m, MOST_DRIFT_RAD]))
+        drifted = replace(expected, covariance=expected.covariance + drift)
         for begin in begins:
-            if off <= CARRIED_SIGMAS:
+            if sigmas_off(edge, expected) <= CARRIED_SIGMAS:
                 self.parts.withdraw(begin)
-            else:
+            elif sigmas_off(edge, drifted) > CARRIED_SIGMAS:
                 self.loosen(begin)
 
     def _carried(self, keyframe: int, T_map_base: FloatArray) -> FloatArray:
