@@ -182,7 +182,7 @@ class BackEnd:
             drives = {two.index for one, two in pairwise(self.keyframes) if begins_drive(one, two)}
             torn += doubtful_joints(graph, drives)
             usual = Usual(around, self.keyframes, doubts, size)
-            torn += tears(around, submaps, graph.keyframes, size, doubts, usual.share)
+            torn += tears(around, submaps, graph.keyframes, size, doubts, usual)
         withdrawn = self.withdrawn_ns
         carried = (event for event in self._suspected if event.end_ns not in withdrawn)
         return (*carried, *torn, *unrefined)

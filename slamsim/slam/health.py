@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Container, Iterator, Sequence
+from functools import cached_property
 
 import numpy as np
 from scipy.ndimage import uniform_filter1d
@@ -73,18 +74,25 @@ class Usual:
         doubts: Sequence[int],
         size: SubmapConfig,
     ) -> None:
-        self._query_of, self._keyframes, self._size = query_of, keyframes, size
-        numbers = np.linspace(1, len(keyframes) - 1, USUAL_SAMPLES).astype(int).tolist()
-        plain = (n for n in numbers if not any(n <= doubt <= n + AFTERWARDS for doubt in doubts))
-        samples = [shares for number in plain if (shares := self._shares(number))]
-        self.mean_share = max((float(np.mean(one)) for one in samples), default=0.0)
-        self.share = max((max(one) for one in samples), default=0.0)
+        self._query_of, self._keyframes = query_of, keyframes
+        self._doubts, self._size = doubts, size
+
+    @cached_property
+    def _samples(self) -> list[list[float]]:
+        numbers = np.linspace(1, len(self._keyframes) - 1, USUAL_SAMPLES).astype(int).tolist()
+        plain = (n for n in numbers if not any(n <= d <= n + AFTERWARDS for d in self._doubts))
+        return [shares for number in plain if (shares := self._shares(number))]
+
+    def is_usual(self, share: float) -> bool:
+        """Whether what is seen within some metres contradicts itself as much somewhere."""
+        return any(share <= max(one) for one in self._samples)
 
     def is_carried_to(self, number: int) -> bool:
         """Whether what was seen on the metres after a key frame contradicts what was seen before
         it as it does nowhere else."""
         shares = self._shares(number)
-        return bool(shares) and float(np.mean(shares)) > max(CARRIED_SHARE, self.mean_share)
+        share = float(np.mean(shares)) if shares else 0.0
+        return share > CARRIED_SHARE and all(share > np.mean(one) for one in self._samples)
 
     def _shares(self, number: int) -> list[float]:
         before = self._query_of(number - 1)
@@ -104,7 +112,7 @@ def _torn_unnoticed(
     doubts: Sequence[int],
     keyframes: PlanarPoses,
     size: SubmapConfig,
-    usual_share: float,
+    usual: Usual,
 ) -> Iterator[Event]:
     """Key frames that followed on scans that fitted badly, where what was seen on the next metres
     contradicts what was seen before."""
@@ -115,7 +123,7 @@ def _torn_unnoticed(
             now = query_of(later)
             T = between(keyframes.poses[before.anchor], keyframes.poses[later])
             share = contradiction(before, space, now, T, size)
-            if now.first < number or share <= max(DOUBTED_SHARE, usual_share):
+            if now.first < number or share <= DOUBTED_SHARE or usual.is_usual(share):
                 continue
             x, y = keyframes.poses[number, :2]
             start_ns, end_ns = keyframes.stamps_ns[[number - 1, number]].tolist()
@@ -150,15 +158,15 @@ def tears(
     keyframes: PlanarPoses,
     size: SubmapConfig,
     doubts: Sequence[int],
-    usual_share: float,
+    usual: Usual,
 ) -> Iterator[Event]:
     """Stretches of the path from which was seen what contradicts the map of other times.
 
     query_of: what was seen about a key frame. keyframes: their final T_map_base. doubts: the
-    numbers of those to which scans led that fitted badly. usual_share: contradictions up to this
-    are usual here, see ``Usual``.
+    numbers of those to which scans led that fitted badly. usual: how much contradiction is
+    no sign of anything here.
     """
-    yield from _torn_unnoticed(query_of, doubts, keyframes, size, usual_share)
+    yield from _torn_unnoticed(query_of, doubts, keyframes, size, usual)
     worst: dict[int, list[float]] = {}
     for submap, queries in _pairs(query_of, submaps, keyframes):
         space = space_grid(submap, size.resolution_m, size.radius_m)
@@ -167,16 +175,22 @@ def tears(
             share = contradiction(submap, space, query, T, size)
             worst.setdefault(query.anchor, []).append(share)
     if worst:
-        yield from _torn_stretches(worst, keyframes, max(TORN_SHARE, usual_share))
+        yield from _torn_stretches(worst, keyframes, usual)
 
 
 def _torn_stretches(
-    worst: dict[int, list[float]], keyframes: PlanarPoses, limit: float
+    worst: dict[int, list[float]], keyframes: PlanarPoses, usual: Usual
 ) -> Iterator[Event]:
     numbers = np.array(sorted(worst))
     mean = np.array([np.mean(worst[number]) for number in numbers])
     smooth = uniform_filter1d(mean, SMOOTHED, mode="nearest")
-    torn = np.concatenate([[False], smooth > limit, [False]])
+    torn = np.concatenate(
+        [
+            [False],
+            [share > TORN_SHARE and not usual.is_usual(share) for share in smooth.tolist()],
+            [False],
+        ]
+    )
     edges = np.flatnonzero(np.diff(torn.astype(np.int8)))
     for first, end in zip(edges[::2], edges[1::2], strict=True):
         at = first + int(np.argmax(smooth[first:end]))
