@@ -182,6 +182,19 @@ def cut_out(log: Log, span_s: tuple[float, float], odometry_knows: bool = False)
     return replace(log, odometry=PlanarTrajectory(earlier(log.odometry.stamps_ns), poses))
 
 
+def seen_elsewhere(log: Log, span_s: tuple[float, float], earlier_s: float) -> Log:
+    """Within the span each scan shows what was seen so much earlier."""
+    scans = list(log.scans)
+    inside = _within(log, np.array([scan.stamp_ns for scan in scans]), span_s)
+    period_s = (scans[-1].stamp_ns - scans[0].stamp_ns) * 1e-9 / (len(scans) - 1)
+    back = round(earlier_s / period_s)
+    shown = [
+        replace(scan, ranges_m=scans[k - back].ranges_m) if inside[k] else scan
+        for k, scan in enumerate(scans)
+    ]
+    return replace(log, scans=ScanList(shown))
+
+
 def walkers(log: Log, truth: PlanarTrajectory, count: int, seed: int = 0) -> Log:
     """People, discs of 0.25 m radius, cross in front of the lidar again and again."""
     rng = np.random.default_rng(seed)

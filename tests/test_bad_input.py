@@ -123,6 +123,14 @@ def test_a_carried_robot_is_noticed() -> None:
     assert abs(start_s - 16.0) < 1.0
 
 
+def test_scans_of_another_place_are_no_kidnapping_where_odometry_went_on() -> None:
+    """A crowd, a door: the local map is begun anew, and what comes next shows that it fits."""
+    result = run(damage.seen_elsewhere(wheels_only(), (16.0, 16.35), 8.0))
+    assert any("begun anew" in words for words in result.warnings)
+    assert told(result, "kidnapped") == []
+    assert ate_rmse_m(result.trajectory, drive().truth) < 0.02
+
+
 def test_a_lidar_upside_down_is_right_where_the_transform_says_so() -> None:
     result = run(damage.mirrored(whole(), said=True))
     assert result.events == ()

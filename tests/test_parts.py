@@ -44,6 +44,34 @@ def test_parts_are_the_components_of_chain_and_closures(
         assert all((parts.of(one) == parts.of(k)) == (label[one] == label[k]) for k in range(COUNT))
 
 
+@settings(max_examples=200)
+@given(
+    begins=st.dictionaries(st.integers(1, COUNT - 1), st.sampled_from("ulwc"), max_size=6),
+    one=st.integers(0, COUNT - 1),
+    other=st.integers(0, COUNT - 1),
+)
+def test_runs_are_linked_until_something_refutes_it(
+    begins: dict[int, str], one: int, other: int
+) -> None:
+    """u: nothing links the run to the one before, l: odometry does, w: and it was right, c: and it
+    was wrong."""
+    parts = Parts()
+    for begin, kind in sorted(begins.items()):
+        parts.begin(begin, linked=kind != "u")
+    for begin, kind in begins.items():
+        if kind == "w":
+            parts.withdraw(begin)
+        elif kind == "c":
+            parts.confirm(begin)
+    low, high = sorted((one, other))
+    between_them = {b: kind for b, kind in begins.items() if low < b <= high}
+    kinds = set(between_them.values())
+    assert parts.linked(one, other) == (not kinds & {"u", "c"})
+    assert (parts.of(one) == parts.of(other)) == (kinds <= {"w"})
+    assert parts.open_between(one, other) == sorted(b for b, k in between_them.items() if k == "l")
+    assert parts.withdrawn == {b for b, kind in begins.items() if kind == "w"}
+
+
 def test_a_part_is_carried_rigidly_and_the_rest_stays() -> None:
     rng = np.random.default_rng(3)
     poses = rng.normal(size=(6, 3))

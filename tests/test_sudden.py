@@ -86,6 +86,20 @@ def test_one_strange_scan_may_be_spoilt_and_two_alike_are_another_place() -> Non
     assert around.left(seen(HERE, OTHER_ROOM, stamp_ns=3 * 10**8).cloud, HERE, ())
 
 
+def test_what_contradicts_itself_where_odometry_has_it_becomes_usual() -> None:
+    """Among trees each scan shows something else, though the robot is where it should be."""
+    around = Surroundings()
+    agreed = []
+    for number in range(1, 200):
+        walls = OTHER_ROOM if number % 2 else ROOM
+        cloud = seen(HERE, walls, stamp_ns=number * 10**8).cloud
+        agreed.append(around.agree(cloud, poor_match(HERE), expected=True))
+        around.placed(cloud, HERE)
+    assert not any(agreed[1:4]) and np.mean(agreed[100:]) > 0.95
+    surprising = seen(HERE, ROOM, stamp_ns=201 * 10**8).cloud
+    assert around.agree(surprising, poor_match(HERE), expected=False)
+
+
 def test_what_changed_in_a_long_time_is_no_contradiction() -> None:
     around = Surroundings()
     around.placed(seen(HERE, ROOM).cloud, HERE)
