@@ -265,24 +265,25 @@ class BackEnd:
         return found
 
     def _settle(self) -> None:
-        """Decide of the parts that odometry links and no closure joins, whether they follow on.
+        """Decide of the runs that odometry links and no closure joins, whether they follow on.
 
         They do unless what was seen on the metres after contradicts what was seen before.
         """
         parts, count = self._solution.parts, len(self.keyframes)
         undecided = parts.open_between(0, count)
-        if not undecided:
-            return
         around = partial(self._cutter.query, travel_m=self._config.closures.query_travel_m)
         usual = Usual(around, self.keyframes, undecided, self._config.submaps)
+        carried = [begin for begin in undecided if usual.is_carried_to(begin)]
         for begin in undecided:
-            if usual.is_carried_to(begin):
+            if begin in carried:
                 self._solution.loosen(begin)
-                loose = replace(self.keyframes[begin], restart=ELSEWHERE)
-                self._cutter.keyframes[begin] = loose
             else:
                 parts.withdraw(begin)
-        self._solution.solve()
+        for keyframe in self.keyframes:
+            if keyframe.suspect and keyframe.index not in parts.withdrawn:
+                self._cutter.keyframes[keyframe.index] = replace(keyframe, restart=ELSEWHERE)
+        if carried:
+            self._solution.solve()
 
     def _calibrate(self) -> None:
         """Calibrate the odometry by all key frames; what only odometry held moves with it."""

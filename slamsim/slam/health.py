@@ -184,13 +184,8 @@ def _torn_stretches(
     numbers = np.array(sorted(worst))
     mean = np.array([np.mean(worst[number]) for number in numbers])
     smooth = uniform_filter1d(mean, SMOOTHED, mode="nearest")
-    torn = np.concatenate(
-        [
-            [False],
-            [share > TORN_SHARE and not usual.is_usual(share) for share in smooth.tolist()],
-            [False],
-        ]
-    )
+    strange = [share > TORN_SHARE and not usual.is_usual(share) for share in smooth.tolist()]
+    torn = np.array([False, *strange, False])
     edges = np.flatnonzero(np.diff(torn.astype(np.int8)))
     for first, end in zip(edges[::2], edges[1::2], strict=True):
         at = first + int(np.argmax(smooth[first:end]))

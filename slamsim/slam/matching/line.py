@@ -150,11 +150,9 @@ class LineMatcher:
 
     def support(self, cloud: Cloud, T_map_base: FloatArray) -> float:
         """See ``Matcher.support``."""
-        return (
-            0.0
-            if self._map.empty
-            else support(self.pieces(cloud), T_map_base, self._unit, self._grid)
-        )
+        if self._map.empty:
+            return 0.0
+        return float(support(self.pieces(cloud), T_map_base, self._unit, self._grid))
 
     def insert(self, cloud: Cloud, T_map_base: FloatArray) -> None:
         """See ``Matcher.insert``."""
