@@ -15,7 +15,6 @@ from typing import cast
 from slamsim.bench.robustness.case import LIMIT_S, Figures, run_case
 from slamsim.bench.robustness.conditions import Conditions, draw_conditions
 from slamsim.console import Reporter
-from slamsim.safe.errors import SlamsimError
 from slamsim.safe.output import write_atomic
 from slamsim.worker import Unworkable, WorkerDied, Workers
 
@@ -106,8 +105,6 @@ def _figures(future: Future[Figures], conditions: Conditions) -> Figures:
         return future.result()
     except Unworkable:
         raise
-    except SlamsimError as error:
-        return {**known, "error": str(error)}
     except WorkerDied as died:
         return {**known, "outcome": "told", "why": died.reason}
     except Exception as error:

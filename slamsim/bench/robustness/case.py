@@ -35,29 +35,31 @@ LIMIT_S = 600.0
 
 
 def run_case(conditions: Conditions) -> Figures:
-    """Conditions and figures of one case, in this process. Raises what the simulation raises."""
+    """Conditions and figures of one case, in this process."""
+    known: Figures = {**asdict(conditions), "repeat": conditions.repeat}
     began_s = time.process_time()
     with time_limit(LIMIT_S), TemporaryDirectory() as folder:
-        config = conditions.config()
-        simulation = simulate(config, Path(folder) / "log")
+        try:
+            config = conditions.config()
+            simulation = simulate(config, Path(folder) / "log")
+        except SlamsimError as error:
+            return {**known, "error": str(error)}
         plain, truth = read_log(Path(folder) / "log"), read_truth(Path(folder) / "log")
         assert truth is not None
         log, true_path, carried_ns = disturbed(plain, truth.planar(), conditions)
-        simulated_s = time.process_time() - began_s
-        figures: Figures = {
-            **asdict(conditions),
-            "repeat": conditions.repeat,
+        known |= {
             "scans": len(log.scans),
             "driven_m": true_path.path_length_m(),
             "kidnappings": len(carried_ns),
         }
+        simulated_s = time.process_time() - began_s
         try:
             result = run_slam(log, config.slam)
         except SlamsimError as error:
-            return {**figures, "outcome": "told", "why": str(error)}
+            return {**known, "outcome": "told", "why": str(error)}
         mapped_s = time.process_time() - began_s - simulated_s
         return {
-            **figures,
+            **known,
             **_compared(result, log, true_path, carried_ns, config, simulation),
             "cpu_s": {"simulate": simulated_s, "slam": mapped_s},
         }
