@@ -27,7 +27,7 @@ from slamsim.slam.odometry import FrontEnd, Tracked
 from slamsim.slam.prediction import Prediction
 from slamsim.slam.session import run_slam
 from slamsim.slam.steps import PARAMETERS, OdometryStep
-from slamsim.types import Cloud, FloatArray, ScanGeometry
+from slamsim.types import Cloud, FloatArray, Scan, ScanGeometry
 
 SPARSE = ScanGeometry(-np.pi, np.deg2rad(10.0), 36, 2_777_777, 0.1, 12.0)
 WALLS_M = ((0.0, 3.0), (np.pi / 2, 2.0), (np.pi, 2.5), (-np.pi / 2, 1.5))
@@ -213,3 +213,20 @@ def test_silence_within_a_window_is_told_as_a_gap() -> None:
     scans = [s for s in drive.log.scans if not 20.0 <= s.stamp_ns * 1e-9 < 24.0]
     _, front_end = track(replace(drive, log=replace(drive.log, scans=ScanList(scans))))
     assert "gap" in {event.kind for event in front_end.events()}
+
+
+def test_a_map_that_only_odometry_makes_is_said_to_be_no_better() -> None:
+    drive = sparse_drive(gyro=True)
+
+    def nearly_blind(scan: Scan) -> Scan:
+        ranges_m = np.full_like(scan.ranges_m, np.inf)
+        ranges_m[16:20] = scan.ranges_m[16:20]
+        return replace(scan, ranges_m=ranges_m)
+
+    first, *others = drive.log.scans
+    _, front_end = track(
+        replace(drive, log=replace(drive.log, scans=ScanList([first, *map(nearly_blind, others)])))
+    )
+    (told,) = (event for event in front_end.events() if event.kind == "odometry")
+    assert "follow the odometry alone" in told.words
+    assert told.end_ns - told.start_ns > 60_000_000_000

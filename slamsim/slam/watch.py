@@ -35,6 +35,13 @@ MIN_TURNED_RAD = 1.5
 MIRRORED_SHARE = -0.3
 
 
+UNPLACED_SHARE = 0.5
+"""Of the path: a map of which scans place less than this is one of the odometry."""
+
+LEAST_PATH_M = 2.0
+"""A robot that has hardly moved is where it was, whatever its scans show."""
+
+
 class Watch:
     """Sees each tracked scan once, in time order, and remembers what was odd."""
 
@@ -47,6 +54,7 @@ class Watch:
         self._first_ns = 0
         self._T_map_base: FloatArray = np.zeros(3)
         self._turned = self._same_turn = 0.0
+        self._path_m = self._unplaced_m = 0.0
 
     def see(self, prediction: Prediction, T_map_base: FloatArray, fate: Fate) -> None:
         """One more scan, where it was placed, and why there."""
@@ -66,6 +74,9 @@ class Watch:
                 spells.mark(*one)
         self._held_back.clear()
         moved, step = between(before, T_map_base), prediction.T_last_base
+        moved_m = float(np.hypot(moved[0], moved[1]))
+        self._path_m += moved_m
+        self._unplaced_m += moved_m if fate in ("blind", "lost") else 0.0
         self._look_for_gap(stamp_ns, moved)
         self._reported |= prediction.odometry is not None
         if prediction.odometry is None:
@@ -90,6 +101,10 @@ class Watch:
 
     def _all(self) -> Iterator[Event]:
         yield from self._single
+        if self._path_m > LEAST_PATH_M and self._unplaced_m > UNPLACED_SHARE * self._path_m:
+            share = self._unplaced_m / self._path_m
+            words = f"{share:.0%} of the path follow the odometry alone: the map is no better there"
+            yield Event(self._first_ns, self._last_ns or self._first_ns, "odometry", words)
         for spell in self._blind:
             if spell.scans > FEW_SCANS:
                 words = f"{spell.scans} scans with too few returns, placed by odometry alone"

@@ -19,7 +19,9 @@ GOOD_M = 0.05
 TIMES_BOUND = 10.0
 """A run is tracked whose ATE is within GOOD_M or so many times the Cramer-Rao bound."""
 
-TELLING: frozenset[EventKind] = frozenset(("kidnapped", "joined", "torn", "lost", "blind", "gap"))
+TELLING: frozenset[EventKind] = frozenset(
+    ("kidnapped", "joined", "torn", "lost", "blind", "gap", "odometry")
+)
 """Events that say that poses before them and after them may not fit together."""
 
 NOTICED_NS = 2_000_000_000
