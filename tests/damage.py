@@ -156,32 +156,6 @@ def gap(log: Log, span_s: tuple[float, float], scans: bool = True, motion: bool 
     return replace(log, odometry=odometry, imu=imu)
 
 
-def cut_out(log: Log, span_s: tuple[float, float], odometry_knows: bool = False) -> Log:
-    """A piece of the log is missing and the stamps close up: the robot is elsewhere at once.
-
-    odometry_knows: whether its pose jumps along; else it goes on as if nothing had happened.
-    """
-    start_ns, end_ns = (begin_ns(log) + round(second * 1e9) for second in span_s)
-    shift_ns = end_ns - start_ns
-
-    def earlier(stamps_ns: IntArray) -> IntArray:
-        return np.where(stamps_ns >= end_ns, stamps_ns - shift_ns, stamps_ns)
-
-    log = gap(log, span_s)
-    before = list(each_scan(log, lambda scan: None, (span_s[0] - 0.2, span_s[1])).scans)
-    moved = [replace(s, stamp_ns=int(earlier(np.array(s.stamp_ns)))) for s in before]
-    log = replace(log, scans=ScanList(moved))
-    if log.imu is not None:
-        log = replace(log, imu=replace(log.imu, stamps_ns=earlier(log.imu.stamps_ns)))
-    if log.odometry is None:
-        return log
-    poses = log.odometry.poses.copy()
-    after = log.odometry.stamps_ns >= end_ns
-    if not odometry_knows:
-        poses[after] = compose(poses[~after][-1], between(poses[after][0], poses[after]))
-    return replace(log, odometry=PlanarTrajectory(earlier(log.odometry.stamps_ns), poses))
-
-
 def seen_elsewhere(log: Log, span_s: tuple[float, float], earlier_s: float) -> Log:
     """Within the span each scan shows what was seen so much earlier."""
     scans = list(log.scans)

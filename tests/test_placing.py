@@ -53,7 +53,7 @@ def cloud(stamp_ns: int) -> Cloud:
 def predicted(stamp_ns: int, jump: bool = False) -> Prediction:
     step, none = np.zeros(3), OdometryStep.none(np.zeros(PARAMETERS))
     covariance = np.diag(np.square(SIGMAS))
-    return Prediction(stamp_ns, HERE, covariance, HERE, step, HERE, jump, none)
+    return Prediction(stamp_ns, HERE, covariance, HERE, step, HERE, jump, none, covariance)
 
 
 def placed(placer: Placer, gain: float, sigmas: float, jump: bool = False) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Self
@@ -78,6 +79,7 @@ def bench(
         str,
         typer.Argument(
             help="sense, drive, simulate, slam, all: speed. Or accuracy, matcher, check, dataset; "
+            "robustness: random conditions, tracked, told or silently wrong; "
             "online: latency and memory of a session, told for each kilometre."
         ),
     ] = "all",
@@ -102,7 +104,13 @@ def bench(
     seed: Annotated[
         int | None, typer.Option(help="The seed; accuracy: the first, by default 1.", min=0)
     ] = None,
-    workers: Annotated[int, typer.Option(help="Accuracy: runs at a time.", min=1, max=64)] = 1,
+    cases: Annotated[int, typer.Option(help="Robustness: how many cases.", min=1)] = 200,
+    only: Annotated[
+        int | None, typer.Option(help="Robustness: only the case of this number.", min=1)
+    ] = None,
+    workers: Annotated[
+        int, typer.Option(help="Accuracy, check, robustness: runs at a time.", min=1, max=64)
+    ] = 1,
     recording: Annotated[
         Path | None,
         typer.Option(help="Matcher, check: on this recording, not simulated."),
@@ -112,7 +120,7 @@ def bench(
         Path | None,
         typer.Option(
             metavar="FOLDER",
-            help="Keep simulated logs here, and use them again.",
+            help="Keep simulated logs here, and use them again; robustness: results as they come.",
         ),
     ] = None,
     faults: Annotated[
@@ -142,6 +150,8 @@ def bench(
     asked = _Asked(world, config, tuple(set_ or ()), seed, seconds, path, reporter)
     if part == "accuracy":
         _accuracy(asked, seeds, workers, logs, bound)
+    elif part == "robustness":
+        _robustness(asked, range(1, cases + 1) if only is None else (only,), workers, logs)
     elif part == "online":
         _online(asked)
     elif part == "check":
@@ -163,6 +173,14 @@ def _accuracy(asked: _Asked, seeds: int, workers: int, logs: Path | None, bound:
     first = FIRST_SEED if asked.seed is None else asked.seed
     campaign = Campaign(resolved, range(first, first + seeds), workers, logs, bound)
     asked.reporter.result(run_accuracy(campaign, asked.reporter))
+
+
+def _robustness(asked: _Asked, cases: Sequence[int], workers: int, kept: Path | None) -> None:
+    from slamsim.bench.robustness.campaign import Campaign, run_robustness
+
+    seed = FIRST_SEED if asked.seed is None else asked.seed
+    campaign = Campaign(seed, cases, workers, kept)
+    run_robustness(campaign, asked.reporter)
 
 
 def _check(

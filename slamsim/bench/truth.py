@@ -37,9 +37,11 @@ class ClosureCheck:
     believed: bool
 
 
-def false_closures(graph: PoseGraph, truth: PlanarTrajectory) -> list[ClosureCheck]:
+def false_closures(
+    graph: PoseGraph, truth: PlanarTrajectory, least_m: float = FALSE_M
+) -> list[ClosureCheck]:
     """Closures that differ from the truth by more than 5 of their own sigmas, and also by more
-    than 0.10 m or 3 degrees. Key frames that the truth does not cover are left out."""
+    than ``least_m`` or 3 degrees. Key frames that the truth does not cover are left out."""
     closures = _covered_closures(graph, truth)
     if not closures:
         return []
@@ -50,7 +52,7 @@ def false_closures(graph: PoseGraph, truth: PlanarTrajectory) -> list[ClosureChe
     for edge, off_sigmas in zip(closures, sigmas.tolist(), strict=True):
         off = between(between(poses[edge.source], poses[edge.target]), edge.T_source_target)
         off_m, off_rad = float(np.hypot(off[0], off[1])), abs(float(wrap_angle(off[2])))
-        if off_sigmas > FALSE_SIGMAS and (off_m > FALSE_M or off_rad > FALSE_RAD):
+        if off_sigmas > FALSE_SIGMAS and (off_m > least_m or off_rad > FALSE_RAD):
             found.append(
                 ClosureCheck(
                     edge.source,

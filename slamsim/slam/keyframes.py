@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from slamsim.config.back_end import GraphConfig, KeyframeConfig
-from slamsim.geometry import between, rotation
+from slamsim.geometry import between, compose, rotation
 from slamsim.result import EdgeKind, GraphEdge
 from slamsim.slam.matching.surfaces import range_noise_m
 from slamsim.slam.odometry import ELSEWHERE_M, ELSEWHERE_RAD, Tracked
@@ -109,6 +109,7 @@ class KeyframeMaker:
         self._T_map_before: FloatArray | None = None
         self._path_m = 0.0 if before is None else before.keyframe.path_m + OTHER_DRIVE_M
         self._doubt_ns: int | None = None
+        self._held_back: FloatArray | None = np.zeros(3)
         self._odometry: OdometryStep | None = None
 
     def make(self, tracked: Tracked) -> Keyframe | None:
@@ -121,13 +122,19 @@ class KeyframeMaker:
             self._odometry = self._odometry.then(tracked.odometry)
         else:
             self._odometry = None
+        moved = None if tracked.odometry is None else tracked.odometry.T_first_last
+        if moved is not None and self._held_back is not None:
+            moved = compose(self._held_back, moved)
+        if tracked.held_back:
+            self._held_back = moved
+            return None
+        self._held_back = np.zeros(3)
         if tracked.doubtful and self._doubt_ns is None:
             self._doubt_ns = tracked.stamp_ns
         if tracked.match is None or tracked.doubtful:
             self._view.clear()  # where the scans before stood is no longer known
         if tracked.match is None and not tracked.keyscan:
             return None
-        moved = None if tracked.odometry is None else tracked.odometry.T_first_last
         self._view.add(tracked.pieces, tracked.T_map_base, moved, self._noise_m)
         if not self._due(tracked):
             return None

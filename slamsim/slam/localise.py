@@ -131,7 +131,7 @@ class Localiser:
 
     def _told(self, tracked: Tracked) -> Step:
         match = tracked.match
-        known = match is not None and self._found
+        known = (match is not None or tracked.held_back) and self._found
         status: Status = "tracking" if known else "searching" if self._found else "lost"
         return Step(
             stamp_ns=tracked.stamp_ns,

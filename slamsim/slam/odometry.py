@@ -13,6 +13,7 @@ from slamsim.safe.numbers import require_mount
 from slamsim.slam.calibration_solve import Solved
 from slamsim.slam.deskew import MAX_TILT_RAD, deskew, tilt_of
 from slamsim.slam.matching import Match, Matcher, make_matcher
+from slamsim.slam.matching.accumulate import ENOUGH_PIECES, ScanWindow, with_drift, worth_waiting
 from slamsim.slam.motion import Odometry
 from slamsim.slam.placing import Placer
 from slamsim.slam.prediction import Prediction, Predictor
@@ -24,7 +25,7 @@ LOST_SCANS = 20
 """After so many scans in a row that fit nowhere the local map is begun anew."""
 
 MIN_GRIP = 5
-"""A scan with fewer surface pieces than this is blind: it says nothing about where it is."""
+"""With fewer surface pieces than this no map is begun."""
 
 ELSEWHERE_M, ELSEWHERE_RAD = 10.0, 2.0
 ELSEWHERE = np.diag(np.square([ELSEWHERE_M, ELSEWHERE_M, ELSEWHERE_RAD]))
@@ -48,7 +49,9 @@ class Tracked:
     whether the scan entered the local map. restart: (3, 3), if a local map was begun anew here,
     of a small step of the base relative to the map before, if the robot was not carried. suspect:
     whether it may have been. doubtful: whether the scan was lost, or placed by a search. odometry:
-    what wheels and gyroscope say of the step since the last scan; None if nothing.
+    what wheels and gyroscope say of the step since the last scan; None if nothing. held_back:
+    whether the scan is kept to be matched together with the next ones, and followed by odometry
+    until then. match_before: the last match before such a scan.
     """
 
     stamp_ns: int
@@ -63,16 +66,20 @@ class Tracked:
     odometry: OdometryStep | None = None
     doubtful: bool = False
     suspect: bool = False
+    held_back: bool = False
+    match_before: Match | None = None
 
     @property
     def match_quality(self) -> float:
-        """Inlier ratio of the match, 0 without one."""
-        return 0.0 if self.match is None else self.match.inlier_ratio
+        """Inlier ratio of the match, 0 without one; of the last one for a scan held back."""
+        match = self.match_before if self.held_back else self.match
+        return 0.0 if match is None else match.inlier_ratio
 
     @property
     def degenerate(self) -> bool:
-        """Whether some direction was left to odometry."""
-        return self.match is None or self.match.degenerate
+        """Whether some direction was left to odometry; at the last match for a scan held back."""
+        match = self.match_before if self.held_back else self.match
+        return match is None or match.degenerate
 
 
 class FrontEnd:
@@ -96,6 +103,9 @@ class FrontEnd:
         self._T_map_key: FloatArray | None = None
         self._placer = Placer(config.matching.min_inlier_ratio)
         self._watch = Watch()
+        self._window = ScanWindow()
+        self._last_match: Match | None = None
+        self._held_back = 0
         self.breaks_ns: list[int] = []
         """Where the trajectory is torn apart: stamps of the first scans after it, in order."""
         self.skipped = 0
@@ -145,7 +155,16 @@ class FrontEnd:
 
         prediction = self._predictor.predict(scan.stamp_ns)
 
+        window = self._window.add(cloud, prediction.T_map_base)
+        alone, together = (len(self._matcher.pieces(one)) for one in (cloud, window))
+        if alone > 0 and worth_waiting(prediction, together):
+            return self._hold_back(cloud, prediction)
+        several, cloud = window is not cloud, window
+        self._window.clear()
+
         match = self._match(cloud, prediction)
+        if match is not None and several:
+            match = with_drift(match, prediction)
 
         if match is not None and prediction.odometry is None:
             # Without odometry the motion within a sweep is best known from its own match.
@@ -164,6 +183,7 @@ class FrontEnd:
         keyscan = keyscan and self._keep(cloud, T_map_base)
 
         information = np.zeros((3, 3)) if match is None else match.information
+        self._last_match, self._held_back = match or self._last_match, 0
         return Tracked(
             scan.stamp_ns,
             T_map_base,
@@ -177,6 +197,25 @@ class FrontEnd:
             self._predictor.step,
             self._placer.doubtful,
             suspect,
+        )
+
+    def _hold_back(self, cloud: Cloud, prediction: Prediction) -> Tracked:
+        """A scan that is to be matched with the next ones."""
+        T_map_base = self._predictor.hold(prediction)
+        self._watch.see(prediction, T_map_base, "held back")
+        self._held_back += 1
+        return Tracked(
+            prediction.stamp_ns,
+            T_map_base,
+            prediction.T_odom_base,
+            None,
+            np.zeros((3, 3)),
+            cloud,
+            self._matcher.pieces(cloud),
+            keyscan=False,
+            odometry=self._predictor.step,
+            held_back=True,
+            match_before=self._last_match,
         )
 
     @property
@@ -243,10 +282,11 @@ class FrontEnd:
     def _fate(self, cloud: Cloud, match: Match | None) -> Fate:
         if match is not None:
             return "matched"
-        blind = len(self._matcher.pieces(cloud)) < MIN_GRIP
+        pieces = len(self._matcher.pieces(cloud))
         if self._T_map_key is None:
-            return "blind" if blind else "first"
-        self.unmatched += 1
+            return "blind" if pieces < MIN_GRIP else "first"
+        blind = pieces < ENOUGH_PIECES
+        self.unmatched += 1 + self._held_back
         if blind and self._placer.lost:
             self._placer.lost.pop()  # it is no evidence for being elsewhere
         return "blind" if blind else "lost"

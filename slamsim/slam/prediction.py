@@ -40,7 +40,8 @@ JUMP_VARIANCE = np.square([0.3, 0.3, 0.2])
 class Prediction:
     """T_map_base: (3,) with covariance (3, 3) of a small step of the base in its own frame.
 
-    T_last_base: (3,) the predicted step since the last scan. T_map_hold: (3,) where the robot is
+    T_last_base: (3,) the predicted step since the last update, step_covariance: (3, 3) of it alone.
+    T_map_hold: (3,) where the robot is
     if the odometry is wrong and it stood. jump: whether no robot can make that step. T_odom_base:
     (3,) by odometry alone. odometry: what that says of the step; None if there is none.
     """
@@ -53,6 +54,7 @@ class Prediction:
     T_map_hold: FloatArray
     jump: bool
     odometry: OdometryStep | None
+    step_covariance: FloatArray
 
     def distance(self, match: Match) -> float:
         """How many sigmas (Mahalanobis) the match lies from the prediction."""
@@ -81,7 +83,8 @@ class Predictor:
         self.jumps = 0
         """Steps of the odometry that no robot can make, and that were not believed."""
         self.step: OdometryStep | None = None
-        """The last step by odometry, doubted where others contradict it."""
+        """From the last scan but one to the last by odometry, doubted where others contradict."""
+        self._held_ns: int | None = None
 
     @property
     def blind(self) -> bool:
@@ -151,11 +154,13 @@ class Predictor:
         return _arc(velocity, first, last)
 
     def predict(self, stamp_ns: int) -> Prediction:
-        """The pose at a scan's stamp, which motion_over has found to be covered."""
+        """The pose at a scan's stamp, which motion_over has found to be covered, from that of the
+        last update."""
         at, last = self._T_map_base, self._last
         if last is None:
             zero = np.zeros(3)
-            return Prediction(stamp_ns, at, self._covariance, zero, zero, at, False, None)
+            still = np.zeros((3, 3))
+            return Prediction(stamp_ns, at, self._covariance, zero, zero, at, False, None, still)
         seconds = max((stamp_ns - last.stamp_ns) * 1e-9, 0.0)
         odometry = self._odometry_since(last.stamp_ns, stamp_ns)
         if odometry is None:
@@ -165,11 +170,12 @@ class Predictor:
         else:
             step, noise, jump = self._expect(odometry)
             T_odom_base = compose(last.T_odom_base, odometry.T_first_last)
-        self.jumps += jump
         carry = adjoint(inverse(step))
         covariance = carry @ self._covariance @ carry.T + noise
         T_map_base = compose(at, step)
-        return Prediction(stamp_ns, T_map_base, covariance, T_odom_base, step, at, jump, odometry)
+        return Prediction(
+            stamp_ns, T_map_base, covariance, T_odom_base, step, at, jump, odometry, noise
+        )
 
     def coasting(self, prediction: Prediction) -> FloatArray:
         """T_map_base at the prediction's stamp if the robot went on as it did before."""
@@ -178,8 +184,16 @@ class Predictor:
         seconds = min((prediction.stamp_ns - self._last.stamp_ns) * 1e-9, MAX_COAST_S)
         return compose(self._T_map_base, self._velocity * seconds)
 
+    def hold(self, prediction: Prediction) -> FloatArray:
+        """T_map_base as predicted of a scan that is to be matched with the next ones; the next
+        prediction starts at the same update as this one."""
+        self.step = self._since_last_scan(prediction, prediction.odometry)
+        self._held_ns = prediction.stamp_ns
+        return prediction.T_map_base
+
     def update(self, prediction: Prediction, match: Match | None) -> FloatArray:
         """T_map_base after the match, or as predicted without one."""
+        self.jumps += prediction.jump
         followed = prediction.T_map_hold if prediction.jump else prediction.T_map_base
         T_map_base = followed if match is None else match.T_map_base
         if match is None:
@@ -187,7 +201,8 @@ class Predictor:
         else:
             prior = np.linalg.inv(prediction.covariance)
             self._covariance = np.linalg.inv(prior + match.information)
-        self.step = self._judge(prediction, match)
+        self.step = self._since_last_scan(prediction, self._judge(prediction, match))
+        self._held_ns = None
         if self._last is not None:
             seconds = (prediction.stamp_ns - self._last.stamp_ns) * 1e-9
             if seconds > 0.0:
@@ -202,6 +217,15 @@ class Predictor:
             return None
         sigma_rad_s = calibrator.bias_sigma_rad_s
         return odometry.step(first_ns, last_ns, calibrator.parameters, sigma_rad_s)
+
+    def _since_last_scan(
+        self, prediction: Prediction, since_update: OdometryStep | None
+    ) -> OdometryStep | None:
+        """The step since the last scan, doubted as the one since the last update is."""
+        if since_update is None or self._held_ns is None:
+            return since_update
+        step = self._odometry_since(self._held_ns, prediction.stamp_ns)
+        return None if step is None else step.doubted(since_update.doubt)
 
     def _expect(self, odometry: OdometryStep) -> tuple[FloatArray, FloatArray, bool]:
         """The step since the last scan, its covariance, and whether it is an impossible one."""

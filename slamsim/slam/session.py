@@ -154,7 +154,7 @@ class SlamSession:
     def _status(self, tracked: Tracked) -> Status:
         if tracked.restart is not None:
             return "lost"
-        followed = tracked.match is not None or tracked.keyscan
+        followed = tracked.match is not None or tracked.keyscan or tracked.held_back
         return "tracking" if followed else "searching"
 
     def _new_events(self) -> tuple[Event, ...]:

@@ -13,8 +13,9 @@ from slamsim.slam.events import Spells
 from slamsim.slam.prediction import Prediction
 from slamsim.types import FloatArray
 
-Fate = Literal["first", "matched", "blind", "lost"]
-"""A scan that began a map, that was matched, that saw too little, that fitted nowhere."""
+Fate = Literal["first", "matched", "blind", "lost", "held back"]
+"""A scan that began a map, that was matched, that saw too little, that fitted nowhere, that is kept
+to be matched with the next ones."""
 
 FEW_SCANS = 3
 """So many scans in a row without a place are not worth telling."""
@@ -34,6 +35,13 @@ MIN_TURNED_RAD = 1.5
 MIRRORED_SHARE = -0.3
 
 
+UNPLACED_SHARE = 0.5
+"""Of the path: a map of which scans place less than this is one of the odometry."""
+
+LEAST_PATH_M = 2.0
+"""A robot that has hardly moved is where it was, whatever its scans show."""
+
+
 class Watch:
     """Sees each tracked scan once, in time order, and remembers what was odd."""
 
@@ -41,23 +49,34 @@ class Watch:
         self._blind, self._lost, self._frozen, self._jumps = Spells(), Spells(), Spells(), Spells()
         self._silent, self._reported = Spells(), False
         self._single: list[Event] = []
+        self._held_back: list[tuple[int, FloatArray, FloatArray]] = []
         self._last_ns: int | None = None
         self._first_ns = 0
         self._T_map_base: FloatArray = np.zeros(3)
         self._turned = self._same_turn = 0.0
+        self._path_m = self._unplaced_m = 0.0
 
     def see(self, prediction: Prediction, T_map_base: FloatArray, fate: Fate) -> None:
         """One more scan, where it was placed, and why there."""
-        before, self._T_map_base = self._T_map_base, T_map_base
-        stamp_ns = prediction.stamp_ns
+        before, stamp_ns = self._T_map_base, prediction.stamp_ns
+        if fate == "held back" and self._last_ns is not None:
+            self._look_for_gap(stamp_ns, between(before, T_map_base))
+            self._held_back.append((stamp_ns, before, T_map_base))
+            self._last_ns = stamp_ns
+            return
+        self._T_map_base = T_map_base
         if self._last_ns is None:
             self._first_ns = self._last_ns = stamp_ns
             return
-        if fate == "blind":
-            self._blind.mark(stamp_ns, before, T_map_base)
-        elif fate == "lost":
-            self._lost.mark(stamp_ns, before, T_map_base)
+        if fate in ("blind", "lost"):
+            spells = self._blind if fate == "blind" else self._lost
+            for one in (*self._held_back, (stamp_ns, before, T_map_base)):
+                spells.mark(*one)
+        self._held_back.clear()
         moved, step = between(before, T_map_base), prediction.T_last_base
+        moved_m = float(np.hypot(moved[0], moved[1]))
+        self._path_m += moved_m
+        self._unplaced_m += moved_m if fate in ("blind", "lost") else 0.0
         self._look_for_gap(stamp_ns, moved)
         self._reported |= prediction.odometry is not None
         if prediction.odometry is None:
@@ -82,6 +101,10 @@ class Watch:
 
     def _all(self) -> Iterator[Event]:
         yield from self._single
+        if self._path_m > LEAST_PATH_M and self._unplaced_m > UNPLACED_SHARE * self._path_m:
+            share = self._unplaced_m / self._path_m
+            words = f"{share:.0%} of the path follow the odometry alone: the map is no better there"
+            yield Event(self._first_ns, self._last_ns or self._first_ns, "odometry", words)
         for spell in self._blind:
             if spell.scans > FEW_SCANS:
                 words = f"{spell.scans} scans with too few returns, placed by odometry alone"
