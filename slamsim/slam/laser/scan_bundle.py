@@ -11,14 +11,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from slamsim.check.scan_equations import POSE, SHAPES, moved_points, window_system
-from slamsim.check.scan_observations import Observations, observations
-from slamsim.check.scan_sweep import Sweep, beams_of, local_motion, moved_pieces
-from slamsim.check.scan_track import Track
 from slamsim.geometry import compose
 from slamsim.result import GraphEdge
 from slamsim.slam.association import Shared, share_surfaces
 from slamsim.slam.bundle_equations import fit_lines, residuals
+from slamsim.slam.laser.scan_equations import POSE, SHAPES, moved_points, window_system
+from slamsim.slam.laser.scan_observations import Observations, observations
+from slamsim.slam.laser.scan_sweep import Sweep, beams_of, local_motion, moved_pieces
+from slamsim.slam.laser.scan_track import Track
 from slamsim.types import FloatArray, IntArray
 
 ROUNDS = ((0.06, 12.0, 3), (0.03, 4.0, 6))

@@ -10,13 +10,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from slamsim.check.scan_beams import BeamReader
-from slamsim.check.scan_bundle import Shape, ShapePull, WindowFit, fit_window
-from slamsim.check.scan_scale import rough_angle_scale
-from slamsim.check.scan_track import Track, track_window
-from slamsim.check.scan_windows import choose_windows, period_s
 from slamsim.geometry import between
 from slamsim.recording import RawScans
+from slamsim.slam.laser.scan_beams import BeamReader
+from slamsim.slam.laser.scan_bundle import Shape, ShapePull, WindowFit, fit_window
+from slamsim.slam.laser.scan_scale import rough_angle_scale
+from slamsim.slam.laser.scan_track import Track, track_window
+from slamsim.slam.laser.scan_windows import choose_windows, period_s
 from slamsim.types import FloatArray, IntArray
 
 MAX_PASSES = 6

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from slamsim.check.scan_bundle import Shape, ShapePull, fit_window
-from slamsim.check.scan_track import Track
+from slamsim.slam.laser.scan_bundle import Shape, ShapePull, fit_window
+from slamsim.slam.laser.scan_track import Track
 from slamsim.types import FloatArray
 
 MOST_WINDOWS = 8

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from slamsim.check.beams import beams_on_robot
-from slamsim.check.scan_sweep import Sweep
 from slamsim.jit import kernel
 from slamsim.recording import RawScans, ScanLayout
+from slamsim.slam.laser.own_body import beams_on_robot
+from slamsim.slam.laser.scan_sweep import Sweep
 from slamsim.types import BoolArray, Cloud, Float32Array, FloatArray, IntArray
 
 SAMPLED_SCANS = 60
