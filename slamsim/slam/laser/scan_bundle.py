@@ -7,9 +7,10 @@ the poses have been eliminated too.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import cho_factor, cho_solve
 
 from slamsim.geometry import compose
 from slamsim.result import GraphEdge
@@ -142,20 +143,23 @@ class ShapePull:
         return shape.moved(np.clip(np.where(wanted, step, 0.0), -MAX_STEP, MAX_STEP))
 
 
-def fit_window(track: Track, shape: Shape) -> WindowFit:
-    """The most likely poses of a window's scans if they are of this shape."""
+def fit_window(track: Track, shape: Shape, poses: FloatArray | None = None) -> WindowFit:
+    """The most likely poses of a window's scans if they are of this shape.
+
+    poses: (n, 3) those of a fit for a shape much like it, to begin from.
+    """
     seen = observations(track)
-    poses = track.poses
-    for gate_m, doubted, steps in ROUNDS:
+    rounds = ROUNDS if poses is None else ROUNDS[-1:]
+    poses = track.poses if poses is None else poses
+    for gate_m, doubted, steps in rounds:
         shared = _shared(track, poses, shape, max(gate_m, GATE_NOISE * track.noise_m))
         used = seen.only(shared.pieces)
         for _ in range(steps):
             solved = _solve(used, shared, poses, shape, (track.elapsed_s, doubted))
-            step, fit = solved
-            poses = compose(poses, step)
-            if np.abs(step).max() < SMALL_STEP:
+            poses = compose(poses, solved.step)
+            if np.abs(solved.step).max() < SMALL_STEP:
                 break
-    return replace(fit, poses=poses)
+    return solved.fit(poses)
 
 
 def _shared(track: Track, poses: FloatArray, shape: Shape, gate_m: float) -> Shared:
@@ -170,14 +174,39 @@ def _shared(track: Track, poses: FloatArray, shape: Shape, gate_m: float) -> Sha
     return share_surfaces([one.astype(np.float32) for one in moved], poses, gate_m, chain)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Solved:
+    """A step of Gauss and Newton (n, 3), the first pose held, and what it was made of.
+
+    inner: information of the other poses. made_up: that which the noise of lines adds to it.
+    information, pull: as of the fit.
+    """
+
+    step: FloatArray
+    inner: FloatArray
+    made_up: FloatArray
+    information: FloatArray
+    pull: FloatArray
+    unit: float
+    inlier_share: FloatArray
+
+    def fit(self, poses: FloatArray) -> WindowFit:
+        """What the fit is worth once poses (n, 3) move no more."""
+        size = POSE * len(poses)
+        covariance = np.zeros((size, size))
+        covariance[POSE:, POSE:] = _believable(self.inner, self.made_up)
+        return WindowFit(
+            *(poses, covariance, self.inlier_share, self.information, self.pull, self.unit)
+        )
+
+
 def _solve(
     seen: Observations,
     shared: Shared,
     poses: FloatArray,
     shape: Shape,
     how: tuple[FloatArray, float],
-) -> tuple[FloatArray, WindowFit]:
-    """A step of Gauss and Newton (n, 3), the first pose held, and what the fit is worth."""
+) -> _Solved:
     elapsed_s, doubted = how
     points, change = moved_points(
         seen.points,
@@ -193,7 +222,7 @@ def _solve(
     unit = _unit_variance(chi2, unknowns)
     weights = weights / unit / np.square(1.0 + chi2 / unit / doubted**2)
     lines = fit_lines(points, weights, shared.starts)
-    everything = window_system(
+    system, right = window_system(
         (points, change, weights, seen.views), shared.starts, lines, len(poses)
     )
     inside = chi2 / unit < INLIER_SIGMAS**2
@@ -201,7 +230,7 @@ def _solve(
         np.bincount(seen.views, minlength=len(poses)), 1
     )
     made_up = _made_up(points, change, weights, (seen.views, shared.surfaces, lines), len(poses))
-    return _reduced(*everything, made_up, poses, (unit, inliers))
+    return _reduced(system, right, made_up, (unit, inliers))
 
 
 def _unit_variance(chi2: FloatArray, unknowns: float) -> float:
@@ -248,28 +277,19 @@ def _believable(information: FloatArray, made_up: FloatArray) -> FloatArray:
 
 
 def _reduced(
-    system: FloatArray,
-    right: FloatArray,
-    made_up: FloatArray,
-    poses: FloatArray,
-    quality: tuple[float, FloatArray],
-) -> tuple[FloatArray, WindowFit]:
+    system: FloatArray, right: FloatArray, made_up: FloatArray, quality: tuple[float, FloatArray]
+) -> _Solved:
     """Poses from the whole system, and what is left for the shape."""
-    unit, inliers = quality
-    size = POSE * len(poses)
+    size = len(made_up)
     free, ours = slice(POSE, size), slice(size, None)
     inner = system[free, free] + np.eye(size - POSE) * FAINT
-    inverse = np.linalg.inv(inner)
-    step = np.concatenate([np.zeros(POSE), inverse @ right[free]]).reshape(-1, POSE)
-    follow = system[ours, free] @ inverse
-    covariance = np.zeros((size, size))
-    covariance[free, free] = _believable(inner, made_up[free, free])
-    fit = WindowFit(
-        poses=poses,
-        covariance=covariance,
-        inlier_share=inliers,
-        information=system[ours, ours] - follow @ system[free, ours],
-        pull=right[ours] - follow @ right[free],
-        unit=unit,
+    both = cho_solve(cho_factor(inner), np.column_stack([right[free], system[free, ours]]))
+    return _Solved(
+        step=np.concatenate([np.zeros(POSE), both[:, 0]]).reshape(-1, POSE),
+        inner=inner,
+        made_up=made_up[free, free],
+        information=system[ours, ours] - system[ours, free] @ both[:, 1:],
+        pull=right[ours] - system[ours, free] @ both[:, 0],
+        unit=quality[0],
+        inlier_share=quality[1],
     )
-    return step, fit

@@ -170,8 +170,10 @@ def _tracked(scans: RawScans, reader: BeamReader, windows: list[IntArray]) -> li
 def _fit(tracks: list[Track], reader: BeamReader) -> tuple[Shape, list[WindowFit], ShapePull]:
     """All windows bundled, again with a better shape of the scans until nothing pulls at it."""
     shape = declared = Shape(reader.declared_sweep_s, 1.0, 0.0)
+    begin: list[FloatArray | None] = [None] * len(tracks)
     for again in range(MAX_PASSES):
-        fits = [fit_window(track, shape) for track in tracks]
+        fits = [fit_window(track, shape, at) for track, at in zip(tracks, begin, strict=True)]
+        begin = [fit.poses for fit in fits]
         pull = ShapePull.of(fits)
         better = pull.better(shape, declared, _unmodelled(shape, reader))
         if better is None or again + 1 == MAX_PASSES:
