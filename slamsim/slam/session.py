@@ -17,6 +17,8 @@ from slamsim.safe.errors import SlamsimError
 from slamsim.safe.numbers import require_finite, require_mount, solving
 from slamsim.slam.assembly import assemble, odometry_alone
 from slamsim.slam.keyframes import ABOUT_THERE, ANYWHERE, Before, KeyframeMaker
+from slamsim.slam.laser.calibration import LaserCalibration
+from slamsim.slam.laser.estimate import calibrate_laser
 from slamsim.slam.motion import NoMotion, Odometry, log_odometry, predict_motion
 from slamsim.slam.odometry import FrontEnd, Tracked
 from slamsim.slam.online.anchors import Anchors
@@ -194,7 +196,15 @@ def run_slam(log: Log, config: SlamConfig, progress: Progress = silent) -> SlamR
     the robot's motion is mapped all the same, with a warning. Raises SlamsimError for a log
     without a scan that the motion covers.
     """
-    return map_log(log, config, progress)[0]
+    laser = calibrated_laser(log, config)
+    result = map_log(laser.applied(log), config, progress)[0]
+    return replace(result, calibration=result.calibration | laser.calibrated())
+
+
+def calibrated_laser(log: Log, config: SlamConfig) -> LaserCalibration:
+    """The log's laser as its scans and its odometry show it, before anything is mapped."""
+    with solving(f"the laser of {log.name}"):
+        return calibrate_laser(log, config.front_end.motion)
 
 
 def map_log(

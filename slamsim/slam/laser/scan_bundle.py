@@ -20,7 +20,7 @@ from slamsim.slam.laser.scan_equations import POSE, SHAPES, moved_points, window
 from slamsim.slam.laser.scan_observations import Observations, observations
 from slamsim.slam.laser.scan_sweep import Sweep, beams_of, local_motion, moved_pieces
 from slamsim.slam.laser.scan_track import Track
-from slamsim.types import FloatArray, IntArray
+from slamsim.types import BoolArray, FloatArray, IntArray
 
 ROUNDS = ((0.06, 12.0, 3), (0.03, 4.0, 6))
 """Associations: how far apart across a surface its observations may lie, from how many standard
@@ -108,10 +108,13 @@ class ShapePull:
         information = np.array([fit.information for fit in fits]).reshape(-1, SHAPES, SHAPES)
         return ShapePull(information, np.array([fit.pull for fit in fits]).reshape(-1, SHAPES))
 
-    def step(self) -> FloatArray:
-        """(3,) what all windows together want."""
-        total = self.information.sum(axis=0)
-        return np.asarray(np.linalg.pinv(total, hermitian=True) @ self.pull.sum(axis=0))
+    def step(self, free: BoolArray | None = None) -> FloatArray:
+        """(3,) what all windows together want; free: (3,) which numbers may move, None for all."""
+        which = np.arange(SHAPES) if free is None else np.flatnonzero(free)
+        total = self.information.sum(axis=0)[np.ix_(which, which)]
+        step = np.zeros(SHAPES)
+        step[which] = np.linalg.pinv(total, hermitian=True) @ self.pull.sum(axis=0)[which]
+        return step
 
     def sigmas(self) -> FloatArray:
         """(3,) standard deviations by the scatter of the windows (sandwich)."""
@@ -137,10 +140,11 @@ class ShapePull:
         step, sigmas = self.step(), self.sigmas()
         given_up = shape.numbers != declared.numbers
         doubt = np.maximum(OTHER_SIGMAS * np.hypot(sigmas, unmodelled), OTHER_SHAPE)
-        wanted = np.abs(step) > np.where(given_up, STILL_SIGMAS * sigmas, doubt)
-        if not wanted.any():
+        free = given_up | (np.abs(step) > doubt)
+        step = self.step(free)
+        if not (np.abs(step) > STILL_SIGMAS * sigmas).any():
             return None
-        return shape.moved(np.clip(np.where(wanted, step, 0.0), -MAX_STEP, MAX_STEP))
+        return shape.moved(np.clip(step, -MAX_STEP, MAX_STEP))
 
 
 def fit_window(track: Track, shape: Shape, poses: FloatArray | None = None) -> WindowFit:

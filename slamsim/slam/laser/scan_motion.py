@@ -6,7 +6,7 @@ matched within short windows, and what the lidar declares of its beams is estima
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from slamsim.slam.laser.scan_bundle import Shape, ShapePull, WindowFit, fit_wind
 from slamsim.slam.laser.scan_scale import rough_angle_scale
 from slamsim.slam.laser.scan_track import Track, track_window
 from slamsim.slam.laser.scan_windows import choose_windows, period_s
-from slamsim.types import FloatArray, IntArray
+from slamsim.types import BoolArray, FloatArray, IntArray
 
 MAX_PASSES = 6
 MIN_SCANS = 5
@@ -48,6 +48,16 @@ class ScanWindow:
     covariance: FloatArray
     inlier_share: FloatArray
 
+    def mirrored(self) -> ScanWindow:
+        """As a laser that looks from the other side of the plane would have it."""
+        turned = np.array([1.0, -1.0, -1.0])
+        signs = np.tile(turned, len(self.scans))
+        return replace(
+            self,
+            T_window_laser=self.T_window_laser * turned,
+            covariance=self.covariance * signs[:, None] * signs,
+        )
+
     def steps(self) -> tuple[FloatArray, FloatArray]:
         """(n - 1, 3) motion from each scan to the next, and its information (n - 1, 3, 3) as a
         small step of the later laser in its own frame."""
@@ -74,8 +84,9 @@ class ScanMotions:
     metres_per_unit: by what ranges were multiplied to make a room of them; 1 unless they are in
     no metres. Windows are in the recorded unit. radians_per_unit: likewise for angles.
     sweep_s: from the first beam to the last. angle_step: true over declared, 1 where it is right;
-    windows are as the true one has them. range_offset_m: by how much ranges are too long. weak:
-    why there is little or nothing.
+    windows are as the true one has them. range_offset_m: by how much ranges are too long.
+    contradicted: (3,) whether the scans contradict what is declared of sweep, angle step and
+    offset; windows are as they then are. weak: why there is little or nothing.
     """
 
     topic: str
@@ -85,6 +96,7 @@ class ScanMotions:
     sweep_s: ShapeEstimate
     angle_step: ShapeEstimate
     range_offset_m: ShapeEstimate
+    contradicted: BoolArray
     weak: str = ""
 
     @property
@@ -133,9 +145,12 @@ def scan_motions(scans: RawScans, activity: FloatArray | None = None) -> ScanMot
     activity: (n,) how lively the robot is at each scan, by whatever tells; windows are chosen
     where most happens. It decides nothing else.
     """
-    reader = BeamReader(scans)
+    return window_motions(scans, choose_windows(scans.stamps_ns, activity))
 
-    windows = choose_windows(scans.stamps_ns, activity)
+
+def window_motions(scans: RawScans, windows: list[IntArray]) -> ScanMotions:
+    """The same by given windows: indices of scans that follow each other, a few seconds each."""
+    reader = BeamReader(scans)
 
     tracks = _tracked(scans, reader, windows)
 
@@ -189,7 +204,8 @@ def _motions(
     shape: Shape,
     pull: ShapePull,
 ) -> ScanMotions:
-    best = shape.moved(pull.step())
+    given_up = shape.numbers != np.array([reader.declared_sweep_s, 1.0, 0.0])
+    best = shape.moved(np.where(given_up, pull.step(given_up), pull.step()))
     sigmas = np.hypot(pull.sigmas(), _unmodelled(best, reader))
     unit = reader.metres_per_unit
     return ScanMotions(
@@ -204,6 +220,7 @@ def _motions(
             best.angle_scale * reader.angle_scale, sigmas[1] * reader.angle_scale, 1.0
         ),
         range_offset_m=ShapeEstimate(best.range_offset_m, sigmas[2], 0.0),
+        contradicted=given_up | np.array([False, reader.angle_scale != 1.0, False]),
         weak="" if windows[0] else "scans do not fit one another",
     )
 
