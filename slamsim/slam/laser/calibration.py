@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from slamsim.geometry import rotation
+from slamsim.geometry import rotation, se2_from_se3
 from slamsim.result import Calibrated
 from slamsim.types import BoolArray, FloatArray, Log, Scan, ScanGeometry, ScanSource
 
@@ -45,8 +45,9 @@ class LaserCalibration:
     corrected: BoolArray
 
     @staticmethod
-    def unknown(declared: FloatArray) -> LaserCalibration:
-        """Nothing known but what is declared (6,)."""
+    def unknown(log: Log, sweep_s: float = 0.0) -> LaserCalibration:
+        """Nothing known but what is declared; sweep_s: of all beams of a scan."""
+        declared = np.array([1.0, 0.0, sweep_s, *se2_from_se3(log.T_base_laser)])
         none = np.zeros(len(NAMES), dtype=np.bool_)
         return LaserCalibration(declared, np.full(len(NAMES), np.inf), declared, none)
 

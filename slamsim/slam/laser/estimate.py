@@ -12,9 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from slamsim.config.slam import MotionConfig
-from slamsim.geometry import se2_from_se3
+from slamsim.config.slam import MotionConfig, SlamConfig
 from slamsim.recording import RawScans, ScanLayout
+from slamsim.slam.failures import Failures
 from slamsim.slam.laser.calibration import MOUNT, SHAPE, SWEEP, LaserCalibration
 from slamsim.slam.laser.mount import Mount, find_mount
 from slamsim.slam.laser.scan_motion import ScanMotions, ScanWindow, window_motions
@@ -41,21 +41,30 @@ LIVELY, MOST = 0.9, 2.0
 units count no more."""
 
 
+def laser_of(log: Log, config: SlamConfig, failures: Failures) -> LaserCalibration:
+    """A log's laser as its scans and odometry show it; as declared if that is wanted, or fails."""
+    found = LaserCalibration.unknown(log)
+    if config.calibrate_laser:
+        with failures.caught("laser calibration", 0):
+            found = calibrate_laser(log, config.front_end.motion)
+    return found
+
+
 def calibrate_laser(log: Log, config: MotionConfig) -> LaserCalibration:
     """What the log itself says of its laser; nothing is corrected where it says too little."""
     survey = _survey(log)
     odometry = _odometry(log)
     windows = choose_windows(survey.stamps_ns, _activity(odometry, survey.stamps_ns))
     scans, windows = _rows(log, survey, windows)
-    declared = np.array([1.0, 0.0, survey.sweep_s, *se2_from_se3(log.T_base_laser)])
+    unknown = LaserCalibration.unknown(log, survey.sweep_s)
     some = windows[:: max(len(windows) // FIRST_WINDOWS, 1)]
     for looked_at in (some, windows):
         motions = window_motions(scans, looked_at)
-        found = _with_shape(LaserCalibration.unknown(declared), motions)
+        found = _with_shape(unknown, motions)
         if odometry is not None and _declares_mount(log.T_base_laser):
-            later_ns = round(0.5e9 * float((found.used - declared)[SWEEP]))
+            later_ns = round(0.5e9 * float((found.used - found.declared)[SWEEP]))
             seen = _from_above(motions.windows, upside_down=log.T_base_laser[2, 2] < 0.0)
-            mount = find_mount(seen, later_ns, odometry, declared[MOUNT], config)
+            mount = find_mount(seen, later_ns, odometry, found.declared[MOUNT], config)
             found = _with_mount(found, mount)
         if not _off(found, DOUBT_SIGMAS).any() or len(some) == len(windows):
             break
@@ -152,8 +161,8 @@ def _with_shape(found: LaserCalibration, motions: ScanMotions) -> LaserCalibrati
 
 
 def _declares_mount(T_base_laser: FloatArray) -> bool:
-    """A laser at the very origin is that of a recording whose poses are the laser's, as nearly all
-    CARMEN logs have it: where the axle lies nobody says, and nobody asks."""
+    """Not of a laser at the very origin: poses are then the laser's, as nearly all CARMEN logs
+    have it, and where the axle lies is not asked."""
     level = abs(float(T_base_laser[2, 2])) >= LEVEL
     return level and not np.array_equal(T_base_laser[:2], np.eye(4)[:2])
 
@@ -164,11 +173,13 @@ def _from_above(windows: tuple[ScanWindow, ...], *, upside_down: bool) -> list[S
 
 
 def _with_mount(found: LaserCalibration, mount: Mount | None) -> LaserCalibration:
+    """A laser that is turned, but at the origin, stays there for the same reason."""
     if mount is None:
         return found
     values = found.declared[MOUNT] + mount.off
     told = found.told(MOUNT, values, mount.sigmas, np.zeros(3, dtype=np.bool_))
-    return found.told(MOUNT, values, mount.sigmas, _off(told, SURE_SIGMAS)[MOUNT])
+    placed = np.array([*(2 * [bool(found.declared[MOUNT][:2].any())]), True])
+    return found.told(MOUNT, values, mount.sigmas, _off(told, SURE_SIGMAS)[MOUNT] & placed)
 
 
 def _off(found: LaserCalibration, sigmas: float) -> BoolArray:
