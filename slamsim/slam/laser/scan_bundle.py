@@ -7,7 +7,7 @@ the poses have been eliminated too.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
@@ -82,17 +82,26 @@ class Shape:
 class WindowFit:
     """A window solved for a given shape.
 
-    poses: (n, 3). covariance: (3n, 3n) of small steps of each laser in its own frame.
-    inlier_share: (n,). information, pull: (3, 3) and (3,) of a step of the shape with the poses
-    following. unit: variance of residuals over what was expected.
+    poses: (n, 3). inner: (3n - 3, 3n - 3) information of small steps of each laser but the first in
+    its own frame; made_up: that which the noise of lines adds to it. inlier_share: (n,).
+    information, pull: (3, 3) and (3,) of a step of the shape with the poses following. unit:
+    variance of residuals over what was expected.
     """
 
     poses: FloatArray
-    covariance: FloatArray
+    inner: FloatArray
+    made_up: FloatArray
     inlier_share: FloatArray
     information: FloatArray
     pull: FloatArray
     unit: float
+
+    def covariance(self) -> FloatArray:
+        """(3n, 3n) of small steps of each laser in its own frame, the first being exact."""
+        size = POSE * len(self.poses)
+        covariance = np.zeros((size, size))
+        covariance[POSE:, POSE:] = _believable(self.inner, self.made_up)
+        return covariance
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -159,11 +168,11 @@ def fit_window(track: Track, shape: Shape, poses: FloatArray | None = None) -> W
         shared = _shared(track, poses, shape, max(gate_m, GATE_NOISE * track.noise_m))
         used = seen.only(shared.pieces)
         for _ in range(steps):
-            solved = _solve(used, shared, poses, shape, (track.elapsed_s, doubted))
-            poses = compose(poses, solved.step)
-            if np.abs(solved.step).max() < SMALL_STEP:
+            step, fit = _solve(used, shared, poses, shape, (track.elapsed_s, doubted))
+            poses = compose(poses, step)
+            if np.abs(step).max() < SMALL_STEP:
                 break
-    return solved.fit(poses)
+    return replace(fit, poses=poses)
 
 
 def _shared(track: Track, poses: FloatArray, shape: Shape, gate_m: float) -> Shared:
@@ -178,39 +187,14 @@ def _shared(track: Track, poses: FloatArray, shape: Shape, gate_m: float) -> Sha
     return share_surfaces([one.astype(np.float32) for one in moved], poses, gate_m, chain)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Solved:
-    """A step of Gauss and Newton (n, 3), the first pose held, and what it was made of.
-
-    inner: information of the other poses. made_up: that which the noise of lines adds to it.
-    information, pull: as of the fit.
-    """
-
-    step: FloatArray
-    inner: FloatArray
-    made_up: FloatArray
-    information: FloatArray
-    pull: FloatArray
-    unit: float
-    inlier_share: FloatArray
-
-    def fit(self, poses: FloatArray) -> WindowFit:
-        """What the fit is worth once poses (n, 3) move no more."""
-        size = POSE * len(poses)
-        covariance = np.zeros((size, size))
-        covariance[POSE:, POSE:] = _believable(self.inner, self.made_up)
-        return WindowFit(
-            *(poses, covariance, self.inlier_share, self.information, self.pull, self.unit)
-        )
-
-
 def _solve(
     seen: Observations,
     shared: Shared,
     poses: FloatArray,
     shape: Shape,
     how: tuple[FloatArray, float],
-) -> _Solved:
+) -> tuple[FloatArray, WindowFit]:
+    """A step of Gauss and Newton (n, 3), the first pose held, and what the fit is worth."""
     elapsed_s, doubted = how
     points, change = moved_points(
         seen.points,
@@ -234,7 +218,7 @@ def _solve(
         np.bincount(seen.views, minlength=len(poses)), 1
     )
     made_up = _made_up(points, change, weights, (seen.views, shared.surfaces, lines), len(poses))
-    return _reduced(system, right, made_up, (unit, inliers))
+    return _reduced(system, right, made_up, poses, (unit, inliers))
 
 
 def _unit_variance(chi2: FloatArray, unknowns: float) -> float:
@@ -281,15 +265,20 @@ def _believable(information: FloatArray, made_up: FloatArray) -> FloatArray:
 
 
 def _reduced(
-    system: FloatArray, right: FloatArray, made_up: FloatArray, quality: tuple[float, FloatArray]
-) -> _Solved:
+    system: FloatArray,
+    right: FloatArray,
+    made_up: FloatArray,
+    poses: FloatArray,
+    quality: tuple[float, FloatArray],
+) -> tuple[FloatArray, WindowFit]:
     """Poses from the whole system, and what is left for the shape."""
     size = len(made_up)
     free, ours = slice(POSE, size), slice(size, None)
     inner = system[free, free] + np.eye(size - POSE) * FAINT
     both = cho_solve(cho_factor(inner), np.column_stack([right[free], system[free, ours]]))
-    return _Solved(
-        step=np.concatenate([np.zeros(POSE), both[:, 0]]).reshape(-1, POSE),
+    step = np.concatenate([np.zeros(POSE), both[:, 0]]).reshape(-1, POSE)
+    fit = WindowFit(
+        poses=poses,
         inner=inner,
         made_up=made_up[free, free],
         information=system[ours, ours] - system[ours, free] @ both[:, 1:],
@@ -297,3 +286,4 @@ def _reduced(
         unit=quality[0],
         inlier_share=quality[1],
     )
+    return step, fit

@@ -154,13 +154,16 @@ def window_motions(scans: RawScans, windows: list[IntArray]) -> ScanMotions:
 
     tracks = _tracked(scans, reader, windows)
 
-    angle_scale = rough_angle_scale(tracks, reader.declared_sweep_s)
+    first = _as_declared(tracks, reader)
+
+    angle_scale = rough_angle_scale(tracks, first, reader.declared_sweep_s)
 
     if angle_scale != 1.0:
         reader = BeamReader(scans, angle_scale)
         tracks = _tracked(scans, reader, windows)
+        first = _as_declared(tracks, reader)
 
-    shape, fits, pulls = _fit(tracks, reader)
+    shape, fits, pulls = _fit(tracks, reader, first)
 
     return _motions(scans, reader, (tracks, fits), shape, pulls)
 
@@ -182,19 +185,25 @@ def _tracked(scans: RawScans, reader: BeamReader, windows: list[IntArray]) -> li
     return [tracks[place] for place in sorted(tracks)]
 
 
-def _fit(tracks: list[Track], reader: BeamReader) -> tuple[Shape, list[WindowFit], ShapePull]:
-    """All windows bundled, again with a better shape of the scans until nothing pulls at it."""
+def _as_declared(tracks: list[Track], reader: BeamReader) -> list[WindowFit]:
+    """All windows bundled with the shape of the scans as it is declared."""
+    return [fit_window(track, Shape(reader.declared_sweep_s, 1.0, 0.0)) for track in tracks]
+
+
+def _fit(
+    tracks: list[Track], reader: BeamReader, fits: list[WindowFit]
+) -> tuple[Shape, list[WindowFit], ShapePull]:
+    """All windows again with a better shape of the scans until nothing pulls at it; fits: first."""
     shape = declared = Shape(reader.declared_sweep_s, 1.0, 0.0)
-    begin: list[FloatArray | None] = [None] * len(tracks)
-    for again in range(MAX_PASSES):
-        fits = [fit_window(track, shape, at) for track, at in zip(tracks, begin, strict=True)]
-        begin = [fit.poses for fit in fits]
-        pull = ShapePull.of(fits)
-        better = pull.better(shape, declared, _unmodelled(shape, reader))
-        if better is None or again + 1 == MAX_PASSES:
-            return shape, fits, pull
+    for _ in range(MAX_PASSES - 1):
+        better = ShapePull.of(fits).better(shape, declared, _unmodelled(shape, reader))
+        if better is None:
+            break
         shape = better
-    raise AssertionError("there is at least one pass")
+        fits = [
+            fit_window(track, shape, fit.poses) for track, fit in zip(tracks, fits, strict=True)
+        ]
+    return shape, fits, ShapePull.of(fits)
 
 
 def _motions(
@@ -242,7 +251,7 @@ def _window(reader: BeamReader, track: Track, fit: WindowFit, unit: float) -> Sc
         scans=track.scans,
         middle_ns=reader.middle_ns(track.scans),
         T_window_laser=fit.poses * scale[:3],
-        covariance=fit.covariance * scale[:, None] * scale,
+        covariance=fit.covariance() * scale[:, None] * scale,
         inlier_share=fit.inlier_share,
     )
 
