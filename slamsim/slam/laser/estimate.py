@@ -17,6 +17,7 @@ from slamsim.recording import RawScans, ScanLayout
 from slamsim.slam.failures import Failures
 from slamsim.slam.laser.calibration import MOUNT, SHAPE, SWEEP, LaserCalibration
 from slamsim.slam.laser.mount import Mount, find_mount
+from slamsim.slam.laser.scan_bundle import as_sure_as
 from slamsim.slam.laser.scan_motion import ScanMotions, ScanWindow, window_motions
 from slamsim.slam.laser.scan_windows import choose_windows
 from slamsim.slam.motion import NoMotion, Odometry, log_odometry
@@ -201,7 +202,12 @@ def _with_mount(found: LaserCalibration, mount: Mount | None) -> LaserCalibratio
     values = found.declared[MOUNT] + mount.off
     told = found.told(MOUNT, values, mount.sigmas, np.zeros(3, dtype=np.bool_))
     placed = np.array([*(2 * [bool(found.declared[MOUNT][:2].any())]), True])
-    return found.told(MOUNT, values, mount.sigmas, _off(told, SURE_SIGMAS)[MOUNT] & placed)
+    return found.told(
+        MOUNT,
+        values,
+        mount.sigmas,
+        _off(told, as_sure_as(SURE_SIGMAS, mount.windows))[MOUNT] & placed,
+    )
 
 
 def _doubtful(found: LaserCalibration) -> bool:

@@ -46,10 +46,12 @@ LEAST_WINDOWS = 3
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Mount:
-    """off: (3,) T_base_laser (x_m, y_m, yaw_rad) as found less as declared. sigmas: (3,)."""
+    """off: (3,) T_base_laser (x_m, y_m, yaw_rad) as found less as declared. sigmas: (3,) by the
+    scatter of so many windows."""
 
     off: FloatArray
     sigmas: FloatArray
+    windows: int
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -98,7 +100,7 @@ def find_mount(
     meat = spread.T @ spread * (len(spread) / (len(spread) - 1.0)) + prior
     robust = np.diag(covariance @ meat @ covariance)
     variance = np.maximum(robust, np.diag(covariance))[MOUNT] + np.square(UNMODELLED)
-    return Mount(values[MOUNT] - T_base_laser, np.sqrt(variance))
+    return Mount(values[MOUNT] - T_base_laser, np.sqrt(variance), len(spread))
 
 
 def _stretches(windows: Sequence[ScanWindow], later_ns: int, odometry: Odometry) -> _Stretches:

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
+from scipy.special import ndtr, stdtrit
 
 from slamsim.geometry import compose
 from slamsim.result import GraphEdge
@@ -148,12 +149,19 @@ class ShapePull:
             return None
         step, sigmas = self.step(), self.sigmas()
         given_up = shape.numbers != declared.numbers
-        doubt = np.maximum(OTHER_SIGMAS * np.hypot(sigmas, unmodelled), OTHER_SHAPE)
+        sure = as_sure_as(OTHER_SIGMAS, len(self.pull))
+        doubt = np.maximum(sure * np.hypot(sigmas, unmodelled), OTHER_SHAPE)
         free = given_up | (np.abs(step) > doubt)
         step = self.step(free)
         if not (np.abs(step) > STILL_SIGMAS * sigmas).any():
             return None
         return shape.moved(np.clip(step, -MAX_STEP, MAX_STEP))
+
+
+def as_sure_as(sigmas: float, windows: int) -> float:
+    """So many sigmas, themselves estimated from the scatter of few windows, are as rare as the
+    given number of known ones (Student's distribution)."""
+    return float(stdtrit(max(windows - 1, 1), ndtr(sigmas)))
 
 
 def fit_window(track: Track, shape: Shape, poses: FloatArray | None = None) -> WindowFit:
