@@ -39,10 +39,11 @@ MEDIAN_CHI2 = 2.0 * np.log(2.0)
 SMALL_STEP = 5e-5
 LEAST_REDUNDANCY = 0.2
 INLIER_SIGMAS = 4.0
-OTHER_SIGMAS = 4.0
+DOUBT_SIGMAS, OTHER_SIGMAS = 2.5, 4.0
 OTHER_SHAPE = np.array([5e-4, 2e-4, 2e-3])
-"""A shape is kept unless the scans contradict it by this many standard deviations, and by so many
-seconds, by such a share of the angle, or by so many metres: poses feel no less."""
+"""Numbers of a shape that are in doubt are unknowns of the fit; in the end those are kept that the
+scans contradict by so many standard deviations, and by so many seconds, by such a share of the
+angle, or by so many metres: poses feel no less."""
 
 MADE_UP_TIMES, LEAST_LEFT = 4.0, 1e-3
 """Information of which a quarter is made up is not believed at all, but for this share."""
@@ -71,12 +72,9 @@ class Shape:
         return self.sweep_s, (self.angle_scale - 1.0) * sweep.span_rad, self.range_offset_m
 
     def moved(self, step: FloatArray) -> Shape:
-        """Another shape, a step (3,) away."""
-        return Shape(
-            self.sweep_s + float(step[0]),
-            self.angle_scale + float(step[1]),
-            self.range_offset_m + float(step[2]),
-        )
+        """Another shape, a step (3,) away, or as far as it goes at a time."""
+        numbers = self.numbers + np.clip(step, -MAX_STEP, MAX_STEP)
+        return Shape(*numbers.tolist())
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -137,25 +135,20 @@ class ShapePull:
         plain, robust = np.diag(bread), np.diag(bread @ meat @ bread)
         return np.asarray(np.sqrt(np.maximum(np.maximum(plain, robust), 1e-18)))
 
-    def better(self, shape: Shape, declared: Shape, unmodelled: FloatArray) -> Shape | None:
-        """The shape that the scans ask for, None if this one will do.
+    def off(
+        self, shape: Shape, declared: Shape, unmodelled: FloatArray, sigmas: float
+    ) -> BoolArray:
+        """(3,) which numbers the scans contradict by more than so many standard deviations.
 
-        unmodelled: (3,) by what it comes out wrong beyond noise.
-
-        What is as declared stays so unless the scans plainly contradict it; what has been given up
-        is followed to where nothing pulls any more.
+        unmodelled: (3,) by what they come out wrong beyond noise.
         """
-        if not len(self.pull):
-            return None
-        step, sigmas = self.step(), self.sigmas()
-        given_up = shape.numbers != declared.numbers
-        sure = as_sure_as(OTHER_SIGMAS, len(self.pull))
-        doubt = np.maximum(sure * np.hypot(sigmas, unmodelled), OTHER_SHAPE)
-        free = given_up | (np.abs(step) > doubt)
-        step = self.step(free)
-        if not (np.abs(step) > STILL_SIGMAS * sigmas).any():
-            return None
-        return shape.moved(np.clip(step, -MAX_STEP, MAX_STEP))
+        doubt = np.maximum(sigmas * np.hypot(self.sigmas(), unmodelled), OTHER_SHAPE)
+        found = shape.numbers + self.step()
+        return np.asarray(np.abs(found - declared.numbers) > doubt)
+
+    def still(self, step: FloatArray) -> bool:
+        """Whether another step (3,) of the shape is not worth its while."""
+        return bool((np.abs(step) <= STILL_SIGMAS * self.sigmas()).all())
 
 
 def as_sure_as(sigmas: float, windows: int) -> float:

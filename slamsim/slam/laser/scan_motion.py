@@ -10,16 +10,25 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from slamsim.geometry import between
+from slamsim.geometry import adjoint, between, inverse
 from slamsim.recording import RawScans
 from slamsim.slam.laser.scan_beams import BeamReader
-from slamsim.slam.laser.scan_bundle import Shape, ShapePull, WindowFit, fit_window
+from slamsim.slam.laser.scan_bundle import (
+    DOUBT_SIGMAS,
+    OTHER_SIGMAS,
+    Shape,
+    ShapePull,
+    WindowFit,
+    as_sure_as,
+    fit_window,
+)
+from slamsim.slam.laser.scan_equations import SHAPES
 from slamsim.slam.laser.scan_scale import rough_angle_scale
 from slamsim.slam.laser.scan_track import Track, track_window
 from slamsim.slam.laser.scan_windows import choose_windows, period_s
 from slamsim.types import BoolArray, FloatArray, IntArray
 
-MAX_PASSES = 6
+MAX_PASSES = 4
 MIN_SCANS = 5
 MOST_LOST = 8
 """So many windows are tried before scans that nowhere follow each other are given up."""
@@ -193,17 +202,38 @@ def _as_declared(tracks: list[Track], reader: BeamReader) -> list[WindowFit]:
 def _fit(
     tracks: list[Track], reader: BeamReader, fits: list[WindowFit]
 ) -> tuple[Shape, list[WindowFit], ShapePull]:
-    """All windows again with a better shape of the scans until nothing pulls at it; fits: first."""
+    """All windows with the shape of the scans that fits best; fits: as it is declared.
+
+    What is in doubt becomes unknown first, so that none of it is mistaken for another; what does
+    not turn out to be plainly contradicted is then as declared, and the rest is fitted again.
+    """
     shape = declared = Shape(reader.declared_sweep_s, 1.0, 0.0)
-    for _ in range(MAX_PASSES - 1):
-        better = ShapePull.of(fits).better(shape, declared, _unmodelled(shape, reader))
-        if better is None:
+    pull, free = ShapePull.of(fits), np.zeros(SHAPES, dtype=np.bool_)
+    sure = as_sure_as(OTHER_SIGMAS, len(fits))
+    for last in (False, True):
+        for _ in range(MAX_PASSES):
+            unmodelled = _unmodelled(shape, reader)
+            if not last:
+                free = free | pull.off(shape, declared, unmodelled, DOUBT_SIGMAS)
+            step = pull.step(free)
+            if pull.still(step):
+                break
+            shape, fits, pull = _refit(tracks, fits, shape.moved(step))
+        kept = free & pull.off(shape, declared, _unmodelled(shape, reader), sure)
+        if last or (kept == free).all():
             break
-        shape = better
-        fits = [
-            fit_window(track, shape, fit.poses) for track, fit in zip(tracks, fits, strict=True)
-        ]
-    return shape, fits, ShapePull.of(fits)
+        free = kept
+        back = Shape(*np.where(free, shape.numbers, declared.numbers).tolist())
+        shape, fits, pull = _refit(tracks, fits, back)
+    return shape, fits, pull
+
+
+def _refit(
+    tracks: list[Track], fits: list[WindowFit], shape: Shape
+) -> tuple[Shape, list[WindowFit], ShapePull]:
+    """All windows for another shape much like the one before."""
+    again = [fit_window(track, shape, fit.poses) for track, fit in zip(tracks, fits, strict=True)]
+    return shape, again, ShapePull.of(again)
 
 
 def _motions(
@@ -258,14 +288,8 @@ def _window(reader: BeamReader, track: Track, fit: WindowFit, unit: float) -> Sc
 
 def _step_information(T_first_second: FloatArray, covariance: FloatArray) -> FloatArray:
     """A step of the first laser moves the second by the adjoint of the inverse motion."""
-    count = len(T_first_second)
-    information = np.zeros((count, 3, 3))
-    for k in range(count):
-        x, y, yaw = T_first_second[k]
-        cos, sin = np.cos(yaw), np.sin(yaw)
-        carried = np.array(
-            [[cos, sin, x * sin - y * cos], [-sin, cos, x * cos + y * sin], [0.0, 0.0, 1.0]]
-        )
+    information = np.zeros((len(T_first_second), 3, 3))
+    for k, carried in enumerate(adjoint(inverse(T_first_second))):
         jacobian = np.hstack([-carried, np.eye(3)])
         block = slice(3 * k, 3 * k + 6)
         information[k] = np.linalg.inv(jacobian @ covariance[block, block] @ jacobian.T)
