@@ -28,8 +28,11 @@ FIRST_WINDOWS = 10
 """So many are looked at first; all of them only where these raise a doubt."""
 
 DOUBT_SIGMAS, SURE_SIGMAS = 2.5, 4.0
-"""Of six numbers of a healthy laser one in fourteen recordings raises a doubt by chance, one in
-2,600 is corrected."""
+"""A number this far off is looked at more closely; a mount is corrected only if this is sure, for
+poses change with it."""
+
+LEAST_WINDOWS = 12
+"""Fewer windows correct nothing: glass or people in one of them count too much."""
 
 HARM, HARM_SIGMAS = np.array([2e-3, 0.01, 5e-3, 0.03, 0.03, np.deg2rad(1.0)]), 2.0
 """Errors of this size are to be excluded with so many sigmas by the first look: a third of a degree
@@ -182,7 +185,7 @@ def _with_shape(found: LaserCalibration, motions: ScanMotions) -> LaserCalibrati
         SHAPE,
         np.array([one.value for one in told]),
         np.array([one.sigma for one in told]),
-        np.array([angle, offset, sweep]),
+        np.array([angle, offset, sweep]) & (len(motions.windows) >= LEAST_WINDOWS),
     )
 
 

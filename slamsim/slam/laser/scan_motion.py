@@ -14,12 +14,9 @@ from slamsim.geometry import adjoint, between, inverse
 from slamsim.recording import RawScans
 from slamsim.slam.laser.scan_beams import BeamReader
 from slamsim.slam.laser.scan_bundle import (
-    DOUBT_SIGMAS,
-    OTHER_SIGMAS,
     Shape,
     ShapePull,
     WindowFit,
-    as_sure_as,
     fit_window,
 )
 from slamsim.slam.laser.scan_equations import SHAPES
@@ -28,7 +25,7 @@ from slamsim.slam.laser.scan_track import Track, track_window
 from slamsim.slam.laser.scan_windows import choose_windows, period_s
 from slamsim.types import BoolArray, FloatArray, IntArray
 
-MAX_PASSES = 4
+MAX_PASSES = 6
 MIN_SCANS = 5
 MOST_LOST = 8
 """So many windows are tried before scans that nowhere follow each other are given up."""
@@ -204,36 +201,20 @@ def _fit(
 ) -> tuple[Shape, list[WindowFit], ShapePull]:
     """All windows with the shape of the scans that fits best; fits: as it is declared.
 
-    What is in doubt becomes unknown first, so that none of it is mistaken for another; what does
-    not turn out to be plainly contradicted is then as declared, and the rest is fitted again.
+    Numbers in doubt become unknowns together, so that none of them is mistaken for another.
     """
     shape = declared = Shape(reader.declared_sweep_s, 1.0, 0.0)
     pull, free = ShapePull.of(fits), np.zeros(SHAPES, dtype=np.bool_)
-    sure = as_sure_as(OTHER_SIGMAS, len(fits))
-    for last in (False, True):
-        for _ in range(MAX_PASSES):
-            unmodelled = _unmodelled(shape, reader)
-            if not last:
-                free = free | pull.off(shape, declared, unmodelled, DOUBT_SIGMAS)
-            step = pull.step(free)
-            if pull.still(step):
-                break
-            shape, fits, pull = _refit(tracks, fits, shape.moved(step))
-        kept = free & pull.off(shape, declared, _unmodelled(shape, reader), sure)
-        if last or (kept == free).all():
+    for _ in range(MAX_PASSES):
+        free = free | pull.off(shape, declared, _unmodelled(shape, reader))
+        step = pull.step(free)
+        if pull.still(step):
             break
-        free = kept
-        back = Shape(*np.where(free, shape.numbers, declared.numbers).tolist())
-        shape, fits, pull = _refit(tracks, fits, back)
+        shape = shape.moved(step)
+        begun = zip(tracks, fits, strict=True)
+        fits = [fit_window(track, shape, fit.poses) for track, fit in begun]
+        pull = ShapePull.of(fits)
     return shape, fits, pull
-
-
-def _refit(
-    tracks: list[Track], fits: list[WindowFit], shape: Shape
-) -> tuple[Shape, list[WindowFit], ShapePull]:
-    """All windows for another shape much like the one before."""
-    again = [fit_window(track, shape, fit.poses) for track, fit in zip(tracks, fits, strict=True)]
-    return shape, again, ShapePull.of(again)
 
 
 def _motions(
