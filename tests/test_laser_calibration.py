@@ -111,14 +111,15 @@ def test_random_errors_are_found_as_surely_as_claimed_and_corrected() -> None:
 
 
 @pytest.mark.slow
-def test_errors_of_forty_recordings_are_as_large_as_claimed() -> None:
+def test_errors_of_sixteen_drives_are_as_large_as_claimed() -> None:
     sigmas_off = []
-    for seed in range(40):
+    for seed in range(16):
         errors = drawn(100 + seed)
-        found = found_in(errors.of(healthy(seed % 4).log))
+        found = found_in(errors.of(healthy(seed).log))
         sigmas_off.append((found.values - true_values(errors)) / found.sigmas)
     by_number = np.square(sigmas_off).mean(axis=0)
-    assert (by_number < 2.0).all(), dict(zip(NAMES, by_number.tolist(), strict=True))
+    told = dict(zip(NAMES, by_number.tolist(), strict=True))
+    assert (by_number < 2.5).all(), f"{told}: of 16 normal variables in one of a thousand cases"
     assert (by_number > 0.01).all(), "sigmas ten times too large tell nothing"
 
 
@@ -235,13 +236,14 @@ def test_aces_as_a_published_bag_is_no_worse(tmp_path: Path) -> None:
     """An angle step of 180 / 179 degrees, no beam times, no return at exactly 50 m."""
     path, relations_path = radish("aces")
     log = read_log(path)
-    widened = replace(LaserErrors(angle_step=1.0 / 179.0), sweep_s=0.0).of(log)
+    widened = LaserErrors(angle_step=1.0 / 179.0, sweep_s=0.0).of(log)
     write_bag1(widened, tmp_path / "aces.bag")
     slam = run_slam(read_log(tmp_path / "aces.bag"), SlamConfig())
     relations = read_relations(relations_path)
     scores = score_relations(slam.trajectory, relations.from_ns, relations.to_ns, relations.planar)
     assert scores.all.translation_mean_m <= 0.045
-    assert not {"kidnapped", "torn", "unrefined"} & {event.kind for event in slam.events}
+    assert "kidnapped" not in {event.kind for event in slam.events}
+    assert not slam.failed
 
 
 @pytest.mark.slow
