@@ -15,7 +15,7 @@ from slamsim.safe.numbers import (
     require_finite,
     require_number,
 )
-from slamsim.types import BoolArray, FloatArray, PlanarPoses, PlanarTrajectory
+from slamsim.types import BoolArray, FloatArray, Log, PlanarPoses, PlanarTrajectory
 
 EdgeKind = Literal["prior", "odometry", "match", "closure"]
 
@@ -144,8 +144,8 @@ class SlamResult:
     failed, whose work is missing from the result.
     parts: ``T_map_base`` after each part of the work, at the stamps of scans or of key frames.
     match_information: (n, 3, 3) of a small step of the base in its own frame, zero where a scan
-    told nothing. calibration: of wheels and gyroscope, under names that carry their units; empty
-    without odometry.
+    told nothing. calibration: of wheels, gyroscope and laser, under names that carry their units;
+    without what the log does not tell. log: what was mapped, its laser corrected.
     """
 
     trajectory: PlanarTrajectory
@@ -164,6 +164,7 @@ class SlamResult:
     match_information: FloatArray | None = None
     calibration: dict[str, Calibrated] = field(default_factory=dict)
     failed: tuple[FailedStage, ...] = ()
+    log: Log | None = None
 
     def __post_init__(self) -> None:
         count = len(self.trajectory)

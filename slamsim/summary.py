@@ -138,6 +138,12 @@ _CALIBRATED = {
     "curvature_rad_per_m": ("curvature", "°/m", math.degrees(1.0), 0.0),
     "gyro_bias_rad_s": ("gyro bias", "mrad/s", 1e3, 0.0),
     "gyro_scale": ("gyro scale", "%", 1e2, 1.0),
+    "laser_angle_scale": ("angle step", "%", 1e2, 1.0),
+    "laser_range_offset_m": ("ranges", "mm", 1e3, 0.0),
+    "laser_sweep_s": ("sweep", "ms", 1e3, 0.0),
+    "laser_x_m": ("laser x", "mm", 1e3, 0.0),
+    "laser_y_m": ("y", "mm", 1e3, 0.0),
+    "laser_yaw_rad": ("yaw", "°", math.degrees(1.0), 0.0),
 }
 """Of each number: its short name, unit, unit's factor and what is taken off before."""
 

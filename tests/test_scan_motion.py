@@ -10,19 +10,19 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scan_recording import LIDAR, healthy, truth, with_layout, with_ranges
 
-from slamsim.check.scan_beams import BeamReader
-from slamsim.check.scan_equations import POSE, SHAPES, UNKNOWNS, moved_points, window_system
-from slamsim.check.scan_motion import ScanMotions, scan_motions
-from slamsim.check.scan_sweep import local_motion, moved_pieces
-from slamsim.check.scan_windows import (
+from slamsim.geometry import between, compose
+from slamsim.recording import RawScans
+from slamsim.slam.bundle_equations import fit_lines
+from slamsim.slam.laser.scan_beams import BeamReader
+from slamsim.slam.laser.scan_equations import POSE, SHAPES, UNKNOWNS, moved_points, window_system
+from slamsim.slam.laser.scan_motion import ScanMotions, scan_motions
+from slamsim.slam.laser.scan_sweep import local_motion, moved_pieces
+from slamsim.slam.laser.scan_windows import (
     choose_windows,
     longest_ascending,
     period_s,
     surely_ascending,
 )
-from slamsim.geometry import between, compose
-from slamsim.recording import RawScans
-from slamsim.slam.bundle_equations import fit_lines
 from slamsim.slam.matching.surfaces import PIECE_FIELDS, X, Y
 from slamsim.types import FloatArray
 

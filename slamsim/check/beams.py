@@ -8,24 +8,25 @@ import numpy as np
 
 from slamsim.check.findings import Curve, Estimate, Finding, Mend, Plot
 from slamsim.check.scan_sample import ScanSample
-from slamsim.types import BoolArray, FloatArray
+from slamsim.slam.laser.own_body import (
+    BESIDE,
+    MAX_CONSTANT_SPREAD_M,
+    MIN_TYPICAL_SPREAD_M,
+    runs_of,
+    spread_of,
+    still_runs,
+)
+from slamsim.types import FloatArray
 
 MIN_SCANS = 50
-MIN_TYPICAL_SPREAD_M = 0.3
-"""Below this the robot saw so little change that a constant beam means nothing."""
-MAX_CONSTANT_SPREAD_M = 0.04
-"""Between the 2 % and 98 % quantiles: four standard deviations of a common lidar's noise."""
-SHARP_FACTOR = 10.0
-"""Beside the robot's own body the spread jumps; along a corridor it grows gently."""
 MIN_DEAD_BEAMS = 3
-_OFTEN, _SELDOM = 0.9, 0.2
-_BESIDE = 3
+_SELDOM = 0.2
 
 
 def check_beams(topic: str, sample: ScanSample) -> Iterator[Finding]:
     """Constant beams (the robot sees itself) and beams that never return."""
     finite = np.isfinite(sample.ranges_m) & (sample.ranges_m > 0.0)
-    spread_m = _spread_m(np.where(finite, sample.ranges_m, np.nan))
+    spread_m = spread_of(np.where(finite, sample.ranges_m, np.nan))
     known = spread_m[np.isfinite(spread_m)]
     typical_m = float(np.median(known)) if known.size else 0.0
     if len(sample.scans) < MIN_SCANS or typical_m < MIN_TYPICAL_SPREAD_M:
@@ -40,36 +41,8 @@ def check_beams(topic: str, sample: ScanSample) -> Iterator[Finding]:
     yield _dead(topic, share)
 
 
-def beams_on_robot(ranges_m: FloatArray) -> BoolArray:
-    """(beams,) those of (k, beams) readings, not finite where nothing returned, that always see
-    the same while most see changes."""
-    readings = np.where(np.isfinite(ranges_m) & (ranges_m > 0.0), ranges_m, np.nan)
-    spread_m = _spread_m(readings)
-    known = spread_m[np.isfinite(spread_m)]
-    on_robot = np.zeros(spread_m.size, dtype=np.bool_)
-    if known.size and float(np.median(known)) >= MIN_TYPICAL_SPREAD_M:
-        for first, last in _still_runs(spread_m, np.isfinite(readings).mean(axis=0)):
-            on_robot[first : last + 1] = True
-    return on_robot
-
-
-def _still_runs(spread_m: FloatArray, share: FloatArray) -> list[tuple[int, int]]:
-    still = (share > _OFTEN) & (spread_m < MAX_CONSTANT_SPREAD_M)
-    return [run for run in _runs(still) if _is_sharp(spread_m, *run)]
-
-
-def _spread_m(ranges_m: FloatArray) -> FloatArray:
-    """(beams,) from the 2 % to the 98 % quantile of each beam's readings, nan without any."""
-    ordered = np.sort(ranges_m, axis=0)
-    count = np.isfinite(ordered).sum(axis=0)
-    beams = np.arange(ordered.shape[1])
-    low, high = (ordered[np.floor(q * np.maximum(count - 1, 0)).astype(int), beams]
-                 for q in (0.02, 0.98))  # fmt: skip
-    return np.asarray(high - low, dtype=np.float64)
-
-
 def _constant(topic: str, sample: ScanSample, spread_m: FloatArray, share: FloatArray) -> Finding:
-    runs = _still_runs(spread_m, share)
+    runs = still_runs(spread_m, share)
     if not runs:
         words = "no beam always sees the same"
         return Finding("ranges.constant", topic, "ok", words)
@@ -93,29 +66,12 @@ def _constant(topic: str, sample: ScanSample, spread_m: FloatArray, share: Float
     )
 
 
-def _runs(flags: BoolArray) -> list[tuple[int, int]]:
-    """(first, last) of each stretch of true."""
-    edges = np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8))
-    starts, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1) - 1
-    return list(zip(starts.tolist(), ends.tolist(), strict=True))
-
-
-def _is_sharp(spread_m: FloatArray, first: int, last: int) -> bool:
-    """Whether the beams just beside the stretch change much more, or there are none."""
-    inside = float(np.median(spread_m[first : last + 1]))
-    beside = [spread_m[max(first - _BESIDE, 0) : first], spread_m[last + 1 : last + 1 + _BESIDE]]
-    return all(
-        side.size == 0 or not np.isfinite(side).any() or np.nanmax(side) > SHARP_FACTOR * inside
-        for side in beside
-    )
-
-
 def _dead(topic: str, share: FloatArray) -> Finding:
     """Beams without a single return whose neighbours have some."""
     runs = [
         (first, last)
-        for first, last in _runs(share == 0.0)
-        if max(share[max(first - _BESIDE, 0) : last + 1 + _BESIDE].max(), 0.0) > _SELDOM
+        for first, last in runs_of(share == 0.0)
+        if max(share[max(first - BESIDE, 0) : last + 1 + BESIDE].max(), 0.0) > _SELDOM
     ]
     beams = sum(last - first + 1 for first, last in runs)
     if beams < MIN_DEAD_BEAMS:

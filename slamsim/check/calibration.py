@@ -25,9 +25,9 @@ from slamsim.check.calibration_model import (
 from slamsim.check.course import Course
 from slamsim.check.gathering import Inputs, from_above, gather
 from slamsim.check.laser_steps import LaserSteps
-from slamsim.check.scan_motion import ScanMotions
 from slamsim.check.slipping import Spells, find_spells
 from slamsim.recording import Recording
+from slamsim.slam.laser.scan_motion import ScanMotions
 from slamsim.types import FloatArray
 
 PSEUDO_STEP_NS = 100_000_000

@@ -22,9 +22,9 @@ from slamsim.check.dead_reckoning import Clock, Clocks, covered, fitted_clocks, 
 from slamsim.check.findings import Curve, Plot
 from slamsim.check.map_entropy import map_entropy, placed
 from slamsim.check.map_views import WindowView, window_views
-from slamsim.check.scan_motion import ScanMotions
 from slamsim.check.verdicts import SURE_SIGMAS
 from slamsim.recording import Recording
+from slamsim.slam.laser.scan_motion import ScanMotions
 from slamsim.types import FloatArray
 
 Stream = Literal["gyro", "wheel"]

@@ -18,9 +18,9 @@ from slamsim.check.calibration_model import LASER_X, LASER_Y, PATH_GAIN
 from slamsim.check.course import Course
 from slamsim.check.findings import Estimate, Finding, Mend
 from slamsim.check.laser_steps import LaserSteps
-from slamsim.check.scan_motion import ScanMotions
 from slamsim.check.scan_sample import positive, sample_scans
 from slamsim.recording import Recording, ScanLayout
+from slamsim.slam.laser.scan_motion import ScanMotions
 from slamsim.types import FloatArray
 
 Side = Literal["ranges", "wheels"]

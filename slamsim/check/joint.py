@@ -12,11 +12,11 @@ from slamsim.check.mounting import check_mounting
 from slamsim.check.odometry import check_odometry, check_slip
 from slamsim.check.reversing import check_reversing
 from slamsim.check.rolling import check_wheels
-from slamsim.check.scan_motion import ScanMotions
 from slamsim.check.timing import check_timing
 from slamsim.check.turning import check_gyro
 from slamsim.check.votes import vote
 from slamsim.recording import Recording
+from slamsim.slam.laser.scan_motion import ScanMotions
 
 
 def check_calibration(recording: Recording, motions: ScanMotions | None) -> list[Finding]:

@@ -7,8 +7,8 @@ from slamsim.check.gathering import Inputs
 from slamsim.check.laser_rotation import check_rotation
 from slamsim.check.laser_shape import check_angles, check_range_offset, check_sweep
 from slamsim.check.scan_activity import activity
-from slamsim.check.scan_motion import ScanMotions, scan_motions
 from slamsim.recording import Recording, RecordingFormat
+from slamsim.slam.laser.scan_motion import ScanMotions, scan_motions
 
 
 def laser_motions(recording: Recording) -> ScanMotions | None:

@@ -12,9 +12,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from slamsim.check.findings import Curve, Estimate, Finding, Mend, Plot
-from slamsim.check.scan_motion import ScanMotions, ShapeEstimate
 from slamsim.check.verdicts import SURE_SIGMAS, Answer, Question, judged
 from slamsim.recording import RecordingFormat
+from slamsim.slam.laser.scan_motion import ScanMotions, ShapeEstimate
 
 ANGLE_LIMIT, ANGLE_HARM = 5e-4, 0.01
 """0.05 % between beams is a fifth of a degree in a full turn; walls are no straighter."""

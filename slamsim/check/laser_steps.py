@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from slamsim.check.scan_motion import ScanMotions, ShapeEstimate
 from slamsim.safe.numbers import MOST, require_covariances, require_finite, require_number
+from slamsim.slam.laser.scan_motion import ScanMotions, ShapeEstimate
 from slamsim.types import BoolArray, FloatArray, IntArray
 
 SWEEP_DOUBT_SIGMAS, NEARLY = 5.0, 0.25

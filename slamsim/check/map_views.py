@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from slamsim.check.calibration import Calibration
-from slamsim.check.scan_beams import BeamReader
-from slamsim.check.scan_motion import ScanMotions
-from slamsim.check.scan_sweep import beams_of
 from slamsim.config.slam import FrontEndConfig
 from slamsim.recording import RawScans
+from slamsim.slam.laser.scan_beams import BeamReader
+from slamsim.slam.laser.scan_motion import ScanMotions
+from slamsim.slam.laser.scan_sweep import beams_of
 from slamsim.slam.matching.line import LineMatcher
 from slamsim.slam.matching.surfaces import NORMAL_X, NORMAL_Y, VARIANCE, X, Y
 from slamsim.types import FloatArray, IntArray

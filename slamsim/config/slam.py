@@ -95,6 +95,9 @@ class FrontEndConfig(Config):
 class SlamConfig(Config):
     """All of SLAM."""
 
+    calibrate_laser: bool = True
+    """Whether angle step, range offset, sweep and mount are corrected where the log contradicts."""
+
     front_end: FrontEndConfig = FrontEndConfig()
     """Deskew, motion prediction, scan matching."""
 

@@ -21,7 +21,9 @@ from slamsim.safe.errors import NotFound
 from slamsim.safe.files import own_file
 from slamsim.safe.numbers import as_json
 from slamsim.safe.output import partial_folder, write_atomic
+from slamsim.slam.failures import Failures
 from slamsim.slam.known_map import KnownMap, map_of_grid, map_of_keyframes
+from slamsim.slam.laser.estimate import laser_of
 from slamsim.slam.localise import Localised, Localiser
 from slamsim.slam.odometry import FrontEnd
 from slamsim.slam.online.samples import WholeMotion
@@ -92,6 +94,7 @@ def _localised(
     log: Log, known: KnownMap, config: RunConfig, start: FloatArray | None, progress: Progress
 ) -> tuple[Localised, FloatArray]:
     """What came of it, and how long each scan took once the robot was found."""
+    log = laser_of(log, config.slam, Failures()).applied(log)
     odometry = odometry_of(log)
     front_end = FrontEnd(config.slam.front_end, odometry, log.T_base_laser)
     localiser = Localiser(config.slam, known, front_end, WholeMotion(odometry), start)

@@ -129,6 +129,7 @@ def _map(
     """What SLAM made of it is written before anything is drawn of it, so that it stays whatever
     fails then."""
     result, saved = _slam(log, config, stages, earlier)
+    log = result.log or log
     run_folder.write_slam(partial, result)
     write_saved_map(partial / run_folder.SAVED_MAP, saved)
     failures = Failures(result.failed)

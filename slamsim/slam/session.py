@@ -16,7 +16,9 @@ from slamsim.result import Calibrated, Event, MapGraph, SlamResult
 from slamsim.safe.errors import SlamsimError
 from slamsim.safe.numbers import require_finite, require_mount, solving
 from slamsim.slam.assembly import assemble, odometry_alone
+from slamsim.slam.failures import Failures
 from slamsim.slam.keyframes import ABOUT_THERE, ANYWHERE, Before, KeyframeMaker
+from slamsim.slam.laser.estimate import laser_of
 from slamsim.slam.motion import NoMotion, Odometry, log_odometry, predict_motion
 from slamsim.slam.odometry import FrontEnd, Tracked
 from slamsim.slam.online.anchors import Anchors
@@ -213,8 +215,13 @@ def map_log(
     started_s = time.perf_counter()
     if start is not None:
         require_finite("the pose to begin at", start, (3,))
+    failures = Failures()
+    laser = laser_of(log, config, failures)
+    log = laser.applied(log)
+    seconds = {"laser": time.perf_counter() - started_s}
+
     odometry = odometry_of(log)
-    seconds = {"motion": time.perf_counter() - started_s}
+    seconds["motion"] = time.perf_counter() - started_s - seconds["laser"]
 
     front_end = FrontEnd(config.front_end, odometry, log.T_base_laser)
     whole = len(log.scans) * (1.0 + FINISH_SHARE)
@@ -234,8 +241,15 @@ def map_log(
         saved = session.saved(result)
     progress(whole, whole)
     alone = odometry_alone(log, result.odometry)
-    told = (*result.warnings, *scans.warnings())
-    whole_result = replace(result, odometry=alone, seconds=seconds | result.seconds, warnings=told)
+    whole_result = replace(
+        result,
+        odometry=alone,
+        seconds=seconds | result.seconds,
+        warnings=(*map(str, failures), *result.warnings, *scans.warnings()),
+        calibration=result.calibration | laser.calibrated(),
+        failed=(*failures, *result.failed),
+        log=log,
+    )
     return whole_result, saved
 
 

@@ -191,7 +191,7 @@ def _calibration_table(view: RunView) -> str:
         (name, f"{one.value:.6g}", f"{one.sigma:.2g}", "yes" if one.observed else "no")
         for name, one in view.result.calibration.items()
     ]
-    note = "Wheels and gyroscope as the drive shows them; what it did not tell is an assumption."
+    note = "Wheels, gyroscope and laser as the drive shows them; what it did not tell is assumed."
     header = ("", "value", "standard deviation", "observed")
     return table(Table(header, rows), note) if rows else ""
 

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from slamsim.check.scan_sweep import beams_of, share_of_piece
-from slamsim.check.scan_track import Track
+from slamsim.slam.laser.scan_sweep import beams_of, share_of_piece
+from slamsim.slam.laser.scan_track import Track
 from slamsim.slam.matching.surfaces import BEAMS, SCATTER_XX, SCATTER_XY, SCATTER_YY, X, Y
 from slamsim.types import FloatArray, IntArray
 

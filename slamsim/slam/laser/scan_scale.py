@@ -6,9 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from slamsim.check.scan_bundle import Shape, ShapePull, fit_window
-from slamsim.check.scan_track import Track
-from slamsim.types import FloatArray
+from slamsim.slam.laser.scan_bundle import Shape, ShapePull, WindowFit, fit_window
+from slamsim.slam.laser.scan_track import Track
 
 MOST_WINDOWS = 8
 SMALL_SCALE = 0.02
@@ -37,12 +36,15 @@ class _Try:
     sigma: float
 
 
-def rough_angle_scale(tracks: list[Track], sweep_s: float) -> float:
-    """True over taken angle between beams; 1 where the scans do not plainly contradict it."""
-    some = _liveliest(tracks)
-    if not some:
+def rough_angle_scale(tracks: list[Track], fits: list[WindowFit], sweep_s: float) -> float:
+    """True over taken angle between beams; 1 where the scans do not plainly contradict it.
+
+    fits: of all windows as the scans are declared.
+    """
+    liveliest = _liveliest(tracks)
+    if not liveliest:
         return 1.0
-    here = _tried(some, sweep_s, 1.0)
+    some, here = [tracks[k] for k in liveliest], _of([fits[k] for k in liveliest])
     plain = abs(here.step) > max(SMALL_SCALE, SURE_SIGMAS * here.sigma)
     if not plain and here.misfit < LARGE_MISFIT:
         return 1.0
@@ -59,18 +61,18 @@ def rough_angle_scale(tracks: list[Track], sweep_s: float) -> float:
     return scale if better and sharper else 1.0
 
 
-def _liveliest(tracks: list[Track]) -> list[Track]:
+def _liveliest(tracks: list[Track]) -> list[int]:
     """The windows with most motion."""
-
-    def motion(track: Track) -> float:
-        moved: FloatArray = np.abs(np.diff(track.poses, axis=0))
-        return float(moved.sum())
-
-    return sorted(tracks, key=motion, reverse=True)[:MOST_WINDOWS]
+    motion = [-float(np.abs(np.diff(track.poses, axis=0)).sum()) for track in tracks]
+    order: list[int] = np.argsort(motion, kind="stable").tolist()
+    return order[:MOST_WINDOWS]
 
 
 def _tried(tracks: list[Track], sweep_s: float, scale: float) -> _Try:
-    fits = [fit_window(track, Shape(sweep_s, scale, 0.0)) for track in tracks]
+    return _of([fit_window(track, Shape(sweep_s, scale, 0.0)) for track in tracks])
+
+
+def _of(fits: list[WindowFit]) -> _Try:
     pull = ShapePull.of(fits)
     return _Try(
         misfit=float(np.median([fit.unit for fit in fits])),

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from slamsim.check.beams import beams_on_robot
-from slamsim.check.scan_sweep import Sweep
 from slamsim.jit import kernel
 from slamsim.recording import RawScans, ScanLayout
+from slamsim.slam.laser.own_body import beams_on_robot
+from slamsim.slam.laser.scan_sweep import Sweep
 from slamsim.types import BoolArray, Cloud, Float32Array, FloatArray, IntArray
 
 SAMPLED_SCANS = 60
@@ -22,6 +22,8 @@ LEAST_RANGE_M = 0.03
 FEW, MANY = 0.2, 0.5
 SAME_SHARE = 0.003
 """The largest reading of all, seen this often to the last bit, stands for no return."""
+
+LEAST_STEP_SHARE = 0.1
 
 STRAY_M, STRAY_SHARE = 0.1, 0.05
 """A reading this far (and this share of it) off both neighbours, who agree, is a stray one."""
@@ -126,9 +128,9 @@ def _finite(sample: list[Float32Array]) -> FloatArray:
 
 
 def _rounding(sample: list[Float32Array]) -> float:
-    """The usual step between neighbouring values that occur."""
+    """The least usual step between neighbouring values that occur; far ranges leave some out."""
     steps = np.diff(np.unique(np.round(_finite(sample), 6)))
-    return float(np.quantile(steps, 0.25)) if steps.size else 0.0
+    return float(np.quantile(steps, LEAST_STEP_SHARE)) if steps.size else 0.0
 
 
 def _radians_per_unit(scans: RawScans) -> float:

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from slamsim.check.scan_beams import BeamReader
-from slamsim.check.scan_sweep import Sweep, beams_of, moved_pieces, steady
 from slamsim.config.slam import FrontEndConfig
 from slamsim.geometry import between, compose
+from slamsim.slam.laser.scan_beams import BeamReader
+from slamsim.slam.laser.scan_sweep import Sweep, beams_of, moved_pieces, steady
 from slamsim.slam.matching.base import Match
 from slamsim.slam.matching.line import LineMatcher
 from slamsim.types import FloatArray, IntArray

@@ -6,18 +6,24 @@ matched within short windows, and what the lidar declares of its beams is estima
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from slamsim.check.scan_beams import BeamReader
-from slamsim.check.scan_bundle import Shape, ShapePull, WindowFit, fit_window
-from slamsim.check.scan_scale import rough_angle_scale
-from slamsim.check.scan_track import Track, track_window
-from slamsim.check.scan_windows import choose_windows, period_s
-from slamsim.geometry import between
+from slamsim.geometry import adjoint, between, inverse
 from slamsim.recording import RawScans
-from slamsim.types import FloatArray, IntArray
+from slamsim.slam.laser.scan_beams import BeamReader
+from slamsim.slam.laser.scan_bundle import (
+    Shape,
+    ShapePull,
+    WindowFit,
+    fit_window,
+)
+from slamsim.slam.laser.scan_equations import SHAPES
+from slamsim.slam.laser.scan_scale import rough_angle_scale
+from slamsim.slam.laser.scan_track import Track, track_window
+from slamsim.slam.laser.scan_windows import choose_windows, period_s
+from slamsim.types import BoolArray, FloatArray, IntArray
 
 MAX_PASSES = 6
 MIN_SCANS = 5
@@ -48,6 +54,16 @@ class ScanWindow:
     covariance: FloatArray
     inlier_share: FloatArray
 
+    def mirrored(self) -> ScanWindow:
+        """As a laser that looks from the other side of the plane would have it."""
+        turned = np.array([1.0, -1.0, -1.0])
+        signs = np.tile(turned, len(self.scans))
+        return replace(
+            self,
+            T_window_laser=self.T_window_laser * turned,
+            covariance=self.covariance * signs[:, None] * signs,
+        )
+
     def steps(self) -> tuple[FloatArray, FloatArray]:
         """(n - 1, 3) motion from each scan to the next, and its information (n - 1, 3, 3) as a
         small step of the later laser in its own frame."""
@@ -74,8 +90,9 @@ class ScanMotions:
     metres_per_unit: by what ranges were multiplied to make a room of them; 1 unless they are in
     no metres. Windows are in the recorded unit. radians_per_unit: likewise for angles.
     sweep_s: from the first beam to the last. angle_step: true over declared, 1 where it is right;
-    windows are as the true one has them. range_offset_m: by how much ranges are too long. weak:
-    why there is little or nothing.
+    windows are as the true one has them. range_offset_m: by how much ranges are too long.
+    contradicted: (3,) whether the scans contradict what is declared of sweep, angle step and
+    offset; windows are as they then are. weak: why there is little or nothing.
     """
 
     topic: str
@@ -85,6 +102,7 @@ class ScanMotions:
     sweep_s: ShapeEstimate
     angle_step: ShapeEstimate
     range_offset_m: ShapeEstimate
+    contradicted: BoolArray
     weak: str = ""
 
     @property
@@ -133,19 +151,25 @@ def scan_motions(scans: RawScans, activity: FloatArray | None = None) -> ScanMot
     activity: (n,) how lively the robot is at each scan, by whatever tells; windows are chosen
     where most happens. It decides nothing else.
     """
-    reader = BeamReader(scans)
+    return window_motions(scans, choose_windows(scans.stamps_ns, activity))
 
-    windows = choose_windows(scans.stamps_ns, activity)
+
+def window_motions(scans: RawScans, windows: list[IntArray]) -> ScanMotions:
+    """The same by given windows: indices of scans that follow each other, a few seconds each."""
+    reader = BeamReader(scans)
 
     tracks = _tracked(scans, reader, windows)
 
-    angle_scale = rough_angle_scale(tracks, reader.declared_sweep_s)
+    first = _as_declared(tracks, reader)
+
+    angle_scale = rough_angle_scale(tracks, first, reader.declared_sweep_s)
 
     if angle_scale != 1.0:
         reader = BeamReader(scans, angle_scale)
         tracks = _tracked(scans, reader, windows)
+        first = _as_declared(tracks, reader)
 
-    shape, fits, pulls = _fit(tracks, reader)
+    shape, fits, pulls = _fit(tracks, reader, first)
 
     return _motions(scans, reader, (tracks, fits), shape, pulls)
 
@@ -167,17 +191,30 @@ def _tracked(scans: RawScans, reader: BeamReader, windows: list[IntArray]) -> li
     return [tracks[place] for place in sorted(tracks)]
 
 
-def _fit(tracks: list[Track], reader: BeamReader) -> tuple[Shape, list[WindowFit], ShapePull]:
-    """All windows bundled, again with a better shape of the scans until nothing pulls at it."""
+def _as_declared(tracks: list[Track], reader: BeamReader) -> list[WindowFit]:
+    """All windows bundled with the shape of the scans as it is declared."""
+    return [fit_window(track, Shape(reader.declared_sweep_s, 1.0, 0.0)) for track in tracks]
+
+
+def _fit(
+    tracks: list[Track], reader: BeamReader, fits: list[WindowFit]
+) -> tuple[Shape, list[WindowFit], ShapePull]:
+    """All windows with the shape of the scans that fits best; fits: as it is declared.
+
+    Numbers in doubt become unknowns together, so that none of them is mistaken for another.
+    """
     shape = declared = Shape(reader.declared_sweep_s, 1.0, 0.0)
-    for again in range(MAX_PASSES):
-        fits = [fit_window(track, shape) for track in tracks]
+    pull, free = ShapePull.of(fits), np.zeros(SHAPES, dtype=np.bool_)
+    for _ in range(MAX_PASSES):
+        free = free | pull.off(shape, declared, _unmodelled(shape, reader))
+        step = pull.step(free)
+        if pull.still(step):
+            break
+        shape = shape.moved(step)
+        begun = zip(tracks, fits, strict=True)
+        fits = [fit_window(track, shape, fit.poses) for track, fit in begun]
         pull = ShapePull.of(fits)
-        better = pull.better(shape, declared, _unmodelled(shape, reader))
-        if better is None or again + 1 == MAX_PASSES:
-            return shape, fits, pull
-        shape = better
-    raise AssertionError("there is at least one pass")
+    return shape, fits, pull
 
 
 def _motions(
@@ -187,7 +224,8 @@ def _motions(
     shape: Shape,
     pull: ShapePull,
 ) -> ScanMotions:
-    best = shape.moved(pull.step())
+    given_up = shape.numbers != np.array([reader.declared_sweep_s, 1.0, 0.0])
+    best = shape.moved(np.where(given_up, pull.step(given_up), pull.step()))
     sigmas = np.hypot(pull.sigmas(), _unmodelled(best, reader))
     unit = reader.metres_per_unit
     return ScanMotions(
@@ -202,6 +240,7 @@ def _motions(
             best.angle_scale * reader.angle_scale, sigmas[1] * reader.angle_scale, 1.0
         ),
         range_offset_m=ShapeEstimate(best.range_offset_m, sigmas[2], 0.0),
+        contradicted=given_up | np.array([False, reader.angle_scale != 1.0, False]),
         weak="" if windows[0] else "scans do not fit one another",
     )
 
@@ -223,21 +262,15 @@ def _window(reader: BeamReader, track: Track, fit: WindowFit, unit: float) -> Sc
         scans=track.scans,
         middle_ns=reader.middle_ns(track.scans),
         T_window_laser=fit.poses * scale[:3],
-        covariance=fit.covariance * scale[:, None] * scale,
+        covariance=fit.covariance() * scale[:, None] * scale,
         inlier_share=fit.inlier_share,
     )
 
 
 def _step_information(T_first_second: FloatArray, covariance: FloatArray) -> FloatArray:
     """A step of the first laser moves the second by the adjoint of the inverse motion."""
-    count = len(T_first_second)
-    information = np.zeros((count, 3, 3))
-    for k in range(count):
-        x, y, yaw = T_first_second[k]
-        cos, sin = np.cos(yaw), np.sin(yaw)
-        carried = np.array(
-            [[cos, sin, x * sin - y * cos], [-sin, cos, x * cos + y * sin], [0.0, 0.0, 1.0]]
-        )
+    information = np.zeros((len(T_first_second), 3, 3))
+    for k, carried in enumerate(adjoint(inverse(T_first_second))):
         jacobian = np.hstack([-carried, np.eye(3)])
         block = slice(3 * k, 3 * k + 6)
         information[k] = np.linalg.inv(jacobian @ covariance[block, block] @ jacobian.T)

@@ -1,0 +1,1 @@
+"""The laser by its scans alone: motion, shape of the scans, mount."""

@@ -1,0 +1,156 @@
+"""A laser as it is, not as its recording declares it: what differs, and a log put right by it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from slamsim.geometry import rotation, se2_from_se3
+from slamsim.result import Calibrated
+from slamsim.types import BoolArray, FloatArray, Log, Scan, ScanGeometry, ScanSource
+
+NAMES = (
+    "laser_angle_scale",
+    "laser_range_offset_m",
+    "laser_sweep_s",
+    "laser_x_m",
+    "laser_y_m",
+    "laser_yaw_rad",
+)
+ANGLE_SCALE, RANGE_OFFSET, SWEEP = range(3)
+SHAPE, MOUNT = slice(0, 3), slice(3, 6)
+PRIOR_SIGMAS = np.array([0.005, 0.03, 0.025, 0.05, 0.05, np.deg2rad(2.0)])
+"""What is to be expected of a laser before it was looked at: step between beams confused with that
+of one beam more or less; +-30 mm of Hokuyo and SICK; beam times left out; a mount by tape."""
+
+OBSERVED_SHARE = 0.3
+"""A number counts as observed if the recording left less than this of what was uncertain."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LaserCalibration:
+    """(6,) arrays in the order of ``NAMES``.
+
+    Angle between beams, true over declared; by how much ranges are too long; seconds from the
+    first beam to the last; T_base_laser in the plane. values: as found, with sigmas (infinite where
+    nothing told); declared: by the recording; corrected: which are contradicted so plainly that the
+    value found is used.
+    """
+
+    values: FloatArray
+    sigmas: FloatArray
+    declared: FloatArray
+    corrected: BoolArray
+
+    @staticmethod
+    def unknown(log: Log, sweep_s: float = 0.0) -> LaserCalibration:
+        """Nothing known but what is declared; sweep_s: of all beams of a scan."""
+        declared = np.array([1.0, 0.0, sweep_s, *se2_from_se3(log.T_base_laser)])
+        none = np.zeros(len(NAMES), dtype=np.bool_)
+        return LaserCalibration(declared, np.full(len(NAMES), np.inf), declared, none)
+
+    def told(
+        self, which: slice, values: FloatArray, sigmas: FloatArray, corrected: BoolArray
+    ) -> LaserCalibration:
+        """With some of the numbers as they were found."""
+        all_values, all_sigmas = self.values.copy(), self.sigmas.copy()
+        all_corrected = self.corrected.copy()
+        all_values[which], all_sigmas[which], all_corrected[which] = values, sigmas, corrected
+        return replace(self, values=all_values, sigmas=all_sigmas, corrected=all_corrected)
+
+    @property
+    def used(self) -> FloatArray:
+        """(6,) found where corrected, else declared."""
+        return np.where(self.corrected, self.values, self.declared)
+
+    def applied(self, log: Log) -> Log:
+        """The log as this laser really recorded it, with a warning for each number corrected."""
+        if not self.corrected.any():
+            return log
+        used = self.used
+        source = _Corrected(log.scans, used, self.declared)
+        return replace(
+            log,
+            scans=source,
+            T_base_laser=_moved(log.T_base_laser, self.declared[MOUNT], used[MOUNT]),
+            warnings=(*log.warnings, *self._warnings()),
+        )
+
+    def calibrated(self) -> dict[str, Calibrated]:
+        """Every number that the recording tells anything of, under its name with its unit."""
+        return {
+            name: Calibrated(float(value), float(sigma), bool(sigma < OBSERVED_SHARE * before))
+            for name, value, sigma, before in zip(
+                NAMES, self.values, self.sigmas, PRIOR_SIGMAS, strict=True
+            )
+            if np.isfinite(sigma)
+        }
+
+    def _warnings(self) -> list[str]:
+        off = self.values - self.declared
+        size, doubt = off * _UNITS, self.sigmas * _UNITS
+        return [
+            _WORDS[n].format(size[n], doubt[n]) + "; corrected"
+            for n in np.flatnonzero(self.corrected)
+        ]
+
+
+_UNITS = np.array([100.0, 1e3, 1e3, 1e3, 1e3, np.rad2deg(1.0)])
+_WORDS = (
+    "the angle between beams is {0:+.2f} ± {1:.2f} % off the declared one",
+    "ranges are {0:+.1f} ± {1:.1f} mm too long",
+    "a sweep lasts {0:+.1f} ± {1:.1f} ms longer than declared",
+    "the laser sits {0:+.0f} ± {1:.0f} mm further forward than declared",
+    "the laser sits {0:+.0f} ± {1:.0f} mm further to the left than declared",
+    "the laser looks {0:+.2f} ± {1:.2f} degrees further to the left than declared",
+)
+
+
+class _Corrected:
+    """Scans with other angles, ranges and beam times, made as they are asked for."""
+
+    def __init__(self, scans: ScanSource, used: FloatArray, declared: FloatArray) -> None:
+        self._scans = scans
+        self._scale, self._offset_m = float(used[ANGLE_SCALE]), float(used[RANGE_OFFSET])
+        self._longer_s = float(used[SWEEP] - declared[SWEEP])
+        self._geometries: dict[ScanGeometry, ScanGeometry] = {}
+
+    def __len__(self) -> int:
+        return len(self._scans)
+
+    def __iter__(self) -> Iterator[Scan]:
+        return map(self._corrected, self._scans)
+
+    def _corrected(self, scan: Scan) -> Scan:
+        geometry = self._geometries.get(scan.geometry)
+        if geometry is None:
+            geometry = self._geometries[scan.geometry] = self._of(scan.geometry)
+        ranges_m = scan.ranges_m
+        if self._offset_m != 0.0:
+            ranges_m = ranges_m - np.float32(self._offset_m)
+            ranges_m = np.where(ranges_m > 0.0, ranges_m, np.float32(np.nan))
+        return replace(scan, ranges_m=ranges_m, geometry=geometry)
+
+    def _of(self, geometry: ScanGeometry) -> ScanGeometry:
+        """Angles about the middle beam, limits moved with the ranges; beam 0 keeps its stamp."""
+        step_rad = geometry.angle_step_rad * self._scale
+        intervals = geometry.beam_count - 1
+        wider_rad = intervals * (step_rad - geometry.angle_step_rad)
+        return replace(
+            geometry,
+            angle_min_rad=geometry.angle_min_rad - 0.5 * wider_rad,
+            angle_step_rad=step_rad,
+            beam_dt_ns=geometry.beam_dt_ns + round(1e9 * self._longer_s / max(intervals, 1)),
+            range_min_m=max(geometry.range_min_m - self._offset_m, 0.0),
+            range_max_m=geometry.range_max_m - self._offset_m,
+        )
+
+
+def _moved(T_base_laser: FloatArray, declared: FloatArray, used: FloatArray) -> FloatArray:
+    """4 x 4 moved and turned about the base's z, height and tilt kept. declared, used: (3,)."""
+    moved = T_base_laser.copy()
+    moved[:2, :3] = rotation(used[2] - declared[2])[:2, :2] @ T_base_laser[:2, :3]
+    moved[:2, 3] += used[:2] - declared[:2]
+    return moved

@@ -1,0 +1,183 @@
+"""Where the laser sits on the base, by its own motion against wheels and gyroscope.
+
+Hand-eye calibration: turns tell how far from the axle it sits, straight driving which way it looks
+(Censi, Franchi, Marchionni & Oriolo 2013). Errors of wheels and gyroscope, and a delay between
+their stamps and the lidar's, are unknowns of the same least squares.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from slamsim.config.slam import MotionConfig
+from slamsim.geometry import adjoint, between, compose, inverse
+from slamsim.slam.calibration import PRIOR_SIGMAS, Evidence, evidence, step_covariance
+from slamsim.slam.calibration_solve import MEDIAN_CHI2_3, UNIT_BOUNDS
+from slamsim.slam.laser.scan_motion import ScanWindow
+from slamsim.slam.motion import Odometry
+from slamsim.slam.steps import PARAMETERS, OdometryNoise, OdometryStep
+from slamsim.types import FloatArray
+
+MOUNT = slice(PARAMETERS, PARAMETERS + 3)
+DELAY = PARAMETERS + 3
+PLACE_SIGMA_M, YAW_SIGMA_RAD, DELAY_SIGMA_S = 0.05, np.deg2rad(2.0), 0.05
+"""Prior standard deviations: of a mount by tape measure and by eye, of stamps by software."""
+
+UNMODELLED = np.array([7e-4, 3e-4, 1e-4])
+"""Standard deviation of x, y (m) and yaw (rad) beyond noise: tyres give when they push, so that
+the robot turns about another point. Fitted to the physics of the simulated TurtleBot2."""
+
+STRETCH_SCANS = 8
+"""Scans from which to which steps are compared: half a second to some seconds, in which wheels
+hardly slip and scans overlap."""
+
+ROUNDS = 8
+STILL_SIGMAS = 0.01
+DOUBT_SQUARED = 9.0
+DELAY_STEP_S = 0.02
+MOUNT_STEP = 1e-4
+ROUNDING = 1e-12
+LEAST_STRETCHES = 12
+LEAST_WINDOWS = 3
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Mount:
+    """off: (3,) T_base_laser (x_m, y_m, yaw_rad) as found less as declared. sigmas: (3,) by the
+    scatter of so many windows."""
+
+    off: FloatArray
+    sigmas: FloatArray
+    windows: int
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Stretches:
+    """n stretches: step of the laser (n, 3) with covariance (n, 3, 3), odometry's step of the base,
+    its derivative (n, 4) by a delay of the odometry's stamps, and the window (n,) it is from."""
+
+    T_laser: FloatArray
+    covariance: FloatArray
+    steps: tuple[OdometryStep, ...]
+    by_delay: FloatArray
+    window: FloatArray
+
+
+def find_mount(
+    windows: Sequence[ScanWindow],
+    later_ns: int,
+    odometry: Odometry,
+    T_base_laser: FloatArray,
+    config: MotionConfig,
+) -> Mount | None:
+    """The mount near the declared one (3,); None where the motion tells nothing of it.
+
+    later_ns: by how much the middle beams fired later than ``windows`` say. A laser upside down
+    is to be mirrored by the caller.
+    """
+    found = _stretches(windows, later_ns, odometry)
+    if len(found.steps) < LEAST_STRETCHES or np.unique(found.window).size < LEAST_WINDOWS:
+        return None
+    sigmas = np.concatenate(
+        [PRIOR_SIGMAS, [PLACE_SIGMA_M, PLACE_SIGMA_M, YAW_SIGMA_RAD, DELAY_SIGMA_S]]
+    )
+    start = np.concatenate([np.zeros(PARAMETERS), T_base_laser, [0.0]])
+    noise, prior, values = OdometryNoise(config), np.diag(1.0 / np.square(sigmas)), start.copy()
+    for _ in range(ROUNDS):
+        weighted = _weighted(found, values, noise)
+        total = prior + weighted.information.sum(axis=0)
+        covariance = np.asarray(np.linalg.inv(total), dtype=np.float64)
+        step = -covariance @ (weighted.push.sum(axis=0) + prior @ (values - start))
+        values = values + step
+        if np.abs(step / np.sqrt(np.diag(covariance))).max() < STILL_SIGMAS:
+            break
+    # The scatter of the windows tells what their noise really is (sandwich estimator).
+    left = weighted.push + weighted.information @ step
+    spread = np.array([left[found.window == one].sum(axis=0) for one in np.unique(found.window)])
+    meat = spread.T @ spread * (len(spread) / (len(spread) - 1.0)) + prior
+    robust = np.diag(covariance @ meat @ covariance)
+    variance = np.maximum(robust, np.diag(covariance))[MOUNT] + np.square(UNMODELLED)
+    return Mount(values[MOUNT] - T_base_laser, np.sqrt(variance), len(spread))
+
+
+def _stretches(windows: Sequence[ScanWindow], later_ns: int, odometry: Odometry) -> _Stretches:
+    none, step_ns = np.zeros(PARAMETERS), round(DELAY_STEP_S * 1e9)
+    moved, covariances, steps, by_delay, numbers = [], [], [], [], []
+    for number, window in enumerate(windows):
+        at_ns = window.middle_ns + later_ns
+        for first in range(0, len(at_ns) - STRETCH_SCANS, STRETCH_SCANS):
+            last = first + STRETCH_SCANS
+            begin_ns, end_ns = int(at_ns[first]), int(at_ns[last])
+            around = (begin_ns - step_ns, end_ns + step_ns)
+            if begin_ns >= end_ns or not odometry.covers(*around):
+                continue
+            step = odometry.step(begin_ns, end_ns, none)
+            if step.path_m == 0.0:
+                continue
+            early = odometry.step(begin_ns - step_ns, end_ns - step_ns, none)
+            late = odometry.step(begin_ns + step_ns, end_ns + step_ns, none)
+            T_step = between(window.T_window_laser[first], window.T_window_laser[last])
+            jacobian = np.hstack([-adjoint(inverse(T_step)), np.eye(3)])
+            rows = np.concatenate([np.arange(3 * k, 3 * k + 3) for k in (first, last)])
+            moved.append(T_step)
+            covariances.append(jacobian @ window.covariance[np.ix_(rows, rows)] @ jacobian.T)
+            steps.append(step)
+            turned = late.wheel_turn_rad - early.wheel_turn_rad
+            apart = np.append(between(early.T_first_last, late.T_first_last), turned)
+            by_delay.append(apart / (2.0 * DELAY_STEP_S))
+            numbers.append(number)
+    return _Stretches(
+        np.array(moved).reshape(-1, 3),
+        np.array(covariances).reshape(-1, 3, 3),
+        tuple(steps),
+        np.array(by_delay).reshape(-1, 4),
+        np.array(numbers, dtype=np.float64),
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Weighted:
+    """information (n, 9, 9) and push (n, 9) of each stretch."""
+
+    information: FloatArray
+    push: FloatArray
+
+
+def _weighted(found: _Stretches, values: FloatArray, noise: OdometryNoise) -> _Weighted:
+    at = _residual(found, values, noise)
+    jacobian = np.zeros((*at.residual.shape, len(values)))
+    jacobian[..., :PARAMETERS] = at.jacobian
+    jacobian[..., DELAY] = found.by_delay
+    for unknown in range(MOUNT.start, MOUNT.stop):
+        step = np.zeros(len(values))
+        step[unknown] = MOUNT_STEP
+        ahead, behind = (_residual(found, values + s, noise).residual for s in (step, -step))
+        jacobian[..., unknown] = (ahead - behind) / (2.0 * MOUNT_STEP)
+    # What fits worse than most counts less (Cauchy), in units of what most show.
+    unit = float(np.clip(np.median(at.squared) / MEDIAN_CHI2_3, *UNIT_BOUNDS))
+    weight = at.weight / unit / (1.0 + at.squared / unit / DOUBT_SQUARED)[:, None, None]
+    return _Weighted(
+        np.einsum("nri,nrs,nsj->nij", jacobian, weight, jacobian),
+        np.einsum("nri,nrs,ns->ni", jacobian, weight, at.residual),
+    )
+
+
+def _residual(found: _Stretches, values: FloatArray, noise: OdometryNoise) -> Evidence:
+    """Odometry less scans, as steps of the base."""
+    T_base_laser = np.broadcast_to(values[MOUNT], found.T_laser.shape)
+    T_base = compose(compose(T_base_laser, found.T_laser), inverse(T_base_laser))
+    carry = adjoint(T_base_laser)
+    covariance = carry @ found.covariance @ np.swapaxes(carry, -1, -2) + ROUNDING * np.eye(3)
+    steps = [step.at(values[:PARAMETERS]) for step in found.steps]
+    shift = values[DELAY] * found.by_delay
+    return evidence(
+        T_base,
+        np.asarray(np.linalg.inv(covariance)),
+        compose(np.array([step.T_first_last for step in steps]), shift[:, :3]),
+        np.array([step.wheel_turn_rad for step in steps]) + shift[:, 3],
+        np.array([step.jacobian for step in steps]),
+        np.array([step_covariance(step, noise) for step in steps]),
+    )

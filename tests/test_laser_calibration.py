@@ -1,0 +1,272 @@
+"""Small errors of a laser: found in simulated scans as surely as claimed, and corrected."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from laser_errors import LaserErrors, write_bag1
+from real_logs import needs_radish, radish
+from simulated import (
+    ScanList,
+    Simulated,
+    ate_rmse_m,
+    drive,
+    labyrinth,
+    noisy_gyro,
+    noisy_wheels,
+    sense_scans,
+)
+
+from slamsim.config.slam import MotionConfig, SlamConfig
+from slamsim.evaluate.relations import score_relations
+from slamsim.geometry import compose, se3_from_parts
+from slamsim.logs.reader import read_log
+from slamsim.logs.relations import read_relations
+from slamsim.slam.failures import Failures
+from slamsim.slam.laser.calibration import NAMES, LaserCalibration
+from slamsim.slam.laser.estimate import (
+    POSES_TOLERANCE_M,
+    TOLERANCE,
+    calibrate_laser,
+    laser_of,
+)
+from slamsim.slam.session import run_slam
+from slamsim.types import FloatArray, Log, PlanarTrajectory, ScanGeometry
+
+LIDAR = ScanGeometry(np.deg2rad(-120.0), np.deg2rad(1.0), 241, 150_000, 0.1, 20.0)
+"""A sweep of 36 ms."""
+
+SWEEP_S = LIDAR.duration_ns * 1e-9
+MOUNT = np.array([0.12, -0.03, 0.1])
+NOISE_M = 0.01
+
+
+def matrix(mount: FloatArray) -> FloatArray:
+    """4 x 4 of (x, y, yaw)."""
+    cos, sin = np.cos(mount[2]), np.sin(mount[2])
+    turned = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
+    return se3_from_parts(turned, np.array([mount[0], mount[1], 0.3]))
+
+
+@cache
+def healthy(seed: int, max_s: float = 45.0) -> Simulated:
+    """A drive of a robot whose laser is where MOUNT says, without any error."""
+    walls, tour = labyrinth(seed)
+    truth = drive(tour, max_s=max_s)
+    mounts = np.broadcast_to(MOUNT, truth.poses.shape)
+    laser = PlanarTrajectory(truth.stamps_ns, compose(truth.poses, mounts))
+    log = Log(
+        name="simulated",
+        epoch="simulation",
+        scans=ScanList(sense_scans(walls, laser, LIDAR, NOISE_M, seed)),
+        odometry=noisy_wheels(truth, seed),
+        imu=noisy_gyro(truth, seed),
+        encoders=None,
+        T_base_laser=matrix(MOUNT),
+        T_base_imu=np.eye(4),
+    )
+    return Simulated(log, truth, walls)
+
+
+def found_in(log: Log) -> LaserCalibration:
+    return calibrate_laser(log, MotionConfig())
+
+
+def true_values(errors: LaserErrors) -> FloatArray:
+    """(6,) what there is to find, if the recording has these errors."""
+    return np.array([1.0 / (1.0 + errors.angle_step), errors.range_offset_m, SWEEP_S, *MOUNT])
+
+
+def drawn(seed: int) -> LaserErrors:
+    """Errors as large as drivers have them."""
+    rng = np.random.default_rng(seed)
+    return LaserErrors(
+        angle_step=rng.uniform(-0.01, 0.01),
+        range_offset_m=rng.uniform(-0.05, 0.05),
+        yaw_rad=rng.uniform(-0.035, 0.035),
+        x_m=rng.uniform(-0.1, 0.1),
+        sweep_s=rng.uniform(0.0, 2.0) * SWEEP_S,
+    )
+
+
+def test_random_errors_are_found_as_surely_as_claimed_and_corrected() -> None:
+    sigmas_off = []
+    for seed in range(4):
+        errors = drawn(seed)
+        true, found = true_values(errors), found_in(errors.of(healthy(seed % 2).log))
+        sigmas_off.append((found.values - true) / found.sigmas)
+        assert (found.sigmas < [1e-3, 3e-3, 1e-3, 6e-3, 6e-3, 5e-3]).all()
+        place = np.array([0.0, 0.0, 0.0, POSES_TOLERANCE_M, POSES_TOLERANCE_M, 0.0])
+        tolerated = np.maximum(4.0 * found.sigmas, np.maximum(TOLERANCE, place))
+        assert (np.abs(found.used - true) < 1.1 * tolerated).all()
+    nees = np.square(sigmas_off)
+    assert nees.max() < 16.0
+    assert 0.05 < nees.mean() < 1.5, "normalised by the six numbers: 1 if sigmas are exact"
+
+
+@pytest.mark.slow
+def test_errors_of_sixteen_drives_are_as_large_as_claimed() -> None:
+    sigmas_off = []
+    for seed in range(16):
+        errors = drawn(100 + seed)
+        found = found_in(errors.of(healthy(seed).log))
+        sigmas_off.append((found.values - true_values(errors)) / found.sigmas)
+    by_number = np.square(sigmas_off).mean(axis=0)
+    told = dict(zip(NAMES, by_number.tolist(), strict=True))
+    assert (by_number < 2.5).all(), f"{told}: of 16 normal variables in one of a thousand cases"
+    assert (by_number > 0.01).all(), "sigmas ten times too large tell nothing"
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_a_healthy_laser_is_left_alone(seed: int) -> None:
+    log = healthy(seed).log
+    found = found_in(log)
+    assert not found.corrected.any()
+    assert found.applied(log) is log
+
+
+errors_of_drivers = st.builds(
+    LaserErrors,
+    angle_step=st.floats(-0.01, 0.01),
+    range_offset_m=st.floats(-0.05, 0.05),
+    yaw_rad=st.floats(-0.1, 0.1),
+    x_m=st.floats(-0.2, 0.2),
+    sweep_s=st.floats(0.0, 0.1),
+)
+
+
+@settings(max_examples=30, deadline=None)
+@given(errors_of_drivers)
+def test_a_log_corrected_by_its_true_errors_is_the_healthy_one(errors: LaserErrors) -> None:
+    true = healthy(0, max_s=4.0).log
+    wrong = errors.of(true)
+    unknown = LaserCalibration.unknown(wrong, next(iter(wrong.scans)).geometry.duration_ns * 1e-9)
+    exact = replace(unknown, values=true_values(errors), corrected=np.ones(6, dtype=np.bool_))
+    corrected = exact.applied(wrong)
+    np.testing.assert_allclose(corrected.T_base_laser, true.T_base_laser, atol=1e-12)
+    assert len(corrected.scans) == len(true.scans)
+    assert len(corrected.warnings) == len(NAMES)
+    for one, other in zip(corrected.scans, true.scans, strict=True):
+        angles = one.geometry.angles_rad(), other.geometry.angles_rad()
+        np.testing.assert_allclose(*angles, atol=1e-12)
+        assert abs(one.geometry.beam_dt_ns - other.geometry.beam_dt_ns) <= 1
+        assert one.stamp_ns == other.stamp_ns
+        kept = np.isfinite(one.ranges_m) | np.isinf(other.ranges_m)
+        assert kept.mean() > 0.9
+        np.testing.assert_allclose(one.ranges_m[kept], other.ranges_m[kept], atol=1e-5)
+
+
+def upside_down(log: Log) -> Log:
+    """The same laser hung under a ceiling: its beams go round the other way."""
+    T_base_laser = log.T_base_laser @ np.diag([1.0, -1.0, -1.0, 1.0])
+    scans = [
+        replace(scan, geometry=replace(scan.geometry, angle_min_rad=-LIDAR.angle_min_rad))
+        for scan in log.scans
+    ]
+    turned = [
+        replace(scan, geometry=replace(scan.geometry, angle_step_rad=-LIDAR.angle_step_rad))
+        for scan in scans
+    ]
+    return replace(log, scans=ScanList(turned), T_base_laser=T_base_laser)
+
+
+def test_a_laser_upside_down_is_found_as_well() -> None:
+    errors = LaserErrors(yaw_rad=0.035, x_m=-0.1)
+    found = found_in(errors.of(upside_down(healthy(0).log)))
+    off = found.values - true_values(errors)
+    assert found.corrected[[3, 5]].all()
+    assert (np.abs(off) < 4.0 * found.sigmas).all()
+
+
+def test_where_poses_are_the_lasers_no_mount_is_looked_for() -> None:
+    found = found_in(replace(healthy(0).log, T_base_laser=np.eye(4)))
+    assert np.isinf(found.sigmas[3:]).all()
+    assert "laser_x_m" not in found.calibrated()
+
+
+def test_a_turned_laser_at_the_origin_stays_there() -> None:
+    turned = matrix(np.array([0.0, 0.0, MOUNT[2]]))
+    found = found_in(LaserErrors(yaw_rad=0.035).of(replace(healthy(0).log, T_base_laser=turned)))
+    assert found.corrected.tolist() == [False, False, False, False, False, True]
+    assert abs(found.values[3] - MOUNT[0]) < 4.0 * found.sigmas[3], "told, but not corrected"
+
+
+def test_without_odometry_the_shape_of_scans_is_found() -> None:
+    errors = LaserErrors(angle_step=0.01)
+    found = found_in(errors.of(replace(healthy(0).log, odometry=None, imu=None)))
+    assert found.corrected.tolist() == [True, False, False, False, False, False]
+
+
+@pytest.mark.parametrize("count", [0, 1, 2, 5, 40])
+def test_few_scans_correct_nothing(count: int) -> None:
+    log = LaserErrors(angle_step=0.002).of(healthy(0, max_s=4.0).log)
+    few = replace(log, scans=ScanList(list(log.scans)[:count]))
+    failures = Failures()
+    assert not laser_of(few, SlamConfig(), failures).corrected[3:].any()
+    assert not list(failures)
+
+
+def test_small_errors_hardly_cost_anything() -> None:
+    errors = LaserErrors(angle_step=0.01, range_offset_m=-0.05, yaw_rad=0.035, sweep_s=0.0)
+    simulated = healthy(1)
+    wrong = errors.of(simulated.log)
+    slam = run_slam(wrong, SlamConfig())
+    alone = run_slam(wrong, SlamConfig(calibrate_laser=False))
+    true = run_slam(simulated.log, SlamConfig())
+    ate_m = [ate_rmse_m(one.trajectory, simulated.truth) for one in (slam, alone, true)]
+    assert ate_m[0] < 1.5 * ate_m[2] + 0.001
+    assert ate_m[0] < 0.2 * ate_m[1]
+    assert slam.calibration["laser_angle_scale"].value == pytest.approx(1 / 1.01, abs=5e-4)
+    assert slam.log is not None
+    assert sum("corrected" in words for words in slam.log.warnings) == 4
+
+
+ACES_HEALTHY_M, INTEL_HEALTHY_M = 0.0359, 0.0136
+
+
+@pytest.mark.slow
+@needs_radish
+def test_aces_as_a_published_bag_is_no_worse(tmp_path: Path) -> None:
+    """An angle step of 180 / 179 degrees, no beam times, no return at exactly 50 m."""
+    path, relations_path = radish("aces")
+    log = read_log(path)
+    widened = LaserErrors(angle_step=1.0 / 179.0, sweep_s=0.0).of(log)
+    write_bag1(widened, tmp_path / "aces.bag")
+    slam = run_slam(read_log(tmp_path / "aces.bag"), SlamConfig())
+    relations = read_relations(relations_path)
+    scores = score_relations(slam.trajectory, relations.from_ns, relations.to_ns, relations.planar)
+    assert scores.all.translation_mean_m <= 0.045
+    assert "kidnapped" not in {event.kind for event in slam.events}
+    assert not slam.failed
+
+
+@pytest.mark.slow
+@needs_radish
+@pytest.mark.parametrize(
+    ("name", "healthy_m", "errors"),
+    [
+        (name, healthy_m, errors)
+        for name, healthy_m in (("aces", ACES_HEALTHY_M), ("intel", INTEL_HEALTHY_M))
+        for errors in (
+            LaserErrors(angle_step=0.01),
+            LaserErrors(angle_step=-0.01, range_offset_m=0.05),
+            LaserErrors(range_offset_m=-0.05),
+            LaserErrors(range_scale=0.01),
+            LaserErrors(sweep_s=0.0266),
+        )
+    ],
+)
+def test_real_logs_with_small_errors_are_mapped_nearly_as_well(
+    name: str, healthy_m: float, errors: LaserErrors
+) -> None:
+    path, relations_path = radish(name)
+    slam = run_slam(errors.of(read_log(path)), SlamConfig())
+    relations = read_relations(relations_path)
+    scores = score_relations(slam.trajectory, relations.from_ns, relations.to_ns, relations.planar)
+    assert scores.all.translation_mean_m <= 1.5 * healthy_m
