@@ -204,8 +204,8 @@ def test_the_reduced_system_is_the_dense_one_with_surfaces_eliminated(seed: int)
     assert np.allclose(found.solve(right[:-1]), expected, rtol=0.0, atol=off)
     blocks = [dense_inverse[3 * k : 3 * k + 3, 3 * k : 3 * k + 3] for k in range(count - 1)]
     # Metres and radians differ by orders: each entry is held against its own row and column.
-    size = np.sqrt([np.outer(np.diag(block), np.diag(block)) for block in blocks])
-    assert (np.abs(found.inverse_diagonal() - blocks) <= 1e-6 * size).all()
+    sizes = np.sqrt([np.outer(np.diag(block), np.diag(block)) for block in blocks])
+    assert (np.abs(found.inverse_diagonal() - blocks) <= 1e-6 * sizes).all()
 
 
 def dense_system(
