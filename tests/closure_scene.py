@@ -12,8 +12,8 @@ from slamsim.slam.deskew import deskew
 from slamsim.slam.keyframes import Keyframe, KeyframeMaker
 from slamsim.slam.matching.base import Match
 from slamsim.slam.matching.surfaces import surface_pieces
-from slamsim.slam.odometry import Tracked
 from slamsim.slam.submaps import Submap, Surfaces, make_submap
+from slamsim.slam.tracking import Tracked
 from slamsim.types import FloatArray, PlanarTrajectory, Scan, ScanGeometry
 
 FLASH = ScanGeometry(np.deg2rad(-135.0), np.deg2rad(0.5), 541, 0, 0.1, 20.0)

@@ -20,7 +20,8 @@ from simulated import (
 from slamsim.config.slam import FrontEndConfig
 from slamsim.geometry import between, compose, matrix_from_rpy, se3_from_parts
 from slamsim.slam.motion import log_odometry, predict_motion
-from slamsim.slam.odometry import FrontEnd, Tracked
+from slamsim.slam.odometry import FrontEnd
+from slamsim.slam.tracking import Tracked
 from slamsim.types import PlanarTrajectory, Scan
 
 

@@ -23,10 +23,11 @@ from slamsim.slam.matching.accumulate import (
 from slamsim.slam.matching.base import Match
 from slamsim.slam.matching.surfaces import surface_pieces
 from slamsim.slam.motion import log_odometry
-from slamsim.slam.odometry import FrontEnd, Tracked
+from slamsim.slam.odometry import FrontEnd
 from slamsim.slam.prediction import Prediction
 from slamsim.slam.session import run_slam
 from slamsim.slam.steps import PARAMETERS, OdometryStep
+from slamsim.slam.tracking import Tracked
 from slamsim.types import Cloud, FloatArray, Scan, ScanGeometry
 
 SPARSE = ScanGeometry(-np.pi, np.deg2rad(10.0), 36, 2_777_777, 0.1, 12.0)

@@ -10,8 +10,9 @@ from slamsim.config.back_end import GraphConfig, KeyframeConfig
 from slamsim.geometry import between, compose, rotation
 from slamsim.result import EdgeKind, GraphEdge
 from slamsim.slam.matching.surfaces import range_noise_m
-from slamsim.slam.odometry import ELSEWHERE_M, ELSEWHERE_RAD, Tracked
+from slamsim.slam.odometry import ELSEWHERE_M, ELSEWHERE_RAD
 from slamsim.slam.steps import PARAMETERS, OdometryNoise, OdometryStep
+from slamsim.slam.tracking import Tracked
 from slamsim.slam.views import ViewMaker
 from slamsim.types import Cloud, Float32Array, FloatArray
 

@@ -21,12 +21,12 @@ from slamsim.slam.keyframes import Keyframe, KeyframeMaker
 from slamsim.slam.known_map import KnownMap
 from slamsim.slam.matching import make_matcher
 from slamsim.slam.matching.fixed import FixedMapMatcher
-from slamsim.slam.odometry import FrontEnd, Tracked
+from slamsim.slam.odometry import FrontEnd
 from slamsim.slam.online.samples import NOTHING, MotionSamples, MotionSource
 from slamsim.slam.relocalise import Everywhere
 from slamsim.slam.submaps import Surfaces, make_submap
 from slamsim.slam.track import Track
-from slamsim.slam.tracking import Status, Step
+from slamsim.slam.tracking import Status, Step, Tracked
 from slamsim.types import FloatArray, PlanarTrajectory, Scan
 
 AGREEING = 2

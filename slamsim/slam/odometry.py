@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from slamsim.config.slam import FrontEndConfig
@@ -17,7 +15,7 @@ from slamsim.slam.matching.accumulate import ENOUGH_PIECES, ScanWindow, with_dri
 from slamsim.slam.motion import Odometry
 from slamsim.slam.placing import Placer
 from slamsim.slam.prediction import Prediction, Predictor
-from slamsim.slam.steps import OdometryStep
+from slamsim.slam.tracking import Tracked
 from slamsim.slam.watch import Fate, Watch
 from slamsim.types import Cloud, FloatArray, Scan
 
@@ -35,51 +33,6 @@ CARRIED = "what was seen contradicts what was seen just before, as if the robot 
 
 CUT_BY_ENDS = 2
 """So many sweeps may reach beyond the ends of the odometry before it is worth telling."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Tracked:
-    """What the front end knows at one scan's stamp.
-
-    T_map_base: (3,), drifting slowly, as no loop is closed here. T_odom_base: (3,) the
-    prediction from wheels and gyroscope alone, at the same stamp. match: None where the scan
-    fitted nowhere and the motion prediction was followed instead. information: (3, 3) of a
-    small step of the base in its own frame relative to the local map, zero where nothing is
-    known from the scan. pieces: (k, PIECE_FIELDS) of the cloud, in the base frame. keyscan:
-    whether the scan entered the local map. restart: (3, 3), if a local map was begun anew here,
-    of a small step of the base relative to the map before, if the robot was not carried. suspect:
-    whether it may have been. doubtful: whether the scan was lost, or placed by a search. odometry:
-    what wheels and gyroscope say of the step since the last scan; None if nothing. held_back:
-    whether the scan is kept to be matched together with the next ones, and followed by odometry
-    until then. match_before: the last match before such a scan.
-    """
-
-    stamp_ns: int
-    T_map_base: FloatArray
-    T_odom_base: FloatArray
-    match: Match | None
-    information: FloatArray
-    cloud: Cloud
-    pieces: FloatArray
-    keyscan: bool
-    restart: FloatArray | None = None
-    odometry: OdometryStep | None = None
-    doubtful: bool = False
-    suspect: bool = False
-    held_back: bool = False
-    match_before: Match | None = None
-
-    @property
-    def match_quality(self) -> float:
-        """Inlier ratio of the match, 0 without one; of the last one for a scan held back."""
-        match = self.match_before if self.held_back else self.match
-        return 0.0 if match is None else match.inlier_ratio
-
-    @property
-    def degenerate(self) -> bool:
-        """Whether some direction was left to odometry; at the last match for a scan held back."""
-        match = self.match_before if self.held_back else self.match
-        return match is None or match.degenerate
 
 
 class FrontEnd:

@@ -20,7 +20,7 @@ from slamsim.slam.failures import Failures
 from slamsim.slam.keyframes import ABOUT_THERE, ANYWHERE, Before, KeyframeMaker
 from slamsim.slam.laser.estimate import laser_of
 from slamsim.slam.motion import NoMotion, Odometry, log_odometry, predict_motion
-from slamsim.slam.odometry import FrontEnd, Tracked
+from slamsim.slam.odometry import FrontEnd
 from slamsim.slam.online.anchors import Anchors
 from slamsim.slam.online.beside import Beside
 from slamsim.slam.online.keeper import InLine, MapKeeper
@@ -30,7 +30,7 @@ from slamsim.slam.online.warm import warm_up
 from slamsim.slam.saved_map import SavedMap, settled
 from slamsim.slam.scan_order import InOrder
 from slamsim.slam.track import Track
-from slamsim.slam.tracking import Status, Step
+from slamsim.slam.tracking import Status, Step, Tracked
 from slamsim.types import FloatArray, Log, PlanarTrajectory, Scan
 
 FINISH_SHARE = 0.1

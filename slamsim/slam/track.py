@@ -6,9 +6,9 @@ import numpy as np
 
 from slamsim.geometry import between, compose, wrap_angle
 from slamsim.slam.calibration_solve import Solved
-from slamsim.slam.odometry import Tracked
 from slamsim.slam.smoothing import Chain, Smoothed, odometry_steps, smooth
 from slamsim.slam.steps import PARAMETERS
+from slamsim.slam.tracking import Tracked
 from slamsim.types import BoolArray, FloatArray, PlanarTrajectory
 
 DEGENERATE_SHARE_TO_TELL = 0.05

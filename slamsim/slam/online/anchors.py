@@ -9,7 +9,7 @@ import numpy as np
 from slamsim.geometry import adjoint, between, compose, inverse
 from slamsim.slam.correction import Correction
 from slamsim.slam.keyframes import Keyframe
-from slamsim.slam.odometry import Tracked
+from slamsim.slam.tracking import Tracked
 from slamsim.types import FloatArray
 
 
