@@ -7,7 +7,7 @@ from collections import Counter, defaultdict
 from collections.abc import Container, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
-from functools import partial, reduce
+from functools import reduce
 from itertools import pairwise
 
 import numpy as np
@@ -32,6 +32,7 @@ from slamsim.slam.sights import Sights
 from slamsim.slam.solution import Solution
 from slamsim.slam.steps import OdometryNoise, OdometryStep, then
 from slamsim.slam.submap_cutter import SubmapCutter
+from slamsim.slam.submaps import Submap
 from slamsim.slam.visits import Visits
 from slamsim.types import FloatArray, PlanarPoses
 
@@ -176,7 +177,7 @@ class BackEnd:
         unrefined = [Event(*whole, "unrefined", self._unrefined)] if self._unrefined else []
         torn: list[Event] = []
         with self._stage("check"):
-            around = partial(self._cutter.query, travel_m=self._config.closures.query_travel_m)
+            around = self._around
             submaps, size = self._cutter.submaps, self._config.submaps
             doubts = [k.index for k in self.keyframes[1:] if k.doubt_ns and not k.broken]
             drives = {two.index for one, two in pairwise(self.keyframes) if begins_drive(one, two)}
@@ -184,8 +185,8 @@ class BackEnd:
             usual = Usual(around, self.keyframes, doubts, size)
             torn += tears(around, submaps, graph.keyframes, size, doubts, usual)
         withdrawn = self.withdrawn_ns
-        carried = (event for event in self._suspected if event.end_ns not in withdrawn)
-        return (*carried, *torn, *unrefined)
+        kidnapped = (event for event in self._suspected if event.end_ns not in withdrawn)
+        return (*kidnapped, *torn, *unrefined)
 
     @property
     def withdrawn_ns(self) -> frozenset[int]:
@@ -213,7 +214,7 @@ class BackEnd:
         if keyframe.doubt_ns is None or keyframe.broken or not self.keyframes:
             return keyframe
         last = len(self.keyframes) - 1
-        before = self._cutter.query(last, self._config.closures.query_travel_m)
+        before = self._around(last)
         T_before_now = between(self.keyframes[last].T_map_base, keyframe.T_map_base)
         now = self._cutter.alone(keyframe)
         if not carried(before, now, T_before_now, self._config.submaps):
@@ -264,6 +265,10 @@ class BackEnd:
                     found += self._search.search(keyframe.index)
         return found
 
+    def _around(self, index: int) -> Submap:
+        """What was seen on the last metres up to a key frame."""
+        return self._cutter.query(index, self._config.closures.query_travel_m)
+
     def _settle(self) -> None:
         """Decide of the runs that odometry links and no closure joins, whether they follow on.
 
@@ -271,18 +276,17 @@ class BackEnd:
         """
         parts, count = self._solution.parts, len(self.keyframes)
         undecided = parts.open_between(0, count)
-        around = partial(self._cutter.query, travel_m=self._config.closures.query_travel_m)
-        usual = Usual(around, self.keyframes, undecided, self._config.submaps)
-        carried = [begin for begin in undecided if usual.is_carried_to(begin)]
+        usual = Usual(self._around, self.keyframes, undecided, self._config.submaps)
+        confirmed = [begin for begin in undecided if usual.is_carried_to(begin)]
         for begin in undecided:
-            if begin in carried:
+            if begin in confirmed:
                 self._solution.loosen(begin)
             else:
                 parts.withdraw(begin)
         for keyframe in self.keyframes:
             if keyframe.suspect and keyframe.index not in parts.withdrawn:
                 self._cutter.keyframes[keyframe.index] = replace(keyframe, restart=ELSEWHERE)
-        if carried:
+        if confirmed:
             self._solution.solve()
 
     def _calibrate(self) -> None:

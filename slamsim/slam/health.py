@@ -95,16 +95,25 @@ class Usual:
         return share > CARRIED_SHARE and all(share > np.mean(one) for one in self._samples)
 
     def _shares(self, number: int) -> list[float]:
-        before = self._query_of(number - 1)
-        space = space_grid(before, self._size.resolution_m, self._size.radius_m)
-        T_map_before = self._keyframes[before.anchor].T_map_base
-        shares = []
-        for later in range(number, min(number + AFTERWARDS, len(self._keyframes))):
-            now = self._query_of(later)
-            if now.first >= number:
-                T = between(T_map_before, self._keyframes[later].T_map_base)
-                shares.append(contradiction(before, space, now, T, self._size))
-        return shares
+        poses = [keyframe.T_map_base for keyframe in self._keyframes]
+        return list(_afterwards(self._query_of, poses, number, self._size))
+
+
+def _afterwards(
+    query_of: Callable[[int], Submap],
+    poses: Sequence[FloatArray] | FloatArray,
+    number: int,
+    size: SubmapConfig,
+) -> Iterator[float]:
+    """How much what was seen on the metres after a key frame contradicts what was seen before it,
+    with the key frames at these poses."""
+    before = query_of(number - 1)
+    space = space_grid(before, size.resolution_m, size.radius_m)
+    for later in range(number, min(number + AFTERWARDS, len(poses))):
+        now = query_of(later)
+        if now.first >= number:
+            T = between(poses[before.anchor], poses[later])
+            yield contradiction(before, space, now, T, size)
 
 
 def _torn_unnoticed(
@@ -117,13 +126,8 @@ def _torn_unnoticed(
     """Key frames that followed on scans that fitted badly, where what was seen on the next metres
     contradicts what was seen before."""
     for number in doubts:
-        before = query_of(number - 1)
-        space = space_grid(before, size.resolution_m, size.radius_m)
-        for later in range(number, min(number + AFTERWARDS, len(keyframes))):
-            now = query_of(later)
-            T = between(keyframes.poses[before.anchor], keyframes.poses[later])
-            share = contradiction(before, space, now, T, size)
-            if now.first < number or share <= DOUBTED_SHARE or usual.is_usual(share):
+        for share in _afterwards(query_of, keyframes.poses, number, size):
+            if share <= DOUBTED_SHARE or usual.is_usual(share):
                 continue
             x, y = keyframes.poses[number, :2]
             start_ns, end_ns = keyframes.stamps_ns[[number - 1, number]].tolist()

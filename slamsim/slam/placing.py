@@ -101,8 +101,7 @@ class Placer:
             self._placed_ns = prediction.stamp_ns
             return near
         guesses = _other_guesses(prediction, T_map_coasting)
-        searched = [one for one in _searched(look, guesses) if one is not None]
-        found = [*([near] if near is not None else []), *searched]
+        found = [one for one in (near, *_searched(look, guesses)) if one is not None]
         reachable = [one for one in found if self._reachable(one, prediction, guesses)]
         believed = [
             one

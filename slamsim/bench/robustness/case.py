@@ -74,7 +74,7 @@ def _compared(
     simulation: Simulation,
 ) -> Figures:
     def bound_m() -> float | None:
-        if carried_ns:  # what nobody could know is not bounded
+        if carried_ns:  # the bound does not know of kidnappings
             return None
         outline_m = simulation.world.solids.section(float(log.T_base_laser[2, 3]))
         track_m = config.robot.drive_wheels.track_m
