@@ -54,6 +54,7 @@ class BackEnd:
         self._taken: list[int] = []
         self._passed: list[OdometryStep | None] = []
         self._visits = Visits()
+        self._held = 0
         self._suspected: list[Event] = []
         self._unrefined = ""
         self.sights: Sights | None = None
@@ -105,6 +106,13 @@ class BackEnd:
         if closures:
             self._search.restore(closures)
             self._solution.take_up()
+
+    def hold(self, keyframes: Iterable[Keyframe], poses: FloatArray) -> None:
+        """Begin with a finished map, whose key frames stay at their ``poses`` (n, 3)."""
+        for keyframe in keyframes:
+            self._join(keyframe, known=False)
+        self._held = len(self.keyframes)
+        self._solution.hold(poses)
 
     @property
     def keyframes(self) -> Sequence[Keyframe]:
@@ -258,7 +266,7 @@ class BackEnd:
         """Search again from each key frame that no closure holds yet; how many were found."""
         closed = {edge.target for edge in self._solution.closures if edge.weight > 0.0}
         found = 0
-        for keyframe in self.keyframes:
+        for keyframe in self.keyframes[self._held :]:
             progress(begun + keyframe.index + 1, whole)
             if keyframe.index not in closed:
                 with self._stage("closures", keyframe.index):
@@ -291,13 +299,13 @@ class BackEnd:
 
     def _calibrate(self) -> None:
         """Calibrate the odometry by all key frames; what only odometry held moves with it."""
-        recalibration = Recalibration(self.keyframes, self._motion)
+        recalibration = Recalibration(self.keyframes[self._held :], self._motion)
         if recalibration.solved is None:
             return
         for _ in range(CALIBRATION_ROUNDS if recalibration.moves_chain else 0):
             self._solution.solve_with(recalibration.chain(self._config.graph))
             recalibration.close(self.poses, self._solution.edges)
-        self._cutter.keyframes = recalibration.keyframes()
+        self._cutter.keyframes[self._held :] = recalibration.keyframes()
         self.calibration = recalibration.solved
         self._odometry_noise = recalibration.solved.noise
 
@@ -306,15 +314,15 @@ class BackEnd:
 
         (n, 3, 3) how sure they are there, None if the refinement is not to be used.
         """
-        noise_m, edges = self._cutter.noise_m, self._solution.edges
+        noise_m, edges, held = self._cutter.noise_m, self._solution.edges, max(self._held, 1)
         try:
             poses, sights = refine_keyframes(
-                self.keyframes, self.poses, self._odometry_noise, noise_m, edges
+                self.keyframes, self.poses, self._odometry_noise, noise_m, edges, held
             )
         except NotRefined as refusal:
             self._unrefined = str(refusal)
             return None
-        covariances = sights.covariances()
+        covariances = np.concatenate([np.zeros((held - 1, 3, 3)), sights.covariances()])
         self._solution.estimate.move(poses)
         self.sights = sights
         return covariances

@@ -205,12 +205,13 @@ def map_log(
     progress: Progress = silent,
     earlier: SavedMap | None = None,
     start: FloatArray | None = None,
+    fixed: bool = False,
 ) -> tuple[SlamResult, SavedMap]:
     """As ``run_slam``, with what a later run needs to go on or to localise in this map.
 
     earlier: a map to go on with; the trajectory is then in its frame, and both are one map, as
     soon as something is recognised. start: (3,) T_map_base in it at the first scan, give or take
-    half a metre; without it the robot finds itself.
+    half a metre; without it the robot finds itself. fixed: the earlier map stays as it is.
     """
     started_s = time.perf_counter()
     if start is not None:
@@ -230,7 +231,7 @@ def map_log(
     before = None
     if earlier is not None:
         before = Before(earlier.keyframes[-1], ANYWHERE if start is None else ABOUT_THERE)
-    keeper, scans = InLine(config, earlier), InOrder(log.scans)
+    keeper, scans = InLine(config, earlier, fixed), InOrder(log.scans)
     with SlamSession(config, front_end, WholeMotion(odometry), keeper, before) as session:
         for number, scan in enumerate(scans):
             session.step(scan)
