@@ -20,7 +20,7 @@ from slamsim.world.model import World
 
 WORLD, CONFIG = "world.yaml", "config.yaml"
 TRAJECTORY, ODOMETRY, TRUTH = "trajectory.tum", "odometry.tum", "ground_truth.tum"
-PARTS, KEYFRAMES = "parts", "keyframes.csv"
+PARTS, KEYFRAMES, STATES = "parts", "keyframes.csv", "states.csv"
 SAVED_MAP = "session.npz"
 RECORDING, REPORT, REPORT_JSON = "run.rrd", "report.html", "report.json"
 

@@ -155,7 +155,8 @@ class BackEnd:
             return None
         last = len(self.keyframes) - 1
         covariance = self._solution.estimate.covariance(0, last)
-        return Correction(self._taken[last], self._solution.poses[last].copy(), covariance)
+        parts, pose = self._solution.parts, self._solution.poses[last].copy()
+        return Correction(self._taken[last], pose, covariance, parts.of(last) == parts.of(0))
 
     def finish(self, progress: Progress = silent) -> MapGraph:
         """The final solution, after searching again wherever the estimate is better by now."""
@@ -187,11 +188,12 @@ class BackEnd:
         with self._stage("check"):
             around = self._around
             submaps, size = self._cutter.submaps, self._config.submaps
-            doubts = [k.index for k in self.keyframes[1:] if k.doubt_ns and not k.broken]
+            own = self.keyframes[max(self._held, 1) :]
+            doubts = [k.index for k in own if k.doubt_ns and not k.broken]
             drives = {two.index for one, two in pairwise(self.keyframes) if begins_drive(one, two)}
             torn += doubtful_joints(graph, drives)
             usual = Usual(around, self.keyframes, doubts, size)
-            torn += tears(around, submaps, graph.keyframes, size, doubts, usual)
+            torn += tears(around, submaps, graph.keyframes, size, doubts, usual, self._held)
         withdrawn = self.withdrawn_ns
         kidnapped = (event for event in self._suspected if event.end_ns not in withdrawn)
         return (*kidnapped, *torn, *unrefined)

@@ -92,8 +92,8 @@ def refine(
 
     views: n of (k, PIECE_FIELDS). held: so many of the first poses stay. odometry: edges that join
     the others to the last of these and to one another, of wheels and gyroscope alone. noise_m:
-    standard deviation of a range. edges: of the graph, which say what belongs together. Raises NotRefined for a result that is not to be used,
-    NoSolution for equations that have none.
+    standard deviation of a range. edges: of the graph, which say what belongs together. Raises
+    NotRefined for a result that is not to be used, NoSolution for equations that have none.
     """
     moments = moments_of(np.concatenate(views).astype(np.float64), noise_m)
     bundle = None

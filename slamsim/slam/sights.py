@@ -26,8 +26,9 @@ from slamsim.types import FloatArray, IntArray
 class Sights:
     """What holds n views of a map together.
 
-    Of those that were held fixed, the last stands for all. panels, values: what the views of shared surfaces say, a system whose unknowns are small steps
-    of each view but the first, which is held fixed, in its own frame. drift: (n - 1, 3, 3)
+    panels, values: what the views of shared surfaces say, a system whose unknowns are small steps
+    of each view but the first, which is held fixed and stands for all that are, in its own frame.
+    drift: (n - 1, 3, 3)
     covariance of the odometry from view to view, of the later one in its own frame. pairs: (p, 2)
     of views that share surfaces. poses: (n, 3) T_map_view. T_base_view: (n, 3) where each view is
     seen from its base.
