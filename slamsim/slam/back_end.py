@@ -19,6 +19,7 @@ from slamsim.result import Event, GraphEdge, MapGraph
 from slamsim.slam.bundle import NotRefined
 from slamsim.slam.calibration_solve import Solved
 from slamsim.slam.closure_search import ClosureSearch
+from slamsim.slam.closures.whole_part import WholeParts
 from slamsim.slam.correction import Correction
 from slamsim.slam.failures import Failures
 from slamsim.slam.graph import variance_factor
@@ -34,7 +35,7 @@ from slamsim.slam.steps import OdometryNoise, OdometryStep, then
 from slamsim.slam.submap_cutter import SubmapCutter
 from slamsim.slam.submaps import Submap
 from slamsim.slam.visits import Visits
-from slamsim.types import FloatArray, PlanarPoses
+from slamsim.types import FloatArray, IntArray, PlanarPoses
 
 CALIBRATION_ROUNDS = 2
 
@@ -163,6 +164,8 @@ class BackEnd:
         with self._stage("solve"):
             self._solution.solve()
         self._close_what_is_open(progress)
+        if self._held and self._place_whole_parts():
+            self._close_what_is_open(progress)
         with self._stage("join"):
             self._settle()
         with self._stage("calibrate"):
@@ -263,6 +266,18 @@ class BackEnd:
             with self._stage("solve"):
                 self._solution.solve()
         self._search.give_up_waiting()
+
+    def _place_whole_parts(self) -> bool:
+        """Put each part of the drive where all of it fits best in the map; whether any moved."""
+        moved: list[IntArray] = []
+        with self._stage("whole parts"):
+            submaps = self._cutter.submaps
+            whole = WholeParts(self._config, submaps, self._solution.poses, self._held)
+            moved = whole.settle(self._solution, self.keyframes)
+            for members in moved:
+                self._search.forget(members)
+            self._solution.solve()
+        return bool(moved)
 
     def _search_all(self, progress: Progress, begun: int, whole: int) -> int:
         """Search again from each key frame that no closure holds yet; how many were found."""

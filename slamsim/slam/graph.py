@@ -7,8 +7,9 @@ therefore checked before and after each solve.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 from dataclasses import replace
+from itertools import compress
 
 import gtsam
 import numpy as np
@@ -84,6 +85,13 @@ class PoseGraphSolver:
                 self.edges[number] = fresh
                 self._factors[number] = self._factor(fresh)
         self._isam = None  # it has the old ones
+
+    def forget(self, ends: Container[tuple[int, int]]) -> None:
+        """Take out the closures that join these pairs of poses."""
+        kept = [e.kind != "closure" or (e.source, e.target) not in ends for e in self.edges]
+        self.edges = list(compress(self.edges, kept))
+        self._factors = list(compress(self._factors, kept))
+        self._isam = None
 
     def begin_anew(self) -> None:
         """The next update takes all poses as they are given, for some were carried elsewhere."""

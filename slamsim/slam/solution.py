@@ -17,7 +17,7 @@ from slamsim.slam.odometry import ELSEWHERE
 from slamsim.slam.parts import Parts
 from slamsim.slam.rejoin import moved_onto, side_by_side
 from slamsim.slam.submaps import Submap
-from slamsim.types import FloatArray
+from slamsim.types import FloatArray, IntArray
 
 UPDATE_AFTER_KEYFRAMES = 10
 RENEW_AFTER_KEYFRAMES = 20
@@ -104,6 +104,18 @@ class Solution:
             self._graph.begin_anew()
             self.parts.join(edge.source, edge.target)
         self._graph.add(edge)
+
+    def separate(self, members: IntArray) -> None:
+        """Forget the closures between these key frames and all others."""
+        inside = set(members.tolist())
+        crossing = {
+            (edge.source, edge.target)
+            for edge in self.closures
+            if (edge.source in inside) != (edge.target in inside)
+        }
+        self._graph.forget(crossing)
+        self.parts.rebuild((e.source, e.target) for e in self.closures if e.weight > 0.0)
+        self._unsolved.clear()
 
     def moved_by(self, edge: GraphEdge) -> FloatArray:
         """(n, 3) the poses if the later of two parts is carried to where an edge has it."""
