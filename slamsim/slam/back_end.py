@@ -272,8 +272,15 @@ class BackEnd:
         moved: list[IntArray] = []
         with self._stage("whole parts"):
             submaps = self._cutter.submaps
-            whole = WholeParts(self._config, submaps, self._solution.poses, self._held)
-            moved = whole.settle(self._solution, self.keyframes)
+            poses, keyframes = self._solution.poses.copy(), self.keyframes
+            whole = WholeParts(self._config, keyframes, submaps, poses, self._held)
+            moved, carried_to = whole.settle(self._solution)
+            for begin in carried_to:
+                first = keyframes[begin]
+                since_ns = first.doubt_ns or first.stamp_ns
+                if not first.suspect:  # else it was told before
+                    self._suspected.append(Event(since_ns, first.stamp_ns, "kidnapped", CARRIED))
+                self._cutter.keyframes[begin] = replace(first, restart=ELSEWHERE)
             for members in moved:
                 self._search.forget(members)
             self._solution.solve()

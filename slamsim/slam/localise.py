@@ -160,6 +160,6 @@ def _states_of_scans(slam: SlamResult, of_keyframes: IntArray) -> tuple[IntArray
     after = np.where(of_keyframe[after] == piece, after, before)
     states = np.maximum(of_keyframes[before], of_keyframes[after])
     states = np.where(of_keyframe[before] == piece, states, UNKNOWN)
-    unmatched = (slam.match_quality == 0.0) & (states == PLACED)
+    matched = (slam.match_quality > 0.0) | np.isin(stamps_ns, keyframes_ns)
     later = np.abs(keyframes_ns[after] - stamps_ns) < np.abs(keyframes_ns[before] - stamps_ns)
-    return np.where(unmatched, FOLLOWED, states), np.where(later, after, before)
+    return np.where(matched, states, np.maximum(states, FOLLOWED)), np.where(later, after, before)

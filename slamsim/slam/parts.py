@@ -67,6 +67,16 @@ class Parts:
         low, high = sorted((self.of(one), self.of(other)))
         self._parent[high] = low
 
+    def cut(self, begin: int) -> None:
+        """The robot was carried to this key frame, wherever it was thought to come from; nothing
+        joins its run to others until ``rebuild``."""
+        if begin not in self._begins:
+            self._begins = sorted([*self._begins, begin])
+        self.withdrawn.discard(begin)
+        self._open = [other for other in self._open if other != begin]
+        if begin not in self._unknown:
+            self._unknown.append(begin)
+
     def rebuild(self, pairs: Iterable[tuple[int, int]]) -> None:
         """Only these pairs of key frames, and odometry that was not refuted, join runs by now."""
         self._parent = list(range(len(self._begins)))

@@ -93,6 +93,9 @@ class Solution:
     def loosen(self, begin: int) -> None:
         """The robot was carried to a key frame: odometry says nothing of where it came from."""
         self.parts.confirm(begin)
+        self._loosen_chain(begin)
+
+    def _loosen_chain(self, begin: int) -> None:
         chain = (e for e in self._graph.edges if e.kind != "closure" and e.target == begin)
         self._graph.renew([replace(edge, covariance=ELSEWHERE) for edge in chain])
 
@@ -105,8 +108,9 @@ class Solution:
             self.parts.join(edge.source, edge.target)
         self._graph.add(edge)
 
-    def separate(self, members: IntArray) -> None:
-        """Forget the closures between these key frames and all others."""
+    def separate(self, members: IntArray, carried: Sequence[int]) -> None:
+        """Forget the closures between these key frames and all others, and the odometry that leads
+        to those of them to which the robot was carried."""
         inside = set(members.tolist())
         crossing = {
             (edge.source, edge.target)
@@ -114,6 +118,9 @@ class Solution:
             if (edge.source in inside) != (edge.target in inside)
         }
         self._graph.forget(crossing)
+        for begin in carried:
+            self.parts.cut(begin)
+            self._loosen_chain(begin)
         self.parts.rebuild((e.source, e.target) for e in self.closures if e.weight > 0.0)
         self._unsolved.clear()
 

@@ -9,19 +9,21 @@ anywhere else, or nowhere.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
 
-from slamsim.config.back_end import BackEndConfig, SubmapConfig
+from slamsim.config.back_end import BackEndConfig
 from slamsim.geometry import between, compose, inverse, transform_points
 from slamsim.result import GraphEdge
 from slamsim.slam.keyframes import Keyframe
 from slamsim.slam.matching.surfaces import X, Y
 from slamsim.slam.relocalise import Everywhere, surface_points
 from slamsim.slam.solution import Solution
-from slamsim.slam.submaps import FREE, SpaceGrid, Submap, space_between
+from slamsim.slam.submaps import FREE, UNKNOWN, SpaceGrid, Submap, space_between
 from slamsim.slam.views import PIECE_M
 from slamsim.types import FloatArray, IntArray
 
@@ -32,8 +34,11 @@ SURE_NATS = 12.0
 """A place is believed if it is so much likelier than any other. Each piece of wall that lies on the
 map makes it likelier by e (``placing.NATS_A_PIECE``), each that it contradicts less likely."""
 
-LEAST_PIECES, MOST_PIECES = 40, 600
+LEAST_PIECES, MOST_PIECES = 40, 300
 """Fewer pieces of wall cannot say where they are; more say no more, and take longer."""
+
+LEAST_SCORE = 0.4
+"""Of a drive half of which the map shows: below that, chance finds as much."""
 
 MOST_PLACES = 24
 """In a building of equal rooms there are as many places as rooms to be looked at."""
@@ -43,76 +48,85 @@ class WholeParts:
     """The parts of a drive in a map of key frames that are held fixed, the first ``held``."""
 
     def __init__(
-        self, config: BackEndConfig, submaps: Sequence[Submap], poses: FloatArray, held: int
+        self,
+        config: BackEndConfig,
+        keyframes: Sequence[Keyframe],
+        submaps: Sequence[Submap],
+        poses: FloatArray,
+        held: int,
     ) -> None:
-        self._held = held
-        self._limits = config.closures
-        of_map = [submap for submap in submaps if submap.last < held]
-        self._size, self._walls_m = config.submaps, surface_points(of_map, poses)
-        self._everywhere = Everywhere(self._walls_m, config)
-        self._walls_m = one_a_cell(self._walls_m)
+        self._keyframes, self._held = keyframes, held
+        self._limits, self._resolution_m = config.closures, config.submaps.resolution_m
+        submaps = [one for one in submaps if one.last < held]
+        self._everywhere = Everywhere(surface_points(submaps, poses), config)
+        self._map = _seen(keyframes[:held], poses[:held], self._resolution_m)
 
-    def settle(self, solution: Solution, keyframes: Sequence[Keyframe]) -> list[IntArray]:
-        """Put each part where it fits best; the key frames of those that were put elsewhere.
+    def settle(self, solution: Solution) -> tuple[list[IntArray], list[int]]:
+        """Put each part where it fits best; the key frames of those that do not stay, and those
+        before which the robot was carried as it turned out.
 
-        One that fits in several places, or nowhere, is joined to the map no longer. What follows
-        on a place that was given is left there unless it fits in another one alone.
+        What was joined to the map by its looks and fits in several places is joined no longer. What
+        follows on by odometry stays where that has it, unless it fits in another place alone.
         """
-        moved = []
-        for members in self._parts(solution, keyframes):
-            first, parts = int(members[0]), solution.parts
-            if first in parts.withdrawn:
+        moved, carried = [], []
+        for members in self._parts(solution):
+            poses, parts = solution.poses[members], solution.parts
+            joined = parts.of(int(members[0])) == parts.of(0)
+            T_best, ambiguous = self._place([self._keyframes[k] for k in members], poses, joined)
+            followed = not all(self._keyframes[k].kidnapped for k in _begins(members).tolist())
+            here = T_best is not None and joined and self._is_here(T_best, poses)
+            if here or (T_best is None and (followed or not (joined and ambiguous))):
                 continue
-            T_now_best = self._place([keyframes[k] for k in members], solution.poses[members])
-            joined = parts.of(first) == parts.of(0)
-            if T_now_best is not None and joined and self._is_here(T_now_best, solution, members):
-                continue
-            if T_now_best is None and not joined:
-                continue
-            if joined:
-                solution.separate(members)
-            if T_now_best is not None:
-                solution.enter(self._edge(T_now_best, solution.poses, members))
+            begins = [k for k in _begins(members).tolist() if not self._keyframes[k].kidnapped]
+            solution.separate(members, begins)
+            if T_best is not None:
+                solution.enter(self._edge(T_best, solution.poses, members))
             moved.append(members)
-        return moved
+            carried += begins
+        return moved, carried
 
-    def _place(self, part: Sequence[Keyframe], poses: FloatArray) -> FloatArray | None:
-        """(3,) the step in the map frame that takes a part to where it lies; None if that is not
-        clear. poses: (n, 3) T_map_base of its key frames where they are now.
+    def _place(
+        self, part: Sequence[Keyframe], poses: FloatArray, joined: bool
+    ) -> tuple[FloatArray | None, bool]:
+        """(3,) the step in the map frame that takes a part to where it lies, None if that is not
+        clear, and whether two places are equally likely.
 
-        A place is the likelier, the more of what was seen lies on the map, and the fewer of its
-        walls stand where the part has free space. A place that was not looked at any more cannot be
-        likelier than by what lies on the map alone.
+        poses: (n, 3) T_map_base of its key frames where they are now, which is in the map if the
+        part is joined to it. Of the places where about as much lies on the map as at the best one,
+        that is likelier of whose walls fewer stand where the part has free space.
         """
-        seen_m = np.concatenate(
-            [transform_points(T, k.pieces[:, [X, Y]]) for k, T in zip(part, poses, strict=True)]
-        )
-        seen_m = one_a_cell(seen_m)[:MOST_PIECES]
-        if len(seen_m) < LEAST_PIECES:
-            return None
-        space = _space_around(part, poses, seen_m, self._size)
+        seen = _seen(part, poses, self._resolution_m)
+        points_m = seen.walls_m[:MOST_PIECES]
+        if len(points_m) < LEAST_PIECES:
+            return None, False
+        slack = SURE_NATS / len(points_m)
+        least = LEAST_SCORE
+        if joined:
+            least = min(least, max(self._everywhere.score(points_m) - slack, 0.0))
         found: list[tuple[float, FloatArray]] = []
-        left = -np.inf
-        for T, score in self._everywhere.places(seen_m):
-            left = score * len(seen_m)
-            nats = [one for one, _ in found]
-            if len(found) == MOST_PLACES or (nats and left < max(nats) - SURE_NATS):
-                break
-            through = np.count_nonzero(
-                space.at(transform_points(inverse(T), self._walls_m)) == FREE
-            )
-            found.append((left - through, T))
-            left = -np.inf
+        for place in self._everywhere.places(points_m, least, slack):
+            if place is None or len(found) == MOST_PLACES:
+                return None, False
+            T, score = place
+            free, known = seen.in_the_open(self._map, inverse(T))
+            found.append((len(points_m) * (score - free / max(known, 1)), T))
         found.sort(key=lambda one: -one[0])
-        if not found or found[0][0] - max(left, *(n for n, _ in found[1:]), -np.inf) < SURE_NATS:
-            return None
-        return found[0][1]
+        if len(found) > 1 and found[0][0] - found[1][0] < SURE_NATS:
+            return None, True
+        if not found or self._is_refuted(seen, found[0][1]):
+            return None, False
+        return found[0][1], False
 
-    def _parts(self, solution: Solution, keyframes: Sequence[Keyframe]) -> list[IntArray]:
-        """The key frames that hold together without the map."""
-        count, withdrawn = len(keyframes) - self._held, solution.parts.withdrawn
-        follows = [k for k in keyframes[self._held + 1 :] if not _begins(k, withdrawn)]
-        ends = [(k.index - 1, k.index) for k in follows]
+    def _is_refuted(self, seen: _Seen, T: FloatArray) -> bool:
+        """Whether part and map contradict each other there, each the other, as different places
+        do: doors, furniture and people contradict one of them more than the other."""
+        both = (seen.in_the_open(self._map, inverse(T)), self._map.in_the_open(seen, T))
+        return all(free > self._limits.max_contradiction * known for free, known in both)
+
+    def _parts(self, solution: Solution) -> list[IntArray]:
+        """The key frames that matches and closures hold together without the map."""
+        count = len(self._keyframes) - self._held
+        ends = [(k.index - 1, k.index) for k in self._keyframes[self._held + 1 :] if not k.broken]
         ends += [(e.source, e.target) for e in solution.closures if e.weight > 0.0]
         pairs = np.array(ends, dtype=np.int64).reshape(-1, 2) - self._held
         pairs = pairs[(pairs >= 0).all(axis=1)]
@@ -120,43 +134,58 @@ class WholeParts:
         part = connected_components(graph, directed=False)[1]
         return [np.flatnonzero(part == one) + self._held for one in np.unique(part).tolist()]
 
-    def _is_here(self, T_now_best: FloatArray, solution: Solution, members: IntArray) -> bool:
+    def _is_here(self, T_best: FloatArray, poses: FloatArray) -> bool:
         """Whether the best place of a part is the one where it lies."""
-        at = solution.poses[members]
-        off = between(at, compose(T_now_best, at))
+        off = between(poses, compose(T_best, poses))
         near = np.hypot(off[:, 0], off[:, 1]).max() < self._limits.ambiguity_distance_m
         return bool(near and abs(off[0, 2]) < np.deg2rad(self._limits.ambiguity_turn_deg))
 
-    def _edge(self, T_now_best: FloatArray, poses: FloatArray, members: IntArray) -> GraphEdge:
+    def _edge(self, T_best: FloatArray, poses: FloatArray, members: IntArray) -> GraphEdge:
         """What the search says, between the key frames of map and part that come closest."""
-        at = compose(T_now_best, poses[members])
-        apart = poses[: self._held, None, :2] - at[None, :, :2]
-        source, number = np.unravel_index(
-            np.argmin(np.square(apart).sum(axis=2)), (self._held, len(members))
-        )
+        at = compose(T_best, poses[members])
+        distance_m, nearest = cKDTree(poses[: self._held, :2]).query(at[:, :2])
+        number = int(np.argmin(distance_m))
+        source = int(nearest[number])
         T = between(poses[source], at[number])
-        return GraphEdge(int(source), int(members[number]), T, FOUND, "closure")
+        return GraphEdge(source, int(members[number]), T, FOUND, "closure")
 
 
-def _begins(keyframe: Keyframe, withdrawn: set[int]) -> bool:
-    """Whether the robot was carried before a key frame, or may have been."""
-    return keyframe.kidnapped or (keyframe.suspect and keyframe.index not in withdrawn)
+def _begins(members: IntArray) -> IntArray:
+    """The first key frame of each run of consecutive ones."""
+    return members[np.diff(members, prepend=members[0] - 2) > 1]
 
 
-def _space_around(
-    part: Sequence[Keyframe], poses: FloatArray, seen_m: FloatArray, size: SubmapConfig
-) -> SpaceGrid:
-    """Where the beams of key frames at ``poses`` (n, 3) found free space, in the frame of these."""
-    beams = [
-        (np.broadcast_to(transform_points(T, k.origin_m), k.beams_m.shape), T, k.beams_m)
-        for k, T in zip(part, poses, strict=True)
-    ]
-    origins_m = np.concatenate([origins for origins, _, _ in beams])
-    ends_m = np.concatenate([transform_points(T, b.astype(np.float64)) for _, T, b in beams])
-    return space_between(origins_m, ends_m, seen_m, size.resolution_m)
+@dataclass(frozen=True, slots=True, eq=False)
+class _Seen:
+    """walls_m: (n, 2) one of each piece of wall. space: what is known of the floor around them."""
+
+    walls_m: FloatArray
+    space: SpaceGrid
+
+    def in_the_open(self, other: _Seen, T_this_other: FloatArray) -> tuple[int, int]:
+        """How many of the other's pieces stand where there is free space here, of so many that
+        stand where anything is known."""
+        states = self.space.at(transform_points(T_this_other, other.walls_m))
+        return int(np.count_nonzero(states == FREE)), int(np.count_nonzero(states != UNKNOWN))
 
 
-def one_a_cell(points_m: FloatArray) -> FloatArray:
-    """(k, 2) of points (n, 2) one in each square as large as a piece of wall, in no order."""
-    _, first = np.unique(np.floor(points_m / PIECE_M).astype(np.int64), axis=0, return_index=True)
-    return points_m[np.random.default_rng(0).permutation(first)]
+def _seen(keyframes: Sequence[Keyframe], poses: FloatArray, resolution_m: float) -> _Seen:
+    """What key frames saw from poses (n, 3)."""
+    placed = list(zip(keyframes, poses, strict=True))
+    origins_m = [np.tile(transform_points(T, k.origin_m), (len(k.beams_m), 1)) for k, T in placed]
+    ends_m = [transform_points(T, k.beams_m.astype(np.float64)) for k, T in placed]
+    points_m = [transform_points(T, k.pieces[:, [X, Y]]) for k, T in placed]
+    beams_m = np.concatenate(origins_m), np.concatenate(ends_m)
+    space = space_between(*beams_m, np.concatenate(points_m), resolution_m)
+    return _Seen(_walls(points_m), space)
+
+
+def _walls(points_m: Sequence[FloatArray]) -> FloatArray:
+    """(n, 2) one point of each piece of wall that was seen from two key frames or more, in no
+    order: what was seen once only is mostly people, and ends of grazing beams."""
+    by = np.repeat(np.arange(len(points_m)), [len(one) for one in points_m])
+    cells = np.floor(np.concatenate(points_m) / PIECE_M).astype(np.int64)
+    seen, first = np.unique(np.column_stack([cells, by]), axis=0, return_index=True)
+    _, one, count = np.unique(seen[:, :2], axis=0, return_index=True, return_counts=True)
+    again = first[one[count >= 2]]
+    return np.concatenate(points_m)[np.random.default_rng(0).permutation(again)]
