@@ -111,18 +111,18 @@ class Solution:
     def separate(self, members: IntArray, carried: Sequence[int]) -> None:
         """Forget the closures between these key frames and all others, and the odometry that leads
         to those of them to which the robot was carried."""
-        inside = set(members.tolist())
-        crossing = {
-            (edge.source, edge.target)
-            for edge in self.closures
-            if (edge.source in inside) != (edge.target in inside)
-        }
-        self._graph.forget(crossing)
+        self._graph.forget(self.crossing(members))
         for begin in carried:
             self.parts.cut(begin)
             self._loosen_chain(begin)
         self.parts.rebuild((e.source, e.target) for e in self.closures if e.weight > 0.0)
         self._unsolved.clear()
+
+    def crossing(self, members: IntArray) -> set[tuple[int, int]]:
+        """The ends of the closures that count between these key frames and others."""
+        inside = set(members.tolist())
+        ends = {(edge.source, edge.target) for edge in self.closures if edge.weight > 0.0}
+        return {(one, other) for one, other in ends if (one in inside) != (other in inside)}
 
     def moved_by(self, edge: GraphEdge) -> FloatArray:
         """(n, 3) the poses if the later of two parts is carried to where an edge has it."""

@@ -70,26 +70,30 @@ class WholeParts:
         """
         moved, carried = [], []
         for members in self._parts(solution):
-            poses, parts = solution.poses[members], solution.parts
-            joined = parts.of(int(members[0])) == parts.of(0)
-            T_best, ambiguous = self._place([self._keyframes[k] for k in members], poses, joined)
-            followed = not all(self._keyframes[k].kidnapped for k in _begins(members).tolist())
-            here = T_best is not None and joined and self._is_here(T_best, poses)
-            if here or (T_best is None and (followed or not (joined and ambiguous))):
+            poses, begins = solution.poses[members], _begins(members).tolist()
+            followed = [k for k in begins if not self._keyframes[k].kidnapped]
+            joined = solution.parts.of(begins[0]) == solution.parts.of(0)
+            likely = self._likely([self._keyframes[k] for k in members], poses, joined)
+            if followed and len(likely) > 1:
+                likely = [T for T in likely if self._is_here(T, poses)]
+            stays = (joined or followed) and any(self._is_here(T, poses) for T in likely)
+            closed = bool(solution.crossing(members))
+            clear = len(likely) == 1
+            if (stays and closed) if clear else not (likely and joined):
                 continue
-            begins = [k for k in _begins(members).tolist() if not self._keyframes[k].kidnapped]
-            solution.separate(members, begins)
-            if T_best is not None:
-                solution.enter(self._edge(T_best, solution.poses, members))
+            if not stays or not followed:
+                solution.separate(members, followed)
+                carried += followed
+            if clear:
+                solution.enter(self._edge(likely[0], solution.poses, members))
             moved.append(members)
-            carried += begins
         return moved, carried
 
-    def _place(
+    def _likely(
         self, part: Sequence[Keyframe], poses: FloatArray, joined: bool
-    ) -> tuple[FloatArray | None, bool]:
-        """(3,) the step in the map frame that takes a part to where it lies, None if that is not
-        clear, and whether two places are equally likely.
+    ) -> list[FloatArray]:
+        """The steps (3,) in the map frame that take a part to where it may lie: none if that is not
+        clear, several if these are equally likely.
 
         poses: (n, 3) T_map_base of its key frames where they are now, which is in the map if the
         part is joined to it. Of the places where about as much lies on the map as at the best one,
@@ -98,7 +102,7 @@ class WholeParts:
         seen = _seen(part, poses, self._resolution_m)
         points_m = seen.walls_m[:MOST_PIECES]
         if len(points_m) < LEAST_PIECES:
-            return None, False
+            return []
         slack = SURE_NATS / len(points_m)
         least = LEAST_SCORE
         if joined:
@@ -106,16 +110,13 @@ class WholeParts:
         found: list[tuple[float, FloatArray]] = []
         for place in self._everywhere.places(points_m, least, slack):
             if place is None or len(found) == MOST_PLACES:
-                return None, False
+                return []
             T, score = place
             free, known = seen.in_the_open(self._map, inverse(T))
             found.append((len(points_m) * (score - free / max(known, 1)), T))
-        found.sort(key=lambda one: -one[0])
-        if len(found) > 1 and found[0][0] - found[1][0] < SURE_NATS:
-            return None, True
-        if not found or self._is_refuted(seen, found[0][1]):
-            return None, False
-        return found[0][1], False
+        most = max((nats for nats, _ in found), default=0.0)
+        likely = [T for nats, T in found if nats > most - SURE_NATS]
+        return [T for T in likely if not self._is_refuted(seen, T)]
 
     def _is_refuted(self, seen: _Seen, T: FloatArray) -> bool:
         """Whether part and map contradict each other there, each the other, as different places
