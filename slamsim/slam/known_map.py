@@ -131,7 +131,8 @@ def _places(grid: Grid) -> FloatArray:
     square = np.floor(cells * grid.resolution_m / VIEWS_M).astype(np.int64)
     best = np.lexsort((-clear_m[*cells.T], square[:, 1], square[:, 0]))
     _, first = np.unique(square[best], axis=0, return_index=True)
-    return (cells[best[first], ::-1] + 0.5) * grid.resolution_m + np.array(grid.origin_m)
+    middles = cells[best[first], ::-1].astype(np.float64) + 0.5
+    return np.asarray(middles * grid.resolution_m + np.array(grid.origin_m))
 
 
 def _keyframe(
@@ -201,8 +202,11 @@ def _seen(
     pieces: FloatArray, tree: cKDTree, place_m: FloatArray, beams_m: FloatArray
 ) -> FloatArray:
     """(k, PIECE_FIELDS) those beside the ends of beams that face the place, as seen from it."""
-    near: set[int] = set().union(*tree.query_ball_point(place_m + beams_m, PIECE_M))
-    seen = pieces[sorted(near)]
+    near: set[int] = set()
+    for one in place_m + beams_m:
+        near.update(tree.query_ball_point(one, PIECE_M))
+    seen: FloatArray = pieces[sorted(near)]
     seen[:, [X, Y]] -= place_m
     facing = (seen[:, [X, Y]] * seen[:, [NORMAL_X, NORMAL_Y]]).sum(axis=1) < 0.0
-    return seen[facing]
+    found: FloatArray = seen[facing]
+    return found

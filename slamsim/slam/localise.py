@@ -62,7 +62,7 @@ class Localised:
     @property
     def known(self) -> BoolArray:
         """(n,) whether anything tells where the robot was."""
-        return self.states != UNKNOWN
+        return np.not_equal(self.states, UNKNOWN)
 
     @property
     def trajectory(self) -> PlanarTrajectory:
@@ -94,7 +94,7 @@ def localise_log(
     if not (of_keyframes == PLACED).any():
         raise SlamsimError(
             f"none of the {len(stamps_ns)} scans could be placed in the map: does it show where "
-            "this was recorded?"
+            "this was recorded, and that place alone?"
         )
     states, nearest = _states_of_scans(slam, of_keyframes)
     unknown = (states == UNKNOWN)[:, None]

@@ -70,7 +70,7 @@ class WholeParts:
         """
         moved, carried = [], []
         for members in self._parts(solution):
-            poses, begins = solution.poses[members], _begins(members).tolist()
+            poses, begins = solution.poses[members], _begins(members)
             followed = [k for k in begins if not self._keyframes[k].kidnapped]
             joined = solution.parts.of(begins[0]) == solution.parts.of(0)
             likely = self._likely([self._keyframes[k] for k in members], poses, joined)
@@ -144,16 +144,17 @@ class WholeParts:
     def _edge(self, T_best: FloatArray, poses: FloatArray, members: IntArray) -> GraphEdge:
         """What the search says, between the key frames of map and part that come closest."""
         at = compose(T_best, poses[members])
-        distance_m, nearest = cKDTree(poses[: self._held, :2]).query(at[:, :2])
-        number = int(np.argmin(distance_m))
+        distances_m, nearest = map(np.asarray, cKDTree(poses[: self._held, :2]).query(at[:, :2]))
+        number = int(np.argmin(distances_m))
         source = int(nearest[number])
         T = between(poses[source], at[number])
         return GraphEdge(source, int(members[number]), T, FOUND, "closure")
 
 
-def _begins(members: IntArray) -> IntArray:
+def _begins(members: IntArray) -> list[int]:
     """The first key frame of each run of consecutive ones."""
-    return members[np.diff(members, prepend=members[0] - 2) > 1]
+    begins: list[int] = members[np.diff(members, prepend=members[0] - 2) > 1].tolist()
+    return begins
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -189,4 +190,5 @@ def _walls(points_m: Sequence[FloatArray]) -> FloatArray:
     seen, first = np.unique(np.column_stack([cells, by]), axis=0, return_index=True)
     _, one, count = np.unique(seen[:, :2], axis=0, return_index=True, return_counts=True)
     again = first[one[count >= 2]]
-    return np.concatenate(points_m)[np.random.default_rng(0).permutation(again)]
+    points: FloatArray = np.concatenate(points_m)[np.random.default_rng(0).permutation(again)]
+    return points
