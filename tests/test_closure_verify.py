@@ -117,8 +117,9 @@ def test_along_a_corridor_a_closure_claims_nothing() -> None:
     )
     closure, truth = found(CORRIDOR, CORRIDOR, np.array([0.2, 0.0, 0.0]), SURE, poses)
     assert isinstance(closure, Closure)
-    sigma = np.sqrt(np.diag(closure.edge.covariance))
-    assert sigma[0] > 0.5 and sigma[1] < 0.05
+    variances, axes = np.linalg.eigh(closure.edge.covariance[:2, :2])
+    assert np.sqrt(variances[1]) > 100.0 and np.sqrt(variances[0]) < 0.05
+    assert abs(axes[1, 1]) < 0.002  # the corridor runs along x
     off = between(truth, closure.edge.T_source_target)
     assert abs(off[1]) < 0.01 and abs(off[2]) < 0.003
 
@@ -210,7 +211,7 @@ def test_a_direction_that_walls_do_not_hold_keeps_the_uncertainty_of_the_wheels(
 
 def closure_between(source: int, target: int, T: FloatArray, path_m: float = 0.0) -> Closure:
     edge = GraphEdge(source, target, T, np.diag([1e-4, 1e-4, 1e-5]), "closure")
-    return Closure(edge, False, 0, path_m, 0.8)
+    return Closure(edge, False, 0, path_m)
 
 
 def test_closures_that_say_the_same_are_believed_together() -> None:

@@ -63,7 +63,7 @@ class ClosureConfig(Config):
     min_window_m: float = Field(0.5, gt=0.0, le=1e6)
     """The search reaches at least this far on each side of the prediction."""
 
-    max_window_m: float = Field(6.0, gt=0.0, le=50.0)
+    max_window_m: float = Field(15.0, gt=0.0, le=50.0)
     """The search reaches at most this far, however uncertain the estimate."""
 
     min_window_deg: float = Field(6.0, gt=0.0, le=180.0)

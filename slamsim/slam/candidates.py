@@ -42,17 +42,11 @@ class CandidateIndex:
         a lidar that looks one way only finds what it sees on the way back.
         """
         limits = self._config
-        behind_m = max(query.to_path_m - limits.min_travel_m, before_m)
-        count = int(np.searchsorted(self._to_path_m[: self._count], behind_m))
-        if count == 0:
-            return []
-        anchors = self._anchors[:count]
-        middles_m = transform_points(estimate.poses[anchors], self._middles_m[:count])
-        here_m = transform_points(estimate.poses[query.anchor], query.middle_m)
-        distance_m = np.hypot(*(middles_m - here_m).T)
+        middles_m, distance_m = self._left_behind(query, estimate, before_m)
         near = np.flatnonzero(distance_m <= limits.reach_m + limits.max_window_m)
-        sigma_m = _position_sigmas(estimate, anchors[near], query.anchor, middles_m[near])
-        near = near[distance_m[near] <= limits.reach_m + limits.gate_sigmas * sigma_m]
+        window_m = self._windows_m(query, estimate, near, middles_m[near])
+        here = distance_m[near] <= limits.reach_m + window_m
+        near = near[here & (window_m <= limits.max_window_m)]
         chosen: list[int] = []
         for number in near[np.argsort(distance_m[near], kind="stable")].tolist():
             if all(abs(number - other) > 1 for other in chosen):
@@ -60,6 +54,36 @@ class CandidateIndex:
             if len(chosen) == limits.max_candidates:
                 break
         return chosen
+
+    def anywhere(self, query: Submap, estimate: Estimate, before_m: float) -> list[int]:
+        """Numbers of the submaps that the query may overlap with, for all that is known, but where
+        a search would have to reach farther than ``max_window_m``."""
+        limits = self._config
+        middles_m, distance_m = self._left_behind(query, estimate, before_m)
+        window_m = self._windows_m(query, estimate, np.arange(len(middles_m)), middles_m)
+        within = distance_m <= limits.reach_m + window_m
+        return np.flatnonzero(within & (window_m > limits.max_window_m)).tolist()
+
+    def _left_behind(
+        self, query: Submap, estimate: Estimate, before_m: float
+    ) -> tuple[FloatArray, FloatArray]:
+        """(m, 2) middles in the map frame of the first m submaps, which were left behind far enough
+        back, and their (m,) distances from the query."""
+        behind_m = max(query.to_path_m - self._config.min_travel_m, before_m)
+        count = int(np.searchsorted(self._to_path_m[: self._count], behind_m))
+        anchors = self._anchors[:count]
+        middles_m = transform_points(estimate.poses[anchors], self._middles_m[:count])
+        here_m = transform_points(estimate.poses[query.anchor], query.middle_m)
+        return middles_m, np.hypot(*(middles_m - here_m).T)
+
+    def _windows_m(
+        self, query: Submap, estimate: Estimate, numbers: IntArray, middles_m: FloatArray
+    ) -> FloatArray:
+        """(m,) how far from where the estimate has it a submap may be, as seen by the query."""
+        if not len(numbers):
+            return np.zeros(0)
+        sigmas_m = _position_sigmas(estimate, self._anchors[numbers], query.anchor, middles_m)
+        return self._config.gate_sigmas * sigmas_m
 
 
 def _position_sigmas(

@@ -12,6 +12,7 @@ from slamsim.geometry import adjoint, between, compose, rotation, transform_poin
 from slamsim.result import GraphEdge
 from slamsim.slam.correlative import LikelihoodGrid, Peak, Window, scores, search
 from slamsim.slam.matching.align import CONVERGED, COVERED, INLIERS, WEAK, align
+from slamsim.slam.relocalise import BESIDE_PATH_M
 from slamsim.slam.submaps import (
     FREE,
     UNKNOWN,
@@ -32,7 +33,12 @@ ALIGN_ITERATIONS = 40
 WEAK_SHARE = 0.01
 SLIDE_M = 0.4
 SLIDE_SHARE = 0.92
-SLIDE_SIGMA_M = 10.0
+SLIDE_SIGMA_M = 1e3
+"""Nothing is known along the corridor: hundreds of closures that slid alike must not add up."""
+
+FOUND = np.diag(np.square([0.15, 0.15, 0.05]))
+"""Covariance of where a search of the whole map finds a key frame."""
+
 LOOSE = np.diag([1.0, 1.0, 4.0])
 """Information that stands in for what the surfaces do not hold: a metre and half a radian."""
 
@@ -47,7 +53,6 @@ class Closure:
     expected: bool
     submap: int
     path_m: float
-    score: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -71,7 +76,7 @@ class ClosureFinder:
     ) -> Closure | Refusal:
         """The closure between a query (anchored at its key frame) and a submap, or why not."""
         limits = self._config.closures
-        likelihood, space = self._grids.of(number, submap)
+        likelihood, space = self._grids.of(submap)
         middle = np.append(query.middle_m, 0.0)
         start = compose(expected.T_submap_query, middle)
         window = self._window(expected, middle)
@@ -96,7 +101,24 @@ class ClosureFinder:
         refusal = self._refuted(query, submap, space, edge.T_source_target, expected_here)
         if refusal is not None:
             return refusal
-        return Closure(edge, expected_here, number, query.to_path_m, peak.score)
+        return Closure(edge, expected_here, number, query.to_path_m)
+
+    def placed(
+        self, query: Submap, number: int, submap: Submap, T_submap_query: FloatArray
+    ) -> Closure | Refusal:
+        """The closure of a query that a search of the whole map found there, or why not.
+
+        It is not registered: outdoors the same place fits within decimetres only. Others must agree
+        with it before it counts, and what is then found nearby is exact.
+        """
+        _, space = self._grids.of(submap)
+        refusal = self._refuted(query, submap, space, T_submap_query, True, BESIDE_PATH_M)
+        if refusal is not None:
+            return refusal
+        turn = rotation(np.asarray(T_submap_query[2]))
+        covariance = turn @ FOUND @ turn.T
+        edge = GraphEdge(submap.anchor, query.anchor, T_submap_query, covariance, "closure")
+        return Closure(edge, False, number, query.to_path_m)
 
     def _window(self, expected: Expected, middle: FloatArray) -> Window:
         """The search about the middle of the query's points, in the frame of the submap."""
@@ -148,11 +170,13 @@ class ClosureFinder:
         space: SpaceGrid,
         T_submap_query: FloatArray,
         expected: bool,
+        beside_m: float = np.inf,
     ) -> Refusal | None:
         """Whether too little of the two overlaps, or one has walls where the other saw through.
 
         Doors, people and panes of glass contradict as well: a match that was expected is allowed
-        more of it.
+        more of it. beside_m: surfaces of the submap farther than this from the query's key frames
+        do not count.
         """
         limits = self._config.closures
         size = self._config.submaps
@@ -162,7 +186,8 @@ class ClosureFinder:
             return "overlap"
         query_space = space_grid(query, size.resolution_m, size.radius_m)
         T_query_submap = between(T_submap_query, np.zeros(3))
-        back = query_space.at(transform_points(T_query_submap, submap.points_m))
+        theirs_m = transform_points(T_query_submap, submap.points_m)
+        back = query_space.at(theirs_m[query.away_m(theirs_m) <= beside_m])
         allowed = limits.max_contradiction * (1.5 if expected else 1.0)
         for states in (seen, back):
             free, known = np.count_nonzero(states == FREE), np.count_nonzero(states != UNKNOWN)

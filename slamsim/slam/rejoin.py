@@ -1,75 +1,78 @@
-"""Where a part of the map that nothing joins yet touches the others: sought everywhere in them."""
+"""Where a key frame lies in a map if nothing tells roughly where: sought everywhere in it."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from slamsim.config.back_end import BackEndConfig
 from slamsim.geometry import between, compose, transform_points
-from slamsim.slam.closure import Expected
 from slamsim.slam.parts import Parts
-from slamsim.slam.relocalise import Everywhere, surface_points
+from slamsim.slam.relocalise import Effort, Everywhere, surface_points
 from slamsim.slam.submaps import Submap
 from slamsim.types import FloatArray
 
-FOUND = np.diag(np.square([0.15, 0.15, 0.05]))
 LOOK_AGAIN_M, LOOK_AGAIN_GROWTH = 1.5, 2.0
 """Path after a look that led nowhere; after each further one it is longer, for a search of a whole
 map takes long, and a part that shows nothing of the others may stay so for kilometres."""
+
+KEEP_LOOKING_M = 10.0
+"""After a look that led somewhere, others must confirm it: so far no pause is made."""
+
 MOST_SUBMAPS = 2
 NEAR_M = 8.0
 BESIDE_M = 5.0
 
 
-class Rejoiner:
-    """Looks for a query in all submaps of other parts; tells where closures should be tried."""
+class MapSearch:
+    """Looks for a query anywhere in many submaps; tells where closures should be tried."""
 
-    def __init__(self, config: BackEndConfig) -> None:
-        self._config = config
+    def __init__(self, config: BackEndConfig, effort: Effort) -> None:
+        self._config, self._effort = config, effort
         self._everywhere: Everywhere | None = None
-        self._built_for: tuple[int, int] | None = None
-        self._next_m, self._pause_m = -np.inf, LOOK_AGAIN_M
+        self._built_for: tuple[int, ...] = ()
+        self._poses = np.zeros((0, 3))
+        self._next_m, self._found_m, self._pause_m = -np.inf, -np.inf, LOOK_AGAIN_M
 
     def due(self, path_m: float) -> bool:
         """Whether to look again, after looks that led nowhere."""
         return path_m >= self._next_m
 
     def look(
-        self, query: Submap, part: int, others: Sequence[tuple[int, Submap]], poses: FloatArray
-    ) -> list[tuple[int, Expected]]:
-        """Numbers of submaps, each with where the query should be in it; [] if nowhere surely.
+        self,
+        query: Submap,
+        submaps: Mapping[int, Submap],
+        poses: FloatArray,
+        turn_rad: float = np.pi,
+    ) -> list[tuple[int, FloatArray]]:
+        """Numbers of submaps, each with T_submap_query (3,); [] if it is nowhere for sure.
 
-        part: of the map that the query belongs to. others: numbers and submaps of all the rest.
+        submaps: by their numbers. poses: (n, 3) T_map_base of all key frames. turn_rad: how far the
+        heading of the query may be off.
         """
-        everywhere = self._of(part, others, poses)
-        T_map_query = everywhere.find(query)
+        everywhere = self._of(submaps, poses)
+        T_map_query = everywhere.find(query, float(poses[query.anchor, 2]), turn_rad)
         if T_map_query is None:
-            self._next_m = query.to_path_m + self._pause_m
-            self._pause_m *= LOOK_AGAIN_GROWTH
+            if query.to_path_m > self._found_m + KEEP_LOOKING_M:
+                self._next_m = query.to_path_m + self._pause_m
+                self._pause_m = min(self._pause_m * LOOK_AGAIN_GROWTH, self._effort.longest_pause_m)
             return []
-        self._pause_m = LOOK_AGAIN_M
+        self._found_m, self._pause_m = query.to_path_m, LOOK_AGAIN_M
         here_m = transform_points(T_map_query, query.middle_m)
-        middles_m = np.array(
-            [transform_points(poses[submap.anchor], submap.middle_m) for _, submap in others]
-        )
-        distance_m = np.hypot(*(middles_m - here_m).T)
+        anchors = {n: self._poses[submap.anchor] for n, submap in submaps.items()}
+        middles_m = [transform_points(anchors[n], one.middle_m) for n, one in submaps.items()]
+        distance_m = np.hypot(*(np.array(middles_m) - here_m).T)
         nearest = np.argsort(distance_m, kind="stable")[:MOST_SUBMAPS]
-        return [
-            (
-                others[k][0],
-                Expected(between(poses[others[k][1].anchor], T_map_query), FOUND),
-            )
-            for k in nearest.tolist()
-            if distance_m[k] <= NEAR_M
-        ]
+        numbers = np.array(list(submaps))[nearest[distance_m[nearest] <= NEAR_M]].tolist()
+        return [(number, between(anchors[number], T_map_query)) for number in numbers]
 
-    def _of(self, part: int, others: Sequence[tuple[int, Submap]], poses: FloatArray) -> Everywhere:
-        key = (part, len(others))
+    def _of(self, submaps: Mapping[int, Submap], poses: FloatArray) -> Everywhere:
+        key = tuple(submaps)
         if self._everywhere is None or self._built_for != key:
-            points_m = surface_points([submap for _, submap in others], poses)
-            self._everywhere, self._built_for = Everywhere(points_m, self._config), key
+            points_m = surface_points(list(submaps.values()), poses)
+            self._everywhere = Everywhere(points_m, self._config, self._effort)
+            self._built_for, self._poses = key, poses.copy()
         return self._everywhere
 
 

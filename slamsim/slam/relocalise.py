@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -17,58 +18,100 @@ from slamsim.slam.correlative import (
     scores,
     search,
 )
-from slamsim.slam.submaps import SIGMA_M, Submap
+from slamsim.slam.submaps import POINTS_A_PIECE, SIGMA_M, Submap
 from slamsim.types import FloatArray
 
-MAX_CELLS = 6_000_000
+MAX_CELLS = 24_000_000
 MAX_POINTS = 300
-LOOKUPS_PER_M2 = 10_000_000
-"""A search of the whole map may read the grid so often, for its effort grows with the area.
+SIGMAS_M = (SIGMA_M, 0.03)
+"""How far a surface may be off, first coarse, then fine. The coarse search finds places of which
+much has changed. Places that it cannot tell apart, as those along a corridor whose doors are set
+back by a decimetre, differ in the fine one."""
 
-In the offices of fr079, where many rooms look alike and so keep many blocks in the running,
-searches ended within 3 million; the rest is margin for buildings that are more alike still.
-"""
+BESIDE_PATH_M = 5.0
+"""Farther from where the robot was, beams lie too far apart to show what tells one stretch of a
+corridor from another: at a grazing angle one degree is a metre of wall at 8 m."""
+
+SURE_NATS = 12.0
+"""A place is believed if it is so much likelier than any other; each piece of wall that lies on the
+map makes it likelier by e (``placing.NATS_A_PIECE``)."""
+
 MIN_SPREAD_M = 1.5
 """A query that spans less than this could be anywhere."""
 
 
+@dataclass(frozen=True, slots=True)
+class Effort:
+    """How hard to search a map.
+
+    least_score: of the coarse search. most_lookups: a search that has read the grid so often is
+    given up. longest_pause_m: after looks that led nowhere, the path to the next.
+    """
+
+    least_score: float
+    most_lookups: float
+    longest_pause_m: float
+
+
+THOROUGH = Effort(0.55, np.inf, np.inf)
+"""For what nothing else tells."""
+
+QUICK = Effort(0.7, 3e8, 8.0)
+"""For a search that is repeated all along the path: half a second. Outdoors (fr-clinic) the same
+place scores 0.7 to 0.88, and none that scored less was clearer than the next best; indoors it
+scores above 0.9."""
+
+LOOKUPS_PER_M2 = 1e7
+"""No search reads the grid more often than that, for the effort grows with the area.
+
+In the offices of fr079, where many rooms look alike and so keep many blocks in the running,
+searches ended within 3 million; the rest is margin for buildings that are more alike still.
+"""
+
+
 class Everywhere:
-    """A map's surfaces as one likelihood grid.
+    """A map's surfaces as likelihood grids, one for each of ``SIGMAS_M``, built when needed.
 
     points_m: (n, 2) along all surfaces, in the map frame. config: what a match must show.
     """
 
-    def __init__(self, points_m: FloatArray, config: BackEndConfig) -> None:
-        self._limits = config.closures
-        size_m = np.ptp(points_m, axis=0) if len(points_m) else np.zeros(2)
-        resolution_m = config.submaps.resolution_m
-        while float(np.prod(size_m / resolution_m)) > MAX_CELLS:
-            resolution_m *= 1.5
+    def __init__(
+        self, points_m: FloatArray, config: BackEndConfig, effort: Effort = THOROUGH
+    ) -> None:
+        self._limits, self._effort = config.closures, effort
+        self._resolution_m = config.submaps.resolution_m
         self._middle_m = points_m.mean(axis=0) if len(points_m) else np.zeros(2)
-        self._half_m = 0.5 * size_m + np.abs(
-            0.5 * (points_m.min(axis=0) + points_m.max(axis=0)) - self._middle_m
-        )
-        self._grid: LikelihoodGrid = likelihood_grid(
-            points_m - self._middle_m, resolution_m, max(SIGMA_M, resolution_m), np.inf
-        )
+        self._points_m = points_m - self._middle_m
+        self._half_m = np.abs(self._points_m).max(axis=0, initial=0.0)
+        self._grids: dict[float, LikelihoodGrid] = {}
 
-    def find(self, query: Submap) -> FloatArray | None:
-        """T_map_query: (3,), or None if it fits nowhere, or in several places."""
-        points = query.points_m - query.middle_m
+    def find(
+        self, query: Submap, heading_rad: float = 0.0, turn_rad: float = np.pi
+    ) -> FloatArray | None:
+        """T_map_query: (3,), or None if it fits nowhere, or in several places.
+
+        heading_rad: of the query in the map frame, to within turn_rad.
+        """
+        points = beside_path(query) - query.middle_m
         if not len(points) or np.ptp(points, axis=0).max() < MIN_SPREAD_M:
             return None
+        share = max(self._limits.ambiguity_ratio, 1.0 - SURE_NATS * POINTS_A_PIECE / len(points))
         points = np.ascontiguousarray(points[:: max(1, -(-len(points) // MAX_POINTS))])
-        peak = self._peak(points)
-        if peak is None or peak.rival > self._limits.ambiguity_ratio * peak.score:
-            return None
-        T_middle_query = np.array([-query.middle_m[0], -query.middle_m[1], 0.0])
-        T_map_query = compose(peak.T_grid_points, T_middle_query)
-        T_map_query[:2] += self._middle_m
-        return T_map_query
+        middle = np.array([0.0, 0.0, heading_rad])
+        for sigma_m in SIGMAS_M:
+            peak = self._peak(sigma_m, points, middle, turn_rad, share)
+            if peak is None:
+                return None
+            if peak.rival <= share * peak.score:
+                T_middle_query = np.array([-query.middle_m[0], -query.middle_m[1], 0.0])
+                T_map_query = compose(peak.T_grid_points, T_middle_query)
+                T_map_query[:2] += self._middle_m
+                return T_map_query
+        return None
 
     def score(self, points_m: FloatArray) -> float:
         """Of points (n, 2) where they are in the map."""
-        return float(scores(self._grid, points_m - self._middle_m, np.zeros((1, 3)))[0])
+        return float(scores(self._grid(SIGMA_M), points_m - self._middle_m, np.zeros((1, 3)))[0])
 
     def places(
         self, points_m: FloatArray, least: float, slack: float
@@ -80,8 +123,8 @@ class Everywhere:
         middle_m, limits = points_m.mean(axis=0), self._limits
         apart = (limits.ambiguity_distance_m, float(np.deg2rad(limits.ambiguity_turn_deg)))
         points = np.ascontiguousarray(points_m - middle_m)
-        window, most_lookups = self._whole_map()
-        search = Places(self._grid, points, np.zeros(3), window, apart, most_lookups)
+        window, most_lookups = self._whole_map(np.pi)
+        search = Places(self._grid(SIGMA_M), points, np.zeros(3), window, apart, most_lookups)
         best = 0.0
         while (peak := search.best(least)) is not None:
             best = max(best, peak.score)
@@ -91,21 +134,49 @@ class Everywhere:
         if search.given_up:
             yield None
 
-    def _peak(self, points_m: FloatArray) -> Peak | None:
+    def _peak(
+        self,
+        sigma_m: float,
+        points_m: FloatArray,
+        T_map_points: FloatArray,
+        turn_rad: float,
+        share: float,
+    ) -> Peak | None:
         limits = self._limits
         rival = (
-            limits.ambiguity_ratio,
+            share,
             limits.ambiguity_distance_m,
             float(np.deg2rad(limits.ambiguity_turn_deg)),
         )
-        window, most_lookups = self._whole_map()
-        middle = np.zeros(3)
-        return search(self._grid, points_m, middle, window, limits.min_score, rival, most_lookups)
+        least = self._effort.least_score if sigma_m == SIGMA_M else limits.min_score
+        window, most_lookups = self._whole_map(turn_rad)
+        grid = self._grid(sigma_m)
+        return search(grid, points_m, T_map_points, window, least, rival, most_lookups)
 
-    def _whole_map(self) -> tuple[Window, float]:
-        window = Window(float(self._half_m[0]), float(self._half_m[1]), np.pi)
+    def _whole_map(self, turn_rad: float) -> tuple[Window, float]:
+        window = Window(float(self._half_m[0]), float(self._half_m[1]), turn_rad)
         area_m2 = 4.0 * float(self._half_m[0] * self._half_m[1])
-        return window, LOOKUPS_PER_M2 * max(area_m2, 1.0)
+        most_lookups = min(LOOKUPS_PER_M2 * max(area_m2, 1.0), self._effort.most_lookups)
+        return window, most_lookups
+
+    def _grid(self, sigma_m: float) -> LikelihoodGrid:
+        if sigma_m not in self._grids:
+            area_m2 = 4.0 * float(self._half_m[0] * self._half_m[1])
+            finest_m = float(np.sqrt(area_m2 / MAX_CELLS))
+            resolution_m = max(min(self._resolution_m, sigma_m), finest_m)
+            self._grids[sigma_m] = likelihood_grid(
+                self._points_m, resolution_m, max(sigma_m, resolution_m), np.inf
+            )
+        return self._grids[sigma_m]
+
+
+def beside_path(query: Submap) -> FloatArray:
+    """(n, 2) of its points those near where the robot was, in a wide place the nearer half."""
+    points_m = query.points_m
+    if not len(points_m):
+        return points_m
+    away_m = query.away_m(points_m)
+    return points_m[away_m <= max(BESIDE_PATH_M, float(np.median(away_m)))]
 
 
 def surface_points(submaps: Sequence[Submap], poses: FloatArray) -> FloatArray:

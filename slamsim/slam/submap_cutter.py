@@ -38,19 +38,37 @@ class SubmapCutter:
         begun, self._begin = self._begin, self._begin + len(members) // 2
         return self._finished(begun, keyframe.index + 1)
 
-    def query(self, index: int, travel_m: float) -> Submap:
-        """A key frame with those just before it."""
-        first = index
+    def query(self, index: int, travel_m: float, most: int | None = None) -> Submap:
+        """A key frame with those just before it, at most so many: as many as a submap has."""
+        first, most = index, self._config.max_keyframes if most is None else most
         far_m = self.keyframes[index].path_m - travel_m
         while (
             first > 0
             and not self.keyframes[first].broken
             and self.keyframes[first - 1].path_m >= far_m
-            and index - first < self._config.max_keyframes
+            and index - first < most
         ):
             first -= 1
         members = self.keyframes[first : index + 1]
         return make_submap(members, len(members) - 1, self._scratch, self.noise_m)
+
+    def around(self, index: int, travel_m: float) -> Submap:
+        """A key frame with those up to so much travel before it and after it."""
+        first, last, path_m = index, index, self.keyframes[index].path_m
+        while (
+            first > 0
+            and not self.keyframes[first].broken
+            and self.keyframes[first - 1].path_m >= path_m - travel_m
+        ):
+            first -= 1
+        while (
+            last + 1 < len(self.keyframes)
+            and not self.keyframes[last + 1].broken
+            and self.keyframes[last + 1].path_m <= path_m + travel_m
+        ):
+            last += 1
+        members = self.keyframes[first : last + 1]
+        return make_submap(members, index - first, self._scratch, self.noise_m)
 
     def alone(self, keyframe: Keyframe) -> Submap:
         """A key frame, kept or not, with no other."""

@@ -64,6 +64,11 @@ class Submap:
         """(p, 2) sampled along the surfaces."""
         return sample_surfaces(self.surfaces)
 
+    def away_m(self, points_m: FloatArray) -> FloatArray:
+        """(n,) how far points (n, 2) are from the nearest key frame."""
+        path_m = self.T_anchor_members[:, :2]
+        return np.asarray(np.hypot(*(points_m[:, None] - path_m).transpose(2, 0, 1)).min(axis=1))
+
     def beams(self) -> tuple[FloatArray, FloatArray]:
         """(b, 2) origins and (b, 2) ends of some beams of the key frames."""
         placed = list(zip(self.T_anchor_members, self.members, strict=True))
@@ -146,6 +151,9 @@ def submap_is_full(keyframes: Sequence[Keyframe], config: SubmapConfig) -> bool:
     )
 
 
+POINTS_A_PIECE = 3
+
+
 def sample_surfaces(surfaces: FloatArray) -> FloatArray:
     """(p, 2) three points along each surface."""
     along = np.stack([-surfaces[:, NORMAL_Y], surfaces[:, NORMAL_X]], axis=1)
@@ -193,19 +201,20 @@ class GridCache:
 
     def __init__(self, config: SubmapConfig) -> None:
         self._config = config
-        self._kept: OrderedDict[int, tuple[LikelihoodGrid, SpaceGrid]] = OrderedDict()
+        self._kept: OrderedDict[tuple[int, int], tuple[LikelihoodGrid, SpaceGrid]] = OrderedDict()
 
-    def of(self, number: int, submap: Submap) -> tuple[LikelihoodGrid, SpaceGrid]:
-        """The grids of submap ``number``, built if they are not there."""
-        if number in self._kept:
-            self._kept.move_to_end(number)
-            return self._kept[number]
+    def of(self, submap: Submap) -> tuple[LikelihoodGrid, SpaceGrid]:
+        """The grids of a submap, built if they are not there."""
+        members = submap.first, submap.last
+        if members in self._kept:
+            self._kept.move_to_end(members)
+            return self._kept[members]
         size = self._config
         grids = (
             likelihood_grid(submap.points_m, size.resolution_m, SIGMA_M, size.radius_m),
             space_grid(submap, size.resolution_m, size.radius_m),
         )
-        self._kept[number] = grids
+        self._kept[members] = grids
         if len(self._kept) > size.cached_grids:
             self._kept.popitem(last=False)
         return grids
