@@ -70,43 +70,45 @@ class WholeParts:
         """
         moved, carried = [], []
         for members in self._parts(solution):
-            poses, begins = solution.poses[members], _begins(members)
+            poses, begins = solution.poses.copy(), _begins(members)
             followed = [k for k in begins if not self._keyframes[k].kidnapped]
             joined = solution.parts.of(begins[0]) == solution.parts.of(0)
-            likely = self._likely([self._keyframes[k] for k in members], poses, joined)
-            if followed and len(likely) > 1:
-                likely = [T for T in likely if self._is_here(T, poses)]
-            stays = (joined or followed) and any(self._is_here(T, poses) for T in likely)
-            closed = bool(solution.crossing(members))
-            clear = len(likely) == 1
-            if (stays and closed) if clear else not (likely and joined):
+            likely = self._likely(members, poses, joined)
+            here = [T for T in likely if self._is_here(T, poses[members])]
+            if len(likely) > 1 and followed:
+                likely = here
+            if len(likely) > 1:
+                if joined:
+                    solution.separate(members, [])
+                    moved.append(members)
                 continue
-            if not stays or not followed:
+            stays = bool(here) and (joined or bool(followed))
+            if not likely or (stays and solution.crossing(members)):
+                continue
+            if not stays:
                 solution.separate(members, followed)
                 carried += followed
-            if clear:
-                solution.enter(self._edge(likely[0], solution.poses, members))
+            solution.enter(self._edge(likely[0], poses, members))
             moved.append(members)
         return moved, carried
 
-    def _likely(
-        self, part: Sequence[Keyframe], poses: FloatArray, joined: bool
-    ) -> list[FloatArray]:
+    def _likely(self, members: IntArray, poses: FloatArray, joined: bool) -> list[FloatArray]:
         """The steps (3,) in the map frame that take a part to where it may lie: none if that is not
         clear, several if these are equally likely.
 
-        poses: (n, 3) T_map_base of its key frames where they are now, which is in the map if the
+        poses: (n, 3) T_map_base of all key frames where they are now, which is in the map if the
         part is joined to it. Of the places where about as much lies on the map as at the best one,
         that is likelier of whose walls fewer stand where the part has free space.
         """
-        seen = _seen(part, poses, self._resolution_m)
+        part = [self._keyframes[k] for k in members]
+        seen = _seen(part, poses[members], self._resolution_m)
         points_m = seen.walls_m[:MOST_PIECES]
         if len(points_m) < LEAST_PIECES:
             return []
         slack = SURE_NATS / len(points_m)
         least = LEAST_SCORE
         if joined:
-            least = min(least, max(self._everywhere.score(points_m) - slack, 0.0))
+            least = min(LEAST_SCORE, max(self._everywhere.score(points_m) - slack, 0.0))
         found: list[tuple[float, FloatArray]] = []
         for place in self._everywhere.places(points_m, least, slack):
             if place is None or len(found) == MOST_PLACES:
