@@ -65,7 +65,7 @@ def localise_recording(
         numbers = {
             "name": recording_name(str(source)),
             "map": str(known),
-            **_numbers(localised),
+            **report_numbers(localised),
             **timed.numbers(),
             **_errors(localised.trajectory, truth, known),
             "seconds": stages.so_far(),
@@ -125,7 +125,8 @@ def _write_states(path: Path, localised: Localised) -> None:
     write_atomic(path, ("\n".join([STATE_HEADER, *lines]) + "\n").encode())
 
 
-def _numbers(localised: Localised) -> dict[str, object]:
+def report_numbers(localised: Localised) -> dict[str, object]:
+    """How many scans are in which state, and the spans of time of each, in seconds from the first."""
     trajectory, scans = localised.trajectory, Counter(localised.states.tolist())
     begin_ns = int(localised.stamps_ns[0])
     spans = [
