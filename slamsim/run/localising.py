@@ -126,7 +126,7 @@ def _write_states(path: Path, localised: Localised) -> None:
 
 
 def report_numbers(localised: Localised) -> dict[str, object]:
-    """How many scans are in which state, and the spans of time of each, in seconds from the first."""
+    """How many scans are in which state, and when: ``spans`` in seconds from the first scan."""
     trajectory, scans = localised.trajectory, Counter(localised.states.tolist())
     begin_ns = int(localised.stamps_ns[0])
     spans = [
