@@ -43,7 +43,8 @@ class Keyframe:
     since the key frame before by wheels and gyroscope; None where they do not cover all of it.
     doubt_ns: stamp of the first scan since the key frame before that was lost or had to be searched
     for, None without one. suspect: whether the robot may have been carried before it; restart then
-    tells how sure odometry is if it was not. So is the first of a later drive: its start may be wrong.
+    tells how sure odometry is if it was not. The first of a later
+    drive is: its start may be wrong.
     """
 
     index: int
