@@ -69,7 +69,8 @@ class WholeParts:
         follows on by odometry stays where that has it, unless it fits in another place alone.
         """
         moved, carried = [], []
-        for members in self._parts(solution):
+        every = self._parts(solution)
+        for members in every:
             poses, begins = solution.poses.copy(), _begins(members)
             followed = [k for k in begins if not self._keyframes[k].kidnapped]
             joined = solution.parts.of(begins[0]) == solution.parts.of(0)
@@ -86,11 +87,24 @@ class WholeParts:
             if not likely or (stays and solution.crossing(members)):
                 continue
             if not stays:
-                solution.separate(members, followed)
-                carried += followed
+                loose = [self._held_by_nothing(every, begin - 1, solution) for begin in followed]
+                for one in (members, *(before for before in loose if before is not None)):
+                    cut = [k for k in _begins(one) if not self._keyframes[k].kidnapped]
+                    solution.separate(one, cut)
+                    carried += cut
             solution.enter(self._edge(likely[0], poses, members))
             moved.append(members)
         return moved, carried
+
+    def _held_by_nothing(
+        self, every: Sequence[IntArray], last: int, solution: Solution
+    ) -> IntArray | None:
+        """The part that ends before the robot was found elsewhere, if odometry alone tells where it
+        is: the robot may have been carried before it as well. Where it began somebody knew."""
+        part = next((one for one in every if last in one), None)
+        if part is None or part[0] == self._held or solution.crossing(part):
+            return None
+        return part
 
     def _likely(self, members: IntArray, poses: FloatArray, joined: bool) -> list[FloatArray]:
         """The steps (3,) in the map frame that take a part to where it may lie: none if that is not
