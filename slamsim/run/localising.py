@@ -50,8 +50,7 @@ def localise_recording(
     """
     path = log_of(source)
     log, truth = read_log(path, scan_topic), read_truth(path)
-    stages = Stages(reporter)
-    saved = read_known_map(known)
+    stages, saved = Stages(reporter), read_known_map(known)
     with partial_folder(folder, overwrite) as partial:
         run_folder.write_config(partial, config)
         with stages.stage("localise", "scans/s") as progress:
@@ -72,8 +71,8 @@ def localise_recording(
             "peak_memory_mb": peak_memory_mb(),
         }
         write_atomic(partial / run_folder.REPORT_JSON, as_json(run_folder.REPORT_JSON, numbers))
-    slam = localised.slam
-    return Report(numbers, (*log.warnings, *slam.warnings), failed=slam.failed)
+    told = (*log.warnings, *localised.slam.warnings)
+    return Report(numbers, told, failed=localised.slam.failed)
 
 
 def read_known_map(path: Path) -> SavedMap:
