@@ -14,6 +14,7 @@ from slamsim.config.mapping import MappingConfig
 from slamsim.config.slam import SlamConfig
 from slamsim.geometry import between, compose, transform_points
 from slamsim.result import SlamResult
+from slamsim.run.localising import report_numbers
 from slamsim.safe.errors import SlamsimError
 from slamsim.slam.keyframes import ANYWHERE, Before
 from slamsim.slam.known_map import map_of_grid
@@ -24,6 +25,7 @@ from slamsim.slam.online.keeper import InLine
 from slamsim.slam.online.samples import WholeMotion
 from slamsim.slam.saved_map import SavedMap
 from slamsim.slam.session import SlamSession, map_log, odometry_of
+from slamsim.summary import summary
 from slamsim.types import FloatArray, PlanarTrajectory
 
 CONFIG = SlamConfig()
@@ -135,6 +137,12 @@ def test_new_ground_is_followed_by_odometry_and_said_to_be() -> None:
     assert found.spans()[0][0] == found.spans()[-1][0] == PLACED
     sigma_m = np.sqrt(found.covariances[:, 0, 0] + found.covariances[:, 1, 1])
     assert sigma_m[x_m > 10.0].min() > sigma_m[x_m < 3.0].max()
+    numbers = report_numbers(found)
+    assert numbers["scans"] == sum(numbers[f"scans_{state}"] for state in STATES)  # type: ignore[misc]
+    placed, followed = (int(np.sum(found.states == state)) for state in (PLACED, FOLLOWED))
+    line = summary(numbers)["localised"]
+    assert f"{placed} of {len(x_m)} scans placed" in line
+    assert f"{followed} by odometry (" in line and "0 place unknown" in line
 
 
 def test_where_two_places_are_equal_the_place_is_unknown() -> None:

@@ -50,8 +50,7 @@ def localise_recording(
     """
     path = log_of(source)
     log, truth = read_log(path, scan_topic), read_truth(path)
-    stages = Stages(reporter)
-    saved = read_known_map(known)
+    stages, saved = Stages(reporter), read_known_map(known)
     with partial_folder(folder, overwrite) as partial:
         run_folder.write_config(partial, config)
         with stages.stage("localise", "scans/s") as progress:
@@ -65,15 +64,15 @@ def localise_recording(
         numbers = {
             "name": recording_name(str(source)),
             "map": str(known),
-            **_numbers(localised),
+            **report_numbers(localised),
             **timed.numbers(),
             **_errors(localised.trajectory, truth, known),
             "seconds": stages.so_far(),
             "peak_memory_mb": peak_memory_mb(),
         }
         write_atomic(partial / run_folder.REPORT_JSON, as_json(run_folder.REPORT_JSON, numbers))
-    slam = localised.slam
-    return Report(numbers, (*log.warnings, *slam.warnings), failed=slam.failed)
+    told = (*log.warnings, *localised.slam.warnings)
+    return Report(numbers, told, failed=localised.slam.failed)
 
 
 def read_known_map(path: Path) -> SavedMap:
@@ -125,7 +124,8 @@ def _write_states(path: Path, localised: Localised) -> None:
     write_atomic(path, ("\n".join([STATE_HEADER, *lines]) + "\n").encode())
 
 
-def _numbers(localised: Localised) -> dict[str, object]:
+def report_numbers(localised: Localised) -> dict[str, object]:
+    """How many scans are in which state, and when: ``spans`` in seconds from the first scan."""
     trajectory, scans = localised.trajectory, Counter(localised.states.tolist())
     begin_ns = int(localised.stamps_ns[0])
     spans = [

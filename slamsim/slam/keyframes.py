@@ -43,7 +43,8 @@ class Keyframe:
     since the key frame before by wheels and gyroscope; None where they do not cover all of it.
     doubt_ns: stamp of the first scan since the key frame before that was lost or had to be searched
     for, None without one. suspect: whether the robot may have been carried before it; restart then
-    tells how sure odometry is if it was not.
+    tells how sure odometry is if it was not. The first of a later
+    drive is: its start may be wrong.
     """
 
     index: int
@@ -104,7 +105,7 @@ class KeyframeMaker:
     ) -> None:
         self._config, self._reach_m = config, reach_m
         self._first_index = 0 if before is None else before.keyframe.index + 1
-        self._before = before
+        self._restart = None if before is None else before.restart
         self._noise_m = START_NOISE_M
         self._view = ViewMaker()
         self._last: Keyframe | None = None
@@ -143,7 +144,7 @@ class KeyframeMaker:
         self._learn(tracked.pieces)
         origin_m, beams_m = _some_beams(tracked.cloud, self._reach_m)
         view, T_map_view = self._view.take()
-        begun = self._before if self._last is None else None
+        first = self._last is None
         self._last = Keyframe(
             index=self._first_index if self._last is None else self._last.index + 1,
             stamp_ns=tracked.stamp_ns,
@@ -156,11 +157,11 @@ class KeyframeMaker:
             origin_m=origin_m,
             beams_m=beams_m,
             path_m=self._path_m,
-            restart=tracked.restart if begun is None else begun.restart,
+            restart=self._restart if first else tracked.restart,
             noise_m=self._noise_m,
             odometry=self._odometry,
             doubt_ns=self._doubt_ns,
-            suspect=tracked.suspect or begun is not None,  # who set it down there may be wrong
+            suspect=tracked.suspect or (first and self._restart is not None),
         )
         self._doubt_ns = None
         self._odometry = OdometryStep.none(np.zeros(PARAMETERS))

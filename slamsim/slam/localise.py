@@ -94,7 +94,7 @@ def localise_log(
     if not (of_keyframes == PLACED).any():
         raise SlamsimError(
             f"none of the {len(stamps_ns)} scans could be placed in the map: does it show where "
-            "this was recorded, and that place alone?"
+            f"this was recorded, and that place alone?{''.join(f' {one}' for one in slam.failed)}"
         )
     states, nearest = _states_of_scans(slam, of_keyframes)
     unknown = (states == UNKNOWN)[:, None]

@@ -65,44 +65,60 @@ class WholeParts:
         follows on by odometry stays where that has it, unless it fits in another place alone.
         """
         moved, carried = [], []
-        for members in self._parts(solution):
-            poses, begins = solution.poses[members], _begins(members)
+        every = self._parts(solution)
+        for members in every:
+            poses, begins = solution.poses.copy(), _begins(members)
             followed = [k for k in begins if not self._keyframes[k].kidnapped]
             joined = solution.parts.of(begins[0]) == solution.parts.of(0)
-            likely = self._likely([self._keyframes[k] for k in members], poses, joined)
-            if followed and len(likely) > 1:
-                likely = [T for T in likely if self._is_here(T, poses)]
-            stays = (joined or followed) and any(self._is_here(T, poses) for T in likely)
-            closed = bool(solution.crossing(members))
-            clear = len(likely) == 1
-            if (stays and closed) if clear else not (likely and joined):
+            likely = self._likely(members, poses, joined)
+            here = [T for T in likely if self._is_here(T, poses[members])]
+            if len(likely) > 1 and followed:
+                likely = here
+            if len(likely) > 1:
+                if joined:
+                    solution.separate(members, [])
+                    moved.append(members)
                 continue
-            if not stays or not followed:
-                solution.separate(members, followed)
-                carried += followed
-            if clear:
-                solution.enter(self._edge(likely[0], solution.poses, members))
+            stays = bool(here) and (joined or bool(followed))
+            if not likely or (stays and solution.crossing(members)):
+                continue
+            if not stays:
+                loose = [self._held_by_nothing(every, begin - 1, solution) for begin in followed]
+                for one in (members, *(before for before in loose if before is not None)):
+                    cut = [k for k in _begins(one) if not self._keyframes[k].kidnapped]
+                    solution.separate(one, cut)
+                    carried += cut
+            solution.enter(self._edge(likely[0], poses, members))
             moved.append(members)
         return moved, carried
 
-    def _likely(
-        self, part: Sequence[Keyframe], poses: FloatArray, joined: bool
-    ) -> list[FloatArray]:
+    def _held_by_nothing(
+        self, every: Sequence[IntArray], last: int, solution: Solution
+    ) -> IntArray | None:
+        """The part that ends before the robot was found elsewhere, if odometry alone tells where it
+        is: the robot may have been carried before it as well. Where it began somebody knew."""
+        part = next((one for one in every if last in one), None)
+        if part is None or part[0] == self._held or solution.crossing(part):
+            return None
+        return part
+
+    def _likely(self, members: IntArray, poses: FloatArray, joined: bool) -> list[FloatArray]:
         """The steps (3,) in the map frame that take a part to where it may lie: none if that is not
         clear, several if these are equally likely.
 
-        poses: (n, 3) T_map_base of its key frames where they are now, which is in the map if the
+        poses: (n, 3) T_map_base of all key frames where they are now, which is in the map if the
         part is joined to it. Of the places where about as much lies on the map as at the best one,
         that is likelier of whose walls fewer stand where the part has free space.
         """
-        seen = _seen(part, poses, self._resolution_m)
+        part = [self._keyframes[k] for k in members]
+        seen = _seen(part, poses[members], self._resolution_m)
         points_m = seen.walls_m[:MOST_PIECES]
         if len(points_m) < LEAST_PIECES:
             return []
         slack = SURE_NATS / len(points_m)
         least = LEAST_SCORE
         if joined:
-            least = min(least, max(self._everywhere.score(points_m) - slack, 0.0))
+            least = min(LEAST_SCORE, max(self._everywhere.score(points_m) - slack, 0.0))
         found: list[tuple[float, FloatArray]] = []
         for place in self._everywhere.places(points_m, least, slack):
             if place is None or len(found) == MOST_PLACES:
