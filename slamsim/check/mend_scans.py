@@ -12,8 +12,8 @@ from slamsim.check.mend_heading import heading_from
 from slamsim.check.mend_subjects import number, with_topic
 from slamsim.check.scan_sample import ScanSample
 from slamsim.check.stray import stray_beams
-from slamsim.logs.raw_ranges import RowStore
 from slamsim.recording import RawScans, Recording, ScanLayout, kept
+from slamsim.recording.row_store import RowStore
 from slamsim.types import BoolArray, Float32Array, FloatArray
 
 PER_BEAM = ("drop_beams", "value_to_inf")

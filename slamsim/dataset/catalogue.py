@@ -63,7 +63,7 @@ def write_catalogue(store: Store, recipe: Recipe, count: int) -> None:
 
 def catalogue_files(recipe: Recipe, table: pa.Table) -> Iterator[tuple[str, bytes]]:
     """Paths and contents. table: the manifest."""
-    from slamsim.view.dataset_figures import dataset_figures
+    from slamsim.dataset.figures import dataset_figures
 
     told = statistics(table)
     figures = dict(dataset_figures(table.filter(pc.equal(table["status"], MADE)), told))

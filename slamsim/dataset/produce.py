@@ -19,7 +19,6 @@ from slamsim.config.world import WorldConfig
 from slamsim.dataset.formats import Formats
 from slamsim.dataset.sequence import FileFact, SequenceFacts, SequenceSpec
 from slamsim.dataset.truth import Truth
-from slamsim.driven import write_corrupted
 from slamsim.logs.raw_memory import recording_from_readings
 from slamsim.logs.recorded import OdometryTail
 from slamsim.logs.writer import LogWriter
@@ -36,6 +35,7 @@ from slamsim.sim.drive import DriveRun, drive
 from slamsim.sim.robot import RobotModel, build_robot
 from slamsim.sim.route import plan_route
 from slamsim.simulate import log_header
+from slamsim.simulation.driven import write_corrupted
 from slamsim.types import Drive, IntArray
 from slamsim.world.build import build_world
 from slamsim.world.model import World

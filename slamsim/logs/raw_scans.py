@@ -13,9 +13,9 @@ from slamsim.logs.bag_columns import Alike, Opened
 from slamsim.logs.cdr import CdrLayout
 from slamsim.logs.frames import frame_name
 from slamsim.logs.messages import scan_layout
-from slamsim.logs.raw_ranges import RowStore
 from slamsim.logs.raw_streams import Collector
 from slamsim.recording import Origin, RawScans, ScanLayout
+from slamsim.recording.row_store import RowStore
 from slamsim.types import Float32Array, FloatArray, IntArray
 
 

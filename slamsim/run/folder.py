@@ -12,8 +12,8 @@ from slamsim.logs.g2o import write_g2o
 from slamsim.logs.keyframes import write_keyframes
 from slamsim.logs.tum import write_tum
 from slamsim.result import SlamResult
-from slamsim.run.own_files import with_own_files
 from slamsim.safe.output import write_atomic
+from slamsim.simulation.own_files import with_own_files
 from slamsim.slam.map_files import map_files
 from slamsim.types import Grid, Trajectory
 from slamsim.world.model import World

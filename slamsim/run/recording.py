@@ -6,7 +6,6 @@ from pathlib import Path
 
 from slamsim.config.run import RunConfig
 from slamsim.console import Reporter
-from slamsim.driven import simulate_spoilt
 from slamsim.logs.reader import read_truth
 from slamsim.run import folder as run_folder
 from slamsim.run.naming import LOG
@@ -15,6 +14,7 @@ from slamsim.safe.errors import SlamsimError
 from slamsim.safe.output import partial_folder
 from slamsim.sensors.faults.registry import chosen_fault, resolved_choice
 from slamsim.simulate import Simulation, simulate
+from slamsim.simulation.driven import simulate_spoilt
 
 
 def simulate_world(

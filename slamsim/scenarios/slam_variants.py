@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from slamsim.config.scenarios.slam_case import SlamCaseConfig
-from slamsim.driven import Driven
 from slamsim.recording import Recording
 from slamsim.sensors.faults.edit import is_odometry
 from slamsim.sensors.faults.registry import load_fault
+from slamsim.simulation.driven import Driven
 from slamsim.types import IntArray
 
 RIGHT, BUG, CLOCKS, BYPASS, NO_ODOM, SIMULATOR = (
