@@ -23,6 +23,7 @@ from slamsim.console import Reporter
 from slamsim.dataset import produce
 from slamsim.dataset.formats import Formats
 from slamsim.dataset.sequence import FormatName
+from slamsim.logs.names import LOG
 from slamsim.logs.raw import read_recording
 from slamsim.logs.raw_memory import recording_from_readings
 from slamsim.logs.raw_writer import write_recording
@@ -34,7 +35,6 @@ from slamsim.recording import Recording
 from slamsim.result import SlamResult
 from slamsim.run import mapping, recording
 from slamsim.run.mapping import map_world
-from slamsim.run.naming import LOG
 from slamsim.run.recording import simulate_world
 from slamsim.run.recovering import recover_log
 from slamsim.run.world import export_world

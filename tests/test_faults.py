@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from slamsim.check.findings import FAULT_NAMES
 from slamsim.config.bundled import bundled_names
 from slamsim.geometry import xyzw_from_yaw, yaw_from_xyzw
 from slamsim.recording import (
@@ -25,6 +24,7 @@ from slamsim.recording import (
     TransformEdge,
     numbered,
 )
+from slamsim.recording.fault_names import FAULT_NAMES
 from slamsim.safe.errors import InputRefused, NotFound, SlamsimError
 from slamsim.sensors.faults.apply import injected
 from slamsim.sensors.faults.base import CannotInject

@@ -22,13 +22,13 @@ from slamsim.dataset.place import Place
 from slamsim.dataset.sequence import SPLITS, Cell
 from slamsim.dataset.shard import MADE
 from slamsim.dataset.truth_read import SequenceTruth, Span
+from slamsim.logs.names import LOG, TABLES
 from slamsim.logs.parquet_read import imu_of, odometry_of, scans_of, ticks_of
 from slamsim.recording import RawImu, RawOdometry, RawScans, RawTicks
-from slamsim.run.folder import CONFIG
-from slamsim.run.naming import LOG
 from slamsim.safe.errors import NotFound, SlamsimError, shown
 from slamsim.safe.files import own_file
 from slamsim.safe.yaml import parse_yaml
+from slamsim.simulation.own_files import CONFIG
 from slamsim.types import BoolArray, IntArray, Log
 
 _Raw = TypeVar("_Raw")
@@ -89,7 +89,7 @@ class Sequence:
         if "://" in self.place.address:
             raise SlamsimError(f"{self.name} is at {self.place.address}: copy it to a folder first")
         folder = own_file(Path(self.place.address), self.name)
-        return read_log(own_file(folder, LOG if (folder / LOG).is_dir() else "parquet"))
+        return read_log(own_file(folder, LOG if (folder / LOG).is_dir() else TABLES))
 
     @property
     def config(self) -> RunConfig:

@@ -19,12 +19,11 @@ from slamsim.config.world import WorldConfig
 from slamsim.dataset.formats import Formats
 from slamsim.dataset.sequence import FileFact, SequenceFacts, SequenceSpec
 from slamsim.dataset.truth import Truth
+from slamsim.logs.names import LOG
 from slamsim.logs.raw_memory import recording_from_readings
 from slamsim.logs.recorded import OdometryTail
 from slamsim.logs.writer import LogWriter
 from slamsim.recording import Recording, numbered
-from slamsim.run.folder import write_config, write_world
-from slamsim.run.naming import LOG
 from slamsim.sensors.faults.apply import declared, faulty_sensors
 from slamsim.sensors.faults.base import Fault
 from slamsim.sensors.faults.registry import chosen_fault
@@ -36,6 +35,7 @@ from slamsim.sim.robot import RobotModel, build_robot
 from slamsim.sim.route import plan_route
 from slamsim.simulate import log_header
 from slamsim.simulation.driven import write_corrupted
+from slamsim.simulation.own_files import write_config, write_world
 from slamsim.types import Drive, IntArray
 from slamsim.world.build import build_world
 from slamsim.world.model import World

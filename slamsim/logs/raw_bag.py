@@ -23,6 +23,7 @@ from slamsim.logs.bag_log import (
     is_truth,
 )
 from slamsim.logs.bag_sources import Channel
+from slamsim.logs.names import LOG
 from slamsim.logs.raw_scans import ScanCollector
 from slamsim.logs.raw_streams import (
     ClockCollector,
@@ -175,7 +176,7 @@ def _assembled(bag: Bag, read: list[_Topic], unread: tuple[UnreadTopic, ...]) ->
     clocks = [c.instants_ns() for c in collectors if isinstance(c, ClockCollector)]
     texts = [c.text for c in collectors if isinstance(c, TextCollector)]
     recording = Recording(
-        name=bag.path.resolve().parent.name if bag.path.name == "log" else bag.path.stem,
+        name=bag.path.resolve().parent.name if bag.path.name == LOG else bag.path.stem,
         format=_format(bag.path),
         scans=streams(ScanCollector),
         imus=streams(ImuCollector),

@@ -21,6 +21,7 @@ from slamsim.safe.errors import NotFound
 from slamsim.safe.files import own_file
 from slamsim.safe.numbers import as_json
 from slamsim.safe.output import partial_folder, write_atomic
+from slamsim.simulation.own_files import write_config
 from slamsim.slam.failures import Failures
 from slamsim.slam.known_map import KnownMap, map_of_grid, map_of_keyframes
 from slamsim.slam.laser.estimate import laser_of
@@ -56,7 +57,7 @@ def localise_recording(
     stages = Stages(reporter)
     surfaces = read_known_map(known)
     with partial_folder(folder, overwrite) as partial:
-        run_folder.write_config(partial, config)
+        write_config(partial, config)
         with stages.stage("localise", "scans/s") as progress:
             localised, step_ms = _localised(log, surfaces, config, start, progress)
         write_tum(partial / run_folder.TRAJECTORY, localised.trajectory)
