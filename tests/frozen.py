@@ -105,7 +105,7 @@ def simulations() -> Entries:
     for world, settings in _WORLDS.items():
         for seed in ("0", "1"):
             out = f"{world}_{seed}"
-            _run("simulate", world, "--seed", seed, "--out", out, *_SHORT, *settings)
+            _run("simulate", world, "--seed", seed, "--out", out, *settings, *_SHORT)
             yield from _files(Path(out))
             yield from _read(out, Path(out))
     for name, faults in _FAULTY.items():
