@@ -15,8 +15,7 @@ from dataset_example import produced, small_spec
 from slamsim.config.loading import load_run_config
 from slamsim.dataset.produce import produce
 from slamsim.dataset.sequence import SequenceFacts
-from slamsim.logs.parquet_file import read_table
-from slamsim.logs.parquet_log import joined_axes
+from slamsim.logs.parquet_file import joined_axes, read_table
 from slamsim.logs.raw import read_recording
 from slamsim.logs.reader import read_log, read_truth
 from slamsim.logs.tum import read_tum

@@ -69,13 +69,7 @@ ALLOWED: Mapping[str, tuple[str, ...]] = {
 }
 """From the lowest layer to the highest: a layer imports from those that it names alone."""
 
-EXCEPTIONS: frozenset[tuple[str, str]] = frozenset(
-    {
-        ("logs.messages", "sensors.readings"),
-        ("logs.raw_memory", "sensors.readings"),
-        ("logs.writer", "sensors.readings"),
-    }
-)
+EXCEPTIONS: frozenset[tuple[str, str]] = frozenset({})
 """(module, what it imports against ``ALLOWED``)."""
 
 FILE_CYCLES: frozenset[frozenset[str]] = frozenset()

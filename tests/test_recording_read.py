@@ -19,10 +19,10 @@ from rosbags.rosbag2 import StoragePlugin
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from slamsim.logs.raw import read_recording
-from slamsim.logs.writer import LogWriter
 from slamsim.recording import Origin, Recording, row_store
 from slamsim.recording.row_store import RowStore
 from slamsim.safe.errors import InputRefused, NotFound
+from slamsim.simulation.log_writer import LogWriter
 
 ROBOT1, ROBOT2 = Robot(ROS1), Robot(ROS2)
 RADISH = Path(__file__).parents[2] / "shared" / "data" / "radish"

@@ -5,7 +5,7 @@ Everything here can be pickled and sent to other processes, and nothing keeps a 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, TypeVar, overload
@@ -16,22 +16,22 @@ import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from slamsim.config.run import RunConfig
-from slamsim.dataset.lazy_table import Cells, LazyTable
+from slamsim.dataset.lazy_table import LazyTable
 from slamsim.dataset.manifest import read_manifest
 from slamsim.dataset.place import Place
 from slamsim.dataset.sequence import SPLITS, Cell
 from slamsim.dataset.shard import MADE
 from slamsim.dataset.truth_read import SequenceTruth, Span
 from slamsim.logs.names import LOG, TABLES
-from slamsim.logs.parquet_read import imu_of, odometry_of, scans_of, ticks_of
-from slamsim.recording import RawImu, RawOdometry, RawScans, RawTicks
+from slamsim.logs.parquet_read import stream_of
+from slamsim.recording import RawImu, RawOdometry, RawScans, RawStream, RawTicks
 from slamsim.safe.errors import NotFound, SlamsimError, shown
 from slamsim.safe.files import own_file
 from slamsim.safe.yaml import parse_yaml
 from slamsim.simulation.own_files import CONFIG
 from slamsim.types import BoolArray, IntArray, Log
 
-_Raw = TypeVar("_Raw")
+_Raw = TypeVar("_Raw", bound=RawStream)
 _BEAMS = "quality.beams"
 
 Window = dict[str, NDArray[Any]]
@@ -64,22 +64,22 @@ class Sequence:
     @property
     def scans(self) -> RawScans:
         """``ranges_m``: (n, beams)."""
-        return self._recorded("scans", scans_of)
+        return self._recorded(RawScans)
 
     @property
     def imu(self) -> RawImu:
         """Rates of turn and specific forces, (n, 3) each."""
-        return self._recorded("imu", imu_of)
+        return self._recorded(RawImu)
 
     @property
     def encoders(self) -> RawTicks:
         """``ticks``: (n, 2) left, right."""
-        return self._recorded("encoders", ticks_of)
+        return self._recorded(RawTicks)
 
     @property
     def odometry(self) -> RawOdometry:
         """Poses as the robot's driver published them; of a part by their stamps."""
-        return self._recorded("odometry", odometry_of)
+        return self._recorded(RawOdometry)
 
     @property
     def log(self) -> Log:
@@ -101,14 +101,16 @@ class Sequence:
             raise NotFound(f"{self.place.address} has no {path}")
         return RunConfig.model_validate(parse_yaml(data.decode(), Path(path)).data)
 
-    def _recorded(self, name: str, made: Callable[[Cells, Cells], _Raw]) -> _Raw:
+    def _recorded(self, kind: type[_Raw]) -> _Raw:
+        name = kind.schema.table
         table = LazyTable(self.place, f"{self.name}/parquet/{name}.parquet")
         if self.truth.span is None:
-            return made(table.facts, table.rows(0, len(table)))
+            return stream_of(kind, table.facts, table.rows(0, len(table)))
         rows = np.flatnonzero(self._inside(table, name, self.truth.span))
         first, last = (int(rows[0]), int(rows[-1]) + 1) if rows.size else (0, 0)
         cells = table.rows(first, last)
-        return made(table.facts, {key: values[rows - first] for key, values in cells.items()})
+        some = {key: values[rows - first] for key, values in cells.items()}
+        return stream_of(kind, table.facts, some)
 
     def _inside(self, table: LazyTable, name: str, span: Span) -> BoolArray:
         """Which rows of a table are in the part."""

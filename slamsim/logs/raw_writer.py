@@ -10,7 +10,7 @@ import numpy as np
 
 from slamsim.logs.as_ros import as_ros
 from slamsim.logs.bag_folder import BagFolder, TopicKind
-from slamsim.logs.raw_messages import Outgoing, outgoing
+from slamsim.logs.encoding import Outgoing, outgoing
 from slamsim.recording import Recording
 from slamsim.safe.errors import SlamsimError
 from slamsim.types import IntArray

@@ -11,11 +11,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Literal, TypeVar
+from typing import Any, ClassVar, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from slamsim.recording import schemas
 from slamsim.types import BoolArray, Epoch, Float32Array, FloatArray, IntArray
 
 
@@ -57,8 +58,19 @@ class Origin:
         return cls(topic, np.column_stack([messages, np.zeros_like(messages)]))
 
 
+class _OfSchema:
+    """Messages of one kind; schema: what each of them holds."""
+
+    __slots__ = ()
+    schema: ClassVar[schemas.Schema]
+
+    def values(self, field: schemas.Field) -> Any:
+        """What is held of a field: a row for each message, or one number of all; None for none."""
+        return getattr(self, field.name)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
-class RawStream:
+class RawStream(_OfSchema):
     """What every stream has.
 
     frame_ids: the distinct frames that its messages name, in order of appearance. stamps_ns: (n,)
@@ -87,6 +99,8 @@ class RawScans(RawStream):
     may read the file only when asked). intensities likewise, None without any.
     """
 
+    schema = schemas.SCANS
+
     layouts: tuple[ScanLayout, ...]
     layout_of: NDArray[np.int32]
     ranges_m: Sequence[Float32Array] | Float32Array
@@ -95,6 +109,12 @@ class RawScans(RawStream):
     def layout(self, scan: int) -> ScanLayout:
         return self.layouts[int(self.layout_of[scan])]
 
+    def values(self, field: schemas.Field) -> Any:
+        if field not in schemas.LASER_LAYOUT:
+            return getattr(self, field.name)
+        each = [getattr(layout, field.name) for layout in self.layouts]
+        return np.array(each, dtype=np.float64)[self.layout_of]
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RawImu(RawStream):
@@ -102,6 +122,8 @@ class RawImu(RawStream):
 
     orientation_xyzw: (n, 4), None where the messages say that they have none.
     """
+
+    schema = schemas.IMU
 
     angular_velocity_rad_s: FloatArray
     linear_acceleration_m_s2: FloatArray
@@ -115,6 +137,8 @@ class RawOdometry(RawStream):
     The ground truth of a simulation is never among the odometries of a ``Recording``.
     """
 
+    schema = schemas.ODOMETRY
+
     child_frame_ids: tuple[str, ...]
     positions_m: FloatArray
     quats_xyzw: FloatArray
@@ -126,6 +150,8 @@ class RawOdometry(RawStream):
 class RawTicks(RawStream):
     """Cumulative counts of the wheels, (n, 2) int64 as (left, right), and the driver's numbers."""
 
+    schema = schemas.TICKS
+
     ticks: IntArray
     ticks_per_revolution: int
     wheel_radius_m: float
@@ -136,18 +162,31 @@ class RawTicks(RawStream):
 class RawJoints(RawStream):
     """sensor_msgs/JointState: positions_rad, velocities_rad_s: (n, joints), nan where not given."""
 
+    schema = schemas.JOINTS
+
     names: tuple[str, ...]
     positions_rad: FloatArray
     velocities_rad_s: FloatArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class TransformEdge:
+class RawTwists(RawStream):
+    """Commands to a robot: (n, 2) forward in m/s and yaw rate in rad/s."""
+
+    schema = schemas.TWISTS
+
+    commands: FloatArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TransformEdge(_OfSchema):
     """All transforms published for one pair of frames on one topic.
 
     T_parent_child as positions_m (n, 3) and quats_xyzw (n, 4) at stamps_ns (n,); received_ns as
     and origin as for a stream. is_static: it came on a latched topic (/tf_static).
     """
+
+    schema = schemas.TRANSFORM
 
     topic: str
     parent: str
@@ -173,6 +212,9 @@ class UnreadTopic:
     messages: int
     reason: str
 
+
+KINDS = ("scans", "imus", "odometries", "ticks", "joints")
+"""The fields of a ``Recording`` that hold streams."""
 
 RecordingFormat = Literal["mcap", "rosbag2", "rosbag1", "carmen", "parquet", "memory"]
 
@@ -200,37 +242,22 @@ class Recording:
     unread: tuple[UnreadTopic, ...] = ()
     odd: tuple[str, ...] = ()
 
+    @property
+    def streams(self) -> tuple[RawStream, ...]:
+        """All of them, kind by kind."""
+        return tuple(stream for kind in KINDS for stream in getattr(self, kind))
+
 
 Messages = TypeVar("Messages", bound=RawStream | TransformEdge)
 _Stream = TypeVar("_Stream", bound=RawStream)
-
-PER_MESSAGE = (
-    "stamps_ns",
-    "received_ns",
-    "samples",
-    "origin",
-    "layout_of",
-    "ranges_m",
-    "intensities",
-    "angular_velocity_rad_s",
-    "linear_acceleration_m_s2",
-    "orientation_xyzw",
-    "positions_m",
-    "quats_xyzw",
-    "linear_m_s",
-    "angular_rad_s",
-    "ticks",
-    "positions_rad",
-    "velocities_rad_s",
-)
-"""The fields of streams and edges that have a row for each message."""
 
 
 def kept(messages: Messages, which: BoolArray | IntArray) -> Messages:
     """Some messages of a topic or edge, or all in another order."""
     rows = np.arange(messages.stamps_ns.size)[which]
     per_message: dict[str, object] = {}
-    for name in PER_MESSAGE:
+    fields = (field.name for field in messages.schema.fields if not field.is_constant)
+    for name in ("stamps_ns", "received_ns", "samples", "origin", "layout_of", *fields):
         value = getattr(messages, name, None)
         if isinstance(value, np.ndarray | Origin):
             per_message[name] = value[rows]
@@ -245,14 +272,8 @@ def numbered(recording: Recording) -> Recording:
     def each(stream: _Stream) -> _Stream:
         return replace(stream, samples=np.arange(len(stream)))
 
-    return replace(
-        recording,
-        scans=tuple(map(each, recording.scans)),
-        imus=tuple(map(each, recording.imus)),
-        odometries=tuple(map(each, recording.odometries)),
-        ticks=tuple(map(each, recording.ticks)),
-        joints=tuple(map(each, recording.joints)),
-    )
+    changed: dict[str, Any] = {kind: tuple(map(each, getattr(recording, kind))) for kind in KINDS}
+    return replace(recording, **changed)
 
 
 def with_odometry_edge(recording: Recording, odometry: RawOdometry) -> Recording:
