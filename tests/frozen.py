@@ -229,7 +229,7 @@ def _recorded(recording: Recording) -> Entries:
         for at, value in _leaves(edge):
             yield f"{edge.topic} {edge.name}{at}", value
     for field in fields(recording):
-        if field.name not in (*kinds, "transforms"):
+        if field.name not in (*kinds, "streams", "transforms"):
             yield field.name, _hash_of(getattr(recording, field.name))
 
 

@@ -83,7 +83,7 @@ def test_laser_scan_bytes(frame_id: str, intensities: bool, beams: int) -> None:
         for i in range(3)
     ]
 
-    (stream,) = outgoing(Recording("r", "memory", scans=(scans,)))
+    (stream,) = outgoing(Recording("r", "memory", streams=(scans,)))
 
     _assert_same_bytes(stream.rows(np.arange(3)), expected)
 

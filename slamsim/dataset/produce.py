@@ -20,7 +20,8 @@ from slamsim.dataset.formats import Formats
 from slamsim.dataset.sequence import FileFact, SequenceFacts, SequenceSpec
 from slamsim.dataset.truth import Truth
 from slamsim.logs.names import LOG
-from slamsim.recording import Recording, numbered
+from slamsim.recording import Recording
+from slamsim.recording.edits import numbered
 from slamsim.sensors.faults.apply import declared, faulty_sensors
 from slamsim.sensors.faults.base import Fault
 from slamsim.sensors.faults.registry import chosen_fault

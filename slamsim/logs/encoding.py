@@ -15,7 +15,15 @@ from numpy.typing import NDArray
 
 from slamsim.logs.cdr import CdrLayout, Rows, set_stamps
 from slamsim.logs.layouts import Constants, columns_of, message_layout
-from slamsim.recording import RawJoints, RawScans, RawStream, Recording, TransformEdge
+from slamsim.recording import (
+    RawImu,
+    RawJoints,
+    RawScans,
+    RawStream,
+    RawTicks,
+    Recording,
+    TransformEdge,
+)
 from slamsim.recording.schemas import CLOCK, LASER_LAYOUT, SCANS, TRANSFORM, Field, Schema
 from slamsim.types import Float32Array, IntArray
 
@@ -130,11 +138,18 @@ def outgoing(
     """
     fixed = constants or {}
     found = [*_description(recording), *_static(recording), *_clock(recording)]
-    for scans in recording.scans:
-        found += _scans(scans)
-    for streams in (recording.imus, recording.ticks, recording.joints, recording.odometries):
-        found += [stream_messages(stream, fixed.get(stream.topic)) for stream in streams]
+    for stream in sorted(recording.streams, key=_written_first):
+        if isinstance(stream, RawScans):
+            found += _scans(stream)
+        else:
+            found.append(stream_messages(stream, fixed.get(stream.topic)))
     return found + [_moving(edge) for edge in recording.transforms if not edge.is_static]
+
+
+def _written_first(stream: RawStream) -> int:
+    """Of messages that came at one instant: the sensors, then what was made of them."""
+    order = RawScans, RawImu, RawTicks, RawJoints
+    return order.index(type(stream)) if type(stream) in order else len(order)
 
 
 def stream_messages(

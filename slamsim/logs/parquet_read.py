@@ -20,12 +20,9 @@ from slamsim.logs.parquet_sound import require_sound
 from slamsim.logs.refusing import refusing
 from slamsim.logs.scans import StoredScans
 from slamsim.recording import (
-    RawImu,
-    RawJoints,
-    RawOdometry,
+    KINDS,
     RawScans,
     RawStream,
-    RawTicks,
     Recording,
     ScanLayout,
     TransformEdge,
@@ -65,11 +62,7 @@ def read_parquet_recording(folder: Path) -> Recording:
     return Recording(
         name=str(facts.get("recording", folder.name)),
         format="parquet",
-        scans=_streams(folder, RawScans),
-        imus=_streams(folder, RawImu),
-        odometries=_streams(folder, RawOdometry),
-        ticks=_streams(folder, RawTicks),
-        joints=_streams(folder, RawJoints),
+        streams=tuple(stream for kind in KINDS for stream in _streams(folder, kind)),
         transforms=transforms,
         robot_description=facts["robot_description"],
         epoch=facts["epoch"],

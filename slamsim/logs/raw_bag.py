@@ -27,7 +27,6 @@ from slamsim.logs.names import LOG
 from slamsim.logs.raw_scans import ScanCollector
 from slamsim.logs.raw_streams import (
     ClockCollector,
-    Collector,
     ImuCollector,
     JointCollector,
     OdometryCollector,
@@ -37,7 +36,7 @@ from slamsim.logs.raw_streams import (
 )
 from slamsim.logs.refusing import refusing
 from slamsim.logs.ros_types import ENCODER_TICKS
-from slamsim.recording import RawStream, Recording, RecordingFormat, UnreadTopic
+from slamsim.recording import KINDS, Recording, RecordingFormat, UnreadTopic
 from slamsim.safe.errors import InputRefused
 from slamsim.types import Epoch
 
@@ -168,21 +167,13 @@ def _unread(bag: Bag, topics: Mapping[str, _Topic]) -> tuple[UnreadTopic, ...]:
 
 
 def _assembled(bag: Bag, read: list[_Topic], unread: tuple[UnreadTopic, ...]) -> Recording:
-    def streams(kind: type[Collector]) -> tuple[Any, ...]:
-        collectors: list[Any] = [t.collector for t in read if isinstance(t.collector, kind)]
-        return tuple(collector.stream() for collector in collectors)
-
     collectors = [topic.collector for topic in read]
     clocks = [c.instants_ns() for c in collectors if isinstance(c, ClockCollector)]
     texts = [c.text for c in collectors if isinstance(c, TextCollector)]
     recording = Recording(
         name=bag.path.resolve().parent.name if bag.path.name == LOG else bag.path.stem,
         format=_format(bag.path),
-        scans=streams(ScanCollector),
-        imus=streams(ImuCollector),
-        odometries=streams(OdometryCollector),
-        ticks=streams(TicksCollector),
-        joints=streams(JointCollector),
+        streams=tuple(c.stream() for kind in KINDS for c in collectors if c.kind is kind),
         transforms=tuple(
             edge for c in collectors if isinstance(c, TransformCollector) for edge in c.edges()
         ),
@@ -195,7 +186,7 @@ def _assembled(bag: Bag, read: list[_Topic], unread: tuple[UnreadTopic, ...]) ->
 
 
 def _epoch(bag: Bag, recording: Recording) -> Epoch:
-    streams: tuple[RawStream, ...] = (*recording.scans, *recording.imus, *recording.odometries)
+    streams = (*recording.scans, *recording.imus, *recording.odometries)
     return epoch_in(bag, int(np.median(streams[0].stamps_ns)) if streams else 0)
 
 

@@ -55,6 +55,8 @@ class _Part:
 class ScanCollector(Collector):
     """sensor_msgs/LaserScan."""
 
+    kind = RawScans
+
     def __init__(self, topic: str, opened: Opened, is_cdr: bool) -> None:
         super().__init__(topic, opened, is_cdr)
         self._layouts: dict[ScanLayout, int] = {}

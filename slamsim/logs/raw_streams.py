@@ -71,7 +71,12 @@ class _Gathered:
 
 
 class Collector:
-    """What all collectors do. taken: how many messages were; without any there is no stream."""
+    """What all collectors do. taken: how many messages were; without any there is no stream.
+
+    kind: of the stream that it makes, if it makes one.
+    """
+
+    kind: type[RawStream] | None = None
 
     def __init__(self, topic: str, opened: Opened, is_cdr: bool) -> None:
         self.topic, self._opened, self._is_cdr = topic, opened, is_cdr
@@ -110,11 +115,11 @@ class Collector:
 class _Numbers(Collector, Generic[_Raw]):
     """Messages of a header and so many numbers, as their schema says."""
 
-    _kind: type[_Raw]
+    kind: type[_Raw]
 
     def __init__(self, topic: str, opened: Opened, is_cdr: bool) -> None:
         super().__init__(topic, opened, is_cdr)
-        self._schema = self._kind.schema
+        self._schema = self.kind.schema
         self._gathered = _Gathered()
         self._there: set[str] = set()
 
@@ -132,7 +137,7 @@ class _Numbers(Collector, Generic[_Raw]):
     def stream(self) -> _Raw:
         """What all messages say alike is taken from the first one."""
         places, stamps_ns, received_ns, values = self._gathered.joined()
-        return self._kind(
+        return self.kind(
             topic=self.topic,
             stamps_ns=stamps_ns,
             received_ns=received_ns,
@@ -150,23 +155,25 @@ class _Numbers(Collector, Generic[_Raw]):
 class ImuCollector(_Numbers[RawImu]):
     """sensor_msgs/Imu."""
 
-    _kind = RawImu
+    kind = RawImu
 
 
 class OdometryCollector(_Numbers[RawOdometry]):
     """nav_msgs/Odometry."""
 
-    _kind = RawOdometry
+    kind = RawOdometry
 
 
 class TicksCollector(_Numbers[RawTicks]):
     """slamsim_msgs/EncoderTicks; the driver's numbers are those of the first message."""
 
-    _kind = RawTicks
+    kind = RawTicks
 
 
 class JointCollector(Collector):
     """sensor_msgs/JointState, whose messages may each name other joints."""
+
+    kind = RawJoints
 
     def __init__(self, topic: str, opened: Opened, is_cdr: bool) -> None:
         super().__init__(topic, opened, is_cdr)

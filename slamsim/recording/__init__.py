@@ -9,7 +9,7 @@ stream are in the order of the file.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar, Literal, TypeVar
 
@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slamsim.recording import schemas
-from slamsim.types import BoolArray, Epoch, Float32Array, FloatArray, IntArray
+from slamsim.types import Epoch, Float32Array, FloatArray, IntArray
 
 
 @dataclass(frozen=True, slots=True)
@@ -213,15 +213,19 @@ class UnreadTopic:
     reason: str
 
 
-KINDS = ("scans", "imus", "odometries", "ticks", "joints")
-"""The fields of a ``Recording`` that hold streams."""
+KINDS: tuple[type[RawStream], ...] = (RawScans, RawImu, RawOdometry, RawTicks, RawJoints)
+"""What is read of recordings, in the order in which a ``Recording`` holds it."""
 
 RecordingFormat = Literal["mcap", "rosbag2", "rosbag1", "carmen", "parquet", "memory"]
 
 
+Messages = TypeVar("Messages", bound=RawStream | TransformEdge)
+_Stream = TypeVar("_Stream", bound=RawStream)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Recording:
-    """A whole recording.
+    """A whole recording: streams, each on its topic, and transforms.
 
     clock_ns: (n, 2) of (simulated time, when received) from /clock, None without it. epoch: as
     the file declares it or the size of its stamps tells. odd: what the reader could not make
@@ -230,11 +234,7 @@ class Recording:
 
     name: str
     format: RecordingFormat
-    scans: tuple[RawScans, ...] = ()
-    imus: tuple[RawImu, ...] = ()
-    odometries: tuple[RawOdometry, ...] = ()
-    ticks: tuple[RawTicks, ...] = ()
-    joints: tuple[RawJoints, ...] = ()
+    streams: tuple[RawStream, ...] = ()
     transforms: tuple[TransformEdge, ...] = ()
     robot_description: str | None = None
     clock_ns: IntArray | None = None
@@ -242,58 +242,38 @@ class Recording:
     unread: tuple[UnreadTopic, ...] = ()
     odd: tuple[str, ...] = ()
 
+    def of(self, kind: type[_Stream]) -> tuple[_Stream, ...]:
+        """Its streams of a kind."""
+        return tuple(stream for stream in self.streams if isinstance(stream, kind))
+
+    def with_streams(self, kind: type[_Stream], streams: Sequence[_Stream]) -> Recording:
+        """With these in the place of all streams of a kind."""
+        first = next((i for i, each in enumerate(self.streams) if isinstance(each, kind)), None)
+        others = [stream for stream in self.streams if not isinstance(stream, kind)]
+        at = len(others) if first is None else first
+        return replace(self, streams=(*others[:at], *streams, *others[at:]))
+
+    def changed(self, kind: type[_Stream], change: Callable[[_Stream], _Stream]) -> Recording:
+        """With each stream of a kind changed."""
+        streams = (change(each) if isinstance(each, kind) else each for each in self.streams)
+        return replace(self, streams=tuple(streams))
+
     @property
-    def streams(self) -> tuple[RawStream, ...]:
-        """All of them, kind by kind."""
-        return tuple(stream for kind in KINDS for stream in getattr(self, kind))
+    def scans(self) -> tuple[RawScans, ...]:
+        return self.of(RawScans)
 
+    @property
+    def imus(self) -> tuple[RawImu, ...]:
+        return self.of(RawImu)
 
-Messages = TypeVar("Messages", bound=RawStream | TransformEdge)
-_Stream = TypeVar("_Stream", bound=RawStream)
+    @property
+    def odometries(self) -> tuple[RawOdometry, ...]:
+        return self.of(RawOdometry)
 
+    @property
+    def ticks(self) -> tuple[RawTicks, ...]:
+        return self.of(RawTicks)
 
-def kept(messages: Messages, which: BoolArray | IntArray) -> Messages:
-    """Some messages of a topic or edge, or all in another order."""
-    rows = np.arange(messages.stamps_ns.size)[which]
-    per_message: dict[str, object] = {}
-    fields = (field.name for field in messages.schema.fields if not field.is_constant)
-    for name in ("stamps_ns", "received_ns", "samples", "origin", "layout_of", *fields):
-        value = getattr(messages, name, None)
-        if isinstance(value, np.ndarray | Origin):
-            per_message[name] = value[rows]
-        elif value is not None:
-            per_message[name] = [value[row] for row in rows]
-    return replace(messages, **per_message)  # type: ignore[arg-type]
-
-
-def numbered(recording: Recording) -> Recording:
-    """With the number of each message, which it keeps when others are lost."""
-
-    def each(stream: _Stream) -> _Stream:
-        return replace(stream, samples=np.arange(len(stream)))
-
-    changed: dict[str, Any] = {kind: tuple(map(each, getattr(recording, kind))) for kind in KINDS}
-    return replace(recording, **changed)
-
-
-def with_odometry_edge(recording: Recording, odometry: RawOdometry) -> Recording:
-    """The edge between an odometry's frames says what the odometry does."""
-    parent, child = odometry.frame_ids[0], odometry.child_frame_ids[0]
-    moving = [edge for edge in recording.transforms if not edge.is_static]
-    edge = TransformEdge(
-        moving[0].topic if moving else "/tf",
-        parent,
-        child,
-        False,
-        odometry.stamps_ns,
-        odometry.received_ns,
-        odometry.positions_m,
-        odometry.quats_xyzw,
-    )
-    for old in moving:  # published together: its messages stay, with new poses
-        if (old.parent, old.child) == (parent, child) and np.array_equal(
-            old.stamps_ns, odometry.stamps_ns
-        ):
-            edge = replace(old, positions_m=odometry.positions_m, quats_xyzw=odometry.quats_xyzw)
-    others = [e for e in recording.transforms if e.child != child or e.is_static]
-    return replace(recording, transforms=(*others, edge))
+    @property
+    def joints(self) -> tuple[RawJoints, ...]:
+        return self.of(RawJoints)

@@ -21,7 +21,7 @@ from slamsim.recording import (
     ScanLayout,
     TransformEdge,
 )
-from slamsim.sensors.readings import Readings, ScanBatch
+from slamsim.sensors.readings import Readings
 from slamsim.simulation.header import LogHeader
 from slamsim.simulation.tails import OdometryTail, TruthTail, WheelMotion, at_rate
 from slamsim.types import Drive, EncoderStream, IntArray, Trajectory
@@ -82,16 +82,12 @@ class DriveRecorder:
         header, last_ns = self._header, self._last_ns
         stamps_ns = np.concatenate([window.stamps_ns for window in windows])
         ticking = stamps_ns[at_rate(stamps_ns, last_ns, _CLOCK_RATE_HZ)]
-        wheels = _wheels(readings, header, self._odometry)
+        wheels, moving = _wheels(readings, header, self._odometry)
         recording = Recording(
             name=self._name,
             format="memory",
-            scans=_scans([part.scans for part in readings if len(part.scans)], header),
-            imus=_imus(readings),
-            odometries=wheels.odometries,
-            ticks=wheels.ticks,
-            joints=wheels.joints,
-            transforms=(*wheels.transforms, *_fixed(header, int(stamps_ns[0]))),
+            streams=(*_scans(readings, header), *_imus(readings), *wheels),
+            transforms=(*moving, *_fixed(header, int(stamps_ns[0]))),
             robot_description=header.robot_description,
             clock_ns=np.column_stack([ticking, ticking]),
             epoch=header.epoch,
@@ -141,7 +137,8 @@ def true_trajectory(windows: Sequence[Drive], header: LogHeader) -> Trajectory:
     )
 
 
-def _scans(batches: Sequence[ScanBatch], header: LogHeader) -> tuple[RawScans, ...]:
+def _scans(readings: Sequence[Readings], header: LogHeader) -> tuple[RawScans, ...]:
+    batches = [part.scans for part in readings if len(part.scans)]
     if not batches:
         return ()
     geometry = batches[0].geometry
@@ -191,23 +188,20 @@ def _imus(readings: Sequence[Readings]) -> tuple[RawImu, ...]:
     )
 
 
-def _wheels(readings: Sequence[Readings], header: LogHeader, tail: OdometryTail) -> Recording:
+def _wheels(
+    readings: Sequence[Readings], header: LogHeader, tail: OdometryTail
+) -> tuple[tuple[RawStream, ...], tuple[TransformEdge, ...]]:
     """All that the driver of the wheels publishes."""
     batches = [part.encoders for part in readings if len(part.encoders)]
     if not batches:
-        return Recording("", "memory")
+        return (), ()
     motion = _joined([tail.extend(batch.stream) for batch in batches])
     stream = _encoders([batch.stream for batch in batches])
     received_ns = np.concatenate([batch.arrival_ns for batch in batches])
     odometry, moving = _odometry(stream.stamps_ns, received_ns, motion, header)
-    return Recording(
-        "",
-        "memory",
-        odometries=(odometry,),
-        ticks=(_ticks(stream, received_ns, header.base_frame),),
-        joints=(_joints(stream.stamps_ns, received_ns, motion, header),),
-        transforms=(moving,),
-    )
+    ticks = _ticks(stream, received_ns, header.base_frame)
+    joints = _joints(stream.stamps_ns, received_ns, motion, header)
+    return (odometry, ticks, joints), (moving,)
 
 
 def _encoders(parts: Sequence[EncoderStream]) -> EncoderStream:
