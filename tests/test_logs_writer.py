@@ -183,7 +183,7 @@ def test_transform_bytes() -> None:
     tf = TYPES["tf2_msgs/msg/TFMessage"]
     pairs = [("odom", "a"), ("a", "bcd")]
     for some in (pairs[:1], pairs, []):
-        rows = encoded_transforms([edge(*pair) for pair in some], [np.arange(3)] * len(some))
+        rows = encoded_transforms([edge(*pair) for pair in some], np.arange(3))
         count = 3 if some else 1
         expected = [tf([transform(i, *pair) for pair in some]) for i in range(count)]
         _assert_same_bytes(rows, expected)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -24,11 +25,14 @@ from slamsim.recording import (
     Recording,
     TransformEdge,
 )
+from slamsim.recording.edits import kept
 from slamsim.recording.schemas import CLOCK, LASER_LAYOUT, SCANS, TRANSFORM, Field, Schema
 from slamsim.types import Float32Array, IntArray
 
 TRANSFORMS, TEXT = "tf2_msgs/msg/TFMessage", "std_msgs/msg/String"
 
+Which = IntArray | slice
+"""Numbers of messages; a slice copies nothing."""
 Values = Mapping[str, NDArray[Any] | None]
 """Of each field by its name: (n, ...) of n messages, () or (k,) for all of them, None for none."""
 
@@ -37,15 +41,19 @@ Values = Mapping[str, NDArray[Any] | None]
 class Outgoing:
     """Messages of one topic and one size. log_ns: (n,) when each was received, in file order.
 
-    rows: the messages of these numbers. message_bytes: about as long as one is.
+    rows: the messages of these numbers.
     """
 
     topic: str
     type_name: str
     log_ns: IntArray
-    message_bytes: int
-    rows: Callable[[IntArray], Rows]
+    rows: Callable[[Which], Rows]
     latched: bool = False
+
+    @property
+    def message_bytes(self) -> int:
+        """How long each of them is."""
+        return self.rows(np.zeros(0, dtype=np.int64)).dtype.itemsize
 
 
 def encoded(
@@ -109,17 +117,18 @@ def _fill(rows: Rows, fields: Sequence[Field], values: Values, at: str = "") -> 
                 rows[f"{at}{path}"] = value[..., number]
 
 
-def encoded_transforms(edges: Sequence[TransformEdge], which: Sequence[IntArray]) -> Rows:
-    """(n,) tf2_msgs/TFMessage that hold the transforms of these numbers, (n,) for each edge."""
+def encoded_transforms(edges: Sequence[TransformEdge], which: Which) -> Rows:
+    """(n,) tf2_msgs/TFMessage that each hold the transforms of one number, of all edges."""
     shape: list[tuple[str, str | int]] = [("transforms", len(edges))]
     places = [f"transforms.{number}." for number in range(len(edges))]
     for edge, at in zip(edges, places, strict=True):
         shape += [(f"{at}{path}", getattr(edge, name)) for name, path in TRANSFORM.frames]
     paths = (f"{at}{path}" for at in places for path in TRANSFORM.paths)
-    rows = _layout(TRANSFORMS, paths, shape, {}).rows(len(which[0]) if which else 1)
-    for edge, at, chosen in zip(edges, places, which, strict=True):
-        set_stamps(rows, edge.stamps_ns[chosen], f"{at}{TRANSFORM.stamp}")
-        values = {field.name: getattr(edge, field.name)[chosen] for field in TRANSFORM.fields}
+    stamps = [edge.stamps_ns[which] for edge in edges]
+    rows = _layout(TRANSFORMS, paths, shape, {}).rows(stamps[0].size if stamps else 1)
+    for edge, at, stamps_ns in zip(edges, places, stamps, strict=True):
+        set_stamps(rows, stamps_ns, f"{at}{TRANSFORM.stamp}")
+        values = {field.name: edge.values(field)[which] for field in TRANSFORM.fields}
         _fill(rows, TRANSFORM.fields, values, at)
     return rows
 
@@ -143,7 +152,7 @@ def outgoing(
             found += _scans(stream)
         else:
             found.append(stream_messages(stream, fixed.get(stream.topic)))
-    return found + [_moving(edge) for edge in recording.transforms if not edge.is_static]
+    return found + [_edge(edge) for edge in recording.transforms if not edge.is_static]
 
 
 def _written_first(stream: RawStream) -> int:
@@ -158,13 +167,12 @@ def stream_messages(
     """The messages of a stream that are all of one size."""
     schema, texts = stream.schema, _texts(stream)
 
-    def rows(which: IntArray) -> Rows:
+    def rows(which: Which) -> Rows:
         values = {field.name: _values(stream, field, which) for field in schema.fields}
         return encoded(schema, stream.stamps_ns[which], values, texts, constants)
 
     log_ns = _received(stream.stamps_ns, stream.received_ns)
-    size = rows(np.zeros(0, dtype=np.int64)).dtype.itemsize
-    return Outgoing(stream.topic, schema.type_name, log_ns, size, rows)
+    return Outgoing(stream.topic, schema.type_name, log_ns, rows)
 
 
 def _texts(stream: RawStream) -> dict[str, str | Sequence[str]]:
@@ -176,7 +184,7 @@ def _texts(stream: RawStream) -> dict[str, str | Sequence[str]]:
     return texts
 
 
-def _values(stream: RawStream, field: Field, which: IntArray) -> NDArray[Any] | None:
+def _values(stream: RawStream, field: Field, which: Which) -> NDArray[Any] | None:
     value = stream.values(field)
     if value is None or field.is_constant:
         return None if value is None else np.asarray(value)
@@ -204,9 +212,10 @@ def _begin_ns(recording: Recording) -> IntArray:
 
 def _scans(scans: RawScans) -> list[Outgoing]:
     """One for each number of beams."""
-    beams = np.array([len(row) for row in scans.ranges_m], dtype=np.int64)
     if isinstance(scans.ranges_m, np.ndarray):
         beams = np.full(len(scans), scans.ranges_m.shape[1])
+    else:
+        beams = np.array([len(row) for row in scans.ranges_m], dtype=np.int64)
     log_ns = _received(scans.stamps_ns, scans.received_ns)
     texts = _texts(scans)
     declared = {field.name: scans.values(field) for field in LASER_LAYOUT}
@@ -214,33 +223,37 @@ def _scans(scans: RawScans) -> list[Outgoing]:
     for count in np.unique(beams).tolist():
         mine = np.flatnonzero(beams == count)
 
-        def rows(which: IntArray, mine: IntArray = mine) -> Rows:
-            chosen = mine[which]
+        def rows(which: Which, mine: IntArray = mine, count: int = count) -> Rows:
+            chosen = which if mine.size == len(scans) else mine[which]
             values: dict[str, NDArray[Any] | None] = {
                 **{name: column[chosen] for name, column in declared.items()},
-                "ranges_m": _chosen(scans.ranges_m, chosen),
+                "ranges_m": _chosen(scans.ranges_m, chosen, count),
                 "intensities": None,
             }
             if scans.intensities is not None:
-                values["intensities"] = _chosen(scans.intensities, chosen)
+                values["intensities"] = _chosen(scans.intensities, chosen, count)
             return encoded(SCANS, scans.stamps_ns[chosen], values, texts)
 
-        size = 100 + 4 * count * (1 if scans.intensities is None else 2)
-        found.append(Outgoing(scans.topic, SCANS.type_name, log_ns[mine], size, rows))
+        found.append(Outgoing(scans.topic, SCANS.type_name, log_ns[mine], rows))
     return found
 
 
-def _chosen(values: Sequence[Float32Array] | Float32Array, which: IntArray) -> Float32Array:
+def _chosen(
+    values: Sequence[Float32Array] | Float32Array, which: Which, count: int
+) -> Float32Array:
     if isinstance(values, np.ndarray):
         return values[which]
-    return np.stack([values[i] for i in which.tolist()])
+    rows = [values[i] for i in np.arange(len(values))[which].tolist()]
+    return np.stack(rows) if rows else np.zeros((0, count), dtype=np.float32)
 
 
-def _moving(edge: TransformEdge) -> Outgoing:
-    log_ns = _received(edge.stamps_ns, edge.received_ns)
-    return Outgoing(
-        edge.topic, TRANSFORMS, log_ns, 150, lambda which: encoded_transforms([edge], [which])
-    )
+def _edge(edge: TransformEdge, since: int = 0) -> Outgoing:
+    """From one of its transforms on, each in a message of its own."""
+    log_ns = _received(edge.stamps_ns, edge.received_ns)[since:]
+    topic = "/tf_static" if edge.is_static else edge.topic
+    later = [kept(edge, np.arange(since, edge.stamps_ns.size)) if since else edge]
+    rows = partial(encoded_transforms, later)
+    return Outgoing(topic, TRANSFORMS, log_ns, rows, latched=edge.is_static)
 
 
 def _static(recording: Recording) -> list[Outgoing]:
@@ -250,30 +263,18 @@ def _static(recording: Recording) -> list[Outgoing]:
     if not edges:
         return []
     begin_ns = min(int(_received(edge.stamps_ns, edge.received_ns)[0]) for edge in edges)
-    at_ns, size = np.array([begin_ns], dtype=np.int64), 150 * len(edges)
-
-    def first(which: IntArray) -> Rows:
-        return encoded_transforms(edges, [which] * len(edges))
-
-    found = [Outgoing("/tf_static", TRANSFORMS, at_ns, size, first, latched=True)]
-    return found + [_later(edge) for edge in edges if edge.stamps_ns.size > 1]
-
-
-def _later(edge: TransformEdge) -> Outgoing:
-    def rows(which: IntArray) -> Rows:
-        return encoded_transforms([edge], [which + 1])
-
-    log_ns = _received(edge.stamps_ns, edge.received_ns)[1:]
-    return Outgoing("/tf_static", TRANSFORMS, log_ns, 150, rows, latched=True)
+    firsts = partial(encoded_transforms, [kept(edge, np.array([0])) for edge in edges])
+    found = [Outgoing("/tf_static", TRANSFORMS, np.array([begin_ns]), firsts, latched=True)]
+    return found + [_edge(edge, since=1) for edge in edges if edge.stamps_ns.size > 1]
 
 
 def _description(recording: Recording) -> list[Outgoing]:
     description = recording.robot_description
     if description is None:
         return []
-    size, begin_ns = len(description.encode()), _begin_ns(recording)
+    at_ns = _begin_ns(recording)
     topic = "/robot_description"
-    return [Outgoing(topic, TEXT, begin_ns, size, lambda which: text(description), latched=True)]
+    return [Outgoing(topic, TEXT, at_ns, lambda which: text(description), latched=True)]
 
 
 def _clock(recording: Recording) -> list[Outgoing]:
@@ -286,7 +287,6 @@ def _clock(recording: Recording) -> list[Outgoing]:
             "/clock",
             CLOCK.type_name,
             log_ns,
-            12,
             lambda which: encoded(CLOCK, shown_ns[which], {}, {}),
         )
     ]

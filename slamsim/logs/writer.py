@@ -37,7 +37,7 @@ class GrowingBag(Written):
         """The next messages of some topics."""
         for stream in streams:
             if stream.log_ns.size:
-                rows = stream.rows(np.arange(stream.log_ns.size))
+                rows = stream.rows(slice(None))
                 self._held[stream.topic].append(self._bag.batch(stream.topic, stream.log_ns, rows))
 
     def release(self, until_ns: int | None) -> None:
