@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,8 +15,6 @@ from slamsim.logs.bag import Bag, open_bag
 from slamsim.logs.bag_columns import Opened
 from slamsim.logs.bag_log import (
     CLOCK,
-    IMU,
-    ODOMETRY,
     SCAN,
     TRANSFORMS,
     choose_scan,
@@ -27,27 +26,22 @@ from slamsim.logs.names import LOG
 from slamsim.logs.raw_scans import ScanCollector
 from slamsim.logs.raw_streams import (
     ClockCollector,
-    ImuCollector,
     JointCollector,
-    OdometryCollector,
+    NumberCollector,
     TextCollector,
-    TicksCollector,
     TransformCollector,
 )
 from slamsim.logs.refusing import refusing
-from slamsim.logs.ros_types import ENCODER_TICKS
-from slamsim.recording import KINDS, Recording, RecordingFormat, UnreadTopic
+from slamsim.recording import KINDS, RawJoints, RawScans, Recording, RecordingFormat, UnreadTopic
 from slamsim.safe.errors import InputRefused
 from slamsim.types import Epoch
 
 _BATCH, _BATCH_BYTES = 4096, 16 << 20
 _DESCRIPTION = "robot_description"
 _COLLECTORS: dict[str, Callable[[str, Opened, bool], Any]] = {
-    SCAN: ScanCollector,
-    IMU: ImuCollector,
-    ODOMETRY: OdometryCollector,
-    ENCODER_TICKS: TicksCollector,
-    "sensor_msgs/msg/JointState": JointCollector,
+    **{kind.schema.type_name: partial(NumberCollector, kind) for kind in KINDS},
+    RawScans.schema.type_name: ScanCollector,
+    RawJoints.schema.type_name: JointCollector,
     TRANSFORMS[0]: TransformCollector,
     TRANSFORMS[1]: TransformCollector,
     CLOCK: ClockCollector,

@@ -20,11 +20,8 @@ from slamsim.logs.frames import frame_name
 from slamsim.logs.layouts import columns_of, message_layout, shape_of
 from slamsim.recording import (
     Origin,
-    RawImu,
     RawJoints,
-    RawOdometry,
     RawStream,
-    RawTicks,
     TransformEdge,
 )
 from slamsim.recording.schemas import CLOCK, JOINTS, TRANSFORM, Field, Schema
@@ -112,14 +109,14 @@ class Collector:
         return {name: tuple(self._names[name]) for name, _ in schema.frames}
 
 
-class _Numbers(Collector, Generic[_Raw]):
+class NumberCollector(Collector, Generic[_Raw]):
     """Messages of a header and so many numbers, as their schema says."""
 
     kind: type[_Raw]
 
-    def __init__(self, topic: str, opened: Opened, is_cdr: bool) -> None:
+    def __init__(self, kind: type[_Raw], topic: str, opened: Opened, is_cdr: bool) -> None:
         super().__init__(topic, opened, is_cdr)
-        self._schema = self.kind.schema
+        self.kind, self._schema = kind, kind.schema
         self._gathered = _Gathered()
         self._there: set[str] = set()
 
@@ -135,7 +132,7 @@ class _Numbers(Collector, Generic[_Raw]):
         self._gathered.add(order, group.stamps_ns(), received_ns, values)
 
     def stream(self) -> _Raw:
-        """What all messages say alike is taken from the first one."""
+        """What all messages say alike, such as the size of wheels, is that of the first one."""
         places, stamps_ns, received_ns, values = self._gathered.joined()
         return self.kind(
             topic=self.topic,
@@ -150,24 +147,6 @@ class _Numbers(Collector, Generic[_Raw]):
         if field.is_constant:
             return values[0].item()
         return None if field.covariance and field.name not in self._there else values
-
-
-class ImuCollector(_Numbers[RawImu]):
-    """sensor_msgs/Imu."""
-
-    kind = RawImu
-
-
-class OdometryCollector(_Numbers[RawOdometry]):
-    """nav_msgs/Odometry."""
-
-    kind = RawOdometry
-
-
-class TicksCollector(_Numbers[RawTicks]):
-    """slamsim_msgs/EncoderTicks; the driver's numbers are those of the first message."""
-
-    kind = RawTicks
 
 
 class JointCollector(Collector):
