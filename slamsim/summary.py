@@ -8,6 +8,9 @@ from typing import cast
 
 Numbers = Mapping[str, object]
 
+SPANS_TOLD = 5
+"""Of the times at which a robot was not placed in a known map, so many of each kind are told."""
+
 
 def summary(report: Numbers) -> dict[str, str]:
     """Name and value, with units, of what the report knows; what it does not know is left out."""
@@ -38,6 +41,28 @@ def _number(report: Numbers, *keys: str) -> float | None:
 def _driven(report: Numbers) -> str | None:
     path_m, duration_s = _number(report, "path_length_m"), _number(report, "duration_s")
     return None if path_m is None else f"{path_m:.1f} m in {duration_s:.1f} s"
+
+
+def _localised(report: Numbers) -> str | None:
+    """How many scans were placed in a known map, and when they were not."""
+    spans = report.get("spans")
+    if not isinstance(spans, list):
+        return None
+    told = [f"{report['scans_placed']} of {report['scans']} scans placed in the map"]
+    for state, words in (("odometry", "by odometry"), ("unknown", "place unknown")):
+        of_state = [span for span in spans if span["state"] == state]
+        longest = sorted(of_state, key=lambda span: span["from_s"] - span["to_s"])[:SPANS_TOLD]
+        times = [f"{s['from_s']:.1f} to {s['to_s']:.1f} s" for s in sorted(longest, key=_begin)]
+        rest = len(of_state) - len(longest)
+        times += [f"{rest} shorter ones"] if rest else []
+        told.append(
+            f"{report[f'scans_{state}']} {words}" + (f" ({', '.join(times)})" if times else "")
+        )
+    return "; ".join(told)
+
+
+def _begin(span: Numbers) -> float:
+    return cast(float, span["from_s"])
 
 
 def _trajectory(report: Numbers) -> str | None:
@@ -149,6 +174,7 @@ _CALIBRATED = {
 
 _LINES: dict[str, Callable[[Numbers], str | None]] = {
     "driven": _driven,
+    "localised": _localised,
     "trajectory error": _trajectory,
     "limit": _limit,
     "consistency": _trust,

@@ -1,4 +1,4 @@
-"""Maps that a later run takes up: saved and read, gone on with, localised in."""
+"""Maps that a later run takes up: saved and read, and gone on with."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 from simulated import ScanList, Simulated, labyrinth, simulate
 
-from slamsim.config.mapping import MappingConfig
 from slamsim.config.slam import SlamConfig
 from slamsim.geometry import between, compose
 from slamsim.result import SlamResult
@@ -19,15 +18,9 @@ from slamsim.run.continuing import chosen_earlier, clouds_before
 from slamsim.run.localising import read_known_map
 from slamsim.run.start import start_pose
 from slamsim.safe.errors import InputRefused, NotFound, OverrideRefused
-from slamsim.slam.known_map import KnownMap, map_of_grid, map_of_keyframes
-from slamsim.slam.localise import Localiser
-from slamsim.slam.mapping import build_grid
-from slamsim.slam.odometry import FrontEnd
-from slamsim.slam.online.samples import WholeMotion
 from slamsim.slam.saved_map import SavedMap, read_saved_map, write_saved_map
-from slamsim.slam.session import map_log, odometry_of
-from slamsim.slam.tracking import Step
-from slamsim.types import FloatArray, Log
+from slamsim.slam.session import map_log
+from slamsim.types import FloatArray
 
 
 @cache
@@ -41,25 +34,11 @@ def mapped() -> tuple[SlamResult, SavedMap]:
     return map_log(example().log, SlamConfig())
 
 
-def known() -> KnownMap:
-    return map_of_keyframes(mapped()[1].keyframes, mapped()[1].poses)
-
-
 def world_from_map() -> FloatArray:
     """Where the map began, as the truth has it."""
     first = mapped()[0].trajectory
     true = example().truth.at(first.stamps_ns[:1])[0]
     return compose(true, between(first.poses[0], np.zeros(3)))
-
-
-def localised(
-    log: Log, surfaces: KnownMap, start: FloatArray | None = None
-) -> tuple[Localiser, list[Step]]:
-    odometry = odometry_of(log)
-    front_end = FrontEnd(SlamConfig().front_end, odometry, log.T_base_laser)
-    localiser = Localiser(SlamConfig(), surfaces, front_end, WholeMotion(odometry), start)
-    steps = [localiser.step(scan) for scan in log.scans]
-    return localiser, [step for step in steps if step is not None]
 
 
 def later_drive(first: int, count: int) -> Simulated:
@@ -119,55 +98,6 @@ def test_what_is_no_map_is_said_to_be_none(tmp_path: Path) -> None:
         archive.writestr("format", b"no array")
     with pytest.raises(InputRefused, match="no array"):
         chosen_earlier(tmp_path, None)
-
-
-def test_a_robot_finds_itself_in_the_middle_of_the_map_and_stays_found() -> None:
-    drive = later_drive(120, 200)
-    localiser, steps = localised(drive.log, known())
-    assert steps[0].status == "lost" and np.isnan(steps[0].T_map_base).all()
-    assert steps[-1].status == "tracking"
-    result = localiser.result()
-    assert len(result.trajectory) == len(steps)
-    here = compose(world_from_map(), result.trajectory.poses)
-    off = between(drive.truth.at(result.trajectory.stamps_ns), here)
-    assert np.hypot(off[:, 0], off[:, 1]).max() < 0.05 and np.abs(off[:, 2]).max() < 0.02
-
-
-def test_a_robot_that_knows_where_it_is_need_not_look() -> None:
-    drive = later_drive(120, 60)
-    true = drive.truth.at(np.array([step.stamp_ns for step in drive.log.scans]))[0]
-    start = between(world_from_map(), true) + np.array([0.1, -0.1, 0.03])
-    _, steps = localised(drive.log, known(), start)
-    assert all(step.status == "tracking" for step in steps)
-    off = between(true, compose(world_from_map(), steps[0].T_map_base))
-    assert np.hypot(off[0], off[1]) < 0.03
-
-
-def test_a_kidnapped_robot_is_found_again() -> None:
-    log = later_drive(60, 500).log
-    scans = list(log.scans)
-    there = [
-        replace(scan, stamp_ns=scan.stamp_ns - scans[220].stamp_ns + scans[80].stamp_ns)
-        for scan in scans[220:]
-    ]
-    kidnapped = replace(log, scans=ScanList([*scans[:80], *there]), odometry=None, imu=None)
-    _, steps = localised(kidnapped, known())
-    status = [step.status for step in steps]
-    assert status[79] == "tracking" and "lost" in status[80:] and status[-1] == "tracking"
-    true = example(seed=5, max_s=60.0).truth.at(np.array([scans[-1].stamp_ns]))[0]
-    off = between(true, compose(world_from_map(), steps[-1].T_map_base))
-    assert np.hypot(off[0], off[1]) < 0.05
-
-
-def test_an_occupancy_grid_is_a_map_as_well() -> None:
-    slam, log = mapped()[0], example().log
-    grid = build_grid(log.scans, slam.trajectory, log.T_base_laser, MappingConfig())
-    drive = later_drive(120, 150)
-    localiser, steps = localised(drive.log, map_of_grid(grid))
-    assert steps[-1].status == "tracking"
-    track = localiser.result().trajectory
-    off = between(drive.truth.at(track.stamps_ns), compose(world_from_map(), track.poses))
-    assert np.hypot(off[:, 0], off[:, 1]).max() < 0.1
 
 
 def test_a_second_drive_becomes_one_map_with_the_first() -> None:

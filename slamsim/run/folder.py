@@ -14,7 +14,7 @@ from slamsim.slam.map_files import map_files
 from slamsim.types import Grid, Trajectory
 
 TRAJECTORY, ODOMETRY, TRUTH = "trajectory.tum", "odometry.tum", "ground_truth.tum"
-PARTS, KEYFRAMES = "parts", "keyframes.csv"
+PARTS, KEYFRAMES, STATES = "parts", "keyframes.csv", "states.csv"
 SAVED_MAP = "session.npz"
 RECORDING, REPORT, REPORT_JSON = "run.rrd", "report.html", "report.json"
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections import Counter
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ from slamsim.console import Reporter
 from slamsim.evaluate.trajectory import compare, statistics
 from slamsim.geometry import compose
 from slamsim.logs.reader import read_log, read_truth
+from slamsim.logs.stamps import decimal_from_stamp_ns
 from slamsim.logs.tum import read_tum, write_tum
 from slamsim.progress import Progress
 from slamsim.run import folder as run_folder
@@ -22,18 +24,13 @@ from slamsim.safe.files import own_file
 from slamsim.safe.numbers import as_json
 from slamsim.safe.output import partial_folder, write_atomic
 from slamsim.simulation.own_files import write_config
-from slamsim.slam.failures import Failures
-from slamsim.slam.known_map import KnownMap, map_of_grid, map_of_keyframes
-from slamsim.slam.laser.estimate import laser_of
-from slamsim.slam.localise import Localised, Localiser
-from slamsim.slam.odometry import FrontEnd
-from slamsim.slam.online.samples import WholeMotion
-from slamsim.slam.saved_map import read_saved_map
-from slamsim.slam.session import odometry_of
-from slamsim.types import FloatArray, Log, PlanarTrajectory, Trajectory
+from slamsim.slam.known_map import map_of_grid
+from slamsim.slam.localise import STATES, Localised, localise_log
+from slamsim.slam.saved_map import SavedMap, read_saved_map
+from slamsim.types import FloatArray, PlanarTrajectory, Trajectory
 from slamsim.world.map_server import read_map
 
-UNPLACED_SHARE_TO_TELL = 0.01
+STATE_HEADER = "time_s,state,sigma_x_m,sigma_y_m,sigma_yaw_rad"
 
 
 def localise_recording(
@@ -55,35 +52,38 @@ def localise_recording(
     path = log_of(source)
     log, truth = read_log(path, scan_topic), read_truth(path)
     stages = Stages(reporter)
-    surfaces = read_known_map(known)
+    saved = read_known_map(known)
     with partial_folder(folder, overwrite) as partial:
         write_config(partial, config)
         with stages.stage("localise", "scans/s") as progress:
-            localised, step_ms = _localised(log, surfaces, config, start, progress)
+            timed = _Timed(progress, len(log.scans))
+            localised = localise_log(log, config.slam, saved, start, timed)
         write_tum(partial / run_folder.TRAJECTORY, localised.trajectory)
-        write_tum(partial / run_folder.ODOMETRY, localised.odometry)
+        write_tum(partial / run_folder.ODOMETRY, _odometry(localised))
+        _write_states(partial / run_folder.STATES, localised)
         if truth is not None:
             run_folder.write_truth(partial, truth)
         numbers = {
             "name": recording_name(str(source)),
             "map": str(known),
-            **_numbers(localised, step_ms),
+            **_numbers(localised),
+            **timed.numbers(),
             **_errors(localised.trajectory, truth, known),
             "seconds": stages.so_far(),
             "peak_memory_mb": peak_memory_mb(),
         }
         write_atomic(partial / run_folder.REPORT_JSON, as_json(run_folder.REPORT_JSON, numbers))
-    return Report(numbers, (*log.warnings, *_warnings(localised)))
+    slam = localised.slam
+    return Report(numbers, (*log.warnings, *slam.warnings), failed=slam.failed)
 
 
-def read_known_map(path: Path) -> KnownMap:
+def read_known_map(path: Path) -> SavedMap:
     """The map of a run's folder or of a ROS map_server file. Raises NotFound or InputRefused."""
     if not path.is_dir():
         return map_of_grid(read_map(path))
     saved = own_file(path, run_folder.SAVED_MAP)
     if saved.is_file():
-        earlier = read_saved_map(saved)
-        return map_of_keyframes(earlier.keyframes, earlier.poses)
+        return read_saved_map(saved)
     if (path / "map.yaml").is_file():
         return map_of_grid(read_map(own_file(path, "map.yaml")))
     raise NotFound(
@@ -91,33 +91,59 @@ def read_known_map(path: Path) -> KnownMap:
     )
 
 
-def _localised(
-    log: Log, known: KnownMap, config: RunConfig, start: FloatArray | None, progress: Progress
-) -> tuple[Localised, FloatArray]:
-    """What came of it, and how long each scan took once the robot was found."""
-    log = laser_of(log, config.slam, Failures()).applied(log)
-    odometry = odometry_of(log)
-    front_end = FrontEnd(config.slam.front_end, odometry, log.T_base_laser)
-    localiser = Localiser(config.slam, known, front_end, WholeMotion(odometry), start)
-    step_ms = []
-    for number, scan in enumerate(log.scans):
-        begun_ns = time.perf_counter_ns()
-        step = localiser.step(scan)
-        if step is not None and step.status == "tracking":
-            step_ms.append((time.perf_counter_ns() - begun_ns) * 1e-6)
-        progress(number + 1, len(log.scans))
-    return localiser.result(), np.array(step_ms)
+class _Timed:
+    """Progress, and how long each of the scans took while it was tracked."""
+
+    def __init__(self, progress: Progress, scans: int) -> None:
+        self._progress, self._scans = progress, scans
+        self._at_ns: list[int] = []
+
+    def __call__(self, done: float, whole: float) -> None:
+        if len(self._at_ns) < self._scans:
+            self._at_ns.append(time.perf_counter_ns())
+        self._progress(done, whole)
+
+    def numbers(self) -> dict[str, object]:
+        step_ms = np.diff(self._at_ns) * 1e-6
+        median, most = np.percentile(step_ms, [50, 99]).tolist() if len(step_ms) else (None, None)
+        return {"step_p50_ms": median, "step_p99_ms": most}
 
 
-def _numbers(localised: Localised, step_ms: FloatArray) -> dict[str, object]:
-    stamps_ns = localised.trajectory.stamps_ns
+def _odometry(localised: Localised) -> PlanarTrajectory:
+    odometry, known = localised.slam.odometry, localised.known
+    return PlanarTrajectory(odometry.stamps_ns[known], odometry.poses[known])
+
+
+def _write_states(path: Path, localised: Localised) -> None:
+    """One line for each tracked scan: what is known of it, and standard deviations of its base in
+    its own frame, inf where nothing is."""
+    sigmas = np.sqrt(np.diagonal(localised.covariances, axis1=1, axis2=2))
+    rows = zip(localised.stamps_ns.tolist(), localised.states.tolist(), sigmas, strict=True)
+    lines = [
+        f"{decimal_from_stamp_ns(stamp_ns)},{STATES[state]},{','.join(f'{s:.6g}' for s in sigma)}"
+        for stamp_ns, state, sigma in rows
+    ]
+    write_atomic(path, ("\n".join([STATE_HEADER, *lines]) + "\n").encode())
+
+
+def _numbers(localised: Localised) -> dict[str, object]:
+    trajectory, scans = localised.trajectory, Counter(localised.states.tolist())
+    begin_ns = int(localised.stamps_ns[0])
+    spans = [
+        {
+            "state": STATES[state],
+            "scans": last - first + 1,
+            "from_s": (int(localised.stamps_ns[first]) - begin_ns) * 1e-9,
+            "to_s": (int(localised.stamps_ns[last]) - begin_ns) * 1e-9,
+        }
+        for state, first, last in localised.spans()
+    ]
     return {
-        "scans": localised.scans,
-        "scans_placed": len(localised.trajectory),
-        "duration_s": float(stamps_ns[-1] - stamps_ns[0]) * 1e-9,
-        "path_length_m": localised.trajectory.path_length_m(),
-        "step_p50_ms": float(np.percentile(step_ms, 50)) if len(step_ms) else None,
-        "step_p99_ms": float(np.percentile(step_ms, 99)) if len(step_ms) else None,
+        "scans": len(localised.states),
+        **{f"scans_{name}": scans[number] for number, name in enumerate(STATES)},
+        "spans": spans,
+        "duration_s": float(trajectory.stamps_ns[-1] - trajectory.stamps_ns[0]) * 1e-9,
+        "path_length_m": trajectory.path_length_m(),
     }
 
 
@@ -142,10 +168,3 @@ def _errors(
         there = statistics(np.hypot(off[:, 0], off[:, 1]))
         numbers |= {"in_map_rmse_m": there.rmse, "in_map_max_m": there.max}
     return numbers
-
-
-def _warnings(localised: Localised) -> tuple[str, ...]:
-    missing = localised.scans - len(localised.trajectory)
-    if missing <= UNPLACED_SHARE_TO_TELL * localised.scans:
-        return ()
-    return (f"{missing} of {localised.scans} scans could not be placed in the map",)

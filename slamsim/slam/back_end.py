@@ -19,6 +19,7 @@ from slamsim.result import Event, GraphEdge, MapGraph
 from slamsim.slam.bundle import NotRefined
 from slamsim.slam.calibration_solve import Solved
 from slamsim.slam.closure_search import ClosureSearch
+from slamsim.slam.closures.whole_part import WholeParts
 from slamsim.slam.correction import Correction
 from slamsim.slam.failures import Failures
 from slamsim.slam.graph import variance_factor
@@ -34,7 +35,7 @@ from slamsim.slam.steps import OdometryNoise, OdometryStep, then
 from slamsim.slam.submap_cutter import SubmapCutter
 from slamsim.slam.submaps import Submap
 from slamsim.slam.visits import Visits
-from slamsim.types import FloatArray, PlanarPoses
+from slamsim.types import FloatArray, IntArray, PlanarPoses
 
 CALIBRATION_ROUNDS = 2
 
@@ -54,6 +55,7 @@ class BackEnd:
         self._taken: list[int] = []
         self._passed: list[OdometryStep | None] = []
         self._visits = Visits()
+        self._held = 0
         self._suspected: list[Event] = []
         self._unrefined = ""
         self.sights: Sights | None = None
@@ -106,6 +108,13 @@ class BackEnd:
             self._search.restore(closures)
             self._solution.take_up()
 
+    def hold(self, keyframes: Iterable[Keyframe], poses: FloatArray) -> None:
+        """Begin with a finished map, whose key frames stay at their ``poses`` (n, 3)."""
+        for keyframe in keyframes:
+            self._join(keyframe, known=False)
+        self._held = len(self.keyframes)
+        self._solution.hold(poses)
+
     @property
     def keyframes(self) -> Sequence[Keyframe]:
         """Those that were kept, numbered as in the graph."""
@@ -147,13 +156,16 @@ class BackEnd:
             return None
         last = len(self.keyframes) - 1
         covariance = self._solution.estimate.covariance(0, last)
-        return Correction(self._taken[last], self._solution.poses[last].copy(), covariance)
+        parts, pose = self._solution.parts, self._solution.poses[last].copy()
+        return Correction(self._taken[last], pose, covariance, parts.of(last) == parts.of(0))
 
     def finish(self, progress: Progress = silent) -> MapGraph:
         """The final solution, after searching again wherever the estimate is better by now."""
         with self._stage("solve"):
             self._solution.solve()
         self._close_what_is_open(progress)
+        if self._held and self._place_whole_parts():
+            self._close_what_is_open(progress)
         with self._stage("join"):
             self._settle()
         with self._stage("calibrate"):
@@ -179,11 +191,12 @@ class BackEnd:
         with self._stage("check"):
             around = self._around
             submaps, size = self._cutter.submaps, self._config.submaps
-            doubts = [k.index for k in self.keyframes[1:] if k.doubt_ns and not k.broken]
+            own = self.keyframes[max(self._held, 1) :]
+            doubts = [k.index for k in own if k.doubt_ns and not k.broken]
             drives = {two.index for one, two in pairwise(self.keyframes) if begins_drive(one, two)}
             torn += doubtful_joints(graph, drives)
             usual = Usual(around, self.keyframes, doubts, size)
-            torn += tears(around, submaps, graph.keyframes, size, doubts, usual)
+            torn += tears(around, submaps, graph.keyframes, size, doubts, usual, self._held)
         withdrawn = self.withdrawn_ns
         kidnapped = (event for event in self._suspected if event.end_ns not in withdrawn)
         return (*kidnapped, *torn, *unrefined)
@@ -254,11 +267,30 @@ class BackEnd:
                 self._solution.solve()
         self._search.give_up_waiting()
 
+    def _place_whole_parts(self) -> bool:
+        """Put each part of the drive where all of it fits best in the map; whether any moved."""
+        moved: list[IntArray] = []
+        with self._stage("whole parts"):
+            submaps = self._cutter.submaps
+            poses, keyframes = self._solution.poses.copy(), self.keyframes
+            whole = WholeParts(self._config, keyframes, submaps, poses, self._held)
+            moved, carried_to = whole.settle(self._solution)
+            for begin in carried_to:
+                first = keyframes[begin]
+                since_ns = first.doubt_ns or first.stamp_ns
+                if not first.suspect:  # else it was told before
+                    self._suspected.append(Event(since_ns, first.stamp_ns, "kidnapped", CARRIED))
+                self._cutter.keyframes[begin] = replace(first, restart=ELSEWHERE)
+            for members in moved:
+                self._search.forget(members)
+            self._solution.solve()
+        return bool(moved)
+
     def _search_all(self, progress: Progress, begun: int, whole: int) -> int:
         """Search again from each key frame that no closure holds yet; how many were found."""
         closed = {edge.target for edge in self._solution.closures if edge.weight > 0.0}
         found = 0
-        for keyframe in self.keyframes:
+        for keyframe in self.keyframes[self._held :]:
             progress(begun + keyframe.index + 1, whole)
             if keyframe.index not in closed:
                 with self._stage("closures", keyframe.index):
@@ -291,13 +323,13 @@ class BackEnd:
 
     def _calibrate(self) -> None:
         """Calibrate the odometry by all key frames; what only odometry held moves with it."""
-        recalibration = Recalibration(self.keyframes, self._motion)
+        recalibration = Recalibration(self.keyframes[self._held :], self._motion)
         if recalibration.solved is None:
             return
         for _ in range(CALIBRATION_ROUNDS if recalibration.moves_chain else 0):
             self._solution.solve_with(recalibration.chain(self._config.graph))
             recalibration.close(self.poses, self._solution.edges)
-        self._cutter.keyframes = recalibration.keyframes()
+        self._cutter.keyframes[self._held :] = recalibration.keyframes()
         self.calibration = recalibration.solved
         self._odometry_noise = recalibration.solved.noise
 
@@ -306,15 +338,15 @@ class BackEnd:
 
         (n, 3, 3) how sure they are there, None if the refinement is not to be used.
         """
-        noise_m, edges = self._cutter.noise_m, self._solution.edges
+        noise_m, edges, held = self._cutter.noise_m, self._solution.edges, max(self._held, 1)
         try:
             poses, sights = refine_keyframes(
-                self.keyframes, self.poses, self._odometry_noise, noise_m, edges
+                self.keyframes, self.poses, self._odometry_noise, noise_m, edges, held
             )
         except NotRefined as refusal:
             self._unrefined = str(refusal)
             return None
-        covariances = sights.covariances()
+        covariances = np.concatenate([np.zeros((held - 1, 3, 3)), sights.covariances()])
         self._solution.estimate.move(poses)
         self.sights = sights
         return covariances

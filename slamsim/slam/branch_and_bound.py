@@ -23,8 +23,8 @@ def best_offset(
 ) -> tuple[IntArray, float]:
     """Best (turn, x, y) in cells and its score; score 0 if none reaches min_score, -1 if given up.
 
-    around: (turn, x, y, half width in turns, in cells, turns of a whole circle) of poses not to
-    consider. most_lookups: a search that has read the grid so often is given up.
+    around: (k, 6) (turn, x, y, half width in turns, in cells, turns of a whole circle) of poses not
+    to consider. most_lookups: a search that has read the grid so often is given up.
     """
     full = FULL_SCALE * cells.shape[1]
     top = min(int(np.ceil(np.log2(max(half.max(), 1)))), len(levels) - 1)
@@ -53,16 +53,19 @@ def _bound(
 
 @kernel
 def _excluded(a: int, x: int, y: int, size: int, around: IntArray) -> bool:
-    """Whether a whole block of offsets lies in the neighbourhood that does not count."""
-    best_a, best_x, best_y, turn, reach, circle = around
-    apart = abs(a - best_a) % circle
-    return bool(
-        min(apart, circle - apart) <= turn
-        and x >= best_x - reach
-        and y >= best_y - reach
-        and x + size - 1 <= best_x + reach
-        and y + size - 1 <= best_y + reach
-    )
+    """Whether a whole block of offsets lies in one of the neighbourhoods that do not count."""
+    for k in range(around.shape[0]):
+        best_a, best_x, best_y, turn, reach, circle = around[k]
+        apart = abs(a - best_a) % circle
+        if (
+            min(apart, circle - apart) <= turn
+            and x >= best_x - reach
+            and y >= best_y - reach
+            and x + size - 1 <= best_x + reach
+            and y + size - 1 <= best_y + reach
+        ):
+            return True
+    return False
 
 
 @kernel

@@ -86,20 +86,21 @@ def refine(
     odometry: Sequence[GraphEdge],
     noise_m: float,
     edges: Sequence[GraphEdge],
+    held: int = 1,
 ) -> Refined:
     """The most likely poses (n, 3) given what was seen from them, beginning at good ones.
 
-    views: n of (k, PIECE_FIELDS). odometry: edges that join all poses, of wheels and gyroscope
-    alone. noise_m: standard deviation of a range. edges: of the graph, which say what belongs
-    together. The first pose stays. Raises NotRefined for a result that is not to be used,
-    NoSolution for equations that have none.
+    views: n of (k, PIECE_FIELDS). held: so many of the first poses stay. odometry: edges that join
+    the others to the last of these and to one another, of wheels and gyroscope alone. noise_m:
+    standard deviation of a range. edges: of the graph, which say what belongs together. Raises
+    NotRefined for a result that is not to be used, NoSolution for equations that have none.
     """
     moments = moments_of(np.concatenate(views).astype(np.float64), noise_m)
     bundle = None
     begun_at = poses
     for gate_m, doubted_sigmas, steps in ROUNDS:
         shared = share_surfaces(views, poses, gate_m, edges)
-        bundle = _Bundle(moments, shared, odometry, doubted_sigmas)
+        bundle = _Bundle(moments, shared, odometry, doubted_sigmas, held)
         poses = bundle.relax(poses, steps)
     assert bundle is not None
     bundle.check(begun_at, poses)
@@ -115,16 +116,18 @@ class _Bundle:
         shared: Shared,
         odometry: Sequence[GraphEdge],
         doubted_sigmas: float,
+        held: int,
     ) -> None:
-        count = len(odometry) + 1
+        count = self._count = len(odometry)
+        self._held = held
         self._doubted_sigmas = doubted_sigmas
         if len(shared.starts) < 2:
             raise NotRefined("no surface was seen from two key frames")
         self._points = moments.points_m[shared.pieces]
         self._variance = moments.variance[shared.pieces]
         self._shared, self._surfaces = shared, shared.surfaces
-        # The first pose is held fixed: it goes last in the numbering.
-        self._number = np.append(count - 1, np.arange(count - 1))
+        # Poses that are held fixed share the last number: there is no unknown behind it.
+        self._number = np.append(np.full(held, count), np.arange(count))
         self._sources = np.array([edge.source for edge in odometry])
         self._targets = np.array([edge.target for edge in odometry])
         self._measured = np.array([edge.T_source_target for edge in odometry])
@@ -132,7 +135,7 @@ class _Bundle:
         self._ends = self._number[np.stack([self._sources, self._targets], axis=1)]
         self._pairs = shared.pairs()
         pairs = np.concatenate([self._number[self._pairs], self._ends])
-        self._panels = make_panels(pairs, count - 1)
+        self._panels = make_panels(pairs, count)
         self._weights = 0.5 / self._variance
         self._scaled = 2.0 * self._variance
         self.roughness_m = 0.0
@@ -145,12 +148,12 @@ class _Bundle:
             now = float(self._weights.sum())
             alike = weight / OTHER_WEIGHTS < now < weight * OTHER_WEIGHTS
             if factor is None or not alike or largest > OTHER_PLACE:
-                system, keyframes = self._system(poses), np.arange(1, len(poses))
+                system, keyframes = self._system(poses), np.arange(self._held, len(poses))
                 factor, weight = factorise(self._panels, system, keyframes), now
             step = factor.solve(self._pull(poses))
             if not np.isfinite(step).all():
                 raise NotRefined("a step of the refinement is not finite")
-            poses = compose(poses, np.concatenate([np.zeros((1, 3)), step]))
+            poses = compose(poses, np.concatenate([np.zeros((self._held, 3)), step]))
             self._weigh(poses)
             largest = float(np.abs(step).max())
             if largest <= SMALL_STEP:
@@ -161,7 +164,9 @@ class _Bundle:
         """What was seen and what was driven, each for itself."""
         drift = np.asarray(np.linalg.inv(self._believed_odometry(poses)[1]), np.float64)
         seen = self._surface_system(poses) / DOUBTED_BY_CHANCE
-        return Sights(self._panels, seen, drift, self._pairs, poses, np.zeros_like(poses))
+        pairs = np.maximum(self._pairs - (self._held - 1), 0)
+        pairs, poses = pairs[pairs[:, 0] < pairs[:, 1]], poses[self._held - 1 :]
+        return Sights(self._panels, seen, drift, pairs, poses, np.zeros_like(poses))
 
     def check(self, before: FloatArray, after: FloatArray) -> None:
         """Raise NotRefined unless the poses became more likely without being torn about."""
@@ -181,7 +186,7 @@ class _Bundle:
     def _weigh(self, poses: FloatArray) -> None:
         """How rough surfaces are, and what each observation is worth."""
         squares = self._squares(poses)
-        unknowns = 2.0 * len(self._shared.starts) + 3.0 * len(poses)
+        unknowns = 2.0 * len(self._shared.starts) + 3.0 * (self._count + 1)
         redundancy = max(1.0 - unknowns / (2.0 * len(squares)), LEAST_REDUNDANCY)
         self.roughness_m = _roughness(squares, self._variance, redundancy)
         self._scaled = 2.0 * (self._variance + self.roughness_m**2)
@@ -210,7 +215,7 @@ class _Bundle:
         system = self._surface_system(poses)
         _, information = self._believed_odometry(poses)
         add_edges(self._panels, system, self._ends, self._carry(poses), information)
-        for unknown in range(len(poses) - 1):
+        for unknown in range(self._count):
             add_block(self._panels, system, unknown, unknown, LEAST_KNOWN)
         return system
 
@@ -224,7 +229,7 @@ class _Bundle:
 
     def _own(self, poses: FloatArray) -> tuple[IntArray, FloatArray]:
         """Number of the pose behind each observation, and all poses by number."""
-        return self._number[self._shared.views], np.roll(poses, -1, axis=0)
+        return self._number[self._shared.views], np.roll(poses[self._held - 1 :], -1, axis=0)
 
     def _carry(self, poses: FloatArray) -> FloatArray:
         """(m, 3, 3) takes a small step of the source of each odometry edge to its target."""
@@ -234,7 +239,7 @@ class _Bundle:
         """(n - 1, 3) the right-hand side: where everything wants the poses to go."""
         error, information = self._believed_odometry(poses)
         pull = np.einsum("mij,mj->mi", information, error)
-        right = np.zeros((len(poses), 3))
+        right = np.zeros((self._count + 1, 3))
         np.add.at(right, self._ends[:, 0], np.einsum("mji,mj->mi", self._carry(poses), pull))
         np.add.at(right, self._ends[:, 1], -pull)
         points = to_map(self._points, self._shared.views, poses)

@@ -18,7 +18,7 @@ from slamsim.slam.rejoin import Rejoiner
 from slamsim.slam.solution import Solution
 from slamsim.slam.submap_cutter import SubmapCutter
 from slamsim.slam.submaps import Submap
-from slamsim.types import FloatArray
+from slamsim.types import FloatArray, IntArray
 
 REJOIN_TRAVEL_M = 6.0
 MOVED_M = 0.15
@@ -83,6 +83,11 @@ class ClosureSearch:
         new = tuple(self._new)
         self._new.clear()
         return new
+
+    def forget(self, members: IntArray) -> None:
+        """These key frames lie elsewhere than they did: nothing was sought there."""
+        moved = set(members.tolist())
+        self._closed = {pair for pair in self._closed if pair[1] not in moved}
 
     def give_up_waiting(self) -> None:
         """No closure that still waits for others to agree will ever count."""

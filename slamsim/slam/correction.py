@@ -16,11 +16,13 @@ from slamsim.types import FloatArray, IntArray, OutsideTimeRange, PlanarTrajecto
 class Correction:
     """T_map_base: (3,) of a key frame as the closures known by now have it. covariance: (3, 3)
     relative to the first key frame, of a small step of the base in its own frame. keyframe: its
-    index as it came."""
+    index as it came. joined: whether anything tells where it is in the map of the first.
+    """
 
     keyframe: int
     T_map_base: FloatArray
     covariance: FloatArray
+    joined: bool = True
 
 
 def correct_pieces(

@@ -8,7 +8,7 @@ loop closure in 2D LIDAR SLAM", algorithm 3).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -92,24 +92,58 @@ def search(
     than that from the best reaches that share of its score. None if nothing reaches min_score or
     the search reads the grid more often than most_lookups.
     """
-    ranges_m = np.sort(np.hypot(points_m[:, 0], points_m[:, 1]))
-    reach_m = max(float(ranges_m[int(REACH_SHARE * (len(ranges_m) - 1))]), 1.0)
-    step_rad, turns = _turns(window.turn_rad, grid.resolution_m / reach_m)
-    yaws = T_grid_points[2] + turns * step_rad
-    cells = _cells(grid, points_m, T_grid_points[:2], yaws)
-    half = np.ceil(np.array([window.x_m, window.y_m]) / grid.resolution_m).astype(np.int64)
-    circle = round(2.0 * np.pi / step_rad)
-    nowhere = np.array([0, 0, 0, -1, -1, circle], dtype=np.int64)
-    best, score = best_offset(grid.levels, cells, half, min_score, nowhere, most_lookups)
-    if score < min_score:
-        return None
     share, distance_m, turn_rad = rival
-    reach = (round(turn_rad / step_rad), round(distance_m / grid.resolution_m))
-    around = np.array([*best, *reach, circle], dtype=np.int64)
-    _, second = best_offset(grid.levels, cells, half, share * score, around, most_lookups)
-    offset_m = (best[1:] * grid.resolution_m).astype(np.float64)
-    found = np.array([*(T_grid_points[:2] + offset_m), yaws[best[0]]])
-    return Peak(found, score, max(second, share * score) if second >= 0.0 else 1.0)
+    places = Places(grid, points_m, T_grid_points, window, (distance_m, turn_rad), most_lookups)
+    best = places.best(min_score)
+    if best is None:
+        return None
+    second = places.best(share * best.score)
+    if second is None and places.given_up:
+        return replace(best, rival=1.0)
+    return replace(best, rival=share * best.score if second is None else second.score)
+
+
+class Places:
+    """A search of one window that gives one place after the other, the best first.
+
+    apart: (distance_m, turn_rad) from which on a pose is another place than one given before. The
+    others are as for ``search``.
+    """
+
+    def __init__(
+        self,
+        grid: LikelihoodGrid,
+        points_m: FloatArray,
+        T_grid_points: FloatArray,
+        window: Window,
+        apart: tuple[float, float],
+        most_lookups: float,
+    ) -> None:
+        ranges_m = np.sort(np.hypot(points_m[:, 0], points_m[:, 1]))
+        reach_m = max(float(ranges_m[int(REACH_SHARE * (len(ranges_m) - 1))]), 1.0)
+        step_rad, turns = _turns(window.turn_rad, grid.resolution_m / reach_m)
+        self._grid, self._middle_m, self._most_lookups = grid, T_grid_points[:2], most_lookups
+        self._yaws = T_grid_points[2] + turns * step_rad
+        self._cells = _cells(grid, points_m, self._middle_m, self._yaws)
+        half = np.ceil(np.array([window.x_m, window.y_m]) / grid.resolution_m)
+        self._half = half.astype(np.int64)
+        reach = (round(apart[1] / step_rad), round(apart[0] / grid.resolution_m))
+        self._reach = (*reach, round(2.0 * np.pi / step_rad))
+        self._given = np.zeros((0, 6), dtype=np.int64)
+        self.given_up = False
+        """Whether the last search read the grid too often to end."""
+
+    def best(self, min_score: float) -> Peak | None:
+        """The best place not given before, if it scores as much."""
+        offset, score = best_offset(
+            self._grid.levels, self._cells, self._half, min_score, self._given, self._most_lookups
+        )
+        self.given_up = score < 0.0
+        if score <= 0.0 or score < min_score:
+            return None
+        self._given = np.vstack([self._given, [*offset, *self._reach]])
+        offset_m = (offset[1:] * self._grid.resolution_m).astype(np.float64)
+        return Peak(np.array([*(self._middle_m + offset_m), self._yaws[offset[0]]]), score, 0.0)
 
 
 def _turns(half_rad: float, step_rad: float) -> tuple[float, FloatArray]:

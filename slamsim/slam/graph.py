@@ -7,8 +7,9 @@ therefore checked before and after each solve.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 from dataclasses import replace
+from itertools import compress
 
 import gtsam
 import numpy as np
@@ -56,8 +57,13 @@ class PoseGraphSolver:
         """All edges so far, in the order they came."""
         self._factors: list[_Factor] = []  # closures as ones that may be doubted
         self._joined = Joined()
+        self._held: FloatArray | None = None
         self._isam: gtsam.ISAM2 | None = None
         self._entered_edges = self._entered_poses = 0
+
+    def hold(self, poses: FloatArray) -> None:
+        """The first poses (n, 3) of the graph are known: not only the first one stays."""
+        self._held = poses.copy()
 
     def add(self, edge: GraphEdge) -> None:
         """One more measurement. Raises GraphUnsound if it is none."""
@@ -79,6 +85,13 @@ class PoseGraphSolver:
                 self.edges[number] = fresh
                 self._factors[number] = self._factor(fresh)
         self._isam = None  # it has the old ones
+
+    def forget(self, ends: Container[tuple[int, int]]) -> None:
+        """Take out the closures that join these pairs of poses."""
+        kept = [e.kind != "closure" or (e.source, e.target) not in ends for e in self.edges]
+        self.edges = list(compress(self.edges, kept))
+        self._factors = list(compress(self._factors, kept))
+        self._isam = None
 
     def begin_anew(self) -> None:
         """The next update takes all poses as they are given, for some were carried elsewhere."""
@@ -106,7 +119,7 @@ class PoseGraphSolver:
             self._entered_edges = self._entered_poses = 0
         graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
         if self._entered_poses == 0:
-            graph.push_back(_anchor(poses[0]))
+            self._anchor(graph, poses)
         for number in range(self._entered_poses, len(poses)):
             values.insert(number, gtsam.Pose2(*poses[number]))
         for factor in self._factors[self._entered_edges :]:
@@ -157,6 +170,12 @@ class PoseGraphSolver:
             return _factor(edge, noise)
         return _factor(edge, gtsam.noiseModel.Robust.Create(self._cauchy, noise))
 
+    def _anchor(self, graph: gtsam.NonlinearFactorGraph, poses: FloatArray) -> None:
+        """Hold the poses that are known where they are, or the first if none is."""
+        noise = gtsam.noiseModel.Diagonal.Sigmas(np.full(3, 1e-4))
+        for number, pose in enumerate(poses[:1] if self._held is None else self._held):
+            graph.push_back(gtsam.PriorFactorPose2(number, gtsam.Pose2(*pose), noise))
+
     def _least_squares(
         self, poses: FloatArray, used: BoolArray, factors: Sequence[_Factor]
     ) -> FloatArray:
@@ -164,7 +183,7 @@ class PoseGraphSolver:
         if len(poses) == 1:
             return poses.copy()
         graph, initial = gtsam.NonlinearFactorGraph(), gtsam.Values()
-        graph.push_back(_anchor(poses[0]))
+        self._anchor(graph, poses)
         for number in np.flatnonzero(used).tolist():
             graph.push_back(factors[number])
         for number, pose in enumerate(poses):
@@ -240,12 +259,6 @@ def check_joined(poses: FloatArray, joined: Joined) -> None:
     loose = count - joined.with_first()
     if loose:
         raise GraphUnsound(f"{loose} of {count} poses of the graph are not joined to the first")
-
-
-def _anchor(pose: FloatArray) -> gtsam.PriorFactorPose2:
-    """Holds the first pose where it is."""
-    noise = gtsam.noiseModel.Diagonal.Sigmas(np.full(3, 1e-4))
-    return gtsam.PriorFactorPose2(0, gtsam.Pose2(*pose), noise)
 
 
 def _factor(edge: GraphEdge, noise: gtsam.noiseModel.Base) -> _Factor:

@@ -163,16 +163,17 @@ def tears(
     size: SubmapConfig,
     doubts: Sequence[int],
     usual: Usual,
+    first: int = 0,
 ) -> Iterator[Event]:
     """Stretches of the path from which was seen what contradicts the map of other times.
 
     query_of: what was seen about a key frame. keyframes: their final T_map_base. doubts: the
     numbers of those to which scans led that fitted badly. usual: how much contradiction is
-    no sign of anything here.
+    no sign of anything here. first: number of the first key frame from which to look.
     """
     yield from _torn_unnoticed(query_of, doubts, keyframes, size, usual)
     worst: dict[int, list[float]] = {}
-    for submap, queries in _pairs(query_of, submaps, keyframes):
+    for submap, queries in _pairs(query_of, submaps, keyframes, first):
         space = space_grid(submap, size.resolution_m, size.radius_m)
         for query in queries:
             T = between(keyframes.poses[submap.anchor], keyframes.poses[query.anchor])
@@ -203,7 +204,10 @@ def _torn_stretches(
 
 
 def _pairs(
-    query_of: Callable[[int], Submap], submaps: Sequence[Submap], keyframes: PlanarPoses
+    query_of: Callable[[int], Submap],
+    submaps: Sequence[Submap],
+    keyframes: PlanarPoses,
+    first: int,
 ) -> list[tuple[Submap, list[Submap]]]:
     """Submaps, and what was seen near by, about some key frames, at other times."""
     if not submaps:
@@ -213,7 +217,7 @@ def _pairs(
     from_m = np.array([one.from_path_m for one in submaps])
     to_m = np.array([one.to_path_m for one in submaps])
     queries: list[list[Submap]] = [[] for _ in submaps]
-    for number in range(0, len(keyframes), EVERY_KEYFRAMES):
+    for number in range(first, len(keyframes), EVERY_KEYFRAMES):
         query = query_of(number)
         here_m = transform_points(poses[number], query.middle_m)
         distance_m = np.hypot(*(middles_m - here_m).T)

@@ -77,10 +77,11 @@ class Keyframe:
 @dataclass(frozen=True, slots=True, eq=False)
 class Before:
     """The last key frame of an earlier drive, and (3, 3) how surely the first of this one stands
-    where the front end begins, as seen from there."""
+    where the front end begins, as seen from there. fixed: the earlier map stays as it is."""
 
     keyframe: Keyframe
     restart: FloatArray
+    fixed: bool = False
 
 
 def begins_drive(before: Keyframe, after: Keyframe) -> bool:
@@ -103,7 +104,7 @@ class KeyframeMaker:
     ) -> None:
         self._config, self._reach_m = config, reach_m
         self._first_index = 0 if before is None else before.keyframe.index + 1
-        self._restart = None if before is None else before.restart
+        self._before = before
         self._noise_m = START_NOISE_M
         self._view = ViewMaker()
         self._last: Keyframe | None = None
@@ -142,6 +143,7 @@ class KeyframeMaker:
         self._learn(tracked.pieces)
         origin_m, beams_m = _some_beams(tracked.cloud, self._reach_m)
         view, T_map_view = self._view.take()
+        begun = self._before if self._last is None else None
         self._last = Keyframe(
             index=self._first_index if self._last is None else self._last.index + 1,
             stamp_ns=tracked.stamp_ns,
@@ -154,11 +156,11 @@ class KeyframeMaker:
             origin_m=origin_m,
             beams_m=beams_m,
             path_m=self._path_m,
-            restart=self._restart if self._last is None else tracked.restart,
+            restart=tracked.restart if begun is None else begun.restart,
             noise_m=self._noise_m,
             odometry=self._odometry,
             doubt_ns=self._doubt_ns,
-            suspect=tracked.suspect,
+            suspect=tracked.suspect or begun is not None,  # who set it down there may be wrong
         )
         self._doubt_ns = None
         self._odometry = OdometryStep.none(np.zeros(PARAMETERS))

@@ -1,15 +1,17 @@
-"""A finished map as what a robot can find itself in: surfaces, each once, in one frame."""
+"""An occupancy grid as a map to localise in: what a robot that looked round everywhere would have
+seen in it."""
 
 from __future__ import annotations
 
-from collections import defaultdict
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator
 
 import numpy as np
+from scipy.ndimage import distance_transform_edt
+from scipy.spatial import cKDTree
 
-from slamsim.geometry import compose
-from slamsim.slam.keyframes import Keyframe
+from slamsim.jit import kernel
+from slamsim.safe.errors import SlamsimError
+from slamsim.slam.keyframes import ABOUT_THERE, MAX_BEAMS, Keyframe
 from slamsim.slam.matching.runs import principal_axis
 from slamsim.slam.matching.surfaces import (
     BEAMS,
@@ -25,76 +27,58 @@ from slamsim.slam.matching.surfaces import (
     X,
     Y,
 )
-from slamsim.slam.submaps import Surfaces, sample_surfaces
+from slamsim.slam.saved_map import SavedMap
 from slamsim.slam.views import PIECE_M
-from slamsim.types import FloatArray, Grid, IntArray
+from slamsim.types import BoolArray, Float32Array, FloatArray, Grid
 
-TILE_M = 8.0
 OCCUPIED = 0.65
 MIN_CELLS = 2
 """A surface is fitted through so many occupied cells, or not at all."""
 
+VIEWS_M = 1.5
+"""There is a view in each square of this size that has any floor: three make a submap."""
 
-@dataclass(frozen=True, slots=True, eq=False)
-class KnownMap:
-    """surfaces: (m, PIECE_FIELDS) in the map frame. points_m: (n, 2) along all of them. noise_m:
-    how far they may be off."""
+CLEARANCE_M = 0.2
+"""Nobody looks round from nearer to a wall."""
 
-    surfaces: FloatArray
-    points_m: FloatArray
-    noise_m: float
+NEXT_M = 3.0
+"""Views that are farther apart make no submap together."""
 
-
-def map_of_keyframes(keyframes: Sequence[Keyframe], poses: FloatArray) -> KnownMap:
-    """The surfaces that key frames saw, from where the solution has them: poses (n, 3)."""
-    noise_m = keyframes[-1].noise_m
-    at = compose(poses, np.array([keyframe.T_base_view for keyframe in keyframes]))
-    placed = [(one.view.astype(np.float64), T) for one, T in zip(keyframes, at, strict=True)]
-    surfaces = merged_surfaces(placed, noise_m)
-    return KnownMap(surfaces, sample_surfaces(surfaces), noise_m)
+REACH_M = 10.0
+"""How far one sees in a view; what is farther is seen from the next."""
 
 
-def merged_surfaces(placed: Sequence[tuple[FloatArray, FloatArray]], noise_m: float) -> FloatArray:
-    """(m, PIECE_FIELDS) of many (pieces, T_map_pieces), what was seen often only once.
+def map_of_grid(grid: Grid) -> SavedMap:
+    """Key frames all over the floor of a grid, each with the surfaces in its line of sight.
 
-    Merged around one tile of the floor after another, for a table holds so much only; a place that
-    was seen from several tiles is taken from the nearest.
+    Surfaces are occupied cells beside free ones, fitted piece by piece. Raises SlamsimError for a
+    grid in which nothing is seen from anywhere.
     """
-    tiles: defaultdict[tuple[int, int], list[tuple[FloatArray, FloatArray]]] = defaultdict(list)
-    for pieces, T in placed:
-        column, row = np.floor(T[:2] / TILE_M).astype(int).tolist()
-        tiles[column, row].append((pieces, T))
-    scratch, found, distances = Surfaces(), [np.zeros((0, PIECE_FIELDS))], [np.zeros(0)]
-    for (column, row), members in tiles.items():
-        scratch.fill(members, noise_m)
-        surfaces = scratch.collected()
-        middle_m = (np.array([column, row]) + 0.5) * TILE_M
-        cells_m = (np.floor(surfaces[:, [X, Y]] / PIECE_M) + 0.5) * PIECE_M
-        found.append(surfaces)
-        distances.append(np.hypot(*(cells_m - middle_m).T))
-    everything = np.concatenate(found)
-    return everything[_nearest_of_each_cell(everything[:, [X, Y]], np.concatenate(distances))]
+    keyframes: list[Keyframe] = []
+    surfaces = _surfaces(grid)
+    tree = cKDTree(surfaces[:, [X, Y]])
+    occupied, known = grid.occupancy > OCCUPIED, np.isfinite(grid.occupancy)
+    for place_m in _in_a_row(_places(grid)):
+        place = (place_m - np.array(grid.origin_m)) / grid.resolution_m
+        beams = _look_round(occupied, known, place, REACH_M / grid.resolution_m)
+        seen = _seen(surfaces, tree, place_m, beams * grid.resolution_m)
+        if len(seen):
+            beams_m = (beams * grid.resolution_m).astype(np.float32)
+            before = keyframes[-1] if keyframes else None
+            keyframes.append(_keyframe(before, place_m, seen, beams_m, 0.5 * grid.resolution_m))
+    if not keyframes:
+        raise SlamsimError("the map has no wall beside free floor: there is nothing to localise in")
+    return SavedMap(keyframes, np.array([one.T_map_base for one in keyframes]), [])
 
 
-def _nearest_of_each_cell(places_m: FloatArray, distances_m: FloatArray) -> IntArray:
-    """Numbers of those in whose cell nothing has a smaller distance."""
-    if not len(places_m):
-        return np.zeros(0, dtype=np.int64)
-    cells = np.floor(places_m / PIECE_M).astype(np.int64)
-    _, cell = np.unique(cells, axis=0, return_inverse=True)
-    least = np.full(int(cell.max()) + 1, np.inf)
-    np.minimum.at(least, cell.ravel(), distances_m)
-    return np.flatnonzero(distances_m <= least[cell.ravel()] + 1e-9)
-
-
-def map_of_grid(grid: Grid) -> KnownMap:
-    """The surfaces of an occupancy grid: occupied cells beside free ones, fitted piece by piece.
+def _surfaces(grid: Grid) -> FloatArray:
+    """(m, PIECE_FIELDS) in the map frame.
 
     A fit takes the cells of one square of a quarter of a metre that face the same way.
     """
     occupied = grid.occupancy > OCCUPIED
     free = grid.occupancy < 1.0 - OCCUPIED
-    pieces, points_m = [], []
+    pieces = []
     for dx, dy in ((1, 0), (-1, 0), (0, 1), (0, -1)):
         beside = np.zeros_like(free)
         rows, columns = free.shape
@@ -104,8 +88,7 @@ def map_of_grid(grid: Grid) -> KnownMap:
         cells = np.argwhere(occupied & beside)
         places_m = (cells[:, ::-1] + 0.5) * grid.resolution_m + np.array(grid.origin_m)
         pieces.append(_fitted(places_m, (dx, dy), grid.resolution_m))
-        points_m.append(places_m)
-    return KnownMap(np.concatenate(pieces), np.concatenate(points_m), 0.5 * grid.resolution_m)
+    return np.concatenate(pieces)
 
 
 def _fitted(places_m: FloatArray, facing: tuple[int, int], resolution_m: float) -> FloatArray:
@@ -138,3 +121,92 @@ def _piece(places_m: FloatArray, facing: tuple[int, int], resolution_m: float) -
     spread = least / len(places_m) + resolution_m**2 / 12.0
     piece[VARIANCE] = spread / len(places_m) + MODEL_SIGMA_M**2
     return piece
+
+
+def _places(grid: Grid) -> FloatArray:
+    """(v, 2) of each square of the floor the place that is farthest from what is not free."""
+    free = np.pad(grid.occupancy < 1.0 - OCCUPIED, 1)
+    clear_m = distance_transform_edt(free)[1:-1, 1:-1] * grid.resolution_m
+    cells = np.argwhere(clear_m >= CLEARANCE_M)
+    square = np.floor(cells * grid.resolution_m / VIEWS_M).astype(np.int64)
+    best = np.lexsort((-clear_m[*cells.T], square[:, 1], square[:, 0]))
+    _, first = np.unique(square[best], axis=0, return_index=True)
+    middles = cells[best[first], ::-1].astype(np.float64) + 0.5
+    return np.asarray(middles * grid.resolution_m + np.array(grid.origin_m))
+
+
+def _keyframe(
+    before: Keyframe | None,
+    place_m: FloatArray,
+    seen: FloatArray,
+    beams_m: Float32Array,
+    noise_m: float,
+) -> Keyframe:
+    """A view from a place, heading along x, as a key frame; before: the one that it follows."""
+    T_map_base = np.append(place_m, 0.0)
+    step_m = 0.0 if before is None else float(np.hypot(*(place_m - before.T_map_base[:2])))
+    return Keyframe(
+        index=0 if before is None else before.index + 1,
+        stamp_ns=0 if before is None else before.stamp_ns + 1,
+        T_map_base=T_map_base,
+        T_odom_base=T_map_base,
+        information=np.zeros((3, 3)),
+        pieces=seen,
+        view=seen.astype(np.float32),
+        T_base_view=np.zeros(3),
+        origin_m=np.zeros(2),
+        beams_m=beams_m,
+        path_m=step_m if before is None else before.path_m + step_m,
+        restart=None if step_m <= NEXT_M else ABOUT_THERE,
+        noise_m=noise_m,
+    )
+
+
+def _in_a_row(places_m: FloatArray) -> Iterator[FloatArray]:
+    """The places (v, 2), each followed by the nearest that is left."""
+    left = np.ones(len(places_m), dtype=np.bool_)
+    at = 0
+    for _ in range(len(places_m)):
+        left[at] = False
+        yield places_m[at]
+        squared = np.square(places_m - places_m[at]).sum(axis=1)
+        at = int(np.argmin(np.where(left, squared, np.inf)))
+
+
+@kernel
+def _look_round(
+    occupied: BoolArray, known: BoolArray, place: FloatArray, reach: float
+) -> FloatArray:
+    """(b, 2) ends of MAX_BEAMS beams that meet an occupied cell, seen from a place; in cells."""
+    ends, count = np.empty((MAX_BEAMS, 2)), 0
+    rows, columns = occupied.shape
+    for beam in range(MAX_BEAMS):
+        angle = 2.0 * np.pi * beam / MAX_BEAMS
+        dx, dy, length = np.cos(angle), np.sin(angle), 0.0
+        while length < reach:
+            length += 0.5
+            column, row = (
+                int(np.floor(place[0] + length * dx)),
+                int(np.floor(place[1] + length * dy)),
+            )
+            if not (0 <= row < rows and 0 <= column < columns and known[row, column]):
+                break
+            if occupied[row, column]:
+                ends[count, 0], ends[count, 1] = length * dx, length * dy
+                count += 1
+                break
+    return ends[:count]
+
+
+def _seen(
+    pieces: FloatArray, tree: cKDTree, place_m: FloatArray, beams_m: FloatArray
+) -> FloatArray:
+    """(k, PIECE_FIELDS) those beside the ends of beams that face the place, as seen from it."""
+    near: set[int] = set()
+    for one in place_m + beams_m:
+        near.update(tree.query_ball_point(one, PIECE_M))
+    seen: FloatArray = pieces[sorted(near)]
+    seen[:, [X, Y]] -= place_m
+    facing = (seen[:, [X, Y]] * seen[:, [NORMAL_X, NORMAL_Y]]).sum(axis=1) < 0.0
+    found: FloatArray = seen[facing]
+    return found

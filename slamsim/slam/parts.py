@@ -4,6 +4,7 @@ carried, until something says whether it was."""
 from __future__ import annotations
 
 from bisect import bisect_right
+from collections.abc import Iterable
 
 
 class Parts:
@@ -65,6 +66,24 @@ class Parts:
         """Something holds these two key frames together; the earlier part gives its number."""
         low, high = sorted((self.of(one), self.of(other)))
         self._parent[high] = low
+
+    def cut(self, begin: int) -> None:
+        """The robot was carried to this key frame, wherever it was thought to come from; nothing
+        joins its run to others until ``rebuild``."""
+        if begin not in self._begins:
+            self._begins = sorted([*self._begins, begin])
+        self.withdrawn.discard(begin)
+        self._open = [other for other in self._open if other != begin]
+        if begin not in self._unknown:
+            self._unknown.append(begin)
+
+    def rebuild(self, pairs: Iterable[tuple[int, int]]) -> None:
+        """Only these pairs of key frames, and odometry that was not refuted, join runs by now."""
+        self._parent = list(range(len(self._begins)))
+        for begin in self.withdrawn:
+            self.join(begin - 1, begin)
+        for one, other in pairs:
+            self.join(one, other)
 
     def members(self, keyframe: int, count: int) -> list[slice]:
         """The key frames, of ``count``, that hold together with one."""

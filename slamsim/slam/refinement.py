@@ -23,14 +23,16 @@ def refine_keyframes(
     noise: OdometryNoise,
     noise_m: float,
     edges: Sequence[GraphEdge],
+    held: int = 1,
 ) -> tuple[FloatArray, Sights]:
     """(n, 3) T_map_base beginning at ``poses``, and what holds them there; raises as ``refine``.
 
     noise: of the odometry. noise_m: standard deviation of a range. edges: of the graph.
+    held: so many of the first key frames stay where they are.
     """
-    odometry = [odometry_edge(*pair, noise) for pair in pairwise(keyframes)]
+    odometry = [odometry_edge(*pair, noise) for pair in pairwise(keyframes[held - 1 :])]
     views = [keyframe.view for keyframe in keyframes]
     T_base_view = np.array([keyframe.T_base_view for keyframe in keyframes])
-    refined = refine(views, compose(poses, T_base_view), odometry, noise_m, edges)
+    refined = refine(views, compose(poses, T_base_view), odometry, noise_m, edges, held)
     poses = compose(refined.poses, inverse(T_base_view))
-    return poses, replace(refined.sights, T_base_view=T_base_view)
+    return poses, replace(refined.sights, T_base_view=T_base_view[held - 1 :])

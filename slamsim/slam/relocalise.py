@@ -2,13 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from slamsim.config.back_end import BackEndConfig
 from slamsim.geometry import compose, transform_points
-from slamsim.slam.correlative import LikelihoodGrid, Peak, Window, likelihood_grid, search
+from slamsim.slam.correlative import (
+    LikelihoodGrid,
+    Peak,
+    Places,
+    Window,
+    likelihood_grid,
+    scores,
+    search,
+)
 from slamsim.slam.submaps import SIGMA_M, Submap
 from slamsim.types import FloatArray
 
@@ -58,6 +66,31 @@ class Everywhere:
         T_map_query[:2] += self._middle_m
         return T_map_query
 
+    def score(self, points_m: FloatArray) -> float:
+        """Of points (n, 2) where they are in the map."""
+        return float(scores(self._grid, points_m - self._middle_m, np.zeros((1, 3)))[0])
+
+    def places(
+        self, points_m: FloatArray, least: float, slack: float
+    ) -> Iterator[tuple[FloatArray, float] | None]:
+        """The place where points (n, 2) score best, at least ``least``, then all others that score
+        at most ``slack`` less: the step (3,) that takes them there from where they are, and the
+        score. None, and nothing more, if the search took too long: what it did not find may be
+        better."""
+        middle_m, limits = points_m.mean(axis=0), self._limits
+        apart = (limits.ambiguity_distance_m, float(np.deg2rad(limits.ambiguity_turn_deg)))
+        points = np.ascontiguousarray(points_m - middle_m)
+        window, most_lookups = self._whole_map()
+        search = Places(self._grid, points, np.zeros(3), window, apart, most_lookups)
+        best = 0.0
+        while (peak := search.best(least)) is not None:
+            best = max(best, peak.score)
+            least = max(least, best - slack)
+            T_map_middle = peak.T_grid_points + np.append(self._middle_m, 0.0)
+            yield compose(T_map_middle, np.append(-middle_m, 0.0)), peak.score
+        if search.given_up:
+            yield None
+
     def _peak(self, points_m: FloatArray) -> Peak | None:
         limits = self._limits
         rival = (
@@ -65,11 +98,14 @@ class Everywhere:
             limits.ambiguity_distance_m,
             float(np.deg2rad(limits.ambiguity_turn_deg)),
         )
-        window = Window(float(self._half_m[0]), float(self._half_m[1]), np.pi)
-        area_m2 = 4.0 * float(self._half_m[0] * self._half_m[1])
-        most_lookups = LOOKUPS_PER_M2 * max(area_m2, 1.0)
+        window, most_lookups = self._whole_map()
         middle = np.zeros(3)
         return search(self._grid, points_m, middle, window, limits.min_score, rival, most_lookups)
+
+    def _whole_map(self) -> tuple[Window, float]:
+        window = Window(float(self._half_m[0]), float(self._half_m[1]), np.pi)
+        area_m2 = 4.0 * float(self._half_m[0] * self._half_m[1])
+        return window, LOOKUPS_PER_M2 * max(area_m2, 1.0)
 
 
 def surface_points(submaps: Sequence[Submap], poses: FloatArray) -> FloatArray:

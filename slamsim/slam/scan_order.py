@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 
-from slamsim.types import Scan
+from slamsim.slam.motion import Odometry
+from slamsim.types import Log, Scan
 
 
 class InOrder:
@@ -37,3 +38,16 @@ class InOrder:
 
 def _overtakes(scan: Scan, after: Scan, latest_ns: int | None) -> bool:
     return scan.stamp_ns > after.stamp_ns and (latest_ns is None or after.stamp_ns > latest_ns)
+
+
+def nothing_to_track(log: Log, odometry: Odometry | None) -> str:
+    """Why no scan of a log could be used."""
+    if len(log.scans) == 0:
+        return f"{log.name}: no laser scans in the log; SLAM needs them"
+    covered = "nothing"
+    if odometry is not None:
+        covered = f"{odometry.stamps_ns[0]}..{odometry.stamps_ns[-1]} ns"
+    return (
+        f"{log.name}: none of the {len(log.scans)} scans could be used; "
+        f"odometry covers {covered}: is it on another clock?"
+    )

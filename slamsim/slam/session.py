@@ -28,7 +28,7 @@ from slamsim.slam.online.motion_filter import MotionFilter
 from slamsim.slam.online.samples import NOTHING, MotionSamples, MotionSource, WholeMotion
 from slamsim.slam.online.warm import warm_up
 from slamsim.slam.saved_map import SavedMap, settled
-from slamsim.slam.scan_order import InOrder
+from slamsim.slam.scan_order import InOrder, nothing_to_track
 from slamsim.slam.track import Track
 from slamsim.slam.tracking import Status, Step, Tracked
 from slamsim.types import FloatArray, Log, PlanarTrajectory, Scan
@@ -57,6 +57,7 @@ class SlamSession:
     ) -> None:
         self._front_end, self._motion, self._keeper = front_end, motion, keeper
         self._first = 0 if before is None else before.keyframe.index + 1
+        self._fixed = before is not None and before.fixed
         self._maker = KeyframeMaker(config.back_end.keyframes, config.front_end.max_range_m, before)
         self._anchors = Anchors()
         self._track = Track()
@@ -126,13 +127,15 @@ class SlamSession:
     def saved(self, result: SlamResult) -> SavedMap:
         """What a later run needs to go on with the map that ``finish`` gave, or to localise.
 
-        The earlier map is part of it if anything joins the two.
+        The earlier map is part of it if anything joins the two, or if it stays as it is.
         """
         assert self._solved is not None
         first, edges = self._first, self._solved.edges
         poses = self._solved.keyframes.poses.copy()
         poses[first:] = result.graph.keyframes.poses
-        joined = any(e.weight > 0.0 and e.source < first - 1 and e.target >= first for e in edges)
+        joined = self._fixed or any(
+            e.weight > 0.0 and e.source < first - 1 and e.target >= first for e in edges
+        )
         return settled(self._keeper.keyframes(), poses, edges, 0 if joined else first)
 
     def close(self) -> None:
@@ -142,14 +145,15 @@ class SlamSession:
     def _told(self, tracked: Tracked) -> Step:
         match = tracked.match
         T_map_base, covariance = self._anchors.place(tracked)
+        known = self._anchors.joined or not self._fixed
         return Step(
             stamp_ns=tracked.stamp_ns,
-            T_map_base=T_map_base,
+            T_map_base=T_map_base if known else np.full(3, np.nan),
             T_odom_base=tracked.T_odom_base,
             covariance=covariance,
             match_quality=tracked.match_quality,
             degenerate_directions=np.eye(3) if match is None else match.degenerate_directions,
-            status=self._status(tracked),
+            status=self._status(tracked) if known else "lost",
             events=(*self._new_events(), *self._keeper.events()),
         )
 
@@ -205,12 +209,13 @@ def map_log(
     progress: Progress = silent,
     earlier: SavedMap | None = None,
     start: FloatArray | None = None,
+    fixed: bool = False,
 ) -> tuple[SlamResult, SavedMap]:
     """As ``run_slam``, with what a later run needs to go on or to localise in this map.
 
     earlier: a map to go on with; the trajectory is then in its frame, and both are one map, as
     soon as something is recognised. start: (3,) T_map_base in it at the first scan, give or take
-    half a metre; without it the robot finds itself.
+    half a metre; without it the robot finds itself. fixed: the earlier map stays as it is.
     """
     started_s = time.perf_counter()
     if start is not None:
@@ -229,14 +234,14 @@ def map_log(
         front_end.start_at(start)
     before = None
     if earlier is not None:
-        before = Before(earlier.keyframes[-1], ANYWHERE if start is None else ABOUT_THERE)
-    keeper, scans = InLine(config, earlier), InOrder(log.scans)
+        before = Before(earlier.keyframes[-1], ANYWHERE if start is None else ABOUT_THERE, fixed)
+    keeper, scans = InLine(config, earlier, fixed), InOrder(log.scans)
     with SlamSession(config, front_end, WholeMotion(odometry), keeper, before) as session:
         for number, scan in enumerate(scans):
             session.step(scan)
             progress(number + 1, whole)
         if not len(session):
-            raise SlamsimError(_nothing_to_track(log, odometry))
+            raise SlamsimError(nothing_to_track(log, odometry))
         result = session.finish(_rest_of(progress, len(log.scans), whole))
         saved = session.saved(result)
     progress(whole, whole)
@@ -282,16 +287,4 @@ def _nothing_seen(scans: int) -> str:
     return (
         f"none of the {scans} scans shows a surface: their returns are too few, invalid or all "
         "at the maximum range; there is nothing to map"
-    )
-
-
-def _nothing_to_track(log: Log, odometry: Odometry | None) -> str:
-    if len(log.scans) == 0:
-        return f"{log.name}: no laser scans in the log; SLAM needs them"
-    covered = "nothing"
-    if odometry is not None:
-        covered = f"{odometry.stamps_ns[0]}..{odometry.stamps_ns[-1]} ns"
-    return (
-        f"{log.name}: none of the {len(log.scans)} scans could be used; "
-        f"odometry covers {covered}: is it on another clock?"
     )

@@ -27,7 +27,8 @@ class Sights:
     """What holds n views of a map together.
 
     panels, values: what the views of shared surfaces say, a system whose unknowns are small steps
-    of each view but the first, which is held fixed, in its own frame. drift: (n - 1, 3, 3)
+    of each view but the first, which is held fixed and stands for all that are, in its own frame.
+    drift: (n - 1, 3, 3)
     covariance of the odometry from view to view, of the later one in its own frame. pairs: (p, 2)
     of views that share surfaces. poses: (n, 3) T_map_view. T_base_view: (n, 3) where each view is
     seen from its base.
@@ -61,8 +62,10 @@ def smoothed_covariances(
     smoothed: the drive of these key frames. Where only a guess of the front end joins two of them,
     it stays as unsure as it was.
     """
-    poses, stamps_ns = graph.keyframes.poses, graph.keyframes.stamps_ns[first:]
-    guessed = {edge.target for edge in graph.edges if edge.kind == "odometry"}
+    held = len(graph.keyframes) - len(sights.poses)
+    poses, stamps_ns = graph.keyframes.poses[held:], graph.keyframes.stamps_ns[first:]
+    first -= held
+    guessed = {edge.target - held for edge in graph.edges if edge.kind == "odometry"}
     driven = np.array([k not in guessed for k in range(first + 1, len(poses))], dtype=np.bool_)
     drift, scatter = sights.drift.copy(), np.zeros((len(poses), 3, 3))
     to_view = adjoint(inverse(sights.T_base_view[first + 1 :]))

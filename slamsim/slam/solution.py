@@ -17,7 +17,7 @@ from slamsim.slam.odometry import ELSEWHERE
 from slamsim.slam.parts import Parts
 from slamsim.slam.rejoin import moved_onto, side_by_side
 from slamsim.slam.submaps import Submap
-from slamsim.types import FloatArray
+from slamsim.types import FloatArray, IntArray
 
 UPDATE_AFTER_KEYFRAMES = 10
 RENEW_AFTER_KEYFRAMES = 20
@@ -31,6 +31,10 @@ DRIFT_M_PER_M, MOST_DRIFT_RAD = 0.03, 0.1
 CARRIED_SIGMAS = 5.0
 """A robot that is found farther from where odometry has it was carried, or slid: for Gaussian
 errors in the plane a false alarm in 60,000 closures."""
+
+RIGID = 1e-12 * np.eye(3)
+"""Covariance of a step within a map that is held fixed: a thousand of them in a row, 50 m long,
+are sure to 1.5 mm, far below what a closure tells."""
 
 
 class Solution:
@@ -76,9 +80,22 @@ class Solution:
         if apart:
             self.parts.begin(edge.target, linked)
 
+    def hold(self, poses: FloatArray) -> None:
+        """All key frames so far are one map that is finished, and stay at ``poses`` (n, 3)."""
+        self.estimate.move(poses)
+        self.parts = Parts()
+        steps = between(poses[:-1], poses[1:])
+        rigid = [GraphEdge(k, k + 1, T, RIGID, "match") for k, T in enumerate(steps)]
+        self._graph.renew(rigid)
+        self._graph.hold(poses)
+        self._renew_covariances()
+
     def loosen(self, begin: int) -> None:
         """The robot was carried to a key frame: odometry says nothing of where it came from."""
         self.parts.confirm(begin)
+        self._loosen_chain(begin)
+
+    def _loosen_chain(self, begin: int) -> None:
         chain = (e for e in self._graph.edges if e.kind != "closure" and e.target == begin)
         self._graph.renew([replace(edge, covariance=ELSEWHERE) for edge in chain])
 
@@ -90,6 +107,22 @@ class Solution:
             self._graph.begin_anew()
             self.parts.join(edge.source, edge.target)
         self._graph.add(edge)
+
+    def separate(self, members: IntArray, carried: Sequence[int]) -> None:
+        """Forget the closures between these key frames and all others, and the odometry that leads
+        to those of them to which the robot was carried."""
+        self._graph.forget(self.crossing(members))
+        for begin in carried:
+            self.parts.cut(begin)
+            self._loosen_chain(begin)
+        self.parts.rebuild((e.source, e.target) for e in self.closures if e.weight > 0.0)
+        self._unsolved.clear()
+
+    def crossing(self, members: IntArray) -> set[tuple[int, int]]:
+        """The ends of the closures that count between these key frames and others."""
+        inside = set(members.tolist())
+        ends = {(edge.source, edge.target) for edge in self.closures if edge.weight > 0.0}
+        return {(one, other) for one, other in ends if (one in inside) != (other in inside)}
 
     def moved_by(self, edge: GraphEdge) -> FloatArray:
         """(n, 3) the poses if the later of two parts is carried to where an edge has it."""

@@ -157,12 +157,24 @@ def sample_surfaces(surfaces: FloatArray) -> FloatArray:
 def space_grid(submap: Submap, resolution_m: float, radius_m: float) -> SpaceGrid:
     """What the submap's beams found free and where its surfaces are."""
     origins, ends = submap.beams()
-    rays = ends - origins
-    length = np.maximum(np.linalg.norm(rays, axis=1), 1e-9)
-    reach = np.clip(length - BEAM_MARGIN_M, 0.0, radius_m)
-    ends = origins + rays * (reach / length)[:, None]
     points = submap.points_m
     points = points[np.abs(points).max(axis=1) <= 2.0 * radius_m]
+    return space_between(origins, ends, points, resolution_m, radius_m)
+
+
+def space_between(
+    origins: FloatArray,
+    ends: FloatArray,
+    points: FloatArray,
+    resolution_m: float,
+    reach_m: float = np.inf,
+) -> SpaceGrid:
+    """What beams from origins (b, 2) to ends (b, 2) found free, but beside surfaces with points
+    (p, 2). reach_m: how far a beam is followed."""
+    rays = ends - origins
+    length = np.maximum(np.linalg.norm(rays, axis=1), 1e-9)
+    reach = np.clip(length - BEAM_MARGIN_M, 0.0, reach_m)
+    ends = origins + rays * (reach / length)[:, None]
     everything = np.concatenate([ends, origins, points, np.zeros((1, 2))])
     margin = int(np.ceil(WALL_MARGIN_M / resolution_m)) + 1
     first = np.floor(everything.min(axis=0) / resolution_m) - margin

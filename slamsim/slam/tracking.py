@@ -65,7 +65,8 @@ class Tracked:
 class Step:
     """What is known at a scan's stamp, as soon as it has been tracked.
 
-    T_map_base: (3,) as corrected by all closures known by now; it may jump when one comes in.
+    T_map_base: (3,) as corrected by all closures known by now; it may jump when one comes in. nan
+    while nothing tells where the robot is in a map that is held fixed; its status is then lost.
     T_odom_base: (3,) from wheels and gyroscope alone, smooth (REP 105). covariance: (3, 3) of a
     small step of the base in its own frame, relative to the first key frame. match_quality:
     inlier ratio, 0 without a match. degenerate_directions: (k, 3) steps of the base, in its own

@@ -33,6 +33,11 @@ class Anchors:
         while self._waiting and self._waiting[0].index <= correction.keyframe:
             self._anchor = self._waiting.popleft()
 
+    @property
+    def joined(self) -> bool:
+        """Whether anything tells where the newest key frame is in the map of the first."""
+        return self._correction is None or self._correction.joined
+
     def place(self, tracked: Tracked) -> tuple[FloatArray, FloatArray]:
         """T_map_base of a scan and its covariance."""
         if self._correction is None or self._anchor is None:

@@ -71,12 +71,16 @@ class MapKeeper(Protocol):
 class InLine:
     """The back end within the session: each key frame is dealt with before ``take`` returns.
 
-    earlier: a map to go on with.
+    earlier: a map to go on with. fixed: it stays as it is.
     """
 
-    def __init__(self, config: SlamConfig, earlier: SavedMap | None = None) -> None:
+    def __init__(
+        self, config: SlamConfig, earlier: SavedMap | None = None, fixed: bool = False
+    ) -> None:
         self._back_end = BackEnd(config)
-        if earlier is not None:
+        if earlier is not None and fixed:
+            self._back_end.hold(earlier.keyframes, earlier.poses)
+        elif earlier is not None:
             self._back_end.restore(earlier.keyframes, earlier.closures, poses=earlier.poses)
 
     def take(self, keyframe: Keyframe) -> None:
