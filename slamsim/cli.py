@@ -10,7 +10,6 @@ import typer
 
 from slamsim import __version__
 from slamsim.bench.command import bench
-from slamsim.entry import main
 from slamsim.options import (
     ConfigFile,
     Faults,
@@ -44,8 +43,6 @@ if TYPE_CHECKING:
     from slamsim.console import Reporter
     from slamsim.run.naming import Loaded
     from slamsim.run.stages import Report
-
-__all__ = ["app", "main"]
 
 app = typer.Typer(
     name="slamsim",

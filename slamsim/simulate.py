@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 
-from slamsim import __version__
 from slamsim.config.run import RunConfig
-from slamsim.config.sensors import ImuConfig, InertialAxesConfig
-from slamsim.logs.writer import LogHeader, LogWriter
 from slamsim.progress import Progress, silent
 from slamsim.sensors.rig import SensorRig
 from slamsim.sim.drive import DriveOutcome
 from slamsim.sim.drive_process import DriveProcess
-from slamsim.sim.engine import engine_parameters
 from slamsim.sim.robot import RobotModel, build_robot
 from slamsim.sim.route import plan_route
+from slamsim.simulation.header import log_header
+from slamsim.simulation.log_writer import LogWriter
 from slamsim.world.build import build_world
 from slamsim.world.model import World
 
@@ -47,24 +44,3 @@ def simulate(config: RunConfig, log_folder: Path, progress: Progress = silent) -
             for window in windows:
                 log.write(rig.sense(window), window)
         return Simulation(world, robot, process.outcome)
-
-
-def log_header(robot: RobotModel, config: RunConfig) -> LogHeader:
-    imu = config.sensors.imu
-    return LogHeader(
-        robot_description=robot.urdf,
-        static_transforms=robot.static_transforms,
-        scan_rate_hz=config.sensors.lidar.rate_hz,
-        imu_gyro_variance=_sample_variance(imu.gyro, imu),
-        imu_accel_variance=_sample_variance(imu.accelerometer, imu),
-        metadata={
-            "slamsim_version": __version__,
-            "seed": str(config.seed),
-            "physics": json.dumps(engine_parameters(config.drive.physics)),
-        },
-    )
-
-
-def _sample_variance(axes: InertialAxesConfig, imu: ImuConfig) -> float:
-    """White noise of this density, sampled at the unit's rate (IEEE Std 952)."""
-    return axes.noise_density**2 * imu.rate_hz

@@ -13,13 +13,13 @@ from test_world_import import ROOM, write_map
 from slamsim.config.run import RunConfig
 from slamsim.console import Reporter
 from slamsim.logs.tum import write_tum
-from slamsim.run import folder as run_folder
 from slamsim.run.continuing import read_earlier
 from slamsim.run.evaluation import evaluate_run
 from slamsim.run.localising import read_known_map
 from slamsim.run.mapping import _origin_beside
 from slamsim.run.verifying import verify_path
 from slamsim.safe.sums import sums_text
+from slamsim.simulation.own_files import write_config
 from slamsim.types import Trajectory
 from slamsim.view.viewer_process import recording_of
 
@@ -38,7 +38,7 @@ def _run(folder: Path) -> Path:
     for name in ("session.npz", "run.rrd"):
         (folder / name).write_bytes(b"RRF2")
     (folder / "world.yaml").write_text("maze: {rows: 2, columns: 2}\n")
-    run_folder.write_config(folder, RunConfig())
+    write_config(folder, RunConfig())
     return folder
 
 

@@ -23,23 +23,23 @@ from slamsim.console import Reporter
 from slamsim.dataset import produce
 from slamsim.dataset.formats import Formats
 from slamsim.dataset.sequence import FormatName
+from slamsim.logs.names import LOG
 from slamsim.logs.raw import read_recording
-from slamsim.logs.raw_memory import recording_from_readings
 from slamsim.logs.raw_writer import write_recording
-from slamsim.logs.recorded import OdometryTail
 from slamsim.logs.recovery.source import damaged_recording
-from slamsim.logs.writer import LogWriter
 from slamsim.progress import Progress, silent
 from slamsim.recording import Recording
 from slamsim.result import SlamResult
 from slamsim.run import mapping, recording
 from slamsim.run.mapping import map_world
-from slamsim.run.naming import LOG
 from slamsim.run.recording import simulate_world
 from slamsim.run.recovering import recover_log
 from slamsim.run.world import export_world
 from slamsim.safe.output import partial_folder
-from slamsim.simulate import Simulation, log_header
+from slamsim.simulate import Simulation
+from slamsim.simulation.header import log_header
+from slamsim.simulation.log_writer import LogWriter
+from slamsim.simulation.recorder import DriveRecorder
 from slamsim.slam.saved_map import SavedMap
 from slamsim.types import Log
 from slamsim.view import report
@@ -179,10 +179,10 @@ def _format(name: FormatName, out: Path) -> None:
     """One format of a sequence alone."""
     ride, moments = _ride()
     spec, header = small_spec(formats=(name,)), log_header(ride.robot, _config())
-    odometry = OdometryTail()
+    recorder = DriveRecorder(spec.name, header)
     with partial_folder(out) as folder, Formats(spec, folder) as formats:
         for readings, window in moments:
-            part = recording_from_readings(spec.name, [readings], [window], header, odometry)
+            part = recorder.take([readings], [window]).recording
             formats.write(part, readings.scans.true_stamps_ns, window)
 
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from slamsim.geometry import xyzw_from_yaw
-from slamsim.logs.writer import LogHeader
 from slamsim.sensors.readings import EncoderBatch, ImuBatch, Readings, ScanBatch
+from slamsim.simulation.header import LogHeader
 from slamsim.types import (
     Drive,
     EncoderStream,

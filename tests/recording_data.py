@@ -94,12 +94,14 @@ def recording(seconds: float = 30.0) -> Recording:
         quats_xyzw=odometry.quats_xyzw,
     )
     return Recording(
+        streams=(
+            scans_at(scans_ns),
+            imu_at(stamps(100.0, seconds)),
+            odometry,
+            ticks_at(wheels_ns),
+        ),
         name="made",
         format="memory",
-        scans=(scans_at(scans_ns),),
-        imus=(imu_at(stamps(100.0, seconds)),),
-        odometries=(odometry,),
-        ticks=(ticks_at(wheels_ns),),
         transforms=(
             edge("base_link", "laser", scans_ns[:1], x_m=0.1),
             edge("base_link", "imu_link", scans_ns[:1]),

@@ -82,7 +82,7 @@ def recording(scans: RawScans, seed: int) -> Recording:
         xyzw_from_yaw(wheels.poses[:, 2]),
         *(unknown, unknown),
     )
-    return Recording("simulated", "memory", (scans,), (imu,), (odometry,))
+    return Recording("simulated", "memory", (scans, imu, odometry))
 
 
 def with_layout(of: Recording, **changes: float) -> Recording:
@@ -96,4 +96,4 @@ def with_ranges(of: Recording, ranges_m: FloatArray) -> Recording:
 
 
 def with_scans(of: Recording, scans: RawScans) -> Recording:
-    return replace(of, scans=(scans,))
+    return of.with_streams(RawScans, (scans,))

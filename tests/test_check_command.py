@@ -19,7 +19,7 @@ from slamsim.cli import app
 from slamsim.logs.raw import read_recording
 from slamsim.logs.raw_writer import write_recording
 from slamsim.logs.reader import read_log
-from slamsim.recording import Messages, Recording
+from slamsim.recording import Messages, RawImu, RawOdometry, RawScans, RawTicks, Recording
 from slamsim.safe.errors import InputRefused, NotFound, SlamsimError
 
 ROBOT = Robot(ROS2)
@@ -46,7 +46,7 @@ def test_nothing_bad_ends_with_0_and_something_bad_with_1(tmp_path: Path) -> Non
     assert (code, found["bad"], found["faults"]) == (0, 0, [])
     assert found["ok"] > 20 and {"seconds", "unread", "odd"} <= found.keys()
     late = replace(made.scans[0], stamps_ns=made.scans[0].stamps_ns + 10**18)
-    bad = _written(replace(made, scans=(late,)), tmp_path / "bad")
+    bad = _written(made.with_streams(RawScans, (late,)), tmp_path / "bad")
     code, found, _ = _run("check", bad, "--quick", "--html", tmp_path / "page.html")
     assert code == 1 and "epoch_mismatch" in found["faults"]
     first = next(f for f in found["findings"] if f["fault"] == "epoch_mismatch")
@@ -73,30 +73,44 @@ def test_what_cannot_be_read_is_no_verdict_but_one_sentence(tmp_path: Path) -> N
 def _constant(value: float) -> Recording:
     made = recording()
     imu, odometry = made.imus[0], made.odometries[0]
-    return replace(
-        made,
-        scans=(replace(made.scans[0], ranges_m=np.full((300, 60), value, dtype=np.float32)),),
-        imus=(
-            replace(
-                imu,
-                angular_velocity_rad_s=np.full_like(imu.angular_velocity_rad_s, value),
-                linear_acceleration_m_s2=np.full_like(imu.linear_acceleration_m_s2, value),
+    return (
+        made.with_streams(
+            RawScans,
+            (replace(made.scans[0], ranges_m=np.full((300, 60), value, dtype=np.float32)),),
+        )
+        .with_streams(
+            RawImu,
+            (
+                replace(
+                    imu,
+                    angular_velocity_rad_s=np.full_like(imu.angular_velocity_rad_s, value),
+                    linear_acceleration_m_s2=np.full_like(imu.linear_acceleration_m_s2, value),
+                ),
             ),
-        ),
-        odometries=(
-            replace(
-                odometry,
-                positions_m=np.full_like(odometry.positions_m, value),
-                quats_xyzw=np.full_like(odometry.quats_xyzw, value),
+        )
+        .with_streams(
+            RawOdometry,
+            (
+                replace(
+                    odometry,
+                    positions_m=np.full_like(odometry.positions_m, value),
+                    quats_xyzw=np.full_like(odometry.quats_xyzw, value),
+                ),
             ),
-        ),
+        )
     )
 
 
 def _one_of_each() -> Recording:
     made = recording(1.0)
     one = stamps(10.0, 0.1)
-    return replace(made, scans=(scans_at(one),), imus=(), ticks=(), odometries=(), transforms=())
+    return replace(
+        made.with_streams(RawScans, (scans_at(one),))
+        .with_streams(RawImu, ())
+        .with_streams(RawTicks, ())
+        .with_streams(RawOdometry, ()),
+        transforms=(),
+    )
 
 
 def _unset(stream: Messages) -> Messages:
@@ -108,30 +122,37 @@ def _unset(stream: Messages) -> Messages:
 
 ODD: dict[str, Recording] = {
     "one scan": _one_of_each(),
-    "one stream": replace(recording(8.0), scans=(), ticks=(), odometries=(), transforms=()),
-    "wheels alone": replace(recording(8.0), scans=(), imus=(), transforms=()),
+    "one stream": replace(
+        recording(8.0)
+        .with_streams(RawScans, ())
+        .with_streams(RawTicks, ())
+        .with_streams(RawOdometry, ()),
+        transforms=(),
+    ),
+    "wheels alone": replace(
+        recording(8.0).with_streams(RawScans, ()).with_streams(RawImu, ()), transforms=()
+    ),
     "nan everywhere": _constant(np.nan),
     "infinity everywhere": _constant(np.inf),
     "zero everywhere": _constant(0.0),
     "huge everywhere": _constant(1e30),
-    "two lidars": replace(
-        recording(8.0),
-        scans=(recording(8.0).scans[0], replace(scans_at(stamps(7.0, 8.0)), topic="/rear")),
+    "two lidars": recording(8.0).with_streams(
+        RawScans, (recording(8.0).scans[0], replace(scans_at(stamps(7.0, 8.0)), topic="/rear"))
     ),
-    "one stamp": replace(
-        recording(8.0), scans=(replace(scans_at(stamps(10.0, 8.0)), stamps_ns=np.full(80, 7)),)
+    "one stamp": recording(8.0).with_streams(
+        RawScans, (replace(scans_at(stamps(10.0, 8.0)), stamps_ns=np.full(80, 7)),)
     ),
-    "no beams": replace(
-        recording(8.0),
-        scans=(replace(scans_at(stamps(10.0, 8.0)), ranges_m=np.zeros((80, 0), dtype=np.float32)),),
+    "no beams": recording(8.0).with_streams(
+        RawScans,
+        (replace(scans_at(stamps(10.0, 8.0)), ranges_m=np.zeros((80, 0), dtype=np.float32)),),
     ),
-    "one beam": replace(
-        recording(8.0),
-        scans=(replace(scans_at(stamps(10.0, 8.0)), ranges_m=np.ones((80, 1), dtype=np.float32)),),
+    "one beam": recording(8.0).with_streams(
+        RawScans,
+        (replace(scans_at(stamps(10.0, 8.0)), ranges_m=np.ones((80, 1), dtype=np.float32)),),
     ),
-    "declared nonsense": replace(
-        recording(8.0),
-        scans=(
+    "declared nonsense": recording(8.0).with_streams(
+        RawScans,
+        (
             replace(
                 recording(8.0).scans[0],
                 layouts=(
@@ -142,17 +163,15 @@ ODD: dict[str, Recording] = {
             ),
         ),
     ),
-    "wild stamps": replace(
-        recording(8.0),
-        scans=(scans_at(np.random.default_rng(1).integers(-(2**60), 2**60, 80, dtype=np.int64)),),
+    "wild stamps": recording(8.0).with_streams(
+        RawScans,
+        (scans_at(np.random.default_rng(1).integers(-(2**60), 2**60, 80, dtype=np.int64)),),
     ),
-    "stamps never set": replace(
-        recording(8.0),
-        scans=(_unset(recording(8.0).scans[0]),),
-        imus=(_unset(recording(8.0).imus[0]),),
-        ticks=(_unset(recording(8.0).ticks[0]),),
-        odometries=(_unset(recording(8.0).odometries[0]),),
-    ),
+    "stamps never set": recording(8.0)
+    .with_streams(RawScans, (_unset(recording(8.0).scans[0]),))
+    .with_streams(RawImu, (_unset(recording(8.0).imus[0]),))
+    .with_streams(RawTicks, (_unset(recording(8.0).ticks[0]),))
+    .with_streams(RawOdometry, (_unset(recording(8.0).odometries[0]),)),
     "nothing": Recording("nothing", "memory"),
 }
 
@@ -179,7 +198,7 @@ def test_many_messages_are_checked_in_arrays() -> None:
         angular_velocity_rad_s=readings,
         linear_acceleration_m_s2=readings,
     )
-    report = check_recording(replace(long, imus=(imu,)), quick=True)
+    report = check_recording(long.with_streams(RawImu, (imu,)), quick=True)
     gaps = next(f for f in report.findings if f.check == "time.gaps" and f.subject == "/imu")
     assert gaps.verdict == "ok"
 
@@ -215,9 +234,9 @@ def test_fix_writes_a_copy_that_checks_clean_and_can_be_read(tmp_path: Path) -> 
     made = recording()
     scans = made.scans[0]
     zero = np.where(np.random.default_rng(2).random((300, 60)) < 0.3, 0.0, scans.ranges_m)
-    spoilt = replace(
-        made,
-        scans=(
+    spoilt = made.with_streams(
+        RawScans,
+        (
             replace(
                 scans,
                 ranges_m=zero.astype(np.float32),

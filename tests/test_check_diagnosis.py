@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 from slamsim.check.diagnosis import ON_ANY_SUBJECT, ON_ONE_SUBJECT, explained
-from slamsim.check.findings import FAULT_NAMES, Estimate, Finding
+from slamsim.check.findings import Estimate, Finding
+from slamsim.recording.fault_names import FAULT_NAMES
 
 
 def bad(check: str, subject: str, fault: str) -> Finding:

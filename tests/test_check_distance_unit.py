@@ -16,7 +16,7 @@ from slamsim.check.check import check_recording
 from slamsim.check.course import wheel_course
 from slamsim.check.distance_unit import METRES, WrongUnit, in_metres, ratio_of_units
 from slamsim.check.mends import apply_mends, proposed
-from slamsim.recording import Recording
+from slamsim.recording import RawOdometry, Recording
 from slamsim.sensors.faults.registry import load_fault
 
 RANGES = ("range_feet", "range_inches", "range_millimetres_throughout")
@@ -50,10 +50,14 @@ def test_a_wrong_unit_is_named_and_its_mend_leaves_the_healthy_recording(name: s
 
 
 def test_ranges_without_any_other_stream_are_judged_by_the_room() -> None:
-    alone = replace(spoilt("range_millimetres_throughout"), odometries=(), transforms=())
+    alone = replace(
+        spoilt("range_millimetres_throughout").with_streams(RawOdometry, ()), transforms=()
+    )
 
     assert "range_unit" in named(alone)
-    assert "range_unit" not in named(replace(healthy(), odometries=(), transforms=()))
+    assert "range_unit" not in named(
+        replace(healthy().with_streams(RawOdometry, ()), transforms=())
+    )
 
 
 @given(

@@ -21,7 +21,7 @@ from slamsim.check.findings import Finding
 from slamsim.check.gathering import gather
 from slamsim.check.laser import check_laser, laser_motions
 from slamsim.check.mends import apply_mends
-from slamsim.recording import Recording, RecordingFormat
+from slamsim.recording import RawImu, RawOdometry, RawScans, Recording, RecordingFormat
 from slamsim.types import FloatArray
 
 STEP = LIDAR.angle_step_rad
@@ -154,13 +154,9 @@ def test_a_robot_that_stands_cannot_tell() -> None:
         scans, ranges_m=still, stamps_ns=scans.stamps_ns[:180], layout_of=scans.layout_of[:180]
     )
     quiet = with_scans(of, first)
-    quiet = replace(
-        quiet,
-        imus=tuple(
-            replace(i, angular_velocity_rad_s=0.0 * i.angular_velocity_rad_s) for i in of.imus
-        ),
-        odometries=(),
-    )
+    quiet = quiet.changed(
+        RawImu, lambda i: replace(i, angular_velocity_rad_s=0.0 * i.angular_velocity_rad_s)
+    ).with_streams(RawOdometry, ())
     found = findings(quiet)
     assert found["laser.rotation"].verdict == "cannot tell"
     assert found["laser.sweep"].verdict == "cannot tell"
@@ -168,7 +164,7 @@ def test_a_robot_that_stands_cannot_tell() -> None:
 
 
 def test_without_other_sensors_rotation_cannot_be_told() -> None:
-    alone = replace(healthy(), imus=(), odometries=())
+    alone = healthy().with_streams(RawImu, ()).with_streams(RawOdometry, ())
     found = findings(alone)
     assert found["laser.rotation"].verdict == "cannot tell"
     assert found["laser.angle_step"].verdict == "ok"
@@ -177,7 +173,7 @@ def test_without_other_sensors_rotation_cannot_be_told() -> None:
 def test_a_gyroscope_that_turns_the_wrong_way_is_outvoted() -> None:
     of = healthy()
     wrong = tuple(replace(i, angular_velocity_rad_s=-i.angular_velocity_rad_s) for i in of.imus)
-    assert findings(replace(of, imus=wrong))["laser.rotation"].verdict == "ok"
+    assert findings(of.with_streams(RawImu, wrong))["laser.rotation"].verdict == "ok"
 
 
 def test_no_scan_fits_anything() -> None:
@@ -194,4 +190,4 @@ def test_no_scan_fits_anything() -> None:
 
 
 def test_a_recording_without_lidar_has_no_motion() -> None:
-    assert laser_motions(replace(healthy(), scans=())) is None
+    assert laser_motions(healthy().with_streams(RawScans, ())) is None

@@ -17,7 +17,7 @@ from slamsim.check.odometry import check_odometry
 from slamsim.check.published import check_published
 from slamsim.check.publishers import check_publishers
 from slamsim.check.transforms import check_transforms
-from slamsim.recording import Recording
+from slamsim.recording import RawImu, RawOdometry, RawScans, RawTicks, Recording
 from slamsim.sensors.faults.apply import injected
 from slamsim.sensors.faults.base import Fault
 from slamsim.sensors.faults.registry import load_fault
@@ -83,18 +83,16 @@ def test_a_filtered_copy_of_a_lidar_or_a_unit_is_the_same_sensor() -> None:
     scans, imu = recording.scans[0], recording.imus[0]
     thinned = np.array(scans.ranges_m)
     thinned[:, ::3] = np.inf
-    copies = replace(
-        recording,
-        scans=(scans, replace(scans, topic="/scan_filtered", ranges_m=thinned)),
-        imus=(imu, replace(imu, topic="/imu/data_raw")),
-    )
+    copies = recording.with_streams(
+        RawScans, (scans, replace(scans, topic="/scan_filtered", ranges_m=thinned))
+    ).with_streams(RawImu, (imu, replace(imu, topic="/imu/data_raw")))
     assert not named(check_publishers(copies))
 
 
 def test_a_topic_that_names_two_frames_has_two_publishers() -> None:
     recording = healthy()
     two = replace(recording.scans[0], frame_ids=("left", "right"))
-    findings = check_publishers(replace(recording, scans=(two,)))
+    findings = check_publishers(recording.with_streams(RawScans, (two,)))
     assert named(findings) == {"topic_shared"}
 
 
@@ -104,7 +102,7 @@ def test_an_orientation_that_follows_the_turns_is_one() -> None:
     yaw = 0.2 * (imu.stamps_ns - imu.stamps_ns[0]) * 1e-9
     still = np.zeros_like(yaw)
     quats = np.column_stack([still, still, np.sin(0.5 * yaw), np.cos(0.5 * yaw)])
-    turning = replace(recording, imus=(replace(imu, orientation_xyzw=quats),))
+    turning = recording.with_streams(RawImu, (replace(imu, orientation_xyzw=quats),))
     verdicts = {one.check: one.verdict for one in check_inertial(turning)}
     assert verdicts["imu.orientation"] == "ok"
 
@@ -112,17 +110,14 @@ def test_an_orientation_that_follows_the_turns_is_one() -> None:
 @pytest.mark.parametrize("count", [0, 1, 2, 3])
 def test_a_few_messages_are_no_fault(count: int) -> None:
     recording = healthy()
-    few = replace(
-        recording,
-        scans=tuple(
-            replace(
-                one,
-                stamps_ns=one.stamps_ns[:count],
-                received_ns=None,
-                layout_of=one.layout_of[:count],
-                ranges_m=np.asarray(one.ranges_m)[:count],
-            )
-            for one in recording.scans
+    few = recording.changed(
+        RawScans,
+        lambda one: replace(
+            one,
+            stamps_ns=one.stamps_ns[:count],
+            received_ns=None,
+            layout_of=one.layout_of[:count],
+            ranges_m=np.asarray(one.ranges_m)[:count],
         ),
     )
     assert not named(check_publishers(few))
@@ -132,12 +127,12 @@ def test_a_format_without_twists_has_sound_poses() -> None:
     recording = healthy()
     none = np.full_like(recording.odometries[0].linear_m_s, np.nan)
     odometry = replace(recording.odometries[0], linear_m_s=none, angular_rad_s=none)
-    (values,) = check_published(replace(recording, odometries=(odometry,)))
+    (values,) = check_published(recording.with_streams(RawOdometry, (odometry,)))
     assert values.verdict == "ok"
 
 
 def test_odometry_that_is_only_a_transform_is_compared_with_the_scans() -> None:
-    recording = replace(healthy(), odometries=(), ticks=())
+    recording = healthy().with_streams(RawOdometry, ()).with_streams(RawTicks, ())
     edge = next(one for one in recording.transforms if not one.is_static)
 
     wheels = gather(recording, None).wheels

@@ -38,7 +38,14 @@ def recorded(ranges_m: Float32Array, layout: ScanLayout = LAYOUT) -> Recording:
     stamps_ns = np.arange(len(ranges_m), dtype=np.int64) * SECOND // 10
     layout_of = np.zeros(len(ranges_m), dtype=np.int32)
     scans = RawScans("/scan", ("laser_link",), stamps_ns, None, (layout,), layout_of, ranges_m)
-    return Recording("test", "mcap", scans=(scans,), imus=(turning_imu(),))
+    return Recording(
+        "test",
+        "mcap",
+        streams=(
+            scans,
+            turning_imu(),
+        ),
+    )
 
 
 def turning_imu(up: tuple[float, float, float] = (0.0, 0.0, 9.81)) -> RawImu:
@@ -140,7 +147,7 @@ def test_a_robot_that_stands_may_see_the_same() -> None:
     still = np.repeat(room()[:1], SCANS, axis=0)
     gyro = turning_imu()
     resting = replace(gyro, angular_velocity_rad_s=np.zeros((len(gyro), 3)))
-    assert not bad(check_ranges(replace(recorded(still), imus=(resting,))))
+    assert not bad(check_ranges(recorded(still).with_streams(RawImu, (resting,))))
 
 
 def test_a_wall_along_a_straight_corridor_is_not_the_robot_itself() -> None:
@@ -187,7 +194,7 @@ UPRIGHT, ROLLED = (0.0, 0.0, 0.0, 1.0), (np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5))
 
 
 def felt(imu: RawImu, quat_xyzw: tuple[float, float, float, float] = UPRIGHT) -> list[Finding]:
-    return check_inertial(Recording("t", "mcap", imus=(imu,), transforms=mounted(quat_xyzw)))
+    return check_inertial(Recording("t", "mcap", streams=(imu,), transforms=mounted(quat_xyzw)))
 
 
 def test_a_healthy_unit() -> None:
@@ -239,9 +246,9 @@ def test_a_unit_that_hangs_while_the_odometry_goes_on() -> None:
     upright = np.repeat([UPRIGHT], len(imu), axis=0)
     odometry = RawOdometry("/odom", ("odom",), imu.stamps_ns, None, ("base_link",), driven, upright,
                            rows * np.nan, rows * np.nan)  # fmt: skip
-    recording = Recording("t", "mcap", imus=(frozen,), transforms=mounted(UPRIGHT))
+    recording = Recording("t", "mcap", streams=(frozen,), transforms=mounted(UPRIGHT))
     assert "imu_stuck" not in bad(check_inertial(recording))
-    assert "imu_stuck" in bad(check_inertial(replace(recording, odometries=(odometry,))))
+    assert "imu_stuck" in bad(check_inertial(recording.with_streams(RawOdometry, (odometry,))))
 
 
 @pytest.mark.parametrize(("per_metre", "factor"), [(1000.0, 1e-3), (100.0, 1e-2)])
@@ -262,6 +269,6 @@ def test_of_two_units_that_fit_the_limits_the_way_driven_chooses(
     upright = np.repeat([UPRIGHT], SCANS, axis=0)
     odometry = RawOdometry("/odom", ("odom",), stamps_ns, None, ("base_link",), driven, upright,
                            driven * np.nan, driven * np.nan)  # fmt: skip
-    findings = check_ranges(replace(recording, odometries=(odometry,)))
+    findings = check_ranges(recording.with_streams(RawOdometry, (odometry,)))
     units = [finding for finding in findings if finding.fault == "range_unit"]
     assert [unit.mends[0].parameters["factor"] for unit in units] == [factor]

@@ -14,7 +14,7 @@ from recording_data import LAYOUT, edge, recording, scans_at, stamps
 from slamsim.check.stamp_rounding import rounding_step_s
 from slamsim.check.stamp_series import series_of
 from slamsim.check.streams import check_streams
-from slamsim.recording import RawScans, Recording
+from slamsim.recording import RawImu, RawOdometry, RawScans, RawTicks, Recording
 from slamsim.types import IntArray
 
 RNG = np.random.default_rng(5)
@@ -31,7 +31,7 @@ def _bad(found: Recording) -> dict[str, set[str]]:
 
 def _with_scans(change: Callable[[RawScans], RawScans], seconds: float = 60.0) -> Recording:
     made = recording(seconds)
-    return replace(made, scans=(change(made.scans[0]),))
+    return made.with_streams(RawScans, (change(made.scans[0]),))
 
 
 def _restamped(change: Callable[[IntArray], IntArray], seconds: float = 60.0) -> Recording:
@@ -70,7 +70,7 @@ def test_what_drivers_usually_do_is_no_fault(
     received = np.maximum.accumulate(even + 10_000_000 + lasts_ns + queue_ns)
     beam_dt_s = min(LAYOUT.beam_dt_s, 0.9 / rate_hz / 59)
     scans = replace(scans_at(scattered, received), layouts=(replace(LAYOUT, beam_dt_s=beam_dt_s),))
-    found = check_streams(Recording("usual", "memory", scans=(scans,)))
+    found = check_streams(Recording("usual", "memory", streams=(scans,)))
     assert [finding.words for finding in found if finding.verdict == "bad"] == []
 
 
@@ -103,7 +103,7 @@ def test_coarse_stamps_are_named_with_their_step(step_s: float, rate_hz: float) 
     even = stamps(rate_hz, 60.0, 3.21)
     step_ns = round(step_s * 1e9)
     scans = replace(scans_at(even // step_ns * step_ns), layouts=(replace(LAYOUT, beam_dt_s=0.0),))
-    found = [f for f in check_streams(Recording("c", "memory", scans=(scans,))) if f.fault]
+    found = [f for f in check_streams(Recording("c", "memory", streams=(scans,))) if f.fault]
     assert "stamps_quantised" in {finding.fault for finding in found}
     named = next(f for f in found if f.fault == "stamps_quantised")
     assert named.estimate is not None
@@ -153,7 +153,7 @@ def test_scatter_about_a_beat_is_measured(sigma_s: float) -> None:
 def test_a_sensor_without_a_beat_is_not_accused() -> None:
     """What comes unevenly may be stamped rightly: this is not to be told from stamps."""
     uneven = np.cumsum(RNG.uniform(0.07e9, 0.3e9, 2000)).astype(np.int64)
-    found = check_streams(Recording("u", "memory", scans=(scans_at(uneven),)))
+    found = check_streams(Recording("u", "memory", streams=(scans_at(uneven),)))
     scatter = next(f for f in found if f.check == "time.scatter")
     assert scatter.verdict == "cannot tell" and "beat" in scatter.words
     assert not [f.words for f in found if f.fault]
@@ -164,7 +164,9 @@ def test_missing_messages_are_counted(share: float, is_bad: bool) -> None:
     keep = np.random.default_rng(4).random(3000) >= share
     scans = scans_at(stamps(10.0, 300.0)[keep])
     found = next(
-        f for f in check_streams(Recording("m", "memory", scans=(scans,))) if f.check == "time.gaps"
+        f
+        for f in check_streams(Recording("m", "memory", streams=(scans,)))
+        if f.check == "time.gaps"
     )
     assert (found.fault == "stream_gaps") == is_bad
     assert f"{int((~keep[1:-1]).sum())} missing" in found.words
@@ -174,7 +176,7 @@ def test_one_long_gap_is_enough() -> None:
     keep = np.ones(6000, dtype=np.bool_)
     keep[3000:3015] = False
     scans = scans_at(stamps(10.0, 600.0)[keep])
-    assert _bad(Recording("g", "memory", scans=(scans,)))["/scan"] == {"stream_gaps"}
+    assert _bad(Recording("g", "memory", streams=(scans,)))["/scan"] == {"stream_gaps"}
 
 
 def test_the_stream_of_another_epoch_is_named_and_put_back() -> None:
@@ -214,12 +216,11 @@ def test_a_replay_at_another_speed_is_no_drift() -> None:
     def slower(stamps_ns: IntArray) -> IntArray:
         return 5_000_000_000 + 2 * (stamps_ns - 100_000_000_000)
 
-    found = replace(
-        made,
-        scans=tuple(replace(s, received_ns=slower(s.stamps_ns)) for s in made.scans),
-        imus=tuple(replace(s, received_ns=slower(s.stamps_ns)) for s in made.imus),
-        ticks=tuple(replace(s, received_ns=slower(s.stamps_ns)) for s in made.ticks),
-        odometries=tuple(replace(s, received_ns=slower(s.stamps_ns)) for s in made.odometries),
+    found = (
+        made.changed(RawScans, lambda s: replace(s, received_ns=slower(s.stamps_ns)))
+        .changed(RawImu, lambda s: replace(s, received_ns=slower(s.stamps_ns)))
+        .changed(RawTicks, lambda s: replace(s, received_ns=slower(s.stamps_ns)))
+        .changed(RawOdometry, lambda s: replace(s, received_ns=slower(s.stamps_ns)))
     )
     drifts = [f for f in check_streams(found) if f.check == "time.receipt_drift"]
     assert {finding.verdict for finding in drifts} == {"ok"}
@@ -248,9 +249,8 @@ def test_receipt_by_the_wall_clock_is_read_on_the_simulated_one() -> None:
         return wall + ((sim_ns - 100_000_000_000) / 0.7).astype(np.int64)
 
     found = replace(
-        made,
+        made.changed(RawScans, lambda s: replace(s, received_ns=wall_of(s.stamps_ns + 70_000_000))),
         clock_ns=np.column_stack([clock, wall_of(clock)]),
-        scans=tuple(replace(s, received_ns=wall_of(s.stamps_ns + 70_000_000)) for s in made.scans),
     )
     latency_s = series_of(found)[0].latency_s
     assert latency_s is not None
@@ -261,7 +261,7 @@ def test_few_messages_and_none() -> None:
     assert check_streams(Recording("none", "memory"))[0].verdict == "cannot tell"
     for count in (1, 2, 3, 19):
         found = check_streams(
-            Recording("few", "memory", scans=(scans_at(stamps(10.0, 2.0)[:count]),))
+            Recording("few", "memory", streams=(scans_at(stamps(10.0, 2.0)[:count]),))
         )
         assert {f.verdict for f in found if f.check == "time.spacing"} <= {"cannot tell"}
         assert not [f for f in found if f.fault]

@@ -155,7 +155,15 @@ def odd_recordings() -> st.SearchStrategy[Recording]:
         odometry = RawOdometry(
             "/odom", ("o",), at[2], None, ("b",), plain[0], quats, plain[1], plain[2]
         )
-        return Recording("odd", "memory", imus=(imu,), ticks=(ticks,), odometries=(odometry,))
+        return Recording(
+            "odd",
+            "memory",
+            streams=(
+                imu,
+                odometry,
+                ticks,
+            ),
+        )
 
     return st.builds(built, stamps, stamps, stamps, numbers, numbers)
 
@@ -190,7 +198,14 @@ def test_spoilt_streams_beside_good_ones(spoil: str) -> None:
         counts = ticks.ticks.copy()
         counts[300:] += 10**9
         ticks = replace(ticks, ticks=counts)
-    recording = Recording("spoilt", "memory", imus=(imu,), ticks=(ticks,))
+    recording = Recording(
+        "spoilt",
+        "memory",
+        streams=(
+            imu,
+            ticks,
+        ),
+    )
     for finding in check_calibration(recording, None):
         assert "nan" not in finding.words
 

@@ -60,8 +60,10 @@ def sound() -> Recording:
     return Recording(
         "sound",
         "mcap",
-        scans=(scans,),
-        odometries=(odometry_of(stamps_ns, poses),),
+        streams=(
+            scans,
+            odometry_of(stamps_ns, poses),
+        ),
         transforms=(
             edge("odom", "base_footprint", stamps_ns, poses, is_static=False),
             edge("base_footprint", "base_link"),
@@ -110,7 +112,7 @@ def test_a_missing_link_inside_the_robot() -> None:
 
 def test_an_unknown_frame_is_told_with_its_nearest_name() -> None:
     scans = replace(sound().scans[0], frame_ids=("laser_lnik",))
-    found = bad(replace(sound(), scans=(scans,)))
+    found = bad(sound().with_streams(RawScans, (scans,)))
     assert [finding.fault for finding in found] == ["tf_unknown_frame"]
     assert "'laser_link'" in found[0].words
 

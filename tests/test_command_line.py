@@ -50,7 +50,7 @@ def slamsim(
 
 
 def command(*arguments: object) -> list[str]:
-    return [sys.executable, "-c", "from slamsim.cli import main; main()", *map(str, arguments)]
+    return [sys.executable, "-c", "from slamsim.entry import main; main()", *map(str, arguments)]
 
 
 @pytest.fixture(scope="module")

@@ -21,8 +21,9 @@ from slamsim.dataset.manifest import manifest
 from slamsim.dataset.sequence import SPLITS, Cell
 from slamsim.dataset.shard import shard_path
 from slamsim.dataset.statistics import statistics
-from slamsim.dataset.store import StoreFailed, open_store
+from slamsim.dataset.store import open_store
 from slamsim.dataset.table import rows_to_parquet, table_from_parquet
+from slamsim.safe.errors import StoreFailed
 
 Row = dict[str, Cell]
 CELLS = (

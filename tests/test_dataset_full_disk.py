@@ -118,7 +118,7 @@ def test_a_disk_that_others_fill_meanwhile_costs_nothing(disk: Path, tmp_path: P
 
 
 def _making(out: Path, count: int) -> subprocess.Popen[str]:
-    code = "from slamsim.cli import main; main()"
+    code = "from slamsim.entry import main; main()"
     words = ["dataset", "make", "tiny", "-n", str(count), "--out", str(out), "--quiet"]
     return subprocess.Popen([sys.executable, "-c", code, *words], stderr=subprocess.PIPE, text=True)
 

@@ -149,7 +149,13 @@ def _run(command: Sequence[str], cwd: Path) -> subprocess.CompletedProcess[str]:
 
 
 def _typed(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-c", "from slamsim.cli import main; main()", "dataset", *arguments]
+    command = [
+        sys.executable,
+        "-c",
+        "from slamsim.entry import main; main()",
+        "dataset",
+        *arguments,
+    ]
     return _run(command, cwd)
 
 

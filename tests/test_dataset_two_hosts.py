@@ -136,7 +136,7 @@ def _makers(host: str) -> list[dict[str, str]]:
 
 def test_a_host_lost_in_the_middle_costs_nothing_and_changes_nothing(tmp_path: Path) -> None:
     out = tmp_path / "set"
-    command = [sys.executable, "-c", "from slamsim.cli import main; main()"]
+    command = [sys.executable, "-c", "from slamsim.entry import main; main()"]
     options = f"dataset make tiny -n {COUNT} --quiet --out {out} --engine dask --scheduler".split()
     with _cluster(tmp_path) as address:
         making = subprocess.Popen([*command, *options, address], stderr=subprocess.PIPE, text=True)

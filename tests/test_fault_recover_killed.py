@@ -18,8 +18,8 @@ from slamsim.logs.bag_folder import MCAP_NAME
 from slamsim.logs.reader import read_log, read_truth
 from slamsim.logs.recovery.recover import recover
 from slamsim.logs.recovery.source import damaged_recording
-from slamsim.logs.writer import LogWriter
 from slamsim.safe.output import partial_folder
+from slamsim.simulation.log_writer import LogWriter
 
 pytestmark = pytest.mark.fault
 

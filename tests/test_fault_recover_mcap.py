@@ -23,8 +23,8 @@ from slamsim.logs.reader import read_log
 from slamsim.logs.recovery.recover import recover
 from slamsim.logs.recovery.source import damaged_recording
 from slamsim.logs.recovery.tally import Recovered
-from slamsim.logs.writer import LogWriter
 from slamsim.safe.errors import InputRefused, NotFound
+from slamsim.simulation.log_writer import LogWriter
 
 pytestmark = pytest.mark.fault
 

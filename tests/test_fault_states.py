@@ -36,7 +36,6 @@ from slamsim.dataset.verify import verify
 from slamsim.logs.raw import read_recording
 from slamsim.logs.recovery.recover import recover
 from slamsim.logs.recovery.source import damaged_recording
-from slamsim.logs.writer import LogWriter
 from slamsim.run.dataset_telling import mending_of
 from slamsim.run.verifying import verify_path
 from slamsim.safe.errors import InputRefused, Locked, SlamsimError
@@ -44,6 +43,7 @@ from slamsim.safe.lock import locked
 from slamsim.safe.output import partial_folder, write_atomic
 from slamsim.safe.staging import restore
 from slamsim.safe.sums import SUMS
+from slamsim.simulation.log_writer import LogWriter
 
 pytestmark = pytest.mark.fault
 MARK, LOG = ".slamsim", "log"

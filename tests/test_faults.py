@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from slamsim.check.findings import FAULT_NAMES
 from slamsim.config.bundled import bundled_names
 from slamsim.geometry import xyzw_from_yaw, yaw_from_xyzw
 from slamsim.recording import (
@@ -23,8 +22,9 @@ from slamsim.recording import (
     Recording,
     ScanLayout,
     TransformEdge,
-    numbered,
 )
+from slamsim.recording.edits import numbered
+from slamsim.recording.fault_names import FAULT_NAMES
 from slamsim.safe.errors import InputRefused, NotFound, SlamsimError
 from slamsim.sensors.faults.apply import injected
 from slamsim.sensors.faults.base import CannotInject
@@ -78,7 +78,7 @@ def example() -> Recording:
     return Recording(
         "example",
         "memory",
-        scans=(
+        streams=(
             RawScans(
                 "/scan",
                 ("laser_link",),
@@ -88,8 +88,6 @@ def example() -> Recording:
                 np.zeros(scan_ns.size, dtype=np.int32),
                 ranges,
             ),
-        ),
-        imus=(
             RawImu(
                 "/imu",
                 ("imu_link",),
@@ -98,8 +96,6 @@ def example() -> Recording:
                 rng.normal(0.0, 0.3, still.shape),
                 still + rng.normal(0.0, 0.01, still.shape),
             ),
-        ),
-        odometries=(
             RawOdometry(
                 "/odom",
                 ("odom",),
@@ -111,13 +107,9 @@ def example() -> Recording:
                 np.column_stack([np.full(stamps.size, 0.3), zero, zero]),
                 np.column_stack([zero, zero, np.gradient(np.unwrap(poses[:, 2]), 0.02)]),
             ),
-        ),
-        ticks=(
             RawTicks(
                 "/ticks", ("base_footprint",), stamps, stamps + 1, stream.ticks, 2578, 0.035, 0.23
             ),
-        ),
-        joints=(
             RawJoints(
                 "/joints", ("",), stamps, stamps + 1, ("l", "r"), joints, np.ones(joints.shape)
             ),
@@ -137,9 +129,13 @@ def example() -> Recording:
 
 def leaves(value: object, at: str = "") -> Iterator[tuple[str, object]]:
     """Every array, number and text of a recording with its place."""
+    if isinstance(value, Recording):
+        for kind in ("scans", "imus", "odometries", "ticks", "joints"):
+            yield from leaves(getattr(value, kind), f".{kind}")
     if dataclasses.is_dataclass(value):
         for field in dataclasses.fields(value):
-            yield from leaves(getattr(value, field.name), f"{at}.{field.name}")
+            if field.name != "streams":
+                yield from leaves(getattr(value, field.name), f"{at}.{field.name}")
     elif isinstance(value, tuple):
         for index, item in enumerate(value):
             yield from leaves(item, f"{at}[{index}]")

@@ -9,14 +9,14 @@ from sensing_example import PERFECT_LIDAR, Robot, drive_along, room
 
 from slamsim.config.sensors import LidarConfig, SensorsConfig
 from slamsim.geometry import matrix_from_xyzw
-from slamsim.logs.raw_memory import recording_from_readings
-from slamsim.logs.writer import LogHeader
 from slamsim.recording import RawScans, Recording
 from slamsim.sensors.faults.apply import declared, faulty_sensors
 from slamsim.sensors.faults.base import Fault, SensedFault
 from slamsim.sensors.faults.registry import KINDS, load_fault
 from slamsim.sensors.motion import Motion
 from slamsim.sensors.rig import SensorRig
+from slamsim.simulation.header import LogHeader
+from slamsim.simulation.recorder import DriveRecorder
 from slamsim.types import Float32Array, FloatArray, IntArray
 
 HALF_X_M, HALF_Y_M = 4.0, 3.0
@@ -36,7 +36,7 @@ DRIVE = drive_along(3.0, 240.0, yaw_rate_rad_s=0.9, speed_m_s=0.5)
 def sensed(faults: list[Fault], config: SensorsConfig = SENSORS) -> Recording:
     sensors, course = faulty_sensors(faults, config)
     rig = SensorRig(room(HALF_X_M, HALF_Y_M), Robot(), sensors, seed=2, course=course)
-    recording = recording_from_readings("room", [rig.sense(DRIVE)], [DRIVE], HEADER)
+    recording = DriveRecorder("room", HEADER).take([rig.sense(DRIVE)], [DRIVE]).recording
     return declared(recording, faults, config, seed=2)
 
 

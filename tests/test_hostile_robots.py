@@ -19,9 +19,9 @@ from typer.testing import CliRunner
 
 from slamsim.cli import app
 from slamsim.config.robot import RobotConfig
-from slamsim.run.own_files import with_own_files
 from slamsim.safe.errors import InputRefused, SlamsimError
 from slamsim.sim.robot import build_robot
+from slamsim.simulation.own_files import with_own_files
 
 pytestmark = pytest.mark.fault
 

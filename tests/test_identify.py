@@ -286,7 +286,13 @@ def test_a_users_own_robot_from_figures_to_a_file_that_drives(tmp_path: Path) ->
     path.write_text(yaml.safe_dump(own))
     done = subprocess.run(
         [
-            *(sys.executable, "-c", "from slamsim.cli import main; main()", "identify", str(path)),
+            *(
+                sys.executable,
+                "-c",
+                "from slamsim.entry import main; main()",
+                "identify",
+                str(path),
+            ),
             *("--out", str(tmp_path / "out"), "--robot-file", str(file), "--json"),
         ],
         cwd=tmp_path,

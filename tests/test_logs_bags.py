@@ -25,8 +25,8 @@ from rosbags.rosbag2 import StoragePlugin
 
 from slamsim.logs.bag_folder import MCAP_NAME
 from slamsim.logs.reader import read_log, read_truth
-from slamsim.logs.writer import LogWriter
 from slamsim.safe.errors import InputRefused
+from slamsim.simulation.log_writer import LogWriter
 from slamsim.types import Log
 from slamsim.wheels import wheel_odometry
 

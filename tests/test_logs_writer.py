@@ -15,11 +15,23 @@ from rosbags.interfaces import QosDurability
 from rosbags.rosbag2 import Reader
 
 from slamsim.geometry import xyzw_from_yaw
-from slamsim.logs import messages
 from slamsim.logs.bag_folder import MCAP_NAME
 from slamsim.logs.cdr import Rows
+from slamsim.logs.encoding import encoded_transforms, outgoing, stream_messages, text
 from slamsim.logs.ros_types import ENCODER_TICKS, ros2_types
-from slamsim.logs.writer import LogWriter
+from slamsim.recording import (
+    RawImu,
+    RawJoints,
+    RawOdometry,
+    RawScans,
+    RawTicks,
+    RawTwists,
+    Recording,
+    ScanLayout,
+    TransformEdge,
+)
+from slamsim.simulation.log_writer import LogWriter
+from slamsim.simulation.recorder import DriveRecorder
 from slamsim.wheels import wheel_odometry
 
 STORE = ros2_types()
@@ -52,75 +64,78 @@ def _assert_same_bytes(rows: Rows, expected: list[Any]) -> None:
 @pytest.mark.parametrize("intensities", [False, True])
 @pytest.mark.parametrize("beams", [1, 90, 91])
 def test_laser_scan_bytes(frame_id: str, intensities: bool, beams: int) -> None:
-    batch = readings(0.0, 0.5, beams=max(beams, 8), intensities=intensities).scans
-    geometry = replace(batch.geometry, frame_id=frame_id, beam_count=beams)
-    batch = replace(
-        batch,
-        geometry=geometry,
-        ranges_m=batch.ranges_m[:, :beams],
-        intensities=None if batch.intensities is None else batch.intensities[:, :beams],
-    )
-    scan = TYPES["sensor_msgs/msg/LaserScan"]
+    rng = np.random.default_rng(beams)
+    stamps = np.array([0, 1, 2_000_000_001])
+    numbers = rng.uniform(0.1, 1.0, (2, 7))
+    ranges, strengths = rng.uniform(0.1, 9.0, (2, 3, beams)).astype(np.float32)
+    layouts = tuple(ScanLayout(*row) for row in numbers.tolist())
+    which = np.array([1, 0, 1], dtype=np.int32)
+    scans = RawScans("/scan", (frame_id,), stamps, None, layouts, which, ranges)
+    scans = replace(scans, intensities=strengths if intensities else None)
     empty = np.zeros(0, dtype=np.float32)
-    g = geometry
     expected = [
-        scan(
-            _header(int(batch.stamps_ns[i]), frame_id),
-            g.angle_min_rad,
-            g.angle_min_rad + (beams - 1) * g.angle_step_rad,
-            g.angle_step_rad,
-            15e-6,
-            0.1,
-            g.range_min_m,
-            g.range_max_m,
-            batch.ranges_m[i],
-            empty if batch.intensities is None else batch.intensities[i],
+        TYPES["sensor_msgs/msg/LaserScan"](
+            _header(int(stamps[i]), frame_id),
+            *numbers[which[i]],
+            ranges[i],
+            strengths[i] if intensities else empty,
         )
-        for i in range(len(batch))
+        for i in range(3)
     ]
-    _assert_same_bytes(messages.laser_scans(batch, 0.1), expected)
+
+    (stream,) = outgoing(Recording("r", "memory", streams=(scans,)))
+
+    _assert_same_bytes(stream.rows(np.arange(3)), expected)
 
 
-def test_imu_bytes() -> None:
-    stream = readings(0.0, 0.1).imu.stream
-    none = np.zeros(9)
-    none[0] = -1.0
+@pytest.mark.parametrize("oriented", [False, True])
+def test_imu_bytes(oriented: bool) -> None:
+    rng = np.random.default_rng(3)
+    stamps, quats = np.arange(4) * 700_000_000, xyzw_from_yaw(rng.normal(size=4))
+    rates, forces = rng.normal(size=(2, 4, 3))
+    imu = RawImu("/imu", ("imu_link",), stamps, None, rates, forces, quats if oriented else None)
+    none = np.array([0.0 if oriented else -1.0, *[0.0] * 8])
     expected = [
         TYPES["sensor_msgs/msg/Imu"](
-            _header(int(stream.stamps_ns[i]), stream.frame_id),
-            _quat((0, 0, 0, 1)),
+            _header(int(stamps[i]), "imu_link"),
+            _quat(quats[i] if oriented else (0, 0, 0, 1)),
             none,
-            _vector(stream.angular_velocity_rad_s[i]),
+            _vector(rates[i]),
             np.diag([0.3] * 3).ravel(),
-            _vector(stream.linear_acceleration_m_s2[i]),
+            _vector(forces[i]),
             np.diag([0.4] * 3).ravel(),
         )
-        for i in range(stream.stamps_ns.size)
+        for i in range(4)
     ]
-    _assert_same_bytes(messages.imu_samples(stream, 0.3, 0.4), expected)
+    covariances = DriveRecorder("r", header(imu_gyro_variance=0.3, imu_accel_variance=0.4))
+
+    stream = stream_messages(imu, covariances.constants["/imu/data"])
+
+    _assert_same_bytes(stream.rows(np.arange(4)), expected)
 
 
 def test_wheel_message_bytes() -> None:
-    stream = readings(0.0, 0.2).encoders.stream
-    stamps = stream.stamps_ns
     rng = np.random.default_rng(1)
-    angles, speeds = rng.normal(size=(2, stamps.size, 2))
-    ticks = [
+    stamps = np.arange(5) * 20_000_000
+    ticks = rng.integers(-(2**62), 2**62, (5, 2))
+    wheels = RawTicks("/ticks", ("base",), stamps, None, ticks, 2578, 0.035, 0.23)
+    expected = [
         TYPES[ENCODER_TICKS](
-            _header(int(stamps[i]), "base"), *map(int, stream.ticks[i]), 2578, 0.035, 0.23
+            _header(int(stamps[i]), "base"), *map(int, ticks[i]), 2578, 0.035, 0.23
         )
-        for i in range(stamps.size)
+        for i in range(5)
     ]
-    _assert_same_bytes(messages.encoder_ticks(stream, "base"), ticks)
-    joints = [
+    _assert_same_bytes(stream_messages(wheels).rows(np.arange(5)), expected)
+    angles, speeds = rng.normal(size=(2, 5, 2))
+    names = "left", "right_wheel"
+    joints = RawJoints("/joints", ("",), stamps, None, names, angles, speeds)
+    moved = [
         TYPES["sensor_msgs/msg/JointState"](
-            _header(int(stamps[i]), ""), ["left", "right_wheel"], angles[i], speeds[i], np.zeros(0)
+            _header(int(stamps[i]), ""), list(names), angles[i], speeds[i], np.zeros(0)
         )
-        for i in range(stamps.size)
+        for i in range(5)
     ]
-    _assert_same_bytes(
-        messages.joint_states(stamps, ("left", "right_wheel"), angles, speeds), joints
-    )
+    _assert_same_bytes(stream_messages(joints).rows(np.arange(5)), moved)
 
 
 def test_pose_message_bytes() -> None:
@@ -130,7 +145,7 @@ def test_pose_message_bytes() -> None:
     quats = xyzw_from_yaw(rng.normal(size=4))
     frames = ("odom", "base_footprint")
     covariance = np.zeros(36)
-    odometry = [
+    expected = [
         TYPES["nav_msgs/msg/Odometry"](
             _header(int(stamps[i]), frames[0]),
             frames[1],
@@ -145,29 +160,40 @@ def test_pose_message_bytes() -> None:
         )
         for i in range(4)
     ]
-    rows = messages.odometry(stamps, frames, xyz, quats, linear, angular)
-    _assert_same_bytes(rows, odometry)
+    names = frames[:1], stamps, None, frames[1:]
+    odometry = RawOdometry("/odom", *names, xyz, quats, linear, angular)
+    _assert_same_bytes(stream_messages(odometry).rows(np.arange(4)), expected)
 
-    def transform(i: int, child: str) -> Any:
+
+def test_transform_bytes() -> None:
+    rng = np.random.default_rng(4)
+    stamps, xyz = np.array([0, 1, 1_234_567_890_123_456_789]), rng.normal(size=(3, 3))
+    quats = xyzw_from_yaw(rng.normal(size=3))
+
+    def edge(parent: str, child: str) -> TransformEdge:
+        return TransformEdge("/tf", parent, child, False, stamps, None, xyz, quats)
+
+    def transform(i: int, parent: str, child: str) -> Any:
         return TYPES["geometry_msgs/msg/TransformStamped"](
-            _header(int(stamps[i]), "odom"),
+            _header(int(stamps[i]), parent),
             child,
             TYPES["geometry_msgs/msg/Transform"](_vector(xyz[i]), _quat(quats[i])),
         )
 
     tf = TYPES["tf2_msgs/msg/TFMessage"]
-    moving = [tf([transform(i, frames[1])]) for i in range(4)]
-    _assert_same_bytes(messages.transforms(stamps, frames, xyz, quats), moving)
-    fixed = messages.static_transforms(0, [("odom", "a"), ("odom", "bc")], xyz[[1, 1]], quats[1:3])
-    one, two = transform(1, "a"), transform(1, "bc")
-    two.transform.rotation = _quat(quats[2])
-    _assert_same_bytes(fixed, [tf([one, two])])
+    pairs = [("odom", "a"), ("a", "bcd")]
+    for some in (pairs[:1], pairs, []):
+        rows = encoded_transforms([edge(*pair) for pair in some], np.arange(3))
+        count = 3 if some else 1
+        expected = [tf([transform(i, *pair) for pair in some]) for i in range(count)]
+        _assert_same_bytes(rows, expected)
 
 
 def test_small_message_bytes() -> None:
     stamps = np.array([0, 2_000_000_001])
     clock = TYPES["rosgraph_msgs/msg/Clock"]
-    _assert_same_bytes(messages.clocks(stamps), [clock(_time(int(t))) for t in stamps])
+    shown = outgoing(Recording("r", "memory", clock_ns=np.column_stack([stamps, stamps])))[0]
+    _assert_same_bytes(shown.rows(np.arange(2)), [clock(_time(int(t))) for t in stamps])
     twist = TYPES["geometry_msgs/msg/TwistStamped"]
     commands = np.array([[0.5, -0.1], [0.2, 0.7]])
     expected = [
@@ -177,10 +203,9 @@ def test_small_message_bytes() -> None:
         )
         for t, (v, w) in zip(stamps, commands, strict=True)
     ]
-    _assert_same_bytes(messages.twists(stamps, "base", commands), expected)
-    _assert_same_bytes(
-        messages.text("äöü <robot/>"), [TYPES["std_msgs/msg/String"]("äöü <robot/>")]
-    )
+    commanded = stream_messages(RawTwists("/cmd_vel", ("base",), stamps, stamps, commands))
+    _assert_same_bytes(commanded.rows(np.arange(2)), expected)
+    _assert_same_bytes(text("äöü <robot/>"), [TYPES["std_msgs/msg/String"]("äöü <robot/>")])
 
 
 def _record(folder: Path, end_s: float = 6.0, window_s: float = 2.0) -> Path:

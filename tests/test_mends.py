@@ -16,7 +16,7 @@ from slamsim.check.frame_graph import FrameGraph
 from slamsim.check.mend_stamps import even_stamps, on_clock_of
 from slamsim.check.mends import OPERATIONS, apply_mends, chosen, next_mends
 from slamsim.geometry import yaw_from_xyzw
-from slamsim.recording import RawScans, Recording
+from slamsim.recording import RawImu, RawOdometry, RawScans, RawTicks, Recording
 from slamsim.safe.errors import SlamsimError
 from slamsim.types import FloatArray, IntArray
 
@@ -28,7 +28,7 @@ def _mended(made: Recording, operation: str, subject: str, **parameters: float |
 
 
 def _scans(made: Recording, **changes: Any) -> Recording:
-    return replace(made, scans=(replace(made.scans[0], **changes),))
+    return made.with_streams(RawScans, (replace(made.scans[0], **changes),))
 
 
 def _ranges(made: Recording) -> FloatArray:
@@ -189,7 +189,7 @@ def test_beams_that_fire_the_other_way_keep_their_directions_and_swap_their_time
 @pytest.mark.parametrize("heading_from", ["/imu", "/odom", "/ticks"])
 def test_rays_fixed_to_the_world_are_turned_with_the_robot(heading_from: str) -> None:
     ticks = replace(MADE.ticks[0], track_m=0.07854)  # turns at 0.2 rad/s, as the others say
-    made = replace(MADE, ticks=(ticks,))
+    made = MADE.with_streams(RawTicks, (ticks,))
     found = _mended(made, "turn_with_robot", "/scan", heading_from=heading_from).scans[0]
     since_s = (found.stamps_ns - found.stamps_ns[0]) * 1e-9
     for i in (0, 50, 199):
@@ -205,7 +205,7 @@ def test_imu_numbers_are_put_back() -> None:
         angular_velocity_rad_s=np.degrees(imu.angular_velocity_rad_s) + np.array([0.0, 0.0, 3.0]),
         linear_acceleration_m_s2=imu.linear_acceleration_m_s2 / 9.80665,
     )
-    made = replace(MADE, imus=(spoilt,))
+    made = MADE.with_streams(RawImu, (spoilt,))
     made = _mended(made, "subtract_gyro_bias", "/imu", bias_rad_s=3.0)
     made = _mended(made, "scale_gyro", "/imu", factor=float(np.pi / 180.0))
     made = _mended(made, "scale_acceleration", "/imu", factor=9.80665)
@@ -225,7 +225,12 @@ def test_a_unit_is_turned_upright(up: tuple[float, float, float]) -> None:
     np.testing.assert_allclose(np.linalg.norm(after, axis=1), np.linalg.norm(before, axis=1))
     tilted = replace(MADE.imus[0], linear_acceleration_m_s2=np.tile(up, (len(before), 1)))
     turned = _mended(
-        replace(MADE, imus=(tilted,)), "rotate_imu", "/imu", up_x=up[0], up_y=up[1], up_z=up[2]
+        MADE.with_streams(RawImu, (tilted,)),
+        "rotate_imu",
+        "/imu",
+        up_x=up[0],
+        up_y=up[1],
+        up_z=up[2],
     )
     np.testing.assert_allclose(
         turned.imus[0].linear_acceleration_m_s2[0], [0.0, 0.0, 1.0], atol=1e-12
@@ -242,7 +247,7 @@ def test_wheels_are_put_back_and_their_odometry_with_them() -> None:
         ("unwrap_ticks", {"modulus": 4096.0}, (ticks.ticks + 2048) % 4096 - 2048),
     ]
     for operation, parameters, wrong in wirings:
-        spoilt = replace(right, ticks=(replace(ticks, ticks=wrong),))
+        spoilt = right.with_streams(RawTicks, (replace(ticks, ticks=wrong),))
         spoilt = _mended(spoilt, "odometry_from_ticks", "/odom")
         found = _mended(spoilt, operation, "/ticks", **parameters)
         np.testing.assert_array_equal(
@@ -266,7 +271,7 @@ def test_odometry_is_scaled_and_freed_of_jumps() -> None:
     assert path == pytest.approx(2.0 * 0.4 * (len(odometry) - 1) / 50.0, rel=1e-3)
     jumped = odometry.positions_m.copy()
     jumped[400:] += [3.0, 1.0, 0.0]
-    spoilt = replace(MADE, odometries=(replace(odometry, positions_m=jumped),))
+    spoilt = MADE.with_streams(RawOdometry, (replace(odometry, positions_m=jumped),))
     smooth = _mended(spoilt, "remove_odometry_jumps", "/odom", longest_m=1.0).odometries[0]
     np.testing.assert_allclose(smooth.positions_m, odometry.positions_m, atol=1e-3)
 

@@ -16,12 +16,11 @@ from slamsim.config.robot import RobotConfig
 from slamsim.config.run import RunConfig
 from slamsim.config.scenarios.loading import load_scenarios
 from slamsim.config.scenarios.umbmark import UmbmarkConfig
-from slamsim.run.folder import CONFIG, WORLD, write_config, write_world
-from slamsim.run.own_files import with_own_files
 from slamsim.scenarios.tested import robots_under_test
 from slamsim.sensors.faults.registry import chosen_fault
 from slamsim.sim.robot import build_robot
 from slamsim.sim.route_file import PoseRoute, read_route
+from slamsim.simulation.own_files import CONFIG, WORLD, with_own_files, write_config, write_world
 from slamsim.world.build import build_world
 
 

@@ -12,11 +12,12 @@ from sensing_example import PERFECT_LIDAR, Robot, drive_along, room, windows
 from slamsim.config.sensors import SensorsConfig
 from slamsim.geometry import matrix_from_rpy, se3_from_parts
 from slamsim.logs.raw import read_recording
-from slamsim.logs.raw_memory import recording_from_readings
-from slamsim.logs.writer import LogHeader, LogWriter
 from slamsim.recording import Recording
 from slamsim.sensors.rig import SensorRig
 from slamsim.sim.robot import StaticTransform
+from slamsim.simulation.header import LogHeader
+from slamsim.simulation.log_writer import LogWriter
+from slamsim.simulation.recorder import DriveRecorder
 
 T = se3_from_parts(matrix_from_rpy(0.1, 0.0, 2.0), np.array([0.1, -0.2, 0.3]))
 FIXED = (
@@ -46,7 +47,7 @@ def both(config: SensorsConfig, folder: Path) -> tuple[Recording, Recording]:
         for sensed, window in zip(readings, drive, strict=True):
             log.write(sensed, window)
     written = read_recording(folder)
-    return recording_from_readings(written.name, readings, drive, HEADER), written
+    return DriveRecorder(written.name, HEADER).take(readings, drive).recording, written
 
 
 def test_memory_and_file_say_the_same(tmp_path: Path) -> None:

@@ -43,7 +43,7 @@ def test_every_command_shown_is_one(line: str) -> None:
         return
     command = words[1:3] if words[1] == "dataset" else words[1:2]
     done = subprocess.run(
-        [sys.executable, "-c", "from slamsim.cli import main; main()", *command, "--help"],
+        [sys.executable, "-c", "from slamsim.entry import main; main()", *command, "--help"],
         capture_output=True,
         text=True,
         timeout=60,

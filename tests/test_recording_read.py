@@ -18,12 +18,11 @@ from mcap.writer import Writer
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from slamsim.logs import raw_ranges
 from slamsim.logs.raw import read_recording
-from slamsim.logs.raw_ranges import RowStore
-from slamsim.logs.writer import LogWriter
-from slamsim.recording import Origin, Recording
+from slamsim.recording import Origin, Recording, row_store
+from slamsim.recording.row_store import RowStore
 from slamsim.safe.errors import InputRefused, NotFound
+from slamsim.simulation.log_writer import LogWriter
 
 ROBOT1, ROBOT2 = Robot(ROS1), Robot(ROS2)
 RADISH = Path(__file__).parents[2] / "shared" / "data" / "radish"
@@ -50,7 +49,7 @@ def _assert_equal(one: Any, other: Any, name: str) -> None:
         np.testing.assert_array_equal(one.places, other.places)
     elif name == "origin":
         assert one is None or other is None
-    elif isinstance(one, list | raw_ranges.Ragged):
+    elif isinstance(one, list | row_store.Ragged):
         assert len(one) == len(other)
         for a, b in zip(one, other, strict=True):
             np.testing.assert_array_equal(a, b)
@@ -203,7 +202,7 @@ def test_long_recordings_keep_their_ranges_on_the_disk(
 ) -> None:
     path = as_mcap(tmp_path / "d.mcap", ROBOT2.drive())
     in_memory = read_recording(path)
-    monkeypatch.setattr(raw_ranges.RowStore.__init__, "__defaults__", (16,))
+    monkeypatch.setattr(row_store.RowStore.__init__, "__defaults__", (16,))
     on_disk = read_recording(path)
     assert isinstance(on_disk.scans[0].ranges_m, np.memmap)
     assert_same(in_memory, on_disk)

@@ -76,7 +76,7 @@ def test_any_scans_keep_their_order(
         received = stamps(10.0, 2.0)[:count][::-1].copy()
     rows = [rng.normal(size=size).astype(np.float32) for size in sizes]
     scans = replace(scans_at(stamps_ns), ranges_m=rows, received_ns=received)
-    back = _back(Recording("r", "memory", scans=(scans,)), tmp_path_factory.mktemp("w") / "bag")
+    back = _back(Recording("r", "memory", streams=(scans,)), tmp_path_factory.mktemp("w") / "bag")
     (found,) = back.scans
     if receipt == "even" or sizes == [sizes[0]] * count:
         np.testing.assert_array_equal(found.stamps_ns, stamps_ns)
@@ -97,7 +97,7 @@ def test_joints_are_written_too(tmp_path: Path) -> None:
     when = stamps(20.0, 2.0)
     numbers = np.arange(when.size * 2, dtype=np.float64).reshape(-1, 2)
     joints = RawJoints("/joint_states", ("",), when, when, ("a", "b"), numbers, np.nan * numbers)
-    write_recording(replace(recording(), joints=(joints,)), tmp_path / "bag")
+    write_recording(recording().with_streams(RawJoints, (joints,)), tmp_path / "bag")
     np.testing.assert_array_equal(read_recording(tmp_path / "bag").joints[0].positions_rad, numbers)
 
 
@@ -114,7 +114,7 @@ def test_a_carmen_line_becomes_two_topics(tmp_path: Path) -> None:
 def test_stamps_beyond_what_ros_can_write_are_refused(tmp_path: Path) -> None:
     far = scans_at(stamps(10.0, 1.0) + 2**62)
     with pytest.raises(SlamsimError, match="cannot be written"):
-        write_recording(Recording("far", "memory", scans=(far,)), tmp_path / "bag")
+        write_recording(Recording("far", "memory", streams=(far,)), tmp_path / "bag")
 
 
 def test_a_carmen_log_is_written_in_the_words_of_ros(tmp_path: Path) -> None:

@@ -23,7 +23,7 @@ from slamsim.safe.errors import InputRefused, NotFound, OverrideRefused
 from slamsim.scenarios.registry import ENTRIES, Entry, find_entries
 from slamsim.scenarios.run import Chosen, run_scenarios
 
-COMMAND = [sys.executable, "-c", "from slamsim.cli import main; main()", "scenario"]
+COMMAND = [sys.executable, "-c", "from slamsim.entry import main; main()", "scenario"]
 FEW = ["--set", "steps={first_s: 0.01, last_s: 0.02, by_s: 0.01}", "--set", "other_solvers={}"]
 ALL_TYPES = {entry.key: entry.config_type() for entry in ENTRIES}
 

@@ -23,10 +23,10 @@ from slamsim.evaluate.consistency import nees_band
 from slamsim.evaluate.trajectory import compare, statistics
 from slamsim.logs.reader import read_log, read_truth
 from slamsim.result import SlamResult
-from slamsim.run.folder import WORLD
 from slamsim.run.scoring import Estimated, Known, score
 from slamsim.run.stages import Stages, peak_memory_mb
 from slamsim.safe.errors import InputRefused, SlamsimError
+from slamsim.simulation.own_files import WORLD
 from slamsim.slam.session import run_slam
 from slamsim.types import Log, PlanarTrajectory
 from slamsim.world.build import build_world

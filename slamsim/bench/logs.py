@@ -12,10 +12,10 @@ from pydantic import ValidationError
 from slamsim.bench.alone import Children
 from slamsim.config.run import RunConfig
 from slamsim.console import Reporter
-from slamsim.run.folder import CONFIG
 from slamsim.run.recording import simulate_world
 from slamsim.safe.errors import InputRefused
 from slamsim.safe.yaml import load_yaml
+from slamsim.simulation.own_files import CONFIG
 
 SIMULATED = ("seed", "world", "robot", "drive", "sensors", "faults")
 """The parts of a configuration that decide what is in a log."""

@@ -24,7 +24,7 @@ from slamsim.evaluate.trajectory import covered_by
 from slamsim.geometry import between, compose
 from slamsim.logs.reader import read_log, read_truth
 from slamsim.progress import Progress, silent
-from slamsim.run.folder import WORLD
+from slamsim.simulation.own_files import WORLD
 from slamsim.slam.deskew import deskew
 from slamsim.slam.matching import Match, Matcher, make_matcher
 from slamsim.slam.motion import predict_motion

@@ -9,7 +9,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from slamsim.check.findings import FAULT_NAMES, Finding
+from slamsim.check.findings import Finding
+from slamsim.recording.fault_names import FAULT_NAMES
 
 _LIDAR_TIMES = ("time_offset_lidar", "scan_stamp_end", "scan_stamp_middle")
 _SWEEPS = ("beam_time_scale", "beam_time_reversed", "flash_scan_timed", "rolling_scan_untimed")

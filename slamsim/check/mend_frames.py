@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
 from slamsim.check.findings import Mend
 from slamsim.check.frame_graph import FrameGraph
-from slamsim.check.mend_subjects import STREAMS, number, with_edges
+from slamsim.check.mend_subjects import number, with_edges
 from slamsim.geometry import matrix_from_rpy, matrix_from_xyzw, se3_from_parts, xyzw_from_matrix
-from slamsim.recording import Recording, TransformEdge, kept, with_odometry_edge
+from slamsim.recording import RawStream, Recording, TransformEdge
+from slamsim.recording.edits import kept, with_odometry_edge
 from slamsim.safe.errors import SlamsimError
 from slamsim.types import FloatArray, IntArray
 
@@ -52,14 +52,11 @@ def freeze_static_transform(recording: Recording, mend: Mend) -> Recording:
 def rename_frame(recording: Recording, mend: Mend) -> Recording:
     """Let the messages of a topic name another frame."""
     frame = str(mend.parameters["frame"])
-    found: dict[str, Any] = {
-        kind: tuple(
-            replace(s, frame_ids=(frame,)) if s.topic == mend.subject else s
-            for s in getattr(recording, kind)
-        )
-        for kind in STREAMS
-    }
-    return replace(recording, **found)
+
+    def renamed(stream: RawStream) -> RawStream:
+        return replace(stream, frame_ids=(frame,)) if stream.topic == mend.subject else stream
+
+    return recording.changed(RawStream, renamed)
 
 
 def roll_frame(recording: Recording, mend: Mend) -> Recording:

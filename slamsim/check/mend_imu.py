@@ -20,7 +20,7 @@ def scale_acceleration(recording: Recording, mend: Mend) -> Recording:
     def scaled(imu: RawImu) -> RawImu:
         return replace(imu, linear_acceleration_m_s2=imu.linear_acceleration_m_s2 * factor)
 
-    return with_topic(recording, "imus", mend, scaled)
+    return with_topic(recording, RawImu, mend, scaled)
 
 
 def scale_gyro(recording: Recording, mend: Mend) -> Recording:
@@ -30,7 +30,7 @@ def scale_gyro(recording: Recording, mend: Mend) -> Recording:
     def scaled(imu: RawImu) -> RawImu:
         return replace(imu, angular_velocity_rad_s=imu.angular_velocity_rad_s * factor)
 
-    return with_topic(recording, "imus", mend, scaled)
+    return with_topic(recording, RawImu, mend, scaled)
 
 
 def subtract_gyro_bias(recording: Recording, mend: Mend) -> Recording:
@@ -42,7 +42,7 @@ def subtract_gyro_bias(recording: Recording, mend: Mend) -> Recording:
         rates = imu.angular_velocity_rad_s - bias_rad_s * up
         return replace(imu, angular_velocity_rad_s=rates)
 
-    return with_topic(recording, "imus", mend, freed)
+    return with_topic(recording, RawImu, mend, freed)
 
 
 def rotate_imu(recording: Recording, mend: Mend) -> Recording:
@@ -61,7 +61,7 @@ def rotate_imu(recording: Recording, mend: Mend) -> Recording:
             linear_acceleration_m_s2=imu.linear_acceleration_m_s2 @ R.T,
         )
 
-    return with_topic(recording, "imus", mend, turned)
+    return with_topic(recording, RawImu, mend, turned)
 
 
 def base_rotation(recording: Recording, imu: RawImu) -> FloatArray:

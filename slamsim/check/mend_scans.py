@@ -12,8 +12,9 @@ from slamsim.check.mend_heading import heading_from
 from slamsim.check.mend_subjects import number, with_topic
 from slamsim.check.scan_sample import ScanSample
 from slamsim.check.stray import stray_beams
-from slamsim.logs.raw_ranges import RowStore
-from slamsim.recording import RawScans, Recording, ScanLayout, kept
+from slamsim.recording import RawScans, Recording, ScanLayout
+from slamsim.recording.edits import kept
+from slamsim.recording.row_store import RowStore
 from slamsim.types import BoolArray, Float32Array, FloatArray
 
 PER_BEAM = ("drop_beams", "value_to_inf")
@@ -58,7 +59,7 @@ def scale_ranges(recording: Recording, mend: Mend) -> Recording:
         )
         return replace(found, layouts=tuple(layouts))
 
-    return with_topic(recording, "scans", mend, scaled)
+    return with_topic(recording, RawScans, mend, scaled)
 
 
 def _beyond_limits(scans: RawScans) -> bool:
@@ -82,7 +83,7 @@ def add_to_ranges(recording: Recording, mend: Mend) -> Recording:
             lambda r: np.where(np.isfinite(r) & (r > 0.0) & (r < largest), r + offset_m, r),
         )
 
-    return with_topic(recording, "scans", mend, added)
+    return with_topic(recording, RawScans, mend, added)
 
 
 def drop_beams(recording: Recording, mend: Mend) -> Recording:
@@ -115,7 +116,7 @@ def drop_stray_beams(recording: Recording, mend: Mend) -> Recording:
             store.add(np.where(stray_beams(sample)[1], _NAN, rows))
         return replace(scans, ranges_m=store.rows())
 
-    return with_topic(recording, "scans", mend, freed)
+    return with_topic(recording, RawScans, mend, freed)
 
 
 def drop_repeated_scans(recording: Recording, mend: Mend) -> Recording:
@@ -129,7 +130,7 @@ def drop_repeated_scans(recording: Recording, mend: Mend) -> Recording:
             before = row
         return kept(scans, ~again)
 
-    return with_topic(recording, "scans", mend, fresh)
+    return with_topic(recording, RawScans, mend, fresh)
 
 
 def set_angle_max(recording: Recording, mend: Mend) -> Recording:
@@ -238,7 +239,7 @@ def turn_with_robot(recording: Recording, mend: Mend) -> Recording:
         every = np.arange(len(scans), dtype=np.int32)
         return replace(scans, layouts=tuple(layouts), layout_of=every)
 
-    return with_topic(recording, "scans", mend, turned)
+    return with_topic(recording, RawScans, mend, turned)
 
 
 def _closed(layout: ScanLayout, beams: int) -> ScanLayout:
@@ -262,13 +263,13 @@ def _turned_round(recording: Recording, mend: Mend) -> Recording:
         found = replace(layout, angle_min_rad=last, angle_step_rad=-layout.angle_step_rad)
         return _closed(found, beams)
 
-    return _layouts(with_topic(recording, "scans", mend, turned), mend, other_end)
+    return _layouts(with_topic(recording, RawScans, mend, turned), mend, other_end)
 
 
 def _ranges(
     recording: Recording, mend: Mend, change: Callable[[Float32Array], Float32Array]
 ) -> Recording:
-    return with_topic(recording, "scans", mend, lambda scans: _with_ranges(scans, change))
+    return with_topic(recording, RawScans, mend, lambda scans: _with_ranges(scans, change))
 
 
 def _with_ranges(scans: RawScans, change: Callable[[Float32Array], Float32Array]) -> RawScans:
@@ -302,4 +303,4 @@ def _layouts(
         layouts = (change(layout, counts.get(i, 0)) for i, layout in enumerate(scans.layouts))
         return replace(scans, layouts=tuple(layouts))
 
-    return with_topic(recording, "scans", mend, changed)
+    return with_topic(recording, RawScans, mend, changed)

@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 
 from slamsim.check.findings import Mend
-from slamsim.check.mend_subjects import STREAMS, edge_subject, number
+from slamsim.check.mend_subjects import edge_subject, number
 from slamsim.check.stamp_series import are_copies, series_of
-from slamsim.recording import Messages, Recording, kept
+from slamsim.recording import Messages, Recording
+from slamsim.recording.edits import kept
 from slamsim.safe.errors import SlamsimError
 from slamsim.types import FloatArray, IntArray
 
@@ -166,17 +167,11 @@ def _each(recording: Recording, mend: Mend, change: Callable[[Any], Any]) -> Rec
     subjects = {mend.subject}
     if mend.operation in CLOCKS:
         subjects = on_clock_of(recording, mend.subject)
-    found: dict[str, Any] = {
-        kind: tuple(
-            change(stream) if stream.topic in subjects else stream
-            for stream in getattr(recording, kind)
-        )
-        for kind in STREAMS
-    }
+    streams = (change(s) if s.topic in subjects else s for s in recording.streams)
     edges = tuple(
         change(edge) if not edge.is_static and edge_subject(edge) in subjects else edge
         for edge in recording.transforms
     )
     if not any(subject in subjects for subject, _, _ in _stamps(recording)):
         raise SlamsimError(f"the mend {mend.operation} finds no stream {mend.subject!r}")
-    return replace(recording, **found, transforms=edges)
+    return replace(recording, streams=tuple(streams), transforms=edges)

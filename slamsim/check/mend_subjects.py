@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any, TypeVar, cast
+from typing import TypeVar
 
 from slamsim.check.findings import Mend
 from slamsim.recording import RawStream, Recording, TransformEdge
 from slamsim.safe.errors import SlamsimError
 
-STREAMS = ("scans", "imus", "odometries", "ticks", "joints")
 Stream = TypeVar("Stream", bound=RawStream)
 
 
@@ -28,16 +27,14 @@ def edge_subject(edge: TransformEdge) -> str:
 
 
 def with_topic(
-    recording: Recording, kind: str, mend: Mend, change: Callable[[Stream], Stream]
+    recording: Recording, kind: type[Stream], mend: Mend, change: Callable[[Stream], Stream]
 ) -> Recording:
-    """The streams of one kind (a field of ``Recording``) on the mend's topic changed."""
-    streams = getattr(recording, kind)
-    if not any(stream.topic == mend.subject for stream in streams):
+    """The streams of one kind on the mend's topic changed."""
+    if not any(stream.topic == mend.subject for stream in recording.of(kind)):
         raise SlamsimError(
             f"the mend {mend.operation} finds nothing of its kind on {mend.subject!r}"
         )
-    changed = tuple(change(s) if s.topic == mend.subject else s for s in streams)
-    return replace(recording, **cast("dict[str, Any]", {kind: changed}))
+    return recording.changed(kind, lambda one: change(one) if one.topic == mend.subject else one)
 
 
 def with_edges(

@@ -9,7 +9,8 @@ import numpy as np
 from slamsim.check.findings import Mend
 from slamsim.check.mend_subjects import with_topic
 from slamsim.check.published import sound_poses
-from slamsim.recording import RawImu, RawOdometry, Recording, kept
+from slamsim.recording import RawImu, RawOdometry, Recording
+from slamsim.recording.edits import kept
 from slamsim.safe.numbers import is_sound
 
 
@@ -20,7 +21,7 @@ def normalise_rotations(recording: Recording, mend: Mend) -> Recording:
         length = np.linalg.norm(odometry.quats_xyzw, axis=1, keepdims=True)
         return replace(odometry, quats_xyzw=odometry.quats_xyzw / length)
 
-    return with_topic(recording, "odometries", mend, normalised)
+    return with_topic(recording, RawOdometry, mend, normalised)
 
 
 def drop_broken_poses(recording: Recording, mend: Mend) -> Recording:
@@ -29,7 +30,7 @@ def drop_broken_poses(recording: Recording, mend: Mend) -> Recording:
     def sound(odometry: RawOdometry) -> RawOdometry:
         return kept(odometry, sound_poses(odometry))
 
-    return with_topic(recording, "odometries", mend, sound)
+    return with_topic(recording, RawOdometry, mend, sound)
 
 
 def drop_broken_readings(recording: Recording, mend: Mend) -> Recording:
@@ -39,7 +40,7 @@ def drop_broken_readings(recording: Recording, mend: Mend) -> Recording:
         numbers = (imu.angular_velocity_rad_s, imu.linear_acceleration_m_s2)
         return kept(imu, is_sound(np.concatenate(numbers, axis=1)))
 
-    return with_topic(recording, "imus", mend, finite)
+    return with_topic(recording, RawImu, mend, finite)
 
 
 def drop_orientation(recording: Recording, mend: Mend) -> Recording:
@@ -48,4 +49,4 @@ def drop_orientation(recording: Recording, mend: Mend) -> Recording:
     def without(imu: RawImu) -> RawImu:
         return replace(imu, orientation_xyzw=None)
 
-    return with_topic(recording, "imus", mend, without)
+    return with_topic(recording, RawImu, mend, without)

@@ -10,7 +10,8 @@ import numpy as np
 from slamsim.check.findings import Mend
 from slamsim.check.mend_subjects import number, with_topic
 from slamsim.geometry import between, compose, xyzw_from_yaw, yaw_from_xyzw
-from slamsim.recording import RawOdometry, RawTicks, Recording, with_odometry_edge
+from slamsim.recording import RawOdometry, RawTicks, Recording
+from slamsim.recording.edits import with_odometry_edge
 from slamsim.safe.errors import SlamsimError
 from slamsim.types import EncoderStream, FloatArray
 from slamsim.wheels import wheel_odometry
@@ -105,7 +106,7 @@ def _with_ticks(
 ) -> Recording:
     """The counters changed, and with them every odometry that says what they say."""
     before = {ticks.topic: ticks for ticks in recording.ticks}.get(mend.subject)
-    found = with_topic(recording, "ticks", mend, change)
+    found = with_topic(recording, RawTicks, mend, change)
     after = {ticks.topic: ticks for ticks in found.ticks}[mend.subject]
     for odometry in recording.odometries:
         if before is not None and _follows(odometry, before):
@@ -120,8 +121,8 @@ def _with_odometry(
     for odometry in recording.odometries:
         if odometry.topic == topic:
             changed = change(odometry)
-            others = (changed if o is odometry else o for o in recording.odometries)
-            found = replace(recording, odometries=tuple(others))
+            streams = (changed if each is odometry else each for each in recording.streams)
+            found = replace(recording, streams=tuple(streams))
             names = odometry.frame_ids[:1] + odometry.child_frame_ids[:1]
             published = any((e.parent, e.child) == names for e in recording.transforms)
             return with_odometry_edge(found, changed) if published else found

@@ -6,7 +6,8 @@ import math
 from collections import Counter
 from dataclasses import asdict
 
-from slamsim.check.findings import FAULT_NAMES, CheckReport, Estimate, Finding
+from slamsim.check.findings import CheckReport, Estimate, Finding
+from slamsim.recording.fault_names import FAULT_NAMES
 
 
 def headline(report: CheckReport) -> str:

@@ -21,9 +21,10 @@ from slamsim.dataset.preview import contact_sheet
 from slamsim.dataset.recipe import Recipe
 from slamsim.dataset.shard import MADE, shard_path
 from slamsim.dataset.statistics import statistics
-from slamsim.dataset.store import READERS, Store, StoreFailed
+from slamsim.dataset.store import READERS, Store
 from slamsim.dataset.table import table_from_parquet, table_to_parquet
 from slamsim.dataset.versions import versions
+from slamsim.safe.errors import StoreFailed
 from slamsim.safe.sums import SUMS, SumsDamaged, read_sums, sha256_of, sums_text
 
 STATISTICS = "statistics.json"
@@ -62,7 +63,7 @@ def write_catalogue(store: Store, recipe: Recipe, count: int) -> None:
 
 def catalogue_files(recipe: Recipe, table: pa.Table) -> Iterator[tuple[str, bytes]]:
     """Paths and contents. table: the manifest."""
-    from slamsim.view.dataset_figures import dataset_figures
+    from slamsim.dataset.figures import dataset_figures
 
     told = statistics(table)
     figures = dict(dataset_figures(table.filter(pc.equal(table["status"], MADE)), told))

@@ -5,35 +5,37 @@ Everything here can be pickled and sent to other processes, and nothing keeps a 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar, overload
+from typing import Any, TypeVar, overload
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
+from numpy.typing import NDArray
 
 from slamsim.config.run import RunConfig
-from slamsim.dataset.lazy_table import Cells, LazyTable
+from slamsim.dataset.lazy_table import LazyTable
 from slamsim.dataset.manifest import read_manifest
 from slamsim.dataset.place import Place
 from slamsim.dataset.sequence import SPLITS, Cell
 from slamsim.dataset.shard import MADE
 from slamsim.dataset.truth_read import SequenceTruth, Span
-from slamsim.logs.parquet_read import imu_of, odometry_of, scans_of, ticks_of
-from slamsim.recording import RawImu, RawOdometry, RawScans, RawTicks
-from slamsim.run.folder import CONFIG
-from slamsim.run.naming import LOG
+from slamsim.logs.names import LOG, TABLES
+from slamsim.logs.parquet_read import stream_of
+from slamsim.recording import RawImu, RawOdometry, RawScans, RawStream, RawTicks
 from slamsim.safe.errors import NotFound, SlamsimError, shown
 from slamsim.safe.files import own_file
 from slamsim.safe.yaml import parse_yaml
-from slamsim.types import BoolArray, Log
+from slamsim.simulation.own_files import CONFIG
+from slamsim.types import BoolArray, IntArray, Log
 
-if TYPE_CHECKING:
-    from slamsim.dataset.windows import Windows
+_Raw = TypeVar("_Raw", bound=RawStream)
+_BEAMS = "quality.beams"
 
-_Raw = TypeVar("_Raw")
+Window = dict[str, NDArray[Any]]
+"""One of ``Windows``."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,22 +64,22 @@ class Sequence:
     @property
     def scans(self) -> RawScans:
         """``ranges_m``: (n, beams)."""
-        return self._recorded("scans", scans_of)
+        return self._recorded(RawScans)
 
     @property
     def imu(self) -> RawImu:
         """Rates of turn and specific forces, (n, 3) each."""
-        return self._recorded("imu", imu_of)
+        return self._recorded(RawImu)
 
     @property
     def encoders(self) -> RawTicks:
         """``ticks``: (n, 2) left, right."""
-        return self._recorded("encoders", ticks_of)
+        return self._recorded(RawTicks)
 
     @property
     def odometry(self) -> RawOdometry:
         """Poses as the robot's driver published them; of a part by their stamps."""
-        return self._recorded("odometry", odometry_of)
+        return self._recorded(RawOdometry)
 
     @property
     def log(self) -> Log:
@@ -87,7 +89,7 @@ class Sequence:
         if "://" in self.place.address:
             raise SlamsimError(f"{self.name} is at {self.place.address}: copy it to a folder first")
         folder = own_file(Path(self.place.address), self.name)
-        return read_log(own_file(folder, LOG if (folder / LOG).is_dir() else "parquet"))
+        return read_log(own_file(folder, LOG if (folder / LOG).is_dir() else TABLES))
 
     @property
     def config(self) -> RunConfig:
@@ -99,14 +101,16 @@ class Sequence:
             raise NotFound(f"{self.place.address} has no {path}")
         return RunConfig.model_validate(parse_yaml(data.decode(), Path(path)).data)
 
-    def _recorded(self, name: str, made: Callable[[Cells, Cells], _Raw]) -> _Raw:
+    def _recorded(self, kind: type[_Raw]) -> _Raw:
+        name = kind.schema.table
         table = LazyTable(self.place, f"{self.name}/parquet/{name}.parquet")
         if self.truth.span is None:
-            return made(table.facts, table.rows(0, len(table)))
+            return stream_of(kind, table.facts, table.rows(0, len(table)))
         rows = np.flatnonzero(self._inside(table, name, self.truth.span))
         first, last = (int(rows[0]), int(rows[-1]) + 1) if rows.size else (0, 0)
         cells = table.rows(first, last)
-        return made(table.facts, {key: values[rows - first] for key, values in cells.items()})
+        some = {key: values[rows - first] for key, values in cells.items()}
+        return stream_of(kind, table.facts, some)
 
     def _inside(self, table: LazyTable, name: str, span: Span) -> BoolArray:
         """Which rows of a table are in the part."""
@@ -168,9 +172,89 @@ class Dataset:
 
         What it gives has a length and items, so that a PyTorch DataLoader takes it as it is.
         """
-        from slamsim.dataset.windows import windows_of
-
         return windows_of(self, scans, stride)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Windows:
+    """A sequence of dicts of arrays; k is the number of scans in each.
+
+    ``ranges_m``: (k, beams) float32 as recorded, ``nan`` throughout where a fault lost the scan,
+    and beyond the beams of a lidar that has fewer than the others chosen. ``angles_rad``: (beams,)
+    as declared, likewise. ``recorded``: (k,) which are there. ``true_stamps_ns``: (k,) of beam 0.
+    ``poses``: (k, 3) ``T_map_base`` then: x_m, y_m, yaw_rad. ``sequence``: (), its index.
+
+    beams: the most that any of these lidars has. ends: (sequences,) how many windows there are up
+    to the end of each sequence.
+    """
+
+    dataset: Dataset
+    scans: int
+    stride: int
+    beams: int
+    ends: IntArray
+
+    def __len__(self) -> int:
+        return int(self.ends[-1]) if self.ends.size else 0
+
+    def __getitem__(self, which: int) -> Window:
+        number = range(len(self))[which]
+        place = int(np.searchsorted(self.ends, number, side="right"))
+        before = int(self.ends[place - 1]) if place else 0
+        return self._window(place, (number - before) * self.stride)
+
+    def _window(self, place: int, first: int) -> Window:
+        sequence, last = self.dataset[place], first + self.scans
+        scans = LazyTable(sequence.place, f"{sequence.name}/parquet/scans.parquet")
+        ranges_m, recorded = self._recorded(scans, first, last)
+        truth = LazyTable(sequence.place, f"{sequence.name}/truth/scans.parquet")
+        true_stamps_ns = truth.rows(first, last, ("true_stamp_ns",))["true_stamp_ns"]
+        during = int(true_stamps_ns[0]), int(true_stamps_ns[-1]) + 1
+        return {
+            "ranges_m": ranges_m,
+            "angles_rad": self._angles_rad(scans),
+            "recorded": recorded,
+            "true_stamps_ns": true_stamps_ns,
+            "poses": replace(sequence.truth, span=during).poses_at(true_stamps_ns),
+            "sequence": np.array(sequence.row["index"]),
+        }
+
+    def _recorded(
+        self, table: LazyTable, first: int, last: int
+    ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+        samples = table.column("sample")
+        rows = np.flatnonzero((samples >= first) & (samples < last))
+        begin, end = (int(rows[0]), int(rows[-1]) + 1) if rows.size else (0, 1)
+        ranges_m = table.rows(begin, end, ("ranges_m",))["ranges_m"]
+        found = np.full((self.scans, self.beams), np.nan, dtype=np.float32)
+        found[samples[rows] - first, : ranges_m.shape[1]] = ranges_m[rows - begin]
+        recorded = np.zeros(self.scans, dtype=np.bool_)
+        recorded[samples[rows] - first] = True
+        return found, recorded
+
+    def _angles_rad(self, table: LazyTable) -> NDArray[np.float64]:
+        layout, found = table.facts["layouts"][0], np.full(self.beams, np.nan)
+        beams = table.rows(0, 0, ("ranges_m",))["ranges_m"].shape[1]
+        found[:beams] = layout["angle_min_rad"] + layout["angle_step_rad"] * np.arange(beams)
+        return found
+
+
+def windows_of(dataset: Dataset, scans: int, stride: int) -> Windows:
+    """Raises ValueError for windows without scans, or that never move on.
+
+    Raises SlamsimError for a data set that does not tell how many beams its lidars have.
+    """
+    if scans < 1 or stride < 1:
+        raise ValueError(f"windows of {scans} scans, one every {stride}, are none")
+    if _BEAMS not in dataset.manifest.column_names:
+        raise SlamsimError(
+            f"{dataset.place.address} was made by an earlier version, which did not note {_BEAMS}, "
+            "the number of beams; windows need it: make the data set again with this version"
+        )
+    sensed = dataset.manifest["quality.scans"].to_numpy()
+    counts = np.maximum((sensed - scans) // stride + 1, 0)
+    beams = int(dataset.manifest[_BEAMS].to_numpy().max(initial=0))
+    return Windows(dataset, scans, stride, beams, np.cumsum(counts, dtype=np.int64))
 
 
 def open_dataset(address: str | Path) -> Dataset:

@@ -19,13 +19,9 @@ from slamsim.config.world import WorldConfig
 from slamsim.dataset.formats import Formats
 from slamsim.dataset.sequence import FileFact, SequenceFacts, SequenceSpec
 from slamsim.dataset.truth import Truth
-from slamsim.driven import write_corrupted
-from slamsim.logs.raw_memory import recording_from_readings
-from slamsim.logs.recorded import OdometryTail
-from slamsim.logs.writer import LogWriter
-from slamsim.recording import Recording, numbered
-from slamsim.run.folder import write_config, write_world
-from slamsim.run.naming import LOG
+from slamsim.logs.names import LOG
+from slamsim.recording import Recording
+from slamsim.recording.edits import numbered
 from slamsim.sensors.faults.apply import declared, faulty_sensors
 from slamsim.sensors.faults.base import Fault
 from slamsim.sensors.faults.registry import chosen_fault
@@ -35,7 +31,11 @@ from slamsim.sensors.rig import SensorRig
 from slamsim.sim.drive import DriveRun, drive
 from slamsim.sim.robot import RobotModel, build_robot
 from slamsim.sim.route import plan_route
-from slamsim.simulate import log_header
+from slamsim.simulation.driven import write_corrupted
+from slamsim.simulation.header import log_header
+from slamsim.simulation.log_writer import LogWriter
+from slamsim.simulation.own_files import write_config, write_world
+from slamsim.simulation.recorder import DriveRecorder
 from slamsim.types import Drive, IntArray
 from slamsim.world.build import build_world
 from slamsim.world.model import World
@@ -122,16 +122,17 @@ def _write_clean(
     spec: SequenceSpec, ride: _Ride, folder: Path, truth: Truth, formats: Formats
 ) -> None:
     """Window by window: nothing is kept longer than it must."""
-    header, odometry = log_header(ride.robot, spec.config), OdometryTail()
+    header = log_header(ride.robot, spec.config)
+    recorder, log = DriveRecorder(spec.name, header), None
     with ExitStack() as stack:
-        log = None
         if "mcap" in spec.formats:
-            log = stack.enter_context(LogWriter(folder / LOG, header))
+            log = stack.enter_context(LogWriter(folder / LOG, header, spec.name))
         for readings, window in ride.moments():
             truth.write(readings, window)
             if log is not None:
-                log.write(readings, window)
-            part = recording_from_readings(spec.name, [readings], [window], header, odometry)
+                part = log.write(readings, window)
+            else:
+                part = recorder.take([readings], [window]).recording
             formats.write(part, readings.scans.true_stamps_ns, window)
 
 
@@ -145,7 +146,7 @@ def _write_spoilt(
         truth.write(sensed, window)
         readings.append(replace(sensed, scans=replace(sensed.scans, truth=None)))
         windows.append(window)
-    clean = numbered(recording_from_readings(spec.name, readings, windows, header))
+    clean = numbered(DriveRecorder(spec.name, header).take(readings, windows).recording)
     recording = declared(clean, ride.faults, config.sensors, config.seed)
     if "mcap" in spec.formats:
         moments = list(zip(readings, windows, strict=True))

@@ -17,8 +17,7 @@ from typing import Any, TypeVar
 from fsspec.core import url_to_fs
 
 from slamsim.dataset.place import turn
-from slamsim.dataset.store import StoreFailed
-from slamsim.safe.errors import Locked, SlamsimError
+from slamsim.safe.errors import Locked, SlamsimError, StoreFailed
 from slamsim.safe.sums import SEQUENCE
 
 LOCK = ".slamsim-lock.json"

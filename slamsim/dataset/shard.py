@@ -16,9 +16,9 @@ from functools import reduce
 from pathlib import Path
 
 from slamsim.dataset.sequence import Cell, SequenceFacts, SequenceSpec
-from slamsim.dataset.store import Store, StoreFailed, open_store
+from slamsim.dataset.store import Store, open_store
 from slamsim.dataset.versions import difference, versions
-from slamsim.safe.errors import DiskFull, SlamsimError, reason_of
+from slamsim.safe.errors import DiskFull, SlamsimError, StoreFailed, reason_of
 from slamsim.safe.output import disk_full, write_atomic
 from slamsim.safe.sums import SEQUENCE, SumsDamaged, read_sequence, sequence_text, sha256_of
 from slamsim.worker import Unworkable, time_limit

@@ -20,7 +20,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Protocol
 
-from slamsim.safe.errors import Locked, NotFound, SlamsimError, shown
+from slamsim.safe.errors import Locked, NotFound, SlamsimError, StoreFailed, shown
 from slamsim.safe.files import open_as_found, own_file
 from slamsim.safe.lock import claimed, locked, staging_of
 from slamsim.safe.output import free_bytes, sync_tree, write_atomic, written_to
@@ -35,10 +35,6 @@ _WORKERS_LOCK = "workers"
 _ORPHANS_END_S = 10.0
 """So long a run waits for the workers of one that was killed; they are killed with it, but a
 worker of another machine first finishes what it has."""
-
-
-class StoreFailed(SlamsimError):
-    """The place of a data set cannot be read or written: no fault of any sequence."""
 
 
 class Store(Protocol):

@@ -15,11 +15,18 @@ from typing import Any
 import numpy as np
 
 from slamsim.dataset.truth_surfaces import NO_SURFACE, Surfaces, rounded, write_surfaces
-from slamsim.logs.parquet_file import Cells, Column, ParquetFile, read_table
-from slamsim.logs.parquet_log import SCANS_PER_GROUP, joined_axes, split_axes
-from slamsim.logs.recorded import TruthTail
+from slamsim.logs.parquet_file import (
+    Cells,
+    Column,
+    ParquetFile,
+    joined_axes,
+    read_table,
+    split_axes,
+)
+from slamsim.logs.parquet_log import SCANS_PER_GROUP
 from slamsim.logs.written import Written
 from slamsim.sensors.readings import EncoderBatch, ImuBatch, Readings, ScanBatch
+from slamsim.simulation.tails import TruthTail
 from slamsim.types import Drive, FloatArray
 
 RANGE_BITS, INCIDENCE_BITS = 13, 10

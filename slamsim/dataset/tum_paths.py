@@ -6,11 +6,11 @@ from pathlib import Path
 
 import numpy as np
 
-from slamsim.logs.recorded import TruthTail
 from slamsim.logs.tum import write_tum
 from slamsim.logs.written import Written
 from slamsim.recording import Recording
 from slamsim.safe.numbers import UNIT_WITHIN, is_sound
+from slamsim.simulation.tails import TruthTail
 from slamsim.types import Drive, Trajectory
 
 TRUTH_RATE_HZ = 50.0

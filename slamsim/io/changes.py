@@ -60,14 +60,7 @@ def changes_between(read: Recording, edited: Recording) -> list[Change]:
 
 def parts_with_origin(recording: Recording) -> list[tuple[RawStream | TransformEdge, Origin]]:
     """Its streams and edges that came from messages of a file, and from which."""
-    parts: Sequence[RawStream | TransformEdge] = (
-        *recording.scans,
-        *recording.imus,
-        *recording.odometries,
-        *recording.ticks,
-        *recording.joints,
-        *recording.transforms,
-    )
+    parts: Sequence[RawStream | TransformEdge] = (*recording.streams, *recording.transforms)
     return [(part, part.origin) for part in parts if part.origin is not None]
 
 

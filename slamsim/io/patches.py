@@ -1,4 +1,4 @@
-"""What an edited row sets in the decoded message that it came from, kind by kind.
+"""What an edited row sets in the decoded message that it came from, as the schema of its kind says.
 
 A row is compared with the one that was read, bit by bit; only what differs is set.
 """
@@ -6,33 +6,23 @@ A row is compared with the one that was read, bit by bit; only what differs is s
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from slamsim.logs.bag_columns import at_place
 from slamsim.logs.frames import frame_name
-from slamsim.recording import RawImu, RawJoints, RawOdometry, RawScans, RawTicks, TransformEdge
+from slamsim.recording.schemas import Field
 from slamsim.types import BoolArray, IntArray
 
 Patch = Callable[[Any, int], None]
 """Sets what differs in row i in its message, or in its transform of a message."""
 Patches = list[tuple[BoolArray, Patch]]
 """(where, how): (k,) rows of a pair, and what is set there."""
-Setter = Callable[[Any, Any], None]
 
 _BLOCK = 4096
-_LAYOUT_FIELDS = (
-    "angle_min",
-    "angle_max",
-    "angle_increment",
-    "time_increment",
-    "scan_time",
-    "range_min",
-    "range_max",
-)
-"""Of a LaserScan, in the order of ``ScanLayout``."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -47,14 +37,17 @@ class Pair:
     rows: IntArray
     read_rows: IntArray
 
-    def unequal(self, name: str) -> BoolArray:
-        """(k,) where a field that has a row for each message differs in any bit."""
-        mine, theirs = getattr(self.edited, name), getattr(self.read, name)
+    def everywhere(self) -> BoolArray:
+        """(k,) of all rows."""
+        return np.ones(self.rows.size, dtype=np.bool_)
+
+    def unequal(self, mine: Any, theirs: Any) -> BoolArray:
+        """(k,) where what the edited part has for each message differs in any bit."""
         if mine is theirs and np.array_equal(self.rows, self.read_rows):
             return np.zeros(self.rows.size, dtype=np.bool_)
         if isinstance(mine, np.ndarray) and isinstance(theirs, np.ndarray):
             if mine.shape[1:] != theirs.shape[1:]:
-                return np.ones(self.rows.size, dtype=np.bool_)
+                return self.everywhere()
             blocks = [  # for ranges may be on the disk, and larger than the memory
                 _bits_differ(
                     mine[self.rows[start : start + _BLOCK]],
@@ -68,190 +61,111 @@ class Pair:
 
     def renamed(self, name: str) -> Callable[[str], str] | None:
         """From the frame that a message names to another; None where none is renamed."""
-        before, after = getattr(self.read, name), getattr(self.edited, name)
+        before, after = _names(self.read, name), _names(self.edited, name)
         if before == after or not after:
             return None
         known = dict(zip(before, after, strict=True)) if len(before) == len(after) else {}
         return lambda frame: known.get(frame_name(frame), after[0])
 
 
+def _names(part: Any, name: str) -> tuple[str, ...]:
+    """The frames of a stream, or the one of an edge."""
+    found = getattr(part, name)
+    return (found,) if isinstance(found, str) else found
+
+
 def patches_of(pair: Pair) -> Patches:
     """(where, how) for everything that a message of this kind says."""
-    stamps_ns = pair.edited.stamps_ns
+    schema, stamps_ns = pair.edited.schema, pair.edited.stamps_ns
 
     def set_stamp(message: Any, row: int) -> None:
-        stamp = message.header.stamp
+        stamp = at_place(message, schema.stamp)
         stamp.sec, stamp.nanosec = divmod(int(stamps_ns[row]), 1_000_000_000)
 
-    found: Patches = [(pair.unequal("stamps_ns"), set_stamp)]
-    if isinstance(pair.edited, TransformEdge):
-        return found + _edge_patches(pair)
-    found += _frame_patch(pair, "frame_ids", lambda m: m.header, "frame_id")
-    kinds: dict[type, Callable[[Pair], Patches]] = {
-        RawScans: _scan_patches,
-        RawImu: _imu_patches,
-        RawOdometry: _odometry_patches,
-        RawTicks: _ticks_patches,
-        RawJoints: _joint_patches,
-    }
-    return found + kinds[type(pair.edited)](pair)
+    found: Patches = [(pair.unequal(stamps_ns, pair.read.stamps_ns), set_stamp)]
+    for name, place in schema.frames:
+        found += _frame_patch(pair, name, place)
+    for field in schema.fields:
+        found += _field_patch(pair, field)
+    return found
 
 
-def _frame_patch(pair: Pair, name: str, part: Callable[[Any], Any], field: str) -> Patches:
+def _frame_patch(pair: Pair, name: str, place: str) -> Patches:
     renamed = pair.renamed(name)
     if renamed is None:
         return []
 
     def rename(message: Any, _: int) -> None:
-        setattr(part(message), field, renamed(getattr(part(message), field)))
+        _set(message, place, renamed(at_place(message, place)))
 
-    return [(np.ones(pair.rows.size, dtype=np.bool_), rename)]
-
-
-def _columns(pair: Pair, setters: dict[str, Setter]) -> Patches:
-    """A patch for each field of the stream that a setter writes from its row."""
-
-    def patch_of(name: str, setter: Setter) -> Patch:
-        values = getattr(pair.edited, name)
-        return lambda message, row: setter(message, values[row])
-
-    return [(pair.unequal(name), patch_of(name, setter)) for name, setter in setters.items()]
+    return [(pair.everywhere(), rename)]
 
 
-def _vector(*path: str) -> Setter:
-    """Sets x, y, z (and w) of a part of a message."""
-
-    def set_vector(message: Any, values: NDArray[np.float64]) -> None:
-        for name in path:
-            message = getattr(message, name)
-        for axis, value in zip("xyzw", values.tolist(), strict=False):
-            setattr(message, axis, value)
-
-    return set_vector
-
-
-def _edge_patches(pair: Pair) -> Patches:
-    edge, before = pair.edited, pair.read
-    found = _columns(
-        pair,
-        {
-            "positions_m": _vector("transform", "translation"),
-            "quats_xyzw": _vector("transform", "rotation"),
-        },
-    )
-    if (edge.parent, edge.child) != (before.parent, before.child):
-
-        def rename(transform: Any, _: int) -> None:
-            transform.header.frame_id, transform.child_frame_id = edge.parent, edge.child
-
-        found.append((np.ones(pair.rows.size, dtype=np.bool_), rename))
-    return found
-
-
-def _scan_patches(pair: Pair) -> Patches:
-    before, after = (
-        np.array([astuple(layout) for layout in part.layouts])[part.layout_of]
-        for part in (pair.read, pair.edited)
-    )
-    unequal = np.zeros(after.shape, dtype=np.bool_)
-    unequal[pair.rows] = before[pair.read_rows].view(np.int64) != after[pair.rows].view(np.int64)
-
-    def declare(message: Any, row: int) -> None:
-        with np.errstate(over="ignore"):
-            for i in np.flatnonzero(unequal[row]).tolist():
-                setattr(message, _LAYOUT_FIELDS[i], float(np.float32(after[row, i])))
-
-    def set_ranges(message: Any, values: Any) -> None:
-        message.ranges = np.ascontiguousarray(values, dtype=np.float32)
-
-    def set_intensities(message: Any, values: Any) -> None:
-        message.intensities = np.ascontiguousarray(values, dtype=np.float32)
-
-    found: Patches = [(np.asarray(unequal[pair.rows].any(axis=1)), declare)]
-    found += _columns(pair, {"ranges_m": set_ranges})
-    if pair.edited.intensities is None and pair.read.intensities is not None:
-        every = np.ones(pair.rows.size, dtype=np.bool_)
-        none = np.zeros(0, dtype=np.float32)
-        found.append((every, lambda message, _: set_intensities(message, none)))
-    elif pair.read.intensities is not None:
-        found += _columns(pair, {"intensities": set_intensities})
-    return found
-
-
-def _imu_patches(pair: Pair) -> Patches:
-    found = _columns(
-        pair,
-        {
-            "angular_velocity_rad_s": _vector("angular_velocity"),
-            "linear_acceleration_m_s2": _vector("linear_acceleration"),
-        },
-    )
-    set_orientation = _vector("orientation")
-    before, after = pair.read.orientation_xyzw, pair.edited.orientation_xyzw
-
-    def orient(message: Any, row: int) -> None:
-        # A first covariance of -1 says that there is no orientation (sensor_msgs/Imu).
-        covariance = np.array(message.orientation_covariance)
-        if after is None:
-            covariance[0] = -1.0
-        else:
-            set_orientation(message, after[row])
-            covariance[0] = 0.0 if covariance[0] == -1.0 else covariance[0]
-        message.orientation_covariance = covariance
-
-    if before is None and after is None:
-        return found
+def _field_patch(pair: Pair, field: Field) -> Patches:
+    before, after = pair.read.values(field), pair.edited.values(field)
+    if before is None and (after is None or not field.covariance):
+        return []
     if before is None or after is None:
-        return [*found, (np.ones(pair.rows.size, dtype=np.bool_), orient)]
-    return [*found, (pair.unequal("orientation_xyzw"), orient)]
+        return [(pair.everywhere(), _setter(pair, field, after))]
+    if field.is_constant:
+        return [(pair.everywhere(), _setter(pair, field, after))] if after != before else []
+    return [(pair.unequal(after, before), _setter(pair, field, after))]
 
 
-def _odometry_patches(pair: Pair) -> Patches:
-    return _columns(
-        pair,
-        {
-            "positions_m": _vector("pose", "pose", "position"),
-            "quats_xyzw": _vector("pose", "pose", "orientation"),
-            "linear_m_s": _vector("twist", "twist", "linear"),
-            "angular_rad_s": _vector("twist", "twist", "angular"),
-        },
-    ) + _frame_patch(pair, "child_frame_ids", lambda message: message, "child_frame_id")
+def _setter(pair: Pair, field: Field, values: Any) -> Patch:
+    """Writes a field of a row where its messages have it; values: None to take it away."""
+    of_parts = pair.edited.schema.parts
+
+    def set_field(message: Any, row: int) -> None:
+        if field.covariance:
+            _say_whether(message, field.covariance, values is not None)
+        if values is None:
+            if field.is_list:
+                _set(message, field.paths[0], np.zeros(0, dtype=field.dtype))
+            return
+        value = values if field.is_constant else values[row]
+        if of_parts:
+            _set_parts(message, field, getattr(pair.edited, of_parts), value)
+        else:
+            _set_numbers(message, field, value)
+
+    return set_field
 
 
-def _ticks_patches(pair: Pair) -> Patches:
-    def set_ticks(message: Any, values: IntArray) -> None:
-        message.left, message.right = values.tolist()
-
-    numbers = ("ticks_per_revolution", "wheel_radius_m", "track_m")
-    new = {n: getattr(pair.edited, n) for n in numbers}
-    new = {n: value for n, value in new.items() if value != getattr(pair.read, n)}
-
-    def set_numbers(message: Any, _: int) -> None:
-        for name, value in new.items():
-            setattr(message, name, value)
-
-    return [
-        *_columns(pair, {"ticks": set_ticks}),
-        (np.full(pair.rows.size, bool(new)), set_numbers),
-    ]
+def _say_whether(message: Any, place: str, is_there: bool) -> None:
+    """A first covariance of -1 says that there is no orientation (sensor_msgs/Imu)."""
+    covariance = np.array(at_place(message, place))
+    if not is_there:
+        covariance[0] = -1.0
+    elif covariance[0] == -1.0:
+        covariance[0] = 0.0
+    _set(message, place, covariance)
 
 
-def _joint_patches(pair: Pair) -> Patches:
-    names: Sequence[str] = pair.edited.names
+def _set_numbers(message: Any, field: Field, value: Any) -> None:
+    """Of a row: a list, the members of a vector, or one number for each place."""
+    if field.is_list:
+        _set(message, field.paths[0], np.ascontiguousarray(value, dtype=field.dtype))
+    elif field.axes:
+        for axis, number in zip(field.axes, value.tolist(), strict=True):
+            _set(message, f"{field.paths[0]}.{axis}", number)
+    else:
+        for place, number in zip(field.paths, np.atleast_1d(value).tolist(), strict=True):
+            with np.errstate(over="ignore"):
+                _set(message, place, float(np.float32(number)) if field.is_single else number)
 
-    def setter(field: str) -> Setter:
-        def set_joints(message: Any, values: Any) -> None:
-            now = np.array(getattr(message, field), dtype=np.float64)
-            if now.size != len(message.name):
-                return  # the message gives none, as one may
-            mine = np.array([values[names.index(name)] for name in message.name])
-            setattr(message, field, mine)
 
-        return set_joints
+def _set_parts(message: Any, field: Field, names: Sequence[str], value: Any) -> None:
+    """The numbers of the parts that this message names, if it gives any."""
+    place = field.paths[0]
+    if len(at_place(message, place)) == len(message.name):
+        mine = [value[names.index(name)] for name in message.name]
+        _set(message, place, np.array(mine, dtype=np.float64))
 
-    return _columns(
-        pair, {"positions_rad": setter("position"), "velocities_rad_s": setter("velocity")}
-    )
+
+def _set(message: Any, place: str, value: Any) -> None:
+    parent, _, name = place.rpartition(".")
+    setattr(at_place(message, parent) if parent else message, name, value)
 
 
 def _bits_differ(one: NDArray[Any], other: NDArray[Any]) -> BoolArray:

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from slamsim.logs.raw_ranges import IN_MEMORY_BYTES, large_files_folder
+from slamsim.recording.row_store import IN_MEMORY_BYTES, large_files_folder
 
 Message = tuple[int, int, int, int, bytes]
 """(number of the publisher, log time, publish time, sequence, serialised message); times in ns"""

@@ -6,7 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from slamsim.recording import RawScans, Recording, with_odometry_edge
+from slamsim.recording import RawScans, Recording
+from slamsim.recording.edits import with_odometry_edge
 from slamsim.types import Float32Array
 
 
@@ -18,7 +19,7 @@ def as_ros(recording: Recording) -> Recording:
     """
     if recording.format != "carmen":
         return recording
-    found = replace(recording, scans=tuple(map(_without_maximum, recording.scans)))
+    found = recording.changed(RawScans, _without_maximum)
     for odometry in recording.odometries[:1]:
         found = with_odometry_edge(found, odometry)
     return found

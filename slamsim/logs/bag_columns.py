@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from itertools import islice
 from typing import Any
 
@@ -12,11 +13,12 @@ from numpy.typing import NDArray
 
 from slamsim.logs.bag import Bag
 from slamsim.logs.cdr import CDR_LITTLE_ENDIAN, CdrLayout, Rows
-from slamsim.types import FloatArray, IntArray
+from slamsim.logs.layouts import columns_of, message_layout, shape_of
+from slamsim.recording.schemas import Field, Schema
+from slamsim.types import IntArray
 
 _BATCH = 4096
 
-RowOf = Callable[[Any], tuple[float, ...]]
 LayoutOf = Callable[[Any], CdrLayout]
 Opened = Callable[[bytes], Any]
 """A message from its bytes; None for one that shall be passed over."""
@@ -34,19 +36,56 @@ class Alike:
     example: Any
     rows: Rows | None
 
-    def stamps_ns(self) -> IntArray:
-        """(k,) stamps of messages that have a header."""
+    def stamps_ns(self, place: str = "header.stamp") -> IntArray:
+        """(k,) stamps at a place of the messages."""
         if self.rows is None:
-            return np.array([stamp_ns_of(self.example.header)], dtype=np.int64)
-        return stamps_of(self.rows)
+            stamp = at_place(self.example, place)
+            return np.array([_instant_ns(int(stamp.sec), int(stamp.nanosec))], dtype=np.int64)
+        return np.asarray(
+            _instant_ns(self.rows[f"{place}_sec"].astype(np.int64), self.rows[f"{place}_nanosec"]),
+            dtype=np.int64,
+        )
 
-    def numbers(self, row_of: RowOf) -> FloatArray:
-        """(k, columns) what row_of takes out of each, in the order of the layout's columns."""
+    def values(self, field: Field, at: str = "") -> NDArray[Any]:
+        """(k,) or (k, columns) of a field. at: the place of a part, ended by a dot."""
         if self.rows is None:
-            return np.array([row_of(self.example)], dtype=np.float64)
-        names = [name for name in self.rows.dtype.names or () if not name.startswith("stamp_")]
-        columns = [self.rows[name].reshape(self.rows.size, -1) for name in names]
-        return np.concatenate([column.astype(np.float64) for column in columns], axis=1)
+            return np.array([_value(self.example, field, at)], dtype=field.dtype)
+        names = self.rows.dtype.names or ()
+        paths = [f"{at}{path}" for path in field.paths]
+        if paths[0] not in names:  # an empty list
+            return np.zeros((self.rows.size, 0), dtype=field.dtype)
+        with np.errstate(invalid="ignore"):  # of a signalling NaN, which becomes a quiet one
+            if len(paths) == 1:
+                return np.ascontiguousarray(self.rows[paths[0]], dtype=field.dtype)
+            return np.stack([self.rows[path].astype(field.dtype) for path in paths], axis=1)
+
+    def have(self, field: Field) -> bool:
+        """Whether any of the messages says that it has the field, by its covariance."""
+        if self.rows is None:
+            first = np.array([at_place(self.example, field.covariance)[0]])
+        else:
+            first = self.rows[field.covariance][:, 0]
+        return bool((first != -1.0).any())
+
+
+def at_place(message: Any, place: str) -> Any:
+    """What stands at a place of a message object."""
+    for name in place.split("."):
+        message = message[int(name)] if name.isdigit() else getattr(message, name)
+    return message
+
+
+def _value(message: Any, field: Field, at: str) -> Any:
+    parts = [at_place(message, f"{at}{path}") for path in field.paths]
+    if field.axes:
+        return [getattr(parts[0], axis) for axis in field.axes]
+    return parts[0] if len(parts) == 1 else parts
+
+
+def layout_for(schema: Schema, message: Any) -> CdrLayout:
+    """The layout of all messages of a kind that share a message's strings and lengths."""
+    shape = shape_of(schema.type_name, message)
+    return message_layout(schema.type_name, columns_of(schema.paths), shape)
 
 
 def alike(batch: list[bytes], opened: Opened, layout_of: LayoutOf, is_cdr: bool) -> Iterator[Alike]:
@@ -86,45 +125,46 @@ def _viewed(plain: NDArray[np.uint8], layout: CdrLayout) -> tuple[Rows, IntArray
 @dataclass(frozen=True, slots=True, eq=False)
 class Columns:
     """Messages of one topic. stamps_ns, received_ns: (n,) as written, and when each was received.
-    rows: (n, k) what was wanted of each. first: the first message."""
+    values: (n,) or (n, k) of each field by its name. first: the first message."""
 
     stamps_ns: IntArray
     received_ns: IntArray
-    rows: FloatArray
+    values: dict[str, NDArray[Any]]
     first: Any
 
 
-def read_columns(bag: Bag, topic: str, layout_of: LayoutOf, row_of: RowOf) -> Columns:
-    """The messages of a topic whose type has a header, in the order of the recording.
+def read_columns(bag: Bag, topic: str, schema: Schema) -> Columns:
+    """The messages of a topic whose fields are numbers, in the order of the recording.
 
-    row_of takes what is wanted out of a message, in the order of the layout's columns. Raises
-    InputRefused for a damaged message.
+    Raises InputRefused for a damaged message.
     """
     stamps: list[IntArray] = []
     received: list[IntArray] = []
-    rows: list[FloatArray] = []
+    values: dict[str, list[NDArray[Any]]] = {field.name: [] for field in schema.fields}
     first: Any = None
+    layout_of = partial(layout_for, schema)
     for received_ns, batch in _batches(bag.received({topic})):
         received.append(received_ns)
         is_cdr = bag.is_cdr(topic)
         groups = list(alike(batch, lambda data: bag.deserialize(topic, data), layout_of, is_cdr))
         order = np.argsort(np.concatenate([group.places for group in groups]))
         stamps.append(np.concatenate([group.stamps_ns() for group in groups])[order])
-        rows.append(np.concatenate([group.numbers(row_of) for group in groups])[order])
+        for field in schema.fields:
+            parts = [group.values(field) for group in groups]
+            values[field.name].append(np.concatenate(parts)[order])
         if first is None:
             first = min(groups, key=lambda group: int(group.places[0])).example
-    return Columns(np.concatenate(stamps), np.concatenate(received), np.concatenate(rows), first)
+    joined = {name: np.concatenate(parts) for name, parts in values.items()}
+    return Columns(np.concatenate(stamps), np.concatenate(received), joined, first)
 
 
 def stamp_ns_of(header: Any) -> int:
     """The stamp of a std_msgs/Header."""
-    return int(header.stamp.sec) * 1_000_000_000 + int(header.stamp.nanosec)
+    return int(_instant_ns(int(header.stamp.sec), int(header.stamp.nanosec)))
 
 
-def stamps_of(rows: Rows, name: str = "stamp") -> IntArray:
-    """(k,) stamps of viewed messages."""
-    seconds = rows[f"{name}_sec"].astype(np.int64)
-    return np.asarray(seconds * 1_000_000_000 + rows[f"{name}_nanosec"], dtype=np.int64)
+def _instant_ns(seconds: Any, nanoseconds: Any) -> Any:
+    return seconds * 1_000_000_000 + nanoseconds
 
 
 def _batches(

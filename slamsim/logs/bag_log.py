@@ -11,6 +11,7 @@ from slamsim.logs.bag_scans import bag_scans, survey_scans
 from slamsim.logs.bag_sources import Channel
 from slamsim.logs.bag_streams import read_chain, read_encoders, read_imu, read_odometry
 from slamsim.logs.frames import FrameTree
+from slamsim.logs.names import LOG
 from slamsim.logs.ros_types import ENCODER_TICKS
 from slamsim.logs.stamps import epoch_of
 from slamsim.safe.errors import InputRefused
@@ -53,7 +54,7 @@ def read_bag(path: Path, scan_topic: str | None = None) -> Log:
     if odometry is not None:
         _require_overlap(bag, odometry, first_ns, last_ns, encoders is not None, warnings)
     return Log(
-        name=path.resolve().parent.name if path.name == "log" else path.stem,
+        name=path.resolve().parent.name if path.name == LOG else path.stem,
         epoch=epoch_in(bag, first_ns),
         scans=bag_scans(bag, topic, times, limit),
         odometry=odometry,

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from contextlib import suppress
-from typing import Any
 
 import numpy as np
 
@@ -13,7 +12,7 @@ from slamsim.geometry import matrix_from_xyzw, xyzw_from_matrix
 from slamsim.logs.bag import Bag
 from slamsim.logs.bag_columns import read_columns, stamp_ns_of
 from slamsim.logs.frames import frame_name
-from slamsim.logs.messages import imu_layout, odometry_layout, ticks_layout
+from slamsim.recording.schemas import IMU, ODOMETRY, TICKS
 from slamsim.safe.numbers import LEAST_SIZE_M, MOST, is_sound
 from slamsim.types import BoolArray, EncoderStream, FloatArray, ImuStream, IntArray, Trajectory
 
@@ -58,28 +57,16 @@ def are_wheels(*constants: float) -> bool:
 
 def read_odometry(bag: Bag, topic: str) -> tuple[Trajectory, str, list[str]]:
     """(pose over time, child frame, what was odd) of a nav_msgs/Odometry topic."""
-    read = read_columns(
-        bag,
-        topic,
-        lambda message: odometry_layout((message.header.frame_id, message.child_frame_id)),
-        odometry_row,
-    )
-    trajectory, warnings = _trajectory(read.stamps_ns, read.rows, topic, read.received_ns)
+    read = read_columns(bag, topic, ODOMETRY)
+    poses = np.hstack([read.values["positions_m"], read.values["quats_xyzw"]])
+    trajectory, warnings = _trajectory(read.stamps_ns, poses, topic, read.received_ns)
     return trajectory, frame_name(read.first.child_frame_id), warnings
 
 
-def odometry_row(message: Any) -> tuple[float, ...]:
-    """Position, orientation, linear and angular velocity of a nav_msgs/Odometry."""
-    p, q = message.pose.pose.position, message.pose.pose.orientation
-    v, w = message.twist.twist.linear, message.twist.twist.angular
-    return p.x, p.y, p.z, q.x, q.y, q.z, q.w, v.x, v.y, v.z, w.x, w.y, w.z
-
-
 def _trajectory(
-    stamps_ns: IntArray, rows: FloatArray, what: str, received_ns: IntArray | None = None
+    stamps_ns: IntArray, poses: FloatArray, what: str, received_ns: IntArray | None = None
 ) -> tuple[Trajectory, list[str]]:
-    """From rows that begin with x, y, z and a quaternion x, y, z, w, which need not be unit."""
-    poses = rows[:, :7]
+    """From (n, 7) x, y, z and a quaternion x, y, z, w, which need not be unit."""
     norms = lengths(poses[:, 3:])
     usable = is_sound(poses) & (np.abs(norms - 1.0) < 0.1)
     unique_ns, kept, warnings = in_order(stamps_ns, np.asarray(usable), what, received_ns)
@@ -125,8 +112,9 @@ def _composed(parts: list[Trajectory]) -> Trajectory:
 
 def read_imu(bag: Bag, topic: str) -> tuple[ImuStream | None, list[str]]:
     """A sensor_msgs/Imu topic; None when no message has sound numbers."""
-    read = read_columns(bag, topic, lambda message: imu_layout(message.header.frame_id), imu_row)
-    angular_rad_s, linear_m_s2 = read.rows[:, 13:16], read.rows[:, 16:19]
+    read = read_columns(bag, topic, IMU)
+    angular_rad_s = read.values["angular_velocity_rad_s"]
+    linear_m_s2 = read.values["linear_acceleration_m_s2"]
     usable = np.asarray(is_sound(angular_rad_s) & is_sound(linear_m_s2))
     unique_ns, kept, warnings = in_order(read.stamps_ns, usable, topic, read.received_ns)
     if unique_ns.size == 0:
@@ -135,30 +123,16 @@ def read_imu(bag: Bag, topic: str) -> tuple[ImuStream | None, list[str]]:
     return ImuStream(unique_ns, angular_rad_s[kept], linear_m_s2[kept], frame), warnings
 
 
-def imu_row(message: Any) -> tuple[float, ...]:
-    """Orientation, its covariance, angular velocity, acceleration of a sensor_msgs/Imu."""
-    q, w, a = message.orientation, message.angular_velocity, message.linear_acceleration
-    return q.x, q.y, q.z, q.w, *message.orientation_covariance, w.x, w.y, w.z, a.x, a.y, a.z
-
-
 def read_encoders(bag: Bag, topic: str) -> tuple[EncoderStream | None, list[str]]:
     """A slamsim_msgs/EncoderTicks topic; None when its constants make no wheels."""
-    read = read_columns(
-        bag, topic, lambda message: ticks_layout(message.header.frame_id), ticks_row
-    )
-    rows = read.rows
-    per_revolution, radius_m, track_m = rows[0, 2:].tolist()
-    steady = bool((rows[:, 2:] == rows[0, 2:]).all())
+    read = read_columns(bag, topic, TICKS)
+    driver = [read.values[field.name] for field in TICKS.fields if field.is_constant]
+    per_revolution, radius_m, track_m = (values[0].item() for values in driver)
+    steady = all((values == values[0]).all() for values in driver)
     if not steady or not are_wheels(per_revolution, radius_m, track_m):
         constants = f"{per_revolution} ticks a turn, radius {radius_m} m, track {track_m} m"
         return None, [f"{topic}: {constants} change or make no wheels: left out"]
-    every = np.ones(len(rows), dtype=np.bool_)
+    every = np.ones(read.stamps_ns.size, dtype=np.bool_)
     unique_ns, kept, warnings = in_order(read.stamps_ns, every, topic, read.received_ns)
-    ticks = rows[kept, :2].astype(np.int64)
-    return EncoderStream(unique_ns, ticks, int(per_revolution), radius_m, track_m), warnings
-
-
-def ticks_row(message: Any) -> tuple[float, ...]:
-    """Ticks left and right, ticks a turn, radius and track of a slamsim_msgs/EncoderTicks."""
-    wheels = (message.ticks_per_revolution, message.wheel_radius_m, message.track_m)
-    return message.left, message.right, *wheels
+    ticks = read.values["ticks"][kept]
+    return EncoderStream(unique_ns, ticks, per_revolution, radius_m, track_m), warnings

@@ -23,6 +23,7 @@ from slamsim.logs.written import Written
 from slamsim.safe.errors import Excessive
 from slamsim.safe.limits import LIMITS, Limits
 from slamsim.safe.seal import require_as_written
+from slamsim.types import FloatArray
 
 METADATA_KEY = b"slamsim"
 TypeName = Literal[
@@ -205,3 +206,17 @@ def facts_of(schema: pa.Schema) -> dict[str, Any]:
     """What a schema says of the whole table."""
     facts: dict[str, Any] = json.loads((schema.metadata or {}).get(METADATA_KEY, b"{}"))
     return facts
+
+
+def split_axes(vectors: Mapping[str, FloatArray]) -> dict[str, Cells]:
+    """One column for each axis of (n, 3) or (n, 4) vectors; ``{}`` in a name becomes x, y, z, w."""
+    return {
+        name.format(axis): vector[:, index]
+        for name, vector in vectors.items()
+        for index, axis in enumerate("xyzw"[: vector.shape[1]])
+    }
+
+
+def joined_axes(cells: Mapping[str, Any], name: str, axes: str = "xyz") -> FloatArray:
+    """The (n, 3) or (n, 4) vectors that ``split_axes`` made columns of."""
+    return np.column_stack([cells[name.format(axis)] for axis in axes])

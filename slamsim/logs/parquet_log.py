@@ -8,7 +8,7 @@ truth. A stream that is never recorded has no file. Rows are in the order of arr
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -17,17 +17,9 @@ import numpy as np
 
 from slamsim.logs.parquet_file import Cells, Column, ParquetFile
 from slamsim.logs.written import Written
-from slamsim.recording import (
-    RawImu,
-    RawJoints,
-    RawOdometry,
-    RawScans,
-    RawStream,
-    RawTicks,
-    Recording,
-    TransformEdge,
-)
-from slamsim.types import FloatArray, IntArray
+from slamsim.recording import RawScans, RawStream, Recording, TransformEdge
+from slamsim.recording.schemas import TRANSFORM, Field
+from slamsim.types import IntArray
 
 SCANS_PER_GROUP = 512
 _STAMPS = (
@@ -101,23 +93,65 @@ def _shared_facts(recording: Recording) -> dict[str, object]:
 
 
 def _tables(recording: Recording, *, first: bool) -> list[_Rows]:
+    numbers = Counter[str]()
     found = []
-    kinds: list[tuple[str, Sequence[Any], Callable[[str, Any], _Rows]]] = [
-        ("scans", recording.scans, _scans),
-        ("imu", recording.imus, _imu),
-        ("encoders", recording.ticks, _ticks),
-        ("joints", recording.joints, _joints),
-        ("odometry", recording.odometries, _odometry),
-    ]
-    for name, streams, rows_of in kinds:
-        for number, stream in enumerate(streams):
-            found.append(rows_of(name if number == 0 else f"{name}_{number}", stream))
+    for stream in recording.streams:
+        table = stream.schema.table
+        found.append(_rows(f"{table}_{numbers[table]}" if numbers[table] else table, stream))
+        numbers[table] += 1
     found.append(_transforms(recording, with_fixed=first))
     return found
 
 
-def _stream_facts(stream: RawStream) -> dict[str, object]:
-    return {"topic": stream.topic, "frame_ids": list(stream.frame_ids)}
+def _rows(table: str, stream: RawStream) -> _Rows:
+    schema = stream.schema
+    found = [*_layout(stream), *_fields(stream)]
+    facts = {
+        "topic": stream.topic,
+        **{name: list(getattr(stream, name)) for name, _ in schema.frames},
+        **{field.name: getattr(stream, field.name) for field in schema.fields if field.is_constant},
+        **dict(schema.about),
+    }
+    if isinstance(stream, RawScans):
+        facts["layouts"] = [asdict(layout) for layout in stream.layouts]
+    if schema.parts:
+        facts[schema.table] = list(getattr(stream, schema.parts))
+    cells = {**_stamps(stream), **{column.name: values for column, values in found}}
+    columns = (*_STAMPS, _SAMPLE, *(column for column, _ in found))
+    per_group = SCANS_PER_GROUP if isinstance(stream, RawScans) else 1 << 16
+    return _Rows(table, columns, facts, cells, per_group)
+
+
+def _fields(stream: RawStream) -> Iterator[tuple[Column, Cells]]:
+    """What the schema says of its columns, and the values in them."""
+    schema = stream.schema
+    kept = [f for f in schema.fields if f.column and getattr(stream, f.name) is not None]
+    if not schema.parts:
+        for field in kept:
+            yield from _columns(field, getattr(stream, field.name))
+        return
+    for number, part in enumerate(getattr(stream, schema.parts)):
+        for field in kept:
+            yield _column(field, part), getattr(stream, field.name)[:, number]
+
+
+def _columns(field: Field, values: Any) -> Iterator[tuple[Column, Cells]]:
+    if field.parts:
+        for number, part in enumerate(field.parts):
+            yield _column(field, part), values[:, number]
+    else:
+        values = np.asarray(values, dtype=field.dtype)
+        yield _column(field, width=values.shape[1]), values
+
+
+def _column(field: Field, part: str = "", width: int = 0) -> Column:
+    return Column(field.column.format(part), field.dtype, field.about, width, field.repeats)
+
+
+def _layout(stream: RawStream) -> Iterator[tuple[Column, Cells]]:
+    if isinstance(stream, RawScans):
+        about = "which of the declared layouts of the beams"
+        yield Column("layout", "uint8", about), stream.layout_of.astype(np.uint8)
 
 
 def _received(stamps_ns: IntArray, received_ns: IntArray | None) -> IntArray:
@@ -130,136 +164,34 @@ def _stamps(stream: RawStream) -> dict[str, Cells]:
     return {"stamp_ns": stamps_ns, "received_ns": _received(stamps_ns, stream.received_ns), **known}
 
 
-def _scans(table: str, scans: RawScans) -> _Rows:
-    ranges_m = np.asarray(scans.ranges_m, dtype=np.float32)
-    beams = int(ranges_m.shape[1])
-    columns = [
-        *_STAMPS,
-        _SAMPLE,
-        Column("layout", "uint8", "which of the declared layouts of the beams"),
-        Column("ranges_m", "float32", "inf: no return, nan: invalid", width=beams, repeats=True),
-    ]
-    cells = {
-        **_stamps(scans),
-        "layout": scans.layout_of.astype(np.uint8),
-        "ranges_m": ranges_m,
-    }
-    if scans.intensities is not None:
-        columns.append(Column("intensities", "float32", "0 without a return", width=beams))
-        cells["intensities"] = np.asarray(scans.intensities, dtype=np.float32)
-    facts = {
-        **_stream_facts(scans),
-        "layouts": [asdict(layout) for layout in scans.layouts],
-        "beams": "beam i fires i * beam_dt_s after the stamp at angle_min_rad + i * angle_step_rad",
-    }
-    return _Rows(table, tuple(columns), facts, cells, SCANS_PER_GROUP)
-
-
-def _imu(table: str, imu: RawImu) -> _Rows:
-    vectors = {
-        "angular_velocity_{}_rad_s": imu.angular_velocity_rad_s,
-        "linear_acceleration_{}_m_s2": imu.linear_acceleration_m_s2,
-    }
-    return _numbers(table, imu, vectors, {"acceleration": "specific force: +9.8 on z at rest"})
-
-
-def _odometry(table: str, odometry: RawOdometry) -> _Rows:
-    vectors = {
-        "position_{}_m": odometry.positions_m,
-        "quat_{}": odometry.quats_xyzw,
-        "linear_velocity_{}_m_s": odometry.linear_m_s,
-        "angular_velocity_{}_rad_s": odometry.angular_rad_s,
-    }
-    facts = {
-        "child_frame_ids": list(odometry.child_frame_ids),
-        "pose": "of the child in the frame; velocities in the child",
-    }
-    return _numbers(table, odometry, vectors, facts)
-
-
-def _joints(table: str, joints: RawJoints) -> _Rows:
-    cells: dict[str, Cells] = {}
-    for index, name in enumerate(joints.names):
-        cells[f"{name}_position_rad"] = joints.positions_rad[:, index]
-        cells[f"{name}_velocity_rad_s"] = joints.velocities_rad_s[:, index]
-    columns = (*_STAMPS, _SAMPLE, *(Column(name, "float64") for name in cells))
-    facts = {**_stream_facts(joints), "joints": list(joints.names)}
-    return _Rows(table, columns, facts, {**_stamps(joints), **cells})
-
-
-def _ticks(table: str, ticks: RawTicks) -> _Rows:
-    columns = (
-        *_STAMPS,
-        _SAMPLE,
-        Column("ticks_left", "int64", "since the start"),
-        Column("ticks_right", "int64", "since the start"),
-    )
-    cells: dict[str, Cells] = {
-        **_stamps(ticks),
-        "ticks_left": ticks.ticks[:, 0],
-        "ticks_right": ticks.ticks[:, 1],
-    }
-    facts = {
-        **_stream_facts(ticks),
-        "ticks_per_revolution": ticks.ticks_per_revolution,
-        "wheel_radius_m": ticks.wheel_radius_m,
-        "track_m": ticks.track_m,
-    }
-    return _Rows(table, columns, facts, cells)
-
-
-def _numbers(
-    table: str, stream: RawStream, vectors: Mapping[str, FloatArray], facts: Mapping[str, object]
-) -> _Rows:
-    """A table of vectors; ``{}`` in a name stands for the axis."""
-    cells = split_axes(vectors)
-    columns = (*_STAMPS, _SAMPLE, *(Column(name, "float64") for name in cells))
-    return _Rows(table, columns, {**_stream_facts(stream), **facts}, {**_stamps(stream), **cells})
-
-
-def split_axes(vectors: Mapping[str, FloatArray]) -> dict[str, Cells]:
-    """One column for each axis of (n, 3) or (n, 4) vectors; ``{}`` in a name becomes x, y, z, w."""
-    return {
-        name.format(axis): vector[:, index]
-        for name, vector in vectors.items()
-        for index, axis in enumerate("xyzw"[: vector.shape[1]])
-    }
-
-
-def joined_axes(cells: Mapping[str, Any], name: str, axes: str = "xyz") -> FloatArray:
-    """The (n, 3) or (n, 4) vectors that ``split_axes`` made columns of."""
-    return np.column_stack([cells[name.format(axis)] for axis in axes])
-
-
 def _transforms(recording: Recording, *, with_fixed: bool) -> _Rows:
     edges = [edge for edge in recording.transforms if with_fixed or not edge.is_static]
     counts = [edge.stamps_ns.size for edge in edges]
+    none = np.zeros(0, dtype=np.int64)
+    received = (_received(edge.stamps_ns, edge.received_ns) for edge in edges)
     texts = {
         name: [text for edge, n in zip(edges, counts, strict=True) for text in [value(edge)] * n]
         for name, value in _EDGE_TEXTS.items()
     }
-    vectors = {
-        "position_{}_m": _stacked([edge.positions_m for edge in edges], 3),
-        "quat_{}": _stacked([edge.quats_xyzw for edge in edges], 4),
-    }
-    none = np.zeros(0, dtype=np.int64)
+    numbers = list[tuple[Column, Cells]]()
+    for field in TRANSFORM.fields:
+        parts = (getattr(edge, field.name) for edge in edges)
+        numbers += _columns(field, np.concatenate([np.zeros((0, len(field.parts))), *parts]))
     cells: dict[str, Cells] = {
         "stamp_ns": np.concatenate([none, *(edge.stamps_ns for edge in edges)]),
-        "received_ns": np.concatenate(
-            [none, *(_received(edge.stamps_ns, edge.received_ns) for edge in edges)]
-        ),
+        "received_ns": np.concatenate([none, *received]),
         **texts,
         "is_static": np.repeat(np.array([e.is_static for e in edges], dtype=np.bool_), counts),
-        **split_axes(vectors),
+        **{column.name: values for column, values in numbers},
     }
     columns = (
         *_STAMPS,
         *(Column(name, "string") for name in _EDGE_TEXTS),
         Column("is_static", "bool", "it came on a latched topic"),
-        *(Column(name, "float64") for name in split_axes(vectors)),
+        *(column for column, _ in numbers),
     )
     facts = {"robot_description": recording.robot_description}
-    return _Rows("transforms", columns, facts, cells)
+    return _Rows(TRANSFORM.table, columns, facts, cells)
 
 
 _EDGE_TEXTS: dict[str, Callable[[TransformEdge], str]] = {
@@ -267,7 +199,3 @@ _EDGE_TEXTS: dict[str, Callable[[TransformEdge], str]] = {
     "parent": lambda edge: edge.parent,
     "child": lambda edge: edge.child,
 }
-
-
-def _stacked(parts: list[FloatArray], width: int) -> FloatArray:
-    return np.concatenate([np.zeros((0, width)), *parts])

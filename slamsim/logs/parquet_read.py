@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from itertools import count, takewhile
 from pathlib import Path
 from types import SimpleNamespace
@@ -15,20 +16,18 @@ from slamsim.logs.bag_scans import Survey, scan_from_message
 from slamsim.logs.bag_streams import are_wheels, in_order, lengths
 from slamsim.logs.mountings import BASE_FRAME, tree_of
 from slamsim.logs.parquet_file import read_table, table_facts
-from slamsim.logs.parquet_log import joined_axes
 from slamsim.logs.parquet_sound import require_sound
 from slamsim.logs.refusing import refusing
 from slamsim.logs.scans import StoredScans
 from slamsim.recording import (
-    RawImu,
-    RawJoints,
-    RawOdometry,
+    KINDS,
     RawScans,
-    RawTicks,
+    RawStream,
     Recording,
     ScanLayout,
     TransformEdge,
 )
+from slamsim.recording.schemas import TRANSFORM, Field
 from slamsim.safe.errors import InputRefused
 from slamsim.safe.files import own_file
 from slamsim.safe.numbers import is_sound
@@ -46,7 +45,8 @@ from slamsim.types import (
 SCANS_NAME = "scans.parquet"
 
 Table = dict[str, Any]
-_Raw = TypeVar("_Raw")
+_Raw = TypeVar("_Raw", bound=RawStream)
+_Made = TypeVar("_Made")
 
 
 def read_parquet_recording(folder: Path) -> Recording:
@@ -62,11 +62,7 @@ def read_parquet_recording(folder: Path) -> Recording:
     return Recording(
         name=str(facts.get("recording", folder.name)),
         format="parquet",
-        scans=_streams(folder, "scans", scans_of),
-        imus=_streams(folder, "imu", imu_of),
-        odometries=_streams(folder, "odometry", odometry_of),
-        ticks=_streams(folder, "encoders", ticks_of),
-        joints=_streams(folder, "joints", _joints),
+        streams=tuple(stream for kind in KINDS for stream in _streams(folder, kind)),
         transforms=transforms,
         robot_description=facts["robot_description"],
         epoch=facts["epoch"],
@@ -108,14 +104,15 @@ def read_parquet(folder: Path) -> Log:
     )
 
 
-def _streams(folder: Path, table: str, made: Callable[[Table, Table], _Raw]) -> tuple[_Raw, ...]:
+def _streams(folder: Path, kind: type[_Raw]) -> tuple[_Raw, ...]:
     """All of one kind: ``odometry``, ``odometry_1`` and so on, as many as there are."""
+    table = kind.schema.table
     names = (table if number == 0 else f"{table}_{number}" for number in count())
     there = takewhile(lambda name: (folder / f"{name}.parquet").is_file(), names)
-    return tuple(_made(folder, name, made) for name in there)
+    return tuple(_made(folder, name, partial(stream_of, kind)) for name in there)
 
 
-def _made(folder: Path, table: str, made: Callable[[Table, Table], _Raw]) -> _Raw:
+def _made(folder: Path, table: str, made: Callable[[Table, Table], _Made]) -> _Made:
     path = own_file(folder, f"{table}.parquet")
     with refusing(path, "its columns"):
         facts, cells = table_facts(path), read_table(path)
@@ -123,64 +120,34 @@ def _made(folder: Path, table: str, made: Callable[[Table, Table], _Raw]) -> _Ra
         return made(facts, cells)
 
 
-def _stream(facts: Table, cells: Table) -> dict[str, Any]:
-    return {
-        "topic": facts["topic"],
-        "frame_ids": tuple(facts["frame_ids"]),
-        "stamps_ns": cells["stamp_ns"],
-        "received_ns": cells["received_ns"],
-        "samples": cells["sample"],
-    }
-
-
-def scans_of(facts: Table, cells: Table) -> RawScans:
-    """Of what a table says of itself, and its columns or some rows of them; so are the others."""
-    return RawScans(
-        **_stream(facts, cells),
-        layouts=tuple(ScanLayout(**layout) for layout in facts["layouts"]),
-        layout_of=cells["layout"].astype(np.int32),
-        ranges_m=cells["ranges_m"],
-        intensities=cells.get("intensities"),
+def stream_of(kind: type[_Raw], facts: Table, cells: Table) -> _Raw:
+    """Of what a table says of itself, and its columns or some rows of them."""
+    schema = kind.schema
+    read: dict[str, Any] = {name: tuple(facts[name]) for name, _ in schema.frames}
+    if kind is RawScans:
+        read["layouts"] = tuple(ScanLayout(**layout) for layout in facts["layouts"])
+        read["layout_of"] = cells["layout"].astype(np.int32)
+    if schema.parts:
+        read[schema.parts] = tuple(facts[schema.table])
+    for field in schema.fields:
+        if field.is_constant:
+            read[field.name] = facts[field.name]
+        elif field.column:
+            read[field.name] = _values(field, cells, read.get(schema.parts, field.parts))
+    return kind(
+        topic=facts["topic"],
+        stamps_ns=cells["stamp_ns"],
+        received_ns=cells["received_ns"],
+        samples=cells["sample"],
+        **read,
     )
 
 
-def imu_of(facts: Table, cells: Table) -> RawImu:
-    return RawImu(
-        **_stream(facts, cells),
-        angular_velocity_rad_s=joined_axes(cells, "angular_velocity_{}_rad_s"),
-        linear_acceleration_m_s2=joined_axes(cells, "linear_acceleration_{}_m_s2"),
-    )
-
-
-def odometry_of(facts: Table, cells: Table) -> RawOdometry:
-    return RawOdometry(
-        **_stream(facts, cells),
-        child_frame_ids=tuple(facts["child_frame_ids"]),
-        positions_m=joined_axes(cells, "position_{}_m"),
-        quats_xyzw=joined_axes(cells, "quat_{}", "xyzw"),
-        linear_m_s=joined_axes(cells, "linear_velocity_{}_m_s"),
-        angular_rad_s=joined_axes(cells, "angular_velocity_{}_rad_s"),
-    )
-
-
-def ticks_of(facts: Table, cells: Table) -> RawTicks:
-    return RawTicks(
-        **_stream(facts, cells),
-        ticks=np.column_stack([cells["ticks_left"], cells["ticks_right"]]),
-        ticks_per_revolution=facts["ticks_per_revolution"],
-        wheel_radius_m=facts["wheel_radius_m"],
-        track_m=facts["track_m"],
-    )
-
-
-def _joints(facts: Table, cells: Table) -> RawJoints:
-    names = tuple(facts["joints"])
-    return RawJoints(
-        **_stream(facts, cells),
-        names=names,
-        positions_rad=np.column_stack([cells[f"{name}_position_rad"] for name in names]),
-        velocities_rad_s=np.column_stack([cells[f"{name}_velocity_rad_s"] for name in names]),
-    )
+def _values(field: Field, cells: Table, parts: tuple[str, ...]) -> Any:
+    """(n, parts) of a field, or what its one column holds."""
+    if "{}" in field.column:
+        return np.column_stack([cells[field.column.format(part)] for part in parts])
+    return cells.get(field.column) if field.is_optional else cells[field.column]
 
 
 def _transforms(cells: Table) -> tuple[TransformEdge, ...]:
@@ -189,16 +156,14 @@ def _transforms(cells: Table) -> tuple[TransformEdge, ...]:
     rows: dict[tuple[str, str, str], list[int]] = {}
     for row, key in enumerate(keys):
         rows.setdefault(key, []).append(row)
-    positions_m = joined_axes(cells, "position_{}_m")
-    quats_xyzw = joined_axes(cells, "quat_{}", "xyzw")
+    values = {field.name: _values(field, cells, field.parts) for field in TRANSFORM.fields}
     return tuple(
         TransformEdge(
             *key,
             bool(cells["is_static"][mine[0]]),
             cells["stamp_ns"][mine],
             cells["received_ns"][mine],
-            positions_m[mine],
-            quats_xyzw[mine],
+            **{name: value[mine] for name, value in values.items()},
         )
         for key, mine in rows.items()
     )

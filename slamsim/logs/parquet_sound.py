@@ -10,18 +10,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slamsim.recording import ScanLayout
+from slamsim.recording.schemas import IMU, ODOMETRY, SCANS, TICKS, TRANSFORM
 from slamsim.safe.numbers import MOST_NS
 from slamsim.types import Epoch
 
-_WHOLE = ("stamp_ns", "received_ns", "sample", "sequence", "ticks_left", "ticks_right")
 _TYPES: dict[str, str] = {
-    **dict.fromkeys(_WHOLE, "int64"),
-    **dict.fromkeys(("ranges_m", "intensities"), "float32"),
+    **dict.fromkeys(("stamp_ns", "received_ns", "sample", "sequence"), "int64"),
     **dict.fromkeys(("topic", "parent", "child"), "object"),
     "layout": "uint8",
     "is_static": "bool",
+    **{
+        field.column.format(part): field.dtype
+        for schema in (SCANS, IMU, ODOMETRY, TICKS, TRANSFORM)
+        for field in schema.fields
+        if field.column
+        for part in field.parts or ("",)
+    },
 }
-_LISTS, _NUMBER = ("ranges_m", "intensities"), "float64"
+_LISTS = tuple(field.column for field in SCANS.fields if field.is_list)
+_NUMBER = "float64"
+"""Of all other columns, whose names depend on those of joints."""
 
 
 def require_sound(facts: Mapping[str, Any], cells: Mapping[str, NDArray[Any]]) -> None:

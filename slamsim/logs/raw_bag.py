@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,8 +15,6 @@ from slamsim.logs.bag import Bag, open_bag
 from slamsim.logs.bag_columns import Opened
 from slamsim.logs.bag_log import (
     CLOCK,
-    IMU,
-    ODOMETRY,
     SCAN,
     TRANSFORMS,
     choose_scan,
@@ -23,31 +22,26 @@ from slamsim.logs.bag_log import (
     is_truth,
 )
 from slamsim.logs.bag_sources import Channel
+from slamsim.logs.names import LOG
 from slamsim.logs.raw_scans import ScanCollector
 from slamsim.logs.raw_streams import (
     ClockCollector,
-    Collector,
-    ImuCollector,
     JointCollector,
-    OdometryCollector,
+    NumberCollector,
     TextCollector,
-    TicksCollector,
     TransformCollector,
 )
 from slamsim.logs.refusing import refusing
-from slamsim.logs.ros_types import ENCODER_TICKS
-from slamsim.recording import RawStream, Recording, RecordingFormat, UnreadTopic
+from slamsim.recording import KINDS, RawJoints, RawScans, Recording, RecordingFormat, UnreadTopic
 from slamsim.safe.errors import InputRefused
 from slamsim.types import Epoch
 
 _BATCH, _BATCH_BYTES = 4096, 16 << 20
 _DESCRIPTION = "robot_description"
 _COLLECTORS: dict[str, Callable[[str, Opened, bool], Any]] = {
-    SCAN: ScanCollector,
-    IMU: ImuCollector,
-    ODOMETRY: OdometryCollector,
-    ENCODER_TICKS: TicksCollector,
-    "sensor_msgs/msg/JointState": JointCollector,
+    **{kind.schema.type_name: partial(NumberCollector, kind) for kind in KINDS},
+    RawScans.schema.type_name: ScanCollector,
+    RawJoints.schema.type_name: JointCollector,
     TRANSFORMS[0]: TransformCollector,
     TRANSFORMS[1]: TransformCollector,
     CLOCK: ClockCollector,
@@ -167,21 +161,13 @@ def _unread(bag: Bag, topics: Mapping[str, _Topic]) -> tuple[UnreadTopic, ...]:
 
 
 def _assembled(bag: Bag, read: list[_Topic], unread: tuple[UnreadTopic, ...]) -> Recording:
-    def streams(kind: type[Collector]) -> tuple[Any, ...]:
-        collectors: list[Any] = [t.collector for t in read if isinstance(t.collector, kind)]
-        return tuple(collector.stream() for collector in collectors)
-
     collectors = [topic.collector for topic in read]
     clocks = [c.instants_ns() for c in collectors if isinstance(c, ClockCollector)]
     texts = [c.text for c in collectors if isinstance(c, TextCollector)]
     recording = Recording(
-        name=bag.path.resolve().parent.name if bag.path.name == "log" else bag.path.stem,
+        name=bag.path.resolve().parent.name if bag.path.name == LOG else bag.path.stem,
         format=_format(bag.path),
-        scans=streams(ScanCollector),
-        imus=streams(ImuCollector),
-        odometries=streams(OdometryCollector),
-        ticks=streams(TicksCollector),
-        joints=streams(JointCollector),
+        streams=tuple(c.stream() for kind in KINDS for c in collectors if c.kind is kind),
         transforms=tuple(
             edge for c in collectors if isinstance(c, TransformCollector) for edge in c.edges()
         ),
@@ -194,7 +180,7 @@ def _assembled(bag: Bag, read: list[_Topic], unread: tuple[UnreadTopic, ...]) ->
 
 
 def _epoch(bag: Bag, recording: Recording) -> Epoch:
-    streams: tuple[RawStream, ...] = (*recording.scans, *recording.imus, *recording.odometries)
+    streams = (*recording.scans, *recording.imus, *recording.odometries)
     return epoch_in(bag, int(np.median(streams[0].stamps_ns)) if streams else 0)
 
 

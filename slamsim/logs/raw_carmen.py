@@ -52,8 +52,7 @@ def read_carmen_recording(path: Path, scan_topic: str | None = None) -> Recordin
     return Recording(
         name=path.name.split(".")[0],
         format="carmen",
-        scans=tuple(scans),
-        odometries=tuple(odometries),
+        streams=(*scans, *odometries),
         transforms=tuple(_edge(name, lines, content, odd) for name, lines in lasers.items()),
         epoch=epoch_of(int(np.median((*scans, *odometries)[0].stamps_ns))),
         unread=unread,

@@ -9,13 +9,12 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from slamsim.logs.bag_columns import Alike, Opened
+from slamsim.logs.bag_columns import Alike, Opened, layout_for
 from slamsim.logs.cdr import CdrLayout
-from slamsim.logs.frames import frame_name
-from slamsim.logs.messages import scan_layout
-from slamsim.logs.raw_ranges import RowStore
 from slamsim.logs.raw_streams import Collector
 from slamsim.recording import Origin, RawScans, ScanLayout
+from slamsim.recording.row_store import RowStore
+from slamsim.recording.schemas import LASER_LAYOUT, SCANS
 from slamsim.types import Float32Array, FloatArray, IntArray
 
 
@@ -23,7 +22,7 @@ from slamsim.types import Float32Array, FloatArray, IntArray
 class _Part:
     """Scans with equally many beams. declared: (k, 7) in the order of ``ScanLayout``."""
 
-    frame_id: str
+    example: Any
     places: IntArray
     stamps_ns: IntArray
     declared: FloatArray
@@ -32,26 +31,19 @@ class _Part:
 
     @classmethod
     def of(cls, group: Alike) -> Self:
-        frame_id = frame_name(group.example.header.frame_id)
-        if group.rows is None:
-            return cls(frame_id, group.places, group.stamps_ns(), *_fields(group.example))
-        names = group.rows.dtype.names or ()
-        none = np.zeros((group.rows.size, 0), dtype=np.float32)
-        with np.errstate(invalid="ignore"):  # of a signalling NaN, which becomes a quiet one
-            declared = group.rows["declared"].astype(np.float64)
         return cls(
-            frame_id,
+            group.example,
             group.places,
             group.stamps_ns(),
-            declared,
-            np.ascontiguousarray(group.rows["ranges"]) if "ranges" in names else none,
-            np.ascontiguousarray(group.rows["intensities"]) if "intensities" in names else none,
+            np.stack([group.values(field) for field in LASER_LAYOUT], axis=1),
+            group.values(SCANS.field("ranges_m")),
+            group.values(SCANS.field("intensities")),
         )
 
     def row(self, i: int) -> Self:
         one = slice(i, i + 1)
         return type(self)(
-            self.frame_id,
+            self.example,
             self.places[one],
             self.stamps_ns[one],
             self.declared[one],
@@ -62,6 +54,8 @@ class _Part:
 
 class ScanCollector(Collector):
     """sensor_msgs/LaserScan."""
+
+    kind = RawScans
 
     def __init__(self, topic: str, opened: Opened, is_cdr: bool) -> None:
         super().__init__(topic, opened, is_cdr)
@@ -74,12 +68,12 @@ class ScanCollector(Collector):
         self._intensities: RowStore | None = None
 
     def _layout_of(self, message: Any) -> CdrLayout:
-        return scan_layout(message.header.frame_id, len(message.ranges), len(message.intensities))
+        return layout_for(SCANS, message)
 
     def add(self, received_ns: IntArray, batch: list[bytes]) -> None:
         parts = sorted(map(_Part.of, self._groups(batch)), key=lambda part: int(part.places[0]))
         for part in parts:
-            self._frames.setdefault(part.frame_id)
+            self._note_frames(part.example, SCANS)
         if any(a.places[-1] > b.places[0] for a, b in pairwise(parts)):
             rows = (part.row(i) for part in parts for i in range(part.places.size))
             parts = sorted(rows, key=lambda part: int(part.places[0]))
@@ -109,7 +103,7 @@ class ScanCollector(Collector):
     def stream(self) -> RawScans:
         return RawScans(
             topic=self.topic,
-            frame_ids=tuple(self._frames),
+            **self._frames(SCANS),
             stamps_ns=np.concatenate(self._stamps),
             received_ns=np.concatenate(self._received),
             layouts=tuple(self._layouts),
@@ -118,20 +112,3 @@ class ScanCollector(Collector):
             intensities=None if self._intensities is None else self._intensities.rows(),
             origin=Origin.in_order(self.topic, np.concatenate(self._numbers)),
         )
-
-
-def _fields(message: Any) -> tuple[FloatArray, Float32Array, Float32Array]:
-    declared = (
-        message.angle_min,
-        message.angle_max,
-        message.angle_increment,
-        message.time_increment,
-        message.scan_time,
-        message.range_min,
-        message.range_max,
-    )
-    return (
-        np.array([declared], dtype=np.float64),
-        np.array([message.ranges], dtype=np.float32),
-        np.array([message.intensities], dtype=np.float32),
-    )

@@ -1,69 +1,84 @@
-"""Odometry, IMU, wheels, joints, clock and transforms of a recording, as they were written.
+"""The streams of a recording as they were written, except scans (raw_scans.py).
 
-A collector takes the messages of one topic batch by batch; those that ``opened`` gives None for
+A collector is given the messages of one topic batch by batch; those that ``opened`` gives None for
 are passed over.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
-from slamsim.logs.bag_columns import Alike, Opened, alike, stamp_ns_of, stamps_of
-from slamsim.logs.bag_streams import imu_row, odometry_row, ticks_row
+from slamsim.logs.bag_columns import Alike, Opened, alike, at_place, layout_for
 from slamsim.logs.cdr import CdrLayout
+from slamsim.logs.encoding import TRANSFORMS
 from slamsim.logs.frames import frame_name
-from slamsim.logs.messages import (
-    imu_layout,
-    joints_layout,
-    odometry_layout,
-    ticks_layout,
-    transforms_layout,
+from slamsim.logs.layouts import columns_of, message_layout, shape_of
+from slamsim.recording import (
+    Origin,
+    RawJoints,
+    RawStream,
+    TransformEdge,
 )
-from slamsim.recording import Origin, RawImu, RawJoints, RawOdometry, RawTicks, TransformEdge
-from slamsim.types import FloatArray, IntArray
+from slamsim.recording.schemas import CLOCK, JOINTS, TRANSFORM, Field, Schema
+from slamsim.types import IntArray
+
+_Raw = TypeVar("_Raw", bound=RawStream)
 
 
 @dataclass(slots=True, eq=False)
 class _Gathered:
     """Rows that come in groups, put back into the order of the file.
 
-    orders: (k, 2) of each group, as ``Origin`` has them.
+    orders: (k, 2) of each group, as ``Origin`` has them. values: of each field of the groups.
     """
 
     orders: list[IntArray] = field(default_factory=list)
     stamps: list[IntArray] = field(default_factory=list)
     received: list[IntArray] = field(default_factory=list)
-    rows: list[FloatArray] = field(default_factory=list)
+    values: dict[str, list[NDArray[Any]]] = field(default_factory=dict)
 
-    def add(self, order: IntArray, stamps: IntArray, received: IntArray, rows: FloatArray) -> None:
+    def add(
+        self,
+        order: IntArray,
+        stamps: IntArray,
+        received: IntArray,
+        values: dict[str, NDArray[Any]],
+    ) -> None:
         self.orders.append(order)
         self.stamps.append(stamps)
         self.received.append(received)
-        self.rows.append(rows)
+        for name, value in values.items():
+            self.values.setdefault(name, []).append(value)
 
-    def joined(self) -> tuple[IntArray, IntArray, IntArray, FloatArray]:
-        """(messages (n, 2) as in ``Origin``, stamps (n,), when received (n,), rows (n, k))."""
+    def joined(self) -> tuple[IntArray, IntArray, IntArray, dict[str, Any]]:
+        """(messages (n, 2) as in ``Origin``, stamps (n,), when received (n,), values)."""
         numbers = np.concatenate(self.orders)
         order = np.argsort(numbers[:, 0], kind="stable")
         return (
             numbers[order],
             np.concatenate(self.stamps)[order],
             np.concatenate(self.received)[order],
-            np.concatenate(self.rows)[order],
+            {name: np.concatenate(parts)[order] for name, parts in self.values.items()},
         )
 
 
 class Collector:
-    """What all collectors do. taken: how many messages were; without any there is no stream."""
+    """What all collectors do. taken: how many messages were; without any there is no stream.
+
+    kind: of the stream that it makes, if it makes one.
+    """
+
+    kind: type[RawStream] | None = None
 
     def __init__(self, topic: str, opened: Opened, is_cdr: bool) -> None:
         self.topic, self._opened, self._is_cdr = topic, opened, is_cdr
         self.taken = 0
-        self._frames: dict[str, None] = {}
+        self._names: dict[str, dict[str, None]] = {}
         self._seen = 0
 
     def add(self, received_ns: IntArray, batch: list[bytes]) -> None:
@@ -85,119 +100,106 @@ class Collector:
         """order: (k, 2) which messages of the topic these are, and 0, as ``Origin`` has them."""
         raise NotImplementedError
 
+    def _note_frames(self, message: Any, schema: Schema) -> None:
+        for name, place in schema.frames:
+            self._names.setdefault(name, {}).setdefault(frame_name(at_place(message, place)))
 
-class _Columns(Collector):
-    """Messages of a header and so many numbers."""
+    def _frames(self, schema: Schema) -> dict[str, Any]:
+        """The distinct frames that the messages name, by the field of the stream."""
+        return {name: tuple(self._names[name]) for name, _ in schema.frames}
 
-    def __init__(self, topic: str, opened: Opened, is_cdr: bool) -> None:
+
+class NumberCollector(Collector, Generic[_Raw]):
+    """Messages of a header and so many numbers, as their schema says."""
+
+    kind: type[_Raw]
+
+    def __init__(self, kind: type[_Raw], topic: str, opened: Opened, is_cdr: bool) -> None:
         super().__init__(topic, opened, is_cdr)
+        self.kind, self._schema = kind, kind.schema
         self._gathered = _Gathered()
+        self._there: set[str] = set()
 
-    @staticmethod
-    def _row_of(message: Any) -> tuple[float, ...]:
-        raise NotImplementedError
+    def _layout_of(self, message: Any) -> CdrLayout:
+        return layout_for(self._schema, message)
 
     def _take(self, group: Alike, order: IntArray, received_ns: IntArray) -> None:
-        self._frames.setdefault(frame_name(group.example.header.frame_id))
-        self._gathered.add(order, group.stamps_ns(), received_ns, group.numbers(self._row_of))
+        self._note_frames(group.example, self._schema)
+        values = {each.name: group.values(each) for each in self._schema.fields}
+        for each in self._schema.fields:
+            if each.covariance and group.have(each):
+                self._there.add(each.name)
+        self._gathered.add(order, group.stamps_ns(), received_ns, values)
 
-    def _joined(
-        self,
-    ) -> tuple[tuple[str, tuple[str, ...], IntArray, IntArray], FloatArray, Origin]:
-        """((topic, frames, stamps, when received), rows, which messages)."""
-        places, stamps_ns, received_ns, rows = self._gathered.joined()
-        common = self.topic, tuple(self._frames), stamps_ns, received_ns
-        return common, rows, Origin(self.topic, places)
+    def stream(self) -> _Raw:
+        """What all messages say alike, such as the size of wheels, is that of the first one."""
+        places, stamps_ns, received_ns, values = self._gathered.joined()
+        return self.kind(
+            topic=self.topic,
+            stamps_ns=stamps_ns,
+            received_ns=received_ns,
+            origin=Origin(self.topic, places),
+            **self._frames(self._schema),
+            **{each.name: self._read(each, values[each.name]) for each in self._schema.fields},
+        )
 
-
-class ImuCollector(_Columns):
-    """sensor_msgs/Imu."""
-
-    _row_of = staticmethod(imu_row)
-
-    def _layout_of(self, message: Any) -> CdrLayout:
-        return imu_layout(message.header.frame_id)
-
-    def stream(self) -> RawImu:
-        common, rows, origin = self._joined()
-        # A covariance that begins with -1 says that the message has no orientation.
-        oriented = bool((rows[:, 4] != -1.0).any())
-        read = rows[:, 13:16], rows[:, 16:19], rows[:, :4] if oriented else None
-        return RawImu(*common, *read, origin=origin)
-
-
-class OdometryCollector(_Columns):
-    """nav_msgs/Odometry."""
-
-    _row_of = staticmethod(odometry_row)
-
-    def __init__(self, topic: str, opened: Opened, is_cdr: bool) -> None:
-        super().__init__(topic, opened, is_cdr)
-        self._children: dict[str, None] = {}
-
-    def _layout_of(self, message: Any) -> CdrLayout:
-        return odometry_layout((message.header.frame_id, message.child_frame_id))
-
-    def _take(self, group: Alike, order: IntArray, received_ns: IntArray) -> None:
-        super()._take(group, order, received_ns)
-        self._children.setdefault(frame_name(group.example.child_frame_id))
-
-    def stream(self) -> RawOdometry:
-        common, rows, origin = self._joined()
-        parts = rows[:, :3], rows[:, 3:7], rows[:, 7:10], rows[:, 10:13]
-        return RawOdometry(*common, tuple(self._children), *parts, origin=origin)
-
-
-class TicksCollector(_Columns):
-    """slamsim_msgs/EncoderTicks; the driver's numbers are those of the first message."""
-
-    _row_of = staticmethod(ticks_row)
-
-    def _layout_of(self, message: Any) -> CdrLayout:
-        return ticks_layout(message.header.frame_id)
-
-    def stream(self) -> RawTicks:
-        common, rows, origin = self._joined()
-        per_revolution, radius_m, track_m = rows[0, 2:].tolist()
-        ticks = rows[:, :2].astype(np.int64)
-        driver = int(per_revolution), radius_m, track_m
-        return RawTicks(*common, ticks, *driver, origin=origin)
+    def _read(self, field: Field, values: NDArray[Any]) -> Any:
+        if field.is_constant:
+            return values[0].item()
+        return None if field.covariance and field.name not in self._there else values
 
 
 class JointCollector(Collector):
     """sensor_msgs/JointState, whose messages may each name other joints."""
+
+    kind = RawJoints
 
     def __init__(self, topic: str, opened: Opened, is_cdr: bool) -> None:
         super().__init__(topic, opened, is_cdr)
         self._by_names: dict[tuple[str, ...], _Gathered] = {}
 
     def _layout_of(self, message: Any) -> CdrLayout:
-        counts = len(message.position), len(message.velocity), len(message.effort)
-        return joints_layout(message.header.frame_id, message.name, *counts)
+        return layout_for(JOINTS, message)
 
     def _take(self, group: Alike, order: IntArray, received_ns: IntArray) -> None:
         message = group.example
-        self._frames.setdefault(frame_name(message.header.frame_id))
-        numbers = np.full((group.places.size, 2, len(message.name)), np.nan)
-        for i, name in enumerate(("position", "velocity")):
-            if len(getattr(message, name)) == len(message.name) > 0:
-                numbers[:, i] = getattr(message, name) if group.rows is None else group.rows[name]
+        self._note_frames(message, JOINTS)
+        values = {}
+        for each in JOINTS.fields:
+            found = group.values(each)
+            if found.shape[1] != len(message.name):  # the messages give none, as they may
+                found = np.full((group.places.size, len(message.name)), np.nan)
+            values[each.name] = found
         gathered = self._by_names.setdefault(tuple(message.name), _Gathered())
-        gathered.add(order, group.stamps_ns(), received_ns, numbers.reshape(len(order), -1))
+        gathered.add(order, group.stamps_ns(), received_ns, values)
 
     def stream(self) -> RawJoints:
-        names = list(dict.fromkeys(name for names in self._by_names for name in names))
+        names = tuple(dict.fromkeys(name for names in self._by_names for name in names))
         whole = _Gathered()
         for mine, gathered in self._by_names.items():
-            order, stamps_ns, received_ns, rows = gathered.joined()
-            numbers = np.full((stamps_ns.size, 2, len(names)), np.nan)
-            columns = [names.index(name) for name in mine]
-            numbers[:, :, columns] = rows.reshape(stamps_ns.size, 2, len(mine))
-            whole.add(order, stamps_ns, received_ns, numbers.reshape(stamps_ns.size, -1))
-        order, stamps_ns, received_ns, rows = whole.joined()
-        common = self.topic, tuple(self._frames), stamps_ns, received_ns
-        read = rows[:, : len(names)], rows[:, len(names) :]
-        return RawJoints(*common, tuple(names), *read, origin=Origin(self.topic, order))
+            order, stamps_ns, received_ns, values = gathered.joined()
+            whole.add(order, stamps_ns, received_ns, _spread(values, mine, names))
+        order, stamps_ns, received_ns, values = whole.joined()
+        return RawJoints(
+            topic=self.topic,
+            stamps_ns=stamps_ns,
+            received_ns=received_ns,
+            origin=Origin(self.topic, order),
+            names=names,
+            **self._frames(JOINTS),
+            **values,
+        )
+
+
+def _spread(
+    values: dict[str, NDArray[Any]], mine: Sequence[str], names: Sequence[str]
+) -> dict[str, Any]:
+    """(n, joints) of some joints as those of all, nan for the others."""
+    found = {}
+    for name, numbers in values.items():
+        found[name] = np.full((len(numbers), len(names)), np.nan)
+        found[name][:, [names.index(joint) for joint in mine]] = numbers
+    return found
 
 
 class TransformCollector(Collector):
@@ -208,31 +210,27 @@ class TransformCollector(Collector):
         self._edges: dict[tuple[str, str], _Gathered] = {}
 
     def _layout_of(self, message: Any) -> CdrLayout:
-        edges = [(edge.header.frame_id, edge.child_frame_id) for edge in message.transforms]
-        return transforms_layout(edges)
+        places = (f"transforms.{number}." for number in range(len(message.transforms)))
+        columns = frozenset().union(*(columns_of(TRANSFORM.paths, at) for at in places))
+        return message_layout(TRANSFORMS, columns, shape_of(TRANSFORMS, message))
 
     def _take(self, group: Alike, order: IntArray, received_ns: IntArray) -> None:
-        for i, edge in enumerate(group.example.transforms):
-            name = frame_name(edge.header.frame_id), frame_name(edge.child_frame_id)
-            if group.rows is None:
-                t, q = edge.transform.translation, edge.transform.rotation
-                stamps_ns = np.array([stamp_ns_of(edge.header)], dtype=np.int64)
-                rows = np.array([[t.x, t.y, t.z, q.x, q.y, q.z, q.w]])
-            else:
-                stamps_ns = stamps_of(group.rows, f"stamp{i}")
-                rows = np.column_stack([group.rows[f"translation{i}"], group.rows[f"rotation{i}"]])
-            places = order + np.array([0, i])
-            self._edges.setdefault(name, _Gathered()).add(places, stamps_ns, received_ns, rows)
+        for number, edge in enumerate(group.example.transforms):
+            parent, child = (frame_name(at_place(edge, place)) for _, place in TRANSFORM.frames)
+            at = f"transforms.{number}."
+            values = {each.name: group.values(each, at) for each in TRANSFORM.fields}
+            stamps_ns = group.stamps_ns(f"{at}{TRANSFORM.stamp}")
+            gathered = self._edges.setdefault((parent, child), _Gathered())
+            gathered.add(order + np.array([0, number]), stamps_ns, received_ns, values)
 
     def edges(self) -> list[TransformEdge]:
         """In the order of their first appearance in a batch."""
         is_static = self.topic.endswith("tf_static")
         found = []
         for (parent, child), gathered in self._edges.items():
-            places, stamps_ns, received_ns, rows = gathered.joined()
+            places, stamps_ns, received_ns, values = gathered.joined()
             which = self.topic, parent, child, is_static, stamps_ns, received_ns
-            edge = TransformEdge(*which, rows[:, :3], rows[:, 3:], Origin(self.topic, places))
-            found.append(edge)
+            found.append(TransformEdge(*which, origin=Origin(self.topic, places), **values))
         return found
 
 
@@ -244,14 +242,10 @@ class ClockCollector(Collector):
         self._gathered = _Gathered()
 
     def _layout_of(self, message: Any) -> CdrLayout:
-        return CdrLayout().stamp()
+        return layout_for(CLOCK, message)
 
     def _take(self, group: Alike, order: IntArray, received_ns: IntArray) -> None:
-        shown = group.example.clock
-        stamps_ns = np.array([int(shown.sec) * 1_000_000_000 + int(shown.nanosec)], dtype=np.int64)
-        if group.rows is not None:
-            stamps_ns = stamps_of(group.rows)
-        self._gathered.add(order, stamps_ns, received_ns, np.zeros((len(order), 0)))
+        self._gathered.add(order, group.stamps_ns(CLOCK.stamp), received_ns, {})
 
     def instants_ns(self) -> IntArray:
         """(n, 2) simulated time and when it was received."""

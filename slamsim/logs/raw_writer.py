@@ -10,7 +10,7 @@ import numpy as np
 
 from slamsim.logs.as_ros import as_ros
 from slamsim.logs.bag_folder import BagFolder, TopicKind
-from slamsim.logs.raw_messages import Outgoing, outgoing
+from slamsim.logs.encoding import Outgoing, outgoing
 from slamsim.recording import Recording
 from slamsim.safe.errors import SlamsimError
 from slamsim.types import IntArray
@@ -75,9 +75,7 @@ def _named(streams: list[Outgoing]) -> list[Outgoing]:
 
 def _require_stamps(recording: Recording) -> None:
     stamps: list[tuple[str, IntArray]] = [
-        (stream.topic, stream.stamps_ns)
-        for streams in (recording.scans, recording.imus, recording.odometries, recording.ticks)
-        for stream in streams
+        (stream.topic, stream.stamps_ns) for stream in recording.streams
     ]
     for topic, stamps_ns in stamps:
         if stamps_ns.size and np.abs(stamps_ns).max() > _LARGEST_SECOND * 1_000_000_000:

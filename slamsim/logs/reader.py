@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from slamsim.logs.carmen import read_carmen
+from slamsim.logs.names import LOG, TABLES
 from slamsim.logs.refusing import damaged, refusing
 from slamsim.safe.errors import InputRefused, NotFound
 from slamsim.safe.files import own_file
@@ -67,10 +68,10 @@ def recording_at(path: Path) -> Path:
     if not path.exists():
         raise NotFound(f"{path}: there is no such file or folder")
     if path.is_dir():
-        for name in (".", "log"):
+        for name in (".", LOG):
             if (path / name / "metadata.yaml").is_file():
                 return own_file(path, name)
-        for name in (".", "parquet"):
+        for name in (".", TABLES):
             if is_parquet_log(path / name):
                 return own_file(path, name)
         bags = [file for file in path.iterdir() if file.suffix == ".bag"]

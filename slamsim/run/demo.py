@@ -7,6 +7,7 @@ from pathlib import Path
 from slamsim.config.faults import FaultChoice
 from slamsim.config.run import RunConfig
 from slamsim.console import Reporter
+from slamsim.logs.names import LOG
 from slamsim.logs.raw import read_recording
 from slamsim.logs.reader import read_log
 from slamsim.logs.tum import read_tum
@@ -14,7 +15,6 @@ from slamsim.run import folder as run_folder
 from slamsim.run.checking import check_stage
 from slamsim.run.fixing import fix_log
 from slamsim.run.mapping import map_recording, map_world
-from slamsim.run.naming import LOG
 from slamsim.run.stages import Stages
 from slamsim.safe.output import partial_folder, write_atomic
 from slamsim.slam.mapping import build_grid

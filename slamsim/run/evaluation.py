@@ -12,13 +12,11 @@ from slamsim.logs.reader import read_truth
 from slamsim.logs.relations import Relations, read_relations
 from slamsim.logs.tum import read_tum
 from slamsim.run.folder import (
-    CONFIG,
     KEYFRAMES,
     ODOMETRY,
     PARTS,
     TRAJECTORY,
     TRUTH,
-    WORLD,
 )
 from slamsim.run.naming import log_of
 from slamsim.run.scoring import Estimated, Known, score
@@ -26,6 +24,7 @@ from slamsim.run.stages import Stages
 from slamsim.safe.errors import NotFound, SlamsimError
 from slamsim.safe.files import own_file
 from slamsim.sim.robot import build_robot
+from slamsim.simulation.own_files import CONFIG, WORLD
 from slamsim.types import PlanarTrajectory, Trajectory
 from slamsim.world.build import build_world
 from slamsim.world.map_server import read_map

@@ -4,35 +4,19 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from slamsim.config.base import Config
-from slamsim.config.dump import dump_commented_yaml
-from slamsim.config.run import RunConfig
 from slamsim.evaluate.budget import at_instants
 from slamsim.logs.g2o import write_g2o
 from slamsim.logs.keyframes import write_keyframes
 from slamsim.logs.tum import write_tum
 from slamsim.result import SlamResult
-from slamsim.run.own_files import with_own_files
 from slamsim.safe.output import write_atomic
 from slamsim.slam.map_files import map_files
 from slamsim.types import Grid, Trajectory
-from slamsim.world.model import World
 
-WORLD, CONFIG = "world.yaml", "config.yaml"
 TRAJECTORY, ODOMETRY, TRUTH = "trajectory.tum", "odometry.tum", "ground_truth.tum"
 PARTS, KEYFRAMES, STATES = "parts", "keyframes.csv", "states.csv"
 SAVED_MAP = "session.npz"
 RECORDING, REPORT, REPORT_JSON = "run.rrd", "report.html", "report.json"
-
-
-def write_config(folder: Path, config: RunConfig) -> None:
-    """``config.yaml``: every setting, so that the run can be had again; ``files/`` for it."""
-    _write_yaml(folder / CONFIG, config)
-
-
-def write_world(folder: Path, config: RunConfig, world: World) -> None:
-    """``world.yaml``: this very world, whatever the seed of the next run; ``files/`` for it."""
-    _write_yaml(folder / WORLD, config.world.model_copy(update={"seed": world.seed}))
 
 
 def write_truth(folder: Path, truth: Trajectory) -> None:
@@ -60,8 +44,3 @@ def write_map(folder: Path, grid: Grid) -> None:
     """``map.pgm`` and ``map.yaml`` as ROS map_server reads them, and ``map.png``."""
     for name, data in map_files(grid).items():
         write_atomic(folder / name, data)
-
-
-def _write_yaml(path: Path, config: Config) -> None:
-    own = with_own_files(path.parent, config)
-    write_atomic(path, dump_commented_yaml(own).encode())

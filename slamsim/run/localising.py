@@ -23,6 +23,7 @@ from slamsim.safe.errors import NotFound
 from slamsim.safe.files import own_file
 from slamsim.safe.numbers import as_json
 from slamsim.safe.output import partial_folder, write_atomic
+from slamsim.simulation.own_files import write_config
 from slamsim.slam.known_map import map_of_grid
 from slamsim.slam.localise import STATES, Localised, localise_log
 from slamsim.slam.saved_map import SavedMap, read_saved_map
@@ -52,7 +53,7 @@ def localise_recording(
     log, truth = read_log(path, scan_topic), read_truth(path)
     stages, saved = Stages(reporter), read_known_map(known)
     with partial_folder(folder, overwrite) as partial:
-        run_folder.write_config(partial, config)
+        write_config(partial, config)
         with stages.stage("localise", "scans/s") as progress:
             timed = _Timed(progress, len(log.scans))
             localised = localise_log(log, config.slam, saved, start, timed)

@@ -14,6 +14,7 @@ from slamsim.config.dump import dump_commented_yaml
 from slamsim.config.loading import load_simulated_config, load_world_config
 from slamsim.config.run import RunConfig
 from slamsim.console import Reporter
+from slamsim.logs.names import LOG
 from slamsim.logs.raw import read_recording
 from slamsim.logs.reader import read_log, read_truth
 from slamsim.logs.relations import Relations, read_relations
@@ -21,7 +22,7 @@ from slamsim.result import SlamResult
 from slamsim.run import folder as run_folder
 from slamsim.run.checking import check_stage
 from slamsim.run.continuing import Earlier, clouds_before
-from slamsim.run.naming import LOG, log_of, recording_name
+from slamsim.run.naming import log_of, recording_name
 from slamsim.run.recording import record, require_finished
 from slamsim.run.scoring import Estimated, Known, score
 from slamsim.run.stages import Report, Stages, peak_memory_mb
@@ -29,6 +30,7 @@ from slamsim.safe.errors import SlamsimError
 from slamsim.safe.files import own_file
 from slamsim.safe.numbers import as_json
 from slamsim.safe.output import partial_folder, write_atomic
+from slamsim.simulation.own_files import CONFIG, WORLD, write_config, write_world
 from slamsim.slam.failures import Failures
 from slamsim.slam.mapping import build_grid
 from slamsim.slam.saved_map import SavedMap, write_saved_map
@@ -93,8 +95,8 @@ def map_recording(
         if origin is not None:
             world, simulated = origin
             config = simulated.model_copy(update={"slam": config.slam, "mapping": config.mapping})
-            run_folder.write_world(partial, config, world)
-        run_folder.write_config(partial, config)
+            write_world(partial, config, world)
+        write_config(partial, config)
         if known.truth is not None:
             run_folder.write_truth(partial, known.truth)
         return _map(log, config, partial, stages, known, checked, earlier)
@@ -218,7 +220,7 @@ def _known(
 
 def _origin_beside(log_path: Path) -> tuple[World, RunConfig] | None:
     """Where and how a simulated log was made, if its folder still tells."""
-    world, config = log_path.parent / run_folder.WORLD, log_path.parent / run_folder.CONFIG
+    world, config = log_path.parent / WORLD, log_path.parent / CONFIG
     if log_path.name != LOG or not (world.is_file() and config.is_file()):
         return None
     world, config = own_file(world.parent, world.name), own_file(config.parent, config.name)

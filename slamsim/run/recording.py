@@ -6,15 +6,16 @@ from pathlib import Path
 
 from slamsim.config.run import RunConfig
 from slamsim.console import Reporter
-from slamsim.driven import simulate_spoilt
+from slamsim.logs.names import LOG
 from slamsim.logs.reader import read_truth
 from slamsim.run import folder as run_folder
-from slamsim.run.naming import LOG
 from slamsim.run.stages import Report, Stages, peak_memory_mb
 from slamsim.safe.errors import SlamsimError
 from slamsim.safe.output import partial_folder
 from slamsim.sensors.faults.registry import chosen_fault, resolved_choice
 from slamsim.simulate import Simulation, simulate
+from slamsim.simulation.driven import simulate_spoilt
+from slamsim.simulation.own_files import write_config, write_world
 
 
 def simulate_world(
@@ -43,14 +44,14 @@ def record(config: RunConfig, partial: Path, stages: Stages) -> Simulation:
     """Simulate into an unfinished run's folder, with all that is known of where it came from."""
     faults = [chosen_fault(choice) for choice in config.faults]
     choices = tuple(map(resolved_choice, config.faults))
-    run_folder.write_config(partial, config.model_copy(update={"faults": choices}))
+    write_config(partial, config.model_copy(update={"faults": choices}))
     log = partial / LOG
     with stages.stage("simulate", "x real time") as progress:
         if faults:
             simulation = simulate_spoilt(config, faults, log, progress)
         else:
             simulation = simulate(config, log, progress)
-    run_folder.write_world(partial, config, simulation.world)
+    write_world(partial, config, simulation.world)
     truth = read_truth(partial / LOG)
     if truth is not None:
         run_folder.write_truth(partial, truth)

@@ -14,10 +14,10 @@ from pathlib import Path
 from slamsim.config.base import Config
 from slamsim.config.dump import dump_commented_yaml
 from slamsim.dataset.versions import versions
-from slamsim.run.folder import CONFIG, REPORT, REPORT_JSON
-from slamsim.run.own_files import with_own_files
+from slamsim.run.folder import REPORT, REPORT_JSON
 from slamsim.safe.output import write_atomic
 from slamsim.scenarios.base import Row, ScenarioResult, Series
+from slamsim.simulation.own_files import CONFIG, with_own_files
 from slamsim.types import FloatArray
 from slamsim.view.scenario_figures import pictures
 from slamsim.view.scenario_page import scenario_page

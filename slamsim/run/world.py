@@ -8,6 +8,7 @@ from slamsim.config.run import RunConfig
 from slamsim.run import folder as run_folder
 from slamsim.safe.output import partial_folder, write_atomic
 from slamsim.sim.robot import build_robot
+from slamsim.simulation.own_files import write_world
 from slamsim.world.build import build_world
 from slamsim.world.export import stl_bytes, world_facts
 from slamsim.world.preview import preview_png
@@ -18,7 +19,7 @@ def export_world(config: RunConfig, folder: Path, *, overwrite: bool = False) ->
     world = build_world(config.world, config.seed)
     height_m = float(build_robot(config.robot).T_base_laser[2, 3])
     with partial_folder(folder, overwrite) as partial:
-        run_folder.write_world(partial, config, world)
+        write_world(partial, config, world)
         write_atomic(partial / "preview.png", preview_png(world))
         write_atomic(partial / "world.stl", stl_bytes(world.mesh))
         run_folder.write_map(partial, world.grid(config.mapping.resolution_m, height_m))

@@ -111,6 +111,10 @@ class Locked(SlamsimError):
     exit_code = 11
 
 
+class StoreFailed(SlamsimError):
+    """The place of a data set cannot be read or written: no fault of any sequence."""
+
+
 class DiskFull(SlamsimError):
     """The disk filled up; what stood under its final name before is untouched."""
 

@@ -17,7 +17,6 @@ from slamsim.check.disagreement import covered
 from slamsim.check.findings import CheckReport, Finding
 from slamsim.config.run import RunConfig
 from slamsim.config.scenarios.slam_case import SlamCaseConfig
-from slamsim.driven import Driven
 from slamsim.evaluate.score import evaluate
 from slamsim.geometry import compose, inverse, xyzw_from_yaw
 from slamsim.logs.raw_writer import write_recording
@@ -28,6 +27,7 @@ from slamsim.safe.errors import SlamsimError
 from slamsim.scenarios.base import Motion, Outcome, Row, Solid
 from slamsim.scenarios.slam_variants import BUG, RIGHT, VARIANTS
 from slamsim.sensors.faults.edit import is_odometry
+from slamsim.simulation.driven import Driven
 from slamsim.slam.mapping import build_grid
 from slamsim.slam.session import run_slam
 from slamsim.types import FloatArray, Grid, IntArray, Trajectory

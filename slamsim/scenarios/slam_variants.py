@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from slamsim.config.scenarios.slam_case import SlamCaseConfig
-from slamsim.driven import Driven
-from slamsim.recording import Recording
+from slamsim.recording import RawOdometry, Recording
 from slamsim.sensors.faults.edit import is_odometry
 from slamsim.sensors.faults.registry import load_fault
+from slamsim.simulation.driven import Driven
 from slamsim.types import IntArray
 
 RIGHT, BUG, CLOCKS, BYPASS, NO_ODOM, SIMULATOR = (
@@ -65,8 +65,7 @@ def _from_simulator(driven: Driven, config: SlamCaseConfig) -> Recording:
         return {"positions_m": way.positions_m, "quats_xyzw": way.quats_xyzw}
 
     return replace(
-        recording,
-        odometries=tuple(replace(o, **true_poses(o.stamps_ns)) for o in recording.odometries),
+        recording.changed(RawOdometry, lambda o: replace(o, **true_poses(o.stamps_ns))),
         transforms=tuple(
             replace(edge, **true_poses(edge.stamps_ns)) if is_odometry(edge) else edge
             for edge in recording.transforms

@@ -133,3 +133,52 @@ def fitted(squares: Sequence[Square]) -> Calibration:
     covariance = variance * np.linalg.pinv(slope.T @ slope)
     sigmas = ratios * np.sqrt(np.diag(covariance))
     return Calibration(float(ratios[0]), float(ratios[1]), (float(sigmas[0]), float(sigmas[1])))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Tried:
+    """The squares of one robot and size. sets: each with both directions, in their order.
+
+    corner_deg, odometry_corner_deg: mean turn of all corners, true and by odometry.
+    """
+
+    robot: str
+    side_m: float
+    sets: tuple[tuple[Square, ...], ...]
+    found: tuple[Clusters, ...]
+    corner_deg: float
+    odometry_corner_deg: float
+
+    @property
+    def largest_m(self) -> float:
+        """E_max, mean of the sets."""
+        return float(np.mean([found.largest_m() for found in self.found]))
+
+    @property
+    def spread_m(self) -> float:
+        """Mean of the sets."""
+        return float(np.mean([found.spread_m() for found in self.found]))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Calibrated:
+    """A robot calibrated on its first set and judged on all others.
+
+    formulas: by those of 1996, None where they do not hold. true: where it is known. chance_m: how
+    far a centre of gravity is from its place by the scatter of so few runs, of the set that was
+    calibrated on and of the others together.
+    """
+
+    robot: str
+    true: Calibration | None
+    formulas: Calibration | None
+    fitted: Calibration
+    before: Clusters
+    after_formulas: Clusters | None
+    after: Clusters
+    chance_m: float
+
+    @property
+    def improvement(self) -> float:
+        """By how much the fit makes E_max of the fresh squares smaller."""
+        return self.before.largest_m() / max(self.after.largest_m(), 1e-9)

@@ -3,15 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 from slamsim.scenarios.base import Row, Sheet, Who
 from slamsim.scenarios.rows import number
 from slamsim.scenarios.study_drives import SQUARE_SIDE_M, SQUARES, UNITY_CORNERS_DEG
-from slamsim.scenarios.umbmark_method import Calibration, Clusters
-
-if TYPE_CHECKING:
-    from slamsim.scenarios.umbmark_findings import Calibrated, Tried
+from slamsim.scenarios.umbmark_method import Calibrated, Calibration, Clusters, Tried
 
 _NAMES: dict[Who, str] = {"reality": "real robot", "unity": "Unity", "gazebo": "Gazebo"}
 

@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, cast
+from typing import cast
 
 from slamsim.config.robot import RobotConfig, VariationConfig
 from slamsim.scenarios.base import Row, Verdict
 from slamsim.scenarios.rows import number
 from slamsim.scenarios.study_drives import SQUARE_SIDE_M, SQUARES, UNITY_CORNERS_DEG
 from slamsim.scenarios.tested import IDENTIFIED
-from slamsim.scenarios.umbmark_method import Calibration
-
-if TYPE_CHECKING:
-    from slamsim.scenarios.umbmark_findings import Calibrated, Tried
+from slamsim.scenarios.umbmark_method import Calibrated, Calibration, Tried
 
 CLOSE_M, LEAST_SPREAD_M, MOST_SPREAD_M = 0.25, 1.0, 2.0
 CORNER_WITHIN_DEG = 5.0

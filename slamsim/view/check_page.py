@@ -12,8 +12,9 @@ import numpy as np
 from matplotlib import rc_context
 from matplotlib.figure import Figure
 
-from slamsim.check.findings import FAULT_NAMES, CheckReport, Curve, Finding, Plot
+from slamsim.check.findings import CheckReport, Curve, Finding, Plot
 from slamsim.check.wording import headline, shown
+from slamsim.recording.fault_names import FAULT_NAMES
 from slamsim.safe.output import write_atomic
 from slamsim.types import FloatArray
 from slamsim.view.figures import STYLE, Picture, svg

@@ -23,11 +23,11 @@ from slamsim.bench.check.trials import (
 )
 from slamsim.bench.check.truth import truths
 from slamsim.console import Reporter
-from slamsim.driven import Driven
 from slamsim.safe.errors import InputRefused, SlamsimError
 from slamsim.safe.files import open_input
 from slamsim.safe.output import write_atomic
 from slamsim.sensors.faults.base import Fault
+from slamsim.simulation.driven import Driven
 
 KEPT_EVERY = 10
 """After so many trials what is done is written to disk."""

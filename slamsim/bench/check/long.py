@@ -8,7 +8,7 @@ from typing import cast
 from slamsim.bench.check.outcome import Json
 from slamsim.check.check import check_recording
 from slamsim.config.loading import load_run_config
-from slamsim.driven import Driven
+from slamsim.simulation.driven import Driven
 
 WORLD, LIDAR = "labyrinth_large", "utm_30lx"
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
+from slamsim.logs.names import LOG, TABLES
 from slamsim.logs.reader import is_carmen
 from slamsim.safe.errors import InputRefused, NotFound
 from slamsim.safe.files import open_as_found, own_file
@@ -27,7 +28,7 @@ _FIRST_BYTES: dict[bytes, Kind] = {
     b"#ROSBA": "ROS 1",
 }
 _IN_FOLDERS: tuple[Kind, ...] = ("ROS 2", "Parquet")
-_PLACES = ("", "log", "parquet")
+_PLACES = ("", LOG, TABLES)
 
 
 @dataclass(frozen=True, slots=True)

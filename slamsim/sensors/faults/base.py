@@ -9,10 +9,10 @@ from typing import Annotated, ClassVar, Self
 import numpy as np
 from pydantic import Field, ValidationError, field_validator
 
-from slamsim.check.findings import FAULT_NAMES
 from slamsim.config.base import Config
 from slamsim.config.sensors import SensorsConfig
 from slamsim.recording import Recording
+from slamsim.recording.fault_names import FAULT_NAMES
 from slamsim.safe.errors import SlamsimError
 from slamsim.sensors.motion import Knots
 

@@ -8,7 +8,17 @@ from typing import Literal, Protocol
 
 import numpy as np
 
-from slamsim.recording import Messages, RawImu, RawScans, Recording, ScanLayout, TransformEdge
+from slamsim.recording import (
+    Messages,
+    RawImu,
+    RawJoints,
+    RawOdometry,
+    RawScans,
+    RawTicks,
+    Recording,
+    ScanLayout,
+    TransformEdge,
+)
 from slamsim.sensors.faults.base import CannotInject
 from slamsim.types import Float32Array, IntArray
 
@@ -28,7 +38,7 @@ def with_scans(recording: Recording, change: Callable[[RawScans], RawScans]) -> 
     """Every lidar changed. Raises CannotInject without any."""
     if not recording.scans:
         raise CannotInject(f"{recording.name} has no scans")
-    return replace(recording, scans=tuple(map(change, recording.scans)))
+    return recording.changed(RawScans, change)
 
 
 def with_ranges(
@@ -55,7 +65,7 @@ def with_imus(recording: Recording, change: Callable[[RawImu], RawImu]) -> Recor
     """Every inertial unit changed. Raises CannotInject without any."""
     if not recording.imus:
         raise CannotInject(f"{recording.name} has no inertial unit")
-    return replace(recording, imus=tuple(map(change, recording.imus)))
+    return recording.changed(RawImu, change)
 
 
 def range_matrix(scans: RawScans) -> Float32Array:
@@ -76,10 +86,7 @@ def with_streams(recording: Recording, name: StreamName, change: Change) -> Reco
         return with_imus(recording, change)
     require_wheels(recording)
     return replace(
-        recording,
-        odometries=tuple(map(change, recording.odometries)),
-        ticks=tuple(map(change, recording.ticks)),
-        joints=tuple(map(change, recording.joints)),
+        recording.changed(RawOdometry, change).changed(RawTicks, change).changed(RawJoints, change),
         transforms=tuple(
             change(edge) if is_odometry(edge) else edge for edge in recording.transforms
         ),

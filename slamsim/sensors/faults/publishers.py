@@ -8,7 +8,8 @@ from typing import Annotated, ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
-from slamsim.recording import RawOdometry, RawScans, Recording, TransformEdge, kept
+from slamsim.recording import RawOdometry, RawScans, Recording, TransformEdge
+from slamsim.recording.edits import kept
 from slamsim.sensors.faults.base import CannotInject, Fault
 from slamsim.sensors.faults.edit import range_matrix, require_wheels, with_scans
 from slamsim.sensors.faults.transforms import span_ns
@@ -44,7 +45,7 @@ class TwoLidarsOneFrame(Fault):
             raise CannotInject(f"{recording.name} has no scans")
         first = recording.scans[0]
         second = replace(_turned(first, self.yaw_deg), topic=f"{first.topic}_2")
-        return replace(recording, scans=(*recording.scans, second))
+        return recording.with_streams(RawScans, (*recording.scans, second))
 
 
 class TwoOdometriesOneTopic(Fault):
@@ -62,7 +63,7 @@ class TwoOdometriesOneTopic(Fault):
             positions[1::2, 1] += self.apart_m
             return replace(odometry, positions_m=positions)
 
-        return replace(recording, odometries=tuple(map(joined, recording.odometries)))
+        return recording.changed(RawOdometry, joined)
 
 
 class SecondOdometry(Fault):
@@ -78,7 +79,7 @@ class SecondOdometry(Fault):
         first = recording.odometries[0]
         second = scaled_odometry(first, 1.0, 1.0 + self.turn_error)
         second = replace(second, topic=f"{first.topic}_2")
-        return replace(recording, odometries=(*recording.odometries, second))
+        return recording.with_streams(RawOdometry, (*recording.odometries, second))
 
 
 class MapRecorded(Fault):

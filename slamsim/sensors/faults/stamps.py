@@ -9,7 +9,8 @@ from typing import ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
-from slamsim.recording import Messages, Recording, kept
+from slamsim.recording import Messages, Recording
+from slamsim.recording.edits import kept
 from slamsim.sensors.faults.base import CannotInject, Fault
 from slamsim.sensors.faults.edit import StreamName, with_stamps, with_streams
 from slamsim.types import IntArray

@@ -9,7 +9,8 @@ from typing import ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
-from slamsim.recording import RawStream, Recording, TransformEdge, kept
+from slamsim.recording import RawStream, Recording, TransformEdge
+from slamsim.recording.edits import kept
 from slamsim.sensors.faults.base import CannotInject, Fault
 from slamsim.sensors.faults.edit import is_odometry, with_imus, with_scans
 from slamsim.sensors.faults.wheel_motion import scaled_edge

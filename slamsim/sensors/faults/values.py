@@ -46,7 +46,7 @@ class OdometryNotFinite(Fault):
                 linear_m_s=np.where(broken[:, None], np.nan, odometry.linear_m_s),
             )
 
-        return replace(recording, odometries=tuple(map(spoilt, recording.odometries)))
+        return recording.changed(RawOdometry, spoilt)
 
 
 class OdometryQuaternion(Fault):
@@ -59,12 +59,8 @@ class OdometryQuaternion(Fault):
 
     def inject(self, recording: Recording, rng: np.random.Generator) -> Recording:
         _require_odometry(recording)
-        return replace(
-            recording,
-            odometries=tuple(
-                replace(one, quats_xyzw=one.quats_xyzw * self.length)
-                for one in recording.odometries
-            ),
+        return recording.changed(
+            RawOdometry, lambda one: replace(one, quats_xyzw=one.quats_xyzw * self.length)
         )
 
 

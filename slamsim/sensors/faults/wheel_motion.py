@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from slamsim.geometry import between, compose, xyzw_from_yaw, yaw_from_xyzw
-from slamsim.recording import RawOdometry, RawTicks, Recording, TransformEdge
+from slamsim.recording import RawJoints, RawOdometry, RawTicks, Recording, TransformEdge
 from slamsim.sensors.faults.base import CannotInject
 from slamsim.sensors.faults.edit import is_odometry, require_wheels
 from slamsim.types import EncoderStream, FloatArray, IntArray, PlanarTrajectory
@@ -25,8 +25,7 @@ def with_odometry(recording: Recording, forward: Gain, turn: Gain) -> Recording:
     """
     require_wheels(recording)
     return replace(
-        recording,
-        odometries=tuple(scaled_odometry(one, forward, turn) for one in recording.odometries),
+        recording.changed(RawOdometry, lambda one: scaled_odometry(one, forward, turn)),
         transforms=tuple(
             scaled_edge(edge, forward, turn) if is_odometry(edge) else edge
             for edge in recording.transforms
@@ -73,22 +72,22 @@ def with_wheel_steps(recording: Recording, gain: Callable[[IntArray], FloatArray
     """
     require_wheels(recording)
     return replace(
-        recording,
-        ticks=tuple(
-            replace(one, ticks=_stepped(one.ticks, gain(one.stamps_ns)).astype(np.int64))
-            for one in recording.ticks
-        ),
-        joints=tuple(
-            replace(
+        recording.changed(
+            RawTicks,
+            lambda one: replace(
+                one, ticks=_stepped(one.ticks, gain(one.stamps_ns)).astype(np.int64)
+            ),
+        )
+        .changed(
+            RawJoints,
+            lambda one: replace(
                 one,
                 positions_rad=_stepped(one.positions_rad, gain(one.stamps_ns)),
                 velocities_rad_s=one.velocities_rad_s * _per_message(gain(one.stamps_ns), len(one)),
-            )
-            for one in recording.joints
-        ),
-        odometries=tuple(
-            scaled_odometry(one, gain(one.stamps_ns), gain(one.stamps_ns))
-            for one in recording.odometries
+            ),
+        )
+        .changed(
+            RawOdometry, lambda one: scaled_odometry(one, gain(one.stamps_ns), gain(one.stamps_ns))
         ),
         transforms=tuple(
             scaled_edge(edge, gain(edge.stamps_ns), gain(edge.stamps_ns))
@@ -112,17 +111,16 @@ def rewired(recording: Recording, change: Callable[[FloatArray], FloatArray]) ->
     )
     path = _driven(ticks[0])
     return replace(
-        recording,
-        ticks=ticks,
-        joints=tuple(
-            replace(
+        recording.with_streams(RawTicks, ticks)
+        .changed(
+            RawJoints,
+            lambda one: replace(
                 one,
                 positions_rad=change(one.positions_rad),
                 velocities_rad_s=change(one.velocities_rad_s),
-            )
-            for one in recording.joints
-        ),
-        odometries=tuple(_following(one, path) for one in recording.odometries),
+            ),
+        )
+        .changed(RawOdometry, lambda one: _following(one, path)),
         transforms=tuple(
             _edge_following(edge, path) if is_odometry(edge) else edge
             for edge in recording.transforms

@@ -8,7 +8,7 @@ from typing import ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
-from slamsim.recording import RawTicks, Recording
+from slamsim.recording import RawOdometry, RawTicks, Recording
 from slamsim.sensors.faults.base import Fault
 from slamsim.sensors.faults.edit import is_odometry, require_wheels
 from slamsim.sensors.faults.wheel_motion import (
@@ -31,8 +31,9 @@ class WheelRadius(Fault):
     def inject(self, recording: Recording, rng: np.random.Generator) -> Recording:
         gain = 1.0 + self.relative_error
         spoilt = with_odometry(recording, gain, gain)
-        ticks = (replace(t, wheel_radius_m=t.wheel_radius_m * gain) for t in spoilt.ticks)
-        return replace(spoilt, ticks=tuple(ticks))
+        return spoilt.changed(
+            RawTicks, lambda t: replace(t, wheel_radius_m=t.wheel_radius_m * gain)
+        )
 
 
 class WheelUnit(Fault):
@@ -51,11 +52,12 @@ class WheelUnit(Fault):
         if self.of == "odometry":
             return spoilt
         track = 1.0 if alone else self.factor
-        ticks = (
-            replace(t, wheel_radius_m=t.wheel_radius_m * self.factor, track_m=t.track_m * track)
-            for t in spoilt.ticks
-        )
-        return replace(spoilt, ticks=tuple(ticks))
+
+        def believed(t: RawTicks) -> RawTicks:
+            radius_m = t.wheel_radius_m * self.factor
+            return replace(t, wheel_radius_m=radius_m, track_m=t.track_m * track)
+
+        return spoilt.changed(RawTicks, believed)
 
 
 class WheelTrack(Fault):
@@ -69,8 +71,7 @@ class WheelTrack(Fault):
     def inject(self, recording: Recording, rng: np.random.Generator) -> Recording:
         gain = 1.0 + self.relative_error
         spoilt = with_odometry(recording, 1.0, 1.0 / gain)
-        ticks = (replace(t, track_m=t.track_m * gain) for t in spoilt.ticks)
-        return replace(spoilt, ticks=tuple(ticks))
+        return spoilt.changed(RawTicks, lambda t: replace(t, track_m=t.track_m * gain))
 
 
 class WheelReversed(Fault):
@@ -117,8 +118,9 @@ class TicksWrap(Fault):
     def inject(self, recording: Recording, rng: np.random.Generator) -> Recording:
         require_ticks(recording)
         whole, half = 1 << self.bits, 1 << (self.bits - 1)
-        ticks = (replace(t, ticks=(t.ticks + half) % whole - half) for t in recording.ticks)
-        return replace(recording, ticks=tuple(ticks))
+        return recording.changed(
+            RawTicks, lambda t: replace(t, ticks=(t.ticks + half) % whole - half)
+        )
 
 
 class WheelSlip(Fault):
@@ -173,9 +175,8 @@ class OdometryJump(Fault):
             return positions
 
         return replace(
-            recording,
-            odometries=tuple(
-                replace(one, positions_m=jumped(one.positions_m)) for one in recording.odometries
+            recording.changed(
+                RawOdometry, lambda one: replace(one, positions_m=jumped(one.positions_m))
             ),
             transforms=tuple(
                 replace(edge, positions_m=jumped(edge.positions_m)) if is_odometry(edge) else edge
@@ -214,7 +215,7 @@ class TicksFrozen(Fault):
 
     def inject(self, recording: Recording, rng: np.random.Generator) -> Recording:
         require_ticks(recording)
-        return replace(recording, ticks=tuple(map(self._frozen, recording.ticks)))
+        return recording.changed(RawTicks, self._frozen)
 
     def _frozen(self, ticks: RawTicks) -> RawTicks:
         standing = _spells(ticks.stamps_ns[1:], self.times, self.frozen_s)

@@ -8,8 +8,6 @@ from tempfile import TemporaryDirectory
 
 from slamsim.config.run import RunConfig
 from slamsim.io.rewrite import rewrite_recording
-from slamsim.logs.raw_memory import recording_from_readings, true_trajectory
-from slamsim.logs.writer import LogHeader, LogWriter
 from slamsim.progress import Progress, silent
 from slamsim.recording import Recording
 from slamsim.sensors.faults.apply import declared, faulty_sensors
@@ -19,7 +17,10 @@ from slamsim.sensors.rig import SensorRig
 from slamsim.sim.drive_process import DriveProcess
 from slamsim.sim.robot import build_robot
 from slamsim.sim.route import plan_route
-from slamsim.simulate import Simulation, log_header
+from slamsim.simulate import Simulation
+from slamsim.simulation.header import LogHeader, log_header
+from slamsim.simulation.log_writer import LogWriter
+from slamsim.simulation.recorder import DriveRecorder, true_trajectory
 from slamsim.types import Drive, Trajectory
 from slamsim.world.build import build_world
 
@@ -103,4 +104,4 @@ class Driven:
 
     def _recorded(self, readings: Sequence[Readings]) -> Recording:
         name = self._config.world.name
-        return recording_from_readings(name, readings, self._windows, self._header)
+        return DriveRecorder(name, self._header).take(readings, self._windows).recording

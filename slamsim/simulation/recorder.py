@@ -1,63 +1,129 @@
-"""A recording that is never written: what ``read_recording`` would give of the file."""
+"""What the sensors measured, and the drive meanwhile, as the streams of a recording."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import fields, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
 from slamsim.geometry import xyzw_from_matrix
-from slamsim.logs.recorded import OdometryTail, TruthTail, WheelMotion, at_rate
-from slamsim.logs.writer import CLOCK_RATE_HZ, LogHeader
 from slamsim.recording import (
     Origin,
     RawImu,
     RawJoints,
     RawOdometry,
     RawScans,
+    RawStream,
     RawTicks,
+    RawTwists,
     Recording,
     ScanLayout,
     TransformEdge,
 )
-from slamsim.sensors.readings import Readings, ScanBatch
+from slamsim.sensors.readings import Readings
+from slamsim.simulation.header import LogHeader
+from slamsim.simulation.tails import OdometryTail, TruthTail, WheelMotion, at_rate
 from slamsim.types import Drive, EncoderStream, IntArray, Trajectory
 
+_TRUTH, _COMMANDS = "/ground_truth/odom", "/cmd_vel"
+TOPICS = {
+    "/robot_description": "std_msgs/msg/String",
+    "/tf_static": "tf2_msgs/msg/TFMessage",
+    "/clock": "rosgraph_msgs/msg/Clock",
+    "/scan": RawScans.schema.type_name,
+    "/imu/data": RawImu.schema.type_name,
+    "/encoder_ticks": RawTicks.schema.type_name,
+    "/joint_states": RawJoints.schema.type_name,
+    "/odom": RawOdometry.schema.type_name,
+    "/tf": "tf2_msgs/msg/TFMessage",
+    _COMMANDS: RawTwists.schema.type_name,
+    _TRUTH: RawOdometry.schema.type_name,
+}
+"""The topics of a simulated recording and the types of their messages."""
 
-def recording_from_readings(
-    name: str,
-    readings: Sequence[Readings],
-    windows: Sequence[Drive],
-    header: LogHeader,
-    odometry: OdometryTail | None = None,
-) -> Recording:
-    """The same topics, frames and numbers as a ``LogWriter`` writes of these windows.
+_CLOCK_RATE_HZ, _COMMAND_RATE_HZ = 50.0, 20.0
 
-    readings: of each window, in order; a stream without a single sample is left out. Numbers
-    that a message holds in single precision are kept in it. The truth is not part of it.
-    odometry: what the windows before left, if these are not the first; it is carried on.
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Part:
+    """What is recorded of some windows of a drive.
+
+    recording: as ``read_recording`` would give it of the file. beside: the commands and the
+    truth, which are never among the streams of a ``Recording``.
     """
-    stamps_ns = np.concatenate([window.stamps_ns for window in windows])
-    ticking = stamps_ns[at_rate(stamps_ns, None, CLOCK_RATE_HZ)]
-    wheels = _wheels(readings, header, odometry or OdometryTail())
-    return Recording(
-        name=name,
-        format="memory",
-        scans=_scans([part.scans for part in readings if len(part.scans)], header),
-        imus=_imus(readings),
-        odometries=wheels.odometries,
-        ticks=wheels.ticks,
-        joints=wheels.joints,
-        transforms=(*wheels.transforms, *_fixed(header, int(stamps_ns[0]))),
-        robot_description=header.robot_description,
-        clock_ns=np.column_stack([ticking, ticking]),
-        epoch=header.epoch,
-    )
+
+    recording: Recording
+    beside: tuple[RawStream, ...]
+
+
+class DriveRecorder:
+    """Windows of a drive, one after the other, as parts of one recording of this name."""
+
+    def __init__(self, name: str, header: LogHeader) -> None:
+        self._name, self._header = name, header
+        self._odometry, self._truth = OdometryTail(), TruthTail(header.truth_rate_hz)
+        self._last_ns: int | None = None
+
+    @property
+    def constants(self) -> dict[str, dict[str, Sequence[float]]]:
+        """What messages say besides, by topic and place in the message: covariances."""
+        variances = self._header.imu_gyro_variance, self._header.imu_accel_variance
+        names = "angular_velocity_covariance", "linear_acceleration_covariance"
+        covariances = ((np.eye(3) * variance).ravel().tolist() for variance in variances)
+        return {"/imu/data": dict(zip(names, covariances, strict=True))}
+
+    def take(self, readings: Sequence[Readings], windows: Sequence[Drive]) -> Part:
+        """The next windows, and what was sensed in each.
+
+        A stream without a single sample is left out. Numbers that a message holds in single
+        precision are kept in it.
+        """
+        header, last_ns = self._header, self._last_ns
+        stamps_ns = np.concatenate([window.stamps_ns for window in windows])
+        ticking = stamps_ns[at_rate(stamps_ns, last_ns, _CLOCK_RATE_HZ)]
+        wheels, moving = _wheels(readings, header, self._odometry)
+        recording = Recording(
+            name=self._name,
+            format="memory",
+            streams=(*_scans(readings, header), *_imus(readings), *wheels),
+            transforms=(*moving, *_fixed(header, int(stamps_ns[0]))),
+            robot_description=header.robot_description,
+            clock_ns=np.column_stack([ticking, ticking]),
+            epoch=header.epoch,
+        )
+        beside = [stream for window in windows for stream in self._beside(window)]
+        return Part(recording, tuple(beside))
+
+    def rest(self) -> tuple[RawStream, ...]:
+        """What is recorded only because the drive is over: where it truly ended."""
+        rest = self._truth.rest
+        return () if rest is None else (self._true_odometry(rest),)
+
+    def _beside(self, window: Drive) -> tuple[RawStream, ...]:
+        chosen = at_rate(window.stamps_ns, self._last_ns, _COMMAND_RATE_HZ)
+        when_ns, frame = window.stamps_ns[chosen], (self._header.base_frame,)
+        commands = RawTwists(_COMMANDS, frame, when_ns, when_ns, window.commands[chosen])
+        truth = self._true_odometry(self._truth.take(window, self._last_ns))
+        self._last_ns = int(window.stamps_ns[-1])
+        return commands, truth
+
+    def _true_odometry(self, truth: Drive) -> RawOdometry:
+        frames = (self._header.map_frame,), (self._header.base_frame,)
+        return RawOdometry(
+            _TRUTH,
+            frames[0],
+            truth.stamps_ns,
+            truth.stamps_ns,
+            frames[1],
+            truth.positions_m,
+            truth.quats_xyzw,
+            *TruthTail.twist_in_base(truth),
+        )
 
 
 def true_trajectory(windows: Sequence[Drive], header: LogHeader) -> Trajectory:
-    """``T_map_base`` as a ``LogWriter`` writes it of these windows, thinned to its rate."""
+    """``T_map_base`` as it is recorded of these windows, thinned to its rate."""
     tail, last_ns, parts = TruthTail(header.truth_rate_hz), None, []
     for window in windows:
         parts.append(tail.take(window, last_ns))
@@ -71,7 +137,8 @@ def true_trajectory(windows: Sequence[Drive], header: LogHeader) -> Trajectory:
     )
 
 
-def _scans(batches: Sequence[ScanBatch], header: LogHeader) -> tuple[RawScans, ...]:
+def _scans(readings: Sequence[Readings], header: LogHeader) -> tuple[RawScans, ...]:
+    batches = [part.scans for part in readings if len(part.scans)]
     if not batches:
         return ()
     geometry = batches[0].geometry
@@ -121,23 +188,20 @@ def _imus(readings: Sequence[Readings]) -> tuple[RawImu, ...]:
     )
 
 
-def _wheels(readings: Sequence[Readings], header: LogHeader, tail: OdometryTail) -> Recording:
+def _wheels(
+    readings: Sequence[Readings], header: LogHeader, tail: OdometryTail
+) -> tuple[tuple[RawStream, ...], tuple[TransformEdge, ...]]:
     """All that the driver of the wheels publishes."""
     batches = [part.encoders for part in readings if len(part.encoders)]
     if not batches:
-        return Recording("", "memory")
+        return (), ()
     motion = _joined([tail.extend(batch.stream) for batch in batches])
     stream = _encoders([batch.stream for batch in batches])
     received_ns = np.concatenate([batch.arrival_ns for batch in batches])
     odometry, moving = _odometry(stream.stamps_ns, received_ns, motion, header)
-    return Recording(
-        "",
-        "memory",
-        odometries=(odometry,),
-        ticks=(_ticks(stream, received_ns, header.base_frame),),
-        joints=(_joints(stream.stamps_ns, received_ns, motion, header),),
-        transforms=(moving,),
-    )
+    ticks = _ticks(stream, received_ns, header.base_frame)
+    joints = _joints(stream.stamps_ns, received_ns, motion, header)
+    return (odometry, ticks, joints), (moving,)
 
 
 def _encoders(parts: Sequence[EncoderStream]) -> EncoderStream:

@@ -9,14 +9,15 @@ stream are in the order of the file.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Literal, TypeVar
+from typing import Any, ClassVar, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from slamsim.types import BoolArray, Epoch, Float32Array, FloatArray, IntArray
+from slamsim.recording import schemas
+from slamsim.types import Epoch, Float32Array, FloatArray, IntArray
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,8 +58,19 @@ class Origin:
         return cls(topic, np.column_stack([messages, np.zeros_like(messages)]))
 
 
+class _OfSchema:
+    """Messages of one kind; schema: what each of them holds."""
+
+    __slots__ = ()
+    schema: ClassVar[schemas.Schema]
+
+    def values(self, field: schemas.Field) -> Any:
+        """What is held of a field: a row for each message, or one number of all; None for none."""
+        return getattr(self, field.name)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
-class RawStream:
+class RawStream(_OfSchema):
     """What every stream has.
 
     frame_ids: the distinct frames that its messages name, in order of appearance. stamps_ns: (n,)
@@ -87,6 +99,8 @@ class RawScans(RawStream):
     may read the file only when asked). intensities likewise, None without any.
     """
 
+    schema = schemas.SCANS
+
     layouts: tuple[ScanLayout, ...]
     layout_of: NDArray[np.int32]
     ranges_m: Sequence[Float32Array] | Float32Array
@@ -95,6 +109,12 @@ class RawScans(RawStream):
     def layout(self, scan: int) -> ScanLayout:
         return self.layouts[int(self.layout_of[scan])]
 
+    def values(self, field: schemas.Field) -> Any:
+        if field not in schemas.LASER_LAYOUT:
+            return getattr(self, field.name)
+        each = [getattr(layout, field.name) for layout in self.layouts]
+        return np.array(each, dtype=np.float64)[self.layout_of]
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RawImu(RawStream):
@@ -102,6 +122,8 @@ class RawImu(RawStream):
 
     orientation_xyzw: (n, 4), None where the messages say that they have none.
     """
+
+    schema = schemas.IMU
 
     angular_velocity_rad_s: FloatArray
     linear_acceleration_m_s2: FloatArray
@@ -115,6 +137,8 @@ class RawOdometry(RawStream):
     The ground truth of a simulation is never among the odometries of a ``Recording``.
     """
 
+    schema = schemas.ODOMETRY
+
     child_frame_ids: tuple[str, ...]
     positions_m: FloatArray
     quats_xyzw: FloatArray
@@ -126,6 +150,8 @@ class RawOdometry(RawStream):
 class RawTicks(RawStream):
     """Cumulative counts of the wheels, (n, 2) int64 as (left, right), and the driver's numbers."""
 
+    schema = schemas.TICKS
+
     ticks: IntArray
     ticks_per_revolution: int
     wheel_radius_m: float
@@ -136,18 +162,31 @@ class RawTicks(RawStream):
 class RawJoints(RawStream):
     """sensor_msgs/JointState: positions_rad, velocities_rad_s: (n, joints), nan where not given."""
 
+    schema = schemas.JOINTS
+
     names: tuple[str, ...]
     positions_rad: FloatArray
     velocities_rad_s: FloatArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class TransformEdge:
+class RawTwists(RawStream):
+    """Commands to a robot: (n, 2) forward in m/s and yaw rate in rad/s."""
+
+    schema = schemas.TWISTS
+
+    commands: FloatArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TransformEdge(_OfSchema):
     """All transforms published for one pair of frames on one topic.
 
     T_parent_child as positions_m (n, 3) and quats_xyzw (n, 4) at stamps_ns (n,); received_ns as
     and origin as for a stream. is_static: it came on a latched topic (/tf_static).
     """
+
+    schema = schemas.TRANSFORM
 
     topic: str
     parent: str
@@ -174,12 +213,19 @@ class UnreadTopic:
     reason: str
 
 
+KINDS: tuple[type[RawStream], ...] = (RawScans, RawImu, RawOdometry, RawTicks, RawJoints)
+"""What is read of recordings, in the order in which a ``Recording`` holds it."""
+
 RecordingFormat = Literal["mcap", "rosbag2", "rosbag1", "carmen", "parquet", "memory"]
+
+
+Messages = TypeVar("Messages", bound=RawStream | TransformEdge)
+_Stream = TypeVar("_Stream", bound=RawStream)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Recording:
-    """A whole recording.
+    """A whole recording: streams, each on its topic, and transforms.
 
     clock_ns: (n, 2) of (simulated time, when received) from /clock, None without it. epoch: as
     the file declares it or the size of its stamps tells. odd: what the reader could not make
@@ -188,11 +234,7 @@ class Recording:
 
     name: str
     format: RecordingFormat
-    scans: tuple[RawScans, ...] = ()
-    imus: tuple[RawImu, ...] = ()
-    odometries: tuple[RawOdometry, ...] = ()
-    ticks: tuple[RawTicks, ...] = ()
-    joints: tuple[RawJoints, ...] = ()
+    streams: tuple[RawStream, ...] = ()
     transforms: tuple[TransformEdge, ...] = ()
     robot_description: str | None = None
     clock_ns: IntArray | None = None
@@ -200,79 +242,38 @@ class Recording:
     unread: tuple[UnreadTopic, ...] = ()
     odd: tuple[str, ...] = ()
 
+    def of(self, kind: type[_Stream]) -> tuple[_Stream, ...]:
+        """Its streams of a kind."""
+        return tuple(stream for stream in self.streams if isinstance(stream, kind))
 
-Messages = TypeVar("Messages", bound=RawStream | TransformEdge)
-_Stream = TypeVar("_Stream", bound=RawStream)
+    def with_streams(self, kind: type[_Stream], streams: Sequence[_Stream]) -> Recording:
+        """With these in the place of all streams of a kind."""
+        first = next((i for i, each in enumerate(self.streams) if isinstance(each, kind)), None)
+        others = [stream for stream in self.streams if not isinstance(stream, kind)]
+        at = len(others) if first is None else first
+        return replace(self, streams=(*others[:at], *streams, *others[at:]))
 
-PER_MESSAGE = (
-    "stamps_ns",
-    "received_ns",
-    "samples",
-    "origin",
-    "layout_of",
-    "ranges_m",
-    "intensities",
-    "angular_velocity_rad_s",
-    "linear_acceleration_m_s2",
-    "orientation_xyzw",
-    "positions_m",
-    "quats_xyzw",
-    "linear_m_s",
-    "angular_rad_s",
-    "ticks",
-    "positions_rad",
-    "velocities_rad_s",
-)
-"""The fields of streams and edges that have a row for each message."""
+    def changed(self, kind: type[_Stream], change: Callable[[_Stream], _Stream]) -> Recording:
+        """With each stream of a kind changed."""
+        streams = (change(each) if isinstance(each, kind) else each for each in self.streams)
+        return replace(self, streams=tuple(streams))
 
+    @property
+    def scans(self) -> tuple[RawScans, ...]:
+        return self.of(RawScans)
 
-def kept(messages: Messages, which: BoolArray | IntArray) -> Messages:
-    """Some messages of a topic or edge, or all in another order."""
-    rows = np.arange(messages.stamps_ns.size)[which]
-    per_message: dict[str, object] = {}
-    for name in PER_MESSAGE:
-        value = getattr(messages, name, None)
-        if isinstance(value, np.ndarray | Origin):
-            per_message[name] = value[rows]
-        elif value is not None:
-            per_message[name] = [value[row] for row in rows]
-    return replace(messages, **per_message)  # type: ignore[arg-type]
+    @property
+    def imus(self) -> tuple[RawImu, ...]:
+        return self.of(RawImu)
 
+    @property
+    def odometries(self) -> tuple[RawOdometry, ...]:
+        return self.of(RawOdometry)
 
-def numbered(recording: Recording) -> Recording:
-    """With the number of each message, which it keeps when others are lost."""
+    @property
+    def ticks(self) -> tuple[RawTicks, ...]:
+        return self.of(RawTicks)
 
-    def each(stream: _Stream) -> _Stream:
-        return replace(stream, samples=np.arange(len(stream)))
-
-    return replace(
-        recording,
-        scans=tuple(map(each, recording.scans)),
-        imus=tuple(map(each, recording.imus)),
-        odometries=tuple(map(each, recording.odometries)),
-        ticks=tuple(map(each, recording.ticks)),
-        joints=tuple(map(each, recording.joints)),
-    )
-
-
-def with_odometry_edge(recording: Recording, odometry: RawOdometry) -> Recording:
-    """The edge between an odometry's frames says what the odometry does."""
-    parent, child = odometry.frame_ids[0], odometry.child_frame_ids[0]
-    moving = [edge for edge in recording.transforms if not edge.is_static]
-    edge = TransformEdge(
-        moving[0].topic if moving else "/tf",
-        parent,
-        child,
-        False,
-        odometry.stamps_ns,
-        odometry.received_ns,
-        odometry.positions_m,
-        odometry.quats_xyzw,
-    )
-    for old in moving:  # published together: its messages stay, with new poses
-        if (old.parent, old.child) == (parent, child) and np.array_equal(
-            old.stamps_ns, odometry.stamps_ns
-        ):
-            edge = replace(old, positions_m=odometry.positions_m, quats_xyzw=odometry.quats_xyzw)
-    others = [e for e in recording.transforms if e.child != child or e.is_static]
-    return replace(recording, transforms=(*others, edge))
+    @property
+    def joints(self) -> tuple[RawJoints, ...]:
+        return self.of(RawJoints)

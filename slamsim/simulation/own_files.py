@@ -1,4 +1,4 @@
-"""What a configuration names, copied beside it: a run's folder needs nothing from elsewhere.
+"""The configuration in a run's folder, with the files that it names: it needs nothing else.
 
 A file may come from anybody, so each goes through the loader of its kind first, which says what
 else it names; nothing is copied before all have passed, and nothing to a place outside.
@@ -20,6 +20,7 @@ from slamsim.config.faults import FaultChoice
 from slamsim.config.layout import ImageLayout, MeshLayout
 from slamsim.config.loading import load_model
 from slamsim.config.robot import RobotConfig
+from slamsim.config.run import RunConfig
 from slamsim.safe.errors import InputRefused
 from slamsim.safe.files import leads_outside, read_input
 from slamsim.safe.mesh_file import check_mesh_file
@@ -28,9 +29,25 @@ from slamsim.safe.urdf import read_urdf
 from slamsim.sensors.faults.registry import load_fault
 from slamsim.sim.route_file import read_route
 from slamsim.world.map_server import read_cells
+from slamsim.world.model import World
 
-FILES = "files"
+WORLD, CONFIG, FILES = "world.yaml", "config.yaml", "files"
 _Model = TypeVar("_Model", bound=Config)
+
+
+def write_config(folder: Path, config: RunConfig) -> None:
+    """``config.yaml``: every setting, so that the run can be had again; ``files/`` for it."""
+    _write_yaml(folder / CONFIG, config)
+
+
+def write_world(folder: Path, config: RunConfig, world: World) -> None:
+    """``world.yaml``: this very world, whatever the seed of the next run; ``files/`` for it."""
+    _write_yaml(folder / WORLD, config.world.model_copy(update={"seed": world.seed}))
+
+
+def _write_yaml(path: Path, config: Config) -> None:
+    own = with_own_files(path.parent, config)
+    write_atomic(path, dump_commented_yaml(own).encode())
 
 
 def with_own_files(folder: Path, config: _Model) -> _Model:

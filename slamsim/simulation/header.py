@@ -1,0 +1,74 @@
+"""What a simulated recording says once."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Protocol
+
+from slamsim import __version__
+from slamsim.config.run import RunConfig
+from slamsim.config.sensors import ImuConfig, InertialAxesConfig
+from slamsim.sim.engine import engine_parameters
+from slamsim.sim.robot import RobotModel
+from slamsim.types import Epoch, FloatArray
+
+
+class StaticTransform(Protocol):
+    """One edge of the transform tree that never moves: T_parent_child is 4 x 4."""
+
+    @property
+    def parent(self) -> str: ...
+
+    @property
+    def child(self) -> str: ...
+
+    @property
+    def T_parent_child(self) -> FloatArray: ...  # noqa: N802
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LogHeader:
+    """What a recording says once.
+
+    robot_description: the URDF. scan_rate_hz: turns of the lidar per second. wheel_joints: names
+    of the (left, right) joint. The variances are those of one IMU sample, in (rad/s)^2 and
+    (m/s^2)^2, 0 for unknown. truth_rate_hz: how often the true pose is recorded, at most the
+    physics rate. metadata: whatever else shall stand in the file, such as sensor constants and
+    versions.
+    """
+
+    robot_description: str
+    static_transforms: Sequence[StaticTransform]
+    scan_rate_hz: float
+    wheel_joints: tuple[str, str] = ("wheel_left_joint", "wheel_right_joint")
+    imu_gyro_variance: float = 0.0
+    imu_accel_variance: float = 0.0
+    epoch: Epoch = "simulation"
+    truth_rate_hz: float = 120.0
+    odom_frame: str = "odom"
+    base_frame: str = "base_footprint"
+    map_frame: str = "map"
+    metadata: Mapping[str, str] = field(default_factory=dict)
+
+
+def log_header(robot: RobotModel, config: RunConfig) -> LogHeader:
+    imu = config.sensors.imu
+    return LogHeader(
+        robot_description=robot.urdf,
+        static_transforms=robot.static_transforms,
+        scan_rate_hz=config.sensors.lidar.rate_hz,
+        imu_gyro_variance=_sample_variance(imu.gyro, imu),
+        imu_accel_variance=_sample_variance(imu.accelerometer, imu),
+        metadata={
+            "slamsim_version": __version__,
+            "seed": str(config.seed),
+            "physics": json.dumps(engine_parameters(config.drive.physics)),
+        },
+    )
+
+
+def _sample_variance(axes: InertialAxesConfig, imu: ImuConfig) -> float:
+    """White noise of this density, sampled at the unit's rate (IEEE Std 952)."""
+    return axes.noise_density**2 * imu.rate_hz

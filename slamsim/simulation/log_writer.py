@@ -1,0 +1,54 @@
+"""The rosbag2 recording of a drive, written while the robot drives."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+from slamsim.logs.bag_folder import TopicKind
+from slamsim.logs.encoding import outgoing, stream_messages
+from slamsim.logs.writer import GrowingBag
+from slamsim.logs.written import Written
+from slamsim.recording import Recording
+from slamsim.sensors.readings import Readings
+from slamsim.simulation.header import LogHeader
+from slamsim.simulation.recorder import TOPICS, DriveRecorder
+from slamsim.types import Drive
+
+_LATCHED = ("/robot_description", "/tf_static")
+
+
+class LogWriter(Written):
+    """As a ``GrowingBag``: all that a ``DriveRecorder`` records.
+
+    name: of the recordings that ``write`` gives.
+    """
+
+    def __init__(self, folder: Path, header: LogHeader, name: str = "") -> None:
+        super().__init__()
+        topics = [TopicKind(topic, kind, topic in _LATCHED) for topic, kind in TOPICS.items()]
+        custom = {"epoch": header.epoch, **dict(sorted(header.metadata.items()))}
+        self._bag = self._open.enter_context(GrowingBag(folder, topics, custom))
+        self._recorder = DriveRecorder(name, header)
+        self._is_first = True
+
+    def write(self, readings: Readings, window: Drive) -> Recording:
+        """The next window of the drive and what was sensed up to its end, as it is recorded.
+
+        Messages that arrive after the window's end are held back until their time has come.
+        """
+        part = self._recorder.take([readings], [window])
+        said = part.recording if self._is_first else _without_what_is_said_once(part.recording)
+        self._is_first = False
+        streams = outgoing(said, self._recorder.constants)
+        self._bag.add([*streams, *map(stream_messages, part.beside)])
+        self._bag.release(int(window.stamps_ns[-1]))
+        return part.recording
+
+    def _finish(self) -> None:
+        self._bag.add([stream_messages(stream) for stream in self._recorder.rest()])
+
+
+def _without_what_is_said_once(part: Recording) -> Recording:
+    moving = tuple(edge for edge in part.transforms if not edge.is_static)
+    return replace(part, robot_description=None, transforms=moving)
