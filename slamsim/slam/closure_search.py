@@ -113,6 +113,7 @@ class ClosureSearch:
         numbers = self._candidates.anywhere(query, self._solution.estimate, before_m)
         others = {n: submaps[n] for n in numbers if linked(submaps[n].anchor, index)}
         if not others:
+            self._far.wait(self._path_m(index))
             return 0
         limits, first = self._config, submaps[min(others)].anchor
         sigma_rad = float(np.sqrt(self._solution.expected(first, index).covariance[2, 2]))

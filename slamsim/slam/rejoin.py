@@ -39,6 +39,10 @@ class MapSearch:
         """Whether to look again, after looks that led nowhere."""
         return path_m >= self._next_m
 
+    def wait(self, path_m: float) -> None:
+        """There is nothing to look into here."""
+        self._next_m = path_m + LOOK_AGAIN_M
+
     def look(
         self,
         query: Submap,

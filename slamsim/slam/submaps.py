@@ -151,9 +151,6 @@ def submap_is_full(keyframes: Sequence[Keyframe], config: SubmapConfig) -> bool:
     )
 
 
-POINTS_A_PIECE = 3
-
-
 def sample_surfaces(surfaces: FloatArray) -> FloatArray:
     """(p, 2) three points along each surface."""
     along = np.stack([-surfaces[:, NORMAL_Y], surfaces[:, NORMAL_X]], axis=1)

@@ -21,7 +21,7 @@ from slamsim.geometry import between, compose, inverse, transform_points
 from slamsim.result import GraphEdge
 from slamsim.slam.keyframes import Keyframe
 from slamsim.slam.matching.surfaces import X, Y
-from slamsim.slam.relocalise import SURE_NATS, Everywhere, surface_points
+from slamsim.slam.relocalise import Everywhere, surface_points
 from slamsim.slam.solution import Solution
 from slamsim.slam.submaps import FREE, UNKNOWN, SpaceGrid, Submap, space_between
 from slamsim.slam.views import PIECE_M
@@ -29,6 +29,10 @@ from slamsim.types import FloatArray, IntArray
 
 FOUND = np.diag(np.square([0.05, 0.05, 0.02]))
 """Covariance of where a search in steps of 0.08 m finds a part, before any closure is found."""
+
+SURE_NATS = 12.0
+"""A place is believed if it is so much likelier than any other. Each piece of wall that lies on the
+map makes it likelier by e (``placing.NATS_A_PIECE``), each that it contradicts less likely."""
 
 LEAST_PIECES, MOST_PIECES = 40, 300
 """Fewer pieces of wall cannot say where they are; more say no more, and take longer."""
