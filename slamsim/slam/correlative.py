@@ -25,7 +25,7 @@ REACH_SHARE = 0.9
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LikelihoodGrid:
-    """levels: (MAX_LEVEL + 1, rows, cols); level l holds the largest likelihood, of 255, of the
+    """levels: (k, rows, cols); level l holds the largest likelihood, of 255, of the
     2^l x 2^l cells from (row, col) on. origin_m: (2,) outer corner of cell (0, 0)."""
 
     levels: NDArray[np.uint8]
@@ -56,7 +56,11 @@ class Peak:
 
 
 def likelihood_grid(
-    points_m: FloatArray, resolution_m: float, sigma_m: float, radius_m: float
+    points_m: FloatArray,
+    resolution_m: float,
+    sigma_m: float,
+    radius_m: float,
+    max_level: int = MAX_LEVEL,
 ) -> LikelihoodGrid:
     """The grid of a set of surface points (n, 2): exp(-d^2 / 2 sigma^2) of the nearest one.
 
@@ -64,12 +68,12 @@ def likelihood_grid(
     """
     kept = points_m[np.hypot(points_m[:, 0], points_m[:, 1]) <= radius_m]
     kept = kept if len(kept) else np.zeros((1, 2))
-    margin = (1 << MAX_LEVEL) + int(np.ceil(3.0 * sigma_m / resolution_m)) + 1
+    margin = (1 << max_level) + int(np.ceil(3.0 * sigma_m / resolution_m)) + 1
     first = np.floor(kept.min(axis=0) / resolution_m).astype(np.int64) - margin
     last = np.floor(kept.max(axis=0) / resolution_m).astype(np.int64) + margin
     columns, rows = (last - first + 1).tolist()
     origin_m = first * resolution_m
-    levels = np.zeros((MAX_LEVEL + 1, rows, columns), dtype=np.uint8)
+    levels = np.zeros((max_level + 1, rows, columns), dtype=np.uint8)
     _smear((kept - origin_m) / resolution_m, sigma_m / resolution_m, levels[0])
     _raise_levels(levels)
     return LikelihoodGrid(levels, origin_m, resolution_m)
