@@ -123,10 +123,12 @@ class ClosureSearch:
 
     def _rejoin(self, index: int) -> int:
         """Look for a key frame in all that is not joined to its part of the map."""
+        if not self._apart.due(self._path_m(index)):
+            return 0
         parts = self._solution.parts
         part, submaps = parts.of(index), enumerate(self._cutter.submaps)
         others = {n: submap for n, submap in submaps if parts.of(submap.anchor) != part}
-        if not others or not self._apart.due(self._path_m(index)):
+        if not others:
             return 0
         query = self._cutter.query(index, LOOK_TRAVEL_M, LOOK_KEYFRAMES)
         return self._placed(query, self._apart.look(query, others, self._solution.poses))

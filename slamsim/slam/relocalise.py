@@ -44,8 +44,9 @@ MIN_SPREAD_M = 1.5
 class Effort:
     """How hard to search a map.
 
-    least_score: of the coarse search. most_lookups: a search that has read the grid so often is
-    given up. longest_pause_m: after looks that led nowhere, the path to the next.
+    least_score: of the coarse search, if more than any match must show. most_lookups: a search
+    that has read the grid so often is given up. longest_pause_m: after looks that led nowhere, the
+    path to the next.
     """
 
     least_score: float
@@ -53,11 +54,11 @@ class Effort:
     longest_pause_m: float
 
 
-THOROUGH = Effort(0.55, np.inf, np.inf)
+THOROUGH = Effort(0.0, np.inf, np.inf)
 """For what nothing else tells."""
 
 QUICK = Effort(0.7, 3e8, 8.0)
-"""For a search that is repeated all along the path: half a second. Outdoors (fr-clinic) the same
+"""For a search that is repeated all along the path: a second or so. Outdoors (fr-clinic) the same
 place scores 0.7 to 0.88, and none that scored less was clearer than the next best; indoors it
 scores above 0.9."""
 
@@ -123,14 +124,14 @@ class Everywhere:
         apart = (limits.ambiguity_distance_m, float(np.deg2rad(limits.ambiguity_turn_deg)))
         points = np.ascontiguousarray(points_m - middle_m)
         window, most_lookups = self._whole_map(np.pi)
-        search = Places(self._grid(SIGMA_M), points, np.zeros(3), window, apart, most_lookups)
+        found = Places(self._grid(SIGMA_M), points, np.zeros(3), window, apart, most_lookups)
         best = 0.0
-        while (peak := search.best(least)) is not None:
+        while (peak := found.best(least)) is not None:
             best = max(best, peak.score)
             least = max(least, best - slack)
             T_map_middle = peak.T_grid_points + np.append(self._middle_m, 0.0)
             yield compose(T_map_middle, np.append(-middle_m, 0.0)), peak.score
-        if search.given_up:
+        if found.given_up:
             yield None
 
     def _peak(
@@ -142,7 +143,9 @@ class Everywhere:
             limits.ambiguity_distance_m,
             float(np.deg2rad(limits.ambiguity_turn_deg)),
         )
-        least = self._effort.least_score if sigma_m == SIGMA_M else limits.min_score
+        least = limits.min_score
+        if sigma_m == SIGMA_M:
+            least = max(least, self._effort.least_score)
         window, most_lookups = self._whole_map(turn_rad)
         grid = self._grid(sigma_m)
         return search(grid, points_m, T_map_points, window, least, rival, most_lookups)

@@ -40,27 +40,15 @@ class SubmapCutter:
 
     def query(self, index: int, travel_m: float, most: int | None = None) -> Submap:
         """A key frame with those just before it, at most so many: as many as a submap has."""
-        first, most = index, self._config.max_keyframes if most is None else most
-        far_m = self.keyframes[index].path_m - travel_m
-        while (
-            first > 0
-            and not self.keyframes[first].broken
-            and self.keyframes[first - 1].path_m >= far_m
-            and index - first < most
-        ):
-            first -= 1
+        most = self._config.max_keyframes if most is None else most
+        first = self._first(index, travel_m, most)
         members = self.keyframes[first : index + 1]
         return make_submap(members, len(members) - 1, self._scratch, self.noise_m)
 
     def around(self, index: int, travel_m: float) -> Submap:
         """A key frame with those up to so much travel before it and after it."""
-        first, last, path_m = index, index, self.keyframes[index].path_m
-        while (
-            first > 0
-            and not self.keyframes[first].broken
-            and self.keyframes[first - 1].path_m >= path_m - travel_m
-        ):
-            first -= 1
+        first, last = self._first(index, travel_m, index), index
+        path_m = self.keyframes[index].path_m
         while (
             last + 1 < len(self.keyframes)
             and not self.keyframes[last + 1].broken
@@ -73,6 +61,19 @@ class SubmapCutter:
     def alone(self, keyframe: Keyframe) -> Submap:
         """A key frame, kept or not, with no other."""
         return make_submap([keyframe], 0, self._scratch, keyframe.noise_m)
+
+    def _first(self, index: int, travel_m: float, most: int) -> int:
+        """The first key frame of an unbroken row that ends at this one, so much path long, with at
+        most so many before it."""
+        first, far_m = index, self.keyframes[index].path_m - travel_m
+        while (
+            first > 0
+            and not self.keyframes[first].broken
+            and self.keyframes[first - 1].path_m >= far_m
+            and index - first < most
+        ):
+            first -= 1
+        return first
 
     def _finished(self, begin: int, end: int) -> Submap:
         members = self.keyframes[begin:end]
