@@ -1,0 +1,179 @@
+"""Compiled kernels: numba, cached on disk, and never in the way when the cache is.
+
+``kernel`` is the one decorator for hot loops in this package. Results are the same bytes for
+the same input: no fast-math, no parallel reductions. The cache differs from numba's own in
+four ways: it lives in a folder of the user (mode 0700, for a cache is code) named after a
+digest of all kernel sources, so that a kernel in one file never runs with a stale callee from
+another; a damaged entry is recognised by its checksum, thrown away and compiled again; a full
+or read-only disk costs the cache, not the run; and compiling is told to the log.
+"""
+
+from __future__ import annotations
+
+import atexit
+import hashlib
+import logging
+import os
+import pickle
+import shutil
+import tempfile
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from typing import Any, TypeVar, cast
+
+import numba
+from numba.core import caching as numba_caching
+
+# This module is half typed: as far as mypy goes, it is not typed at all.
+caching: Any = numba_caching
+
+_log = logging.getLogger(__name__)
+_Function = TypeVar("_Function", bound=Callable[..., Any])
+_DIGEST_BYTES = hashlib.sha256().digest_size
+
+
+@cache
+def _cache_folder() -> Path | None:
+    """A private, writable folder for exactly these kernel sources; none where nothing is writable.
+
+    A cache is code: one that somebody else could have written to is not used.
+    """
+    package = Path(__file__).parents[1]
+    digest = hashlib.sha256(numba.__version__.encode())
+    for source in sorted(package.rglob("*.py")):
+        text = source.read_bytes()
+        if b"@kernel" in text:
+            digest.update(text)
+    root = os.environ.get("NUMBA_CACHE_DIR") or os.environ.get("XDG_CACHE_HOME")
+    try:
+        parent = Path(root) if root else Path.home() / ".cache"
+        folder = parent / "slamsim" / f"kernels-{digest.hexdigest()[:16]}"
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        tempfile.TemporaryFile(dir=folder).close()
+        found = folder.stat()
+        if found.st_uid != os.getuid() or found.st_mode & 0o022:
+            raise PermissionError(f"{folder} could have been written to by someone else")
+    except (OSError, RuntimeError) as error:
+        return _passing_folder(error)
+    return folder
+
+
+def _passing_folder(why: Exception) -> Path | None:
+    """A folder that goes with this process, not with those that it forks."""
+    try:
+        folder = Path(tempfile.mkdtemp(prefix="slamsim-kernels-"))
+    except OSError:
+        _log.warning("kernels are not cached: %s", why)
+        return None
+    _log.warning("kernels are cached for this run only, in %s: %s", folder, why)
+    ours = os.getpid()
+
+    def remove() -> None:
+        if os.getpid() == ours:
+            shutil.rmtree(folder, ignore_errors=True)
+
+    atexit.register(remove)
+    return folder
+
+
+class _Locator(caching.UserProvidedCacheLocator):  # type: ignore[misc]
+    def __init__(self, py_func: Callable[..., Any], py_file: str) -> None:
+        self._py_file = py_file
+        self._lineno = py_func.__code__.co_firstlineno
+        self._cache_path = str(_cache_folder())
+
+    @classmethod
+    def from_function(cls, py_func: Callable[..., Any], py_file: str) -> _Locator:
+        return cls(py_func, py_file)
+
+
+class _Impl(caching.CompileResultCacheImpl):  # type: ignore[misc]
+    _locator_classes = [_Locator]  # noqa: RUF012 - a name of theirs
+
+    def get_filename_base(self, fullname: str, abiflags: str) -> str:
+        folder = hashlib.sha256(self._locator._py_file.encode()).hexdigest()[:8]
+        return f"{super().get_filename_base(fullname, abiflags)}-{folder}"
+
+
+class _CheckedFile(caching.IndexDataCacheFile):  # type: ignore[misc]
+    """Numba's cache file with a checksum in front, read before anything is unpickled."""
+
+    def _dump(self, obj: object) -> bytes:
+        data: bytes = super()._dump(obj)
+        return hashlib.sha256(data).digest() + data
+
+    @staticmethod
+    def _checked(data: bytes) -> bytes:
+        body = data[_DIGEST_BYTES:]
+        if hashlib.sha256(body).digest() != data[:_DIGEST_BYTES]:
+            raise ValueError("checksum does not match")
+        return body
+
+    def _save_index(self, overloads: dict[Any, str]) -> None:
+        with self._open_for_write(self._index_path) as file:
+            file.write(self._dump((self._version, self._source_stamp, overloads)))
+
+    def _load_index(self) -> dict[Any, str]:
+        try:
+            data = Path(self._index_path).read_bytes()
+        except FileNotFoundError:
+            return {}
+        version, stamp, overloads = pickle.loads(self._checked(data))
+        fresh = version == self._version and stamp == self._source_stamp
+        return cast(dict[Any, str], overloads) if fresh else {}
+
+    def _load_data(self, name: str) -> object:
+        return pickle.loads(self._checked(Path(self._data_path(name)).read_bytes()))
+
+
+class _ForgivingCache(caching.FunctionCache):  # type: ignore[misc]
+    """A cache whose every failure means "not cached"."""
+
+    _impl_class = _Impl
+
+    def __init__(self, py_func: Callable[..., Any]) -> None:
+        super().__init__(py_func)
+        self._cache_file: Any = _CheckedFile(
+            cache_path=self._cache_path,
+            filename_base=self._impl.filename_base,
+            source_stamp=self._impl.locator.get_source_stamp(),
+        )
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        try:
+            found = super().load_overload(sig, target_context)
+        except Exception as error:  # whatever a damaged pickle may raise
+            _log.warning(
+                "kernel cache of %s is damaged and made anew: %s", self._py_func.__name__, error
+            )
+            self._discard()
+            found = None
+        if found is None:
+            _announce_compilation()
+        return found
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        try:
+            super().save_overload(sig, data)
+        except Exception as error:  # a full disk, a folder taken away
+            _log.warning("kernel %s could not be cached: %s", self._py_func.__name__, error)
+
+    def _discard(self) -> None:
+        try:
+            Path(self._cache_file._index_path).unlink(missing_ok=True)
+        except OSError as error:
+            _log.warning("damaged kernel cache stays: %s", error)
+
+
+@cache
+def _announce_compilation() -> None:
+    _log.info("compiling numeric kernels; this happens once per installation")
+
+
+def kernel(function: _Function) -> _Function:
+    """Compile a function of numbers and arrays on its first call, or take it from the cache."""
+    dispatcher: Any = numba.njit(nogil=True, error_model="numpy")(function)
+    if _cache_folder() is not None:
+        dispatcher._cache = _ForgivingCache(function)
+    return cast(_Function, dispatcher)
