@@ -8,14 +8,14 @@ from typing import cast
 
 import numpy as np
 
-from slamsim.bench.check.outcome import Json, Measured, Outcome
+from slamsim.bench.check.outcome import CheckOutcome, Json, Measured
 
 MOST_SIGMAS = 1.96
 SIGMAS_PER_MEDIAN = 1.4826
 """Standard deviation of a normal error over the median of its size."""
 
 
-def coverage(outcomes: Iterable[Outcome]) -> dict[str, Json]:
+def coverage(outcomes: Iterable[CheckOutcome]) -> dict[str, Json]:
     """By check: how often the truth lies inside the 95 % interval, errors, sigmas, bounds.
 
     ratio: error over sigma, 1 for honest ones, and error: both as standard deviations by their

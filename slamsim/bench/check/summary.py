@@ -9,7 +9,7 @@ from typing import cast
 import numpy as np
 
 from slamsim.bench.check.coverage import coverage, coverage_row
-from slamsim.bench.check.outcome import Json, Outcome
+from slamsim.bench.check.outcome import CheckOutcome, Json
 
 Rows = dict[str, str]
 
@@ -20,7 +20,7 @@ def summarise(runs: Sequence[Json]) -> Json:
     """Per fault, pair and size how often it was named; alarms for nothing; seconds."""
     outcomes = [outcome for run in runs for outcome in _outcomes(run)]
     done = [outcome for outcome in outcomes if not outcome.skipped]
-    by_sort: dict[str, list[Outcome]] = defaultdict(list)
+    by_sort: dict[str, list[CheckOutcome]] = defaultdict(list)
     for outcome in done:
         by_sort[outcome.sort].append(outcome)
     seconds = [outcome.seconds for outcome in done]
@@ -79,16 +79,16 @@ def summary_tables(summary: Json) -> dict[str, Rows]:
     return tables
 
 
-def _outcomes(run: Json) -> list[Outcome]:
-    return [Outcome.from_json(data) for data in cast(list[Json], run["outcomes"])]
+def _outcomes(run: Json) -> list[CheckOutcome]:
+    return [CheckOutcome.from_json(data) for data in cast(list[Json], run["outcomes"])]
 
 
-def _by_name(outcomes: Sequence[Outcome]) -> dict[str, Json]:
+def _by_name(outcomes: Sequence[CheckOutcome]) -> dict[str, Json]:
     names = dict.fromkeys(outcome.trial for outcome in outcomes)
     return {name: _rates([o for o in outcomes if o.trial == name]) for name in names}
 
 
-def _rates(outcomes: Sequence[Outcome]) -> Json:
+def _rates(outcomes: Sequence[CheckOutcome]) -> Json:
     instead = Counter(name for o in outcomes if not o.named for name in o.invented or ("nothing",))
     besides = Counter(name for o in outcomes if o.named for name in o.invented)
     return {
@@ -100,7 +100,7 @@ def _rates(outcomes: Sequence[Outcome]) -> Json:
     }
 
 
-def _alarms(outcomes: Sequence[Outcome]) -> Json:
+def _alarms(outcomes: Sequence[CheckOutcome]) -> Json:
     names = Counter(name for outcome in outcomes for name in outcome.said)
     return {
         "trials": len(outcomes),

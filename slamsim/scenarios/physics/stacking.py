@@ -15,7 +15,7 @@ import numpy as np
 from slamsim.config.scenarios.solver import STANDARD, SolverConfig, all_solvers
 from slamsim.config.scenarios.stacking import StackingConfig
 from slamsim.core.types import GRAVITY_M_S2, FloatArray
-from slamsim.scenarios.base import Findings, Motion, Outcome, Row, Trial, Value
+from slamsim.scenarios.base import BodyMotion, Findings, Outcome, Row, Trial, Value
 from slamsim.scenarios.film import POSES_PER_S, filmed
 from slamsim.scenarios.physics.stack_run import StackRun, run_stack
 from slamsim.scenarios.physics.stack_sway import leaving_of, sway_of
@@ -100,7 +100,7 @@ def smallest_stack(
         **_checked(config, None if standing is None else runs[standing], standing or 0),
         **_collapse(config, None if boxes is None else runs[boxes]),
     }
-    motions: tuple[Motion, ...] = ()
+    motions: tuple[BodyMotion, ...] = ()
     if shown and boxes is not None:
         run = run_stack(config, boxes, step_s, solver, seed, 1.0 / POSES_PER_S, AFTERMATH_S)
         names = [f"box {k + 1}" for k in range(boxes)]

@@ -13,10 +13,10 @@ from slamsim.guard.errors import SlamsimError
 from slamsim.scenarios.base import Findings, Outcome, Value
 from slamsim.scenarios.umbmark.charts import corrected_chart, errors_chart
 from slamsim.scenarios.umbmark.method import (
-    Calibrated,
-    Calibration,
+    CorrectionResult,
+    DrivenSquares,
     Square,
-    Tried,
+    WheelCorrection,
     classical,
     clusters,
     fitted,
@@ -54,7 +54,7 @@ def squares_found(config: UmbmarkConfig, outcomes: Sequence[Outcome]) -> Finding
     )
 
 
-def _tried(outcomes: Sequence[Outcome]) -> list[Tried]:
+def _tried(outcomes: Sequence[Outcome]) -> list[DrivenSquares]:
     groups: dict[tuple[Value, Value], list[Outcome]] = {}
     for outcome in outcomes:
         groups.setdefault((outcome.values["robot"], outcome.values["side_m"]), []).append(outcome)
@@ -63,7 +63,7 @@ def _tried(outcomes: Sequence[Outcome]) -> list[Tried]:
         sets = _sets(group)
         if sets:
             made.append(
-                Tried(
+                DrivenSquares(
                     str(robot),
                     cast(float, side_m),
                     sets,
@@ -91,7 +91,7 @@ def _mean(outcomes: Sequence[Outcome], key: str) -> float:
     return float(np.mean([cast(float, outcome.values[key]) for outcome in outcomes]))
 
 
-def _calibrated(tried: Tried, config: UmbmarkConfig) -> Calibrated:
+def _calibrated(tried: DrivenSquares, config: UmbmarkConfig) -> CorrectionResult:
     first, *others = tried.sets
     fresh = [square for some in others for square in some]
     found = fitted(first)
@@ -99,8 +99,8 @@ def _calibrated(tried: Tried, config: UmbmarkConfig) -> Calibrated:
         formulas = classical(tried.found[0], tried.side_m, first[0].track_m)
     except SlamsimError:
         formulas = None
-    known = Calibration(config.known_diameter_ratio, config.known_track_ratio)
-    return Calibrated(
+    known = WheelCorrection(config.known_diameter_ratio, config.known_track_ratio)
+    return CorrectionResult(
         tried.robot,
         known if tried.robot == KNOWN else None,
         formulas,
@@ -112,7 +112,7 @@ def _calibrated(tried: Tried, config: UmbmarkConfig) -> Calibrated:
     )
 
 
-def _lead(robots: Sequence[Tried], calibrated: Sequence[Calibrated]) -> str:
+def _lead(robots: Sequence[DrivenSquares], calibrated: Sequence[CorrectionResult]) -> str:
     told = [
         f"odometry of {one.robot} is off by {one.largest_m:.2f} m after squares of {one.side_m:g} m"
         for one in robots
@@ -127,7 +127,9 @@ def _lead(robots: Sequence[Tried], calibrated: Sequence[Calibrated]) -> str:
     return f"{text[:1].upper()}{text[1:]}."
 
 
-def _numbers(robots: Sequence[Tried], calibrated: Sequence[Calibrated]) -> dict[str, Value]:
+def _numbers(
+    robots: Sequence[DrivenSquares], calibrated: Sequence[CorrectionResult]
+) -> dict[str, Value]:
     numbers: dict[str, Value] = {}
     for one in robots:
         key = f"{one.robot}_{one.side_m:g}m"

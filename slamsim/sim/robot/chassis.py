@@ -31,7 +31,7 @@ BODY_CONTACT_M = 0.001
 
 
 @dataclass(frozen=True, slots=True)
-class Foot:
+class WheelContact:
     """A wheel on the floor: its link index, its place on the robot, its own coefficient."""
 
     link: int
@@ -51,7 +51,7 @@ class Engine:
     body: int
     walls: tuple[int, ...]
     wheels: tuple[int, int]
-    feet: tuple[Foot, ...]
+    feet: tuple[WheelContact, ...]
     T_base_com: FloatArray
     step: Callable[[], None]
 
@@ -131,10 +131,10 @@ def _prepare(
 
 def _feet(
     robot: RobotModel, link_index: dict[str, int], wheels: tuple[int, int]
-) -> tuple[Foot, ...]:
+) -> tuple[WheelContact, ...]:
     placed = robot.body.placements()
     return tuple(
-        Foot(
+        WheelContact(
             link=link_index[name],
             x_m=float(placed[name][0, 3]),
             y_m=float(placed[name][1, 3]),
@@ -192,7 +192,7 @@ def set_wheel_friction(engine: Engine, left: float, right: float) -> None:
             set_foot_friction(engine, foot, left if foot.link == engine.wheels[0] else right)
 
 
-def set_foot_friction(engine: Engine, foot: Foot, friction: float) -> None:
+def set_foot_friction(engine: Engine, foot: WheelContact, friction: float) -> None:
     """The floor under one wheel."""
     pybullet.changeDynamics(
         engine.body,
