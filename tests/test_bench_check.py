@@ -11,10 +11,9 @@ import numpy as np
 import pytest
 
 from slamsim.bench.check.campaign import CheckCampaign, run_campaign, run_seed
-from slamsim.bench.check.coverage import coverage
 from slamsim.bench.check.outcome import CheckOutcome, Measured, outcome_of
 from slamsim.bench.check.scenario import random_scenario
-from slamsim.bench.check.summary import run_line, summarise, summary_tables
+from slamsim.bench.check.summary import coverage, run_line, summarise, summary_tables
 from slamsim.bench.check.trials import (
     clean_trial,
     curve_trials,
