@@ -16,9 +16,9 @@ from slamsim.config.loading import load_run_config
 from slamsim.logs.bag import open_bag
 from slamsim.logs.raw import read_recording
 from slamsim.logs.reader import read_truth
+from slamsim.recording.edits.base import CannotEdit
 from slamsim.run.faulting import fault_facts, fault_table, spoil_recording
 from slamsim.safe.errors import NotFound, OverrideRefused, SlamsimError
-from slamsim.sensors.faults.base import CannotInject
 
 SHORT = ("--set", "drive.route.max_duration_s=6", "--set", "sensors.lidar.rate_hz=10")
 
@@ -111,7 +111,7 @@ def test_a_recording_is_spoilt_into_a_copy(runs: Path, tmp_path: Path) -> None:
 
 
 def test_nothing_is_left_of_a_copy_that_could_not_be_made(runs: Path, tmp_path: Path) -> None:
-    with pytest.raises(CannotInject, match="no such part"):
+    with pytest.raises(CannotEdit, match="no such part"):
         spoil_recording(
             runs / "healthy", tmp_path / "spoilt", typed_choices(["urdf_cut:0.05", "urdf_inertia"])
         )

@@ -11,8 +11,8 @@ from slamsim.config.sensors import LidarConfig, SensorsConfig
 from slamsim.geometry import matrix_from_xyzw
 from slamsim.recording import RawScans, Recording
 from slamsim.sensors.faults.apply import declared, faulty_sensors
-from slamsim.sensors.faults.base import Fault, SensedFault
-from slamsim.sensors.faults.registry import KINDS, load_fault
+from slamsim.sensors.faults.base import KINDS, Fault, SensedFault
+from slamsim.sensors.faults.registry import load_fault
 from slamsim.sensors.motion import Motion
 from slamsim.sensors.rig import SensorRig
 from slamsim.simulation.header import LogHeader

@@ -11,12 +11,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from recording_data import edge, recording, stamps
 
-from slamsim.check.findings import Mend
-from slamsim.check.frame_graph import FrameGraph
-from slamsim.check.mend_stamps import even_stamps, on_clock_of
-from slamsim.check.mends import OPERATIONS, apply_mends, chosen, next_mends
 from slamsim.geometry import yaw_from_xyzw
 from slamsim.recording import RawImu, RawOdometry, RawScans, RawTicks, Recording
+from slamsim.recording.edits.stamps import clock_of
+from slamsim.recording.frame_graph import FrameGraph
+from slamsim.recording.repairs.apply import OPERATIONS, apply_repairs, chosen, next_repairs
+from slamsim.recording.repairs.base import Repair
+from slamsim.recording.repairs.stamps import even_stamps
 from slamsim.safe.errors import SlamsimError
 from slamsim.types import FloatArray, IntArray
 
@@ -24,7 +25,7 @@ MADE = recording(20.0)
 
 
 def _mended(made: Recording, operation: str, subject: str, **parameters: float | str) -> Recording:
-    return apply_mends(made, [Mend(operation, subject, dict(parameters))])
+    return apply_repairs(made, [Repair(operation, subject, dict(parameters))])
 
 
 def _scans(made: Recording, **changes: Any) -> Recording:
@@ -42,35 +43,36 @@ def _angles(scans: RawScans, scan: int = 0) -> FloatArray:
 
 
 def test_a_name_that_is_none_is_answered_with_the_nearest() -> None:
-    mends = [Mend("shift_stamps", "/scan", {"offset_s": 0.1}), Mend("reorder", "/scan")]
+    mends = [Repair("shift_stamps", "/scan", {"offset_s": 0.1}), Repair("reorder", "/scan")]
     assert chosen(mends, "all") == tuple(mends)
     assert chosen(mends, "reorder") == (mends[1],)
     with pytest.raises(SlamsimError, match="did you mean 'shift_stamps'"):
         chosen(mends, "reorder,shift_stamp")
     for name, subject in (("nonsense", "/scan"), ("reorder", "/nowhere")):
         with pytest.raises(SlamsimError):
-            apply_mends(MADE, [Mend(name, subject)])
+            apply_repairs(MADE, [Repair(name, subject)])
 
 
 def test_what_is_evident_is_mended_first() -> None:
-    late = Mend("shift_stamps", "/scan", {"offset_s": 0.1})
-    epoch = Mend("shift_stamps", "/imu", {"offset_s": -1.7e9})
-    even, receipt = Mend("restamp_evenly", "/scan"), Mend("shift_receipt", "/scan")
-    assert next_mends([late, receipt, even, epoch]) == (even, epoch)
-    assert next_mends([late, receipt]) == (late,)
-    assert next_mends([receipt]) == (receipt,)
-    assert next_mends([]) == ()
+    late = Repair("shift_stamps", "/scan", {"offset_s": 0.1})
+    epoch = Repair("shift_stamps", "/imu", {"offset_s": -1.7e9})
+    even, receipt = Repair("restamp_evenly", "/scan"), Repair("shift_receipt", "/scan")
+    assert next_repairs([late, receipt, even, epoch]) == (even, epoch)
+    assert next_repairs([late, receipt]) == (late,)
+    assert next_repairs([receipt]) == (receipt,)
+    assert next_repairs([]) == ()
 
 
 def test_of_rivals_the_last_counts_and_a_clock_is_set_once() -> None:
     mends = [
-        Mend("shift_stamps", "/odom", {"offset_s": 5.0}),
-        Mend("shift_stamps", "/ticks", {"offset_s": 1.0}),
-        Mend("shift_stamps", "/imu", {"offset_s": -1.0}),
+        Repair("shift_stamps", "/odom", {"offset_s": 5.0}),
+        Repair("shift_stamps", "/ticks", {"offset_s": 1.0}),
+        Repair("shift_stamps", "/imu", {"offset_s": -1.0}),
     ]
-    found = apply_mends(MADE, mends)
+    found = apply_repairs(MADE, mends)
     second = 1_000_000_000
-    assert on_clock_of(MADE, "/odom") == {"/odom", "/ticks", "/tf odom -> base_link"}
+    together = frozenset({"/odom", "/ticks", "/tf odom -> base_link"})
+    assert clock_of(MADE, "/odom").subjects == together
     for kind, by_ns in (("odometries", second), ("ticks", second), ("imus", -second)):
         (before,), (after,) = getattr(MADE, kind), getattr(found, kind)
         np.testing.assert_array_equal(after.stamps_ns - before.stamps_ns, by_ns)

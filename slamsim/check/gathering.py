@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from slamsim.check.course import Course, gyro_course, odometry_course, wheel_course
-from slamsim.check.frame_graph import FrameGraph
 from slamsim.check.laser_steps import LaserSteps, laser_steps
 from slamsim.geometry import se2_from_se3
 from slamsim.recording import RawImu, RawOdometry, Recording, TransformEdge
+from slamsim.recording.frame_graph import FrameGraph
 from slamsim.safe.numbers import is_sound
 from slamsim.slam.laser.scan_motion import ScanMotions
 from slamsim.types import FloatArray, IntArray

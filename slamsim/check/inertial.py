@@ -7,10 +7,10 @@ from collections.abc import Iterator
 import numpy as np
 
 from slamsim.check.findings import Curve, Estimate, Finding, Mend, Plot
-from slamsim.check.frame_graph import FrameGraph
 from slamsim.check.inertial_values import check_inertial_values
 from slamsim.check.moving import moving_at
 from slamsim.recording import RawImu, Recording
+from slamsim.recording.frame_graph import FrameGraph
 from slamsim.safe.numbers import is_sound
 from slamsim.types import GRAVITY_M_S2, BoolArray, FloatArray
 

@@ -8,9 +8,9 @@ from collections.abc import Iterator
 import numpy as np
 
 from slamsim.check.findings import Estimate, Finding, Mend
-from slamsim.check.published import has_unit_length
 from slamsim.geometry import wrap_angle, yaw_from_xyzw
 from slamsim.recording import RawImu, Recording
+from slamsim.recording.soundness import has_unit_length
 from slamsim.safe.numbers import MOST, is_sound
 from slamsim.types import BoolArray, FloatArray, IntArray
 

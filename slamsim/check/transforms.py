@@ -8,9 +8,9 @@ from collections.abc import Iterator
 import numpy as np
 
 from slamsim.check.findings import Finding, Mend
-from slamsim.check.frame_graph import FrameGraph
 from slamsim.check.transform_times import check_agreement, check_coverage
 from slamsim.recording import RawOdometry, RawStream, Recording, TransformEdge
+from slamsim.recording.frame_graph import FrameGraph
 from slamsim.safe.numbers import is_sound
 from slamsim.types import BoolArray, FloatArray
 

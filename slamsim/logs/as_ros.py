@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from slamsim.recording import RawScans, Recording
-from slamsim.recording.edits import with_odometry_edge
+from slamsim.recording.edits.frames import with_odometry_edge
 from slamsim.types import Float32Array
 
 

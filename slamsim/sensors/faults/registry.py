@@ -3,43 +3,21 @@
 from __future__ import annotations
 
 import difflib
-import inspect
-from collections.abc import Iterator
+from importlib import import_module
 from pathlib import Path
-from typing import Any, get_args
+from pkgutil import iter_modules
 
 from slamsim.config.bundled import bundled_folder, bundled_names, find_input
 from slamsim.config.faults import FaultChoice
 from slamsim.config.loading import load_model
 from slamsim.safe.errors import InputRefused, shown
 from slamsim.safe.yaml import load_yaml
-from slamsim.sensors.faults import (  # noqa: F401  each registers its kinds by being there
-    beam_times,
-    description,
-    imu,
-    laser,
-    publishers,
-    ranges,
-    stamps,
-    transforms,
-    values,
-    wheels,
-)
-from slamsim.sensors.faults.base import Fault
+from slamsim.sensors import faults
+from slamsim.sensors.faults.base import KINDS, Fault
 
-
-def _subclasses(parent: type[Any]) -> Iterator[type[Fault]]:
-    """Those that can be made."""
-    for child in parent.__subclasses__():
-        if not inspect.isabstract(child):
-            yield child
-        yield from _subclasses(child)
-
-
-KINDS: dict[str, type[Fault]] = {
-    get_args(kind.model_fields["kind"].annotation)[0]: kind for kind in _subclasses(Fault)
-}
-"""Every kind under the name that a file gives it."""
+for _module in iter_modules(faults.__path__, f"{faults.__name__}."):
+    if _module.name != __name__:
+        import_module(_module.name)  # its classes enter KINDS when they are defined
 
 
 def load_fault(name_or_path: str) -> Fault:
