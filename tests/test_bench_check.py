@@ -23,7 +23,7 @@ from slamsim.bench.check.trials import (
 )
 from slamsim.bench.check.truth import truths
 from slamsim.config.run import RunConfig
-from slamsim.console import Reporter
+from slamsim.console.reporter import Reporter
 from slamsim.recording import Recording
 from slamsim.recording.edits.base import CannotEdit
 from slamsim.sensors.faults.base import Fault

@@ -20,9 +20,9 @@ from scan_recording import (
 from slamsim.check.findings import Finding
 from slamsim.check.gathering import gather
 from slamsim.check.laser import check_laser, laser_motions
+from slamsim.core.types import FloatArray
 from slamsim.recording import RawImu, RawOdometry, RawScans, Recording, RecordingFormat
 from slamsim.recording.repairs.apply import apply_repairs
-from slamsim.types import FloatArray
 
 STEP = LIDAR.angle_step_rad
 BEAM_DT_S = LIDAR.beam_dt_ns * 1e-9

@@ -20,6 +20,8 @@ from rosbags.interfaces import ConnectionExtRosbag1
 from rosbags.rosbag2 import Reader as Reader2
 from test_command_line import slamsim
 
+from slamsim.core.types import BoolArray
+from slamsim.guard.errors import SlamsimError
 from slamsim.io.copying import Lossy, copy_recording, require_lossless
 from slamsim.logs.parquet_log import ParquetLog
 from slamsim.logs.raw import read_recording
@@ -28,11 +30,9 @@ from slamsim.recording.edits.base import CannotEdit
 from slamsim.recording.edits.messages import select
 from slamsim.recording.repairs.apply import apply_repairs
 from slamsim.recording.repairs.base import Repair
-from slamsim.safe.errors import SlamsimError
 from slamsim.sensors.faults.apply import injected
 from slamsim.sensors.faults.base import Fault
 from slamsim.sensors.faults.registry import bundled_faults
-from slamsim.types import BoolArray
 
 STORES = {kind: store_of(kind) for kind in KINDS}
 _MODELLED = {

@@ -11,15 +11,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 from recording_data import edge, recording, stamps
 
-from slamsim.geometry import yaw_from_xyzw
+from slamsim.core.geometry import yaw_from_xyzw
+from slamsim.core.types import FloatArray, IntArray
+from slamsim.guard.errors import SlamsimError
 from slamsim.recording import RawImu, RawOdometry, RawScans, RawTicks, Recording
 from slamsim.recording.edits.stamps import clock_of
 from slamsim.recording.frame_graph import FrameGraph
 from slamsim.recording.repairs.apply import OPERATIONS, apply_repairs, chosen, next_repairs
 from slamsim.recording.repairs.base import Repair
 from slamsim.recording.repairs.stamps import even_stamps
-from slamsim.safe.errors import SlamsimError
-from slamsim.types import FloatArray, IntArray
 
 MADE = recording(20.0)
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
+from slamsim.core.types import FloatArray
 from slamsim.recording.fault_names import FAULT_NAMES
 from slamsim.recording.repairs.base import Repair
-from slamsim.types import FloatArray
 
 Verdict = Literal["ok", "bad", "cannot tell"]
 Mend = Repair

@@ -9,9 +9,9 @@ import numpy as np
 
 from slamsim.check.disagreement import IN_COMMON, LIMIT_M, disagreement
 from slamsim.check.findings import Estimate, Finding, Mend
+from slamsim.core.types import BoolArray
 from slamsim.recording import RawOdometry, Recording
 from slamsim.recording.soundness import finite_poses, has_unit_length
-from slamsim.types import BoolArray
 
 REPLACED_SHARE = 0.5
 """Where more of the poses are broken than this, dropping them leaves no odometry."""

@@ -8,10 +8,10 @@ from typing import Literal
 
 import numpy as np
 
+from slamsim.core.types import FloatArray, IntArray
 from slamsim.recording import Recording
 from slamsim.recording.edits.beams import scan_durations_ns
 from slamsim.recording.edits.stamps import are_copies
-from slamsim.types import FloatArray, IntArray
 
 Kind = Literal["lidar", "imu", "wheels", "transform"]
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from slamsim.core.types import BoolArray, FloatArray
+from slamsim.guard.numbers import is_sound
 from slamsim.recording import RawImu, RawOdometry
-from slamsim.safe.numbers import is_sound
-from slamsim.types import BoolArray, FloatArray
 
 UNIT_TOLERANCE = 0.01
 """Of a quaternion's length: what single precision rounds is far less."""

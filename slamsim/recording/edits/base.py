@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
+from slamsim.guard.errors import SlamsimError
 from slamsim.recording import (
     KINDS,
     Messages,
@@ -19,7 +20,6 @@ from slamsim.recording import (
     Recording,
     TransformEdge,
 )
-from slamsim.safe.errors import SlamsimError
 
 ODOMETRY_FRAME = "odom"
 

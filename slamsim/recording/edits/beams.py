@@ -8,10 +8,10 @@ from typing import Literal
 
 import numpy as np
 
+from slamsim.core.types import IntArray
 from slamsim.recording import RawScans, Recording, ScanLayout
 from slamsim.recording.edits.base import Edit, Target, reciprocal
 from slamsim.recording.edits.ranges import map_ranges
-from slamsim.types import IntArray
 
 _FULL_TURN = 2.0 * np.pi
 

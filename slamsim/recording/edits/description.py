@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from slamsim.geometry import matrix_from_rpy, se3_from_parts
+from slamsim.core.geometry import matrix_from_rpy, se3_from_parts
+from slamsim.core.types import FloatArray
 from slamsim.recording import Recording
 from slamsim.recording.edits.base import CannotEdit, Edit
-from slamsim.types import FloatArray
 
 
 @dataclass(frozen=True, slots=True)

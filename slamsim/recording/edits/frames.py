@@ -8,12 +8,12 @@ from typing import Literal
 
 import numpy as np
 
-from slamsim.geometry import matrix_from_xyzw, se3_from_parts, xyzw_from_matrix
+from slamsim.core.geometry import matrix_from_xyzw, se3_from_parts, xyzw_from_matrix
+from slamsim.core.types import FloatArray
 from slamsim.recording import RawOdometry, RawStream, Recording, TransformEdge
 from slamsim.recording.edits.base import CannotEdit, Edit, Target
 from slamsim.recording.edits.description import with_joint_origin
 from slamsim.recording.edits.messages import select
-from slamsim.types import FloatArray
 
 EdgeFilter = Callable[[TransformEdge], bool]
 

@@ -7,9 +7,9 @@ from typing import Literal
 
 import numpy as np
 
+from slamsim.core.types import FloatArray
 from slamsim.recording import RawImu, Recording
 from slamsim.recording.edits.base import Edit, Target, reciprocal
-from slamsim.types import FloatArray
 
 Quantity = Literal["angular_velocity_rad_s", "linear_acceleration_m_s2"]
 Vector = tuple[float, float, float]

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from slamsim.core.types import BoolArray, IntArray
 from slamsim.recording import Messages, Origin, RawStream, Recording
 from slamsim.recording.edits.base import Edit, MessagesChange, Target
-from slamsim.types import BoolArray, IntArray
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from slamsim.geometry import between, compose, xyzw_from_yaw, yaw_from_xyzw
+from slamsim.core.geometry import between, compose, xyzw_from_yaw, yaw_from_xyzw
+from slamsim.core.types import EncoderStream, FloatArray, IntArray, PlanarTrajectory
+from slamsim.core.wheels import wheel_odometry
 from slamsim.recording import RawOdometry, RawTicks, TransformEdge
 from slamsim.recording.edits.messages import select
-from slamsim.types import EncoderStream, FloatArray, IntArray, PlanarTrajectory
-from slamsim.wheels import wheel_odometry
 
 Gain = float | FloatArray
 """A factor of all steps, or (n - 1,) of each step between n messages."""

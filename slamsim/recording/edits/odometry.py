@@ -7,6 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from slamsim.core.types import FloatArray, IntArray
+from slamsim.core.wheels import wheel_odometry
 from slamsim.recording import RawJoints, RawOdometry, RawTicks, Recording, TransformEdge
 from slamsim.recording.edits.base import (
     DRIVEN,
@@ -28,8 +30,6 @@ from slamsim.recording.edits.motion import (
     stepped,
     with_twists,
 )
-from slamsim.types import FloatArray, IntArray
-from slamsim.wheels import wheel_odometry
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from slamsim.core.types import BoolArray, Float32Array
 from slamsim.recording import RawScans, Recording
 from slamsim.recording.edits.base import CannotEdit, Edit, Target, reciprocal
 from slamsim.recording.row_store import RowStore
-from slamsim.types import BoolArray, Float32Array
 
 _BLOCK = 2048
 """Scans that are in memory at a time."""

@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from slamsim.core.types import IntArray
 from slamsim.recording import Messages, RawScans, Recording
 from slamsim.recording.edits.base import STAMPED, CannotEdit, Edit, Target, edge_subject
 from slamsim.recording.edits.beams import beam_counts
-from slamsim.types import IntArray
 
 _COPIED_NS = 1_000
 _TOGETHER = 0.9

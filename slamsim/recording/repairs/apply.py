@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from difflib import get_close_matches
 
+from slamsim.guard.errors import SlamsimError, shown
 from slamsim.recording import Recording
 from slamsim.recording.edits.stamps import clock_of
 from slamsim.recording.repairs import frames, readings, scans, stamps, wheels
 from slamsim.recording.repairs.base import Declaration, Repair
-from slamsim.safe.errors import SlamsimError, shown
 
 OPERATIONS: Mapping[str, Declaration] = {
     "reorder": stamps.reorder,

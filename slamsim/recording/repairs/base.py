@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
+from slamsim.guard.errors import SlamsimError
 from slamsim.recording import RawStream, Recording
 from slamsim.recording.edits.base import Edit, Target
-from slamsim.safe.errors import SlamsimError
 
 
 @dataclass(frozen=True, slots=True)

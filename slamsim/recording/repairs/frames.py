@@ -7,7 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from slamsim.geometry import matrix_from_rpy, se3_from_parts, xyzw_from_matrix
+from slamsim.core.geometry import matrix_from_rpy, se3_from_parts, xyzw_from_matrix
+from slamsim.core.types import FloatArray, IntArray
 from slamsim.recording import RawStream, Recording, TransformEdge
 from slamsim.recording.edits.base import Edit
 from slamsim.recording.edits.frames import (
@@ -22,7 +23,6 @@ from slamsim.recording.edits.frames import (
 from slamsim.recording.edits.messages import select
 from slamsim.recording.frame_graph import FrameGraph
 from slamsim.recording.repairs.base import Repair
-from slamsim.types import FloatArray, IntArray
 
 
 def add_odometry_transform(recording: Recording, repair: Repair) -> Edit:

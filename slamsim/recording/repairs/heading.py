@@ -6,13 +6,13 @@ from collections.abc import Callable
 
 import numpy as np
 
-from slamsim.geometry import yaw_from_xyzw
+from slamsim.core.geometry import yaw_from_xyzw
+from slamsim.core.types import FloatArray, IntArray
+from slamsim.core.wheels import wheel_odometry
 from slamsim.recording import RawImu, Recording
 from slamsim.recording.edits.base import CannotEdit
 from slamsim.recording.edits.motion import ordered_encoder_stream
 from slamsim.recording.frame_graph import FrameGraph
-from slamsim.types import FloatArray, IntArray
-from slamsim.wheels import wheel_odometry
 
 Heading = Callable[[IntArray], FloatArray]
 

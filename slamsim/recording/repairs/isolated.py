@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from slamsim.core.types import BoolArray, Float32Array
 from slamsim.recording import RawScans
 from slamsim.recording.row_store import RowStore
-from slamsim.types import BoolArray, Float32Array
 
 _BLOCK = 2048
 _NAN = np.float32(np.nan)

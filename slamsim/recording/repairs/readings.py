@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from slamsim.core.types import FloatArray
 from slamsim.recording import RawImu, RawOdometry, Recording
 from slamsim.recording.edits.base import CannotEdit, Edit
 from slamsim.recording.edits.imu import (
@@ -17,7 +18,6 @@ from slamsim.recording.edits.odometry import NormaliseRotations
 from slamsim.recording.repairs.base import Repair
 from slamsim.recording.repairs.heading import base_rotation
 from slamsim.recording.soundness import finite_readings, sound_poses
-from slamsim.types import FloatArray
 
 
 def scale_acceleration(recording: Recording, repair: Repair) -> Edit:

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from slamsim.core.types import BoolArray, Float32Array
 from slamsim.recording import RawScans, Recording
 from slamsim.recording.edits.base import Edit, Edits
 from slamsim.recording.edits.beams import (
@@ -31,7 +32,6 @@ from slamsim.recording.edits.ranges import (
 from slamsim.recording.repairs.base import Repair
 from slamsim.recording.repairs.heading import heading_from
 from slamsim.recording.repairs.isolated import without_isolated_returns
-from slamsim.types import BoolArray, Float32Array
 
 _SAME_VALUE = 1e-4
 """Of a code for no return, or 0.1 mm: what single precision and text round."""

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from slamsim.core.types import FloatArray, IntArray
 from slamsim.recording import Messages, Recording
 from slamsim.recording.edits.base import STAMPED, CannotEdit, Edit
 from slamsim.recording.edits.beams import scan_durations_ns
@@ -20,7 +21,6 @@ from slamsim.recording.edits.stamps import (
     clock_of,
 )
 from slamsim.recording.repairs.base import Repair
-from slamsim.types import FloatArray, IntArray
 
 _SMOOTHED = 65
 """Messages over which scattered stamps are smoothed: a few seconds of scans."""

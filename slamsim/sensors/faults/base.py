@@ -12,12 +12,12 @@ from pydantic import Field, ValidationError, field_validator
 
 from slamsim.config.base import Config
 from slamsim.config.sensors import SensorsConfig
+from slamsim.core.types import BoolArray, IntArray
+from slamsim.guard.errors import SlamsimError
 from slamsim.recording import RawStream, Recording
 from slamsim.recording.edits.base import CannotEdit, Edit, Edits
 from slamsim.recording.fault_names import FAULT_NAMES
-from slamsim.safe.errors import SlamsimError
 from slamsim.sensors.motion import Knots
-from slamsim.types import BoolArray, IntArray
 
 KINDS: dict[str, type[Fault]] = {}
 """Every kind of fault under the name that a file gives it; a class is here once it is defined."""

@@ -8,7 +8,8 @@ from typing import Annotated, ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
-from slamsim.geometry import matrix_from_rpy
+from slamsim.core.geometry import matrix_from_rpy
+from slamsim.core.types import GRAVITY_M_S2
 from slamsim.recording import RawImu, Recording
 from slamsim.recording.edits.base import IMUS, Edit
 from slamsim.recording.edits.imu import (
@@ -20,7 +21,6 @@ from slamsim.recording.edits.imu import (
 )
 from slamsim.recording.edits.messages import Change
 from slamsim.sensors.faults.base import Fault, some_of
-from slamsim.types import GRAVITY_M_S2
 
 _Degrees = Annotated[float, Field(ge=-180.0, le=180.0)]
 

@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import Field
 
 from slamsim.config.sensors import SensorsConfig
-from slamsim.geometry import matrix_from_rpy, se3_from_parts
+from slamsim.core.geometry import matrix_from_rpy, se3_from_parts
 from slamsim.recording import Recording
 from slamsim.recording.edits.base import SCANS, Edit, Edits
 from slamsim.recording.edits.beams import ConvertAngles, ScaleAngles

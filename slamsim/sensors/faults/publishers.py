@@ -8,6 +8,7 @@ from typing import Annotated, ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
+from slamsim.core.types import Float32Array, FloatArray, IntArray
 from slamsim.recording import RawOdometry, RawScans, Recording, TransformEdge
 from slamsim.recording.edits.base import ODOMETRIES, SCANS, CannotEdit, Edit
 from slamsim.recording.edits.frames import AddTransform
@@ -15,7 +16,6 @@ from slamsim.recording.edits.messages import AddStream, Change, select
 from slamsim.recording.edits.motion import scaled_odometry
 from slamsim.recording.edits.ranges import range_matrix
 from slamsim.sensors.faults.base import Fault, span_ns
-from slamsim.types import Float32Array, FloatArray, IntArray
 
 _Turn = Annotated[float, Field(gt=0.0, lt=360.0)]
 

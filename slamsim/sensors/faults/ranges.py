@@ -7,12 +7,12 @@ from typing import ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
+from slamsim.core.types import Float32Array
 from slamsim.recording import RawScans, Recording
 from slamsim.recording.edits.base import SCANS, Edit, Edits
 from slamsim.recording.edits.beams import ExtendAngleMax, ScaleRangeLimits, SetRangeLimits
 from slamsim.recording.edits.ranges import ChangeRanges, CodeNoReturn, OffsetRanges, ScaleRanges
 from slamsim.sensors.faults.base import Fault
-from slamsim.types import Float32Array
 
 
 class NoReturn(Fault):

@@ -10,8 +10,8 @@ from pkgutil import iter_modules
 from slamsim.config.bundled import bundled_folder, bundled_names, find_input
 from slamsim.config.faults import FaultChoice
 from slamsim.config.loading import load_model
-from slamsim.safe.errors import InputRefused, shown
-from slamsim.safe.yaml import load_yaml
+from slamsim.guard.errors import InputRefused, shown
+from slamsim.guard.yaml import load_yaml
 from slamsim.sensors import faults
 from slamsim.sensors.faults.base import KINDS, Fault
 

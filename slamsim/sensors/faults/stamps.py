@@ -10,12 +10,12 @@ from typing import ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
+from slamsim.core.types import BoolArray, IntArray
 from slamsim.recording import Messages, Recording
 from slamsim.recording.edits.base import IMUS, SCANS, WHEELS, CannotEdit, Edit, Target
 from slamsim.recording.edits.messages import Change, SelectMessages, select
 from slamsim.recording.edits.stamps import Restamp, ScaleStamps, ShiftReceipt, ShiftStamps
 from slamsim.sensors.faults.base import Fault, spells
-from slamsim.types import BoolArray, IntArray
 
 StreamName = Literal["lidar", "imu", "wheels"]
 _TARGETS: Mapping[StreamName, Target] = {"lidar": SCANS, "imu": IMUS, "wheels": WHEELS}

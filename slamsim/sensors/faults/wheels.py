@@ -8,13 +8,13 @@ from typing import ClassVar, Literal, TypeVar
 import numpy as np
 from pydantic import Field
 
+from slamsim.core.types import FloatArray, IntArray
 from slamsim.recording import RawOdometry, RawTicks, Recording, TransformEdge
 from slamsim.recording.edits.base import COUNTS, DRIVEN, ODOMETRIES, TICKS, Edit, Edits
 from slamsim.recording.edits.messages import Change
 from slamsim.recording.edits.odometry import FollowTicks, ScaleMotion, ScaleSteps
 from slamsim.recording.edits.wheels import Pair, RewireWheels, ScaleWheelNumbers, WrapTicks
 from slamsim.sensors.faults.base import Fault, some_of, spells
-from slamsim.types import FloatArray, IntArray
 
 Moving = TypeVar("Moving", RawOdometry, TransformEdge)
 
