@@ -14,7 +14,7 @@ from slamsim.recording.edits.base import Edit, MessagesChange, Target
 
 
 @dataclass(frozen=True, slots=True)
-class Change(Edit):
+class ChangeMessages(Edit):
     """A change of a target's messages that no other edit describes, such as random readings."""
 
     target: Target

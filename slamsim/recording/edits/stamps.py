@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import TypeGuard
 
 import numpy as np
 
@@ -33,9 +34,10 @@ class Restamp(Edit):
             if messages.stamps_ns.size == 0:
                 return messages
             stamps_ns = self.change(messages.stamps_ns)
-            if self.receipt_follows and are_copies(messages.received_ns, messages.stamps_ns):
-                return replace(messages, stamps_ns=stamps_ns, received_ns=stamps_ns)
-            return replace(messages, stamps_ns=stamps_ns)
+            received_ns = messages.received_ns
+            if self.receipt_follows and are_copies(received_ns, messages.stamps_ns):
+                received_ns = received_ns + (stamps_ns - messages.stamps_ns)
+            return replace(messages, stamps_ns=stamps_ns, received_ns=received_ns)
 
         return self.target.changed(recording, restamped)
 
@@ -126,7 +128,7 @@ class ShiftReceipt(Edit):
         return replace(self, offset_ns=-self.offset_ns)
 
 
-def are_copies(received_ns: IntArray | None, stamps_ns: IntArray) -> bool:
+def are_copies(received_ns: IntArray | None, stamps_ns: IntArray) -> TypeGuard[IntArray]:
     """Whether times of receipt (n,) are those stamps (n,), as converters write them."""
     if received_ns is None:
         return False

@@ -22,7 +22,7 @@ from slamsim.recording.edits.beams import (
     beam_counts,
     with_last_angle,
 )
-from slamsim.recording.edits.messages import Change, SelectMessages
+from slamsim.recording.edits.messages import ChangeMessages, SelectMessages
 from slamsim.recording.edits.ranges import (
     BlankBeams,
     DecodeNoReturn,
@@ -76,7 +76,7 @@ def drop_beams(recording: Recording, repair: Repair) -> Edit:
 
 def drop_stray_beams(recording: Recording, repair: Repair) -> Edit:
     """Mark beams that stand alone in one scan, and are gone in the next, as without a reading."""
-    return Change(repair.target(RawScans), without_isolated_returns)
+    return ChangeMessages(repair.target(RawScans), without_isolated_returns)
 
 
 def drop_repeated_scans(recording: Recording, repair: Repair) -> Edit:
@@ -166,7 +166,7 @@ def turn_with_robot(recording: Recording, repair: Repair) -> Edit:
         every = np.arange(len(scans), dtype=np.int32)
         return replace(scans, layouts=tuple(layouts), layout_of=every)
 
-    return Change(repair.target(RawScans), turned)
+    return ChangeMessages(repair.target(RawScans), turned)
 
 
 def _in_firing_order(timed: ScaleBeamTimes | SetSweep, sign: float) -> Edit:

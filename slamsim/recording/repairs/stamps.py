@@ -12,7 +12,7 @@ from slamsim.core.types import FloatArray, IntArray
 from slamsim.recording import Messages, Recording
 from slamsim.recording.edits.base import STAMPED, CannotEdit, Edit
 from slamsim.recording.edits.beams import scan_durations_ns
-from slamsim.recording.edits.messages import Change, select
+from slamsim.recording.edits.messages import ChangeMessages, select
 from slamsim.recording.edits.stamps import (
     Restamp,
     ScaleStamps,
@@ -55,7 +55,7 @@ def reorder(recording: Recording, repair: Repair) -> Edit:
             return found
         return replace(found, received_ns=np.sort(found.received_ns))
 
-    return Change(clock_of(recording, repair.subject), sorted_by_stamp)
+    return ChangeMessages(clock_of(recording, repair.subject), sorted_by_stamp)
 
 
 def stamp_by_receipt(recording: Recording, repair: Repair) -> Edit:
@@ -68,7 +68,7 @@ def stamp_by_receipt(recording: Recording, repair: Repair) -> Edit:
         measuring_ns = lasts_ns.get(repair.subject, 0)
         return replace(messages, stamps_ns=messages.received_ns - measuring_ns)
 
-    return Change(STAMPED.on(repair.subject), by_receipt)
+    return ChangeMessages(STAMPED.on(repair.subject), by_receipt)
 
 
 def shift_receipt(recording: Recording, repair: Repair) -> Edit:

@@ -12,7 +12,7 @@ from slamsim.config.sensors import SensorsConfig
 from slamsim.recording import RawScans, Recording, ScanLayout
 from slamsim.recording.edits.base import SCANS, CannotEdit, Edit
 from slamsim.recording.edits.beams import ChangeLayouts, ScaleBeamTimes, SetSweep
-from slamsim.recording.edits.messages import Change
+from slamsim.recording.edits.messages import ChangeMessages
 from slamsim.recording.edits.ranges import ChangeRanges
 from slamsim.recording.edits.stamps import ShiftWithinScan
 from slamsim.sensors.faults.base import Fault, SensedFault
@@ -63,7 +63,7 @@ class FlashScanTimed(SensedFault):
 
     def edit(self, recording: Recording, rng: np.random.Generator) -> Edit:
         if all(layout.beam_dt_s == 0.0 for scans in recording.scans for layout in scans.layouts):
-            return Change(SCANS, _timed)
+            return ChangeMessages(SCANS, _timed)
         return refired(recording, lambda beam: -beam)
 
 

@@ -19,7 +19,7 @@ from slamsim.recording.edits.imu import (
     ScaleReadings,
     SetOrientation,
 )
-from slamsim.recording.edits.messages import Change
+from slamsim.recording.edits.messages import ChangeMessages
 from slamsim.sensors.faults.base import Fault, some_of
 
 _Degrees = Annotated[float, Field(ge=-180.0, le=180.0)]
@@ -111,7 +111,7 @@ class ImuNotFinite(Fault):
                 linear_acceleration_m_s2=np.where(chosen, np.nan, imu.linear_acceleration_m_s2),
             )
 
-        return Change(IMUS, broken)
+        return ChangeMessages(IMUS, broken)
 
 
 class ImuSpikes(Fault):
@@ -131,7 +131,7 @@ class ImuSpikes(Fault):
             felt[rows, rng.integers(0, 3, rows.size)] += self.spike_m_s2
             return replace(imu, linear_acceleration_m_s2=felt)
 
-        return Change(IMUS, with_spikes)
+        return ChangeMessages(IMUS, with_spikes)
 
 
 class GyroAxisDead(Fault):
@@ -149,7 +149,7 @@ class GyroAxisDead(Fault):
             rates[:, "xyz".index(self.axis)] = self.rate_rad_s
             return replace(imu, angular_velocity_rad_s=rates)
 
-        return Change(IMUS, dead)
+        return ChangeMessages(IMUS, dead)
 
 
 class OrientationInvented(Fault):

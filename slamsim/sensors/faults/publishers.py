@@ -12,7 +12,7 @@ from slamsim.core.types import Float32Array, FloatArray, IntArray
 from slamsim.recording import RawOdometry, RawScans, Recording, TransformEdge
 from slamsim.recording.edits.base import ODOMETRIES, SCANS, CannotEdit, Edit
 from slamsim.recording.edits.frames import AddTransform
-from slamsim.recording.edits.messages import AddStream, Change, select
+from slamsim.recording.edits.messages import AddStream, ChangeMessages, select
 from slamsim.recording.edits.motion import scaled_odometry
 from slamsim.recording.edits.ranges import range_matrix
 from slamsim.sensors.faults.base import Fault, span_ns
@@ -31,7 +31,7 @@ class TwoLidarsOneTopic(Fault):
         def joined(scans: RawScans) -> RawScans:
             return _interleaved(scans, _turned(scans, self.yaw_deg))
 
-        return Change(SCANS, joined)
+        return ChangeMessages(SCANS, joined)
 
 
 class TwoLidarsOneFrame(Fault):
@@ -62,7 +62,7 @@ class TwoOdometriesOneTopic(Fault):
             positions[1::2, 1] += self.apart_m
             return replace(odometry, positions_m=positions)
 
-        return Change(ODOMETRIES, joined)
+        return ChangeMessages(ODOMETRIES, joined)
 
 
 class SecondOdometry(Fault):

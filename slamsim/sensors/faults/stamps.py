@@ -13,7 +13,7 @@ from pydantic import Field
 from slamsim.core.types import BoolArray, IntArray
 from slamsim.recording import Messages, Recording
 from slamsim.recording.edits.base import IMUS, SCANS, WHEELS, CannotEdit, Edit, Target
-from slamsim.recording.edits.messages import Change, SelectMessages, select
+from slamsim.recording.edits.messages import ChangeMessages, SelectMessages, select
 from slamsim.recording.edits.stamps import Restamp, ScaleStamps, ShiftReceipt, ShiftStamps
 from slamsim.sensors.faults.base import Fault, spells
 
@@ -170,7 +170,7 @@ class StampsInvented(StampsFault):
             even = stamps[:1] + np.arange(stamps.size) * _period_ns(stamps)
             return replace(messages, stamps_ns=even, received_ns=even.copy())
 
-        return Change(self.target, renumbered)
+        return ChangeMessages(self.target, renumbered)
 
 
 class StreamGaps(StampsFault):

@@ -11,7 +11,7 @@ from pydantic import Field
 from slamsim.core.types import FloatArray, IntArray
 from slamsim.recording import RawOdometry, RawTicks, Recording, TransformEdge
 from slamsim.recording.edits.base import COUNTS, DRIVEN, ODOMETRIES, TICKS, Edit, Edits
-from slamsim.recording.edits.messages import Change
+from slamsim.recording.edits.messages import ChangeMessages
 from slamsim.recording.edits.odometry import FollowTicks, ScaleMotion, ScaleSteps
 from slamsim.recording.edits.wheels import Pair, RewireWheels, ScaleWheelNumbers, WrapTicks
 from slamsim.sensors.faults.base import Fault, some_of, spells
@@ -155,7 +155,7 @@ class OdometryJump(Fault):
             positions[len(positions) // 2 :, 0] += self.jump_m
             return replace(one, positions_m=positions)
 
-        return Change(DRIVEN, jumped)
+        return ChangeMessages(DRIVEN, jumped)
 
 
 class OdometryFrozen(Fault):
@@ -187,7 +187,7 @@ class TicksFrozen(Fault):
     """How often, evenly spread over the recording."""
 
     def edit(self, recording: Recording, rng: np.random.Generator) -> Edit:
-        return Change(TICKS, self._frozen)
+        return ChangeMessages(TICKS, self._frozen)
 
     def _frozen(self, ticks: RawTicks) -> RawTicks:
         standing = spells(ticks.stamps_ns[1:], self.times, self.frozen_s)
@@ -221,7 +221,7 @@ class OdometryNotFinite(Fault):
                 linear_m_s=np.where(chosen, np.nan, odometry.linear_m_s),
             )
 
-        return Change(ODOMETRIES, broken)
+        return ChangeMessages(ODOMETRIES, broken)
 
 
 class OdometryQuaternion(Fault):
@@ -236,7 +236,7 @@ class OdometryQuaternion(Fault):
         def scaled(odometry: RawOdometry) -> RawOdometry:
             return replace(odometry, quats_xyzw=odometry.quats_xyzw * self.length)
 
-        return Change(ODOMETRIES, scaled)
+        return ChangeMessages(ODOMETRIES, scaled)
 
 
 def _believed(
