@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,8 +20,10 @@ from slamsim.recording.edits import stamps as clocks
 from slamsim.recording.edits.base import CannotEdit, Edit, Edits
 from slamsim.recording.repairs.apply import OPERATIONS, apply_repairs
 from slamsim.recording.repairs.base import Repair
+from slamsim.sensors import faults
 from slamsim.sensors.faults.apply import injected
-from slamsim.sensors.faults.registry import load_fault
+from slamsim.sensors.faults.base import KINDS
+from slamsim.sensors.faults.registry import discover, load_fault
 
 MADE = example()
 SECOND_NS = 1_000_000_000
@@ -296,6 +299,36 @@ def test_a_fault_and_its_repair_give_the_healthy_recording(
     faulty = injected(MADE, [fault if size is None else fault.with_size(size)], seed=2)
     assert differences(MADE, faulty)
     assert_alike(MADE, _comparable(apply_repairs(faulty, repairs)), within_ns=1, atol=2e-4)
+
+
+EXAMPLE = (Path(__file__).parents[1] / "CONTRIBUTING.md").read_text().split("### Add a fault")[1]
+
+
+def test_a_new_fault_is_one_module_and_one_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The worked example of CONTRIBUTING.md, put where faults are looked for."""
+    module, description = (
+        EXAMPLE.split(f"```{language}\n", 1)[1].split("```", 1)[0]
+        for language in ("python", "yaml")
+    )
+    (tmp_path / "warming.py").write_text(module)
+    (tmp_path / "gyro_drift.yaml").write_text(description)
+    monkeypatch.setattr(faults, "__path__", [*faults.__path__, str(tmp_path)])
+    before = set(KINDS)
+
+    try:
+        discover()
+        assert set(KINDS) - before == {"gyro_drift"}
+        fault = load_fault(str(tmp_path / "gyro_drift.yaml"))
+    finally:
+        KINDS.pop("gyro_drift", None)
+
+    drifting = injected(MADE, [fault.with_size(0.01)], seed=0)
+    assert differences(MADE, drifting) == {"imus.angular_velocity_rad_s"}
+    gained = drifting.imus[0].angular_velocity_rad_s - MADE.imus[0].angular_velocity_rad_s
+    since_s = (MADE.imus[0].stamps_ns - MADE.imus[0].stamps_ns[0]) * 1e-9
+    np.testing.assert_allclose(gained[:, 2], 0.01 * since_s, atol=1e-12)
 
 
 def _comparable(fixed: Recording) -> Recording:

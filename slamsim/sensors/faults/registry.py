@@ -15,9 +15,14 @@ from slamsim.guard.yaml import load_yaml
 from slamsim.sensors import faults
 from slamsim.sensors.faults.base import KINDS, Fault
 
-for _module in iter_modules(faults.__path__, f"{faults.__name__}."):
-    if _module.name != __name__:
-        import_module(_module.name)  # its classes enter KINDS when they are defined
+
+def discover() -> None:
+    """Imports every module of this folder: a kind of fault enters ``KINDS`` when it is defined."""
+    for module in iter_modules(faults.__path__, f"{faults.__name__}."):
+        import_module(module.name)
+
+
+discover()
 
 
 def load_fault(name_or_path: str) -> Fault:
