@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import difflib
-import inspect
 from abc import ABC, abstractmethod
-from typing import Annotated, Any, ClassVar, Self, get_args
+from typing import Annotated, ClassVar, Self
 
 import numpy as np
 from pydantic import Field, ValidationError, field_validator
@@ -18,9 +17,6 @@ from slamsim.recording import RawStream, Recording
 from slamsim.recording.edits.base import CannotEdit, Edit, Edits
 from slamsim.recording.fault_names import FAULT_NAMES
 from slamsim.sensors.motion import Knots
-
-KINDS: dict[str, type[Fault]] = {}
-"""Every kind of fault under the name that a file gives it; a class is here once it is defined."""
 
 
 class Fault(Config, ABC):
@@ -49,11 +45,6 @@ class Fault(Config, ABC):
     """The thread, code or study it was met in."""
     sizes: Annotated[tuple[float, ...], Field(strict=False)] = ()
     """Sizes for the curve of sensitivity, in the unit of the size."""
-
-    @classmethod
-    def __pydantic_init_subclass__(cls, **_: Any) -> None:
-        if not inspect.isabstract(cls):
-            KINDS[get_args(cls.model_fields["kind"].annotation)[0]] = cls
 
     @abstractmethod
     def edit(self, recording: Recording, rng: np.random.Generator) -> Edit:
