@@ -282,7 +282,7 @@ APPROXIMATE = {
     *("negate_angles", "turn_with_robot", "normalise_rotations", "freeze_static_transform"),
     "remove_odometry_jumps",
 }
-"""Of faults of the sensing, and of what no message says any more; tried in test_mends.py."""
+"""Of faults of the sensing, and of what no message says any more; tried in test_repairs.py."""
 
 
 def test_every_repair_is_tried() -> None:

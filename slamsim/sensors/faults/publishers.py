@@ -107,7 +107,7 @@ def _first_odometry(recording: Recording) -> RawOdometry:
 
 
 def _turned(scans: RawScans, yaw_deg: float) -> RawScans:
-    """What a lidar in the same place sees that looks another way; no return beyond what is seen."""
+    """What a lidar at the same position sees with another yaw, as far as these scans reach."""
     ranges = range_matrix(scans)
     beams = ranges.shape[1]
     step_rad = scans.layouts[0].angle_step_rad

@@ -31,7 +31,7 @@ class TransformMissing(Fault):
 
 
 class TransformAdded(Fault):
-    """One more link is published: a second parent, or a way back."""
+    """One more link is published: a second parent, or a loop."""
 
     kind: Literal["transform_added"]
     parent: str
@@ -65,7 +65,7 @@ class FrameUnknown(Fault):
 
 
 class StaticChanges(Fault):
-    """The fixed transform of the laser is published anew with another place on the way."""
+    """The fixed transform of the laser is published anew with another position during the drive."""
 
     SIZE: ClassVar[str | None] = "by_m"
     kind: Literal["static_changes"]

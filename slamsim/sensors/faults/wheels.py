@@ -112,7 +112,7 @@ class WheelSlip(Fault):
     SIZE: ClassVar[str | None] = "share"
     kind: Literal["wheel_slip"]
     share: float = Field(gt=0.0, le=10.0)
-    """Of the way, that the wheels turn in addition."""
+    """Of the path, that the wheels turn in addition."""
     slip_s: float = Field(default=4.0, gt=0.0, le=1e4)
     """Length of each slip."""
     slips: int = Field(default=3, ge=1, le=1000)
