@@ -59,7 +59,7 @@ class FlashScanTimed(SensedFault):
 
     def declare(self, config: SensorsConfig) -> Edit:
         beam_dt_s = float(np.float32(config.lidar.beam_dt_ns * 1e-9))
-        return ChangeLayouts(SCANS, lambda layout, _: replace(layout, beam_dt_s=beam_dt_s))
+        return ChangeLayouts(SCANS, lambda layout: replace(layout, beam_dt_s=beam_dt_s))
 
     def edit(self, recording: Recording, rng: np.random.Generator) -> Edit:
         if all(layout.beam_dt_s == 0.0 for scans in recording.scans for layout in scans.layouts):
