@@ -130,7 +130,7 @@ class TurnFrame(Edit):
 
 @dataclass(frozen=True, slots=True)
 class PublishOdometry(Edit):
-    """The poses of the odometry on ``topic`` as the transform of its frames, for what there is."""
+    """The poses of the odometry on ``topic`` replace the transform between its frames."""
 
     topic: str
 

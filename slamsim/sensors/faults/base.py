@@ -48,7 +48,7 @@ class Fault(Config, ABC):
 
     @abstractmethod
     def edit(self, recording: Recording, rng: np.random.Generator) -> Edit:
-        """What puts the fault into this recording; rng: for what is random in it.
+        """What puts the fault into this recording, once; rng: for what is random in it.
 
         Raises CannotEdit where the recording has nothing that could have the fault.
         """
