@@ -103,9 +103,9 @@ class Driven:
     def _sensed(self, faults: Sequence[Fault]) -> list[Readings]:
         """What sensors with these faults measure, window by window."""
         config, simulation = self._config, self.simulation
-        sensors, course = faulty_sensors(faults, config.sensors)
+        sensors, override = faulty_sensors(faults, config.sensors)
         mesh, robot = simulation.world.mesh, simulation.robot
-        rig = SensorRig(mesh, robot, sensors, config.seed, course=course)
+        rig = SensorRig(mesh, robot, sensors, config.seed, override=override)
         return [rig.sense(window) for window in self._windows]
 
     def _recorded(self, readings: Sequence[Readings]) -> Recording:

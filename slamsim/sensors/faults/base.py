@@ -16,7 +16,7 @@ from slamsim.guard.errors import SlamsimError
 from slamsim.recording import RawStream, Recording
 from slamsim.recording.edits.base import CannotEdit, Edit, Edits
 from slamsim.recording.fault_names import FAULT_NAMES
-from slamsim.sensors.motion import Knots
+from slamsim.sensors.motion import PoseSamples
 
 
 class Fault(Config, ABC):
@@ -108,9 +108,9 @@ class SensedFault(Fault, ABC):
         """What is sensed with instead of the configured sensors."""
         return config
 
-    def course(self, knots: Knots, config: SensorsConfig) -> Knots:
+    def override(self, samples: PoseSamples, config: SensorsConfig) -> PoseSamples:
         """How the laser moves and looks instead of as it is mounted."""
-        return knots
+        return samples
 
     def declare(self, config: SensorsConfig) -> Edit:
         """What is changed in scans sensed so; config: of the healthy sensors."""
