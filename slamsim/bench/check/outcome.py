@@ -13,7 +13,8 @@ from slamsim.bench.check.truth import Truth
 from slamsim.check.check import check_recording
 from slamsim.check.findings import CheckReport, Finding
 from slamsim.recording import Recording
-from slamsim.sensors.faults.base import CannotInject, Fault
+from slamsim.recording.edits.base import CannotEdit
+from slamsim.sensors.faults.base import Fault
 
 Json = dict[str, object]
 
@@ -76,10 +77,10 @@ _OUTCOME = TypeAdapter(CheckOutcome)
 def outcome_of(
     trial: CheckTrial, spoilt: Callable[[Sequence[Fault]], Recording], truth: Truth
 ) -> CheckOutcome:
-    """Inject and check. spoilt: gives the recording with faults, or raises CannotInject."""
+    """Inject and check. spoilt: gives the recording with faults, or raises CannotEdit."""
     try:
         recording = spoilt(trial.faults)
-    except CannotInject as error:
+    except CannotEdit as error:
         return _outcome(trial, truth, CheckReport("", ()), 0.0, str(error))
     begun_s = time.perf_counter()
     report = check_recording(recording)
