@@ -6,10 +6,10 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from slamsim.check.calibration import Calibration, calibrate_inputs
-from slamsim.check.course import gyro_course, wheel_course
-from slamsim.check.gathering import Inputs
-from slamsim.check.laser_steps import LaserSteps
+from slamsim.check.calibration.joint import Calibration, calibrate_inputs
+from slamsim.check.motion.inputs import Inputs
+from slamsim.check.motion.integrated import gyro_course, wheel_course
+from slamsim.check.motion.laser_steps import LaserSteps
 from slamsim.geometry import between, compose
 from slamsim.recording import RawImu, RawTicks
 from slamsim.types import FloatArray, IntArray

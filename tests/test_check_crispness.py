@@ -12,16 +12,16 @@ from hypothesis import strategies as st
 from scan_recording import healthy
 from scipy.stats import multivariate_normal
 
-from slamsim.check.calibration import Calibration, calibrate_inputs
-from slamsim.check.calibration_model import GYRO_DELAY, UNKNOWNS, WHEEL_DELAY
-from slamsim.check.course import wheel_course
-from slamsim.check.crispness import Crispness, Stream, along
-from slamsim.check.gathering import Inputs
-from slamsim.check.map_agreement import held_against_map
-from slamsim.check.map_entropy import ACROSS_M, ALONG_M, map_entropy, placed
-from slamsim.check.map_views import WindowView
-from slamsim.check.motion import check_motion
-from slamsim.check.timing import check_timing
+from slamsim.check.calibration.joint import Calibration, calibrate_inputs
+from slamsim.check.calibration.model import GYRO_DELAY, UNKNOWNS, WHEEL_DELAY
+from slamsim.check.map_quality.agreement import held_against_map
+from slamsim.check.map_quality.crispness import Crispness, Stream, along
+from slamsim.check.map_quality.entropy import ACROSS_M, ALONG_M, map_entropy, placed
+from slamsim.check.map_quality.views import WindowView
+from slamsim.check.motion.inputs import Inputs
+from slamsim.check.motion.integrated import wheel_course
+from slamsim.check.questions.clocks.offsets import check_timing
+from slamsim.check.thorough import check_motion
 from slamsim.geometry import between, compose
 from slamsim.recording import RawScans
 from slamsim.types import FloatArray, IntArray

@@ -6,8 +6,8 @@ import re
 
 import pytest
 
-from slamsim.check.description import check_description
 from slamsim.check.findings import Finding
+from slamsim.check.questions.frames.description import check_description
 from slamsim.config.robot import RobotConfig
 from slamsim.recording import Recording
 from slamsim.sim.robot import build_robot

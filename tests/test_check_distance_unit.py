@@ -11,11 +11,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scan_recording import healthy
 
-from slamsim.check.calibration import calibrate_inputs
+from slamsim.check.calibration.joint import calibrate_inputs
 from slamsim.check.check import check_recording
-from slamsim.check.course import wheel_course
-from slamsim.check.distance_unit import METRES, WrongUnit, in_metres, ratio_of_units
 from slamsim.check.mends import apply_mends, proposed
+from slamsim.check.motion.integrated import wheel_course
+from slamsim.check.questions.wheels.distance_unit import (
+    METRES,
+    WrongUnit,
+    in_metres,
+    ratio_of_units,
+)
 from slamsim.recording import RawOdometry, Recording
 from slamsim.sensors.faults.registry import load_fault
 

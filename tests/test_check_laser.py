@@ -18,9 +18,9 @@ from scan_recording import (
 )
 
 from slamsim.check.findings import Finding
-from slamsim.check.gathering import gather
-from slamsim.check.laser import check_laser, laser_motions
 from slamsim.check.mends import apply_mends
+from slamsim.check.motion.inputs import gather
+from slamsim.check.questions.laser.laser import check_laser, laser_motions
 from slamsim.recording import RawImu, RawOdometry, RawScans, Recording, RecordingFormat
 from slamsim.types import FloatArray
 

@@ -10,13 +10,13 @@ import pytest
 from recording_data import recording as healthy
 
 from slamsim.check.findings import Finding
-from slamsim.check.gathering import gather
-from slamsim.check.inertial import check_inertial
 from slamsim.check.mends import apply_mends
-from slamsim.check.odometry import check_odometry
-from slamsim.check.published import check_published
-from slamsim.check.publishers import check_publishers
-from slamsim.check.transforms import check_transforms
+from slamsim.check.motion.inputs import gather
+from slamsim.check.questions.frames.transforms import check_transforms
+from slamsim.check.questions.inertial.gravity import check_inertial
+from slamsim.check.questions.streams.publishers import check_publishers
+from slamsim.check.questions.wheels.odometry import check_odometry
+from slamsim.check.questions.wheels.published import check_published
 from slamsim.recording import RawImu, RawOdometry, RawScans, RawTicks, Recording
 from slamsim.sensors.faults.apply import injected
 from slamsim.sensors.faults.base import Fault

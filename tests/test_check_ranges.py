@@ -10,9 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from slamsim.check.findings import Finding
-from slamsim.check.inertial import check_inertial
-from slamsim.check.ranges import check_ranges
-from slamsim.check.scan_sample import sample_scans
+from slamsim.check.questions.inertial.gravity import check_inertial
+from slamsim.check.questions.ranges.ranges import check_ranges
+from slamsim.check.questions.ranges.sample import sample_scans
 from slamsim.recording import RawImu, RawOdometry, RawScans, Recording, ScanLayout, TransformEdge
 from slamsim.types import Float32Array, FloatArray
 

@@ -11,9 +11,9 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from recording_data import LAYOUT, edge, recording, scans_at, stamps
 
-from slamsim.check.stamp_rounding import rounding_step_s
-from slamsim.check.stamp_series import series_of
-from slamsim.check.streams import check_streams
+from slamsim.check.questions.streams.rounding import rounding_step_s
+from slamsim.check.questions.streams.series import series_of
+from slamsim.check.questions.streams.stamps import check_streams
 from slamsim.recording import RawImu, RawOdometry, RawScans, RawTicks, Recording
 from slamsim.types import IntArray
 

@@ -11,19 +11,19 @@ from calibration_example import T_BASE_LASER, Robot, without
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from slamsim.check.calibration import Calibration, calibrate_inputs
-from slamsim.check.course import wheel_course
+from slamsim.check.calibration.joint import Calibration, calibrate_inputs
+from slamsim.check.calibration.majority import vote
 from slamsim.check.diagnosis import explained
 from slamsim.check.findings import Finding
-from slamsim.check.gathering import Inputs
 from slamsim.check.joint import check_calibration
-from slamsim.check.mounting import check_mounting
-from slamsim.check.odometry import check_slip
-from slamsim.check.reversing import check_reversing
-from slamsim.check.rolling import check_wheels
-from slamsim.check.timing import check_timing
-from slamsim.check.turning import check_gyro
-from slamsim.check.votes import vote
+from slamsim.check.motion.inputs import Inputs
+from slamsim.check.motion.integrated import wheel_course
+from slamsim.check.questions.clocks.offsets import check_timing
+from slamsim.check.questions.inertial.gyroscope import check_gyro
+from slamsim.check.questions.laser.mounting import check_mounting
+from slamsim.check.questions.wheels.direction import check_reversing
+from slamsim.check.questions.wheels.odometry import check_slip
+from slamsim.check.questions.wheels.sizes import check_wheels
 from slamsim.recording import RawImu, RawOdometry, RawTicks, Recording
 from slamsim.types import FloatArray
 

@@ -11,8 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from slamsim.check.findings import Finding
-from slamsim.check.frame_graph import FrameGraph
-from slamsim.check.transforms import check_transforms
+from slamsim.check.motion.frame_graph import FrameGraph
+from slamsim.check.questions.frames.transforms import check_transforms
 from slamsim.geometry import xyzw_from_yaw
 from slamsim.recording import RawOdometry, RawScans, Recording, ScanLayout, TransformEdge
 from slamsim.types import FloatArray, IntArray

@@ -19,12 +19,12 @@ from test_bound import driven, sensors
 from test_bound_scans import T_BASE_LASER, polygon
 from test_dataset_catalogue import row, shard
 
-from slamsim.check.calibration import calibrate_inputs
-from slamsim.check.calibration_noise import jackknife
-from slamsim.check.course import Course
-from slamsim.check.gathering import Inputs
-from slamsim.check.laser_course import heading_by_course
-from slamsim.check.laser_gain import turn_gain
+from slamsim.check.calibration.joint import calibrate_inputs
+from slamsim.check.calibration.noise import jackknife
+from slamsim.check.motion.inputs import Inputs
+from slamsim.check.motion.integrated import Course
+from slamsim.check.questions.laser.gain import turn_gain
+from slamsim.check.questions.laser.heading import heading_by_course
 from slamsim.config.drive import LimitsConfig
 from slamsim.dataset.distributions import Integers, LogUniform, Normal, Uniform
 from slamsim.dataset.manifest import manifest

@@ -76,7 +76,6 @@ FILE_CYCLES: frozenset[frozenset[str]] = frozenset()
 
 MOST_MODULES = 20
 LARGER: Mapping[str, int] = {
-    "check": 73,
     "dataset": 44,
     "logs": 51,
     "run": 32,

@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 from recording_data import edge, recording, stamps
 
 from slamsim.check.findings import Mend
-from slamsim.check.frame_graph import FrameGraph
 from slamsim.check.mend_stamps import even_stamps, on_clock_of
 from slamsim.check.mends import OPERATIONS, apply_mends, chosen, next_mends
+from slamsim.check.motion.frame_graph import FrameGraph
 from slamsim.geometry import yaw_from_xyzw
 from slamsim.recording import RawImu, RawOdometry, RawScans, RawTicks, Recording
 from slamsim.safe.errors import SlamsimError

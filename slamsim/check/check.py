@@ -9,16 +9,16 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from slamsim.check.description import check_description
 from slamsim.check.diagnosis import explained
 from slamsim.check.findings import CheckReport, Finding
-from slamsim.check.inertial import check_inertial
-from slamsim.check.motion import check_motion
-from slamsim.check.published import check_published
-from slamsim.check.publishers import check_publishers
-from slamsim.check.ranges import check_ranges
-from slamsim.check.streams import check_streams
-from slamsim.check.transforms import check_transforms
+from slamsim.check.questions.frames.description import check_description
+from slamsim.check.questions.frames.transforms import check_transforms
+from slamsim.check.questions.inertial.gravity import check_inertial
+from slamsim.check.questions.ranges.ranges import check_ranges
+from slamsim.check.questions.streams.publishers import check_publishers
+from slamsim.check.questions.streams.stamps import check_streams
+from slamsim.check.questions.wheels.published import check_published
+from slamsim.check.thorough import check_motion
 from slamsim.progress import Progress, silent
 from slamsim.recording import Recording
 

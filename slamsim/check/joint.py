@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from slamsim.check.calibration import calibrate
-from slamsim.check.crispness import crispness
-from slamsim.check.distance_unit import check_unit, in_metres, of_slip, wrong_unit
-from slamsim.check.excitation import check_excitation
+from slamsim.check.calibration.joint import calibrate
+from slamsim.check.calibration.majority import vote
 from slamsim.check.findings import Finding
-from slamsim.check.map_agreement import held_against_map
-from slamsim.check.mounting import check_mounting
-from slamsim.check.odometry import check_odometry, check_slip
-from slamsim.check.reversing import check_reversing
-from slamsim.check.rolling import check_wheels
-from slamsim.check.timing import check_timing
-from slamsim.check.turning import check_gyro
-from slamsim.check.votes import vote
+from slamsim.check.map_quality.agreement import held_against_map
+from slamsim.check.map_quality.crispness import crispness
+from slamsim.check.questions.clocks.excitation import check_excitation
+from slamsim.check.questions.clocks.offsets import check_timing
+from slamsim.check.questions.inertial.gyroscope import check_gyro
+from slamsim.check.questions.laser.mounting import check_mounting
+from slamsim.check.questions.wheels.direction import check_reversing
+from slamsim.check.questions.wheels.distance_unit import check_unit, in_metres, of_slip, wrong_unit
+from slamsim.check.questions.wheels.odometry import check_odometry, check_slip
+from slamsim.check.questions.wheels.sizes import check_wheels
 from slamsim.recording import Recording
 from slamsim.slam.laser.scan_motion import ScanMotions
 

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from slamsim.check.findings import Mend
-from slamsim.check.frame_graph import FrameGraph
 from slamsim.check.mend_subjects import number, with_edges
+from slamsim.check.motion.frame_graph import FrameGraph
 from slamsim.geometry import matrix_from_rpy, matrix_from_xyzw, se3_from_parts, xyzw_from_matrix
 from slamsim.recording import RawStream, Recording, TransformEdge
 from slamsim.recording.edits import kept, with_odometry_edge

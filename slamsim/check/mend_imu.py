@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from slamsim.check.findings import Mend
-from slamsim.check.frame_graph import FrameGraph
 from slamsim.check.mend_subjects import number, with_topic
+from slamsim.check.motion.frame_graph import FrameGraph
 from slamsim.recording import RawImu, Recording
 from slamsim.types import FloatArray
 

@@ -10,8 +10,8 @@ import numpy as np
 from slamsim.check.findings import Mend
 from slamsim.check.mend_heading import heading_from
 from slamsim.check.mend_subjects import number, with_topic
-from slamsim.check.scan_sample import ScanSample
-from slamsim.check.stray import stray_beams
+from slamsim.check.questions.ranges.isolated_returns import stray_beams
+from slamsim.check.questions.ranges.sample import ScanSample
 from slamsim.recording import RawScans, Recording, ScanLayout
 from slamsim.recording.edits import kept
 from slamsim.recording.row_store import RowStore

@@ -10,7 +10,7 @@ import numpy as np
 
 from slamsim.check.findings import Mend
 from slamsim.check.mend_subjects import edge_subject, number
-from slamsim.check.stamp_series import are_copies, series_of
+from slamsim.check.questions.streams.series import are_copies, series_of
 from slamsim.recording import Messages, Recording
 from slamsim.recording.edits import kept
 from slamsim.safe.errors import SlamsimError

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slamsim.check.check import check_recording
-from slamsim.check.disagreement import covered
 from slamsim.check.findings import CheckReport, Finding
+from slamsim.check.motion.disagreement import covered
 from slamsim.config.run import RunConfig
 from slamsim.config.scenarios.slam_case import SlamCaseConfig
 from slamsim.evaluate.score import evaluate
