@@ -4,24 +4,24 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from slamsim.check.diagnosis import ON_ANY_SUBJECT, ON_ONE_SUBJECT, explained
+from slamsim.check.diagnosis import explained
 from slamsim.check.findings import Estimate, Finding
-from slamsim.recording.fault_names import FAULT_NAMES
+from slamsim.check.registry import registry
 
 
 def bad(check: str, subject: str, fault: str) -> Finding:
-    return Finding(check, subject, "bad", "words", fault, "advice")
+    return Finding(check, subject, "fault", "words", fault, "advice")
 
 
 def names(*findings: Finding) -> set[str | None]:
-    return {one.fault for one in explained(findings) if one.verdict == "bad"}
+    return {one.fault for one in explained(findings) if one.verdict == "fault"}
 
 
 def test_a_consequence_is_no_fault_of_its_own() -> None:
     cause = bad("wheels.wiring", "/ticks", "wheels_swapped")
     consequence = bad("odometry.wheels", "/odom", "odometry_contradicts_wheels")
     found = explained([consequence, cause])
-    assert [one.verdict for one in found] == ["cannot tell", "bad"]
+    assert [one.verdict for one in found] == ["inconclusive", "fault"]
     assert "left and right wheel are exchanged" in found[0].words
     assert not found[0].mends
 
@@ -41,24 +41,32 @@ def test_the_stamps_of_one_stream_do_not_excuse_another() -> None:
     }
 
 
-def test_every_name_in_the_tables_is_a_fault_and_none_excuses_itself_in_a_circle() -> None:
-    for table in (ON_ONE_SUBJECT, ON_ANY_SUBJECT):
-        for cause, consequences in table.items():
-            assert {cause, *consequences} <= set(FAULT_NAMES)
-            assert cause not in consequences
-            for other in consequences:
-                assert cause not in table.get(other, ()), (cause, other)
+def test_what_faults_explain_are_faults_and_none_explains_itself_in_a_circle() -> None:
+    faults = registry().faults
+    explained_by = {
+        (where, name): {
+            fault for one in kind.explains if one.where == where for fault in one.faults
+        }
+        for name, kind in faults.items()
+        for where in ("same subject", "anywhere")
+    }
+    assert sum(map(len, explained_by.values())) > 100
+    for (where, cause), consequences in explained_by.items():
+        assert consequences <= set(faults)
+        assert cause not in consequences
+        for other in consequences:
+            assert cause not in explained_by[where, other], (cause, other)
 
 
 def test_sizes_wait_until_somebody_knows_how_far_the_scans_turn() -> None:
-    offset = Finding("ranges.offset", "/scan", "bad", "too long", "range_offset")
+    offset = Finding("ranges.offset", "/scan", "fault", "too long", "range_offset")
     unsure = Estimate(18.0, 9.0, "%")
-    rotation = Finding("laser.rotation", "/scan", "cannot tell", "gain 0.3", estimate=unsure)
-    step = Finding("laser.angle_step", "/scan", "cannot tell", "unsure", estimate=unsure)
+    rotation = Finding("laser.rotation", "/scan", "inconclusive", "gain 0.3", estimate=unsure)
+    step = Finding("laser.angle_step", "/scan", "inconclusive", "unsure", estimate=unsure)
 
-    assert [one.verdict for one in explained([offset, rotation])] == ["bad", "cannot tell"]
+    assert [one.verdict for one in explained([offset, rotation])] == ["fault", "inconclusive"]
     told = explained([offset, rotation, step])
-    assert {one.verdict for one in told} == {"cannot tell"}
+    assert {one.verdict for one in told} == {"inconclusive"}
     assert "contradict" in told[0].words
 
 

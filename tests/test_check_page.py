@@ -16,7 +16,7 @@ def report() -> CheckReport:
     bad = Finding(
         "laser.rotation",
         "/scan<script>",
-        "bad",
+        "fault",
         "the scan turns 0.001 times as much as the gyroscope",
         "laser_world_fixed",
         "Take directions relative to the laser frame.",
@@ -24,7 +24,7 @@ def report() -> CheckReport:
         0.02,
         plots=(plot,),
     )
-    unknown = Finding("time.offset.imu", "/imu", "cannot tell", "the robot hardly turns")
+    unknown = Finding("time.offset.imu", "/imu", "inconclusive", "the robot hardly turns")
     fine = Finding("ranges.stuck", "/scan", "ok", "no scan repeats", plots=(plot,))
     return CheckReport("a <b>name</b>", (bad, unknown, fine), {"read": 0.5})
 

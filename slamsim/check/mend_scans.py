@@ -10,8 +10,8 @@ import numpy as np
 from slamsim.check.findings import Mend
 from slamsim.check.mend_heading import heading_from
 from slamsim.check.mend_subjects import number, with_topic
-from slamsim.check.questions.ranges.isolated_returns import stray_beams
-from slamsim.check.questions.ranges.sample import ScanSample
+from slamsim.check.questions.ranges.isolated_returns import isolated_returns
+from slamsim.check.scan_sample import ScanSample
 from slamsim.recording import RawScans, Recording, ScanLayout
 from slamsim.recording.edits import kept
 from slamsim.recording.row_store import RowStore
@@ -113,7 +113,7 @@ def drop_stray_beams(recording: Recording, mend: Mend) -> Recording:
             numbers = np.arange(start, start + len(rows))
             none: BoolArray = np.zeros(0, dtype=np.bool_)
             sample = ScanSample(scans.layout(start), numbers, rows, after, none)
-            store.add(np.where(stray_beams(sample)[1], _NAN, rows))
+            store.add(np.where(isolated_returns(sample)[1], _NAN, rows))
         return replace(scans, ranges_m=store.rows())
 
     return with_topic(recording, RawScans, mend, freed)

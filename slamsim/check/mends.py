@@ -92,7 +92,7 @@ _OTHER_EPOCH_S = 60.0
 
 def proposed(report: CheckReport) -> tuple[Mend, ...]:
     """What the bad findings propose, in their order."""
-    return tuple(mend for finding in report.bad for mend in finding.mends)
+    return tuple(mend for finding in report.faults for mend in finding.mends)
 
 
 def chosen(mends: Sequence[Mend], names: str) -> tuple[Mend, ...]:

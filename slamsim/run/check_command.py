@@ -66,7 +66,7 @@ def check(
         )
     if html is not None:
         reporter.say(f"Written to {html}")
-    raise typer.Exit(1 if report.bad else 0)
+    raise typer.Exit(1 if report.faults else 0)
 
 
 @contextmanager
@@ -128,4 +128,4 @@ def fix(
             lossy=lossy,
             overwrite=overwrite,
         )
-    raise typer.Exit(1 if report.bad else 0)
+    raise typer.Exit(1 if report.faults else 0)

@@ -1,14 +1,15 @@
-"""``slamsim check``: a recording in, verdicts out."""
+"""``slamsim check``: a recording in, findings out."""
 
 from __future__ import annotations
 
 from pathlib import Path
+from typing import get_args
 
 from rich.table import Table
 from rich.text import Text
 
 from slamsim.check.check import check_recording
-from slamsim.check.findings import CheckReport, Finding
+from slamsim.check.findings import CheckReport, Finding, Verdict
 from slamsim.check.wording import as_json, headline, shown
 from slamsim.console import Reporter
 from slamsim.logs.raw import read_recording
@@ -55,17 +56,17 @@ def check_stage(recording: Recording, stages: Stages, *, quick: bool = False) ->
 def show_verdicts(
     reporter: Reporter, recording: Recording, report: CheckReport, *, show_all: bool = False
 ) -> None:
-    """Tables of what is bad and what cannot be told, a line for the rest, and the verdict."""
+    """Tables of faults and of what is inconclusive, a line for the rest, and the verdict."""
     for words in recording.odd:
         reporter.say(f"  {words}")
     by_verdict = {
         verdict: [finding for finding in report.findings if finding.verdict == verdict]
-        for verdict in ("bad", "cannot tell", "ok")
+        for verdict in get_args(Verdict)
     }
-    if by_verdict["bad"]:
-        reporter.show(_table("Wrong", by_verdict["bad"], "bold red"))
-    if by_verdict["cannot tell"]:
-        reporter.show(_table("Cannot tell", by_verdict["cannot tell"], "yellow"))
+    if by_verdict["fault"]:
+        reporter.show(_table("Faults", by_verdict["fault"], "bold red"))
+    if by_verdict["inconclusive"]:
+        reporter.show(_table("Inconclusive", by_verdict["inconclusive"], "yellow"))
     if show_all and by_verdict["ok"]:
         reporter.show(_table("Fine", by_verdict["ok"], "green"))
     elif by_verdict["ok"]:

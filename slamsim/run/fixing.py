@@ -80,7 +80,7 @@ def _nothing_to_do(recording: Recording, report: CheckReport, names: str) -> str
     there = ", ".join(dict.fromkeys(mend.operation for mend in proposed(report)))
     if there:
         return f"{recording.name}: the check does not propose {names}, but {there}"
-    kind = "what is wrong has no mend" if report.bad else "nothing is wrong with it"
+    kind = "what is wrong has no mend" if report.faults else "nothing is wrong with it"
     return f"{recording.name}: there is nothing to mend, {kind}"
 
 

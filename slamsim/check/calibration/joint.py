@@ -23,8 +23,8 @@ from slamsim.check.calibration.model import (
 )
 from slamsim.check.calibration.slipping import Spells, find_spells
 from slamsim.check.motion.alignment import Alignment, Shift, align, laser_path
-from slamsim.check.motion.inputs import Inputs, from_above, gather
-from slamsim.check.motion.integrated import Course
+from slamsim.check.motion.inputs import Inputs, from_above, gather_inputs
+from slamsim.check.motion.integrated import IntegratedMotion
 from slamsim.check.motion.laser_steps import LaserSteps
 from slamsim.recording import Recording
 from slamsim.slam.laser.scan_motion import ScanMotions
@@ -114,7 +114,7 @@ class Calibration:
 
 def calibrate(recording: Recording, motions: ScanMotions | None) -> Calibration | None:
     """Everything at once; None where there are not two of scans, gyroscope and wheels."""
-    inputs = gather(recording, motions)
+    inputs = gather_inputs(recording, motions)
     return calibrate_inputs(inputs)
 
 
@@ -228,7 +228,7 @@ def _gain(one: FloatArray, other: FloatArray) -> float:
     return gain if np.isfinite(gain) and abs(gain) > LEAST_GAIN else 1.0
 
 
-def _nothing_seen(wheels: Course) -> LaserSteps:
+def _nothing_seen(wheels: IntegratedMotion) -> LaserSteps:
     """Steps by the wheels' clock of which no scan tells anything: the others are still compared."""
     begin, end = int(wheels.stamps_ns[0]), int(wheels.stamps_ns[-1])
     period_ns = max(PSEUDO_STEP_NS, (end - begin) // MOST_PSEUDO_STEPS)

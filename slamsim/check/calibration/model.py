@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from slamsim.check.motion.integrated import Course, smooth_curve
+from slamsim.check.motion.integrated import IntegratedMotion, smooth_curve
 from slamsim.check.motion.laser_steps import LaserSteps
 from slamsim.geometry import between, compose, inverse, wrap_angle
 from slamsim.types import BoolArray, FloatArray
@@ -63,8 +63,8 @@ class Model:
     def __init__(
         self,
         steps: LaserSteps,
-        gyro: Course | None,
-        wheels: Course | None,
+        gyro: IntegratedMotion | None,
+        wheels: IntegratedMotion | None,
         middle_ns: int,
         shifts_ns: tuple[int, int],
     ) -> None:
@@ -190,7 +190,7 @@ def _slope(behind: FloatArray, ahead: FloatArray, step: float) -> FloatArray:
     return np.asarray(apart / (2.0 * step))
 
 
-def rolled_poses(wheels: Course, values: FloatArray) -> FloatArray:
+def rolled_poses(wheels: IntegratedMotion, values: FloatArray) -> FloatArray:
     """(n, 3) of the base at each reading, yaw not wrapped, each interval driven as an arc."""
     path, turn = wheels.totals.T
     lever = values[CURVATURE] * wheels.lever_m2

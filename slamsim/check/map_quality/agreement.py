@@ -1,4 +1,4 @@
-"""Offsets between clocks held against the map: one that the map contradicts is not named."""
+"""Offsets between clocks compared with the map: one that the map contradicts is inconclusive."""
 
 from __future__ import annotations
 
@@ -15,17 +15,15 @@ STREAM_OF: dict[str, Stream] = {
     "time.offset.wheels": "wheel",
 }
 LIDAR = "time.offset.lidar"
-"""Both streams are against it: the one that is told more sharply counts."""
+"""Both streams are compared with it: the offset with the smaller sigma counts."""
 
 
-def held_against_map(
-    findings: Sequence[Finding], crispness: Mapping[Stream, Crispness]
-) -> list[Finding]:
+def with_map(findings: Sequence[Finding], crispness: Mapping[Stream, Crispness]) -> list[Finding]:
     """The findings of ``check_timing`` with what the map says of them, by stream."""
-    return [_held(finding, crispness) for finding in findings]
+    return [_compared(finding, crispness) for finding in findings]
 
 
-def _held(finding: Finding, crispness: Mapping[Stream, Crispness]) -> Finding:
+def _compared(finding: Finding, crispness: Mapping[Stream, Crispness]) -> Finding:
     of_lidar = finding.check == LIDAR
     asked = STREAM_OF.get(finding.check)
     told = [one for stream, one in crispness.items() if of_lidar or stream == asked]
@@ -36,4 +34,6 @@ def _held(finding: Finding, crispness: Mapping[Stream, Crispness]) -> Finding:
     if not found.objection:
         words = f"{finding.words}; {found.support}" if found.support else finding.words
         return replace(finding, words=words, plots=plots)
-    return replace(finding.untold(f"but {found.objection}: one of both is misled"), plots=plots)
+    return replace(
+        finding.inconclusive(f"but {found.objection}: one of both is misled"), plots=plots
+    )

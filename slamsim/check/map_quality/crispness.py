@@ -19,7 +19,6 @@ from scipy.stats import t
 
 from slamsim.check.calibration.joint import Calibration
 from slamsim.check.findings import Curve, Plot
-from slamsim.check.judge import SURE_SIGMAS
 from slamsim.check.map_quality.dead_reckoning import (
     Clock,
     Clocks,
@@ -29,6 +28,7 @@ from slamsim.check.map_quality.dead_reckoning import (
 )
 from slamsim.check.map_quality.entropy import map_entropy, placed
 from slamsim.check.map_quality.views import WindowView, window_views
+from slamsim.check.question import SURE_SIGMAS
 from slamsim.recording import Recording
 from slamsim.slam.laser.scan_motion import ScanMotions
 from slamsim.types import FloatArray

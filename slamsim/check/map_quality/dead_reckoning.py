@@ -21,7 +21,7 @@ from slamsim.check.calibration.model import (
     WHEEL_DRIFT,
 )
 from slamsim.check.map_quality.views import WindowView
-from slamsim.check.motion.integrated import Course
+from slamsim.check.motion.integrated import IntegratedMotion
 from slamsim.geometry import compose
 from slamsim.types import FloatArray
 
@@ -90,7 +90,7 @@ def covered(calibration: Calibration, view: WindowView, clocks: Clocks) -> bool:
 
 
 def _asked_s(
-    calibration: Calibration, course: Course, times_s: FloatArray, clock: Clock
+    calibration: Calibration, course: IntegratedMotion, times_s: FloatArray, clock: Clock
 ) -> FloatArray:
     """(n,) times by the lidar's clock as those of a stream, since its origin."""
     since_s = (calibration.model.middle_ns - course.origin_ns) * 1e-9 + clock.offset_s
@@ -98,7 +98,7 @@ def _asked_s(
 
 
 def _totals(
-    calibration: Calibration, course: Course, times_s: FloatArray, clock: Clock
+    calibration: Calibration, course: IntegratedMotion, times_s: FloatArray, clock: Clock
 ) -> FloatArray:
     """(n, c) what a stream has added up at times by the lidar's clock."""
     return course.at(_asked_s(calibration, course, times_s, clock))

@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 
 from slamsim.check.motion.coarse_offset import Lag, Rate, coarse_lag
-from slamsim.check.motion.integrated import Course, rearranged
+from slamsim.check.motion.integrated import IntegratedMotion, rearranged
 from slamsim.check.motion.laser_steps import LaserSteps
 from slamsim.check.motion.local_lags import local_lags
 from slamsim.types import FloatArray
@@ -46,7 +46,7 @@ class Alignment:
     lidar_gyro: Shift | None
     lidar_wheels: Shift | None
     gyro_wheels: Shift | None
-    wheels: Course | None
+    wheels: IntegratedMotion | None
     wiring: Wiring
     mirror: bool = False
     """The scans have been mirrored before all this, for they turned the wrong way."""
@@ -79,7 +79,10 @@ class Alignment:
 
 
 def align(
-    steps: LaserSteps, gyro: Course | None, wheels: Course | None, yaw_base_laser_rad: float
+    steps: LaserSteps,
+    gyro: IntegratedMotion | None,
+    wheels: IntegratedMotion | None,
+    yaw_base_laser_rad: float,
 ) -> Alignment:
     """All three pairs, once the wheels are wired as the others say."""
     turns = [_laser_turn(steps)] if len(steps) else []
@@ -151,7 +154,7 @@ def _laser(steps: LaserSteps, moved: FloatArray) -> _Timed:
     return _Timed(origin, Rate(starts, ends, moved[order] / (ends - starts)))
 
 
-def _rate(course: Course, column: int) -> _Timed:
+def _rate(course: IntegratedMotion, column: int) -> _Timed:
     values = np.diff(course.totals[:, column]) / np.diff(course.times_s)
     return _Timed(course.origin_ns, Rate(course.times_s[:-1], course.times_s[1:], values))
 
@@ -171,7 +174,9 @@ def _shift(one: _Timed | None, other: _Timed | None) -> Shift | None:
     return Shift(guess_ns + round(lag.lag_s * 1e9), lag.correlation, lag.clear)
 
 
-def _wiring(ahead_m: FloatArray, steps: LaserSteps, turns: list[_Timed], wheels: Course) -> Wiring:
+def _wiring(
+    ahead_m: FloatArray, steps: LaserSteps, turns: list[_Timed], wheels: IntegratedMotion
+) -> Wiring:
     """Left and right as the others see them: a wheel that counts backward makes the reported path
     turn like the robot, and the reported turn go forward like it."""
     by_turn = [_correlation(turn, _rate(wheels, TURN)) for turn in turns]

@@ -1,4 +1,4 @@
-"""Two that publish the motion of one body, held against each other."""
+"""Two publishers of the motion of one body, compared with each other."""
 
 from __future__ import annotations
 
@@ -6,15 +6,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from slamsim.check.findings import Curve, Estimate, Plot
+from slamsim.check.findings import Curve, Estimate, Finding, Mend, Plot
 from slamsim.check.motion.planar_track import planar_track, track_at
+from slamsim.check.question import Question, judge
 from slamsim.geometry import between, wrap_angle
 from slamsim.recording import RawOdometry, TransformEdge
 from slamsim.types import BoolArray, FloatArray, IntArray
 
 LIMIT_M = 0.1
 LIMIT_RAD = 0.06
-"""Over four seconds of driving: more than the stamps of two honest publishers may differ by."""
+"""Over four seconds of driving: more than two publishers differ by whose stamps are a few
+milliseconds apart."""
 
 IN_COMMON = "four seconds in common"
 MAX_COVER_GAP_NS = 500_000_000
@@ -36,26 +38,23 @@ class Disagreement:
         """Metres and radians that are exceeded 5 % of the time."""
         return float(np.quantile(self.off_m, 0.95)), float(np.quantile(self.off_rad, 0.95))
 
-    @property
-    def matters(self) -> bool:
+    def judged(
+        self, question: Question, subject: str, advice: str, mends: tuple[Mend, ...] = ()
+    ) -> Finding:
+        """The answer to a question whether both tell one motion; its limit is ``LIMIT_M``."""
         at_m, at_rad = self.usual
-        return at_m > LIMIT_M or at_rad > LIMIT_RAD
-
-    @property
-    def words(self) -> str:
-        at_m, at_rad = self.usual
-        return (
-            f"over four seconds of driving they differ by {1e3 * at_m:.3g} mm and "
-            f"{np.degrees(at_rad):.3g} deg (95 % of the time less)"
-        )
-
-    @property
-    def estimate(self) -> Estimate:
-        return Estimate(self.usual[0], 0.0, "m")
-
-    def plot(self, title: str) -> Plot:
         curve = Curve("difference over 4 s", self.elapsed_s, self.off_m, "line")
-        return Plot(title, "time (s)", "difference (m)", (curve,), (LIMIT_M,))
+        return judge(
+            question,
+            subject,
+            f"over four seconds of driving they differ by {1e3 * at_m:.3g} mm and "
+            f"{np.degrees(at_rad):.3g} deg (95 % of the time less)",
+            Estimate(at_m, 0.0, "m"),
+            verdict="fault" if at_m > LIMIT_M or at_rad > LIMIT_RAD else "ok",
+            advice=advice,
+            mends=mends,
+            fault_plots=(Plot(subject, "time (s)", "difference (m)", (curve,), (LIMIT_M,)),),
+        )
 
 
 def disagreement(one: RawOdometry, other: RawOdometry | TransformEdge) -> Disagreement | None:

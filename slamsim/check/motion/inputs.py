@@ -7,7 +7,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from slamsim.check.motion.frame_graph import FrameGraph
-from slamsim.check.motion.integrated import Course, gyro_course, odometry_course, wheel_course
+from slamsim.check.motion.integrated import (
+    IntegratedMotion,
+    integrated_gyro,
+    integrated_odometry,
+    integrated_wheels,
+)
 from slamsim.check.motion.laser_steps import LaserSteps, laser_steps
 from slamsim.geometry import se2_from_se3
 from slamsim.recording import RawImu, RawOdometry, Recording, TransformEdge
@@ -27,8 +32,8 @@ class Inputs:
     scans' stamps keep a constant rate. together: whether odometry comes in the scans' messages."""
 
     steps: LaserSteps
-    gyro: Course | None
-    wheels: Course | None
+    gyro: IntegratedMotion | None
+    wheels: IntegratedMotion | None
     base_frame: str
     laser_frame: str
     T_base_laser: FloatArray | None
@@ -37,7 +42,7 @@ class Inputs:
     together: bool = False
 
 
-def gather(recording: Recording, motions: ScanMotions | None) -> Inputs:
+def gather_inputs(recording: Recording, motions: ScanMotions | None) -> Inputs:
     """The first lidar, inertial unit and wheels (counters, else odometry, else its transform) that
     say enough."""
     graph = FrameGraph(recording.transforms)
@@ -53,9 +58,9 @@ def gather(recording: Recording, motions: ScanMotions | None) -> Inputs:
         from_above(steps) if upside_down else steps,
         _first([_gyro(imu, graph, base) for imu in recording.imus]),
         _first(
-            [wheel_course(ticks) for ticks in recording.ticks]
-            + [odometry_course(odometry) for odometry in recording.odometries]
-            + [odometry_course(_as_odometry(edge)) for edge in _odometry_edges(recording, base)]
+            [integrated_wheels(ticks) for ticks in recording.ticks]
+            + [integrated_odometry(odometry) for odometry in recording.odometries]
+            + [integrated_odometry(_as_odometry(edge)) for edge in _odometry_edges(recording, base)]
         ),
         base,
         laser_frame,
@@ -108,7 +113,7 @@ def _even(stamps_ns: IntArray) -> bool:
     return bool(steps.size and np.mean(np.abs(steps - period) < EVEN * period) > EVEN_SHARE)
 
 
-def _gyro(imu: RawImu, graph: FrameGraph, base: str) -> Course | None:
+def _gyro(imu: RawImu, graph: FrameGraph, base: str) -> IntegratedMotion | None:
     T_base_imu = graph.between(base, imu.frame_ids[0]) if imu.frame_ids else None
     R_base_imu = np.eye(3) if T_base_imu is None else T_base_imu[:3, :3]
     rates = imu.angular_velocity_rad_s @ R_base_imu.T
@@ -117,10 +122,10 @@ def _gyro(imu: RawImu, graph: FrameGraph, base: str) -> Course | None:
     axis = int(np.argmax(livelihood))
     if livelihood[2] > SIDEWAYS_SHARE * livelihood[axis]:
         axis = 2
-    return gyro_course(imu, R_base_imu[axis], "xyz"[axis])
+    return integrated_gyro(imu, R_base_imu[axis], "xyz"[axis])
 
 
-def _first(courses: list[Course | None]) -> Course | None:
+def _first(courses: list[IntegratedMotion | None]) -> IntegratedMotion | None:
     return next((course for course in courses if course is not None), None)
 
 

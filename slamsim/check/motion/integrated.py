@@ -35,7 +35,7 @@ USUAL_TIMES = 10.0
 
 
 @dataclass(frozen=True, slots=False, eq=False)
-class Course:
+class IntegratedMotion:
     """What one stream has added up until each of its instants, by its own clock.
 
     stamps_ns: (n,) strictly increasing. totals: (n, k): of a gyroscope (turn,) in the units it
@@ -99,7 +99,7 @@ class Course:
         )
 
 
-def rearranged(wheels: Course, wiring: str) -> Course:
+def rearranged(wheels: IntegratedMotion, wiring: str) -> IntegratedMotion:
     """The same counters as those of other wheels: see ``alignment.Wiring``."""
     left = wheels.totals[:, 0] - 0.5 * wheels.track_m * wheels.totals[:, 1]
     right = wheels.totals[:, 0] + 0.5 * wheels.track_m * wheels.totals[:, 1]
@@ -118,7 +118,7 @@ def smooth_curve(times_s: FloatArray, values: FloatArray) -> CubicHermiteSpline:
     return CubicHermiteSpline(times_s, values, np.gradient(values, times_s, axis=0))
 
 
-def gyro_course(imu: RawImu, axis_imu: FloatArray, axis: str = "z") -> Course | None:
+def integrated_gyro(imu: RawImu, axis_imu: FloatArray, axis: str = "z") -> IntegratedMotion | None:
     """The turn about an axis (3,) of the unit's frame, by its name in the base; None of too few
     samples.
 
@@ -136,7 +136,7 @@ def gyro_course(imu: RawImu, axis_imu: FloatArray, axis: str = "z") -> Course | 
     return replace(_course(imu.topic, middle, totals[:, None], np.zeros(1)), axis=axis)
 
 
-def wheel_course(ticks: RawTicks) -> Course | None:
+def integrated_wheels(ticks: RawTicks) -> IntegratedMotion | None:
     """Path and turn by the nominal radius and track; None of too few or senseless readings."""
     nominal = np.array([ticks.ticks_per_revolution, ticks.wheel_radius_m, ticks.track_m])
     if not (is_sound(nominal).all() and (nominal > 0.0).all()):
@@ -154,7 +154,7 @@ def wheel_course(ticks: RawTicks) -> Course | None:
     return _course(ticks.topic, ticks.stamps_ns[good], totals, reading, ticks.track_m)
 
 
-def odometry_course(odometry: RawOdometry) -> Course | None:
+def integrated_odometry(odometry: RawOdometry) -> IntegratedMotion | None:
     """Poses taken as wheels: the path along the heading midway and the turn of each step."""
     yaw = yaw_from_xyzw(odometry.quats_xyzw)
     poses = np.column_stack([odometry.positions_m[:, :2], yaw])
@@ -184,8 +184,8 @@ def _possible(steps: FloatArray, stamps_ns: IntArray) -> FloatArray:
 
 def _course(
     topic: str, stamps: IntArray, totals: FloatArray, reading: FloatArray, track_m: float = 0.0
-) -> Course:
-    return Course(topic, stamps, totals, reading, track_m)
+) -> IntegratedMotion:
+    return IntegratedMotion(topic, stamps, totals, reading, track_m)
 
 
 def _in_order(stamps_ns: IntArray, good: BoolArray) -> IntArray:

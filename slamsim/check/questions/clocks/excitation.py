@@ -1,4 +1,4 @@
-"""The excitation meter: how much each unknown was told by the motion, and what would tell more."""
+"""How much the motion tells of each unknown of the joint calibration, and what would tell more."""
 
 from __future__ import annotations
 
@@ -7,12 +7,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from slamsim.check.calibration.joint import Calibration
+from slamsim.check.evidence import Evidence, of_calibration
 from slamsim.check.findings import Curve, Finding, Plot, Verdict
+from slamsim.check.question import Question, QuestionGroup, judge, unanswered
 
 
 @dataclass(frozen=True, slots=True)
 class Need:
-    """unknown: as in ``UNKNOWNS``. sigma: what is wanted of it. motion: which tells it."""
+    """unknown: as in ``UNKNOWNS``. sigma: the standard deviation wanted. motion: which tells it."""
 
     unknown: str
     sigma: float
@@ -32,7 +34,33 @@ NEEDS = (
     Need("laser_y_m", 3e-3, "turning on the spot to both sides"),
     Need("laser_yaw_rad", 1e-3, _DRIVES),
 )
-"""A fifth, about, of what is held to be bad."""
+"""About a fifth of the sizes that are faults."""
+
+SENSORS = Question(
+    "calibration",
+    "two of lidar, inertial unit and wheels can be compared",
+    (),
+    consequence="nothing tells whether clocks, wheels and mounting are as declared",
+    excitation_wanted="scans, inertial readings and wheels or odometry",
+)
+EXCITATION = Question(
+    "motion.excitation",
+    "the motion tells every unknown as sharply as it is wanted",
+    (),
+    consequence="errors of the unknowns that it does not tell go unnoticed",
+    excitation_wanted="turning to both sides, and ten metres of straight driving",
+)
+
+
+def check_sensors(evidence: Evidence) -> list[Finding]:
+    """Whether there is anything to compare."""
+    if evidence.calibration is not None:
+        return []
+    words = "two of a lidar, an inertial unit and wheels are needed to compare them"
+    return [unanswered(SENSORS, evidence.recording.name, words)]
+
+
+SENSORS_GROUP = QuestionGroup("motion", 115, (SENSORS,), check_sensors, thorough=True)
 
 
 def check_excitation(calibration: Calibration) -> list[Finding]:
@@ -58,5 +86,8 @@ def check_excitation(calibration: Calibration) -> list[Finding]:
         (Curve("reached", np.arange(len(needs), dtype=np.float64), reached),),
         (1.0,),
     )
-    verdict: Verdict = "cannot tell" if short else "ok"
-    return [Finding("motion.excitation", "motion", verdict, words, plots=(plot,))]
+    verdict: Verdict = "inconclusive" if short else "ok"
+    return [judge(EXCITATION, "motion", words, verdict=verdict, plots=(plot,))]
+
+
+GROUP = QuestionGroup("motion", 190, (EXCITATION,), of_calibration(check_excitation), thorough=True)

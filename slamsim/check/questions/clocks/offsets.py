@@ -1,4 +1,4 @@
-"""Clocks against each other: who is early or late, by how much, and whose clock runs away."""
+"""Clocks against each other: which stream is early or late, by how much, and which clock drifts."""
 
 from __future__ import annotations
 
@@ -7,8 +7,21 @@ from dataclasses import dataclass
 import numpy as np
 
 from slamsim.check.calibration.joint import Calibration
-from slamsim.check.findings import Estimate, Finding, Mend, Verdict
-from slamsim.check.judge import SURE_SIGMAS
+from slamsim.check.evidence import Evidence
+from slamsim.check.findings import Estimate, Finding, Mend
+from slamsim.check.map_quality.agreement import with_map
+from slamsim.check.map_quality.crispness import crispness
+from slamsim.check.question import (
+    SURE_SIGMAS,
+    FaultKind,
+    Question,
+    QuestionGroup,
+    decide,
+    judge,
+    unanswered,
+)
+from slamsim.check.questions.streams.epochs import EPOCH_MISMATCH
+from slamsim.check.questions.streams.receipt import CLOCK_DRIFT, STAMPS_INVENTED
 from slamsim.types import FloatArray
 
 LIMITS_S = {"gyro": 3e-4, "wheel": 2e-3, "gyro_wheel": 2e-3}
@@ -28,16 +41,82 @@ PAIR_WORDS = {
     "wheel": ("wheels", "lidar"),
     "gyro_wheel": ("wheels", "inertial unit"),
 }
-FAULTS = {
-    "lidar": "time_offset_lidar",
-    "imu": "time_offset_imu",
-    "wheels": "time_offset_wheels",
+STREAM_NAMES = {"lidar": "lidar", "imu": "inertial unit", "wheels": "wheels"}
+
+LATE_LIDAR = FaultKind(
+    "time_offset_lidar", "the lidar's stamps are early or late against the other sensors"
+)
+STAMP_END = FaultKind("scan_stamp_end", "the stamp is that of the last beam, not the first")
+STAMP_MIDDLE = FaultKind("scan_stamp_middle", "the stamp is that of the middle beam, not the first")
+LATE_IMU = FaultKind(
+    "time_offset_imu", "the inertial unit's stamps are early or late against the other sensors"
+)
+LATE_WHEELS = FaultKind(
+    "time_offset_wheels", "the wheels' stamps are early or late against the other sensors"
+)
+
+
+def _offset_question(id_: str, meaning: str, *faults: FaultKind, limit_s: float) -> Question:
+    return Question(
+        id_,
+        meaning,
+        faults,
+        limit=1e3 * limit_s,
+        unit="ms",
+        consequence="scans are freed of the wrong motion, and turn against odometry and map",
+        excitation_wanted=TURNING,
+        repairs=("shift_stamps",) if faults else (),
+    )
+
+
+PAIRS = {
+    pair: _offset_question(
+        f"time.offset.{'imu' if pair == 'gyro_wheel' else 'lidar'}_"
+        f"{'imu' if pair == 'gyro' else 'wheels'}",
+        f"{one} and {other} stamp one instant alike",
+        limit_s=LIMITS_S[pair],
+    )
+    for pair, (one, other) in PAIR_WORDS.items()
 }
+CULPRITS = {
+    stream: _offset_question(
+        f"time.offset.{stream}",
+        f"the {STREAM_NAMES[stream]}'s stamps are those of the instant of measurement",
+        *faults,
+        EPOCH_MISMATCH,
+        limit_s=LIMITS_S["gyro"],
+    )
+    for stream, faults in {
+        "lidar": (LATE_LIDAR, STAMP_END, STAMP_MIDDLE),
+        "imu": (LATE_IMU,),
+        "wheels": (LATE_WHEELS,),
+    }.items()
+}
+STEADY = Question(
+    "time.steady",
+    "a steady clock explains the stamps of the scans",
+    (STAMPS_INVENTED,),
+    consequence="scans are placed where the robot was seconds before or after",
+    excitation_wanted=TURNING,
+)
+DRIFT = Question(
+    "time.drift",
+    "all clocks run at one rate",
+    (CLOCK_DRIFT,),
+    limit=1e6 * DRIFT_LIMIT,
+    unit="ppm",
+    consequence="streams that agree at the begin are milliseconds apart in the end",
+    excitation_wanted="a longer recording",
+    repairs=("rescale_stamps",),
+)
 
 
 @dataclass(frozen=True, slots=True)
 class Offset:
-    """One pair of streams: offset at the begin of what was compared, s, and drift, s/s."""
+    """One pair of streams: offset at the begin of what was compared, s, and drift, s/s.
+
+    bound_s: the least standard deviation possible. gained_s: by the drift, over the recording.
+    """
 
     pair: str
     offset_s: float
@@ -48,9 +127,13 @@ class Offset:
     gained_s: float
 
     @property
+    def size(self) -> Estimate:
+        """In ms."""
+        return Estimate(1e3 * self.offset_s, 1e3 * self.sigma_s, "ms", 1e3 * self.bound_s)
+
+    @property
     def is_off(self) -> bool:
-        size = abs(self.offset_s)
-        return size > LIMITS_S[self.pair] and size > SURE_SIGMAS * self.sigma_s
+        return decide(self.size, 1e3 * LIMITS_S[self.pair]) == "fault"
 
     @property
     def drifts(self) -> bool:
@@ -60,26 +143,43 @@ class Offset:
             and abs(self.drift) > SURE_SIGMAS * self.drift_sigma
         )
 
-    @property
-    def is_known(self) -> bool:
-        return abs(self.offset_s) + 1.96 * self.sigma_s < HARM_S[self.pair]
-
 
 def check_timing(calibration: Calibration) -> list[Finding]:
-    """Each pair of streams, then whoever is to blame."""
+    """Each pair of streams, then the stream whose stamps are wrong."""
     pairs = _pairs(calibration)
     offsets = {pair: _offset(calibration, pair) for pair in pairs if calibration.follows(pair)}
-    blamed = _blamed({pair: (one.offset_s, one.sigma_s) for pair, one in offsets.items()})
+    late = _most_likely({pair: (one.offset_s, one.sigma_s) for pair, one in offsets.items()})
     one_message = calibration.inputs.together
-    blamed = blamed if any(one.is_off for one in offsets.values()) and not one_message else {}
-    drifting = _blamed({pair: (one.drift, one.drift_sigma) for pair, one in offsets.items()})
+    late = late if any(one.is_off for one in offsets.values()) and not one_message else {}
+    drifting = _most_likely({pair: (one.drift, one.drift_sigma) for pair, one in offsets.items()})
     drifting = drifting if any(one.drifts for one in offsets.values()) and not one_message else {}
     return [
         *_contradicted(calibration),
-        *_agreements(calibration, offsets),
-        *(_culprit(calibration, stream, late_s) for stream, late_s in blamed.items()),
+        *_pair_findings(calibration, offsets),
+        *(_culprit(calibration, stream, late_s) for stream, late_s in late.items()),
         *(_drift(calibration, offsets, drifting) if offsets else ()),
     ]
+
+
+def _with_map(evidence: Evidence) -> list[Finding]:
+    """``check_timing``, and what the map says of each offset."""
+    calibration, unit = evidence.calibration, evidence.wrong_unit
+    if calibration is None:
+        return []
+    recorded = evidence.as_recorded
+    placed = recorded if unit is not None and unit.side == "ranges" else calibration
+    assert placed is not None
+    found = crispness(evidence.recording, evidence.motions, placed)
+    return with_map(check_timing(calibration), found)
+
+
+GROUP = QuestionGroup(
+    "motion",
+    150,
+    (STEADY, *PAIRS.values(), *CULPRITS.values(), DRIFT),
+    _with_map,
+    thorough=True,
+)
 
 
 def _contradicted(calibration: Calibration) -> list[Finding]:
@@ -90,10 +190,16 @@ def _contradicted(calibration: Calibration) -> list[Finding]:
     words = "turns of the scans follow those of gyroscope and wheels, but at no steady clock"
     if not calibration.inputs.even_stamps:
         words += ": their stamps scatter too much to compare them"
-        return [Finding("time.steady", topic, "cannot tell", words)]
-    words += ", although their stamps are evenly spaced"
-    advice = "Record again: a converter has numbered the scans and forgotten the lost ones."
-    return [Finding("time.steady", topic, "bad", words, "stamps_invented", advice)]
+        return [unanswered(STEADY, topic, words)]
+    return [
+        judge(
+            STEADY,
+            topic,
+            f"{words}, although their stamps are evenly spaced",
+            verdict="fault",
+            advice="Record again: a converter has numbered the scans and forgotten the lost ones.",
+        )
+    ]
 
 
 def _pairs(calibration: Calibration) -> tuple[str, ...]:
@@ -116,7 +222,7 @@ def _offset(calibration: Calibration, pair: str) -> Offset:
     return now
 
 
-def _blamed(differences: dict[str, tuple[float, float]]) -> dict[str, float]:
+def _most_likely(differences: dict[str, tuple[float, float]]) -> dict[str, float]:
     """How late each stream is that must be, if as few as possible are: by stream.
 
     differences: by pair, value and sigma. Of two streams alone the lidar is blamed, for its
@@ -155,8 +261,8 @@ def _topics(calibration: Calibration) -> dict[str, str]:
     }
 
 
-def _agreements(calibration: Calibration, offsets: dict[str, Offset]) -> list[Finding]:
-    """All pairs but those that differ: who is to blame for these is told apart."""
+def _pair_findings(calibration: Calibration, offsets: dict[str, Offset]) -> list[Finding]:
+    """All pairs but those that differ: which stream of these is wrong is told apart."""
     return [
         _pair(calibration, pair, offsets.get(pair))
         for pair in _pairs(calibration)
@@ -167,29 +273,22 @@ def _agreements(calibration: Calibration, offsets: dict[str, Offset]) -> list[Fi
 def _pair(calibration: Calibration, pair: str, offset: Offset | None) -> Finding:
     """What was measured between two streams."""
     one, other = PAIR_WORDS[pair]
-    check = f"time.offset.{'lidar' if other == 'lidar' else 'imu'}_{_stream(pair)}"
     subject = _topics(calibration)[_stream(pair)]
     if offset is None:
         shift = calibration.shift(pair)
         why = "nothing turns" if shift is None else f"correlation {shift.correlation:.2f}"
         words = f"turns of {one} and {other} do not follow each other ({why}): {TURNING} would tell"
-        return Finding(check, subject, "cannot tell", words)
-    estimate = _in_ms(offset)
+        return unanswered(PAIRS[pair], subject, words)
     words = (
         f"stamps of the {one} are {_signed_ms(offset.offset_s)} against those of the {other}, "
         f"± {offset.sigma_s * 1e3:.3g} ms (at best {offset.bound_s * 1e3:.2g} ms)"
     )
+    harm = 1e3 * HARM_S[pair]
+    verdict = decide(offset.size, 1e3 * LIMITS_S[pair], harm, enough=False)
     if calibration.inputs.together:
         words += "; both carry one stamp, so the pose may just be older or newer than the scan"
-    elif not offset.is_known:
-        words += f", too unsure to tell; what would tell: {TURNING}"
-    verdict: Verdict = "ok" if offset.is_known else "cannot tell"
-    return Finding(check, subject, verdict, words, estimate=estimate, limit=LIMITS_S[pair] * 1e3)
-
-
-def _in_ms(offset: Offset) -> Estimate:
-    ms = 1e3
-    return Estimate(offset.offset_s * ms, offset.sigma_s * ms, "ms", offset.bound_s * ms)
+        return judge(PAIRS[pair], subject, words, offset.size, verdict=verdict)
+    return judge(PAIRS[pair], subject, words, offset.size, harm=harm, enough=False)
 
 
 def _stream(pair: str) -> str:
@@ -205,39 +304,37 @@ def _signed_ms(offset_s: float) -> str:
 def _culprit(calibration: Calibration, stream: str, late_s: float) -> Finding:
     pairs = [pair for pair in _pairs(calibration) if calibration.follows(pair)]
     sigma = min(_offset(calibration, pair).sigma_s for pair in pairs)
-    fault, how = FAULTS[stream], ""
+    question, how = CULPRITS[stream], ""
+    fault = question.faults[0]
     if abs(late_s) > OTHER_EPOCH_S:
-        fault, how = "epoch_mismatch", ": they count from another origin"
+        fault, how = EPOCH_MISMATCH, ": they count from another origin"
     elif stream == "lidar":
         fault, how = _instant(calibration, late_s, sigma)
     if len(pairs) < 2:
         how += "; only two streams can be compared, so it may be the other one's"
     topic = _topics(calibration)[stream]
-    mend = Mend("shift_stamps", topic, {"offset_s": -late_s})
-    name = {"lidar": "lidar", "imu": "inertial unit", "wheels": "wheels"}[stream]
-    return Finding(
-        f"time.offset.{stream}",
+    return judge(
+        question,
         topic,
-        "bad",
-        f"stamps of the {name} are {_signed_ms(late_s)}{how}",
-        fault,
-        f"Subtract {late_s:.6g} s from its stamps, or stamp at the instant of measurement.",
+        f"stamps of the {STREAM_NAMES[stream]} are {_signed_ms(late_s)}{how}",
         Estimate(late_s * 1e3, sigma * 1e3, "ms"),
-        LIMITS_S["gyro"] * 1e3,
-        (mend,),
+        verdict="fault",
+        fault=fault,
+        advice=f"Subtract {late_s:.6g} s from its stamps, or stamp at the instant of measurement.",
+        mends=(Mend("shift_stamps", topic, {"offset_s": -late_s}),),
     )
 
 
-def _instant(calibration: Calibration, late_s: float, sigma_s: float) -> tuple[str, str]:
+def _instant(calibration: Calibration, late_s: float, sigma_s: float) -> tuple[FaultKind, str]:
     """Whether the lidar's stamp is that of another beam than the first."""
     sweep_s = calibration.inputs.steps.sweep_s
     near_s = 3.0 * sigma_s + SAME_SWEEP_S
     if sweep_s > 4.0 * near_s:
         if abs(late_s - sweep_s) < near_s:
-            return "scan_stamp_end", f", as long as a sweep takes ({sweep_s * 1e3:.4g} ms)"
+            return STAMP_END, f", as long as a sweep takes ({sweep_s * 1e3:.4g} ms)"
         if abs(late_s - 0.5 * sweep_s) < near_s:
-            return "scan_stamp_middle", f", half of what a sweep takes ({sweep_s * 1e3:.4g} ms)"
-    return "time_offset_lidar", ""
+            return STAMP_MIDDLE, f", half of what a sweep takes ({sweep_s * 1e3:.4g} ms)"
+    return LATE_LIDAR, ""
 
 
 def _drift(
@@ -245,14 +342,19 @@ def _drift(
 ) -> list[Finding]:
     if not drifting:
         best = min(offsets.values(), key=lambda one: one.drift_sigma)
-        estimate = Estimate(best.drift * 1e6, best.drift_sigma * 1e6, "ppm")
-        topic = _topics(calibration)[_stream(best.pair)]
+        size = Estimate(best.drift * 1e6, best.drift_sigma * 1e6, "ppm")
         one, other = PAIR_WORDS[best.pair]
-        sure = 1.96 * best.drift_sigma < 10.0 * DRIFT_LIMIT
-        words = f"clocks of {one} and {other} run apart by {estimate.value:.3g} ppm"
-        words += f" ± {estimate.sigma:.2g}" + ("" if sure else "; a longer recording would tell")
-        verdict: Verdict = "ok" if sure else "cannot tell"
-        return [Finding("time.drift", topic, verdict, words, estimate=estimate, limit=10.0)]
+        words = f"clocks of {one} and {other} run apart by {size.value:.3g} ppm ± {size.sigma:.2g}"
+        return [
+            judge(
+                DRIFT,
+                _topics(calibration)[_stream(best.pair)],
+                {"ok": words, "inconclusive": f"{words}; a longer recording would tell"},
+                size,
+                enough=False,
+                doubt=1e7 * DRIFT_LIMIT,
+            )
+        ]
     sigma = min(one.drift_sigma for one in offsets.values())
     return [_drifts(calibration, stream, rate, sigma) for stream, rate in drifting.items()]
 
@@ -260,14 +362,13 @@ def _drift(
 def _drifts(calibration: Calibration, stream: str, rate: float, sigma: float) -> Finding:
     topic = _topics(calibration)[stream]
     begin_ns = int(calibration.model.steps.first_ns[0])
-    return Finding(
-        "time.drift",
+    correction: dict[str, float | str] = {"drift_ppm": rate * 1e6, "origin_ns": str(begin_ns)}
+    return judge(
+        DRIFT,
         topic,
-        "bad",
         f"its clock runs {abs(rate) * 1e6:.4g} ppm too {'fast' if rate > 0.0 else 'slow'}",
-        "clock_drift",
-        "Synchronise the clocks, or stamp all streams by one.",
         Estimate(rate * 1e6, sigma * 1e6, "ppm"),
-        DRIFT_LIMIT * 1e6,
-        (Mend("rescale_stamps", topic, {"drift_ppm": rate * 1e6, "origin_ns": str(begin_ns)}),),
+        verdict="fault",
+        advice="Synchronise the clocks, or stamp all streams by one.",
+        mends=(Mend("rescale_stamps", topic, correction),),
     )

@@ -5,59 +5,106 @@ A wrong one gives plausible wrong results: see ``sim/validate.py``, which asks t
 
 from __future__ import annotations
 
+from slamsim.check.evidence import Evidence
 from slamsim.check.findings import Finding
-from slamsim.recording import Recording
+from slamsim.check.question import FaultKind, Question, QuestionGroup, judge, unanswered
 from slamsim.safe.errors import InputRefused
 from slamsim.sim.urdf import Description, Unconnected, read_description
-from slamsim.sim.validate import FaultKind, ModelFault, model_faults
+from slamsim.sim.validate import FaultKind as ModelFaultKind
+from slamsim.sim.validate import ModelFault, model_faults
 
-CHECK = "description"
+SUBJECT = "/robot_description"
 MAX_WHEEL_GAP_M = 0.002
 """A support wheel 2 mm off the floor tilts a robot of 0.3 m by half a degree."""
 _FLOOR_FRAME = "base_footprint"
-_FAULT: dict[FaultKind, tuple[str, str]] = {
+_CONSEQUENCE = "a simulation with this robot gives plausible wrong results"
+
+
+def _about(fault: str, asks: str, meaning: str, consequence: str = _CONSEQUENCE) -> Question:
+    part = fault.removeprefix("urdf_")
+    kinds = (FaultKind(fault, meaning),)
+    return Question(f"description.{part}", asks, kinds, consequence=consequence)
+
+
+WHOLE = Question(
+    "description",
+    "the robot description is one that physics can drive",
+    (),
+    excitation_wanted=f"a robot description on {SUBJECT}",
+)
+UNREADABLE = _about(
+    "urdf_unreadable",
+    "the robot description can be read",
+    "the robot description cannot be read",
+    "no consumer knows where the sensors sit",
+)
+UNCONNECTED = _about(
+    "urdf_unconnected",
+    "joints connect all links",
+    "links that nothing connects",
+    "no consumer knows where these links are",
+)
+_KINDS: dict[ModelFaultKind, tuple[Question, str]] = {
     "inertia": (
-        "urdf_inertia",
+        _about(
+            "urdf_inertia",
+            "mass and inertia fit the shapes",
+            "mass or inertia does not fit the shape",
+        ),
         "Compute mass and inertia of each link from its shape; a default of 1 kg m^2 makes a "
         "small part shake the robot until it bursts.",
     ),
     "support_wheels": (
-        "urdf_support_wheels",
+        _about(
+            "urdf_support_wheels",
+            "support wheels turn or slide",
+            "support wheels are fixed and not free to slide",
+        ),
         "Give the support wheels continuous joints, or frictionless balls.",
     ),
     "wheel_height": (
-        "urdf_wheel_height",
+        _about(
+            "urdf_wheel_height", "all wheels touch the ground", "wheels do not touch the ground"
+        ),
         "Put every wheel's lowest point on the floor, z = 0 of base_footprint.",
     ),
-    "balance": ("urdf_balance", "Move the wheels or the weight so that the robot stands."),
+    "balance": (
+        _about("urdf_balance", "the robot stands", "the robot would topple where it stands"),
+        "Move the wheels or the weight so that the robot stands.",
+    ),
 }
 
 
-def check_description(recording: Recording) -> list[Finding]:
+def check_description(evidence: Evidence) -> list[Finding]:
     """Mass and inertia, support wheels and wheels' heights of /robot_description."""
-    subject = "/robot_description"
-    if recording.robot_description is None:
-        words = "the recording holds no robot description"
-        return [Finding(CHECK, subject, "cannot tell", words)]
+    text = evidence.recording.robot_description
+    if text is None:
+        return [unanswered(WHOLE, SUBJECT, "the recording holds no robot description")]
     try:
-        description = read_description(recording.robot_description, subject, meshes=True)
+        description = read_description(text, SUBJECT, meshes=True)
     except Unconnected as error:
-        advice = "Join every link to the rest with a joint."
-        return [_bad(subject, "urdf_unconnected", error.reason, advice)]
+        return [_fault(UNCONNECTED, error.reason, "Join every link to the rest with a joint.")]
     except InputRefused as error:
-        advice = "Publish a well-formed URDF, or none."
-        return [_bad(subject, "urdf_unreadable", error.reason, advice)]
+        return [_fault(UNREADABLE, error.reason, "Publish a well-formed URDF, or none.")]
     faults = _faults(description)
     if not faults:
         words = f"{len(description.links)} links with sane mass, inertia and wheels"
-        return [Finding(CHECK, subject, "ok", words)]
-    named: dict[str, list[ModelFault]] = {}
+        return [judge(WHOLE, SUBJECT, words, verdict="ok")]
+    by_kind: dict[ModelFaultKind, list[ModelFault]] = {}
     for fault in faults:
-        named.setdefault(_FAULT[fault.kind][0], []).append(fault)
+        by_kind.setdefault(fault.kind, []).append(fault)
     return [
-        _bad(subject, name, _sentence(of_kind), _FAULT[of_kind[0].kind][1])
-        for name, of_kind in named.items()
+        _fault(_KINDS[kind][0], _sentence(of_kind), _KINDS[kind][1])
+        for kind, of_kind in by_kind.items()
     ]
+
+
+GROUP = QuestionGroup(
+    "robot description",
+    70,
+    (WHOLE, UNREADABLE, UNCONNECTED, *(question for question, _ in _KINDS.values())),
+    check_description,
+)
 
 
 def _faults(description: Description) -> list[ModelFault]:
@@ -73,5 +120,5 @@ def _sentence(faults: list[ModelFault]) -> str:
     return faults[0].words + more
 
 
-def _bad(subject: str, fault: str, words: str, advice: str) -> Finding:
-    return Finding(f"{CHECK}.{fault.removeprefix('urdf_')}", subject, "bad", words, fault, advice)
+def _fault(question: Question, words: str, advice: str) -> Finding:
+    return judge(question, SUBJECT, words, verdict="fault", advice=advice)

@@ -15,10 +15,36 @@ from slamsim.check.motion.disagreement import (
     disagreement,
 )
 from slamsim.check.motion.frame_graph import FrameGraph
+from slamsim.check.question import FaultKind, Question, judge, unanswered
 from slamsim.recording import RawOdometry, Recording, TransformEdge
 
 MAX_UNCOVERED_SHARE = 0.02
 """A recording may begin or end a little before its transforms do."""
+
+
+MIN_UNCOVERED = 5
+"""Fewer scans than this are those before the first transform."""
+
+COVERAGE = Question(
+    "tf.coverage",
+    "every scan lies between two transforms",
+    (FaultKind("tf_coverage", "no transform covers the instants of the scans"),),
+    limit=100.0 * MAX_UNCOVERED_SHARE,
+    unit="%",
+    consequence="a SLAM drops the scans that no transform covers",
+    limit_of_ok=False,
+)
+AGREEMENT = Question(
+    "tf.odometry",
+    "the transforms say what the odometry says",
+    (FaultKind("tf_contradicts_odometry", "the transform tree and the odometry disagree"),),
+    limit=LIMIT_M,
+    unit="m",
+    consequence="consumers of the topic and of the transforms see two different drives",
+    excitation_wanted=IN_COMMON,
+    repairs=("add_odometry_transform",),
+    limit_of_ok=False,
+)
 
 
 def check_coverage(recording: Recording, graph: FrameGraph) -> Iterator[Finding]:
@@ -28,24 +54,19 @@ def check_coverage(recording: Recording, graph: FrameGraph) -> Iterator[Finding]
             if len(scans) == 0:
                 continue
             share = 1.0 - float(covered(scans.stamps_ns, np.sort(edge.stamps_ns)).mean())
-            estimate = Estimate(100.0 * share, 0.0, "%")
-            if share > MAX_UNCOVERED_SHARE and share * len(scans) > 5:
-                yield Finding(
-                    "tf.coverage",
-                    f"{edge.name} at {scans.topic}",
-                    "bad",
-                    f"{100.0 * share:.1f} % of the scans have no transform within "
+            yield judge(
+                COVERAGE,
+                f"{edge.name} at {scans.topic}",
+                {
+                    "ok": f"{100.0 * (1.0 - share):.1f} % of the scans lie between two transforms",
+                    "fault": f"{100.0 * share:.1f} % of the scans have no transform within "
                     f"{MAX_COVER_GAP_NS * 1e-9:g} s on both sides",
-                    "tf_coverage",
-                    "Publish the transform at 10 Hz or more, on the clock of the scans, and "
-                    "record it from before the first scan.",
-                    estimate,
-                    100.0 * MAX_UNCOVERED_SHARE,
-                )
-            else:
-                words = f"{100.0 * (1.0 - share):.1f} % of the scans lie between two transforms"
-                subject = f"{edge.name} at {scans.topic}"
-                yield Finding("tf.coverage", subject, "ok", words, estimate=estimate)
+                },
+                Estimate(100.0 * share, 0.0, "%"),
+                enough=share * len(scans) > MIN_UNCOVERED,
+                advice="Publish the transform at 10 Hz or more, on the clock of the scans, and "
+                "record it from before the first scan.",
+            )
 
 
 def check_agreement(recording: Recording) -> Iterator[Finding]:
@@ -54,23 +75,18 @@ def check_agreement(recording: Recording) -> Iterator[Finding]:
         for edge in recording.transforms:
             same = edge.parent in odometry.frame_ids and edge.child in odometry.child_frame_ids
             if same and not edge.is_static:
-                yield from _contradiction(odometry, edge)
+                yield _contradiction(odometry, edge)
 
 
-def _contradiction(odometry: RawOdometry, edge: TransformEdge) -> Iterator[Finding]:
+def _contradiction(odometry: RawOdometry, edge: TransformEdge) -> Finding:
     found = disagreement(odometry, edge)
     subject = f"{edge.name} against {odometry.topic}"
     if found is None:
         words = f"transform and odometry have less than {IN_COMMON}"
-        yield Finding("tf.odometry", subject, "cannot tell", words)
-    elif not found.matters:
-        yield Finding("tf.odometry", subject, "ok", found.words, estimate=found.estimate)
-    else:
-        yield Finding(
-            *("tf.odometry", subject, "bad", found.words, "tf_contradicts_odometry"),
-            f"Let the node that makes {odometry.topic} publish the transform as well, and nobody "
-            "else.",
-            *(found.estimate, LIMIT_M),
-            (Mend("add_odometry_transform", odometry.topic),),
-            (found.plot(subject),),
-        )
+        return unanswered(AGREEMENT, subject, words)
+    return found.judged(
+        AGREEMENT,
+        subject,
+        f"Let the node that makes {odometry.topic} publish the transform as well, and nobody else.",
+        (Mend("add_odometry_transform", odometry.topic),),
+    )

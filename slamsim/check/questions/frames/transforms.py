@@ -7,9 +7,16 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from slamsim.check.evidence import Evidence
 from slamsim.check.findings import Finding, Mend
 from slamsim.check.motion.frame_graph import FrameGraph
-from slamsim.check.questions.frames.transform_times import check_agreement, check_coverage
+from slamsim.check.question import FaultKind, Question, QuestionGroup, judge, unanswered
+from slamsim.check.questions.frames.transform_times import (
+    AGREEMENT,
+    COVERAGE,
+    check_agreement,
+    check_coverage,
+)
 from slamsim.recording import RawOdometry, RawStream, Recording, TransformEdge
 from slamsim.safe.numbers import is_sound
 from slamsim.types import BoolArray, FloatArray
@@ -21,36 +28,98 @@ MAP_FRAME = "map"
 _LINK = re.compile(r'<link\s+name="([^"]*)"')
 
 
-def check_transforms(recording: Recording) -> list[Finding]:
+RIGID = Question(
+    "tf.rigid",
+    "every transform is a rotation and a translation",
+    (FaultKind("tf_not_rigid", "a transform is no rotation and translation"),),
+    consequence="one NaN makes every pose behind it one",
+)
+PARENTS = Question(
+    "tf.parents",
+    "every frame has one parent",
+    (FaultKind("tf_two_parents", "a frame has two parents"),),
+    consequence="the robot jumps between two places",
+    repairs=("drop_transform",),
+)
+LOOP = Question(
+    "tf.loop",
+    "the transforms make a tree",
+    (FaultKind("tf_loop", "transforms run in a circle"),),
+    consequence="no transform of these frames can be looked up",
+)
+MAP = Question(
+    "tf.map",
+    "no map's transform was recorded",
+    (
+        FaultKind(
+            "tf_map_recorded", "the recording holds a map's transform: a SLAM has run already"
+        ),
+    ),
+    consequence="the SLAM that replays the recording and the recorded one both move the robot",
+    repairs=("drop_transform",),
+)
+LINKS = Question(
+    "tf.links",
+    "every frame that messages name is joined to the base",
+    (FaultKind("tf_missing_link", "frames that should be connected are not"),),
+    consequence="a SLAM drops every message of the frame",
+    excitation_wanted="recorded transforms",
+    repairs=("add_odometry_transform",),
+)
+FRAMES = Question(
+    "tf.frames",
+    "every frame that messages name is known to a transform",
+    (FaultKind("tf_unknown_frame", "messages name a frame that no transform knows"),),
+    consequence="a SLAM drops every message of the frame",
+    repairs=("rename_frame",),
+)
+STATIC = Question(
+    "tf.static",
+    "fixed transforms do not change",
+    (FaultKind("tf_static_changes", "a fixed transform changes"),),
+    limit=MAX_STATIC_CHANGE,
+    consequence="which of the poses a consumer sees depends on when it joins",
+    repairs=("freeze_static_transform",),
+)
+
+
+def check_transforms(evidence: Evidence) -> list[Finding]:
     """Missing links, two parents, loops, unknown frames, changes, coverage, contradictions."""
+    recording, graph = evidence.recording, evidence.frames
     if not recording.transforms:
         words = "the recording holds no transforms; where the sensors sit is not known"
-        return [Finding("tf.links", "/tf", "cannot tell", words)]
-    graph = FrameGraph(recording.transforms)
+        return [unanswered(LINKS, "/tf", words)]
     return [
         *_not_rigid(recording.transforms),
         *_two_parents(graph),
         *_loops(graph),
         *_maps(recording.transforms),
-        *_links(recording, graph),
+        *_links(recording, graph, evidence.base),
         *_static_changes(recording.transforms),
         *check_coverage(recording, graph),
         *check_agreement(recording),
     ]
 
 
+GROUP = QuestionGroup(
+    "transforms",
+    20,
+    (RIGID, PARENTS, LOOP, MAP, LINKS, FRAMES, STATIC, COVERAGE, AGREEMENT),
+    check_transforms,
+)
+
+
 def _not_rigid(edges: tuple[TransformEdge, ...]) -> Iterator[Finding]:
     for edge in edges:
         broken = int((~_is_rigid(edge)).sum())
         if broken:
-            yield Finding(
-                "tf.rigid",
+            yield judge(
+                RIGID,
                 edge.name,
-                "bad",
                 f"{broken} of {edge.stamps_ns.size} transforms are not finite or not of unit "
                 "rotation",
-                "tf_not_rigid",
-                "Normalise the quaternion, and publish nothing where nothing is known.",
+                verdict="fault",
+                advice="Normalise the quaternion, and publish nothing where nothing is known.",
             )
 
 
@@ -64,14 +133,13 @@ def _is_rigid(edge: TransformEdge) -> BoolArray:
 def _two_parents(graph: FrameGraph) -> Iterator[Finding]:
     for child, edges in graph.with_two_parents().items():
         told = ", ".join(f"{edge.parent} ({edge.stamps_ns.size} messages)" for edge in edges)
-        yield Finding(
-            "tf.parents",
+        yield judge(
+            PARENTS,
             child,
-            "bad",
             f"{child} has {len(edges)} parents: {told}; a tree allows one",
-            "tf_two_parents",
-            "Let one node publish this frame; two localisers, or a robot model and an odometry "
-            "that both do, make the robot jump between them.",
+            verdict="fault",
+            advice="Let one node publish this frame; two localisers, or a robot model and an "
+            "odometry that both do, make the robot jump between them.",
             mends=tuple(Mend("drop_transform", edge.name) for edge in edges[1:]),
         )
 
@@ -79,13 +147,12 @@ def _two_parents(graph: FrameGraph) -> Iterator[Finding]:
 def _loops(graph: FrameGraph) -> Iterator[Finding]:
     for circle in graph.loops():
         shown = " -> ".join((*circle, circle[0]))
-        yield Finding(
-            "tf.loop",
+        yield judge(
+            LOOP,
             circle[0],
-            "bad",
             f"the transforms run in a circle: {shown}",
-            "tf_loop",
-            "Turn one of these transforms round; every frame but the root has one parent.",
+            verdict="fault",
+            advice="Turn one of these transforms round; every frame but the root has one parent.",
         )
 
 
@@ -93,22 +160,20 @@ def _maps(edges: tuple[TransformEdge, ...]) -> Iterator[Finding]:
     """A recording that a SLAM is to read must not hold another one's answer."""
     for edge in edges:
         if edge.parent == MAP_FRAME:
-            yield Finding(
-                "tf.map",
+            yield judge(
+                MAP,
                 edge.name,
-                "bad",
                 f"{edge.name} on {edge.topic} is what a SLAM or localiser publishes; one that maps "
                 "this recording will publish it as well",
-                "tf_map_recorded",
-                "Leave it out, and record without SLAM or localiser.",
+                verdict="fault",
+                advice="Leave it out, and record without SLAM or localiser.",
                 mends=(Mend("drop_transform", edge.name),),
             )
 
 
-def _links(recording: Recording, graph: FrameGraph) -> list[Finding]:
+def _links(recording: Recording, graph: FrameGraph, base: str) -> list[Finding]:
     """Frames that messages name: known to transforms or robot description, joined to the base."""
     odometry = recording.odometries[0] if recording.odometries else None
-    base = graph.base(odometry.child_frame_ids if odometry else ())
     findings = [
         *_sensor_links(recording, graph, base),
         *(_odometry_link(recording, graph, odometry, base) if odometry else ()),
@@ -116,7 +181,7 @@ def _links(recording: Recording, graph: FrameGraph) -> list[Finding]:
     if findings:
         return findings
     words = f"every frame that messages name is joined to {base}"
-    return [Finding("tf.links", base, "ok", words)]
+    return [judge(LINKS, base, words, verdict="ok")]
 
 
 def _sensor_links(recording: Recording, graph: FrameGraph, base: str) -> Iterator[Finding]:
@@ -127,14 +192,13 @@ def _sensor_links(recording: Recording, graph: FrameGraph, base: str) -> Iterato
             if frame not in graph and frame not in links:
                 yield _unknown_frame(stream, frame, graph)
             elif not graph.connects(base, frame):
-                yield Finding(
-                    "tf.links",
+                yield judge(
+                    LINKS,
                     f"{base} -> {frame}",
-                    "bad",
                     f"no chain of transforms leads from {base} to {frame}, the frame of "
                     f"{stream.topic}",
-                    "tf_missing_link",
-                    f"Publish the missing transform; {base} reaches {graph.listed(base)}.",
+                    verdict="fault",
+                    advice=f"Publish the missing transform; {base} reaches {graph.listed(base)}.",
                 )
 
 
@@ -142,13 +206,12 @@ def _unknown_frame(stream: RawStream, frame: str, graph: FrameGraph) -> Finding:
     nearest = graph.nearest(frame)
     hint = f"; {nearest!r} is the nearest that exists" if nearest else ""
     named = repr(frame) if frame else "an empty frame"
-    return Finding(
-        "tf.frames",
+    return judge(
+        FRAMES,
         stream.topic,
-        "bad",
         f"its messages name {named}, which no transform knows{hint}",
-        "tf_unknown_frame",
-        "Give the driver the frame of the robot model, or publish a transform to its own.",
+        verdict="fault",
+        advice="Give the driver the frame of the robot model, or publish a transform to its own.",
         mends=(Mend("rename_frame", stream.topic, {"frame": nearest}),) if nearest else (),
     )
 
@@ -161,14 +224,13 @@ def _odometry_link(
         return
     odom = odometry.frame_ids[0]
     if not graph.connects(odom, base):
-        yield Finding(
-            "tf.links",
+        yield judge(
+            LINKS,
             f"{odom} -> {base}",
-            "bad",
             f"{odometry.topic} gives {base} in {odom}, but no transform does: SLAM that asks the "
             "transform tree drops every scan",
-            "tf_missing_link",
-            f"Publish {odom} -> {base} from the odometry.",
+            verdict="fault",
+            advice=f"Publish {odom} -> {base} from the odometry.",
             mends=(Mend("add_odometry_transform", odometry.topic),),
         )
 
@@ -183,15 +245,14 @@ def _static_changes(edges: tuple[TransformEdge, ...]) -> Iterator[Finding]:
             continue
         change = max(_spread(edge.positions_m[sound]), _spread(_signed(edge.quats_xyzw[sound])))
         if change > MAX_STATIC_CHANGE:
-            yield Finding(
-                "tf.static",
+            yield judge(
+                STATIC,
                 edge.name,
-                "bad",
                 f"the fixed transform changes by up to {change:.3g} (metres, or of the rotation) "
                 f"over {edge.stamps_ns.size} messages",
-                "tf_static_changes",
-                "Publish it once; two publishers, or a restart with other numbers, do this.",
+                verdict="fault",
                 limit=MAX_STATIC_CHANGE,
+                advice="Publish it once; two publishers, or a restart with other numbers, do this.",
                 mends=(Mend("freeze_static_transform", edge.name),),
             )
 

@@ -1,5 +1,5 @@
 """Readings of an inertial unit that are no measurement: not finite, an axis that never changes,
-knocks that no robot takes, an orientation that nobody estimates."""
+shocks that no robot takes, an orientation that is not estimated."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from slamsim.check.findings import Estimate, Finding, Mend
+from slamsim.check.question import FaultKind, Question, judge, same_subject, unanswered
 from slamsim.check.questions.wheels.published import has_unit_length
 from slamsim.geometry import wrap_angle, yaw_from_xyzw
 from slamsim.recording import RawImu, Recording
@@ -26,8 +27,58 @@ TURNED_RAD, TURNED_SECONDS = 0.1, 3
 MIN_SAMPLES = 20
 
 
-def check_inertial_values(recording: Recording, imu: RawImu) -> Iterator[Finding]:
-    """What needs nothing but the readings themselves."""
+VALUES = Question(
+    "imu.values",
+    "every reading is a number",
+    (FaultKind("imu_invalid", "the inertial unit's readings are not finite"),),
+    limit=0.0,
+    unit="%",
+    consequence="one NaN stays in a filter for ever",
+    repairs=("drop_broken_readings",),
+)
+SPIKES = Question(
+    "imu.spikes",
+    "no acceleration is larger than a robot feels",
+    (FaultKind("imu_spikes", "accelerations that no robot feels"),),
+    limit=100.0 * MAX_SPIKE_SHARE,
+    unit="%",
+    consequence="a filter takes the spikes for motion",
+    excitation_wanted="accelerations with gravity in them",
+)
+AXES = Question(
+    "imu.axes",
+    "every axis that should change does",
+    (
+        FaultKind(
+            "imu_axis_dead",
+            "an axis of the inertial unit never changes",
+            (
+                same_subject(
+                    *("time_offset_imu", "gyro_scale", "gyro_bias", "clock_drift", "imu_axis")
+                ),
+            ),
+        ),
+    ),
+    consequence="turns or accelerations about the axis are missed",
+    excitation_wanted="turning",
+)
+ORIENTATION = Question(
+    "imu.orientation",
+    "a published orientation is one, and turns with the unit",
+    (
+        FaultKind(
+            "imu_orientation",
+            "the inertial unit's orientation is none, though it is published",
+        ),
+    ),
+    consequence="filters take the numbers for a heading",
+    excitation_wanted="turning",
+    repairs=("drop_orientation",),
+)
+
+
+def check_readings(recording: Recording, imu: RawImu) -> Iterator[Finding]:
+    """What needs nothing but the readings of one inertial unit themselves."""
     rates, accelerations = imu.angular_velocity_rad_s, imu.linear_acceleration_m_s2
     finite = is_sound(np.concatenate([rates, accelerations], axis=1))
     yield _finite(imu, finite)
@@ -41,41 +92,38 @@ def check_inertial_values(recording: Recording, imu: RawImu) -> Iterator[Finding
 
 def _finite(imu: RawImu, finite: BoolArray) -> Finding:
     broken = int((~finite).sum())
-    estimate = Estimate(100.0 * broken / max(len(imu), 1), 0.0, "%")
-    if not broken:
-        words = "every reading is a number"
-        return Finding("imu.values", imu.topic, "ok", words, estimate=estimate, limit=0.0)
     columns = np.concatenate([imu.angular_velocity_rad_s, imu.linear_acceleration_m_s2], axis=1)
     names = [f"{kind} {axis}" for kind in ("gyroscope", "acceleration") for axis in "xyz"]
     whole = [name for name, column in zip(names, columns.T, strict=True)
              if not is_sound(column).any()]  # fmt: skip
     words = f"{broken} of {len(imu)} readings are not finite (or beyond {MOST:g})"
     words += f", of {', '.join(whole)} all" if whole else ""
-    return Finding(
-        *("imu.values", imu.topic, "bad", words, "imu_invalid"),
-        "Publish nothing until the unit answers, and -1 as first covariance for what it does not "
-        "measure: one NaN stays in a filter for ever.",
-        *(estimate, 0.0),
-        () if whole else (Mend("drop_broken_readings", imu.topic),),
+    return judge(
+        VALUES,
+        imu.topic,
+        {"ok": "every reading is a number", "fault": words},
+        Estimate(100.0 * broken / max(len(imu), 1), 0.0, "%"),
+        advice="Publish nothing until the unit answers, and -1 as first covariance for what it "
+        "does not measure: one NaN stays in a filter for ever.",
+        mends=() if whole else (Mend("drop_broken_readings", imu.topic),),
     )
 
 
 def _spikes(imu: RawImu, accelerations: FloatArray) -> Finding:
     length = np.linalg.norm(accelerations, axis=1)
     if not GRAVITY_M_S2[0] < np.median(length) < GRAVITY_M_S2[1]:
-        words = "without gravity single readings cannot be judged"
-        return Finding("imu.spikes", imu.topic, "cannot tell", words)
+        return unanswered(SPIKES, imu.topic, "without gravity single readings cannot be judged")
     low, high = SPIKE_M_S2
     spikes = (length < low) | (length > high)
-    share = float(spikes.mean())
-    estimate, limit = Estimate(100.0 * share, 0.0, "%"), 100.0 * MAX_SPIKE_SHARE
     words = f"{int(spikes.sum())} accelerations lie outside {low:g} to {high:g} m/s^2"
-    if int(spikes.sum()) < MIN_SPIKES or share <= MAX_SPIKE_SHARE:
-        return Finding("imu.spikes", imu.topic, "ok", words, estimate=estimate, limit=limit)
-    return Finding(
-        *("imu.spikes", imu.topic, "bad", f"{words}, up to {length.max():.3g}", "imu_spikes"),
-        "Look for a bad bus or a unit that sits loose; a robot that takes such knocks falls over.",
-        *(estimate, limit),
+    return judge(
+        SPIKES,
+        imu.topic,
+        {"ok": words, "fault": f"{words}, up to {length.max():.3g}"},
+        Estimate(100.0 * float(spikes.mean()), 0.0, "%"),
+        enough=int(spikes.sum()) >= MIN_SPIKES,
+        advice="Look for a bad bus or a unit that sits loose; a robot that takes such knocks falls "
+        "over.",
     )
 
 
@@ -93,11 +141,16 @@ def _axes(imu: RawImu, finite: BoolArray, turns: bool) -> Finding:
             others = bool(lively[np.arange(3) != axis].all()) and not upright
             if others or (turns and kind == "gyroscope" and axis == _upward(imu)):
                 dead.append(f"{kind} {'xyz'[axis]}")
-    if not dead:
-        return Finding("imu.axes", imu.topic, "ok", "every axis that should change does")
-    words = f"{', '.join(dead)} never changes while the robot moves"
-    advice = "Look for an axis that the driver does not fill in, or a unit that is broken."
-    return Finding("imu.axes", imu.topic, "bad", words, "imu_axis_dead", advice)
+    return judge(
+        AXES,
+        imu.topic,
+        {
+            "ok": "every axis that should change does",
+            "fault": f"{', '.join(dead)} never changes while the robot moves",
+        },
+        verdict="fault" if dead else "ok",
+        advice="Look for an axis that the driver does not fill in, or a unit that is broken.",
+    )
 
 
 def _upward(imu: RawImu) -> int:
@@ -138,17 +191,20 @@ def _orientation(imu: RawImu, quats_xyzw: FloatArray) -> Finding:
     changes = float(np.ptp(quats_xyzw, axis=0).max())
     if seconds < TURNED_SECONDS:
         words = "the unit hardly turns, so its orientation cannot be judged"
-        return Finding("imu.orientation", imu.topic, "cannot tell", words)
+        return unanswered(ORIENTATION, imu.topic, words)
     if changes > 0.0:
         words = "the orientation is a rotation and changes as the unit turns"
-        return Finding("imu.orientation", imu.topic, "ok", words)
+        return judge(ORIENTATION, imu.topic, words, verdict="ok")
     return _no_orientation(imu, f"the orientation never changes, in {seconds} s of turning")
 
 
 def _no_orientation(imu: RawImu, words: str) -> Finding:
-    return Finding(
-        *("imu.orientation", imu.topic, "bad", words, "imu_orientation"),
-        "Set the first orientation covariance to -1 where the unit estimates none (REP 145); "
-        "filters take the numbers for a heading.",
+    return judge(
+        ORIENTATION,
+        imu.topic,
+        words,
+        verdict="fault",
+        advice="Set the first orientation covariance to -1 where the unit estimates none (REP "
+        "145); filters take the numbers for a heading.",
         mends=(Mend("drop_orientation", imu.topic),),
     )

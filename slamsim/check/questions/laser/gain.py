@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from slamsim.check.motion.alignment import Shift
-from slamsim.check.motion.integrated import Course
+from slamsim.check.motion.integrated import IntegratedMotion
 from slamsim.check.motion.laser_steps import LaserSteps
 from slamsim.types import FloatArray, IntArray
 
@@ -41,7 +41,9 @@ class Gain:
     other_rad_s: FloatArray
 
 
-def turn_gain(steps: LaserSteps, course: Course, column: int, shift: Shift | None) -> Gain | None:
+def turn_gain(
+    steps: LaserSteps, course: IntegratedMotion, column: int, shift: Shift | None
+) -> Gain | None:
     """Robust regression (Huber 1981), its interval by windows (sandwich); None of too few steps.
 
     column: of the course, its turn. shift: how much later the stamps of the course are, roughly.
@@ -79,7 +81,9 @@ def turn_gain(steps: LaserSteps, course: Course, column: int, shift: Shift | Non
     )
 
 
-def _turn(course: Course, column: int, begin_s: FloatArray, end_s: FloatArray) -> FloatArray:
+def _turn(
+    course: IntegratedMotion, column: int, begin_s: FloatArray, end_s: FloatArray
+) -> FloatArray:
     return np.asarray((course.at(end_s) - course.at(begin_s))[:, column])
 
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import least_squares
 
-from slamsim.check.motion.integrated import Course
+from slamsim.check.motion.integrated import IntegratedMotion
 from slamsim.check.motion.laser_steps import LaserSteps
 from slamsim.safe.numbers import require_finite
 from slamsim.types import FloatArray
@@ -35,8 +35,8 @@ class HeadingFit:
     offset_rad: float
 
 
-def heading_by_course(
-    steps: LaserSteps, course: Course, column: int, lever_m: FloatArray
+def heading_by_path(
+    steps: LaserSteps, course: IntegratedMotion, column: int, lever_m: FloatArray
 ) -> HeadingFit | None:
     """The correction that makes the base move ahead only; None of too few steps.
 

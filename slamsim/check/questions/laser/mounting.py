@@ -9,10 +9,12 @@ from __future__ import annotations
 import numpy as np
 
 from slamsim.check.calibration.joint import Calibration
+from slamsim.check.evidence import of_calibration
 from slamsim.check.findings import Estimate, Finding, Mend
-from slamsim.check.judge import Answer, Question, judged
+from slamsim.check.question import FaultKind, Question, QuestionGroup, judge, unanswered
 from slamsim.check.questions.wheels.sizes import POSES_TIMES
 from slamsim.geometry import wrap_angle
+from slamsim.types import FloatArray
 
 YAW_LIMIT_DEG, YAW_HARM_DEG = 0.3, 2.0
 PLACE_LIMIT_M, PLACE_HARM_M = 0.01, 0.05
@@ -22,28 +24,73 @@ DRIVING = "ten metres of straight driving"
 TURNING = "turning on the spot to both sides"
 
 
+_NAMES = ("laser_x_m", "laser_y_m", "laser_yaw_rad")
+
+LASER_POSITION = FaultKind("laser_position", "the laser sits elsewhere than declared")
+MOUNTING = Question(
+    "laser.mounting",
+    "it is declared where the laser sits, and scans can tell whether that is so",
+    (),
+    consequence="scans are placed where nothing says they belong",
+    excitation_wanted=TURNING,
+)
+YAW = Question(
+    "laser.yaw",
+    "the laser looks where it is declared to look",
+    (FaultKind("laser_yaw", "the laser is mounted with another yaw than declared"),),
+    limit=YAW_LIMIT_DEG,
+    unit="deg",
+    consequence="scans and odometry disagree about the direction of every metre driven",
+    excitation_wanted=DRIVING,
+    repairs=("set_mounting",),
+)
+PLACE = tuple(
+    Question(
+        f"laser.{axis}",
+        f"the laser sits where it is declared to sit, along {axis}",
+        (LASER_POSITION,),
+        limit=1e3 * PLACE_LIMIT_M,
+        unit="mm",
+        consequence="scans and odometry disagree about the path of every turn",
+        excitation_wanted=TURNING,
+        repairs=("set_mounting",),
+    )
+    for axis in "xy"
+)
+
+
 def check_mounting(calibration: Calibration) -> list[Finding]:
     """Yaw and place of the laser."""
     inputs = calibration.inputs
     if not calibration.scans_count or inputs.wheels is None:
         return []
+    frame = inputs.laser_frame
     if calibration.alignment.mirror:
         words = (
             "the scans turn the wrong way: how the laser sits cannot be told before that is mended"
         )
-        return [Finding("laser.mounting", inputs.laser_frame, "cannot tell", words)]
+        return [unanswered(MOUNTING, frame, words)]
     if inputs.T_base_laser is None:
-        words = f"nothing declares where {inputs.laser_frame or 'the laser'} sits on the base"
         x, y, yaw = (calibration.value(name) for name in _NAMES)
-        words += f"; by its motion x {x:.3f} m, y {y:.3f} m, yaw {np.degrees(yaw):.2f} deg"
-        return [Finding("laser.mounting", inputs.laser_frame, "cannot tell", words)]
+        words = (
+            f"nothing declares where {frame or 'the laser'} sits on the base; by its motion "
+            f"x {x:.3f} m, y {y:.3f} m, yaw {np.degrees(yaw):.2f} deg"
+        )
+        return [unanswered(MOUNTING, frame, words)]
     if not calibration.follows("wheel"):
         words = f"the wheels' turns do not follow those of the scans; what would tell: {TURNING}"
-        return [Finding("laser.mounting", inputs.laser_frame, "cannot tell", words)]
-    return [_yaw(calibration), _place(calibration, 0), _place(calibration, 1)]
+        return [unanswered(MOUNTING, frame, words)]
+    declared = inputs.T_base_laser
+    return [
+        _yaw(calibration, declared),
+        _place(calibration, declared, 0),
+        _place(calibration, declared, 1),
+    ]
 
 
-_NAMES = ("laser_x_m", "laser_y_m", "laser_yaw_rad")
+GROUP = QuestionGroup(
+    "motion", 180, (MOUNTING, YAW, *PLACE), of_calibration(check_mounting), thorough=True
+)
 
 
 def _times(calibration: Calibration) -> float:
@@ -62,42 +109,34 @@ def _mend(calibration: Calibration) -> Mend:
     return Mend("set_mounting", calibration.inputs.laser_frame, parameters)
 
 
-def _yaw(calibration: Calibration) -> Finding:
-    inputs = calibration.inputs
-    assert inputs.T_base_laser is not None
-    off = float(wrap_angle(np.asarray(calibration.value("laser_yaw_rad") - inputs.T_base_laser[2])))
+def _yaw(calibration: Calibration, declared: FloatArray) -> Finding:
+    """declared: (3,) T_base_laser as x, y, yaw."""
+    off = float(wrap_angle(np.asarray(calibration.value("laser_yaw_rad") - declared[2])))
     sigma = calibration.sigma("laser_yaw_rad")
-    return judged(
-        Question(
-            *("laser.yaw", inputs.laser_frame, "laser_yaw"),
-            *(_times(calibration) * YAW_LIMIT_DEG, YAW_HARM_DEG, DRIVING),
-        ),
+    return judge(
+        YAW,
+        calibration.inputs.laser_frame,
+        f"the laser looks {np.degrees(off):+.3g} deg further to the left than declared",
         Estimate(float(np.degrees(off)), float(np.degrees(sigma)), "deg"),
-        Answer(
-            f"the laser looks {np.degrees(off):+.3g} deg further to the left than declared",
-            f"Turn its transform by {np.degrees(off):.3f} deg about z.",
-            (_mend(calibration),),
-        ),
+        limit=_times(calibration) * YAW_LIMIT_DEG,
+        harm=YAW_HARM_DEG,
+        advice=f"Turn its transform by {np.degrees(off):.3f} deg about z.",
+        mends=(_mend(calibration),),
     )
 
 
-def _place(calibration: Calibration, axis: int) -> Finding:
-    """x or y."""
-    inputs = calibration.inputs
-    assert inputs.T_base_laser is not None
+def _place(calibration: Calibration, declared: FloatArray, axis: int) -> Finding:
+    """declared: (3,) T_base_laser. axis: 0 of x, 1 of y."""
     name = _NAMES[axis]
-    off_m = calibration.value(name) - float(inputs.T_base_laser[axis])
-    estimate = Estimate(1e3 * off_m, 1e3 * calibration.sigma(name), "mm")
+    off_m = calibration.value(name) - float(declared[axis])
     side = ("forward", "to the left")[axis]
-    return judged(
-        Question(
-            *(f"laser.{'xy'[axis]}", inputs.laser_frame, "laser_position"),
-            *(_times(calibration) * 1e3 * PLACE_LIMIT_M, 1e3 * PLACE_HARM_M, TURNING),
-        ),
-        estimate,
-        Answer(
-            f"the laser sits {1e3 * off_m:+.1f} mm further {side} than declared",
-            f"Correct {'xy'[axis]} of its transform.",
-            (_mend(calibration),),
-        ),
+    return judge(
+        PLACE[axis],
+        calibration.inputs.laser_frame,
+        f"the laser sits {1e3 * off_m:+.1f} mm further {side} than declared",
+        Estimate(1e3 * off_m, 1e3 * calibration.sigma(name), "mm"),
+        limit=_times(calibration) * 1e3 * PLACE_LIMIT_M,
+        harm=1e3 * PLACE_HARM_M,
+        advice=f"Correct {'xy'[axis]} of its transform.",
+        mends=(_mend(calibration),),
     )

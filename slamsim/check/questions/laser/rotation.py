@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from slamsim.check.findings import Curve, Estimate, Finding, Mend, Plot
+from slamsim.check.fault_groups import LIDAR_TIMES, MOUNTING, SIZES, SWEEPS
+from slamsim.check.findings import Curve, Estimate, Finding, Mend, Plot, Verdict
 from slamsim.check.motion.alignment import align
 from slamsim.check.motion.inputs import Inputs
 from slamsim.check.motion.laser_steps import LaserSteps
+from slamsim.check.question import FaultKind, Question, anywhere, judge, unanswered
 from slamsim.check.questions.laser.gain import Gain, turn_gain
-from slamsim.check.questions.laser.heading import heading_by_course
+from slamsim.check.questions.laser.heading import heading_by_path
+from slamsim.check.questions.laser.shape import LASER_ANGLE_STEP
 
 SAME_GAIN = 0.1
 """Gains this near to 1, 0 or -1 are meant to be so; less is a matter of scale, told elsewhere."""
@@ -31,6 +34,32 @@ ALIKE = 0.05
 LEAST_POINTS = 2
 TURNING = "turning on the spot, some full turns to either side"
 
+WORLD_FIXED = FaultKind(
+    "laser_world_fixed",
+    "the rays keep their directions in the world while the robot turns",
+    (anywhere(*SIZES, *LIDAR_TIMES, *SWEEPS, "laser_angle_step", "range_offset"),),
+)
+MIRRORED = FaultKind(
+    "laser_mirrored",
+    "the scan turns the wrong way: mirrored, left-handed or upside down",
+    (anywhere(*MOUNTING, *SWEEPS, "gyro_sign", "wheels_swapped"),),
+)
+UPSIDE_DOWN = FaultKind(
+    "laser_upside_down",
+    "the laser hangs upside down, its frame does not say so",
+    (anywhere(*MOUNTING, *SWEEPS, "laser_mirrored"),),
+)
+ROTATION = Question(
+    "laser.rotation",
+    "the scans turn as the robot does",
+    (WORLD_FIXED, MIRRORED, UPSIDE_DOWN, LASER_ANGLE_STEP),
+    limit=SAME_GAIN,
+    unit="rad/rad",
+    consequence="the map is torn wherever the robot turns",
+    excitation_wanted=TURNING,
+    repairs=("turn_with_robot", "negate_angles", "roll_frame", "scale_angles"),
+)
+
 
 def check_rotation(inputs: Inputs) -> Finding:
     """The gain of the scans' rotation against gyroscope and wheels.
@@ -41,12 +70,12 @@ def check_rotation(inputs: Inputs) -> Finding:
     topic = inputs.steps.topic
     if inputs.gyro is None and inputs.wheels is None:
         words = "neither a gyroscope nor wheels are there to compare the scans' turns with"
-        return Finding("laser.rotation", topic, "cannot tell", words)
+        return unanswered(ROTATION, topic, words)
     telling = [gain for gain in gains if gain.turned_rad > LEAST_TURNED_RAD]
     if not telling:
         most = max((gain.turned_rad for gain in gains), default=0.0)
         words = f"the robot turned by {np.degrees(most):.0f} deg in all; what would tell: {TURNING}"
-        return Finding("laser.rotation", topic, "cannot tell", words)
+        return unanswered(ROTATION, topic, words)
     return _judged(telling, inputs)
 
 
@@ -116,11 +145,11 @@ def _judged(gains: list[Gain], inputs: Inputs) -> Finding:
         if not unsure and len(gains) < LEAST_POINTS:
             words = f"{said}: the scans or the other turn too far, and no third sensor says which"
         words += f"; what would tell: {TURNING}"
-        return _finding(inputs, best, words, "cannot tell")
+        return _finding(inputs, best, words, "inconclusive")
     words = f"scans turn {best.value:.4g} times as far as the robot: {said}"
     advice = f"Divide the angle between beams by {best.value:.5g}."
     mend = Mend("scale_angles", inputs.steps.topic, {"factor": 1.0 / best.value})
-    return _finding(inputs, best, words, "bad", ("laser_angle_step", advice, (mend,)))
+    return _finding(inputs, best, words, "fault", LASER_ANGLE_STEP, advice, mend)
 
 
 def _said(gain: Gain) -> str:
@@ -134,17 +163,17 @@ def _world_fixed(inputs: Inputs, gain: Gain, said: str) -> Finding:
         "robot's heading."
     )
     mend = Mend("turn_with_robot", inputs.steps.topic, _heading(inputs, gain.topic))
-    return _finding(inputs, gain, words, "bad", ("laser_world_fixed", advice, (mend,)))
+    return _finding(inputs, gain, words, "fault", WORLD_FIXED, advice, mend)
 
 
 def _heading(inputs: Inputs, topic: str) -> dict[str, float | str]:
-    """Where the robot heads, by the stream of a topic and the way that the laser goes."""
+    """Where the robot heads, by the stream of a topic and the path of the laser."""
     by_gyro = inputs.gyro is not None and inputs.gyro.topic == topic
     course, column = (inputs.gyro, 0) if by_gyro else (inputs.wheels, 1)
     x_m, y_m, yaw_rad = (0.0, 0.0, 0.0) if inputs.T_base_laser is None else inputs.T_base_laser
     found = None
     if course is not None:
-        found = heading_by_course(inputs.steps, course, column, np.array([x_m, y_m]))
+        found = heading_by_path(inputs.steps, course, column, np.array([x_m, y_m]))
     if found is None:
         return {"heading_from": topic}
     offset_rad = found.offset_rad + float(yaw_rad)
@@ -156,33 +185,33 @@ def _mirrored(inputs: Inputs, gain: Gain, said: str) -> Finding:
         words = f"the scans turn against the robot ({said}): the frame hangs upside down, they not"
         advice = "Remove the roll of 180 degrees from the laser's frame."
         mend = Mend("roll_frame", inputs.laser_frame, {"roll_rad": float(np.pi)})
-        return _finding(inputs, gain, words, "bad", ("laser_upside_down", advice, (mend,)))
+        return _finding(inputs, gain, words, "fault", UPSIDE_DOWN, advice, mend)
     words = f"the scans turn against the robot ({said}): they are mirrored, or hang upside down"
     advice = (
         "Publish the beams counter-clockwise as seen from above (negate the angles), or give the "
         "laser's frame a roll of 180 degrees if it hangs upside down."
     )
     mend = Mend("negate_angles", inputs.steps.topic)
-    return _finding(inputs, gain, words, "bad", ("laser_mirrored", advice, (mend,)))
+    return _finding(inputs, gain, words, "fault", MIRRORED, advice, mend)
 
 
 def _finding(
     inputs: Inputs,
     gain: Gain,
     words: str,
-    verdict: str = "ok",
-    bad: tuple[str, str, tuple[Mend, ...]] | None = None,
+    verdict: Verdict = "ok",
+    fault: FaultKind | None = None,
+    advice: str = "",
+    *mends: Mend,
 ) -> Finding:
-    fault, advice, mends = bad if bad is not None else (None, "", ())
-    return Finding(
-        check="laser.rotation",
-        subject=inputs.steps.topic,
-        verdict="bad" if bad is not None else ("ok" if verdict == "ok" else "cannot tell"),
-        words=words,
+    return judge(
+        ROTATION,
+        inputs.steps.topic,
+        words,
+        Estimate(gain.value, gain.sigma, "rad/rad"),
+        verdict=verdict,
         fault=fault,
         advice=advice,
-        estimate=Estimate(gain.value, gain.sigma, "rad/rad"),
-        limit=SAME_GAIN,
         mends=mends,
         plots=(_plot(gain),),
     )

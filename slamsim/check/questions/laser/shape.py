@@ -7,12 +7,18 @@ No other sensor is asked.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-
 import numpy as np
 
+from slamsim.check.fault_groups import LIDAR_TIMES, SWEEPS
 from slamsim.check.findings import Curve, Estimate, Finding, Mend, Plot
-from slamsim.check.judge import SURE_SIGMAS, Answer, Question, judged
+from slamsim.check.question import (
+    SURE_SIGMAS,
+    FaultKind,
+    Question,
+    anywhere,
+    decide,
+    judge,
+)
 from slamsim.recording import RecordingFormat
 from slamsim.slam.laser.scan_motion import ScanMotions, ShapeEstimate
 
@@ -40,67 +46,112 @@ PLOTTED_SIGMAS = 8.0
 MOVING = "driving a few metres and turning at changing speed, in a place with walls on all sides"
 
 
-@dataclass(frozen=True, slots=True)
-class _Fault:
-    """meaning: what it says, in words. mend: its subject is still to be named."""
+LASER_ANGLE_STEP = FaultKind("laser_angle_step", "the angle between beams is wrong")
+FLASH = FaultKind(
+    "flash_scan_timed",
+    "beams of one instant are declared as fired one after the other",
+    (anywhere(*LIDAR_TIMES, "laser_angle_step", "scans_overlap"),),
+)
+REVERSED = FaultKind(
+    "beam_time_reversed",
+    "the beams fire in the opposite order of what is declared",
+    (anywhere(*LIDAR_TIMES, "laser_yaw", "laser_angle_step"),),
+)
+SCALED = FaultKind("beam_time_scale", "the time between beams is wrong")
+UNTIMED = FaultKind(
+    "rolling_scan_untimed",
+    "beams fired one after the other are declared as of one instant",
+    (anywhere(*LIDAR_TIMES, "laser_angle_step"),),
+)
 
-    name: str
-    meaning: str
-    advice: str
-    mend: Mend
+ANGLE_UNIT = Question(
+    "laser.angle_unit",
+    "angles are radians",
+    (
+        FaultKind(
+            "laser_degrees",
+            "angles in degrees where radians are asked for",
+            (anywhere("laser_angle_step", *SWEEPS, "range_offset"),),
+        ),
+    ),
+    consequence="the beams point anywhere",
+    repairs=("angles_to_radians",),
+)
+ANGLE_STEP = Question(
+    "laser.angle_step",
+    "the angle between beams is the one at which scans fit each other",
+    (LASER_ANGLE_STEP,),
+    limit=100.0 * ANGLE_LIMIT,
+    unit="%",
+    consequence="straight walls bend, and places move when the robot turns",
+    excitation_wanted=MOVING,
+    repairs=("scale_angles",),
+)
+RANGE_OFFSET = Question(
+    "ranges.offset",
+    "ranges are neither too long nor too short by a constant",
+    (FaultKind("range_offset", "ranges are too long or too short by a constant"),),
+    limit=1e3 * OFFSET_LIMIT_M,
+    unit="mm",
+    consequence="corners are rounded, and passages too narrow or too wide by twice as much",
+    excitation_wanted=MOVING,
+    repairs=("add_to_ranges",),
+)
+SWEEP = Question(
+    "laser.sweep",
+    "beams fire when the scan says",
+    (FLASH, REVERSED, SCALED, UNTIMED),
+    limit=SWEEP_LIMIT,
+    unit="of the declared time",
+    consequence="scans are freed of the wrong motion: walls bend while the robot turns",
+    excitation_wanted=MOVING,
+    repairs=("scale_beam_times", "set_sweep"),
+)
 
 
 def check_angles(motions: ScanMotions) -> list[Finding]:
     """The unit of the angles, and the angle between beams."""
     found = motions.angle_step
     error = 100.0 * (1.0 / found.value - 1.0)
-    sigma = 100.0 * found.sigma / found.value**2
-    topic = motions.topic
-    step = judged(
-        Question(
-            *("laser.angle_step", topic, "laser_angle_step"),
-            *(100.0 * ANGLE_LIMIT, 100.0 * ANGLE_HARM, MOVING),
-        ),
-        Estimate(error, sigma, "%"),
-        Answer(
-            f"the declared angle between beams is {error:+.3g} % off the one at which scans fit",
-            f"Multiply the angle between beams by {found.value:.6g}, about the middle beam.",
-            (Mend("scale_angles", topic, {"factor": found.value}),),
-        ),
+    step = judge(
+        ANGLE_STEP,
+        motions.topic,
+        f"the declared angle between beams is {error:+.3g} % off the one at which scans fit",
+        Estimate(error, 100.0 * found.sigma / found.value**2, "%"),
+        harm=100.0 * ANGLE_HARM,
+        advice=f"Multiply the angle between beams by {found.value:.6g}, about the middle beam.",
+        mends=(Mend("scale_angles", motions.topic, {"factor": found.value}),),
     )
     return [_unit(motions), step]
 
 
 def _unit(motions: ScanMotions) -> Finding:
-    degrees = motions.radians_per_unit != 1.0
-    return Finding(
-        check="laser.angle_unit",
-        subject=motions.topic,
-        verdict="bad" if degrees else "ok",
-        words="the beams span several turns if their angles are radians, a fan if they are degrees"
-        if degrees
-        else "the beams span no more than a turn or two",
-        fault="laser_degrees" if degrees else None,
-        advice="Publish angle_min, angle_max and angle_increment in radians." if degrees else "",
-        mends=(Mend("angles_to_radians", motions.topic),) if degrees else (),
+    return judge(
+        ANGLE_UNIT,
+        motions.topic,
+        {
+            "ok": "the beams span no more than a turn or two",
+            "fault": "the beams span several turns if their angles are radians, a fan if they are "
+            "degrees",
+        },
+        verdict="ok" if motions.radians_per_unit == 1.0 else "fault",
+        advice="Publish angle_min, angle_max and angle_increment in radians.",
+        mends=(Mend("angles_to_radians", motions.topic),),
     )
 
 
 def check_range_offset(motions: ScanMotions) -> Finding:
     """Ranges that are too long or too short by a constant."""
     found = motions.range_offset_m
-    unit = motions.metres_per_unit
-    return judged(
-        Question(
-            *("ranges.offset", motions.topic, "range_offset"),
-            *(1e3 * OFFSET_LIMIT_M, 1e3 * OFFSET_HARM_M, MOVING),
-        ),
+    recorded = found.value / motions.metres_per_unit
+    return judge(
+        RANGE_OFFSET,
+        motions.topic,
+        f"ranges are {1e3 * found.value:+.3g} mm too long",
         Estimate(1e3 * found.value, 1e3 * found.sigma, "mm"),
-        Answer(
-            f"ranges are {1e3 * found.value:+.3g} mm too long",
-            f"Subtract {found.value / unit:.4g} from every range.",
-            (Mend("add_to_ranges", motions.topic, {"offset_m": -found.value / unit}),),
-        ),
+        harm=1e3 * OFFSET_HARM_M,
+        advice=f"Subtract {recorded:.4g} from every range.",
+        mends=(Mend("add_to_ranges", motions.topic, {"offset_m": -recorded}),),
     )
 
 
@@ -109,83 +160,69 @@ def check_sweep(motions: ScanMotions, recorded_as: RecordingFormat) -> Finding:
     found = motions.sweep_s
     if found.declared == 0.0:
         return _untimed(motions, recorded_as)
-    share, sigma = found.value / found.declared, found.sigma / abs(found.declared)
-    off = abs(share - 1.0)
-    estimate = Estimate(share, sigma, "of the declared time")
-    told = f"the sweep lasts {share:.3g} ± {1.96 * sigma:.2g} of the declared time"
-    late = off > SWEEP_LIMIT and off * abs(found.declared) > SWEEP_LIMIT_S
-    bad = _named(estimate) if late and off > SURE_SIGMAS * sigma else None
-    known = off + 1.96 * sigma < SWEEP_HARM
-    return _sweep_finding(motions, (told, known), (estimate, SWEEP_LIMIT), bad)
+    share = Estimate(
+        found.value / found.declared, found.sigma / abs(found.declared), "of the declared time"
+    )
+    words = f"the sweep lasts {share.value:.3g} ± {1.96 * share.sigma:.2g} of the declared time"
+    fault, meaning, advice, factor = _named(share)
+    return judge(
+        SWEEP,
+        motions.topic,
+        {"ok": words, "inconclusive": words, "fault": f"{meaning}: {words}"},
+        share,
+        harm=SWEEP_HARM,
+        healthy=1.0,
+        enough=abs(share.value - 1.0) * abs(found.declared) > SWEEP_LIMIT_S,
+        fault=fault,
+        advice=advice,
+        mends=(Mend("scale_beam_times", motions.topic, {"factor": factor}),),
+        plots=(_plot(found),),
+    )
 
 
-def _named(share: Estimate) -> _Fault:
-    """Zero and minus one have names of their own."""
+def _named(share: Estimate) -> tuple[FaultKind, str, str, float]:
+    """Fault, what it says, advice, and what to multiply the time between beams by; zero and minus
+    one have names of their own."""
     near = max(SURE_SIGMAS * share.sigma, MEANT)
     if abs(share.value) < near:
-        return _Fault(
-            "flash_scan_timed",
-            "all beams see one instant, or were deskewed already",
-            "Declare a time between beams of 0.",
-            Mend("scale_beam_times", "", {"factor": 0.0}),
-        )
+        meaning = "all beams see one instant, or were deskewed already"
+        return FLASH, meaning, "Declare a time between beams of 0.", 0.0
     if abs(share.value + 1.0) < near:
-        return _Fault(
-            "beam_time_reversed",
-            "the last beam fired first",
-            "Publish the beams in the order of their firing, with a negative angle between them.",
-            Mend("scale_beam_times", "", {"factor": -1.0}),
+        advice = (
+            "Publish the beams in the order of their firing, with a negative angle between them."
         )
-    return _Fault(
-        "beam_time_scale",
-        "the time between beams is wrong",
-        f"Multiply the time between beams by {share.value:.4g}.",
-        Mend("scale_beam_times", "", {"factor": share.value}),
-    )
+        return REVERSED, "the last beam fired first", advice, -1.0
+    advice = f"Multiply the time between beams by {share.value:.4g}."
+    return SCALED, "the time between beams is wrong", advice, share.value
 
 
 def _untimed(motions: ScanMotions, recorded_as: RecordingFormat) -> Finding:
     found = motions.sweep_s
-    size, doubt = 1e3 * abs(found.value), 1e3 * found.sigma
-    estimate, limit = Estimate(1e3 * found.value, doubt, "ms"), 1e3 * UNTIMED_LIMIT_S
-    told = "the beams are declared as of one instant; by scans that overlap they take "
-    told += f"{estimate.value:.3g} ± {1.96 * doubt:.2g} ms"
-    sure, known = size > max(SURE_SIGMAS * doubt, limit), size + 1.96 * doubt < 1e3 * UNTIMED_HARM_S
-    bad = None
-    if sure and recorded_as in NO_FIELD:
-        told += f", which {recorded_as} logs have no place for"
-    elif sure:
-        bad = _Fault(
-            "rolling_scan_untimed",
-            "the beams fire one after the other",
-            "Declare the time between beams, so that scans can be freed of motion.",
-            Mend("set_sweep", "", {"sweep_s": found.value}),
-        )
-    return _sweep_finding(motions, (told, known), (estimate, limit), bad)
-
-
-def _sweep_finding(
-    motions: ScanMotions,
-    told: tuple[str, bool],
-    size: tuple[Estimate, float],
-    bad: _Fault | None,
-) -> Finding:
-    words, known = told
-    if bad is not None:
-        words = f"{bad.meaning}: {words}"
-    elif not known:
-        words += f", too unsure to tell; what would tell: {MOVING}"
-    return Finding(
-        check="laser.sweep",
-        subject=motions.topic,
-        verdict="bad" if bad is not None else "ok" if known else "cannot tell",
-        words=words,
-        fault=None if bad is None else bad.name,
-        advice="" if bad is None else bad.advice,
-        estimate=size[0],
-        limit=size[1],
-        mends=() if bad is None else (replace(bad.mend, subject=motions.topic),),
-        plots=(_plot(motions.sweep_s),),
+    size, limit = Estimate(1e3 * found.value, 1e3 * found.sigma, "ms"), 1e3 * UNTIMED_LIMIT_S
+    words = (
+        "the beams are declared as of one instant; by scans that overlap they take "
+        f"{size.value:.3g} ± {1.96 * size.sigma:.2g} ms"
+    )
+    harm = 1e3 * UNTIMED_HARM_S
+    cannot_say = recorded_as in NO_FIELD
+    if cannot_say and decide(size, limit, harm) == "fault":
+        words += f", which {recorded_as} logs have no place for"
+    return judge(
+        SWEEP,
+        motions.topic,
+        {
+            "ok": words,
+            "inconclusive": words,
+            "fault": f"the beams fire one after the other: {words}",
+        },
+        size,
+        limit=limit,
+        harm=harm,
+        enough=not cannot_say,
+        fault=UNTIMED,
+        advice="Declare the time between beams, so that scans can be freed of motion.",
+        mends=(Mend("set_sweep", motions.topic, {"sweep_s": found.value}),),
+        plots=(_plot(found),),
     )
 
 

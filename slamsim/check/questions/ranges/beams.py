@@ -7,7 +7,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from slamsim.check.findings import Curve, Estimate, Finding, Mend, Plot
-from slamsim.check.questions.ranges.sample import ScanSample
+from slamsim.check.question import FaultKind, Question, judge, unanswered
+from slamsim.check.scan_sample import ScanSample
 from slamsim.slam.laser.own_body import (
     BESIDE,
     MAX_CONSTANT_SPREAD_M,
@@ -22,6 +23,25 @@ MIN_SCANS = 50
 MIN_DEAD_BEAMS = 3
 _SELDOM = 0.2
 
+CONSTANT = Question(
+    "ranges.constant",
+    "no beam sees the robot itself",
+    (FaultKind("beams_constant", "some beams always see the same: the robot itself"),),
+    unit="beams",
+    consequence="a SLAM takes them for a wall that moves along",
+    excitation_wanted="driving and turning, so that all other beams change",
+    repairs=("drop_beams",),
+)
+DEAD = Question(
+    "ranges.dead",
+    "every beam returns something at times",
+    (FaultKind("beams_dead", "some beams never return anything"),),
+    limit=float(MIN_DEAD_BEAMS - 1),
+    unit="beams",
+    consequence="obstacles in these directions are not seen",
+    limit_of_ok=False,
+)
+
 
 def check_beams(topic: str, sample: ScanSample) -> Iterator[Finding]:
     """Constant beams (the robot sees itself) and beams that never return."""
@@ -34,7 +54,7 @@ def check_beams(topic: str, sample: ScanSample) -> Iterator[Finding]:
             f"{len(sample.scans)} scans whose beams change by {typical_m:.2g} m: drive and turn "
             "more to tell the robot's own body from its surroundings"
         )
-        yield Finding("ranges.constant", topic, "cannot tell", words)
+        yield unanswered(CONSTANT, topic, words)
         return
     share = finite.mean(axis=0)
     yield _constant(topic, sample, spread_m, share)
@@ -45,22 +65,21 @@ def _constant(topic: str, sample: ScanSample, spread_m: FloatArray, share: Float
     runs = still_runs(spread_m, share)
     if not runs:
         words = "no beam always sees the same"
-        return Finding("ranges.constant", topic, "ok", words)
+        return judge(CONSTANT, topic, words, verdict="ok")
     beams = sum(last - first + 1 for first, last in runs)
     first, last = runs[0]
     seen_m = float(np.nanmedian(sample.ranges_m[:, first : last + 1]))
     curve = Curve("spread", np.arange(spread_m.size, dtype=np.float64), spread_m, "line")
     limits = (MAX_CONSTANT_SPREAD_M,)
     plot = Plot(f"Change of each beam of {topic}", "beam", "spread (m)", (curve,), limits)
-    return Finding(
-        "ranges.constant",
+    return judge(
+        CONSTANT,
         topic,
-        "bad",
         f"{beams} beams always see the same (first beams {first} to {last}, at {seen_m:.2f} m): "
         "the robot itself",
-        "beams_constant",
-        "Mask these beams in the driver; a SLAM takes them for a wall that moves along.",
         Estimate(float(beams), 0.0, "beams"),
+        verdict="fault",
+        advice="Mask these beams in the driver; a SLAM takes them for a wall that moves along.",
         mends=tuple(Mend("drop_beams", topic, {"first": a, "last": b}) for a, b in runs),
         plots=(plot,),
     )
@@ -75,15 +94,13 @@ def _dead(topic: str, share: FloatArray) -> Finding:
     ]
     beams = sum(last - first + 1 for first, last in runs)
     if beams < MIN_DEAD_BEAMS:
-        return Finding("ranges.dead", topic, "ok", "every beam returns something at times")
+        return judge(DEAD, topic, "every beam returns something at times", verdict="ok")
     first, last = runs[0]
-    return Finding(
-        "ranges.dead",
+    return judge(
+        DEAD,
         topic,
-        "bad",
         f"{beams} beams never return anything (first beams {first} to {last})",
-        "beams_dead",
-        "Look for something that covers the lidar, or a mask in its driver that is too wide.",
         Estimate(float(beams), 0.0, "beams"),
-        float(MIN_DEAD_BEAMS - 1),
+        advice="Look for something that covers the lidar, or a mask in its driver that is too "
+        "wide.",
     )

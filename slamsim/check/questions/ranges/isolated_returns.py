@@ -5,47 +5,52 @@ from __future__ import annotations
 import numpy as np
 
 from slamsim.check.findings import Estimate, Finding, Mend
-from slamsim.check.questions.ranges.sample import ScanSample
+from slamsim.check.question import FaultKind, Question, judge, unanswered
+from slamsim.check.scan_sample import ScanSample
 from slamsim.types import BoolArray, Float32Array
 
-MAX_STRAY_SHARE = 5e-3
+MAX_ISOLATED_SHARE = 5e-3
 MIN_BEAMS = 200
 _JUMP_M, _AGREE_M = 0.3, 0.1
 _WIDEST_STEP_RAD = float(np.radians(1.1))
 _TURNED_RAD = float(np.radians(10.0))
 """A robot hardly turns further between two scans: a pole is found again within this."""
 
+ISOLATED = Question(
+    "ranges.stray",
+    "hardly any beam differs from its neighbours for one scan",
+    (FaultKind("scan_interference", "stray short or long readings: another lidar or sunlight"),),
+    limit=100.0 * MAX_ISOLATED_SHARE,
+    unit="%",
+    consequence="obstacles appear in free space",
+    excitation_wanted="beams at most 1.1 degrees apart, on surfaces wider than three of them",
+    repairs=("drop_stray_beams",),
+    limit_of_ok=False,
+)
 
-def check_stray(topic: str, sample: ScanSample) -> Finding:
+
+def check_isolated_returns(topic: str, sample: ScanSample) -> Finding:
     """Beams that differ from two neighbours which agree; a pole does that as well, but stays."""
     fine = 0.0 < abs(sample.layout.angle_step_rad) <= _WIDEST_STEP_RAD
     if not fine or sample.ranges_m.shape[1] < 3:
         words = "beams so far apart that a pole and a stray reading look alike"
-        return Finding("ranges.stray", topic, "cannot tell", words)
-    known, stray = stray_beams(sample)
+        return unanswered(ISOLATED, topic, words)
+    known, isolated = isolated_returns(sample)
     if int(known.sum()) < MIN_BEAMS:
-        words = "too few beams have two neighbours that agree"
-        return Finding("ranges.stray", topic, "cannot tell", words)
-    share = float(stray.sum() / known.sum())
-    estimate = Estimate(100.0 * share, 0.0, "%")
-    words = f"{100.0 * share:.2g} % of the beams stand alone in one scan and are gone in the next"
-    if share <= MAX_STRAY_SHARE:
-        return Finding("ranges.stray", topic, "ok", words, estimate=estimate)
-    return Finding(
-        "ranges.stray",
+        return unanswered(ISOLATED, topic, "too few beams have two neighbours that agree")
+    share = float(isolated.sum() / known.sum())
+    return judge(
+        ISOLATED,
         topic,
-        "bad",
-        words,
-        "scan_interference",
-        "Look for another lidar, sunlight or a dirty window; filter single beams.",
-        estimate,
-        100.0 * MAX_STRAY_SHARE,
-        (Mend("drop_stray_beams", topic),),
+        f"{100.0 * share:.2g} % of the beams stand alone in one scan and are gone in the next",
+        Estimate(100.0 * share, 0.0, "%"),
+        advice="Look for another lidar, sunlight or a dirty window; filter single beams.",
+        mends=(Mend("drop_stray_beams", topic),),
     )
 
 
-def stray_beams(sample: ScanSample) -> tuple[BoolArray, BoolArray]:
-    """(k, beams) of which beams it could be told, and which of them are stray."""
+def isolated_returns(sample: ScanSample) -> tuple[BoolArray, BoolArray]:
+    """(k, beams) which beams can be judged, and which of them are isolated, in one scan only."""
     known, alone = _alone(sample.ranges_m)
     known &= np.isfinite(sample.following_m).any(axis=1, keepdims=True)
     return known, alone & known & ~_found_again(sample)

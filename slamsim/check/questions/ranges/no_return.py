@@ -7,12 +7,24 @@ from dataclasses import replace
 import numpy as np
 
 from slamsim.check.findings import Curve, Estimate, Finding, Mend, Plot
-from slamsim.check.questions.ranges.sample import ScanSample, positive
+from slamsim.check.question import FaultKind, Question, judge
+from slamsim.check.scan_sample import ScanSample, positive
 from slamsim.clean.no_return import find_limit
 
 MAX_ZERO_SHARE = 1e-4
 MIN_COUNT = 20
 """Fewer readings than this are accidents."""
+
+
+ZERO = FaultKind("range_zero_no_return", "zero stands for no return")
+MAXIMUM = FaultKind("range_max_no_return", "a range within the limits stands for no return")
+NO_RETURN = Question(
+    "ranges.no_return",
+    "no return is not written as a distance",
+    (ZERO, MAXIMUM),
+    consequence="a wall grows in the map where there is nothing",
+    repairs=("zero_to_inf", "value_to_inf"),
+)
 
 
 def check_no_return(topic: str, sample: ScanSample, maximum_is_usual: bool) -> Finding:
@@ -21,34 +33,32 @@ def check_no_return(topic: str, sample: ScanSample, maximum_is_usual: bool) -> F
     zeros = int((ranges == 0.0).sum())
     if zeros >= MIN_COUNT and zeros > MAX_ZERO_SHARE * ranges.size:
         share = 100.0 * zeros / ranges.size
-        return Finding(
-            "ranges.no_return",
+        return judge(
+            NO_RETURN,
             topic,
-            "bad",
             f"{share:.2g} % of the readings are exactly 0, which is a place and not nothing",
-            "range_zero_no_return",
-            "Write inf where nothing came back (REP 117).",
             Estimate(share, 0.0, "%"),
-            100.0 * MAX_ZERO_SHARE,
-            (Mend("zero_to_inf", topic),),
+            limit=100.0 * MAX_ZERO_SHARE,
+            fault=ZERO,
+            advice="Write inf where nothing came back (REP 117).",
+            mends=(Mend("zero_to_inf", topic),),
         )
     code = None if maximum_is_usual else _code_for_nothing(sample)
-    if code is not None:
-        value_m, count = code
-        return Finding(
-            "ranges.no_return",
-            topic,
-            "bad",
-            f"{count} readings of {len(sample.scans)} scans are exactly {value_m:g} m, far more "
-            "than just below: a code for nothing, inside the declared limits",
-            "range_max_no_return",
-            "Write inf where nothing came back (REP 117), or a wall grows there.",
-            Estimate(value_m, 0.0, "m"),
-            mends=(Mend("value_to_inf", topic, {"value_m": value_m}),),
-            plots=(_histogram(topic, sample),),
-        )
-    words = "no return is not written as a distance"
-    return Finding("ranges.no_return", topic, "ok", words)
+    if code is None:
+        return judge(NO_RETURN, topic, "no return is not written as a distance", verdict="ok")
+    value_m, count = code
+    return judge(
+        NO_RETURN,
+        topic,
+        f"{count} readings of {len(sample.scans)} scans are exactly {value_m:g} m, far more "
+        "than just below: a code for nothing, inside the declared limits",
+        Estimate(value_m, 0.0, "m"),
+        verdict="fault",
+        fault=MAXIMUM,
+        advice="Write inf where nothing came back (REP 117), or a wall grows there.",
+        mends=(Mend("value_to_inf", topic, {"value_m": value_m}),),
+        plots=(_histogram(topic, sample),),
+    )
 
 
 def _code_for_nothing(sample: ScanSample) -> tuple[float, int] | None:
@@ -66,7 +76,7 @@ def _histogram(topic: str, sample: ScanSample) -> Plot:
     return Plot(f"Readings of {topic}", "range (m)", "log10(count + 1)", (curve,))
 
 
-def freed_of_codes(sample: ScanSample) -> ScanSample:
+def without_codes(sample: ScanSample) -> ScanSample:
     """The sample with ``inf`` in place of zeros and of a distance that means nothing."""
     code = _code_for_nothing(sample)
     values = [np.float32(0.0)] if code is None else [np.float32(0.0), np.float32(code[0])]

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from slamsim.check.fault_groups import LIDAR_TIMES, SIZES, SWEEPS
 from slamsim.check.findings import Estimate, Finding, Mend
 from slamsim.check.motion.moving import moving_at
-from slamsim.check.questions.ranges.sample import ScanSample
+from slamsim.check.question import FaultKind, Question, anywhere, judge, unanswered
+from slamsim.check.scan_sample import ScanSample
 from slamsim.recording import RawScans, Recording
 
 MAX_REPEATED_SHARE = 2e-3
@@ -15,33 +17,45 @@ _PERFECT_SHARE = 0.5
 """More repeats than this are a simulation without noise, not a driver that is stuck."""
 
 
+STUCK = Question(
+    "ranges.stuck",
+    "no scan repeats the one before while the robot moves",
+    (
+        FaultKind(
+            "scan_stuck",
+            "scans repeat unchanged while the robot moves",
+            (anywhere(*SIZES, *LIDAR_TIMES, *SWEEPS, "stamps_invented", "laser_world_fixed"),),
+        ),
+    ),
+    limit=100.0 * MAX_REPEATED_SHARE,
+    unit="%",
+    consequence="the map is smeared along the path that the robot drove meanwhile",
+    excitation_wanted="odometry or an inertial unit that tells when the robot moved",
+    repairs=("drop_repeated_scans",),
+    limit_of_ok=False,
+)
+
+
 def check_repeats(recording: Recording, scans: RawScans, sample: ScanSample) -> Finding:
     """Noise alone makes any two scans of a real lidar differ."""
     moving = moving_at(recording, scans.stamps_ns)
-    if moving is None:
-        share = float(sample.repeats.mean())
-        told, count = sample.repeats, int(sample.repeats.sum())
-        if share > _PERFECT_SHARE:
-            words = "most scans repeat the one before, and nothing says whether the robot moved"
-            return Finding("ranges.stuck", scans.topic, "cannot tell", words)
-    else:
-        told = sample.repeats & moving
-        count = int(told.sum())
-        share = count / max(int(moving.sum()), 1)
-    estimate = Estimate(100.0 * share, 0.0, "%")
-    if count >= MIN_REPEATED and share > MAX_REPEATED_SHARE:
-        first_s = (int(scans.stamps_ns[np.argmax(told)]) - int(scans.stamps_ns[0])) * 1e-9
-        return Finding(
-            "ranges.stuck",
-            scans.topic,
-            "bad",
-            f"{count} scans repeat the ranges of the one before bit for bit while the robot "
-            f"moves, first after {first_s:.1f} s",
-            "scan_stuck",
-            "Look for a driver that publishes its last buffer again, or a republisher.",
-            estimate,
-            100.0 * MAX_REPEATED_SHARE,
-            (Mend("drop_repeated_scans", scans.topic),),
-        )
-    words = "no scan repeats the one before while the robot moves"
-    return Finding("ranges.stuck", scans.topic, "ok", words, estimate=estimate)
+    repeats = sample.repeats if moving is None else sample.repeats & moving
+    count = int(repeats.sum())
+    share = float(repeats.mean()) if moving is None else count / max(int(moving.sum()), 1)
+    if moving is None and share > _PERFECT_SHARE:
+        words = "most scans repeat the one before, and nothing says whether the robot moved"
+        return unanswered(STUCK, scans.topic, words)
+    first_s = (int(scans.stamps_ns[np.argmax(repeats)]) - int(scans.stamps_ns[0])) * 1e-9
+    return judge(
+        STUCK,
+        scans.topic,
+        {
+            "ok": "no scan repeats the one before while the robot moves",
+            "fault": f"{count} scans repeat the ranges of the one before bit for bit while the "
+            f"robot moves, first after {first_s:.1f} s",
+        },
+        Estimate(100.0 * share, 0.0, "%"),
+        enough=count >= MIN_REPEATED,
+        advice="Look for a driver that publishes its last buffer again, or a republisher.",
+        mends=(Mend("drop_repeated_scans", scans.topic),),
+    )

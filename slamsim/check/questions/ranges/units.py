@@ -1,4 +1,4 @@
-"""The unit of the ranges: by the declared limits, and by how ranges change along the way."""
+"""The unit of the ranges: by the declared limits, and by how ranges change along the path."""
 
 from __future__ import annotations
 
@@ -6,7 +6,8 @@ import numpy as np
 
 from slamsim.check.findings import Estimate, Finding, Mend
 from slamsim.check.motion.planar_track import planar_track, track_at
-from slamsim.check.questions.ranges.sample import ScanSample, positive
+from slamsim.check.question import FaultKind, Question, judge, same_subject
+from slamsim.check.scan_sample import ScanSample, positive
 from slamsim.geometry import wrap_angle
 from slamsim.recording import RawScans, Recording, ScanLayout
 from slamsim.types import FloatArray
@@ -19,12 +20,26 @@ UNITS: dict[str, float] = {
 }
 """Units that the declared limits alone unmask, and how many metres one of them is."""
 RARE_UNITS: dict[str, float] = {"inches": 0.0254, "feet": 0.3048}
-"""These are told from the others by the way that is driven alone."""
+"""These are told from the others by the path that is driven alone."""
 LIMIT_TOLERANCE = 1e-3
 _OVERFLOW = 0.9
 _MOST, _HARDLY_ANY = 0.5, 0.01
 _MIN_STEP_M, _MAX_TURN_RAD = 0.02, 0.01
 _MIN_PAIRS = 5
+
+RANGE_UNIT = FaultKind(
+    "range_unit",
+    "ranges are in another unit than metres",
+    (same_subject("range_limits", "range_offset", "scan_interference"),),
+)
+UNIT = Question(
+    "ranges.unit",
+    "ranges in metres lie inside the declared limits",
+    (RANGE_UNIT,),
+    unit="m",
+    consequence="the map is larger or smaller than the world, and contradicts the odometry",
+    repairs=("scale_ranges",),
+)
 
 
 def unit_of(recording: Recording, scans: RawScans, sample: ScanSample) -> str | None:
@@ -46,14 +61,14 @@ def unit_of(recording: Recording, scans: RawScans, sample: ScanSample) -> str | 
 
 
 def metres_of(unit: str) -> float:
-    """What a reading in that unit is multiplied by to mend it."""
+    """What a reading in that unit is multiplied by to become metres."""
     return {**UNITS, **RARE_UNITS}[unit]
 
 
 def _changes_per_metre(recording: Recording, scans: RawScans, sample: ScanSample) -> float | None:
     """How far the beams that change most change while the odometry goes straight on by a metre.
 
-    1 if ranges are metres: beams ahead and behind change by the way that is driven. None without
+    1 if ranges are metres: beams ahead and behind change by the path that is driven. None without
     odometry, or where it hardly ever goes straight on between two sampled scans.
     """
     if not recording.odometries or len(sample.scans) < 2:
@@ -77,18 +92,17 @@ def _changes_per_metre(recording: Recording, scans: RawScans, sample: ScanSample
 
 
 def wrong_unit(topic: str, sample: ScanSample, unit: str) -> Finding:
-    """The finding for a unit of ``unit_of``."""
+    """The finding for a unit of ``unit_of``; middle and limit as recorded."""
     middle = float(np.median(positive(sample)))
-    return Finding(
-        "ranges.unit",
+    return judge(
+        UNIT,
         topic,
-        "bad",
         f"half of all readings are above {middle:.4g}, {declared(sample.layout)}: these are {unit}",
-        "range_unit",
-        f"Multiply every range by {metres_of(unit):g}.",
         Estimate(middle, 0.0, "m"),
-        sample.layout.range_max_m,
-        (Mend("scale_ranges", topic, {"factor": metres_of(unit)}),),
+        verdict="fault",
+        limit=sample.layout.range_max_m,
+        advice=f"Multiply every range by {metres_of(unit):g}.",
+        mends=(Mend("scale_ranges", topic, {"factor": metres_of(unit)}),),
     )
 
 

@@ -5,22 +5,35 @@ from __future__ import annotations
 import numpy as np
 
 from slamsim.check.findings import Curve, Finding, Mend, Plot
+from slamsim.check.question import FaultKind, Question, judge, unanswered
 from slamsim.check.questions.streams.series import StampSeries
 from slamsim.types import FloatArray
 
 _APART_S = 60.0
 _UNIX_S = 946_684_800.0
 
+EPOCH_MISMATCH = FaultKind("epoch_mismatch", "streams count time from different origins")
+EPOCH = Question(
+    "time.epoch",
+    "all streams count time from one origin",
+    (EPOCH_MISMATCH,),
+    consequence="a SLAM finds no odometry at the instants of the scans and drops them all",
+    excitation_wanted="a stream with two stamps",
+    repairs=("shift_stamps",),
+)
+
 
 def check_epochs(series: list[StampSeries]) -> list[Finding]:
-    """Streams of one recording cover about the same time; a group apart has another origin."""
+    """Streams of one recording cover about the same time; a group apart has another origin.
+
+    series: those of ``series_of``, of at least one message each.
+    """
     groups = _groups([s for s in series if len(s) > 1 and s.span_s > 0.0])
     if not groups:
-        words = "no stream shows a course of time"
-        return [Finding("time.epoch", "all streams", "cannot tell", words)]
+        return [unanswered(EPOCH, "all streams", "no stream shows a course of time")]
     if len(groups) == 1:
         words = f"all streams count {_origin(groups[0])}"
-        return [Finding("time.epoch", "all streams", "ok", words)]
+        return [judge(EPOCH, "all streams", words, verdict="ok")]
     main = max(groups, key=_trust)
     return [_apart(s, main) for group in groups if group is not main for s in group]
 
@@ -46,14 +59,13 @@ def _trust(group: list[StampSeries]) -> tuple[int, int, int]:
 def _apart(series: StampSeries, main: list[StampSeries]) -> Finding:
     begin_s = min(_begin_s(s) for s in main)
     off_s = _begin_s(series) - begin_s
-    return Finding(
-        "time.epoch",
+    return judge(
+        EPOCH,
         series.subject,
-        "bad",
         f"its stamps count {_origin([series])}, those of {main[0].subject} {_origin(main)}: "
         f"{off_s:.3f} s apart",
-        "epoch_mismatch",
-        "Run all drivers on one clock, and set use_sim_time everywhere or nowhere.",
+        verdict="fault",
+        advice="Run all drivers on one clock, and set use_sim_time everywhere or nowhere.",
         mends=(Mend("shift_stamps", series.subject, {"offset_s": _shift_s(series, off_s)}),),
         plots=(_plot([*main, series], begin_s),),
     )

@@ -1,4 +1,4 @@
-"""Who speaks on a topic and in a frame: two publishers that share either spoil both."""
+"""Detects several publishers on one topic or frame: two that share either corrupt both."""
 
 from __future__ import annotations
 
@@ -7,9 +7,20 @@ from typing import TypeVar
 
 import numpy as np
 
+from slamsim.check.evidence import Evidence
+from slamsim.check.fault_groups import BY_SCANS, STAMPS
 from slamsim.check.findings import Estimate, Finding
+from slamsim.check.question import (
+    FaultKind,
+    Question,
+    QuestionGroup,
+    anywhere,
+    judge,
+    lidar_stamps,
+    same_subject,
+)
 from slamsim.geometry import between, yaw_from_xyzw
-from slamsim.recording import RawImu, RawOdometry, RawScans, RawStream, Recording
+from slamsim.recording import RawImu, RawOdometry, RawScans, RawStream
 from slamsim.types import BoolArray, Float32Array, FloatArray
 
 TRIPLES = 200
@@ -30,8 +41,38 @@ _OTHER_COUNT = 0.1
 Stream = TypeVar("Stream", bound=RawStream)
 
 
-def check_publishers(recording: Recording) -> list[Finding]:
+PUBLISHERS = Question(
+    "topic.publishers",
+    "each topic has one publisher",
+    (
+        FaultKind(
+            "topic_shared",
+            "two publishers share a topic",
+            (
+                same_subject(
+                    *(*STAMPS, "scans_overlap"),
+                    *("odometry_jump", "odometry_contradicts_wheels", "odometry_frozen"),
+                ),
+                anywhere("tf_contradicts_odometry", "odometries_contradict", "wheel_slip"),
+                lidar_stamps(*BY_SCANS),
+            ),
+        ),
+    ),
+    limit=100.0 * MAX_ODD_SHARE,
+    unit="%",
+    consequence="a SLAM takes two sensors for one that jumps to and fro",
+)
+FRAMES = Question(
+    "topic.frames",
+    "each sensor has a frame of its own",
+    (FaultKind("frame_on_two_topics", "two sensors name one frame"),),
+    consequence="one of the two sensors is placed where the other one sits",
+)
+
+
+def check_publishers(evidence: Evidence) -> list[Finding]:
     """Each topic with one publisher, each sensor's frame on one topic."""
+    recording = evidence.recording
     streams: list[RawStream] = [*recording.scans, *recording.imus, *recording.odometries]
     return [
         *map(_topic, streams),
@@ -40,36 +81,32 @@ def check_publishers(recording: Recording) -> list[Finding]:
     ]
 
 
+GROUP = QuestionGroup("publishers", 30, (PUBLISHERS, FRAMES), check_publishers)
+
+
 def _topic(stream: RawStream) -> Finding:
     """One frame, and messages that follow from each other."""
-    words, share = "its messages name one frame and follow from each other", 0.0
     names = max(stream.frame_ids, getattr(stream, "child_frame_ids", ()), key=len)
-    if len(names) > 1:
-        words = f"its messages name {len(names)} frames in turn: {', '.join(names[:5])}"
-        return _shared(stream.topic, words, 1.0)
     odd = np.zeros(0, dtype=np.bool_)
     if isinstance(stream, RawScans):
         odd = _odd_scans(stream)
     elif isinstance(stream, RawOdometry):
         odd = _odd_poses(stream)
-    if odd.size >= MIN_TRIPLES:
-        share = float(odd.mean())
-    if share > MAX_ODD_SHARE:
-        words = (
-            f"{100.0 * share:.0f} % of its messages are unlike the ones before and after, which "
-        )
-        return _shared(stream.topic, f"{words}are alike", share)
-    estimate = Estimate(100.0 * share, 0.0, "%")
-    limit = 100.0 * MAX_ODD_SHARE
-    return Finding("topic.publishers", stream.topic, "ok", words, None, "", estimate, limit)
-
-
-def _shared(topic: str, words: str, share: float) -> Finding:
-    return Finding(
-        *("topic.publishers", topic, "bad", words, "topic_shared"),
-        "Give each publisher a topic of its own: remap one of them, or end the node that was "
-        "started twice.",
-        *(Estimate(100.0 * share, 0.0, "%"), 100.0 * MAX_ODD_SHARE),
+    share = float(odd.mean()) if odd.size >= MIN_TRIPLES else 0.0
+    fault = (
+        f"{100.0 * share:.0f} % of its messages are unlike the ones before and after, which are "
+        "alike"
+    )
+    if len(names) > 1:
+        share = 1.0
+        fault = f"its messages name {len(names)} frames in turn: {', '.join(names[:5])}"
+    return judge(
+        PUBLISHERS,
+        stream.topic,
+        {"ok": "its messages name one frame and follow from each other", "fault": fault},
+        Estimate(100.0 * share, 0.0, "%"),
+        advice="Give each publisher a topic of its own: remap one of them, or end the node that "
+        "was started twice.",
     )
 
 
@@ -123,14 +160,16 @@ def _frames(streams: Sequence[Stream], same: Callable[[Stream, Stream], bool]) -
             continue
         subject = f"{one.topic} and {other.topic}"
         words = f"both name {', '.join(sorted(set(one.frame_ids) & set(named)))}"
-        if same(one, other):
-            words += " and measure the same: one sensor, published twice"
-            yield Finding("topic.frames", subject, "ok", words)
-            continue
-        yield Finding(
-            *("topic.frames", subject, "bad", f"{words} and measure different things"),
-            "frame_on_two_topics",
-            "Give every sensor a frame of its own, with a transform that says where it sits.",
+        copied = same(one, other)
+        yield judge(
+            FRAMES,
+            subject,
+            f"{words} and measure the same: one sensor, published twice"
+            if copied
+            else f"{words} and measure different things",
+            verdict="ok" if copied else "fault",
+            advice="Give every sensor a frame of its own, with a transform that says where it "
+            "sits.",
         )
 
 

@@ -2,12 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
+from slamsim.check.fault_groups import LIDAR_TIMES, SIZES, SWEEPS
 from slamsim.check.findings import Curve, Estimate, Finding, Mend, Plot
-from slamsim.check.judge import SURE_SIGMAS
+from slamsim.check.question import (
+    FaultKind,
+    Question,
+    anywhere,
+    judge,
+    same_subject,
+    unanswered,
+)
 from slamsim.check.questions.streams.series import StampSeries, spread_s
 from slamsim.types import FloatArray
 
@@ -28,6 +36,40 @@ _BLOCKS = 40
 _EVEN_SHARE = 1e-3
 
 
+STAMPS_FUTURE = FaultKind("stamps_future", "stamps lie after the message was received")
+STAMPS_LATE = FaultKind("stamps_late", "messages are received long after their stamp")
+CLOCK_DRIFT = FaultKind("clock_drift", "one clock runs faster than another")
+STAMPS_INVENTED = FaultKind(
+    "stamps_invented",
+    "stamps of a constant rate that the data contradict",
+    (
+        same_subject(*LIDAR_TIMES, "clock_drift"),
+        anywhere(*SIZES, *SWEEPS, "laser_angle_step"),
+    ),
+)
+
+RECEIPT = Question(
+    "time.receipt",
+    "messages are received soon after they were measured",
+    (STAMPS_FUTURE, STAMPS_LATE),
+    limit=1e3 * MAX_LATE_S,
+    unit="ms",
+    consequence="a live consumer waits for transforms that do not come, and drops messages",
+    excitation_wanted="a recording that holds times of receipt",
+    repairs=("shift_receipt",),
+)
+DRIFT = Question(
+    "time.receipt_drift",
+    "the clock of the stamps keeps pace with the receiver's",
+    (CLOCK_DRIFT, STAMPS_INVENTED),
+    limit=MAX_DRIFT_PPM,
+    unit="ppm",
+    consequence="streams drift apart, some milliseconds a minute",
+    excitation_wanted=f"{_MIN_MESSAGES} messages over {_MIN_SPAN_S:g} s, with times of receipt",
+    repairs=("rescale_stamps", "stamp_by_receipt"),
+)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class _Drift:
     """Receipt against stamp: how much later for each second, with its sigma, by which blocks."""
@@ -39,7 +81,10 @@ class _Drift:
 
 
 def check_receipt(series: list[StampSeries], wrong: set[str]) -> list[Finding]:
-    """wrong: the streams whose stamps are known to tell no instants."""
+    """Delay and drift of every sensor's stamps against the receiver's clock.
+
+    series: those of ``series_of``. wrong: subjects whose stamps are known to tell no instants.
+    """
     asked = [s for s in series if s.kind != "transform"]
     findings = [_delay(s) for s in asked if s.subject not in wrong]
     drifts = {s.subject: _drift(s) for s in asked}
@@ -51,9 +96,10 @@ def _delay(series: StampSeries) -> Finding:
     delay_s = series.latency_s
     why = _silent(series)
     if delay_s is None or why:
-        return Finding("time.receipt", series.subject, "cannot tell", why)
+        return unanswered(RECEIPT, series.subject, why)
     since_end_s = delay_s - series.lasts_ns * 1e-9
     late_s, ahead_s = float(np.median(since_end_s)), -float(np.quantile(delay_s, 0.1))
+    mends = (Mend("shift_receipt", series.subject, {"offset_s": -late_s}),)
     plot = Plot(
         f"Receipt of {series.subject}",
         "stamp (s)",
@@ -62,35 +108,31 @@ def _delay(series: StampSeries) -> Finding:
         (0.0,),
     )
     if ahead_s > MAX_AHEAD_S:
-        return Finding(
-            "time.receipt",
+        return judge(
+            RECEIPT,
             series.subject,
-            "bad",
             f"messages are received {1e3 * ahead_s:.4g} ms and more before their stamp",
-            "stamps_future",
-            "Keep the clocks of all computers together (chrony, PTP), and stamp with the instant "
-            "of measurement.",
             Estimate(1e3 * ahead_s, 0.0, "ms"),
-            1e3 * MAX_AHEAD_S,
-            (_receive_mend(series, -late_s),),
-            (plot,),
+            limit=1e3 * MAX_AHEAD_S,
+            fault=STAMPS_FUTURE,
+            advice="Keep the clocks of all computers together (chrony, PTP), and stamp with the "
+            "instant of measurement.",
+            mends=mends,
+            plots=(plot,),
         )
-    estimate, limit = Estimate(1e3 * late_s, 0.0, "ms"), 1e3 * MAX_LATE_S
-    if late_s > MAX_LATE_S:
-        return Finding(
-            "time.receipt",
-            series.subject,
-            "bad",
-            f"messages are received {late_s:.3f} s after the end of measuring",
-            "stamps_late",
-            "Look for a queue that fills up, or for stamps of another clock.",
-            estimate,
-            limit,
-            (_receive_mend(series, -late_s),),
-            (plot,),
-        )
-    words = f"messages are received {1e3 * late_s:.3g} ms after the end of measuring"
-    return Finding("time.receipt", series.subject, "ok", words, None, "", estimate, limit)
+    return judge(
+        RECEIPT,
+        series.subject,
+        {
+            "ok": f"messages are received {1e3 * late_s:.3g} ms after the end of measuring",
+            "fault": f"messages are received {late_s:.3f} s after the end of measuring",
+        },
+        Estimate(1e3 * late_s, 0.0, "ms"),
+        fault=STAMPS_LATE,
+        advice="Look for a queue that fills up, or for stamps of another clock.",
+        mends=mends,
+        fault_plots=(plot,),
+    )
 
 
 def _silent(series: StampSeries) -> str:
@@ -102,10 +144,6 @@ def _silent(series: StampSeries) -> str:
     if series.latency_s is None:
         return "stamps and times of receipt count from different origins"
     return ""
-
-
-def _receive_mend(series: StampSeries, by_s: float) -> Mend:
-    return Mend("shift_receipt", series.subject, {"offset_s": by_s})
 
 
 def _drift(series: StampSeries) -> _Drift | None:
@@ -128,7 +166,7 @@ def _drift(series: StampSeries) -> _Drift | None:
     rate = float(np.median(slopes))
     off_s = early_s - rate * at_s
     spread = 1.4826 * float(np.median(np.abs(off_s - np.median(off_s))))
-    # Neighbouring blocks share the weather of the network: as if there were half as many.
+    # Neighbouring blocks share the load of the network: as if there were half as many.
     sigma = 1.25 * spread / (np.std(at_s) * np.sqrt(at_s.size / 2.0))
     return _Drift(rate, float(sigma), at_s, early_s)
 
@@ -144,59 +182,47 @@ def _common_rate(drifts: list[_Drift]) -> float:
 def _drifting(series: StampSeries, drift: _Drift | None, common: float) -> Finding:
     if drift is None:
         words = _silent(series) or "too few messages or too short a time to see a drift"
-        return Finding("time.receipt_drift", series.subject, "cannot tell", words)
+        return unanswered(DRIFT, series.subject, words)
     gained = common - drift.rate
-    estimate = Estimate(1e6 * gained, 1e6 * drift.sigma, "ppm")
+    size = Estimate(1e6 * gained, 1e6 * drift.sigma, "ppm")
     limit_ppm = max(MAX_DRIFT_PPM, 1e6 * MAX_GAINED_S / series.span_s)
-    words = f"the clock of the stamps gains {estimate.value:.3g} ppm on the receiver's"
+    words = f"the clock of the stamps gains {size.value:.3g} ppm on the receiver's"
+    invented = abs(size.value) > INVENTED_PPM and _is_even(series)
     plot = Plot(
         f"Drift of {series.subject}",
         "stamp (s)",
         "receipt less stamp (s)",
         (Curve("early messages", drift.block_s, drift.block_delay_s, "line"),),
     )
-    sure = abs(gained) > SURE_SIGMAS * drift.sigma
-    if abs(estimate.value) <= limit_ppm or not sure:
-        unsure = 1.96 * estimate.sigma > 10.0 * limit_ppm
-        return Finding(
-            "time.receipt_drift",
-            series.subject,
-            "cannot tell" if unsure else "ok",
-            f"{words}; receipt is too irregular to tell" if unsure else words,
-            estimate=estimate,
-            limit=limit_ppm,
-        )
-    found = _invented if abs(estimate.value) > INVENTED_PPM and _is_even(series) else _runaway
-    return replace(found(series, words, estimate), limit=limit_ppm, plots=(plot,))
-
-
-def _invented(series: StampSeries, words: str, estimate: Estimate) -> Finding:
-    return Finding(
-        "time.receipt_drift",
+    return judge(
+        DRIFT,
         series.subject,
-        "bad",
-        f"stamps are spaced evenly to the last digit, yet {words}",
-        "stamps_invented",
-        "Convert the recording again with the stamps that the driver gave, or with the times "
-        "of receipt.",
-        estimate,
-        mends=(Mend("stamp_by_receipt", series.subject),),
+        {
+            "ok": words,
+            "inconclusive": f"{words}; receipt is too irregular to tell",
+            "fault": f"stamps are spaced evenly to the last digit, yet {words}"
+            if invented
+            else words,
+        },
+        size,
+        limit=limit_ppm,
+        doubt=10.0 * limit_ppm,
+        fault=STAMPS_INVENTED if invented else CLOCK_DRIFT,
+        advice="Convert the recording again with the stamps that the driver gave, or with the "
+        "times of receipt."
+        if invented
+        else "Discipline the sensor's clock (PTP), or stamp by the computer's.",
+        mends=(_drift_mend(series, size.value, invented),),
+        fault_plots=(plot,),
     )
 
 
-def _runaway(series: StampSeries, words: str, estimate: Estimate) -> Finding:
+def _drift_mend(series: StampSeries, drift_ppm: float, invented: bool) -> Mend:
+    if invented:
+        return Mend("stamp_by_receipt", series.subject)
     origin_ns = str(int(series.stamps_ns[0]))
-    slower: dict[str, float | str] = {"drift_ppm": estimate.value, "origin_ns": origin_ns}
-    return Finding(
-        "time.receipt_drift",
-        series.subject,
-        "bad",
-        words,
-        "clock_drift",
-        "Discipline the sensor's clock (PTP), or stamp by the computer's.",
-        estimate,
-        mends=(Mend("rescale_stamps", series.subject, slower),),
-    )
+    slower: dict[str, float | str] = {"drift_ppm": drift_ppm, "origin_ns": origin_ns}
+    return Mend("rescale_stamps", series.subject, slower)
 
 
 def _is_even(series: StampSeries) -> bool:

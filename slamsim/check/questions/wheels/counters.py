@@ -6,9 +6,11 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from slamsim.check.fault_groups import WHEELS
 from slamsim.check.findings import Estimate, Finding, Mend
-from slamsim.check.motion.integrated import Course
+from slamsim.check.motion.integrated import IntegratedMotion
 from slamsim.check.motion.wheel_counts import counter_range
+from slamsim.check.question import FaultKind, Question, anywhere, judge
 from slamsim.recording import RawTicks
 from slamsim.types import BoolArray, FloatArray
 
@@ -17,6 +19,34 @@ MOVED_M, MOVED_RAD = 0.05, 0.1
 LEAST_FROZEN_S = 2
 TURNS_OF_OTHER = 2.0
 """So far the other wheel has turned before one that never counts is taken to be broken."""
+
+TICKS_FROZEN = FaultKind(
+    "ticks_frozen",
+    "a wheel counter stands still while the robot moves",
+    (anywhere(*WHEELS, "odometry_frozen"),),
+)
+COUNTER = Question(
+    "wheels.counter",
+    "the counters never wrap",
+    (
+        FaultKind(
+            "ticks_wrap",
+            "the wheel counter wraps round",
+            (anywhere("odometry_contradicts_wheels", "wheel_slip", "odometry_jump"),),
+        ),
+    ),
+    consequence="an odometry that does not expect it jumps by the range of the counter",
+    repairs=("unwrap_ticks",),
+)
+COUNTING = Question(
+    "wheels.counting",
+    "the counters count whenever the odometry moves",
+    (TICKS_FROZEN,),
+    limit=0.0,
+    unit="s",
+    consequence="an odometry made of the counters stands still, or goes round in circles",
+    excitation_wanted="driving, with odometry and counters recorded",
+)
 
 
 def check_counter(ticks: RawTicks) -> Iterator[Finding]:
@@ -33,30 +63,35 @@ def counters_stand(published: FloatArray, counted: FloatArray) -> BoolArray:
     return np.asarray(frozen & (int(frozen.sum()) >= LEAST_FROZEN_S))
 
 
-def check_counting(wheels: Course, published: FloatArray, frozen: BoolArray) -> Finding:
+def check_counting(wheels: IntegratedMotion, published: FloatArray, frozen: BoolArray) -> Finding:
     """The counters second by second beside the odometry (k, 2); frozen: (k,) ``counters_stand``."""
     seconds = int(frozen.sum())
-    estimate = Estimate(float(seconds), 0.0, "s")
-    if not seconds:
-        words = "the counters count whenever the odometry moves"
-        return Finding("wheels.counting", wheels.topic, "ok", words, None, "", estimate, 0.0)
-    way_m = float(np.abs(published[frozen, 0]).sum())
-    words = f"the counters stand for {seconds} s while the odometry moves on, by {way_m:.2f} m"
-    advice = "Look for a loose cable or a driver of the counters that stalls."
-    return Finding(
-        *("wheels.counting", wheels.topic, "bad", words, "ticks_frozen", advice),
-        *(estimate, 0.0),
+    path_m = float(np.abs(published[frozen, 0]).sum())
+    return judge(
+        COUNTING,
+        wheels.topic,
+        {
+            "ok": "the counters count whenever the odometry moves",
+            "fault": f"the counters stand for {seconds} s while the odometry moves on, by "
+            f"{path_m:.2f} m",
+        },
+        Estimate(float(seconds), 0.0, "s"),
+        advice="Look for a loose cable or a driver of the counters that stalls.",
     )
 
 
 def _wrap(ticks: RawTicks) -> Finding:
     whole = next(filter(None, (counter_range(wheel) for wheel in ticks.ticks.T)), None)
     if whole is None:
-        return Finding("wheels.counter", ticks.topic, "ok", "the counters never wrap")
-    words = f"the counters wrap round: they have {whole} different values"
-    advice = "Take differences modulo that number, or count with 32 bits or more."
-    mend = Mend("unwrap_ticks", ticks.topic, {"modulus": float(whole)})
-    return Finding("wheels.counter", ticks.topic, "bad", words, "ticks_wrap", advice, mends=(mend,))
+        return judge(COUNTER, ticks.topic, "the counters never wrap", verdict="ok")
+    return judge(
+        COUNTER,
+        ticks.topic,
+        f"the counters wrap round: they have {whole} different values",
+        verdict="fault",
+        advice="Take differences modulo that number, or count with 32 bits or more.",
+        mends=(Mend("unwrap_ticks", ticks.topic, {"modulus": float(whole)}),),
+    )
 
 
 def _dead_wheel(ticks: RawTicks) -> Iterator[Finding]:
@@ -65,8 +100,11 @@ def _dead_wheel(ticks: RawTicks) -> Iterator[Finding]:
     rolled = np.abs(np.diff(counts, axis=0)).sum(axis=0) / max(ticks.ticks_per_revolution, 1)
     if (rolled == 0.0).any() and rolled.max() > TURNS_OF_OTHER:
         side = ("left", "right")[int(np.argmin(rolled))]
-        words = f"the {side} wheel never counts, while the other one makes {rolled.max():.1f} turns"
-        yield Finding(
-            *("wheels.counting", ticks.topic, "bad", words, "ticks_frozen"),
-            "Look for a loose cable: a robot that drives on one wheel goes round in circles.",
+        yield judge(
+            COUNTING,
+            ticks.topic,
+            f"the {side} wheel never counts, while the other one makes {rolled.max():.1f} turns",
+            verdict="fault",
+            advice="Look for a loose cable: a robot that drives on one wheel goes round in "
+            "circles.",
         )

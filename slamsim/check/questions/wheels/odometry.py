@@ -4,22 +4,40 @@ where the wheels slip."""
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 
+from slamsim.check.calibration.distance_unit import SAME, ratio_of_units
 from slamsim.check.calibration.joint import Calibration
+from slamsim.check.calibration.slipping import Spells
+from slamsim.check.evidence import Evidence
 from slamsim.check.findings import Curve, Estimate, Finding, Mend, Plot
-from slamsim.check.motion.integrated import Course, odometry_course, wheel_course
+from slamsim.check.motion.integrated import (
+    IntegratedMotion,
+    integrated_odometry,
+    integrated_wheels,
+)
+from slamsim.check.question import (
+    FaultKind,
+    Question,
+    QuestionGroup,
+    anywhere,
+    judge,
+    unanswered,
+)
 from slamsim.check.questions.wheels.counters import (
+    COUNTER,
+    COUNTING,
     MOVED_M,
     MOVED_RAD,
     check_counter,
     check_counting,
     counters_stand,
 )
-from slamsim.check.questions.wheels.distance_unit import ratio_of_units
+from slamsim.check.questions.wheels.distance_unit import WHEEL_UNIT
 from slamsim.geometry import between, yaw_from_xyzw
-from slamsim.recording import RawOdometry, Recording
+from slamsim.recording import RawOdometry
 from slamsim.safe.numbers import is_sound
 from slamsim.types import BoolArray, FloatArray
 
@@ -39,17 +57,93 @@ SLIP_LIMIT_M, SLIP_LIMIT_RAD = 0.1, 0.15
 """Of all slips together: less is lost on any floor."""
 
 
-def check_odometry(recording: Recording) -> list[Finding]:
+ODOMETRY_FROZEN = FaultKind(
+    "odometry_frozen",
+    "the odometry stands still while the robot moves",
+    (
+        anywhere(
+            *("wheel_slip", "odometry_contradicts_wheels", "tf_contradicts_odometry"),
+            "odometries_contradict",
+        ),
+    ),
+)
+CONTRADICTS = FaultKind(
+    "odometry_contradicts_wheels", "the published odometry is not what the wheels say"
+)
+JUMP = Question(
+    "odometry.jump",
+    "no step is longer than a robot makes",
+    (
+        FaultKind(
+            "odometry_jump",
+            "the odometry makes a step that no robot makes",
+            (anywhere("odometry_contradicts_wheels", "wheel_slip"),),
+        ),
+    ),
+    limit=JUMP_M,
+    unit="m",
+    consequence="a SLAM starts its search for the scan in the wrong place",
+    repairs=("remove_odometry_jumps",),
+)
+FROZEN = Question(
+    "odometry.frozen",
+    "the odometry moves whenever the wheels turn",
+    (ODOMETRY_FROZEN,),
+    limit=0.0,
+    unit="s",
+    consequence="a SLAM without good scans maps both ends of the gap onto each other",
+    excitation_wanted="driving",
+)
+AGAINST_WHEELS = Question(
+    "odometry.wheels",
+    "the odometry is what its wheels count",
+    (CONTRADICTS, WHEEL_UNIT),
+    limit=100.0 * SCALE_LIMIT,
+    unit="%",
+    consequence="path or turns of the odometry are off by this share",
+    excitation_wanted="driving, with odometry and counters recorded",
+    repairs=("odometry_from_ticks",),
+)
+STANDING = Question(
+    "wheels.frozen",
+    "the wheels turn whenever the scans move",
+    (ODOMETRY_FROZEN,),
+    limit=0.0,
+    unit="s",
+    consequence="a SLAM without good scans maps both ends of the gap onto each other",
+    excitation_wanted="driving",
+)
+SLIP = Question(
+    "wheels.slip",
+    "the wheels roll where the scans go",
+    (FaultKind("wheel_slip", "the wheels slip"),),
+    limit=SLIP_LIMIT_M,
+    unit="m",
+    consequence="the odometry is off by this much where scans cannot correct it",
+    excitation_wanted="turns that wheels and scans both see",
+)
+
+
+def check_odometry(evidence: Evidence) -> list[Finding]:
     """What needs no other sensor than the wheels."""
+    recording = evidence.recording
     findings = [f for ticks in recording.ticks if len(ticks) > 2 for f in check_counter(ticks)]
-    wheels = next(filter(None, (wheel_course(ticks) for ticks in recording.ticks)), None)
+    wheels = next(filter(None, (integrated_wheels(ticks) for ticks in recording.ticks)), None)
     for odometry in recording.odometries:
-        jumps = _jumps(odometry)
-        findings.append(_jump(odometry, jumps))
-        course = odometry_course(odometry)
-        if course is not None and wheels is not None:
-            findings += _against_wheels(course, wheels)
+        findings.append(_jump(odometry, _jumps(odometry)))
+        published = integrated_odometry(odometry)
+        if published is not None and wheels is not None:
+            findings += _against_wheels(published, wheels)
     return findings
+
+
+GROUP = QuestionGroup(
+    "motion",
+    110,
+    (COUNTER, COUNTING, JUMP, FROZEN, AGAINST_WHEELS),
+    check_odometry,
+    thorough=True,
+)
 
 
 def check_slip(calibration: Calibration) -> list[Finding]:
@@ -58,11 +152,9 @@ def check_slip(calibration: Calibration) -> list[Finding]:
     if spells is None or wheels is None:
         return []
     if not calibration.comparable:
-        words = "turns of wheels and scans do not follow each other"
-        return [Finding("wheels.slip", wheels.topic, "cannot tell", words)]
-    frozen = float(np.abs(spells.scans - spells.wheels)[spells.frozen, 0].sum())
-    slips = spells.slipping & ~(spells.beside_frozen & spells.frozen.any())
-    excess = np.abs(spells.wheels - spells.scans)[slips].sum(axis=0)
+        return [
+            unanswered(SLIP, wheels.topic, "turns of wheels and scans do not follow each other")
+        ]
     plot = Plot(
         "wheels against scans, second by second",
         "since the middle of the drive, s",
@@ -72,36 +164,52 @@ def check_slip(calibration: Calibration) -> list[Finding]:
             Curve("scans", spells.start_s, spells.scans[:, 0]),
         ),
     )
-    findings = []
-    if spells.frozen.any():
-        count = int(spells.frozen.sum())
-        words = f"the wheels stand still for {count} s while the scans move, by {frozen:.2f} m"
-        advice = "Look for a driver that stalls; leave these spells to the scans."
-        findings.append(
-            Finding(
-                *("wheels.frozen", wheels.topic, "bad", words, "odometry_frozen", advice),
-                *(Estimate(float(count), 0.0, "s"), 0.0),
-                plots=(plot,),
-            )
-        )
+    findings = [_standing(wheels, spells, plot)] if spells.frozen.any() else []
+    slips = spells.slipping & ~(spells.beside_frozen & spells.frozen.any())
+    excess = np.abs(spells.wheels - spells.scans)[slips].sum(axis=0)
     limits = np.array([SLIP_LIMIT_M, SLIP_LIMIT_RAD])
     if not wheels.wired:
         limits = np.maximum(limits, POSES_SHARE * np.abs(spells.wheels).sum(axis=0))
-    bad = bool((excess > limits).any())
-    words = (
+    slip = judge(
+        SLIP,
+        wheels.topic,
         f"in {int(slips.sum())} of {len(slips)} s wheels and scans differ, together by "
-        f"{excess[0]:.2f} m and {np.degrees(excess[1]):.1f} deg"
+        f"{excess[0]:.2f} m and {np.degrees(excess[1]):.1f} deg",
+        Estimate(float(excess[0]), 0.0, "m"),
+        verdict="fault" if (excess > limits).any() else "ok",
+        limit=float(limits[0]),
+        advice="Do not trust the wheels there: let scans or gyroscope tell the motion.",
+        plots=(plot,),
     )
-    advice = "Do not trust the wheels there: let scans or gyroscope tell the motion."
-    findings.append(
-        Finding(
-            *("wheels.slip", wheels.topic, "bad" if bad else "ok", words),
-            *("wheel_slip" if bad else None, advice if bad else ""),
-            *(Estimate(float(excess[0]), 0.0, "m"), float(limits[0])),
-            plots=(plot,),
-        )
+    return [*findings, slip]
+
+
+def _slip_in_metres(evidence: Evidence) -> list[Finding]:
+    """Scans that were matched at another scale than theirs tell no slip."""
+    calibration, unit = evidence.calibration, evidence.wrong_unit
+    findings = [] if calibration is None else check_slip(calibration)
+    if unit is None or unit.side == "wheels":
+        return findings
+    if abs(unit.metres / evidence.metres_per_unit - 1.0) < SAME:
+        return findings
+    reason = f"ranges in {unit.name} were matched as if they were in metres"
+    return [one.inconclusive(reason) for one in findings]
+
+
+SLIP_GROUP = QuestionGroup("motion", 130, (STANDING, SLIP), _slip_in_metres, thorough=True)
+
+
+def _standing(wheels: IntegratedMotion, spells: Spells, plot: Plot) -> Finding:
+    count = int(spells.frozen.sum())
+    moved_m = float(np.abs(spells.scans - spells.wheels)[spells.frozen, 0].sum())
+    return judge(
+        STANDING,
+        wheels.topic,
+        f"the wheels stand still for {count} s while the scans move, by {moved_m:.2f} m",
+        Estimate(float(count), 0.0, "s"),
+        advice="Look for a driver that stalls; leave these spells to the scans.",
+        plots=(plot,),
     )
-    return findings
 
 
 def _jumps(odometry: RawOdometry) -> FloatArray:
@@ -126,28 +234,28 @@ def _jumps(odometry: RawOdometry) -> FloatArray:
 
 def _jump(odometry: RawOdometry, jumps: FloatArray) -> Finding:
     if not len(jumps):
-        return Finding("odometry.jump", odometry.topic, "ok", "no step that no robot makes")
+        return judge(JUMP, odometry.topic, "no step that no robot makes", verdict="ok")
     at = int(np.argmax(jumps[:, 1] + jumps[:, 2]))
     stamp, length, turn = jumps[at]
-    words = (
+    return judge(
+        JUMP,
+        odometry.topic,
         f"steps that no robot makes: {len(jumps)}, the largest {length:.2f} m and "
-        f"{np.degrees(turn):.0f} deg, {stamp:.1f} s after the first message"
-    )
-    return Finding(
-        *("odometry.jump", odometry.topic, "bad", words, "odometry_jump"),
-        "Odometry must be continuous: corrections belong into map -> odom.",
-        *(Estimate(float(length), 0.0, "m"), JUMP_M),
-        (Mend("remove_odometry_jumps", odometry.topic, {"longest_m": 0.5 * float(length)}),),
+        f"{np.degrees(turn):.0f} deg, {stamp:.1f} s after the first message",
+        Estimate(float(length), 0.0, "m"),
+        verdict="fault",
+        advice="Odometry must be continuous: corrections belong into map -> odom.",
+        mends=(Mend("remove_odometry_jumps", odometry.topic, {"longest_m": 0.5 * float(length)}),),
     )
 
 
-def _against_wheels(odometry: Course, wheels: Course) -> Iterator[Finding]:
+def _against_wheels(odometry: IntegratedMotion, wheels: IntegratedMotion) -> Iterator[Finding]:
     """Path and turn of each second by the driver and by the counters that it is made from."""
     begin = max(odometry.origin_ns, wheels.origin_ns)
     end = min(int(odometry.stamps_ns[-1]), int(wheels.stamps_ns[-1]))
     if not 3e9 * COMPARED_S <= end - begin <= 1e9 * LONGEST_S:
         words = "odometry and counters hardly overlap, or their stamps span years"
-        yield Finding("odometry.wheels", odometry.topic, "cannot tell", words)
+        yield unanswered(AGAINST_WHEELS, odometry.topic, words)
         return
     edges_s = np.arange(0.0, (end - begin) * 1e-9, COMPARED_S)
     published, counted = (
@@ -160,7 +268,7 @@ def _against_wheels(odometry: Course, wheels: Course) -> Iterator[Finding]:
     moved = np.abs(counted) > np.array([MOVED_M, MOVED_RAD])
     if not moved.any():
         words = "the wheels hardly turn: nothing to compare"
-        yield Finding("odometry.wheels", odometry.topic, "cannot tell", words)
+        yield unanswered(AGAINST_WHEELS, odometry.topic, words)
         return
     still = moved.any(axis=1) & (np.abs(published) < 1e-6).all(axis=1)
     if still.mean() > 0.0:
@@ -169,17 +277,19 @@ def _against_wheels(odometry: Course, wheels: Course) -> Iterator[Finding]:
         yield _scale(odometry, published[~still], counted[~still], moved[~still])
 
 
-def _still(odometry: Course, seconds: int) -> Finding:
-    return Finding(
-        *("odometry.frozen", odometry.topic, "bad"),
+def _still(odometry: IntegratedMotion, seconds: int) -> Finding:
+    return judge(
+        FROZEN,
+        odometry.topic,
         f"it stands still for {seconds} s while the wheels turn",
-        *("odometry_frozen", "Look for a driver that stalls."),
-        *(Estimate(float(seconds), 0.0, "s"), 0.0),
+        Estimate(float(seconds), 0.0, "s"),
+        verdict="fault",
+        advice="Look for a driver that stalls.",
     )
 
 
 def _scale(
-    odometry: Course, published: FloatArray, counted: FloatArray, moved: BoolArray
+    odometry: IntegratedMotion, published: FloatArray, counted: FloatArray, moved: BoolArray
 ) -> Finding:
     ratios = [
         float(np.median(published[moved[:, k], k] / counted[moved[:, k], k]))
@@ -192,28 +302,32 @@ def _scale(
     expected = counted * np.array(ratios)
     apart = np.abs(published - expected)
     odd = ((apart > 0.1 * np.abs(counted)) & (apart > np.array([MOVED_M, MOVED_RAD]))).any(axis=1)
-    words = (
-        f"it shows {ratios[0]:.4g} of the path and {ratios[1]:.4g} of the turn that its wheels "
-        f"count, and something else in {int(odd.sum())} of {len(odd)} s"
-    )
     off = max((ratio - 1.0 for ratio in ratios), key=abs)
-    bad = abs(off) > SCALE_LIMIT or float(odd.mean()) > ODD_SHARE_LIMIT
     sigma = 100.0 * float(np.median(apart[moved])) / np.sqrt(max(int(moved.sum()), 1))
-    mend = Mend("odometry_from_ticks", odometry.topic)
-    advice = "Compute the odometry from the counters, with the radius and track that are declared."
-    return Finding(
-        *("odometry.wheels", odometry.topic, "bad" if bad else "ok", words),
-        *("odometry_contradicts_wheels" if bad else None, advice if bad else ""),
-        *(Estimate(100.0 * off, sigma, "%"), 100.0 * SCALE_LIMIT),
-        (mend,) if bad else (),
+    is_off = abs(off) > SCALE_LIMIT or float(odd.mean()) > ODD_SHARE_LIMIT
+    return judge(
+        AGAINST_WHEELS,
+        odometry.topic,
+        f"it shows {ratios[0]:.4g} of the path and {ratios[1]:.4g} of the turn that its wheels "
+        f"count, and something else in {int(odd.sum())} of {len(odd)} s",
+        Estimate(100.0 * off, sigma, "%"),
+        verdict="fault" if is_off else "ok",
+        fault=CONTRADICTS,
+        advice="Compute the odometry from the counters, with the radius and track that are "
+        "declared.",
+        mends=(Mend("odometry_from_ticks", odometry.topic),),
     )
 
 
-def _other_unit(odometry: Course, ratio: float, metres: float) -> Finding:
-    return Finding(
-        *("odometry.wheels", odometry.topic, "bad"),
+def _other_unit(odometry: IntegratedMotion, ratio: float, metres: float) -> Finding:
+    finding = judge(
+        AGAINST_WHEELS,
+        odometry.topic,
         f"it shows {ratio:.4g} of the path that its wheels count: one of it is {metres:.4g} m",
-        *("wheel_unit", f"Multiply its lengths by {metres:.4g}."),
-        *(Estimate(ratio, 0.0, "m/m"), None),
-        (Mend("odometry_from_ticks", odometry.topic),),
+        Estimate(ratio, 0.0, "m/m"),
+        verdict="fault",
+        fault=WHEEL_UNIT,
+        advice=f"Multiply its lengths by {metres:.4g}.",
+        mends=(Mend("odometry_from_ticks", odometry.topic),),
     )
+    return replace(finding, limit=None)  # which is one of percent

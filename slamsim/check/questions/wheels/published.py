@@ -1,5 +1,5 @@
-"""What published odometry shows by itself and beside another: numbers that are no pose, two that
-tell different drives, counters that stand while it goes on."""
+"""What published odometry shows by itself and beside another: numbers that are no pose, and two
+odometries that tell different drives."""
 
 from __future__ import annotations
 
@@ -7,9 +7,18 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from slamsim.check.evidence import Evidence
 from slamsim.check.findings import Estimate, Finding, Mend
 from slamsim.check.motion.disagreement import IN_COMMON, LIMIT_M, disagreement
-from slamsim.recording import RawOdometry, Recording
+from slamsim.check.question import (
+    FaultKind,
+    Question,
+    QuestionGroup,
+    anywhere,
+    judge,
+    unanswered,
+)
+from slamsim.recording import RawOdometry
 from slamsim.safe.numbers import is_sound
 from slamsim.types import BoolArray, FloatArray
 
@@ -19,12 +28,48 @@ REPLACED_SHARE = 0.5
 """Where more of the poses are broken than this, dropping them leaves no odometry."""
 
 
-def check_published(recording: Recording) -> list[Finding]:
+VALUES = Question(
+    "odometry.values",
+    "every pose is finite, every rotation of unit length",
+    (
+        FaultKind(
+            "odometry_invalid",
+            "the odometry holds numbers that are no pose",
+            (
+                anywhere(
+                    *("odometry_contradicts_wheels", "odometry_frozen", "odometry_jump"),
+                    *("wheel_slip", "tf_contradicts_odometry", "odometries_contradict"),
+                ),
+            ),
+        ),
+    ),
+    limit=0.0,
+    unit="%",
+    consequence="one NaN stays in a filter for ever",
+    repairs=("normalise_rotations", "drop_broken_poses", "odometry_from_ticks"),
+)
+OTHERS = Question(
+    "odometry.others",
+    "all odometries of one body tell one drive",
+    (FaultKind("odometries_contradict", "two odometries tell different drives"),),
+    limit=LIMIT_M,
+    unit="m",
+    consequence="what a SLAM makes of the recording depends on which one it reads",
+    excitation_wanted=IN_COMMON,
+    limit_of_ok=False,
+)
+
+
+def check_published(evidence: Evidence) -> list[Finding]:
     """Sound numbers in every odometry, and one story from all of them."""
+    recording = evidence.recording
     return [
         *(_values(odometry, bool(recording.ticks)) for odometry in recording.odometries),
         *_contradictions(recording.odometries),
     ]
+
+
+GROUP = QuestionGroup("odometry", 60, (VALUES, OTHERS), check_published)
 
 
 def sound_poses(odometry: RawOdometry) -> BoolArray:
@@ -51,21 +96,19 @@ def _values(odometry: RawOdometry, has_ticks: bool) -> Finding:
     unit = has_unit_length(odometry.quats_xyzw)
     broken = int((~(finite & unit)).sum())
     share = broken / max(len(odometry), 1)
-    estimate = Estimate(100.0 * share, 0.0, "%")
-    if not broken:
-        words = "every pose is finite, every rotation of unit length"
-        return Finding("odometry.values", odometry.topic, "ok", words, estimate=estimate, limit=0.0)
-    words = (
-        f"{broken} of {len(odometry)} messages hold numbers that are no pose: "
-        f"{int((~finite).sum())} not finite, {int((~unit).sum())} with a quaternion that is not of "
-        "unit length"
-    )
-    return Finding(
-        *("odometry.values", odometry.topic, "bad", words, "odometry_invalid"),
-        "Start the quaternion at w = 1, keep it of unit length, and publish nothing where nothing "
-        "is known: one NaN stays in a filter for ever.",
-        *(estimate, 0.0),
-        _mends(odometry, finite, share, has_ticks),
+    return judge(
+        VALUES,
+        odometry.topic,
+        {
+            "ok": "every pose is finite, every rotation of unit length",
+            "fault": f"{broken} of {len(odometry)} messages hold numbers that are no pose: "
+            f"{int((~finite).sum())} not finite, {int((~unit).sum())} with a quaternion that is "
+            "not of unit length",
+        },
+        Estimate(100.0 * share, 0.0, "%"),
+        advice="Start the quaternion at w = 1, keep it of unit length, and publish nothing where "
+        "nothing is known: one NaN stays in a filter for ever.",
+        mends=_mends(odometry, finite, share, has_ticks),
     )
 
 
@@ -94,13 +137,6 @@ def _agreement(one: RawOdometry, other: RawOdometry) -> Finding:
     subject = f"{one.topic} against {other.topic}"
     found = disagreement(one, other)
     if found is None:
-        words = f"they have less than {IN_COMMON}"
-        return Finding("odometry.others", subject, "cannot tell", words)
-    if not found.matters:
-        return Finding("odometry.others", subject, "ok", found.words, estimate=found.estimate)
-    return Finding(
-        *("odometry.others", subject, "bad", found.words, "odometries_contradict"),
-        "Find out which of them is right before either is used: compare both with the scans.",
-        *(found.estimate, LIMIT_M),
-        plots=(found.plot(subject),),
-    )
+        return unanswered(OTHERS, subject, f"they have less than {IN_COMMON}")
+    advice = "Find out which of them is right before either is used: compare both with the scans."
+    return found.judged(OTHERS, subject, advice)

@@ -5,23 +5,82 @@ from __future__ import annotations
 import numpy as np
 
 from slamsim.check.calibration.joint import Calibration
-from slamsim.check.calibration.majority import Vote
+from slamsim.check.calibration.majority import Majority, majority
+from slamsim.check.evidence import of_calibration
 from slamsim.check.findings import Estimate, Finding, Mend
-from slamsim.check.judge import Answer, Question, judged
-from slamsim.check.motion.integrated import Course
+from slamsim.check.motion.integrated import IntegratedMotion
+from slamsim.check.question import (
+    FaultKind,
+    Question,
+    QuestionGroup,
+    anywhere,
+    judge,
+    unanswered,
+)
 
 RADIUS_LIMIT, TRACK_LIMIT = 0.01, 0.02
 """Careful calibration leaves 0.2 % and 0.5 % (Borenstein & Feng 1996); tape measures less."""
 
 POSES_TIMES = 6.0
-"""Poses that a driver has made of its wheels come rarely, late and smoothed: so much coarser."""
+"""So many times wider are limits where poses come instead of counters: rarely, late, smoothed."""
 
 RADIUS_HARM, TRACK_HARM = 0.03, 0.06
 DRIVING = "ten metres of straight driving"
 TURNING = "a few full turns on the spot"
 
 
-def check_wheels(calibration: Calibration, vote: Vote) -> list[Finding]:
+SWAPPED = FaultKind(
+    "wheels_swapped",
+    "left and right wheel are exchanged",
+    (anywhere("odometry_contradicts_wheels", "wheel_slip", "wheel_track"),),
+)
+REVERSED = FaultKind(
+    "wheel_reversed",
+    "one wheel counts backward",
+    (anywhere("odometry_contradicts_wheels", "wheel_slip", "wheel_track", "wheel_radius"),),
+)
+WHEEL_RADIUS = FaultKind("wheel_radius", "the wheels are larger or smaller than declared")
+WIRING = Question(
+    "wheels.wiring",
+    "both wheels count forward, left on the left",
+    (SWAPPED, REVERSED),
+    consequence="the odometry turns the wrong way, or turns when the robot goes straight",
+    excitation_wanted=TURNING,
+    repairs=("swap_wheels", "reverse_wheel"),
+)
+RADIUS = Question(
+    "wheels.radius",
+    "the wheels are as large as declared",
+    (WHEEL_RADIUS,),
+    limit=100.0 * RADIUS_LIMIT,
+    unit="%",
+    consequence="the odometry goes too far by this share of the path",
+    excitation_wanted=DRIVING,
+    repairs=("scale_wheels", "scale_odometry"),
+)
+UNEQUAL = Question(
+    "wheels.unequal",
+    "both wheels are equally large",
+    (WHEEL_RADIUS,),
+    limit=100.0 * RADIUS_LIMIT,
+    unit="%",
+    consequence="the odometry makes a curve of a straight drive",
+    excitation_wanted=DRIVING,
+    repairs=("scale_wheels", "scale_odometry"),
+)
+TRACK = Question(
+    "wheels.track",
+    "the wheels are as far apart as declared",
+    (FaultKind("wheel_track", "the wheels stand wider or closer than declared"),),
+    limit=100.0 * TRACK_LIMIT,
+    unit="%",
+    consequence="the odometry turns too far by this share of every turn",
+    excitation_wanted=TURNING,
+    repairs=("scale_wheels", "scale_odometry"),
+)
+
+
+def check_wheels(calibration: Calibration) -> list[Finding]:
     """Wiring first; sizes of the wheels as they are really wired."""
     wheels = calibration.model.wheels
     if wheels is None:
@@ -29,132 +88,133 @@ def check_wheels(calibration: Calibration, vote: Vote) -> list[Finding]:
     if not calibration.scans_count or not calibration.comparable:
         words = "without scans that follow them nothing tells how far the wheels really go"
         return [
-            *_wiring(calibration),
-            Finding("wheels.radius", wheels.topic, "cannot tell", words),
-            Finding("wheels.track", wheels.topic, "cannot tell", words),
+            *_wiring(calibration, wheels),
+            unanswered(RADIUS, wheels.topic, words),
+            unanswered(TRACK, wheels.topic, words),
         ]
     return [
-        *_wiring(calibration),
-        _radius(calibration),
-        *_unequal(calibration),
-        _track(calibration, vote),
+        *_wiring(calibration, wheels),
+        _radius(calibration, wheels),
+        *_unequal(calibration, wheels),
+        _track(calibration, wheels, majority(calibration)),
     ]
 
 
-def _wiring(calibration: Calibration) -> list[Finding]:
-    wheels, wiring = calibration.model.wheels, calibration.alignment.wiring
-    if wheels is None or not wheels.wired:
+GROUP = QuestionGroup(
+    "motion",
+    160,
+    (WIRING, RADIUS, UNEQUAL, TRACK),
+    of_calibration(check_wheels),
+    thorough=True,
+)
+
+
+def _wiring(calibration: Calibration, wheels: IntegratedMotion) -> list[Finding]:
+    wiring = calibration.alignment.wiring
+    if not wheels.wired:
         return []
     if wiring == "as declared":
+        if not any(calibration.follows(pair) for pair in ("wheel", "gyro_wheel")):
+            words = "nothing that the robot did shows how they are wired"
+            return [unanswered(WIRING, wheels.topic, words)]
         words = "both wheels count forward, left on the left"
-        told = any(calibration.follows(pair) for pair in ("wheel", "gyro_wheel"))
-        verdict_words = words if told else "nothing that the robot did shows how they are wired"
-        return [
-            Finding("wheels.wiring", wheels.topic, "ok" if told else "cannot tell", verdict_words)
-        ]
-    swapped = wiring == "swapped"
-    which = wiring.split()[0]
-    mend = (
-        Mend("swap_wheels", wheels.topic)
-        if swapped
-        else Mend("reverse_wheel", wheels.topic, {"wheel": which})
-    )
-    words = (
-        "the wheels turn the robot the other way than it turns: left and right are exchanged"
-        if swapped
-        else f"the {which} wheel counts backward: what it calls a path is a turn"
-    )
-    fault = "wheels_swapped" if swapped else "wheel_reversed"
-    advice = "Exchange the two counters." if swapped else "Change the sign of its counts."
+        return [judge(WIRING, wheels.topic, words, verdict="ok")]
+    if wiring == "swapped":
+        words = (
+            "the wheels turn the robot the other way than it turns: left and right are exchanged"
+        )
+        fault, advice = SWAPPED, "Exchange the two counters."
+        mend = Mend("swap_wheels", wheels.topic)
+    else:
+        which = wiring.split()[0]
+        words = f"the {which} wheel counts backward: what it calls a path is a turn"
+        fault, advice = REVERSED, "Change the sign of its counts."
+        mend = Mend("reverse_wheel", wheels.topic, {"wheel": which})
     return [
-        Finding("wheels.wiring", wheels.topic, "bad", words, fault, advice, mends=(mend,)),
+        judge(
+            *(WIRING, wheels.topic, words),
+            verdict="fault",
+            fault=fault,
+            advice=advice,
+            mends=(mend,),
+        )
     ]
 
 
-def _radius(calibration: Calibration) -> Finding:
-    wheels = calibration.model.wheels
-    assert wheels is not None
+def _radius(calibration: Calibration, wheels: IntegratedMotion) -> Finding:
     gain, sigma = calibration.value("path_gain"), calibration.sigma("path_gain")
     large = 100.0 * (1.0 / gain - 1.0)
-    return judged(
-        Question(
-            *("wheels.radius", wheels.topic, "wheel_radius"),
-            *(100.0 * _limit(wheels, RADIUS_LIMIT), 100.0 * RADIUS_HARM, DRIVING),
-        ),
+    return judge(
+        RADIUS,
+        wheels.topic,
+        f"the wheels are believed {large:+.3g} % too large",
         Estimate(large, 100.0 * sigma / gain**2, "%"),
-        Answer(
-            f"the wheels are believed {large:+.3g} % too large",
-            *(_advice(calibration), (_mend(calibration),)),
-        ),
+        limit=100.0 * _limit(wheels, RADIUS_LIMIT),
+        harm=100.0 * RADIUS_HARM,
+        advice=_advice(calibration, wheels),
+        mends=(_mend(calibration, wheels),),
     )
 
 
-def _limit(wheels: Course, limit: float) -> float:
+def _limit(wheels: IntegratedMotion, limit: float) -> float:
     return limit if wheels.wired else POSES_TIMES * limit
 
 
-def _unequal(calibration: Calibration) -> list[Finding]:
+def _unequal(calibration: Calibration, wheels: IntegratedMotion) -> list[Finding]:
     """The right wheel's true radius over the left one's, as far as their driver does not know."""
-    wheels = calibration.model.wheels
-    if wheels is None or not wheels.wired:
+    if not wheels.wired:
         return []
     per_curvature = 100.0 * wheels.track_m / calibration.value("path_gain")
     larger = per_curvature * calibration.value("curvature_rad_m")
     sigma = abs(per_curvature) * calibration.sigma("curvature_rad_m")
-    finding = judged(
-        Question(
-            *("wheels.unequal", wheels.topic, "wheel_radius"),
-            *(100.0 * RADIUS_LIMIT, 100.0 * RADIUS_HARM, DRIVING),
-        ),
-        Estimate(larger, sigma, "%"),
-        Answer(
+    return [
+        judge(
+            UNEQUAL,
+            wheels.topic,
             f"the right wheel is {larger:+.2g} % larger than the left one",
-            *(_advice(calibration), (_mend(calibration),)),
-        ),
-    )
-    return [finding]
+            Estimate(larger, sigma, "%"),
+            harm=100.0 * RADIUS_HARM,
+            advice=_advice(calibration, wheels),
+            mends=(_mend(calibration, wheels),),
+        )
+    ]
 
 
-def _track(calibration: Calibration, vote: Vote) -> Finding:
-    wheels = calibration.model.wheels
-    assert wheels is not None
-    path, turn = calibration.value("path_gain"), vote.turn_gain
+def _track(calibration: Calibration, wheels: IntegratedMotion, turns: Majority) -> Finding:
+    path, turn = calibration.value("path_gain"), turns.turn_gain
     relative = np.hypot(
         calibration.sigma("path_gain") / path, calibration.sigma("turn_gain") / turn
     )
     ratio = turn / path
-    words = f"the wheels are believed {100.0 * (ratio - 1.0):+.3g} % too far apart"
-    return judged(
-        Question(
-            *("wheels.track", wheels.topic, "wheel_track"),
-            *(100.0 * _limit(wheels, TRACK_LIMIT), 100.0 * TRACK_HARM, TURNING),
-        ),
+    return judge(
+        TRACK,
+        wheels.topic,
+        f"the wheels are believed {100.0 * (ratio - 1.0):+.3g} % too far apart",
         Estimate(100.0 * (ratio - 1.0), 100.0 * float(relative) * abs(ratio), "%"),
-        Answer(words, _advice(calibration), (_mend(calibration),)),
+        limit=100.0 * _limit(wheels, TRACK_LIMIT),
+        harm=100.0 * TRACK_HARM,
+        advice=_advice(calibration, wheels),
+        mends=(_mend(calibration, wheels),),
     )
 
 
-def true_wheels(calibration: Calibration) -> tuple[float, float, float]:
+def _true_wheels(calibration: Calibration, wheels: IntegratedMotion) -> tuple[float, float, float]:
     """What to multiply the left and the right radius by, and the track."""
-    wheels = calibration.model.wheels
-    track_m = 0.0 if wheels is None else wheels.track_m
     path, turn = calibration.value("path_gain"), calibration.value("turn_gain")
-    half = 0.5 * calibration.value("curvature_rad_m") * track_m
+    half = 0.5 * calibration.value("curvature_rad_m") * wheels.track_m
     return path - half, path + half, path / turn
 
 
-def _advice(calibration: Calibration) -> str:
-    left, right, track = true_wheels(calibration)
+def _advice(calibration: Calibration, wheels: IntegratedMotion) -> str:
+    left, right, track = _true_wheels(calibration, wheels)
     return (
         f"Multiply the radius of the left wheel by {left:.5f}, of the right by {right:.5f}, "
         f"and the track by {track:.5f}."
     )
 
 
-def _mend(calibration: Calibration) -> Mend:
-    wheels = calibration.model.wheels
-    assert wheels is not None
-    left, right, track = true_wheels(calibration)
+def _mend(calibration: Calibration, wheels: IntegratedMotion) -> Mend:
+    left, right, track = _true_wheels(calibration, wheels)
     if wheels.wired:
         sizes = {"radius_factor": 0.5 * (left + right), "track_factor": track}
         return Mend("scale_wheels", wheels.topic, dict(sizes))

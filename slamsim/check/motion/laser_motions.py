@@ -1,7 +1,7 @@
-"""How lively a robot is at each scan, by whatever sensor says anything: where to look closely.
+"""The motion of the laser by its scans alone, estimated where other sensors say that much happens.
 
-Nothing is believed here but that something happens: streams are laid side by side from their first
-message to their last, without regard to stamps, units and axes.
+Of the other streams only the activity is used: they are laid side by side from their first message
+to their last, without regard to stamps, units and axes, which may all be wrong.
 """
 
 from __future__ import annotations
@@ -10,16 +10,25 @@ import numpy as np
 
 from slamsim.geometry import wrap_angle, yaw_from_xyzw
 from slamsim.recording import RawScans, Recording
+from slamsim.slam.laser.scan_motion import ScanMotions, scan_motions
 from slamsim.types import FloatArray
 
-LIVELY = 0.9
-"""Of all values of a stream, this share is less lively than its unit of liveliness."""
+ACTIVE = 0.9
+"""The quantile of a stream's values that counts as activity 1."""
 
 MOST = 2.0
 
 
+def laser_motions(recording: Recording) -> ScanMotions | None:
+    """Of the lidar with most scans; None without any lidar."""
+    if not recording.scans:
+        return None
+    scans = max(recording.scans, key=len)
+    return scan_motions(scans, activity(recording, scans))
+
+
 def activity(recording: Recording, scans: RawScans) -> FloatArray | None:
-    """(n,) for each scan, None where no other stream says anything."""
+    """(n,) how much happens at each scan, from 0; None where no other stream tells."""
     signals = [np.linalg.norm(imu.angular_velocity_rad_s, axis=1) for imu in recording.imus]
     for odometry in recording.odometries:
         yaw = yaw_from_xyzw(odometry.quats_xyzw)
@@ -35,9 +44,9 @@ def activity(recording: Recording, scans: RawScans) -> FloatArray | None:
 
 
 def _over_scans(signal: FloatArray, count: int) -> FloatArray | None:
-    """A signal of a stream at as many scans, its lively values as one."""
+    """A signal of a stream at as many scans, in units of its ``ACTIVE`` quantile."""
     signal = np.nan_to_num(np.asarray(signal, dtype=np.float64), posinf=0.0)
-    unit = float(np.quantile(signal, LIVELY)) if signal.size else 0.0
+    unit = float(np.quantile(signal, ACTIVE)) if signal.size else 0.0
     if not unit > 0.0:
         return None
     smooth = max(1, signal.size // max(count, 1))
