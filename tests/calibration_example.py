@@ -10,9 +10,9 @@ from slamsim.check.calibration.joint import Calibration, calibrate_inputs
 from slamsim.check.motion.inputs import Inputs
 from slamsim.check.motion.integrated import integrated_gyro, integrated_wheels
 from slamsim.check.motion.laser_steps import LaserSteps
-from slamsim.geometry import between, compose
+from slamsim.core.geometry import between, compose
+from slamsim.core.types import FloatArray, IntArray
 from slamsim.recording import RawImu, RawTicks
-from slamsim.types import FloatArray, IntArray
 
 BEGIN_NS = 5_000_000_000
 FINE_S = 0.0005

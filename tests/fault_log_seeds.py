@@ -34,7 +34,7 @@ from slamsim.logs.raw_writer import write_recording
 from slamsim.logs.reader import read_log
 from slamsim.logs.tum import write_tum
 from slamsim.recording import Recording
-from slamsim.slam.saved_map import write_saved_map
+from slamsim.slam.mapping.saved_map import write_saved_map
 from slamsim.slam.session import map_log
 
 Make = Callable[[Path], Path]

@@ -11,15 +11,15 @@ import recording_data
 from fault_paths import Action, Reference, Scene, attempt, ways
 from rosbags.rosbag2 import StoragePlugin
 
+from slamsim.guard.lock import lock_of, owner_words
+from slamsim.guard.output import partial_folder
+from slamsim.guard.staging import NEW
 from slamsim.logs.parquet_log import ParquetLog
 from slamsim.logs.raw import read_recording
 from slamsim.logs.raw_writer import write_recording
 from slamsim.logs.reader import read_log
 from slamsim.logs.recovery.recover import recover
 from slamsim.logs.recovery.source import damaged_recording
-from slamsim.safe.lock import lock_of, owner_words
-from slamsim.safe.output import partial_folder
-from slamsim.safe.staging import NEW
 
 
 def _bag(folder: Path, plugin: StoragePlugin = StoragePlugin.SQLITE3) -> Path:

@@ -17,12 +17,12 @@ from slamsim.check.check import check_recording
 from slamsim.check.evidence import Evidence
 from slamsim.check.findings import Finding
 from slamsim.check.registry import registry
-from slamsim.cli import app
+from slamsim.cli.main import app
+from slamsim.guard.errors import InputRefused, NotFound, SlamsimError
 from slamsim.logs.raw import read_recording
 from slamsim.logs.raw_writer import write_recording
 from slamsim.logs.reader import read_log
 from slamsim.recording import Messages, RawImu, RawOdometry, RawScans, RawTicks, Recording
-from slamsim.safe.errors import InputRefused, NotFound, SlamsimError
 
 ROBOT = Robot(ROS2)
 

@@ -22,9 +22,9 @@ from slamsim.check.map_quality.views import WindowView
 from slamsim.check.motion.inputs import Inputs
 from slamsim.check.motion.integrated import integrated_wheels
 from slamsim.check.questions.clocks.offsets import check_timing
-from slamsim.geometry import between, compose
+from slamsim.core.geometry import between, compose
+from slamsim.core.types import FloatArray, IntArray
 from slamsim.recording import RawScans
-from slamsim.types import FloatArray, IntArray
 
 ROOM_M, BEAMS, SWEEP_S = 3.5, 150, 0.04
 STREAMS: tuple[Stream, ...] = ("gyro", "wheel")

@@ -11,7 +11,7 @@ from slamsim.check.findings import Finding
 from slamsim.check.questions.frames.description import check_description
 from slamsim.config.robot import RobotConfig
 from slamsim.recording import Recording
-from slamsim.sim.robot import build_robot
+from slamsim.sim.robot.model import build_robot
 
 URDF = build_robot(RobotConfig()).urdf
 

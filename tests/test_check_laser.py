@@ -22,8 +22,8 @@ from slamsim.check.mends import apply_mends
 from slamsim.check.motion.inputs import gather_inputs
 from slamsim.check.motion.laser_motions import laser_motions
 from slamsim.check.questions.laser.laser import check_laser
+from slamsim.core.types import FloatArray
 from slamsim.recording import RawImu, RawOdometry, RawScans, Recording, RecordingFormat
-from slamsim.types import FloatArray
 
 STEP = LIDAR.angle_step_rad
 BEAM_DT_S = LIDAR.beam_dt_ns * 1e-9

@@ -14,8 +14,8 @@ from slamsim.check.findings import Finding
 from slamsim.check.questions.inertial.gravity import check_inertial
 from slamsim.check.questions.ranges.ranges import check_ranges
 from slamsim.check.scan_sample import sample_scans
+from slamsim.core.types import Float32Array, FloatArray
 from slamsim.recording import RawImu, RawOdometry, RawScans, Recording, ScanLayout, TransformEdge
-from slamsim.types import Float32Array, FloatArray
 
 
 def range_findings(recording: Recording) -> list[Finding]:

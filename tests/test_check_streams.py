@@ -16,8 +16,8 @@ from slamsim.check.findings import Finding
 from slamsim.check.questions.streams.rounding import rounding_step_s
 from slamsim.check.questions.streams.series import series_of
 from slamsim.check.questions.streams.stamps import check_stamps
+from slamsim.core.types import IntArray
 from slamsim.recording import RawImu, RawOdometry, RawScans, RawTicks, Recording
-from slamsim.types import IntArray
 
 
 def stamp_findings(recording: Recording) -> list[Finding]:

@@ -23,8 +23,8 @@ from slamsim.check.questions.laser.mounting import check_mounting
 from slamsim.check.questions.wheels.direction import check_reversing
 from slamsim.check.questions.wheels.odometry import check_slip
 from slamsim.check.questions.wheels.sizes import check_wheels
+from slamsim.core.types import FloatArray
 from slamsim.recording import RawImu, RawOdometry, RawTicks, Recording
-from slamsim.types import FloatArray
 
 
 def everything(calibration: Calibration) -> list[Finding]:

@@ -14,9 +14,9 @@ from slamsim.check.evidence import Evidence
 from slamsim.check.findings import Finding
 from slamsim.check.motion.frame_graph import FrameGraph
 from slamsim.check.questions.frames.transforms import check_transforms
-from slamsim.geometry import xyzw_from_yaw
+from slamsim.core.geometry import xyzw_from_yaw
+from slamsim.core.types import FloatArray, IntArray
 from slamsim.recording import RawOdometry, RawScans, Recording, ScanLayout, TransformEdge
-from slamsim.types import FloatArray, IntArray
 
 
 def frame_findings(recording: Recording) -> list[Finding]:

@@ -17,7 +17,7 @@ from slamsim.clean.no_return import (
     _most_occupied,
     find_limit,
 )
-from slamsim.types import BoolArray, Float32Array, FloatArray
+from slamsim.core.types import BoolArray, Float32Array, FloatArray
 
 STEP_RAD = float(np.radians(1.0))
 ANGLES = np.radians(np.arange(-90.0, 90.0))

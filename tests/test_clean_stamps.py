@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from slamsim.clean.stamps import NoTime, _known, rising_times
-from slamsim.types import IntArray
+from slamsim.core.types import IntArray
 
 SECOND = 1_000_000_000
 START_NS = 1_700_000_000 * SECOND

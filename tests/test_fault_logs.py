@@ -19,13 +19,13 @@ from fault_judge import Try, attempt
 from fault_log_reads import judged_quickly, whole_log
 from mcap.writer import CompressionType
 
+from slamsim.guard.errors import InputRefused, SlamsimError
+from slamsim.guard.files import read_input
 from slamsim.logs.carmen import read_carmen
 from slamsim.logs.parquet_log import ParquetLog
 from slamsim.logs.raw import read_recording
 from slamsim.logs.reader import read_log
 from slamsim.logs.stamps import stamp_ns_from_decimal
-from slamsim.safe.errors import InputRefused, SlamsimError
-from slamsim.safe.files import read_input
 
 pytestmark = pytest.mark.fault
 

@@ -14,11 +14,11 @@ import numpy as np
 import pytest
 from log_data import drive, header, readings
 
+from slamsim.guard.output import partial_folder
 from slamsim.logs.bag_folder import MCAP_NAME
 from slamsim.logs.reader import read_log, read_truth
 from slamsim.logs.recovery.recover import recover
 from slamsim.logs.recovery.source import damaged_recording
-from slamsim.safe.output import partial_folder
 from slamsim.simulation.log_writer import LogWriter
 
 pytestmark = pytest.mark.fault

@@ -18,12 +18,12 @@ from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.writer import CompressionType
 from rosbags.rosbag2 import Reader, StoragePlugin
 
+from slamsim.guard.errors import InputRefused, NotFound
 from slamsim.logs.bag_folder import MCAP_NAME
 from slamsim.logs.reader import read_log
 from slamsim.logs.recovery.recover import recover
 from slamsim.logs.recovery.source import damaged_recording
 from slamsim.logs.recovery.tally import Recovered
-from slamsim.safe.errors import InputRefused, NotFound
 from slamsim.simulation.log_writer import LogWriter
 
 pytestmark = pytest.mark.fault

@@ -8,11 +8,11 @@ import pyarrow.parquet as pq
 import pytest
 from recording_data import recording
 
+from slamsim.guard.errors import InputRefused
 from slamsim.logs.parquet_log import ParquetLog
 from slamsim.logs.reader import read_log
 from slamsim.logs.recovery.recover import recover
 from slamsim.logs.recovery.source import damaged_recording
-from slamsim.safe.errors import InputRefused
 
 pytestmark = pytest.mark.fault
 

@@ -12,12 +12,12 @@ from hypothesis import strategies as st
 from recording_data import edge, recording, scans_at, stamps
 from test_recording_read import assert_same
 
+from slamsim.guard.errors import SlamsimError
 from slamsim.logs import raw_writer
 from slamsim.logs.raw import read_recording
 from slamsim.logs.raw_writer import write_recording
 from slamsim.logs.reader import read_log
 from slamsim.recording import RawJoints, Recording, TransformEdge
-from slamsim.safe.errors import SlamsimError
 
 
 def _back(made: Recording, folder: Path) -> Recording:

@@ -14,7 +14,7 @@ from slamsim.check.evidence import Evidence
 from slamsim.check.findings import CheckReport, Finding
 from slamsim.check.question import Question, QuestionGroup, judge
 from slamsim.check.registry import CHECKER_ERROR, registry
-from slamsim.progress import Progress, silent
+from slamsim.core.progress import Progress, silent
 from slamsim.recording import Recording
 
 _log = logging.getLogger(__name__)

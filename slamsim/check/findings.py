@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
-from slamsim.types import FloatArray
+from slamsim.core.types import FloatArray
 
 Verdict = Literal["ok", "fault", "inconclusive"]
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from slamsim.types import BoolArray, FloatArray, IntArray, Scan
+from slamsim.core.types import BoolArray, FloatArray, IntArray, Scan
 
 MOST_DELAY_NS = 1_000_000_000
 """Transport delays a message by less; a stamp that falls back further is wrong."""

@@ -13,9 +13,9 @@ from typing import Any
 
 import numpy as np
 
+from slamsim.core.types import BoolArray, IntArray
 from slamsim.io.patches import Pair, Patch, patches_of
 from slamsim.recording import Origin, RawStream, Recording, TransformEdge
-from slamsim.types import BoolArray, IntArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)

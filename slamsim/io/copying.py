@@ -5,11 +5,11 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+from slamsim.guard.errors import SlamsimError
 from slamsim.io.rewrite import Copied, rewrite_recording
 from slamsim.logs.raw_writer import write_recording
 from slamsim.logs.reader import is_carmen, is_parquet_log, recording_at
 from slamsim.recording import Recording
-from slamsim.safe.errors import SlamsimError
 
 _TABLES = re.compile(r"(scans|imu|encoders|joints|odometry|transforms)(_\d+)?\.parquet")
 """What ``read_recording`` takes out of a folder of Parquet tables."""

@@ -14,6 +14,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from slamsim.core.types import IntArray
+from slamsim.guard.errors import SlamsimError
+from slamsim.guard.yaml import load_yaml
 from slamsim.io.changes import changes_between, new_edges, parts_with_origin
 from slamsim.io.copies import Bag1Copy, Bag2Copy, Copy
 from slamsim.io.new_transforms import transform_messages
@@ -28,9 +31,6 @@ from slamsim.logs.bag_sources import Bag1Source, McapSource
 from slamsim.logs.raw_bag import description_topic
 from slamsim.logs.refusing import refusing
 from slamsim.recording import Recording, TransformEdge
-from slamsim.safe.errors import SlamsimError
-from slamsim.safe.yaml import load_yaml
-from slamsim.types import IntArray
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from slamsim.core.types import Float32Array
 from slamsim.recording import RawScans, Recording
 from slamsim.recording.edits import with_odometry_edge
-from slamsim.types import Float32Array
 
 
 def as_ros(recording: Recording) -> Recording:

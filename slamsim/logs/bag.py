@@ -11,6 +11,9 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path, PurePath
 from typing import Any
 
+from slamsim.guard.errors import InputRefused, shown
+from slamsim.guard.files import own_file
+from slamsim.guard.yaml import load_yaml
 from slamsim.logs.bag1_check import index_bag1
 from slamsim.logs.bag_sources import (
     Bag1Source,
@@ -23,9 +26,6 @@ from slamsim.logs.bag_sources import (
 from slamsim.logs.mcap_read import index_mcap
 from slamsim.logs.refusing import damaged, refusing
 from slamsim.logs.sqlite_read import index_sqlite
-from slamsim.safe.errors import InputRefused, shown
-from slamsim.safe.files import own_file
-from slamsim.safe.yaml import load_yaml
 
 _METADATA = "metadata.yaml"
 

@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from slamsim.core.types import IntArray
 from slamsim.logs.bag import Bag
 from slamsim.logs.cdr import CDR_LITTLE_ENDIAN, CdrLayout, Rows
 from slamsim.logs.layouts import columns_of, message_layout, shape_of
 from slamsim.recording.schemas import Field, Schema
-from slamsim.types import IntArray
 
 _BATCH = 4096
 

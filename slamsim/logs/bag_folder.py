@@ -10,13 +10,13 @@ from pathlib import Path
 import numpy as np
 from mcap import records
 
+from slamsim.core.types import IntArray
+from slamsim.guard.files import read_input
 from slamsim.logs.bag_metadata import BagFile, Topic, bag_metadata, dump_yaml, quality_of_service
 from slamsim.logs.cdr import Rows
 from slamsim.logs.mcap_file import McapFile, MessageBatch
 from slamsim.logs.ros_types import ros2_types
 from slamsim.logs.written import Written
-from slamsim.safe.files import read_input
-from slamsim.types import IntArray
 
 MCAP_NAME = "log_0.mcap"
 METADATA_RECORD = "slamsim"

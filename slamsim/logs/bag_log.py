@@ -6,16 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from slamsim.logs.bag import Bag, open_bag
-from slamsim.logs.bag_scans import bag_scans, survey_scans
-from slamsim.logs.bag_sources import Channel
-from slamsim.logs.bag_streams import read_chain, read_encoders, read_imu, read_odometry
-from slamsim.logs.frames import FrameTree
-from slamsim.logs.names import LOG
-from slamsim.logs.ros_types import ENCODER_TICKS
-from slamsim.logs.stamps import epoch_of
-from slamsim.safe.errors import InputRefused
-from slamsim.types import (
+from slamsim.core.types import (
     EncoderStream,
     Epoch,
     FloatArray,
@@ -24,6 +15,15 @@ from slamsim.types import (
     PlanarTrajectory,
     Trajectory,
 )
+from slamsim.guard.errors import InputRefused
+from slamsim.logs.bag import Bag, open_bag
+from slamsim.logs.bag_scans import bag_scans, survey_scans
+from slamsim.logs.bag_sources import Channel
+from slamsim.logs.bag_streams import read_chain, read_encoders, read_imu, read_odometry
+from slamsim.logs.frames import FrameTree
+from slamsim.logs.names import LOG
+from slamsim.logs.ros_types import ENCODER_TICKS
+from slamsim.logs.stamps import epoch_of
 
 SCAN, IMU = "sensor_msgs/msg/LaserScan", "sensor_msgs/msg/Imu"
 ODOMETRY = "nav_msgs/msg/Odometry"

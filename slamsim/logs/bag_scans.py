@@ -11,13 +11,13 @@ import numpy as np
 
 from slamsim.clean.no_return import AS_DECLARED, RangeLimit, RangeSample
 from slamsim.clean.stamps import NoTime, Times, rising_times
+from slamsim.core.types import Float32Array, PlanarTrajectory, Scan, ScanGeometry, ScanSource
+from slamsim.guard.errors import InputRefused
+from slamsim.guard.numbers import MOST, BadNumbers
 from slamsim.logs.bag import Bag
 from slamsim.logs.bag_columns import stamp_ns_of
 from slamsim.logs.frames import frame_name
 from slamsim.logs.scans import StoredScans
-from slamsim.safe.errors import InputRefused
-from slamsim.safe.numbers import MOST, BadNumbers
-from slamsim.types import Float32Array, PlanarTrajectory, Scan, ScanGeometry, ScanSource
 
 
 def scan_from_message(message: Any, limit: RangeLimit = AS_DECLARED) -> Scan | None:

@@ -8,13 +8,13 @@ from contextlib import suppress
 import numpy as np
 
 from slamsim.clean.stamps import NoTime, rising_times
-from slamsim.geometry import matrix_from_xyzw, xyzw_from_matrix
+from slamsim.core.geometry import matrix_from_xyzw, xyzw_from_matrix
+from slamsim.core.types import BoolArray, EncoderStream, FloatArray, ImuStream, IntArray, Trajectory
+from slamsim.guard.numbers import LEAST_SIZE_M, MOST, is_sound
 from slamsim.logs.bag import Bag
 from slamsim.logs.bag_columns import read_columns, stamp_ns_of
 from slamsim.logs.frames import frame_name
 from slamsim.recording.schemas import IMU, ODOMETRY, TICKS
-from slamsim.safe.numbers import LEAST_SIZE_M, MOST, is_sound
-from slamsim.types import BoolArray, EncoderStream, FloatArray, ImuStream, IntArray, Trajectory
 
 
 def in_order(

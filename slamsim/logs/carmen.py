@@ -14,14 +14,8 @@ from pathlib import Path
 import numpy as np
 
 from slamsim.clean.no_return import RangeLimit, RangeSample
-from slamsim.geometry import between, matrix_from_rpy, se3_from_parts, wrap_angle
-from slamsim.logs.carmen_content import CarmenContent, collect
-from slamsim.logs.carmen_lines import Fan, LaserLine, OdomLine
-from slamsim.logs.carmen_times import timed
-from slamsim.logs.scans import StoredScans
-from slamsim.logs.stamps import epoch_of
-from slamsim.safe.errors import InputRefused
-from slamsim.types import (
+from slamsim.core.geometry import between, matrix_from_rpy, se3_from_parts, wrap_angle
+from slamsim.core.types import (
     BoolArray,
     Float32Array,
     FloatArray,
@@ -30,6 +24,12 @@ from slamsim.types import (
     Scan,
     ScanGeometry,
 )
+from slamsim.guard.errors import InputRefused
+from slamsim.logs.carmen_content import CarmenContent, collect
+from slamsim.logs.carmen_lines import Fan, LaserLine, OdomLine
+from slamsim.logs.carmen_times import timed
+from slamsim.logs.scans import StoredScans
+from slamsim.logs.stamps import epoch_of
 
 _MAXIMUM_PARAMETERS = ("robot_front_laser_max", "robot_laser_max", "laser_front_laser_max")
 _OFFSET_PARAMETER = "robot_frontlaser_offset"

@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 
 from slamsim.clean.stamps import is_late, rising_times
-from slamsim.geometry import wrap_angle
+from slamsim.core.geometry import wrap_angle
 from slamsim.logs.carmen_lines import LaserLine
 
 _USUAL_SPEED_M_S, _USUAL_TURN_RAD_S = 0.5, 0.5

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections import Counter
 from pathlib import Path
 
+from slamsim.guard.text import is_packed, open_lines
 from slamsim.logs.reader import is_carmen, is_parquet_log, recording_at
 from slamsim.logs.refusing import refusing
-from slamsim.safe.text import is_packed, open_lines
 
 
 def checked_recording(path: Path) -> str:

@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from slamsim.geometry import matrix_from_xyzw, se3_from_parts
-from slamsim.safe.errors import printable
-from slamsim.safe.numbers import is_sound
-from slamsim.types import FloatArray
+from slamsim.core.geometry import matrix_from_xyzw, se3_from_parts
+from slamsim.core.types import FloatArray
+from slamsim.guard.errors import printable
+from slamsim.guard.numbers import is_sound
 
 _RIGID_TOLERANCE = 1e-4
 

@@ -20,12 +20,12 @@ from mcap import records
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 
+from slamsim.guard.errors import Excessive
+from slamsim.guard.files import open_input, require_magic
+from slamsim.guard.limits import LIMITS, Limits
 from slamsim.logs.bag_limits import inflate
 from slamsim.logs.mcap_stream import MAGIC
 from slamsim.logs.refusing import damaged
-from slamsim.safe.errors import Excessive
-from slamsim.safe.files import open_input, require_magic
-from slamsim.safe.limits import LIMITS, Limits
 
 RECORD_HEAD = Struct("<BQ")
 MESSAGE_HEAD = Struct("<HIQQ")

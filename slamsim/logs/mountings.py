@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable
 from types import SimpleNamespace
 
+from slamsim.core.types import FloatArray
 from slamsim.logs.bag_log import laser_mounting_of
 from slamsim.logs.frames import FrameTree
 from slamsim.recording import Recording, TransformEdge
-from slamsim.types import FloatArray
 
 BASE_FRAME = "base_footprint"
 """What odometry is taken to move where there is none."""

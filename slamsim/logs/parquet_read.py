@@ -11,6 +11,19 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from slamsim.core.types import (
+    BoolArray,
+    EncoderStream,
+    ImuStream,
+    IntArray,
+    Log,
+    PlanarTrajectory,
+    Trajectory,
+)
+from slamsim.guard.errors import InputRefused
+from slamsim.guard.files import own_file
+from slamsim.guard.numbers import is_sound
+from slamsim.guard.seal import require_complete
 from slamsim.logs.bag_log import imu_mounting_of, laser_mounting_of
 from slamsim.logs.bag_scans import Survey, scan_from_message
 from slamsim.logs.bag_streams import are_wheels, in_order, lengths
@@ -28,19 +41,6 @@ from slamsim.recording import (
     TransformEdge,
 )
 from slamsim.recording.schemas import TRANSFORM, Field
-from slamsim.safe.errors import InputRefused
-from slamsim.safe.files import own_file
-from slamsim.safe.numbers import is_sound
-from slamsim.safe.seal import require_complete
-from slamsim.types import (
-    BoolArray,
-    EncoderStream,
-    ImuStream,
-    IntArray,
-    Log,
-    PlanarTrajectory,
-    Trajectory,
-)
 
 SCANS_NAME = "scans.parquet"
 

@@ -11,6 +11,8 @@ from typing import Any
 
 import numpy as np
 
+from slamsim.core.types import Epoch
+from slamsim.guard.errors import InputRefused
 from slamsim.logs.bag import Bag, open_bag
 from slamsim.logs.bag_columns import Opened
 from slamsim.logs.bag_log import (
@@ -33,8 +35,6 @@ from slamsim.logs.raw_streams import (
 )
 from slamsim.logs.refusing import refusing
 from slamsim.recording import KINDS, RawJoints, RawScans, Recording, RecordingFormat, UnreadTopic
-from slamsim.safe.errors import InputRefused
-from slamsim.types import Epoch
 
 _BATCH, _BATCH_BYTES = 4096, 16 << 20
 _DESCRIPTION = "robot_description"

@@ -7,7 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from slamsim.geometry import xyzw_from_matrix, xyzw_from_yaw
+from slamsim.core.geometry import xyzw_from_matrix, xyzw_from_yaw
+from slamsim.core.types import FloatArray, IntArray
+from slamsim.guard.errors import InputRefused
 from slamsim.logs.carmen import mounting_of, oddities, range_limit_of, to_single
 from slamsim.logs.carmen_content import CarmenContent, collect
 from slamsim.logs.carmen_lines import Fan, LaserLine, OdomLine
@@ -20,8 +22,6 @@ from slamsim.recording import (
     TransformEdge,
     UnreadTopic,
 )
-from slamsim.safe.errors import InputRefused
-from slamsim.types import FloatArray, IntArray
 
 _ODOM_FRAME, _BASE_FRAME = "odom", "base_link"
 _ODOM = "ODOM"

@@ -13,6 +13,7 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from slamsim.core.types import IntArray
 from slamsim.logs.bag_columns import Alike, Opened, alike, at_place, layout_for
 from slamsim.logs.cdr import CdrLayout
 from slamsim.logs.encoding import TRANSFORMS
@@ -25,7 +26,6 @@ from slamsim.recording import (
     TransformEdge,
 )
 from slamsim.recording.schemas import CLOCK, JOINTS, TRANSFORM, Field, Schema
-from slamsim.types import IntArray
 
 _Raw = TypeVar("_Raw", bound=RawStream)
 

@@ -8,12 +8,12 @@ from pathlib import Path
 
 import numpy as np
 
+from slamsim.core.types import IntArray
+from slamsim.guard.errors import SlamsimError
 from slamsim.logs.as_ros import as_ros
 from slamsim.logs.bag_folder import BagFolder, TopicKind
 from slamsim.logs.encoding import Outgoing, outgoing
 from slamsim.recording import Recording
-from slamsim.safe.errors import SlamsimError
-from slamsim.types import IntArray
 
 _WINDOW_BYTES = 32 << 20
 _LARGEST_SECOND = 2**31 - 1

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from slamsim.core.types import Log, Trajectory
+from slamsim.guard.errors import InputRefused, NotFound
+from slamsim.guard.files import own_file
 from slamsim.logs.carmen import read_carmen
 from slamsim.logs.names import LOG, TABLES
 from slamsim.logs.refusing import damaged, refusing
-from slamsim.safe.errors import InputRefused, NotFound
-from slamsim.safe.files import own_file
-from slamsim.types import Log, Trajectory
 
 _CARMEN_SUFFIXES = (".clf", ".log")
 _BAG_SUFFIXES = (".mcap", ".db3", ".bag")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from slamsim.types import Scan
+from slamsim.core.types import Scan
 
 
 class StoredScans:

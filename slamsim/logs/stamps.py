@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from decimal import Decimal, InvalidOperation
 
-from slamsim.safe.errors import shown
-from slamsim.safe.numbers import MOST_NS
-from slamsim.types import Epoch
+from slamsim.core.types import Epoch
+from slamsim.guard.errors import shown
+from slamsim.guard.numbers import MOST_NS
 
 _YEAR_2000_NS = 946_684_800 * 1_000_000_000
 

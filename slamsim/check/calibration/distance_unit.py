@@ -17,9 +17,9 @@ from slamsim.check.calibration.model import LASER_X, LASER_Y, PATH_GAIN
 from slamsim.check.motion.integrated import IntegratedMotion
 from slamsim.check.motion.laser_steps import LaserSteps
 from slamsim.check.scan_sample import positive, sample_scans
+from slamsim.core.types import FloatArray
 from slamsim.recording import Recording, ScanLayout
 from slamsim.slam.laser.scan_motion import ScanMotions
-from slamsim.types import FloatArray
 
 Side = Literal["ranges", "wheels"]
 

@@ -26,9 +26,9 @@ from slamsim.check.motion.alignment import Alignment, Shift, align, laser_path
 from slamsim.check.motion.inputs import Inputs, from_above, gather_inputs
 from slamsim.check.motion.integrated import IntegratedMotion
 from slamsim.check.motion.laser_steps import LaserSteps
+from slamsim.core.types import FloatArray
 from slamsim.recording import Recording
 from slamsim.slam.laser.scan_motion import ScanMotions
-from slamsim.types import FloatArray
 
 PSEUDO_STEP_NS = 100_000_000
 LEAST_GAIN = 1e-4

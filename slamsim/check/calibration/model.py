@@ -6,8 +6,8 @@ import numpy as np
 
 from slamsim.check.motion.integrated import IntegratedMotion, smooth_curve
 from slamsim.check.motion.laser_steps import LaserSteps
-from slamsim.geometry import between, compose, inverse, wrap_angle
-from slamsim.types import BoolArray, FloatArray
+from slamsim.core.geometry import between, compose, inverse, wrap_angle
+from slamsim.core.types import BoolArray, FloatArray
 
 UNKNOWNS = (
     "gyro_gain",

@@ -29,9 +29,9 @@ from slamsim.check.map_quality.dead_reckoning import (
 from slamsim.check.map_quality.entropy import map_entropy, placed
 from slamsim.check.map_quality.views import WindowView, window_views
 from slamsim.check.question import SURE_SIGMAS
+from slamsim.core.types import FloatArray
 from slamsim.recording import Recording
 from slamsim.slam.laser.scan_motion import ScanMotions
-from slamsim.types import FloatArray
 
 Stream = Literal["gyro", "wheel"]
 

@@ -12,7 +12,7 @@ from slamsim.check.motion.coarse_offset import Lag, Rate, coarse_lag
 from slamsim.check.motion.integrated import IntegratedMotion, rearranged
 from slamsim.check.motion.laser_steps import LaserSteps
 from slamsim.check.motion.local_lags import local_lags
-from slamsim.types import FloatArray
+from slamsim.core.types import FloatArray
 
 Wiring = Literal["as declared", "swapped", "left reversed", "right reversed", "both reversed"]
 

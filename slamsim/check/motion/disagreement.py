@@ -9,9 +9,9 @@ import numpy as np
 from slamsim.check.findings import Curve, Estimate, Finding, Mend, Plot
 from slamsim.check.motion.planar_track import planar_track, track_at
 from slamsim.check.question import Question, judge
-from slamsim.geometry import between, wrap_angle
+from slamsim.core.geometry import between, wrap_angle
+from slamsim.core.types import BoolArray, FloatArray, IntArray
 from slamsim.recording import RawOdometry, TransformEdge
-from slamsim.types import BoolArray, FloatArray, IntArray
 
 LIMIT_M = 0.1
 LIMIT_RAD = 0.06

@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from slamsim.geometry import wrap_angle, yaw_from_xyzw
+from slamsim.core.geometry import wrap_angle, yaw_from_xyzw
+from slamsim.core.types import FloatArray
 from slamsim.recording import RawScans, Recording
 from slamsim.slam.laser.scan_motion import ScanMotions, scan_motions
-from slamsim.types import FloatArray
 
 ACTIVE = 0.9
 """The quantile of a stream's values that counts as activity 1."""

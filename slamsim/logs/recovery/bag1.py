@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from contextlib import closing
 from pathlib import Path
 
+from slamsim.core.progress import Progress
 from slamsim.logs.recovery.bag1_connection import Connection
 from slamsim.logs.recovery.bag1_filler import Bag1Filler
 from slamsim.logs.recovery.bag1_salvage import (
@@ -17,7 +18,6 @@ from slamsim.logs.recovery.bag1_salvage import (
 from slamsim.logs.recovery.pieces import Gap, LoneMessage
 from slamsim.logs.recovery.source import Damaged
 from slamsim.logs.recovery.tally import Recovered, Tally, recovered
-from slamsim.progress import Progress
 
 _UNKNOWN = "messages that nothing describes any more, or that are damaged"
 

@@ -17,6 +17,8 @@ from pathlib import Path
 from struct import iter_unpack
 from typing import BinaryIO
 
+from slamsim.guard.files import open_as_found
+from slamsim.guard.limits import LIMITS
 from slamsim.logs.bag1_check import (
     BAG_HEADER,
     CHUNK,
@@ -32,8 +34,6 @@ from slamsim.logs.bag1_check import (
 from slamsim.logs.recovery.bag1_connection import Connection, connection
 from slamsim.logs.recovery.pieces import Gap, LoneMessage
 from slamsim.logs.recovery.tally import PATIENCE
-from slamsim.safe.files import open_as_found
-from slamsim.safe.limits import LIMITS
 
 Fields = dict[bytes, bytes]
 

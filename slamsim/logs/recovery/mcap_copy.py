@@ -7,11 +7,11 @@ from pathlib import Path
 
 from mcap import records
 
+from slamsim.core.progress import Progress
 from slamsim.logs.recovery.mcap_filler import McapFiller
 from slamsim.logs.recovery.mcap_salvage import McapSalvage, Piece, WholeChunk
 from slamsim.logs.recovery.pieces import Gap, LoneMessage
 from slamsim.logs.recovery.tally import Tally
-from slamsim.progress import Progress
 
 _UNUSABLE = "a message that nothing declares any more, or that is damaged"
 _UNDECLARED = "messages of channels that nothing declares any more"

@@ -19,6 +19,8 @@ from typing import BinaryIO
 from mcap import records
 from mcap.opcode import Opcode
 
+from slamsim.guard.files import open_as_found
+from slamsim.guard.limits import LIMITS
 from slamsim.logs.mcap_read import MESSAGE_HEAD, RECORD_HEAD, data_stream, read_chunk, records_in
 from slamsim.logs.mcap_stream import MAGIC
 from slamsim.logs.recovery.mcap_summary import (
@@ -30,8 +32,6 @@ from slamsim.logs.recovery.mcap_summary import (
 )
 from slamsim.logs.recovery.pieces import Gap, LoneMessage
 from slamsim.logs.recovery.tally import PATIENCE
-from slamsim.safe.files import open_as_found
-from slamsim.safe.limits import LIMITS
 
 _CHUNK_SHAPE = re.compile(
     rb"\x06(?=.{4}\0{4}.{28}(?:\x04\0\0\0zstd|\x03\0\0\0lz4|\0\0\0\0|\x04\0\0\0none).{8})",

@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
+from slamsim.core.progress import Progress, silent
+from slamsim.guard.errors import InputRefused
 from slamsim.logs.recovery.bag1 import recover_bag1
 from slamsim.logs.recovery.bag2 import recover_bag2
 from slamsim.logs.recovery.carmen import recover_carmen
 from slamsim.logs.recovery.source import Damaged, Kind
 from slamsim.logs.recovery.tables import recover_tables
 from slamsim.logs.recovery.tally import Recovered
-from slamsim.progress import Progress, silent
-from slamsim.safe.errors import InputRefused
 
 _RECOVER: Mapping[Kind, Callable[[Damaged, Path, Progress], Recovered]] = {
     "ROS 2": recover_bag2,

@@ -12,13 +12,13 @@ import zstandard
 from mcap import records
 from mcap.opcode import Opcode
 
+from slamsim.core.progress import Progress
 from slamsim.logs.mcap_read import MESSAGE_HEAD, RECORD_HEAD
 from slamsim.logs.recovery.mcap_filler import McapFiller
 from slamsim.logs.recovery.sqlite_salvage import LARGEST_ID, Row, SqliteSalvage
 from slamsim.logs.recovery.tally import Tally
 from slamsim.logs.ros_types import ros2_types
 from slamsim.logs.sqlite_read import unpacked_message
-from slamsim.progress import Progress
 
 _ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
 _MOST_CHANNELS = 65_535

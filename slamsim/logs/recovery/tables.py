@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 import pyarrow.parquet as pq
 
+from slamsim.core.progress import Progress
+from slamsim.guard.files import open_as_found
+from slamsim.guard.limits import LIMITS
 from slamsim.logs.recovery.source import Damaged
 from slamsim.logs.recovery.tally import Recovered, Tally, recovered
-from slamsim.progress import Progress
-from slamsim.safe.files import open_as_found
-from slamsim.safe.limits import LIMITS
 
 _RECEIVED = "received_ns"
 

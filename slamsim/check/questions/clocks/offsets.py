@@ -22,7 +22,7 @@ from slamsim.check.question import (
 )
 from slamsim.check.questions.streams.epochs import EPOCH_MISMATCH
 from slamsim.check.questions.streams.receipt import CLOCK_DRIFT, STAMPS_INVENTED
-from slamsim.types import FloatArray
+from slamsim.core.types import FloatArray
 
 LIMITS_S = {"gyro": 3e-4, "wheel": 2e-3, "gyro_wheel": 2e-3}
 """Offsets up to this are healthy: less than a tenth of a scan's own noise at a walking pace. Tyres

@@ -1,6 +1,6 @@
 """Is the robot description in the recording one that physics can drive?
 
-A wrong one gives plausible wrong results: see ``sim/validate.py``, which asks the same of our own.
+A wrong one gives plausible wrong results: see ``sim/robot/validate.py``, which asks the same of our own.
 """
 
 from __future__ import annotations
@@ -8,10 +8,10 @@ from __future__ import annotations
 from slamsim.check.evidence import Evidence
 from slamsim.check.findings import Finding
 from slamsim.check.question import FaultKind, Question, QuestionGroup, judge, unanswered
-from slamsim.safe.errors import InputRefused
-from slamsim.sim.urdf import Description, Unconnected, read_description
-from slamsim.sim.validate import FaultKind as ModelFaultKind
-from slamsim.sim.validate import ModelFault, model_faults
+from slamsim.guard.errors import InputRefused
+from slamsim.sim.robot.urdf import Description, Unconnected, read_description
+from slamsim.sim.robot.validate import FaultKind as ModelFaultKind
+from slamsim.sim.robot.validate import ModelFault, model_faults
 
 SUBJECT = "/robot_description"
 MAX_WHEEL_GAP_M = 0.002

@@ -25,9 +25,9 @@ from slamsim.check.questions.inertial.readings import (
     VALUES,
     check_readings,
 )
+from slamsim.core.types import GRAVITY_M_S2, BoolArray, FloatArray
+from slamsim.guard.numbers import is_sound
 from slamsim.recording import RawImu
-from slamsim.safe.numbers import is_sound
-from slamsim.types import GRAVITY_M_S2, BoolArray, FloatArray
 
 GRAVITY_LIMITS_M_S2 = (9.5, 10.5)
 """Of the mean over a drive on a floor, as Cartographer's validator has it."""

@@ -9,7 +9,7 @@ import numpy as np
 from slamsim.check.motion.alignment import Shift
 from slamsim.check.motion.integrated import IntegratedMotion
 from slamsim.check.motion.laser_steps import LaserSteps
-from slamsim.types import FloatArray, IntArray
+from slamsim.core.types import FloatArray, IntArray
 
 ROUNDS = 6
 HUBER = 1.345

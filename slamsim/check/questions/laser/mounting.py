@@ -13,8 +13,8 @@ from slamsim.check.evidence import of_calibration
 from slamsim.check.findings import Estimate, Finding, Mend
 from slamsim.check.question import FaultKind, Question, QuestionGroup, judge, unanswered
 from slamsim.check.questions.wheels.sizes import POSES_TIMES
-from slamsim.geometry import wrap_angle
-from slamsim.types import FloatArray
+from slamsim.core.geometry import wrap_angle
+from slamsim.core.types import FloatArray
 
 YAW_LIMIT_DEG, YAW_HARM_DEG = 0.3, 2.0
 PLACE_LIMIT_M, PLACE_HARM_M = 0.01, 0.05

@@ -22,8 +22,8 @@ from slamsim.check.questions.ranges.units import (
     wrong_unit,
 )
 from slamsim.check.scan_sample import ScanSample, positive, sample_scans
+from slamsim.core.types import FloatArray
 from slamsim.recording import RawScans, ScanLayout
-from slamsim.types import FloatArray
 
 MAX_OUTSIDE_SHARE = 2e-3
 """Rounding at the limits themselves puts a few readings a hair outside."""

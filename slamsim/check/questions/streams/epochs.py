@@ -7,7 +7,7 @@ import numpy as np
 from slamsim.check.findings import Curve, Finding, Mend, Plot
 from slamsim.check.question import FaultKind, Question, judge, unanswered
 from slamsim.check.questions.streams.series import StampSeries
-from slamsim.types import FloatArray
+from slamsim.core.types import FloatArray
 
 _APART_S = 60.0
 _UNIX_S = 946_684_800.0

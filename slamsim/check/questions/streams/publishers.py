@@ -19,9 +19,9 @@ from slamsim.check.question import (
     lidar_stamps,
     same_subject,
 )
-from slamsim.geometry import between, yaw_from_xyzw
+from slamsim.core.geometry import between, yaw_from_xyzw
+from slamsim.core.types import BoolArray, Float32Array, FloatArray
 from slamsim.recording import RawImu, RawOdometry, RawScans, RawStream
-from slamsim.types import BoolArray, Float32Array, FloatArray
 
 TRIPLES = 200
 """So many scans are held against their two neighbours."""

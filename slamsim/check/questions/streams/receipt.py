@@ -17,7 +17,7 @@ from slamsim.check.question import (
     unanswered,
 )
 from slamsim.check.questions.streams.series import StampSeries, spread_s
-from slamsim.types import FloatArray
+from slamsim.core.types import FloatArray
 
 MAX_LATE_S = 0.5
 """Later than any network makes them; below, only other sensors can tell."""

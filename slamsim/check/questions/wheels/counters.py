@@ -11,8 +11,8 @@ from slamsim.check.findings import Estimate, Finding, Mend
 from slamsim.check.motion.integrated import IntegratedMotion
 from slamsim.check.motion.wheel_counts import counter_range
 from slamsim.check.question import FaultKind, Question, anywhere, judge
+from slamsim.core.types import BoolArray, FloatArray
 from slamsim.recording import RawTicks
-from slamsim.types import BoolArray, FloatArray
 
 MOVED_M, MOVED_RAD = 0.05, 0.1
 """In a second: less is standing."""

@@ -21,7 +21,7 @@ from slamsim.check.question import (
     judge,
     unanswered,
 )
-from slamsim.types import BoolArray, FloatArray
+from slamsim.core.types import BoolArray, FloatArray
 
 LEAST_STEP_M = 0.003
 """Shorter steps are taken for standstill."""

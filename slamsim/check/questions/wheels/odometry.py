@@ -36,10 +36,10 @@ from slamsim.check.questions.wheels.counters import (
     counters_stand,
 )
 from slamsim.check.questions.wheels.distance_unit import WHEEL_UNIT
-from slamsim.geometry import between, yaw_from_xyzw
+from slamsim.core.geometry import between, yaw_from_xyzw
+from slamsim.core.types import BoolArray, FloatArray
+from slamsim.guard.numbers import is_sound
 from slamsim.recording import RawOdometry
-from slamsim.safe.numbers import is_sound
-from slamsim.types import BoolArray, FloatArray
 
 JUMP_M, JUMP_RAD = 0.04, 0.1
 USUAL_STEPS = 3.0

@@ -18,9 +18,9 @@ from slamsim.check.question import (
     judge,
     unanswered,
 )
+from slamsim.core.types import BoolArray, FloatArray
+from slamsim.guard.numbers import is_sound
 from slamsim.recording import RawOdometry
-from slamsim.safe.numbers import is_sound
-from slamsim.types import BoolArray, FloatArray
 
 UNIT_TOLERANCE = 0.01
 """Of a quaternion's length: what single precision rounds is far less."""
