@@ -25,9 +25,9 @@ from slamsim.bench.check.truth import truths
 from slamsim.config.run import RunConfig
 from slamsim.console.reporter import Reporter
 from slamsim.recording import Recording
-from slamsim.sensors.faults.base import CannotInject, Fault
+from slamsim.recording.edits.base import CannotEdit
+from slamsim.sensors.faults.base import Fault
 from slamsim.sensors.faults.registry import bundled_faults, load_fault
-from slamsim.sensors.faults.together import told_apart
 
 
 def outcome(
@@ -102,8 +102,8 @@ def test_pairs_can_both_be_told() -> None:
     ],
 )
 def test_what_hides_what(one: str, other: str, apart: bool) -> None:
-    assert told_apart(load_fault(one), load_fault(other)) is apart
-    assert told_apart(load_fault(other), load_fault(one)) is apart
+    assert load_fault(one).told_apart(load_fault(other)) is apart
+    assert load_fault(other).told_apart(load_fault(one)) is apart
 
 
 def test_what_was_asked_for_and_what_follows_from_it_are_not_invented() -> None:
@@ -233,7 +233,7 @@ def test_of_two_faults_no_number_is_known() -> None:
 
 def test_a_fault_that_finds_nothing_to_spoil_is_skipped() -> None:
     def spoilt(faults: Sequence[Fault]) -> Recording:
-        raise CannotInject("no gyroscope")
+        raise CannotEdit("no gyroscope")
 
     skipped = outcome_of(fault_trials([load_fault("gyro_sign")])[0], spoilt, {})
 

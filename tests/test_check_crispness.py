@@ -198,7 +198,7 @@ def test_wheels_that_turn_before_the_robot_does_are_not_named_early() -> None:
     assert doubted.verdict == "inconclusive"
     assert "crisp" in doubted.words
     assert doubted.plots[0].spans
-    assert not doubted.mends
+    assert not doubted.repairs
 
 
 def test_recorded_scans_tell_that_the_lidar_is_late() -> None:

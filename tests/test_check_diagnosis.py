@@ -23,7 +23,7 @@ def test_a_consequence_is_no_fault_of_its_own() -> None:
     found = explained([consequence, cause])
     assert [one.verdict for one in found] == ["inconclusive", "fault"]
     assert "left and right wheel are exchanged" in found[0].words
-    assert not found[0].mends
+    assert not found[0].repairs
 
 
 def test_two_faults_are_both_told() -> None:

@@ -18,12 +18,12 @@ from scan_recording import (
 )
 
 from slamsim.check.findings import Finding
-from slamsim.check.mends import apply_mends
 from slamsim.check.motion.inputs import gather_inputs
 from slamsim.check.motion.laser_motions import laser_motions
 from slamsim.check.questions.laser.laser import check_laser
 from slamsim.core.types import FloatArray
 from slamsim.recording import RawImu, RawOdometry, RawScans, Recording, RecordingFormat
+from slamsim.recording.repairs.apply import apply_repairs
 
 STEP = LIDAR.angle_step_rad
 BEAM_DT_S = LIDAR.beam_dt_ns * 1e-9
@@ -63,13 +63,13 @@ def test_rays_fixed_to_the_world_are_turned_back() -> None:
     of = world_fixed()
     motions = laser_motions(of)
     assert motions is not None
-    mend = findings(of)["laser.rotation"].mends[0]
+    mend = findings(of)["laser.rotation"].repairs[0]
     drift, offset = (float(mend.parameters[name]) for name in ("drift_rad_s", "offset_rad"))
     yaw = np.unwrap(truth().poses[:, 2])
     gyro_bias_rad_s = 0.01
     assert drift == pytest.approx(gyro_bias_rad_s, abs=1e-3)
     assert np.sin(0.5 * (offset - yaw[0])) == pytest.approx(0.0, abs=0.01)
-    assert named(apply_mends(of, [mend])) == set()
+    assert named(apply_repairs(of, [mend])) == set()
 
 
 def test_mirrored_scans_are_named() -> None:
@@ -95,7 +95,7 @@ def test_a_wrong_angle_between_beams_is_measured(error: float) -> None:
     found = findings(wrong)["laser.angle_step"]
     assert found.fault == "laser_angle_step" and found.estimate is not None
     assert found.estimate.value == pytest.approx(100.0 * error, abs=0.2)
-    assert found.mends[0].parameters["factor"] == pytest.approx(1.0 / (1.0 + error), abs=2e-3)
+    assert found.repairs[0].parameters["factor"] == pytest.approx(1.0 / (1.0 + error), abs=2e-3)
 
 
 def test_degrees_are_named() -> None:

@@ -11,7 +11,6 @@ from recording_data import recording as healthy
 
 from slamsim.check.evidence import Evidence
 from slamsim.check.findings import Finding
-from slamsim.check.mends import apply_mends
 from slamsim.check.motion.inputs import gather_inputs
 from slamsim.check.questions.frames.transforms import check_transforms
 from slamsim.check.questions.inertial.gravity import check_inertial
@@ -19,6 +18,7 @@ from slamsim.check.questions.streams.publishers import check_publishers
 from slamsim.check.questions.wheels.odometry import check_odometry
 from slamsim.check.questions.wheels.published import check_published
 from slamsim.recording import RawImu, RawOdometry, RawScans, RawTicks
+from slamsim.recording.repairs.apply import apply_repairs
 from slamsim.sensors.faults.apply import injected
 from slamsim.sensors.faults.base import Fault
 from slamsim.sensors.faults.registry import load_fault
@@ -74,7 +74,7 @@ def test_what_is_proposed_mends_it(name: str, size: float | None) -> None:
     fault = load_fault(name) if size is None else load_fault(name).with_size(size)
     broken = injected(healthy(), [fault], seed=2)
     findings = [one for one in ASKED[name](Evidence(broken)) if one.fault == fault.expects]
-    mended = apply_mends(broken, [mend for one in findings for mend in one.mends])
+    mended = apply_repairs(broken, [mend for one in findings for mend in one.repairs])
     assert fault.expects not in named(ASKED[name](Evidence(mended)))
 
 

@@ -283,4 +283,4 @@ def test_of_two_units_that_fit_the_limits_the_way_driven_chooses(
                            driven * np.nan, driven * np.nan)  # fmt: skip
     findings = range_findings(recording.with_streams(RawOdometry, (odometry,)))
     units = [finding for finding in findings if finding.fault == "range_unit"]
-    assert [unit.mends[0].parameters["factor"] for unit in units] == [factor]
+    assert [unit.repairs[0].parameters["factor"] for unit in units] == [factor]

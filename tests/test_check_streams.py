@@ -100,7 +100,7 @@ def test_an_unordered_stream_without_a_beat_is_to_be_sorted() -> None:
         wild = np.cumsum(np.random.default_rng(2).exponential(1e8, stamps_ns.size))
         return np.asarray(np.random.default_rng(3).permutation(wild), dtype=np.int64)
 
-    mends = [m for f in stamp_findings(_restamped(shuffled)) for m in f.mends if f.fault]
+    mends = [m for f in stamp_findings(_restamped(shuffled)) for m in f.repairs if f.fault]
     assert "reorder" in {mend.operation for mend in mends}
 
 
@@ -190,7 +190,7 @@ def test_the_stream_of_another_epoch_is_named_and_put_back() -> None:
     found = stamp_findings(_restamped(lambda t: t + 1_700_000_000_000_000_000))
     named = [f for f in found if f.fault]
     assert [(f.fault, f.subject) for f in named] == [("epoch_mismatch", "/scan")]
-    offset = named[0].mends[0].parameters["offset_s"]
+    offset = named[0].repairs[0].parameters["offset_s"]
     assert float(offset) == pytest.approx(-1_700_000_000.0, abs=0.1)
 
 

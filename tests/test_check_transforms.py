@@ -12,11 +12,11 @@ from hypothesis import strategies as st
 
 from slamsim.check.evidence import Evidence
 from slamsim.check.findings import Finding
-from slamsim.check.motion.frame_graph import FrameGraph
 from slamsim.check.questions.frames.transforms import check_transforms
 from slamsim.core.geometry import xyzw_from_yaw
 from slamsim.core.types import FloatArray, IntArray
 from slamsim.recording import RawOdometry, RawScans, Recording, ScanLayout, TransformEdge
+from slamsim.recording.frame_graph import FrameGraph
 
 
 def frame_findings(recording: Recording) -> list[Finding]:
@@ -105,7 +105,7 @@ def test_a_missing_odometry_link_is_what_slam_waits_for() -> None:
     found = bad(with_edges(*sound().transforms[1:]))
     assert [finding.fault for finding in found] == ["tf_missing_link"]
     assert found[0].subject == "odom -> base_footprint"
-    assert found[0].mends[0].operation == "add_odometry_transform"
+    assert found[0].repairs[0].operation == "add_odometry_transform"
 
 
 def test_a_missing_link_inside_the_robot() -> None:

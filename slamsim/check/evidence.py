@@ -8,10 +8,10 @@ from typing import TypeVar
 from slamsim.check.calibration.distance_unit import WrongUnit, in_metres, wrong_unit
 from slamsim.check.calibration.joint import Calibration, calibrate_inputs
 from slamsim.check.findings import Finding
-from slamsim.check.motion.frame_graph import FrameGraph
 from slamsim.check.motion.inputs import Inputs, gather_inputs
 from slamsim.check.motion.laser_motions import laser_motions
 from slamsim.recording import Recording
+from slamsim.recording.frame_graph import FrameGraph
 from slamsim.slam.laser.scan_motion import ScanMotions
 
 Value = TypeVar("Value")

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 from typing import Literal
 
 from slamsim.core.types import FloatArray
+from slamsim.recording.repairs.base import Repair
 
 Verdict = Literal["ok", "fault", "inconclusive"]
 
@@ -25,19 +26,6 @@ class Estimate:
     @property
     def interval(self) -> tuple[float, float]:
         return self.value - 1.96 * self.sigma, self.value + 1.96 * self.sigma
-
-
-@dataclass(frozen=True, slots=True)
-class Mend:
-    """One correction that ``slamsim fix`` can apply.
-
-    operation: its name in check/mends.py. subject: topic, frame or edge that it acts on.
-    parameters: numbers and words under names with units.
-    """
-
-    operation: str
-    subject: str
-    parameters: dict[str, float | str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -83,7 +71,7 @@ class Finding:
     advice: str = ""
     estimate: Estimate | None = None
     limit: float | None = None
-    mends: tuple[Mend, ...] = ()
+    repairs: tuple[Repair, ...] = ()
     plots: tuple[Plot, ...] = ()
 
     def __post_init__(self) -> None:
@@ -93,7 +81,7 @@ class Finding:
     def inconclusive(self, reason: str) -> Finding:
         """The same as an inconclusive answer, the reason added to its words."""
         words = f"{self.words}; {reason}"
-        return replace(self, verdict="inconclusive", fault=None, words=words, advice="", mends=())
+        return replace(self, verdict="inconclusive", fault=None, words=words, advice="", repairs=())
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -110,3 +98,8 @@ class CheckReport:
     @property
     def faults(self) -> tuple[Finding, ...]:
         return tuple(finding for finding in self.findings if finding.verdict == "fault")
+
+    @property
+    def repairs(self) -> tuple[Repair, ...]:
+        """What the faults propose, in their order."""
+        return tuple(repair for finding in self.faults for repair in finding.repairs)

@@ -10,7 +10,8 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
-from slamsim.check.findings import Estimate, Finding, Mend, Plot, Verdict
+from slamsim.check.findings import Estimate, Finding, Plot, Verdict
+from slamsim.recording.repairs.base import Repair
 
 if TYPE_CHECKING:
     from slamsim.check.evidence import Evidence
@@ -142,7 +143,7 @@ def judge(
     doubt: float | None = None,
     fault: FaultKind | None = None,
     advice: str = "",
-    mends: Iterable[Mend] = (),
+    repairs: Iterable[Repair] = (),
     plots: Iterable[Plot] = (),
     fault_plots: Iterable[Plot] = (),
 ) -> Finding:
@@ -151,7 +152,7 @@ def judge(
     words: what was found, with numbers, for each verdict where they differ; a clause without full
     stop. size: what ``decide`` judges with limit (default: the question's), harm, healthy, enough
     and doubt. verdict: given where no size decides. fault: which of the question's faults it is;
-    default: the first. advice, mends, fault_plots: kept for a fault alone.
+    default: the first. advice, repairs, fault_plots: kept for a fault alone.
     """
     shown = limit if limit is not None or size is None else question.limit
     limit = question.limit if limit is None else limit
@@ -176,7 +177,7 @@ def judge(
         advice if is_fault else "",
         size,
         shown if question.limit_of_ok or verdict != "ok" else None,
-        tuple(mends) if is_fault else (),
+        tuple(repairs) if is_fault else (),
         (*plots, *fault_plots) if is_fault else tuple(plots),
     )
 

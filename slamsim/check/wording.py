@@ -74,7 +74,7 @@ def finding_json(finding: Finding) -> dict[str, object]:
         "interval": None if estimate is None else [_number(end) for end in estimate.interval],
         "unit": None if estimate is None else estimate.unit,
         "limit": _number(finding.limit),
-        "mends": [asdict(mend) for mend in finding.mends],
+        "mends": [asdict(repair) for repair in finding.repairs],
     }
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from slamsim.core.types import Float32Array
 from slamsim.recording import RawScans, Recording
-from slamsim.recording.edits import with_odometry_edge
+from slamsim.recording.edits.frames import with_odometry_edge
 
 
 def as_ros(recording: Recording) -> Recording:

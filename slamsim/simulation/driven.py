@@ -79,7 +79,7 @@ class Driven:
         self._clean: Recording | None = None
 
     def recording(self, faults: Sequence[Fault] = ()) -> Recording:
-        """The recording with these faults. Raises CannotInject where there is nothing to spoil."""
+        """The recording with these faults. Raises CannotEdit where there is nothing to spoil."""
         if any(isinstance(fault, SensedFault) for fault in faults):
             recording = self._recorded(self._sensed(faults))
         elif self._clean is None:

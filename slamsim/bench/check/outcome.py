@@ -14,7 +14,8 @@ from slamsim.check.check import check_recording
 from slamsim.check.findings import CheckReport, Finding
 from slamsim.check.wording import JSON_VERDICTS
 from slamsim.recording import Recording
-from slamsim.sensors.faults.base import CannotInject, Fault
+from slamsim.recording.edits.base import CannotEdit
+from slamsim.sensors.faults.base import Fault
 
 Json = dict[str, object]
 
@@ -77,10 +78,10 @@ _OUTCOME = TypeAdapter(Outcome)
 def outcome_of(
     trial: Trial, spoilt: Callable[[Sequence[Fault]], Recording], truth: Truth
 ) -> Outcome:
-    """Inject and check. spoilt: gives the recording with faults, or raises CannotInject."""
+    """Inject and check. spoilt: gives the recording with faults, or raises CannotEdit."""
     try:
         recording = spoilt(trial.faults)
-    except CannotInject as error:
+    except CannotEdit as error:
         return _outcome(trial, truth, CheckReport("", ()), 0.0, str(error))
     begun_s = time.perf_counter()
     report = check_recording(recording)

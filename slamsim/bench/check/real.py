@@ -10,9 +10,10 @@ from slamsim.bench.check.outcome import Json, Outcome, outcome_of
 from slamsim.bench.check.trials import Trial, clean_trial, fault_trials
 from slamsim.logs.raw import read_recording
 from slamsim.recording import Recording
+from slamsim.recording.edits.base import CannotEdit
 from slamsim.run.naming import recording_name
 from slamsim.sensors.faults.apply import injected
-from slamsim.sensors.faults.base import CannotInject, Fault
+from slamsim.sensors.faults.base import Fault
 
 
 def recordings_at(path: Path) -> tuple[Path, ...]:
@@ -52,7 +53,7 @@ def _on_top(trial: Trial, recording: Recording, as_it_is: Outcome) -> Outcome:
 
 
 def _has_it_already(faults: Sequence[Fault]) -> Recording:
-    raise CannotInject(f"it has {' and '.join(fault.expects for fault in faults)} already")
+    raise CannotEdit(f"it has {' and '.join(fault.expects for fault in faults)} already")
 
 
 def _joined(one: Iterable[str], other: Iterable[str]) -> tuple[str, ...]:

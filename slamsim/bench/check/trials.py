@@ -8,7 +8,6 @@ from dataclasses import dataclass
 
 from slamsim.core.randomness import random_stream
 from slamsim.sensors.faults.base import Fault
-from slamsim.sensors.faults.together import told_apart
 
 CLEAN = "clean"
 
@@ -43,7 +42,7 @@ def curve_trials(faults: Sequence[Fault]) -> list[Trial]:
 
 def pair_trials(faults: Sequence[Fault], count: int, seed: int) -> list[Trial]:
     """So many random pairs whose faults can both be told, as far as there are any."""
-    pairs = [pair for pair in itertools.combinations(faults, 2) if told_apart(*pair)]
+    pairs = [pair for pair in itertools.combinations(faults, 2) if Fault.told_apart(*pair)]
     rng = random_stream(seed, "bench check", "pairs")
     chosen = rng.choice(len(pairs), size=min(count, len(pairs)), replace=False) if pairs else ()
     return [Trial("pair", pairs[int(one)]) for one in chosen]

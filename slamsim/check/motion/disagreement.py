@@ -6,12 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from slamsim.check.findings import Curve, Estimate, Finding, Mend, Plot
+from slamsim.check.findings import Curve, Estimate, Finding, Plot
 from slamsim.check.motion.planar_track import planar_track, track_at
 from slamsim.check.question import Question, judge
 from slamsim.core.geometry import between, wrap_angle
 from slamsim.core.types import BoolArray, FloatArray, IntArray
 from slamsim.recording import RawOdometry, TransformEdge
+from slamsim.recording.repairs.base import Repair
 
 LIMIT_M = 0.1
 LIMIT_RAD = 0.06
@@ -39,7 +40,7 @@ class Disagreement:
         return float(np.quantile(self.off_m, 0.95)), float(np.quantile(self.off_rad, 0.95))
 
     def judged(
-        self, question: Question, subject: str, advice: str, mends: tuple[Mend, ...] = ()
+        self, question: Question, subject: str, advice: str, repairs: tuple[Repair, ...] = ()
     ) -> Finding:
         """The answer to a question whether both tell one motion; its limit is ``LIMIT_M``."""
         at_m, at_rad = self.usual
@@ -52,7 +53,7 @@ class Disagreement:
             Estimate(at_m, 0.0, "m"),
             verdict="fault" if at_m > LIMIT_M or at_rad > LIMIT_RAD else "ok",
             advice=advice,
-            mends=mends,
+            repairs=repairs,
             fault_plots=(Plot(subject, "time (s)", "difference (m)", (curve,), (LIMIT_M,)),),
         )
 

@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from slamsim.check.motion.frame_graph import FrameGraph
 from slamsim.check.motion.integrated import (
     IntegratedMotion,
     integrated_gyro,
@@ -18,6 +17,7 @@ from slamsim.core.geometry import se2_from_se3
 from slamsim.core.types import FloatArray, IntArray
 from slamsim.guard.numbers import is_sound
 from slamsim.recording import RawImu, RawOdometry, Recording, TransformEdge
+from slamsim.recording.frame_graph import FrameGraph
 from slamsim.slam.laser.scan_motion import ScanMotions
 
 EVEN, EVEN_SHARE = 0.05, 0.98

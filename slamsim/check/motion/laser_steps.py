@@ -62,16 +62,16 @@ class LaserSteps:
         )
 
 
-def laser_steps(motions: ScanMotions, mend: bool = True) -> LaserSteps:
+def laser_steps(motions: ScanMotions, even: bool = True) -> LaserSteps:
     """Of all windows; steps that are not finite, or take no time, are left out.
 
-    mend: whether stamps that scatter are put right; not where others share them.
+    even: whether stamps that scatter are put on an even beat; not where others share them.
     """
     declared = abs(motions.sweep_s.declared)
     sweep_s = _true_sweep_s(motions.sweep_s)
     later_ns = round(0.5e9 * (sweep_s - declared))
     stamps = [window.middle_ns for window in motions.windows]
-    stamps = _evened(stamps) if mend else stamps
+    stamps = _evened(stamps) if even else stamps
     begins = [middle_ns[:-1] for middle_ns in stamps]
     ends = [middle_ns[1:] for middle_ns in stamps]
     steps = LaserSteps(

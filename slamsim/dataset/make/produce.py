@@ -22,7 +22,7 @@ from slamsim.dataset.recipe.sequence import FileFact, SequenceFacts, SequenceSpe
 from slamsim.dataset.truth.write import Truth
 from slamsim.logs.names import LOG
 from slamsim.recording import Recording
-from slamsim.recording.edits import numbered
+from slamsim.recording.edits.messages import with_sequence_numbers
 from slamsim.sensors.faults.apply import declared, faulty_sensors
 from slamsim.sensors.faults.base import Fault
 from slamsim.sensors.faults.registry import chosen_fault
@@ -52,7 +52,7 @@ def produce(spec: SequenceSpec, folder: Path) -> SequenceFacts:
     The caller discards the folder after an exception, and gives it its name when it is whole.
     Everything but ``sequence.json`` is written: log, tables, truth, configuration. The same bytes
     come of the same specification in any process. Raises SlamsimError for a world, robot or route
-    that cannot be, and CannotInject for a fault that finds nothing to spoil.
+    that cannot be, and CannotEdit for a fault that finds nothing to spoil.
     """
     ride = _Ride.planned(spec.config)
     write_config(folder, spec.config)
@@ -146,7 +146,9 @@ def _write_spoilt(
         truth.write(sensed, window)
         readings.append(replace(sensed, scans=replace(sensed.scans, truth=None)))
         windows.append(window)
-    clean = numbered(DriveRecorder(spec.name, header).take(readings, windows).recording)
+    clean = with_sequence_numbers(
+        DriveRecorder(spec.name, header).take(readings, windows).recording
+    )
     recording = declared(clean, ride.faults, config.sensors, config.seed)
     if "mcap" in spec.formats:
         moments = list(zip(readings, windows, strict=True))

@@ -25,9 +25,9 @@ from slamsim.guard.errors import SlamsimError
 from slamsim.logs.raw_writer import write_recording
 from slamsim.logs.reader import read_log
 from slamsim.recording import Recording
+from slamsim.recording.edits.base import is_odometry_edge
 from slamsim.scenarios.base import Motion, Outcome, Row, Solid
 from slamsim.scenarios.slam.variants import BUG, RIGHT, VARIANTS
-from slamsim.sensors.faults.edit import is_odometry
 from slamsim.simulation.driven import Driven
 from slamsim.slam.mapping.grid import build_grid
 from slamsim.slam.session import run_slam
@@ -103,7 +103,7 @@ def _usable_share(recording: Recording) -> float:
     """Of the scans, those whose instant odom -> base covers: what a SLAM can use that asks the
     transform tree where the robot was, as gmapping does; the others it drops as too old."""
     stamps_ns: IntArray = recording.scans[0].stamps_ns
-    edges = [edge for edge in recording.transforms if is_odometry(edge)]
+    edges = [edge for edge in recording.transforms if is_odometry_edge(edge)]
     shares = [float(covered(stamps_ns, np.sort(edge.stamps_ns)).mean()) for edge in edges]
     return min(shares, default=0.0)
 

@@ -1,4 +1,4 @@
-"""Faults put into a recording, alone or together."""
+"""Faults injected into a recording, alone or together."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from slamsim.sensors.motion import Course, Knots, as_mounted
 def injected(recording: Recording, faults: Sequence[Fault], seed: int) -> Recording:
     """The recording with all faults, one after the other; the one given is left as it was.
 
-    Raises CannotInject where one of them finds nothing to spoil.
+    Raises CannotEdit where the recording has nothing that could have one of them.
     """
     for fault in faults:
         recording = fault.inject(recording, random_stream(seed, "fault", fault.name))
@@ -45,7 +45,7 @@ def declared(
     """
     for fault in faults:
         if isinstance(fault, SensedFault):
-            recording = fault.declare(recording, config)
+            recording = fault.declare(config).apply(recording)
         else:
             recording = injected(recording, (fault,), seed)
     return recording

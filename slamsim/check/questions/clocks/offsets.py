@@ -8,7 +8,7 @@ import numpy as np
 
 from slamsim.check.calibration.joint import Calibration
 from slamsim.check.evidence import Evidence
-from slamsim.check.findings import Estimate, Finding, Mend
+from slamsim.check.findings import Estimate, Finding
 from slamsim.check.map_quality.agreement import with_map
 from slamsim.check.map_quality.crispness import crispness
 from slamsim.check.question import (
@@ -23,6 +23,7 @@ from slamsim.check.question import (
 from slamsim.check.questions.streams.epochs import EPOCH_MISMATCH
 from slamsim.check.questions.streams.receipt import CLOCK_DRIFT, STAMPS_INVENTED
 from slamsim.core.types import FloatArray
+from slamsim.recording.repairs.base import Repair
 
 LIMITS_S = {"gyro": 3e-4, "wheel": 2e-3, "gyro_wheel": 2e-3}
 """Offsets up to this are healthy: less than a tenth of a scan's own noise at a walking pace. Tyres
@@ -321,7 +322,7 @@ def _culprit(calibration: Calibration, stream: str, late_s: float) -> Finding:
         verdict="fault",
         fault=fault,
         advice=f"Subtract {late_s:.6g} s from its stamps, or stamp at the instant of measurement.",
-        mends=(Mend("shift_stamps", topic, {"offset_s": -late_s}),),
+        repairs=(Repair("shift_stamps", topic, {"offset_s": -late_s}),),
     )
 
 
@@ -370,5 +371,5 @@ def _drifts(calibration: Calibration, stream: str, rate: float, sigma: float) ->
         Estimate(rate * 1e6, sigma * 1e6, "ppm"),
         verdict="fault",
         advice="Synchronise the clocks, or stamp all streams by one.",
-        mends=(Mend("rescale_stamps", topic, correction),),
+        repairs=(Repair("rescale_stamps", topic, correction),),
     )

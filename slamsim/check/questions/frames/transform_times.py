@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from slamsim.check.findings import Estimate, Finding, Mend
+from slamsim.check.findings import Estimate, Finding
 from slamsim.check.motion.disagreement import (
     IN_COMMON,
     LIMIT_M,
@@ -14,9 +14,10 @@ from slamsim.check.motion.disagreement import (
     covered,
     disagreement,
 )
-from slamsim.check.motion.frame_graph import FrameGraph
 from slamsim.check.question import FaultKind, Question, judge, unanswered
 from slamsim.recording import RawOdometry, Recording, TransformEdge
+from slamsim.recording.frame_graph import FrameGraph
+from slamsim.recording.repairs.base import Repair
 
 MAX_UNCOVERED_SHARE = 0.02
 """A recording may begin or end a little before its transforms do."""
@@ -88,5 +89,5 @@ def _contradiction(odometry: RawOdometry, edge: TransformEdge) -> Finding:
         AGREEMENT,
         subject,
         f"Let the node that makes {odometry.topic} publish the transform as well, and nobody else.",
-        (Mend("add_odometry_transform", odometry.topic),),
+        (Repair("add_odometry_transform", odometry.topic),),
     )

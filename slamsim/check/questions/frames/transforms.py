@@ -8,8 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from slamsim.check.evidence import Evidence
-from slamsim.check.findings import Finding, Mend
-from slamsim.check.motion.frame_graph import FrameGraph
+from slamsim.check.findings import Finding
 from slamsim.check.question import FaultKind, Question, QuestionGroup, judge, unanswered
 from slamsim.check.questions.frames.transform_times import (
     AGREEMENT,
@@ -20,6 +19,8 @@ from slamsim.check.questions.frames.transform_times import (
 from slamsim.core.types import BoolArray, FloatArray
 from slamsim.guard.numbers import is_sound
 from slamsim.recording import RawOdometry, RawStream, Recording, TransformEdge
+from slamsim.recording.frame_graph import FrameGraph
+from slamsim.recording.repairs.base import Repair
 
 MAX_STATIC_CHANGE = 1e-3
 """Metres, or the entries of a rotation: a fixed transform moves by less, whatever rounds it."""
@@ -140,7 +141,7 @@ def _two_parents(graph: FrameGraph) -> Iterator[Finding]:
             verdict="fault",
             advice="Let one node publish this frame; two localisers, or a robot model and an "
             "odometry that both do, make the robot jump between them.",
-            mends=tuple(Mend("drop_transform", edge.name) for edge in edges[1:]),
+            repairs=tuple(Repair("drop_transform", edge.name) for edge in edges[1:]),
         )
 
 
@@ -167,7 +168,7 @@ def _maps(edges: tuple[TransformEdge, ...]) -> Iterator[Finding]:
                 "this recording will publish it as well",
                 verdict="fault",
                 advice="Leave it out, and record without SLAM or localiser.",
-                mends=(Mend("drop_transform", edge.name),),
+                repairs=(Repair("drop_transform", edge.name),),
             )
 
 
@@ -212,7 +213,7 @@ def _unknown_frame(stream: RawStream, frame: str, graph: FrameGraph) -> Finding:
         f"its messages name {named}, which no transform knows{hint}",
         verdict="fault",
         advice="Give the driver the frame of the robot model, or publish a transform to its own.",
-        mends=(Mend("rename_frame", stream.topic, {"frame": nearest}),) if nearest else (),
+        repairs=(Repair("rename_frame", stream.topic, {"frame": nearest}),) if nearest else (),
     )
 
 
@@ -231,7 +232,7 @@ def _odometry_link(
             "transform tree drops every scan",
             verdict="fault",
             advice=f"Publish {odom} -> {base} from the odometry.",
-            mends=(Mend("add_odometry_transform", odometry.topic),),
+            repairs=(Repair("add_odometry_transform", odometry.topic),),
         )
 
 
@@ -253,7 +254,7 @@ def _static_changes(edges: tuple[TransformEdge, ...]) -> Iterator[Finding]:
                 verdict="fault",
                 limit=MAX_STATIC_CHANGE,
                 advice="Publish it once; two publishers, or a restart with other numbers, do this.",
-                mends=(Mend("freeze_static_transform", edge.name),),
+                repairs=(Repair("freeze_static_transform", edge.name),),
             )
 
 

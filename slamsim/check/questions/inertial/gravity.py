@@ -7,8 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from slamsim.check.evidence import Evidence
-from slamsim.check.findings import Curve, Estimate, Finding, Mend, Plot
-from slamsim.check.motion.frame_graph import FrameGraph
+from slamsim.check.findings import Curve, Estimate, Finding, Plot
 from slamsim.check.motion.moving import moving_at
 from slamsim.check.question import (
     FaultKind,
@@ -28,6 +27,8 @@ from slamsim.check.questions.inertial.readings import (
 from slamsim.core.types import GRAVITY_M_S2, BoolArray, FloatArray
 from slamsim.guard.numbers import is_sound
 from slamsim.recording import RawImu
+from slamsim.recording.frame_graph import FrameGraph
+from slamsim.recording.repairs.base import Repair
 
 GRAVITY_LIMITS_M_S2 = (9.5, 10.5)
 """Of the mean over a drive on a floor, as Cartographer's validator has it."""
@@ -137,7 +138,9 @@ def _gravity(imu: RawImu, acceleration: FloatArray) -> Finding:
         advice="Multiply accelerations by 9.80665."
         if in_g
         else "Publish the raw acceleration: gravity is what tells up from down.",
-        mends=(Mend("scale_acceleration", imu.topic, {"factor": GRAVITY_M_S2}),) if in_g else (),
+        repairs=(Repair("scale_acceleration", imu.topic, {"factor": GRAVITY_M_S2}),)
+        if in_g
+        else (),
     )
 
 
@@ -171,8 +174,8 @@ def _direction(
         Estimate(tilt_deg, 0.0, "deg"),
         advice="Correct the transform of the unit's frame, or its driver's axes (REP 145: z up, "
         "+9.8).",
-        mends=(
-            Mend("rotate_imu", imu.topic, dict(zip(("up_x", "up_y", "up_z"), up, strict=True))),
+        repairs=(
+            Repair("rotate_imu", imu.topic, dict(zip(("up_x", "up_y", "up_z"), up, strict=True))),
         ),
         fault_plots=(Plot("Acceleration in the base", "sample", "m/s^2", curves, (GRAVITY_M_S2,)),),
     )

@@ -7,7 +7,7 @@ import numpy as np
 from slamsim.check.calibration.joint import Calibration
 from slamsim.check.calibration.majority import Majority, majority
 from slamsim.check.evidence import of_calibration
-from slamsim.check.findings import Estimate, Finding, Mend
+from slamsim.check.findings import Estimate, Finding
 from slamsim.check.motion.integrated import IntegratedMotion
 from slamsim.check.question import (
     FaultKind,
@@ -18,6 +18,7 @@ from slamsim.check.question import (
     unanswered,
 )
 from slamsim.check.questions.inertial.gravity import IMU_AXIS
+from slamsim.recording.repairs.base import Repair
 
 SCALE_LIMIT, SCALE_HARM = 0.01, 0.03
 """Consumer gyroscopes are sold with 1 % of scale error; 3 % are ten degrees in a full turn."""
@@ -117,7 +118,7 @@ def _scale(calibration: Calibration, gyro: IntegratedMotion, turns: Majority) ->
         harm=100.0 * SCALE_HARM,
         fault=fault,
         advice=f"Divide its rates by {unit:.5g}.",
-        mends=(Mend("scale_gyro", gyro.topic, {"factor": 1.0 / unit}),),
+        repairs=(Repair("scale_gyro", gyro.topic, {"factor": 1.0 / unit}),),
     )
 
 
@@ -132,5 +133,5 @@ def _bias(calibration: Calibration, gyro: IntegratedMotion) -> Finding:
         Estimate(bias, calibration.sigma("gyro_bias_rad_s"), "rad/s"),
         harm=BIAS_HARM_RAD_S,
         advice="Subtract its mean at rest before use.",
-        mends=(Mend("subtract_gyro_bias", gyro.topic, {"bias_rad_s": read}),),
+        repairs=(Repair("subtract_gyro_bias", gyro.topic, {"bias_rad_s": read}),),
     )

@@ -7,13 +7,14 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from slamsim.check.findings import Estimate, Finding, Mend
+from slamsim.check.findings import Estimate, Finding
 from slamsim.check.question import FaultKind, Question, judge, same_subject, unanswered
-from slamsim.check.questions.wheels.published import has_unit_length
 from slamsim.core.geometry import wrap_angle, yaw_from_xyzw
 from slamsim.core.types import BoolArray, FloatArray, IntArray
 from slamsim.guard.numbers import MOST, is_sound
 from slamsim.recording import RawImu, Recording
+from slamsim.recording.repairs.base import Repair
+from slamsim.recording.soundness import has_unit_length
 
 SPIKE_M_S2 = (3.0, 30.0)
 """Of single samples, as Cartographer's validator has it."""
@@ -105,7 +106,7 @@ def _finite(imu: RawImu, finite: BoolArray) -> Finding:
         Estimate(100.0 * broken / max(len(imu), 1), 0.0, "%"),
         advice="Publish nothing until the unit answers, and -1 as first covariance for what it "
         "does not measure: one NaN stays in a filter for ever.",
-        mends=() if whole else (Mend("drop_broken_readings", imu.topic),),
+        repairs=() if whole else (Repair("drop_broken_readings", imu.topic),),
     )
 
 
@@ -206,5 +207,5 @@ def _no_orientation(imu: RawImu, words: str) -> Finding:
         verdict="fault",
         advice="Set the first orientation covariance to -1 where the unit estimates none (REP "
         "145); filters take the numbers for a heading.",
-        mends=(Mend("drop_orientation", imu.topic),),
+        repairs=(Repair("drop_orientation", imu.topic),),
     )

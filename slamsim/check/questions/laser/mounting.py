@@ -10,11 +10,12 @@ import numpy as np
 
 from slamsim.check.calibration.joint import Calibration
 from slamsim.check.evidence import of_calibration
-from slamsim.check.findings import Estimate, Finding, Mend
+from slamsim.check.findings import Estimate, Finding
 from slamsim.check.question import FaultKind, Question, QuestionGroup, judge, unanswered
 from slamsim.check.questions.wheels.sizes import POSES_TIMES
 from slamsim.core.geometry import wrap_angle
 from slamsim.core.types import FloatArray
+from slamsim.recording.repairs.base import Repair
 
 YAW_LIMIT_DEG, YAW_HARM_DEG = 0.3, 2.0
 PLACE_LIMIT_M, PLACE_HARM_M = 0.01, 0.05
@@ -99,14 +100,14 @@ def _times(calibration: Calibration) -> float:
     return 1.0 if wheels is None or wheels.wired else POSES_TIMES
 
 
-def _mend(calibration: Calibration) -> Mend:
+def _repair(calibration: Calibration) -> Repair:
     found = {
         name: calibration.value(long)
         for name, long in zip(("x_m", "y_m", "yaw_rad"), _NAMES, strict=True)
     }
     found["yaw_rad"] = float(wrap_angle(np.asarray(found["yaw_rad"])))
     parameters: dict[str, float | str] = {"parent": calibration.inputs.base_frame, **found}
-    return Mend("set_mounting", calibration.inputs.laser_frame, parameters)
+    return Repair("set_mounting", calibration.inputs.laser_frame, parameters)
 
 
 def _yaw(calibration: Calibration, declared: FloatArray) -> Finding:
@@ -121,7 +122,7 @@ def _yaw(calibration: Calibration, declared: FloatArray) -> Finding:
         limit=_times(calibration) * YAW_LIMIT_DEG,
         harm=YAW_HARM_DEG,
         advice=f"Turn its transform by {np.degrees(off):.3f} deg about z.",
-        mends=(_mend(calibration),),
+        repairs=(_repair(calibration),),
     )
 
 
@@ -138,5 +139,5 @@ def _place(calibration: Calibration, declared: FloatArray, axis: int) -> Finding
         limit=_times(calibration) * 1e3 * PLACE_LIMIT_M,
         harm=1e3 * PLACE_HARM_M,
         advice=f"Correct {'xy'[axis]} of its transform.",
-        mends=(_mend(calibration),),
+        repairs=(_repair(calibration),),
     )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from slamsim.check.fault_groups import LIDAR_TIMES, MOUNTING, SIZES, SWEEPS
-from slamsim.check.findings import Curve, Estimate, Finding, Mend, Plot, Verdict
+from slamsim.check.findings import Curve, Estimate, Finding, Plot, Verdict
 from slamsim.check.motion.alignment import align
 from slamsim.check.motion.inputs import Inputs
 from slamsim.check.motion.laser_steps import LaserSteps
@@ -13,6 +13,7 @@ from slamsim.check.question import FaultKind, Question, anywhere, judge, unanswe
 from slamsim.check.questions.laser.gain import Gain, turn_gain
 from slamsim.check.questions.laser.heading import heading_by_path
 from slamsim.check.questions.laser.shape import LASER_ANGLE_STEP
+from slamsim.recording.repairs.base import Repair
 
 SAME_GAIN = 0.1
 """Gains this near to 1, 0 or -1 are meant to be so; less is a matter of scale, told elsewhere."""
@@ -148,8 +149,8 @@ def _judged(gains: list[Gain], inputs: Inputs) -> Finding:
         return _finding(inputs, best, words, "inconclusive")
     words = f"scans turn {best.value:.4g} times as far as the robot: {said}"
     advice = f"Divide the angle between beams by {best.value:.5g}."
-    mend = Mend("scale_angles", inputs.steps.topic, {"factor": 1.0 / best.value})
-    return _finding(inputs, best, words, "fault", LASER_ANGLE_STEP, advice, mend)
+    repair = Repair("scale_angles", inputs.steps.topic, {"factor": 1.0 / best.value})
+    return _finding(inputs, best, words, "fault", LASER_ANGLE_STEP, advice, repair)
 
 
 def _said(gain: Gain) -> str:
@@ -162,8 +163,8 @@ def _world_fixed(inputs: Inputs, gain: Gain, said: str) -> Finding:
         "Cast or publish the rays in the laser's own frame, or turn each recorded scan by the "
         "robot's heading."
     )
-    mend = Mend("turn_with_robot", inputs.steps.topic, _heading(inputs, gain.topic))
-    return _finding(inputs, gain, words, "fault", WORLD_FIXED, advice, mend)
+    repair = Repair("turn_with_robot", inputs.steps.topic, _heading(inputs, gain.topic))
+    return _finding(inputs, gain, words, "fault", WORLD_FIXED, advice, repair)
 
 
 def _heading(inputs: Inputs, topic: str) -> dict[str, float | str]:
@@ -184,15 +185,15 @@ def _mirrored(inputs: Inputs, gain: Gain, said: str) -> Finding:
     if inputs.upside_down:
         words = f"the scans turn against the robot ({said}): the frame hangs upside down, they not"
         advice = "Remove the roll of 180 degrees from the laser's frame."
-        mend = Mend("roll_frame", inputs.laser_frame, {"roll_rad": float(np.pi)})
-        return _finding(inputs, gain, words, "fault", UPSIDE_DOWN, advice, mend)
+        repair = Repair("roll_frame", inputs.laser_frame, {"roll_rad": float(np.pi)})
+        return _finding(inputs, gain, words, "fault", UPSIDE_DOWN, advice, repair)
     words = f"the scans turn against the robot ({said}): they are mirrored, or hang upside down"
     advice = (
         "Publish the beams counter-clockwise as seen from above (negate the angles), or give the "
         "laser's frame a roll of 180 degrees if it hangs upside down."
     )
-    mend = Mend("negate_angles", inputs.steps.topic)
-    return _finding(inputs, gain, words, "fault", MIRRORED, advice, mend)
+    repair = Repair("negate_angles", inputs.steps.topic)
+    return _finding(inputs, gain, words, "fault", MIRRORED, advice, repair)
 
 
 def _finding(
@@ -202,7 +203,7 @@ def _finding(
     verdict: Verdict = "ok",
     fault: FaultKind | None = None,
     advice: str = "",
-    *mends: Mend,
+    *repairs: Repair,
 ) -> Finding:
     return judge(
         ROTATION,
@@ -212,7 +213,7 @@ def _finding(
         verdict=verdict,
         fault=fault,
         advice=advice,
-        mends=mends,
+        repairs=repairs,
         plots=(_plot(gain),),
     )
 

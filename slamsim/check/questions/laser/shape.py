@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from slamsim.check.fault_groups import LIDAR_TIMES, SWEEPS
-from slamsim.check.findings import Curve, Estimate, Finding, Mend, Plot
+from slamsim.check.findings import Curve, Estimate, Finding, Plot
 from slamsim.check.question import (
     SURE_SIGMAS,
     FaultKind,
@@ -20,6 +20,7 @@ from slamsim.check.question import (
     judge,
 )
 from slamsim.recording import RecordingFormat
+from slamsim.recording.repairs.base import Repair
 from slamsim.slam.laser.scan_motion import ScanMotions, ShapeEstimate
 
 ANGLE_LIMIT, ANGLE_HARM = 5e-4, 0.01
@@ -120,7 +121,7 @@ def check_angles(motions: ScanMotions) -> list[Finding]:
         Estimate(error, 100.0 * found.sigma / found.value**2, "%"),
         harm=100.0 * ANGLE_HARM,
         advice=f"Multiply the angle between beams by {found.value:.6g}, about the middle beam.",
-        mends=(Mend("scale_angles", motions.topic, {"factor": found.value}),),
+        repairs=(Repair("scale_angles", motions.topic, {"factor": found.value}),),
     )
     return [_unit(motions), step]
 
@@ -136,7 +137,7 @@ def _unit(motions: ScanMotions) -> Finding:
         },
         verdict="ok" if motions.radians_per_unit == 1.0 else "fault",
         advice="Publish angle_min, angle_max and angle_increment in radians.",
-        mends=(Mend("angles_to_radians", motions.topic),),
+        repairs=(Repair("angles_to_radians", motions.topic),),
     )
 
 
@@ -151,7 +152,7 @@ def check_range_offset(motions: ScanMotions) -> Finding:
         Estimate(1e3 * found.value, 1e3 * found.sigma, "mm"),
         harm=1e3 * OFFSET_HARM_M,
         advice=f"Subtract {recorded:.4g} from every range.",
-        mends=(Mend("add_to_ranges", motions.topic, {"offset_m": -recorded}),),
+        repairs=(Repair("add_to_ranges", motions.topic, {"offset_m": -recorded}),),
     )
 
 
@@ -175,7 +176,7 @@ def check_sweep(motions: ScanMotions, recorded_as: RecordingFormat) -> Finding:
         enough=abs(share.value - 1.0) * abs(found.declared) > SWEEP_LIMIT_S,
         fault=fault,
         advice=advice,
-        mends=(Mend("scale_beam_times", motions.topic, {"factor": factor}),),
+        repairs=(Repair("scale_beam_times", motions.topic, {"factor": factor}),),
         plots=(_plot(found),),
     )
 
@@ -221,7 +222,7 @@ def _untimed(motions: ScanMotions, recorded_as: RecordingFormat) -> Finding:
         enough=not cannot_say,
         fault=UNTIMED,
         advice="Declare the time between beams, so that scans can be freed of motion.",
-        mends=(Mend("set_sweep", motions.topic, {"sweep_s": found.value}),),
+        repairs=(Repair("set_sweep", motions.topic, {"sweep_s": found.value}),),
         plots=(_plot(found),),
     )
 

@@ -6,10 +6,11 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from slamsim.check.findings import Curve, Estimate, Finding, Mend, Plot
+from slamsim.check.findings import Curve, Estimate, Finding, Plot
 from slamsim.check.question import FaultKind, Question, judge, unanswered
 from slamsim.check.scan_sample import ScanSample
 from slamsim.core.types import FloatArray
+from slamsim.recording.repairs.base import Repair
 from slamsim.slam.laser.own_body import (
     BESIDE,
     MAX_CONSTANT_SPREAD_M,
@@ -80,7 +81,7 @@ def _constant(topic: str, sample: ScanSample, spread_m: FloatArray, share: Float
         Estimate(float(beams), 0.0, "beams"),
         verdict="fault",
         advice="Mask these beams in the driver; a SLAM takes them for a wall that moves along.",
-        mends=tuple(Mend("drop_beams", topic, {"first": a, "last": b}) for a, b in runs),
+        repairs=tuple(Repair("drop_beams", topic, {"first": a, "last": b}) for a, b in runs),
         plots=(plot,),
     )
 

@@ -6,10 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from slamsim.check.findings import Curve, Estimate, Finding, Mend, Plot
+from slamsim.check.findings import Curve, Estimate, Finding, Plot
 from slamsim.check.question import FaultKind, Question, judge
 from slamsim.check.scan_sample import ScanSample, positive
 from slamsim.clean.no_return import find_limit
+from slamsim.recording.repairs.base import Repair
 
 MAX_ZERO_SHARE = 1e-4
 MIN_COUNT = 20
@@ -41,7 +42,7 @@ def check_no_return(topic: str, sample: ScanSample, maximum_is_usual: bool) -> F
             limit=100.0 * MAX_ZERO_SHARE,
             fault=ZERO,
             advice="Write inf where nothing came back (REP 117).",
-            mends=(Mend("zero_to_inf", topic),),
+            repairs=(Repair("zero_to_inf", topic),),
         )
     code = None if maximum_is_usual else _code_for_nothing(sample)
     if code is None:
@@ -56,7 +57,7 @@ def check_no_return(topic: str, sample: ScanSample, maximum_is_usual: bool) -> F
         verdict="fault",
         fault=MAXIMUM,
         advice="Write inf where nothing came back (REP 117), or a wall grows there.",
-        mends=(Mend("value_to_inf", topic, {"value_m": value_m}),),
+        repairs=(Repair("value_to_inf", topic, {"value_m": value_m}),),
         plots=(_histogram(topic, sample),),
     )
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from slamsim.check.evidence import Evidence
-from slamsim.check.findings import Estimate, Finding, Mend
+from slamsim.check.findings import Estimate, Finding
 from slamsim.check.question import FaultKind, Question, QuestionGroup, judge, unanswered
 from slamsim.check.questions.ranges.beams import CONSTANT, DEAD, check_beams
 from slamsim.check.questions.ranges.isolated_returns import ISOLATED, check_isolated_returns
@@ -24,6 +24,7 @@ from slamsim.check.questions.ranges.units import (
 from slamsim.check.scan_sample import ScanSample, positive, sample_scans
 from slamsim.core.types import FloatArray
 from slamsim.recording import RawScans, ScanLayout
+from slamsim.recording.repairs.base import Repair
 
 MAX_OUTSIDE_SHARE = 2e-3
 """Rounding at the limits themselves puts a few readings a hair outside."""
@@ -107,7 +108,7 @@ def _layouts(scans: RawScans) -> Iterator[Finding]:
             f"{np.degrees(layout.angle_max_rad):.2f}",
             verdict="fault",
             advice="Let angle_max be angle_min + (number of ranges - 1) x angle_increment.",
-            mends=(Mend("set_angle_max", scans.topic),),
+            repairs=(Repair("set_angle_max", scans.topic),),
         )
         return
 
@@ -137,12 +138,12 @@ def _limits(topic: str, sample: ScanSample) -> Finding:
         },
         Estimate(100.0 * outside, 0.0, "%"),
         advice="Declare what the lidar can do, or a SLAM throws good readings away.",
-        mends=(_set_limits(topic, readings, layout),),
+        repairs=(_set_limits(topic, readings, layout),),
     )
 
 
-def _set_limits(topic: str, readings: FloatArray, layout: ScanLayout) -> Mend:
+def _set_limits(topic: str, readings: FloatArray, layout: ScanLayout) -> Repair:
     """Limits that hold all readings, and what is declared where that does."""
     low = min(layout.range_min_m, 0.99 * float(readings.min()))
     high = max(layout.range_max_m, 1.01 * float(readings.max()))
-    return Mend("set_range_limits", topic, {"range_min_m": low, "range_max_m": high})
+    return Repair("set_range_limits", topic, {"range_min_m": low, "range_max_m": high})

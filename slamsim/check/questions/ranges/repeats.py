@@ -5,11 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from slamsim.check.fault_groups import LIDAR_TIMES, SIZES, SWEEPS
-from slamsim.check.findings import Estimate, Finding, Mend
+from slamsim.check.findings import Estimate, Finding
 from slamsim.check.motion.moving import moving_at
 from slamsim.check.question import FaultKind, Question, anywhere, judge, unanswered
 from slamsim.check.scan_sample import ScanSample
 from slamsim.recording import RawScans, Recording
+from slamsim.recording.repairs.base import Repair
 
 MAX_REPEATED_SHARE = 2e-3
 MIN_REPEATED = 3
@@ -57,5 +58,5 @@ def check_repeats(recording: Recording, scans: RawScans, sample: ScanSample) -> 
         Estimate(100.0 * share, 0.0, "%"),
         enough=count >= MIN_REPEATED,
         advice="Look for a driver that publishes its last buffer again, or a republisher.",
-        mends=(Mend("drop_repeated_scans", scans.topic),),
+        repairs=(Repair("drop_repeated_scans", scans.topic),),
     )

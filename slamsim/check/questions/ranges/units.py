@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from slamsim.check.findings import Estimate, Finding, Mend
+from slamsim.check.findings import Estimate, Finding
 from slamsim.check.motion.planar_track import planar_track, track_at
 from slamsim.check.question import FaultKind, Question, judge, same_subject
 from slamsim.check.scan_sample import ScanSample, positive
 from slamsim.core.geometry import wrap_angle
 from slamsim.core.types import FloatArray
 from slamsim.recording import RawScans, Recording, ScanLayout
+from slamsim.recording.repairs.base import Repair
 
 MIN_COUNT = 20
 UNITS: dict[str, float] = {
@@ -102,7 +103,7 @@ def wrong_unit(topic: str, sample: ScanSample, unit: str) -> Finding:
         verdict="fault",
         limit=sample.layout.range_max_m,
         advice=f"Multiply every range by {metres_of(unit):g}.",
-        mends=(Mend("scale_ranges", topic, {"factor": metres_of(unit)}),),
+        repairs=(Repair("scale_ranges", topic, {"factor": metres_of(unit)}),),
     )
 
 

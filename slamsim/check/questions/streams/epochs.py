@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from slamsim.check.findings import Curve, Finding, Mend, Plot
+from slamsim.check.findings import Curve, Finding, Plot
 from slamsim.check.question import FaultKind, Question, judge, unanswered
 from slamsim.check.questions.streams.series import StampSeries
 from slamsim.core.types import FloatArray
+from slamsim.recording.repairs.base import Repair
 
 _APART_S = 60.0
 _UNIX_S = 946_684_800.0
@@ -66,7 +67,7 @@ def _apart(series: StampSeries, main: list[StampSeries]) -> Finding:
         f"{off_s:.3f} s apart",
         verdict="fault",
         advice="Run all drivers on one clock, and set use_sim_time everywhere or nowhere.",
-        mends=(Mend("shift_stamps", series.subject, {"offset_s": _shift_s(series, off_s)}),),
+        repairs=(Repair("shift_stamps", series.subject, {"offset_s": _shift_s(series, off_s)}),),
         plots=(_plot([*main, series], begin_s),),
     )
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from slamsim.check.fault_groups import LIDAR_TIMES, SIZES, SWEEPS
-from slamsim.check.findings import Curve, Estimate, Finding, Mend, Plot
+from slamsim.check.findings import Curve, Estimate, Finding, Plot
 from slamsim.check.question import (
     FaultKind,
     Question,
@@ -18,6 +18,7 @@ from slamsim.check.question import (
 )
 from slamsim.check.questions.streams.series import StampSeries, spread_s
 from slamsim.core.types import FloatArray
+from slamsim.recording.repairs.base import Repair
 
 MAX_LATE_S = 0.5
 """Later than any network makes them; below, only other sensors can tell."""
@@ -99,7 +100,7 @@ def _delay(series: StampSeries) -> Finding:
         return unanswered(RECEIPT, series.subject, why)
     since_end_s = delay_s - series.lasts_ns * 1e-9
     late_s, ahead_s = float(np.median(since_end_s)), -float(np.quantile(delay_s, 0.1))
-    mends = (Mend("shift_receipt", series.subject, {"offset_s": -late_s}),)
+    repairs = (Repair("shift_receipt", series.subject, {"offset_s": -late_s}),)
     plot = Plot(
         f"Receipt of {series.subject}",
         "stamp (s)",
@@ -117,7 +118,7 @@ def _delay(series: StampSeries) -> Finding:
             fault=STAMPS_FUTURE,
             advice="Keep the clocks of all computers together (chrony, PTP), and stamp with the "
             "instant of measurement.",
-            mends=mends,
+            repairs=repairs,
             plots=(plot,),
         )
     return judge(
@@ -130,7 +131,7 @@ def _delay(series: StampSeries) -> Finding:
         Estimate(1e3 * late_s, 0.0, "ms"),
         fault=STAMPS_LATE,
         advice="Look for a queue that fills up, or for stamps of another clock.",
-        mends=mends,
+        repairs=repairs,
         fault_plots=(plot,),
     )
 
@@ -212,17 +213,17 @@ def _drifting(series: StampSeries, drift: _Drift | None, common: float) -> Findi
         "times of receipt."
         if invented
         else "Discipline the sensor's clock (PTP), or stamp by the computer's.",
-        mends=(_drift_mend(series, size.value, invented),),
+        repairs=(_drift_repair(series, size.value, invented),),
         fault_plots=(plot,),
     )
 
 
-def _drift_mend(series: StampSeries, drift_ppm: float, invented: bool) -> Mend:
+def _drift_repair(series: StampSeries, drift_ppm: float, invented: bool) -> Repair:
     if invented:
-        return Mend("stamp_by_receipt", series.subject)
+        return Repair("stamp_by_receipt", series.subject)
     origin_ns = str(int(series.stamps_ns[0]))
     slower: dict[str, float | str] = {"drift_ppm": drift_ppm, "origin_ns": origin_ns}
-    return Mend("rescale_stamps", series.subject, slower)
+    return Repair("rescale_stamps", series.subject, slower)
 
 
 def _is_even(series: StampSeries) -> bool:

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.special import pdtrc
 
 from slamsim.check.fault_groups import BY_SCANS, LIDAR_TIMES
-from slamsim.check.findings import Curve, Estimate, Finding, Mend, Plot
+from slamsim.check.findings import Curve, Estimate, Finding, Plot
 from slamsim.check.question import (
     FaultKind,
     Question,
@@ -18,6 +18,7 @@ from slamsim.check.question import (
 )
 from slamsim.check.questions.streams.rounding import in_equal_groups, rounding_step_s
 from slamsim.check.questions.streams.series import StampSeries, beat_scatter_s, is_even, spread_s
+from slamsim.recording.repairs.base import Repair
 
 MAX_ROUNDING_S = 0.014
 """Rounding to this makes errors of 4 ms: at 1 rad/s, 4 cm at a wall 10 m away. Finer steps of
@@ -150,7 +151,7 @@ def _order(series: StampSeries) -> Finding:
         size,
         advice="Look for two publishers on one topic or a clock that was set back; sort by stamp, "
         "or, where the order is right, stamp anew.",
-        mends=(Mend("restamp_evenly" if _in_order(series) else "reorder", series.subject),),
+        repairs=(Repair("restamp_evenly" if _in_order(series) else "reorder", series.subject),),
         plots=(_steps_plot(series),),
     )
 
@@ -180,7 +181,7 @@ def _rounding(series: StampSeries) -> Finding:
         limit=1e3 * min(MAX_ROUNDING_S, max(period_s, 1e-3)),
         advice="Carry stamps as integers of nanoseconds, or as seconds in double precision, from a "
         "clock with fine ticks.",
-        mends=(Mend("restamp_evenly", series.subject),),
+        repairs=(Repair("restamp_evenly", series.subject),),
         fault_plots=(_steps_plot(series, step_s),),
     )
 
@@ -194,7 +195,7 @@ def _repeats(series: StampSeries) -> Finding:
         Estimate(100.0 * repeated / len(series), 0.0, "%"),
         enough=repeated >= _MIN_REPEATED,
         advice="Stamp each message with the instant of its own measurement.",
-        mends=(Mend("restamp_evenly", series.subject),),
+        repairs=(Repair("restamp_evenly", series.subject),),
         fault_plots=(_steps_plot(series),),
     )
 
@@ -221,7 +222,7 @@ def _scatter(series: StampSeries) -> Finding:
         verdict=verdict,
         advice="Stamp with the sensor's own clock, or where the data arrive and not where they are "
         "published.",
-        mends=(Mend("restamp_evenly", series.subject),),
+        repairs=(Repair("restamp_evenly", series.subject),),
         fault_plots=(_steps_plot(series),),
     )
 

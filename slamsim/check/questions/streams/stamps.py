@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from slamsim.check.evidence import Evidence
-from slamsim.check.findings import Curve, Estimate, Finding, Mend, Plot
+from slamsim.check.findings import Curve, Estimate, Finding, Plot
 from slamsim.check.question import FaultKind, Question, QuestionGroup, judge, unanswered
 from slamsim.check.questions.streams.epochs import EPOCH, check_epochs
 from slamsim.check.questions.streams.receipt import DRIFT, RECEIPT, check_receipt
@@ -19,6 +19,7 @@ from slamsim.check.questions.streams.spacing import (
     SPACING,
     check_spacing,
 )
+from slamsim.recording.repairs.base import Repair
 
 MAX_OVERLAP = 0.02
 """Of the scan's duration. Drivers that declare the nominal speed of their motor are off by less."""
@@ -78,7 +79,7 @@ def _overlap(series: StampSeries) -> Finding:
         limit=1e3 * max(MIN_OVERLAP_S, MAX_OVERLAP * lasts_s),
         advice="Declare the time_increment that the lidar really has: at most the period over the "
         "number of beams of a full turn.",
-        mends=(Mend("scale_beam_times", series.subject, {"factor": step_s / lasts_s}),)
+        repairs=(Repair("scale_beam_times", series.subject, {"factor": step_s / lasts_s}),)
         if overlap_s > 0.0
         else (),
         fault_plots=(

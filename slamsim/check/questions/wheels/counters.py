@@ -7,12 +7,13 @@ from collections.abc import Iterator
 import numpy as np
 
 from slamsim.check.fault_groups import WHEELS
-from slamsim.check.findings import Estimate, Finding, Mend
+from slamsim.check.findings import Estimate, Finding
 from slamsim.check.motion.integrated import IntegratedMotion
 from slamsim.check.motion.wheel_counts import counter_range
 from slamsim.check.question import FaultKind, Question, anywhere, judge
 from slamsim.core.types import BoolArray, FloatArray
 from slamsim.recording import RawTicks
+from slamsim.recording.repairs.base import Repair
 
 MOVED_M, MOVED_RAD = 0.05, 0.1
 """In a second: less is standing."""
@@ -90,7 +91,7 @@ def _wrap(ticks: RawTicks) -> Finding:
         f"the counters wrap round: they have {whole} different values",
         verdict="fault",
         advice="Take differences modulo that number, or count with 32 bits or more.",
-        mends=(Mend("unwrap_ticks", ticks.topic, {"modulus": float(whole)}),),
+        repairs=(Repair("unwrap_ticks", ticks.topic, {"modulus": float(whole)}),),
     )
 
 

@@ -6,9 +6,10 @@ import numpy as np
 
 from slamsim.check.calibration.distance_unit import WrongUnit
 from slamsim.check.evidence import Evidence
-from slamsim.check.findings import Estimate, Finding, Mend
+from slamsim.check.findings import Estimate, Finding
 from slamsim.check.question import FaultKind, Question, QuestionGroup, anywhere, judge
 from slamsim.check.questions.ranges.units import RANGE_UNIT
+from slamsim.recording.repairs.base import Repair
 
 WHEEL_UNIT = FaultKind(
     "wheel_unit",
@@ -56,7 +57,7 @@ def check_unit(evidence: Evidence) -> list[Finding]:
             Estimate(ratio, sigma, "m/m") if known else None,
             verdict="fault",
             advice=f"Multiply {_what(unit)} by {unit.metres:g}.",
-            mends=(_mend(unit),),
+            repairs=(_repair(unit),),
         )
     ]
 
@@ -70,9 +71,11 @@ def _what(unit: WrongUnit) -> str:
     return "the radius of the wheels" if unit.radius_alone else "all lengths of the odometry"
 
 
-def _mend(unit: WrongUnit) -> Mend:
+def _repair(unit: WrongUnit) -> Repair:
     if unit.side == "ranges":
         limits = "scale" if unit.limits_too else "keep"
-        return Mend("scale_ranges", unit.topic, {"factor": unit.metres, "limits": limits})
+        return Repair("scale_ranges", unit.topic, {"factor": unit.metres, "limits": limits})
     track = 1.0 if unit.radius_alone else unit.metres
-    return Mend("scale_lengths", unit.topic, {"radius_factor": unit.metres, "track_factor": track})
+    return Repair(
+        "scale_lengths", unit.topic, {"radius_factor": unit.metres, "track_factor": track}
+    )

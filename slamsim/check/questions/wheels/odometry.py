@@ -12,7 +12,7 @@ from slamsim.check.calibration.distance_unit import SAME, ratio_of_units
 from slamsim.check.calibration.joint import Calibration
 from slamsim.check.calibration.slipping import Spells
 from slamsim.check.evidence import Evidence
-from slamsim.check.findings import Curve, Estimate, Finding, Mend, Plot
+from slamsim.check.findings import Curve, Estimate, Finding, Plot
 from slamsim.check.motion.integrated import (
     IntegratedMotion,
     integrated_odometry,
@@ -40,6 +40,7 @@ from slamsim.core.geometry import between, yaw_from_xyzw
 from slamsim.core.types import BoolArray, FloatArray
 from slamsim.guard.numbers import is_sound
 from slamsim.recording import RawOdometry
+from slamsim.recording.repairs.base import Repair
 
 JUMP_M, JUMP_RAD = 0.04, 0.1
 USUAL_STEPS = 3.0
@@ -245,7 +246,9 @@ def _jump(odometry: RawOdometry, jumps: FloatArray) -> Finding:
         Estimate(float(length), 0.0, "m"),
         verdict="fault",
         advice="Odometry must be continuous: corrections belong into map -> odom.",
-        mends=(Mend("remove_odometry_jumps", odometry.topic, {"longest_m": 0.5 * float(length)}),),
+        repairs=(
+            Repair("remove_odometry_jumps", odometry.topic, {"longest_m": 0.5 * float(length)}),
+        ),
     )
 
 
@@ -315,7 +318,7 @@ def _scale(
         fault=CONTRADICTS,
         advice="Compute the odometry from the counters, with the radius and track that are "
         "declared.",
-        mends=(Mend("odometry_from_ticks", odometry.topic),),
+        repairs=(Repair("odometry_from_ticks", odometry.topic),),
     )
 
 
@@ -328,6 +331,6 @@ def _other_unit(odometry: IntegratedMotion, ratio: float, metres: float) -> Find
         verdict="fault",
         fault=WHEEL_UNIT,
         advice=f"Multiply its lengths by {metres:.4g}.",
-        mends=(Mend("odometry_from_ticks", odometry.topic),),
+        repairs=(Repair("odometry_from_ticks", odometry.topic),),
     )
     return replace(finding, limit=None)  # which is one of percent

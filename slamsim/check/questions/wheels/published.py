@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from slamsim.check.evidence import Evidence
-from slamsim.check.findings import Estimate, Finding, Mend
+from slamsim.check.findings import Estimate, Finding
 from slamsim.check.motion.disagreement import IN_COMMON, LIMIT_M, disagreement
 from slamsim.check.question import (
     FaultKind,
@@ -18,12 +18,11 @@ from slamsim.check.question import (
     judge,
     unanswered,
 )
-from slamsim.core.types import BoolArray, FloatArray
-from slamsim.guard.numbers import is_sound
+from slamsim.core.types import BoolArray
 from slamsim.recording import RawOdometry
+from slamsim.recording.repairs.base import Repair
+from slamsim.recording.soundness import finite_poses, has_unit_length
 
-UNIT_TOLERANCE = 0.01
-"""Of a quaternion's length: what single precision rounds is far less."""
 REPLACED_SHARE = 0.5
 """Where more of the poses are broken than this, dropping them leaves no odometry."""
 
@@ -72,27 +71,8 @@ def check_published(evidence: Evidence) -> list[Finding]:
 GROUP = QuestionGroup("odometry", 60, (VALUES, OTHERS), check_published)
 
 
-def sound_poses(odometry: RawOdometry) -> BoolArray:
-    """(n,) which messages hold a pose and a twist."""
-    return _finite(odometry) & has_unit_length(odometry.quats_xyzw)
-
-
-def _finite(odometry: RawOdometry) -> BoolArray:
-    """(n,) of all numbers but twists that no message has, as in CARMEN logs."""
-    twists = (odometry.linear_m_s, odometry.angular_rad_s)
-    numbers = (odometry.positions_m, *(one for one in twists if np.isfinite(one).any()))
-    return is_sound(np.concatenate(numbers, axis=1))
-
-
-def has_unit_length(quats_xyzw: FloatArray) -> BoolArray:
-    """(n,) whether each quaternion is a rotation."""
-    with np.errstate(invalid="ignore", over="ignore"):
-        length = np.linalg.norm(quats_xyzw, axis=1)
-        return np.asarray(np.abs(length - 1.0) < UNIT_TOLERANCE)
-
-
 def _values(odometry: RawOdometry, has_ticks: bool) -> Finding:
-    finite = _finite(odometry)
+    finite = finite_poses(odometry)
     unit = has_unit_length(odometry.quats_xyzw)
     broken = int((~(finite & unit)).sum())
     share = broken / max(len(odometry), 1)
@@ -108,19 +88,19 @@ def _values(odometry: RawOdometry, has_ticks: bool) -> Finding:
         Estimate(100.0 * share, 0.0, "%"),
         advice="Start the quaternion at w = 1, keep it of unit length, and publish nothing where "
         "nothing is known: one NaN stays in a filter for ever.",
-        mends=_mends(odometry, finite, share, has_ticks),
+        repairs=_repairs(odometry, finite, share, has_ticks),
     )
 
 
-def _mends(
+def _repairs(
     odometry: RawOdometry, finite: BoolArray, share: float, has_ticks: bool
-) -> tuple[Mend, ...]:
+) -> tuple[Repair, ...]:
     length = np.linalg.norm(odometry.quats_xyzw, axis=1)
     if (finite & np.isfinite(length) & (length > 0.0)).all():
-        return (Mend("normalise_rotations", odometry.topic),)
+        return (Repair("normalise_rotations", odometry.topic),)
     if share < REPLACED_SHARE:
-        return (Mend("drop_broken_poses", odometry.topic),)
-    return (Mend("odometry_from_ticks", odometry.topic),) if has_ticks else ()
+        return (Repair("drop_broken_poses", odometry.topic),)
+    return (Repair("odometry_from_ticks", odometry.topic),) if has_ticks else ()
 
 
 def _contradictions(odometries: tuple[RawOdometry, ...]) -> Iterator[Finding]:

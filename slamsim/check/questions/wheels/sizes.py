@@ -7,7 +7,7 @@ import numpy as np
 from slamsim.check.calibration.joint import Calibration
 from slamsim.check.calibration.majority import Majority, majority
 from slamsim.check.evidence import of_calibration
-from slamsim.check.findings import Estimate, Finding, Mend
+from slamsim.check.findings import Estimate, Finding
 from slamsim.check.motion.integrated import IntegratedMotion
 from slamsim.check.question import (
     FaultKind,
@@ -17,6 +17,7 @@ from slamsim.check.question import (
     judge,
     unanswered,
 )
+from slamsim.recording.repairs.base import Repair
 
 RADIUS_LIMIT, TRACK_LIMIT = 0.01, 0.02
 """Careful calibration leaves 0.2 % and 0.5 % (Borenstein & Feng 1996); tape measures less."""
@@ -124,19 +125,19 @@ def _wiring(calibration: Calibration, wheels: IntegratedMotion) -> list[Finding]
             "the wheels turn the robot the other way than it turns: left and right are exchanged"
         )
         fault, advice = SWAPPED, "Exchange the two counters."
-        mend = Mend("swap_wheels", wheels.topic)
+        repair = Repair("swap_wheels", wheels.topic)
     else:
         which = wiring.split()[0]
         words = f"the {which} wheel counts backward: what it calls a path is a turn"
         fault, advice = REVERSED, "Change the sign of its counts."
-        mend = Mend("reverse_wheel", wheels.topic, {"wheel": which})
+        repair = Repair("reverse_wheel", wheels.topic, {"wheel": which})
     return [
         judge(
             *(WIRING, wheels.topic, words),
             verdict="fault",
             fault=fault,
             advice=advice,
-            mends=(mend,),
+            repairs=(repair,),
         )
     ]
 
@@ -152,7 +153,7 @@ def _radius(calibration: Calibration, wheels: IntegratedMotion) -> Finding:
         limit=100.0 * _limit(wheels, RADIUS_LIMIT),
         harm=100.0 * RADIUS_HARM,
         advice=_advice(calibration, wheels),
-        mends=(_mend(calibration, wheels),),
+        repairs=(_repair(calibration, wheels),),
     )
 
 
@@ -175,7 +176,7 @@ def _unequal(calibration: Calibration, wheels: IntegratedMotion) -> list[Finding
             Estimate(larger, sigma, "%"),
             harm=100.0 * RADIUS_HARM,
             advice=_advice(calibration, wheels),
-            mends=(_mend(calibration, wheels),),
+            repairs=(_repair(calibration, wheels),),
         )
     ]
 
@@ -194,7 +195,7 @@ def _track(calibration: Calibration, wheels: IntegratedMotion, turns: Majority) 
         limit=100.0 * _limit(wheels, TRACK_LIMIT),
         harm=100.0 * TRACK_HARM,
         advice=_advice(calibration, wheels),
-        mends=(_mend(calibration, wheels),),
+        repairs=(_repair(calibration, wheels),),
     )
 
 
@@ -213,10 +214,10 @@ def _advice(calibration: Calibration, wheels: IntegratedMotion) -> str:
     )
 
 
-def _mend(calibration: Calibration, wheels: IntegratedMotion) -> Mend:
+def _repair(calibration: Calibration, wheels: IntegratedMotion) -> Repair:
     left, right, track = _true_wheels(calibration, wheels)
     if wheels.wired:
         sizes = {"radius_factor": 0.5 * (left + right), "track_factor": track}
-        return Mend("scale_wheels", wheels.topic, dict(sizes))
+        return Repair("scale_wheels", wheels.topic, dict(sizes))
     path, turn = calibration.value("path_gain"), calibration.value("turn_gain")
-    return Mend("scale_odometry", wheels.topic, {"path_factor": path, "turn_factor": turn})
+    return Repair("scale_odometry", wheels.topic, {"path_factor": path, "turn_factor": turn})
