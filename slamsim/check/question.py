@@ -153,6 +153,9 @@ def judge(
     stop. size: what ``decide`` judges with limit (default: the question's), harm, healthy, enough
     and doubt. verdict: given where no size decides. fault: which of the question's faults it is;
     default: the first. advice, repairs, fault_plots: kept for a fault alone.
+
+    Raises ValueError for a fault or repair that the question does not declare, and without any
+    of size and verdict.
     """
     shown = limit if limit is not None or size is None else question.limit
     limit = question.limit if limit is None else limit
@@ -168,6 +171,9 @@ def judge(
     kind = (fault or question.faults[0]) if is_fault else None
     if kind is not None and kind not in question.faults:
         raise ValueError(f"{question.id} declares no fault {kind.name!r}")
+    kept = tuple(repairs) if is_fault else ()
+    if undeclared := {one.operation for one in kept} - set(question.repairs):
+        raise ValueError(f"{question.id} declares no repair {', '.join(sorted(undeclared))}")
     return Finding(
         question.id,
         subject,
@@ -177,7 +183,7 @@ def judge(
         advice if is_fault else "",
         size,
         shown if question.limit_of_ok or verdict != "ok" else None,
-        tuple(repairs) if is_fault else (),
+        kept,
         (*plots, *fault_plots) if is_fault else tuple(plots),
     )
 

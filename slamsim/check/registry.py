@@ -1,16 +1,17 @@
-"""All questions, found in the modules below ``questions/``: a new one is a new module there."""
+"""All questions, found in the modules below ``questions/``: a new one is a new module there.
+
+Or in a distribution that names its module in the entry-point group ``slamsim.check.questions``.
+"""
 
 from __future__ import annotations
 
-import pkgutil
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache
-from importlib import import_module
 from types import MappingProxyType, ModuleType
 
-from slamsim.check import questions as question_package
 from slamsim.check.question import FaultKind, Question, QuestionGroup
+from slamsim.guard.plugins import modules_in
 
 CHECKER_ERROR = FaultKind("checker_error", "slamsim itself failed on a question")
 """Reported of questions that raise: our fault, not the recording's."""
@@ -32,9 +33,10 @@ class Registry:
 def registry() -> Registry:
     """The questions of this installation; the first call imports what answers them.
 
-    Raises ValueError for an id that two questions share, and a fault that is declared twice.
+    Raises ValueError for an id that two questions share, a fault that is declared twice and a
+    question that nothing asks; SlamsimError for a distribution that cannot be imported.
     """
-    return _registry_of(_modules(question_package))
+    return _registry_of(_modules("slamsim.check.questions"))
 
 
 def fault_meaning(name: str) -> str:
@@ -66,6 +68,9 @@ def _registry_of(modules: Iterable[ModuleType]) -> Registry:
     return Registry(tuple(groups), MappingProxyType(questions), MappingProxyType(faults))
 
 
-def _modules(package: ModuleType) -> Iterator[ModuleType]:
-    for found in pkgutil.walk_packages(package.__path__, f"{package.__name__}."):
-        yield import_module(found.name)
+def _modules(package: str) -> Iterator[ModuleType]:
+    """All modules of a package and of the packages in it."""
+    for module in modules_in(package):
+        yield module
+        if hasattr(module, "__path__"):
+            yield from _modules(module.__name__)

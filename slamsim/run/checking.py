@@ -10,6 +10,8 @@ from rich.text import Text
 
 from slamsim.check.check import check_recording
 from slamsim.check.findings import CheckReport, Finding, Verdict
+from slamsim.check.question import Question
+from slamsim.check.registry import registry
 from slamsim.check.wording import as_json, headline, shown
 from slamsim.console.reporter import Reporter
 from slamsim.logs.raw import read_recording
@@ -45,6 +47,36 @@ def check_log(
         }
     )
     return report
+
+
+def question_table() -> dict[str, str]:
+    """Every question by its id: what is asked, its limit, which faults it finds."""
+    return {one.id: _declared(one) for one in registry().questions.values()}
+
+
+def question_facts() -> list[dict[str, object]]:
+    """The same with all that is declared of each."""
+    return [
+        {
+            "id": one.id,
+            "meaning": one.meaning,
+            "faults": {fault.name: fault.meaning for fault in one.faults},
+            "limit": one.limit,
+            "unit": one.unit,
+            "consequence": one.consequence,
+            "excitation_wanted": one.excitation_wanted,
+            "repairs": list(one.repairs),
+        }
+        for one in registry().questions.values()
+    ]
+
+
+def _declared(question: Question) -> str:
+    faults = ", ".join(fault.name for fault in question.faults)
+    limit = "" if question.limit is None else f" (limit {question.limit:.3g} {question.unit})"
+    words = f"{question.meaning}{limit}; else {question.consequence}"
+    words += f". Told by {question.excitation_wanted}" if question.excitation_wanted else ""
+    return f"{words}. Faults: {faults}" if faults else words
 
 
 def check_stage(recording: Recording, stages: Stages, *, quick: bool = False) -> CheckReport:

@@ -30,6 +30,7 @@ WHOLE = Question(
     "description",
     "the robot description is one that physics can drive",
     (),
+    consequence=_CONSEQUENCE,
     excitation_wanted=f"a robot description on {SUBJECT}",
 )
 UNREADABLE = _about(
