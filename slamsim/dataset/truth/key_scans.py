@@ -11,7 +11,7 @@ import numpy as np
 from slamsim.config.lidar import LidarConfig
 from slamsim.core.geometry import se3_from_parts, wrap_angle
 from slamsim.core.types import Drive, FloatArray, IntArray
-from slamsim.dataset.truth.surfaces import Surfaces
+from slamsim.dataset.truth.surfaces import TrueSurfaces
 from slamsim.sensors.motion import Course, Knots, Motion, joined, kept_since
 from slamsim.sensors.rays import beam_rays
 from slamsim.sensors.readings import ScanBatch
@@ -56,7 +56,7 @@ class KeyScans:
     """
 
     def __init__(
-        self, lidar: LidarConfig, robot: Mounted, course: Course, surfaces: Surfaces
+        self, lidar: LidarConfig, robot: Mounted, course: Course, surfaces: TrueSurfaces
     ) -> None:
         self.scans: list[KeyScan] = []
         self._lidar, self._T_base_laser, self._course = lidar, robot.T_base_laser, course

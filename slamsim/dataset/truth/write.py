@@ -8,9 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from slamsim.config.lidar import LidarConfig
-from slamsim.core.types import Drive
+from slamsim.core.types import Drive, Grid
 from slamsim.dataset.recipe.sequence import Cell, SequenceSpec
-from slamsim.dataset.truth.grid import write_occupancy
 from slamsim.dataset.truth.key_scans import MOST_BEAMS, KeyScans
 from slamsim.dataset.truth.overlap import overlapping, write_pairs
 from slamsim.dataset.truth.quality import DriveQuality, scene_numbers, view_numbers
@@ -20,7 +19,18 @@ from slamsim.logs.written import Written
 from slamsim.sensors.motion import Course
 from slamsim.sensors.readings import Readings
 from slamsim.sim.robot.model import RobotModel
+from slamsim.slam.mapping.map_files import map_files
 from slamsim.world.model import World
+
+OCCUPANCY = "occupancy"
+
+
+def write_occupancy(folder: Path, grid: Grid) -> None:
+    """``occupancy.png`` and ``occupancy.yaml``: 0 solid, 254 free, 205 out of reach."""
+    files = map_files(grid)
+    text = files["map.yaml"].decode().replace("map.pgm", f"{OCCUPANCY}.png")
+    (folder / f"{OCCUPANCY}.png").write_bytes(files["map.png"])
+    (folder / f"{OCCUPANCY}.yaml").write_text(text, encoding="utf-8")
 
 
 class Truth(Written):
