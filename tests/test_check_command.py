@@ -14,7 +14,7 @@ from recording_data import recording, scans_at, stamps
 from typer.testing import CliRunner
 
 from slamsim.check.check import check_recording
-from slamsim.check.evidence import Evidence
+from slamsim.check.evidence import RecordingEvidence
 from slamsim.check.findings import Finding
 from slamsim.check.registry import registry
 from slamsim.cli.main import app
@@ -208,7 +208,7 @@ def test_many_messages_are_checked_in_arrays() -> None:
 def test_a_question_that_raises_is_our_fault_and_does_not_cost_the_others(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    def fails(_: Evidence) -> list[Finding]:
+    def fails(_: RecordingEvidence) -> list[Finding]:
         raise ZeroDivisionError("by nothing")
 
     asked = registry()

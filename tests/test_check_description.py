@@ -6,7 +6,7 @@ import re
 
 import pytest
 
-from slamsim.check.evidence import Evidence
+from slamsim.check.evidence import RecordingEvidence
 from slamsim.check.findings import Finding
 from slamsim.check.questions.frames.description import check_description
 from slamsim.config.robot import RobotConfig
@@ -17,7 +17,7 @@ URDF = build_robot(RobotConfig()).urdf
 
 
 def asked(text: str | None) -> list[Finding]:
-    return check_description(Evidence(Recording("test", "memory", robot_description=text)))
+    return check_description(RecordingEvidence(Recording("test", "memory", robot_description=text)))
 
 
 def test_our_own_robot_is_sane() -> None:

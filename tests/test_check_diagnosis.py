@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from slamsim.check.diagnosis import explained
-from slamsim.check.findings import Estimate, Finding
+from slamsim.check.findings import Finding, Measurement
 from slamsim.check.registry import registry
 
 
@@ -60,7 +60,7 @@ def test_what_faults_explain_are_faults_and_none_explains_itself_in_a_circle() -
 
 def test_sizes_wait_until_somebody_knows_how_far_the_scans_turn() -> None:
     offset = Finding("ranges.offset", "/scan", "fault", "too long", "range_offset")
-    unsure = Estimate(18.0, 9.0, "%")
+    unsure = Measurement(18.0, 9.0, "%")
     rotation = Finding("laser.rotation", "/scan", "inconclusive", "gain 0.3", estimate=unsure)
     step = Finding("laser.angle_step", "/scan", "inconclusive", "unsure", estimate=unsure)
 
@@ -72,10 +72,10 @@ def test_sizes_wait_until_somebody_knows_how_far_the_scans_turn() -> None:
 
 def test_a_sweep_of_milliseconds_explains_no_offset_of_a_tenth_of_a_second() -> None:
     sweep = replace(
-        bad("laser.sweep", "/scan", "rolling_scan_untimed"), estimate=Estimate(8.0, 1.0, "ms")
+        bad("laser.sweep", "/scan", "rolling_scan_untimed"), estimate=Measurement(8.0, 1.0, "ms")
     )
     late = bad("time.offset.lidar", "/scan", "time_offset_lidar")
 
-    small, large = (replace(late, estimate=Estimate(ms, 1.0, "ms")) for ms in (5.0, 130.0))
+    small, large = (replace(late, estimate=Measurement(ms, 1.0, "ms")) for ms in (5.0, 130.0))
     assert names(sweep, small) == {"rolling_scan_untimed"}
     assert names(sweep, large) == {"rolling_scan_untimed", "time_offset_lidar"}

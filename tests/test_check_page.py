@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from slamsim.check.findings import CheckReport, Curve, Estimate, Finding, Plot
+from slamsim.check.findings import CheckReport, Curve, Finding, Measurement, Plot
 from slamsim.check.wording import headline
 from slamsim.report.pages.check import check_page
 
@@ -20,7 +20,7 @@ def report() -> CheckReport:
         "the scan turns 0.001 times as much as the gyroscope",
         "laser_world_fixed",
         "Take directions relative to the laser frame.",
-        Estimate(0.001, 0.002, ""),
+        Measurement(0.001, 0.002, ""),
         0.02,
         plots=(plot,),
     )

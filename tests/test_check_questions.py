@@ -18,7 +18,7 @@ from typer.testing import CliRunner
 
 from slamsim.bench.check.trials import require_known_names
 from slamsim.check import questions
-from slamsim.check.findings import Estimate
+from slamsim.check.findings import Measurement
 from slamsim.check.question import FaultKind, Question, decide, judge
 from slamsim.check.registry import CHECKER_ERROR, registry
 from slamsim.cli.main import app
@@ -41,7 +41,7 @@ QUESTION = Question(
 )
 
 sizes = st.builds(
-    Estimate,
+    Measurement,
     st.floats(-50.0, 50.0),
     st.floats(0.0, 10.0),
     st.just("ms"),
@@ -64,7 +64,7 @@ def test_every_question_declares_what_it_asks_and_what_a_fault_does() -> None:
 
 @given(size=sizes, limit=st.floats(0.1, 20.0), harm=st.floats(0.1, 60.0))
 def test_a_size_is_a_fault_only_for_certain_and_ok_only_if_no_harm_is_possible(
-    size: Estimate, limit: float, harm: float
+    size: Measurement, limit: float, harm: float
 ) -> None:
     verdict = decide(size, limit, harm)
     low, high = sorted(map(abs, size.interval))
@@ -91,7 +91,7 @@ def test_what_only_a_fault_calls_for_is_left_out_of_other_answers() -> None:
             QUESTION,
             "/scan",
             {"ok": "soon", "fault": "late"},
-            Estimate(size, 0.0, "ms"),
+            Measurement(size, 0.0, "ms"),
             advice="Sort.",
             repairs=(repair,),
         )

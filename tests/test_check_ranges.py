@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from slamsim.check.evidence import Evidence
+from slamsim.check.evidence import RecordingEvidence
 from slamsim.check.findings import Finding
 from slamsim.check.questions.inertial.gravity import check_inertial
 from slamsim.check.questions.ranges.ranges import check_ranges
@@ -19,11 +19,11 @@ from slamsim.recording import RawImu, RawOdometry, RawScans, Recording, ScanLayo
 
 
 def range_findings(recording: Recording) -> list[Finding]:
-    return check_ranges(Evidence(recording))
+    return check_ranges(RecordingEvidence(recording))
 
 
 def imu_findings(recording: Recording) -> list[Finding]:
-    return check_inertial(Evidence(recording))
+    return check_inertial(RecordingEvidence(recording))
 
 
 SECOND = 1_000_000_000
@@ -205,7 +205,7 @@ UPRIGHT, ROLLED = (0.0, 0.0, 0.0, 1.0), (np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5))
 
 def felt(imu: RawImu, quat_xyzw: tuple[float, float, float, float] = UPRIGHT) -> list[Finding]:
     return check_inertial(
-        Evidence(Recording("t", "mcap", streams=(imu,), transforms=mounted(quat_xyzw)))
+        RecordingEvidence(Recording("t", "mcap", streams=(imu,), transforms=mounted(quat_xyzw)))
     )
 
 

@@ -11,7 +11,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from recording_data import LAYOUT, edge, recording, scans_at, stamps
 
-from slamsim.check.evidence import Evidence
+from slamsim.check.evidence import RecordingEvidence
 from slamsim.check.findings import Finding
 from slamsim.check.questions.streams.rounding import rounding_step_s
 from slamsim.check.questions.streams.series import series_of
@@ -21,7 +21,7 @@ from slamsim.recording import RawImu, RawOdometry, RawScans, RawTicks, Recording
 
 
 def stamp_findings(recording: Recording) -> list[Finding]:
-    return check_stamps(Evidence(recording))
+    return check_stamps(RecordingEvidence(recording))
 
 
 RNG = np.random.default_rng(5)
@@ -268,7 +268,9 @@ def test_few_messages_and_none() -> None:
     assert stamp_findings(Recording("none", "memory"))[0].verdict == "inconclusive"
     for count in (1, 2, 3, 19):
         found = check_stamps(
-            Evidence(Recording("few", "memory", streams=(scans_at(stamps(10.0, 2.0)[:count]),)))
+            RecordingEvidence(
+                Recording("few", "memory", streams=(scans_at(stamps(10.0, 2.0)[:count]),))
+            )
         )
         assert {f.verdict for f in found if f.check == "time.spacing"} <= {"inconclusive"}
         assert not [f for f in found if f.fault]
@@ -277,7 +279,7 @@ def test_few_messages_and_none() -> None:
 def test_transforms_are_asked_for_their_order_only() -> None:
     backward = stamps(50.0, 20.0)[::-1].copy()
     found = check_stamps(
-        Evidence(
+        RecordingEvidence(
             Recording("tf", "memory", transforms=(edge("odom", "base", backward, static=False),))
         )
     )

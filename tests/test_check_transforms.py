@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from slamsim.check.evidence import Evidence
+from slamsim.check.evidence import RecordingEvidence
 from slamsim.check.findings import Finding
 from slamsim.check.questions.frames.transforms import check_transforms
 from slamsim.core.geometry import xyzw_from_yaw
@@ -20,7 +20,7 @@ from slamsim.recording.frame_graph import FrameGraph
 
 
 def frame_findings(recording: Recording) -> list[Finding]:
-    return check_transforms(Evidence(recording))
+    return check_transforms(RecordingEvidence(recording))
 
 
 SECOND = 1_000_000_000

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from slamsim.check.diagnosis import explained
-from slamsim.check.evidence import Evidence
+from slamsim.check.evidence import RecordingEvidence
 from slamsim.check.findings import CheckReport, Finding
 from slamsim.check.question import Question, QuestionGroup, judge
 from slamsim.check.registry import CHECKER_ERROR, registry
@@ -29,7 +29,7 @@ def check_recording(
     not cost the others: its finding is the fault ``checker_error``.
     """
     groups = [group for group in registry().groups if not (quick and group.thorough)]
-    evidence, errors = Evidence(recording), list[Exception]()
+    evidence, errors = RecordingEvidence(recording), list[Exception]()
     findings: list[Finding] = []
     seconds: dict[str, float] = {}
     for done, group in enumerate(groups):
@@ -42,7 +42,7 @@ def check_recording(
 
 
 def _answers(
-    group: QuestionGroup, evidence: Evidence, errors: list[Exception]
+    group: QuestionGroup, evidence: RecordingEvidence, errors: list[Exception]
 ) -> Sequence[Finding]:
     """The findings of a group; errors: those that are reported already, appended to."""
     try:

@@ -17,7 +17,7 @@ from slamsim.slam.laser.scan_motion import ScanMotions
 Value = TypeVar("Value")
 
 
-class Evidence:
+class RecordingEvidence:
     """One recording and what is derived from it.
 
     A part that fails fails every question that needs it with the same exception object.
@@ -95,10 +95,10 @@ class Evidence:
 
 def of_calibration(
     check: Callable[[Calibration], Sequence[Finding]],
-) -> Callable[[Evidence], Sequence[Finding]]:
+) -> Callable[[RecordingEvidence], Sequence[Finding]]:
     """An ``ask`` from a check of the joint calibration; without one there are no findings."""
 
-    def ask(evidence: Evidence) -> Sequence[Finding]:
+    def ask(evidence: RecordingEvidence) -> Sequence[Finding]:
         found = evidence.calibration
         return [] if found is None else check(found)
 

@@ -12,7 +12,7 @@ Verdict = Literal["ok", "fault", "inconclusive"]
 
 
 @dataclass(frozen=True, slots=True)
-class Estimate:
+class Measurement:
     """A measured size with its standard deviation, in ``unit``; the interval is 95 %.
 
     bound: the least standard deviation that any method could have on these data (Cramer-Rao).
@@ -69,7 +69,7 @@ class Finding:
     words: str
     fault: str | None = None
     advice: str = ""
-    estimate: Estimate | None = None
+    estimate: Measurement | None = None
     limit: float | None = None
     repairs: tuple[Repair, ...] = ()
     plots: tuple[Plot, ...] = ()

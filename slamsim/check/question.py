@@ -10,13 +10,13 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
-from slamsim.check.findings import Estimate, Finding, Plot, Verdict
+from slamsim.check.findings import Finding, Measurement, Plot, Verdict
 from slamsim.recording.repairs.base import Repair
 
 if TYPE_CHECKING:
-    from slamsim.check.evidence import Evidence
+    from slamsim.check.evidence import RecordingEvidence
 
-Ask = Callable[["Evidence"], Iterable[Finding]]
+Ask = Callable[["RecordingEvidence"], Iterable[Finding]]
 
 SURE_SIGMAS = 4.5
 """A size must be so far from healthy: some sixty questions are asked of every recording, and one
@@ -107,7 +107,7 @@ class QuestionGroup:
 
 
 def decide(
-    size: Estimate,
+    size: Measurement,
     limit: float,
     harm: float | None = None,
     *,
@@ -133,7 +133,7 @@ def judge(
     question: Question,
     subject: str,
     words: str | Mapping[Verdict, str],
-    size: Estimate | None = None,
+    size: Measurement | None = None,
     *,
     verdict: Verdict | None = None,
     limit: float | None = None,
@@ -193,7 +193,7 @@ def unanswered(question: Question, subject: str, words: str, plots: Iterable[Plo
     return Finding(question.id, subject, "inconclusive", words, plots=tuple(plots))
 
 
-def _why(size: Estimate, limit: float, healthy: float) -> str:
+def _why(size: Measurement, limit: float, healthy: float) -> str:
     """Why a size can be neither healthy nor a fault."""
     off = abs(size.value - healthy)
     if SURE_SIGMAS * size.sigma < off <= limit:

@@ -6,7 +6,7 @@ import math
 from collections import Counter
 from dataclasses import asdict
 
-from slamsim.check.findings import CheckReport, Estimate, Finding, Verdict
+from slamsim.check.findings import CheckReport, Finding, Measurement, Verdict
 from slamsim.check.registry import fault_meaning
 
 JSON_VERDICTS: dict[Verdict, str] = {
@@ -29,7 +29,7 @@ def headline(report: CheckReport) -> str:
     return "Nothing is wrong" + (f", but {questions} open." if unknown else ".")
 
 
-def shown(estimate: Estimate | None, limit: float | None = None) -> str:
+def shown(estimate: Measurement | None, limit: float | None = None) -> str:
     """A number with its interval and its limit, empty without one."""
     if estimate is None:
         return ""

@@ -21,7 +21,7 @@ from slamsim.check.calibration.model import (
     WHEEL_DRIFT,
     Model,
 )
-from slamsim.check.calibration.slipping import Spells, find_spells
+from slamsim.check.calibration.slipping import SlipSpells, find_spells
 from slamsim.check.motion.alignment import Alignment, Shift, align, laser_path
 from slamsim.check.motion.inputs import Inputs, from_above, gather_inputs
 from slamsim.check.motion.integrated import IntegratedMotion
@@ -49,7 +49,7 @@ class Calibration:
     alignment: Alignment
     model: Model
     fit: Fit
-    spells: Spells | None
+    spells: SlipSpells | None
 
     def value(self, name: str) -> float:
         return float(self.fit.values[UNKNOWNS.index(name)])
@@ -143,7 +143,7 @@ def calibrate_inputs(inputs: Inputs) -> Calibration | None:
     return Calibration(inputs, alignment, model, found, spells)
 
 
-def _without_slip(model: Model, start: FloatArray, found: Fit) -> tuple[Fit, Spells]:
+def _without_slip(model: Model, start: FloatArray, found: Fit) -> tuple[Fit, SlipSpells]:
     """Fitted again without the wheels where they slip, until it is plain where they do."""
     for _ in range(SLIP_ROUNDS):
         spells = find_spells(model, found.values)

@@ -23,7 +23,7 @@ MOVED_M, MOVED_RAD = 0.05, 0.1
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Spells:
+class SlipSpells:
     """Consecutive steps of about a second each.
 
     start_s: (k,) since the middle of the drive, by the lidar. step_of: (n,) the spell of each step.
@@ -47,7 +47,7 @@ class Spells:
         return np.asarray((self.slipping | self.frozen | self.odd)[self.step_of])
 
 
-def find_spells(model: Model, values: FloatArray) -> Spells:
+def find_spells(model: Model, values: FloatArray) -> SlipSpells:
     """Wheels against scans with everything else as fitted: (p,) values."""
     step_of = _numbered(model.steps)
     covered = model.rolling(values)
@@ -72,7 +72,7 @@ def find_spells(model: Model, values: FloatArray) -> Spells:
     farther = np.abs(by_wheels) > np.abs(by_scans)
     slipping = (off & lasting & farther).any(axis=1) & ~frozen
     odd = off.any(axis=1) & ~frozen & ~slipping
-    return Spells(start_s, step_of, by_wheels, by_scans, slipping, frozen, beside, odd)
+    return SlipSpells(start_s, step_of, by_wheels, by_scans, slipping, frozen, beside, odd)
 
 
 def _largest_step(

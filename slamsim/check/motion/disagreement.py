@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from slamsim.check.findings import Curve, Estimate, Finding, Plot
+from slamsim.check.findings import Curve, Finding, Measurement, Plot
 from slamsim.check.motion.planar_track import planar_track, track_at
 from slamsim.check.question import Question, judge
 from slamsim.core.geometry import between, wrap_angle
@@ -50,7 +50,7 @@ class Disagreement:
             subject,
             f"over four seconds of driving they differ by {1e3 * at_m:.3g} mm and "
             f"{np.degrees(at_rad):.3g} deg (95 % of the time less)",
-            Estimate(at_m, 0.0, "m"),
+            Measurement(at_m, 0.0, "m"),
             verdict="fault" if at_m > LIMIT_M or at_rad > LIMIT_RAD else "ok",
             advice=advice,
             repairs=repairs,

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from slamsim.check.calibration.joint import Calibration
-from slamsim.check.evidence import Evidence, of_calibration
+from slamsim.check.evidence import RecordingEvidence, of_calibration
 from slamsim.check.findings import Curve, Finding, Plot, Verdict
 from slamsim.check.question import Question, QuestionGroup, judge, unanswered
 
@@ -52,7 +52,7 @@ EXCITATION = Question(
 )
 
 
-def check_sensors(evidence: Evidence) -> list[Finding]:
+def check_sensors(evidence: RecordingEvidence) -> list[Finding]:
     """Whether there is anything to compare."""
     if evidence.calibration is not None:
         return []

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from slamsim.check.calibration.joint import Calibration
-from slamsim.check.evidence import Evidence
-from slamsim.check.findings import Estimate, Finding
+from slamsim.check.evidence import RecordingEvidence
+from slamsim.check.findings import Finding, Measurement
 from slamsim.check.map_quality.agreement import with_map
 from slamsim.check.map_quality.crispness import crispness
 from slamsim.check.question import (
@@ -128,9 +128,9 @@ class Offset:
     gained_s: float
 
     @property
-    def size(self) -> Estimate:
+    def size(self) -> Measurement:
         """In ms."""
-        return Estimate(1e3 * self.offset_s, 1e3 * self.sigma_s, "ms", 1e3 * self.bound_s)
+        return Measurement(1e3 * self.offset_s, 1e3 * self.sigma_s, "ms", 1e3 * self.bound_s)
 
     @property
     def is_off(self) -> bool:
@@ -162,7 +162,7 @@ def check_timing(calibration: Calibration) -> list[Finding]:
     ]
 
 
-def _with_map(evidence: Evidence) -> list[Finding]:
+def _with_map(evidence: RecordingEvidence) -> list[Finding]:
     """``check_timing``, and what the map says of each offset."""
     calibration, unit = evidence.calibration, evidence.wrong_unit
     if calibration is None:
@@ -318,7 +318,7 @@ def _culprit(calibration: Calibration, stream: str, late_s: float) -> Finding:
         question,
         topic,
         f"stamps of the {STREAM_NAMES[stream]} are {_signed_ms(late_s)}{how}",
-        Estimate(late_s * 1e3, sigma * 1e3, "ms"),
+        Measurement(late_s * 1e3, sigma * 1e3, "ms"),
         verdict="fault",
         fault=fault,
         advice=f"Subtract {late_s:.6g} s from its stamps, or stamp at the instant of measurement.",
@@ -343,7 +343,7 @@ def _drift(
 ) -> list[Finding]:
     if not drifting:
         best = min(offsets.values(), key=lambda one: one.drift_sigma)
-        size = Estimate(best.drift * 1e6, best.drift_sigma * 1e6, "ppm")
+        size = Measurement(best.drift * 1e6, best.drift_sigma * 1e6, "ppm")
         one, other = PAIR_WORDS[best.pair]
         words = f"clocks of {one} and {other} run apart by {size.value:.3g} ppm ± {size.sigma:.2g}"
         return [
@@ -368,7 +368,7 @@ def _drifts(calibration: Calibration, stream: str, rate: float, sigma: float) ->
         DRIFT,
         topic,
         f"its clock runs {abs(rate) * 1e6:.4g} ppm too {'fast' if rate > 0.0 else 'slow'}",
-        Estimate(rate * 1e6, sigma * 1e6, "ppm"),
+        Measurement(rate * 1e6, sigma * 1e6, "ppm"),
         verdict="fault",
         advice="Synchronise the clocks, or stamp all streams by one.",
         repairs=(Repair("rescale_stamps", topic, correction),),

@@ -5,7 +5,7 @@ A wrong one gives plausible wrong results; ``sim/robot/validate.py`` asks the sa
 
 from __future__ import annotations
 
-from slamsim.check.evidence import Evidence
+from slamsim.check.evidence import RecordingEvidence
 from slamsim.check.findings import Finding
 from slamsim.check.question import FaultKind, Question, QuestionGroup, judge, unanswered
 from slamsim.guard.errors import InputRefused
@@ -76,7 +76,7 @@ _KINDS: dict[ModelFaultKind, tuple[Question, str]] = {
 }
 
 
-def check_description(evidence: Evidence) -> list[Finding]:
+def check_description(evidence: RecordingEvidence) -> list[Finding]:
     """Mass and inertia, support wheels and wheels' heights of /robot_description."""
     text = evidence.recording.robot_description
     if text is None:

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from slamsim.check.findings import Estimate, Finding
+from slamsim.check.findings import Finding, Measurement
 from slamsim.check.motion.disagreement import (
     IN_COMMON,
     LIMIT_M,
@@ -63,7 +63,7 @@ def check_coverage(recording: Recording, graph: FrameGraph) -> Iterator[Finding]
                     "fault": f"{100.0 * share:.1f} % of the scans have no transform within "
                     f"{MAX_COVER_GAP_NS * 1e-9:g} s on both sides",
                 },
-                Estimate(100.0 * share, 0.0, "%"),
+                Measurement(100.0 * share, 0.0, "%"),
                 enough=share * len(scans) > MIN_UNCOVERED,
                 advice="Publish the transform at 10 Hz or more, on the clock of the scans, and "
                 "record it from before the first scan.",

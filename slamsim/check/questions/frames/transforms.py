@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from slamsim.check.evidence import Evidence
+from slamsim.check.evidence import RecordingEvidence
 from slamsim.check.findings import Finding
 from slamsim.check.question import FaultKind, Question, QuestionGroup, judge, unanswered
 from slamsim.check.questions.frames.transform_times import (
@@ -84,7 +84,7 @@ STATIC = Question(
 )
 
 
-def check_transforms(evidence: Evidence) -> list[Finding]:
+def check_transforms(evidence: RecordingEvidence) -> list[Finding]:
     """Missing links, two parents, loops, unknown frames, changes, coverage, contradictions."""
     recording, graph = evidence.recording, evidence.frames
     if not recording.transforms:

@@ -6,8 +6,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from slamsim.check.evidence import Evidence
-from slamsim.check.findings import Curve, Estimate, Finding, Plot
+from slamsim.check.evidence import RecordingEvidence
+from slamsim.check.findings import Curve, Finding, Measurement, Plot
 from slamsim.check.motion.moving import moving_at
 from slamsim.check.question import (
     FaultKind,
@@ -89,7 +89,7 @@ STUCK = Question(
 )
 
 
-def check_inertial(evidence: Evidence) -> list[Finding]:
+def check_inertial(evidence: RecordingEvidence) -> list[Finding]:
     """Sound readings, gravity's length and direction, and repeats, of every inertial unit."""
     recording, graph, base = evidence.recording, evidence.frames, evidence.base
     findings: list[Finding] = []
@@ -131,7 +131,7 @@ def _gravity(imu: RawImu, acceleration: FloatArray) -> Finding:
             if in_g
             else f"{words}; a unit at rest feels 9.8, upward",
         },
-        Estimate(length, 0.0, "m/s^2"),
+        Measurement(length, 0.0, "m/s^2"),
         verdict="ok" if low <= length <= high else "fault",
         limit=low,
         fault=GRAVITY_UNITS if in_g else GRAVITY_MISSING,
@@ -171,7 +171,7 @@ def _direction(
         AXIS,
         imu.topic,
         {"ok": words, "fault": f"{words}: it is felt along {sign}{axis} of {base}"},
-        Estimate(tilt_deg, 0.0, "deg"),
+        Measurement(tilt_deg, 0.0, "deg"),
         advice="Correct the transform of the unit's frame, or its driver's axes (REP 145: z up, "
         "+9.8).",
         repairs=(
@@ -199,6 +199,6 @@ def _repeats(imu: RawImu, moving: BoolArray | None) -> Finding:
         STUCK,
         imu.topic,
         f"{100.0 * share:.2g} % of the samples repeat the one before while the robot moves",
-        Estimate(100.0 * share, 0.0, "%"),
+        Measurement(100.0 * share, 0.0, "%"),
         advice="Look for a driver that publishes faster than the unit samples, or that hangs.",
     )

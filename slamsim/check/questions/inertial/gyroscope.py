@@ -7,7 +7,7 @@ import numpy as np
 from slamsim.check.calibration.joint import Calibration
 from slamsim.check.calibration.majority import Majority, majority
 from slamsim.check.evidence import of_calibration
-from slamsim.check.findings import Estimate, Finding
+from slamsim.check.findings import Finding, Measurement
 from slamsim.check.motion.integrated import IntegratedMotion
 from slamsim.check.question import (
     FaultKind,
@@ -114,7 +114,7 @@ def _scale(calibration: Calibration, gyro: IntegratedMotion, turns: Majority) ->
         SCALE,
         gyro.topic,
         words,
-        Estimate(100.0 * (read - 1.0), 100.0 * sigma, "%"),
+        Measurement(100.0 * (read - 1.0), 100.0 * sigma, "%"),
         harm=100.0 * SCALE_HARM,
         fault=fault,
         advice=f"Divide its rates by {unit:.5g}.",
@@ -130,7 +130,7 @@ def _bias(calibration: Calibration, gyro: IntegratedMotion) -> Finding:
         BIAS,
         gyro.topic,
         f"it turns by {np.degrees(bias):+.3g} deg/s at rest",
-        Estimate(bias, calibration.sigma("gyro_bias_rad_s"), "rad/s"),
+        Measurement(bias, calibration.sigma("gyro_bias_rad_s"), "rad/s"),
         harm=BIAS_HARM_RAD_S,
         advice="Subtract its mean at rest before use.",
         repairs=(Repair("subtract_gyro_bias", gyro.topic, {"bias_rad_s": read}),),

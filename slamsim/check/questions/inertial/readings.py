@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from slamsim.check.findings import Estimate, Finding
+from slamsim.check.findings import Finding, Measurement
 from slamsim.check.question import FaultKind, Question, judge, same_subject, unanswered
 from slamsim.core.geometry import wrap_angle, yaw_from_xyzw
 from slamsim.core.types import BoolArray, FloatArray, IntArray
@@ -103,7 +103,7 @@ def _finite(imu: RawImu, finite: BoolArray) -> Finding:
         VALUES,
         imu.topic,
         {"ok": "every reading is a number", "fault": words},
-        Estimate(100.0 * broken / max(len(imu), 1), 0.0, "%"),
+        Measurement(100.0 * broken / max(len(imu), 1), 0.0, "%"),
         advice="Publish nothing until the unit answers, and -1 as first covariance for what it "
         "does not measure: one NaN stays in a filter for ever.",
         repairs=() if whole else (Repair("drop_broken_readings", imu.topic),),
@@ -121,7 +121,7 @@ def _spikes(imu: RawImu, accelerations: FloatArray) -> Finding:
         SPIKES,
         imu.topic,
         {"ok": words, "fault": f"{words}, up to {length.max():.3g}"},
-        Estimate(100.0 * float(spikes.mean()), 0.0, "%"),
+        Measurement(100.0 * float(spikes.mean()), 0.0, "%"),
         enough=int(spikes.sum()) >= MIN_SPIKES,
         advice="Look for a bad bus or a unit that sits loose; a robot that takes such knocks falls "
         "over.",

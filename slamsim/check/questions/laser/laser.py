@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from slamsim.check.evidence import Evidence
+from slamsim.check.evidence import RecordingEvidence
 from slamsim.check.findings import Finding
 from slamsim.check.motion.inputs import Inputs
 from slamsim.check.question import QuestionGroup, unanswered
@@ -38,7 +38,7 @@ def check_laser(
     return [rotation, *shape, check_range_offset(motions)]
 
 
-def _asked(evidence: Evidence) -> Sequence[Finding]:
+def _asked(evidence: RecordingEvidence) -> Sequence[Finding]:
     motions = evidence.motions
     if motions is None:
         return []

@@ -10,7 +10,7 @@ import numpy as np
 
 from slamsim.check.calibration.joint import Calibration
 from slamsim.check.evidence import of_calibration
-from slamsim.check.findings import Estimate, Finding
+from slamsim.check.findings import Finding, Measurement
 from slamsim.check.question import FaultKind, Question, QuestionGroup, judge, unanswered
 from slamsim.check.questions.wheels.sizes import POSES_TIMES
 from slamsim.core.geometry import wrap_angle
@@ -118,7 +118,7 @@ def _yaw(calibration: Calibration, declared: FloatArray) -> Finding:
         YAW,
         calibration.inputs.laser_frame,
         f"the laser looks {np.degrees(off):+.3g} deg further to the left than declared",
-        Estimate(float(np.degrees(off)), float(np.degrees(sigma)), "deg"),
+        Measurement(float(np.degrees(off)), float(np.degrees(sigma)), "deg"),
         limit=_times(calibration) * YAW_LIMIT_DEG,
         harm=YAW_HARM_DEG,
         advice=f"Turn its transform by {np.degrees(off):.3f} deg about z.",
@@ -135,7 +135,7 @@ def _place(calibration: Calibration, declared: FloatArray, axis: int) -> Finding
         PLACE[axis],
         calibration.inputs.laser_frame,
         f"the laser sits {1e3 * off_m:+.1f} mm further {side} than declared",
-        Estimate(1e3 * off_m, 1e3 * calibration.sigma(name), "mm"),
+        Measurement(1e3 * off_m, 1e3 * calibration.sigma(name), "mm"),
         limit=_times(calibration) * 1e3 * PLACE_LIMIT_M,
         harm=1e3 * PLACE_HARM_M,
         advice=f"Correct {'xy'[axis]} of its transform.",

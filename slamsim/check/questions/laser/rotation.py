@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from slamsim.check.fault_groups import LIDAR_TIMES, MOUNTING, SIZES, SWEEPS
-from slamsim.check.findings import Curve, Estimate, Finding, Plot, Verdict
+from slamsim.check.findings import Curve, Finding, Measurement, Plot, Verdict
 from slamsim.check.motion.alignment import align
 from slamsim.check.motion.inputs import Inputs
 from slamsim.check.motion.laser_steps import LaserSteps
@@ -209,7 +209,7 @@ def _finding(
         ROTATION,
         inputs.steps.topic,
         words,
-        Estimate(gain.value, gain.sigma, "rad/rad"),
+        Measurement(gain.value, gain.sigma, "rad/rad"),
         verdict=verdict,
         fault=fault,
         advice=advice,

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from slamsim.check.fault_groups import LIDAR_TIMES, SWEEPS
-from slamsim.check.findings import Curve, Estimate, Finding, Plot
+from slamsim.check.findings import Curve, Finding, Measurement, Plot
 from slamsim.check.question import (
     SURE_SIGMAS,
     FaultKind,
@@ -118,7 +118,7 @@ def check_angles(motions: ScanMotions) -> list[Finding]:
         ANGLE_STEP,
         motions.topic,
         f"the declared angle between beams is {error:+.3g} % off the one at which scans fit",
-        Estimate(error, 100.0 * found.sigma / found.value**2, "%"),
+        Measurement(error, 100.0 * found.sigma / found.value**2, "%"),
         harm=100.0 * ANGLE_HARM,
         advice=f"Multiply the angle between beams by {found.value:.6g}, about the middle beam.",
         repairs=(Repair("scale_angles", motions.topic, {"factor": found.value}),),
@@ -149,7 +149,7 @@ def check_range_offset(motions: ScanMotions) -> Finding:
         RANGE_OFFSET,
         motions.topic,
         f"ranges are {1e3 * found.value:+.3g} mm too long",
-        Estimate(1e3 * found.value, 1e3 * found.sigma, "mm"),
+        Measurement(1e3 * found.value, 1e3 * found.sigma, "mm"),
         harm=1e3 * OFFSET_HARM_M,
         advice=f"Subtract {recorded:.4g} from every range.",
         repairs=(Repair("add_to_ranges", motions.topic, {"offset_m": -recorded}),),
@@ -161,7 +161,7 @@ def check_sweep(motions: ScanMotions, recorded_as: RecordingFormat) -> Finding:
     found = motions.sweep_s
     if found.declared == 0.0:
         return _untimed(motions, recorded_as)
-    share = Estimate(
+    share = Measurement(
         found.value / found.declared, found.sigma / abs(found.declared), "of the declared time"
     )
     words = f"the sweep lasts {share.value:.3g} ± {1.96 * share.sigma:.2g} of the declared time"
@@ -181,7 +181,7 @@ def check_sweep(motions: ScanMotions, recorded_as: RecordingFormat) -> Finding:
     )
 
 
-def _named(share: Estimate) -> tuple[FaultKind, str, str, float]:
+def _named(share: Measurement) -> tuple[FaultKind, str, str, float]:
     """Fault, what it says, advice, and what to multiply the time between beams by; zero and minus
     one have names of their own."""
     near = max(SURE_SIGMAS * share.sigma, MEANT)
@@ -199,7 +199,7 @@ def _named(share: Estimate) -> tuple[FaultKind, str, str, float]:
 
 def _untimed(motions: ScanMotions, recorded_as: RecordingFormat) -> Finding:
     found = motions.sweep_s
-    size, limit = Estimate(1e3 * found.value, 1e3 * found.sigma, "ms"), 1e3 * UNTIMED_LIMIT_S
+    size, limit = Measurement(1e3 * found.value, 1e3 * found.sigma, "ms"), 1e3 * UNTIMED_LIMIT_S
     words = (
         "the beams are declared as of one instant; by scans that overlap they take "
         f"{size.value:.3g} ± {1.96 * size.sigma:.2g} ms"

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from slamsim.check.findings import Curve, Estimate, Finding, Plot
+from slamsim.check.findings import Curve, Finding, Measurement, Plot
 from slamsim.check.question import FaultKind, Question, judge, unanswered
 from slamsim.check.scan_sample import ScanSample
 from slamsim.core.types import FloatArray
@@ -78,7 +78,7 @@ def _constant(topic: str, sample: ScanSample, spread_m: FloatArray, share: Float
         topic,
         f"{beams} beams always see the same (first beams {first} to {last}, at {seen_m:.2f} m): "
         "the robot itself",
-        Estimate(float(beams), 0.0, "beams"),
+        Measurement(float(beams), 0.0, "beams"),
         verdict="fault",
         advice="Mask these beams in the driver; a SLAM takes them for a wall that moves along.",
         repairs=tuple(Repair("drop_beams", topic, {"first": a, "last": b}) for a, b in runs),
@@ -101,7 +101,7 @@ def _dead(topic: str, share: FloatArray) -> Finding:
         DEAD,
         topic,
         f"{beams} beams never return anything (first beams {first} to {last})",
-        Estimate(float(beams), 0.0, "beams"),
+        Measurement(float(beams), 0.0, "beams"),
         advice="Look for something that covers the lidar, or a mask in its driver that is too "
         "wide.",
     )

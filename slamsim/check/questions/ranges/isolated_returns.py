@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from slamsim.check.findings import Estimate, Finding
+from slamsim.check.findings import Finding, Measurement
 from slamsim.check.question import FaultKind, Question, judge, unanswered
 from slamsim.check.scan_sample import ScanSample
 from slamsim.recording.repairs.base import Repair
@@ -43,7 +43,7 @@ def check_isolated_returns(topic: str, sample: ScanSample) -> Finding:
         ISOLATED,
         topic,
         f"{100.0 * share:.2g} % of the beams stand alone in one scan and are gone in the next",
-        Estimate(100.0 * share, 0.0, "%"),
+        Measurement(100.0 * share, 0.0, "%"),
         advice="Look for another lidar, sunlight or a dirty window; filter single beams.",
         repairs=(Repair("drop_stray_beams", topic),),
     )

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from slamsim.check.findings import Curve, Estimate, Finding, Plot
+from slamsim.check.findings import Curve, Finding, Measurement, Plot
 from slamsim.check.question import FaultKind, Question, judge
 from slamsim.check.scan_sample import ScanSample, positive
 from slamsim.clean.no_return import find_limit
@@ -38,7 +38,7 @@ def check_no_return(topic: str, sample: ScanSample, maximum_is_usual: bool) -> F
             NO_RETURN,
             topic,
             f"{share:.2g} % of the readings are exactly 0, which is a place and not nothing",
-            Estimate(share, 0.0, "%"),
+            Measurement(share, 0.0, "%"),
             limit=100.0 * MAX_ZERO_SHARE,
             fault=ZERO,
             advice="Write inf where nothing came back (REP 117).",
@@ -53,7 +53,7 @@ def check_no_return(topic: str, sample: ScanSample, maximum_is_usual: bool) -> F
         topic,
         f"{count} readings of {len(sample.scans)} scans are exactly {value_m:g} m, far more "
         "than just below: a code for nothing, inside the declared limits",
-        Estimate(value_m, 0.0, "m"),
+        Measurement(value_m, 0.0, "m"),
         verdict="fault",
         fault=MAXIMUM,
         advice="Write inf where nothing came back (REP 117), or a wall grows there.",

@@ -6,8 +6,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from slamsim.check.evidence import Evidence
-from slamsim.check.findings import Estimate, Finding
+from slamsim.check.evidence import RecordingEvidence
+from slamsim.check.findings import Finding, Measurement
 from slamsim.check.question import FaultKind, Question, QuestionGroup, judge, unanswered
 from slamsim.check.questions.ranges.beams import CONSTANT, DEAD, check_beams
 from slamsim.check.questions.ranges.isolated_returns import ISOLATED, check_isolated_returns
@@ -58,7 +58,7 @@ LIMITS = Question(
 )
 
 
-def check_ranges(evidence: Evidence) -> list[Finding]:
+def check_ranges(evidence: RecordingEvidence) -> list[Finding]:
     """Layout, unit, limits, no-return codes, stuck, constant and isolated beams of every lidar."""
     recording = evidence.recording
     findings: list[Finding] = []
@@ -136,7 +136,7 @@ def _limits(topic: str, sample: ScanSample) -> Finding:
             "fault": f"{100.0 * outside:.2g} % of the readings lie outside ({low:.3g} to "
             f"{high:.3g} m are 99.8 % of them), {declared(layout)}",
         },
-        Estimate(100.0 * outside, 0.0, "%"),
+        Measurement(100.0 * outside, 0.0, "%"),
         advice="Declare what the lidar can do, or a SLAM throws good readings away.",
         repairs=(_set_limits(topic, readings, layout),),
     )

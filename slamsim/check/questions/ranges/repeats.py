@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from slamsim.check.fault_groups import LIDAR_TIMES, SIZES, SWEEPS
-from slamsim.check.findings import Estimate, Finding
+from slamsim.check.findings import Finding, Measurement
 from slamsim.check.motion.moving import moving_at
 from slamsim.check.question import FaultKind, Question, anywhere, judge, unanswered
 from slamsim.check.scan_sample import ScanSample
@@ -55,7 +55,7 @@ def check_repeats(recording: Recording, scans: RawScans, sample: ScanSample) -> 
             "fault": f"{count} scans repeat the ranges of the one before bit for bit while the "
             f"robot moves, first after {first_s:.1f} s",
         },
-        Estimate(100.0 * share, 0.0, "%"),
+        Measurement(100.0 * share, 0.0, "%"),
         enough=count >= MIN_REPEATED,
         advice="Look for a driver that publishes its last buffer again, or a republisher.",
         repairs=(Repair("drop_repeated_scans", scans.topic),),

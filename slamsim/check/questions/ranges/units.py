@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from slamsim.check.findings import Estimate, Finding
+from slamsim.check.findings import Finding, Measurement
 from slamsim.check.motion.planar_track import planar_track, track_at
 from slamsim.check.question import FaultKind, Question, judge, same_subject
 from slamsim.check.scan_sample import ScanSample, positive
@@ -99,7 +99,7 @@ def wrong_unit(topic: str, sample: ScanSample, unit: str) -> Finding:
         UNIT,
         topic,
         f"half of all readings are above {middle:.4g}, {declared(sample.layout)}: these are {unit}",
-        Estimate(middle, 0.0, "m"),
+        Measurement(middle, 0.0, "m"),
         verdict="fault",
         limit=sample.layout.range_max_m,
         advice=f"Multiply every range by {metres_of(unit):g}.",

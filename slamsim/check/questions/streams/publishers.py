@@ -7,9 +7,9 @@ from typing import TypeVar
 
 import numpy as np
 
-from slamsim.check.evidence import Evidence
+from slamsim.check.evidence import RecordingEvidence
 from slamsim.check.fault_groups import BY_SCANS, STAMPS
-from slamsim.check.findings import Estimate, Finding
+from slamsim.check.findings import Finding, Measurement
 from slamsim.check.question import (
     FaultKind,
     Question,
@@ -70,7 +70,7 @@ FRAMES = Question(
 )
 
 
-def check_publishers(evidence: Evidence) -> list[Finding]:
+def check_publishers(evidence: RecordingEvidence) -> list[Finding]:
     """Each topic with one publisher, each sensor's frame on one topic."""
     recording = evidence.recording
     streams: list[RawStream] = [*recording.scans, *recording.imus, *recording.odometries]
@@ -104,7 +104,7 @@ def _topic(stream: RawStream) -> Finding:
         PUBLISHERS,
         stream.topic,
         {"ok": "its messages name one frame and follow from each other", "fault": fault},
-        Estimate(100.0 * share, 0.0, "%"),
+        Measurement(100.0 * share, 0.0, "%"),
         advice="Give each publisher a topic of its own: remap one of them, or end the node that "
         "was started twice.",
     )

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from slamsim.check.fault_groups import LIDAR_TIMES, SIZES, SWEEPS
-from slamsim.check.findings import Curve, Estimate, Finding, Plot
+from slamsim.check.findings import Curve, Finding, Measurement, Plot
 from slamsim.check.question import (
     FaultKind,
     Question,
@@ -113,7 +113,7 @@ def _delay(series: StampSeries) -> Finding:
             RECEIPT,
             series.subject,
             f"messages are received {1e3 * ahead_s:.4g} ms and more before their stamp",
-            Estimate(1e3 * ahead_s, 0.0, "ms"),
+            Measurement(1e3 * ahead_s, 0.0, "ms"),
             limit=1e3 * MAX_AHEAD_S,
             fault=STAMPS_FUTURE,
             advice="Keep the clocks of all computers together (chrony, PTP), and stamp with the "
@@ -128,7 +128,7 @@ def _delay(series: StampSeries) -> Finding:
             "ok": f"messages are received {1e3 * late_s:.3g} ms after the end of measuring",
             "fault": f"messages are received {late_s:.3f} s after the end of measuring",
         },
-        Estimate(1e3 * late_s, 0.0, "ms"),
+        Measurement(1e3 * late_s, 0.0, "ms"),
         fault=STAMPS_LATE,
         advice="Look for a queue that fills up, or for stamps of another clock.",
         repairs=repairs,
@@ -185,7 +185,7 @@ def _drifting(series: StampSeries, drift: _Drift | None, common: float) -> Findi
         words = _silent(series) or "too few messages or too short a time to see a drift"
         return unanswered(DRIFT, series.subject, words)
     gained = common - drift.rate
-    size = Estimate(1e6 * gained, 1e6 * drift.sigma, "ppm")
+    size = Measurement(1e6 * gained, 1e6 * drift.sigma, "ppm")
     limit_ppm = max(MAX_DRIFT_PPM, 1e6 * MAX_GAINED_S / series.span_s)
     words = f"the clock of the stamps gains {size.value:.3g} ppm on the receiver's"
     invented = abs(size.value) > INVENTED_PPM and _is_even(series)

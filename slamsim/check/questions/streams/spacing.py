@@ -6,7 +6,7 @@ import numpy as np
 from scipy.special import pdtrc
 
 from slamsim.check.fault_groups import BY_SCANS, LIDAR_TIMES
-from slamsim.check.findings import Curve, Estimate, Finding, Plot
+from slamsim.check.findings import Curve, Finding, Measurement, Plot
 from slamsim.check.question import (
     FaultKind,
     Question,
@@ -140,7 +140,7 @@ def check_spacing(series: StampSeries) -> list[Finding]:
 def _order(series: StampSeries) -> Finding:
     steps_s = series.steps_s
     backward = int((steps_s < 0.0).sum())
-    size = Estimate(float(backward), 0.0, ORDER.unit)
+    size = Measurement(float(backward), 0.0, ORDER.unit)
     if not backward:
         return judge(ORDER, series.subject, "stamps never go backward", size)
     return judge(
@@ -177,7 +177,7 @@ def _rounding(series: StampSeries) -> Finding:
             "fault": f"stamps are multiples of {step_s:.6g} s{cause}, while messages come every "
             f"{period_s:.4g} s",
         },
-        Estimate(1e3 * step_s, 0.0, "ms"),
+        Measurement(1e3 * step_s, 0.0, "ms"),
         limit=1e3 * min(MAX_ROUNDING_S, max(period_s, 1e-3)),
         advice="Carry stamps as integers of nanoseconds, or as seconds in double precision, from a "
         "clock with fine ticks.",
@@ -192,7 +192,7 @@ def _repeats(series: StampSeries) -> Finding:
         REPEATS,
         series.subject,
         f"{repeated} of {len(series)} messages carry the stamp of another one",
-        Estimate(100.0 * repeated / len(series), 0.0, "%"),
+        Measurement(100.0 * repeated / len(series), 0.0, "%"),
         enough=repeated >= _MIN_REPEATED,
         advice="Stamp each message with the instant of its own measurement.",
         repairs=(Repair("restamp_evenly", series.subject),),
@@ -210,7 +210,7 @@ def _scatter(series: StampSeries) -> Finding:
         return unanswered(SCATTER, series.subject, words, (_steps_plot(series),))
     error_s = scatter_s / np.sqrt(len(series) / 10.0)
     # Its sigma is a share of it: by sigmas off 0 the length of the log alone would decide.
-    verdict = decide(Estimate(scatter_s, 0.0, "s"), MAX_SCATTER_S)
+    verdict = decide(Measurement(scatter_s, 0.0, "s"), MAX_SCATTER_S)
     return judge(
         SCATTER,
         series.subject,
@@ -218,7 +218,7 @@ def _scatter(series: StampSeries) -> Finding:
             "ok": f"stamps keep to an even beat within {1e3 * scatter_s:.2g} ms",
             "fault": f"stamps scatter by {1e3 * scatter_s:.3g} ms about an even beat",
         },
-        Estimate(1e3 * scatter_s, 1e3 * float(error_s), "ms"),
+        Measurement(1e3 * scatter_s, 1e3 * float(error_s), "ms"),
         verdict=verdict,
         advice="Stamp with the sensor's own clock, or where the data arrive and not where they are "
         "published.",
@@ -242,9 +242,9 @@ def _gaps(series: StampSeries, countable: bool) -> Finding:
     sent = missing + len(series)
     by_chance = missing == 0 or pdtrc(missing - 1, _USUAL_LOSS * sent) > _CHANCE
     share = 0.0 if by_chance else missing / sent
-    size, limit = Estimate(100.0 * share, 0.0, "%"), 100.0 * MAX_MISSING_SHARE
+    size, limit = Measurement(100.0 * share, 0.0, "%"), 100.0 * MAX_MISSING_SHARE
     if share <= MAX_MISSING_SHARE and longest_s > longest_limit_s:
-        size, limit = Estimate(longest_s, 0.0, "s"), longest_limit_s
+        size, limit = Measurement(longest_s, 0.0, "s"), longest_limit_s
     return judge(
         GAPS,
         series.subject,

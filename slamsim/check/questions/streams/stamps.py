@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from slamsim.check.evidence import Evidence
-from slamsim.check.findings import Curve, Estimate, Finding, Plot
+from slamsim.check.evidence import RecordingEvidence
+from slamsim.check.findings import Curve, Finding, Measurement, Plot
 from slamsim.check.question import FaultKind, Question, QuestionGroup, judge, unanswered
 from slamsim.check.questions.streams.epochs import EPOCH, check_epochs
 from slamsim.check.questions.streams.receipt import DRIFT, RECEIPT, check_receipt
@@ -39,7 +39,7 @@ OVERLAP = Question(
 )
 
 
-def check_stamps(evidence: Evidence) -> list[Finding]:
+def check_stamps(evidence: RecordingEvidence) -> list[Finding]:
     """Order, repeats, rounding, scatter and gaps of stamps, and how they fit their receipt."""
     series = series_of(evidence.recording)
     if not series:
@@ -75,7 +75,7 @@ def _overlap(series: StampSeries) -> Finding:
         series.subject,
         f"a scan lasts {1e3 * lasts_s:.4g} ms as declared, the next begins after "
         f"{1e3 * step_s:.4g} ms",
-        Estimate(1e3 * max(overlap_s, 0.0), 0.0, "ms"),
+        Measurement(1e3 * max(overlap_s, 0.0), 0.0, "ms"),
         limit=1e3 * max(MIN_OVERLAP_S, MAX_OVERLAP * lasts_s),
         advice="Declare the time_increment that the lidar really has: at most the period over the "
         "number of beams of a full turn.",

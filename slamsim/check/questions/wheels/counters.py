@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from slamsim.check.fault_groups import WHEELS
-from slamsim.check.findings import Estimate, Finding
+from slamsim.check.findings import Finding, Measurement
 from slamsim.check.motion.integrated import IntegratedMotion
 from slamsim.check.motion.wheel_counts import counter_range
 from slamsim.check.question import FaultKind, Question, anywhere, judge
@@ -76,7 +76,7 @@ def check_counting(wheels: IntegratedMotion, published: FloatArray, frozen: Bool
             "fault": f"the counters stand for {seconds} s while the odometry moves on, by "
             f"{path_m:.2f} m",
         },
-        Estimate(float(seconds), 0.0, "s"),
+        Measurement(float(seconds), 0.0, "s"),
         advice="Look for a loose cable or a driver of the counters that stalls.",
     )
 

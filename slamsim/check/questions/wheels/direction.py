@@ -9,7 +9,7 @@ import numpy as np
 from slamsim.check.calibration.joint import Calibration
 from slamsim.check.calibration.model import LASER_YAW
 from slamsim.check.evidence import of_calibration
-from slamsim.check.findings import Curve, Estimate, Finding, Plot
+from slamsim.check.findings import Curve, Finding, Measurement, Plot
 from slamsim.check.motion.alignment import laser_path
 from slamsim.check.motion.laser_steps import LaserSteps
 from slamsim.check.question import (
@@ -75,7 +75,7 @@ def check_reversing(calibration: Calibration) -> list[Finding]:
                 "fault": f"where the scans see the robot back up, by {behind_m:.2f} m in all, the "
                 f"wheels say that it goes {-ratio * behind_m:.2f} m forward",
             },
-            Estimate(ratio, 0.0, "of the path by scans"),
+            Measurement(ratio, 0.0, "of the path by scans"),
             verdict="fault" if ratio <= -SAME_WAY and ahead else "ok",
             limit=-SAME_WAY,
             advice="Look for a driver that adds up lengths, or for counters that cannot tell "

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from slamsim.check.calibration.distance_unit import WrongUnit
-from slamsim.check.evidence import Evidence
-from slamsim.check.findings import Estimate, Finding
+from slamsim.check.evidence import RecordingEvidence
+from slamsim.check.findings import Finding, Measurement
 from slamsim.check.question import FaultKind, Question, QuestionGroup, anywhere, judge
 from slamsim.check.questions.ranges.units import RANGE_UNIT
 from slamsim.recording.repairs.base import Repair
@@ -36,7 +36,7 @@ WHEELS = Question(
 )
 
 
-def check_unit(evidence: Evidence) -> list[Finding]:
+def check_unit(evidence: RecordingEvidence) -> list[Finding]:
     """The finding, if there is anything to be found."""
     unit = evidence.wrong_unit
     if unit is None:
@@ -54,7 +54,7 @@ def check_unit(evidence: Evidence) -> list[Finding]:
             RANGES if of_ranges else WHEELS,
             unit.topic,
             f"{whose} are {unit.name}: {compared}",
-            Estimate(ratio, sigma, "m/m") if known else None,
+            Measurement(ratio, sigma, "m/m") if known else None,
             verdict="fault",
             advice=f"Multiply {_what(unit)} by {unit.metres:g}.",
             repairs=(_repair(unit),),

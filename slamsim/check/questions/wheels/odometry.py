@@ -10,9 +10,9 @@ import numpy as np
 
 from slamsim.check.calibration.distance_unit import SAME, ratio_of_units
 from slamsim.check.calibration.joint import Calibration
-from slamsim.check.calibration.slipping import Spells
-from slamsim.check.evidence import Evidence
-from slamsim.check.findings import Curve, Estimate, Finding, Plot
+from slamsim.check.calibration.slipping import SlipSpells
+from slamsim.check.evidence import RecordingEvidence
+from slamsim.check.findings import Curve, Finding, Measurement, Plot
 from slamsim.check.motion.integrated import (
     IntegratedMotion,
     integrated_odometry,
@@ -125,7 +125,7 @@ SLIP = Question(
 )
 
 
-def check_odometry(evidence: Evidence) -> list[Finding]:
+def check_odometry(evidence: RecordingEvidence) -> list[Finding]:
     """What needs no other sensor than the wheels."""
     recording = evidence.recording
     findings = [f for ticks in recording.ticks if len(ticks) > 2 for f in check_counter(ticks)]
@@ -176,7 +176,7 @@ def check_slip(calibration: Calibration) -> list[Finding]:
         wheels.topic,
         f"in {int(slips.sum())} of {len(slips)} s wheels and scans differ, together by "
         f"{excess[0]:.2f} m and {np.degrees(excess[1]):.1f} deg",
-        Estimate(float(excess[0]), 0.0, "m"),
+        Measurement(float(excess[0]), 0.0, "m"),
         verdict="fault" if (excess > limits).any() else "ok",
         limit=float(limits[0]),
         advice="Do not trust the wheels there: let scans or gyroscope tell the motion.",
@@ -185,7 +185,7 @@ def check_slip(calibration: Calibration) -> list[Finding]:
     return [*findings, slip]
 
 
-def _slip_in_metres(evidence: Evidence) -> list[Finding]:
+def _slip_in_metres(evidence: RecordingEvidence) -> list[Finding]:
     """Scans that were matched at another scale than theirs tell no slip."""
     calibration, unit = evidence.calibration, evidence.wrong_unit
     findings = [] if calibration is None else check_slip(calibration)
@@ -200,14 +200,14 @@ def _slip_in_metres(evidence: Evidence) -> list[Finding]:
 SLIP_GROUP = QuestionGroup("motion", 130, (STANDING, SLIP), _slip_in_metres, thorough=True)
 
 
-def _standing(wheels: IntegratedMotion, spells: Spells, plot: Plot) -> Finding:
+def _standing(wheels: IntegratedMotion, spells: SlipSpells, plot: Plot) -> Finding:
     count = int(spells.frozen.sum())
     moved_m = float(np.abs(spells.scans - spells.wheels)[spells.frozen, 0].sum())
     return judge(
         STANDING,
         wheels.topic,
         f"the wheels stand still for {count} s while the scans move, by {moved_m:.2f} m",
-        Estimate(float(count), 0.0, "s"),
+        Measurement(float(count), 0.0, "s"),
         advice="Look for a driver that stalls; leave these spells to the scans.",
         plots=(plot,),
     )
@@ -243,7 +243,7 @@ def _jump(odometry: RawOdometry, jumps: FloatArray) -> Finding:
         odometry.topic,
         f"steps that no robot makes: {len(jumps)}, the largest {length:.2f} m and "
         f"{np.degrees(turn):.0f} deg, {stamp:.1f} s after the first message",
-        Estimate(float(length), 0.0, "m"),
+        Measurement(float(length), 0.0, "m"),
         verdict="fault",
         advice="Odometry must be continuous: corrections belong into map -> odom.",
         repairs=(
@@ -285,7 +285,7 @@ def _still(odometry: IntegratedMotion, seconds: int) -> Finding:
         FROZEN,
         odometry.topic,
         f"it stands still for {seconds} s while the wheels turn",
-        Estimate(float(seconds), 0.0, "s"),
+        Measurement(float(seconds), 0.0, "s"),
         verdict="fault",
         advice="Look for a driver that stalls.",
     )
@@ -313,7 +313,7 @@ def _scale(
         odometry.topic,
         f"it shows {ratios[0]:.4g} of the path and {ratios[1]:.4g} of the turn that its wheels "
         f"count, and something else in {int(odd.sum())} of {len(odd)} s",
-        Estimate(100.0 * off, sigma, "%"),
+        Measurement(100.0 * off, sigma, "%"),
         verdict="fault" if is_off else "ok",
         fault=CONTRADICTS,
         advice="Compute the odometry from the counters, with the radius and track that are "
@@ -327,7 +327,7 @@ def _other_unit(odometry: IntegratedMotion, ratio: float, metres: float) -> Find
         AGAINST_WHEELS,
         odometry.topic,
         f"it shows {ratio:.4g} of the path that its wheels count: one of it is {metres:.4g} m",
-        Estimate(ratio, 0.0, "m/m"),
+        Measurement(ratio, 0.0, "m/m"),
         verdict="fault",
         fault=WHEEL_UNIT,
         advice=f"Multiply its lengths by {metres:.4g}.",

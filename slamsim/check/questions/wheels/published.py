@@ -7,8 +7,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from slamsim.check.evidence import Evidence
-from slamsim.check.findings import Estimate, Finding
+from slamsim.check.evidence import RecordingEvidence
+from slamsim.check.findings import Finding, Measurement
 from slamsim.check.motion.disagreement import IN_COMMON, LIMIT_M, disagreement
 from slamsim.check.question import (
     FaultKind,
@@ -59,7 +59,7 @@ OTHERS = Question(
 )
 
 
-def check_published(evidence: Evidence) -> list[Finding]:
+def check_published(evidence: RecordingEvidence) -> list[Finding]:
     """Sound numbers in every odometry, and one story from all of them."""
     recording = evidence.recording
     return [
@@ -85,7 +85,7 @@ def _values(odometry: RawOdometry, has_ticks: bool) -> Finding:
             f"{int((~finite).sum())} not finite, {int((~unit).sum())} with a quaternion that is "
             "not of unit length",
         },
-        Estimate(100.0 * share, 0.0, "%"),
+        Measurement(100.0 * share, 0.0, "%"),
         advice="Start the quaternion at w = 1, keep it of unit length, and publish nothing where "
         "nothing is known: one NaN stays in a filter for ever.",
         repairs=_repairs(odometry, finite, share, has_ticks),

@@ -7,7 +7,7 @@ import numpy as np
 from slamsim.check.calibration.joint import Calibration
 from slamsim.check.calibration.majority import Majority, majority
 from slamsim.check.evidence import of_calibration
-from slamsim.check.findings import Estimate, Finding
+from slamsim.check.findings import Finding, Measurement
 from slamsim.check.motion.integrated import IntegratedMotion
 from slamsim.check.question import (
     FaultKind,
@@ -149,7 +149,7 @@ def _radius(calibration: Calibration, wheels: IntegratedMotion) -> Finding:
         RADIUS,
         wheels.topic,
         f"the wheels are believed {large:+.3g} % too large",
-        Estimate(large, 100.0 * sigma / gain**2, "%"),
+        Measurement(large, 100.0 * sigma / gain**2, "%"),
         limit=100.0 * _limit(wheels, RADIUS_LIMIT),
         harm=100.0 * RADIUS_HARM,
         advice=_advice(calibration, wheels),
@@ -173,7 +173,7 @@ def _unequal(calibration: Calibration, wheels: IntegratedMotion) -> list[Finding
             UNEQUAL,
             wheels.topic,
             f"the right wheel is {larger:+.2g} % larger than the left one",
-            Estimate(larger, sigma, "%"),
+            Measurement(larger, sigma, "%"),
             harm=100.0 * RADIUS_HARM,
             advice=_advice(calibration, wheels),
             repairs=(_repair(calibration, wheels),),
@@ -191,7 +191,7 @@ def _track(calibration: Calibration, wheels: IntegratedMotion, turns: Majority) 
         TRACK,
         wheels.topic,
         f"the wheels are believed {100.0 * (ratio - 1.0):+.3g} % too far apart",
-        Estimate(100.0 * (ratio - 1.0), 100.0 * float(relative) * abs(ratio), "%"),
+        Measurement(100.0 * (ratio - 1.0), 100.0 * float(relative) * abs(ratio), "%"),
         limit=100.0 * _limit(wheels, TRACK_LIMIT),
         harm=100.0 * TRACK_HARM,
         advice=_advice(calibration, wheels),
