@@ -25,8 +25,8 @@ from scan_pairs import View, overlap, pair_features, view_of
 import slamsim.dataset
 from slamsim.dataset.opened import Sequence as DatasetSequence
 from slamsim.geometry import between, compose, inverse
-from slamsim.logs.reader import read_log
-from slamsim.logs.relations import Relations, read_relations
+from slamsim.io.open import read_log
+from slamsim.io.text.relations import Relations, read_relations
 from slamsim.randomness import random_stream
 from slamsim.types import BoolArray, FloatArray, Log, Scan
 

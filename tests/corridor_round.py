@@ -10,7 +10,7 @@ import numpy as np
 from simulated import true_ranges
 
 from slamsim.geometry import between, compose
-from slamsim.logs.scans import StoredScans
+from slamsim.recording.cleaning.scans import StoredScans
 from slamsim.types import FloatArray, Log, PlanarTrajectory, Scan, ScanGeometry
 
 LEG_M, WIDTH_M, BEND_M = 200.0, 2.5, 0.9

@@ -32,7 +32,7 @@ INSTRUMENTED = (
     "slamsim.dataset.recipe",
     "slamsim.dataset.distributions",
     "slamsim.dataset.table",
-    "slamsim.logs",
+    "slamsim.io",
     "slamsim.safe",
     "slamsim.sim.route_file",
     "slamsim.sim.urdf",

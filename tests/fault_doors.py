@@ -15,8 +15,8 @@ from slamsim.config.loading import load_run_config, load_world_config
 from slamsim.config.measurements import load_measurements
 from slamsim.config.robot import RobotConfig
 from slamsim.dataset.loading import load_recipe
-from slamsim.logs.relations import read_relations
-from slamsim.logs.tum import read_tum
+from slamsim.io.text.relations import read_relations
+from slamsim.io.text.tum import read_tum
 from slamsim.safe.image import read_gray_image
 from slamsim.sensors.faults.registry import load_fault
 from slamsim.sensors.scene import Scene

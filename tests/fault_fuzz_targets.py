@@ -31,10 +31,10 @@ from slamsim.dataset.recipe import Recipe
 from slamsim.dataset.sequence import Cell, SequenceSpec
 from slamsim.dataset.shard import made_row
 from slamsim.dataset.table import rows_to_parquet, table_from_parquet, table_to_parquet
-from slamsim.logs.keyframes import HEADER, read_keyframes
-from slamsim.logs.refusing import refusing
-from slamsim.logs.relations import read_relations
-from slamsim.logs.tum import read_tum
+from slamsim.io.input_errors import refusing
+from slamsim.io.text.keyframes import HEADER, read_keyframes
+from slamsim.io.text.relations import read_relations
+from slamsim.io.text.tum import read_tum
 from slamsim.safe.image import read_gray_image
 from slamsim.safe.mesh import check_mesh
 from slamsim.safe.mesh_file import check_mesh_file

@@ -11,10 +11,9 @@ from slamsim.check.check import check_recording
 from slamsim.check.findings import CheckReport
 from slamsim.config.mapping import MappingConfig
 from slamsim.config.slam import SlamConfig
-from slamsim.logs.raw import read_recording
-from slamsim.logs.reader import read_log, read_truth
-from slamsim.logs.relations import read_relations
-from slamsim.logs.tum import read_tum
+from slamsim.io.open import read_log, read_recording, read_truth
+from slamsim.io.text.relations import read_relations
+from slamsim.io.text.tum import read_tum
 from slamsim.recording import RawStream, Recording
 from slamsim.safe.numbers import MOST_NS
 from slamsim.slam.mapping import build_grid

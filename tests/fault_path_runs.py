@@ -12,7 +12,7 @@ from test_world_import import ROOM, write_map
 
 from slamsim.config.run import RunConfig
 from slamsim.console import Reporter
-from slamsim.logs.tum import write_tum
+from slamsim.io.text.tum import write_tum
 from slamsim.run.continuing import read_earlier
 from slamsim.run.evaluation import evaluate_run
 from slamsim.run.localising import read_known_map

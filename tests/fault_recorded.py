@@ -23,10 +23,10 @@ from slamsim.console import Reporter
 from slamsim.dataset import produce
 from slamsim.dataset.formats import Formats
 from slamsim.dataset.sequence import FormatName
-from slamsim.logs.names import LOG
-from slamsim.logs.raw import read_recording
-from slamsim.logs.raw_writer import write_recording
-from slamsim.logs.recovery.source import damaged_recording
+from slamsim.io.bag2.writer import write_recording
+from slamsim.io.names import LOG
+from slamsim.io.open import read_recording
+from slamsim.io.salvage.source import damaged_recording
 from slamsim.progress import Progress, silent
 from slamsim.recording import Recording
 from slamsim.result import SlamResult

@@ -16,10 +16,9 @@ from slamsim.dataset.loading import load_recipe
 from slamsim.dataset.make import make_dataset
 from slamsim.dataset.sequence import FORMATS
 from slamsim.dataset.verify import verify as verify_dataset
-from slamsim.logs.keyframes import read_keyframes
-from slamsim.logs.raw import read_recording
-from slamsim.logs.reader import read_log, read_truth
-from slamsim.logs.tum import read_tum
+from slamsim.io.open import read_log, read_recording, read_truth
+from slamsim.io.text.keyframes import read_keyframes
+from slamsim.io.text.tum import read_tum
 from slamsim.run.dataset_telling import run_stats
 from slamsim.run.fixing import fix_log
 from slamsim.run.localising import read_known_map

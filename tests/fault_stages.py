@@ -24,7 +24,7 @@ from slamsim.dataset.manifest import MANIFEST, manifest
 from slamsim.dataset.shard import Task, make_sequences
 from slamsim.dataset.store import Store
 from slamsim.dataset.table import table_from_parquet, table_to_parquet
-from slamsim.logs.parquet_file import Column, ParquetFile
+from slamsim.io.parquet.file import Column, ParquetFile
 from slamsim.safe.output import partial_file, partial_folder, write_atomic
 from slamsim.safe.sums import SUMS, sums_text
 from slamsim.simulation.log_writer import LogWriter

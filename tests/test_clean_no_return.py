@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from slamsim.clean.no_return import (
+from slamsim.recording.cleaning.no_return import (
     SAMPLED_READINGS,
     RangeSample,
     _log_tail,

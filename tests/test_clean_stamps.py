@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from slamsim.clean.stamps import NoTime, _known, rising_times
+from slamsim.recording.cleaning.rising_stamps import NoTime, _known, rising_times
 from slamsim.types import IntArray
 
 SECOND = 1_000_000_000

@@ -16,7 +16,7 @@ import pytest
 from limited_child import hear_interrupts
 from real_logs import needs_radish, radish
 
-from slamsim.logs.reader import read_log, read_truth
+from slamsim.io.open import read_log, read_truth
 from slamsim.run.naming import is_recording
 from slamsim.safe.text import open_lines
 

@@ -13,7 +13,7 @@ from scipy.stats import chi2
 from slamsim.evaluate.budget import at_instants, error_budget
 from slamsim.evaluate.consistency import nees, nees_band
 from slamsim.geometry import compose, wrap_angle
-from slamsim.logs.keyframes import HEADER, read_keyframes, write_keyframes
+from slamsim.io.text.keyframes import HEADER, read_keyframes, write_keyframes
 from slamsim.result import PoseGraph
 from slamsim.safe.errors import InputRefused
 from slamsim.safe.numbers import BadNumbers, NoSolution

@@ -18,11 +18,10 @@ from slamsim.config.bundled import bundled_names
 from slamsim.dataset import produce as production
 from slamsim.dataset.sequence import SequenceSpec
 from slamsim.geometry import between, matrix_from_xyzw, se2_from_se3, se3_from_parts
-from slamsim.logs.kitti import CAMERA_FROM_LASER
-from slamsim.logs.mountings import declared_laser_mounting
-from slamsim.logs.parquet_file import read_table
-from slamsim.logs.raw import read_recording
-from slamsim.logs.reader import read_log, read_truth
+from slamsim.io.open import read_log, read_recording, read_truth
+from slamsim.io.parquet.file import read_table
+from slamsim.io.text.kitti import CAMERA_FROM_LASER
+from slamsim.recording.mountings import declared_laser_mounting
 from slamsim.safe.errors import InputRefused
 from slamsim.sim.drive import DriveOutcome, drive
 from slamsim.sim.robot import build_robot

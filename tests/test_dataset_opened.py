@@ -27,7 +27,7 @@ from slamsim.dataset.opened import Dataset, Sequence
 from slamsim.dataset.place import Place
 from slamsim.dataset.truth_tables import read_drive
 from slamsim.dataset.verify import verify
-from slamsim.logs.parquet_file import Column, ParquetFile
+from slamsim.io.parquet.file import Column, ParquetFile
 from slamsim.recording import RawStream
 from slamsim.safe.errors import InputRefused, NotFound, SlamsimError
 from slamsim.sensors.motion import Motion

@@ -16,7 +16,7 @@ from slamsim.config.run import RunConfig
 from slamsim.dataset.overlap import CLOSURE_OVERLAP, CLOSURE_WAY_M
 from slamsim.dataset.produce import produce
 from slamsim.dataset.truth_surfaces import NO_SURFACE
-from slamsim.logs.parquet_file import read_table
+from slamsim.io.parquet.file import read_table
 from slamsim.sim.robot import build_robot
 from slamsim.types import FloatArray
 from slamsim.world.build import build_world

@@ -15,10 +15,9 @@ from dataset_example import produced, small_spec
 from slamsim.config.loading import load_run_config
 from slamsim.dataset.produce import produce
 from slamsim.dataset.sequence import SequenceFacts
-from slamsim.logs.parquet_file import joined_axes, read_table
-from slamsim.logs.raw import read_recording
-from slamsim.logs.reader import read_log, read_truth
-from slamsim.logs.tum import read_tum
+from slamsim.io.open import read_log, read_recording, read_truth
+from slamsim.io.parquet.file import joined_axes, read_table
+from slamsim.io.text.tum import read_tum
 from slamsim.safe.image import GrayImage, read_gray_image
 from slamsim.sensors.faults.registry import load_fault
 from slamsim.simulate import simulate

@@ -16,7 +16,7 @@ from slamsim.dataset.key_scans import KeyScan, KeyScans
 from slamsim.dataset.overlap import overlap_shares
 from slamsim.dataset.truth_surfaces import NO_SURFACE, Surfaces, surfaces_of
 from slamsim.dataset.truth_tables import read_drive
-from slamsim.logs.parquet_file import read_table, table_facts
+from slamsim.io.parquet.file import read_table, table_facts
 from slamsim.sensors.motion import Motion, as_mounted
 from slamsim.sensors.readings import Readings
 from slamsim.sensors.rig import SensorRig

@@ -9,8 +9,8 @@ from real_logs import needs_radish, radish
 from slamsim.evaluate.relations import score_relations
 from slamsim.evaluate.score import evaluate
 from slamsim.geometry import between, wrap_angle
-from slamsim.logs.reader import read_log
-from slamsim.logs.relations import Relations, read_relations
+from slamsim.io.open import read_log
+from slamsim.io.text.relations import Relations, read_relations
 from slamsim.safe.errors import SlamsimError
 from slamsim.types import FloatArray, Grid, PlanarTrajectory, Trajectory
 

@@ -16,7 +16,7 @@ from slamsim.dataset.engines.local import LocalEngine
 from slamsim.dataset.loading import load_recipe
 from slamsim.dataset.make import make_dataset
 from slamsim.geometry import between, compose, inverse, wrap_angle
-from slamsim.logs.relations import Relations
+from slamsim.io.text.relations import Relations
 from slamsim.types import FloatArray
 
 RECIPE = Path(__file__).parents[1] / "examples" / "loop_closures.yaml"

@@ -19,12 +19,12 @@ from bag_data import ROS1, ROS2, Robot, as_mcap, as_ros1, as_rosbag2
 from mcap.writer import CompressionType, Writer
 
 from slamsim.config.layout import ImageLayout
-from slamsim.logs.bag1_check import index_bag1
-from slamsim.logs.bag_limits import check_definitions
-from slamsim.logs.mcap_read import index_mcap, mcap_attachments
-from slamsim.logs.parquet_file import read_table
-from slamsim.logs.refusing import refusing
-from slamsim.logs.sqlite_read import index_sqlite
+from slamsim.io.bag1.reader import index_bag1
+from slamsim.io.bag2.sqlite import index_sqlite
+from slamsim.io.input_errors import refusing
+from slamsim.io.mcap.reader import index_mcap, mcap_attachments
+from slamsim.io.parquet.file import read_table
+from slamsim.io.ros.limits import check_definitions
 from slamsim.safe.errors import InputRefused
 from slamsim.safe.image import read_gray_image
 from slamsim.safe.limits import LIMITS, Limits

@@ -19,11 +19,10 @@ from fault_judge import Try, attempt
 from fault_log_reads import judged_quickly, whole_log
 from mcap.writer import CompressionType
 
-from slamsim.logs.carmen import read_carmen
-from slamsim.logs.parquet_log import ParquetLog
-from slamsim.logs.raw import read_recording
-from slamsim.logs.reader import read_log
-from slamsim.logs.stamps import stamp_ns_from_decimal
+from slamsim.io.carmen.log import read_carmen
+from slamsim.io.open import read_log, read_recording
+from slamsim.io.parquet.writer import ParquetLog
+from slamsim.io.text.stamps import stamp_ns_from_decimal
 from slamsim.safe.errors import InputRefused, SlamsimError
 from slamsim.safe.files import read_input
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from fault_recovery import cuts, damaged, recovered_from
 
-from slamsim.logs.reader import read_log
+from slamsim.io.open import read_log
 from slamsim.safe.errors import InputRefused
 
 pytestmark = pytest.mark.fault

@@ -21,9 +21,9 @@ from limited_child import run_limited
 from mcap import records
 
 from slamsim.console import Reporter
-from slamsim.logs.mcap_stream import MAGIC, record_bytes
-from slamsim.logs.reader import read_log
-from slamsim.logs.recovery.source import damaged_recording
+from slamsim.io.mcap.framing import MAGIC, record_bytes
+from slamsim.io.open import read_log
+from slamsim.io.salvage.source import damaged_recording
 from slamsim.run.recovering import recover_log
 from slamsim.safe.errors import InputRefused, OutputRefused
 from slamsim.safe.output import partial_folder
@@ -35,8 +35,8 @@ DEPTH = 20_000
 RECOVER = """
 import sys
 from pathlib import Path
-from slamsim.logs.recovery.recover import recover
-from slamsim.logs.recovery.source import damaged_recording
+from slamsim.io.salvage.recover import recover
+from slamsim.io.salvage.source import damaged_recording
 from slamsim.safe.errors import InputRefused
 try:
     recover(damaged_recording(Path(sys.argv[1])), Path(sys.argv[2]))

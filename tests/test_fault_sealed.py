@@ -17,9 +17,8 @@ from slamsim.dataset.catalogue import write_catalogue
 from slamsim.dataset.loading import load_recipe
 from slamsim.dataset.store import open_store
 from slamsim.dataset.verify import verify
-from slamsim.logs.raw import read_recording
-from slamsim.logs.reader import read_log
-from slamsim.logs.tum import write_tum
+from slamsim.io.open import read_log, read_recording
+from slamsim.io.text.tum import write_tum
 from slamsim.run.folder import write_map
 from slamsim.safe.errors import DataDamaged
 from slamsim.safe.output import partial_folder

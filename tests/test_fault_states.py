@@ -33,9 +33,9 @@ from hypothesis.stateful import (
 from slamsim.dataset.identity import IDENTITY
 from slamsim.dataset.store import open_store
 from slamsim.dataset.verify import verify
-from slamsim.logs.raw import read_recording
-from slamsim.logs.recovery.recover import recover
-from slamsim.logs.recovery.source import damaged_recording
+from slamsim.io.open import read_recording
+from slamsim.io.salvage.recover import recover
+from slamsim.io.salvage.source import damaged_recording
 from slamsim.run.dataset_telling import mending_of
 from slamsim.run.verifying import verify_path
 from slamsim.safe.errors import InputRefused, Locked, SlamsimError

@@ -22,9 +22,9 @@ from test_command_line import slamsim
 
 from slamsim.check.findings import Mend
 from slamsim.check.mends import apply_mends
-from slamsim.io.copying import Lossy, copy_recording, require_lossless
-from slamsim.logs.parquet_log import ParquetLog
-from slamsim.logs.raw import read_recording
+from slamsim.io.copy.recording import Lossy, copy_recording, require_lossless
+from slamsim.io.open import read_recording
+from slamsim.io.parquet.writer import ParquetLog
 from slamsim.recording import RawOdometry, Recording
 from slamsim.recording.edits import kept
 from slamsim.safe.errors import SlamsimError

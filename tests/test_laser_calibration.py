@@ -26,8 +26,8 @@ from simulated import (
 from slamsim.config.slam import MotionConfig, SlamConfig
 from slamsim.evaluate.relations import score_relations
 from slamsim.geometry import compose, se3_from_parts
-from slamsim.logs.reader import read_log
-from slamsim.logs.relations import read_relations
+from slamsim.io.open import read_log
+from slamsim.io.text.relations import read_relations
 from slamsim.slam.failures import Failures
 from slamsim.slam.laser.calibration import NAMES, LaserCalibration
 from slamsim.slam.laser.estimate import (

@@ -23,8 +23,8 @@ from log_data import drive, header, readings
 from mcap.writer import CompressionType
 from rosbags.rosbag2 import StoragePlugin
 
-from slamsim.logs.bag_folder import MCAP_NAME
-from slamsim.logs.reader import read_log, read_truth
+from slamsim.io.bag2.folder import MCAP_NAME
+from slamsim.io.open import read_log, read_truth
 from slamsim.safe.errors import InputRefused
 from slamsim.simulation.log_writer import LogWriter
 from slamsim.types import Log

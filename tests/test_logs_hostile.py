@@ -16,8 +16,8 @@ from bag_data import ROS1, ROS2, Robot, as_mcap, as_ros1, as_rosbag2
 from log_data import drive, header, readings
 from mcap.writer import CompressionType
 
-from slamsim.logs.bag_folder import MCAP_NAME
-from slamsim.logs.reader import read_log, read_truth
+from slamsim.io.bag2.folder import MCAP_NAME
+from slamsim.io.open import read_log, read_truth
 from slamsim.safe.errors import InputRefused, NotFound
 from slamsim.simulation.log_writer import LogWriter
 from slamsim.types import Log

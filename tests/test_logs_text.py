@@ -9,9 +9,9 @@ import pytest
 from evo.tools import file_interface
 
 from slamsim.geometry import xyzw_from_yaw
-from slamsim.logs.g2o import write_g2o
-from slamsim.logs.relations import read_relations
-from slamsim.logs.tum import read_tum, write_tum
+from slamsim.io.text.g2o import write_g2o
+from slamsim.io.text.relations import read_relations
+from slamsim.io.text.tum import read_tum, write_tum
 from slamsim.result import GraphEdge, PoseGraph
 from slamsim.safe.errors import InputRefused, SlamsimError
 from slamsim.types import PlanarTrajectory, Trajectory

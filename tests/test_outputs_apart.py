@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 
 from slamsim.cli import app
 from slamsim.config.bundled import bundled_folder
-from slamsim.logs.raw_writer import write_recording
+from slamsim.io.bag2.writer import write_recording
 from slamsim.safe.errors import NotFound, OutputRefused, SlamsimError
 from slamsim.safe.output import partial_folder
 from slamsim.safe.replaceable import require_apart

@@ -21,7 +21,7 @@ from slamsim.config.run import RunConfig
 from slamsim.console import Reporter
 from slamsim.evaluate.consistency import nees_band
 from slamsim.evaluate.trajectory import compare, statistics
-from slamsim.logs.reader import read_log, read_truth
+from slamsim.io.open import read_log, read_truth
 from slamsim.result import SlamResult
 from slamsim.run.scoring import Estimated, Known, score
 from slamsim.run.stages import Stages, peak_memory_mb

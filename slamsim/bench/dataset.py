@@ -29,8 +29,8 @@ from slamsim.dataset.loading import load_recipe
 from slamsim.dataset.produce import produce
 from slamsim.dataset.recipe import Recipe
 from slamsim.dataset.sequence import SequenceSpec
-from slamsim.logs.names import LOG
-from slamsim.logs.plain_copy import PlainCopy
+from slamsim.io.bag2.plain_copy import PlainCopy
+from slamsim.io.names import LOG
 from slamsim.run.stages import peak_memory_mb
 from slamsim.sensors.scene import Scene
 from slamsim.sim.drive import bare_step_seconds, drive

@@ -22,7 +22,7 @@ from slamsim.config.slam import FrontEndConfig, SlamConfig
 from slamsim.evaluate.bound import ScanBound, trajectory_bound
 from slamsim.evaluate.trajectory import covered_by
 from slamsim.geometry import between, compose
-from slamsim.logs.reader import read_log, read_truth
+from slamsim.io.open import read_log, read_truth
 from slamsim.progress import Progress, silent
 from slamsim.simulation.own_files import WORLD
 from slamsim.slam.deskew import deskew

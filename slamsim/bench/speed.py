@@ -12,7 +12,7 @@ import numpy as np
 
 from slamsim.config.run import RunConfig
 from slamsim.console import Reporter
-from slamsim.logs.reader import read_log
+from slamsim.io.open import read_log
 from slamsim.run.stages import peak_memory_mb
 from slamsim.safe.errors import SlamsimError
 from slamsim.sensors.rig import SensorRig

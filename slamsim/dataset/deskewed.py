@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from slamsim.dataset.key_scans import frame_at
+from slamsim.io.text.kitti import KittiFolder
 from slamsim.jit import kernel
-from slamsim.logs.kitti import KittiFolder
-from slamsim.logs.mountings import declared_laser_mounting
 from slamsim.recording import RawScans, Recording, ScanLayout
+from slamsim.recording.mountings import declared_laser_mounting
 from slamsim.sensors.motion import Motion, joined, kept_since
 from slamsim.sensors.rays import beam_rays
 from slamsim.types import Drive, Float32Array, FloatArray, IntArray

@@ -7,10 +7,10 @@ from pathlib import Path
 from slamsim.dataset.deskewed import DeskewedScans
 from slamsim.dataset.sequence import SequenceSpec
 from slamsim.dataset.tum_paths import TumPaths
-from slamsim.logs.carmen_writer import CarmenFile
-from slamsim.logs.kitti import KittiFolder
-from slamsim.logs.parquet_log import ParquetLog
-from slamsim.logs.written import Written
+from slamsim.io.carmen.writer import CarmenFile
+from slamsim.io.parquet.writer import ParquetLog
+from slamsim.io.staged_writer import Written
+from slamsim.io.text.kitti import KittiFolder
 from slamsim.recording import Recording
 from slamsim.types import Drive, IntArray
 

@@ -14,7 +14,7 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from slamsim.dataset.place import Place
-from slamsim.logs.parquet_file import cells_of, facts_of
+from slamsim.io.parquet.file import cells_of, facts_of
 from slamsim.safe.errors import InputRefused, NotFound
 
 Cells = dict[str, NDArray[Any]]

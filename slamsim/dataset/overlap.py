@@ -18,8 +18,8 @@ import numpy as np
 from slamsim.dataset.key_scans import KeyScan
 from slamsim.dataset.truth_surfaces import Surfaces
 from slamsim.geometry import between
+from slamsim.io.parquet.file import Cells, Column, ParquetFile
 from slamsim.jit import kernel
-from slamsim.logs.parquet_file import Cells, Column, ParquetFile
 from slamsim.types import BoolArray, FloatArray, IntArray
 
 LEAST_OVERLAP = 0.1

@@ -19,7 +19,7 @@ from slamsim.config.world import WorldConfig
 from slamsim.dataset.formats import Formats
 from slamsim.dataset.sequence import FileFact, SequenceFacts, SequenceSpec
 from slamsim.dataset.truth import Truth
-from slamsim.logs.names import LOG
+from slamsim.io.names import LOG
 from slamsim.recording import Recording
 from slamsim.recording.edits import numbered
 from slamsim.sensors.faults.apply import declared, faulty_sensors

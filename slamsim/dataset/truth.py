@@ -15,7 +15,7 @@ from slamsim.dataset.sequence import Cell, SequenceSpec
 from slamsim.dataset.truth_grid import write_occupancy
 from slamsim.dataset.truth_surfaces import surfaces_of
 from slamsim.dataset.truth_tables import TruthTables
-from slamsim.logs.written import Written
+from slamsim.io.staged_writer import Written
 from slamsim.sensors.motion import Course
 from slamsim.sensors.readings import Readings
 from slamsim.sim.robot import RobotModel

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from slamsim.logs.parquet_file import Cells, Column, ParquetFile, split_axes
+from slamsim.io.parquet.file import Cells, Column, ParquetFile, split_axes
 from slamsim.sensors.scene import plane_numbers, with_floor
 from slamsim.types import Float32Array, FloatArray, IntArray, TriangleMesh
 

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from slamsim.dataset.truth_surfaces import NO_SURFACE, Surfaces, rounded, write_surfaces
-from slamsim.logs.parquet_file import (
+from slamsim.io.parquet.file import (
     Cells,
     Column,
     ParquetFile,
@@ -23,8 +23,8 @@ from slamsim.logs.parquet_file import (
     read_table,
     split_axes,
 )
-from slamsim.logs.parquet_log import SCANS_PER_GROUP
-from slamsim.logs.written import Written
+from slamsim.io.parquet.writer import SCANS_PER_GROUP
+from slamsim.io.staged_writer import Written
 from slamsim.sensors.readings import EncoderBatch, ImuBatch, Readings, ScanBatch
 from slamsim.simulation.tails import TruthTail
 from slamsim.types import Drive, FloatArray

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from slamsim.logs.tum import write_tum
-from slamsim.logs.written import Written
+from slamsim.io.staged_writer import Written
+from slamsim.io.text.tum import write_tum
 from slamsim.recording import Recording
 from slamsim.safe.numbers import UNIT_WITHIN, is_sound
 from slamsim.simulation.tails import TruthTail

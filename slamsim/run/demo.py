@@ -7,10 +7,9 @@ from pathlib import Path
 from slamsim.config.faults import FaultChoice
 from slamsim.config.run import RunConfig
 from slamsim.console import Reporter
-from slamsim.logs.names import LOG
-from slamsim.logs.raw import read_recording
-from slamsim.logs.reader import read_log
-from slamsim.logs.tum import read_tum
+from slamsim.io.names import LOG
+from slamsim.io.open import read_log, read_recording
+from slamsim.io.text.tum import read_tum
 from slamsim.run import folder as run_folder
 from slamsim.run.checking import check_stage
 from slamsim.run.fixing import fix_log

@@ -7,10 +7,10 @@ from pathlib import Path
 
 from slamsim.config.loading import load_simulated_config, load_world_config
 from slamsim.console import Reporter
-from slamsim.logs.keyframes import read_keyframes
-from slamsim.logs.reader import read_truth
-from slamsim.logs.relations import Relations, read_relations
-from slamsim.logs.tum import read_tum
+from slamsim.io.open import read_truth
+from slamsim.io.text.keyframes import read_keyframes
+from slamsim.io.text.relations import Relations, read_relations
+from slamsim.io.text.tum import read_tum
 from slamsim.run.folder import (
     KEYFRAMES,
     ODOMETRY,

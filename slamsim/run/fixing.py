@@ -9,8 +9,8 @@ from slamsim.check.findings import CheckReport, Mend
 from slamsim.check.mends import apply_mends, chosen, next_mends, proposed
 from slamsim.check.wording import as_json
 from slamsim.console import Reporter
-from slamsim.io.copying import copy_recording, require_lossless
-from slamsim.logs.raw import read_recording
+from slamsim.io.copy.recording import copy_recording, require_lossless
+from slamsim.io.open import read_recording
 from slamsim.recording import Recording
 from slamsim.run.checking import check_stage, show_verdicts
 from slamsim.run.naming import log_of, recording_name

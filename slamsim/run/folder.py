@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 from slamsim.evaluate.budget import at_instants
-from slamsim.logs.g2o import write_g2o
-from slamsim.logs.keyframes import write_keyframes
-from slamsim.logs.tum import write_tum
+from slamsim.io.text.g2o import write_g2o
+from slamsim.io.text.keyframes import write_keyframes
+from slamsim.io.text.tum import write_tum
 from slamsim.result import SlamResult
 from slamsim.safe.output import write_atomic
 from slamsim.slam.map_files import map_files

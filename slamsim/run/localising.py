@@ -12,9 +12,9 @@ from slamsim.config.run import RunConfig
 from slamsim.console import Reporter
 from slamsim.evaluate.trajectory import compare, statistics
 from slamsim.geometry import compose
-from slamsim.logs.reader import read_log, read_truth
-from slamsim.logs.stamps import decimal_from_stamp_ns
-from slamsim.logs.tum import read_tum, write_tum
+from slamsim.io.open import read_log, read_truth
+from slamsim.io.text.stamps import decimal_from_stamp_ns
+from slamsim.io.text.tum import read_tum, write_tum
 from slamsim.progress import Progress
 from slamsim.run import folder as run_folder
 from slamsim.run.naming import log_of, recording_name

@@ -14,10 +14,9 @@ from slamsim.config.dump import dump_commented_yaml
 from slamsim.config.loading import load_simulated_config, load_world_config
 from slamsim.config.run import RunConfig
 from slamsim.console import Reporter
-from slamsim.logs.names import LOG
-from slamsim.logs.raw import read_recording
-from slamsim.logs.reader import read_log, read_truth
-from slamsim.logs.relations import Relations, read_relations
+from slamsim.io.names import LOG
+from slamsim.io.open import read_log, read_recording, read_truth
+from slamsim.io.text.relations import Relations, read_relations
 from slamsim.result import SlamResult
 from slamsim.run import folder as run_folder
 from slamsim.run.checking import check_stage

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Generic, TypeVar
 
 from slamsim.config.bundled import bundled_names
-from slamsim.logs.names import LOG, TABLES
+from slamsim.io.names import LOG, TABLES
 from slamsim.safe.errors import Locked, OutputRefused, SlamsimError
 from slamsim.safe.files import noted_inputs, own_file
 from slamsim.safe.output import claimed_folder, partial_file, put_away_remains

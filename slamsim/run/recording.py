@@ -6,8 +6,8 @@ from pathlib import Path
 
 from slamsim.config.run import RunConfig
 from slamsim.console import Reporter
-from slamsim.logs.names import LOG
-from slamsim.logs.reader import read_truth
+from slamsim.io.names import LOG
+from slamsim.io.open import read_truth
 from slamsim.run import folder as run_folder
 from slamsim.run.stages import Report, Stages, peak_memory_mb
 from slamsim.safe.errors import SlamsimError

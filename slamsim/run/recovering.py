@@ -6,9 +6,9 @@ from dataclasses import asdict
 from pathlib import Path
 
 from slamsim.console import Reporter
-from slamsim.logs.recovery.recover import recover
-from slamsim.logs.recovery.source import Damaged
-from slamsim.logs.recovery.tally import Loss, Recovered, TopicTally
+from slamsim.io.salvage.recover import recover
+from slamsim.io.salvage.report import Loss, Recovered, TopicTally
+from slamsim.io.salvage.source import Damaged
 from slamsim.quantities import as_size
 from slamsim.run.stages import Stages
 from slamsim.safe.numbers import as_json

@@ -19,8 +19,8 @@ from slamsim.config.run import RunConfig
 from slamsim.config.scenarios.slam_case import SlamCaseConfig
 from slamsim.evaluate.score import evaluate
 from slamsim.geometry import compose, inverse, xyzw_from_yaw
-from slamsim.logs.raw_writer import write_recording
-from slamsim.logs.reader import read_log
+from slamsim.io.bag2.writer import write_recording
+from slamsim.io.open import read_log
 from slamsim.recording import Recording
 from slamsim.result import SlamResult
 from slamsim.safe.errors import SlamsimError

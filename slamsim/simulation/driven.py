@@ -7,7 +7,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from slamsim.config.run import RunConfig
-from slamsim.io.rewrite import rewrite_recording
+from slamsim.io.copy.rewrite import rewrite_recording
 from slamsim.progress import Progress, silent
 from slamsim.recording import Recording
 from slamsim.sensors.faults.apply import declared, faulty_sensors

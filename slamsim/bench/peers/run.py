@@ -17,7 +17,7 @@ from slamsim.bench.peers.entries import ENTRIES, Entry
 from slamsim.config.slam import SlamConfig
 from slamsim.console import Reporter
 from slamsim.evaluate.trajectory import compare, statistics
-from slamsim.logs.reader import read_log, read_truth
+from slamsim.io.open import read_log, read_truth
 from slamsim.run.stages import peak_memory_mb
 from slamsim.safe.errors import InputRefused, SlamsimError
 from slamsim.slam.deskew import deskew

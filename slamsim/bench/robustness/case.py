@@ -19,7 +19,7 @@ from slamsim.bench.truth import false_closures
 from slamsim.config.run import RunConfig
 from slamsim.evaluate.bound import trajectory_bound
 from slamsim.evaluate.trajectory import compare, statistics
-from slamsim.logs.reader import read_log, read_truth
+from slamsim.io.open import read_log, read_truth
 from slamsim.result import SlamResult
 from slamsim.run.mapping import LEAST_USED
 from slamsim.safe.errors import SlamsimError

@@ -14,8 +14,8 @@ import numpy as np
 
 from slamsim.bench.robustness.conditions import Conditions
 from slamsim.geometry import between, compose
-from slamsim.logs.scans import StoredScans
 from slamsim.randomness import random_stream
+from slamsim.recording.cleaning.scans import StoredScans
 from slamsim.types import (
     EncoderStream,
     Float32Array,

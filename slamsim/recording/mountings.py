@@ -1,0 +1,79 @@
+"""Where a recording says that its sensors sit."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from types import SimpleNamespace
+
+import numpy as np
+
+from slamsim.recording import Recording, TransformEdge
+from slamsim.recording.frames import FrameTree
+from slamsim.types import FloatArray, ImuStream
+
+BASE_FRAMES = ("base_footprint", "base_link", "base")
+BASE_FRAME = BASE_FRAMES[0]
+"""What odometry is taken to move where there is none."""
+
+
+def tree_of(edges: Iterable[TransformEdge]) -> FrameTree:
+    """The transforms that a recording declares to be fixed."""
+    tree = FrameTree()
+    tree.add([SimpleNamespace(transforms=_messages(edge)) for edge in edges if edge.is_static])
+    return tree
+
+
+def declared_laser_mounting(recording: Recording) -> FloatArray:
+    """4 x 4 T_base_laser of the first lidar, as SLAM reads it; the identity if nothing tells."""
+    base, laser = BASE_FRAME, ""
+    for odometry in recording.odometries[:1]:
+        base = odometry.child_frame_ids[0]
+    for scans in recording.scans[:1]:
+        laser = scans.frame_ids[0]
+    return laser_mounting_of(tree_of(recording.transforms), base, laser, [])
+
+
+def laser_mounting_of(
+    tree: FrameTree, base_frame: str, laser_frame: str, warnings: list[str]
+) -> FloatArray:
+    """4 x 4 T_base_laser; from another base frame, or the identity, with a warning, if need be."""
+    T_base_laser = tree.between(base_frame, laser_frame)
+    if T_base_laser is not None:
+        return T_base_laser
+    for frame in BASE_FRAMES:
+        T_base_laser = tree.between(frame, laser_frame)
+        if T_base_laser is not None:
+            warnings.append(
+                f"no fixed transform from {base_frame!r} to {laser_frame!r}: "
+                f"the one from {frame!r} is used"
+            )
+            return T_base_laser
+    warnings.append(
+        f"no fixed transform from {base_frame!r} to {laser_frame!r} in /tf_static or /tf: "
+        "the laser is taken to sit at the base"
+    )
+    return np.eye(4)
+
+
+def imu_mounting_of(
+    tree: FrameTree, base_frame: str, imu: ImuStream, warnings: list[str]
+) -> FloatArray | None:
+    """4 x 4 T_base_imu; None, with a warning, where no fixed transform tells."""
+    T_base_imu = tree.between(base_frame, imu.frame_id)
+    if T_base_imu is None:
+        warnings.append(f"no fixed transform from {base_frame!r} to {imu.frame_id!r}")
+    return T_base_imu
+
+
+def _messages(edge: TransformEdge) -> list[SimpleNamespace]:
+    return [
+        SimpleNamespace(
+            header=SimpleNamespace(frame_id=edge.parent),
+            child_frame_id=edge.child,
+            transform=SimpleNamespace(
+                translation=SimpleNamespace(**dict(zip("xyz", position_m, strict=True))),
+                rotation=SimpleNamespace(**dict(zip("xyzw", quat_xyzw, strict=True))),
+            ),
+        )
+        for position_m, quat_xyzw in zip(edge.positions_m, edge.quats_xyzw, strict=True)
+    ]
