@@ -19,7 +19,7 @@ from dataset_run import tree
 from mcap.writer import CompressionType, Writer
 
 from slamsim.console import Reporter
-from slamsim.io.checksums import checked_recording
+from slamsim.io.open import checked_recording
 from slamsim.run.verifying import verify_and_tell, verify_path
 from slamsim.safe.errors import NotFound
 from slamsim.safe.output import partial_folder

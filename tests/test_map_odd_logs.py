@@ -216,13 +216,11 @@ def test_a_code_within_the_declared_range_of_a_bag(tmp_path: Path, code_m: float
 
 
 def test_a_run_that_used_less_than_half_says_why_and_is_written(tmp_path: Path) -> None:
-    raw = "RAWLASER1 0 -1.570796 3.141593 0.0174533 81.9 0.01 0 181"
-    lines = [f"ODOM {0.06 * i} 0 0 0.3 0 0 {10 + 0.2 * i:.3f} host 0" for i in range(20)]
-    lines += [
-        f"{raw} {' '.join(f'{value:.2f}' for value in row)} 0 {stamp} host 0"
-        for stamp, row in zip(regular(), STRAIGHT, strict=True)
-    ]
-    code, sentence, report = mapped(carmen(tmp_path, lines))
+    messages = bag(RECEIVED, RECEIVED, STRAIGHT)
+    scans = [message for topic, _, message in messages if topic == "/scan"]
+    for scan in scans[20:]:
+        scan.angle_increment = 0.0
+    code, sentence, report = mapped(as_mcap(tmp_path / "odd.mcap", messages))
     assert code == 1 and report["scans_used"] == 20 and report["scans"] == COUNT
-    assert "only 20 of 60 scans were used: 40 scans outside the odometry's time" in sentence
+    assert "only 20 of 60 scans were used: /scan: 40 scans that describe no lidar" in sentence
     assert (tmp_path / "run" / "report.html").is_file()

@@ -1,53 +1,81 @@
-"""The door through which every recording enters, whatever its format."""
+"""Opens recordings of every format: as they were written, and as SLAM reads them."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 
-from slamsim.io.carmen.log import read_carmen
-from slamsim.io.carmen.reader import read_carmen_recording
+from slamsim.io.formats import Contents, Format, formats
 from slamsim.io.input_errors import damaged, refusing
 from slamsim.io.names import LOG, TABLES
 from slamsim.recording import Recording
+from slamsim.recording.cleaning.log import clean
+from slamsim.recording.cleaning.streams import trajectory_of
 from slamsim.safe.errors import InputRefused, NotFound
 from slamsim.safe.files import own_file
 from slamsim.types import Log, Trajectory
 
 
-def read_recording(path: Path, scan_topic: str | None = None) -> Recording:
-    """What the recording at path says: CARMEN, ROS 1 bag, ROS 2 recording, Parquet
-    tables of a data set, or a run's folder.
+@dataclass(frozen=True, slots=True, eq=False)
+class OpenRecording:
+    """A recording that was read once: what it says, the log in it, the truth in it."""
 
-    The truth in it, if any, is never read. scan_topic: of several lidars only this one. Memory
-    stays bounded: from a certain size on ranges live in a temporary file. Raises NotFound, or
-    InputRefused naming file, place and reason when it cannot be read at all; what only some
-    messages suffer from stands in ``Recording.odd`` and ``unread``.
+    path: Path
+    contents: Contents
+
+    @property
+    def recording(self) -> Recording:
+        return self.contents.recording
+
+    def log(self) -> Log:
+        """As SLAM reads it. Raises InputRefused as ``read_log`` does."""
+        with refusing(self.path, "its contents"):
+            return clean(self.recording, self.path)
+
+    def truth(self) -> Trajectory | None:
+        """As ``read_truth`` gives it."""
+        if self.contents.truth_damage is not None:
+            where, reason = self.contents.truth_damage
+            raise InputRefused(self.path, reason, where)
+        if self.contents.truth is None:
+            return None
+        with refusing(self.path, "its truth"):
+            truth = trajectory_of(self.contents.truth)
+        return truth if len(truth) else None
+
+
+def open_recording(path: Path, scan_topic: str | None = None) -> OpenRecording:
+    """Read the recording at path, with the truth in it, which no log or recording shows.
+
+    Of a format that is registered in ``slamsim.io.formats``, or a run's folder that holds one.
+    scan_topic: of several lidars only this one. Memory stays bounded: from a certain size on ranges
+    live in a temporary file. Raises NotFound, or InputRefused naming file, place and reason when it
+    cannot be read at all; what only some messages suffer from stands in ``Recording.odd`` and
+    ``unread``.
     """
     path = recording_at(path)
     with refusing(path, "its contents"):
-        if is_carmen(path):
-            return read_carmen_recording(path, scan_topic)
-        if is_parquet_log(path):
-            from slamsim.io.parquet.reader import read_parquet_recording
-
-            return read_parquet_recording(path)
-        from slamsim.io.ros.reader import read_bag_recording
-
-        return read_bag_recording(path, scan_topic)
+        return OpenRecording(path, format_of(path).read(path, scan_topic, "with"))
 
 
-_CARMEN_SUFFIXES = (".clf", ".log")
-_BAG_SUFFIXES = (".mcap", ".db3", ".bag")
-_COMPRESSIONS = (".gz", ".bz2")
-_KNOWN = (
-    "a log is .clf or .log (CARMEN, also .gz and .bz2), .mcap, .db3, .bag, "
-    "or a folder: rosbag2 with metadata.yaml, one ROS 1 bag, or Parquet with scans.parquet"
-)
+def read_recording(path: Path, scan_topic: str | None = None) -> Recording:
+    """What the recording at path says; as ``open_recording`` without the truth.
+
+    Raises InputRefused besides for a recording of which no topic can be read.
+    """
+    path = recording_at(path)
+    with refusing(path, "its contents"):
+        found = format_of(path).read(path, scan_topic, "without").recording
+    beside = (found.transforms, found.robot_description, found.clock_ns)
+    if not found.streams and all(each is None or each == () for each in beside):
+        there = ", ".join(sorted({each.type_name for each in found.topics if each.messages}))
+        reason = f"there is nothing that could be checked, only {there or 'no message at all'}"
+        raise InputRefused(path, reason)
+    return found
 
 
 def read_log(path: Path, scan_topic: str | None = None) -> Log:
-    """The log at path: CARMEN, ROS 1 bag, ROS 2 recording, a folder of Parquet tables as data sets
-    have it, or a run's folder that holds one.
+    """The log at path: what the recording says, sorted, converted, with warnings.
 
     The truth in it, if any, is never read. scan_topic chooses one of several lidars; without it
     the one with the most scans is taken and ``Log.warnings`` says so. Raises NotFound, or
@@ -55,56 +83,56 @@ def read_log(path: Path, scan_topic: str | None = None) -> Log:
     """
     path = recording_at(path)
     with refusing(path, "its contents"):
-        if is_carmen(path):
-            return read_carmen(path, scan_topic)
-        if is_parquet_log(path):
-            from slamsim.io.parquet.reader import read_parquet
-
-            return read_parquet(path)
-        from slamsim.io.ros.bag_log import read_bag
-
-        return read_bag(path, scan_topic)
+        recording = format_of(path).read(path, scan_topic, "without").recording
+        return clean(recording, path)
 
 
 def read_truth(path: Path) -> Trajectory | None:
     """``T_map_base`` as the simulator recorded it, or None for a log without truth."""
     path = recording_at(path)
-    if is_carmen(path) or is_parquet_log(path):
+    found = format_of(path)
+    if not found.has_truth:
         return None
-    from slamsim.io.ros.bag_log import read_bag_truth
-
     with refusing(path, "its truth"):
-        return read_bag_truth(path)
+        return OpenRecording(path, found.read(path, None, "only")).truth()
 
 
-def is_carmen(path: Path) -> bool:
-    """Whether the name is that of a CARMEN log."""
-    name = path.with_suffix("") if path.suffix.lower() in _COMPRESSIONS else path
-    return path.is_file() and name.suffix.lower() in _CARMEN_SUFFIXES
+def checked_recording(path: Path) -> str:
+    """Read a recording to its last byte, and say in words what its checksums prove.
+
+    Raises NotFound, or InputRefused where it is damaged or none.
+    """
+    path = recording_at(path)
+    return format_of(path).checksums(path)
 
 
-def is_parquet_log(path: Path) -> bool:
-    """Whether a folder holds a recording as Parquet tables."""
-    return path.is_dir() and (path / "scans.parquet").is_file()
+def format_of(path: Path) -> Format:
+    """The format of a path that ``recording_at`` gave."""
+    return next(each for each in formats() if each.is_at(path))
 
 
 def recording_at(path: Path) -> Path:
     """The recording that a path means; InputRefused when it can be none."""
     if not path.exists():
         raise NotFound(f"{path}: there is no such file or folder")
-    if path.is_dir():
-        for name in (".", LOG):
-            if (path / name / "metadata.yaml").is_file():
-                return own_file(path, name)
-        for name in (".", TABLES):
-            if is_parquet_log(path / name):
-                return own_file(path, name)
-        bags = [file for file in path.iterdir() if file.suffix == ".bag"]
-        if len(bags) == 1:
-            return own_file(path, bags[0].name)
-        if any(file.suffix in (".mcap", ".db3") for file in path.iterdir()):
-            raise damaged(path, "there is no metadata.yaml in this folder")
-        raise InputRefused(path, f"there is no metadata.yaml in this folder; {_KNOWN}")
-    if not is_carmen(path) and path.suffix.lower() not in _BAG_SUFFIXES:
-        raise InputRefused(path, f"{path.suffix or 'no suffix'} is no known kind of log; {_KNOWN}")
-    return path
+    known = formats()
+    if not path.is_dir():
+        if any(each.is_file(path) for each in known):
+            return path
+        suffix = path.suffix or "no suffix"
+        raise InputRefused(path, f"{suffix} is no known kind of log; {_about(known)}")
+    for each in known:
+        for name in (".", LOG, TABLES):
+            found = each.in_folder(path / name)
+            if found is not None:
+                return own_file(path, found.relative_to(path).as_posix())
+    missing = "there is no metadata.yaml in this folder"
+    if any(file.suffix in (".mcap", ".db3") for file in path.iterdir()):
+        raise damaged(path, missing)
+    raise InputRefused(path, f"{missing}; {_about(known)}")
+
+
+def _about(known: tuple[Format, ...]) -> str:
+    files = ", ".join(each.about_files for each in known if each.about_files)
+    folders = ", ".join(each.about_folders for each in known if each.about_folders)
+    return f"a log is {files}, or a folder: {folders}"

@@ -96,7 +96,8 @@ class RawScans(RawStream):
 
     layouts: the distinct declarations; layout_of: (n,) which one each scan makes. ranges_m: n rows
     of float32 as recorded (an array when all have as many beams, else a sequence of arrays, which
-    may read the file only when asked). intensities likewise, None without any.
+    may read the file only when asked). intensities likewise, None without any. range_is_estimated:
+    the format declares no maximum, so that ``range_max_m`` is what the readings themselves say.
     """
 
     schema = schemas.SCANS
@@ -105,6 +106,7 @@ class RawScans(RawStream):
     layout_of: NDArray[np.int32]
     ranges_m: Sequence[Float32Array] | Float32Array
     intensities: Sequence[Float32Array] | Float32Array | None = None
+    range_is_estimated: bool = field(default=False, kw_only=True)
 
     def layout(self, scan: int) -> ScanLayout:
         return self.layouts[int(self.layout_of[scan])]
@@ -134,7 +136,9 @@ class RawImu(RawStream):
 class RawOdometry(RawStream):
     """Poses (n, 3) and (n, 4) of child_frame_id in the stream's frame, twists (n, 3) in the child.
 
-    The ground truth of a simulation is never among the odometries of a ``Recording``.
+    yaws_rad: (n,) the headings, where the format has them as such: they hold as long as quats_xyzw
+    is what was made of them. The ground truth of a simulation is never among the odometries of a
+    ``Recording``.
     """
 
     schema = schemas.ODOMETRY
@@ -144,11 +148,15 @@ class RawOdometry(RawStream):
     quats_xyzw: FloatArray
     linear_m_s: FloatArray
     angular_rad_s: FloatArray
+    yaws_rad: FloatArray | None = field(default=None, kw_only=True)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RawTicks(RawStream):
-    """Cumulative counts of the wheels, (n, 2) int64 as (left, right), and the driver's numbers."""
+    """Cumulative counts of the wheels, (n, 2) int64 as (left, right), and the driver's numbers.
+
+    constants_change: later messages give other numbers than the first one, whose these are.
+    """
 
     schema = schemas.TICKS
 
@@ -156,6 +164,7 @@ class RawTicks(RawStream):
     ticks_per_revolution: int
     wheel_radius_m: float
     track_m: float
+    constants_change: bool = field(default=False, kw_only=True)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -205,12 +214,26 @@ class TransformEdge(_OfSchema):
 
 @dataclass(frozen=True, slots=True)
 class UnreadTopic:
-    """Messages that are in the file and that nothing here looks at, and why."""
+    """Messages that are in the file and that no check looks at, and why.
+
+    stream: what they say, if it was read for what other streams lack.
+    """
 
     topic: str
     type_name: str
     messages: int
     reason: str
+    stream: RawStream | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class RecordedTopic:
+    """A topic as the file has it. damage: why some of its messages, or all, cannot be decoded."""
+
+    topic: str
+    type_name: str
+    messages: int
+    damage: str = ""
 
 
 KINDS: tuple[type[RawStream], ...] = (RawScans, RawImu, RawOdometry, RawTicks, RawJoints)
@@ -229,7 +252,8 @@ class Recording:
 
     clock_ns: (n, 2) of (simulated time, when received) from /clock, None without it. epoch: as
     the file declares it or the size of its stamps tells. odd: what the reader could not make
-    sense of, in words, with counts.
+    sense of, in words, with counts. topics: what the file holds, also of types that are not read;
+    empty where that is just the streams.
     """
 
     name: str
@@ -241,6 +265,7 @@ class Recording:
     epoch: Epoch = "unknown"
     unread: tuple[UnreadTopic, ...] = ()
     odd: tuple[str, ...] = ()
+    topics: tuple[RecordedTopic, ...] = ()
 
     def of(self, kind: type[_Stream]) -> tuple[_Stream, ...]:
         """Its streams of a kind."""

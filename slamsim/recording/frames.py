@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
-from typing import Any
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
 from slamsim.geometry import matrix_from_xyzw, se3_from_parts
+from slamsim.recording import TransformEdge
 from slamsim.safe.errors import printable
 from slamsim.safe.numbers import is_sound
-from slamsim.types import FloatArray
+from slamsim.types import FloatArray, IntArray
 
 _RIGID_TOLERANCE = 1e-4
+"""Metres, or of an element of the rotation: rounding of single precision at some hundred metres."""
+_UNIT_TOLERANCE = 0.1
+"""A quaternion whose norm is off by more is no rotation."""
 
 
 def frame_name(name: str) -> str:
@@ -21,37 +24,53 @@ def frame_name(name: str) -> str:
     return printable(name.strip().lstrip("/"))
 
 
-def matrix_of(transform: Any) -> FloatArray | None:
-    """4 x 4 of a geometry_msgs/Transform, None if it is no rigid motion."""
-    t, q = transform.translation, transform.rotation
-    quat_xyzw = np.array([q.x, q.y, q.z, q.w], dtype=np.float64)
-    translation_m = np.array([t.x, t.y, t.z], dtype=np.float64)
+def _matrix_of(position_m: FloatArray, quat_xyzw: FloatArray) -> FloatArray:
+    """4 x 4 of a pose whose quaternion need not be unit."""
     norm = math.hypot(*quat_xyzw.tolist())
-    if not (is_sound(translation_m).all() and abs(norm - 1.0) < 0.1):
-        return None
-    return se3_from_parts(matrix_from_xyzw(quat_xyzw / norm), translation_m)
+    return se3_from_parts(matrix_from_xyzw(quat_xyzw / norm), position_m)
 
 
 class FrameTree:
-    """Edges parent -> child that never moved in all the messages shown to ``add``."""
+    """Edges parent -> child that never moved in all the transforms shown to ``add``."""
 
     def __init__(self) -> None:
         self._parents: dict[str, tuple[str, FloatArray]] = {}
         self._moving: dict[str, str] = {}
 
-    def add(self, messages: Iterable[Any]) -> None:
-        """tf2_msgs/TFMessage, latched or not: an edge that moves is forgotten."""
-        for message in messages:
-            for edge in message.transforms:
-                parent, child = frame_name(edge.header.frame_id), frame_name(edge.child_frame_id)
-                T_parent_child = matrix_of(edge.transform)
-                if child in self._moving or parent == child or T_parent_child is None:
-                    continue
-                known = self._parents.setdefault(child, (parent, T_parent_child))
-                off = np.abs(known[1] - T_parent_child).max()
-                if known[0] != parent or off > _RIGID_TOLERANCE:
-                    self._moving[child] = parent
-                    del self._parents[child]
+    def add(self, edges: Iterable[TransformEdge]) -> None:
+        """Transforms, latched or not: an edge that moves is forgotten."""
+        by_child: dict[str, list[TransformEdge]] = {}
+        for edge in edges:
+            if edge.parent != edge.child and edge.child not in self._moving:
+                by_child.setdefault(edge.child, []).append(edge)
+        for child, mine in by_child.items():
+            self._add(child, mine)
+
+    def _add(self, child: str, edges: Sequence[TransformEdge]) -> None:
+        """All that is said of one frame, in the order in which it was received."""
+        positions_m = np.concatenate([edge.positions_m for edge in edges])
+        quats_xyzw = np.concatenate([edge.quats_xyzw for edge in edges])
+        with np.errstate(over="ignore", invalid="ignore"):
+            norms = np.linalg.norm(quats_xyzw, axis=1)
+            rigid = is_sound(positions_m) & (np.abs(norms - 1.0) < _UNIT_TOLERANCE)
+        rows = np.flatnonzero(rigid)
+        rows = rows[np.argsort(_received_ns(edges)[rows], kind="stable")]
+        if rows.size == 0:
+            return
+        parents = [edge.parent for edge in edges for _ in range(edge.stamps_ns.size)]
+        first = int(rows[0])
+        told = parents[first], _matrix_of(positions_m[first], quats_xyzw[first])
+        parent, T_parent_child = self._parents.setdefault(child, told)
+        rotations = matrix_from_xyzw(quats_xyzw[rows] / norms[rows, None])
+        off = np.maximum(
+            np.abs(rotations - T_parent_child[:3, :3]).max(axis=(1, 2)),
+            np.abs(positions_m[rows] - T_parent_child[:3, 3]).max(axis=1),
+        )
+        for row, is_off in zip(rows.tolist(), off > _RIGID_TOLERANCE, strict=True):
+            if is_off or parents[row] != parent:
+                self._moving[child] = parents[row]
+                del self._parents[child]
+                return
 
     def __contains__(self, frame: str) -> bool:
         return frame in self._parents or any(
@@ -90,3 +109,9 @@ class FrameTree:
             if ancestor in from_target:
                 return np.asarray(np.linalg.inv(from_target[ancestor]) @ T_ancestor_source)
         return None
+
+
+def _received_ns(edges: Sequence[TransformEdge]) -> IntArray:
+    """(n,) of all rows; the stamps where it is not known when they were received."""
+    received = (edge.stamps_ns if edge.received_ns is None else edge.received_ns for edge in edges)
+    return np.concatenate(list(received))

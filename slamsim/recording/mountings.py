@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from types import SimpleNamespace
 
 import numpy as np
 
@@ -19,7 +18,7 @@ BASE_FRAME = BASE_FRAMES[0]
 def tree_of(edges: Iterable[TransformEdge]) -> FrameTree:
     """The transforms that a recording declares to be fixed."""
     tree = FrameTree()
-    tree.add([SimpleNamespace(transforms=_messages(edge)) for edge in edges if edge.is_static])
+    tree.add(edge for edge in edges if edge.is_static)
     return tree
 
 
@@ -63,17 +62,3 @@ def imu_mounting_of(
     if T_base_imu is None:
         warnings.append(f"no fixed transform from {base_frame!r} to {imu.frame_id!r}")
     return T_base_imu
-
-
-def _messages(edge: TransformEdge) -> list[SimpleNamespace]:
-    return [
-        SimpleNamespace(
-            header=SimpleNamespace(frame_id=edge.parent),
-            child_frame_id=edge.child,
-            transform=SimpleNamespace(
-                translation=SimpleNamespace(**dict(zip("xyz", position_m, strict=True))),
-                rotation=SimpleNamespace(**dict(zip("xyzw", quat_xyzw, strict=True))),
-            ),
-        )
-        for position_m, quat_xyzw in zip(edge.positions_m, edge.quats_xyzw, strict=True)
-    ]

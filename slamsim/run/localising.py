@@ -12,7 +12,7 @@ from slamsim.config.run import RunConfig
 from slamsim.console import Reporter
 from slamsim.evaluate.trajectory import compare, statistics
 from slamsim.geometry import compose
-from slamsim.io.open import read_log, read_truth
+from slamsim.io.open import open_recording
 from slamsim.io.text.stamps import decimal_from_stamp_ns
 from slamsim.io.text.tum import read_tum, write_tum
 from slamsim.progress import Progress
@@ -50,7 +50,8 @@ def localise_recording(
     InputRefused for what cannot be read, SlamsimError if no scan could be placed.
     """
     path = log_of(source)
-    log, truth = read_log(path, scan_topic), read_truth(path)
+    opened = open_recording(path, scan_topic)
+    log, truth = opened.log(), opened.truth()
     stages, saved = Stages(reporter), read_known_map(known)
     with partial_folder(folder, overwrite) as partial:
         write_config(partial, config)

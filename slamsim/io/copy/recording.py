@@ -7,7 +7,9 @@ from pathlib import Path
 
 from slamsim.io.bag2.writer import write_recording
 from slamsim.io.copy.rewrite import Copied, rewrite_recording
-from slamsim.io.open import is_carmen, is_parquet_log, recording_at
+from slamsim.io.formats.parquet import PARQUET
+from slamsim.io.formats.ros import ROS1, ROS2
+from slamsim.io.open import format_of, recording_at
 from slamsim.recording import Recording
 from slamsim.safe.errors import SlamsimError
 
@@ -31,7 +33,7 @@ def require_lossless(path: Path) -> None:
 def lost_in_copy(path: Path) -> tuple[str, ...]:
     """What of a recording has no place in the format of its copy."""
     path = recording_at(path)
-    if not is_parquet_log(path):
+    if not PARQUET.is_at(path):
         return ()
     names = sorted(file.name for file in path.iterdir() if not file.name.startswith("."))
     return tuple(name for name in names if not _TABLES.fullmatch(name))
@@ -45,8 +47,8 @@ def copy_recording(path: Path, read: Recording, edited: Recording, folder: Path)
     become one without what ``lost_in_copy`` names. Raises as ``rewrite_recording`` does.
     """
     path = recording_at(path)
-    if not (is_carmen(path) or is_parquet_log(path)):
+    if format_of(path) in (ROS1, ROS2):
         return rewrite_recording(path, read, edited, folder)
-    attached = [path] if is_carmen(path) else []
+    attached = [path] if path.is_file() else []
     write_recording(edited, folder, attached)
     return Copied(attached=tuple(file.name for file in attached), lost=lost_in_copy(path))

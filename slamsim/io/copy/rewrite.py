@@ -27,8 +27,7 @@ from slamsim.io.copy.shared_clocks import StampMap, header_topics, stamp_maps, s
 from slamsim.io.copy.writers import Bag1Copy, Bag2Copy, Copy, Message, Spool
 from slamsim.io.input_errors import refusing
 from slamsim.io.ros.bag import Bag, open_bag
-from slamsim.io.ros.bag_log import TRANSFORMS, is_truth
-from slamsim.io.ros.reader import description_topic
+from slamsim.io.ros.reader import TRANSFORMS, description_topic, is_truth
 from slamsim.io.ros.sources import Bag1Source, McapSource
 from slamsim.recording import Recording, TransformEdge
 from slamsim.safe.errors import SlamsimError

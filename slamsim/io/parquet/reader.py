@@ -1,4 +1,4 @@
-"""Reads the folder of Parquet tables that ``ParquetLog`` writes: as a recording, or as a log."""
+"""Reads the folder of Parquet tables that ``ParquetLog`` writes."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ from collections.abc import Callable
 from functools import partial
 from itertools import count, takewhile
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any, TypeVar
 
 import numpy as np
@@ -14,8 +13,6 @@ import numpy as np
 from slamsim.io.input_errors import refusing
 from slamsim.io.parquet.file import read_table, table_facts
 from slamsim.io.parquet.validation import require_sound
-from slamsim.io.ros.bag_scans import Survey, scan_from_message
-from slamsim.io.ros.bag_streams import are_wheels, in_order, lengths
 from slamsim.recording import (
     KINDS,
     RawScans,
@@ -24,32 +21,17 @@ from slamsim.recording import (
     ScanLayout,
     TransformEdge,
 )
-from slamsim.recording.cleaning.scans import StoredScans
-from slamsim.recording.mountings import BASE_FRAME, imu_mounting_of, laser_mounting_of, tree_of
 from slamsim.recording.schemas import TRANSFORM, Field
-from slamsim.safe.errors import InputRefused
 from slamsim.safe.files import own_file
-from slamsim.safe.numbers import is_sound
 from slamsim.safe.seal import require_complete
-from slamsim.types import (
-    BoolArray,
-    EncoderStream,
-    ImuStream,
-    IntArray,
-    Log,
-    PlanarTrajectory,
-    Trajectory,
-)
-
-SCANS_NAME = "scans.parquet"
 
 Table = dict[str, Any]
 _Raw = TypeVar("_Raw", bound=RawStream)
 _Made = TypeVar("_Made")
 
 
-def read_parquet_recording(folder: Path) -> Recording:
-    """What the tables say, nothing mended.
+def read_parquet(folder: Path) -> Recording:
+    """What the tables say, nothing changed.
 
     Raises InputRefused for a file that cannot be read, DataDamaged for one that is not as it was
     written, or is missing.
@@ -65,41 +47,6 @@ def read_parquet_recording(folder: Path) -> Recording:
         transforms=transforms,
         robot_description=facts["robot_description"],
         epoch=facts["epoch"],
-    )
-
-
-def read_parquet(folder: Path) -> Log:
-    """The log in the tables, put in order as that of a bag is; its scans are in memory."""
-    recording = read_parquet_recording(folder)
-    if not recording.scans:
-        raise InputRefused(folder / SCANS_NAME, "there is no scan in it")
-    raw, survey = recording.scans[0], Survey()
-    received_ns = raw.stamps_ns if raw.received_ns is None else raw.received_ns
-    for number in range(len(raw)):
-        survey.add(_message(raw, number), int(received_ns[number]))
-    try:
-        times = survey.times()
-    except ValueError as error:
-        raise InputRefused(folder / SCANS_NAME, str(error)) from None
-    moved: list[str] = []
-    odometry, base = _path(recording, moved)
-    limit, told = survey.limit(times, odometry)
-    found = (scan_from_message(_message(raw, number), limit) for number in range(len(raw)))
-    scans = times.applied(scan for scan in found if scan is not None)
-    warnings = [f"{raw.topic}: {words}" for words in (*survey.warnings(times), *told)] + moved
-    tree, laser = tree_of(recording.transforms), survey.frame_id
-    imu = _imu_stream(recording, warnings)
-    return Log(
-        name=recording.name,
-        epoch=recording.epoch,
-        scans=StoredScans(list(scans)),
-        odometry=odometry,
-        imu=imu,
-        encoders=_encoders(recording, warnings),
-        T_base_laser=laser_mounting_of(tree, base, laser, warnings),
-        T_base_imu=None if imu is None else imu_mounting_of(tree, base, imu, warnings),
-        warnings=tuple(warnings),
-        recorded_scans=survey.recorded,
     )
 
 
@@ -166,66 +113,3 @@ def _transforms(cells: Table) -> tuple[TransformEdge, ...]:
         )
         for key, mine in rows.items()
     )
-
-
-def _message(raw: RawScans, number: int) -> SimpleNamespace:
-    layout = raw.layout(number)
-    sec, nanosec = divmod(int(raw.stamps_ns[number]), 1_000_000_000)
-    return SimpleNamespace(
-        header=SimpleNamespace(
-            stamp=SimpleNamespace(sec=sec, nanosec=nanosec), frame_id=raw.frame_ids[0]
-        ),
-        angle_min=layout.angle_min_rad,
-        angle_max=layout.angle_max_rad,
-        angle_increment=layout.angle_step_rad,
-        time_increment=layout.beam_dt_s,
-        range_min=layout.range_min_m,
-        range_max=layout.range_max_m,
-        ranges=raw.ranges_m[number],
-        intensities=() if raw.intensities is None else raw.intensities[number],
-    )
-
-
-def _all(stamps_ns: IntArray) -> BoolArray:
-    return np.ones(stamps_ns.size, dtype=np.bool_)
-
-
-def _path(recording: Recording, warnings: list[str]) -> tuple[PlanarTrajectory | None, str]:
-    """(T_odom_base, the frame that it moves)."""
-    for moved in recording.odometries:
-        norms = lengths(moved.quats_xyzw)
-        sound = is_sound(moved.positions_m) & (np.abs(norms - 1.0) < 0.1)
-        stamps_ns, rows, odd = in_order(
-            moved.stamps_ns, np.asarray(sound), moved.topic, moved.received_ns
-        )
-        warnings += odd
-        quats_xyzw = moved.quats_xyzw[rows] / norms[rows, None]
-        path = Trajectory(stamps_ns, moved.positions_m[rows], quats_xyzw)
-        return path.planar(), moved.child_frame_ids[0]
-    warnings.append("a log without odometry")
-    return None, BASE_FRAME
-
-
-def _imu_stream(recording: Recording, warnings: list[str]) -> ImuStream | None:
-    for imu in recording.imus:
-        rates, forces = imu.angular_velocity_rad_s, imu.linear_acceleration_m_s2
-        sound = is_sound(np.hstack([rates, forces]))
-        stamps_ns, rows, odd = in_order(
-            imu.stamps_ns, np.asarray(sound), imu.topic, imu.received_ns
-        )
-        warnings += odd
-        return ImuStream(stamps_ns, rates[rows], forces[rows], imu.frame_ids[0])
-    return None
-
-
-def _encoders(recording: Recording, warnings: list[str]) -> EncoderStream | None:
-    for wheels in recording.ticks:
-        stamps_ns, rows, odd = in_order(
-            wheels.stamps_ns, _all(wheels.stamps_ns), wheels.topic, wheels.received_ns
-        )
-        warnings += odd
-        constants = (wheels.ticks_per_revolution, wheels.wheel_radius_m, wheels.track_m)
-        if are_wheels(*constants):
-            return EncoderStream(stamps_ns, wheels.ticks[rows], *constants)
-        warnings.append(f"{wheels.topic}: ticks a turn, radius and track make no wheels: left out")
-    return None

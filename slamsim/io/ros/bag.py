@@ -6,7 +6,7 @@ recording is a .bag. Topics are found by their type, never by their name.
 
 from __future__ import annotations
 
-from collections.abc import Container, Iterable, Iterator, Mapping
+from collections.abc import Container, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path, PurePath
 from typing import Any
@@ -44,20 +44,6 @@ class Bag:
         found = [c for c in self.channels if c.type_name in type_names and c.messages]
         return sorted(found, key=lambda channel: (-channel.messages, channel.topic))
 
-    def raw(self, topic: str) -> Iterator[bytes]:
-        """The serialised messages of one topic; InputRefused on damage or if some are missing."""
-        for _, _, data in self.received({topic}):
-            yield data
-
-    def messages(self, topics: Iterable[str]) -> Iterator[Any]:
-        """The messages of the topics in the order of recording; raises as ``raw`` does."""
-        wanted = set(topics)
-        where = f"topic {', '.join(sorted(wanted))}"
-        for topic, _, data in self.received(wanted) if wanted else ():
-            with refusing(self.path, where):
-                message = self.source.deserialize(topic, data)
-            yield message
-
     def deserialize(self, topic: str, data: bytes) -> Any:
         """One message; InputRefused if the bytes are none."""
         with refusing(self.path, f"topic {topic}"):
@@ -70,13 +56,16 @@ class Bag:
             return self.source.is_cdr(topic)
 
     def received(self, topics: set[str]) -> Iterator[tuple[str, int, bytes]]:
-        """(topic, when it was received in ns, serialised message); raises as ``raw`` does."""
+        """(topic, when it was received in ns, serialised message).
+
+        Raises InputRefused on damage, or if some are missing.
+        """
         declared = self.source.declarations
         for number, received_ns, _, _, data in self.everything(topics):
             yield declared[number].topic, received_ns, data
 
     def everything(self, topics: Container[str] | None = None) -> Iterator[Received]:
-        """All messages, or those of some topics, as they were recorded; raises as ``raw`` does."""
+        """All messages, or those of some topics, as recorded; raises as ``received`` does."""
         names = {n: each.topic for n, each in self.source.declarations.items()}
         return self._of({n: t for n, t in names.items() if topics is None or t in topics})
 

@@ -134,6 +134,10 @@ class NumberCollector(Collector, Generic[_Raw]):
     def stream(self) -> _Raw:
         """What all messages say alike, such as the size of wheels, is that of the first one."""
         places, stamps_ns, received_ns, values = self._gathered.joined()
+        constants = [values[each.name] for each in self._schema.fields if each.is_constant]
+        changed: dict[str, Any] = {}
+        if any((each != each[0]).any() for each in constants):
+            changed["constants_change"] = True
         return self.kind(
             topic=self.topic,
             stamps_ns=stamps_ns,
@@ -141,6 +145,7 @@ class NumberCollector(Collector, Generic[_Raw]):
             origin=Origin(self.topic, places),
             **self._frames(self._schema),
             **{each.name: self._read(each, values[each.name]) for each in self._schema.fields},
+            **changed,
         )
 
     def _read(self, field: Field, values: NDArray[Any]) -> Any:

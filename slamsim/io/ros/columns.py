@@ -4,14 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from functools import partial
-from itertools import islice
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from slamsim.io.ros.bag import Bag
 from slamsim.io.ros.cdr import CDR_LITTLE_ENDIAN, CdrLayout, Rows
 from slamsim.io.ros.layouts import columns_of, message_layout, shape_of
 from slamsim.recording.schemas import Field, Schema
@@ -122,55 +119,5 @@ def _viewed(plain: NDArray[np.uint8], layout: CdrLayout) -> tuple[Rows, IntArray
     return plain[same].view(dtype)[:, 0], same
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Columns:
-    """Messages of one topic. stamps_ns, received_ns: (n,) as written, and when each was received.
-    values: (n,) or (n, k) of each field by its name. first: the first message."""
-
-    stamps_ns: IntArray
-    received_ns: IntArray
-    values: dict[str, NDArray[Any]]
-    first: Any
-
-
-def read_columns(bag: Bag, topic: str, schema: Schema) -> Columns:
-    """The messages of a topic whose fields are numbers, in the order of the recording.
-
-    Raises InputRefused for a damaged message.
-    """
-    stamps: list[IntArray] = []
-    received: list[IntArray] = []
-    values: dict[str, list[NDArray[Any]]] = {field.name: [] for field in schema.fields}
-    first: Any = None
-    layout_of = partial(layout_for, schema)
-    for received_ns, batch in _batches(bag.received({topic})):
-        received.append(received_ns)
-        is_cdr = bag.is_cdr(topic)
-        groups = list(alike(batch, lambda data: bag.deserialize(topic, data), layout_of, is_cdr))
-        order = np.argsort(np.concatenate([group.places for group in groups]))
-        stamps.append(np.concatenate([group.stamps_ns() for group in groups])[order])
-        for field in schema.fields:
-            parts = [group.values(field) for group in groups]
-            values[field.name].append(np.concatenate(parts)[order])
-        if first is None:
-            first = min(groups, key=lambda group: int(group.places[0])).example
-    joined = {name: np.concatenate(parts) for name, parts in values.items()}
-    return Columns(np.concatenate(stamps), np.concatenate(received), joined, first)
-
-
-def stamp_ns_of(header: Any) -> int:
-    """The stamp of a std_msgs/Header."""
-    return int(_instant_ns(int(header.stamp.sec), int(header.stamp.nanosec)))
-
-
 def _instant_ns(seconds: Any, nanoseconds: Any) -> Any:
     return seconds * 1_000_000_000 + nanoseconds
-
-
-def _batches(
-    received: Iterator[tuple[str, int, bytes]],
-) -> Iterator[tuple[IntArray, list[bytes]]]:
-    """(times of receipt, messages) of some at a time."""
-    while some := list(islice(received, _BATCH)):
-        times_ns = np.array([received_ns for _, received_ns, _ in some], dtype=np.int64)
-        yield times_ns, [bytes(data) for _, _, data in some]

@@ -11,17 +11,10 @@ from typing import Any
 
 import numpy as np
 
+from slamsim.io.formats import Contents, Truth
 from slamsim.io.input_errors import refusing
 from slamsim.io.names import LOG
 from slamsim.io.ros.bag import Bag, open_bag
-from slamsim.io.ros.bag_log import (
-    CLOCK,
-    SCAN,
-    TRANSFORMS,
-    choose_scan,
-    epoch_in,
-    is_truth,
-)
 from slamsim.io.ros.collectors import (
     ClockCollector,
     JointCollector,
@@ -32,39 +25,64 @@ from slamsim.io.ros.collectors import (
 from slamsim.io.ros.columns import Opened
 from slamsim.io.ros.scan_collector import ScanCollector
 from slamsim.io.ros.sources import Channel
-from slamsim.recording import KINDS, RawJoints, RawScans, Recording, RecordingFormat, UnreadTopic
+from slamsim.recording import (
+    KINDS,
+    RawJoints,
+    RawOdometry,
+    RawScans,
+    RecordedTopic,
+    Recording,
+    RecordingFormat,
+    UnreadTopic,
+)
+from slamsim.recording.cleaning.rising_stamps import epoch_of
+from slamsim.recording.schemas import CLOCK
 from slamsim.safe.errors import InputRefused
 from slamsim.types import Epoch
 
 _BATCH, _BATCH_BYTES = 4096, 16 << 20
 _DESCRIPTION = "robot_description"
+SCAN, ODOMETRY = RawScans.schema.type_name, RawOdometry.schema.type_name
+TRANSFORMS = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
+_TRUTH_WORDS = ("ground_truth", "groundtruth")
+_OWN_METADATA = "slamsim"
 _COLLECTORS: dict[str, Callable[[str, Opened, bool], Any]] = {
     **{kind.schema.type_name: partial(NumberCollector, kind) for kind in KINDS},
     RawScans.schema.type_name: ScanCollector,
     RawJoints.schema.type_name: JointCollector,
     TRANSFORMS[0]: TransformCollector,
     TRANSFORMS[1]: TransformCollector,
-    CLOCK: ClockCollector,
+    CLOCK.type_name: ClockCollector,
 }
 
 
-def read_bag_recording(path: Path, scan_topic: str | None = None) -> Recording:
-    """What is in a ROS recording; raises InputRefused as ``read_bag`` does.
+def read_ros(path: Path, scan_topic: str | None = None, truth: Truth = "without") -> Contents:
+    """What is in a ROS recording, in one pass over its messages.
 
-    Of a message that cannot be decoded a count is kept, and the others are read.
+    Of a message that cannot be decoded a count is kept, and the others are read. Raises
+    InputRefused as ``open_bag`` does, and for a scan topic that is not there.
     """
     bag = open_bag(path)
-    topics = {channel.topic: _Topic(bag, channel) for channel in _wanted(bag, scan_topic)}
+    wanted = [] if truth == "only" else _wanted(bag, scan_topic)
+    if truth != "without":
+        wanted += [channel for channel in bag.of_type(ODOMETRY) if is_truth(channel)][:1]
+    topics = {channel.topic: _Topic(bag, channel) for channel in wanted}
     for name, received_ns, data in bag.received(set(topics)) if topics else ():
         topics[name].add(received_ns, data)
     for topic in topics.values():
         topic.finish()
-    read = [topic for topic in topics.values() if topic.collector is not None]
-    if not read:
-        kinds = sorted({channel.type_name for channel in bag.channels if channel.messages})
-        there = ", ".join(kinds) or "no message at all"
-        raise InputRefused(path, f"there is nothing that could be checked, only {there}")
-    return _assembled(bag, read, _unread(bag, topics))
+    true = next((topics.pop(name) for name in list(topics) if is_truth(topics[name].channel)), None)
+    recording = _assembled(bag, topics, all_scans=scan_topic is None)
+    if true is None:
+        return Contents(recording)
+    if true.damage:
+        return Contents(recording, truth_damage=(f"topic {true.channel.topic}", true.damage))
+    return Contents(recording, true.collector.stream())
+
+
+def is_truth(channel: Channel) -> bool:
+    """Whether a topic holds what no sensor measured."""
+    return any(word in channel.topic for word in _TRUTH_WORDS)
 
 
 class _Topic:
@@ -123,6 +141,11 @@ class _Topic:
             return None
 
     @property
+    def damage(self) -> str:
+        """Why some messages, or all, cannot be decoded."""
+        return self.trouble or self.first_damage
+
+    @property
     def odd(self) -> str:
         """What was wrong with some messages, in words."""
         if not self.damaged:
@@ -138,7 +161,7 @@ def description_topic(bag: Bag) -> str | None:
 
 
 def _wanted(bag: Bag, scan_topic: str | None) -> list[Channel]:
-    chosen = None if scan_topic is None else choose_scan(bag, scan_topic)[0].topic
+    chosen = None if scan_topic is None else _chosen_scan(bag, scan_topic)
     found = []
     for channel in bag.of_type(*_COLLECTORS, "std_msgs/msg/String"):
         other_scan = channel.type_name == SCAN and chosen not in (None, channel.topic)
@@ -149,21 +172,39 @@ def _wanted(bag: Bag, scan_topic: str | None) -> list[Channel]:
     return found
 
 
-def _unread(bag: Bag, topics: Mapping[str, _Topic]) -> tuple[UnreadTopic, ...]:
-    unread = []
+def _chosen_scan(bag: Bag, wanted: str) -> str:
+    channels = bag.of_type(SCAN)
+    for channel in channels:
+        if channel.topic.lstrip("/") == wanted.lstrip("/"):
+            return channel.topic
+    listing = ", ".join(f"{channel.topic} ({channel.messages} messages)" for channel in channels)
+    raise InputRefused(bag.path, f"no scans on {wanted!r}; there is {listing or 'none'}")
+
+
+def _recorded(
+    bag: Bag, topics: Mapping[str, _Topic], *, all_scans: bool
+) -> tuple[tuple[RecordedTopic, ...], tuple[UnreadTopic, ...]]:
+    """(what the file holds but the truth and lidars that are not wanted, what no check looks at)"""
+    recorded, unread = [], []
     for channel in bag.channels:
         topic = topics.get(channel.topic)
+        left_out = topic is None and channel.type_name == SCAN and not all_scans
+        if is_truth(channel) or left_out or not channel.messages:
+            continue
+        about = channel.topic, channel.type_name, channel.messages
+        recorded.append(RecordedTopic(*about, "" if topic is None else topic.damage))
         reason = "no check looks at this type" if topic is None else topic.trouble
-        known_scan = topic is None and channel.type_name == SCAN
-        if reason and channel.messages and not (is_truth(channel) or known_scan):
-            unread.append(UnreadTopic(channel.topic, channel.type_name, channel.messages, reason))
-    return tuple(unread)
+        if reason:
+            unread.append(UnreadTopic(*about, reason))
+    return tuple(recorded), tuple(unread)
 
 
-def _assembled(bag: Bag, read: list[_Topic], unread: tuple[UnreadTopic, ...]) -> Recording:
+def _assembled(bag: Bag, topics: Mapping[str, _Topic], *, all_scans: bool) -> Recording:
+    read = [topic for topic in topics.values() if topic.collector is not None]
     collectors = [topic.collector for topic in read]
     clocks = [c.instants_ns() for c in collectors if isinstance(c, ClockCollector)]
     texts = [c.text for c in collectors if isinstance(c, TextCollector)]
+    recorded, unread = _recorded(bag, topics, all_scans=all_scans)
     recording = Recording(
         name=bag.path.resolve().parent.name if bag.path.name == LOG else bag.path.stem,
         format=_format(bag.path),
@@ -175,13 +216,18 @@ def _assembled(bag: Bag, read: list[_Topic], unread: tuple[UnreadTopic, ...]) ->
         clock_ns=clocks[0] if clocks else None,
         unread=unread,
         odd=tuple(topic.odd for topic in read if topic.odd),
+        topics=recorded,
     )
     return replace(recording, epoch=_epoch(bag, recording))
 
 
 def _epoch(bag: Bag, recording: Recording) -> Epoch:
+    """As our own metadata say; else UNIX by the size of the stamps; else a clock tells."""
+    if bag.metadata.get(_OWN_METADATA, {}).get("epoch") == "simulation":
+        return "simulation"
     streams = (*recording.scans, *recording.imus, *recording.odometries)
-    return epoch_in(bag, int(np.median(streams[0].stamps_ns)) if streams else 0)
+    guessed = epoch_of(int(np.median(streams[0].stamps_ns)) if streams else 0)
+    return "simulation" if guessed == "unknown" and bag.of_type(CLOCK.type_name) else guessed
 
 
 def _format(path: Path) -> RecordingFormat:

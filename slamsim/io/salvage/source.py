@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
+from slamsim.io.formats.carmen import CARMEN
 from slamsim.io.names import LOG, TABLES
-from slamsim.io.open import is_carmen
 from slamsim.safe.errors import InputRefused, NotFound
 from slamsim.safe.files import open_as_found, own_file
 from slamsim.safe.lock import staging_of
@@ -71,7 +71,7 @@ def _files(folder: Path) -> list[Path]:
 
 
 def _kind(path: Path) -> Kind:
-    if is_carmen(path):
+    if CARMEN.is_file(path):
         return "CARMEN"
     for suffix in reversed(path.suffixes):  # a recorder that was killed leaves a .bag.active
         if suffix.lower() in _SUFFIXES:

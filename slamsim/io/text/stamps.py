@@ -6,9 +6,6 @@ from decimal import Decimal, InvalidOperation
 
 from slamsim.safe.errors import shown
 from slamsim.safe.numbers import MOST_NS
-from slamsim.types import Epoch
-
-_YEAR_2000_NS = 946_684_800 * 1_000_000_000
 
 
 def stamp_ns_from_decimal(seconds: str) -> int:
@@ -40,8 +37,3 @@ def decimal_from_stamp_ns(stamp_ns: int) -> str:
     """Seconds with all nine decimals: the inverse of ``stamp_ns_from_decimal``."""
     sign, magnitude = ("-", -stamp_ns) if stamp_ns < 0 else ("", stamp_ns)
     return f"{sign}{magnitude // 1_000_000_000}.{magnitude % 1_000_000_000:09d}"
-
-
-def epoch_of(stamp_ns: int) -> Epoch:
-    """UNIX time if the stamp lies after the year 2000; a smaller one does not say what it is."""
-    return "unix" if stamp_ns >= _YEAR_2000_NS else "unknown"

@@ -9,12 +9,11 @@ spread evenly; the times at which they were received; the order of the messages 
 from __future__ import annotations
 
 from bisect import bisect_left
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from slamsim.types import BoolArray, FloatArray, IntArray, Scan
+from slamsim.types import BoolArray, Epoch, FloatArray, IntArray
 
 MOST_DELAY_NS = 1_000_000_000
 """Transport delays a message by less; a stamp that falls back further is wrong."""
@@ -27,6 +26,7 @@ LEAST_DEFAULT = 3
 """A clock that is set back passes a stamp twice, not so often."""
 LEAST_PERIOD_NS = 100_000
 """No sensor is faster than 10 kHz: what counts faster is no clock."""
+_YEAR_2000_NS = 946_684_800 * 1_000_000_000
 
 
 class NoTime(ValueError):
@@ -43,19 +43,6 @@ class Times:
     stamps_ns: IntArray
     told: tuple[str, ...] = ()
     made_anew: bool = False
-
-    def applied(self, scans: Iterable[Scan]) -> Iterator[Scan]:
-        """The scans to use with their stamps, of all in the order of the recording.
-
-        Where order rises they are passed on one by one, else they are held in memory.
-        """
-        if (np.diff(self.order) > 0).all():
-            chosen = _picked(scans, self.order.tolist())
-        else:
-            every = list(scans)
-            chosen = (every[place] for place in self.order.tolist())
-        for scan, stamp_ns in zip(chosen, self.stamps_ns.tolist(), strict=True):
-            yield scan if scan.stamp_ns == stamp_ns else replace(scan, stamp_ns=stamp_ns)
 
 
 def rising_times(
@@ -89,15 +76,6 @@ def rising_times(
     source, rising_ns = _made_anew(stamps_ns, received_ns, period_ns)
     words = f"{_wrong(stamps_ns, what)}: {source}"
     return Times(order, rising_ns, (*told, words), made_anew=True)
-
-
-def _picked(scans: Iterable[Scan], places: list[int]) -> Iterator[Scan]:
-    wanted = iter(places)
-    place = next(wanted, None)
-    for number, scan in enumerate(scans):
-        if number == place:
-            yield scan
-            place = next(wanted, None)
 
 
 def is_late(stamps_ns: IntArray) -> bool:
@@ -221,3 +199,8 @@ def _of_receipt(stamps_ns: IntArray, received_ns: IntArray) -> IntArray | None:
     middle_ns = int(np.median(ahead_ns))
     same_clock = np.abs(ahead_ns - middle_ns) < MOST_DELAY_NS
     return rising_ns + middle_ns if same_clock.mean() >= ALIKE_SHARE else rising_ns
+
+
+def epoch_of(stamp_ns: int) -> Epoch:
+    """UNIX time if the stamp lies after the year 2000; a smaller one does not say what it is."""
+    return "unix" if stamp_ns >= _YEAR_2000_NS else "unknown"
