@@ -23,12 +23,12 @@ import scan_pairs
 from scan_pairs import View, overlap, pair_features, view_of
 
 import slamsim.dataset
-from slamsim.dataset.opened import Sequence as DatasetSequence
-from slamsim.geometry import between, compose, inverse
+from slamsim.core.geometry import between, compose, inverse
+from slamsim.core.randomness import random_stream
+from slamsim.core.types import BoolArray, FloatArray, Log, Scan
+from slamsim.dataset.store.reader import Sequence as DatasetSequence
 from slamsim.io.open import read_log
 from slamsim.io.text.relations import Relations, read_relations
-from slamsim.randomness import random_stream
-from slamsim.types import BoolArray, FloatArray, Log, Scan
 
 SEEN_AGAIN = 0.3
 """A pair shows one place if each scan has so much of the other; not if neither has NOT_SEEN."""

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 from scipy.spatial import cKDTree
 
-from slamsim.geometry import inverse, transform_points
-from slamsim.types import FloatArray, IntArray
+from slamsim.core.geometry import inverse, transform_points
+from slamsim.core.types import FloatArray, IntArray
 
 REACH_M = 12.0
 """What is farther away is left out: few lidars agree on it."""

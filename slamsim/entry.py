@@ -12,8 +12,8 @@ def main() -> None:
     _open_standard_streams()
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         signal.signal(signal.SIGINT, signal.SIG_DFL)  # nothing has begun: no traceback either
-    from slamsim.ending import run_command
-    from slamsim.supervisor import supervised
+    from slamsim.process.exit_codes import run_command
+    from slamsim.process.supervisor import supervised
 
     # Matrices are small here: more threads wait for each other, sevenfold on a busy machine.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -31,6 +31,6 @@ def _open_standard_streams() -> None:
 
 
 def _typed() -> None:
-    from slamsim.cli import app
+    from slamsim.cli.main import app
 
     app()

@@ -10,9 +10,9 @@ from slamsim.check.calibration import Calibration, calibrate_inputs
 from slamsim.check.course import gyro_course, wheel_course
 from slamsim.check.gathering import Inputs
 from slamsim.check.laser_steps import LaserSteps
-from slamsim.geometry import between, compose
+from slamsim.core.geometry import between, compose
+from slamsim.core.types import FloatArray, IntArray
 from slamsim.recording import RawImu, RawTicks
-from slamsim.types import FloatArray, IntArray
 
 BEGIN_NS = 5_000_000_000
 FINE_S = 0.0005

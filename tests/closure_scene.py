@@ -8,13 +8,13 @@ import numpy as np
 from simulated import true_ranges
 
 from slamsim.config.back_end import KeyframeConfig
-from slamsim.slam.deskew import deskew
-from slamsim.slam.keyframes import Keyframe, KeyframeMaker
+from slamsim.core.types import FloatArray, PlanarTrajectory, Scan, ScanGeometry
+from slamsim.slam.closures.submaps import Submap, Surfaces, make_submap
+from slamsim.slam.frontend.deskew import deskew
+from slamsim.slam.frontend.keyframes import Keyframe, KeyframeMaker
+from slamsim.slam.frontend.tracking import Tracked
 from slamsim.slam.matching.base import Match
 from slamsim.slam.matching.surfaces import surface_pieces
-from slamsim.slam.submaps import Submap, Surfaces, make_submap
-from slamsim.slam.tracking import Tracked
-from slamsim.types import FloatArray, PlanarTrajectory, Scan, ScanGeometry
 
 FLASH = ScanGeometry(np.deg2rad(-135.0), np.deg2rad(0.5), 541, 0, 0.1, 20.0)
 EVERY_SCAN = KeyframeConfig(travel_m=1e-6, turn_deg=1e-6)

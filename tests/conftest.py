@@ -14,7 +14,7 @@ import pytest
 from hypothesis import settings
 
 if TYPE_CHECKING:
-    from slamsim.dataset.engines.base import Engine
+    from slamsim.dataset.make.engines.base import Engine
 
 settings.register_profile("any machine", settings(), deadline=None)
 settings.load_profile("any machine")
@@ -28,7 +28,7 @@ def one_worker() -> Iterator[Engine]:
     """An engine whose worker has been started, and stays."""
     from dataset_whole import KeptEngine
 
-    from slamsim.dataset.engines.local import LocalEngine
+    from slamsim.dataset.make.engines.local import LocalEngine
 
     with LocalEngine(1) as engine:
         yield KeptEngine(engine)

@@ -9,9 +9,9 @@ from __future__ import annotations
 import numpy as np
 from simulated import true_ranges
 
-from slamsim.geometry import between, compose
+from slamsim.core.geometry import between, compose
+from slamsim.core.types import FloatArray, Log, PlanarTrajectory, Scan, ScanGeometry
 from slamsim.recording.cleaning.scans import StoredScans
-from slamsim.types import FloatArray, Log, PlanarTrajectory, Scan, ScanGeometry
 
 LEG_M, WIDTH_M, BEND_M = 200.0, 2.5, 0.9
 CORNERS = np.array(

@@ -9,8 +9,16 @@ from dataclasses import replace
 import numpy as np
 from simulated import ScanList
 
-from slamsim.geometry import between, compose, matrix_from_rpy
-from slamsim.types import BoolArray, FloatArray, ImuStream, IntArray, Log, PlanarTrajectory, Scan
+from slamsim.core.geometry import between, compose, matrix_from_rpy
+from slamsim.core.types import (
+    BoolArray,
+    FloatArray,
+    ImuStream,
+    IntArray,
+    Log,
+    PlanarTrajectory,
+    Scan,
+)
 
 FOREVER = (-1.0, 1e9)
 

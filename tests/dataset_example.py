@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from slamsim.config.loading import load_run_config
-from slamsim.dataset.produce import produce
-from slamsim.dataset.sequence import FORMATS, FormatName, SequenceFacts, SequenceSpec
+from slamsim.dataset.make.produce import produce
+from slamsim.dataset.recipe.sequence import FORMATS, FormatName, SequenceFacts, SequenceSpec
 
 SMALL = (
     "sensors.lidar.rate_hz=10",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from slamsim.dataset.opened import Windows
+from slamsim.dataset.store.reader import Windows
 
 
 def read_windows(windows: Windows, numbers: list[int]) -> list[bytes]:

@@ -11,13 +11,13 @@ import numpy as np
 from dataset_run import tree
 
 import slamsim.dataset
-from slamsim.dataset.distributions import Constant
-from slamsim.dataset.engines.base import Engine
-from slamsim.dataset.loading import load_recipe
-from slamsim.dataset.make import make_dataset
-from slamsim.dataset.remote import RemoteStore
-from slamsim.dataset.verify import verify
-from slamsim.run.dataset_telling import mending_of
+from slamsim.dataset.catalogue.verify import verify
+from slamsim.dataset.make.engines.base import Engine
+from slamsim.dataset.make.make import make_dataset
+from slamsim.dataset.recipe.distributions import Constant
+from slamsim.dataset.recipe.loading import load_recipe
+from slamsim.dataset.store.remote import RemoteStore
+from slamsim.run.dataset.telling import mending_of
 
 COUNT, SECONDS = 2, 4.0
 SPOILT = "train/000000/truth/scans.parquet"

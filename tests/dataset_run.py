@@ -15,14 +15,14 @@ from pathlib import Path
 
 from dataset_stub import Stub, draw
 
-from slamsim.dataset.engines.base import Engine
-from slamsim.dataset.engines.local import LocalEngine
-from slamsim.dataset.fulfil import fulfil
-from slamsim.dataset.identity import Identity
-from slamsim.dataset.production import DatasetSummary, Order
-from slamsim.dataset.store import Store, open_store
-from slamsim.dataset.watch import Unwatched, Watch
-from slamsim.ending import run_command
+from slamsim.dataset.make.engines.base import Engine
+from slamsim.dataset.make.engines.local import LocalEngine
+from slamsim.dataset.make.execute import fulfil
+from slamsim.dataset.make.identity import Identity
+from slamsim.dataset.make.production import DatasetSummary, Order
+from slamsim.dataset.make.progress import Unwatched, Watch
+from slamsim.dataset.store.store import Store, open_store
+from slamsim.process.exit_codes import run_command
 
 SHARD = 4
 

@@ -15,8 +15,8 @@ from functools import partial
 from pathlib import Path
 
 from slamsim.config.run import RunConfig
-from slamsim.dataset.sequence import SPLITS, FileFact, SequenceFacts, SequenceSpec
-from slamsim.safe.errors import SlamsimError
+from slamsim.dataset.recipe.sequence import SPLITS, FileFact, SequenceFacts, SequenceSpec
+from slamsim.guard.errors import SlamsimError
 
 SIZE_BYTES = 3000
 _CONFIG = RunConfig()

@@ -6,12 +6,12 @@ import shutil
 from pathlib import Path
 from typing import Self
 
-from slamsim.dataset.distributions import Constant
-from slamsim.dataset.engines.base import Answer, Engine
-from slamsim.dataset.engines.local import LocalEngine
-from slamsim.dataset.loading import load_recipe
-from slamsim.dataset.make import make_dataset
-from slamsim.dataset.shard import Task
+from slamsim.dataset.make.engines.base import Answer, Engine
+from slamsim.dataset.make.engines.local import LocalEngine
+from slamsim.dataset.make.make import make_dataset
+from slamsim.dataset.make.shard import Task
+from slamsim.dataset.recipe.distributions import Constant
+from slamsim.dataset.recipe.loading import load_recipe
 
 COUNT, SECONDS = 4, 4.0
 

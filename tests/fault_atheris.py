@@ -23,21 +23,21 @@ from typing import Any
 from fault_fuzz import Target
 from long_run_journal import Journal, Row
 
-from slamsim.safe.errors import SlamsimError
+from slamsim.guard.errors import SlamsimError
 
 INSTRUMENTED = (
     "slamsim.config",
-    "slamsim.dataset.identity",
-    "slamsim.dataset.manifest",
-    "slamsim.dataset.recipe",
-    "slamsim.dataset.distributions",
-    "slamsim.dataset.table",
+    "slamsim.dataset.make.identity",
+    "slamsim.dataset.catalogue.manifest",
+    "slamsim.dataset.recipe.model",
+    "slamsim.dataset.recipe.distributions",
+    "slamsim.dataset.store.table",
     "slamsim.io",
-    "slamsim.safe",
-    "slamsim.sim.route_file",
-    "slamsim.sim.urdf",
-    "slamsim.slam.columns",
-    "slamsim.slam.saved_map",
+    "slamsim.guard",
+    "slamsim.sim.drive.route_file",
+    "slamsim.sim.robot.urdf",
+    "slamsim.slam.backend.columns",
+    "slamsim.slam.mapping.saved_map",
     "slamsim.world.map_server",
     "rosbags.serde",
     "rosbags.typesys",

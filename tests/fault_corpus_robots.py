@@ -10,7 +10,7 @@ import fault_doors as doors
 from fault_corpus_base import Data, Hostile, one
 
 from slamsim.config.robot import RobotConfig
-from slamsim.sim.robot import build_robot
+from slamsim.sim.robot.model import build_robot
 
 SOUND = build_robot(RobotConfig()).urdf
 _LINK = '<link name="{}"/>'

@@ -27,7 +27,7 @@ from pathlib import Path
 
 import pytest
 
-from slamsim.ending import run_command
+from slamsim.process.exit_codes import run_command
 
 ODD = 99
 """The exit code of a command that ended in a traceback."""

@@ -14,18 +14,18 @@ from slamsim.config.drive import PhysicsConfig
 from slamsim.config.loading import load_run_config, load_world_config
 from slamsim.config.measurements import load_measurements
 from slamsim.config.robot import RobotConfig
-from slamsim.dataset.loading import load_recipe
+from slamsim.core.types import FloatArray
+from slamsim.dataset.recipe.loading import load_recipe
+from slamsim.guard.image import read_gray_image
 from slamsim.io.text.relations import read_relations
 from slamsim.io.text.tum import read_tum
-from slamsim.safe.image import read_gray_image
 from slamsim.sensors.faults.registry import load_fault
 from slamsim.sensors.scene import Scene
 from slamsim.sim.bullet import pybullet
+from slamsim.sim.drive.route_file import read_route
 from slamsim.sim.engine import running_engine, standing_robot
-from slamsim.sim.robot import RobotModel, build_robot
-from slamsim.sim.route_file import read_route
-from slamsim.slam.saved_map import read_saved_map
-from slamsim.types import FloatArray
+from slamsim.sim.robot.model import RobotModel, build_robot
+from slamsim.slam.mapping.saved_map import read_saved_map
 from slamsim.world.build import build_world
 from slamsim.world.map_server import read_map
 from slamsim.world.model import World

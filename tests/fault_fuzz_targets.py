@@ -23,28 +23,28 @@ from slamsim.config.loading import validated, with_presets
 from slamsim.config.robot import RobotConfig
 from slamsim.config.run import RunConfig
 from slamsim.config.world import WorldConfig
-from slamsim.dataset.identity import Identity, read_identity
-from slamsim.dataset.manifest import manifest
-from slamsim.dataset.opened import open_dataset
-from slamsim.dataset.place import Place
-from slamsim.dataset.recipe import Recipe
-from slamsim.dataset.sequence import Cell, SequenceSpec
-from slamsim.dataset.shard import made_row
-from slamsim.dataset.table import rows_to_parquet, table_from_parquet, table_to_parquet
+from slamsim.dataset.catalogue.manifest import manifest
+from slamsim.dataset.make.identity import Identity, read_identity
+from slamsim.dataset.make.shard import made_row
+from slamsim.dataset.recipe.model import Recipe
+from slamsim.dataset.recipe.sequence import Cell, SequenceSpec
+from slamsim.dataset.store.place import Place
+from slamsim.dataset.store.reader import open_dataset
+from slamsim.dataset.store.table import rows_to_parquet, table_from_parquet, table_to_parquet
+from slamsim.guard.image import read_gray_image
+from slamsim.guard.mesh import check_mesh
+from slamsim.guard.mesh_file import check_mesh_file
+from slamsim.guard.sums import SumsDamaged, read_sequence, read_sums, sequence_text, sums_text
+from slamsim.guard.urdf import check_urdf
+from slamsim.guard.yaml import load_yaml, parse_yaml
 from slamsim.io.input_errors import refusing
 from slamsim.io.text.keyframes import HEADER, read_keyframes
 from slamsim.io.text.relations import read_relations
 from slamsim.io.text.tum import read_tum
-from slamsim.safe.image import read_gray_image
-from slamsim.safe.mesh import check_mesh
-from slamsim.safe.mesh_file import check_mesh_file
-from slamsim.safe.sums import SumsDamaged, read_sequence, read_sums, sequence_text, sums_text
-from slamsim.safe.urdf import check_urdf
-from slamsim.safe.yaml import load_yaml, parse_yaml
-from slamsim.sim.robot import build_robot
-from slamsim.sim.route_file import read_route
-from slamsim.sim.urdf import read_description
-from slamsim.slam.saved_map import read_saved_map
+from slamsim.sim.drive.route_file import read_route
+from slamsim.sim.robot.model import build_robot
+from slamsim.sim.robot.urdf import read_description
+from slamsim.slam.mapping.saved_map import read_saved_map
 from slamsim.world.map_server import read_cells
 
 

@@ -17,9 +17,9 @@ import numpy as np
 from graph_example import by_gtsam, by_long_double, chained, joined, off, wandering
 from long_run_journal import Journal, Row
 
-from slamsim.geometry import compose
-from slamsim.safe.numbers import NoSolution
-from slamsim.slam.marginals import relative_covariances
+from slamsim.core.geometry import compose
+from slamsim.guard.numbers import NoSolution
+from slamsim.slam.backend.marginals import relative_covariances
 
 BATCH = 100
 AGREED = 1e-6

@@ -18,7 +18,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Literal
 
-from slamsim.safe.errors import DiskFull, InputRefused, SlamsimError
+from slamsim.guard.errors import DiskFull, InputRefused, SlamsimError
 
 HANG_S = 10.0
 _STARVED = 4.0

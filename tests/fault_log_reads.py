@@ -11,15 +11,15 @@ from slamsim.check.check import check_recording
 from slamsim.check.findings import CheckReport
 from slamsim.config.mapping import MappingConfig
 from slamsim.config.slam import SlamConfig
+from slamsim.core.types import FloatArray, IntArray, Log, Scan, Trajectory
+from slamsim.guard.numbers import MOST_NS
 from slamsim.io.open import read_log, read_recording, read_truth
 from slamsim.io.text.relations import read_relations
 from slamsim.io.text.tum import read_tum
 from slamsim.recording import RawStream, Recording
-from slamsim.safe.numbers import MOST_NS
-from slamsim.slam.mapping import build_grid
-from slamsim.slam.saved_map import read_saved_map
+from slamsim.slam.mapping.grid import build_grid
+from slamsim.slam.mapping.saved_map import read_saved_map
 from slamsim.slam.session import map_log, motion_of
-from slamsim.types import FloatArray, IntArray, Log, Scan, Trajectory
 
 
 def whole_log(path: Path) -> object:

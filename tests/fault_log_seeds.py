@@ -33,7 +33,7 @@ from slamsim.io.open import read_log, read_recording
 from slamsim.io.parquet.writer import ParquetLog
 from slamsim.io.text.tum import write_tum
 from slamsim.recording import Recording
-from slamsim.slam.saved_map import write_saved_map
+from slamsim.slam.mapping.saved_map import write_saved_map
 from slamsim.slam.session import map_log
 
 Make = Callable[[Path], Path]

@@ -25,11 +25,11 @@ from fault_disk import KILL, ODD, Call, Kill, Outcome, Verdict, watched
 from fault_stages import FOLDERS, SETS, WRITERS, Stage, contents
 from long_run_journal import Journal, Row
 
-from slamsim.dataset.verify import verify
+from slamsim.dataset.catalogue.verify import verify
+from slamsim.guard.errors import SlamsimError
+from slamsim.guard.seal import WRITTEN_BY_US
+from slamsim.guard.sums import SUMS
 from slamsim.run.verifying import verify_path
-from slamsim.safe.errors import SlamsimError
-from slamsim.safe.seal import WRITTEN_BY_US
-from slamsim.safe.sums import SUMS
 
 _GROWING = frozenset(("open", "write", "mkdir", "fsync"))
 

@@ -16,8 +16,8 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from slamsim.safe.errors import SlamsimError
-from slamsim.types import FloatArray, Grid, OutsideTimeRange, Scan
+from slamsim.core.types import FloatArray, Grid, OutsideTimeRange, Scan
+from slamsim.guard.errors import SlamsimError
 
 BAD: dict[str, float] = {
     "nan": math.nan,

@@ -9,8 +9,8 @@ from fault_path_recordings import tables
 from fault_paths import Action, Scene, attempt
 from test_world_import import ROOM, write_map
 
-from slamsim.cli import app
-from slamsim.safe.errors import SlamsimError
+from slamsim.cli.main import app
+from slamsim.guard.errors import SlamsimError
 
 
 def _typed(*words: str | Path) -> Action:

@@ -12,11 +12,11 @@ from slamsim.config.measurements import load_measurements
 from slamsim.config.robot import RobotConfig
 from slamsim.config.scenarios.loading import load_scenarios
 from slamsim.config.scenarios.umbmark import UmbmarkConfig
-from slamsim.dataset.loading import load_recipe
+from slamsim.dataset.recipe.loading import load_recipe
 from slamsim.scenarios.tested import robots_under_test
 from slamsim.sensors.faults.registry import chosen_fault
-from slamsim.sim.robot import build_robot
-from slamsim.sim.route import plan_route
+from slamsim.sim.drive.route import plan_route
+from slamsim.sim.robot.model import build_robot
 from slamsim.world.build import build_world
 
 

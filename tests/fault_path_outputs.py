@@ -8,10 +8,10 @@ from pathlib import Path
 from fault_paths import Action, Scene, attempt
 
 from slamsim.config.measurements import MeasurementsConfig
+from slamsim.guard.lock import lock_of, owner_words
+from slamsim.guard.output import partial_file, partial_folder, write_atomic
+from slamsim.guard.staging import MARKER, NEW, OLD
 from slamsim.run.naming import OUTPUTS, output_folder
-from slamsim.safe.lock import lock_of, owner_words
-from slamsim.safe.output import partial_file, partial_folder, write_atomic
-from slamsim.safe.staging import MARKER, NEW, OLD
 
 
 def _write(final: Path) -> None:

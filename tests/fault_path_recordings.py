@@ -11,14 +11,14 @@ import recording_data
 from fault_paths import Action, Reference, Scene, attempt, ways
 from rosbags.rosbag2 import StoragePlugin
 
+from slamsim.guard.lock import lock_of, owner_words
+from slamsim.guard.output import partial_folder
+from slamsim.guard.staging import NEW
 from slamsim.io.bag2.writer import write_recording
 from slamsim.io.open import read_log, read_recording
 from slamsim.io.parquet.writer import ParquetLog
 from slamsim.io.salvage.recover import recover
 from slamsim.io.salvage.source import damaged_recording
-from slamsim.safe.lock import lock_of, owner_words
-from slamsim.safe.output import partial_folder
-from slamsim.safe.staging import NEW
 
 
 def _bag(folder: Path, plugin: StoragePlugin = StoragePlugin.SQLITE3) -> Path:

@@ -11,17 +11,17 @@ from fault_paths import Action, Reference, Scene, attempt, ways
 from test_world_import import ROOM, write_map
 
 from slamsim.config.run import RunConfig
-from slamsim.console import Reporter
+from slamsim.console.reporter import Reporter
+from slamsim.core.types import Trajectory
+from slamsim.guard.sums import sums_text
 from slamsim.io.text.tum import write_tum
+from slamsim.report.viewer.process import recording_of
 from slamsim.run.continuing import read_earlier
 from slamsim.run.evaluation import evaluate_run
 from slamsim.run.localising import read_known_map
 from slamsim.run.mapping import _origin_beside
 from slamsim.run.verifying import verify_path
-from slamsim.safe.sums import sums_text
 from slamsim.simulation.own_files import write_config
-from slamsim.types import Trajectory
-from slamsim.view.viewer_process import recording_of
 
 TRAJECTORY = Trajectory(
     np.arange(1, 4, dtype=np.int64) * 10**9, np.zeros((3, 3)), np.tile([0.0, 0.0, 0.0, 1.0], (3, 1))

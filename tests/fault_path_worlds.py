@@ -14,7 +14,7 @@ from test_world_import import ROOM, write_map
 
 from slamsim.config.loading import load_run_config, load_world_config
 from slamsim.config.robot import RobotConfig
-from slamsim.sim.robot import build_robot
+from slamsim.sim.robot.model import build_robot
 from slamsim.world.build import build_world
 from slamsim.world.map_server import read_map
 

@@ -144,7 +144,7 @@ def ways(words: str, *names: str) -> Callable[[WayAttempt], None]:
 
 def acted(words: str, root: Path) -> Told:
     """Set the scene, act, and tell."""
-    from slamsim.safe.errors import SlamsimError
+    from slamsim.guard.errors import SlamsimError
 
     scene = Scene.made(root)
     action = ATTEMPTS[words](scene)

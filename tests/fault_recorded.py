@@ -19,31 +19,31 @@ from fault_stages import Stage, folder_of
 
 from slamsim.config.loading import load_run_config
 from slamsim.config.run import RunConfig
-from slamsim.console import Reporter
-from slamsim.dataset import produce
-from slamsim.dataset.formats import Formats
-from slamsim.dataset.sequence import FormatName
+from slamsim.console.reporter import Reporter
+from slamsim.core.progress import Progress, silent
+from slamsim.core.result import SlamResult
+from slamsim.core.types import Log
+from slamsim.dataset.make import produce
+from slamsim.dataset.make.formats import Formats
+from slamsim.dataset.recipe.sequence import FormatName
+from slamsim.guard.output import partial_folder
 from slamsim.io.bag2.writer import write_recording
 from slamsim.io.names import LOG
 from slamsim.io.open import read_recording
 from slamsim.io.salvage.source import damaged_recording
-from slamsim.progress import Progress, silent
 from slamsim.recording import Recording
-from slamsim.result import SlamResult
+from slamsim.report.pages import run
+from slamsim.report.run_view import RunView
 from slamsim.run import mapping, recording
 from slamsim.run.mapping import map_world
 from slamsim.run.recording import simulate_world
 from slamsim.run.recovering import recover_log
 from slamsim.run.world import export_world
-from slamsim.safe.output import partial_folder
-from slamsim.simulate import Simulation
 from slamsim.simulation.header import log_header
 from slamsim.simulation.log_writer import LogWriter
 from slamsim.simulation.recorder import DriveRecorder
-from slamsim.slam.saved_map import SavedMap
-from slamsim.types import Log
-from slamsim.view import report
-from slamsim.view.run_view import RunView
+from slamsim.simulation.simulate import Simulation
+from slamsim.slam.mapping.saved_map import SavedMap
 
 
 @cache
@@ -126,7 +126,7 @@ def _map(out: Path) -> None:
         _replayed(mapping, "_checked"),
         patch.object(mapping, "_slam", _slam),
         patch.object(mapping, "_scored", _scored),
-        _replayed(report, "report_html"),
+        _replayed(run, "report_html"),
     ):
         map_world(_config(), out, _reporter(), overwrite=True)
 

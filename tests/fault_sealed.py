@@ -22,9 +22,9 @@ from fault_sealed_folders import KINDS, Sealed
 from fault_seeds import digest
 from long_run_journal import Journal, Row
 
-from slamsim.dataset import lazy_table
-from slamsim.safe import seal
-from slamsim.safe.errors import SlamsimError
+from slamsim.dataset.store import lazy_table
+from slamsim.guard import seal
+from slamsim.guard.errors import SlamsimError
 
 CASES = 2000
 

@@ -8,26 +8,26 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from slamsim.config.loading import load_run_config, load_simulated_config, load_world_config
-from slamsim.console import Reporter
+from slamsim.console.reporter import Reporter
 from slamsim.dataset import open as open_dataset
-from slamsim.dataset.distributions import Constant
-from slamsim.dataset.engines.local import LocalEngine
-from slamsim.dataset.loading import load_recipe
-from slamsim.dataset.make import make_dataset
-from slamsim.dataset.sequence import FORMATS
-from slamsim.dataset.verify import verify as verify_dataset
+from slamsim.dataset.catalogue.verify import verify as verify_dataset
+from slamsim.dataset.make.engines.local import LocalEngine
+from slamsim.dataset.make.make import make_dataset
+from slamsim.dataset.recipe.distributions import Constant
+from slamsim.dataset.recipe.loading import load_recipe
+from slamsim.dataset.recipe.sequence import FORMATS
 from slamsim.io.open import read_log, read_recording, read_truth
 from slamsim.io.text.keyframes import read_keyframes
 from slamsim.io.text.tum import read_tum
-from slamsim.run.dataset_telling import run_stats
+from slamsim.report.viewer.process import recording_of
+from slamsim.run.dataset.telling import run_stats
 from slamsim.run.fixing import fix_log
 from slamsim.run.localising import read_known_map
 from slamsim.run.mapping import map_world
 from slamsim.run.recording import simulate_world
 from slamsim.run.verifying import verify_path
 from slamsim.run.world import export_world
-from slamsim.slam.saved_map import read_saved_map
-from slamsim.view.viewer_process import recording_of
+from slamsim.slam.mapping.saved_map import read_saved_map
 from slamsim.world.map_server import read_map
 
 QUIET = Reporter(quiet=True)

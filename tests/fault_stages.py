@@ -18,15 +18,15 @@ import dataset_run
 import log_data
 import numpy as np
 
-from slamsim.dataset.engines.base import Answer
-from slamsim.dataset.identity import IDENTITY
-from slamsim.dataset.manifest import MANIFEST, manifest
-from slamsim.dataset.shard import Task, make_sequences
-from slamsim.dataset.store import Store
-from slamsim.dataset.table import table_from_parquet, table_to_parquet
+from slamsim.dataset.catalogue.manifest import MANIFEST, manifest
+from slamsim.dataset.make.engines.base import Answer
+from slamsim.dataset.make.identity import IDENTITY
+from slamsim.dataset.make.shard import Task, make_sequences
+from slamsim.dataset.store.store import Store
+from slamsim.dataset.store.table import table_from_parquet, table_to_parquet
+from slamsim.guard.output import partial_file, partial_folder, write_atomic
+from slamsim.guard.sums import SUMS, sums_text
 from slamsim.io.parquet.file import Column, ParquetFile
-from slamsim.safe.output import partial_file, partial_folder, write_atomic
-from slamsim.safe.sums import SUMS, sums_text
 from slamsim.simulation.log_writer import LogWriter
 
 LOG = "log"

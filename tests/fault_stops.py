@@ -68,7 +68,7 @@ REFUSED: tuple[tuple[str, ...], ...] = (
 _HOLDER = """
 import sys, time
 from pathlib import Path
-from slamsim.safe.output import partial_folder
+from slamsim.guard.output import partial_folder
 with partial_folder(Path("out")):
     print("begun", flush=True)
     time.sleep(1e6)

@@ -10,11 +10,9 @@ from typing import Any
 import numpy as np
 from fault_numbers import BAD, EDGES_NS, Case, line, put, refused, right, steps
 
-from slamsim.geometry import xyzw_from_yaw
-from slamsim.result import Calibrated, PoseGraph, SlamResult
-from slamsim.slam.matching import Match
-from slamsim.slam.smoothing import Chain
-from slamsim.types import (
+from slamsim.core.geometry import xyzw_from_yaw
+from slamsim.core.result import Calibrated, PoseGraph, SlamResult
+from slamsim.core.types import (
     Cloud,
     Drive,
     EncoderStream,
@@ -26,6 +24,8 @@ from slamsim.types import (
     Trajectory,
     TriangleMesh,
 )
+from slamsim.slam.backend.smoothing import Chain
+from slamsim.slam.matching import Match
 
 N = 5
 PATH = PlanarTrajectory(steps(N), line(N))

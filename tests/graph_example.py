@@ -7,11 +7,11 @@ from typing import Any
 import gtsam
 import numpy as np
 
-from slamsim.geometry import adjoint, between, compose
-from slamsim.result import GraphEdge
-from slamsim.slam.graph import _factor, _noise
-from slamsim.slam.marginals import edge_covariances
-from slamsim.types import FloatArray
+from slamsim.core.geometry import adjoint, between, compose
+from slamsim.core.result import GraphEdge
+from slamsim.core.types import FloatArray
+from slamsim.slam.backend.graph import _factor, _noise
+from slamsim.slam.backend.marginals import edge_covariances
 
 Wide = np.ndarray[Any, np.dtype[np.longdouble]]
 

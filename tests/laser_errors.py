@@ -18,9 +18,9 @@ import numpy as np
 from rosbags.rosbag1 import Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from slamsim.geometry import matrix_from_rpy, se2_from_se3
+from slamsim.core.geometry import matrix_from_rpy, se2_from_se3
+from slamsim.core.types import FloatArray, Log, Scan, ScanGeometry, ScanSource
 from slamsim.io.open import read_log
-from slamsim.types import FloatArray, Log, Scan, ScanGeometry, ScanSource
 
 
 @dataclass(frozen=True)

@@ -6,10 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from slamsim.geometry import xyzw_from_yaw
-from slamsim.sensors.readings import EncoderBatch, ImuBatch, Readings, ScanBatch
-from slamsim.simulation.header import LogHeader
-from slamsim.types import (
+from slamsim.core.geometry import xyzw_from_yaw
+from slamsim.core.types import (
     Drive,
     EncoderStream,
     Float32Array,
@@ -18,6 +16,8 @@ from slamsim.types import (
     IntArray,
     ScanGeometry,
 )
+from slamsim.sensors.readings import EncoderBatch, ImuBatch, Readings, ScanBatch
+from slamsim.simulation.header import LogHeader
 
 PHYSICS_HZ = 240.0
 BEAMS = 90

@@ -14,7 +14,7 @@ from pathlib import Path
 
 from long_run_journal import Journal, shown
 
-from slamsim.console import Reporter
+from slamsim.console.reporter import Reporter
 
 KINDS: dict[str, str] = {
     "disk": "fault_nth",

@@ -11,7 +11,7 @@ from typing import Any
 
 from fault_judge import Verdict
 
-from slamsim.console import Reporter
+from slamsim.console.reporter import Reporter
 
 
 @dataclass(frozen=True, slots=True)

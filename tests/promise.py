@@ -29,9 +29,9 @@ if TYPE_CHECKING:
     from promise_endings import Ended, Ending
 
 _LOADED = (
-    *("slamsim.cli", "slamsim.run.checking", "slamsim.run.fixing", "slamsim.run.faulting"),
+    *("slamsim.cli.main", "slamsim.run.checking", "slamsim.run.fixing", "slamsim.run.faulting"),
     *("slamsim.run.recovering", "slamsim.run.verifying", "slamsim.run.evaluation"),
-    *("slamsim.run.world", "slamsim.dataset.preview", "slamsim.dataset.verify"),
+    *("slamsim.run.world", "slamsim.dataset.recipe.preview", "slamsim.dataset.catalogue.verify"),
     *("promise_tree", "promise_commands", "promise_endings", "promise_oracle"),
     *("slamsim.config.loading", "slamsim.config.dump", "matplotlib.figure"),
 )
@@ -259,7 +259,7 @@ def _main() -> int:
 
 def _compile(recording: Path) -> None:
     """Here, so that no case has to: kernels are compiled, or loaded, at their first call."""
-    from slamsim.console import Reporter
+    from slamsim.console.reporter import Reporter
     from slamsim.run.checking import check_log
 
     check_log(recording, Reporter(quiet=True))

@@ -6,7 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from slamsim.geometry import xyzw_from_yaw
+from slamsim.core.geometry import xyzw_from_yaw
+from slamsim.core.types import FloatArray, IntArray
 from slamsim.recording import (
     RawImu,
     RawOdometry,
@@ -16,7 +17,6 @@ from slamsim.recording import (
     ScanLayout,
     TransformEdge,
 )
-from slamsim.types import FloatArray, IntArray
 
 BEAMS = 60
 LAYOUT = ScanLayout(-1.5, -1.5 + 0.05 * (BEAMS - 1), 0.05, 1e-3, 0.1, 0.1, 30.0)

@@ -8,9 +8,9 @@ from functools import cache
 import numpy as np
 from simulated import drive, labyrinth, noisy_gyro, noisy_wheels, sense_scans
 
-from slamsim.geometry import xyzw_from_yaw
+from slamsim.core.geometry import xyzw_from_yaw
+from slamsim.core.types import FloatArray, PlanarTrajectory, Scan, ScanGeometry
 from slamsim.recording import RawImu, RawOdometry, RawScans, Recording, ScanLayout
-from slamsim.types import FloatArray, PlanarTrajectory, Scan, ScanGeometry
 
 LIDAR = ScanGeometry(np.deg2rad(-135.0), np.deg2rad(0.75), 361, 208_333, 0.1, 30.0)
 """A slow Hokuyo with every third beam: 75 ms from the first to the last."""

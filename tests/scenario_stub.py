@@ -12,6 +12,7 @@ import numpy as np
 from pydantic import Field
 
 from slamsim.config.base import Config
+from slamsim.core.types import Trajectory
 from slamsim.scenarios.base import (
     Chart,
     Findings,
@@ -24,7 +25,6 @@ from slamsim.scenarios.base import (
     Trial,
     Verdict,
 )
-from slamsim.types import Trajectory
 
 Way = Literal["well", "raises", "not finite", "dies", "hangs"]
 HOSTILE = "<script>alert('&')</script>"

@@ -14,11 +14,11 @@ from slamsim.config.robot import (
     SupportWheelsConfig,
     SuspensionConfig,
 )
+from slamsim.core.types import GRAVITY_M_S2, FloatArray
+from slamsim.sim.drive.script import Command, ScriptedRun, scripted_run
 from slamsim.sim.ground import Ground
-from slamsim.sim.inertia import Inertial, join
-from slamsim.sim.robot import RobotModel, build_robot
-from slamsim.sim.script import Command, ScriptedRun, scripted_run
-from slamsim.types import GRAVITY_M_S2, FloatArray
+from slamsim.sim.robot.inertia import Inertial, join
+from slamsim.sim.robot.model import RobotModel, build_robot
 
 G = GRAVITY_M_S2
 PHYSICS = PhysicsConfig(solver_iterations=20)

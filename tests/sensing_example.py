@@ -15,10 +15,10 @@ from slamsim.config.sensors import (
     MixedReturnsConfig,
     RangeNoiseConfig,
 )
-from slamsim.geometry import matrix_from_rpy, se3_from_parts
+from slamsim.core.geometry import matrix_from_rpy, se3_from_parts
+from slamsim.core.types import Drive, Float32Array, FloatArray, TriangleMesh
 from slamsim.sensors.lidar import Lidar
 from slamsim.sensors.motion import joined
-from slamsim.types import Drive, Float32Array, FloatArray, TriangleMesh
 
 SECOND = 1_000_000_000
 PERFECT_LIDAR = LidarConfig(

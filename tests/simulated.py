@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from slamsim.jit import kernel
-from slamsim.types import (
+from slamsim.core.jit import kernel
+from slamsim.core.types import (
     FloatArray,
     ImuStream,
     IntArray,

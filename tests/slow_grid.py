@@ -6,10 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from slamsim.core.geometry import inverse, transform_points
+from slamsim.core.types import Float32Array, FloatArray, Grid
 from slamsim.evaluate.grid import MapScores
 from slamsim.evaluate.visibility import DIRECTIONS
-from slamsim.geometry import inverse, transform_points
-from slamsim.types import Float32Array, FloatArray, Grid
 
 
 def slow_scores(

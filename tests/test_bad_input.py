@@ -13,10 +13,10 @@ from simulated import ScanList, Simulated, ate_rmse_m, labyrinth, simulate
 
 from slamsim.bench.robustness.disturbances import without_span
 from slamsim.config.slam import SlamConfig
-from slamsim.result import EventKind, SlamResult
-from slamsim.safe.errors import SlamsimError
+from slamsim.core.result import EventKind, SlamResult
+from slamsim.core.types import Log
+from slamsim.guard.errors import SlamsimError
 from slamsim.slam.session import run_slam
-from slamsim.types import Log
 
 SPAN_S = (15.0, 20.0)
 Change = Callable[[Log], Log]

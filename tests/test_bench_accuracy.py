@@ -14,11 +14,11 @@ from slamsim.bench.alone import Children
 from slamsim.bench.tables import SEED_HEADER, seed_line, summary_rows
 from slamsim.bench.truth import false_closures, revisits_closed
 from slamsim.config.loading import load_run_config
-from slamsim.console import Reporter
-from slamsim.geometry import between, compose
-from slamsim.result import GraphEdge, PoseGraph
-from slamsim.safe.errors import SlamsimError
-from slamsim.types import FloatArray, PlanarTrajectory
+from slamsim.console.reporter import Reporter
+from slamsim.core.geometry import between, compose
+from slamsim.core.result import GraphEdge, PoseGraph
+from slamsim.core.types import FloatArray, PlanarTrajectory
+from slamsim.guard.errors import SlamsimError
 
 QUIET = Reporter(quiet=True)
 SHORT = ("drive.route.max_duration_s=6", "sensors.lidar.rate_hz=5")

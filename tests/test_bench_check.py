@@ -23,7 +23,7 @@ from slamsim.bench.check.trials import (
 )
 from slamsim.bench.check.truth import truths
 from slamsim.config.run import RunConfig
-from slamsim.console import Reporter
+from slamsim.console.reporter import Reporter
 from slamsim.recording import Recording
 from slamsim.sensors.faults.base import CannotInject, Fault
 from slamsim.sensors.faults.registry import bundled_faults, load_fault

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from slamsim.bench import dataset
 from slamsim.bench.command import bench
 from slamsim.bench.dataset_pace import Made, Pace, settled_pace
-from slamsim.safe.errors import SlamsimError
+from slamsim.guard.errors import SlamsimError
 
 workers = st.lists(
     st.tuples(st.floats(0.0, 100.0), st.floats(0.1, 10.0), st.integers(2, 20)), min_size=1

@@ -19,7 +19,7 @@ from slamsim.bench.basin import (
 )
 from slamsim.bench.matcher import measure_matcher
 from slamsim.config.slam import SlamConfig
-from slamsim.types import Trajectory
+from slamsim.core.types import Trajectory
 
 CLASSES = (len(DISTANCES_M) - 1) * (len(TURNS_DEG) - 1)
 

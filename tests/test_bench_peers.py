@@ -15,10 +15,10 @@ from slamsim.bench.peers.base import band_points, planar, spatial
 from slamsim.bench.peers.entries import ENTRIES, Entry
 from slamsim.bench.peers.run import handed_scans, rows_shown, run_peers
 from slamsim.config.slam import SlamConfig
-from slamsim.console import Reporter
-from slamsim.geometry import between, compose
-from slamsim.safe.errors import SlamsimError
-from slamsim.types import Log, PlanarTrajectory, ScanGeometry
+from slamsim.console.reporter import Reporter
+from slamsim.core.geometry import between, compose
+from slamsim.core.types import Log, PlanarTrajectory, ScanGeometry
+from slamsim.guard.errors import SlamsimError
 
 ROOM = np.concatenate([box(-4.0, -3.0, 4.0, 3.0), box(1.0, 0.5, 1.6, 1.4)])
 WAY = np.array([[-3.0, -2.0], [1.0, -2.0]])

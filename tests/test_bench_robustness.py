@@ -20,10 +20,10 @@ from slamsim.bench.robustness.verdict import (
     kidnappings_told,
     worst_piece_m,
 )
-from slamsim.console import Reporter
-from slamsim.geometry import compose
-from slamsim.result import Event, EventKind, PoseGraph, SlamResult
-from slamsim.types import BoolArray, EncoderStream, FloatArray, PlanarTrajectory, Scan
+from slamsim.console.reporter import Reporter
+from slamsim.core.geometry import compose
+from slamsim.core.result import Event, EventKind, PoseGraph, SlamResult
+from slamsim.core.types import BoolArray, EncoderStream, FloatArray, PlanarTrajectory, Scan
 from slamsim.world.build import build_world
 
 SECOND_NS = 1_000_000_000

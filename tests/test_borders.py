@@ -11,10 +11,10 @@ import pytest
 
 PACKAGE = Path(__file__).parents[1] / "slamsim"
 ALLOWED = {
-    "gtsam": ("slam/graph.py",),
+    "gtsam": ("slam/backend/graph.py",),
     "pybullet": ("sim/",),
     "rerun": ("view/",),
-    "matplotlib": ("view/", "dataset/figures.py"),
+    "matplotlib": ("view/", "dataset/catalogue/figures.py"),
     "rosbags": ("io/",),
     "mcap": ("io/",),
     "open3d": ("sensors/",),
@@ -53,7 +53,7 @@ def test_a_library_is_imported_only_within_its_border(library: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "module", ["slamsim", "slamsim.types", "slamsim.cli", "slamsim.config.run"]
+    "module", ["slamsim", "slamsim.core.types", "slamsim.cli.main", "slamsim.config.run"]
 )
 def test_a_light_import_pulls_in_nothing_heavy(module: str) -> None:
     code = f"import sys, {module}; print(*[h for h in {HEAVY!r} if h in sys.modules])"
@@ -72,8 +72,8 @@ OWN_DOORS = {
     "worker.py": "what a worker printed; the memory limit that the system tells",
     "jit.py": "our own source, and the cache of its kernels with their checksums",
     "recording/row_store.py": "a temporary file without a name",
-    "sim/chassis.py": "the robot's description as we write it for the engine",
-    "dataset/produce.py": "a sequence that was made just now, hashed",
+    "sim/robot/chassis.py": "the robot's description as we write it for the engine",
+    "dataset/make/produce.py": "a sequence that was made just now, hashed",
     "kin.py": "what the system tells of a process",
     "bench/online.py": "what the system tells of this process",
     # no file of anybody's
@@ -82,10 +82,10 @@ OWN_DOORS = {
     "ending.py": "the null device",
     "bench/alone.py": "the null device",
     # doors of their own, which refuse what ``open_as_found`` refuses
-    "dataset/place.py": "a data set, in a folder through open_as_found, or behind a URL",
-    "dataset/lazy_table.py": "through Place.open",
-    "dataset/sequence_check.py": "through Place.open",
-    "dataset/store.py": "its locks; a sequence that a worker made just now",
+    "dataset/store/place.py": "a data set, in a folder through open_as_found, or behind a URL",
+    "dataset/store/lazy_table.py": "through Place.open",
+    "dataset/make/sequence_check.py": "through Place.open",
+    "dataset/store/store.py": "its locks; a sequence that a worker made just now",
     # what has passed a door and is read by a library, which takes a name only
     "world/from_mesh.py": "a mesh that check_mesh_file has passed",
     "io/salvage/sqlite_salvage.py": "a copy of a database that open_as_found has passed",

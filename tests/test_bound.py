@@ -10,6 +10,8 @@ from scipy.sparse import csc_array
 from test_bound_scans import T_BASE_LASER, distance, lidar, moved, nearest, polygon
 
 from slamsim.config.sensors import EncoderConfig, GyroConfig, ImuConfig, SensorsConfig
+from slamsim.core.geometry import between, compose, wrap_angle
+from slamsim.core.types import FloatArray, PlanarTrajectory
 from slamsim.evaluate.bound import aligned_rmse_m, trajectory_bound
 from slamsim.evaluate.bound_groups import Groups, group_scans, joint_information
 from slamsim.evaluate.bound_odometry import OdometryNoise, odometry_noise
@@ -17,8 +19,6 @@ from slamsim.evaluate.bound_scans import scan_information
 from slamsim.evaluate.bound_solve import Blocks, draws
 from slamsim.evaluate.bound_walls import Faces, wall_faces
 from slamsim.evaluate.trajectory import align_se2
-from slamsim.geometry import between, compose, wrap_angle
-from slamsim.types import FloatArray, PlanarTrajectory
 
 TRACK_M = 0.23
 SIGMA_M = 0.01

@@ -15,10 +15,10 @@ from slamsim.config.sensors import (
     MixedReturnsConfig,
     RangeNoiseConfig,
 )
+from slamsim.core.geometry import between, compose
+from slamsim.core.types import FloatArray, PlanarTrajectory
 from slamsim.evaluate.bound_scans import scan_information
 from slamsim.evaluate.bound_walls import Faces, first_face, index_faces, wall_faces
-from slamsim.geometry import between, compose
-from slamsim.types import FloatArray, PlanarTrajectory
 
 T_BASE_LASER = np.array([[1, 0, 0, 0.1], [0, 1, 0, -0.05], [0, 0, 1, 0.2], [0, 0, 0, 1.0]])
 

@@ -9,14 +9,22 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from slamsim.core.geometry import between, compose, inverse, transform_points
+from slamsim.core.result import GraphEdge
+from slamsim.core.types import Float32Array, FloatArray, IntArray
 from slamsim.evaluate.consistency import nees_band
-from slamsim.geometry import between, compose, inverse, transform_points
-from slamsim.result import GraphEdge
-from slamsim.safe.numbers import NoSolution
-from slamsim.slam.association import share_surfaces
-from slamsim.slam.blocks import factorise
-from slamsim.slam.bundle import NotRefined, Refined, refine
-from slamsim.slam.bundle_equations import add_surfaces, fit_lines, pull_to_lines, residuals, to_map
+from slamsim.guard.numbers import NoSolution
+from slamsim.slam.backend.association import share_surfaces
+from slamsim.slam.backend.blocks import factorise
+from slamsim.slam.backend.bundle import NotRefined, Refined, refine
+from slamsim.slam.backend.bundle_equations import (
+    add_surfaces,
+    fit_lines,
+    pull_to_lines,
+    residuals,
+    to_map,
+)
+from slamsim.slam.backend.supernodes import add_block, empty_system, make_panels
 from slamsim.slam.matching.surfaces import (
     BEAMS,
     HALF_LENGTH,
@@ -29,8 +37,6 @@ from slamsim.slam.matching.surfaces import (
     X,
     Y,
 )
-from slamsim.slam.panels import add_block, empty_system, make_panels
-from slamsim.types import Float32Array, FloatArray, IntArray
 
 NOISE_M = 0.01
 BEAMS_PER_PIECE = 40.0

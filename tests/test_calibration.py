@@ -12,10 +12,13 @@ from hypothesis import strategies as st
 from simulated import drive, noisy_gyro
 
 from slamsim.config.slam import MotionConfig
-from slamsim.geometry import between, compose, wrap_angle
-from slamsim.result import GraphEdge
-from slamsim.slam.calibrated import calibrated
-from slamsim.slam.calibration import (
+from slamsim.console.summary import summary
+from slamsim.core.geometry import between, compose, wrap_angle
+from slamsim.core.result import GraphEdge
+from slamsim.core.types import EncoderStream, FloatArray, PlanarTrajectory
+from slamsim.core.wheels import Reading, encoder_reading, pose_reading, wheel_odometry
+from slamsim.slam.calibration.calibrated import calibrated
+from slamsim.slam.calibration.online import (
     PRIOR_SIGMAS,
     USUAL_SQUARE,
     Calibrator,
@@ -23,7 +26,7 @@ from slamsim.slam.calibration import (
     fit_factor,
     match_information,
 )
-from slamsim.slam.calibration_solve import (
+from slamsim.slam.calibration.solve import (
     Interval,
     Solved,
     closed_by_loops,
@@ -32,11 +35,8 @@ from slamsim.slam.calibration_solve import (
     shares,
     solve_calibration,
 )
-from slamsim.slam.motion import Odometry, increments
-from slamsim.slam.steps import CURVATURE, PARAMETERS, OdometryNoise, OdometryStep
-from slamsim.summary import summary
-from slamsim.types import EncoderStream, FloatArray, PlanarTrajectory
-from slamsim.wheels import Reading, encoder_reading, pose_reading, wheel_odometry
+from slamsim.slam.frontend.motion import Odometry, increments
+from slamsim.slam.frontend.preintegration import CURVATURE, PARAMETERS, OdometryNoise, OdometryStep
 
 TURNING = np.array([[0.0, 0.0], [3, 0], [3, 2], [0, 2], [0, 4], [3, 4], [3, 6], [0, 6], [0, 0]])
 STRAIGHT = np.array([[0.0, 0.0], [20.0, 0.0]])

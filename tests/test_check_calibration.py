@@ -12,8 +12,8 @@ from scipy.optimize import least_squares
 from slamsim.check.calibration import Calibration, calibrate_inputs
 from slamsim.check.calibration_model import LASER, UNKNOWNS, Model
 from slamsim.check.calibration_noise import blocks, jackknife, shared_scans, whitened
-from slamsim.geometry import wrap_angle
-from slamsim.types import FloatArray
+from slamsim.core.geometry import wrap_angle
+from slamsim.core.types import FloatArray
 
 SMALL = st.floats(-1.0, 1.0)
 

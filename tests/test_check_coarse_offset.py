@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from slamsim.check.coarse_offset import Rate, coarse_lag
 from slamsim.check.local_lags import local_lags
 from slamsim.check.wheel_counts import counter_range, unwrapped
-from slamsim.types import FloatArray
+from slamsim.core.types import FloatArray
 
 
 def signal(times_s: FloatArray) -> FloatArray:

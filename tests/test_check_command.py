@@ -15,11 +15,11 @@ from typer.testing import CliRunner
 
 from slamsim.check.check import QUICK, check_recording
 from slamsim.check.findings import Finding
-from slamsim.cli import app
+from slamsim.cli.main import app
+from slamsim.guard.errors import InputRefused, NotFound, SlamsimError
 from slamsim.io.bag2.writer import write_recording
 from slamsim.io.open import read_log, read_recording
 from slamsim.recording import Messages, RawImu, RawOdometry, RawScans, RawTicks, Recording
-from slamsim.safe.errors import InputRefused, NotFound, SlamsimError
 
 ROBOT = Robot(ROS2)
 

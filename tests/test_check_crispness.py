@@ -22,9 +22,9 @@ from slamsim.check.map_entropy import ACROSS_M, ALONG_M, map_entropy, placed
 from slamsim.check.map_views import WindowView
 from slamsim.check.motion import check_motion
 from slamsim.check.timing import check_timing
-from slamsim.geometry import between, compose
+from slamsim.core.geometry import between, compose
+from slamsim.core.types import FloatArray, IntArray
 from slamsim.recording import RawScans
-from slamsim.types import FloatArray, IntArray
 
 ROOM_M, BEAMS, SWEEP_S = 3.5, 150, 0.04
 STREAMS: tuple[Stream, ...] = ("gyro", "wheel")

@@ -10,7 +10,7 @@ from slamsim.check.description import check_description
 from slamsim.check.findings import Finding
 from slamsim.config.robot import RobotConfig
 from slamsim.recording import Recording
-from slamsim.sim.robot import build_robot
+from slamsim.sim.robot.model import build_robot
 
 URDF = build_robot(RobotConfig()).urdf
 

@@ -21,8 +21,8 @@ from slamsim.check.findings import Finding
 from slamsim.check.gathering import gather
 from slamsim.check.laser import check_laser, laser_motions
 from slamsim.check.mends import apply_mends
+from slamsim.core.types import FloatArray
 from slamsim.recording import RawImu, RawOdometry, RawScans, Recording, RecordingFormat
-from slamsim.types import FloatArray
 
 STEP = LIDAR.angle_step_rad
 BEAM_DT_S = LIDAR.beam_dt_ns * 1e-9

@@ -6,7 +6,7 @@ import numpy as np
 
 from slamsim.check.findings import CheckReport, Curve, Estimate, Finding, Plot
 from slamsim.check.wording import headline
-from slamsim.view.check_page import check_page
+from slamsim.report.pages.check import check_page
 
 
 def report() -> CheckReport:

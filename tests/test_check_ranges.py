@@ -13,8 +13,8 @@ from slamsim.check.findings import Finding
 from slamsim.check.inertial import check_inertial
 from slamsim.check.ranges import check_ranges
 from slamsim.check.scan_sample import sample_scans
+from slamsim.core.types import Float32Array, FloatArray
 from slamsim.recording import RawImu, RawOdometry, RawScans, Recording, ScanLayout, TransformEdge
-from slamsim.types import Float32Array, FloatArray
 
 SECOND = 1_000_000_000
 SCANS, BEAMS = 200, 541

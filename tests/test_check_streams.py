@@ -14,8 +14,8 @@ from recording_data import LAYOUT, edge, recording, scans_at, stamps
 from slamsim.check.stamp_rounding import rounding_step_s
 from slamsim.check.stamp_series import series_of
 from slamsim.check.streams import check_streams
+from slamsim.core.types import IntArray
 from slamsim.recording import RawImu, RawOdometry, RawScans, RawTicks, Recording
-from slamsim.types import IntArray
 
 RNG = np.random.default_rng(5)
 

@@ -24,8 +24,8 @@ from slamsim.check.rolling import check_wheels
 from slamsim.check.timing import check_timing
 from slamsim.check.turning import check_gyro
 from slamsim.check.votes import vote
+from slamsim.core.types import FloatArray
 from slamsim.recording import RawImu, RawOdometry, RawTicks, Recording
-from slamsim.types import FloatArray
 
 
 def everything(calibration: Calibration) -> list[Finding]:

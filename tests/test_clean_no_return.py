@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from slamsim.core.types import BoolArray, Float32Array, FloatArray
 from slamsim.recording.cleaning.no_return import (
     SAMPLED_READINGS,
     RangeSample,
@@ -17,7 +18,6 @@ from slamsim.recording.cleaning.no_return import (
     _most_occupied,
     find_limit,
 )
-from slamsim.types import BoolArray, Float32Array, FloatArray
 
 STEP_RAD = float(np.radians(1.0))
 ANGLES = np.radians(np.arange(-90.0, 90.0))

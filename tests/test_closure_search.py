@@ -5,9 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from slamsim.geometry import between, inverse, transform_points
-from slamsim.slam.correlative import LikelihoodGrid, Window, likelihood_grid, scores, search
-from slamsim.types import FloatArray
+from slamsim.core.geometry import between, inverse, transform_points
+from slamsim.core.types import FloatArray
+from slamsim.slam.closures.correlative import (
+    LikelihoodGrid,
+    Window,
+    likelihood_grid,
+    scores,
+    search,
+)
 
 RIVAL = (0.85, 0.5, 0.3)
 NOTHING = np.zeros(3)

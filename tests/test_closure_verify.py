@@ -18,14 +18,14 @@ from slamsim.config.back_end import (
     SubmapConfig,
 )
 from slamsim.config.slam import MotionConfig
-from slamsim.geometry import between, compose, transform_points
-from slamsim.result import GraphEdge
-from slamsim.slam.agreement import WaitingClosures, agree
-from slamsim.slam.closure import Closure, ClosureFinder, Expected
-from slamsim.slam.keyframes import KeyframeMaker, chain_edge
-from slamsim.slam.steps import PARAMETERS, OdometryNoise, OdometryStep
-from slamsim.slam.submaps import FREE, UNKNOWN, WALL, Surfaces, space_grid, submap_is_full
-from slamsim.types import FloatArray
+from slamsim.core.geometry import between, compose, transform_points
+from slamsim.core.result import GraphEdge
+from slamsim.core.types import FloatArray
+from slamsim.slam.closures.closure import Closure, ClosureFinder, Expected
+from slamsim.slam.closures.pending import WaitingClosures, agree
+from slamsim.slam.closures.submaps import FREE, UNKNOWN, WALL, Surfaces, space_grid, submap_is_full
+from slamsim.slam.frontend.keyframes import KeyframeMaker, chain_edge
+from slamsim.slam.frontend.preintegration import PARAMETERS, OdometryNoise, OdometryStep
 
 ROOM = np.concatenate(
     [

@@ -16,9 +16,9 @@ import pytest
 from limited_child import hear_interrupts
 from real_logs import needs_radish, radish
 
+from slamsim.guard.text import open_lines
 from slamsim.io.open import read_log, read_truth
 from slamsim.run.naming import is_recording
-from slamsim.safe.text import open_lines
 
 REAL_LINES = 2500
 SHORT = ("--set", "drive.route.max_duration_s=12", "--set", "sensors.lidar.rate_hz=10")

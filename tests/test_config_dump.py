@@ -17,7 +17,7 @@ from slamsim.config.bundled import bundled_names
 from slamsim.config.dump import dump_commented_yaml
 from slamsim.config.loading import load_model, load_run_config
 from slamsim.config.run import RunConfig
-from slamsim.safe.yaml import parse_yaml
+from slamsim.guard.yaml import parse_yaml
 
 
 class Colour(Enum):

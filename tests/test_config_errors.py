@@ -8,7 +8,7 @@ import pytest
 from config_example import Top
 
 from slamsim.config.loading import load_model
-from slamsim.safe.errors import InputRefused
+from slamsim.guard.errors import InputRefused
 
 
 def refused(folder: Path, text: str | bytes) -> str:

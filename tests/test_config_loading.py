@@ -14,7 +14,7 @@ from slamsim.config import bundled
 from slamsim.config.bundled import bundled_folder, bundled_names, find_input
 from slamsim.config.loading import load_run_config, load_world_config
 from slamsim.config.run import RunConfig
-from slamsim.safe.errors import InputRefused, NotFound, OverrideRefused, SlamsimError
+from slamsim.guard.errors import InputRefused, NotFound, OverrideRefused, SlamsimError
 
 
 @pytest.fixture

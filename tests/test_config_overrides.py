@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from slamsim.config.loading import load_model
-from slamsim.safe.errors import OverrideRefused, SlamsimError
+from slamsim.guard.errors import OverrideRefused, SlamsimError
 
 
 @pytest.mark.parametrize(

@@ -10,14 +10,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import chi2
 
+from slamsim.core.geometry import compose, wrap_angle
+from slamsim.core.result import PoseGraph
+from slamsim.core.types import FloatArray, PlanarTrajectory
 from slamsim.evaluate.budget import at_instants, error_budget
 from slamsim.evaluate.consistency import nees, nees_band
-from slamsim.geometry import compose, wrap_angle
+from slamsim.guard.errors import InputRefused
+from slamsim.guard.numbers import BadNumbers, NoSolution
 from slamsim.io.text.keyframes import HEADER, read_keyframes, write_keyframes
-from slamsim.result import PoseGraph
-from slamsim.safe.errors import InputRefused
-from slamsim.safe.numbers import BadNumbers, NoSolution
-from slamsim.types import FloatArray, PlanarTrajectory
 
 
 def path(count: int, rng: np.random.Generator) -> PlanarTrajectory:

@@ -16,13 +16,13 @@ from rich.table import Table
 from rich.text import Text
 from typer.testing import CliRunner
 
-from slamsim.cli import app
-from slamsim.console import Reporter
-from slamsim.ending import fail
+from slamsim.cli.main import app
+from slamsim.console.reporter import Reporter
+from slamsim.process.exit_codes import fail
 
 SWALLOWED = """
 import os, signal, sys, time
-from slamsim.ending import run_command
+from slamsim.process.exit_codes import run_command
 
 class Finalised:
     def __del__(self):
@@ -40,7 +40,7 @@ sys.exit(run_command(command))
 
 SUPPRESSED = """
 import os, signal, sys, time
-from slamsim.ending import run_command
+from slamsim.process.exit_codes import run_command
 
 def command():
     try:

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from dataset_run import SHARD, end, make, start, tree, workers_of
 
-from slamsim.dataset.engines.local import LocalEngine
+from slamsim.dataset.make.engines.local import LocalEngine
 
 SHARDS = 500
 SECONDS = 0.02

@@ -11,11 +11,11 @@ from typing import Any
 import pytest
 from dataset_run import children, end, make, tree
 
-from slamsim.dataset.engines.dask import DaskEngine
-from slamsim.dataset.shard import Tried
-from slamsim.dataset.versions import versions
-from slamsim.dataset.watch import Unwatched
-from slamsim.safe.errors import SlamsimError
+from slamsim.dataset.make.engines.dask import DaskEngine
+from slamsim.dataset.make.progress import Unwatched
+from slamsim.dataset.make.shard import Tried
+from slamsim.dataset.make.versions import versions
+from slamsim.guard.errors import SlamsimError
 
 dask = pytest.importorskip("dask")
 distributed = pytest.importorskip("distributed")
@@ -78,7 +78,7 @@ def test_a_worker_with_other_software_is_refused(
     cluster: Any, orders: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     versions.cache_clear()
-    monkeypatch.setattr("slamsim.dataset.versions.__version__", "9.0")
+    monkeypatch.setattr("slamsim.dataset.make.versions.__version__", "9.0")
     with pytest.raises(SlamsimError, match=r"has slamsim .* instead of 9\.0"):
         make(tmp_path / "set", orders, COUNT, DaskEngine(cluster.scheduler_address))
     versions.cache_clear()
@@ -88,7 +88,7 @@ def test_a_worker_with_other_software_is_refused(
 def test_a_scheduler_that_does_not_answer_is_refused(
     orders: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("slamsim.dataset.engines.dask._ANSWER_S", 0.5)
+    monkeypatch.setattr("slamsim.dataset.make.engines.dask._ANSWER_S", 0.5)
     with socket.create_server(("127.0.0.1", 0)) as mute:
         silent = f"tcp://127.0.0.1:{mute.getsockname()[1]}"
         for address, says in (

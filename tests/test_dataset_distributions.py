@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 from pydantic import TypeAdapter, ValidationError
 from scipy import stats
 
-from slamsim.dataset.distributions import (
+from slamsim.core.randomness import random_bits, random_share
+from slamsim.dataset.recipe.distributions import (
     Choice,
     Distribution,
     Drawn,
@@ -24,7 +25,6 @@ from slamsim.dataset.distributions import (
     edges,
     pick,
 )
-from slamsim.randomness import random_bits, random_share
 
 SHARES = np.linspace(0.0, 1.0, 1001)[:-1]
 NUMBER = st.floats(-1e6, 1e6).map(lambda value: float(f"{value:.6g}"))

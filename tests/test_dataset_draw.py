@@ -12,11 +12,11 @@ from hypothesis import strategies as st
 
 from slamsim.config.bundled import bundled_names
 from slamsim.config.dump import dump_commented_yaml
-from slamsim.dataset.draw import draw, sequence_spec, split_counts, split_of
-from slamsim.dataset.loading import load_recipe
-from slamsim.dataset.recipe import PARTS, Recipe, Splits
-from slamsim.dataset.sequence import SPLITS
-from slamsim.safe.errors import SlamsimError
+from slamsim.dataset.recipe.draw import draw, sequence_spec, split_counts, split_of
+from slamsim.dataset.recipe.loading import load_recipe
+from slamsim.dataset.recipe.model import PARTS, Recipe, Splits
+from slamsim.dataset.recipe.sequence import SPLITS
+from slamsim.guard.errors import SlamsimError
 from slamsim.sensors.faults.registry import load_fault
 from slamsim.sensors.faults.together import told_apart
 

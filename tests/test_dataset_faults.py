@@ -15,18 +15,18 @@ import shapely
 from dataset_example import small_spec
 
 from slamsim.config.bundled import bundled_names
-from slamsim.dataset import produce as production
-from slamsim.dataset.sequence import SequenceSpec
-from slamsim.geometry import between, matrix_from_xyzw, se2_from_se3, se3_from_parts
+from slamsim.core.geometry import between, matrix_from_xyzw, se2_from_se3, se3_from_parts
+from slamsim.core.types import Drive
+from slamsim.dataset.make import produce as production
+from slamsim.dataset.recipe.sequence import SequenceSpec
+from slamsim.guard.errors import InputRefused
 from slamsim.io.open import read_log, read_recording, read_truth
 from slamsim.io.parquet.file import read_table
 from slamsim.io.text.kitti import CAMERA_FROM_LASER
 from slamsim.recording.mountings import declared_laser_mounting
-from slamsim.safe.errors import InputRefused
-from slamsim.sim.drive import DriveOutcome, drive
-from slamsim.sim.robot import build_robot
-from slamsim.sim.route import plan_route
-from slamsim.types import Drive
+from slamsim.sim.drive.route import plan_route
+from slamsim.sim.drive.run import DriveOutcome, drive
+from slamsim.sim.robot.model import build_robot
 from slamsim.world.build import build_world
 from slamsim.world.model import BODY_HIGH_M, BODY_LOW_M
 

@@ -13,9 +13,9 @@ from pathlib import Path
 import pytest
 from dataset_run import make, start, tree
 
-from slamsim.dataset.engines.local import LocalEngine
-from slamsim.dataset.loading import load_recipe
-from slamsim.dataset.make import make_dataset
+from slamsim.dataset.make.engines.local import LocalEngine
+from slamsim.dataset.make.make import make_dataset
+from slamsim.dataset.recipe.loading import load_recipe
 
 COUNT = 4
 DISK_BYTES = 512_000_000

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from slamsim.dataset.draw import sequence_spec
-from slamsim.dataset.loading import load_recipe
-from slamsim.safe.errors import InputRefused, NotFound
+from slamsim.dataset.recipe.draw import sequence_spec
+from slamsim.dataset.recipe.loading import load_recipe
+from slamsim.guard.errors import InputRefused, NotFound
 
 HEAD = "name: mine\ntitle: mine\nworlds: [{world: tiny}]\n"
 

@@ -9,13 +9,13 @@ import pytest
 from dataset_run import tree
 from dataset_stub import Stub
 
-from slamsim.console import Reporter
-from slamsim.dataset.manifest import MANIFEST
-from slamsim.dataset.shard import Tried
-from slamsim.dataset.table import rows_from_parquet
-from slamsim.run.dataset_making import run_make
-from slamsim.run.dataset_watch import ConsoleWatch
-from slamsim.safe.errors import NotFound, SlamsimError
+from slamsim.console.reporter import Reporter
+from slamsim.dataset.catalogue.manifest import MANIFEST
+from slamsim.dataset.make.shard import Tried
+from slamsim.dataset.store.table import rows_from_parquet
+from slamsim.guard.errors import NotFound, SlamsimError
+from slamsim.run.dataset.making import run_make
+from slamsim.run.dataset.watch import ConsoleWatch
 
 COUNT = 3
 

@@ -22,14 +22,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import slamsim.dataset
-from slamsim.dataset.lazy_table import LazyTable
-from slamsim.dataset.opened import Dataset, Sequence
-from slamsim.dataset.place import Place
-from slamsim.dataset.truth_tables import read_drive
-from slamsim.dataset.verify import verify
+from slamsim.dataset.catalogue.verify import verify
+from slamsim.dataset.store.lazy_table import LazyTable
+from slamsim.dataset.store.place import Place
+from slamsim.dataset.store.reader import Dataset, Sequence
+from slamsim.dataset.truth.tables import read_drive
+from slamsim.guard.errors import InputRefused, NotFound, SlamsimError
 from slamsim.io.parquet.file import Column, ParquetFile
 from slamsim.recording import RawStream
-from slamsim.safe.errors import InputRefused, NotFound, SlamsimError
 from slamsim.sensors.motion import Motion
 
 

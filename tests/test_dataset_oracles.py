@@ -13,12 +13,12 @@ from dataset_example import small_spec
 from scipy.spatial.transform import Rotation, Slerp
 
 from slamsim.config.run import RunConfig
-from slamsim.dataset.overlap import CLOSURE_OVERLAP, CLOSURE_WAY_M
-from slamsim.dataset.produce import produce
-from slamsim.dataset.truth_surfaces import NO_SURFACE
+from slamsim.core.types import FloatArray
+from slamsim.dataset.make.produce import produce
+from slamsim.dataset.truth.overlap import CLOSURE_OVERLAP, CLOSURE_WAY_M
+from slamsim.dataset.truth.surfaces import NO_SURFACE
 from slamsim.io.parquet.file import read_table
-from slamsim.sim.robot import build_robot
-from slamsim.types import FloatArray
+from slamsim.sim.robot.model import build_robot
 from slamsim.world.build import build_world
 
 OFFSET_S, DRIFT_PPM = 0.02, 150.0

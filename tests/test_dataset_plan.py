@@ -12,16 +12,16 @@ import cv2
 import numpy as np
 import pytest
 
-from slamsim.dataset.draw import sequence_spec
-from slamsim.dataset.loading import load_recipe
-from slamsim.dataset.pilot import Pilot, Pilots, make_pilots
-from slamsim.dataset.plan import plan
-from slamsim.dataset.preview import contact_sheet
-from slamsim.dataset.recipe import Recipe
-from slamsim.dataset.sequence import SequenceSpec
-from slamsim.quantities import as_size, as_time
-from slamsim.run.dataset_planning import plan_rows
-from slamsim.safe.errors import SlamsimError
+from slamsim.dataset.recipe.draw import sequence_spec
+from slamsim.dataset.recipe.loading import load_recipe
+from slamsim.dataset.recipe.model import Recipe
+from slamsim.dataset.recipe.pilot import Pilot, Pilots, make_pilots
+from slamsim.dataset.recipe.plan import plan
+from slamsim.dataset.recipe.preview import contact_sheet
+from slamsim.dataset.recipe.sequence import SequenceSpec
+from slamsim.guard.errors import SlamsimError
+from slamsim.guard.quantities import as_size, as_time
+from slamsim.run.dataset.planning import plan_rows
 
 TINY = load_recipe("tiny")
 
@@ -77,7 +77,7 @@ def test_counts_are_those_of_the_sequences() -> None:
 
 
 def test_a_large_data_set_is_scaled_from_what_was_drawn(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("slamsim.dataset.plan.MOST_DRAWN", 40)
+    monkeypatch.setattr("slamsim.dataset.recipe.plan.MOST_DRAWN", 40)
     small, large = plan(TINY, 40, make=_made), plan(TINY, 4000, make=_made)
     assert large.core_s == pytest.approx(100 * small.core_s)
     assert large.splits == {"train": 2000, "val": 1000, "test": 1000}
@@ -170,7 +170,7 @@ def test_preview_as_typed(tmp_path: Path) -> None:
 
 def test_help_names_all_and_nothing_heavy_is_imported() -> None:
     code = (
-        "import sys; from slamsim.cli import app\n"
+        "import sys; from slamsim.cli.main import app\n"
         "heavy = {'pybullet', 'open3d', 'scipy', 'pyarrow', 'cv2', 'numba', 'pydantic', 'dask'}\n"
         "print(sorted(heavy & sys.modules.keys()))"
     )

@@ -13,16 +13,16 @@ import yaml
 from dataset_example import produced, small_spec
 
 from slamsim.config.loading import load_run_config
-from slamsim.dataset.produce import produce
-from slamsim.dataset.sequence import SequenceFacts
+from slamsim.core.types import FloatArray
+from slamsim.dataset.make.produce import produce
+from slamsim.dataset.recipe.sequence import SequenceFacts
+from slamsim.guard.image import GrayImage, read_gray_image
 from slamsim.io.open import read_log, read_recording, read_truth
 from slamsim.io.parquet.file import joined_axes, read_table
 from slamsim.io.text.tum import read_tum
-from slamsim.safe.image import GrayImage, read_gray_image
 from slamsim.sensors.faults.registry import load_fault
-from slamsim.simulate import simulate
 from slamsim.simulation.driven import simulate_spoilt
-from slamsim.types import FloatArray
+from slamsim.simulation.simulate import simulate
 
 
 @pytest.fixture(scope="module")

@@ -12,13 +12,13 @@ from pathlib import Path
 import pytest
 from dataset_run import SHARD, end, make, runs, start, tree, workers_of
 
-from slamsim.dataset.engines.base import Engine
-from slamsim.dataset.identity import Identity, read_identity
-from slamsim.dataset.shard import shard_path
-from slamsim.dataset.store import LocalStore, open_store
-from slamsim.dataset.table import rows_from_parquet
-from slamsim.dataset.watch import Unwatched
-from slamsim.safe.errors import DiskFull, Locked, SlamsimError
+from slamsim.dataset.make.engines.base import Engine
+from slamsim.dataset.make.identity import Identity, read_identity
+from slamsim.dataset.make.progress import Unwatched
+from slamsim.dataset.make.shard import shard_path
+from slamsim.dataset.store.store import LocalStore, open_store
+from slamsim.dataset.store.table import rows_from_parquet
+from slamsim.guard.errors import DiskFull, Locked, SlamsimError
 
 COUNT = 14
 
@@ -247,7 +247,7 @@ def test_a_full_disk_stops_the_run_and_the_same_command_goes_on(
 def test_a_second_run_and_a_worker_that_lives_on_keep_others_out(
     orders: Path, one_worker: Engine, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("slamsim.dataset.store._ORPHANS_END_S", 0.2)
+    monkeypatch.setattr("slamsim.dataset.store.store._ORPHANS_END_S", 0.2)
     store = LocalStore(str(tmp_path / "set"))
     with store.owned(), pytest.raises(Locked, match="is being written by process"):
         make(tmp_path / "set", orders, 2, one_worker)

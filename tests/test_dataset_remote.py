@@ -14,11 +14,11 @@ from dataset_remote_life import downloaded, live_through
 from dataset_run import end, make, start, tree
 from dataset_whole import KeptEngine
 
-from slamsim.dataset.engines.base import Engine
-from slamsim.dataset.engines.local import LocalEngine
-from slamsim.dataset.remote import LOCK, RemoteStore
-from slamsim.dataset.shard import shard_path
-from slamsim.safe.errors import Locked, SlamsimError
+from slamsim.dataset.make.engines.base import Engine
+from slamsim.dataset.make.engines.local import LocalEngine
+from slamsim.dataset.make.shard import shard_path
+from slamsim.dataset.store.remote import LOCK, RemoteStore
+from slamsim.guard.errors import Locked, SlamsimError
 
 moto_server = pytest.importorskip("moto.server")
 pytest.importorskip("s3fs")
@@ -126,7 +126,7 @@ def test_the_lock_of_a_run_elsewhere_holds_until_it_is_forgotten(
 def test_a_place_that_cannot_be_is_refused(
     bucket: str, orders: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("slamsim.dataset.remote._PAUSES_S", ())
+    monkeypatch.setattr("slamsim.dataset.store.remote._PAUSES_S", ())
     has_sftp = importlib.util.find_spec("paramiko") is not None
     for address, says in (
         ("nonsense://x/y", "nonsense"),

@@ -16,7 +16,7 @@ import pytest
 from dataset_remote_life import live_through
 from dataset_whole import KeptEngine
 
-from slamsim.dataset.engines.local import LocalEngine
+from slamsim.dataset.make.engines.local import LocalEngine
 
 pytest.importorskip("paramiko")
 SSHD = shutil.which("sshd", path=f"{os.environ['PATH']}:/usr/sbin")

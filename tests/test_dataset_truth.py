@@ -12,19 +12,19 @@ import pytest
 from dataset_example import produced, small_spec
 
 from slamsim.config.sensors import LidarConfig
-from slamsim.dataset.key_scans import KeyScan, KeyScans
-from slamsim.dataset.overlap import overlap_shares
-from slamsim.dataset.truth_surfaces import NO_SURFACE, Surfaces, surfaces_of
-from slamsim.dataset.truth_tables import read_drive
+from slamsim.core.types import Drive, FloatArray, TriangleMesh
+from slamsim.dataset.truth.key_scans import KeyScan, KeyScans
+from slamsim.dataset.truth.overlap import overlap_shares
+from slamsim.dataset.truth.surfaces import NO_SURFACE, Surfaces, surfaces_of
+from slamsim.dataset.truth.tables import read_drive
 from slamsim.io.parquet.file import read_table, table_facts
 from slamsim.sensors.motion import Motion, as_mounted
 from slamsim.sensors.readings import Readings
 from slamsim.sensors.rig import SensorRig
 from slamsim.sensors.scene import Scene
-from slamsim.sim.drive import drive
-from slamsim.sim.robot import RobotModel, build_robot
-from slamsim.sim.route import plan_route
-from slamsim.types import Drive, FloatArray, TriangleMesh
+from slamsim.sim.drive.route import plan_route
+from slamsim.sim.drive.run import drive
+from slamsim.sim.robot.model import RobotModel, build_robot
 from slamsim.world.build import build_world
 from slamsim.world.model import World
 

@@ -16,10 +16,10 @@ import pytest
 import yaml
 from dataset_run import end, tree, workers_of
 
-from slamsim.dataset.engines.local import LocalEngine
-from slamsim.dataset.loading import load_recipe
-from slamsim.dataset.make import make_dataset
-from slamsim.instructions import _SAME, has_avx2
+from slamsim.dataset.make.engines.local import LocalEngine
+from slamsim.dataset.make.make import make_dataset
+from slamsim.dataset.recipe.loading import load_recipe
+from slamsim.process.instructions import _SAME, has_avx2
 
 pytest.importorskip("distributed")
 COUNT = 12

@@ -12,15 +12,14 @@ from dataset_whole import COUNT, copied, make_small
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from slamsim.console import Reporter
-from slamsim.dataset import made_again
-from slamsim.dataset.engines.base import Engine
-from slamsim.dataset.manifest import MANIFEST
-from slamsim.dataset.table import rows_from_parquet, rows_to_parquet
-from slamsim.dataset.verify import Verification, verify
-from slamsim.run.dataset_telling import mending_of, run_stats, run_verify
-from slamsim.safe.errors import NotFound, SlamsimError
-from slamsim.safe.sums import (
+from slamsim.console.reporter import Reporter
+from slamsim.dataset.catalogue.manifest import MANIFEST
+from slamsim.dataset.catalogue.verify import Verification, verify
+from slamsim.dataset.make import again
+from slamsim.dataset.make.engines.base import Engine
+from slamsim.dataset.store.table import rows_from_parquet, rows_to_parquet
+from slamsim.guard.errors import NotFound, SlamsimError
+from slamsim.guard.sums import (
     SUMS,
     SumsDamaged,
     read_sequence,
@@ -29,6 +28,7 @@ from slamsim.safe.sums import (
     sha256_of,
     sums_text,
 )
+from slamsim.run.dataset.telling import mending_of, run_stats, run_verify
 
 QUIET = Reporter(quiet=True)
 
@@ -163,7 +163,7 @@ def test_only_making_it_again_tells_what_was_never_made_so(small_set: Path, tmp_
 
 
 def test_other_software_does_not_judge(small_set: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(made_again, "versions", lambda: {"numpy": "0.1"})
+    monkeypatch.setattr(again, "versions", lambda: {"numpy": "0.1"})
     with pytest.raises(SlamsimError, match=r"numpy 0\.1 instead of"):
         verify(str(small_set), again=1)
     assert verify(str(small_set)).whole

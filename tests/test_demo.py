@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 
 from slamsim.config.loading import load_run_config
-from slamsim.console import Reporter
+from slamsim.console.reporter import Reporter
+from slamsim.report.viewer.screenshot import check_recording
 from slamsim.run.demo import FAULT, rotation_bug
-from slamsim.view.screenshot import check_recording
 
 
 @pytest.mark.slow

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from slamsim.geometry import matrix_from_rpy, se3_from_parts
-from slamsim.slam.deskew import deskew
-from slamsim.types import FloatArray, OutsideTimeRange, PlanarTrajectory, Scan, ScanGeometry
+from slamsim.core.geometry import matrix_from_rpy, se3_from_parts
+from slamsim.core.types import FloatArray, OutsideTimeRange, PlanarTrajectory, Scan, ScanGeometry
+from slamsim.slam.frontend.deskew import deskew
 
 
 def _spatial(T_a_b: FloatArray) -> FloatArray:

@@ -10,12 +10,12 @@ from drive_worlds import hall
 
 from slamsim.config.drive import DriveConfig, FollowConfig, LimitsConfig, RouteConfig
 from slamsim.config.robot import DriveWheelsConfig, MotorConfig, RobotConfig
-from slamsim.geometry import matrix_from_xyzw, wrap_angle, yaw_from_xyzw
-from slamsim.sim.drive import drive
-from slamsim.sim.robot import RobotModel, build_robot
-from slamsim.sim.route import plan_route
-from slamsim.types import Drive, EncoderStream, FloatArray
-from slamsim.wheels import wheel_odometry
+from slamsim.core.geometry import matrix_from_xyzw, wrap_angle, yaw_from_xyzw
+from slamsim.core.types import Drive, EncoderStream, FloatArray
+from slamsim.core.wheels import wheel_odometry
+from slamsim.sim.drive.route import plan_route
+from slamsim.sim.drive.run import drive
+from slamsim.sim.robot.model import RobotModel, build_robot
 from slamsim.world.model import FloorPatch, World
 
 TICKS = 10_000_000

@@ -14,13 +14,13 @@ from drive_worlds import hall
 
 from slamsim.config.drive import DriveConfig
 from slamsim.config.robot import RobotConfig
-from slamsim.safe.errors import SlamsimError
-from slamsim.sim.drive import drive
-from slamsim.sim.drive_process import DriveProcess
-from slamsim.sim.robot import build_robot
-from slamsim.sim.route import plan_route
-from slamsim.types import Drive
-from slamsim.worker import WorkerDied, Workers
+from slamsim.core.types import Drive
+from slamsim.guard.errors import SlamsimError
+from slamsim.process.worker import WorkerDied, Workers
+from slamsim.sim.drive.process import DriveProcess
+from slamsim.sim.drive.route import plan_route
+from slamsim.sim.drive.run import drive
+from slamsim.sim.robot.model import build_robot
 
 CONFIG = DriveConfig.model_validate(
     {"route": {"max_duration_s": 6.0}, "physics": {"window_s": 1.0}}
@@ -76,7 +76,7 @@ def test_a_killed_engine_is_told() -> None:
 
 @pytest.mark.parametrize("before_it_begins", [True, False])
 def test_a_stopped_engine_is_told(before_it_begins: bool, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("slamsim.kin.HALTED_S", 1.0)
+    monkeypatch.setattr("slamsim.process.children.HALTED_S", 1.0)
     before = children()
     with DriveProcess() as process:
         (child,) = children() - before
@@ -92,7 +92,7 @@ def test_a_stopped_engine_is_told(before_it_begins: bool, monkeypatch: pytest.Mo
 
 
 def test_an_engine_that_goes_on_in_time_is_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("slamsim.kin.HALTED_S", 1000.0)
+    monkeypatch.setattr("slamsim.process.children.HALTED_S", 1000.0)
     before = children()
     with DriveProcess() as process:
         (child,) = children() - before
@@ -107,7 +107,7 @@ def stop_myself() -> None:
 
 
 def test_a_stopped_worker_is_told_and_replaced(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("slamsim.kin.HALTED_S", 1.0)
+    monkeypatch.setattr("slamsim.process.children.HALTED_S", 1.0)
     with Workers(1) as workers:
         with pytest.raises(WorkerDied, match="was stopped"):
             workers.submit(stop_myself, 100.0).result()

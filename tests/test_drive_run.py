@@ -19,13 +19,13 @@ from slamsim.config.drive import (
     RouteConfig,
 )
 from slamsim.config.robot import CylinderConfig, RobotConfig
+from slamsim.core.types import Drive, TriangleMesh
 from slamsim.sim.bullet import pybullet
-from slamsim.sim.drive import DriveOutcome, bare_step_seconds, drive
+from slamsim.sim.drive.record import stamps_ns
+from slamsim.sim.drive.route import Route, plan_route
+from slamsim.sim.drive.run import DriveOutcome, bare_step_seconds, drive
 from slamsim.sim.engine import engine_parameters
-from slamsim.sim.record import stamps_ns
-from slamsim.sim.robot import build_robot
-from slamsim.sim.route import Route, plan_route
-from slamsim.types import Drive, TriangleMesh
+from slamsim.sim.robot.model import build_robot
 from slamsim.world.model import FloorPatch, World
 
 ROBOT = build_robot(RobotConfig())

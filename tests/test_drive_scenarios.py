@@ -14,10 +14,10 @@ from slamsim.config.scenarios.basic_drive import BasicDriveConfig
 from slamsim.config.scenarios.defaults import SCENARIO_ROBOT
 from slamsim.config.scenarios.umbmark import UmbmarkConfig
 from slamsim.scenarios.base import Findings, Outcome
-from slamsim.scenarios.basic_drive import SCENARIO as BASIC_DRIVE
+from slamsim.scenarios.physics.basic_drive import SCENARIO as BASIC_DRIVE
 from slamsim.scenarios.scripts import square_commands, straight_commands
 from slamsim.scenarios.tested import robots_under_test
-from slamsim.scenarios.umbmark import SCENARIO as UMBMARK
+from slamsim.scenarios.umbmark.scenario import SCENARIO as UMBMARK
 
 COARSE = PhysicsConfig(rate_hz=120, solver_iterations=20)
 VARYING_ROBOT = SCENARIO_ROBOT.model_copy(

@@ -11,11 +11,11 @@ from hypothesis import strategies as st
 from sensing_example import drive_along, figure_eight
 
 from slamsim.config.sensors import EncoderConfig
+from slamsim.core.types import Drive
+from slamsim.core.wheels import wheel_odometry
 from slamsim.sensors.encoders import Encoders
 from slamsim.sensors.motion import joined
 from slamsim.sensors.readings import EncoderBatch
-from slamsim.types import Drive
-from slamsim.wheels import wheel_odometry
 
 PERFECT = {"wheel_scale_error": [0.0, 0.0], "wheel_radius_error": 0.0, "track_error": 0.0}
 

@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 from slow_grid import slow_scores, slow_seen
 
+from slamsim.core.geometry import inverse, transform_points
+from slamsim.core.types import Grid
 from slamsim.evaluate.grid import (
     MapScores,
     cell_centres,
@@ -15,9 +17,7 @@ from slamsim.evaluate.grid import (
     wrong_walls,
 )
 from slamsim.evaluate.visibility import seen_from
-from slamsim.geometry import inverse, transform_points
-from slamsim.safe.errors import SlamsimError
-from slamsim.types import Grid
+from slamsim.guard.errors import SlamsimError
 
 IDENTITY = np.zeros(3)
 AROUND = np.array([(-0.3, 2.6), (2.3, 2.6), (2.3, 4.3), (-0.3, 4.3), (-0.3, 2.6)])

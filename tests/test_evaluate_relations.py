@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from real_logs import needs_radish, radish
 
+from slamsim.core.geometry import between, wrap_angle
+from slamsim.core.types import FloatArray, Grid, PlanarTrajectory, Trajectory
 from slamsim.evaluate.relations import score_relations
 from slamsim.evaluate.score import evaluate
-from slamsim.geometry import between, wrap_angle
+from slamsim.guard.errors import SlamsimError
 from slamsim.io.open import read_log
 from slamsim.io.text.relations import Relations, read_relations
-from slamsim.safe.errors import SlamsimError
-from slamsim.types import FloatArray, Grid, PlanarTrajectory, Trajectory
 
 
 @needs_radish

@@ -9,6 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from slamsim.core.geometry import compose, wrap_angle, xyzw_from_yaw
+from slamsim.core.types import FloatArray, PlanarTrajectory
 from slamsim.evaluate.trajectory import (
     align_se2,
     compare,
@@ -17,9 +19,7 @@ from slamsim.evaluate.trajectory import (
     segments,
     statistics,
 )
-from slamsim.geometry import compose, wrap_angle, xyzw_from_yaw
-from slamsim.safe.errors import SlamsimError
-from slamsim.types import FloatArray, PlanarTrajectory
+from slamsim.guard.errors import SlamsimError
 
 
 def wandering(rng: np.random.Generator, count: int = 200, dt_ns: int = 50_000_000) -> FloatArray:

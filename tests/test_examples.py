@@ -11,13 +11,13 @@ import scan_pairs
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from slamsim.dataset.distributions import Constant
-from slamsim.dataset.engines.local import LocalEngine
-from slamsim.dataset.loading import load_recipe
-from slamsim.dataset.make import make_dataset
-from slamsim.geometry import between, compose, inverse, wrap_angle
+from slamsim.core.geometry import between, compose, inverse, wrap_angle
+from slamsim.core.types import FloatArray
+from slamsim.dataset.make.engines.local import LocalEngine
+from slamsim.dataset.make.make import make_dataset
+from slamsim.dataset.recipe.distributions import Constant
+from slamsim.dataset.recipe.loading import load_recipe
 from slamsim.io.text.relations import Relations
-from slamsim.types import FloatArray
 
 RECIPE = Path(__file__).parents[1] / "examples" / "loop_closures.yaml"
 BEARINGS = np.radians(np.arange(-135.0, 135.0, 1.0))

@@ -11,14 +11,14 @@ import pytest
 from simulated import Simulated, ate_rmse_m, labyrinth, simulate
 from typer.testing import CliRunner
 
-from slamsim.cli import app
+from slamsim.cli.main import app
 from slamsim.config.slam import SlamConfig
-from slamsim.result import SlamResult
-from slamsim.safe.errors import DiskFull
-from slamsim.safe.numbers import NoSolution
+from slamsim.core.result import SlamResult
+from slamsim.core.types import ScanGeometry
+from slamsim.guard.errors import DiskFull
+from slamsim.guard.numbers import NoSolution
 from slamsim.slam.failures import Failures
 from slamsim.slam.session import run_slam
-from slamsim.types import ScanGeometry
 
 SICK = ScanGeometry(-0.5 * np.pi, np.pi / 180.0, 181, 0, 0.1, 30.0)
 
@@ -30,12 +30,12 @@ def example() -> Simulated:
 
 
 STAGES = {
-    "closures": "slamsim.slam.closure.ClosureFinder.find",
-    "solve": "slamsim.slam.graph.PoseGraphSolver.solve",
-    "calibrate": "slamsim.slam.back_end.Recalibration",
-    "refine": "slamsim.slam.back_end.refine_keyframes",
-    "check": "slamsim.slam.back_end.tears",
-    "smooth": "slamsim.slam.track.smooth",
+    "closures": "slamsim.slam.closures.closure.ClosureFinder.find",
+    "solve": "slamsim.slam.backend.graph.PoseGraphSolver.solve",
+    "calibrate": "slamsim.slam.backend.back_end.Recalibration",
+    "refine": "slamsim.slam.backend.back_end.refine_keyframes",
+    "check": "slamsim.slam.backend.back_end.tears",
+    "smooth": "slamsim.slam.frontend.track.smooth",
     "map": "slamsim.run.mapping.build_grid",
     "report": "slamsim.run.mapping.write_report",
 }
@@ -80,7 +80,7 @@ def test_a_stage_that_fails_leaves_the_work_of_those_before(
 def test_all_of_them_failing_leaves_the_front_end(monkeypatch: pytest.MonkeyPatch) -> None:
     for stage in ("closures", "solve", "calibrate", "refine", "check", "smooth"):
         fails(monkeypatch, stage, ERRORS[1])
-    monkeypatch.setattr("slamsim.slam.back_end.variance_factor", lambda *_: 1.0 / 0.0)
+    monkeypatch.setattr("slamsim.slam.backend.back_end.variance_factor", lambda *_: 1.0 / 0.0)
     slam = result()
     told = {one.stage for one in slam.failed}
     assert told == {"closures", "solve", "calibrate", "refine", "covariances", "check", "smooth"}

@@ -167,14 +167,14 @@ sys.exit(1)
     Canary(
         "pybullet",
         "dies of a description with two roots",
-        "safe/urdf.py: check_urdf",
+        "guard/urdf.py: check_urdf",
         ROBOT + """load(f'<robot name="r">{link % ("a", 1)}{link % ("b", 1)}</robot>')\n""",
         ended_by=signal.SIGSEGV,
     ),
     Canary(
         "pybullet",
         "dies of a triangle whose corner does not exist",
-        "safe/mesh.py: check_mesh",
+        "guard/mesh.py: check_mesh",
         TETRAHEDRON
         + """
 import pybullet
@@ -189,7 +189,7 @@ pybullet.createCollisionShape(
     Canary(
         "pybullet",
         "takes a mass that is not a number",
-        "safe/urdf.py: check_urdf",
+        "guard/urdf.py: check_urdf",
         ROBOT
         + """
 body = load(f'<robot name="r">{link % ("a", "nan")}</robot>')
@@ -214,7 +214,7 @@ assert math.isnan(pybullet.getBasePositionAndOrientation(body)[0][0])
     Canary(
         "open3d",
         "dies of a triangle whose corner does not exist",
-        "safe/mesh.py: check_mesh",
+        "guard/mesh.py: check_mesh",
         TETRAHEDRON
         + """
 import open3d
@@ -228,7 +228,7 @@ mesh.compute_vertex_normals()
     Canary(
         "open3d",
         "says that it wrote a mesh to a disk that is full",
-        "world/export.py makes the bytes, safe/output.py writes them",
+        "world/export.py makes the bytes, guard/output.py writes them",
         FULL
         + """
 import open3d
@@ -239,7 +239,7 @@ assert open3d.io.write_triangle_mesh(full("a.ply"), mesh) is True
     Canary(
         "opencv",
         "raises nothing where it cannot read or write an image",
-        "safe/image.py reads, safe/output.py writes",
+        "guard/image.py reads, guard/output.py writes",
         FULL
         + """
 import cv2, numpy as np
@@ -252,7 +252,7 @@ assert cv2.imwrite(full("b.png"), np.zeros((9, 9), np.uint8)) in (True, False)
     Canary(
         "trimesh",
         "reads a cut STL as an empty scene",
-        "safe/mesh_file.py: check_mesh_file",
+        "guard/mesh_file.py: check_mesh_file",
         """
 import trimesh
 from pathlib import Path
@@ -267,7 +267,7 @@ assert len(found) == 0
     Canary(
         "gtsam",
         "gives the start for an answer where a measurement is not a number",
-        "slam/graph.py: check_edges, and the error after each solution",
+        "slam/backend/graph.py: check_edges, and the error after each solution",
         POSES
         + """
 solved = gtsam.LevenbergMarquardtOptimizer(graph(np.nan), start).optimize()
@@ -278,13 +278,13 @@ assert np.isnan(graph(np.nan).error(solved))
     Canary(
         "gtsam",
         "solves a graph that nothing ties to the map",
-        "slam/graph.py names it",
+        "slam/backend/graph.py names it",
         POSES + "gtsam.LevenbergMarquardtOptimizer(graph(1.0, tied=False), start).optimize()\n",
     ),
     Canary(
         "gtsam",
         "goes on after an update that failed, as if nothing had been",
-        "slam/graph.py makes a new one",
+        "slam/backend/graph.py makes a new one",
         POSES
         + """
 isam = gtsam.ISAM2()
@@ -305,7 +305,7 @@ assert isam.calculateEstimate().size() == 2
     Canary(
         "pyyaml",
         "never ends over keys that are merged again and again",
-        "safe/yaml.py refuses them",
+        "guard/yaml.py refuses them",
         """
 import yaml
 text = "a0: &a0 {k: v}\\n"
@@ -318,7 +318,7 @@ yaml.safe_load(text)
     Canary(
         "pyyaml",
         "takes the last of two equal keys, no for false, 1e3 for a text",
-        "safe/yaml.py",
+        "guard/yaml.py",
         """
 import yaml
 assert yaml.safe_load("{a: 1, a: 2}") == {"a": 2}

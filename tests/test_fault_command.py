@@ -13,9 +13,9 @@ from test_command_line import slamsim
 
 from slamsim.config.faults import typed_choices
 from slamsim.config.loading import load_run_config
+from slamsim.guard.errors import NotFound, OverrideRefused, SlamsimError
 from slamsim.io.open import open_recording, read_recording, read_truth
 from slamsim.run.faulting import fault_facts, fault_table, spoil_recording
-from slamsim.safe.errors import NotFound, OverrideRefused, SlamsimError
 from slamsim.sensors.faults.base import CannotInject
 
 SHORT = ("--set", "drive.route.max_duration_s=6", "--set", "sensors.lidar.rate_hz=10")

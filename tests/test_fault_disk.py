@@ -18,7 +18,7 @@ import pytest
 from fault_disk import KILL, Call, Kill, require_watching, watched
 from fault_nth import FAULTS
 
-from slamsim.safe.output import partial_folder, write_atomic
+from slamsim.guard.output import partial_folder, write_atomic
 
 pytestmark = pytest.mark.fault
 

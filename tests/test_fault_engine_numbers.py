@@ -19,6 +19,7 @@ from slamsim.config.drive import LimitsConfig, PhysicsConfig
 from slamsim.config.robot import RobotConfig
 from slamsim.config.scenarios.solver import SolverConfig
 from slamsim.config.sensors import EncoderConfig, ImuConfig, SensorsConfig
+from slamsim.core.types import Drive, FloatArray
 from slamsim.sensors.encoders import Encoders
 from slamsim.sensors.imu import Imu
 from slamsim.sensors.lidar import Lidar
@@ -26,11 +27,10 @@ from slamsim.sensors.motion import Motion, joined
 from slamsim.sensors.rig import SensorRig
 from slamsim.sensors.scene import Scene
 from slamsim.sim.bodies import Box, Shape, Sphere, Surroundings, free_bodies
+from slamsim.sim.drive.script import Command, scripted_run
 from slamsim.sim.ground import Block, Ground
-from slamsim.sim.inertia import Inertial, box_inertia, cylinder_inertia, join, sphere_inertia
-from slamsim.sim.robot import RobotModel, build_robot
-from slamsim.sim.script import Command, scripted_run
-from slamsim.types import Drive, FloatArray
+from slamsim.sim.robot.inertia import Inertial, box_inertia, cylinder_inertia, join, sphere_inertia
+from slamsim.sim.robot.model import RobotModel, build_robot
 from slamsim.world.model import FloorPatch
 
 pytestmark = pytest.mark.fault

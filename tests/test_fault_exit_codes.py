@@ -17,10 +17,10 @@ import pytest
 from fault_processes import MAIN, Run, running
 from typer.testing import CliRunner
 
-from slamsim.cli import app
+from slamsim.cli.main import app
+from slamsim.guard.errors import OutputRefused, OverrideRefused
+from slamsim.guard.output import partial_folder
 from slamsim.run.folder import TRUTH
-from slamsim.safe.errors import OutputRefused, OverrideRefused
-from slamsim.safe.output import partial_folder
 
 pytestmark = pytest.mark.fault
 
@@ -29,7 +29,7 @@ GENEROUS_S = 60.0
 HOLDER = """
 import sys, time
 from pathlib import Path
-from slamsim.safe.lock import locked
+from slamsim.guard.lock import locked
 with locked(Path("held").resolve(), print):
     print("begun", flush=True)
     time.sleep(1000)
@@ -253,7 +253,7 @@ def test_a_second_process_on_a_folder_is_told_before_it_loads_anything(
     folder: Path, arguments: list[str]
 ) -> None:
     counting = (
-        "import sys; from slamsim.ending import run_command; from slamsim.cli import app\n"
+        "import sys; from slamsim.process.exit_codes import run_command; from slamsim.cli.main import app\n"
         "code = run_command(app)\n"
         "print([name for name in ('numba', 'scipy', 'open3d', 'gtsam') if name in sys.modules])\n"
         "sys.exit(code)"

@@ -9,7 +9,7 @@ import pytest
 from fault_atheris import fed
 from fault_fuzz_targets import TARGETS
 
-from slamsim.safe.errors import SlamsimError
+from slamsim.guard.errors import SlamsimError
 
 pytestmark = pytest.mark.fault
 

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 from dataset_run import SHARD, end, make, runs, start, tree, workers_of
 
-from slamsim.dataset.engines.base import Engine
+from slamsim.dataset.make.engines.base import Engine
 
 pytestmark = pytest.mark.fault
 

@@ -19,24 +19,24 @@ from bag_data import ROS1, ROS2, Robot, as_mcap, as_ros1, as_rosbag2
 from mcap.writer import CompressionType, Writer
 
 from slamsim.config.layout import ImageLayout
+from slamsim.guard.errors import InputRefused
+from slamsim.guard.image import read_gray_image
+from slamsim.guard.limits import LIMITS, Limits
+from slamsim.guard.mesh import check_mesh
+from slamsim.guard.mesh_file import check_mesh_file
+from slamsim.guard.seal import require_as_written
+from slamsim.guard.sums import sums_text
+from slamsim.guard.text import open_lines
+from slamsim.guard.urdf import check_urdf
+from slamsim.guard.yaml import load_yaml
 from slamsim.io.bag1.reader import index_bag1
 from slamsim.io.bag2.sqlite import index_sqlite
 from slamsim.io.input_errors import refusing
 from slamsim.io.mcap.reader import index_mcap, mcap_attachments
 from slamsim.io.parquet.file import read_table
 from slamsim.io.ros.limits import check_definitions
-from slamsim.safe.errors import InputRefused
-from slamsim.safe.image import read_gray_image
-from slamsim.safe.limits import LIMITS, Limits
-from slamsim.safe.mesh import check_mesh
-from slamsim.safe.mesh_file import check_mesh_file
-from slamsim.safe.seal import require_as_written
-from slamsim.safe.sums import sums_text
-from slamsim.safe.text import open_lines
-from slamsim.safe.urdf import check_urdf
-from slamsim.safe.yaml import load_yaml
-from slamsim.sim.route_file import read_route
-from slamsim.slam.saved_map import read_saved_map
+from slamsim.sim.drive.route_file import read_route
+from slamsim.slam.mapping.saved_map import read_saved_map
 from slamsim.world.from_image import image_prisms
 
 pytestmark = pytest.mark.fault

@@ -19,11 +19,11 @@ from fault_judge import Try, attempt
 from fault_log_reads import judged_quickly, whole_log
 from mcap.writer import CompressionType
 
+from slamsim.guard.errors import InputRefused, SlamsimError
+from slamsim.guard.files import read_input
 from slamsim.io.open import read_log, read_recording
 from slamsim.io.parquet.writer import ParquetLog
 from slamsim.io.text.stamps import stamp_ns_from_decimal
-from slamsim.safe.errors import InputRefused, SlamsimError
-from slamsim.safe.files import read_input
 
 pytestmark = pytest.mark.fault
 

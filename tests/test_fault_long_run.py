@@ -14,8 +14,8 @@ from fault_mutations import Ground
 from fault_seeds import Seed
 from long_run_journal import Journal, Row, shown
 
-from slamsim.console import Reporter
-from slamsim.safe.errors import InputRefused
+from slamsim.console.reporter import Reporter
+from slamsim.guard.errors import InputRefused
 
 pytestmark = pytest.mark.fault
 

@@ -15,7 +15,7 @@ from fault_judge import Outcome, Try, judged
 from fault_mutations import SEEDS, grounds, verdicts
 from fault_seeds import Change, Unfit, digest
 
-from slamsim.safe.errors import InputRefused
+from slamsim.guard.errors import InputRefused
 
 pytestmark = pytest.mark.fault
 

@@ -23,7 +23,7 @@ from fault_values import (
     spoilt_values,
 )
 
-from slamsim.geometry import (
+from slamsim.core.geometry import (
     between,
     compose,
     inverse,
@@ -32,16 +32,16 @@ from slamsim.geometry import (
     transform_points,
     xyzw_from_matrix,
 )
-from slamsim.result import Calibrated, PoseGraph
-from slamsim.slam.matching import Match
-from slamsim.slam.online.samples import MotionSamples
-from slamsim.types import (
+from slamsim.core.result import Calibrated, PoseGraph
+from slamsim.core.types import (
     Grid,
     Log,
     PlanarTrajectory,
     Trajectory,
     TriangleMesh,
 )
+from slamsim.slam.matching import Match
+from slamsim.slam.online.samples import MotionSamples
 
 pytestmark = pytest.mark.fault
 

@@ -13,8 +13,8 @@ from bag_data import ROS1, Robot, as_ros1
 from fault_recovery import cuts, damaged, recovered_from
 from rosbags.rosbag1 import Reader
 
+from slamsim.guard.errors import InputRefused
 from slamsim.io.open import read_log
-from slamsim.safe.errors import InputRefused
 
 pytestmark = pytest.mark.fault
 

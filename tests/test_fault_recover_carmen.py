@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 from fault_recovery import cuts, damaged, recovered_from
 
+from slamsim.guard.errors import InputRefused
 from slamsim.io.open import read_log
-from slamsim.safe.errors import InputRefused
 
 pytestmark = pytest.mark.fault
 

@@ -20,14 +20,14 @@ from fault_recovery import recovered_from
 from limited_child import run_limited
 from mcap import records
 
-from slamsim.console import Reporter
+from slamsim.console.reporter import Reporter
+from slamsim.guard.errors import InputRefused, OutputRefused
+from slamsim.guard.output import partial_folder
+from slamsim.guard.replaceable import require_apart
 from slamsim.io.mcap.framing import MAGIC, record_bytes
 from slamsim.io.open import read_log
 from slamsim.io.salvage.source import damaged_recording
 from slamsim.run.recovering import recover_log
-from slamsim.safe.errors import InputRefused, OutputRefused
-from slamsim.safe.output import partial_folder
-from slamsim.safe.replaceable import require_apart
 
 pytestmark = pytest.mark.fault
 
@@ -37,7 +37,7 @@ import sys
 from pathlib import Path
 from slamsim.io.salvage.recover import recover
 from slamsim.io.salvage.source import damaged_recording
-from slamsim.safe.errors import InputRefused
+from slamsim.guard.errors import InputRefused
 try:
     recover(damaged_recording(Path(sys.argv[1])), Path(sys.argv[2]))
 except InputRefused:

@@ -14,11 +14,11 @@ import numpy as np
 import pytest
 from log_data import drive, header, readings
 
+from slamsim.guard.output import partial_folder
 from slamsim.io.bag2.folder import MCAP_NAME
 from slamsim.io.open import read_log, read_truth
 from slamsim.io.salvage.recover import recover
 from slamsim.io.salvage.source import damaged_recording
-from slamsim.safe.output import partial_folder
 from slamsim.simulation.log_writer import LogWriter
 
 pytestmark = pytest.mark.fault

@@ -18,12 +18,12 @@ from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.writer import CompressionType
 from rosbags.rosbag2 import Reader, StoragePlugin
 
+from slamsim.guard.errors import InputRefused, NotFound
 from slamsim.io.bag2.folder import MCAP_NAME
 from slamsim.io.open import read_log
 from slamsim.io.salvage.recover import recover
 from slamsim.io.salvage.report import Recovered
 from slamsim.io.salvage.source import damaged_recording
-from slamsim.safe.errors import InputRefused, NotFound
 from slamsim.simulation.log_writer import LogWriter
 
 pytestmark = pytest.mark.fault

@@ -14,10 +14,10 @@ from bag_data import ROS2, Robot, as_rosbag2
 from fault_recovery import recovered_from
 from rosbags.rosbag2 import Reader
 
+from slamsim.guard.errors import InputRefused
 from slamsim.io.open import read_log
 from slamsim.io.salvage.recover import recover
 from slamsim.io.salvage.source import damaged_recording
-from slamsim.safe.errors import InputRefused
 
 pytestmark = pytest.mark.fault
 

@@ -8,11 +8,11 @@ import pyarrow.parquet as pq
 import pytest
 from recording_data import recording
 
+from slamsim.guard.errors import InputRefused
 from slamsim.io.open import read_log
 from slamsim.io.parquet.writer import ParquetLog
 from slamsim.io.salvage.recover import recover
 from slamsim.io.salvage.source import damaged_recording
-from slamsim.safe.errors import InputRefused
 
 pytestmark = pytest.mark.fault
 

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from fault_numbers import BAD, Case, cases, each, judge, line, put, refused, right, steps
 
+from slamsim.core.types import FloatArray, Grid, PlanarTrajectory
 from slamsim.evaluate.bound import scan_bound
 from slamsim.evaluate.budget import error_budget
 from slamsim.evaluate.consistency import nees, nees_band
@@ -18,10 +19,9 @@ from slamsim.evaluate.relations import score_relations
 from slamsim.evaluate.score import evaluate
 from slamsim.evaluate.trajectory import align_se2, compare, relative_errors, statistics
 from slamsim.evaluate.visibility import seen_from
-from slamsim.slam.correction import correct, correct_pieces, densify
-from slamsim.slam.known_map import map_of_grid
-from slamsim.slam.map_files import map_files
-from slamsim.types import FloatArray, Grid, PlanarTrajectory
+from slamsim.slam.backend.correction import correct, correct_pieces, densify
+from slamsim.slam.mapping.known_map import map_of_grid
+from slamsim.slam.mapping.map_files import map_files
 
 pytestmark = pytest.mark.fault
 

@@ -10,13 +10,13 @@ from pathlib import Path
 import pytest
 from dataset_stub import draw
 
-from slamsim.dataset.sequence import SequenceFacts
-from slamsim.dataset.shard import made_row, sequence_mark
-from slamsim.safe.errors import DataDamaged, NotFound
-from slamsim.safe.files import open_as_found, open_input
-from slamsim.safe.output import partial_folder
-from slamsim.safe.seal import require_as_written, seal_in
-from slamsim.safe.sums import (
+from slamsim.dataset.make.shard import made_row, sequence_mark
+from slamsim.dataset.recipe.sequence import SequenceFacts
+from slamsim.guard.errors import DataDamaged, NotFound
+from slamsim.guard.files import open_as_found, open_input
+from slamsim.guard.output import partial_folder
+from slamsim.guard.seal import require_as_written, seal_in
+from slamsim.guard.sums import (
     SEQUENCE,
     SUMS,
     SumsDamaged,

@@ -13,17 +13,17 @@ from dataset_whole import COUNT, copied
 from fault_sealed import Ground, case
 from fault_sealed_folders import OF_MAP, OF_WORLD, Sealed, named_by_verify, of_world, sealed_dataset
 
-from slamsim.dataset.catalogue import write_catalogue
-from slamsim.dataset.loading import load_recipe
-from slamsim.dataset.store import open_store
-from slamsim.dataset.verify import verify
+from slamsim.core.types import Grid, Trajectory
+from slamsim.dataset.catalogue.verify import verify
+from slamsim.dataset.catalogue.write import write_catalogue
+from slamsim.dataset.recipe.loading import load_recipe
+from slamsim.dataset.store.store import open_store
+from slamsim.guard.errors import DataDamaged
+from slamsim.guard.output import partial_folder
+from slamsim.guard.sums import SUMS, sums_text
 from slamsim.io.open import read_log, read_recording
 from slamsim.io.text.tum import write_tum
 from slamsim.run.folder import write_map
-from slamsim.safe.errors import DataDamaged
-from slamsim.safe.output import partial_folder
-from slamsim.safe.sums import SUMS, sums_text
-from slamsim.types import Grid, Trajectory
 
 pytestmark = pytest.mark.fault
 CASES = 25

@@ -14,17 +14,9 @@ from fault_numbers import BAD, Case, cases, each, judge, line, put, refused, rig
 from slamsim.config.back_end import GraphConfig
 from slamsim.config.mapping import MappingConfig
 from slamsim.config.slam import SlamConfig
-from slamsim.geometry import between, compose
-from slamsim.result import GraphEdge
-from slamsim.slam.deskew import deskew
-from slamsim.slam.graph import GraphUnsound, PoseGraphSolver
-from slamsim.slam.mapping import build_grid
-from slamsim.slam.marginals import relative_covariances
-from slamsim.slam.motion import log_odometry, predict_motion
-from slamsim.slam.online.samples import MotionSamples
-from slamsim.slam.session import open_session, run_slam
-from slamsim.slam.smoothing import Chain, smooth
-from slamsim.types import (
+from slamsim.core.geometry import between, compose
+from slamsim.core.result import GraphEdge
+from slamsim.core.types import (
     EncoderStream,
     FloatArray,
     ImuStream,
@@ -33,7 +25,15 @@ from slamsim.types import (
     Scan,
     ScanGeometry,
 )
-from slamsim.wheels import wheel_odometry
+from slamsim.core.wheels import wheel_odometry
+from slamsim.slam.backend.graph import GraphUnsound, PoseGraphSolver
+from slamsim.slam.backend.marginals import relative_covariances
+from slamsim.slam.backend.smoothing import Chain, smooth
+from slamsim.slam.frontend.deskew import deskew
+from slamsim.slam.frontend.motion import log_odometry, predict_motion
+from slamsim.slam.mapping.grid import build_grid
+from slamsim.slam.online.samples import MotionSamples
+from slamsim.slam.session import open_session, run_slam
 
 pytestmark = pytest.mark.fault
 

@@ -30,19 +30,19 @@ from hypothesis.stateful import (
     run_state_machine_as_test,
 )
 
-from slamsim.dataset.identity import IDENTITY
-from slamsim.dataset.store import open_store
-from slamsim.dataset.verify import verify
+from slamsim.dataset.catalogue.verify import verify
+from slamsim.dataset.make.identity import IDENTITY
+from slamsim.dataset.store.store import open_store
+from slamsim.guard.errors import InputRefused, Locked, SlamsimError
+from slamsim.guard.lock import locked
+from slamsim.guard.output import partial_folder, write_atomic
+from slamsim.guard.staging import restore
+from slamsim.guard.sums import SUMS
 from slamsim.io.open import read_recording
 from slamsim.io.salvage.recover import recover
 from slamsim.io.salvage.source import damaged_recording
-from slamsim.run.dataset_telling import mending_of
+from slamsim.run.dataset.telling import mending_of
 from slamsim.run.verifying import verify_path
-from slamsim.safe.errors import InputRefused, Locked, SlamsimError
-from slamsim.safe.lock import locked
-from slamsim.safe.output import partial_folder, write_atomic
-from slamsim.safe.staging import restore
-from slamsim.safe.sums import SUMS
 from slamsim.simulation.log_writer import LogWriter
 
 pytestmark = pytest.mark.fault

@@ -24,10 +24,10 @@ GENEROUS_S = 10.0
 BEGIN = """
 import ctypes, os, signal, subprocess, sys, time
 from pathlib import Path
-from slamsim.ending import run_command
-from slamsim.kin import dying_with_us
-from slamsim.safe.output import partial_folder
-from slamsim.supervisor import supervised
+from slamsim.process.exit_codes import run_command
+from slamsim.process.children import dying_with_us
+from slamsim.guard.output import partial_folder
+from slamsim.process.supervisor import supervised
 
 def deaf():
     "As native code that holds Python's lock."

@@ -18,12 +18,12 @@ from bag_data import ROS1, ROS2, Robot, as_mcap, as_ros1, as_rosbag2
 from dataset_run import tree
 from mcap.writer import CompressionType, Writer
 
-from slamsim.console import Reporter
+from slamsim.console.reporter import Reporter
+from slamsim.guard.errors import NotFound
+from slamsim.guard.output import partial_folder
+from slamsim.guard.sums import SUMS
 from slamsim.io.open import checked_recording
 from slamsim.run.verifying import verify_and_tell, verify_path
-from slamsim.safe.errors import NotFound
-from slamsim.safe.output import partial_folder
-from slamsim.safe.sums import SUMS
 
 pytestmark = pytest.mark.fault
 LASER = "FLASER 3 1.0 2.0 3.0 0 0 0 0 0 0 1.0 host 1.0\n"

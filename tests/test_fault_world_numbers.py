@@ -26,14 +26,14 @@ from slamsim.check.gathering import Inputs
 from slamsim.check.laser_course import heading_by_course
 from slamsim.check.laser_gain import turn_gain
 from slamsim.config.drive import LimitsConfig
-from slamsim.dataset.distributions import Integers, LogUniform, Normal, Uniform
-from slamsim.dataset.manifest import manifest
-from slamsim.dataset.statistics import statistics
+from slamsim.core.types import FloatArray, PlanarTrajectory
+from slamsim.dataset.catalogue.manifest import manifest
+from slamsim.dataset.catalogue.statistics import statistics
+from slamsim.dataset.recipe.distributions import Integers, LogUniform, Normal, Uniform
 from slamsim.evaluate.bound import TrajectoryBound, trajectory_bound
-from slamsim.sim.smooth import resample, smooth_path, speed_profile
-from slamsim.sim.space import Space, connect_places, free_space
-from slamsim.sim.tour import closed_tour
-from slamsim.types import FloatArray, PlanarTrajectory
+from slamsim.sim.drive.smooth import resample, smooth_path, speed_profile
+from slamsim.sim.drive.space import Space, connect_places, free_space
+from slamsim.sim.drive.tour import closed_tour
 from slamsim.world.cells import CellGrid
 from slamsim.world.prism import Prism, circle
 from slamsim.world.raster import Raster, rasterise

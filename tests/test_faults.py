@@ -12,7 +12,10 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from slamsim.config.bundled import bundled_names
-from slamsim.geometry import xyzw_from_yaw, yaw_from_xyzw
+from slamsim.core.geometry import xyzw_from_yaw, yaw_from_xyzw
+from slamsim.core.types import EncoderStream
+from slamsim.core.wheels import wheel_odometry
+from slamsim.guard.errors import InputRefused, NotFound, SlamsimError
 from slamsim.recording import (
     RawImu,
     RawJoints,
@@ -25,12 +28,9 @@ from slamsim.recording import (
 )
 from slamsim.recording.edits import numbered
 from slamsim.recording.fault_names import FAULT_NAMES
-from slamsim.safe.errors import InputRefused, NotFound, SlamsimError
 from slamsim.sensors.faults.apply import injected
 from slamsim.sensors.faults.base import CannotInject
 from slamsim.sensors.faults.registry import KINDS, bundled_faults, load_fault
-from slamsim.types import EncoderStream
-from slamsim.wheels import wheel_odometry
 
 NAMES = bundled_names("configs/faults")
 BEAMS, PERIOD_NS = 181, 100_000_000

@@ -8,7 +8,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 from sensing_example import PERFECT_LIDAR, Robot, drive_along, room
 
 from slamsim.config.sensors import LidarConfig, SensorsConfig
-from slamsim.geometry import matrix_from_xyzw
+from slamsim.core.geometry import matrix_from_xyzw
+from slamsim.core.types import Float32Array, FloatArray, IntArray
 from slamsim.recording import RawScans, Recording
 from slamsim.sensors.faults.apply import declared, faulty_sensors
 from slamsim.sensors.faults.base import Fault, SensedFault
@@ -17,7 +18,6 @@ from slamsim.sensors.motion import Motion
 from slamsim.sensors.rig import SensorRig
 from slamsim.simulation.header import LogHeader
 from slamsim.simulation.recorder import DriveRecorder
-from slamsim.types import Float32Array, FloatArray, IntArray
 
 HALF_X_M, HALF_Y_M = 4.0, 3.0
 HEADER = LogHeader(robot_description="<robot name='r'/>", static_transforms=(), scan_rate_hz=10.0)

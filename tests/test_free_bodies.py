@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from slamsim.config.scenarios.solver import SolverConfig
+from slamsim.core.types import GRAVITY_M_S2, FloatArray
 from slamsim.sim import bodies
 from slamsim.sim.bodies import Box, BurstApart, FreeBodies, Sphere, Surroundings, free_bodies
-from slamsim.types import GRAVITY_M_S2, FloatArray
 
 FLOOR = np.array([[0.0, 0.0, 1.0]])
 NOWHERE = np.zeros((0, 3))

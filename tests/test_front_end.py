@@ -18,11 +18,11 @@ from simulated import (
 )
 
 from slamsim.config.slam import FrontEndConfig
-from slamsim.geometry import between, compose, matrix_from_rpy, se3_from_parts
-from slamsim.slam.motion import log_odometry, predict_motion
-from slamsim.slam.odometry import FrontEnd
-from slamsim.slam.tracking import Tracked
-from slamsim.types import PlanarTrajectory, Scan
+from slamsim.core.geometry import between, compose, matrix_from_rpy, se3_from_parts
+from slamsim.core.types import PlanarTrajectory, Scan
+from slamsim.slam.frontend.motion import log_odometry, predict_motion
+from slamsim.slam.frontend.odometry import FrontEnd
+from slamsim.slam.frontend.tracking import Tracked
 
 
 @dataclass(frozen=True, slots=True, eq=False)

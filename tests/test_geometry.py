@@ -8,8 +8,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from slamsim import geometry as geo
-from slamsim.types import FloatArray, OutsideTimeRange, PlanarTrajectory, ScanGeometry, Trajectory
+from slamsim.core import geometry as geo
+from slamsim.core.types import (
+    FloatArray,
+    OutsideTimeRange,
+    PlanarTrajectory,
+    ScanGeometry,
+    Trajectory,
+)
 
 coordinate = st.floats(-50.0, 50.0)
 angle = st.floats(-10.0, 10.0)

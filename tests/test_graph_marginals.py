@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from slamsim.geometry import adjoint, between, compose, rotation
-from slamsim.result import EdgeKind, GraphEdge
-from slamsim.slam.correction import correct, densify
-from slamsim.slam.estimate import Estimate
-from slamsim.slam.marginals import edge_covariances, relative_covariances
-from slamsim.types import FloatArray, OutsideTimeRange, PlanarTrajectory
+from slamsim.core.geometry import adjoint, between, compose, rotation
+from slamsim.core.result import EdgeKind, GraphEdge
+from slamsim.core.types import FloatArray, OutsideTimeRange, PlanarTrajectory
+from slamsim.slam.backend.correction import correct, densify
+from slamsim.slam.backend.estimate import Estimate
+from slamsim.slam.backend.marginals import edge_covariances, relative_covariances
 
 
 def random_covariance(rng: np.random.Generator) -> FloatArray:

@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 
 from slamsim.config.back_end import GraphConfig
-from slamsim.geometry import between, compose
-from slamsim.result import EdgeKind, GraphEdge
-from slamsim.slam.graph import (
+from slamsim.core.geometry import between, compose
+from slamsim.core.result import EdgeKind, GraphEdge
+from slamsim.core.types import FloatArray
+from slamsim.slam.backend.graph import (
     GraphUnsound,
     PoseGraphSolver,
     residual_sigmas,
     variance_factor,
 )
-from slamsim.types import FloatArray
 
 SIGMAS = np.array([0.02, 0.02, 0.005])
 COVARIANCE = np.diag(SIGMAS**2)

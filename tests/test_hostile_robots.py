@@ -17,10 +17,10 @@ from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 from typer.testing import CliRunner
 
-from slamsim.cli import app
+from slamsim.cli.main import app
 from slamsim.config.robot import RobotConfig
-from slamsim.safe.errors import InputRefused, SlamsimError
-from slamsim.sim.robot import build_robot
+from slamsim.guard.errors import InputRefused, SlamsimError
+from slamsim.sim.robot.model import build_robot
 from slamsim.simulation.own_files import with_own_files
 
 pytestmark = pytest.mark.fault
@@ -69,7 +69,7 @@ def scene(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         (folder / "evil.sh").write_bytes(EVIL)
         (folder / "evil.stl").write_bytes(EVIL)
     monkeypatch.chdir(tmp_path / "cwd")
-    monkeypatch.setattr("slamsim.simulate.plan_route", _must_not_happen)
+    monkeypatch.setattr("slamsim.simulation.simulate.plan_route", _must_not_happen)
     return tmp_path
 
 

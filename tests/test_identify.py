@@ -17,15 +17,15 @@ from hypothesis import strategies as st
 from slamsim.config.loading import load_model
 from slamsim.config.measurements import MeasurementsConfig, load_measurements
 from slamsim.config.robot import RobotConfig
-from slamsim.safe.errors import InputRefused, NotFound
-from slamsim.scenarios.identify_figures import Body
-from slamsim.scenarios.identify_fit import Experiment, Prediction, drawn, foreseen, most_likely
-from slamsim.scenarios.identify_model import VARYING, Wheels, driven, wheels_of
-from slamsim.scenarios.identify_parameters import KNOWN_BEFOREHAND, space_with
-from slamsim.scenarios.identify_robot import robot_at, varied
-from slamsim.sim.script import Command
-from slamsim.sim.specimen import drawn_robot
-from slamsim.types import FloatArray
+from slamsim.core.types import FloatArray
+from slamsim.guard.errors import InputRefused, NotFound
+from slamsim.scenarios.identify.figures import Body
+from slamsim.scenarios.identify.fit import Experiment, Prediction, drawn, foreseen, most_likely
+from slamsim.scenarios.identify.model import VARYING, Wheels, driven, wheels_of
+from slamsim.scenarios.identify.parameters import KNOWN_BEFOREHAND, space_with
+from slamsim.scenarios.identify.robot import robot_at, varied
+from slamsim.sim.drive.script import Command
+from slamsim.sim.robot.as_built import drawn_robot
 
 BODY = Body(mass_kg=4.0, wheel_radius_m=0.0352, track_m=0.23, driven_share=0.7, scrub_n_m=0.02)
 TRACK_M = 0.23

@@ -11,10 +11,10 @@ from scipy.spatial.transform import Rotation, Slerp
 from sensing_example import Robot, drive_along, figure_eight, standing
 
 from slamsim.config.sensors import AccelerometerConfig, GyroConfig, ImuConfig
+from slamsim.core.types import GRAVITY_M_S2, Drive, FloatArray
 from slamsim.sensors.imu import Imu
 from slamsim.sensors.motion import joined
 from slamsim.sensors.readings import ImuBatch
-from slamsim.types import GRAVITY_M_S2, Drive, FloatArray
 
 NO_ERROR = {"noise_density": 0.0, "bias_random_walk": 0.0, "turn_on_bias": 0.0}
 

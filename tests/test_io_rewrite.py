@@ -22,16 +22,16 @@ from test_command_line import slamsim
 
 from slamsim.check.findings import Mend
 from slamsim.check.mends import apply_mends
+from slamsim.core.types import BoolArray
+from slamsim.guard.errors import SlamsimError
 from slamsim.io.copy.recording import Lossy, copy_recording, require_lossless
 from slamsim.io.open import read_recording
 from slamsim.io.parquet.writer import ParquetLog
 from slamsim.recording import RawOdometry, Recording
 from slamsim.recording.edits import kept
-from slamsim.safe.errors import SlamsimError
 from slamsim.sensors.faults.apply import injected
 from slamsim.sensors.faults.base import CannotInject, Fault
 from slamsim.sensors.faults.registry import bundled_faults
-from slamsim.types import BoolArray
 
 STORES = {kind: store_of(kind) for kind in KINDS}
 _MODELLED = {

@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 
 MODULE = """
-from slamsim.jit import kernel
+from slamsim.core.jit import kernel
 
 @kernel
 def inner(x):

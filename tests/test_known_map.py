@@ -12,15 +12,15 @@ import pytest
 from simulated import ScanList, Simulated, labyrinth, simulate
 
 from slamsim.config.slam import SlamConfig
-from slamsim.geometry import between, compose
-from slamsim.result import SlamResult
+from slamsim.core.geometry import between, compose
+from slamsim.core.result import SlamResult
+from slamsim.core.types import FloatArray
+from slamsim.guard.errors import InputRefused, NotFound, OverrideRefused
 from slamsim.run.continuing import chosen_earlier, clouds_before
 from slamsim.run.localising import read_known_map
 from slamsim.run.start import start_pose
-from slamsim.safe.errors import InputRefused, NotFound, OverrideRefused
-from slamsim.slam.saved_map import SavedMap, read_saved_map, write_saved_map
+from slamsim.slam.mapping.saved_map import SavedMap, read_saved_map, write_saved_map
 from slamsim.slam.session import map_log
-from slamsim.types import FloatArray
 
 
 @cache

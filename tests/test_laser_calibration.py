@@ -24,8 +24,9 @@ from simulated import (
 )
 
 from slamsim.config.slam import MotionConfig, SlamConfig
+from slamsim.core.geometry import compose, se3_from_parts
+from slamsim.core.types import FloatArray, Log, PlanarTrajectory, ScanGeometry
 from slamsim.evaluate.relations import score_relations
-from slamsim.geometry import compose, se3_from_parts
 from slamsim.io.open import read_log
 from slamsim.io.text.relations import read_relations
 from slamsim.slam.failures import Failures
@@ -37,7 +38,6 @@ from slamsim.slam.laser.estimate import (
     laser_of,
 )
 from slamsim.slam.session import run_slam
-from slamsim.types import FloatArray, Log, PlanarTrajectory, ScanGeometry
 
 LIDAR = ScanGeometry(np.deg2rad(-120.0), np.deg2rad(1.0), 241, 150_000, 0.1, 20.0)
 """A sweep of 36 ms."""

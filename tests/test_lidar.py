@@ -23,12 +23,12 @@ from sensing_example import (
 )
 
 from slamsim.config.sensors import LidarConfig
-from slamsim.geometry import matrix_from_rpy, se3_from_parts
+from slamsim.core.geometry import matrix_from_rpy, se3_from_parts
+from slamsim.core.types import Drive, FloatArray, OutsideTimeRange, TriangleMesh
 from slamsim.sensors.lidar import Lidar, scan_geometry
 from slamsim.sensors.motion import Motion, joined
 from slamsim.sensors.rays import beam_rays
 from slamsim.sensors.scene import Scene
-from slamsim.types import Drive, FloatArray, OutsideTimeRange, TriangleMesh
 
 WIDE = PERFECT_LIDAR.model_copy(
     update={"angle_min_deg": -180.0, "angle_step_deg": 0.5, "beam_count": 720, "rate_hz": 10.0}

@@ -19,9 +19,9 @@ from sensing_example import (
 )
 
 from slamsim.config.sensors import LidarConfig, SensorsConfig
+from slamsim.core.types import Float32Array, TriangleMesh
 from slamsim.sensors.lidar import scan_geometry
 from slamsim.sensors.rig import SensorRig
-from slamsim.types import Float32Array, TriangleMesh
 
 SCANS = 40
 

@@ -12,21 +12,21 @@ from simulated import ScanList, Simulated, box, labyrinth, simulate
 from slamsim.bench.robustness.disturbances import without_span
 from slamsim.config.mapping import MappingConfig
 from slamsim.config.slam import SlamConfig
-from slamsim.geometry import between, compose, transform_points
-from slamsim.result import SlamResult
+from slamsim.console.summary import summary
+from slamsim.core.geometry import between, compose, transform_points
+from slamsim.core.result import SlamResult
+from slamsim.core.types import FloatArray, PlanarTrajectory
+from slamsim.guard.errors import SlamsimError
 from slamsim.run.localising import report_numbers
-from slamsim.safe.errors import SlamsimError
-from slamsim.slam.keyframes import ANYWHERE, Before
-from slamsim.slam.known_map import map_of_grid
+from slamsim.slam.frontend.keyframes import ANYWHERE, Before
+from slamsim.slam.frontend.odometry import FrontEnd
 from slamsim.slam.localise import FOLLOWED, PLACED, STATES, UNKNOWN, Localised, localise_log
-from slamsim.slam.mapping import build_grid
-from slamsim.slam.odometry import FrontEnd
-from slamsim.slam.online.keeper import InLine
+from slamsim.slam.mapping.grid import build_grid
+from slamsim.slam.mapping.known_map import map_of_grid
+from slamsim.slam.mapping.saved_map import SavedMap
 from slamsim.slam.online.samples import WholeMotion
-from slamsim.slam.saved_map import SavedMap
+from slamsim.slam.online.sync_back_end import InLine
 from slamsim.slam.session import SlamSession, map_log, odometry_of
-from slamsim.summary import summary
-from slamsim.types import FloatArray, PlanarTrajectory
 
 CONFIG = SlamConfig()
 WALLS, TOUR = labyrinth(seed=2, cells=3)

@@ -13,14 +13,14 @@ from simulated import ScanList
 
 from slamsim.bench.robustness.disturbances import without_span
 from slamsim.config.slam import SlamConfig
+from slamsim.core.geometry import between
+from slamsim.core.types import Log, PlanarTrajectory
 from slamsim.evaluate.relations import score_relations
-from slamsim.geometry import between
 from slamsim.io.open import read_log
 from slamsim.io.text.relations import read_relations
 from slamsim.slam.localise import PLACED, Localised, localise_log
-from slamsim.slam.saved_map import SavedMap
+from slamsim.slam.mapping.saved_map import SavedMap
 from slamsim.slam.session import map_log
-from slamsim.types import Log, PlanarTrajectory
 
 pytestmark = [pytest.mark.slow, needs_radish]
 

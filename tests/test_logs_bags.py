@@ -23,12 +23,12 @@ from log_data import drive, header, readings
 from mcap.writer import CompressionType
 from rosbags.rosbag2 import StoragePlugin
 
+from slamsim.core.types import Log
+from slamsim.core.wheels import wheel_odometry
+from slamsim.guard.errors import InputRefused
 from slamsim.io.bag2.folder import MCAP_NAME
 from slamsim.io.open import read_log, read_truth
-from slamsim.safe.errors import InputRefused
 from slamsim.simulation.log_writer import LogWriter
-from slamsim.types import Log
-from slamsim.wheels import wheel_odometry
 
 ROBOT1, ROBOT2 = Robot(ROS1), Robot(ROS2)
 

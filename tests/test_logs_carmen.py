@@ -14,12 +14,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from real_logs import needs_radish, radish
 
-from slamsim.geometry import between, compose, inverse
+from slamsim.core.geometry import between, compose, inverse
+from slamsim.core.types import Log
+from slamsim.guard.errors import InputRefused, NotFound
 from slamsim.io.open import read_log, read_truth
 from slamsim.io.text.relations import read_relations
 from slamsim.io.text.stamps import decimal_from_stamp_ns, stamp_ns_from_decimal
-from slamsim.safe.errors import InputRefused, NotFound
-from slamsim.types import Log
 
 
 @lru_cache

@@ -16,11 +16,11 @@ from bag_data import ROS1, ROS2, Robot, as_mcap, as_ros1, as_rosbag2
 from log_data import drive, header, readings
 from mcap.writer import CompressionType
 
+from slamsim.core.types import Log
+from slamsim.guard.errors import InputRefused, NotFound
 from slamsim.io.bag2.folder import MCAP_NAME
 from slamsim.io.open import read_log, read_truth
-from slamsim.safe.errors import InputRefused, NotFound
 from slamsim.simulation.log_writer import LogWriter
-from slamsim.types import Log
 
 ROBOT1, ROBOT2 = Robot(ROS1), Robot(ROS2)
 

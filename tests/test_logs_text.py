@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from evo.tools import file_interface
 
-from slamsim.geometry import xyzw_from_yaw
+from slamsim.core.geometry import xyzw_from_yaw
+from slamsim.core.result import GraphEdge, PoseGraph
+from slamsim.core.types import PlanarTrajectory, Trajectory
+from slamsim.guard.errors import InputRefused, SlamsimError
 from slamsim.io.text.g2o import write_g2o
 from slamsim.io.text.relations import read_relations
 from slamsim.io.text.tum import read_tum, write_tum
-from slamsim.result import GraphEdge, PoseGraph
-from slamsim.safe.errors import InputRefused, SlamsimError
-from slamsim.types import PlanarTrajectory, Trajectory
 
 
 def _trajectory(count: int = 20) -> Trajectory:

@@ -14,7 +14,8 @@ from rosbags.highlevel import AnyReader
 from rosbags.interfaces import QosDurability
 from rosbags.rosbag2 import Reader
 
-from slamsim.geometry import xyzw_from_yaw
+from slamsim.core.geometry import xyzw_from_yaw
+from slamsim.core.wheels import wheel_odometry
 from slamsim.io.bag2.folder import MCAP_NAME
 from slamsim.io.ros.cdr import Rows
 from slamsim.io.ros.encoding import encoded_transforms, outgoing, stream_messages, text
@@ -32,7 +33,6 @@ from slamsim.recording import (
 )
 from slamsim.simulation.log_writer import LogWriter
 from slamsim.simulation.recorder import DriveRecorder
-from slamsim.wheels import wheel_odometry
 
 STORE = ros2_types()
 TYPES = STORE.types

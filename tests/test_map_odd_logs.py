@@ -13,9 +13,9 @@ import pytest
 from bag_data import ROS2, Message, Robot, as_mcap
 from typer.testing import CliRunner
 
-from slamsim.cli import app
-from slamsim.ending import run_command
-from slamsim.types import Float32Array, FloatArray
+from slamsim.cli.main import app
+from slamsim.core.types import Float32Array, FloatArray
+from slamsim.process.exit_codes import run_command
 
 BEAMS, COUNT = 181, 60
 SECOND = 1_000_000_000

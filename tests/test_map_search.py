@@ -10,15 +10,15 @@ from closure_scene import keyframes, straight
 from simulated import box
 
 from slamsim.config.back_end import BackEndConfig
-from slamsim.geometry import between, compose
-from slamsim.result import GraphEdge
-from slamsim.slam.candidates import CandidateIndex
-from slamsim.slam.closure import Closure, ClosureFinder
-from slamsim.slam.estimate import Estimate
-from slamsim.slam.rejoin import MapSearch
-from slamsim.slam.relocalise import QUICK
-from slamsim.slam.submaps import Submap, Surfaces, make_submap
-from slamsim.types import FloatArray
+from slamsim.core.geometry import between, compose
+from slamsim.core.result import GraphEdge
+from slamsim.core.types import FloatArray
+from slamsim.slam.backend.estimate import Estimate
+from slamsim.slam.closures.candidates import CandidateIndex
+from slamsim.slam.closures.closure import Closure, ClosureFinder
+from slamsim.slam.closures.rejoin import MapSearch
+from slamsim.slam.closures.relocalise import QUICK
+from slamsim.slam.closures.submaps import Submap, Surfaces, make_submap
 
 LENGTH_M, SPACING_M, SUBMAP = 80.0, 0.5, 7
 """Of a corridor, between key frames, and key frames in a submap; each submap overlaps the next."""

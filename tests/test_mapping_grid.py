@@ -11,11 +11,11 @@ import yaml
 from simulated import HOKUYO, ScanList, box, drive, labyrinth, sense_scans
 
 from slamsim.config.mapping import MappingConfig
-from slamsim.progress import silent
-from slamsim.safe.errors import SlamsimError
-from slamsim.slam.map_files import FREE, OCCUPIED, UNKNOWN, map_files, trinary_image
-from slamsim.slam.mapping import build_grid
-from slamsim.types import FloatArray, Grid, PlanarTrajectory, Scan, ScanGeometry
+from slamsim.core.progress import silent
+from slamsim.core.types import FloatArray, Grid, PlanarTrajectory, Scan, ScanGeometry
+from slamsim.guard.errors import SlamsimError
+from slamsim.slam.mapping.grid import build_grid
+from slamsim.slam.mapping.map_files import FREE, OCCUPIED, UNKNOWN, map_files, trinary_image
 
 EVERY_SCAN = MappingConfig(min_travel_m=0.0, min_turn_deg=0.0)
 FLASH = ScanGeometry(-np.pi, np.deg2rad(1.0), 360, 0, 0.1, 10.0)

@@ -6,8 +6,8 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from slamsim.slam.raytrace import clear_shares, update_log_odds, walk_beam
-from slamsim.types import BoolArray, FloatArray
+from slamsim.core.types import BoolArray, FloatArray
+from slamsim.slam.mapping.raytrace import clear_shares, update_log_odds, walk_beam
 
 WEIGHTS = np.array([0.8, -0.4, -3.0, 3.0])
 coordinate = st.floats(0.0, 40.0, allow_nan=False)

@@ -11,8 +11,9 @@ from hypothesis import strategies as st
 from simulated import HOKUYO, box, labyrinth, sense_scans
 
 from slamsim.config.slam import FrontEndConfig
-from slamsim.geometry import between, compose, transform_points
-from slamsim.slam.deskew import deskew
+from slamsim.core.geometry import between, compose, transform_points
+from slamsim.core.types import Cloud, FloatArray, PlanarTrajectory
+from slamsim.slam.frontend.deskew import deskew
 from slamsim.slam.matching import Matcher, make_matcher
 from slamsim.slam.matching.line import LineMatcher
 from slamsim.slam.matching.surfaces import (
@@ -27,7 +28,6 @@ from slamsim.slam.matching.surfaces import (
     range_noise_m,
     surface_pieces,
 )
-from slamsim.types import Cloud, FloatArray, PlanarTrajectory
 
 BOTH = pytest.mark.parametrize("name", ["line", "kiss"])
 PRIOR = np.diag(np.square([0.1, 0.1, 0.1]))

@@ -7,6 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+from slamsim.core.types import Cloud, FloatArray
 from slamsim.slam.matching.local_map import PER_CELL, SIDE, LocalMap
 from slamsim.slam.matching.small import eigen, median, sandwich, solve, times
 from slamsim.slam.matching.surfaces import (
@@ -18,7 +19,6 @@ from slamsim.slam.matching.surfaces import (
     Y,
     surface_pieces,
 )
-from slamsim.types import Cloud, FloatArray
 
 MATRICES = arrays(np.float64, (3, 3), elements=st.floats(-10.0, 10.0, allow_subnormal=False))
 

@@ -15,10 +15,10 @@ from slamsim.check.findings import Mend
 from slamsim.check.frame_graph import FrameGraph
 from slamsim.check.mend_stamps import even_stamps, on_clock_of
 from slamsim.check.mends import OPERATIONS, apply_mends, chosen, next_mends
-from slamsim.geometry import yaw_from_xyzw
+from slamsim.core.geometry import yaw_from_xyzw
+from slamsim.core.types import FloatArray, IntArray
+from slamsim.guard.errors import SlamsimError
 from slamsim.recording import RawImu, RawOdometry, RawScans, RawTicks, Recording
-from slamsim.safe.errors import SlamsimError
-from slamsim.types import FloatArray, IntArray
 
 MADE = recording(20.0)
 

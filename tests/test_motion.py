@@ -12,13 +12,13 @@ from hypothesis import strategies as st
 from simulated import ScanList, ate_rmse_m, drive, noisy_gyro, noisy_wheels
 
 from slamsim.config.slam import MotionConfig
-from slamsim.geometry import between, compose, matrix_from_rpy, se3_from_parts, wrap_angle
-from slamsim.result import Calibrated
-from slamsim.safe.errors import SlamsimError
-from slamsim.slam.motion import NoMotion, Odometry, increments, predict_motion
-from slamsim.slam.steps import PARAMETERS, OdometryNoise, OdometryStep
-from slamsim.types import EncoderStream, FloatArray, ImuStream, Log, PlanarTrajectory
-from slamsim.wheels import pose_reading, wheel_odometry
+from slamsim.core.geometry import between, compose, matrix_from_rpy, se3_from_parts, wrap_angle
+from slamsim.core.result import Calibrated
+from slamsim.core.types import EncoderStream, FloatArray, ImuStream, Log, PlanarTrajectory
+from slamsim.core.wheels import pose_reading, wheel_odometry
+from slamsim.guard.errors import SlamsimError
+from slamsim.slam.frontend.motion import NoMotion, Odometry, increments, predict_motion
+from slamsim.slam.frontend.preintegration import PARAMETERS, OdometryNoise, OdometryStep
 
 POINTS = np.array([[0.0, 0.0], [3.0, 0.0], [3.0, 2.0], [0.0, 2.0], [0.0, 4.0], [3.0, 4.0]])
 NOMINAL = np.zeros(PARAMETERS)

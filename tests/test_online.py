@@ -13,12 +13,12 @@ from limited_child import running
 from simulated import Simulated, ate_rmse_m, labyrinth, simulate
 
 from slamsim.config.slam import SlamConfig
-from slamsim.geometry import between
-from slamsim.slam.online.beside import MAX_RESTARTS, Beside
+from slamsim.core.geometry import between
+from slamsim.core.types import PlanarTrajectory
+from slamsim.slam.frontend.tracking import Step
+from slamsim.slam.online.async_back_end import MAX_RESTARTS, Beside
 from slamsim.slam.online.replay import replay
 from slamsim.slam.session import SlamSession, open_session, run_slam
-from slamsim.slam.tracking import Step
-from slamsim.types import PlanarTrajectory
 
 
 @cache
@@ -106,7 +106,7 @@ def test_a_killed_back_end_is_told_and_begun_again_with_all_it_knew() -> None:
 
 
 def test_a_stopped_back_end_is_begun_again_at_the_end(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("slamsim.kin.HALTED_S", 1.0)
+    monkeypatch.setattr("slamsim.process.children.HALTED_S", 1.0)
     with opened() as session:
         drive(session, slice(100))
         process = beside(session).process_id
@@ -147,7 +147,7 @@ def test_the_back_end_ends_with_its_parent() -> None:
     code = (
         "import time\n"
         "from slamsim.config.slam import SlamConfig\n"
-        "from slamsim.slam.online.beside import Beside\n"
+        "from slamsim.slam.online.async_back_end import Beside\n"
         "print(Beside(SlamConfig()).process_id, flush=True)\n"
         "time.sleep(60)\n"
     )

@@ -11,12 +11,12 @@ from foreign_files import snapshot
 from recording_data import recording
 from typer.testing import CliRunner
 
-from slamsim.cli import app
+from slamsim.cli.main import app
 from slamsim.config.bundled import bundled_folder
+from slamsim.guard.errors import NotFound, OutputRefused, SlamsimError
+from slamsim.guard.output import partial_folder
+from slamsim.guard.replaceable import require_apart
 from slamsim.io.bag2.writer import write_recording
-from slamsim.safe.errors import NotFound, OutputRefused, SlamsimError
-from slamsim.safe.output import partial_folder
-from slamsim.safe.replaceable import require_apart
 
 
 def typed(*words: str | Path) -> tuple[int, str]:
@@ -183,7 +183,7 @@ def test_folders_of_a_user_are_no_data_set(here: Path) -> None:
 def test_a_data_set_may_be_made_again_by_the_recipe_that_it_holds(
     here: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("slamsim.run.dataset_making.run_make", lambda *_, **__: None)
+    monkeypatch.setattr("slamsim.run.dataset.making.run_make", lambda *_, **__: None)
     (here / "data" / "dataset.yaml").write_text("")
     assert typed("dataset", "make", "data/recipe.yaml", "--out", "data")[0] == 0
     (here / "data" / "recipe.yaml").rename(here / "data" / "mine.yaml")

@@ -18,8 +18,8 @@ from slamsim.config.scenarios.loading import load_scenarios
 from slamsim.config.scenarios.umbmark import UmbmarkConfig
 from slamsim.scenarios.tested import robots_under_test
 from slamsim.sensors.faults.registry import chosen_fault
-from slamsim.sim.robot import build_robot
-from slamsim.sim.route_file import PoseRoute, read_route
+from slamsim.sim.drive.route_file import PoseRoute, read_route
+from slamsim.sim.robot.model import build_robot
 from slamsim.simulation.own_files import CONFIG, WORLD, with_own_files, write_config, write_world
 from slamsim.world.build import build_world
 

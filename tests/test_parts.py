@@ -8,12 +8,12 @@ from hypothesis import strategies as st
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from slamsim.geometry import between
-from slamsim.result import EdgeKind, GraphEdge, PoseGraph
-from slamsim.slam.health import doubtful_joints
-from slamsim.slam.parts import Parts
-from slamsim.slam.rejoin import moved_onto
-from slamsim.types import PlanarTrajectory
+from slamsim.core.geometry import between
+from slamsim.core.result import EdgeKind, GraphEdge, PoseGraph
+from slamsim.core.types import PlanarTrajectory
+from slamsim.slam.closures.rejoin import moved_onto
+from slamsim.slam.frontend.parts import Parts
+from slamsim.slam.mapping.health import doubtful_joints
 
 COUNT = 12
 

@@ -10,12 +10,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import multivariate_t
 
-from slamsim.geometry import compose
+from slamsim.core.geometry import compose
+from slamsim.core.types import Cloud, FloatArray
+from slamsim.slam.frontend.match_selection import LIKELY_SIGMAS, TAIL_FREEDOM, Placer, _surprise
+from slamsim.slam.frontend.prediction import Prediction
+from slamsim.slam.frontend.preintegration import PARAMETERS, OdometryStep
 from slamsim.slam.matching import Match
-from slamsim.slam.placing import LIKELY_SIGMAS, TAIL_FREEDOM, Placer, _surprise
-from slamsim.slam.prediction import Prediction
-from slamsim.slam.steps import PARAMETERS, OdometryStep
-from slamsim.types import Cloud, FloatArray
 
 SIGMAS = np.array([0.005, 0.005, 0.002])
 HERE = np.array([1.0, 2.0, 0.3])

@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 from view_example import example_run
 
+from slamsim.console.summary import summary
+from slamsim.core.types import FloatArray
 from slamsim.evaluate.bound import TrajectoryBound, scan_bound
 from slamsim.evaluate.budget import error_budget
 from slamsim.evaluate.consistency import nees
-from slamsim.summary import summary
-from slamsim.types import FloatArray
-from slamsim.view.numbers import report_json
-from slamsim.view.precision import driven_m, ellipses, held, path_and_strokes, precision_plots
-from slamsim.view.report import report_html
-from slamsim.view.run_view import RunView
+from slamsim.report.numbers import report_json
+from slamsim.report.pages.run import report_html
+from slamsim.report.precision import driven_m, ellipses, held, path_and_strokes, precision_plots
+from slamsim.report.run_view import RunView
 
 
 def information(count: int) -> FloatArray:

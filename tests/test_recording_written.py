@@ -12,11 +12,11 @@ from hypothesis import strategies as st
 from recording_data import edge, recording, scans_at, stamps
 from test_recording_read import assert_same
 
+from slamsim.guard.errors import SlamsimError
 from slamsim.io.bag2 import writer
 from slamsim.io.bag2.writer import write_recording
 from slamsim.io.open import read_log, read_recording
 from slamsim.recording import RawJoints, Recording, TransformEdge
-from slamsim.safe.errors import SlamsimError
 
 
 def _back(made: Recording, folder: Path) -> Recording:

@@ -13,12 +13,12 @@ import pytest
 from view_example import Scans, example_run
 
 from slamsim.check.findings import CheckReport, Finding
+from slamsim.core.result import PoseGraph, SlamResult
+from slamsim.core.types import Grid, PlanarTrajectory
 from slamsim.evaluate.relations import RelationScores, RelationStatistics
-from slamsim.result import PoseGraph, SlamResult
-from slamsim.types import Grid, PlanarTrajectory
-from slamsim.view.numbers import path_length_m, report_json
-from slamsim.view.report import headline, report_html, write_report
-from slamsim.view.run_view import RunView
+from slamsim.report.numbers import path_length_m, report_json
+from slamsim.report.pages.run import headline, report_html, write_report
+from slamsim.report.run_view import RunView
 
 KEYS = {
     *("ate_rmse_m", "ate_max_m", "rpe_trans_percent", "rpe_rot_deg_per_m"),

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from slamsim.geometry import matrix_from_rpy, se3_from_parts
-from slamsim.sim.inertia import Inertial, box_inertia, cylinder_inertia, join, sphere_inertia
-from slamsim.types import FloatArray
+from slamsim.core.geometry import matrix_from_rpy, se3_from_parts
+from slamsim.core.types import FloatArray
+from slamsim.sim.robot.inertia import Inertial, box_inertia, cylinder_inertia, join, sphere_inertia
 
 CELLS = 40
 

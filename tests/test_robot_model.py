@@ -14,13 +14,13 @@ from hypothesis import strategies as st
 from slamsim.config.bundled import find_input
 from slamsim.config.loading import load_model
 from slamsim.config.robot import CylinderConfig, MountConfig, RobotConfig
-from slamsim.geometry import matrix_from_rpy
-from slamsim.safe.errors import InputRefused, NotFound
-from slamsim.sim.describe import describe, rpy_from_matrix, urdf_text, weld_fixed_joints
-from slamsim.sim.inertia import join
-from slamsim.sim.robot import RobotModel, build_robot
-from slamsim.sim.urdf import Description, read_description
-from slamsim.sim.validate import lowest_point_m, rolling_links
+from slamsim.core.geometry import matrix_from_rpy
+from slamsim.guard.errors import InputRefused, NotFound
+from slamsim.sim.robot.describe import describe, rpy_from_matrix, urdf_text, weld_fixed_joints
+from slamsim.sim.robot.inertia import join
+from slamsim.sim.robot.model import RobotModel, build_robot
+from slamsim.sim.robot.urdf import Description, read_description
+from slamsim.sim.robot.validate import lowest_point_m, rolling_links
 
 
 @pytest.fixture(scope="module")

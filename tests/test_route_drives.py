@@ -17,11 +17,11 @@ from slamsim.config.layout import MazeLayout
 from slamsim.config.loading import load_run_config
 from slamsim.config.robot import RobotConfig
 from slamsim.config.world import WorldConfig
-from slamsim.safe.errors import InputRefused
-from slamsim.sim.drive import drive
-from slamsim.sim.robot import build_robot
-from slamsim.sim.route import Route, plan_route
-from slamsim.types import FloatArray
+from slamsim.core.types import FloatArray
+from slamsim.guard.errors import InputRefused
+from slamsim.sim.drive.route import Route, plan_route
+from slamsim.sim.drive.run import drive
+from slamsim.sim.robot.model import build_robot
 from slamsim.world.build import build_world
 from slamsim.world.model import World
 

@@ -10,12 +10,12 @@ from drive_worlds import hall
 
 from slamsim.config.drive import DriveConfig, FollowConfig, RouteConfig
 from slamsim.config.robot import RobotConfig
-from slamsim.geometry import wrap_angle
-from slamsim.safe.errors import InputRefused, NotFound, SlamsimError
-from slamsim.sim.drive import drive
-from slamsim.sim.robot import build_robot
-from slamsim.sim.route import plan_route
-from slamsim.sim.route_file import PoseRoute, TwistRoute, read_route
+from slamsim.core.geometry import wrap_angle
+from slamsim.guard.errors import InputRefused, NotFound, SlamsimError
+from slamsim.sim.drive.route import plan_route
+from slamsim.sim.drive.route_file import PoseRoute, TwistRoute, read_route
+from slamsim.sim.drive.run import drive
+from slamsim.sim.robot.model import build_robot
 
 ROBOT = build_robot(RobotConfig())
 

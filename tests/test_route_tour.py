@@ -17,13 +17,13 @@ from slamsim.config.drive import DriveConfig, LimitsConfig, RouteConfig
 from slamsim.config.layout import MazeLayout
 from slamsim.config.robot import RobotConfig
 from slamsim.config.world import WorldConfig
-from slamsim.safe.errors import SlamsimError
-from slamsim.sim.robot import build_robot
-from slamsim.sim.route import Route, plan_route
-from slamsim.sim.smooth import curvature_1_m, resample, smooth_path, speed_profile
-from slamsim.sim.space import Space, connect_places, free_space, narrowest_on_the_way_m
-from slamsim.sim.tour import closed_tour, tour_length
-from slamsim.types import FloatArray
+from slamsim.core.types import FloatArray
+from slamsim.guard.errors import SlamsimError
+from slamsim.sim.drive.route import Route, plan_route
+from slamsim.sim.drive.smooth import curvature_1_m, resample, smooth_path, speed_profile
+from slamsim.sim.drive.space import Space, connect_places, free_space, narrowest_on_the_way_m
+from slamsim.sim.drive.tour import closed_tour, tour_length
+from slamsim.sim.robot.model import build_robot
 from slamsim.world.build import build_world
 from slamsim.world.model import World
 
@@ -243,6 +243,6 @@ def test_a_largest_path_length_cuts_the_route() -> None:
 def test_a_world_too_large_for_the_search_is_refused_with_a_way_out(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("slamsim.sim.space.MAX_OPEN_CELLS", 1000)
+    monkeypatch.setattr("slamsim.sim.drive.space.MAX_OPEN_CELLS", 1000)
     with pytest.raises(SlamsimError, match=r"make drive\.route\.resolution_m larger"):
         plan_route(hall(visits=[(4.0, 4.0)]), ROBOT, DriveConfig())

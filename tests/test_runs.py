@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from slamsim.core.types import FloatArray
 from slamsim.slam.matching.runs import BEND_SIGMAS, BREAK_CHI2, LEAST_INCIDENCE, parted
-from slamsim.types import FloatArray
 
 NOISE_M = 0.01
 

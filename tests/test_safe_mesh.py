@@ -15,10 +15,10 @@ from fault_corpus_meshes import glb
 from limited_child import run_limited
 from numpy.typing import NDArray
 
-from slamsim.safe.errors import InputRefused, NotFound
-from slamsim.safe.limits import Limits
-from slamsim.safe.mesh import check_mesh
-from slamsim.safe.mesh_file import check_mesh_file
+from slamsim.guard.errors import InputRefused, NotFound
+from slamsim.guard.limits import Limits
+from slamsim.guard.mesh import check_mesh
+from slamsim.guard.mesh_file import check_mesh_file
 
 HERE = Path("world.stl")
 CORNERS = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
@@ -174,8 +174,8 @@ def test_mutated_files_pass_or_are_refused_and_never_flood(tmp_path: Path) -> No
         """
         import sys
         from pathlib import Path
-        from slamsim.safe.errors import InputRefused
-        from slamsim.safe.mesh_file import check_mesh_file
+        from slamsim.guard.errors import InputRefused
+        from slamsim.guard.mesh_file import check_mesh_file
         for path in sorted(Path(sys.argv[1]).iterdir()):
             try:
                 check_mesh_file(path)

@@ -10,10 +10,10 @@ from pathlib import Path
 
 import pytest
 
-from slamsim.safe import staging
-from slamsim.safe.errors import DiskFull, SlamsimError
-from slamsim.safe.lock import staging_of
-from slamsim.safe.output import partial_folder, require_free_space, write_atomic
+from slamsim.guard import staging
+from slamsim.guard.errors import DiskFull, SlamsimError
+from slamsim.guard.lock import staging_of
+from slamsim.guard.output import partial_folder, require_free_space, write_atomic
 
 
 def run_of(final: Path, text: str, overwrite: bool = False) -> None:

@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from slamsim.safe.errors import Locked
-from slamsim.safe.output import partial_folder
+from slamsim.guard.errors import Locked
+from slamsim.guard.output import partial_folder
 
 
 def run_of(final: Path, text: str, overwrite: bool = False) -> None:
@@ -28,8 +28,8 @@ def test_a_real_file_size_limit_is_a_full_disk(tmp_path: Path) -> None:
     code = """
     import resource, sys
     from pathlib import Path
-    from slamsim.safe.errors import DiskFull
-    from slamsim.safe.output import partial_folder, write_atomic
+    from slamsim.guard.errors import DiskFull
+    from slamsim.guard.output import partial_folder, write_atomic
     resource.setrlimit(resource.RLIMIT_FSIZE, (10_000, 10_000))
     for write in (
         lambda: write_atomic(Path(sys.argv[1]) / "file", b"x" * 20_000),
@@ -54,7 +54,7 @@ def test_a_real_file_size_limit_is_a_full_disk(tmp_path: Path) -> None:
 HOLDER = """
 import sys, time
 from pathlib import Path
-from slamsim.safe.output import partial_folder
+from slamsim.guard.output import partial_folder
 with partial_folder(Path(sys.argv[1]), overwrite=True) as folder:
     (folder / "half").write_text("x")
     print("begun", flush=True)
@@ -106,8 +106,8 @@ def test_of_many_at_once_one_writes(tmp_path: Path) -> None:
     code = """
     import sys, time
     from pathlib import Path
-    from slamsim.safe.errors import SlamsimError
-    from slamsim.safe.output import partial_folder
+    from slamsim.guard.errors import SlamsimError
+    from slamsim.guard.output import partial_folder
     wrote = refused = 0
     end = time.monotonic() + 1.5
     while time.monotonic() < end:

@@ -20,11 +20,11 @@ from foreign_files import snapshot
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from slamsim.guard import lock, staging
+from slamsim.guard.errors import Locked, SlamsimError
+from slamsim.guard.lock import lock_of, locked, owner_words, staging_of
+from slamsim.guard.output import claimed_folder, partial_file, partial_folder
 from slamsim.run.naming import output_folder
-from slamsim.safe import lock, staging
-from slamsim.safe.errors import Locked, SlamsimError
-from slamsim.safe.lock import lock_of, locked, owner_words, staging_of
-from slamsim.safe.output import claimed_folder, partial_file, partial_folder
 
 RUN, PAGE = "run", "page.html"
 FINALS = (RUN, PAGE)
@@ -237,7 +237,7 @@ def test_what_a_kill_leaves_beside_a_finished_run_goes_with_the_next_default_nam
             (new / "log").mkdir()
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("slamsim.safe.output.remove_staging", die)
+        patch.setattr("slamsim.guard.output.remove_staging", die)
         killed(finish)
     assert (run / "log").is_dir() and staging_of(run) is not None
     with output_folder(None, RUN, overwrite=False) as folder:

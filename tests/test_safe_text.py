@@ -15,9 +15,9 @@ from hypothesis import strategies as st
 from limited_child import run_limited
 from real_logs import needs_radish, radish
 
-from slamsim.safe.errors import InputRefused, NotFound
-from slamsim.safe.limits import Limits
-from slamsim.safe.text import open_lines
+from slamsim.guard.errors import InputRefused, NotFound
+from slamsim.guard.limits import Limits
+from slamsim.guard.text import open_lines
 
 PACKINGS: dict[str, Callable[[bytes], bytes]] = {
     "plain": lambda raw: raw,
@@ -140,8 +140,8 @@ def test_bombs_are_stopped_in_little_memory(tmp_path: Path) -> None:
         """
         import sys
         from pathlib import Path
-        from slamsim.safe.errors import InputRefused
-        from slamsim.safe.text import open_lines
+        from slamsim.guard.errors import InputRefused
+        from slamsim.guard.text import open_lines
         for path in sorted(Path(sys.argv[1]).iterdir()):
             try:
                 for _ in open_lines(path):

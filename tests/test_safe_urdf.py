@@ -8,8 +8,8 @@ import pytest
 import trimesh
 from limited_child import run_limited
 
-from slamsim.safe.errors import InputRefused
-from slamsim.safe.urdf import check_urdf
+from slamsim.guard.errors import InputRefused
+from slamsim.guard.urdf import check_urdf
 
 LINKS = '<link name="base"/><link name="wheel"/>'
 JOINT = """<joint name="axle" type="continuous"><parent link="base"/><child link="wheel"/>
@@ -149,8 +149,8 @@ def test_xml_bombs_go_off_in_no_memory(tmp_path: Path) -> None:
         """
         import sys
         from pathlib import Path
-        from slamsim.safe.errors import InputRefused
-        from slamsim.safe.urdf import check_urdf
+        from slamsim.guard.errors import InputRefused
+        from slamsim.guard.urdf import check_urdf
         for path in sorted(Path(sys.argv[1]).iterdir()):
             try:
                 check_urdf(path.read_text(), path)

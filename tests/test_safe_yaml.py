@@ -13,9 +13,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from limited_child import run_limited
 
-from slamsim.safe.errors import InputRefused, NotFound
-from slamsim.safe.limits import Limits
-from slamsim.safe.yaml import key_text, load_yaml, parse_yaml
+from slamsim.guard.errors import InputRefused, NotFound
+from slamsim.guard.limits import Limits
+from slamsim.guard.yaml import key_text, load_yaml, parse_yaml
 
 HERE = Path("file.yaml")
 
@@ -223,8 +223,8 @@ def test_bombs_neither_hang_nor_eat_memory(tmp_path: Path) -> None:
         """
         import sys, time
         from pathlib import Path
-        from slamsim.safe.errors import InputRefused
-        from slamsim.safe.yaml import load_yaml
+        from slamsim.guard.errors import InputRefused
+        from slamsim.guard.yaml import load_yaml
         for path in sorted(Path(sys.argv[1]).iterdir()):
             try:
                 load_yaml(path)

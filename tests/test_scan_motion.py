@@ -10,9 +10,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scan_recording import LIDAR, healthy, truth, with_layout, with_ranges
 
-from slamsim.geometry import between, compose
+from slamsim.core.geometry import between, compose
+from slamsim.core.types import FloatArray
 from slamsim.recording import RawScans
-from slamsim.slam.bundle_equations import fit_lines
+from slamsim.slam.backend.bundle_equations import fit_lines
 from slamsim.slam.laser.scan_beams import BeamReader
 from slamsim.slam.laser.scan_equations import POSE, SHAPES, UNKNOWNS, moved_points, window_system
 from slamsim.slam.laser.scan_motion import ScanMotions, scan_motions
@@ -24,7 +25,6 @@ from slamsim.slam.laser.scan_windows import (
     surely_ascending,
 )
 from slamsim.slam.matching.surfaces import PIECE_FIELDS, X, Y
-from slamsim.types import FloatArray
 
 
 def chi2(motions: ScanMotions) -> FloatArray:

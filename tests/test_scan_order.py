@@ -6,8 +6,8 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from slamsim.slam.scan_order import InOrder
-from slamsim.types import Scan, ScanGeometry
+from slamsim.core.types import Scan, ScanGeometry
+from slamsim.slam.frontend.scan_order import InOrder
 
 GEOMETRY = ScanGeometry(0.0, 0.1, 3, 0, 0.1, 10.0)
 

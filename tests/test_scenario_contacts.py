@@ -18,11 +18,11 @@ from slamsim.config.scenarios.friction_turn import BoxConfig, FrictionTurnConfig
 from slamsim.config.scenarios.loading import load_scenarios
 from slamsim.config.scenarios.mu_split import MuSplitConfig
 from slamsim.config.scenarios.ramp import HandConfig, RampConfig
-from slamsim.safe.errors import SlamsimError
-from slamsim.scenarios import friction_turn, mu_split, ramp
+from slamsim.guard.errors import SlamsimError
 from slamsim.scenarios.base import Findings, Outcome, Scenario, Verdict
+from slamsim.scenarios.physics import friction_turn, mu_split, ramp
 from slamsim.scenarios.rows import number
-from slamsim.sim.robot import build_robot
+from slamsim.sim.robot.model import build_robot
 
 TYPES: dict[str, type[Config]] = {
     "mu_split": MuSplitConfig,

@@ -24,15 +24,15 @@ from slamsim.config.scenarios.collision import CollisionConfig
 from slamsim.config.scenarios.integrator import IntegratorConfig
 from slamsim.config.scenarios.solver import SolverConfig
 from slamsim.config.scenarios.stacking import StackingConfig
-from slamsim.safe.errors import OverrideRefused
-from slamsim.scenarios import collision, integrator, stacking
+from slamsim.core.types import GRAVITY_M_S2, FloatArray
+from slamsim.guard.errors import OverrideRefused
 from slamsim.scenarios.base import Scenario
-from slamsim.scenarios.sphere_drop import face_normals, penetrations_m, start_places
+from slamsim.scenarios.physics import collision, integrator, stacking
+from slamsim.scenarios.physics.sphere_drop import face_normals, penetrations_m, start_places
 from slamsim.sim.bodies import BurstApart, FreeBodies
+from slamsim.sim.drive.script import Command, scripted_run
 from slamsim.sim.ground import Ground
-from slamsim.sim.robot import build_robot
-from slamsim.sim.script import Command, scripted_run
-from slamsim.types import GRAVITY_M_S2, FloatArray
+from slamsim.sim.robot.model import build_robot
 
 BUNDLED = Path(__file__).parents[1] / "configs" / "scenarios"
 

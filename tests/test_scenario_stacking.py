@@ -12,12 +12,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scenario_small import STACKS, holds, plain, run_all
 
-from slamsim.geometry import matrix_from_rpy, xyzw_from_matrix
-from slamsim.scenarios import stacking
+from slamsim.core.geometry import matrix_from_rpy, xyzw_from_matrix
 from slamsim.scenarios.base import Outcome
+from slamsim.scenarios.physics import stacking
+from slamsim.scenarios.physics.stack_run import StackRun, run_stack
+from slamsim.scenarios.physics.stack_sway import leaving_of, sway_of
 from slamsim.scenarios.search import IN_A_ROW
-from slamsim.scenarios.stack_run import StackRun, run_stack
-from slamsim.scenarios.stack_sway import leaving_of, sway_of
 
 
 def _leaning_stack(

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from view_example import example_run
 
-from slamsim.console import Reporter
+from slamsim.console.reporter import Reporter
 from slamsim.run import scoring
 from slamsim.run.scoring import Estimated, Known, score
 from slamsim.run.stages import Stages

@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scripted import PROPORTIONAL, RADIUS_M, SPRING, G, mean, play, robot, whole
 
+from slamsim.sim.drive.script import Command
 from slamsim.sim.ground import Ground
-from slamsim.sim.script import Command
 
 
 @settings(max_examples=8, deadline=None)

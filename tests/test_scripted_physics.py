@@ -29,12 +29,12 @@ from scripted import (
 from slamsim.config.robot import (
     SuspensionConfig,
 )
-from slamsim.geometry import yaw_from_xyzw
-from slamsim.safe.errors import SlamsimError
+from slamsim.core.geometry import yaw_from_xyzw
+from slamsim.guard.errors import SlamsimError
+from slamsim.sim.drive.script import Command
 from slamsim.sim.ground import Block, Ground
-from slamsim.sim.inertia import Inertial
-from slamsim.sim.robot import RobotModel
-from slamsim.sim.script import Command
+from slamsim.sim.robot.inertia import Inertial
+from slamsim.sim.robot.model import RobotModel
 from slamsim.world.model import FloorPatch
 
 

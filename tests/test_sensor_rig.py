@@ -23,9 +23,9 @@ from sensing_example import (
 )
 
 from slamsim.config.sensors import SensorsConfig
+from slamsim.core.types import Drive
 from slamsim.sensors.readings import Readings
 from slamsim.sensors.rig import SensorRig
-from slamsim.types import Drive
 
 WORLD = joined_meshes(
     [room(), prism(rectangle(1.9, -0.3, 2.1, 0.4)), prism(rectangle(-3, 1, -2, 2))]

@@ -21,12 +21,12 @@ from simulated import (
 from slamsim.config.back_end import BackEndConfig, ClosureConfig
 from slamsim.config.mapping import MappingConfig
 from slamsim.config.slam import SlamConfig
-from slamsim.geometry import between
-from slamsim.result import SlamResult
-from slamsim.safe.errors import SlamsimError
-from slamsim.slam.mapping import build_grid
+from slamsim.core.geometry import between
+from slamsim.core.result import SlamResult
+from slamsim.core.types import Log, PlanarTrajectory, Scan
+from slamsim.guard.errors import SlamsimError
+from slamsim.slam.mapping.grid import build_grid
 from slamsim.slam.session import run_slam
-from slamsim.types import Log, PlanarTrajectory, Scan
 
 
 @cache

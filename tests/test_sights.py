@@ -7,12 +7,17 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from slamsim.geometry import adjoint, between, compose
-from slamsim.result import EdgeKind, GraphEdge, PoseGraph
-from slamsim.slam.panels import add_block, empty_system, make_panels
-from slamsim.slam.sights import Sights, drift_between, smoothed_covariances, with_scatter
-from slamsim.slam.smoothing import Smoothed
-from slamsim.types import FloatArray, PlanarTrajectory
+from slamsim.core.geometry import adjoint, between, compose
+from slamsim.core.result import EdgeKind, GraphEdge, PoseGraph
+from slamsim.core.types import FloatArray, PlanarTrajectory
+from slamsim.slam.backend.smoothing import Smoothed
+from slamsim.slam.backend.supernodes import add_block, empty_system, make_panels
+from slamsim.slam.backend.surface_information import (
+    Sights,
+    drift_between,
+    smoothed_covariances,
+    with_scatter,
+)
 
 SECOND_NS = 1_000_000_000
 

@@ -9,7 +9,7 @@ import pytest
 from slamsim.config.dump import dump_commented_yaml
 from slamsim.config.loading import load_run_config, load_simulated_config
 from slamsim.config.slam import SlamConfig
-from slamsim.safe.errors import SlamsimError
+from slamsim.guard.errors import SlamsimError
 
 
 def test_settings_of_slam_that_are_no_more_do_not_matter(tmp_path: Path) -> None:

@@ -9,12 +9,12 @@ import pytest
 from simulated import Simulated, ate_rmse_m, labyrinth, noisy_wheels, simulate
 
 from slamsim.config.slam import FrontEndConfig
-from slamsim.geometry import between, compose
-from slamsim.result import Event
-from slamsim.slam.motion import log_odometry
-from slamsim.slam.odometry import FrontEnd
-from slamsim.slam.slip import OPENED_M, WINDOW_S, Look, SlipWatch, coasted
-from slamsim.types import FloatArray, PlanarTrajectory
+from slamsim.core.geometry import between, compose
+from slamsim.core.result import Event
+from slamsim.core.types import FloatArray, PlanarTrajectory
+from slamsim.slam.frontend.motion import log_odometry
+from slamsim.slam.frontend.odometry import FrontEnd
+from slamsim.slam.frontend.slip import OPENED_M, WINDOW_S, Look, SlipWatch, coasted
 
 STEP_NS = 100_000_000
 SURE = np.square([0.001, 0.001, 0.0005])

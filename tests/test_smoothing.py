@@ -9,9 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import least_squares
 
-from slamsim.geometry import between, compose
-from slamsim.slam.smoothing import FREEDOM, Chain, Smoothed, smooth
-from slamsim.types import FloatArray, PlanarTrajectory
+from slamsim.core.geometry import between, compose
+from slamsim.core.types import FloatArray, PlanarTrajectory
+from slamsim.slam.backend.smoothing import FREEDOM, Chain, Smoothed, smooth
 
 MATCH_SIGMA = np.array([1e-3, 2e-3, 3e-4])
 STEP_SIGMA = np.array([1e-4, 5e-5, 1e-4])

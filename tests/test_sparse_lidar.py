@@ -11,8 +11,14 @@ import pytest
 from simulated import ScanList, Simulated, ate_rmse_m, labyrinth, simulate
 
 from slamsim.config.slam import FrontEndConfig, SlamConfig
-from slamsim.geometry import between, transform_points
-from slamsim.slam.keyframes import KeyframeMaker
+from slamsim.core.geometry import between, transform_points
+from slamsim.core.types import Cloud, FloatArray, Scan, ScanGeometry
+from slamsim.slam.frontend.keyframes import KeyframeMaker
+from slamsim.slam.frontend.motion import log_odometry
+from slamsim.slam.frontend.odometry import FrontEnd
+from slamsim.slam.frontend.prediction import Prediction
+from slamsim.slam.frontend.preintegration import PARAMETERS, OdometryStep
+from slamsim.slam.frontend.tracking import Tracked
 from slamsim.slam.matching.accumulate import (
     ENOUGH_PIECES,
     MOST_S,
@@ -22,13 +28,7 @@ from slamsim.slam.matching.accumulate import (
 )
 from slamsim.slam.matching.base import Match
 from slamsim.slam.matching.surfaces import surface_pieces
-from slamsim.slam.motion import log_odometry
-from slamsim.slam.odometry import FrontEnd
-from slamsim.slam.prediction import Prediction
 from slamsim.slam.session import run_slam
-from slamsim.slam.steps import PARAMETERS, OdometryStep
-from slamsim.slam.tracking import Tracked
-from slamsim.types import Cloud, FloatArray, Scan, ScanGeometry
 
 SPARSE = ScanGeometry(-np.pi, np.deg2rad(10.0), 36, 2_777_777, 0.1, 12.0)
 WALLS_M = ((0.0, 3.0), (np.pi / 2, 2.0), (np.pi, 2.5), (-np.pi / 2, 1.5))

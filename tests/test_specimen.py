@@ -28,14 +28,14 @@ from slamsim.config.robot import (
     RobotConfig,
     VariationConfig,
 )
-from slamsim.geometry import matrix_from_rpy, se3_from_parts
-from slamsim.sim.describe import urdf_text
+from slamsim.core.geometry import matrix_from_rpy, se3_from_parts
+from slamsim.core.wheels import wheel_odometry
+from slamsim.sim.drive.script import Command, read_encoders
 from slamsim.sim.ground import Ground
-from slamsim.sim.robot import WHEEL_JOINTS, build_robot
-from slamsim.sim.script import Command, read_encoders
-from slamsim.sim.specimen import drawn_robot
-from slamsim.sim.urdf import Description, Joint
-from slamsim.wheels import wheel_odometry
+from slamsim.sim.robot.as_built import drawn_robot
+from slamsim.sim.robot.describe import urdf_text
+from slamsim.sim.robot.model import WHEEL_JOINTS, build_robot
+from slamsim.sim.robot.urdf import Description, Joint
 
 
 @settings(max_examples=6, deadline=None)

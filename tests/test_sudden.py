@@ -7,9 +7,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from simulated import box, labyrinth, true_ranges
 
+from slamsim.core.types import Cloud, FloatArray, PlanarTrajectory, ScanGeometry
+from slamsim.slam.frontend.kidnap_detection import (
+    STRANGE_SHARE,
+    Sighting,
+    Surroundings,
+    contradiction,
+)
 from slamsim.slam.matching.base import Match
-from slamsim.slam.sudden import STRANGE_SHARE, Sighting, Surroundings, contradiction
-from slamsim.types import Cloud, FloatArray, PlanarTrajectory, ScanGeometry
 
 FLASH = ScanGeometry(np.deg2rad(-135.0), np.deg2rad(0.5), 541, 0, 0.1, 30.0)
 WALLS, TOUR = labyrinth(3)

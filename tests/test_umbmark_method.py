@@ -10,8 +10,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from slamsim.safe.errors import SlamsimError
-from slamsim.scenarios.umbmark_method import (
+from slamsim.core.types import FloatArray
+from slamsim.guard.errors import SlamsimError
+from slamsim.scenarios.umbmark.method import (
     Calibration,
     Clusters,
     Square,
@@ -19,7 +20,6 @@ from slamsim.scenarios.umbmark_method import (
     clusters,
     fitted,
 )
-from slamsim.types import FloatArray
 
 TRACK_M, SIDE_M = 0.23, 2.0
 STEPS = 60

@@ -15,19 +15,19 @@ import pytest
 from limited_child import running
 from view_example import BOXES_M, GEOMETRY, T_BASE_LASER, Scans, example_run, walls_mesh
 
+from slamsim.core.geometry import compose, matrix_from_rpy, se3_from_parts
+from slamsim.core.result import PoseGraph, SlamResult
+from slamsim.core.types import Grid, PlanarTrajectory, Scan
 from slamsim.evaluate.score import Scores
-from slamsim.geometry import compose, matrix_from_rpy, se3_from_parts
-from slamsim.result import PoseGraph, SlamResult
-from slamsim.safe.errors import InputRefused, NotFound, SlamsimError
-from slamsim.types import Grid, PlanarTrajectory, Scan
-from slamsim.view.recording import write_recording
-from slamsim.view.run_view import RunView, thinned, wall_outline
-from slamsim.view.scene import occupancy_bytes
-from slamsim.view.screenshot import check_recording, render_screenshot
-from slamsim.view.series import plots, wheel_speeds, yaw_rate
-from slamsim.view.stage import MAX_SCANS, laser_frame, on_floor, scan_points
-from slamsim.view.viewer import view_run
-from slamsim.view.viewer_process import headless_viewer
+from slamsim.guard.errors import InputRefused, NotFound, SlamsimError
+from slamsim.report.run_view import RunView, thinned, wall_outline
+from slamsim.report.viewer.process import headless_viewer
+from slamsim.report.viewer.run import write_recording
+from slamsim.report.viewer.scene import occupancy_bytes
+from slamsim.report.viewer.screenshot import check_recording, render_screenshot
+from slamsim.report.viewer.series import plots, wheel_speeds, yaw_rate
+from slamsim.report.viewer.show import view_run
+from slamsim.report.viewer.stage import MAX_SCANS, laser_frame, on_floor, scan_points
 
 
 @cache
@@ -281,7 +281,7 @@ def test_without_a_driver_the_user_is_told_which_package_to_install(
 
 def test_a_browser_is_given_a_page_of_this_machine_until_ctrl_c(recording: Path) -> None:
     code = (
-        "import pathlib, sys; from slamsim.view.viewer import view_run;"
+        "import pathlib, sys; from slamsim.report.viewer.show import view_run;"
         "view_run(pathlib.Path(sys.argv[1]), web=True)"
     )
     with running(code, str(recording)) as process:

@@ -5,8 +5,10 @@ from __future__ import annotations
 import numpy as np
 from simulated import true_ranges
 
-from slamsim.geometry import between, compose
-from slamsim.slam.deskew import deskew
+from slamsim.core.geometry import between, compose
+from slamsim.core.types import FloatArray, PlanarTrajectory, Scan, ScanGeometry
+from slamsim.slam.backend.views import MAX_PIECES, PIECE_M, ViewMaker, moved_pieces
+from slamsim.slam.frontend.deskew import deskew
 from slamsim.slam.matching.surfaces import (
     BEAMS,
     PIECE_FIELDS,
@@ -17,8 +19,6 @@ from slamsim.slam.matching.surfaces import (
     Y,
     surface_pieces,
 )
-from slamsim.slam.views import MAX_PIECES, PIECE_M, ViewMaker, moved_pieces
-from slamsim.types import FloatArray, PlanarTrajectory, Scan, ScanGeometry
 
 FLASH = ScanGeometry(np.deg2rad(-135.0), np.deg2rad(0.5), 541, 0, 0.1, 20.0)
 ROOM = np.array(

@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from slamsim.slam.visits import CELL_M, ENOUGH_PASSES, MOST_TRAVEL_M, PASS_M, Visits
+from slamsim.slam.closures.visits import CELL_M, ENOUGH_PASSES, MOST_TRAVEL_M, PASS_M, Visits
 
 STEP_M = 0.5
 LAP_M = 60.0

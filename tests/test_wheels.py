@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from slamsim.geometry import wrap_angle
-from slamsim.randomness import random_stream
-from slamsim.types import EncoderStream
-from slamsim.wheels import wheel_odometry
+from slamsim.core.geometry import wrap_angle
+from slamsim.core.randomness import random_stream
+from slamsim.core.types import EncoderStream
+from slamsim.core.wheels import wheel_odometry
 
 
 @given(st.integers(-5000, 5000), st.integers(-5000, 5000), st.floats(-3.0, 3.0))

@@ -21,7 +21,7 @@ from world_helpers import covered_cells, digest, ground_m2, prisms, unmatched_ed
 from slamsim.config.bundled import bundled_names
 from slamsim.config.loading import load_world_config
 from slamsim.config.world import WorldConfig
-from slamsim.safe.errors import SlamsimError
+from slamsim.guard.errors import SlamsimError
 from slamsim.world.build import build_world
 from slamsim.world.preview import preview_png
 from slamsim.world.prism import polygons_of

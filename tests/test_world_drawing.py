@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from slamsim.config.layout import MazeLayout, PlanLayout
 from slamsim.config.loading import load_world_config
 from slamsim.config.world import DoorsConfig, WorldConfig
-from slamsim.safe.errors import SlamsimError
+from slamsim.guard.errors import SlamsimError
 from slamsim.world.build import build_world
 from slamsim.world.drawing import read_drawing
 from slamsim.world.floor_plan import FloorPlan, grow_maze

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from slamsim.config.loading import load_world_config
 from slamsim.config.world import WorldConfig
-from slamsim.safe.errors import InputRefused, NotFound, SlamsimError
-from slamsim.types import BoolArray
+from slamsim.core.types import BoolArray
+from slamsim.guard.errors import InputRefused, NotFound, SlamsimError
 from slamsim.world.build import build_world
 from slamsim.world.from_image import outline_cells
 from slamsim.world.model import World

@@ -11,7 +11,7 @@ from pydantic import ValidationError
 from world_helpers import ground_m2, prisms, world
 
 from slamsim.config.world import WorldConfig
-from slamsim.safe.errors import SlamsimError
+from slamsim.guard.errors import SlamsimError
 from slamsim.world.prism import Prism, polygons_of
 
 

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from world_helpers import covered_cells, unmatched_edges
 
-from slamsim.types import BoolArray, FloatArray, TriangleMesh
+from slamsim.core.types import BoolArray, FloatArray, TriangleMesh
 from slamsim.world.mesh_solids import MeshSolids
 from slamsim.world.prism import Prism, circle, merge_prisms, moved, polygons_of, prism_mesh
 from slamsim.world.raster import Raster, rasterise

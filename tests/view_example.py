@@ -7,10 +7,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from slamsim.evaluate.score import evaluate
-from slamsim.geometry import between, compose, inverse, transform_points, wrap_angle, xyzw_from_yaw
-from slamsim.result import GraphEdge, PoseGraph, SlamResult
-from slamsim.types import (
+from slamsim.core.geometry import (
+    between,
+    compose,
+    inverse,
+    transform_points,
+    wrap_angle,
+    xyzw_from_yaw,
+)
+from slamsim.core.result import GraphEdge, PoseGraph, SlamResult
+from slamsim.core.types import (
     EncoderStream,
     FloatArray,
     Grid,
@@ -22,7 +28,8 @@ from slamsim.types import (
     Trajectory,
     TriangleMesh,
 )
-from slamsim.view.run_view import RunView
+from slamsim.evaluate.score import evaluate
+from slamsim.report.run_view import RunView
 
 RESOLUTION_M = 0.05
 BOXES_M = [  # xmin, ymin, xmax, ymax

@@ -11,7 +11,7 @@ import shapely
 from shapely import Polygon
 
 from slamsim.config.world import WorldConfig
-from slamsim.types import BoolArray, TriangleMesh
+from slamsim.core.types import BoolArray, TriangleMesh
 from slamsim.world.build import build_world
 from slamsim.world.model import World
 from slamsim.world.prism import Prism

@@ -18,17 +18,17 @@ from slamsim.bench.tables import SEED_HEADER, seed_line, summary_rows
 from slamsim.bench.truth import false_closures, revisits_closed
 from slamsim.config.loading import load_world_config
 from slamsim.config.run import RunConfig
-from slamsim.console import Reporter
+from slamsim.console.reporter import Reporter
+from slamsim.core.result import SlamResult
+from slamsim.core.types import Log, PlanarTrajectory
 from slamsim.evaluate.consistency import nees_band
 from slamsim.evaluate.trajectory import compare, statistics
+from slamsim.guard.errors import InputRefused, SlamsimError
 from slamsim.io.open import read_log, read_truth
-from slamsim.result import SlamResult
 from slamsim.run.scoring import Estimated, Known, score
 from slamsim.run.stages import Stages, peak_memory_mb
-from slamsim.safe.errors import InputRefused, SlamsimError
 from slamsim.simulation.own_files import WORLD
 from slamsim.slam.session import run_slam
-from slamsim.types import Log, PlanarTrajectory
 from slamsim.world.build import build_world
 
 Figures = dict[str, object]

@@ -11,8 +11,8 @@ from multiprocessing.process import BaseProcess
 from types import FrameType
 from typing import NoReturn, ParamSpec, Self, TypeVar, cast
 
-from slamsim.kin import end_with_parent
-from slamsim.safe.errors import SlamsimError
+from slamsim.guard.errors import SlamsimError
+from slamsim.process.children import end_with_parent
 
 Arguments = ParamSpec("Arguments")
 Result = TypeVar("Result")

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from slamsim.types import FloatArray, IntArray
+from slamsim.core.types import FloatArray, IntArray
 
 DISTANCES_M = (0.0, 0.1, 0.25, 0.5, 0.75, 1.0, 1.5, 2.0)
 TURNS_DEG = (0.0, 5.0, 10.0, 20.0, 30.0, 45.0, 60.0)

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Annotated, Self
 
 import typer
 
-from slamsim.options import ConfigFile, Json, Quiet, Set
+from slamsim.console.options import ConfigFile, Json, Quiet, Set
 
 if TYPE_CHECKING:
     from slamsim.config.run import RunConfig
-    from slamsim.console import Reporter
+    from slamsim.console.reporter import Reporter
 
 SPEED_SECONDS = 120.0
 STANDARD = "labyrinth_10hz"
@@ -142,8 +142,8 @@ def bench(
     as_json: Json = False,
 ) -> None:
     """Measure speed, as ratios taken in one run on this machine; or accuracy over many seeds."""
-    from slamsim.console import Reporter
-    from slamsim.safe.replaceable import require_apart
+    from slamsim.console.reporter import Reporter
+    from slamsim.guard.replaceable import require_apart
 
     reporter = Reporter(quiet=quiet, as_json=as_json)
     require_apart((logs,), (recording,))
@@ -277,7 +277,7 @@ def _speed(part: str, asked: _Asked, repeats: int) -> None:
 
 
 def _show(title: str, figures: dict[str, object], asked: _Asked) -> None:
-    from slamsim.summary import flat
+    from slamsim.console.summary import flat
 
     asked.reporter.table(title, flat(figures))
     asked.reporter.result(figures)

@@ -20,23 +20,23 @@ import numpy as np
 from slamsim.bench.alone import Children
 from slamsim.bench.dataset_pace import Pace, bare_scaling, pace
 from slamsim.bench.speed import plain_rays
-from slamsim.console import Reporter
-from slamsim.dataset.draw import sequence_spec
-from slamsim.dataset.engines.base import Engine
-from slamsim.dataset.engines.dask import DaskEngine, cluster_here
-from slamsim.dataset.engines.local import LocalEngine
-from slamsim.dataset.loading import load_recipe
-from slamsim.dataset.produce import produce
-from slamsim.dataset.recipe import Recipe
-from slamsim.dataset.sequence import SequenceSpec
+from slamsim.console.reporter import Reporter
+from slamsim.core.types import Float32Array
+from slamsim.dataset.make.engines.base import Engine
+from slamsim.dataset.make.engines.dask import DaskEngine, cluster_here
+from slamsim.dataset.make.engines.local import LocalEngine
+from slamsim.dataset.make.produce import produce
+from slamsim.dataset.recipe.draw import sequence_spec
+from slamsim.dataset.recipe.loading import load_recipe
+from slamsim.dataset.recipe.model import Recipe
+from slamsim.dataset.recipe.sequence import SequenceSpec
 from slamsim.io.bag2.plain_copy import PlainCopy
 from slamsim.io.names import LOG
 from slamsim.run.stages import peak_memory_mb
 from slamsim.sensors.scene import Scene
-from slamsim.sim.drive import bare_step_seconds, drive
-from slamsim.sim.robot import build_robot
-from slamsim.sim.route import plan_route
-from slamsim.types import Float32Array
+from slamsim.sim.drive.route import plan_route
+from slamsim.sim.drive.run import bare_step_seconds, drive
+from slamsim.sim.robot.model import build_robot
 from slamsim.world.build import build_world
 
 Figures = dict[str, object]

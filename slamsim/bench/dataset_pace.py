@@ -15,18 +15,18 @@ from pathlib import Path
 from typing import cast
 
 from slamsim.bench.alone import Children
-from slamsim.dataset.draw import sequence_spec
-from slamsim.dataset.engines.base import Engine
-from slamsim.dataset.fulfil import fulfil
-from slamsim.dataset.identity import Identity
-from slamsim.dataset.produce import produce
-from slamsim.dataset.production import Order
-from slamsim.dataset.recipe import Recipe
-from slamsim.dataset.sequence import SequenceFacts, SequenceSpec
-from slamsim.dataset.shard import LIMIT_S, Tried
-from slamsim.dataset.store import open_store
-from slamsim.dataset.watch import Unwatched
-from slamsim.safe.errors import SlamsimError
+from slamsim.dataset.make.engines.base import Engine
+from slamsim.dataset.make.execute import fulfil
+from slamsim.dataset.make.identity import Identity
+from slamsim.dataset.make.produce import produce
+from slamsim.dataset.make.production import Order
+from slamsim.dataset.make.progress import Unwatched
+from slamsim.dataset.make.shard import LIMIT_S, Tried
+from slamsim.dataset.recipe.draw import sequence_spec
+from slamsim.dataset.recipe.model import Recipe
+from slamsim.dataset.recipe.sequence import SequenceFacts, SequenceSpec
+from slamsim.dataset.store.store import open_store
+from slamsim.guard.errors import SlamsimError
 
 BARE_STEPS = 20_000_000
 

@@ -11,10 +11,10 @@ from pydantic import ValidationError
 
 from slamsim.bench.alone import Children
 from slamsim.config.run import RunConfig
-from slamsim.console import Reporter
+from slamsim.console.reporter import Reporter
+from slamsim.guard.errors import InputRefused
+from slamsim.guard.yaml import load_yaml
 from slamsim.run.recording import simulate_world
-from slamsim.safe.errors import InputRefused
-from slamsim.safe.yaml import load_yaml
 from slamsim.simulation.own_files import CONFIG
 
 SIMULATED = ("seed", "world", "robot", "drive", "sensors", "faults")

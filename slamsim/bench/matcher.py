@@ -19,17 +19,17 @@ from slamsim.bench.basin import Basin, Share, random_offsets
 from slamsim.bench.logs import simulation_of
 from slamsim.config.loading import load_world_config
 from slamsim.config.slam import FrontEndConfig, SlamConfig
+from slamsim.core.geometry import between, compose
+from slamsim.core.progress import Progress, silent
+from slamsim.core.types import Cloud, FloatArray, IntArray, Log, PlanarTrajectory
 from slamsim.evaluate.bound import ScanBound, trajectory_bound
 from slamsim.evaluate.trajectory import covered_by
-from slamsim.geometry import between, compose
 from slamsim.io.open import read_log, read_truth
-from slamsim.progress import Progress, silent
 from slamsim.simulation.own_files import WORLD
-from slamsim.slam.deskew import deskew
+from slamsim.slam.frontend.deskew import deskew
+from slamsim.slam.frontend.motion import predict_motion
 from slamsim.slam.matching import Match, Matcher, make_matcher
-from slamsim.slam.motion import predict_motion
 from slamsim.slam.session import run_slam
-from slamsim.types import Cloud, FloatArray, IntArray, Log, PlanarTrajectory
 from slamsim.world.build import build_world
 
 Figures = dict[str, object]

@@ -15,19 +15,27 @@ from pathlib import Path
 import numpy as np
 
 from slamsim.config.run import RunConfig
-from slamsim.console import Reporter
-from slamsim.geometry import between, compose
+from slamsim.console.reporter import Reporter
+from slamsim.core.geometry import between, compose
+from slamsim.core.types import (
+    Drive,
+    EncoderStream,
+    FloatArray,
+    ImuStream,
+    Log,
+    PlanarTrajectory,
+    Scan,
+)
 from slamsim.sensors.readings import Readings
 from slamsim.sensors.rig import SensorRig
-from slamsim.sim.drive_process import DriveProcess
-from slamsim.sim.robot import RobotModel, build_robot
-from slamsim.sim.route import Route, plan_route
-from slamsim.slam.online.beside import Beside
+from slamsim.sim.drive.process import DriveProcess
+from slamsim.sim.drive.route import Route, plan_route
+from slamsim.sim.robot.model import RobotModel, build_robot
+from slamsim.slam.frontend.tracking import Step
+from slamsim.slam.online.async_back_end import Beside
 from slamsim.slam.online.replay import replay
 from slamsim.slam.online.samples import MotionSamples
 from slamsim.slam.session import open_session
-from slamsim.slam.tracking import Step
-from slamsim.types import Drive, EncoderStream, FloatArray, ImuStream, Log, PlanarTrajectory, Scan
 from slamsim.world.build import build_world
 
 Figures = dict[str, object]

@@ -11,20 +11,20 @@ from pathlib import Path
 import numpy as np
 
 from slamsim.config.run import RunConfig
-from slamsim.console import Reporter
+from slamsim.console.reporter import Reporter
+from slamsim.core.types import Drive, Float32Array, TriangleMesh
+from slamsim.guard.errors import SlamsimError
 from slamsim.io.open import read_log
 from slamsim.run.stages import peak_memory_mb
-from slamsim.safe.errors import SlamsimError
 from slamsim.sensors.rig import SensorRig
 from slamsim.sensors.scene import Scene
-from slamsim.sim.drive import bare_step_seconds, drive
-from slamsim.sim.robot import RobotModel, build_robot
-from slamsim.sim.route import Route, plan_route
-from slamsim.simulate import simulate
-from slamsim.slam.mapping import build_grid
-from slamsim.slam.motion import predict_motion
+from slamsim.sim.drive.route import Route, plan_route
+from slamsim.sim.drive.run import bare_step_seconds, drive
+from slamsim.sim.robot.model import RobotModel, build_robot
+from slamsim.simulation.simulate import simulate
+from slamsim.slam.frontend.motion import predict_motion
+from slamsim.slam.mapping.grid import build_grid
 from slamsim.slam.session import run_slam
-from slamsim.types import Drive, Float32Array, TriangleMesh
 from slamsim.world.build import build_world
 from slamsim.world.model import World
 

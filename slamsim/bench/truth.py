@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from slamsim.geometry import between, wrap_angle
-from slamsim.result import GraphEdge, PoseGraph
-from slamsim.slam.graph import residual_sigmas
-from slamsim.types import BoolArray, FloatArray, PlanarTrajectory
+from slamsim.core.geometry import between, wrap_angle
+from slamsim.core.result import GraphEdge, PoseGraph
+from slamsim.core.types import BoolArray, FloatArray, PlanarTrajectory
+from slamsim.slam.backend.graph import residual_sigmas
 
 FALSE_SIGMAS = 5.0
 FALSE_M = 0.10

@@ -12,7 +12,7 @@ from slamsim.check.coarse_offset import Lag, Rate, coarse_lag
 from slamsim.check.course import Course, rearranged
 from slamsim.check.laser_steps import LaserSteps
 from slamsim.check.local_lags import local_lags
-from slamsim.types import FloatArray
+from slamsim.core.types import FloatArray
 
 Wiring = Literal["as declared", "swapped", "left reversed", "right reversed", "both reversed"]
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from slamsim.check.findings import Curve, Estimate, Finding, Mend, Plot
 from slamsim.check.scan_sample import ScanSample
+from slamsim.core.types import FloatArray
 from slamsim.slam.laser.own_body import (
     BESIDE,
     MAX_CONSTANT_SPREAD_M,
@@ -16,7 +17,6 @@ from slamsim.slam.laser.own_body import (
     spread_of,
     still_runs,
 )
-from slamsim.types import FloatArray
 
 MIN_SCANS = 50
 MIN_DEAD_BEAMS = 3

@@ -26,9 +26,9 @@ from slamsim.check.course import Course
 from slamsim.check.gathering import Inputs, from_above, gather
 from slamsim.check.laser_steps import LaserSteps
 from slamsim.check.slipping import Spells, find_spells
+from slamsim.core.types import FloatArray
 from slamsim.recording import Recording
 from slamsim.slam.laser.scan_motion import ScanMotions
-from slamsim.types import FloatArray
 
 PSEUDO_STEP_NS = 100_000_000
 LEAST_GAIN = 1e-4

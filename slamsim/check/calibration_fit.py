@@ -13,8 +13,8 @@ import numpy as np
 
 from slamsim.check.calibration_model import PRIOR_SIGMAS, ROWS, Model
 from slamsim.check.calibration_noise import blocks, jackknife, share_of_scans, whitened, wider
-from slamsim.slam.calibration import evidence
-from slamsim.types import BoolArray, FloatArray, IntArray
+from slamsim.core.types import BoolArray, FloatArray, IntArray
+from slamsim.slam.calibration.online import evidence
 
 MOST_ROUNDS = 12
 CONVERGED_SIGMAS = 0.02

@@ -6,8 +6,8 @@ import numpy as np
 
 from slamsim.check.course import Course, smooth_curve
 from slamsim.check.laser_steps import LaserSteps
-from slamsim.geometry import between, compose, inverse, wrap_angle
-from slamsim.types import BoolArray, FloatArray
+from slamsim.core.geometry import between, compose, inverse, wrap_angle
+from slamsim.core.types import BoolArray, FloatArray
 
 UNKNOWNS = (
     "gyro_gain",

@@ -8,8 +8,8 @@ import numpy as np
 from scipy.stats import t
 
 from slamsim.check.laser_steps import LaserSteps
-from slamsim.safe.numbers import solving
-from slamsim.types import FloatArray, IntArray
+from slamsim.core.types import FloatArray, IntArray
+from slamsim.guard.numbers import solving
 
 BLOCK_S = 2.0
 """Errors farther apart than this are taken for independent."""

@@ -19,7 +19,7 @@ from slamsim.check.publishers import check_publishers
 from slamsim.check.ranges import check_ranges
 from slamsim.check.streams import check_streams
 from slamsim.check.transforms import check_transforms
-from slamsim.progress import Progress, silent
+from slamsim.core.progress import Progress, silent
 from slamsim.recording import Recording
 
 Question = Callable[[Recording], Sequence[Finding]]

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.signal import fftconvolve
 
-from slamsim.types import FloatArray
+from slamsim.core.types import FloatArray
 
 GRID_S = 0.02
 MOST_CELLS = 1 << 20

@@ -9,8 +9,8 @@ import numpy as np
 from slamsim.check.course import Course
 from slamsim.check.findings import Estimate, Finding, Mend
 from slamsim.check.wheel_counts import counter_range
+from slamsim.core.types import BoolArray, FloatArray
 from slamsim.recording import RawTicks
-from slamsim.types import BoolArray, FloatArray
 
 MOVED_M, MOVED_RAD = 0.05, 0.1
 """In a second: less is standing."""

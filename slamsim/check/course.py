@@ -9,9 +9,10 @@ import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 
 from slamsim.check.wheel_counts import unwrapped
-from slamsim.geometry import wrap_angle, yaw_from_xyzw
-from slamsim.recording import RawImu, RawOdometry, RawTicks
-from slamsim.safe.numbers import (
+from slamsim.core.geometry import wrap_angle, yaw_from_xyzw
+from slamsim.core.types import BoolArray, FloatArray, IntArray, PlanarTrajectory
+from slamsim.core.wheels import pose_reading
+from slamsim.guard.numbers import (
     MOST,
     MOST_NS,
     is_sound,
@@ -19,8 +20,7 @@ from slamsim.safe.numbers import (
     require_number,
     require_stamps,
 )
-from slamsim.types import BoolArray, FloatArray, IntArray, PlanarTrajectory
-from slamsim.wheels import pose_reading
+from slamsim.recording import RawImu, RawOdometry, RawTicks
 
 GAP_PERIODS = 4.0
 """A pause this many times the usual period is a gap: nothing is said across it."""

@@ -23,9 +23,9 @@ from slamsim.check.findings import Curve, Plot
 from slamsim.check.map_entropy import map_entropy, placed
 from slamsim.check.map_views import WindowView, window_views
 from slamsim.check.verdicts import SURE_SIGMAS
+from slamsim.core.types import FloatArray
 from slamsim.recording import Recording
 from slamsim.slam.laser.scan_motion import ScanMotions
-from slamsim.types import FloatArray
 
 Stream = Literal["gyro", "wheel"]
 

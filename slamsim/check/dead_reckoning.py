@@ -22,8 +22,8 @@ from slamsim.check.calibration_model import (
 )
 from slamsim.check.course import Course
 from slamsim.check.map_views import WindowView
-from slamsim.geometry import compose
-from slamsim.types import FloatArray
+from slamsim.core.geometry import compose
+from slamsim.core.types import FloatArray
 
 FINE_S = 0.01
 """Paths are added up in steps of this."""

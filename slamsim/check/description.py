@@ -1,15 +1,15 @@
 """Is the robot description in the recording one that physics can drive?
 
-A wrong one gives plausible wrong results: see ``sim/validate.py``, which asks the same of our own.
+A wrong one gives plausible wrong results: see ``sim/robot/validate.py``, which asks the same of our own.
 """
 
 from __future__ import annotations
 
 from slamsim.check.findings import Finding
+from slamsim.guard.errors import InputRefused
 from slamsim.recording import Recording
-from slamsim.safe.errors import InputRefused
-from slamsim.sim.urdf import Description, Unconnected, read_description
-from slamsim.sim.validate import FaultKind, ModelFault, model_faults
+from slamsim.sim.robot.urdf import Description, Unconnected, read_description
+from slamsim.sim.robot.validate import FaultKind, ModelFault, model_faults
 
 CHECK = "description"
 MAX_WHEEL_GAP_M = 0.002

@@ -8,9 +8,9 @@ import numpy as np
 
 from slamsim.check.findings import Curve, Estimate, Plot
 from slamsim.check.planar_track import planar_track, track_at
-from slamsim.geometry import between, wrap_angle
+from slamsim.core.geometry import between, wrap_angle
+from slamsim.core.types import BoolArray, FloatArray, IntArray
 from slamsim.recording import RawOdometry, TransformEdge
-from slamsim.types import BoolArray, FloatArray, IntArray
 
 LIMIT_M = 0.1
 LIMIT_RAD = 0.06

@@ -19,9 +19,9 @@ from slamsim.check.course import Course
 from slamsim.check.findings import Estimate, Finding, Mend
 from slamsim.check.laser_steps import LaserSteps
 from slamsim.check.scan_sample import positive, sample_scans
+from slamsim.core.types import FloatArray
 from slamsim.recording import Recording, ScanLayout
 from slamsim.slam.laser.scan_motion import ScanMotions
-from slamsim.types import FloatArray
 
 Side = Literal["ranges", "wheels"]
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
+from slamsim.core.types import FloatArray
 from slamsim.recording.fault_names import FAULT_NAMES
-from slamsim.types import FloatArray
 
 Verdict = Literal["ok", "bad", "cannot tell"]
 

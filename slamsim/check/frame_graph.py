@@ -7,10 +7,10 @@ from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 
-from slamsim.geometry import matrix_from_xyzw, se3_from_parts
+from slamsim.core.geometry import matrix_from_xyzw, se3_from_parts
+from slamsim.core.types import FloatArray
+from slamsim.guard.numbers import is_sound
 from slamsim.recording import TransformEdge
-from slamsim.safe.numbers import is_sound
-from slamsim.types import FloatArray
 
 _FIXED_TOLERANCE = 1e-3
 _BASE_FRAMES = ("base_footprint", "base_link", "base")

@@ -10,9 +10,9 @@ from slamsim.check.findings import Curve, Estimate, Finding, Mend, Plot
 from slamsim.check.frame_graph import FrameGraph
 from slamsim.check.inertial_values import check_inertial_values
 from slamsim.check.moving import moving_at
+from slamsim.core.types import GRAVITY_M_S2, BoolArray, FloatArray
+from slamsim.guard.numbers import is_sound
 from slamsim.recording import RawImu, Recording
-from slamsim.safe.numbers import is_sound
-from slamsim.types import GRAVITY_M_S2, BoolArray, FloatArray
 
 GRAVITY_LIMITS_M_S2 = (9.5, 10.5)
 """Of the mean over a drive on a floor, as Cartographer's validator has it."""

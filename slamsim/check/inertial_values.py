@@ -9,10 +9,10 @@ import numpy as np
 
 from slamsim.check.findings import Estimate, Finding, Mend
 from slamsim.check.published import has_unit_length
-from slamsim.geometry import wrap_angle, yaw_from_xyzw
+from slamsim.core.geometry import wrap_angle, yaw_from_xyzw
+from slamsim.core.types import BoolArray, FloatArray, IntArray
+from slamsim.guard.numbers import MOST, is_sound
 from slamsim.recording import RawImu, Recording
-from slamsim.safe.numbers import MOST, is_sound
-from slamsim.types import BoolArray, FloatArray, IntArray
 
 SPIKE_M_S2 = (3.0, 30.0)
 """Of single samples, as Cartographer's validator has it."""

@@ -14,8 +14,8 @@ from scipy.optimize import least_squares
 
 from slamsim.check.course import Course
 from slamsim.check.laser_steps import LaserSteps
-from slamsim.safe.numbers import require_finite
-from slamsim.types import FloatArray
+from slamsim.core.types import FloatArray
+from slamsim.guard.numbers import require_finite
 
 STARTS = 24
 ROBUST_SIGMAS = 3.0

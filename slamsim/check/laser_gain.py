@@ -9,7 +9,7 @@ import numpy as np
 from slamsim.check.alignment import Shift
 from slamsim.check.course import Course
 from slamsim.check.laser_steps import LaserSteps
-from slamsim.types import FloatArray, IntArray
+from slamsim.core.types import FloatArray, IntArray
 
 ROUNDS = 6
 HUBER = 1.345

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from slamsim.safe.numbers import MOST, require_covariances, require_finite, require_number
+from slamsim.core.types import BoolArray, FloatArray, IntArray
+from slamsim.guard.numbers import MOST, require_covariances, require_finite, require_number
 from slamsim.slam.laser.scan_motion import ScanMotions, ShapeEstimate
-from slamsim.types import BoolArray, FloatArray, IntArray
 
 SWEEP_DOUBT_SIGMAS, NEARLY = 5.0, 0.25
 """The scans' own sweep is believed, not the declared one, when they are farther apart than so many

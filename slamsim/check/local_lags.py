@@ -9,7 +9,7 @@ import numpy as np
 from scipy.signal import fftconvolve
 
 from slamsim.check.coarse_offset import GRID_S, Rate, sampled
-from slamsim.types import FloatArray, IntArray
+from slamsim.core.types import FloatArray, IntArray
 
 ALIKE = 0.85
 MOST_CANDIDATES = 12

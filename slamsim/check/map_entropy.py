@@ -11,8 +11,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from slamsim.jit import kernel
-from slamsim.types import FloatArray, IntArray
+from slamsim.core.jit import kernel
+from slamsim.core.types import FloatArray, IntArray
 
 ACROSS_M, ALONG_M = 0.01, 0.07
 """Standard deviations of a piece; noise of its ranges is added across."""

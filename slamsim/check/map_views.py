@@ -8,13 +8,13 @@ import numpy as np
 
 from slamsim.check.calibration import Calibration
 from slamsim.config.slam import FrontEndConfig
+from slamsim.core.types import FloatArray, IntArray
 from slamsim.recording import RawScans
 from slamsim.slam.laser.scan_beams import BeamReader
 from slamsim.slam.laser.scan_motion import ScanMotions
 from slamsim.slam.laser.scan_sweep import beams_of
 from slamsim.slam.matching.line import LineMatcher
 from slamsim.slam.matching.surfaces import NORMAL_X, NORMAL_Y, VARIANCE, X, Y
-from slamsim.types import FloatArray, IntArray
 
 MOST_WINDOWS = 12
 MOST_SCANS = 10

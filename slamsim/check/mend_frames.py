@@ -9,11 +9,16 @@ import numpy as np
 from slamsim.check.findings import Mend
 from slamsim.check.frame_graph import FrameGraph
 from slamsim.check.mend_subjects import number, with_edges
-from slamsim.geometry import matrix_from_rpy, matrix_from_xyzw, se3_from_parts, xyzw_from_matrix
+from slamsim.core.geometry import (
+    matrix_from_rpy,
+    matrix_from_xyzw,
+    se3_from_parts,
+    xyzw_from_matrix,
+)
+from slamsim.core.types import FloatArray, IntArray
+from slamsim.guard.errors import SlamsimError
 from slamsim.recording import RawStream, Recording, TransformEdge
 from slamsim.recording.edits import kept, with_odometry_edge
-from slamsim.safe.errors import SlamsimError
-from slamsim.types import FloatArray, IntArray
 
 
 def add_odometry_transform(recording: Recording, mend: Mend) -> Recording:

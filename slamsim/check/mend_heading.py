@@ -7,11 +7,11 @@ from collections.abc import Callable
 import numpy as np
 
 from slamsim.check.mend_imu import base_rotation
-from slamsim.geometry import yaw_from_xyzw
+from slamsim.core.geometry import yaw_from_xyzw
+from slamsim.core.types import EncoderStream, FloatArray, IntArray
+from slamsim.core.wheels import wheel_odometry
+from slamsim.guard.errors import SlamsimError
 from slamsim.recording import RawImu, Recording
-from slamsim.safe.errors import SlamsimError
-from slamsim.types import EncoderStream, FloatArray, IntArray
-from slamsim.wheels import wheel_odometry
 
 Heading = Callable[[IntArray], FloatArray]
 

@@ -9,8 +9,8 @@ import numpy as np
 from slamsim.check.findings import Mend
 from slamsim.check.frame_graph import FrameGraph
 from slamsim.check.mend_subjects import number, with_topic
+from slamsim.core.types import FloatArray
 from slamsim.recording import RawImu, Recording
-from slamsim.types import FloatArray
 
 
 def scale_acceleration(recording: Recording, mend: Mend) -> Recording:

@@ -12,10 +12,10 @@ from slamsim.check.mend_heading import heading_from
 from slamsim.check.mend_subjects import number, with_topic
 from slamsim.check.scan_sample import ScanSample
 from slamsim.check.stray import stray_beams
+from slamsim.core.types import BoolArray, Float32Array, FloatArray
 from slamsim.recording import RawScans, Recording, ScanLayout
 from slamsim.recording.edits import kept
 from slamsim.recording.row_store import RowStore
-from slamsim.types import BoolArray, Float32Array, FloatArray
 
 PER_BEAM = ("drop_beams", "value_to_inf")
 """Operations that may come several times on one subject, with other numbers."""

@@ -11,10 +11,10 @@ import numpy as np
 from slamsim.check.findings import Mend
 from slamsim.check.mend_subjects import edge_subject, number
 from slamsim.check.stamp_series import are_copies, series_of
+from slamsim.core.types import FloatArray, IntArray
+from slamsim.guard.errors import SlamsimError
 from slamsim.recording import Messages, Recording
 from slamsim.recording.edits import kept
-from slamsim.safe.errors import SlamsimError
-from slamsim.types import FloatArray, IntArray
 
 CLOCKS = ("shift_stamps", "rescale_stamps", "restamp_evenly", "reorder")
 """Operations that a clock needs, and so all streams that are stamped together."""

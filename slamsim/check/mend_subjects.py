@@ -7,8 +7,8 @@ from dataclasses import replace
 from typing import TypeVar
 
 from slamsim.check.findings import Mend
+from slamsim.guard.errors import SlamsimError
 from slamsim.recording import RawStream, Recording, TransformEdge
-from slamsim.safe.errors import SlamsimError
 
 Stream = TypeVar("Stream", bound=RawStream)
 

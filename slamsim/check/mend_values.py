@@ -9,9 +9,9 @@ import numpy as np
 from slamsim.check.findings import Mend
 from slamsim.check.mend_subjects import with_topic
 from slamsim.check.published import sound_poses
+from slamsim.guard.numbers import is_sound
 from slamsim.recording import RawImu, RawOdometry, Recording
 from slamsim.recording.edits import kept
-from slamsim.safe.numbers import is_sound
 
 
 def normalise_rotations(recording: Recording, mend: Mend) -> Recording:

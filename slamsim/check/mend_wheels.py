@@ -9,12 +9,12 @@ import numpy as np
 
 from slamsim.check.findings import Mend
 from slamsim.check.mend_subjects import number, with_topic
-from slamsim.geometry import between, compose, xyzw_from_yaw, yaw_from_xyzw
+from slamsim.core.geometry import between, compose, xyzw_from_yaw, yaw_from_xyzw
+from slamsim.core.types import EncoderStream, FloatArray
+from slamsim.core.wheels import wheel_odometry
+from slamsim.guard.errors import SlamsimError
 from slamsim.recording import RawOdometry, RawTicks, Recording
 from slamsim.recording.edits import with_odometry_edge
-from slamsim.safe.errors import SlamsimError
-from slamsim.types import EncoderStream, FloatArray
-from slamsim.wheels import wheel_odometry
 
 _SAME_PATH = 0.1
 

@@ -7,8 +7,8 @@ from difflib import get_close_matches
 
 from slamsim.check import mend_frames, mend_imu, mend_scans, mend_stamps, mend_values, mend_wheels
 from slamsim.check.findings import CheckReport, Mend
+from slamsim.guard.errors import SlamsimError, shown
 from slamsim.recording import Recording
-from slamsim.safe.errors import SlamsimError, shown
 
 Operation = Callable[[Recording, Mend], Recording]
 

@@ -12,7 +12,7 @@ from slamsim.check.calibration import Calibration
 from slamsim.check.findings import Estimate, Finding, Mend
 from slamsim.check.rolling import POSES_TIMES
 from slamsim.check.verdicts import Answer, Question, judged
-from slamsim.geometry import wrap_angle
+from slamsim.core.geometry import wrap_angle
 
 YAW_LIMIT_DEG, YAW_HARM_DEG = 0.3, 2.0
 PLACE_LIMIT_M, PLACE_HARM_M = 0.01, 0.05

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from slamsim.core.types import BoolArray, FloatArray, IntArray
 from slamsim.recording import Recording
-from slamsim.types import BoolArray, FloatArray, IntArray
 
 MOVING_RAD_S, MOVING_M_S = 0.05, 0.02
 

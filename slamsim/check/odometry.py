@@ -18,10 +18,10 @@ from slamsim.check.counting import (
 from slamsim.check.course import Course, odometry_course, wheel_course
 from slamsim.check.distance_unit import ratio_of_units
 from slamsim.check.findings import Curve, Estimate, Finding, Mend, Plot
-from slamsim.geometry import between, yaw_from_xyzw
+from slamsim.core.geometry import between, yaw_from_xyzw
+from slamsim.core.types import BoolArray, FloatArray
+from slamsim.guard.numbers import is_sound
 from slamsim.recording import RawOdometry, Recording
-from slamsim.safe.numbers import is_sound
-from slamsim.types import BoolArray, FloatArray
 
 JUMP_M, JUMP_RAD = 0.04, 0.1
 USUAL_STEPS = 3.0

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from slamsim.geometry import yaw_from_xyzw
-from slamsim.safe.numbers import is_sound
-from slamsim.types import FloatArray, IntArray
+from slamsim.core.geometry import yaw_from_xyzw
+from slamsim.core.types import FloatArray, IntArray
+from slamsim.guard.numbers import is_sound
 
 
 def planar_track(

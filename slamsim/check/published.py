@@ -9,9 +9,9 @@ import numpy as np
 
 from slamsim.check.disagreement import IN_COMMON, LIMIT_M, disagreement
 from slamsim.check.findings import Estimate, Finding, Mend
+from slamsim.core.types import BoolArray, FloatArray
+from slamsim.guard.numbers import is_sound
 from slamsim.recording import RawOdometry, Recording
-from slamsim.safe.numbers import is_sound
-from slamsim.types import BoolArray, FloatArray
 
 UNIT_TOLERANCE = 0.01
 """Of a quaternion's length: what single precision rounds is far less."""

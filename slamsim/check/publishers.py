@@ -8,9 +8,9 @@ from typing import TypeVar
 import numpy as np
 
 from slamsim.check.findings import Estimate, Finding
-from slamsim.geometry import between, yaw_from_xyzw
+from slamsim.core.geometry import between, yaw_from_xyzw
+from slamsim.core.types import BoolArray, Float32Array, FloatArray
 from slamsim.recording import RawImu, RawOdometry, RawScans, RawStream, Recording
-from slamsim.types import BoolArray, Float32Array, FloatArray
 
 TRIPLES = 200
 """So many scans are held against their two neighbours."""

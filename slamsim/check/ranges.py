@@ -13,8 +13,8 @@ from slamsim.check.repeats import check_repeats
 from slamsim.check.scan_sample import ScanSample, positive, sample_scans
 from slamsim.check.stray import check_stray
 from slamsim.check.units import declared, metres_of, outside_share, unit_of, wrong_unit
+from slamsim.core.types import FloatArray
 from slamsim.recording import RawScans, Recording, ScanLayout
-from slamsim.types import FloatArray
 
 MAX_OUTSIDE_SHARE = 2e-3
 """Rounding at the limits themselves puts a few readings a hair outside."""

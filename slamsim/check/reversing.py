@@ -12,7 +12,7 @@ from slamsim.check.calibration_model import LASER_YAW
 from slamsim.check.findings import Curve, Estimate, Finding, Plot
 from slamsim.check.laser_steps import LaserSteps
 from slamsim.check.verdicts import SURE_SIGMAS
-from slamsim.types import BoolArray, FloatArray
+from slamsim.core.types import BoolArray, FloatArray
 
 LEAST_STEP_M = 0.003
 """Shorter steps are taken for standstill."""

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from slamsim.geometry import wrap_angle, yaw_from_xyzw
+from slamsim.core.geometry import wrap_angle, yaw_from_xyzw
+from slamsim.core.types import FloatArray
 from slamsim.recording import RawScans, Recording
-from slamsim.types import FloatArray
 
 LIVELY = 0.9
 """Of all values of a stream, this share is less lively than its unit of liveliness."""

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from slamsim.core.types import BoolArray, Float32Array, FloatArray, IntArray
 from slamsim.recording import RawScans, ScanLayout
-from slamsim.types import BoolArray, Float32Array, FloatArray, IntArray
 
 SAMPLED_SCANS = 600
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from slamsim.check.calibration_model import LASER_YAW, Model
 from slamsim.check.laser_steps import LaserSteps
-from slamsim.types import BoolArray, FloatArray, IntArray
+from slamsim.core.types import BoolArray, FloatArray, IntArray
 
 SPELL_S = 1.0
 LEAST_M, LEAST_RAD, LEAST_SHARE = 0.02, 0.03, 0.04

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from slamsim.types import FloatArray
+from slamsim.core.types import FloatArray
 
 _TOLERANCE_S = 2e-6
 _SHARE = 0.99

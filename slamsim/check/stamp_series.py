@@ -8,8 +8,8 @@ from typing import Literal
 
 import numpy as np
 
+from slamsim.core.types import FloatArray, IntArray
 from slamsim.recording import RawScans, Recording
-from slamsim.types import FloatArray, IntArray
 
 Kind = Literal["lidar", "imu", "wheels", "transform"]
 

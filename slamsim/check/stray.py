@@ -6,7 +6,7 @@ import numpy as np
 
 from slamsim.check.findings import Estimate, Finding, Mend
 from slamsim.check.scan_sample import ScanSample
-from slamsim.types import BoolArray, Float32Array
+from slamsim.core.types import BoolArray, Float32Array
 
 MAX_STRAY_SHARE = 5e-3
 MIN_BEAMS = 200

@@ -6,7 +6,7 @@ import numpy as np
 
 from slamsim.check.findings import Curve, Finding, Mend, Plot
 from slamsim.check.stamp_series import StampSeries
-from slamsim.types import FloatArray
+from slamsim.core.types import FloatArray
 
 _APART_S = 60.0
 _UNIX_S = 946_684_800.0

@@ -9,7 +9,7 @@ import numpy as np
 from slamsim.check.findings import Curve, Estimate, Finding, Mend, Plot
 from slamsim.check.stamp_series import StampSeries, spread_s
 from slamsim.check.verdicts import SURE_SIGMAS
-from slamsim.types import FloatArray
+from slamsim.core.types import FloatArray
 
 MAX_LATE_S = 0.5
 """Later than any network makes them; below, only other sensors can tell."""

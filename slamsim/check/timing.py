@@ -9,7 +9,7 @@ import numpy as np
 from slamsim.check.calibration import Calibration
 from slamsim.check.findings import Estimate, Finding, Mend, Verdict
 from slamsim.check.verdicts import SURE_SIGMAS
-from slamsim.types import FloatArray
+from slamsim.core.types import FloatArray
 
 LIMITS_S = {"gyro": 3e-4, "wheel": 2e-3, "gyro_wheel": 2e-3}
 """Offsets up to this are healthy: less than a tenth of a scan's own noise at a walking pace. Tyres

@@ -7,9 +7,9 @@ import numpy as np
 from slamsim.check.findings import Estimate, Finding, Mend
 from slamsim.check.planar_track import planar_track, track_at
 from slamsim.check.scan_sample import ScanSample, positive
-from slamsim.geometry import wrap_angle
+from slamsim.core.geometry import wrap_angle
+from slamsim.core.types import FloatArray
 from slamsim.recording import RawScans, Recording, ScanLayout
-from slamsim.types import FloatArray
 
 MIN_COUNT = 20
 UNITS: dict[str, float] = {

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from slamsim.types import IntArray
+from slamsim.core.types import IntArray
 
 LEAST_BITS = 8
 SMALL_STEP = 4

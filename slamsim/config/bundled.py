@@ -7,7 +7,7 @@ import re
 from pathlib import Path
 from typing import Literal
 
-from slamsim.safe.errors import InputRefused, NotFound, shown
+from slamsim.guard.errors import InputRefused, NotFound, shown
 
 Kind = Literal[
     "worlds",

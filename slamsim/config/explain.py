@@ -9,8 +9,8 @@ from pydantic_core import ErrorDetails
 
 from slamsim.config.layers import Tree
 from slamsim.config.model_keys import Spot, find_spot, suggest
-from slamsim.safe.errors import SlamsimError, shown
-from slamsim.safe.yaml import KeyPath, key_text
+from slamsim.guard.errors import SlamsimError, shown
+from slamsim.guard.yaml import KeyPath, key_text
 
 _MAX_TOLD = 5
 _MAX_JUDGED = 1000  # a file may have faults by the ten thousand

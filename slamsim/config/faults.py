@@ -8,7 +8,7 @@ from typing import Annotated
 from pydantic import BeforeValidator, Field, ValidationError
 
 from slamsim.config.base import Config
-from slamsim.safe.errors import OverrideRefused, shown
+from slamsim.guard.errors import OverrideRefused, shown
 
 
 class FaultChoice(Config):

@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TypeGuard, cast
 
-from slamsim.safe.errors import InputRefused, OverrideRefused, SlamsimError, shown
-from slamsim.safe.files import leads_outside
-from slamsim.safe.yaml import KeyPath, YamlDocument, key_text, parse_yaml
+from slamsim.guard.errors import InputRefused, OverrideRefused, SlamsimError, shown
+from slamsim.guard.files import leads_outside
+from slamsim.guard.yaml import KeyPath, YamlDocument, key_text, parse_yaml
 
 Data = dict[str, object]
 

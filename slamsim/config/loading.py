@@ -21,9 +21,9 @@ from slamsim.config.bundled import Kind, bundled_folder, find_input
 from slamsim.config.explain import refusal
 from slamsim.config.faults import as_choice
 from slamsim.config.layers import Place, Tree, mount, parse_override
-from slamsim.safe.errors import InputRefused, shown
-from slamsim.safe.files import own_file
-from slamsim.safe.yaml import KeyPath, YamlDocument, load_yaml
+from slamsim.guard.errors import InputRefused, shown
+from slamsim.guard.files import own_file
+from slamsim.guard.yaml import KeyPath, YamlDocument, load_yaml
 
 if TYPE_CHECKING:
     from slamsim.config.run import RunConfig

@@ -15,7 +15,7 @@ from slamsim.config.robot import RobotConfig
 from slamsim.config.scenarios.basic_drive import StraightScript
 from slamsim.config.scenarios.defaults import SCENARIO_ROBOT
 from slamsim.config.scenarios.umbmark import SquareScript
-from slamsim.safe.yaml import KeyPath, load_yaml
+from slamsim.guard.yaml import KeyPath, load_yaml
 
 _SECTIONS: dict[KeyPath, Kind] = {("robot",): "configs/robots"}
 

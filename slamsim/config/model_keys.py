@@ -12,8 +12,8 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
-from slamsim.safe.errors import shown
-from slamsim.safe.yaml import KeyPath, key_text
+from slamsim.guard.errors import shown
+from slamsim.guard.yaml import KeyPath, key_text
 
 _UNIONS = (Union, types.UnionType)
 _SEQUENCES = (list, tuple, set, frozenset)

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from slamsim.dataset.opened import Dataset
+    from slamsim.dataset.store.reader import Dataset
 
 
 def open(address: str | Path) -> Dataset:  # noqa: A001 - of a module that is named when called
@@ -14,6 +14,6 @@ def open(address: str | Path) -> Dataset:  # noqa: A001 - of a module that is na
 
     Raises NotFound where there is none, InputRefused if its manifest is damaged.
     """
-    from slamsim.dataset.opened import open_dataset
+    from slamsim.dataset.store.reader import open_dataset
 
     return open_dataset(address)

@@ -23,12 +23,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from slamsim.config.sensors import LidarConfig, SensorsConfig
+from slamsim.core.types import FloatArray, IntArray, PlanarTrajectory
 from slamsim.evaluate.bound_groups import POSE_PRIOR, Groups, group_scans, joint_information
 from slamsim.evaluate.bound_odometry import odometry_noise, rolled_between
 from slamsim.evaluate.bound_scans import scan_information
 from slamsim.evaluate.bound_solve import draws
 from slamsim.evaluate.bound_walls import wall_faces
-from slamsim.safe.numbers import (
+from slamsim.guard.numbers import (
     FINITE,
     require_covariances,
     require_finite,
@@ -36,7 +37,6 @@ from slamsim.safe.numbers import (
     require_rigid,
     require_stamps,
 )
-from slamsim.types import FloatArray, IntArray, PlanarTrajectory
 
 BEAMS_CAST = 270
 DRAWS = 200

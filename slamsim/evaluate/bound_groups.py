@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse import csc_array
 
+from slamsim.core.geometry import between
+from slamsim.core.types import FloatArray, IntArray
 from slamsim.evaluate.bound_odometry import OdometryNoise, rolled_between
 from slamsim.evaluate.bound_scans import ScanInformation
 from slamsim.evaluate.bound_solve import Blocks
-from slamsim.geometry import between
-from slamsim.types import FloatArray, IntArray
 
 GROUP_M = 0.1
 MAX_GROUPS = 3000

@@ -14,8 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from slamsim.config.sensors import SensorsConfig
-from slamsim.geometry import between
-from slamsim.types import FloatArray, IntArray, PlanarTrajectory
+from slamsim.core.geometry import between
+from slamsim.core.types import FloatArray, IntArray, PlanarTrajectory
 
 STRETCH_M = 1.0
 """Of rolling of the wheels, over which their slip is measured."""

@@ -19,12 +19,12 @@ from typing import NamedTuple
 import numpy as np
 
 from slamsim.config.sensors import LidarConfig
+from slamsim.core.geometry import compose, se2_from_se3
+from slamsim.core.jit import kernel
+from slamsim.core.types import FloatArray, IntArray, PlanarTrajectory
 from slamsim.evaluate.bound_walls import FaceIndex, Faces, first_face, index_faces
-from slamsim.geometry import compose, se2_from_se3
-from slamsim.jit import kernel
 from slamsim.sensors.effects import GRAZING
 from slamsim.sensors.lidar import scan_geometry
-from slamsim.types import FloatArray, IntArray, PlanarTrajectory
 
 LEAST_SIGMA_M = 1e-5
 """No range is taken as more exact than this."""

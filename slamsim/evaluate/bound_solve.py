@@ -10,8 +10,8 @@ import numpy as np
 from scipy.sparse import coo_array, csc_array
 from scipy.sparse.linalg import splu
 
-from slamsim.safe.numbers import NoSolution, solving
-from slamsim.types import FloatArray, IntArray
+from slamsim.core.types import FloatArray, IntArray
+from slamsim.guard.numbers import NoSolution, solving
 
 
 class Blocks:

@@ -12,9 +12,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from slamsim.jit import kernel
-from slamsim.ray_walk import begin_walk, next_cell
-from slamsim.types import FloatArray, IntArray
+from slamsim.core.jit import kernel
+from slamsim.core.ray_walk import begin_walk, next_cell
+from slamsim.core.types import FloatArray, IntArray
 
 SAME_LINE_M = 1e-4
 """Stretches of outline whose ends lie this near to one line, and touch, are one face."""

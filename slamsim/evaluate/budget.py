@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from slamsim.core.types import IntArray, PlanarTrajectory
 from slamsim.evaluate.trajectory import compare, covered_by, pair_errors, statistics
-from slamsim.types import IntArray, PlanarTrajectory
 
 PARTS = {
     "odometry": "odometry of the log",

@@ -17,10 +17,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import chi2
 
+from slamsim.core.geometry import between
+from slamsim.core.types import FloatArray, IntArray, PlanarTrajectory
 from slamsim.evaluate.trajectory import covered_by
-from slamsim.geometry import between
-from slamsim.safe.numbers import require_covariances, require_number, require_whole, solving
-from slamsim.types import FloatArray, IntArray, PlanarTrajectory
+from slamsim.guard.numbers import require_covariances, require_number, require_whole, solving
 
 DEGREES_OF_FREEDOM = 3
 """x, y and yaw: what NEES is on average if the covariances are true."""

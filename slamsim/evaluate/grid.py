@@ -13,11 +13,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from slamsim.core.geometry import inverse, transform_points
+from slamsim.core.types import BoolArray, Float32Array, FloatArray, Grid, IntArray
 from slamsim.evaluate.visibility import seen_from
-from slamsim.geometry import inverse, transform_points
-from slamsim.safe.errors import SlamsimError
-from slamsim.safe.numbers import require_finite
-from slamsim.types import BoolArray, Float32Array, FloatArray, Grid, IntArray
+from slamsim.guard.errors import SlamsimError
+from slamsim.guard.numbers import require_finite
 
 OCCUPIED_ABOVE = 0.65
 """ROS map_server's ``occupied_thresh``."""

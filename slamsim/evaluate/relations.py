@@ -12,11 +12,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from slamsim.core.geometry import between
+from slamsim.core.types import BoolArray, FloatArray, IntArray, PlanarTrajectory
 from slamsim.evaluate.trajectory import span_in_words
-from slamsim.geometry import between
-from slamsim.safe.errors import SlamsimError
-from slamsim.safe.numbers import require_finite, require_stamps
-from slamsim.types import BoolArray, FloatArray, IntArray, PlanarTrajectory
+from slamsim.guard.errors import SlamsimError
+from slamsim.guard.numbers import require_finite, require_stamps
 
 NEAR_BELOW_S = 5.0
 FAR_ABOVE_S = 60.0

@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 
+from slamsim.core.types import Grid, PlanarTrajectory, Trajectory
 from slamsim.evaluate.bound import TrajectoryBound
 from slamsim.evaluate.budget import PartErrors
 from slamsim.evaluate.consistency import DEGREES_OF_FREEDOM, Consistency
@@ -14,7 +15,6 @@ from slamsim.evaluate.relations import RelationScores, score_relations
 from slamsim.evaluate.trajectory import TrajectoryErrors, compare, relative_errors, statistics
 from slamsim.evaluate.visibility import require_range
 from slamsim.io.text.relations import Relations
-from slamsim.types import Grid, PlanarTrajectory, Trajectory
 
 Number = float | int | None
 

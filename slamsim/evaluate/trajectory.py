@@ -14,10 +14,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from slamsim.geometry import between, compose, wrap_angle
-from slamsim.safe.errors import SlamsimError
-from slamsim.safe.numbers import FINITE, BadNumbers, require_finite
-from slamsim.types import BoolArray, FloatArray, IntArray, PlanarTrajectory
+from slamsim.core.geometry import between, compose, wrap_angle
+from slamsim.core.types import BoolArray, FloatArray, IntArray, PlanarTrajectory
+from slamsim.guard.errors import SlamsimError
+from slamsim.guard.numbers import FINITE, BadNumbers, require_finite
 
 SEGMENT_LENGTHS_M = (1.0, 2.0, 5.0, 10.0, 20.0, 50.0)
 """Lengths of true path over which the relative error is taken; those that a run is too short for

@@ -6,10 +6,10 @@ import math
 
 import numpy as np
 
-from slamsim.jit import kernel
-from slamsim.ray_walk import begin_walk, next_cell
-from slamsim.safe.numbers import BadNumbers, require_finite
-from slamsim.types import BoolArray, FloatArray, Grid
+from slamsim.core.jit import kernel
+from slamsim.core.ray_walk import begin_walk, next_cell
+from slamsim.core.types import BoolArray, FloatArray, Grid
+from slamsim.guard.numbers import BadNumbers, require_finite
 
 LOOK_EVERY_M = 0.2
 """Spacing of the points of the path from which is looked around."""

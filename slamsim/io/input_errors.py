@@ -6,8 +6,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from slamsim.safe.errors import InputRefused, SlamsimError, limit_of
-from slamsim.safe.numbers import BadNumbers
+from slamsim.guard.errors import InputRefused, SlamsimError, limit_of
+from slamsim.guard.numbers import BadNumbers
 
 
 def damaged(

@@ -5,15 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+from slamsim.core.types import Log, Trajectory
+from slamsim.guard.errors import InputRefused, NotFound
+from slamsim.guard.files import own_file
 from slamsim.io.formats import Contents, Format, formats
 from slamsim.io.input_errors import damaged, refusing
 from slamsim.io.names import LOG, TABLES
 from slamsim.recording import Recording
 from slamsim.recording.cleaning.log import clean
 from slamsim.recording.cleaning.streams import trajectory_of
-from slamsim.safe.errors import InputRefused, NotFound
-from slamsim.safe.files import own_file
-from slamsim.types import Log, Trajectory
 
 
 @dataclass(frozen=True, slots=True, eq=False)

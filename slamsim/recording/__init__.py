@@ -16,8 +16,8 @@ from typing import Any, ClassVar, Literal, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from slamsim.core.types import Epoch, Float32Array, FloatArray, IntArray
 from slamsim.recording import schemas
-from slamsim.types import Epoch, Float32Array, FloatArray, IntArray
 
 
 @dataclass(frozen=True, slots=True)

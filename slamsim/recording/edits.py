@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from slamsim.core.types import BoolArray, IntArray
 from slamsim.recording import Messages, Origin, RawOdometry, RawStream, Recording, TransformEdge
-from slamsim.types import BoolArray, IntArray
 
 
 def kept(messages: Messages, which: BoolArray | IntArray) -> Messages:

@@ -7,11 +7,11 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from slamsim.geometry import matrix_from_xyzw, se3_from_parts
+from slamsim.core.geometry import matrix_from_xyzw, se3_from_parts
+from slamsim.core.types import FloatArray, IntArray
+from slamsim.guard.errors import printable
+from slamsim.guard.numbers import is_sound
 from slamsim.recording import TransformEdge
-from slamsim.safe.errors import printable
-from slamsim.safe.numbers import is_sound
-from slamsim.types import FloatArray, IntArray
 
 _RIGID_TOLERANCE = 1e-4
 """Metres, or of an element of the rotation: rounding of single precision at some hundred metres."""

@@ -6,9 +6,9 @@ from collections.abc import Iterable
 
 import numpy as np
 
+from slamsim.core.types import FloatArray, ImuStream
 from slamsim.recording import Recording, TransformEdge
 from slamsim.recording.frames import FrameTree
-from slamsim.types import FloatArray, ImuStream
 
 BASE_FRAMES = ("base_footprint", "base_link", "base")
 BASE_FRAME = BASE_FRAMES[0]

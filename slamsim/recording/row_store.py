@@ -10,8 +10,8 @@ from typing import IO, overload
 
 import numpy as np
 
-from slamsim.safe.output import require_free_space
-from slamsim.types import Float32Array, IntArray
+from slamsim.core.types import Float32Array, IntArray
+from slamsim.guard.output import require_free_space
 
 IN_MEMORY_BYTES = 300 << 20
 _LARGE_FILES = Path("/var/tmp")

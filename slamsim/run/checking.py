@@ -10,7 +10,7 @@ from rich.text import Text
 from slamsim.check.check import check_recording
 from slamsim.check.findings import CheckReport, Finding
 from slamsim.check.wording import as_json, headline, shown
-from slamsim.console import Reporter
+from slamsim.console.reporter import Reporter
 from slamsim.io.open import read_recording
 from slamsim.recording import Recording
 from slamsim.run.stages import Stages
@@ -31,7 +31,7 @@ def check_log(
         recording = read_recording(source, scan_topic)
     report = check_stage(recording, stages, quick=quick)
     if html is not None:
-        from slamsim.view.check_page import write_check_page
+        from slamsim.report.pages.check import write_check_page
 
         write_check_page(html, report)
     show_verdicts(reporter, recording, report, show_all=show_all)

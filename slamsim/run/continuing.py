@@ -8,13 +8,13 @@ from pathlib import Path
 
 import numpy as np
 
-from slamsim.result import SlamResult
+from slamsim.core.result import SlamResult
+from slamsim.core.types import Cloud, FloatArray
+from slamsim.guard.errors import NotFound, OverrideRefused
+from slamsim.guard.files import own_file
 from slamsim.run.folder import SAVED_MAP
 from slamsim.run.start import start_pose
-from slamsim.safe.errors import NotFound, OverrideRefused
-from slamsim.safe.files import own_file
-from slamsim.slam.saved_map import SavedMap, read_saved_map
-from slamsim.types import Cloud, FloatArray
+from slamsim.slam.mapping.saved_map import SavedMap, read_saved_map
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -6,20 +6,20 @@ from pathlib import Path
 
 from slamsim.config.faults import FaultChoice
 from slamsim.config.run import RunConfig
-from slamsim.console import Reporter
+from slamsim.console.reporter import Reporter
+from slamsim.core.types import Log
+from slamsim.guard.output import partial_folder, write_atomic
 from slamsim.io.names import LOG
 from slamsim.io.open import read_log, read_recording
 from slamsim.io.text.tum import read_tum
+from slamsim.report.pages.demo import MappedSide, demo_page
+from slamsim.report.viewer.demo import write_sides
 from slamsim.run import folder as run_folder
 from slamsim.run.checking import check_stage
 from slamsim.run.fixing import fix_log
 from slamsim.run.mapping import map_recording, map_world
 from slamsim.run.stages import Stages
-from slamsim.safe.output import partial_folder, write_atomic
-from slamsim.slam.mapping import build_grid
-from slamsim.types import Log
-from slamsim.view.demo_page import MappedSide, demo_page
-from slamsim.view.demo_recording import write_sides
+from slamsim.slam.mapping.grid import build_grid
 from slamsim.world.map_server import read_map
 
 FAULT = "laser_world_fixed"

@@ -6,7 +6,10 @@ from functools import partial
 from pathlib import Path
 
 from slamsim.config.loading import load_simulated_config, load_world_config
-from slamsim.console import Reporter
+from slamsim.console.reporter import Reporter
+from slamsim.core.types import PlanarTrajectory, Trajectory
+from slamsim.guard.errors import NotFound, SlamsimError
+from slamsim.guard.files import own_file
 from slamsim.io.open import read_truth
 from slamsim.io.text.keyframes import read_keyframes
 from slamsim.io.text.relations import Relations, read_relations
@@ -21,11 +24,8 @@ from slamsim.run.folder import (
 from slamsim.run.naming import log_of
 from slamsim.run.scoring import Estimated, Known, score
 from slamsim.run.stages import Stages
-from slamsim.safe.errors import NotFound, SlamsimError
-from slamsim.safe.files import own_file
-from slamsim.sim.robot import build_robot
+from slamsim.sim.robot.model import build_robot
 from slamsim.simulation.own_files import CONFIG, WORLD
-from slamsim.types import PlanarTrajectory, Trajectory
 from slamsim.world.build import build_world
 from slamsim.world.map_server import read_map
 

@@ -6,11 +6,11 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from slamsim.config.faults import FaultChoice
+from slamsim.guard.output import partial_folder
 from slamsim.io.copy.recording import copy_recording, require_lossless
 from slamsim.io.copy.rewrite import Copied
 from slamsim.io.open import read_recording
 from slamsim.run.naming import log_of
-from slamsim.safe.output import partial_folder
 from slamsim.sensors.faults.apply import injected
 from slamsim.sensors.faults.base import Fault
 from slamsim.sensors.faults.registry import bundled_faults, chosen_fault

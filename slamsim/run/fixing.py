@@ -8,15 +8,15 @@ from pathlib import Path
 from slamsim.check.findings import CheckReport, Mend
 from slamsim.check.mends import apply_mends, chosen, next_mends, proposed
 from slamsim.check.wording import as_json
-from slamsim.console import Reporter
+from slamsim.console.reporter import Reporter
+from slamsim.guard.errors import SlamsimError
+from slamsim.guard.output import partial_folder
 from slamsim.io.copy.recording import copy_recording, require_lossless
 from slamsim.io.open import read_recording
 from slamsim.recording import Recording
 from slamsim.run.checking import check_stage, show_verdicts
 from slamsim.run.naming import log_of, recording_name
 from slamsim.run.stages import Stages
-from slamsim.safe.errors import SlamsimError
-from slamsim.safe.output import partial_folder
 
 NONE = "none"
 _ROUNDS = 5

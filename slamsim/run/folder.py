@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from slamsim.core.result import SlamResult
+from slamsim.core.types import Grid, Trajectory
 from slamsim.evaluate.budget import at_instants
+from slamsim.guard.output import write_atomic
 from slamsim.io.text.g2o import write_g2o
 from slamsim.io.text.keyframes import write_keyframes
 from slamsim.io.text.tum import write_tum
-from slamsim.result import SlamResult
-from slamsim.safe.output import write_atomic
-from slamsim.slam.map_files import map_files
-from slamsim.types import Grid, Trajectory
+from slamsim.slam.mapping.map_files import map_files
 
 TRAJECTORY, ODOMETRY, TRUTH = "trajectory.tum", "odometry.tum", "ground_truth.tum"
 PARTS, KEYFRAMES, STATES = "parts", "keyframes.csv", "states.csv"

@@ -8,15 +8,15 @@ from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
 
 from slamsim.config.measurements import MeasurementsConfig
 from slamsim.config.scenarios.defaults import SCENARIO_PHYSICS
-from slamsim.console import Reporter
+from slamsim.console.reporter import Reporter
+from slamsim.guard.output import partial_folder, write_atomic
 from slamsim.run.scenario import tell
 from slamsim.run.scenario_folder import told, write_results
-from slamsim.safe.output import partial_folder, write_atomic
 from slamsim.scenarios.base import ScenarioResult
-from slamsim.scenarios.identify import Identified
 from slamsim.scenarios.identify import identify as identified
-from slamsim.scenarios.identify_findings import identification_found
-from slamsim.scenarios.identify_written import robot_file as written
+from slamsim.scenarios.identify.findings import identification_found
+from slamsim.scenarios.identify.identify import Identified
+from slamsim.scenarios.identify.robot_file import robot_file as written
 from slamsim.sim.engine import engine_parameters
 
 SEED = 0

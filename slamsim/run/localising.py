@@ -9,25 +9,25 @@ from pathlib import Path
 import numpy as np
 
 from slamsim.config.run import RunConfig
-from slamsim.console import Reporter
+from slamsim.console.reporter import Reporter
+from slamsim.core.geometry import compose
+from slamsim.core.progress import Progress
+from slamsim.core.types import FloatArray, PlanarTrajectory, Trajectory
 from slamsim.evaluate.trajectory import compare, statistics
-from slamsim.geometry import compose
+from slamsim.guard.errors import NotFound
+from slamsim.guard.files import own_file
+from slamsim.guard.numbers import as_json
+from slamsim.guard.output import partial_folder, write_atomic
 from slamsim.io.open import open_recording
 from slamsim.io.text.stamps import decimal_from_stamp_ns
 from slamsim.io.text.tum import read_tum, write_tum
-from slamsim.progress import Progress
 from slamsim.run import folder as run_folder
 from slamsim.run.naming import log_of, recording_name
 from slamsim.run.stages import Report, Stages, peak_memory_mb
-from slamsim.safe.errors import NotFound
-from slamsim.safe.files import own_file
-from slamsim.safe.numbers import as_json
-from slamsim.safe.output import partial_folder, write_atomic
 from slamsim.simulation.own_files import write_config
-from slamsim.slam.known_map import map_of_grid
 from slamsim.slam.localise import STATES, Localised, localise_log
-from slamsim.slam.saved_map import SavedMap, read_saved_map
-from slamsim.types import FloatArray, PlanarTrajectory, Trajectory
+from slamsim.slam.mapping.known_map import map_of_grid
+from slamsim.slam.mapping.saved_map import SavedMap, read_saved_map
 from slamsim.world.map_server import read_map
 
 STATE_HEADER = "time_s,state,sigma_x_m,sigma_y_m,sigma_yaw_rad"

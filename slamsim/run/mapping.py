@@ -13,12 +13,21 @@ from slamsim.check.findings import CheckReport
 from slamsim.config.dump import dump_commented_yaml
 from slamsim.config.loading import load_simulated_config, load_world_config
 from slamsim.config.run import RunConfig
-from slamsim.console import Reporter
+from slamsim.console.reporter import Reporter
+from slamsim.core.result import SlamResult
+from slamsim.core.types import Grid, Log, Trajectory
+from slamsim.guard.errors import SlamsimError
+from slamsim.guard.files import own_file
+from slamsim.guard.numbers import as_json
+from slamsim.guard.output import partial_folder, write_atomic
 from slamsim.io.names import LOG
 from slamsim.io.open import open_recording
 from slamsim.io.text.relations import Relations, read_relations
 from slamsim.recording import Recording
-from slamsim.result import SlamResult
+from slamsim.report.numbers import report_json
+from slamsim.report.pages.run import write_report
+from slamsim.report.run_view import RunView
+from slamsim.report.viewer.run import write_recording
 from slamsim.run import folder as run_folder
 from slamsim.run.checking import check_stage
 from slamsim.run.continuing import Earlier, clouds_before
@@ -26,20 +35,11 @@ from slamsim.run.naming import log_of, recording_name
 from slamsim.run.recording import record, require_finished
 from slamsim.run.scoring import Estimated, Known, score
 from slamsim.run.stages import Report, Stages, peak_memory_mb
-from slamsim.safe.errors import SlamsimError
-from slamsim.safe.files import own_file
-from slamsim.safe.numbers import as_json
-from slamsim.safe.output import partial_folder, write_atomic
 from slamsim.simulation.own_files import CONFIG, WORLD, write_config, write_world
 from slamsim.slam.failures import Failures
-from slamsim.slam.mapping import build_grid
-from slamsim.slam.saved_map import SavedMap, write_saved_map
+from slamsim.slam.mapping.grid import build_grid
+from slamsim.slam.mapping.saved_map import SavedMap, write_saved_map
 from slamsim.slam.session import map_log, motion_of
-from slamsim.types import Grid, Log, Trajectory
-from slamsim.view.numbers import report_json
-from slamsim.view.recording import write_recording
-from slamsim.view.report import write_report
-from slamsim.view.run_view import RunView
 from slamsim.world.build import build_world
 from slamsim.world.model import World
 

@@ -12,11 +12,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Generic, TypeVar
 
 from slamsim.config.bundled import bundled_names
+from slamsim.guard.errors import Locked, OutputRefused, SlamsimError
+from slamsim.guard.files import noted_inputs, own_file
+from slamsim.guard.output import claimed_folder, partial_file, put_away_remains
+from slamsim.guard.replaceable import require_apart
 from slamsim.io.names import LOG, TABLES
-from slamsim.safe.errors import Locked, OutputRefused, SlamsimError
-from slamsim.safe.files import noted_inputs, own_file
-from slamsim.safe.output import claimed_folder, partial_file, put_away_remains
-from slamsim.safe.replaceable import require_apart
 
 if TYPE_CHECKING:
     from slamsim.config.base import Config

@@ -5,17 +5,17 @@ from __future__ import annotations
 from pathlib import Path
 
 from slamsim.config.run import RunConfig
-from slamsim.console import Reporter
+from slamsim.console.reporter import Reporter
+from slamsim.guard.errors import SlamsimError
+from slamsim.guard.output import partial_folder
 from slamsim.io.names import LOG
 from slamsim.io.open import read_truth
 from slamsim.run import folder as run_folder
 from slamsim.run.stages import Report, Stages, peak_memory_mb
-from slamsim.safe.errors import SlamsimError
-from slamsim.safe.output import partial_folder
 from slamsim.sensors.faults.registry import chosen_fault, resolved_choice
-from slamsim.simulate import Simulation, simulate
 from slamsim.simulation.driven import simulate_spoilt
 from slamsim.simulation.own_files import write_config, write_world
+from slamsim.simulation.simulate import Simulation, simulate
 
 
 def simulate_world(

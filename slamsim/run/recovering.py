@@ -5,14 +5,14 @@ from __future__ import annotations
 from dataclasses import asdict
 from pathlib import Path
 
-from slamsim.console import Reporter
+from slamsim.console.reporter import Reporter
+from slamsim.guard.numbers import as_json
+from slamsim.guard.output import partial_folder
+from slamsim.guard.quantities import as_size
 from slamsim.io.salvage.recover import recover
 from slamsim.io.salvage.report import Loss, Recovered, TopicTally
 from slamsim.io.salvage.source import Damaged
-from slamsim.quantities import as_size
 from slamsim.run.stages import Stages
-from slamsim.safe.numbers import as_json
-from slamsim.safe.output import partial_folder
 
 RECOVERY = "recovery.json"
 _SHOWN_LOSSES = 10

@@ -14,14 +14,14 @@ from rich.text import Text
 from slamsim.config.base import Config
 from slamsim.config.robot import RobotConfig
 from slamsim.config.scenarios.loading import Seeded, parts_of
-from slamsim.console import Reporter
+from slamsim.console.reporter import Reporter
+from slamsim.guard.errors import SlamsimError
+from slamsim.guard.output import partial_folder
 from slamsim.run.scenario_folder import told, write_results
-from slamsim.safe.errors import SlamsimError
-from slamsim.safe.output import partial_folder
 from slamsim.scenarios.base import ScenarioResult
 from slamsim.scenarios.registry import Entry
 from slamsim.scenarios.run import TRIAL_LIMIT_S, Chosen, Listener, run_scenarios
-from slamsim.sim.robot import build_robot
+from slamsim.sim.robot.model import build_robot
 
 _MARKS = {True: ("✓", "green"), False: ("✗", "red"), None: ("–", "dim")}
 

@@ -13,15 +13,15 @@ from pathlib import Path
 
 from slamsim.config.base import Config
 from slamsim.config.dump import dump_commented_yaml
-from slamsim.dataset.versions import versions
+from slamsim.core.types import FloatArray
+from slamsim.dataset.make.versions import versions
+from slamsim.guard.output import write_atomic
+from slamsim.report.figures.scenarios import pictures
+from slamsim.report.pages.scenario_page import scenario_page
+from slamsim.report.viewer.scenarios import write_scenes
 from slamsim.run.folder import REPORT, REPORT_JSON
-from slamsim.safe.output import write_atomic
 from slamsim.scenarios.base import Row, ScenarioResult, Series
 from slamsim.simulation.own_files import CONFIG, with_own_files
-from slamsim.types import FloatArray
-from slamsim.view.scenario_figures import pictures
-from slamsim.view.scenario_page import scenario_page
-from slamsim.view.scenario_recording import write_scenes
 
 
 def write_results(

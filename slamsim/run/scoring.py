@@ -11,13 +11,13 @@ from typing import TypeVar
 import numpy as np
 
 from slamsim.config.run import RunConfig
+from slamsim.core.types import FloatArray, Grid, PlanarTrajectory, Trajectory
 from slamsim.evaluate.bound import TrajectoryBound, trajectory_bound
 from slamsim.evaluate.budget import error_budget
 from slamsim.evaluate.consistency import nees
 from slamsim.evaluate.score import Scores, evaluate
 from slamsim.io.text.relations import Relations
 from slamsim.run.stages import Stages
-from slamsim.types import FloatArray, Grid, PlanarTrajectory, Trajectory
 from slamsim.world.model import World
 
 _log = logging.getLogger(__name__)

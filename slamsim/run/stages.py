@@ -8,9 +8,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 
-from slamsim.console import Reporter
-from slamsim.progress import Progress
-from slamsim.result import FailedStage
+from slamsim.console.reporter import Reporter
+from slamsim.core.progress import Progress
+from slamsim.core.result import FailedStage
 
 
 @dataclass(frozen=True, slots=True)

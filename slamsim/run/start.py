@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
-from slamsim.safe.errors import OverrideRefused, shown
-from slamsim.types import FloatArray
+from slamsim.core.types import FloatArray
+from slamsim.guard.errors import OverrideRefused, shown
 
 
 def start_pose(typed: str | None) -> FloatArray | None:

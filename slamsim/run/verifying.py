@@ -7,13 +7,13 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from slamsim.console import Reporter
-from slamsim.progress import Progress, silent
-from slamsim.quantities import as_size
-from slamsim.safe.errors import DataDamaged, InputRefused, NotFound
-from slamsim.safe.files import leads_outside
-from slamsim.safe.seal import WRITTEN_BY_US, Seal, digest, files_in, is_within, seal_in, seal_over
-from slamsim.safe.sums import SUMS
+from slamsim.console.reporter import Reporter
+from slamsim.core.progress import Progress, silent
+from slamsim.guard.errors import DataDamaged, InputRefused, NotFound
+from slamsim.guard.files import leads_outside
+from slamsim.guard.quantities import as_size
+from slamsim.guard.seal import WRITTEN_BY_US, Seal, digest, files_in, is_within, seal_in, seal_over
+from slamsim.guard.sums import SUMS
 
 _READ_TOGETHER = 4
 _MOST_TOLD = 20
@@ -50,7 +50,7 @@ class Verified:
 def verify_and_tell(place: str, reporter: Reporter) -> bool:
     """Whether all is as it was written, of a data set too. Raises what ``verify_path`` raises."""
     if "://" in place or _is_dataset(Path(place)):
-        from slamsim.run.dataset_telling import run_verify
+        from slamsim.run.dataset.telling import run_verify
 
         return run_verify(place, reporter)
     with reporter.stage("verify", "files/s") as progress:
@@ -83,7 +83,7 @@ def verify_path(path: Path, progress: Progress = silent) -> Verified:
 
 
 def _is_dataset(path: Path) -> bool:
-    from slamsim.dataset.identity import IDENTITY
+    from slamsim.dataset.make.identity import IDENTITY
 
     try:
         seal = seal_in(path)

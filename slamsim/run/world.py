@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 from slamsim.config.run import RunConfig
+from slamsim.guard.output import partial_folder, write_atomic
 from slamsim.run import folder as run_folder
-from slamsim.safe.output import partial_folder, write_atomic
-from slamsim.sim.robot import build_robot
+from slamsim.sim.robot.model import build_robot
 from slamsim.simulation.own_files import write_world
 from slamsim.world.build import build_world
 from slamsim.world.export import stl_bytes, world_facts

@@ -9,7 +9,7 @@ from typing import Any, Literal, Protocol, TypeVar
 from numpy.typing import NDArray
 
 from slamsim.config.base import Config
-from slamsim.types import FloatArray, Grid, Trajectory
+from slamsim.core.types import FloatArray, Grid, Trajectory
 
 Value = float | int | str | bool | None
 Row = Mapping[str, Value]

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from slamsim.core.types import BoolArray, FloatArray, Trajectory
 from slamsim.scenarios.base import Motion, Solid
 from slamsim.sim.bodies import Box, Shape
-from slamsim.types import BoolArray, FloatArray, Trajectory
 
 POSES_PER_S = 25.0
 

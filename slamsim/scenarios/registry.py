@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from slamsim.safe.errors import NotFound, shown
+from slamsim.guard.errors import NotFound, shown
 
 if TYPE_CHECKING:
     from slamsim.config.base import Config

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from slamsim.safe.errors import SlamsimError
+from slamsim.core.types import FloatArray, IntArray, Trajectory
+from slamsim.guard.errors import SlamsimError
 from slamsim.scenarios.base import Motion, Solid
-from slamsim.sim.robot import RobotModel
-from slamsim.sim.script import ScriptedRun
-from slamsim.types import FloatArray, IntArray, Trajectory
+from slamsim.sim.drive.script import ScriptedRun
+from slamsim.sim.robot.model import RobotModel
 
 SHOWN_HZ = 10
 SECONDS_OF_CORE = 0.03

@@ -7,8 +7,8 @@ from typing import cast
 
 import numpy as np
 
+from slamsim.core.types import FloatArray
 from slamsim.scenarios.base import Outcome, Row
-from slamsim.types import FloatArray
 
 
 def number(row: Row, key: str) -> float:

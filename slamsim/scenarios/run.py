@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 
 from slamsim.config.base import Config
-from slamsim.safe.errors import SlamsimError, reason_of
+from slamsim.guard.errors import SlamsimError, reason_of
+from slamsim.process.worker import WorkerDied, Workers, time_limit
 from slamsim.scenarios.base import (
     Findings,
     Outcome,
@@ -24,7 +25,6 @@ from slamsim.scenarios.base import (
     Trial,
     Value,
 )
-from slamsim.worker import WorkerDied, Workers, time_limit
 
 TRIAL_LIMIT_S = 600.0
 """A trial that takes longer hangs, or was asked for more than anybody waits for."""

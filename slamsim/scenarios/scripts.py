@@ -6,7 +6,7 @@ import math
 
 from slamsim.config.scenarios.basic_drive import StraightScript
 from slamsim.config.scenarios.umbmark import SquareScript
-from slamsim.sim.script import CONTROL_HZ, Command
+from slamsim.sim.drive.script import CONTROL_HZ, Command
 
 CORNERS = 4
 CORNER_RAD = 0.5 * math.pi

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from slamsim.config.bundled import find_input
 from slamsim.config.loading import load_model
 from slamsim.config.robot import RobotConfig, VariationConfig
-from slamsim.randomness import random_bits
+from slamsim.core.randomness import random_bits
 
 IDENTIFIED = "turtlebot2_identified"
 """Name of the robot that was fitted to the study's figures of the real one."""

@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slamsim.config.sensors import StreamConfig
-from slamsim.randomness import random_stream
-from slamsim.types import BoolArray, IntArray
+from slamsim.core.randomness import random_stream
+from slamsim.core.types import BoolArray, IntArray
 
 
 class StreamClock:

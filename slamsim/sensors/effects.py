@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slamsim.config.sensors import DropoutConfig, LidarConfig, MixedReturnsConfig, RangeNoiseConfig
-from slamsim.jit import kernel
+from slamsim.core.jit import kernel
+from slamsim.core.types import BoolArray, Float32Array, FloatArray
 from slamsim.sensors.scene import NOTHING, Hits
-from slamsim.types import BoolArray, Float32Array, FloatArray
 
 SUB_RAYS = 8
 GRAZING = 0.01

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from slamsim.config.sensors import EncoderConfig
-from slamsim.randomness import random_stream
+from slamsim.core.randomness import random_stream
+from slamsim.core.types import EncoderStream, FloatArray, IntArray
 from slamsim.sensors.clock import StreamClock
 from slamsim.sensors.motion import Motion
 from slamsim.sensors.readings import EncoderBatch
-from slamsim.types import EncoderStream, FloatArray, IntArray
 
 
 class Encoders:

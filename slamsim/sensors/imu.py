@@ -17,13 +17,13 @@ from __future__ import annotations
 import numpy as np
 
 from slamsim.config.sensors import ImuConfig, InertialAxesConfig
-from slamsim.geometry import matrix_from_xyzw, xyzw_from_matrix
-from slamsim.randomness import random_stream
-from slamsim.safe.numbers import require_rigid
+from slamsim.core.geometry import matrix_from_xyzw, xyzw_from_matrix
+from slamsim.core.randomness import random_stream
+from slamsim.core.types import GRAVITY_M_S2, FloatArray, ImuStream, IntArray
+from slamsim.guard.numbers import require_rigid
 from slamsim.sensors.clock import StreamClock
 from slamsim.sensors.motion import Motion
 from slamsim.sensors.readings import ImuBatch, ImuTruth
-from slamsim.types import GRAVITY_M_S2, FloatArray, ImuStream, IntArray
 
 
 class Imu:

@@ -5,15 +5,15 @@ from __future__ import annotations
 import numpy as np
 
 from slamsim.config.sensors import LidarConfig
-from slamsim.randomness import random_stream
-from slamsim.safe.numbers import require_rigid
+from slamsim.core.randomness import random_stream
+from slamsim.core.types import Float32Array, FloatArray, IntArray, ScanGeometry, TriangleMesh
+from slamsim.guard.numbers import require_rigid
 from slamsim.sensors import effects
 from slamsim.sensors.clock import StreamClock
 from slamsim.sensors.motion import Course, Knots, Motion, as_mounted
 from slamsim.sensors.rays import beam_rays
 from slamsim.sensors.readings import BeamTruth, ScanBatch
 from slamsim.sensors.scene import Hits, Scene
-from slamsim.types import Float32Array, FloatArray, IntArray, ScanGeometry, TriangleMesh
 
 BEAMS_PER_BATCH = 35_000
 

@@ -12,9 +12,9 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from slamsim.geometry import matrix_from_xyzw, slerp_xyzw
-from slamsim.safe.numbers import BadNumbers
-from slamsim.types import Drive, FloatArray, IntArray, OutsideTimeRange
+from slamsim.core.geometry import matrix_from_xyzw, slerp_xyzw
+from slamsim.core.types import Drive, FloatArray, IntArray, OutsideTimeRange
+from slamsim.guard.numbers import BadNumbers
 
 MAX_KNOT_TURN_RAD = 0.004
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from slamsim.jit import kernel
+from slamsim.core.jit import kernel
+from slamsim.core.types import Float32Array, FloatArray, IntArray
 from slamsim.sensors.motion import Knots
-from slamsim.types import Float32Array, FloatArray, IntArray
 
 
 def beam_rays(

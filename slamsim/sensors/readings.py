@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from slamsim.types import (
+from slamsim.core.types import (
     EncoderStream,
     Float32Array,
     FloatArray,

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from slamsim.config.sensors import SensorsConfig
+from slamsim.core.types import Drive, FloatArray, TriangleMesh
 from slamsim.sensors.encoders import Encoders
 from slamsim.sensors.imu import Imu
 from slamsim.sensors.lidar import Lidar
 from slamsim.sensors.motion import Course, Motion, as_mounted, joined, kept_since
 from slamsim.sensors.readings import Readings
-from slamsim.types import Drive, FloatArray, TriangleMesh
 
 
 class Carrier(Protocol):

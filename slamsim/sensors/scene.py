@@ -9,16 +9,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from slamsim.safe.errors import SlamsimError
-from slamsim.safe.mesh import check_mesh
-from slamsim.safe.numbers import (
+from slamsim.core.types import Float32Array, FloatArray, TriangleMesh
+from slamsim.guard.errors import SlamsimError
+from slamsim.guard.mesh import check_mesh
+from slamsim.guard.numbers import (
     BadNumbers,
     require_directions,
     require_finite,
     require_number,
 )
 from slamsim.sensors.rays import cosines_of_incidence
-from slamsim.types import Float32Array, FloatArray, TriangleMesh
 
 NOTHING = -1
 NO_TRIANGLE = 0xFFFFFFFF

@@ -16,9 +16,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from slamsim.config.scenarios.solver import SolverConfig
-from slamsim.geometry import matrix_from_xyzw
-from slamsim.safe.errors import SlamsimError
-from slamsim.safe.numbers import (
+from slamsim.core.geometry import matrix_from_xyzw
+from slamsim.core.types import GRAVITY_M_S2, FloatArray
+from slamsim.guard.errors import SlamsimError
+from slamsim.guard.numbers import (
     BadNumbers,
     require_directions,
     require_finite,
@@ -27,7 +28,6 @@ from slamsim.safe.numbers import (
     require_sizes,
 )
 from slamsim.sim.bullet import physics_client, pybullet
-from slamsim.types import GRAVITY_M_S2, FloatArray
 
 CONTACT_BREAKING_M = 0.02
 """Contact points further apart than this are forgotten; the default of Bullet."""

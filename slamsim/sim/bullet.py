@@ -6,7 +6,7 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from slamsim.safe.errors import SlamsimError
+from slamsim.guard.errors import SlamsimError
 
 STANDARD_ERROR = 2
 

@@ -13,12 +13,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from slamsim.config.drive import PhysicsConfig
-from slamsim.safe.errors import SlamsimError
-from slamsim.safe.numbers import require_finite
+from slamsim.core.types import GRAVITY_M_S2, FloatArray, IntArray, TriangleMesh
+from slamsim.guard.errors import SlamsimError
+from slamsim.guard.numbers import require_finite
 from slamsim.sim.bullet import physics_client, pybullet
-from slamsim.sim.chassis import Engine, hold_wheels, load_robot, set_floor_friction
-from slamsim.sim.robot import RobotModel
-from slamsim.types import GRAVITY_M_S2, FloatArray, IntArray, TriangleMesh
+from slamsim.sim.robot.chassis import Engine, hold_wheels, load_robot, set_floor_friction
+from slamsim.sim.robot.model import RobotModel
 
 if TYPE_CHECKING:
     from slamsim.world.model import World

@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from slamsim.sim.chassis import Engine, set_foot_friction
+from slamsim.sim.robot.chassis import Engine, set_foot_friction
 
 if TYPE_CHECKING:
     from slamsim.world.model import FloorPatch

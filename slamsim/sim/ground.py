@@ -7,10 +7,10 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from slamsim.safe.errors import SlamsimError
-from slamsim.safe.numbers import require_number, require_sizes
+from slamsim.core.types import GRAVITY_M_S2
+from slamsim.guard.errors import SlamsimError
+from slamsim.guard.numbers import require_number, require_sizes
 from slamsim.sim.bullet import pybullet
-from slamsim.types import GRAVITY_M_S2
 
 if TYPE_CHECKING:
     from slamsim.world.model import FloorPatch

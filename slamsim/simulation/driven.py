@@ -7,21 +7,21 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from slamsim.config.run import RunConfig
+from slamsim.core.progress import Progress, silent
+from slamsim.core.types import Drive, Trajectory
 from slamsim.io.copy.rewrite import rewrite_recording
-from slamsim.progress import Progress, silent
 from slamsim.recording import Recording
 from slamsim.sensors.faults.apply import declared, faulty_sensors
 from slamsim.sensors.faults.base import Fault, SensedFault
 from slamsim.sensors.readings import Readings
 from slamsim.sensors.rig import SensorRig
-from slamsim.sim.drive_process import DriveProcess
-from slamsim.sim.robot import build_robot
-from slamsim.sim.route import plan_route
-from slamsim.simulate import Simulation
+from slamsim.sim.drive.process import DriveProcess
+from slamsim.sim.drive.route import plan_route
+from slamsim.sim.robot.model import build_robot
 from slamsim.simulation.header import LogHeader, log_header
 from slamsim.simulation.log_writer import LogWriter
 from slamsim.simulation.recorder import DriveRecorder, true_trajectory
-from slamsim.types import Drive, Trajectory
+from slamsim.simulation.simulate import Simulation
 from slamsim.world.build import build_world
 
 

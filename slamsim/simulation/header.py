@@ -10,9 +10,9 @@ from typing import Protocol
 from slamsim import __version__
 from slamsim.config.run import RunConfig
 from slamsim.config.sensors import ImuConfig, InertialAxesConfig
+from slamsim.core.types import Epoch, FloatArray
 from slamsim.sim.engine import engine_parameters
-from slamsim.sim.robot import RobotModel
-from slamsim.types import Epoch, FloatArray
+from slamsim.sim.robot.model import RobotModel
 
 
 class StaticTransform(Protocol):

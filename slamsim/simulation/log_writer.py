@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+from slamsim.core.types import Drive
 from slamsim.io.bag2.folder import TopicKind
 from slamsim.io.bag2.growing import GrowingBag
 from slamsim.io.ros.encoding import outgoing, stream_messages
@@ -13,7 +14,6 @@ from slamsim.recording import Recording
 from slamsim.sensors.readings import Readings
 from slamsim.simulation.header import LogHeader
 from slamsim.simulation.recorder import TOPICS, DriveRecorder
-from slamsim.types import Drive
 
 _LATCHED = ("/robot_description", "/tf_static")
 

@@ -21,13 +21,13 @@ from slamsim.config.layout import ImageLayout, MeshLayout
 from slamsim.config.loading import load_model
 from slamsim.config.robot import RobotConfig
 from slamsim.config.run import RunConfig
-from slamsim.safe.errors import InputRefused
-from slamsim.safe.files import leads_outside, read_input
-from slamsim.safe.mesh_file import check_mesh_file
-from slamsim.safe.output import write_atomic
-from slamsim.safe.urdf import read_urdf
+from slamsim.guard.errors import InputRefused
+from slamsim.guard.files import leads_outside, read_input
+from slamsim.guard.mesh_file import check_mesh_file
+from slamsim.guard.output import write_atomic
+from slamsim.guard.urdf import read_urdf
 from slamsim.sensors.faults.registry import load_fault
-from slamsim.sim.route_file import read_route
+from slamsim.sim.drive.route_file import read_route
 from slamsim.world.map_server import read_cells
 from slamsim.world.model import World
 

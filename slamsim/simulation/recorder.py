@@ -7,7 +7,8 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from slamsim.geometry import xyzw_from_matrix
+from slamsim.core.geometry import xyzw_from_matrix
+from slamsim.core.types import Drive, EncoderStream, IntArray, Trajectory
 from slamsim.recording import (
     Origin,
     RawImu,
@@ -24,7 +25,6 @@ from slamsim.recording import (
 from slamsim.sensors.readings import Readings
 from slamsim.simulation.header import LogHeader
 from slamsim.simulation.tails import OdometryTail, TruthTail, WheelMotion, at_rate
-from slamsim.types import Drive, EncoderStream, IntArray, Trajectory
 
 _TRUTH, _COMMANDS = "/ground_truth/odom", "/cmd_vel"
 TOPICS = {

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from slamsim.geometry import matrix_from_xyzw, xyzw_from_yaw
-from slamsim.types import BoolArray, Drive, EncoderStream, FloatArray, IntArray
-from slamsim.wheels import wheel_odometry
+from slamsim.core.geometry import matrix_from_xyzw, xyzw_from_yaw
+from slamsim.core.types import BoolArray, Drive, EncoderStream, FloatArray, IntArray
+from slamsim.core.wheels import wheel_odometry
 
 
 def at_rate(stamps_ns: IntArray, previous_ns: int | None, rate_hz: float) -> BoolArray:

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from slamsim.geometry import between
-from slamsim.result import Event, EventKind
-from slamsim.types import FloatArray
+from slamsim.core.geometry import between
+from slamsim.core.result import Event, EventKind
+from slamsim.core.types import FloatArray
 
 JOIN_NS = 1_000_000_000
 """Spells of the same thing with a shorter pause between them are one."""

@@ -7,9 +7,9 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 
-from slamsim.result import FailedStage
-from slamsim.safe.errors import SlamsimError, reason_of
-from slamsim.safe.numbers import NoSolution
+from slamsim.core.result import FailedStage
+from slamsim.guard.errors import SlamsimError, reason_of
+from slamsim.guard.numbers import NoSolution
 
 _log = logging.getLogger(__name__)
 

@@ -17,15 +17,15 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from slamsim.config.slam import SlamConfig
-from slamsim.geometry import transform_points
-from slamsim.progress import Progress, silent
-from slamsim.result import SlamResult
-from slamsim.safe.errors import SlamsimError
-from slamsim.slam.keyframes import Keyframe
-from slamsim.slam.saved_map import SavedMap
+from slamsim.core.geometry import transform_points
+from slamsim.core.progress import Progress, silent
+from slamsim.core.result import SlamResult
+from slamsim.core.types import BoolArray, FloatArray, IntArray, Log, PlanarTrajectory
+from slamsim.guard.errors import SlamsimError
+from slamsim.slam.closures.submaps import sample_surfaces
+from slamsim.slam.frontend.keyframes import Keyframe
+from slamsim.slam.mapping.saved_map import SavedMap
 from slamsim.slam.session import map_log
-from slamsim.slam.submaps import sample_surfaces
-from slamsim.types import BoolArray, FloatArray, IntArray, Log, PlanarTrajectory
 
 State = Literal["placed", "odometry", "unknown"]
 """placed: what was seen lies on the map, where the robot surely is. odometry: the map does not show

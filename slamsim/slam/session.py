@@ -11,27 +11,27 @@ from typing import Self
 import numpy as np
 
 from slamsim.config.slam import SlamConfig
-from slamsim.progress import Progress, silent
-from slamsim.result import Calibrated, Event, MapGraph, SlamResult
-from slamsim.safe.errors import SlamsimError
-from slamsim.safe.numbers import require_finite, require_mount, solving
-from slamsim.slam.assembly import assemble, odometry_alone
+from slamsim.core.progress import Progress, silent
+from slamsim.core.result import Calibrated, Event, MapGraph, SlamResult
+from slamsim.core.types import FloatArray, Log, PlanarTrajectory, Scan
+from slamsim.guard.errors import SlamsimError
+from slamsim.guard.numbers import require_finite, require_mount, solving
 from slamsim.slam.failures import Failures
-from slamsim.slam.keyframes import ABOUT_THERE, ANYWHERE, Before, KeyframeMaker
+from slamsim.slam.frontend.keyframes import ABOUT_THERE, ANYWHERE, Before, KeyframeMaker
+from slamsim.slam.frontend.motion import NoMotion, Odometry, log_odometry, predict_motion
+from slamsim.slam.frontend.odometry import FrontEnd
+from slamsim.slam.frontend.scan_order import InOrder, nothing_to_track
+from slamsim.slam.frontend.track import Track
+from slamsim.slam.frontend.tracking import Status, Step, Tracked
 from slamsim.slam.laser.estimate import laser_of
-from slamsim.slam.motion import NoMotion, Odometry, log_odometry, predict_motion
-from slamsim.slam.odometry import FrontEnd
+from slamsim.slam.mapping.assembly import assemble, odometry_alone
+from slamsim.slam.mapping.saved_map import SavedMap, settled
 from slamsim.slam.online.anchors import Anchors
-from slamsim.slam.online.beside import Beside
-from slamsim.slam.online.keeper import InLine, MapKeeper
+from slamsim.slam.online.async_back_end import Beside
 from slamsim.slam.online.motion_filter import MotionFilter
 from slamsim.slam.online.samples import NOTHING, MotionSamples, MotionSource, WholeMotion
+from slamsim.slam.online.sync_back_end import InLine, MapKeeper
 from slamsim.slam.online.warm import warm_up
-from slamsim.slam.saved_map import SavedMap, settled
-from slamsim.slam.scan_order import InOrder, nothing_to_track
-from slamsim.slam.track import Track
-from slamsim.slam.tracking import Status, Step, Tracked
-from slamsim.types import FloatArray, Log, PlanarTrajectory, Scan
 
 FINISH_SHARE = 0.1
 """Part of the progress that the final search and solution take."""

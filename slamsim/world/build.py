@@ -11,8 +11,8 @@ from shapely import Point
 
 from slamsim.config.layout import ImageLayout, MazeLayout, MeshLayout, PlanLayout, RoomsLayout
 from slamsim.config.world import StartConfig, WorldConfig
-from slamsim.safe.errors import SlamsimError
-from slamsim.types import FloatArray, TriangleMesh
+from slamsim.core.types import FloatArray, TriangleMesh
+from slamsim.guard.errors import SlamsimError
 from slamsim.world.clutter import place_clutter
 from slamsim.world.drawing import read_drawing
 from slamsim.world.extent import check_extent
@@ -21,10 +21,10 @@ from slamsim.world.from_image import image_prisms
 from slamsim.world.from_mesh import read_mesh
 from slamsim.world.mesh_solids import MeshSolids
 from slamsim.world.model import BODY_HIGH_M, BODY_LOW_M, Bounds, FloorPatch, World
-from slamsim.world.panels import check_fit, lay_panels, reserve_ways
 from slamsim.world.prism import Prism, merge_prisms, polygons_of, prism_mesh
-from slamsim.world.roam import find_room, given_start
+from slamsim.world.reachable_space import find_room, given_start
 from slamsim.world.solids import PrismSolids, Solids
+from slamsim.world.wall_segments import check_fit, lay_panels, reserve_ways
 from slamsim.world.walls import build_walls
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
-from slamsim.safe.numbers import require_whole
+from slamsim.guard.numbers import require_whole
 
 Edge = tuple[int, int]
 MOST_SIDE_CELLS = 10_000

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from shapely import Polygon
 
 from slamsim.config.world import ClutterConfig, ClutterShape
-from slamsim.geometry import transform_points
-from slamsim.randomness import random_stream
-from slamsim.safe.errors import SlamsimError
-from slamsim.types import FloatArray
+from slamsim.core.geometry import transform_points
+from slamsim.core.randomness import random_stream
+from slamsim.core.types import FloatArray
+from slamsim.guard.errors import SlamsimError
 from slamsim.world.floor_plan import FloorPlan
 from slamsim.world.prism import Prism, circle, moved
 

@@ -18,8 +18,8 @@ from typing import Literal, NoReturn
 import numpy as np
 
 from slamsim.config.layout import MAX_CELLS, PlanLayout
-from slamsim.safe.errors import SlamsimError
-from slamsim.types import BoolArray
+from slamsim.core.types import BoolArray
+from slamsim.guard.errors import SlamsimError
 from slamsim.world.cells import CellGrid, Edge
 from slamsim.world.floor_plan import FloorPlan
 

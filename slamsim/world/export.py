@@ -6,7 +6,7 @@ import struct
 
 import numpy as np
 
-from slamsim.types import TriangleMesh
+from slamsim.core.types import TriangleMesh
 from slamsim.world.model import World
 
 _STL_TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])

@@ -6,9 +6,9 @@ from __future__ import annotations
 import logging
 
 from slamsim.config.layout import ImageLayout, MeshLayout
-from slamsim.safe.errors import InputRefused
+from slamsim.guard.errors import InputRefused
 from slamsim.world.model import Bounds
-from slamsim.world.roam import coarsest_m
+from slamsim.world.reachable_space import coarsest_m
 
 _log = logging.getLogger(__name__)
 

@@ -8,8 +8,8 @@ import numpy as np
 
 from slamsim.config.layout import MazeLayout, RoomsLayout
 from slamsim.config.world import DoorsConfig
-from slamsim.randomness import random_stream
-from slamsim.types import BoolArray
+from slamsim.core.randomness import random_stream
+from slamsim.core.types import BoolArray
 from slamsim.world.cells import CellGrid, Edge, connected_sets
 from slamsim.world.topology import ALGORITHMS
 

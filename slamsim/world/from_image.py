@@ -9,10 +9,10 @@ import shapely
 from shapely import Polygon
 
 from slamsim.config.layout import ImageLayout
-from slamsim.geometry import transform_points
-from slamsim.safe.errors import InputRefused
-from slamsim.safe.limits import LIMITS, Limits
-from slamsim.types import BoolArray, IntArray
+from slamsim.core.geometry import transform_points
+from slamsim.core.types import BoolArray, IntArray
+from slamsim.guard.errors import InputRefused
+from slamsim.guard.limits import LIMITS, Limits
 from slamsim.world.map_server import MapServerMap, read_cells
 from slamsim.world.model import Bounds
 from slamsim.world.prism import Prism, polygons_of

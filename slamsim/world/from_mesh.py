@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 
 from slamsim.config.layout import MeshLayout
-from slamsim.safe.errors import InputRefused
-from slamsim.safe.mesh import check_mesh
-from slamsim.safe.mesh_file import check_mesh_file
-from slamsim.types import TriangleMesh
+from slamsim.core.types import TriangleMesh
+from slamsim.guard.errors import InputRefused
+from slamsim.guard.mesh import check_mesh
+from slamsim.guard.mesh_file import check_mesh_file
 
 
 def read_mesh(layout: MeshLayout) -> TriangleMesh:

@@ -15,10 +15,10 @@ from pydantic import ConfigDict, Field, model_validator
 from slamsim.config.base import Config
 from slamsim.config.loading import load_model
 from slamsim.config.world import Place
-from slamsim.safe.errors import InputRefused
-from slamsim.safe.files import read_input, require_inside
-from slamsim.safe.image import read_gray_image
-from slamsim.types import BoolArray, Grid
+from slamsim.core.types import BoolArray, Grid
+from slamsim.guard.errors import InputRefused
+from slamsim.guard.files import read_input, require_inside
+from slamsim.guard.image import read_gray_image
 
 _log = logging.getLogger(__name__)
 Angle = Annotated[float, Field(ge=-100.0, le=100.0)]

@@ -7,7 +7,7 @@ import shapely
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from slamsim.types import BoolArray, FloatArray, IntArray, TriangleMesh
+from slamsim.core.types import BoolArray, FloatArray, IntArray, TriangleMesh
 from slamsim.world.prism import polygons_of
 from slamsim.world.raster import TOUCH_M
 from slamsim.world.solids import outline

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import ndimage
 
-from slamsim.safe.errors import SlamsimError
-from slamsim.safe.numbers import require_finite, require_number
-from slamsim.types import BoolArray, FloatArray, Grid, TriangleMesh
+from slamsim.core.types import BoolArray, FloatArray, Grid, TriangleMesh
+from slamsim.guard.errors import SlamsimError
+from slamsim.guard.numbers import require_finite, require_number
 from slamsim.world.raster import Raster, rasterise
 from slamsim.world.solids import Solids
 

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from slamsim.types import FloatArray
+from slamsim.core.types import FloatArray
 from slamsim.world.model import World
 
 Image = NDArray[np.uint8]

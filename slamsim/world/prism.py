@@ -12,10 +12,10 @@ import shapely
 from numpy.typing import NDArray
 from shapely import Polygon
 
-from slamsim.geometry import transform_points
-from slamsim.safe.errors import SlamsimError
-from slamsim.safe.numbers import BadNumbers, require_finite, require_number
-from slamsim.types import FloatArray, IntArray, TriangleMesh
+from slamsim.core.geometry import transform_points
+from slamsim.core.types import FloatArray, IntArray, TriangleMesh
+from slamsim.guard.errors import SlamsimError
+from slamsim.guard.numbers import BadNumbers, require_finite, require_number
 
 _MIRRORS = tuple(
     np.array(turn)

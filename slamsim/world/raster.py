@@ -11,14 +11,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from slamsim.safe.numbers import (
+from slamsim.core.types import BoolArray, FloatArray, IntArray
+from slamsim.guard.numbers import (
     BadNumbers,
     require_finite,
     require_number,
     require_size,
     require_whole,
 )
-from slamsim.types import BoolArray, FloatArray, IntArray
 
 # Overlaps thinner than this do not make a cell solid: rounding at cell borders stays below it.
 TOUCH_M = 1e-7

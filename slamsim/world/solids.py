@@ -9,7 +9,7 @@ from typing import Protocol
 import numpy as np
 from shapely import Polygon
 
-from slamsim.types import FloatArray
+from slamsim.core.types import FloatArray
 from slamsim.world.prism import Prism, oriented_rings
 
 

@@ -8,10 +8,10 @@ import numpy as np
 import shapely
 
 from slamsim.config.world import DoorsConfig, WorldConfig
-from slamsim.randomness import random_stream
+from slamsim.core.randomness import random_stream
 from slamsim.world.floor_plan import FloorPlan
-from slamsim.world.panels import Panel, Point
 from slamsim.world.prism import Prism, circle, polygons_of
+from slamsim.world.wall_segments import Panel, Point
 
 
 def build_walls(

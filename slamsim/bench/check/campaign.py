@@ -22,10 +22,10 @@ from slamsim.bench.check.trials import (
     pair_trials,
 )
 from slamsim.bench.check.truth import truths
-from slamsim.console import Reporter
-from slamsim.safe.errors import InputRefused, SlamsimError
-from slamsim.safe.files import open_input
-from slamsim.safe.output import write_atomic
+from slamsim.console.reporter import Reporter
+from slamsim.guard.errors import InputRefused, SlamsimError
+from slamsim.guard.files import open_input
+from slamsim.guard.output import write_atomic
 from slamsim.sensors.faults.base import Fault
 from slamsim.simulation.driven import Driven
 

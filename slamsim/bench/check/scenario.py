@@ -9,7 +9,7 @@ import numpy as np
 from slamsim.config.bundled import bundled_names
 from slamsim.config.loading import load_run_config
 from slamsim.config.run import RunConfig
-from slamsim.randomness import random_stream
+from slamsim.core.randomness import random_stream
 
 WORLDS = ("labyrinth", "labyrinth", "labyrinth", "rooms", "loop", "symmetric")
 

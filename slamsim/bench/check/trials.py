@@ -6,7 +6,7 @@ import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from slamsim.randomness import random_stream
+from slamsim.core.randomness import random_stream
 from slamsim.sensors.faults.base import Fault
 from slamsim.sensors.faults.together import told_apart
 

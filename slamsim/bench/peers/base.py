@@ -8,7 +8,7 @@ from typing import Protocol
 
 import numpy as np
 
-from slamsim.types import FloatArray, ScanGeometry
+from slamsim.core.types import FloatArray, ScanGeometry
 
 Settings = Mapping[str, float]
 

@@ -7,7 +7,7 @@ from importlib import import_module
 from types import MappingProxyType
 
 from slamsim.bench.peers.base import Peer, Settings, Setup
-from slamsim.types import FloatArray, ScanGeometry
+from slamsim.core.types import FloatArray, ScanGeometry
 
 GUIDED, SHIPPED = "our prediction and deskew", "as shipped"
 FIRST, MIDDLE, LAST = 0.0, 0.5, 1.0

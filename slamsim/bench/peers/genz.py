@@ -13,8 +13,8 @@ from genz_icp.registration import get_registration
 from genz_icp.threshold import get_threshold_estimator
 
 from slamsim.bench.peers.base import PeerScan, Setup, band_points, planar, spatial
-from slamsim.geometry import between, compose
-from slamsim.types import FloatArray
+from slamsim.core.geometry import between, compose
+from slamsim.core.types import FloatArray
 
 PRESET = "indoor"
 """The library's own settings for buildings."""

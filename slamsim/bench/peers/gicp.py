@@ -6,8 +6,8 @@ import numpy as np
 import small_gicp
 
 from slamsim.bench.peers.base import PeerScan, Setup, band_points, planar, spatial
-from slamsim.geometry import between, compose
-from slamsim.types import FloatArray
+from slamsim.core.geometry import between, compose
+from slamsim.core.types import FloatArray
 
 RINGS, SPACING_M = 3, 0.1
 HORIZON_SCANS, CLEAR_CYCLE = 100, 10

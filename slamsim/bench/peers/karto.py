@@ -8,8 +8,8 @@ import karto_scanmatcher as karto
 import numpy as np
 
 from slamsim.bench.peers.base import PeerScan, Setup
-from slamsim.geometry import between, compose, inverse
-from slamsim.types import FloatArray
+from slamsim.core.geometry import between, compose, inverse
+from slamsim.core.types import FloatArray
 
 BUFFER_SCANS, BUFFER_M = 70, 20.0
 KEEP_AFTER_M, KEEP_AFTER_RAD = 0.2, float(np.deg2rad(10.0))

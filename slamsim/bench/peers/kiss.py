@@ -7,8 +7,8 @@ from kiss_icp.config import load_config
 from kiss_icp.kiss_icp import KissICP
 
 from slamsim.bench.peers.base import PeerScan, Setup, flat_points, planar, spatial
-from slamsim.geometry import between
-from slamsim.types import FloatArray
+from slamsim.core.geometry import between
+from slamsim.core.types import FloatArray
 
 RANGE_PER_VOXEL = 100.0
 """As in the library's own ``load_config``."""

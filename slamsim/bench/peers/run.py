@@ -15,15 +15,15 @@ from slamsim.bench.alone import Children
 from slamsim.bench.peers.base import Peer, PeerScan
 from slamsim.bench.peers.entries import ENTRIES, Entry
 from slamsim.config.slam import SlamConfig
-from slamsim.console import Reporter
+from slamsim.console.reporter import Reporter
+from slamsim.core.types import FloatArray, Log, PlanarTrajectory, Scan, ScanGeometry
 from slamsim.evaluate.trajectory import compare, statistics
+from slamsim.guard.errors import InputRefused, SlamsimError
 from slamsim.io.open import read_log, read_truth
 from slamsim.run.stages import peak_memory_mb
-from slamsim.safe.errors import InputRefused, SlamsimError
-from slamsim.slam.deskew import deskew
-from slamsim.slam.motion import predict_motion
+from slamsim.slam.frontend.deskew import deskew
+from slamsim.slam.frontend.motion import predict_motion
 from slamsim.slam.session import run_slam
-from slamsim.types import FloatArray, Log, PlanarTrajectory, Scan, ScanGeometry
 
 Figures = dict[str, object]
 

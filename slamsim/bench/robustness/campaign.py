@@ -14,9 +14,9 @@ from typing import cast
 
 from slamsim.bench.robustness.case import LIMIT_S, Figures, run_case
 from slamsim.bench.robustness.conditions import Conditions, draw_conditions
-from slamsim.console import Reporter
-from slamsim.safe.output import write_atomic
-from slamsim.worker import Unworkable, WorkerDied, Workers
+from slamsim.console.reporter import Reporter
+from slamsim.guard.output import write_atomic
+from slamsim.process.worker import Unworkable, WorkerDied, Workers
 
 COUNTED = ("false_closures", "false_kidnappings", "kidnappings", "kidnappings_told")
 

@@ -17,16 +17,16 @@ from slamsim.bench.robustness.verdict import (
 )
 from slamsim.bench.truth import false_closures
 from slamsim.config.run import RunConfig
+from slamsim.core.result import SlamResult
+from slamsim.core.types import Log, PlanarTrajectory
 from slamsim.evaluate.bound import trajectory_bound
 from slamsim.evaluate.trajectory import compare, statistics
+from slamsim.guard.errors import SlamsimError
 from slamsim.io.open import read_log, read_truth
-from slamsim.result import SlamResult
+from slamsim.process.worker import time_limit
 from slamsim.run.mapping import LEAST_USED
-from slamsim.safe.errors import SlamsimError
-from slamsim.simulate import Simulation, simulate
+from slamsim.simulation.simulate import Simulation, simulate
 from slamsim.slam.session import run_slam
-from slamsim.types import Log, PlanarTrajectory
-from slamsim.worker import time_limit
 
 Figures = dict[str, object]
 

@@ -10,7 +10,7 @@ import numpy as np
 from slamsim.config.loading import load_run_config
 from slamsim.config.robot import RobotConfig
 from slamsim.config.run import RunConfig
-from slamsim.randomness import random_bits, random_stream
+from slamsim.core.randomness import random_bits, random_stream
 
 WORLDS = ("labyrinth", "rooms", "ring", "symmetric", "corridor")
 WORLD_SHARES = (0.45, 0.25, 0.15, 0.075, 0.075)

@@ -13,10 +13,9 @@ from dataclasses import replace
 import numpy as np
 
 from slamsim.bench.robustness.conditions import Conditions
-from slamsim.geometry import between, compose
-from slamsim.randomness import random_stream
-from slamsim.recording.cleaning.scans import StoredScans
-from slamsim.types import (
+from slamsim.core.geometry import between, compose
+from slamsim.core.randomness import random_stream
+from slamsim.core.types import (
     EncoderStream,
     Float32Array,
     FloatArray,
@@ -25,6 +24,7 @@ from slamsim.types import (
     PlanarTrajectory,
     Scan,
 )
+from slamsim.recording.cleaning.scans import StoredScans
 
 PERSON_RADIUS_M = 0.25
 """A body or two legs, at the height of the lidar."""

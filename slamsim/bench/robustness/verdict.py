@@ -8,10 +8,10 @@ from typing import Literal
 
 import numpy as np
 
+from slamsim.core.geometry import compose
+from slamsim.core.result import Event, EventKind, SlamResult
+from slamsim.core.types import PlanarTrajectory
 from slamsim.evaluate.trajectory import align_se2, compare, statistics
-from slamsim.geometry import compose
-from slamsim.result import Event, EventKind, SlamResult
-from slamsim.types import PlanarTrajectory
 
 Outcome = Literal["tracked", "told", "silently wrong"]
 

@@ -14,7 +14,7 @@ from slamsim.config.base import Config
 from slamsim.config.bundled import Kind, bundled_folder, find_input
 from slamsim.config.layers import Place, Tree, mount
 from slamsim.config.loading import SECTIONS, overridden, validated, with_presets
-from slamsim.safe.yaml import KeyPath, load_yaml
+from slamsim.guard.yaml import KeyPath, load_yaml
 
 _KIND: Kind = "configs/scenarios"
 

@@ -14,11 +14,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import BinaryIO
 
+from slamsim.guard.errors import Excessive
+from slamsim.guard.files import open_input, require_magic
+from slamsim.guard.limits import LIMITS, Limits
 from slamsim.io.input_errors import damaged
 from slamsim.io.ros.limits import inflate
-from slamsim.safe.errors import Excessive
-from slamsim.safe.files import open_input, require_magic
-from slamsim.safe.limits import LIMITS, Limits
 
 MAGIC = b"#ROSBAG V2.0\n"
 MESSAGE, BAG_HEADER, INDEX, CHUNK, CHUNK_INFO, CONNECTION = (bytes([op]) for op in range(2, 8))

@@ -10,13 +10,13 @@ from pathlib import Path
 import numpy as np
 from mcap import records
 
+from slamsim.core.types import IntArray
+from slamsim.guard.files import read_input
 from slamsim.io.bag2.metadata import BagFile, Topic, bag_metadata, dump_yaml, quality_of_service
 from slamsim.io.mcap.writer import McapFile, MessageBatch
 from slamsim.io.ros.cdr import Rows
 from slamsim.io.ros.standard_types import ros2_types
 from slamsim.io.staged_writer import Written
-from slamsim.safe.files import read_input
-from slamsim.types import IntArray
 
 MCAP_NAME = "log_0.mcap"
 METADATA_RECORD = "slamsim"

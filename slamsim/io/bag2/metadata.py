@@ -10,9 +10,9 @@ from typing import Any
 
 import yaml
 
+from slamsim.guard.errors import InputRefused
+from slamsim.guard.yaml import parse_yaml
 from slamsim.io.ros.standard_types import ros2_types
-from slamsim.safe.errors import InputRefused
-from slamsim.safe.yaml import parse_yaml
 
 METADATA = "metadata.yaml"
 OFFERED_QOS, TYPE_HASH = "offered_qos_profiles", "topic_type_hash"

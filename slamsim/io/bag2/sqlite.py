@@ -13,10 +13,10 @@ from pathlib import Path
 
 import zstandard
 
+from slamsim.guard.errors import Excessive
+from slamsim.guard.files import open_input, require_magic
+from slamsim.guard.limits import LIMITS, Limits
 from slamsim.io.input_errors import damaged
-from slamsim.safe.errors import Excessive
-from slamsim.safe.files import open_input, require_magic
-from slamsim.safe.limits import LIMITS, Limits
 
 _MAGIC = b"SQLite format 3\0"
 _TYPES = {

@@ -8,12 +8,12 @@ from pathlib import Path
 
 import numpy as np
 
+from slamsim.core.types import Float32Array, IntArray
+from slamsim.guard.errors import SlamsimError
 from slamsim.io.bag2.folder import BagFolder, TopicKind
 from slamsim.io.ros.encoding import Outgoing, outgoing
 from slamsim.recording import RawScans, Recording
 from slamsim.recording.edits import with_odometry_edge
-from slamsim.safe.errors import SlamsimError
-from slamsim.types import Float32Array, IntArray
 
 
 def as_ros(recording: Recording) -> Recording:

@@ -7,6 +7,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from slamsim.guard.errors import InputRefused, printable
+from slamsim.guard.text import open_lines
 from slamsim.io.carmen.lines import (
     LaserLine,
     OdomLine,
@@ -15,8 +17,6 @@ from slamsim.io.carmen.lines import (
     parse_odom,
 )
 from slamsim.io.input_errors import damaged
-from slamsim.safe.errors import InputRefused, printable
-from slamsim.safe.text import open_lines
 
 _OTHER_MESSAGES = ("SYNC", "TRUEPOS", "NMEAGGA", "NMEARMC", "SONAR", "BUMPER", "MARKER", "IMU")
 _LASERS = ("FLASER", "RLASER", *(f"{kind}LASER{i}" for kind in ("ROBOT", "RAW") for i in "12345"))

@@ -16,9 +16,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from slamsim.core.types import Float32Array, FloatArray
+from slamsim.guard.numbers import is_sound
 from slamsim.io.text.stamps import stamp_ns_from_decimal
-from slamsim.safe.numbers import is_sound
-from slamsim.types import Float32Array, FloatArray
 
 _MOST_BEAMS = 100_000
 _SICK_STEPS_DEG = {180: 1.0, 181: 1.0, 360: 0.5, 361: 0.5, 400: 0.25, 401: 0.25}

@@ -8,13 +8,15 @@ from pathlib import Path
 
 import numpy as np
 
-from slamsim.geometry import (
+from slamsim.core.geometry import (
     between,
     matrix_from_rpy,
     se3_from_parts,
     xyzw_from_matrix,
     xyzw_from_yaw,
 )
+from slamsim.core.types import Float32Array, FloatArray, IntArray
+from slamsim.guard.errors import InputRefused
 from slamsim.io.carmen.content import CarmenContent, collect
 from slamsim.io.carmen.lines import Fan, LaserLine, OdomLine
 from slamsim.recording import (
@@ -27,8 +29,6 @@ from slamsim.recording import (
 )
 from slamsim.recording.cleaning.no_return import RangeLimit, RangeSample
 from slamsim.recording.cleaning.rising_stamps import epoch_of
-from slamsim.safe.errors import InputRefused
-from slamsim.types import Float32Array, FloatArray, IntArray
 
 _ODOM_FRAME, _BASE_FRAME = "odom", "base_link"
 _ODOM = "ODOM"

@@ -13,14 +13,14 @@ from pathlib import Path
 
 import numpy as np
 
-from slamsim.geometry import compose, se2_from_se3, yaw_from_xyzw
+from slamsim.core.geometry import compose, se2_from_se3, yaw_from_xyzw
+from slamsim.core.types import Float32Array, FloatArray, IntArray, PlanarTrajectory
+from slamsim.guard.numbers import is_sound
 from slamsim.io.carmen.lines import sick_fan
 from slamsim.io.staged_writer import Written
 from slamsim.io.text.stamps import decimal_from_stamp_ns
 from slamsim.recording import RawScans, Recording, ScanLayout
 from slamsim.recording.mountings import declared_laser_mounting
-from slamsim.safe.numbers import is_sound
-from slamsim.types import Float32Array, FloatArray, IntArray, PlanarTrajectory
 
 _HOST = "slamsim"
 _SAME_FAN_RAD = 1e-4

@@ -13,10 +13,10 @@ from typing import Any
 
 import numpy as np
 
+from slamsim.core.types import BoolArray, IntArray
 from slamsim.io.copy.patches import Pair, Patch, patches_of
 from slamsim.io.ros.message_types import MessageTypes
 from slamsim.recording import Origin, RawStream, Recording, TransformEdge
-from slamsim.types import BoolArray, IntArray
 
 
 def transform_messages(

@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from slamsim.core.types import BoolArray, IntArray
 from slamsim.io.ros.columns import at_place
 from slamsim.recording.frames import frame_name
 from slamsim.recording.schemas import Field
-from slamsim.types import BoolArray, IntArray
 
 Patch = Callable[[Any, int], None]
 """Sets what differs in row i in its message, or in its transform of a message."""

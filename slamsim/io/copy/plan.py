@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from slamsim.core.types import BoolArray, IntArray
 from slamsim.io.copy.changes import Change, parts_with_origin
 from slamsim.recording import Origin, Recording
-from slamsim.types import BoolArray, IntArray
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,13 +5,13 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+from slamsim.guard.errors import SlamsimError
 from slamsim.io.bag2.writer import write_recording
 from slamsim.io.copy.rewrite import Copied, rewrite_recording
 from slamsim.io.formats.parquet import PARQUET
 from slamsim.io.formats.ros import ROS1, ROS2
 from slamsim.io.open import format_of, recording_at
 from slamsim.recording import Recording
-from slamsim.safe.errors import SlamsimError
 
 _TABLES = re.compile(r"(scans|imu|encoders|joints|odometry|transforms)(_\d+)?\.parquet")
 """What ``read_recording`` takes out of a folder of Parquet tables."""

@@ -14,6 +14,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from slamsim.core.types import IntArray
+from slamsim.guard.errors import SlamsimError
+from slamsim.guard.yaml import load_yaml
 from slamsim.io.bag2.folder import METADATA_RECORD
 from slamsim.io.bag2.metadata import METADATA, topics_announced
 from slamsim.io.copy.changes import (
@@ -30,9 +33,6 @@ from slamsim.io.ros.bag import Bag, open_bag
 from slamsim.io.ros.reader import TRANSFORMS, description_topic, is_truth
 from slamsim.io.ros.sources import Bag1Source, McapSource
 from slamsim.recording import Recording, TransformEdge
-from slamsim.safe.errors import SlamsimError
-from slamsim.safe.yaml import load_yaml
-from slamsim.types import IntArray
 
 
 @dataclass(frozen=True, slots=True)

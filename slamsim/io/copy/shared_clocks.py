@@ -8,9 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from slamsim.core.types import IntArray
 from slamsim.io.copy.changes import Change
 from slamsim.io.ros.bag import Bag
-from slamsim.types import IntArray
 
 _HEADER = ("header", "std_msgs/msg/Header")
 _AT = 4

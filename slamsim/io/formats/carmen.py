@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from slamsim.guard.text import is_packed, open_lines
 from slamsim.io.carmen.reader import read_carmen
 from slamsim.io.formats import Contents, Format, Truth, register
-from slamsim.safe.text import is_packed, open_lines
 
 
 def _read(path: Path, scan_topic: str | None, _: Truth) -> Contents:

@@ -20,12 +20,12 @@ from mcap import records
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 
+from slamsim.guard.errors import Excessive
+from slamsim.guard.files import open_input, require_magic
+from slamsim.guard.limits import LIMITS, Limits
 from slamsim.io.input_errors import damaged
 from slamsim.io.mcap.framing import MAGIC
 from slamsim.io.ros.limits import inflate
-from slamsim.safe.errors import Excessive
-from slamsim.safe.files import open_input, require_magic
-from slamsim.safe.limits import LIMITS, Limits
 
 RECORD_HEAD = Struct("<BQ")
 MESSAGE_HEAD = Struct("<HIQQ")

@@ -19,8 +19,8 @@ from mcap import records
 from mcap.opcode import Opcode
 from numpy.typing import NDArray
 
+from slamsim.core.types import IntArray
 from slamsim.io.mcap.framing import McapStream, record_bytes
-from slamsim.types import IntArray
 
 CHUNK_BYTES = 1 << 20
 ZSTD_LEVEL = 1

@@ -19,11 +19,11 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
+from slamsim.core.types import FloatArray
+from slamsim.guard.errors import Excessive
+from slamsim.guard.limits import LIMITS, Limits
+from slamsim.guard.seal import require_as_written
 from slamsim.io.staged_writer import Written
-from slamsim.safe.errors import Excessive
-from slamsim.safe.limits import LIMITS, Limits
-from slamsim.safe.seal import require_as_written
-from slamsim.types import FloatArray
 
 METADATA_KEY = b"slamsim"
 TypeName = Literal[

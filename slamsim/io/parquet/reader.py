@@ -10,6 +10,8 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from slamsim.guard.files import own_file
+from slamsim.guard.seal import require_complete
 from slamsim.io.input_errors import refusing
 from slamsim.io.parquet.file import read_table, table_facts
 from slamsim.io.parquet.validation import require_sound
@@ -22,8 +24,6 @@ from slamsim.recording import (
     TransformEdge,
 )
 from slamsim.recording.schemas import TRANSFORM, Field
-from slamsim.safe.files import own_file
-from slamsim.safe.seal import require_complete
 
 Table = dict[str, Any]
 _Raw = TypeVar("_Raw", bound=RawStream)

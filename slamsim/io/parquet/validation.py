@@ -9,10 +9,10 @@ from typing import Any, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from slamsim.core.types import Epoch
+from slamsim.guard.numbers import MOST_NS
 from slamsim.recording import ScanLayout
 from slamsim.recording.schemas import IMU, ODOMETRY, SCANS, TICKS, TRANSFORM
-from slamsim.safe.numbers import MOST_NS
-from slamsim.types import Epoch
 
 _TYPES: dict[str, str] = {
     **dict.fromkeys(("stamp_ns", "received_ns", "sample", "sequence"), "int64"),

@@ -15,11 +15,11 @@ from typing import Any
 
 import numpy as np
 
+from slamsim.core.types import IntArray
 from slamsim.io.parquet.file import Cells, Column, ParquetFile
 from slamsim.io.staged_writer import Written
 from slamsim.recording import RawScans, RawStream, Recording, TransformEdge
 from slamsim.recording.schemas import TRANSFORM, Field
-from slamsim.types import IntArray
 
 SCANS_PER_GROUP = 512
 _STAMPS = (

@@ -11,6 +11,9 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path, PurePath
 from typing import Any
 
+from slamsim.guard.errors import InputRefused, shown
+from slamsim.guard.files import own_file
+from slamsim.guard.yaml import load_yaml
 from slamsim.io.bag1.reader import index_bag1
 from slamsim.io.bag2.sqlite import index_sqlite
 from slamsim.io.input_errors import damaged, refusing
@@ -23,9 +26,6 @@ from slamsim.io.ros.sources import (
     Received,
     SqliteSource,
 )
-from slamsim.safe.errors import InputRefused, shown
-from slamsim.safe.files import own_file
-from slamsim.safe.yaml import load_yaml
 
 _METADATA = "metadata.yaml"
 

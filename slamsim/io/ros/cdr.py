@@ -18,7 +18,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from slamsim.types import IntArray
+from slamsim.core.types import IntArray
 
 Rows = NDArray[np.void]
 

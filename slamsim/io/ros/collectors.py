@@ -13,6 +13,7 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from slamsim.core.types import IntArray
 from slamsim.io.ros.cdr import CdrLayout
 from slamsim.io.ros.columns import Alike, Opened, alike, at_place, layout_for
 from slamsim.io.ros.encoding import TRANSFORMS
@@ -25,7 +26,6 @@ from slamsim.recording import (
 )
 from slamsim.recording.frames import frame_name
 from slamsim.recording.schemas import CLOCK, JOINTS, TRANSFORM, Field, Schema
-from slamsim.types import IntArray
 
 _Raw = TypeVar("_Raw", bound=RawStream)
 

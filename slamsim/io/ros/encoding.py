@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from slamsim.core.types import Float32Array, IntArray
 from slamsim.io.ros.cdr import CdrLayout, Rows, set_stamps
 from slamsim.io.ros.layouts import Constants, columns_of, message_layout
 from slamsim.recording import (
@@ -27,7 +28,6 @@ from slamsim.recording import (
 )
 from slamsim.recording.edits import kept
 from slamsim.recording.schemas import CLOCK, LASER_LAYOUT, SCANS, TRANSFORM, Field, Schema
-from slamsim.types import Float32Array, IntArray
 
 TRANSFORMS, TEXT = "tf2_msgs/msg/TFMessage", "std_msgs/msg/String"
 

@@ -9,8 +9,8 @@ from collections.abc import Iterable, Mapping
 import zstandard
 from lz4.frame import LZ4FrameDecompressor  # type: ignore[import-untyped]
 
-from slamsim.safe.errors import Excessive
-from slamsim.safe.limits import LIMITS, Limits
+from slamsim.guard.errors import Excessive
+from slamsim.guard.limits import LIMITS, Limits
 
 _ARRAY = re.compile(
     r"\[[ \t]*(?:<=[ \t]*)?(\d+)[ \t]*\]|sequence[ \t]*<[^<>\n]*,[ \t]*(\d+)[ \t]*>"

@@ -11,6 +11,8 @@ from typing import Any
 
 import numpy as np
 
+from slamsim.core.types import Epoch
+from slamsim.guard.errors import InputRefused
 from slamsim.io.formats import Contents, Truth
 from slamsim.io.input_errors import refusing
 from slamsim.io.names import LOG
@@ -37,8 +39,6 @@ from slamsim.recording import (
 )
 from slamsim.recording.cleaning.rising_stamps import epoch_of
 from slamsim.recording.schemas import CLOCK
-from slamsim.safe.errors import InputRefused
-from slamsim.types import Epoch
 
 _BATCH, _BATCH_BYTES = 4096, 16 << 20
 _DESCRIPTION = "robot_description"

@@ -9,13 +9,13 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from slamsim.core.types import Float32Array, FloatArray, IntArray
 from slamsim.io.ros.cdr import CdrLayout
 from slamsim.io.ros.collectors import Collector
 from slamsim.io.ros.columns import Alike, Opened, layout_for
 from slamsim.recording import Origin, RawScans, ScanLayout
 from slamsim.recording.row_store import RowStore
 from slamsim.recording.schemas import LASER_LAYOUT, SCANS
-from slamsim.types import Float32Array, FloatArray, IntArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)

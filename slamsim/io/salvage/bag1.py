@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from contextlib import closing
 from pathlib import Path
 
+from slamsim.core.progress import Progress
 from slamsim.io.salvage.bag1_connection import Connection
 from slamsim.io.salvage.bag1_filler import Bag1Filler
 from slamsim.io.salvage.bag1_salvage import (
@@ -17,7 +18,6 @@ from slamsim.io.salvage.bag1_salvage import (
 from slamsim.io.salvage.pieces import Gap, LoneMessage
 from slamsim.io.salvage.report import Recovered, Tally, recovered
 from slamsim.io.salvage.source import Damaged
-from slamsim.progress import Progress
 
 _UNKNOWN = "messages that nothing describes any more, or that are damaged"
 

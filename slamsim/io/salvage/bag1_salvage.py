@@ -17,6 +17,8 @@ from pathlib import Path
 from struct import iter_unpack
 from typing import BinaryIO
 
+from slamsim.guard.files import open_as_found
+from slamsim.guard.limits import LIMITS
 from slamsim.io.bag1.reader import (
     BAG_HEADER,
     CHUNK,
@@ -32,8 +34,6 @@ from slamsim.io.bag1.reader import (
 from slamsim.io.salvage.bag1_connection import Connection, connection
 from slamsim.io.salvage.pieces import Gap, LoneMessage
 from slamsim.io.salvage.report import PATIENCE
-from slamsim.safe.files import open_as_found
-from slamsim.safe.limits import LIMITS
 
 Fields = dict[bytes, bytes]
 

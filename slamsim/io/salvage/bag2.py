@@ -7,6 +7,9 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from slamsim.core.progress import Progress
+from slamsim.guard.errors import SlamsimError
+from slamsim.guard.yaml import load_yaml
 from slamsim.io.bag2.folder import METADATA_RECORD
 from slamsim.io.bag2.metadata import METADATA, BagFile, Topic, bag_metadata, topic_as_declared
 from slamsim.io.salvage.mcap_copy import copy_mcap
@@ -14,9 +17,6 @@ from slamsim.io.salvage.mcap_filler import McapFiller
 from slamsim.io.salvage.report import Recovered, Tally, recovered
 from slamsim.io.salvage.source import Damaged, is_sqlite
 from slamsim.io.salvage.sqlite_copy import copy_sqlite
-from slamsim.progress import Progress
-from slamsim.safe.errors import SlamsimError
-from slamsim.safe.yaml import load_yaml
 
 
 def recover_bag2(source: Damaged, folder: Path, progress: Progress) -> Recovered:

@@ -9,16 +9,16 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import IO
 
+from slamsim.core.progress import Progress
+from slamsim.guard.errors import Excessive, InputRefused
+from slamsim.guard.files import open_as_found
+from slamsim.guard.limits import LIMITS, Limits
+from slamsim.guard.text import require_proportion
 from slamsim.io.carmen.content import MEASURING, parse_line
 from slamsim.io.carmen.lines import LaserLine, OdomLine
 from slamsim.io.salvage.report import Recovered, Tally, recovered
 from slamsim.io.salvage.source import Damaged
 from slamsim.io.salvage.text_pieces import BZIP2_MAGIC, GZIP_MAGIC, Hole, Text, text_pieces
-from slamsim.progress import Progress
-from slamsim.safe.errors import Excessive, InputRefused
-from slamsim.safe.files import open_as_found
-from slamsim.safe.limits import LIMITS, Limits
-from slamsim.safe.text import require_proportion
 
 _Out = IO[bytes] | gzip.GzipFile | bz2.BZ2File
 _BY_SUFFIX = {".gz": "gz", ".bz2": "bz2"}

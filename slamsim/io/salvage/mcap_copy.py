@@ -7,11 +7,11 @@ from pathlib import Path
 
 from mcap import records
 
+from slamsim.core.progress import Progress
 from slamsim.io.salvage.mcap_filler import McapFiller
 from slamsim.io.salvage.mcap_salvage import McapSalvage, Piece, WholeChunk
 from slamsim.io.salvage.pieces import Gap, LoneMessage
 from slamsim.io.salvage.report import Tally
-from slamsim.progress import Progress
 
 _UNUSABLE = "a message that nothing declares any more, or that is damaged"
 _UNDECLARED = "messages of channels that nothing declares any more"

@@ -19,6 +19,8 @@ from typing import BinaryIO
 from mcap import records
 from mcap.opcode import Opcode
 
+from slamsim.guard.files import open_as_found
+from slamsim.guard.limits import LIMITS
 from slamsim.io.mcap.framing import MAGIC
 from slamsim.io.mcap.reader import MESSAGE_HEAD, RECORD_HEAD, data_stream, read_chunk, records_in
 from slamsim.io.salvage.mcap_summary import (
@@ -30,8 +32,6 @@ from slamsim.io.salvage.mcap_summary import (
 )
 from slamsim.io.salvage.pieces import Gap, LoneMessage
 from slamsim.io.salvage.report import PATIENCE
-from slamsim.safe.files import open_as_found
-from slamsim.safe.limits import LIMITS
 
 _CHUNK_SHAPE = re.compile(
     rb"\x06(?=.{4}\0{4}.{28}(?:\x04\0\0\0zstd|\x03\0\0\0lz4|\0\0\0\0|\x04\0\0\0none).{8})",

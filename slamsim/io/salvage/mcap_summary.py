@@ -11,9 +11,9 @@ from typing import BinaryIO, TypeVar
 from mcap import records
 from mcap.opcode import Opcode
 
+from slamsim.guard.limits import LIMITS
 from slamsim.io.mcap.framing import MAGIC, record_bytes
 from slamsim.io.mcap.reader import RECORD_HEAD, data_stream, records_in
-from slamsim.safe.limits import LIMITS
 
 Declaration = records.Schema | records.Channel
 

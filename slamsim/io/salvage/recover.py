@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
+from slamsim.core.progress import Progress, silent
+from slamsim.guard.errors import InputRefused
 from slamsim.io.salvage.bag1 import recover_bag1
 from slamsim.io.salvage.bag2 import recover_bag2
 from slamsim.io.salvage.carmen import recover_carmen
 from slamsim.io.salvage.report import Recovered
 from slamsim.io.salvage.source import Damaged, Kind
 from slamsim.io.salvage.tables import recover_tables
-from slamsim.progress import Progress, silent
-from slamsim.safe.errors import InputRefused
 
 _RECOVER: Mapping[Kind, Callable[[Damaged, Path, Progress], Recovered]] = {
     "ROS 2": recover_bag2,

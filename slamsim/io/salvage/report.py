@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from slamsim.safe.errors import shown
+from slamsim.guard.errors import shown
 
 PATIENCE = 8
 """How often over the bytes of a file are looked through for records that begin in damaged ones."""

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
+from slamsim.guard.errors import InputRefused, NotFound
+from slamsim.guard.files import open_as_found, own_file
+from slamsim.guard.lock import staging_of
+from slamsim.guard.staging import NEW
 from slamsim.io.formats.carmen import CARMEN
 from slamsim.io.names import LOG, TABLES
-from slamsim.safe.errors import InputRefused, NotFound
-from slamsim.safe.files import open_as_found, own_file
-from slamsim.safe.lock import staging_of
-from slamsim.safe.staging import NEW
 
 Kind = Literal["ROS 2", "ROS 1", "CARMEN", "Parquet"]
 

@@ -12,13 +12,13 @@ import zstandard
 from mcap import records
 from mcap.opcode import Opcode
 
+from slamsim.core.progress import Progress
 from slamsim.io.bag2.sqlite import unpacked_message
 from slamsim.io.mcap.reader import MESSAGE_HEAD, RECORD_HEAD
 from slamsim.io.ros.standard_types import ros2_types
 from slamsim.io.salvage.mcap_filler import McapFiller
 from slamsim.io.salvage.report import Tally
 from slamsim.io.salvage.sqlite_salvage import LARGEST_ID, Row, SqliteSalvage
-from slamsim.progress import Progress
 
 _ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
 _MOST_CHANNELS = 65_535

@@ -14,9 +14,9 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+from slamsim.guard.files import open_as_found
+from slamsim.guard.limits import LIMITS
 from slamsim.io.bag2.sqlite import require_plain
-from slamsim.safe.files import open_as_found
-from slamsim.safe.limits import LIMITS
 
 _JOURNALS = ("-wal", "-journal")
 LARGEST_ID = 2**62

@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 import pyarrow.parquet as pq
 
+from slamsim.core.progress import Progress
+from slamsim.guard.files import open_as_found
+from slamsim.guard.limits import LIMITS
 from slamsim.io.salvage.report import Recovered, Tally, recovered
 from slamsim.io.salvage.source import Damaged
-from slamsim.progress import Progress
-from slamsim.safe.files import open_as_found
-from slamsim.safe.limits import LIMITS
 
 _RECEIVED = "received_ns"
 

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-from slamsim.result import GraphEdge, PoseGraph
-from slamsim.safe.errors import SlamsimError
-from slamsim.safe.output import write_atomic
+from slamsim.core.result import GraphEdge, PoseGraph
+from slamsim.guard.errors import SlamsimError
+from slamsim.guard.output import write_atomic
 
 
 def write_g2o(path: Path, graph: PoseGraph) -> None:

@@ -6,12 +6,12 @@ from pathlib import Path
 
 import numpy as np
 
+from slamsim.core.result import PoseGraph
+from slamsim.core.types import FloatArray, PlanarTrajectory
+from slamsim.guard.errors import InputRefused
+from slamsim.guard.output import write_atomic
+from slamsim.guard.text import open_lines
 from slamsim.io.text.stamps import decimal_from_stamp_ns, stamp_ns_from_decimal
-from slamsim.result import PoseGraph
-from slamsim.safe.errors import InputRefused
-from slamsim.safe.output import write_atomic
-from slamsim.safe.text import open_lines
-from slamsim.types import FloatArray, PlanarTrajectory
 
 HEADER = "time_s,x_m,y_m,yaw_rad,cov_xx,cov_xy,cov_xyaw,cov_yy,cov_yyaw,cov_yawyaw"
 _UPPER = np.triu_indices(3)

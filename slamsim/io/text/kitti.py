@@ -14,8 +14,8 @@ from pathlib import Path
 
 import numpy as np
 
+from slamsim.core.types import Float32Array, FloatArray, IntArray
 from slamsim.io.staged_writer import Written
-from slamsim.types import Float32Array, FloatArray, IntArray
 
 SEQUENCE = "00"
 CAMERA_FROM_LASER: FloatArray = np.array(

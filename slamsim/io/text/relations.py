@@ -7,12 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
-from slamsim.geometry import matrix_from_rpy, se3_from_parts
+from slamsim.core.geometry import matrix_from_rpy, se3_from_parts
+from slamsim.core.types import FloatArray, IntArray
+from slamsim.guard.errors import InputRefused
+from slamsim.guard.numbers import is_sound
+from slamsim.guard.text import open_lines
 from slamsim.io.text.stamps import stamp_ns_from_decimal
-from slamsim.safe.errors import InputRefused
-from slamsim.safe.numbers import is_sound
-from slamsim.safe.text import open_lines
-from slamsim.types import FloatArray, IntArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)

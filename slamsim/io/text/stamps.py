@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from decimal import Decimal, InvalidOperation
 
-from slamsim.safe.errors import shown
-from slamsim.safe.numbers import MOST_NS
+from slamsim.guard.errors import shown
+from slamsim.guard.numbers import MOST_NS
 
 
 def stamp_ns_from_decimal(seconds: str) -> int:

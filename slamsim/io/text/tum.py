@@ -7,13 +7,13 @@ from pathlib import Path
 
 import numpy as np
 
-from slamsim.geometry import xyzw_from_yaw
+from slamsim.core.geometry import xyzw_from_yaw
+from slamsim.core.types import PlanarTrajectory, Trajectory
+from slamsim.guard.errors import InputRefused
+from slamsim.guard.numbers import is_sound
+from slamsim.guard.output import write_atomic
+from slamsim.guard.text import open_lines
 from slamsim.io.text.stamps import decimal_from_stamp_ns, stamp_ns_from_decimal
-from slamsim.safe.errors import InputRefused
-from slamsim.safe.numbers import is_sound
-from slamsim.safe.output import write_atomic
-from slamsim.safe.text import open_lines
-from slamsim.types import PlanarTrajectory, Trajectory
 
 
 def write_tum(path: Path, trajectory: Trajectory | PlanarTrajectory) -> None:

@@ -8,8 +8,10 @@ from typing import TypeVar
 
 import numpy as np
 
-from slamsim.arrays import BoolArray, FloatArray, IntArray
-from slamsim.geometry import wrap_angle
+from slamsim.core.arrays import BoolArray, FloatArray, IntArray
+from slamsim.core.geometry import wrap_angle
+from slamsim.core.types import EncoderStream, ImuStream, Log, PlanarTrajectory
+from slamsim.guard.errors import InputRefused
 from slamsim.recording import (
     RawImu,
     RawOdometry,
@@ -37,8 +39,6 @@ from slamsim.recording.cleaning.streams import (
 )
 from slamsim.recording.frames import FrameTree
 from slamsim.recording.mountings import BASE_FRAMES, imu_mounting_of, laser_mounting_of
-from slamsim.safe.errors import InputRefused
-from slamsim.types import EncoderStream, ImuStream, Log, PlanarTrajectory
 
 _ODOM_FRAME = "odom"
 _USUAL_SPEED_M_S, _USUAL_TURN_RAD_S = 0.5, 0.5

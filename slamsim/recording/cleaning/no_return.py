@@ -25,7 +25,7 @@ from typing import Self
 
 import numpy as np
 
-from slamsim.types import BoolArray, Float32Array, FloatArray, IntArray
+from slamsim.core.types import BoolArray, Float32Array, FloatArray, IntArray
 
 FALSE_ALARM = 1e-6
 WIDEST_BAND = 2.5e-3

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from slamsim.types import BoolArray, Epoch, FloatArray, IntArray
+from slamsim.core.types import BoolArray, Epoch, FloatArray, IntArray
 
 MOST_DELAY_NS = 1_000_000_000
 """Transport delays a message by less; a stamp that falls back further is wrong."""

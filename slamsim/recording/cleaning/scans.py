@@ -8,12 +8,12 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from slamsim.arrays import BoolArray, Float32Array, IntArray
+from slamsim.core.arrays import BoolArray, Float32Array, IntArray
+from slamsim.core.types import PlanarTrajectory, Scan, ScanGeometry
+from slamsim.guard.numbers import MOST, BadNumbers
 from slamsim.recording import RawScans, ScanLayout
 from slamsim.recording.cleaning.no_return import AS_DECLARED, RangeLimit, RangeSample
 from slamsim.recording.cleaning.rising_stamps import Times
-from slamsim.safe.numbers import MOST, BadNumbers
-from slamsim.types import PlanarTrajectory, Scan, ScanGeometry
 
 
 class StoredScans:

@@ -7,12 +7,12 @@ from contextlib import suppress
 
 import numpy as np
 
-from slamsim.arrays import BoolArray, FloatArray, IntArray
-from slamsim.geometry import matrix_from_xyzw, wrap_angle, xyzw_from_matrix, xyzw_from_yaw
+from slamsim.core.arrays import BoolArray, FloatArray, IntArray
+from slamsim.core.geometry import matrix_from_xyzw, wrap_angle, xyzw_from_matrix, xyzw_from_yaw
+from slamsim.core.types import EncoderStream, ImuStream, PlanarTrajectory, Trajectory
+from slamsim.guard.numbers import LEAST_SIZE_M, MOST, is_sound
 from slamsim.recording import RawImu, RawOdometry, RawTicks, TransformEdge
 from slamsim.recording.cleaning.rising_stamps import NoTime, rising_times
-from slamsim.safe.numbers import LEAST_SIZE_M, MOST, is_sound
-from slamsim.types import EncoderStream, ImuStream, PlanarTrajectory, Trajectory
 
 _UNIT_TOLERANCE = 0.1
 """A quaternion whose norm is off by more is none; within, rounding is taken out of it."""

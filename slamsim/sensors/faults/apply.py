@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from functools import partial
 
 from slamsim.config.sensors import SensorsConfig
-from slamsim.randomness import random_stream
+from slamsim.core.randomness import random_stream
 from slamsim.recording import Recording
 from slamsim.sensors.faults.base import Fault, SensedFault
 from slamsim.sensors.motion import Course, Knots, as_mounted

@@ -11,9 +11,9 @@ from pydantic import Field, ValidationError, field_validator
 
 from slamsim.config.base import Config
 from slamsim.config.sensors import SensorsConfig
+from slamsim.guard.errors import SlamsimError
 from slamsim.recording import Recording
 from slamsim.recording.fault_names import FAULT_NAMES
-from slamsim.safe.errors import SlamsimError
 from slamsim.sensors.motion import Knots
 
 

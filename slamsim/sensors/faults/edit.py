@@ -8,6 +8,7 @@ from typing import Literal, Protocol
 
 import numpy as np
 
+from slamsim.core.types import Float32Array, IntArray
 from slamsim.recording import (
     Messages,
     RawImu,
@@ -20,7 +21,6 @@ from slamsim.recording import (
     TransformEdge,
 )
 from slamsim.sensors.faults.base import CannotInject
-from slamsim.types import Float32Array, IntArray
 
 StreamName = Literal["lidar", "imu", "wheels"]
 """The wheels are everything on their clock: counters, joints, odometry and its transform."""

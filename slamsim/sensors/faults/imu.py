@@ -8,11 +8,11 @@ from typing import Annotated, ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
-from slamsim.geometry import matrix_from_rpy
+from slamsim.core.geometry import matrix_from_rpy
+from slamsim.core.types import GRAVITY_M_S2
 from slamsim.recording import RawImu, Recording
 from slamsim.sensors.faults.base import Fault
 from slamsim.sensors.faults.edit import with_imus
-from slamsim.types import GRAVITY_M_S2
 
 _Degrees = Annotated[float, Field(ge=-180.0, le=180.0)]
 

@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import Field
 
 from slamsim.config.sensors import SensorsConfig
-from slamsim.geometry import matrix_from_rpy, se3_from_parts
+from slamsim.core.geometry import matrix_from_rpy, se3_from_parts
 from slamsim.recording import Recording, ScanLayout
 from slamsim.sensors.faults.base import Fault, SensedFault
 from slamsim.sensors.faults.edit import with_layouts, with_ranges

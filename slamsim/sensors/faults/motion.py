@@ -11,11 +11,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from slamsim.geometry import yaw_from_xyzw
+from slamsim.core.geometry import yaw_from_xyzw
+from slamsim.core.types import Float32Array, FloatArray, IntArray
 from slamsim.recording import RawScans, Recording, ScanLayout
 from slamsim.sensors.faults.base import CannotInject
 from slamsim.sensors.faults.edit import with_ranges
-from slamsim.types import Float32Array, FloatArray, IntArray
 
 _FULL_TURN = 2.0 * np.pi
 

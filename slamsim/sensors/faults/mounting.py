@@ -8,10 +8,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from slamsim.geometry import matrix_from_rpy, matrix_from_xyzw, se3_from_parts, xyzw_from_matrix
+from slamsim.core.geometry import (
+    matrix_from_rpy,
+    matrix_from_xyzw,
+    se3_from_parts,
+    xyzw_from_matrix,
+)
+from slamsim.core.types import FloatArray
 from slamsim.recording import RawStream, Recording, TransformEdge
 from slamsim.sensors.faults.base import CannotInject
-from slamsim.types import FloatArray
 
 Moved = Callable[[FloatArray], FloatArray]
 """From a declared 4 x 4 T_parent_sensor to another."""

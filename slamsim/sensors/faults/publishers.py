@@ -8,13 +8,13 @@ from typing import Annotated, ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
+from slamsim.core.types import Float32Array, FloatArray, IntArray
 from slamsim.recording import RawOdometry, RawScans, Recording, TransformEdge
 from slamsim.recording.edits import kept
 from slamsim.sensors.faults.base import CannotInject, Fault
 from slamsim.sensors.faults.edit import range_matrix, require_wheels, with_scans
 from slamsim.sensors.faults.transforms import span_ns
 from slamsim.sensors.faults.wheel_motion import scaled_odometry
-from slamsim.types import Float32Array, FloatArray, IntArray
 
 _Turn = Annotated[float, Field(gt=0.0, lt=360.0)]
 

@@ -8,10 +8,10 @@ from typing import ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
+from slamsim.core.types import Float32Array
 from slamsim.recording import RawScans, Recording, ScanLayout
 from slamsim.sensors.faults.base import CannotInject, Fault
 from slamsim.sensors.faults.edit import with_layouts, with_ranges
-from slamsim.types import Float32Array
 
 
 class NoReturn(Fault):

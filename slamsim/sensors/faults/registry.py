@@ -11,8 +11,8 @@ from typing import Any, get_args
 from slamsim.config.bundled import bundled_folder, bundled_names, find_input
 from slamsim.config.faults import FaultChoice
 from slamsim.config.loading import load_model
-from slamsim.safe.errors import InputRefused, shown
-from slamsim.safe.yaml import load_yaml
+from slamsim.guard.errors import InputRefused, shown
+from slamsim.guard.yaml import load_yaml
 from slamsim.sensors.faults import (  # noqa: F401  each registers its kinds by being there
     beam_times,
     description,

@@ -9,11 +9,11 @@ from typing import ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
+from slamsim.core.types import IntArray
 from slamsim.recording import Messages, Recording
 from slamsim.recording.edits import kept
 from slamsim.sensors.faults.base import CannotInject, Fault
 from slamsim.sensors.faults.edit import StreamName, with_stamps, with_streams
-from slamsim.types import IntArray
 
 _NS = 1e9
 MIN_SHARE_LOST = 0.1

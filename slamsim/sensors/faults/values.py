@@ -8,10 +8,10 @@ from typing import ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
+from slamsim.core.types import BoolArray, FloatArray
 from slamsim.recording import RawImu, RawOdometry, Recording
 from slamsim.sensors.faults.base import CannotInject, Fault
 from slamsim.sensors.faults.edit import require_wheels, with_imus
-from slamsim.types import BoolArray, FloatArray
 
 
 def _chosen(count: int, share: float, rng: np.random.Generator) -> BoolArray:

@@ -7,12 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from slamsim.geometry import between, compose, xyzw_from_yaw, yaw_from_xyzw
+from slamsim.core.geometry import between, compose, xyzw_from_yaw, yaw_from_xyzw
+from slamsim.core.types import EncoderStream, FloatArray, IntArray, PlanarTrajectory
+from slamsim.core.wheels import wheel_odometry
 from slamsim.recording import RawJoints, RawOdometry, RawTicks, Recording, TransformEdge
 from slamsim.sensors.faults.base import CannotInject
 from slamsim.sensors.faults.edit import is_odometry, require_wheels
-from slamsim.types import EncoderStream, FloatArray, IntArray, PlanarTrajectory
-from slamsim.wheels import wheel_odometry
 
 Gain = float | FloatArray
 

@@ -8,6 +8,7 @@ from typing import ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
+from slamsim.core.types import BoolArray, FloatArray, IntArray
 from slamsim.recording import RawOdometry, RawTicks, Recording
 from slamsim.sensors.faults.base import Fault
 from slamsim.sensors.faults.edit import is_odometry, require_wheels
@@ -17,7 +18,6 @@ from slamsim.sensors.faults.wheel_motion import (
     with_odometry,
     with_wheel_steps,
 )
-from slamsim.types import BoolArray, FloatArray, IntArray
 
 
 class WheelRadius(Fault):

@@ -17,15 +17,15 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from slamsim.config.back_end import BackEndConfig
-from slamsim.geometry import between, compose, inverse, transform_points
-from slamsim.result import GraphEdge
-from slamsim.slam.keyframes import Keyframe
+from slamsim.core.geometry import between, compose, inverse, transform_points
+from slamsim.core.result import GraphEdge
+from slamsim.core.types import FloatArray, IntArray
+from slamsim.slam.backend.solution import Solution
+from slamsim.slam.backend.views import PIECE_M
+from slamsim.slam.closures.relocalise import Everywhere, surface_points
+from slamsim.slam.closures.submaps import FREE, UNKNOWN, SpaceGrid, Submap, space_between
+from slamsim.slam.frontend.keyframes import Keyframe
 from slamsim.slam.matching.surfaces import X, Y
-from slamsim.slam.relocalise import Everywhere, surface_points
-from slamsim.slam.solution import Solution
-from slamsim.slam.submaps import FREE, UNKNOWN, SpaceGrid, Submap, space_between
-from slamsim.slam.views import PIECE_M
-from slamsim.types import FloatArray, IntArray
 
 FOUND = np.diag(np.square([0.05, 0.05, 0.02]))
 """Covariance of where a search in steps of 0.08 m finds a part, before any closure is found."""

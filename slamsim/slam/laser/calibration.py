@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from slamsim.geometry import rotation, se2_from_se3
-from slamsim.result import Calibrated
-from slamsim.types import BoolArray, FloatArray, Log, Scan, ScanGeometry, ScanSource
+from slamsim.core.geometry import rotation, se2_from_se3
+from slamsim.core.result import Calibrated
+from slamsim.core.types import BoolArray, FloatArray, Log, Scan, ScanGeometry, ScanSource
 
 NAMES = (
     "laser_angle_scale",

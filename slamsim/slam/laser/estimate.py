@@ -13,16 +13,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from slamsim.config.slam import MotionConfig, SlamConfig
+from slamsim.core.types import BoolArray, Float32Array, FloatArray, IntArray, Log, ScanGeometry
 from slamsim.recording import RawScans, ScanLayout
 from slamsim.slam.failures import Failures
+from slamsim.slam.frontend.motion import NoMotion, Odometry, log_odometry
+from slamsim.slam.frontend.preintegration import PARAMETERS
 from slamsim.slam.laser.calibration import MOUNT, SHAPE, SWEEP, LaserCalibration
 from slamsim.slam.laser.mount import Mount, find_mount
 from slamsim.slam.laser.scan_bundle import as_sure_as
 from slamsim.slam.laser.scan_motion import ScanMotions, ScanWindow, window_motions
 from slamsim.slam.laser.scan_windows import choose_windows
-from slamsim.slam.motion import NoMotion, Odometry, log_odometry
-from slamsim.slam.steps import PARAMETERS
-from slamsim.types import BoolArray, Float32Array, FloatArray, IntArray, Log, ScanGeometry
 
 FIRST_WINDOWS = 10
 """So many are looked at first; all of them only where these raise a doubt."""

@@ -13,13 +13,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from slamsim.config.slam import MotionConfig
-from slamsim.geometry import adjoint, between, compose, inverse
-from slamsim.slam.calibration import PRIOR_SIGMAS, Evidence, evidence, step_covariance
-from slamsim.slam.calibration_solve import MEDIAN_CHI2_3, UNIT_BOUNDS
+from slamsim.core.geometry import adjoint, between, compose, inverse
+from slamsim.core.types import FloatArray
+from slamsim.slam.calibration.online import PRIOR_SIGMAS, Evidence, evidence, step_covariance
+from slamsim.slam.calibration.solve import MEDIAN_CHI2_3, UNIT_BOUNDS
+from slamsim.slam.frontend.motion import Odometry
+from slamsim.slam.frontend.preintegration import PARAMETERS, OdometryNoise, OdometryStep
 from slamsim.slam.laser.scan_motion import ScanWindow
-from slamsim.slam.motion import Odometry
-from slamsim.slam.steps import PARAMETERS, OdometryNoise, OdometryStep
-from slamsim.types import FloatArray
 
 MOUNT = slice(PARAMETERS, PARAMETERS + 3)
 DELAY = PARAMETERS + 3

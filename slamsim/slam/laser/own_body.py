@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from slamsim.types import BoolArray, FloatArray
+from slamsim.core.types import BoolArray, FloatArray
 
 MIN_TYPICAL_SPREAD_M = 0.3
 """Below this the robot saw so little change that a constant beam means nothing."""

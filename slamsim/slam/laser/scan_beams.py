@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from slamsim.jit import kernel
+from slamsim.core.jit import kernel
+from slamsim.core.types import BoolArray, Cloud, Float32Array, FloatArray, IntArray
 from slamsim.recording import RawScans, ScanLayout
 from slamsim.slam.laser.own_body import beams_on_robot
 from slamsim.slam.laser.scan_sweep import Sweep
-from slamsim.types import BoolArray, Cloud, Float32Array, FloatArray, IntArray
 
 SAMPLED_SCANS = 60
 DEGREES_SPAN_RAD = 20.0

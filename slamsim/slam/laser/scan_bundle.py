@@ -13,15 +13,15 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 from scipy.special import ndtr, stdtrit
 
-from slamsim.geometry import compose
-from slamsim.result import GraphEdge
-from slamsim.slam.association import Shared, share_surfaces
-from slamsim.slam.bundle_equations import fit_lines, residuals
+from slamsim.core.geometry import compose
+from slamsim.core.result import GraphEdge
+from slamsim.core.types import BoolArray, FloatArray, IntArray
+from slamsim.slam.backend.association import Shared, share_surfaces
+from slamsim.slam.backend.bundle_equations import fit_lines, residuals
 from slamsim.slam.laser.scan_equations import POSE, SHAPES, moved_points, window_system
 from slamsim.slam.laser.scan_observations import Observations, observations
 from slamsim.slam.laser.scan_sweep import Sweep, beams_of, local_motion, moved_pieces
 from slamsim.slam.laser.scan_track import Track
-from slamsim.types import BoolArray, FloatArray, IntArray
 
 ROUNDS = ((0.06, 12.0, 3), (0.03, 4.0, 6))
 """Associations: how far apart across a surface its observations may lie, from how many standard

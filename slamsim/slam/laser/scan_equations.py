@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from slamsim.jit import kernel
-from slamsim.types import FloatArray, IntArray
+from slamsim.core.jit import kernel
+from slamsim.core.types import FloatArray, IntArray
 
 SHAPES = 3
 """Unknowns of the shape of a scan: sweep in seconds, relative angle, range offset in metres."""

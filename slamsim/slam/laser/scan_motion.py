@@ -10,7 +10,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from slamsim.geometry import adjoint, between, inverse
+from slamsim.core.geometry import adjoint, between, inverse
+from slamsim.core.types import BoolArray, FloatArray, IntArray
 from slamsim.recording import RawScans
 from slamsim.slam.laser.scan_beams import BeamReader
 from slamsim.slam.laser.scan_bundle import (
@@ -23,7 +24,6 @@ from slamsim.slam.laser.scan_equations import SHAPES
 from slamsim.slam.laser.scan_scale import rough_angle_scale
 from slamsim.slam.laser.scan_track import Track, track_window
 from slamsim.slam.laser.scan_windows import choose_windows, period_s
-from slamsim.types import BoolArray, FloatArray, IntArray
 
 MAX_PASSES = 6
 MIN_SCANS = 5

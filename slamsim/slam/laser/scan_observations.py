@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from slamsim.core.types import FloatArray, IntArray
 from slamsim.slam.laser.scan_sweep import beams_of, share_of_piece
 from slamsim.slam.laser.scan_track import Track
 from slamsim.slam.matching.surfaces import BEAMS, SCATTER_XX, SCATTER_XY, SCATTER_YY, X, Y
-from slamsim.types import FloatArray, IntArray
 
 NOISE_BEAMS = 5.0
 """The noise of a range as known beforehand counts as much as so many beams of a piece."""

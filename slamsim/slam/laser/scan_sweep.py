@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from slamsim.geometry import between, wrap_angle
-from slamsim.jit import kernel
+from slamsim.core.geometry import between, wrap_angle
+from slamsim.core.jit import kernel
+from slamsim.core.types import FloatArray
 from slamsim.slam.matching.local_map import move_piece
 from slamsim.slam.matching.surfaces import X, Y
-from slamsim.types import FloatArray
 
 BACKWARD_RAD = 0.5
 """Neighbouring pieces lie no farther than this in the wrong order, however noisy they are."""

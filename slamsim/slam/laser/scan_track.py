@@ -7,12 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from slamsim.config.slam import FrontEndConfig
-from slamsim.geometry import between, compose
+from slamsim.core.geometry import between, compose
+from slamsim.core.types import FloatArray, IntArray
 from slamsim.slam.laser.scan_beams import BeamReader
 from slamsim.slam.laser.scan_sweep import Sweep, beams_of, moved_pieces, steady
 from slamsim.slam.matching.base import Match
 from slamsim.slam.matching.line import LineMatcher
-from slamsim.types import FloatArray, IntArray
 
 MIN_PIECES = 5
 GOOD_FIT = 0.55

@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from slamsim.types import FloatArray, IntArray
+from slamsim.core.types import FloatArray, IntArray
 
 WINDOW_SCANS = 32
 MAX_WINDOWS = 40

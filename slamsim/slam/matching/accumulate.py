@@ -12,10 +12,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from slamsim.geometry import between, transform_points
+from slamsim.core.geometry import between, transform_points
+from slamsim.core.types import Cloud, FloatArray
+from slamsim.slam.frontend.prediction import Prediction
 from slamsim.slam.matching.base import Match
-from slamsim.slam.prediction import Prediction
-from slamsim.types import Cloud, FloatArray
 
 ENOUGH_PIECES = 7
 """Four more than a pose has unknowns. A pose that is wrong puts about a quarter of a scan's pieces

@@ -10,7 +10,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from slamsim.jit import kernel
+from slamsim.core.jit import kernel
+from slamsim.core.types import FloatArray, IntArray
 from slamsim.slam.matching.local_map import nearest_surface
 from slamsim.slam.matching.small import eigen, median, sandwich, solve, times
 from slamsim.slam.matching.surfaces import (
@@ -21,7 +22,6 @@ from slamsim.slam.matching.surfaces import (
     X,
     Y,
 )
-from slamsim.types import FloatArray, IntArray
 
 CONVERGED_STEP_M = 1e-4
 MAX_STEP_M = 0.3

@@ -7,8 +7,8 @@ from typing import Protocol
 
 import numpy as np
 
-from slamsim.safe.numbers import FINITE, require_finite, require_number
-from slamsim.types import Cloud, FloatArray
+from slamsim.core.types import Cloud, FloatArray
+from slamsim.guard.numbers import FINITE, require_finite, require_number
 
 ROUNDING = 1e-9
 

@@ -13,7 +13,8 @@ from kiss_icp.voxelization import voxel_down_sample
 from scipy.spatial import cKDTree
 
 from slamsim.config.slam import FrontEndConfig
-from slamsim.geometry import between, compose, transform_points
+from slamsim.core.geometry import between, compose, transform_points
+from slamsim.core.types import Cloud, FloatArray
 from slamsim.slam.matching.align import typical_range
 from slamsim.slam.matching.base import Match
 from slamsim.slam.matching.surfaces import (
@@ -26,7 +27,6 @@ from slamsim.slam.matching.surfaces import (
     Y,
     surface_pieces,
 )
-from slamsim.types import Cloud, FloatArray
 
 VOXEL_M = 0.2
 POINTS_PER_VOXEL = 20

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from slamsim.config.slam import FrontEndConfig
-from slamsim.geometry import between
+from slamsim.core.geometry import between
+from slamsim.core.types import Cloud, FloatArray, IntArray
 from slamsim.slam.matching.align import (
     COVERED,
     INLIERS,
@@ -23,7 +24,6 @@ from slamsim.slam.matching.base import Match
 from slamsim.slam.matching.local_map import LocalMap
 from slamsim.slam.matching.search import coarse_poses
 from slamsim.slam.matching.surfaces import range_noise_m, surface_pieces
-from slamsim.types import Cloud, FloatArray, IntArray
 
 START_NOISE_M = 0.015
 NOISE_BOUNDS_M = (0.002, 0.05)

@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from slamsim.jit import kernel
+from slamsim.core.jit import kernel
+from slamsim.core.types import FloatArray, IntArray
 from slamsim.slam.matching.runs import principal_axis
 from slamsim.slam.matching.surfaces import (
     BEAMS,
@@ -25,7 +26,6 @@ from slamsim.slam.matching.surfaces import (
     X,
     Y,
 )
-from slamsim.types import FloatArray, IntArray
 
 SIDE = 256
 """Cells along each edge of the torus; surfaces further than half of it are not inserted."""

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from slamsim.jit import kernel
-from slamsim.types import BoolArray, FloatArray
+from slamsim.core.jit import kernel
+from slamsim.core.types import BoolArray, FloatArray
 
 SPACING_FACTOR = 6.0
 """Neighbouring beams this many times further apart than square on a wall are not one surface."""

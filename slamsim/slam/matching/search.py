@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from slamsim.jit import kernel
+from slamsim.core.jit import kernel
+from slamsim.core.types import FloatArray, IntArray
 from slamsim.slam.matching.local_map import nearest_surface
 from slamsim.slam.matching.surfaces import HALF_LENGTH, NORMAL_X, NORMAL_Y, X, Y
-from slamsim.types import FloatArray, IntArray
 
 STEP_M = 0.2
 STEP_RAD = float(np.deg2rad(4.0))

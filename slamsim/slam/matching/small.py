@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from slamsim.jit import kernel
-from slamsim.types import FloatArray
+from slamsim.core.jit import kernel
+from slamsim.core.types import FloatArray
 
 MAX_SWEEPS = 30
 

@@ -9,10 +9,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from slamsim.jit import kernel
+from slamsim.core.jit import kernel
+from slamsim.core.types import BoolArray, Cloud, FloatArray
 from slamsim.slam.matching.runs import LEAST_INCIDENCE, joined, parted, principal_axis
 from slamsim.slam.matching.small import median
-from slamsim.types import BoolArray, Cloud, FloatArray
 
 # Columns of a piece. Scatter is the sum of squares about the mean, in square metres.
 X, Y, NORMAL_X, NORMAL_Y, BEAMS, SCATTER_XX, SCATTER_XY, SCATTER_YY, HALF_LENGTH, VARIANCE = range(

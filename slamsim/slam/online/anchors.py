@@ -6,11 +6,11 @@ from collections import deque
 
 import numpy as np
 
-from slamsim.geometry import adjoint, between, compose, inverse
-from slamsim.slam.correction import Correction
-from slamsim.slam.keyframes import Keyframe
-from slamsim.slam.tracking import Tracked
-from slamsim.types import FloatArray
+from slamsim.core.geometry import adjoint, between, compose, inverse
+from slamsim.core.types import FloatArray
+from slamsim.slam.backend.correction import Correction
+from slamsim.slam.frontend.keyframes import Keyframe
+from slamsim.slam.frontend.tracking import Tracked
 
 
 class Anchors:

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from slamsim.config.slam import SlamConfig
-from slamsim.result import GraphEdge
-from slamsim.slam.correction import Correction
+from slamsim.core.result import GraphEdge
+from slamsim.slam.backend.correction import Correction
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from slamsim.slam.motion import GYRO_GAP_S, Odometry, increments
+from slamsim.core.types import EncoderStream, FloatArray, ImuStream, IntArray, PlanarTrajectory
+from slamsim.core.wheels import Reading, encoder_reading, pose_reading, wheel_odometry
+from slamsim.slam.frontend.motion import GYRO_GAP_S, Odometry, increments
 from slamsim.slam.online.samples import MotionSamples
-from slamsim.types import EncoderStream, FloatArray, ImuStream, IntArray, PlanarTrajectory
-from slamsim.wheels import Reading, encoder_reading, pose_reading, wheel_odometry
 
 KEPT_NS = 3_000_000_000
 _NEVER = int(np.iinfo(np.int64).min)

@@ -9,7 +9,7 @@ from collections import deque
 from collections.abc import Iterator
 from typing import IO
 
-from slamsim.kin import Patience
+from slamsim.process.children import Patience
 
 _LENGTH = struct.Struct("<Q")
 _CHUNK = 1 << 20

@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from slamsim.core.types import EncoderStream, ImuStream, IntArray, Log, PlanarTrajectory, Scan
 from slamsim.slam.online.samples import MotionSamples
-from slamsim.types import EncoderStream, ImuStream, IntArray, Log, PlanarTrajectory, Scan
 
 EVER_NS = int(np.iinfo(np.int64).min)
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Protocol
 
-from slamsim.safe.numbers import require_stamps
-from slamsim.slam.motion import Odometry
-from slamsim.types import EncoderStream, ImuStream, PlanarTrajectory
+from slamsim.core.types import EncoderStream, ImuStream, PlanarTrajectory
+from slamsim.guard.numbers import require_stamps
+from slamsim.slam.frontend.motion import Odometry
 
 
 @dataclass(frozen=True, slots=True, eq=False)

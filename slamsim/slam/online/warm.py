@@ -7,11 +7,11 @@ import gc
 import numpy as np
 
 from slamsim.config.slam import SlamConfig
-from slamsim.slam.keyframes import KeyframeMaker
-from slamsim.slam.motion import Odometry, increments
-from slamsim.slam.odometry import FrontEnd
-from slamsim.types import FloatArray, PlanarTrajectory, Scan, ScanGeometry
-from slamsim.wheels import pose_reading
+from slamsim.core.types import FloatArray, PlanarTrajectory, Scan, ScanGeometry
+from slamsim.core.wheels import pose_reading
+from slamsim.slam.frontend.keyframes import KeyframeMaker
+from slamsim.slam.frontend.motion import Odometry, increments
+from slamsim.slam.frontend.odometry import FrontEnd
 
 _ROOM_M = 3.0
 _SCAN_NS = 100_000_000

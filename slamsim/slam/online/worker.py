@@ -12,11 +12,11 @@ import threading
 from queue import SimpleQueue
 from typing import BinaryIO, cast
 
-from slamsim.slam.back_end import BackEnd
-from slamsim.slam.keyframes import Keyframe
-from slamsim.slam.online.keeper import outcome_of
+from slamsim.slam.backend.back_end import BackEnd
+from slamsim.slam.frontend.keyframes import Keyframe
 from slamsim.slam.online.messages import Done, Finish, News, Task
 from slamsim.slam.online.pipe import journal_messages, packed, read_message
+from slamsim.slam.online.sync_back_end import outcome_of
 
 _STANDARD_OUTPUT, _STANDARD_ERROR = 1, 2
 _YIELDING = 10

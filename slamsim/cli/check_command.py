@@ -1,0 +1,131 @@
+"""``slamsim check`` and ``slamsim fix`` as they are typed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from slamsim.console.options import Json, Lossy, Overwrite, OverwriteFile, Quiet, ScanTopic
+from slamsim.guard.errors import SlamsimError
+from slamsim.guard.output import disk_full
+
+CHECK_EPILOG = (
+    "Exit code: 0 nothing is bad, 1 something is; 2, 3, 4 and 10 the check could not run. "
+    "Example: slamsim check my_rosbag2/ --html verdict.html"
+)
+FIX_EPILOG = (
+    "Exit code: 0 nothing bad is left, 1 something is. "
+    "Example: slamsim fix my_rosbag2/ fixed/ --apply all"
+)
+
+
+class NotChecked(SlamsimError):
+    """The check itself could not run, though its code 1 would be taken for a verdict."""
+
+    exit_code = 2
+
+
+Source = Annotated[
+    Path, typer.Argument(help="A recording: rosbag2, MCAP, ROS 1, CARMEN.", show_default=False)
+]
+
+
+def check(
+    source: Source,
+    scan_topic: ScanTopic = None,
+    html: Annotated[
+        Path | None,
+        typer.Option(
+            "--html",
+            metavar="FILE",
+            help="Write verdicts and plots to this file.",
+        ),
+    ] = None,
+    quick: Annotated[
+        bool, typer.Option("--quick", help="Leave out what compares scans with one another.")
+    ] = False,
+    show_all: Annotated[bool, typer.Option("--all", help="Show also what is fine.")] = False,
+    overwrite: OverwriteFile = False,
+    quiet: Quiet = False,
+    as_json: Json = False,
+) -> None:
+    """Say what is wrong with a recording: stamps, frames, laser, wheels, gyroscope."""
+    from slamsim.console.reporter import Reporter
+    from slamsim.run.naming import output_file
+
+    reporter = Reporter(quiet=quiet, as_json=as_json)
+    with _not_checked(), output_file(html, overwrite=overwrite, inputs=(source,)) as page:
+        from slamsim.run.checking import check_log
+
+        report = check_log(
+            source, reporter, scan_topic=scan_topic, quick=quick, html=page, show_all=show_all
+        )
+    if html is not None:
+        reporter.say(f"Written to {html}")
+    raise typer.Exit(1 if report.bad else 0)
+
+
+@contextmanager
+def _not_checked() -> Iterator[None]:
+    try:
+        yield
+    except SlamsimError as error:
+        if error.exit_code != SlamsimError.exit_code:
+            raise
+        raise NotChecked(str(error)) from error
+    except OSError as error:
+        if isinstance(error, BrokenPipeError) or disk_full(error):
+            raise  # of standard output, which has codes of its own
+        raise NotChecked(
+            f"{error.filename or 'input/output'}: {error.strerror or error}"
+        ) from error
+
+
+def fix(
+    source: Source,
+    out: Annotated[
+        Path,
+        typer.Argument(
+            help="Folder of the corrected copy: rosbag2 (MCAP); a ROS 1 bag stays one.",
+            show_default=False,
+        ),
+    ],
+    apply: Annotated[
+        str,
+        typer.Option(
+            "--apply",
+            metavar="all|none|NAME[,NAME...]",
+            help="Which of the repairs that check proposes; none: a plain copy.",
+        ),
+    ] = "all",
+    scan_topic: ScanTopic = None,
+    lossy: Lossy = False,
+    overwrite: Overwrite = False,
+    quiet: Quiet = False,
+    as_json: Json = False,
+) -> None:
+    """Write a corrected copy of a recording, and check it again.
+
+    What a repair does not touch is copied byte for byte: other topics, covariances, attachments.
+    """
+    from slamsim.console.reporter import Reporter
+    from slamsim.run.naming import output_folder
+
+    reporter = Reporter(quiet=quiet, as_json=as_json)
+    with output_folder(out, "", overwrite=overwrite, inputs=(source,)):
+        from slamsim.run.fixing import fix_log
+
+        report = fix_log(
+            source,
+            out,
+            apply,
+            reporter,
+            scan_topic=scan_topic,
+            lossy=lossy,
+            overwrite=overwrite,
+        )
+    raise typer.Exit(1 if report.bad else 0)

@@ -1,0 +1,45 @@
+"""``slamsim demo`` as it is typed."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from typing import Annotated
+
+import typer
+
+from slamsim.console.options import Json, Out, Overwrite, Quiet, Seed
+
+EPILOG = "Example: slamsim demo rotation-bug --out outputs/rotation_bug"
+_SETTINGS = (
+    "sensors.lidar.rate_hz=10",
+    "drive.route.max_path_length_m=40",
+)
+"""A short drive: what the bug does shows at the first turn."""
+
+
+class Demo(StrEnum):
+    ROTATION_BUG = "rotation-bug"
+
+
+def demo(
+    name: Annotated[Demo, typer.Argument(help="What to show.")] = Demo.ROTATION_BUG,
+    out: Out = None,
+    seed: Seed = None,
+    overwrite: Overwrite = False,
+    quiet: Quiet = False,
+    as_json: Json = False,
+) -> None:
+    """Show a fault at work: the torn map, the verdict, and the mended map."""
+    from slamsim.config.loading import load_run_config
+    from slamsim.console.reporter import Reporter
+    from slamsim.run.naming import output_folder
+
+    reporter = Reporter(quiet=quiet, as_json=as_json)
+    config = load_run_config("labyrinth", overrides=_SETTINGS, seed=seed)
+    with output_folder(out, name.value.replace("-", "_"), overwrite=overwrite) as folder:
+        from slamsim.run.demo import rotation_bug
+
+        numbers = rotation_bug(config, folder, reporter, overwrite=overwrite)
+    reporter.table(name.value, {key: str(value) for key, value in numbers.items()})
+    reporter.say(f"Look at {folder}/report.html, or: slamsim view {folder}")
+    reporter.result({**numbers, "folder": str(folder)})

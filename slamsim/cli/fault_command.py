@@ -1,0 +1,65 @@
+"""``slamsim fault``: its options."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from slamsim.console.options import Faults, Json, Lossy, Overwrite, Quiet, ScanTopic
+
+
+def fault(
+    source: Annotated[
+        Path | None, typer.Argument(help="A recording: rosbag2, MCAP, ROS 1, CARMEN.")
+    ] = None,
+    out: Annotated[Path | None, typer.Argument(help="Folder for the copy.")] = None,
+    faults: Faults = None,
+    list_: Annotated[
+        bool, typer.Option("--list", help="Tell all faults that come with the package.")
+    ] = False,
+    seed: Annotated[int, typer.Option("--seed", help="Seed of what is random.", min=0)] = 0,
+    scan_topic: ScanTopic = None,
+    lossy: Lossy = False,
+    overwrite: Overwrite = False,
+    quiet: Quiet = False,
+    as_json: Json = False,
+) -> None:
+    """Copy a recording with known faults in it, to try a checker or a SLAM on them.
+
+    What the faults do not touch is copied byte for byte.
+    """
+    from slamsim.config.faults import typed_choices
+    from slamsim.console.reporter import Reporter
+    from slamsim.run.naming import output_folder
+
+    reporter = Reporter(quiet=quiet, as_json=as_json)
+    if list_:
+        from slamsim.run.faulting import fault_facts, fault_table
+
+        reporter.table("Faults", fault_table())
+        reporter.result({"faults": fault_facts()})
+        return
+    if source is None or out is None or not faults:
+        raise typer.BadParameter("give a recording, a folder and at least one --fault, or --list")
+    choices = typed_choices(faults)
+    own = (Path(choice.name) for choice in choices if Path(choice.name).is_file())
+    with output_folder(out, "", overwrite=overwrite, inputs=(source, *own)):
+        from slamsim.run.faulting import spoil_recording
+
+        injected, copied = spoil_recording(
+            source,
+            out,
+            choices,
+            seed=seed,
+            scan_topic=scan_topic,
+            lossy=lossy,
+            overwrite=overwrite,
+        )
+    reporter.table(str(out), {one.name: one.title for one in injected})
+    for sentence in copied.sentences():
+        reporter.say(sentence)
+    facts = [one.model_dump(mode="json") for one in injected]
+    reporter.result({"folder": str(out), "faults": facts, "copied": asdict(copied)})

@@ -1,0 +1,60 @@
+"""``slamsim identify`` as it is typed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from slamsim.console.options import Jobs, Json, Out, Overwrite, Quiet, Set
+
+EPILOG = (
+    "Examples: slamsim identify turtlebot2_study · slamsim identify my_robot.yaml "
+    "--robot-file my_robot_identified.yaml"
+)
+
+
+def identify(
+    measurements: Annotated[
+        str,
+        typer.Argument(
+            help="Figures measured on a robot: YAML, or a bundled name.", show_default=False
+        ),
+    ],
+    out: Out = None,
+    robot_file: Annotated[
+        Path | None,
+        typer.Option(
+            "--robot-file",
+            metavar="FILE",
+            help="Write the robot to this file too.",
+        ),
+    ] = None,
+    set_: Set = None,
+    jobs: Jobs = None,
+    overwrite: Overwrite = False,
+    quiet: Quiet = False,
+    as_json: Json = False,
+) -> None:
+    """Fit a robot to figures measured on a real one, and say what they leave open."""
+    from slamsim.config.measurements import load_measurements
+    from slamsim.console.reporter import Reporter
+    from slamsim.run.naming import loaded, output_file, output_folder
+
+    reporter = Reporter(quiet=quiet, as_json=as_json)
+    read = loaded(lambda: load_measurements(measurements, set_ or ()))
+    config = read.config
+    typed = " ".join(["slamsim identify", measurements, *(f"--set {text}" for text in set_ or ())])
+    name = f"{config.name}_identified"
+    with (
+        output_file(robot_file, overwrite=overwrite, inputs=read.files, beside=out) as copy,
+        output_folder(out, name, overwrite=overwrite, inputs=read.files) as folder,
+    ):
+        from slamsim.run.identifying import identify_and_report
+
+        identify_and_report(
+            config, typed, folder, reporter, robot_file=copy, jobs=jobs, overwrite=overwrite
+        )
+    if robot_file is not None:
+        reporter.say(f"The robot, too: {robot_file}")

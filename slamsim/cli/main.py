@@ -1,0 +1,361 @@
+"""The command line: parse, call, print."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from slamsim import __version__
+from slamsim.bench.command import bench
+from slamsim.cli.check_command import CHECK_EPILOG, FIX_EPILOG, check, fix
+from slamsim.cli.dataset_command import dataset
+from slamsim.cli.demo_command import EPILOG as DEMO_EPILOG
+from slamsim.cli.demo_command import demo
+from slamsim.cli.fault_command import fault
+from slamsim.cli.identify_command import EPILOG as IDENTIFY_EPILOG
+from slamsim.cli.identify_command import identify
+from slamsim.cli.recover_command import EPILOG as RECOVER_EPILOG
+from slamsim.cli.recover_command import recover
+from slamsim.cli.scenario_command import EPILOG as SCENARIO_EPILOG
+from slamsim.cli.scenario_command import HELP as SCENARIO_HELP
+from slamsim.cli.scenario_command import scenario
+from slamsim.cli.verify_command import EPILOG as VERIFY_EPILOG
+from slamsim.cli.verify_command import verify
+from slamsim.console.options import (
+    ConfigFile,
+    Faults,
+    Json,
+    Out,
+    Overwrite,
+    OverwriteFile,
+    Quiet,
+    ScanTopic,
+    Seed,
+    Set,
+)
+from slamsim.guard.errors import SlamsimError
+
+if TYPE_CHECKING:
+    from slamsim.config.run import RunConfig
+    from slamsim.console.reporter import Reporter
+    from slamsim.run.naming import Loaded
+    from slamsim.run.stages import Report
+
+app = typer.Typer(
+    name="slamsim",
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    rich_markup_mode="rich",
+    context_settings={"help_option_names": ["-h", "--help"]},
+    help="Grow a labyrinth, drive a robot through it, map it, and say how good the map is.",
+    epilog="Start with: [bold]slamsim map labyrinth[/bold]",
+)
+
+World = Annotated[
+    str, typer.Argument(help="A world: YAML, map.yaml, image or mesh file, or a bundled name.")
+]
+Start = Annotated[
+    str | None,
+    typer.Option(
+        "--start",
+        metavar="X,Y,YAW_DEG",
+        help="Where the robot begins in the map; without it, it finds itself.",
+    ),
+]
+Relations = Annotated[
+    Path | None,
+    typer.Option("--relations", help="Relative poses to score against (Kümmerle et al. 2009)."),
+]
+
+
+def _config(
+    world: str | None,
+    config: str | None,
+    overrides: list[str] | None,
+    seed: int | None,
+    faults: list[str] | None = None,
+) -> RunConfig:
+    from slamsim.config.faults import typed_choices
+    from slamsim.config.loading import load_run_config
+
+    loaded = load_run_config(world, config, overrides or (), seed)
+    return loaded.model_copy(update={"faults": (*loaded.faults, *typed_choices(faults or ()))})
+
+
+def _loaded(
+    world: str | None,
+    config: str | None,
+    overrides: list[str] | None,
+    seed: int | None,
+    faults: list[str] | None = None,
+) -> Loaded[RunConfig]:
+    """The configuration with the files that it is read from and that it names."""
+    from slamsim.run.naming import loaded
+
+    return loaded(lambda: _config(world, config, overrides, seed, faults))
+
+
+@app.command(epilog="Example: slamsim world labyrinth --seed 7 --out outputs/my_world")
+def world(
+    name: World = "labyrinth",
+    out: Out = None,
+    seed: Seed = None,
+    set_: Set = None,
+    config: ConfigFile = None,
+    overwrite: Overwrite = False,
+    quiet: Quiet = False,
+    as_json: Json = False,
+) -> None:
+    """Build a world: preview, mesh and true occupancy map."""
+    from slamsim.console.reporter import Reporter
+    from slamsim.console.summary import flat
+    from slamsim.run.naming import output_folder
+
+    reporter = Reporter(quiet=quiet, as_json=as_json)
+    loaded = _loaded(name, config, set_, seed)
+    resolved = loaded.config
+    called = f"{resolved.world.name}_world"
+    with output_folder(out, called, overwrite=overwrite, inputs=loaded.files) as folder:
+        from slamsim.run.world import export_world
+
+        facts = export_world(resolved, folder, overwrite=overwrite)
+    reporter.table(f"World {resolved.world.name}", flat(facts))
+    reporter.say(f"Written to {folder}/")
+    reporter.result({**facts, "folder": str(folder)})
+
+
+@app.command(
+    epilog="Example: slamsim simulate labyrinth --fault laser_world_fixed --fault lidar_late:0.02"
+)
+def simulate(
+    name: World = "labyrinth",
+    out: Out = None,
+    seed: Seed = None,
+    set_: Set = None,
+    config: ConfigFile = None,
+    faults: Faults = None,
+    overwrite: Overwrite = False,
+    quiet: Quiet = False,
+    as_json: Json = False,
+) -> None:
+    """Drive through a world and record what the sensors measure."""
+    from slamsim.console.reporter import Reporter
+    from slamsim.run.naming import output_folder
+
+    reporter = Reporter(quiet=quiet, as_json=as_json)
+    loaded = _loaded(name, config, set_, seed, faults)
+    called = loaded.config.world.name
+    with output_folder(out, called, overwrite=overwrite, inputs=loaded.files) as folder:
+        from slamsim.run.recording import simulate_world
+
+        report = simulate_world(loaded.config, folder, reporter, overwrite=overwrite)
+    _close(reporter, report, folder)
+
+
+@app.command(
+    "map",
+    epilog="Examples: slamsim map labyrinth · slamsim map worlds/rooms.yaml --seed 7 · "
+    "slamsim map intel.clf.bz2 --relations intel.relations · slamsim map my_rosbag2/",
+)
+def map_(
+    source: Annotated[
+        str,
+        typer.Argument(help="A world to simulate, or a recording: rosbag2, MCAP, ROS 1, CARMEN."),
+    ] = "labyrinth",
+    out: Out = None,
+    seed: Seed = None,
+    set_: Set = None,
+    config: ConfigFile = None,
+    relations: Relations = None,
+    scan_topic: ScanTopic = None,
+    earlier: Annotated[
+        Path | None,
+        typer.Option("--continue", metavar="RUN", help="Go on with the map of an earlier run."),
+    ] = None,
+    start: Start = None,
+    overwrite: Overwrite = False,
+    quiet: Quiet = False,
+    as_json: Json = False,
+) -> None:
+    """Map a world or a recording, and say how good the map is."""
+    from slamsim.console.reporter import Reporter
+    from slamsim.run.naming import is_recording, output_folder, recording_name
+
+    reporter = Reporter(quiet=quiet, as_json=as_json)
+    recorded = is_recording(source)
+    loaded = _loaded(None if recorded else source, config, set_, seed)
+    resolved = loaded.config
+    name = recording_name(source) if recorded else resolved.world.name
+    inputs = (Path(source) if recorded else None, relations, earlier, *loaded.files)
+    with output_folder(out, name, overwrite=overwrite, inputs=inputs) as folder:
+        from slamsim.run.continuing import chosen_earlier, refuse_earlier
+        from slamsim.run.mapping import map_recording, map_world, require_used
+
+        if recorded:
+            reporter.say(f"Mapping the recording {source}")
+            report = map_recording(
+                Path(source),
+                resolved,
+                folder,
+                reporter,
+                relations=relations,
+                scan_topic=scan_topic,
+                earlier=chosen_earlier(earlier, start),
+                overwrite=overwrite,
+            )
+        else:
+            refuse_earlier(earlier, start)
+            reporter.say(f"Simulating and mapping the world {source}")
+            report = map_world(resolved, folder, reporter, relations=relations, overwrite=overwrite)
+    _close(reporter, report, folder)
+    require_used(report, folder)
+
+
+@app.command(epilog="Example: slamsim localise my_second_drive/ --in outputs/labyrinth")
+def localise(
+    source: Annotated[Path, typer.Argument(help="A recording.")],
+    known: Annotated[
+        Path, typer.Option("--in", help="The map: folder of a mapped run, or a ROS map.yaml.")
+    ],
+    start: Start = None,
+    out: Out = None,
+    set_: Set = None,
+    config: ConfigFile = None,
+    scan_topic: ScanTopic = None,
+    overwrite: Overwrite = False,
+    quiet: Quiet = False,
+    as_json: Json = False,
+) -> None:
+    """Tell where a recording was driven, in the frame of a finished map."""
+    from slamsim.console.reporter import Reporter
+    from slamsim.run.naming import output_folder, recording_name
+    from slamsim.run.start import start_pose
+
+    reporter = Reporter(quiet=quiet, as_json=as_json)
+    loaded = _loaded(None, config, set_, None)
+    name = f"{recording_name(str(source))}_in_{known.resolve().name}"
+    inputs = (source, known, *loaded.files)
+    with output_folder(out, name, overwrite=overwrite, inputs=inputs) as folder:
+        from slamsim.run.localising import localise_recording
+
+        report = localise_recording(
+            source,
+            known,
+            loaded.config,
+            folder,
+            reporter,
+            start=start_pose(start),
+            scan_topic=scan_topic,
+            overwrite=overwrite,
+        )
+    _close(reporter, report, folder)
+
+
+@app.command(epilog="Example: slamsim evaluate outputs/labyrinth")
+def evaluate(
+    estimate: Annotated[Path, typer.Argument(help="Folder of a run, or a TUM trajectory.")],
+    truth: Annotated[
+        Path | None,
+        typer.Option("--truth", help="True trajectory: TUM file or recording with truth."),
+    ] = None,
+    relations: Relations = None,
+    quiet: Quiet = False,
+    as_json: Json = False,
+) -> None:
+    """Score a trajectory and a map against the truth or against relations."""
+    from slamsim.console.reporter import Reporter
+    from slamsim.console.summary import flat
+    from slamsim.run.evaluation import evaluate_run
+
+    reporter = Reporter(quiet=quiet, as_json=as_json)
+    scores = evaluate_run(estimate, truth, relations, reporter)
+    reporter.table(f"Scores of {estimate}", flat(scores))
+    reporter.result(scores)
+
+
+app.command(epilog=CHECK_EPILOG)(check)
+app.command(epilog=FIX_EPILOG)(fix)
+app.command(epilog=RECOVER_EPILOG)(recover)
+app.command(epilog=DEMO_EPILOG)(demo)
+app.command(help=SCENARIO_HELP, epilog=SCENARIO_EPILOG)(scenario)
+app.command(epilog=IDENTIFY_EPILOG)(identify)
+app.command(epilog=VERIFY_EPILOG)(verify)
+app.add_typer(dataset)
+
+
+@app.command(epilog="Example: slamsim view outputs/labyrinth --screenshot map.png")
+def view(
+    run: Annotated[Path, typer.Argument(help="Folder of a run, or a .rrd file.")],
+    web: Annotated[bool, typer.Option("--web", help="Serve it to a browser.")] = False,
+    screenshot: Annotated[
+        Path | None,
+        typer.Option(
+            "--screenshot",
+            metavar="FILE",
+            help="Render to this PNG, without a screen.",
+        ),
+    ] = None,
+    overwrite: OverwriteFile = False,
+) -> None:
+    """Look at a run in Rerun."""
+    from slamsim.run.naming import output_file
+
+    with output_file(screenshot, overwrite=overwrite, inputs=(run,)) as picture:
+        from slamsim.report.viewer.show import view_run
+
+        view_run(run, web=web, screenshot=picture)
+
+
+app.command(
+    epilog="Examples: slamsim bench --json · slamsim bench accuracy --seeds 20 --logs outputs/bench"
+)(bench)
+
+
+app.command(epilog="Example: slamsim fault my_rosbag2/ spoilt/ --fault laser_yaw:2")(fault)
+
+
+@app.command(epilog="Example: slamsim config --set sensors.lidar=rplidar_a2 > my_run.yaml")
+def config(
+    name: World = "labyrinth",
+    config: ConfigFile = None,
+    set_: Set = None,
+    seed: Seed = None,
+) -> None:
+    """Print every setting with its unit and meaning, as YAML that can be used again."""
+    from slamsim.config.dump import dump_commented_yaml
+
+    sys.stdout.write(dump_commented_yaml(_config(name, config, set_, seed)))
+
+
+def _version(asked: bool) -> None:
+    if asked:
+        sys.stdout.write(f"slamsim {__version__}\n")
+        raise typer.Exit
+
+
+@app.callback()
+def _root(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version.")
+    ] = False,
+) -> None:
+    pass
+
+
+def _close(reporter: Reporter, report: Report, folder: Path) -> None:
+    from slamsim.console.summary import summary
+
+    for warning in report.warnings:
+        reporter.warn(warning)
+    reporter.table(str(report.numbers["name"]), summary(report.numbers))
+    reporter.say(f"Written to {folder}/")
+    if report.mapped:
+        reporter.say(f"Look at {folder}/report.html, or: slamsim view {folder}")
+    reporter.result({**report.numbers, "folder": str(folder)})
+    if report.failed:
+        raise SlamsimError(
+            f"{'; '.join(map(str, report.failed))}; what the stages before made is in {folder}/"
+        )

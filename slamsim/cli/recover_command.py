@@ -1,0 +1,49 @@
+"""``slamsim recover`` as it is typed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from slamsim.console.options import Json, Overwrite, Quiet
+
+EPILOG = "Example: slamsim recover my_rosbag2/ --out whole/"
+
+
+def recover(
+    source: Annotated[
+        Path,
+        typer.Argument(
+            help="A cut or damaged recording: rosbag2, MCAP, .db3, ROS 1, CARMEN, Parquet tables; "
+            "or the folder that a killed run was to make.",
+            show_default=False,
+        ),
+    ],
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            "--out",
+            "-o",
+            metavar="FOLDER",
+            help="New folder for it; one under outputs/ by default.",
+        ),
+    ] = None,
+    overwrite: Overwrite = False,
+    quiet: Quiet = False,
+    as_json: Json = False,
+) -> None:
+    """Rebuild a cut or damaged recording out of what is whole in it."""
+    from slamsim.console.reporter import Reporter
+    from slamsim.io.salvage.source import damaged_recording
+    from slamsim.run.naming import output_folder, recording_name
+
+    reporter = Reporter(quiet=quiet, as_json=as_json)
+    damaged = damaged_recording(source)
+    inputs = (damaged.path, source if source.exists() else None)
+    name = f"{recording_name(str(source))}_recovered"
+    with output_folder(out, name, overwrite=overwrite, inputs=inputs) as folder:
+        from slamsim.run.recovering import recover_log
+
+        recover_log(damaged, folder, reporter, overwrite=overwrite)

@@ -1,0 +1,55 @@
+"""``slamsim scenario`` as it is typed."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from slamsim.console.options import Jobs, Json, Out, Overwrite, Quiet, Seed, Set
+from slamsim.scenarios.registry import ALL, ENTRIES
+
+_LINES = "\n".join(f"[bold]{entry.name}[/bold]: {entry.asks}" for entry in ENTRIES)
+HELP = (
+    "Run scenarios of the reference study, and show ours beside Unity, Gazebo, reality and theory."
+    f"\n\n\b\n{_LINES}\n[bold]{ALL}[/bold]: the nine in one report"
+)
+EPILOG = (
+    "Exit code: 0 all ran, whatever came out; 1 a trial failed. "
+    "Examples: slamsim scenario all · slamsim scenario stacking --set max_boxes=12 · "
+    "slamsim scenario all --set ramp.robot=sturdy"
+)
+
+
+def scenario(
+    name: Annotated[
+        str,
+        typer.Argument(metavar="NAME|all", help="Which scenario; all of them.", show_default=False),
+    ],
+    out: Out = None,
+    seed: Seed = None,
+    set_: Set = None,
+    config: Annotated[
+        str | None,
+        typer.Option("--config", "-c", help="YAML with parameters of the scenario."),
+    ] = None,
+    jobs: Jobs = None,
+    overwrite: Overwrite = False,
+    quiet: Quiet = False,
+    as_json: Json = False,
+) -> None:
+    from slamsim.config.scenarios.loading import load_scenarios
+    from slamsim.console.reporter import Reporter
+    from slamsim.run.naming import loaded, output_folder
+    from slamsim.scenarios.registry import find_entries
+
+    entries = find_entries(name)
+    reporter = Reporter(quiet=quiet, as_json=as_json)
+    types = {entry.key: entry.config_type() for entry in entries}
+    read = loaded(lambda: load_scenarios(types, config, set_ or (), seed))
+    key = entries[0].key if len(entries) == 1 else ALL
+    name = f"scenario_{key}"
+    with output_folder(out, name, overwrite=overwrite, inputs=read.files) as folder:
+        from slamsim.run.scenario import run_and_report
+
+        run_and_report(entries, read.config, folder, reporter, jobs=jobs, overwrite=overwrite)

@@ -1,0 +1,172 @@
+"""From the specification of a sequence to its folder: one process, one core, flat memory."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterator
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
+from functools import lru_cache, reduce
+from pathlib import Path
+from typing import Self
+
+import numpy as np
+
+from slamsim.config.robot import RobotConfig
+from slamsim.config.run import RunConfig
+from slamsim.config.sensors import SensorsConfig
+from slamsim.config.world import WorldConfig
+from slamsim.core.types import Drive, IntArray
+from slamsim.dataset.make.formats import Formats
+from slamsim.dataset.recipe.sequence import FileFact, SequenceFacts, SequenceSpec
+from slamsim.dataset.truth.write import Truth
+from slamsim.io.names import LOG
+from slamsim.recording import Recording
+from slamsim.recording.edits import numbered
+from slamsim.sensors.faults.apply import declared, faulty_sensors
+from slamsim.sensors.faults.base import Fault
+from slamsim.sensors.faults.registry import chosen_fault
+from slamsim.sensors.motion import Course, joined
+from slamsim.sensors.readings import Readings
+from slamsim.sensors.rig import SensorRig
+from slamsim.sim.drive.route import plan_route
+from slamsim.sim.drive.run import DriveRun, drive
+from slamsim.sim.robot.model import RobotModel, build_robot
+from slamsim.simulation.driven import write_corrupted
+from slamsim.simulation.header import log_header
+from slamsim.simulation.log_writer import LogWriter
+from slamsim.simulation.own_files import write_config, write_world
+from slamsim.simulation.recorder import DriveRecorder
+from slamsim.world.build import build_world
+from slamsim.world.model import World
+
+TRUTH = "truth"
+
+Moments = Iterator[tuple[Readings, Drive]]
+"""What was sensed during each window of a drive, and the window."""
+
+
+def produce(spec: SequenceSpec, folder: Path) -> SequenceFacts:
+    """Drive, sense and write one sequence into a folder that is new or empty.
+
+    The caller discards the folder after an exception, and gives it its name when it is whole.
+    Everything but ``sequence.json`` is written: log, tables, truth, configuration. The same bytes
+    come of the same specification in any process. Raises SlamsimError for a world, robot or route
+    that cannot be, and CannotInject for a fault that finds nothing to spoil.
+    """
+    ride = _Ride.planned(spec.config)
+    write_config(folder, spec.config)
+    write_world(folder, spec.config, ride.world)
+    write = _write_spoilt if ride.faults else _write_clean
+    with (
+        Truth(folder / TRUTH, ride.world, ride.robot, spec, ride.course) as truth,
+        Formats(spec, folder) as formats,
+    ):
+        write(spec, ride, folder, truth, formats)
+    outcome = ride.run.outcome
+    quality = {"duration_s": outcome.duration_s, "finished": outcome.finished, **truth.quality()}
+    return SequenceFacts(quality, tuple(files_of(folder)))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Ride:
+    """All that is known before the robot starts.
+
+    sensors, course: what is sensed with and how the laser looks, as faults would have it.
+    """
+
+    config: RunConfig
+    faults: tuple[Fault, ...]
+    sensors: SensorsConfig
+    course: Course
+    world: World
+    robot: RobotModel
+    run: DriveRun
+
+    @classmethod
+    def planned(cls, config: RunConfig) -> Self:
+        faults = tuple(map(chosen_fault, config.faults))
+        sensors, course = faulty_sensors(faults, config.sensors)
+        seed = config.seed if config.world.seed is None else config.world.seed
+        world, robot = _built_world(config.world, seed), _built_robot(config.robot)
+        route = plan_route(world, robot, config.drive)
+        run = drive(world, robot, route, config.drive)
+        return cls(config, faults, sensors, course, world, robot, run)
+
+    def moments(self) -> Moments:
+        """The drive, sensed with its truth as it goes."""
+        rig = SensorRig(
+            self.world.mesh,
+            self.robot,
+            self.sensors,
+            self.config.seed,
+            course=self.course,
+            with_truth=True,
+        )
+        for window in self.run:
+            yield rig.sense(window), window
+
+
+@lru_cache(maxsize=1)
+def _built_world(config: WorldConfig, seed: int) -> World:
+    """Kept for the next sequence, which is often in the same world."""
+    return build_world(config, seed)
+
+
+@lru_cache(maxsize=4)
+def _built_robot(config: RobotConfig) -> RobotModel:
+    return build_robot(config)
+
+
+def _write_clean(
+    spec: SequenceSpec, ride: _Ride, folder: Path, truth: Truth, formats: Formats
+) -> None:
+    """Window by window: nothing is kept longer than it must."""
+    header = log_header(ride.robot, spec.config)
+    recorder, log = DriveRecorder(spec.name, header), None
+    with ExitStack() as stack:
+        if "mcap" in spec.formats:
+            log = stack.enter_context(LogWriter(folder / LOG, header, spec.name))
+        for readings, window in ride.moments():
+            truth.write(readings, window)
+            if log is not None:
+                part = log.write(readings, window)
+            else:
+                part = recorder.take([readings], [window]).recording
+            formats.write(part, readings.scans.true_stamps_ns, window)
+
+
+def _write_spoilt(
+    spec: SequenceSpec, ride: _Ride, folder: Path, truth: Truth, formats: Formats
+) -> None:
+    """Faults look at the whole recording, so it is in memory."""
+    config, header = spec.config, log_header(ride.robot, spec.config)
+    windows, readings = list[Drive](), list[Readings]()
+    for sensed, window in ride.moments():
+        truth.write(sensed, window)
+        readings.append(replace(sensed, scans=replace(sensed.scans, truth=None)))
+        windows.append(window)
+    clean = numbered(DriveRecorder(spec.name, header).take(readings, windows).recording)
+    recording = declared(clean, ride.faults, config.sensors, config.seed)
+    if "mcap" in spec.formats:
+        moments = list(zip(readings, windows, strict=True))
+        write_corrupted(folder / LOG, moments, header, clean, recording)
+    true_ns = np.concatenate([part.scans.true_stamps_ns for part in readings])
+    whole = reduce(joined, windows[1:], joined(None, windows[0]))
+    formats.write(recording, _still_there(recording, true_ns), whole.drive)
+
+
+def _still_there(recording: Recording, true_ns: IntArray) -> IntArray:
+    """True stamps of the scans that a recording holds of all that were sensed."""
+    if not recording.scans or recording.scans[0].samples is None:
+        return true_ns[:0]
+    return true_ns[recording.scans[0].samples]
+
+
+def files_of(folder: Path) -> Iterator[FileFact]:
+    """Every file of a sequence, sorted by path; hidden ones are not part of it."""
+    for path in sorted(path for path in folder.rglob("*") if path.is_file()):
+        if not path.name.startswith("."):
+            with path.open("rb") as file:
+                digest = hashlib.file_digest(file, "sha256").hexdigest()
+            yield FileFact(path.relative_to(folder).as_posix(), path.stat().st_size, digest)

@@ -1,0 +1,182 @@
+"""What a recipe will make, and what it will cost, learnt by making a little of it."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from slamsim.dataset.recipe.draw import Draft, draw, drawn_cells, sequence_spec, split_counts
+from slamsim.dataset.recipe.model import Recipe
+from slamsim.dataset.recipe.pilot import Pilot, Pilots, make_pilots
+from slamsim.dataset.recipe.sequence import SequenceSpec, Split
+from slamsim.guard.errors import SlamsimError
+from slamsim.process.worker import cores
+
+MOST_DRAWN = 5_000
+"""Of a larger data set, only so many sequences are drawn for the counts, and the counts scaled."""
+MOST_KINDS = 4
+"""Pilots are made of the most frequent kinds of sequence alone."""
+PILOT_S = (5.0, 10.0)
+"""Two lengths, so that what every sequence costs is told from what every second costs."""
+COUNTED = ("world", "drive", "robot", "sensors.lidar")
+"""What is counted where the recipe draws it."""
+
+Kind = tuple[str, bool]
+"""Lidar, and whether there are faults: what time and size depend on most."""
+Maker = Callable[[Sequence[SequenceSpec]], Pilots]
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """What is to be expected.
+
+    counts: sequences by what was drawn, those with several faults counted for each of them; exact
+    if ``drawn`` is all, else scaled. simulated_s: as far as routes do not end early. core_s: of one
+    core; seconds: with all workers. disk_bytes: by format; ``truth`` and ``settings`` beside them.
+    memory_bytes: of one worker.
+    """
+
+    name: str
+    sequences: int
+    worlds: int
+    splits: Mapping[Split, int]
+    counts: Mapping[str, Mapping[str, int]]
+    drawn: int
+    simulated_s: float
+    core_s: float
+    workers: int
+    seconds: float
+    disk_bytes: Mapping[str, int]
+    memory_bytes: int
+
+    @property
+    def total_bytes(self) -> int:
+        return sum(self.disk_bytes.values())
+
+
+def plan(recipe: Recipe, count: int, workers: int | None = None, make: Maker = make_pilots) -> Plan:
+    """The plan of the first ``count`` sequences of a recipe.
+
+    workers: processes at a time, by default one for each core. Raises SlamsimError where not even
+    one short sequence can be made.
+    """
+    workers = workers or cores()
+    drafts = [draw(recipe, index) for index in range(min(count, MOST_DRAWN))]
+    kinds = [_kind(recipe, draft) for draft in drafts]
+    chosen = [kind for kind, _ in Counter(kinds).most_common(MOST_KINDS)]
+    specs = [_short(recipe, kinds.index(kind), count, s) for kind in chosen for s in PILOT_S]
+    pilots = make(specs)
+    costs = _costs(chosen, specs, pilots)
+    expected = [
+        costs[kind if kind in costs else None].at(_asked_s(draft.duration_s))
+        for kind, draft in zip(kinds, drafts, strict=True)
+    ]
+    scale = count / len(drafts)
+    core_s = scale * sum(one.core_s for one in expected)
+    sizes = Counter[str]()
+    for one in expected:
+        sizes.update(one.sizes)
+    return Plan(
+        name=recipe.name,
+        sequences=count,
+        worlds=-(-count // recipe.sequences_per_world),
+        splits=split_counts(recipe, count),
+        counts=_counts(recipe, drafts, scale),
+        drawn=len(drafts),
+        simulated_s=scale * sum(one.simulated_s for one in expected),
+        core_s=core_s,
+        workers=workers,
+        seconds=pilots.start_s + core_s / min(workers, count),
+        disk_bytes={name: round(scale * size) for name, size in sorted(sizes.items())},
+        memory_bytes=pilots.memory_bytes,
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class _Cost:
+    """What sequences of one kind come to, as pairs: for each of them, for each second asked."""
+
+    simulated: tuple[float, float]
+    core: tuple[float, float]
+    sizes: Mapping[str, tuple[float, float]]
+
+    def at(self, asked_s: float) -> Pilot:
+        """What is to be expected of one that long."""
+        return Pilot(
+            _on(self.simulated, asked_s),
+            _on(self.core, asked_s),
+            {name: round(_on(line, asked_s)) for name, line in self.sizes.items()},
+        )
+
+
+def _on(line: tuple[float, float], asked_s: float) -> float:
+    return max(line[0] + line[1] * asked_s, 0.0)
+
+
+def _costs(
+    chosen: Sequence[Kind], specs: Sequence[SequenceSpec], pilots: Pilots
+) -> dict[Kind | None, _Cost]:
+    """By kind, and under None what holds for the others. Raises SlamsimError without any pilot."""
+    made = dict[Kind | None, list[tuple[float, Pilot]]]()
+    for place, (spec, pilot) in enumerate(zip(specs, pilots.made, strict=True)):
+        if pilot is not None:
+            asked_s = _asked_s(spec.config.drive.route.max_duration_s)
+            made.setdefault(chosen[place // len(PILOT_S)], []).append((asked_s, pilot))
+    every = [pair for group in made.values() for pair in group]
+    if not every:
+        raise SlamsimError(f"nothing can be made of this recipe: {pilots.reasons[0]}")
+    return {kind: _cost(group) for kind, group in {None: every, **made}.items()}
+
+
+def _cost(pilots: Sequence[tuple[float, Pilot]]) -> _Cost:
+    asked_s = [asked for asked, _ in pilots]
+    names = {name for _, pilot in pilots for name in pilot.sizes}
+    return _Cost(
+        _line(asked_s, [pilot.simulated_s for _, pilot in pilots]),
+        _line(asked_s, [pilot.core_s for _, pilot in pilots]),
+        {name: _line(asked_s, [p.sizes.get(name, 0) for _, p in pilots]) for name in names},
+    )
+
+
+def _line(x: Sequence[float], y: Sequence[float]) -> tuple[float, float]:
+    """Offset and slope of the best line; of one that begins at nothing, where x hardly differs."""
+    if np.ptp(x) < 1.0:
+        return 0.0, float(np.sum(y) / np.sum(x))
+    slope, offset = np.polyfit(x, y, 1)
+    return (float(offset), float(slope)) if slope > 0.0 else (float(np.mean(y)), 0.0)
+
+
+def _kind(recipe: Recipe, draft: Draft) -> Kind:
+    return str(draft.values.get("sensors.lidar", "")), bool(draft.faults)
+
+
+def _asked_s(duration: object) -> float:
+    assert isinstance(duration, int | float)  # every sequence has one, held by the loading
+    return float(duration)
+
+
+def _short(recipe: Recipe, index: int, count: int, most_s: float) -> SequenceSpec:
+    """A sequence of the data set, cut after so many seconds."""
+    spec = sequence_spec(recipe, index, count)
+    route = spec.config.drive.route
+    cut = route.model_copy(update={"max_duration_s": min(most_s, route.max_duration_s or most_s)})
+    drive = spec.config.drive.model_copy(update={"route": cut})
+    return replace(spec, config=spec.config.model_copy(update={"drive": drive}))
+
+
+def _counts(recipe: Recipe, drafts: Sequence[Draft], scale: float) -> dict[str, dict[str, int]]:
+    found = {name: Counter[str]() for name in (*COUNTED, "faults")}
+    for draft in drafts:
+        cells = drawn_cells(recipe, draft)
+        for name in COUNTED:
+            if name in cells:
+                found[name][str(cells[name])] += 1
+        found["faults"].update([choice.name for choice in draft.faults] or ["none"])
+    return {
+        name: {what: round(scale * number) for what, number in counter.most_common()}
+        for name, counter in found.items()
+        if counter
+    }

@@ -1,0 +1,184 @@
+"""What slamsim wrote is vouched for by a file beside it, and compared with that when it is read.
+
+A folder is sealed by ``SHA256SUMS``, a sequence of a data set by its ``sequence.json``: written
+last, they hold the hash of every other file, and vouch for themselves.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import time
+from collections.abc import Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+
+from slamsim.guard.errors import DataDamaged, InputRefused
+from slamsim.guard.limits import LIMITS, Limits
+from slamsim.guard.sums import SEQUENCE, SUMS, SumsDamaged, hashes_in, is_ours, sums_text
+
+WRITTEN_BY_US = ".slamsim"
+"""A folder that holds a file of this name is ours."""
+
+_HASHED_TOGETHER = 4
+_RECOVERABLE = frozenset((".mcap", ".log", ".clf", ".gz", ".bz2"))
+_NEW_NS = 1_000_000_000
+_SEALS_KEPT, _DIGESTS_KEPT = 1024, 1 << 16
+
+_Identity = tuple[int, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Seal:
+    """hashes: SHA-256 by path, relative to folder. name: of the file that they stand in."""
+
+    folder: Path
+    name: str
+    hashes: Mapping[str, str]
+
+
+def seal_folder(folder: Path) -> None:
+    """Write ``SHA256SUMS`` of all that is in a folder; raises OSError."""
+    paths = [folder / name for name in files_in(folder)]
+    with ThreadPoolExecutor(_HASHED_TOGETHER) as threads:
+        digests = threads.map(digest, paths)
+        hashes = {
+            path.relative_to(folder).as_posix(): found
+            for path, found in zip(paths, digests, strict=True)
+        }
+    (folder / SUMS).write_bytes(sums_text(hashes).encode())
+
+
+def files_in(folder: Path) -> list[str]:
+    """Every file below a folder but its own ``SHA256SUMS``, relative to it, sorted."""
+    found = [
+        (Path(root) / name).relative_to(folder).as_posix()
+        for root, _, names in os.walk(folder)
+        for name in names
+    ]
+    return sorted(name for name in found if name != SUMS)
+
+
+def require_as_written(path: Path, limits: Limits = LIMITS) -> None:
+    """Raise DataDamaged for a file that a seal tells of and that is not as the seal has it.
+
+    A file that no seal tells of is anybody's. One that was found as it is to be is read again
+    only after it has changed. Raises InputRefused for a seal that is larger than any.
+    """
+    for where in names_of(path):
+        for folder in where.parents:
+            seal = seal_in(folder, limits)
+            name = where.relative_to(folder).as_posix()
+            if seal is not None and (sha256 := seal.hashes.get(name)) is not None:
+                if where.exists() and _digest(where, _identity(where)) != sha256:
+                    raise DataDamaged(path, _altered(seal, where))
+                return
+
+
+def require_complete(folder: Path) -> None:
+    """Raise DataDamaged if a seal tells of a file in this folder that is not there."""
+    found = seal_over(folder)
+    if found is None:
+        return
+    seal, part = found
+    for name in seal.hashes:
+        if is_within(part, name) and not (seal.folder / name).exists():
+            reason = f"missing; `slamsim verify {seal.folder}` tells what else is"
+            raise DataDamaged(seal.folder / name, reason)
+
+
+def seal_over(path: Path) -> tuple[Seal, str] | None:
+    """The nearest seal that tells of a file or of something in a folder, and what it calls that.
+
+    Raises DataDamaged for a damaged seal.
+    """
+    for where in names_of(path):
+        for folder in (where, *where.parents):
+            seal, name = seal_in(folder), where.relative_to(folder).as_posix()
+            if seal is not None and any(is_within(name, told) for told in seal.hashes):
+                return seal, name
+    return None
+
+
+def is_within(folder: str, name: str) -> bool:
+    """Whether a file is this one, or lies in this folder; ``.``: the sealed folder itself."""
+    return folder in (".", name) or name.startswith(f"{folder}/")
+
+
+def seal_in(folder: Path, limits: Limits = LIMITS) -> Seal | None:
+    """The seal of a folder, or nothing if it has none. Raises DataDamaged if it is damaged."""
+    for name in (SUMS, SEQUENCE):
+        path = folder / name
+        with suppress(OSError):
+            if seal := _seal(path, _identity(path), limits):
+                return seal
+    return None
+
+
+def digest(path: Path) -> str:
+    """SHA-256 of a file in hexadecimal; raises OSError."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def names_of(path: Path) -> Iterator[Path]:
+    """Where a file lies as it was named, and where it lies in truth."""
+    named = Path(os.path.abspath(path))  # noqa: PTH100 - resolve would follow the links
+    yield named
+    if (real := Path(os.path.realpath(path))) != named:
+        yield real
+
+
+def _identity(path: Path) -> _Identity:
+    """Another one after any change.
+
+    The clock of a file system stands still for some milliseconds, in which a second change could
+    not be told: a file that was changed just now is another one at each look.
+    """
+    facts = path.stat()
+    is_new = abs(time.time_ns() - facts.st_ctime_ns) < _NEW_NS
+    return (
+        time.monotonic_ns() if is_new else 0,
+        facts.st_dev,
+        facts.st_ino,
+        facts.st_size,
+        facts.st_mtime_ns,
+        facts.st_ctime_ns,
+        facts.st_mode,
+    )
+
+
+@lru_cache(maxsize=_DIGESTS_KEPT)
+def _digest(path: Path, _: _Identity) -> str:
+    return digest(path)
+
+
+@lru_cache(maxsize=_SEALS_KEPT)
+def _seal(path: Path, _: _Identity, limits: Limits) -> Seal | None:
+    if not path.is_file():
+        return None
+    with path.open("rb") as file:
+        data = file.read(limits.sums_bytes + 1)
+    if len(data) > limits.sums_bytes:
+        reason = f"is longer than {limits.sums_bytes:,} bytes, which no such file is"
+        raise InputRefused(path, reason, limit="sums_bytes")
+    if not ((path.parent / WRITTEN_BY_US).is_file() or is_ours(path.name, data)):
+        return None
+    try:
+        return Seal(path.parent, path.name, hashes_in(path.name, data))
+    except SumsDamaged as error:
+        reason = f"{error}, so that nothing in the folder {path.parent} can be vouched for"
+        raise DataDamaged(path, reason) from None
+
+
+def _altered(seal: Seal, path: Path) -> str:
+    way_out = "make it again"
+    if path.suffix in _RECOVERABLE:
+        way_out += f", or `slamsim recover {path}` gets back what is whole"
+    return (
+        f"is no longer as slamsim wrote it; {way_out}; if it was changed on purpose, copy it out "
+        f"of the folder {seal.folder} (`slamsim verify {seal.folder}` tells what else is damaged)"
+    )

@@ -1,0 +1,132 @@
+"""What the checker found, as one HTML file that needs nothing else: verdicts, numbers, plots."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from html import escape
+from itertools import cycle
+from pathlib import Path
+
+import numpy as np
+from matplotlib import rc_context
+from matplotlib.figure import Figure
+
+from slamsim.check.findings import CheckReport, Curve, Finding, Plot
+from slamsim.check.wording import headline, shown
+from slamsim.core.types import FloatArray
+from slamsim.guard.output import write_atomic
+from slamsim.recording.fault_names import FAULT_NAMES
+from slamsim.report.figures.palette import ESTIMATE, NEUTRAL, ODOMETRY, SCAN, TRUTH, WITHDRAWN
+from slamsim.report.figures.run import STYLE, Picture, svg
+from slamsim.report.pages.html import Card, Table, cards, figure, page, pair, section, table
+
+_COLOURS = (ESTIMATE, ODOMETRY, TRUTH, SCAN)
+_CURVE_POINTS = 1500
+_FOOTER = "Made by slamsim check. Every number, under stable keys, comes with --json."
+
+
+def write_check_page(path: Path, report: CheckReport) -> None:
+    """Raises what write_atomic raises."""
+    write_atomic(path, check_page(report).encode())
+
+
+def check_page(report: CheckReport) -> str:
+    """The whole page: what is bad with its evidence, what cannot be told and why, what is fine."""
+    parts = [
+        cards(_counts(report)),
+        section("What is wrong", "".join(map(wrong, report.bad))),
+        section("What cannot be told", _listed(report, "cannot tell")),
+        section("What is fine", _listed(report, "ok")),
+        section("Evidence", _evidence(report)),
+    ]
+    return page(report.name, headline(report), "".join(parts), _FOOTER)
+
+
+def _counts(report: CheckReport) -> list[Card]:
+    counts = Counter(finding.verdict for finding in report.findings)
+    return [
+        Card("Wrong", str(counts["bad"]), "findings"),
+        Card("Cannot tell", str(counts["cannot tell"]), "questions without an answer"),
+        Card("Fine", str(counts["ok"]), "questions"),
+        Card("Checked in", f"{sum(report.seconds.values()):.1f} s", "all parts"),
+    ]
+
+
+def wrong(finding: Finding) -> str:
+    """A fault with its number, its advice and its plots."""
+    number = shown(finding.estimate, finding.limit)
+    measured = f'<p class="note">{escape(number)}</p>' if number else ""
+    return (
+        f'<div class="warnings"><strong>{escape(FAULT_NAMES[finding.fault or ""])}</strong> '
+        f"({escape(finding.fault or '')}, {escape(finding.subject)})<br>{escape(finding.words)}."
+        f"<br>{escape(finding.advice)}{measured}</div>{_plots(finding)}"
+    )
+
+
+def _listed(report: CheckReport, verdict: str) -> str:
+    rows = [
+        (f.check, f.subject, shown(f.estimate, f.limit), f.words)
+        for f in report.findings
+        if f.verdict == verdict
+    ]
+    return table(Table(("question", "about", "number", "in words"), rows)) if rows else ""
+
+
+def _evidence(report: CheckReport) -> str:
+    return "".join(_plots(finding) for finding in report.findings if finding.verdict != "bad")
+
+
+def _plots(finding: Finding) -> str:
+    pictures = [
+        figure(plot_picture(plot, f"{finding.check}-{finding.subject}-{number}"), plot.title)
+        for number, plot in enumerate(finding.plots)
+    ]
+    return pair(pictures)
+
+
+def plot_picture(plot: Plot, key: str) -> Picture:
+    """One plot of a finding; key is unique in its page."""
+    with rc_context(STYLE):
+        drawn = Figure(figsize=(5.2, 2.2), layout="constrained")
+        axes = drawn.add_subplot()
+        legend = []
+        for curve, colour in zip(plot.curves, cycle(_COLOURS), strict=False):
+            x, y = _thinned(curve)
+            if curve.style == "line":
+                axes.plot(x, y, color=colour, linewidth=0.9)
+            else:
+                axes.plot(x, y, ".", color=colour, markersize=2.5, alpha=0.6)
+            legend.append((curve.label, colour))
+        for begin, end in plot.spans:
+            axes.axvspan(begin, end, color=NEUTRAL, alpha=0.3, linewidth=0.0)
+        for limit in plot.limits:
+            axes.axhline(limit, color=WITHDRAWN, linewidth=0.8, linestyle="--")
+        if plot.limits:
+            legend.append(("limit", WITHDRAWN))
+        axes.grid(color=NEUTRAL, alpha=0.25, linewidth=0.5)
+        axes.margins(x=0.0)
+        axes.set_xlabel(plot.x_label)
+        axes.set_ylabel(plot.y_label)
+        return Picture(svg(drawn, "".join(c if c.isalnum() else "-" for c in key)), tuple(legend))
+
+
+def _thinned(curve: Curve) -> tuple[FloatArray, FloatArray]:
+    """At most so many points as anybody can see, and only finite ones."""
+    finite = np.flatnonzero(np.isfinite(curve.x) & np.isfinite(curve.y))
+    every = max(finite.size // _CURVE_POINTS, 1)
+    chosen = finite[::every]
+    return curve.x[chosen], curve.y[chosen]
+
+
+def verdicts(findings: Sequence[Finding]) -> str:
+    """The table of findings in the report of a run."""
+    rows = [
+        (f.verdict, f.fault or f.check, f.subject, shown(f.estimate, f.limit), f.words)
+        for f in findings
+        if f.verdict != "ok"
+    ]
+    if not rows:
+        return ""
+    note = "A quick look at the recording itself; slamsim check takes a thorough one."
+    return table(Table(("verdict", "what", "about", "number", "in words"), rows), note)

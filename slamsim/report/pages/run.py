@@ -1,0 +1,233 @@
+"""The report of a run as one HTML file that needs nothing else: pictures and style inside."""
+
+from __future__ import annotations
+
+from html import escape
+from pathlib import Path
+
+from slamsim.evaluate.relations import RelationScores, RelationStatistics
+from slamsim.guard.output import write_atomic
+from slamsim.report.figures.precision import held_figure
+from slamsim.report.figures.run import curve_figure, map_figure, truth_figure
+from slamsim.report.numbers import realtime_factors, report_json
+from slamsim.report.pages.check import verdicts
+from slamsim.report.pages.html import (
+    Card,
+    Table,
+    cards,
+    details,
+    figure,
+    page,
+    pair,
+    section,
+    table,
+    warnings,
+)
+from slamsim.report.pages.precision_tables import precision_tables
+from slamsim.report.precision import precision_plots
+from slamsim.report.run_view import RunView
+from slamsim.report.viewer.series import Plot, plots
+
+CURVE_POINTS = 1500
+
+
+def write_report(path: Path, view: RunView) -> None:
+    """Write ``report.html``; raises what write_atomic raises."""
+    write_atomic(path, report_html(view).encode())
+
+
+def report_html(view: RunView) -> str:
+    """The whole page; everything that comes from files is escaped."""
+    parts = [
+        cards(_verdict(view)),
+        warnings([*view.doubts, *view.log.warnings, *view.result.warnings]),
+        section("Map", _maps(view)),
+        section("Precision", _precision(view)),
+        section("Over time", _curves(view)),
+        section("Trajectory", _trajectory_table(view)),
+        section("Relations", _relations_table(view)),
+        section("Calibration", _calibration_table(view)),
+        section("Time spent", _timing_table(view)),
+        section("The recording", "" if view.checked is None else verdicts(view.checked.findings)),
+        section("Reproduce", _reproduce(view)),
+    ]
+    return page(view.log.name, headline(view), "".join(parts))
+
+
+def headline(view: RunView) -> str:
+    """The run in one sentence."""
+    numbers = report_json(view)
+    sentence = (
+        f"{numbers['path_length_m']:.0f} m driven in {view.duration_s:.0f} s, "
+        f"{len(view.result.trajectory):,} scans mapped"
+    )
+    speed = realtime_factors(view)["slam"]
+    if speed is not None:
+        sentence += f" at {speed:.1f} × real time"
+    ate_m, odometry_m = numbers["ate_rmse_m"], numbers["odometry_ate_rmse_m"]
+    if ate_m is not None:
+        sentence += f". The trajectory is {_metres(ate_m)} off (RMSE)"
+        sentence += f"; odometry alone would be {_metres(odometry_m)} off"
+    if view.scores.relations is not None:
+        met = view.scores.relations.all
+        sentence += f". Verified relations are met to {_metres(met.translation_mean_m)}"
+        sentence += f" and {met.rotation_mean_deg:.2f}° on average"
+    return sentence + "."
+
+
+def _verdict(view: RunView) -> list[Card]:
+    """The numbers that matter most, each with its context; what is unknown is left out."""
+    numbers = view.scores.numbers()
+    speeds = realtime_factors(view)
+    relations = view.scores.relations
+    made = [
+        Card("ATE RMSE", _metres(numbers["ate_rmse_m"]), f"max {_metres(numbers['ate_max_m'])}"),
+        Card("Over the bound", _times(numbers["ate_over_bound"]), "best possible: 1 ×"),
+        Card("Odometry alone", _metres(numbers["odometry_ate_rmse_m"]), "ATE RMSE"),
+        Card("Wall recall", _share(numbers["map_wall_recall"]), "of walls in view, one cell"),
+        Card("Wall precision", _share(numbers["map_wall_precision"]), "within one cell"),
+        Card("Free-space IoU", _share(numbers["map_free_iou"]), "with the true floor"),
+    ]
+    if relations is not None:
+        rotation = f"{relations.all.rotation_mean_deg:.2f}° · {relations.all.count} relations"
+        made.append(Card("Relations", _metres(relations.all.translation_mean_m), rotation))
+    rejected = f"{view.result.closures_rejected} rejected"
+    made.append(Card("Loop closures", str(view.result.closures_accepted), rejected))
+    if speeds["slam"] is not None:
+        made.append(Card("SLAM speed", f"{speeds['slam']:.1f} ×", "real time"))
+    if speeds["simulate"] is not None:
+        made.append(Card("Simulation speed", f"{speeds['simulate']:.1f} ×", "real time"))
+    if view.peak_memory_mb is not None:
+        made.append(Card("Peak memory", f"{view.peak_memory_mb:.0f} MB", "whole command"))
+    return [card for card in made if card.value]
+
+
+def _maps(view: RunView) -> str:
+    against = truth_figure(view)
+    caption = "Map, paths driven and loop closures"
+    pictures = [figure(map_figure(view), caption, wide=against is None)]
+    if against is not None:
+        pictures.append(figure(against, "Mapped walls against the true ones"))
+    return pair(pictures, paper=True)
+
+
+def _curves(view: RunView) -> str:
+    return _pair(view, plots(view, CURVE_POINTS))
+
+
+def _precision(view: RunView) -> str:
+    """What was possible, what each part of SLAM cost, and how true the claimed errors are."""
+    picture = held_figure(view)
+    made = ""
+    if picture is not None:
+        caption = "What holds the robot along its path"
+        made = f'<div class="paper">{figure(picture, caption, wide=True)}</div>'
+    made += _pair(view, precision_plots(view, CURVE_POINTS))
+    return made + precision_tables(view)
+
+
+def _pair(view: RunView, curves: tuple[Plot, ...]) -> str:
+    return pair([figure(curve_figure(plot, view), plot.title) for plot in curves])
+
+
+def _trajectory_table(view: RunView) -> str:
+    numbers = view.scores.numbers()
+    if numbers["ate_rmse_m"] is None:
+        return ""
+    rows = [
+        (label, *(_digits(numbers[prefix + key]) for prefix in ("", "odometry_")))
+        for label, key in (
+            ("ATE, RMSE [m]", "ate_rmse_m"),
+            ("ATE, mean [m]", "ate_mean_m"),
+            ("ATE, median [m]", "ate_median_m"),
+            ("ATE, maximum [m]", "ate_max_m"),
+            ("Heading, RMSE [°]", "ate_rot_rmse_deg"),
+            ("Heading, maximum [°]", "ate_rot_max_deg"),
+            ("RPE, translation [%]", "rpe_trans_percent"),
+            ("RPE, rotation [°/m]", "rpe_rot_deg_per_m"),
+        )
+    ]
+    note = (
+        f"{numbers['evaluated_poses']:,} poses compared after a rigid alignment in the plane, "
+        f"{numbers['unevaluated_poses']:,} outside the truth. RPE: mean over all stretches of "
+        "1, 2, 5, 10, 20 and 50 m of true path."
+    )
+    return table(Table(("", "estimate", "odometry alone"), rows), note)
+
+
+def _relations_table(view: RunView) -> str:
+    relations, odometry = view.scores.relations, view.scores.odometry_relations
+    if relations is None:
+        return ""
+    rows = _relation_rows("estimate", relations)
+    if odometry is not None:
+        rows += _relation_rows("odometry alone", odometry)
+    header = ("", "relations", "count", "translation [m]", "rotation [°]")
+    note = f"Mean ± standard deviation. {relations.skipped} relations outside the trajectory."
+    return table(Table(header, rows), note)
+
+
+def _relation_rows(name: str, scores: RelationScores) -> list[tuple[str, ...]]:
+    parts: tuple[tuple[str, RelationStatistics | None], ...] = (
+        ("all", scores.all),
+        ("under 5 s", scores.near),
+        ("over 60 s", scores.far),
+    )
+    return [
+        (
+            name,
+            span,
+            f"{part.count:,}",
+            f"{part.translation_mean_m:.4f} ± {part.translation_std_m:.4f}",
+            f"{part.rotation_mean_deg:.3f} ± {part.rotation_std_deg:.3f}",
+        )
+        for span, part in parts
+        if part is not None
+    ]
+
+
+def _calibration_table(view: RunView) -> str:
+    rows = [
+        (name, f"{one.value:.6g}", f"{one.sigma:.2g}", "yes" if one.observed else "no")
+        for name, one in view.result.calibration.items()
+    ]
+    note = "Wheels, gyroscope and laser as the drive shows them; what it did not tell is assumed."
+    header = ("", "value", "standard deviation", "observed")
+    return table(Table(header, rows), note) if rows else ""
+
+
+def _timing_table(view: RunView) -> str:
+    rows = []
+    for prefix, seconds in (("", view.seconds), ("SLAM: ", view.result.seconds)):
+        for stage, spent_s in seconds.items():
+            factor = f"{view.duration_s / spent_s:,.1f} ×" if spent_s >= 0.01 else ""
+            rows.append((prefix + stage, f"{spent_s:.2f}", factor))
+    return table(Table(("stage", "seconds", "real time"), rows)) if rows else ""
+
+
+def _reproduce(view: RunView) -> str:
+    made = f"<pre><code>{escape(view.command)}</code></pre>" if view.command else ""
+    if view.config_yaml:
+        made += details("Configuration, fully resolved", view.config_yaml)
+    return made
+
+
+def _metres(value: object) -> str:
+    """A length as a person says it, empty if unknown."""
+    if not isinstance(value, int | float):
+        return ""
+    if abs(value) < 0.01:
+        return f"{value * 1e3:.1f} mm"
+    return f"{value * 1e2:.1f} cm" if abs(value) < 1.0 else f"{value:.2f} m"
+
+
+def _times(value: object) -> str:
+    return f"{value:.3g} ×" if isinstance(value, int | float) else ""
+
+
+def _share(value: object) -> str:
+    return f"{value * 100:.1f} %" if isinstance(value, int | float) else ""
+
+
+def _digits(value: object) -> str:
+    return f"{value:.4g}" if isinstance(value, int | float) else "–"

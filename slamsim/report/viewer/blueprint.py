@@ -1,0 +1,109 @@
+"""How the recording is laid out when it is opened: map on the left, curves on the right."""
+
+from __future__ import annotations
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+
+from slamsim.core.types import FloatArray
+from slamsim.evaluate.grid import cell_centres, occupied
+from slamsim.report.precision import precision_plots
+from slamsim.report.run_view import RunView
+from slamsim.report.viewer.series import MAX_POINTS, Plot, plots
+from slamsim.report.viewer.stage import MAP
+
+MAP_VIEW, PRECISION_VIEW, SPACE_VIEW = "Map", "Precision", "Space"
+_FIELD_OF_VIEW = 0.85
+"""How far above a scene one metre high the eye must be to see it whole, in metres."""
+
+
+def blueprint(view: RunView) -> rrb.Blueprint:
+    """Both views of the map as tabs, the plots that the run has one above the other."""
+    scene = rrb.Tabs(
+        _map_view(view, MAP_VIEW, ["+ /**", "- /truth/walls", "- /precision/**", "- /plots/**"]),
+        _map_view(view, PRECISION_VIEW, ["+ /map", "+ /truth/outline", "+ /precision/**"]),
+        _space_view(view),
+        active_tab=0,
+    )
+    groups = (("Over time", plots(view)), ("Precision", precision_plots(view, MAX_POINTS)))
+    curves = [
+        rrb.Vertical(*(_curve_view(view, plot) for plot in group), name=name)
+        for name, group in groups
+        if group
+    ]
+    parts = (scene, rrb.Tabs(*curves, active_tab=0)) if curves else (scene,)
+    return rrb.Blueprint(
+        rrb.Horizontal(*parts, column_shares=[3, 2][: len(parts)]),
+        rrb.TimePanel(timeline="sim_time", state="collapsed", play_state="paused"),
+        rrb.BlueprintPanel(state="collapsed"),
+        rrb.SelectionPanel(state="collapsed"),
+        auto_views=False,
+    )
+
+
+def _curve_view(view: RunView, plot: Plot) -> rrb.TimeSeriesView:
+    return rrb.TimeSeriesView(
+        origin=f"plots/{plot.key}",
+        name=_titled(plot.title, plot.unit),
+        axis_x=rrb.TimeAxis(view_range=_whole_run(view)),
+    )
+
+
+def _whole_run(view: RunView) -> rr.TimeRange:
+    begin_ns = view.begin_ns - view.origin_ns
+    end_ns = view.begin_ns - view.origin_ns + round(view.duration_s * 1e9)
+    return rr.TimeRange(
+        start=rr.TimeRangeBoundary.absolute(nanos=begin_ns),
+        end=rr.TimeRangeBoundary.absolute(nanos=end_ns),
+    )
+
+
+def _titled(title: str, unit: str) -> str:
+    return f"{title} [{unit}]" if unit else title
+
+
+def _map_view(view: RunView, name: str, contents: list[str]) -> rrb.Spatial3DView:
+    """From above, north up; the true walls only as an outline, so that they hide nothing."""
+    centre, extent_m = map_extent(view)
+    eye_m = max(extent_m[1], extent_m[0] * 0.8) / _FIELD_OF_VIEW
+    return rrb.Spatial3DView(
+        origin="/",
+        name=name,
+        contents=contents,
+        spatial_information=rrb.SpatialInformation(target_frame=MAP),
+        line_grid=rrb.LineGrid3D(visible=False),
+        background=[250, 250, 250],
+        eye_controls=rrb.EyeControls3D(
+            position=(centre[0], centre[1] - 0.001 * eye_m, eye_m),
+            look_target=(centre[0], centre[1], 0.0),
+            eye_up=(0.0, 1.0, 0.0),
+        ),
+    )
+
+
+def _space_view(view: RunView) -> rrb.Spatial3DView:
+    centre, extent_m = map_extent(view)
+    size_m = float(max(extent_m))
+    return rrb.Spatial3DView(
+        origin="/",
+        name=SPACE_VIEW,
+        contents=["+ /**", "- /precision/**", "- /plots/**"],
+        spatial_information=rrb.SpatialInformation(target_frame=MAP),
+        line_grid=rrb.LineGrid3D(visible=False),
+        eye_controls=rrb.EyeControls3D(
+            position=(centre[0] - 0.4 * size_m, centre[1] - 0.7 * size_m, 0.7 * size_m),
+            look_target=(centre[0], centre[1], 0.0),
+            eye_up=(0.0, 0.0, 1.0),
+        ),
+    )
+
+
+def map_extent(view: RunView) -> tuple[FloatArray, FloatArray]:
+    """(2,) centre and (2,) size, in metres, of the mapped walls and the path; 1 m at least."""
+    walls = cell_centres(view.grid, occupied(view.grid))
+    points = np.concatenate([walls, view.result.trajectory.poses[:, :2]])
+    if len(points) == 0:
+        return np.zeros(2), np.ones(2)
+    low, high = points.min(axis=0), points.max(axis=0)
+    return 0.5 * (low + high), np.maximum(high - low, 1.0)

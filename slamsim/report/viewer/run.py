@@ -1,0 +1,69 @@
+"""The Rerun recording of a run: what a person plays back, written after the run from its data.
+
+A recording is a picture, never the data: it is thinned to some tens of megabytes however long
+the run was. It is made in memory and written at once, because Rerun's own file sink waits for
+ever on a full disk.
+"""
+
+from __future__ import annotations
+
+import zlib
+from pathlib import Path
+
+import rerun as rr
+
+from slamsim.guard.output import write_atomic
+from slamsim.report.figures.palette import rgb
+from slamsim.report.precision import precision_plots
+from slamsim.report.run_view import RunView
+from slamsim.report.viewer.blueprint import blueprint
+from slamsim.report.viewer.scene import log_graph, log_map, log_paths, log_precision, log_walls
+from slamsim.report.viewer.series import MAX_POINTS, plots
+from slamsim.report.viewer.stage import laser_frame, log_scans, log_transforms, time_column
+
+APPLICATION = "slamsim"
+
+
+def write_recording(path: Path, view: RunView) -> None:
+    """Write ``run.rrd``; what was under this name stays if anything fails.
+
+    Raises what write_atomic raises.
+    """
+    recording = rr.RecordingStream(APPLICATION, recording_id=_identity(view))
+    memory = recording.memory_recording()
+    strict_before = rr.strict_mode()
+    rr.set_strict_mode(True)
+    try:
+        recording.send_recording_name(view.log.name)
+        laser = laser_frame(view)
+        log_transforms(recording, view, laser)
+        log_map(recording, "map", view.grid)
+        log_walls(recording, view)
+        log_paths(recording, view)
+        log_graph(recording, view)
+        log_precision(recording, view)
+        log_scans(recording, view, laser)
+        _log_plots(recording, view)
+        recording.send_blueprint(blueprint(view))
+    finally:
+        rr.set_strict_mode(strict_before)
+    write_atomic(path, memory.drain_as_bytes())
+
+
+def _identity(view: RunView) -> str:
+    """The same for the same run, so that opening it twice does not show it twice."""
+    poses = view.result.trajectory.poses.tobytes()
+    return f"{view.log.name}-{zlib.crc32(poses):08x}"
+
+
+def _log_plots(recording: rr.RecordingStream, view: RunView) -> None:
+    for plot in (*plots(view), *precision_plots(view, MAX_POINTS)):
+        for curve in plot.curves:
+            entity = f"plots/{plot.key}/{curve.name}"
+            style = rr.SeriesLines(colors=rgb(curve.colour), names=curve.name)
+            recording.log(entity, style, static=True)
+            recording.send_columns(
+                entity,
+                [time_column(view, curve.stamps_ns)],
+                rr.Scalars.columns(scalars=curve.values),
+            )

@@ -1,0 +1,145 @@
+"""What moves in a recording: the transform tree and the scans that it carries."""
+
+from __future__ import annotations
+
+import numpy as np
+import rerun as rr
+
+from slamsim.core.geometry import compose, inverse, xyzw_from_matrix, xyzw_from_yaw
+from slamsim.core.types import Float32Array, FloatArray, IntArray, Scan
+from slamsim.report.figures.palette import ESTIMATE, SCAN, rgb
+from slamsim.report.run_view import RunView, thinned
+
+MAX_POSES = 40_000
+MAX_SCANS = 2_500
+MAX_BEAMS = 400
+SCAN_HEIGHT_M = 0.04
+
+MAP, ODOM, BASE, LASER, TRUTH = "map", "odom", "base_footprint", "laser", "truth"
+
+
+def time_column(view: RunView, stamps_ns: IntArray) -> rr.TimeColumn:
+    """``sim_time``: the time since the beginning, exact to the nanosecond."""
+    since = (np.asarray(stamps_ns) - view.origin_ns).astype("timedelta64[ns]")
+    return rr.TimeColumn("sim_time", duration=since)
+
+
+def laser_frame(view: RunView) -> str:
+    """The log's own name for it, unless the tree uses that name for something else."""
+    first = next(iter(view.log.scans), None)
+    name = LASER if first is None else first.geometry.frame_id.strip("/")
+    return LASER if name in ("", MAP, ODOM, BASE, TRUTH) or name.startswith("tf#") else name
+
+
+def log_transforms(recording: rr.RecordingStream, view: RunView, laser: str) -> None:
+    """map -> odom -> base_footprint over time, base_footprint -> laser and map -> truth fixed.
+
+    Until its first pose the robot is shown standing there, so that the tree is always whole.
+    """
+    trajectory, odometry = view.result.trajectory, view.result.odometry
+    pick = thinned(len(trajectory), MAX_POSES)
+    stamps_ns = trajectory.stamps_ns[pick]
+    stamps_ns[:1] = np.minimum(stamps_ns[:1], view.begin_ns)
+    T_map_odom = compose(trajectory.poses[pick], inverse(odometry.poses[pick]))
+    for name, parent, child, poses in (
+        ("tf/odom", MAP, ODOM, T_map_odom),
+        ("tf/base", ODOM, BASE, odometry.poses[pick]),
+    ):
+        recording.send_columns(
+            name,
+            [time_column(view, stamps_ns)],
+            rr.Transform3D.columns(
+                translation=_in_space(poses[:, :2]),
+                quaternion=xyzw_from_yaw(poses[:, 2]),
+                parent_frame=[parent] * len(pick),
+                child_frame=[child] * len(pick),
+            ),
+        )
+    T_base_laser = view.log.T_base_laser
+    recording.log(
+        "tf/laser",
+        rr.Transform3D(
+            translation=T_base_laser[:3, 3],
+            quaternion=rr.Quaternion(xyzw=xyzw_from_matrix(T_base_laser[:3, :3])),
+            parent_frame=BASE,
+            child_frame=laser,
+        ),
+        static=True,
+    )
+    x_m, y_m, yaw_rad = view.truth_in_map
+    recording.log(
+        "tf/truth",
+        rr.Transform3D(
+            translation=[x_m, y_m, 0.0],
+            quaternion=rr.Quaternion(xyzw=xyzw_from_yaw(np.array(yaw_rad))),
+            parent_frame=MAP,
+            child_frame=TRUTH,
+        ),
+        static=True,
+    )
+    _log_robot(recording)
+
+
+def _log_robot(recording: rr.RecordingStream) -> None:
+    colour = rgb(ESTIMATE)
+    recording.log("robot", rr.CoordinateFrame(BASE), static=True)
+    recording.log(
+        "robot",
+        rr.Arrows3D(origins=[[0, 0, 0.1]], vectors=[[0.6, 0, 0]], radii=0.04, colors=colour),
+        static=True,
+    )
+    recording.log("robot/axes", rr.CoordinateFrame(BASE), rr.TransformAxes3D(0.4), static=True)
+
+
+def log_scans(recording: rr.RecordingStream, view: RunView, laser: str) -> None:
+    """Raw scans as points in the laser frame, so that the transforms carry them about.
+
+    They are drawn at the height of the floor, or else they would not lie on the map when it is
+    seen from above in perspective.
+    """
+    stamps_ns: list[int] = []
+    clouds: list[Float32Array] = []
+    wanted = _wanted_stamps(view)
+    for scan in view.log.scans:
+        if scan.stamp_ns in wanted:
+            stamps_ns.append(scan.stamp_ns)
+            clouds.append(on_floor(view.log.T_base_laser, scan_points(scan)))
+    recording.log("scan", rr.CoordinateFrame(laser), static=True)
+    if not clouds:
+        return
+    recording.log("scan", rr.Points3D.from_fields(radii=0.03, colors=rgb(SCAN)), static=True)
+    recording.send_columns(
+        "scan",
+        [time_column(view, np.array(stamps_ns, dtype=np.int64))],
+        rr.Points3D.columns(positions=np.concatenate(clouds)).partition(
+            [len(cloud) for cloud in clouds]
+        ),
+    )
+
+
+def _wanted_stamps(view: RunView) -> frozenset[int]:
+    """Stamps of the scans to show: of those that have a pose, evenly spread."""
+    stamps_ns = view.result.trajectory.stamps_ns
+    return frozenset(stamps_ns[thinned(stamps_ns.size, MAX_SCANS)].tolist())
+
+
+def scan_points(scan: Scan) -> FloatArray:
+    """(n, 3) ends of the beams that came back, in the laser frame, thinned."""
+    step = max(1, -(-scan.geometry.beam_count // MAX_BEAMS))
+    ranges_m, angles_rad = scan.ranges_m[::step], scan.geometry.angles_rad()[::step]
+    hit = np.isfinite(ranges_m) & (ranges_m >= scan.geometry.range_min_m)
+    ends = ranges_m[hit, None] * np.column_stack([np.cos(angles_rad[hit]), np.sin(angles_rad[hit])])
+    return _in_space(ends)
+
+
+def on_floor(T_base_laser: FloatArray, points_laser: FloatArray) -> Float32Array:
+    """(n, 3) the same points moved straight down onto the floor, still in the laser frame."""
+    rotation, position = T_base_laser[:3, :3], T_base_laser[:3, 3]
+    points_base = points_laser @ rotation.T + position
+    points_base[:, 2] = SCAN_HEIGHT_M
+    return ((points_base - position) @ rotation).astype(np.float32)
+
+
+def _in_space(points_m: FloatArray) -> FloatArray:
+    """(n, 3): planar points on the floor of their frame."""
+    return np.column_stack([points_m, np.zeros(len(points_m))])

@@ -1,0 +1,166 @@
+"""``slamsim dataset verify`` and ``stats``: what is told of a data set that is there."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Collection
+from dataclasses import asdict, dataclass
+from functools import reduce
+from operator import getitem
+from pathlib import Path
+from typing import Any
+
+from slamsim.console.reporter import Reporter
+from slamsim.dataset.catalogue.manifest import read_manifest
+from slamsim.dataset.catalogue.statistics import statistics
+from slamsim.dataset.catalogue.verify import Verification, verify
+from slamsim.dataset.make.identity import IDENTITY, RECIPE
+from slamsim.dataset.make.sequence_check import EXTRA, Finding
+from slamsim.dataset.make.shard import shard_path
+from slamsim.dataset.store.place import Place
+from slamsim.guard.errors import InputRefused, SlamsimError, shown
+from slamsim.guard.quantities import as_size, as_time
+from slamsim.guard.yaml import parse_yaml
+from slamsim.run.dataset.planning import counted
+
+SHARD_KEY = "shard_sequences"
+_REMOVE_HERE = ("rm", "-r")
+_REMOVE_THERE = (
+    "python",
+    "-c",
+    "import sys, fsspec; [f.rm(p, True) for f, p in map(fsspec.url_to_fs, sys.argv[1:])]",
+)
+_ANY = "RECIPE"
+_MOST_TOLD = 20
+
+
+@dataclass(frozen=True, slots=True)
+class Mending:
+    """remove: paths in the data set. commands: remove them, and make what is then missing."""
+
+    remove: tuple[str, ...]
+    commands: tuple[str, ...]
+
+
+def run_verify(
+    address: str,
+    reporter: Reporter,
+    *,
+    subset: str = "100%",
+    again: int = 0,
+    workers: int | None = None,
+) -> bool:
+    """Check a data set and tell what is wrong with it; whether nothing is.
+
+    Raises what ``verify`` raises, and SlamsimError for a subset that is no percentage.
+    """
+    share = _share(subset)
+    with reporter.stage("verify", "sequences/s") as progress:
+        found = verify(address, share=share, again=again, workers=workers, progress=progress)
+    mending = None if found.whole else mending_of(found)
+    _tell(found, mending, reporter)
+    told = {"whole": found.whole, "mending": mending and asdict(mending)}
+    reporter.result({**asdict(found), **told})
+    return found.whole
+
+
+def run_stats(address: str, reporter: Reporter) -> None:
+    """Tell what a data set holds, from its manifest. Raises NotFound, InputRefused."""
+    told = statistics(read_manifest(Place(address)))
+    totals = {
+        "sequences": f"{told['sequences']:,}, {told['failed']:,} of them could not be made",
+        "worlds": f"{told['worlds']:,}",
+        "simulated": f"{as_time(told['simulated_h'] * 3600.0)}, {told['path_km']:,.4g} km, "
+        f"{told['scans']:,} scans, {told['loop_closures']:,} loop closures",
+        "disk": f"{as_size(told['size_bytes'])} in {told['files']:,} files",
+    }
+    splits = {
+        f"split {split}": f"{part['sequences']:,} in {part['worlds']:,} worlds, "
+        f"{as_time(part['simulated_h'] * 3600.0)}, {part['path_km']:,.4g} km"
+        for split, part in told["splits"].items()
+    }
+    drawn = {name: counted(counts) for name, counts in told["drawn"].items()}
+    numbers = {
+        name.removeprefix("quality."): f"{spread['median']:.4g} in the median, "
+        f"{spread['least']:.4g} to {spread['most']:.4g}"
+        for name, spread in told["numbers"].items()
+    }
+    faults = {"faults": counted(told["faults"])}
+    reporter.table(f"Data set {address}", {**totals, **splits, **drawn, **faults, **numbers})
+    reporter.result(told)
+
+
+def mending_of(found: Verification) -> Mending:
+    """How everything that is not as it was made is made again."""
+    place = Place(found.address)
+    damaged = [finding for finding in found.findings if finding.reason != EXTRA]
+    paths = {_at(finding) for finding in damaged}
+    indices = {finding.index for finding in damaged if finding.index is not None}
+    paths |= _shards_of(place, indices, paths)
+    there = sorted(path for path in paths if place.names(path) or place.digest(path))
+    is_sound = RECIPE not in paths and place.digest(RECIPE)
+    recipe = f"{found.address}/{RECIPE}" if is_sound else _ANY
+    words = ["slamsim", "dataset", "make", recipe, "-n", str(found.sequences)]
+    commands = [[*words, "--out", found.address]]
+    if there:
+        removal = _REMOVE_THERE if "://" in found.address else _REMOVE_HERE
+        commands.insert(0, [*removal, *(f"{found.address}/{path}" for path in there)])
+    return Mending(tuple(there), tuple(map(shlex.join, commands)))
+
+
+def _shards_of(place: Place, indices: Collection[int], damaged: Collection[str]) -> set[str]:
+    """The files whose rows say that these sequences are there."""
+    if not indices:
+        return set()
+    for path, keys in ((IDENTITY, ("recipe", SHARD_KEY)), (RECIPE, (SHARD_KEY,))):
+        if path not in damaged and (size := _whole_number(place.read(path), keys)):
+            return {shard_path(index // size) for index in indices}
+    return {f"shards/{name}" for name in place.names("shards")}
+
+
+def _whole_number(data: bytes | None, keys: Collection[str]) -> int | None:
+    """What YAML says under one key below the other, if it can be read."""
+    try:
+        told: Any = parse_yaml((data or b"").decode("utf-8", "replace"), Path(RECIPE)).data
+        return int(reduce(getitem, keys, told))
+    except (InputRefused, KeyError, TypeError, ValueError):
+        return None
+
+
+def _at(finding: Finding) -> str:
+    """What is made again as a whole: a sequence, or a file beside them."""
+    if finding.index is None:
+        return finding.path
+    return "/".join(finding.path.split("/")[:2])
+
+
+def _share(subset: str) -> float:
+    try:
+        share = float(subset.removesuffix("%")) / 100.0
+    except ValueError:
+        share = 0.0
+    if not 0.0 < share <= 1.0:
+        raise SlamsimError(f"--subset {shown(subset)}: say a part of the sequences, such as 5%")
+    return share
+
+
+def _tell(found: Verification, mending: Mending | None, reporter: Reporter) -> None:
+    rows = {
+        "sequences": f"{found.sequences:,}, {found.failed:,} of them could not be made",
+        "read": f"{found.checked:,} sequences, {found.files:,} files, {as_size(found.size_bytes)}",
+        "made again": ", ".join(map(str, found.again)) or "none",
+        "not as it was made": f"{len(found.findings):,} of the files" if mending else "nothing",
+    }
+    reporter.table(f"Data set {found.address}", rows)
+    for finding in found.findings[:_MOST_TOLD]:
+        reporter.warn(f"{finding.path}: {finding.reason}")
+    if len(found.findings) > _MOST_TOLD:
+        reporter.warn(f"and {len(found.findings) - _MOST_TOLD:,} more; --json tells all")
+    if any(finding.reason == EXTRA for finding in found.findings):
+        reporter.say("Move what is no part of the data set elsewhere.")
+    if mending is None or all(finding.reason == EXTRA for finding in found.findings):
+        return
+    which = ", RECIPE being what it was made of:" if _ANY in mending.commands[-1].split() else ":"
+    reporter.say(f"This makes the same bytes again{which}")
+    for command in mending.commands:
+        reporter.say(f"  {command}")

@@ -1,0 +1,128 @@
+"""What an identification says, as a scenario does: verdicts, numbers, tables, a chart."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from slamsim.core.types import FloatArray
+from slamsim.scenarios.base import Chart, Findings, Series, Value, Verdict
+from slamsim.scenarios.identify.fit import Foreseen, sigmas_left
+from slamsim.scenarios.identify.identify import Identified
+from slamsim.scenarios.identify.tables import (
+    UNTOUCHED,
+    directions_sheet,
+    expected_figures,
+    figures_sheet,
+    left_out_sheet,
+    measured,
+    misses,
+    odometry_corner_deg,
+    others_sheet,
+    parameters_sheet,
+    plain_name,
+    set_back_sheet,
+)
+
+WITHIN_SIGMAS = 2.0
+
+
+def identification_found(found: Identified) -> Findings:
+    """The findings of an identification."""
+    return Findings(
+        lead=_lead(found),
+        numbers=_numbers(found),
+        verdicts=tuple(_verdicts(found)),
+        sheets=(
+            figures_sheet(found),
+            parameters_sheet(found),
+            directions_sheet(found),
+            set_back_sheet(found),
+            left_out_sheet(found),
+            others_sheet(found),
+        ),
+        charts=(_chart(found),),
+    )
+
+
+def _lead(found: Identified) -> str:
+    figures, space = found.experiment.figures, found.experiment.space
+    left = sigmas_left(found.fit)
+    silent = [p.words for p, s in zip(space.parameters, left, strict=True) if s > UNTOUCHED]
+    return (
+        f"{len(figures)} figures tell of {len(space) - len(silent)} of {len(space)} parameters. "
+        f"What none of them tells of stays as it was believed beforehand: {', '.join(silent)}."
+    )
+
+
+def _numbers(found: Identified) -> dict[str, Value]:
+    fit, space = found.fit, found.experiment.space
+    values = space.values(fit.z)
+    numbers: dict[str, Value] = {p.name: values[p.name] for p in space.parameters}
+    for parameter, left in zip(space.parameters, sigmas_left(fit).tolist(), strict=True):
+        numbers[f"{parameter.name}_sigma_of_logarithm"] = left * parameter.sigma
+    for figure, value in zip(found.experiment.figures, found.simulated.tolist(), strict=True):
+        numbers[f"simulated {figure.label}"] = None if np.isnan(value) else value
+    numbers["odometry_corner_deg"] = odometry_corner_deg(found)
+    return numbers
+
+
+def _verdicts(found: Identified) -> list[Verdict]:
+    verdicts = []
+    expected = expected_figures(found)
+    for i, figure in enumerate(found.experiment.figures):
+        off = misses(figure, float(expected[i]), float(found.fit.sigmas[i]))
+        verdicts.append(
+            Verdict(
+                f"The identified robot explains {figure.label}",
+                "reality",
+                abs(off) <= WITHIN_SIGMAS,
+                f"{expected[i]:.3g} expected, {measured(figure)} measured: {off:+.1f} sigmas of "
+                f"reading and chance",
+            )
+        )
+    for scenario, others in found.left_out.items():
+        offs = _offs_left_out(found, scenario, others)
+        verdicts.append(
+            Verdict(
+                f"The figures of {plain_name(scenario)} are as those of the others have them be",
+                "reality",
+                all(abs(off) <= WITHIN_SIGMAS for off in offs),
+                ", ".join(f"{off:+.1f}" for off in offs) + " sigmas of what the others leave open",
+            )
+        )
+    return verdicts
+
+
+def _offs_left_out(found: Identified, scenario: str, others: Foreseen) -> list[float]:
+    return [
+        misses(figure, float(others.means[i]), float(others.sigmas[i]))
+        for i, figure in enumerate(found.experiment.figures)
+        if figure.scenario == scenario
+    ]
+
+
+def _chart(found: Identified) -> Chart:
+    """How far each figure is off, in its own sigmas: as drawn, left out, fitted."""
+    figures, sigmas = found.experiment.figures, found.fit.sigmas
+    places = np.arange(1.0, len(figures) + 1.0)
+
+    def offs(values: FloatArray) -> FloatArray:
+        return np.array(
+            [misses(f, float(v), float(s)) for f, v, s in zip(figures, values, sigmas, strict=True)]
+        )
+
+    left_out = np.array([found.left_out[f.scenario].means[i] for i, f in enumerate(figures)])
+    series = (
+        Series("as drawn", "slamsim", places, offs(found.nominal), "points"),
+        Series("predicted without its scenario", "slamsim", places, offs(left_out), "points"),
+        Series("identified", "slamsim", places, offs(expected_figures(found)), "points"),
+        Series("measured", "reality", places, np.zeros_like(places), "line"),
+    )
+    names = ", ".join(f"{i}: {f.label}" for i, f in enumerate(figures, start=1))
+    return Chart(
+        "How far each figure is off",
+        "figure",
+        "off [sigmas of reading and chance]",
+        series,
+        note=names,
+    )

@@ -1,0 +1,102 @@
+"""How sure the returned key frames are: what holds the map, and what is left of single scans.
+
+Two errors add up. The map itself is off by the noise of all views of its surfaces and of the
+odometry between them: the inverse of their joint information, as in any bundle adjustment
+(Triggs et al. 2000). And each pose is off in this map by what the smoothing of all scans left of
+the noise of its own. Before that smoothing, odometry could not be believed between two key frames
+better than the matches that placed them: covariances of the bundle adjustment alone are those of
+other, shakier poses.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from slamsim.core.geometry import adjoint, between, inverse
+from slamsim.core.result import MapGraph
+from slamsim.core.types import FloatArray, IntArray
+from slamsim.slam.backend.marginals import joined_covariances
+from slamsim.slam.backend.smoothing import Smoothed
+from slamsim.slam.backend.supernodes import Panels
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sights:
+    """What holds n views of a map together.
+
+    panels, values: what the views of shared surfaces say, a system whose unknowns are small steps
+    of each view but the first, which is held fixed and stands for all that are, in its own frame.
+    drift: (n - 1, 3, 3)
+    covariance of the odometry from view to view, of the later one in its own frame. pairs: (p, 2)
+    of views that share surfaces. poses: (n, 3) T_map_view. T_base_view: (n, 3) where each view is
+    seen from its base.
+    """
+
+    panels: Panels
+    values: FloatArray
+    drift: FloatArray
+    pairs: IntArray
+    poses: FloatArray
+    T_base_view: FloatArray
+
+    def covariances(self) -> FloatArray:
+        """(n, 3, 3) relative to the first pose, of small steps of the base in its own frame.
+
+        Raises NoSolution if nothing holds some pose.
+        """
+        count = len(self.poses)
+        ends = np.stack([np.arange(count - 1), np.arange(1, count)], axis=1)
+        seen = (self.panels, self.values, self.pairs)
+        covariances = joined_covariances(self.poses, 0, seen, (ends, self.drift))
+        return _carried(adjoint(self.T_base_view), covariances)
+
+
+def smoothed_covariances(
+    sights: Sights, graph: MapGraph, first: int, smoothed: Smoothed
+) -> FloatArray:
+    """(n - first, 3, 3) of the smoothed key frames from number ``first`` of the graph on, relative
+    to its first, of small steps of the base in its own frame.
+
+    smoothed: the drive of these key frames. Where only a guess of the front end joins two of them,
+    it stays as unsure as it was.
+    """
+    held = len(graph.keyframes) - len(sights.poses)
+    poses, stamps_ns = graph.keyframes.poses[held:], graph.keyframes.stamps_ns[first:]
+    first -= held
+    guessed = {edge.target - held for edge in graph.edges if edge.kind == "odometry"}
+    driven = np.array([k not in guessed for k in range(first + 1, len(poses))], dtype=np.bool_)
+    drift, scatter = sights.drift.copy(), np.zeros((len(poses), 3, 3))
+    to_view = adjoint(inverse(sights.T_base_view[first + 1 :]))
+    drift[first:][driven] = _carried(to_view, drift_between(smoothed, stamps_ns))[driven]
+    scatter[first:] = smoothed.covariances[_numbers(smoothed, stamps_ns)]
+    of_map = replace(sights, drift=drift).covariances()
+    return with_scatter(poses, of_map, scatter)[first:]
+
+
+def drift_between(smoothed: Smoothed, stamps_ns: IntArray) -> FloatArray:
+    """(k - 1, 3, 3) covariance of the odometry between scans, by their (k,) stamps, of the base at
+    the later scan in its own frame."""
+    at, poses = _numbers(smoothed, stamps_ns), smoothed.track.poses
+    end = poses[np.repeat(at[1:], np.diff(at))]
+    steps = slice(at[0], at[-1])
+    carried = _carried(adjoint(between(end, poses[1:][steps])), smoothed.drift[steps])
+    return np.asarray(np.add.reduceat(carried, at[:-1] - at[0], axis=0))
+
+
+def with_scatter(poses: FloatArray, covariances: FloatArray, scatter: FloatArray) -> FloatArray:
+    """Covariances (n, 3, 3) relative to the first pose when each pose, the first one too, is off
+    by an error of its own besides, of (n, 3, 3) ``scatter`` in its own frame."""
+    from_first = adjoint(between(poses[1:], poses[0]))
+    whole = covariances.copy()
+    whole[1:] += scatter[1:] + _carried(from_first, scatter[0])
+    return whole
+
+
+def _carried(carry: FloatArray, covariances: FloatArray) -> FloatArray:
+    return np.asarray(carry @ covariances @ np.swapaxes(carry, -1, -2))
+
+
+def _numbers(smoothed: Smoothed, stamps_ns: IntArray) -> IntArray:
+    return np.searchsorted(smoothed.track.stamps_ns, stamps_ns)

@@ -1,0 +1,68 @@
+"""Closures that came as a surprise wait here until enough others say the same.
+
+Two closures agree if going round the cycle that they and the estimate form leads back to where it
+began (pairwise consistency, Mangelson et al. 2018).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from slamsim.core.geometry import between, compose
+from slamsim.core.types import FloatArray
+from slamsim.slam.closures.closure import Closure
+
+FORGET_AFTER_M = 20.0
+TOLERANCE_M = 0.15
+TOLERANCE_RAD = 0.05
+DRIFT_M_PER_M = 0.03
+
+
+class WaitingClosures:
+    """Keeps surprising closures until ``min_support`` independent ones agree.
+
+    apart_m: key frames on less path than this share scans; their closures are one witness. Three
+    closures of one metre of a corridor say no more than one: where walls repeat themselves, all
+    of them are wrong by the same step.
+    """
+
+    def __init__(self, min_support: int, apart_m: float) -> None:
+        self._min_support, self._apart_m = min_support, apart_m
+        self._waiting: list[Closure] = []
+
+    def add(self, closure: Closure, poses: FloatArray) -> Sequence[Closure]:
+        """The closures that may count now: none, or the new one with all that agree with it."""
+        agreeing = [other for other in self._waiting if agree(closure, other, poses)]
+        if self._witnesses([*agreeing, closure]) < self._min_support:
+            self._waiting.append(closure)
+            return ()
+        self._waiting = [other for other in self._waiting if other not in agreeing]
+        return (*agreeing, closure)
+
+    def _witnesses(self, closures: Sequence[Closure]) -> int:
+        """How many of the closures' key frames are far enough from one another on the path."""
+        count, last_m = 0, -np.inf
+        for path_m in sorted(closure.path_m for closure in closures):
+            if path_m - last_m >= self._apart_m:
+                count, last_m = count + 1, path_m
+        return count
+
+    def forget(self, path_m: float) -> int:
+        """Drop those that have waited for too long; how many."""
+        kept = [c for c in self._waiting if path_m - c.path_m <= FORGET_AFTER_M]
+        dropped = len(self._waiting) - len(kept)
+        self._waiting = kept
+        return dropped
+
+
+def agree(a: Closure, b: Closure, poses: FloatArray) -> bool:
+    """Whether two closures are consistent, given the estimate (n, 3) of all key frames."""
+    sources = between(poses[b.edge.source], poses[a.edge.source])
+    targets = between(poses[a.edge.target], poses[b.edge.target])
+    around = compose(compose(sources, a.edge.T_source_target), targets)
+    error = between(b.edge.T_source_target, around)
+    walked_m = float(np.hypot(sources[0], sources[1]) + np.hypot(targets[0], targets[1]))
+    off_m = float(np.hypot(error[0], error[1]))
+    return off_m <= TOLERANCE_M + DRIFT_M_PER_M * walked_m and abs(error[2]) <= TOLERANCE_RAD

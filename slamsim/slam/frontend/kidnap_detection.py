@@ -1,0 +1,180 @@
+"""Whether two scans from nearly the same place can have been taken in the same surroundings.
+
+Between two moments only that may come into view which an edge hid before, and it comes into view
+beside that edge. Whatever else is seen nearer or farther than before was not there before: a few
+beams are people and doors, most of them are another place.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from slamsim.core.geometry import between, inverse, transform_points
+from slamsim.core.jit import kernel
+from slamsim.core.types import Cloud, FloatArray
+from slamsim.slam.matching.base import Match
+
+STRANGE_SHARE = 0.25
+"""Scans one after the other that contradict each other more than this are of different places,
+until those that were placed where odometry had them show that here it is more. Between walls it is
+at most 0.16 (three real logs), and at least 0.36 where a robot was carried in small worlds whose
+rooms and corridors look alike; among trees, and where beams meet sloping ground, 0.3 is usual."""
+
+FALSE_ALARMS = 0.01
+"""Share of the scans placed where odometry had them that may contradict the one before so much."""
+
+LEARN_GAIN = 0.1
+
+SUDDEN_NS = 1_000_000_000
+"""In a longer time much may have changed, and the robot may have come far."""
+
+MOST_BEAMS = 360
+MOST_APART_M = 0.5
+TOLERANCE_M, TOLERANCE_SHARE = 0.1, 0.03
+SLACK_M = 0.05
+"""The scans may be farther apart than the poses say by so much."""
+
+WIDEST_RAD = np.pi / 4.0
+LEAST_KNOWN = 12
+"""Beams of each scan that must meet beams of the other before the two can be compared."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sighting:
+    """A scan and where it was taken, T_map_base: (3,)."""
+
+    cloud: Cloud
+    T_map_base: FloatArray
+
+
+class Surroundings:
+    """Holds each scan against the last that was placed.
+
+    One scan that contradicts it may be spoilt; two that agree with each other, and not with it,
+    say that the robot was carried.
+    """
+
+    def __init__(self) -> None:
+        self._placed: Sighting | None = None
+        self._strange: Sighting | None = None
+        self._usual_share = STRANGE_SHARE
+
+    def forget(self) -> None:
+        """Nothing is known of what was seen just before."""
+        self._placed = self._strange = None
+
+    def placed(self, cloud: Cloud, T_map_base: FloatArray) -> None:
+        """A scan that was placed, for the next ones to be held against."""
+        self._placed, self._strange = Sighting(cloud, T_map_base), None
+
+    def agree(self, cloud: Cloud, match: Match, expected: bool) -> bool:
+        """Whether a scan can have been taken where it was matched, so shortly after the last.
+
+        expected: whether that is where odometry has it."""
+        if match.fit >= 1.0 - STRANGE_SHARE:
+            return True
+        share = self._contradicted(cloud, match.T_map_base)
+        agrees = not share > self._usual_share
+        if expected and np.isfinite(share):
+            step = math.exp(LEARN_GAIN * ((share > self._usual_share) - FALSE_ALARMS))
+            self._usual_share = max(self._usual_share * step, STRANGE_SHARE)
+        return agrees
+
+    def left(self, cloud: Cloud, T_map_base: FloatArray, others: Sequence[FloatArray]) -> bool:
+        """Whether a scan that was not placed shows that the robot was carried.
+
+        T_map_base: (3,) where it was predicted. others: where else it might have been taken.
+        """
+        shares = [self._contradicted(cloud, T) for T in (T_map_base, *others)]
+        if not all(share > self._usual_share for share in shares):
+            self._strange = None
+            return False
+        before, self._strange = self._strange, Sighting(cloud, T_map_base)
+        if before is None:
+            return False
+        return contradiction(before, self._strange) <= self._usual_share
+
+    def _contradicted(self, cloud: Cloud, T_map_base: FloatArray) -> float:
+        """How much a scan contradicts the last that was placed, nan where nothing is known."""
+        if self._placed is None:
+            return np.nan
+        late = cloud.stamp_ns - self._placed.cloud.stamp_ns > SUDDEN_NS
+        if late and self._strange is None:
+            return np.nan
+        return contradiction(self._placed, Sighting(cloud, T_map_base))
+
+
+def contradiction(one: Sighting, other: Sighting) -> float:
+    """Share of the returns of one scan that cannot be seen where the other was taken.
+
+    The smaller of both shares, one for each scan against the other; nan where the two are too far
+    apart to tell, or know too little of the same directions.
+    """
+    T_one_other = between(one.T_map_base, other.T_map_base)
+    if np.hypot(T_one_other[0], T_one_other[1]) > MOST_APART_M:
+        return np.nan
+    forth = _share(one.cloud, other.cloud, T_one_other)
+    if not forth > STRANGE_SHARE:
+        return forth
+    return float(np.minimum(forth, _share(other.cloud, one.cloud, inverse(T_one_other))))
+
+
+def _share(view: Cloud, other: Cloud, T_view_other: FloatArray) -> float:
+    """Share of the other scan's returns that contradict what is seen from ``view``."""
+    hits = other.points_m[other.hit]
+    hits = hits[:: max(1, -(-len(hits) // MOST_BEAMS))]
+    if not len(hits) or not len(view.points_m):
+        return np.nan
+    centre_m = view.origins_m.mean(axis=0)
+    apart_m = transform_points(T_view_other, other.origins_m.mean(axis=0)) - centre_m
+    bearing_rad, range_m = _polar(view.points_m - centre_m)
+    range_m = np.where(view.hit, range_m, np.inf)
+    order = np.argsort(bearing_rad, kind="stable")
+    seen_rad, seen_m = _polar(transform_points(T_view_other, hits) - centre_m)
+    reach_m = float(np.hypot(apart_m[0], apart_m[1])) + SLACK_M
+    known, wrong = _compare(bearing_rad[order], range_m[order], seen_rad, seen_m, reach_m)
+    return wrong / known if known >= LEAST_KNOWN else np.nan
+
+
+def _polar(points_m: FloatArray) -> tuple[FloatArray, FloatArray]:
+    return np.arctan2(points_m[:, 1], points_m[:, 0]), np.hypot(points_m[:, 0], points_m[:, 1])
+
+
+@kernel
+def _compare(
+    bearing_rad: FloatArray,
+    range_m: FloatArray,
+    seen_rad: FloatArray,
+    seen_m: FloatArray,
+    apart_m: float,
+) -> tuple[int, int]:
+    """How many of the points seen are in a direction that the sorted beams know, and how many of
+    these nearer or farther than all beams of that direction."""
+    beams = bearing_rad.size
+    known, wrong = 0, 0
+    for k in range(seen_rad.size):
+        middle = np.searchsorted(bearing_rad, seen_rad[k])
+        low, high = np.inf, 0.0
+        reached = True
+        for side in (-1, 1):
+            i = middle if side == 1 else middle - 1
+            count = 0
+            while 0 <= i < beams:
+                wide = min(apart_m / max(min(range_m[i], seen_m[k]), 1e-3), WIDEST_RAD)
+                if count >= 2 and abs(bearing_rad[i] - seen_rad[k]) > wide:
+                    break
+                low, high = min(low, range_m[i]), max(high, range_m[i])
+                count += 1
+                i += side
+            reached = reached and count > 0
+        if not reached or high == np.inf:
+            continue
+        known += 1
+        slack_m = TOLERANCE_M + TOLERANCE_SHARE * seen_m[k]
+        if seen_m[k] < low - slack_m or seen_m[k] > high + slack_m:
+            wrong += 1
+    return known, wrong

@@ -1,0 +1,107 @@
+"""What SLAM made of a log, put together from what its front end and its back end found."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+from slamsim.core.result import Event, PoseGraph, SlamResult
+from slamsim.core.types import Log, OutsideTimeRange, PlanarTrajectory
+from slamsim.slam.backend.correction import correct_pieces
+from slamsim.slam.backend.own_part import poses_since, since
+from slamsim.slam.backend.smoothing import Smoothed
+from slamsim.slam.backend.surface_information import smoothed_covariances
+from slamsim.slam.events import in_words
+from slamsim.slam.failures import Failures
+from slamsim.slam.frontend.odometry import FrontEnd
+from slamsim.slam.frontend.track import Track
+from slamsim.slam.online.sync_back_end import Outcome
+
+
+def assemble(
+    track: Track, front_end: FrontEnd, outcome: Outcome, first: int, seconds: Mapping[str, float]
+) -> SlamResult:
+    """The result of one drive.
+
+    track: its scans, at least one of them. outcome: of the whole map; the drive begins at key
+    frame number ``first`` of it. seconds: spent on the way, by stage. What fails here leaves the
+    result of the back end as it is.
+    """
+    graph = since(outcome.graph, first)
+    raw, odometry = track.front_end(), track.odometry()
+    corrected = correct_pieces(raw, graph.keyframes, _breaks_ns(front_end, outcome))
+    failures, last = Failures(outcome.failed), len(outcome.graph.keyframes) - 1
+    trajectory, of_scans = corrected, graph
+    with failures.caught("smooth", last):
+        smoothed = track.smoothed(corrected, track.calibrated_odometry(outcome.calibration))
+        of_scans = _smoothed_graph(graph, outcome, first, smoothed)
+        trajectory = smoothed.track
+    events = _in_order(front_end, outcome)
+    counted = (*front_end.warnings(), *track.warnings())
+    return SlamResult(
+        trajectory=trajectory,
+        odometry=odometry,
+        graph=of_scans,
+        match_quality=track.quality,
+        degenerate=track.degenerate,
+        closures_accepted=outcome.accepted,
+        closures_rejected=outcome.rejected,
+        warnings=(*map(str, failures), *counted, *in_words(events, int(trajectory.stamps_ns[0]))),
+        seconds=_summed(seconds, outcome.seconds),
+        closure_refusals=dict(outcome.refusals),
+        front_end=raw,
+        parts={
+            "prediction": odometry,
+            "front_end": raw,
+            "closures": poses_since(outcome.unrefined, first),
+            "graph": graph.keyframes,
+            "smoothed": trajectory,
+        },
+        match_information=track.information,
+        calibration=front_end.calibrated(outcome.calibration),
+        events=events,
+        failed=tuple(failures),
+    )
+
+
+def odometry_alone(log: Log, prediction: PlanarTrajectory) -> PlanarTrajectory:
+    """What the log's own odometry says at the tracked scans; the prediction if it is silent."""
+    if log.odometry is None:
+        return prediction
+    try:
+        return PlanarTrajectory(prediction.stamps_ns, log.odometry.at(prediction.stamps_ns))
+    except OutsideTimeRange:
+        return prediction
+
+
+def _breaks_ns(front_end: FrontEnd, outcome: Outcome) -> list[int]:
+    """Where the map is torn apart: what lies before and after is corrected apart as well."""
+    carried_ns = [event.start_ns for event in outcome.events if event.kind == "kidnapped"]
+    withdrawn_ns = {e.start_ns for e in front_end.events() if _is_withdrawn(e, outcome)}
+    return sorted({*front_end.breaks_ns, *carried_ns} - withdrawn_ns)
+
+
+def _is_withdrawn(event: Event, outcome: Outcome) -> bool:
+    return event.kind == "kidnapped" and event.end_ns in outcome.withdrawn_ns
+
+
+def _smoothed_graph(
+    graph: PoseGraph, outcome: Outcome, first: int, smoothed: Smoothed
+) -> PoseGraph:
+    """The drive's key frames where its smoothed track has them, as sure as they are there."""
+    stamps_ns = graph.keyframes.stamps_ns
+    keyframes = PlanarTrajectory(stamps_ns, smoothed.track.at(stamps_ns))
+    covariances = graph.covariances
+    if outcome.sights is not None:
+        covariances = smoothed_covariances(outcome.sights, outcome.graph, first, smoothed)
+    return replace(graph, keyframes=keyframes, covariances=covariances)
+
+
+def _in_order(front_end: FrontEnd, outcome: Outcome) -> tuple[Event, ...]:
+    noticed = (event for event in front_end.events() if not _is_withdrawn(event, outcome))
+    happened = (*noticed, *outcome.events)
+    return tuple(sorted(happened, key=lambda event: event.start_ns))
+
+
+def _summed(one: Mapping[str, float], other: Mapping[str, float]) -> dict[str, float]:
+    return {stage: one.get(stage, 0.0) + other.get(stage, 0.0) for stage in {**one, **other}}

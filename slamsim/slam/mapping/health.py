@@ -1,0 +1,279 @@
+"""A map looked at without the truth: is it in one piece, and does it contradict itself?"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Container, Iterator, Sequence
+from functools import cached_property
+
+import numpy as np
+from scipy.ndimage import uniform_filter1d
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+
+from slamsim.config.back_end import SubmapConfig
+from slamsim.core.geometry import between, transform_points
+from slamsim.core.result import Event, GraphEdge, MapGraph
+from slamsim.core.types import FloatArray, IntArray, PlanarPoses
+from slamsim.slam.closures.submaps import FREE, UNKNOWN, SpaceGrid, Submap, space_grid
+from slamsim.slam.frontend.keyframes import Keyframe
+from slamsim.slam.frontend.odometry import ELSEWHERE_M
+
+MIN_KNOWN_SHARE = 0.1
+MIN_KNOWN = 20
+"""Points of one piece of map that the other must know of before the two can be compared."""
+
+CARRIED_SHARE = 0.25
+"""Key frames one after the other that contradict each other more than this do not belong together.
+Measured: at most 0.15 on real logs, 0.20 among three people; at least 0.26 where a robot was
+carried from one corridor of a labyrinth to one that looks alike."""
+
+TORN_SHARE = 0.36
+"""Contradiction of what was seen at different times, as an average over a few metres. At the worst
+place: 0.18 on two real logs that are whole, 0.33 among three people in a small labyrinth, 0.5 and
+more with the second half of a log moved by 0.36 m. Chosen on these, not held to others."""
+
+AFTERWARDS = 16
+DOUBTED_SHARE = 0.3
+"""Above what three people in a small labyrinth give, below what four robots carried in labyrinths
+give; chosen on these, not held to others."""
+
+TORN_HERE = (
+    "scans fitted badly all of a sudden, and what was seen from there on contradicts what was seen "
+    "before: the robot may have been carried, and the map be torn there"
+)
+
+USUAL_SAMPLES = 100
+"""Places at which the usual contradiction is measured; more than at all of them has, in a recording
+that looks the same everywhere, a chance of one in a hundred."""
+
+HARMLESS = 0.15
+EVERY_KEYFRAMES = 2
+MAX_PAIRS = 3
+NEAR_M = 4.0
+APART_M = 4.0
+SMOOTHED = 3
+
+
+def carried(before: Submap, now: Submap, T_before_now: FloatArray, size: SubmapConfig) -> bool:
+    """Whether what is seen now cannot have been seen from beside where the robot just was."""
+    space = space_grid(before, size.resolution_m, size.radius_m)
+    return contradiction(before, space, now, T_before_now, size) > CARRIED_SHARE
+
+
+class Usual:
+    """How much what is seen on some metres contradicts what was seen before, where nothing is
+    suspected: among trees, on ramps, in a crowd it is more than between walls.
+
+    query_of: what was seen about a key frame, given its number.
+    """
+
+    def __init__(
+        self,
+        query_of: Callable[[int], Submap],
+        keyframes: Sequence[Keyframe],
+        doubts: Sequence[int],
+        size: SubmapConfig,
+    ) -> None:
+        self._query_of, self._keyframes = query_of, keyframes
+        self._doubts, self._size = doubts, size
+
+    @cached_property
+    def _samples(self) -> list[list[float]]:
+        numbers = np.linspace(1, len(self._keyframes) - 1, USUAL_SAMPLES).astype(int).tolist()
+        plain = (n for n in numbers if not any(n <= d <= n + AFTERWARDS for d in self._doubts))
+        return [shares for number in plain if (shares := self._shares(number))]
+
+    def is_usual(self, share: float) -> bool:
+        """Whether what is seen within some metres contradicts itself as much somewhere."""
+        return any(share <= max(one) for one in self._samples)
+
+    def is_carried_to(self, number: int) -> bool:
+        """Whether what was seen on the metres after a key frame contradicts what was seen before
+        it as it does nowhere else."""
+        shares = self._shares(number)
+        share = float(np.mean(shares)) if shares else 0.0
+        return share > CARRIED_SHARE and all(share > np.mean(one) for one in self._samples)
+
+    def _shares(self, number: int) -> list[float]:
+        poses = [keyframe.T_map_base for keyframe in self._keyframes]
+        return list(_afterwards(self._query_of, poses, number, self._size))
+
+
+def _afterwards(
+    query_of: Callable[[int], Submap],
+    poses: Sequence[FloatArray] | FloatArray,
+    number: int,
+    size: SubmapConfig,
+) -> Iterator[float]:
+    """How much what was seen on the metres after a key frame contradicts what was seen before it,
+    with the key frames at these poses."""
+    before = query_of(number - 1)
+    space = space_grid(before, size.resolution_m, size.radius_m)
+    for later in range(number, min(number + AFTERWARDS, len(poses))):
+        now = query_of(later)
+        if now.first >= number:
+            T = between(poses[before.anchor], poses[later])
+            yield contradiction(before, space, now, T, size)
+
+
+def _torn_unnoticed(
+    query_of: Callable[[int], Submap],
+    doubts: Sequence[int],
+    keyframes: PlanarPoses,
+    size: SubmapConfig,
+    usual: Usual,
+) -> Iterator[Event]:
+    """Key frames that followed on scans that fitted badly, where what was seen on the next metres
+    contradicts what was seen before."""
+    for number in doubts:
+        for share in _afterwards(query_of, keyframes.poses, number, size):
+            if share <= DOUBTED_SHARE or usual.is_usual(share):
+                continue
+            x, y = keyframes.poses[number, :2]
+            start_ns, end_ns = keyframes.stamps_ns[[number - 1, number]].tolist()
+            yield Event(start_ns, end_ns, "torn", f"near ({x:.1f}, {y:.1f}) m {TORN_HERE}")
+            break
+
+
+def contradiction(
+    a: Submap, space_a: SpaceGrid, b: Submap, T_a_b: FloatArray, size: SubmapConfig
+) -> float:
+    """Share of what each of two pieces of map has seen that stands where the other saw free space:
+    the smaller of both shares, or less than HARMLESS; 0 where they know too little of each other.
+    """
+    there = _share_in_the_open(space_a, b, T_a_b)
+    if there < HARMLESS:
+        return there
+    space_b = space_grid(b, size.resolution_m, size.radius_m)
+    return min(there, _share_in_the_open(space_b, a, between(T_a_b, np.zeros(3))))
+
+
+def _share_in_the_open(space: SpaceGrid, other: Submap, T_space_other: FloatArray) -> float:
+    seen = space.at(transform_points(T_space_other, other.points_m))
+    known = np.count_nonzero(seen != UNKNOWN)
+    if known < max(MIN_KNOWN, MIN_KNOWN_SHARE * len(seen)):
+        return 0.0
+    return float(np.count_nonzero(seen == FREE) / known)
+
+
+def tears(
+    query_of: Callable[[int], Submap],
+    submaps: Sequence[Submap],
+    keyframes: PlanarPoses,
+    size: SubmapConfig,
+    doubts: Sequence[int],
+    usual: Usual,
+    first: int = 0,
+) -> Iterator[Event]:
+    """Stretches of the path from which was seen what contradicts the map of other times.
+
+    query_of: what was seen about a key frame. keyframes: their final T_map_base. doubts: the
+    numbers of those to which scans led that fitted badly. usual: how much contradiction is
+    no sign of anything here. first: number of the first key frame from which to look.
+    """
+    yield from _torn_unnoticed(query_of, doubts, keyframes, size, usual)
+    worst: dict[int, list[float]] = {}
+    for submap, queries in _pairs(query_of, submaps, keyframes, first):
+        space = space_grid(submap, size.resolution_m, size.radius_m)
+        for query in queries:
+            T = between(keyframes.poses[submap.anchor], keyframes.poses[query.anchor])
+            share = contradiction(submap, space, query, T, size)
+            worst.setdefault(query.anchor, []).append(share)
+    if worst:
+        yield from _torn_stretches(worst, keyframes, usual)
+
+
+def _torn_stretches(
+    worst: dict[int, list[float]], keyframes: PlanarPoses, usual: Usual
+) -> Iterator[Event]:
+    numbers = np.array(sorted(worst))
+    mean = np.array([np.mean(worst[number]) for number in numbers])
+    smooth = uniform_filter1d(mean, SMOOTHED, mode="nearest")
+    strange = [share > TORN_SHARE and not usual.is_usual(share) for share in smooth.tolist()]
+    torn = np.array([False, *strange, False])
+    edges = np.flatnonzero(np.diff(torn.astype(np.int8)))
+    for first, end in zip(edges[::2], edges[1::2], strict=True):
+        at = first + int(np.argmax(smooth[first:end]))
+        x, y = keyframes.poses[numbers[at], :2]
+        words = (
+            f"the map is torn near ({x:.1f}, {y:.1f}) m: {smooth[at]:.0%} of what was seen from "
+            "there stands where there was free space at another time"
+        )
+        start_ns, end_ns = keyframes.stamps_ns[numbers[[first, end - 1]]].tolist()
+        yield Event(start_ns, end_ns, "torn", words)
+
+
+def _pairs(
+    query_of: Callable[[int], Submap],
+    submaps: Sequence[Submap],
+    keyframes: PlanarPoses,
+    first: int,
+) -> list[tuple[Submap, list[Submap]]]:
+    """Submaps, and what was seen near by, about some key frames, at other times."""
+    if not submaps:
+        return []
+    poses = keyframes.poses
+    middles_m = np.array([transform_points(poses[one.anchor], one.middle_m) for one in submaps])
+    from_m = np.array([one.from_path_m for one in submaps])
+    to_m = np.array([one.to_path_m for one in submaps])
+    queries: list[list[Submap]] = [[] for _ in submaps]
+    for number in range(first, len(keyframes), EVERY_KEYFRAMES):
+        query = query_of(number)
+        here_m = transform_points(poses[number], query.middle_m)
+        distance_m = np.hypot(*(middles_m - here_m).T)
+        other_time = (to_m < query.from_path_m - APART_M) | (from_m > query.to_path_m + APART_M)
+        near = np.flatnonzero(other_time & (distance_m < NEAR_M))
+        chosen = near[np.argsort(distance_m[near], kind="stable")][:MAX_PAIRS]
+        for k in chosen.tolist():
+            queries[k].append(query)
+    return [(one, there) for one, there in zip(submaps, queries, strict=True) if there]
+
+
+def doubtful_joints(graph: MapGraph, drives: Container[int]) -> Iterator[Event]:
+    """One event for each edge of odometry alone whose sides no match and no closure joins, or only
+    closures that were found without knowing where to look.
+
+    drives: the key frames with which later drives begin: that these are recognised was asked for.
+    """
+    count = len(graph.keyframes)
+    firm = [e for e in graph.edges if e.kind != "odometry" and e.weight > 0.0]
+    ends = np.array([(e.source, e.target) for e in firm], dtype=np.int64).reshape(-1, 2)
+    joined = coo_matrix((np.ones(len(ends)), (ends[:, 0], ends[:, 1])), shape=(count, count))
+    part = connected_components(joined, directed=False)[1]
+    stamps_ns, poses = graph.keyframes.stamps_ns, graph.keyframes.poses
+    breaks = [edge for edge in graph.edges if edge.kind == "odometry"]
+    ends_at = [*(e.target for e in breaks if _elsewhere(e)), count]
+    for edge in breaks:
+        x, y = poses[edge.target, :2]
+        if part[edge.source] != part[edge.target]:
+            words = f"near ({x:.1f}, {y:.1f}) m {_how_loose(edge)}"
+            yield Event(int(stamps_ns[edge.source]), int(stamps_ns[edge.target]), "joined", words)
+        elif _elsewhere(edge) and edge.target not in drives:
+            end = next(k for k in ends_at if k > edge.target)
+            words = _by_its_looks(edge.target, end, ends)
+            yield Event(int(stamps_ns[edge.target]), int(stamps_ns[end - 1]), "joined", words)
+
+
+def _by_its_looks(first: int, end: int, closures: IntArray) -> str:
+    """Of how many of its key frames, first up to and without end, closures (n, 2) lead away."""
+    inside = (closures >= first) & (closures < end)
+    crossing = inside[:, 0] != inside[:, 1]
+    recognised = len(np.unique(closures[crossing][inside[crossing]]))
+    return (
+        "nothing tells how the robot came here: this part of the map was put where it looks like "
+        f"the rest, as it does from {recognised} of its {end - first} key frames; its place may "
+        "be wrong"
+    )
+
+
+def _elsewhere(edge: GraphEdge) -> bool:
+    """Whether not even odometry tells where its end is."""
+    return bool(edge.covariance[:2, :2].trace() >= ELSEWHERE_M**2)
+
+
+def _how_loose(edge: GraphEdge) -> str:
+    if _elsewhere(edge):
+        return (
+            "the map goes on without being joined to what was mapped before: it is drawn beside it"
+        )
+    return "the map is joined to what was mapped before by odometry alone"
