@@ -13,8 +13,8 @@ PACKAGE = Path(__file__).parents[1] / "slamsim"
 ALLOWED = {
     "gtsam": ("slam/backend/graph.py",),
     "pybullet": ("sim/",),
-    "rerun": ("view/",),
-    "matplotlib": ("view/", "dataset/catalogue/figures.py"),
+    "rerun": ("report/",),
+    "matplotlib": ("report/", "dataset/catalogue/figures.py"),
     "rosbags": ("io/",),
     "mcap": ("io/",),
     "open3d": ("sensors/",),
@@ -23,8 +23,8 @@ ALLOWED = {
     "karto_scanmatcher": ("bench/peers/",),
     "genz_icp": ("bench/peers/",),
     "trimesh": ("world/",),
-    "pebble": ("worker.py",),
-    "distributed": ("dataset/engines/",),
+    "pebble": ("process/worker.py",),
+    "distributed": ("dataset/make/engines/",),
     "fsspec": ("dataset/",),
     "evo": (),
 }
@@ -69,17 +69,17 @@ READING = {
 }
 OWN_DOORS = {
     # what this process, or one that it started, has written itself
-    "worker.py": "what a worker printed; the memory limit that the system tells",
-    "jit.py": "our own source, and the cache of its kernels with their checksums",
+    "process/worker.py": "what a worker printed; the memory limit that the system tells",
+    "core/jit.py": "our own source, and the cache of its kernels with their checksums",
     "recording/row_store.py": "a temporary file without a name",
     "sim/robot/chassis.py": "the robot's description as we write it for the engine",
     "dataset/make/produce.py": "a sequence that was made just now, hashed",
-    "kin.py": "what the system tells of a process",
+    "process/children.py": "what the system tells of a process",
     "bench/online.py": "what the system tells of this process",
     # no file of anybody's
     "sim/bullet.py": "the null device",
     "entry.py": "the null device, in the place of a stream that is closed",
-    "ending.py": "the null device",
+    "process/exit_codes.py": "the null device",
     "bench/alone.py": "the null device",
     # doors of their own, which refuse what ``open_as_found`` refuses
     "dataset/store/place.py": "a data set, in a folder through open_as_found, or behind a URL",
@@ -90,7 +90,7 @@ OWN_DOORS = {
     "world/from_mesh.py": "a mesh that check_mesh_file has passed",
     "io/salvage/sqlite_salvage.py": "a copy of a database that open_as_found has passed",
 }
-"""Modules outside of ``safe/`` that open files for reading, and what these are."""
+"""Modules outside of ``guard/`` that open files for reading, and what these are."""
 
 
 def opened_for_reading(path: Path) -> bool:
@@ -111,12 +111,12 @@ def _writes(call: ast.Call) -> bool:
 
 
 def test_files_are_read_through_one_door() -> None:
-    """What a user or a file names is opened in ``safe/`` alone, where pipes, devices, sizes and
+    """What a user or a file names is opened in ``guard/`` alone, where pipes, devices, sizes and
     links out of a folder are looked at."""
     found = {
         name
         for path in sorted(PACKAGE.rglob("*.py"))
-        if not (name := path.relative_to(PACKAGE).as_posix()).startswith("safe/")
+        if not (name := path.relative_to(PACKAGE).as_posix()).startswith("guard/")
         and opened_for_reading(path)
     }
     assert found == OWN_DOORS.keys()

@@ -253,7 +253,8 @@ def test_a_second_process_on_a_folder_is_told_before_it_loads_anything(
     folder: Path, arguments: list[str]
 ) -> None:
     counting = (
-        "import sys; from slamsim.process.exit_codes import run_command; from slamsim.cli.main import app\n"
+        "import sys; from slamsim.process.exit_codes import run_command\n"
+        "from slamsim.cli.main import app\n"
         "code = run_command(app)\n"
         "print([name for name in ('numba', 'scipy', 'open3d', 'gtsam') if name in sys.modules])\n"
         "sys.exit(code)"

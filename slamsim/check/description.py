@@ -1,6 +1,6 @@
 """Is the robot description in the recording one that physics can drive?
 
-A wrong one gives plausible wrong results: see ``sim/robot/validate.py``, which asks the same of our own.
+A wrong one gives plausible wrong results: ``sim/robot/validate.py`` asks the same of our own.
 """
 
 from __future__ import annotations

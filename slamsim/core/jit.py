@@ -39,7 +39,7 @@ def _cache_folder() -> Path | None:
 
     A cache is code: one that somebody else could have written to is not used.
     """
-    package = Path(__file__).parent
+    package = Path(__file__).parents[1]
     digest = hashlib.sha256(numba.__version__.encode())
     for source in sorted(package.rglob("*.py")):
         text = source.read_bytes()

@@ -13,9 +13,9 @@ from slamsim.guard.output import partial_folder, write_atomic
 from slamsim.run.scenario import tell
 from slamsim.run.scenario_folder import told, write_results
 from slamsim.scenarios.base import ScenarioResult
-from slamsim.scenarios.identify import identify as identified
 from slamsim.scenarios.identify.findings import identification_found
 from slamsim.scenarios.identify.identify import Identified
+from slamsim.scenarios.identify.identify import identify as identified
 from slamsim.scenarios.identify.robot_file import robot_file as written
 from slamsim.sim.engine import engine_parameters
 

@@ -31,12 +31,18 @@ class Entry:
 
     @property
     def module(self) -> str:
+        """Where its ``SCENARIO`` stands, below this package."""
+        apart = self.name in ("umbmark", "slam")
+        return f"{self.key}.scenario" if apart else f"physics.{self.key}"
+
+    @property
+    def settings_module(self) -> str:
         return "slam_case" if self.name == "slam" else self.key
 
     def config_type(self) -> type[Config]:
         """The model of its parameters."""
         found: type[Config] = getattr(
-            import_module(f"slamsim.config.scenarios.{self.module}"), self.settings
+            import_module(f"slamsim.config.scenarios.{self.settings_module}"), self.settings
         )
         return found
 

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from slamsim.world.model import World
 
 _STANDARD_OUTPUT, _STANDARD_ERROR = 1, 2
-_PACKAGES = Path(__file__).parents[2]
+_PACKAGES = Path(__file__).parents[3]
 _BUFFER_BYTES = 1 << 16
 
 
