@@ -24,9 +24,9 @@ from slamsim.check.findings import Mend
 from slamsim.check.mends import apply_mends
 from slamsim.core.types import BoolArray
 from slamsim.guard.errors import SlamsimError
-from slamsim.io.copying import Lossy, copy_recording, require_lossless
-from slamsim.logs.parquet_log import ParquetLog
-from slamsim.logs.raw import read_recording
+from slamsim.io.copy.recording import Lossy, copy_recording, require_lossless
+from slamsim.io.open import read_recording
+from slamsim.io.parquet.writer import ParquetLog
 from slamsim.recording import RawOdometry, Recording
 from slamsim.recording.edits import kept
 from slamsim.sensors.faults.apply import injected

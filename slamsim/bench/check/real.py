@@ -8,7 +8,7 @@ from pathlib import Path
 
 from slamsim.bench.check.outcome import Json, Outcome, outcome_of
 from slamsim.bench.check.trials import Trial, clean_trial, fault_trials
-from slamsim.logs.raw import read_recording
+from slamsim.io.open import read_recording
 from slamsim.recording import Recording
 from slamsim.run.naming import recording_name
 from slamsim.sensors.faults.apply import injected

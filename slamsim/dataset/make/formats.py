@@ -8,10 +8,10 @@ from slamsim.core.types import Drive, IntArray
 from slamsim.dataset.make.deskewed import DeskewedScans
 from slamsim.dataset.make.tum_paths import TumPaths
 from slamsim.dataset.recipe.sequence import SequenceSpec
-from slamsim.logs.carmen_writer import CarmenFile
-from slamsim.logs.kitti import KittiFolder
-from slamsim.logs.parquet_log import ParquetLog
-from slamsim.logs.written import Written
+from slamsim.io.carmen.writer import CarmenFile
+from slamsim.io.parquet.writer import ParquetLog
+from slamsim.io.staged_writer import Written
+from slamsim.io.text.kitti import KittiFolder
 from slamsim.recording import Recording
 
 PARQUET, TUM, KITTI, CARMEN = "parquet", "tum", "kitti", "carmen"

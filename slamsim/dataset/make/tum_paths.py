@@ -8,8 +8,8 @@ import numpy as np
 
 from slamsim.core.types import Drive, Trajectory
 from slamsim.guard.numbers import UNIT_WITHIN, is_sound
-from slamsim.logs.tum import write_tum
-from slamsim.logs.written import Written
+from slamsim.io.staged_writer import Written
+from slamsim.io.text.tum import write_tum
 from slamsim.recording import Recording
 from slamsim.simulation.tails import TruthTail
 
