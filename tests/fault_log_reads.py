@@ -9,8 +9,7 @@ import numpy as np
 
 from slamsim.check.check import check_recording
 from slamsim.check.findings import CheckReport
-from slamsim.config.mapping import MappingConfig
-from slamsim.config.slam import SlamConfig
+from slamsim.config.slam import MappingConfig, SlamConfig
 from slamsim.core.types import FloatArray, IntArray, Log, Scan, Trajectory
 from slamsim.guard.numbers import MOST_NS
 from slamsim.io.open import read_log, read_recording, read_truth

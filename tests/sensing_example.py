@@ -9,14 +9,10 @@ from itertools import pairwise
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from slamsim.config.sensors import (
-    DropoutConfig,
-    LidarConfig,
-    MixedReturnsConfig,
-    RangeNoiseConfig,
-)
+from slamsim.config.lidar import DropoutConfig, LidarConfig, MixedReturnsConfig, RangeNoiseConfig
 from slamsim.core.geometry import matrix_from_rpy, se3_from_parts
 from slamsim.core.types import Drive, Float32Array, FloatArray, TriangleMesh
+from slamsim.sensors.base import Site
 from slamsim.sensors.lidar import Lidar
 from slamsim.sensors.motion import joined
 
@@ -159,7 +155,7 @@ def scan(
     mount = (
         se3_from_parts(np.eye(3), np.array([0, 0, 0.3])) if T_base_laser is None else T_base_laser
     )
-    lidar = Lidar(config, mesh, mount, seed, start_ns=0)
+    lidar = Lidar(config, mount, Site(mesh, seed, start_ns=0))
     stamps = np.arange(scans) * round(SECOND / config.rate_hz)
     return lidar.scan_batch(joined(None, drive), stamps)[0]
 

@@ -9,12 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from slamsim.config.sensors import (
-    DropoutConfig,
-    LidarConfig,
-    MixedReturnsConfig,
-    RangeNoiseConfig,
-)
+from slamsim.config.lidar import DropoutConfig, LidarConfig, MixedReturnsConfig, RangeNoiseConfig
 from slamsim.core.geometry import between, compose
 from slamsim.core.types import FloatArray, PlanarTrajectory
 from slamsim.evaluate.bound_scans import scan_information

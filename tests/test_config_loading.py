@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import os
-import subprocess
-import sys
-import time
 from pathlib import Path
 
 import pytest
@@ -257,14 +254,3 @@ def test_bad_worlds(folder: Path, world: str, error: type[SlamsimError], words: 
         load_run_config(world)
     assert words in str(caught.value)
     assert "\n" not in str(caught.value)
-
-
-def test_loading_is_imported_quickly() -> None:
-    def seconds(code: str) -> float:
-        begin = time.perf_counter()
-        subprocess.run([sys.executable, "-c", code], check=True, timeout=60)
-        return time.perf_counter() - begin
-
-    bare = min(seconds("import pydantic, yaml; pydantic.BaseModel") for _ in range(3))
-    ours = min(seconds("import slamsim.config.loading") for _ in range(3))
-    assert ours < 3.0 * bare

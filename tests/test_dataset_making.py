@@ -25,7 +25,7 @@ def orders(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """What sequences of the recipe ``tiny`` do instead of being made."""
     folder = tmp_path / "orders"
     folder.mkdir()
-    monkeypatch.setattr("slamsim.dataset.make.produce", Stub(folder))
+    monkeypatch.setattr("slamsim.dataset.make.make.produce", Stub(folder))
     return folder
 
 

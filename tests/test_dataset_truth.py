@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from dataset_example import produced, small_spec
 
-from slamsim.config.sensors import LidarConfig
+from slamsim.config.lidar import LidarConfig
 from slamsim.core.types import Drive, FloatArray, TriangleMesh
 from slamsim.dataset.truth.key_scans import KeyScan, KeyScans
 from slamsim.dataset.truth.overlap import overlap_shares

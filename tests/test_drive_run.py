@@ -256,22 +256,6 @@ def test_the_yardstick_measures_time() -> None:
     assert 0.0 < bare_step_seconds(_small_world(), ROBOT, PhysicsConfig(), 1.0) < 10.0
 
 
-@pytest.mark.slow
-def test_driving_costs_at_most_half_as_much_again_as_stepping() -> None:
-    import time
-
-    world = hall(visits=[(4.0, 4.0), (4.0, -4.0), (-4.0, -4.0), (-4.0, 4.0)])
-    config = DriveConfig(route=RouteConfig(max_duration_s=30.0))
-    route = plan_route(world, ROBOT, config)
-    ratios = []
-    for _ in range(7):
-        bare_s = bare_step_seconds(world, ROBOT, config.physics, 30.0)
-        begin = time.perf_counter()
-        list(drive(world, ROBOT, route, config))
-        ratios.append((time.perf_counter() - begin) / bare_s)
-    assert min(ratios) < 1.5, ratios
-
-
 def test_walls_in_many_pieces_hold_the_robot_like_walls_in_one(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:

@@ -20,6 +20,7 @@ from slamsim.config.robot import RobotConfig
 from slamsim.config.scenarios.solver import SolverConfig
 from slamsim.config.sensors import EncoderConfig, ImuConfig, SensorsConfig
 from slamsim.core.types import Drive, FloatArray
+from slamsim.sensors.base import Site
 from slamsim.sensors.encoders import Encoders
 from slamsim.sensors.imu import Imu
 from slamsim.sensors.lidar import Lidar
@@ -200,7 +201,7 @@ def _encoders(radius_m: float, track_m: float) -> object:
 
 
 def _lidar(T_base_laser: FloatArray) -> object:
-    return Lidar(COARSE, room(), T_base_laser, 0, 0).sense(joined(None, RIGHT_AHEAD))
+    return Lidar(COARSE, T_base_laser, Site(room(), 0, 0)).sense(joined(None, RIGHT_AHEAD))
 
 
 AT_MOST_NS = 2**62

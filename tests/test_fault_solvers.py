@@ -12,8 +12,7 @@ import pytest
 from fault_numbers import BAD, Case, cases, each, judge, line, put, refused, right, steps
 
 from slamsim.config.back_end import GraphConfig
-from slamsim.config.mapping import MappingConfig
-from slamsim.config.slam import SlamConfig
+from slamsim.config.slam import MappingConfig, SlamConfig
 from slamsim.core.geometry import between, compose
 from slamsim.core.result import GraphEdge
 from slamsim.core.types import (

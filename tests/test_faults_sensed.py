@@ -7,7 +7,8 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from sensing_example import PERFECT_LIDAR, Robot, drive_along, room
 
-from slamsim.config.sensors import LidarConfig, SensorsConfig
+from slamsim.config.lidar import LidarConfig
+from slamsim.config.sensors import SensorsConfig
 from slamsim.core.geometry import matrix_from_xyzw
 from slamsim.core.types import Float32Array, FloatArray, IntArray
 from slamsim.recording import RawScans, Recording

@@ -22,9 +22,10 @@ from sensing_example import (
     standing,
 )
 
-from slamsim.config.sensors import LidarConfig
+from slamsim.config.lidar import LidarConfig
 from slamsim.core.geometry import matrix_from_rpy, se3_from_parts
 from slamsim.core.types import Drive, FloatArray, OutsideTimeRange, TriangleMesh
+from slamsim.sensors.base import Site
 from slamsim.sensors.lidar import Lidar, scan_geometry
 from slamsim.sensors.motion import Motion, joined
 from slamsim.sensors.rays import beam_rays
@@ -239,7 +240,7 @@ def test_walls_end_at_their_height() -> None:
 
 
 def test_a_scan_that_the_motion_does_not_cover_is_refused() -> None:
-    lidar = Lidar(WIDE, room(), np.eye(4), seed=0, start_ns=0)
+    lidar = Lidar(WIDE, np.eye(4), Site(room(), seed=0, start_ns=0))
     with pytest.raises(OutsideTimeRange, match="covers 0"):
         lidar.scan_batch(joined(None, standing(0.05)), np.array([0]))
 
@@ -257,7 +258,7 @@ def test_damaged_meshes_are_refused_with_the_place() -> None:
         (empty, "empty"),
     ):
         with pytest.raises(Exception, match=words):
-            Lidar(LidarConfig(), mesh, np.eye(4), seed=0, start_ns=0)
+            Lidar(LidarConfig(), np.eye(4), Site(mesh, seed=0, start_ns=0))
 
 
 def test_motion_refuses_what_it_does_not_cover() -> None:
@@ -274,7 +275,7 @@ def test_sensing_costs_less_than_three_bare_casts_of_the_same_rays() -> None:
     rng = np.random.default_rng(3)
     mesh = joined_meshes([prism(outline) for outline in random_outlines(rng, count=200)])
     motion = joined(None, figure_eight(4.0))
-    lidar = Lidar(LidarConfig(), mesh, np.eye(4), seed=0, start_ns=0)
+    lidar = Lidar(LidarConfig(), np.eye(4), Site(mesh, seed=0, start_ns=0))
     scan_ns = np.arange(150, dtype=np.int64) * (SECOND // 40)
     beam_ns = (scan_ns[:, None] + lidar.geometry.offsets_ns()).ravel()
     angles = np.tile(lidar.geometry.angles_rad(), scan_ns.size)

@@ -18,7 +18,8 @@ from sensing_example import (
     standing,
 )
 
-from slamsim.config.sensors import LidarConfig, SensorsConfig
+from slamsim.config.lidar import LidarConfig
+from slamsim.config.sensors import SensorsConfig
 from slamsim.core.types import Float32Array, TriangleMesh
 from slamsim.sensors.lidar import scan_geometry
 from slamsim.sensors.rig import SensorRig

@@ -10,8 +10,7 @@ import pytest
 from simulated import ScanList, Simulated, box, labyrinth, simulate
 
 from slamsim.bench.robustness.disturbances import without_span
-from slamsim.config.mapping import MappingConfig
-from slamsim.config.slam import SlamConfig
+from slamsim.config.slam import MappingConfig, SlamConfig
 from slamsim.console.summary import summary
 from slamsim.core.geometry import between, compose, transform_points
 from slamsim.core.result import SlamResult

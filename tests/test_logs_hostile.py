@@ -19,6 +19,7 @@ from mcap.writer import CompressionType
 from slamsim.core.types import Log
 from slamsim.guard.errors import InputRefused, NotFound
 from slamsim.io.bag2.folder import MCAP_NAME
+from slamsim.io.bag2.growing import GrowingBag
 from slamsim.io.open import read_log, read_truth
 from slamsim.simulation.log_writer import LogWriter
 
@@ -240,9 +241,11 @@ def test_a_killed_writer_leaves_all_but_the_open_chunk(tmp_path: Path) -> None:
     for start_s in range(0, 12, 2):
         part = readings(start_s, start_s + 2.0, scan_hz=40.0, beams=1081, intensities=True)
         writer.write(part, drive(start_s, start_s + 2.0))
-    writer._bag._bag._file.sync()
+    bag = writer._sinks[0]
+    assert isinstance(bag, GrowingBag)
+    bag._bag._file.sync()
     data = (tmp_path / "log" / MCAP_NAME).read_bytes()
-    writer._bag._bag._stream.close()
+    bag._bag._stream.close()
     position, inflated = 8, 0
     while position < len(data):
         opcode, length = struct.unpack_from("<BQ", data, position)

@@ -10,7 +10,7 @@ import pytest
 import yaml
 from simulated import HOKUYO, ScanList, box, drive, labyrinth, sense_scans
 
-from slamsim.config.mapping import MappingConfig
+from slamsim.config.slam import MappingConfig
 from slamsim.core.progress import silent
 from slamsim.core.types import FloatArray, Grid, PlanarTrajectory, Scan, ScanGeometry
 from slamsim.guard.errors import SlamsimError

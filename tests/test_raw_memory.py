@@ -10,11 +10,10 @@ import numpy as np
 from sensing_example import PERFECT_LIDAR, Robot, drive_along, room, windows
 
 from slamsim.config.sensors import SensorsConfig
-from slamsim.core.geometry import matrix_from_rpy, se3_from_parts
+from slamsim.core.geometry import StaticTransform, matrix_from_rpy, se3_from_parts
 from slamsim.io.open import read_recording
 from slamsim.recording import Recording
 from slamsim.sensors.rig import SensorRig
-from slamsim.sim.robot.model import StaticTransform
 from slamsim.simulation.header import LogHeader
 from slamsim.simulation.log_writer import LogWriter
 from slamsim.simulation.recorder import DriveRecorder

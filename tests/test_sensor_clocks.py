@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from slamsim.config.sensors import StreamConfig
+from slamsim.config.streams import StreamConfig
 from slamsim.sensors.clock import StreamClock
 
 START = 123_456_789_000

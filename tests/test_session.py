@@ -19,8 +19,7 @@ from simulated import (
 )
 
 from slamsim.config.back_end import BackEndConfig, ClosureConfig
-from slamsim.config.mapping import MappingConfig
-from slamsim.config.slam import SlamConfig
+from slamsim.config.slam import MappingConfig, SlamConfig
 from slamsim.core.geometry import between
 from slamsim.core.result import SlamResult
 from slamsim.core.types import Log, PlanarTrajectory, Scan

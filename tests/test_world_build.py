@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-import time
 from pathlib import Path
 from typing import Any
 
@@ -184,15 +183,10 @@ def test_turning_one_effect_on_leaves_the_others_alone() -> None:
 
 
 @pytest.mark.parametrize("name", bundled_names("worlds"))
-def test_bundled_worlds_build_fast_and_have_a_preview(name: str) -> None:
+def test_bundled_worlds_build_and_have_a_preview(name: str) -> None:
     config = load_world_config(name)
     assert config.name == name
-    seconds = []
-    for _ in range(2):
-        began = time.perf_counter()
-        built = build_world(config, 0)
-        seconds.append(time.perf_counter() - began)
-    assert min(seconds) < 2.0
+    built = build_world(config, 0)
     image = cv2.imdecode(np.frombuffer(preview_png(built), np.uint8), cv2.IMREAD_COLOR)
     assert image is not None
     assert 1200 <= max(image.shape) <= 1310

@@ -7,10 +7,10 @@ from pydantic import Field
 from slamsim.config.base import Config
 from slamsim.config.drive import DriveConfig
 from slamsim.config.faults import FaultChoices
-from slamsim.config.mapping import MappingConfig
+from slamsim.config.kinds import Sinks
 from slamsim.config.robot import RobotConfig
 from slamsim.config.sensors import SensorsConfig
-from slamsim.config.slam import SlamConfig
+from slamsim.config.slam import MappingConfig, SlamConfig
 from slamsim.config.world import WorldConfig
 
 
@@ -29,6 +29,8 @@ class RunConfig(Config):
     """What it measures, and with which errors."""
     faults: FaultChoices = ()
     """What is wrong with the recording on purpose, as ``slamsim fault --list`` has it."""
+    sinks: Sinks = Field(default=(), strict=False)
+    """Where the messages go besides the recording, each an entry with a type, while it is made."""
     slam: SlamConfig = SlamConfig()
     """How the recording becomes a trajectory."""
     mapping: MappingConfig = MappingConfig()

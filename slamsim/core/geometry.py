@@ -7,6 +7,8 @@ A planar transform is ``(..., 3)``: x, y in metres and yaw in radians; it is wri
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -181,3 +183,42 @@ def se3_from_parts(rotation: _FloatArray, translation_m: _FloatArray) -> _FloatA
 def se2_from_se3(T_a_b: _FloatArray) -> _FloatArray:
     """(x, y, yaw) of a 4 x 4 transform projected onto the plane."""
     return np.array([T_a_b[0, 3], T_a_b[1, 3], np.arctan2(T_a_b[1, 0], T_a_b[0, 0])])
+
+
+class Mount(Protocol):
+    """Six degrees of freedom: metres, and degrees about fixed x, then y, then z."""
+
+    @property
+    def x_m(self) -> float: ...
+
+    @property
+    def y_m(self) -> float: ...
+
+    @property
+    def z_m(self) -> float: ...
+
+    @property
+    def roll_deg(self) -> float: ...
+
+    @property
+    def pitch_deg(self) -> float: ...
+
+    @property
+    def yaw_deg(self) -> float: ...
+
+
+def mount_transform(mount: Mount) -> _FloatArray:
+    """``T_base_sensor`` (4 x 4)."""
+    roll, pitch, yaw = np.radians([mount.roll_deg, mount.pitch_deg, mount.yaw_deg])
+    return se3_from_parts(
+        matrix_from_rpy(roll, pitch, yaw), np.array([mount.x_m, mount.y_m, mount.z_m])
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StaticTransform:
+    """An edge of the transform tree that never moves: ``T_parent_child`` is 4 x 4."""
+
+    parent: str
+    child: str
+    T_parent_child: _FloatArray

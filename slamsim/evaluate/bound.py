@@ -22,7 +22,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from slamsim.config.sensors import LidarConfig, SensorsConfig
+from slamsim.config.lidar import LidarConfig
+from slamsim.config.sensors import SensorsConfig
 from slamsim.core.types import FloatArray, IntArray, PlanarTrajectory
 from slamsim.evaluate.bound_groups import POSE_PRIOR, Groups, group_scans, joint_information
 from slamsim.evaluate.bound_odometry import odometry_noise, rolled_between

@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from slamsim.config.sensors import LidarConfig
+from slamsim.config.lidar import LidarConfig
 from slamsim.core.geometry import compose, se2_from_se3
 from slamsim.core.jit import kernel
 from slamsim.core.types import FloatArray, IntArray, PlanarTrajectory

@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-DType = Literal["float64", "float32", "int64"]
+DType = Literal["float64", "float32", "int64", "uint8"]
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from slamsim.config.sensors import StreamConfig
+from slamsim.config.streams import StreamConfig
 from slamsim.core.randomness import random_stream
 from slamsim.core.types import BoolArray, IntArray
 

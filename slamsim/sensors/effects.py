@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from slamsim.config.sensors import DropoutConfig, LidarConfig, MixedReturnsConfig, RangeNoiseConfig
+from slamsim.config.lidar import DropoutConfig, LidarConfig, MixedReturnsConfig, RangeNoiseConfig
 from slamsim.core.jit import kernel
 from slamsim.core.types import BoolArray, Float32Array, FloatArray
 from slamsim.sensors.scene import NOTHING, Hits

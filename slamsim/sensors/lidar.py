@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from slamsim.config.sensors import LidarConfig
+from slamsim.config.lidar import LidarConfig
 from slamsim.core.randomness import random_stream
-from slamsim.core.types import Float32Array, FloatArray, IntArray, ScanGeometry, TriangleMesh
+from slamsim.core.types import Float32Array, FloatArray, IntArray, ScanGeometry
 from slamsim.guard.numbers import require_rigid
 from slamsim.sensors import effects
+from slamsim.sensors.base import Site
 from slamsim.sensors.clock import StreamClock
 from slamsim.sensors.motion import Course, Knots, Motion, as_mounted
 from slamsim.sensors.rays import beam_rays
@@ -35,31 +36,30 @@ class Lidar:
     """A lidar mounted at ``T_base_laser`` (4 x 4, any orientation) in a world of triangles.
 
     Beams are cast in batches of whole scans from the interpolated course of the laser, on
-    ``threads`` threads; neither changes a byte of the result. The robot itself is not seen.
+    ``site.threads`` threads; neither changes a byte of the result. The robot itself is not seen.
     course: how the laser truly moves and looks, where that is not as it is mounted. with_truth:
-    keep what each beam truly met.
+    keep what each beam truly met. name: of its random streams and its clock.
     """
 
     def __init__(
         self,
         config: LidarConfig,
-        mesh: TriangleMesh,
         T_base_laser: FloatArray,
-        seed: int,
-        start_ns: int,
-        threads: int = 1,
+        site: Site,
         course: Course = as_mounted,
         with_truth: bool = False,
+        name: str = "lidar",
+        frame_id: str = "laser_link",
     ) -> None:
         require_rigid("T_base_laser", T_base_laser)
-        self.geometry = scan_geometry(config)
+        self.geometry = scan_geometry(config, frame_id)
         self._config, self._T_base_laser, self._course = config, T_base_laser, course
-        self._scene = Scene(mesh, floor_reach_m=config.range_max_m, threads=threads)
-        self._clock = StreamClock(config, start_ns, seed, "lidar")
+        self._scene = Scene(site.mesh, floor_reach_m=config.range_max_m, threads=site.threads)
+        self._clock = StreamClock(config, site.start_ns, site.seed, name)
         self._streams = effects.EffectStreams(
-            noise=random_stream(seed, "lidar", "noise"),
-            dropout=random_stream(seed, "lidar", "dropout"),
-            mixed=random_stream(seed, "lidar", "mixed"),
+            noise=random_stream(site.seed, name, "noise"),
+            dropout=random_stream(site.seed, name, "dropout"),
+            mixed=random_stream(site.seed, name, "mixed"),
         )
         angles_rad = self.geometry.angles_rad()
         self._directions = np.stack([np.cos(angles_rad), np.sin(angles_rad)])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,6 +17,8 @@ from slamsim.core.types import (
     Scan,
     ScanGeometry,
 )
+from slamsim.recording import Origin, RawScans, ScanLayout
+from slamsim.sensors.base import Batch
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -107,8 +109,50 @@ class EncoderBatch:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Readings:
-    """All that was sensed during one window of a drive; a disabled stream is empty."""
+    """All that was sensed during one window of a drive; a disabled stream is empty.
+
+    additional: of the sensors in ``sensors.additional``, in their order.
+    """
 
     scans: ScanBatch
     imu: ImuBatch
     encoders: EncoderBatch
+    additional: tuple[Batch, ...] = ()
+
+
+def scan_streams(
+    topic: str, batches: Sequence[ScanBatch], scan_rate_hz: float
+) -> tuple[RawScans, ...]:
+    """The scans of one lidar as a stream of a recording; none without a single scan.
+
+    Numbers that a message holds in single precision are kept in it.
+    """
+    batches = [batch for batch in batches if len(batch)]
+    if not batches:
+        return ()
+    geometry = batches[0].geometry
+    last = geometry.angle_min_rad + (geometry.beam_count - 1) * geometry.angle_step_rad
+    declared = (
+        geometry.angle_min_rad,
+        last,
+        geometry.angle_step_rad,
+        geometry.beam_dt_ns * 1e-9,
+        1.0 / scan_rate_hz,
+        geometry.range_min_m,
+        geometry.range_max_m,
+    )
+    stamps_ns = np.concatenate([batch.stamps_ns for batch in batches])
+    strengths = [batch.intensities for batch in batches if batch.intensities is not None]
+    return (
+        RawScans(
+            topic=topic,
+            frame_ids=(geometry.frame_id,),
+            stamps_ns=stamps_ns,
+            received_ns=np.concatenate([batch.arrival_ns for batch in batches]),
+            layouts=(ScanLayout(*(float(np.float32(value)) for value in declared)),),
+            layout_of=np.zeros(stamps_ns.size, dtype=np.int32),
+            ranges_m=np.concatenate([batch.ranges_m for batch in batches]),
+            intensities=np.concatenate(strengths) if strengths else None,
+            origin=Origin.in_order(topic, np.arange(stamps_ns.size)),
+        ),
+    )

@@ -7,11 +7,12 @@ from typing import Protocol
 
 from slamsim.config.sensors import SensorsConfig
 from slamsim.core.types import Drive, FloatArray, TriangleMesh
+from slamsim.sensors.base import Batch, Sensor, Site
 from slamsim.sensors.encoders import Encoders
 from slamsim.sensors.imu import Imu
 from slamsim.sensors.lidar import Lidar
 from slamsim.sensors.motion import Course, Motion, as_mounted, joined, kept_since
-from slamsim.sensors.readings import Readings
+from slamsim.sensors.readings import EncoderBatch, ImuBatch, Readings, ScanBatch
 
 
 class Carrier(Protocol):
@@ -66,27 +67,18 @@ class SensorRig:
         motion = joined(self._motion, window)
         if self._sensors is None:
             self._sensors = self._switched_on(int(window.stamps_ns[0]))
-        lidar, imu, encoders = self._sensors.lidar, self._sensors.imu, self._sensors.encoders
-        readings = Readings(lidar.sense(motion), imu.sense(motion), encoders.sense(motion))
-        needed_ns = min(lidar.needed_ns, imu.needed_ns, encoders.needed_ns)
-        self._motion = kept_since(motion, needed_ns)
-        return readings
+        scans, imu, encoders, additional = self._sensors.sense(motion)
+        self._motion = kept_since(motion, self._sensors.needed_ns)
+        return Readings(scans, imu, encoders, additional)
 
     def _switched_on(self, start_ns: int) -> _Sensors:
         robot, config, seed = self._robot, self._config, self._seed
+        site = Site(self._mesh, seed, start_ns, self._threads)
         return _Sensors(
-            Lidar(
-                config.lidar,
-                self._mesh,
-                robot.T_base_laser,
-                seed,
-                start_ns,
-                self._threads,
-                self._course,
-                self._with_truth,
-            ),
+            Lidar(config.lidar, robot.T_base_laser, site, self._course, self._with_truth),
             Imu(config.imu, robot.T_base_imu, seed, start_ns),
             Encoders(config.encoders, robot.wheel_radius_m, robot.track_m, seed, start_ns),
+            tuple(entry.build(site) for entry in config.additional if entry.enabled),
         )
 
 
@@ -95,3 +87,14 @@ class _Sensors:
     lidar: Lidar
     imu: Imu
     encoders: Encoders
+    additional: tuple[Sensor, ...]
+
+    @property
+    def needed_ns(self) -> int:
+        own = self.lidar.needed_ns, self.imu.needed_ns, self.encoders.needed_ns
+        return min(*own, *(sensor.needed_ns for sensor in self.additional))
+
+    def sense(self, motion: Motion) -> tuple[ScanBatch, ImuBatch, EncoderBatch, tuple[Batch, ...]]:
+        scans, imu = self.lidar.sense(motion), self.imu.sense(motion)
+        further = tuple(sensor.sense(motion) for sensor in self.additional)
+        return scans, imu, self.encoders.sense(motion), further

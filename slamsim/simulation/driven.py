@@ -9,6 +9,7 @@ from tempfile import TemporaryDirectory
 from slamsim.config.run import RunConfig
 from slamsim.core.progress import Progress, silent
 from slamsim.core.types import Drive, Trajectory
+from slamsim.guard.errors import SlamsimError
 from slamsim.io.copy.rewrite import rewrite_recording
 from slamsim.recording import Recording
 from slamsim.sensors.faults.apply import declared, faulty_sensors
@@ -28,7 +29,12 @@ from slamsim.world.build import build_world
 def simulate_spoilt(
     config: RunConfig, faults: Sequence[Fault], log_folder: Path, progress: Progress = silent
 ) -> Simulation:
-    """As ``simulate``, with faults in the recording; the whole drive is in memory for that."""
+    """As ``simulate``, with faults in the recording; the whole drive is in memory for that.
+
+    Raises SlamsimError where there are sinks: what they would get has no faults yet.
+    """
+    if config.sinks:
+        raise SlamsimError("sinks cannot be used with faults, which are injected after the drive")
     driven = Driven(config, progress)
     driven.write(faults, log_folder)
     return driven.simulation

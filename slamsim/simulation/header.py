@@ -3,29 +3,19 @@
 from __future__ import annotations
 
 import json
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Protocol
 
 from slamsim import __version__
 from slamsim.config.run import RunConfig
 from slamsim.config.sensors import ImuConfig, InertialAxesConfig
-from slamsim.core.types import Epoch, FloatArray
+from slamsim.core.geometry import StaticTransform
+from slamsim.core.types import Epoch
+from slamsim.guard.errors import SlamsimError, shown
+from slamsim.sensors.base import static_frames
 from slamsim.sim.engine import engine_parameters
 from slamsim.sim.robot.model import RobotModel
-
-
-class StaticTransform(Protocol):
-    """One edge of the transform tree that never moves: T_parent_child is 4 x 4."""
-
-    @property
-    def parent(self) -> str: ...
-
-    @property
-    def child(self) -> str: ...
-
-    @property
-    def T_parent_child(self) -> FloatArray: ...  # noqa: N802
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -35,8 +25,8 @@ class LogHeader:
     robot_description: the URDF. scan_rate_hz: turns of the lidar per second. wheel_joints: names
     of the (left, right) joint. The variances are those of one IMU sample, in (rad/s)^2 and
     (m/s^2)^2, 0 for unknown. truth_rate_hz: how often the true pose is recorded, at most the
-    physics rate. metadata: whatever else shall stand in the file, such as sensor constants and
-    versions.
+    physics rate. topics: type of the messages of each topic of the additional sensors. metadata:
+    whatever else shall stand in the file, such as sensor constants and versions.
     """
 
     robot_description: str
@@ -50,17 +40,22 @@ class LogHeader:
     odom_frame: str = "odom"
     base_frame: str = "base_footprint"
     map_frame: str = "map"
+    topics: Mapping[str, str] = field(default_factory=dict)
     metadata: Mapping[str, str] = field(default_factory=dict)
 
 
 def log_header(robot: RobotModel, config: RunConfig) -> LogHeader:
-    imu = config.sensors.imu
+    """Raises SlamsimError for a sensor whose frame the robot has already."""
+    imu, additional = config.sensors.imu, config.sensors.additional
+    frames = (*robot.static_transforms, *static_frames(additional))
+    _require_one_parent(frames)
     return LogHeader(
         robot_description=robot.urdf,
-        static_transforms=robot.static_transforms,
+        static_transforms=frames,
         scan_rate_hz=config.sensors.lidar.rate_hz,
         imu_gyro_variance=_sample_variance(imu.gyro, imu),
         imu_accel_variance=_sample_variance(imu.accelerometer, imu),
+        topics={topic: kind for entry in additional for topic, kind in entry.topics.items()},
         metadata={
             "slamsim_version": __version__,
             "seed": str(config.seed),
@@ -72,3 +67,13 @@ def log_header(robot: RobotModel, config: RunConfig) -> LogHeader:
 def _sample_variance(axes: InertialAxesConfig, imu: ImuConfig) -> float:
     """White noise of this density, sampled at the unit's rate (IEEE Std 952)."""
     return axes.noise_density**2 * imu.rate_hz
+
+
+def _require_one_parent(edges: Sequence[StaticTransform]) -> None:
+    counts = Counter(edge.child for edge in edges)
+    twice = next((child for child, count in counts.items() if count > 1), None)
+    if twice is not None:
+        raise SlamsimError(
+            f"sensors.additional: the robot has a frame {shown(twice)} already; "
+            "give the sensor another name"
+        )

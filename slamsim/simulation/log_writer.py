@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from slamsim.config.streams import SinkEntry
 from slamsim.core.types import Drive
 from slamsim.io.bag2.folder import TopicKind
 from slamsim.io.bag2.growing import GrowingBag
@@ -14,6 +16,7 @@ from slamsim.recording import Recording
 from slamsim.sensors.readings import Readings
 from slamsim.simulation.header import LogHeader
 from slamsim.simulation.recorder import TOPICS, DriveRecorder
+from slamsim.simulation.sink import Sink
 
 _LATCHED = ("/robot_description", "/tf_static")
 
@@ -21,14 +24,19 @@ _LATCHED = ("/robot_description", "/tf_static")
 class LogWriter(Written):
     """As a ``GrowingBag``: all that a ``DriveRecorder`` records.
 
-    name: of the recordings that ``write`` gives.
+    name: of the recordings that ``write`` gives. sinks: where the same messages go besides.
     """
 
-    def __init__(self, folder: Path, header: LogHeader, name: str = "") -> None:
+    def __init__(
+        self, folder: Path, header: LogHeader, name: str = "", sinks: Sequence[SinkEntry] = ()
+    ) -> None:
         super().__init__()
-        topics = [TopicKind(topic, kind, topic in _LATCHED) for topic, kind in TOPICS.items()]
+        types = {**TOPICS, **header.topics}
+        topics = [TopicKind(topic, kind, topic in _LATCHED) for topic, kind in types.items()]
         custom = {"epoch": header.epoch, **dict(sorted(header.metadata.items()))}
-        self._bag = self._open.enter_context(GrowingBag(folder, topics, custom))
+        bag: Sink = self._open.enter_context(GrowingBag(folder, topics, custom))
+        started = [self._open.enter_context(entry.start(topics)) for entry in sinks]
+        self._sinks: tuple[Sink, ...] = (bag, *started)
         self._recorder = DriveRecorder(name, header)
         self._is_first = True
 
@@ -41,12 +49,16 @@ class LogWriter(Written):
         said = part.recording if self._is_first else _without_what_is_said_once(part.recording)
         self._is_first = False
         streams = outgoing(said, self._recorder.constants)
-        self._bag.add([*streams, *map(stream_messages, part.beside)])
-        self._bag.release(int(window.stamps_ns[-1]))
+        messages = [*streams, *map(stream_messages, part.beside)]
+        for sink in self._sinks:
+            sink.add(messages)
+            sink.release(int(window.stamps_ns[-1]))
         return part.recording
 
     def _finish(self) -> None:
-        self._bag.add([stream_messages(stream) for stream in self._recorder.rest()])
+        rest = [stream_messages(stream) for stream in self._recorder.rest()]
+        for sink in self._sinks:
+            sink.add(rest)
 
 
 def _without_what_is_said_once(part: Recording) -> Recording:

@@ -19,10 +19,9 @@ from slamsim.recording import (
     RawTicks,
     RawTwists,
     Recording,
-    ScanLayout,
     TransformEdge,
 )
-from slamsim.sensors.readings import Readings
+from slamsim.sensors.readings import Readings, scan_streams
 from slamsim.simulation.header import LogHeader
 from slamsim.simulation.tails import OdometryTail, TruthTail, WheelMotion, at_rate
 
@@ -49,8 +48,8 @@ _CLOCK_RATE_HZ, _COMMAND_RATE_HZ = 50.0, 20.0
 class Part:
     """What is recorded of some windows of a drive.
 
-    recording: as ``read_recording`` would give it of the file. beside: the commands and the
-    truth, which are never among the streams of a ``Recording``.
+    recording: as ``read_recording`` would give it of the file, but for what the additional
+    sensors measured. beside: that, the commands and the truth.
     """
 
     recording: Recording
@@ -93,7 +92,9 @@ class DriveRecorder:
             epoch=header.epoch,
         )
         beside = [stream for window in windows for stream in self._beside(window)]
-        return Part(recording, tuple(beside))
+        batches = [batch for part in readings for batch in part.additional]
+        further = [stream for batch in batches for stream in batch.streams() if len(stream)]
+        return Part(recording, (*beside, *further))
 
     def rest(self) -> tuple[RawStream, ...]:
         """What is recorded only because the drive is over: where it truly ended."""
@@ -138,35 +139,7 @@ def true_trajectory(windows: Sequence[Drive], header: LogHeader) -> Trajectory:
 
 
 def _scans(readings: Sequence[Readings], header: LogHeader) -> tuple[RawScans, ...]:
-    batches = [part.scans for part in readings if len(part.scans)]
-    if not batches:
-        return ()
-    geometry = batches[0].geometry
-    last = geometry.angle_min_rad + (geometry.beam_count - 1) * geometry.angle_step_rad
-    declared = (
-        geometry.angle_min_rad,
-        last,
-        geometry.angle_step_rad,
-        geometry.beam_dt_ns * 1e-9,
-        1.0 / header.scan_rate_hz,
-        geometry.range_min_m,
-        geometry.range_max_m,
-    )
-    stamps_ns = np.concatenate([batch.stamps_ns for batch in batches])
-    strengths = [batch.intensities for batch in batches if batch.intensities is not None]
-    return (
-        RawScans(
-            topic="/scan",
-            frame_ids=(geometry.frame_id,),
-            stamps_ns=stamps_ns,
-            received_ns=np.concatenate([batch.arrival_ns for batch in batches]),
-            layouts=(ScanLayout(*(float(np.float32(value)) for value in declared)),),
-            layout_of=np.zeros(stamps_ns.size, dtype=np.int32),
-            ranges_m=np.concatenate([batch.ranges_m for batch in batches]),
-            intensities=np.concatenate(strengths) if strengths else None,
-            origin=Origin.in_order("/scan", np.arange(stamps_ns.size)),
-        ),
-    )
+    return scan_streams("/scan", [part.scans for part in readings], header.scan_rate_hz)
 
 
 def _imus(readings: Sequence[Readings]) -> tuple[RawImu, ...]:

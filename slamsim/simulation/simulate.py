@@ -40,7 +40,7 @@ def simulate(config: RunConfig, log_folder: Path, progress: Progress = silent) -
         route = plan_route(world, robot, config.drive)
         windows = process.drive(world, robot, route, config.drive, progress)
         rig = SensorRig(world.mesh, robot, config.sensors, config.seed)
-        with LogWriter(log_folder, log_header(robot, config)) as log:
+        with LogWriter(log_folder, log_header(robot, config), sinks=config.sinks) as log:
             for window in windows:
                 log.write(rig.sense(window), window)
         return Simulation(world, robot, process.outcome)

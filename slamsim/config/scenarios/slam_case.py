@@ -7,10 +7,10 @@ from pydantic import Field
 from slamsim.config.base import Config
 from slamsim.config.drive import DriveConfig, RouteConfig
 from slamsim.config.layout import MazeLayout
-from slamsim.config.mapping import MappingConfig
+from slamsim.config.lidar import LidarConfig
 from slamsim.config.robot import RobotConfig
-from slamsim.config.sensors import LidarConfig, SensorsConfig
-from slamsim.config.slam import SlamConfig
+from slamsim.config.sensors import SensorsConfig
+from slamsim.config.slam import MappingConfig, SlamConfig
 from slamsim.config.world import WorldConfig
 
 

@@ -8,7 +8,7 @@ from typing import Protocol
 
 import numpy as np
 
-from slamsim.config.sensors import LidarConfig
+from slamsim.config.lidar import LidarConfig
 from slamsim.core.geometry import se3_from_parts, wrap_angle
 from slamsim.core.types import Drive, FloatArray, IntArray
 from slamsim.dataset.truth.surfaces import Surfaces

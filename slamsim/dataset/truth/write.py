@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from slamsim.config.sensors import LidarConfig
+from slamsim.config.lidar import LidarConfig
 from slamsim.core.types import Drive
 from slamsim.dataset.recipe.sequence import Cell, SequenceSpec
 from slamsim.dataset.truth.grid import write_occupancy

@@ -7,8 +7,8 @@ from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
-from slamsim.config.robot import CylinderConfig, MountConfig, RobotConfig, SensorBodyConfig
-from slamsim.core.geometry import matrix_from_rpy, se3_from_parts
+from slamsim.config.robot import CylinderConfig, RobotConfig, SensorBodyConfig
+from slamsim.core.geometry import matrix_from_rpy, mount_transform, se3_from_parts
 from slamsim.core.types import FloatArray
 from slamsim.sim.robot.inertia import Inertial, join
 from slamsim.sim.robot.urdf import Description, Joint, Link, Shape
@@ -21,14 +21,6 @@ LYING = se3_from_parts(matrix_from_rpy(-np.pi / 2.0, 0.0, 0.0), np.zeros(3))
 def translation(x_m: float, y_m: float, z_m: float) -> FloatArray:
     """4 x 4 shift."""
     return se3_from_parts(np.eye(3), np.array([x_m, y_m, z_m]))
-
-
-def mount_transform(mount: MountConfig) -> FloatArray:
-    """``T_base_sensor`` (4 x 4)."""
-    roll, pitch, yaw = np.radians([mount.roll_deg, mount.pitch_deg, mount.yaw_deg])
-    return se3_from_parts(
-        matrix_from_rpy(roll, pitch, yaw), np.array([mount.x_m, mount.y_m, mount.z_m])
-    )
 
 
 def describe(config: RobotConfig) -> Description:

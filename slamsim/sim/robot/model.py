@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from slamsim.config.robot import MotorConfig, RobotConfig, SuspensionConfig
+from slamsim.core.geometry import StaticTransform
 from slamsim.core.types import FloatArray
 from slamsim.guard.errors import InputRefused
 from slamsim.guard.urdf import read_urdf
@@ -18,15 +19,6 @@ from slamsim.sim.robot.validate import model_faults
 
 WHEEL_JOINTS = LEFT_WHEEL_JOINT, RIGHT_WHEEL_JOINT = "wheel_left_joint", "wheel_right_joint"
 REQUIRED_FRAMES = ("base_footprint", "base_link", "laser_link", "imu_link", "camera_link")
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class StaticTransform:
-    """A rigid joint of the robot: ``T_parent_child`` is 4 x 4."""
-
-    parent: str
-    child: str
-    T_parent_child: FloatArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
-from slamsim.config.mapping import MappingConfig
+from slamsim.config.slam import MappingConfig
 from slamsim.core.geometry import transform_points, wrap_angle
 from slamsim.core.progress import Progress, silent
 from slamsim.core.types import (

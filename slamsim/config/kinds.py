@@ -1,0 +1,31 @@
+"""Lists whose entries are of kinds that modules elsewhere define, each with a ``type`` of its own.
+
+A kind more is a module in the package that is named here, or in an installed distribution that
+names one in the entry-point group of that name.
+"""
+
+from __future__ import annotations
+
+from functools import reduce
+from operator import or_
+from typing import TYPE_CHECKING, Annotated, Any
+
+from pydantic import Field
+
+from slamsim.config.streams import SensorEntry, SinkEntry
+from slamsim.guard.plugins import subclasses_in
+
+if TYPE_CHECKING:
+    AdditionalSensors = tuple[SensorEntry, ...]
+    Sinks = tuple[SinkEntry, ...]
+else:
+
+    def _list_of(package: str, parent: type[Any]) -> Any:
+        """A tuple of entries, each validated by the model of its own ``type``."""
+        kinds = subclasses_in(package, parent)
+        if len(kinds) == 1:
+            return tuple[kinds[0], ...]
+        return tuple[Annotated[reduce(or_, kinds), Field(discriminator="type")], ...]
+
+    AdditionalSensors = _list_of("slamsim.sensors.kinds", SensorEntry)
+    Sinks = _list_of("slamsim.simulation.sinks", SinkEntry)

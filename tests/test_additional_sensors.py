@@ -1,0 +1,199 @@
+"""Sensors in ``sensors.additional``: those of the package, and one that is installed."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from rosbags.typesys import Stores, get_typestore
+from sensing_example import Robot, figure_eight, room, standing, windows
+
+from slamsim.config.loading import load_run_config
+from slamsim.config.sensors import SensorsConfig
+from slamsim.core.geometry import mount_transform
+from slamsim.core.types import FloatArray
+from slamsim.guard.errors import OverrideRefused, SlamsimError
+from slamsim.io.ros.encoding import stream_messages
+from slamsim.sensors.base import static_frames
+from slamsim.sensors.kinds.depth_camera import CameraInfos, DepthBatch, DepthImages
+from slamsim.sensors.rig import SensorRig
+from slamsim.sim.robot.model import build_robot
+from slamsim.simulation.header import log_header
+
+CAMERA = {
+    "type": "depth_camera",
+    "name": "front_camera",
+    "rate_hz": 9.0,
+    "width": 12,
+    "height": 8,
+    "mount": {"x_m": 0.1, "z_m": 0.3, "pitch_deg": 20.0, "yaw_deg": 30.0},
+    "clock": {"jitter_s": 0.001, "latency_s": 0.01, "drop_probability": 0.1},
+}
+REAR = {
+    "type": "planar_lidar",
+    "name": "rear",
+    "rate_hz": 13.0,
+    "beam_count": 31,
+    "angle_step_deg": 5.0,
+    "mount": {"x_m": -0.1, "z_m": 0.2, "yaw_deg": 180.0},
+}
+CONFIG = SensorsConfig.model_validate({"additional": [CAMERA, REAR]})
+DRIVE = figure_eight(0.7)
+
+
+def messages(cuts: list[int]) -> dict[str, bytes]:
+    """The CDR bytes of each topic, end to end."""
+    rig, found = SensorRig(room(), Robot(), CONFIG, seed=3), dict[str, bytes]()
+    for window in windows(DRIVE, cuts):
+        for batch in rig.sense(window).additional:
+            for stream in batch.streams():
+                if len(stream):
+                    rows = stream_messages(stream).rows(slice(None))
+                    found[stream.topic] = found.get(stream.topic, b"") + rows.tobytes()
+    return found
+
+
+@settings(max_examples=15)
+@given(st.lists(st.integers(2, len(DRIVE) - 1), max_size=30))
+def test_the_same_bytes_however_the_drive_is_cut(cuts: list[int]) -> None:
+    whole = messages([])
+    assert whole.keys() == {topic for entry in CONFIG.additional for topic in entry.topics}
+    assert messages(cuts) == whole
+
+
+def test_other_sensors_measure_what_they_do_without_them() -> None:
+    alone = SensorRig(room(), Robot(), SensorsConfig(), seed=3).sense(DRIVE)
+    beside = SensorRig(room(), Robot(), CONFIG, seed=3).sense(DRIVE)
+    np.testing.assert_array_equal(alone.scans.ranges_m, beside.scans.ranges_m)
+    np.testing.assert_array_equal(alone.imu.stream.stamps_ns, beside.imu.stream.stamps_ns)
+
+
+def test_depths_are_those_of_planes_met_by_hand() -> None:
+    """A room of axis-aligned walls: the nearest of its planes, pixel by pixel, in plain Python."""
+    rig = SensorRig(room(), Robot(), CONFIG, seed=0)
+    batch = rig.sense(standing(0.2)).additional[0]
+    assert isinstance(batch, DepthBatch)
+    entry, T_base_camera = batch.entry, mount_transform(CONFIG.additional[0].mount)
+    vertices = room().vertices_m
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    base = standing(0.2).positions_m[0]
+    wrong = 0
+    for row in range(entry.height):
+        for column in range(entry.width):
+            right = (column - 0.5 * (entry.width - 1)) / entry.focal_px
+            down = (row - 0.5 * (entry.height - 1)) / entry.focal_px
+            toward = T_base_camera[:3, :3] @ np.array([1.0, -right, -down])
+            depth = _first_plane(base + T_base_camera[:3, 3], toward, low, high)
+            told = float(batch.depths_mm[0, row, column]) * 1e-3
+            inside = entry.depth_min_m <= depth <= entry.depth_max_m
+            wrong += abs(told - (depth if inside else 0.0)) > 6e-4
+    assert batch.depths_mm[0].max() > 500
+    assert wrong == 0
+
+
+def _first_plane(
+    origin: FloatArray, toward: FloatArray, low: FloatArray, high: FloatArray
+) -> float:
+    """How often the direction fits in before a wall of the box or the floor; inf over the walls."""
+    nearest = float("inf")
+    for axis, level in [(0, low[0]), (0, high[0]), (1, low[1]), (1, high[1]), (2, 0.0)]:
+        steps = (level - origin[axis]) / toward[axis] if toward[axis] else -1.0
+        hit = origin + steps * toward
+        within = axis == 2 or low[2] <= hit[2] <= high[2]
+        if 0.0 < steps < nearest and within:
+            nearest = float(steps)
+    return nearest
+
+
+def test_messages_are_what_rosbags_reads() -> None:
+    rig = SensorRig(room(), Robot(), CONFIG, seed=0)
+    images, infos = rig.sense(standing(0.5)).additional[0].streams()
+    assert isinstance(images, DepthImages)
+    assert isinstance(infos, CameraInfos)
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    for stream in (images, infos):
+        rows = stream_messages(stream).rows(slice(None))
+        message: Any = store.deserialize_cdr(rows[:1].tobytes(), stream.schema.type_name)
+        assert message.header.frame_id == "front_camera_optical_frame"
+        assert (message.width, message.height) == (12, 8)
+        if stream is images:
+            assert (message.encoding, message.step) == ("16UC1", 24)
+            assert bytes(message.data) == images.data[0].tobytes()
+        else:
+            np.testing.assert_array_equal(message.k, infos.k)
+            assert message.k[0] == pytest.approx(6.0 / np.tan(np.radians(43.5)))
+        assert bytes(store.serialize_cdr(message, stream.schema.type_name)) == rows[:1].tobytes()
+
+
+def test_frames_of_the_camera() -> None:
+    edges = {edge.child: edge for edge in static_frames(CONFIG.additional)}
+    assert edges["front_camera_link"].parent == "base_footprint"
+    optical = edges["front_camera_optical_frame"].T_parent_child
+    np.testing.assert_array_equal(optical[:3, :3] @ [0.0, 0.0, 1.0], [1.0, 0.0, 0.0])
+    assert np.linalg.det(optical) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize(
+    ("entries", "told"),
+    [
+        ("[{type: depth_cam, name: a, mount: {}}]", "'depth_camera', 'planar_lidar'"),
+        ("[{type: depth_camera, name: A, mount: {}}]", "pattern"),
+        ("[{type: depth_camera, name: a}]", "mount"),
+        ("[{type: depth_camera, name: a, mount: {z: 1}}]", "unknown key 'z'"),
+        ("[{name: a, mount: {}}]", "'type'"),
+        ("3", "must be a list"),
+        (
+            "[{type: depth_camera, name: a, mount: {}}, {type: planar_lidar, name: a, mount: {}}]",
+            "two additional sensors are named 'a'",
+        ),
+    ],
+)
+def test_wrong_entries_are_refused(entries: str, told: str) -> None:
+    with pytest.raises(OverrideRefused, match=told):
+        load_run_config(None, None, [f"sensors.additional={entries}"])
+
+
+def test_a_frame_of_the_robot_is_not_taken_twice() -> None:
+    twice = "sensors.additional=[{type: depth_camera, name: camera, mount: {}}]"
+    config = load_run_config(None, None, [twice])
+    with pytest.raises(SlamsimError, match="'camera_link' already"):
+        log_header(build_robot(config.robot), config)
+
+
+OUTPUT: dict[str, Any] = {"capture_output": True, "text": True, "timeout": 60}
+SONAR = """
+from typing import Literal
+from slamsim.config.streams import SensorEntry
+
+class SonarEntry(SensorEntry):
+    type: Literal["sonar"]
+
+    @property
+    def topics(self):
+        return {f"/{self.name}/range": "sensor_msgs/msg/Range"}
+
+    def build(self, site):
+        raise NotImplementedError
+"""
+
+
+def test_an_installed_distribution_adds_a_kind(tmp_path: Path) -> None:
+    (tmp_path / "sonar_of_mine.py").write_text(SONAR)
+    told = tmp_path / "sonar_of_mine-1.0.dist-info"
+    told.mkdir()
+    (told / "METADATA").write_text("Metadata-Version: 2.1\nName: sonar-of-mine\nVersion: 1.0\n")
+    (told / "entry_points.txt").write_text("[slamsim.sensors.kinds]\nsonar = sonar_of_mine\n")
+    code = (
+        f"import sys; sys.path.insert(0, {str(tmp_path)!r})\n"
+        "from slamsim.config.loading import load_run_config\n"
+        "entry = 'sensors.additional=[{type: sonar, name: nose, mount: {}}]'\n"
+        "print(load_run_config(None, None, [entry]).sensors.additional[0].topics)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], check=False, **OUTPUT)
+    assert done.stdout.strip() == "{'/nose/range': 'sensor_msgs/msg/Range'}", done.stderr
