@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections import Counter
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,7 @@ from typer.testing import CliRunner
 
 from slamsim.cli.main import app
 from slamsim.core.types import Float32Array, FloatArray
+from slamsim.io.ros.limits import inflate
 from slamsim.process.exit_codes import run_command
 
 BEAMS, COUNT = 181, 60
@@ -204,6 +206,25 @@ def test_all_scans_of_a_bag_are_used(tmp_path: Path, name: str) -> None:
     code, _, report = mapped(path)
     assert code == 0 and report["scans_used"] == report["scans"] == COUNT
     assert sum(told in words for words in report["warnings"]) == 1
+
+
+def test_each_chunk_of_a_mapped_recording_is_decoded_twice_at_most(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Once for its checksum and what is in it, once for the messages; truth and check included."""
+    decoded = Counter[bytes]()
+
+    def counting(data: bytes, *about: Any) -> bytes:
+        decoded[bytes(data)] += 1
+        return inflate(data, *about)
+
+    monkeypatch.setattr("slamsim.io.mcap.reader.inflate", counting)
+    path = as_mcap(tmp_path / "a.mcap", bag(RECEIVED, RECEIVED, STRAIGHT), chunk_size=20_000)
+
+    assert mapped(path)[0] == 0
+
+    assert len(decoded) > 3
+    assert set(decoded.values()) == {2}
 
 
 @pytest.mark.parametrize("code_m", [81.83, pytest.param(65.535, marks=pytest.mark.slow)])

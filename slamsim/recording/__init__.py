@@ -1,17 +1,16 @@
-"""A recording as it was written: nothing sorted, mended or left out.
+"""A recording as it was written: nothing sorted, repaired or left out.
 
-SLAM reads a ``Log`` (types.py), where a reader has already put things right as well as it can.
-The checker, the faults and ``slamsim fix`` need what the file says instead: every stamp and every
-range as recorded, when each message was received, and the transform tree edge by edge. Units are
-those that the format asks for (SI in ROS), whether or not the numbers obey. All arrays of one
-stream are in the order of the file.
+The checker, the faults and ``slamsim fix`` need what the file says: every stamp and every range as
+recorded, when each message was received, and the transform tree edge by edge. SLAM reads a ``Log``,
+which ``cleaning`` makes of it. Units are those that the format asks for (SI in ROS), whether or not
+the numbers obey. All arrays of one stream are in the order of the file.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, ClassVar, Literal, TypeVar
+from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -213,20 +212,6 @@ class TransformEdge(_OfSchema):
 
 
 @dataclass(frozen=True, slots=True)
-class UnreadTopic:
-    """Messages that are in the file and that no check looks at, and why.
-
-    stream: what they say, if it was read for what other streams lack.
-    """
-
-    topic: str
-    type_name: str
-    messages: int
-    reason: str
-    stream: RawStream | None = None
-
-
-@dataclass(frozen=True, slots=True)
 class RecordedTopic:
     """A topic as the file has it. damage: why some of its messages, or all, cannot be decoded."""
 
@@ -236,11 +221,22 @@ class RecordedTopic:
     damage: str = ""
 
 
+@dataclass(frozen=True, slots=True)
+class UnreadTopic:
+    """Messages that no check looks at, and why; stream: as read for what other streams lack."""
+
+    topic: str
+    type_name: str
+    messages: int
+    reason: str
+    stream: RawStream | None = None
+
+
 KINDS: tuple[type[RawStream], ...] = (RawScans, RawImu, RawOdometry, RawTicks, RawJoints)
 """What is read of recordings, in the order in which a ``Recording`` holds it."""
 
-RecordingFormat = Literal["mcap", "rosbag2", "rosbag1", "carmen", "parquet", "memory"]
-
+RecordingFormat = str
+"""Such as ``mcap``, ``rosbag2``, ``rosbag1``, ``carmen``, ``parquet``, or ``memory``."""
 
 Messages = TypeVar("Messages", bound=RawStream | TransformEdge)
 _Stream = TypeVar("_Stream", bound=RawStream)

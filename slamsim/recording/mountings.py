@@ -11,6 +11,7 @@ from slamsim.recording import Recording, TransformEdge
 from slamsim.recording.frames import FrameTree
 
 BASE_FRAMES = ("base_footprint", "base_link", "base")
+ODOM_FRAME = "odom"
 BASE_FRAME = BASE_FRAMES[0]
 """What odometry is taken to move where there is none."""
 
@@ -62,3 +63,22 @@ def imu_mounting_of(
     if T_base_imu is None:
         warnings.append(f"no fixed transform from {base_frame!r} to {imu.frame_id!r}")
     return T_base_imu
+
+
+def likely_base(tree: FrameTree) -> str:
+    """The frame of the robot where nothing names it."""
+    return next((frame for frame in BASE_FRAMES if frame in tree), BASE_FRAMES[0])
+
+
+def odometry_chain(tree: FrameTree, laser_frame: str) -> list[tuple[str, str]]:
+    """Edges from ``odom`` down to the robot's base: the lowest frame that moves, if any does."""
+    start = laser_frame if laser_frame in tree else likely_base(tree)
+    path = tree.path_up(start)
+    below_odom = [i for i, (parent, _, _) in enumerate(path) if parent == ODOM_FRAME]
+    if not below_odom:
+        return []
+    top = below_odom[0]
+    moving = [i for i in range(top + 1) if path[i][2]]
+    return [(parent, child) for parent, child, _ in path[moving[0] if moving else top : top + 1]][
+        ::-1
+    ]

@@ -34,7 +34,6 @@ from slamsim.recording import (
     RawScans,
     RecordedTopic,
     Recording,
-    RecordingFormat,
     UnreadTopic,
 )
 from slamsim.recording.cleaning.rising_stamps import epoch_of
@@ -230,8 +229,8 @@ def _epoch(bag: Bag, recording: Recording) -> Epoch:
     return "simulation" if guessed == "unknown" and bag.of_type(CLOCK.type_name) else guessed
 
 
-def _format(path: Path) -> RecordingFormat:
+def _format(path: Path) -> str:
     if path.is_dir():
         return "rosbag2"
-    formats: dict[str, RecordingFormat] = {".mcap": "mcap", ".db3": "rosbag2", ".bag": "rosbag1"}
+    formats = {".mcap": "mcap", ".db3": "rosbag2", ".bag": "rosbag1"}
     return formats[path.suffix.lower()]

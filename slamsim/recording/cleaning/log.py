@@ -38,9 +38,14 @@ from slamsim.recording.cleaning.streams import (
     planar_poses,
 )
 from slamsim.recording.frames import FrameTree
-from slamsim.recording.mountings import BASE_FRAMES, imu_mounting_of, laser_mounting_of
+from slamsim.recording.mountings import (
+    ODOM_FRAME,
+    imu_mounting_of,
+    laser_mounting_of,
+    likely_base,
+    odometry_chain,
+)
 
-_ODOM_FRAME = "odom"
 _USUAL_SPEED_M_S, _USUAL_TURN_RAD_S = 0.5, 0.5
 _LEAST_PERIOD_NS, _LONGEST_PERIOD_NS = 100_000_000, 10_000_000_000
 _MOST_GROWTH = 1.05
@@ -192,8 +197,8 @@ class _Cleaning:
         path: PlanarTrajectory | None = None
         if raw is None:
             tree.add(self._transforms(is_static=False))
-            edges = _chain(tree, laser_frame)
-            base_frame = edges[-1][1] if edges else _likely_base(tree)
+            edges = odometry_chain(tree, laser_frame)
+            base_frame = edges[-1][1] if edges else likely_base(tree)
             found = chain_of(self._recording.transforms, edges)
             path = None if found is None else found.planar()
         else:
@@ -202,13 +207,13 @@ class _Cleaning:
                 self.warnings += odd
             else:
                 path = _carried_path(carried, rows, times, self._others())
-            base_frame = raw.child_frame_ids[0] or _likely_base(tree)
+            base_frame = raw.child_frame_ids[0] or likely_base(tree)
             if tree.between(base_frame, laser_frame) is None:
                 tree.add(self._transforms(is_static=False))
         if path is None or len(path) == 0:
             self.warnings.append(
                 f"a log without odometry: neither {RawOdometry.schema.type_name} nor transforms "
-                f"from {_ODOM_FRAME!r} to the robot"
+                f"from {ODOM_FRAME!r} to the robot"
             )
             return None, base_frame
         return path, base_frame
@@ -241,24 +246,6 @@ class _Cleaning:
             self.warnings.append(f"scans and odometry have no common time: {spans}")
         elif first_ns < start_ns or last_ns > end_ns:
             self.warnings.append(f"odometry does not cover all scans: {spans}")
-
-
-def _likely_base(tree: FrameTree) -> str:
-    return next((frame for frame in BASE_FRAMES if frame in tree), BASE_FRAMES[0])
-
-
-def _chain(tree: FrameTree, laser_frame: str) -> list[tuple[str, str]]:
-    """Edges from ``odom`` down to the robot's base: the lowest frame that moves, if any does."""
-    start = laser_frame if laser_frame in tree else _likely_base(tree)
-    path = tree.path_up(start)
-    below_odom = [i for i, (parent, _, _) in enumerate(path) if parent == _ODOM_FRAME]
-    if not below_odom:
-        return []
-    top = below_odom[0]
-    moving = [i for i in range(top + 1) if path[i][2]]
-    return [(parent, child) for parent, child, _ in path[moving[0] if moving else top : top + 1]][
-        ::-1
-    ]
 
 
 def _carried_path(
