@@ -37,7 +37,7 @@ from slamsim.guard.mesh_file import check_mesh_file
 from slamsim.guard.sums import SumsDamaged, read_sequence, read_sums, sequence_text, sums_text
 from slamsim.guard.urdf import check_urdf
 from slamsim.guard.yaml import load_yaml, parse_yaml
-from slamsim.io.input_errors import refusing
+from slamsim.io.input_errors import as_input_errors
 from slamsim.io.text.keyframes import HEADER, read_keyframes
 from slamsim.io.text.relations import read_relations
 from slamsim.io.text.tum import read_tum
@@ -75,7 +75,7 @@ def _mesh(data: bytes) -> None:
     path = folder() / f"a.{suffix}"
     path.write_bytes(data[1:])
     check_mesh_file(path)
-    with refusing(path, "the library"):
+    with as_input_errors(path, "the library"):
         found = trimesh.load_scene(path, process=False).to_mesh()
         check_mesh(np.array(found.vertices), np.array(found.faces, dtype=np.int64), path)
 

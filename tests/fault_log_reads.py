@@ -34,7 +34,7 @@ def whole_log(path: Path) -> object:
 
 
 def judged_quickly(path: Path) -> object:
-    """The recording unmended, and what the quick checks say of it."""
+    """The recording as it is, and what the quick checks say of it."""
     return _judged(path, quick=True)
 
 
@@ -155,7 +155,7 @@ def _require_recording(recording: Recording) -> None:
     for edge in recording.transforms:
         assert edge.positions_m.shape == (edge.stamps_ns.size, 3)
         _require_words(f"{edge.name} {edge.topic}")
-    for words in recording.odd:
+    for words in recording.anomalies:
         _require_words(words)
     for unread in recording.unread:
         _require_words(f"{unread.topic} {unread.type_name} {unread.reason}")

@@ -31,7 +31,7 @@ from slamsim.guard.urdf import check_urdf
 from slamsim.guard.yaml import load_yaml
 from slamsim.io.bag1.reader import index_bag1
 from slamsim.io.bag2.sqlite import index_sqlite
-from slamsim.io.input_errors import refusing
+from slamsim.io.input_errors import as_input_errors
 from slamsim.io.mcap.reader import index_mcap, mcap_attachments
 from slamsim.io.parquet.file import read_table
 from slamsim.io.ros.limits import check_definitions
@@ -121,20 +121,20 @@ def attachment(folder: Path, limits: Limits) -> object:
         writer.start()
         writer.add_attachment(0, 0, "notes.txt", "text/plain", bytes(100))
         writer.finish()  # type: ignore[no-untyped-call]
-    with refusing(path, "attachments"):
+    with as_input_errors(path, "attachments"):
         return list(mcap_attachments(index_mcap(path), limits))
 
 
 def table(folder: Path, limits: Limits) -> object:
     path = folder / "a.parquet"
     pq.write_table(pa.table({"a": np.zeros(10_000)}), path, compression="zstd")
-    with refusing(path, "its columns"):
+    with as_input_errors(path, "its columns"):
         return read_table(path, limits=limits)
 
 
 def definition(text: str) -> Excess:
     def check(folder: Path, limits: Limits) -> None:
-        with refusing(folder, "message definitions"):
+        with as_input_errors(folder, "message definitions"):
             check_definitions([("a/msg/B", text)], limits)
 
     return check

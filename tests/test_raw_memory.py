@@ -23,7 +23,7 @@ FIXED = (
     StaticTransform("base_footprint", "base_link", np.eye(4)),
     StaticTransform("base_link", "laser_link", T),
 )
-FILE_ALONE = (".unread", ".odd", ".topics")
+FILE_ALONE = (".unread", ".anomalies", ".topics")
 """What only a file can say."""
 HEADER = LogHeader("<robot name='r'/>", FIXED, scan_rate_hz=10.0)
 

@@ -1,4 +1,4 @@
-"""Any odd exception of a file library becomes one clear refusal."""
+"""Exceptions of file libraries become one clear input error."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from slamsim.guard.numbers import BadNumbers
 def damaged(
     path: Path, reason: str, where: str = "", error: Exception | None = None
 ) -> InputRefused:
-    """The refusal of a recording that is cut or damaged, which says what to do about it.
+    """The error for a recording that is cut or damaged, which says what to do about it.
 
     error: what led to it; one that exceeds a limit is no damage.
     """
@@ -23,7 +23,7 @@ def damaged(
 
 
 @contextmanager
-def refusing(path: Path, where: str) -> Iterator[None]:
+def as_input_errors(path: Path, where: str) -> Iterator[None]:
     """Inside, whatever is raised about the file is raised as InputRefused.
 
     Damaged and hostile files make the readers raise nearly anything: OverflowError, KeyError,

@@ -9,7 +9,7 @@ from slamsim.core.types import Log, Trajectory
 from slamsim.guard.errors import InputRefused, NotFound
 from slamsim.guard.files import own_file
 from slamsim.io.formats import Contents, Format, formats
-from slamsim.io.input_errors import damaged, refusing
+from slamsim.io.input_errors import as_input_errors, damaged
 from slamsim.io.names import LOG, TABLES
 from slamsim.recording import Recording
 from slamsim.recording.cleaning.log import clean
@@ -29,7 +29,7 @@ class OpenRecording:
 
     def log(self) -> Log:
         """As SLAM reads it. Raises InputRefused as ``read_log`` does."""
-        with refusing(self.path, "its contents"):
+        with as_input_errors(self.path, "its contents"):
             return clean(self.recording, self.path)
 
     def truth(self) -> Trajectory | None:
@@ -39,7 +39,7 @@ class OpenRecording:
             raise InputRefused(self.path, reason, where)
         if self.contents.truth is None:
             return None
-        with refusing(self.path, "its truth"):
+        with as_input_errors(self.path, "its truth"):
             truth = trajectory_of(self.contents.truth)
         return truth if len(truth) else None
 
@@ -50,11 +50,11 @@ def open_recording(path: Path, scan_topic: str | None = None) -> OpenRecording:
     Of a format that is registered in ``slamsim.io.formats``, or a run's folder that holds one.
     scan_topic: of several lidars only this one. Memory stays bounded: from a certain size on ranges
     live in a temporary file. Raises NotFound, or InputRefused naming file, place and reason when it
-    cannot be read at all; what only some messages suffer from stands in ``Recording.odd`` and
+    cannot be read at all; what only some messages suffer from stands in ``Recording.anomalies`` and
     ``unread``.
     """
     path = recording_at(path)
-    with refusing(path, "its contents"):
+    with as_input_errors(path, "its contents"):
         return OpenRecording(path, format_of(path).read(path, scan_topic, "with"))
 
 
@@ -64,7 +64,7 @@ def read_recording(path: Path, scan_topic: str | None = None) -> Recording:
     Raises InputRefused besides for a recording of which no topic can be read.
     """
     path = recording_at(path)
-    with refusing(path, "its contents"):
+    with as_input_errors(path, "its contents"):
         found = format_of(path).read(path, scan_topic, "without").recording
     beside = (found.transforms, found.robot_description, found.clock_ns)
     if not found.streams and all(each is None or each == () for each in beside):
@@ -82,7 +82,7 @@ def read_log(path: Path, scan_topic: str | None = None) -> Log:
     InputRefused naming file, place and reason.
     """
     path = recording_at(path)
-    with refusing(path, "its contents"):
+    with as_input_errors(path, "its contents"):
         recording = format_of(path).read(path, scan_topic, "without").recording
         return clean(recording, path)
 
@@ -93,7 +93,7 @@ def read_truth(path: Path) -> Trajectory | None:
     found = format_of(path)
     if not found.has_truth:
         return None
-    with refusing(path, "its truth"):
+    with as_input_errors(path, "its truth"):
         return OpenRecording(path, found.read(path, None, "only")).truth()
 
 

@@ -1,4 +1,4 @@
-"""What all that write a format share: whole in the end, or closed and to be thrown away."""
+"""Base of all writers: files that are whole in the end, or closed and to be thrown away."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from types import TracebackType
 from typing import Self
 
 
-class Written:
+class StagedWriter:
     """Files being written; a context manager.
 
     When its block ends, ``_finish`` writes what is known only then, and what ``_open`` holds is
-    closed. After an exception it is closed alone: whoever made the files discards them.
+    closed. After an exception it is closed alone: the caller discards the files.
     """
 
     def __init__(self) -> None:

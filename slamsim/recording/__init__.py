@@ -73,9 +73,9 @@ class RawStream(_OfSchema):
     """What every stream has.
 
     frame_ids: the distinct frames that its messages name, in order of appearance. stamps_ns: (n,)
-    as in the messages. received_ns: (n,) when each was received by whoever recorded it, None if
+    as in the messages. received_ns: (n,) when the recorder received each, None if
     the format does not say. samples: (n,) number of each among all that the sensor took, None
-    where nobody knows of lost ones. origin: the messages of a file that these were read from.
+    where lost ones are not known. origin: the messages of a file that these were read from.
     """
 
     topic: str
@@ -247,9 +247,9 @@ class Recording:
     """A whole recording: streams, each on its topic, and transforms.
 
     clock_ns: (n, 2) of (simulated time, when received) from /clock, None without it. epoch: as
-    the file declares it or the size of its stamps tells. odd: what the reader could not make
-    sense of, in words, with counts. topics: what the file holds, also of types that are not read;
-    empty where that is just the streams.
+    the file declares it or the size of its stamps tells. anomalies: what the reader could not
+    make sense of, in words, with counts. topics: what the file holds, also of types that are not
+    read; empty where that is just the streams.
     """
 
     name: str
@@ -260,7 +260,7 @@ class Recording:
     clock_ns: IntArray | None = None
     epoch: Epoch = "unknown"
     unread: tuple[UnreadTopic, ...] = ()
-    odd: tuple[str, ...] = ()
+    anomalies: tuple[str, ...] = ()
     topics: tuple[RecordedTopic, ...] = ()
 
     def of(self, kind: type[_Stream]) -> tuple[_Stream, ...]:

@@ -38,7 +38,7 @@ def check_log(
     reporter.result(
         {
             **as_json(report),
-            "odd": list(recording.odd),
+            "odd": list(recording.anomalies),
             "unread": [f"{u.topic} ({u.type_name}): {u.reason}" for u in recording.unread],
             "seconds": {**report.seconds, **stages.so_far()},
         }
@@ -56,7 +56,7 @@ def show_verdicts(
     reporter: Reporter, recording: Recording, report: CheckReport, *, show_all: bool = False
 ) -> None:
     """Tables of what is bad and what cannot be told, a line for the rest, and the verdict."""
-    for words in recording.odd:
+    for words in recording.anomalies:
         reporter.say(f"  {words}")
     by_verdict = {
         verdict: [finding for finding in report.findings if finding.verdict == verdict]

@@ -10,7 +10,7 @@ from slamsim.guard.numbers import as_json
 from slamsim.guard.output import partial_folder
 from slamsim.guard.quantities import as_size
 from slamsim.io.salvage.recover import recover
-from slamsim.io.salvage.report import Loss, Recovered, TopicTally
+from slamsim.io.salvage.report import Loss, Recovered, TopicReport
 from slamsim.io.salvage.source import Damaged
 from slamsim.run.stages import Stages
 
@@ -61,7 +61,7 @@ def _show(reporter: Reporter, found: Recovered) -> None:
         reporter.say("Nothing was lost of what the recording holds")
 
 
-def _topic_in_words(topic: TopicTally) -> str:
+def _topic_in_words(topic: TopicReport) -> str:
     lost = f"{'' if topic.lost_is_known else 'about '}{topic.lost:,} lost"
     kept = f"{topic.messages:,} messages, {topic.seconds:.1f} s, {as_size(topic.bytes)}"
     return f"{kept}; {lost if topic.lost else 'none lost'}"

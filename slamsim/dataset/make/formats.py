@@ -10,7 +10,7 @@ from slamsim.dataset.make.tum_paths import TumPaths
 from slamsim.dataset.recipe.sequence import SequenceSpec
 from slamsim.io.carmen.writer import CarmenFile
 from slamsim.io.parquet.writer import ParquetLog
-from slamsim.io.staged_writer import Written
+from slamsim.io.staged_writer import StagedWriter
 from slamsim.io.text.kitti import KittiFolder
 from slamsim.recording import Recording
 
@@ -18,7 +18,7 @@ PARQUET, TUM, KITTI, CARMEN = "parquet", "tum", "kitti", "carmen"
 CARMEN_NAME = "log.clf"
 
 
-class Formats(Written):
+class Formats(StagedWriter):
     """What a specification asks for, in folders of their names; a context manager.
 
     All of them tell what the recording tells, faults included; trajectories called true are.

@@ -8,7 +8,7 @@ import numpy as np
 
 from slamsim.core.types import Drive, Trajectory
 from slamsim.guard.numbers import UNIT_WITHIN, is_sound
-from slamsim.io.staged_writer import Written
+from slamsim.io.staged_writer import StagedWriter
 from slamsim.io.text.tum import write_tum
 from slamsim.recording import Recording
 from slamsim.simulation.tails import TruthTail
@@ -17,7 +17,7 @@ TRUTH_RATE_HZ = 50.0
 GROUND_TRUTH, ODOMETRY = "ground_truth.tum", "odometry.tum"
 
 
-class TumPaths(Written):
+class TumPaths(StagedWriter):
     """``ground_truth.tum``, ``T_map_base`` in true time, and ``odometry.tum``, as was published,
     without what is no pose."""
 

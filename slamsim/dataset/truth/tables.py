@@ -25,7 +25,7 @@ from slamsim.io.parquet.file import (
     split_axes,
 )
 from slamsim.io.parquet.writer import SCANS_PER_GROUP
-from slamsim.io.staged_writer import Written
+from slamsim.io.staged_writer import StagedWriter
 from slamsim.sensors.readings import EncoderBatch, ImuBatch, Readings, ScanBatch
 from slamsim.simulation.tails import TruthTail
 
@@ -50,7 +50,7 @@ _PAIRS = {
 _SLIPS = ("slip_left_m_s", "slip_right_m_s", "slip_sideways_m_s")
 
 
-class TruthTables(Written):
+class TruthTables(StagedWriter):
     """The tables of one sequence in a new folder; a context manager.
 
     wheels_m: true radius and track of the robot. sequence: its number in the data set. A sensor

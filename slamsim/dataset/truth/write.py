@@ -16,14 +16,14 @@ from slamsim.dataset.truth.overlap import overlapping, write_pairs
 from slamsim.dataset.truth.quality import DriveQuality, scene_numbers, view_numbers
 from slamsim.dataset.truth.surfaces import surfaces_of
 from slamsim.dataset.truth.tables import TruthTables
-from slamsim.io.staged_writer import Written
+from slamsim.io.staged_writer import StagedWriter
 from slamsim.sensors.motion import Course
 from slamsim.sensors.readings import Readings
 from slamsim.sim.robot.model import RobotModel
 from slamsim.world.model import World
 
 
-class Truth(Written):
+class Truth(StagedWriter):
     """The truth of a sequence that is being made, in a new folder; a context manager.
 
     course: how the laser truly looks, as for sensing. What needs the whole drive is written when

@@ -30,7 +30,7 @@ Fields = dict[bytes, bytes]
 class Connection1:
     """What the messages of one publisher are. definition: its text, with those of its parts.
 
-    md5sum: of the type, empty where nobody computed it. callerid, latching: where it says them.
+    md5sum: of the type, empty where it was not computed. callerid, latching: where it says them.
     """
 
     topic: str
@@ -71,8 +71,8 @@ def index_bag1(path: Path, limits: Limits = LIMITS) -> Bag1Index:
                 detail = " ".join(str(error).split())[:200] or type(error).__name__
                 reason = f"{detail} ({type(error).__name__}): the bag is damaged or cut off"
                 raise damaged(path, reason, f"byte {position:,}", error) from error
-    if strangers := index.counts.keys() - index.connections.keys():
-        reason = f"messages on connection {min(strangers)}, which is never declared: damaged"
+    if undeclared := index.counts.keys() - index.connections.keys():
+        reason = f"messages on connection {min(undeclared)}, which is never declared: damaged"
         raise damaged(path, reason)
     found = index.counts.total()
     if index.announced != found:

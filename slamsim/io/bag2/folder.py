@@ -16,7 +16,7 @@ from slamsim.io.bag2.metadata import BagFile, Topic, bag_metadata, dump_yaml, qu
 from slamsim.io.mcap.writer import McapFile, MessageBatch
 from slamsim.io.ros.cdr import Rows
 from slamsim.io.ros.standard_types import ros2_types
-from slamsim.io.staged_writer import Written
+from slamsim.io.staged_writer import StagedWriter
 
 MCAP_NAME = "log_0.mcap"
 METADATA_RECORD = "slamsim"
@@ -38,12 +38,12 @@ def described(type_name: str) -> tuple[str, str]:
     return store.hash_rihs01(type_name), store.generate_msgdef(type_name, ros_version=2)[0]
 
 
-class BagFolder(Written):
+class BagFolder(StagedWriter):
     """Writes into an existing or new folder; a context manager.
 
     custom: what else shall stand in the file. attached: files that travel along in it. After an
     exception inside the block the file ends where it stands, without an index: the folder is then
-    unfinished, and whoever made it discards it. A killed writer loses at most the open chunk of
+    unfinished, and the caller discards it. A killed writer loses at most the open chunk of
     1 MiB; closed ones reach the disk every second.
     """
 

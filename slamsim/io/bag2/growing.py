@@ -14,14 +14,14 @@ import numpy as np
 from slamsim.io.bag2.folder import BagFolder, TopicKind
 from slamsim.io.mcap.writer import MessageBatch
 from slamsim.io.ros.encoding import Outgoing
-from slamsim.io.staged_writer import Written
+from slamsim.io.staged_writer import StagedWriter
 
 
-class GrowingBag(Written):
+class GrowingBag(StagedWriter):
     """A recording being written into an existing or new folder; a context manager.
 
     custom: what else shall stand in the file. After an exception inside the block the file ends
-    where it stands, without an index: the folder is then unfinished, and whoever made it discards
+    where it stands, without an index: the folder is then unfinished, and the caller discards
     it. A killed writer loses at most the open chunk of 1 MiB; closed ones reach the disk every
     second.
     """

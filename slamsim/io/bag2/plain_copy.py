@@ -1,4 +1,4 @@
-"""A recording written message by message, as anybody would with rosbags: what writing costs."""
+"""A recording written message by message, as with rosbags alone: what writing costs."""
 
 from __future__ import annotations
 

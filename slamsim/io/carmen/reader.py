@@ -51,7 +51,7 @@ def read_carmen(path: Path, scan_topic: str | None = None) -> Recording:
         counts = (f"{name} ({len(lines)} lines)" for name, lines in content.lasers.items())
         there = ", ".join(counts) or "none"
         raise InputRefused(path, f"no laser message {scan_topic!r}; there is {there}")
-    odd = _oddities(content)
+    anomalies = _anomalies(content)
     origin_ns = _logger_start_ns(content)
     lasers = {n: lines for n, lines in content.lasers.items() if scan_topic in (None, n)}
     odometries = [
@@ -60,15 +60,15 @@ def read_carmen(path: Path, scan_topic: str | None = None) -> Recording:
     unread = _unread(content, origin_ns) if odometries else ()
     if content.odometry and not odometries:
         odometries.append(_odometry(_ODOM, content.odometry, origin_ns))
-    scans = [_scans(name, lines, content, origin_ns, odd) for name, lines in lasers.items()]
+    scans = [_scans(name, lines, content, origin_ns, anomalies) for name, lines in lasers.items()]
     return Recording(
         name=path.name.split(".")[0],
         format="carmen",
         streams=(*scans, *odometries),
-        transforms=tuple(_edge(name, lines, content, odd) for name, lines in lasers.items()),
+        transforms=tuple(_edge(name, lines, content, anomalies) for name, lines in lasers.items()),
         epoch=epoch_of(int(np.median((*scans, *odometries)[0].stamps_ns))),
         unread=unread,
-        odd=tuple(odd),
+        anomalies=tuple(anomalies),
     )
 
 
@@ -116,10 +116,10 @@ def _scans(
     lines: Sequence[LaserLine],
     content: CarmenContent,
     origin_ns: int | None,
-    odd: list[str],
+    anomalies: list[str],
 ) -> RawScans:
     limit = _range_limit_of(lines, content)
-    odd.append(f"{name}: {limit.words}")
+    anomalies.append(f"{name}: {limit.words}")
     fans = {fan: i for i, fan in enumerate(dict.fromkeys(line.fan for line in lines))}
     rows = [_to_single(line.readings_m) for line in lines]
     bright = [line.intensities for line in lines if line.intensities is not None]
@@ -177,9 +177,9 @@ def _flat(poses: FloatArray) -> FloatArray:
 
 
 def _edge(
-    name: str, lines: list[LaserLine], content: CarmenContent, odd: list[str]
+    name: str, lines: list[LaserLine], content: CarmenContent, anomalies: list[str]
 ) -> TransformEdge:
-    T_base_laser = _mounting_of(lines, content, odd)
+    T_base_laser = _mounting_of(lines, content, anomalies)
     return TransformEdge(
         topic=name,
         parent=_BASE_FRAME,
@@ -192,7 +192,7 @@ def _edge(
     )
 
 
-def _oddities(content: CarmenContent) -> list[str]:
+def _anomalies(content: CarmenContent) -> list[str]:
     """What stands in the file besides laser and odometry lines, in words."""
     warnings = []
     if content.malformed:

@@ -17,7 +17,7 @@ from slamsim.core.geometry import compose, se2_from_se3, yaw_from_xyzw
 from slamsim.core.types import Float32Array, FloatArray, IntArray, PlanarTrajectory
 from slamsim.guard.numbers import is_sound
 from slamsim.io.carmen.lines import sick_fan
-from slamsim.io.staged_writer import Written
+from slamsim.io.staged_writer import StagedWriter
 from slamsim.io.text.stamps import decimal_from_stamp_ns
 from slamsim.recording import RawScans, Recording, ScanLayout
 from slamsim.recording.mountings import declared_laser_mounting
@@ -27,7 +27,7 @@ _SAME_FAN_RAD = 1e-4
 _MM_PER_M = 1000.0
 
 
-class CarmenFile(Written):
+class CarmenFile(StagedWriter):
     """A CARMEN log being written; a context manager.
 
     The laser sits where the first part of the recording declares it. Without odometry no line can

@@ -63,7 +63,7 @@ def _part(known: Mapping[str, Any], name: str, **values: Any) -> Any:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Change:
+class RowChanges:
     """One edited stream or edge against the messages that it was read from.
 
     topic: on which it is to be published; origin: where it was read. stamps_ns, log_ns: (n,) after
@@ -91,7 +91,7 @@ class Change:
         return not np.array_equal(self.stamps_ns, self.read_stamps_ns)
 
 
-def changes_between(read: Recording, edited: Recording) -> list[Change]:
+def changes_between(read: Recording, edited: Recording) -> list[RowChanges]:
     """One for each stream and edge of ``edited`` that came from messages of the file."""
     published: dict[str, list[Any]] = {}
     for part, origin in parts_with_origin(read):
@@ -113,7 +113,7 @@ def new_edges(recording: Recording) -> list[TransformEdge]:
     return [e for e in recording.transforms if e.origin is None and e.stamps_ns.size]
 
 
-def _change(edited: Any, origin: Origin, read: Sequence[Any]) -> Change:
+def _change(edited: Any, origin: Origin, read: Sequence[Any]) -> RowChanges:
     """edited: a stream or edge; read: all that was read of the same topic."""
     if len(origin.places) != edited.stamps_ns.size:
         raise AssertionError(f"{origin.topic}: rows were edited without their origin")
@@ -138,7 +138,7 @@ def _change(edited: Any, origin: Origin, read: Sequence[Any]) -> Change:
 
     in_order = bool((np.diff(origin.places[:, 0]) >= 0).all())
     times = edited.stamps_ns, read_stamps_ns, edited.received_ns, read_log_ns
-    return Change(edited.topic, origin, *times, in_order, differs, patched)
+    return RowChanges(edited.topic, origin, *times, in_order, differs, patched)
 
 
 def _pairs(edited: Any, read: Sequence[Any]) -> list[Pair]:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from slamsim.core.types import BoolArray, IntArray
-from slamsim.io.copy.changes import Change, parts_with_origin
+from slamsim.io.copy.changes import RowChanges, parts_with_origin
 from slamsim.recording import Origin, Recording
 
 
@@ -16,7 +16,7 @@ from slamsim.recording import Origin, Recording
 class Row:
     """Row of a change, which transform of its message it is (0 in others), and its log time."""
 
-    change: Change
+    change: RowChanges
     row: int
     place: int
     log_ns: int
@@ -36,7 +36,7 @@ class TopicPlan:
     dropped: dict[int, set[int]] = field(default_factory=dict)
 
 
-def plans(read: Recording, changes: Sequence[Change]) -> dict[str, TopicPlan]:
+def plans(read: Recording, changes: Sequence[RowChanges]) -> dict[str, TopicPlan]:
     """A plan for each topic of which anything changes."""
     known: dict[str, list[Origin]] = {}
     for _, origin in parts_with_origin(read):
@@ -50,10 +50,10 @@ def plans(read: Recording, changes: Sequence[Change]) -> dict[str, TopicPlan]:
     return found
 
 
-def _plan(read: Origin, changes: Sequence[Change]) -> TopicPlan:
+def _plan(read: Origin, changes: Sequence[RowChanges]) -> TopicPlan:
     """read: everything that was read of a topic."""
     plan, taken = TopicPlan(), np.zeros(0, dtype=np.int64)
-    kept: list[tuple[Change, IntArray]] = []
+    kept: list[tuple[RowChanges, IntArray]] = []
     for change in changes:
         keys = change.origin.keys
         stays = _stays(change, keys) & ~np.isin(keys, taken)
@@ -69,14 +69,14 @@ def _plan(read: Origin, changes: Sequence[Change]) -> TopicPlan:
     return plan
 
 
-def _rows(change: Change, rows: IntArray) -> Iterator[tuple[int, Row]]:
+def _rows(change: RowChanges, rows: IntArray) -> Iterator[tuple[int, Row]]:
     """(number of the message, row) of each."""
     places, log_ns = change.origin.places[rows].tolist(), change.written_ns[rows].tolist()
     for row, (number, place), at_ns in zip(rows.tolist(), places, log_ns, strict=True):
         yield number, Row(change, row, place, at_ns)
 
 
-def _stays(change: Change, keys: IntArray) -> BoolArray:
+def _stays(change: RowChanges, keys: IntArray) -> BoolArray:
     """(n,) rows that are where they were: on their topic, in order, received as before, once."""
     if change.topic != change.origin.topic or not change.in_order:
         return np.zeros(keys.size, dtype=np.bool_)

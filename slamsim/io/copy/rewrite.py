@@ -28,7 +28,7 @@ from slamsim.io.copy.changes import (
 from slamsim.io.copy.plan import Row, TopicPlan, plans
 from slamsim.io.copy.shared_clocks import StampMap, header_topics, stamp_maps, stamp_of, with_stamp
 from slamsim.io.copy.writers import Bag1Copy, Bag2Copy, Copy, Message, Spool
-from slamsim.io.input_errors import refusing
+from slamsim.io.input_errors import as_input_errors
 from slamsim.io.ros.bag import Bag, open_bag
 from slamsim.io.ros.reader import TRANSFORMS, description_topic, is_truth
 from slamsim.io.ros.sources import Bag1Source, McapSource
@@ -185,7 +185,7 @@ def _declared(bag: Bag, copy: Copy) -> dict[int, int]:
     if isinstance(bag.source, McapSource) and isinstance(copy, Bag2Copy):
         for record in bag.source.metadata():
             copy.put_metadata(record)
-        with refusing(bag.path, "attachments"):
+        with as_input_errors(bag.path, "attachments"):
             for attachment in bag.source.attachments():
                 copy.put_attachment(attachment)
     return {n: copy.declare(each) for n, each in bag.source.declarations.items()}

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from slamsim.core.types import IntArray
-from slamsim.io.copy.changes import Change
+from slamsim.io.copy.changes import RowChanges
 from slamsim.io.ros.bag import Bag
 
 _HEADER = ("header", "std_msgs/msg/Header")
@@ -53,7 +53,9 @@ def header_topics(bag: Bag, topics: Iterable[str]) -> list[str]:
     return found
 
 
-def stamp_maps(bag: Bag, changes: Sequence[Change], topics: Sequence[str]) -> dict[str, StampMap]:
+def stamp_maps(
+    bag: Bag, changes: Sequence[RowChanges], topics: Sequence[str]
+) -> dict[str, StampMap]:
     """How the stamps of topics move with those of the streams that they were made from.
 
     topics: those that begin with a header. A topic is on a stream's clock if every one of its
@@ -99,7 +101,7 @@ def _stamps(bag: Bag, topics: Sequence[str]) -> dict[str, IntArray]:
     return {topic: np.array(values, dtype=np.int64) for topic, values in found.items()}
 
 
-def _map_of(change: Change) -> StampMap:
+def _map_of(change: RowChanges) -> StampMap:
     before_ns, first = np.unique(change.read_stamps_ns, return_index=True)
     return StampMap(change.topic, before_ns, change.stamps_ns[first])
 

@@ -33,7 +33,7 @@ from slamsim.io.bag2.metadata import (
 from slamsim.io.ros.message_types import normal_type_name
 from slamsim.io.ros.sources import Declaration
 from slamsim.io.ros.standard_types import ros2_types
-from slamsim.io.staged_writer import Written
+from slamsim.io.staged_writer import StagedWriter
 from slamsim.recording.row_store import IN_MEMORY_BYTES, large_files_folder
 
 Message = tuple[int, int, int, int, bytes]
@@ -67,7 +67,7 @@ class Spool:
             yield number, log_ns, published_ns, sequence, self._file.read(size)
 
 
-class Copy(Written):
+class Copy(StagedWriter):
     """A copy of a recording; a context manager. first_s, last_s: what its stamps can hold."""
 
     format: str

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from slamsim.io.formats import Contents, Format, Truth, register
-from slamsim.io.input_errors import refusing
+from slamsim.io.input_errors import as_input_errors
 
 
 def _read(folder: Path, scan_topic: str | None, _: Truth) -> Contents:
@@ -22,7 +22,7 @@ def _checksums(folder: Path) -> str:
     from slamsim.io.parquet.file import read_table
 
     for table in sorted(folder.glob("*.parquet")):
-        with refusing(table, "pages"):
+        with as_input_errors(table, "pages"):
             read_table(table)
     return "every page of the tables has a checksum, and they hold; what describes them has none"
 

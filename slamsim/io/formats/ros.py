@@ -29,14 +29,14 @@ def _checksums(path: Path) -> str:
 
     source = open_bag(path).source
     if isinstance(source, McapSource):
-        return _of_mcap(source.unvouched)
+        return _of_mcap(source.unchecked)
     if path.suffix.lower() == ".bag":
         return "chunks that are packed with bz2 have checksums, and they hold; others have none"
     return "nothing: SQLite recordings have no checksums, but their pages hang together"
 
 
-def _of_mcap(unvouched: Counter[str]) -> str:
-    lacking = [f"{what} ({count}x)" for what, count in sorted(unvouched.items()) if count]
+def _of_mcap(unchecked: Counter[str]) -> str:
+    lacking = [f"{what} ({count}x)" for what, count in sorted(unchecked.items()) if count]
     if not lacking:
         return "all that is in the MCAP files has checksums, and they hold"
     return f"checksums hold where there are any; without: {', '.join(lacking)}"

@@ -39,7 +39,7 @@ class McapIndex:
 
     profile: as the header has it. counts: messages per channel id. places: byte and length of
     every record that holds messages, a chunk or a lone message; attachments: of those.
-    unvouched: how many of each part carry no checksum.
+    unchecked: how many of each part carry no checksum.
     """
 
     path: Path
@@ -51,7 +51,7 @@ class McapIndex:
     places: list[tuple[int, int]] = field(default_factory=list)
     attachments: list[tuple[int, int]] = field(default_factory=list)
     announced: int | None = None
-    unvouched: Counter[str] = field(default_factory=Counter)
+    unchecked: Counter[str] = field(default_factory=Counter)
 
 
 def index_mcap(path: Path, limits: Limits = LIMITS) -> McapIndex:
@@ -163,7 +163,7 @@ def _skip(file: BinaryIO, length: int, crc: int) -> int:
 
 
 def _check(index: McapIndex, what: str, stored: int, computed: int) -> None:
-    index.unvouched[what] += stored == 0
+    index.unchecked[what] += stored == 0
     _require_crc(stored, computed, what)
 
 
@@ -175,7 +175,7 @@ def _require_crc(stored: int, computed: int, what: str) -> None:
 def _take(opcode: int, data: bytes, index: McapIndex, limits: Limits) -> None:
     if opcode == Opcode.CHUNK:
         chunk, content = read_chunk(data, limits)
-        index.unvouched["a chunk"] += chunk.uncompressed_crc == 0
+        index.unchecked["a chunk"] += chunk.uncompressed_crc == 0
         for inner, start, end in records_in(content):
             if inner == Opcode.MESSAGE:
                 _count(content, start, end, index)

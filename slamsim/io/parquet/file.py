@@ -23,7 +23,7 @@ from slamsim.core.types import FloatArray
 from slamsim.guard.errors import Excessive
 from slamsim.guard.limits import LIMITS, Limits
 from slamsim.guard.seal import require_as_written
-from slamsim.io.staged_writer import Written
+from slamsim.io.staged_writer import StagedWriter
 
 METADATA_KEY = b"slamsim"
 TypeName = Literal[
@@ -75,7 +75,7 @@ class Column:
 SEQUENCE = Column("sequence", "int64", "`index` of the manifest of its data set", repeats=True)
 
 
-class ParquetFile(Written):
+class ParquetFile(StagedWriter):
     """A table being written; a context manager. After an exception there is no readable file.
 
     sequence: of a table of a data set, the number that stands in every row, so that tables of many

@@ -12,7 +12,7 @@ import numpy as np
 
 from slamsim.guard.files import own_file
 from slamsim.guard.seal import require_complete
-from slamsim.io.input_errors import refusing
+from slamsim.io.input_errors import as_input_errors
 from slamsim.io.parquet.file import read_table, table_facts
 from slamsim.io.parquet.validation import require_sound
 from slamsim.recording import (
@@ -60,7 +60,7 @@ def _streams(folder: Path, kind: type[_Raw]) -> tuple[_Raw, ...]:
 
 def _made(folder: Path, table: str, made: Callable[[Table, Table], _Made]) -> _Made:
     path = own_file(folder, f"{table}.parquet")
-    with refusing(path, "its columns"):
+    with as_input_errors(path, "its columns"):
         facts, cells = table_facts(path), read_table(path)
         require_sound(facts, cells)
         return made(facts, cells)

@@ -17,7 +17,7 @@ import numpy as np
 
 from slamsim.core.types import IntArray
 from slamsim.io.parquet.file import Cells, Column, ParquetFile
-from slamsim.io.staged_writer import Written
+from slamsim.io.staged_writer import StagedWriter
 from slamsim.recording import RawScans, RawStream, Recording, TransformEdge
 from slamsim.recording.schemas import TRANSFORM, Field
 
@@ -40,7 +40,7 @@ class _Rows:
     rows_per_group: int = 1 << 16
 
 
-class ParquetLog(Written):
+class ParquetLog(StagedWriter):
     """A recording being written into a new folder; a context manager.
 
     sequence: its number, if it is one of a data set.

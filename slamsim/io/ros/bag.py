@@ -16,7 +16,7 @@ from slamsim.guard.files import own_file
 from slamsim.guard.yaml import load_yaml
 from slamsim.io.bag1.reader import index_bag1
 from slamsim.io.bag2.sqlite import index_sqlite
-from slamsim.io.input_errors import damaged, refusing
+from slamsim.io.input_errors import as_input_errors, damaged
 from slamsim.io.mcap.reader import index_mcap
 from slamsim.io.ros.sources import (
     Bag1Source,
@@ -46,13 +46,13 @@ class Bag:
 
     def deserialize(self, topic: str, data: bytes) -> Any:
         """One message; InputRefused if the bytes are none."""
-        with refusing(self.path, f"topic {topic}"):
+        with as_input_errors(self.path, f"topic {topic}"):
             return self.source.deserialize(topic, data)
 
     def is_cdr(self, topic: str) -> bool:
         """Whether its messages are plain ROS 2 serialisations of the standard type; InputRefused
         if its definition is none."""
-        with refusing(self.path, f"topic {topic}"):
+        with as_input_errors(self.path, f"topic {topic}"):
             return self.source.is_cdr(topic)
 
     def received(self, topics: set[str]) -> Iterator[tuple[str, int, bytes]]:
@@ -76,7 +76,7 @@ class Bag:
         topics = set(names.values())
         expected = sum(c.messages for c in self.channels if c.topic in topics)
         seen = 0
-        with refusing(self.path, f"topic {', '.join(sorted(topics))}"):
+        with as_input_errors(self.path, f"topic {', '.join(sorted(topics))}"):
             for message in self.source.received(names):
                 seen += 1
                 yield message
@@ -108,7 +108,7 @@ def open_bag(path: Path) -> Bag:
 def _mcap_bag(path: Path, files: list[Path]) -> Bag:
     indexes = [index_mcap(file) for file in files]
     metadata = {each.name: each.metadata for index in indexes for each in index.metadata}
-    with refusing(path, "channels"):
+    with as_input_errors(path, "channels"):
         source = McapSource(indexes)
     return replace(_bag(path, source), metadata=metadata)
 
@@ -126,7 +126,7 @@ def _files(folder: Path) -> tuple[list[Path], int, bool]:
     """(files, number of messages announced, whether each is compressed) by metadata.yaml."""
     metadata = own_file(folder, _METADATA)
     document = load_yaml(metadata).data
-    with refusing(metadata, "rosbag2_bagfile_information"):
+    with as_input_errors(metadata, "rosbag2_bagfile_information"):
         if not isinstance(document, dict):
             raise ValueError("no mapping")
         information = document["rosbag2_bagfile_information"]

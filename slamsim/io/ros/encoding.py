@@ -192,7 +192,7 @@ def _values(stream: RawStream, field: Field, which: Which) -> NDArray[Any] | Non
 
 
 def _received(stamps_ns: IntArray, received_ns: IntArray | None) -> IntArray:
-    """At its stamp where nobody says; never before the message above, for the order to stay."""
+    """Else at its stamp; never before the message above, for the order to stay."""
     log_ns = stamps_ns if received_ns is None else received_ns
     return np.maximum.accumulate(np.maximum(log_ns, 0))  # MCAP has no time before 0
 

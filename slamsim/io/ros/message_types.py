@@ -32,7 +32,7 @@ class MessageTypes:
     def declare(self, topic: str, type_name: str, encoding: str) -> None:
         """How the messages of a topic are serialised: ``cdr`` or ``ros1``.
 
-        One of several types is none that anybody reads.
+        A topic of several types is not read.
         """
         kind = normal_type_name(type_name)
         known, _ = self._kinds.get(topic, (kind, encoding))
@@ -41,7 +41,7 @@ class MessageTypes:
     def define(self, type_name: str, written_as: str, text: str, known_hash: str = "") -> None:
         """written_as: ``ros1msg``, ``ros2msg``, ``ros2idl`` or ``omgidl``.
 
-        known_hash: what its MD5 (ROS 1) or RIHS01 hash (ROS 2) must be, if anybody says.
+        known_hash: what its MD5 (ROS 1) or RIHS01 hash (ROS 2) must be, if the file says.
         """
         self._definitions[normal_type_name(type_name)] = (written_as, text, known_hash)
 

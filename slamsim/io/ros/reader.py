@@ -14,7 +14,7 @@ import numpy as np
 from slamsim.core.types import Epoch
 from slamsim.guard.errors import InputRefused
 from slamsim.io.formats import Contents, Truth
-from slamsim.io.input_errors import refusing
+from slamsim.io.input_errors import as_input_errors
 from slamsim.io.names import LOG
 from slamsim.io.ros.bag import Bag, open_bag
 from slamsim.io.ros.collectors import (
@@ -126,7 +126,7 @@ class _Topic:
     @contextmanager
     def _given_up(self) -> Iterator[None]:
         try:
-            with refusing(self._bag.path, f"topic {self.channel.topic}"):
+            with as_input_errors(self._bag.path, f"topic {self.channel.topic}"):
                 yield
         except InputRefused as refusal:
             self.collector, self.trouble = None, refusal.reason
@@ -145,7 +145,7 @@ class _Topic:
         return self.trouble or self.first_damage
 
     @property
-    def odd(self) -> str:
+    def anomaly(self) -> str:
         """What was wrong with some messages, in words."""
         if not self.damaged:
             return ""
@@ -214,7 +214,7 @@ def _assembled(bag: Bag, topics: Mapping[str, _Topic], *, all_scans: bool) -> Re
         robot_description=texts[0] if texts else None,
         clock_ns=clocks[0] if clocks else None,
         unread=unread,
-        odd=tuple(topic.odd for topic in read if topic.odd),
+        anomalies=tuple(topic.anomaly for topic in read if topic.anomaly),
         topics=recorded,
     )
     return replace(recording, epoch=_epoch(bag, recording))

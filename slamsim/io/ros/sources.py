@@ -107,9 +107,9 @@ class McapSource(MessageSource):
             self.types.define(name, written_as, definition.decode())
 
     @property
-    def unvouched(self) -> Counter[str]:
+    def unchecked(self) -> Counter[str]:
         """How many of each part of the files carry no checksum."""
-        return sum((index.unvouched for index in self._indexes), Counter[str]())
+        return sum((index.unchecked for index in self._indexes), Counter[str]())
 
     @property
     def profile(self) -> str:

@@ -13,10 +13,10 @@ from slamsim.io.salvage.bag1_filler import Bag1Filler
 from slamsim.io.salvage.bag1_salvage import (
     Bag1Salvage,
     Piece,
-    WholeChunk,
+    WholeBag1Chunk,
 )
 from slamsim.io.salvage.pieces import Gap, LoneMessage
-from slamsim.io.salvage.report import Recovered, Tally, recovered
+from slamsim.io.salvage.report import Recovered, RecoveryReport, recovered
 from slamsim.io.salvage.source import Damaged
 
 _UNKNOWN = "messages that nothing describes any more, or that are damaged"
@@ -25,39 +25,39 @@ _UNKNOWN = "messages that nothing describes any more, or that are damaged"
 def recover_bag1(source: Damaged, folder: Path, progress: Progress) -> Recovered:
     """Into a new file in a folder; compressed chunks are copied as they are packed."""
     (path,) = source.files
-    tally, target = Tally(path), folder / f"{path.name.split('.')[0] or 'recording'}.bag"
+    report, target = RecoveryReport(path), folder / f"{path.name.split('.')[0] or 'recording'}.bag"
     salvage = Bag1Salvage(path)
     with closing(salvage.file), target.open("xb") as stream:
-        filler = Bag1Filler(stream, tally)
+        filler = Bag1Filler(stream, report)
         for known in salvage.index.connections:
             filler.know(known)
         begun = 0
         for reached, piece in salvage.pieces():
-            _take(piece, begun, filler, tally)
+            _take(piece, begun, filler, report)
             begun = reached
             progress(reached, salvage.size)
         filler.finish()
-    tally.note("A ROS 1 bag has no checksums: damage inside a message cannot be seen")
+    report.note("A ROS 1 bag has no checksums: damage inside a message cannot be seen")
     if salvage.index.messages is None:
-        tally.note(f"{path.name} has no end: what should have followed is not counted as lost")
+        report.note(f"{path.name} has no end: what should have followed is not counted as lost")
     else:
-        tally.announced = _by_topic(salvage.index.messages, filler)
-    return recovered(target, [tally])
+        report.announced = _by_topic(salvage.index.messages, filler)
+    return recovered(target, [report])
 
 
-def _take(piece: Piece, begun: int, filler: Bag1Filler, tally: Tally) -> None:
+def _take(piece: Piece, begun: int, filler: Bag1Filler, report: RecoveryReport) -> None:
     """begun: the byte from which on it was looked for."""
     match piece:
         case Gap():
             messages = None if piece.messages is None else _by_topic(piece.messages, filler)
-            tally.lose(piece.first_byte, piece.bytes, piece.reason, messages)
-        case WholeChunk():
-            strangers = filler.chunk(piece)
-            if strangers:
-                tally.lose(begun, len(piece.packed), f"{strangers} {_UNKNOWN}", {})
+            report.lose(piece.first_byte, piece.bytes, piece.reason, messages)
+        case WholeBag1Chunk():
+            undeclared = filler.chunk(piece)
+            if undeclared:
+                report.lose(begun, len(piece.packed), f"{undeclared} {_UNKNOWN}", {})
         case LoneMessage():
             if not filler.message(piece.record):
-                tally.lose(begun, len(piece.record), f"1 {_UNKNOWN}", {})
+                report.lose(begun, len(piece.record), f"1 {_UNKNOWN}", {})
         case Connection():
             filler.know(piece)
 

@@ -20,9 +20,9 @@ from slamsim.io.bag1.reader import (
     records_in_chunk,
 )
 from slamsim.io.salvage.bag1_connection import Connection, connection
-from slamsim.io.salvage.bag1_salvage import WholeChunk
-from slamsim.io.salvage.readable import Readable
-from slamsim.io.salvage.report import Tally
+from slamsim.io.salvage.bag1_salvage import WholeBag1Chunk
+from slamsim.io.salvage.readable import DecodableMessages
+from slamsim.io.salvage.report import RecoveryReport
 
 _CHUNK_BYTES = 768 << 10
 _HEADER_BYTES = 4096
@@ -46,9 +46,9 @@ class _Place:
 class Bag1Filler:
     """A new bag; the caller opened and closes the stream. known: connections by number."""
 
-    def __init__(self, stream: BinaryIO, tally: Tally) -> None:
-        self._stream, self._tally = stream, tally
-        self._readable = Readable()
+    def __init__(self, stream: BinaryIO, report: RecoveryReport) -> None:
+        self._stream, self._report = stream, report
+        self._readable = DecodableMessages()
         self.known: dict[int, Connection] = {}
         self._copied: set[int] = set()
         self._waiting = bytearray()
@@ -62,7 +62,7 @@ class Bag1Filler:
         if is_other and not known.fits_its_hash() and found.fits_its_hash():
             self.known[found.number] = known = found
         self._readable.describe(known.topic, known.type_name, "ros1", "ros1msg", known.definition)
-        self._tally.know(found.topic, found.type_name)
+        self._report.know(found.topic, found.type_name)
 
     def message(self, record: bytes) -> bool:
         """A message with its header; whether it could be used."""
@@ -74,24 +74,24 @@ class Bag1Filler:
             self._pack()
         return True
 
-    def chunk(self, chunk: WholeChunk) -> int:
+    def chunk(self, chunk: WholeBag1Chunk) -> int:
         """A whole chunk as it is; how many messages are left out, of connections not known."""
         self._pack()
-        places, strangers, is_sound = self._places(chunk.content)
+        places, undeclared, is_sound = self._places(chunk.content)
         if not is_sound:
             for place in places:
                 self.message(chunk.content[place.begin : place.begin + place.bytes])
         elif places:
             self._copied.update(place.connection for place in places)
             self._chunk(chunk.compression, chunk.packed, len(chunk.content), places)
-        return strangers
+        return undeclared
 
     def finish(self) -> None:
         """Writes what is left, the index and, last, the header that leads to it."""
         self._pack()
         for known in self.known.values():
             if not known.fits_its_hash():
-                self._tally.note(f"{known.topic}: the definition of its messages may be damaged")
+                self._report.note(f"{known.topic}: the definition of its messages may be damaged")
         index_pos = self._stream.tell()
         for known in self.known.values():
             self._put(known.record)
@@ -110,7 +110,7 @@ class Bag1Filler:
 
         Connections in it are known from here.
         """
-        places, strangers, is_sound = list[_Place](), 0, True
+        places, undeclared, is_sound = list[_Place](), 0, True
         for fields, begin, data, end in records_in_chunk(content):
             if fields[b"op"] == CONNECTION:
                 found = connection(fields, content[begin:end], data - begin)
@@ -121,8 +121,8 @@ class Bag1Filler:
                 if self._is_usable(fields, content[data:end]):
                     places.append(_Place(number, fields[b"time"], begin, end - begin))
                 else:
-                    strangers += 1
-        return places, strangers, is_sound and not strangers
+                    undeclared += 1
+        return places, undeclared, is_sound and not undeclared
 
     def _is_usable(self, fields: dict[bytes, bytes], data: bytes) -> bool:
         known = self.known.get(int.from_bytes(fields[b"conn"], "little"))
@@ -157,7 +157,7 @@ class Bag1Filler:
         }
         data = b"".join(pack("<II", number, count) for number, count in counts.items())
         self._infos.append(_record(CHUNK_INFO, fields, data))
-        self._tally.packed_bytes += len(packed)
+        self._report.packed_bytes += len(packed)
         self._count(places)
 
     def _count(self, places: list[_Place]) -> None:
@@ -167,7 +167,7 @@ class Bag1Filler:
         for topic, mine in by_topic.items():
             stamps = [place.stamp_ns for place in mine]
             size = sum(place.bytes for place in mine)
-            self._tally.keep(topic, len(mine), size, (min(stamps), max(stamps)))
+            self._report.keep(topic, len(mine), size, (min(stamps), max(stamps)))
 
     def _put(self, data: bytes) -> None:
         self._stream.write(data)

@@ -67,7 +67,7 @@ class Head:
 
 
 @dataclass(frozen=True, slots=True)
-class WholeChunk:
+class WholeBag1Chunk:
     """packed: as it is in the file. content: the records in it."""
 
     compression: str
@@ -75,11 +75,11 @@ class WholeChunk:
     content: bytes
 
 
-Piece = Connection | WholeChunk | LoneMessage | Gap
+Piece = Connection | WholeBag1Chunk | LoneMessage | Gap
 
 
 @dataclass(slots=True)
-class Bag1Index:
+class Bag1Summary:
     """What the end of a bag says. messages: by connection, None unless it is whole."""
 
     connections: list[Connection] = field(default_factory=list)
@@ -145,7 +145,7 @@ class Bag1Salvage:
                 _require_sound(fields)
                 if fields[b"op"] == CONNECTION:
                     connection(fields, content[begin:end], data - begin)
-            return WholeChunk(head.fields[b"compression"].decode(), packed, content)
+            return WholeBag1Chunk(head.fields[b"compression"].decode(), packed, content)
         record = self._at(head.begin, head.end - head.begin)
         if head.op == CONNECTION:
             return connection(head.fields, record, head.data - head.begin)
@@ -200,9 +200,9 @@ class Bag1Salvage:
             position = head.end
         return position, dict(counts) or None
 
-    def _index(self) -> Bag1Index:
+    def _index(self) -> Bag1Summary:
         """What stands where the header of the bag says; nothing if that is damaged."""
-        index, counts, chunks = Bag1Index(), Counter[int](), 0
+        index, counts, chunks = Bag1Summary(), Counter[int](), 0
         head = self._head_at(len(MAGIC))
         if isinstance(head, str) or head.op != BAG_HEADER:
             return index

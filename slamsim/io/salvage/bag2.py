@@ -14,7 +14,7 @@ from slamsim.io.bag2.folder import METADATA_RECORD
 from slamsim.io.bag2.metadata import METADATA, BagFile, Topic, bag_metadata, topic_as_declared
 from slamsim.io.salvage.mcap_copy import copy_mcap
 from slamsim.io.salvage.mcap_filler import McapFiller
-from slamsim.io.salvage.report import Recovered, Tally, recovered
+from slamsim.io.salvage.report import Recovered, RecoveryReport, recovered
 from slamsim.io.salvage.source import Damaged, is_sqlite
 from slamsim.io.salvage.sqlite_copy import copy_sqlite
 
@@ -22,13 +22,13 @@ from slamsim.io.salvage.sqlite_copy import copy_sqlite
 def recover_bag2(source: Damaged, folder: Path, progress: Progress) -> Recovered:
     """Into a new folder; an SQLite file becomes an MCAP file. Raises as ``recover`` does."""
     done = 0
-    tallies: list[Tally] = []
+    reports: list[RecoveryReport] = []
     written: list[tuple[BagFile, McapFiller]] = []
     for path in source.files:
         target = folder / f"{path.stem}.mcap"
         copy = copy_sqlite if is_sqlite(path) else copy_mcap
-        tally, filler = copy(path, target, partial(_report, progress, done, source.bytes))
-        tallies.append(tally)
+        report, filler = copy(path, target, partial(_report, progress, done, source.bytes))
+        reports.append(report)
         if any(filler.file.counts.values()):
             file = BagFile(target.name, filler.file.counts, filler.file.time_range_ns)
             written.append((file, filler))
@@ -44,7 +44,7 @@ def recover_bag2(source: Damaged, folder: Path, progress: Progress) -> Recovered
         }
         text = bag_metadata(files, _topics(fillers), custom)
         (folder / METADATA).write_text(text, encoding="utf-8")
-    return recovered(folder, tallies, _announced(source.path))
+    return recovered(folder, reports, _announced(source.path))
 
 
 def _report(progress: Progress, before: int, total: int, done: float, _: float) -> None:

@@ -16,7 +16,7 @@ from slamsim.guard.limits import LIMITS, Limits
 from slamsim.guard.text import require_proportion
 from slamsim.io.carmen.content import MEASURING, parse_line
 from slamsim.io.carmen.lines import LaserLine, OdomLine
-from slamsim.io.salvage.report import Recovered, Tally, recovered
+from slamsim.io.salvage.report import Recovered, RecoveryReport, recovered
 from slamsim.io.salvage.source import Damaged
 from slamsim.io.salvage.text_pieces import BZIP2_MAGIC, GZIP_MAGIC, Hole, Text, text_pieces
 
@@ -31,9 +31,9 @@ def recover_carmen(source: Damaged, folder: Path, progress: Progress) -> Recover
     something are counted.
     """
     (path,) = source.files
-    tally, target, compression = Tally(path), folder / path.name, _compression(path)
+    report, target, compression = RecoveryReport(path), folder / path.name, _compression(path)
     with open_as_found(path) as file, _written(target, compression) as out:
-        lines = _Lines(out, tally)
+        lines = _Lines(out, report)
         for piece in text_pieces(file, compression):
             if isinstance(piece, Hole):
                 lines.interrupt(piece)
@@ -41,15 +41,15 @@ def recover_carmen(source: Damaged, folder: Path, progress: Progress) -> Recover
                 lines.take(piece)
                 progress(piece.read, source.bytes)
         lines.finish(source.bytes, is_whole=compression != "")
-    tally.packed_bytes = source.bytes - sum(loss.bytes for loss in tally.losses)
-    return recovered(target, [tally])
+    report.packed_bytes = source.bytes - sum(loss.bytes for loss in report.losses)
+    return recovered(target, [report])
 
 
 class _Lines:
     """Cuts text into lines and keeps the whole ones."""
 
-    def __init__(self, out: _Out, tally: Tally, limits: Limits = LIMITS) -> None:
-        self._out, self._tally, self._limits = out, tally, limits
+    def __init__(self, out: _Out, report: RecoveryReport, limits: Limits = LIMITS) -> None:
+        self._out, self._report, self._limits = out, report, limits
         self._rest = b""
         self._is_inside = False
         self._number, self._total = 0, 0
@@ -60,7 +60,7 @@ class _Lines:
         try:
             require_proportion(self._total, self._number, text.read, self._limits)
         except Excessive as error:
-            raise InputRefused(self._tally.path, str(error), limit=error.limit) from None
+            raise InputRefused(self._report.path, str(error), limit=error.limit) from None
         *lines, self._rest = (self._rest + text.data).split(b"\n")
         for line in lines:
             self._number += 1
@@ -74,9 +74,9 @@ class _Lines:
     def interrupt(self, hole: Hole) -> None:
         """The line before has no end, the next one no beginning."""
         if hole.is_suspect:
-            name = self._tally.path.name
-            self._tally.note(f"{name}: numbers in the lines before the damage may be wrong")
-        self._tally.lose(hole.first_byte, hole.bytes, hole.reason)
+            name = self._report.path.name
+            self._report.note(f"{name}: numbers in the lines before the damage may be wrong")
+        self._report.lose(hole.first_byte, hole.bytes, hole.reason)
         self._rest, self._is_inside = b"", True
 
     def finish(self, read: int, *, is_whole: bool) -> None:
@@ -92,14 +92,14 @@ class _Lines:
             found = _parsed(words, line, self._limits)
         except ValueError as error:
             gone = {words[0]: 1} if words and words[0] in MEASURING else {}
-            self._tally.lose(read - len(line), len(line), f"line {self._number}: {error}", gone)
+            self._report.lose(read - len(line), len(line), f"line {self._number}: {error}", gone)
             return
         self._out.write(line + b"\n")
         if found is not None:
-            self._tally.keep(words[0], 1, len(line), (found.stamp_ns, found.stamp_ns))
+            self._report.keep(words[0], 1, len(line), (found.stamp_ns, found.stamp_ns))
 
     def _drop(self, read: int, reason: str) -> None:
-        self._tally.lose(read - len(self._rest), len(self._rest), reason, {})
+        self._report.lose(read - len(self._rest), len(self._rest), reason, {})
         self._rest, self._is_inside = b"", True
 
 

@@ -18,8 +18,8 @@ from slamsim.io.mcap.framing import McapStream
 from slamsim.io.mcap.reader import MESSAGE_HEAD, RECORD_HEAD, records_in
 from slamsim.io.mcap.writer import CHUNK_BYTES, ZSTD_LEVEL
 from slamsim.io.salvage.mcap_summary import Declaration, declaration
-from slamsim.io.salvage.readable import Readable
-from slamsim.io.salvage.report import Tally
+from slamsim.io.salvage.readable import DecodableMessages
+from slamsim.io.salvage.report import RecoveryReport
 
 _Place = tuple[int, int, int, int]
 """(channel, log time, first byte, end) of a message record in its chunk."""
@@ -31,13 +31,13 @@ class McapFiller:
     channels and schemas: by id, those declared so far. metadata: what the caller put, by name.
     """
 
-    def __init__(self, stream: BinaryIO, profile: str, tally: Tally) -> None:
+    def __init__(self, stream: BinaryIO, profile: str, report: RecoveryReport) -> None:
         self.file = McapStream(stream, profile)
         self.schemas: dict[int, records.Schema] = {}
         self.channels: dict[int, records.Channel] = {}
         self.metadata: dict[str, dict[str, str]] = {}
-        self._tally = tally
-        self._readable = Readable()
+        self._report = report
+        self._readable = DecodableMessages()
         self._later: dict[tuple[type, int], Declaration] = {}
         self._waiting = bytearray()
 
@@ -57,7 +57,7 @@ class McapFiller:
         self.file.put(declared)
         self._list(declared)
 
-    def unvouched_message(self, record: bytes) -> bool:
+    def unchecked_message(self, record: bytes) -> bool:
         """One without a checksum; whether it could be used."""
         channel = int.from_bytes(record[RECORD_HEAD.size : RECORD_HEAD.size + 2], "little")
         if not self._is_known(channel):
@@ -78,13 +78,13 @@ class McapFiller:
     def chunk(self, chunk: records.Chunk, content: bytes) -> int:
         """A whole chunk as it is; how many messages are left out, for nothing declares them."""
         self._pack()
-        declared, places, strangers = self._in_order(content)
-        if strangers or not places:
+        declared, places, undeclared = self._in_order(content)
+        if undeclared or not places:
             for each in declared:
                 self.declare(each)
             for _, _, start, end in places:
                 self.message(content[start:end])
-            return strangers
+            return undeclared
         for each in declared:
             self._list(each)
         self._put(chunk, content, places)
@@ -106,7 +106,7 @@ class McapFiller:
 
     def _in_order(self, content: bytes) -> tuple[list[Declaration], list[_Place], int]:
         """(declarations, messages whose channel is declared by then, number of others)."""
-        declared, places, strangers = list[Declaration](), list[_Place](), 0
+        declared, places, undeclared = list[Declaration](), list[_Place](), 0
         inside = set[tuple[type, int]]()
         for opcode, start, end in records_in(content):
             if opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
@@ -122,8 +122,8 @@ class McapFiller:
                 if (records.Channel, channel) in inside or self._is_known(channel):
                     places.append((channel, log_ns, start - RECORD_HEAD.size, end))
                 else:
-                    strangers += 1
-        return declared, places, strangers
+                    undeclared += 1
+        return declared, places, undeclared
 
     def _is_known(self, channel: int) -> bool:
         later = self._later.get((records.Channel, channel))
@@ -145,7 +145,7 @@ class McapFiller:
             self.file.list_channel(declared)
             schema = self.schemas.get(declared.schema_id)
             kind = "" if schema is None else schema.name
-            self._tally.know(declared.topic, kind)
+            self._report.know(declared.topic, kind)
             if schema is not None:
                 text = schema.data.decode(errors="replace")
                 encoding = declared.message_encoding
@@ -173,7 +173,7 @@ class McapFiller:
             uncompressed_crc=zlib.crc32(content),
         )
         self.file.put_chunk(sealed, channels, log_ns, starts)
-        self._tally.packed_bytes += len(chunk.data)
+        self._report.packed_bytes += len(chunk.data)
         self._count(channels, log_ns, ends - starts)
 
     def _count(
@@ -183,4 +183,4 @@ class McapFiller:
             mine = channels == channel
             span_ns = int(log_ns[mine].min()), int(log_ns[mine].max())
             topic = self.channels[channel].topic
-            self._tally.keep(topic, int(mine.sum()), int(sizes[mine].sum()), span_ns)
+            self._report.keep(topic, int(mine.sum()), int(sizes[mine].sum()), span_ns)

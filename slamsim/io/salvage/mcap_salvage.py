@@ -48,14 +48,14 @@ _WINDOW_BYTES = 1 << 20
 
 
 @dataclass(frozen=True, slots=True)
-class WholeChunk:
+class WholeMcapChunk:
     """content: the records in it, unpacked."""
 
     chunk: records.Chunk
     content: bytes
 
 
-Piece = WholeChunk | LoneMessage | Gap | Declaration | records.Metadata
+Piece = WholeMcapChunk | LoneMessage | Gap | Declaration | records.Metadata
 
 
 class McapSalvage:
@@ -140,7 +140,7 @@ class McapSalvage:
         if opcode == Opcode.CHUNK:
             chunk, content = read_chunk(data)
             self._look_through(content)
-            return WholeChunk(chunk, content)
+            return WholeMcapChunk(chunk, content)
         if opcode == Opcode.MESSAGE:
             _require_head(len(data))
             return LoneMessage(RECORD_HEAD.pack(opcode, len(data)) + data)

@@ -1,6 +1,6 @@
-"""Whether a message without a checksum reads as what it is said to be.
+"""Whether a message without a checksum can be decoded as its declared type.
 
-A recording in which one message does not is refused by those who read it.
+Readers refuse a recording in which one cannot.
 """
 
 from __future__ import annotations
@@ -8,7 +8,7 @@ from __future__ import annotations
 from slamsim.io.ros.message_types import MessageTypes
 
 
-class Readable:
+class DecodableMessages:
     """Judges messages by the definitions of their types."""
 
     def __init__(self) -> None:

@@ -29,7 +29,7 @@ class Loss:
 
 
 @dataclass(frozen=True, slots=True)
-class TopicTally:
+class TopicReport:
     """messages, their bytes, and when the first and last of them was received: those recovered.
 
     lost: how many were not. lost_is_known: from what the recording says, else estimated from how
@@ -49,10 +49,10 @@ class TopicTally:
     def seconds(self) -> float:
         return (self.last_ns - self.first_ns) * 1e-9
 
-    def joined(self, other: TopicTally) -> TopicTally:
+    def joined(self, other: TopicReport) -> TopicReport:
         """Both together."""
-        parts = [tally for tally in (self, other) if tally.messages] or [self]
-        return TopicTally(
+        parts = [report for report in (self, other) if report.messages] or [self]
+        return TopicReport(
             self.topic,
             self.type_name or other.type_name,
             self.messages + other.messages,
@@ -69,7 +69,7 @@ class Recovered:
     """recording: what stands there now, to be read. notes: what else to know, in sentences."""
 
     recording: Path
-    topics: tuple[TopicTally, ...]
+    topics: tuple[TopicReport, ...]
     losses: tuple[Loss, ...]
     notes: tuple[str, ...]
 
@@ -79,7 +79,7 @@ class Recovered:
 
 
 @dataclass(slots=True)
-class Tally:
+class RecoveryReport:
     """Counts while one file is copied.
 
     announced: how many messages the whole file held, by topic, if it says so. packed_bytes: how
@@ -91,18 +91,18 @@ class Tally:
     notes: list[str] = field(default_factory=list)
     announced: Mapping[str, int] | None = None
     packed_bytes: int = 0
-    _topics: dict[str, TopicTally] = field(default_factory=dict)
+    _topics: dict[str, TopicReport] = field(default_factory=dict)
     _last_ns: int | None = None
     _open: list[int] = field(default_factory=list)
 
     def know(self, topic: str, type_name: str) -> None:
         """A topic that is in the file, whether or not a message of it is recovered."""
-        self._topics.setdefault(topic, TopicTally(topic, type_name))
+        self._topics.setdefault(topic, TopicReport(topic, type_name))
 
     def keep(self, topic: str, count: int, size: int, span_ns: tuple[int, int]) -> None:
         """Messages of one topic. size: their bytes. span_ns: the first and last log time."""
-        known = self._topics.get(topic) or TopicTally(topic, "")
-        self._topics[topic] = known.joined(TopicTally(topic, "", count, size, *span_ns))
+        known = self._topics.get(topic) or TopicReport(topic, "")
+        self._topics[topic] = known.joined(TopicReport(topic, "", count, size, *span_ns))
         for index in self._open:
             gap_s = max(span_ns[0] - (self._last_ns or 0), 0) * 1e-9
             self.losses[index] = replace(self.losses[index], gap_s=gap_s)
@@ -122,42 +122,44 @@ class Tally:
         if sentence not in self.notes:
             self.notes.append(sentence)
 
-    def topics(self) -> dict[str, TopicTally]:
+    def topics(self) -> dict[str, TopicReport]:
         """With what is lost of each."""
         names = {*self._topics, *(self.announced or ())}
         names.update(*(loss.messages or () for loss in self.losses))
-        tallies = {name: self._topics.get(name) or TopicTally(name, "") for name in sorted(names)}
-        return {name: self._with_lost(tally) for name, tally in tallies.items()}
+        reports = {name: self._topics.get(name) or TopicReport(name, "") for name in sorted(names)}
+        return {name: self._with_lost(report) for name, report in reports.items()}
 
-    def _with_lost(self, tally: TopicTally) -> TopicTally:
+    def _with_lost(self, report: TopicReport) -> TopicReport:
         """Announced and not there; else counted in the losses, and estimated by their bytes."""
         if self.announced is not None:
-            return replace(tally, lost=max(self.announced.get(tally.topic, 0) - tally.messages, 0))
-        known = sum(loss.messages.get(tally.topic, 0) for loss in self.losses if loss.messages)
+            return replace(
+                report, lost=max(self.announced.get(report.topic, 0) - report.messages, 0)
+            )
+        known = sum(loss.messages.get(report.topic, 0) for loss in self.losses if loss.messages)
         unknown_bytes = sum(loss.bytes for loss in self.losses if loss.messages is None)
         share = unknown_bytes / self.packed_bytes if self.packed_bytes else 0.0
-        estimated = round(share * tally.messages)
-        return replace(tally, lost=known + estimated, lost_is_known=unknown_bytes == 0)
+        estimated = round(share * report.messages)
+        return replace(report, lost=known + estimated, lost_is_known=unknown_bytes == 0)
 
 
 def recovered(
-    recording: Path, tallies: Sequence[Tally], announced: Mapping[str, int] | None = None
+    recording: Path, reports: Sequence[RecoveryReport], announced: Mapping[str, int] | None = None
 ) -> Recovered:
     """Of all files of a recording. announced: messages by topic, if something beside them tells."""
-    topics: dict[str, TopicTally] = {}
-    for tally in tallies:
-        for name, more in tally.topics().items():
+    topics: dict[str, TopicReport] = {}
+    for report in reports:
+        for name, more in report.topics().items():
             topics[name] = topics[name].joined(more) if name in topics else more
     for name, count in (announced or {}).items():
-        known = topics.get(name) or TopicTally(name, "", lost_is_known=False)
+        known = topics.get(name) or TopicReport(name, "", lost_is_known=False)
         if not known.lost_is_known:
             lost = max(count - known.messages, 0)
             topics[name] = replace(known, lost=lost, lost_is_known=True)
     return Recovered(
         recording,
         tuple(replace(topic, topic=_printable(name)) for name, topic in sorted(topics.items())),
-        tuple(loss for tally in tallies for loss in tally.losses),
-        tuple(dict.fromkeys(note for tally in tallies for note in tally.notes)),
+        tuple(loss for report in reports for loss in report.losses),
+        tuple(dict.fromkeys(note for report in reports for note in report.notes)),
     )
 
 

@@ -17,7 +17,7 @@ from slamsim.io.bag2.sqlite import unpacked_message
 from slamsim.io.mcap.reader import MESSAGE_HEAD, RECORD_HEAD
 from slamsim.io.ros.standard_types import ros2_types
 from slamsim.io.salvage.mcap_filler import McapFiller
-from slamsim.io.salvage.report import Tally
+from slamsim.io.salvage.report import RecoveryReport
 from slamsim.io.salvage.sqlite_salvage import LARGEST_ID, Row, SqliteSalvage
 
 _ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
@@ -25,46 +25,50 @@ _MOST_CHANNELS = 65_535
 _QOS, _HASH = "offered_qos_profiles", "type_description_hash"
 
 
-def copy_sqlite(path: Path, target: Path, progress: Progress) -> tuple[Tally, McapFiller]:
+def copy_sqlite(path: Path, target: Path, progress: Progress) -> tuple[RecoveryReport, McapFiller]:
     """As ``copy_mcap``: (what came back, the finished file)."""
-    tally, size = Tally(path), path.stat().st_size
+    report, size = RecoveryReport(path), path.stat().st_size
     work = target.with_suffix(".copy")
     with target.open("xb") as stream:
-        filler = McapFiller(stream, "ros2", tally)
+        filler = McapFiller(stream, "ros2", report)
         try:
             salvage = SqliteSalvage(path, work)
             with closing(salvage.db):
-                _copy(salvage, filler, tally, size, progress)
+                _copy(salvage, filler, report, size, progress)
         except (sqlite3.Error, ValueError) as error:
-            tally.lose(0, size, f"damaged, or no recording ({error})")
+            report.lose(0, size, f"damaged, or no recording ({error})")
         filler.finish()
     shutil.rmtree(work, ignore_errors=True)
-    tally.note("An SQLite recording has no checksums: damage inside a message cannot be seen")
-    return tally, filler
+    report.note("An SQLite recording has no checksums: damage inside a message cannot be seen")
+    return report, filler
 
 
 def _copy(
-    salvage: SqliteSalvage, filler: McapFiller, tally: Tally, size: int, progress: Progress
+    salvage: SqliteSalvage,
+    filler: McapFiller,
+    report: RecoveryReport,
+    size: int,
+    progress: Progress,
 ) -> None:
     channels = _declare(salvage, filler)
     salvage.lost.clear()
     kept, kept_bytes, unusable = 0, 0, 0
     for row in salvage.rows("messages", "topic_id, timestamp, data"):
         record = _record(row, channels, kept)
-        if record is None or not filler.unvouched_message(record):
+        if record is None or not filler.unchecked_message(record):
             unusable += 1
             continue
         kept, kept_bytes = kept + 1, kept_bytes + len(record)
         progress(min(kept_bytes, size), size)
     each = kept_bytes / max(kept, 1)
-    tally.packed_bytes = kept_bytes
+    report.packed_bytes = kept_bytes
     for first, last in salvage.lost:
         lost_bytes = round(min((last - first + 1) * each, max(size - kept_bytes, 0)))
         which = "on" if last == LARGEST_ID else f"to {last}"
-        tally.lose(0, lost_bytes, f"messages from {first} {which} are on damaged pages")
+        report.lose(0, lost_bytes, f"messages from {first} {which} are on damaged pages")
     if unusable:
         reason = f"{unusable} messages of no known topic, damaged, or that cannot be unpacked"
-        tally.lose(0, round(unusable * each), reason)
+        report.lose(0, round(unusable * each), reason)
 
 
 def _declare(salvage: SqliteSalvage, filler: McapFiller) -> dict[int, int]:

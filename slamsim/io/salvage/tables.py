@@ -14,7 +14,7 @@ import pyarrow.parquet as pq
 from slamsim.core.progress import Progress
 from slamsim.guard.files import open_as_found
 from slamsim.guard.limits import LIMITS
-from slamsim.io.salvage.report import Recovered, Tally, recovered
+from slamsim.io.salvage.report import Recovered, RecoveryReport, recovered
 from slamsim.io.salvage.source import Damaged
 
 _RECEIVED = "received_ns"
@@ -22,17 +22,17 @@ _RECEIVED = "received_ns"
 
 def recover_tables(source: Damaged, folder: Path, progress: Progress) -> Recovered:
     """Into a new file for each table of which anything is left. Its rows count as messages."""
-    tallies, done = list[Tally](), 0
+    reports, done = list[RecoveryReport](), 0
     for path in source.files:
-        tally = Tally(path)
-        _copy(path, folder / path.name, tally)
-        tallies.append(tally)
+        report = RecoveryReport(path)
+        _copy(path, folder / path.name, report)
+        reports.append(report)
         done += path.stat().st_size
         progress(done, source.bytes)
-    return recovered(folder, tallies)
+    return recovered(folder, reports)
 
 
-def _copy(path: Path, target: Path, tally: Tally) -> None:
+def _copy(path: Path, target: Path, report: RecoveryReport) -> None:
     with open_as_found(path) as file:
         size = file.seek(0, 2)
         try:
@@ -40,23 +40,25 @@ def _copy(path: Path, target: Path, tally: Tally) -> None:
             schema, groups = table.schema_arrow, table.metadata.num_row_groups
         except Exception as error:
             reason = " ".join(str(error).split())[:200]
-            tally.lose(0, size, f"the end of the table is cut off or damaged ({reason})")
-            tally.know(path.stem, "")
+            report.lose(0, size, f"the end of the table is cut off or damaged ({reason})")
+            report.know(path.stem, "")
             return
-        tally.know(path.stem, "")
+        report.know(path.stem, "")
         with pq.ParquetWriter(
             target, schema, compression="zstd", compression_level=1, write_page_checksum=True
         ) as out:
             for number in range(groups):
-                _copy_group(table, number, out, tally)
-    if groups and not tally.packed_bytes:
+                _copy_group(table, number, out, report)
+    if groups and not report.packed_bytes:
         target.unlink()
 
 
-def _copy_group(table: pq.ParquetFile, number: int, out: pq.ParquetWriter, tally: Tally) -> None:
+def _copy_group(
+    table: pq.ParquetFile, number: int, out: pq.ParquetWriter, report: RecoveryReport
+) -> None:
     group = table.metadata.row_group(number)
     begin = group.column(0).data_page_offset if group.num_columns else 0
-    name = tally.path.stem
+    name = report.path.stem
     try:
         if group.total_byte_size > LIMITS.bag_chunk_bytes:
             raise ValueError("it is larger than any in a recording")
@@ -64,12 +66,12 @@ def _copy_group(table: pq.ParquetFile, number: int, out: pq.ParquetWriter, tally
         rows.validate(full=True)
     except Exception as error:
         reason = " ".join(str(error).split())[:200]
-        tally.lose(begin, group.total_byte_size, f"rows: {reason}", {name: group.num_rows})
+        report.lose(begin, group.total_byte_size, f"rows: {reason}", {name: group.num_rows})
         return
     out.write_table(rows, row_group_size=max(rows.num_rows, 1))
-    tally.packed_bytes += max(group.total_byte_size, 1)
+    report.packed_bytes += max(group.total_byte_size, 1)
     if rows.num_rows:
-        tally.keep(name, rows.num_rows, rows.nbytes, _span_ns(rows))
+        report.keep(name, rows.num_rows, rows.nbytes, _span_ns(rows))
 
 
 def _span_ns(rows: Any) -> tuple[int, int]:

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from slamsim.core.types import Float32Array, FloatArray, IntArray
-from slamsim.io.staged_writer import Written
+from slamsim.io.staged_writer import StagedWriter
 
 SEQUENCE = "00"
 CAMERA_FROM_LASER: FloatArray = np.array(
@@ -23,7 +23,7 @@ CAMERA_FROM_LASER: FloatArray = np.array(
 )
 
 
-class KittiFolder(Written):
+class KittiFolder(StagedWriter):
     """A sequence being written into a new folder; a context manager."""
 
     def __init__(self, folder: Path) -> None:

@@ -77,7 +77,7 @@ class _Cleaning:
     def log(self) -> Log:
         recording = self._recording
         raw, carried = self._scans()
-        self.warnings += recording.odd
+        self.warnings += recording.anomalies
         survey = ScanSurvey(raw)
         times = self._times(raw, survey, carried)
         rows = survey.rows[times.order]
