@@ -10,8 +10,8 @@ from slamsim.check.wording import as_json
 from slamsim.console.reporter import Reporter
 from slamsim.guard.errors import SlamsimError
 from slamsim.guard.output import partial_folder
-from slamsim.io.copying import copy_recording, require_lossless
-from slamsim.logs.raw import read_recording
+from slamsim.io.copy.recording import copy_recording, require_lossless
+from slamsim.io.open import read_recording
 from slamsim.recording import Recording
 from slamsim.recording.repairs.apply import apply_repairs, chosen, next_repairs
 from slamsim.recording.repairs.base import Repair
@@ -81,7 +81,7 @@ def _nothing_to_do(recording: Recording, report: CheckReport, names: str) -> str
     there = ", ".join(dict.fromkeys(repair.operation for repair in report.repairs))
     if there:
         return f"{recording.name}: the check does not propose {names}, but {there}"
-    kind = "no repair is known for what is wrong" if report.bad else "nothing is wrong with it"
+    kind = "no repair is known for what is wrong" if report.faults else "nothing is wrong with it"
     return f"{recording.name}: there is nothing to fix, {kind}"
 
 

@@ -15,7 +15,7 @@ from slamsim.dataset.truth.overlap import overlapping, write_pairs
 from slamsim.dataset.truth.quality import DriveQuality, scene_numbers, view_numbers
 from slamsim.dataset.truth.surfaces import surfaces_of
 from slamsim.dataset.truth.tables import TruthTables
-from slamsim.logs.written import Written
+from slamsim.io.staged_writer import StagedWriter
 from slamsim.sensors.motion import PoseOverride
 from slamsim.sensors.readings import Readings
 from slamsim.sim.robot.model import RobotModel
@@ -33,7 +33,7 @@ def write_occupancy(folder: Path, grid: Grid) -> None:
     (folder / f"{OCCUPANCY}.yaml").write_text(text, encoding="utf-8")
 
 
-class Truth(Written):
+class Truth(StagedWriter):
     """The truth of a sequence that is being made, in a new folder; a context manager.
 
     override: how the laser truly looks, as for sensing. What needs the whole drive is written when
