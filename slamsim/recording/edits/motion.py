@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TypeVar
 
 import numpy as np
 
@@ -13,7 +12,6 @@ from slamsim.core.wheels import wheel_odometry
 from slamsim.recording import RawOdometry, RawTicks, TransformEdge
 from slamsim.recording.edits.messages import select
 
-Moving = TypeVar("Moving", RawOdometry, TransformEdge)
 Gain = float | FloatArray
 """A factor of all steps, or (n - 1,) of each step between n messages."""
 _SAME_PATH = 0.1
@@ -36,6 +34,18 @@ def scaled_edge(edge: TransformEdge, path: Gain, turn: Gain) -> TransformEdge:
     """A moving transform with distances and turns multiplied."""
     positions, quats = _scaled(edge.positions_m, edge.quats_xyzw, path, turn)
     return replace(edge, positions_m=positions, quats_xyzw=quats)
+
+
+def repaced(odometry: RawOdometry, path: float, turn: float) -> RawOdometry:
+    """``scaled_odometry`` as repairs have it, each step taken in the heading at its beginning.
+
+    Equal to 1e-16 where turns are kept; one of the two formulas would do if the bytes of what
+    ``fix`` writes might change.
+    """
+    found = with_steps(odometry, planar_steps(odometry) * np.array([path, path, turn]))
+    return replace(
+        found, linear_m_s=odometry.linear_m_s * path, angular_rad_s=odometry.angular_rad_s * turn
+    )
 
 
 def without_jumps(odometry: RawOdometry, longest_m: float) -> RawOdometry:
@@ -61,39 +71,39 @@ def with_steps(odometry: RawOdometry, steps: FloatArray) -> RawOdometry:
     return replace(odometry, positions_m=positions, quats_xyzw=xyzw_from_yaw(yaw))
 
 
-def driven_path(ticks: RawTicks) -> PlanarTrajectory:
-    """``T_odom_base`` by the counters and the driver's numbers, at increasing stamps."""
-    ordered = select(ticks, np.unique(ticks.stamps_ns, return_index=True)[1])
-    numbers = ticks.ticks_per_revolution, ticks.wheel_radius_m, ticks.track_m
-    return wheel_odometry(EncoderStream(ordered.stamps_ns, ordered.ticks, *numbers))
+def counted(odometry: RawOdometry, ticks: RawTicks) -> RawOdometry:
+    """The counters' poses and speeds at the odometry's stamps, from its first pose on.
 
-
-def following(one: Moving, path: PlanarTrajectory) -> Moving:
-    """Odometry, or its transform, along a path: at its own stamps, from its first pose on.
-
-    Speeds are those of the steps between poses; a wheeled robot has none to the side.
+    As ``along_path`` and ``with_twists``, which faults take, but for the speed to the side that
+    the chord of an arc has (1e-4 m/s): what ``fix`` writes keeps it.
     """
-    along = _poses_at(path, one.stamps_ns)
-    start = np.append(one.positions_m[0, :2], yaw_from_xyzw(one.quats_xyzw[0]))
-    poses = compose(start, between(along[0], along))
-    positions = one.positions_m.copy()
-    positions[:, :2] = poses[:, :2]
-    quats = xyzw_from_yaw(poses[:, 2])
-    if isinstance(one, TransformEdge):
-        return replace(one, positions_m=positions, quats_xyzw=quats)
-    return _with_twists(replace(one, positions_m=positions, quats_xyzw=quats))
+    poses = _poses_at(ticks, odometry)
+    placed = compose(_planar(odometry)[0], between(poses[0], poses))
+    positions = odometry.positions_m.copy()
+    positions[:, :2] = placed[:, :2]
+    seconds = np.maximum(np.diff(odometry.stamps_ns) * 1e-9, 1e-9)
+    steps = between(placed[:-1], placed[1:]) / seconds[:, None]
+    speeds = np.concatenate([np.zeros((1, 3)), steps])
+    zero = np.zeros(len(speeds))
+    return replace(
+        odometry,
+        positions_m=positions,
+        quats_xyzw=xyzw_from_yaw(placed[:, 2]),
+        linear_m_s=np.column_stack([speeds[:, 0], speeds[:, 1], zero]),
+        angular_rad_s=np.column_stack([zero, zero, speeds[:, 2]]),
+    )
 
 
-def follows(odometry: RawOdometry, path: PlanarTrajectory) -> bool:
-    """Whether an odometry goes about as far and turns as much as a path."""
-    if len(odometry) < 2:
-        return False
-    poses = _poses_at(path, odometry.stamps_ns)
-    amounts = [
-        np.array([np.abs(steps[:, 0]).sum(), np.abs(steps[:, 2]).sum()])
-        for steps in (between(poses[:-1], poses[1:]), planar_steps(odometry))
-    ]
-    return bool((np.abs(amounts[0] - amounts[1]) <= _SAME_PATH * amounts[0] + 1e-6).all())
+def encoder_stream(ticks: RawTicks) -> EncoderStream:
+    """Counters with the driver's numbers, in the order of the file."""
+    numbers = ticks.ticks_per_revolution, ticks.wheel_radius_m, ticks.track_m
+    return EncoderStream(ticks.stamps_ns, ticks.ticks, *numbers)
+
+
+def ordered_encoder_stream(ticks: RawTicks) -> EncoderStream:
+    """The same by increasing stamps, the first message of each."""
+    order = np.unique(ticks.stamps_ns, return_index=True)[1]
+    return encoder_stream(select(ticks, order))
 
 
 def _scaled(
@@ -111,8 +121,22 @@ def _scaled(
     return positions, xyzw_from_yaw(anew)
 
 
-def _with_twists(odometry: RawOdometry) -> RawOdometry:
-    """With the speeds that its poses have."""
+def along_path(
+    one: RawOdometry | TransformEdge, path: PlanarTrajectory
+) -> tuple[FloatArray, FloatArray]:
+    """Positions (n, 3) and quaternions (n, 4) along the path, from the first pose that it has."""
+    x, y = (np.interp(one.stamps_ns, path.stamps_ns, path.poses[:, column]) for column in (0, 1))
+    yaw = np.interp(one.stamps_ns, path.stamps_ns, np.unwrap(path.poses[:, 2]))
+    along = np.column_stack([x, y, yaw])
+    start = np.append(one.positions_m[0, :2], yaw_from_xyzw(one.quats_xyzw[0]))
+    poses = compose(start, between(along[0], along))
+    positions = one.positions_m.copy()
+    positions[:, :2] = poses[:, :2]
+    return positions, xyzw_from_yaw(poses[:, 2])
+
+
+def with_twists(odometry: RawOdometry) -> RawOdometry:
+    """Speeds by the steps between poses; a wheeled robot has none to the side."""
     heading = np.unwrap(yaw_from_xyzw(odometry.quats_xyzw))
     elapsed_s = np.maximum(np.diff(odometry.stamps_ns), 1) * 1e-9
     moved = np.diff(odometry.positions_m[:, :2], axis=0)
@@ -126,11 +150,22 @@ def _planar(odometry: RawOdometry) -> FloatArray:
     return np.column_stack([odometry.positions_m[:, :2], yaw_from_xyzw(odometry.quats_xyzw)])
 
 
-def _poses_at(path: PlanarTrajectory, stamps_ns: IntArray) -> FloatArray:
-    """(m, 3) poses of a path at (m,) stamps, held at its ends; the heading is unwrapped."""
-    x, y = (np.interp(stamps_ns, path.stamps_ns, path.poses[:, column]) for column in (0, 1))
-    yaw = np.interp(stamps_ns, path.stamps_ns, np.unwrap(path.poses[:, 2]))
-    return np.column_stack([x, y, yaw])
+def _poses_at(ticks: RawTicks, odometry: RawOdometry) -> FloatArray:
+    """(m, 3) the counters' poses at the odometry's stamps, held at the ends."""
+    path = wheel_odometry(ordered_encoder_stream(ticks))
+    return path.at(np.clip(odometry.stamps_ns, path.stamps_ns[0], path.stamps_ns[-1]))
+
+
+def follows(odometry: RawOdometry, ticks: RawTicks) -> bool:
+    """Whether an odometry goes as far and turns as much as these counters say."""
+    if len(odometry) < 2:
+        return False
+    poses = _poses_at(ticks, odometry)
+    amounts = [
+        np.array([np.abs(steps[:, 0]).sum(), np.abs(steps[:, 2]).sum()])
+        for steps in (between(poses[:-1], poses[1:]), planar_steps(odometry))
+    ]
+    return bool((np.abs(amounts[0] - amounts[1]) <= _SAME_PATH * amounts[0] + 1e-6).all())
 
 
 def stepped(values: FloatArray | IntArray, gains: FloatArray) -> FloatArray:

@@ -8,17 +8,20 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from slamsim.core.types import FloatArray, IntArray
+from slamsim.core.wheels import wheel_odometry
 from slamsim.recording import RawJoints, RawOdometry, RawTicks, Recording, TransformEdge
 from slamsim.recording.edits.base import DRIVEN, CannotEdit, Edit, MessagesEdit, reciprocal
 from slamsim.recording.edits.frames import with_odometry_edge
 from slamsim.recording.edits.motion import (
-    driven_path,
-    following,
+    along_path,
+    counted,
+    encoder_stream,
     follows,
     per_message,
     scaled_edge,
     scaled_odometry,
     stepped,
+    with_twists,
 )
 
 
@@ -74,8 +77,15 @@ class FollowTicks(Edit):
     def apply(self, recording: Recording) -> Recording:
         if not any(len(ticks) for ticks in recording.ticks):
             raise CannotEdit(f"{recording.name} has no wheel counters")
-        path = driven_path(recording.ticks[0])
-        return DRIVEN.changed(recording, lambda one: following(one, path))
+        path = wheel_odometry(encoder_stream(recording.ticks[0]))
+
+        def following(one: RawOdometry | TransformEdge) -> RawOdometry | TransformEdge:
+            positions, quats = along_path(one, path)
+            if isinstance(one, TransformEdge):
+                return replace(one, positions_m=positions, quats_xyzw=quats)
+            return with_twists(replace(one, positions_m=positions, quats_xyzw=quats))
+
+        return DRIVEN.changed(recording, following)
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,8 +126,8 @@ class OdometryFromTicks(Edit):
     def apply(self, recording: Recording) -> Recording:
         if not recording.ticks:
             raise CannotEdit("there are no wheel counters to compute an odometry from")
-        path = driven_path(recording.ticks[0])
-        return ChangeOdometry(self.topic, lambda one: following(one, path)).apply(recording)
+        ticks = recording.ticks[0]
+        return ChangeOdometry(self.topic, lambda o: counted(o, ticks)).apply(recording)
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,14 +139,10 @@ class WithOdometry(Edit):
 
     def apply(self, recording: Recording) -> Recording:
         found = self.edit.apply(recording)
-        before, after = (
-            driven_path({ticks.topic: ticks for ticks in each.ticks}[self.topic])
-            for each in (recording, found)
-        )
+        before, after = ({t.topic: t for t in r.ticks}[self.topic] for r in (recording, found))
         for odometry in recording.odometries:
             if follows(odometry, before):
-                anew = ChangeOdometry(odometry.topic, lambda one: following(one, after))
-                found = anew.apply(found)
+                found = ChangeOdometry(odometry.topic, lambda o: counted(o, after)).apply(found)
         return found
 
     def inverse(self) -> WithOdometry:

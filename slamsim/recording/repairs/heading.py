@@ -8,9 +8,10 @@ import numpy as np
 
 from slamsim.core.geometry import yaw_from_xyzw
 from slamsim.core.types import FloatArray, IntArray
+from slamsim.core.wheels import wheel_odometry
 from slamsim.recording import RawImu, Recording
 from slamsim.recording.edits.base import CannotEdit
-from slamsim.recording.edits.motion import driven_path
+from slamsim.recording.edits.motion import ordered_encoder_stream
 from slamsim.recording.frame_graph import FrameGraph
 
 Heading = Callable[[IntArray], FloatArray]
@@ -31,7 +32,7 @@ def heading_from(
             return _corrected(odometry.stamps_ns, yaw_rad, correction)
     for ticks in recording.ticks:
         if ticks.topic == topic:
-            path = driven_path(ticks)
+            path = wheel_odometry(ordered_encoder_stream(ticks))
             return _corrected(path.stamps_ns, np.unwrap(path.poses[:, 2]), correction)
     for imu in recording.imus:
         if imu.topic == topic:

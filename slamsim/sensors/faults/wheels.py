@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import ClassVar, Literal
+from typing import ClassVar, Literal, TypeVar
 
 import numpy as np
 from pydantic import Field
 
 from slamsim.core.types import FloatArray, IntArray
-from slamsim.recording import RawOdometry, RawTicks, Recording
+from slamsim.recording import RawOdometry, RawTicks, Recording, TransformEdge
 from slamsim.recording.edits.base import COUNTS, DRIVEN, ODOMETRIES, TICKS, WHEELS, Edit, Edits
 from slamsim.recording.edits.messages import ChangeMessages
-from slamsim.recording.edits.motion import Moving
 from slamsim.recording.edits.odometry import FollowTicks, ScaleMotion, ScaleSteps
 from slamsim.recording.edits.wheels import Pair, RewireWheels, ScaleWheelNumbers, WrapTicks
 from slamsim.sensors.faults.base import Fault, some_of, spells
+
+Moving = TypeVar("Moving", RawOdometry, TransformEdge)
 
 
 class WheelRadius(Fault):
