@@ -12,9 +12,9 @@ from fault_log_reads import whole_log
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.typesys import Stores, get_typestore
 
-from slamsim.logs.bag_limits import check_definitions
-from slamsim.logs.message_types import register
-from slamsim.logs.refusing import refusing
+from slamsim.io.input_errors import refusing
+from slamsim.io.ros.limits import check_definitions
+from slamsim.io.ros.message_types import register
 
 
 def _definitions() -> Iterable[bytes]:

@@ -12,10 +12,9 @@ from slamsim.check.findings import CheckReport
 from slamsim.config.slam import MappingConfig, SlamConfig
 from slamsim.core.types import FloatArray, IntArray, Log, Scan, Trajectory
 from slamsim.guard.numbers import MOST_NS
-from slamsim.logs.raw import read_recording
-from slamsim.logs.reader import read_log, read_truth
-from slamsim.logs.relations import read_relations
-from slamsim.logs.tum import read_tum
+from slamsim.io.open import read_log, read_recording, read_truth
+from slamsim.io.text.relations import read_relations
+from slamsim.io.text.tum import read_tum
 from slamsim.recording import RawStream, Recording
 from slamsim.slam.mapping.grid import build_grid
 from slamsim.slam.mapping.saved_map import read_saved_map

@@ -14,9 +14,8 @@ from test_command_line import slamsim
 from slamsim.config.faults import typed_choices
 from slamsim.config.loading import load_run_config
 from slamsim.guard.errors import NotFound, OverrideRefused, SlamsimError
-from slamsim.logs.bag import open_bag
-from slamsim.logs.raw import read_recording
-from slamsim.logs.reader import read_truth
+from slamsim.io.open import read_recording, read_truth
+from slamsim.io.ros.bag import open_bag
 from slamsim.recording.edits.base import CannotEdit
 from slamsim.run.faulting import fault_facts, fault_table, inject_faults
 

@@ -29,12 +29,12 @@ from slamsim.guard.sums import sums_text
 from slamsim.guard.text import open_lines
 from slamsim.guard.urdf import check_urdf
 from slamsim.guard.yaml import load_yaml
-from slamsim.logs.bag1_check import index_bag1
-from slamsim.logs.bag_limits import check_definitions
-from slamsim.logs.mcap_read import index_mcap, mcap_attachments
-from slamsim.logs.parquet_file import read_table
-from slamsim.logs.refusing import refusing
-from slamsim.logs.sqlite_read import index_sqlite
+from slamsim.io.bag1.reader import index_bag1
+from slamsim.io.bag2.sqlite import index_sqlite
+from slamsim.io.input_errors import refusing
+from slamsim.io.mcap.reader import index_mcap, mcap_attachments
+from slamsim.io.parquet.file import read_table
+from slamsim.io.ros.limits import check_definitions
 from slamsim.sim.drive.route_file import read_route
 from slamsim.slam.mapping.saved_map import read_saved_map
 from slamsim.world.from_image import image_prisms

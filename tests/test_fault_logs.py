@@ -21,11 +21,10 @@ from mcap.writer import CompressionType
 
 from slamsim.guard.errors import InputRefused, SlamsimError
 from slamsim.guard.files import read_input
-from slamsim.logs.carmen import read_carmen
-from slamsim.logs.parquet_log import ParquetLog
-from slamsim.logs.raw import read_recording
-from slamsim.logs.reader import read_log
-from slamsim.logs.stamps import stamp_ns_from_decimal
+from slamsim.io.carmen.log import read_carmen
+from slamsim.io.open import read_log, read_recording
+from slamsim.io.parquet.writer import ParquetLog
+from slamsim.io.text.stamps import stamp_ns_from_decimal
 
 pytestmark = pytest.mark.fault
 

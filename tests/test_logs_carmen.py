@@ -17,9 +17,9 @@ from real_logs import needs_radish, radish
 from slamsim.core.geometry import between, compose, inverse
 from slamsim.core.types import Log
 from slamsim.guard.errors import InputRefused, NotFound
-from slamsim.logs.reader import read_log, read_truth
-from slamsim.logs.relations import read_relations
-from slamsim.logs.stamps import decimal_from_stamp_ns, stamp_ns_from_decimal
+from slamsim.io.open import read_log, read_truth
+from slamsim.io.text.relations import read_relations
+from slamsim.io.text.stamps import decimal_from_stamp_ns, stamp_ns_from_decimal
 
 
 @lru_cache

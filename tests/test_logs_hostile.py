@@ -18,9 +18,9 @@ from mcap.writer import CompressionType
 
 from slamsim.core.types import Log
 from slamsim.guard.errors import InputRefused, NotFound
-from slamsim.logs.bag_folder import MCAP_NAME
-from slamsim.logs.reader import read_log, read_truth
-from slamsim.logs.writer import GrowingBag
+from slamsim.io.bag2.folder import MCAP_NAME
+from slamsim.io.bag2.growing import GrowingBag
+from slamsim.io.open import read_log, read_truth
 from slamsim.simulation.log_writer import LogWriter
 
 ROBOT1, ROBOT2 = Robot(ROS1), Robot(ROS2)

@@ -11,7 +11,7 @@ from sensing_example import PERFECT_LIDAR, Robot, drive_along, room, windows
 
 from slamsim.config.sensors import SensorsConfig
 from slamsim.core.geometry import StaticTransform, matrix_from_rpy, se3_from_parts
-from slamsim.logs.raw import read_recording
+from slamsim.io.open import read_recording
 from slamsim.recording import Recording
 from slamsim.sensors.rig import SensorRig
 from slamsim.simulation.header import LogHeader

@@ -19,7 +19,7 @@ from rosbags.rosbag2 import StoragePlugin
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from slamsim.guard.errors import InputRefused, NotFound
-from slamsim.logs.raw import read_recording
+from slamsim.io.open import read_recording
 from slamsim.recording import Origin, Recording, row_store
 from slamsim.recording.row_store import RowStore
 from slamsim.simulation.log_writer import LogWriter

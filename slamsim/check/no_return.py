@@ -8,7 +8,7 @@ import numpy as np
 
 from slamsim.check.findings import Curve, Estimate, Finding, Mend, Plot
 from slamsim.check.scan_sample import ScanSample, positive
-from slamsim.clean.no_return import find_limit
+from slamsim.recording.cleaning.no_return import find_limit
 
 MAX_ZERO_SHARE = 1e-4
 MIN_COUNT = 20

@@ -11,7 +11,7 @@ from slamsim.check.check import check_recording
 from slamsim.check.findings import CheckReport, Finding
 from slamsim.check.wording import as_json, headline, shown
 from slamsim.console.reporter import Reporter
-from slamsim.logs.raw import read_recording
+from slamsim.io.open import read_recording
 from slamsim.recording import Recording
 from slamsim.run.stages import Stages
 

@@ -18,9 +18,9 @@ from slamsim.guard.errors import NotFound
 from slamsim.guard.files import own_file
 from slamsim.guard.numbers import as_json
 from slamsim.guard.output import partial_folder, write_atomic
-from slamsim.logs.reader import read_log, read_truth
-from slamsim.logs.stamps import decimal_from_stamp_ns
-from slamsim.logs.tum import read_tum, write_tum
+from slamsim.io.open import read_log, read_truth
+from slamsim.io.text.stamps import decimal_from_stamp_ns
+from slamsim.io.text.tum import read_tum, write_tum
 from slamsim.run import folder as run_folder
 from slamsim.run.naming import log_of, recording_name
 from slamsim.run.stages import Report, Stages, peak_memory_mb

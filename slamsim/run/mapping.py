@@ -20,10 +20,9 @@ from slamsim.guard.errors import SlamsimError
 from slamsim.guard.files import own_file
 from slamsim.guard.numbers import as_json
 from slamsim.guard.output import partial_folder, write_atomic
-from slamsim.logs.names import LOG
-from slamsim.logs.raw import read_recording
-from slamsim.logs.reader import read_log, read_truth
-from slamsim.logs.relations import Relations, read_relations
+from slamsim.io.names import LOG
+from slamsim.io.open import read_log, read_recording, read_truth
+from slamsim.io.text.relations import Relations, read_relations
 from slamsim.report.numbers import report_json
 from slamsim.report.pages.run import write_report
 from slamsim.report.run_view import RunView

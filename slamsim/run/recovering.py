@@ -9,9 +9,9 @@ from slamsim.console.reporter import Reporter
 from slamsim.guard.numbers import as_json
 from slamsim.guard.output import partial_folder
 from slamsim.guard.quantities import as_size
-from slamsim.logs.recovery.recover import recover
-from slamsim.logs.recovery.source import Damaged
-from slamsim.logs.recovery.tally import Loss, Recovered, TopicTally
+from slamsim.io.salvage.recover import recover
+from slamsim.io.salvage.report import Loss, Recovered, TopicTally
+from slamsim.io.salvage.source import Damaged
 from slamsim.run.stages import Stages
 
 RECOVERY = "recovery.json"

@@ -10,7 +10,7 @@ from slamsim.config.run import RunConfig
 from slamsim.core.progress import Progress, silent
 from slamsim.core.types import Drive, Trajectory
 from slamsim.guard.errors import SlamsimError
-from slamsim.io.rewrite import rewrite_recording
+from slamsim.io.copy.rewrite import rewrite_recording
 from slamsim.recording import Recording
 from slamsim.sensors.faults.apply import declared, faulty_sensors
 from slamsim.sensors.faults.base import Fault, SensedFault

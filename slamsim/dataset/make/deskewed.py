@@ -7,9 +7,9 @@ import numpy as np
 from slamsim.core.jit import kernel
 from slamsim.core.types import Drive, Float32Array, FloatArray, IntArray
 from slamsim.dataset.truth.key_scans import frame_at
-from slamsim.logs.kitti import KittiFolder
-from slamsim.logs.mountings import declared_laser_mounting
+from slamsim.io.text.kitti import KittiFolder
 from slamsim.recording import RawScans, Recording, ScanLayout
+from slamsim.recording.mountings import declared_laser_mounting
 from slamsim.sensors.motion import Motion, joined, kept_since
 from slamsim.sensors.rays import beam_rays
 

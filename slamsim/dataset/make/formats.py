@@ -10,11 +10,11 @@ from slamsim.core.types import Drive, IntArray, Trajectory
 from slamsim.dataset.make.deskewed import DeskewedScans
 from slamsim.dataset.recipe.sequence import SequenceSpec
 from slamsim.guard.numbers import UNIT_WITHIN, is_sound
-from slamsim.logs.carmen_writer import CarmenFile
-from slamsim.logs.kitti import KittiFolder
-from slamsim.logs.parquet_log import ParquetLog
-from slamsim.logs.tum import write_tum
-from slamsim.logs.written import Written
+from slamsim.io.carmen.writer import CarmenFile
+from slamsim.io.parquet.writer import ParquetLog
+from slamsim.io.staged_writer import Written
+from slamsim.io.text.kitti import KittiFolder
+from slamsim.io.text.tum import write_tum
 from slamsim.recording import Recording
 from slamsim.simulation.tails import TruthTail
 

@@ -20,7 +20,7 @@ from slamsim.core.types import Drive, IntArray
 from slamsim.dataset.make.formats import Formats
 from slamsim.dataset.recipe.sequence import FileFact, SequenceFacts, SequenceSpec
 from slamsim.dataset.truth.write import Truth
-from slamsim.logs.names import LOG
+from slamsim.io.names import LOG
 from slamsim.recording import Recording
 from slamsim.recording.edits.messages import with_sequence_numbers
 from slamsim.sensors.faults.apply import declared, faulty_sensors

@@ -16,7 +16,7 @@ import numpy as np
 
 from slamsim.core.types import Drive, FloatArray
 from slamsim.dataset.truth.surfaces import NO_SURFACE, TrueSurfaces, rounded, write_surfaces
-from slamsim.logs.parquet_file import (
+from slamsim.io.parquet.file import (
     Cells,
     Column,
     ParquetFile,
@@ -24,8 +24,8 @@ from slamsim.logs.parquet_file import (
     read_table,
     split_axes,
 )
-from slamsim.logs.parquet_log import SCANS_PER_GROUP
-from slamsim.logs.written import Written
+from slamsim.io.parquet.writer import SCANS_PER_GROUP
+from slamsim.io.staged_writer import Written
 from slamsim.sensors.readings import EncoderBatch, ImuBatch, Readings, ScanBatch
 from slamsim.simulation.tails import TruthTail
 

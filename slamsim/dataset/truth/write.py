@@ -15,7 +15,7 @@ from slamsim.dataset.truth.overlap import overlapping, write_pairs
 from slamsim.dataset.truth.quality import DriveQuality, scene_numbers, view_numbers
 from slamsim.dataset.truth.surfaces import surfaces_of
 from slamsim.dataset.truth.tables import TruthTables
-from slamsim.logs.written import Written
+from slamsim.io.staged_writer import Written
 from slamsim.sensors.motion import PoseOverride
 from slamsim.sensors.readings import Readings
 from slamsim.sim.robot.model import RobotModel
