@@ -14,7 +14,7 @@ import pytest
 from hypothesis import settings
 
 if TYPE_CHECKING:
-    from slamsim.dataset.make.engines.base import Engine
+    from slamsim.dataset.make.engines.base import WorkEngine
 
 settings.register_profile("any machine", settings(), deadline=None)
 settings.load_profile("any machine")
@@ -24,7 +24,7 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 
 
 @pytest.fixture(scope="session")
-def one_worker() -> Iterator[Engine]:
+def one_worker() -> Iterator[WorkEngine]:
     """An engine whose worker has been started, and stays."""
     from dataset_whole import KeptEngine
 
@@ -35,7 +35,7 @@ def one_worker() -> Iterator[Engine]:
 
 
 @pytest.fixture(scope="session")
-def small_set(one_worker: Engine, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def small_set(one_worker: WorkEngine, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A finished data set, as ``dataset_whole`` makes it: to be read, not to be changed."""
     from dataset_whole import make_small
 

@@ -12,7 +12,7 @@ from dataset_run import tree
 
 import slamsim.dataset
 from slamsim.dataset.catalogue.verify import verify
-from slamsim.dataset.make.engines.base import Engine
+from slamsim.dataset.make.engines.base import WorkEngine
 from slamsim.dataset.make.make import make_dataset
 from slamsim.dataset.recipe.distributions import Constant
 from slamsim.dataset.recipe.loading import load_recipe
@@ -30,7 +30,7 @@ def downloaded(address: str, folder: Path) -> dict[str, bytes]:
     return tree(folder)
 
 
-def live_through(address: str, engine: Engine, folder: Path) -> None:
+def live_through(address: str, engine: WorkEngine, folder: Path) -> None:
     """All of it, mended as the commands that are told do it; folder: for copies here."""
     recipe = load_recipe("tiny").model_copy(update={"duration_s": Constant(constant=SECONDS)})
     make_dataset(recipe, COUNT, address, engine)

@@ -15,12 +15,12 @@ from pathlib import Path
 
 from dataset_stub import Stub, draw
 
-from slamsim.dataset.make.engines.base import Engine
+from slamsim.dataset.make.engines.base import WorkEngine
 from slamsim.dataset.make.engines.local import LocalEngine
 from slamsim.dataset.make.execute import fulfil
 from slamsim.dataset.make.identity import Identity
 from slamsim.dataset.make.production import DatasetSummary, Order
-from slamsim.dataset.make.progress import Unwatched, Watch
+from slamsim.dataset.make.progress import ProductionWatch, Unwatched
 from slamsim.dataset.store.store import Store, open_store
 from slamsim.process.exit_codes import run_command
 
@@ -31,11 +31,11 @@ def make(
     out: Path | str,
     orders: Path,
     count: int,
-    engine: Engine | None = None,
+    engine: WorkEngine | None = None,
     *,
     seconds: float = 0.0,
     limit_s: float = 60.0,
-    watch: Watch | None = None,
+    watch: ProductionWatch | None = None,
     only: Sequence[int] | None = None,
     catalogue: Callable[[Store], None] | None = None,
     **recipe: object,

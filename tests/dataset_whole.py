@@ -6,10 +6,10 @@ import shutil
 from pathlib import Path
 from typing import Self
 
-from slamsim.dataset.make.engines.base import Answer, Engine
+from slamsim.dataset.make.engines.base import Answer, WorkEngine
 from slamsim.dataset.make.engines.local import LocalEngine
 from slamsim.dataset.make.make import make_dataset
-from slamsim.dataset.make.shard import Task
+from slamsim.dataset.make.shard import ShardTask
 from slamsim.dataset.recipe.distributions import Constant
 from slamsim.dataset.recipe.loading import load_recipe
 
@@ -33,11 +33,11 @@ class KeptEngine:
     def slots(self) -> int:
         return self._engine.slots()
 
-    def submit(self, task: Task) -> Answer:
+    def submit(self, task: ShardTask) -> Answer:
         return self._engine.submit(task)
 
 
-def make_small(out: Path, engine: Engine) -> None:
+def make_small(out: Path, engine: WorkEngine) -> None:
     recipe = load_recipe("tiny").model_copy(update={"duration_s": Constant(constant=SECONDS)})
     make_dataset(recipe, COUNT, str(out), engine)
 

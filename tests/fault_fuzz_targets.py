@@ -28,7 +28,7 @@ from slamsim.dataset.make.identity import Identity, read_identity
 from slamsim.dataset.make.shard import made_row
 from slamsim.dataset.recipe.model import Recipe
 from slamsim.dataset.recipe.sequence import Cell, SequenceSpec
-from slamsim.dataset.store.place import Place
+from slamsim.dataset.store.place import Location
 from slamsim.dataset.store.reader import open_dataset
 from slamsim.dataset.store.table import rows_to_parquet, table_from_parquet, table_to_parquet
 from slamsim.guard.image import read_gray_image
@@ -163,7 +163,7 @@ def _spec() -> SequenceSpec:
 
 
 def _identity(path: Path) -> object:
-    return read_identity(Place(str(path.parent)))
+    return read_identity(Location(str(path.parent)))
 
 
 def _manifest(path: Path) -> object:

@@ -21,7 +21,7 @@ import numpy as np
 from slamsim.dataset.catalogue.manifest import MANIFEST, manifest
 from slamsim.dataset.make.engines.base import Answer
 from slamsim.dataset.make.identity import IDENTITY
-from slamsim.dataset.make.shard import Task, make_sequences
+from slamsim.dataset.make.shard import ShardTask, make_sequences
 from slamsim.dataset.store.store import Store
 from slamsim.dataset.store.table import table_from_parquet, table_to_parquet
 from slamsim.guard.output import partial_file, partial_folder, write_atomic
@@ -111,7 +111,7 @@ class Inline:
     def slots(self) -> int:
         return 1
 
-    def submit(self, task: Task) -> Answer:
+    def submit(self, task: ShardTask) -> Answer:
         answer: Answer = Future()
         try:
             answer.set_result(make_sequences(task))

@@ -14,13 +14,13 @@ from pydantic import Field
 from slamsim.config.base import Config
 from slamsim.core.types import Trajectory
 from slamsim.scenarios.base import (
+    BodyMotion,
     Chart,
     Findings,
-    Motion,
     Outcome,
+    ResultTable,
     Row,
     Series,
-    Sheet,
     Solid,
     Trial,
     Verdict,
@@ -70,7 +70,7 @@ class StubScenario:
                 Verdict("they shrink", "study", False, "not at all"),
                 Verdict("they are blue", "reality", None, ""),
             ),
-            sheets=(Sheet(f"Numbers {HOSTILE}", ("n", "n²"), ((HOSTILE, "0"),), HOSTILE),),
+            sheets=(ResultTable(f"Numbers {HOSTILE}", ("n", "n²"), ((HOSTILE, "0"),), HOSTILE),),
             charts=(Chart(f"Squares {HOSTILE}", "n", "n² [m] $x", curves, note=HOSTILE),),
         )
 
@@ -93,7 +93,7 @@ def square(number: int, seed: int, way: Way) -> Outcome:
         "drawn": float(np.random.default_rng((seed, number)).normal()),
         "odd": np.bool_(number % 2).item(),
     }
-    motions = (Motion("box", Solid("box", (1.0, 1.0, 1.0)), moved),) if number == 0 else ()
+    motions = (BodyMotion("box", Solid("box", (1.0, 1.0, 1.0)), moved),) if number == 0 else ()
     return Outcome(values, motions, {"path": moved.positions_m})
 
 

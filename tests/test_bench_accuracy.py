@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from slamsim.bench.accuracy import COUNTED, Campaign, run_accuracy, summarise
+from slamsim.bench.accuracy import COUNTED, AccuracyCampaign, run_accuracy, summarise
 from slamsim.bench.alone import Children
 from slamsim.bench.tables import SEED_HEADER, seed_line, summary_rows
 from slamsim.bench.truth import false_closures, revisits_closed
@@ -116,7 +116,7 @@ def test_work_is_done_in_another_process_and_its_end_is_told() -> None:
 
 def test_seeds_are_run_kept_and_summarised(tmp_path: Path) -> None:
     config = load_run_config("tiny", overrides=SHORT)
-    campaign = Campaign(config, (2,), 1, tmp_path)
+    campaign = AccuracyCampaign(config, (2,), 1, tmp_path)
     figures = run_accuracy(campaign, QUIET)
     runs, summary = figures["runs"], figures["summary"]
     assert isinstance(runs, list) and isinstance(summary, dict)

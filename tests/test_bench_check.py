@@ -10,11 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from slamsim.bench.check.campaign import Campaign, run_campaign, run_seed
-from slamsim.bench.check.coverage import coverage
-from slamsim.bench.check.outcome import Measured, Outcome, outcome_of
+from slamsim.bench.check.campaign import CheckCampaign, run_campaign, run_seed
+from slamsim.bench.check.outcome import CheckOutcome, Measured, outcome_of
 from slamsim.bench.check.scenario import random_scenario
-from slamsim.bench.check.summary import run_line, summarise, summary_tables
+from slamsim.bench.check.summary import coverage, run_line, summarise, summary_tables
 from slamsim.bench.check.trials import (
     clean_trial,
     curve_trials,
@@ -25,9 +24,9 @@ from slamsim.bench.check.truth import truths
 from slamsim.config.run import RunConfig
 from slamsim.console.reporter import Reporter
 from slamsim.recording import Recording
-from slamsim.sensors.faults.base import CannotInject, Fault
+from slamsim.recording.edits.base import CannotEdit
+from slamsim.sensors.faults.base import Fault
 from slamsim.sensors.faults.registry import bundled_faults, load_fault
-from slamsim.sensors.faults.together import told_apart
 
 
 def outcome(
@@ -37,12 +36,12 @@ def outcome(
     also: tuple[str, ...] = (),
     measured: tuple[Measured, ...] = (),
     skipped: str = "",
-) -> Outcome:
+) -> CheckOutcome:
     truth = {"gyro.scale": 1.0}
-    return Outcome("gyro_sign", sort, expects, also, said, (), measured, truth, 0.5, skipped)
+    return CheckOutcome("gyro_sign", sort, expects, also, said, (), measured, truth, 0.5, skipped)
 
 
-def run_of(*outcomes: Outcome) -> dict[str, object]:
+def run_of(*outcomes: CheckOutcome) -> dict[str, object]:
     listed = [one.as_json() for one in outcomes]
     return {"drive": "seed 1", "world": "loop", "lidar": "lds_01", "outcomes": listed}
 
@@ -102,8 +101,8 @@ def test_pairs_can_both_be_told() -> None:
     ],
 )
 def test_what_hides_what(one: str, other: str, apart: bool) -> None:
-    assert told_apart(load_fault(one), load_fault(other)) is apart
-    assert told_apart(load_fault(other), load_fault(one)) is apart
+    assert load_fault(one).told_apart(load_fault(other)) is apart
+    assert load_fault(other).told_apart(load_fault(one)) is apart
 
 
 def test_what_was_asked_for_and_what_follows_from_it_are_not_invented() -> None:
@@ -121,7 +120,7 @@ def test_a_pair_is_named_if_both_are() -> None:
 def test_an_outcome_survives_json() -> None:
     one = outcome(measured=(Measured("gyro.scale", "/imu", "ok", 1.5, 0.2, "%", None),))
 
-    assert Outcome.from_json(json.loads(json.dumps(one.as_json()))) == one
+    assert CheckOutcome.from_json(json.loads(json.dumps(one.as_json()))) == one
 
 
 def test_the_summary_counts_what_was_named_invented_and_skipped() -> None:
@@ -233,7 +232,7 @@ def test_of_two_faults_no_number_is_known() -> None:
 
 def test_a_fault_that_finds_nothing_to_spoil_is_skipped() -> None:
     def spoilt(faults: Sequence[Fault]) -> Recording:
-        raise CannotInject("no gyroscope")
+        raise CannotEdit("no gyroscope")
 
     skipped = outcome_of(fault_trials([load_fault("gyro_sign")])[0], spoilt, {})
 
@@ -254,7 +253,7 @@ def test_a_broken_description_is_named_in_an_otherwise_empty_recording() -> None
 def test_what_was_kept_is_taken_over(tmp_path: Path) -> None:
     """A campaign in processes of their own; then the same from what it kept, without a drive."""
     faults = [load_fault("gravity_units"), load_fault("urdf_inertia")]
-    campaign = Campaign(faults, [2], [3], pairs=1, seconds=8.0, kept=tmp_path)
+    campaign = CheckCampaign(faults, [2], [3], pairs=1, seconds=8.0, kept=tmp_path)
 
     first = run_campaign(campaign, Reporter(quiet=True))
     again = run_campaign(campaign, Reporter(quiet=True))

@@ -12,7 +12,7 @@ from simulated import SLOW_HOKUYO, ScanList, box, drive, noisy_wheels, sense_sca
 
 from slamsim.bench.peers import run as peers_run
 from slamsim.bench.peers.base import band_points, planar, spatial
-from slamsim.bench.peers.entries import ENTRIES, Entry
+from slamsim.bench.peers.entries import ENTRIES, PeerEntry
 from slamsim.bench.peers.run import handed_scans, rows_shown, run_peers
 from slamsim.config.slam import SlamConfig
 from slamsim.console.reporter import Reporter
@@ -79,7 +79,7 @@ def test_points_in_space_are_those_in_the_plane() -> None:
 def test_one_that_fails_is_told_as_lost_and_one_that_is_missing_is_left_out(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    fails = Entry("falls", "as shipped", "json", "nowhere", "Nobody", False, 0.5)
+    fails = PeerEntry("falls", "as shipped", "json", "nowhere", "Nobody", False, 0.5)
     missing = replace(fails, name="absent", library="no_such_library_here")
 
     class AtOnce:
@@ -113,7 +113,7 @@ def test_one_that_fails_is_told_as_lost_and_one_that_is_missing_is_left_out(
 
 
 @pytest.mark.parametrize("entry", ENTRIES, ids=[f"{e.name} {e.how}" for e in ENTRIES])
-def test_each_peer_follows_a_short_drive(entry: Entry) -> None:
+def test_each_peer_follows_a_short_drive(entry: PeerEntry) -> None:
     if find_spec(entry.library) is None:
         pytest.skip(f"{entry.name} is not installed; the extra 'peers' has it")
     log, truth = recorded(SLOW_HOKUYO, 0.01)

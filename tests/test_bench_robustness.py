@@ -11,7 +11,12 @@ import numpy as np
 import pytest
 from simulated import Simulated, labyrinth, simulate
 
-from slamsim.bench.robustness.campaign import Campaign, case_line, run_robustness, summarise
+from slamsim.bench.robustness.campaign import (
+    RobustnessCampaign,
+    case_line,
+    run_robustness,
+    summarise,
+)
 from slamsim.bench.robustness.conditions import Conditions, draw_conditions, ring_drawing
 from slamsim.bench.robustness.disturbances import disturbed, without_span
 from slamsim.bench.robustness.verdict import (
@@ -283,7 +288,7 @@ def small(seed: int, number: int) -> Conditions:
 def test_a_campaign_keeps_what_is_done_and_counts_it(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    run_robustness(Campaign(1, (1, 2), kept=tmp_path), Reporter(as_json=True), draw=small)
+    run_robustness(RobustnessCampaign(1, (1, 2), kept=tmp_path), Reporter(as_json=True), draw=small)
 
     told = json.loads(capsys.readouterr().out)
     first, second = told["runs"]

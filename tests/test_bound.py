@@ -14,7 +14,7 @@ from slamsim.core.geometry import between, compose, wrap_angle
 from slamsim.core.types import FloatArray, PlanarTrajectory
 from slamsim.evaluate.bound import aligned_rmse_m, trajectory_bound
 from slamsim.evaluate.bound_groups import Groups, group_scans, joint_information
-from slamsim.evaluate.bound_odometry import OdometryNoise, odometry_noise
+from slamsim.evaluate.bound_odometry import BoundOdometryNoise, odometry_noise
 from slamsim.evaluate.bound_scans import scan_information
 from slamsim.evaluate.bound_solve import Blocks, draws
 from slamsim.evaluate.bound_walls import Faces, wall_faces
@@ -22,7 +22,7 @@ from slamsim.evaluate.trajectory import align_se2
 
 TRACK_M = 0.23
 SIGMA_M = 0.01
-NOISE = OdometryNoise(forward=4e-4, sideways=1e-4, wheel_yaw=1e-3, gyro_yaw=1e-4)
+NOISE = BoundOdometryNoise(forward=4e-4, sideways=1e-4, wheel_yaw=1e-3, gyro_yaw=1e-4)
 
 
 class Unit(np.random.Generator):

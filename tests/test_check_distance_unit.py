@@ -15,8 +15,8 @@ from slamsim.check.calibration import calibrate_inputs
 from slamsim.check.check import check_recording
 from slamsim.check.course import wheel_course
 from slamsim.check.distance_unit import METRES, WrongUnit, in_metres, ratio_of_units
-from slamsim.check.mends import apply_mends, proposed
 from slamsim.recording import RawOdometry, Recording
+from slamsim.recording.repairs.apply import apply_repairs
 from slamsim.sensors.faults.registry import load_fault
 
 RANGES = ("range_feet", "range_inches", "range_millimetres_throughout")
@@ -38,7 +38,7 @@ def test_a_wrong_unit_is_named_and_its_mend_leaves_the_healthy_recording(name: s
     units = [one for one in report.bad if one.fault in ("range_unit", "wheel_unit")]
     assert {one.fault for one in report.bad} - usual == {load_fault(name).expects}
 
-    mended = apply_mends(recording, [mend for one in units for mend in one.mends])
+    mended = apply_repairs(recording, [mend for one in units for mend in one.mends])
 
     assert named(mended) == usual
     np.testing.assert_allclose(
@@ -91,4 +91,4 @@ def test_the_fit_in_metres_is_that_of_wheels_in_metres(radius_alone: bool) -> No
 
 def test_all_proposed_mends_of_a_wrong_unit_can_be_applied() -> None:
     recording = spoilt("wheels_millimetres")
-    assert apply_mends(recording, proposed(check_recording(recording)))
+    assert apply_repairs(recording, check_recording(recording).repairs)

@@ -20,9 +20,9 @@ from scan_recording import (
 from slamsim.check.findings import Finding
 from slamsim.check.gathering import gather
 from slamsim.check.laser import check_laser, laser_motions
-from slamsim.check.mends import apply_mends
 from slamsim.core.types import FloatArray
 from slamsim.recording import RawImu, RawOdometry, RawScans, Recording, RecordingFormat
+from slamsim.recording.repairs.apply import apply_repairs
 
 STEP = LIDAR.angle_step_rad
 BEAM_DT_S = LIDAR.beam_dt_ns * 1e-9
@@ -68,7 +68,7 @@ def test_rays_fixed_to_the_world_are_turned_back() -> None:
     gyro_bias_rad_s = 0.01
     assert drift == pytest.approx(gyro_bias_rad_s, abs=1e-3)
     assert np.sin(0.5 * (offset - yaw[0])) == pytest.approx(0.0, abs=0.01)
-    assert named(apply_mends(of, [mend])) == set()
+    assert named(apply_repairs(of, [mend])) == set()
 
 
 def test_mirrored_scans_are_named() -> None:

@@ -12,12 +12,12 @@ from recording_data import recording as healthy
 from slamsim.check.findings import Finding
 from slamsim.check.gathering import gather
 from slamsim.check.inertial import check_inertial
-from slamsim.check.mends import apply_mends
 from slamsim.check.odometry import check_odometry
 from slamsim.check.published import check_published
 from slamsim.check.publishers import check_publishers
 from slamsim.check.transforms import check_transforms
 from slamsim.recording import RawImu, RawOdometry, RawScans, RawTicks, Recording
+from slamsim.recording.repairs.apply import apply_repairs
 from slamsim.sensors.faults.apply import injected
 from slamsim.sensors.faults.base import Fault
 from slamsim.sensors.faults.registry import load_fault
@@ -74,7 +74,7 @@ def test_what_is_proposed_mends_it(name: str, size: float | None) -> None:
     fault = load_fault(name) if size is None else load_fault(name).with_size(size)
     broken = injected(healthy(), [fault], seed=2)
     findings = [one for one in ASKED[name](broken) if one.fault == fault.expects]
-    mended = apply_mends(broken, [mend for one in findings for mend in one.mends])
+    mended = apply_repairs(broken, [mend for one in findings for mend in one.mends])
     assert fault.expects not in named(ASKED[name](mended))
 
 

@@ -11,11 +11,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from slamsim.check.findings import Finding
-from slamsim.check.frame_graph import FrameGraph
 from slamsim.check.transforms import check_transforms
 from slamsim.core.geometry import xyzw_from_yaw
 from slamsim.core.types import FloatArray, IntArray
 from slamsim.recording import RawOdometry, RawScans, Recording, ScanLayout, TransformEdge
+from slamsim.recording.frame_graph import FrameGraph
 
 SECOND = 1_000_000_000
 LAYOUT = ScanLayout(-1.0, 1.0, 0.5, 0.0, 0.1, 0.1, 30.0)

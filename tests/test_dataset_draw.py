@@ -18,7 +18,6 @@ from slamsim.dataset.recipe.model import PARTS, Recipe, Splits
 from slamsim.dataset.recipe.sequence import SPLITS
 from slamsim.guard.errors import SlamsimError
 from slamsim.sensors.faults.registry import load_fault
-from slamsim.sensors.faults.together import told_apart
 
 TINY = load_recipe("tiny")
 
@@ -121,7 +120,7 @@ def test_faults_are_as_frequent_as_asked_for_and_can_be_told_apart() -> None:
     assert numbers[2] > 40 and numbers[3] > 40 and max(numbers) == 3
     for draft in drafts:
         for one, other in combinations([load_fault(choice.name) for choice in draft.faults], 2):
-            assert told_apart(one, other)
+            assert one.told_apart(other)
     drawn = {choice.name for draft in drafts for choice in draft.faults}
     assert len(drawn) > 0.9 * len(bundled_names("configs/faults"))
     late = [c.size for d in drafts for c in d.faults if c.name == "lidar_late"]
@@ -137,4 +136,4 @@ def test_faults_are_as_frequent_as_asked_for_and_can_be_told_apart() -> None:
     ],
 )
 def test_faults_that_cannot_be_injected_together(one: str, other: str) -> None:
-    assert not told_apart(load_fault(one), load_fault(other))
+    assert not load_fault(one).told_apart(load_fault(other))

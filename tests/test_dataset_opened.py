@@ -24,7 +24,7 @@ from hypothesis import strategies as st
 import slamsim.dataset
 from slamsim.dataset.catalogue.verify import verify
 from slamsim.dataset.store.lazy_table import LazyTable
-from slamsim.dataset.store.place import Place
+from slamsim.dataset.store.place import Location
 from slamsim.dataset.store.reader import Dataset, Sequence
 from slamsim.dataset.truth.tables import read_drive
 from slamsim.guard.errors import InputRefused, NotFound, SlamsimError
@@ -188,7 +188,7 @@ def test_a_scan_that_was_lost_leaves_a_gap_in_its_window(tmp_path: Path, dataset
     sequence = next(one for one in dataset if one.row["faults"] == "")
     source = Path(sequence.place.address) / sequence.name
     lossy = Dataset(
-        Place(str(tmp_path)), dataset.manifest.slice(int(str(sequence.row["index"])), 1)
+        Location(str(tmp_path)), dataset.manifest.slice(int(str(sequence.row["index"])), 1)
     )
     (tmp_path / sequence.name).mkdir(parents=True)
     shutil.copytree(source / "truth", tmp_path / sequence.name / "truth")
@@ -242,7 +242,7 @@ def test_rows_of_a_table_are_slices_of_it(
     columns = [Column("pair", "float32", width=2), Column("number", "int64")]
     with ParquetFile(path / "t.parquet", columns, {"said": 1}, rows_per_group=16) as file:
         file.append({"pair": values, "number": np.arange(len(values))})
-    table = LazyTable(Place(str(path)), "t.parquet")
+    table = LazyTable(Location(str(path)), "t.parquet")
     assert len(table) == len(values) and table.facts == {"said": 1}
     np.testing.assert_array_equal(table.rows(first, last)["pair"], values[first:last])
     np.testing.assert_array_equal(table.column("number"), np.arange(len(values)))

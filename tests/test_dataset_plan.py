@@ -15,7 +15,7 @@ import pytest
 from slamsim.dataset.recipe.draw import sequence_spec
 from slamsim.dataset.recipe.loading import load_recipe
 from slamsim.dataset.recipe.model import Recipe
-from slamsim.dataset.recipe.pilot import Pilot, Pilots, make_pilots
+from slamsim.dataset.recipe.pilot import Pilots, Rehearsal, make_pilots
 from slamsim.dataset.recipe.plan import plan
 from slamsim.dataset.recipe.preview import contact_sheet
 from slamsim.dataset.recipe.sequence import SequenceSpec
@@ -32,11 +32,11 @@ def _asked_s(spec: SequenceSpec) -> float:
     return asked_s
 
 
-def _pilot(spec: SequenceSpec) -> Pilot:
+def _pilot(spec: SequenceSpec) -> Rehearsal:
     """A maker whose costs are known: they grow with duration and beams."""
     asked_s, beams = _asked_s(spec), spec.config.sensors.lidar.beam_count
     sizes = {"mcap": 1000 + round(asked_s * beams * 10), "settings": 500}
-    return Pilot(asked_s - 1.0, 2.0 + 0.1 * asked_s, sizes)
+    return Rehearsal(asked_s - 1.0, 2.0 + 0.1 * asked_s, sizes)
 
 
 def _made(specs: Sequence[SequenceSpec]) -> Pilots:

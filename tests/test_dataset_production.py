@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 from dataset_run import SHARD, end, make, runs, start, tree, workers_of
 
-from slamsim.dataset.make.engines.base import Engine
+from slamsim.dataset.make.engines.base import WorkEngine
 from slamsim.dataset.make.identity import Identity, read_identity
 from slamsim.dataset.make.progress import Unwatched
 from slamsim.dataset.make.shard import shard_path
@@ -41,7 +41,9 @@ def orders(tmp_path: Path) -> Path:
 
 
 @pytest.fixture(scope="module")
-def undisturbed(tmp_path_factory: pytest.TempPathFactory, one_worker: Engine) -> dict[str, bytes]:
+def undisturbed(
+    tmp_path_factory: pytest.TempPathFactory, one_worker: WorkEngine
+) -> dict[str, bytes]:
     """What every run of ``COUNT`` sequences must leave, whatever happened to it."""
     folder = tmp_path_factory.mktemp("undisturbed")
     summary = make(folder / "set", folder, COUNT, one_worker)
@@ -90,7 +92,7 @@ def test_workers_that_die_cost_nothing_but_a_retry(
 
 
 def test_a_sequence_that_fails_three_times_is_recorded_and_the_rest_goes_on(
-    orders: Path, one_worker: Engine, tmp_path: Path, undisturbed: dict[str, bytes]
+    orders: Path, one_worker: WorkEngine, tmp_path: Path, undisturbed: dict[str, bytes]
 ) -> None:
     (orders / "5").write_text("crash crash crash")
     (orders / "6").write_text("refuse refuse refuse")
@@ -110,7 +112,7 @@ def test_a_sequence_that_fails_three_times_is_recorded_and_the_rest_goes_on(
 
 
 def test_the_reason_of_a_failure_is_the_same_wherever_it_happens(
-    orders: Path, one_worker: Engine, tmp_path: Path
+    orders: Path, one_worker: WorkEngine, tmp_path: Path
 ) -> None:
     for name in ("a", "b"):
         (orders / "1").write_text("lose lose lose")
@@ -121,7 +123,7 @@ def test_the_reason_of_a_failure_is_the_same_wherever_it_happens(
     assert tree(tmp_path / "a")[shard_path(0)] == tree(tmp_path / "b")[shard_path(0)]
 
 
-def test_one_sequence_alone(orders: Path, one_worker: Engine, tmp_path: Path) -> None:
+def test_one_sequence_alone(orders: Path, one_worker: WorkEngine, tmp_path: Path) -> None:
     summary = make(tmp_path / "set", orders, COUNT, one_worker, only=[3, 3])
     assert (summary.already, summary.made) == (0, 1)
     assert [path.name for path in (tmp_path / "set").glob("t*/*")] == ["000003"]
@@ -129,7 +131,7 @@ def test_one_sequence_alone(orders: Path, one_worker: Engine, tmp_path: Path) ->
 
 
 def test_a_larger_data_set_keeps_what_is_there(
-    orders: Path, one_worker: Engine, tmp_path: Path, undisturbed: dict[str, bytes]
+    orders: Path, one_worker: WorkEngine, tmp_path: Path, undisturbed: dict[str, bytes]
 ) -> None:
     make(tmp_path / "set", orders, 6, one_worker)
     kept = (tmp_path / "set" / "train" / "000003" / "log" / "data.bin").stat().st_mtime_ns
@@ -142,7 +144,7 @@ def test_a_larger_data_set_keeps_what_is_there(
 
 
 def test_what_was_cut_is_made_again(
-    orders: Path, one_worker: Engine, tmp_path: Path, undisturbed: dict[str, bytes]
+    orders: Path, one_worker: WorkEngine, tmp_path: Path, undisturbed: dict[str, bytes]
 ) -> None:
     folder = tmp_path / "set"
     make(folder, orders, COUNT, one_worker)
@@ -157,7 +159,7 @@ def test_what_was_cut_is_made_again(
 
 
 def test_what_a_user_put_into_a_sequence_is_not_made_away_with(
-    orders: Path, one_worker: Engine, tmp_path: Path, undisturbed: dict[str, bytes]
+    orders: Path, one_worker: WorkEngine, tmp_path: Path, undisturbed: dict[str, bytes]
 ) -> None:
     folder = tmp_path / "set"
     make(folder, orders, COUNT, one_worker)
@@ -214,7 +216,7 @@ def test_a_place_that_holds_something_else_is_refused(
 
 
 def test_another_recipe_and_other_software_are_refused(
-    orders: Path, one_worker: Engine, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    orders: Path, one_worker: WorkEngine, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     make(tmp_path / "set", orders, 2, one_worker)
     with pytest.raises(SlamsimError, match=r"another data set \(clutter of its recipe is None"):
@@ -235,7 +237,7 @@ def test_the_identity_reads_back(tmp_path: Path) -> None:
 
 
 def test_a_full_disk_stops_the_run_and_the_same_command_goes_on(
-    orders: Path, one_worker: Engine, tmp_path: Path, undisturbed: dict[str, bytes]
+    orders: Path, one_worker: WorkEngine, tmp_path: Path, undisturbed: dict[str, bytes]
 ) -> None:
     (orders / "6").write_text("fill")
     with pytest.raises(DiskFull, match="No space left"):
@@ -245,7 +247,7 @@ def test_a_full_disk_stops_the_run_and_the_same_command_goes_on(
 
 
 def test_a_second_run_and_a_worker_that_lives_on_keep_others_out(
-    orders: Path, one_worker: Engine, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    orders: Path, one_worker: WorkEngine, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("slamsim.dataset.store.store._ORPHANS_END_S", 0.2)
     store = LocalStore(str(tmp_path / "set"))
@@ -268,7 +270,7 @@ def _wait_for_sequences(folder: Path, count: int, process: subprocess.Popen[str]
 
 
 def test_ctrl_c_ends_it_and_the_same_command_goes_on(
-    orders: Path, one_worker: Engine, tmp_path: Path, undisturbed: dict[str, bytes]
+    orders: Path, one_worker: WorkEngine, tmp_path: Path, undisturbed: dict[str, bytes]
 ) -> None:
     folder = tmp_path / "set"
     (orders / "5").write_text("hang")
@@ -285,7 +287,7 @@ def test_ctrl_c_ends_it_and_the_same_command_goes_on(
 
 
 def test_a_killed_run_leaves_no_worker_and_the_same_command_goes_on(
-    orders: Path, one_worker: Engine, tmp_path: Path, undisturbed: dict[str, bytes]
+    orders: Path, one_worker: WorkEngine, tmp_path: Path, undisturbed: dict[str, bytes]
 ) -> None:
     folder = tmp_path / "set"
     with start(folder, orders, COUNT, 2, 0.1) as process:

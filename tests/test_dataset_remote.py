@@ -14,7 +14,7 @@ from dataset_remote_life import downloaded, live_through
 from dataset_run import end, make, start, tree
 from dataset_whole import KeptEngine
 
-from slamsim.dataset.make.engines.base import Engine
+from slamsim.dataset.make.engines.base import WorkEngine
 from slamsim.dataset.make.engines.local import LocalEngine
 from slamsim.dataset.make.shard import shard_path
 from slamsim.dataset.store.remote import LOCK, RemoteStore
@@ -45,7 +45,7 @@ def bucket() -> Iterator[str]:
 
 
 @pytest.fixture(scope="module")
-def worker(bucket: str) -> Iterator[Engine]:
+def worker(bucket: str) -> Iterator[WorkEngine]:
     """One that knows the server."""
     with LocalEngine(1) as engine:
         yield KeptEngine(engine)
@@ -59,7 +59,7 @@ def orders(tmp_path: Path) -> Path:
 
 
 def test_what_is_uploaded_is_what_a_folder_would_hold(
-    bucket: str, worker: Engine, orders: Path, tmp_path: Path
+    bucket: str, worker: WorkEngine, orders: Path, tmp_path: Path
 ) -> None:
     address = f"{bucket}/a/set"
     make(tmp_path / "set", orders, COUNT, worker)
@@ -70,7 +70,7 @@ def test_what_is_uploaded_is_what_a_folder_would_hold(
 
 
 def test_what_was_cut_on_the_way_counts_for_nothing(
-    bucket: str, worker: Engine, orders: Path, tmp_path: Path
+    bucket: str, worker: WorkEngine, orders: Path, tmp_path: Path
 ) -> None:
     address = f"{bucket}/cut"
     store = RemoteStore(address)
@@ -85,7 +85,7 @@ def test_what_was_cut_on_the_way_counts_for_nothing(
 
 
 def test_a_killed_run_is_gone_on_with(
-    bucket: str, worker: Engine, orders: Path, tmp_path: Path
+    bucket: str, worker: WorkEngine, orders: Path, tmp_path: Path
 ) -> None:
     address = f"{bucket}/killed"
     store = RemoteStore(address)
@@ -100,13 +100,13 @@ def test_a_killed_run_is_gone_on_with(
 
 
 def test_a_data_set_there_is_made_read_verified_and_mended(
-    bucket: str, worker: Engine, tmp_path: Path
+    bucket: str, worker: WorkEngine, tmp_path: Path
 ) -> None:
     live_through(f"{bucket}/lived", worker, tmp_path)
 
 
 def test_the_lock_of_a_run_elsewhere_holds_until_it_is_forgotten(
-    bucket: str, worker: Engine, orders: Path
+    bucket: str, worker: WorkEngine, orders: Path
 ) -> None:
     store = RemoteStore(f"{bucket}/locked")
     owner = {"slamsim": "lock of a data set", "owner": "process 1 on elsewhere"}

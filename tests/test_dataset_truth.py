@@ -15,7 +15,7 @@ from slamsim.config.lidar import LidarConfig
 from slamsim.core.types import Drive, FloatArray, TriangleMesh
 from slamsim.dataset.truth.key_scans import KeyScan, KeyScans
 from slamsim.dataset.truth.overlap import overlap_shares
-from slamsim.dataset.truth.surfaces import NO_SURFACE, Surfaces, surfaces_of
+from slamsim.dataset.truth.surfaces import NO_SURFACE, TrueSurfaces, surfaces_of
 from slamsim.dataset.truth.tables import read_drive
 from slamsim.io.parquet.file import read_table, table_facts
 from slamsim.sensors.motion import Motion, as_mounted
@@ -35,7 +35,7 @@ LIDAR = LidarConfig(rate_hz=10.0, beam_count=271, angle_step_deg=1.0, range_max_
 class Driven:
     world: World
     robot: RobotModel
-    surfaces: Surfaces
+    surfaces: TrueSurfaces
     windows: Sequence[Drive]
     readings: Sequence[Readings]
     keys: Sequence[KeyScan]

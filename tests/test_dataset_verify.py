@@ -16,7 +16,7 @@ from slamsim.console.reporter import Reporter
 from slamsim.dataset.catalogue.manifest import MANIFEST
 from slamsim.dataset.catalogue.verify import Verification, verify
 from slamsim.dataset.make import again
-from slamsim.dataset.make.engines.base import Engine
+from slamsim.dataset.make.engines.base import WorkEngine
 from slamsim.dataset.store.table import rows_from_parquet, rows_to_parquet
 from slamsim.guard.errors import NotFound, SlamsimError
 from slamsim.guard.sums import (
@@ -116,7 +116,7 @@ def test_a_data_set_that_was_never_finished_is_not_whole(small_set: Path, tmp_pa
     ],
 )
 def test_what_is_damaged_is_made_again_by_the_commands_that_are_told(
-    damaged: list[str], small_set: Path, one_worker: Engine, tmp_path: Path
+    damaged: list[str], small_set: Path, one_worker: WorkEngine, tmp_path: Path
 ) -> None:
     place = copied(small_set, tmp_path / "set")
     for name in damaged:

@@ -15,8 +15,8 @@ from slamsim.config.faults import typed_choices
 from slamsim.config.loading import load_run_config
 from slamsim.guard.errors import NotFound, OverrideRefused, SlamsimError
 from slamsim.io.open import open_recording, read_recording, read_truth
-from slamsim.run.faulting import fault_facts, fault_table, spoil_recording
-from slamsim.sensors.faults.base import CannotInject
+from slamsim.recording.edits.base import CannotEdit
+from slamsim.run.faulting import fault_facts, fault_table, inject_faults
 
 SHORT = ("--set", "drive.route.max_duration_s=6", "--set", "sensors.lidar.rate_hz=10")
 
@@ -96,7 +96,7 @@ def test_a_configuration_may_name_faults_in_short(tmp_path: Path) -> None:
 def test_a_recording_is_spoilt_into_a_copy(runs: Path, tmp_path: Path) -> None:
     choices = typed_choices(["gyro_degrees", "tf_unknown_frame"])
 
-    spoil_recording(runs / "healthy", tmp_path / "spoilt", choices)
+    inject_faults(runs / "healthy", tmp_path / "spoilt", choices)
 
     clean, spoilt = read_recording(runs / "healthy"), read_recording(tmp_path / "spoilt")
     assert spoilt.scans[0].frame_ids == ("laser",)
@@ -110,8 +110,8 @@ def test_a_recording_is_spoilt_into_a_copy(runs: Path, tmp_path: Path) -> None:
 
 
 def test_nothing_is_left_of_a_copy_that_could_not_be_made(runs: Path, tmp_path: Path) -> None:
-    with pytest.raises(CannotInject, match="no such part"):
-        spoil_recording(
+    with pytest.raises(CannotEdit, match="no such part"):
+        inject_faults(
             runs / "healthy", tmp_path / "spoilt", typed_choices(["urdf_cut:0.05", "urdf_inertia"])
         )
 
@@ -130,7 +130,7 @@ def test_a_fault_that_is_none_is_told_before_anything_is_read(
     tmp_path: Path, text: str, error: type[SlamsimError], told: str
 ) -> None:
     with pytest.raises(error, match=told):
-        spoil_recording(tmp_path / "nowhere", tmp_path / "out", typed_choices([text]))
+        inject_faults(tmp_path / "nowhere", tmp_path / "out", typed_choices([text]))
 
 
 @pytest.mark.parametrize("text", ["laser_yaw:nan", "laser_yaw:inf", ""])

@@ -27,7 +27,7 @@ from slamsim.sensors.lidar import Lidar
 from slamsim.sensors.motion import Motion, joined
 from slamsim.sensors.rig import SensorRig
 from slamsim.sensors.scene import Scene
-from slamsim.sim.bodies import Box, Shape, Sphere, Surroundings, free_bodies
+from slamsim.sim.bodies import BodySurroundings, Box, Shape, Sphere, free_bodies
 from slamsim.sim.drive.script import Command, scripted_run
 from slamsim.sim.ground import Block, Ground
 from slamsim.sim.robot.inertia import Inertial, box_inertia, cylinder_inertia, join, sphere_inertia
@@ -106,7 +106,7 @@ GROUNDS: dict[str, Case] = {
 }
 
 UP = np.array([[0.0, 0.0, 1.0]])
-FLOOR = Surroundings(UP, 0.6)
+FLOOR = BodySurroundings(UP, 0.6)
 BALL = Sphere(0.1)
 
 
@@ -114,7 +114,7 @@ def _fallen(
     shape: Shape = BALL,
     mass_kg: float = 1.0,
     centres_m: FloatArray = UP,
-    around: Surroundings = FLOOR,
+    around: BodySurroundings = FLOOR,
     step_s: float = 0.01,
 ) -> object:
     with free_bodies(shape, mass_kg, centres_m, around, step_s, SolverConfig()) as bodies:

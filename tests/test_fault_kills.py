@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 from dataset_run import SHARD, end, make, runs, start, tree, workers_of
 
-from slamsim.dataset.make.engines.base import Engine
+from slamsim.dataset.make.engines.base import WorkEngine
 
 pytestmark = pytest.mark.fault
 
@@ -29,7 +29,7 @@ def made(folder: Path) -> dict[str, bytes]:
 
 
 def test_nothing_that_was_finished_is_lost_and_the_end_is_the_same(
-    one_worker: Engine, tmp_path: Path
+    one_worker: WorkEngine, tmp_path: Path
 ) -> None:
     orders, folder, chance = tmp_path / "orders", tmp_path / "set", random.Random(1)
     orders.mkdir()

@@ -26,11 +26,11 @@ from slamsim.recording import (
     ScanLayout,
     TransformEdge,
 )
-from slamsim.recording.edits import numbered
+from slamsim.recording.edits.base import CannotEdit
+from slamsim.recording.edits.messages import with_sequence_numbers
 from slamsim.recording.fault_names import FAULT_NAMES
 from slamsim.sensors.faults.apply import injected
-from slamsim.sensors.faults.base import CannotInject
-from slamsim.sensors.faults.registry import KINDS, bundled_faults, load_fault
+from slamsim.sensors.faults.registry import bundled_faults, kinds, load_fault
 
 NAMES = bundled_names("configs/faults")
 BEAMS, PERIOD_NS = 181, 100_000_000
@@ -187,7 +187,7 @@ def test_a_bundled_fault_is_complete_and_named_as_its_file(name: str) -> None:
 def test_the_faults_cover_every_kind_and_nearly_every_name() -> None:
     faults = bundled_faults()
 
-    assert {fault.kind for fault in faults} == set(KINDS)
+    assert {fault.kind for fault in faults} == set(kinds())
     assert len({fault.kind for fault in faults}) >= 30
     untried = set(FAULT_NAMES) - {fault.expects for fault in faults}
     only_where_robots_back_up = {"odometry_unsigned"}  # tried in test_check_timing.py
@@ -219,7 +219,7 @@ def test_a_fault_changes_the_recording_and_not_the_one_it_was_given(name: str) -
 
 @pytest.mark.parametrize("name", NAMES)
 def test_every_message_of_a_numbered_recording_keeps_its_number(name: str) -> None:
-    changed = injected(numbered(example()), [load_fault(name)], seed=3)
+    changed = injected(with_sequence_numbers(example()), [load_fault(name)], seed=3)
 
     for streams in (changed.scans, changed.imus, changed.odometries, changed.ticks, changed.joints):
         for stream in streams:
@@ -266,7 +266,7 @@ def test_a_drifting_clock_gains_so_many_microseconds_a_second() -> None:
 
 def test_a_clock_that_ticks_with_the_stamps_rounds_nothing() -> None:
     """Scans at 10 Hz have nothing to lose to a clock of 100 Hz but a common part."""
-    with pytest.raises(CannotInject, match="tick with that clock"):
+    with pytest.raises(CannotEdit, match="tick with that clock"):
         spoilt("lidar_stamps_coarse", 0.01)
 
 
@@ -393,7 +393,7 @@ def bare() -> Recording:
 
 @pytest.mark.parametrize("name", NAMES)
 def test_what_is_not_there_cannot_be_spoilt(name: str) -> None:
-    with pytest.raises(CannotInject, match="bare"):
+    with pytest.raises(CannotEdit, match="bare"):
         injected(bare(), [load_fault(name)], seed=0)
 
 

@@ -14,7 +14,7 @@ from slamsim.core.types import Float32Array, FloatArray, IntArray
 from slamsim.recording import RawScans, Recording
 from slamsim.sensors.faults.apply import declared, faulty_sensors
 from slamsim.sensors.faults.base import Fault, SensedFault
-from slamsim.sensors.faults.registry import KINDS, load_fault
+from slamsim.sensors.faults.registry import kinds, load_fault
 from slamsim.sensors.motion import Motion
 from slamsim.sensors.rig import SensorRig
 from slamsim.simulation.header import LogHeader
@@ -35,8 +35,8 @@ DRIVE = drive_along(3.0, 240.0, yaw_rate_rad_s=0.9, speed_m_s=0.5)
 
 
 def sensed(faults: list[Fault], config: SensorsConfig = SENSORS) -> Recording:
-    sensors, course = faulty_sensors(faults, config)
-    rig = SensorRig(room(HALF_X_M, HALF_Y_M), Robot(), sensors, seed=2, course=course)
+    sensors, override = faulty_sensors(faults, config)
+    rig = SensorRig(room(HALF_X_M, HALF_Y_M), Robot(), sensors, seed=2, override=override)
     recording = DriveRecorder("room", HEADER).take([rig.sense(DRIVE)], [DRIVE]).recording
     return declared(recording, faults, config, seed=2)
 
@@ -152,7 +152,7 @@ def test_what_is_injected_into_a_finished_recording_is_near_to_what_is_sensed() 
     """Of foreign recordings: most beams within the width of a few beams of the truth."""
     recording = sensed([])
     for kind in ("beam_time_reversed", "flash_scan_timed", "laser_mirrored"):
-        assert issubclass(KINDS[kind], SensedFault)
+        assert issubclass(kinds()[kind], SensedFault)
     for name in ("rplidar_time_reversed", "irsim_flash_timed", "laser_mirrored"):
         fault = load_fault(name)
         _, truly = scans_of(sensed([fault]))

@@ -8,7 +8,7 @@ import pytest
 from slamsim.config.scenarios.solver import SolverConfig
 from slamsim.core.types import GRAVITY_M_S2, FloatArray
 from slamsim.sim import bodies
-from slamsim.sim.bodies import Box, BurstApart, FreeBodies, Sphere, Surroundings, free_bodies
+from slamsim.sim.bodies import BodySurroundings, Box, BurstApart, FreeBodies, Sphere, free_bodies
 
 FLOOR = np.array([[0.0, 0.0, 1.0]])
 NOWHERE = np.zeros((0, 3))
@@ -24,7 +24,7 @@ def _standing(count: int, shape_height_m: float) -> FloatArray:
 def test_the_floor_bears_the_weight_of_what_rests_on_it(
     solver: SolverConfig, shape: Sphere | Box
 ) -> None:
-    around = Surroundings(FLOOR, friction=0.6)
+    around = BodySurroundings(FLOOR, friction=0.6)
     with free_bodies(shape, 2.0, _standing(2, 1.0), around, 0.005, solver) as resting:
         resting.advance(300)
         assert resting.load_n() == pytest.approx(2 * 2.0 * GRAVITY_M_S2, rel=1e-3)
@@ -37,7 +37,7 @@ def test_a_contact_spring_gives_by_weight_over_stiffness(
     solver: SolverConfig, stiffness_n_m: float
 ) -> None:
     sprung = solver.model_copy(update={"contact_stiffness_n_m": stiffness_n_m})
-    around = Surroundings(FLOOR, friction=0.6)
+    around = BodySurroundings(FLOOR, friction=0.6)
     with free_bodies(Sphere(0.5), 1.0, _standing(2, 1.0), around, 0.005, sprung) as resting:
         resting.advance(1000)
         lower_m, upper_m = resting.centres_m()[:, 2]
@@ -51,7 +51,7 @@ def test_a_box_on_a_slope_slides_with_the_friction_asked_for(friction: float) ->
     slope_rad = np.radians(45.0)
     normal = np.array([[np.sin(slope_rad), 0.0, np.cos(slope_rad)]])
     start_m = normal * 0.101 + np.array([[0.0, 0.0, 0.0]])
-    solver, around = SolverConfig(), Surroundings(normal, friction)
+    solver, around = SolverConfig(), BodySurroundings(normal, friction)
     with free_bodies(Sphere(0.1), 1.0, start_m, around, 0.001, solver) as rolling:
         rolling.advance(500)
         speed_m_s = float(np.linalg.norm(rolling.state().speeds_m_s[0]))
@@ -66,7 +66,7 @@ def test_a_box_on_a_slope_slides_with_the_friction_asked_for(friction: float) ->
 def test_spheres_that_collide_in_free_fall_keep_their_momentum(articulated: bool) -> None:
     """They begin inside each other and push themselves apart."""
     overlapping = np.array([[0.0, 0.0, 0.0], [0.15, 0.05, 0.02], [-0.1, 0.12, 0.1]])
-    solver, around = SolverConfig(articulated=articulated), Surroundings(NOWHERE, friction=0.6)
+    solver, around = SolverConfig(articulated=articulated), BodySurroundings(NOWHERE, friction=0.6)
     with free_bodies(Sphere(0.1), 3.0, overlapping, around, 0.002, solver) as falling:
         falling.advance(50)
         state = falling.state()
@@ -78,7 +78,7 @@ def test_spheres_that_collide_in_free_fall_keep_their_momentum(articulated: bool
 
 
 def test_energy_counts_motion_turning_and_height(monkeypatch: pytest.MonkeyPatch) -> None:
-    solver, around = SolverConfig(), Surroundings(NOWHERE, friction=0.0)
+    solver, around = SolverConfig(), BodySurroundings(NOWHERE, friction=0.0)
     with free_bodies(Box((1.0, 2.0, 3.0)), 6.0, np.zeros((1, 3)), around, 0.01, solver) as one:
         state = one.state()
         turning = bodies.State(

@@ -20,7 +20,13 @@ from slamsim.config.robot import RobotConfig
 from slamsim.core.types import FloatArray
 from slamsim.guard.errors import InputRefused, NotFound
 from slamsim.scenarios.identify.figures import Body
-from slamsim.scenarios.identify.fit import Experiment, Prediction, drawn, foreseen, most_likely
+from slamsim.scenarios.identify.fit import (
+    Experiment,
+    FigurePrediction,
+    drawn,
+    foreseen,
+    most_likely,
+)
 from slamsim.scenarios.identify.model import VARYING, Wheels, driven, wheels_of
 from slamsim.scenarios.identify.parameters import KNOWN_BEFOREHAND, space_with
 from slamsim.scenarios.identify.robot import robot_at, varied
@@ -100,7 +106,7 @@ def measurements(sigma: float = 0.01) -> MeasurementsConfig:
     return MeasurementsConfig.model_validate({"name": "made_up", "figures": figures})
 
 
-def filled(config: MeasurementsConfig, prediction: Prediction) -> MeasurementsConfig:
+def filled(config: MeasurementsConfig, prediction: FigurePrediction) -> MeasurementsConfig:
     pairs = zip(config.figures, prediction.values.tolist(), strict=True)
     figures = tuple(figure.model_copy(update={"value": value}) for figure, value in pairs)
     return config.model_copy(update={"figures": figures})

@@ -20,17 +20,18 @@ from rosbags.interfaces import ConnectionExtRosbag1
 from rosbags.rosbag2 import Reader as Reader2
 from test_command_line import slamsim
 
-from slamsim.check.findings import Mend
-from slamsim.check.mends import apply_mends
 from slamsim.core.types import BoolArray
 from slamsim.guard.errors import SlamsimError
 from slamsim.io.copy.recording import Lossy, copy_recording, require_lossless
 from slamsim.io.open import read_recording
 from slamsim.io.parquet.writer import ParquetLog
 from slamsim.recording import RawOdometry, Recording
-from slamsim.recording.edits import kept
+from slamsim.recording.edits.base import CannotEdit
+from slamsim.recording.edits.messages import select
+from slamsim.recording.repairs.apply import apply_repairs
+from slamsim.recording.repairs.base import Repair
 from slamsim.sensors.faults.apply import injected
-from slamsim.sensors.faults.base import CannotInject, Fault
+from slamsim.sensors.faults.base import Fault
 from slamsim.sensors.faults.registry import bundled_faults
 
 STORES = {kind: store_of(kind) for kind in KINDS}
@@ -154,7 +155,7 @@ def test_a_rosbag2_copy_keeps_quality_of_service_and_custom_data(tmp_path: Path)
 def test_a_ros1_copy_keeps_callers_latching_and_sequence_numbers(tmp_path: Path) -> None:
     path = _foreign("rosbag1", tmp_path, 4)
     read = read_recording(path)
-    fixed = apply_mends(read, [Mend("shift_stamps", "/scan", {"offset_s": -0.02})])
+    fixed = apply_repairs(read, [Repair("shift_stamps", "/scan", {"offset_s": -0.02})])
     copy_recording(path, read, fixed, tmp_path / "copy")
 
     with AnyReader([path]) as one, AnyReader([tmp_path / "copy" / path.name]) as other:
@@ -305,7 +306,7 @@ def _assert_copy_is(foreign: Foreign, edited: Recording, folder: Path) -> None:
 def _with_fault(read: Recording, fault: Fault) -> Recording | None:
     try:
         return injected(read, [fault], seed=1)
-    except CannotInject:
+    except CannotEdit:
         return None
 
 
@@ -340,45 +341,45 @@ def test_every_fault_in_every_format(
 
 
 REPAIRS = (
-    Mend("reorder", "/scan"),
-    Mend("shift_stamps", "/scan", {"offset_s": 0.25}),
-    Mend("shift_stamps", "/odom", {"offset_s": -1.5}),
-    Mend("rescale_stamps", "/imu", {"drift_ppm": 500.0, "origin_ns": float(START_NS)}),
-    Mend("restamp_evenly", "/imu"),
-    Mend("stamp_by_receipt", "/scan"),
-    Mend("shift_receipt", "/scan", {"offset_s": 0.31}),
-    Mend("shift_receipt", "/odom", {"offset_s": -0.31}),
-    Mend("value_to_inf", "/scan", {"value_m": 3.0}),
-    Mend("scale_ranges", "/scan", {"factor": 0.001}),
-    Mend("add_to_ranges", "/scan", {"offset_m": 0.03}),
-    Mend("drop_beams", "/scan", {"first": 3, "last": 5}),
-    Mend("set_angle_max", "/scan"),
-    Mend("set_range_limits", "/scan", {"range_min_m": 0.01, "range_max_m": 40.0}),
-    Mend("scale_angles", "/scan", {"factor": 1.01}),
-    Mend("negate_angles", "/scan"),
-    Mend("scale_beam_times", "/scan", {"factor": -0.5}),
-    Mend("set_sweep", "/scan", {"sweep_s": 0.05}),
-    Mend("turn_with_robot", "/scan", {"heading_from": "/odom"}),
-    Mend("scale_acceleration", "/imu", {"factor": 9.81}),
-    Mend("rotate_imu", "/imu", {"up_x": 0.1, "up_y": 0.0, "up_z": 0.99}),
-    Mend("scale_gyro", "/imu", {"factor": -1.0}),
-    Mend("subtract_gyro_bias", "/imu", {"bias_rad_s": 0.01}),
-    Mend("normalise_rotations", "/odom"),
-    Mend("drop_broken_poses", "/odom"),
-    Mend("drop_broken_readings", "/imu"),
-    Mend("drop_orientation", "/imu"),
-    Mend("scale_wheels", "/ticks", {"radius_factor": 1.1, "track_factor": 0.9}),
-    Mend("swap_wheels", "/ticks"),
-    Mend("reverse_wheel", "/ticks", {"wheel": "left"}),
-    Mend("odometry_from_ticks", "/odom"),
-    Mend("scale_odometry", "/odom", {"path_factor": 1.1, "turn_factor": 0.9}),
-    Mend("add_odometry_transform", "/odom"),
-    Mend("drop_transform", "base_link -> arm"),
-    Mend("freeze_static_transform", "base_link -> laser"),
-    Mend("rename_frame", "/scan", {"frame": "lidar_link"}),
-    Mend("roll_frame", "laser", {"roll_rad": 3.14}),
-    Mend("set_mounting", "laser", {"x_m": 0.3, "y_m": 0.1, "yaw_rad": 1.0}),
-    Mend("set_mounting", "arm", {"x_m": 0.3, "y_m": 0.1, "yaw_rad": 1.0}),
+    Repair("reorder", "/scan"),
+    Repair("shift_stamps", "/scan", {"offset_s": 0.25}),
+    Repair("shift_stamps", "/odom", {"offset_s": -1.5}),
+    Repair("rescale_stamps", "/imu", {"drift_ppm": 500.0, "origin_ns": float(START_NS)}),
+    Repair("restamp_evenly", "/imu"),
+    Repair("stamp_by_receipt", "/scan"),
+    Repair("shift_receipt", "/scan", {"offset_s": 0.31}),
+    Repair("shift_receipt", "/odom", {"offset_s": -0.31}),
+    Repair("value_to_inf", "/scan", {"value_m": 3.0}),
+    Repair("scale_ranges", "/scan", {"factor": 0.001}),
+    Repair("add_to_ranges", "/scan", {"offset_m": 0.03}),
+    Repair("drop_beams", "/scan", {"first": 3, "last": 5}),
+    Repair("set_angle_max", "/scan"),
+    Repair("set_range_limits", "/scan", {"range_min_m": 0.01, "range_max_m": 40.0}),
+    Repair("scale_angles", "/scan", {"factor": 1.01}),
+    Repair("negate_angles", "/scan"),
+    Repair("scale_beam_times", "/scan", {"factor": -0.5}),
+    Repair("set_sweep", "/scan", {"sweep_s": 0.05}),
+    Repair("turn_with_robot", "/scan", {"heading_from": "/odom"}),
+    Repair("scale_acceleration", "/imu", {"factor": 9.81}),
+    Repair("rotate_imu", "/imu", {"up_x": 0.1, "up_y": 0.0, "up_z": 0.99}),
+    Repair("scale_gyro", "/imu", {"factor": -1.0}),
+    Repair("subtract_gyro_bias", "/imu", {"bias_rad_s": 0.01}),
+    Repair("normalise_rotations", "/odom"),
+    Repair("drop_broken_poses", "/odom"),
+    Repair("drop_broken_readings", "/imu"),
+    Repair("drop_orientation", "/imu"),
+    Repair("scale_wheels", "/ticks", {"radius_factor": 1.1, "track_factor": 0.9}),
+    Repair("swap_wheels", "/ticks"),
+    Repair("reverse_wheel", "/ticks", {"wheel": "left"}),
+    Repair("odometry_from_ticks", "/odom"),
+    Repair("scale_odometry", "/odom", {"path_factor": 1.1, "turn_factor": 0.9}),
+    Repair("add_odometry_transform", "/odom"),
+    Repair("drop_transform", "base_link -> arm"),
+    Repair("freeze_static_transform", "base_link -> laser"),
+    Repair("rename_frame", "/scan", {"frame": "lidar_link"}),
+    Repair("roll_frame", "laser", {"roll_rad": 3.14}),
+    Repair("set_mounting", "laser", {"x_m": 0.3, "y_m": 0.1, "yaw_rad": 1.0}),
+    Repair("set_mounting", "arm", {"x_m": 0.3, "y_m": 0.1, "yaw_rad": 1.0}),
 )
 
 
@@ -387,7 +388,7 @@ def test_a_repair_changes_what_it_says_and_nothing_else(
     number: int, foreign: Callable[[str], Foreign], tmp_path: Path
 ) -> None:
     one = foreign(KINDS[number % len(KINDS)])
-    _assert_copy_is(one, apply_mends(one[2], [REPAIRS[number]]), tmp_path / "copy")
+    _assert_copy_is(one, apply_repairs(one[2], [REPAIRS[number]]), tmp_path / "copy")
 
 
 def test_dropped_messages_leave_the_others_of_their_topic_as_they_were(
@@ -395,7 +396,7 @@ def test_dropped_messages_leave_the_others_of_their_topic_as_they_were(
 ) -> None:
     _, path, read, before = foreign("mcap")
     left: BoolArray = np.arange(len(read.odometries[0])) % 3 > 0
-    fewer = read.with_streams(RawOdometry, (kept(read.odometries[0], left),))
+    fewer = read.with_streams(RawOdometry, (select(read.odometries[0], left),))
     copy_recording(path, read, fewer, tmp_path / "copy")
     after = _content(tmp_path / "copy")
     assert after["/odom"] == [
@@ -417,7 +418,7 @@ def test_a_topic_made_from_a_stream_is_restamped_with_it(
     """/scan_copy/points carries the stamps of /scan; the camera's stamps are its own."""
     for kind in ("mcap", "rosbag1"):
         _, path, read, before = foreign(kind)
-        late = apply_mends(read, [Mend("shift_stamps", "/scan", {"offset_s": 0.5})])
+        late = apply_repairs(read, [Repair("shift_stamps", "/scan", {"offset_s": 0.5})])
         copied = copy_recording(path, read, late, tmp_path / kind)
         assert copied.restamped == (("/scan_copy/points", "/scan"),)
         assert set(copied.not_restamped) == {"/camera/image", "/diagnostics"}
@@ -444,7 +445,7 @@ def test_streams_on_one_even_tick_do_not_prove_that_one_was_made_from_the_other(
             messages.append(("/points", 0, t, points))
     path = write("mcap", tmp_path / "ticking", list(sent("mcap", store, messages)), store)
     read = read_recording(path)
-    late = apply_mends(read, [Mend("shift_stamps", "/scan", {"offset_s": 0.5})])
+    late = apply_repairs(read, [Repair("shift_stamps", "/scan", {"offset_s": 0.5})])
     copied = copy_recording(path, read, late, tmp_path / "copy")
     assert copied.restamped == () and copied.not_restamped == ("/points",)
 
@@ -458,7 +459,7 @@ def test_messages_that_cannot_be_decoded_are_copied_as_they_are(tmp_path: Path) 
     path = write("mcap", tmp_path / "broken", messages, store)
     read = read_recording(path)
     assert len(read.imus[0]) == 21
-    fixed = apply_mends(read, [Mend("scale_gyro", "/imu", {"factor": 2.0})])
+    fixed = apply_repairs(read, [Repair("scale_gyro", "/imu", {"factor": 2.0})])
     copy_recording(path, read, fixed, tmp_path / "copy")
     before, after = (_content(each)["/imu"] for each in (path, tmp_path / "copy"))
     same = [one == other for one, other in zip(before, after, strict=True)]
@@ -474,7 +475,7 @@ def test_a_stamp_that_the_format_cannot_hold_is_refused(
 ) -> None:
     for kind, format_name in (("rosbag1", "ROS 1"), ("mcap", "ROS 2")):
         _, path, read, _ = foreign(kind)
-        early = apply_mends(read, [Mend("shift_stamps", "/scan", {"offset_s": -4e9})])
+        early = apply_repairs(read, [Repair("shift_stamps", "/scan", {"offset_s": -4e9})])
         with pytest.raises(SlamsimError, match=f"cannot be written: {format_name}"):
             copy_recording(path, read, early, tmp_path / kind)
 

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from slamsim.config.scenarios.solver import StepsConfig
-from slamsim.scenarios.search import IN_A_ROW, largest_passing, smallest_failing
+from slamsim.scenarios.physics.stacking import IN_A_ROW, largest_passing, smallest_failing
 from slamsim.scenarios.trend import largest_below, trend
 
 

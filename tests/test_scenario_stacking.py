@@ -17,7 +17,7 @@ from slamsim.scenarios.base import Outcome
 from slamsim.scenarios.physics import stacking
 from slamsim.scenarios.physics.stack_run import StackRun, run_stack
 from slamsim.scenarios.physics.stack_sway import leaving_of, sway_of
-from slamsim.scenarios.search import IN_A_ROW
+from slamsim.scenarios.physics.stacking import IN_A_ROW
 
 
 def _leaning_stack(

@@ -13,9 +13,9 @@ from hypothesis import strategies as st
 from slamsim.core.types import FloatArray
 from slamsim.guard.errors import SlamsimError
 from slamsim.scenarios.umbmark.method import (
-    Calibration,
     Clusters,
     Square,
+    WheelCorrection,
     classical,
     clusters,
     fitted,
@@ -90,7 +90,7 @@ def test_the_formulas_refuse_what_they_do_not_hold_for() -> None:
 
 @given(st.floats(0.8, 1.25))
 def test_correction_keeps_the_mean_wheel(ratio: float) -> None:
-    left, right = Calibration(diameter_ratio=ratio).factors()
+    left, right = WheelCorrection(diameter_ratio=ratio).factors()
     assert left + right == pytest.approx(2.0)
     assert right / left == pytest.approx(ratio)
 

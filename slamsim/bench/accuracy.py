@@ -35,7 +35,7 @@ Figures = dict[str, object]
 
 
 @dataclass(frozen=True, slots=True)
-class Campaign:
+class AccuracyCampaign:
     """What to run. seeds: one run each. workers: runs at a time. logs: where simulated logs are
     kept and found again; None makes them for this run alone. bound: whether to compute what is
     possible at best, which takes some seconds for every minute driven."""
@@ -47,7 +47,7 @@ class Campaign:
     bound: bool = True
 
 
-def run_accuracy(campaign: Campaign, reporter: Reporter) -> Figures:
+def run_accuracy(campaign: AccuracyCampaign, reporter: Reporter) -> Figures:
     """Every number per seed, and the summary over all seeds that could be run.
 
     A seed that fails, in the drive or in SLAM, is told and counted, and the others go on.
@@ -125,7 +125,7 @@ COUNTED = (
 )
 
 
-def _all_seeds(campaign: Campaign, folder: Path) -> Generator[Figures]:
+def _all_seeds(campaign: AccuracyCampaign, folder: Path) -> Generator[Figures]:
     """Figures of each seed, in the order in which they are done."""
     with ThreadPoolExecutor(campaign.workers) as threads, Children() as children:
         futures = [
@@ -138,7 +138,7 @@ def _all_seeds(campaign: Campaign, folder: Path) -> Generator[Figures]:
             threads.shutdown(wait=False, cancel_futures=True)
 
 
-def _one_seed(campaign: Campaign, seed: int, folder: Path, children: Children) -> Figures:
+def _one_seed(campaign: AccuracyCampaign, seed: int, folder: Path, children: Children) -> Figures:
     seeded = campaign.config.model_copy(update={"seed": seed})
     try:
         log = simulated_log(seeded, folder, children)

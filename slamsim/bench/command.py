@@ -167,19 +167,19 @@ def bench(
 
 
 def _accuracy(asked: _Asked, seeds: int, workers: int, logs: Path | None, bound: bool) -> None:
-    from slamsim.bench.accuracy import Campaign, run_accuracy
+    from slamsim.bench.accuracy import AccuracyCampaign, run_accuracy
 
     resolved = asked.or_standard().resolved_until_end("labyrinth")
     first = FIRST_SEED if asked.seed is None else asked.seed
-    campaign = Campaign(resolved, range(first, first + seeds), workers, logs, bound)
+    campaign = AccuracyCampaign(resolved, range(first, first + seeds), workers, logs, bound)
     asked.reporter.result(run_accuracy(campaign, asked.reporter))
 
 
 def _robustness(asked: _Asked, cases: Sequence[int], workers: int, kept: Path | None) -> None:
-    from slamsim.bench.robustness.campaign import Campaign, run_robustness
+    from slamsim.bench.robustness.campaign import RobustnessCampaign, run_robustness
 
     seed = FIRST_SEED if asked.seed is None else asked.seed
-    campaign = Campaign(seed, cases, workers, kept)
+    campaign = RobustnessCampaign(seed, cases, workers, kept)
     run_robustness(campaign, asked.reporter)
 
 
@@ -187,7 +187,7 @@ def _check(
     asked: _Asked, trials: _Trials, workers: int, kept: Path | None, real: Path | None
 ) -> None:
     from slamsim.bench.alone import Children
-    from slamsim.bench.check.campaign import Campaign, run_campaign
+    from slamsim.bench.check.campaign import CheckCampaign, run_campaign
     from slamsim.bench.check.long import long_rows, time_long_check
     from slamsim.bench.check.real import recordings_at
     from slamsim.config.faults import typed_choices
@@ -198,7 +198,7 @@ def _check(
         faults = tuple(map(chosen_fault, typed_choices(trials.faults.split(","))))
     first = FIRST_SEED if asked.seed is None else asked.seed
     after = first + trials.seeds
-    campaign = Campaign(
+    campaign = CheckCampaign(
         faults,
         seeds=range(first, after) if real is None else (),
         clean_seeds=range(after, after + trials.clean),

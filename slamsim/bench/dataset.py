@@ -22,7 +22,7 @@ from slamsim.bench.dataset_pace import Pace, bare_scaling, pace
 from slamsim.bench.speed import plain_rays
 from slamsim.console.reporter import Reporter
 from slamsim.core.types import Float32Array
-from slamsim.dataset.make.engines.base import Engine
+from slamsim.dataset.make.engines.base import WorkEngine
 from slamsim.dataset.make.engines.dask import DaskEngine, cluster_here
 from slamsim.dataset.make.engines.local import LocalEngine
 from slamsim.dataset.make.produce import produce
@@ -95,7 +95,7 @@ def _round(
 ) -> dict[str, Pace]:
     """Each engine once."""
 
-    def measured(engine: Engine, title: str) -> Pace:
+    def measured(engine: WorkEngine, title: str) -> Pace:
         with reporter.stage(f"{title}{which}", ""):
             return pace(recipe, count, engine)
 

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import cast
 
 from slamsim.bench.alone import Children
-from slamsim.dataset.make.engines.base import Engine
+from slamsim.dataset.make.engines.base import WorkEngine
 from slamsim.dataset.make.execute import fulfil
 from slamsim.dataset.make.identity import Identity
 from slamsim.dataset.make.produce import produce
@@ -48,7 +48,7 @@ class Pace:
     cpu_s: float
 
 
-def pace(recipe: Recipe, count: int, engine: Engine) -> Pace:
+def pace(recipe: Recipe, count: int, engine: WorkEngine) -> Pace:
     """How fast an engine makes the first ``count`` sequences of a recipe.
 
     Raises SlamsimError if one of them fails.

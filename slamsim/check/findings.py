@@ -7,8 +7,10 @@ from typing import Literal
 
 from slamsim.core.types import FloatArray
 from slamsim.recording.fault_names import FAULT_NAMES
+from slamsim.recording.repairs.base import Repair
 
 Verdict = Literal["ok", "bad", "cannot tell"]
+Mend = Repair
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,19 +28,6 @@ class Estimate:
     @property
     def interval(self) -> tuple[float, float]:
         return self.value - 1.96 * self.sigma, self.value + 1.96 * self.sigma
-
-
-@dataclass(frozen=True, slots=True)
-class Mend:
-    """One correction that ``slamsim fix`` can apply.
-
-    operation: its name in check/mends.py. subject: topic, frame or edge that it acts on.
-    parameters: numbers and words under names with units.
-    """
-
-    operation: str
-    subject: str
-    parameters: dict[str, float | str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -110,3 +99,8 @@ class CheckReport:
     @property
     def bad(self) -> tuple[Finding, ...]:
         return tuple(finding for finding in self.findings if finding.verdict == "bad")
+
+    @property
+    def repairs(self) -> tuple[Repair, ...]:
+        """What the bad findings propose, in their order."""
+        return tuple(repair for finding in self.bad for repair in finding.mends)

@@ -7,12 +7,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from slamsim.check.course import Course, gyro_course, odometry_course, wheel_course
-from slamsim.check.frame_graph import FrameGraph
 from slamsim.check.laser_steps import LaserSteps, laser_steps
 from slamsim.core.geometry import se2_from_se3
 from slamsim.core.types import FloatArray, IntArray
 from slamsim.guard.numbers import is_sound
 from slamsim.recording import RawImu, RawOdometry, Recording, TransformEdge
+from slamsim.recording.frame_graph import FrameGraph
 from slamsim.slam.laser.scan_motion import ScanMotions
 
 EVEN, EVEN_SHARE = 0.05, 0.98

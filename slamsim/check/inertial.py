@@ -7,12 +7,12 @@ from collections.abc import Iterator
 import numpy as np
 
 from slamsim.check.findings import Curve, Estimate, Finding, Mend, Plot
-from slamsim.check.frame_graph import FrameGraph
 from slamsim.check.inertial_values import check_inertial_values
 from slamsim.check.moving import moving_at
 from slamsim.core.types import GRAVITY_M_S2, BoolArray, FloatArray
 from slamsim.guard.numbers import is_sound
 from slamsim.recording import RawImu, Recording
+from slamsim.recording.frame_graph import FrameGraph
 
 GRAVITY_LIMITS_M_S2 = (9.5, 10.5)
 """Of the mean over a drive on a floor, as Cartographer's validator has it."""

@@ -8,11 +8,11 @@ from collections.abc import Iterator
 import numpy as np
 
 from slamsim.check.findings import Estimate, Finding, Mend
-from slamsim.check.published import has_unit_length
 from slamsim.core.geometry import wrap_angle, yaw_from_xyzw
 from slamsim.core.types import BoolArray, FloatArray, IntArray
 from slamsim.guard.numbers import MOST, is_sound
 from slamsim.recording import RawImu, Recording
+from slamsim.recording.soundness import has_unit_length
 
 SPIKE_M_S2 = (3.0, 30.0)
 """Of single samples, as Cartographer's validator has it."""

@@ -9,12 +9,10 @@ import numpy as np
 
 from slamsim.check.disagreement import IN_COMMON, LIMIT_M, disagreement
 from slamsim.check.findings import Estimate, Finding, Mend
-from slamsim.core.types import BoolArray, FloatArray
-from slamsim.guard.numbers import is_sound
+from slamsim.core.types import BoolArray
 from slamsim.recording import RawOdometry, Recording
+from slamsim.recording.soundness import finite_poses, has_unit_length
 
-UNIT_TOLERANCE = 0.01
-"""Of a quaternion's length: what single precision rounds is far less."""
 REPLACED_SHARE = 0.5
 """Where more of the poses are broken than this, dropping them leaves no odometry."""
 
@@ -27,27 +25,8 @@ def check_published(recording: Recording) -> list[Finding]:
     ]
 
 
-def sound_poses(odometry: RawOdometry) -> BoolArray:
-    """(n,) which messages hold a pose and a twist."""
-    return _finite(odometry) & has_unit_length(odometry.quats_xyzw)
-
-
-def _finite(odometry: RawOdometry) -> BoolArray:
-    """(n,) of all numbers but twists that no message has, as in CARMEN logs."""
-    twists = (odometry.linear_m_s, odometry.angular_rad_s)
-    numbers = (odometry.positions_m, *(one for one in twists if np.isfinite(one).any()))
-    return is_sound(np.concatenate(numbers, axis=1))
-
-
-def has_unit_length(quats_xyzw: FloatArray) -> BoolArray:
-    """(n,) whether each quaternion is a rotation."""
-    with np.errstate(invalid="ignore", over="ignore"):
-        length = np.linalg.norm(quats_xyzw, axis=1)
-        return np.asarray(np.abs(length - 1.0) < UNIT_TOLERANCE)
-
-
 def _values(odometry: RawOdometry, has_ticks: bool) -> Finding:
-    finite = _finite(odometry)
+    finite = finite_poses(odometry)
     unit = has_unit_length(odometry.quats_xyzw)
     broken = int((~(finite & unit)).sum())
     share = broken / max(len(odometry), 1)

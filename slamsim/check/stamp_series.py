@@ -9,7 +9,9 @@ from typing import Literal
 import numpy as np
 
 from slamsim.core.types import FloatArray, IntArray
-from slamsim.recording import RawScans, Recording
+from slamsim.recording import Recording
+from slamsim.recording.edits.beams import scan_durations_ns
+from slamsim.recording.edits.stamps import are_copies
 
 Kind = Literal["lidar", "imu", "wheels", "transform"]
 
@@ -18,7 +20,6 @@ _LOCAL_STEPS = 200
 _APART, _FAR_APART = 8, 32
 _BEAT_GROWTH = 1.6
 _EVEN_SHARE = 0.2
-_COPIED_NS = 1_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,17 +89,10 @@ class StampSeries:
         return are_copies(self.received_ns, self.stamps_ns)
 
 
-def are_copies(received_ns: IntArray | None, stamps_ns: IntArray) -> bool:
-    """Whether times of receipt (n,) are those stamps (n,), as converters write them."""
-    if received_ns is None:
-        return False
-    return bool(np.abs(received_ns - stamps_ns).max(initial=0) <= _COPIED_NS)
-
-
 def series_of(recording: Recording) -> list[StampSeries]:
     """The streams whose stamps matter; joint states and what never moves are none."""
     found = [
-        StampSeries(s.topic, "lidar", s.stamps_ns, s.received_ns, _lasts_ns(s))
+        StampSeries(s.topic, "lidar", s.stamps_ns, s.received_ns, scan_durations_ns(s))
         for s in recording.scans
     ]
     found += [_instants(s.topic, "imu", s.stamps_ns, s.received_ns) for s in recording.imus]
@@ -150,17 +144,6 @@ def _instants(
     subject: str, kind: Kind, stamps_ns: IntArray, received_ns: IntArray | None
 ) -> StampSeries:
     return StampSeries(subject, kind, stamps_ns, received_ns, np.zeros_like(stamps_ns))
-
-
-def _lasts_ns(scans: RawScans) -> IntArray:
-    """As declared; a declaration that is no number lasts no time."""
-    declared_s = np.array([layout.beam_dt_s for layout in scans.layouts])[scans.layout_of]
-    if isinstance(scans.ranges_m, np.ndarray):
-        beams = np.full(len(scans), scans.ranges_m.shape[1])
-    else:
-        beams = np.array([row.size for row in scans.ranges_m])
-    lasts_ns = np.nan_to_num(declared_s * np.maximum(beams - 1, 0) * 1e9, posinf=0.0, neginf=0.0)
-    return np.asarray(np.clip(lasts_ns, 0.0, 1e12), dtype=np.int64)
 
 
 def _on_clock(series: StampSeries, clock_ns: IntArray | None) -> StampSeries:

@@ -14,8 +14,8 @@ from slamsim.check.disagreement import (
     disagreement,
 )
 from slamsim.check.findings import Estimate, Finding, Mend
-from slamsim.check.frame_graph import FrameGraph
 from slamsim.recording import RawOdometry, Recording, TransformEdge
+from slamsim.recording.frame_graph import FrameGraph
 
 MAX_UNCOVERED_SHARE = 0.02
 """A recording may begin or end a little before its transforms do."""

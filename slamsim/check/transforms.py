@@ -8,11 +8,11 @@ from collections.abc import Iterator
 import numpy as np
 
 from slamsim.check.findings import Finding, Mend
-from slamsim.check.frame_graph import FrameGraph
 from slamsim.check.transform_times import check_agreement, check_coverage
 from slamsim.core.types import BoolArray, FloatArray
 from slamsim.guard.numbers import is_sound
 from slamsim.recording import RawOdometry, RawStream, Recording, TransformEdge
+from slamsim.recording.frame_graph import FrameGraph
 
 MAX_STATIC_CHANGE = 1e-3
 """Metres, or the entries of a rotation: a fixed transform moves by less, whatever rounds it."""

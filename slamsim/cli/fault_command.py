@@ -47,9 +47,9 @@ def fault(
     choices = typed_choices(faults)
     own = (Path(choice.name) for choice in choices if Path(choice.name).is_file())
     with output_folder(out, "", overwrite=overwrite, inputs=(source, *own)):
-        from slamsim.run.faulting import spoil_recording
+        from slamsim.run.faulting import inject_faults
 
-        injected, copied = spoil_recording(
+        injected, copied = inject_faults(
             source,
             out,
             choices,

@@ -38,10 +38,10 @@ _RANGE = {"greater_than", "greater_than_equal", "less_than", "less_than_equal"}
 
 def refusal(model_type: type[BaseModel], tree: Tree, error: ValidationError) -> SlamsimError:
     """The exception to raise; its message has a line for each faulty key."""
-    faults: dict[KeyPath, list[_Fault]] = {}
+    faults: dict[KeyPath, list[_ConfigError]] = {}
     details = error.errors(include_url=False)
     for detail in _told_once(details[:_MAX_JUDGED]):
-        fault = _Fault(find_spot(model_type, detail["loc"], tree.data), detail)
+        fault = _ConfigError(find_spot(model_type, detail["loc"], tree.data), detail)
         faults.setdefault(fault.told_for(tree), []).append(fault)
     in_order = sorted(faults, key=lambda keys: tree.place_of(keys).line)
     told = {
@@ -63,7 +63,7 @@ def _told_once(details: list[ErrorDetails]) -> list[ErrorDetails]:
     ]
 
 
-class _Fault(NamedTuple):
+class _ConfigError(NamedTuple):
     """One thing that pydantic found wrong, and where."""
 
     spot: Spot

@@ -185,7 +185,7 @@ def se2_from_se3(T_a_b: _FloatArray) -> _FloatArray:
     return np.array([T_a_b[0, 3], T_a_b[1, 3], np.arctan2(T_a_b[1, 0], T_a_b[0, 0])])
 
 
-class Mount(Protocol):
+class MountParameters(Protocol):
     """Six degrees of freedom: metres, and degrees about fixed x, then y, then z."""
 
     @property
@@ -207,7 +207,7 @@ class Mount(Protocol):
     def yaw_deg(self) -> float: ...
 
 
-def mount_transform(mount: Mount) -> _FloatArray:
+def mount_transform(mount: MountParameters) -> _FloatArray:
     """``T_base_sensor`` (4 x 4)."""
     roll, pitch, yaw = np.radians([mount.roll_deg, mount.pitch_deg, mount.yaw_deg])
     return se3_from_parts(

@@ -9,7 +9,7 @@ from scipy.sparse import csc_array
 
 from slamsim.core.geometry import between
 from slamsim.core.types import FloatArray, IntArray
-from slamsim.evaluate.bound_odometry import OdometryNoise, rolled_between
+from slamsim.evaluate.bound_odometry import BoundOdometryNoise, rolled_between
 from slamsim.evaluate.bound_scans import ScanInformation
 from slamsim.evaluate.bound_solve import Blocks
 
@@ -67,7 +67,7 @@ def group_scans(stamps_ns: IntArray, poses: FloatArray, track_m: float) -> Group
 
 
 def joint_information(
-    groups: Groups, scans: ScanInformation, cast_poses: FloatArray, noise: OdometryNoise
+    groups: Groups, scans: ScanInformation, cast_poses: FloatArray, noise: BoundOdometryNoise
 ) -> tuple[csc_array, csc_array]:
     """Of all poses with walls known, and of all poses and then all walls that were met.
 
@@ -100,7 +100,7 @@ def lever(arm_m: FloatArray) -> FloatArray:
     return carry
 
 
-def _add_odometry(blocks: Blocks, groups: Groups, noise: OdometryNoise) -> None:
+def _add_odometry(blocks: Blocks, groups: Groups, noise: BoundOdometryNoise) -> None:
     before, after = groups.poses[:-1], groups.poses[1:]
     information = np.asarray(np.linalg.inv(_step_covariances(groups, noise)), dtype=np.float64)
     carry = lever(after[:, :2] - before[:, :2])
@@ -111,7 +111,7 @@ def _add_odometry(blocks: Blocks, groups: Groups, noise: OdometryNoise) -> None:
     blocks.add(rows[:-1], rows[1:], -back @ information)
 
 
-def _step_covariances(groups: Groups, noise: OdometryNoise) -> FloatArray:
+def _step_covariances(groups: Groups, noise: BoundOdometryNoise) -> FloatArray:
     """(k - 1, 3, 3) of the step from each group to the next, in map axes."""
     step = between(groups.poses[:-1], groups.poses[1:])
     heading = groups.poses[:-1, 2] + np.arctan2(step[:, 1], step[:, 0])

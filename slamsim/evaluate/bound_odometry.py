@@ -28,7 +28,7 @@ _UNKNOWN_VARIANCE = 1e6
 
 
 @dataclass(frozen=True, slots=True)
-class OdometryNoise:
+class BoundOdometryNoise:
     """forward, sideways: m^2 per metre rolled. wheel_yaw: rad^2 per metre rolled, gyro_yaw:
     rad^2 per second. Huge for a sensor that is not there."""
 
@@ -53,7 +53,7 @@ class OdometryNoise:
 
 def odometry_noise(
     truth: PlanarTrajectory, wheels: PlanarTrajectory, sensors: SensorsConfig, track_m: float
-) -> OdometryNoise:
+) -> BoundOdometryNoise:
     """truth: ``T_map_base``, covering all of wheels, ``T_odom_base``, which moves."""
     gyro, slip = _UNKNOWN_VARIANCE, np.full(3, _UNKNOWN_VARIANCE)
     if sensors.imu.enabled:
@@ -61,7 +61,7 @@ def odometry_noise(
     if sensors.encoders.enabled:
         slip = np.maximum(_slip_per_metre(truth, wheels, track_m), _LEAST_VARIANCE)
     forward, sideways, yaw = slip.tolist()
-    return OdometryNoise(forward, sideways, yaw, gyro)
+    return BoundOdometryNoise(forward, sideways, yaw, gyro)
 
 
 def rolled_between(poses: FloatArray, track_m: float) -> FloatArray:

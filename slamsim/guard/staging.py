@@ -5,14 +5,36 @@
 
 from __future__ import annotations
 
+import ctypes
+import errno
 import os
 import shutil
 from pathlib import Path
 
 from slamsim.guard.errors import SlamsimError
-from slamsim.guard.exchange import exchange
 from slamsim.guard.lock import owner_words
 from slamsim.guard.seal import WRITTEN_BY_US
+
+_AT_CWD, _EXCHANGE = -100, 2
+_CANNOT = frozenset((errno.EINVAL, errno.ENOSYS, errno.EOPNOTSUPP, errno.EXDEV))
+
+
+def exchange(one: Path, other: Path) -> bool:
+    """What each stands for is then under the other's name; False where that cannot be done.
+
+    Linux can (renameat2), but not every file system. Raises OSError for names that cannot be
+    written.
+    """
+    rename = getattr(ctypes.CDLL(None, use_errno=True), "renameat2", None)
+    if rename is None:
+        return False
+    if rename(_AT_CWD, os.fsencode(one), _AT_CWD, os.fsencode(other), _EXCHANGE) == 0:
+        return True
+    number = ctypes.get_errno()
+    if number in _CANNOT:
+        return False
+    raise OSError(number, os.strerror(number), str(other))
+
 
 NEW, OLD, MARKER = "new", "old", "slamsim-staging.json"
 

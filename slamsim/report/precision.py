@@ -12,7 +12,7 @@ from slamsim.core.types import FloatArray, IntArray
 from slamsim.evaluate.bound import scan_bound
 from slamsim.report.figures.palette import ESTIMATE, NEUTRAL, WITHDRAWN
 from slamsim.report.run_view import RunView, thinned
-from slamsim.report.viewer.series import Curve, Plot
+from slamsim.report.viewer.series import Line, Panel
 
 COLOURS = "plasma"
 ELLIPSE_SIGMAS = 2.0
@@ -73,24 +73,24 @@ def path_and_strokes(
     return points, np.stack([points - half, points + half], axis=1)
 
 
-def precision_plots(view: RunView, at_most: int) -> tuple[Plot, ...]:
+def precision_plots(view: RunView, at_most: int) -> tuple[Panel, ...]:
     """Along the path: what holds the robot, and the errors of key frames within their bounds."""
     return (*_held_plot(view, at_most), *_consistency_plots(view, at_most))
 
 
-def _held_plot(view: RunView, at_most: int) -> tuple[Plot, ...]:
+def _held_plot(view: RunView, at_most: int) -> tuple[Panel, ...]:
     found = held(view)
     if found is None:
         return ()
     pick = thinned(found.stamps_ns.size, at_most)
     name = "allowed" if found.by_truth else "claimed"
-    curve = Curve(name, WITHDRAWN, found.stamps_ns[pick], 1e3 * found.worst_m[pick])
+    curve = Line(name, WITHDRAWN, found.stamps_ns[pick], 1e3 * found.worst_m[pick])
     title = "Least held direction of a scan, sigma"
     wide = found.worst_m.max() > _DECADE * found.worst_m.min()
-    return (Plot("held", title, "mm", (curve,), logarithmic=bool(wide), along_path=True),)
+    return (Panel("held", title, "mm", (curve,), logarithmic=bool(wide), along_path=True),)
 
 
-def _consistency_plots(view: RunView, at_most: int) -> tuple[Plot, ...]:
+def _consistency_plots(view: RunView, at_most: int) -> tuple[Panel, ...]:
     consistency = view.scores.consistency
     if consistency is None:
         return ()
@@ -106,11 +106,11 @@ def _consistency_plots(view: RunView, at_most: int) -> tuple[Plot, ...]:
     ):
         two_sigma = 2e3 * consistency.sigmas[pick, axis]
         curves = (
-            Curve("plus_2_sigma", NEUTRAL, stamps_ns, two_sigma),
-            Curve("minus_2_sigma", NEUTRAL, stamps_ns, -two_sigma),
-            Curve("error", ESTIMATE, stamps_ns, 1e3 * consistency.errors[pick, axis]),
+            Line("plus_2_sigma", NEUTRAL, stamps_ns, two_sigma),
+            Line("minus_2_sigma", NEUTRAL, stamps_ns, -two_sigma),
+            Line("error", ESTIMATE, stamps_ns, 1e3 * consistency.errors[pick, axis]),
         )
-        made.append(Plot(key, title, unit, curves, along_path=True))
+        made.append(Panel(key, title, unit, curves, along_path=True))
     return tuple(made)
 
 

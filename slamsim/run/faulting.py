@@ -1,4 +1,4 @@
-"""``slamsim fault``: a recording spoilt on purpose, so that one knows what is wrong with it."""
+"""``slamsim fault``: a recording with faults injected, so that one knows what is wrong with it."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from slamsim.sensors.faults.base import Fault
 from slamsim.sensors.faults.registry import bundled_faults, chosen_fault
 
 
-def spoil_recording(
+def inject_faults(
     source: Path,
     folder: Path,
     choices: Sequence[FaultChoice],

@@ -56,7 +56,7 @@ def localise_recording(
     with partial_folder(folder, overwrite) as partial:
         write_config(partial, config)
         with stages.stage("localise", "scans/s") as progress:
-            timed = _Timed(progress, len(log.scans))
+            timed = _TimedPoses(progress, len(log.scans))
             localised = localise_log(log, config.slam, saved, start, timed)
         write_tum(partial / run_folder.TRAJECTORY, localised.trajectory)
         write_tum(partial / run_folder.ODOMETRY, _odometry(localised))
@@ -91,7 +91,7 @@ def read_known_map(path: Path) -> SavedMap:
     )
 
 
-class _Timed:
+class _TimedPoses:
     """Progress, and how long each of the scans took while it was tracked."""
 
     def __init__(self, progress: Progress, scans: int) -> None:

@@ -29,7 +29,7 @@ class Solid:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Motion:
+class BodyMotion:
     """How one body moved, coarse enough to be looked at. A fixed body has a single pose."""
 
     name: str
@@ -46,7 +46,7 @@ class Outcome:
     """
 
     values: Row
-    motions: tuple[Motion, ...] = ()
+    motions: tuple[BodyMotion, ...] = ()
     arrays: Mapping[str, NDArray[Any]] = field(default_factory=dict)
 
 
@@ -77,7 +77,7 @@ class Verdict:
 
 
 @dataclass(frozen=True, slots=True)
-class Sheet:
+class ResultTable:
     """A table for people. rows: as texts, numbers with as many digits as they are worth."""
 
     title: str
@@ -120,16 +120,16 @@ class Findings:
     lead: str
     numbers: Row
     verdicts: tuple[Verdict, ...]
-    sheets: tuple[Sheet, ...] = ()
+    sheets: tuple[ResultTable, ...] = ()
     charts: tuple[Chart, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Scene:
+class TrialScene:
     """What one trial has to show. title: its label."""
 
     title: str
-    motions: tuple[Motion, ...]
+    motions: tuple[BodyMotion, ...]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -145,7 +145,7 @@ class ScenarioResult:
     config: Config
     rows: tuple[Row, ...]
     findings: Findings
-    scenes: tuple[Scene, ...]
+    scenes: tuple[TrialScene, ...]
     engine: Row
     failures: tuple[tuple[str, str], ...] = ()
     busy_s: float = 0.0

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from slamsim.core.types import BoolArray, FloatArray, Trajectory
-from slamsim.scenarios.base import Motion, Solid
+from slamsim.scenarios.base import BodyMotion, Solid
 from slamsim.sim.bodies import Box, Shape
 
 POSES_PER_S = 25.0
@@ -19,13 +19,13 @@ def filmed(
     stamps_s: FloatArray,
     centres_m: FloatArray,
     quats_xyzw: FloatArray,
-) -> tuple[Motion, ...]:
+) -> tuple[BodyMotion, ...]:
     """Of n equal bodies at m instants: centres (m, n, 3), orientations (m, n, 4)."""
     kept = _thinned(stamps_s)
     stamps_ns = np.round(stamps_s[kept] * 1e9).astype(np.int64)
     solid = solid_of(shape)
     return tuple(
-        Motion(name, solid, Trajectory(stamps_ns, centres_m[kept, k], quats_xyzw[kept, k]))
+        BodyMotion(name, solid, Trajectory(stamps_ns, centres_m[kept, k], quats_xyzw[kept, k]))
         for k, name in enumerate(names)
     )
 

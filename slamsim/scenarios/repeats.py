@@ -6,7 +6,7 @@ import numpy as np
 
 from slamsim.core.types import FloatArray, IntArray, Trajectory
 from slamsim.guard.errors import SlamsimError
-from slamsim.scenarios.base import Motion, Solid
+from slamsim.scenarios.base import BodyMotion, Solid
 from slamsim.sim.drive.script import ScriptedRun
 from slamsim.sim.robot.model import RobotModel
 
@@ -15,12 +15,12 @@ SECONDS_OF_CORE = 0.03
 """Per simulated second of a scripted run, about."""
 
 
-def robot_motion(name: str, run: ScriptedRun, model: RobotModel) -> Motion:
+def robot_motion(name: str, run: ScriptedRun, model: RobotModel) -> BodyMotion:
     """What to show of a run."""
     every = max(round(len(run.drive) / max(duration_s(run), 1e-9) / SHOWN_HZ), 1)
     way = run.drive.trajectory()
     thinned = Trajectory(way.stamps_ns[::every], way.positions_m[::every], way.quats_xyzw[::every])
-    return Motion(name, Solid("robot", (model.footprint_radius_m, model.height_m)), thinned)
+    return BodyMotion(name, Solid("robot", (model.footprint_radius_m, model.height_m)), thinned)
 
 
 def duration_s(run: ScriptedRun) -> float:

@@ -21,8 +21,8 @@ from slamsim.scenarios.base import (
     Row,
     Scenario,
     ScenarioResult,
-    Scene,
     Trial,
+    TrialScene,
     Value,
 )
 
@@ -139,7 +139,7 @@ def _concluded(chosen: Chosen, trials: Sequence[Trial], ran: Sequence[_Ran]) -> 
         config=chosen.config,
         rows=tuple({"trial": trial.label, **outcome.values} for trial, outcome in well),
         findings=findings,
-        scenes=tuple(Scene(trial.label, end.motions) for trial, end in well if end.motions),
+        scenes=tuple(TrialScene(trial.label, end.motions) for trial, end in well if end.motions),
         engine=_plain(chosen.scenario.engine(chosen.config)),
         failures=tuple(failures),
         busy_s=sum(one.busy_s for one in ran),

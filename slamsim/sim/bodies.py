@@ -66,7 +66,7 @@ Shape = Box | Sphere
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Surroundings:
+class BodySurroundings:
     """What free bodies meet. plane_normals: (k, 3) unit, of half-spaces through the origin that
     are solid on the other side. friction, restitution: of every contact."""
 
@@ -152,7 +152,7 @@ def free_bodies(
     shape: Shape,
     mass_kg: float,
     centres_m: FloatArray,
-    around: Surroundings,
+    around: BodySurroundings,
     step_s: float,
     solver: SolverConfig,
 ) -> Iterator[FreeBodies]:
@@ -219,7 +219,7 @@ def _set_up(client: int, step_s: float, solver: SolverConfig) -> None:
 def _add(
     client: int,
     outline: int,
-    around: Surroundings,
+    around: BodySurroundings,
     solver: SolverConfig,
     mass_kg: float = 0.0,
     centre_m: Sequence[float] | FloatArray = (0.0, 0.0, 0.0),

@@ -79,7 +79,7 @@ class Driven:
         self._clean: Recording | None = None
 
     def recording(self, faults: Sequence[Fault] = ()) -> Recording:
-        """The recording with these faults. Raises CannotInject where there is nothing to spoil."""
+        """The recording with these faults. Raises CannotEdit where there is nothing to spoil."""
         if any(isinstance(fault, SensedFault) for fault in faults):
             recording = self._recorded(self._sensed(faults))
         elif self._clean is None:
@@ -103,9 +103,9 @@ class Driven:
     def _sensed(self, faults: Sequence[Fault]) -> list[Readings]:
         """What sensors with these faults measure, window by window."""
         config, simulation = self._config, self.simulation
-        sensors, course = faulty_sensors(faults, config.sensors)
+        sensors, override = faulty_sensors(faults, config.sensors)
         mesh, robot = simulation.world.mesh, simulation.robot
-        rig = SensorRig(mesh, robot, sensors, config.seed, course=course)
+        rig = SensorRig(mesh, robot, sensors, config.seed, override=override)
         return [rig.sense(window) for window in self._windows]
 
     def _recorded(self, readings: Sequence[Readings]) -> Recording:

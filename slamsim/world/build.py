@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Sequence
 
@@ -12,20 +13,50 @@ from shapely import Point
 from slamsim.config.layout import ImageLayout, MazeLayout, MeshLayout, PlanLayout, RoomsLayout
 from slamsim.config.world import StartConfig, WorldConfig
 from slamsim.core.types import FloatArray, TriangleMesh
-from slamsim.guard.errors import SlamsimError
+from slamsim.guard.errors import InputRefused, SlamsimError
 from slamsim.world.clutter import place_clutter
 from slamsim.world.drawing import read_drawing
-from slamsim.world.extent import check_extent
 from slamsim.world.floor_plan import FloorPlan, grow_maze, grow_rooms, unreachable_cells
 from slamsim.world.from_image import image_prisms
 from slamsim.world.from_mesh import read_mesh
 from slamsim.world.mesh_solids import MeshSolids
 from slamsim.world.model import BODY_HIGH_M, BODY_LOW_M, Bounds, FloorPatch, World
 from slamsim.world.prism import Prism, merge_prisms, polygons_of, prism_mesh
-from slamsim.world.reachable_space import find_room, given_start
+from slamsim.world.reachable_space import coarsest_m, find_room, given_start
 from slamsim.world.solids import PrismSolids, Solids
 from slamsim.world.wall_segments import check_fit, lay_panels, reserve_ways
 from slamsim.world.walls import build_walls
+
+_log = logging.getLogger(__name__)
+
+USUAL_WIDTHS = 400
+"""Buildings of well-known 2-D SLAM recordings are 30 m (Intel lab) to 250 m (MIT Killian Court)
+across, for robots that need ways of about 0.6 m: so many of these widths."""
+
+USUAL_HEIGHT_M = 20.0
+"""As high as the walls of our own worlds may be: ``walls.height_m``."""
+
+
+def check_extent(
+    layout: ImageLayout | MeshLayout, bounds_m: Bounds, height_m: float, clearance_m: float
+) -> None:
+    """Warn of a world that is far larger than buildings are, for a robot of this clearance.
+
+    Raises InputRefused for one so large that ways of this clearance cannot be found in it.
+    """
+    x_m, y_m = bounds_m[2] - bounds_m[0], bounds_m[3] - bounds_m[1]
+    told = f"is {x_m:.4g} x {y_m:.4g} m large and {height_m:.4g} m high"
+    if coarsest_m(bounds_m) > 0.5 * clearance_m:
+        reason = f"{told}: too large to find ways of clearance_m {clearance_m:g} in it"
+        raise InputRefused(layout.file, f"{reason}; {_remedy(layout)}")
+    if max(x_m, y_m) > USUAL_WIDTHS * clearance_m or height_m > USUAL_HEIGHT_M:
+        _log.warning("%s %s, far larger than buildings are; %s", layout.file, told, _remedy(layout))
+
+
+def _remedy(layout: ImageLayout | MeshLayout) -> str:
+    if isinstance(layout, ImageLayout):
+        return "check its resolution, which is in metres per pixel"
+    return f"if its numbers are millimetres, --set world.mesh.scale={0.001 * layout.scale:g}"
 
 
 def build_world(config: WorldConfig, seed: int) -> World:

@@ -19,7 +19,7 @@ Point = tuple[float, float]
 
 
 @dataclass(frozen=True, slots=True)
-class Panel:
+class WallSegment:
     """The border between two neighbouring places, at least one of them a cell.
 
     start, end: corners of the cells, x and y in metres. left, right: the cells on both sides,
@@ -64,7 +64,7 @@ class Panel:
         )
 
 
-def lay_panels(plan: FloorPlan, config: WorldConfig, seed: int) -> list[Panel]:
+def lay_panels(plan: FloorPlan, config: WorldConfig, seed: int) -> list[WallSegment]:
     """All borders of cells in a fixed order, the thickness and height of each wall drawn."""
     sizes = random_stream(seed, "world", "walls")
     offsets = random_stream(seed, "world", "door offsets")
@@ -75,7 +75,7 @@ def lay_panels(plan: FloorPlan, config: WorldConfig, seed: int) -> list[Panel]:
         edge = _edge(left, right)
         is_door = edge in plan.doors
         panels.append(
-            Panel(
+            WallSegment(
                 start,
                 end,
                 left,
@@ -176,7 +176,7 @@ def _require(name: str, need_m: float, have_m: float, what: str) -> None:
         )
 
 
-def reserve_ways(plan: FloorPlan, panels: list[Panel], config: WorldConfig) -> Polygon:
+def reserve_ways(plan: FloorPlan, panels: list[WallSegment], config: WorldConfig) -> Polygon:
     """The ground that stays free: from the middle of each cell straight through its passages,
     ``clearance_m`` wide; it hangs together if the plan does."""
     lines = [_way(plan, panel, config) for panel in panels if _passable(panel)]
@@ -190,11 +190,11 @@ def reserve_ways(plan: FloorPlan, panels: list[Panel], config: WorldConfig) -> P
     return ways
 
 
-def _passable(panel: Panel) -> bool:
+def _passable(panel: WallSegment) -> bool:
     return panel.is_open or panel.door_at_m is not None
 
 
-def _way(plan: FloorPlan, panel: Panel, config: WorldConfig) -> LineString:
+def _way(plan: FloorPlan, panel: WallSegment, config: WorldConfig) -> LineString:
     """From cell to cell; through a door square to the wall, so that its posts stay clear."""
     assert panel.left is not None and panel.right is not None, "ways join cells"
     left, right = plan.centre_m(panel.left), plan.centre_m(panel.right)

@@ -11,11 +11,11 @@ from slamsim.config.world import DoorsConfig, WorldConfig
 from slamsim.core.randomness import random_stream
 from slamsim.world.floor_plan import FloorPlan
 from slamsim.world.prism import Prism, circle, polygons_of
-from slamsim.world.wall_segments import Panel, Point
+from slamsim.world.wall_segments import Point, WallSegment
 
 
 def build_walls(
-    plan: FloorPlan, panels: Sequence[Panel], config: WorldConfig, seed: int
+    plan: FloorPlan, panels: Sequence[WallSegment], config: WorldConfig, seed: int
 ) -> list[Prism]:
     """All that stands where the plan has walls, doors or no cells."""
     rng = random_stream(seed, "world", "dents")
@@ -24,7 +24,7 @@ def build_walls(
 
 
 def _dented_wall(
-    panel: Panel, plan: FloorPlan, config: WorldConfig, rng: np.random.Generator
+    panel: WallSegment, plan: FloorPlan, config: WorldConfig, rng: np.random.Generator
 ) -> list[Prism]:
     """One wall, and by chance a niche cut into it or a bump set before it."""
     dents = config.dents
@@ -50,7 +50,7 @@ def _dented_wall(
     ]
 
 
-def _wall(panel: Panel, plan: FloorPlan, config: WorldConfig) -> list[Prism]:
+def _wall(panel: WallSegment, plan: FloorPlan, config: WorldConfig) -> list[Prism]:
     """One wall, whole or with a door in it; it reaches around its ends by half its thickness."""
     half, height = 0.5 * panel.thickness_m, panel.height_m
     begin, end = -half, plan.cell_m + half
@@ -67,7 +67,7 @@ def _wall(panel: Panel, plan: FloorPlan, config: WorldConfig) -> list[Prism]:
     return parts + _frame(panel, left, right, doors)
 
 
-def _frame(panel: Panel, left_m: float, right_m: float, doors: DoorsConfig) -> list[Prism]:
+def _frame(panel: WallSegment, left_m: float, right_m: float, doors: DoorsConfig) -> list[Prism]:
     """The posts on both sides of a door."""
     if doors.frame_m == 0.0:
         return []
@@ -76,7 +76,7 @@ def _frame(panel: Panel, left_m: float, right_m: float, doors: DoorsConfig) -> l
     return [Prism(panel.rectangle(*span, out, out), 0.0, height) for span in spans]
 
 
-def _pillars(panels: Sequence[Panel], config: WorldConfig, seed: int) -> list[Prism]:
+def _pillars(panels: Sequence[WallSegment], config: WorldConfig, seed: int) -> list[Prism]:
     """Pillars at corners where walls meet, as high as the highest of them."""
     rng = random_stream(seed, "world", "pillars")
     heights: dict[Point, float] = {}

@@ -10,12 +10,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from slamsim.bench.alone import Children
-from slamsim.bench.check.outcome import Json, Outcome, outcome_of
+from slamsim.bench.check.outcome import CheckOutcome, Json, outcome_of
 from slamsim.bench.check.real import run_recording
 from slamsim.bench.check.scenario import random_scenario
 from slamsim.bench.check.summary import run_line, summarise, summary_tables
 from slamsim.bench.check.trials import (
-    Trial,
+    CheckTrial,
     clean_trial,
     curve_trials,
     fault_trials,
@@ -34,7 +34,7 @@ KEPT_EVERY = 10
 
 
 @dataclass(frozen=True, slots=True)
-class Campaign:
+class CheckCampaign:
     """What to run. seeds: a drive each, checked clean and with every fault. clean_seeds: drives
     that are only checked clean. recordings: real ones. pairs: random pairs of faults for each of
     ``seeds``. curves: every size of every fault too. seconds: length of a drive. kept: folder with
@@ -50,7 +50,7 @@ class Campaign:
     workers: int = 1
     kept: Path | None = None
 
-    def trials(self, seed: int) -> list[Trial]:
+    def trials(self, seed: int) -> list[CheckTrial]:
         """What is checked of one drive."""
         if seed in self.clean_seeds:
             return [clean_trial()]
@@ -62,7 +62,7 @@ class Campaign:
         ]
 
 
-def run_campaign(campaign: Campaign, reporter: Reporter) -> Json:
+def run_campaign(campaign: CheckCampaign, reporter: Reporter) -> Json:
     """Every outcome, and the summary over all drives; one that fails is told and counted."""
     runs: list[Json] = []
     count = len(campaign.seeds) + len(campaign.clean_seeds) + len(campaign.recordings)
@@ -81,7 +81,7 @@ def run_campaign(campaign: Campaign, reporter: Reporter) -> Json:
     return {"summary": summary, "runs": runs}
 
 
-def _all_runs(campaign: Campaign) -> Generator[Json]:
+def _all_runs(campaign: CheckCampaign) -> Generator[Json]:
     """The outcomes of each drive, in the order in which they are done."""
     every = (*campaign.seeds, *campaign.clean_seeds)
     with ThreadPoolExecutor(campaign.workers) as threads, Children() as children:
@@ -96,14 +96,14 @@ def _all_runs(campaign: Campaign) -> Generator[Json]:
             threads.shutdown(wait=False, cancel_futures=True)
 
 
-def _one_seed(campaign: Campaign, seed: int, children: Children) -> Json:
+def _one_seed(campaign: CheckCampaign, seed: int, children: Children) -> Json:
     try:
         return children.run(run_seed, campaign, seed)
     except SlamsimError as error:
         return {"drive": _drive(seed), "error": str(error), "outcomes": []}
 
 
-def _one_recording(campaign: Campaign, path: Path, children: Children) -> Json:
+def _one_recording(campaign: CheckCampaign, path: Path, children: Children) -> Json:
     try:
         return children.run(run_recording, path, campaign.faults)
     except SlamsimError as error:
@@ -114,7 +114,7 @@ def _drive(seed: int) -> str:
     return f"seed {seed:4d}"
 
 
-def run_seed(campaign: Campaign, seed: int) -> Json:
+def run_seed(campaign: CheckCampaign, seed: int) -> Json:
     """One drive with all of its trials, in this process; those that were kept are taken over."""
     scenario = random_scenario(seed, campaign.seconds)
     done = _kept(campaign, seed)
@@ -135,19 +135,19 @@ def run_seed(campaign: Campaign, seed: int) -> Json:
     }
 
 
-def _kept(campaign: Campaign, seed: int) -> dict[str, Outcome]:
+def _kept(campaign: CheckCampaign, seed: int) -> dict[str, CheckOutcome]:
     path = _path(campaign, seed)
     if path is None or not path.is_file():
         return {}
     try:
         with open_input(path) as file:
-            return {name: Outcome.from_json(data) for name, data in json.load(file).items()}
+            return {name: CheckOutcome.from_json(data) for name, data in json.load(file).items()}
     except (ValueError, KeyError, TypeError, AttributeError) as error:
         reason = f"holds no outcomes of trials ({error!r:.100}); delete it to measure again"
         raise InputRefused(path, reason) from None
 
 
-def _keep(campaign: Campaign, seed: int, done: dict[str, Outcome]) -> None:
+def _keep(campaign: CheckCampaign, seed: int, done: dict[str, CheckOutcome]) -> None:
     path = _path(campaign, seed)
     if path is not None:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -155,7 +155,7 @@ def _keep(campaign: Campaign, seed: int, done: dict[str, Outcome]) -> None:
         write_atomic(path, json.dumps(data).encode())
 
 
-def _path(campaign: Campaign, seed: int) -> Path | None:
+def _path(campaign: CheckCampaign, seed: int) -> Path | None:
     if campaign.kept is None:
         return None
     return campaign.kept / f"seed_{seed}_{campaign.seconds:g}s.json"

@@ -8,12 +8,13 @@ from dataclasses import asdict, dataclass
 
 from pydantic import TypeAdapter
 
-from slamsim.bench.check.trials import Trial
+from slamsim.bench.check.trials import CheckTrial
 from slamsim.bench.check.truth import Truth
 from slamsim.check.check import check_recording
 from slamsim.check.findings import CheckReport, Finding
 from slamsim.recording import Recording
-from slamsim.sensors.faults.base import CannotInject, Fault
+from slamsim.recording.edits.base import CannotEdit
+from slamsim.sensors.faults.base import Fault
 
 Json = dict[str, object]
 
@@ -32,7 +33,7 @@ class Measured:
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome:
+class CheckOutcome:
     """One trial.
 
     expects: what had to be said. also: what might be said besides. said: the names of all that
@@ -65,21 +66,21 @@ class Outcome:
         return asdict(self)
 
     @staticmethod
-    def from_json(data: object) -> Outcome:
+    def from_json(data: object) -> CheckOutcome:
         """Raises ValidationError for what ``as_json`` did not give."""
         return _OUTCOME.validate_python(data)
 
 
-_OUTCOME = TypeAdapter(Outcome)
+_OUTCOME = TypeAdapter(CheckOutcome)
 
 
 def outcome_of(
-    trial: Trial, spoilt: Callable[[Sequence[Fault]], Recording], truth: Truth
-) -> Outcome:
-    """Inject and check. spoilt: gives the recording with faults, or raises CannotInject."""
+    trial: CheckTrial, spoilt: Callable[[Sequence[Fault]], Recording], truth: Truth
+) -> CheckOutcome:
+    """Inject and check. spoilt: gives the recording with faults, or raises CannotEdit."""
     try:
         recording = spoilt(trial.faults)
-    except CannotInject as error:
+    except CannotEdit as error:
         return _outcome(trial, truth, CheckReport("", ()), 0.0, str(error))
     begun_s = time.perf_counter()
     report = check_recording(recording)
@@ -87,9 +88,9 @@ def outcome_of(
 
 
 def _outcome(
-    trial: Trial, truth: Truth, report: CheckReport, seconds: float, skipped: str = ""
-) -> Outcome:
-    return Outcome(
+    trial: CheckTrial, truth: Truth, report: CheckReport, seconds: float, skipped: str = ""
+) -> CheckOutcome:
+    return CheckOutcome(
         truth=truth,
         trial=trial.name,
         sort=trial.sort,

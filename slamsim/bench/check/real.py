@@ -6,13 +6,14 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from slamsim.bench.check.outcome import Json, Outcome, outcome_of
-from slamsim.bench.check.trials import Trial, clean_trial, fault_trials
+from slamsim.bench.check.outcome import CheckOutcome, Json, outcome_of
+from slamsim.bench.check.trials import CheckTrial, clean_trial, fault_trials
 from slamsim.io.open import read_recording
 from slamsim.recording import Recording
+from slamsim.recording.edits.base import CannotEdit
 from slamsim.run.naming import recording_name
 from slamsim.sensors.faults.apply import injected
-from slamsim.sensors.faults.base import CannotInject, Fault
+from slamsim.sensors.faults.base import Fault
 
 
 def recordings_at(path: Path) -> tuple[Path, ...]:
@@ -39,11 +40,11 @@ def run_recording(path: Path, faults: Sequence[Fault]) -> Json:
     }
 
 
-def _checked(trial: Trial, recording: Recording) -> Outcome:
+def _checked(trial: CheckTrial, recording: Recording) -> CheckOutcome:
     return outcome_of(trial, lambda faults: injected(recording, faults, seed=0), {})
 
 
-def _on_top(trial: Trial, recording: Recording, as_it_is: Outcome) -> Outcome:
+def _on_top(trial: CheckTrial, recording: Recording, as_it_is: CheckOutcome) -> CheckOutcome:
     """What a recording has anyhow cannot be found anew."""
     if set(as_it_is.said) & {fault.expects for fault in trial.faults}:
         return outcome_of(trial, _has_it_already, {})
@@ -52,7 +53,7 @@ def _on_top(trial: Trial, recording: Recording, as_it_is: Outcome) -> Outcome:
 
 
 def _has_it_already(faults: Sequence[Fault]) -> Recording:
-    raise CannotInject(f"it has {' and '.join(fault.expects for fault in faults)} already")
+    raise CannotEdit(f"it has {' and '.join(fault.expects for fault in faults)} already")
 
 
 def _joined(one: Iterable[str], other: Iterable[str]) -> tuple[str, ...]:

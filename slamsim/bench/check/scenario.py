@@ -15,7 +15,7 @@ WORLDS = ("labyrinth", "labyrinth", "labyrinth", "rooms", "loop", "symmetric")
 
 
 @dataclass(frozen=True, slots=True)
-class Scenario:
+class CheckScenario:
     """What one seed stands for; world and lidar are the names of what it was drawn from."""
 
     seed: int
@@ -24,7 +24,7 @@ class Scenario:
     config: RunConfig
 
 
-def random_scenario(seed: int, seconds: float) -> Scenario:
+def random_scenario(seed: int, seconds: float) -> CheckScenario:
     """The scenario of a seed, always the same one.
 
     World, size, preset of the lidar, rates, phases, where the laser is mounted and the errors that
@@ -42,7 +42,7 @@ def random_scenario(seed: int, seconds: float) -> Scenario:
         *_wheels(rng),
         *_mount(rng),
     ]
-    return Scenario(seed, world, lidar, load_run_config(world, None, overrides, seed))
+    return CheckScenario(seed, world, lidar, load_run_config(world, None, overrides, seed))
 
 
 def _world(world: str, rng: np.random.Generator) -> list[str]:

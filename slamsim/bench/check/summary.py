@@ -8,8 +8,58 @@ from typing import cast
 
 import numpy as np
 
-from slamsim.bench.check.coverage import coverage, coverage_row
-from slamsim.bench.check.outcome import Json, Outcome
+from slamsim.bench.check.outcome import CheckOutcome, Json, Measured
+
+MOST_SIGMAS = 1.96
+SIGMAS_PER_MEDIAN = 1.4826
+"""Standard deviation of a normal error over the median of its size."""
+
+
+def coverage(outcomes: Iterable[CheckOutcome]) -> dict[str, Json]:
+    """By check: how often the truth lies inside the 95 % interval, errors, sigmas, bounds.
+
+    ratio: error over sigma, 1 for honest ones, and error: both as standard deviations by their
+    medians, so that single wild ones show in ``inside`` alone. over_bound: median of sigma over
+    the least one possible. An answer of "cannot tell" counts: its interval is stated too.
+    """
+    pairs: dict[str, list[tuple[Measured, float]]] = defaultdict(list)
+    for outcome in outcomes:
+        for measured in outcome.measured:
+            if measured.check in outcome.truth and np.isfinite(measured.sigma):
+                pairs[measured.check].append((measured, outcome.truth[measured.check]))
+    return {check: _figures(found) for check, found in sorted(pairs.items())}
+
+
+def coverage_row(figures: Json) -> str:
+    """What a person sees of one check."""
+    unit, over_bound = figures["unit"], figures["over_bound"]
+    told = (
+        f"{100.0 * cast(float, figures['inside']):.1f} % of {figures['count']} inside; "
+        f"error/sigma {figures['ratio']:.2f}; sigma {figures['sigma']:.3g} {unit}, "
+        f"error {figures['error']:.3g} {unit}"
+    )
+    return told if over_bound is None else f"{told}; {over_bound:.2f} x the bound"
+
+
+def _error(measured: Measured, truth: float) -> float:
+    error = measured.value - truth
+    return (error + 180.0) % 360.0 - 180.0 if measured.unit == "deg" else error
+
+
+def _figures(pairs: list[tuple[Measured, float]]) -> Json:
+    errors = np.array([_error(measured, truth) for measured, truth in pairs])
+    sigmas = np.maximum([measured.sigma for measured, _ in pairs], 1e-300)
+    bounds = [m.sigma / m.bound for m, _ in pairs if m.bound is not None and m.bound > 0.0]
+    return {
+        "count": len(pairs),
+        "inside": float(np.mean(np.abs(errors) <= MOST_SIGMAS * sigmas)),
+        "ratio": SIGMAS_PER_MEDIAN * float(np.median(np.abs(errors / sigmas))),
+        "sigma": float(np.median(sigmas)),
+        "error": SIGMAS_PER_MEDIAN * float(np.median(np.abs(errors))),
+        "unit": pairs[0][0].unit,
+        "over_bound": float(np.median(bounds)) if bounds else None,
+    }
+
 
 Rows = dict[str, str]
 
@@ -20,7 +70,7 @@ def summarise(runs: Sequence[Json]) -> Json:
     """Per fault, pair and size how often it was named; alarms for nothing; seconds."""
     outcomes = [outcome for run in runs for outcome in _outcomes(run)]
     done = [outcome for outcome in outcomes if not outcome.skipped]
-    by_sort: dict[str, list[Outcome]] = defaultdict(list)
+    by_sort: dict[str, list[CheckOutcome]] = defaultdict(list)
     for outcome in done:
         by_sort[outcome.sort].append(outcome)
     seconds = [outcome.seconds for outcome in done]
@@ -79,16 +129,16 @@ def summary_tables(summary: Json) -> dict[str, Rows]:
     return tables
 
 
-def _outcomes(run: Json) -> list[Outcome]:
-    return [Outcome.from_json(data) for data in cast(list[Json], run["outcomes"])]
+def _outcomes(run: Json) -> list[CheckOutcome]:
+    return [CheckOutcome.from_json(data) for data in cast(list[Json], run["outcomes"])]
 
 
-def _by_name(outcomes: Sequence[Outcome]) -> dict[str, Json]:
+def _by_name(outcomes: Sequence[CheckOutcome]) -> dict[str, Json]:
     names = dict.fromkeys(outcome.trial for outcome in outcomes)
     return {name: _rates([o for o in outcomes if o.trial == name]) for name in names}
 
 
-def _rates(outcomes: Sequence[Outcome]) -> Json:
+def _rates(outcomes: Sequence[CheckOutcome]) -> Json:
     instead = Counter(name for o in outcomes if not o.named for name in o.invented or ("nothing",))
     besides = Counter(name for o in outcomes if o.named for name in o.invented)
     return {
@@ -100,7 +150,7 @@ def _rates(outcomes: Sequence[Outcome]) -> Json:
     }
 
 
-def _alarms(outcomes: Sequence[Outcome]) -> Json:
+def _alarms(outcomes: Sequence[CheckOutcome]) -> Json:
     names = Counter(name for outcome in outcomes for name in outcome.said)
     return {
         "trials": len(outcomes),

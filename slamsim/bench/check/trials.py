@@ -8,13 +8,12 @@ from dataclasses import dataclass
 
 from slamsim.core.randomness import random_stream
 from slamsim.sensors.faults.base import Fault
-from slamsim.sensors.faults.together import told_apart
 
 CLEAN = "clean"
 
 
 @dataclass(frozen=True, slots=True)
-class Trial:
+class CheckTrial:
     """Faults to put into a drive, and what sort of trial it is: clean, fault, pair or curve."""
 
     sort: str
@@ -28,22 +27,22 @@ class Trial:
         return "+".join(fault.name for fault in self.faults) or CLEAN
 
 
-def clean_trial() -> Trial:
-    return Trial("clean", ())
+def clean_trial() -> CheckTrial:
+    return CheckTrial("clean", ())
 
 
-def fault_trials(faults: Sequence[Fault]) -> list[Trial]:
-    return [Trial("fault", (fault,)) for fault in faults]
+def fault_trials(faults: Sequence[Fault]) -> list[CheckTrial]:
+    return [CheckTrial("fault", (fault,)) for fault in faults]
 
 
-def curve_trials(faults: Sequence[Fault]) -> list[Trial]:
+def curve_trials(faults: Sequence[Fault]) -> list[CheckTrial]:
     """Each fault with each of its sizes."""
-    return [Trial("curve", (f.with_size(size),)) for f in faults for size in f.sizes]
+    return [CheckTrial("curve", (f.with_size(size),)) for f in faults for size in f.sizes]
 
 
-def pair_trials(faults: Sequence[Fault], count: int, seed: int) -> list[Trial]:
+def pair_trials(faults: Sequence[Fault], count: int, seed: int) -> list[CheckTrial]:
     """So many random pairs whose faults can both be told, as far as there are any."""
-    pairs = [pair for pair in itertools.combinations(faults, 2) if told_apart(*pair)]
+    pairs = [pair for pair in itertools.combinations(faults, 2) if Fault.told_apart(*pair)]
     rng = random_stream(seed, "bench check", "pairs")
     chosen = rng.choice(len(pairs), size=min(count, len(pairs)), replace=False) if pairs else ()
-    return [Trial("pair", pairs[int(one)]) for one in chosen]
+    return [CheckTrial("pair", pairs[int(one)]) for one in chosen]

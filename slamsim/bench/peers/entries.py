@@ -20,7 +20,7 @@ INDOORS = MappingProxyType(
 
 
 @dataclass(frozen=True, slots=True)
-class Entry:
+class PeerEntry:
     """One peer in one way of use.
 
     library: the module that must be installed. adapter, kind: module of this package and its
@@ -46,9 +46,9 @@ class Entry:
 
 
 ENTRIES = (
-    Entry("kiss-icp", GUIDED, "kiss_icp", "kiss", "Kiss", True, FIRST, dict(INDOORS)),
-    Entry("kiss-icp", SHIPPED, "kiss_icp", "kiss", "Kiss", False, LAST),
-    Entry(
+    PeerEntry("kiss-icp", GUIDED, "kiss_icp", "kiss", "Kiss", True, FIRST, dict(INDOORS)),
+    PeerEntry("kiss-icp", SHIPPED, "kiss_icp", "kiss", "Kiss", False, LAST),
+    PeerEntry(
         "small-gicp",
         GUIDED,
         "small_gicp",
@@ -58,7 +58,7 @@ ENTRIES = (
         FIRST,
         {"voxel_m": 0.25, "point_m": 0.1, "gate_m": 0.25},
     ),
-    Entry(
+    PeerEntry(
         "small-gicp",
         SHIPPED,  # the numbers of the library's own odometry example
         "small_gicp",
@@ -68,7 +68,7 @@ ENTRIES = (
         MIDDLE,
         {"voxel_m": 1.0, "point_m": 0.25, "gate_m": 1.0},
     ),
-    Entry(
+    PeerEntry(
         "karto-scanmatcher",
         GUIDED,
         "karto_scanmatcher",
@@ -78,7 +78,7 @@ ENTRIES = (
         FIRST,
         {"range_threshold_m": 30.0},
     ),
-    Entry("karto-scanmatcher", SHIPPED, "karto_scanmatcher", "karto", "Karto", False, MIDDLE),
-    Entry("genz-icp", GUIDED, "genz_icp", "genz", "Guided", True, FIRST, dict(INDOORS)),
-    Entry("genz-icp", SHIPPED, "genz_icp", "genz", "Shipped", False, MIDDLE),
+    PeerEntry("karto-scanmatcher", SHIPPED, "karto_scanmatcher", "karto", "Karto", False, MIDDLE),
+    PeerEntry("genz-icp", GUIDED, "genz_icp", "genz", "Guided", True, FIRST, dict(INDOORS)),
+    PeerEntry("genz-icp", SHIPPED, "genz_icp", "genz", "Shipped", False, MIDDLE),
 )

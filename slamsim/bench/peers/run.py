@@ -13,7 +13,7 @@ import numpy as np
 
 from slamsim.bench.alone import Children
 from slamsim.bench.peers.base import Peer, PeerScan
-from slamsim.bench.peers.entries import ENTRIES, Entry
+from slamsim.bench.peers.entries import ENTRIES, PeerEntry
 from slamsim.config.slam import SlamConfig
 from slamsim.console.reporter import Reporter
 from slamsim.core.types import FloatArray, Log, PlanarTrajectory, Scan, ScanGeometry
@@ -77,7 +77,7 @@ def measure_front(folder: Path, config: SlamConfig) -> Figures:
     return _scored(result.front_end, truth, len(log.scans), watch)
 
 
-def measure_peer(entry: Entry, folder: Path) -> Figures:
+def measure_peer(entry: PeerEntry, folder: Path) -> Figures:
     """One peer over all scans. Raises SlamsimError if it gets lost."""
     log, truth = read_known(folder)
     peer: Peer | None = None
@@ -118,7 +118,7 @@ def _line(row: Figures) -> str:
     )
 
 
-def _alone(entry: Entry, folder: Path, children: Children) -> Figures:
+def _alone(entry: PeerEntry, folder: Path, children: Children) -> Figures:
     try:
         return children.run(measure_peer, entry, folder)
     except SlamsimError as error:
@@ -168,7 +168,7 @@ class _Stopwatch:
         self.cpu_s += time.process_time()
 
 
-def handed_scans(log: Log, entry: Entry) -> Iterator[tuple[ScanGeometry, int, PeerScan]]:
+def handed_scans(log: Log, entry: PeerEntry) -> Iterator[tuple[ScanGeometry, int, PeerScan]]:
     """Each scan as the peer gets it, with the instant that its pose is for."""
     motion = predict_motion(log)
     odometry = motion if entry.guided or log.odometry is None else log.odometry

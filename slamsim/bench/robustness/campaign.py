@@ -22,7 +22,7 @@ COUNTED = ("false_closures", "false_kidnappings", "kidnappings", "kidnappings_to
 
 
 @dataclass(frozen=True, slots=True)
-class Campaign:
+class RobustnessCampaign:
     """What to run. numbers: of the cases. workers: cases at a time. kept: a folder for the results
     as they come, one line of JSON for each case."""
 
@@ -33,7 +33,7 @@ class Campaign:
 
 
 def run_robustness(
-    campaign: Campaign,
+    campaign: RobustnessCampaign,
     reporter: Reporter,
     draw: Callable[[int, int], Conditions] = draw_conditions,
 ) -> None:
@@ -86,7 +86,9 @@ def _worse_than_wheels(run: Figures) -> bool:
     return cast(float, run["ate_m"]) > cast(float, run["odometry_ate_m"])
 
 
-def _all_cases(campaign: Campaign, draw: Callable[[int, int], Conditions]) -> Generator[Figures]:
+def _all_cases(
+    campaign: RobustnessCampaign, draw: Callable[[int, int], Conditions]
+) -> Generator[Figures]:
     """In the order in which they are done."""
     with Workers(campaign.workers) as workers:
         cases: dict[Future[Figures], Conditions] = {}
@@ -111,7 +113,7 @@ def _figures(future: Future[Figures], conditions: Conditions) -> Figures:
         return {**known, "outcome": "told", "why": f"{type(error).__name__}: {error}"}
 
 
-def _keep(campaign: Campaign, runs: Sequence[Figures]) -> None:
+def _keep(campaign: RobustnessCampaign, runs: Sequence[Figures]) -> None:
     if campaign.kept is None:
         return
     campaign.kept.mkdir(parents=True, exist_ok=True)

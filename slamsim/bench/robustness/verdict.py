@@ -34,7 +34,7 @@ mistaken for another, and places that are mistaken are most of a door's width ap
 
 
 @dataclass(frozen=True, slots=True)
-class Verdict:
+class CaseVerdict:
     """tolerance_m: up to which ATE the run counts as tracked. why: what tells of the failure."""
 
     outcome: Outcome
@@ -48,7 +48,7 @@ def judge(
     truth: PlanarTrajectory,
     failure: str | None,
     bound_m: Callable[[], float | None],
-) -> Verdict:
+) -> CaseVerdict:
     """How a run ended that gave a result.
 
     failure: why ``slamsim map`` ends with a code that is not 0, None if it does not. bound_m: the
@@ -59,14 +59,14 @@ def judge(
     if ate_m > GOOD_M:
         tolerance_m = max(GOOD_M, TIMES_BOUND * (bound_m() or 0.0))
     if failure is not None:
-        return Verdict("told", ate_m, tolerance_m, failure)
+        return CaseVerdict("told", ate_m, tolerance_m, failure)
     if ate_m <= tolerance_m:
-        return Verdict("tracked", ate_m, tolerance_m)
+        return CaseVerdict("tracked", ate_m, tolerance_m)
     worst_m = worst_piece_m(result.trajectory, truth, result.events)
     if worst_m <= tolerance_m:
         kinds = sorted({event.kind for event in result.events if event.kind in TELLING})
-        return Verdict("told", ate_m, tolerance_m, f"events: {', '.join(kinds)}")
-    return Verdict("silently wrong", ate_m, tolerance_m)
+        return CaseVerdict("told", ate_m, tolerance_m, f"events: {', '.join(kinds)}")
+    return CaseVerdict("silently wrong", ate_m, tolerance_m)
 
 
 def worst_piece_m(

@@ -9,10 +9,10 @@ from dataclasses import dataclass
 
 from slamsim.dataset.catalogue.manifest import MANIFEST
 from slamsim.dataset.make.identity import IDENTITY, read_identity
-from slamsim.dataset.make.sequence_check import EXTRA, Finding, file_faults, is_hidden
+from slamsim.dataset.make.sequence_check import EXTRA, SequenceFinding, file_faults, is_hidden
 from slamsim.dataset.make.shard import MADE
 from slamsim.dataset.recipe.sequence import SPLITS
-from slamsim.dataset.store.place import Place
+from slamsim.dataset.store.place import Location
 from slamsim.dataset.store.table import Row, rows_from_parquet
 from slamsim.guard.errors import InputRefused
 from slamsim.guard.sums import SUMS, SumsDamaged, read_sums
@@ -32,7 +32,7 @@ class Catalogue:
     count: int
     rows: Sequence[Row]
     files: int
-    findings: tuple[Finding, ...]
+    findings: tuple[SequenceFinding, ...]
 
     @property
     def identity_is_sound(self) -> bool:
@@ -40,12 +40,12 @@ class Catalogue:
         return all(finding.path not in (IDENTITY, SUMS) for finding in self.findings)
 
 
-def check_catalogue(place: Place, readers: Executor) -> Catalogue:
+def check_catalogue(place: Location, readers: Executor) -> Catalogue:
     """Every file beside the sequences, completeness, and that nothing else lies there."""
     sums, findings = _sums(place)
 
-    def look(path: str) -> list[Finding]:
-        return [Finding(path, reason) for reason in file_faults(place, path, sums[path])]
+    def look(path: str) -> list[SequenceFinding]:
+        return [SequenceFinding(path, reason) for reason in file_faults(place, path, sums[path])]
 
     for found in readers.map(look, sorted(sums)):
         findings += found
@@ -60,18 +60,18 @@ def check_catalogue(place: Place, readers: Executor) -> Catalogue:
     return Catalogue(count, rows, 1 + len(sums), tuple(findings))
 
 
-def _sums(place: Place) -> tuple[dict[str, str], list[Finding]]:
+def _sums(place: Location) -> tuple[dict[str, str], list[SequenceFinding]]:
     data = place.read(SUMS)
     try:
         sums = {} if data is None else read_sums(data)
     except SumsDamaged:
         reason = "not as it was written, so that what it lists cannot be judged"
-        return {}, [Finding(SUMS, reason)]
+        return {}, [SequenceFinding(SUMS, reason)]
     told = "missing" if data is None else "tells of no file"
-    return sums, [] if sums else [Finding(SUMS, f"{told}: the data set was never finished")]
+    return sums, [] if sums else [SequenceFinding(SUMS, f"{told}: the data set was never finished")]
 
 
-def _rows(place: Place, bad: Collection[str]) -> tuple[list[Row], bool]:
+def _rows(place: Location, bad: Collection[str]) -> tuple[list[Row], bool]:
     """The rows, and whether there should be one of every sequence among them."""
     if MANIFEST not in bad and (rows := _read_rows(place, MANIFEST, _NEEDED)) is not None:
         return rows, True
@@ -80,25 +80,27 @@ def _rows(place: Place, bad: Collection[str]) -> tuple[list[Row], bool]:
     return [row for rows in found for row in rows or ()], None not in found
 
 
-def _read_rows(place: Place, path: str, columns: Sequence[str] | None = None) -> list[Row] | None:
+def _read_rows(
+    place: Location, path: str, columns: Sequence[str] | None = None
+) -> list[Row] | None:
     try:
         return list(rows_from_parquet(place.read(path) or b"", columns))
     except ValueError:
         return None
 
 
-def _count(place: Place, bad: Collection[str]) -> tuple[int | None, list[Finding]]:
+def _count(place: Location, bad: Collection[str]) -> tuple[int | None, list[SequenceFinding]]:
     """How many sequences there are to be, if ``dataset.yaml`` can be read."""
     if IDENTITY in bad:
         return None, []
     try:
         identity = read_identity(place)
     except InputRefused as error:
-        return None, [Finding(IDENTITY, str(error))]
+        return None, [SequenceFinding(IDENTITY, str(error))]
     return (None, []) if identity is None else (int(identity["sequences"]), [])
 
 
-def _incomplete(rows: Sequence[Row], count: int) -> Iterator[Finding]:
+def _incomplete(rows: Sequence[Row], count: int) -> Iterator[SequenceFinding]:
     """Whether every index is there once."""
     times = Counter(row["index"] for row in rows)
     missing = [index for index in range(count) if index not in times]
@@ -106,13 +108,17 @@ def _incomplete(rows: Sequence[Row], count: int) -> Iterator[Finding]:
         reason = (
             f"tells nothing of {len(missing):,} of {count:,} sequences; the first: {missing[0]}"
         )
-        yield Finding(MANIFEST, reason)
+        yield SequenceFinding(MANIFEST, reason)
     for index, number in times.items():
         if number > 1 or not isinstance(index, int) or not 0 <= index < count:
-            yield Finding(MANIFEST, f"sequence {index} is there {number} times, of {count:,}")
+            yield SequenceFinding(
+                MANIFEST, f"sequence {index} is there {number} times, of {count:,}"
+            )
 
 
-def _extra(place: Place, sums: Mapping[str, str], rows: Sequence[Row]) -> Iterator[Finding]:
+def _extra(
+    place: Location, sums: Mapping[str, str], rows: Sequence[Row]
+) -> Iterator[SequenceFinding]:
     """Whatever else lies in the folders of the data set."""
     if not sums:
         return
@@ -124,4 +130,4 @@ def _extra(place: Place, sums: Mapping[str, str], rows: Sequence[Row]) -> Iterat
     ]
     for path in paths:
         if path not in named and not is_hidden(path):
-            yield Finding(path, EXTRA)
+            yield SequenceFinding(path, EXTRA)

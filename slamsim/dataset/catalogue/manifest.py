@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 
 import pyarrow as pa
 
-from slamsim.dataset.store.place import Place
+from slamsim.dataset.store.place import Location
 from slamsim.dataset.store.table import table_from_parquet
 from slamsim.guard.errors import InputRefused, NotFound
 
@@ -95,7 +95,7 @@ def _kind(name: str, shards: Sequence[pa.Table]) -> pa.DataType:
     return kinds.pop() if len(kinds) == 1 else pa.string()
 
 
-def read_manifest(place: Place) -> pa.Table:
+def read_manifest(place: Location) -> pa.Table:
     """Raises NotFound where there is none, DataDamaged or InputRefused if it is damaged."""
     place.require_as_written(MANIFEST)
     data = place.read(MANIFEST)

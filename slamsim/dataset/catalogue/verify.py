@@ -16,9 +16,9 @@ from slamsim.core.progress import Progress, silent
 from slamsim.dataset.catalogue.check import check_catalogue
 from slamsim.dataset.make.again import make_again, require_same_software
 from slamsim.dataset.make.identity import IDENTITY
-from slamsim.dataset.make.sequence_check import Checked, Finding, check_sequence
+from slamsim.dataset.make.sequence_check import Checked, SequenceFinding, check_sequence
 from slamsim.dataset.make.shard import MADE
-from slamsim.dataset.store.place import Place
+from slamsim.dataset.store.place import Location
 from slamsim.dataset.store.table import Row
 from slamsim.guard.errors import NotFound
 from slamsim.guard.sums import SUMS
@@ -43,7 +43,7 @@ class Verification:
     again: tuple[int, ...]
     files: int
     size_bytes: int
-    findings: tuple[Finding, ...]
+    findings: tuple[SequenceFinding, ...]
 
     @property
     def whole(self) -> bool:
@@ -68,7 +68,7 @@ def verify(
     Raises NotFound where there is no data set, SlamsimError where it cannot be read, and where
     sequences are to be made again with other software than that which made them.
     """
-    place = Place(address)
+    place = Location(address)
     if place.read(IDENTITY) is None and place.read(SUMS) is None:
         raise NotFound(f"{address} holds no data set: there is no {IDENTITY}")
     with ThreadPoolExecutor(workers) as readers:
@@ -85,7 +85,7 @@ def verify(
             progress(len(checked), total)
     sound = [row for row, one in zip(chosen, checked, strict=True) if not one.findings]
     twice = tuple(_index(row) for row in spread(sound, again))
-    remade = list[Finding]()
+    remade = list[SequenceFinding]()
     for number, findings in enumerate(make_again(place, twice, workers), start=len(checked) + 1):
         remade += findings
         progress(number, total)
@@ -102,7 +102,7 @@ def verify(
     )
 
 
-def _checked(place: Place, rows: Sequence[Row], readers: Executor) -> Iterator[Checked]:
+def _checked(place: Location, rows: Sequence[Row], readers: Executor) -> Iterator[Checked]:
     """One after the other, some of them being read meanwhile."""
     for first in range(0, len(rows), _AT_ONCE):
         yield from readers.map(partial(_check, place), rows[first : first + _AT_ONCE])
@@ -114,7 +114,7 @@ def spread(rows: Sequence[Row], number: int) -> list[Row]:
     return [rows[place * len(rows) // number] for place in range(number)]
 
 
-def _check(place: Place, row: Row) -> Checked:
+def _check(place: Location, row: Row) -> Checked:
     return check_sequence(place, _index(row), str(row["name"]), str(row["sha256"]))
 
 

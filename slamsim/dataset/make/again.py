@@ -9,17 +9,17 @@ from pathlib import Path
 from typing import Any
 
 from slamsim.dataset.make.identity import read_identity
-from slamsim.dataset.make.sequence_check import Finding
+from slamsim.dataset.make.sequence_check import SequenceFinding
 from slamsim.dataset.make.shard import LIMIT_S
 from slamsim.dataset.make.versions import difference, versions
 from slamsim.dataset.recipe.model import Recipe
-from slamsim.dataset.store.place import Place
+from slamsim.dataset.store.place import Location
 from slamsim.guard.errors import SlamsimError
 from slamsim.guard.sums import SEQUENCE, read_sequence
 from slamsim.process.worker import WorkerDied, Workers, time_limit
 
 
-def require_same_software(place: Place) -> None:
+def require_same_software(place: Location) -> None:
     """Raise SlamsimError where other software would make other bytes."""
     identity = read_identity(place) or {}
     if differs := difference(identity.get("versions", {}), versions()):
@@ -30,8 +30,8 @@ def require_same_software(place: Place) -> None:
 
 
 def make_again(
-    place: Place, indices: Sequence[int], workers: int | None
-) -> Iterator[tuple[Finding, ...]]:
+    place: Location, indices: Sequence[int], workers: int | None
+) -> Iterator[tuple[SequenceFinding, ...]]:
     """What differs, sequence by sequence."""
     if not indices:
         return
@@ -50,7 +50,9 @@ def make_again(
                 ) from None
 
 
-def _compared(place: Place, identity: Mapping[str, Any], index: int) -> tuple[Finding, ...]:
+def _compared(
+    place: Location, identity: Mapping[str, Any], index: int
+) -> tuple[SequenceFinding, ...]:
     from slamsim.dataset.make.produce import produce
     from slamsim.dataset.make.shard import sequence_mark
     from slamsim.dataset.recipe.draw import sequence_spec
@@ -62,11 +64,11 @@ def _compared(place: Place, identity: Mapping[str, Any], index: int) -> tuple[Fi
         try:
             facts = produce(spec, Path(folder))
         except SlamsimError as error:
-            return (Finding(spec.name, f"cannot be made again: {error}", index),)
+            return (SequenceFinding(spec.name, f"cannot be made again: {error}", index),)
     if sequence_mark(spec, facts) == there:
         return ()
     old = {file["path"]: file["sha256"] for file in read_sequence(there)["files"]}
     new = {file.path: file.sha256 for file in facts.files}
     reason = "made again, its bytes are others"
     paths = [path for path in {**old, **new} if old.get(path) != new.get(path)] or [SEQUENCE]
-    return tuple(Finding(f"{spec.name}/{path}", reason, index) for path in paths)
+    return tuple(SequenceFinding(f"{spec.name}/{path}", reason, index) for path in paths)

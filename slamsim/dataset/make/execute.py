@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from slamsim.dataset.make.engines.base import Engine
+from slamsim.dataset.make.engines.base import WorkEngine
 from slamsim.dataset.make.identity import Identity, claim, require_place_for
 from slamsim.dataset.make.production import DatasetSummary, Order, Production
-from slamsim.dataset.make.progress import Watch
+from slamsim.dataset.make.progress import ProductionWatch
 from slamsim.dataset.store.store import Store
 
 
@@ -15,8 +15,8 @@ def fulfil(
     order: Order,
     identity: Identity,
     store: Store,
-    engine: Engine,
-    watch: Watch,
+    engine: WorkEngine,
+    watch: ProductionWatch,
     require_room: Callable[[int], None] | None = None,
     only: Sequence[int] | None = None,
     catalogue: Callable[[Store], None] | None = None,

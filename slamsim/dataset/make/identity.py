@@ -44,7 +44,7 @@ class Identity:
         )
 
 
-class Readable(Protocol):
+class ReadableStore(Protocol):
     """Where a data set can be read."""
 
     @property
@@ -53,7 +53,7 @@ class Readable(Protocol):
     def read(self, path: str) -> bytes | None: ...
 
 
-def read_identity(store: Readable) -> Mapping[str, Any] | None:
+def read_identity(store: ReadableStore) -> Mapping[str, Any] | None:
     """What ``dataset.yaml`` says, or nothing if there is none. Raises InputRefused if it is bad."""
     data = store.read(IDENTITY)
     if data is None:
@@ -102,7 +102,7 @@ def require_empty(store: Store) -> None:
         )
 
 
-def _vouched(store: Readable, identity: Identity) -> bool:
+def _vouched(store: ReadableStore, identity: Identity) -> bool:
     """Whether the finished data set that lies there was this very one, though its file be lost."""
     try:
         hashes = read_sums(store.read(SUMS) or b"")

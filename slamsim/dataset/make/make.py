@@ -7,12 +7,12 @@ from collections.abc import Callable, Sequence
 from functools import partial
 
 from slamsim.dataset.catalogue.write import write_catalogue
-from slamsim.dataset.make.engines.base import Engine
+from slamsim.dataset.make.engines.base import WorkEngine
 from slamsim.dataset.make.execute import fulfil
 from slamsim.dataset.make.identity import RECIPE, Identity
 from slamsim.dataset.make.produce import produce
 from slamsim.dataset.make.production import DatasetSummary, Order
-from slamsim.dataset.make.progress import Unwatched, Watch
+from slamsim.dataset.make.progress import ProductionWatch, Unwatched
 from slamsim.dataset.make.shard import LIMIT_S
 from slamsim.dataset.recipe.distributions import edges
 from slamsim.dataset.recipe.draw import sequence_spec
@@ -30,8 +30,8 @@ def make_dataset(
     recipe: Recipe,
     count: int,
     out: str,
-    engine: Engine,
-    watch: Watch | None = None,
+    engine: WorkEngine,
+    watch: ProductionWatch | None = None,
     *,
     only: Sequence[int] | None = None,
     limit_s: float = LIMIT_S,

@@ -22,11 +22,11 @@ from slamsim.dataset.recipe.sequence import FileFact, SequenceFacts, SequenceSpe
 from slamsim.dataset.truth.write import Truth
 from slamsim.io.names import LOG
 from slamsim.recording import Recording
-from slamsim.recording.edits import numbered
+from slamsim.recording.edits.messages import with_sequence_numbers
 from slamsim.sensors.faults.apply import declared, faulty_sensors
 from slamsim.sensors.faults.base import Fault
 from slamsim.sensors.faults.registry import chosen_fault
-from slamsim.sensors.motion import Course, joined
+from slamsim.sensors.motion import PoseOverride, joined
 from slamsim.sensors.readings import Readings
 from slamsim.sensors.rig import SensorRig
 from slamsim.sim.drive.route import plan_route
@@ -52,14 +52,14 @@ def produce(spec: SequenceSpec, folder: Path) -> SequenceFacts:
     The caller discards the folder after an exception, and gives it its name when it is whole.
     Everything but ``sequence.json`` is written: log, tables, truth, configuration. The same bytes
     come of the same specification in any process. Raises SlamsimError for a world, robot or route
-    that cannot be, and CannotInject for a fault that finds nothing to spoil.
+    that cannot be, and CannotEdit for a fault that finds nothing to spoil.
     """
     ride = _Ride.planned(spec.config)
     write_config(folder, spec.config)
     write_world(folder, spec.config, ride.world)
     write = _write_spoilt if ride.faults else _write_clean
     with (
-        Truth(folder / TRUTH, ride.world, ride.robot, spec, ride.course) as truth,
+        Truth(folder / TRUTH, ride.world, ride.robot, spec, ride.override) as truth,
         Formats(spec, folder) as formats,
     ):
         write(spec, ride, folder, truth, formats)
@@ -72,13 +72,13 @@ def produce(spec: SequenceSpec, folder: Path) -> SequenceFacts:
 class _Ride:
     """All that is known before the robot starts.
 
-    sensors, course: what is sensed with and how the laser looks, as faults would have it.
+    sensors, override: what is sensed with and how the laser looks, as faults would have it.
     """
 
     config: RunConfig
     faults: tuple[Fault, ...]
     sensors: SensorsConfig
-    course: Course
+    override: PoseOverride
     world: World
     robot: RobotModel
     run: DriveRun
@@ -86,12 +86,12 @@ class _Ride:
     @classmethod
     def planned(cls, config: RunConfig) -> Self:
         faults = tuple(map(chosen_fault, config.faults))
-        sensors, course = faulty_sensors(faults, config.sensors)
+        sensors, override = faulty_sensors(faults, config.sensors)
         seed = config.seed if config.world.seed is None else config.world.seed
         world, robot = _built_world(config.world, seed), _built_robot(config.robot)
         route = plan_route(world, robot, config.drive)
         run = drive(world, robot, route, config.drive)
-        return cls(config, faults, sensors, course, world, robot, run)
+        return cls(config, faults, sensors, override, world, robot, run)
 
     def moments(self) -> Moments:
         """The drive, sensed with its truth as it goes."""
@@ -100,7 +100,7 @@ class _Ride:
             self.robot,
             self.sensors,
             self.config.seed,
-            course=self.course,
+            override=self.override,
             with_truth=True,
         )
         for window in self.run:
@@ -146,7 +146,9 @@ def _write_spoilt(
         truth.write(sensed, window)
         readings.append(replace(sensed, scans=replace(sensed.scans, truth=None)))
         windows.append(window)
-    clean = numbered(DriveRecorder(spec.name, header).take(readings, windows).recording)
+    clean = with_sequence_numbers(
+        DriveRecorder(spec.name, header).take(readings, windows).recording
+    )
     recording = declared(clean, ride.faults, config.sensors, config.seed)
     if "mcap" in spec.formats:
         moments = list(zip(readings, windows, strict=True))

@@ -12,14 +12,14 @@ from datetime import UTC, datetime
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from slamsim.dataset.make.engines.base import Answer, Engine
-from slamsim.dataset.make.progress import Watch
+from slamsim.dataset.make.engines.base import Answer, WorkEngine
+from slamsim.dataset.make.progress import ProductionWatch
 from slamsim.dataset.make.shard import (
     MADE,
     Draw,
     Produce,
     Row,
-    Task,
+    ShardTask,
     Tried,
     failed_row,
     shard_path,
@@ -84,8 +84,8 @@ class Production:
         self,
         order: Order,
         store: Store,
-        engine: Engine,
-        watch: Watch,
+        engine: WorkEngine,
+        watch: ProductionWatch,
         only: Sequence[int] | None = None,
     ) -> None:
         self._order, self._store, self._engine, self._watch = order, store, engine, watch
@@ -182,9 +182,9 @@ class Production:
             submitted = True
         return submitted
 
-    def _task(self, indices: tuple[int, ...]) -> Task:
+    def _task(self, indices: tuple[int, ...]) -> ShardTask:
         order, store = self._order, self._store
-        return Task(
+        return ShardTask(
             store.address,
             order.draw,
             order.produce,

@@ -7,7 +7,7 @@ from typing import Protocol
 from slamsim.dataset.make.shard import Tried
 
 
-class Watch(Protocol):
+class ProductionWatch(Protocol):
     """Whoever listens; called from the thread that runs the production."""
 
     def begin(self, total: int, already: int) -> None:

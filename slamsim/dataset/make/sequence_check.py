@@ -9,7 +9,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from slamsim.dataset.recipe.sequence import FileFact
-from slamsim.dataset.store.place import Place
+from slamsim.dataset.store.place import Location
 from slamsim.guard.errors import SlamsimError
 from slamsim.guard.sums import SEQUENCE, SumsDamaged, read_sequence, sha256_of
 
@@ -18,7 +18,7 @@ EXTRA = "no part of the data set"
 
 
 @dataclass(frozen=True, slots=True)
-class Finding:
+class SequenceFinding:
     """What is not as it should be. path: relative to the data set. index: of the sequence."""
 
     path: str
@@ -32,39 +32,39 @@ class Checked:
 
     files: int
     size_bytes: int
-    findings: tuple[Finding, ...]
+    findings: tuple[SequenceFinding, ...]
 
 
-def check_sequence(place: Place, index: int, name: str, sha256: str) -> Checked:
+def check_sequence(place: Location, index: int, name: str, sha256: str) -> Checked:
     """sha256: of its ``sequence.json``, as the manifest has it."""
     path = f"{name}/{SEQUENCE}"
     try:
         mark = place.read(path)
     except SlamsimError as error:
-        return Checked(0, 0, (Finding(path, str(error), index),))
+        return Checked(0, 0, (SequenceFinding(path, str(error), index),))
     if mark is None:
-        return Checked(0, 0, (Finding(path, "missing", index),))
+        return Checked(0, 0, (SequenceFinding(path, "missing", index),))
     if sha256_of(mark) != sha256:
         reason = "not as the manifest has it, so that its other files cannot be judged"
-        return Checked(1, len(mark), (Finding(path, reason, index),))
+        return Checked(1, len(mark), (SequenceFinding(path, reason, index),))
     try:
         facts = tuple(FileFact(**file) for file in read_sequence(mark)["files"])
     except (SumsDamaged, TypeError) as error:
-        return Checked(1, len(mark), (Finding(path, str(error), index),))
+        return Checked(1, len(mark), (SequenceFinding(path, str(error), index),))
     findings = [
-        Finding(f"{name}/{fact.path}", reason, index)
+        SequenceFinding(f"{name}/{fact.path}", reason, index)
         for fact in facts
         for reason in file_faults(place, f"{name}/{fact.path}", fact.sha256, fact.size_bytes)
     ]
     told = {SEQUENCE, *(fact.path for fact in facts)}
     extra = [path for path in place.files(name) if path not in told and not is_hidden(path)]
-    findings += [Finding(f"{name}/{path}", EXTRA, index) for path in extra]
+    findings += [SequenceFinding(f"{name}/{path}", EXTRA, index) for path in extra]
     size_bytes = len(mark) + sum(fact.size_bytes for fact in facts)
     return Checked(1 + len(facts), size_bytes, tuple(findings))
 
 
 def file_faults(
-    place: Place, path: str, sha256: str, size_bytes: int | None = None
+    place: Location, path: str, sha256: str, size_bytes: int | None = None
 ) -> Iterator[str]:
     """What is wrong with one file, in words; nothing where all is well."""
     try:
@@ -86,7 +86,7 @@ def is_hidden(path: str) -> bool:
     return any(part.startswith(".") for part in path.split("/"))
 
 
-def _page_faults(place: Place, path: str) -> Iterator[str]:
+def _page_faults(place: Location, path: str) -> Iterator[str]:
     """Whether the checksums of all pages hold."""
     with place.open(path) as file:
         try:

@@ -33,7 +33,7 @@ Row = dict[str, Cell]
 
 
 @dataclass(frozen=True, slots=True)
-class Task:
+class ShardTask:
     """What a worker is sent; everything in it can be pickled.
 
     address: where the data set lies. draw: the sequence of an index, a pure function. produce:
@@ -69,7 +69,7 @@ def shard_path(shard: int) -> str:
     return f"shards/{shard:05d}.parquet"
 
 
-def make_sequences(task: Task) -> tuple[Tried, ...]:
+def make_sequences(task: ShardTask) -> tuple[Tried, ...]:
     """Make those that are not there yet, in order.
 
     Raises Unworkable if the worker runs other software, DiskFull, or StoreFailed if the place
@@ -127,7 +127,7 @@ def _drawn_row(spec: SequenceSpec) -> Row:
     }
 
 
-def _try(store: Store, task: Task, index: int) -> Tried:
+def _try(store: Store, task: ShardTask, index: int) -> Tried:
     begin_s = time.monotonic()
     places = [tempfile.gettempdir()]
     try:
@@ -152,7 +152,7 @@ def _row_of_old(store: Store, spec: SequenceSpec) -> Row | None:
     return None if mark is None else made_row(spec, mark)
 
 
-def _make(store: Store, task: Task, spec: SequenceSpec, folder: Path) -> Row | None:
+def _make(store: Store, task: ShardTask, spec: SequenceSpec, folder: Path) -> Row | None:
     with time_limit(task.limit_s):
         facts = task.produce(spec, folder)
     mark = sequence_mark(spec, facts)

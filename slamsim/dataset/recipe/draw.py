@@ -28,7 +28,6 @@ from slamsim.dataset.recipe.model import (
 from slamsim.dataset.recipe.sequence import SPLITS, Cell, SequenceSpec, Split
 from slamsim.sensors.faults.base import Fault
 from slamsim.sensors.faults.registry import load_fault
-from slamsim.sensors.faults.together import told_apart
 
 Names = tuple[str, ...]
 
@@ -199,7 +198,7 @@ def _fault_count(mix: FaultMix, seed: int, names: Names) -> int:
 
 def _joins(variant: FaultVariant, chosen: Iterable[FaultVariant]) -> bool:
     return all(
-        variant is not other and told_apart(_fault(variant.fault), _fault(other.fault))
+        variant is not other and _fault(variant.fault).told_apart(_fault(other.fault))
         for other in chosen
     )
 

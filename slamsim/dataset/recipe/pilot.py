@@ -21,7 +21,7 @@ FOLDERS = {"log": "mcap"}
 
 
 @dataclass(frozen=True, slots=True)
-class Pilot:
+class Rehearsal:
     """One sequence: how much it simulates, what it took of one core, and its bytes by format."""
 
     simulated_s: float
@@ -36,7 +36,7 @@ class Pilots:
     memory_bytes: the most that the process had. start_s: until the first could begin.
     """
 
-    made: tuple[Pilot | None, ...]
+    made: tuple[Rehearsal | None, ...]
     reasons: tuple[str, ...]
     memory_bytes: int
     start_s: float
@@ -56,14 +56,14 @@ def make_pilots(specs: Sequence[SequenceSpec]) -> Pilots:
     finally:
         worker.close()
     return Pilots(
-        tuple(one if isinstance(one, Pilot) else None for one in made),
+        tuple(one if isinstance(one, Rehearsal) else None for one in made),
         tuple(one for one in made if isinstance(one, str)),
         memory_bytes,
         start_s,
     )
 
 
-def _make(spec: SequenceSpec) -> Pilot | str:
+def _make(spec: SequenceSpec) -> Rehearsal | str:
     """The pilot, or why it cannot be."""
     from slamsim.dataset.make.produce import produce
 
@@ -80,7 +80,7 @@ def _make(spec: SequenceSpec) -> Pilot | str:
         sizes[FOLDERS.get(first, first) if slash else "settings"] += file.size_bytes
     duration_s = facts.quality["duration_s"]
     assert isinstance(duration_s, float)
-    return Pilot(duration_s, core_s, dict(sizes))
+    return Rehearsal(duration_s, core_s, dict(sizes))
 
 
 def _peak_bytes() -> int:

@@ -10,7 +10,7 @@ import numpy as np
 
 from slamsim.dataset.recipe.draw import Draft, draw, drawn_cells, sequence_spec, split_counts
 from slamsim.dataset.recipe.model import Recipe
-from slamsim.dataset.recipe.pilot import Pilot, Pilots, make_pilots
+from slamsim.dataset.recipe.pilot import Pilots, Rehearsal, make_pilots
 from slamsim.dataset.recipe.sequence import SequenceSpec, Split
 from slamsim.guard.errors import SlamsimError
 from slamsim.process.worker import cores
@@ -103,9 +103,9 @@ class _Cost:
     core: tuple[float, float]
     sizes: Mapping[str, tuple[float, float]]
 
-    def at(self, asked_s: float) -> Pilot:
+    def at(self, asked_s: float) -> Rehearsal:
         """What is to be expected of one that long."""
-        return Pilot(
+        return Rehearsal(
             _on(self.simulated, asked_s),
             _on(self.core, asked_s),
             {name: round(_on(line, asked_s)) for name, line in self.sizes.items()},
@@ -120,7 +120,7 @@ def _costs(
     chosen: Sequence[Kind], specs: Sequence[SequenceSpec], pilots: Pilots
 ) -> dict[Kind | None, _Cost]:
     """By kind, and under None what holds for the others. Raises SlamsimError without any pilot."""
-    made = dict[Kind | None, list[tuple[float, Pilot]]]()
+    made = dict[Kind | None, list[tuple[float, Rehearsal]]]()
     for place, (spec, pilot) in enumerate(zip(specs, pilots.made, strict=True)):
         if pilot is not None:
             asked_s = _asked_s(spec.config.drive.route.max_duration_s)
@@ -131,7 +131,7 @@ def _costs(
     return {kind: _cost(group) for kind, group in {None: every, **made}.items()}
 
 
-def _cost(pilots: Sequence[tuple[float, Pilot]]) -> _Cost:
+def _cost(pilots: Sequence[tuple[float, Rehearsal]]) -> _Cost:
     asked_s = [asked for asked, _ in pilots]
     names = {name for _, pilot in pilots for name in pilot.sizes}
     return _Cost(

@@ -13,7 +13,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from slamsim.dataset.store.place import Place
+from slamsim.dataset.store.place import Location
 from slamsim.guard.errors import InputRefused, NotFound
 from slamsim.io.parquet.file import cells_of, facts_of
 
@@ -32,7 +32,7 @@ class LazyTable:
     InputRefused if it cannot be read.
     """
 
-    place: Place
+    place: Location
     path: str
 
     @property
@@ -65,24 +65,24 @@ class LazyTable:
 
 
 @lru_cache(maxsize=_FOOTERS_KEPT)
-def _footer(place: Place, path: str) -> Any:
+def _footer(place: Location, path: str) -> Any:
     with _parquet(place, path) as file:
         return file.metadata
 
 
 @lru_cache(maxsize=_GROUPS_KEPT)
-def _group(place: Place, path: str, group: int, columns: tuple[str, ...] | None) -> Cells:
+def _group(place: Location, path: str, group: int, columns: tuple[str, ...] | None) -> Cells:
     with _parquet(place, path) as file:
         return cells_of(file.read_row_group(group, None if columns is None else list(columns)))
 
 
-def _schema(place: Place, path: str, columns: tuple[str, ...] | None) -> pa.Schema:
+def _schema(place: Location, path: str, columns: tuple[str, ...] | None) -> pa.Schema:
     schema = _footer(place, path).schema.to_arrow_schema()
     return schema if columns is None else pa.schema([schema.field(name) for name in columns])
 
 
 @contextmanager
-def _parquet(place: Place, path: str) -> Iterator[pq.ParquetFile]:
+def _parquet(place: Location, path: str) -> Iterator[pq.ParquetFile]:
     place.require_as_written(path)
     try:
         with place.open(path) as file:

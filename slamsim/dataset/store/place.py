@@ -23,7 +23,7 @@ _ONE_AT_A_TIME = RLock()
 
 
 @dataclass(frozen=True, slots=True)
-class Place:
+class Location:
     """The files of a data set; paths are relative to it, with ``/``. It can be pickled.
 
     All raise SlamsimError when the place cannot be read, InputRefused for a path out of it.

@@ -21,7 +21,7 @@ from slamsim.dataset.catalogue.manifest import read_manifest
 from slamsim.dataset.make.shard import MADE
 from slamsim.dataset.recipe.sequence import SPLITS, Cell
 from slamsim.dataset.store.lazy_table import LazyTable
-from slamsim.dataset.store.place import Place
+from slamsim.dataset.store.place import Location
 from slamsim.dataset.truth.read import SequenceTruth, Span
 from slamsim.guard.errors import NotFound, SlamsimError, shown
 from slamsim.guard.files import own_file
@@ -49,7 +49,7 @@ class Sequence:
     its truth. Of a part they are what was sensed in that time, whatever their stamps say.
     """
 
-    place: Place
+    place: Location
     name: str
     row: Mapping[str, Cell] = field(repr=False)
     truth: SequenceTruth = field(repr=False)
@@ -125,7 +125,7 @@ class Sequence:
 class Dataset:
     """Sequences, as many as the manifest has rows: those that were made, or some of them."""
 
-    place: Place
+    place: Location
     manifest: pa.Table = field(repr=False)
 
     def __len__(self) -> int:
@@ -263,6 +263,6 @@ def open_dataset(address: str | Path) -> Dataset:
     Raises NotFound where there is none, DataDamaged or InputRefused if its manifest is damaged.
     """
     text = str(address)
-    place = Place(text if "://" in text else str(Path(text).resolve()))  # wherever it is sent
+    place = Location(text if "://" in text else str(Path(text).resolve()))  # wherever it is sent
     manifest: Any = read_manifest(place)
     return Dataset(place, manifest.filter(pc.field("status") == MADE))

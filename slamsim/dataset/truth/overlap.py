@@ -19,7 +19,7 @@ from slamsim.core.geometry import between
 from slamsim.core.jit import kernel
 from slamsim.core.types import BoolArray, FloatArray, IntArray
 from slamsim.dataset.truth.key_scans import KeyScan
-from slamsim.dataset.truth.surfaces import Surfaces
+from slamsim.dataset.truth.surfaces import TrueSurfaces
 from slamsim.io.parquet.file import Cells, Column, ParquetFile
 
 LEAST_OVERLAP = 0.1
@@ -65,7 +65,7 @@ class Pairs:
     closes: BoolArray
 
 
-def overlapping(keys: Sequence[KeyScan], surfaces: Surfaces, step_rad: float) -> Pairs:
+def overlapping(keys: Sequence[KeyScan], surfaces: TrueSurfaces, step_rad: float) -> Pairs:
     """All pairs that overlap. step_rad: between the beams that the key scans keep."""
     shares = overlap_shares(keys, surfaces, step_rad)
     first, second = np.nonzero(np.triu(np.maximum(shares, shares.T) >= LEAST_OVERLAP, k=1))
@@ -77,7 +77,7 @@ def overlapping(keys: Sequence[KeyScan], surfaces: Surfaces, step_rad: float) ->
     return Pairs(first, second, both, closes)
 
 
-def overlap_shares(keys: Sequence[KeyScan], surfaces: Surfaces, step_rad: float) -> FloatArray:
+def overlap_shares(keys: Sequence[KeyScan], surfaces: TrueSurfaces, step_rad: float) -> FloatArray:
     """(k, k) float32: share of the returns of key scan a (row) that key scan b (column) sees."""
     count = len(keys)
     starts = np.cumsum([0, *(len(key.surfaces) for key in keys)])

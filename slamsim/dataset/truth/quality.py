@@ -12,7 +12,7 @@ from slamsim.core.types import Drive, FloatArray, Grid
 from slamsim.dataset.recipe.sequence import Cell
 from slamsim.dataset.truth.key_scans import KeyScan
 from slamsim.dataset.truth.overlap import Pairs
-from slamsim.dataset.truth.surfaces import Surfaces
+from slamsim.dataset.truth.surfaces import TrueSurfaces
 from slamsim.dataset.truth.tables import slip_m_s
 from slamsim.evaluate.visibility import seen_from
 from slamsim.sensors.readings import Readings
@@ -118,7 +118,7 @@ def scene_numbers(
     }
 
 
-def view_numbers(keys: Sequence[KeyScan], pairs: Pairs, surfaces: Surfaces) -> dict[str, Cell]:
+def view_numbers(keys: Sequence[KeyScan], pairs: Pairs, surfaces: TrueSurfaces) -> dict[str, Cell]:
     """What the key scans tell: places seen again, and places that fix no position."""
     weak = sum(weaker_share(key, surfaces) < DEGENERATE_BELOW for key in keys)
     again = np.unique(pairs.second[pairs.closes]).size
@@ -131,7 +131,7 @@ def view_numbers(keys: Sequence[KeyScan], pairs: Pairs, surfaces: Surfaces) -> d
     }
 
 
-def weaker_share(key: KeyScan, surfaces: Surfaces) -> float:
+def weaker_share(key: KeyScan, surfaces: TrueSurfaces) -> float:
     """Share of a scan's hold on the position in the plane that falls to its weaker direction.
 
     Each return holds the position along the normal of its wall (Censi 2007): 0 in a corridor

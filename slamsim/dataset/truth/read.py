@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from slamsim.core.geometry import yaw_from_xyzw
 from slamsim.core.types import Float32Array, FloatArray, Grid, IntArray, Trajectory
 from slamsim.dataset.store.lazy_table import Cells, LazyTable
-from slamsim.dataset.store.place import Place
+from slamsim.dataset.store.place import Location
 from slamsim.dataset.truth.tables import drive_of
 from slamsim.guard.errors import NotFound
 from slamsim.sensors.motion import Motion
@@ -24,7 +24,7 @@ Span = tuple[int, int]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class BeamTruth:
+class RecordedBeamTruth:
     """What the beams of scans truly met, beam by beam: (n,) scans of ``beams`` beams.
 
     samples: (n,) number of each scan among all that were sensed. stamps_ns: on the lidar's clock
@@ -47,7 +47,7 @@ class BeamTruth:
 class SequenceTruth:
     """The truth of one sequence, or of a part of it. span: the part, nothing for all."""
 
-    place: Place
+    place: Location
     name: str
     span: Span | None = None
 
@@ -76,11 +76,11 @@ class SequenceTruth:
         return np.column_stack([path.positions_m[:, :2], yaw_from_xyzw(path.quats_xyzw)])
 
     @property
-    def scans(self) -> BeamTruth:
+    def scans(self) -> RecordedBeamTruth:
         """Of every beam, lost ones included."""
         first, last = self.samples("scans")
         cells = self._table("scans").rows(first, last)
-        return BeamTruth(
+        return RecordedBeamTruth(
             np.arange(first, last),
             cells["stamp_ns"],
             cells["true_stamp_ns"],

@@ -27,7 +27,7 @@ _UPRIGHT = 0.1
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Surfaces:
+class TrueSurfaces:
     """All surfaces of a world, the floor last.
 
     of_triangle: (t + 2,) surface of each triangle of the mesh and of the floor's two. bodies: (s,)
@@ -56,7 +56,7 @@ class Surfaces:
         return np.asarray(table[np.minimum(triangles, np.uint32(table.size - 1))])
 
 
-def surfaces_of(mesh: TriangleMesh, floor_reach_m: float) -> Surfaces:
+def surfaces_of(mesh: TriangleMesh, floor_reach_m: float) -> TrueSurfaces:
     """The surfaces of a world as a lidar of this reach sees it."""
     low, high = mesh.vertices_m.min(axis=0), mesh.vertices_m.max(axis=0)
     vertices, triangles = with_floor(mesh, low - floor_reach_m, high + floor_reach_m)
@@ -75,7 +75,7 @@ def surfaces_of(mesh: TriangleMesh, floor_reach_m: float) -> Surfaces:
     np.minimum.at(low_m, owners, points)
     np.maximum.at(high_m, owners, points)
     bodies[-1] = -1
-    return Surfaces(
+    return TrueSurfaces(
         of_triangle,
         bodies,
         np.divide(summed, lengths, out=np.zeros_like(summed), where=lengths > 0.0),
@@ -85,7 +85,7 @@ def surfaces_of(mesh: TriangleMesh, floor_reach_m: float) -> Surfaces:
     )
 
 
-def write_surfaces(path: Path, surfaces: Surfaces, sequence: int) -> None:
+def write_surfaces(path: Path, surfaces: TrueSurfaces, sequence: int) -> None:
     """``surfaces.parquet``: row n describes surface n."""
     floor = surfaces.bodies < 0
     upright = np.abs(surfaces.normals[:, 2]) < _UPRIGHT

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from slamsim.core.types import Drive, FloatArray
-from slamsim.dataset.truth.surfaces import NO_SURFACE, Surfaces, rounded, write_surfaces
+from slamsim.dataset.truth.surfaces import NO_SURFACE, TrueSurfaces, rounded, write_surfaces
 from slamsim.io.parquet.file import (
     Cells,
     Column,
@@ -58,7 +58,7 @@ class TruthTables(StagedWriter):
     """
 
     def __init__(
-        self, folder: Path, surfaces: Surfaces, wheels_m: tuple[float, float], sequence: int
+        self, folder: Path, surfaces: TrueSurfaces, wheels_m: tuple[float, float], sequence: int
     ) -> None:
         super().__init__()
         folder.mkdir(parents=True)

@@ -13,7 +13,7 @@ from slamsim.guard.errors import SlamsimError
 from slamsim.io.bag2.folder import BagFolder, TopicKind
 from slamsim.io.ros.encoding import Outgoing, outgoing
 from slamsim.recording import RawScans, Recording
-from slamsim.recording.edits import with_odometry_edge
+from slamsim.recording.edits.frames import with_odometry_edge
 
 
 def as_ros(recording: Recording) -> Recording:

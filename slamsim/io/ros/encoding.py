@@ -26,7 +26,7 @@ from slamsim.recording import (
     Recording,
     TransformEdge,
 )
-from slamsim.recording.edits import kept
+from slamsim.recording.edits.messages import select
 from slamsim.recording.schemas import CLOCK, LASER_LAYOUT, SCANS, TRANSFORM, Field, Schema
 
 TRANSFORMS, TEXT = "tf2_msgs/msg/TFMessage", "std_msgs/msg/String"
@@ -251,7 +251,7 @@ def _edge(edge: TransformEdge, since: int = 0) -> Outgoing:
     """From one of its transforms on, each in a message of its own."""
     log_ns = _received(edge.stamps_ns, edge.received_ns)[since:]
     topic = "/tf_static" if edge.is_static else edge.topic
-    later = [kept(edge, np.arange(since, edge.stamps_ns.size)) if since else edge]
+    later = [select(edge, np.arange(since, edge.stamps_ns.size)) if since else edge]
     rows = partial(encoded_transforms, later)
     return Outgoing(topic, TRANSFORMS, log_ns, rows, latched=edge.is_static)
 
@@ -263,7 +263,7 @@ def _static(recording: Recording) -> list[Outgoing]:
     if not edges:
         return []
     begin_ns = min(int(_received(edge.stamps_ns, edge.received_ns)[0]) for edge in edges)
-    firsts = partial(encoded_transforms, [kept(edge, np.array([0])) for edge in edges])
+    firsts = partial(encoded_transforms, [select(edge, np.array([0])) for edge in edges])
     found = [Outgoing("/tf_static", TRANSFORMS, np.array([begin_ns]), firsts, latched=True)]
     return found + [_edge(edge, since=1) for edge in edges if edge.stamps_ns.size > 1]
 

@@ -31,7 +31,7 @@ from slamsim.report.figures.palette import (
 from slamsim.report.precision import driven_m
 from slamsim.report.run_view import RunView, outline_height_m, thinned, wall_outline
 from slamsim.report.viewer.scene import closures
-from slamsim.report.viewer.series import Plot
+from slamsim.report.viewer.series import Panel
 
 Pixels = NDArray[np.uint8]
 PAGE_INK = "#010203"
@@ -66,7 +66,7 @@ class Picture:
     legend: tuple[tuple[str, str], ...]
 
 
-def curve_figure(plot: Plot, view: RunView) -> Picture:
+def curve_figure(plot: Panel, view: RunView) -> Picture:
     """One plot over time, or over the path driven."""
 
     def across(stamps_ns: IntArray) -> FloatArray:

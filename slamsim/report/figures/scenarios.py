@@ -58,7 +58,7 @@ _LINE_IN, _SAMPLE_IN, _CHARACTER_IN = 0.2, 0.6, 0.075
 
 
 @dataclass(frozen=True, slots=True)
-class Look:
+class SeriesStyle:
     """How a series is drawn. dash: matplotlib's; marker: empty for none, as for no line."""
 
     colour: str
@@ -74,20 +74,20 @@ class Look:
 
 
 @dataclass(frozen=True, slots=True)
-class Drawn:
+class DrawnSeries:
     """A chart as an ``<svg>`` element, and the name and look of each of its series."""
 
     svg: str
-    legend: tuple[tuple[str, Look], ...]
+    legend: tuple[tuple[str, SeriesStyle], ...]
 
 
-def chart_figure(chart: Chart, key: str) -> Drawn:
+def chart_figure(chart: Chart, key: str) -> DrawnSeries:
     """key: unlike that of any other figure of the page."""
     with rc_context(STYLE):
         figure = Figure(figsize=_size(chart), layout="constrained")
         looks = _draw(figure.add_subplot(), chart)
         names = [series.name for series in chart.series]
-        return Drawn(svg(figure, key), tuple(zip(names, looks, strict=True)))
+        return DrawnSeries(svg(figure, key), tuple(zip(names, looks, strict=True)))
 
 
 def chart_png(chart: Chart) -> bytes:
@@ -114,7 +114,7 @@ def _legend_columns(names: Sequence[str], width: float) -> int:
     return max(int(width / (_SAMPLE_IN + _CHARACTER_IN * longest)), 1)
 
 
-def looks_of(chart: Chart) -> tuple[Look, ...]:
+def looks_of(chart: Chart) -> tuple[SeriesStyle, ...]:
     """Series of one and the same differ in shade and marker, points also in being hollow."""
     of_all = Counter(series.who for series in chart.series)
     before: Counter[Who] = Counter()
@@ -126,10 +126,10 @@ def looks_of(chart: Chart) -> tuple[Look, ...]:
     return tuple(looks)
 
 
-def _look(series: Series, k: int, of: int) -> Look:
+def _look(series: Series, k: int, of: int) -> SeriesStyle:
     ink, markers = series.who == "theory", _MARKERS[series.who]
     dash = _DASHES[k % len(_DASHES)] if ink else _DASHES[0] if series.dashed else None
-    return Look(
+    return SeriesStyle(
         colour=_COLOURS[series.who] if ink or of == 1 else _shade(_COLOURS[series.who], k, of),
         line=series.kind in ("line", "line+points"),
         dash=dash,
@@ -152,7 +152,7 @@ def _size(chart: Chart) -> tuple[float, float]:
     return (5.2, 4.4) if chart.equal else (5.2, 3.1)
 
 
-def _draw(axes: Axes, chart: Chart) -> tuple[Look, ...]:
+def _draw(axes: Axes, chart: Chart) -> tuple[SeriesStyle, ...]:
     looks = looks_of(chart)
     for name, logarithmic in zip("xy", chart.logarithmic, strict=True):
         if logarithmic:
@@ -194,7 +194,7 @@ def _frame(axes: Axes, grid: Grid) -> None:
     axes.autoscale_view()
 
 
-def _draw_curve(axes: Axes, series: Series, look: Look) -> None:
+def _draw_curve(axes: Axes, series: Series, look: SeriesStyle) -> None:
     pick = np.isnan(series.y)  # where a line of several pieces breaks
     pick[thinned(len(series.x), _MAX_POINTS)] = True
     axes.plot(
@@ -211,7 +211,7 @@ def _draw_curve(axes: Axes, series: Series, look: Look) -> None:
 
 
 def _draw_boxes(
-    axes: Axes, series: Series, spread: FloatArray, look: Look, logarithmic: bool
+    axes: Axes, series: Series, spread: FloatArray, look: SeriesStyle, logarithmic: bool
 ) -> None:
     """Whiskers reach the least and the largest; the mark is the mean."""
     gaps = np.diff(np.sort(series.x))
@@ -236,7 +236,7 @@ def _draw_boxes(
     axes.plot(series.x, series.y, look.marker, color=look.colour, markersize=3.5)
 
 
-def _handle(look: Look) -> Line2D:
+def _handle(look: SeriesStyle) -> Line2D:
     return Line2D(
         [],
         [],

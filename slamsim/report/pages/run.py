@@ -26,7 +26,7 @@ from slamsim.report.pages.html import (
 from slamsim.report.pages.precision_tables import precision_tables
 from slamsim.report.precision import precision_plots
 from slamsim.report.run_view import RunView
-from slamsim.report.viewer.series import Plot, plots
+from slamsim.report.viewer.series import Panel, plots
 
 CURVE_POINTS = 1500
 
@@ -126,7 +126,7 @@ def _precision(view: RunView) -> str:
     return made + precision_tables(view)
 
 
-def _pair(view: RunView, curves: tuple[Plot, ...]) -> str:
+def _pair(view: RunView, curves: tuple[Panel, ...]) -> str:
     return pair([figure(curve_figure(plot, view), plot.title) for plot in curves])
 
 

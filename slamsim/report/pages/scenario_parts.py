@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from html import escape
 
-from slamsim.report.figures.scenarios import Drawn, Look, chart_figure
+from slamsim.report.figures.scenarios import DrawnSeries, SeriesStyle, chart_figure
 from slamsim.report.pages.html import Table, details, table
-from slamsim.scenarios.base import Chart, Row, Sheet, Verdict
+from slamsim.scenarios.base import Chart, ResultTable, Row, Verdict
 
 STYLE = """
 :root { --yes: #00785a; --no: #c2410c; }
@@ -67,7 +67,7 @@ def mark(holds: bool | None) -> str:
     return f'<span class="{kind}" role="img" aria-label="{words}" title="{words}">{sign}</span>'
 
 
-def sheet_table(sheet: Sheet) -> str:
+def sheet_table(sheet: ResultTable) -> str:
     """With its title and note; a long one is folded away."""
     shown = table(Table(sheet.header, sheet.rows), sheet.note)
     if len(sheet.rows) <= _MOST_ROWS:
@@ -93,7 +93,7 @@ def chart_rows(charts: Sequence[Chart], key: str) -> str:
     return "".join(f'<div class="{kind}">{"".join(row)}</div>' for kind, row in rows if row)
 
 
-def _figure(chart: Chart, drawn: Drawn) -> str:
+def _figure(chart: Chart, drawn: DrawnSeries) -> str:
     legend = "".join(f"<li>{_sample(look)}{escape(name)}</li>" for name, look in drawn.legend)
     note = f'<p class="note">{escape(chart.note)}</p>' if chart.note else ""
     return (
@@ -102,7 +102,7 @@ def _figure(chart: Chart, drawn: Drawn) -> str:
     )
 
 
-def _sample(look: Look) -> str:
+def _sample(look: SeriesStyle) -> str:
     """A piece of the line with its marker."""
     colour = escape(look.page_colour)
     dash = " ".join(f"{part * 1.3:g}" for part in look.dash[1]) if look.dash else ""

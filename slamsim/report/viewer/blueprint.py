@@ -10,7 +10,7 @@ from slamsim.core.types import FloatArray
 from slamsim.evaluate.grid import cell_centres, occupied
 from slamsim.report.precision import precision_plots
 from slamsim.report.run_view import RunView
-from slamsim.report.viewer.series import MAX_POINTS, Plot, plots
+from slamsim.report.viewer.series import MAX_POINTS, Panel, plots
 from slamsim.report.viewer.stage import MAP
 
 MAP_VIEW, PRECISION_VIEW, SPACE_VIEW = "Map", "Precision", "Space"
@@ -42,7 +42,7 @@ def blueprint(view: RunView) -> rrb.Blueprint:
     )
 
 
-def _curve_view(view: RunView, plot: Plot) -> rrb.TimeSeriesView:
+def _curve_view(view: RunView, plot: Panel) -> rrb.TimeSeriesView:
     return rrb.TimeSeriesView(
         origin=f"plots/{plot.key}",
         name=_titled(plot.title, plot.unit),

@@ -15,7 +15,7 @@ from slamsim.core.types import FloatArray
 from slamsim.guard.output import write_atomic
 from slamsim.report.figures.palette import ACCEPTED, ESTIMATE, NEUTRAL, ODOMETRY, SCAN, TRUTH, rgb
 from slamsim.report.viewer.run import APPLICATION
-from slamsim.scenarios.base import Motion, ScenarioResult, Scene, Solid
+from slamsim.scenarios.base import BodyMotion, ScenarioResult, Solid, TrialScene
 
 _LOOSE = (ODOMETRY, SCAN, ACCEPTED, TRUTH)
 """Bodies that move without being robots take turns, so that neighbours can be told apart."""
@@ -47,7 +47,7 @@ def write_scenes(path: Path, result: ScenarioResult) -> None:
     write_atomic(path, memory.drain_as_bytes())
 
 
-def _log_scene(recording: rr.RecordingStream, root: str, scene: Scene) -> None:
+def _log_scene(recording: rr.RecordingStream, root: str, scene: TrialScene) -> None:
     colours, movers = cycle(_LOOSE), sum(len(motion.T_map_body) > 1 for motion in scene.motions)
     _log_fixed_boxes(recording, f"{root}/fixed", [m for m in scene.motions if _is_fixed_box(m)])
     for k, motion in enumerate(scene.motions):
@@ -67,11 +67,13 @@ def _log_scene(recording: rr.RecordingStream, root: str, scene: Scene) -> None:
         _log_motion(recording, entity, motion)
 
 
-def _is_fixed_box(motion: Motion) -> bool:
+def _is_fixed_box(motion: BodyMotion) -> bool:
     return motion.solid.kind == "box" and len(motion.T_map_body) == 1
 
 
-def _log_fixed_boxes(recording: rr.RecordingStream, entity: str, boxes: Sequence[Motion]) -> None:
+def _log_fixed_boxes(
+    recording: rr.RecordingStream, entity: str, boxes: Sequence[BodyMotion]
+) -> None:
     """Walls and floors, which may be hundreds, as one."""
     if not boxes:
         return
@@ -110,7 +112,7 @@ def _shape(solid: Solid, colour: str) -> list[rr.AsComponents]:
     return [body, ahead]
 
 
-def _log_motion(recording: rr.RecordingStream, entity: str, motion: Motion) -> None:
+def _log_motion(recording: rr.RecordingStream, entity: str, motion: BodyMotion) -> None:
     """Over the time since its first pose; fixed in place for a single one."""
     poses = motion.T_map_body
     if len(poses) == 1:
@@ -127,7 +129,7 @@ def _log_motion(recording: rr.RecordingStream, entity: str, motion: Motion) -> N
     )
 
 
-def _log_path(recording: rr.RecordingStream, entity: str, motion: Motion, colour: str) -> None:
+def _log_path(recording: rr.RecordingStream, entity: str, motion: BodyMotion, colour: str) -> None:
     strip = np.add(motion.T_map_body.positions_m, (0.0, 0.0, 0.005))
     width = rr.Radius.ui_points(_LINE)
     recording.log(entity, rr.LineStrips3D([strip], colors=rgb(colour), radii=width), static=True)
@@ -139,7 +141,7 @@ def _dot(solid: Solid, colour: str) -> rr.Points3D:
     return rr.Points3D([[0.0, 0.0, height_m]], colors=rgb(colour), radii=rr.Radius.ui_points(_DOT))
 
 
-def _side_by_side(scenes: Sequence[Scene]) -> rrb.Blueprint:
+def _side_by_side(scenes: Sequence[TrialScene]) -> rrb.Blueprint:
     views = [
         rrb.Spatial3DView(
             origin=f"scene_{k}",
@@ -160,7 +162,7 @@ def _side_by_side(scenes: Sequence[Scene]) -> rrb.Blueprint:
     )
 
 
-def _eye(scene: Scene) -> rrb.EyeControls3D:
+def _eye(scene: TrialScene) -> rrb.EyeControls3D:
     """Sees all that moves, with the bodies at rest among it."""
     low, high = _extent(scene)
     middle, radius = 0.5 * (low + high), 0.5 * float(np.linalg.norm(high - low))
@@ -170,7 +172,7 @@ def _eye(scene: Scene) -> rrb.EyeControls3D:
     )
 
 
-def _extent(scene: Scene) -> tuple[FloatArray, FloatArray]:
+def _extent(scene: TrialScene) -> tuple[FloatArray, FloatArray]:
     """(3,) low and high corner of a box around all that moves, or of all if nothing does."""
     moving = [m for m in scene.motions if len(m.T_map_body) > 1] or list(scene.motions)
     reach = [(motion.T_map_body.positions_m, 0.5 * _size(motion.solid)) for motion in moving]

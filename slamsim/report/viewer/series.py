@@ -16,7 +16,7 @@ MAX_POINTS = 3000
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Curve:
+class Line:
     """name is short and unique in its plot. stamps_ns, values: (n,), thinned."""
 
     name: str
@@ -26,7 +26,7 @@ class Curve:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Plot:
+class Panel:
     """key is unique among the plots and fit for a path; unit belongs to the vertical axis.
 
     logarithmic: values of several orders of magnitude, none of them negative. along_path: belongs
@@ -36,12 +36,12 @@ class Plot:
     key: str
     title: str
     unit: str
-    curves: tuple[Curve, ...]
+    curves: tuple[Line, ...]
     logarithmic: bool = False
     along_path: bool = False
 
 
-def plots(view: RunView, at_most: int = MAX_POINTS) -> tuple[Plot, ...]:
+def plots(view: RunView, at_most: int = MAX_POINTS) -> tuple[Panel, ...]:
     """Every plot that the run has data for: errors, match quality, wheels, turn rates."""
     made = (
         _translation_error(view, at_most),
@@ -53,22 +53,22 @@ def plots(view: RunView, at_most: int = MAX_POINTS) -> tuple[Plot, ...]:
     return tuple(plot for plot in made if plot is not None)
 
 
-def _translation_error(view: RunView, at_most: int) -> Plot | None:
+def _translation_error(view: RunView, at_most: int) -> Panel | None:
     curves = []
     for name, colour, errors in _compared(view):
         pick = thinned(errors.translation_m.size, at_most)
         stamps_ns = errors.truth.stamps_ns[pick]
-        curves.append(Curve(name, colour, stamps_ns, errors.translation_m[pick]))
-    return Plot("error_m", "Position error", "m", tuple(curves), True) if curves else None
+        curves.append(Line(name, colour, stamps_ns, errors.translation_m[pick]))
+    return Panel("error_m", "Position error", "m", tuple(curves), True) if curves else None
 
 
-def _heading_error(view: RunView, at_most: int) -> Plot | None:
+def _heading_error(view: RunView, at_most: int) -> Panel | None:
     curves = []
     for name, colour, errors in _compared(view):
         pick = thinned(errors.rotation_rad.size, at_most)
         values = np.rad2deg(errors.rotation_rad[pick])
-        curves.append(Curve(name, colour, errors.truth.stamps_ns[pick], values))
-    return Plot("error_deg", "Heading error", "°", tuple(curves)) if curves else None
+        curves.append(Line(name, colour, errors.truth.stamps_ns[pick], values))
+    return Panel("error_deg", "Heading error", "°", tuple(curves)) if curves else None
 
 
 def _compared(view: RunView) -> list[tuple[str, str, TrajectoryErrors]]:
@@ -79,7 +79,7 @@ def _compared(view: RunView) -> list[tuple[str, str, TrajectoryErrors]]:
     return [(name, colour, errors) for name, colour, errors in pairs if errors is not None]
 
 
-def _match_quality(view: RunView, at_most: int) -> Plot | None:
+def _match_quality(view: RunView, at_most: int) -> Panel | None:
     quality = view.result.match_quality
     if quality.size == 0:
         return None
@@ -87,41 +87,41 @@ def _match_quality(view: RunView, at_most: int) -> Plot | None:
     stamps_ns = view.result.trajectory.stamps_ns[pick]
     degenerate = view.result.degenerate[pick].astype(np.float64)
     curves = (
-        Curve("inliers", ESTIMATE, stamps_ns, quality[pick]),
-        Curve("degenerate", WITHDRAWN, stamps_ns, degenerate),
+        Line("inliers", ESTIMATE, stamps_ns, quality[pick]),
+        Line("degenerate", WITHDRAWN, stamps_ns, degenerate),
     )
-    return Plot("match", "Scan match: share of inliers", "", curves)
+    return Panel("match", "Scan match: share of inliers", "", curves)
 
 
-def _wheels(view: RunView, at_most: int) -> Plot | None:
+def _wheels(view: RunView, at_most: int) -> Panel | None:
     encoders, odometry = view.log.encoders, view.log.odometry
     if encoders is not None and encoders.stamps_ns.size > 1:
         stamps_ns, speeds = wheel_speeds(encoders, at_most)
         curves = (
-            Curve("left", ODOMETRY, stamps_ns, speeds[:, 0]),
-            Curve("right", ESTIMATE, stamps_ns, speeds[:, 1]),
+            Line("left", ODOMETRY, stamps_ns, speeds[:, 0]),
+            Line("right", ESTIMATE, stamps_ns, speeds[:, 1]),
         )
-        return Plot("wheels", "Wheel speed", "m/s", curves)
+        return Panel("wheels", "Wheel speed", "m/s", curves)
     if odometry is None or len(odometry) < 2:
         return None
     stamps_ns, motion = _rates(odometry, at_most)
-    return Plot(
-        "wheels", "Odometry speed", "m/s", (Curve("forward", ODOMETRY, stamps_ns, motion[:, 0]),)
+    return Panel(
+        "wheels", "Odometry speed", "m/s", (Line("forward", ODOMETRY, stamps_ns, motion[:, 0]),)
     )
 
 
-def _turn_rate(view: RunView, at_most: int) -> Plot | None:
+def _turn_rate(view: RunView, at_most: int) -> Panel | None:
     curves = []
     if view.log.imu is not None and view.log.imu.stamps_ns.size:
         stamps_ns, rate = yaw_rate(view.log.imu, view.log.T_base_imu, at_most)
-        curves.append(Curve("gyroscope", SCAN, stamps_ns, rate))
+        curves.append(Line("gyroscope", SCAN, stamps_ns, rate))
     if view.log.odometry is not None and len(view.log.odometry) > 1:
         stamps_ns, motion = _rates(view.log.odometry, at_most)
-        curves.append(Curve("odometry", ODOMETRY, stamps_ns, motion[:, 2]))
+        curves.append(Line("odometry", ODOMETRY, stamps_ns, motion[:, 2]))
     if len(view.result.trajectory) > 1:
         stamps_ns, motion = _rates(view.result.trajectory, at_most)
-        curves.append(Curve("estimate", ESTIMATE, stamps_ns, motion[:, 2]))
-    return Plot("turn", "Turn rate", "rad/s", tuple(curves)) if curves else None
+        curves.append(Line("estimate", ESTIMATE, stamps_ns, motion[:, 2]))
+    return Panel("turn", "Turn rate", "rad/s", tuple(curves)) if curves else None
 
 
 def wheel_speeds(encoders: EncoderStream, at_most: int) -> tuple[IntArray, FloatArray]:

@@ -9,12 +9,12 @@ from tempfile import TemporaryDirectory
 
 from slamsim.console.reporter import Reporter
 from slamsim.dataset.catalogue.manifest import MANIFEST
-from slamsim.dataset.make.engines.base import Engine
+from slamsim.dataset.make.engines.base import WorkEngine
 from slamsim.dataset.make.make import make_dataset
 from slamsim.dataset.make.production import DatasetSummary
 from slamsim.dataset.recipe.loading import load_recipe
 from slamsim.dataset.recipe.model import Recipe
-from slamsim.dataset.store.place import Place
+from slamsim.dataset.store.place import Location
 from slamsim.guard.errors import NotFound, SlamsimError, shown
 from slamsim.guard.quantities import as_size
 from slamsim.run.dataset.watch import ConsoleWatch
@@ -48,7 +48,7 @@ def _recipe(name: str) -> Recipe:
     if "://" not in name:
         return load_recipe(name)
     address, _, file = name.rpartition("/")
-    data = Place(address).read(file)
+    data = Location(address).read(file)
     if data is None:
         raise NotFound(f"{name} does not exist")
     with TemporaryDirectory(prefix="slamsim-recipe-") as folder:
@@ -57,7 +57,9 @@ def _recipe(name: str) -> Recipe:
         return load_recipe(str(path))
 
 
-def _engine(name: str, workers: int | None, scheduler: str | None, shard_sequences: int) -> Engine:
+def _engine(
+    name: str, workers: int | None, scheduler: str | None, shard_sequences: int
+) -> WorkEngine:
     if name == "local":
         from slamsim.dataset.make.engines.local import LocalEngine
 

@@ -15,9 +15,9 @@ from slamsim.dataset.catalogue.manifest import read_manifest
 from slamsim.dataset.catalogue.statistics import statistics
 from slamsim.dataset.catalogue.verify import Verification, verify
 from slamsim.dataset.make.identity import IDENTITY, RECIPE
-from slamsim.dataset.make.sequence_check import EXTRA, Finding
+from slamsim.dataset.make.sequence_check import EXTRA, SequenceFinding
 from slamsim.dataset.make.shard import shard_path
-from slamsim.dataset.store.place import Place
+from slamsim.dataset.store.place import Location
 from slamsim.guard.errors import InputRefused, SlamsimError, shown
 from slamsim.guard.quantities import as_size, as_time
 from slamsim.guard.yaml import parse_yaml
@@ -66,7 +66,7 @@ def run_verify(
 
 def run_stats(address: str, reporter: Reporter) -> None:
     """Tell what a data set holds, from its manifest. Raises NotFound, InputRefused."""
-    told = statistics(read_manifest(Place(address)))
+    told = statistics(read_manifest(Location(address)))
     totals = {
         "sequences": f"{told['sequences']:,}, {told['failed']:,} of them could not be made",
         "worlds": f"{told['worlds']:,}",
@@ -92,7 +92,7 @@ def run_stats(address: str, reporter: Reporter) -> None:
 
 def mending_of(found: Verification) -> Mending:
     """How everything that is not as it was made is made again."""
-    place = Place(found.address)
+    place = Location(found.address)
     damaged = [finding for finding in found.findings if finding.reason != EXTRA]
     paths = {_at(finding) for finding in damaged}
     indices = {finding.index for finding in damaged if finding.index is not None}
@@ -108,7 +108,7 @@ def mending_of(found: Verification) -> Mending:
     return Mending(tuple(there), tuple(map(shlex.join, commands)))
 
 
-def _shards_of(place: Place, indices: Collection[int], damaged: Collection[str]) -> set[str]:
+def _shards_of(place: Location, indices: Collection[int], damaged: Collection[str]) -> set[str]:
     """The files whose rows say that these sequences are there."""
     if not indices:
         return set()
@@ -127,7 +127,7 @@ def _whole_number(data: bytes | None, keys: Collection[str]) -> int | None:
         return None
 
 
-def _at(finding: Finding) -> str:
+def _at(finding: SequenceFinding) -> str:
     """What is made again as a whole: a sequence, or a file beside them."""
     if finding.index is None:
         return finding.path

@@ -19,7 +19,7 @@ from slamsim.core.randomness import random_stream
 from slamsim.core.types import BoolArray, FloatArray
 from slamsim.scenarios.identify.figures import Body, Runs, figure_values, ramp_value
 from slamsim.scenarios.identify.model import VARYING, driven, wheels_of
-from slamsim.scenarios.identify.parameters import Space, space_with
+from slamsim.scenarios.identify.parameters import ParameterSpace, space_with
 from slamsim.scenarios.scripts import square_commands, straight_commands
 
 REPETITIONS = 24
@@ -34,7 +34,7 @@ SCRUBBING = (0.0, 0.3, 0.6, 1.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Prediction:
+class FigurePrediction:
     """values, chance: (f,) each figure as expected, and how far one experiment is from that."""
 
     values: FloatArray
@@ -52,7 +52,7 @@ class Experiment:
         self, config: MeasurementsConfig, body: Body, draws: FloatArray | None = None
     ) -> None:
         self.config, self.body, self.figures = config, body, config.figures
-        self.space: Space = space_with(config.priors)
+        self.space: ParameterSpace = space_with(config.priors)
         self.offsets: FloatArray = np.zeros(len(config.figures))
         self.draws = drawn(config) if draws is None else draws
 
@@ -66,7 +66,7 @@ class Experiment:
         """The same model, other repetitions, without correction."""
         return Experiment(self.config, self.body, draws)
 
-    def predict(self, z: FloatArray) -> Prediction:
+    def predict(self, z: FloatArray) -> FigurePrediction:
         """All figures, of a robot at z."""
         values, runs = self.space.values(z), self.runs(z)
         expected, chance = np.empty(len(self.figures)), np.zeros(len(self.figures))
@@ -76,7 +76,7 @@ class Experiment:
             else:
                 found = figure_values(figure, runs)
                 expected[i], chance[i] = found.mean(), found.std(ddof=1) if len(found) > 1 else 0.0
-        return Prediction(expected + self.offsets, chance)
+        return FigurePrediction(expected + self.offsets, chance)
 
     def runs(self, z: FloatArray) -> Runs:
         """What the repetitions come to."""
@@ -112,7 +112,7 @@ def drawn(config: MeasurementsConfig, repetitions: int = REPETITIONS) -> FloatAr
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Fit:
+class RobotFit:
     """z: (p,) most likely point, in prior sigmas. covariance: (p, p) about it, same units.
 
     cost: half the sum of squares, priors and figures. sigmas: (f,) reading and chance of each
@@ -122,7 +122,7 @@ class Fit:
     z: FloatArray
     covariance: FloatArray
     cost: float
-    prediction: Prediction
+    prediction: FigurePrediction
     sigmas: FloatArray
 
 
@@ -135,7 +135,7 @@ class Foreseen:
     sigmas: FloatArray
 
 
-def foreseen(experiment: Experiment, fit: Fit) -> Foreseen:
+def foreseen(experiment: Experiment, fit: RobotFit) -> Foreseen:
     """By robots drawn from the posterior: figures are anything but linear so far from it."""
     stream = random_stream(0, "identify", "foreseen")
     drawn_z = stream.multivariate_normal(fit.z, fit.covariance, FORESEEN)
@@ -144,24 +144,24 @@ def foreseen(experiment: Experiment, fit: Fit) -> Foreseen:
     return Foreseen(values.mean(axis=0), np.hypot(values.std(axis=0), fit.sigmas))
 
 
-def sigmas_left(fit: Fit) -> FloatArray:
+def sigmas_left(fit: RobotFit) -> FloatArray:
     """(p,) standard deviation of each parameter with the figures, over that without them."""
     return np.asarray(np.sqrt(np.diag(fit.covariance)))
 
 
 def most_likely(
     experiment: Experiment, starts: Sequence[FloatArray], used: BoolArray | None = None
-) -> tuple[Fit, ...]:
+) -> tuple[RobotFit, ...]:
     """The points that starts lead to, best first, each once. used: (f,) which figures count."""
     counted = np.ones(len(experiment.figures), dtype=bool) if used is None else used
-    found: list[Fit] = []
+    found: list[RobotFit] = []
     for fit in sorted((_fit(experiment, z, counted) for z in starts), key=lambda fit: fit.cost):
         if all(np.abs(fit.z - other.z).max() > SAME_POINT_SIGMAS for other in found):
             found.append(fit)
     return tuple(found)
 
 
-def first_fits(experiment: Experiment, count: int) -> tuple[Fit, ...]:
+def first_fits(experiment: Experiment, count: int) -> tuple[RobotFit, ...]:
     """As ``most_likely``, from the middle of the priors and ``count`` - 1 points drawn from them.
 
     A robot that scrubbing holds straight does not tell in which direction its faults would turn
@@ -176,7 +176,7 @@ def first_fits(experiment: Experiment, count: int) -> tuple[Fit, ...]:
     return fits
 
 
-def _fit(experiment: Experiment, z: FloatArray, used: BoolArray) -> Fit:
+def _fit(experiment: Experiment, z: FloatArray, used: BoolArray) -> RobotFit:
     figures = experiment.figures
 
     def misses(z: FloatArray) -> FloatArray:
@@ -193,7 +193,7 @@ def _fit(experiment: Experiment, z: FloatArray, used: BoolArray) -> Fit:
         )
         z = solution.x
     slope = slopes(z)
-    return Fit(
+    return RobotFit(
         z=z,
         covariance=np.asarray(np.linalg.inv(slope.T @ slope)),
         cost=float(solution.cost),
@@ -208,12 +208,12 @@ def _slopes(function: Callable[[FloatArray], FloatArray], z: FloatArray) -> Floa
     return np.stack(columns, axis=1)
 
 
-def _sigmas(figures: Sequence[FigureConfig], prediction: Prediction) -> FloatArray:
+def _sigmas(figures: Sequence[FigureConfig], prediction: FigurePrediction) -> FloatArray:
     """(f,) reading and chance."""
     return np.hypot([figure.sigma for figure in figures], prediction.chance)
 
 
-def _off(figures: Sequence[FigureConfig], prediction: Prediction) -> FloatArray:
+def _off(figures: Sequence[FigureConfig], prediction: FigurePrediction) -> FloatArray:
     """(f,) how far each figure is off; a bound that is kept is not off at all."""
     off = prediction.values - [figure.value for figure in figures]
     low = np.array([0.0 if figure.bound == "at_most" else -np.inf for figure in figures])

@@ -20,8 +20,8 @@ from slamsim.scenarios.base import Row
 from slamsim.scenarios.identify.figures import figure_values
 from slamsim.scenarios.identify.fit import (
     Experiment,
-    Fit,
     Foreseen,
+    RobotFit,
     first_fits,
     foreseen,
     most_likely,
@@ -50,7 +50,7 @@ class Identified:
     """
 
     experiment: Experiment
-    fits: tuple[Fit, ...]
+    fits: tuple[RobotFit, ...]
     robot: RobotConfig
     simulated: FloatArray
     nominal: FloatArray
@@ -59,7 +59,7 @@ class Identified:
     rows: tuple[Row, ...]
 
     @property
-    def fit(self) -> Fit:
+    def fit(self) -> RobotFit:
         return self.fits[0]
 
 
@@ -128,7 +128,7 @@ def _in_engine(
     return np.array(values), rows
 
 
-def _left_out(experiment: Experiment, fits: tuple[Fit, ...]) -> dict[str, Foreseen]:
+def _left_out(experiment: Experiment, fits: tuple[RobotFit, ...]) -> dict[str, Foreseen]:
     """For each scenario what the figures of all others have it be.
 
     In closed form: what the engine corrects was found where all figures lead to.

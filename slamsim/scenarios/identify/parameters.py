@@ -71,7 +71,7 @@ KNOWN_BEFOREHAND = (
 
 
 @dataclass(frozen=True, slots=True)
-class Space:
+class ParameterSpace:
     """All parameters with their priors; a point z counts prior sigmas from the most likely."""
 
     parameters: tuple[Parameter, ...]
@@ -91,9 +91,9 @@ class Space:
         return np.array([np.log(values[p.name] / p.value) / p.sigma for p in self.parameters])
 
 
-def space_with(priors: Mapping[ParameterName, PriorConfig]) -> Space:
+def space_with(priors: Mapping[ParameterName, PriorConfig]) -> ParameterSpace:
     """The space, with other priors where there are any."""
-    return Space(
+    return ParameterSpace(
         tuple(
             replace(known, value=given.value, sigma=given.sigma, why=given.why)
             if (given := priors.get(known.name)) is not None

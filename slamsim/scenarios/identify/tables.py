@@ -6,8 +6,8 @@ import numpy as np
 
 from slamsim.config.measurements import FigureConfig, ParameterName
 from slamsim.core.types import FloatArray
-from slamsim.scenarios.base import Sheet
-from slamsim.scenarios.identify.fit import Fit, sigmas_left
+from slamsim.scenarios.base import ResultTable
+from slamsim.scenarios.identify.fit import RobotFit, sigmas_left
 from slamsim.scenarios.identify.identify import Identified
 from slamsim.scenarios.identify.parameters import Parameter
 
@@ -50,7 +50,7 @@ def measured(figure: FigureConfig) -> str:
     return f"{kind}{figure.value:g} ± {figure.sigma:g}"
 
 
-def figures_sheet(found: Identified) -> Sheet:
+def figures_sheet(found: Identified) -> ResultTable:
     """Every figure as measured, as of the identified robot, as drawn, and as others have it."""
     figures = found.experiment.figures
     others = list(dict.fromkeys(name for figure in figures for name in figure.others))
@@ -82,14 +82,14 @@ def figures_sheet(found: Identified) -> Sheet:
         f"Driven: mean of the experiments in the engine. Of the corner odometry sees "
         f"{odometry_corner_deg(found):.1f} degrees."
     )
-    return Sheet("Figures", header, rows, note)
+    return ResultTable("Figures", header, rows, note)
 
 
 def _or_blank(value: float) -> str:
     return "" if np.isnan(value) else f"{value:.3g}"
 
 
-def parameters_sheet(found: Identified) -> Sheet:
+def parameters_sheet(found: Identified) -> ResultTable:
     """What was believed of each parameter, and what the figures make of that."""
     fit, space = found.fit, found.experiment.space
     values, left = space.values(fit.z), sigmas_left(fit).tolist()
@@ -105,7 +105,7 @@ def parameters_sheet(found: Identified) -> Sheet:
     )
     header = ("parameter", "beforehand", "with the figures", "uncertainty left", "prior because")
     note = "A parameter that keeps 90 % or more of its uncertainty is a belief, not a finding."
-    return Sheet("Parameters", header, rows, note)
+    return ResultTable("Parameters", header, rows, note)
 
 
 def directions(found: Identified) -> list[tuple[float, list[tuple[Parameter, float]]]]:
@@ -127,7 +127,7 @@ def directions(found: Identified) -> list[tuple[float, list[tuple[Parameter, flo
     return made
 
 
-def directions_sheet(found: Identified) -> Sheet:
+def directions_sheet(found: Identified) -> ResultTable:
     """The axes of the posterior in words."""
     rows = []
     for share, parts in directions(found):
@@ -143,10 +143,10 @@ def directions_sheet(found: Identified) -> Sheet:
         "Axes of the posterior in units of the priors, best known first. Along a hardly known axis "
         "the parameters can be exchanged for one another without any figure noticing."
     )
-    return Sheet("What can be told apart", header, tuple(rows), note)
+    return ResultTable("What can be told apart", header, tuple(rows), note)
 
 
-def set_back_sheet(found: Identified) -> Sheet:
+def set_back_sheet(found: Identified) -> ResultTable:
     """What each parameter does to the figures."""
     experiment, z = found.experiment, found.fit.z
     rows = [("as found", *(f"{value:.3g}" for value in expected_figures(found)))]
@@ -160,10 +160,10 @@ def set_back_sheet(found: Identified) -> Sheet:
         "Each parameter set back to what was believed beforehand, all others as found: the figures "
         "that move are those that tell of it."
     )
-    return Sheet("Which figure tells of what", header, tuple(rows), note)
+    return ResultTable("Which figure tells of what", header, tuple(rows), note)
 
 
-def left_out_sheet(found: Identified) -> Sheet:
+def left_out_sheet(found: Identified) -> ResultTable:
     """What the figures of the other scenarios have each scenario be."""
     rows = []
     for scenario, others in found.left_out.items():
@@ -182,10 +182,10 @@ def left_out_sheet(found: Identified) -> Sheet:
                 )
     header = ("left out", "figure", "measured", "predicted", "off [sigmas]", "when fitted")
     note = "Predicted from the figures of the other scenarios alone, with priors."
-    return Sheet("Leave one scenario out", header, tuple(rows), note)
+    return ResultTable("Leave one scenario out", header, tuple(rows), note)
 
 
-def others_sheet(found: Identified) -> Sheet:
+def others_sheet(found: Identified) -> ResultTable:
     """The other maxima of the posterior."""
     space, best = found.experiment.space, found.fits[0]
     rows = []
@@ -206,7 +206,7 @@ def others_sheet(found: Identified) -> Sheet:
         "Robots that explain the figures nearly as well, found from other starting points. Odds: "
         "of the evidence (Laplace), against the identified one."
     )
-    return Sheet("Other explanations", header, tuple(rows), note)
+    return ResultTable("Other explanations", header, tuple(rows), note)
 
 
 def _differing(values: dict[ParameterName, float], best: dict[ParameterName, float]) -> str:
@@ -214,6 +214,6 @@ def _differing(values: dict[ParameterName, float], best: dict[ParameterName, flo
     return ", ".join(f"{name} {values[name]:.3g} for {best[name]:.3g}" for name in apart[:3])
 
 
-def _evidence(fit: Fit) -> float:
+def _evidence(fit: RobotFit) -> float:
     _, volume = np.linalg.slogdet(fit.covariance)
     return float(-fit.cost + 0.5 * volume - np.log(fit.sigmas).sum())

@@ -10,7 +10,7 @@ import numpy as np
 
 from slamsim.config.scenarios.basic_drive import BasicDriveConfig
 from slamsim.core.types import FloatArray
-from slamsim.scenarios.base import Chart, Findings, Outcome, Series, Sheet, Verdict, Who
+from slamsim.scenarios.base import Chart, Findings, Outcome, ResultTable, Series, Verdict, Who
 from slamsim.scenarios.study_drives import (
     FIFTH_STOP_DRIVE_S,
     FIFTH_STOP_M,
@@ -164,7 +164,7 @@ def _fifth(found: Sequence[Stops]) -> list[Verdict]:
     ]
 
 
-def _stop_sheets(found: Sequence[Stops], theory_m: FloatArray) -> list[Sheet]:
+def _stop_sheets(found: Sequence[Stops], theory_m: FloatArray) -> list[ResultTable]:
     header = ("stop", "theory x [m]", "mean x [m]", "mean y [m]", "sd x [m]", "sd y [m]", "off [m]")
     sheets = []
     for stops in found:
@@ -176,11 +176,13 @@ def _stop_sheets(found: Sequence[Stops], theory_m: FloatArray) -> list[Sheet]:
             rows.append((str(stop + 1), f"{x:g}", *numbers))
         runs = len(stops.places_m)
         note = "It is the same in every run." if runs == 1 else ""
-        sheets.append(Sheet(f"Stops of {stops.robot}, {runs} runs", header, tuple(rows), note))
+        sheets.append(
+            ResultTable(f"Stops of {stops.robot}, {runs} runs", header, tuple(rows), note)
+        )
     return sheets
 
 
-def _compared(found: Sequence[Stops]) -> Sheet:
+def _compared(found: Sequence[Stops]) -> ResultTable:
     places: dict[str, FloatArray] = {
         "theory": np.array(FIFTH_STOP_M["theory"]),
         "real robot": np.array(FIFTH_STOP_M["reality"]),
@@ -193,7 +195,7 @@ def _compared(found: Sequence[Stops]) -> Sheet:
         for name, place in places.items()
     )
     header = ("who", "x [m]", "y [m]", "from reality [m]")
-    return Sheet("Fifth stop", header, rows, "Figures of others are those of the study.")
+    return ResultTable("Fifth stop", header, rows, "Figures of others are those of the study.")
 
 
 def _places_chart(found: Sequence[Stops], theory_m: FloatArray, compared: bool) -> Chart:

@@ -16,7 +16,7 @@ from slamsim.config.scenarios.collision import CollisionConfig
 from slamsim.config.scenarios.solver import STANDARD, SolverConfig, all_solvers
 from slamsim.core.geometry import xyzw_from_matrix
 from slamsim.core.types import FloatArray, Trajectory
-from slamsim.scenarios.base import Findings, Motion, Outcome, Row, Solid, Trial, Value
+from slamsim.scenarios.base import BodyMotion, Findings, Outcome, Row, Solid, Trial, Value
 from slamsim.scenarios.film import POSES_PER_S, filmed
 from slamsim.scenarios.physics.collision_findings import collision_findings
 from slamsim.scenarios.physics.sphere_drop import Drop, drop_spheres, face_normals
@@ -98,7 +98,7 @@ def _told(drops: Sequence[Drop]) -> dict[str, Value]:
     }
 
 
-def _motions(config: CollisionConfig, drop: Drop) -> tuple[Motion, ...]:
+def _motions(config: CollisionConfig, drop: Drop) -> tuple[BodyMotion, ...]:
     spheres = filmed(
         [f"sphere {k + 1}" for k in range(len(drop.states[0].centres_m))],
         Sphere(config.sphere_radius_m),
@@ -110,7 +110,7 @@ def _motions(config: CollisionConfig, drop: Drop) -> tuple[Motion, ...]:
     return (*_faces(config.slope_deg, length_m), *spheres)
 
 
-def _faces(slope_deg: float, length_m: float) -> tuple[Motion, ...]:
+def _faces(slope_deg: float, length_m: float) -> tuple[BodyMotion, ...]:
     """Rectangles in the four planes, from the lowest point up to where their edges meet."""
     width_m = 2.0 * length_m * math.cos(math.radians(slope_deg))
     faces = []
@@ -120,7 +120,7 @@ def _faces(slope_deg: float, length_m: float) -> tuple[Motion, ...]:
         rotation = np.column_stack([along, np.cross(normal, along), normal])
         centre_m: FloatArray = along * length_m / 2 - normal * FACE_M / 2
         pose = Trajectory(np.zeros(1, np.int64), centre_m[None], xyzw_from_matrix(rotation)[None])
-        faces.append(Motion(f"face {number}", Solid("box", (length_m, width_m, FACE_M)), pose))
+        faces.append(BodyMotion(f"face {number}", Solid("box", (length_m, width_m, FACE_M)), pose))
     return tuple(faces)
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from slamsim.config.scenarios.collision import CollisionConfig
 from slamsim.config.scenarios.solver import STANDARD, all_solvers
-from slamsim.scenarios.base import Chart, Findings, Row, Series, Sheet, Verdict
+from slamsim.scenarios.base import Chart, Findings, ResultTable, Row, Series, Verdict
 from slamsim.scenarios.rows import number
 from slamsim.scenarios.trend import largest_below, trend
 
@@ -114,9 +114,9 @@ def _no_energy_gained(rows: Sequence[Row]) -> Verdict:
     return Verdict(statement, "theory", gain < ENERGY_GAIN, f"{100 * gain:.2g} % more at most")
 
 
-def _sheet_of_steps(rows: Sequence[Row]) -> Sheet:
+def _sheet_of_steps(rows: Sequence[Row]) -> ResultTable:
     values = ("least", "quarter", "median", "three_quarters", "most", "mean")
-    return Sheet(
+    return ResultTable(
         "Largest penetration at a time step (mm)",
         (
             "step (s)",
@@ -136,7 +136,7 @@ def _sheet_of_steps(rows: Sequence[Row]) -> Sheet:
     )
 
 
-def _sheet_of_solvers(config: CollisionConfig, rows: Sequence[Row]) -> Sheet:
+def _sheet_of_solvers(config: CollisionConfig, rows: Sequence[Row]) -> ResultTable:
     def line(name: str) -> tuple[str, ...]:
         own = [
             row for row in rows if row["solver"] == name and row["step_s"] in config.other_steps_s
@@ -152,7 +152,7 @@ def _sheet_of_solvers(config: CollisionConfig, rows: Sequence[Row]) -> Sheet:
                 cells.append("none" if found is None else f"{found:g}")
         return tuple(cells)
 
-    return Sheet(
+    return ResultTable(
         "Which time step for which penetration: the largest (s)",
         (
             "solver",

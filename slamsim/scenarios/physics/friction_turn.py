@@ -10,7 +10,7 @@ import numpy as np
 
 from slamsim.config.scenarios.friction_turn import BoxConfig, FrictionTurnConfig
 from slamsim.core.types import FloatArray
-from slamsim.scenarios.base import Findings, Motion, Outcome, Row, Solid, Trial
+from slamsim.scenarios.base import BodyMotion, Findings, Outcome, Row, Solid, Trial
 from slamsim.scenarios.physics.friction_turn_findings import turn_found
 from slamsim.scenarios.repeats import SECONDS_OF_CORE, robot_motion, true_poses
 from slamsim.sim.drive.script import Command, scripted_run
@@ -60,7 +60,7 @@ def drive_against(motor: str, friction: float, config: FrictionTurnConfig) -> Ou
     contact_s = float(stamps_s[np.argmax(touches)]) if touches.any() else None
     shown = friction == config.body_frictions[0]
     label = f"{motor} motors, friction {friction:g}"
-    place = Motion("box", Solid("box", box.size_m), run.blocks[0])
+    place = BodyMotion("box", Solid("box", box.size_m), run.blocks[0])
     every = max(config.physics.rate_hz // SHOWN_HZ, 1)
     return Outcome(
         values={

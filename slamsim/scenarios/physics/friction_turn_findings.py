@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from slamsim.config.scenarios.friction_turn import FrictionTurnConfig
-from slamsim.scenarios.base import Chart, Findings, Outcome, Series, Sheet, Verdict
+from slamsim.scenarios.base import Chart, Findings, Outcome, ResultTable, Series, Verdict
 from slamsim.scenarios.rows import having, number
 
 STUDY_CONTACT_S = 1.3
@@ -87,7 +87,7 @@ def _verdicts(one: Outcome) -> list[Verdict]:
     ]
 
 
-def _sheet(outcomes: Sequence[Outcome]) -> Sheet:
+def _sheet(outcomes: Sequence[Outcome]) -> ResultTable:
     rows = tuple(
         (
             str(row["motor"]),
@@ -109,7 +109,7 @@ def _sheet(outcomes: Sequence[Outcome]) -> Sheet:
         "at the end [°]",
         "box moved [mm]",
     )
-    return Sheet("Turn by friction between robot and box", header, rows)
+    return ResultTable("Turn by friction between robot and box", header, rows)
 
 
 def _turn_chart(outcomes: Sequence[Outcome]) -> Chart:

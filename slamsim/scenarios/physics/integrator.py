@@ -16,20 +16,20 @@ import numpy as np
 from slamsim.config.scenarios.integrator import IntegratorConfig
 from slamsim.config.scenarios.solver import STANDARD, all_solvers
 from slamsim.core.types import GRAVITY_M_S2
-from slamsim.scenarios.base import Findings, Motion, Outcome, Row, Trial, Value
+from slamsim.scenarios.base import BodyMotion, Findings, Outcome, Row, Trial, Value
 from slamsim.scenarios.film import POSES_PER_S, filmed
 from slamsim.scenarios.physics.integrator_findings import integrator_findings
 from slamsim.sim.bodies import (
+    BodySurroundings,
     BurstApart,
     FreeBodies,
     Sphere,
     State,
-    Surroundings,
     engine_settings,
     free_bodies,
 )
 
-NOTHING = Surroundings(np.zeros((0, 3)), friction=0.0)
+NOTHING = BodySurroundings(np.zeros((0, 3)), friction=0.0)
 
 
 class Integrator:
@@ -112,7 +112,7 @@ def _compared(
 
 def _motions(
     ball: Sphere, step_s: float, seen: Sequence[tuple[int, State]], shown: bool
-) -> tuple[Motion, ...]:
+) -> tuple[BodyMotion, ...]:
     if not shown:
         return ()
     stamps_s = np.array([number * step_s for number, _ in seen])

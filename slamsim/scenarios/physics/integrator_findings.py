@@ -10,7 +10,7 @@ import numpy as np
 from slamsim.config.scenarios.integrator import IntegratorConfig
 from slamsim.config.scenarios.solver import STANDARD, SolverConfig, all_solvers
 from slamsim.core.types import GRAVITY_M_S2, FloatArray
-from slamsim.scenarios.base import Chart, Findings, Row, Series, Sheet, Verdict
+from slamsim.scenarios.base import Chart, Findings, ResultTable, Row, Series, Verdict
 from slamsim.scenarios.rows import number
 from slamsim.scenarios.trend import trend
 
@@ -26,7 +26,7 @@ BOUNDS_M = (0.01, 0.1, 1.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Line:
+class TrendLine:
     """Error over step of one solver, ascending. slope_m_s: through 0, of errors scaled to the
     whole duration; analytical_m_s: what it should be without drag. off: the largest distance from
     that line, as a share of the largest error."""
@@ -69,7 +69,7 @@ def integrator_findings(config: IntegratorConfig, rows: Sequence[Row]) -> Findin
     )
 
 
-def _line(config: IntegratorConfig, solver: SolverConfig, rows: Sequence[Row]) -> Line | None:
+def _line(config: IntegratorConfig, solver: SolverConfig, rows: Sequence[Row]) -> TrendLine | None:
     """A step that does not divide the duration ends early; its error is scaled to the whole."""
     known = sorted(
         (
@@ -87,10 +87,10 @@ def _line(config: IntegratorConfig, solver: SolverConfig, rows: Sequence[Row]) -
     off_m = float(np.abs(errors_m - slope_m_s * steps_s).max())
     analytical_m_s = GRAVITY_M_S2 * config.duration_s / 2 / solver.substeps
     off = off_m / largest_m if largest_m else 0.0
-    return Line(steps_s, errors_m, slope_m_s, analytical_m_s, off)
+    return TrendLine(steps_s, errors_m, slope_m_s, analytical_m_s, off)
 
 
-def _lead(config: IntegratorConfig, line: Line | None) -> str:
+def _lead(config: IntegratorConfig, line: TrendLine | None) -> str:
     if line is None:
         return "No fall came to an end."
     return (
@@ -99,7 +99,7 @@ def _lead(config: IntegratorConfig, line: Line | None) -> str:
     )
 
 
-def _proportional(line: Line | None) -> Verdict:
+def _proportional(line: TrendLine | None) -> Verdict:
     statement = "The error is proportional to the time step"
     found = None if line is None else trend(line.steps_s.tolist(), line.errors_m.tolist())
     if line is None or found is None:
@@ -108,7 +108,7 @@ def _proportional(line: Line | None) -> Verdict:
     return Verdict(statement, "study", found.grows() and line.off < PROPORTIONAL, numbers)
 
 
-def _slope_as_in_theory(line: Line | None) -> Verdict:
+def _slope_as_in_theory(line: TrendLine | None) -> Verdict:
     statement = "The slope of error over step is within 1 % of g t / 2"
     if line is None:
         return Verdict(statement, "target", None, "no fall came to an end")
@@ -119,7 +119,7 @@ def _slope_as_in_theory(line: Line | None) -> Verdict:
     return Verdict(statement, "target", abs(line.deviation()) < NEAR, numbers)
 
 
-def _substeps_count_as_steps(config: IntegratorConfig, lines: dict[str, Line]) -> Verdict:
+def _substeps_count_as_steps(config: IntegratorConfig, lines: dict[str, TrendLine]) -> Verdict:
     statement = "A step in n substeps has the error of a step n times smaller"
     told = [
         (solver.substeps, lines[name].deviation())
@@ -155,13 +155,13 @@ def _energy_as_in_theory(config: IntegratorConfig, standard: Sequence[Row]) -> V
     return Verdict(statement, "theory", max(shares) < NEAR, numbers)
 
 
-def _sheet(lines: dict[str, Line]) -> Sheet:
-    def step_for(line: Line, bound_m: float) -> str:
+def _sheet(lines: dict[str, TrendLine]) -> ResultTable:
+    def step_for(line: TrendLine, bound_m: float) -> str:
         if line.off < PROPORTIONAL and line.slope_m_s > 0:
             return f"{bound_m / line.slope_m_s:.2g}"
         return "none"
 
-    return Sheet(
+    return ResultTable(
         "Which time step for which error of the fall",
         (
             "solver",
@@ -187,7 +187,7 @@ def _sheet(lines: dict[str, Line]) -> Sheet:
     )
 
 
-def _chart_of_error(config: IntegratorConfig, lines: dict[str, Line]) -> Chart:
+def _chart_of_error(config: IntegratorConfig, lines: dict[str, TrendLine]) -> Chart:
     undamped = [name for name, solver in all_solvers(config).items() if not solver.damping]
     series = [
         Series(name.replace("_", " "), "slamsim", line.steps_s, line.errors_m, kind="line+points")
@@ -213,7 +213,7 @@ def _chart_of_error(config: IntegratorConfig, lines: dict[str, Line]) -> Chart:
     )
 
 
-def _chart_of_all(lines: dict[str, Line]) -> Chart:
+def _chart_of_all(lines: dict[str, TrendLine]) -> Chart:
     return Chart(
         "Size of the error for every solver",
         "time step (s)",

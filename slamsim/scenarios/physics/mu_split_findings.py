@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from slamsim.config.scenarios.mu_split import MuSplitConfig
-from slamsim.scenarios.base import Chart, Findings, Outcome, Series, Sheet, Verdict
+from slamsim.scenarios.base import Chart, Findings, Outcome, ResultTable, Series, Verdict
 from slamsim.scenarios.rows import column, having, number
 from slamsim.scenarios.trend import trend
 
@@ -134,7 +134,7 @@ def _theory_verdicts(
     ]
 
 
-def _ends(outcomes: Sequence[Outcome]) -> Sheet:
+def _ends(outcomes: Sequence[Outcome]) -> ResultTable:
     header = (
         "motors",
         "friction right",
@@ -144,7 +144,7 @@ def _ends(outcomes: Sequence[Outcome]) -> Sheet:
         "direction of motion [°]",
         "theory [°]",
     )
-    return Sheet("Where it ends", header, tuple(map(_end_row, outcomes)))
+    return ResultTable("Where it ends", header, tuple(map(_end_row, outcomes)))
 
 
 def _end_row(one: Outcome) -> tuple[str, ...]:
@@ -161,7 +161,7 @@ def _end_row(one: Outcome) -> tuple[str, ...]:
     )
 
 
-def _drags(outcomes: Sequence[Outcome]) -> Sheet:
+def _drags(outcomes: Sequence[Outcome]) -> ResultTable:
     rows = tuple(
         (
             f"{row['support_friction']:g}",
@@ -171,7 +171,7 @@ def _drags(outcomes: Sequence[Outcome]) -> Sheet:
         )
         for row in (one.values for one in outcomes)
     )
-    return Sheet(
+    return ResultTable(
         "Supports that are dragged, where the right wheel finds least hold",
         ("their friction", "direction of motion [°]", "ahead [m]", "to the left [m]"),
         rows,

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from slamsim.config.robot import RobotConfig
 from slamsim.config.scenarios.ramp import ClimbConfig, HandConfig, RampConfig
 from slamsim.core.types import GRAVITY_M_S2, FloatArray, Trajectory
-from slamsim.scenarios.base import Findings, Motion, Outcome, Row, Solid, Trial
+from slamsim.scenarios.base import BodyMotion, Findings, Outcome, Row, Solid, Trial
 from slamsim.scenarios.physics.ramp_findings import ramp_found
 from slamsim.scenarios.repeats import SECONDS_OF_CORE, duration_s, robot_motion, true_poses
 from slamsim.sim.drive.script import Command, ScriptedRun, scripted_run
@@ -124,16 +124,16 @@ def hold(sprung: bool, slope_deg: float, hand: HandConfig, config: RampConfig) -
 
 def shown_on_slope(
     label: str, run: ScriptedRun, model: RobotModel, ground: Ground
-) -> tuple[Motion, ...]:
+) -> tuple[BodyMotion, ...]:
     """The robot, the ramp and what stands on it, seen by somebody who stands upright."""
     length_m, width_m, thick_m = RAMP_M
     below = np.array([[0.4 * length_m, 0.0, -0.5 * thick_m]])
     level = Trajectory(np.zeros(1, dtype=np.int64), below, np.array([[0.0, 0.0, 0.0, 1.0]]))
     shown = [
         robot_motion(label, run, model),
-        Motion("ramp", Solid("box", (length_m, width_m, thick_m)), level),
+        BodyMotion("ramp", Solid("box", (length_m, width_m, thick_m)), level),
         *(
-            Motion("wall", Solid("box", block.size_m), way)
+            BodyMotion("wall", Solid("box", block.size_m), way)
             for block, way in zip(ground.blocks, run.blocks, strict=True)
         ),
     ]

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from slamsim.config.scenarios.ramp import RampConfig
-from slamsim.scenarios.base import Chart, Findings, Outcome, Series, Sheet, Value, Verdict
+from slamsim.scenarios.base import Chart, Findings, Outcome, ResultTable, Series, Value, Verdict
 from slamsim.scenarios.rows import column, having, number
 from slamsim.scenarios.trend import trend
 
@@ -213,7 +213,7 @@ def _numbers(config: RampConfig, climbs: Sequence[Outcome]) -> dict[str, Value]:
     return numbers
 
 
-def _climb_sheet(climbs: Sequence[Outcome]) -> Sheet:
+def _climb_sheet(climbs: Sequence[Outcome]) -> ResultTable:
     rows = tuple(
         (
             str(row["motor"]),
@@ -238,10 +238,10 @@ def _climb_sheet(climbs: Sequence[Outcome]) -> Sheet:
         "hold of the tyres [N]",
     )
     note = "Pitch is against the ramp; negative where the springs let the back sink."
-    return Sheet("Drives up the slope", header, rows, note)
+    return ResultTable("Drives up the slope", header, rows, note)
 
 
-def _held_sheet(held: Sequence[Outcome]) -> Sheet:
+def _held_sheet(held: Sequence[Outcome]) -> ResultTable:
     rows = tuple(
         (
             "springs" if row["springs"] else "rigid",
@@ -251,7 +251,7 @@ def _held_sheet(held: Sequence[Outcome]) -> Sheet:
         )
         for row in (one.values for one in held)
     )
-    return Sheet("Held by a hand", ("wheels", "slope [°]", "front rises by [°]", "end"), rows)
+    return ResultTable("Held by a hand", ("wheels", "slope [°]", "front rises by [°]", "end"), rows)
 
 
 def _curves(

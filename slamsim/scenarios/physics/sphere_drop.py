@@ -15,7 +15,7 @@ from slamsim.config.scenarios.collision import CollisionConfig
 from slamsim.config.scenarios.solver import SolverConfig
 from slamsim.core.randomness import random_stream
 from slamsim.core.types import FloatArray
-from slamsim.sim.bodies import FreeBodies, Sphere, State, Surroundings, free_bodies
+from slamsim.sim.bodies import BodySurroundings, FreeBodies, Sphere, State, free_bodies
 
 ROOM = 1.05
 """Distance of neighbours at the start over the least at which they could touch."""
@@ -50,7 +50,7 @@ def drop_spheres(
 ) -> Drop:
     """One fall from random places. looks_per_s: of the states. Raises BurstApart."""
     normals = face_normals(config.slope_deg)
-    around = Surroundings(normals, config.friction, config.restitution)
+    around = BodySurroundings(normals, config.friction, config.restitution)
     ball, start_m = Sphere(config.sphere_radius_m), start_places(config, seed, repeat)
     steps = math.ceil(config.duration_s / step_s - 1e-9)
     every = max(1, round(1.0 / looks_per_s / step_s))

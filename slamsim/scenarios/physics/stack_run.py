@@ -12,7 +12,7 @@ from slamsim.config.scenarios.solver import SolverConfig
 from slamsim.config.scenarios.stacking import StackingConfig
 from slamsim.core.randomness import random_stream
 from slamsim.core.types import FloatArray
-from slamsim.sim.bodies import Box, BurstApart, FreeBodies, State, Surroundings, free_bodies
+from slamsim.sim.bodies import BodySurroundings, Box, BurstApart, FreeBodies, State, free_bodies
 
 LOOKED_AT_EVERY_S = 0.1
 """A stack on the way down doubles its offset in about a quarter of a second."""
@@ -51,7 +51,7 @@ def run_stack(
     every_s: from look to look. aftermath_s: how long to go on watching what has collapsed.
     """
     shape, start_m = Box(config.box_size_m), _start_m(config, boxes, seed)
-    around = Surroundings(FLOOR, config.friction)
+    around = BodySurroundings(FLOOR, config.friction)
     steps = max(1, round(every_s / step_s))
     looks = math.ceil(config.duration_s / (steps * step_s) - 1e-9)
     collapsed_s: float | None = None
@@ -72,19 +72,19 @@ def run_stack(
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Look:
+class _StackLook:
     stamp_s: float
     state: State
     energy_j: float
     load_n: float
 
 
-def _look(stack: FreeBodies, stamp_s: float) -> _Look:
+def _look(stack: FreeBodies, stamp_s: float) -> _StackLook:
     state = stack.state()
-    return _Look(stamp_s, state, stack.energy_j(state), stack.load_n())
+    return _StackLook(stamp_s, state, stack.energy_j(state), stack.load_n())
 
 
-def _told(seen: Sequence[_Look], collapsed_s: float | None, *, burst: bool) -> StackRun:
+def _told(seen: Sequence[_StackLook], collapsed_s: float | None, *, burst: bool) -> StackRun:
     return StackRun(
         collapsed_s,
         np.array([look.stamp_s for look in seen]),

@@ -7,7 +7,7 @@ misplacing the boxes by up to a centimetre changes the answer by one box at most
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 
 import numpy as np
@@ -15,13 +15,60 @@ import numpy as np
 from slamsim.config.scenarios.solver import STANDARD, SolverConfig, all_solvers
 from slamsim.config.scenarios.stacking import StackingConfig
 from slamsim.core.types import GRAVITY_M_S2, FloatArray
-from slamsim.scenarios.base import Findings, Motion, Outcome, Row, Trial, Value
+from slamsim.scenarios.base import BodyMotion, Findings, Outcome, Row, Trial, Value
 from slamsim.scenarios.film import POSES_PER_S, filmed
 from slamsim.scenarios.physics.stack_run import StackRun, run_stack
 from slamsim.scenarios.physics.stack_sway import leaving_of, sway_of
 from slamsim.scenarios.physics.stacking_findings import stacking_findings
-from slamsim.scenarios.search import largest_passing, smallest_failing
 from slamsim.sim.bodies import Box, engine_settings
+
+IN_A_ROW = 2
+"""So many neighbours must hold before the border is believed: near it the two kinds mix."""
+
+
+def smallest_failing(fails: Callable[[int], bool], most: int) -> int | None:
+    """The smallest number that fails with the ``IN_A_ROW`` numbers below it holding, or None.
+
+    By halving from 1, which is taken to hold, to ``most``; if that holds the answer is None. Then
+    downwards until so many hold in a row, for failing need not be monotone. ``fails`` is asked
+    once for a number.
+    """
+    known: dict[int, bool] = {1: False}
+
+    def failing(number: int) -> bool:
+        if number not in known:
+            known[number] = fails(number)
+        return known[number]
+
+    if not failing(most):
+        return None
+    holding, found = 1, most
+    while found - holding > 1:
+        middle = (holding + found) // 2
+        if failing(middle):
+            found = middle
+        else:
+            holding = middle
+    below = found - 1
+    while below > max(found - 1 - IN_A_ROW, 0):
+        if failing(below):
+            found = below
+        below -= 1
+    return found
+
+
+def largest_passing(passes: Callable[[float], bool], ascending: Sequence[float]) -> float | None:
+    """The largest value that passes with the next ``IN_A_ROW - 1`` below it, or None.
+
+    From the largest down: at the ends of the list as many as there are must pass.
+    """
+    in_a_row = 0
+    for at in reversed(range(len(ascending))):
+        in_a_row = in_a_row + 1 if passes(ascending[at]) else 0
+        if in_a_row == IN_A_ROW or (in_a_row and at == 0):
+            return ascending[at + in_a_row - 1]
+    return None
+
 
 AFTERMATH_S = 3.0
 """The collapse that is shown is followed for so long."""
@@ -100,7 +147,7 @@ def smallest_stack(
         **_checked(config, None if standing is None else runs[standing], standing or 0),
         **_collapse(config, None if boxes is None else runs[boxes]),
     }
-    motions: tuple[Motion, ...] = ()
+    motions: tuple[BodyMotion, ...] = ()
     if shown and boxes is not None:
         run = run_stack(config, boxes, step_s, solver, seed, 1.0 / POSES_PER_S, AFTERMATH_S)
         names = [f"box {k + 1}" for k in range(boxes)]

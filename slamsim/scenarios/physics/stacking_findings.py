@@ -9,7 +9,7 @@ import numpy as np
 
 from slamsim.config.scenarios.solver import STANDARD, all_solvers
 from slamsim.config.scenarios.stacking import StackingConfig
-from slamsim.scenarios.base import Chart, Findings, Outcome, Row, Series, Sheet, Verdict
+from slamsim.scenarios.base import Chart, Findings, Outcome, ResultTable, Row, Series, Verdict
 from slamsim.scenarios.rows import number
 from slamsim.scenarios.trend import FEWEST, trend
 
@@ -140,9 +140,9 @@ def _check(statement: str, off: Sequence[float], numbers: str) -> Verdict:
     return Verdict(statement, "theory", worst < CHECKED, numbers.format(100 * worst))
 
 
-def _sheet_of_steps(config: StackingConfig, standard: Sequence[Row]) -> Sheet:
+def _sheet_of_steps(config: StackingConfig, standard: Sequence[Row]) -> ResultTable:
     shares = ("slid", "tilted", "bent", "straight")
-    return Sheet(
+    return ResultTable(
         "Smallest stack that collapses",
         ("step (s)", "boxes", "falls after (s)", "slid", "tilted", "bent", "straight", "swings"),
         tuple(
@@ -161,7 +161,7 @@ def _sheet_of_steps(config: StackingConfig, standard: Sequence[Row]) -> Sheet:
     )
 
 
-def _sheet_of_solvers(config: StackingConfig, rows: Sequence[Row]) -> Sheet:
+def _sheet_of_solvers(config: StackingConfig, rows: Sequence[Row]) -> ResultTable:
     steps_s = config.other_steps_s
     boxes = {
         (row["solver"], row["step_s"]): row["boxes"] for row in rows if row["kind"] == "smallest"
@@ -181,7 +181,7 @@ def _sheet_of_solvers(config: StackingConfig, rows: Sequence[Row]) -> Sheet:
             capped = (name, at_s) in boxes and found is None
             yield f"> {config.max_boxes}" if capped else _told(found, "{}")
 
-    return Sheet(
+    return ResultTable(
         f"Which time step for a stack of {config.compared_boxes}",
         (
             "solver",

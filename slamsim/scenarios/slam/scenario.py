@@ -6,7 +6,16 @@ from collections.abc import Mapping, Sequence
 from functools import partial
 
 from slamsim.config.scenarios.slam_case import SlamCaseConfig
-from slamsim.scenarios.base import Chart, Findings, Outcome, Row, Series, Sheet, Trial, Verdict
+from slamsim.scenarios.base import (
+    Chart,
+    Findings,
+    Outcome,
+    ResultTable,
+    Row,
+    Series,
+    Trial,
+    Verdict,
+)
 from slamsim.scenarios.slam.trial import as_grid, slam_trial
 from slamsim.scenarios.slam.variants import (
     BUG,
@@ -180,7 +189,7 @@ def _numbers(rows: Rows) -> Row:
     }
 
 
-def _sheet(rows: Rows) -> Sheet:
+def _sheet(rows: Rows) -> ResultTable:
     header = (
         "recording",
         "usable scans",
@@ -208,7 +217,7 @@ def _sheet(rows: Rows) -> Sheet:
         "was, as gmapping did in the study; ours reads odometry messages as well, so that it maps "
         "without the tree. ATE: RMSE of the path after one rigid alignment."
     )
-    return Sheet("The same drive, recorded in six ways", header, body, note)
+    return ResultTable("The same drive, recorded in six ways", header, body, note)
 
 
 def _maps(found: Mapping[str, Outcome]) -> list[Chart]:

@@ -25,9 +25,9 @@ from slamsim.guard.errors import SlamsimError
 from slamsim.io.bag2.writer import write_recording
 from slamsim.io.open import read_log
 from slamsim.recording import Recording
-from slamsim.scenarios.base import Motion, Outcome, Row, Solid
+from slamsim.recording.edits.base import is_odometry_edge
+from slamsim.scenarios.base import BodyMotion, Outcome, Row, Solid
 from slamsim.scenarios.slam.variants import BUG, RIGHT, VARIANTS
-from slamsim.sensors.faults.edit import is_odometry
 from slamsim.simulation.driven import Driven
 from slamsim.slam.mapping.grid import build_grid
 from slamsim.slam.session import run_slam
@@ -103,7 +103,7 @@ def _usable_share(recording: Recording) -> float:
     """Of the scans, those whose instant odom -> base covers: what a SLAM can use that asks the
     transform tree where the robot was, as gmapping does; the others it drops as too old."""
     stamps_ns: IntArray = recording.scans[0].stamps_ns
-    edges = [edge for edge in recording.transforms if is_odometry(edge)]
+    edges = [edge for edge in recording.transforms if is_odometry_edge(edge)]
     shares = [float(covered(stamps_ns, np.sort(edge.stamps_ns)).mean()) for edge in edges]
     return min(shares, default=0.0)
 
@@ -160,7 +160,7 @@ def _arrays(mapped: _Mapped) -> dict[str, NDArray[Any]]:
     return found
 
 
-def _motions(driven: Driven, result: SlamResult) -> tuple[Motion, ...]:
+def _motions(driven: Driven, result: SlamResult) -> tuple[BodyMotion, ...]:
     """The robot where SLAM believes it, begun where it truly began, among the true walls."""
     robot, world = driven.simulation.robot, driven.simulation.world
     stamps_ns, poses = result.trajectory.stamps_ns, result.trajectory.poses
@@ -168,7 +168,7 @@ def _motions(driven: Driven, result: SlamResult) -> tuple[Motion, ...]:
     believed = compose(begin, compose(inverse(poses[0]), poses))[::_SHOWN_EVERY]
     walls = world.solids.section(robot.height_m)
     return (
-        Motion(
+        BodyMotion(
             "robot",
             Solid("robot", (robot.footprint_radius_m, robot.height_m)),
             _in_space(stamps_ns[::_SHOWN_EVERY], believed, 0.0),
@@ -177,13 +177,13 @@ def _motions(driven: Driven, result: SlamResult) -> tuple[Motion, ...]:
     )
 
 
-def _wall(name: str, ends: FloatArray, height_m: float) -> Motion:
+def _wall(name: str, ends: FloatArray, height_m: float) -> BodyMotion:
     """A piece of an outline, (2, 2), as a thin board."""
     along = ends[1] - ends[0]
     size_m = (float(np.hypot(*along)), _WALL_M, height_m)
     pose = np.array([[*ends.mean(axis=0), np.arctan2(along[1], along[0])]])
     at_start: IntArray = np.zeros(1, dtype=np.int64)
-    return Motion(name, Solid("box", size_m), _in_space(at_start, pose, 0.5 * height_m))
+    return BodyMotion(name, Solid("box", size_m), _in_space(at_start, pose, 0.5 * height_m))
 
 
 def _in_space(stamps_ns: IntArray, poses: FloatArray, height_m: float) -> Trajectory:

@@ -11,7 +11,7 @@ import numpy as np
 from slamsim.config.scenarios.slam_case import SlamCaseConfig
 from slamsim.core.types import IntArray
 from slamsim.recording import RawOdometry, Recording
-from slamsim.sensors.faults.edit import is_odometry
+from slamsim.recording.edits.base import is_odometry_edge
 from slamsim.sensors.faults.registry import load_fault
 from slamsim.simulation.driven import Driven
 
@@ -67,7 +67,7 @@ def _from_simulator(driven: Driven, config: SlamCaseConfig) -> Recording:
     return replace(
         recording.changed(RawOdometry, lambda o: replace(o, **true_poses(o.stamps_ns))),
         transforms=tuple(
-            replace(edge, **true_poses(edge.stamps_ns)) if is_odometry(edge) else edge
+            replace(edge, **true_poses(edge.stamps_ns)) if is_odometry_edge(edge) else edge
             for edge in recording.transforms
         ),
     )

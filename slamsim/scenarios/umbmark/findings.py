@@ -10,13 +10,14 @@ import numpy as np
 
 from slamsim.config.scenarios.umbmark import UmbmarkConfig
 from slamsim.guard.errors import SlamsimError
-from slamsim.scenarios.base import Findings, Outcome, Value
-from slamsim.scenarios.umbmark.charts import corrected_chart, errors_chart
+from slamsim.scenarios.base import Chart, Findings, Outcome, Series, Value
+from slamsim.scenarios.study_drives import SQUARES
 from slamsim.scenarios.umbmark.method import (
-    Calibrated,
-    Calibration,
+    Clusters,
+    CorrectionResult,
+    DrivenSquares,
     Square,
-    Tried,
+    WheelCorrection,
     classical,
     clusters,
     fitted,
@@ -27,6 +28,51 @@ from slamsim.scenarios.umbmark.verdicts import (
     friction_verdict,
     robot_verdicts,
 )
+
+_LABELS = ("error in x [m]", "error in y [m]")
+
+
+def errors_chart(robots: Sequence[tuple[str, Clusters]]) -> Chart:
+    """End errors of each robot with their centres; E_max of others as circles."""
+    circle = np.linspace(0.0, 2.0 * np.pi, 97)
+    series = [
+        Series(
+            f"E_max of {who}",
+            who,
+            figures.largest_error_m * np.cos(circle),
+            figures.largest_error_m * np.sin(circle),
+            "line",
+            dashed=True,
+        )
+        for who, figures in SQUARES.items()
+    ]
+    for name, found in robots:
+        series += _points(name, found)
+    note = (
+        "True end less the end by odometry, seen from the start. Circles: as far as the farther "
+        "centre of gravity lies in the study; where on the circle it does not tell."
+    )
+    return Chart("End errors of the squares", *_LABELS, tuple(series), equal=True, note=note)
+
+
+def corrected_chart(robot: str, before: Clusters, after: Clusters) -> Chart:
+    """The fresh squares of one robot before and after calibration."""
+    series = (*_points("before", before), *_points("after", after))
+    title = f"Fresh squares before and after calibration: {robot}"
+    return Chart(title, *_LABELS, series, equal=True)
+
+
+def _points(name: str, found: Clusters) -> list[Series]:
+    made = []
+    ways = (("clockwise", found.clockwise_m), ("counter-clockwise", found.counter_clockwise_m))
+    for way, errors_m in ways:
+        made.append(Series(f"{name}, {way}", "slamsim", errors_m[:, 0], errors_m[:, 1], "points"))
+    centres_m = found.centres_m()
+    spokes = np.concatenate([[[0.0, 0.0], c, [np.nan, np.nan]] for c in centres_m])
+    x, y = spokes.T
+    made.append(Series(f"{name}, centres of gravity", "slamsim", x, y, "line+points"))
+    return made
+
 
 KNOWN = "known faults"
 
@@ -54,7 +100,7 @@ def squares_found(config: UmbmarkConfig, outcomes: Sequence[Outcome]) -> Finding
     )
 
 
-def _tried(outcomes: Sequence[Outcome]) -> list[Tried]:
+def _tried(outcomes: Sequence[Outcome]) -> list[DrivenSquares]:
     groups: dict[tuple[Value, Value], list[Outcome]] = {}
     for outcome in outcomes:
         groups.setdefault((outcome.values["robot"], outcome.values["side_m"]), []).append(outcome)
@@ -63,7 +109,7 @@ def _tried(outcomes: Sequence[Outcome]) -> list[Tried]:
         sets = _sets(group)
         if sets:
             made.append(
-                Tried(
+                DrivenSquares(
                     str(robot),
                     cast(float, side_m),
                     sets,
@@ -91,7 +137,7 @@ def _mean(outcomes: Sequence[Outcome], key: str) -> float:
     return float(np.mean([cast(float, outcome.values[key]) for outcome in outcomes]))
 
 
-def _calibrated(tried: Tried, config: UmbmarkConfig) -> Calibrated:
+def _calibrated(tried: DrivenSquares, config: UmbmarkConfig) -> CorrectionResult:
     first, *others = tried.sets
     fresh = [square for some in others for square in some]
     found = fitted(first)
@@ -99,8 +145,8 @@ def _calibrated(tried: Tried, config: UmbmarkConfig) -> Calibrated:
         formulas = classical(tried.found[0], tried.side_m, first[0].track_m)
     except SlamsimError:
         formulas = None
-    known = Calibration(config.known_diameter_ratio, config.known_track_ratio)
-    return Calibrated(
+    known = WheelCorrection(config.known_diameter_ratio, config.known_track_ratio)
+    return CorrectionResult(
         tried.robot,
         known if tried.robot == KNOWN else None,
         formulas,
@@ -112,7 +158,7 @@ def _calibrated(tried: Tried, config: UmbmarkConfig) -> Calibrated:
     )
 
 
-def _lead(robots: Sequence[Tried], calibrated: Sequence[Calibrated]) -> str:
+def _lead(robots: Sequence[DrivenSquares], calibrated: Sequence[CorrectionResult]) -> str:
     told = [
         f"odometry of {one.robot} is off by {one.largest_m:.2f} m after squares of {one.side_m:g} m"
         for one in robots
@@ -127,7 +173,9 @@ def _lead(robots: Sequence[Tried], calibrated: Sequence[Calibrated]) -> str:
     return f"{text[:1].upper()}{text[1:]}."
 
 
-def _numbers(robots: Sequence[Tried], calibrated: Sequence[Calibrated]) -> dict[str, Value]:
+def _numbers(
+    robots: Sequence[DrivenSquares], calibrated: Sequence[CorrectionResult]
+) -> dict[str, Value]:
     numbers: dict[str, Value] = {}
     for one in robots:
         key = f"{one.robot}_{one.side_m:g}m"

@@ -19,7 +19,7 @@ from slamsim.guard.errors import SlamsimError
 
 
 @dataclass(frozen=True, slots=True)
-class Calibration:
+class WheelCorrection:
     """diameter_ratio: E_d, right wheel over left. track_ratio: E_b, true track over nominal.
 
     sigmas: of both, by the scatter of what they were fitted to; None where it is not known.
@@ -35,7 +35,7 @@ class Calibration:
         return np.array([2.0 / (ratio + 1.0), 2.0 * ratio / (ratio + 1.0)])
 
 
-UNCORRECTED = Calibration()
+UNCORRECTED = WheelCorrection()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -51,7 +51,7 @@ class Square:
     end_m: FloatArray
     track_m: float
 
-    def error_m(self, calibration: Calibration = UNCORRECTED) -> FloatArray:
+    def error_m(self, calibration: WheelCorrection = UNCORRECTED) -> FloatArray:
         """(2,) true end less that of odometry."""
         rolled_m = self.rolled_m * calibration.factors()
         poses = rolled_poses(rolled_m, self.track_m * calibration.track_ratio, np.zeros(3))
@@ -86,14 +86,14 @@ class Clusters:
         return float(np.sqrt(max(variances, default=0.0)))
 
 
-def clusters(squares: Sequence[Square], calibration: Calibration = UNCORRECTED) -> Clusters:
+def clusters(squares: Sequence[Square], calibration: WheelCorrection = UNCORRECTED) -> Clusters:
     """The end errors of all squares, of odometry with this calibration."""
     errors = np.array([square.error_m(calibration) for square in squares])
     left = np.array([square.counter_clockwise for square in squares])
     return Clusters(errors[~left], errors[left])
 
 
-def classical(found: Clusters, side_m: float, track_m: float) -> Calibration:
+def classical(found: Clusters, side_m: float, track_m: float) -> WheelCorrection:
     """E_d and E_b by the formulas of 1996, for corners of about 90 degrees and small errors.
 
     They take x or y of the centres; here it is the mean of both.
@@ -108,13 +108,13 @@ def classical(found: Clusters, side_m: float, track_m: float) -> Calibration:
             f"the end errors of these squares (corner error {np.degrees(alpha):.0f} degrees, side "
             f"error {np.degrees(beta):.0f} degrees) are beyond the UMBmark formulas"
         )
-    return Calibration(
+    return WheelCorrection(
         diameter_ratio=float((1.0 + half) / (1.0 - half)),
         track_ratio=float(0.5 * np.pi / (0.5 * np.pi - alpha)),
     )
 
 
-def fitted(squares: Sequence[Square]) -> Calibration:
+def fitted(squares: Sequence[Square]) -> WheelCorrection:
     """E_d and E_b with which odometry ends nearest to the true ends, by least squares.
 
     Each square is followed reading by reading, so that corners need not be of 90 degrees nor
@@ -122,7 +122,7 @@ def fitted(squares: Sequence[Square]) -> Calibration:
     """
 
     def misses_m(logs: FloatArray) -> FloatArray:
-        guess = Calibration(*np.exp(logs).tolist())
+        guess = WheelCorrection(*np.exp(logs).tolist())
         return np.concatenate([square.error_m(guess) for square in squares])
 
     solution = least_squares(misses_m, np.zeros(2), x_scale=(0.01, 0.05))
@@ -132,11 +132,11 @@ def fitted(squares: Sequence[Square]) -> Calibration:
     slope = np.asarray(solution.jac)
     covariance = variance * np.linalg.pinv(slope.T @ slope)
     sigmas = ratios * np.sqrt(np.diag(covariance))
-    return Calibration(float(ratios[0]), float(ratios[1]), (float(sigmas[0]), float(sigmas[1])))
+    return WheelCorrection(float(ratios[0]), float(ratios[1]), (float(sigmas[0]), float(sigmas[1])))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Tried:
+class DrivenSquares:
     """The squares of one robot and size. sets: each with both directions, in their order.
 
     corner_deg, odometry_corner_deg: mean turn of all corners, true and by odometry.
@@ -161,7 +161,7 @@ class Tried:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Calibrated:
+class CorrectionResult:
     """A robot calibrated on its first set and judged on all others.
 
     formulas: by those of 1996, None where they do not hold. true: where it is known. chance_m: how
@@ -170,9 +170,9 @@ class Calibrated:
     """
 
     robot: str
-    true: Calibration | None
-    formulas: Calibration | None
-    fitted: Calibration
+    true: WheelCorrection | None
+    formulas: WheelCorrection | None
+    fitted: WheelCorrection
     before: Clusters
     after_formulas: Clusters | None
     after: Clusters

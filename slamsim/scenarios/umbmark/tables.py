@@ -4,15 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from slamsim.scenarios.base import Row, Sheet, Who
+from slamsim.scenarios.base import ResultTable, Row, Who
 from slamsim.scenarios.rows import number
 from slamsim.scenarios.study_drives import SQUARE_SIDE_M, SQUARES, UNITY_CORNERS_DEG
-from slamsim.scenarios.umbmark.method import Calibrated, Calibration, Clusters, Tried
+from slamsim.scenarios.umbmark.method import (
+    Clusters,
+    CorrectionResult,
+    DrivenSquares,
+    WheelCorrection,
+)
 
 _NAMES: dict[Who, str] = {"reality": "real robot", "unity": "Unity", "gazebo": "Gazebo"}
 
 
-def errors_sheet(robots: Sequence[Tried]) -> Sheet:
+def errors_sheet(robots: Sequence[DrivenSquares]) -> ResultTable:
     """E_max, spread and corners of all, ours and others'."""
     rows = [*map(_studys_row, SQUARES), *map(_our_row, robots)]
     header = (
@@ -29,7 +34,7 @@ def errors_sheet(robots: Sequence[Tried]) -> Sheet:
         "errors of one direction; means of all sets. The study gives Unity's corner, and says that "
         "the real robot's is nearly the same."
     )
-    return Sheet("Errors of odometry", header, tuple(rows), note)
+    return ResultTable("Errors of odometry", header, tuple(rows), note)
 
 
 def _studys_row(who: Who) -> tuple[str, ...]:
@@ -39,7 +44,7 @@ def _studys_row(who: Who) -> tuple[str, ...]:
     return _NAMES[who], f"{SQUARE_SIDE_M:g}", f"{found.largest_error_m:.2f}", spread, corner, "", ""
 
 
-def _our_row(one: Tried) -> tuple[str, ...]:
+def _our_row(one: DrivenSquares) -> tuple[str, ...]:
     each = " ".join(f"{found.largest_m():.2f}" for found in one.found)
     return (
         f"slamsim, {one.robot}",
@@ -52,13 +57,13 @@ def _our_row(one: Tried) -> tuple[str, ...]:
     )
 
 
-def calibration_sheet(calibrated: Sequence[Calibrated]) -> Sheet:
+def calibration_sheet(calibrated: Sequence[CorrectionResult]) -> ResultTable:
     """E_d and E_b by both methods, and what they make of fresh squares."""
     rows: list[tuple[str, ...]] = []
     for one in calibrated:
         if one.true is not None:
             rows.append((one.robot, "truth", *_ratios(one.true), "", "", ""))
-        rows.append(_calibration_row(one, "none", Calibration(), one.before))
+        rows.append(_calibration_row(one, "none", WheelCorrection(), one.before))
         if one.formulas is not None and one.after_formulas is not None:
             rows.append(
                 _calibration_row(one, "Borenstein & Feng", one.formulas, one.after_formulas)
@@ -71,15 +76,15 @@ def calibration_sheet(calibrated: Sequence[Calibrated]) -> Sheet:
         "of the others; no calibration takes it away. The formulas of 1996 hold for corners of "
         "90 degrees and small errors."
     )
-    return Sheet("Calibration", header, tuple(rows), note)
+    return ResultTable("Calibration", header, tuple(rows), note)
 
 
-def _ratios(calibration: Calibration) -> tuple[str, str]:
+def _ratios(calibration: WheelCorrection) -> tuple[str, str]:
     return f"{calibration.diameter_ratio:.4f}", f"{calibration.track_ratio:.4f}"
 
 
 def _calibration_row(
-    one: Calibrated, name: str, calibration: Calibration, after: Clusters
+    one: CorrectionResult, name: str, calibration: WheelCorrection, after: Clusters
 ) -> tuple[str, ...]:
     left_m = after.largest_m()
     return (
@@ -92,7 +97,7 @@ def _calibration_row(
     )
 
 
-def corner_sheet(corners: Sequence[Row]) -> Sheet:
+def corner_sheet(corners: Sequence[Row]) -> ResultTable:
     """One corner on tyres of several frictions."""
     rows = tuple(
         (
@@ -106,4 +111,4 @@ def corner_sheet(corners: Sequence[Row]) -> Sheet:
         for friction in [number(row, "friction")]
     )
     header = ("friction", "supports", "corner [deg]", "by odometry [deg]", "Unity [deg]")
-    return Sheet("One corner of 90 degrees", header, rows)
+    return ResultTable("One corner of 90 degrees", header, rows)

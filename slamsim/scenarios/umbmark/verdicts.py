@@ -10,7 +10,7 @@ from slamsim.scenarios.base import Row, Verdict
 from slamsim.scenarios.rows import number
 from slamsim.scenarios.study_drives import SQUARE_SIDE_M, SQUARES, UNITY_CORNERS_DEG
 from slamsim.scenarios.tested import IDENTIFIED
-from slamsim.scenarios.umbmark.method import Calibrated, Calibration, Tried
+from slamsim.scenarios.umbmark.method import CorrectionResult, DrivenSquares, WheelCorrection
 
 CLOSE_M, LEAST_SPREAD_M, MOST_SPREAD_M = 0.25, 1.0, 2.0
 CORNER_WITHIN_DEG = 5.0
@@ -18,7 +18,7 @@ LEAST_IMPROVEMENT = 10.0
 SIGMAS = 3.0
 
 
-def robot_verdicts(robots: Sequence[Tried], main: RobotConfig) -> list[Verdict]:
+def robot_verdicts(robots: Sequence[DrivenSquares], main: RobotConfig) -> list[Verdict]:
     """Of robots in squares as large as those of the study. main: the robot of the scenario."""
     verdicts = list[Verdict]()
     for tried in robots:
@@ -37,7 +37,7 @@ def _is_as_believed(robot: RobotConfig) -> bool:
     return scales == (1.0, 1.0, 1.0) and robot.variation == VariationConfig()
 
 
-def _targets(tried: Tried) -> list[Verdict]:
+def _targets(tried: DrivenSquares) -> list[Verdict]:
     real = SQUARES["reality"]
     off_m = abs(tried.largest_m - real.largest_error_m)
     each = ", ".join(f"{found.largest_m():.2f}" for found in tried.found)
@@ -66,7 +66,7 @@ def _targets(tried: Tried) -> list[Verdict]:
     ]
 
 
-def _without_faults(tried: Tried) -> Verdict:
+def _without_faults(tried: DrivenSquares) -> Verdict:
     most_m = SQUARES["gazebo"].largest_error_m
     return Verdict(
         f"In Gazebo odometry is off by {most_m:g} m at most; so it is here for {tried.robot}, "
@@ -77,7 +77,7 @@ def _without_faults(tried: Tried) -> Verdict:
     )
 
 
-def calibration_verdicts(known: Sequence[Calibrated]) -> list[Verdict]:
+def calibration_verdicts(known: Sequence[CorrectionResult]) -> list[Verdict]:
     """Of robots whose faults are known."""
     verdicts = []
     for one in known:
@@ -105,7 +105,7 @@ def calibration_verdicts(known: Sequence[Calibrated]) -> list[Verdict]:
     return verdicts
 
 
-def _ratios(calibration: Calibration | None) -> tuple[float, float]:
+def _ratios(calibration: WheelCorrection | None) -> tuple[float, float]:
     assert calibration is not None
     return calibration.diameter_ratio, calibration.track_ratio
 

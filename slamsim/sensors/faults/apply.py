@@ -1,4 +1,4 @@
-"""Faults put into a recording, alone or together."""
+"""Faults injected into a recording, alone or together."""
 
 from __future__ import annotations
 
@@ -9,31 +9,35 @@ from slamsim.config.sensors import SensorsConfig
 from slamsim.core.randomness import random_stream
 from slamsim.recording import Recording
 from slamsim.sensors.faults.base import Fault, SensedFault
-from slamsim.sensors.motion import Course, Knots, as_mounted
+from slamsim.sensors.motion import PoseOverride, PoseSamples, as_mounted
 
 
 def injected(recording: Recording, faults: Sequence[Fault], seed: int) -> Recording:
     """The recording with all faults, one after the other; the one given is left as it was.
 
-    Raises CannotInject where one of them finds nothing to spoil.
+    Raises CannotEdit where the recording has nothing that could have one of them.
     """
     for fault in faults:
         recording = fault.inject(recording, random_stream(seed, "fault", fault.name))
     return recording
 
 
-def faulty_sensors(faults: Sequence[Fault], config: SensorsConfig) -> tuple[SensorsConfig, Course]:
+def faulty_sensors(
+    faults: Sequence[Fault], config: SensorsConfig
+) -> tuple[SensorsConfig, PoseOverride]:
     """What to sense a drive with, and how the laser then looks."""
-    sensors, course = config, as_mounted
+    sensors, override = config, as_mounted
     for fault in faults:
         if isinstance(fault, SensedFault):
             sensors = fault.sensors(sensors)
-            course = partial(_one_more, course, fault, config)
-    return sensors, course
+            override = partial(_one_more, override, fault, config)
+    return sensors, override
 
 
-def _one_more(before: Course, fault: SensedFault, config: SensorsConfig, knots: Knots) -> Knots:
-    return fault.course(before(knots), config)
+def _one_more(
+    before: PoseOverride, fault: SensedFault, config: SensorsConfig, samples: PoseSamples
+) -> PoseSamples:
+    return fault.override(before(samples), config)
 
 
 def declared(
@@ -45,7 +49,7 @@ def declared(
     """
     for fault in faults:
         if isinstance(fault, SensedFault):
-            recording = fault.declare(recording, config)
+            recording = fault.declare(config).apply(recording)
         else:
             recording = injected(recording, (fault,), seed)
     return recording

@@ -1,4 +1,4 @@
-"""What every fault has: a name, where it was met, its size, and how it spoils a recording."""
+"""What every fault has: a name, where it was met, its size, and the edit that injects it."""
 
 from __future__ import annotations
 
@@ -11,22 +11,20 @@ from pydantic import Field, ValidationError, field_validator
 
 from slamsim.config.base import Config
 from slamsim.config.sensors import SensorsConfig
+from slamsim.core.types import BoolArray, IntArray
 from slamsim.guard.errors import SlamsimError
-from slamsim.recording import Recording
+from slamsim.recording import RawStream, Recording
+from slamsim.recording.edits.base import CannotEdit, Edit, Edits
 from slamsim.recording.fault_names import FAULT_NAMES
-from slamsim.sensors.motion import Knots
-
-
-class CannotInject(SlamsimError):
-    """The recording lacks what this fault would spoil."""
+from slamsim.sensors.motion import PoseSamples
 
 
 class Fault(Config, ABC):
     """One thing that goes wrong with recordings; a file of ``configs/faults`` is one of these.
 
-    A kind has further fields that say what it spoils and how. ``SIZE`` is the name of the one
+    A kind has further fields that say what it changes and how. ``SIZE`` is the name of the one
     that is its size, None for a fault that is there or not. In a file the size is the clearly
-    harmful one: whoever meets it loses the map or the pose.
+    harmful one: with it the map or the pose is lost.
     """
 
     SIZE: ClassVar[str | None] = None
@@ -36,7 +34,7 @@ class Fault(Config, ABC):
     title: str = Field(min_length=1, max_length=200)
     """What goes wrong, in one sentence."""
     kind: str
-    """Which way of spoiling a recording."""
+    """Which kind of fault."""
     expects: str
     """What the checker must call it."""
     also: tuple[str, ...] = Field(default=(), strict=False)
@@ -49,11 +47,25 @@ class Fault(Config, ABC):
     """Sizes for the curve of sensitivity, in the unit of the size."""
 
     @abstractmethod
+    def edit(self, recording: Recording, rng: np.random.Generator) -> Edit:
+        """What puts the fault into this recording, once; rng: for what is random in it.
+
+        Raises CannotEdit where the recording has nothing that could have the fault.
+        """
+
     def inject(self, recording: Recording, rng: np.random.Generator) -> Recording:
         """The recording with the fault in it; the one given is left as it was.
 
-        Raises CannotInject where the recording has nothing that could be spoilt so.
+        Raises CannotEdit as ``edit`` and the edit itself do.
         """
+        return self.edit(recording, rng).apply(recording)
+
+    def told_apart(self, other: Fault) -> bool:
+        """Whether both may be in one recording: neither hides the other, nor looks like it."""
+        names = ({self.expects, *self.also}, {other.expects, *other.also})
+        if names[0] & names[1]:
+            return False
+        return other.expects not in self.hides and self.expects not in other.hides
 
     @property
     def size(self) -> float | None:
@@ -83,20 +95,54 @@ class Fault(Config, ABC):
 
 
 class SensedFault(Fault, ABC):
-    """A fault of the sensing itself, which no finished recording can be given truly.
+    """A fault of the sensing itself, which is no edit: it changes what each ray meets.
 
-    In the simulator the drive is sensed with it and ``declare`` makes the messages say what they
-    said without it; a foreign recording gets ``inject``, as near as that can be.
+    What a laser would have seen in another direction, or at another instant, is not in its
+    scans. So the simulator senses the drive with the fault, and ``declare`` is the edit after
+    which the messages declare what they did without it. A recording of others, which cannot be
+    sensed again, gets ``edit``: the same from its own scans, as near as that can be
+    (``resensing``).
     """
 
     def sensors(self, config: SensorsConfig) -> SensorsConfig:
         """What is sensed with instead of the configured sensors."""
         return config
 
-    def course(self, knots: Knots, config: SensorsConfig) -> Knots:
+    def override(self, samples: PoseSamples, config: SensorsConfig) -> PoseSamples:
         """How the laser moves and looks instead of as it is mounted."""
-        return knots
+        return samples
 
-    @abstractmethod
-    def declare(self, recording: Recording, config: SensorsConfig) -> Recording:
-        """What is published of scans sensed so; config: of the healthy sensors."""
+    def declare(self, config: SensorsConfig) -> Edit:
+        """What is changed in scans sensed so; config: of the healthy sensors."""
+        return Edits(())
+
+
+def some_of(count: int, share: float, rng: np.random.Generator) -> BoolArray:
+    """(count,) so many of them at random, at least one."""
+    chosen = rng.random(count) < share
+    chosen[count // 2 :][:1] = True
+    return np.asarray(chosen)
+
+
+def spells(stamps_ns: IntArray, count: int, length_s: float) -> BoolArray:
+    """(n,) whether each of (n,) stamps lies in one of so many spells, evenly spread over all."""
+    if stamps_ns.size == 0:
+        return np.zeros(0, dtype=np.bool_)
+    first, last = float(stamps_ns.min()), float(stamps_ns.max())
+    middles = first + (last - first) * (np.arange(count) + 1.0) / (count + 1.0)
+    apart_ns = np.abs(stamps_ns[:, None] - middles)
+    return np.asarray((apart_ns < 0.5e9 * length_s).any(axis=1))
+
+
+def span_ns(recording: Recording) -> tuple[int, int]:
+    """The first and the last stamp of all streams."""
+    streams: tuple[RawStream, ...] = (
+        *recording.scans,
+        *recording.imus,
+        *recording.odometries,
+        *recording.ticks,
+    )
+    stamps = [stream.stamps_ns for stream in streams if len(stream)]
+    if not stamps:
+        raise CannotEdit(f"{recording.name} holds no messages")
+    return min(int(s.min()) for s in stamps), max(int(s.max()) for s in stamps)

@@ -10,10 +10,14 @@ from pydantic import Field
 
 from slamsim.config.sensors import SensorsConfig
 from slamsim.recording import RawScans, Recording, ScanLayout
-from slamsim.sensors.faults.base import CannotInject, Fault, SensedFault
-from slamsim.sensors.faults.edit import with_layouts, with_ranges, with_scans
-from slamsim.sensors.faults.motion import refired, require_timed
-from slamsim.sensors.motion import Knots
+from slamsim.recording.edits.base import SCANS, CannotEdit, Edit
+from slamsim.recording.edits.beams import ChangeLayouts, ScaleBeamTimes, SetSweep
+from slamsim.recording.edits.messages import ChangeMessages
+from slamsim.recording.edits.ranges import ChangeRanges
+from slamsim.recording.edits.stamps import ShiftWithinScan
+from slamsim.sensors.faults.base import Fault, SensedFault
+from slamsim.sensors.faults.resensing import refired, require_timed
+from slamsim.sensors.motion import PoseSamples
 
 _FULL_TURN = 2.0 * np.pi
 
@@ -23,23 +27,23 @@ class BeamTimeReversed(SensedFault):
 
     kind: Literal["beam_time_reversed"]
 
-    def course(self, knots: Knots, config: SensorsConfig) -> Knots:
+    def override(self, samples: PoseSamples, config: SensorsConfig) -> PoseSamples:
         """Beam i looks where the last beam but i would: the axes mirrored about the middle."""
         lidar = config.lidar
         both_ends = 2.0 * lidar.angle_min_deg + (lidar.beam_count - 1) * lidar.angle_step_deg
         cos, sin = np.cos(np.radians(both_ends)), np.sin(np.radians(both_ends))
         return replace(
-            knots,
-            x_axis=cos * knots.x_axis + sin * knots.y_axis,
-            y_axis=sin * knots.x_axis - cos * knots.y_axis,
+            samples,
+            x_axis=cos * samples.x_axis + sin * samples.y_axis,
+            y_axis=sin * samples.x_axis - cos * samples.y_axis,
         )
 
-    def declare(self, recording: Recording, config: SensorsConfig) -> Recording:
-        return with_ranges(
-            recording, lambda ranges, _: np.ascontiguousarray(ranges[:, ::-1], dtype=np.float32)
+    def declare(self, config: SensorsConfig) -> Edit:
+        return ChangeRanges(
+            SCANS, lambda ranges, _: np.ascontiguousarray(ranges[:, ::-1], dtype=np.float32)
         )
 
-    def inject(self, recording: Recording, rng: np.random.Generator) -> Recording:
+    def edit(self, recording: Recording, rng: np.random.Generator) -> Edit:
         return refired(recording, lambda beam: beam[::-1] - beam)
 
 
@@ -53,13 +57,13 @@ class FlashScanTimed(SensedFault):
             update={"lidar": config.lidar.model_copy(update={"rolling": False})}
         )
 
-    def declare(self, recording: Recording, config: SensorsConfig) -> Recording:
+    def declare(self, config: SensorsConfig) -> Edit:
         beam_dt_s = float(np.float32(config.lidar.beam_dt_ns * 1e-9))
-        return with_layouts(recording, lambda layout: replace(layout, beam_dt_s=beam_dt_s))
+        return ChangeLayouts(SCANS, lambda layout: replace(layout, beam_dt_s=beam_dt_s))
 
-    def inject(self, recording: Recording, rng: np.random.Generator) -> Recording:
+    def edit(self, recording: Recording, rng: np.random.Generator) -> Edit:
         if all(layout.beam_dt_s == 0.0 for scans in recording.scans for layout in scans.layouts):
-            return with_scans(recording, _timed)
+            return ChangeMessages(SCANS, _timed)
         return refired(recording, lambda beam: -beam)
 
 
@@ -68,9 +72,9 @@ class RollingScanUntimed(Fault):
 
     kind: Literal["rolling_scan_untimed"]
 
-    def inject(self, recording: Recording, rng: np.random.Generator) -> Recording:
+    def edit(self, recording: Recording, rng: np.random.Generator) -> Edit:
         require_timed(recording)
-        return with_layouts(recording, lambda layout: replace(layout, beam_dt_s=0.0))
+        return SetSweep(SCANS, 0.0)
 
 
 class BeamTimeScale(Fault):
@@ -81,11 +85,9 @@ class BeamTimeScale(Fault):
     factor: float = Field(gt=0.0, le=100.0)
     """Declared over true."""
 
-    def inject(self, recording: Recording, rng: np.random.Generator) -> Recording:
+    def edit(self, recording: Recording, rng: np.random.Generator) -> Edit:
         require_timed(recording)
-        return with_layouts(
-            recording, lambda layout: replace(layout, beam_dt_s=layout.beam_dt_s * self.factor)
-        )
+        return ScaleBeamTimes(SCANS, self.factor)
 
 
 class ScanStamp(Fault):
@@ -96,23 +98,16 @@ class ScanStamp(Fault):
     share: float = Field(ge=-1.0, le=2.0)
     """Of the scan's duration that has passed at the stamp: 1 is the last beam."""
 
-    def inject(self, recording: Recording, rng: np.random.Generator) -> Recording:
+    def edit(self, recording: Recording, rng: np.random.Generator) -> Edit:
         require_timed(recording)
-
-        def restamped(scans: RawScans) -> RawScans:
-            beams = np.array([len(row) for row in scans.ranges_m]) - 1
-            beam_dt_s = np.array([layout.beam_dt_s for layout in scans.layouts])[scans.layout_of]
-            later_ns = np.rint(self.share * beams * beam_dt_s * 1e9).astype(np.int64)
-            return replace(scans, stamps_ns=scans.stamps_ns + later_ns)
-
-        return with_scans(recording, restamped)
+        return ShiftWithinScan(SCANS, self.share)
 
 
 def _timed(scans: RawScans) -> RawScans:
     """Scans of one instant with the times of a mirror that turns once from scan to scan."""
     period_s = float(np.median(np.diff(scans.stamps_ns))) * 1e-9 if len(scans) > 1 else 0.0
     if not period_s > 0.0:
-        raise CannotInject(f"{scans.topic}: its stamps show no period")
+        raise CannotEdit(f"{scans.topic}: its stamps show no period")
 
     def timed(layout: ScanLayout) -> ScanLayout:
         turn_s = layout.scan_time_s if layout.scan_time_s > 0.0 else period_s

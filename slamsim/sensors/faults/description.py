@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
-from dataclasses import replace
 from typing import ClassVar, Literal
 
 import numpy as np
 from pydantic import Field
 
 from slamsim.recording import Recording
-from slamsim.sensors.faults.base import CannotInject, Fault
-from slamsim.sensors.faults.mounting import joint_text, with_joint_origin
+from slamsim.recording.edits.base import Edit
+from slamsim.recording.edits.description import ChangeDescription, joint_text, with_joint_origin
+from slamsim.sensors.faults.base import Fault
 
 
 class UrdfInertia(Fault):
@@ -25,12 +24,12 @@ class UrdfInertia(Fault):
     inertia_kg_m2: float = Field(gt=0.0, le=1e6)
     """About each of its axes."""
 
-    def inject(self, recording: Recording, rng: np.random.Generator) -> Recording:
+    def edit(self, recording: Recording, rng: np.random.Generator) -> Edit:
         value = f"{self.inertia_kg_m2:g}"
         inertia = f'<inertia ixx="{value}" ixy="0" ixz="0" iyy="{value}" iyz="0" izz="{value}"/>'
         pattern = rf'(<link name="{re.escape(self.link)}">.*?)<inertia\b[^>]*/>'
-        return _rewritten(
-            recording, lambda urdf: re.sub(pattern, rf"\1{inertia}", urdf, count=1, flags=re.DOTALL)
+        return ChangeDescription(
+            lambda urdf: re.sub(pattern, rf"\1{inertia}", urdf, count=1, flags=re.DOTALL)
         )
 
 
@@ -41,12 +40,12 @@ class UrdfJointType(Fault):
     link: str
     """The part that it carries."""
 
-    def inject(self, recording: Recording, rng: np.random.Generator) -> Recording:
+    def edit(self, recording: Recording, rng: np.random.Generator) -> Edit:
         def fixed(urdf: str) -> str:
             joint = joint_text(urdf, self.link)
             return urdf if joint is None else urdf.replace(joint, _as_fixed(joint))
 
-        return _rewritten(recording, fixed)
+        return ChangeDescription(fixed)
 
 
 class UrdfHeight(Fault):
@@ -59,11 +58,11 @@ class UrdfHeight(Fault):
     by_m: float = Field(ge=-1.0, le=1.0)
     """How much too high."""
 
-    def inject(self, recording: Recording, rng: np.random.Generator) -> Recording:
+    def edit(self, recording: Recording, rng: np.random.Generator) -> Edit:
         raised = np.eye(4)
         raised[2, 3] = self.by_m
-        return _rewritten(
-            recording, lambda urdf: with_joint_origin(urdf, self.link, lambda T: raised @ T)
+        return ChangeDescription(
+            lambda urdf: with_joint_origin(urdf, self.link, lambda T: raised @ T)
         )
 
 
@@ -74,33 +73,24 @@ class UrdfUnconnected(Fault):
     link: str
     """Which part."""
 
-    def inject(self, recording: Recording, rng: np.random.Generator) -> Recording:
+    def edit(self, recording: Recording, rng: np.random.Generator) -> Edit:
         def without(urdf: str) -> str:
             joint = joint_text(urdf, self.link)
             return urdf if joint is None else urdf.replace(joint, "")
 
-        return _rewritten(recording, without)
+        return ChangeDescription(without)
 
 
 class UrdfCut(Fault):
-    """Only the begin of the description has arrived."""
+    """Only the beginning of the description has arrived."""
 
     SIZE: ClassVar[str | None] = "share"
     kind: Literal["urdf_cut"]
     share: float = Field(gt=0.0, lt=1.0)
     """Of its characters."""
 
-    def inject(self, recording: Recording, rng: np.random.Generator) -> Recording:
-        return _rewritten(recording, lambda urdf: urdf[: round(self.share * len(urdf))])
-
-
-def _rewritten(recording: Recording, change: Callable[[str], str]) -> Recording:
-    if recording.robot_description is None:
-        raise CannotInject(f"{recording.name} has no robot description")
-    changed = change(recording.robot_description)
-    if changed == recording.robot_description:
-        raise CannotInject(f"the robot description of {recording.name} has no such part")
-    return replace(recording, robot_description=changed)
+    def edit(self, recording: Recording, rng: np.random.Generator) -> Edit:
+        return ChangeDescription(lambda urdf: urdf[: round(self.share * len(urdf))])
 
 
 def _as_fixed(joint: str) -> str:

@@ -1,4 +1,4 @@
-"""Faults of the inertial unit: scale, sign, unit, bias, mounting, gravity, stuck readings."""
+"""Faults of the inertial unit: scale, sign, unit, bias, mounting, gravity, invalid readings."""
 
 from __future__ import annotations
 
@@ -11,8 +11,16 @@ from pydantic import Field
 from slamsim.core.geometry import matrix_from_rpy
 from slamsim.core.types import GRAVITY_M_S2
 from slamsim.recording import RawImu, Recording
-from slamsim.sensors.faults.base import Fault
-from slamsim.sensors.faults.edit import with_imus
+from slamsim.recording.edits.base import IMUS, Edit
+from slamsim.recording.edits.imu import (
+    HoldReadings,
+    OffsetReadings,
+    RotateReadings,
+    ScaleReadings,
+    SetOrientation,
+)
+from slamsim.recording.edits.messages import ChangeMessages
+from slamsim.sensors.faults.base import Fault, some_of
 
 _Degrees = Annotated[float, Field(ge=-180.0, le=180.0)]
 
@@ -25,13 +33,8 @@ class GyroScale(Fault):
     factor: float = Field(ge=-1000.0, le=1000.0)
     """Read over true, on all axes."""
 
-    def inject(self, recording: Recording, rng: np.random.Generator) -> Recording:
-        return with_imus(
-            recording,
-            lambda imu: replace(
-                imu, angular_velocity_rad_s=imu.angular_velocity_rad_s * self.factor
-            ),
-        )
+    def edit(self, recording: Recording, rng: np.random.Generator) -> Edit:
+        return ScaleReadings(IMUS, "angular_velocity_rad_s", self.factor)
 
 
 class GyroBias(Fault):
@@ -42,12 +45,8 @@ class GyroBias(Fault):
     bias_rad_s: float = Field(ge=-100.0, le=100.0)
     """On the axis of yaw, on top of what it has."""
 
-    def inject(self, recording: Recording, rng: np.random.Generator) -> Recording:
-        bias = np.array([0.0, 0.0, self.bias_rad_s])
-        return with_imus(
-            recording,
-            lambda imu: replace(imu, angular_velocity_rad_s=imu.angular_velocity_rad_s + bias),
-        )
+    def edit(self, recording: Recording, rng: np.random.Generator) -> Edit:
+        return OffsetReadings(IMUS, "angular_velocity_rad_s", (0.0, 0.0, self.bias_rad_s))
 
 
 class ImuMount(Fault):
@@ -57,16 +56,9 @@ class ImuMount(Fault):
     rpy_deg: Annotated[tuple[_Degrees, _Degrees, _Degrees], Field(strict=False)]
     """How the unit is turned against its frame: about fixed x, then y, then z."""
 
-    def inject(self, recording: Recording, rng: np.random.Generator) -> Recording:
+    def edit(self, recording: Recording, rng: np.random.Generator) -> Edit:
         R_frame_unit = matrix_from_rpy(*np.radians(self.rpy_deg))
-        return with_imus(
-            recording,
-            lambda imu: replace(
-                imu,
-                angular_velocity_rad_s=imu.angular_velocity_rad_s @ R_frame_unit,
-                linear_acceleration_m_s2=imu.linear_acceleration_m_s2 @ R_frame_unit,
-            ),
-        )
+        return RotateReadings(IMUS, R_frame_unit.T)
 
 
 class GravityMissing(Fault):
@@ -74,14 +66,8 @@ class GravityMissing(Fault):
 
     kind: Literal["gravity_missing"]
 
-    def inject(self, recording: Recording, rng: np.random.Generator) -> Recording:
-        gravity = np.array([0.0, 0.0, GRAVITY_M_S2])
-        return with_imus(
-            recording,
-            lambda imu: replace(
-                imu, linear_acceleration_m_s2=imu.linear_acceleration_m_s2 - gravity
-            ),
-        )
+    def edit(self, recording: Recording, rng: np.random.Generator) -> Edit:
+        return OffsetReadings(IMUS, "linear_acceleration_m_s2", (-0.0, -0.0, -GRAVITY_M_S2))
 
 
 class AccelerationScale(Fault):
@@ -92,13 +78,8 @@ class AccelerationScale(Fault):
     unit_m_s2: float = Field(gt=0.0, le=1000.0)
     """What the unit's 1 stands for: 9.80665 are multiples of g."""
 
-    def inject(self, recording: Recording, rng: np.random.Generator) -> Recording:
-        return with_imus(
-            recording,
-            lambda imu: replace(
-                imu, linear_acceleration_m_s2=imu.linear_acceleration_m_s2 / self.unit_m_s2
-            ),
-        )
+    def edit(self, recording: Recording, rng: np.random.Generator) -> Edit:
+        return ScaleReadings(IMUS, "linear_acceleration_m_s2", over=self.unit_m_s2)
 
 
 class ImuStuck(Fault):
@@ -109,13 +90,74 @@ class ImuStuck(Fault):
     times: int = Field(ge=1, le=1_000_000)
     """How often each reading comes; more than there are messages: it never changes."""
 
-    def inject(self, recording: Recording, rng: np.random.Generator) -> Recording:
-        def held(imu: RawImu) -> RawImu:
-            source = np.arange(len(imu)) // self.times * self.times
+    def edit(self, recording: Recording, rng: np.random.Generator) -> Edit:
+        return HoldReadings(IMUS, self.times)
+
+
+class ImuNotFinite(Fault):
+    """Single readings of the inertial unit are not a number."""
+
+    SIZE: ClassVar[str | None] = "share"
+    kind: Literal["imu_not_finite"]
+    share: float = Field(gt=0.0, le=1.0)
+    """Of the messages."""
+
+    def edit(self, recording: Recording, rng: np.random.Generator) -> Edit:
+        def broken(imu: RawImu) -> RawImu:
+            chosen = some_of(len(imu), self.share, rng)[:, None]
             return replace(
                 imu,
-                angular_velocity_rad_s=imu.angular_velocity_rad_s[source],
-                linear_acceleration_m_s2=imu.linear_acceleration_m_s2[source],
+                angular_velocity_rad_s=np.where(chosen, np.nan, imu.angular_velocity_rad_s),
+                linear_acceleration_m_s2=np.where(chosen, np.nan, imu.linear_acceleration_m_s2),
             )
 
-        return with_imus(recording, held)
+        return ChangeMessages(IMUS, broken)
+
+
+class ImuSpikes(Fault):
+    """Single accelerations are wild: a bad bus."""
+
+    SIZE: ClassVar[str | None] = "share"
+    kind: Literal["imu_spikes"]
+    share: float = Field(gt=0.0, le=1.0)
+    """Of the messages."""
+    spike_m_s2: float = Field(default=100.0, gt=0.0, le=1e6)
+    """Added along a random axis."""
+
+    def edit(self, recording: Recording, rng: np.random.Generator) -> Edit:
+        def with_spikes(imu: RawImu) -> RawImu:
+            felt = imu.linear_acceleration_m_s2.copy()
+            rows = np.flatnonzero(some_of(len(imu), self.share, rng))
+            felt[rows, rng.integers(0, 3, rows.size)] += self.spike_m_s2
+            return replace(imu, linear_acceleration_m_s2=felt)
+
+        return ChangeMessages(IMUS, with_spikes)
+
+
+class GyroAxisDead(Fault):
+    """One axis of the gyroscope always says the same."""
+
+    kind: Literal["gyro_axis_dead"]
+    axis: Literal["x", "y", "z"]
+    """Which one."""
+    rate_rad_s: float = Field(default=0.0, ge=-1e3, le=1e3)
+    """What it says."""
+
+    def edit(self, recording: Recording, rng: np.random.Generator) -> Edit:
+        def dead(imu: RawImu) -> RawImu:
+            rates = imu.angular_velocity_rad_s.copy()
+            rates[:, "xyz".index(self.axis)] = self.rate_rad_s
+            return replace(imu, angular_velocity_rad_s=rates)
+
+        return ChangeMessages(IMUS, dead)
+
+
+class OrientationInvented(Fault):
+    """The unit estimates no orientation, and a constant one is published as if it did."""
+
+    kind: Literal["orientation_invented"]
+    w: float = Field(ge=0.0, le=1.0)
+    """Of the quaternion, all else of which is 0: 1 is "not turned", 0 is no rotation at all."""
+
+    def edit(self, recording: Recording, rng: np.random.Generator) -> Edit:
+        return SetOrientation(IMUS, (0.0, 0.0, 0.0, self.w))

@@ -10,12 +10,20 @@ from pydantic import Field
 
 from slamsim.config.sensors import SensorsConfig
 from slamsim.core.geometry import matrix_from_rpy, se3_from_parts
-from slamsim.recording import Recording, ScanLayout
+from slamsim.recording import Recording
+from slamsim.recording.edits.base import SCANS, Edit, Edits
+from slamsim.recording.edits.beams import ConvertAngles, ScaleAngles
+from slamsim.recording.edits.frames import MoveMount
+from slamsim.recording.edits.ranges import ChangeRanges
 from slamsim.sensors.faults.base import Fault, SensedFault
-from slamsim.sensors.faults.edit import with_layouts, with_ranges
-from slamsim.sensors.faults.motion import beam_angles, is_timed, looked_at, plane_motion, refired
-from slamsim.sensors.faults.mounting import with_mount
-from slamsim.sensors.motion import Knots
+from slamsim.sensors.faults.resensing import (
+    beam_angles,
+    is_timed,
+    looked_at,
+    plane_motion,
+    refired,
+)
+from slamsim.sensors.motion import PoseSamples
 
 AXES = np.eye(3)
 
@@ -25,19 +33,16 @@ class LaserWorldFixed(SensedFault):
 
     kind: Literal["laser_world_fixed"]
 
-    def course(self, knots: Knots, config: SensorsConfig) -> Knots:
-        count = knots.stamps_ns.size
+    def override(self, samples: PoseSamples, config: SensorsConfig) -> PoseSamples:
+        count = samples.stamps_ns.size
         return replace(
-            knots, x_axis=np.tile(AXES[0], (count, 1)), y_axis=np.tile(AXES[1], (count, 1))
+            samples, x_axis=np.tile(AXES[0], (count, 1)), y_axis=np.tile(AXES[1], (count, 1))
         )
 
-    def declare(self, recording: Recording, config: SensorsConfig) -> Recording:
-        return recording
-
-    def inject(self, recording: Recording, rng: np.random.Generator) -> Recording:
+    def edit(self, recording: Recording, rng: np.random.Generator) -> Edit:
         motion = plane_motion(recording)
-        return with_ranges(
-            recording,
+        return ChangeRanges(
+            SCANS,
             lambda ranges, scans: looked_at(
                 ranges, scans.layout(0), -motion.heading_at(scans.stamps_ns)[:, None]
             ),
@@ -49,21 +54,20 @@ class LaserMirrored(SensedFault):
 
     kind: Literal["laser_mirrored"]
 
-    def course(self, knots: Knots, config: SensorsConfig) -> Knots:
-        return replace(knots, y_axis=-knots.y_axis)
+    def override(self, samples: PoseSamples, config: SensorsConfig) -> PoseSamples:
+        return replace(samples, y_axis=-samples.y_axis)
 
-    def declare(self, recording: Recording, config: SensorsConfig) -> Recording:
-        return recording
-
-    def inject(self, recording: Recording, rng: np.random.Generator) -> Recording:
-        if is_timed(recording):  # the beam that comes first in the message still fires first
-            recording = refired(recording, lambda beam: beam[::-1] - beam)
-        return with_ranges(
-            recording,
+    def edit(self, recording: Recording, rng: np.random.Generator) -> Edit:
+        mirrored = ChangeRanges(
+            SCANS,
             lambda ranges, scans: looked_at(
                 ranges, scans.layout(0), -2.0 * beam_angles(scans.layout(0), ranges.shape[1])
             ),
         )
+        if not is_timed(recording):
+            return mirrored
+        # The beam that comes first in the message still fires first.
+        return Edits((refired(recording, lambda beam: beam[::-1] - beam), mirrored))
 
 
 class LaserMount(Fault):
@@ -76,10 +80,10 @@ class LaserMount(Fault):
     angle_deg: float = Field(ge=-180.0, le=180.0)
     """How far the laser is turned against what its frame says."""
 
-    def inject(self, recording: Recording, rng: np.random.Generator) -> Recording:
+    def edit(self, recording: Recording, rng: np.random.Generator) -> Edit:
         angles = [np.radians(self.angle_deg) * (self.axis == a) for a in ("roll", "pitch", "yaw")]
         turned = se3_from_parts(matrix_from_rpy(*angles), np.zeros(3))
-        return with_mount(recording, recording.scans, lambda T: T @ np.linalg.inv(turned))
+        return MoveMount(_laser_frames(recording), turned, "sensor").inverse()
 
 
 class LaserPosition(Fault):
@@ -92,10 +96,10 @@ class LaserPosition(Fault):
     by_m: float = Field(ge=-1.0, le=1.0)
     """How much further the laser sits than its frame says."""
 
-    def inject(self, recording: Recording, rng: np.random.Generator) -> Recording:
+    def edit(self, recording: Recording, rng: np.random.Generator) -> Edit:
         shift = self.by_m * AXES["xy".index(self.axis)]
         moved = se3_from_parts(np.eye(3), -shift)
-        return with_mount(recording, recording.scans, lambda T: moved @ T)
+        return MoveMount(_laser_frames(recording), moved, "parent")
 
 
 class LaserAngleStep(Fault):
@@ -106,20 +110,8 @@ class LaserAngleStep(Fault):
     relative_error: float = Field(gt=-0.9, le=10.0)
     """Declared over true, less one."""
 
-    def inject(self, recording: Recording, rng: np.random.Generator) -> Recording:
-        def widened(layout: ScanLayout) -> ScanLayout:
-            middle = 0.5 * (layout.angle_min_rad + layout.angle_max_rad)
-            half = 0.5 * (layout.angle_max_rad - layout.angle_min_rad)
-            half *= 1.0 + self.relative_error
-            step = layout.angle_step_rad * (1.0 + self.relative_error)
-            return replace(
-                layout,
-                angle_min_rad=middle - half,
-                angle_max_rad=middle + half,
-                angle_step_rad=step,
-            )
-
-        return with_layouts(recording, widened)
+    def edit(self, recording: Recording, rng: np.random.Generator) -> Edit:
+        return ScaleAngles(SCANS, 1.0 + self.relative_error)
 
 
 class LaserDegrees(Fault):
@@ -129,17 +121,9 @@ class LaserDegrees(Fault):
     only_step: bool = False
     """Only the step between beams is in degrees, the two ends are right."""
 
-    def inject(self, recording: Recording, rng: np.random.Generator) -> Recording:
-        def in_degrees(layout: ScanLayout) -> ScanLayout:
-            step = float(np.degrees(layout.angle_step_rad))
-            if self.only_step:
-                return replace(layout, angle_step_rad=step)
-            ends = np.degrees([layout.angle_min_rad, layout.angle_max_rad])
-            return replace(
-                layout,
-                angle_min_rad=float(ends[0]),
-                angle_max_rad=float(ends[1]),
-                angle_step_rad=step,
-            )
+    def edit(self, recording: Recording, rng: np.random.Generator) -> Edit:
+        return ConvertAngles(SCANS, "degrees", ends=not self.only_step)
 
-        return with_layouts(recording, in_degrees)
+
+def _laser_frames(recording: Recording) -> frozenset[str]:
+    return frozenset(frame for scans in recording.scans for frame in scans.frame_ids)

@@ -10,11 +10,12 @@ from pydantic import Field
 
 from slamsim.core.types import Float32Array, FloatArray, IntArray
 from slamsim.recording import RawOdometry, RawScans, Recording, TransformEdge
-from slamsim.recording.edits import kept
-from slamsim.sensors.faults.base import CannotInject, Fault
-from slamsim.sensors.faults.edit import range_matrix, require_wheels, with_scans
-from slamsim.sensors.faults.transforms import span_ns
-from slamsim.sensors.faults.wheel_motion import scaled_odometry
+from slamsim.recording.edits.base import ODOMETRIES, SCANS, CannotEdit, Edit
+from slamsim.recording.edits.frames import AddTransform
+from slamsim.recording.edits.messages import AddStream, ChangeMessages, select
+from slamsim.recording.edits.motion import scaled_odometry
+from slamsim.recording.edits.ranges import range_matrix
+from slamsim.sensors.faults.base import Fault, span_ns
 
 _Turn = Annotated[float, Field(gt=0.0, lt=360.0)]
 
@@ -26,11 +27,11 @@ class TwoLidarsOneTopic(Fault):
     yaw_deg: _Turn
     """How the second is turned against the first."""
 
-    def inject(self, recording: Recording, rng: np.random.Generator) -> Recording:
+    def edit(self, recording: Recording, rng: np.random.Generator) -> Edit:
         def joined(scans: RawScans) -> RawScans:
             return _interleaved(scans, _turned(scans, self.yaw_deg))
 
-        return with_scans(recording, joined)
+        return ChangeMessages(SCANS, joined)
 
 
 class TwoLidarsOneFrame(Fault):
@@ -40,12 +41,12 @@ class TwoLidarsOneFrame(Fault):
     yaw_deg: _Turn
     """How the second is turned against the first."""
 
-    def inject(self, recording: Recording, rng: np.random.Generator) -> Recording:
+    def edit(self, recording: Recording, rng: np.random.Generator) -> Edit:
         if not any(len(scans) for scans in recording.scans):
-            raise CannotInject(f"{recording.name} has no scans")
+            raise CannotEdit(f"{recording.name} has no scans")
         first = recording.scans[0]
         second = replace(_turned(first, self.yaw_deg), topic=f"{first.topic}_2")
-        return recording.with_streams(RawScans, (*recording.scans, second))
+        return AddStream(second)
 
 
 class TwoOdometriesOneTopic(Fault):
@@ -55,15 +56,13 @@ class TwoOdometriesOneTopic(Fault):
     apart_m: float = Field(gt=0.0, le=1000.0)
     """How far the origins of the two lie apart."""
 
-    def inject(self, recording: Recording, rng: np.random.Generator) -> Recording:
-        _require_odometry(recording)
-
+    def edit(self, recording: Recording, rng: np.random.Generator) -> Edit:
         def joined(odometry: RawOdometry) -> RawOdometry:
             positions = odometry.positions_m.copy()
             positions[1::2, 1] += self.apart_m
             return replace(odometry, positions_m=positions)
 
-        return recording.changed(RawOdometry, joined)
+        return ChangeMessages(ODOMETRIES, joined)
 
 
 class SecondOdometry(Fault):
@@ -74,12 +73,11 @@ class SecondOdometry(Fault):
     turn_error: float = Field(gt=-1.0, le=10.0)
     """Of its turns, against those of the first."""
 
-    def inject(self, recording: Recording, rng: np.random.Generator) -> Recording:
-        _require_odometry(recording)
-        first = recording.odometries[0]
+    def edit(self, recording: Recording, rng: np.random.Generator) -> Edit:
+        first = _first_odometry(recording)
         second = scaled_odometry(first, 1.0, 1.0 + self.turn_error)
         second = replace(second, topic=f"{first.topic}_2")
-        return recording.with_streams(RawOdometry, (*recording.odometries, second))
+        return AddStream(second)
 
 
 class MapRecorded(Fault):
@@ -89,34 +87,33 @@ class MapRecorded(Fault):
     frame: str = Field(default="map", min_length=1, max_length=256)
     """What the map is called."""
 
-    def inject(self, recording: Recording, rng: np.random.Generator) -> Recording:
-        _require_odometry(recording)
+    def edit(self, recording: Recording, rng: np.random.Generator) -> Edit:
+        odom = _first_odometry(recording).frame_ids[0]
         begin_ns, end_ns = span_ns(recording)
         stamps_ns: IntArray = np.arange(begin_ns, end_ns, 50_000_000, dtype=np.int64)
         drift: FloatArray = np.linspace(0.0, 0.3, stamps_ns.size)
         positions = np.column_stack([drift, -drift, np.zeros(stamps_ns.size)])
         still = np.tile([0.0, 0.0, 0.0, 1.0], (stamps_ns.size, 1))
-        odom = recording.odometries[0].frame_ids[0]
         edge = TransformEdge(
             "/tf", self.frame, odom, False, stamps_ns, stamps_ns.copy(), positions, still
         )
-        return replace(recording, transforms=(*recording.transforms, edge))
+        return AddTransform(edge)
 
 
-def _require_odometry(recording: Recording) -> None:
-    require_wheels(recording)
+def _first_odometry(recording: Recording) -> RawOdometry:
     if not any(len(odometry) for odometry in recording.odometries):
-        raise CannotInject(f"{recording.name} has no odometry")
+        raise CannotEdit(f"{recording.name} has no odometry")
+    return recording.odometries[0]
 
 
 def _turned(scans: RawScans, yaw_deg: float) -> RawScans:
-    """What a lidar in the same place sees that looks another way; no return beyond what is seen."""
+    """What a lidar at the same position sees with another yaw, as far as these scans reach."""
     ranges = range_matrix(scans)
     beams = ranges.shape[1]
     step_rad = scans.layouts[0].angle_step_rad
     shift = round(float(np.radians(yaw_deg)) / abs(step_rad)) if step_rad else 0
     if not 0 < shift % max(beams, 1) < beams:
-        raise CannotInject(f"{scans.topic} has no beams to turn by {yaw_deg:g} degrees")
+        raise CannotEdit(f"{scans.topic} has no beams to turn by {yaw_deg:g} degrees")
     bright = scans.intensities
     if isinstance(bright, np.ndarray):
         bright = np.roll(bright, shift, axis=1)
@@ -126,9 +123,9 @@ def _turned(scans: RawScans, yaw_deg: float) -> RawScans:
 def _interleaved(one: RawScans, other: RawScans) -> RawScans:
     """Both in turn, the second half a period later; each pair was one sample."""
     if len(one) < 2:
-        raise CannotInject(f"{one.topic} has no two scans")
+        raise CannotEdit(f"{one.topic} has no two scans")
     later_ns = int(np.median(np.diff(one.stamps_ns))) // 2
-    twice = kept(one, np.repeat(np.arange(len(one)), 2))
+    twice = select(one, np.repeat(np.arange(len(one)), 2))
     second = np.arange(len(twice)) % 2
     received, bright = twice.received_ns, None
     if isinstance(one.intensities, np.ndarray) and isinstance(other.intensities, np.ndarray):

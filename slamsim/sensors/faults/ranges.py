@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import ClassVar, Literal
 
 import numpy as np
 from pydantic import Field
 
 from slamsim.core.types import Float32Array
-from slamsim.recording import RawScans, Recording, ScanLayout
-from slamsim.sensors.faults.base import CannotInject, Fault
-from slamsim.sensors.faults.edit import with_layouts, with_ranges
+from slamsim.recording import RawScans, Recording
+from slamsim.recording.edits.base import SCANS, Edit, Edits
+from slamsim.recording.edits.beams import ExtendAngleMax, ScaleRangeLimits, SetRangeLimits
+from slamsim.recording.edits.ranges import ChangeRanges, CodeNoReturn, OffsetRanges, ScaleRanges
+from slamsim.sensors.faults.base import Fault
 
 
 class NoReturn(Fault):
@@ -21,16 +22,8 @@ class NoReturn(Fault):
     reads: Literal["zero", "range_max"]
     """What stands there."""
 
-    def inject(self, recording: Recording, rng: np.random.Generator) -> Recording:
-        def marked(ranges_m: Float32Array, scans: RawScans) -> Float32Array:
-            layout = scans.layout(0)
-            nothing = ~np.isfinite(ranges_m) | (ranges_m > layout.range_max_m)
-            if not nothing.any():
-                raise CannotInject(f"every beam of {recording.name} returns")
-            mark = 0.0 if self.reads == "zero" else layout.range_max_m
-            return np.where(nothing, np.float32(mark), ranges_m)
-
-        return with_ranges(recording, marked)
+    def edit(self, recording: Recording, rng: np.random.Generator) -> Edit:
+        return CodeNoReturn(SCANS, 0.0 if self.reads == "zero" else None)
 
 
 class RangeUnit(Fault):
@@ -43,18 +36,11 @@ class RangeUnit(Fault):
     limits_too: bool = False
     """Whether the declared limits are in that unit as well."""
 
-    def inject(self, recording: Recording, rng: np.random.Generator) -> Recording:
-        spoilt = with_ranges(recording, lambda ranges, _: ranges * np.float32(self.factor))
+    def edit(self, recording: Recording, rng: np.random.Generator) -> Edit:
+        readings = ScaleRanges(SCANS, self.factor)
         if not self.limits_too:
-            return spoilt
-        return with_layouts(
-            spoilt,
-            lambda layout: replace(
-                layout,
-                range_min_m=layout.range_min_m * self.factor,
-                range_max_m=layout.range_max_m * self.factor,
-            ),
-        )
+            return readings
+        return Edits((readings, ScaleRangeLimits(SCANS, self.factor)))
 
 
 class RangeOffset(Fault):
@@ -65,8 +51,8 @@ class RangeOffset(Fault):
     offset_m: float = Field(ge=-10.0, le=10.0)
     """Read less true."""
 
-    def inject(self, recording: Recording, rng: np.random.Generator) -> Recording:
-        return with_ranges(recording, lambda ranges, _: ranges + np.float32(self.offset_m))
+    def edit(self, recording: Recording, rng: np.random.Generator) -> Edit:
+        return OffsetRanges(SCANS, self.offset_m)
 
 
 class RangeLimits(Fault):
@@ -77,11 +63,8 @@ class RangeLimits(Fault):
     range_max_m: float = Field(gt=0.0, le=1e4)
     """Declared instead of the right one."""
 
-    def inject(self, recording: Recording, rng: np.random.Generator) -> Recording:
-        return with_layouts(
-            recording,
-            lambda layout: replace(layout, range_max_m=self.range_max_m),
-        )
+    def edit(self, recording: Recording, rng: np.random.Generator) -> Edit:
+        return SetRangeLimits(SCANS, range_max_m=self.range_max_m)
 
 
 class BeamsBlind(Fault):
@@ -94,7 +77,7 @@ class BeamsBlind(Fault):
     sees: Literal["robot", "nothing"]
     """A part of the robot 0.2 m away, with a millimetre of noise; or nothing."""
 
-    def inject(self, recording: Recording, rng: np.random.Generator) -> Recording:
+    def edit(self, recording: Recording, rng: np.random.Generator) -> Edit:
         def blinded(ranges_m: Float32Array, scans: RawScans) -> Float32Array:
             beams = ranges_m.shape[1]
             first, count = beams // 4, max(round(self.share * beams), 1)
@@ -102,7 +85,7 @@ class BeamsBlind(Fault):
             part[:] = np.inf if self.sees == "nothing" else rng.normal(0.2, 0.001, part.shape)
             return ranges_m
 
-        return with_ranges(recording, blinded)
+        return ChangeRanges(SCANS, blinded)
 
 
 class ScanStuck(Fault):
@@ -115,7 +98,7 @@ class ScanStuck(Fault):
     times: int = Field(default=3, ge=1, le=1000)
     """How often, evenly spread over the recording."""
 
-    def inject(self, recording: Recording, rng: np.random.Generator) -> Recording:
+    def edit(self, recording: Recording, rng: np.random.Generator) -> Edit:
         def stuck(ranges_m: Float32Array, scans: RawScans) -> Float32Array:
             stamps = scans.stamps_ns
             first, last = float(stamps[0]), float(stamps[-1])
@@ -125,7 +108,7 @@ class ScanStuck(Fault):
                 source[again] = source[again].min(initial=stamps.size)
             return ranges_m[source]
 
-        return with_ranges(recording, stuck)
+        return ChangeRanges(SCANS, stuck)
 
 
 class Interference(Fault):
@@ -136,15 +119,15 @@ class Interference(Fault):
     share: float = Field(gt=0.0, le=1.0)
     """Of the beams that read anything between the minimum and what is there."""
 
-    def inject(self, recording: Recording, rng: np.random.Generator) -> Recording:
+    def edit(self, recording: Recording, rng: np.random.Generator) -> Edit:
         def disturbed(ranges_m: Float32Array, scans: RawScans) -> Float32Array:
             low, high = scans.layout(0).range_min_m, scans.layout(0).range_max_m
             hit = rng.random(ranges_m.shape) < self.share
             reach = np.where(np.isfinite(ranges_m), ranges_m, high)
-            stray = low + rng.random(ranges_m.shape) * np.maximum(reach - low, 0.0)
-            return np.where(hit, stray, ranges_m).astype(np.float32)
+            shorter = low + rng.random(ranges_m.shape) * np.maximum(reach - low, 0.0)
+            return np.where(hit, shorter, ranges_m).astype(np.float32)
 
-        return with_ranges(recording, disturbed)
+        return ChangeRanges(SCANS, disturbed)
 
 
 class ScanLayoutWrong(Fault):
@@ -155,9 +138,5 @@ class ScanLayoutWrong(Fault):
     beams: int = Field(ge=-100_000, le=100_000)
     """How many beams more the declared angles would have."""
 
-    def inject(self, recording: Recording, rng: np.random.Generator) -> Recording:
-        def stretched(layout: ScanLayout) -> ScanLayout:
-            end = layout.angle_max_rad + self.beams * layout.angle_step_rad
-            return replace(layout, angle_max_rad=end)
-
-        return with_layouts(recording, stretched)
+    def edit(self, recording: Recording, rng: np.random.Generator) -> Edit:
+        return ExtendAngleMax(SCANS, self.beams)

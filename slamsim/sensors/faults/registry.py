@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import difflib
-import inspect
-from collections.abc import Iterator
+from collections.abc import Mapping
+from functools import cache
 from pathlib import Path
 from typing import Any, get_args
 
@@ -12,34 +12,17 @@ from slamsim.config.bundled import bundled_folder, bundled_names, find_input
 from slamsim.config.faults import FaultChoice
 from slamsim.config.loading import load_model
 from slamsim.guard.errors import InputRefused, shown
+from slamsim.guard.plugins import subclasses_in
 from slamsim.guard.yaml import load_yaml
-from slamsim.sensors.faults import (  # noqa: F401  each registers its kinds by being there
-    beam_times,
-    description,
-    imu,
-    laser,
-    publishers,
-    ranges,
-    stamps,
-    transforms,
-    values,
-    wheels,
-)
 from slamsim.sensors.faults.base import Fault
 
 
-def _subclasses(parent: type[Any]) -> Iterator[type[Fault]]:
-    """Those that can be made."""
-    for child in parent.__subclasses__():
-        if not inspect.isabstract(child):
-            yield child
-        yield from _subclasses(child)
-
-
-KINDS: dict[str, type[Fault]] = {
-    get_args(kind.model_fields["kind"].annotation)[0]: kind for kind in _subclasses(Fault)
-}
-"""Every kind under the name that a file gives it."""
+@cache
+def kinds() -> Mapping[str, type[Fault]]:
+    """Every kind of fault under the name that a file gives it: all classes of this folder."""
+    parent: type[Any] = Fault
+    found: tuple[type[Fault], ...] = subclasses_in("slamsim.sensors.faults", parent)
+    return {get_args(kind.model_fields["kind"].annotation)[0]: kind for kind in found}
 
 
 def load_fault(name_or_path: str) -> Fault:
@@ -76,13 +59,13 @@ def bundled_faults() -> tuple[Fault, ...]:
 
 def _kind_of(path: Path) -> type[Fault]:
     document = load_yaml(path)
-    data = document.data
+    data, known = document.data, kinds()
     if not isinstance(data, dict) or "kind" not in data:
-        raise InputRefused(path, f"the key 'kind' is missing; it is one of {', '.join(KINDS)}")
+        raise InputRefused(path, f"the key 'kind' is missing; it is one of {', '.join(known)}")
     kind = data["kind"]
-    if not isinstance(kind, str) or kind not in KINDS:
-        near = difflib.get_close_matches(str(kind), KINDS, n=1)
-        hint = f"did you mean {near[0]!r}?" if near else f"the kinds are {', '.join(KINDS)}"
+    if not isinstance(kind, str) or kind not in known:
+        near = difflib.get_close_matches(str(kind), known, n=1)
+        hint = f"did you mean {near[0]!r}?" if near else f"the kinds are {', '.join(known)}"
         line = document.line_of(("kind",))
         raise InputRefused(path, f"there is no kind {shown(kind)}; {hint}", f"line {line}, kind")
-    return KINDS[kind]
+    return known[kind]

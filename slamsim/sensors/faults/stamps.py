@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 from abc import ABC
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import ClassVar, Literal
 
 import numpy as np
 from pydantic import Field
 
-from slamsim.core.types import IntArray
+from slamsim.core.types import BoolArray, IntArray
 from slamsim.recording import Messages, Recording
-from slamsim.recording.edits import kept
-from slamsim.sensors.faults.base import CannotInject, Fault
-from slamsim.sensors.faults.edit import StreamName, with_stamps, with_streams
+from slamsim.recording.edits.base import IMUS, SCANS, WHEELS, CannotEdit, Edit, Target
+from slamsim.recording.edits.messages import ChangeMessages, SelectMessages, select
+from slamsim.recording.edits.stamps import Restamp, ScaleStamps, ShiftReceipt, ShiftStamps
+from slamsim.sensors.faults.base import Fault, spells
+
+StreamName = Literal["lidar", "imu", "wheels"]
+_TARGETS: Mapping[StreamName, Target] = {"lidar": SCANS, "imu": IMUS, "wheels": WHEELS}
 
 _NS = 1e9
 MIN_SHARE_LOST = 0.1
@@ -26,6 +31,10 @@ class StampsFault(Fault, ABC):
     stream: StreamName
     """Whose: lidar, imu or wheels (counters, joints, odometry and its transform)."""
 
+    @property
+    def target(self) -> Target:
+        return _TARGETS[self.stream]
+
 
 class TimeOffset(StampsFault):
     """All stamps are late, or early, by the same."""
@@ -35,9 +44,8 @@ class TimeOffset(StampsFault):
     offset_s: float = Field(ge=-1e10, le=1e10)
     """Stamp less the right one."""
 
-    def inject(self, recording: Recording, rng: np.random.Generator) -> Recording:
-        offset_ns = round(self.offset_s * _NS)
-        return with_stamps(recording, self.stream, lambda stamps: stamps + offset_ns)
+    def edit(self, recording: Recording, rng: np.random.Generator) -> Edit:
+        return ShiftStamps(self.target, round(self.offset_s * _NS))
 
 
 class FramesLate(StampsFault):
@@ -48,13 +56,13 @@ class FramesLate(StampsFault):
     messages: int = Field(ge=1, le=1000)
     """By how many periods the stamp is too late."""
 
-    def inject(self, recording: Recording, rng: np.random.Generator) -> Recording:
+    def edit(self, recording: Recording, rng: np.random.Generator) -> Edit:
         def delayed(stamps: IntArray) -> IntArray:
             period_ns = _period_ns(stamps)
             ends = stamps[-1:] + period_ns * np.arange(1, self.messages + 1)
             return np.concatenate([stamps, ends])[self.messages :]
 
-        return with_stamps(recording, self.stream, delayed)
+        return Restamp(self.target, delayed)
 
 
 class ClockDrift(StampsFault):
@@ -65,12 +73,8 @@ class ClockDrift(StampsFault):
     drift_ppm: float = Field(ge=-1e5, le=1e5)
     """Microseconds gained in each second."""
 
-    def inject(self, recording: Recording, rng: np.random.Generator) -> Recording:
-        def drifting(stamps: IntArray) -> IntArray:
-            gained = (stamps - stamps[:1]) * (self.drift_ppm * 1e-6)
-            return np.asarray(stamps + np.rint(gained).astype(np.int64))
-
-        return with_stamps(recording, self.stream, drifting)
+    def edit(self, recording: Recording, rng: np.random.Generator) -> Edit:
+        return ScaleStamps(self.target, self.drift_ppm * 1e-6)
 
 
 class StampsQuantised(StampsFault):
@@ -81,16 +85,16 @@ class StampsQuantised(StampsFault):
     step_s: float = Field(gt=0.0, le=10.0)
     """From one tick of the clock to the next."""
 
-    def inject(self, recording: Recording, rng: np.random.Generator) -> Recording:
+    def edit(self, recording: Recording, rng: np.random.Generator) -> Edit:
         step_ns = max(round(self.step_s * _NS), 1)
 
         def rounded(stamps: IntArray) -> IntArray:
             lost = stamps % step_ns
             if np.ptp(lost) < MIN_SHARE_LOST * step_ns:
-                raise CannotInject(f"stamps of {recording.name} tick with that clock already")
+                raise CannotEdit(f"stamps of {recording.name} tick with that clock already")
             return stamps - lost
 
-        return with_stamps(recording, self.stream, rounded)
+        return Restamp(self.target, rounded)
 
 
 class StampsJitter(StampsFault):
@@ -101,7 +105,7 @@ class StampsJitter(StampsFault):
     delay_s: float = Field(gt=0.0, le=10.0)
     """Mean of the exponentially distributed delay."""
 
-    def inject(self, recording: Recording, rng: np.random.Generator) -> Recording:
+    def edit(self, recording: Recording, rng: np.random.Generator) -> Edit:
         delays: dict[int, IntArray] = {}
 
         def published(stamps: IntArray) -> IntArray:
@@ -110,7 +114,7 @@ class StampsJitter(StampsFault):
                 delays[stamps.size] = late_ns
             return np.asarray(np.maximum.accumulate(stamps + delays[stamps.size]))
 
-        return with_stamps(recording, self.stream, published)
+        return Restamp(self.target, published)
 
 
 class StampsRepeated(StampsFault):
@@ -121,7 +125,7 @@ class StampsRepeated(StampsFault):
     share: float = Field(gt=0.0, le=1.0)
     """Of the messages; evenly spread: 0.5 is every second one."""
 
-    def inject(self, recording: Recording, rng: np.random.Generator) -> Recording:
+    def edit(self, recording: Recording, rng: np.random.Generator) -> Edit:
         def repeated(stamps: IntArray) -> IntArray:
             count = np.floor(np.arange(stamps.size) * self.share)
             again = np.flatnonzero(np.diff(count) > 0) + 1
@@ -129,7 +133,7 @@ class StampsRepeated(StampsFault):
             source[again] = again - 1
             return stamps[source]
 
-        return with_stamps(recording, self.stream, repeated)
+        return Restamp(self.target, repeated)
 
 
 class StampsBackward(StampsFault):
@@ -140,13 +144,13 @@ class StampsBackward(StampsFault):
     share: float = Field(gt=0.0, le=1.0)
     """Of the messages that step back, by one and a half periods."""
 
-    def inject(self, recording: Recording, rng: np.random.Generator) -> Recording:
+    def edit(self, recording: Recording, rng: np.random.Generator) -> Edit:
         def stepped(stamps: IntArray) -> IntArray:
             back = rng.random(stamps.size) < self.share
             back[stamps.size // 2 :][:1] = True  # at least one
             return stamps - np.where(back, round(1.5 * _period_ns(stamps)), 0)
 
-        return with_stamps(recording, self.stream, stepped)
+        return Restamp(self.target, stepped)
 
 
 class StampsInvented(StampsFault):
@@ -157,16 +161,16 @@ class StampsInvented(StampsFault):
     lost_share: float = Field(ge=0.0, lt=1.0)
     """Of the messages that were lost before, in runs of ten."""
 
-    def inject(self, recording: Recording, rng: np.random.Generator) -> Recording:
+    def edit(self, recording: Recording, rng: np.random.Generator) -> Edit:
         def renumbered(messages: Messages) -> Messages:
             first = rng.random(messages.stamps_ns.size) < self.lost_share / 10.0
             lost = np.convolve(first, np.ones(10))[: messages.stamps_ns.size] > 0.0
-            messages = kept(messages, ~lost)
+            messages = select(messages, ~lost)
             stamps = messages.stamps_ns
             even = stamps[:1] + np.arange(stamps.size) * _period_ns(stamps)
             return replace(messages, stamps_ns=even, received_ns=even.copy())
 
-        return with_streams(recording, self.stream, renumbered)
+        return ChangeMessages(self.target, renumbered)
 
 
 class StreamGaps(StampsFault):
@@ -179,17 +183,14 @@ class StreamGaps(StampsFault):
     gaps: int = Field(default=3, ge=1, le=1000)
     """How many, evenly spread over the recording."""
 
-    def inject(self, recording: Recording, rng: np.random.Generator) -> Recording:
-        def with_gaps(messages: Messages) -> Messages:
-            first, last = float(messages.stamps_ns[0]), float(messages.stamps_ns[-1])
-            middles = first + (last - first) * (np.arange(self.gaps) + 1.0) / (self.gaps + 1.0)
-            away = np.abs(messages.stamps_ns[:, None] - middles) < 0.5 * self.gap_s * _NS
-            left = np.asarray(~away.any(axis=1))
-            if not left.any():
-                raise CannotInject(f"gaps of {self.gap_s:g} s leave nothing of {recording.name}")
-            return kept(messages, left)
+    def edit(self, recording: Recording, rng: np.random.Generator) -> Edit:
+        def left(messages: Messages) -> BoolArray:
+            rows = ~spells(messages.stamps_ns, self.gaps, self.gap_s)
+            if not rows.any():
+                raise CannotEdit(f"gaps of {self.gap_s:g} s leave nothing of {recording.name}")
+            return rows
 
-        return with_streams(recording, self.stream, with_gaps)
+        return SelectMessages(self.target, left)
 
 
 class ReceivedOtherwise(StampsFault):
@@ -200,13 +201,8 @@ class ReceivedOtherwise(StampsFault):
     by_s: float = Field(ge=-1e4, le=1e4)
     """By how much later they are received."""
 
-    def inject(self, recording: Recording, rng: np.random.Generator) -> Recording:
-        def moved(messages: Messages) -> Messages:
-            if messages.received_ns is None:
-                raise CannotInject(f"{recording.name} does not say when messages were received")
-            return replace(messages, received_ns=messages.received_ns + round(self.by_s * _NS))
-
-        return with_streams(recording, self.stream, moved)
+    def edit(self, recording: Recording, rng: np.random.Generator) -> Edit:
+        return ShiftReceipt(self.target, round(self.by_s * _NS))
 
 
 def _period_ns(stamps_ns: IntArray) -> int:

@@ -1,23 +1,22 @@
-"""Faults of wheels and odometry: wrong sizes, wrong signs, slip, jumps and silence."""
+"""Faults of wheels and odometry: wrong sizes, wrong signs, slip, jumps, poses that are none."""
 
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import ClassVar, Literal
+from typing import ClassVar, Literal, TypeVar
 
 import numpy as np
 from pydantic import Field
 
-from slamsim.core.types import BoolArray, FloatArray, IntArray
-from slamsim.recording import RawOdometry, RawTicks, Recording
-from slamsim.sensors.faults.base import Fault
-from slamsim.sensors.faults.edit import is_odometry, require_wheels
-from slamsim.sensors.faults.wheel_motion import (
-    require_ticks,
-    rewired,
-    with_odometry,
-    with_wheel_steps,
-)
+from slamsim.core.types import FloatArray, IntArray
+from slamsim.recording import RawOdometry, RawTicks, Recording, TransformEdge
+from slamsim.recording.edits.base import COUNTS, DRIVEN, ODOMETRIES, TICKS, WHEELS, Edit, Edits
+from slamsim.recording.edits.messages import ChangeMessages
+from slamsim.recording.edits.odometry import FollowTicks, ScaleMotion, ScaleSteps
+from slamsim.recording.edits.wheels import Pair, RewireWheels, ScaleWheelNumbers, WrapTicks
+from slamsim.sensors.faults.base import Fault, some_of, spells
+
+Moving = TypeVar("Moving", RawOdometry, TransformEdge)
 
 
 class WheelRadius(Fault):
@@ -28,12 +27,9 @@ class WheelRadius(Fault):
     relative_error: float = Field(gt=-0.9, le=10.0)
     """Believed over true, less one."""
 
-    def inject(self, recording: Recording, rng: np.random.Generator) -> Recording:
+    def edit(self, recording: Recording, rng: np.random.Generator) -> Edit:
         gain = 1.0 + self.relative_error
-        spoilt = with_odometry(recording, gain, gain)
-        return spoilt.changed(
-            RawTicks, lambda t: replace(t, wheel_radius_m=t.wheel_radius_m * gain)
-        )
+        return _believed(recording, ScaleMotion(DRIVEN, gain, gain), radius_factor=gain)
 
 
 class WheelUnit(Fault):
@@ -46,18 +42,12 @@ class WheelUnit(Fault):
     of: Literal["lengths", "radius", "odometry"] = "lengths"
     """All of them; the radius alone, so that turns are off too; or the published odometry alone."""
 
-    def inject(self, recording: Recording, rng: np.random.Generator) -> Recording:
+    def edit(self, recording: Recording, rng: np.random.Generator) -> Edit:
         alone = self.of == "radius"
-        spoilt = with_odometry(recording, self.factor, self.factor if alone else 1.0)
+        moved = ScaleMotion(DRIVEN, self.factor, self.factor if alone else 1.0)
         if self.of == "odometry":
-            return spoilt
-        track = 1.0 if alone else self.factor
-
-        def believed(t: RawTicks) -> RawTicks:
-            radius_m = t.wheel_radius_m * self.factor
-            return replace(t, wheel_radius_m=radius_m, track_m=t.track_m * track)
-
-        return spoilt.changed(RawTicks, believed)
+            return moved
+        return _believed(recording, moved, self.factor, 1.0 if alone else self.factor)
 
 
 class WheelTrack(Fault):
@@ -68,10 +58,9 @@ class WheelTrack(Fault):
     relative_error: float = Field(gt=-0.9, le=10.0)
     """Believed over true, less one."""
 
-    def inject(self, recording: Recording, rng: np.random.Generator) -> Recording:
+    def edit(self, recording: Recording, rng: np.random.Generator) -> Edit:
         gain = 1.0 + self.relative_error
-        spoilt = with_odometry(recording, 1.0, 1.0 / gain)
-        return spoilt.changed(RawTicks, lambda t: replace(t, track_m=t.track_m * gain))
+        return _believed(recording, ScaleMotion(DRIVEN, 1.0, 1.0 / gain), track_factor=gain)
 
 
 class WheelReversed(Fault):
@@ -81,9 +70,8 @@ class WheelReversed(Fault):
     wheel: Literal["left", "right"]
     """Which one."""
 
-    def inject(self, recording: Recording, rng: np.random.Generator) -> Recording:
-        signs = np.array([-1, 1]) if self.wheel == "left" else np.array([1, -1])
-        return rewired(recording, lambda wheels: wheels * signs)
+    def edit(self, recording: Recording, rng: np.random.Generator) -> Edit:
+        return _rewired(signs=(-1, 1) if self.wheel == "left" else (1, -1))
 
 
 class WheelDead(Fault):
@@ -93,9 +81,8 @@ class WheelDead(Fault):
     wheel: Literal["left", "right"]
     """Which one."""
 
-    def inject(self, recording: Recording, rng: np.random.Generator) -> Recording:
-        counting = np.array([0, 1]) if self.wheel == "left" else np.array([1, 0])
-        return rewired(recording, lambda wheels: wheels * counting)
+    def edit(self, recording: Recording, rng: np.random.Generator) -> Edit:
+        return _rewired(signs=(0, 1) if self.wheel == "left" else (1, 0))
 
 
 class WheelsSwapped(Fault):
@@ -103,8 +90,8 @@ class WheelsSwapped(Fault):
 
     kind: Literal["wheels_swapped"]
 
-    def inject(self, recording: Recording, rng: np.random.Generator) -> Recording:
-        return rewired(recording, lambda wheels: wheels[:, ::-1])
+    def edit(self, recording: Recording, rng: np.random.Generator) -> Edit:
+        return _rewired(order=(1, 0))
 
 
 class TicksWrap(Fault):
@@ -115,12 +102,8 @@ class TicksWrap(Fault):
     bits: int = Field(ge=4, le=62)
     """Width of the counters; they are signed."""
 
-    def inject(self, recording: Recording, rng: np.random.Generator) -> Recording:
-        require_ticks(recording)
-        whole, half = 1 << self.bits, 1 << (self.bits - 1)
-        return recording.changed(
-            RawTicks, lambda t: replace(t, ticks=(t.ticks + half) % whole - half)
-        )
+    def edit(self, recording: Recording, rng: np.random.Generator) -> Edit:
+        return WrapTicks(TICKS, 1 << self.bits)
 
 
 class WheelSlip(Fault):
@@ -129,18 +112,18 @@ class WheelSlip(Fault):
     SIZE: ClassVar[str | None] = "share"
     kind: Literal["wheel_slip"]
     share: float = Field(gt=0.0, le=10.0)
-    """Of the way, that the wheels turn in addition."""
+    """Of the path, that the wheels turn in addition."""
     slip_s: float = Field(default=4.0, gt=0.0, le=1e4)
     """Length of each slip."""
     slips: int = Field(default=3, ge=1, le=1000)
     """How many, evenly spread over the recording."""
 
-    def inject(self, recording: Recording, rng: np.random.Generator) -> Recording:
-        return with_wheel_steps(recording, self._gain)
+    def edit(self, recording: Recording, rng: np.random.Generator) -> Edit:
+        return ScaleSteps(WHEELS, self._gain)
 
     def _gain(self, stamps_ns: IntArray) -> FloatArray:
         """(n - 1,) of each step between stamps."""
-        slipping = _spells(stamps_ns[1:], self.slips, self.slip_s)
+        slipping = spells(stamps_ns[1:], self.slips, self.slip_s)
         return np.where(slipping, 1.0 + self.share, 1.0)
 
 
@@ -152,10 +135,10 @@ class OdometryContradicts(Fault):
     relative_error: float = Field(gt=-1.0, le=10.0)
     """Of distances and turns, against those that the counters give."""
 
-    def inject(self, recording: Recording, rng: np.random.Generator) -> Recording:
-        require_ticks(recording)
+    def edit(self, recording: Recording, rng: np.random.Generator) -> Edit:
+        TICKS.require(recording)
         gain = 1.0 + self.relative_error
-        return with_odometry(recording, gain, gain)
+        return ScaleMotion(DRIVEN, gain, gain)
 
 
 class OdometryJump(Fault):
@@ -166,23 +149,13 @@ class OdometryJump(Fault):
     jump_m: float = Field(ge=-1000.0, le=1000.0)
     """Length of the step, along x, halfway through the recording."""
 
-    def inject(self, recording: Recording, rng: np.random.Generator) -> Recording:
-        require_wheels(recording)
-
-        def jumped(positions_m: FloatArray) -> FloatArray:
-            positions = positions_m.copy()
+    def edit(self, recording: Recording, rng: np.random.Generator) -> Edit:
+        def jumped(one: Moving) -> Moving:
+            positions = one.positions_m.copy()
             positions[len(positions) // 2 :, 0] += self.jump_m
-            return positions
+            return replace(one, positions_m=positions)
 
-        return replace(
-            recording.changed(
-                RawOdometry, lambda one: replace(one, positions_m=jumped(one.positions_m))
-            ),
-            transforms=tuple(
-                replace(edge, positions_m=jumped(edge.positions_m)) if is_odometry(edge) else edge
-                for edge in recording.transforms
-            ),
-        )
+        return ChangeMessages(DRIVEN, jumped)
 
 
 class OdometryFrozen(Fault):
@@ -195,11 +168,11 @@ class OdometryFrozen(Fault):
     times: int = Field(default=2, ge=1, le=1000)
     """How often, evenly spread over the recording."""
 
-    def inject(self, recording: Recording, rng: np.random.Generator) -> Recording:
-        return with_wheel_steps(recording, self._gain)
+    def edit(self, recording: Recording, rng: np.random.Generator) -> Edit:
+        return ScaleSteps(WHEELS, self._gain)
 
     def _gain(self, stamps_ns: IntArray) -> FloatArray:
-        frozen = _spells(stamps_ns[1:], self.times, self.frozen_s)
+        frozen = spells(stamps_ns[1:], self.times, self.frozen_s)
         return np.where(frozen, 0.0, 1.0)
 
 
@@ -213,12 +186,11 @@ class TicksFrozen(Fault):
     times: int = Field(default=2, ge=1, le=1000)
     """How often, evenly spread over the recording."""
 
-    def inject(self, recording: Recording, rng: np.random.Generator) -> Recording:
-        require_ticks(recording)
-        return recording.changed(RawTicks, self._frozen)
+    def edit(self, recording: Recording, rng: np.random.Generator) -> Edit:
+        return ChangeMessages(TICKS, self._frozen)
 
     def _frozen(self, ticks: RawTicks) -> RawTicks:
-        standing = _spells(ticks.stamps_ns[1:], self.times, self.frozen_s)
+        standing = spells(ticks.stamps_ns[1:], self.times, self.frozen_s)
         steps = np.where(standing[:, None], 0, np.diff(ticks.ticks, axis=0))
         return replace(ticks, ticks=np.vstack([ticks.ticks[:1], steps]).cumsum(axis=0))
 
@@ -228,16 +200,53 @@ class OdometryStill(Fault):
 
     kind: Literal["odometry_still"]
 
-    def inject(self, recording: Recording, rng: np.random.Generator) -> Recording:
-        require_wheels(recording)
-        return with_odometry(recording, 0.0, 0.0)
+    def edit(self, recording: Recording, rng: np.random.Generator) -> Edit:
+        return ScaleMotion(DRIVEN, 0.0, 0.0)
 
 
-def _spells(stamps_ns: IntArray, count: int, length_s: float) -> BoolArray:
-    """(n,) whether each instant lies in one of the spells, evenly spread over all of them."""
-    if stamps_ns.size == 0:
-        return np.zeros(0, dtype=np.bool_)
-    first, last = float(stamps_ns.min()), float(stamps_ns.max())
-    middles = first + (last - first) * (np.arange(count) + 1.0) / (count + 1.0)
-    apart_ns = np.abs(stamps_ns[:, None] - middles)
-    return np.asarray((apart_ns < 0.5e9 * length_s).any(axis=1))
+class OdometryNotFinite(Fault):
+    """Single poses of the odometry are not a number."""
+
+    SIZE: ClassVar[str | None] = "share"
+    kind: Literal["odometry_not_finite"]
+    share: float = Field(gt=0.0, le=1.0)
+    """Of the messages."""
+
+    def edit(self, recording: Recording, rng: np.random.Generator) -> Edit:
+        def broken(odometry: RawOdometry) -> RawOdometry:
+            chosen = some_of(len(odometry), self.share, rng)[:, None]
+            return replace(
+                odometry,
+                positions_m=np.where(chosen, np.nan, odometry.positions_m),
+                linear_m_s=np.where(chosen, np.nan, odometry.linear_m_s),
+            )
+
+        return ChangeMessages(ODOMETRIES, broken)
+
+
+class OdometryQuaternion(Fault):
+    """The odometry's quaternions are not of unit length; of length 0: never filled in."""
+
+    SIZE: ClassVar[str | None] = "length"
+    kind: Literal["odometry_quaternion"]
+    length: float = Field(ge=0.0, le=1e6)
+    """Of all of them."""
+
+    def edit(self, recording: Recording, rng: np.random.Generator) -> Edit:
+        def scaled(odometry: RawOdometry) -> RawOdometry:
+            return replace(odometry, quats_xyzw=odometry.quats_xyzw * self.length)
+
+        return ChangeMessages(ODOMETRIES, scaled)
+
+
+def _believed(
+    recording: Recording, moved: ScaleMotion, radius_factor: float = 1.0, track_factor: float = 1.0
+) -> Edit:
+    """Other numbers of the wheels where counters carry them, and what the odometry makes of it."""
+    if not recording.ticks:
+        return moved
+    return Edits((moved, ScaleWheelNumbers(TICKS, radius_factor, track_factor)))
+
+
+def _rewired(order: Pair = (0, 1), signs: Pair = (1, 1)) -> Edit:
+    return Edits((RewireWheels(COUNTS, order, signs), FollowTicks()))

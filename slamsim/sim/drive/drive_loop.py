@@ -45,7 +45,7 @@ def _nothing_to_watch() -> None:
     return None
 
 
-class Ride:
+class DriveLoop:
     """Commands, motors and record of one robot that is on its way."""
 
     def __init__(

@@ -13,7 +13,7 @@ from slamsim.config.drive import DriveConfig, PhysicsConfig
 from slamsim.core.progress import Progress, silent
 from slamsim.core.types import Drive
 from slamsim.sim.bullet import pybullet
-from slamsim.sim.drive.drive_loop import BasePose, Decision, Ride, touching
+from slamsim.sim.drive.drive_loop import BasePose, Decision, DriveLoop, touching
 from slamsim.sim.drive.pilot import Pilot
 from slamsim.sim.drive.route import Route
 from slamsim.sim.engine import running_engine
@@ -104,7 +104,7 @@ class _RouteRide:
         rate_hz, control_hz = config.physics.rate_hz, config.follow.control_rate_hz
         self._engine, self._tick, self._tick_s = engine, 0, 1.0 / control_hz
         self._window_ticks = max(round(config.physics.window_s * control_hz), 1)
-        self._ride = Ride(engine, robot, rate_hz, rate_hz // control_hz)
+        self._ride = DriveLoop(engine, robot, rate_hz, rate_hz // control_hz)
         self._floor = Floor(engine, world.floor_friction, world.floor_patches)
         self.pilot = Pilot(route, config)
 

@@ -18,7 +18,7 @@ from slamsim.core.types import Drive, EncoderStream, FloatArray, IntArray, Traje
 from slamsim.guard.errors import SlamsimError
 from slamsim.guard.numbers import require_number
 from slamsim.sim.bullet import pybullet
-from slamsim.sim.drive.drive_loop import BasePose, Decision, Ride, touching
+from slamsim.sim.drive.drive_loop import BasePose, Decision, DriveLoop, touching
 from slamsim.sim.drive.follow import Twist
 from slamsim.sim.drive.pilot import STANDING, limited
 from slamsim.sim.engine import set_gravity, standing_robot
@@ -131,7 +131,7 @@ class _Play:
             raise SlamsimError(
                 f"the commands of a script last for {self._tick_s:g} to {LONGEST_S:g} s in all"
             )
-        self._ride = Ride(engine, robot, physics.rate_hz, steps_per_tick)
+        self._ride = DriveLoop(engine, robot, physics.rate_hz, steps_per_tick)
         self._floor = Floor(engine, ground.friction, ground.patches)
         if ground.under_wheels is not None:
             set_wheel_friction(engine, *ground.under_wheels)

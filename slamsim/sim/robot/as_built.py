@@ -15,7 +15,7 @@ from slamsim.config.robot import (
 )
 from slamsim.core.randomness import random_stream
 from slamsim.sim.robot.inertia import Inertial
-from slamsim.sim.robot.urdf import Description, Joint, Link, Shape
+from slamsim.sim.robot.urdf import Description, Joint, Link, LinkShape
 
 CARRIER_SHARE = 0.1
 """Of a sprung wheel's mass belongs to what does not turn: PyBullet needs some mass between the
@@ -109,7 +109,7 @@ def _resized(description: Description, name: str, scale: float, track_scale: flo
 def _grown(wheel: Link, scale: float) -> Link:
     """As wide as before: only the radius of its shapes grows, and the inertia with its square."""
 
-    def shape(old: Shape) -> Shape:
+    def shape(old: LinkShape) -> LinkShape:
         return replace(old, size_m=(old.size_m[0] * scale, *old.size_m[1:]))
 
     body = wheel.inertial

@@ -16,22 +16,75 @@ from pathlib import Path
 
 import numpy as np
 
+from slamsim.config.robot import SuspensionConfig
 from slamsim.core.geometry import matrix_from_xyzw, se3_from_parts
 from slamsim.core.types import FloatArray
+from slamsim.guard.errors import SlamsimError
 from slamsim.sim.bullet import pybullet
 from slamsim.sim.robot.as_built import spring_joint, spring_link
 from slamsim.sim.robot.describe import urdf_text, weld_fixed_joints
 from slamsim.sim.robot.model import WHEEL_JOINTS, RobotModel
-from slamsim.sim.robot.springs import Springs, refuse_unstable
 from slamsim.sim.robot.urdf import Description
 from slamsim.sim.robot.validate import rolling_links
+
+STABLE_SHARE = 0.8
+"""Of the limit beyond which an explicit spring and damper swing up."""
+
+
+class Springs:
+    """Force along each sliding joint: preload, less stiffness times the way that it went down.
+
+    joints: left and right, their position counts upward, into the body, from where the robot
+    stands level. The travel ends at the joint's own limits.
+    """
+
+    def __init__(
+        self, client: int, body: int, joints: tuple[int, int], config: SuspensionConfig
+    ) -> None:
+        self._client, self._body, self._joints = client, body, joints
+        self._preload_n, self._stiffness_n_m = config.preload_n, config.stiffness_n_m
+        self._damping_n_s_m = config.damping_n_s_m
+
+    def step(self) -> None:
+        """Push, then one step of the physics."""
+        states = pybullet.getJointStates(self._body, self._joints, self._client)
+        pybullet.setJointMotorControlArray(
+            self._body,
+            self._joints,
+            pybullet.TORQUE_CONTROL,
+            forces=[self._force_n(state[0], state[1]) for state in states],
+            physicsClientId=self._client,
+        )
+        pybullet.stepSimulation(self._client)
+
+    def _force_n(self, up_m: float, up_m_s: float) -> float:
+        """On the wheel, upward: the spring pushes it down and never pulls."""
+        spring_n = max(self._preload_n + self._stiffness_n_m * up_m, 0.0)
+        return -spring_n - self._damping_n_s_m * up_m_s
+
+
+def refuse_unstable(config: SuspensionConfig, carried_kg: float, step_s: float) -> None:
+    """Raises SlamsimError for springs that are too hard for the time step.
+
+    carried_kg: of one wheel and its carrier, which swing on the spring when off the floor. The
+    force is that of the step's beginning, the position that of its end: such an integration is
+    stable while stiffness h^2 + 2 damping h < 4 mass.
+    """
+    needed_kg = 0.25 * (config.stiffness_n_m * step_s + 2.0 * config.damping_n_s_m) * step_s
+    if needed_kg > STABLE_SHARE * carried_kg:
+        raise SlamsimError(
+            f"a suspension of {config.stiffness_n_m:g} N/m and {config.damping_n_s_m:g} N s/m is "
+            f"too hard for a wheel of {carried_kg:g} kg at {1.0 / step_s:g} steps per second: "
+            f"raise physics.rate_hz or make it softer"
+        )
+
 
 BODY_CONTACT_M = 0.001
 """The body's contacts further apart than this, which the engine's reach finds, are not solved."""
 
 
 @dataclass(frozen=True, slots=True)
-class Foot:
+class WheelContact:
     """A wheel on the floor: its link index, its place on the robot, its own coefficient."""
 
     link: int
@@ -51,7 +104,7 @@ class Engine:
     body: int
     walls: tuple[int, ...]
     wheels: tuple[int, int]
-    feet: tuple[Foot, ...]
+    feet: tuple[WheelContact, ...]
     T_base_com: FloatArray
     step: Callable[[], None]
 
@@ -131,10 +184,10 @@ def _prepare(
 
 def _feet(
     robot: RobotModel, link_index: dict[str, int], wheels: tuple[int, int]
-) -> tuple[Foot, ...]:
+) -> tuple[WheelContact, ...]:
     placed = robot.body.placements()
     return tuple(
-        Foot(
+        WheelContact(
             link=link_index[name],
             x_m=float(placed[name][0, 3]),
             y_m=float(placed[name][1, 3]),
@@ -192,7 +245,7 @@ def set_wheel_friction(engine: Engine, left: float, right: float) -> None:
             set_foot_friction(engine, foot, left if foot.link == engine.wheels[0] else right)
 
 
-def set_foot_friction(engine: Engine, foot: Foot, friction: float) -> None:
+def set_foot_friction(engine: Engine, foot: WheelContact, friction: float) -> None:
     """The floor under one wheel."""
     pybullet.changeDynamics(
         engine.body,

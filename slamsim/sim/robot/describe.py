@@ -11,7 +11,7 @@ from slamsim.config.robot import CylinderConfig, RobotConfig, SensorBodyConfig
 from slamsim.core.geometry import matrix_from_rpy, mount_transform, se3_from_parts
 from slamsim.core.types import FloatArray
 from slamsim.sim.robot.inertia import Inertial, join
-from slamsim.sim.robot.urdf import Description, Joint, Link, Shape
+from slamsim.sim.robot.urdf import Description, Joint, Link, LinkShape
 
 AXIS_Y = np.array([0.0, 1.0, 0.0])
 LYING = se3_from_parts(matrix_from_rpy(-np.pi / 2.0, 0.0, 0.0), np.zeros(3))
@@ -36,17 +36,17 @@ def describe(config: RobotConfig) -> Description:
         (_sensor("camera_link", config.camera), "fixed", mount_transform(config.camera.mount)),
     ]
     for side, y_m in (("left", 0.5 * wheels.track_m), ("right", -0.5 * wheels.track_m)):
-        tyre = Shape("cylinder", (wheels.radius_m, wheels.width_m), LYING)
+        tyre = LinkShape("cylinder", (wheels.radius_m, wheels.width_m), LYING)
         # A ball touches the floor at one point, so that the distance between the points of
         # contact is the track exactly; the edges of a cylinder would share the load at random.
-        contact = Shape("sphere", (wheels.radius_m,), np.eye(4))
+        contact = LinkShape("sphere", (wheels.radius_m,), np.eye(4))
         wheel = _solid(f"wheel_{side}_link", tyre, wheels.mass_kg, contact)
         parts.append((wheel, "continuous", translation(0.0, y_m, wheels.radius_m)))
     for end, x_m, gap_m in (
         ("front", supports.front_x_m, supports.front_gap_m),
         ("rear", supports.rear_x_m, supports.rear_gap_m),
     ):
-        ball = Shape("sphere", (supports.radius_m,), np.eye(4))
+        ball = LinkShape("sphere", (supports.radius_m,), np.eye(4))
         link = _solid(f"caster_{end}_link", ball, supports.mass_kg, ball)
         parts.append((link, "continuous", translation(x_m, 0.0, supports.radius_m + gap_m)))
     return _assemble(config.name, T_base_link, parts)
@@ -71,13 +71,13 @@ def _frame(name: str) -> Link:
     return Link(name, None, (), ())
 
 
-def _solid(name: str, shape: Shape, mass_kg: float, contact: Shape) -> Link:
+def _solid(name: str, shape: LinkShape, mass_kg: float, contact: LinkShape) -> Link:
     body = Inertial(mass_kg, np.zeros(3), shape.solid_inertia(mass_kg))
     return Link(name, body.seen_from(shape.T_link_shape), (contact,), (shape,))
 
 
 def _upright(name: str, config: CylinderConfig) -> Link:
-    shape = Shape("cylinder", (config.radius_m, config.height_m), np.eye(4))
+    shape = LinkShape("cylinder", (config.radius_m, config.height_m), np.eye(4))
     return _solid(name, shape, config.mass_kg, shape)
 
 
@@ -86,7 +86,7 @@ def _upright_place(config: CylinderConfig) -> FloatArray:
 
 
 def _sensor(name: str, config: SensorBodyConfig) -> Link:
-    shape = Shape("box", config.size_m, translation(*config.body_centre_m))
+    shape = LinkShape("box", config.size_m, translation(*config.body_centre_m))
     return _solid(name, shape, config.mass_kg, shape)
 
 
@@ -128,7 +128,7 @@ def _weld(name: str, members: Sequence[tuple[Link, FloatArray]]) -> Link:
     bodies = [link.inertial.seen_from(T) for link, T in members if link.inertial is not None]
     shapes = {
         key: tuple(
-            Shape(shape.kind, shape.size_m, T @ shape.T_link_shape)
+            LinkShape(shape.kind, shape.size_m, T @ shape.T_link_shape)
             for link, T in members
             for shape in (link.collisions if key == "collision" else link.visuals)
         )
@@ -167,7 +167,7 @@ def rpy_from_matrix(rotation: FloatArray) -> FloatArray:
     return np.array([np.arctan2(r[2, 1], r[2, 2]), pitch, np.arctan2(r[1, 0], r[0, 0])])
 
 
-def _shape_lines(tag: str, shape: Shape) -> list[str]:
+def _shape_lines(tag: str, shape: LinkShape) -> list[str]:
     size = [_numbers([value]) for value in shape.size_m]
     geometry = {
         "box": lambda: f'<box size="{" ".join(size)}"/>',

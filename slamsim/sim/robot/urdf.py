@@ -29,7 +29,7 @@ class Unconnected(InputRefused):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Shape:
+class LinkShape:
     """A primitive solid. size_m: box (x, y, z), cylinder (radius, length along z), sphere (r,)."""
 
     kind: ShapeKind
@@ -71,8 +71,8 @@ class Link:
 
     name: str
     inertial: Inertial | None
-    collisions: tuple[Shape, ...]
-    visuals: tuple[Shape, ...]
+    collisions: tuple[LinkShape, ...]
+    visuals: tuple[LinkShape, ...]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -178,16 +178,16 @@ def _origin(element: Element) -> FloatArray:
     return se3_from_parts(matrix_from_rpy(roll, pitch, yaw), np.array(xyz))
 
 
-def _read_shape(element: Element, meshes: bool) -> Shape | None:
+def _read_shape(element: Element, meshes: bool) -> LinkShape | None:
     geometry = _required(element, "geometry")
     T = _origin(element)
     if (box := geometry.find("box")) is not None:
-        return Shape("box", _numbers(box.attrib["size"], 3), T)
+        return LinkShape("box", _numbers(box.attrib["size"], 3), T)
     if (cylinder := geometry.find("cylinder")) is not None:
         size = f"{cylinder.attrib['radius']} {cylinder.attrib['length']}"
-        return Shape("cylinder", _numbers(size, 2), T)
+        return LinkShape("cylinder", _numbers(size, 2), T)
     if (sphere := geometry.find("sphere")) is not None:
-        return Shape("sphere", _numbers(sphere.attrib["radius"], 1), T)
+        return LinkShape("sphere", _numbers(sphere.attrib["radius"], 1), T)
     if element.tag == "collision" and not meshes:
         raise ValueError("a collision shape must be a box, a cylinder or a sphere")
     return None

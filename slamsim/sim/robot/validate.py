@@ -14,7 +14,7 @@ import numpy as np
 
 from slamsim.core.types import FloatArray
 from slamsim.sim.robot.inertia import Inertial
-from slamsim.sim.robot.urdf import Description, Link, Shape
+from slamsim.sim.robot.urdf import Description, Link, LinkShape
 
 DOWN = np.array([0.0, 0.0, -1.0])
 LEAST_DENSITY_KG_M3, GREATEST_DENSITY_KG_M3 = 5.0, 23_000.0
@@ -47,7 +47,7 @@ def model_faults(description: Description, max_gap_m: float) -> list[ModelFault]
     return faults or list(_balance_faults(description))
 
 
-def _bounding_box(link: Link) -> tuple[Shape, float] | None:
+def _bounding_box(link: Link) -> tuple[LinkShape, float] | None:
     """The cuboid around a link's visible shapes (else its contact shapes) and their volume."""
     shapes = link.visuals or link.collisions
     if not shapes:
@@ -58,7 +58,7 @@ def _bounding_box(link: Link) -> tuple[Shape, float] | None:
     T = np.eye(4)
     T[:3, 3] = 0.5 * (upper + lower)
     size = upper - lower
-    return Shape("box", (size[0], size[1], size[2]), T), sum(s.volume_m3() for s in shapes)
+    return LinkShape("box", (size[0], size[1], size[2]), T), sum(s.volume_m3() for s in shapes)
 
 
 def _inertia_faults(link: Link) -> Iterator[ModelFault]:

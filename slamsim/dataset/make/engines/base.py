@@ -5,12 +5,12 @@ from __future__ import annotations
 from concurrent.futures import Future
 from typing import Protocol, Self
 
-from slamsim.dataset.make.shard import Task, Tried
+from slamsim.dataset.make.shard import ShardTask, Tried
 
 Answer = Future[tuple[Tried, ...]]
 
 
-class Engine(Protocol):
+class WorkEngine(Protocol):
     """Runs ``shard.make_sequences`` in workers; none outlives the ``with`` block.
 
     batch: at most so many sequences make a task of it.
@@ -27,5 +27,5 @@ class Engine(Protocol):
     def slots(self) -> int:
         """So many tasks are worth submitting at a time; a cluster may grow and shrink."""
 
-    def submit(self, task: Task) -> Answer:
+    def submit(self, task: ShardTask) -> Answer:
         """Raises, when asked for its result, what ``make_sequences`` raises, or WorkerDied."""

@@ -22,7 +22,7 @@ from typing import Any, Self
 from urllib.parse import urlsplit
 
 from slamsim.dataset.make.engines.base import Answer
-from slamsim.dataset.make.shard import Task, Tried, make_sequences
+from slamsim.dataset.make.shard import ShardTask, Tried, make_sequences
 from slamsim.dataset.make.versions import difference, versions
 from slamsim.guard.errors import SlamsimError, shown
 from slamsim.process.worker import Worker, WorkerDied, fair_share_bytes
@@ -81,7 +81,7 @@ class DaskEngine:
             self._looked_s = time.monotonic()
         return self._threads * _AHEAD
 
-    def submit(self, task: Task) -> Answer:
+    def submit(self, task: ShardTask) -> Answer:
         answer: Answer = Future()
         self._executor.submit(make_on_worker, task).add_done_callback(
             lambda done: _pass_on(done, answer)
@@ -164,7 +164,7 @@ _own = threading.local()
 _workers: set[Worker] = set()
 
 
-def make_on_worker(task: Task) -> tuple[Tried, ...]:
+def make_on_worker(task: ShardTask) -> tuple[Tried, ...]:
     """In a thread of a Dask worker: make the sequences in the process of this thread."""
     worker: Worker | None = getattr(_own, "worker", None)
     if worker is None or worker.stopped:

@@ -6,7 +6,7 @@ from functools import partial
 from typing import Self
 
 from slamsim.dataset.make.engines.base import Answer
-from slamsim.dataset.make.shard import Task, make_sequences
+from slamsim.dataset.make.shard import ShardTask, make_sequences
 from slamsim.process.worker import Workers
 
 
@@ -29,5 +29,5 @@ class LocalEngine:
         """One more than there are workers, so that none waits for the next task."""
         return self._workers.count + 1
 
-    def submit(self, task: Task) -> Answer:
+    def submit(self, task: ShardTask) -> Answer:
         return self._workers.submit(partial(make_sequences, task), task.limit_s)

@@ -6,12 +6,13 @@ from collections.abc import Callable
 
 import numpy as np
 
-from slamsim.check.mend_imu import base_rotation
 from slamsim.core.geometry import yaw_from_xyzw
-from slamsim.core.types import EncoderStream, FloatArray, IntArray
+from slamsim.core.types import FloatArray, IntArray
 from slamsim.core.wheels import wheel_odometry
-from slamsim.guard.errors import SlamsimError
 from slamsim.recording import RawImu, Recording
+from slamsim.recording.edits.base import CannotEdit
+from slamsim.recording.edits.motion import ordered_encoder_stream
+from slamsim.recording.frame_graph import FrameGraph
 
 Heading = Callable[[IntArray], FloatArray]
 
@@ -23,7 +24,7 @@ def heading_from(
 
     correction: of what the stream turns since its first message, to take off each second, and
     then to add; without one, a gyroscope is freed of what wheels or odometry say that it turns
-    too far. Beyond the ends it stays what it was there. Raises SlamsimError for another topic.
+    too far. Beyond the ends it stays what it was there. Raises CannotEdit for another topic.
     """
     for odometry in recording.odometries:
         if odometry.topic == topic:
@@ -31,16 +32,20 @@ def heading_from(
             return _corrected(odometry.stamps_ns, yaw_rad, correction)
     for ticks in recording.ticks:
         if ticks.topic == topic:
-            order = np.unique(ticks.stamps_ns, return_index=True)[1]
-            numbers = ticks.ticks_per_revolution, ticks.wheel_radius_m, ticks.track_m
-            path = wheel_odometry(
-                EncoderStream(ticks.stamps_ns[order], ticks.ticks[order], *numbers)
-            )
+            path = wheel_odometry(ordered_encoder_stream(ticks))
             return _corrected(path.stamps_ns, np.unwrap(path.poses[:, 2]), correction)
     for imu in recording.imus:
         if imu.topic == topic:
             return _integrated(recording, imu, correction)
-    raise SlamsimError(f"{topic!r} tells no heading")
+    raise CannotEdit(f"{topic!r} tells no heading")
+
+
+def base_rotation(recording: Recording, imu: RawImu) -> FloatArray:
+    """(3, 3) R_base_imu as declared; the identity where no transform declares it."""
+    graph = FrameGraph(recording.transforms)
+    children = recording.odometries[0].child_frame_ids if recording.odometries else ()
+    T_base_imu = graph.between(graph.base(children), imu.frame_ids[0]) if imu.frame_ids else None
+    return np.eye(3) if T_base_imu is None else T_base_imu[:3, :3]
 
 
 def _corrected(

@@ -1,7 +1,9 @@
-"""How a recording's robot moved, as its own odometry or gyroscope says.
+"""What a laser would have seen in other directions, or at other instants, from its scans alone.
 
-A foreign recording cannot be sensed again. What its laser would have seen at another instant is
-made from its scans and this motion instead: near enough to spoil a recording, no more.
+This stays beside the sensors and is no edit of ``slamsim.recording.edits``: it is the substitute,
+for recordings that cannot be sensed again, of casting the rays anew. What is hidden in a scan is
+not in it, and the motion between beams is known only as the recording's own odometry or gyroscope
+tell it. Near enough to inject a fault, no more, and never a repair.
 """
 
 from __future__ import annotations
@@ -14,8 +16,8 @@ import numpy as np
 from slamsim.core.geometry import yaw_from_xyzw
 from slamsim.core.types import Float32Array, FloatArray, IntArray
 from slamsim.recording import RawScans, Recording, ScanLayout
-from slamsim.sensors.faults.base import CannotInject
-from slamsim.sensors.faults.edit import with_ranges
+from slamsim.recording.edits.base import SCANS, CannotEdit
+from slamsim.recording.edits.ranges import ChangeRanges
 
 _FULL_TURN = 2.0 * np.pi
 
@@ -41,7 +43,7 @@ class PlaneMotion:
 
 
 def plane_motion(recording: Recording) -> PlaneMotion:
-    """Of the first odometry, else of the first gyroscope. Raises CannotInject without either."""
+    """Of the first odometry, else of the first gyroscope. Raises CannotEdit without either."""
     if recording.odometries and len(recording.odometries[0]) > 1:
         odometry = recording.odometries[0]
         headings = np.unwrap(yaw_from_xyzw(odometry.quats_xyzw))
@@ -54,7 +56,7 @@ def plane_motion(recording: Recording) -> PlaneMotion:
         turned = imu.angular_velocity_rad_s[:-1, 2] * np.diff(imu.stamps_ns) * 1e-9
         headings = np.concatenate([[0.0], np.cumsum(turned)])
         return _ordered(imu.stamps_ns, headings, np.zeros(headings.size))
-    raise CannotInject(f"{recording.name} has neither odometry nor gyroscope to turn its scans by")
+    raise CannotEdit(f"{recording.name} has neither odometry nor gyroscope to turn its scans by")
 
 
 def is_timed(recording: Recording) -> bool:
@@ -63,15 +65,15 @@ def is_timed(recording: Recording) -> bool:
 
 
 def require_timed(recording: Recording) -> None:
-    """Raises CannotInject for scans whose beams are all of one instant."""
+    """Raises CannotEdit for scans whose beams are all of one instant."""
     if not is_timed(recording):
-        raise CannotInject(f"the beams of {recording.name} have no times of their own")
+        raise CannotEdit(f"the beams of {recording.name} have no times of their own")
 
 
-def refired(recording: Recording, steps: Callable[[FloatArray], FloatArray]) -> Recording:
-    """As if the beams had fired at other times: later by so many steps from beam to beam.
+def refired(recording: Recording, steps: Callable[[FloatArray], FloatArray]) -> ChangeRanges:
+    """As if its beams had fired at other times: later by so many steps from beam to beam.
 
-    steps: from the numbers of the beams (beams,) to (beams,). Raises CannotInject for scans of
+    steps: from the numbers of the beams (beams,) to (beams,). Raises CannotEdit for scans of
     one instant and where nothing tells the motion.
     """
     require_timed(recording)
@@ -81,7 +83,7 @@ def refired(recording: Recording, steps: Callable[[FloatArray], FloatArray]) -> 
         later_s = steps(np.arange(ranges_m.shape[1], dtype=np.float64)) * scans.layout(0).beam_dt_s
         return fired_later(ranges_m, scans, motion, later_s)
 
-    return with_ranges(recording, changed)
+    return ChangeRanges(SCANS, changed)
 
 
 def fired_later(

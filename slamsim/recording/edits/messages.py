@@ -1,0 +1,85 @@
+"""Messages selected, repeated, reordered, or changed in any way that has no inverse."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from slamsim.core.types import BoolArray, IntArray
+from slamsim.recording import Messages, Origin, RawStream, Recording
+from slamsim.recording.edits.base import Edit, MessagesChange, MessagesEdit, Target
+
+
+@dataclass(frozen=True, slots=True)
+class ChangeMessages(MessagesEdit):
+    """A change of a target's messages that no other edit describes, such as random readings."""
+
+    change: MessagesChange | Callable[[Any], Any]
+
+    def changed(self, messages: Any) -> Any:
+        return self.change(messages)
+
+
+@dataclass(frozen=True, slots=True)
+class SelectMessages(MessagesEdit):
+    """Messages dropped, duplicated or reordered, each with all that it carries.
+
+    rows: from a stream or transform of n messages to (n,) which of them to keep, or to (k,)
+    numbers of messages in their new order.
+    """
+
+    rows: Callable[[Any], BoolArray | IntArray]
+
+    def changed(self, messages: Messages) -> Messages:
+        return select(messages, self.rows(messages))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class AddStream(Edit):
+    """One stream more, after those of its kind."""
+
+    stream: RawStream
+
+    def apply(self, recording: Recording) -> Recording:
+        kind = type(self.stream)
+        return recording.with_streams(kind, (*recording.of(kind), self.stream))
+
+    def inverse(self) -> DropStreams:
+        return DropStreams(Target((type(self.stream),), "stream").on(self.stream.topic))
+
+
+@dataclass(frozen=True, slots=True)
+class DropStreams(Edit):
+    """Streams left out with all their messages."""
+
+    target: Target
+
+    def apply(self, recording: Recording) -> Recording:
+        self.target.require(recording)
+        left = (stream for stream in recording.streams if not self.target.holds(stream))
+        return replace(recording, streams=tuple(left))
+
+
+def select(messages: Messages, which: BoolArray | IntArray) -> Messages:
+    """Some of n messages of a topic or transform, or all in another order.
+
+    which: (n,) of bool, or (k,) numbers of messages.
+    """
+    rows = np.arange(messages.stamps_ns.size)[which]
+    per_message: dict[str, object] = {}
+    fields = (field.name for field in messages.schema.fields if not field.is_constant)
+    for name in ("stamps_ns", "received_ns", "samples", "origin", "layout_of", *fields):
+        value = getattr(messages, name, None)
+        if isinstance(value, np.ndarray | Origin):
+            per_message[name] = value[rows]
+        elif value is not None:
+            per_message[name] = [value[row] for row in rows]
+    return replace(messages, **per_message)  # type: ignore[arg-type]
+
+
+def with_sequence_numbers(recording: Recording) -> Recording:
+    """With the number of each message, which it keeps when others are lost."""
+    return recording.changed(RawStream, lambda one: replace(one, samples=np.arange(len(one))))

@@ -1,0 +1,159 @@
+"""What ``slamsim fix`` can do: one declaration for each repair that findings propose."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from difflib import get_close_matches
+
+from slamsim.guard.errors import SlamsimError, shown
+from slamsim.recording import Recording
+from slamsim.recording.edits.stamps import clock_of
+from slamsim.recording.repairs import frames, readings, scans, stamps, wheels
+from slamsim.recording.repairs.base import Declaration, Repair
+
+OPERATIONS: Mapping[str, Declaration] = {
+    "reorder": stamps.reorder,
+    "shift_stamps": stamps.shift_stamps,
+    "rescale_stamps": stamps.rescale_stamps,
+    "restamp_evenly": stamps.restamp_evenly,
+    "stamp_by_receipt": stamps.stamp_by_receipt,
+    "shift_receipt": stamps.shift_receipt,
+    "zero_to_inf": scans.zero_to_inf,
+    "value_to_inf": scans.value_to_inf,
+    "scale_ranges": scans.scale_ranges,
+    "add_to_ranges": scans.add_to_ranges,
+    "drop_beams": scans.drop_beams,
+    "drop_stray_beams": scans.drop_stray_beams,
+    "drop_repeated_scans": scans.drop_repeated_scans,
+    "set_angle_max": scans.set_angle_max,
+    "set_range_limits": scans.set_range_limits,
+    "scale_angles": scans.scale_angles,
+    "angles_to_radians": scans.angles_to_radians,
+    "negate_angles": scans.negate_angles,
+    "scale_beam_times": scans.scale_beam_times,
+    "set_sweep": scans.set_sweep,
+    "turn_with_robot": scans.turn_with_robot,
+    "scale_acceleration": readings.scale_acceleration,
+    "rotate_imu": readings.rotate_imu,
+    "scale_gyro": readings.scale_gyro,
+    "subtract_gyro_bias": readings.subtract_gyro_bias,
+    "normalise_rotations": readings.normalise_rotations,
+    "drop_broken_poses": readings.drop_broken_poses,
+    "drop_broken_readings": readings.drop_broken_readings,
+    "drop_orientation": readings.drop_orientation,
+    "scale_wheels": wheels.scale_wheels,
+    "scale_lengths": wheels.scale_lengths,
+    "swap_wheels": wheels.swap_wheels,
+    "reverse_wheel": wheels.reverse_wheel,
+    "unwrap_ticks": wheels.unwrap_ticks,
+    "odometry_from_ticks": wheels.odometry_from_ticks,
+    "scale_odometry": wheels.scale_odometry,
+    "remove_odometry_jumps": wheels.remove_odometry_jumps,
+    "add_odometry_transform": frames.add_odometry_transform,
+    "drop_transform": frames.drop_transform,
+    "freeze_static_transform": frames.freeze_static_transform,
+    "rename_frame": frames.rename_frame,
+    "roll_frame": frames.roll_frame,
+    "set_mounting": frames.set_mounting,
+}
+"""Each gives the edit for what is asked of a recording."""
+
+PER_BEAM = ("drop_beams", "value_to_inf")
+"""Operations that may come several times on one subject, with other numbers."""
+CLOCKS = ("shift_stamps", "rescale_stamps", "restamp_evenly", "reorder")
+"""Operations that a clock needs, and so all streams that are stamped together."""
+
+_EVIDENT = frozenset(
+    (
+        "reorder",
+        "restamp_evenly",
+        "stamp_by_receipt",
+        "drop_repeated_scans",
+        "drop_beams",
+        "zero_to_inf",
+        "value_to_inf",
+        "scale_ranges",
+        "angles_to_radians",
+        "set_angle_max",
+        "set_range_limits",
+        "rename_frame",
+        "drop_transform",
+        "freeze_static_transform",
+        "scale_acceleration",
+        "unwrap_ticks",
+        "normalise_rotations",
+        "drop_broken_poses",
+        "drop_broken_readings",
+        "drop_orientation",
+    )
+)
+"""What a stream shows by itself is repaired before what streams say of each other."""
+_DOUBTFUL = frozenset(("shift_receipt",))
+"""Repaired last: the stamps, not the receipt, may be what is wrong."""
+_OTHER_EPOCH_S = 60.0
+
+
+def chosen(repairs: Sequence[Repair], names: str) -> tuple[Repair, ...]:
+    """Those that ``all`` or a list of operations separated by commas means.
+
+    Raises SlamsimError for a name that is no operation.
+    """
+    if names == "all":
+        return tuple(repairs)
+    wanted = {name.strip() for name in names.split(",") if name.strip()}
+    for name in sorted(wanted):
+        if name not in OPERATIONS:
+            raise SlamsimError(_unknown(name, repairs))
+    return tuple(repair for repair in repairs if repair.operation in wanted)
+
+
+def next_repairs(repairs: Sequence[Repair]) -> tuple[Repair, ...]:
+    """Those to be applied before the check is asked again: what is evident comes first."""
+    ranks = [_rank(repair) for repair in repairs]
+    first = min(ranks, default=0)
+    return tuple(repair for repair, rank in zip(repairs, ranks, strict=True) if rank == first)
+
+
+def _rank(repair: Repair) -> int:
+    if repair.operation in _DOUBTFUL:
+        return 2
+    if repair.operation == "shift_stamps":
+        shifted_s = float(repair.parameters.get("offset_s", 0.0))
+        return 0 if abs(shifted_s) > _OTHER_EPOCH_S else 1
+    return 0 if repair.operation in _EVIDENT else 1
+
+
+def apply_repairs(recording: Recording, repairs: Iterable[Repair]) -> Recording:
+    """The recording with every repair applied, one after the other.
+
+    Of several repairs with one operation on one subject the last counts, for later questions
+    know more; a clock's repair reaches all streams on that clock, once. Raises SlamsimError for
+    an operation or subject that is not there.
+    """
+    for repair in _without_rivals(recording, repairs):
+        if repair.operation not in OPERATIONS:
+            raise SlamsimError(_unknown(repair.operation, ()))
+        recording = OPERATIONS[repair.operation](recording, repair).apply(recording)
+    return recording
+
+
+def _without_rivals(recording: Recording, repairs: Iterable[Repair]) -> list[Repair]:
+    last: list[Repair] = []
+    covered: set[tuple[str, str, str]] = set()
+    for repair in reversed(list(repairs)):
+        detail = str(repair.parameters) if repair.operation in PER_BEAM else ""
+        subjects = frozenset({repair.subject})
+        if repair.operation in CLOCKS:
+            subjects = clock_of(recording, repair.subject).subjects or subjects
+        if (repair.operation, repair.subject, detail) not in covered:
+            last.append(repair)
+        covered |= {(repair.operation, subject, detail) for subject in subjects}
+    return last[::-1]
+
+
+def _unknown(name: str, repairs: Sequence[Repair]) -> str:
+    near = get_close_matches(name, OPERATIONS, 1, 0.4)
+    hint = f"; did you mean {near[0]!r}?" if near else ""
+    here = ", ".join(dict.fromkeys(repair.operation for repair in repairs))
+    offer = f" The check proposes: {here}." if here else ""
+    return f"{shown(name)} is no repair{hint}{offer}"
