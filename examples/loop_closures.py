@@ -27,8 +27,8 @@ from slamsim.core.geometry import between, compose, inverse
 from slamsim.core.randomness import random_stream
 from slamsim.core.types import BoolArray, FloatArray, Log, Scan
 from slamsim.dataset.store.reader import Sequence as DatasetSequence
-from slamsim.logs.reader import read_log
-from slamsim.logs.relations import Relations, read_relations
+from slamsim.io.open import read_log
+from slamsim.io.text.relations import Relations, read_relations
 
 SEEN_AGAIN = 0.3
 """A pair shows one place if each scan has so much of the other; not if neither has NOT_SEEN."""

@@ -11,7 +11,7 @@ from simulated import true_ranges
 
 from slamsim.core.geometry import between, compose
 from slamsim.core.types import FloatArray, Log, PlanarTrajectory, Scan, ScanGeometry
-from slamsim.logs.scans import StoredScans
+from slamsim.recording.cleaning.scans import StoredScans
 
 LEG_M, WIDTH_M, BEND_M = 200.0, 2.5, 0.9
 CORNERS = np.array(

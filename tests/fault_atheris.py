@@ -32,7 +32,7 @@ INSTRUMENTED = (
     "slamsim.dataset.recipe.model",
     "slamsim.dataset.recipe.distributions",
     "slamsim.dataset.store.table",
-    "slamsim.logs",
+    "slamsim.io",
     "slamsim.guard",
     "slamsim.sim.drive.route_file",
     "slamsim.sim.robot.urdf",

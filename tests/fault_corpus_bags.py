@@ -18,7 +18,7 @@ from bag_data import ROS1, ROS2, Robot, as_mcap, as_ros1, as_rosbag2
 from fault_corpus_base import Data, Fill, Hostile, one
 from mcap.writer import CompressionType
 
-from slamsim.logs.reader import read_log
+from slamsim.io.open import read_log
 
 _MAGIC = b"\x89MCAP0\r\n"
 _ROS1_MAGIC = b"#ROSBAG V2.0\n"

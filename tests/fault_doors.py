@@ -17,8 +17,8 @@ from slamsim.config.robot import RobotConfig
 from slamsim.core.types import FloatArray
 from slamsim.dataset.recipe.loading import load_recipe
 from slamsim.guard.image import read_gray_image
-from slamsim.logs.relations import read_relations
-from slamsim.logs.tum import read_tum
+from slamsim.io.text.relations import read_relations
+from slamsim.io.text.tum import read_tum
 from slamsim.sensors.faults.registry import load_fault
 from slamsim.sensors.scene import Scene
 from slamsim.sim.bullet import pybullet

@@ -12,9 +12,9 @@ from fault_log_reads import whole_log
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.typesys import Stores, get_typestore
 
-from slamsim.logs.bag_limits import check_definitions
-from slamsim.logs.message_types import register
-from slamsim.logs.refusing import refusing
+from slamsim.io.input_errors import as_input_errors
+from slamsim.io.ros.limits import check_definitions
+from slamsim.io.ros.message_types import register
 
 
 def _definitions() -> Iterable[bytes]:
@@ -27,14 +27,14 @@ def _definitions() -> Iterable[bytes]:
 def _definition(data: bytes) -> None:
     """Judged and registered as a recording's would be."""
     encoding, _, text = data.decode("utf-8", "replace").partition("\n")
-    with refusing(Path("a.mcap"), "a definition"):
+    with as_input_errors(Path("a.mcap"), "a definition"):
         check_definitions([("a/msg/A", text)])
         register(get_typestore(Stores.EMPTY), "a/msg/A", encoding, text)
 
 
 def _cdr(data: bytes) -> None:
     kinds = ("sensor_msgs/msg/LaserScan", "nav_msgs/msg/Odometry", "tf2_msgs/msg/TFMessage")
-    with refusing(Path("a.mcap"), "a message"):
+    with as_input_errors(Path("a.mcap"), "a message"):
         ROS2.deserialize_cdr(data[1:], kinds[data[0] % len(kinds)])
 
 

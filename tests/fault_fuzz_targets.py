@@ -37,10 +37,10 @@ from slamsim.guard.mesh_file import check_mesh_file
 from slamsim.guard.sums import SumsDamaged, read_sequence, read_sums, sequence_text, sums_text
 from slamsim.guard.urdf import check_urdf
 from slamsim.guard.yaml import load_yaml, parse_yaml
-from slamsim.logs.keyframes import HEADER, read_keyframes
-from slamsim.logs.refusing import refusing
-from slamsim.logs.relations import read_relations
-from slamsim.logs.tum import read_tum
+from slamsim.io.input_errors import as_input_errors
+from slamsim.io.text.keyframes import HEADER, read_keyframes
+from slamsim.io.text.relations import read_relations
+from slamsim.io.text.tum import read_tum
 from slamsim.sim.drive.route_file import read_route
 from slamsim.sim.robot.model import build_robot
 from slamsim.sim.robot.urdf import read_description
@@ -75,7 +75,7 @@ def _mesh(data: bytes) -> None:
     path = folder() / f"a.{suffix}"
     path.write_bytes(data[1:])
     check_mesh_file(path)
-    with refusing(path, "the library"):
+    with as_input_errors(path, "the library"):
         found = trimesh.load_scene(path, process=False).to_mesh()
         check_mesh(np.array(found.vertices), np.array(found.faces, dtype=np.int64), path)
 

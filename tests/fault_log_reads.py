@@ -12,10 +12,9 @@ from slamsim.check.findings import CheckReport
 from slamsim.config.slam import MappingConfig, SlamConfig
 from slamsim.core.types import FloatArray, IntArray, Log, Scan, Trajectory
 from slamsim.guard.numbers import MOST_NS
-from slamsim.logs.raw import read_recording
-from slamsim.logs.reader import read_log, read_truth
-from slamsim.logs.relations import read_relations
-from slamsim.logs.tum import read_tum
+from slamsim.io.open import read_log, read_recording, read_truth
+from slamsim.io.text.relations import read_relations
+from slamsim.io.text.tum import read_tum
 from slamsim.recording import RawStream, Recording
 from slamsim.slam.mapping.grid import build_grid
 from slamsim.slam.mapping.saved_map import read_saved_map
@@ -35,7 +34,7 @@ def whole_log(path: Path) -> object:
 
 
 def judged_quickly(path: Path) -> object:
-    """The recording unmended, and what the quick checks say of it."""
+    """The recording as it is, and what the quick checks say of it."""
     return _judged(path, quick=True)
 
 
@@ -156,7 +155,7 @@ def _require_recording(recording: Recording) -> None:
     for edge in recording.transforms:
         assert edge.positions_m.shape == (edge.stamps_ns.size, 3)
         _require_words(f"{edge.name} {edge.topic}")
-    for words in recording.odd:
+    for words in recording.anomalies:
         _require_words(words)
     for unread in recording.unread:
         _require_words(f"{unread.topic} {unread.type_name} {unread.reason}")

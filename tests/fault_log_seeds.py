@@ -26,13 +26,12 @@ from fault_text_changes import TEXT, in_bzip2, in_gzip
 from mcap.writer import CompressionType
 
 from slamsim.config.slam import SlamConfig
-from slamsim.logs.bag_folder import MCAP_NAME
-from slamsim.logs.carmen_writer import CarmenFile
-from slamsim.logs.parquet_log import ParquetLog
-from slamsim.logs.raw import read_recording
-from slamsim.logs.raw_writer import write_recording
-from slamsim.logs.reader import read_log
-from slamsim.logs.tum import write_tum
+from slamsim.io.bag2.folder import MCAP_NAME
+from slamsim.io.bag2.writer import write_recording
+from slamsim.io.carmen.writer import CarmenFile
+from slamsim.io.open import read_log, read_recording
+from slamsim.io.parquet.writer import ParquetLog
+from slamsim.io.text.tum import write_tum
 from slamsim.recording import Recording
 from slamsim.slam.mapping.saved_map import write_saved_map
 from slamsim.slam.session import map_log

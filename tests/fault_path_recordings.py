@@ -14,12 +14,11 @@ from rosbags.rosbag2 import StoragePlugin
 from slamsim.guard.lock import lock_of, owner_words
 from slamsim.guard.output import partial_folder
 from slamsim.guard.staging import NEW
-from slamsim.logs.parquet_log import ParquetLog
-from slamsim.logs.raw import read_recording
-from slamsim.logs.raw_writer import write_recording
-from slamsim.logs.reader import read_log
-from slamsim.logs.recovery.recover import recover
-from slamsim.logs.recovery.source import damaged_recording
+from slamsim.io.bag2.writer import write_recording
+from slamsim.io.open import read_log, read_recording
+from slamsim.io.parquet.writer import ParquetLog
+from slamsim.io.salvage.recover import recover
+from slamsim.io.salvage.source import damaged_recording
 
 
 def _bag(folder: Path, plugin: StoragePlugin = StoragePlugin.SQLITE3) -> Path:

@@ -14,7 +14,7 @@ from slamsim.config.run import RunConfig
 from slamsim.console.reporter import Reporter
 from slamsim.core.types import Trajectory
 from slamsim.guard.sums import sums_text
-from slamsim.logs.tum import write_tum
+from slamsim.io.text.tum import write_tum
 from slamsim.report.viewer.process import recording_of
 from slamsim.run.continuing import read_earlier
 from slamsim.run.evaluation import evaluate_run

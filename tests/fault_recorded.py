@@ -27,10 +27,10 @@ from slamsim.dataset.make import produce
 from slamsim.dataset.make.formats import Formats
 from slamsim.dataset.recipe.sequence import FormatName
 from slamsim.guard.output import partial_folder
-from slamsim.logs.names import LOG
-from slamsim.logs.raw import read_recording
-from slamsim.logs.raw_writer import write_recording
-from slamsim.logs.recovery.source import damaged_recording
+from slamsim.io.bag2.writer import write_recording
+from slamsim.io.names import LOG
+from slamsim.io.open import read_recording
+from slamsim.io.salvage.source import damaged_recording
 from slamsim.recording import Recording
 from slamsim.report.pages import run
 from slamsim.report.run_view import RunView

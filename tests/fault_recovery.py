@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from slamsim.logs.recovery.recover import recover
-from slamsim.logs.recovery.source import damaged_recording
-from slamsim.logs.recovery.tally import Recovered
+from slamsim.io.salvage.recover import recover
+from slamsim.io.salvage.report import Recovered
+from slamsim.io.salvage.source import damaged_recording
 
 CUTS = 60
 

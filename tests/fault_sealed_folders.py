@@ -16,10 +16,9 @@ from slamsim.dataset.make.make import make_dataset
 from slamsim.dataset.recipe.distributions import Constant
 from slamsim.dataset.recipe.loading import load_recipe
 from slamsim.dataset.recipe.sequence import FORMATS
-from slamsim.logs.keyframes import read_keyframes
-from slamsim.logs.raw import read_recording
-from slamsim.logs.reader import read_log, read_truth
-from slamsim.logs.tum import read_tum
+from slamsim.io.open import read_log, read_recording, read_truth
+from slamsim.io.text.keyframes import read_keyframes
+from slamsim.io.text.tum import read_tum
 from slamsim.report.viewer.process import recording_of
 from slamsim.run.dataset.telling import run_stats
 from slamsim.run.fixing import fix_log

@@ -26,7 +26,7 @@ from slamsim.dataset.store.store import Store
 from slamsim.dataset.store.table import table_from_parquet, table_to_parquet
 from slamsim.guard.output import partial_file, partial_folder, write_atomic
 from slamsim.guard.sums import SUMS, sums_text
-from slamsim.logs.parquet_file import Column, ParquetFile
+from slamsim.io.parquet.file import Column, ParquetFile
 from slamsim.simulation.log_writer import LogWriter
 
 LOG = "log"

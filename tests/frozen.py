@@ -25,8 +25,7 @@ from typing import Any
 import foreign_bags
 import numpy as np
 
-from slamsim.logs.raw import read_recording
-from slamsim.logs.reader import read_log, read_truth
+from slamsim.io.open import read_log, read_recording, read_truth
 from slamsim.recording import Recording
 
 Entries = Iterator[tuple[str, str]]

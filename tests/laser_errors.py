@@ -20,7 +20,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from slamsim.core.geometry import matrix_from_rpy, se2_from_se3
 from slamsim.core.types import FloatArray, Log, Scan, ScanGeometry, ScanSource
-from slamsim.logs.reader import read_log
+from slamsim.io.open import read_log
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ from slamsim.config.sensors import SensorsConfig
 from slamsim.core.geometry import mount_transform
 from slamsim.core.types import FloatArray
 from slamsim.guard.errors import OverrideRefused, SlamsimError
-from slamsim.logs.encoding import stream_messages
+from slamsim.io.ros.encoding import stream_messages
 from slamsim.sensors.base import static_frames
 from slamsim.sensors.kinds.depth_camera import CameraInfos, DepthBatch, DepthImages
 from slamsim.sensors.rig import SensorRig

@@ -15,8 +15,8 @@ ALLOWED = {
     "pybullet": ("sim/",),
     "rerun": ("report/",),
     "matplotlib": ("report/", "dataset/catalogue/figures.py"),
-    "rosbags": ("logs/", "io/"),
-    "mcap": ("logs/", "io/"),
+    "rosbags": ("io/",),
+    "mcap": ("io/",),
     "open3d": ("sensors/",),
     "kiss_icp": ("slam/matching/", "bench/peers/"),
     "small_gicp": ("bench/peers/",),
@@ -88,7 +88,7 @@ OWN_DOORS = {
     "dataset/store/store.py": "its locks; a sequence that a worker made just now",
     # what has passed a door and is read by a library, which takes a name only
     "world/from_mesh.py": "a mesh that check_mesh_file has passed",
-    "logs/recovery/sqlite_salvage.py": "a copy of a database that open_as_found has passed",
+    "io/salvage/sqlite_salvage.py": "a copy of a database that open_as_found has passed",
 }
 """Modules outside of ``guard/`` that open files for reading, and what these are."""
 

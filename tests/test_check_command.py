@@ -19,9 +19,8 @@ from slamsim.check.findings import Finding
 from slamsim.check.registry import registry
 from slamsim.cli.main import app
 from slamsim.guard.errors import InputRefused, NotFound, SlamsimError
-from slamsim.logs.raw import read_recording
-from slamsim.logs.raw_writer import write_recording
-from slamsim.logs.reader import read_log
+from slamsim.io.bag2.writer import write_recording
+from slamsim.io.open import read_log, read_recording
 from slamsim.recording import Messages, RawImu, RawOdometry, RawScans, RawTicks, Recording
 
 ROBOT = Robot(ROS2)

@@ -22,7 +22,7 @@ from slamsim.check.findings import Measurement
 from slamsim.check.question import FaultKind, Question, decide, judge
 from slamsim.check.registry import CHECKER_ERROR, registry
 from slamsim.cli.main import app
-from slamsim.logs.raw_writer import write_recording
+from slamsim.io.bag2.writer import write_recording
 from slamsim.recording.repairs.apply import OPERATIONS
 from slamsim.recording.repairs.base import Repair
 from slamsim.sensors import faults

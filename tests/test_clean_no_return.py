@@ -10,14 +10,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from slamsim.clean.no_return import (
+from slamsim.core.types import BoolArray, Float32Array, FloatArray
+from slamsim.recording.cleaning.no_return import (
     SAMPLED_READINGS,
     RangeSample,
     _log_tail,
     _most_occupied,
     find_limit,
 )
-from slamsim.core.types import BoolArray, Float32Array, FloatArray
 
 STEP_RAD = float(np.radians(1.0))
 ANGLES = np.radians(np.arange(-90.0, 90.0))

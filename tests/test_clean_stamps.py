@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from slamsim.clean.stamps import NoTime, _known, rising_times
 from slamsim.core.types import IntArray
+from slamsim.recording.cleaning.rising_stamps import NoTime, _known, rising_times
 
 SECOND = 1_000_000_000
 START_NS = 1_700_000_000 * SECOND

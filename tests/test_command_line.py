@@ -17,7 +17,7 @@ from limited_child import hear_interrupts
 from real_logs import needs_radish, radish
 
 from slamsim.guard.text import open_lines
-from slamsim.logs.reader import read_log, read_truth
+from slamsim.io.open import read_log, read_truth
 from slamsim.run.naming import is_recording
 
 REAL_LINES = 2500

@@ -17,7 +17,7 @@ from slamsim.evaluate.budget import at_instants, error_budget
 from slamsim.evaluate.consistency import nees, nees_band
 from slamsim.guard.errors import InputRefused
 from slamsim.guard.numbers import BadNumbers, NoSolution
-from slamsim.logs.keyframes import HEADER, read_keyframes, write_keyframes
+from slamsim.io.text.keyframes import HEADER, read_keyframes, write_keyframes
 
 
 def path(count: int, rng: np.random.Generator) -> PlanarTrajectory:

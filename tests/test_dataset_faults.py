@@ -20,11 +20,10 @@ from slamsim.core.types import Drive
 from slamsim.dataset.make import produce as production
 from slamsim.dataset.recipe.sequence import SequenceSpec
 from slamsim.guard.errors import InputRefused
-from slamsim.logs.kitti import CAMERA_FROM_LASER
-from slamsim.logs.mountings import declared_laser_mounting
-from slamsim.logs.parquet_file import read_table
-from slamsim.logs.raw import read_recording
-from slamsim.logs.reader import read_log, read_truth
+from slamsim.io.open import read_log, read_recording, read_truth
+from slamsim.io.parquet.file import read_table
+from slamsim.io.text.kitti import CAMERA_FROM_LASER
+from slamsim.recording.mountings import declared_laser_mounting
 from slamsim.sim.drive.route import plan_route
 from slamsim.sim.drive.run import DriveOutcome, drive
 from slamsim.sim.robot.model import build_robot

@@ -28,7 +28,7 @@ from slamsim.dataset.store.place import Location
 from slamsim.dataset.store.reader import Dataset, Sequence
 from slamsim.dataset.truth.tables import read_drive
 from slamsim.guard.errors import InputRefused, NotFound, SlamsimError
-from slamsim.logs.parquet_file import Column, ParquetFile
+from slamsim.io.parquet.file import Column, ParquetFile
 from slamsim.recording import RawStream
 from slamsim.sensors.motion import Motion
 

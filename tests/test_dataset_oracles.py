@@ -17,7 +17,7 @@ from slamsim.core.types import FloatArray
 from slamsim.dataset.make.produce import produce
 from slamsim.dataset.truth.overlap import CLOSURE_OVERLAP, CLOSURE_WAY_M
 from slamsim.dataset.truth.surfaces import NO_SURFACE
-from slamsim.logs.parquet_file import read_table
+from slamsim.io.parquet.file import read_table
 from slamsim.sim.robot.model import build_robot
 from slamsim.world.build import build_world
 

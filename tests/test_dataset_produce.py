@@ -17,10 +17,9 @@ from slamsim.core.types import FloatArray
 from slamsim.dataset.make.produce import produce
 from slamsim.dataset.recipe.sequence import SequenceFacts
 from slamsim.guard.image import GrayImage, read_gray_image
-from slamsim.logs.parquet_file import joined_axes, read_table
-from slamsim.logs.raw import read_recording
-from slamsim.logs.reader import read_log, read_truth
-from slamsim.logs.tum import read_tum
+from slamsim.io.open import read_log, read_recording, read_truth
+from slamsim.io.parquet.file import joined_axes, read_table
+from slamsim.io.text.tum import read_tum
 from slamsim.sensors.faults.registry import load_fault
 from slamsim.simulation.driven import simulate_spoilt
 from slamsim.simulation.simulate import simulate

@@ -17,7 +17,7 @@ from slamsim.dataset.truth.key_scans import KeyScan, KeyScans
 from slamsim.dataset.truth.overlap import overlap_shares
 from slamsim.dataset.truth.surfaces import NO_SURFACE, TrueSurfaces, surfaces_of
 from slamsim.dataset.truth.tables import read_drive
-from slamsim.logs.parquet_file import read_table, table_facts
+from slamsim.io.parquet.file import read_table, table_facts
 from slamsim.sensors.motion import Motion, as_mounted
 from slamsim.sensors.readings import Readings
 from slamsim.sensors.rig import SensorRig

@@ -11,8 +11,8 @@ from slamsim.core.types import FloatArray, Grid, PlanarTrajectory, Trajectory
 from slamsim.evaluate.relations import score_relations
 from slamsim.evaluate.score import evaluate
 from slamsim.guard.errors import SlamsimError
-from slamsim.logs.reader import read_log
-from slamsim.logs.relations import Relations, read_relations
+from slamsim.io.open import read_log
+from slamsim.io.text.relations import Relations, read_relations
 
 
 @needs_radish

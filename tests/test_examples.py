@@ -17,7 +17,7 @@ from slamsim.dataset.make.engines.local import LocalEngine
 from slamsim.dataset.make.make import make_dataset
 from slamsim.dataset.recipe.distributions import Constant
 from slamsim.dataset.recipe.loading import load_recipe
-from slamsim.logs.relations import Relations
+from slamsim.io.text.relations import Relations
 
 RECIPE = Path(__file__).parents[1] / "examples" / "loop_closures.yaml"
 BEARINGS = np.radians(np.arange(-135.0, 135.0, 1.0))

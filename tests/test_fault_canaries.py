@@ -99,7 +99,7 @@ CANARIES = (
     Canary(
         "rosbags",
         "writes MCAP whose checksums are all 0",
-        "logs/mcap_stream.py writes them, logs/mcap_read.py compares them",
+        "io/mcap/framing.py writes them, io/mcap/reader.py compares them",
         MCAP
         + """
 with by_rosbags("bag").open("rb") as file:
@@ -113,7 +113,7 @@ assert crcs and not any(crcs), crcs
     Canary(
         "mcap",
         "its reader does not compare checksums unless told to",
-        "logs/mcap_read.py",
+        "io/mcap/reader.py",
         MCAP
         + """
 with open("a.mcap", "wb") as file:
@@ -132,7 +132,7 @@ assert message.data == b"wrong" * 20
     Canary(
         "rosbags",
         "gives no message, and no error, of a chunk whose message index is gone",
-        "logs/mcap_read.py counts what is there",
+        "io/mcap/reader.py counts what is there",
         MCAP
         + """
 from rosbags.rosbag2 import Reader
@@ -152,7 +152,7 @@ with Reader("bag") as reader:
     Canary(
         "rosbags",
         "recurses without end over a type that holds itself",
-        "logs/bag_limits.py: check_definitions",
+        "io/ros/limits.py: check_definitions",
         """
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 store = get_typestore(Stores.EMPTY)
@@ -299,7 +299,7 @@ assert isam.calculateEstimate().size() == 2
     Canary(
         "gtsam",
         "says nothing where a graph does not fit on the disk",
-        "logs/g2o.py",
+        "io/text/g2o.py",
         FULL + POSES + """gtsam.writeG2o(graph(1.0), start, full("a.g2o"))\n""",
     ),
     Canary(
@@ -328,7 +328,7 @@ assert yaml.safe_load("[no, 1e3, 017]") == [False, "1e3", 15]
     Canary(
         "pyarrow",
         "reads damaged pages unless told to compare their checksums",
-        "logs/parquet_file.py: read_table",
+        "io/parquet/file.py: read_table",
         """
 import pyarrow as pa, pyarrow.parquet as pq
 from pathlib import Path

@@ -14,9 +14,7 @@ from test_command_line import slamsim
 from slamsim.config.faults import typed_choices
 from slamsim.config.loading import load_run_config
 from slamsim.guard.errors import NotFound, OverrideRefused, SlamsimError
-from slamsim.logs.bag import open_bag
-from slamsim.logs.raw import read_recording
-from slamsim.logs.reader import read_truth
+from slamsim.io.open import open_recording, read_recording, read_truth
 from slamsim.recording.edits.base import CannotEdit
 from slamsim.run.faulting import fault_facts, fault_table, inject_faults
 
@@ -60,8 +58,9 @@ def test_a_faulty_run_has_all_other_messages_of_the_healthy_one(runs: Path) -> N
             ]
             found.append((sorted(messages, key=str), [r.metadata for r in reader.iter_metadata()]))
     assert found[0] == found[1]
-    truth = list(open_bag(runs / "faulty" / "log").messages(["/ground_truth/odom"]))
-    assert max(abs(message.twist.twist.linear.x) for message in truth) > 0.05
+    truth = open_recording(runs / "faulty" / "log").contents.truth
+    assert truth is not None
+    assert np.abs(truth.linear_m_s[:, 0]).max() > 0.05
 
 
 def test_a_faulty_run_keeps_its_truth(runs: Path) -> None:

@@ -29,12 +29,12 @@ from slamsim.guard.sums import sums_text
 from slamsim.guard.text import open_lines
 from slamsim.guard.urdf import check_urdf
 from slamsim.guard.yaml import load_yaml
-from slamsim.logs.bag1_check import index_bag1
-from slamsim.logs.bag_limits import check_definitions
-from slamsim.logs.mcap_read import index_mcap, mcap_attachments
-from slamsim.logs.parquet_file import read_table
-from slamsim.logs.refusing import refusing
-from slamsim.logs.sqlite_read import index_sqlite
+from slamsim.io.bag1.reader import index_bag1
+from slamsim.io.bag2.sqlite import index_sqlite
+from slamsim.io.input_errors import as_input_errors
+from slamsim.io.mcap.reader import index_mcap, mcap_attachments
+from slamsim.io.parquet.file import read_table
+from slamsim.io.ros.limits import check_definitions
 from slamsim.sim.drive.route_file import read_route
 from slamsim.slam.mapping.saved_map import read_saved_map
 from slamsim.world.from_image import image_prisms
@@ -121,20 +121,20 @@ def attachment(folder: Path, limits: Limits) -> object:
         writer.start()
         writer.add_attachment(0, 0, "notes.txt", "text/plain", bytes(100))
         writer.finish()  # type: ignore[no-untyped-call]
-    with refusing(path, "attachments"):
+    with as_input_errors(path, "attachments"):
         return list(mcap_attachments(index_mcap(path), limits))
 
 
 def table(folder: Path, limits: Limits) -> object:
     path = folder / "a.parquet"
     pq.write_table(pa.table({"a": np.zeros(10_000)}), path, compression="zstd")
-    with refusing(path, "its columns"):
+    with as_input_errors(path, "its columns"):
         return read_table(path, limits=limits)
 
 
 def definition(text: str) -> Excess:
     def check(folder: Path, limits: Limits) -> None:
-        with refusing(folder, "message definitions"):
+        with as_input_errors(folder, "message definitions"):
             check_definitions([("a/msg/B", text)], limits)
 
     return check

@@ -21,11 +21,9 @@ from mcap.writer import CompressionType
 
 from slamsim.guard.errors import InputRefused, SlamsimError
 from slamsim.guard.files import read_input
-from slamsim.logs.carmen import read_carmen
-from slamsim.logs.parquet_log import ParquetLog
-from slamsim.logs.raw import read_recording
-from slamsim.logs.reader import read_log
-from slamsim.logs.stamps import stamp_ns_from_decimal
+from slamsim.io.open import read_log, read_recording
+from slamsim.io.parquet.writer import ParquetLog
+from slamsim.io.text.stamps import stamp_ns_from_decimal
 
 pytestmark = pytest.mark.fault
 
@@ -167,7 +165,7 @@ def test_carmen_readings_stay_within_their_bounds(reading: str, tmp_path: Path) 
     line = "FLASER 2 1.0 {} 0 0 0 {} 0 0 {} host 0\n"
     lines = [line.format(reading if i == 3 else 2.0, 0.1 * i, 100 + i) for i in range(9)]
     path.write_text("PARAM robot_front_laser_max 30.0 1 h 1\n" + "".join(lines))
-    for scan in read_carmen(path).scans:
+    for scan in read_log(path).scans:
         met = scan.ranges_m[np.isfinite(scan.ranges_m)]
         assert ((met > 0.0) & (met < np.float32(30.0))).all()
 

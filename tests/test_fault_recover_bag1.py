@@ -14,7 +14,7 @@ from fault_recovery import cuts, damaged, recovered_from
 from rosbags.rosbag1 import Reader
 
 from slamsim.guard.errors import InputRefused
-from slamsim.logs.reader import read_log
+from slamsim.io.open import read_log
 
 pytestmark = pytest.mark.fault
 

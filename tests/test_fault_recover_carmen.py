@@ -12,7 +12,7 @@ import pytest
 from fault_recovery import cuts, damaged, recovered_from
 
 from slamsim.guard.errors import InputRefused
-from slamsim.logs.reader import read_log
+from slamsim.io.open import read_log
 
 pytestmark = pytest.mark.fault
 

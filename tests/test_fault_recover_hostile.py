@@ -24,9 +24,9 @@ from slamsim.console.reporter import Reporter
 from slamsim.guard.errors import InputRefused, OutputRefused
 from slamsim.guard.output import partial_folder
 from slamsim.guard.replaceable import require_apart
-from slamsim.logs.mcap_stream import MAGIC, record_bytes
-from slamsim.logs.reader import read_log
-from slamsim.logs.recovery.source import damaged_recording
+from slamsim.io.mcap.framing import MAGIC, record_bytes
+from slamsim.io.open import read_log
+from slamsim.io.salvage.source import damaged_recording
 from slamsim.run.recovering import recover_log
 
 pytestmark = pytest.mark.fault
@@ -35,8 +35,8 @@ DEPTH = 20_000
 RECOVER = """
 import sys
 from pathlib import Path
-from slamsim.logs.recovery.recover import recover
-from slamsim.logs.recovery.source import damaged_recording
+from slamsim.io.salvage.recover import recover
+from slamsim.io.salvage.source import damaged_recording
 from slamsim.guard.errors import InputRefused
 try:
     recover(damaged_recording(Path(sys.argv[1])), Path(sys.argv[2]))

@@ -15,10 +15,10 @@ import pytest
 from log_data import drive, header, readings
 
 from slamsim.guard.output import partial_folder
-from slamsim.logs.bag_folder import MCAP_NAME
-from slamsim.logs.reader import read_log, read_truth
-from slamsim.logs.recovery.recover import recover
-from slamsim.logs.recovery.source import damaged_recording
+from slamsim.io.bag2.folder import MCAP_NAME
+from slamsim.io.open import read_log, read_truth
+from slamsim.io.salvage.recover import recover
+from slamsim.io.salvage.source import damaged_recording
 from slamsim.simulation.log_writer import LogWriter
 
 pytestmark = pytest.mark.fault
@@ -60,7 +60,7 @@ def killed_writer(run: Path, after_s: float) -> int:
 def test_a_killed_writer_loses_at_most_one_chunk(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("slamsim.logs.mcap_file.CHUNK_BYTES", CHUNK_BYTES)
+    monkeypatch.setattr("slamsim.io.mcap.writer.CHUNK_BYTES", CHUNK_BYTES)
     for number, after_s in enumerate(np.random.default_rng(1).uniform(0.0, 0.4, KILLS).tolist()):
         windows = killed_writer(tmp_path / str(number), after_s)
         (out := tmp_path / f"out_{number}").mkdir()

@@ -19,11 +19,11 @@ from mcap.writer import CompressionType
 from rosbags.rosbag2 import Reader, StoragePlugin
 
 from slamsim.guard.errors import InputRefused, NotFound
-from slamsim.logs.bag_folder import MCAP_NAME
-from slamsim.logs.reader import read_log
-from slamsim.logs.recovery.recover import recover
-from slamsim.logs.recovery.source import damaged_recording
-from slamsim.logs.recovery.tally import Recovered
+from slamsim.io.bag2.folder import MCAP_NAME
+from slamsim.io.open import read_log
+from slamsim.io.salvage.recover import recover
+from slamsim.io.salvage.report import Recovered
+from slamsim.io.salvage.source import damaged_recording
 from slamsim.simulation.log_writer import LogWriter
 
 pytestmark = pytest.mark.fault
@@ -67,7 +67,7 @@ def whole(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFacto
     if request.param != "own":
         return as_mcap(folder / MCAP_NAME, ROBOT.drive(), request.param, chunk_size=3000)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("slamsim.logs.mcap_file.CHUNK_BYTES", 10_000)
+        patch.setattr("slamsim.io.mcap.writer.CHUNK_BYTES", 10_000)
         return own(folder / "log") / MCAP_NAME
 
 

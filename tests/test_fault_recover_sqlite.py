@@ -15,9 +15,9 @@ from fault_recovery import recovered_from
 from rosbags.rosbag2 import Reader
 
 from slamsim.guard.errors import InputRefused
-from slamsim.logs.reader import read_log
-from slamsim.logs.recovery.recover import recover
-from slamsim.logs.recovery.source import damaged_recording
+from slamsim.io.open import read_log
+from slamsim.io.salvage.recover import recover
+from slamsim.io.salvage.source import damaged_recording
 
 pytestmark = pytest.mark.fault
 

@@ -9,10 +9,10 @@ import pytest
 from recording_data import recording
 
 from slamsim.guard.errors import InputRefused
-from slamsim.logs.parquet_log import ParquetLog
-from slamsim.logs.reader import read_log
-from slamsim.logs.recovery.recover import recover
-from slamsim.logs.recovery.source import damaged_recording
+from slamsim.io.open import read_log
+from slamsim.io.parquet.writer import ParquetLog
+from slamsim.io.salvage.recover import recover
+from slamsim.io.salvage.source import damaged_recording
 
 pytestmark = pytest.mark.fault
 

@@ -21,9 +21,8 @@ from slamsim.dataset.store.store import open_store
 from slamsim.guard.errors import DataDamaged
 from slamsim.guard.output import partial_folder
 from slamsim.guard.sums import SUMS, sums_text
-from slamsim.logs.raw import read_recording
-from slamsim.logs.reader import read_log
-from slamsim.logs.tum import write_tum
+from slamsim.io.open import read_log, read_recording
+from slamsim.io.text.tum import write_tum
 from slamsim.run.folder import write_map
 
 pytestmark = pytest.mark.fault

@@ -38,9 +38,9 @@ from slamsim.guard.lock import locked
 from slamsim.guard.output import partial_folder, write_atomic
 from slamsim.guard.staging import restore
 from slamsim.guard.sums import SUMS
-from slamsim.logs.raw import read_recording
-from slamsim.logs.recovery.recover import recover
-from slamsim.logs.recovery.source import damaged_recording
+from slamsim.io.open import read_recording
+from slamsim.io.salvage.recover import recover
+from slamsim.io.salvage.source import damaged_recording
 from slamsim.run.dataset.telling import mending_of
 from slamsim.run.verifying import verify_path
 from slamsim.simulation.log_writer import LogWriter

@@ -22,7 +22,7 @@ from slamsim.console.reporter import Reporter
 from slamsim.guard.errors import NotFound
 from slamsim.guard.output import partial_folder
 from slamsim.guard.sums import SUMS
-from slamsim.logs.checksums import checked_recording
+from slamsim.io.open import checked_recording
 from slamsim.run.verifying import verify_and_tell, verify_path
 
 pytestmark = pytest.mark.fault

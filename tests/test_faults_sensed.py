@@ -35,8 +35,8 @@ DRIVE = drive_along(3.0, 240.0, yaw_rate_rad_s=0.9, speed_m_s=0.5)
 
 
 def sensed(faults: list[Fault], config: SensorsConfig = SENSORS) -> Recording:
-    sensors, course = faulty_sensors(faults, config)
-    rig = SensorRig(room(HALF_X_M, HALF_Y_M), Robot(), sensors, seed=2, course=course)
+    sensors, override = faulty_sensors(faults, config)
+    rig = SensorRig(room(HALF_X_M, HALF_Y_M), Robot(), sensors, seed=2, override=override)
     recording = DriveRecorder("room", HEADER).take([rig.sense(DRIVE)], [DRIVE]).recording
     return declared(recording, faults, config, seed=2)
 

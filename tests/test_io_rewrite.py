@@ -22,9 +22,9 @@ from test_command_line import slamsim
 
 from slamsim.core.types import BoolArray
 from slamsim.guard.errors import SlamsimError
-from slamsim.io.copying import Lossy, copy_recording, require_lossless
-from slamsim.logs.parquet_log import ParquetLog
-from slamsim.logs.raw import read_recording
+from slamsim.io.copy.recording import Lossy, copy_recording, require_lossless
+from slamsim.io.open import read_recording
+from slamsim.io.parquet.writer import ParquetLog
 from slamsim.recording import RawOdometry, Recording
 from slamsim.recording.edits.base import CannotEdit
 from slamsim.recording.edits.messages import select

@@ -27,8 +27,8 @@ from slamsim.config.slam import MotionConfig, SlamConfig
 from slamsim.core.geometry import compose, se3_from_parts
 from slamsim.core.types import FloatArray, Log, PlanarTrajectory, ScanGeometry
 from slamsim.evaluate.relations import score_relations
-from slamsim.logs.reader import read_log
-from slamsim.logs.relations import read_relations
+from slamsim.io.open import read_log
+from slamsim.io.text.relations import read_relations
 from slamsim.slam.failures import Failures
 from slamsim.slam.laser.calibration import NAMES, LaserCalibration
 from slamsim.slam.laser.estimate import (

@@ -27,35 +27,33 @@ ALLOWED: Mapping[str, tuple[str, ...]] = {
     "console": ("core", "guard"),
     "config": ("guard",),
     "recording": _FOUNDATION,
-    "clean": ("core",),
-    "logs": ("clean", "recording", *_FOUNDATION),
-    "io": ("logs", "recording", *_FOUNDATION),
+    "io": ("recording", *_FOUNDATION),
     "world": ("config", *_FOUNDATION),
     "sim": ("world", "config", "process", *_FOUNDATION),
     "sensors": _DATA,
     "slam": ("process", *_DATA),
-    "check": ("slam", "sim", "clean", *_DATA),
-    "evaluate": ("sensors", "logs", *_DATA),
-    "simulation": ("io", "logs", "sensors", "sim", "world", *_DATA),
+    "check": ("slam", "sim", *_DATA),
+    "evaluate": ("sensors", "io", *_DATA),
+    "simulation": ("io", "sensors", "sim", "world", *_DATA),
     "scenarios": (
-        *("simulation", "check", "evaluate", "slam", "sensors", "sim", "logs", "process"),
+        *("simulation", "check", "evaluate", "slam", "sensors", "sim", "io", "process"),
         *_DATA,
     ),
     "report": ("scenarios", "check", "evaluate", "process", *_DATA),
     "dataset": (
-        *("report", "simulation", "evaluate", "slam", "sensors", "sim", "world", "logs"),
+        *("report", "simulation", "evaluate", "slam", "sensors", "sim", "world", "io"),
         *("process", *_DATA),
     ),
     "run": (
         *("report", "dataset", "scenarios", "simulation", "check", "evaluate", "slam"),
-        *("sensors", "sim", "world", "io", "logs", "console", "process", *_DATA),
+        *("sensors", "sim", "world", "io", "console", "process", *_DATA),
     ),
     "bench": (
         *("run", "dataset", "simulation", "check", "evaluate", "slam", "sensors", "sim"),
-        *("world", "io", "logs", "console", "process", *_DATA),
+        *("world", "io", "console", "process", *_DATA),
     ),
     "cli": (
-        *("bench", "run", "report", "dataset", "scenarios", "logs", "console", "process"),
+        *("bench", "run", "report", "dataset", "scenarios", "io", "console", "process"),
         "config",
         *_FOUNDATION,
     ),
@@ -68,7 +66,7 @@ EXCEPTIONS: frozenset[tuple[str, str]] = frozenset({})
 FILE_CYCLES: frozenset[frozenset[str]] = frozenset()
 
 MOST_MODULES = 20
-LARGER: Mapping[str, int] = {"logs": 51}
+LARGER: Mapping[str, int] = {}
 """Folders with more modules, and how many they may have."""
 
 

@@ -142,14 +142,14 @@ def test_each_beam_leaves_from_the_exact_pose_of_its_own_instant(
     rng = np.random.default_rng(1)
     beam_ns = np.sort(rng.integers(drive.stamps_ns[0], drive.stamps_ns[-1], 5000))
     angles = rng.uniform(-np.pi, np.pi, beam_ns.size)
-    knots = joined(None, drive).knots(mount, int(beam_ns[0]), int(beam_ns[-1]))
+    samples = joined(None, drive).pose_samples(mount, int(beam_ns[0]), int(beam_ns[-1]))
     turned = np.stack([np.cos(angles), np.sin(angles)])
-    rays = beam_rays(knots, beam_ns, turned, np.zeros(3)).astype(np.float64)
+    rays = beam_rays(samples, beam_ns, turned, np.zeros(3)).astype(np.float64)
 
     origins, frames = exact_frames(drive, mount, beam_ns)
     exact = frames.apply(np.column_stack([*turned, np.zeros_like(angles)]))
     off_rad = np.linalg.norm(np.cross(rays[:, 3:], exact), axis=1)
-    assert off_rad.max() < 1.3e-6  # what the knots promise, and single precision
+    assert off_rad.max() < 1.3e-6  # what the samples promise, and single precision
     assert np.abs(np.linalg.norm(rays[:, 3:], axis=1) - 1.0).max() < 1e-6
     assert np.abs(rays[:, :3] - origins).max() < 2e-5
 
@@ -280,8 +280,8 @@ def test_sensing_costs_less_than_three_bare_casts_of_the_same_rays() -> None:
     beam_ns = (scan_ns[:, None] + lidar.geometry.offsets_ns()).ravel()
     angles = np.tile(lidar.geometry.angles_rad(), scan_ns.size)
     scene = Scene(mesh, floor_reach_m=30.0)
-    knots = motion.knots(np.eye(4), int(beam_ns[0]), int(beam_ns[-1]))
-    rays = beam_rays(knots, beam_ns, np.stack([np.cos(angles), np.sin(angles)]), scene.origin_m)
+    samples = motion.pose_samples(np.eye(4), int(beam_ns[0]), int(beam_ns[-1]))
+    rays = beam_rays(samples, beam_ns, np.stack([np.cos(angles), np.sin(angles)]), scene.origin_m)
 
     def seconds(work: Callable[[], object]) -> float:
         start = time.thread_time()

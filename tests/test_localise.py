@@ -24,7 +24,7 @@ from slamsim.slam.mapping.grid import build_grid
 from slamsim.slam.mapping.known_map import map_of_grid
 from slamsim.slam.mapping.saved_map import SavedMap
 from slamsim.slam.online.samples import WholeMotion
-from slamsim.slam.online.sync_back_end import InLine
+from slamsim.slam.online.sync_back_end import SyncBackEnd
 from slamsim.slam.session import SlamSession, map_log, odometry_of
 
 CONFIG = SlamConfig()
@@ -201,7 +201,7 @@ def test_on_line_the_place_is_nan_until_the_robot_is_found() -> None:
     odometry = odometry_of(drive.log)
     front_end = FrontEnd(CONFIG.front_end, odometry, drive.log.T_base_laser)
     before = Before(saved.keyframes[-1], ANYWHERE, fixed=True)
-    keeper = InLine(CONFIG, saved, fixed=True)
+    keeper = SyncBackEnd(CONFIG, saved, fixed=True)
     with SlamSession(CONFIG, front_end, WholeMotion(odometry), keeper, before) as session:
         steps = [session.step(scan) for scan in list(drive.log.scans)[:20]]
     assert all(step is not None and step.status == "lost" for step in steps)

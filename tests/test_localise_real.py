@@ -16,8 +16,8 @@ from slamsim.config.slam import SlamConfig
 from slamsim.core.geometry import between
 from slamsim.core.types import Log, PlanarTrajectory
 from slamsim.evaluate.relations import score_relations
-from slamsim.logs.reader import read_log
-from slamsim.logs.relations import read_relations
+from slamsim.io.open import read_log
+from slamsim.io.text.relations import read_relations
 from slamsim.slam.localise import PLACED, Localised, localise_log
 from slamsim.slam.mapping.saved_map import SavedMap
 from slamsim.slam.session import map_log

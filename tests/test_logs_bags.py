@@ -26,8 +26,8 @@ from rosbags.rosbag2 import StoragePlugin
 from slamsim.core.types import Log
 from slamsim.core.wheels import wheel_odometry
 from slamsim.guard.errors import InputRefused
-from slamsim.logs.bag_folder import MCAP_NAME
-from slamsim.logs.reader import read_log, read_truth
+from slamsim.io.bag2.folder import MCAP_NAME
+from slamsim.io.open import read_log, read_truth
 from slamsim.simulation.log_writer import LogWriter
 
 ROBOT1, ROBOT2 = Robot(ROS1), Robot(ROS2)

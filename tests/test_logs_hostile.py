@@ -18,9 +18,10 @@ from mcap.writer import CompressionType
 
 from slamsim.core.types import Log
 from slamsim.guard.errors import InputRefused, NotFound
-from slamsim.logs.bag_folder import MCAP_NAME
-from slamsim.logs.reader import read_log, read_truth
-from slamsim.logs.writer import GrowingBag
+from slamsim.io.bag2.folder import MCAP_NAME
+from slamsim.io.bag2.growing import GrowingBag
+from slamsim.io.open import read_log, read_truth
+from slamsim.recording import row_store
 from slamsim.simulation.log_writer import LogWriter
 
 ROBOT1, ROBOT2 = Robot(ROS1), Robot(ROS2)
@@ -261,7 +262,11 @@ def test_a_killed_writer_leaves_all_but_the_open_chunk(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_memory_does_not_grow_with_the_length(tmp_path: Path) -> None:
+def test_memory_does_not_grow_with_the_length(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Beyond the limit from which on ranges are kept in a file."""
+    monkeypatch.setattr(row_store.RowStore.__init__, "__defaults__", (1 << 20,))
     peaks = []
     for windows in (10, 40):
         tracemalloc.start()

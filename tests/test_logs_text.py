@@ -12,9 +12,9 @@ from slamsim.core.geometry import xyzw_from_yaw
 from slamsim.core.result import GraphEdge, PoseGraph
 from slamsim.core.types import PlanarTrajectory, Trajectory
 from slamsim.guard.errors import InputRefused, SlamsimError
-from slamsim.logs.g2o import write_g2o
-from slamsim.logs.relations import read_relations
-from slamsim.logs.tum import read_tum, write_tum
+from slamsim.io.text.g2o import write_g2o
+from slamsim.io.text.relations import read_relations
+from slamsim.io.text.tum import read_tum, write_tum
 
 
 def _trajectory(count: int = 20) -> Trajectory:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections import Counter
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,7 @@ from typer.testing import CliRunner
 
 from slamsim.cli.main import app
 from slamsim.core.types import Float32Array, FloatArray
+from slamsim.io.ros.limits import inflate
 from slamsim.process.exit_codes import run_command
 
 BEAMS, COUNT = 181, 60
@@ -206,6 +208,25 @@ def test_all_scans_of_a_bag_are_used(tmp_path: Path, name: str) -> None:
     assert sum(told in words for words in report["warnings"]) == 1
 
 
+def test_each_chunk_of_a_mapped_recording_is_decoded_twice_at_most(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Once for its checksum and what is in it, once for the messages; truth and check included."""
+    decoded = Counter[bytes]()
+
+    def counting(data: bytes, *about: Any) -> bytes:
+        decoded[bytes(data)] += 1
+        return inflate(data, *about)
+
+    monkeypatch.setattr("slamsim.io.mcap.reader.inflate", counting)
+    path = as_mcap(tmp_path / "a.mcap", bag(RECEIVED, RECEIVED, STRAIGHT), chunk_size=20_000)
+
+    assert mapped(path)[0] == 0
+
+    assert len(decoded) > 3
+    assert set(decoded.values()) == {2}
+
+
 @pytest.mark.parametrize("code_m", [81.83, pytest.param(65.535, marks=pytest.mark.slow)])
 def test_a_code_within_the_declared_range_of_a_bag(tmp_path: Path, code_m: float) -> None:
     rows = [np.where(np.arange(BEAMS) // 12 == 6, np.float32(code_m), row) for row in STRAIGHT]
@@ -216,13 +237,11 @@ def test_a_code_within_the_declared_range_of_a_bag(tmp_path: Path, code_m: float
 
 
 def test_a_run_that_used_less_than_half_says_why_and_is_written(tmp_path: Path) -> None:
-    raw = "RAWLASER1 0 -1.570796 3.141593 0.0174533 81.9 0.01 0 181"
-    lines = [f"ODOM {0.06 * i} 0 0 0.3 0 0 {10 + 0.2 * i:.3f} host 0" for i in range(20)]
-    lines += [
-        f"{raw} {' '.join(f'{value:.2f}' for value in row)} 0 {stamp} host 0"
-        for stamp, row in zip(regular(), STRAIGHT, strict=True)
-    ]
-    code, sentence, report = mapped(carmen(tmp_path, lines))
+    messages = bag(RECEIVED, RECEIVED, STRAIGHT)
+    scans = [message for topic, _, message in messages if topic == "/scan"]
+    for scan in scans[20:]:
+        scan.angle_increment = 0.0
+    code, sentence, report = mapped(as_mcap(tmp_path / "odd.mcap", messages))
     assert code == 1 and report["scans_used"] == 20 and report["scans"] == COUNT
-    assert "only 20 of 60 scans were used: 40 scans outside the odometry's time" in sentence
+    assert "only 20 of 60 scans were used: /scan: 40 scans that describe no lidar" in sentence
     assert (tmp_path / "run" / "report.html").is_file()

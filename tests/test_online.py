@@ -16,7 +16,7 @@ from slamsim.config.slam import SlamConfig
 from slamsim.core.geometry import between
 from slamsim.core.types import PlanarTrajectory
 from slamsim.slam.frontend.tracking import Step
-from slamsim.slam.online.async_back_end import MAX_RESTARTS, Beside
+from slamsim.slam.online.async_back_end import MAX_RESTARTS, AsyncBackEnd
 from slamsim.slam.online.replay import replay
 from slamsim.slam.session import SlamSession, open_session, run_slam
 
@@ -32,8 +32,8 @@ def opened() -> SlamSession:
     return open_session(SlamConfig(), log.T_base_laser, log.T_base_imu)
 
 
-def beside(session: SlamSession) -> Beside:
-    assert isinstance(session.keeper, Beside)
+def beside(session: SlamSession) -> AsyncBackEnd:
+    assert isinstance(session.keeper, AsyncBackEnd)
     return session.keeper
 
 
@@ -147,8 +147,8 @@ def test_the_back_end_ends_with_its_parent() -> None:
     code = (
         "import time\n"
         "from slamsim.config.slam import SlamConfig\n"
-        "from slamsim.slam.online.async_back_end import Beside\n"
-        "print(Beside(SlamConfig()).process_id, flush=True)\n"
+        "from slamsim.slam.online.async_back_end import AsyncBackEnd\n"
+        "print(AsyncBackEnd(SlamConfig()).process_id, flush=True)\n"
         "time.sleep(60)\n"
     )
     with running(code) as parent:

@@ -16,7 +16,7 @@ from slamsim.config.bundled import bundled_folder
 from slamsim.guard.errors import NotFound, OutputRefused, SlamsimError
 from slamsim.guard.output import partial_folder
 from slamsim.guard.replaceable import require_apart
-from slamsim.logs.raw_writer import write_recording
+from slamsim.io.bag2.writer import write_recording
 
 
 def typed(*words: str | Path) -> tuple[int, str]:

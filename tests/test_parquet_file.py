@@ -13,7 +13,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from slamsim.logs.parquet_file import Cells, Column, ParquetFile, read_table, table_facts
+from slamsim.io.parquet.file import Cells, Column, ParquetFile, read_table, table_facts
 
 COLUMNS = (
     Column("stamp_ns", "int64"),

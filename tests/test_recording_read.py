@@ -1,4 +1,4 @@
-"""read_recording: what the file says, unmended, the same from every format."""
+"""read_recording: what the file says, unchanged, the same from every format."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from rosbags.rosbag2 import StoragePlugin
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from slamsim.guard.errors import InputRefused, NotFound
-from slamsim.logs.raw import read_recording
+from slamsim.io.open import read_recording
 from slamsim.recording import Origin, Recording, row_store
 from slamsim.recording.row_store import RowStore
 from slamsim.simulation.log_writer import LogWriter
@@ -116,7 +116,7 @@ def test_nothing_is_mended_in_any_format(
     moving = edges["odom -> base_footprint"]
     np.testing.assert_array_equal(moving.positions_m[:, 0], [1.0, 3.0, 4.0])
     assert not moving.is_static and edges["map -> odom"].stamps_ns.size == 1
-    assert found.odd == ()
+    assert found.anomalies == ()
 
 
 def test_our_own_file_comes_back_without_its_truth(tmp_path: Path) -> None:
@@ -233,7 +233,7 @@ def test_a_damaged_message_costs_a_line_and_no_more(tmp_path: Path) -> None:
         writer.finish()  # type: ignore[no-untyped-call]
     found = read_recording(path)
     assert len(found.scans[0]) == 10 and found.imus == ()
-    assert any("/front/scan: 2 of 12 messages" in words for words in found.odd)
+    assert any("/front/scan: 2 of 12 messages" in words for words in found.anomalies)
     assert [(u.topic, u.messages) for u in found.unread] == [("/imu", 60)]
 
 

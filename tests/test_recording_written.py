@@ -13,10 +13,9 @@ from recording_data import edge, recording, scans_at, stamps
 from test_recording_read import assert_same
 
 from slamsim.guard.errors import SlamsimError
-from slamsim.logs import raw_writer
-from slamsim.logs.raw import read_recording
-from slamsim.logs.raw_writer import write_recording
-from slamsim.logs.reader import read_log
+from slamsim.io.bag2 import writer
+from slamsim.io.bag2.writer import write_recording
+from slamsim.io.open import read_log, read_recording
 from slamsim.recording import RawJoints, Recording, TransformEdge
 
 
@@ -46,7 +45,7 @@ def test_small_windows_write_the_same_bytes(
 ) -> None:
     made = recording()
     write_recording(made, tmp_path / "whole")
-    monkeypatch.setattr(raw_writer, "_WINDOW_BYTES", 5000)
+    monkeypatch.setattr(writer, "_WINDOW_BYTES", 5000)
     write_recording(made, tmp_path / "parts")
     name = "log_0.mcap"
     assert (tmp_path / "whole" / name).read_bytes() == (tmp_path / "parts" / name).read_bytes()

@@ -94,6 +94,18 @@ def test_a_drift_is_taken_back(ppm: float) -> None:
     assert np.abs(found.scans[0].stamps_ns - right).max() < 20
 
 
+def test_stamps_since_1970_keep_their_nanoseconds() -> None:
+    """Against integers without bound: a float64 of such a stamp is a multiple of 256 ns."""
+    origin_ns, ppm = 1_700_000_000_123_456_789, 500
+    right = MADE.scans[0].stamps_ns + origin_ns
+    fast = [origin_ns + (int(ns) - origin_ns) * (1_000_000 + ppm) // 1_000_000 for ns in right]
+    made = _scans(MADE, stamps_ns=np.array(fast, dtype=np.int64))
+    found = _repaired(
+        made, "rescale_stamps", "/scan", drift_ppm=float(ppm), origin_ns=str(origin_ns)
+    )
+    assert np.abs(found.scans[0].stamps_ns - right).max() <= 1
+
+
 @pytest.mark.parametrize(
     "corrupt",
     [

@@ -9,10 +9,10 @@ import foreign_bags
 import numpy as np
 import pytest
 
-from slamsim.logs.bag_columns import Alike, alike, layout_for
-from slamsim.logs.encoding import TRANSFORMS
-from slamsim.logs.layouts import columns_of, message_layout, shape_of
-from slamsim.logs.ros_types import ros2_types
+from slamsim.io.ros.columns import Alike, alike, layout_for
+from slamsim.io.ros.encoding import TRANSFORMS
+from slamsim.io.ros.layouts import columns_of, message_layout, shape_of
+from slamsim.io.ros.standard_types import ros2_types
 from slamsim.recording import KINDS, RawStream, RawTwists, ScanLayout, TransformEdge
 from slamsim.recording.schemas import LASER_LAYOUT, TRANSFORM, Schema
 

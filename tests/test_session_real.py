@@ -7,8 +7,8 @@ from real_logs import needs_radish, radish
 
 from slamsim.config.slam import SlamConfig
 from slamsim.evaluate.relations import score_relations
-from slamsim.logs.reader import read_log
-from slamsim.logs.relations import read_relations
+from slamsim.io.open import read_log
+from slamsim.io.text.relations import read_relations
 from slamsim.slam.session import run_slam
 
 

@@ -16,7 +16,7 @@ from websockets.sync.client import ClientConnection, connect
 from websockets.typing import Subprotocol
 
 from slamsim.guard.errors import OutputRefused
-from slamsim.logs.reader import read_log
+from slamsim.io.open import read_log
 from slamsim.simulation.log_writer import LogWriter
 from slamsim.simulation.sinks.foxglove import FoxgloveEntry
 

@@ -24,7 +24,7 @@ from slamsim.core.types import Log, PlanarTrajectory
 from slamsim.evaluate.consistency import nees_band
 from slamsim.evaluate.trajectory import compare, statistics
 from slamsim.guard.errors import InputRefused, SlamsimError
-from slamsim.logs.reader import read_log, read_truth
+from slamsim.io.open import read_log, read_truth
 from slamsim.run.scoring import Estimated, Known, score
 from slamsim.run.stages import Stages, peak_memory_mb
 from slamsim.simulation.own_files import WORLD

@@ -30,8 +30,8 @@ from slamsim.dataset.recipe.draw import sequence_spec
 from slamsim.dataset.recipe.loading import load_recipe
 from slamsim.dataset.recipe.model import Recipe
 from slamsim.dataset.recipe.sequence import SequenceSpec
-from slamsim.logs.names import LOG
-from slamsim.logs.plain_copy import PlainCopy
+from slamsim.io.bag2.plain_copy import PlainCopy
+from slamsim.io.names import LOG
 from slamsim.run.stages import peak_memory_mb
 from slamsim.sensors.scene import Scene
 from slamsim.sim.drive.route import plan_route

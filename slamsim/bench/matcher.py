@@ -24,7 +24,7 @@ from slamsim.core.progress import Progress, silent
 from slamsim.core.types import Cloud, FloatArray, IntArray, Log, PlanarTrajectory
 from slamsim.evaluate.bound import ScanBound, trajectory_bound
 from slamsim.evaluate.trajectory import covered_by
-from slamsim.logs.reader import read_log, read_truth
+from slamsim.io.open import read_log, read_truth
 from slamsim.simulation.own_files import WORLD
 from slamsim.slam.frontend.deskew import deskew
 from slamsim.slam.frontend.motion import predict_motion

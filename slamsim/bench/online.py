@@ -32,7 +32,7 @@ from slamsim.sim.drive.process import DriveProcess
 from slamsim.sim.drive.route import Route, plan_route
 from slamsim.sim.robot.model import RobotModel, build_robot
 from slamsim.slam.frontend.tracking import Step
-from slamsim.slam.online.async_back_end import Beside
+from slamsim.slam.online.async_back_end import AsyncBackEnd
 from slamsim.slam.online.replay import replay
 from slamsim.slam.online.samples import MotionSamples
 from slamsim.slam.session import open_session
@@ -61,7 +61,7 @@ def measure_online(config: RunConfig, path_m: float, reporter: Reporter) -> Figu
             reporter.stage("online", "m/s") as progress,
         ):
             keeper = session.keeper
-            assert isinstance(keeper, Beside)
+            assert isinstance(keeper, AsyncBackEnd)
             stretch = _Stretch()
             for scan, samples, truth in _sensed(windows, rig, robot):
                 _wait_for(keeper)
@@ -133,7 +133,7 @@ def _log(before: Readings, now: Readings, robot: RobotModel) -> Log:
     return Log("window", "simulation", now.scans, None, imu, encoders, robot.T_base_laser)
 
 
-def _wait_for(keeper: Beside) -> None:
+def _wait_for(keeper: AsyncBackEnd) -> None:
     while keeper.behind > MOST_BEHIND:
         time.sleep(0.001)
         keeper.correction()
@@ -164,7 +164,7 @@ class _Stretch:
         seen = compose(self.T_world_map, step.T_map_base)
         self.off_m.append(float(np.hypot(*(seen - T_world_base)[:2])))
 
-    def closed(self, keeper: Beside) -> _Stretch:
+    def closed(self, keeper: AsyncBackEnd) -> _Stretch:
         """With its figures."""
         own_mb, child_mb = _resident_mb(os.getpid()), _resident_mb(keeper.process_id)
         wall, cpu, off_m = np.array(self.wall_ms), np.array(self.cpu_ms), np.array(self.off_m)

@@ -14,7 +14,7 @@ from slamsim.config.run import RunConfig
 from slamsim.console.reporter import Reporter
 from slamsim.core.types import Drive, Float32Array, TriangleMesh
 from slamsim.guard.errors import SlamsimError
-from slamsim.logs.reader import read_log
+from slamsim.io.open import read_log
 from slamsim.run.stages import peak_memory_mb
 from slamsim.sensors.rig import SensorRig
 from slamsim.sensors.scene import Scene

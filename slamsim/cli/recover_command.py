@@ -36,7 +36,7 @@ def recover(
 ) -> None:
     """Rebuild a cut or damaged recording out of what is whole in it."""
     from slamsim.console.reporter import Reporter
-    from slamsim.logs.recovery.source import damaged_recording
+    from slamsim.io.salvage.source import damaged_recording
     from slamsim.run.naming import output_folder, recording_name
 
     reporter = Reporter(quiet=quiet, as_json=as_json)

@@ -14,7 +14,7 @@ from slamsim.evaluate.grid import MapScores, compare_grids
 from slamsim.evaluate.relations import RelationScores, score_relations
 from slamsim.evaluate.trajectory import TrajectoryErrors, compare, relative_errors, statistics
 from slamsim.evaluate.visibility import require_range
-from slamsim.logs.relations import Relations
+from slamsim.io.text.relations import Relations
 
 Number = float | int | None
 

@@ -1,17 +1,16 @@
-"""A recording as it was written: nothing sorted, mended or left out.
+"""A recording as it was written: nothing sorted, repaired or left out.
 
-SLAM reads a ``Log`` (types.py), where a reader has already put things right as well as it can.
-The checker, the faults and ``slamsim fix`` need what the file says instead: every stamp and every
-range as recorded, when each message was received, and the transform tree edge by edge. Units are
-those that the format asks for (SI in ROS), whether or not the numbers obey. All arrays of one
-stream are in the order of the file.
+The checker, the faults and ``slamsim fix`` need what the file says: every stamp and every range as
+recorded, when each message was received, and the transform tree edge by edge. SLAM reads a ``Log``,
+which ``cleaning`` makes of it. Units are those that the format asks for (SI in ROS), whether or not
+the numbers obey. All arrays of one stream are in the order of the file.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, ClassVar, Literal, TypeVar
+from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -74,9 +73,9 @@ class RawStream(_OfSchema):
     """What every stream has.
 
     frame_ids: the distinct frames that its messages name, in order of appearance. stamps_ns: (n,)
-    as in the messages. received_ns: (n,) when each was received by whoever recorded it, None if
+    as in the messages. received_ns: (n,) when the recorder received each, None if
     the format does not say. samples: (n,) number of each among all that the sensor took, None
-    where nobody knows of lost ones. origin: the messages of a file that these were read from.
+    where lost ones are not known. origin: the messages of a file that these were read from.
     """
 
     topic: str
@@ -96,7 +95,8 @@ class RawScans(RawStream):
 
     layouts: the distinct declarations; layout_of: (n,) which one each scan makes. ranges_m: n rows
     of float32 as recorded (an array when all have as many beams, else a sequence of arrays, which
-    may read the file only when asked). intensities likewise, None without any.
+    may read the file only when asked). intensities likewise, None without any. range_is_estimated:
+    the format declares no maximum, so that ``range_max_m`` is what the readings themselves say.
     """
 
     schema = schemas.SCANS
@@ -105,6 +105,7 @@ class RawScans(RawStream):
     layout_of: NDArray[np.int32]
     ranges_m: Sequence[Float32Array] | Float32Array
     intensities: Sequence[Float32Array] | Float32Array | None = None
+    range_is_estimated: bool = field(default=False, kw_only=True)
 
     def layout(self, scan: int) -> ScanLayout:
         return self.layouts[int(self.layout_of[scan])]
@@ -134,7 +135,9 @@ class RawImu(RawStream):
 class RawOdometry(RawStream):
     """Poses (n, 3) and (n, 4) of child_frame_id in the stream's frame, twists (n, 3) in the child.
 
-    The ground truth of a simulation is never among the odometries of a ``Recording``.
+    yaws_rad: (n,) the headings, where the format has them as such: they hold as long as quats_xyzw
+    is what was made of them. The ground truth of a simulation is never among the odometries of a
+    ``Recording``.
     """
 
     schema = schemas.ODOMETRY
@@ -144,11 +147,15 @@ class RawOdometry(RawStream):
     quats_xyzw: FloatArray
     linear_m_s: FloatArray
     angular_rad_s: FloatArray
+    yaws_rad: FloatArray | None = field(default=None, kw_only=True)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RawTicks(RawStream):
-    """Cumulative counts of the wheels, (n, 2) int64 as (left, right), and the driver's numbers."""
+    """Cumulative counts of the wheels, (n, 2) int64 as (left, right), and the driver's numbers.
+
+    constants_change: later messages give other numbers than the first one, whose these are.
+    """
 
     schema = schemas.TICKS
 
@@ -156,6 +163,7 @@ class RawTicks(RawStream):
     ticks_per_revolution: int
     wheel_radius_m: float
     track_m: float
+    constants_change: bool = field(default=False, kw_only=True)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -204,20 +212,31 @@ class TransformEdge(_OfSchema):
 
 
 @dataclass(frozen=True, slots=True)
+class RecordedTopic:
+    """A topic as the file has it. damage: why some of its messages, or all, cannot be decoded."""
+
+    topic: str
+    type_name: str
+    messages: int
+    damage: str = ""
+
+
+@dataclass(frozen=True, slots=True)
 class UnreadTopic:
-    """Messages that are in the file and that nothing here looks at, and why."""
+    """Messages that no check looks at, and why; stream: as read for what other streams lack."""
 
     topic: str
     type_name: str
     messages: int
     reason: str
+    stream: RawStream | None = None
 
 
 KINDS: tuple[type[RawStream], ...] = (RawScans, RawImu, RawOdometry, RawTicks, RawJoints)
 """What is read of recordings, in the order in which a ``Recording`` holds it."""
 
-RecordingFormat = Literal["mcap", "rosbag2", "rosbag1", "carmen", "parquet", "memory"]
-
+RecordingFormat = str
+"""Such as ``mcap``, ``rosbag2``, ``rosbag1``, ``carmen``, ``parquet``, or ``memory``."""
 
 Messages = TypeVar("Messages", bound=RawStream | TransformEdge)
 _Stream = TypeVar("_Stream", bound=RawStream)
@@ -228,8 +247,9 @@ class Recording:
     """A whole recording: streams, each on its topic, and transforms.
 
     clock_ns: (n, 2) of (simulated time, when received) from /clock, None without it. epoch: as
-    the file declares it or the size of its stamps tells. odd: what the reader could not make
-    sense of, in words, with counts.
+    the file declares it or the size of its stamps tells. anomalies: what the reader could not
+    make sense of, in words, with counts. topics: what the file holds, also of types that are not
+    read; empty where that is just the streams.
     """
 
     name: str
@@ -240,7 +260,8 @@ class Recording:
     clock_ns: IntArray | None = None
     epoch: Epoch = "unknown"
     unread: tuple[UnreadTopic, ...] = ()
-    odd: tuple[str, ...] = ()
+    anomalies: tuple[str, ...] = ()
+    topics: tuple[RecordedTopic, ...] = ()
 
     def of(self, kind: type[_Stream]) -> tuple[_Stream, ...]:
         """Its streams of a kind."""

@@ -13,7 +13,8 @@ import numpy as np
 from slamsim.core.types import Float32Array, IntArray
 from slamsim.guard.output import require_free_space
 
-IN_MEMORY_BYTES = 300 << 20
+IN_MEMORY_BYTES = 64 << 20
+"""An hour of 360 beams at 10 Hz stays in memory; a log keeps it as long as it is mapped."""
 _LARGE_FILES = Path("/var/tmp")
 
 
@@ -72,7 +73,7 @@ class RowStore:
             self._blocks = []
 
     def rows(self) -> Float32Array | Sequence[Float32Array]:
-        """Everything that was added; an (n, beams) array when all rows are of one length."""
+        """Everything that was added, once; an (n, beams) array when all rows are of one length."""
         lengths = np.concatenate([np.zeros(0, dtype=np.int64), *self._lengths])
         values = self._values(int(lengths.sum()))
         if lengths.size and (lengths == lengths[0]).all():
@@ -81,7 +82,7 @@ class RowStore:
 
     def _values(self, count: int) -> Float32Array:
         if self._file is None:
-            blocks = [block.ravel() for block in self._blocks]
+            blocks, self._blocks = [block.ravel() for block in self._blocks], []
             return np.concatenate([np.zeros(0, dtype=np.float32), *blocks])
         self._file.flush()
         return np.memmap(self._file, dtype=np.float32, mode="r", shape=(count,))

@@ -2,7 +2,7 @@
 
 A field says what it is called in a stream, where it stands in the ROS message, and which columns
 of a Parquet table hold it. How messages are serialised and parsed, how tables are written and
-read, and what an edit sets in a message is made of these tables (``slamsim.logs``, ``slamsim.io``).
+read, and what an edit sets in a message is made of these tables (``slamsim.io``).
 """
 
 from __future__ import annotations

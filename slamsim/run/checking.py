@@ -14,7 +14,7 @@ from slamsim.check.question import Question
 from slamsim.check.registry import registry
 from slamsim.check.wording import as_json, headline, shown
 from slamsim.console.reporter import Reporter
-from slamsim.logs.raw import read_recording
+from slamsim.io.open import read_recording
 from slamsim.recording import Recording
 from slamsim.run.stages import Stages
 
@@ -41,7 +41,7 @@ def check_log(
     reporter.result(
         {
             **as_json(report),
-            "odd": list(recording.odd),
+            "odd": list(recording.anomalies),
             "unread": [f"{u.topic} ({u.type_name}): {u.reason}" for u in recording.unread],
             "seconds": {**report.seconds, **stages.so_far()},
         }
@@ -89,7 +89,7 @@ def show_verdicts(
     reporter: Reporter, recording: Recording, report: CheckReport, *, show_all: bool = False
 ) -> None:
     """Tables of faults and of what is inconclusive, a line for the rest, and the verdict."""
-    for words in recording.odd:
+    for words in recording.anomalies:
         reporter.say(f"  {words}")
     by_verdict = {
         verdict: [finding for finding in report.findings if finding.verdict == verdict]

@@ -9,10 +9,9 @@ from slamsim.config.run import RunConfig
 from slamsim.console.reporter import Reporter
 from slamsim.core.types import Log
 from slamsim.guard.output import partial_folder, write_atomic
-from slamsim.logs.names import LOG
-from slamsim.logs.raw import read_recording
-from slamsim.logs.reader import read_log
-from slamsim.logs.tum import read_tum
+from slamsim.io.names import LOG
+from slamsim.io.open import read_log, read_recording
+from slamsim.io.text.tum import read_tum
 from slamsim.report.pages.demo import MappedSide, demo_page
 from slamsim.report.viewer.demo import write_sides
 from slamsim.run import folder as run_folder

@@ -10,10 +10,10 @@ from slamsim.console.reporter import Reporter
 from slamsim.core.types import PlanarTrajectory, Trajectory
 from slamsim.guard.errors import NotFound, SlamsimError
 from slamsim.guard.files import own_file
-from slamsim.logs.keyframes import read_keyframes
-from slamsim.logs.reader import read_truth
-from slamsim.logs.relations import Relations, read_relations
-from slamsim.logs.tum import read_tum
+from slamsim.io.open import read_truth
+from slamsim.io.text.keyframes import read_keyframes
+from slamsim.io.text.relations import Relations, read_relations
+from slamsim.io.text.tum import read_tum
 from slamsim.run.folder import (
     KEYFRAMES,
     ODOMETRY,

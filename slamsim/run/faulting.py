@@ -7,9 +7,9 @@ from pathlib import Path
 
 from slamsim.config.faults import FaultChoice
 from slamsim.guard.output import partial_folder
-from slamsim.io.copying import copy_recording, require_lossless
-from slamsim.io.rewrite import Copied
-from slamsim.logs.raw import read_recording
+from slamsim.io.copy.recording import copy_recording, require_lossless
+from slamsim.io.copy.rewrite import Copied
+from slamsim.io.open import read_recording
 from slamsim.run.naming import log_of
 from slamsim.sensors.faults.apply import injected
 from slamsim.sensors.faults.base import Fault

@@ -10,8 +10,8 @@ from slamsim.check.wording import as_json
 from slamsim.console.reporter import Reporter
 from slamsim.guard.errors import SlamsimError
 from slamsim.guard.output import partial_folder
-from slamsim.io.copying import copy_recording, require_lossless
-from slamsim.logs.raw import read_recording
+from slamsim.io.copy.recording import copy_recording, require_lossless
+from slamsim.io.open import read_recording
 from slamsim.recording import Recording
 from slamsim.recording.repairs.apply import apply_repairs, chosen, next_repairs
 from slamsim.recording.repairs.base import Repair

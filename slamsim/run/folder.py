@@ -8,9 +8,9 @@ from slamsim.core.result import SlamResult
 from slamsim.core.types import Grid, Trajectory
 from slamsim.evaluate.budget import at_instants
 from slamsim.guard.output import write_atomic
-from slamsim.logs.g2o import write_g2o
-from slamsim.logs.keyframes import write_keyframes
-from slamsim.logs.tum import write_tum
+from slamsim.io.text.g2o import write_g2o
+from slamsim.io.text.keyframes import write_keyframes
+from slamsim.io.text.tum import write_tum
 from slamsim.slam.mapping.map_files import map_files
 
 TRAJECTORY, ODOMETRY, TRUTH = "trajectory.tum", "odometry.tum", "ground_truth.tum"

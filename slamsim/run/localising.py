@@ -18,9 +18,9 @@ from slamsim.guard.errors import NotFound
 from slamsim.guard.files import own_file
 from slamsim.guard.numbers import as_json
 from slamsim.guard.output import partial_folder, write_atomic
-from slamsim.logs.reader import read_log, read_truth
-from slamsim.logs.stamps import decimal_from_stamp_ns
-from slamsim.logs.tum import read_tum, write_tum
+from slamsim.io.open import open_recording
+from slamsim.io.text.stamps import decimal_from_stamp_ns
+from slamsim.io.text.tum import read_tum, write_tum
 from slamsim.run import folder as run_folder
 from slamsim.run.naming import log_of, recording_name
 from slamsim.run.stages import Report, Stages, peak_memory_mb
@@ -50,7 +50,8 @@ def localise_recording(
     InputRefused for what cannot be read, SlamsimError if no scan could be placed.
     """
     path = log_of(source)
-    log, truth = read_log(path, scan_topic), read_truth(path)
+    opened = open_recording(path, scan_topic)
+    log, truth = opened.log(), opened.truth()
     stages, saved = Stages(reporter), read_known_map(known)
     with partial_folder(folder, overwrite) as partial:
         write_config(partial, config)

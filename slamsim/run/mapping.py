@@ -20,10 +20,10 @@ from slamsim.guard.errors import SlamsimError
 from slamsim.guard.files import own_file
 from slamsim.guard.numbers import as_json
 from slamsim.guard.output import partial_folder, write_atomic
-from slamsim.logs.names import LOG
-from slamsim.logs.raw import read_recording
-from slamsim.logs.reader import read_log, read_truth
-from slamsim.logs.relations import Relations, read_relations
+from slamsim.io.names import LOG
+from slamsim.io.open import open_recording
+from slamsim.io.text.relations import Relations, read_relations
+from slamsim.recording import Recording
 from slamsim.report.numbers import report_json
 from slamsim.report.pages.run import write_report
 from slamsim.report.run_view import RunView
@@ -64,9 +64,10 @@ def map_world(
     with partial_folder(folder, overwrite) as partial:
         simulation = record(config, partial, stages)
         source = partial / LOG
-        checked = _checked(source, None, stages)
-        log = replace(read_log(source), name=config.world.name)
-        known = _known(log, read_truth(source), wanted, (simulation.world, config))
+        opened = open_recording(source)
+        checked = _checked(opened.recording, stages)
+        log = replace(opened.log(), name=config.world.name)
+        known = _known(log, opened.truth(), wanted, (simulation.world, config))
         report = _map(log, config, partial, stages, known, checked)
     require_finished(simulation, folder)
     return report
@@ -85,12 +86,13 @@ def map_recording(
 ) -> Report:
     """Map, evaluate with whatever truth there is, show; earlier: a map to go on with."""
     path = log_of(source)
-    log = replace(read_log(path, scan_topic), name=recording_name(str(source)))
+    opened = open_recording(path, scan_topic)
+    log = replace(opened.log(), name=recording_name(str(source)))
     wanted = None if relations is None else read_relations(relations)
     origin = _origin_beside(path)
-    known = _known(log, read_truth(path), wanted, origin)
+    known = _known(log, opened.truth(), wanted, origin)
     stages = Stages(reporter)
-    checked = _checked(path, scan_topic, stages)
+    checked = _checked(opened.recording, stages)
     with partial_folder(folder, overwrite) as partial:
         if origin is not None:
             world, simulated = origin
@@ -114,9 +116,9 @@ def require_used(report: Report, folder: Path) -> None:
     )
 
 
-def _checked(source: Path, scan_topic: str | None, stages: Stages) -> CheckReport:
+def _checked(recording: Recording, stages: Stages) -> CheckReport:
     """A quick look at the recording itself, before anything is made of it."""
-    return check_stage(read_recording(source, scan_topic), stages, quick=True)
+    return check_stage(recording, stages, quick=True)
 
 
 def _map(

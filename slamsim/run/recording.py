@@ -8,8 +8,8 @@ from slamsim.config.run import RunConfig
 from slamsim.console.reporter import Reporter
 from slamsim.guard.errors import SlamsimError
 from slamsim.guard.output import partial_folder
-from slamsim.logs.names import LOG
-from slamsim.logs.reader import read_truth
+from slamsim.io.names import LOG
+from slamsim.io.open import read_truth
 from slamsim.run import folder as run_folder
 from slamsim.run.stages import Report, Stages, peak_memory_mb
 from slamsim.sensors.faults.registry import chosen_fault, resolved_choice

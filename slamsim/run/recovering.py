@@ -9,9 +9,9 @@ from slamsim.console.reporter import Reporter
 from slamsim.guard.numbers import as_json
 from slamsim.guard.output import partial_folder
 from slamsim.guard.quantities import as_size
-from slamsim.logs.recovery.recover import recover
-from slamsim.logs.recovery.source import Damaged
-from slamsim.logs.recovery.tally import Loss, Recovered, TopicTally
+from slamsim.io.salvage.recover import recover
+from slamsim.io.salvage.report import Loss, Recovered, TopicReport
+from slamsim.io.salvage.source import Damaged
 from slamsim.run.stages import Stages
 
 RECOVERY = "recovery.json"
@@ -61,7 +61,7 @@ def _show(reporter: Reporter, found: Recovered) -> None:
         reporter.say("Nothing was lost of what the recording holds")
 
 
-def _topic_in_words(topic: TopicTally) -> str:
+def _topic_in_words(topic: TopicReport) -> str:
     lost = f"{'' if topic.lost_is_known else 'about '}{topic.lost:,} lost"
     kept = f"{topic.messages:,} messages, {topic.seconds:.1f} s, {as_size(topic.bytes)}"
     return f"{kept}; {lost if topic.lost else 'none lost'}"

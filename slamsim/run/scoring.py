@@ -16,7 +16,7 @@ from slamsim.evaluate.bound import TrajectoryBound, trajectory_bound
 from slamsim.evaluate.budget import error_budget
 from slamsim.evaluate.consistency import nees
 from slamsim.evaluate.score import Scores, evaluate
-from slamsim.logs.relations import Relations
+from slamsim.io.text.relations import Relations
 from slamsim.run.stages import Stages
 from slamsim.world.model import World
 

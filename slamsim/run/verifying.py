@@ -130,8 +130,7 @@ def _others(seal: Seal) -> Iterator[str]:
 
 
 def _recording(path: Path) -> Verified:
-    from slamsim.logs.checksums import checked_recording
-    from slamsim.logs.reader import recording_at
+    from slamsim.io.open import checked_recording, recording_at
 
     try:
         recording = recording_at(path)

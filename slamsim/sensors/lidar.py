@@ -11,7 +11,7 @@ from slamsim.guard.numbers import require_rigid
 from slamsim.sensors import effects
 from slamsim.sensors.base import Site
 from slamsim.sensors.clock import StreamClock
-from slamsim.sensors.motion import Course, Knots, Motion, as_mounted
+from slamsim.sensors.motion import Motion, PoseOverride, PoseSamples, as_mounted
 from slamsim.sensors.rays import beam_rays
 from slamsim.sensors.readings import BeamTruth, ScanBatch
 from slamsim.sensors.scene import Hits, Scene
@@ -35,9 +35,9 @@ def scan_geometry(config: LidarConfig, frame_id: str = "laser_link") -> ScanGeom
 class Lidar:
     """A lidar mounted at ``T_base_laser`` (4 x 4, any orientation) in a world of triangles.
 
-    Beams are cast in batches of whole scans from the interpolated course of the laser, on
+    Beams are cast in batches of whole scans from the interpolated poses of the laser, on
     ``site.threads`` threads; neither changes a byte of the result. The robot itself is not seen.
-    course: how the laser truly moves and looks, where that is not as it is mounted. with_truth:
+    override: how the laser truly moves and looks, where that is not as it is mounted. with_truth:
     keep what each beam truly met. name: of its random streams and its clock.
     """
 
@@ -46,14 +46,14 @@ class Lidar:
         config: LidarConfig,
         T_base_laser: FloatArray,
         site: Site,
-        course: Course = as_mounted,
+        override: PoseOverride = as_mounted,
         with_truth: bool = False,
         name: str = "lidar",
         frame_id: str = "laser_link",
     ) -> None:
         require_rigid("T_base_laser", T_base_laser)
         self.geometry = scan_geometry(config, frame_id)
-        self._config, self._T_base_laser, self._course = config, T_base_laser, course
+        self._config, self._T_base_laser, self._override = config, T_base_laser, override
         self._scene = Scene(site.mesh, floor_reach_m=config.range_max_m, threads=site.threads)
         self._clock = StreamClock(config, site.start_ns, site.seed, name)
         self._streams = effects.EffectStreams(
@@ -120,19 +120,21 @@ class Lidar:
         at edges."""
         beam_ns = (scan_ns[:, None] + self.geometry.offsets_ns()).ravel()
         directions = np.tile(self._directions, scan_ns.size)
-        knots = self._course(motion.knots(self._T_base_laser, int(beam_ns[0]), int(beam_ns[-1])))
-        hits = self._cast(knots, beam_ns, directions)
+        samples = self._override(
+            motion.pose_samples(self._T_base_laser, int(beam_ns[0]), int(beam_ns[-1]))
+        )
+        hits = self._cast(samples, beam_ns, directions)
         mixing = self._config.mixed
         if mixing.divergence_mrad == 0.0:
             return hits, hits
         beside = effects.beside_a_jump(hits, self.geometry.beam_count, mixing.min_gap_m)
-        return hits, self._with_edges(hits, np.flatnonzero(beside), knots, beam_ns, directions)
+        return hits, self._with_edges(hits, np.flatnonzero(beside), samples, beam_ns, directions)
 
     def _with_edges(
         self,
         hits: Hits,
         beside: IntArray,
-        knots: Knots,
+        samples: PoseSamples,
         beam_ns: IntArray,
         directions: FloatArray,
     ) -> Hits:
@@ -141,7 +143,7 @@ class Lidar:
 
         def parts(beams: IntArray, sub_rays: FloatArray) -> Hits:
             turned = effects.turned(directions[:, beams], sub_rays)
-            return self._cast(knots, np.repeat(beam_ns[beams], sub_rays.shape[1]), turned)
+            return self._cast(samples, np.repeat(beam_ns[beams], sub_rays.shape[1]), turned)
 
         # Most beams beside an edge miss it: their two rims are cheaper than all their parts.
         rims = parts(beside, sub_rays[:, [0, -1]]).surfaces.reshape(-1, 2)
@@ -157,8 +159,8 @@ class Lidar:
         ranges_m[two], cosines[two] = seen.ranges_m, seen.cos_incidence
         return Hits(ranges_m, cosines, hits.surfaces, hits.triangles)
 
-    def _cast(self, knots: Knots, beam_ns: IntArray, directions: FloatArray) -> Hits:
-        rays = beam_rays(knots, beam_ns, directions, self._scene.origin_m)
+    def _cast(self, samples: PoseSamples, beam_ns: IntArray, directions: FloatArray) -> Hits:
+        rays = beam_rays(samples, beam_ns, directions, self._scene.origin_m)
         return self._scene.cast(rays)
 
 

@@ -16,18 +16,18 @@ from slamsim.core.geometry import matrix_from_xyzw, slerp_xyzw
 from slamsim.core.types import Drive, FloatArray, IntArray, OutsideTimeRange
 from slamsim.guard.numbers import BadNumbers
 
-MAX_KNOT_TURN_RAD = 0.004
+MAX_SAMPLE_TURN_RAD = 0.004
 
 MOST_STEP_NS = 60_000_000_000
 """Steps farther apart are no record of a motion, and would be sampled for ever."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Knots:
+class PoseSamples:
     """Instants between which a mounted frame may be interpolated element by element.
 
     stamps_ns: (m,). origin_m: (m, 3) of the frame in the map. x_axis, y_axis: (m, 3) its first
-    two axes in the map. Between neighbours the frame turns by at most MAX_KNOT_TURN_RAD: a
+    two axes in the map. Between neighbours the frame turns by at most MAX_SAMPLE_TURN_RAD: a
     blended and normalised direction cuts the corner by turn^2 / 16 at most, here 1e-6 rad.
     """
 
@@ -37,13 +37,13 @@ class Knots:
     y_axis: FloatArray
 
 
-Course = Callable[[Knots], Knots]
+PoseOverride = Callable[[PoseSamples], PoseSamples]
 """From how a sensor is carried along to how it looks; only what is broken changes anything."""
 
 
-def as_mounted(knots: Knots) -> Knots:
-    """The course of a healthy sensor."""
-    return knots
+def as_mounted(samples: PoseSamples) -> PoseSamples:
+    """Of a healthy sensor: its poses as they are."""
+    return samples
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -82,19 +82,19 @@ class Motion:
         """(k, 2) cumulative angle of the left and the right wheel, rad."""
         return self._straight(self.drive.wheel_angles_rad, stamps_ns)
 
-    def knots(self, T_base_sensor: FloatArray, from_ns: int, to_ns: int) -> Knots:
-        """The course of a mounted frame from one instant to another, both covered."""
+    def pose_samples(self, T_base_sensor: FloatArray, from_ns: int, to_ns: int) -> PoseSamples:
+        """The poses of a mounted frame from one instant to another, both covered."""
         self._bracket(np.array([from_ns, to_ns]))
-        stamps = self._knot_stamps(from_ns, to_ns)
+        stamps = self._sampled_stamps(from_ns, to_ns)
         rotation = matrix_from_xyzw(self.quats_xyzw_at(stamps))
-        return Knots(
+        return PoseSamples(
             stamps,
             self.positions_at(stamps) + _rotate(rotation, T_base_sensor[:3, 3]),
             _rotate(rotation, T_base_sensor[:3, 0]),
             _rotate(rotation, T_base_sensor[:3, 1]),
         )
 
-    def _knot_stamps(self, from_ns: int, to_ns: int) -> IntArray:
+    def _sampled_stamps(self, from_ns: int, to_ns: int) -> IntArray:
         """Physics steps around a span, with more in between where the robot turns fast."""
         every = self.drive.stamps_ns
         first = max(int(np.searchsorted(every, from_ns, side="left")) - 1, 0)
@@ -102,7 +102,7 @@ class Motion:
         stamps, quats = every[first : last + 1], self.drive.quats_xyzw[first : last + 1]
         cos_half = np.abs(_dot(quats[:-1], quats[1:]))
         turn_rad = 2.0 * np.arccos(np.minimum(cos_half, 1.0))
-        pieces = np.maximum(np.ceil(turn_rad / MAX_KNOT_TURN_RAD).astype(np.int64), 1)
+        pieces = np.maximum(np.ceil(turn_rad / MAX_SAMPLE_TURN_RAD).astype(np.int64), 1)
         if pieces.max(initial=1) == 1:
             return stamps
         start, span = np.repeat(stamps[:-1], pieces), np.repeat(np.diff(stamps), pieces)

@@ -6,21 +6,21 @@ import numpy as np
 
 from slamsim.core.jit import kernel
 from slamsim.core.types import Float32Array, FloatArray, IntArray
-from slamsim.sensors.motion import Knots
+from slamsim.sensors.motion import PoseSamples
 
 
 def beam_rays(
-    knots: Knots, beam_ns: IntArray, directions: FloatArray, origin_m: FloatArray
+    samples: PoseSamples, beam_ns: IntArray, directions: FloatArray, origin_m: FloatArray
 ) -> Float32Array:
     """(n, 6) rays (origin, unit direction) of n beams that fire at beam_ns in the map frame.
 
     directions: (2, n) cosine and sine of each beam's angle in the laser's x-y plane. All
-    instants lie within the knots. Ray origins are relative to origin_m (3,), which keeps them
+    instants lie within the samples. Ray origins are relative to origin_m (3,), which keeps them
     exact in single precision.
     """
     rays = np.empty((beam_ns.size, 6), dtype=np.float32)
-    origins = knots.origin_m - origin_m
-    _fill(rays, knots.stamps_ns, origins, knots.x_axis, knots.y_axis, beam_ns, *directions)
+    origins = samples.origin_m - origin_m
+    _fill(rays, samples.stamps_ns, origins, samples.x_axis, samples.y_axis, beam_ns, *directions)
     return rays
 
 

@@ -11,7 +11,7 @@ from slamsim.sensors.base import Batch, Sensor, Site
 from slamsim.sensors.encoders import Encoders
 from slamsim.sensors.imu import Imu
 from slamsim.sensors.lidar import Lidar
-from slamsim.sensors.motion import Course, Motion, as_mounted, joined, kept_since
+from slamsim.sensors.motion import Motion, PoseOverride, as_mounted, joined, kept_since
 from slamsim.sensors.readings import EncoderBatch, ImuBatch, Readings, ScanBatch
 
 
@@ -38,7 +38,7 @@ class SensorRig:
     robot, the configuration, the seed and the whole motion, and are the same bytes however the
     drive is cut into windows and on however many ``threads``. What is carried from window to
     window is the tail of the motion that open samples still need, the number of the next sample
-    of each stream, the biases, and one generator for each random effect. course, with_truth: as
+    of each stream, the biases, and one generator for each random effect. override, with_truth: as
     for Lidar.
     """
 
@@ -49,11 +49,11 @@ class SensorRig:
         config: SensorsConfig,
         seed: int,
         threads: int = 1,
-        course: Course = as_mounted,
+        override: PoseOverride = as_mounted,
         with_truth: bool = False,
     ) -> None:
         self._mesh, self._robot, self._config = mesh, robot, config
-        self._seed, self._threads, self._course = seed, threads, course
+        self._seed, self._threads, self._override = seed, threads, override
         self._with_truth = with_truth
         self._motion: Motion | None = None
         self._sensors: _Sensors | None = None
@@ -75,7 +75,7 @@ class SensorRig:
         robot, config, seed = self._robot, self._config, self._seed
         site = Site(self._mesh, seed, start_ns, self._threads)
         return _Sensors(
-            Lidar(config.lidar, robot.T_base_laser, site, self._course, self._with_truth),
+            Lidar(config.lidar, robot.T_base_laser, site, self._override, self._with_truth),
             Imu(config.imu, robot.T_base_imu, seed, start_ns),
             Encoders(config.encoders, robot.wheel_radius_m, robot.track_m, seed, start_ns),
             tuple(entry.build(site) for entry in config.additional if entry.enabled),

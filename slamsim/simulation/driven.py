@@ -10,7 +10,7 @@ from slamsim.config.run import RunConfig
 from slamsim.core.progress import Progress, silent
 from slamsim.core.types import Drive, Trajectory
 from slamsim.guard.errors import SlamsimError
-from slamsim.io.rewrite import rewrite_recording
+from slamsim.io.copy.rewrite import rewrite_recording
 from slamsim.recording import Recording
 from slamsim.sensors.faults.apply import declared, faulty_sensors
 from slamsim.sensors.faults.base import Fault, SensedFault
@@ -103,9 +103,9 @@ class Driven:
     def _sensed(self, faults: Sequence[Fault]) -> list[Readings]:
         """What sensors with these faults measure, window by window."""
         config, simulation = self._config, self.simulation
-        sensors, course = faulty_sensors(faults, config.sensors)
+        sensors, override = faulty_sensors(faults, config.sensors)
         mesh, robot = simulation.world.mesh, simulation.robot
-        rig = SensorRig(mesh, robot, sensors, config.seed, course=course)
+        rig = SensorRig(mesh, robot, sensors, config.seed, override=override)
         return [rig.sense(window) for window in self._windows]
 
     def _recorded(self, readings: Sequence[Readings]) -> Recording:

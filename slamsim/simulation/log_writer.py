@@ -8,10 +8,10 @@ from pathlib import Path
 
 from slamsim.config.streams import SinkEntry
 from slamsim.core.types import Drive
-from slamsim.logs.bag_folder import TopicKind
-from slamsim.logs.encoding import outgoing, stream_messages
-from slamsim.logs.writer import GrowingBag
-from slamsim.logs.written import Written
+from slamsim.io.bag2.folder import TopicKind
+from slamsim.io.bag2.growing import GrowingBag
+from slamsim.io.ros.encoding import outgoing, stream_messages
+from slamsim.io.staged_writer import StagedWriter
 from slamsim.recording import Recording
 from slamsim.sensors.readings import Readings
 from slamsim.simulation.header import LogHeader
@@ -21,7 +21,7 @@ from slamsim.simulation.sink import Sink
 _LATCHED = ("/robot_description", "/tf_static")
 
 
-class LogWriter(Written):
+class LogWriter(StagedWriter):
     """As a ``GrowingBag``: all that a ``DriveRecorder`` records.
 
     name: of the recordings that ``write`` gives. sinks: where the same messages go besides.

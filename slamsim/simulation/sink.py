@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from contextlib import AbstractContextManager
 from typing import Any, Protocol
 
-from slamsim.logs.encoding import Outgoing
+from slamsim.io.ros.encoding import Outgoing
 
 
 class Sink(AbstractContextManager[Any], Protocol):

@@ -27,10 +27,10 @@ from slamsim.slam.laser.estimate import laser_of
 from slamsim.slam.mapping.assembly import assemble, odometry_alone
 from slamsim.slam.mapping.saved_map import SavedMap, settled
 from slamsim.slam.online.anchors import Anchors
-from slamsim.slam.online.async_back_end import Beside
+from slamsim.slam.online.async_back_end import AsyncBackEnd
 from slamsim.slam.online.motion_filter import MotionFilter
 from slamsim.slam.online.samples import NOTHING, MotionSamples, MotionSource, WholeMotion
-from slamsim.slam.online.sync_back_end import InLine, MapKeeper
+from slamsim.slam.online.sync_back_end import MapKeeper, SyncBackEnd
 from slamsim.slam.online.warm import warm_up
 
 FINISH_SHARE = 0.1
@@ -190,7 +190,7 @@ def open_session(
     warm_up(config, T_base_laser)
     motion = MotionFilter(None if T_base_imu is None else T_base_imu[:3, :3])
     front_end = FrontEnd(config.front_end, None, T_base_laser)
-    return SlamSession(config, front_end, motion, Beside(config))
+    return SlamSession(config, front_end, motion, AsyncBackEnd(config))
 
 
 def run_slam(log: Log, config: SlamConfig, progress: Progress = silent) -> SlamResult:
@@ -235,7 +235,7 @@ def map_log(
     before = None
     if earlier is not None:
         before = Before(earlier.keyframes[-1], ANYWHERE if start is None else ABOUT_THERE, fixed)
-    keeper, scans = InLine(config, earlier, fixed), InOrder(log.scans)
+    keeper, scans = SyncBackEnd(config, earlier, fixed), InOrder(log.scans)
     with SlamSession(config, front_end, WholeMotion(odometry), keeper, before) as session:
         for number, scan in enumerate(scans):
             session.step(scan)

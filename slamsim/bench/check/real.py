@@ -8,7 +8,7 @@ from pathlib import Path
 
 from slamsim.bench.check.outcome import CheckOutcome, Json, outcome_of
 from slamsim.bench.check.trials import CheckTrial, clean_trial, fault_trials
-from slamsim.logs.raw import read_recording
+from slamsim.io.open import read_recording
 from slamsim.recording import Recording
 from slamsim.recording.edits.base import CannotEdit
 from slamsim.run.naming import recording_name

@@ -19,7 +19,7 @@ from slamsim.console.reporter import Reporter
 from slamsim.core.types import FloatArray, Log, PlanarTrajectory, Scan, ScanGeometry
 from slamsim.evaluate.trajectory import compare, statistics
 from slamsim.guard.errors import InputRefused, SlamsimError
-from slamsim.logs.reader import read_log, read_truth
+from slamsim.io.open import read_log, read_truth
 from slamsim.run.stages import peak_memory_mb
 from slamsim.slam.frontend.deskew import deskew
 from slamsim.slam.frontend.motion import predict_motion

@@ -22,7 +22,7 @@ from slamsim.core.types import Log, PlanarTrajectory
 from slamsim.evaluate.bound import trajectory_bound
 from slamsim.evaluate.trajectory import compare, statistics
 from slamsim.guard.errors import SlamsimError
-from slamsim.logs.reader import read_log, read_truth
+from slamsim.io.open import read_log, read_truth
 from slamsim.process.worker import time_limit
 from slamsim.run.mapping import LEAST_USED
 from slamsim.simulation.simulate import Simulation, simulate

@@ -24,7 +24,7 @@ from slamsim.core.types import (
     PlanarTrajectory,
     Scan,
 )
-from slamsim.logs.scans import StoredScans
+from slamsim.recording.cleaning.scans import StoredScans
 
 PERSON_RADIUS_M = 0.25
 """A body or two legs, at the height of the lidar."""

@@ -7,9 +7,9 @@ import numpy as np
 from slamsim.core.jit import kernel
 from slamsim.core.types import Drive, Float32Array, FloatArray, IntArray
 from slamsim.dataset.truth.key_scans import frame_at
-from slamsim.logs.kitti import KittiFolder
-from slamsim.logs.mountings import declared_laser_mounting
+from slamsim.io.text.kitti import KittiFolder
 from slamsim.recording import RawScans, Recording, ScanLayout
+from slamsim.recording.mountings import declared_laser_mounting
 from slamsim.sensors.motion import Motion, joined, kept_since
 from slamsim.sensors.rays import beam_rays
 
@@ -47,10 +47,10 @@ class DeskewedScans:
         met = np.flatnonzero(np.isfinite(ranges_m))
         half_ns, beams_ns = _since_first(layout, ranges_m.size, met)
         end_ns = motion.covered_ns  # a wrong time of the beams may reach beyond the drive
-        knots = motion.knots(T_base_laser, true_ns, min(true_ns + 2 * half_ns + 1, end_ns))
-        T_map_laser = frame_at(knots, min(true_ns + half_ns, end_ns))
+        samples = motion.pose_samples(T_base_laser, true_ns, min(true_ns + 2 * half_ns + 1, end_ns))
+        T_map_laser = frame_at(samples, min(true_ns + half_ns, end_ns))
         instants_ns = np.minimum(true_ns + beams_ns, end_ns)
-        rays = beam_rays(knots, instants_ns, _directions(layout, met), T_map_laser[:3, 3])
+        rays = beam_rays(samples, instants_ns, _directions(layout, met), T_map_laser[:3, 3])
         points = np.zeros((met.size, 4), dtype=np.float32)
         _place(points, rays, ranges_m[met], T_map_laser[:3, :3])
         if scans.intensities is not None:

@@ -10,11 +10,11 @@ from slamsim.core.types import Drive, IntArray, Trajectory
 from slamsim.dataset.make.deskewed import DeskewedScans
 from slamsim.dataset.recipe.sequence import SequenceSpec
 from slamsim.guard.numbers import UNIT_WITHIN, is_sound
-from slamsim.logs.carmen_writer import CarmenFile
-from slamsim.logs.kitti import KittiFolder
-from slamsim.logs.parquet_log import ParquetLog
-from slamsim.logs.tum import write_tum
-from slamsim.logs.written import Written
+from slamsim.io.carmen.writer import CarmenFile
+from slamsim.io.parquet.writer import ParquetLog
+from slamsim.io.staged_writer import StagedWriter
+from slamsim.io.text.kitti import KittiFolder
+from slamsim.io.text.tum import write_tum
 from slamsim.recording import Recording
 from slamsim.simulation.tails import TruthTail
 
@@ -22,7 +22,7 @@ TRUTH_RATE_HZ = 50.0
 GROUND_TRUTH, ODOMETRY = "ground_truth.tum", "odometry.tum"
 
 
-class TumPaths(Written):
+class TumPaths(StagedWriter):
     """``ground_truth.tum``, ``T_map_base`` in true time, and ``odometry.tum``, as was published,
     without what is no pose."""
 
@@ -67,7 +67,7 @@ PARQUET, TUM, KITTI, CARMEN = "parquet", "tum", "kitti", "carmen"
 CARMEN_NAME = "log.clf"
 
 
-class Formats(Written):
+class Formats(StagedWriter):
     """What a specification asks for, in folders of their names; a context manager.
 
     All of them tell what the recording tells, faults included; trajectories called true are.

@@ -20,13 +20,13 @@ from slamsim.core.types import Drive, IntArray
 from slamsim.dataset.make.formats import Formats
 from slamsim.dataset.recipe.sequence import FileFact, SequenceFacts, SequenceSpec
 from slamsim.dataset.truth.write import Truth
-from slamsim.logs.names import LOG
+from slamsim.io.names import LOG
 from slamsim.recording import Recording
 from slamsim.recording.edits.messages import with_sequence_numbers
 from slamsim.sensors.faults.apply import declared, faulty_sensors
 from slamsim.sensors.faults.base import Fault
 from slamsim.sensors.faults.registry import chosen_fault
-from slamsim.sensors.motion import Course, joined
+from slamsim.sensors.motion import PoseOverride, joined
 from slamsim.sensors.readings import Readings
 from slamsim.sensors.rig import SensorRig
 from slamsim.sim.drive.route import plan_route
@@ -59,7 +59,7 @@ def produce(spec: SequenceSpec, folder: Path) -> SequenceFacts:
     write_world(folder, spec.config, ride.world)
     write = _write_spoilt if ride.faults else _write_clean
     with (
-        Truth(folder / TRUTH, ride.world, ride.robot, spec, ride.course) as truth,
+        Truth(folder / TRUTH, ride.world, ride.robot, spec, ride.override) as truth,
         Formats(spec, folder) as formats,
     ):
         write(spec, ride, folder, truth, formats)
@@ -72,13 +72,13 @@ def produce(spec: SequenceSpec, folder: Path) -> SequenceFacts:
 class _Ride:
     """All that is known before the robot starts.
 
-    sensors, course: what is sensed with and how the laser looks, as faults would have it.
+    sensors, override: what is sensed with and how the laser looks, as faults would have it.
     """
 
     config: RunConfig
     faults: tuple[Fault, ...]
     sensors: SensorsConfig
-    course: Course
+    override: PoseOverride
     world: World
     robot: RobotModel
     run: DriveRun
@@ -86,12 +86,12 @@ class _Ride:
     @classmethod
     def planned(cls, config: RunConfig) -> Self:
         faults = tuple(map(chosen_fault, config.faults))
-        sensors, course = faulty_sensors(faults, config.sensors)
+        sensors, override = faulty_sensors(faults, config.sensors)
         seed = config.seed if config.world.seed is None else config.world.seed
         world, robot = _built_world(config.world, seed), _built_robot(config.robot)
         route = plan_route(world, robot, config.drive)
         run = drive(world, robot, route, config.drive)
-        return cls(config, faults, sensors, course, world, robot, run)
+        return cls(config, faults, sensors, override, world, robot, run)
 
     def moments(self) -> Moments:
         """The drive, sensed with its truth as it goes."""
@@ -100,7 +100,7 @@ class _Ride:
             self.robot,
             self.sensors,
             self.config.seed,
-            course=self.course,
+            override=self.override,
             with_truth=True,
         )
         for window in self.run:

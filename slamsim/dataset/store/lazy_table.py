@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from slamsim.dataset.store.place import Location
 from slamsim.guard.errors import InputRefused, NotFound
-from slamsim.logs.parquet_file import cells_of, facts_of
+from slamsim.io.parquet.file import cells_of, facts_of
 
 Cells = dict[str, NDArray[Any]]
 """Columns by name, (n,) or (n, width) each."""

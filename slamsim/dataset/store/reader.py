@@ -26,8 +26,8 @@ from slamsim.dataset.truth.read import SequenceTruth, Span
 from slamsim.guard.errors import NotFound, SlamsimError, shown
 from slamsim.guard.files import own_file
 from slamsim.guard.yaml import parse_yaml
-from slamsim.logs.names import LOG, TABLES
-from slamsim.logs.parquet_read import stream_of
+from slamsim.io.names import LOG, TABLES
+from slamsim.io.parquet.reader import stream_of
 from slamsim.recording import RawImu, RawOdometry, RawScans, RawStream, RawTicks
 from slamsim.simulation.own_files import CONFIG
 
@@ -84,7 +84,7 @@ class Sequence:
     @property
     def log(self) -> Log:
         """The whole sequence as SLAM reads it. Raises SlamsimError where it is not a folder."""
-        from slamsim.logs.reader import read_log
+        from slamsim.io.open import read_log
 
         if "://" in self.place.address:
             raise SlamsimError(f"{self.name} is at {self.place.address}: copy it to a folder first")

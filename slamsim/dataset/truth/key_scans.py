@@ -12,7 +12,7 @@ from slamsim.config.lidar import LidarConfig
 from slamsim.core.geometry import se3_from_parts, wrap_angle
 from slamsim.core.types import Drive, FloatArray, IntArray
 from slamsim.dataset.truth.surfaces import TrueSurfaces
-from slamsim.sensors.motion import Course, Knots, Motion, joined, kept_since
+from slamsim.sensors.motion import Motion, PoseOverride, PoseSamples, joined, kept_since
 from slamsim.sensors.rays import beam_rays
 from slamsim.sensors.readings import ScanBatch
 
@@ -52,14 +52,14 @@ class Mounted(Protocol):
 class KeyScans:
     """The key scans of a drive, picked window by window.
 
-    course: how the laser truly looks, as for sensing. scans: those picked so far.
+    override: how the laser truly looks, as for sensing. scans: those picked so far.
     """
 
     def __init__(
-        self, lidar: LidarConfig, robot: Mounted, course: Course, surfaces: TrueSurfaces
+        self, lidar: LidarConfig, robot: Mounted, override: PoseOverride, surfaces: TrueSurfaces
     ) -> None:
         self.scans: list[KeyScan] = []
-        self._lidar, self._T_base_laser, self._course = lidar, robot.T_base_laser, course
+        self._lidar, self._T_base_laser, self._override = lidar, robot.T_base_laser, override
         self._surfaces = surfaces
         self._motion: Motion | None = None
         self._rows, self._way_m = 0, 0.0
@@ -72,9 +72,9 @@ class KeyScans:
             poses, ways_m = self._places(motion, scans)
             due = self._due(poses)
             if due:
-                knots = self._course_during(motion, scans, due)
+                samples = self._poses_during(motion, scans, due)
                 for number in due:
-                    key = self._picked(knots, scans, number, poses[number], float(ways_m[number]))
+                    key = self._picked(samples, scans, number, poses[number], float(ways_m[number]))
                     self.scans.append(key)
         self._rows += len(scans)
         self._motion = kept_since(motion, motion.covered_ns - round(2e9 / self._lidar.rate_hz))
@@ -104,14 +104,14 @@ class KeyScans:
             last = (x_m, y_m, yaw_rad)
         return due
 
-    def _course_during(self, motion: Motion, scans: ScanBatch, due: list[int]) -> Knots:
+    def _poses_during(self, motion: Motion, scans: ScanBatch, due: list[int]) -> PoseSamples:
         """How the laser moved from the first of these scans to the last."""
         begin_ns, end_ns = (int(scans.true_stamps_ns[due[place]]) for place in (0, -1))
         end_ns += scans.geometry.duration_ns
-        return self._course(motion.knots(self._T_base_laser, begin_ns, end_ns))
+        return self._override(motion.pose_samples(self._T_base_laser, begin_ns, end_ns))
 
     def _picked(
-        self, knots: Knots, scans: ScanBatch, number: int, pose: FloatArray, way_m: float
+        self, samples: PoseSamples, scans: ScanBatch, number: int, pose: FloatArray, way_m: float
     ) -> KeyScan:
         truth, geometry = scans.truth, scans.geometry
         if truth is None:
@@ -124,7 +124,7 @@ class KeyScans:
         seen = self._returns(ranges_m, truth.cos_incidence[number, chosen], surfaces)
         angles_rad = geometry.angles_rad()[chosen[seen]]
         rays = beam_rays(
-            knots,
+            samples,
             begin_ns + geometry.offsets_ns()[chosen[seen]],
             np.stack([np.cos(angles_rad), np.sin(angles_rad)]),
             np.zeros(3),
@@ -134,7 +134,7 @@ class KeyScans:
             true_stamp_ns=begin_ns,
             pose=pose,
             way_m=way_m,
-            T_map_laser=frame_at(knots, begin_ns + geometry.duration_ns // 2),
+            T_map_laser=frame_at(samples, begin_ns + geometry.duration_ns // 2),
             ends_m=rays[:, :3] + ranges_m[seen, None] * rays[:, 3:],
             surfaces=surfaces[seen],
             beams=chosen.size,
@@ -150,21 +150,21 @@ class KeyScans:
         return np.flatnonzero(met)
 
 
-def frame_at(knots: Knots, stamp_ns: int) -> FloatArray:
+def frame_at(samples: PoseSamples, stamp_ns: int) -> FloatArray:
     """4 x 4 of the sensor in the map at one instant."""
 
-    left = int(np.searchsorted(knots.stamps_ns, stamp_ns, side="right")) - 1
-    left = min(max(left, 0), knots.stamps_ns.size - 2)
-    begin_ns, end_ns = knots.stamps_ns[left : left + 2].tolist()
+    left = int(np.searchsorted(samples.stamps_ns, stamp_ns, side="right")) - 1
+    left = min(max(left, 0), samples.stamps_ns.size - 2)
+    begin_ns, end_ns = samples.stamps_ns[left : left + 2].tolist()
     later = (stamp_ns - begin_ns) / (end_ns - begin_ns)
 
     def at(values: FloatArray) -> FloatArray:
         return np.asarray((1.0 - later) * values[left] + later * values[left + 1])
 
-    x_axis = at(knots.x_axis)
+    x_axis = at(samples.x_axis)
     x_axis /= np.linalg.norm(x_axis)
-    z_axis = np.cross(x_axis, at(knots.y_axis))
+    z_axis = np.cross(x_axis, at(samples.y_axis))
     z_axis /= np.linalg.norm(z_axis)
     return se3_from_parts(
-        np.column_stack([x_axis, np.cross(z_axis, x_axis), z_axis]), at(knots.origin_m)
+        np.column_stack([x_axis, np.cross(z_axis, x_axis), z_axis]), at(samples.origin_m)
     )

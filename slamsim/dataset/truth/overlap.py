@@ -20,7 +20,7 @@ from slamsim.core.jit import kernel
 from slamsim.core.types import BoolArray, FloatArray, IntArray
 from slamsim.dataset.truth.key_scans import KeyScan
 from slamsim.dataset.truth.surfaces import TrueSurfaces
-from slamsim.logs.parquet_file import Cells, Column, ParquetFile
+from slamsim.io.parquet.file import Cells, Column, ParquetFile
 
 LEAST_OVERLAP = 0.1
 """Pairs that overlap less, either way, are not kept."""

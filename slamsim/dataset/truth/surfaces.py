@@ -15,7 +15,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from slamsim.core.types import Float32Array, FloatArray, IntArray, TriangleMesh
-from slamsim.logs.parquet_file import Cells, Column, ParquetFile, split_axes
+from slamsim.io.parquet.file import Cells, Column, ParquetFile, split_axes
 from slamsim.sensors.scene import plane_numbers, with_floor
 
 NO_SURFACE = 0xFFFF

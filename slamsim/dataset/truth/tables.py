@@ -16,7 +16,7 @@ import numpy as np
 
 from slamsim.core.types import Drive, FloatArray
 from slamsim.dataset.truth.surfaces import NO_SURFACE, TrueSurfaces, rounded, write_surfaces
-from slamsim.logs.parquet_file import (
+from slamsim.io.parquet.file import (
     Cells,
     Column,
     ParquetFile,
@@ -24,8 +24,8 @@ from slamsim.logs.parquet_file import (
     read_table,
     split_axes,
 )
-from slamsim.logs.parquet_log import SCANS_PER_GROUP
-from slamsim.logs.written import Written
+from slamsim.io.parquet.writer import SCANS_PER_GROUP
+from slamsim.io.staged_writer import StagedWriter
 from slamsim.sensors.readings import EncoderBatch, ImuBatch, Readings, ScanBatch
 from slamsim.simulation.tails import TruthTail
 
@@ -50,7 +50,7 @@ _PAIRS = {
 _SLIPS = ("slip_left_m_s", "slip_right_m_s", "slip_sideways_m_s")
 
 
-class TruthTables(Written):
+class TruthTables(StagedWriter):
     """The tables of one sequence in a new folder; a context manager.
 
     wheels_m: true radius and track of the robot. sequence: its number in the data set. A sensor

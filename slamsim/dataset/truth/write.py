@@ -15,8 +15,8 @@ from slamsim.dataset.truth.overlap import overlapping, write_pairs
 from slamsim.dataset.truth.quality import DriveQuality, scene_numbers, view_numbers
 from slamsim.dataset.truth.surfaces import surfaces_of
 from slamsim.dataset.truth.tables import TruthTables
-from slamsim.logs.written import Written
-from slamsim.sensors.motion import Course
+from slamsim.io.staged_writer import StagedWriter
+from slamsim.sensors.motion import PoseOverride
 from slamsim.sensors.readings import Readings
 from slamsim.sim.robot.model import RobotModel
 from slamsim.slam.mapping.map_files import map_files
@@ -33,15 +33,20 @@ def write_occupancy(folder: Path, grid: Grid) -> None:
     (folder / f"{OCCUPANCY}.yaml").write_text(text, encoding="utf-8")
 
 
-class Truth(Written):
+class Truth(StagedWriter):
     """The truth of a sequence that is being made, in a new folder; a context manager.
 
-    course: how the laser truly looks, as for sensing. What needs the whole drive is written when
+    override: how the laser truly looks, as for sensing. What needs the whole drive is written when
     the block ends; ``quality`` is known from then on.
     """
 
     def __init__(
-        self, folder: Path, world: World, robot: RobotModel, spec: SequenceSpec, course: Course
+        self,
+        folder: Path,
+        world: World,
+        robot: RobotModel,
+        spec: SequenceSpec,
+        override: PoseOverride,
     ) -> None:
         super().__init__()
         lidar, wheels_m = spec.config.sensors.lidar, (robot.wheel_radius_m, robot.track_m)
@@ -49,7 +54,7 @@ class Truth(Written):
         self._surfaces = surfaces_of(world.mesh, lidar.range_max_m)
         tables = TruthTables(folder, self._surfaces, wheels_m, spec.index)
         self._tables = self._open.enter_context(tables)
-        self._keys = KeyScans(lidar, robot, course, self._surfaces)
+        self._keys = KeyScans(lidar, robot, override, self._surfaces)
         self._drive = DriveQuality(wheels_m)
         self._quality: dict[str, Cell] = {}
 

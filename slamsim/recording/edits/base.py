@@ -143,6 +143,20 @@ STAMPED = Target(KINDS, "messages", edges=True)
 """Everything that has stamps, but for fixed transforms."""
 
 
+@dataclass(frozen=True, slots=True)
+class MessagesEdit(Edit):
+    """An edit that changes each stream (or transform) of a target by itself."""
+
+    target: Target
+
+    @abstractmethod
+    def changed(self, messages: Any, /) -> Any:
+        """The stream or transform in the place of one; raises CannotEdit where it cannot be."""
+
+    def apply(self, recording: Recording) -> Recording:
+        return self.target.changed(recording, self.changed)
+
+
 def is_odometry_edge(edge: TransformEdge) -> bool:
     """Whether this is the moving transform that the wheels publish."""
     return not edge.is_static and edge.parent.strip("/") == ODOMETRY_FRAME

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -9,51 +10,52 @@ from typing import Literal
 import numpy as np
 
 from slamsim.core.types import IntArray
-from slamsim.recording import RawScans, Recording, ScanLayout
-from slamsim.recording.edits.base import Edit, Target, reciprocal
+from slamsim.recording import RawScans, ScanLayout
+from slamsim.recording.edits.base import MessagesEdit, reciprocal
 from slamsim.recording.edits.ranges import map_ranges
 
 _FULL_TURN = 2.0 * np.pi
 
 
 @dataclass(frozen=True, slots=True)
-class ChangeLayouts(Edit):
-    """What scans declare, changed in any way.
+class LayoutEdit(MessagesEdit):
+    """An edit of what scans declare of their beams."""
 
-    change: from a declaration and the number of beams that it is of to another declaration.
-    """
+    @abstractmethod
+    def layout(self, layout: ScanLayout, beams: int, /) -> ScanLayout:
+        """The declaration in the place of one; beams: how many it is of."""
 
-    target: Target
-    change: Callable[[ScanLayout, int], ScanLayout]
-
-    def apply(self, recording: Recording) -> Recording:
-        def changed(scans: RawScans) -> RawScans:
-            beams = beam_counts(scans).tolist()
-            counts = dict(zip(scans.layout_of.tolist(), beams, strict=True))
-            layouts = (self.change(one, counts.get(i, 0)) for i, one in enumerate(scans.layouts))
-            return replace(scans, layouts=tuple(layouts))
-
-        return self.target.changed(recording, changed)
+    def changed(self, scans: RawScans) -> RawScans:
+        beams = beam_counts(scans).tolist()
+        counts = dict(zip(scans.layout_of.tolist(), beams, strict=True))
+        layouts = (self.layout(one, counts.get(i, 0)) for i, one in enumerate(scans.layouts))
+        return replace(scans, layouts=tuple(layouts))
 
 
 @dataclass(frozen=True, slots=True)
-class ScaleAngles(Edit):
+class ChangeLayouts(LayoutEdit):
+    """What scans declare, changed in a way that no other edit describes."""
+
+    change: Callable[[ScanLayout], ScanLayout]
+
+    def layout(self, layout: ScanLayout, beams: int) -> ScanLayout:
+        return self.change(layout)
+
+
+@dataclass(frozen=True, slots=True)
+class ScaleAngles(LayoutEdit):
     """The declared angle between beams times ``factor``, about the middle of the scan.
 
     by_beams: the middle is that of its beams, whatever angle is declared for the last one.
     """
 
-    target: Target
     factor: float
     by_beams: bool = False
-
-    def apply(self, recording: Recording) -> Recording:
-        return ChangeLayouts(self.target, self._scaled).apply(recording)
 
     def inverse(self) -> ScaleAngles:
         return replace(self, factor=reciprocal(self.factor))
 
-    def _scaled(self, layout: ScanLayout, beams: int) -> ScanLayout:
+    def layout(self, layout: ScanLayout, beams: int) -> ScanLayout:
         ends = with_last_angle(layout, beams) if self.by_beams else layout
         middle = 0.5 * (ends.angle_min_rad + ends.angle_max_rad)
         half = 0.5 * (ends.angle_max_rad - ends.angle_min_rad) * self.factor
@@ -66,24 +68,20 @@ class ScaleAngles(Edit):
 
 
 @dataclass(frozen=True, slots=True)
-class ConvertAngles(Edit):
+class ConvertAngles(LayoutEdit):
     """Declared angles, whatever they are called, from radians to degrees or back.
 
     ends: those of the first and the last beam as well as the step between beams; None: as far as
     they are larger than a turn, which no angle in radians is.
     """
 
-    target: Target
     to: Literal["degrees", "radians"]
     ends: bool | None = True
-
-    def apply(self, recording: Recording) -> Recording:
-        return ChangeLayouts(self.target, self._converted).apply(recording)
 
     def inverse(self) -> ConvertAngles:
         return replace(self, to="radians" if self.to == "degrees" else "degrees")
 
-    def _converted(self, layout: ScanLayout, _: int) -> ScanLayout:
+    def layout(self, layout: ScanLayout, beams: int) -> ScanLayout:
         convert = np.degrees if self.to == "degrees" else np.radians
 
         def end(angle: float) -> float:
@@ -99,18 +97,13 @@ class ConvertAngles(Edit):
 
 
 @dataclass(frozen=True, slots=True)
-class MirrorAngles(Edit):
+class MirrorAngles(LayoutEdit):
     """What was declared to the left is declared to the right; its own inverse."""
-
-    target: Target
-
-    def apply(self, recording: Recording) -> Recording:
-        return ChangeLayouts(self.target, self._mirrored).apply(recording)
 
     def inverse(self) -> MirrorAngles:
         return self
 
-    def _mirrored(self, layout: ScanLayout, _: int) -> ScanLayout:
+    def layout(self, layout: ScanLayout, beams: int) -> ScanLayout:
         return replace(
             layout,
             angle_min_rad=-layout.angle_min_rad,
@@ -120,105 +113,81 @@ class MirrorAngles(Edit):
 
 
 @dataclass(frozen=True, slots=True)
-class ExtendAngleMax(Edit):
+class ExtendAngleMax(LayoutEdit):
     """The declared angle of the last beam moved by so many steps between beams."""
 
-    target: Target
     beams: int
-
-    def apply(self, recording: Recording) -> Recording:
-        return ChangeLayouts(self.target, self._extended).apply(recording)
 
     def inverse(self) -> ExtendAngleMax:
         return replace(self, beams=-self.beams)
 
-    def _extended(self, layout: ScanLayout, _: int) -> ScanLayout:
+    def layout(self, layout: ScanLayout, beams: int) -> ScanLayout:
         end = layout.angle_max_rad + self.beams * layout.angle_step_rad
         return replace(layout, angle_max_rad=end)
 
 
 @dataclass(frozen=True, slots=True)
-class CloseAngles(Edit):
+class CloseAngles(LayoutEdit):
     """The last angle that follows from the first, the step and the number of beams."""
 
-    target: Target
-
-    def apply(self, recording: Recording) -> Recording:
-        return ChangeLayouts(self.target, with_last_angle).apply(recording)
+    def layout(self, layout: ScanLayout, beams: int) -> ScanLayout:
+        return with_last_angle(layout, beams)
 
 
 @dataclass(frozen=True, slots=True)
-class ScaleBeamTimes(Edit):
+class ScaleBeamTimes(LayoutEdit):
     """The declared time between beams times ``factor``."""
 
-    target: Target
     factor: float
-
-    def apply(self, recording: Recording) -> Recording:
-        return ChangeLayouts(self.target, self._scaled).apply(recording)
 
     def inverse(self) -> ScaleBeamTimes:
         return replace(self, factor=reciprocal(self.factor))
 
-    def _scaled(self, layout: ScanLayout, _: int) -> ScanLayout:
+    def layout(self, layout: ScanLayout, beams: int) -> ScanLayout:
         return replace(layout, beam_dt_s=layout.beam_dt_s * self.factor)
 
 
 @dataclass(frozen=True, slots=True)
-class SetSweep(Edit):
+class SetSweep(LayoutEdit):
     """``sweep_s`` seconds declared from the first beam to the last."""
 
-    target: Target
     sweep_s: float
 
-    def apply(self, recording: Recording) -> Recording:
-        return ChangeLayouts(self.target, self._timed).apply(recording)
-
-    def _timed(self, layout: ScanLayout, beams: int) -> ScanLayout:
+    def layout(self, layout: ScanLayout, beams: int) -> ScanLayout:
         return replace(layout, beam_dt_s=self.sweep_s / max(beams - 1, 1))
 
 
 @dataclass(frozen=True, slots=True)
-class ReverseBeams(Edit):
+class ReverseBeams(LayoutEdit):
     """Beams written in the opposite order, each with its direction; its own inverse.
 
     The message then says that the last beam fired first: ROS has no negative times.
     """
 
-    target: Target
-
-    def apply(self, recording: Recording) -> Recording:
-        def turned(scans: RawScans) -> RawScans:
-            bright = scans.intensities
-            if isinstance(bright, np.ndarray):
-                bright = bright[:, ::-1]
-            found = map_ranges(scans, lambda ranges_m: ranges_m[:, ::-1])
-            return replace(found, intensities=bright)
-
-        reversed_ = self.target.changed(recording, turned)
-        return ChangeLayouts(self.target, self._from_other_end).apply(reversed_)
+    def changed(self, scans: RawScans) -> RawScans:
+        bright = scans.intensities
+        if isinstance(bright, np.ndarray):
+            bright = bright[:, ::-1]
+        found = map_ranges(scans, lambda ranges_m: ranges_m[:, ::-1])
+        return LayoutEdit.changed(self, replace(found, intensities=bright))
 
     def inverse(self) -> ReverseBeams:
         return self
 
-    def _from_other_end(self, layout: ScanLayout, beams: int) -> ScanLayout:
+    def layout(self, layout: ScanLayout, beams: int) -> ScanLayout:
         last = with_last_angle(layout, beams).angle_max_rad
         found = replace(layout, angle_min_rad=last, angle_step_rad=-layout.angle_step_rad)
         return with_last_angle(found, beams)
 
 
 @dataclass(frozen=True, slots=True)
-class SetRangeLimits(Edit):
+class SetRangeLimits(LayoutEdit):
     """Other declared limits of the ranges, in metres; None leaves one as it is."""
 
-    target: Target
     range_min_m: float | None = None
     range_max_m: float | None = None
 
-    def apply(self, recording: Recording) -> Recording:
-        return ChangeLayouts(self.target, self._limited).apply(recording)
-
-    def _limited(self, layout: ScanLayout, _: int) -> ScanLayout:
+    def layout(self, layout: ScanLayout, beams: int) -> ScanLayout:
         low_m, high_m = self.range_min_m, self.range_max_m
         return replace(
             layout,
@@ -228,19 +197,15 @@ class SetRangeLimits(Edit):
 
 
 @dataclass(frozen=True, slots=True)
-class ScaleRangeLimits(Edit):
+class ScaleRangeLimits(LayoutEdit):
     """The declared limits of the ranges times ``factor``."""
 
-    target: Target
     factor: float
-
-    def apply(self, recording: Recording) -> Recording:
-        return ChangeLayouts(self.target, self._scaled).apply(recording)
 
     def inverse(self) -> ScaleRangeLimits:
         return replace(self, factor=reciprocal(self.factor))
 
-    def _scaled(self, layout: ScanLayout, _: int) -> ScanLayout:
+    def layout(self, layout: ScanLayout, beams: int) -> ScanLayout:
         low_m, high_m = layout.range_min_m * self.factor, layout.range_max_m * self.factor
         return replace(layout, range_min_m=low_m, range_max_m=high_m)
 

@@ -11,7 +11,7 @@ import numpy as np
 from slamsim.core.geometry import matrix_from_xyzw, se3_from_parts, xyzw_from_matrix
 from slamsim.core.types import FloatArray
 from slamsim.recording import RawOdometry, RawStream, Recording, TransformEdge
-from slamsim.recording.edits.base import CannotEdit, Edit, Target
+from slamsim.recording.edits.base import CannotEdit, Edit, MessagesEdit
 from slamsim.recording.edits.description import with_joint_origin
 from slamsim.recording.edits.messages import select
 
@@ -19,17 +19,13 @@ EdgeFilter = Callable[[TransformEdge], bool]
 
 
 @dataclass(frozen=True, slots=True)
-class RenameFrame(Edit):
+class RenameFrame(MessagesEdit):
     """All messages of a target name ``frame``."""
 
-    target: Target
     frame: str
 
-    def apply(self, recording: Recording) -> Recording:
-        def renamed(stream: RawStream) -> RawStream:
-            return replace(stream, frame_ids=(self.frame,))
-
-        return self.target.changed(recording, renamed)
+    def changed(self, stream: RawStream) -> RawStream:
+        return replace(stream, frame_ids=(self.frame,))
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,7 +130,7 @@ class TurnFrame(Edit):
 
 @dataclass(frozen=True, slots=True)
 class PublishOdometry(Edit):
-    """The poses of the odometry on ``topic`` as the transform of its frames, for what there is."""
+    """The poses of the odometry on ``topic`` replace the transform between its frames."""
 
     topic: str
 

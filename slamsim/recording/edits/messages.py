@@ -10,33 +10,31 @@ import numpy as np
 
 from slamsim.core.types import BoolArray, IntArray
 from slamsim.recording import Messages, Origin, RawStream, Recording
-from slamsim.recording.edits.base import Edit, MessagesChange, Target
+from slamsim.recording.edits.base import Edit, MessagesChange, MessagesEdit, Target
 
 
 @dataclass(frozen=True, slots=True)
-class ChangeMessages(Edit):
+class ChangeMessages(MessagesEdit):
     """A change of a target's messages that no other edit describes, such as random readings."""
 
-    target: Target
     change: MessagesChange | Callable[[Any], Any]
 
-    def apply(self, recording: Recording) -> Recording:
-        return self.target.changed(recording, self.change)
+    def changed(self, messages: Any) -> Any:
+        return self.change(messages)
 
 
 @dataclass(frozen=True, slots=True)
-class SelectMessages(Edit):
+class SelectMessages(MessagesEdit):
     """Messages dropped, duplicated or reordered, each with all that it carries.
 
     rows: from a stream or transform of n messages to (n,) which of them to keep, or to (k,)
     numbers of messages in their new order.
     """
 
-    target: Target
     rows: Callable[[Any], BoolArray | IntArray]
 
-    def apply(self, recording: Recording) -> Recording:
-        return self.target.changed(recording, lambda one: select(one, self.rows(one)))
+    def changed(self, messages: Messages) -> Messages:
+        return select(messages, self.rows(messages))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -37,7 +37,7 @@ def scaled_edge(edge: TransformEdge, path: Gain, turn: Gain) -> TransformEdge:
 
 
 def repaced(odometry: RawOdometry, path: float, turn: float) -> RawOdometry:
-    """The same of one odometry, each step seen from its begin."""
+    """The same of one odometry, each step seen from where it begins, as repairs scale it."""
     found = with_steps(odometry, planar_steps(odometry) * np.array([path, path, turn]))
     return replace(
         found, linear_m_s=odometry.linear_m_s * path, angular_rad_s=odometry.angular_rad_s * turn

@@ -10,14 +10,7 @@ import numpy as np
 from slamsim.core.types import FloatArray, IntArray
 from slamsim.core.wheels import wheel_odometry
 from slamsim.recording import RawJoints, RawOdometry, RawTicks, Recording, TransformEdge
-from slamsim.recording.edits.base import (
-    DRIVEN,
-    WHEELS,
-    CannotEdit,
-    Edit,
-    Target,
-    reciprocal,
-)
+from slamsim.recording.edits.base import DRIVEN, CannotEdit, Edit, MessagesEdit, reciprocal
 from slamsim.recording.edits.frames import with_odometry_edge
 from slamsim.recording.edits.motion import (
     along_path,
@@ -33,30 +26,26 @@ from slamsim.recording.edits.motion import (
 
 
 @dataclass(frozen=True, slots=True)
-class ScaleMotion(Edit):
+class ScaleMotion(MessagesEdit):
     """Distances and turns of odometry and of its transform times a factor each.
 
     Each step is taken in the heading midway, so that the inverse gives the path back.
     """
 
-    target: Target
     path: float
     turn: float
 
-    def apply(self, recording: Recording) -> Recording:
-        def scaled(one: RawOdometry | TransformEdge) -> RawOdometry | TransformEdge:
-            if isinstance(one, TransformEdge):
-                return scaled_edge(one, self.path, self.turn)
-            return scaled_odometry(one, self.path, self.turn)
-
-        return self.target.changed(recording, scaled)
+    def changed(self, one: RawOdometry | TransformEdge) -> RawOdometry | TransformEdge:
+        if isinstance(one, TransformEdge):
+            return scaled_edge(one, self.path, self.turn)
+        return scaled_odometry(one, self.path, self.turn)
 
     def inverse(self) -> ScaleMotion:
         return replace(self, path=reciprocal(self.path), turn=reciprocal(self.turn))
 
 
 @dataclass(frozen=True, slots=True)
-class ScaleSteps(Edit):
+class ScaleSteps(MessagesEdit):
     """Counters, joints and odometry with each of their steps multiplied: slip, or standing still.
 
     gain: from (n,) stamps of one topic to the (n - 1,) factors of its steps.
@@ -64,10 +53,7 @@ class ScaleSteps(Edit):
 
     gain: Callable[[IntArray], FloatArray]
 
-    def apply(self, recording: Recording) -> Recording:
-        return WHEELS.changed(recording, self._scaled)
-
-    def _scaled(
+    def changed(
         self, one: RawTicks | RawJoints | RawOdometry | TransformEdge
     ) -> RawTicks | RawJoints | RawOdometry | TransformEdge:
         gain = self.gain(one.stamps_ns)
@@ -122,18 +108,13 @@ class ChangeOdometry(Edit):
 
 
 @dataclass(frozen=True, slots=True)
-class NormaliseRotations(Edit):
+class NormaliseRotations(MessagesEdit):
     """Quaternions of odometry brought to unit length."""
 
-    target: Target
-
-    def apply(self, recording: Recording) -> Recording:
-        def normalised(odometry: RawOdometry) -> RawOdometry:
-            length = np.linalg.norm(odometry.quats_xyzw, axis=1, keepdims=True)
-            with np.errstate(invalid="ignore"):
-                return replace(odometry, quats_xyzw=odometry.quats_xyzw / length)
-
-        return self.target.changed(recording, normalised)
+    def changed(self, odometry: RawOdometry) -> RawOdometry:
+        length = np.linalg.norm(odometry.quats_xyzw, axis=1, keepdims=True)
+        with np.errstate(invalid="ignore"):
+            return replace(odometry, quats_xyzw=odometry.quats_xyzw / length)
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TypeGuard
 
 import numpy as np
 
 from slamsim.core.types import IntArray
 from slamsim.recording import Messages, RawScans, Recording
-from slamsim.recording.edits.base import STAMPED, CannotEdit, Edit, Target, edge_subject
+from slamsim.recording.edits.base import STAMPED, CannotEdit, MessagesEdit, Target, edge_subject
 from slamsim.recording.edits.beams import beam_counts
 
 _COPIED_NS = 1_000
@@ -19,68 +20,63 @@ _TOGETHER = 0.9
 
 
 @dataclass(frozen=True, slots=True)
-class Restamp(Edit):
-    """Stamps replaced. change: from (n,) stamps of one topic or transform to (n,) others, ns.
+class StampsEdit(MessagesEdit):
+    """An edit of stamps alone.
 
     receipt_follows: whether times of receipt that are mere copies of the stamps stay copies.
     """
 
-    target: Target
-    change: Callable[[IntArray], IntArray]
-    receipt_follows: bool = False
+    receipt_follows: bool = field(default=False, kw_only=True)
 
-    def apply(self, recording: Recording) -> Recording:
-        def restamped(messages: Messages) -> Messages:
-            if messages.stamps_ns.size == 0:
-                return messages
-            stamps_ns = self.change(messages.stamps_ns)
-            received_ns = messages.received_ns
-            if self.receipt_follows and are_copies(received_ns, messages.stamps_ns):
-                received_ns = received_ns + (stamps_ns - messages.stamps_ns)
-            return replace(messages, stamps_ns=stamps_ns, received_ns=received_ns)
+    @abstractmethod
+    def stamps(self, stamps_ns: IntArray, /) -> IntArray:
+        """(n,) stamps in the place of those (n,) of one topic or transform, ns; n is not 0."""
 
-        return self.target.changed(recording, restamped)
+    def changed(self, messages: Messages) -> Messages:
+        if messages.stamps_ns.size == 0:
+            return messages
+        stamps_ns, received_ns = self.stamps(messages.stamps_ns), messages.received_ns
+        if self.receipt_follows and are_copies(received_ns, messages.stamps_ns):
+            received_ns = received_ns + (stamps_ns - messages.stamps_ns)
+        return replace(messages, stamps_ns=stamps_ns, received_ns=received_ns)
 
 
 @dataclass(frozen=True, slots=True)
-class ShiftStamps(Edit):
-    """All stamps later by ``offset_ns``; receipt_follows: as for ``Restamp``."""
+class Restamp(StampsEdit):
+    """Stamps replaced. change: from (n,) stamps of one topic or transform to (n,) others, ns."""
 
-    target: Target
+    change: Callable[[IntArray], IntArray]
+
+    def stamps(self, stamps_ns: IntArray) -> IntArray:
+        return self.change(stamps_ns)
+
+
+@dataclass(frozen=True, slots=True)
+class ShiftStamps(StampsEdit):
+    """All stamps later by ``offset_ns``."""
+
     offset_ns: int
-    receipt_follows: bool = False
 
-    def apply(self, recording: Recording) -> Recording:
-        shifted = Restamp(self.target, lambda s: s + self.offset_ns, self.receipt_follows)
-        return shifted.apply(recording)
+    def stamps(self, stamps_ns: IntArray) -> IntArray:
+        return stamps_ns + self.offset_ns
 
     def inverse(self) -> ShiftStamps:
         return replace(self, offset_ns=-self.offset_ns)
 
 
 @dataclass(frozen=True, slots=True)
-class ScaleStamps(Edit):
+class ScaleStamps(StampsEdit):
     """A clock that gains ``gain`` seconds a second since ``origin_ns``.
 
-    origin_ns: None for the first stamp of each topic. receipt_follows: as for ``Restamp``.
-    taken_back: the gain was there and is taken off; what either rounds, the other rounds back.
+    origin_ns: None for the first stamp of each topic. taken_back: the gain was there and is taken
+    off; what either rounds, the other rounds back.
     """
 
-    target: Target
     gain: float
     origin_ns: int | None = None
-    receipt_follows: bool = False
     taken_back: bool = False
 
-    def apply(self, recording: Recording) -> Recording:
-        return Restamp(self.target, self._scaled, self.receipt_follows).apply(recording)
-
-    def inverse(self) -> ScaleStamps:
-        if self.gain <= -1.0:
-            raise CannotEdit("a clock that stands still, or runs backward, cannot be undone")
-        return replace(self, taken_back=not self.taken_back)
-
-    def _scaled(self, stamps_ns: IntArray) -> IntArray:
+    def stamps(self, stamps_ns: IntArray) -> IntArray:
         origin_ns = stamps_ns[:1] if self.origin_ns is None else self.origin_ns
         since_ns = stamps_ns - origin_ns
         if self.taken_back:
@@ -88,41 +84,38 @@ class ScaleStamps(Edit):
             return np.asarray(origin_ns + since_ns)
         return np.asarray(stamps_ns + np.rint(since_ns * self.gain).astype(np.int64))
 
+    def inverse(self) -> ScaleStamps:
+        if self.gain <= -1.0:
+            raise CannotEdit("a clock that stands still, or runs backward, cannot be undone")
+        return replace(self, taken_back=not self.taken_back)
+
 
 @dataclass(frozen=True, slots=True)
-class ShiftWithinScan(Edit):
+class ShiftWithinScan(MessagesEdit):
     """Stamps of scans later by ``share`` of the time from the first beam to the last."""
 
-    target: Target
     share: float
 
-    def apply(self, recording: Recording) -> Recording:
-        def restamped(scans: RawScans) -> RawScans:
-            declared_s = np.array([layout.beam_dt_s for layout in scans.layouts])
-            steps = self.share * (beam_counts(scans) - 1)
-            later_ns = np.rint(steps * declared_s[scans.layout_of] * 1e9).astype(np.int64)
-            return replace(scans, stamps_ns=scans.stamps_ns + later_ns)
-
-        return self.target.changed(recording, restamped)
+    def changed(self, scans: RawScans) -> RawScans:
+        declared_s = np.array([layout.beam_dt_s for layout in scans.layouts])
+        steps = self.share * (beam_counts(scans) - 1)
+        later_ns = np.rint(steps * declared_s[scans.layout_of] * 1e9).astype(np.int64)
+        return replace(scans, stamps_ns=scans.stamps_ns + later_ns)
 
     def inverse(self) -> ShiftWithinScan:
         return replace(self, share=-self.share)
 
 
 @dataclass(frozen=True, slots=True)
-class ShiftReceipt(Edit):
+class ShiftReceipt(MessagesEdit):
     """All times of receipt later by ``offset_ns``."""
 
-    target: Target
     offset_ns: int
 
-    def apply(self, recording: Recording) -> Recording:
-        def shifted(messages: Messages) -> Messages:
-            if messages.received_ns is None:
-                raise CannotEdit(f"{recording.name} does not say when messages were received")
-            return replace(messages, received_ns=messages.received_ns + self.offset_ns)
-
-        return self.target.changed(recording, shifted)
+    def changed(self, messages: Messages) -> Messages:
+        if messages.received_ns is None:
+            raise CannotEdit(f"{messages.topic} does not say when messages were received")
+        return replace(messages, received_ns=messages.received_ns + self.offset_ns)
 
     def inverse(self) -> ShiftReceipt:
         return replace(self, offset_ns=-self.offset_ns)

@@ -6,29 +6,25 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from slamsim.recording import RawJoints, RawTicks, Recording
-from slamsim.recording.edits.base import CannotEdit, Edit, Target, reciprocal
+from slamsim.recording import RawJoints, RawTicks
+from slamsim.recording.edits.base import CannotEdit, MessagesEdit, reciprocal
 
 Pair = tuple[int, int]
 
 
 @dataclass(frozen=True, slots=True)
-class ScaleWheelNumbers(Edit):
+class ScaleWheelNumbers(MessagesEdit):
     """The declared radius of the wheels, and the distance between them, times a factor each."""
 
-    target: Target
     radius_factor: float = 1.0
     track_factor: float = 1.0
 
-    def apply(self, recording: Recording) -> Recording:
-        def scaled(ticks: RawTicks) -> RawTicks:
-            return replace(
-                ticks,
-                wheel_radius_m=ticks.wheel_radius_m * self.radius_factor,
-                track_m=ticks.track_m * self.track_factor,
-            )
-
-        return self.target.changed(recording, scaled)
+    def changed(self, ticks: RawTicks) -> RawTicks:
+        return replace(
+            ticks,
+            wheel_radius_m=ticks.wheel_radius_m * self.radius_factor,
+            track_m=ticks.track_m * self.track_factor,
+        )
 
     def inverse(self) -> ScaleWheelNumbers:
         radius, track = reciprocal(self.radius_factor), reciprocal(self.track_factor)
@@ -36,29 +32,26 @@ class ScaleWheelNumbers(Edit):
 
 
 @dataclass(frozen=True, slots=True)
-class RewireWheels(Edit):
-    """Counters and joints connected otherwise.
+class RewireWheels(MessagesEdit):
+    """Counters connected otherwise, and the two joints of a robot that has no more.
 
     order: which of the old (left, right) each new one is; signs: which way it counts, 0 if not.
     """
 
-    target: Target
     order: Pair = (0, 1)
     signs: Pair = (1, 1)
 
-    def apply(self, recording: Recording) -> Recording:
+    def changed(self, wheels: RawTicks | RawJoints) -> RawTicks | RawJoints:
         order, signs = list(self.order), np.array(self.signs)
-
-        def rewired(wheels: RawTicks | RawJoints) -> RawTicks | RawJoints:
-            if isinstance(wheels, RawTicks):
-                return replace(wheels, ticks=wheels.ticks[:, order] * signs)
-            return replace(
-                wheels,
-                positions_rad=wheels.positions_rad[:, order] * signs,
-                velocities_rad_s=wheels.velocities_rad_s[:, order] * signs,
-            )
-
-        return self.target.changed(recording, rewired)
+        if isinstance(wheels, RawTicks):
+            return replace(wheels, ticks=wheels.ticks[:, order] * signs)
+        if wheels.positions_rad.shape[1] != len(order):
+            return wheels
+        return replace(
+            wheels,
+            positions_rad=wheels.positions_rad[:, order] * signs,
+            velocities_rad_s=wheels.velocities_rad_s[:, order] * signs,
+        )
 
     def inverse(self) -> RewireWheels:
         if 0 in self.signs:
@@ -68,17 +61,14 @@ class RewireWheels(Edit):
 
 
 @dataclass(frozen=True, slots=True)
-class WrapTicks(Edit):
+class WrapTicks(MessagesEdit):
     """Counters of so many values (``modulus``), centred on zero, that begin anew."""
 
-    target: Target
     modulus: int
 
-    def apply(self, recording: Recording) -> Recording:
+    def changed(self, ticks: RawTicks) -> RawTicks:
         half = self.modulus // 2
-        return self.target.changed(
-            recording, lambda t: replace(t, ticks=(t.ticks + half) % self.modulus - half)
-        )
+        return replace(ticks, ticks=(ticks.ticks + half) % self.modulus - half)
 
     def inverse(self) -> UnwrapTicks:
         """Right but for whole turns of the counter before the first message."""
@@ -86,17 +76,13 @@ class WrapTicks(Edit):
 
 
 @dataclass(frozen=True, slots=True)
-class UnwrapTicks(Edit):
+class UnwrapTicks(MessagesEdit):
     """Counting on where a counter of so many values (``modulus``) begins anew."""
 
-    target: Target
     modulus: int
 
-    def apply(self, recording: Recording) -> Recording:
-        def unwrapped(ticks: RawTicks) -> RawTicks:
-            steps = np.diff(ticks.ticks, axis=0)
-            steps -= np.rint(steps / self.modulus).astype(np.int64) * self.modulus
-            counts = np.concatenate([ticks.ticks[:1], ticks.ticks[:1] + np.cumsum(steps, axis=0)])
-            return replace(ticks, ticks=counts)
-
-        return self.target.changed(recording, unwrapped)
+    def changed(self, ticks: RawTicks) -> RawTicks:
+        steps = np.diff(ticks.ticks, axis=0)
+        steps -= np.rint(steps / self.modulus).astype(np.int64) * self.modulus
+        counts = np.concatenate([ticks.ticks[:1], ticks.ticks[:1] + np.cumsum(steps, axis=0)])
+        return replace(ticks, ticks=counts)

@@ -22,8 +22,8 @@ from slamsim.core.result import SlamResult
 from slamsim.core.types import FloatArray, Grid, IntArray, Trajectory
 from slamsim.evaluate.score import evaluate
 from slamsim.guard.errors import SlamsimError
-from slamsim.logs.raw_writer import write_recording
-from slamsim.logs.reader import read_log
+from slamsim.io.bag2.writer import write_recording
+from slamsim.io.open import read_log
 from slamsim.recording import Recording
 from slamsim.recording.edits.base import is_odometry_edge
 from slamsim.scenarios.base import BodyMotion, Outcome, Row, Solid

@@ -9,7 +9,7 @@ from slamsim.config.sensors import SensorsConfig
 from slamsim.core.randomness import random_stream
 from slamsim.recording import Recording
 from slamsim.sensors.faults.base import Fault, SensedFault
-from slamsim.sensors.motion import Course, Knots, as_mounted
+from slamsim.sensors.motion import PoseOverride, PoseSamples, as_mounted
 
 
 def injected(recording: Recording, faults: Sequence[Fault], seed: int) -> Recording:
@@ -22,18 +22,22 @@ def injected(recording: Recording, faults: Sequence[Fault], seed: int) -> Record
     return recording
 
 
-def faulty_sensors(faults: Sequence[Fault], config: SensorsConfig) -> tuple[SensorsConfig, Course]:
+def faulty_sensors(
+    faults: Sequence[Fault], config: SensorsConfig
+) -> tuple[SensorsConfig, PoseOverride]:
     """What to sense a drive with, and how the laser then looks."""
-    sensors, course = config, as_mounted
+    sensors, override = config, as_mounted
     for fault in faults:
         if isinstance(fault, SensedFault):
             sensors = fault.sensors(sensors)
-            course = partial(_one_more, course, fault, config)
-    return sensors, course
+            override = partial(_one_more, override, fault, config)
+    return sensors, override
 
 
-def _one_more(before: Course, fault: SensedFault, config: SensorsConfig, knots: Knots) -> Knots:
-    return fault.course(before(knots), config)
+def _one_more(
+    before: PoseOverride, fault: SensedFault, config: SensorsConfig, samples: PoseSamples
+) -> PoseSamples:
+    return fault.override(before(samples), config)
 
 
 def declared(

@@ -14,7 +14,7 @@ from slamsim.core.types import BoolArray, IntArray
 from slamsim.guard.errors import SlamsimError
 from slamsim.recording import RawStream, Recording
 from slamsim.recording.edits.base import CannotEdit, Edit, Edits
-from slamsim.sensors.motion import Knots
+from slamsim.sensors.motion import PoseSamples
 
 
 class Fault(Config, ABC):
@@ -46,7 +46,7 @@ class Fault(Config, ABC):
 
     @abstractmethod
     def edit(self, recording: Recording, rng: np.random.Generator) -> Edit:
-        """What puts the fault into this recording; rng: for what is random in it.
+        """What puts the fault into this recording, once; rng: for what is random in it.
 
         Raises CannotEdit where the recording has nothing that could have the fault.
         """
@@ -96,9 +96,9 @@ class SensedFault(Fault, ABC):
         """What is sensed with instead of the configured sensors."""
         return config
 
-    def course(self, knots: Knots, config: SensorsConfig) -> Knots:
+    def override(self, samples: PoseSamples, config: SensorsConfig) -> PoseSamples:
         """How the laser moves and looks instead of as it is mounted."""
-        return knots
+        return samples
 
     def declare(self, config: SensorsConfig) -> Edit:
         """What is changed in scans sensed so; config: of the healthy sensors."""

@@ -17,7 +17,7 @@ from slamsim.recording.edits.ranges import ChangeRanges
 from slamsim.recording.edits.stamps import ShiftWithinScan
 from slamsim.sensors.faults.base import Fault, SensedFault
 from slamsim.sensors.faults.resensing import refired, require_timed
-from slamsim.sensors.motion import Knots
+from slamsim.sensors.motion import PoseSamples
 
 _FULL_TURN = 2.0 * np.pi
 
@@ -27,15 +27,15 @@ class BeamTimeReversed(SensedFault):
 
     kind: Literal["beam_time_reversed"]
 
-    def course(self, knots: Knots, config: SensorsConfig) -> Knots:
+    def override(self, samples: PoseSamples, config: SensorsConfig) -> PoseSamples:
         """Beam i looks where the last beam but i would: the axes mirrored about the middle."""
         lidar = config.lidar
         both_ends = 2.0 * lidar.angle_min_deg + (lidar.beam_count - 1) * lidar.angle_step_deg
         cos, sin = np.cos(np.radians(both_ends)), np.sin(np.radians(both_ends))
         return replace(
-            knots,
-            x_axis=cos * knots.x_axis + sin * knots.y_axis,
-            y_axis=sin * knots.x_axis - cos * knots.y_axis,
+            samples,
+            x_axis=cos * samples.x_axis + sin * samples.y_axis,
+            y_axis=sin * samples.x_axis - cos * samples.y_axis,
         )
 
     def declare(self, config: SensorsConfig) -> Edit:
@@ -59,7 +59,7 @@ class FlashScanTimed(SensedFault):
 
     def declare(self, config: SensorsConfig) -> Edit:
         beam_dt_s = float(np.float32(config.lidar.beam_dt_ns * 1e-9))
-        return ChangeLayouts(SCANS, lambda layout, _: replace(layout, beam_dt_s=beam_dt_s))
+        return ChangeLayouts(SCANS, lambda layout: replace(layout, beam_dt_s=beam_dt_s))
 
     def edit(self, recording: Recording, rng: np.random.Generator) -> Edit:
         if all(layout.beam_dt_s == 0.0 for scans in recording.scans for layout in scans.layouts):

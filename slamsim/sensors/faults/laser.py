@@ -23,7 +23,7 @@ from slamsim.sensors.faults.resensing import (
     plane_motion,
     refired,
 )
-from slamsim.sensors.motion import Knots
+from slamsim.sensors.motion import PoseSamples
 
 AXES = np.eye(3)
 
@@ -33,10 +33,10 @@ class LaserWorldFixed(SensedFault):
 
     kind: Literal["laser_world_fixed"]
 
-    def course(self, knots: Knots, config: SensorsConfig) -> Knots:
-        count = knots.stamps_ns.size
+    def override(self, samples: PoseSamples, config: SensorsConfig) -> PoseSamples:
+        count = samples.stamps_ns.size
         return replace(
-            knots, x_axis=np.tile(AXES[0], (count, 1)), y_axis=np.tile(AXES[1], (count, 1))
+            samples, x_axis=np.tile(AXES[0], (count, 1)), y_axis=np.tile(AXES[1], (count, 1))
         )
 
     def edit(self, recording: Recording, rng: np.random.Generator) -> Edit:
@@ -54,8 +54,8 @@ class LaserMirrored(SensedFault):
 
     kind: Literal["laser_mirrored"]
 
-    def course(self, knots: Knots, config: SensorsConfig) -> Knots:
-        return replace(knots, y_axis=-knots.y_axis)
+    def override(self, samples: PoseSamples, config: SensorsConfig) -> PoseSamples:
+        return replace(samples, y_axis=-samples.y_axis)
 
     def edit(self, recording: Recording, rng: np.random.Generator) -> Edit:
         mirrored = ChangeRanges(

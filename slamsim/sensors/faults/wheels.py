@@ -10,7 +10,7 @@ from pydantic import Field
 
 from slamsim.core.types import FloatArray, IntArray
 from slamsim.recording import RawOdometry, RawTicks, Recording, TransformEdge
-from slamsim.recording.edits.base import COUNTS, DRIVEN, ODOMETRIES, TICKS, Edit, Edits
+from slamsim.recording.edits.base import COUNTS, DRIVEN, ODOMETRIES, TICKS, WHEELS, Edit, Edits
 from slamsim.recording.edits.messages import ChangeMessages
 from slamsim.recording.edits.odometry import FollowTicks, ScaleMotion, ScaleSteps
 from slamsim.recording.edits.wheels import Pair, RewireWheels, ScaleWheelNumbers, WrapTicks
@@ -119,7 +119,7 @@ class WheelSlip(Fault):
     """How many, evenly spread over the recording."""
 
     def edit(self, recording: Recording, rng: np.random.Generator) -> Edit:
-        return ScaleSteps(self._gain)
+        return ScaleSteps(WHEELS, self._gain)
 
     def _gain(self, stamps_ns: IntArray) -> FloatArray:
         """(n - 1,) of each step between stamps."""
@@ -169,7 +169,7 @@ class OdometryFrozen(Fault):
     """How often, evenly spread over the recording."""
 
     def edit(self, recording: Recording, rng: np.random.Generator) -> Edit:
-        return ScaleSteps(self._gain)
+        return ScaleSteps(WHEELS, self._gain)
 
     def _gain(self, stamps_ns: IntArray) -> FloatArray:
         frozen = spells(stamps_ns[1:], self.times, self.frozen_s)

@@ -198,7 +198,7 @@ class DepthCamera:
 
     def _posed(self, motion: Motion, instant_ns: int) -> tuple[Float32Array, Float32Array]:
         """(n, 6) rays in the map from where the camera is at an instant, and its optical axis."""
-        pose = motion.knots(self._T_base_camera, instant_ns, instant_ns)
+        pose = motion.pose_samples(self._T_base_camera, instant_ns, instant_ns)
         at = int(np.searchsorted(pose.stamps_ns, instant_ns))
         left = max(at - 1, 0)
         span_ns = max(int(pose.stamps_ns[at] - pose.stamps_ns[left]), 1)

@@ -7,34 +7,27 @@ standard input and answers with windows on standard output, at most one or two a
 
 from __future__ import annotations
 
-import io
-import os
-import pickle
-import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import suppress
-from pathlib import Path
-from typing import IO, TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Self, cast
 
 from slamsim.config.drive import DriveConfig
 from slamsim.core.progress import Progress, silent
 from slamsim.core.types import Drive
 from slamsim.guard.errors import SlamsimError
-from slamsim.process.children import Halted, Patience, dying_with_us
+from slamsim.process.children import Halted
 from slamsim.process.exit_codes import ended_by
+from slamsim.process.module_process import ModuleProcess, answers
+from slamsim.process.pipe import Ended, packed, read_message
 from slamsim.sim.drive.route import Route
 from slamsim.sim.drive.run import DriveOutcome, drive
 from slamsim.sim.robot.model import RobotModel
 
 if TYPE_CHECKING:
-    from _typeshed import WriteableBuffer
-
     from slamsim.world.model import World
 
-_STANDARD_OUTPUT, _STANDARD_ERROR = 1, 2
-_PACKAGES = Path(__file__).parents[3]
-_BUFFER_BYTES = 1 << 16
+_Order = tuple["World", RobotModel, Route, DriveConfig]
 
 
 class DriveProcess:
@@ -44,25 +37,14 @@ class DriveProcess:
     """
 
     def __init__(self) -> None:
-        self._child = subprocess.Popen(
-            dying_with_us([sys.executable, "-P", "-m", "slamsim.sim.drive.process"]),
-            env={**os.environ, "PYTHONPATH": os.pathsep.join(map(str, _import_path()))},
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            start_new_session=True,  # Ctrl-C ends this process, which then ends the child
-        )
-        assert self._child.stdout is not None
-        self._patience = Patience(self._child.pid)
-        answers = _From(self._child.stdout.fileno(), self._patience)
-        self._from = io.BufferedReader(answers, _BUFFER_BYTES)
+        self._child = ModuleProcess("slamsim.sim.drive.process")
         self._outcome: DriveOutcome | None = None
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *error: object) -> None:
-        self._child.kill()
-        self._child.communicate()
+        self._child.end()
 
     @property
     def outcome(self) -> DriveOutcome:
@@ -96,80 +78,45 @@ class DriveProcess:
         config: DriveConfig,
         progress: Progress,
     ) -> Iterator[Drive]:
-        self._tell((world, robot, route, config))
+        self._child.send(packed((world, robot, route, config)))
         for window in self._answers():
             elapsed_s = float(window.stamps_ns[-1]) * 1e-9
             progress(elapsed_s, max(route.duration_estimate_s, elapsed_s))
             yield window
 
-    def _tell(self, value: object) -> None:
-        assert self._child.stdin is not None
-        descriptor = self._child.stdin.fileno()
-        os.set_blocking(descriptor, False)
-        rest = memoryview(pickle.dumps(value, protocol=pickle.HIGHEST_PROTOCOL))
-        with suppress(BrokenPipeError):  # the other end is gone: who reads from it is told why
-            while rest:
-                self._patience.wait((), (descriptor,))
-                rest = rest[os.write(descriptor, rest) :]
-
     def _answers(self) -> Iterator[Drive]:
         while self._outcome is None:
+            self._child.wait()
             try:
-                answer = pickle.load(self._from)
-            except (EOFError, pickle.UnpicklingError):
-                code = self._child.wait()
+                found = self._child.receive()
+            except Ended:
+                code = self._child.exit_code()
                 how = ended_by(-code) if code < 0 else f"ended with code {code}"
                 raise SlamsimError(f"the physics engine's process {how}") from None
-            if isinstance(answer, Drive):
-                yield answer
-            elif isinstance(answer, DriveOutcome):
-                self._outcome = answer
-            else:
-                raise SlamsimError(str(answer))
-
-
-class _From(io.RawIOBase):
-    """A pipe from a process that may be stopped."""
-
-    def __init__(self, descriptor: int, patience: Patience) -> None:
-        self._descriptor, self._patience = descriptor, patience
-
-    def readable(self) -> bool:
-        return True
-
-    def readinto(self, buffer: WriteableBuffer) -> int:
-        self._patience.wait((self._descriptor,))
-        return os.readv(self._descriptor, (buffer,))
-
-
-def _import_path() -> list[str | Path]:
-    """Where this very package is, before whatever the user's environment names."""
-    return [_PACKAGES, *filter(None, os.environ.get("PYTHONPATH", "").split(os.pathsep))]
-
-
-def _send(stream: IO[bytes], value: object) -> None:
-    try:
-        pickle.dump(value, stream, protocol=pickle.HIGHEST_PROTOCOL)
-        stream.flush()
-    except BrokenPipeError:
-        return  # the other end is gone: whoever reads from it is told why
+            for answer in found:
+                if isinstance(answer, Drive):
+                    yield answer
+                elif isinstance(answer, DriveOutcome):
+                    self._outcome = answer
+                else:
+                    raise SlamsimError(str(answer))
 
 
 def _serve() -> None:
-    # What native code prints must not come between the answers.
-    answers = os.fdopen(os.dup(_STANDARD_OUTPUT), "wb")
-    os.dup2(_STANDARD_ERROR, _STANDARD_OUTPUT)
-    run = drive(*pickle.load(sys.stdin.buffer))
-    try:
-        for window in run:
-            pickle.dump(window, answers, protocol=pickle.HIGHEST_PROTOCOL)
-            answers.flush()
-    except BrokenPipeError:
-        return
-    except SlamsimError as error:
-        _send(answers, str(error))
-        return
-    _send(answers, run.outcome)
+    stream = answers()
+
+    def tell(answer: object) -> None:
+        stream.write(packed(answer))
+        stream.flush()
+
+    with suppress(BrokenPipeError):  # the other end is gone: nobody is left to be told
+        run = drive(*cast(_Order, read_message(sys.stdin.buffer)))
+        try:
+            for window in run:
+                tell(window)
+            tell(run.outcome)
+        except SlamsimError as error:
+            tell(str(error))
 
 
 if __name__ == "__main__":

@@ -19,8 +19,8 @@ from slamsim.config.streams import SinkEntry
 from slamsim.guard.errors import OutputRefused
 
 if TYPE_CHECKING:
-    from slamsim.logs.bag_folder import TopicKind
-    from slamsim.logs.encoding import Outgoing
+    from slamsim.io.bag2.folder import TopicKind
+    from slamsim.io.ros.encoding import Outgoing
 
 
 class FoxgloveEntry(SinkEntry):
@@ -133,7 +133,7 @@ class FoxgloveSink:
     def _channel(self, topic: TopicKind) -> Any:
         import foxglove
 
-        from slamsim.logs.bag_folder import described
+        from slamsim.io.bag2.folder import described
 
         text = described(topic.type_name)[1].encode()
         schema = foxglove.Schema(name=topic.type_name, encoding="ros2msg", data=text)

@@ -7,26 +7,23 @@ the closures known by then, and meanwhile the session drifts with its odometry.
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
 import tempfile
 from array import array
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from pathlib import Path
 from typing import cast
 
 from slamsim.config.slam import SlamConfig
 from slamsim.core.progress import Progress, silent
 from slamsim.core.result import Event, GraphEdge
-from slamsim.process.children import Halted, Patience, dying_with_us
+from slamsim.process.children import Halted
+from slamsim.process.module_process import ModuleProcess
+from slamsim.process.pipe import Ended, journal_messages, packed
 from slamsim.slam.backend.back_end import BackEnd
 from slamsim.slam.backend.correction import Correction
 from slamsim.slam.frontend.keyframes import Keyframe
 from slamsim.slam.online.messages import Done, Finish, News, Task
-from slamsim.slam.online.pipe import Ended, Pipe, journal_messages, packed
-from slamsim.slam.online.sync_back_end import InLine, Outcome
+from slamsim.slam.online.sync_back_end import Outcome, SyncBackEnd
 
 MAX_RESTARTS = 3
 """A back end that ends more often than this is not begun again."""
@@ -35,10 +32,8 @@ _ALLOCATOR = {"MALLOC_MMAP_THRESHOLD_": str(1 << 20)}
 """glibc: what a solution takes for a moment goes back to the system. Without this, its limit grows
 with the largest array ever freed, and the heap with it."""
 
-_PACKAGES = Path(__file__).parents[3]
 
-
-class Beside:
+class AsyncBackEnd:
     """A ``MapKeeper`` that hands everything to another process.
 
     ``behind`` tells how many key frames that process has not dealt with yet.
@@ -51,13 +46,13 @@ class Beside:
         self._closures: list[GraphEdge] = []
         self._correction: Correction | None = None
         self._outcome: Outcome | None = None
-        self._alone: InLine | None = None
+        self._alone: SyncBackEnd | None = None
         self._happened: list[Event] = []
         self._told = 0
         self._last_ns = 0
         self._taken = self._restarts = 0
         self._answered = -1
-        self._child: subprocess.Popen[bytes] | None = None
+        self._child: ModuleProcess | None = None
         self._begin()
 
     @property
@@ -91,7 +86,7 @@ class Beside:
         self._journal.write(data)
         self._taken, self._last_ns = self._taken + 1, keyframe.stamp_ns
         if self._child is not None:
-            self._pipe.send(data)
+            self._child.send(data)
 
     def correction(self) -> Correction | None:
         """See ``MapKeeper``."""
@@ -110,7 +105,7 @@ class Beside:
         while self._outcome is None and self._child is not None:
             before = self._restarts
             try:
-                self._pipe.wait(Patience(self._child.pid))
+                self._child.wait()
                 self._read(progress)
             except Halted:
                 self._begin_again()
@@ -136,7 +131,7 @@ class Beside:
         """What is left when no process will stay: all key frames, and no closures."""
         closures = self._config.back_end.closures.model_copy(update={"enabled": False})
         back_end = self._config.back_end.model_copy(update={"closures": closures})
-        keeper = InLine(self._config.model_copy(update={"back_end": back_end}))
+        keeper = SyncBackEnd(self._config.model_copy(update={"back_end": back_end}))
         for keyframe in self._journalled():
             keeper.take(keyframe)
         self._alone = keeper
@@ -149,14 +144,14 @@ class Beside:
 
     def _ask(self) -> None:
         if self._child is not None:
-            self._pipe.send(packed(Finish()))
+            self._child.send(packed(Finish()))
 
     def _read(self, progress: Progress) -> None:
         """Take in all news; begin a new process if this one is gone."""
         if self._child is None:
             return
         try:
-            for message in self._pipe.receive():
+            for message in self._child.receive():
                 self._heed(message, progress)
         except Ended:
             self._begin_again()
@@ -174,20 +169,7 @@ class Beside:
     def _begin(self) -> None:
         self._journal.flush()
         descriptor = self._journal.fileno()
-        self._child = subprocess.Popen(
-            dying_with_us([sys.executable, "-P", "-m", "slamsim.slam.online.worker"]),
-            env={
-                **_ALLOCATOR,
-                **os.environ,
-                "PYTHONPATH": os.pathsep.join(map(str, _import_path())),
-            },
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            pass_fds=(descriptor,),
-            start_new_session=True,  # Ctrl-C ends this process, which then ends the child
-        )
-        assert self._child.stdin is not None and self._child.stdout is not None
-        self._pipe = Pipe(self._child.stdin, self._child.stdout)
+        self._child = ModuleProcess("slamsim.slam.online.worker", _ALLOCATOR, (descriptor,))
         task = Task(
             self._config,
             journal=descriptor,
@@ -196,7 +178,7 @@ class Beside:
             kept=self._kept,
             closures=self._closures,
         )
-        self._pipe.send(packed(task))
+        self._child.send(packed(task))
 
     def _begin_again(self) -> None:
         code = self._end()
@@ -211,15 +193,4 @@ class Beside:
     def _end(self) -> int | None:
         """End the process, whatever it is doing; its exit code."""
         child, self._child = self._child, None
-        if child is None:
-            return None
-        child.kill()
-        for stream in (child.stdin, child.stdout):
-            assert stream is not None
-            stream.close()
-        return child.wait()
-
-
-def _import_path() -> list[str | Path]:
-    """Where this very package is, before whatever the user's environment names."""
-    return [_PACKAGES, *filter(None, os.environ.get("PYTHONPATH", "").split(os.pathsep))]
+        return None if child is None else child.end()

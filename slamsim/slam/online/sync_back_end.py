@@ -68,7 +68,7 @@ class MapKeeper(Protocol):
         ...
 
 
-class InLine:
+class SyncBackEnd:
     """The back end within the session: each key frame is dealt with before ``take`` returns.
 
     earlier: a map to go on with. fixed: it stays as it is.

@@ -12,23 +12,23 @@ import threading
 from queue import SimpleQueue
 from typing import BinaryIO, cast
 
+from slamsim.process.module_process import answers
+from slamsim.process.pipe import journal_messages, packed, read_message
 from slamsim.slam.backend.back_end import BackEnd
 from slamsim.slam.frontend.keyframes import Keyframe
 from slamsim.slam.online.messages import Done, Finish, News, Task
-from slamsim.slam.online.pipe import journal_messages, packed, read_message
 from slamsim.slam.online.sync_back_end import outcome_of
 
-_STANDARD_OUTPUT, _STANDARD_ERROR = 1, 2
 _YIELDING = 10
 """Niceness: where cores are few, the session's next scan comes before the next solution."""
 
 
-def serve(messages: SimpleQueue[object], answers: BinaryIO) -> None:
+def serve(messages: SimpleQueue[object], stream: BinaryIO) -> None:
     """Do as told, one message after the other, until the outcome is delivered."""
 
     def tell(answer: object) -> None:
-        answers.write(packed(answer))
-        answers.flush()
+        stream.write(packed(answer))
+        stream.flush()
 
     def take(keyframe: Keyframe) -> None:
         kept = len(back_end.kept)
@@ -62,13 +62,11 @@ def _listen(stream: BinaryIO, messages: SimpleQueue[object]) -> None:
 def main() -> None:
     """Entry point of the process."""
     os.nice(_YIELDING)
-    # What native code prints must not come between the answers.
-    answers = os.fdopen(os.dup(_STANDARD_OUTPUT), "wb")
-    os.dup2(_STANDARD_ERROR, _STANDARD_OUTPUT)
+    stream = answers()
     messages: SimpleQueue[object] = SimpleQueue()
     threading.Thread(target=_listen, args=(sys.stdin.buffer, messages), daemon=True).start()
     try:
-        serve(messages, answers)
+        serve(messages, stream)
     except BrokenPipeError:
         return
 

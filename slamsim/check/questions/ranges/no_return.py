@@ -9,7 +9,7 @@ import numpy as np
 from slamsim.check.findings import Curve, Finding, Measurement, Plot
 from slamsim.check.question import FaultKind, Question, judge
 from slamsim.check.scan_sample import ScanSample, positive
-from slamsim.clean.no_return import find_limit
+from slamsim.recording.cleaning.no_return import find_limit
 from slamsim.recording.repairs.base import Repair
 
 MAX_ZERO_SHARE = 1e-4

@@ -1,0 +1,144 @@
+"""One line of a CARMEN log at a time: text in, typed record or ValueError out.
+
+Formats as the CARMEN logger writes them (its ``readlog``/``writelog`` modules):
+``FLASER n r1..rn laser_x laser_y laser_theta odom_x odom_y odom_theta time host logger_time``,
+``ROBOTLASER1 type start fov step max_range accuracy remission_mode n r1..rn m i1..im laser_x
+laser_y laser_theta odom_x odom_y odom_theta tv rv forward side turn_axis time host logger_time``,
+``RAWLASER1`` as that up to the remissions and then the time,
+``ODOM x y theta tv rv accel time host logger_time``.
+"""
+
+from __future__ import annotations
+
+import math
+from contextlib import suppress
+from dataclasses import dataclass
+
+import numpy as np
+
+from slamsim.core.types import Float32Array, FloatArray
+from slamsim.guard.numbers import is_sound
+from slamsim.io.text.stamps import stamp_ns_from_decimal
+
+_MOST_BEAMS = 100_000
+_SICK_STEPS_DEG = {180: 1.0, 181: 1.0, 360: 0.5, 361: 0.5, 400: 0.25, 401: 0.25}
+_SICK_STARTS_DEG = {400: -50.0, 401: -50.0}
+
+
+@dataclass(frozen=True, slots=True)
+class Fan:
+    """Where the beams of a laser look. range_max_m is None where the line does not declare it."""
+
+    angle_min_rad: float
+    angle_step_rad: float
+    beam_count: int
+    range_max_m: float | None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LaserLine:
+    """readings_m: (n,) as written. T_odom_laser, T_odom_base: planar, None in raw lines.
+
+    logged_ns: the logger's time since its own start, None if it is missing.
+    """
+
+    stamp_ns: int
+    fan: Fan
+    readings_m: FloatArray
+    intensities: Float32Array | None
+    T_odom_laser: FloatArray | None
+    T_odom_base: FloatArray | None
+    logged_ns: int | None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OdomLine:
+    """T_odom_base: planar. twist: (2,) forward m/s and yaw rate rad/s. logged_ns as above."""
+
+    stamp_ns: int
+    T_odom_base: FloatArray
+    twist: FloatArray
+    logged_ns: int | None
+
+
+def sick_fan(beam_count: int) -> Fan:
+    """The fan of a line that only tells its number of beams.
+
+    180 or 181 beams are 1 degree apart, 360 or 361 half a degree, both from -90 degrees; 400 or
+    401 a quarter from -50: the modes of a SICK LMS, as CARMEN has it. Any other number is spread
+    over 180 degrees with a beam at each end.
+    """
+    step_deg = _SICK_STEPS_DEG.get(beam_count, 180.0 / (beam_count - 1))
+    start_deg = _SICK_STARTS_DEG.get(beam_count, -90.0)
+    return Fan(math.radians(start_deg), math.radians(step_deg), beam_count, None)
+
+
+def _finite(words: list[str]) -> FloatArray:
+    values = np.array(words, dtype=np.float64)
+    if not is_sound(values).all():
+        raise ValueError("a number that is not finite, or too large")
+    return values
+
+
+def _take(words: list[str], start: int, count: int) -> list[str]:
+    if start + count > len(words):
+        raise ValueError(f"{len(words)} words where at least {start + count} belong")
+    return words[start : start + count]
+
+
+def _count(word: str, least: int) -> int:
+    count = int(word)
+    if not least <= count <= _MOST_BEAMS:
+        raise ValueError(f"{count} beams, where {least} to {_MOST_BEAMS} are possible")
+    return count
+
+
+def _logged_ns(words: list[str], stamp_at: int) -> int | None:
+    """The last of ``time host logger_time``, of which the first stands at stamp_at."""
+    with suppress(IndexError, ValueError):
+        return stamp_ns_from_decimal(words[stamp_at + 2])
+    return None
+
+
+def parse_odom(words: list[str]) -> OdomLine:
+    """An ODOM line."""
+    pose, twist = _finite(_take(words, 1, 3)), np.array(_take(words, 4, 2), dtype=np.float64)
+    return OdomLine(stamp_ns_from_decimal(_take(words, 7, 1)[0]), pose, twist, _logged_ns(words, 7))
+
+
+def parse_flaser(words: list[str]) -> LaserLine:
+    """FLASER and RLASER lines."""
+    count = _count(_take(words, 1, 1)[0], least=2)
+    readings = np.array(_take(words, 2, count), dtype=np.float64)
+    poses = _finite(_take(words, 2 + count, 6))
+    stamp_ns = stamp_ns_from_decimal(_take(words, 8 + count, 1)[0])
+    if len(words) > 11 + count:
+        raise ValueError(f"{len(words)} words where {11 + count} belong")
+    fan, logged_ns = sick_fan(count), _logged_ns(words, 8 + count)
+    return LaserLine(stamp_ns, fan, readings, None, poses[:3], poses[3:], logged_ns)
+
+
+def parse_configured(words: list[str]) -> LaserLine:
+    """ROBOTLASER and RAWLASER lines, which describe their own fan."""
+    start, _fov, step, range_max, _accuracy = _finite(_take(words, 2, 5)).tolist()
+    count = _count(_take(words, 8, 1)[0], least=2)
+    if not (step > 0.0 and step * (count - 1) < 2.0 * math.pi + step and range_max > 0.0):
+        raise ValueError(
+            f"a step of {step} rad over {count} beams and a maximum of {range_max} m make no laser"
+        )
+    readings = np.array(_take(words, 9, count), dtype=np.float64)
+    at = 9 + count
+    remissions = _count(_take(words, at, 1)[0], least=0)
+    intensities = np.array(_take(words, at + 1, remissions), dtype=np.float32)
+    at += 1 + remissions
+    poses = _finite(_take(words, at, 6)) if words[0].startswith("ROBOT") else None
+    at += 0 if poses is None else 11
+    return LaserLine(
+        stamp_ns_from_decimal(_take(words, at, 1)[0]),
+        Fan(start, step, count, range_max),
+        readings,
+        intensities if remissions == count else None,
+        None if poses is None else poses[:3],
+        None if poses is None else poses[3:],
+        _logged_ns(words, at),
+    )

@@ -1,0 +1,277 @@
+"""A recording copied message by message, with nothing changed but what was edited in it.
+
+What an edit does not touch is copied as bytes: topics that are not modelled, their types, quality
+of service, publish times and sequence numbers, metadata and attachments. A touched message is
+decoded by the definition that the file itself brings along, what was edited is set in it, and it
+is encoded again: fields that a ``Recording`` does not hold, such as covariances, stay.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Container, Iterator, Sequence
+from contextlib import closing
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from slamsim.core.types import IntArray
+from slamsim.guard.errors import SlamsimError
+from slamsim.guard.yaml import load_yaml
+from slamsim.io.bag2.folder import METADATA_RECORD
+from slamsim.io.bag2.metadata import METADATA, topics_announced
+from slamsim.io.copy.changes import (
+    changes_between,
+    new_edges,
+    parts_with_origin,
+    transform_messages,
+)
+from slamsim.io.copy.plan import Row, TopicPlan, plans
+from slamsim.io.copy.shared_clocks import StampMap, header_topics, stamp_maps, stamp_of, with_stamp
+from slamsim.io.copy.writers import Bag1Copy, Bag2Copy, Copy, Message, Spool
+from slamsim.io.input_errors import as_input_errors
+from slamsim.io.ros.bag import Bag, open_bag
+from slamsim.io.ros.reader import TRANSFORMS, description_topic, is_truth
+from slamsim.io.ros.sources import Bag1Source, McapSource
+from slamsim.recording import Recording, TransformEdge
+
+
+@dataclass(frozen=True, slots=True)
+class Copied:
+    """What became of a recording in a copy.
+
+    changed: topics in which any message was changed, dropped or moved. unchanged: (topic, type,
+    messages) of all others, byte for byte. restamped: (topic, stream) of topics that are not
+    modelled and whose stamps were moved with those of the stream that they were made from.
+    not_restamped: those with stamps that stayed, while stamps of others were changed. attached:
+    files that travel along in the copy. lost: what its format could not hold.
+    """
+
+    changed: tuple[str, ...] = ()
+    unchanged: tuple[tuple[str, str, int], ...] = ()
+    restamped: tuple[tuple[str, str], ...] = ()
+    not_restamped: tuple[str, ...] = ()
+    attached: tuple[str, ...] = ()
+    lost: tuple[str, ...] = ()
+
+    def sentences(self) -> Iterator[str]:
+        """What a user should know of it, one line each."""
+        if self.unchanged:
+            topics = ", ".join(topic for topic, _, _ in self.unchanged)
+            yield f"Copied byte for byte: {topics}"
+        for topic, stream in self.restamped:
+            yield f"Stamps of {topic} were moved with those of {stream}: it has the same stamps"
+        if self.not_restamped:
+            topics = ", ".join(self.not_restamped)
+            yield f"Stamps not moved, for nothing shows that they are on that clock: {topics}"
+        for name in self.attached:
+            yield f"All of {name} travels along as an attachment of the MCAP file"
+        if self.lost:
+            yield f"Not in the copy, for rosbag2 cannot hold it: {', '.join(self.lost)}"
+
+
+def rewrite_recording(path: Path, read: Recording, edited: Recording, folder: Path) -> Copied:
+    """Copy the ROS recording at path into a new or empty folder, with what was edited.
+
+    read: as ``read_recording(path)`` gave it; edited: what was made of it. A ROS 1 bag stays one;
+    every other recording becomes a rosbag2 folder with one MCAP file. Call it inside
+    ``partial_folder``: after an exception the folder is unfinished. Raises InputRefused as
+    ``open_bag`` does, and SlamsimError for a stamp that the format cannot hold.
+    """
+    bag = open_bag(path)
+    changes = changes_between(read, edited)
+    modelled = {origin.topic for _, origin in parts_with_origin(read)}
+    others = [c.topic for c in bag.channels if c.topic not in modelled and not is_truth(c)]
+    stamped = header_topics(bag, others)
+    edits = _Edits(
+        bag,
+        plans(read, changes),
+        stamp_maps(bag, changes, stamped),
+        _new_description(bag, read, edited),
+    )
+    edges = new_edges(edited)
+    with _copy_of(bag, folder) as copy, closing(Spool()) as spool:
+        _require_stamps(copy, [*(c.stamps_ns for c in changes), *(e.stamps_ns for e in edges)])
+        numbers = _declared(bag, copy)
+        _spool_moved(edits, copy, numbers, spool)
+        _spool_new(bag, edges, copy, numbers, spool)
+        _merge(edits, copy, numbers, spool)
+    restamps = any(change.restamped for change in changes)
+    return _copied(edits, edges, [t for t in stamped if restamps and t not in edits.restamped])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Edits:
+    """What changes in the messages of a bag, by topic.
+
+    restamped: topics that are not modelled and whose stamps move. description: topic and text of
+    another robot description.
+    """
+
+    bag: Bag
+    plans: dict[str, TopicPlan]
+    restamped: dict[str, StampMap]
+    description: tuple[str, str] | None
+
+    def counted(self, topics: Container[str] | None = None) -> Iterator[tuple[str, int, Message]]:
+        """(topic, number of the message on it, message) of all messages, or of some topics."""
+        names = {n: each.topic for n, each in self.bag.source.declarations.items()}
+        counts = dict.fromkeys(names.values(), 0)
+        for message in self.bag.everything(topics):
+            topic = names[message[0]]
+            yield topic, counts[topic], message
+            counts[topic] += 1
+
+    def in_place(self, topic: str, count: int, data: bytes) -> bytes | None:
+        """A message as it is to be written where it stands; None where nothing is left of it."""
+        types = self.bag.source.types
+        if topic in self.plans:
+            return self._as_planned(topic, self.plans[topic], count, data)
+        if topic in self.restamped:
+            encoding = types.encoding(topic)
+            stamp_ns = self.restamped[topic](stamp_of(data, encoding))
+            return with_stamp(data, encoding, stamp_ns)
+        if self.description is not None and topic == self.description[0]:
+            message = self.bag.deserialize(topic, data)
+            message.data = self.description[1]
+            return types.serialize(topic, message)
+        return data
+
+    def _as_planned(self, topic: str, plan: TopicPlan, count: int, data: bytes) -> bytes | None:
+        rows, dropped = plan.in_place.get(count, ()), plan.dropped.get(count, set())
+        if not rows and not dropped:
+            return data
+        message = self.bag.deserialize(topic, data)
+        parts = _parts(message)
+        for row in rows:
+            row.change.patch(parts[row.place], row.row)
+        left = [part for place, part in enumerate(parts) if place not in dropped]
+        if not left:
+            return None
+        if len(left) < len(parts):
+            message.transforms = left
+        return self.bag.source.types.serialize(topic, message)
+
+    def moved(self, topic: str, row: Row, data: bytes) -> bytes:
+        """The message with this row alone."""
+        message = self.bag.deserialize(topic, data)
+        part = _parts(message)[row.place]
+        row.change.patch(part, row.row)
+        if part is not message:
+            message.transforms = [part]
+        return self.bag.source.types.serialize(topic, message)
+
+
+def _parts(message: Any) -> Sequence[Any]:
+    """The transforms of a message that has several, else the message itself."""
+    found: Sequence[Any] = getattr(message, "transforms", (message,))
+    return found
+
+
+def _copy_of(bag: Bag, folder: Path) -> Copy:
+    if isinstance(bag.source, Bag1Source):
+        return Bag1Copy(folder, bag.path.name)
+    profile = bag.source.profile if isinstance(bag.source, McapSource) else "ros2"
+    if not bag.path.is_dir():
+        return Bag2Copy(folder, profile, bag.metadata.get(METADATA_RECORD, {}))
+    document: Any = load_yaml(bag.path / METADATA).data  # as ``open_bag`` found it
+    told = document["rosbag2_bagfile_information"]
+    custom = {str(name): str(value) for name, value in (told.get("custom_data") or {}).items()}
+    distro = str(told.get("ros_distro") or "")
+    return Bag2Copy(folder, profile, custom, distro, topics_announced(told))
+
+
+def _declared(bag: Bag, copy: Copy) -> dict[int, int]:
+    """All that stands beside the messages, copied: the number of each publisher in the copy."""
+    if isinstance(bag.source, McapSource) and isinstance(copy, Bag2Copy):
+        for record in bag.source.metadata():
+            copy.put_metadata(record)
+        with as_input_errors(bag.path, "attachments"):
+            for attachment in bag.source.attachments():
+                copy.put_attachment(attachment)
+    return {n: copy.declare(each) for n, each in bag.source.declarations.items()}
+
+
+def _spool_moved(edits: _Edits, copy: Copy, numbers: dict[int, int], spool: Spool) -> None:
+    """Rows that have a log time or a topic of their own."""
+    topics = {topic for topic, plan in edits.plans.items() if plan.moved}
+    declared = edits.bag.source.declarations
+    elsewhere: dict[tuple[int, str], int] = {}
+    for topic, count, (number, log_ns, published_ns, sequence, data) in edits.counted(topics):
+        for row in edits.plans[topic].moved.get(count, ()):
+            target = numbers[number]
+            if row.change.topic != topic:
+                key = number, row.change.topic
+                if key not in elsewhere:
+                    elsewhere[key] = copy.declare(replace(declared[number], topic=key[1]))
+                target = elsewhere[key]
+            at_ns = row.log_ns
+            moved = edits.moved(topic, row, data)
+            spool.put(target, at_ns, max(published_ns + at_ns - log_ns, 0), sequence, moved)
+
+
+def _spool_new(
+    bag: Bag, edges: Sequence[TransformEdge], copy: Copy, numbers: dict[int, int], spool: Spool
+) -> None:
+    """Transforms that no message holds yet."""
+    if not edges:
+        return
+    first_ns = next(bag.everything())[1]
+    types, declared = bag.source.types, bag.source.declarations
+    carrying = {c.topic for c in bag.of_type(*TRANSFORMS)}
+    targets = {d.topic: numbers[n] for n, d in declared.items() if d.topic in carrying}
+    for edge in edges:
+        if edge.topic not in targets:
+            made = copy.declare_standard(edge.topic, TRANSFORMS[0], latched=edge.is_static)
+            targets[edge.topic] = copy.declare(made)
+            types.declare(made.topic, made.type_name, made.encoding)
+            types.define(made.type_name, made.written_as, made.definition.decode())
+        for sequence, (at_ns, data) in enumerate(transform_messages(types, edge, first_ns)):
+            spool.put(targets[edge.topic], at_ns, at_ns, sequence, data)
+
+
+def _merge(edits: _Edits, copy: Copy, numbers: dict[int, int], spool: Spool) -> None:
+    """Everything in the order of the file, and what was spooled at its log time."""
+    later = spool.in_order()
+    due, now_ns = next(later, None), 0
+    for topic, count, (number, log_ns, published_ns, sequence, data) in edits.counted():
+        now_ns = max(now_ns, log_ns)
+        while due is not None and due[1] <= now_ns:
+            copy.put(*due)
+            due = next(later, None)
+        edited = edits.in_place(topic, count, data)
+        if edited is not None:
+            copy.put(numbers[number], log_ns, published_ns, sequence, edited)
+    while due is not None:
+        copy.put(*due)
+        due = next(later, None)
+
+
+def _new_description(bag: Bag, read: Recording, edited: Recording) -> tuple[str, str] | None:
+    topic, text = description_topic(bag), edited.robot_description
+    if topic is None or text is None or text == read.robot_description:
+        return None
+    return topic, text
+
+
+def _require_stamps(copy: Copy, stamps: Sequence[IntArray]) -> None:
+    for stamps_ns in stamps:
+        seconds = stamps_ns // 1_000_000_000
+        for second in (int(seconds.min(initial=0)), int(seconds.max(initial=0))):
+            if not copy.first_s <= second <= copy.last_s:
+                raise SlamsimError(
+                    f"a stamp of {second} s cannot be written: {copy.format} counts from "
+                    f"{copy.first_s} to {copy.last_s} s"
+                )
+
+
+def _copied(edits: _Edits, edges: Sequence[TransformEdge], still: Sequence[str]) -> Copied:
+    changed = {*edits.plans, *edits.restamped, *(edge.topic for edge in edges)}
+    if edits.description is not None:
+        changed.add(edits.description[0])
+    others = [c for c in edits.bag.channels if c.topic not in changed]
+    return Copied(
+        changed=tuple(sorted(changed)),
+        unchanged=tuple((c.topic, c.type_name, c.messages) for c in others),
+        restamped=tuple((topic, each.topic) for topic, each in edits.restamped.items()),
+        not_restamped=tuple(still),
+    )

@@ -1,0 +1,68 @@
+"""ROS 1 bags and ROS 2 recordings, in MCAP and in SQLite."""
+
+from __future__ import annotations
+
+from collections import Counter
+from pathlib import Path
+
+from slamsim.io.formats import Contents, Format, Truth, register
+
+
+def _read(path: Path, scan_topic: str | None, truth: Truth) -> Contents:
+    from slamsim.io.ros.reader import read_ros
+
+    return read_ros(path, scan_topic, truth)
+
+
+def _rosbag2(folder: Path) -> Path | None:
+    return folder if (folder / "metadata.yaml").is_file() else None
+
+
+def _only_bag(folder: Path) -> Path | None:
+    bags = [file for file in folder.iterdir() if file.suffix == ".bag"] if folder.is_dir() else []
+    return bags[0] if len(bags) == 1 else None
+
+
+def _checksums(path: Path) -> str:
+    from slamsim.io.ros.bag import open_bag
+    from slamsim.io.ros.sources import McapSource
+
+    source = open_bag(path).source
+    if isinstance(source, McapSource):
+        return _of_mcap(source.unchecked)
+    if path.suffix.lower() == ".bag":
+        return "chunks that are packed with bz2 have checksums, and they hold; others have none"
+    return "nothing: SQLite recordings have no checksums, but their pages hang together"
+
+
+def _of_mcap(unchecked: Counter[str]) -> str:
+    lacking = [f"{what} ({count}x)" for what, count in sorted(unchecked.items()) if count]
+    if not lacking:
+        return "all that is in the MCAP files has checksums, and they hold"
+    return f"checksums hold where there are any; without: {', '.join(lacking)}"
+
+
+ROS2 = Format(
+    name="ros 2",
+    rank=1,
+    read=_read,
+    suffixes=(".mcap", ".db3"),
+    about_files=".mcap, .db3",
+    about_folders="rosbag2 with metadata.yaml",
+    in_folder=_rosbag2,
+    has_truth=True,
+    checksums=_checksums,
+)
+ROS1 = Format(
+    name="ros 1",
+    rank=3,
+    read=_read,
+    suffixes=(".bag",),
+    about_files=".bag",
+    about_folders="one ROS 1 bag",
+    in_folder=_only_bag,
+    has_truth=True,
+    checksums=_checksums,
+)
+register(ROS2)
+register(ROS1)

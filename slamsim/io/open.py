@@ -1,0 +1,138 @@
+"""Opens recordings of every format: as they were written, and as SLAM reads them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from slamsim.core.types import Log, Trajectory
+from slamsim.guard.errors import InputRefused, NotFound
+from slamsim.guard.files import own_file
+from slamsim.io.formats import Contents, Format, formats
+from slamsim.io.input_errors import as_input_errors, damaged
+from slamsim.io.names import LOG, TABLES
+from slamsim.recording import Recording
+from slamsim.recording.cleaning.log import clean
+from slamsim.recording.cleaning.streams import trajectory_of
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OpenRecording:
+    """A recording that was read once: what it says, the log in it, the truth in it."""
+
+    path: Path
+    contents: Contents
+
+    @property
+    def recording(self) -> Recording:
+        return self.contents.recording
+
+    def log(self) -> Log:
+        """As SLAM reads it. Raises InputRefused as ``read_log`` does."""
+        with as_input_errors(self.path, "its contents"):
+            return clean(self.recording, self.path)
+
+    def truth(self) -> Trajectory | None:
+        """As ``read_truth`` gives it."""
+        if self.contents.truth_damage is not None:
+            where, reason = self.contents.truth_damage
+            raise InputRefused(self.path, reason, where)
+        if self.contents.truth is None:
+            return None
+        with as_input_errors(self.path, "its truth"):
+            truth = trajectory_of(self.contents.truth)
+        return truth if len(truth) else None
+
+
+def open_recording(path: Path, scan_topic: str | None = None) -> OpenRecording:
+    """Read the recording at path, with the truth in it, which no log or recording shows.
+
+    Of a format that is registered in ``slamsim.io.formats``, or a run's folder that holds one.
+    scan_topic: of several lidars only this one. Memory stays bounded: from a certain size on ranges
+    live in a temporary file. Raises NotFound, or InputRefused naming file, place and reason when it
+    cannot be read at all; what only some messages suffer from stands in ``Recording.anomalies`` and
+    ``unread``.
+    """
+    path = recording_at(path)
+    with as_input_errors(path, "its contents"):
+        return OpenRecording(path, format_of(path).read(path, scan_topic, "with"))
+
+
+def read_recording(path: Path, scan_topic: str | None = None) -> Recording:
+    """What the recording at path says; as ``open_recording`` without the truth.
+
+    Raises InputRefused besides for a recording of which no topic can be read.
+    """
+    path = recording_at(path)
+    with as_input_errors(path, "its contents"):
+        found = format_of(path).read(path, scan_topic, "without").recording
+    beside = (found.transforms, found.robot_description, found.clock_ns)
+    if not found.streams and all(each is None or each == () for each in beside):
+        there = ", ".join(sorted({each.type_name for each in found.topics if each.messages}))
+        reason = f"there is nothing that could be checked, only {there or 'no message at all'}"
+        raise InputRefused(path, reason)
+    return found
+
+
+def read_log(path: Path, scan_topic: str | None = None) -> Log:
+    """The log at path: what the recording says, sorted, converted, with warnings.
+
+    The truth in it, if any, is never read. scan_topic chooses one of several lidars; without it
+    the one with the most scans is taken and ``Log.warnings`` says so. Raises NotFound, or
+    InputRefused naming file, place and reason.
+    """
+    path = recording_at(path)
+    with as_input_errors(path, "its contents"):
+        recording = format_of(path).read(path, scan_topic, "without").recording
+        return clean(recording, path)
+
+
+def read_truth(path: Path) -> Trajectory | None:
+    """``T_map_base`` as the simulator recorded it, or None for a log without truth."""
+    path = recording_at(path)
+    found = format_of(path)
+    if not found.has_truth:
+        return None
+    with as_input_errors(path, "its truth"):
+        return OpenRecording(path, found.read(path, None, "only")).truth()
+
+
+def checked_recording(path: Path) -> str:
+    """Read a recording to its last byte, and say in words what its checksums prove.
+
+    Raises NotFound, or InputRefused where it is damaged or none.
+    """
+    path = recording_at(path)
+    return format_of(path).checksums(path)
+
+
+def format_of(path: Path) -> Format:
+    """The format of a path that ``recording_at`` gave."""
+    return next(each for each in formats() if each.is_at(path))
+
+
+def recording_at(path: Path) -> Path:
+    """The recording that a path means; InputRefused when it can be none."""
+    if not path.exists():
+        raise NotFound(f"{path}: there is no such file or folder")
+    known = formats()
+    if not path.is_dir():
+        if any(each.is_file(path) for each in known):
+            return path
+        suffix = path.suffix or "no suffix"
+        raise InputRefused(path, f"{suffix} is no known kind of log; {_about(known)}")
+    for each in known:
+        for name in (".", LOG, TABLES):
+            found = each.in_folder(path / name)
+            if found is not None:
+                return own_file(path, found.relative_to(path).as_posix())
+    missing = "there is no metadata.yaml in this folder"
+    if any(file.suffix in (".mcap", ".db3") for file in path.iterdir()):
+        raise damaged(path, missing)
+    raise InputRefused(path, f"{missing}; {_about(known)}")
+
+
+def _about(known: tuple[Format, ...]) -> str:
+    files = ", ".join(each.about_files for each in known if each.about_files)
+    folders = ", ".join(each.about_folders for each in known if each.about_folders)
+    return f"a log is {files}, or a folder: {folders}"

@@ -1,0 +1,139 @@
+"""Opens ROS 1 and ROS 2 recordings, checked before they are read.
+
+A ROS 2 recording is a folder with metadata.yaml, a single .mcap or a single .db3; a ROS 1
+recording is a .bag. Topics are found by their type, never by their name.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Container, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path, PurePath
+from typing import Any
+
+from slamsim.guard.errors import InputRefused, shown
+from slamsim.guard.files import own_file
+from slamsim.guard.yaml import load_yaml
+from slamsim.io.bag1.reader import index_bag1
+from slamsim.io.bag2.sqlite import index_sqlite
+from slamsim.io.input_errors import as_input_errors, damaged
+from slamsim.io.mcap.reader import index_mcap
+from slamsim.io.ros.sources import (
+    Bag1Source,
+    Channel,
+    McapSource,
+    MessageSource,
+    Received,
+    SqliteSource,
+)
+
+_METADATA = "metadata.yaml"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Bag:
+    """A recording whose bytes were found sound. metadata: MCAP metadata records by name."""
+
+    path: Path
+    source: MessageSource
+    channels: tuple[Channel, ...]
+    metadata: dict[str, dict[str, str]] = field(default_factory=dict)
+
+    def of_type(self, *type_names: str) -> list[Channel]:
+        """The non-empty topics of these types, the one with the most messages first."""
+        found = [c for c in self.channels if c.type_name in type_names and c.messages]
+        return sorted(found, key=lambda channel: (-channel.messages, channel.topic))
+
+    def deserialize(self, topic: str, data: bytes) -> Any:
+        """One message; InputRefused if the bytes are none."""
+        with as_input_errors(self.path, f"topic {topic}"):
+            return self.source.deserialize(topic, data)
+
+    def is_cdr(self, topic: str) -> bool:
+        """Whether its messages are plain ROS 2 serialisations of the standard type; InputRefused
+        if its definition is none."""
+        with as_input_errors(self.path, f"topic {topic}"):
+            return self.source.is_cdr(topic)
+
+    def received(self, topics: set[str]) -> Iterator[tuple[str, int, bytes]]:
+        """(topic, when it was received in ns, serialised message).
+
+        Raises InputRefused on damage, or if some are missing.
+        """
+        declared = self.source.declarations
+        for number, received_ns, _, _, data in self.everything(topics):
+            yield declared[number].topic, received_ns, data
+
+    def everything(self, topics: Container[str] | None = None) -> Iterator[Received]:
+        """All messages, or those of some topics, as recorded; raises as ``received`` does."""
+        names = {n: each.topic for n, each in self.source.declarations.items()}
+        return self._of({n: t for n, t in names.items() if topics is None or t in topics})
+
+    def _of(self, names: Mapping[int, str]) -> Iterator[Received]:
+        """names: topics by the number of their declarations."""
+        if not names:
+            return
+        topics = set(names.values())
+        expected = sum(c.messages for c in self.channels if c.topic in topics)
+        seen = 0
+        with as_input_errors(self.path, f"topic {', '.join(sorted(topics))}"):
+            for message in self.source.received(names):
+                seen += 1
+                yield message
+            if seen != expected:
+                raise ValueError(f"the index leads to {seen} of {expected} messages")
+
+
+def open_bag(path: Path) -> Bag:
+    """Checks the files and lists the topics; raises InputRefused or NotFound."""
+    files, announced, compressed = _files(path) if path.is_dir() else ([path], None, False)
+    kinds = {file.suffix.lower() for file in files}
+    if kinds == {".mcap"}:
+        if compressed:
+            raise InputRefused(path, "messages compressed one by one in an MCAP are not read")
+        bag = _mcap_bag(path, files)
+    elif kinds == {".db3"}:
+        bag = _bag(path, SqliteSource([index_sqlite(file, compressed) for file in files]))
+    elif kinds == {".bag"} and len(files) == 1:
+        bag = _bag(path, Bag1Source(index_bag1(files[0])))
+    else:
+        names = ", ".join(file.name for file in files) or "no file"
+        raise InputRefused(path, f"{names}: .mcap or .db3 files belong into a recording")
+    found = sum(channel.messages for channel in bag.channels)
+    if announced not in (None, found):
+        raise damaged(path, f"{_METADATA} announces {announced:,} messages, there are {found:,}")
+    return bag
+
+
+def _mcap_bag(path: Path, files: list[Path]) -> Bag:
+    indexes = [index_mcap(file) for file in files]
+    metadata = {each.name: each.metadata for index in indexes for each in index.metadata}
+    with as_input_errors(path, "channels"):
+        source = McapSource(indexes)
+    return replace(_bag(path, source), metadata=metadata)
+
+
+def _bag(path: Path, source: MessageSource) -> Bag:
+    channels = tuple(source.channels())
+    for channel in channels:
+        if not (channel.topic.strip() and f"{channel.topic}{channel.type_name}".isprintable()):
+            name = shown(channel.topic)
+            raise InputRefused(path, f"the topic {name} or its type is no name: damaged, or a trap")
+    return Bag(path, source, channels)
+
+
+def _files(folder: Path) -> tuple[list[Path], int, bool]:
+    """(files, number of messages announced, whether each is compressed) by metadata.yaml."""
+    metadata = own_file(folder, _METADATA)
+    document = load_yaml(metadata).data
+    with as_input_errors(metadata, "rosbag2_bagfile_information"):
+        if not isinstance(document, dict):
+            raise ValueError("no mapping")
+        information = document["rosbag2_bagfile_information"]
+        mode = str(information.get("compression_mode") or "").lower()
+        announced = int(information["message_count"])
+        names = [PurePath(str(name)).name for name in information["relative_file_paths"]]
+        files = [own_file(folder, name) for name in names]
+    if mode == "file":
+        raise InputRefused(metadata, "its files are compressed as a whole: unpack them first")
+    return files, announced, mode == "message"

@@ -1,0 +1,236 @@
+"""A ROS recording as it was written, in one pass over its messages."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from slamsim.core.types import Epoch
+from slamsim.guard.errors import InputRefused
+from slamsim.io.formats import Contents, Truth
+from slamsim.io.input_errors import as_input_errors
+from slamsim.io.names import LOG
+from slamsim.io.ros.bag import Bag, open_bag
+from slamsim.io.ros.collectors import (
+    ClockCollector,
+    JointCollector,
+    NumberCollector,
+    TextCollector,
+    TransformCollector,
+)
+from slamsim.io.ros.columns import Opened
+from slamsim.io.ros.scan_collector import ScanCollector
+from slamsim.io.ros.sources import Channel
+from slamsim.recording import (
+    KINDS,
+    RawJoints,
+    RawOdometry,
+    RawScans,
+    RecordedTopic,
+    Recording,
+    UnreadTopic,
+)
+from slamsim.recording.cleaning.rising_stamps import epoch_of
+from slamsim.recording.schemas import CLOCK
+
+_BATCH, _BATCH_BYTES = 4096, 16 << 20
+_DESCRIPTION = "robot_description"
+SCAN, ODOMETRY = RawScans.schema.type_name, RawOdometry.schema.type_name
+TRANSFORMS = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
+_TRUTH_WORDS = ("ground_truth", "groundtruth")
+_OWN_METADATA = "slamsim"
+_COLLECTORS: dict[str, Callable[[str, Opened, bool], Any]] = {
+    **{kind.schema.type_name: partial(NumberCollector, kind) for kind in KINDS},
+    RawScans.schema.type_name: ScanCollector,
+    RawJoints.schema.type_name: JointCollector,
+    TRANSFORMS[0]: TransformCollector,
+    TRANSFORMS[1]: TransformCollector,
+    CLOCK.type_name: ClockCollector,
+}
+
+
+def read_ros(path: Path, scan_topic: str | None = None, truth: Truth = "without") -> Contents:
+    """What is in a ROS recording, in one pass over its messages.
+
+    Of a message that cannot be decoded a count is kept, and the others are read. Raises
+    InputRefused as ``open_bag`` does, and for a scan topic that is not there.
+    """
+    bag = open_bag(path)
+    wanted = [] if truth == "only" else _wanted(bag, scan_topic)
+    if truth != "without":
+        wanted += [channel for channel in bag.of_type(ODOMETRY) if is_truth(channel)][:1]
+    topics = {channel.topic: _Topic(bag, channel) for channel in wanted}
+    for name, received_ns, data in bag.received(set(topics)) if topics else ():
+        topics[name].add(received_ns, data)
+    for topic in topics.values():
+        topic.finish()
+    true = next((topics.pop(name) for name in list(topics) if is_truth(topics[name].channel)), None)
+    recording = _assembled(bag, topics, all_scans=scan_topic is None)
+    if true is None:
+        return Contents(recording)
+    if true.damage:
+        return Contents(recording, truth_damage=(f"topic {true.channel.topic}", true.damage))
+    return Contents(recording, true.collector.stream())
+
+
+def is_truth(channel: Channel) -> bool:
+    """Whether a topic holds what no sensor measured."""
+    return any(word in channel.topic for word in _TRUTH_WORDS)
+
+
+class _Topic:
+    """One topic being read: its messages wait until there are enough to decode them together.
+
+    collector is None, and trouble says why, where nothing can be made of the topic.
+    """
+
+    def __init__(self, bag: Bag, channel: Channel) -> None:
+        self.channel, self._bag = channel, bag
+        self.collector: Any = None
+        self.trouble = self.first_damage = ""
+        self.damaged = 0
+        self._received: list[int] = []
+        self._held: list[bytes] = []
+        self._held_bytes = 0
+        with self._given_up():
+            is_cdr = bag.is_cdr(channel.topic)
+            make = _COLLECTORS.get(channel.type_name, TextCollector)
+            self.collector = make(channel.topic, self._opened, is_cdr)
+
+    def add(self, received_ns: int, data: bytes) -> None:
+        self._received.append(received_ns)
+        self._held.append(bytes(data))
+        self._held_bytes += len(data)
+        if len(self._held) == _BATCH or self._held_bytes >= _BATCH_BYTES:
+            self.flush()
+
+    def flush(self) -> None:
+        """Decode what waits; a type without the fields that its name promises is given up."""
+        if self.collector is not None and self._held:
+            with self._given_up():
+                self.collector.add(np.array(self._received, dtype=np.int64), self._held)
+        self._received, self._held, self._held_bytes = [], [], 0
+
+    def finish(self) -> None:
+        """Decode the rest."""
+        self.flush()
+        if self.collector is not None and not self.collector.taken:
+            self.collector, self.trouble = None, self.first_damage
+
+    @contextmanager
+    def _given_up(self) -> Iterator[None]:
+        try:
+            with as_input_errors(self._bag.path, f"topic {self.channel.topic}"):
+                yield
+        except InputRefused as refusal:
+            self.collector, self.trouble = None, refusal.reason
+
+    def _opened(self, data: bytes) -> Any:
+        try:
+            return self._bag.deserialize(self.channel.topic, data)
+        except InputRefused as refusal:
+            self.damaged += 1
+            self.first_damage = self.first_damage or refusal.reason
+            return None
+
+    @property
+    def damage(self) -> str:
+        """Why some messages, or all, cannot be decoded."""
+        return self.trouble or self.first_damage
+
+    @property
+    def anomaly(self) -> str:
+        """What was wrong with some messages, in words."""
+        if not self.damaged:
+            return ""
+        counts = f"{self.damaged:,} of {self.channel.messages:,} messages"
+        return f"{self.channel.topic}: {counts} cannot be decoded ({self.first_damage})"
+
+
+def description_topic(bag: Bag) -> str | None:
+    """Where the robot description is read."""
+    topics = (channel.topic for channel in bag.of_type("std_msgs/msg/String"))
+    return next((topic for topic in topics if topic.endswith(_DESCRIPTION)), None)
+
+
+def _wanted(bag: Bag, scan_topic: str | None) -> list[Channel]:
+    chosen = None if scan_topic is None else _chosen_scan(bag, scan_topic)
+    found = []
+    for channel in bag.of_type(*_COLLECTORS, "std_msgs/msg/String"):
+        other_scan = channel.type_name == SCAN and chosen not in (None, channel.topic)
+        is_text = channel.type_name not in _COLLECTORS
+        other_text = is_text and not channel.topic.endswith(_DESCRIPTION)
+        if not (other_scan or other_text or is_truth(channel)):
+            found.append(channel)
+    return found
+
+
+def _chosen_scan(bag: Bag, wanted: str) -> str:
+    channels = bag.of_type(SCAN)
+    for channel in channels:
+        if channel.topic.lstrip("/") == wanted.lstrip("/"):
+            return channel.topic
+    listing = ", ".join(f"{channel.topic} ({channel.messages} messages)" for channel in channels)
+    raise InputRefused(bag.path, f"no scans on {wanted!r}; there is {listing or 'none'}")
+
+
+def _recorded(
+    bag: Bag, topics: Mapping[str, _Topic], *, all_scans: bool
+) -> tuple[tuple[RecordedTopic, ...], tuple[UnreadTopic, ...]]:
+    """(what the file holds but the truth and lidars that are not wanted, what no check looks at)"""
+    recorded, unread = [], []
+    for channel in bag.channels:
+        topic = topics.get(channel.topic)
+        left_out = topic is None and channel.type_name == SCAN and not all_scans
+        if is_truth(channel) or left_out or not channel.messages:
+            continue
+        about = channel.topic, channel.type_name, channel.messages
+        recorded.append(RecordedTopic(*about, "" if topic is None else topic.damage))
+        reason = "no check looks at this type" if topic is None else topic.trouble
+        if reason:
+            unread.append(UnreadTopic(*about, reason))
+    return tuple(recorded), tuple(unread)
+
+
+def _assembled(bag: Bag, topics: Mapping[str, _Topic], *, all_scans: bool) -> Recording:
+    read = [topic for topic in topics.values() if topic.collector is not None]
+    collectors = [topic.collector for topic in read]
+    clocks = [c.instants_ns() for c in collectors if isinstance(c, ClockCollector)]
+    texts = [c.text for c in collectors if isinstance(c, TextCollector)]
+    recorded, unread = _recorded(bag, topics, all_scans=all_scans)
+    recording = Recording(
+        name=bag.path.resolve().parent.name if bag.path.name == LOG else bag.path.stem,
+        format=_format(bag.path),
+        streams=tuple(c.stream() for kind in KINDS for c in collectors if c.kind is kind),
+        transforms=tuple(
+            edge for c in collectors if isinstance(c, TransformCollector) for edge in c.edges()
+        ),
+        robot_description=texts[0] if texts else None,
+        clock_ns=clocks[0] if clocks else None,
+        unread=unread,
+        anomalies=tuple(topic.anomaly for topic in read if topic.anomaly),
+        topics=recorded,
+    )
+    return replace(recording, epoch=_epoch(bag, recording))
+
+
+def _epoch(bag: Bag, recording: Recording) -> Epoch:
+    """As our own metadata say; else UNIX by the size of the stamps; else a clock tells."""
+    if bag.metadata.get(_OWN_METADATA, {}).get("epoch") == "simulation":
+        return "simulation"
+    streams = (*recording.scans, *recording.imus, *recording.odometries)
+    guessed = epoch_of(int(np.median(streams[0].stamps_ns)) if streams else 0)
+    return "simulation" if guessed == "unknown" and bag.of_type(CLOCK.type_name) else guessed
+
+
+def _format(path: Path) -> str:
+    if path.is_dir():
+        return "rosbag2"
+    formats = {".mcap": "mcap", ".db3": "rosbag2", ".bag": "rosbag1"}
+    return formats[path.suffix.lower()]

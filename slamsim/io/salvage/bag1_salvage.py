@@ -1,0 +1,243 @@
+"""Finds what is whole in a damaged ROS 1 bag, record by record.
+
+The format has no checksums (only bz2 has its own), so a record is whole if its header and its
+lengths are sound. A chunk that is not compressed, whole or not, is walked through like the file
+itself. After damage the walk goes on at the next thing that reads as a header. Format:
+wiki.ros.org/Bags/Format/2.0.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from struct import iter_unpack
+from typing import BinaryIO
+
+from slamsim.guard.files import open_as_found
+from slamsim.guard.limits import LIMITS
+from slamsim.io.bag1.reader import (
+    BAG_HEADER,
+    CHUNK,
+    CHUNK_INFO,
+    CONNECTION,
+    INDEX,
+    MAGIC,
+    MESSAGE,
+    chunk_content,
+    header_fields,
+    records_in_chunk,
+)
+from slamsim.io.salvage.bag1_connection import Connection, connection
+from slamsim.io.salvage.pieces import Gap, LoneMessage
+from slamsim.io.salvage.report import PATIENCE
+
+Fields = dict[bytes, bytes]
+
+_HEADER_BYTES = 1 << 16
+_WINDOW_BYTES = 1 << 20
+_NEEDED: Mapping[bytes, Mapping[bytes, int | None]] = {
+    MESSAGE: {b"conn": 4, b"time": 8},
+    BAG_HEADER: {b"index_pos": 8, b"chunk_count": 4},
+    INDEX: {b"conn": 4, b"count": 4},
+    CHUNK: {b"size": 4, b"compression": None},
+    CHUNK_INFO: {b"chunk_pos": 8, b"count": 4},
+    CONNECTION: {b"conn": 4, b"topic": None},
+}
+_NAMES = {b"op", b"ver", b"conn_count", b"start_time", b"end_time"}.union(*_NEEDED.values())
+_HEADER_SHAPE = re.compile(rb"(?=..\0\0..\0\0(?:" + b"|".join(sorted(_NAMES)) + rb")=)", re.DOTALL)
+_SHAPE_BYTES = 32
+
+
+@dataclass(frozen=True, slots=True)
+class Head:
+    """A record with a sound header. begin: its first byte. data: the first of its data."""
+
+    fields: Fields
+    begin: int
+    data: int
+    end: int
+
+    @property
+    def op(self) -> bytes:
+        return self.fields[b"op"]
+
+
+@dataclass(frozen=True, slots=True)
+class WholeBag1Chunk:
+    """packed: as it is in the file. content: the records in it."""
+
+    compression: str
+    packed: bytes
+    content: bytes
+
+
+Piece = Connection | WholeBag1Chunk | LoneMessage | Gap
+
+
+@dataclass(slots=True)
+class Bag1Summary:
+    """What the end of a bag says. messages: by connection, None unless it is whole."""
+
+    connections: list[Connection] = field(default_factory=list)
+    messages: Counter[int] | None = None
+
+
+class Bag1Salvage:
+    """A damaged bag open for reading; the caller closes ``file``.
+
+    index: what could be read of it.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.file: BinaryIO = open_as_found(path)
+        self.size = self.file.seek(0, 2)
+        self.index = self._index()
+        self._wasted_bytes = 0
+
+    def pieces(self) -> Iterator[tuple[int, Piece]]:
+        """(byte reached, piece), in the order of the file."""
+        position = len(MAGIC)
+        if self._at(0, len(MAGIC)) != MAGIC:
+            position = self._next_header(0)
+            yield position, Gap(0, position, "the first bytes are not those of a ROS 1 bag")
+        while position < self.size:
+            piece, end = self._piece_at(position)
+            if piece is not None:
+                yield end, piece
+            position = end
+
+    def _piece_at(self, position: int) -> tuple[Piece | None, int]:
+        """(what is there, where to go on)."""
+        head = self._head_at(position)
+        if isinstance(head, str):
+            end = self._next_header(position + 1)
+            return Gap(position, end - position, head), end
+        if head.op == CHUNK and head.fields[b"compression"] == b"none":
+            return None, head.data
+        if head.end > self.size:
+            end = self._next_header(position + 1)
+            reason = "the file is cut off in this record, or its length is damaged"
+            return Gap(position, end - position, reason), end
+        try:
+            return self._piece(head), head.end
+        except Exception as error:
+            reason = " ".join(str(error).split())[:200] or type(error).__name__
+            after, counts = self._indexes_at(head.end) if head.op == CHUNK else (head.end, {})
+            if not self._may_begin(after) and self._is_patient(head):
+                after, counts = self._next_header(position + 1), None
+            return Gap(position, after - position, reason, counts), after
+
+    def _is_patient(self, head: Head) -> bool:
+        """Whether to look for records inside one that is damaged: a hostile file nests them."""
+        self._wasted_bytes += head.end - head.begin
+        return self._wasted_bytes < PATIENCE * self.size
+
+    def _piece(self, head: Head) -> Piece | None:
+        """Raises whatever is raised on damage."""
+        if head.op == CHUNK:
+            packed = self._at(head.data, head.end - head.data)
+            content = chunk_content(head.fields, packed)
+            for fields, begin, data, end in records_in_chunk(content):
+                _require_sound(fields)
+                if fields[b"op"] == CONNECTION:
+                    connection(fields, content[begin:end], data - begin)
+            return WholeBag1Chunk(head.fields[b"compression"].decode(), packed, content)
+        record = self._at(head.begin, head.end - head.begin)
+        if head.op == CONNECTION:
+            return connection(head.fields, record, head.data - head.begin)
+        if head.op == MESSAGE:
+            if not self._may_begin(head.end):
+                raise ValueError("the length of a message is damaged")
+            return LoneMessage(record)
+        return None
+
+    def _head_at(self, position: int) -> Head | str:
+        """The record there, whose data may reach beyond the file; or why there is none."""
+        length = int.from_bytes(self._at(position, 4), "little")
+        if not 0 < length <= _HEADER_BYTES:
+            return "here is no record"
+        block = self._at(position + 4, length + 4)
+        if len(block) < length + 4:
+            return "the file is cut off here"
+        try:
+            fields = header_fields(block[:length])
+            _require_sound(fields)
+        except ValueError as error:
+            return str(error)
+        data = position + length + 8
+        size = int.from_bytes(block[length:], "little")
+        most = LIMITS.bag_chunk_bytes if fields[b"op"] == CHUNK else LIMITS.bag_record_bytes
+        if size > most:
+            return f"a record of {size:,} bytes is larger than any in a recording"
+        return Head(fields, position, data, data + size)
+
+    def _may_begin(self, position: int) -> bool:
+        """Whether a record can begin there, or the file ends before that can be told."""
+        length = int.from_bytes(self._at(position, 4), "little")
+        is_cut = position + 8 + length > self.size and length <= _HEADER_BYTES
+        return is_cut or isinstance(self._head_at(position), Head)
+
+    def _next_header(self, position: int) -> int:
+        """Where the walk can go on: the next record from there, else the end."""
+        while window := self._at(position, _WINDOW_BYTES + _SHAPE_BYTES):
+            for match in _HEADER_SHAPE.finditer(window):
+                place = position + match.start()
+                head = self._head_at(place)
+                if isinstance(head, Head) and (head.end <= self.size or head.op == CHUNK):
+                    return place
+            position += _WINDOW_BYTES
+        return self.size
+
+    def _indexes_at(self, position: int) -> tuple[int, dict[int, int] | None]:
+        """(end, messages by connection) of the indexes that follow a chunk."""
+        counts = Counter[int]()
+        while isinstance(head := self._head_at(position), Head) and head.op == INDEX:
+            counts[_number(head.fields[b"conn"])] += _number(head.fields[b"count"])
+            position = head.end
+        return position, dict(counts) or None
+
+    def _index(self) -> Bag1Summary:
+        """What stands where the header of the bag says; nothing if that is damaged."""
+        index, counts, chunks = Bag1Summary(), Counter[int](), 0
+        head = self._head_at(len(MAGIC))
+        if isinstance(head, str) or head.op != BAG_HEADER:
+            return index
+        announced, position = head.fields[b"chunk_count"], _number(head.fields[b"index_pos"])
+        while 0 < position < self.size and isinstance(head := self._head_at(position), Head):
+            if head.op not in (CONNECTION, CHUNK_INFO) or head.end > self.size:
+                break
+            data = self._at(head.data, head.end - head.data)
+            if head.op == CHUNK_INFO:
+                chunks += 1
+                for conn, count in iter_unpack("<II", data[: len(data) // 8 * 8]):
+                    counts[conn] += count
+            else:
+                record = self._at(head.begin, head.end - head.begin)
+                with suppress(ValueError):
+                    found = connection(head.fields, record, head.data - head.begin)
+                    index.connections.append(found)
+            position = head.end
+        index.messages = counts if chunks == _number(announced) else None
+        return index
+
+    def _at(self, position: int, length: int) -> bytes:
+        self.file.seek(position)
+        return self.file.read(length)
+
+
+def _require_sound(fields: Fields) -> None:
+    """Raises ValueError unless these are the fields of a record."""
+    needed = _NEEDED.get(fields.get(b"op", b""))
+    if needed is None:
+        raise ValueError("here is no record")
+    for name, length in needed.items():
+        if name not in fields or length not in (None, len(fields[name])):
+            raise ValueError("the header of a record is damaged")
+
+
+def _number(value: bytes) -> int:
+    return int.from_bytes(value, "little")

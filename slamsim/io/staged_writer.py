@@ -1,0 +1,36 @@
+"""Base of all writers: files that are whole in the end, or closed and to be thrown away."""
+
+from __future__ import annotations
+
+from contextlib import ExitStack
+from types import TracebackType
+from typing import Self
+
+
+class StagedWriter:
+    """Files being written; a context manager.
+
+    When its block ends, ``_finish`` writes what is known only then, and what ``_open`` holds is
+    closed. After an exception it is closed alone: the caller discards the files.
+    """
+
+    def __init__(self) -> None:
+        self._open = ExitStack()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        if kind is not None:
+            self._open.__exit__(kind, error, trace)
+            return
+        with self._open:
+            self._finish()
+
+    def _finish(self) -> None:
+        """Write the rest."""

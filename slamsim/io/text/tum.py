@@ -1,0 +1,65 @@
+"""Trajectories in the format of the TUM RGB-D benchmark: ``time x y z qx qy qz qw`` per line."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+
+from slamsim.core.geometry import xyzw_from_yaw
+from slamsim.core.types import PlanarTrajectory, Trajectory
+from slamsim.guard.errors import InputRefused
+from slamsim.guard.numbers import is_sound
+from slamsim.guard.output import write_atomic
+from slamsim.guard.text import open_lines
+from slamsim.io.text.stamps import decimal_from_stamp_ns, stamp_ns_from_decimal
+
+
+def write_tum(path: Path, trajectory: Trajectory | PlanarTrajectory) -> None:
+    """Seconds with nine decimals (nothing of a stamp is lost), metres and quaternions likewise."""
+    spatial = _spatial(trajectory) if isinstance(trajectory, PlanarTrajectory) else trajectory
+    rows = np.column_stack([spatial.positions_m, spatial.quats_xyzw]).tolist()
+    lines = [
+        f"{decimal_from_stamp_ns(stamp_ns)} {' '.join(f'{value:.9f}' for value in row)}\n"
+        for stamp_ns, row in zip(spatial.stamps_ns.tolist(), rows, strict=True)
+    ]
+    write_atomic(path, ("# time_s x_m y_m z_m qx qy qz qw\n" + "".join(lines)).encode())
+
+
+def _spatial(trajectory: PlanarTrajectory) -> Trajectory:
+    flat = np.column_stack([trajectory.poses[:, :2], np.zeros(len(trajectory))])
+    return Trajectory(trajectory.stamps_ns, flat, xyzw_from_yaw(trajectory.poses[:, 2]))
+
+
+def read_tum(path: Path) -> Trajectory:
+    """Raises InputRefused, naming the line, for anything but poses in increasing time."""
+    stamps_ns: list[int] = []
+    rows: list[list[float]] = []
+    for number, line in open_lines(path):
+        words = line.split()
+        if not words or words[0].startswith("#"):
+            continue
+        try:
+            stamps_ns.append(stamp_ns_from_decimal(words[0]))
+            rows.append(_pose(words[1:]))
+            if len(stamps_ns) > 1 and stamps_ns[-1] <= stamps_ns[-2]:
+                raise ValueError(f"{words[0]} s is not after the line before")
+        except ValueError as error:
+            reason = f"a pose is 'time x y z qx qy qz qw', times increase ({error})"
+            raise InputRefused(path, reason, f"line {number}") from None
+    if not rows:
+        raise InputRefused(path, "there is no pose in it")
+    poses = np.array(rows)
+    quats = poses[:, 3:] / np.linalg.norm(poses[:, 3:], axis=1, keepdims=True)
+    return Trajectory(np.array(stamps_ns, dtype=np.int64), poses[:, :3], quats)
+
+
+def _pose(words: list[str]) -> list[float]:
+    values = [float(word) for word in words]
+    if len(values) != 7:
+        raise ValueError(f"{len(values) + 1} numbers")
+    norm = math.hypot(*values[3:])
+    if not (is_sound(np.array(values)).all() and abs(norm - 1.0) < 1e-2):
+        raise ValueError(f"a quaternion of length {norm:.3g}")
+    return values

@@ -1,0 +1,85 @@
+"""A module of ours as a child process, with pickles to and from it.
+
+Standard input and output carry the messages. The child never outlives this process, and Ctrl-C
+ends this process alone, which then ends the child.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import BinaryIO
+
+from slamsim.process.children import Patience, dying_with_us
+from slamsim.process.pipe import Pipe
+
+_PACKAGES = Path(__file__).parents[2]
+_STANDARD_OUTPUT, _STANDARD_ERROR = 1, 2
+
+
+class ModuleProcess:
+    """``python -m module``, begun at once.
+
+    environment: what it has besides ours. pass_fds: descriptors that stay open in it.
+    """
+
+    def __init__(
+        self,
+        module: str,
+        environment: Mapping[str, str] | None = None,
+        pass_fds: Sequence[int] = (),
+    ) -> None:
+        self._child = subprocess.Popen(
+            dying_with_us([sys.executable, "-P", "-m", module]),
+            env={**(environment or {}), **os.environ, "PYTHONPATH": _import_path()},
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            pass_fds=pass_fds,
+            start_new_session=True,
+        )
+        assert self._child.stdin is not None and self._child.stdout is not None
+        self._pipe = Pipe(self._child.stdin, self._child.stdout)
+
+    @property
+    def pid(self) -> int:
+        return self._child.pid
+
+    def send(self, data: bytes) -> None:
+        """Hand on a packed message; returns at once. What is left is sent by the next calls."""
+        self._pipe.send(data)
+
+    def receive(self) -> list[object]:
+        """All messages that are whole by now. Raises Ended when the child is gone."""
+        return self._pipe.receive()
+
+    def wait(self) -> None:
+        """Until there may be something to receive. Raises Halted where the child is stopped."""
+        self._pipe.wait(Patience(self._child.pid))
+
+    def exit_code(self) -> int:
+        """Of a child that is about to end by itself; negative for the signal that ended it."""
+        return self._child.wait()
+
+    def end(self) -> int:
+        """End it, whatever it is doing; its exit code."""
+        self._child.kill()
+        for stream in (self._child.stdin, self._child.stdout):
+            assert stream is not None
+            stream.close()
+        return self._child.wait()
+
+
+def answers() -> BinaryIO:
+    """Called in the child: where messages go; what native code prints goes to standard error."""
+    stream = os.fdopen(os.dup(_STANDARD_OUTPUT), "wb")
+    os.dup2(_STANDARD_ERROR, _STANDARD_OUTPUT)
+    return stream
+
+
+def _import_path() -> str:
+    """Where this very package is, before whatever the user's environment names."""
+    given = filter(None, os.environ.get("PYTHONPATH", "").split(os.pathsep))
+    return os.pathsep.join([str(_PACKAGES), *given])

@@ -1,0 +1,293 @@
+"""From what a recording says to what SLAM can use: sorted, converted, with warnings."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+
+from slamsim.core.arrays import BoolArray, FloatArray, IntArray
+from slamsim.core.geometry import wrap_angle
+from slamsim.core.types import EncoderStream, ImuStream, Log, PlanarTrajectory
+from slamsim.guard.errors import InputRefused
+from slamsim.recording import (
+    RawImu,
+    RawOdometry,
+    RawScans,
+    RawStream,
+    RawTicks,
+    RecordedTopic,
+    Recording,
+    TransformEdge,
+)
+from slamsim.recording.cleaning.rising_stamps import (
+    NoTime,
+    Times,
+    epoch_of,
+    is_late,
+    rising_times,
+)
+from slamsim.recording.cleaning.scans import RecordedScans, ScanSurvey
+from slamsim.recording.cleaning.streams import (
+    chain_of,
+    encoders_of,
+    imu_of,
+    odometry_of,
+    planar_poses,
+)
+from slamsim.recording.frames import FrameTree
+from slamsim.recording.mountings import (
+    ODOM_FRAME,
+    imu_mounting_of,
+    laser_mounting_of,
+    likely_base,
+    odometry_chain,
+)
+
+_USUAL_SPEED_M_S, _USUAL_TURN_RAD_S = 0.5, 0.5
+_LEAST_PERIOD_NS, _LONGEST_PERIOD_NS = 100_000_000, 10_000_000_000
+_MOST_GROWTH = 1.05
+"""Of the odometry path by sorting: by a few lines in the wrong place it grows no more."""
+
+_Raw = TypeVar("_Raw", bound=RawStream)
+
+
+def clean(recording: Recording, source: Path) -> Log:
+    """The log in a recording, of its lidar with the most scans. source: named in errors.
+
+    Raises InputRefused without usable scans, for a damaged message on a topic that is needed, and
+    for scans and odometry without a common time.
+    """
+    return _Cleaning(recording, source).log()
+
+
+class _Cleaning:
+    """A recording being cleaned. warnings: what was odd so far, and what was done about it."""
+
+    def __init__(self, recording: Recording, source: Path) -> None:
+        self._recording, self._source = recording, source
+        self._topics = recording.topics or tuple(
+            RecordedTopic(each.topic, each.schema.type_name, len(each))
+            for each in recording.streams
+        )
+        self.warnings: list[str] = []
+
+    def log(self) -> Log:
+        recording = self._recording
+        raw, carried = self._scans()
+        self.warnings += recording.anomalies
+        survey = ScanSurvey(raw)
+        times = self._times(raw, survey, carried)
+        rows = survey.rows[times.order]
+        first_ns, last_ns = int(times.stamps_ns[0]), int(times.stamps_ns[-1])
+        tree = FrameTree()
+        tree.add(self._transforms(is_static=True))
+        moved, self.warnings = self.warnings, []
+        odometry, base_frame = self._odometry(tree, raw.frame_ids[0], carried, rows, times)
+        moved, self.warnings = self.warnings, moved
+        limit, told = survey.limit(times, odometry)
+        odd = survey.warnings(times, has_beam_times=recording.format != "carmen")
+        self.warnings += [f"{raw.topic}: {words}" for words in (*odd, *told)] + moved
+        encoders, imu = self._encoders(), self._imu()
+        if odometry is not None:
+            self._require_overlap(odometry, first_ns, last_ns, encoders is not None)
+        laser_frame, warnings = raw.frame_ids[0], self.warnings
+        return Log(
+            name=recording.name,
+            epoch="simulation" if recording.epoch == "simulation" else epoch_of(first_ns),
+            scans=RecordedScans(raw, rows, times.stamps_ns, limit),
+            odometry=odometry,
+            imu=imu,
+            encoders=encoders,
+            T_base_laser=laser_mounting_of(tree, base_frame, laser_frame, warnings),
+            T_base_imu=None if imu is None else imu_mounting_of(tree, base_frame, imu, warnings),
+            warnings=tuple(warnings),
+            recorded_scans=len(raw),
+        )
+
+    def _of(self, kind: type[_Raw]) -> list[RecordedTopic]:
+        """The topics of a kind, the one with the most messages first."""
+        type_name = kind.schema.type_name
+        found = [t for t in self._topics if t.type_name == type_name and t.messages]
+        return sorted(found, key=lambda each: (-each.messages, each.topic))
+
+    def _stream(self, kind: type[_Raw], topic: RecordedTopic) -> _Raw:
+        """Raises InputRefused if any of its messages cannot be decoded."""
+        if topic.damage:
+            raise InputRefused(self._source, topic.damage, f"topic {topic.topic}")
+        return next(each for each in self._recording.of(kind) if each.topic == topic.topic)
+
+    def _largest(self, kind: type[_Raw]) -> _Raw | None:
+        """The stream with the most messages."""
+        topics = self._of(kind)
+        self._tell_of_several(topics)
+        return self._stream(kind, topics[0]) if topics else None
+
+    def _tell_of_several(self, topics: list[RecordedTopic]) -> None:
+        if len(topics) > 1:
+            listing = ", ".join(f"{t.topic} ({t.messages} messages)" for t in topics)
+            self.warnings.append(f"of {listing}, {topics[0].topic} is read")
+
+    def _scans(self) -> tuple[RawScans, RawOdometry | None]:
+        """(the largest stream of scans, the odometry in the same messages).
+
+        Where messages carry both, such as those of CARMEN, the largest of these is taken.
+        """
+        topics = self._of(RawScans)
+        if not topics:
+            kinds = sorted({topic.type_name for topic in self._topics if topic.messages})
+            there = ", ".join(kind[:60] for kind in kinds[:9]) or "no message at all"
+            needed = RawScans.schema.type_name
+            reason = f"a log without scans: {needed} is needed, there is {there}"
+            raise InputRefused(self._source, reason)
+        carried = {each.topic: each for each in self._recording.odometries}
+        topics.sort(key=lambda topic: topic.topic not in carried)
+        self._tell_of_several(topics)
+        raw = self._stream(RawScans, topics[0])
+        return raw, carried.get(raw.topic)
+
+    def _times(self, raw: RawScans, survey: ScanSurvey, carried: RawOdometry | None) -> Times:
+        """When the scans were taken that describe a lidar."""
+        rows = survey.rows
+        where = f"topic {raw.topic}"
+        if not rows.size:
+            reason = f"none of {len(raw)} scans describes a lidar"
+            raise InputRefused(self._source, reason, where)
+        stamps_ns = raw.stamps_ns[rows]
+        received_ns = None if raw.received_ns is None else raw.received_ns[rows]
+        is_repeat, sorting, period_ns = survey.is_repeat, None, None
+        if carried is not None:
+            poses = planar_poses(carried, rows)
+            is_repeat = is_repeat & np.array([False, *(np.diff(poses, axis=0) == 0).all(axis=1)])
+            sorting = _is_sorting_right(stamps_ns, poses)
+            period_ns = _likely_period_ns(poses)
+        try:
+            return rising_times(
+                stamps_ns, received_ns, is_repeat=is_repeat, sorting=sorting, period_ns=period_ns
+            )
+        except NoTime:
+            few = np.unique(stamps_ns)
+            stamps = f"the stamp {few[0]} ns" if few.size == 1 else f"one of {few.size} stamps"
+            reason = (
+                f"all {rows.size} scans carry {stamps}, and were received at no time: "
+                "when they were taken is not known"
+            )
+            raise InputRefused(self._source, reason, where) from None
+
+    def _transforms(self, *, is_static: bool) -> list[TransformEdge]:
+        edges = [e for e in self._recording.transforms if e.is_static == is_static]
+        for topic in self._topics:
+            static_topic = topic.topic.endswith("tf_static")
+            if topic.damage and "TFMessage" in topic.type_name and static_topic == is_static:
+                raise InputRefused(self._source, topic.damage, f"topic {topic.topic}")
+        return edges
+
+    def _odometry(
+        self,
+        tree: FrameTree,
+        laser_frame: str,
+        carried: RawOdometry | None,
+        rows: IntArray,
+        times: Times,
+    ) -> tuple[PlanarTrajectory | None, str]:
+        """(T_odom_base, the frame it moves); /tf completes the tree where that is needed."""
+        raw = self._largest(RawOdometry) if carried is None else carried
+        path: PlanarTrajectory | None = None
+        if raw is None:
+            tree.add(self._transforms(is_static=False))
+            edges = odometry_chain(tree, laser_frame)
+            base_frame = edges[-1][1] if edges else likely_base(tree)
+            found = chain_of(self._recording.transforms, edges)
+            path = None if found is None else found.planar()
+        else:
+            if carried is None:
+                path, odd = odometry_of(raw)
+                self.warnings += odd
+            else:
+                path = _carried_path(carried, rows, times, self._others())
+            base_frame = raw.child_frame_ids[0] or likely_base(tree)
+            if tree.between(base_frame, laser_frame) is None:
+                tree.add(self._transforms(is_static=False))
+        if path is None or len(path) == 0:
+            self.warnings.append(
+                f"a log without odometry: neither {RawOdometry.schema.type_name} nor transforms "
+                f"from {ODOM_FRAME!r} to the robot"
+            )
+            return None, base_frame
+        return path, base_frame
+
+    def _others(self) -> RawOdometry | None:
+        """Odometry beside that of the scans, which no check looks at."""
+        streams = (each.stream for each in self._recording.unread)
+        return next((each for each in streams if isinstance(each, RawOdometry)), None)
+
+    def _encoders(self) -> EncoderStream | None:
+        raw = self._largest(RawTicks)
+        encoders, odd = (None, []) if raw is None else encoders_of(raw)
+        self.warnings += odd
+        return encoders
+
+    def _imu(self) -> ImuStream | None:
+        raw = self._largest(RawImu)
+        imu, odd = (None, []) if raw is None else imu_of(raw)
+        self.warnings += odd
+        return imu
+
+    def _require_overlap(
+        self, odometry: PlanarTrajectory, first_ns: int, last_ns: int, has_encoders: bool
+    ) -> None:
+        start_ns, end_ns = int(odometry.stamps_ns[0]), int(odometry.stamps_ns[-1])
+        spans = f"scans {first_ns}..{last_ns} ns, odometry {start_ns}..{end_ns} ns"
+        if last_ns < start_ns or first_ns > end_ns:
+            if not has_encoders:
+                raise InputRefused(self._source, f"no common time: {spans}; a clock is off")
+            self.warnings.append(f"scans and odometry have no common time: {spans}")
+        elif first_ns < start_ns or last_ns > end_ns:
+            self.warnings.append(f"odometry does not cover all scans: {spans}")
+
+
+def _carried_path(
+    carried: RawOdometry, rows: IntArray, times: Times, others: RawOdometry | None
+) -> PlanarTrajectory:
+    """Each scan's own pose, and those of another odometry before the first and after the last.
+
+    Between the scans these are left out: CARMEN's are stamped by another process, up to a tenth
+    of a second off against the pose of the laser line (aces), so merging both makes the path jump
+    to and fro.
+    """
+    stamps_ns, poses = times.stamps_ns, planar_poses(carried, rows)
+    if others is not None and not times.made_anew:
+        outside: BoolArray = (others.stamps_ns < stamps_ns[0]) | (others.stamps_ns > stamps_ns[-1])
+        stamps_ns = np.concatenate([stamps_ns, others.stamps_ns[outside]])
+        poses = np.concatenate([poses, planar_poses(others, np.flatnonzero(outside))])
+    stamps_ns, first = np.unique(stamps_ns, return_index=True)
+    return PlanarTrajectory(stamps_ns, poses[first])
+
+
+def _is_sorting_right(stamps_ns: IntArray, poses: FloatArray) -> bool | None:
+    """Whether stamps that fall back are right and the order of the scans is not.
+
+    If so the odometry path does not grow by sorting. None where the robot does not move, or scans
+    are late by no more than transport explains.
+    """
+    as_recorded_m = _path_length_m(poses)
+    if as_recorded_m == 0.0 or not is_late(stamps_ns):
+        return None
+    as_stamped_m = _path_length_m(poses[np.argsort(stamps_ns, kind="stable")])
+    return as_stamped_m <= _MOST_GROWTH * as_recorded_m
+
+
+def _likely_period_ns(poses: FloatArray) -> int:
+    """Between scans without any time: that of a robot at its usual speed."""
+    if len(poses) < 2:
+        return _LEAST_PERIOD_NS
+    turned_rad = float(np.abs(wrap_angle(np.diff(poses[:, 2]))).sum())
+    moved_m = float(np.hypot(*np.diff(poses[:, :2], axis=0).T).sum())
+    busy_s = max(moved_m / _USUAL_SPEED_M_S, turned_rad / _USUAL_TURN_RAD_S)
+    return max(_LEAST_PERIOD_NS, min(round(1e9 * busy_s / (len(poses) - 1)), _LONGEST_PERIOD_NS))
+
+
+def _path_length_m(poses: FloatArray) -> float:
+    return sum(float(np.linalg.norm(b - a)) for a, b in pairwise(poses[:, :2]))

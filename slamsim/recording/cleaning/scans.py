@@ -1,0 +1,201 @@
+"""Scans as SLAM reads them, made of the rows of a recording whenever they are asked for."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from slamsim.core.arrays import BoolArray, Float32Array, IntArray
+from slamsim.core.types import PlanarTrajectory, Scan, ScanGeometry
+from slamsim.guard.numbers import MOST, BadNumbers
+from slamsim.recording import RawScans, ScanLayout
+from slamsim.recording.cleaning.no_return import AS_DECLARED, RangeLimit, RangeSample
+from slamsim.recording.cleaning.rising_stamps import Times
+
+
+class StoredScans:
+    """A ScanSource over scans that are in memory already, in the order of their stamps."""
+
+    def __init__(self, scans: Sequence[Scan]) -> None:
+        self._scans = tuple(scans)
+
+    def __len__(self) -> int:
+        return len(self._scans)
+
+    def __iter__(self) -> Iterator[Scan]:
+        return iter(self._scans)
+
+
+class RecordedScans:
+    """A ScanSource over rows of a recording, whose ranges may be in a file.
+
+    rows: (n,) the scans to use, in the order of time. stamps_ns: (n,) rising.
+    """
+
+    def __init__(self, raw: RawScans, rows: IntArray, stamps_ns: IntArray, limit: RangeLimit):
+        self._raw, self._rows, self._stamps_ns = raw, rows, stamps_ns
+        self._geometries = _Geometries(raw, limit)
+
+    def __len__(self) -> int:
+        return int(self._rows.size)
+
+    def __iter__(self) -> Iterator[Scan]:
+        for row, stamp_ns in zip(self._rows.tolist(), self._stamps_ns.tolist(), strict=True):
+            geometry = self._geometries.of(row)
+            assert geometry is not None, "a scan that describes no lidar"
+            ranges_m = _measured(self._raw.ranges_m[row], geometry)
+            yield Scan(stamp_ns, ranges_m, geometry, self._intensities(row))
+
+    def _intensities(self, row: int) -> Float32Array | None:
+        if self._raw.intensities is None:
+            return None
+        return np.asarray(self._raw.intensities[row], dtype=np.float32)
+
+
+class _Geometries:
+    """What the scans of a lidar look like under a limit of its ranges: alike for most of them."""
+
+    def __init__(self, raw: RawScans, limit: RangeLimit = AS_DECLARED) -> None:
+        self._raw, self._limit = raw, limit
+        self._layout_of = raw.layout_of.tolist()
+        self._known: dict[tuple[int, int], ScanGeometry | None] = {}
+
+    def of(self, row: int) -> ScanGeometry | None:
+        """None where angles or limits describe no lidar."""
+        number, ranges_m = self._layout_of[row], self._raw.ranges_m[row]
+        layout = self._raw.layouts[number]
+        if not math.isfinite(layout.range_max_m):  # then it depends on the readings
+            return self._made(layout, ranges_m)
+        key = number, int(ranges_m.size)
+        if key not in self._known:
+            self._known[key] = self._made(layout, ranges_m)
+        return self._known[key]
+
+    def _made(self, layout: ScanLayout, ranges_m: Float32Array) -> ScanGeometry | None:
+        step_rad, beam_dt_s = layout.angle_step_rad, layout.beam_dt_s
+        range_min_m = max(layout.range_min_m if math.isfinite(layout.range_min_m) else 0.0, 0.0)
+        sound = all(map(math.isfinite, (layout.angle_min_rad, step_rad, beam_dt_s)))
+        if not sound or step_rad == 0.0 or ranges_m.size == 0:
+            return None
+        if not (layout.range_max_m > range_min_m and 0.0 <= beam_dt_s < 1.0):
+            return None
+        if abs(step_rad) * (ranges_m.size - 1) > 2.0 * math.pi + abs(step_rad):
+            return None
+        range_max_m = self._limit.maximum_m(layout.range_max_m)
+        try:
+            return ScanGeometry(
+                angle_min_rad=layout.angle_min_rad,
+                angle_step_rad=step_rad,
+                beam_count=int(ranges_m.size),
+                beam_dt_ns=round(beam_dt_s * 1e9),
+                range_min_m=range_min_m,
+                range_max_m=range_max_m if math.isfinite(range_max_m) else _largest_m(ranges_m),
+                frame_id=self._raw.frame_ids[0],
+            )
+        except BadNumbers:
+            return None
+
+
+def _largest_m(ranges_m: Float32Array) -> float:
+    """Just above every reading, for a driver that declares no maximum."""
+    finite = ranges_m[ranges_m < np.float32(MOST)]
+    return float(np.nextafter(finite.max(initial=np.float32(1.0)), np.float32(np.inf)))
+
+
+def _measured(ranges_m: Float32Array, geometry: ScanGeometry) -> Float32Array:
+    """Readings at or beyond the maximum are no return (``inf``); of 0, below the minimum or not a
+    number they are no reading (``nan``), as REP 117 has it."""
+    far = ranges_m >= np.float32(geometry.range_max_m)
+    found = np.where(far, np.float32(np.inf), ranges_m)
+    too_close = ~(found > 0.0) | (found < np.float32(geometry.range_min_m))
+    return np.where(too_close, np.float32(np.nan), found)
+
+
+class ScanSurvey:
+    """What a pass over all scans of a lidar finds.
+
+    rows: (k,) those that describe a lidar. is_repeat: (k,) whether a scan is the one before once
+    more, stamp and all.
+    """
+
+    def __init__(self, raw: RawScans) -> None:
+        self._raw = raw
+        self._sample = RangeSample()
+        self._declared_m: Counter[float] = Counter()
+        self._beam_counts: set[int] = set()
+        self._odd_angle_max = 0
+        self._instantaneous = True
+        geometries = _Geometries(raw)
+        rows, is_repeat = list[int](), list[bool]()
+        before: tuple[int, ScanGeometry] | None = None
+        for row in range(len(raw)):
+            geometry = geometries.of(row)
+            if geometry is None:
+                continue
+            self._add(row, geometry)
+            is_repeat.append(before is not None and self._is_repeat(before, (row, geometry)))
+            rows.append(row)
+            before = row, geometry
+        self.rows: IntArray = np.array(rows, dtype=np.int64)
+        self.is_repeat: BoolArray = np.array(is_repeat, dtype=np.bool_)
+
+    def _add(self, row: int, geometry: ScanGeometry) -> None:
+        layout = self._raw.layout(row)
+        self._sample.add(self._raw.ranges_m[row], geometry.angle_step_rad)
+        self._declared_m[layout.range_max_m] += 1
+        self._beam_counts.add(geometry.beam_count)
+        spanned_rad = (geometry.beam_count - 1) * geometry.angle_step_rad
+        off_rad = abs(layout.angle_max_rad - geometry.angle_min_rad - spanned_rad)
+        self._odd_angle_max += not off_rad < 0.5 * abs(geometry.angle_step_rad)
+        self._instantaneous &= geometry.beam_dt_ns == 0
+
+    def _is_repeat(self, before: tuple[int, ScanGeometry], scan: tuple[int, ScanGeometry]) -> bool:
+        (i, before_geometry), (j, geometry) = before, scan
+        if self._raw.stamps_ns[i] != self._raw.stamps_ns[j] or before_geometry != geometry:
+            return False
+        one, other = (_measured(self._raw.ranges_m[row], geometry) for row in (i, j))
+        return one.tobytes() == other.tobytes()
+
+    def limit(
+        self, times: Times, odometry: PlanarTrajectory | None
+    ) -> tuple[RangeLimit, list[str]]:
+        """(the limit of the ranges, in words what of it is not as declared)."""
+        if self._raw.range_is_estimated:
+            return AS_DECLARED, []
+        declared_m = self._declared_m.most_common(1)[0][0]
+        positions_m = None
+        if odometry is not None and len(odometry):
+            stamps_ns = np.full(self.rows.size, times.stamps_ns[0])
+            stamps_ns[times.order] = times.stamps_ns
+            first_ns, last_ns = odometry.stamps_ns[0], odometry.stamps_ns[-1]
+            sampled_ns = np.clip(stamps_ns[self._sample.numbers], first_ns, last_ns)
+            positions_m = odometry.at(sampled_ns)[:, :2]
+        limit = self._sample.limit(declared_m, positions_m)
+        return limit, limit.warnings(declared_m)
+
+    def warnings(self, times: Times, *, has_beam_times: bool) -> list[str]:
+        """What was odd, and what was done about it. has_beam_times: whether the format does."""
+        beams = ", ".join(map(str, sorted(self._beam_counts)))
+        without = sum(
+            n for declared_m, n in self._declared_m.items() if not np.isfinite(declared_m)
+        )
+        unusable = len(self._raw) - self.rows.size
+        found = [
+            (unusable, f"{unusable} scans that describe no lidar left out"),
+            *((True, words) for words in times.told),
+            (len(self._beam_counts) > 1, f"the number of beams changes: {beams}"),
+            (
+                self._odd_angle_max,
+                f"angle_max of {self._odd_angle_max} scans contradicts increment and count, "
+                "which are believed",
+            ),
+            (
+                has_beam_times and self._instantaneous,
+                "time_increment is 0: all beams of a scan count as one instant",
+            ),
+            (without, f"{without} scans declare no range_max"),
+        ]
+        return [text for applies, text in found if applies]

@@ -1,0 +1,84 @@
+"""Where a recording says that its sensors sit."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from slamsim.core.types import FloatArray, ImuStream
+from slamsim.recording import Recording, TransformEdge
+from slamsim.recording.frames import FrameTree
+
+BASE_FRAMES = ("base_footprint", "base_link", "base")
+ODOM_FRAME = "odom"
+BASE_FRAME = BASE_FRAMES[0]
+"""What odometry is taken to move where there is none."""
+
+
+def tree_of(edges: Iterable[TransformEdge]) -> FrameTree:
+    """The transforms that a recording declares to be fixed."""
+    tree = FrameTree()
+    tree.add(edge for edge in edges if edge.is_static)
+    return tree
+
+
+def declared_laser_mounting(recording: Recording) -> FloatArray:
+    """4 x 4 T_base_laser of the first lidar, as SLAM reads it; the identity if nothing tells."""
+    base, laser = BASE_FRAME, ""
+    for odometry in recording.odometries[:1]:
+        base = odometry.child_frame_ids[0]
+    for scans in recording.scans[:1]:
+        laser = scans.frame_ids[0]
+    return laser_mounting_of(tree_of(recording.transforms), base, laser, [])
+
+
+def laser_mounting_of(
+    tree: FrameTree, base_frame: str, laser_frame: str, warnings: list[str]
+) -> FloatArray:
+    """4 x 4 T_base_laser; from another base frame, or the identity, with a warning, if need be."""
+    T_base_laser = tree.between(base_frame, laser_frame)
+    if T_base_laser is not None:
+        return T_base_laser
+    for frame in BASE_FRAMES:
+        T_base_laser = tree.between(frame, laser_frame)
+        if T_base_laser is not None:
+            warnings.append(
+                f"no fixed transform from {base_frame!r} to {laser_frame!r}: "
+                f"the one from {frame!r} is used"
+            )
+            return T_base_laser
+    warnings.append(
+        f"no fixed transform from {base_frame!r} to {laser_frame!r} in /tf_static or /tf: "
+        "the laser is taken to sit at the base"
+    )
+    return np.eye(4)
+
+
+def imu_mounting_of(
+    tree: FrameTree, base_frame: str, imu: ImuStream, warnings: list[str]
+) -> FloatArray | None:
+    """4 x 4 T_base_imu; None, with a warning, where no fixed transform tells."""
+    T_base_imu = tree.between(base_frame, imu.frame_id)
+    if T_base_imu is None:
+        warnings.append(f"no fixed transform from {base_frame!r} to {imu.frame_id!r}")
+    return T_base_imu
+
+
+def likely_base(tree: FrameTree) -> str:
+    """The frame of the robot where nothing names it."""
+    return next((frame for frame in BASE_FRAMES if frame in tree), BASE_FRAMES[0])
+
+
+def odometry_chain(tree: FrameTree, laser_frame: str) -> list[tuple[str, str]]:
+    """Edges from ``odom`` down to the robot's base: the lowest frame that moves, if any does."""
+    start = laser_frame if laser_frame in tree else likely_base(tree)
+    path = tree.path_up(start)
+    below_odom = [i for i, (parent, _, _) in enumerate(path) if parent == ODOM_FRAME]
+    if not below_odom:
+        return []
+    top = below_odom[0]
+    moving = [i for i in range(top + 1) if path[i][2]]
+    return [(parent, child) for parent, child, _ in path[moving[0] if moving else top : top + 1]][
+        ::-1
+    ]
