@@ -29,7 +29,7 @@ def demo(
     quiet: Quiet = False,
     as_json: Json = False,
 ) -> None:
-    """Show a fault at work: the torn map, the verdict, and the mended map."""
+    """Show a fault at work: the torn map, the verdict, and the repaired map."""
     from slamsim.config.loading import load_run_config
     from slamsim.console.reporter import Reporter
     from slamsim.run.naming import output_folder

@@ -27,7 +27,7 @@ def verify(
     quiet: Quiet = False,
     as_json: Json = False,
 ) -> None:
-    """Compare every byte with what was written, and say what nobody vouches for."""
+    """Compare every byte with what was written, and list files without a checksum."""
     from slamsim.console.reporter import Reporter
     from slamsim.run.verifying import verify_and_tell
 
