@@ -6,10 +6,10 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from slamsim.check.calibration import Calibration, calibrate_inputs
-from slamsim.check.course import gyro_course, wheel_course
-from slamsim.check.gathering import Inputs
-from slamsim.check.laser_steps import LaserSteps
+from slamsim.check.calibration.joint import Calibration, calibrate_inputs
+from slamsim.check.motion.inputs import Inputs
+from slamsim.check.motion.integrated import integrated_gyro, integrated_wheels
+from slamsim.check.motion.laser_steps import LaserSteps
 from slamsim.core.geometry import between, compose
 from slamsim.core.types import FloatArray, IntArray
 from slamsim.recording import RawImu, RawTicks
@@ -102,8 +102,8 @@ class Robot:
         return LaserSteps("/scan", *ends, moved, information, window, 0.04)
 
     def inputs(self) -> Inputs:
-        gyro = gyro_course(self.imu(), np.array([0.0, 0.0, 1.0]))
-        wheels = wheel_course(self.ticks())
+        gyro = integrated_gyro(self.imu(), np.array([0.0, 0.0, 1.0]))
+        wheels = integrated_wheels(self.ticks())
         return Inputs(self.steps(), gyro, wheels, "base_link", "laser_link", T_BASE_LASER)
 
     def calibrated(self) -> Calibration:

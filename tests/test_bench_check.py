@@ -23,6 +23,7 @@ from slamsim.bench.check.trials import (
 from slamsim.bench.check.truth import truths
 from slamsim.config.run import RunConfig
 from slamsim.console.reporter import Reporter
+from slamsim.guard.errors import SlamsimError
 from slamsim.recording import Recording
 from slamsim.recording.edits.base import CannotEdit
 from slamsim.sensors.faults.base import Fault
@@ -77,6 +78,12 @@ def test_every_fault_and_every_size_is_tried_once() -> None:
 
     assert len(set(names)) == len(names)
     assert len(names) == 1 + len(faults) + sum(len(fault.sizes) for fault in faults)
+
+
+def test_a_fault_that_the_checker_cannot_report_is_refused() -> None:
+    mistyped = load_fault("laser_mirrored").model_copy(update={"expects": "laser_mirored"})
+    with pytest.raises(SlamsimError, match="cannot report; did you mean 'laser_mirrored'"):
+        run_campaign(CheckCampaign([mistyped], seeds=()), Reporter(quiet=True, as_json=False))
 
 
 def test_pairs_can_both_be_told() -> None:

@@ -9,9 +9,9 @@ from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 from scipy.optimize import least_squares
 
-from slamsim.check.calibration import Calibration, calibrate_inputs
-from slamsim.check.calibration_model import LASER, UNKNOWNS, Model
-from slamsim.check.calibration_noise import blocks, jackknife, shared_scans, whitened
+from slamsim.check.calibration.joint import Calibration, calibrate_inputs
+from slamsim.check.calibration.model import LASER, UNKNOWNS, Model
+from slamsim.check.calibration.noise import blocks, jackknife, shared_scans, whitened
 from slamsim.core.geometry import wrap_angle
 from slamsim.core.types import FloatArray
 

@@ -6,9 +6,9 @@ import numpy as np
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from slamsim.check.coarse_offset import Rate, coarse_lag
-from slamsim.check.local_lags import local_lags
-from slamsim.check.wheel_counts import counter_range, unwrapped
+from slamsim.check.motion.coarse_offset import Rate, coarse_lag
+from slamsim.check.motion.local_lags import local_lags
+from slamsim.check.motion.wheel_counts import counter_range, unwrapped
 from slamsim.core.types import FloatArray
 
 

@@ -13,8 +13,10 @@ from bag_data import ROS2, START_NS, Message, Robot, as_mcap
 from recording_data import recording, scans_at, stamps
 from typer.testing import CliRunner
 
-from slamsim.check.check import QUICK, check_recording
+from slamsim.check.check import check_recording
+from slamsim.check.evidence import RecordingEvidence
 from slamsim.check.findings import Finding
+from slamsim.check.registry import registry
 from slamsim.cli.main import app
 from slamsim.guard.errors import InputRefused, NotFound, SlamsimError
 from slamsim.io.bag2.writer import write_recording
@@ -202,15 +204,35 @@ def test_many_messages_are_checked_in_arrays() -> None:
     assert gaps.verdict == "ok"
 
 
-def test_a_question_that_fails_does_not_cost_the_others(monkeypatch: pytest.MonkeyPatch) -> None:
-    def fails(_: Recording) -> list[Finding]:
+def test_a_question_that_raises_is_our_fault_and_does_not_cost_the_others(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    def fails(_: RecordingEvidence) -> list[Finding]:
         raise ZeroDivisionError("by nothing")
 
-    monkeypatch.setitem(QUICK, "ranges", fails)
-    report = check_recording(recording(), quick=True)
-    broken = [f for f in report.findings if f.check == "check.ranges"]
-    assert [f.verdict for f in broken] == ["cannot tell"] and "by nothing" in broken[0].words
-    assert any(f.check == "time.order" for f in report.findings)
+    asked = registry()
+    groups = tuple(
+        replace(group, ask=fails) if group.part == "ranges" else group for group in asked.groups
+    )
+    monkeypatch.setattr("slamsim.check.check.registry", lambda: replace(asked, groups=groups))
+    code, found, _ = _run("check", _written(recording(), tmp_path / "good"), "--quick")
+
+    assert (code, found["bad"], found["faults"]) == (1, 1, ["checker_error"])
+    (broken,) = (f for f in found["findings"] if f["check"] == "check.ranges")
+    assert broken["verdict"] == "bad" and broken["words"].startswith("internal error in the quest")
+    assert "ranges.limits" in broken["words"] and "by nothing" in broken["words"]
+    assert any(f["check"] == "time.order" for f in found["findings"])
+
+
+def test_what_several_questions_fail_on_is_reported_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fails(*_: object) -> None:
+        raise ZeroDivisionError("by nothing")
+
+    monkeypatch.setattr("slamsim.check.evidence.calibrate_inputs", fails)
+    report = check_recording(recording(8.0))
+    broken = [f for f in report.findings if f.fault == "checker_error"]
+    assert [f.check for f in broken] == ["check.motion"] and "by nothing" in broken[0].words
+    assert any(f.check == "laser.rotation" for f in report.findings)
 
 
 def test_the_truth_makes_no_difference(tmp_path: Path) -> None:

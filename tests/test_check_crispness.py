@@ -7,21 +7,21 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from calibration_example import BEGIN_NS, T_BASE_LASER, Robot, without
+from check_example import motion_findings
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scan_recording import healthy
 from scipy.stats import multivariate_normal
 
-from slamsim.check.calibration import Calibration, calibrate_inputs
-from slamsim.check.calibration_model import GYRO_DELAY, UNKNOWNS, WHEEL_DELAY
-from slamsim.check.course import wheel_course
-from slamsim.check.crispness import Crispness, Stream, along
-from slamsim.check.gathering import Inputs
-from slamsim.check.map_agreement import held_against_map
-from slamsim.check.map_entropy import ACROSS_M, ALONG_M, map_entropy, placed
-from slamsim.check.map_views import WindowView
-from slamsim.check.motion import check_motion
-from slamsim.check.timing import check_timing
+from slamsim.check.calibration.joint import Calibration, calibrate_inputs
+from slamsim.check.calibration.model import GYRO_DELAY, UNKNOWNS, WHEEL_DELAY
+from slamsim.check.map_quality.agreement import with_map
+from slamsim.check.map_quality.crispness import Crispness, Stream, along
+from slamsim.check.map_quality.entropy import ACROSS_M, ALONG_M, map_entropy, placed
+from slamsim.check.map_quality.views import WindowView
+from slamsim.check.motion.inputs import Inputs
+from slamsim.check.motion.integrated import integrated_wheels
+from slamsim.check.questions.clocks.offsets import check_timing
 from slamsim.core.geometry import between, compose
 from slamsim.core.types import FloatArray, IntArray
 from slamsim.recording import RawScans
@@ -185,20 +185,20 @@ def test_wheels_that_turn_before_the_robot_does_are_not_named_early() -> None:
     mean, apart = ticks.ticks.mean(axis=1), np.diff(ticks.ticks, axis=1)[:, 0]
     leading = 0.5 * np.interp(times_s + 0.03, times_s, apart)
     counts = np.rint(np.column_stack([mean - leading, mean + leading])).astype(np.int64)
-    inputs = replace(robot.inputs(), wheels=wheel_course(replace(ticks, ticks=counts)))
+    inputs = replace(robot.inputs(), wheels=integrated_wheels(replace(ticks, ticks=counts)))
     calibration = calibrated(inputs)
     misled = check_timing(calibration)
     assert "time_offset_wheels" in {finding.fault for finding in misled}
 
     crispness = {stream: told(robot, calibration, stream) for stream in STREAMS}
-    findings = held_against_map(misled, crispness)
+    findings = with_map(misled, crispness)
 
     assert not any(finding.fault for finding in findings)
     doubted = next(one for one in findings if one.check == "time.offset.wheels")
-    assert doubted.verdict == "cannot tell"
+    assert doubted.verdict == "inconclusive"
     assert "crisp" in doubted.words
     assert doubted.plots[0].spans
-    assert not doubted.mends
+    assert not doubted.repairs
 
 
 def test_recorded_scans_tell_that_the_lidar_is_late() -> None:
@@ -208,7 +208,7 @@ def test_recorded_scans_tell_that_the_lidar_is_late() -> None:
         replace(scans, stamps_ns=scans.stamps_ns + 25_000_000) for scans in recording.scans
     )
 
-    findings = {one.check: one for one in check_motion(recording.with_streams(RawScans, late))}
+    findings = {one.check: one for one in motion_findings(recording.with_streams(RawScans, late))}
 
     offset = findings["time.offset.lidar_imu"]
     assert "the map is crispest" in offset.words

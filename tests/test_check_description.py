@@ -6,8 +6,9 @@ import re
 
 import pytest
 
-from slamsim.check.description import check_description
+from slamsim.check.evidence import RecordingEvidence
 from slamsim.check.findings import Finding
+from slamsim.check.questions.frames.description import check_description
 from slamsim.config.robot import RobotConfig
 from slamsim.recording import Recording
 from slamsim.sim.robot.model import build_robot
@@ -16,7 +17,7 @@ URDF = build_robot(RobotConfig()).urdf
 
 
 def asked(text: str | None) -> list[Finding]:
-    return check_description(Recording("test", "memory", robot_description=text))
+    return check_description(RecordingEvidence(Recording("test", "memory", robot_description=text)))
 
 
 def test_our_own_robot_is_sane() -> None:
@@ -24,7 +25,7 @@ def test_our_own_robot_is_sane() -> None:
 
 
 def test_without_a_description_nothing_can_be_told() -> None:
-    assert [finding.verdict for finding in asked(None)] == ["cannot tell"]
+    assert [finding.verdict for finding in asked(None)] == ["inconclusive"]
 
 
 def lifted_support_wheel() -> str:

@@ -4,26 +4,26 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from slamsim.check.diagnosis import ON_ANY_SUBJECT, ON_ONE_SUBJECT, explained
-from slamsim.check.findings import Estimate, Finding
-from slamsim.recording.fault_names import FAULT_NAMES
+from slamsim.check.diagnosis import explained
+from slamsim.check.findings import Finding, Measurement
+from slamsim.check.registry import registry
 
 
 def bad(check: str, subject: str, fault: str) -> Finding:
-    return Finding(check, subject, "bad", "words", fault, "advice")
+    return Finding(check, subject, "fault", "words", fault, "advice")
 
 
 def names(*findings: Finding) -> set[str | None]:
-    return {one.fault for one in explained(findings) if one.verdict == "bad"}
+    return {one.fault for one in explained(findings) if one.verdict == "fault"}
 
 
 def test_a_consequence_is_no_fault_of_its_own() -> None:
     cause = bad("wheels.wiring", "/ticks", "wheels_swapped")
     consequence = bad("odometry.wheels", "/odom", "odometry_contradicts_wheels")
     found = explained([consequence, cause])
-    assert [one.verdict for one in found] == ["cannot tell", "bad"]
+    assert [one.verdict for one in found] == ["inconclusive", "fault"]
     assert "left and right wheel are exchanged" in found[0].words
-    assert not found[0].mends
+    assert not found[0].repairs
 
 
 def test_two_faults_are_both_told() -> None:
@@ -41,33 +41,41 @@ def test_the_stamps_of_one_stream_do_not_excuse_another() -> None:
     }
 
 
-def test_every_name_in_the_tables_is_a_fault_and_none_excuses_itself_in_a_circle() -> None:
-    for table in (ON_ONE_SUBJECT, ON_ANY_SUBJECT):
-        for cause, consequences in table.items():
-            assert {cause, *consequences} <= set(FAULT_NAMES)
-            assert cause not in consequences
-            for other in consequences:
-                assert cause not in table.get(other, ()), (cause, other)
+def test_what_faults_explain_are_faults_and_none_explains_itself_in_a_circle() -> None:
+    faults = registry().faults
+    explained_by = {
+        (where, name): {
+            fault for one in kind.explains if one.where == where for fault in one.faults
+        }
+        for name, kind in faults.items()
+        for where in ("same subject", "anywhere")
+    }
+    assert sum(map(len, explained_by.values())) > 100
+    for (where, cause), consequences in explained_by.items():
+        assert consequences <= set(faults)
+        assert cause not in consequences
+        for other in consequences:
+            assert cause not in explained_by[where, other], (cause, other)
 
 
 def test_sizes_wait_until_somebody_knows_how_far_the_scans_turn() -> None:
-    offset = Finding("ranges.offset", "/scan", "bad", "too long", "range_offset")
-    unsure = Estimate(18.0, 9.0, "%")
-    rotation = Finding("laser.rotation", "/scan", "cannot tell", "gain 0.3", estimate=unsure)
-    step = Finding("laser.angle_step", "/scan", "cannot tell", "unsure", estimate=unsure)
+    offset = Finding("ranges.offset", "/scan", "fault", "too long", "range_offset")
+    unsure = Measurement(18.0, 9.0, "%")
+    rotation = Finding("laser.rotation", "/scan", "inconclusive", "gain 0.3", estimate=unsure)
+    step = Finding("laser.angle_step", "/scan", "inconclusive", "unsure", estimate=unsure)
 
-    assert [one.verdict for one in explained([offset, rotation])] == ["bad", "cannot tell"]
+    assert [one.verdict for one in explained([offset, rotation])] == ["fault", "inconclusive"]
     told = explained([offset, rotation, step])
-    assert {one.verdict for one in told} == {"cannot tell"}
+    assert {one.verdict for one in told} == {"inconclusive"}
     assert "contradict" in told[0].words
 
 
 def test_a_sweep_of_milliseconds_explains_no_offset_of_a_tenth_of_a_second() -> None:
     sweep = replace(
-        bad("laser.sweep", "/scan", "rolling_scan_untimed"), estimate=Estimate(8.0, 1.0, "ms")
+        bad("laser.sweep", "/scan", "rolling_scan_untimed"), estimate=Measurement(8.0, 1.0, "ms")
     )
     late = bad("time.offset.lidar", "/scan", "time_offset_lidar")
 
-    small, large = (replace(late, estimate=Estimate(ms, 1.0, "ms")) for ms in (5.0, 130.0))
+    small, large = (replace(late, estimate=Measurement(ms, 1.0, "ms")) for ms in (5.0, 130.0))
     assert names(sweep, small) == {"rolling_scan_untimed"}
     assert names(sweep, large) == {"rolling_scan_untimed", "time_offset_lidar"}

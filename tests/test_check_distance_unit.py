@@ -11,10 +11,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scan_recording import healthy
 
-from slamsim.check.calibration import calibrate_inputs
+from slamsim.check.calibration.distance_unit import (
+    METRES,
+    WrongUnit,
+    in_metres,
+    ratio_of_units,
+)
+from slamsim.check.calibration.joint import calibrate_inputs
 from slamsim.check.check import check_recording
-from slamsim.check.course import wheel_course
-from slamsim.check.distance_unit import METRES, WrongUnit, in_metres, ratio_of_units
+from slamsim.check.motion.integrated import integrated_wheels
 from slamsim.recording import RawOdometry, Recording
 from slamsim.recording.repairs.apply import apply_repairs
 from slamsim.sensors.faults.registry import load_fault
@@ -28,17 +33,17 @@ def spoilt(name: str) -> Recording:
 
 
 def named(recording: Recording) -> set[str]:
-    return {finding.fault for finding in check_recording(recording).bad if finding.fault}
+    return {finding.fault for finding in check_recording(recording).faults if finding.fault}
 
 
 @pytest.mark.parametrize("name", [*RANGES, *ODOMETRY])
 def test_a_wrong_unit_is_named_and_its_mend_leaves_the_healthy_recording(name: str) -> None:
     recording, usual = spoilt(name), named(healthy())
     report = check_recording(recording)
-    units = [one for one in report.bad if one.fault in ("range_unit", "wheel_unit")]
-    assert {one.fault for one in report.bad} - usual == {load_fault(name).expects}
+    units = [one for one in report.faults if one.fault in ("range_unit", "wheel_unit")]
+    assert {one.fault for one in report.faults} - usual == {load_fault(name).expects}
 
-    mended = apply_repairs(recording, [mend for one in units for mend in one.mends])
+    mended = apply_repairs(recording, [mend for one in units for mend in one.repairs])
 
     assert named(mended) == usual
     np.testing.assert_allclose(
@@ -78,7 +83,7 @@ def test_the_fit_in_metres_is_that_of_wheels_in_metres(radius_alone: bool) -> No
     wrong = replace(
         ticks, wheel_radius_m=100.0 * ticks.wheel_radius_m, track_m=track * ticks.track_m
     )
-    calibration = calibrate_inputs(replace(inputs, wheels=wheel_course(wrong)))
+    calibration = calibrate_inputs(replace(inputs, wheels=integrated_wheels(wrong)))
     assert calibration is not None
     unit = WrongUnit("wheels", "/ticks", 0.01, (0.01, 1e-5), radius_alone)
 

@@ -18,8 +18,9 @@ from scan_recording import (
 )
 
 from slamsim.check.findings import Finding
-from slamsim.check.gathering import gather
-from slamsim.check.laser import check_laser, laser_motions
+from slamsim.check.motion.inputs import gather_inputs
+from slamsim.check.motion.laser_motions import laser_motions
+from slamsim.check.questions.laser.laser import check_laser
 from slamsim.core.types import FloatArray
 from slamsim.recording import RawImu, RawOdometry, RawScans, Recording, RecordingFormat
 from slamsim.recording.repairs.apply import apply_repairs
@@ -31,13 +32,13 @@ BEAM_DT_S = LIDAR.beam_dt_ns * 1e-9
 def findings(of: Recording) -> dict[str, Finding]:
     motions = laser_motions(of)
     assert motions is not None
-    found = check_laser(motions, gather(of, motions), of.format)
+    found = check_laser(motions, gather_inputs(of, motions), of.format)
     assert len({finding.check for finding in found}) == len(found)
     return {finding.check: finding for finding in found}
 
 
 def named(of: Recording) -> set[str | None]:
-    return {finding.fault for finding in findings(of).values() if finding.verdict == "bad"}
+    return {finding.fault for finding in findings(of).values() if finding.verdict == "fault"}
 
 
 def ranges(of: Recording) -> FloatArray:
@@ -62,7 +63,7 @@ def test_rays_fixed_to_the_world_are_turned_back() -> None:
     of = world_fixed()
     motions = laser_motions(of)
     assert motions is not None
-    mend = findings(of)["laser.rotation"].mends[0]
+    mend = findings(of)["laser.rotation"].repairs[0]
     drift, offset = (float(mend.parameters[name]) for name in ("drift_rad_s", "offset_rad"))
     yaw = np.unwrap(truth().poses[:, 2])
     gyro_bias_rad_s = 0.01
@@ -94,7 +95,7 @@ def test_a_wrong_angle_between_beams_is_measured(error: float) -> None:
     found = findings(wrong)["laser.angle_step"]
     assert found.fault == "laser_angle_step" and found.estimate is not None
     assert found.estimate.value == pytest.approx(100.0 * error, abs=0.2)
-    assert found.mends[0].parameters["factor"] == pytest.approx(1.0 / (1.0 + error), abs=2e-3)
+    assert found.repairs[0].parameters["factor"] == pytest.approx(1.0 / (1.0 + error), abs=2e-3)
 
 
 def test_degrees_are_named() -> None:
@@ -158,15 +159,15 @@ def test_a_robot_that_stands_cannot_tell() -> None:
         RawImu, lambda i: replace(i, angular_velocity_rad_s=0.0 * i.angular_velocity_rad_s)
     ).with_streams(RawOdometry, ())
     found = findings(quiet)
-    assert found["laser.rotation"].verdict == "cannot tell"
-    assert found["laser.sweep"].verdict == "cannot tell"
+    assert found["laser.rotation"].verdict == "inconclusive"
+    assert found["laser.sweep"].verdict == "inconclusive"
     assert "turn" in found["laser.rotation"].words
 
 
 def test_without_other_sensors_rotation_cannot_be_told() -> None:
     alone = healthy().with_streams(RawImu, ()).with_streams(RawOdometry, ())
     found = findings(alone)
-    assert found["laser.rotation"].verdict == "cannot tell"
+    assert found["laser.rotation"].verdict == "inconclusive"
     assert found["laser.angle_step"].verdict == "ok"
 
 
@@ -186,7 +187,7 @@ def test_no_scan_fits_anything() -> None:
         layout_of=of.scans[0].layout_of[:60],
     )
     found = findings(recording(scans, 0))
-    assert set(found) == {"laser.rotation"} and found["laser.rotation"].verdict == "cannot tell"
+    assert set(found) == {"laser.rotation"} and found["laser.rotation"].verdict == "inconclusive"
 
 
 def test_a_recording_without_lidar_has_no_motion() -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from slamsim.check.findings import CheckReport, Curve, Estimate, Finding, Plot
+from slamsim.check.findings import CheckReport, Curve, Finding, Measurement, Plot
 from slamsim.check.wording import headline
 from slamsim.report.pages.check import check_page
 
@@ -16,15 +16,15 @@ def report() -> CheckReport:
     bad = Finding(
         "laser.rotation",
         "/scan<script>",
-        "bad",
+        "fault",
         "the scan turns 0.001 times as much as the gyroscope",
         "laser_world_fixed",
         "Take directions relative to the laser frame.",
-        Estimate(0.001, 0.002, ""),
+        Measurement(0.001, 0.002, ""),
         0.02,
         plots=(plot,),
     )
-    unknown = Finding("time.offset.imu", "/imu", "cannot tell", "the robot hardly turns")
+    unknown = Finding("time.offset.imu", "/imu", "inconclusive", "the robot hardly turns")
     fine = Finding("ranges.stuck", "/scan", "ok", "no scan repeats", plots=(plot,))
     return CheckReport("a <b>name</b>", (bad, unknown, fine), {"read": 0.5})
 

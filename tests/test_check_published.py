@@ -9,21 +9,21 @@ import numpy as np
 import pytest
 from recording_data import recording as healthy
 
+from slamsim.check.evidence import RecordingEvidence
 from slamsim.check.findings import Finding
-from slamsim.check.gathering import gather
-from slamsim.check.inertial import check_inertial
-from slamsim.check.odometry import check_odometry
-from slamsim.check.published import check_published
-from slamsim.check.publishers import check_publishers
-from slamsim.check.transforms import check_transforms
-from slamsim.recording import RawImu, RawOdometry, RawScans, RawTicks, Recording
+from slamsim.check.motion.inputs import gather_inputs
+from slamsim.check.questions.frames.transforms import check_transforms
+from slamsim.check.questions.inertial.gravity import check_inertial
+from slamsim.check.questions.streams.publishers import check_publishers
+from slamsim.check.questions.wheels.odometry import check_odometry
+from slamsim.check.questions.wheels.published import check_published
+from slamsim.recording import RawImu, RawOdometry, RawScans, RawTicks
 from slamsim.recording.repairs.apply import apply_repairs
 from slamsim.sensors.faults.apply import injected
 from slamsim.sensors.faults.base import Fault
 from slamsim.sensors.faults.registry import load_fault
 
-Question = Callable[[Recording], list[Finding]]
-ASKED: dict[str, Question] = {
+ASKED: dict[str, Callable[[RecordingEvidence], list[Finding]]] = {
     "odometry_not_a_number": check_published,
     "odometry_no_rotation": check_published,
     "second_odometry": check_published,
@@ -56,8 +56,8 @@ def named(findings: list[Finding]) -> set[str]:
 def test_a_fault_is_named_and_a_healthy_recording_has_none(name: str) -> None:
     fault, ask = harmful(name), ASKED[name]
     recording = healthy()
-    assert fault.expects not in named(ask(recording))
-    assert fault.expects in named(ask(injected(recording, [fault], seed=2)))
+    assert fault.expects not in named(ask(RecordingEvidence(recording)))
+    assert fault.expects in named(ask(RecordingEvidence(injected(recording, [fault], seed=2))))
 
 
 @pytest.mark.parametrize(
@@ -73,9 +73,9 @@ def test_a_fault_is_named_and_a_healthy_recording_has_none(name: str) -> None:
 def test_what_is_proposed_mends_it(name: str, size: float | None) -> None:
     fault = load_fault(name) if size is None else load_fault(name).with_size(size)
     broken = injected(healthy(), [fault], seed=2)
-    findings = [one for one in ASKED[name](broken) if one.fault == fault.expects]
-    mended = apply_repairs(broken, [mend for one in findings for mend in one.mends])
-    assert fault.expects not in named(ASKED[name](mended))
+    findings = [one for one in ASKED[name](RecordingEvidence(broken)) if one.fault == fault.expects]
+    mended = apply_repairs(broken, [mend for one in findings for mend in one.repairs])
+    assert fault.expects not in named(ASKED[name](RecordingEvidence(mended)))
 
 
 def test_a_filtered_copy_of_a_lidar_or_a_unit_is_the_same_sensor() -> None:
@@ -86,13 +86,13 @@ def test_a_filtered_copy_of_a_lidar_or_a_unit_is_the_same_sensor() -> None:
     copies = recording.with_streams(
         RawScans, (scans, replace(scans, topic="/scan_filtered", ranges_m=thinned))
     ).with_streams(RawImu, (imu, replace(imu, topic="/imu/data_raw")))
-    assert not named(check_publishers(copies))
+    assert not named(check_publishers(RecordingEvidence(copies)))
 
 
 def test_a_topic_that_names_two_frames_has_two_publishers() -> None:
     recording = healthy()
     two = replace(recording.scans[0], frame_ids=("left", "right"))
-    findings = check_publishers(recording.with_streams(RawScans, (two,)))
+    findings = check_publishers(RecordingEvidence(recording.with_streams(RawScans, (two,))))
     assert named(findings) == {"topic_shared"}
 
 
@@ -103,7 +103,7 @@ def test_an_orientation_that_follows_the_turns_is_one() -> None:
     still = np.zeros_like(yaw)
     quats = np.column_stack([still, still, np.sin(0.5 * yaw), np.cos(0.5 * yaw)])
     turning = recording.with_streams(RawImu, (replace(imu, orientation_xyzw=quats),))
-    verdicts = {one.check: one.verdict for one in check_inertial(turning)}
+    verdicts = {one.check: one.verdict for one in check_inertial(RecordingEvidence(turning))}
     assert verdicts["imu.orientation"] == "ok"
 
 
@@ -120,14 +120,14 @@ def test_a_few_messages_are_no_fault(count: int) -> None:
             ranges_m=np.asarray(one.ranges_m)[:count],
         ),
     )
-    assert not named(check_publishers(few))
+    assert not named(check_publishers(RecordingEvidence(few)))
 
 
 def test_a_format_without_twists_has_sound_poses() -> None:
     recording = healthy()
     none = np.full_like(recording.odometries[0].linear_m_s, np.nan)
     odometry = replace(recording.odometries[0], linear_m_s=none, angular_rad_s=none)
-    (values,) = check_published(recording.with_streams(RawOdometry, (odometry,)))
+    (values,) = check_published(RecordingEvidence(recording.with_streams(RawOdometry, (odometry,))))
     assert values.verdict == "ok"
 
 
@@ -135,7 +135,7 @@ def test_odometry_that_is_only_a_transform_is_compared_with_the_scans() -> None:
     recording = healthy().with_streams(RawOdometry, ()).with_streams(RawTicks, ())
     edge = next(one for one in recording.transforms if not one.is_static)
 
-    wheels = gather(recording, None).wheels
+    wheels = gather_inputs(recording, None).wheels
     assert wheels is not None
     assert wheels.topic == f"{edge.topic} {edge.name}"
-    assert gather(replace(recording, transforms=()), None).wheels is None
+    assert gather_inputs(replace(recording, transforms=()), None).wheels is None

@@ -9,12 +9,22 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from slamsim.check.evidence import RecordingEvidence
 from slamsim.check.findings import Finding
-from slamsim.check.inertial import check_inertial
-from slamsim.check.ranges import check_ranges
+from slamsim.check.questions.inertial.gravity import check_inertial
+from slamsim.check.questions.ranges.ranges import check_ranges
 from slamsim.check.scan_sample import sample_scans
 from slamsim.core.types import Float32Array, FloatArray
 from slamsim.recording import RawImu, RawOdometry, RawScans, Recording, ScanLayout, TransformEdge
+
+
+def range_findings(recording: Recording) -> list[Finding]:
+    return check_ranges(RecordingEvidence(recording))
+
+
+def imu_findings(recording: Recording) -> list[Finding]:
+    return check_inertial(RecordingEvidence(recording))
+
 
 SECOND = 1_000_000_000
 SCANS, BEAMS = 200, 541
@@ -57,11 +67,11 @@ def turning_imu(up: tuple[float, float, float] = (0.0, 0.0, 9.81)) -> RawImu:
 
 
 def bad(findings: list[Finding]) -> list[str | None]:
-    return [finding.fault for finding in findings if finding.verdict == "bad"]
+    return [finding.fault for finding in findings if finding.verdict == "fault"]
 
 
 def test_a_healthy_lidar_has_nothing_to_say() -> None:
-    findings = check_ranges(recorded(room()))
+    findings = range_findings(recorded(room()))
     assert [finding.verdict for finding in findings] == ["ok"] * 6
 
 
@@ -119,7 +129,7 @@ def with_strays() -> Float32Array:
     ids=["zeros", "maximum", "own body", "dead", "stuck", "strays", "mm", "km"],
 )
 def test_each_fault_is_named_and_nothing_else(ranges: Float32Array, fault: str) -> None:
-    findings = check_ranges(recorded(ranges))
+    findings = range_findings(recorded(ranges))
     assert bad(findings) == [fault]
     assert all(finding.words for finding in findings)
 
@@ -135,19 +145,19 @@ def test_each_fault_is_named_and_nothing_else(ranges: Float32Array, fault: str) 
     ],
 )
 def test_declarations_that_contradict_the_readings(layout: ScanLayout, fault: str) -> None:
-    assert bad(check_ranges(recorded(room(), layout))) == [fault]
+    assert bad(range_findings(recorded(room(), layout))) == [fault]
 
 
 def test_a_full_turn_may_count_its_first_beam_twice() -> None:
     one_more = replace(LAYOUT, angle_max_rad=LAYOUT.angle_max_rad + STEP_RAD)
-    assert not bad(check_ranges(recorded(room(), one_more)))
+    assert not bad(range_findings(recorded(room(), one_more)))
 
 
 def test_a_robot_that_stands_may_see_the_same() -> None:
     still = np.repeat(room()[:1], SCANS, axis=0)
     gyro = turning_imu()
     resting = replace(gyro, angular_velocity_rad_s=np.zeros((len(gyro), 3)))
-    assert not bad(check_ranges(recorded(still).with_streams(RawImu, (resting,))))
+    assert not bad(range_findings(recorded(still).with_streams(RawImu, (resting,))))
 
 
 def test_a_wall_along_a_straight_corridor_is_not_the_robot_itself() -> None:
@@ -158,7 +168,7 @@ def test_a_wall_along_a_straight_corridor_is_not_the_robot_itself() -> None:
         side = 0.75 / np.abs(np.sin(angles))
         end = np.where(np.cos(angles) > 0.0, ahead / np.cos(angles), np.inf)
     ranges = np.minimum(side, end) + 0.008 * draw.standard_normal((SCANS, BEAMS))
-    assert "beams_constant" not in bad(check_ranges(recorded(ranges.astype(np.float32))))
+    assert "beams_constant" not in bad(range_findings(recorded(ranges.astype(np.float32))))
 
 
 @given(
@@ -167,7 +177,7 @@ def test_a_wall_along_a_straight_corridor_is_not_the_robot_itself() -> None:
     st.sampled_from([np.nan, np.inf, -np.inf, 0.0, -1.0, 1e30, 1.0]),
 )
 def test_hopeless_scans_never_break_it(scans: int, beams: int, value: float) -> None:
-    findings = check_ranges(recorded(np.full((scans, beams), value, dtype=np.float32)))
+    findings = range_findings(recorded(np.full((scans, beams), value, dtype=np.float32)))
     for finding in findings:
         assert finding.estimate is None or np.isfinite(finding.estimate.value)
 
@@ -194,7 +204,9 @@ UPRIGHT, ROLLED = (0.0, 0.0, 0.0, 1.0), (np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5))
 
 
 def felt(imu: RawImu, quat_xyzw: tuple[float, float, float, float] = UPRIGHT) -> list[Finding]:
-    return check_inertial(Recording("t", "mcap", streams=(imu,), transforms=mounted(quat_xyzw)))
+    return check_inertial(
+        RecordingEvidence(Recording("t", "mcap", streams=(imu,), transforms=mounted(quat_xyzw)))
+    )
 
 
 def test_a_healthy_unit() -> None:
@@ -247,8 +259,8 @@ def test_a_unit_that_hangs_while_the_odometry_goes_on() -> None:
     odometry = RawOdometry("/odom", ("odom",), imu.stamps_ns, None, ("base_link",), driven, upright,
                            rows * np.nan, rows * np.nan)  # fmt: skip
     recording = Recording("t", "mcap", streams=(frozen,), transforms=mounted(UPRIGHT))
-    assert "imu_stuck" not in bad(check_inertial(recording))
-    assert "imu_stuck" in bad(check_inertial(recording.with_streams(RawOdometry, (odometry,))))
+    assert "imu_stuck" not in bad(imu_findings(recording))
+    assert "imu_stuck" in bad(imu_findings(recording.with_streams(RawOdometry, (odometry,))))
 
 
 @pytest.mark.parametrize(("per_metre", "factor"), [(1000.0, 1e-3), (100.0, 1e-2)])
@@ -269,6 +281,6 @@ def test_of_two_units_that_fit_the_limits_the_way_driven_chooses(
     upright = np.repeat([UPRIGHT], SCANS, axis=0)
     odometry = RawOdometry("/odom", ("odom",), stamps_ns, None, ("base_link",), driven, upright,
                            driven * np.nan, driven * np.nan)  # fmt: skip
-    findings = check_ranges(recording.with_streams(RawOdometry, (odometry,)))
+    findings = range_findings(recording.with_streams(RawOdometry, (odometry,)))
     units = [finding for finding in findings if finding.fault == "range_unit"]
-    assert [unit.mends[0].parameters["factor"] for unit in units] == [factor]
+    assert [unit.repairs[0].parameters["factor"] for unit in units] == [factor]

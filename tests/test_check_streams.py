@@ -11,11 +11,18 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from recording_data import LAYOUT, edge, recording, scans_at, stamps
 
-from slamsim.check.stamp_rounding import rounding_step_s
-from slamsim.check.stamp_series import series_of
-from slamsim.check.streams import check_streams
+from slamsim.check.evidence import RecordingEvidence
+from slamsim.check.findings import Finding
+from slamsim.check.questions.streams.rounding import rounding_step_s
+from slamsim.check.questions.streams.series import series_of
+from slamsim.check.questions.streams.stamps import check_stamps
 from slamsim.core.types import IntArray
 from slamsim.recording import RawImu, RawOdometry, RawScans, RawTicks, Recording
+
+
+def stamp_findings(recording: Recording) -> list[Finding]:
+    return check_stamps(RecordingEvidence(recording))
+
 
 RNG = np.random.default_rng(5)
 
@@ -23,7 +30,7 @@ RNG = np.random.default_rng(5)
 def _bad(found: Recording) -> dict[str, set[str]]:
     """Names of faults by the stream they are about."""
     names: dict[str, set[str]] = {}
-    for finding in check_streams(found):
+    for finding in stamp_findings(found):
         if finding.fault is not None:
             names.setdefault(finding.subject, set()).add(finding.fault)
     return names
@@ -39,8 +46,8 @@ def _restamped(change: Callable[[IntArray], IntArray], seconds: float = 60.0) ->
 
 
 def test_a_healthy_recording_is_healthy() -> None:
-    findings = check_streams(recording())
-    assert not [finding for finding in findings if finding.verdict == "bad"]
+    findings = stamp_findings(recording())
+    assert not [finding for finding in findings if finding.verdict == "fault"]
     asked = {finding.check for finding in findings if finding.subject == "/scan"}
     assert asked == {
         *("time.order", "time.rounding", "time.scatter", "time.repeats", "time.gaps"),
@@ -70,8 +77,8 @@ def test_what_drivers_usually_do_is_no_fault(
     received = np.maximum.accumulate(even + 10_000_000 + lasts_ns + queue_ns)
     beam_dt_s = min(LAYOUT.beam_dt_s, 0.9 / rate_hz / 59)
     scans = replace(scans_at(scattered, received), layouts=(replace(LAYOUT, beam_dt_s=beam_dt_s),))
-    found = check_streams(Recording("usual", "memory", streams=(scans,)))
-    assert [finding.words for finding in found if finding.verdict == "bad"] == []
+    found = stamp_findings(Recording("usual", "memory", streams=(scans,)))
+    assert [finding.words for finding in found if finding.verdict == "fault"] == []
 
 
 def test_stamps_that_step_back_are_counted_and_sized() -> None:
@@ -81,7 +88,7 @@ def test_stamps_that_step_back_are_counted_and_sized() -> None:
         return found
 
     finding = next(
-        f for f in check_streams(_restamped(stepped)) if f.check == "time.order" and f.fault
+        f for f in stamp_findings(_restamped(stepped)) if f.check == "time.order" and f.fault
     )
     assert finding.fault == "stamps_backward"
     assert finding.estimate is not None and finding.estimate.value == 3.0
@@ -93,7 +100,7 @@ def test_an_unordered_stream_without_a_beat_is_to_be_sorted() -> None:
         wild = np.cumsum(np.random.default_rng(2).exponential(1e8, stamps_ns.size))
         return np.asarray(np.random.default_rng(3).permutation(wild), dtype=np.int64)
 
-    mends = [m for f in check_streams(_restamped(shuffled)) for m in f.mends if f.fault]
+    mends = [m for f in stamp_findings(_restamped(shuffled)) for m in f.repairs if f.fault]
     assert "reorder" in {mend.operation for mend in mends}
 
 
@@ -103,7 +110,7 @@ def test_coarse_stamps_are_named_with_their_step(step_s: float, rate_hz: float) 
     even = stamps(rate_hz, 60.0, 3.21)
     step_ns = round(step_s * 1e9)
     scans = replace(scans_at(even // step_ns * step_ns), layouts=(replace(LAYOUT, beam_dt_s=0.0),))
-    found = [f for f in check_streams(Recording("c", "memory", streams=(scans,))) if f.fault]
+    found = [f for f in stamp_findings(Recording("c", "memory", streams=(scans,))) if f.fault]
     assert "stamps_quantised" in {finding.fault for finding in found}
     named = next(f for f in found if f.fault == "stamps_quantised")
     assert named.estimate is not None
@@ -113,7 +120,7 @@ def test_coarse_stamps_are_named_with_their_step(step_s: float, rate_hz: float) 
 def test_single_precision_is_named_as_such() -> None:
     unix = stamps(10.0, 900.0, 1_700_000_000.0)
     single = np.asarray((unix * 1e-9).astype(np.float32).astype(np.float64) * 1e9, dtype=np.int64)
-    found = check_streams(_restamped(lambda _: single, 900.0))
+    found = stamp_findings(_restamped(lambda _: single, 900.0))
     words = [f.words for f in found if f.fault == "stamps_quantised"]
     assert words and "single precision" in words[0] and "128 s" in words[0]
 
@@ -145,7 +152,7 @@ def test_scatter_about_a_beat_is_measured(sigma_s: float) -> None:
     scattered = _restamped(
         lambda t: np.sort(t + RNG.normal(0.0, sigma_s * 1e9, t.size).astype(np.int64)), 120.0
     )
-    found = next(f for f in check_streams(scattered) if f.fault == "stamps_jitter")
+    found = next(f for f in stamp_findings(scattered) if f.fault == "stamps_jitter")
     assert found.estimate is not None
     assert found.estimate.value == pytest.approx(1e3 * sigma_s, rel=0.25)
 
@@ -153,9 +160,9 @@ def test_scatter_about_a_beat_is_measured(sigma_s: float) -> None:
 def test_a_sensor_without_a_beat_is_not_accused() -> None:
     """What comes unevenly may be stamped rightly: this is not to be told from stamps."""
     uneven = np.cumsum(RNG.uniform(0.07e9, 0.3e9, 2000)).astype(np.int64)
-    found = check_streams(Recording("u", "memory", streams=(scans_at(uneven),)))
+    found = stamp_findings(Recording("u", "memory", streams=(scans_at(uneven),)))
     scatter = next(f for f in found if f.check == "time.scatter")
-    assert scatter.verdict == "cannot tell" and "beat" in scatter.words
+    assert scatter.verdict == "inconclusive" and "beat" in scatter.words
     assert not [f.words for f in found if f.fault]
 
 
@@ -165,7 +172,7 @@ def test_missing_messages_are_counted(share: float, is_bad: bool) -> None:
     scans = scans_at(stamps(10.0, 300.0)[keep])
     found = next(
         f
-        for f in check_streams(Recording("m", "memory", streams=(scans,)))
+        for f in stamp_findings(Recording("m", "memory", streams=(scans,)))
         if f.check == "time.gaps"
     )
     assert (found.fault == "stream_gaps") == is_bad
@@ -180,10 +187,10 @@ def test_one_long_gap_is_enough() -> None:
 
 
 def test_the_stream_of_another_epoch_is_named_and_put_back() -> None:
-    found = check_streams(_restamped(lambda t: t + 1_700_000_000_000_000_000))
+    found = stamp_findings(_restamped(lambda t: t + 1_700_000_000_000_000_000))
     named = [f for f in found if f.fault]
     assert [(f.fault, f.subject) for f in named] == [("epoch_mismatch", "/scan")]
-    offset = named[0].mends[0].parameters["offset_s"]
+    offset = named[0].repairs[0].parameters["offset_s"]
     assert float(offset) == pytest.approx(-1_700_000_000.0, abs=0.1)
 
 
@@ -202,7 +209,7 @@ def test_a_drifting_clock_is_measured_against_the_receiver(ppm: float) -> None:
         stamps_ns = scans.stamps_ns + np.rint(since * ppm * 1e-6).astype(np.int64)
         return replace(scans, stamps_ns=stamps_ns, received_ns=received)
 
-    found = [f for f in check_streams(_with_scans(drifting, 300.0)) if f.fault == "clock_drift"]
+    found = [f for f in stamp_findings(_with_scans(drifting, 300.0)) if f.fault == "clock_drift"]
     assert [f.subject for f in found] == ["/scan"]
     assert found[0].estimate is not None
     low, high = found[0].estimate.interval
@@ -222,7 +229,7 @@ def test_a_replay_at_another_speed_is_no_drift() -> None:
         .changed(RawTicks, lambda s: replace(s, received_ns=slower(s.stamps_ns)))
         .changed(RawOdometry, lambda s: replace(s, received_ns=slower(s.stamps_ns)))
     )
-    drifts = [f for f in check_streams(found) if f.check == "time.receipt_drift"]
+    drifts = [f for f in stamp_findings(found) if f.check == "time.receipt_drift"]
     assert {finding.verdict for finding in drifts} == {"ok"}
 
 
@@ -258,18 +265,22 @@ def test_receipt_by_the_wall_clock_is_read_on_the_simulated_one() -> None:
 
 
 def test_few_messages_and_none() -> None:
-    assert check_streams(Recording("none", "memory"))[0].verdict == "cannot tell"
+    assert stamp_findings(Recording("none", "memory"))[0].verdict == "inconclusive"
     for count in (1, 2, 3, 19):
-        found = check_streams(
-            Recording("few", "memory", streams=(scans_at(stamps(10.0, 2.0)[:count]),))
+        found = check_stamps(
+            RecordingEvidence(
+                Recording("few", "memory", streams=(scans_at(stamps(10.0, 2.0)[:count]),))
+            )
         )
-        assert {f.verdict for f in found if f.check == "time.spacing"} <= {"cannot tell"}
+        assert {f.verdict for f in found if f.check == "time.spacing"} <= {"inconclusive"}
         assert not [f for f in found if f.fault]
 
 
 def test_transforms_are_asked_for_their_order_only() -> None:
     backward = stamps(50.0, 20.0)[::-1].copy()
-    found = check_streams(
-        Recording("tf", "memory", transforms=(edge("odom", "base", backward, static=False),))
+    found = check_stamps(
+        RecordingEvidence(
+            Recording("tf", "memory", transforms=(edge("odom", "base", backward, static=False),))
+        )
     )
     assert [f.fault for f in found if f.subject == "/tf odom -> base"] == ["stamps_backward"]

@@ -8,33 +8,31 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from calibration_example import T_BASE_LASER, Robot, without
+from check_example import motion_findings
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from slamsim.check.calibration import Calibration, calibrate_inputs
-from slamsim.check.course import wheel_course
+from slamsim.check.calibration.joint import Calibration, calibrate_inputs
 from slamsim.check.diagnosis import explained
 from slamsim.check.findings import Finding
-from slamsim.check.gathering import Inputs
-from slamsim.check.joint import check_calibration
-from slamsim.check.mounting import check_mounting
-from slamsim.check.odometry import check_slip
-from slamsim.check.reversing import check_reversing
-from slamsim.check.rolling import check_wheels
-from slamsim.check.timing import check_timing
-from slamsim.check.turning import check_gyro
-from slamsim.check.votes import vote
+from slamsim.check.motion.inputs import Inputs
+from slamsim.check.motion.integrated import integrated_wheels
+from slamsim.check.questions.clocks.offsets import check_timing
+from slamsim.check.questions.inertial.gyroscope import check_gyro
+from slamsim.check.questions.laser.mounting import check_mounting
+from slamsim.check.questions.wheels.direction import check_reversing
+from slamsim.check.questions.wheels.odometry import check_slip
+from slamsim.check.questions.wheels.sizes import check_wheels
 from slamsim.core.types import FloatArray
 from slamsim.recording import RawImu, RawOdometry, RawTicks, Recording
 
 
 def everything(calibration: Calibration) -> list[Finding]:
-    opinion = vote(calibration)
     return [
         *check_timing(calibration),
         *check_slip(calibration),
-        *check_wheels(calibration, opinion),
-        *check_gyro(calibration, opinion),
+        *check_wheels(calibration),
+        *check_gyro(calibration),
         *check_mounting(calibration),
     ]
 
@@ -88,7 +86,7 @@ def rewired(ticks: RawTicks, by: list[list[int]]) -> RawTicks:
 )
 def test_wiring(by: list[list[int]], expected: set[str]) -> None:
     robot = Robot()
-    wheels = wheel_course(rewired(robot.ticks(), by))
+    wheels = integrated_wheels(rewired(robot.ticks(), by))
     assert named(replace(robot.inputs(), wheels=wheels)) == expected
 
 
@@ -115,16 +113,16 @@ def test_slip_is_found_and_kept_out_of_the_fit() -> None:
     gain[600:800] = 1.4
     steps = np.diff(ticks.ticks, axis=0) * gain[:, None]
     slipped = np.vstack([ticks.ticks[:1], ticks.ticks[0] + np.cumsum(steps, axis=0)])
-    wheels = wheel_course(replace(ticks, ticks=slipped.astype(np.int64)))
+    wheels = integrated_wheels(replace(ticks, ticks=slipped.astype(np.int64)))
     assert named(replace(robot.inputs(), wheels=wheels)) == {"wheel_slip"}
 
 
 def test_nothing_is_said_of_what_cannot_be_told() -> None:
-    """No turning: no offset, no track, no gyroscope; all "cannot tell" with what would tell."""
+    """No turning: no offset, no track, no gyroscope; all inconclusive, with what would tell."""
     findings = {one.check: one for one in everything(Robot(turning=0.0).calibrated())}
     for check in ("time.offset.lidar_imu", "time.offset.imu_wheels", "gyro.scale"):
-        assert findings[check].verdict == "cannot tell"
-    assert not any(one.verdict == "bad" for one in findings.values())
+        assert findings[check].verdict == "inconclusive"
+    assert not any(one.verdict == "fault" for one in findings.values())
     told = {one.check for one in everything(calibrated_without("gyro"))}
     assert "time.offset.lidar_imu" not in told
 
@@ -172,7 +170,7 @@ def odd_recordings() -> st.SearchStrategy[Recording]:
 @given(recording=odd_recordings())
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")
 def test_odd_streams_are_answered_without_a_crash_or_nan(recording: Recording) -> None:
-    for finding in check_calibration(recording, None):
+    for finding in motion_findings(recording):
         assert "nan" not in finding.words
         if finding.estimate is not None:
             assert math.isfinite(finding.estimate.value)
@@ -206,7 +204,7 @@ def test_spoilt_streams_beside_good_ones(spoil: str) -> None:
             ticks,
         ),
     )
-    for finding in check_calibration(recording, None):
+    for finding in motion_findings(recording):
         assert "nan" not in finding.words
 
 
@@ -232,12 +230,12 @@ def test_wheels_that_do_not_know_backward_are_told_from_slip(signed: bool) -> No
         one.check: one
         for one in explained([*check_slip(calibration), *check_reversing(calibration)])
     }
-    assert told["odometry.direction"].verdict == ("ok" if signed else "bad")
-    assert told["wheels.slip"].verdict != "bad"
+    assert told["odometry.direction"].verdict == ("ok" if signed else "fault")
+    assert told["wheels.slip"].verdict != "fault"
     assert {one.fault for one in told.values()} - {None} <= {"odometry_unsigned"}
 
 
 def test_a_robot_that_never_backs_up_tells_nothing_of_the_sign() -> None:
     (finding,) = check_reversing(Robot().calibrated())
-    assert finding.verdict == "cannot tell"
+    assert finding.verdict == "inconclusive"
     assert "backward" in finding.words

@@ -10,12 +10,18 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from slamsim.check.evidence import RecordingEvidence
 from slamsim.check.findings import Finding
-from slamsim.check.transforms import check_transforms
+from slamsim.check.questions.frames.transforms import check_transforms
 from slamsim.core.geometry import xyzw_from_yaw
 from slamsim.core.types import FloatArray, IntArray
 from slamsim.recording import RawOdometry, RawScans, Recording, ScanLayout, TransformEdge
 from slamsim.recording.frame_graph import FrameGraph
+
+
+def frame_findings(recording: Recording) -> list[Finding]:
+    return check_transforms(RecordingEvidence(recording))
+
 
 SECOND = 1_000_000_000
 LAYOUT = ScanLayout(-1.0, 1.0, 0.5, 0.0, 0.1, 0.1, 30.0)
@@ -73,7 +79,7 @@ def sound() -> Recording:
 
 
 def bad(recording: Recording) -> list[Finding]:
-    return [finding for finding in check_transforms(recording) if finding.verdict == "bad"]
+    return [finding for finding in frame_findings(recording) if finding.verdict == "fault"]
 
 
 def faults(recording: Recording) -> Counter[str | None]:
@@ -86,20 +92,20 @@ def with_edges(*edges: TransformEdge) -> Recording:
 
 def test_a_whole_tree_is_sound() -> None:
     assert not bad(sound())
-    assert {finding.check for finding in check_transforms(sound())} == {
+    assert {finding.check for finding in frame_findings(sound())} == {
         "tf.links", "tf.coverage", "tf.odometry",
     }  # fmt: skip
 
 
 def test_without_any_transform_nothing_can_be_told() -> None:
-    assert [finding.verdict for finding in check_transforms(with_edges())] == ["cannot tell"]
+    assert [finding.verdict for finding in frame_findings(with_edges())] == ["inconclusive"]
 
 
 def test_a_missing_odometry_link_is_what_slam_waits_for() -> None:
     found = bad(with_edges(*sound().transforms[1:]))
     assert [finding.fault for finding in found] == ["tf_missing_link"]
     assert found[0].subject == "odom -> base_footprint"
-    assert found[0].mends[0].operation == "add_odometry_transform"
+    assert found[0].repairs[0].operation == "add_odometry_transform"
 
 
 def test_a_missing_link_inside_the_robot() -> None:

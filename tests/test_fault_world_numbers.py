@@ -19,12 +19,12 @@ from test_bound import driven, sensors
 from test_bound_scans import T_BASE_LASER, polygon
 from test_dataset_catalogue import row, shard
 
-from slamsim.check.calibration import calibrate_inputs
-from slamsim.check.calibration_noise import jackknife
-from slamsim.check.course import Course
-from slamsim.check.gathering import Inputs
-from slamsim.check.laser_course import heading_by_course
-from slamsim.check.laser_gain import turn_gain
+from slamsim.check.calibration.joint import calibrate_inputs
+from slamsim.check.calibration.noise import jackknife
+from slamsim.check.motion.inputs import Inputs
+from slamsim.check.motion.integrated import IntegratedMotion
+from slamsim.check.questions.laser.gain import turn_gain
+from slamsim.check.questions.laser.heading import heading_by_path
 from slamsim.config.drive import LimitsConfig
 from slamsim.core.types import FloatArray, PlanarTrajectory
 from slamsim.dataset.catalogue.manifest import manifest
@@ -209,7 +209,7 @@ def _inputs() -> Inputs:
     return Robot(seconds=12.0).inputs()
 
 
-def _course() -> Course:
+def _course() -> IntegratedMotion:
     course = _inputs().gyro
     assert course is not None
     return course
@@ -275,10 +275,10 @@ CHECKS: dict[str, Case] = {
     ),
     **each(
         "heading: a lever",
-        lambda bad: heading_by_course(_inputs().steps, _course(), 0, np.array([0.0, bad])),
+        lambda bad: heading_by_path(_inputs().steps, _course(), 0, np.array([0.0, bad])),
     ),
     "heading: scans that never move": right(
-        lambda: heading_by_course(_still(_inputs()).steps, _course(), 0, np.zeros(2))
+        lambda: heading_by_path(_still(_inputs()).steps, _course(), 0, np.zeros(2))
     ),
     "jackknife: blocks that tell nothing": refused(
         lambda: jackknife(np.zeros((2, 2)), np.zeros((7, 2, 2)), np.zeros((7, 2)))

@@ -157,7 +157,7 @@ def test_strings_from_files_stay_text(run: RunView) -> None:
             command=evil,
             config_yaml=evil,
             seconds={evil: 1.0},
-            checked=CheckReport(evil, (Finding(evil, evil, "bad", evil, "laser_yaw", evil),)),
+            checked=CheckReport(evil, (Finding(evil, evil, "fault", evil, "laser_yaw", evil),)),
         )
     )
     assert "<script" not in page

@@ -5,69 +5,67 @@ from __future__ import annotations
 import logging
 import time
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
-from slamsim.check.description import check_description
 from slamsim.check.diagnosis import explained
+from slamsim.check.evidence import RecordingEvidence
 from slamsim.check.findings import CheckReport, Finding
-from slamsim.check.inertial import check_inertial
-from slamsim.check.motion import check_motion
-from slamsim.check.published import check_published
-from slamsim.check.publishers import check_publishers
-from slamsim.check.ranges import check_ranges
-from slamsim.check.streams import check_streams
-from slamsim.check.transforms import check_transforms
+from slamsim.check.question import Question, QuestionGroup, judge
+from slamsim.check.registry import CHECKER_ERROR, registry
 from slamsim.core.progress import Progress, silent
 from slamsim.recording import Recording
 
-Question = Callable[[Recording], Sequence[Finding]]
-
 _log = logging.getLogger(__name__)
-
-QUICK: dict[str, Question] = {
-    "stamps": check_streams,
-    "transforms": check_transforms,
-    "publishers": check_publishers,
-    "ranges": check_ranges,
-    "inertial unit": check_inertial,
-    "odometry": check_published,
-    "robot description": check_description,
-}
-"""What can be told without comparing scans with one another."""
-THOROUGH: dict[str, Question] = {"motion": check_motion}
-"""What the motion between scans tells."""
 
 
 def check_recording(
     recording: Recording, *, quick: bool = False, progress: Progress = silent
 ) -> CheckReport:
-    """Every verdict about a recording of which nothing is known but itself.
+    """Ask every question about a recording, which is compared with itself alone.
 
-    quick leaves out what compares scans with one another.
+    quick: leave out questions that compare scans with one another. A question that raises does
+    not cost the others: its finding is the fault ``checker_error``.
     """
-    questions = QUICK if quick else {**QUICK, **THOROUGH}
+    groups = [group for group in registry().groups if not (quick and group.thorough)]
+    evidence, errors = RecordingEvidence(recording), list[Exception]()
     findings: list[Finding] = []
     seconds: dict[str, float] = {}
-    for done, (name, question) in enumerate(questions.items()):
-        progress(done, len(questions))
+    for done, group in enumerate(groups):
+        progress(done, len(groups))
         begun_s = time.perf_counter()
-        findings += _answered(name, question, recording)
-        seconds[name] = time.perf_counter() - begun_s
-    progress(len(questions), len(questions))
+        findings += _answers(group, evidence, errors)
+        seconds[group.part] = seconds.get(group.part, 0.0) + time.perf_counter() - begun_s
+    progress(len(groups), len(groups))
     return CheckReport(recording.name, explained(findings), seconds)
 
 
-def _answered(name: str, question: Question, recording: Recording) -> Sequence[Finding]:
-    """The answer; one that fails on an odd recording must not cost the others."""
+def _answers(
+    group: QuestionGroup, evidence: RecordingEvidence, errors: list[Exception]
+) -> Sequence[Finding]:
+    """The findings of a group; errors: those that are reported already, appended to."""
     try:
         # Recordings hold inf and nan, and nothing at all: that is judged, not warned of.
         with np.errstate(all="ignore"), warnings.catch_warnings():
             warnings.simplefilter("ignore", RuntimeWarning)
-            return question(recording)
+            return list(group.ask(evidence))
     except Exception as error:
-        _log.debug("the question about %s failed", name, exc_info=True)
-        kind, detail = type(error).__name__, " ".join(str(error).split())[:200]
-        words = f"this part of the check failed on this recording ({kind}: {detail})"
-        return [Finding(f"check.{name.replace(' ', '_')}", recording.name, "cannot tell", words)]
+        _log.warning("the questions about %s failed", group.part, exc_info=True)
+        if any(error is known for known in errors):
+            return []
+        errors.append(error)
+        return [_internal_error(group, evidence.recording.name, error)]
+
+
+def _internal_error(group: QuestionGroup, recording_name: str, error: Exception) -> Finding:
+    part = group.part.replace(" ", "_")
+    asked = ", ".join(question.id for question in group.questions)
+    detail = " ".join(str(error).split())[:200]
+    return judge(
+        Question(f"check.{part}", "the checker answers its questions", (CHECKER_ERROR,)),
+        recording_name,
+        f"internal error in the question {asked} ({type(error).__name__}: {detail})",
+        verdict="fault",
+        advice="Report it with this recording; what these questions would tell is not known.",
+    )

@@ -1,4 +1,4 @@
-"""What the checker says: findings, each with its number, its evidence and the mend."""
+"""What the checker reports: findings, each with its number, its evidence and the repair."""
 
 from __future__ import annotations
 
@@ -6,15 +6,13 @@ from dataclasses import dataclass, field, replace
 from typing import Literal
 
 from slamsim.core.types import FloatArray
-from slamsim.recording.fault_names import FAULT_NAMES
 from slamsim.recording.repairs.base import Repair
 
-Verdict = Literal["ok", "bad", "cannot tell"]
-Mend = Repair
+Verdict = Literal["ok", "fault", "inconclusive"]
 
 
 @dataclass(frozen=True, slots=True)
-class Estimate:
+class Measurement:
     """A measured size with its standard deviation, in ``unit``; the interval is 95 %.
 
     bound: the least standard deviation that any method could have on these data (Cramer-Rao).
@@ -55,14 +53,14 @@ class Plot:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Finding:
-    """The answer to one question about one subject.
+    """The answer to one question about one subject; ``question.judge`` makes it.
 
-    check: stable dotted name of the question, such as ``laser.rotation`` or ``time.offset.lidar``.
-    subject: the topic, frame or edge it is about. fault: the name of what is wrong, one of
-    ``FAULT_NAMES``, if and only if the verdict is bad. words: one sentence saying what was found,
-    with numbers; for "cannot tell" the reason and which motion or data would have told. advice:
-    one sentence saying what to do, empty unless bad. statistic and limit: the number on which the
-    verdict rests and the bound it is held against, in ``estimate.unit`` or the unit in words.
+    check: id of the question, such as ``laser.rotation`` or ``time.offset.lidar``. subject: the
+    topic, frame or edge it is about. fault: the name of what is wrong, if and only if the verdict
+    is "fault". words: one sentence saying what was found, with numbers; of an inconclusive answer
+    the reason, and which motion or data would tell. advice: one sentence saying what to do, empty
+    unless a fault. estimate and limit: the size on which the verdict rests and the largest healthy
+    one, in ``estimate.unit`` or the unit in words.
     """
 
     check: str
@@ -71,36 +69,37 @@ class Finding:
     words: str
     fault: str | None = None
     advice: str = ""
-    estimate: Estimate | None = None
+    estimate: Measurement | None = None
     limit: float | None = None
-    mends: tuple[Mend, ...] = ()
+    repairs: tuple[Repair, ...] = ()
     plots: tuple[Plot, ...] = ()
 
     def __post_init__(self) -> None:
-        if (self.verdict == "bad") != (self.fault is not None):
-            raise ValueError(f"{self.check}: a fault is named if and only if something is bad")
-        if self.fault is not None and self.fault not in FAULT_NAMES:
-            raise ValueError(f"{self.check}: {self.fault!r} is no known fault")
+        if (self.verdict == "fault") != (self.fault is not None):
+            raise ValueError(f"{self.check}: a fault has a name, other verdicts have none")
 
-    def untold(self, reason: str) -> Finding:
-        """The same as something that cannot be told, the reason added to its words."""
+    def inconclusive(self, reason: str) -> Finding:
+        """The same as an inconclusive answer, the reason added to its words."""
         words = f"{self.words}; {reason}"
-        return replace(self, verdict="cannot tell", fault=None, words=words, advice="", mends=())
+        return replace(self, verdict="inconclusive", fault=None, words=words, advice="", repairs=())
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CheckReport:
-    """All findings about a recording, in the order of the questions."""
+    """All findings about a recording, in the order of the questions.
+
+    seconds: wall time of each part of the check.
+    """
 
     name: str
     findings: tuple[Finding, ...]
     seconds: dict[str, float] = field(default_factory=dict)
 
     @property
-    def bad(self) -> tuple[Finding, ...]:
-        return tuple(finding for finding in self.findings if finding.verdict == "bad")
+    def faults(self) -> tuple[Finding, ...]:
+        return tuple(finding for finding in self.findings if finding.verdict == "fault")
 
     @property
     def repairs(self) -> tuple[Repair, ...]:
-        """What the bad findings propose, in their order."""
-        return tuple(repair for finding in self.bad for repair in finding.mends)
+        """What the faults propose, in their order."""
+        return tuple(repair for finding in self.faults for repair in finding.repairs)

@@ -1,4 +1,4 @@
-"""Verdicts as people and programs read them."""
+"""Findings as people and programs read them."""
 
 from __future__ import annotations
 
@@ -6,21 +6,30 @@ import math
 from collections import Counter
 from dataclasses import asdict
 
-from slamsim.check.findings import CheckReport, Estimate, Finding
-from slamsim.recording.fault_names import FAULT_NAMES
+from slamsim.check.findings import CheckReport, Finding, Measurement, Verdict
+from slamsim.check.registry import fault_meaning
+
+JSON_VERDICTS: dict[Verdict, str] = {
+    "ok": "ok",
+    "fault": "bad",
+    "inconclusive": "cannot tell",
+}
+"""What verdicts are called in ``--json``, where names never change."""
 
 
 def headline(report: CheckReport) -> str:
     """The verdict in one sentence."""
-    names = list(dict.fromkeys(FAULT_NAMES[f.fault] for f in report.bad if f.fault is not None))
+    names = list(
+        dict.fromkeys(fault_meaning(f.fault) for f in report.faults if f.fault is not None)
+    )
     if names:
         return f"Something is wrong: {'; '.join(names)}."
-    unknown = sum(finding.verdict == "cannot tell" for finding in report.findings)
+    unknown = sum(finding.verdict == "inconclusive" for finding in report.findings)
     questions = "1 question stays" if unknown == 1 else f"{unknown} questions stay"
     return "Nothing is wrong" + (f", but {questions} open." if unknown else ".")
 
 
-def shown(estimate: Estimate | None, limit: float | None = None) -> str:
+def shown(estimate: Measurement | None, limit: float | None = None) -> str:
     """A number with its interval and its limit, empty without one."""
     if estimate is None:
         return ""
@@ -32,31 +41,31 @@ def shown(estimate: Estimate | None, limit: float | None = None) -> str:
 
 
 def warning(finding: Finding) -> str:
-    """What is bad, as it stands among the warnings of a run."""
-    return f"{FAULT_NAMES[finding.fault or '']} ({finding.subject}): {finding.words}"
+    """A fault, as it stands among the warnings of a run."""
+    return f"{fault_meaning(finding.fault or '')} ({finding.subject}): {finding.words}"
 
 
 def as_json(report: CheckReport) -> dict[str, object]:
-    """All verdicts under stable keys; what is not a finite number is null."""
+    """All findings under stable keys; what is not a finite number is null."""
     counts = Counter(finding.verdict for finding in report.findings)
     return {
         "name": report.name,
-        "bad": counts["bad"],
-        "cannot_tell": counts["cannot tell"],
+        "bad": counts["fault"],
+        "cannot_tell": counts["inconclusive"],
         "ok": counts["ok"],
-        "faults": sorted({finding.fault for finding in report.bad if finding.fault is not None}),
+        "faults": sorted({finding.fault for finding in report.faults if finding.fault is not None}),
         "findings": [finding_json(finding) for finding in report.findings],
         "seconds": {name: round(seconds, 3) for name, seconds in report.seconds.items()},
     }
 
 
 def finding_json(finding: Finding) -> dict[str, object]:
-    """One verdict under stable keys."""
+    """One finding under stable keys."""
     estimate = finding.estimate
     return {
         "check": finding.check,
         "subject": finding.subject,
-        "verdict": finding.verdict,
+        "verdict": JSON_VERDICTS[finding.verdict],
         "fault": finding.fault,
         "words": finding.words,
         "advice": finding.advice,
@@ -65,7 +74,7 @@ def finding_json(finding: Finding) -> dict[str, object]:
         "interval": None if estimate is None else [_number(end) for end in estimate.interval],
         "unit": None if estimate is None else estimate.unit,
         "limit": _number(finding.limit),
-        "mends": [asdict(mend) for mend in finding.mends],
+        "mends": [asdict(repair) for repair in finding.repairs],
     }
 
 

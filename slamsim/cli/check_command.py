@@ -35,7 +35,9 @@ Source = Annotated[
 
 
 def check(
-    source: Source,
+    source: Annotated[
+        Path | None, typer.Argument(help="A recording: rosbag2, MCAP, ROS 1, CARMEN.")
+    ] = None,
     scan_topic: ScanTopic = None,
     html: Annotated[
         Path | None,
@@ -49,6 +51,9 @@ def check(
         bool, typer.Option("--quick", help="Leave out what compares scans with one another.")
     ] = False,
     show_all: Annotated[bool, typer.Option("--all", help="Show also what is fine.")] = False,
+    list_: Annotated[
+        bool, typer.Option("--list", help="List all questions, their limits and their faults.")
+    ] = False,
     overwrite: OverwriteFile = False,
     quiet: Quiet = False,
     as_json: Json = False,
@@ -58,6 +63,14 @@ def check(
     from slamsim.run.naming import output_file
 
     reporter = Reporter(quiet=quiet, as_json=as_json)
+    if list_:
+        from slamsim.run.checking import question_facts, question_table
+
+        reporter.table("Questions", question_table())
+        reporter.result({"questions": question_facts()})
+        return
+    if source is None:
+        raise typer.BadParameter("give a recording, or --list")
     with _not_checked(), output_file(html, overwrite=overwrite, inputs=(source,)) as page:
         from slamsim.run.checking import check_log
 
@@ -66,7 +79,7 @@ def check(
         )
     if html is not None:
         reporter.say(f"Written to {html}")
-    raise typer.Exit(1 if report.bad else 0)
+    raise typer.Exit(1 if report.faults else 0)
 
 
 @contextmanager
@@ -128,4 +141,4 @@ def fix(
             lossy=lossy,
             overwrite=overwrite,
         )
-    raise typer.Exit(1 if report.bad else 0)
+    raise typer.Exit(1 if report.faults else 0)

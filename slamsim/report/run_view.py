@@ -43,7 +43,7 @@ class RunView:
     @property
     def doubts(self) -> tuple[str, ...]:
         """What is wrong with the recording itself, a sentence each."""
-        return () if self.checked is None else tuple(map(warning, self.checked.bad))
+        return () if self.checked is None else tuple(map(warning, self.checked.faults))
 
     @property
     def begin_ns(self) -> int:

@@ -1,14 +1,17 @@
-"""``slamsim check``: a recording in, verdicts out."""
+"""``slamsim check``: a recording in, findings out."""
 
 from __future__ import annotations
 
 from pathlib import Path
+from typing import get_args
 
 from rich.table import Table
 from rich.text import Text
 
 from slamsim.check.check import check_recording
-from slamsim.check.findings import CheckReport, Finding
+from slamsim.check.findings import CheckReport, Finding, Verdict
+from slamsim.check.question import Question
+from slamsim.check.registry import registry
 from slamsim.check.wording import as_json, headline, shown
 from slamsim.console.reporter import Reporter
 from slamsim.io.open import read_recording
@@ -46,6 +49,36 @@ def check_log(
     return report
 
 
+def question_table() -> dict[str, str]:
+    """Every question by its id: what is asked, its limit, which faults it finds."""
+    return {one.id: _declared(one) for one in registry().questions.values()}
+
+
+def question_facts() -> list[dict[str, object]]:
+    """The same with all that is declared of each."""
+    return [
+        {
+            "id": one.id,
+            "meaning": one.meaning,
+            "faults": {fault.name: fault.meaning for fault in one.faults},
+            "limit": one.limit,
+            "unit": one.unit,
+            "consequence": one.consequence,
+            "excitation_wanted": one.excitation_wanted,
+            "repairs": list(one.repairs),
+        }
+        for one in registry().questions.values()
+    ]
+
+
+def _declared(question: Question) -> str:
+    faults = ", ".join(fault.name for fault in question.faults)
+    limit = "" if question.limit is None else f" (limit {question.limit:.3g} {question.unit})"
+    words = f"{question.meaning}{limit}; else {question.consequence}"
+    words += f". Told by {question.excitation_wanted}" if question.excitation_wanted else ""
+    return f"{words}. Faults: {faults}" if faults else words
+
+
 def check_stage(recording: Recording, stages: Stages, *, quick: bool = False) -> CheckReport:
     """Check a recording under a progress bar."""
     with stages.stage("check", "questions/s") as progress:
@@ -55,17 +88,17 @@ def check_stage(recording: Recording, stages: Stages, *, quick: bool = False) ->
 def show_verdicts(
     reporter: Reporter, recording: Recording, report: CheckReport, *, show_all: bool = False
 ) -> None:
-    """Tables of what is bad and what cannot be told, a line for the rest, and the verdict."""
+    """Tables of faults and of what is inconclusive, a line for the rest, and the verdict."""
     for words in recording.anomalies:
         reporter.say(f"  {words}")
     by_verdict = {
         verdict: [finding for finding in report.findings if finding.verdict == verdict]
-        for verdict in ("bad", "cannot tell", "ok")
+        for verdict in get_args(Verdict)
     }
-    if by_verdict["bad"]:
-        reporter.show(_table("Wrong", by_verdict["bad"], "bold red"))
-    if by_verdict["cannot tell"]:
-        reporter.show(_table("Cannot tell", by_verdict["cannot tell"], "yellow"))
+    if by_verdict["fault"]:
+        reporter.show(_table("Faults", by_verdict["fault"], "bold red"))
+    if by_verdict["inconclusive"]:
+        reporter.show(_table("Inconclusive", by_verdict["inconclusive"], "yellow"))
     if show_all and by_verdict["ok"]:
         reporter.show(_table("Fine", by_verdict["ok"], "green"))
     elif by_verdict["ok"]:

@@ -51,8 +51,8 @@ def rotation_bug(
         write_atomic(partial / run_folder.REPORT, demo_page(verdict, sides).encode())
         write_sides(partial / run_folder.RECORDING, sides)
     return {
-        "faults": [finding.fault for finding in verdict.bad],
-        "faults_left": [finding.fault for finding in left.bad],
+        "faults": [finding.fault for finding in verdict.faults],
+        "faults_left": [finding.fault for finding in left.faults],
         **{f"{side.key}_ate_rmse_m": side.ate_m for side in sides},
     }
 

@@ -20,6 +20,7 @@ from slamsim.bench.check.trials import (
     curve_trials,
     fault_trials,
     pair_trials,
+    require_known_names,
 )
 from slamsim.bench.check.truth import truths
 from slamsim.console.reporter import Reporter
@@ -63,7 +64,11 @@ class CheckCampaign:
 
 
 def run_campaign(campaign: CheckCampaign, reporter: Reporter) -> Json:
-    """Every outcome, and the summary over all drives; one that fails is told and counted."""
+    """Every outcome, and the summary over all drives; one that fails is told and counted.
+
+    Raises SlamsimError for faults that the checker cannot report.
+    """
+    require_known_names(campaign.faults)
     runs: list[Json] = []
     count = len(campaign.seeds) + len(campaign.clean_seeds) + len(campaign.recordings)
     with (

@@ -25,7 +25,7 @@ def time_long_check(seconds: float, seed: int) -> Json:
         "seconds": time.perf_counter() - wall_s,
         "cpu_seconds": time.process_time() - cpu_s,
         "parts": report.seconds,
-        "said": [finding.fault for finding in report.bad],
+        "said": [finding.fault for finding in report.faults],
     }
 
 

@@ -12,6 +12,7 @@ from slamsim.bench.check.trials import CheckTrial
 from slamsim.bench.check.truth import Truth
 from slamsim.check.check import check_recording
 from slamsim.check.findings import CheckReport, Finding
+from slamsim.check.wording import JSON_VERDICTS
 from slamsim.recording import Recording
 from slamsim.recording.edits.base import CannotEdit
 from slamsim.sensors.faults.base import Fault
@@ -96,8 +97,8 @@ def _outcome(
         sort=trial.sort,
         expects=tuple(sorted({fault.expects for fault in trial.faults})),
         also=tuple(sorted({name for fault in trial.faults for name in fault.also})),
-        said=tuple(sorted({finding.fault for finding in report.bad if finding.fault})),
-        untold=tuple(f.check for f in report.findings if f.verdict == "cannot tell"),
+        said=tuple(sorted({finding.fault for finding in report.faults if finding.fault})),
+        untold=tuple(f.check for f in report.findings if f.verdict == "inconclusive"),
         measured=tuple(filter(None, map(_measured, report.findings))),
         seconds=seconds,
         skipped=skipped,
@@ -111,7 +112,7 @@ def _measured(finding: Finding) -> Measured | None:
     return Measured(
         finding.check,
         finding.subject,
-        finding.verdict,
+        JSON_VERDICTS[finding.verdict],
         estimate.value,
         estimate.sigma,
         estimate.unit,

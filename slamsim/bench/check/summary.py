@@ -20,7 +20,7 @@ def coverage(outcomes: Iterable[CheckOutcome]) -> dict[str, Json]:
 
     ratio: error over sigma, 1 for honest ones, and error: both as standard deviations by their
     medians, so that single wild ones show in ``inside`` alone. over_bound: median of sigma over
-    the least one possible. An answer of "cannot tell" counts: its interval is stated too.
+    the least one possible. An inconclusive answer counts: its interval is stated too.
     """
     pairs: dict[str, list[tuple[Measured, float]]] = defaultdict(list)
     for outcome in outcomes:

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import difflib
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from slamsim.check.registry import registry
 from slamsim.core.randomness import random_stream
+from slamsim.guard.errors import SlamsimError, shown
 from slamsim.sensors.faults.base import Fault
 
 CLEAN = "clean"
@@ -33,6 +36,20 @@ def clean_trial() -> CheckTrial:
 
 def fault_trials(faults: Sequence[Fault]) -> list[CheckTrial]:
     return [CheckTrial("fault", (fault,)) for fault in faults]
+
+
+def require_known_names(faults: Sequence[Fault]) -> None:
+    """Raises SlamsimError for a fault that names another which no question can report."""
+    known = registry().faults
+    for fault in faults:
+        for name in (fault.expects, *fault.also, *fault.hides):
+            if name not in known:
+                near = difflib.get_close_matches(name, known, n=1)
+                hint = f"; did you mean {near[0]!r}?" if near else ""
+                raise SlamsimError(
+                    f"the fault {fault.name} expects {shown(name)}, "
+                    f"which the checker cannot report{hint}"
+                )
 
 
 def curve_trials(faults: Sequence[Fault]) -> list[CheckTrial]:

@@ -12,11 +12,11 @@ import numpy as np
 from matplotlib import rc_context
 from matplotlib.figure import Figure
 
-from slamsim.check.findings import CheckReport, Curve, Finding, Plot
+from slamsim.check.findings import CheckReport, Curve, Finding, Plot, Verdict
+from slamsim.check.registry import fault_meaning
 from slamsim.check.wording import headline, shown
 from slamsim.core.types import FloatArray
 from slamsim.guard.output import write_atomic
-from slamsim.recording.fault_names import FAULT_NAMES
 from slamsim.report.figures.palette import ESTIMATE, NEUTRAL, ODOMETRY, SCAN, TRUTH, WITHDRAWN
 from slamsim.report.figures.run import STYLE, Picture, svg
 from slamsim.report.pages.html import Card, Table, cards, figure, page, pair, section, table
@@ -32,11 +32,11 @@ def write_check_page(path: Path, report: CheckReport) -> None:
 
 
 def check_page(report: CheckReport) -> str:
-    """The whole page: what is bad with its evidence, what cannot be told and why, what is fine."""
+    """The whole page: faults with their evidence, what is inconclusive and why, what is fine."""
     parts = [
         cards(_counts(report)),
-        section("What is wrong", "".join(map(wrong, report.bad))),
-        section("What cannot be told", _listed(report, "cannot tell")),
+        section("What is wrong", "".join(map(wrong, report.faults))),
+        section("Inconclusive", _listed(report, "inconclusive")),
         section("What is fine", _listed(report, "ok")),
         section("Evidence", _evidence(report)),
     ]
@@ -46,8 +46,8 @@ def check_page(report: CheckReport) -> str:
 def _counts(report: CheckReport) -> list[Card]:
     counts = Counter(finding.verdict for finding in report.findings)
     return [
-        Card("Wrong", str(counts["bad"]), "findings"),
-        Card("Cannot tell", str(counts["cannot tell"]), "questions without an answer"),
+        Card("Faults", str(counts["fault"]), "findings"),
+        Card("Inconclusive", str(counts["inconclusive"]), "questions without an answer"),
         Card("Fine", str(counts["ok"]), "questions"),
         Card("Checked in", f"{sum(report.seconds.values()):.1f} s", "all parts"),
     ]
@@ -58,13 +58,13 @@ def wrong(finding: Finding) -> str:
     number = shown(finding.estimate, finding.limit)
     measured = f'<p class="note">{escape(number)}</p>' if number else ""
     return (
-        f'<div class="warnings"><strong>{escape(FAULT_NAMES[finding.fault or ""])}</strong> '
+        f'<div class="warnings"><strong>{escape(fault_meaning(finding.fault or ""))}</strong> '
         f"({escape(finding.fault or '')}, {escape(finding.subject)})<br>{escape(finding.words)}."
         f"<br>{escape(finding.advice)}{measured}</div>{_plots(finding)}"
     )
 
 
-def _listed(report: CheckReport, verdict: str) -> str:
+def _listed(report: CheckReport, verdict: Verdict) -> str:
     rows = [
         (f.check, f.subject, shown(f.estimate, f.limit), f.words)
         for f in report.findings
@@ -74,7 +74,7 @@ def _listed(report: CheckReport, verdict: str) -> str:
 
 
 def _evidence(report: CheckReport) -> str:
-    return "".join(_plots(finding) for finding in report.findings if finding.verdict != "bad")
+    return "".join(_plots(finding) for finding in report.findings if finding.verdict != "fault")
 
 
 def _plots(finding: Finding) -> str:

@@ -57,7 +57,7 @@ def demo_page(verdict: CheckReport, sides: tuple[MappedSide, MappedSide]) -> str
         cards([Card(side.title, _off(side), "SLAM's position error, RMSE") for side in sides])
         + section("Scans laid along the wheels' path", pair(laid, paper=True))
         + section("What SLAM makes of it", pair(mapped, paper=True))
-        + section("The verdict", "".join(map(wrong, verdict.bad)))
+        + section("The verdict", "".join(map(wrong, verdict.faults)))
     )
     return page("The rotation bug", lead, body, _FOOTER)
 

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slamsim.check.check import check_recording
-from slamsim.check.disagreement import covered
 from slamsim.check.findings import CheckReport, Finding
+from slamsim.check.motion.disagreement import covered
 from slamsim.config.run import RunConfig
 from slamsim.config.scenarios.slam_case import SlamCaseConfig
 from slamsim.core.geometry import compose, inverse, xyzw_from_yaw
@@ -73,7 +73,7 @@ def slam_trial(config: SlamCaseConfig, seed: int, number: int) -> Outcome:
         "scans_with_transform_share": _usable_share(recording),
         **scores,
         **_delay(report),
-        "faults": ", ".join(dict.fromkeys(str(finding.fault) for finding in report.bad)),
+        "faults": ", ".join(dict.fromkeys(str(finding.fault) for finding in report.faults)),
         "slam_refused": refused,
     }
     if mapped is None:
@@ -110,7 +110,7 @@ def _usable_share(recording: Recording) -> float:
 
 def _delay(report: CheckReport) -> Row:
     """What the checker has measured of the lidar's delay, if it is sure of one."""
-    found: Finding | None = next((f for f in report.bad if f.check == _DELAY), None)
+    found: Finding | None = next((f for f in report.faults if f.check == _DELAY), None)
     if found is None or found.estimate is None:
         return {"delay_s": None, "delay_least_s": None, "delay_most_s": None}
     scale = 1e-3 if found.estimate.unit == "ms" else 1.0

@@ -1,0 +1,219 @@
+"""All errors of gyroscope, wheels, clocks and mounting at once, from the scans' own motions.
+
+Robust generalised least squares: residuals are weighed by what scans, gyroscope and wheels are
+good for, outliers by Cauchy's weight, errors of shared scans are whitened, and Gauss-Newton steps
+are made until they stop to matter. Sigmas are those of a jackknife over blocks of time.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from slamsim.check.calibration.model import PRIOR_SIGMAS, ROWS, Model
+from slamsim.check.calibration.noise import blocks, jackknife, share_of_scans, whitened, wider
+from slamsim.core.types import BoolArray, FloatArray, IntArray
+from slamsim.slam.calibration.online import evidence
+
+MOST_ROUNDS = 12
+CONVERGED_SIGMAS = 0.02
+STRAIGHT_SIGMAS = 1.0
+"""After a step smaller than this slopes are taken for constant."""
+
+HELD_SIGMA = 1e-9
+DOUBT_SQUARED = 12.0
+UNKNOWN_VARIANCE = 1e12
+NOTHING = 1e-6
+ROUNDING = 1e-12
+"""Weight, 1/m^2 or 1/rad^2, of what is not known: keeps roots real."""
+
+FEW_BLOCKS = 6
+USUAL_SQUARE = 0.455
+"""Median of the square of a normal variable."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Fit:
+    """values, sigmas: (p,) in the order of ``UNKNOWNS``; covariance: (p, p).
+    bound_covariance: (p, p) the least that any unbiased method could reach with this noise
+    (Cramer-Rao).
+
+    residual: (n, 4) after the fit; weight: (n,) 1 believed, 0 outlier; used: (n,) whether anything
+    was there to compare. chi2: (n,) squared residual in standard deviations.
+    """
+
+    values: FloatArray
+    covariance: FloatArray
+    bound_covariance: FloatArray
+    residual: FloatArray
+    weight: FloatArray
+    used: BoolArray
+    chi2: FloatArray
+
+    @property
+    def sigmas(self) -> FloatArray:
+        return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def bounds(self) -> FloatArray:
+        """(p,)."""
+        return np.sqrt(np.diag(self.bound_covariance))
+
+
+def fit(model: Model, start: FloatArray) -> Fit:
+    """The most likely values near ``start`` (p,); those that are not free stay there."""
+    values, noise = start.copy(), _Noise(model)
+    parts, prior = list(blocks(model.steps)), _prior(model)
+    noise.learn(model.residual(values), model.covered(values))
+    jacobian = model.jacobian(values)
+    for _ in range(MOST_ROUNDS):
+        root = noise.root(model.covered(values))
+        equations = _equations(model, (values, start), jacobian, prior, root, parts)
+        step = -np.linalg.solve(equations.information, equations.push)
+        values = values + step
+        noise.learn(model.residual(values), model.covered(values))
+        moved = float(np.max(np.abs(step) / np.sqrt(np.diag(equations.by_noise))))
+        if moved < CONVERGED_SIGMAS:
+            break
+        if moved > STRAIGHT_SIGMAS:
+            jacobian = model.jacobian(values)
+    root = noise.root(model.covered(values))
+    last = _equations(model, (values, start), jacobian, prior, root, parts)
+    return Fit(
+        values=values,
+        covariance=last.covariance,
+        bound_covariance=last.by_noise,
+        residual=last.residual,
+        weight=last.weight,
+        used=last.used,
+        chi2=last.chi2,
+    )
+
+
+def _prior(model: Model) -> FloatArray:
+    """(p, p) information."""
+    return np.diag(1.0 / np.square(np.where(model.free, PRIOR_SIGMAS, HELD_SIGMA)))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Equations:
+    """information (p, p), push (p,): of all blocks and of what is believed beforehand."""
+
+    information: FloatArray
+    push: FloatArray
+    prior: FloatArray
+    gained: FloatArray
+    pushes: FloatArray
+    unit: float
+    residual: FloatArray
+    weight: FloatArray
+    used: BoolArray
+    chi2: FloatArray
+
+    @property
+    def by_noise(self) -> FloatArray:
+        """(p, p) covariance that noise as it was found, and nothing else, would make."""
+        inverse = np.linalg.inv(self.information)
+        believed = inverse @ self.prior @ inverse
+        return np.asarray(self.unit * (inverse - believed) + believed)
+
+    @property
+    def covariance(self) -> FloatArray:
+        """(p, p), whatever the noise is like."""
+        if len(self.pushes) < FEW_BLOCKS:
+            return self.by_noise
+        inverse = np.linalg.inv(self.information)
+        by_blocks, moved = jackknife(self.information, self.gained, self.pushes)
+        stretch = wider(moved)
+        return np.asarray(np.outer(stretch, stretch) * by_blocks + inverse @ self.prior @ inverse)
+
+
+def _equations(
+    model: Model,
+    values_start: tuple[FloatArray, FloatArray],
+    jacobian: FloatArray,
+    prior: FloatArray,
+    root: FloatArray,
+    parts: list[IntArray],
+) -> _Equations:
+    values, start = values_start
+    residual = model.residual(values)
+    unit_residual = np.einsum("nij,nj->ni", root, residual)
+    unit_jacobian = np.einsum("nij,njp->nip", root, jacobian)
+    chi2 = np.square(unit_residual).sum(axis=1)
+    weight = 1.0 / (1.0 + chi2 / DOUBT_SQUARED)
+    told = np.einsum("nij,nij->nj", root, root) > 2.0 * NOTHING
+    used = told.any(axis=1)
+    unit_residual *= np.sqrt(weight)[:, None]
+    unit_jacobian *= np.sqrt(weight)[:, None, None]
+    share = share_of_scans(unit_residual, model.steps, parts)
+    gained, pushes, squared, count = [], [], 0.0, 0
+    for part in parts:
+        mine, slopes = whitened(part, model.steps, share, unit_residual, unit_jacobian)
+        gained.append(np.einsum("nip,niq->pq", slopes, slopes))
+        pushes.append(np.einsum("nip,ni->p", slopes, mine))
+        squared += float(np.square(mine).sum())
+        count += int(told[part].sum())
+    believed = prior @ (values - start)
+    unit = squared / max(count - len(values), 1)
+    return _Equations(
+        np.sum(gained, axis=0) + prior,
+        np.sum(pushes, axis=0) + believed,
+        prior,
+        np.array(gained),
+        np.array(pushes),
+        unit,
+        residual,
+        weight,
+        used,
+        chi2,
+    )
+
+
+class _Noise:
+    """Variances of what is not the scans': wheels along, across and in turn, and gyroscope."""
+
+    def __init__(self, model: Model) -> None:
+        reading = np.zeros(2) if model.wheels is None else model.wheels.reading
+        least = np.array([reading[0], 1e-5, reading[1]])
+        self._least = np.append(2.0 * np.square(least), 1e-10) + 1e-12
+        self._own = self._least.copy()
+        self._information = model.steps.information
+        self._scans = _inverted(self._information)
+
+    def learn(self, residual: FloatArray, covered: tuple[BoolArray, BoolArray]) -> None:
+        """Fit the variances to (n, 4) residuals."""
+        scans = np.diagonal(self._scans, axis1=1, axis2=2)
+        scans = np.column_stack([scans, scans[:, 2]])
+        for row in range(ROWS):
+            seen = covered[row < 3] & (scans[:, row] < 0.1 * UNKNOWN_VARIANCE)
+            if seen.sum() < ROWS:
+                continue
+            typical = float(np.median(np.square(residual[seen, row]))) / USUAL_SQUARE
+            left = typical - float(np.median(scans[seen, row]))
+            self._own[row] = max(left, self._least[row])
+
+    def root(self, covered: tuple[BoolArray, BoolArray]) -> FloatArray:
+        """(n, 4, 4) upper root of the weight of the residuals: R'R is the inverse covariance."""
+        by_gyro, by_wheels = covered
+        count = len(by_gyro)
+        own = np.broadcast_to(self._own, (count, ROWS)).copy()
+        own[~by_gyro, 3] = UNKNOWN_VARIANCE
+        own[~by_wheels, :3] = UNKNOWN_VARIANCE
+        covariance = own[:, :, None] * np.eye(ROWS)
+        zero = np.zeros((count, 3))
+        found = evidence(
+            zero, self._information, zero, np.zeros(count), np.zeros((count, ROWS, 0)), covariance
+        )
+        weight = 0.5 * (found.weight + np.swapaxes(found.weight, 1, 2))
+        rounding = ROUNDING * np.trace(weight, axis1=1, axis2=2)
+        weight += (NOTHING + rounding)[:, None, None] * np.eye(ROWS)
+        return np.asarray(np.swapaxes(np.linalg.cholesky(weight), 1, 2))
+
+
+def _inverted(information: FloatArray) -> FloatArray:
+    """(n, 3, 3) covariances; directions that are not known have UNKNOWN_VARIANCE."""
+    values, vectors = np.linalg.eigh(information)
+    variance = 1.0 / np.maximum(values, 1.0 / UNKNOWN_VARIANCE)
+    return np.asarray(np.einsum("nij,nj,nkj->nik", vectors, variance, vectors))

@@ -1,0 +1,39 @@
+"""Offsets between clocks compared with the map: one that the map contradicts is inconclusive."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+from slamsim.check.findings import Finding
+from slamsim.check.map_quality.crispness import Crispness, Stream
+
+STREAM_OF: dict[str, Stream] = {
+    "time.offset.lidar_imu": "gyro",
+    "time.offset.imu": "gyro",
+    "time.offset.lidar_wheels": "wheel",
+    "time.offset.wheels": "wheel",
+}
+LIDAR = "time.offset.lidar"
+"""Both streams are compared with it: the offset with the smaller sigma counts."""
+
+
+def with_map(findings: Sequence[Finding], crispness: Mapping[Stream, Crispness]) -> list[Finding]:
+    """The findings of ``check_timing`` with what the map says of them, by stream."""
+    return [_compared(finding, crispness) for finding in findings]
+
+
+def _compared(finding: Finding, crispness: Mapping[Stream, Crispness]) -> Finding:
+    of_lidar = finding.check == LIDAR
+    asked = STREAM_OF.get(finding.check)
+    told = [one for stream, one in crispness.items() if of_lidar or stream == asked]
+    found = min(told, key=lambda one: one.fitted_s[1], default=None)
+    if found is None:
+        return finding
+    plots = (*finding.plots, found.plot(-1.0 if of_lidar else 1.0))
+    if not found.objection:
+        words = f"{finding.words}; {found.support}" if found.support else finding.words
+        return replace(finding, words=words, plots=plots)
+    return replace(
+        finding.inconclusive(f"but {found.objection}: one of both is misled"), plots=plots
+    )

@@ -1,0 +1,144 @@
+"""The streams of a recording that the joint fit compares, made ready."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from slamsim.check.motion.integrated import (
+    IntegratedMotion,
+    integrated_gyro,
+    integrated_odometry,
+    integrated_wheels,
+)
+from slamsim.check.motion.laser_steps import LaserSteps, laser_steps
+from slamsim.core.geometry import se2_from_se3
+from slamsim.core.types import FloatArray, IntArray
+from slamsim.guard.numbers import is_sound
+from slamsim.recording import RawImu, RawOdometry, Recording, TransformEdge
+from slamsim.recording.frame_graph import FrameGraph
+from slamsim.slam.laser.scan_motion import ScanMotions
+
+EVEN, EVEN_SHARE = 0.05, 0.98
+SIDEWAYS_SHARE = 0.2
+"""A gyroscope that turns less about the vertical, against another axis, is mounted otherwise."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Inputs:
+    """What there is to compare. T_base_laser: (x, y, yaw) as declared, None if nothing says so;
+    upside_down: whether it is declared so; steps are as seen from above. even_stamps: whether the
+    scans' stamps keep a constant rate. together: whether odometry comes in the scans' messages."""
+
+    steps: LaserSteps
+    gyro: IntegratedMotion | None
+    wheels: IntegratedMotion | None
+    base_frame: str
+    laser_frame: str
+    T_base_laser: FloatArray | None
+    upside_down: bool = False
+    even_stamps: bool = True
+    together: bool = False
+
+
+def gather_inputs(recording: Recording, motions: ScanMotions | None) -> Inputs:
+    """The first lidar, inertial unit and wheels (counters, else odometry, else its transform) that
+    say enough."""
+    graph = FrameGraph(recording.transforms)
+    named = recording.odometries[0].child_frame_ids if recording.odometries else ()
+    base = graph.base(named)
+    alone = motions is None or not _stamped_together(recording, motions.topic)
+    steps = laser_steps(motions, alone) if motions is not None else _no_steps()
+    frames = {scans.topic: scans.frame_ids for scans in recording.scans}
+    laser_frame = next(iter(frames.get(steps.topic, ())), "")
+    T_base_laser = graph.between(base, laser_frame)
+    upside_down = T_base_laser is not None and bool(T_base_laser[2, 2] < 0.0)
+    return Inputs(
+        from_above(steps) if upside_down else steps,
+        _first([_gyro(imu, graph, base) for imu in recording.imus]),
+        _first(
+            [integrated_wheels(ticks) for ticks in recording.ticks]
+            + [integrated_odometry(odometry) for odometry in recording.odometries]
+            + [integrated_odometry(_as_odometry(edge)) for edge in _odometry_edges(recording, base)]
+        ),
+        base,
+        laser_frame,
+        None if T_base_laser is None else se2_from_se3(T_base_laser),
+        upside_down,
+        all(_even(scans.stamps_ns) for scans in recording.scans if scans.topic == steps.topic),
+        not alone,
+    )
+
+
+def _odometry_edges(recording: Recording, base: str) -> list[TransformEdge]:
+    """What moves the base but for a localiser, which corrects itself."""
+    return [
+        edge
+        for edge in recording.transforms
+        if not edge.is_static and edge.child == base and not edge.parent.endswith("map")
+    ]
+
+
+def _as_odometry(edge: TransformEdge) -> RawOdometry:
+    """The same poses as messages without twists."""
+    none = np.full_like(edge.positions_m, np.nan)
+    return RawOdometry(
+        topic=f"{edge.topic} {edge.name}",
+        frame_ids=(edge.parent,),
+        stamps_ns=edge.stamps_ns,
+        received_ns=edge.received_ns,
+        child_frame_ids=(edge.child,),
+        positions_m=edge.positions_m,
+        quats_xyzw=edge.quats_xyzw,
+        linear_m_s=none,
+        angular_rad_s=none,
+    )
+
+
+def _stamped_together(recording: Recording, topic: str) -> bool:
+    """Whether scans and odometry come in one message, as CARMEN has them."""
+    return any(
+        np.array_equal(scans.stamps_ns, odometry.stamps_ns)
+        for scans in recording.scans
+        for odometry in recording.odometries
+        if scans.topic == topic
+    )
+
+
+def _even(stamps_ns: IntArray) -> bool:
+    """Whether nearly all steps between stamps are one period."""
+    steps = np.diff(stamps_ns)
+    period = float(np.median(steps)) if steps.size else 0.0
+    return bool(steps.size and np.mean(np.abs(steps - period) < EVEN * period) > EVEN_SHARE)
+
+
+def _gyro(imu: RawImu, graph: FrameGraph, base: str) -> IntegratedMotion | None:
+    T_base_imu = graph.between(base, imu.frame_ids[0]) if imu.frame_ids else None
+    R_base_imu = np.eye(3) if T_base_imu is None else T_base_imu[:3, :3]
+    rates = imu.angular_velocity_rad_s @ R_base_imu.T
+    finite = rates[is_sound(rates)]
+    livelihood = finite.std(axis=0) if len(finite) else np.ones(3)
+    axis = int(np.argmax(livelihood))
+    if livelihood[2] > SIDEWAYS_SHARE * livelihood[axis]:
+        axis = 2
+    return integrated_gyro(imu, R_base_imu[axis], "xyz"[axis])
+
+
+def _first(courses: list[IntegratedMotion | None]) -> IntegratedMotion | None:
+    return next((course for course in courses if course is not None), None)
+
+
+def _no_steps() -> LaserSteps:
+    none, places = np.zeros((0, 3)), np.zeros(0, dtype=np.int64)
+    return LaserSteps("", places, places, places, places, none, np.zeros((0, 3, 3)), places, 0.0)
+
+
+def from_above(steps: LaserSteps) -> LaserSteps:
+    """What a laser that hangs upside down sees, for one that looks from above."""
+    turned = np.array([1.0, -1.0, -1.0])
+    return replace(
+        steps,
+        T_first_second=steps.T_first_second * turned,
+        information=steps.information * turned[:, None] * turned,
+    )

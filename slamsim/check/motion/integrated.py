@@ -1,0 +1,194 @@
+"""Running totals of gyroscope and wheels, to be asked between any two instants."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from scipy.interpolate import CubicHermiteSpline
+
+from slamsim.check.motion.wheel_counts import unwrapped
+from slamsim.core.geometry import wrap_angle, yaw_from_xyzw
+from slamsim.core.types import BoolArray, FloatArray, IntArray, PlanarTrajectory
+from slamsim.core.wheels import pose_reading
+from slamsim.guard.numbers import (
+    MOST,
+    MOST_NS,
+    is_sound,
+    require_finite,
+    require_number,
+    require_stamps,
+)
+from slamsim.recording import RawImu, RawOdometry, RawTicks
+
+GAP_PERIODS = 4.0
+"""A pause this many times the usual period is a gap: nothing is said across it."""
+
+LEAST_SAMPLES = 8
+MOST_M_S, MOST_RAD_S = 20.0, 60.0
+"""No robot indoors is faster: the counter has been reset, the pose set anew; unless it is always
+so, in another unit."""
+
+USUAL_TIMES = 10.0
+"""A step this many times as fast as nine tenths of all are is made by nobody either."""
+
+
+@dataclass(frozen=True, slots=False, eq=False)
+class IntegratedMotion:
+    """What one stream has added up until each of its instants, by its own clock.
+
+    stamps_ns: (n,) strictly increasing. totals: (n, k): of a gyroscope (turn,) in the units it
+    reports, of wheels (path m, turn rad) by the numbers that their driver uses. reading: (k,)
+    standard deviation that reading adds to any total. track_m: 0 unless there are two counters.
+    axis: of the base, about which a gyroscope turns.
+    """
+
+    topic: str
+    stamps_ns: IntArray
+    totals: FloatArray
+    reading: FloatArray
+    track_m: float = 0.0
+    axis: str = "z"
+
+    def __post_init__(self) -> None:
+        require_stamps(f"totals of {self.topic}", self.stamps_ns)
+        require_finite(f"totals of {self.topic}", self.totals, (len(self.stamps_ns), None), MOST**4)
+        require_finite(f"errors of {self.topic}", self.reading, (None,), MOST**4)
+        require_number(f"the track of {self.topic} in m", self.track_m, 0.0)
+
+    @property
+    def wired(self) -> bool:
+        """Whether these are two wheels, not poses that somebody made of them."""
+        return self.track_m > 0.0
+
+    @property
+    def lever_m2(self) -> float:
+        """How far unequal wheels drive forward per radian and curvature of theirs."""
+        return 0.25 * self.track_m**2
+
+    @property
+    def origin_ns(self) -> int:
+        return int(self.stamps_ns[0])
+
+    @cached_property
+    def period_s(self) -> float:
+        return float(np.median(np.diff(self.stamps_ns))) * 1e-9
+
+    @cached_property
+    def times_s(self) -> FloatArray:
+        """(n,) since ``origin_ns``."""
+        return np.asarray((self.stamps_ns - self.stamps_ns[0]) * 1e-9)
+
+    @cached_property
+    def _curve(self) -> CubicHermiteSpline:
+        return smooth_curve(self.times_s, self.totals)
+
+    def at(self, times_s: FloatArray) -> FloatArray:
+        """(m, k) totals at times since ``origin_ns``; held beyond the ends."""
+        inside = np.clip(times_s, 0.0, self.times_s[-1])
+        return np.asarray(self._curve(inside))
+
+    def covers(self, start_s: FloatArray, end_s: FloatArray) -> BoolArray:
+        """(m,) whether the stream has no gap between these times since ``origin_ns``."""
+        gaps = np.flatnonzero(np.diff(self.times_s) > GAP_PERIODS * self.period_s)
+        begins, ends = self.times_s[gaps], self.times_s[gaps + 1]
+        inside = (start_s >= 0.0) & (end_s <= self.times_s[-1])
+        return np.asarray(
+            inside & (np.searchsorted(ends, start_s) == np.searchsorted(begins, end_s))
+        )
+
+
+def rearranged(wheels: IntegratedMotion, wiring: str) -> IntegratedMotion:
+    """The same counters as those of other wheels: see ``alignment.Wiring``."""
+    left = wheels.totals[:, 0] - 0.5 * wheels.track_m * wheels.totals[:, 1]
+    right = wheels.totals[:, 0] + 0.5 * wheels.track_m * wheels.totals[:, 1]
+    if wiring == "swapped":
+        left, right = right, left
+    if wiring in ("left reversed", "both reversed"):
+        left = -left
+    if wiring in ("right reversed", "both reversed"):
+        right = -right
+    totals = np.column_stack([0.5 * (left + right), (right - left) / wheels.track_m])
+    return replace(wheels, totals=totals)
+
+
+def smooth_curve(times_s: FloatArray, values: FloatArray) -> CubicHermiteSpline:
+    """Through (n, k) values, with slopes by central differences."""
+    return CubicHermiteSpline(times_s, values, np.gradient(values, times_s, axis=0))
+
+
+def integrated_gyro(imu: RawImu, axis_imu: FloatArray, axis: str = "z") -> IntegratedMotion | None:
+    """The turn about an axis (3,) of the unit's frame, by its name in the base; None of too few
+    samples.
+
+    A sample is taken as the mean rate between the midpoints to its neighbours, so that the totals
+    at these midpoints are exact for a unit that averages over its period.
+    """
+    rates = imu.angular_velocity_rad_s @ axis_imu
+    good = _in_order(imu.stamps_ns, is_sound(rates))
+    if good.size < LEAST_SAMPLES:
+        return None
+    stamps, rates = imu.stamps_ns[good], rates[good]
+    middle = stamps[:-1] + np.diff(stamps) // 2
+    turned = rates[1:-1] * np.diff(middle) * 1e-9
+    totals = np.concatenate([[0.0], np.cumsum(turned)])
+    return replace(_course(imu.topic, middle, totals[:, None], np.zeros(1)), axis=axis)
+
+
+def integrated_wheels(ticks: RawTicks) -> IntegratedMotion | None:
+    """Path and turn by the nominal radius and track; None of too few or senseless readings."""
+    nominal = np.array([ticks.ticks_per_revolution, ticks.wheel_radius_m, ticks.track_m])
+    if not (is_sound(nominal).all() and (nominal > 0.0).all()):
+        return None
+    good = _in_order(ticks.stamps_ns, np.ones(len(ticks), dtype=np.bool_))
+    if good.size < LEAST_SAMPLES:
+        return None
+    tick_m = 2.0 * np.pi * ticks.wheel_radius_m / ticks.ticks_per_revolution
+    counts = np.column_stack([unwrapped(wheel) for wheel in ticks.ticks[good].T])
+    rolled = np.diff(counts, axis=0) * tick_m
+    turned = (rolled[:, 1] - rolled[:, 0]) / ticks.track_m
+    totals = _possible(np.column_stack([rolled.mean(axis=1), turned]), ticks.stamps_ns[good])
+    # Counts are rounded down: errors of one reading are uniform over a tick.
+    reading = tick_m / np.sqrt(12.0) * np.array([np.sqrt(0.5), np.sqrt(2.0) / ticks.track_m])
+    return _course(ticks.topic, ticks.stamps_ns[good], totals, reading, ticks.track_m)
+
+
+def integrated_odometry(odometry: RawOdometry) -> IntegratedMotion | None:
+    """Poses taken as wheels: the path along the heading midway and the turn of each step."""
+    yaw = yaw_from_xyzw(odometry.quats_xyzw)
+    poses = np.column_stack([odometry.positions_m[:, :2], yaw])
+    good = _in_order(odometry.stamps_ns, is_sound(poses))
+    if good.size < LEAST_SAMPLES:
+        return None
+    stamps, poses = odometry.stamps_ns[good], poses[good]
+    turned = wrap_angle(np.diff(poses[:, 2]))
+    midway = poses[:-1, 2] + 0.5 * turned
+    step = np.diff(poses[:, :2], axis=0)
+    chord = step[:, 0] * np.cos(midway) + step[:, 1] * np.sin(midway)
+    steps = np.column_stack([chord / np.sinc(turned / (2.0 * np.pi)), turned])
+    totals = _possible(steps, stamps)
+    read = pose_reading(PlanarTrajectory(stamps, poses))
+    reading = np.array([read.sigma_m, read.sigma_rad]) / np.sqrt(2.0)
+    return _course(odometry.topic, stamps, totals, reading)
+
+
+def _possible(steps: FloatArray, stamps_ns: IntArray) -> FloatArray:
+    """(n, 2) path and turn added up, without (n - 1, 2) steps that no robot makes."""
+    seconds = np.diff(stamps_ns)[:, None] * 1e-9
+    usual = USUAL_TIMES * np.quantile(np.abs(steps) / seconds, 0.9, axis=0)
+    fast = np.abs(steps) >= np.maximum(np.array([MOST_M_S, MOST_RAD_S]), usual) * seconds
+    made = np.where(fast.any(axis=1, keepdims=True), 0.0, steps)
+    return np.vstack([np.zeros(2), np.cumsum(made, axis=0)])
+
+
+def _course(
+    topic: str, stamps: IntArray, totals: FloatArray, reading: FloatArray, track_m: float = 0.0
+) -> IntegratedMotion:
+    return IntegratedMotion(topic, stamps, totals, reading, track_m)
+
+
+def _in_order(stamps_ns: IntArray, good: BoolArray) -> IntArray:
+    """Places of the good samples by ascending stamp, of those with one stamp the first."""
+    places = np.flatnonzero(good & (stamps_ns >= -MOST_NS) & (stamps_ns <= MOST_NS))
+    return np.asarray(places[np.unique(stamps_ns[places], return_index=True)[1]])

@@ -1,0 +1,137 @@
+"""Steps of a laser from scan to scan, as everything that fits against them needs them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from slamsim.core.types import BoolArray, FloatArray, IntArray
+from slamsim.guard.numbers import MOST, require_covariances, require_finite, require_number
+from slamsim.slam.laser.scan_motion import ScanMotions, ShapeEstimate
+
+SWEEP_DOUBT_SIGMAS, NEARLY = 5.0, 0.25
+"""The scans' own sweep is believed, not the declared one, when they are farther apart than so many
+sigmas and this share."""
+
+
+SINGLE = 0.3
+UNEVEN, SCATTERED_SHARE = 0.1, 0.2
+"""Stamps scatter if so many steps between them differ by more than this share of a period."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LaserSteps:
+    """Relative motions of one laser between pairs of its scans.
+
+    first, second: (n,) which scans of the stream. first_ns, second_ns: (n,) their claimed stamps,
+    plus half the sweep: when the middle beam claims to have fired. T_first_second: (n, 3) of the
+    laser between those two instants, in the plane of the scan as its messages declare it.
+    information: (n, 3, 3) of a small step of the second scan in its own frame. window: (n,) equal
+    for pairs of one contiguous stretch; pairs that share a scan lie in the same window. sweep_s:
+    from the first beam to the last.
+    """
+
+    topic: str
+    first: IntArray
+    second: IntArray
+    first_ns: IntArray
+    second_ns: IntArray
+    T_first_second: FloatArray
+    information: FloatArray
+    window: IntArray
+    sweep_s: float
+
+    def __post_init__(self) -> None:
+        require_finite("steps of a laser", self.T_first_second, (len(self), 3), MOST**4)
+        shape = (len(self), 3, 3)
+        require_covariances("the information of steps", self.information, shape, MOST**4)
+        require_number("the seconds of a sweep", self.sweep_s)
+
+    def __len__(self) -> int:
+        return int(self.first.size)
+
+    def keep(self, chosen: BoolArray) -> LaserSteps:
+        """Only the (n,) chosen pairs."""
+        return LaserSteps(
+            self.topic,
+            *(self.first[chosen], self.second[chosen]),
+            *(self.first_ns[chosen], self.second_ns[chosen]),
+            *(self.T_first_second[chosen], self.information[chosen]),
+            *(self.window[chosen], self.sweep_s),
+        )
+
+
+def laser_steps(motions: ScanMotions, even: bool = True) -> LaserSteps:
+    """Of all windows; steps that are not finite, or take no time, are left out.
+
+    even: whether stamps that scatter are put on an even beat; not where others share them.
+    """
+    declared = abs(motions.sweep_s.declared)
+    sweep_s = _true_sweep_s(motions.sweep_s)
+    later_ns = round(0.5e9 * (sweep_s - declared))
+    stamps = [window.middle_ns for window in motions.windows]
+    stamps = _evened(stamps) if even else stamps
+    begins = [middle_ns[:-1] for middle_ns in stamps]
+    ends = [middle_ns[1:] for middle_ns in stamps]
+    steps = LaserSteps(
+        motions.topic,
+        *(motions.first, motions.second),
+        *(_joined(begins) + later_ns, _joined(ends) + later_ns),
+        *_in_metres(motions),
+        *(motions.window.astype(np.int64), sweep_s),
+    )
+    finite = np.isfinite(steps.T_first_second).all(axis=1)
+    finite &= np.isfinite(steps.information).all(axis=(1, 2))
+    return steps.keep(finite & (steps.second_ns > steps.first_ns))
+
+
+def _true_sweep_s(sweep: ShapeEstimate) -> float:
+    """By the scans where they contradict what is declared: mostly it is all, or nothing."""
+    declared, found = abs(sweep.declared), abs(sweep.value)
+    if abs(found - declared) < max(SWEEP_DOUBT_SIGMAS * sweep.sigma, NEARLY * declared):
+        return declared
+    return 0.0 if found < NEARLY * declared else found
+
+
+def _in_metres(motions: ScanMotions) -> tuple[FloatArray, FloatArray]:
+    """(n, 3) steps and (n, 3, 3) information, whatever unit the ranges are in."""
+    scale = np.array([motions.metres_per_unit, motions.metres_per_unit, 1.0])
+    return motions.T_first_second * scale, motions.information / (scale[:, None] * scale)
+
+
+def _evened(stamps: list[IntArray]) -> list[IntArray]:
+    """The stamps of each window, mended where they scatter or single ones stand out.
+
+    A lidar turns evenly. Stamps that do not, and are not just missing some, are those of publishing
+    or rounded; over a window their mean is still good.
+    """
+    steps = np.concatenate([np.diff(window) for window in stamps] or [np.zeros(0, dtype=np.int64)])
+    if steps.size < 2 or (period := float(np.mean(steps))) <= 0.0:
+        return stamps
+    usual = max(float(np.median(steps)), 1.0)
+    scatter = np.abs(steps - np.rint(steps / usual) * usual) > UNEVEN * period
+    if scatter.mean() < SCATTERED_SHARE and np.median(steps) > 0.5 * period:
+        return [_without_single_steps(window, usual) for window in stamps]
+    return [
+        np.rint(window.mean() + period * (np.arange(len(window)) - 0.5 * (len(window) - 1))).astype(
+            np.int64
+        )
+        for window in stamps
+    ]
+
+
+def _without_single_steps(stamps_ns: IntArray, period: float) -> IntArray:
+    """(n,) with single stamps that stand out put where an even pace has them."""
+    pace = period * np.arange(len(stamps_ns))
+    apart = (stamps_ns - stamps_ns[0]) - pace
+    usual = float(np.median(apart))
+    out = np.abs(apart - usual) > SINGLE * period
+    alone = np.zeros_like(out)
+    alone[1:-1] = out[1:-1] & ~out[:-2] & ~out[2:]
+    even = np.rint(stamps_ns[0] + pace + usual).astype(np.int64)
+    return np.where(alone, even, stamps_ns)
+
+
+def _joined(parts: list[IntArray]) -> IntArray:
+    return np.concatenate(parts).astype(np.int64) if parts else np.zeros(0, dtype=np.int64)

@@ -1,0 +1,201 @@
+"""Questions that the checker asks: one declaration each, and the one rule that answers them.
+
+Table, documentation, diagnosis and names of faults follow from the declarations (``registry.py``);
+every ``Finding`` is made by ``judge``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+from slamsim.check.findings import Finding, Measurement, Plot, Verdict
+from slamsim.recording.repairs.base import Repair
+
+if TYPE_CHECKING:
+    from slamsim.check.evidence import RecordingEvidence
+
+Ask = Callable[["RecordingEvidence"], Iterable[Finding]]
+
+SURE_SIGMAS = 4.5
+"""A size must be so far from healthy: some sixty questions are asked of every recording, and one
+false alarm in a thousand recordings allows each of them 1e-5 (two-sided normal: 4.4 sigmas)."""
+
+Where = Literal["same subject", "anywhere", "lidar stamps"]
+
+
+@dataclass(frozen=True, slots=True)
+class Explains:
+    """Faults that are no news beside another: it makes their questions go wrong.
+
+    where: "same subject": of the topic, frame or edge that has the fault. "anywhere": of all.
+    "lidar stamps": of all, where the subject with the fault is a lidar's topic.
+    """
+
+    faults: tuple[str, ...]
+    where: Where
+
+
+def anywhere(*faults: str) -> Explains:
+    """What a fault makes of everything."""
+    return Explains(faults, "anywhere")
+
+
+def same_subject(*faults: str) -> Explains:
+    """What a fault makes of the topic, frame or edge that has it."""
+    return Explains(faults, "same subject")
+
+
+def lidar_stamps(*faults: str) -> Explains:
+    """What a fault of a lidar's stamps makes of everything."""
+    return Explains(faults, "lidar stamps")
+
+
+@dataclass(frozen=True, slots=True)
+class FaultKind:
+    """Something that can be wrong with a recording. Several questions may find the same.
+
+    name: under which it is reported and injected. meaning: a clause that says what is wrong.
+    explains: what else it makes questions report, which is then inconclusive (``diagnosis.py``).
+    """
+
+    name: str
+    meaning: str
+    explains: tuple[Explains, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Question:
+    """One question about a recording.
+
+    id: stable dotted name, the first part its subject: ``laser.yaw``. meaning: what is asked, as
+    a clause that is true when all is well. faults: what it can find. limit: the size up to which
+    all is well, in ``unit``; None where no size decides, or the recording says how large it may
+    be. consequence: what an unnoticed fault does to a map or its user. excitation_wanted: motion
+    or data that answers it. repairs: operations of ``slamsim fix`` that it may propose.
+
+    ask: answers it; None where a ``QuestionGroup`` does. thorough: whether it compares scans with
+    one another, which ``check --quick`` leaves out. limit_of_ok: whether "ok" reports the limit.
+    """
+
+    id: str
+    meaning: str
+    faults: tuple[FaultKind, ...]
+    limit: float | None = None
+    unit: str = ""
+    consequence: str = ""
+    excitation_wanted: str = ""
+    repairs: tuple[str, ...] = ()
+    ask: Ask | None = None
+    thorough: bool = False
+    limit_of_ok: bool = True
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class QuestionGroup:
+    """Questions that one function answers, for they share what it computes or exclude each other.
+
+    part: of the check, as ``seconds`` in ``--json`` names it. order: place in the report.
+    """
+
+    part: str
+    order: int
+    questions: tuple[Question, ...]
+    ask: Ask
+    thorough: bool = False
+
+
+def decide(
+    size: Measurement,
+    limit: float,
+    harm: float | None = None,
+    *,
+    healthy: float = 0.0,
+    enough: bool = True,
+    doubt: float | None = None,
+) -> Verdict:
+    """The rule for every size that is measured.
+
+    limit: how far from ``healthy`` it may be, in the unit of the size. harm: "ok" only if the
+    95 % interval excludes sizes that far off. doubt: "ok" only if half the interval is shorter.
+    enough: whether the size rests on enough cases to be no accident.
+    """
+    off = abs(size.value - healthy)
+    if enough and off > limit and off > SURE_SIGMAS * size.sigma:
+        return "fault"
+    if doubt is not None:
+        return "ok" if 1.96 * size.sigma < doubt else "inconclusive"
+    return "ok" if harm is None or off + 1.96 * size.sigma < harm else "inconclusive"
+
+
+def judge(
+    question: Question,
+    subject: str,
+    words: str | Mapping[Verdict, str],
+    size: Measurement | None = None,
+    *,
+    verdict: Verdict | None = None,
+    limit: float | None = None,
+    harm: float | None = None,
+    healthy: float = 0.0,
+    enough: bool = True,
+    doubt: float | None = None,
+    fault: FaultKind | None = None,
+    advice: str = "",
+    repairs: Iterable[Repair] = (),
+    plots: Iterable[Plot] = (),
+    fault_plots: Iterable[Plot] = (),
+) -> Finding:
+    """The answer to a question about one subject: a topic, frame or edge.
+
+    words: what was found, with numbers, for each verdict where they differ; a clause without full
+    stop. size: what ``decide`` judges with limit (default: the question's), harm, healthy, enough
+    and doubt. verdict: given where no size decides. fault: which of the question's faults it is;
+    default: the first. advice, repairs, fault_plots: kept for a fault alone.
+
+    Raises ValueError for a fault or repair that the question does not declare, and without any
+    of size and verdict.
+    """
+    shown = limit if limit is not None or size is None else question.limit
+    limit = question.limit if limit is None else limit
+    by_size = verdict is None
+    if verdict is None:
+        if size is None or limit is None:
+            raise ValueError(f"{question.id}: no verdict without a size and its limit")
+        verdict = decide(size, limit, harm, healthy=healthy, enough=enough, doubt=doubt)
+    text = words if isinstance(words, str) else words[verdict]
+    if by_size and verdict == "inconclusive" and harm is not None and size and limit is not None:
+        text += f", {_why(size, limit, healthy)}; what would tell: {question.excitation_wanted}"
+    is_fault = verdict == "fault"
+    kind = (fault or question.faults[0]) if is_fault else None
+    if kind is not None and kind not in question.faults:
+        raise ValueError(f"{question.id} declares no fault {kind.name!r}")
+    kept = tuple(repairs) if is_fault else ()
+    if undeclared := {one.operation for one in kept} - set(question.repairs):
+        raise ValueError(f"{question.id} declares no repair {', '.join(sorted(undeclared))}")
+    return Finding(
+        question.id,
+        subject,
+        verdict,
+        text,
+        None if kind is None else kind.name,
+        advice if is_fault else "",
+        size,
+        shown if question.limit_of_ok or verdict != "ok" else None,
+        kept,
+        (*plots, *fault_plots) if is_fault else tuple(plots),
+    )
+
+
+def unanswered(question: Question, subject: str, words: str, plots: Iterable[Plot] = ()) -> Finding:
+    """The finding about a question for which the recording lacks something; words: what."""
+    return Finding(question.id, subject, "inconclusive", words, plots=tuple(plots))
+
+
+def _why(size: Measurement, limit: float, healthy: float) -> str:
+    """Why a size can be neither healthy nor a fault."""
+    off = abs(size.value - healthy)
+    if SURE_SIGMAS * size.sigma < off <= limit:
+        return f"which is less than can be held against such sensors ({limit:.3g} {size.unit})"
+    return "too unsure to tell"

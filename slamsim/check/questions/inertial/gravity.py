@@ -1,0 +1,204 @@
+"""What an inertial unit must show whatever the robot does: gravity, upward, and noise."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from slamsim.check.evidence import RecordingEvidence
+from slamsim.check.findings import Curve, Finding, Measurement, Plot
+from slamsim.check.motion.moving import moving_at
+from slamsim.check.question import (
+    FaultKind,
+    Question,
+    QuestionGroup,
+    judge,
+    same_subject,
+    unanswered,
+)
+from slamsim.check.questions.inertial.readings import (
+    AXES,
+    ORIENTATION,
+    SPIKES,
+    VALUES,
+    check_readings,
+)
+from slamsim.core.types import GRAVITY_M_S2, BoolArray, FloatArray
+from slamsim.guard.numbers import is_sound
+from slamsim.recording import RawImu
+from slamsim.recording.frame_graph import FrameGraph
+from slamsim.recording.repairs.base import Repair
+
+GRAVITY_LIMITS_M_S2 = (9.5, 10.5)
+"""Of the mean over a drive on a floor, as Cartographer's validator has it."""
+MAX_TILT_RAD = float(np.radians(15.0))
+"""Of the mean acceleration against the base's vertical: a ramp is less, a sideways unit 90."""
+MAX_REPEATED_SHARE = 0.2
+MIN_SAMPLES = 20
+_TURNING_RAD_S = 0.02
+
+
+GRAVITY_UNITS = FaultKind("gravity_units", "the accelerometer speaks multiples of g")
+GRAVITY_MISSING = FaultKind("gravity_missing", "the accelerometer does not feel gravity")
+IMU_AXIS = FaultKind(
+    "imu_axis",
+    "the inertial unit is mounted otherwise than declared",
+    (same_subject("gyro_sign", "gyro_scale", "gyro_bias"),),
+)
+GRAVITY = Question(
+    "imu.gravity",
+    "the mean acceleration is gravity",
+    (GRAVITY_UNITS, GRAVITY_MISSING),
+    unit="m/s^2",
+    consequence="filters take gravity, or its lack, for a motion of the robot",
+    excitation_wanted=f"{MIN_SAMPLES} finite readings",
+    repairs=("scale_acceleration",),
+)
+AXIS = Question(
+    "imu.axis",
+    "gravity points up in the base",
+    (IMU_AXIS,),
+    limit=float(np.degrees(MAX_TILT_RAD)),
+    unit="deg",
+    consequence="turns are felt about the wrong axis",
+    excitation_wanted="a transform from the base to the unit's frame",
+    repairs=("rotate_imu",),
+    limit_of_ok=False,
+)
+STUCK = Question(
+    "imu.stuck",
+    "readings change while the robot moves",
+    (
+        FaultKind(
+            "imu_stuck",
+            "the inertial unit repeats its readings",
+            (
+                same_subject(
+                    *("time_offset_imu", "gyro_scale", "gyro_bias", "clock_drift", "imu_axis"),
+                    "imu_axis_dead",
+                ),
+            ),
+        ),
+    ),
+    limit=100.0 * MAX_REPEATED_SHARE,
+    unit="%",
+    consequence="a filter trusts old readings as if they were new",
+    excitation_wanted="driving or turning",
+    limit_of_ok=False,
+)
+
+
+def check_inertial(evidence: RecordingEvidence) -> list[Finding]:
+    """Sound readings, gravity's length and direction, and repeats, of every inertial unit."""
+    recording, graph, base = evidence.recording, evidence.frames, evidence.base
+    findings: list[Finding] = []
+    for imu in recording.imus:
+        findings += check_readings(recording, imu)
+        finite = is_sound(imu.linear_acceleration_m_s2)
+        if int(finite.sum()) < MIN_SAMPLES:
+            words = f"{int(finite.sum())} finite samples of {len(imu)}"
+            findings.append(unanswered(GRAVITY, imu.topic, words))
+            continue
+        acceleration = imu.linear_acceleration_m_s2[finite]
+        findings += [
+            _gravity(imu, acceleration),
+            *_direction(imu, acceleration, graph, base),
+            _repeats(imu, moving_at(recording, imu.stamps_ns, ask_imus=False)),
+        ]
+    return findings
+
+
+GROUP = QuestionGroup(
+    "inertial unit",
+    50,
+    (VALUES, SPIKES, AXES, ORIENTATION, GRAVITY, AXIS, STUCK),
+    check_inertial,
+)
+
+
+def _gravity(imu: RawImu, acceleration: FloatArray) -> Finding:
+    length = float(np.linalg.norm(acceleration.mean(axis=0)))
+    low, high = GRAVITY_LIMITS_M_S2
+    in_g = 0.9 < length < 1.1
+    words = f"the mean acceleration is {length:.3g} m/s^2"
+    return judge(
+        GRAVITY,
+        imu.topic,
+        {
+            "ok": words,
+            "fault": f"{words}: these are multiples of gravity"
+            if in_g
+            else f"{words}; a unit at rest feels 9.8, upward",
+        },
+        Measurement(length, 0.0, "m/s^2"),
+        verdict="ok" if low <= length <= high else "fault",
+        limit=low,
+        fault=GRAVITY_UNITS if in_g else GRAVITY_MISSING,
+        advice="Multiply accelerations by 9.80665."
+        if in_g
+        else "Publish the raw acceleration: gravity is what tells up from down.",
+        repairs=(Repair("scale_acceleration", imu.topic, {"factor": GRAVITY_M_S2}),)
+        if in_g
+        else (),
+    )
+
+
+def _direction(
+    imu: RawImu, acceleration: FloatArray, graph: FrameGraph, base: str
+) -> Iterator[Finding]:
+    """Whether gravity points up in the base, once turned by the declared mounting."""
+    mean = acceleration.mean(axis=0)
+    length = float(np.linalg.norm(mean))
+    if length < 0.5:
+        return
+    T_base_imu = graph.between(base, imu.frame_ids[0]) if imu.frame_ids else None
+    if T_base_imu is None:
+        words = f"no transform says how {', '.join(imu.frame_ids) or 'its frame'} is mounted"
+        yield unanswered(AXIS, imu.topic, words)
+        return
+    rotation = T_base_imu[:3, :3]
+    up = rotation @ mean / length
+    tilt_deg = float(np.degrees(np.arccos(np.clip(up[2], -1.0, 1.0))))
+    words = f"gravity stands {tilt_deg:.1f} deg off the base's vertical"
+    axis = "xyz"[int(np.argmax(np.abs(up)))]
+    sign = "+" if up["xyz".index(axis)] > 0 else "-"
+    curves = tuple(
+        Curve(name, np.arange(len(acceleration), dtype=np.float64), column, "line")
+        for name, column in zip("xyz", (acceleration @ rotation.T).T, strict=True)
+    )
+    yield judge(
+        AXIS,
+        imu.topic,
+        {"ok": words, "fault": f"{words}: it is felt along {sign}{axis} of {base}"},
+        Measurement(tilt_deg, 0.0, "deg"),
+        advice="Correct the transform of the unit's frame, or its driver's axes (REP 145: z up, "
+        "+9.8).",
+        repairs=(
+            Repair("rotate_imu", imu.topic, dict(zip(("up_x", "up_y", "up_z"), up, strict=True))),
+        ),
+        fault_plots=(Plot("Acceleration in the base", "sample", "m/s^2", curves, (GRAVITY_M_S2,)),),
+    )
+
+
+def _repeats(imu: RawImu, moving: BoolArray | None) -> Finding:
+    """Samples that equal the one before while the unit turns, or the odometry says that it moves.
+
+    At rest a simulated unit without noise may repeat itself.
+    """
+    gyro, accel = imu.angular_velocity_rad_s, imu.linear_acceleration_m_s2
+    same = (np.diff(gyro, axis=0) == 0.0).all(axis=1) & (np.diff(accel, axis=0) == 0.0).all(axis=1)
+    asked = np.abs(gyro[1:]).max(axis=1) > _TURNING_RAD_S
+    if moving is not None:
+        asked |= moving[1:]
+    if int(asked.sum()) < MIN_SAMPLES:
+        words = "the robot hardly moves, so equal samples mean nothing"
+        return unanswered(STUCK, imu.topic, words)
+    share = float((same & asked).sum() / asked.sum())
+    return judge(
+        STUCK,
+        imu.topic,
+        f"{100.0 * share:.2g} % of the samples repeat the one before while the robot moves",
+        Measurement(100.0 * share, 0.0, "%"),
+        advice="Look for a driver that publishes faster than the unit samples, or that hangs.",
+    )

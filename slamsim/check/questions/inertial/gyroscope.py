@@ -1,0 +1,137 @@
+"""The gyroscope against scans and wheels: scale, sign, unit, bias."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from slamsim.check.calibration.joint import Calibration
+from slamsim.check.calibration.majority import Majority, majority
+from slamsim.check.evidence import of_calibration
+from slamsim.check.findings import Finding, Measurement
+from slamsim.check.motion.integrated import IntegratedMotion
+from slamsim.check.question import (
+    FaultKind,
+    Question,
+    QuestionGroup,
+    judge,
+    same_subject,
+    unanswered,
+)
+from slamsim.check.questions.inertial.gravity import IMU_AXIS
+from slamsim.recording.repairs.base import Repair
+
+SCALE_LIMIT, SCALE_HARM = 0.01, 0.03
+"""Consumer gyroscopes are sold with 1 % of scale error; 3 % are ten degrees in a full turn."""
+
+BIAS_LIMIT_RAD_S, BIAS_HARM_RAD_S = 0.0105, 0.03
+"""0.6 degrees per second, five times the usual turn-on bias of the units that robots carry."""
+
+DEGREES = np.degrees(1.0)
+SAME_UNIT = 0.1
+TURNING = "a few full turns on the spot"
+
+
+GYRO_SCALE = FaultKind("gyro_scale", "the gyroscope's scale is wrong")
+GYRO_DEGREES = FaultKind(
+    "gyro_degrees",
+    "the gyroscope speaks degrees per second",
+    (same_subject("gyro_scale", "gyro_bias"),),
+)
+GYRO_SIGN = FaultKind("gyro_sign", "the gyroscope turns the wrong way")
+AXIS = Question(
+    "gyro.axis",
+    "the robot's turns are felt about the base's z axis",
+    (IMU_AXIS,),
+    consequence="the heading of a filter does not turn with the robot",
+    excitation_wanted=TURNING,
+)
+SCALE = Question(
+    "gyro.scale",
+    "the gyroscope turns as far as the robot, in radians, to the left",
+    (GYRO_SCALE, GYRO_DEGREES, GYRO_SIGN),
+    limit=100.0 * SCALE_LIMIT,
+    unit="%",
+    consequence="the heading is off by this share of every turn until a scan corrects it",
+    excitation_wanted=TURNING,
+    repairs=("scale_gyro",),
+)
+BIAS = Question(
+    "gyro.bias",
+    "the gyroscope reads nothing at rest",
+    (FaultKind("gyro_bias", "the gyroscope has a large bias"),),
+    limit=BIAS_LIMIT_RAD_S,
+    unit="rad/s",
+    consequence="the heading drifts by this much, all the time",
+    excitation_wanted="standing still for some seconds",
+    repairs=("subtract_gyro_bias",),
+)
+
+
+def check_gyro(calibration: Calibration) -> list[Finding]:
+    """Scale, with sign and unit, and bias."""
+    gyro = calibration.inputs.gyro
+    if gyro is None:
+        return []
+    if not calibration.scans_count:
+        ratio = 1.0 / calibration.value("gyro_gain")
+        words = f"turns by it are {ratio:.4g} of those by the wheels: without scans nobody knows"
+        return [unanswered(SCALE, gyro.topic, words)]
+    if not calibration.follows("gyro"):
+        words = f"its turns do not follow those of the scans; what would tell: {TURNING}"
+        return [unanswered(SCALE, gyro.topic, words)]
+    if gyro.axis != "z":
+        return [_sideways(gyro)]
+    return [_scale(calibration, gyro, majority(calibration)), _bias(calibration, gyro)]
+
+
+GROUP = QuestionGroup("motion", 170, (AXIS, SCALE, BIAS), of_calibration(check_gyro), thorough=True)
+
+
+def _sideways(gyro: IntegratedMotion) -> Finding:
+    return judge(
+        AXIS,
+        gyro.topic,
+        f"the robot's turns are felt about the {gyro.axis} axis of the base, not about z",
+        verdict="fault",
+        advice="Correct the rotation of the unit's transform.",
+    )
+
+
+def _scale(calibration: Calibration, gyro: IntegratedMotion, turns: Majority) -> Finding:
+    read = 1.0 / turns.gyro_gain
+    sigma = calibration.sigma("gyro_gain") / calibration.value("gyro_gain") ** 2
+    unit, fault = read, GYRO_SCALE
+    if abs(abs(read) / DEGREES - 1.0) < SAME_UNIT:
+        unit, fault = DEGREES, GYRO_DEGREES
+    elif read < 0.0:
+        unit, fault = -1.0, GYRO_SIGN
+    words = f"it reads {read:.5g} of what the robot turns"
+    if turns.laser_gain != 1.0:
+        words = (
+            f"it turns like the wheels, while the scans turn {turns.laser_gain:.4g} times as far"
+        )
+    return judge(
+        SCALE,
+        gyro.topic,
+        words,
+        Measurement(100.0 * (read - 1.0), 100.0 * sigma, "%"),
+        harm=100.0 * SCALE_HARM,
+        fault=fault,
+        advice=f"Divide its rates by {unit:.5g}.",
+        repairs=(Repair("scale_gyro", gyro.topic, {"factor": 1.0 / unit}),),
+    )
+
+
+def _bias(calibration: Calibration, gyro: IntegratedMotion) -> Finding:
+    # What it reads when the robot stands, in true radians.
+    bias = calibration.value("gyro_bias_rad_s")
+    read = bias / calibration.value("gyro_gain")
+    return judge(
+        BIAS,
+        gyro.topic,
+        f"it turns by {np.degrees(bias):+.3g} deg/s at rest",
+        Measurement(bias, calibration.sigma("gyro_bias_rad_s"), "rad/s"),
+        harm=BIAS_HARM_RAD_S,
+        advice="Subtract its mean at rest before use.",
+        repairs=(Repair("subtract_gyro_bias", gyro.topic, {"bias_rad_s": read}),),
+    )

@@ -1,0 +1,211 @@
+"""Readings of an inertial unit that are no measurement: not finite, an axis that never changes,
+shocks that no robot takes, an orientation that is not estimated."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from slamsim.check.findings import Finding, Measurement
+from slamsim.check.question import FaultKind, Question, judge, same_subject, unanswered
+from slamsim.core.geometry import wrap_angle, yaw_from_xyzw
+from slamsim.core.types import BoolArray, FloatArray, IntArray
+from slamsim.guard.numbers import MOST, is_sound
+from slamsim.recording import RawImu, Recording
+from slamsim.recording.repairs.base import Repair
+from slamsim.recording.soundness import has_unit_length
+
+SPIKE_M_S2 = (3.0, 30.0)
+"""Of single samples, as Cartographer's validator has it."""
+MAX_SPIKE_SHARE, MIN_SPIKES = 1e-3, 3
+GRAVITY_M_S2 = (8.0, 12.0)
+"""Of the median: else gravity itself is what is wrong."""
+LIVELY_SHARE = 0.5
+"""Of the samples in which an axis changes, if it has noise as real ones do."""
+TURNED_RAD, TURNED_SECONDS = 0.1, 3
+"""Turning by so much in so many seconds, an axis or an orientation must show it."""
+MIN_SAMPLES = 20
+
+
+VALUES = Question(
+    "imu.values",
+    "every reading is a number",
+    (FaultKind("imu_invalid", "the inertial unit's readings are not finite"),),
+    limit=0.0,
+    unit="%",
+    consequence="one NaN stays in a filter for ever",
+    repairs=("drop_broken_readings",),
+)
+SPIKES = Question(
+    "imu.spikes",
+    "no acceleration is larger than a robot feels",
+    (FaultKind("imu_spikes", "accelerations that no robot feels"),),
+    limit=100.0 * MAX_SPIKE_SHARE,
+    unit="%",
+    consequence="a filter takes the spikes for motion",
+    excitation_wanted="accelerations with gravity in them",
+)
+AXES = Question(
+    "imu.axes",
+    "every axis that should change does",
+    (
+        FaultKind(
+            "imu_axis_dead",
+            "an axis of the inertial unit never changes",
+            (
+                same_subject(
+                    *("time_offset_imu", "gyro_scale", "gyro_bias", "clock_drift", "imu_axis")
+                ),
+            ),
+        ),
+    ),
+    consequence="turns or accelerations about the axis are missed",
+    excitation_wanted="turning",
+)
+ORIENTATION = Question(
+    "imu.orientation",
+    "a published orientation is one, and turns with the unit",
+    (
+        FaultKind(
+            "imu_orientation",
+            "the inertial unit's orientation is none, though it is published",
+        ),
+    ),
+    consequence="filters take the numbers for a heading",
+    excitation_wanted="turning",
+    repairs=("drop_orientation",),
+)
+
+
+def check_readings(recording: Recording, imu: RawImu) -> Iterator[Finding]:
+    """What needs nothing but the readings of one inertial unit themselves."""
+    rates, accelerations = imu.angular_velocity_rad_s, imu.linear_acceleration_m_s2
+    finite = is_sound(np.concatenate([rates, accelerations], axis=1))
+    yield _finite(imu, finite)
+    if int(finite.sum()) < MIN_SAMPLES:
+        return
+    yield _spikes(imu, accelerations[finite])
+    yield _axes(imu, finite, _base_turns(recording))
+    if imu.orientation_xyzw is not None:
+        yield _orientation(imu, imu.orientation_xyzw)
+
+
+def _finite(imu: RawImu, finite: BoolArray) -> Finding:
+    broken = int((~finite).sum())
+    columns = np.concatenate([imu.angular_velocity_rad_s, imu.linear_acceleration_m_s2], axis=1)
+    names = [f"{kind} {axis}" for kind in ("gyroscope", "acceleration") for axis in "xyz"]
+    whole = [name for name, column in zip(names, columns.T, strict=True)
+             if not is_sound(column).any()]  # fmt: skip
+    words = f"{broken} of {len(imu)} readings are not finite (or beyond {MOST:g})"
+    words += f", of {', '.join(whole)} all" if whole else ""
+    return judge(
+        VALUES,
+        imu.topic,
+        {"ok": "every reading is a number", "fault": words},
+        Measurement(100.0 * broken / max(len(imu), 1), 0.0, "%"),
+        advice="Publish nothing until the unit answers, and -1 as first covariance for what it "
+        "does not measure: one NaN stays in a filter for ever.",
+        repairs=() if whole else (Repair("drop_broken_readings", imu.topic),),
+    )
+
+
+def _spikes(imu: RawImu, accelerations: FloatArray) -> Finding:
+    length = np.linalg.norm(accelerations, axis=1)
+    if not GRAVITY_M_S2[0] < np.median(length) < GRAVITY_M_S2[1]:
+        return unanswered(SPIKES, imu.topic, "without gravity single readings cannot be judged")
+    low, high = SPIKE_M_S2
+    spikes = (length < low) | (length > high)
+    words = f"{int(spikes.sum())} accelerations lie outside {low:g} to {high:g} m/s^2"
+    return judge(
+        SPIKES,
+        imu.topic,
+        {"ok": words, "fault": f"{words}, up to {length.max():.3g}"},
+        Measurement(100.0 * float(spikes.mean()), 0.0, "%"),
+        enough=int(spikes.sum()) >= MIN_SPIKES,
+        advice="Look for a bad bus or a unit that sits loose; a robot that takes such knocks falls "
+        "over.",
+    )
+
+
+def _axes(imu: RawImu, finite: BoolArray, turns: bool) -> Finding:
+    """An axis that never changes while the others do, or while the robot turns about it."""
+    dead = []
+    for kind, values in (
+        ("gyroscope", imu.angular_velocity_rad_s[finite]),
+        ("acceleration", imu.linear_acceleration_m_s2[finite]),
+    ):
+        lively = (np.diff(values, axis=0) != 0.0).mean(axis=0) > LIVELY_SHARE
+        constant = np.ptp(values, axis=0) == 0.0
+        for axis in np.flatnonzero(constant).tolist():
+            upright = kind == "acceleration" and abs(values[0, axis]) > GRAVITY_M_S2[0]
+            others = bool(lively[np.arange(3) != axis].all()) and not upright
+            if others or (turns and kind == "gyroscope" and axis == _upward(imu)):
+                dead.append(f"{kind} {'xyz'[axis]}")
+    return judge(
+        AXES,
+        imu.topic,
+        {
+            "ok": "every axis that should change does",
+            "fault": f"{', '.join(dead)} never changes while the robot moves",
+        },
+        verdict="fault" if dead else "ok",
+        advice="Look for an axis that the driver does not fill in, or a unit that is broken.",
+    )
+
+
+def _upward(imu: RawImu) -> int:
+    """The axis of the unit that gravity is felt along, z where it is not."""
+    finite = imu.linear_acceleration_m_s2[is_sound(imu.linear_acceleration_m_s2)]
+    mean = finite.mean(axis=0) if len(finite) else np.zeros(3)
+    felt = float(np.linalg.norm(mean)) > 0.5
+    return int(np.argmax(np.abs(mean))) if felt else 2
+
+
+def _base_turns(recording: Recording) -> bool:
+    """Whether any odometry says that the robot turns."""
+    return any(
+        _turning_seconds(odometry.stamps_ns, yaw_from_xyzw(odometry.quats_xyzw)) >= TURNED_SECONDS
+        for odometry in recording.odometries
+    )
+
+
+def _turning_seconds(stamps_ns: IntArray, yaw_rad: FloatArray) -> int:
+    """Seconds in which a heading changes much, as far as it is finite."""
+    good = np.isfinite(yaw_rad)
+    if int(good.sum()) < 2:
+        return 0
+    second = ((stamps_ns[good] - stamps_ns[good].min()) // 1_000_000_000)[1:]
+    _, which = np.unique(second, return_inverse=True)
+    turned = np.bincount(which, weights=wrap_angle(np.diff(yaw_rad[good])))
+    return int((np.abs(turned) > TURNED_RAD).sum())
+
+
+def _orientation(imu: RawImu, quats_xyzw: FloatArray) -> Finding:
+    unit = has_unit_length(quats_xyzw)
+    if not unit.all():
+        words = f"{int((~unit).sum())} of {len(imu)} orientations are no rotations"
+        return _no_orientation(imu, f"{words}: their quaternions are not of unit length")
+    rate = imu.angular_velocity_rad_s[:, _upward(imu)]
+    heading = np.concatenate([[0.0], np.cumsum(np.nan_to_num(rate[1:]) * np.diff(imu.stamps_ns))])
+    seconds = _turning_seconds(imu.stamps_ns, wrap_angle(1e-9 * heading))
+    changes = float(np.ptp(quats_xyzw, axis=0).max())
+    if seconds < TURNED_SECONDS:
+        words = "the unit hardly turns, so its orientation cannot be judged"
+        return unanswered(ORIENTATION, imu.topic, words)
+    if changes > 0.0:
+        words = "the orientation is a rotation and changes as the unit turns"
+        return judge(ORIENTATION, imu.topic, words, verdict="ok")
+    return _no_orientation(imu, f"the orientation never changes, in {seconds} s of turning")
+
+
+def _no_orientation(imu: RawImu, words: str) -> Finding:
+    return judge(
+        ORIENTATION,
+        imu.topic,
+        words,
+        verdict="fault",
+        advice="Set the first orientation covariance to -1 where the unit estimates none (REP "
+        "145); filters take the numbers for a heading.",
+        repairs=(Repair("drop_orientation", imu.topic),),
+    )

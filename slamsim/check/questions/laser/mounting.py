@@ -1,0 +1,143 @@
+"""Where the laser sits on the base: hand-eye calibration against what the transforms declare.
+
+What the laser sees of a turn tells how far from the axle it sits, what it sees of a straight drive
+which way it looks (Censi, Franchi, Marchionni & Oriolo 2013).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from slamsim.check.calibration.joint import Calibration
+from slamsim.check.evidence import of_calibration
+from slamsim.check.findings import Finding, Measurement
+from slamsim.check.question import FaultKind, Question, QuestionGroup, judge, unanswered
+from slamsim.check.questions.wheels.sizes import POSES_TIMES
+from slamsim.core.geometry import wrap_angle
+from slamsim.core.types import FloatArray
+from slamsim.recording.repairs.base import Repair
+
+YAW_LIMIT_DEG, YAW_HARM_DEG = 0.3, 2.0
+PLACE_LIMIT_M, PLACE_HARM_M = 0.01, 0.05
+"""What brackets and tape measures leave; tyres that give move the axle by a millimetre."""
+
+DRIVING = "ten metres of straight driving"
+TURNING = "turning on the spot to both sides"
+
+
+_NAMES = ("laser_x_m", "laser_y_m", "laser_yaw_rad")
+
+LASER_POSITION = FaultKind("laser_position", "the laser sits elsewhere than declared")
+MOUNTING = Question(
+    "laser.mounting",
+    "it is declared where the laser sits, and scans can tell whether that is so",
+    (),
+    consequence="scans are placed where nothing says they belong",
+    excitation_wanted=TURNING,
+)
+YAW = Question(
+    "laser.yaw",
+    "the laser looks where it is declared to look",
+    (FaultKind("laser_yaw", "the laser is mounted with another yaw than declared"),),
+    limit=YAW_LIMIT_DEG,
+    unit="deg",
+    consequence="scans and odometry disagree about the direction of every metre driven",
+    excitation_wanted=DRIVING,
+    repairs=("set_mounting",),
+)
+PLACE = tuple(
+    Question(
+        f"laser.{axis}",
+        f"the laser sits where it is declared to sit, along {axis}",
+        (LASER_POSITION,),
+        limit=1e3 * PLACE_LIMIT_M,
+        unit="mm",
+        consequence="scans and odometry disagree about the path of every turn",
+        excitation_wanted=TURNING,
+        repairs=("set_mounting",),
+    )
+    for axis in "xy"
+)
+
+
+def check_mounting(calibration: Calibration) -> list[Finding]:
+    """Yaw and place of the laser."""
+    inputs = calibration.inputs
+    if not calibration.scans_count or inputs.wheels is None:
+        return []
+    frame = inputs.laser_frame
+    if calibration.alignment.mirror:
+        words = (
+            "the scans turn the wrong way: how the laser sits cannot be told before that is mended"
+        )
+        return [unanswered(MOUNTING, frame, words)]
+    if inputs.T_base_laser is None:
+        x, y, yaw = (calibration.value(name) for name in _NAMES)
+        words = (
+            f"nothing declares where {frame or 'the laser'} sits on the base; by its motion "
+            f"x {x:.3f} m, y {y:.3f} m, yaw {np.degrees(yaw):.2f} deg"
+        )
+        return [unanswered(MOUNTING, frame, words)]
+    if not calibration.follows("wheel"):
+        words = f"the wheels' turns do not follow those of the scans; what would tell: {TURNING}"
+        return [unanswered(MOUNTING, frame, words)]
+    declared = inputs.T_base_laser
+    return [
+        _yaw(calibration, declared),
+        _place(calibration, declared, 0),
+        _place(calibration, declared, 1),
+    ]
+
+
+GROUP = QuestionGroup(
+    "motion", 180, (MOUNTING, YAW, *PLACE), of_calibration(check_mounting), thorough=True
+)
+
+
+def _times(calibration: Calibration) -> float:
+    """How much coarser poses are than counters."""
+    wheels = calibration.model.wheels
+    return 1.0 if wheels is None or wheels.wired else POSES_TIMES
+
+
+def _repair(calibration: Calibration) -> Repair:
+    found = {
+        name: calibration.value(long)
+        for name, long in zip(("x_m", "y_m", "yaw_rad"), _NAMES, strict=True)
+    }
+    found["yaw_rad"] = float(wrap_angle(np.asarray(found["yaw_rad"])))
+    parameters: dict[str, float | str] = {"parent": calibration.inputs.base_frame, **found}
+    return Repair("set_mounting", calibration.inputs.laser_frame, parameters)
+
+
+def _yaw(calibration: Calibration, declared: FloatArray) -> Finding:
+    """declared: (3,) T_base_laser as x, y, yaw."""
+    off = float(wrap_angle(np.asarray(calibration.value("laser_yaw_rad") - declared[2])))
+    sigma = calibration.sigma("laser_yaw_rad")
+    return judge(
+        YAW,
+        calibration.inputs.laser_frame,
+        f"the laser looks {np.degrees(off):+.3g} deg further to the left than declared",
+        Measurement(float(np.degrees(off)), float(np.degrees(sigma)), "deg"),
+        limit=_times(calibration) * YAW_LIMIT_DEG,
+        harm=YAW_HARM_DEG,
+        advice=f"Turn its transform by {np.degrees(off):.3f} deg about z.",
+        repairs=(_repair(calibration),),
+    )
+
+
+def _place(calibration: Calibration, declared: FloatArray, axis: int) -> Finding:
+    """declared: (3,) T_base_laser. axis: 0 of x, 1 of y."""
+    name = _NAMES[axis]
+    off_m = calibration.value(name) - float(declared[axis])
+    side = ("forward", "to the left")[axis]
+    return judge(
+        PLACE[axis],
+        calibration.inputs.laser_frame,
+        f"the laser sits {1e3 * off_m:+.1f} mm further {side} than declared",
+        Measurement(1e3 * off_m, 1e3 * calibration.sigma(name), "mm"),
+        limit=_times(calibration) * 1e3 * PLACE_LIMIT_M,
+        harm=1e3 * PLACE_HARM_M,
+        advice=f"Correct {'xy'[axis]} of its transform.",
+        repairs=(_repair(calibration),),
+    )

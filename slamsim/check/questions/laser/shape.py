@@ -1,0 +1,248 @@
+"""What scans that overlap say of their own shape: angle between beams, sweep, range offset.
+
+Straight walls bend when the angle between beams is wrong, and places move when a turn comes full
+circle; scans taken at other speeds do not fit each other when the time between beams is wrong.
+No other sensor is asked.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from slamsim.check.fault_groups import LIDAR_TIMES, SWEEPS
+from slamsim.check.findings import Curve, Finding, Measurement, Plot
+from slamsim.check.question import (
+    SURE_SIGMAS,
+    FaultKind,
+    Question,
+    anywhere,
+    decide,
+    judge,
+)
+from slamsim.recording import RecordingFormat
+from slamsim.recording.repairs.base import Repair
+from slamsim.slam.laser.scan_motion import ScanMotions, ShapeEstimate
+
+ANGLE_LIMIT, ANGLE_HARM = 5e-4, 0.01
+"""0.05 % between beams is a fifth of a degree in a full turn; walls are no straighter."""
+
+OFFSET_LIMIT_M, OFFSET_HARM_M = 0.03, 0.1
+"""What edges of the beam and dark surfaces do to a healthy lidar, and what blurs a map."""
+
+SWEEP_LIMIT, SWEEP_LIMIT_S = 0.05, 5e-4
+"""Errors of the time between beams up to this share, or of the sweep up to this, do no harm."""
+
+SWEEP_HARM = 0.4
+MEANT = 0.15
+"""Sweeps this near to nothing, or to minus the declared one, are meant to be so."""
+
+UNTIMED_LIMIT_S = 4e-3
+"""Robots of the kind turn by less than a quarter of a degree in that time."""
+
+UNTIMED_HARM_S = 0.05
+NO_FIELD: tuple[RecordingFormat, ...] = ("carmen",)
+"""Formats that have no place for the time between beams."""
+
+PLOTTED_SIGMAS = 8.0
+MOVING = "driving a few metres and turning at changing speed, in a place with walls on all sides"
+
+
+LASER_ANGLE_STEP = FaultKind("laser_angle_step", "the angle between beams is wrong")
+FLASH = FaultKind(
+    "flash_scan_timed",
+    "beams of one instant are declared as fired one after the other",
+    (anywhere(*LIDAR_TIMES, "laser_angle_step", "scans_overlap"),),
+)
+REVERSED = FaultKind(
+    "beam_time_reversed",
+    "the beams fire in the opposite order of what is declared",
+    (anywhere(*LIDAR_TIMES, "laser_yaw", "laser_angle_step"),),
+)
+SCALED = FaultKind("beam_time_scale", "the time between beams is wrong")
+UNTIMED = FaultKind(
+    "rolling_scan_untimed",
+    "beams fired one after the other are declared as of one instant",
+    (anywhere(*LIDAR_TIMES, "laser_angle_step"),),
+)
+
+ANGLE_UNIT = Question(
+    "laser.angle_unit",
+    "angles are radians",
+    (
+        FaultKind(
+            "laser_degrees",
+            "angles in degrees where radians are asked for",
+            (anywhere("laser_angle_step", *SWEEPS, "range_offset"),),
+        ),
+    ),
+    consequence="the beams point anywhere",
+    repairs=("angles_to_radians",),
+)
+ANGLE_STEP = Question(
+    "laser.angle_step",
+    "the angle between beams is the one at which scans fit each other",
+    (LASER_ANGLE_STEP,),
+    limit=100.0 * ANGLE_LIMIT,
+    unit="%",
+    consequence="straight walls bend, and places move when the robot turns",
+    excitation_wanted=MOVING,
+    repairs=("scale_angles",),
+)
+RANGE_OFFSET = Question(
+    "ranges.offset",
+    "ranges are neither too long nor too short by a constant",
+    (FaultKind("range_offset", "ranges are too long or too short by a constant"),),
+    limit=1e3 * OFFSET_LIMIT_M,
+    unit="mm",
+    consequence="corners are rounded, and passages too narrow or too wide by twice as much",
+    excitation_wanted=MOVING,
+    repairs=("add_to_ranges",),
+)
+SWEEP = Question(
+    "laser.sweep",
+    "beams fire when the scan says",
+    (FLASH, REVERSED, SCALED, UNTIMED),
+    limit=SWEEP_LIMIT,
+    unit="of the declared time",
+    consequence="scans are freed of the wrong motion: walls bend while the robot turns",
+    excitation_wanted=MOVING,
+    repairs=("scale_beam_times", "set_sweep"),
+)
+
+
+def check_angles(motions: ScanMotions) -> list[Finding]:
+    """The unit of the angles, and the angle between beams."""
+    found = motions.angle_step
+    error = 100.0 * (1.0 / found.value - 1.0)
+    step = judge(
+        ANGLE_STEP,
+        motions.topic,
+        f"the declared angle between beams is {error:+.3g} % off the one at which scans fit",
+        Measurement(error, 100.0 * found.sigma / found.value**2, "%"),
+        harm=100.0 * ANGLE_HARM,
+        advice=f"Multiply the angle between beams by {found.value:.6g}, about the middle beam.",
+        repairs=(Repair("scale_angles", motions.topic, {"factor": found.value}),),
+    )
+    return [_unit(motions), step]
+
+
+def _unit(motions: ScanMotions) -> Finding:
+    return judge(
+        ANGLE_UNIT,
+        motions.topic,
+        {
+            "ok": "the beams span no more than a turn or two",
+            "fault": "the beams span several turns if their angles are radians, a fan if they are "
+            "degrees",
+        },
+        verdict="ok" if motions.radians_per_unit == 1.0 else "fault",
+        advice="Publish angle_min, angle_max and angle_increment in radians.",
+        repairs=(Repair("angles_to_radians", motions.topic),),
+    )
+
+
+def check_range_offset(motions: ScanMotions) -> Finding:
+    """Ranges that are too long or too short by a constant."""
+    found = motions.range_offset_m
+    recorded = found.value / motions.metres_per_unit
+    return judge(
+        RANGE_OFFSET,
+        motions.topic,
+        f"ranges are {1e3 * found.value:+.3g} mm too long",
+        Measurement(1e3 * found.value, 1e3 * found.sigma, "mm"),
+        harm=1e3 * OFFSET_HARM_M,
+        advice=f"Subtract {recorded:.4g} from every range.",
+        repairs=(Repair("add_to_ranges", motions.topic, {"offset_m": -recorded}),),
+    )
+
+
+def check_sweep(motions: ScanMotions, recorded_as: RecordingFormat) -> Finding:
+    """Whether beams fire when the scan says: one after the other, all at once, backward."""
+    found = motions.sweep_s
+    if found.declared == 0.0:
+        return _untimed(motions, recorded_as)
+    share = Measurement(
+        found.value / found.declared, found.sigma / abs(found.declared), "of the declared time"
+    )
+    words = f"the sweep lasts {share.value:.3g} ± {1.96 * share.sigma:.2g} of the declared time"
+    fault, meaning, advice, factor = _named(share)
+    return judge(
+        SWEEP,
+        motions.topic,
+        {"ok": words, "inconclusive": words, "fault": f"{meaning}: {words}"},
+        share,
+        harm=SWEEP_HARM,
+        healthy=1.0,
+        enough=abs(share.value - 1.0) * abs(found.declared) > SWEEP_LIMIT_S,
+        fault=fault,
+        advice=advice,
+        repairs=(Repair("scale_beam_times", motions.topic, {"factor": factor}),),
+        plots=(_plot(found),),
+    )
+
+
+def _named(share: Measurement) -> tuple[FaultKind, str, str, float]:
+    """Fault, what it says, advice, and what to multiply the time between beams by; zero and minus
+    one have names of their own."""
+    near = max(SURE_SIGMAS * share.sigma, MEANT)
+    if abs(share.value) < near:
+        meaning = "all beams see one instant, or were deskewed already"
+        return FLASH, meaning, "Declare a time between beams of 0.", 0.0
+    if abs(share.value + 1.0) < near:
+        advice = (
+            "Publish the beams in the order of their firing, with a negative angle between them."
+        )
+        return REVERSED, "the last beam fired first", advice, -1.0
+    advice = f"Multiply the time between beams by {share.value:.4g}."
+    return SCALED, "the time between beams is wrong", advice, share.value
+
+
+def _untimed(motions: ScanMotions, recorded_as: RecordingFormat) -> Finding:
+    found = motions.sweep_s
+    size, limit = Measurement(1e3 * found.value, 1e3 * found.sigma, "ms"), 1e3 * UNTIMED_LIMIT_S
+    words = (
+        "the beams are declared as of one instant; by scans that overlap they take "
+        f"{size.value:.3g} ± {1.96 * size.sigma:.2g} ms"
+    )
+    harm = 1e3 * UNTIMED_HARM_S
+    cannot_say = recorded_as in NO_FIELD
+    if cannot_say and decide(size, limit, harm) == "fault":
+        words += f", which {recorded_as} logs have no place for"
+    return judge(
+        SWEEP,
+        motions.topic,
+        {
+            "ok": words,
+            "inconclusive": words,
+            "fault": f"the beams fire one after the other: {words}",
+        },
+        size,
+        limit=limit,
+        harm=harm,
+        enough=not cannot_say,
+        fault=UNTIMED,
+        advice="Declare the time between beams, so that scans can be freed of motion.",
+        repairs=(Repair("set_sweep", motions.topic, {"sweep_s": found.value}),),
+        plots=(_plot(found),),
+    )
+
+
+def _plot(found: ShapeEstimate) -> Plot:
+    """Misfit of scans that overlap, against how long the sweep is taken to last."""
+    if not np.isfinite(found.sigma):
+        return Plot("Misfit against sweep", "sweep (ms)", "misfit", ())
+    reach = max(abs(found.value - found.declared), abs(found.value), PLOTTED_SIGMAS * found.sigma)
+    sweep = np.linspace(found.value - 1.2 * reach, found.value + 1.2 * reach, 121)
+    misfit = np.square((sweep - found.value) / found.sigma)
+    top = float(misfit.max())
+    mark = np.array([0.0, top])
+    return Plot(
+        title="Misfit of overlapping scans against the length of the sweep",
+        x_label="time from the first beam to the last (ms)",
+        y_label="misfit above the least (variances)",
+        curves=(
+            Curve("misfit", 1e3 * sweep, misfit, "line"),
+            Curve("as declared", np.full(2, 1e3 * found.declared), mark, "line"),
+            Curve("all beams at once", np.zeros(2), mark, "line"),
+        ),
+    )

@@ -1,0 +1,107 @@
+"""Beams that always say the same, or never anything: what the robot's own body does."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from slamsim.check.findings import Curve, Finding, Measurement, Plot
+from slamsim.check.question import FaultKind, Question, judge, unanswered
+from slamsim.check.scan_sample import ScanSample
+from slamsim.core.types import FloatArray
+from slamsim.recording.repairs.base import Repair
+from slamsim.slam.laser.own_body import (
+    BESIDE,
+    MAX_CONSTANT_SPREAD_M,
+    MIN_TYPICAL_SPREAD_M,
+    runs_of,
+    spread_of,
+    still_runs,
+)
+
+MIN_SCANS = 50
+MIN_DEAD_BEAMS = 3
+_SELDOM = 0.2
+
+CONSTANT = Question(
+    "ranges.constant",
+    "no beam sees the robot itself",
+    (FaultKind("beams_constant", "some beams always see the same: the robot itself"),),
+    unit="beams",
+    consequence="a SLAM takes them for a wall that moves along",
+    excitation_wanted="driving and turning, so that all other beams change",
+    repairs=("drop_beams",),
+)
+DEAD = Question(
+    "ranges.dead",
+    "every beam returns something at times",
+    (FaultKind("beams_dead", "some beams never return anything"),),
+    limit=float(MIN_DEAD_BEAMS - 1),
+    unit="beams",
+    consequence="obstacles in these directions are not seen",
+    limit_of_ok=False,
+)
+
+
+def check_beams(topic: str, sample: ScanSample) -> Iterator[Finding]:
+    """Constant beams (the robot sees itself) and beams that never return."""
+    finite = np.isfinite(sample.ranges_m) & (sample.ranges_m > 0.0)
+    spread_m = spread_of(np.where(finite, sample.ranges_m, np.nan))
+    known = spread_m[np.isfinite(spread_m)]
+    typical_m = float(np.median(known)) if known.size else 0.0
+    if len(sample.scans) < MIN_SCANS or typical_m < MIN_TYPICAL_SPREAD_M:
+        words = (
+            f"{len(sample.scans)} scans whose beams change by {typical_m:.2g} m: drive and turn "
+            "more to tell the robot's own body from its surroundings"
+        )
+        yield unanswered(CONSTANT, topic, words)
+        return
+    share = finite.mean(axis=0)
+    yield _constant(topic, sample, spread_m, share)
+    yield _dead(topic, share)
+
+
+def _constant(topic: str, sample: ScanSample, spread_m: FloatArray, share: FloatArray) -> Finding:
+    runs = still_runs(spread_m, share)
+    if not runs:
+        words = "no beam always sees the same"
+        return judge(CONSTANT, topic, words, verdict="ok")
+    beams = sum(last - first + 1 for first, last in runs)
+    first, last = runs[0]
+    seen_m = float(np.nanmedian(sample.ranges_m[:, first : last + 1]))
+    curve = Curve("spread", np.arange(spread_m.size, dtype=np.float64), spread_m, "line")
+    limits = (MAX_CONSTANT_SPREAD_M,)
+    plot = Plot(f"Change of each beam of {topic}", "beam", "spread (m)", (curve,), limits)
+    return judge(
+        CONSTANT,
+        topic,
+        f"{beams} beams always see the same (first beams {first} to {last}, at {seen_m:.2f} m): "
+        "the robot itself",
+        Measurement(float(beams), 0.0, "beams"),
+        verdict="fault",
+        advice="Mask these beams in the driver; a SLAM takes them for a wall that moves along.",
+        repairs=tuple(Repair("drop_beams", topic, {"first": a, "last": b}) for a, b in runs),
+        plots=(plot,),
+    )
+
+
+def _dead(topic: str, share: FloatArray) -> Finding:
+    """Beams without a single return whose neighbours have some."""
+    runs = [
+        (first, last)
+        for first, last in runs_of(share == 0.0)
+        if max(share[max(first - BESIDE, 0) : last + 1 + BESIDE].max(), 0.0) > _SELDOM
+    ]
+    beams = sum(last - first + 1 for first, last in runs)
+    if beams < MIN_DEAD_BEAMS:
+        return judge(DEAD, topic, "every beam returns something at times", verdict="ok")
+    first, last = runs[0]
+    return judge(
+        DEAD,
+        topic,
+        f"{beams} beams never return anything (first beams {first} to {last})",
+        Measurement(float(beams), 0.0, "beams"),
+        advice="Look for something that covers the lidar, or a mask in its driver that is too "
+        "wide.",
+    )

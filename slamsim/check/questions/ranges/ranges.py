@@ -1,0 +1,149 @@
+"""Do the ranges mean what REP 117 says: metres, ``inf`` for no return, inside the limits?"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from slamsim.check.evidence import RecordingEvidence
+from slamsim.check.findings import Finding, Measurement
+from slamsim.check.question import FaultKind, Question, QuestionGroup, judge, unanswered
+from slamsim.check.questions.ranges.beams import CONSTANT, DEAD, check_beams
+from slamsim.check.questions.ranges.isolated_returns import ISOLATED, check_isolated_returns
+from slamsim.check.questions.ranges.no_return import NO_RETURN, check_no_return, without_codes
+from slamsim.check.questions.ranges.repeats import STUCK, check_repeats
+from slamsim.check.questions.ranges.units import (
+    UNIT,
+    declared,
+    metres_of,
+    outside_share,
+    unit_of,
+    wrong_unit,
+)
+from slamsim.check.scan_sample import ScanSample, positive, sample_scans
+from slamsim.core.types import FloatArray
+from slamsim.recording import RawScans, ScanLayout
+from slamsim.recording.repairs.base import Repair
+
+MAX_OUTSIDE_SHARE = 2e-3
+"""Rounding at the limits themselves puts a few readings a hair outside."""
+MIN_COUNT = 20
+"""Fewer readings than this are accidents."""
+
+BEAMS = Question(
+    "ranges",
+    "scans hold beams",
+    (),
+    consequence="there is nothing to map",
+    excitation_wanted="a scan with one beam or more",
+)
+LAYOUT = Question(
+    "ranges.layout",
+    "the declared angles fit the number of beams",
+    (FaultKind("scan_layout", "what the scan declares of its beams does not fit its readings"),),
+    consequence="consumers that use angle_max turn or stretch the scan, or refuse it",
+    repairs=("set_angle_max",),
+)
+LIMITS = Question(
+    "ranges.limits",
+    "readings lie inside the declared limits",
+    (FaultKind("range_limits", "declared minimum and maximum contradict the readings"),),
+    limit=100.0 * MAX_OUTSIDE_SHARE,
+    unit="%",
+    consequence="a SLAM throws good readings away",
+    excitation_wanted=f"{MIN_COUNT} finite readings",
+    repairs=("set_range_limits",),
+    limit_of_ok=False,
+)
+
+
+def check_ranges(evidence: RecordingEvidence) -> list[Finding]:
+    """Layout, unit, limits, no-return codes, stuck, constant and isolated beams of every lidar."""
+    recording = evidence.recording
+    findings: list[Finding] = []
+    for scans in recording.scans:
+        findings += _layouts(scans)
+        sample = sample_scans(scans)
+        if sample is None:
+            findings.append(unanswered(BEAMS, scans.topic, "no scan holds a single beam"))
+            continue
+        unit = unit_of(recording, scans, sample)
+        if unit is not None:
+            findings.append(wrong_unit(scans.topic, sample, unit))
+            sample = sample.scaled(metres_of(unit))
+        findings += [
+            _limits(scans.topic, sample),
+            check_no_return(scans.topic, sample, recording.format == "carmen"),
+        ]
+        sample = without_codes(sample)
+        findings += [
+            check_repeats(recording, scans, sample),
+            *check_beams(scans.topic, sample),
+            check_isolated_returns(scans.topic, sample),
+        ]
+    return findings
+
+
+GROUP = QuestionGroup(
+    "ranges",
+    40,
+    (BEAMS, LAYOUT, UNIT, LIMITS, NO_RETURN, STUCK, CONSTANT, DEAD, ISOLATED),
+    check_ranges,
+)
+
+
+def _layouts(scans: RawScans) -> Iterator[Finding]:
+    """angle_max must be where the last beam looks; reported for the first layout that is wrong."""
+    for number, scan in zip(*np.unique(scans.layout_of, return_index=True), strict=True):
+        layout, beams = scans.layouts[int(number)], scans.ranges_m[int(scan)].size
+        last_rad = layout.angle_min_rad + (beams - 1) * layout.angle_step_rad
+        off = abs(layout.angle_max_rad - last_rad)
+        if off <= 1.5 * abs(layout.angle_step_rad):
+            continue  # the last beam, or one more as drivers that count a full turn write it
+        yield judge(
+            LAYOUT,
+            scans.topic,
+            f"the last of {beams} beams looks along {np.degrees(last_rad):.2f} deg, angle_max says "
+            f"{np.degrees(layout.angle_max_rad):.2f}",
+            verdict="fault",
+            advice="Let angle_max be angle_min + (number of ranges - 1) x angle_increment.",
+            repairs=(Repair("set_angle_max", scans.topic),),
+        )
+        return
+
+
+def _limits(topic: str, sample: ScanSample) -> Finding:
+    layout, readings = sample.layout, positive(sample)
+    if not layout.range_max_m > max(layout.range_min_m, 0.0):
+        return judge(
+            LIMITS,
+            topic,
+            f"{declared(layout)}: no range can lie between",
+            verdict="fault",
+            advice="Declare what the data sheet of the lidar says.",
+        )
+    if readings.size < MIN_COUNT:
+        words = f"{readings.size} finite readings in {len(sample.scans)} scans"
+        return unanswered(LIMITS, topic, words)
+    outside = outside_share(readings, layout)
+    low, high = np.quantile(readings, [0.001, 0.999])
+    return judge(
+        LIMITS,
+        topic,
+        {
+            "ok": f"readings about {np.median(readings):.2f} m lie inside, {declared(layout)}",
+            "fault": f"{100.0 * outside:.2g} % of the readings lie outside ({low:.3g} to "
+            f"{high:.3g} m are 99.8 % of them), {declared(layout)}",
+        },
+        Measurement(100.0 * outside, 0.0, "%"),
+        advice="Declare what the lidar can do, or a SLAM throws good readings away.",
+        repairs=(_set_limits(topic, readings, layout),),
+    )
+
+
+def _set_limits(topic: str, readings: FloatArray, layout: ScanLayout) -> Repair:
+    """Limits that hold all readings, and what is declared where that does."""
+    low = min(layout.range_min_m, 0.99 * float(readings.min()))
+    high = max(layout.range_max_m, 1.01 * float(readings.max()))
+    return Repair("set_range_limits", topic, {"range_min_m": low, "range_max_m": high})

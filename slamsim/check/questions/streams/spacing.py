@@ -1,0 +1,267 @@
+"""Each stream's stamps by themselves: order, repeats, rounding, scatter, gaps."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.special import pdtrc
+
+from slamsim.check.fault_groups import BY_SCANS, LIDAR_TIMES
+from slamsim.check.findings import Curve, Finding, Measurement, Plot
+from slamsim.check.question import (
+    FaultKind,
+    Question,
+    decide,
+    judge,
+    lidar_stamps,
+    same_subject,
+    unanswered,
+)
+from slamsim.check.questions.streams.rounding import in_equal_groups, rounding_step_s
+from slamsim.check.questions.streams.series import StampSeries, beat_scatter_s, is_even, spread_s
+from slamsim.recording.repairs.base import Repair
+
+MAX_ROUNDING_S = 0.014
+"""Rounding to this makes errors of 4 ms: at 1 rad/s, 4 cm at a wall 10 m away. Finer steps of
+system clocks, up to 10 ms, are common in logs that map well."""
+MAX_SCATTER_S = 0.005
+"""The same harm. Drivers that stamp on receipt scatter by one or two milliseconds."""
+MAX_REPEATED_SHARE = 5e-3
+MAX_MISSING_SHARE = 0.015
+MAX_GAP_S = {"lidar": 1.0, "wheels": 1.0, "imu": 0.25}
+"""Scans and wheels bridge each other's gaps; nothing else tells how the robot turned."""
+MAX_GAP_PERIODS = 10.0
+MAX_UNEVEN_GAP_S = 10.0
+"""For streams without a beat, which show no rate from which anything could be missing."""
+_MIN_MESSAGES = 20
+_MIN_REPEATED = 3
+_USUAL_LOSS, _CHANCE = 0.005, 1e-4
+"""A driver that loses this share of its messages is usual; what it could lose by chance in so many
+messages, but for one recording in ten thousand, is no fault."""
+
+_OFFSETS = (*LIDAR_TIMES, "time_offset_imu", "time_offset_wheels", "clock_drift")
+_EVENLY = ("restamp_evenly",)
+
+ORDER = Question(
+    "time.order",
+    "stamps never go backward",
+    (FaultKind("stamps_backward", "stamps go backward", (lidar_stamps(*BY_SCANS),)),),
+    limit=0.0,
+    unit="backward stamps",
+    consequence="filters and bag players drop or reorder messages",
+    excitation_wanted="two messages or more",
+    repairs=("restamp_evenly", "reorder"),
+)
+SPACING = Question(
+    "time.spacing",
+    "there are enough messages to judge their spacing",
+    (),
+    consequence="nothing is known of the stamps",
+    excitation_wanted=f"{_MIN_MESSAGES} messages or more",
+)
+ROUNDING = Question(
+    "time.rounding",
+    "stamps are finer than the time between messages",
+    (
+        FaultKind(
+            "stamps_quantised",
+            "stamps are rounded coarsely",
+            (
+                same_subject(*_OFFSETS),
+                lidar_stamps(*BY_SCANS, "time_offset_imu", "time_offset_wheels"),
+            ),
+        ),
+    ),
+    limit=1e3 * MAX_ROUNDING_S,
+    unit="ms",
+    consequence="scans are placed where the robot was some centimetres before or after",
+    repairs=_EVENLY,
+)
+SCATTER = Question(
+    "time.scatter",
+    "stamps keep to an even beat",
+    (
+        FaultKind(
+            "stamps_jitter",
+            "stamps scatter: time of publishing, not of measuring",
+            (lidar_stamps(*BY_SCANS),),
+        ),
+    ),
+    limit=1e3 * MAX_SCATTER_S,
+    unit="ms",
+    consequence="scans are placed where the robot was some centimetres before or after",
+    excitation_wanted="a sensor that measures at a constant rate",
+    repairs=_EVENLY,
+)
+REPEATS = Question(
+    "time.repeats",
+    "every message has a stamp of its own",
+    (
+        FaultKind(
+            "stamps_repeated",
+            "messages carry the stamp of another one",
+            (same_subject(*_OFFSETS), lidar_stamps(*BY_SCANS)),
+        ),
+    ),
+    limit=100.0 * MAX_REPEATED_SHARE,
+    unit="%",
+    consequence="consumers drop one of two messages with one stamp, or divide by zero",
+    repairs=_EVENLY,
+)
+GAPS = Question(
+    "time.gaps",
+    "no messages are missing",
+    (FaultKind("stream_gaps", "messages are missing"),),
+    limit=100.0 * MAX_MISSING_SHARE,
+    unit="%",
+    consequence="the motion during a gap is not known",
+)
+
+
+def check_spacing(series: StampSeries) -> list[Finding]:
+    """One fault is reported once: what would follow from it is not asked again."""
+    if len(series) < 2:
+        return [unanswered(ORDER, series.subject, "a single message shows no course of time")]
+    findings = [_order(series)]
+    if series.kind == "transform":
+        return findings
+    if len(series) < _MIN_MESSAGES:
+        words = f"{len(series)} messages are too few to judge their spacing"
+        return [*findings, unanswered(SPACING, series.subject, words)]
+    if _any_fault(findings):
+        return [*findings, _gaps(series, countable=False)]
+    findings.append(_rounding(series))
+    if not _any_fault(findings):
+        findings.append(_scatter(series))
+    if not _any_fault(findings) or in_equal_groups(series.steps_s):
+        findings.append(_repeats(series))
+    return [*findings, _gaps(series, countable=not _any_fault(findings))]
+
+
+def _order(series: StampSeries) -> Finding:
+    steps_s = series.steps_s
+    backward = int((steps_s < 0.0).sum())
+    size = Measurement(float(backward), 0.0, ORDER.unit)
+    if not backward:
+        return judge(ORDER, series.subject, "stamps never go backward", size)
+    return judge(
+        ORDER,
+        series.subject,
+        f"{backward} of {len(series)} stamps lie before the one above, by up to "
+        f"{-steps_s.min():.3g} s",
+        size,
+        advice="Look for two publishers on one topic or a clock that was set back; sort by stamp, "
+        "or, where the order is right, stamp anew.",
+        repairs=(Repair("restamp_evenly" if _in_order(series) else "reorder", series.subject),),
+        plots=(_steps_plot(series),),
+    )
+
+
+def _in_order(series: StampSeries) -> bool:
+    """Whether the order of the file is right, and the stamps only scatter about their beat."""
+    scatter_s = beat_scatter_s(series.stamps_ns)
+    return scatter_s is not None and scatter_s < 3.0 * series.span_s / len(series)
+
+
+def _rounding(series: StampSeries) -> Finding:
+    step_s = rounding_step_s(series.steps_s)
+    period_s = series.span_s / (len(series) - 1)
+    single = bool(np.abs(series.stamps_ns * 1e-9).max() * 2.0**-24 >= 0.5 * step_s)
+    cause = ": what is left of seconds in single precision" if single else ""
+    return judge(
+        ROUNDING,
+        series.subject,
+        {
+            "ok": f"stamps are multiples of {1e3 * step_s:.4g} ms"
+            if step_s
+            else "no coarse step shows",
+            "fault": f"stamps are multiples of {step_s:.6g} s{cause}, while messages come every "
+            f"{period_s:.4g} s",
+        },
+        Measurement(1e3 * step_s, 0.0, "ms"),
+        limit=1e3 * min(MAX_ROUNDING_S, max(period_s, 1e-3)),
+        advice="Carry stamps as integers of nanoseconds, or as seconds in double precision, from a "
+        "clock with fine ticks.",
+        repairs=(Repair("restamp_evenly", series.subject),),
+        fault_plots=(_steps_plot(series, step_s),),
+    )
+
+
+def _repeats(series: StampSeries) -> Finding:
+    repeated = len(series) - series.instants_ns.size
+    return judge(
+        REPEATS,
+        series.subject,
+        f"{repeated} of {len(series)} messages carry the stamp of another one",
+        Measurement(100.0 * repeated / len(series), 0.0, "%"),
+        enough=repeated >= _MIN_REPEATED,
+        advice="Stamp each message with the instant of its own measurement.",
+        repairs=(Repair("restamp_evenly", series.subject),),
+        fault_plots=(_steps_plot(series),),
+    )
+
+
+def _scatter(series: StampSeries) -> Finding:
+    scatter_s = beat_scatter_s(series.stamps_ns)
+    if scatter_s is None:
+        words = (
+            f"messages come unevenly ({1e3 * spread_s(series.stamps_ns, 1):.3g} ms from one to "
+            "the next), and without a beat stamps alone do not tell whose fault that is"
+        )
+        return unanswered(SCATTER, series.subject, words, (_steps_plot(series),))
+    error_s = scatter_s / np.sqrt(len(series) / 10.0)
+    # Its sigma is a share of it: by sigmas off 0 the length of the log alone would decide.
+    verdict = decide(Measurement(scatter_s, 0.0, "s"), MAX_SCATTER_S)
+    return judge(
+        SCATTER,
+        series.subject,
+        {
+            "ok": f"stamps keep to an even beat within {1e3 * scatter_s:.2g} ms",
+            "fault": f"stamps scatter by {1e3 * scatter_s:.3g} ms about an even beat",
+        },
+        Measurement(1e3 * scatter_s, 1e3 * float(error_s), "ms"),
+        verdict=verdict,
+        advice="Stamp with the sensor's own clock, or where the data arrive and not where they are "
+        "published.",
+        repairs=(Repair("restamp_evenly", series.subject),),
+        fault_plots=(_steps_plot(series),),
+    )
+
+
+def _gaps(series: StampSeries, countable: bool) -> Finding:
+    """countable: whether what is missing can be counted from the spacing."""
+    steps_s = series.ordered_steps_s
+    if not steps_s.size:
+        return unanswered(GAPS, series.subject, "all messages carry one and the same stamp")
+    period_s = float(np.median(steps_s))
+    longest_s = float(steps_s.max())
+    even = is_even(series.stamps_ns)
+    longest_limit_s = (
+        max(MAX_GAP_S[series.kind], MAX_GAP_PERIODS * period_s) if even else MAX_UNEVEN_GAP_S
+    )
+    missing = int((np.rint(steps_s / period_s) - 1.0).clip(0.0).sum()) if even and countable else 0
+    sent = missing + len(series)
+    by_chance = missing == 0 or pdtrc(missing - 1, _USUAL_LOSS * sent) > _CHANCE
+    share = 0.0 if by_chance else missing / sent
+    size, limit = Measurement(100.0 * share, 0.0, "%"), 100.0 * MAX_MISSING_SHARE
+    if share <= MAX_MISSING_SHARE and longest_s > longest_limit_s:
+        size, limit = Measurement(longest_s, 0.0, "s"), longest_limit_s
+    return judge(
+        GAPS,
+        series.subject,
+        f"{1.0 / period_s:.4g} messages a second, {missing} missing, longest gap {longest_s:.3g} s",
+        size,
+        limit=limit,
+        advice="Look for a full queue, a slow disk or a cable: what is missing cannot be mended.",
+        fault_plots=(_steps_plot(series, limit),),
+    )
+
+
+def _any_fault(findings: list[Finding]) -> bool:
+    return any(finding.verdict == "fault" for finding in findings)
+
+
+def _steps_plot(series: StampSeries, *limits: float) -> Plot:
+    curve = Curve("from one message to the next", series.since_first_s[1:], series.steps_s)
+    return Plot(
+        f"Spacing of the stamps of {series.subject}", "stamp (s)", "step (s)", (curve,), limits
+    )

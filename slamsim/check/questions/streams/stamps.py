@@ -1,0 +1,88 @@
+"""The stamps of every stream: by themselves, against each other's epoch, against their receipt."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from slamsim.check.evidence import RecordingEvidence
+from slamsim.check.findings import Curve, Finding, Measurement, Plot
+from slamsim.check.question import FaultKind, Question, QuestionGroup, judge, unanswered
+from slamsim.check.questions.streams.epochs import EPOCH, check_epochs
+from slamsim.check.questions.streams.receipt import DRIFT, RECEIPT, check_receipt
+from slamsim.check.questions.streams.series import StampSeries, series_of
+from slamsim.check.questions.streams.spacing import (
+    GAPS,
+    ORDER,
+    REPEATS,
+    ROUNDING,
+    SCATTER,
+    SPACING,
+    check_spacing,
+)
+from slamsim.recording.repairs.base import Repair
+
+MAX_OVERLAP = 0.02
+"""Of the scan's duration. Drivers that declare the nominal speed of their motor are off by less."""
+MIN_OVERLAP_S = 1e-4
+_NO_INSTANTS = ("epoch_mismatch", "stamps_quantised", "stamps_repeated")
+"""Stamps so wrong that how long they are before the receipt says nothing more."""
+
+
+OVERLAP = Question(
+    "time.overlap",
+    "a scan begins when the one before it has ended",
+    (FaultKind("scans_overlap", "a scan begins before the one before it ended"),),
+    unit="ms",
+    consequence="scans are freed of the wrong motion: walls bend while the robot turns",
+    excitation_wanted="two scans of different stamps",
+    repairs=("scale_beam_times",),
+)
+
+
+def check_stamps(evidence: RecordingEvidence) -> list[Finding]:
+    """Order, repeats, rounding, scatter and gaps of stamps, and how they fit their receipt."""
+    series = series_of(evidence.recording)
+    if not series:
+        words = "the recording holds no stream with stamps"
+        return [unanswered(ORDER, evidence.recording.name, words)]
+    findings = check_epochs(series)
+    for stream in series:
+        findings += check_spacing(stream)
+        if stream.kind == "lidar":
+            findings.append(_overlap(stream))
+    wrong = {finding.subject for finding in findings if finding.fault in _NO_INSTANTS}
+    return findings + check_receipt(series, wrong)
+
+
+GROUP = QuestionGroup(
+    "stamps",
+    10,
+    (EPOCH, ORDER, SPACING, ROUNDING, SCATTER, REPEATS, GAPS, OVERLAP, RECEIPT, DRIFT),
+    check_stamps,
+)
+
+
+def _overlap(series: StampSeries) -> Finding:
+    """One lidar begins a scan only when it has ended the one before."""
+    steps_s = series.ordered_steps_s
+    if not steps_s.size:
+        return unanswered(OVERLAP, series.subject, "there are not two scans of different stamps")
+    lasts_s, step_s = float(np.median(series.lasts_ns)) * 1e-9, series.period_s
+    overlap_s = lasts_s - step_s
+    curve = Curve("from one scan to the next", series.since_first_s[1:], series.steps_s)
+    return judge(
+        OVERLAP,
+        series.subject,
+        f"a scan lasts {1e3 * lasts_s:.4g} ms as declared, the next begins after "
+        f"{1e3 * step_s:.4g} ms",
+        Measurement(1e3 * max(overlap_s, 0.0), 0.0, "ms"),
+        limit=1e3 * max(MIN_OVERLAP_S, MAX_OVERLAP * lasts_s),
+        advice="Declare the time_increment that the lidar really has: at most the period over the "
+        "number of beams of a full turn.",
+        repairs=(Repair("scale_beam_times", series.subject, {"factor": step_s / lasts_s}),)
+        if overlap_s > 0.0
+        else (),
+        fault_plots=(
+            Plot("Scans against their duration", "stamp (s)", "step (s)", (curve,), (lasts_s,)),
+        ),
+    )
