@@ -15,12 +15,12 @@ from scipy.stats import multivariate_normal
 
 from slamsim.check.calibration.joint import Calibration, calibrate_inputs
 from slamsim.check.calibration.model import GYRO_DELAY, UNKNOWNS, WHEEL_DELAY
-from slamsim.check.map_quality.agreement import with_map
 from slamsim.check.map_quality.crispness import Crispness, Stream, along
 from slamsim.check.map_quality.entropy import ACROSS_M, ALONG_M, map_entropy, placed
 from slamsim.check.map_quality.views import WindowView
 from slamsim.check.motion.inputs import Inputs
 from slamsim.check.motion.integrated import integrated_wheels
+from slamsim.check.questions.clocks.map_agreement import with_map
 from slamsim.check.questions.clocks.offsets import check_timing
 from slamsim.core.geometry import between, compose
 from slamsim.core.types import FloatArray, IntArray

@@ -19,7 +19,7 @@ from scan_recording import (
 
 from slamsim.check.findings import Finding
 from slamsim.check.motion.inputs import gather_inputs
-from slamsim.check.motion.laser_motions import laser_motions
+from slamsim.check.motion.laser_steps import laser_motions
 from slamsim.check.questions.laser.laser import check_laser
 from slamsim.core.types import FloatArray
 from slamsim.recording import RawImu, RawOdometry, RawScans, Recording, RecordingFormat

@@ -66,7 +66,7 @@ def test_every_question_declares_what_it_asks_and_what_a_fault_does() -> None:
 def test_a_size_is_a_fault_only_for_certain_and_ok_only_if_no_harm_is_possible(
     size: Measurement, limit: float, harm: float
 ) -> None:
-    verdict = decide(size, limit, harm)
+    verdict = decide(size, limit, harm=harm)
     low, high = sorted(map(abs, size.interval))
     if verdict == "fault":
         assert abs(size.value) > limit
@@ -75,13 +75,13 @@ def test_a_size_is_a_fault_only_for_certain_and_ok_only_if_no_harm_is_possible(
         assert max(low, high) < harm
     else:
         assert max(low, high) >= harm
-    assert decide(replace(size, value=-size.value), limit, harm) == verdict
-    assert decide(replace(size, value=size.value + 1e4), limit, harm, healthy=1e4) in (
+    assert decide(replace(size, value=-size.value), limit, harm=harm) == verdict
+    assert decide(replace(size, value=size.value + 1e4), limit, harm=harm, healthy=1e4) in (
         verdict,
-        decide(replace(size, value=size.value * (1.0 + 1e-9)), limit, harm),
-        decide(replace(size, value=size.value * (1.0 - 1e-9)), limit, harm),
+        decide(replace(size, value=size.value * (1.0 + 1e-9)), limit, harm=harm),
+        decide(replace(size, value=size.value * (1.0 - 1e-9)), limit, harm=harm),
     )
-    assert decide(size, limit, harm, enough=False) != "fault"
+    assert decide(size, limit, harm=harm, enough=False) != "fault"
 
 
 def test_what_only_a_fault_calls_for_is_left_out_of_other_answers() -> None:

@@ -21,8 +21,8 @@ from slamsim.check.questions.clocks.offsets import check_timing
 from slamsim.check.questions.inertial.gyroscope import check_gyro
 from slamsim.check.questions.laser.mounting import check_mounting
 from slamsim.check.questions.wheels.direction import check_reversing
-from slamsim.check.questions.wheels.odometry import check_slip
 from slamsim.check.questions.wheels.sizes import check_wheels
+from slamsim.check.questions.wheels.slip import check_slip
 from slamsim.core.types import FloatArray
 from slamsim.recording import RawImu, RawOdometry, RawTicks, Recording
 

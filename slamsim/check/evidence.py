@@ -9,7 +9,7 @@ from slamsim.check.calibration.distance_unit import WrongUnit, in_metres, wrong_
 from slamsim.check.calibration.joint import Calibration, calibrate_inputs
 from slamsim.check.findings import Finding
 from slamsim.check.motion.inputs import Inputs, gather_inputs
-from slamsim.check.motion.laser_motions import laser_motions
+from slamsim.check.motion.laser_steps import laser_motions
 from slamsim.recording import Recording
 from slamsim.recording.frame_graph import FrameGraph
 from slamsim.slam.laser.scan_motion import ScanMotions

@@ -25,6 +25,7 @@ class Measurement:
 
     @property
     def interval(self) -> tuple[float, float]:
+        """The ends of the 95 % interval, in ``unit``."""
         return self.value - 1.96 * self.sigma, self.value + 1.96 * self.sigma
 
 
@@ -97,6 +98,7 @@ class CheckReport:
 
     @property
     def faults(self) -> tuple[Finding, ...]:
+        """The findings with the verdict "fault"."""
         return tuple(finding for finding in self.findings if finding.verdict == "fault")
 
     @property

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, TypedDict, Unpack
 
 from slamsim.check.findings import Finding, Measurement, Plot, Verdict
 from slamsim.recording.repairs.base import Repair
@@ -106,26 +106,28 @@ class QuestionGroup:
     thorough: bool = False
 
 
-def decide(
-    size: Measurement,
-    limit: float,
-    harm: float | None = None,
-    *,
-    healthy: float = 0.0,
-    enough: bool = True,
-    doubt: float | None = None,
-) -> Verdict:
-    """The rule for every size that is measured.
+class Criteria(TypedDict, total=False):
+    """How a size is judged, in its unit.
 
-    limit: how far from ``healthy`` it may be, in the unit of the size. harm: "ok" only if the
-    95 % interval excludes sizes that far off. doubt: "ok" only if half the interval is shorter.
-    enough: whether the size rests on enough cases to be no accident.
+    healthy: the size when all is well, 0 by default. harm: "ok" only if the 95 % interval excludes
+    sizes that far off. doubt: "ok" only if half the interval is shorter. enough: whether the size
+    rests on enough cases to be no accident.
     """
-    off = abs(size.value - healthy)
-    if enough and off > limit and off > SURE_SIGMAS * size.sigma:
+
+    healthy: float
+    harm: float
+    doubt: float
+    enough: bool
+
+
+def decide(size: Measurement, limit: float, **criteria: Unpack[Criteria]) -> Verdict:
+    """The rule for every size that is measured; limit: how far off it may be, in its unit."""
+    off = abs(size.value - criteria.get("healthy", 0.0))
+    if criteria.get("enough", True) and off > limit and off > SURE_SIGMAS * size.sigma:
         return "fault"
-    if doubt is not None:
-        return "ok" if 1.96 * size.sigma < doubt else "inconclusive"
+    if "doubt" in criteria:
+        return "ok" if 1.96 * size.sigma < criteria["doubt"] else "inconclusive"
+    harm = criteria.get("harm")
     return "ok" if harm is None or off + 1.96 * size.sigma < harm else "inconclusive"
 
 
@@ -137,65 +139,63 @@ def judge(
     *,
     verdict: Verdict | None = None,
     limit: float | None = None,
-    harm: float | None = None,
-    healthy: float = 0.0,
-    enough: bool = True,
-    doubt: float | None = None,
     fault: FaultKind | None = None,
     advice: str = "",
     repairs: Iterable[Repair] = (),
     plots: Iterable[Plot] = (),
     fault_plots: Iterable[Plot] = (),
+    **criteria: Unpack[Criteria],
 ) -> Finding:
     """The answer to a question about one subject: a topic, frame or edge.
 
-    words: what was found, with numbers, for each verdict where they differ; a clause without full
-    stop. size: what ``decide`` judges with limit (default: the question's), harm, healthy, enough
-    and doubt. verdict: given where no size decides. fault: which of the question's faults it is;
-    default: the first. advice, repairs, fault_plots: kept for a fault alone.
-
-    Raises ValueError for a fault or repair that the question does not declare, and without any
-    of size and verdict.
+    words: what was found, with numbers, a clause without full stop; by verdict where they differ.
+    size: which ``decide`` judges by limit (default: the question's) and criteria. verdict: given
+    where no size decides. fault: which of the question's it is, the first by default. advice,
+    repairs, fault_plots: of a fault alone. Raises ValueError for what the question does not
+    declare, and without size and verdict.
     """
-    shown = limit if limit is not None or size is None else question.limit
-    limit = question.limit if limit is None else limit
-    by_size = verdict is None
+    shown = question.limit if limit is None and size is not None else limit
+    reason = ""
     if verdict is None:
-        if size is None or limit is None:
-            raise ValueError(f"{question.id}: no verdict without a size and its limit")
-        verdict = decide(size, limit, harm, healthy=healthy, enough=enough, doubt=doubt)
-    text = words if isinstance(words, str) else words[verdict]
-    if by_size and verdict == "inconclusive" and harm is not None and size and limit is not None:
-        text += f", {_why(size, limit, healthy)}; what would tell: {question.excitation_wanted}"
+        verdict, reason = _by_size(question, size, shown, **criteria)
     is_fault = verdict == "fault"
-    kind = (fault or question.faults[0]) if is_fault else None
-    if kind is not None and kind not in question.faults:
-        raise ValueError(f"{question.id} declares no fault {kind.name!r}")
-    kept = tuple(repairs) if is_fault else ()
-    if undeclared := {one.operation for one in kept} - set(question.repairs):
-        raise ValueError(f"{question.id} declares no repair {', '.join(sorted(undeclared))}")
-    return Finding(
-        question.id,
-        subject,
-        verdict,
-        text,
-        None if kind is None else kind.name,
+    finding = Finding(
+        *(question.id, subject, verdict),
+        (words if isinstance(words, str) else words[verdict]) + reason,
+        (fault or question.faults[0]).name if is_fault else None,
         advice if is_fault else "",
-        size,
-        shown if question.limit_of_ok or verdict != "ok" else None,
-        kept,
+        *(size, shown if question.limit_of_ok or verdict != "ok" else None),
+        tuple(repairs) if is_fault else (),
         (*plots, *fault_plots) if is_fault else tuple(plots),
     )
+    _require_declared(question, finding)
+    return finding
+
+
+def _by_size(
+    question: Question, size: Measurement | None, limit: float | None, **criteria: Unpack[Criteria]
+) -> tuple[Verdict, str]:
+    """The verdict, and why it is inconclusive."""
+    if size is None or limit is None:
+        raise ValueError(f"{question.id}: no verdict without a size and its limit")
+    verdict = decide(size, limit, **criteria)
+    if verdict != "inconclusive" or "harm" not in criteria:
+        return verdict, ""
+    reason = "too unsure to tell"
+    if SURE_SIGMAS * size.sigma < abs(size.value - criteria.get("healthy", 0.0)) <= limit:
+        reason = "which is less than can be held against such sensors "
+        reason += f"({limit:.3g} {size.unit})"
+    return verdict, f", {reason}; what would tell: {question.excitation_wanted}"
+
+
+def _require_declared(question: Question, finding: Finding) -> None:
+    names = [fault.name for fault in question.faults]
+    if finding.fault is not None and finding.fault not in names:
+        raise ValueError(f"{question.id} declares no fault {finding.fault!r}")
+    if undeclared := {one.operation for one in finding.repairs} - set(question.repairs):
+        raise ValueError(f"{question.id} declares no repair {', '.join(sorted(undeclared))}")
 
 
 def unanswered(question: Question, subject: str, words: str, plots: Iterable[Plot] = ()) -> Finding:
     """The finding about a question for which the recording lacks something; words: what."""
     return Finding(question.id, subject, "inconclusive", words, plots=tuple(plots))
-
-
-def _why(size: Measurement, limit: float, healthy: float) -> str:
-    """Why a size can be neither healthy nor a fault."""
-    off = abs(size.value - healthy)
-    if SURE_SIGMAS * size.sigma < off <= limit:
-        return f"which is less than can be held against such sensors ({limit:.3g} {size.unit})"
-    return "too unsure to tell"

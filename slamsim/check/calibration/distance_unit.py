@@ -1,7 +1,7 @@
 """Lengths in another unit than metres: ranges and wheels against each other, and against a room.
 
-Ways by scans and by wheels whose ratio is that of two units tell that one of them is wrong. Which
-one, what both say of the world tells: how large a room is, how fast a robot drives, how large its
+If path by scans over path by wheels is the ratio of two units, one of them is wrong. Which one
+follows from what each would mean: how large a room is, how fast a robot drives, how large its
 wheels are, how far lidars see, where the laser sits on the base.
 """
 
@@ -43,13 +43,13 @@ and the radius of a wheel."""
 BEYOND_SHARE, BEYOND = 2e-3, 0.5
 LEVER_M = 0.1
 UNLIKELY = 0.25
-"""How odd, in decades: ranges beyond the declared limit; and numbers too small, for most units are
-smaller than a metre. A laser this far from where it is declared is as odd as one decade."""
+"""How implausible, in decades: ranges beyond the declared limit; and numbers too small, for most
+units are smaller than a metre. A laser ``LEVER_M`` from where it is declared counts one decade."""
 
 
 @dataclass(frozen=True, slots=True)
 class WrongUnit:
-    """metres: what one of the unit is. ratio: way by scans over way by wheels, of the recorded
+    """metres: what one of the unit is. ratio: path by scans over path by wheels, of the recorded
     numbers, and its sigma; nan without wheels. radius_alone: whether the track is in metres."""
 
     side: Side
@@ -61,6 +61,7 @@ class WrongUnit:
 
     @property
     def name(self) -> str:
+        """Of the unit, in words."""
         for unit, metres in METRES.items():
             if abs(np.log(self.metres / metres)) < SAME:
                 return unit
@@ -84,15 +85,19 @@ class _World:
 def wrong_unit(
     recording: Recording, motions: ScanMotions | None, calibration: Calibration
 ) -> WrongUnit | None:
-    """Whose lengths are in no metres; None if both agree and make a usual room."""
+    """Whose lengths are not metres; None if both agree and make a usual room.
+
+    calibration: of the recording as it is, in which ranges were taken as
+    ``motions.metres_per_unit`` metres.
+    """
     world = None if motions is None else _world(recording, motions, calibration)
     if world is None or motions is None:
         return None
     topic, wheels, taken = motions.topic, calibration.model.wheels, motions.metres_per_unit
-    limits_too = _oddness(world.layout.range_max_m, REACH_M) > 0.0
+    limits_too = _decades_outside(world.layout.range_max_m, REACH_M) > 0.0
     gain, sigma = calibration.value("path_gain"), float(calibration.fit.sigmas[PATH_GAIN])
     if wheels is None or not calibration.comparable or not 0.0 < 10.0 * sigma < gain:
-        if taken == 1.0 or _oddness(world.largest, REACH_M) == 0.0:
+        if taken == 1.0 or _decades_outside(world.largest, REACH_M) == 0.0:
             return None
         return WrongUnit("ranges", topic, taken, (np.nan, np.nan), limits_too=limits_too)
     wheel_metres = ratio_of_units(gain / taken)
@@ -102,8 +107,8 @@ def wrong_unit(
     turned = calibration.value("turn_gain")
     if turned > 0.0 and abs(np.log(turned / gain)) < RADIUS_ALONE < abs(np.log(turned)):
         return WrongUnit("wheels", wheels.topic, wheel_metres, ratio, radius_alone=True)
-    of_ranges = _odd(world, 1.0 / wheel_metres, 1.0)
-    if of_ranges < _odd(world, 1.0, wheel_metres):
+    of_ranges = _implausibility(world, 1.0 / wheel_metres, 1.0)
+    if of_ranges < _implausibility(world, 1.0, wheel_metres):
         return WrongUnit("ranges", topic, 1.0 / wheel_metres, ratio, limits_too=limits_too)
     return WrongUnit("wheels", wheels.topic, wheel_metres, ratio)
 
@@ -173,22 +178,22 @@ def _world(recording: Recording, motions: ScanMotions, calibration: Calibration)
     )
 
 
-def _odd(world: _World, range_metres: float, wheel_metres: float) -> float:
-    """How odd the world is if one of either unit is so many metres, in decades."""
+def _implausibility(world: _World, range_metres: float, wheel_metres: float) -> float:
+    """How implausible the world is, in decades, if one of either unit is so many metres."""
     reach = world.layout.range_max_m
-    odd = _oddness(world.median * range_metres, ROOM_M)
-    odd += min(_oddness(reach * one, REACH_M) for one in (1.0, range_metres))
-    odd += BEYOND * (world.largest * range_metres > max(reach, reach * range_metres))
-    odd += _oddness(world.speed * wheel_metres, SPEED_M_S)
-    odd += _oddness(world.radius * wheel_metres, RADIUS_M)
-    odd += UNLIKELY * (range_metres > 1.0 or wheel_metres > 1.0)
+    decades = _decades_outside(world.median * range_metres, ROOM_M)
+    decades += min(_decades_outside(reach * one, REACH_M) for one in (1.0, range_metres))
+    decades += BEYOND * (world.largest * range_metres > max(reach, reach * range_metres))
+    decades += _decades_outside(world.speed * wheel_metres, SPEED_M_S)
+    decades += _decades_outside(world.radius * wheel_metres, RADIUS_M)
+    decades += UNLIKELY * (range_metres > 1.0 or wheel_metres > 1.0)
     if world.declared is not None:
         apart = np.abs(world.found * range_metres - world.declared).max()
-        odd += min(float(apart) / LEVER_M, 1.0)
-    return odd
+        decades += min(float(apart) / LEVER_M, 1.0)
+    return decades
 
 
-def _oddness(value: float, usual: tuple[float, float]) -> float:
+def _decades_outside(value: float, usual: tuple[float, float]) -> float:
     """Decades outside of what is usual."""
     if not value > 0.0:
         return 0.0

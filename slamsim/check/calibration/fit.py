@@ -2,7 +2,7 @@
 
 Robust generalised least squares: residuals are weighed by what scans, gyroscope and wheels are
 good for, outliers by Cauchy's weight, errors of shared scans are whitened, and Gauss-Newton steps
-are made until they stop to matter. Sigmas are those of a jackknife over blocks of time.
+are made until they are small against the sigmas. These are of a jackknife over blocks of time.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ class Fit:
     bound_covariance: (p, p) the least that any unbiased method could reach with this noise
     (Cramer-Rao).
 
-    residual: (n, 4) after the fit; weight: (n,) 1 believed, 0 outlier; used: (n,) whether anything
+    residual: (n, 4) after the fit; weight: (n,) 1 inlier, 0 outlier; used: (n,) whether anything
     was there to compare. chi2: (n,) squared residual in standard deviations.
     """
 
@@ -53,11 +53,12 @@ class Fit:
 
     @property
     def sigmas(self) -> FloatArray:
+        """(p,) standard deviations."""
         return np.sqrt(np.diag(self.covariance))
 
     @property
     def bounds(self) -> FloatArray:
-        """(p,)."""
+        """(p,) least standard deviations of ``bound_covariance``."""
         return np.sqrt(np.diag(self.bound_covariance))
 
 
@@ -70,7 +71,7 @@ def fit(model: Model, start: FloatArray) -> Fit:
     for _ in range(MOST_ROUNDS):
         root = noise.root(model.covered(values))
         equations = _equations(model, (values, start), jacobian, prior, root, parts)
-        step = -np.linalg.solve(equations.information, equations.push)
+        step = -np.linalg.solve(equations.information, equations.gradient)
         values = values + step
         noise.learn(model.residual(values), model.covered(values))
         moved = float(np.max(np.abs(step) / np.sqrt(np.diag(equations.by_noise))))
@@ -98,14 +99,15 @@ def _prior(model: Model) -> FloatArray:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Equations:
-    """information (p, p), push (p,): of all blocks and of what is believed beforehand."""
+    """information (p, p), gradient (p,): of all blocks and of the prior. variance_factor:
+    mean squared residual per degree of freedom, 1 if the noise is as estimated."""
 
     information: FloatArray
-    push: FloatArray
+    gradient: FloatArray
     prior: FloatArray
     gained: FloatArray
-    pushes: FloatArray
-    unit: float
+    gradients: FloatArray
+    variance_factor: float
     residual: FloatArray
     weight: FloatArray
     used: BoolArray
@@ -115,16 +117,16 @@ class _Equations:
     def by_noise(self) -> FloatArray:
         """(p, p) covariance that noise as it was found, and nothing else, would make."""
         inverse = np.linalg.inv(self.information)
-        believed = inverse @ self.prior @ inverse
-        return np.asarray(self.unit * (inverse - believed) + believed)
+        by_prior = inverse @ self.prior @ inverse
+        return np.asarray(self.variance_factor * (inverse - by_prior) + by_prior)
 
     @property
     def covariance(self) -> FloatArray:
         """(p, p), whatever the noise is like."""
-        if len(self.pushes) < FEW_BLOCKS:
+        if len(self.gradients) < FEW_BLOCKS:
             return self.by_noise
         inverse = np.linalg.inv(self.information)
-        by_blocks, moved = jackknife(self.information, self.gained, self.pushes)
+        by_blocks, moved = jackknife(self.information, self.gained, self.gradients)
         stretch = wider(moved)
         return np.asarray(np.outer(stretch, stretch) * by_blocks + inverse @ self.prior @ inverse)
 
@@ -148,22 +150,22 @@ def _equations(
     unit_residual *= np.sqrt(weight)[:, None]
     unit_jacobian *= np.sqrt(weight)[:, None, None]
     share = share_of_scans(unit_residual, model.steps, parts)
-    gained, pushes, squared, count = [], [], 0.0, 0
+    gained, gradients, squared, count = [], [], 0.0, 0
     for part in parts:
         mine, slopes = whitened(part, model.steps, share, unit_residual, unit_jacobian)
         gained.append(np.einsum("nip,niq->pq", slopes, slopes))
-        pushes.append(np.einsum("nip,ni->p", slopes, mine))
+        gradients.append(np.einsum("nip,ni->p", slopes, mine))
         squared += float(np.square(mine).sum())
         count += int(told[part].sum())
-    believed = prior @ (values - start)
-    unit = squared / max(count - len(values), 1)
+    prior_gradient = prior @ (values - start)
+    variance_factor = squared / max(count - len(values), 1)
     return _Equations(
         np.sum(gained, axis=0) + prior,
-        np.sum(pushes, axis=0) + believed,
+        np.sum(gradients, axis=0) + prior_gradient,
         prior,
         np.array(gained),
-        np.array(pushes),
-        unit,
+        np.array(gradients),
+        variance_factor,
         residual,
         weight,
         used,

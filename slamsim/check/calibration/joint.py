@@ -23,12 +23,10 @@ from slamsim.check.calibration.model import (
 )
 from slamsim.check.calibration.slipping import SlipSpells, find_spells
 from slamsim.check.motion.alignment import Alignment, Shift, align, laser_path
-from slamsim.check.motion.inputs import Inputs, from_above, gather_inputs
+from slamsim.check.motion.inputs import Inputs, from_above
 from slamsim.check.motion.integrated import IntegratedMotion
 from slamsim.check.motion.laser_steps import LaserSteps
 from slamsim.core.types import FloatArray
-from slamsim.recording import Recording
-from slamsim.slam.laser.scan_motion import ScanMotions
 
 PSEUDO_STEP_NS = 100_000_000
 LEAST_GAIN = 1e-4
@@ -52,9 +50,11 @@ class Calibration:
     spells: SlipSpells | None
 
     def value(self, name: str) -> float:
+        """The fitted value of one of ``UNKNOWNS``."""
         return float(self.fit.values[UNKNOWNS.index(name)])
 
     def sigma(self, name: str) -> float:
+        """Its standard deviation."""
         place = UNKNOWNS.index(name)
         return float(np.sqrt(self.covariance[place, place]))
 
@@ -112,14 +112,8 @@ class Calibration:
         return onto + float(by @ self.fit.values), sigma, bound
 
 
-def calibrate(recording: Recording, motions: ScanMotions | None) -> Calibration | None:
-    """Everything at once; None where there are not two of scans, gyroscope and wheels."""
-    inputs = gather_inputs(recording, motions)
-    return calibrate_inputs(inputs)
-
-
 def calibrate_inputs(inputs: Inputs) -> Calibration | None:
-    """As ``calibrate``, of streams that are gathered already."""
+    """Everything at once; None where there are not two of scans, gyroscope and wheels."""
     gyro, wheels, steps = inputs.gyro, inputs.wheels, inputs.steps
     if (len(steps) > 0) + (gyro is not None) + (wheels is not None) < 2:
         return None
@@ -156,7 +150,7 @@ def _without_slip(model: Model, start: FloatArray, found: Fit) -> tuple[Fit, Sli
 
 
 def _gyro_tells(steps: LaserSteps, alignment: Alignment) -> bool:
-    """Whether it follows anybody, or nothing turns that it could follow."""
+    """Whether it follows another stream, or nothing turns that it could follow."""
     pairs = (alignment.lidar_gyro, alignment.gyro_wheels)
     if any(pair is not None and pair.clear for pair in pairs):
         return True
@@ -207,8 +201,8 @@ def _heading(
 ) -> tuple[float, float]:
     """Gain of the path (n,) of the wheels, and the laser's yaw by the steps (n, 3) of the scans.
 
-    Wheels that turn the right way go the right way too; others may go either, and the yaw is then
-    the one nearer to the declared.
+    Wheels with the right sign of turns have that of the path too; others may have either, and the
+    yaw is then the one nearer to the declared.
     """
     square = float(path_m @ path_m)
     along = complex(path_m @ T_steps[:, 0], path_m @ T_steps[:, 1]) / square if square else 0.0

@@ -1,4 +1,4 @@
-"""What wheels and gyroscope predict of the laser's motion, for given errors of theirs."""
+"""The laser's motion as predicted by wheels and gyroscope with given errors."""
 
 from __future__ import annotations
 
@@ -37,11 +37,11 @@ WHEEL_UNKNOWNS = slice(PATH_GAIN, LASER_YAW + 1)
 LASER = slice(LASER_X, LASER_YAW + 1)
 
 PRIOR_SIGMAS = np.array([10.0, 1.0, 1.0, 0.01, 10.0, 10.0, 1.0, 1.0, 0.01, 2.0, 2.0, 3.0])
-"""So little is believed beforehand."""
+"""Prior standard deviations."""
 
 SLIP_SIGMAS = np.array([0, 0, 0, 0, 3e-4, 1e-4, 0, 3e-4, 4e-6, 7e-4, 3e-4, 0])
-"""What nobody can tell of wheels, for they do not quite roll: tyres give when they push, so that
-the robot lags and turns about another point. These are the simulator's robot's."""
+"""Standard deviations that no data reduce, for wheels do not quite roll: tyres give when they push,
+so that the robot lags and turns about another point. Measured on the simulator's robot."""
 
 STEP = 1e-4
 """Of the differences that stand for derivatives."""
@@ -142,9 +142,9 @@ class Model:
 
     def _slopes_in_time(self, values: FloatArray, stream: int) -> tuple[FloatArray, FloatArray]:
         """(n, 4) twice: of the residual by the instants of one stream at both ends of a pair."""
-        course = (self.gyro, self.wheels)[stream]
-        assert course is not None
-        step_s = max(LEAST_TIME_STEP_S, TIME_STEP_PERIODS * course.period_s)
+        motion = (self.gyro, self.wheels)[stream]
+        assert motion is not None
+        step_s = max(LEAST_TIME_STEP_S, TIME_STEP_PERIODS * motion.period_s)
         slopes = []
         for end in range(2):
             shifts_s = np.zeros((2, 2))
@@ -177,8 +177,8 @@ class Model:
         times_s = np.add(self._wheel_times(values), shifts_s[:, None])
         inside = np.clip(times_s, 0.0, self.wheels.times_s[-1])
         rolled = rolled_poses(self.wheels, values)
-        course = smooth_curve(self.wheels.times_s, rolled)
-        moved = between(course(inside[0]), course(inside[1]))
+        curve = smooth_curve(self.wheels.times_s, rolled)
+        moved = between(curve(inside[0]), curve(inside[1]))
         T_base_laser = values[LASER]
         return compose(inverse(T_base_laser), compose(moved, T_base_laser))
 

@@ -75,16 +75,16 @@ def whitened(
 
 
 def jackknife(
-    information: FloatArray, gained: FloatArray, pushes: FloatArray
+    information: FloatArray, gained: FloatArray, gradients: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """(p, p) covariance of an estimate, and (b, p) what each block does to it when left out.
 
-    information: (p, p) of all. gained: (b, p, p) of each block, pushes: (b, p) its gradient at
+    information: (p, p) of all. gained: (b, p, p) of each block, gradients: (b, p) its gradient at
     the optimum. The delete-one jackknife in one linear step (MacKinnon & White 1985).
     """
-    count = len(pushes)
+    count = len(gradients)
     with solving("an estimate without one of its blocks"):
-        moved = np.linalg.solve(information[None] - gained, pushes[..., None])[..., 0]
+        moved = np.linalg.solve(information[None] - gained, gradients[..., None])[..., 0]
     moved = moved - moved.mean(axis=0)
     return np.asarray((count - 1.0) / count * moved.T @ moved), moved
 

@@ -29,7 +29,8 @@ class SlipSpells:
     start_s: (k,) since the middle of the drive, by the lidar. step_of: (n,) the spell of each step.
     wheels, scans: (k, 2) path and turn by either, added up. slipping, frozen: (k,).
     beside_frozen: (k,) the spells before and after, in which the wheels may stand for a part.
-    odd: (k,) the scans go further than the wheels that turn: more likely the scans are wrong.
+    mismatched: (k,) the scans go further than the wheels that turn: more likely the match is
+    wrong.
     """
 
     start_s: FloatArray
@@ -39,12 +40,12 @@ class SlipSpells:
     slipping: BoolArray
     frozen: BoolArray
     beside_frozen: BoolArray
-    odd: BoolArray
+    mismatched: BoolArray
 
     @property
     def distrusted(self) -> BoolArray:
-        """(n,) steps in which the wheels tell nothing."""
-        return np.asarray((self.slipping | self.frozen | self.odd)[self.step_of])
+        """(n,) steps in which the wheels are not used."""
+        return np.asarray((self.slipping | self.frozen | self.mismatched)[self.step_of])
 
 
 def find_spells(model: Model, values: FloatArray) -> SlipSpells:
@@ -57,7 +58,7 @@ def find_spells(model: Model, values: FloatArray) -> SlipSpells:
     apart = np.abs(by_wheels - by_scans)
     extent = np.maximum(np.abs(by_wheels), np.abs(by_scans))
     usual = np.median(apart, axis=0) / 0.6745
-    usual = np.maximum(usual, _doubts(model.steps, values[LASER_YAW], step_of))
+    usual = np.maximum(usual, _sigmas(model.steps, values[LASER_YAW], step_of))
     limits = np.maximum(np.array([LEAST_M, LEAST_RAD]), NOISE_SIGMAS * usual)
     off = (apart > limits) & (apart > LEAST_SHARE * extent)
     still = np.abs(by_wheels) < STILL_SHARE * np.abs(by_scans)
@@ -71,8 +72,8 @@ def find_spells(model: Model, values: FloatArray) -> SlipSpells:
     lasting = _largest_step(model, T_wheels, covered, values[LASER_YAW], step_of) < ONE_STEP * apart
     farther = np.abs(by_wheels) > np.abs(by_scans)
     slipping = (off & lasting & farther).any(axis=1) & ~frozen
-    odd = off.any(axis=1) & ~frozen & ~slipping
-    return SlipSpells(start_s, step_of, by_wheels, by_scans, slipping, frozen, beside, odd)
+    mismatched = off.any(axis=1) & ~frozen & ~slipping
+    return SlipSpells(start_s, step_of, by_wheels, by_scans, slipping, frozen, beside, mismatched)
 
 
 def _largest_step(
@@ -96,9 +97,9 @@ def _numbered(steps: LaserSteps) -> IntArray:
     return np.asarray(np.unique(labels, axis=0, return_inverse=True)[1]).reshape(-1)
 
 
-def _doubts(steps: LaserSteps, yaw_rad: float, step_of: IntArray) -> FloatArray:
-    """(k, 2) how surely the scans tell the way ahead and the turn of each spell: standard
-    deviations, as if errors of steps only added up. Along a corridor they tell no way at all."""
+def _sigmas(steps: LaserSteps, yaw_rad: float, step_of: IntArray) -> FloatArray:
+    """(k, 2) standard deviations, m and rad, of path ahead and turn of each spell by the
+    scans, as if errors of steps only added up. Along a corridor the path is not known at all."""
     count = int(step_of.max(initial=-1)) + 1
     if not np.any(steps.information):
         return np.zeros((count, 2))
@@ -116,7 +117,7 @@ def _doubts(steps: LaserSteps, yaw_rad: float, step_of: IntArray) -> FloatArray:
 def _added(
     T_first_second: FloatArray, covered: BoolArray, yaw_rad: float, step_of: IntArray
 ) -> FloatArray:
-    """(k, 2) way along the base's x axis and turn of each spell."""
+    """(k, 2) path along the base's x axis, m, and turn, rad, of each spell."""
     cos, sin = np.cos(yaw_rad), np.sin(yaw_rad)
     ahead = cos * T_first_second[:, 0] - sin * T_first_second[:, 1]
     moved = np.where(covered[:, None], np.column_stack([ahead, T_first_second[:, 2]]), 0.0)

@@ -70,7 +70,7 @@ class Crispness:
 
     @property
     def objection(self) -> str:
-        """Why the fitted offset is not to be believed; empty if nothing speaks against it."""
+        """Why the fitted offset is doubtful; empty if the map does not contradict it."""
         if self.gained is not None and self._worse(*self.gained):
             return f"the map is less crisp with it, by {-self.gained[0]:.2g}, than as stamped"
         if self.crispest_s is None:
@@ -82,7 +82,7 @@ class Crispness:
 
     @property
     def support(self) -> str:
-        """What speaks for it, in words; empty if the map tells nothing."""
+        """What supports it, in words; empty if the map tells nothing."""
         if self.crispest_s is None:
             return ""
         apart_ms, sigma_ms = 1e3 * self._apart[0], 1e3 * self.crispest_s[1]
@@ -197,9 +197,9 @@ def _crispest(
             return None
         left_at, step = at, float(np.clip(-slope.mean() / bend.mean(), -width, width))
         at += step
-    # What each window pulls at the place where all together do not.
-    pull = slope + bend * (at - left_at)
-    return at, _mean_of(pull)[1] / float(bend.mean())
+    # The gradient of each window at the place where their sum has none.
+    gradient = slope + bend * (at - left_at)
+    return at, _mean_of(gradient)[1] / float(bend.mean())
 
 
 def _entropy(calibration: Calibration, views: list[WindowView], clocks: Clocks) -> FloatArray:

@@ -38,6 +38,7 @@ class Clock:
     drift: float
 
     def later(self, by_s: float) -> Clock:
+        """The clock with a larger offset."""
         return replace(self, offset_s=self.offset_s + by_s)
 
 
@@ -62,7 +63,7 @@ def fitted_clocks(calibration: Calibration) -> Clocks:
 def laser_poses(calibration: Calibration, view: WindowView, clocks: Clocks) -> FloatArray:
     """(k, 3) of the laser when it saw each piece, in any fixed frame.
 
-    The gyroscope tells the heading, the wheels the way along it; wheels alone tell both. Of a
+    The gyroscope gives the heading, the wheels the path along it; wheels alone give both. Of a
     gyroscope alone the heading is taken, and the place from the scans' own motion.
     """
     count = max(int(np.ptp(view.seen_s) / FINE_S), 1) + 1
@@ -78,30 +79,30 @@ def laser_poses(calibration: Calibration, view: WindowView, clocks: Clocks) -> F
 def covered(calibration: Calibration, view: WindowView, clocks: Clocks) -> bool:
     """Whether both streams have readings all the time that a window lasts."""
     times_s = np.array([view.seen_s.min(), view.seen_s.max()])
-    for course, clock in (
+    for motion, clock in (
         (calibration.model.gyro, clocks.gyro),
         (calibration.model.wheels, clocks.wheel),
     ):
-        if course is not None:
-            asked_s = _asked_s(calibration, course, times_s, clock)
-            if asked_s[0] < 0.0 or asked_s[1] > course.times_s[-1]:
+        if motion is not None:
+            asked_s = _asked_s(calibration, motion, times_s, clock)
+            if asked_s[0] < 0.0 or asked_s[1] > motion.times_s[-1]:
                 return False
     return True
 
 
 def _asked_s(
-    calibration: Calibration, course: IntegratedMotion, times_s: FloatArray, clock: Clock
+    calibration: Calibration, motion: IntegratedMotion, times_s: FloatArray, clock: Clock
 ) -> FloatArray:
     """(n,) times by the lidar's clock as those of a stream, since its origin."""
-    since_s = (calibration.model.middle_ns - course.origin_ns) * 1e-9 + clock.offset_s
+    since_s = (calibration.model.middle_ns - motion.origin_ns) * 1e-9 + clock.offset_s
     return times_s + since_s + clock.drift * times_s
 
 
 def _totals(
-    calibration: Calibration, course: IntegratedMotion, times_s: FloatArray, clock: Clock
+    calibration: Calibration, motion: IntegratedMotion, times_s: FloatArray, clock: Clock
 ) -> FloatArray:
     """(n, c) what a stream has added up at times by the lidar's clock."""
-    return course.at(_asked_s(calibration, course, times_s, clock))
+    return motion.at(_asked_s(calibration, motion, times_s, clock))
 
 
 def _heading(calibration: Calibration, times_s: FloatArray, clocks: Clocks) -> FloatArray:
@@ -116,7 +117,7 @@ def _heading(calibration: Calibration, times_s: FloatArray, clocks: Clocks) -> F
 
 
 def _path(calibration: Calibration, times_s: FloatArray, clock: Clock) -> FloatArray:
-    """(n,) way of the base along its heading."""
+    """(n,) path of the base along its heading, m."""
     values, wheels = calibration.fit.values, calibration.model.wheels
     assert wheels is not None
     path, turned = _totals(calibration, wheels, times_s, clock).T

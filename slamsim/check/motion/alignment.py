@@ -1,5 +1,5 @@
-"""First look at what scans, gyroscope and wheels see in common: whose stamps are off by how much,
-roughly, who turns the wrong way, and which wheel counts backward."""
+"""First look at what scans, gyroscope and wheels see in common: which stamps are off by how much,
+roughly, which stream has the wrong sign, and which wheel counts backward."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ BETTER = 0.15
 """A wheel counts backward if its path turns like the robot, by so much more than its turn does."""
 
 PATH, TURN = 0, 1
-ODD, ODD_TIMES = 0.04, 5.0
+DISAGREES, DISAGREES_TIMES = 0.04, 5.0
 WANDER_S = 0.08
 LIKE_ENERGY = 0.2
 """Scans that turn far less, or more, than the gyroscope have another fault than their stamps."""
@@ -49,7 +49,7 @@ class Alignment:
     wheels: IntegratedMotion | None
     wiring: Wiring
     mirror: bool = False
-    """The scans have been mirrored before all this, for they turned the wrong way."""
+    """The scans have been mirrored before the fit, for they turned the wrong way."""
 
     growth: float = 0.0
     """Of the shifts against the lidar, per second, if one number does not do."""
@@ -59,14 +59,14 @@ class Alignment:
 
     @property
     def mirrored(self) -> bool:
-        """Whether the scans turn the wrong way, by all that there is to hold against them."""
+        """Whether the scans turn the wrong way, compared with all other streams."""
         others = [one for one in (self.lidar_gyro, self.lidar_wheels) if one is not None]
         opposite = all(one.clear and one.correlation < 0.0 for one in others)
         return self.lidar_wheels is not None and opposite
 
     @property
     def shifts_ns(self) -> tuple[int, int]:
-        """Of gyroscope and wheels against the lidar, by whichever way is clear; 0 of none."""
+        """Of gyroscope and wheels against the lidar, directly or by each other; 0 if unclear."""
         gyro, wheels, between = self.lidar_gyro, self.lidar_wheels, self.gyro_wheels
         gyro_ns = gyro.shift_ns if gyro is not None and gyro.clear else None
         wheels_ns = wheels.shift_ns if wheels is not None and wheels.clear else None
@@ -96,16 +96,16 @@ def align(
     by_wheels = _rate(wheels, TURN) if wheels is not None else None
     lidar_gyro, lidar_wheels = _shift(laser, by_gyro), _shift(laser, by_wheels)
     first_look = Alignment(lidar_gyro, lidar_wheels, _shift(by_gyro, by_wheels), wheels, wiring)
-    if laser is None or by_gyro is None or not _lidar_is_odd(first_look):
+    if laser is None or by_gyro is None or not _lidar_disagrees(first_look):
         return first_look
     return _piece_by_piece(first_look, laser, steps, by_gyro)
 
 
-def _lidar_is_odd(look: Alignment) -> bool:
+def _lidar_disagrees(look: Alignment) -> bool:
     """Whether the other two agree much better with each other than with the lidar."""
     pairs = (look.lidar_gyro, look.lidar_wheels, look.gyro_wheels)
     to_gyro, to_wheels, others = (0.0 if one is None else abs(one.correlation) for one in pairs)
-    return 1.0 - max(to_gyro, to_wheels) > ODD + ODD_TIMES * (1.0 - others)
+    return 1.0 - max(to_gyro, to_wheels) > DISAGREES + DISAGREES_TIMES * (1.0 - others)
 
 
 def _piece_by_piece(
@@ -131,7 +131,7 @@ def _piece_by_piece(
 
 
 def laser_path(steps: LaserSteps, yaw_base_laser_rad: float) -> FloatArray:
-    """(n,) way along the base's x axis of each step, but for the laser's own lever."""
+    """(n,) path of each step along the base's x axis, m, but for the laser's own lever."""
     cos, sin = np.cos(yaw_base_laser_rad), np.sin(yaw_base_laser_rad)
     return np.asarray(cos * steps.T_first_second[:, 0] - sin * steps.T_first_second[:, 1])
 
@@ -154,9 +154,9 @@ def _laser(steps: LaserSteps, moved: FloatArray) -> _Timed:
     return _Timed(origin, Rate(starts, ends, moved[order] / (ends - starts)))
 
 
-def _rate(course: IntegratedMotion, column: int) -> _Timed:
-    values = np.diff(course.totals[:, column]) / np.diff(course.times_s)
-    return _Timed(course.origin_ns, Rate(course.times_s[:-1], course.times_s[1:], values))
+def _rate(motion: IntegratedMotion, column: int) -> _Timed:
+    values = np.diff(motion.totals[:, column]) / np.diff(motion.times_s)
+    return _Timed(motion.origin_ns, Rate(motion.times_s[:-1], motion.times_s[1:], values))
 
 
 def _shift(one: _Timed | None, other: _Timed | None) -> Shift | None:

@@ -1,5 +1,5 @@
-"""By how much the stamps of two streams differ, to a few hundredths of a second, from the course of
-what both see: correlation over every lag at which they overlap."""
+"""By how much the stamps of two streams differ, to a few hundredths of a second, from the signal
+that both see: correlation over every lag at which they overlap."""
 
 from __future__ import annotations
 

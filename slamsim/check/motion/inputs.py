@@ -1,4 +1,4 @@
-"""The streams of a recording that the joint fit compares, made ready."""
+"""The streams of a recording that the joint fit compares, integrated and in one frame."""
 
 from __future__ import annotations
 
@@ -27,9 +27,12 @@ SIDEWAYS_SHARE = 0.2
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Inputs:
-    """What there is to compare. T_base_laser: (x, y, yaw) as declared, None if nothing says so;
-    upside_down: whether it is declared so; steps are as seen from above. even_stamps: whether the
-    scans' stamps keep a constant rate. together: whether odometry comes in the scans' messages."""
+    """The streams to compare; None, or no steps, for those that are missing.
+
+    steps: as seen from above. T_base_laser: (3,) x, y, yaw as declared, None if nothing does;
+    upside_down: whether it is declared so. even_stamps: whether the scans' stamps keep a constant
+    rate. together: whether odometry comes in the scans' messages.
+    """
 
     steps: LaserSteps
     gyro: IntegratedMotion | None
@@ -43,8 +46,11 @@ class Inputs:
 
 
 def gather_inputs(recording: Recording, motions: ScanMotions | None) -> Inputs:
-    """The first lidar, inertial unit and wheels (counters, else odometry, else its transform) that
-    say enough."""
+    """The first lidar, inertial unit and wheels (counters, else odometry, else its transform) with
+    enough samples.
+
+    motions: of the recording's lidar by its scans alone, None without any.
+    """
     graph = FrameGraph(recording.transforms)
     named = recording.odometries[0].child_frame_ids if recording.odometries else ()
     base = graph.base(named)
@@ -72,7 +78,7 @@ def gather_inputs(recording: Recording, motions: ScanMotions | None) -> Inputs:
 
 
 def _odometry_edges(recording: Recording, base: str) -> list[TransformEdge]:
-    """What moves the base but for a localiser, which corrects itself."""
+    """Transforms that move the base, but for those of a localiser, which corrects itself."""
     return [
         edge
         for edge in recording.transforms
@@ -118,15 +124,15 @@ def _gyro(imu: RawImu, graph: FrameGraph, base: str) -> IntegratedMotion | None:
     R_base_imu = np.eye(3) if T_base_imu is None else T_base_imu[:3, :3]
     rates = imu.angular_velocity_rad_s @ R_base_imu.T
     finite = rates[is_sound(rates)]
-    livelihood = finite.std(axis=0) if len(finite) else np.ones(3)
-    axis = int(np.argmax(livelihood))
-    if livelihood[2] > SIDEWAYS_SHARE * livelihood[axis]:
+    spread = finite.std(axis=0) if len(finite) else np.ones(3)
+    axis = int(np.argmax(spread))
+    if spread[2] > SIDEWAYS_SHARE * spread[axis]:
         axis = 2
     return integrated_gyro(imu, R_base_imu[axis], "xyz"[axis])
 
 
-def _first(courses: list[IntegratedMotion | None]) -> IntegratedMotion | None:
-    return next((course for course in courses if course is not None), None)
+def _first(motions: list[IntegratedMotion | None]) -> IntegratedMotion | None:
+    return next((motion for motion in motions if motion is not None), None)
 
 
 def _no_steps() -> LaserSteps:
@@ -135,7 +141,7 @@ def _no_steps() -> LaserSteps:
 
 
 def from_above(steps: LaserSteps) -> LaserSteps:
-    """What a laser that hangs upside down sees, for one that looks from above."""
+    """Steps of a laser that hangs upside down, mirrored as if it were upright."""
     turned = np.array([1.0, -1.0, -1.0])
     return replace(
         steps,

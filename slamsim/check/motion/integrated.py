@@ -1,4 +1,4 @@
-"""Running totals of gyroscope and wheels, to be asked between any two instants."""
+"""Integrated motion of gyroscope and wheels, to be read between any two instants."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from slamsim.guard.numbers import (
 from slamsim.recording import RawImu, RawOdometry, RawTicks
 
 GAP_PERIODS = 4.0
-"""A pause this many times the usual period is a gap: nothing is said across it."""
+"""A pause this many times the usual period is a gap, across which there is no motion."""
 
 LEAST_SAMPLES = 8
 MOST_M_S, MOST_RAD_S = 20.0, 60.0
@@ -31,12 +31,12 @@ MOST_M_S, MOST_RAD_S = 20.0, 60.0
 so, in another unit."""
 
 USUAL_TIMES = 10.0
-"""A step this many times as fast as nine tenths of all are is made by nobody either."""
+"""Nor does any robot make a step this many times as fast as nine tenths of its steps are."""
 
 
 @dataclass(frozen=True, slots=False, eq=False)
 class IntegratedMotion:
-    """What one stream has added up until each of its instants, by its own clock.
+    """Motion of one stream, integrated from its start, by its own clock.
 
     stamps_ns: (n,) strictly increasing. totals: (n, k): of a gyroscope (turn,) in the units it
     reports, of wheels (path m, turn rad) by the numbers that their driver uses. reading: (k,)
@@ -59,7 +59,7 @@ class IntegratedMotion:
 
     @property
     def wired(self) -> bool:
-        """Whether these are two wheels, not poses that somebody made of them."""
+        """Whether these are counters of two wheels, not poses that a driver made of them."""
         return self.track_m > 0.0
 
     @property
@@ -69,10 +69,12 @@ class IntegratedMotion:
 
     @property
     def origin_ns(self) -> int:
+        """The first stamp."""
         return int(self.stamps_ns[0])
 
     @cached_property
     def period_s(self) -> float:
+        """The median time between samples."""
         return float(np.median(np.diff(self.stamps_ns))) * 1e-9
 
     @cached_property
@@ -85,7 +87,7 @@ class IntegratedMotion:
         return smooth_curve(self.times_s, self.totals)
 
     def at(self, times_s: FloatArray) -> FloatArray:
-        """(m, k) totals at times since ``origin_ns``; held beyond the ends."""
+        """(m, k) totals at times (m,) since ``origin_ns``; constant beyond the ends."""
         inside = np.clip(times_s, 0.0, self.times_s[-1])
         return np.asarray(self._curve(inside))
 
@@ -100,7 +102,7 @@ class IntegratedMotion:
 
 
 def rearranged(wheels: IntegratedMotion, wiring: str) -> IntegratedMotion:
-    """The same counters as those of other wheels: see ``alignment.Wiring``."""
+    """The same counters with left and right exchanged or reversed: see ``alignment.Wiring``."""
     left = wheels.totals[:, 0] - 0.5 * wheels.track_m * wheels.totals[:, 1]
     right = wheels.totals[:, 0] + 0.5 * wheels.track_m * wheels.totals[:, 1]
     if wiring == "swapped":
@@ -119,8 +121,8 @@ def smooth_curve(times_s: FloatArray, values: FloatArray) -> CubicHermiteSpline:
 
 
 def integrated_gyro(imu: RawImu, axis_imu: FloatArray, axis: str = "z") -> IntegratedMotion | None:
-    """The turn about an axis (3,) of the unit's frame, by its name in the base; None of too few
-    samples.
+    """The turn about an axis (3,) of the unit's frame, by its name in the base; None for fewer
+    than ``LEAST_SAMPLES``.
 
     A sample is taken as the mean rate between the midpoints to its neighbours, so that the totals
     at these midpoints are exact for a unit that averages over its period.
@@ -137,7 +139,8 @@ def integrated_gyro(imu: RawImu, axis_imu: FloatArray, axis: str = "z") -> Integ
 
 
 def integrated_wheels(ticks: RawTicks) -> IntegratedMotion | None:
-    """Path and turn by the nominal radius and track; None of too few or senseless readings."""
+    """Path, m, and turn, rad, by the nominal radius and track; None for fewer than
+    ``LEAST_SAMPLES`` or nominal sizes that are no positive numbers."""
     nominal = np.array([ticks.ticks_per_revolution, ticks.wheel_radius_m, ticks.track_m])
     if not (is_sound(nominal).all() and (nominal > 0.0).all()):
         return None
@@ -155,7 +158,8 @@ def integrated_wheels(ticks: RawTicks) -> IntegratedMotion | None:
 
 
 def integrated_odometry(odometry: RawOdometry) -> IntegratedMotion | None:
-    """Poses taken as wheels: the path along the heading midway and the turn of each step."""
+    """Poses taken as wheels: the path, m, along the heading midway and the turn, rad, of each step;
+    None for fewer than ``LEAST_SAMPLES``."""
     yaw = yaw_from_xyzw(odometry.quats_xyzw)
     poses = np.column_stack([odometry.positions_m[:, :2], yaw])
     good = _in_order(odometry.stamps_ns, is_sound(poses))

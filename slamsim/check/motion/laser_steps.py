@@ -1,4 +1,4 @@
-"""Steps of a laser from scan to scan, as everything that fits against them needs them."""
+"""Steps of a laser from scan to scan: the measurements that the joint fit explains."""
 
 from __future__ import annotations
 
@@ -6,18 +6,25 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from slamsim.core.geometry import wrap_angle, yaw_from_xyzw
 from slamsim.core.types import BoolArray, FloatArray, IntArray
 from slamsim.guard.numbers import MOST, require_covariances, require_finite, require_number
-from slamsim.slam.laser.scan_motion import ScanMotions, ShapeEstimate
+from slamsim.recording import RawScans, Recording
+from slamsim.slam.laser.scan_motion import ScanMotions, ShapeEstimate, scan_motions
 
 SWEEP_DOUBT_SIGMAS, NEARLY = 5.0, 0.25
-"""The scans' own sweep is believed, not the declared one, when they are farther apart than so many
+"""The estimated sweep is used, not the declared one, when they are farther apart than so many
 sigmas and this share."""
 
 
 SINGLE = 0.3
 UNEVEN, SCATTERED_SHARE = 0.1, 0.2
 """Stamps scatter if so many steps between them differ by more than this share of a period."""
+
+ACTIVE = 0.9
+"""The quantile of a stream's values that counts as activity 1."""
+
+MOST_ACTIVE = 2.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -101,7 +108,7 @@ def _in_metres(motions: ScanMotions) -> tuple[FloatArray, FloatArray]:
 
 
 def _evened(stamps: list[IntArray]) -> list[IntArray]:
-    """The stamps of each window, mended where they scatter or single ones stand out.
+    """The stamps of each window, corrected where they scatter or single ones are outliers.
 
     A lidar turns evenly. Stamps that do not, and are not just missing some, are those of publishing
     or rounded; over a window their mean is still good.
@@ -135,3 +142,44 @@ def _without_single_steps(stamps_ns: IntArray, period: float) -> IntArray:
 
 def _joined(parts: list[IntArray]) -> IntArray:
     return np.concatenate(parts).astype(np.int64) if parts else np.zeros(0, dtype=np.int64)
+
+
+def laser_motions(recording: Recording) -> ScanMotions | None:
+    """The motion of the lidar with most scans, by its scans alone; None without any lidar.
+
+    Windows are chosen where other streams say that much happens. Only their activity is used:
+    they are laid side by side from first message to last, without regard to stamps, units and
+    axes, which may all be wrong.
+    """
+    if not recording.scans:
+        return None
+    scans = max(recording.scans, key=len)
+    return scan_motions(scans, activity(recording, scans))
+
+
+def activity(recording: Recording, scans: RawScans) -> FloatArray | None:
+    """(n,) how much happens at each scan, from 0; None where no other stream tells."""
+    signals = [np.linalg.norm(imu.angular_velocity_rad_s, axis=1) for imu in recording.imus]
+    for odometry in recording.odometries:
+        yaw = yaw_from_xyzw(odometry.quats_xyzw)
+        signals.append(np.abs(wrap_angle(np.diff(yaw))))
+        signals.append(np.linalg.norm(np.diff(odometry.positions_m, axis=0), axis=1))
+    for ticks in recording.ticks:
+        counted = np.diff(ticks.ticks, axis=0).astype(np.float64)
+        signals += [np.abs(counted.sum(axis=1)), np.abs(counted[:, 1] - counted[:, 0])]
+    found = [
+        one for one in (_over_scans(signal, len(scans)) for signal in signals) if one is not None
+    ]
+    return np.sum(found, axis=0) if found else None
+
+
+def _over_scans(signal: FloatArray, count: int) -> FloatArray | None:
+    """A signal of a stream at as many scans, in units of its ``ACTIVE`` quantile."""
+    signal = np.nan_to_num(np.asarray(signal, dtype=np.float64), posinf=0.0)
+    unit = float(np.quantile(signal, ACTIVE)) if signal.size else 0.0
+    if not unit > 0.0:
+        return None
+    smooth = max(1, signal.size // max(count, 1))
+    mean = np.convolve(signal, np.full(smooth, 1.0 / smooth), mode="same")
+    at = np.linspace(0.0, 1.0, count)
+    return np.interp(at, np.linspace(0.0, 1.0, signal.size), np.minimum(mean / unit, MOST_ACTIVE))

@@ -1,4 +1,4 @@
-"""How the offset of two clocks goes on during a drive, piece by piece."""
+"""The offset of two clocks during a drive, piece by piece."""
 
 from __future__ import annotations
 
@@ -53,8 +53,8 @@ def local_lags(one: Rate, piece_of: IntArray, other: Rate, sign: float) -> Local
     """The likeliest lag of each piece of the one signal: alike, and not far from the neighbours'.
 
     piece_of: (n,) number of the piece that each value of ``one`` belongs to, ascending. sign: -1 if
-    they turn opposite ways. The best way through all candidates is found by dynamic programming
-    (Viterbi 1967). None of less than three pieces that tell anything.
+    they turn opposite ways. The best path through all candidates is found by dynamic programming
+    (Viterbi 1967). None of fewer than three pieces that tell a lag.
     """
     gain = sign * _rms(one) / max(_rms(other), 1e-12)
     turns = Rate(other.starts_s, other.ends_s, gain * other.values)
@@ -70,7 +70,7 @@ def local_lags(one: Rate, piece_of: IntArray, other: Rate, sign: float) -> Local
             candidates.append(found)
     if len(times) < 3:
         return None
-    return LocalLags(np.array(times), _best_way(candidates))
+    return LocalLags(np.array(times), _best_path(candidates))
 
 
 def _rms(rate: Rate) -> float:
@@ -94,7 +94,7 @@ def _candidates(piece: Rate, other: Rate) -> FloatArray:
     return np.column_stack([lags[best], likeness[best]])
 
 
-def _best_way(candidates: list[FloatArray]) -> FloatArray:
+def _best_path(candidates: list[FloatArray]) -> FloatArray:
     """(k,) the lag of each piece."""
     cost = 1.0 - candidates[0][:, 1]
     came_from: list[IntArray] = []
@@ -104,9 +104,9 @@ def _best_way(candidates: list[FloatArray]) -> FloatArray:
         came_from.append(total.argmin(axis=1))
         cost = total.min(axis=1) + 1.0 - here[:, 1]
     place = int(cost.argmin())
-    way = [place]
+    path = [place]
     for origin in reversed(came_from):
         place = int(origin[place])
-        way.append(place)
-    way.reverse()
-    return np.array([found[at, 0] for found, at in zip(candidates, way, strict=True)])
+        path.append(place)
+    path.reverse()
+    return np.array([found[at, 0] for found, at in zip(candidates, path, strict=True)])

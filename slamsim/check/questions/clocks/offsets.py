@@ -2,46 +2,33 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
-import numpy as np
-
 from slamsim.check.calibration.joint import Calibration
-from slamsim.check.evidence import RecordingEvidence
 from slamsim.check.findings import Finding, Measurement
-from slamsim.check.map_quality.agreement import with_map
-from slamsim.check.map_quality.crispness import crispness
 from slamsim.check.question import (
-    SURE_SIGMAS,
     FaultKind,
     Question,
-    QuestionGroup,
     decide,
     judge,
     unanswered,
 )
+from slamsim.check.questions.clocks.pairs import (
+    DRIFT_LIMIT,
+    HARM_S,
+    LIMITS_S,
+    PAIR_WORDS,
+    Offset,
+    most_likely,
+    offset_of,
+    pairs_of,
+    stream_of,
+)
 from slamsim.check.questions.streams.epochs import EPOCH_MISMATCH
 from slamsim.check.questions.streams.receipt import CLOCK_DRIFT, STAMPS_INVENTED
-from slamsim.core.types import FloatArray
 from slamsim.recording.repairs.base import Repair
-
-LIMITS_S = {"gyro": 3e-4, "wheel": 2e-3, "gyro_wheel": 2e-3}
-"""Offsets up to this are healthy: less than a tenth of a scan's own noise at a walking pace. Tyres
-that give make wheels seem half a millisecond early on the simulator's robot, more on soft ones."""
-
-HARM_S = {"gyro": 5e-3, "wheel": 2e-2, "gyro_wheel": 2e-2}
-DRIFT_LIMIT = 1e-5
-GAINED_LIMIT_S = 1e-3
-"""A drift matters if it is faster than 10 ppm and gains a millisecond over the recording."""
 
 OTHER_EPOCH_S = 1e5
 SAME_SWEEP_S = 5e-4
 TURNING = "turning to and fro, ten times a minute"
-PAIR_WORDS = {
-    "gyro": ("inertial unit", "lidar"),
-    "wheel": ("wheels", "lidar"),
-    "gyro_wheel": ("wheels", "inertial unit"),
-}
 STREAM_NAMES = {"lidar": "lidar", "imu": "inertial unit", "wheels": "wheels"}
 
 LATE_LIDAR = FaultKind(
@@ -112,47 +99,14 @@ DRIFT = Question(
 )
 
 
-@dataclass(frozen=True, slots=True)
-class Offset:
-    """One pair of streams: offset at the begin of what was compared, s, and drift, s/s.
-
-    bound_s: the least standard deviation possible. gained_s: by the drift, over the recording.
-    """
-
-    pair: str
-    offset_s: float
-    sigma_s: float
-    bound_s: float
-    drift: float
-    drift_sigma: float
-    gained_s: float
-
-    @property
-    def size(self) -> Measurement:
-        """In ms."""
-        return Measurement(1e3 * self.offset_s, 1e3 * self.sigma_s, "ms", 1e3 * self.bound_s)
-
-    @property
-    def is_off(self) -> bool:
-        return decide(self.size, 1e3 * LIMITS_S[self.pair]) == "fault"
-
-    @property
-    def drifts(self) -> bool:
-        return (
-            abs(self.drift) > DRIFT_LIMIT
-            and abs(self.gained_s) > GAINED_LIMIT_S
-            and abs(self.drift) > SURE_SIGMAS * self.drift_sigma
-        )
-
-
 def check_timing(calibration: Calibration) -> list[Finding]:
     """Each pair of streams, then the stream whose stamps are wrong."""
-    pairs = _pairs(calibration)
-    offsets = {pair: _offset(calibration, pair) for pair in pairs if calibration.follows(pair)}
-    late = _most_likely({pair: (one.offset_s, one.sigma_s) for pair, one in offsets.items()})
+    pairs = pairs_of(calibration)
+    offsets = {pair: offset_of(calibration, pair) for pair in pairs if calibration.follows(pair)}
+    late = most_likely({pair: (one.offset_s, one.sigma_s) for pair, one in offsets.items()})
     one_message = calibration.inputs.together
     late = late if any(one.is_off for one in offsets.values()) and not one_message else {}
-    drifting = _most_likely({pair: (one.drift, one.drift_sigma) for pair, one in offsets.items()})
+    drifting = most_likely({pair: (one.drift, one.drift_sigma) for pair, one in offsets.items()})
     drifting = drifting if any(one.drifts for one in offsets.values()) and not one_message else {}
     return [
         *_contradicted(calibration),
@@ -160,27 +114,6 @@ def check_timing(calibration: Calibration) -> list[Finding]:
         *(_culprit(calibration, stream, late_s) for stream, late_s in late.items()),
         *(_drift(calibration, offsets, drifting) if offsets else ()),
     ]
-
-
-def _with_map(evidence: RecordingEvidence) -> list[Finding]:
-    """``check_timing``, and what the map says of each offset."""
-    calibration, unit = evidence.calibration, evidence.wrong_unit
-    if calibration is None:
-        return []
-    recorded = evidence.as_recorded
-    placed = recorded if unit is not None and unit.side == "ranges" else calibration
-    assert placed is not None
-    found = crispness(evidence.recording, evidence.motions, placed)
-    return with_map(check_timing(calibration), found)
-
-
-GROUP = QuestionGroup(
-    "motion",
-    150,
-    (STEADY, *PAIRS.values(), *CULPRITS.values(), DRIFT),
-    _with_map,
-    thorough=True,
-)
 
 
 def _contradicted(calibration: Calibration) -> list[Finding]:
@@ -203,56 +136,6 @@ def _contradicted(calibration: Calibration) -> list[Finding]:
     ]
 
 
-def _pairs(calibration: Calibration) -> tuple[str, ...]:
-    lidar = calibration.scans_count
-    gyro, wheels = calibration.inputs.gyro is not None, calibration.inputs.wheels is not None
-    there = {"gyro": lidar and gyro, "wheel": lidar and wheels, "gyro_wheel": gyro and wheels}
-    return tuple(pair for pair, both in there.items() if both)
-
-
-def _offset(calibration: Calibration, pair: str) -> Offset:
-    """With a drift that is beyond doubt, what counts is the offset before it began."""
-    drift, drift_sigma, _ = calibration.drift(pair)
-    seconds = calibration.model.span_s
-    now = Offset(pair, *calibration.offset(pair), drift, drift_sigma, drift * seconds)
-    if now.drifts:
-        now = Offset(
-            *(pair, *calibration.offset(pair, -0.5 * seconds)),
-            *(drift, drift_sigma, drift * seconds),
-        )
-    return now
-
-
-def _most_likely(differences: dict[str, tuple[float, float]]) -> dict[str, float]:
-    """How late each stream is that must be, if as few as possible are: by stream.
-
-    differences: by pair, value and sigma. Of two streams alone the lidar is blamed, for its
-    messages take longest to make; of three that all differ, the inertial unit is trusted.
-    """
-    if "gyro" in differences and "wheel" in differences:
-        seen = np.array([differences["gyro"][0], differences["wheel"][0]])
-        sigmas = np.array([differences["gyro"][1], differences["wheel"][1]])
-        patterns = {"lidar": [-1.0, -1.0], "imu": [1.0, 0.0], "wheels": [0.0, 1.0]}
-        fits = {name: _explained(np.array(by), seen, sigmas) for name, by in patterns.items()}
-        name, (late, misfit) = min(fits.items(), key=lambda one: one[1][1])
-        if misfit < SURE_SIGMAS**2:
-            return {name: late}
-        return {"lidar": -float(seen[0]), "wheels": float(seen[1] - seen[0])}
-    if "gyro" in differences:
-        return {"lidar": -differences["gyro"][0]}
-    if "wheel" in differences:
-        return {"lidar": -differences["wheel"][0]}
-    if "gyro_wheel" in differences:
-        return {"wheels": differences["gyro_wheel"][0]}
-    return {}
-
-
-def _explained(by: FloatArray, seen: FloatArray, sigmas: FloatArray) -> tuple[float, float]:
-    """The size of one cause that fits best, and what it leaves, in squared sigmas."""
-    late = float((by * seen / sigmas**2).sum() / (by**2 / sigmas**2).sum())
-    return late, float((((seen - late * by) / sigmas) ** 2).sum())
-
-
 def _topics(calibration: Calibration) -> dict[str, str]:
     inputs = calibration.inputs
     return {
@@ -266,7 +149,7 @@ def _pair_findings(calibration: Calibration, offsets: dict[str, Offset]) -> list
     """All pairs but those that differ: which stream of these is wrong is told apart."""
     return [
         _pair(calibration, pair, offsets.get(pair))
-        for pair in _pairs(calibration)
+        for pair in pairs_of(calibration)
         if pair not in offsets or not offsets[pair].is_off or calibration.inputs.together
     ]
 
@@ -274,7 +157,7 @@ def _pair_findings(calibration: Calibration, offsets: dict[str, Offset]) -> list
 def _pair(calibration: Calibration, pair: str, offset: Offset | None) -> Finding:
     """What was measured between two streams."""
     one, other = PAIR_WORDS[pair]
-    subject = _topics(calibration)[_stream(pair)]
+    subject = _topics(calibration)[stream_of(pair)]
     if offset is None:
         shift = calibration.shift(pair)
         why = "nothing turns" if shift is None else f"correlation {shift.correlation:.2f}"
@@ -285,15 +168,11 @@ def _pair(calibration: Calibration, pair: str, offset: Offset | None) -> Finding
         f"± {offset.sigma_s * 1e3:.3g} ms (at best {offset.bound_s * 1e3:.2g} ms)"
     )
     harm = 1e3 * HARM_S[pair]
-    verdict = decide(offset.size, 1e3 * LIMITS_S[pair], harm, enough=False)
+    verdict = decide(offset.size, 1e3 * LIMITS_S[pair], harm=harm, enough=False)
     if calibration.inputs.together:
         words += "; both carry one stamp, so the pose may just be older or newer than the scan"
         return judge(PAIRS[pair], subject, words, offset.size, verdict=verdict)
     return judge(PAIRS[pair], subject, words, offset.size, harm=harm, enough=False)
-
-
-def _stream(pair: str) -> str:
-    return "imu" if pair == "gyro" else "wheels"
 
 
 def _signed_ms(offset_s: float) -> str:
@@ -303,8 +182,8 @@ def _signed_ms(offset_s: float) -> str:
 
 
 def _culprit(calibration: Calibration, stream: str, late_s: float) -> Finding:
-    pairs = [pair for pair in _pairs(calibration) if calibration.follows(pair)]
-    sigma = min(_offset(calibration, pair).sigma_s for pair in pairs)
+    pairs = [pair for pair in pairs_of(calibration) if calibration.follows(pair)]
+    sigma = min(offset_of(calibration, pair).sigma_s for pair in pairs)
     question, how = CULPRITS[stream], ""
     fault = question.faults[0]
     if abs(late_s) > OTHER_EPOCH_S:
@@ -349,7 +228,7 @@ def _drift(
         return [
             judge(
                 DRIFT,
-                _topics(calibration)[_stream(best.pair)],
+                _topics(calibration)[stream_of(best.pair)],
                 {"ok": words, "inconclusive": f"{words}; a longer recording would tell"},
                 size,
                 enough=False,

@@ -21,7 +21,7 @@ SPIKE_M_S2 = (3.0, 30.0)
 MAX_SPIKE_SHARE, MIN_SPIKES = 1e-3, 3
 GRAVITY_M_S2 = (8.0, 12.0)
 """Of the median: else gravity itself is what is wrong."""
-LIVELY_SHARE = 0.5
+CHANGING_SHARE = 0.5
 """Of the samples in which an axis changes, if it has noise as real ones do."""
 TURNED_RAD, TURNED_SECONDS = 0.1, 3
 """Turning by so much in so many seconds, an axis or an orientation must show it."""
@@ -135,11 +135,11 @@ def _axes(imu: RawImu, finite: BoolArray, turns: bool) -> Finding:
         ("gyroscope", imu.angular_velocity_rad_s[finite]),
         ("acceleration", imu.linear_acceleration_m_s2[finite]),
     ):
-        lively = (np.diff(values, axis=0) != 0.0).mean(axis=0) > LIVELY_SHARE
+        changing = (np.diff(values, axis=0) != 0.0).mean(axis=0) > CHANGING_SHARE
         constant = np.ptp(values, axis=0) == 0.0
         for axis in np.flatnonzero(constant).tolist():
             upright = kind == "acceleration" and abs(values[0, axis]) > GRAVITY_M_S2[0]
-            others = bool(lively[np.arange(3) != axis].all()) and not upright
+            others = bool(changing[np.arange(3) != axis].all()) and not upright
             if others or (turns and kind == "gyroscope" and axis == _upward(imu)):
                 dead.append(f"{kind} {'xyz'[axis]}")
     return judge(

@@ -42,16 +42,16 @@ class Gain:
 
 
 def turn_gain(
-    steps: LaserSteps, course: IntegratedMotion, column: int, shift: Shift | None
+    steps: LaserSteps, motion: IntegratedMotion, column: int, shift: Shift | None
 ) -> Gain | None:
     """Robust regression (Huber 1981), its interval by windows (sandwich); None of too few steps.
 
-    column: of the course, its turn. shift: how much later the stamps of the course are, roughly.
+    column: of the motion, its turn. shift: how much later the stamps of the motion are, roughly.
     """
-    since_ns = (shift.shift_ns if shift is not None else 0) - course.origin_ns
+    since_ns = (shift.shift_ns if shift is not None else 0) - motion.origin_ns
     begin = np.asarray((steps.first_ns + since_ns) * 1e-9, dtype=np.float64)
     end = np.asarray((steps.second_ns + since_ns) * 1e-9, dtype=np.float64)
-    covered = course.covers(begin, end)
+    covered = motion.covers(begin, end)
     if int(covered.sum()) < MIN_STEPS:
         return None
     begin, end = begin[covered], end[covered]
@@ -59,9 +59,9 @@ def turn_gain(
     lasted = end - begin
     lag, half = 0.0, 0.005
     for _ in range(2):
-        other = _turn(course, column, begin + lag, end + lag)
-        later = _turn(course, column, begin + (lag + half), end + (lag + half))
-        sooner = _turn(course, column, begin + (lag - half), end + (lag - half))
+        other = _turn(motion, column, begin + lag, end + lag)
+        later = _turn(motion, column, begin + (lag + half), end + (lag + half))
+        sooner = _turn(motion, column, begin + (lag - half), end + (lag - half))
         columns = np.column_stack([other, (later - sooner) / (2.0 * half), lasted])
         fitted, covariance = _regression(columns, turned, window)
         if abs(fitted[0]) > 1e-3:
@@ -70,7 +70,7 @@ def turn_gain(
         float(np.minimum(np.abs(one / lasted), WILD_RAD_S).mean()) for one in (turned, other)
     )
     return Gain(
-        topic=course.topic,
+        topic=motion.topic,
         value=float(fitted[0]),
         sigma=float(np.sqrt(covariance[0, 0])),
         correlation=_correlation(turned, other),
@@ -82,9 +82,9 @@ def turn_gain(
 
 
 def _turn(
-    course: IntegratedMotion, column: int, begin_s: FloatArray, end_s: FloatArray
+    motion: IntegratedMotion, column: int, begin_s: FloatArray, end_s: FloatArray
 ) -> FloatArray:
-    return np.asarray((course.at(end_s) - course.at(begin_s))[:, column])
+    return np.asarray((motion.at(end_s) - motion.at(begin_s))[:, column])
 
 
 def _correlation(one: FloatArray, other: FloatArray) -> float:
@@ -106,11 +106,11 @@ def _regression(
         left = wanted - rows @ fitted
         noise = max(1.4826 * float(np.median(np.abs(left))), LEAST_NOISE_RAD)
         weights = 1.0 / np.maximum(np.abs(left) / (HUBER * noise), 1.0)
-    pushes = np.array(
+    gradients = np.array(
         [rows[group == one].T @ (weights * left)[group == one] for one in np.unique(group)]
     )
-    meat = pushes.T @ pushes * (len(pushes) / max(len(pushes) - 1.0, 1.0))
+    meat = gradients.T @ gradients * (len(gradients) / max(len(gradients) - 1.0, 1.0))
     plain = noise**2 * inverse
-    covariance = inverse @ meat @ inverse if len(pushes) > 2 else plain
+    covariance = inverse @ meat @ inverse if len(gradients) > 2 else plain
     larger = np.maximum(np.diag(covariance), np.diag(plain))
     return fitted / scale, np.diag(larger / scale**2)

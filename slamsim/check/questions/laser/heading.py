@@ -1,6 +1,6 @@
-"""Which way a robot heads whose scans do not turn: by the way its laser goes.
+"""The heading of a robot whose scans do not turn, by the path of its laser.
 
-Where rays are fixed to the world, the laser's own motion is told in axes that do not turn. A robot
+Where rays are fixed to the world, the laser's own motion is known in axes that do not turn. A robot
 on wheels goes where it heads; so the heading by another stream is corrected until the base, which
 carries the laser on a lever, no longer moves sideways.
 """
@@ -36,23 +36,23 @@ class HeadingFit:
 
 
 def heading_by_path(
-    steps: LaserSteps, course: IntegratedMotion, column: int, lever_m: FloatArray
+    steps: LaserSteps, motion: IntegratedMotion, column: int, lever_m: FloatArray
 ) -> HeadingFit | None:
     """The correction that makes the base move ahead only; None of too few steps.
 
-    column: of the course, its turn. lever_m: (2,) from the base to the laser. Stamps are believed:
-    scans that do not turn tell nothing of them.
+    column: of the motion, its turn. lever_m: (2,) from the base to the laser. Stamps are taken
+    as they are: scans that do not turn do not tell their offset.
     """
     require_finite("the lever of a laser", lever_m, (2,))
     begin, end = (
-        np.asarray((stamps - course.origin_ns) * 1e-9, dtype=np.float64)
+        np.asarray((stamps - motion.origin_ns) * 1e-9, dtype=np.float64)
         for stamps in (steps.first_ns, steps.second_ns)
     )
-    covered = course.covers(begin, end)
+    covered = motion.covers(begin, end)
     if int(covered.sum()) < MIN_STEPS:
         return None
     begin, end = begin[covered], end[covered]
-    turned = np.stack([course.at(one)[:, column] for one in (begin, end)])
+    turned = np.stack([motion.at(one)[:, column] for one in (begin, end)])
     at_s, moved = np.stack([begin, end]), steps.T_first_second[covered, :2]
     sigma_m = np.maximum(np.sqrt(2.0 / _least(steps.information[covered, :2, :2])), LEAST_M)
 
@@ -64,17 +64,16 @@ def heading_by_path(
     def sideways(unknown: FloatArray) -> FloatArray:
         return np.asarray(base_motion(unknown)[:, 1] / sigma_m)
 
-    offsets = np.linspace(-np.pi, np.pi, STARTS, endpoint=False)
-    starts = [np.array([0.0, offset]) for offset in offsets]
+    starts = np.linspace([0.0, -np.pi], [0.0, np.pi], STARTS, endpoint=False)
     begun = min(starts, key=lambda start: float(np.minimum(np.abs(sideways(start)), 9.0).sum()))
-    ways = [
+    fits = [
         least_squares(sideways, begun + np.array([0.0, turn]), loss="cauchy", f_scale=ROBUST_SIGMAS)
         for turn in (0.0, np.pi)
     ]
-    ways.sort(key=lambda way: float(way.cost))
-    if ways[0].cost > PLAINLY_LESS * ways[1].cost:
-        ways.sort(key=lambda way: -float(base_motion(way.x)[:, 0].sum()))
-    drift, offset = ways[0].x.tolist()
+    fits.sort(key=lambda fit: float(fit.cost))
+    if fits[0].cost > PLAINLY_LESS * fits[1].cost:
+        fits.sort(key=lambda fit: -float(base_motion(fit.x)[:, 0].sum()))
+    drift, offset = fits[0].x.tolist()
     return HeadingFit(drift, float((offset + np.pi) % (2.0 * np.pi) - np.pi))
 
 

@@ -1,7 +1,7 @@
 """Where the laser sits on the base: hand-eye calibration against what the transforms declare.
 
 What the laser sees of a turn tells how far from the axle it sits, what it sees of a straight drive
-which way it looks (Censi, Franchi, Marchionni & Oriolo 2013).
+in which direction it looks (Censi, Franchi, Marchionni & Oriolo 2013).
 """
 
 from __future__ import annotations
@@ -95,7 +95,7 @@ GROUP = QuestionGroup(
 
 
 def _times(calibration: Calibration) -> float:
-    """How much coarser poses are than counters."""
+    """How many times wider limits are for poses than for counters."""
     wheels = calibration.model.wheels
     return 1.0 if wheels is None or wheels.wired else POSES_TIMES
 

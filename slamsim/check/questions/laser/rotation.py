@@ -86,18 +86,18 @@ def rotation_gains(inputs: Inputs) -> list[Gain]:
     alignment = align(inputs.steps, inputs.gyro, inputs.wheels, yaw_rad)
     gyro_ns, wheels_ns = alignment.lidar_gyro, alignment.lidar_wheels
     gains = [
-        turn_gain(inputs.steps, course, column, shift)
-        for course, column, shift in (
+        turn_gain(inputs.steps, motion, column, shift)
+        for motion, column, shift in (
             (inputs.gyro, 0, gyro_ns),
             (alignment.wheels, 1, wheels_ns),
         )
-        if course is not None
+        if motion is not None
     ]
     return [_in_radians(gain) for gain in gains if gain is not None]
 
 
 def _in_radians(gain: Gain) -> Gain:
-    """Another stream that speaks degrees says as much of the scans."""
+    """The gain of the scans against a stream in degrees, as if it were in radians."""
     if abs(gain.correlation) < FOLLOWS or abs(abs(gain.value) / DEGREE - 1.0) > SAME_GAIN:
         return gain
     return Gain(
@@ -170,11 +170,11 @@ def _world_fixed(inputs: Inputs, gain: Gain, said: str) -> Finding:
 def _heading(inputs: Inputs, topic: str) -> dict[str, float | str]:
     """Where the robot heads, by the stream of a topic and the path of the laser."""
     by_gyro = inputs.gyro is not None and inputs.gyro.topic == topic
-    course, column = (inputs.gyro, 0) if by_gyro else (inputs.wheels, 1)
+    motion, column = (inputs.gyro, 0) if by_gyro else (inputs.wheels, 1)
     x_m, y_m, yaw_rad = (0.0, 0.0, 0.0) if inputs.T_base_laser is None else inputs.T_base_laser
     found = None
-    if course is not None:
-        found = heading_by_path(inputs.steps, course, column, np.array([x_m, y_m]))
+    if motion is not None:
+        found = heading_by_path(inputs.steps, motion, column, np.array([x_m, y_m]))
     if found is None:
         return {"heading_from": topic}
     offset_rad = found.offset_rad + float(yaw_rad)

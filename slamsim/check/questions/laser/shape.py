@@ -206,7 +206,7 @@ def _untimed(motions: ScanMotions, recorded_as: RecordingFormat) -> Finding:
     )
     harm = 1e3 * UNTIMED_HARM_S
     cannot_say = recorded_as in NO_FIELD
-    if cannot_say and decide(size, limit, harm) == "fault":
+    if cannot_say and decide(size, limit, harm=harm) == "fault":
         words += f", which {recorded_as} logs have no place for"
     return judge(
         SWEEP,

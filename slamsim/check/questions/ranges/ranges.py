@@ -9,8 +9,13 @@ import numpy as np
 from slamsim.check.evidence import RecordingEvidence
 from slamsim.check.findings import Finding, Measurement
 from slamsim.check.question import FaultKind, Question, QuestionGroup, judge, unanswered
-from slamsim.check.questions.ranges.beams import CONSTANT, DEAD, check_beams
-from slamsim.check.questions.ranges.isolated_returns import ISOLATED, check_isolated_returns
+from slamsim.check.questions.ranges.beams import (
+    CONSTANT,
+    DEAD,
+    ISOLATED,
+    check_beams,
+    check_isolated_returns,
+)
 from slamsim.check.questions.ranges.no_return import NO_RETURN, check_no_return, without_codes
 from slamsim.check.questions.ranges.repeats import STUCK, check_repeats
 from slamsim.check.questions.ranges.units import (

@@ -24,7 +24,7 @@ from slamsim.core.types import BoolArray, Float32Array, FloatArray
 from slamsim.recording import RawImu, RawOdometry, RawScans, RawStream
 
 TRIPLES = 200
-"""So many scans are held against their two neighbours."""
+"""So many scans are compared with their two neighbours."""
 MIN_TRIPLES, MIN_BEAMS = 20, 20
 ODD_TIMES = 3.0
 ODD_M, ODD_POSE_M = 0.05, 0.02

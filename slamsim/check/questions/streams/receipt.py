@@ -101,13 +101,9 @@ def _delay(series: StampSeries) -> Finding:
     since_end_s = delay_s - series.lasts_ns * 1e-9
     late_s, ahead_s = float(np.median(since_end_s)), -float(np.quantile(delay_s, 0.1))
     repairs = (Repair("shift_receipt", series.subject, {"offset_s": -late_s}),)
-    plot = Plot(
-        f"Receipt of {series.subject}",
-        "stamp (s)",
-        "after the stamp (s)",
-        (Curve("received", series.since_first_s, delay_s),),
-        (0.0,),
-    )
+    curve = Curve("received", series.since_first_s, delay_s)
+    title = f"Receipt of {series.subject}"
+    plot = Plot(title, "stamp (s)", "after the stamp (s)", (curve,), (0.0,))
     if ahead_s > MAX_AHEAD_S:
         return judge(
             RECEIPT,

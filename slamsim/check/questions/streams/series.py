@@ -44,6 +44,7 @@ class StampSeries:
 
     @property
     def span_s(self) -> float:
+        """From the earliest stamp to the latest; 0 without any."""
         return float(np.ptp(self.stamps_ns)) * 1e-9 if len(self) else 0.0
 
     @property

@@ -1,5 +1,4 @@
-"""The published odometry by itself and against the wheels: jumps, standstill, contradiction; and
-where the wheels slip."""
+"""The published odometry by itself and against the wheels: jumps, standstill, contradiction."""
 
 from __future__ import annotations
 
@@ -8,11 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from slamsim.check.calibration.distance_unit import SAME, ratio_of_units
-from slamsim.check.calibration.joint import Calibration
-from slamsim.check.calibration.slipping import SlipSpells
+from slamsim.check.calibration.distance_unit import ratio_of_units
 from slamsim.check.evidence import RecordingEvidence
-from slamsim.check.findings import Curve, Finding, Measurement, Plot
+from slamsim.check.findings import Finding, Measurement
 from slamsim.check.motion.integrated import (
     IntegratedMotion,
     integrated_odometry,
@@ -51,13 +48,6 @@ COMPARED_S = 1.0
 LONGEST_S = 1e7
 SCALE_LIMIT = 0.02
 ODD_SHARE_LIMIT = 0.05
-POSES_SHARE = 0.05
-"""Of poses instead of counters so much of the whole must slip: scans err as much in corridors."""
-
-SLIP_LIMIT_M, SLIP_LIMIT_RAD = 0.1, 0.15
-"""Of all slips together: less is lost on any floor."""
-
-
 ODOMETRY_FROZEN = FaultKind(
     "odometry_frozen",
     "the odometry stands still while the robot moves",
@@ -105,24 +95,6 @@ AGAINST_WHEELS = Question(
     excitation_wanted="driving, with odometry and counters recorded",
     repairs=("odometry_from_ticks",),
 )
-STANDING = Question(
-    "wheels.frozen",
-    "the wheels turn whenever the scans move",
-    (ODOMETRY_FROZEN,),
-    limit=0.0,
-    unit="s",
-    consequence="a SLAM without good scans maps both ends of the gap onto each other",
-    excitation_wanted="driving",
-)
-SLIP = Question(
-    "wheels.slip",
-    "the wheels roll where the scans go",
-    (FaultKind("wheel_slip", "the wheels slip"),),
-    limit=SLIP_LIMIT_M,
-    unit="m",
-    consequence="the odometry is off by this much where scans cannot correct it",
-    excitation_wanted="turns that wheels and scans both see",
-)
 
 
 def check_odometry(evidence: RecordingEvidence) -> list[Finding]:
@@ -145,72 +117,6 @@ GROUP = QuestionGroup(
     check_odometry,
     thorough=True,
 )
-
-
-def check_slip(calibration: Calibration) -> list[Finding]:
-    """Wheels against scans, second by second."""
-    spells, wheels = calibration.spells, calibration.model.wheels
-    if spells is None or wheels is None:
-        return []
-    if not calibration.comparable:
-        return [
-            unanswered(SLIP, wheels.topic, "turns of wheels and scans do not follow each other")
-        ]
-    plot = Plot(
-        "wheels against scans, second by second",
-        "since the middle of the drive, s",
-        "path, m",
-        (
-            Curve("wheels", spells.start_s, spells.wheels[:, 0]),
-            Curve("scans", spells.start_s, spells.scans[:, 0]),
-        ),
-    )
-    findings = [_standing(wheels, spells, plot)] if spells.frozen.any() else []
-    slips = spells.slipping & ~(spells.beside_frozen & spells.frozen.any())
-    excess = np.abs(spells.wheels - spells.scans)[slips].sum(axis=0)
-    limits = np.array([SLIP_LIMIT_M, SLIP_LIMIT_RAD])
-    if not wheels.wired:
-        limits = np.maximum(limits, POSES_SHARE * np.abs(spells.wheels).sum(axis=0))
-    slip = judge(
-        SLIP,
-        wheels.topic,
-        f"in {int(slips.sum())} of {len(slips)} s wheels and scans differ, together by "
-        f"{excess[0]:.2f} m and {np.degrees(excess[1]):.1f} deg",
-        Measurement(float(excess[0]), 0.0, "m"),
-        verdict="fault" if (excess > limits).any() else "ok",
-        limit=float(limits[0]),
-        advice="Do not trust the wheels there: let scans or gyroscope tell the motion.",
-        plots=(plot,),
-    )
-    return [*findings, slip]
-
-
-def _slip_in_metres(evidence: RecordingEvidence) -> list[Finding]:
-    """Scans that were matched at another scale than theirs tell no slip."""
-    calibration, unit = evidence.calibration, evidence.wrong_unit
-    findings = [] if calibration is None else check_slip(calibration)
-    if unit is None or unit.side == "wheels":
-        return findings
-    if abs(unit.metres / evidence.metres_per_unit - 1.0) < SAME:
-        return findings
-    reason = f"ranges in {unit.name} were matched as if they were in metres"
-    return [one.inconclusive(reason) for one in findings]
-
-
-SLIP_GROUP = QuestionGroup("motion", 130, (STANDING, SLIP), _slip_in_metres, thorough=True)
-
-
-def _standing(wheels: IntegratedMotion, spells: SlipSpells, plot: Plot) -> Finding:
-    count = int(spells.frozen.sum())
-    moved_m = float(np.abs(spells.scans - spells.wheels)[spells.frozen, 0].sum())
-    return judge(
-        STANDING,
-        wheels.topic,
-        f"the wheels stand still for {count} s while the scans move, by {moved_m:.2f} m",
-        Measurement(float(count), 0.0, "s"),
-        advice="Look for a driver that stalls; leave these spells to the scans.",
-        plots=(plot,),
-    )
 
 
 def _jumps(odometry: RawOdometry) -> FloatArray:
@@ -262,8 +168,8 @@ def _against_wheels(odometry: IntegratedMotion, wheels: IntegratedMotion) -> Ite
         return
     edges_s = np.arange(0.0, (end - begin) * 1e-9, COMPARED_S)
     published, counted = (
-        np.diff(course.at(edges_s + (begin - course.origin_ns) * 1e-9), axis=0)
-        for course in (odometry, wheels)
+        np.diff(motion.at(edges_s + (begin - motion.origin_ns) * 1e-9), axis=0)
+        for motion in (odometry, wheels)
     )
     frozen = counters_stand(published, counted)
     yield check_counting(wheels, published, frozen)

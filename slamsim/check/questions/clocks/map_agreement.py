@@ -1,12 +1,15 @@
-"""Offsets between clocks compared with the map: one that the map contradicts is inconclusive."""
+"""Offsets between clocks, compared with the map: one that the map contradicts is inconclusive."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
+from slamsim.check.evidence import RecordingEvidence
 from slamsim.check.findings import Finding
-from slamsim.check.map_quality.crispness import Crispness, Stream
+from slamsim.check.map_quality.crispness import Crispness, Stream, crispness
+from slamsim.check.question import QuestionGroup
+from slamsim.check.questions.clocks.offsets import CULPRITS, DRIFT, PAIRS, STEADY, check_timing
 
 STREAM_OF: dict[str, Stream] = {
     "time.offset.lidar_imu": "gyro",
@@ -37,3 +40,24 @@ def _compared(finding: Finding, crispness: Mapping[Stream, Crispness]) -> Findin
     return replace(
         finding.inconclusive(f"but {found.objection}: one of both is misled"), plots=plots
     )
+
+
+def _checked_with_map(evidence: RecordingEvidence) -> list[Finding]:
+    """``check_timing``, and what the map says of each offset."""
+    calibration, unit = evidence.calibration, evidence.wrong_unit
+    if calibration is None:
+        return []
+    recorded = evidence.as_recorded
+    placed = recorded if unit is not None and unit.side == "ranges" else calibration
+    assert placed is not None
+    found = crispness(evidence.recording, evidence.motions, placed)
+    return with_map(check_timing(calibration), found)
+
+
+GROUP = QuestionGroup(
+    "motion",
+    150,
+    (STEADY, *PAIRS.values(), *CULPRITS.values(), DRIFT),
+    _checked_with_map,
+    thorough=True,
+)

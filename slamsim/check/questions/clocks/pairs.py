@@ -1,0 +1,118 @@
+"""Offset and drift of the clocks of each pair of streams, and which streams explain them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from slamsim.check.calibration.joint import Calibration
+from slamsim.check.findings import Measurement
+from slamsim.check.question import SURE_SIGMAS, decide
+from slamsim.core.types import FloatArray
+
+LIMITS_S = {"gyro": 3e-4, "wheel": 2e-3, "gyro_wheel": 2e-3}
+"""Offsets up to this are healthy: less than a tenth of a scan's own noise at a walking pace. Tyres
+that give make wheels seem half a millisecond early on the simulator's robot, more on soft ones."""
+
+HARM_S = {"gyro": 5e-3, "wheel": 2e-2, "gyro_wheel": 2e-2}
+DRIFT_LIMIT = 1e-5
+GAINED_LIMIT_S = 1e-3
+"""A drift matters if it is faster than 10 ppm and gains a millisecond over the recording."""
+
+PAIR_WORDS = {
+    "gyro": ("inertial unit", "lidar"),
+    "wheel": ("wheels", "lidar"),
+    "gyro_wheel": ("wheels", "inertial unit"),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Offset:
+    """One pair of streams: offset at the begin of what was compared, s, and drift, s/s.
+
+    bound_s: the least standard deviation possible. gained_s: by the drift, over the recording.
+    """
+
+    pair: str
+    offset_s: float
+    sigma_s: float
+    bound_s: float
+    drift: float
+    drift_sigma: float
+    gained_s: float
+
+    @property
+    def size(self) -> Measurement:
+        """In ms."""
+        return Measurement(1e3 * self.offset_s, 1e3 * self.sigma_s, "ms", 1e3 * self.bound_s)
+
+    @property
+    def is_off(self) -> bool:
+        """Whether the offset is a fault."""
+        return decide(self.size, 1e3 * LIMITS_S[self.pair]) == "fault"
+
+    @property
+    def drifts(self) -> bool:
+        """Whether the drift is a fault."""
+        return (
+            abs(self.drift) > DRIFT_LIMIT
+            and abs(self.gained_s) > GAINED_LIMIT_S
+            and abs(self.drift) > SURE_SIGMAS * self.drift_sigma
+        )
+
+
+def pairs_of(calibration: Calibration) -> tuple[str, ...]:
+    """The pairs of streams that are there: keys of ``LIMITS_S``."""
+    lidar = calibration.scans_count
+    gyro, wheels = calibration.inputs.gyro is not None, calibration.inputs.wheels is not None
+    there = {"gyro": lidar and gyro, "wheel": lidar and wheels, "gyro_wheel": gyro and wheels}
+    return tuple(pair for pair, both in there.items() if both)
+
+
+def offset_of(calibration: Calibration, pair: str) -> Offset:
+    """The offset and drift of a pair; of one that certainly drifts the offset where it began."""
+    drift, drift_sigma, _ = calibration.drift(pair)
+    seconds = calibration.model.span_s
+    now = Offset(pair, *calibration.offset(pair), drift, drift_sigma, drift * seconds)
+    if now.drifts:
+        now = Offset(
+            *(pair, *calibration.offset(pair, -0.5 * seconds)),
+            *(drift, drift_sigma, drift * seconds),
+        )
+    return now
+
+
+def most_likely(differences: dict[str, tuple[float, float]]) -> dict[str, float]:
+    """How late each stream is that must be, if as few as possible are: by stream.
+
+    differences: by pair, value and sigma. Of two streams alone the lidar is blamed, for its
+    messages take longest to make; of three that all differ, the inertial unit is trusted.
+    """
+    if "gyro" in differences and "wheel" in differences:
+        seen = np.array([differences["gyro"][0], differences["wheel"][0]])
+        sigmas = np.array([differences["gyro"][1], differences["wheel"][1]])
+        patterns = {"lidar": [-1.0, -1.0], "imu": [1.0, 0.0], "wheels": [0.0, 1.0]}
+        fits = {name: _explained(np.array(by), seen, sigmas) for name, by in patterns.items()}
+        name, (late, misfit) = min(fits.items(), key=lambda one: one[1][1])
+        if misfit < SURE_SIGMAS**2:
+            return {name: late}
+        return {"lidar": -float(seen[0]), "wheels": float(seen[1] - seen[0])}
+    if "gyro" in differences:
+        return {"lidar": -differences["gyro"][0]}
+    if "wheel" in differences:
+        return {"lidar": -differences["wheel"][0]}
+    if "gyro_wheel" in differences:
+        return {"wheels": differences["gyro_wheel"][0]}
+    return {}
+
+
+def _explained(by: FloatArray, seen: FloatArray, sigmas: FloatArray) -> tuple[float, float]:
+    """The size of one cause that fits best, and what it leaves, in squared sigmas."""
+    late = float((by * seen / sigmas**2).sum() / (by**2 / sigmas**2).sum())
+    return late, float((((seen - late * by) / sigmas) ** 2).sum())
+
+
+def stream_of(pair: str) -> str:
+    """The stream of a pair whose stamps are compared with the other's."""
+    return "imu" if pair == "gyro" else "wheels"
