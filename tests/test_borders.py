@@ -14,6 +14,7 @@ ALLOWED = {
     "gtsam": ("slam/backend/graph.py",),
     "pybullet": ("sim/",),
     "rerun": ("report/",),
+    "foxglove": ("simulation/sinks/",),
     "matplotlib": ("report/", "dataset/catalogue/figures.py"),
     "rosbags": ("io/",),
     "mcap": ("io/",),

@@ -21,7 +21,7 @@ from slamsim.io.open import read_log, read_recording, read_truth
 from slamsim.io.parquet.file import joined_axes, read_table
 from slamsim.io.text.tum import read_tum
 from slamsim.sensors.faults.registry import load_fault
-from slamsim.simulation.driven import simulate_spoilt
+from slamsim.simulation.driven import simulate_with_faults
 from slamsim.simulation.simulate import simulate
 
 
@@ -161,7 +161,7 @@ def test_a_spoilt_sequence_is_the_log_that_simulate_spoils(tmp_path: Path) -> No
     spec = small_spec("faults=['lidar_gaps','laser_yaw']", formats=("mcap", "parquet"))
     produce(spec, tmp_path / "made")
     names = ("lidar_gaps", "laser_yaw")
-    simulate_spoilt(spec.config, [load_fault(name) for name in names], tmp_path / "log")
+    simulate_with_faults(spec.config, [load_fault(name) for name in names], tmp_path / "log")
     one, other = (f / "log_0.mcap" for f in (tmp_path / "made" / "log", tmp_path / "log"))
     assert one.read_bytes() == other.read_bytes()
     log = read_table(tmp_path / "made" / "parquet" / "scans.parquet")

@@ -51,6 +51,8 @@ def transforms(draw: st.DrawFn) -> FloatArray:
 
 QUANTITIES = st.sampled_from(["angular_velocity_rad_s", "linear_acceleration_m_s2"])
 SCALED_WHEELS = st.builds(wheels.ScaleWheelNumbers, st.just(base.TICKS), FACTORS, FACTORS)
+SCALED_RATES = st.builds(imu.ScaleReadings, IMUS, QUANTITIES, SIGNED, FACTORS)
+OFFSET_RATES = st.builds(imu.OffsetReadings, IMUS, QUANTITIES, st.tuples(LENGTHS, LENGTHS, LENGTHS))
 SHIFTED = st.builds(
     clocks.ShiftStamps, TARGETS, st.integers(-(10**18), 10**18), receipt_follows=st.booleans()
 )
@@ -83,10 +85,8 @@ INVERTIBLE: dict[type[Edit], st.SearchStrategy[Any]] = {
     beams.ExtendAngleMax: st.builds(beams.ExtendAngleMax, SCANS, st.integers(-50, 50)),
     beams.ScaleBeamTimes: st.builds(beams.ScaleBeamTimes, SCANS, SIGNED),
     beams.ReverseBeams: st.builds(beams.ReverseBeams, SCANS),
-    imu.ScaleReadings: st.builds(imu.ScaleReadings, IMUS, QUANTITIES, SIGNED, FACTORS),
-    imu.OffsetReadings: st.builds(
-        imu.OffsetReadings, IMUS, QUANTITIES, st.tuples(LENGTHS, LENGTHS, LENGTHS)
-    ),
+    imu.ScaleReadings: SCALED_RATES,
+    imu.OffsetReadings: OFFSET_RATES,
     imu.RotateReadings: st.builds(imu.RotateReadings, IMUS, rotations()),
     wheels.ScaleWheelNumbers: SCALED_WHEELS,
     wheels.RewireWheels: st.builds(
@@ -110,9 +110,9 @@ INVERTIBLE: dict[type[Edit], st.SearchStrategy[Any]] = {
         frames.AddTransform(replace(MADE.transforms[0], parent="map", child="odom"))
     ),
     messages.AddStream: st.just(messages.AddStream(replace(MADE.imus[0], topic="/imu_2"))),
-    Edits: st.lists(
-        st.one_of(SHIFTED, st.builds(ranges.ScaleRanges, SCANS, FACTORS)), max_size=3
-    ).map(lambda edits: Edits(tuple(edits))),
+    Edits: st.lists(st.one_of(SHIFTED, SCALED_RATES, OFFSET_RATES), max_size=4).map(
+        lambda edits: Edits(tuple(edits))
+    ),
 }
 """Edits of every class that has an inverse."""
 ROUNDED_NS: dict[type[Edit], int] = {clocks.ScaleStamps: 1}
@@ -187,6 +187,17 @@ def test_what_is_lost_cannot_be_undone(edit: Edit) -> None:
     assert differences(MADE, edit.apply(MADE))
     with pytest.raises(CannotEdit):
         edit.inverse()
+
+
+def test_of_several_edits_the_last_is_undone_first() -> None:
+    """An offset and a scale, which do not commute."""
+    edits = Edits(
+        (
+            imu.OffsetReadings(base.IMUS, "angular_velocity_rad_s", (1.0, 2.0, 3.0)),
+            imu.ScaleReadings(base.IMUS, "angular_velocity_rad_s", 2.0),
+        )
+    )
+    assert_alike(MADE, edits.inverse().apply(edits.apply(MADE)))
 
 
 def test_a_target_that_is_not_there_is_named() -> None:

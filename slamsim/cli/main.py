@@ -314,7 +314,7 @@ app.command(
 )(bench)
 
 
-app.command(epilog="Example: slamsim fault my_rosbag2/ spoilt/ --fault laser_yaw:2")(fault)
+app.command(epilog="Example: slamsim fault my_rosbag2/ faulty/ --fault laser_yaw:2")(fault)
 
 
 @app.command(epilog="Example: slamsim config --set sensors.lidar=rplidar_a2 > my_run.yaml")

@@ -13,7 +13,7 @@ from slamsim.io.open import read_truth
 from slamsim.run import folder as run_folder
 from slamsim.run.stages import Report, Stages, peak_memory_mb
 from slamsim.sensors.faults.registry import chosen_fault, resolved_choice
-from slamsim.simulation.driven import simulate_spoilt
+from slamsim.simulation.driven import simulate_with_faults
 from slamsim.simulation.own_files import write_config, write_world
 from slamsim.simulation.simulate import Simulation, simulate
 
@@ -48,7 +48,7 @@ def record(config: RunConfig, partial: Path, stages: Stages) -> Simulation:
     log = partial / LOG
     with stages.stage("simulate", "x real time") as progress:
         if faults:
-            simulation = simulate_spoilt(config, faults, log, progress)
+            simulation = simulate_with_faults(config, faults, log, progress)
         else:
             simulation = simulate(config, log, progress)
     write_world(partial, config, simulation.world)

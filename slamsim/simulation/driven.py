@@ -26,7 +26,7 @@ from slamsim.simulation.simulate import Simulation
 from slamsim.world.build import build_world
 
 
-def simulate_spoilt(
+def simulate_with_faults(
     config: RunConfig, faults: Sequence[Fault], log_folder: Path, progress: Progress = silent
 ) -> Simulation:
     """As ``simulate``, with faults in the recording; the whole drive is in memory for that.
@@ -79,7 +79,7 @@ class Driven:
         self._clean: Recording | None = None
 
     def recording(self, faults: Sequence[Fault] = ()) -> Recording:
-        """The recording with these faults. Raises CannotEdit where there is nothing to spoil."""
+        """The recording with these faults. Raises CannotEdit where there is nothing to change."""
         if any(isinstance(fault, SensedFault) for fault in faults):
             recording = self._recorded(self._sensed(faults))
         elif self._clean is None:

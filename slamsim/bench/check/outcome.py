@@ -76,11 +76,11 @@ _OUTCOME = TypeAdapter(CheckOutcome)
 
 
 def outcome_of(
-    trial: CheckTrial, spoilt: Callable[[Sequence[Fault]], Recording], truth: Truth
+    trial: CheckTrial, with_faults: Callable[[Sequence[Fault]], Recording], truth: Truth
 ) -> CheckOutcome:
-    """Inject and check. spoilt: gives the recording with faults, or raises CannotEdit."""
+    """Inject and check. with_faults: gives the recording with faults, or raises CannotEdit."""
     try:
-        recording = spoilt(trial.faults)
+        recording = with_faults(trial.faults)
     except CannotEdit as error:
         return _outcome(trial, truth, CheckReport("", ()), 0.0, str(error))
     begun_s = time.perf_counter()

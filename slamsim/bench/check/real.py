@@ -30,13 +30,13 @@ def run_recording(path: Path, faults: Sequence[Fault]) -> Json:
     """As it is, and with each fault on top; what it says as it is counts as no invention."""
     recording = read_recording(path)
     as_it_is = _checked(clean_trial(), recording)
-    spoilt = [_on_top(trial, recording, as_it_is) for trial in fault_trials(faults)]
+    faulty = [_on_top(trial, recording, as_it_is) for trial in fault_trials(faults)]
     told = replace(as_it_is, sort="real")
     return {
         "drive": recording_name(str(path)),
         "world": "real",
         "lidar": recording.format,
-        "outcomes": [one.as_json() for one in (told, *spoilt)],
+        "outcomes": [one.as_json() for one in (told, *faulty)],
     }
 
 

@@ -1,4 +1,4 @@
-"""The formats of a sequence besides rosbag2, fed alike by clean and by spoilt recordings."""
+"""The formats of a sequence besides rosbag2, written alike of clean and of faulty recordings."""
 
 from __future__ import annotations
 

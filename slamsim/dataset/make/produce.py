@@ -52,12 +52,12 @@ def produce(spec: SequenceSpec, folder: Path) -> SequenceFacts:
     The caller discards the folder after an exception, and gives it its name when it is whole.
     Everything but ``sequence.json`` is written: log, tables, truth, configuration. The same bytes
     come of the same specification in any process. Raises SlamsimError for a world, robot or route
-    that cannot be, and CannotEdit for a fault that finds nothing to spoil.
+    that cannot be, and CannotEdit for a fault that finds nothing to change.
     """
     ride = _Ride.planned(spec.config)
     write_config(folder, spec.config)
     write_world(folder, spec.config, ride.world)
-    write = _write_spoilt if ride.faults else _write_clean
+    write = _write_with_faults if ride.faults else _write_clean
     with (
         Truth(folder / TRUTH, ride.world, ride.robot, spec, ride.override) as truth,
         Formats(spec, folder) as formats,
@@ -136,7 +136,7 @@ def _write_clean(
             formats.write(part, readings.scans.true_stamps_ns, window)
 
 
-def _write_spoilt(
+def _write_with_faults(
     spec: SequenceSpec, ride: _Ride, folder: Path, truth: Truth, formats: Formats
 ) -> None:
     """Faults look at the whole recording, so it is in memory."""

@@ -37,7 +37,11 @@ def scaled_edge(edge: TransformEdge, path: Gain, turn: Gain) -> TransformEdge:
 
 
 def repaced(odometry: RawOdometry, path: float, turn: float) -> RawOdometry:
-    """The same of one odometry, each step seen from where it begins, as repairs scale it."""
+    """``scaled_odometry`` as repairs have it, each step taken in the heading at its beginning.
+
+    Equal to 1e-16 where turns are kept; one of the two formulas would do if the bytes of what
+    ``fix`` writes might change.
+    """
     found = with_steps(odometry, planar_steps(odometry) * np.array([path, path, turn]))
     return replace(
         found, linear_m_s=odometry.linear_m_s * path, angular_rad_s=odometry.angular_rad_s * turn
@@ -68,7 +72,11 @@ def with_steps(odometry: RawOdometry, steps: FloatArray) -> RawOdometry:
 
 
 def counted(odometry: RawOdometry, ticks: RawTicks) -> RawOdometry:
-    """The counters' poses and speeds at the odometry's stamps, from its first pose on."""
+    """The counters' poses and speeds at the odometry's stamps, from its first pose on.
+
+    As ``along_path`` and ``with_twists``, which faults take, but for the speed to the side that
+    the chord of an arc has (1e-4 m/s): what ``fix`` writes keeps it.
+    """
     poses = _poses_at(ticks, odometry)
     placed = compose(_planar(odometry)[0], between(poses[0], poses))
     positions = odometry.positions_m.copy()

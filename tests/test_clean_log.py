@@ -1,0 +1,143 @@
+"""``clean``: what a Log says of a Recording, beside slow or exact answers."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from recording_data import edge, odometry_at, recording, scans_at, stamps
+
+from slamsim.core.geometry import matrix_from_xyzw, se3_from_parts, xyzw_from_yaw
+from slamsim.core.types import FloatArray
+from slamsim.guard.errors import InputRefused
+from slamsim.recording import RawOdometry, RecordedTopic, Recording, TransformEdge
+from slamsim.recording.cleaning.log import clean
+from slamsim.recording.frames import FrameTree
+
+SOURCE = Path("a.mcap")
+NAMES = ("odom", "base", "laser", "imu")
+
+
+def _message_by_message(edges: list[TransformEdge]) -> tuple[dict[str, FloatArray], dict[str, str]]:
+    """(T_parent_child of frames that never moved, parents of those that did), the slow way."""
+    rows = [
+        (stamp_ns, number, row)  # received when stamped
+        for number, each in enumerate(edges)
+        for row, stamp_ns in enumerate(each.stamps_ns.tolist())
+    ]
+    fixed: dict[str, tuple[str, FloatArray]] = {}
+    moving: dict[str, str] = {}
+    for _, number, row in sorted(rows):
+        one = edges[number]
+        if one.child in moving or one.parent == one.child:
+            continue
+        T = se3_from_parts(matrix_from_xyzw(one.quats_xyzw[row]), one.positions_m[row])
+        known = fixed.setdefault(one.child, (one.parent, T))
+        if known[0] != one.parent or np.abs(known[1] - T).max() > 1e-4:
+            moving[one.child] = one.parent
+            del fixed[one.child]
+    return {child: T for child, (_, T) in fixed.items()}, moving
+
+
+@given(st.integers(0, 2**32 - 1))
+@settings(max_examples=200, deadline=None)
+def test_the_tree_of_whole_edges_is_that_of_single_messages(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    edges = []
+    for _ in range(int(rng.integers(1, 6))):
+        parent, child = (NAMES[i] for i in sorted(rng.integers(0, len(NAMES), 2)))  # no loop
+        count = int(rng.integers(1, 5))
+        positions_m = rng.choice([0.0, 1.0], (count, 3), p=[0.95, 0.05])
+        quats_xyzw = xyzw_from_yaw(rng.choice([0.0, 0.5], count, p=[0.9, 0.1]))
+        received_ns = np.sort(rng.integers(0, 1000, count))
+        edges.append(
+            TransformEdge(
+                *("/tf", parent, child, False, received_ns, received_ns),
+                *(positions_m, quats_xyzw),
+            )
+        )
+    if len({int(t) for e in edges for t in e.stamps_ns}) < sum(e.stamps_ns.size for e in edges):
+        return  # of messages received at once the order is not known
+    fixed, moving = _message_by_message(edges)
+
+    tree = FrameTree()
+    tree.add(edges)
+
+    for name in NAMES:
+        path = tree.path_up(name)
+        assert bool(path) == (name in fixed or name in moving)
+        if path:
+            assert path[0][2] == (name in moving)
+        if name in moving:
+            assert path[0][0] == moving[name]
+        if name in fixed:
+            found = tree.between(path[0][0], name)
+            assert found is not None
+            np.testing.assert_allclose(found, fixed[name], atol=1e-12)
+
+
+def test_headings_of_a_format_hold_as_long_as_its_quaternions_do() -> None:
+    raw = recording(5.0)
+    (moved,) = raw.odometries
+    yaws_rad = np.linspace(-3.0, 3.0, len(moved))
+    exact = replace(moved, yaws_rad=yaws_rad, quats_xyzw=xyzw_from_yaw(yaws_rad))
+    turned = replace(exact, quats_xyzw=xyzw_from_yaw(yaws_rad / 2))
+
+    paths = [
+        clean(raw.with_streams(RawOdometry, [each]), SOURCE).odometry for each in (exact, turned)
+    ]
+
+    assert paths[0] is not None and paths[1] is not None
+    np.testing.assert_allclose(paths[0].poses[:, 2], yaws_rad, atol=1e-15)
+    np.testing.assert_allclose(paths[1].poses[:, 2], yaws_rad / 2, atol=1e-12)
+
+
+def _with_topics(raw: Recording, damaged: str) -> Recording:
+    topics = (RecordedTopic(s.topic, s.schema.type_name, len(s)) for s in raw.streams)
+    return replace(
+        raw,
+        topics=tuple(replace(t, damage="cut" if t.topic == damaged else "") for t in topics),
+        anomalies=(f"{damaged}: 1 message cannot be decoded",),
+    )
+
+
+def test_damage_counts_where_the_topic_is_used_and_is_told_elsewhere() -> None:
+    raw = recording(5.0)
+    second = odometry_at(stamps(10.0, 2.0), "/other")
+    raw = raw.with_streams(RawOdometry, [*raw.odometries, second])
+
+    for topic in ("/scan", raw.odometries[0].topic):
+        with pytest.raises(InputRefused, match=f"topic {topic}: cut"):
+            clean(_with_topics(raw, topic), SOURCE)
+    told = clean(_with_topics(raw, "/other"), SOURCE).warnings
+    assert any("/other: 1 message" in words for words in told)
+
+
+def test_scans_out_of_order_are_given_in_the_order_of_time_as_often_as_asked() -> None:
+    raw = recording(5.0)
+    stamps_ns = raw.scans[0].stamps_ns.copy()
+    stamps_ns[[10, 11]] = stamps_ns[[11, 10]]
+    swapped = scans_at(stamps_ns)
+    farther_m = np.float32(0.01) * np.arange(len(swapped), dtype=np.float32)[:, None]
+    swapped = replace(swapped, ranges_m=swapped.ranges_m + farther_m)
+
+    log = clean(raw.with_streams(type(swapped), [swapped]), SOURCE)
+
+    first, again = (list(log.scans) for _ in range(2))
+    assert [scan.stamp_ns for scan in first] == sorted(stamps_ns.tolist())
+    order = np.argsort(stamps_ns)
+    for scan, other, row in zip(first, again, order, strict=True):
+        np.testing.assert_array_equal(scan.ranges_m, other.ranges_m)
+        np.testing.assert_array_equal(scan.ranges_m, swapped.ranges_m[row])
+    assert any("sorted" in words for words in log.warnings)
+
+
+def test_a_frame_that_no_transform_knows_leaves_the_laser_at_the_base() -> None:
+    raw = replace(recording(5.0), transforms=(edge("odom", "base_link", stamps(10.0, 5.0)),))
+    log = clean(raw, SOURCE)
+    np.testing.assert_array_equal(log.T_base_laser, np.eye(4))
+    assert any("the laser is taken to sit at the base" in words for words in log.warnings)
