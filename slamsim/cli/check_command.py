@@ -14,7 +14,8 @@ from slamsim.guard.errors import SlamsimError
 from slamsim.guard.output import disk_full
 
 CHECK_EPILOG = (
-    "Exit code: 0 nothing is bad, 1 something is; 2, 3, 4 and 10 the check could not run. "
+    "Exit code: 0 no fault, 1 a fault or a question that failed; 2, 3, 4 and 10 the check could "
+    "not run. "
     "Example: slamsim check my_rosbag2/ --html verdict.html"
 )
 FIX_EPILOG = (
