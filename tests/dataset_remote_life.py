@@ -17,7 +17,7 @@ from slamsim.dataset.make.make import make_dataset
 from slamsim.dataset.recipe.distributions import Constant
 from slamsim.dataset.recipe.loading import load_recipe
 from slamsim.dataset.store.remote import RemoteStore
-from slamsim.run.dataset.telling import mending_of
+from slamsim.run.dataset.telling import repair_plan
 
 COUNT, SECONDS = 2, 4.0
 SPOILT = "train/000000/truth/scans.parquet"
@@ -48,7 +48,7 @@ def live_through(address: str, engine: WorkEngine, folder: Path) -> None:
     spoilt = verify(address)
     assert [finding.path for finding in spoilt.findings] == [SPOILT]
 
-    *removal, making = mending_of(spoilt).commands
+    *removal, making = repair_plan(spoilt).commands
     for command in removal:
         python, *words = shlex.split(command)
         assert python == "python"

@@ -17,7 +17,7 @@ from dataset_stub import Stub, draw
 
 from slamsim.dataset.make.engines.base import WorkEngine
 from slamsim.dataset.make.engines.local import LocalEngine
-from slamsim.dataset.make.execute import fulfil
+from slamsim.dataset.make.execute import execute
 from slamsim.dataset.make.identity import Identity
 from slamsim.dataset.make.production import DatasetSummary, Order
 from slamsim.dataset.make.progress import ProductionWatch, Unwatched
@@ -52,7 +52,7 @@ def make(
     identity = Identity("stub", count, {"seed": 1, **recipe})
     engine = engine or LocalEngine(1, 2 * 10**9)
     store, watch = open_store(str(out)), watch or Unwatched()
-    return fulfil(order, identity, store, engine, watch, only=only, catalogue=catalogue)
+    return execute(order, identity, store, engine, watch, only=only, catalogue=catalogue)
 
 
 def start(

@@ -57,18 +57,18 @@ def _reporter() -> Reporter:
 
 
 @cache
-def _ride() -> tuple[produce._Ride, list[Any]]:
+def _ride() -> tuple[produce._PlannedRun, list[Any]]:
     """A drive and all that was sensed of it."""
-    ride = produce._Ride.planned(small_spec(seconds=3.0).config)
-    return ride, list(ride.moments())
+    planned = produce._PlannedRun.planned(small_spec(seconds=3.0).config)
+    return planned, list(planned.moments())
 
 
 def _simulated(config: RunConfig, log: Path, progress: Progress = silent) -> Simulation:
-    ride, moments = _ride()
-    with LogWriter(log, log_header(ride.robot, config)) as writer:
+    planned, moments = _ride()
+    with LogWriter(log, log_header(planned.robot, config)) as writer:
         for readings, window in moments:
             writer.write(readings, window)
-    return Simulation(ride.world, ride.robot, ride.run.outcome)
+    return Simulation(planned.world, planned.robot, planned.run.outcome)
 
 
 @contextmanager
@@ -136,10 +136,10 @@ def _world(out: Path) -> None:
 
 
 def _sequence(out: Path) -> None:
-    ride, moments = _ride()
+    planned, moments = _ride()
     with (
-        patch.object(produce._Ride, "planned", lambda config: ride),
-        patch.object(produce._Ride, "moments", lambda self: iter(moments)),
+        patch.object(produce._PlannedRun, "planned", lambda config: planned),
+        patch.object(produce._PlannedRun, "moments", lambda self: iter(moments)),
         partial_folder(out, overwrite=True) as folder,
     ):
         produce.produce(small_spec(seconds=3.0), folder)
@@ -177,8 +177,8 @@ def _recover(out: Path) -> None:
 
 def _format(name: FormatName, out: Path) -> None:
     """One format of a sequence alone."""
-    ride, moments = _ride()
-    spec, header = small_spec(formats=(name,)), log_header(ride.robot, _config())
+    planned, moments = _ride()
+    spec, header = small_spec(formats=(name,)), log_header(planned.robot, _config())
     recorder = DriveRecorder(spec.name, header)
     with partial_folder(out) as folder, Formats(spec, folder) as formats:
         for readings, window in moments:

@@ -28,7 +28,7 @@ from slamsim.guard.sums import (
     sha256_of,
     sums_text,
 )
-from slamsim.run.dataset.telling import mending_of, run_stats, run_verify
+from slamsim.run.dataset.telling import repair_plan, run_stats, run_verify
 
 QUIET = Reporter(quiet=True)
 
@@ -124,7 +124,7 @@ def test_what_is_damaged_is_made_again_by_the_commands_that_are_told(
             data = bytearray((place / name).read_bytes())
             data[len(data) // 2] ^= 1
             (place / name).write_bytes(data)
-    mending = mending_of(verify(str(place)))
+    mending = repair_plan(verify(str(place)))
     for name in mending.remove:
         if (place / name).is_dir():
             shutil.rmtree(place / name)

@@ -24,7 +24,7 @@ def test_the_rotation_bug_is_shown_named_and_mended(tmp_path: Path) -> None:
     page = (folder / "report.html").read_text(encoding="utf-8")
     assert page.count("<svg") >= 5
     assert FAULT in page
-    for run in ("torn", "mended"):
+    for run in ("torn", "repaired"):
         report = json.loads((folder / run / "report.json").read_text(encoding="utf-8"))
         assert report["ate_rmse_m"] == numbers[f"{run}_ate_rmse_m"]
     seen = check_recording(folder / "run.rrd")

@@ -41,7 +41,7 @@ from slamsim.guard.sums import SUMS
 from slamsim.io.open import read_recording
 from slamsim.io.salvage.recover import recover
 from slamsim.io.salvage.source import damaged_recording
-from slamsim.run.dataset.telling import mending_of
+from slamsim.run.dataset.telling import repair_plan
 from slamsim.run.verifying import verify_path
 from slamsim.simulation.log_writer import LogWriter
 
@@ -301,7 +301,7 @@ class DataSet(Folder):
 
         It helps unless dataset.yaml is lost before anything vouches for it.
         """
-        for path in mending_of(verify(str(self.out))).remove:
+        for path in repair_plan(verify(str(self.out))).remove:
             target = self.out / path
             (shutil.rmtree if target.is_dir() else os.unlink)(target)
         self.left = contents(self.out)

@@ -16,7 +16,7 @@ from typing import cast
 
 from slamsim.bench.alone import Children
 from slamsim.dataset.make.engines.base import WorkEngine
-from slamsim.dataset.make.execute import fulfil
+from slamsim.dataset.make.execute import execute
 from slamsim.dataset.make.identity import Identity
 from slamsim.dataset.make.produce import produce
 from slamsim.dataset.make.production import Order
@@ -65,7 +65,7 @@ def pace(recipe: Recipe, count: int, engine: WorkEngine) -> Pace:
     )
     with tempfile.TemporaryDirectory() as folder:
         store = open_store(str(Path(folder) / "set"))
-        fulfil(order, Identity(recipe.name, count, {}), store, engine, watch)
+        execute(order, Identity(recipe.name, count, {}), store, engine, watch)
     return settled_pace(watch.made_ones)
 
 

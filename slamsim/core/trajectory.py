@@ -80,7 +80,7 @@ class PlanarTrajectory(PlanarPoses):
 class Trajectory:
     """``T_target_base`` over time in space.
 
-    stamps_ns: (n,), strictly increasing for whoever looks between them. positions_m: (n, 3).
+    stamps_ns: (n,), strictly increasing, for interpolation. positions_m: (n, 3).
     quats_xyzw: (n, 4), unit.
     """
 

@@ -28,8 +28,8 @@ GHOST_RADIUS_M = 0.5
 """A wall is drawn twice if another is drawn this near to it where there is no wall."""
 
 GHOST_LENGTH_M = 0.25
-"""What is drawn where no wall is counts as one if so much of it hangs together; a stray cell just
-beyond the tolerance is no wall, and precision counts it already."""
+"""What is drawn where no wall is counts as one if so much of it hangs together; an isolated cell
+just beyond the tolerance is no wall, and precision counts it already."""
 
 MOST_CELLS = 2e9
 """Of the lattice over both grids; a labyrinth has a few million."""
@@ -177,7 +177,7 @@ def _nearest_m(points: FloatArray, others: FloatArray) -> FloatArray:
 
 
 def _hangs_together(estimate: Grid, chosen: BoolArray) -> BoolArray:
-    """Which of the chosen occupied cells (in their order) are part of a stretch, not stray."""
+    """Which of the chosen occupied cells (in their order) are part of a stretch, not isolated."""
     from scipy import ndimage
 
     cells = occupied(estimate)

@@ -57,7 +57,7 @@ class InputRefused(SlamsimError):
 
 
 class Excessive(ValueError):
-    """Larger than any sane input; whoever knows the file makes an InputRefused of it.
+    """Larger than any sane input; the caller, which knows the file, makes an InputRefused of it.
 
     limit: which of ``slamsim.guard.limits`` it goes beyond, by name.
     """

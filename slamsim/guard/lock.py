@@ -96,7 +96,7 @@ def lock_of(final: Path) -> Path:
 
 
 def staging_of(final: Path) -> Path | None:
-    """The staging folder that the lock file of a name tells of, whoever holds it, if any does."""
+    """The staging folder that the lock file of a name names, if one is held."""
     path = lock_of(final)
     with suppress(OSError, ValueError):
         if stat.S_ISREG(path.lstat().st_mode):

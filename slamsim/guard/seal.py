@@ -1,7 +1,7 @@
-"""What slamsim wrote is vouched for by a file beside it, and compared with that when it is read.
+"""What slamsim wrote has checksums in a file beside it, and is compared with them when it is read.
 
 A folder is sealed by ``SHA256SUMS``, a sequence of a data set by its ``sequence.json``: written
-last, they hold the hash of every other file, and vouch for themselves.
+last, they hold the hash of every other file, and of themselves.
 """
 
 from __future__ import annotations
@@ -170,7 +170,7 @@ def _seal(path: Path, _: _Identity, limits: Limits) -> Seal | None:
     try:
         return Seal(path.parent, path.name, hashes_in(path.name, data))
     except SumsDamaged as error:
-        reason = f"{error}, so that nothing in the folder {path.parent} can be vouched for"
+        reason = f"{error}, so there are no checksums of the folder {path.parent}"
         raise DataDamaged(path, reason) from None
 
 

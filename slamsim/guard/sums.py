@@ -1,4 +1,4 @@
-"""Files that tell what others must be, and vouch for themselves.
+"""Files that hold checksums of others and of themselves.
 
 ``SHA256SUMS`` tells of the files of a folder; ``sha256sum -c`` reads it, too. In a data set it
 tells of those beside the sequences, and the ``sequence.json`` of each sequence of its own.
@@ -30,7 +30,7 @@ def sha256_of(data: bytes) -> str:
 
 
 def sums_text(hashes: Mapping[str, str]) -> str:
-    """path -> SHA-256 in hexadecimal. Its last line, a comment, vouches for the others."""
+    """path -> SHA-256 in hexadecimal. Its last line, a comment, is the checksum of the others."""
     lines = "".join(f"{hashes[path]}  {path}\n" for path in sorted(hashes))
     return f"{lines}{_OWN}{sha256_of(lines.encode())}\n"
 
@@ -46,7 +46,7 @@ def read_sums(data: bytes) -> dict[str, str]:
 
 
 def sequence_text(told: Mapping[str, Any]) -> str:
-    """JSON whose last value, ``sha256``, vouches for the others; told: ``files`` among them."""
+    """JSON whose last value, ``sha256``, is the checksum of the others. told: has ``files``."""
     return _dumped({**told, "sha256": sha256_of(_dumped(told).encode())})
 
 

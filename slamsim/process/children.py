@@ -1,8 +1,7 @@
 """Processes that end with the one that started them, however that ends.
 
-The operating system sees to it, so that native code which holds Python's lock is no refuge. This
-file is also a program, ``kin.py PARENT COMMAND...``, which becomes the command; it imports next
-to nothing.
+The operating system ends them, even in native code that holds Python's lock. This file is also a
+program, ``children.py PARENT COMMAND...``, which becomes the command; it imports next to nothing.
 """
 
 from __future__ import annotations

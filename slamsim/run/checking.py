@@ -73,10 +73,11 @@ def question_facts() -> list[dict[str, object]]:
 
 def _declared(question: Question) -> str:
     faults = ", ".join(fault.name for fault in question.faults)
-    limit = "" if question.limit is None else f" (limit {question.limit:.3g} {question.unit})"
-    words = f"{question.meaning}{limit}; else {question.consequence}"
-    words += f". Told by {question.excitation_wanted}" if question.excitation_wanted else ""
-    return f"{words}. Faults: {faults}" if faults else words
+    size = f"{question.limit or 0.0:.3g} {question.unit}".strip()
+    limit = "" if question.limit is None else f" (limit {size})"
+    needs = f" Needs {question.excitation_wanted}." if question.excitation_wanted else ""
+    found = f" Faults: {faults}." if faults else ""
+    return f"{question.meaning}{limit}; if not, {question.consequence}.{needs}{found}"
 
 
 def check_stage(recording: Recording, stages: Stages, *, quick: bool = False) -> CheckReport:

@@ -1,4 +1,4 @@
-"""``slamsim demo rotation-bug``: the fault that cost the study its maps, found and mended."""
+"""``slamsim demo rotation-bug``: the fault that cost the study its maps, found and repaired."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from slamsim.slam.mapping.grid import build_grid
 from slamsim.world.map_server import read_map
 
 FAULT = "laser_world_fixed"
-TORN, MENDED, MENDED_LOG = "torn", "mended", "mended_log"
+TORN, REPAIRED, REPAIRED_LOG = "torn", "repaired", "repaired_log"
 
 
 def rotation_bug(
@@ -31,22 +31,22 @@ def rotation_bug(
 ) -> dict[str, object]:
     """Simulate with rays fixed to the world, map, check, fix, map again, show side by side.
 
-    The study's Figures 30 and 32. Leaves two runs, the mended recording, ``report.html`` and
+    The study's Figures 30 and 32. Leaves two runs, the repaired recording, ``report.html`` and
     ``run.rrd``; returns the faults found and both ATE. Raises SlamsimError.
     """
-    spoilt = config.model_copy(update={"faults": (FaultChoice(name=FAULT),)})
+    faulty = config.model_copy(update={"faults": (FaultChoice(name=FAULT),)})
     with partial_folder(folder, overwrite) as partial:
-        torn, mended, log = (partial / name for name in (TORN, MENDED, MENDED_LOG))
+        torn, repaired, log = (partial / name for name in (TORN, REPAIRED, REPAIRED_LOG))
         reporter.say("1. Drive with the rotation bug, and map what it recorded")
-        before_m = map_world(spoilt, torn, reporter).numbers["ate_rmse_m"]
-        reporter.say("2. Ask what is wrong with the recording, and mend it")
+        before_m = map_world(faulty, torn, reporter).numbers["ate_rmse_m"]
+        reporter.say("2. Ask what is wrong with the recording, and repair it")
         verdict = check_stage(read_recording(torn / LOG), Stages(reporter))
         left = fix_log(torn, log, "all", reporter.without_result())
-        reporter.say("3. Map the mended recording")
-        after_m = map_recording(log, config, mended, reporter).numbers["ate_rmse_m"]
+        reporter.say("3. Map the repaired recording")
+        after_m = map_recording(log, config, repaired, reporter).numbers["ate_rmse_m"]
         sides = (
             _side("torn", "As recorded", torn, read_log(torn / LOG), config, before_m),
-            _side("mended", "After slamsim fix", mended, read_log(log), config, after_m),
+            _side("repaired", "After slamsim fix", repaired, read_log(log), config, after_m),
         )
         write_atomic(partial / run_folder.REPORT, demo_page(verdict, sides).encode())
         write_sides(partial / run_folder.RECORDING, sides)

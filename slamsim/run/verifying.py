@@ -29,9 +29,9 @@ class Damage:
 
 @dataclass(frozen=True, slots=True)
 class Verified:
-    """What was looked at. vouched_by: what says how it must be, in words.
+    """What was read. vouched_by: the checksums it was compared with, in words.
 
-    files, size_bytes: read. extra: files beside them that nobody vouches for.
+    files, size_bytes: read. extra: files without a checksum beside them.
     """
 
     path: str
@@ -43,7 +43,7 @@ class Verified:
 
     @property
     def whole(self) -> bool:
-        """Whether all that somebody vouches for is as it was written."""
+        """Whether all files with a checksum are as they were written."""
         return not self.damaged
 
 
@@ -77,7 +77,7 @@ def verify_path(path: Path, progress: Progress = silent) -> Verified:
     if sealed is not None:
         return _compared(path, *sealed, progress)
     if (path / WRITTEN_BY_US).is_file():
-        reason = "missing, or never written: nothing in this folder can be vouched for"
+        reason = "missing, or never written: there is no checksum of anything in this folder"
         return Verified(str(path), SUMS, 0, 0, (Damage(SUMS, reason),))
     return _recording(path)
 
@@ -152,16 +152,16 @@ def _recording(path: Path) -> Verified:
 
 def _tell(found: Verified, reporter: Reporter) -> None:
     rows = {
-        "vouched for by": found.vouched_by,
+        "compared with": found.vouched_by,
         "read": f"{found.files:,} files, {as_size(found.size_bytes)}",
         "not as written": f"{len(found.damaged):,} of the files" if found.damaged else "nothing",
-        "nobody's": f"{len(found.extra):,} more files" if found.extra else "no other file",
+        "no checksum": f"{len(found.extra):,} more files" if found.extra else "no other file",
     }
     reporter.table(f"Verified {found.path}", rows)
     for damage in found.damaged[:_MOST_TOLD]:
         reporter.warn(f"{damage.path}: {damage.reason}")
     for name in found.extra[:_MOST_TOLD]:
-        reporter.say(f"{name}: slamsim did not write it, nobody vouches for it")
+        reporter.say(f"{name}: slamsim did not write it: no checksum")
     if max(len(found.damaged), len(found.extra)) > _MOST_TOLD:
         reporter.say("There are more; --json tells all.")
     if not found.whole:

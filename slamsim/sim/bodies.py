@@ -208,7 +208,7 @@ def _set_up(client: int, step_s: float, solver: SolverConfig) -> None:
         # All sweeps are made, so that their number means something.
         solverResidualThreshold=0.0,
         contactERP=solver.contact_erp,
-        # One number for all worlds of a process: whoever came before may have changed it.
+        # One number for all worlds of a process: an earlier world may have changed it.
         contactBreakingThreshold=CONTACT_BREAKING_M,
         enableConeFriction=1,
         deterministicOverlappingPairs=1,

@@ -98,7 +98,7 @@ def _plan(
 def _image_world(layout: ImageLayout, config: WorldConfig, seed: int) -> World:
     prisms, bounds = image_prisms(layout, config.walls.height_m)
     check_extent(layout, bounds, config.walls.height_m, config.clearance_m)
-    return _roamed_world(
+    return _reachable_world(
         prism_mesh(prisms), PrismSolids(prisms), bounds, layout.visit_spacing_m, config, seed
     )
 
@@ -110,10 +110,10 @@ def _mesh_world(layout: MeshLayout, config: WorldConfig, seed: int) -> World:
     )
     bounds = (x_min, y_min, x_max, y_max)
     check_extent(layout, bounds, float(mesh.vertices_m[:, 2].max()), config.clearance_m)
-    return _roamed_world(mesh, MeshSolids(mesh), bounds, layout.visit_spacing_m, config, seed)
+    return _reachable_world(mesh, MeshSolids(mesh), bounds, layout.visit_spacing_m, config, seed)
 
 
-def _roamed_world(
+def _reachable_world(
     mesh: TriangleMesh,
     solids: Solids,
     bounds: Bounds,

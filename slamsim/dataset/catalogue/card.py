@@ -77,7 +77,7 @@ def licence_text(recipe: Recipe) -> str:
     """What ``LICENSE.txt`` says."""
     told = f"{recipe.title}\n\nThis data set is given away under the licence {recipe.licence}"
     if recipe.licence.startswith(OWN_LICENCE):
-        return f"{told}.\nIts full text is to be had from whoever gives the data away.\n"
+        return f"{told}.\nAsk the publisher of the data for its full text.\n"
     return (
         f"{told} (SPDX identifier).\nIts full text:\n"
         f"https://spdx.org/licenses/{recipe.licence}.html\n"

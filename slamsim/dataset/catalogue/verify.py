@@ -1,8 +1,8 @@
 """Whether a data set is whole and every byte of it as it was made.
 
-``SHA256SUMS`` vouches for itself and for what stands beside the sequences, the manifest for each
-``sequence.json``, and that for the files of its sequence: what is named is the file that is
-damaged, and nothing else is.
+``SHA256SUMS`` holds the checksums of itself and of what stands beside the sequences, the manifest
+those of each ``sequence.json``, and that those of the files of its sequence: the file that is
+damaged is named, and nothing else is.
 """
 
 from __future__ import annotations

@@ -53,7 +53,7 @@ def write_catalogue(store: Store, recipe: Recipe, count: int) -> None:
             parts.append(joined(tables))
     if _is_right(store, hashes):
         return
-    store.write(SUMS, sums_text({}).encode())  # until all is written, nothing is vouched for
+    store.write(SUMS, sums_text({}).encode())  # until all is written, there are no checksums
     table = manifest(parts, versions())
     for path, data in catalogue_files(recipe, table):
         store.write(path, data)

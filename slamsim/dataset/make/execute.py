@@ -1,4 +1,4 @@
-"""An order fulfilled in a place of its own: claim it, make what is missing, tell of it."""
+"""An order executed in a place of its own: claim it, make what is missing, tell of it."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from slamsim.dataset.make.progress import ProductionWatch
 from slamsim.dataset.store.store import Store
 
 
-def fulfil(
+def execute(
     order: Order,
     identity: Identity,
     store: Store,

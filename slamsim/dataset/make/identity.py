@@ -69,7 +69,7 @@ def require_place_for(store: Store, identity: Identity) -> None:
     """Raise SlamsimError unless the place is empty or holds this data set, perhaps fewer of it."""
     data = store.read(IDENTITY)
     if data is None:
-        if not _vouched(store, identity):
+        if not _has_checksum(store, identity):
             require_empty(store)
         return
     if identity.text().encode().startswith(data):  # the same, or cut while it was written
@@ -102,7 +102,7 @@ def require_empty(store: Store) -> None:
         )
 
 
-def _vouched(store: ReadableStore, identity: Identity) -> bool:
+def _has_checksum(store: ReadableStore, identity: Identity) -> bool:
     """Whether the finished data set that lies there was this very one, though its file be lost."""
     try:
         hashes = read_sums(store.read(SUMS) or b"")

@@ -1,4 +1,4 @@
-"""A data set from a recipe: claim the place, make what is missing, whoever makes it."""
+"""A data set from a recipe: claim the place, make what is missing, with any engine."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from functools import partial
 
 from slamsim.dataset.catalogue.write import write_catalogue
 from slamsim.dataset.make.engines.base import WorkEngine
-from slamsim.dataset.make.execute import fulfil
+from slamsim.dataset.make.execute import execute
 from slamsim.dataset.make.identity import RECIPE, Identity
 from slamsim.dataset.make.produce import produce
 from slamsim.dataset.make.production import DatasetSummary, Order
@@ -68,7 +68,7 @@ def make_dataset(
     def catalogue(store: Store) -> None:
         write_catalogue(store, recipe, count)
 
-    return fulfil(
+    return execute(
         order, identity, store, engine, watch or Unwatched(), require_room, only, catalogue
     )
 

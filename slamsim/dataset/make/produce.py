@@ -54,22 +54,22 @@ def produce(spec: SequenceSpec, folder: Path) -> SequenceFacts:
     come of the same specification in any process. Raises SlamsimError for a world, robot or route
     that cannot be, and CannotEdit for a fault that finds nothing to change.
     """
-    ride = _Ride.planned(spec.config)
+    planned = _PlannedRun.planned(spec.config)
     write_config(folder, spec.config)
-    write_world(folder, spec.config, ride.world)
-    write = _write_with_faults if ride.faults else _write_clean
+    write_world(folder, spec.config, planned.world)
+    write = _write_with_faults if planned.faults else _write_clean
     with (
-        Truth(folder / TRUTH, ride.world, ride.robot, spec, ride.override) as truth,
+        Truth(folder / TRUTH, planned.world, planned.robot, spec, planned.override) as truth,
         Formats(spec, folder) as formats,
     ):
-        write(spec, ride, folder, truth, formats)
-    outcome = ride.run.outcome
+        write(spec, planned, folder, truth, formats)
+    outcome = planned.run.outcome
     quality = {"duration_s": outcome.duration_s, "finished": outcome.finished, **truth.quality()}
     return SequenceFacts(quality, tuple(files_of(folder)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Ride:
+class _PlannedRun:
     """All that is known before the robot starts.
 
     sensors, override: what is sensed with and how the laser looks, as faults would have it.
@@ -119,15 +119,15 @@ def _built_robot(config: RobotConfig) -> RobotModel:
 
 
 def _write_clean(
-    spec: SequenceSpec, ride: _Ride, folder: Path, truth: Truth, formats: Formats
+    spec: SequenceSpec, planned: _PlannedRun, folder: Path, truth: Truth, formats: Formats
 ) -> None:
     """Window by window: nothing is kept longer than it must."""
-    header = log_header(ride.robot, spec.config)
+    header = log_header(planned.robot, spec.config)
     recorder, log = DriveRecorder(spec.name, header), None
     with ExitStack() as stack:
         if "mcap" in spec.formats:
             log = stack.enter_context(LogWriter(folder / LOG, header, spec.name))
-        for readings, window in ride.moments():
+        for readings, window in planned.moments():
             truth.write(readings, window)
             if log is not None:
                 part = log.write(readings, window)
@@ -137,19 +137,19 @@ def _write_clean(
 
 
 def _write_with_faults(
-    spec: SequenceSpec, ride: _Ride, folder: Path, truth: Truth, formats: Formats
+    spec: SequenceSpec, planned: _PlannedRun, folder: Path, truth: Truth, formats: Formats
 ) -> None:
     """Faults look at the whole recording, so it is in memory."""
-    config, header = spec.config, log_header(ride.robot, spec.config)
+    config, header = spec.config, log_header(planned.robot, spec.config)
     windows, readings = list[Drive](), list[Readings]()
-    for sensed, window in ride.moments():
+    for sensed, window in planned.moments():
         truth.write(sensed, window)
         readings.append(replace(sensed, scans=replace(sensed.scans, truth=None)))
         windows.append(window)
     clean = with_sequence_numbers(
         DriveRecorder(spec.name, header).take(readings, windows).recording
     )
-    recording = declared(clean, ride.faults, config.sensors, config.seed)
+    recording = declared(clean, planned.faults, config.sensors, config.seed)
     if "mcap" in spec.formats:
         moments = list(zip(readings, windows, strict=True))
         write_corrupted(folder / LOG, moments, header, clean, recording)

@@ -8,7 +8,7 @@ from slamsim.dataset.make.shard import Tried
 
 
 class ProductionWatch(Protocol):
-    """Whoever listens; called from the thread that runs the production."""
+    """A listener; called from the thread that runs the production."""
 
     def begin(self, total: int, already: int) -> None:
         """So many sequences there are to be; so many of them were there."""

@@ -138,7 +138,7 @@ class RemoteStore:
             try:
                 self._write_lock(me)
             except SlamsimError:
-                continue  # whoever writes data meets the same, and tells it
+                continue  # writing data fails alike, and is reported
 
     def _write_lock(self, me: dict[str, str]) -> None:
         self.write(LOCK, json.dumps({**me, "renewed_s": time.time()}).encode())

@@ -3,7 +3,7 @@
 Nothing half-written ever counts. In a folder, a sequence is written in the staging folder of the
 run, which lies inside the data set (that may be a disk of its own, and the only one that workers
 see), and renamed when it is whole and on the disk. Elsewhere it is made in a temporary folder and
-uploaded, its ``sequence.json`` last; whoever reads it there takes one that is not whole for absent.
+uploaded, its ``sequence.json`` last; readers take one that is not whole for absent.
 """
 
 from __future__ import annotations

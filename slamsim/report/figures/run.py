@@ -135,7 +135,7 @@ def page_from_map(view: RunView) -> FloatArray:
 
 
 def map_axes(view: RunView) -> tuple[Figure, Axes]:
-    """Equal axes in metres around all mapped walls and the path; stray beams may reach further."""
+    """Equal axes in metres around mapped walls and the path; isolated returns may lie outside."""
     walls = cell_centres(view.grid, occupied(view.grid))
     points = transform_points(
         page_from_map(view), np.concatenate([walls, view.result.trajectory.poses[:, :2]])

@@ -46,7 +46,7 @@ _LIGHTNESS, _HUES, _MOST_SATURATED = (0.42, 0.62), (-0.04, 0.08), 0.75
 cyan to indigo for ours: seen on white as on black."""
 _DASHES = ((0, (4, 2)), (0, (1, 1.5)), (0, (6, 2, 1, 2)))
 _MAX_POINTS = 2000
-_STRAY = 0.005
+_ISOLATED = 0.005
 """Share of a map's walls on each side that is not looked at."""
 _LABEL_WIDTH = 38
 _FEW_DECADES = 2.0
@@ -187,10 +187,10 @@ def _plain_ticks(axis: Axis) -> None:
 
 
 def _frame(axes: Axes, grid: Grid) -> None:
-    """Around the curves and nearly all walls; stray beams may reach farther."""
+    """Around the curves and nearly all walls; isolated returns may reach farther."""
     walls = cell_centres(grid, occupied(grid))
     if len(walls):
-        axes.update_datalim(np.quantile(walls, (_STRAY, 1.0 - _STRAY), axis=0))
+        axes.update_datalim(np.quantile(walls, (_ISOLATED, 1.0 - _ISOLATED), axis=0))
     axes.autoscale_view()
 
 

@@ -17,7 +17,7 @@ from slamsim.report.figures.run import STYLE, Picture, svg
 from slamsim.report.pages.check import wrong
 from slamsim.report.pages.html import Card, cards, figure, page, pair, section
 
-_FOOTER = "Made by slamsim demo. Both runs, and the mended recording, are beside this file."
+_FOOTER = "Made by slamsim demo. Both runs, and the repaired recording, are beside this file."
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -35,7 +35,7 @@ _MOST_TOLD = 20
 
 
 @dataclass(frozen=True, slots=True)
-class Mending:
+class RepairPlan:
     """remove: paths in the data set. commands: remove them, and make what is then missing."""
 
     remove: tuple[str, ...]
@@ -57,7 +57,7 @@ def run_verify(
     share = _share(subset)
     with reporter.stage("verify", "sequences/s") as progress:
         found = verify(address, share=share, again=again, workers=workers, progress=progress)
-    mending = None if found.whole else mending_of(found)
+    mending = None if found.whole else repair_plan(found)
     _tell(found, mending, reporter)
     told = {"whole": found.whole, "mending": mending and asdict(mending)}
     reporter.result({**asdict(found), **told})
@@ -90,7 +90,7 @@ def run_stats(address: str, reporter: Reporter) -> None:
     reporter.result(told)
 
 
-def mending_of(found: Verification) -> Mending:
+def repair_plan(found: Verification) -> RepairPlan:
     """How everything that is not as it was made is made again."""
     place = Location(found.address)
     damaged = [finding for finding in found.findings if finding.reason != EXTRA]
@@ -105,7 +105,7 @@ def mending_of(found: Verification) -> Mending:
     if there:
         removal = _REMOVE_THERE if "://" in found.address else _REMOVE_HERE
         commands.insert(0, [*removal, *(f"{found.address}/{path}" for path in there)])
-    return Mending(tuple(there), tuple(map(shlex.join, commands)))
+    return RepairPlan(tuple(there), tuple(map(shlex.join, commands)))
 
 
 def _shards_of(place: Location, indices: Collection[int], damaged: Collection[str]) -> set[str]:
@@ -144,7 +144,7 @@ def _share(subset: str) -> float:
     return share
 
 
-def _tell(found: Verification, mending: Mending | None, reporter: Reporter) -> None:
+def _tell(found: Verification, mending: RepairPlan | None, reporter: Reporter) -> None:
     rows = {
         "sequences": f"{found.sequences:,}, {found.failed:,} of them could not be made",
         "read": f"{found.checked:,} sequences, {found.files:,} files, {as_size(found.size_bytes)}",

@@ -178,7 +178,7 @@ def _risen(runs: Sequence[Outcome]) -> str:
 
 
 def _traction(config: RampConfig, climbs: Sequence[Outcome]) -> Verdict:
-    """Whoever has hold enough climbs, whoever has not does not."""
+    """A robot with enough grip climbs, one without does not."""
     up = {id(one) for one in _climbed(config, climbs)}
     clear = [one for one in climbs if abs(_reserve(one)) > CLEAR_SHARE]
     wrong = [one for one in clear if (_reserve(one) > 0.0) != (id(one) in up)]

@@ -68,15 +68,15 @@ class DriveRun:
     def __iter__(self) -> Iterator[Drive]:
         self._outcome = None
         with running_engine(self._world, self._robot, self._config.physics) as engine:
-            ride = _RouteRide(engine, self._world, self._robot, self._route, self._config)
+            loop = _RouteLoop(engine, self._world, self._robot, self._route, self._config)
             path_length_m, last = 0.0, np.empty((0, 2))
-            for window in ride.windows(self._progress, self._route.duration_estimate_s):
+            for window in loop.windows(self._progress, self._route.duration_estimate_s):
                 path = np.vstack([last, window.positions_m[:, :2]])
                 path_length_m += float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
                 last = path[-1:]
                 yield window
             self._outcome = DriveOutcome(
-                ride.pilot.finished, ride.pilot.ended, ride.time_s(), path_length_m
+                loop.pilot.finished, loop.pilot.ended, loop.time_s(), path_length_m
             )
 
 
@@ -95,8 +95,8 @@ def drive(
     return DriveRun(world, robot, route, config, progress)
 
 
-class _RouteRide:
-    """One running drive along a route: the pilot, the floor and the walls around a ride."""
+class _RouteLoop:
+    """One running drive along a route: the pilot, the floor and the walls around a drive loop."""
 
     def __init__(
         self, engine: Engine, world: World, robot: RobotModel, route: Route, config: DriveConfig

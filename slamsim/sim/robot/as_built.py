@@ -71,7 +71,7 @@ def multiplied(config: RobotConfig, factors: Mapping[str, float]) -> RobotConfig
     )
 
 
-def specimen(
+def as_built_robot(
     description: Description, wheel_joints: tuple[str, str], config: DriveWheelsConfig
 ) -> Description:
     """The description with the true radii and track, and with springs if it has any.

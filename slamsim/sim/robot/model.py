@@ -12,7 +12,7 @@ from slamsim.core.geometry import StaticTransform
 from slamsim.core.types import FloatArray
 from slamsim.guard.errors import InputRefused
 from slamsim.guard.urdf import read_urdf
-from slamsim.sim.robot.as_built import specimen
+from slamsim.sim.robot.as_built import as_built_robot
 from slamsim.sim.robot.describe import describe, urdf_text
 from slamsim.sim.robot.urdf import Description, read_description
 from slamsim.sim.robot.validate import model_faults
@@ -128,7 +128,7 @@ def _model(text: str, description: Description, config: RobotConfig) -> RobotMod
         name=description.name,
         urdf=text,
         description=description,
-        body=specimen(description, WHEEL_JOINTS, config.drive_wheels),
+        body=as_built_robot(description, WHEEL_JOINTS, config.drive_wheels),
         footprint_radius_m=radius_m,
         height_m=height_m,
         wheel_radius_m=float(left[2]),

@@ -54,7 +54,7 @@ class Sighting:
 class Surroundings:
     """Holds each scan against the last that was placed.
 
-    One scan that contradicts it may be spoilt; two that agree with each other, and not with it,
+    One scan that contradicts it may be bad; two that agree with each other, and not with it,
     say that the robot was carried.
     """
 

@@ -21,7 +21,7 @@ from slamsim.slam.frontend.preintegration import PARAMETERS
 from slamsim.slam.laser.calibration import MOUNT, SHAPE, SWEEP, LaserCalibration
 from slamsim.slam.laser.mount import Mount, find_mount
 from slamsim.slam.laser.scan_bundle import as_sure_as
-from slamsim.slam.laser.scan_motion import ScanMotions, ScanWindow, window_motions
+from slamsim.slam.laser.scan_motion import BundledWindow, ScanMotions, window_motions
 from slamsim.slam.laser.scan_windows import choose_windows
 
 FIRST_WINDOWS = 10
@@ -196,7 +196,7 @@ def _declares_mount(T_base_laser: FloatArray) -> bool:
     return level and not np.array_equal(T_base_laser[:2], np.eye(4)[:2])
 
 
-def _from_above(windows: tuple[ScanWindow, ...], *, upside_down: bool) -> list[ScanWindow]:
+def _from_above(windows: tuple[BundledWindow, ...], *, upside_down: bool) -> list[BundledWindow]:
     """What a laser that hangs upside down sees, for one that looks from above."""
     return [window.mirrored() if upside_down else window for window in windows]
 

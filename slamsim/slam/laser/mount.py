@@ -19,7 +19,7 @@ from slamsim.slam.calibration.online import PRIOR_SIGMAS, Evidence, evidence, st
 from slamsim.slam.calibration.solve import MEDIAN_CHI2_3, UNIT_BOUNDS
 from slamsim.slam.frontend.motion import Odometry
 from slamsim.slam.frontend.preintegration import PARAMETERS, OdometryNoise, OdometryStep
-from slamsim.slam.laser.scan_motion import ScanWindow
+from slamsim.slam.laser.scan_motion import BundledWindow
 
 MOUNT = slice(PARAMETERS, PARAMETERS + 3)
 DELAY = PARAMETERS + 3
@@ -67,7 +67,7 @@ class _Stretches:
 
 
 def find_mount(
-    windows: Sequence[ScanWindow],
+    windows: Sequence[BundledWindow],
     later_ns: int,
     odometry: Odometry,
     T_base_laser: FloatArray,
@@ -103,7 +103,7 @@ def find_mount(
     return Mount(values[MOUNT] - T_base_laser, np.sqrt(variance), len(spread))
 
 
-def _stretches(windows: Sequence[ScanWindow], later_ns: int, odometry: Odometry) -> _Stretches:
+def _stretches(windows: Sequence[BundledWindow], later_ns: int, odometry: Odometry) -> _Stretches:
     none, step_ns = np.zeros(PARAMETERS), round(DELAY_STEP_S * 1e9)
     moved, covariances, steps, by_delay, numbers = [], [], [], [], []
     for number, window in enumerate(windows):

@@ -25,8 +25,8 @@ SAME_SHARE = 0.003
 
 LEAST_STEP_SHARE = 0.1
 
-STRAY_M, STRAY_SHARE = 0.1, 0.05
-"""A reading this far (and this share of it) off both neighbours, who agree, is a stray one."""
+ISOLATED_M, ISOLATED_SHARE = 0.1, 0.05
+"""A reading this far (and this share of it) off both neighbours, who agree, is an isolated one."""
 
 
 class BeamReader:
@@ -197,7 +197,7 @@ def _points(
         here = reach[k]
         if 0 < k < count - 1:
             last[0], last[1] = reach[k - 1], reach[k + 1]
-            off = STRAY_M + STRAY_SHARE * min(here, last[0], last[1])
+            off = ISOLATED_M + ISOLATED_SHARE * min(here, last[0], last[1])
             if (
                 np.abs(here - last[0]) > off
                 and np.abs(here - last[1]) > off

@@ -21,7 +21,7 @@ from slamsim.slam.backend.bundle_equations import fit_lines, residuals
 from slamsim.slam.laser.scan_equations import POSE, SHAPES, moved_points, window_system
 from slamsim.slam.laser.scan_observations import Observations, observations
 from slamsim.slam.laser.scan_sweep import Sweep, beams_of, local_motion, moved_pieces
-from slamsim.slam.laser.scan_track import Track
+from slamsim.slam.laser.scan_track import LaserTrack
 
 ROUNDS = ((0.06, 12.0, 3), (0.03, 4.0, 6))
 """Associations: how far apart across a surface its observations may lie, from how many standard
@@ -155,7 +155,7 @@ def as_sure_as(sigmas: float, windows: int) -> float:
     return float(stdtrit(max(windows - 1, 1), ndtr(sigmas)))
 
 
-def fit_window(track: Track, shape: Shape, poses: FloatArray | None = None) -> WindowFit:
+def fit_window(track: LaserTrack, shape: Shape, poses: FloatArray | None = None) -> WindowFit:
     """The most likely poses of a window's scans if they are of this shape.
 
     poses: (n, 3) those of a fit for a shape much like it, to begin from.
@@ -174,7 +174,7 @@ def fit_window(track: Track, shape: Shape, poses: FloatArray | None = None) -> W
     return replace(fit, poses=poses)
 
 
-def _shared(track: Track, poses: FloatArray, shape: Shape, gate_m: float) -> Shared:
+def _shared(track: LaserTrack, poses: FloatArray, shape: Shape, gate_m: float) -> Shared:
     """Which pieces are of one surface, as seen from the middle of each sweep."""
     motion = local_motion(poses, track.elapsed_s)
     moved = [

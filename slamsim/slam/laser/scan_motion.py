@@ -22,7 +22,7 @@ from slamsim.slam.laser.scan_bundle import (
 )
 from slamsim.slam.laser.scan_equations import SHAPES
 from slamsim.slam.laser.scan_scale import rough_angle_scale
-from slamsim.slam.laser.scan_track import Track, track_window
+from slamsim.slam.laser.scan_track import LaserTrack, track_window
 from slamsim.slam.laser.scan_windows import choose_windows, period_s
 
 MAX_PASSES = 6
@@ -39,7 +39,7 @@ shares."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ScanWindow:
+class BundledWindow:
     """Scans of a few seconds in one frame.
 
     scans: (n,) their indices in the recording. middle_ns: (n,) when each scan's middle beam fired,
@@ -54,7 +54,7 @@ class ScanWindow:
     covariance: FloatArray
     inlier_share: FloatArray
 
-    def mirrored(self) -> ScanWindow:
+    def mirrored(self) -> BundledWindow:
         """As a laser that looks from the other side of the plane would have it."""
         turned = np.array([1.0, -1.0, -1.0])
         signs = np.tile(turned, len(self.scans))
@@ -96,7 +96,7 @@ class ScanMotions:
     """
 
     topic: str
-    windows: tuple[ScanWindow, ...]
+    windows: tuple[BundledWindow, ...]
     metres_per_unit: float
     radians_per_unit: float
     sweep_s: ShapeEstimate
@@ -174,14 +174,14 @@ def window_motions(scans: RawScans, windows: list[IntArray]) -> ScanMotions:
     return _motions(scans, reader, (tracks, fits), shape, pulls)
 
 
-def _tracked(scans: RawScans, reader: BeamReader, windows: list[IntArray]) -> list[Track]:
+def _tracked(scans: RawScans, reader: BeamReader, windows: list[IntArray]) -> list[LaserTrack]:
     """Windows in which some scans follow each other, in the order of the file.
 
     Those looked at first lie all over the recording: where none of them does, none will.
     """
     stamps = (scans.stamps_ns, period_s(scans.stamps_ns))
     places = np.argsort(np.arange(len(windows)) * GOLDEN % 1.0, kind="stable").tolist()
-    tracks: dict[int, Track] = {}
+    tracks: dict[int, LaserTrack] = {}
     for looked_at, place in enumerate(places):
         if looked_at == MOST_LOST and not tracks:
             break
@@ -191,13 +191,13 @@ def _tracked(scans: RawScans, reader: BeamReader, windows: list[IntArray]) -> li
     return [tracks[place] for place in sorted(tracks)]
 
 
-def _as_declared(tracks: list[Track], reader: BeamReader) -> list[WindowFit]:
+def _as_declared(tracks: list[LaserTrack], reader: BeamReader) -> list[WindowFit]:
     """All windows bundled with the shape of the scans as it is declared."""
     return [fit_window(track, Shape(reader.declared_sweep_s, 1.0, 0.0)) for track in tracks]
 
 
 def _fit(
-    tracks: list[Track], reader: BeamReader, fits: list[WindowFit]
+    tracks: list[LaserTrack], reader: BeamReader, fits: list[WindowFit]
 ) -> tuple[Shape, list[WindowFit], ShapePull]:
     """All windows with the shape of the scans that fits best; fits: as it is declared.
 
@@ -220,7 +220,7 @@ def _fit(
 def _motions(
     scans: RawScans,
     reader: BeamReader,
-    windows: tuple[list[Track], list[WindowFit]],
+    windows: tuple[list[LaserTrack], list[WindowFit]],
     shape: Shape,
     pull: ShapePull,
 ) -> ScanMotions:
@@ -256,9 +256,9 @@ def _unmodelled(shape: Shape, reader: BeamReader) -> FloatArray:
     )
 
 
-def _window(reader: BeamReader, track: Track, fit: WindowFit, unit: float) -> ScanWindow:
+def _window(reader: BeamReader, track: LaserTrack, fit: WindowFit, unit: float) -> BundledWindow:
     scale = np.tile([1.0 / unit, 1.0 / unit, 1.0], len(track.scans))
-    return ScanWindow(
+    return BundledWindow(
         scans=track.scans,
         middle_ns=reader.middle_ns(track.scans),
         T_window_laser=fit.poses * scale[:3],

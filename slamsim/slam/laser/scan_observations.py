@@ -8,7 +8,7 @@ import numpy as np
 
 from slamsim.core.types import FloatArray, IntArray
 from slamsim.slam.laser.scan_sweep import beams_of, share_of_piece
-from slamsim.slam.laser.scan_track import Track
+from slamsim.slam.laser.scan_track import LaserTrack
 from slamsim.slam.matching.surfaces import BEAMS, SCATTER_XX, SCATTER_XY, SCATTER_YY, X, Y
 
 NOISE_BEAMS = 5.0
@@ -41,7 +41,7 @@ class Observations:
         )
 
 
-def observations(track: Track) -> Observations:
+def observations(track: LaserTrack) -> Observations:
     """All pieces of a window, one observation each."""
     pieces = np.concatenate(track.pieces)
     views = np.repeat(np.arange(len(track.pieces)), [len(one) for one in track.pieces])

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from slamsim.slam.laser.scan_bundle import Shape, ShapePull, WindowFit, fit_window
-from slamsim.slam.laser.scan_track import Track
+from slamsim.slam.laser.scan_track import LaserTrack
 
 MOST_WINDOWS = 8
 SMALL_SCALE = 0.02
@@ -36,7 +36,7 @@ class _Try:
     sigma: float
 
 
-def rough_angle_scale(tracks: list[Track], fits: list[WindowFit], sweep_s: float) -> float:
+def rough_angle_scale(tracks: list[LaserTrack], fits: list[WindowFit], sweep_s: float) -> float:
     """True over taken angle between beams; 1 where the scans do not plainly contradict it.
 
     fits: of all windows as the scans are declared.
@@ -61,14 +61,14 @@ def rough_angle_scale(tracks: list[Track], fits: list[WindowFit], sweep_s: float
     return scale if better and sharper else 1.0
 
 
-def _liveliest(tracks: list[Track]) -> list[int]:
+def _liveliest(tracks: list[LaserTrack]) -> list[int]:
     """The windows with most motion."""
     motion = [-float(np.abs(np.diff(track.poses, axis=0)).sum()) for track in tracks]
     order: list[int] = np.argsort(motion, kind="stable").tolist()
     return order[:MOST_WINDOWS]
 
 
-def _tried(tracks: list[Track], sweep_s: float, scale: float) -> _Try:
+def _tried(tracks: list[LaserTrack], sweep_s: float, scale: float) -> _Try:
     return _of([fit_window(track, Shape(sweep_s, scale, 0.0)) for track in tracks])
 
 

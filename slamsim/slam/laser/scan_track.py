@@ -35,7 +35,7 @@ BURST, MOST_MISSING = 0.15, 20.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Track:
+class LaserTrack:
     """The scans of a window that could be tracked, and where roughly.
 
     scans: (n,) indices. elapsed_s: (n,) after the first. poses: (n, 3) of the laser when the
@@ -51,7 +51,9 @@ class Track:
     noise_m: float
 
 
-def track_window(reader: BeamReader, window: IntArray, stamps: tuple[IntArray, float]) -> Track:
+def track_window(
+    reader: BeamReader, window: IntArray, stamps: tuple[IntArray, float]
+) -> LaserTrack:
     """Follow the scans of a window until one of them fits nowhere.
 
     stamps: of all scans, in ns, and the usual period between neighbours in seconds.
@@ -81,7 +83,7 @@ def track_window(reader: BeamReader, window: IntArray, stamps: tuple[IntArray, f
         pieces.append(found)
         sweeps.append(sweep)
     count = len(pieces)
-    return Track(
+    return LaserTrack(
         window[:count],
         elapsed_s[:count],
         np.array(poses[:count]).reshape(-1, 3),

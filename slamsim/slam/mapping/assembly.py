@@ -15,11 +15,15 @@ from slamsim.slam.events import in_words
 from slamsim.slam.failures import Failures
 from slamsim.slam.frontend.odometry import FrontEnd
 from slamsim.slam.frontend.track import Track
-from slamsim.slam.online.sync_back_end import Outcome
+from slamsim.slam.online.sync_back_end import BackEndOutcome
 
 
 def assemble(
-    track: Track, front_end: FrontEnd, outcome: Outcome, first: int, seconds: Mapping[str, float]
+    track: Track,
+    front_end: FrontEnd,
+    outcome: BackEndOutcome,
+    first: int,
+    seconds: Mapping[str, float],
 ) -> SlamResult:
     """The result of one drive.
 
@@ -74,19 +78,19 @@ def odometry_alone(log: Log, prediction: PlanarTrajectory) -> PlanarTrajectory:
         return prediction
 
 
-def _breaks_ns(front_end: FrontEnd, outcome: Outcome) -> list[int]:
+def _breaks_ns(front_end: FrontEnd, outcome: BackEndOutcome) -> list[int]:
     """Where the map is torn apart: what lies before and after is corrected apart as well."""
     carried_ns = [event.start_ns for event in outcome.events if event.kind == "kidnapped"]
     withdrawn_ns = {e.start_ns for e in front_end.events() if _is_withdrawn(e, outcome)}
     return sorted({*front_end.breaks_ns, *carried_ns} - withdrawn_ns)
 
 
-def _is_withdrawn(event: Event, outcome: Outcome) -> bool:
+def _is_withdrawn(event: Event, outcome: BackEndOutcome) -> bool:
     return event.kind == "kidnapped" and event.end_ns in outcome.withdrawn_ns
 
 
 def _smoothed_graph(
-    graph: PoseGraph, outcome: Outcome, first: int, smoothed: Smoothed
+    graph: PoseGraph, outcome: BackEndOutcome, first: int, smoothed: Smoothed
 ) -> PoseGraph:
     """The drive's key frames where its smoothed track has them, as sure as they are there."""
     stamps_ns = graph.keyframes.stamps_ns
@@ -97,7 +101,7 @@ def _smoothed_graph(
     return replace(graph, keyframes=keyframes, covariances=covariances)
 
 
-def _in_order(front_end: FrontEnd, outcome: Outcome) -> tuple[Event, ...]:
+def _in_order(front_end: FrontEnd, outcome: BackEndOutcome) -> tuple[Event, ...]:
     noticed = (event for event in front_end.events() if not _is_withdrawn(event, outcome))
     happened = (*noticed, *outcome.events)
     return tuple(sorted(happened, key=lambda event: event.start_ns))

@@ -23,7 +23,7 @@ from slamsim.slam.backend.back_end import BackEnd
 from slamsim.slam.backend.correction import Correction
 from slamsim.slam.frontend.keyframes import Keyframe
 from slamsim.slam.online.messages import Done, Finish, News, Task
-from slamsim.slam.online.sync_back_end import Outcome, SyncBackEnd
+from slamsim.slam.online.sync_back_end import BackEndOutcome, SyncBackEnd
 
 MAX_RESTARTS = 3
 """A back end that ends more often than this is not begun again."""
@@ -45,7 +45,7 @@ class AsyncBackEnd:
         self._kept = array("q")
         self._closures: list[GraphEdge] = []
         self._correction: Correction | None = None
-        self._outcome: Outcome | None = None
+        self._outcome: BackEndOutcome | None = None
         self._alone: SyncBackEnd | None = None
         self._happened: list[Event] = []
         self._told = 0
@@ -99,7 +99,7 @@ class AsyncBackEnd:
         self._told += len(new)
         return new
 
-    def finish(self, progress: Progress) -> Outcome:
+    def finish(self, progress: Progress) -> BackEndOutcome:
         """See ``MapKeeper``. Waits until the process has dealt with everything."""
         self._ask()
         while self._outcome is None and self._child is not None:
@@ -127,7 +127,7 @@ class AsyncBackEnd:
         for keyframe in journal_messages(self._journal.fileno(), self._journal.tell()):
             yield cast(Keyframe, keyframe)
 
-    def _chain_alone(self, progress: Progress) -> Outcome:
+    def _chain_alone(self, progress: Progress) -> BackEndOutcome:
         """What is left when no process will stay: all key frames, and no closures."""
         closures = self._config.back_end.closures.model_copy(update={"enabled": False})
         back_end = self._config.back_end.model_copy(update={"closures": closures})
@@ -164,7 +164,7 @@ class AsyncBackEnd:
         elif isinstance(message, Done):
             progress(message.share, 1.0)
         else:
-            self._outcome = cast(Outcome, message)
+            self._outcome = cast(BackEndOutcome, message)
 
     def _begin(self) -> None:
         self._journal.flush()

@@ -19,7 +19,7 @@ from slamsim.slam.mapping.saved_map import SavedMap
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Outcome:
+class BackEndOutcome:
     """What the back end made of all key frames in the end.
 
     unrefined: where the graph alone had put them, before the final refinement. sights: what holds
@@ -55,7 +55,7 @@ class MapKeeper(Protocol):
         """What happened since this was last asked."""
         ...
 
-    def finish(self, progress: Progress) -> Outcome:
+    def finish(self, progress: Progress) -> BackEndOutcome:
         """The final solution."""
         ...
 
@@ -95,7 +95,7 @@ class SyncBackEnd:
         """See ``MapKeeper``."""
         return ()
 
-    def finish(self, progress: Progress) -> Outcome:
+    def finish(self, progress: Progress) -> BackEndOutcome:
         """See ``MapKeeper``."""
         return outcome_of(self._back_end, progress)
 
@@ -107,11 +107,11 @@ class SyncBackEnd:
         """See ``MapKeeper``."""
 
 
-def outcome_of(back_end: BackEnd, progress: Progress) -> Outcome:
+def outcome_of(back_end: BackEnd, progress: Progress) -> BackEndOutcome:
     """Finish, and gather all that there is to tell."""
     graph = back_end.finish(progress)
     events = back_end.events(graph)
-    return Outcome(
+    return BackEndOutcome(
         graph,
         PlanarPoses(graph.keyframes.stamps_ns, back_end.unrefined),
         back_end.accepted,

@@ -69,7 +69,7 @@ PAIRS = {
 CULPRITS = {
     stream: _offset_question(
         f"time.offset.{stream}",
-        f"the {STREAM_NAMES[stream]}'s stamps are those of the instant of measurement",
+        f"stamps of the {STREAM_NAMES[stream]} are those of the instant of measurement",
         *faults,
         EPOCH_MISMATCH,
         limit_s=LIMITS_S["gyro"],

@@ -67,9 +67,7 @@ def check_mounting(calibration: Calibration) -> list[Finding]:
         return []
     frame = inputs.laser_frame
     if calibration.alignment.mirror:
-        words = (
-            "the scans turn the wrong way: how the laser sits cannot be told before that is mended"
-        )
+        words = "the scans turn the wrong way, which must be repaired before the mount is measured"
         return [unanswered(MOUNTING, frame, words)]
     if inputs.T_base_laser is None:
         x, y, yaw = (calibration.value(name) for name in _NAMES)

@@ -251,7 +251,7 @@ def _gaps(series: StampSeries, countable: bool) -> Finding:
         f"{1.0 / period_s:.4g} messages a second, {missing} missing, longest gap {longest_s:.3g} s",
         size,
         limit=limit,
-        advice="Look for a full queue, a slow disk or a cable: what is missing cannot be mended.",
+        advice="Look for a full queue, a slow disk or a cable: what is missing cannot be repaired.",
         fault_plots=(_steps_plot(series, limit),),
     )
 

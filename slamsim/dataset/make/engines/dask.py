@@ -1,4 +1,4 @@
-"""A cluster, by Dask distributed: any scheduler that can be reached, whoever started its workers.
+"""A cluster, by Dask distributed: any scheduler that can be reached, with any workers.
 
 A Dask worker does not make sequences itself: each of its threads has a process of its own for
 that, the same one that the local engine uses. So a sequence that crashes costs no Dask worker, and
@@ -136,7 +136,7 @@ def _connected(scheduler: str) -> Any:
         if scheduler.startswith("tcp://"):
             _await_greeting(scheduler)
         return Client(scheduler, timeout=_ANSWER_S, set_as_default=False)  # type: ignore[no-untyped-call]
-    except Exception as error:  # whatever a stranger's answer may cause
+    except Exception as error:  # whatever an answer of another process may cause
         told = str(error) or "it is silent"
         raise SlamsimError(f"no Dask scheduler answers at {scheduler}: {told}") from None
 
