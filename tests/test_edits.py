@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,10 +14,11 @@ from test_faults import differences, example, leaves
 
 from slamsim.core.geometry import matrix_from_rpy, se3_from_parts
 from slamsim.core.types import FloatArray
-from slamsim.recording import RawTicks, Recording
+from slamsim.recording import RawOdometry, RawTicks, Recording
 from slamsim.recording.edits import base, beams, frames, imu, messages, odometry, ranges, wheels
 from slamsim.recording.edits import stamps as clocks
 from slamsim.recording.edits.base import CannotEdit, Edit, Edits
+from slamsim.recording.edits.messages import select, with_sequence_numbers
 from slamsim.recording.repairs.apply import OPERATIONS, apply_repairs
 from slamsim.recording.repairs.base import Repair
 from slamsim.sensors import faults
@@ -198,6 +199,26 @@ def test_of_several_edits_the_last_is_undone_first() -> None:
         )
     )
     assert_alike(MADE, edits.inverse().apply(edits.apply(MADE)))
+
+
+def test_selected_messages_keep_all_that_they_carry() -> None:
+    """Every array with a row for each message, whichever class of stream has it."""
+    yaws_rad = np.arange(len(MADE.odometries[0]), dtype=np.float64)
+    made = with_sequence_numbers(
+        MADE.changed(RawOdometry, lambda one: replace(one, yaws_rad=yaws_rad))
+    )
+    tried = set()
+    everything: list[Any] = [*made.streams, *made.transforms]
+    for messages_of in everything:
+        count = messages_of.stamps_ns.size
+        rows = np.arange(count)[::-3]
+        chosen = select(messages_of, rows)
+        for field in fields(messages_of):
+            value = getattr(messages_of, field.name)
+            if isinstance(value, np.ndarray) and len(value) == count:
+                np.testing.assert_array_equal(getattr(chosen, field.name), value[rows])
+                tried.add(field.name)
+    assert {"stamps_ns", "received_ns", "samples", "layout_of", "ranges_m", "yaws_rad"} <= tried
 
 
 def test_a_target_that_is_not_there_is_named() -> None:
