@@ -45,8 +45,8 @@ _NOT_VARIED: dict[KeyPath, str] = {
     ("drive", "route", "seed"): f"is every sequence's own; the recipe's seed is 'seed' {_TOP}",
     ("drive", "route", "max_duration_s"): f"is said by 'duration_s' {_TOP}",
     ("faults",): f"is said by 'faults' {_TOP}",
-    ("slam",): "is no part of a recording",
-    ("mapping",): "is no part of a recording",
+    ("slam",): "is not part of a recording",
+    ("mapping",): "is not part of a recording",
 }
 
 

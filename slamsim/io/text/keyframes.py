@@ -46,7 +46,7 @@ def read_keyframes(path: Path) -> tuple[PlanarTrajectory, FloatArray]:
                 raise ValueError(f"{words[0]} s is not after the line before")
         except ValueError as error:
             raise InputRefused(
-                path, f"is no table of key frames ({error})", f"line {number}"
+                path, f"is not a table of key frames ({error})", f"line {number}"
             ) from None
         rows.append(values)
     if not rows:
