@@ -1,4 +1,4 @@
-"""The few numbers of a report that a person wants to see first."""
+"""The main numbers of a report, as a short table."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Numbers that can be worked with: finite, of a size that leaves digits, in order, in shape.
+"""Checks of numbers: finite, within a useful magnitude, ordered, of the right shape.
 
 The constructors of the values that cross a stage ask here, so that no stage has to: what is not
 finite can neither enter one nor leave it.

@@ -1,4 +1,4 @@
-"""What slamsim wrote has checksums in a file beside it, and is compared with them when it is read.
+"""Checksums beside everything that slamsim wrote, compared when it is read.
 
 A folder is sealed by ``SHA256SUMS``, a sequence of a data set by its ``sequence.json``: written
 last, they hold the hash of every other file, and of themselves.

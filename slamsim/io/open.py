@@ -1,4 +1,4 @@
-"""Opens recordings of every format: as they were written, and as SLAM reads them."""
+"""Opens recordings of every format, as written and as SLAM reads them."""
 
 from __future__ import annotations
 

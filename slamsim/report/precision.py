@@ -1,4 +1,4 @@
-"""How firmly the walls hold the robot along its path, and how true its own doubts are."""
+"""Localisability along the path, and consistency of the estimated covariances."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Going on with the map of an earlier run."""
+"""Continues the map of an earlier run."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``slamsim demo rotation-bug``: the fault that cost the study its maps, found and repaired."""
+"""``slamsim demo rotation-bug``: the rotation bug of the study, found and repaired."""
 
 from __future__ import annotations
 

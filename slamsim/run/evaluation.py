@@ -1,4 +1,4 @@
-"""``slamsim evaluate``: score a finished run, or a lone trajectory, anew."""
+"""``slamsim evaluate``: scores a finished run, or a single trajectory, again."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``slamsim recover``: a damaged recording in, what is whole of it out."""
+"""``slamsim recover``: rebuilds a damaged recording from its intact messages."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``slamsim verify``: what slamsim wrote compared with what it sealed; nothing is ever written."""
+"""``slamsim verify``: compares files with their checksums; read-only."""
 
 from __future__ import annotations
 

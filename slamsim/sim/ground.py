@@ -1,4 +1,4 @@
-"""Where a scripted run happens: a sloping plane with patches of friction and blocks on it."""
+"""Ground of a scripted run: a sloping plane with friction patches and blocks."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whether what stands beside the sequences is as it was made, and tells of all of them."""
+"""Checks the files beside the sequences: unchanged, and complete for all sequences."""
 
 from __future__ import annotations
 

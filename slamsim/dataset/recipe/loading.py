@@ -1,4 +1,4 @@
-"""From a recipe's file to a recipe that can be made; whatever cannot be is refused here.
+"""Loads and validates a recipe.
 
 The files that it names are read into it. Then configurations at the edges of every distribution,
 and some random ones, are checked as any other configuration is, so that a value which its key

@@ -1,4 +1,4 @@
-"""Reads the SQLite files of a rosbag2 recording: tables, types of all values, sizes, pages.
+"""Reads and validates the SQLite files of a rosbag2 recording: tables, types, sizes, pages.
 
 The format has no checksum over its data: what sits inside a message is believed.
 """

@@ -1,4 +1,4 @@
-"""The lines of a CARMEN log, collected: laser channels, odometry, parameters, and what was odd."""
+"""Collects the lines of a CARMEN log: laser channels, odometry, parameters, anomalies."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whether a Parquet table holds what ``ParquetLog`` writes: types, facts, bounds."""
+"""Validates Parquet tables of ``ParquetLog``: types, values, bounds."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which files of a damaged recording there are, whatever is left of it."""
+"""Lists the files of a damaged recording."""
 
 from __future__ import annotations
 

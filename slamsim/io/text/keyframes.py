@@ -1,4 +1,4 @@
-"""Key frames with their uncertainties as a table: one line each, the upper half of a covariance."""
+"""Key frames with covariances as a table: one line each, upper triangle of the covariance."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What ``slamsim fix`` can do: one declaration for each repair that findings propose."""
+"""The table of repairs that ``slamsim fix`` can apply."""
 
 from __future__ import annotations
 

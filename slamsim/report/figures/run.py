@@ -1,4 +1,4 @@
-"""The report's pictures as SVG text: sharp on any screen, readable in light and dark."""
+"""Figures of the report as SVG text, readable in light and dark mode."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the checker found, as one HTML file that needs nothing else: verdicts, numbers, plots."""
+"""Report of the checker as one self-contained HTML file: findings, numbers, plots."""
 
 from __future__ import annotations
 

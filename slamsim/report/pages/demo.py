@@ -1,4 +1,4 @@
-"""Two maps of one drive side by side, and between them the verdict that explains them."""
+"""Report of the demonstration: two maps of one drive and the finding that explains them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The report's tables of what was possible and of what each part of SLAM cost."""
+"""Tables of the report: lower bounds, and the error budget of SLAM."""
 
 from __future__ import annotations
 

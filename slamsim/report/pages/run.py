@@ -1,4 +1,4 @@
-"""The report of a run as one HTML file that needs nothing else: pictures and style inside."""
+"""Report of a run as one self-contained HTML file."""
 
 from __future__ import annotations
 

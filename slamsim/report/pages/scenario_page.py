@@ -1,4 +1,4 @@
-"""What the scenarios came to, as one HTML file that needs nothing else."""
+"""Report of the scenarios as one self-contained HTML file."""
 
 from __future__ import annotations
 

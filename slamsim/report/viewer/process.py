@@ -1,4 +1,4 @@
-"""The Rerun viewer as a child process: on the screen, in a browser, or without any screen."""
+"""The Rerun viewer as a child process: in a window, in a browser, or headless."""
 
 from __future__ import annotations
 

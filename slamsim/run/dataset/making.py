@@ -1,4 +1,4 @@
-"""``slamsim dataset make``: a recipe made into a data set, and what is told of it."""
+"""``slamsim dataset make``: makes a data set from a recipe and reports progress."""
 
 from __future__ import annotations
 

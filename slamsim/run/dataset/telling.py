@@ -1,4 +1,4 @@
-"""``slamsim dataset verify`` and ``stats``: what is told of a data set that is there."""
+"""``slamsim dataset verify`` and ``stats``: reports on an existing data set."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The production of a data set as the user sees it."""
+"""Progress display of the production of a data set."""
 
 from __future__ import annotations
 

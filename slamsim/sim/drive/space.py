@@ -1,4 +1,4 @@
-"""Where the robot's middle may be: clearance on the true map and the cheapest ways through it."""
+"""Free space for the robot's centre: clearance on the true map and shortest paths."""
 
 from __future__ import annotations
 
