@@ -130,7 +130,8 @@ def _tag_reason(context: dict[str, object]) -> str:
     tag, kinds = str(context["tag"]), str(context["expected_tags"]).replace("'", "").split(", ")
     near = difflib.get_close_matches(tag, kinds, n=1)
     meant = f"; did you mean {near[0]!r}?" if near else ""
-    return f"there is no {context['discriminator']} {shown(tag)}, only {', '.join(kinds)}{meant}"
+    name = str(context["discriminator"]).strip("'")
+    return f"there is no {name} {shown(tag)}, only {', '.join(kinds)}{meant}"
 
 
 def _length_reason(spot: Spot, context: dict[str, object], given: object) -> str:
