@@ -118,7 +118,7 @@ def _judged(seal: Seal, name: str) -> tuple[str, int]:
         fits = digest(path) == seal.hashes[name]
     except OSError as error:
         return f"cannot be read: {error.strerror}", 0
-    return "" if fits else "its content differs from what was written", path.stat().st_size
+    return "" if fits else "its bytes are not those that were written", path.stat().st_size
 
 
 def _others(seal: Seal) -> Iterator[str]:

@@ -67,7 +67,7 @@ def _sums(place: Location) -> tuple[dict[str, str], list[SequenceFinding]]:
     except SumsDamaged:
         reason = "not as it was written, so that what it lists cannot be judged"
         return {}, [SequenceFinding(SUMS, reason)]
-    told = "missing" if data is None else "lists no file"
+    told = "missing" if data is None else "tells of no file"
     return sums, [] if sums else [SequenceFinding(SUMS, f"{told}: the data set was never finished")]
 
 

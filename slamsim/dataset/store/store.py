@@ -170,7 +170,7 @@ class LocalStore:
                 if others := sorted({*files_in(final)} - {*files_in(folder)}):
                     raise SlamsimError(
                         f"{final} is to be made again and holds {shown(others[0])}, "
-                        "which is not part of it; move that away"
+                        "which is no part of it; move that away"
                     )
                 shutil.rmtree(final)
             folder.rename(final)
