@@ -94,17 +94,19 @@ def bench(
         float | None,
         typer.Option(help=f"End the drive after so many metres; online: {ONLINE_PATH_M:g}.", min=1),
     ] = None,
-    repeats: Annotated[int, typer.Option(help="Speed: best of so many.", min=1)] = 3,
+    repeats: Annotated[
+        int, typer.Option(help="Speed: repetitions, of which the best counts.", min=1)
+    ] = 3,
     peers: Annotated[
         bool, typer.Option("--peers", help="slam: beside other scan matchers, on one log.")
     ] = False,
     seeds: Annotated[
-        int, typer.Option(help="Accuracy, check: how many seeds; dataset: sequences.", min=1)
+        int, typer.Option(help="Accuracy, check: number of seeds; dataset: of sequences.", min=1)
     ] = 20,
     seed: Annotated[
         int | None, typer.Option(help="The seed; accuracy: the first, by default 1.", min=0)
     ] = None,
-    cases: Annotated[int, typer.Option(help="Robustness: how many cases.", min=1)] = 200,
+    cases: Annotated[int, typer.Option(help="Robustness: number of cases.", min=1)] = 200,
     only: Annotated[
         int | None, typer.Option(help="Robustness: only the case of this number.", min=1)
     ] = None,
@@ -115,7 +117,9 @@ def bench(
         Path | None,
         typer.Option(help="Matcher, check: on this recording, not simulated."),
     ] = None,
-    bound: Annotated[bool, typer.Option(help="Accuracy: how far from what is possible.")] = True,
+    bound: Annotated[
+        bool, typer.Option(help="Accuracy: compare with the least possible error.")
+    ] = True,
     logs: Annotated[
         Path | None,
         typer.Option(
@@ -128,7 +132,7 @@ def bench(
     ] = None,
     pairs: Annotated[int, typer.Option(help="Check: random pairs of faults a drive.", min=0)] = 4,
     clean: Annotated[
-        int, typer.Option(help="Check: so many more drives without any fault.", min=0)
+        int, typer.Option(help="Check: number of further drives without a fault.", min=0)
     ] = 0,
     curves: Annotated[
         bool, typer.Option("--curves", help="Check: every size of every fault too.")

@@ -49,9 +49,10 @@ def check(
         ),
     ] = None,
     quick: Annotated[
-        bool, typer.Option("--quick", help="Leave out what compares scans with one another.")
+        bool,
+        typer.Option("--quick", help="Skip the questions that compare scans with one another."),
     ] = False,
-    show_all: Annotated[bool, typer.Option("--all", help="Show also what is fine.")] = False,
+    show_all: Annotated[bool, typer.Option("--all", help="Show answers that are ok, too.")] = False,
     list_: Annotated[
         bool, typer.Option("--list", help="List all questions, their limits and their faults.")
     ] = False,
@@ -59,7 +60,7 @@ def check(
     quiet: Quiet = False,
     as_json: Json = False,
 ) -> None:
-    """Say what is wrong with a recording: stamps, frames, laser, wheels, gyroscope."""
+    """Find faults in a recording: stamps, frames, laser, wheels, gyroscope."""
     from slamsim.console.reporter import Reporter
     from slamsim.run.naming import output_file
 
@@ -113,7 +114,7 @@ def fix(
         typer.Option(
             "--apply",
             metavar="all|none|NAME[,NAME...]",
-            help="Which of the repairs that check proposes; none: a plain copy.",
+            help="Repairs to apply, of those that check proposes; none: a plain copy.",
         ),
     ] = "all",
     scan_topic: ScanTopic = None,

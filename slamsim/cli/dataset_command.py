@@ -27,7 +27,7 @@ RecipeName = Annotated[
     ),
 ]
 Count = Annotated[
-    int, typer.Option("-n", "--count", help="How many sequences.", min=1, max=10_000_000)
+    int, typer.Option("-n", "--count", help="Number of sequences.", min=1, max=10_000_000)
 ]
 
 
@@ -67,7 +67,7 @@ def make(
         str, typer.Option(help="local: the cores of this machine. dask: a cluster.")
     ] = "local",
     workers: Annotated[
-        int | None, typer.Option(help="Local: how many processes; all cores without it.", min=1)
+        int | None, typer.Option(help="Local: worker processes (default: all cores).", min=1)
     ] = None,
     scheduler: Annotated[
         str | None, typer.Option(help="Dask: address of the scheduler, tcp://HOST:PORT.")
@@ -79,7 +79,7 @@ def make(
     quiet: Quiet = False,
     as_json: Json = False,
 ) -> None:
-    """Make a data set, or what is missing of it."""
+    """Make a data set, or the missing part of it."""
     from slamsim.console.reporter import Reporter
     from slamsim.dataset.store.store import claimed_place
 
@@ -127,12 +127,12 @@ def plan(
     recipe: RecipeName,
     count: Count = 100,
     workers: Annotated[
-        int | None, typer.Option(help="With so many processes; all cores without it.", min=1)
+        int | None, typer.Option(help="Worker processes (default: all cores).", min=1)
     ] = None,
     quiet: Quiet = False,
     as_json: Json = False,
 ) -> None:
-    """Tell what a recipe will make, how long that takes and how much disk, before it is made."""
+    """Estimate what a recipe will make, its time and its disk space."""
     from slamsim.console.reporter import Reporter
     from slamsim.run.dataset.planning import tell_plan
 
@@ -143,7 +143,7 @@ def plan(
 def preview(
     recipe: RecipeName,
     count: Annotated[
-        int, typer.Option("-n", "--count", help="How many worlds to draw.", min=1, max=100)
+        int, typer.Option("-n", "--count", help="Number of worlds to draw.", min=1, max=100)
     ] = 12,
     out: Annotated[
         Path | None,
@@ -158,7 +158,7 @@ def preview(
     quiet: Quiet = False,
     as_json: Json = False,
 ) -> None:
-    """Draw worlds of a recipe and the ways that are planned through them, on one sheet."""
+    """Draw worlds of a recipe and the routes planned through them on one contact sheet."""
     from slamsim.console.reporter import Reporter
     from slamsim.run.dataset.planning import draw_preview
 
@@ -174,18 +174,18 @@ def preview(
 def verify(
     place: Place,
     subset: Annotated[
-        str, typer.Option(metavar="PERCENT", help="Read only this part of the sequences.")
+        str, typer.Option(metavar="PERCENT", help="Share of the sequences to read.")
     ] = "100%",
     again: Annotated[
-        int, typer.Option(help="So many sequences are made again and compared.", min=0)
+        int, typer.Option(help="Number of sequences to make again and compare.", min=0)
     ] = 0,
     workers: Annotated[
-        int | None, typer.Option(help="How many processes; all cores without it.", min=1)
+        int | None, typer.Option(help="Worker processes (default: all cores).", min=1)
     ] = None,
     quiet: Quiet = False,
     as_json: Json = False,
 ) -> None:
-    """Check that a data set is whole and every byte of it as it was made."""
+    """Check that a data set is complete and unchanged, by its checksums."""
     from slamsim.console.reporter import Reporter
     from slamsim.run.dataset.telling import run_verify
 
@@ -196,7 +196,7 @@ def verify(
 
 @dataset.command(epilog="Example: slamsim dataset stats my_data --json")
 def stats(place: Place, quiet: Quiet = False, as_json: Json = False) -> None:
-    """Tell what a data set holds: splits, worlds, sensors, faults, lengths, sizes."""
+    """Summarise a data set: splits, worlds, sensors, faults, lengths, sizes."""
     from slamsim.console.reporter import Reporter
     from slamsim.run.dataset.telling import run_stats
 

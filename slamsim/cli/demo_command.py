@@ -22,14 +22,14 @@ class Demo(StrEnum):
 
 
 def demo(
-    name: Annotated[Demo, typer.Argument(help="What to show.")] = Demo.ROTATION_BUG,
+    name: Annotated[Demo, typer.Argument(help="Demonstration to run.")] = Demo.ROTATION_BUG,
     out: Out = None,
     seed: Seed = None,
     overwrite: Overwrite = False,
     quiet: Quiet = False,
     as_json: Json = False,
 ) -> None:
-    """Show a fault at work: the torn map, the verdict, and the repaired map."""
+    """Demonstrate a fault and its repair: the torn map, the verdict, and the repaired map."""
     from slamsim.config.loading import load_run_config
     from slamsim.console.reporter import Reporter
     from slamsim.run.naming import output_folder

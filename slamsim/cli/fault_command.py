@@ -18,16 +18,16 @@ def fault(
     out: Annotated[Path | None, typer.Argument(help="Folder for the copy.")] = None,
     faults: Faults = None,
     list_: Annotated[
-        bool, typer.Option("--list", help="Tell all faults that come with the package.")
+        bool, typer.Option("--list", help="List the faults that come with the package.")
     ] = False,
-    seed: Annotated[int, typer.Option("--seed", help="Seed of what is random.", min=0)] = 0,
+    seed: Annotated[int, typer.Option("--seed", help="Seed of the random numbers.", min=0)] = 0,
     scan_topic: ScanTopic = None,
     lossy: Lossy = False,
     overwrite: Overwrite = False,
     quiet: Quiet = False,
     as_json: Json = False,
 ) -> None:
-    """Copy a recording with known faults in it, to try a checker or a SLAM on them.
+    """Copy a recording and inject known faults, to test a checker or a SLAM system.
 
     What the faults do not touch is copied byte for byte.
     """

@@ -37,7 +37,7 @@ def identify(
     quiet: Quiet = False,
     as_json: Json = False,
 ) -> None:
-    """Fit a robot to figures measured on a real one, and say what they leave open."""
+    """Fit a robot's parameters to figures measured on a real one, with intervals."""
     from slamsim.config.measurements import load_measurements
     from slamsim.console.reporter import Reporter
     from slamsim.run.naming import loaded, output_file, output_folder

@@ -50,7 +50,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode="rich",
     context_settings={"help_option_names": ["-h", "--help"]},
-    help="Grow a labyrinth, drive a robot through it, map it, and say how good the map is.",
+    help="Simulate a robot in a labyrinth, run SLAM on any recording, and check recordings.",
     epilog="Start with: [bold]slamsim map labyrinth[/bold]",
 )
 
@@ -62,7 +62,7 @@ Start = Annotated[
     typer.Option(
         "--start",
         metavar="X,Y,YAW_DEG",
-        help="Where the robot begins in the map; without it, it finds itself.",
+        help="Start pose in the map (default: searched for).",
     ),
 ]
 Relations = Annotated[
@@ -173,14 +173,14 @@ def map_(
     scan_topic: ScanTopic = None,
     earlier: Annotated[
         Path | None,
-        typer.Option("--continue", metavar="RUN", help="Go on with the map of an earlier run."),
+        typer.Option("--continue", metavar="RUN", help="Continue the map of an earlier run."),
     ] = None,
     start: Start = None,
     overwrite: Overwrite = False,
     quiet: Quiet = False,
     as_json: Json = False,
 ) -> None:
-    """Map a world or a recording, and say how good the map is."""
+    """Map a world or a recording, and evaluate the map."""
     from slamsim.console.reporter import Reporter
     from slamsim.run.naming import is_recording, output_folder, recording_name
 
@@ -229,7 +229,7 @@ def localise(
     quiet: Quiet = False,
     as_json: Json = False,
 ) -> None:
-    """Tell where a recording was driven, in the frame of a finished map."""
+    """Localise a recording in a finished map."""
     from slamsim.console.reporter import Reporter
     from slamsim.run.naming import output_folder, recording_name
     from slamsim.run.start import start_pose
@@ -300,7 +300,7 @@ def view(
     ] = None,
     overwrite: OverwriteFile = False,
 ) -> None:
-    """Look at a run in Rerun."""
+    """View a run in Rerun."""
     from slamsim.run.naming import output_file
 
     with output_file(screenshot, overwrite=overwrite, inputs=(run,)) as picture:

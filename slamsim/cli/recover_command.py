@@ -16,7 +16,7 @@ def recover(
     source: Annotated[
         Path,
         typer.Argument(
-            help="A cut or damaged recording: rosbag2, MCAP, .db3, ROS 1, CARMEN, Parquet tables; "
+            help="A truncated or damaged recording: rosbag2, MCAP, .db3, ROS 1, CARMEN, Parquet; "
             "or the folder that a killed run was to make.",
             show_default=False,
         ),
@@ -34,7 +34,7 @@ def recover(
     quiet: Quiet = False,
     as_json: Json = False,
 ) -> None:
-    """Rebuild a cut or damaged recording out of what is whole in it."""
+    """Recover all intact messages of a truncated or damaged recording."""
     from slamsim.console.reporter import Reporter
     from slamsim.io.salvage.source import damaged_recording
     from slamsim.run.naming import output_folder, recording_name

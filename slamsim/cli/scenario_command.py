@@ -24,7 +24,7 @@ EPILOG = (
 def scenario(
     name: Annotated[
         str,
-        typer.Argument(metavar="NAME|all", help="Which scenario; all of them.", show_default=False),
+        typer.Argument(metavar="NAME|all", help="Name of a scenario, or all.", show_default=False),
     ],
     out: Out = None,
     seed: Seed = None,

@@ -27,7 +27,7 @@ def verify(
     quiet: Quiet = False,
     as_json: Json = False,
 ) -> None:
-    """Compare every byte with what was written, and list files without a checksum."""
+    """Compare files with their checksums, and list files without one."""
     from slamsim.console.reporter import Reporter
     from slamsim.run.verifying import verify_and_tell
 

@@ -12,39 +12,42 @@ Set = Annotated[
     typer.Option("--set", metavar="KEY.PATH=VALUE", help="Override one setting; may be repeated."),
 ]
 ConfigFile = Annotated[
-    str | None, typer.Option("--config", "-c", help="YAML with settings for robot, sensors, slam.")
+    str | None, typer.Option("--config", "-c", help="YAML with settings of robot, sensors, SLAM.")
 ]
 Faults = Annotated[
     list[str] | None,
     typer.Option(
         "--fault",
         metavar="NAME[:SIZE]",
-        help="What shall be wrong; may be repeated. slamsim fault --list tells what there is.",
+        help="Fault to inject; may be repeated. slamsim fault --list names them.",
     ),
 ]
 Jobs = Annotated[
-    int | None, typer.Option("--jobs", "-j", help="How many processes; all cores.", min=1)
+    int | None, typer.Option("--jobs", "-j", help="Worker processes (default: all cores).", min=1)
 ]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No progress, no table.")]
 Json = Annotated[bool, typer.Option("--json", help="Print the results as JSON on stdout.")]
 ScanTopic = Annotated[
-    str | None, typer.Option("--scan-topic", help="Which laser, if a recording has several.")
+    str | None,
+    typer.Option("--scan-topic", help="Topic of the lidar to use, if there are several."),
 ]
 Lossy = Annotated[
     bool,
-    typer.Option("--lossy", help="Go on where the copy cannot hold all that the recording holds."),
+    typer.Option(
+        "--lossy", help="Continue even if the copy cannot hold everything in the recording."
+    ),
 ]
 Overwrite = Annotated[
     bool,
     typer.Option(
-        "--overwrite", help="Replace what an earlier run left under this name, once this is whole."
+        "--overwrite", help="Replace an earlier run of this name when this one is complete."
     ),
 ]
 OverwriteFile = Annotated[
-    bool, typer.Option("--overwrite", help="Replace the file that is to be written if it is there.")
+    bool, typer.Option("--overwrite", help="Replace the output file if it exists.")
 ]
 Out = Annotated[
     Path | None,
     typer.Option("--out", "-o", help="Folder of the run; a new one under outputs/ by default."),
 ]
-Seed = Annotated[int | None, typer.Option("--seed", help="Seed of everything random.", min=0)]
+Seed = Annotated[int | None, typer.Option("--seed", help="Seed of all random numbers.", min=0)]

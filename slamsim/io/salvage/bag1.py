@@ -45,7 +45,7 @@ def recover_bag1(source: Damaged, folder: Path, progress: Progress) -> Recovered
     return recovered(target, [report])
 
 
-def _take(piece: Piece, begun: int, filler: Bag1Filler, report: RecoveryReport) -> None:
+def _take(piece: Piece | Gap, begun: int, filler: Bag1Filler, report: RecoveryReport) -> None:
     """begun: the byte from which on it was looked for."""
     match piece:
         case Gap():

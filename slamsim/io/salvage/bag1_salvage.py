@@ -10,14 +10,12 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from struct import iter_unpack
-from typing import BinaryIO
 
-from slamsim.guard.files import open_as_found
 from slamsim.guard.limits import LIMITS
 from slamsim.io.bag1.reader import (
     BAG_HEADER,
@@ -32,8 +30,7 @@ from slamsim.io.bag1.reader import (
     records_in_chunk,
 )
 from slamsim.io.salvage.bag1_connection import Connection, connection
-from slamsim.io.salvage.pieces import Gap, LoneMessage
-from slamsim.io.salvage.report import PATIENCE
+from slamsim.io.salvage.pieces import DamagedFile, LoneMessage
 
 Fields = dict[bytes, bytes]
 
@@ -75,7 +72,7 @@ class WholeBag1Chunk:
     content: bytes
 
 
-Piece = Connection | WholeBag1Chunk | LoneMessage | Gap
+Piece = Connection | WholeBag1Chunk | LoneMessage
 
 
 @dataclass(slots=True)
@@ -86,74 +83,47 @@ class Bag1Summary:
     messages: Counter[int] | None = None
 
 
-class Bag1Salvage:
-    """A damaged bag open for reading; the caller closes ``file``.
+class Bag1Salvage(DamagedFile[Head, Piece]):
+    """A damaged bag. index: what could be read of it."""
 
-    index: what could be read of it.
-    """
+    MAGIC, KIND = MAGIC, "a ROS 1 bag"
 
     def __init__(self, path: Path) -> None:
-        self.file: BinaryIO = open_as_found(path)
-        self.size = self.file.seek(0, 2)
+        super().__init__(path)
         self.index = self._index()
-        self._wasted_bytes = 0
 
-    def pieces(self) -> Iterator[tuple[int, Piece]]:
-        """(byte reached, piece), in the order of the file."""
-        position = len(MAGIC)
-        if self._at(0, len(MAGIC)) != MAGIC:
-            position = self._next_header(0)
-            yield position, Gap(0, position, "the first bytes are not those of a ROS 1 bag")
-        while position < self.size:
-            piece, end = self._piece_at(position)
-            if piece is not None:
-                yield end, piece
-            position = end
-
-    def _piece_at(self, position: int) -> tuple[Piece | None, int]:
-        """(what is there, where to go on)."""
+    def _record_at(self, position: int) -> Head | str:
         head = self._head_at(position)
         if isinstance(head, str):
-            end = self._next_header(position + 1)
-            return Gap(position, end - position, head), end
-        if head.op == CHUNK and head.fields[b"compression"] == b"none":
-            return None, head.data
+            return head
+        if _is_plain_chunk(head):
+            return replace(head, end=head.data)
         if head.end > self.size:
-            end = self._next_header(position + 1)
-            reason = "the file is cut off in this record, or its length is damaged"
-            return Gap(position, end - position, reason), end
-        try:
-            return self._piece(head), head.end
-        except Exception as error:
-            reason = " ".join(str(error).split())[:200] or type(error).__name__
-            after, counts = self._indexes_at(head.end) if head.op == CHUNK else (head.end, {})
-            if not self._may_begin(after) and self._is_patient(head):
-                after, counts = self._next_header(position + 1), None
-            return Gap(position, after - position, reason, counts), after
+            return "the file is cut off in this record, or its length is damaged"
+        return head
 
-    def _is_patient(self, head: Head) -> bool:
-        """Whether to look for records inside one that is damaged: a hostile file nests them."""
-        self._wasted_bytes += head.end - head.begin
-        return self._wasted_bytes < PATIENCE * self.size
-
-    def _piece(self, head: Head) -> Piece | None:
-        """Raises whatever is raised on damage."""
-        if head.op == CHUNK:
-            packed = self._at(head.data, head.end - head.data)
-            content = chunk_content(head.fields, packed)
+    def _piece(self, record: Head) -> Piece | None:
+        if _is_plain_chunk(record):
+            return None
+        if record.op == CHUNK:
+            packed = self._at(record.data, record.end - record.data)
+            content = chunk_content(record.fields, packed)
             for fields, begin, data, end in records_in_chunk(content):
                 _require_sound(fields)
                 if fields[b"op"] == CONNECTION:
                     connection(fields, content[begin:end], data - begin)
-            return WholeBag1Chunk(head.fields[b"compression"].decode(), packed, content)
-        record = self._at(head.begin, head.end - head.begin)
-        if head.op == CONNECTION:
-            return connection(head.fields, record, head.data - head.begin)
-        if head.op == MESSAGE:
-            if not self._may_begin(head.end):
+            return WholeBag1Chunk(record.fields[b"compression"].decode(), packed, content)
+        whole = self._at(record.begin, record.end - record.begin)
+        if record.op == CONNECTION:
+            return connection(record.fields, whole, record.data - record.begin)
+        if record.op == MESSAGE:
+            if not self._may_begin(record.end):
                 raise ValueError("the length of a message is damaged")
-            return LoneMessage(record)
+            return LoneMessage(whole)
         return None
+
+    def _after_damaged(self, record: Head) -> tuple[int, dict[int, int] | None]:
+        return self._indexes_at(record.end) if record.op == CHUNK else (record.end, {})
 
     def _head_at(self, position: int) -> Head | str:
         """The record there, whose data may reach beyond the file; or why there is none."""
@@ -176,13 +146,11 @@ class Bag1Salvage:
         return Head(fields, position, data, data + size)
 
     def _may_begin(self, position: int) -> bool:
-        """Whether a record can begin there, or the file ends before that can be told."""
         length = int.from_bytes(self._at(position, 4), "little")
         is_cut = position + 8 + length > self.size and length <= _HEADER_BYTES
         return is_cut or isinstance(self._head_at(position), Head)
 
-    def _next_header(self, position: int) -> int:
-        """Where the walk can go on: the next record from there, else the end."""
+    def _next_place(self, position: int) -> int:
         while window := self._at(position, _WINDOW_BYTES + _SHAPE_BYTES):
             for match in _HEADER_SHAPE.finditer(window):
                 place = position + match.start()
@@ -224,9 +192,10 @@ class Bag1Salvage:
         index.messages = counts if chunks == _number(announced) else None
         return index
 
-    def _at(self, position: int, length: int) -> bytes:
-        self.file.seek(position)
-        return self.file.read(length)
+
+def _is_plain_chunk(head: Head) -> bool:
+    """Whether its records can be walked over like those of the file."""
+    return head.op == CHUNK and head.fields[b"compression"] == b"none"
 
 
 def _require_sound(fields: Fields) -> None:

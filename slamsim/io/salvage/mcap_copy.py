@@ -42,7 +42,7 @@ def copy_mcap(path: Path, target: Path, progress: Progress) -> tuple[RecoveryRep
     return report, filler
 
 
-def _take(piece: Piece, begun: int, filler: McapFiller, report: RecoveryReport) -> None:
+def _take(piece: Piece | Gap, begun: int, filler: McapFiller, report: RecoveryReport) -> None:
     """begun: the byte from which on it was looked for."""
     match piece:
         case Gap():

@@ -19,7 +19,6 @@ from typing import BinaryIO
 from mcap import records
 from mcap.opcode import Opcode
 
-from slamsim.guard.files import open_as_found
 from slamsim.guard.limits import LIMITS
 from slamsim.io.mcap.framing import MAGIC
 from slamsim.io.mcap.reader import MESSAGE_HEAD, RECORD_HEAD, data_stream, read_chunk, records_in
@@ -30,8 +29,7 @@ from slamsim.io.salvage.mcap_summary import (
     summary_of,
     whole_record,
 )
-from slamsim.io.salvage.pieces import Gap, LoneMessage
-from slamsim.io.salvage.report import PATIENCE
+from slamsim.io.salvage.pieces import DamagedFile, LoneMessage
 
 _CHUNK_SHAPE = re.compile(
     rb"\x06(?=.{4}\0{4}.{28}(?:\x04\0\0\0zstd|\x03\0\0\0lz4|\0\0\0\0|\x04\0\0\0none).{8})",
@@ -55,72 +53,40 @@ class WholeMcapChunk:
     content: bytes
 
 
-Piece = WholeMcapChunk | LoneMessage | Gap | Declaration | records.Metadata
+Piece = WholeMcapChunk | LoneMessage | Declaration | records.Metadata
 
 
-class McapSalvage:
-    """A damaged MCAP file open for reading; the caller closes ``file``.
+@dataclass(frozen=True, slots=True)
+class _Record:
+    """begin, end: its bytes in the file. data: its content."""
 
-    profile: as its header has it. summary: what could be read of it. ended: whether the walk came
-    to the end of the data.
-    """
+    opcode: int
+    data: bytes
+    begin: int
+    end: int
+
+
+class McapSalvage(DamagedFile[_Record, Piece]):
+    """A damaged MCAP file. profile: as its header has it. summary: what could be read of it."""
+
+    MAGIC, KIND = MAGIC, "an MCAP file"
 
     def __init__(self, path: Path) -> None:
-        self.file: BinaryIO = open_as_found(path)
-        self.size = self.file.seek(0, 2)
+        super().__init__(path)
         self.profile = self._profile()
         self.summary = summary_of(self.file, self.size)
-        self.ended = False
-        self._wasted_bytes = 0
         self._channels = {d.id for d in self.summary.declarations if isinstance(d, records.Channel)}
         self._has_chunks = self._next_chunk(0) < self.size
 
-    def pieces(self) -> Iterator[tuple[int, Piece]]:
-        """(byte reached, piece), in the order of the file."""
-        position = len(MAGIC)
-        if bytes_at(self.file, 0, len(MAGIC)) != MAGIC:
-            position = self._next_place(0)
-            yield position, Gap(0, position, "the first bytes are not those of an MCAP file")
-        while position < self.size and not self.ended:
-            piece, end = self._piecebytes_at(position)
-            if piece is not None:
-                yield end, piece
-            position = end
-
     def _profile(self) -> str:
-        found = self._recordbytes_at(len(MAGIC))
+        found = self._record_at(len(MAGIC))
         with suppress(Exception):
-            if isinstance(found, tuple) and found[0] == Opcode.HEADER:
-                return str(records.Header.read(data_stream(found[1])).profile)
+            if isinstance(found, _Record) and found.opcode == Opcode.HEADER:
+                return str(records.Header.read(data_stream(found.data)).profile)
         return "ros2"
 
-    def _piecebytes_at(self, position: int) -> tuple[Piece | None, int]:
-        """(what is there, where it ends)."""
-        found = self._recordbytes_at(position)
-        if isinstance(found, str):
-            end = self._next_place(position + 1)
-            return Gap(position, end - position, found), end
-        opcode, data = found
-        end = position + RECORD_HEAD.size + len(data)
-        try:
-            if opcode == Opcode.MESSAGE and not self._may_begin(end):
-                raise ValueError("the length of a message is damaged")
-            return self._piece(opcode, data), end
-        except Exception as error:
-            reason = " ".join(str(error).split())[:200] or type(error).__name__
-            after, counts = self._indexesbytes_at(end) if opcode == Opcode.CHUNK else (end, None)
-            if not self._may_begin(after) and self._is_patient(end - position):
-                after, counts = self._next_place(position + 1), None  # its length is wrong too
-            return Gap(position, after - position, reason, counts), after
-
-    def _is_patient(self, size: int) -> bool:
-        """Whether to look for records inside one that is damaged: a hostile file nests them."""
-        self._wasted_bytes += size
-        return self._wasted_bytes < PATIENCE * self.size
-
-    def _recordbytes_at(self, position: int) -> tuple[int, bytes] | str:
-        """(opcode, content) of the record there, or why there is none."""
-        head = bytes_at(self.file, position, RECORD_HEAD.size)
+    def _record_at(self, position: int) -> _Record | str:
+        head = self._at(position, RECORD_HEAD.size)
         if len(head) < RECORD_HEAD.size:
             return "the file is cut off here"
         opcode, length = RECORD_HEAD.unpack(head)
@@ -128,20 +94,22 @@ class McapSalvage:
             return "here is no record"
         if length > self.size - position - RECORD_HEAD.size:
             return "the file is cut off in this record, or its length is damaged"
-        return opcode, self.file.read(length)
+        end = position + RECORD_HEAD.size + length
+        return _Record(opcode, self.file.read(length), position, end)
 
     def _may_begin(self, position: int) -> bool:
-        """Whether a record can begin there, or the file is cut off before that can be told."""
-        head = bytes_at(self.file, position, RECORD_HEAD.size)
+        head = self._at(position, RECORD_HEAD.size)
         return len(head) < RECORD_HEAD.size or _possible(*RECORD_HEAD.unpack(head))
 
-    def _piece(self, opcode: int, data: bytes) -> Piece | None:
-        """Raises whatever the libraries raise on damage."""
+    def _piece(self, record: _Record) -> Piece | None:
+        opcode, data = record.opcode, record.data
         if opcode == Opcode.CHUNK:
             chunk, content = read_chunk(data)
             self._look_through(content)
             return WholeMcapChunk(chunk, content)
         if opcode == Opcode.MESSAGE:
+            if not self._may_begin(record.end):
+                raise ValueError("the length of a message is damaged")
             _require_head(len(data))
             return LoneMessage(RECORD_HEAD.pack(opcode, len(data)) + data)
         if opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
@@ -178,21 +146,20 @@ class McapSalvage:
             self._channels.add(found.id)
         return found
 
-    def _indexesbytes_at(self, position: int) -> tuple[int, dict[int, int] | None]:
-        """(end, messages per channel) of the message indexes that follow a chunk."""
-        counts = Counter[int]()
-        while isinstance(found := self._recordbytes_at(position), tuple):
-            opcode, data = found
-            if opcode != Opcode.MESSAGE_INDEX:
+    def _after_damaged(self, record: _Record) -> tuple[int, dict[int, int] | None]:
+        position, counts = record.end, Counter[int]()
+        while record.opcode == Opcode.CHUNK:
+            found = self._record_at(position)
+            if isinstance(found, str) or found.opcode != Opcode.MESSAGE_INDEX:
                 break
             with suppress(Exception):
-                channel, messages = _index_of(data)
+                channel, messages = _index_of(found.data)
                 counts[channel] += messages
-            position += RECORD_HEAD.size + len(data)
+            position = found.end
         return position, dict(counts) or None
 
     def _next_place(self, position: int) -> int:
-        """Where the walk can go on, from there: the next chunk, or lone message; else the end."""
+        """The next chunk, or lone message where there are no chunks."""
         if self._has_chunks:
             return self._next_chunk(position)
         for place in _matches(self.file, position, _MESSAGE_SHAPE):
@@ -207,16 +174,16 @@ class McapSalvage:
         return self.size
 
     def _is_chunk(self, place: int) -> bool:
-        head = bytes_at(self.file, place, _CHUNK_HEAD.size)
+        head = self._at(place, _CHUNK_HEAD.size)
         _, length, _, _, unpacked, _, name = _CHUNK_HEAD.unpack(head)
-        packed = int.from_bytes(bytes_at(self.file, place + _CHUNK_HEAD.size + name, 8), "little")
+        packed = int.from_bytes(self._at(place + _CHUNK_HEAD.size + name, 8), "little")
         stated = _CHUNK_HEAD.size - RECORD_HEAD.size + name + 8 + packed
         fits = place + RECORD_HEAD.size + length <= self.size
         return fits and bool(length == stated and unpacked <= LIMITS.bag_chunk_bytes)
 
     def _is_message(self, place: int) -> bool:
         """Of a known channel, and followed by something that can be a record."""
-        head = bytes_at(self.file, place, RECORD_HEAD.size + 2)
+        head = self._at(place, RECORD_HEAD.size + 2)
         length, channel = RECORD_HEAD.unpack(head[:-2])[1], int.from_bytes(head[-2:], "little")
         end = place + RECORD_HEAD.size + length
         return channel in self._channels and end <= self.size and self._may_begin(end)

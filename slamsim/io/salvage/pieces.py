@@ -1,8 +1,15 @@
-"""What a walk over a damaged recording comes by, besides chunks and declarations."""
+"""The walk over a damaged file of records, and what it comes by besides chunks and declarations."""
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
+from collections.abc import Iterator
 from dataclasses import dataclass
+from pathlib import Path
+from typing import BinaryIO, ClassVar, Generic, Protocol, TypeVar
+
+from slamsim.guard.files import open_as_found
+from slamsim.io.salvage.report import PATIENCE
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,3 +28,90 @@ class Gap:
     bytes: int
     reason: str
     messages: dict[int, int] | None = None
+
+
+class FoundRecord(Protocol):
+    """A record whose head is sound. begin, end: its bytes in the file."""
+
+    @property
+    def begin(self) -> int: ...
+
+    @property
+    def end(self) -> int: ...
+
+
+_Record = TypeVar("_Record", bound=FoundRecord)
+_Piece = TypeVar("_Piece")
+
+
+class DamagedFile(ABC, Generic[_Record, _Piece]):
+    """A damaged file of records open for reading; the caller closes ``file``.
+
+    MAGIC, KIND: the first bytes of the format, and what it is called. ended: whether the walk came
+    to the end of the data.
+    """
+
+    MAGIC: ClassVar[bytes]
+    KIND: ClassVar[str]
+
+    def __init__(self, path: Path) -> None:
+        self.file: BinaryIO = open_as_found(path)
+        self.size = self.file.seek(0, 2)
+        self.ended = False
+        self._wasted_bytes = 0
+
+    def pieces(self) -> Iterator[tuple[int, _Piece | Gap]]:
+        """(byte reached, piece), in the order of the file."""
+        position = len(self.MAGIC)
+        if self._at(0, position) != self.MAGIC:
+            position = self._next_place(0)
+            yield position, Gap(0, position, f"the first bytes are not those of {self.KIND}")
+        while position < self.size and not self.ended:
+            piece, end = self._piece_at(position)
+            if piece is not None:
+                yield end, piece
+            position = end
+
+    def _piece_at(self, position: int) -> tuple[_Piece | Gap | None, int]:
+        """(what is there, where to go on)."""
+        found = self._record_at(position)
+        if isinstance(found, str):
+            end = self._next_place(position + 1)
+            return Gap(position, end - position, found), end
+        try:
+            return self._piece(found), found.end
+        except Exception as error:
+            reason = " ".join(str(error).split())[:200] or type(error).__name__
+            after, counts = self._after_damaged(found)
+            if not self._may_begin(after) and self._is_patient(found.end - found.begin):
+                after, counts = self._next_place(position + 1), None  # its length is wrong too
+            return Gap(position, after - position, reason, counts), after
+
+    def _is_patient(self, size: int) -> bool:
+        """Whether to look for records inside one that is damaged: a hostile file nests them."""
+        self._wasted_bytes += size
+        return self._wasted_bytes < PATIENCE * self.size
+
+    def _at(self, position: int, length: int) -> bytes:
+        self.file.seek(position)
+        return self.file.read(length)
+
+    @abstractmethod
+    def _record_at(self, position: int) -> _Record | str:
+        """The record there, which ends within the file; or why there is none."""
+
+    @abstractmethod
+    def _piece(self, record: _Record) -> _Piece | None:
+        """What is made of a record; raises whatever the libraries raise on damage."""
+
+    @abstractmethod
+    def _after_damaged(self, record: _Record) -> tuple[int, dict[int, int] | None]:
+        """(where a damaged record ends with its indexes, messages in it by channel)."""
+
+    @abstractmethod
+    def _may_begin(self, position: int) -> bool:
+        """Whether a record can begin there, or the file ends before that can be told."""
+
+    @abstractmethod
+    def _next_place(self, position: int) -> int:
+        """Where the walk can go on, from there; else the end of the file."""

@@ -12,6 +12,9 @@ from slamsim.core.types import BoolArray, IntArray
 from slamsim.recording import Messages, Origin, RawStream, Recording
 from slamsim.recording.edits.base import Edit, MessagesChange, MessagesEdit, Target
 
+_BESIDE_FIELDS = ("stamps_ns", "received_ns", "samples", "origin", "layout_of", "yaws_rad")
+"""What streams have of each message besides the fields of their schema."""
+
 
 @dataclass(frozen=True, slots=True)
 class ChangeMessages(MessagesEdit):
@@ -71,7 +74,7 @@ def select(messages: Messages, which: BoolArray | IntArray) -> Messages:
     rows = np.arange(messages.stamps_ns.size)[which]
     per_message: dict[str, object] = {}
     fields = (field.name for field in messages.schema.fields if not field.is_constant)
-    for name in ("stamps_ns", "received_ns", "samples", "origin", "layout_of", *fields):
+    for name in (*_BESIDE_FIELDS, *fields):
         value = getattr(messages, name, None)
         if isinstance(value, np.ndarray | Origin):
             per_message[name] = value[rows]

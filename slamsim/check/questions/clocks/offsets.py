@@ -4,13 +4,7 @@ from __future__ import annotations
 
 from slamsim.check.calibration.joint import Calibration
 from slamsim.check.findings import Finding, Measurement
-from slamsim.check.question import (
-    FaultKind,
-    Question,
-    decide,
-    judge,
-    unanswered,
-)
+from slamsim.check.question import FaultKind, Question, decide, judge, unanswered
 from slamsim.check.questions.clocks.pairs import (
     DRIFT_LIMIT,
     HARM_S,

@@ -11,14 +11,7 @@ import numpy as np
 
 from slamsim.check.fault_groups import LIDAR_TIMES, SWEEPS
 from slamsim.check.findings import Curve, Finding, Measurement, Plot
-from slamsim.check.question import (
-    SURE_SIGMAS,
-    FaultKind,
-    Question,
-    anywhere,
-    decide,
-    judge,
-)
+from slamsim.check.question import SURE_SIGMAS, FaultKind, Question, anywhere, decide, judge
 from slamsim.recording import RecordingFormat
 from slamsim.recording.repairs.base import Repair
 from slamsim.slam.laser.scan_motion import ScanMotions, ShapeEstimate

@@ -8,14 +8,7 @@ import numpy as np
 
 from slamsim.check.fault_groups import LIDAR_TIMES, SIZES, SWEEPS
 from slamsim.check.findings import Curve, Finding, Measurement, Plot
-from slamsim.check.question import (
-    FaultKind,
-    Question,
-    anywhere,
-    judge,
-    same_subject,
-    unanswered,
-)
+from slamsim.check.question import FaultKind, Question, anywhere, judge, same_subject, unanswered
 from slamsim.check.questions.streams.series import StampSeries, spread_s
 from slamsim.core.types import FloatArray
 from slamsim.recording.repairs.base import Repair

@@ -10,19 +10,8 @@ import numpy as np
 from slamsim.check.calibration.distance_unit import ratio_of_units
 from slamsim.check.evidence import RecordingEvidence
 from slamsim.check.findings import Finding, Measurement
-from slamsim.check.motion.integrated import (
-    IntegratedMotion,
-    integrated_odometry,
-    integrated_wheels,
-)
-from slamsim.check.question import (
-    FaultKind,
-    Question,
-    QuestionGroup,
-    anywhere,
-    judge,
-    unanswered,
-)
+from slamsim.check.motion.integrated import IntegratedMotion, integrated_odometry, integrated_wheels
+from slamsim.check.question import FaultKind, Question, QuestionGroup, anywhere, judge, unanswered
 from slamsim.check.questions.wheels.counters import (
     COUNTER,
     COUNTING,

@@ -10,14 +10,7 @@ import numpy as np
 from slamsim.check.evidence import RecordingEvidence
 from slamsim.check.findings import Finding, Measurement
 from slamsim.check.motion.disagreement import IN_COMMON, LIMIT_M, disagreement
-from slamsim.check.question import (
-    FaultKind,
-    Question,
-    QuestionGroup,
-    anywhere,
-    judge,
-    unanswered,
-)
+from slamsim.check.question import FaultKind, Question, QuestionGroup, anywhere, judge, unanswered
 from slamsim.core.types import BoolArray
 from slamsim.recording import RawOdometry
 from slamsim.recording.repairs.base import Repair

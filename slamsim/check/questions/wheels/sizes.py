@@ -9,14 +9,7 @@ from slamsim.check.calibration.majority import Majority, majority
 from slamsim.check.evidence import of_calibration
 from slamsim.check.findings import Finding, Measurement
 from slamsim.check.motion.integrated import IntegratedMotion
-from slamsim.check.question import (
-    FaultKind,
-    Question,
-    QuestionGroup,
-    anywhere,
-    judge,
-    unanswered,
-)
+from slamsim.check.question import FaultKind, Question, QuestionGroup, anywhere, judge, unanswered
 from slamsim.recording.repairs.base import Repair
 
 RADIUS_LIMIT, TRACK_LIMIT = 0.01, 0.02

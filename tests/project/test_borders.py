@@ -1,0 +1,123 @@
+"""Who may import what: the borders between stages, and a light ``import slamsim``."""
+
+from __future__ import annotations
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+PACKAGE = Path(__file__).parents[2] / "slamsim"
+ALLOWED = {
+    "gtsam": ("slam/backend/graph.py",),
+    "pybullet": ("sim/",),
+    "rerun": ("report/",),
+    "foxglove": ("simulation/sinks/",),
+    "matplotlib": ("report/", "dataset/catalogue/figures.py"),
+    "rosbags": ("io/",),
+    "mcap": ("io/",),
+    "open3d": ("sensors/",),
+    "kiss_icp": ("slam/matching/", "bench/peers/"),
+    "small_gicp": ("bench/peers/",),
+    "karto_scanmatcher": ("bench/peers/",),
+    "genz_icp": ("bench/peers/",),
+    "trimesh": ("world/",),
+    "pebble": ("process/worker.py",),
+    "distributed": ("dataset/make/engines/",),
+    "fsspec": ("dataset/",),
+    "evo": (),
+}
+HEAVY = [*ALLOWED, "numba", "scipy", "cv2", "shapely"]
+
+
+def imports_of(path: Path) -> set[str]:
+    names: set[str] = set()
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Import):
+            names.update(alias.name.split(".")[0] for alias in node.names)
+        elif isinstance(node, ast.ImportFrom) and node.module and node.level == 0:
+            names.add(node.module.split(".")[0])
+    return names
+
+
+@pytest.mark.parametrize("library", sorted(ALLOWED))
+def test_a_library_is_imported_only_within_its_border(library: str) -> None:
+    strangers = [
+        name
+        for path in sorted(PACKAGE.rglob("*.py"))
+        if library in imports_of(path)
+        and not (name := path.relative_to(PACKAGE).as_posix()).startswith(ALLOWED[library])
+    ]
+    assert strangers == []
+
+
+@pytest.mark.parametrize(
+    "module", ["slamsim", "slamsim.core.types", "slamsim.cli.main", "slamsim.config.run"]
+)
+def test_a_light_import_pulls_in_nothing_heavy(module: str) -> None:
+    code = f"import sys, {module}; print(*[h for h in {HEAVY!r} if h in sys.modules])"
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=60
+    )
+    assert done.stdout.split() == []
+
+
+READING = {
+    *("read_bytes", "read_text", "open", "copyfile", "copytree", "copy2", "fromfile", "memmap"),
+    *("loadtxt", "genfromtxt", "load_scene", "loadURDF", "imread", "read_triangle_mesh"),
+}
+OWN_DOORS = {
+    # what this process, or one that it started, has written itself
+    "process/worker.py": "what a worker printed; the memory limit that the system tells",
+    "core/jit.py": "our own source, and the cache of its kernels with their checksums",
+    "recording/row_store.py": "a temporary file without a name",
+    "sim/robot/chassis.py": "the robot's description as we write it for the engine",
+    "dataset/make/produce.py": "a sequence that was made just now, hashed",
+    "process/children.py": "what the system tells of a process",
+    "bench/online.py": "what the system tells of this process",
+    # no file of anybody's
+    "sim/bullet.py": "the null device",
+    "entry.py": "the null device, in the place of a stream that is closed",
+    "process/exit_codes.py": "the null device",
+    "bench/alone.py": "the null device",
+    # doors of their own, which refuse what ``open_as_found`` refuses
+    "dataset/store/place.py": "a data set, in a folder through open_as_found, or behind a URL",
+    "dataset/store/lazy_table.py": "through Place.open",
+    "dataset/make/sequence_check.py": "through Place.open",
+    "dataset/store/store.py": "its locks; a sequence that a worker made just now",
+    # what has passed a door and is read by a library, which takes a name only
+    "world/from_mesh.py": "a mesh that check_mesh_file has passed",
+    "io/salvage/sqlite_salvage.py": "a copy of a database that open_as_found has passed",
+}
+"""Modules outside of ``guard/`` that open files for reading, and what these are."""
+
+
+def opened_for_reading(path: Path) -> bool:
+    """Whether a module calls what reads a file by its name."""
+    return any(
+        isinstance(node, ast.Call) and _name(node.func) in READING and not _writes(node)
+        for node in ast.walk(ast.parse(path.read_text()))
+    )
+
+
+def _name(function: ast.expr) -> str:
+    return function.attr if isinstance(function, ast.Attribute) else getattr(function, "id", "")
+
+
+def _writes(call: ast.Call) -> bool:
+    modes = [argument.value for argument in call.args if isinstance(argument, ast.Constant)]
+    return any(isinstance(mode, str) and mode[:1] in ("x", "w", "a") for mode in modes)
+
+
+def test_files_are_read_through_one_door() -> None:
+    """What a user or a file names is opened in ``guard/`` alone, where pipes, devices, sizes and
+    links out of a folder are looked at."""
+    found = {
+        name
+        for path in sorted(PACKAGE.rglob("*.py"))
+        if not (name := path.relative_to(PACKAGE).as_posix()).startswith("guard/")
+        and opened_for_reading(path)
+    }
+    assert found == OWN_DOORS.keys()
