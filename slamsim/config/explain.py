@@ -7,6 +7,7 @@ from typing import NamedTuple
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
+from slamsim.config.kinds import missing_kinds
 from slamsim.config.layers import Tree
 from slamsim.config.model_keys import Spot, find_spot, suggest
 from slamsim.guard.errors import SlamsimError, shown
@@ -109,12 +110,15 @@ def _reason(spot: Spot, detail: ErrorDetails, given: object) -> str:
     if kind in ("value_error", "assertion_error"):
         return str(context.get("error", detail["msg"]))
     message = detail["msg"]
-    return f"{message[:1].lower()}{message[1:]} (given: {_given(given)})"
+    missing = f"; {missing_kinds()}" if kind == "union_tag_invalid" and missing_kinds() else ""
+    return f"{message[:1].lower()}{message[1:]} (given: {_given(given)}){missing}"
 
 
 def _choice_reason(spot: Spot, context: dict[str, object], given: object) -> str:
     near = spot.nearest_choice(given)
     meant = f"; did you mean {near!r}?" if near else ""
+    if spot.keys[-1:] == ("type",) and missing_kinds():
+        meant += f"; {missing_kinds()}"
     return f"must be {spot.choices_text() or context.get('expected')}, not {_given(given)}{meant}"
 
 
