@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 from typing import NamedTuple
 
 from pydantic import BaseModel, ValidationError
@@ -107,6 +108,12 @@ def _reason(spot: Spot, detail: ErrorDetails, given: object) -> str:
         return _choice_reason(spot, context, given)
     if kind.endswith(("too_short", "too_long")):
         return _length_reason(spot, context, given)
+    if kind == "union_tag_not_found":
+        return f"the key {context['discriminator']} is missing"
+    if kind == "union_tag_invalid":
+        return _tag_reason(context)
+    if kind == "string_pattern_mismatch":
+        return f"must match {context['pattern']}, not {_given(given)}"
     if kind in ("value_error", "assertion_error"):
         return str(context.get("error", detail["msg"]))
     message = detail["msg"]
@@ -120,6 +127,15 @@ def _choice_reason(spot: Spot, context: dict[str, object], given: object) -> str
     if spot.keys[-1:] == ("type",) and missing_kinds():
         meant += f"; {missing_kinds()}"
     return f"must be {spot.choices_text() or context.get('expected')}, not {_given(given)}{meant}"
+
+
+def _tag_reason(context: dict[str, object]) -> str:
+    """Of an entry whose ``type`` is none of the kinds that there are."""
+    tag, kinds = str(context["tag"]), str(context["expected_tags"]).replace("'", "").split(", ")
+    near = difflib.get_close_matches(tag, kinds, n=1)
+    meant = f"; did you mean {near[0]!r}?" if near else ""
+    name = str(context["discriminator"]).strip("'")
+    return f"there is no {name} {shown(tag)}, only {', '.join(kinds)}{meant}"
 
 
 def _length_reason(spot: Spot, context: dict[str, object], given: object) -> str:

@@ -143,8 +143,8 @@ def test_frames_of_the_camera() -> None:
 @pytest.mark.parametrize(
     ("entries", "told"),
     [
-        ("[{type: depth_cam, name: a, mount: {}}]", "'depth_camera', 'planar_lidar'"),
-        ("[{type: depth_camera, name: A, mount: {}}]", "pattern"),
+        ("[{type: depth_cam, name: a, mount: {}}]", "did you mean 'depth_camera'"),
+        ("[{type: depth_camera, name: A, mount: {}}]", "must match"),
         ("[{type: depth_camera, name: a}]", "mount"),
         ("[{type: depth_camera, name: a, mount: {z: 1}}]", "unknown key 'z'"),
         ("[{name: a, mount: {}}]", "'type'"),
