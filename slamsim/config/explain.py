@@ -117,15 +117,14 @@ def _reason(spot: Spot, detail: ErrorDetails, given: object) -> str:
     if kind in ("value_error", "assertion_error"):
         return str(context.get("error", detail["msg"]))
     message = detail["msg"]
-    missing = f"; {missing_kinds()}" if kind == "union_tag_invalid" and missing_kinds() else ""
-    return f"{message[:1].lower()}{message[1:]} (given: {_given(given)}){missing}"
+    return f"{message[:1].lower()}{message[1:]} (given: {_given(given)})"
 
 
 def _choice_reason(spot: Spot, context: dict[str, object], given: object) -> str:
     near = spot.nearest_choice(given)
     meant = f"; did you mean {near!r}?" if near else ""
-    if spot.keys[-1:] == ("type",) and missing_kinds():
-        meant += f"; {missing_kinds()}"
+    if spot.keys[-1:] == ("type",):
+        meant += _left_out()
     return f"must be {spot.choices_text() or context.get('expected')}, not {_given(given)}{meant}"
 
 
@@ -135,7 +134,12 @@ def _tag_reason(context: dict[str, object]) -> str:
     near = difflib.get_close_matches(tag, kinds, n=1)
     meant = f"; did you mean {near[0]!r}?" if near else ""
     name = str(context["discriminator"]).strip("'")
-    return f"there is no {name} {shown(tag)}, only {', '.join(kinds)}{meant}"
+    return f"there is no {name} {shown(tag)}, only {', '.join(kinds)}{meant}{_left_out()}"
+
+
+def _left_out() -> str:
+    missing = missing_kinds()
+    return f"; {missing}" if missing else ""
 
 
 def _length_reason(spot: Spot, context: dict[str, object], given: object) -> str:

@@ -242,7 +242,7 @@ class Unresolved(SensorEntry):
         ("raise SystemExit(3)", "SystemExit"),
         ("def broken(:", "SyntaxError"),
         (TAKEN, "there is a kind 'gyro_bias' already"),
-        (UNRESOLVED, "'sonar' found using 'type'.*Nothing"),
+        (UNRESOLVED, "no type 'sonar'.*Nothing"),
     ],
 )
 def test_a_broken_distribution_costs_only_what_it_adds(
