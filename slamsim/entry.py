@@ -1,4 +1,5 @@
-"""Where the ``slamsim`` command begins: with next to nothing loaded, so that it can be stopped."""
+"""Entry point of the ``slamsim`` command: imports little, so that ``--help`` and Ctrl-C are
+instant."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""How fast, and how good: measurements over many runs, one module per part."""
+"""Benchmarks of speed and accuracy over many runs, one module per part."""

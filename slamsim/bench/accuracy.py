@@ -1,4 +1,4 @@
-"""How good SLAM is over many seeds: each simulated, mapped and compared with its truth."""
+"""Accuracy of SLAM over many seeds: each is simulated, mapped and compared with the truth."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Work in processes of their own: each has its own peak memory, and dies alone."""
+"""Runs work in processes of their own, to measure peak memory and isolate crashes."""
 
 from __future__ import annotations
 

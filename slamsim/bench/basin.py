@@ -1,4 +1,4 @@
-"""How many matches come home, by how far off their prediction was."""
+"""Basin of convergence: share of matches that converge, by the error of their prediction."""
 
 from __future__ import annotations
 

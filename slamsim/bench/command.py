@@ -1,4 +1,4 @@
-"""``slamsim bench``: which part measures what, and its options."""
+"""``slamsim bench``: the parts and their options."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How fast workers make sequences once they have begun, whichever engine they belong to."""
+"""Production rate of workers after start-up, for any engine."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``slamsim bench matcher``: from how far off a single match finds home, and how well it knows.
+"""``slamsim bench matcher``: basin of convergence and covariance of a single match.
 
 Scans of a log are matched with a local map that was laid at reference poses: the true ones of a
 simulated log, those that SLAM found for a real one. Where the prediction is put wrong on purpose,

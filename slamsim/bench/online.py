@@ -1,4 +1,4 @@
-"""``slamsim bench online``: what a scan costs late in a long drive, and how memory grows.
+"""``slamsim bench online``: latency per scan late in a long drive, and growth of memory.
 
 The drive, the sensing and the session run in step: nothing is recorded, so that a drive may be
 as long as one likes. The tour of a world is driven again and again until the path is long enough.

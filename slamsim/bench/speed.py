@@ -1,4 +1,4 @@
-"""How fast each stage is: ratios to bare engines and to real time, taken in one run."""
+"""Speed of each stage, as ratios to bare engines and to real time, measured in one run."""
 
 from __future__ import annotations
 

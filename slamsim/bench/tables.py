@@ -1,4 +1,4 @@
-"""What a person sees of the accuracy figures: one line per seed, and the summary."""
+"""Tables of the accuracy benchmark: one line per seed, and the summary."""
 
 from __future__ import annotations
 

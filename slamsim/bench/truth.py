@@ -1,4 +1,4 @@
-"""What SLAM made of loops, against the truth: false closures, and revisits that it missed."""
+"""Loop closures against the truth: false closures, and missed revisits."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is wrong with a recording: every question in turn, then one report."""
+"""Runs all questions on a recording and makes one report."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What questions share of a recording, each part computed when it is first asked for."""
+"""Evidence that questions share, each part computed on first use."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the checker reports: findings, each with its number, its evidence and the repair."""
+"""Findings of the checker: value, evidence and proposed repair."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A manageable share of a recording's ranges, and which scans repeat the one before."""
+"""Samples the ranges of a recording, and finds scans that repeat the previous one."""
 
 from __future__ import annotations
 

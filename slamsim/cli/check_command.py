@@ -19,7 +19,7 @@ CHECK_EPILOG = (
     "Example: slamsim check my_rosbag2/ --html verdict.html"
 )
 FIX_EPILOG = (
-    "Exit code: 0 nothing bad is left, 1 something is. "
+    "Exit code: 0 no fault is left, 1 faults are left. "
     "Example: slamsim fix my_rosbag2/ fixed/ --apply all"
 )
 
@@ -45,14 +45,14 @@ def check(
         typer.Option(
             "--html",
             metavar="FILE",
-            help="Write verdicts and plots to this file.",
+            help="Write findings and plots to this file.",
         ),
     ] = None,
     quick: Annotated[
         bool,
         typer.Option("--quick", help="Skip the questions that compare scans with one another."),
     ] = False,
-    show_all: Annotated[bool, typer.Option("--all", help="Show answers that are ok, too.")] = False,
+    show_all: Annotated[bool, typer.Option("--all", help="Also show answers that are ok.")] = False,
     list_: Annotated[
         bool, typer.Option("--list", help="List all questions, their limits and their faults.")
     ] = False,
@@ -114,7 +114,7 @@ def fix(
         typer.Option(
             "--apply",
             metavar="all|none|NAME[,NAME...]",
-            help="Repairs to apply, of those that check proposes; none: a plain copy.",
+            help="Repairs to apply, among those proposed by check; none: a plain copy.",
         ),
     ] = "all",
     scan_topic: ScanTopic = None,

@@ -47,7 +47,7 @@ Place = Annotated[
 @dataset.command(
     epilog="Exit code: 0 all sequences are there, 1 some could not be made (all "
     "others are there), 75 the disk is full, 130 stopped. "
-    "Examples: slamsim dataset make labyrinths -n 1000 --out my_data · the same again goes on "
+    "Examples: slamsim dataset make labyrinths -n 1000 --out my_data · the same command resumes "
     "where it was stopped · slamsim dataset make my_recipe.yaml -n 10000 --out s3://bucket/set "
     "--engine dask --scheduler tcp://10.0.0.1:8786"
 )
@@ -167,7 +167,7 @@ def preview(
 
 
 @dataset.command(
-    epilog="Exit code: 0 all is as it was made, 4 something is not. "
+    epilog="Exit code: 0 complete and unchanged, 4 not. "
     "Examples: slamsim dataset verify my_data --again 3 · slamsim dataset verify s3://bucket/set "
     "--subset 5%"
 )

@@ -28,7 +28,7 @@ def identify(
         typer.Option(
             "--robot-file",
             metavar="FILE",
-            help="Write the robot to this file too.",
+            help="Also write the robot to this file.",
         ),
     ] = None,
     set_: Set = None,

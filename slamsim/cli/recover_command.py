@@ -17,7 +17,7 @@ def recover(
         Path,
         typer.Argument(
             help="A truncated or damaged recording: rosbag2, MCAP, .db3, ROS 1, CARMEN, Parquet; "
-            "or the folder that a killed run was to make.",
+            "or the output folder of a killed run.",
             show_default=False,
         ),
     ],

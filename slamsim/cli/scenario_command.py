@@ -11,11 +11,11 @@ from slamsim.scenarios.registry import ALL, ENTRIES
 
 _LINES = "\n".join(f"[bold]{entry.name}[/bold]: {entry.asks}" for entry in ENTRIES)
 HELP = (
-    "Run scenarios of the reference study, and show ours beside Unity, Gazebo, reality and theory."
+    "Run scenarios of the reference study, and compare with Unity, Gazebo, a real robot and theory."
     f"\n\n\b\n{_LINES}\n[bold]{ALL}[/bold]: the nine in one report"
 )
 EPILOG = (
-    "Exit code: 0 all ran, whatever came out; 1 a trial failed. "
+    "Exit code: 0 all trials ran, whatever their results; 1 a trial failed. "
     "Examples: slamsim scenario all · slamsim scenario stacking --set max_boxes=12 · "
     "slamsim scenario all --set ramp.robot=sturdy"
 )

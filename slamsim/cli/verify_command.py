@@ -10,7 +10,7 @@ from slamsim.console.options import Json, Quiet
 from slamsim.guard.errors import DataDamaged
 
 EPILOG = (
-    "Exit code: 0 all is as it was written, 4 something is not, 10 there is nothing to compare. "
+    "Exit code: 0 all files are unchanged, 4 some are not, 10 nothing to compare. "
     "Examples: slamsim verify outputs/labyrinth · slamsim verify my_data · slamsim verify a.mcap"
 )
 

@@ -1,4 +1,4 @@
-"""What all configuration models have in common."""
+"""Base class of all configuration models."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Finding an input by its path, or by the name of one that comes with the package."""
+"""Finds an input by its path, or by the name of a file bundled with the package."""
 
 from __future__ import annotations
 

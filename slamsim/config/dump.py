@@ -1,4 +1,4 @@
-"""Writing a configuration as YAML that explains itself and reads back equal."""
+"""Writes a configuration as commented YAML that reads back equal."""
 
 from __future__ import annotations
 

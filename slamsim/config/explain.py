@@ -1,4 +1,4 @@
-"""What pydantic found wrong, told with place, key, given value and what would be right."""
+"""Explains validation errors of pydantic: place, key, given value and nearest valid value."""
 
 from __future__ import annotations
 

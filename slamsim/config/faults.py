@@ -1,4 +1,4 @@
-"""Which faults a recording is given on purpose; what they are stands in ``configs/faults``."""
+"""Settings of the faults to inject; the faults themselves are in ``configs/faults``."""
 
 from __future__ import annotations
 

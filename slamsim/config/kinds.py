@@ -1,4 +1,4 @@
-"""Lists whose entries are of kinds that modules elsewhere define, each with a ``type`` of its own.
+"""Lists of entries whose ``type`` selects a model defined by a plug-in module.
 
 A kind more is a module in the package that is named here, or in an installed distribution that
 names one in the entry-point group of that name.

@@ -1,4 +1,4 @@
-"""Configuration data put together from files and ``--set``, each value with its origin."""
+"""Merges configuration data from files and ``--set``, keeping the origin of each value."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""From files, names and ``--set`` to a checked configuration.
+"""Loads and validates a configuration from files, bundled names and ``--set``.
 
 A section may be a mapping, or the name or path of a file that holds one; a mapping may start
 from such a file with ``preset: name`` and change single keys. A relative name, or one under a

@@ -1,4 +1,4 @@
-"""What was measured on a robot: the figures that ``slamsim identify`` fits a model to."""
+"""Measurements of a real robot: the figures to which ``slamsim identify`` fits a model."""
 
 from __future__ import annotations
 

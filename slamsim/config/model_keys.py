@@ -1,4 +1,4 @@
-"""Finding one's way in the keys of nested models: where an error sits, what was meant."""
+"""Searches the keys of nested models: where an error is, and which key was probably meant."""
 
 from __future__ import annotations
 

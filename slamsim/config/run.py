@@ -1,4 +1,4 @@
-"""Everything one run depends on."""
+"""Configuration of one run: everything that its result depends on."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How SLAM is done: the front end's numbers, and the back end's beside them."""
+"""Configuration of SLAM: front end, back end, mapping."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Options that several commands of the command line share."""
+"""Command-line options shared by several commands."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the user sees while work goes on."""
+"""Progress, tables and messages shown to the user while a command runs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The few numbers of a report that a person wants to see first."""
+"""The main numbers of a report, as a short table."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ def _limit(report: Numbers) -> str | None:
     bound_m, ratio = _number(report, "bound_ate_m"), _number(report, "ate_over_bound")
     if bound_m is None or ratio is None:
         return None
-    return f"{_fine(bound_m)} RMSE is the bound for any SLAM; this is {ratio:.3g} times that"
+    return f"{_fine(bound_m)} RMSE is the lower bound for any SLAM; this is {ratio:.3g} times that"
 
 
 def _trust(report: Numbers) -> str | None:

@@ -1,4 +1,4 @@
-"""The arrays that are spoken of everywhere, by the type of their numbers."""
+"""Array types used everywhere, named by the type of their numbers."""
 
 from __future__ import annotations
 

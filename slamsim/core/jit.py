@@ -1,4 +1,4 @@
-"""Compiled kernels: numba, cached on disk, and never in the way when the cache is.
+"""Compiled kernels: numba with a disk cache that may fail without stopping the program.
 
 ``kernel`` is the one decorator for hot loops in this package. Results are the same bytes for
 the same input: no fast-math, no parallel reductions. The cache differs from numba's own in

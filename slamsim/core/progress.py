@@ -1,4 +1,4 @@
-"""How a long stage tells how far it is, without knowing who listens."""
+"""Progress of a long stage, reported through a callback."""
 
 from __future__ import annotations
 

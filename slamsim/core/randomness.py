@@ -1,4 +1,4 @@
-"""Random streams that depend on a seed and a name, and on nothing else."""
+"""Random streams that depend on a seed and a name only."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The square cells that a ray passes, one after the other (Amanatides & Woo 1987), compiled."""
+"""Traverses the grid cells along a ray (Amanatides & Woo 1987), compiled."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What SLAM says of a log: a trajectory, the graph behind it, what happened, and how sure it is.
+"""Result of SLAM on a log: trajectory, pose graph, events and covariances.
 
 As in ``types``, constructors refuse what is not finite: no map is drawn from such numbers.
 """

@@ -1,4 +1,4 @@
-"""Wheel odometry: from encoder ticks to where the wheels say the robot is."""
+"""Wheel odometry: from encoder ticks to the pose of the robot."""
 
 from __future__ import annotations
 

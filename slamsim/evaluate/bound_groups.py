@@ -1,4 +1,4 @@
-"""Neighbouring scans joined to one pose, and the information matrix of all of them together."""
+"""Groups neighbouring scans into one pose each and assembles the information matrix."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What wheels and gyroscope can tell of the motion between two instants, at best.
+"""Information about motion from wheels and gyroscope: the odometry part of the bound.
 
 The heading is the gyroscope's: white noise of its density, its bias taken as known, which it
 nearly is after a whole run. The wheels' is joined to it. How far the wheels slip is no setting

@@ -1,4 +1,4 @@
-"""What the ranges of a scan can tell of the pose it was taken from, and of the walls it met.
+"""Information about pose and walls from the ranges of a scan: the scan part of the bound.
 
 The range to a straight face with outward normal n, seen from p along the unit vector u, changes
 with the pose of the robot and with the place of the face as (Censi, "On achievable accuracy for

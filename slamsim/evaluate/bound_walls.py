@@ -1,4 +1,4 @@
-"""True walls as a bound sees them: straight faces, and which of them a beam meets first.
+"""True walls as straight faces, and which face each beam meets first.
 
 A face is a maximal straight stretch of the outline of everything solid at the lidar's height. Its
 position has two unknowns: how far it lies along its normal, and how it is turned about its middle.

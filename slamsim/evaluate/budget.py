@@ -1,4 +1,4 @@
-"""Which part of SLAM costs how much: the same errors after each part has had its say."""
+"""Error budget of SLAM: the same errors after each stage."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whether an estimate is as sure of itself as it should be.
+"""Consistency of an estimate with its covariance (NEES).
 
 Normalised estimation error squared (NEES; Bar-Shalom, Li & Kirubarajan 2001, "Estimation with
 Applications to Tracking and Navigation", section 5.4): the squared error in units of the covariance

@@ -1,4 +1,4 @@
-"""How well a map shows the walls and the free space that are really there.
+"""Scores of a map against the true walls and free space.
 
 Both grids are compared as sets of cell centres, after the same rigid alignment as the
 trajectories, so that neither their origins nor their orientations nor their resolutions need to

@@ -1,4 +1,4 @@
-"""All scores of one run, under stable names that carry their units."""
+"""All scores of a run, under stable names that carry their units."""
 
 from __future__ import annotations
 

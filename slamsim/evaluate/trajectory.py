@@ -1,4 +1,4 @@
-"""How far an estimated trajectory is from the true one.
+"""Errors of an estimated trajectory against the true one: ATE and RPE.
 
 Absolute trajectory error (ATE; Sturm et al. 2012, "A Benchmark for the Evaluation of RGB-D SLAM
 Systems"): the estimate is laid onto the truth by the rigid motion of the plane that minimises the

@@ -1,4 +1,4 @@
-"""What could be seen from a path: nobody can map the back of a barrel, or a room not driven to."""
+"""Surfaces and floor visible from a path, to which map scores are restricted."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The exceptions that a user may cause, each with its exit code."""
+"""Exceptions that a user may cause, each with its exit code."""
 
 from __future__ import annotations
 

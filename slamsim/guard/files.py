@@ -1,4 +1,4 @@
-"""Opening a file that is to be read: it exists, it is a file, it is not too large.
+"""Opens input files: checks that a file exists, is a regular file and is not too large.
 
 Anybody may have written it; if it was slamsim, it must be as it was written.
 """

@@ -1,4 +1,4 @@
-"""Grey images from outside: PGM (P2, P5) and PNG, measured by their header before any pixel."""
+"""Reads grey images of users: PGM (P2, P5) and PNG, with sizes checked before decoding."""
 
 from __future__ import annotations
 

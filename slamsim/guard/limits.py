@@ -1,4 +1,4 @@
-"""The one table of limits for everything that comes from outside."""
+"""Limits for all input files, in one table."""
 
 from __future__ import annotations
 

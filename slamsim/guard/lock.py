@@ -1,4 +1,4 @@
-"""One writer for each name, and what belongs to it: the protocol of every output.
+"""One writer per output name: the lock file, the staging folder, and the protocol of every output.
 
 While NAME is written, ``.NAME.slamsim-lock`` lies beside it. Its writer holds the flock of that
 file, which vanishes with the process however that ends. One line of JSON in it says whose it is

@@ -1,4 +1,4 @@
-"""Triangle meshes from outside: the arrays before an engine sees them, the files before that.
+"""Triangle meshes of users: arrays are checked before an engine gets them, files before that.
 
 Open3D and PyBullet crash on an index out of range, and take a cut file for an empty world.
 """

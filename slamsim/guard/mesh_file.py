@@ -1,4 +1,4 @@
-"""Mesh files from outside: what a file announces must be in it, before a library believes it.
+"""Mesh files of users: declared sizes are checked against the file before a library reads it.
 
 Twenty-two bytes of GLB made a loader claim 4 GB; a cut PLY came back with made-up vertices.
 Only formats that hold everything in one file are read; COLLADA (.dae) only for robots, whose

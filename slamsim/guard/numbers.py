@@ -1,4 +1,4 @@
-"""Numbers that can be worked with: finite, of a size that leaves digits, in order, in shape.
+"""Checks of numbers: finite, within a useful magnitude, ordered, of the right shape.
 
 The constructors of the values that cross a stage ask here, so that no stage has to: what is not
 finite can neither enter one nor leave it.
@@ -170,7 +170,7 @@ def require_directions(what: str, directions: object) -> None:
     assert isinstance(directions, np.ndarray)
     squares = np.einsum("ni,ni->n", directions, directions)
     if squares.size and not float(np.abs(squares - 1.0).max()) <= 2.0 * UNIT_WITHIN:
-        raise BadNumbers(f"{what}: number {np.abs(squares - 1.0).argmax()} is no unit vector")
+        raise BadNumbers(f"{what}: number {np.abs(squares - 1.0).argmax()} is not a unit vector")
 
 
 def require_whole(what: str, value: object, low: int = -MOST_NS, high: int = MOST_NS) -> None:
@@ -187,7 +187,7 @@ def require_rigid(what: str, T_a_b: object) -> None:
     turn, last = T_a_b[:3, :3], T_a_b[3]
     square = np.allclose(turn @ turn.T, np.eye(3), atol=1e-3) and float(np.linalg.det(turn)) > 0.0
     if not square or not np.allclose(last, (0.0, 0.0, 0.0, 1.0)):
-        raise BadNumbers(f"{what}: the 4 x 4 matrix is no rotation with a translation")
+        raise BadNumbers(f"{what}: the 4 x 4 matrix is not a rigid transform")
 
 
 def require_mount(what: str, T_base_sensor: object) -> None:
@@ -206,7 +206,7 @@ def require_unit_quaternions(what: str, quats_xyzw: object, count: int) -> None:
     assert isinstance(quats_xyzw, np.ndarray)
     off = np.abs(np.einsum("ni,ni->n", quats_xyzw, quats_xyzw) - 1.0)
     if off.size and off.max() > 2.0 * UNIT_WITHIN:
-        raise BadNumbers(f"{what}: number {off.argmax()} is no unit quaternion")
+        raise BadNumbers(f"{what}: number {off.argmax()} is not a unit quaternion")
 
 
 def require_covariances(what: str, covariances: object, shape: Shape, most: float = MOST) -> None:

@@ -1,4 +1,4 @@
-"""The one way out: everything is written in a staging folder and renamed when whole.
+"""Staged writes: every output is written in a staging folder and renamed when complete.
 
 How names are locked, and what belongs to whom, is told in ``slamsim.guard.lock``.
 """

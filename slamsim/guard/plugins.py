@@ -1,4 +1,4 @@
-"""Modules that register by being there: in a folder of ours, or in an installed distribution.
+"""Finds plug-in modules: in a folder of the package, or by entry point of a distribution.
 
 A distribution names a module of its own in the entry-point group of the folder's dotted name, for
 instance ``slamsim.sensors.kinds`` (https://packaging.python.org/specifications/entry-points).

@@ -1,4 +1,4 @@
-"""Sizes and times as people say them."""
+"""Sizes and durations as readable text."""
 
 from __future__ import annotations
 

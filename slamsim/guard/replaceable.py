@@ -1,4 +1,4 @@
-"""What an output may replace, and which name it may take at all: decided by looking alone.
+"""Decides, by reading alone, which names an output may take and what it may replace.
 
 An output never is, contains or lies in what the same command reads, and never replaces what
 slamsim cannot tell to be its own. Nothing on the disk is changed here.

@@ -1,4 +1,4 @@
-"""What slamsim wrote has checksums in a file beside it, and is compared with them when it is read.
+"""Checksums beside everything that slamsim wrote, compared when it is read.
 
 A folder is sealed by ``SHA256SUMS``, a sequence of a data set by its ``sequence.json``: written
 last, they hold the hash of every other file, and of themselves.
@@ -163,7 +163,9 @@ def _seal(path: Path, _: _Identity, limits: Limits) -> Seal | None:
     with path.open("rb") as file:
         data = file.read(limits.sums_bytes + 1)
     if len(data) > limits.sums_bytes:
-        reason = f"is longer than {limits.sums_bytes:,} bytes, which no such file is"
+        reason = (
+            f"is longer than {limits.sums_bytes:,} bytes, which is too long for this kind of file"
+        )
         raise InputRefused(path, reason, limit="sums_bytes")
     if not ((path.parent / WRITTEN_BY_US).is_file() or is_ours(path.name, data)):
         return None
@@ -179,6 +181,6 @@ def _altered(seal: Seal, path: Path) -> str:
     if path.suffix in _RECOVERABLE:
         way_out += f", or `slamsim recover {path}` gets back what is whole"
     return (
-        f"is no longer as slamsim wrote it; {way_out}; if it was changed on purpose, copy it out "
+        f"has changed since slamsim wrote it; {way_out}; if it was changed on purpose, copy it out "
         f"of the folder {seal.folder} (`slamsim verify {seal.folder}` tells what else is damaged)"
     )

@@ -1,4 +1,4 @@
-"""The staging folder of an output: made, put away, and exchanged with what it replaces.
+"""The staging folder of an output: created, discarded, or exchanged with the folder it replaces.
 
 ``slamsim.guard.lock`` says what it is called and when each of this is done.
 """

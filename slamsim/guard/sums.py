@@ -1,4 +1,4 @@
-"""Files that hold checksums of others and of themselves.
+"""Checksum files that list other files and protect themselves.
 
 ``SHA256SUMS`` tells of the files of a folder; ``sha256sum -c`` reads it, too. In a data set it
 tells of those beside the sequences, and the ``sequence.json`` of each sequence of its own.

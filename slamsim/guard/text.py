@@ -1,4 +1,4 @@
-"""Text logs from outside, plain or compressed, line by line within limits."""
+"""Reads text logs of users, plain or compressed, line by line within limits."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Robot descriptions (URDF) from outside, checked before PyBullet sees them.
+"""Checks robot descriptions (URDF) of users before PyBullet reads them.
 
 PyBullet crashes on two root links and takes NaN, negative and missing numbers in silence.
 """

@@ -1,4 +1,4 @@
-"""YAML from outside: guarded, read by the rules of YAML 1.2, with the line of every key.
+"""Reads YAML files of users: size and depth limits, YAML 1.2 rules, the line of every key.
 
 libyaml's event stream is read directly, so that limits hold before anything is built:
 aliases and merge keys (the bombs), tags, duplicate keys and endless nesting are refused.

@@ -1,1 +1,1 @@
-"""Copies of recordings in which nothing is lost that was not meant to change."""
+"""Reads, writes, copies and salvages recordings of every format."""

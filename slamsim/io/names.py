@@ -1,3 +1,3 @@
-"""What the recording in the folder of a run or of a sequence is called, rosbag2 or Parquet."""
+"""Name of the recording inside the folder of a run or sequence (rosbag2 or Parquet)."""
 
 LOG, TABLES = "log", "parquet"

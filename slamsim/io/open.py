@@ -1,4 +1,4 @@
-"""Opens recordings of every format: as they were written, and as SLAM reads them."""
+"""Opens recordings of every format, as written and as SLAM reads them."""
 
 from __future__ import annotations
 
@@ -120,7 +120,7 @@ def recording_at(path: Path) -> Path:
         if any(each.is_file(path) for each in known):
             return path
         suffix = path.suffix or "no suffix"
-        raise InputRefused(path, f"{suffix} is no known kind of log; {_about(known)}")
+        raise InputRefused(path, f"{suffix} is not a known log format; {_about(known)}")
     for each in known:
         for name in (".", LOG, TABLES):
             found = each.in_folder(path / name)

@@ -1,4 +1,4 @@
-"""Base of all writers: files that are whole in the end, or closed and to be thrown away."""
+"""Base class of all writers: files are complete at the end, or discarded."""
 
 from __future__ import annotations
 

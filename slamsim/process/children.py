@@ -1,4 +1,4 @@
-"""Processes that end with the one that started them, however that ends.
+"""Child processes that end with their parent, however the parent ends.
 
 The operating system ends them, even in native code that holds Python's lock. This file is also a
 program, ``children.py PARENT COMMAND...``, which becomes the command; it imports next to nothing.

@@ -1,4 +1,4 @@
-"""How a command ends: with an exit code, in one sentence, and cleanly when it is stopped.
+"""Exit codes: one error sentence, and clean shutdown on signals.
 
 Little is imported here, so that Ctrl-C is in good hands before a command loads its libraries.
 """

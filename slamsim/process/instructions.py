@@ -1,4 +1,4 @@
-"""Which of a processor's instructions results may depend on: those that all since 2013 have."""
+"""Restricts results to CPU instructions that all x86-64 processors since 2013 have."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A module of ours as a child process, with pickles to and from it.
+"""Runs a module of this package as a child process and exchanges pickles with it.
 
 Standard input and output carry the messages. The child never outlives this process, and Ctrl-C
 ends this process alone, which then ends the child.

@@ -1,4 +1,4 @@
-"""Messages between two processes: pickles behind their length, never waited for unless asked."""
+"""Messages between two processes: length-prefixed pickles, non-blocking unless asked to wait."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A command in a child of this process, which sees to it that it ends, and says how it did.
+"""Runs a command in a child process, makes sure that it ends, and reports how.
 
 Native code may hold Python's lock for minutes: until then no signal is heard there. And where it
 crashes, nobody is left to say so. This process has loaded nothing, and so it always hears.

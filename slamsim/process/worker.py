@@ -1,4 +1,4 @@
-"""Processes that work: each one core, a memory limit, and replaced when it dies.
+"""Worker processes: one core each, a memory limit, and replacement after a crash.
 
 Work that crashes, hangs or eats all memory ends its own process and nothing else. Each is a
 pebble pool of one: the workers of a larger pool share a pipe and its locks, and one that is

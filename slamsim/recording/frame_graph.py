@@ -1,4 +1,4 @@
-"""Frames and who is whose parent, faults included: nothing here assumes a tree."""
+"""Frames and their parents as a graph, which may have cycles and several parents."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The transform tree of a recording: which sensor sits where on the robot."""
+"""The transform tree of a recording: the pose of each sensor on the robot."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where a recording says that its sensors sit."""
+"""Sensor poses that a recording declares."""
 
 from __future__ import annotations
 

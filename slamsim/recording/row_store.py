@@ -1,4 +1,4 @@
-"""Where the ranges of a recording are kept: in memory, or from a certain size on in a file."""
+"""Storage of the ranges of a recording: in memory, or in a file if they are large."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the messages of each kind of stream hold: one table from which every format follows.
+"""Schema of each kind of stream: one table from which every format follows.
 
 A field says what it is called in a stream, where it stands in the ROS message, and which columns
 of a Parquet table hold it. How messages are serialised and parsed, how tables are written and

@@ -1,4 +1,4 @@
-"""Which messages hold a measurement at all."""
+"""Finds messages without a valid measurement."""
 
 from __future__ import annotations
 

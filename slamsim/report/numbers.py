@@ -1,4 +1,4 @@
-"""Every number of a run, for machines: what ``report.json`` holds."""
+"""All numbers of a run, as written to ``report.json``."""
 
 from __future__ import annotations
 

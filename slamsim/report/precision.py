@@ -1,4 +1,4 @@
-"""How firmly the walls hold the robot along its path, and how true its own doubts are."""
+"""Localisability along the path, and consistency of the estimated covariances."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ def _held_plot(view: RunView, at_most: int) -> tuple[Panel, ...]:
     pick = thinned(found.stamps_ns.size, at_most)
     name = "allowed" if found.by_truth else "claimed"
     curve = Line(name, WITHDRAWN, found.stamps_ns[pick], 1e3 * found.worst_m[pick])
-    title = "Least held direction of a scan, sigma"
+    title = "Least constrained direction of a scan, sigma"
     wide = found.worst_m.max() > _DECADE * found.worst_m.min()
     return (Panel("held", title, "mm", (curve,), logarithmic=bool(wide), along_path=True),)
 

@@ -1,4 +1,4 @@
-"""What the recording and the report show of a run: plain values, nothing of files."""
+"""Data of a run that the Rerun recording and the report show, as plain values."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""What each command does, from its input to a folder that is whole."""
+"""What each command does, from its input to its complete output folder."""

@@ -1,4 +1,4 @@
-"""Going on with the map of an earlier run."""
+"""Continues the map of an earlier run."""
 
 from __future__ import annotations
 
@@ -54,9 +54,9 @@ def chosen_earlier(run: Path | None, start: str | None) -> Earlier | None:
 def refuse_earlier(run: Path | None, start: str | None) -> None:
     """Raises OverrideRefused if one of the options is given where it has no meaning."""
     if run is not None:
-        raise OverrideRefused("--continue", "goes with a recording; a world is simulated anew")
+        raise OverrideRefused("--continue", "needs a recording, not a world")
     if start is not None:
-        raise OverrideRefused("--start", "says where a drive begins in the map of --continue")
+        raise OverrideRefused("--start", "needs --continue: it is a pose in that map")
 
 
 def clouds_before(saved: SavedMap, result: SlamResult) -> Iterator[tuple[Cloud, FloatArray]]:

@@ -1,4 +1,4 @@
-"""``slamsim demo rotation-bug``: the fault that cost the study its maps, found and repaired."""
+"""``slamsim demo rotation-bug``: the rotation bug of the study, found and repaired."""
 
 from __future__ import annotations
 
@@ -37,9 +37,9 @@ def rotation_bug(
     faulty = config.model_copy(update={"faults": (FaultChoice(name=FAULT),)})
     with partial_folder(folder, overwrite) as partial:
         torn, repaired, log = (partial / name for name in (TORN, REPAIRED, REPAIRED_LOG))
-        reporter.say("1. Drive with the rotation bug, and map what it recorded")
+        reporter.say("1. Simulate a drive with the rotation bug and map it")
         before_m = map_world(faulty, torn, reporter).numbers["ate_rmse_m"]
-        reporter.say("2. Ask what is wrong with the recording, and repair it")
+        reporter.say("2. Check the recording and repair it")
         verdict = check_stage(read_recording(torn / LOG), Stages(reporter))
         left = fix_log(torn, log, "all", reporter.without_result())
         reporter.say("3. Map the repaired recording")

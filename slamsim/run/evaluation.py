@@ -1,4 +1,4 @@
-"""``slamsim evaluate``: score a finished run, or a lone trajectory, anew."""
+"""``slamsim evaluate``: scores a finished run, or a single trajectory, again."""
 
 from __future__ import annotations
 
@@ -47,9 +47,7 @@ def evaluate_run(
     true_grid = None if run.grid is None else known.true_grid(run.grid.resolution_m)
     scores = score(run, known, true_grid, Stages(reporter))
     if scores.trajectory is None and scores.relations is None:
-        raise SlamsimError(
-            f"{estimate}: there is nothing to compare with; name a --truth or --relations file"
-        )
+        raise SlamsimError(f"{estimate}: no ground truth; give --truth or --relations")
     return {
         **scores.numbers(),
         "error_budget": scores.budget_numbers(),
@@ -75,7 +73,7 @@ def _read_run(estimate: Path) -> Estimated:
     Raises NotFound for what is not there, InputRefused for what cannot be read.
     """
     if not estimate.exists():
-        raise NotFound(f"{estimate}: there is no such run or trajectory")
+        raise NotFound(f"{estimate}: no such run or trajectory")
     if not estimate.is_dir():
         return Estimated(read_tum(estimate).planar())
     own = partial(own_file, estimate)
@@ -108,5 +106,5 @@ def _truth(path: Path | None) -> Trajectory | None:
         return read_tum(path)
     truth = read_truth(log_of(path))
     if truth is None:
-        raise NotFound(f"{path}: this recording holds no truth")
+        raise NotFound(f"{path}: this recording has no ground truth")
     return truth

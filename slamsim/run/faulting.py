@@ -1,4 +1,4 @@
-"""``slamsim fault``: a recording with faults injected, so that one knows what is wrong with it."""
+"""``slamsim fault``: a copy of a recording with known faults injected."""
 
 from __future__ import annotations
 

@@ -81,7 +81,7 @@ def _nothing_to_do(recording: Recording, report: CheckReport, names: str) -> str
     there = ", ".join(dict.fromkeys(repair.operation for repair in report.repairs))
     if there:
         return f"{recording.name}: the check does not propose {names}, but {there}"
-    kind = "no repair is known for what is wrong" if report.faults else "nothing is wrong with it"
+    kind = "no repair is known for its faults" if report.faults else "no fault was found"
     return f"{recording.name}: there is nothing to fix, {kind}"
 
 

@@ -1,4 +1,4 @@
-"""What a run leaves behind: the files of its folder."""
+"""Writes the files of a run's folder."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``slamsim identify``: fit, tell, and leave a folder with the robot and a report."""
+"""``slamsim identify``: fit, report, and write a folder with the robot."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``slamsim localise``: where a recording was driven, in the frame of a map that is finished."""
+"""``slamsim localise``: localises a recording in a finished map."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``slamsim map``: from a world or a recording to a map, and how good it is."""
+"""``slamsim map``: maps a world or a recording and evaluates the map."""
 
 from __future__ import annotations
 

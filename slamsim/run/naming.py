@@ -1,4 +1,4 @@
-"""What a run reads and where it goes, by names alone: told before any library is loaded."""
+"""Names of inputs and outputs, resolved before any heavy library is loaded."""
 
 from __future__ import annotations
 

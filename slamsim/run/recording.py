@@ -1,4 +1,4 @@
-"""``slamsim simulate``: a recording, the world it was made in and the truth."""
+"""``slamsim simulate``: writes a recording, its world and the ground truth."""
 
 from __future__ import annotations
 

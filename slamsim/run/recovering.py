@@ -1,4 +1,4 @@
-"""``slamsim recover``: a damaged recording in, what is whole of it out."""
+"""``slamsim recover``: rebuilds a damaged recording from its intact messages."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def _show(reporter: Reporter, found: Recovered) -> None:
     for note in found.notes:
         reporter.warn(note)
     if not found.losses:
-        reporter.say("Nothing was lost of what the recording holds")
+        reporter.say("No message was lost")
 
 
 def _topic_in_words(topic: TopicReport) -> str:

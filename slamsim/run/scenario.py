@@ -1,4 +1,4 @@
-"""``slamsim scenario``: run, tell, and leave a folder."""
+"""``slamsim scenario``: run, report, and write a folder."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a run of scenarios leaves: rows, numbers, figures, recordings, the page."""
+"""Output folder of a scenario run: rows, numbers, figures, recordings, the page."""
 
 from __future__ import annotations
 

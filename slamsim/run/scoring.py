@@ -1,4 +1,4 @@
-"""Everything a run can be scored by, whether it was just made or lies on the disk."""
+"""All scores of a run, for a new run and for one read from disk."""
 
 from __future__ import annotations
 

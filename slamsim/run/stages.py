@@ -1,4 +1,4 @@
-"""What the stages of a run have in common: what is shown, what is timed, what is reported."""
+"""Shared parts of the stages of a run: progress, timing, reporting."""
 
 from __future__ import annotations
 

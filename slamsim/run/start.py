@@ -1,4 +1,4 @@
-"""A pose as it is typed."""
+"""Parses a start pose given on the command line."""
 
 from __future__ import annotations
 

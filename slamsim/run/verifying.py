@@ -1,4 +1,4 @@
-"""``slamsim verify``: what slamsim wrote compared with what it sealed; nothing is ever written."""
+"""``slamsim verify``: compares files with their checksums; read-only."""
 
 from __future__ import annotations
 
@@ -118,7 +118,7 @@ def _judged(seal: Seal, name: str) -> tuple[str, int]:
         fits = digest(path) == seal.hashes[name]
     except OSError as error:
         return f"cannot be read: {error.strerror}", 0
-    return "" if fits else "its bytes are not those that were written", path.stat().st_size
+    return "" if fits else "its content differs from what was written", path.stat().st_size
 
 
 def _others(seal: Seal) -> Iterator[str]:
@@ -161,8 +161,8 @@ def _tell(found: Verified, reporter: Reporter) -> None:
     for damage in found.damaged[:_MOST_TOLD]:
         reporter.warn(f"{damage.path}: {damage.reason}")
     for name in found.extra[:_MOST_TOLD]:
-        reporter.say(f"{name}: slamsim did not write it: no checksum")
+        reporter.say(f"{name}: it has no checksum, so slamsim did not write it")
     if max(len(found.damaged), len(found.extra)) > _MOST_TOLD:
-        reporter.say("There are more; --json tells all.")
+        reporter.say("There are more; --json lists all.")
     if not found.whole:
-        reporter.say("Make it again; slamsim recover gets back what is whole of a recording.")
+        reporter.say("Run the command again, or recover intact messages with slamsim recover.")

@@ -1,1 +1,1 @@
-"""What a simulator of robots is judged by: physics and driving against theory and reality."""
+"""Scenarios that validate a robot simulator against theory and measurements."""

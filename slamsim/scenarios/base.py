@@ -1,4 +1,4 @@
-"""What a scenario is: trials that run side by side, and what they say together."""
+"""Base class of scenarios: parallel trials and the findings drawn from them."""
 
 from __future__ import annotations
 

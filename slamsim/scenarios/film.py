@@ -1,4 +1,4 @@
-"""What a trial shows: how bodies moved, coarse enough to be looked at."""
+"""Coarsely sampled motion of the bodies of a trial, for the viewer."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The nine scenarios by name; each is loaded when it is asked for."""
+"""The nine scenarios by name; each is imported on first use."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is read off a scripted run."""
+"""Figures read from a scripted run."""
 
 from __future__ import annotations
 

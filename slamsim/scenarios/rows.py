@@ -1,4 +1,4 @@
-"""Numbers out of the rows of trials."""
+"""Reads numbers from the rows of trials."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""All trials of all chosen scenarios side by side, and what each scenario says of its own."""
+"""Runs all trials of the chosen scenarios in parallel and collects the findings."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The open-loop scripts of the basic drive and of UMBmark: commands by time alone."""
+"""Open-loop scripts of the basic drive and of UMBmark: commands as functions of time."""
 
 from __future__ import annotations
 

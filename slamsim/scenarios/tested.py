@@ -1,4 +1,4 @@
-"""Robots that drive a script again and again, each run a little different."""
+"""Robots that drive a script repeatedly, with run-to-run variation."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whether something grows with the time step, and which time step is fine enough for what."""
+"""Trends with the time step, and the largest time step that is fine enough."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""When a stream samples, what its clock says, and when its messages arrive."""
+"""Clocks of sensors: sampling instants, stamps, and receive times."""
 
 from __future__ import annotations
 

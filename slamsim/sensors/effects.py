@@ -1,4 +1,4 @@
-"""From true ranges to measured ones: every way in which a lidar is not a ruler.
+"""Error model of the lidar: from true ranges to measured ones.
 
 Each effect is a function of arrays and its own generator, drawn once for every beam in the order
 of the beams whatever it hit: switching one effect on or off, or cutting the beams into other

@@ -1,4 +1,4 @@
-"""Inertial unit: what gyroscopes and accelerometers at one point of the robot feel.
+"""Inertial unit: readings of gyroscopes and accelerometers at one point of the robot.
 
 A sample is the mean over one period centred on its instant, as a sensor with an anti-aliasing
 filter gives it without delay. The gyroscope's is the rotation over that period divided by its

@@ -1,4 +1,4 @@
-"""One ray for each beam: from the laser's place and direction at that beam's own instant."""
+"""One ray per beam, from the pose of the laser at the beam's own instant."""
 
 from __future__ import annotations
 

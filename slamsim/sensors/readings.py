@@ -1,4 +1,4 @@
-"""What the sensors measured, with the truth about when."""
+"""Readings of the sensors, with the true instants."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""All sensors of a robot: from windows of true motion to what a log records."""
+"""Runs all sensors of a robot: from windows of true motion to readings."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What light meets: the world's mesh and the floor, in Open3D's ray caster (Embree)."""
+"""Ray casting against the world's mesh and the floor, in Open3D (Embree)."""
 
 from __future__ import annotations
 

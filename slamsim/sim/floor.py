@@ -1,4 +1,4 @@
-"""The floor under each wheel: patches with a friction of their own."""
+"""Floor friction under each wheel, by patches."""
 
 from __future__ import annotations
 

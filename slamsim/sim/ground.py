@@ -1,4 +1,4 @@
-"""Where a scripted run happens: a sloping plane with patches of friction and blocks on it."""
+"""Ground of a scripted run: a sloping plane with friction patches and blocks."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ class Ground:
                 f"at most {math.degrees(STEEPEST_RAD):g} degrees are simulated"
             )
         if self.under_wheels is not None and self.patches:
-            raise SlamsimError("the floor is told by patches or for each wheel, not by both")
+            raise SlamsimError("give the floor by patches or for each wheel, not both")
         patches = (patch.friction for patch in self.patches)
         for friction in (self.friction, *(self.under_wheels or ()), *patches):
             require_number("a friction coefficient", friction, 0.0)

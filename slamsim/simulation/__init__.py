@@ -1,1 +1,1 @@
-"""From a drive to its recording: what is sensed, with or without faults, and what is left of it."""
+"""From a drive to its recording: sensing, faults, streams and files."""

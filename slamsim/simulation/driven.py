@@ -1,4 +1,4 @@
-"""One drive in memory, sensed as often as there are faults that only sensing can show."""
+"""Keeps one drive in memory and senses it again for each fault that needs it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a simulated recording says once."""
+"""Parts of a simulated recording that are written once."""
 
 from __future__ import annotations
 

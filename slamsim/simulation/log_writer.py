@@ -1,4 +1,4 @@
-"""The rosbag2 recording of a drive, written while the robot drives."""
+"""Writes the rosbag2 recording of a drive during the drive."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the sensors measured, and the drive meanwhile, as the streams of a recording."""
+"""Turns sensor readings and the drive into the streams of a recording."""
 
 from __future__ import annotations
 

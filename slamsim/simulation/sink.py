@@ -1,4 +1,4 @@
-"""Where the messages of a simulation go: a file, viewers, other programs."""
+"""Destinations of the messages of a simulation: a file, viewers, other programs."""
 
 from __future__ import annotations
 

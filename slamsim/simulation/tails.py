@@ -1,4 +1,4 @@
-"""What a recording keeps from one window of a drive to the next."""
+"""State that a recording keeps between two windows of a drive."""
 
 from __future__ import annotations
 

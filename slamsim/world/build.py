@@ -1,4 +1,4 @@
-"""From a configuration and a seed to a world."""
+"""Builds a world from a configuration and a seed."""
 
 from __future__ import annotations
 

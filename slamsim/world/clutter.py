@@ -1,4 +1,4 @@
-"""Things that stand about: boxes, cylinders, tables, chairs, L shapes and leaning panels."""
+"""Clutter: boxes, cylinders, tables, chairs, L shapes and leaning panels."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A world for other tools: its mesh as a file, its figures as numbers."""
+"""Exports a world: its mesh as a file, its figures as numbers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which cells there are, between which of them one may pass, and through which doors."""
+"""Floor plan: the cells of a world, their passages and doors."""
 
 from __future__ import annotations
 

@@ -67,7 +67,7 @@ def read_map(path: Path) -> Grid:
     described, _, occupied, free = read_cells(path)
     x_m, y_m, yaw_rad = described.origin
     if yaw_rad != 0.0:
-        raise InputRefused(path, f"a map turned by {yaw_rad:g} rad is no grid here", "origin")
+        raise InputRefused(path, f"a map turned by {yaw_rad:g} rad is not supported", "origin")
     occupancy = np.full(occupied.shape, np.nan, dtype=np.float32)
     occupancy[occupied], occupancy[free] = 1.0, 0.0
     return Grid(occupancy, described.resolution, (x_m, y_m))

@@ -1,4 +1,4 @@
-"""A world as all other stages see it."""
+"""The world model that all other stages use."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A picture of a world from above."""
+"""Draws a world from above."""
 
 from __future__ import annotations
 

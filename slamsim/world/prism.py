@@ -1,4 +1,4 @@
-"""Solids with a flat bottom and top: what worlds are built of."""
+"""Solids with a flat bottom and top, from which worlds are built."""
 
 from __future__ import annotations
 

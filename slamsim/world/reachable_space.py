@@ -1,4 +1,4 @@
-"""Where a disc can go among given solids: a start and places to visit for imported worlds."""
+"""Space that a disc can reach among solids: start and goals for imported worlds."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Everything solid in a world, as questions about it: outline at a height, ground covered."""
+"""All solids of a world: outlines at a height, covered ground."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The borders of the cells of a floor plan, and the ways that stay free between them."""
+"""Wall segments: the borders of the cells of a floor plan, and the passages between them."""
 
 from __future__ import annotations
 

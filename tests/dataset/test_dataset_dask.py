@@ -94,7 +94,7 @@ def test_a_scheduler_that_does_not_answer_is_refused(
         for address, says in (
             (silent, "no Dask scheduler answers at tcp://127.0.0.1:.*timed out"),
             ("tcp://127.0.0.1:1", "no Dask scheduler answers .*refused"),
-            ("10.0.0.1", "'10.0.0.1' is no address of a Dask scheduler"),
+            ("10.0.0.1", "'10.0.0.1' is not the address of a Dask scheduler"),
         ):
             with pytest.raises(SlamsimError, match=says):
                 make(tmp_path / "set", orders, COUNT, DaskEngine(address))

@@ -42,7 +42,7 @@ def refused(folder: Path, text: str) -> str:
             "cannot vary here: list worlds under 'world'",
         ),
         ("vary:\n  seed: 3", "line 5, vary.seed", "is every sequence's own"),
-        ("vary:\n  slam.seed: 3", "line 5, vary.slam.seed", "is no part of a recording"),
+        ("vary:\n  slam.seed: 3", "line 5, vary.slam.seed", "is not part of a recording"),
         ("vary:\n  robot.urdf_file: x", "line 5, vary.robot.urdf_file", "a variant of its own"),
         # Values that a key does not take, at either end of the distribution.
         (
@@ -124,7 +124,7 @@ def test_what_cannot_be_made(tmp_path: Path, text: str, where: str, reason: str)
 
 
 def test_names_that_are_paths_are_refused(tmp_path: Path) -> None:
-    assert "'../x' is no name" in refused(tmp_path, HEAD.replace("mine", "../x", 1))
+    assert "'../x' is not a valid name" in refused(tmp_path, HEAD.replace("mine", "../x", 1))
 
 
 def test_worlds_that_do_not_fit_are_told_with_what_was_drawn(tmp_path: Path) -> None:

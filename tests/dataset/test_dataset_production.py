@@ -168,7 +168,7 @@ def test_what_a_user_put_into_a_sequence_is_not_made_away_with(
     (sequence / "sequence.json").unlink()
     (folder / shard_path(1)).unlink()
     (failure,) = make(folder, orders, COUNT, one_worker).failures
-    assert failure.index == 6 and "holds 'notes.txt', which is no part of it" in failure.reason
+    assert failure.index == 6 and "holds 'notes.txt', which is not part of it" in failure.reason
     assert (sequence / "notes.txt").read_text() == "mine"
     (sequence / "notes.txt").unlink()
     assert make(folder, orders, COUNT, one_worker).failures == ()

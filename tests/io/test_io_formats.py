@@ -72,5 +72,5 @@ def test_a_bad_line_of_it_is_named(csv: Path) -> None:
 def test_without_its_module_it_is_no_known_kind(tmp_path: Path) -> None:
     path = tmp_path / "drive.csv"
     path.write_text(LINES[0])
-    with pytest.raises(InputRefused, match=r"\.csv is no known kind of log"):
+    with pytest.raises(InputRefused, match=r"\.csv is not a known log format"):
         open_recording(path)

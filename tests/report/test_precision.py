@@ -53,7 +53,7 @@ def run() -> RunView:
 def test_the_report_tells_the_limit_the_budget_and_the_doubts(run: RunView) -> None:
     page, numbers = report_html(run), report_json(run)
     assert page.count("<svg") == 7 + 1 + 4
-    for text in ("Precision", "Over the bound", "any SLAM, ATE at best", "NEES, mean"):
+    for text in ("Precision", "ATE / bound", "any SLAM, lower bound of the ATE", "NEES, mean"):
         assert text in page
     assert numbers["bound_ate_m"] == 0.002
     assert numbers["bound_scan_mrad"] == pytest.approx(1.0)

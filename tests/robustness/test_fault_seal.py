@@ -64,7 +64,7 @@ def test_every_written_folder_says_what_its_files_must_be(run: Path) -> None:
 def test_what_was_altered_is_refused_and_the_rest_is_read(run: Path) -> None:
     assert read(run / "map") == b"second"
     altered(run / "map")
-    with pytest.raises(DataDamaged, match="no longer as slamsim wrote it") as refused:
+    with pytest.raises(DataDamaged, match="has changed since slamsim wrote it") as refused:
         read(run / "map")
     assert refused.value.path == run / "map" and refused.value.exit_code == 4
     assert f"slamsim verify {run}`" in str(refused.value)

@@ -71,7 +71,7 @@ def test_a_data_set_vouches_for_nothing_while_its_catalogue_is_written(
     (place / SUMS).write_text(sums_text({}))
     (place / "manifest.parquet").write_bytes((place / "shards/00000.parquet").read_bytes())
     reasons = [finding.reason for finding in verify(str(place)).findings if finding.path == SUMS]
-    assert reasons == ["tells of no file: the data set was never finished"]
+    assert reasons == ["lists no file: the data set was never finished"]
     write_catalogue(open_store(str(place)), load_recipe(str(place / "recipe.yaml")), COUNT)
     assert verify(str(place)).whole
 

@@ -60,8 +60,8 @@ def test_what_is_altered_missing_or_added_is_told_apart(run: Path) -> None:
     found = verify_path(run)
     assert named(run) == {
         "log/data": "missing",
-        "map.pgm": "its bytes are not those that were written",
-        "empty": "its bytes are not those that were written",
+        "map.pgm": "its content differs from what was written",
+        "empty": "its content differs from what was written",
     }
     assert found.extra == ("notes.txt",)
 

@@ -1,1 +1,1 @@
-"""How well the checker finds, names and measures what is wrong: known faults in random drives."""
+"""Detection rates of the checker: known faults in random drives."""

@@ -1,4 +1,4 @@
-"""Many drives, each with many faults, on several cores; what is done is kept and not done again."""
+"""Many drives with many faults, on several cores; finished trials are kept and not repeated."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How long a check of a long recording takes."""
+"""Run time of a check of a long recording."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the checker said of one trial, in numbers and names that can be kept."""
+"""Result of the checker on one trial, as storable numbers and names."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Recordings of real robots: what they truly have, and faults injected on top of it."""
+"""Recordings of real robots: their own faults, and injected ones."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Rates over all drives, and what a person sees of them."""
+"""Detection rates over all drives, as a table."""
 
 from __future__ import annotations
 

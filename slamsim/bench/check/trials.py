@@ -1,4 +1,4 @@
-"""What is checked of each drive: as it is, with one fault or two, and with sizes of them."""
+"""Trials of each drive: healthy, with one fault or two, and over fault sizes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the checker's estimates should be: from what was simulated and what was injected."""
+"""True values of the checker's estimates, from the simulation and the injected faults."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What every peer takes and gives, and the shapes that their libraries want."""
+"""Interface of a peer: input, output, and the array shapes of its library."""
 
 from __future__ import annotations
 

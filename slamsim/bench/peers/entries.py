@@ -1,4 +1,4 @@
-"""Which peers there are, each in its ways of use. Nothing here is tuned to a log."""
+"""The peers and their configurations. Nothing here is tuned to a log."""
 
 from __future__ import annotations
 

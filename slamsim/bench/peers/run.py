@@ -1,4 +1,4 @@
-"""Peers and SLAM on one and the same log, each in a process of its own."""
+"""Runs peers and SLAM on the same log, each in a process of its own."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""SLAM under random conditions: how often it tracks, tells that it failed, or is silently wrong."""
+"""SLAM under random conditions: rates of tracked, reported failure, and silently wrong."""

@@ -1,4 +1,4 @@
-"""Many random cases on several cores: each fails alone, and what is done is written at once."""
+"""Many random cases on several cores; each result is written at once."""
 
 from __future__ import annotations
 

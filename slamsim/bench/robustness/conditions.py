@@ -1,4 +1,4 @@
-"""Random conditions of a drive: world, lidar, wheels, and what disturbs them."""
+"""Random conditions of a drive: world, lidar, wheels, and disturbances."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What disturbs a recording in the real world and is not part of the simulator's static world.
+"""Disturbances outside the simulator's static world: people, glass, range offset, kidnapping.
 
 People, glass, an offset of the ranges and a kidnapping are put into a log that was simulated
 without them, by means of its truth: exactly for people (discs) and ranges; glass is any stretch

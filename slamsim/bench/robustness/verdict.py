@@ -1,4 +1,4 @@
-"""How a run ended, compared with the truth: tracked, told, or silently wrong."""
+"""Verdict on a run against the truth: tracked, failure reported, or silently wrong."""
 
 from __future__ import annotations
 

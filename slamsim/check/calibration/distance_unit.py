@@ -1,4 +1,4 @@
-"""Lengths in another unit than metres: ranges and wheels against each other, and against a room.
+"""Detects lengths in a unit other than metres: ranges against wheels, and against room sizes.
 
 If path by scans over path by wheels is the ratio of two units, one of them is wrong. Which one
 follows from what each would mean: how large a room is, how fast a robot drives, how large its

@@ -1,4 +1,4 @@
-"""Clocks, wheels, gyroscope and mounting, from one fit of all against the scans' own motions."""
+"""Joint calibration: clocks, wheels, gyroscope and mounting in one fit to the scans' motion."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The laser's motion as predicted by wheels and gyroscope with given errors."""
+"""Predicts the laser's motion from wheels and gyroscope with given errors."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Residuals of neighbours are not independent: whitening them, and honest sigmas in the end."""
+"""Whitens correlated residuals of neighbouring scans, for correct standard deviations."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Spells in which the wheels say otherwise than the scans: slip, and counters that stand still."""
+"""Finds intervals in which wheels and scans disagree: slip, and counters that stand still."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whether the map is as crisp with an offset of two clocks as the joint fit believes it to be.
+"""Compares the crispness of the map at the clock offset of the joint fit and at other offsets.
 
 The fit compares motions; this looks at the map itself. Scans of a few seconds are placed, each
 piece of surface at its own instant, by gyroscope and wheels and not by matching them, and the

@@ -1,4 +1,4 @@
-"""Where the laser was when it saw a piece of surface, by gyroscope and wheels alone."""
+"""Pose of the laser at any instant, from gyroscope and wheels only."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How crisp a map is: the entropy of where its surfaces lie.
+"""Crispness of a map: the Renyi entropy of its surfaces.
 
 Each piece of surface is a normal distribution, thin across the surface and long along it; the map
 is their mixture. Its quadratic entropy after Renyi, the negative logarithm of the integral of the

@@ -1,4 +1,4 @@
-"""Two publishers of the motion of one body, compared with each other."""
+"""Compares two publishers of the motion of one body."""
 
 from __future__ import annotations
 

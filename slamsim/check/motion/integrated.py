@@ -1,4 +1,4 @@
-"""Integrated motion of gyroscope and wheels, to be read between any two instants."""
+"""Integrated motion of gyroscope and wheels, interpolated at any instant."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The offset of two clocks during a drive, piece by piece."""
+"""Clock offset during a drive, piece by piece."""
 
 from __future__ import annotations
 

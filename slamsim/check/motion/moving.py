@@ -1,4 +1,4 @@
-"""When the robot moved, as inertial units and odometry tell it roughly."""
+"""Intervals of motion, estimated from inertial units and odometry."""
 
 from __future__ import annotations
 

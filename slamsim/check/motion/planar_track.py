@@ -1,4 +1,4 @@
-"""Published poses as a path in the plane, whatever is wrong with them."""
+"""Published poses as a planar path, tolerant of faults."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Counters that overflow: recognised, and added up as if they did not."""
+"""Detects and unwraps wheel counters that overflow."""
 
 from __future__ import annotations
 

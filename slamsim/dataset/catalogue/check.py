@@ -1,4 +1,4 @@
-"""Whether what stands beside the sequences is as it was made, and tells of all of them."""
+"""Checks the files beside the sequences: unchanged, and complete for all sequences."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def _sums(place: Location) -> tuple[dict[str, str], list[SequenceFinding]]:
     except SumsDamaged:
         reason = "not as it was written, so that what it lists cannot be judged"
         return {}, [SequenceFinding(SUMS, reason)]
-    told = "missing" if data is None else "tells of no file"
+    told = "missing" if data is None else "lists no file"
     return sums, [] if sums else [SequenceFinding(SUMS, f"{told}: the data set was never finished")]
 
 

@@ -1,4 +1,4 @@
-"""What a data set holds, in numbers: from its manifest alone."""
+"""Statistics of a data set, from its manifest alone."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whether a data set is whole and every byte of it as it was made.
+"""Verifies that a data set is complete and that no byte has changed.
 
 ``SHA256SUMS`` holds the checksums of itself and of what stands beside the sequences, the manifest
 those of each ``sequence.json``, and that those of the files of its sequence: the file that is

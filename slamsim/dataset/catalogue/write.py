@@ -1,4 +1,4 @@
-"""What stands beside the sequences: manifest, statistics, data card, figures and their hashes.
+"""Writes the files beside the sequences: manifest, statistics, data card, figures, checksums.
 
 All of it follows from ``dataset.yaml`` and the rows of the shards, byte for byte.
 """

@@ -1,4 +1,4 @@
-"""Sequences of a data set made once more, and compared with those that lie there."""
+"""Makes sequences of a data set again and compares the bytes."""
 
 from __future__ import annotations
 

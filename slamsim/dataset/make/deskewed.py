@@ -1,4 +1,4 @@
-"""Recorded scans as clouds without motion: what the KITTI layout asks for."""
+"""Deskewed scans as point clouds, for the KITTI layout."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""An order executed in a place of its own: claim it, make what is missing, tell of it."""
+"""Executes an order: locks the destination, makes missing sequences, reports progress."""
 
 from __future__ import annotations
 

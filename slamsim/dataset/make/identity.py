@@ -1,4 +1,4 @@
-"""Which data set a place holds: ``dataset.yaml``, written before anything else."""
+"""Identity of a data set: ``dataset.yaml``, written before anything else."""
 
 from __future__ import annotations
 

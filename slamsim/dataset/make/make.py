@@ -1,4 +1,4 @@
-"""A data set from a recipe: claim the place, make what is missing, with any engine."""
+"""Makes a data set from a recipe: locks the destination and makes missing sequences."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""From the specification of a sequence to its folder: one process, one core, flat memory."""
+"""Makes one sequence from its specification: one process, one core, constant memory."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""All sequences of a data set made, whatever happens to the workers that make them."""
+"""Makes all sequences of a data set, with retries when workers fail."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is told of a production while it runs."""
+"""Progress reports of a production."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whether one sequence of a data set is as it was made: every file there, every byte in it."""
+"""Checks that one sequence is complete and unchanged."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which software, and which instructions of the processor, a data set's bytes depend on."""
+"""Software versions and CPU instructions on which the bytes of a data set depend."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A run configuration out of its parts: base, world, drive, and the values that were drawn."""
+"""Composes a run configuration from base, world, drive and drawn values."""
 
 from __future__ import annotations
 

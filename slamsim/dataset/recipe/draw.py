@@ -1,4 +1,4 @@
-"""From a recipe and an index to a sequence: the same one for every size of the data set."""
+"""Draws a sequence from a recipe and an index, independently of the size of the data set."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""From a recipe's file to a recipe that can be made; whatever cannot be is refused here.
+"""Loads and validates a recipe.
 
 The files that it names are read into it. Then configurations at the edges of every distribution,
 and some random ones, are checked as any other configuration is, so that a value which its key
@@ -45,8 +45,8 @@ _NOT_VARIED: dict[KeyPath, str] = {
     ("drive", "route", "seed"): f"is every sequence's own; the recipe's seed is 'seed' {_TOP}",
     ("drive", "route", "max_duration_s"): f"is said by 'duration_s' {_TOP}",
     ("faults",): f"is said by 'faults' {_TOP}",
-    ("slam",): "is no part of a recording",
-    ("mapping",): "is no part of a recording",
+    ("slam",): "is not part of a recording",
+    ("mapping",): "is not part of a recording",
 }
 
 

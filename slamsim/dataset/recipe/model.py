@@ -20,7 +20,9 @@ OWN_LICENCE = "LicenseRef-"
 
 def _as_label(name: str) -> str:
     if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_-]*", name):
-        raise ValueError(f"{shown(name)} is no name: letters, digits, - and _, not - or _ first")
+        raise ValueError(
+            f"{shown(name)} is not a valid name: letters, digits, - and _, not - or _ first"
+        )
     return name
 
 
@@ -33,7 +35,7 @@ def _as_line(text: str) -> str:
 def _as_licence(name: str) -> str:
     if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9.+-]*", name):
         raise ValueError(
-            f"{shown(name)} is no name of SPDX, such as CC-BY-4.0; a licence of your own is "
+            f"{shown(name)} is not an SPDX identifier, such as CC-BY-4.0; a licence of your own is "
             f"named {OWN_LICENCE}NAME"
         )
     return name

@@ -1,4 +1,4 @@
-"""A few short sequences made for real, in a process of their own, to learn what they cost."""
+"""Makes a few short sequences in a separate process, to measure their cost."""
 
 from __future__ import annotations
 

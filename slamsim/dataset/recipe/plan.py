@@ -1,4 +1,4 @@
-"""What a recipe will make, and what it will cost, learnt by making a little of it."""
+"""Estimates what a recipe makes and what it costs, from a small pilot."""
 
 from __future__ import annotations
 

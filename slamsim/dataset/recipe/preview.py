@@ -1,4 +1,4 @@
-"""A contact sheet: worlds of a recipe from above, with the ways that are planned through them."""
+"""A contact sheet: worlds of a recipe from above, with their planned routes."""
 
 from __future__ import annotations
 

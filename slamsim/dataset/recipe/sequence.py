@@ -1,4 +1,4 @@
-"""What one sequence of a data set is before it is made, and what is known of it afterwards."""
+"""Specification of one sequence, and the facts known after it is made."""
 
 from __future__ import annotations
 

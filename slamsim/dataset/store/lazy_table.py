@@ -1,4 +1,4 @@
-"""A Parquet table of a data set of which only what is asked for is read, by row groups."""
+"""A Parquet table read lazily, by row groups."""
 
 from __future__ import annotations
 

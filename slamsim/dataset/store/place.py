@@ -1,4 +1,4 @@
-"""A data set that is read where it lies: in a folder, or wherever fsspec reaches by a URL."""
+"""Read access to a data set in a folder or behind a URL (fsspec)."""
 
 from __future__ import annotations
 

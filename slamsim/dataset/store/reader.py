@@ -1,4 +1,4 @@
-"""A finished data set as it is used: sequences read when, and as far as, they are asked for.
+"""Reads a finished data set: sequences are loaded lazily, as far as needed.
 
 Everything here can be pickled and sent to other processes, and nothing keeps a file open.
 """

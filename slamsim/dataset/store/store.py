@@ -1,4 +1,4 @@
-"""Where a data set lies: a local folder, or any place that fsspec knows by a URL.
+"""Storage of a data set: a local folder, or any URL that fsspec supports.
 
 Nothing half-written ever counts. In a folder, a sequence is written in the staging folder of the
 run, which lies inside the data set (that may be a disk of its own, and the only one that workers
@@ -170,7 +170,7 @@ class LocalStore:
                 if others := sorted({*files_in(final)} - {*files_in(folder)}):
                     raise SlamsimError(
                         f"{final} is to be made again and holds {shown(others[0])}, "
-                        "which is no part of it; move that away"
+                        "which is not part of it; move that away"
                     )
                 shutil.rmtree(final)
             folder.rename(final)

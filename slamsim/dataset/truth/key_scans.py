@@ -1,4 +1,4 @@
-"""Scans picked from a drive, some 0.5 m or 30 degrees apart, with what their beams truly met."""
+"""Key scans of a drive, about 0.5 m or 30 degrees apart, with the true surfaces of their beams."""
 
 from __future__ import annotations
 

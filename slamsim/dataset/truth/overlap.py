@@ -1,4 +1,4 @@
-"""How much of what one scan sees another one sees too, by the truth.
+"""True overlap of two scans: the share of one scan's beams that the other also sees.
 
 A beam of scan a that met a wall is seen by scan b if b has a beam that points there, no further
 off than b's beams are apart, and met the same surface, or one that faces the same way so near to

@@ -1,4 +1,4 @@
-"""What a sequence is like, in numbers that never depend on how it was made."""
+"""Quality figures of a sequence, independent of how it was made."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""All that is true of a sequence: tables while the robot drives, pairs, grid and quality after."""
+"""Writes the ground truth of a sequence: tables during the drive, pairs, grid and quality after."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Reads ROS 1 bags (format 2.0) whole and checked: sizes, chunks, counts.
+"""Reads and validates ROS 1 bags (format 2.0): sizes, chunks, counts.
 
 Readers that follow the index of a bag believe what it says. This one walks record by record with
 bounded memory, as for MCAP, and holds what it finds against what the index announces. The format

@@ -1,4 +1,4 @@
-"""A rosbag2 folder being written: one MCAP file, and metadata.yaml once it is whole."""
+"""Writes a rosbag2 folder: one MCAP file, and metadata.yaml when it is complete."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Writes a recording while it is being made: a rosbag2 folder with one MCAP file.
+"""Writes a recording during a simulation: a rosbag2 folder with one MCAP file.
 
 The file's log time is true time: a message is logged when it arrives, and the file is in the
 order of arrival. Stamps inside the messages are acquisition times on each sensor's own clock.

@@ -1,4 +1,5 @@
-"""A recording written message by message, as with rosbags alone: what writing costs."""
+"""Writes a recording message by message with rosbags alone, as a reference for the cost of
+writing."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Reads the SQLite files of a rosbag2 recording: tables, types of all values, sizes, pages.
+"""Reads and validates the SQLite files of a rosbag2 recording: tables, types, sizes, pages.
 
 The format has no checksum over its data: what sits inside a message is believed.
 """
@@ -104,7 +104,7 @@ def require_plain(db: sqlite3.Connection) -> None:
     """Raise ValueError for what is no table of stored values: a view may compute for ever."""
     query = "SELECT name FROM sqlite_master WHERE type NOT IN ('table', 'index') OR sql LIKE ?"
     for (name,) in db.execute(query, ("create virtual%",)):
-        raise ValueError(f"{str(name)[:60]!r} is no plain table")
+        raise ValueError(f"{str(name)[:60]!r} is not a plain table")
     for table in (*_TYPES, _DEFINITIONS):
         for row in db.execute(f"PRAGMA table_xinfo({table})"):
             if row[-1]:

@@ -1,4 +1,4 @@
-"""The lines of a CARMEN log, collected: laser channels, odometry, parameters, and what was odd."""
+"""Collects the lines of a CARMEN log: laser channels, odometry, parameters, anomalies."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def parse_line(words: list[str]) -> LaserLine | OdomLine | None:
     if name == "PARAM" and len(words) < 3:
         raise ValueError("a PARAM without a value")
     if not (name.rstrip("0123456789-").isupper() or name.startswith(_OTHER_MESSAGES)):
-        raise ValueError(f"{name[:30]!r} is no CARMEN message")
+        raise ValueError(f"{name[:30]!r} is not a CARMEN message")
     return None
 
 
@@ -86,7 +86,7 @@ def collect(path: Path) -> CarmenContent:
         if number == 0:
             raise InputRefused(path, "the file is empty; a CARMEN log has FLASER and ODOM lines")
         seen = content.first_malformed or f"{number} lines without a laser or odometry message"
-        raise InputRefused(path, f"this is no CARMEN log with FLASER and ODOM lines ({seen})")
+        raise InputRefused(path, f"this is not a CARMEN log with FLASER and ODOM lines ({seen})")
     return content
 
 

@@ -1,4 +1,4 @@
-"""One line of a CARMEN log at a time: text in, typed record or ValueError out.
+"""Parses one line of a CARMEN log into a typed record, or raises ValueError.
 
 Formats as the CARMEN logger writes them (its ``readlog``/``writelog`` modules):
 ``FLASER n r1..rn laser_x laser_y laser_theta odom_x odom_y odom_theta time host logger_time``,

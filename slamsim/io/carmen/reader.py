@@ -1,4 +1,4 @@
-"""A CARMEN log as it was written: its lines in their order, with the logger's times."""
+"""Reads a CARMEN log as written: lines in file order, with the logger's times."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What an edited recording changes in the messages of the file that it was read from.
+"""Compares an edited recording with its source: the changes per message.
 
 Rows know the messages they came from (``Origin``). A row is compared with the one that was read,
 bit by bit; what differs is set in the decoded message, and every other field of it, also those

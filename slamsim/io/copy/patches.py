@@ -1,4 +1,4 @@
-"""What an edited row sets in the decoded message that it came from, as the schema of its kind says.
+"""Fields that an edited row sets in its decoded message, by the schema of its kind.
 
 A row is compared with the one that was read, bit by bit; only what differs is set.
 """

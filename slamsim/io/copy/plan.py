@@ -1,4 +1,4 @@
-"""Which messages of a file an edited recording leaves, changes, drops or moves."""
+"""Decides which messages of a file a copy keeps, changes, drops or moves."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""An edited recording written as a copy of the one that it was read from, whatever its format."""
+"""Writes an edited recording as a copy of its source file, in any format."""
 
 from __future__ import annotations
 

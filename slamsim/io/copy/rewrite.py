@@ -1,4 +1,4 @@
-"""A recording copied message by message, with nothing changed but what was edited in it.
+"""Copies a recording message by message and changes only the edited messages.
 
 What an edit does not touch is copied as bytes: topics that are not modelled, their types, quality
 of service, publish times and sequence numbers, metadata and attachments. A touched message is

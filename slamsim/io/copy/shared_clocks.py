@@ -1,4 +1,4 @@
-"""Topics that are not modelled but share the clock of a stream whose stamps are corrected."""
+"""Topics without a model that share the clock of a stream with corrected stamps."""
 
 from __future__ import annotations
 

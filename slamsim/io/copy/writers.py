@@ -1,4 +1,4 @@
-"""Copies being written: publishers as they were declared, messages as they were serialised.
+"""Writers of copies: connections as declared, messages as serialised.
 
 ROS 2 recordings, in MCAP and SQLite alike, become a rosbag2 folder with one MCAP file; a ROS 1 bag
 stays one. The libraries of both formats write message by message.

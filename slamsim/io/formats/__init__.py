@@ -1,4 +1,4 @@
-"""The formats of recordings that are read: one module here for each, found by itself.
+"""Recording formats: one module each, found automatically.
 
 A module of this folder calls ``register`` with a ``Format``; nothing else has to know of it.
 """

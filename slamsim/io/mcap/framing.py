@@ -1,4 +1,4 @@
-"""The frame of an MCAP file being written: chunks with their index, the end, and every CRC.
+"""Frames an MCAP file during writing: chunks, indexes, footer and every CRC.
 
 The records are those of the ``mcap`` library. What stands inside a chunk is the caller's. Format:
 mcap.dev/spec.

@@ -1,4 +1,4 @@
-"""Reads MCAP files whole and checked: sizes, order of records, every CRC.
+"""Reads and validates MCAP files: sizes, order of records, every CRC.
 
 Index-following readers believe what an index says: a damaged one hides messages, and a small
 chunk can unpack to gigabytes. This one walks record by record with bounded memory, notes where

@@ -1,4 +1,4 @@
-"""One Parquet table, written part by part: equal rows make equal bytes, however they are cut.
+"""Writes one Parquet table in parts: equal rows give equal bytes, however they are divided.
 
 Every page carries a checksum. Floating-point numbers are split into their bytes, which is what
 lets measurements compress at all; whole numbers of nanoseconds are stored as differences; where

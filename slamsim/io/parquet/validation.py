@@ -1,4 +1,4 @@
-"""Whether a Parquet table holds what ``ParquetLog`` writes: types, facts, bounds."""
+"""Validates Parquet tables of ``ParquetLog``: types, values, bounds."""
 
 from __future__ import annotations
 
@@ -39,22 +39,22 @@ def require_sound(facts: Mapping[str, Any], cells: Mapping[str, NDArray[Any]]) -
         if column.dtype != dtype or column.ndim != 1 + (name in _LISTS):
             raise ValueError(f"the column {name!r} holds {column.dtype}, not {dtype}")
         if dtype == "object" and not all(_is_name(text) for text in column):
-            raise ValueError(f"the column {name!r} holds what is no name")
+            raise ValueError(f"the column {name!r} holds an invalid name")
     for name in ("stamp_ns", "received_ns"):
         if (np.abs(cells[name]) > MOST_NS).any() or (cells[name] == np.iinfo("i8").min).any():
-            raise ValueError(f"the column {name!r} holds what is no time")
+            raise ValueError(f"the column {name!r} holds an invalid time")
     if not _is_name(facts["recording"]) or facts["epoch"] not in get_args(Epoch):
         raise ValueError("its name or its epoch is none")
     if "topic" in facts:
         _require_stream(facts, cells)
     elif not isinstance(facts["robot_description"], str | None):
-        raise ValueError("its robot description is no text")
+        raise ValueError("its robot description is not text")
 
 
 def _require_stream(facts: Mapping[str, Any], cells: Mapping[str, NDArray[Any]]) -> None:
     for names in ([facts["topic"]], facts["frame_ids"], facts.get("child_frame_ids", ["base"])):
         if not names or not all(map(_is_name, names)):
-            raise ValueError("its topic or a frame is no name")
+            raise ValueError("its topic or frame name is invalid")
     if not facts["topic"].strip():
         raise ValueError("its topic has no name")
     if not len(cells["stamp_ns"]):

@@ -1,4 +1,4 @@
-"""A recording as a folder of Parquet tables, written while it is being made.
+"""Writes a recording as a folder of Parquet tables during the simulation.
 
 ``scans.parquet``, ``imu.parquet``, ``encoders.parquet``, ``joints.parquet``, ``odometry.parquet``
 and ``transforms.parquet`` hold what the messages of a rosbag2 recording hold, column by column: no

@@ -118,7 +118,9 @@ def _bag(path: Path, source: MessageSource) -> Bag:
     for channel in channels:
         if not (channel.topic.strip() and f"{channel.topic}{channel.type_name}".isprintable()):
             name = shown(channel.topic)
-            raise InputRefused(path, f"the topic {name} or its type is no name: damaged, or a trap")
+            raise InputRefused(
+                path, f"the topic {name} or its type is not a valid name: damaged or malicious"
+            )
     return Bag(path, source, channels)
 
 

@@ -1,4 +1,4 @@
-"""Many CDR messages of one shape at once: a template row, and columns for what varies.
+"""Serialises many CDR messages of one shape at once: a template row and columns.
 
 ``rosbags`` serialises one message at a time in Python; the log has some 700 per simulated second.
 Where all strings and sequences of a topic keep their lengths, every message has the same bytes

@@ -1,4 +1,4 @@
-"""Decodes many small messages of one topic at once where their bytes allow it."""
+"""Decodes many messages of one topic at once where their layout is fixed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Streams of a recording as rows of ROS 2 messages: what is to be written, and when it came.
+"""Encodes streams of a recording as rows of ROS 2 messages.
 
 The meaning is that of REP 103/105/117/145: metres, radians, seconds; ``inf`` where a beam met
 nothing; ``-1`` as first covariance where there is no orientation.

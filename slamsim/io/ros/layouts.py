@@ -1,4 +1,4 @@
-"""The bytes of a message type, made of its definition: for serialising and for parsing alike."""
+"""CDR layout of a message type, derived from its definition, for serialising and parsing."""
 
 from __future__ import annotations
 

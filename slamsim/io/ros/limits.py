@@ -1,4 +1,4 @@
-"""What a foreign recording may ask for before any library believes it."""
+"""Size limits of foreign recordings, checked before a library reads them."""
 
 from __future__ import annotations
 

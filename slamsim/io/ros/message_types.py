@@ -1,4 +1,4 @@
-"""From the bytes of messages to objects, by the definitions that a recording brings along."""
+"""Decodes messages with the type definitions stored in the recording."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A ROS recording as it was written, in one pass over its messages."""
+"""Reads a ROS recording as written, in one pass over its messages."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The scans of a recording as they were written, many at once where their bytes allow it."""
+"""Collects scans as written, many at once where their layout is fixed."""
 
 from __future__ import annotations
 

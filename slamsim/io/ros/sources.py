@@ -1,4 +1,4 @@
-"""Where raw messages come from, one class for each format of files."""
+"""Sources of raw messages, one class per file format."""
 
 from __future__ import annotations
 

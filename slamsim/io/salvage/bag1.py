@@ -1,4 +1,4 @@
-"""Rebuilds a ROS 1 bag out of what is whole in it."""
+"""Rebuilds a ROS 1 bag from its intact records."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A connection of a ROS 1 bag: which topic and type, and whether its definition is sound."""
+"""Connections of a ROS 1 bag: topic, type, and a check of the definition."""
 
 from __future__ import annotations
 

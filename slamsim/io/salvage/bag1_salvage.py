@@ -1,4 +1,4 @@
-"""Finds what is whole in a damaged ROS 1 bag, record by record.
+"""Finds the intact records of a damaged ROS 1 bag.
 
 The format has no checksums (only bz2 has its own), so a record is whole if its header and its
 lengths are sound. A chunk that is not compressed, whole or not, is walked through like the file

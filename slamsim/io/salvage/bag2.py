@@ -1,4 +1,4 @@
-"""Rebuilds a rosbag2 folder: every file that anything is left of, and metadata.yaml."""
+"""Rebuilds a rosbag2 folder from its readable files, with new metadata.yaml."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Rebuilds a CARMEN log out of its whole lines."""
+"""Rebuilds a CARMEN log from its complete lines."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Copies what is whole in a damaged MCAP file into a new one, with every CRC and a new index."""
+"""Copies the intact records of a damaged MCAP file into a new one, with CRCs and a new index."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Fills a new MCAP file with chunks and messages that were recovered, whatever they came from."""
+"""Writes recovered chunks and messages into a new MCAP file."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Finds what is whole in a damaged MCAP file, record by record.
+"""Finds the intact records of a damaged MCAP file.
 
 A chunk is whole if its content fits its checksum and is a row of records. After damage the walk
 goes on at the next thing that has the shape of a chunk: its length is written in it twice. The

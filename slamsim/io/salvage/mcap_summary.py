@@ -1,4 +1,4 @@
-"""What an MCAP file declares, and what its end says of the whole of it."""
+"""Declarations and summary section of an MCAP file."""
 
 from __future__ import annotations
 

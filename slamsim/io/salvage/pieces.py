@@ -1,4 +1,4 @@
-"""The walk over a damaged file of records, and what it comes by besides chunks and declarations."""
+"""Walks over the records of a damaged file and collects what lies between chunks."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whether a message without a checksum can be decoded as its declared type.
+"""Tests whether a message without a checksum decodes as its declared type.
 
 Readers refuse a recording in which one cannot.
 """

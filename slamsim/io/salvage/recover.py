@@ -1,4 +1,4 @@
-"""Rebuilds a cut or damaged recording, whatever its format, out of what is whole in it."""
+"""Recovers the intact messages of a truncated or damaged recording, in any format."""
 
 from __future__ import annotations
 

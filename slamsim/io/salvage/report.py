@@ -1,4 +1,4 @@
-"""What came back from a damaged recording and what did not, topic by topic."""
+"""Recovered and lost messages of a damaged recording, per topic."""
 
 from __future__ import annotations
 

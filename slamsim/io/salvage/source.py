@@ -1,4 +1,4 @@
-"""Which files of a damaged recording there are, whatever is left of it."""
+"""Lists the files of a damaged recording."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ def _kind(path: Path) -> Kind:
     with open_as_found(path) as file:
         first = file.read(6)
     if first not in _FIRST_BYTES:
-        raise InputRefused(path, "is no known kind of recording: MCAP, .db3, .bag, CARMEN")
+        raise InputRefused(path, "is not a known recording format: MCAP, .db3, .bag, CARMEN")
     return _FIRST_BYTES[first]
 
 

@@ -1,4 +1,4 @@
-"""Copies what can be read of a damaged rosbag2 SQLite file into a new MCAP file."""
+"""Copies the readable messages of a damaged rosbag2 SQLite file into a new MCAP file."""
 
 from __future__ import annotations
 

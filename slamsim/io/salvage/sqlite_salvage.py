@@ -1,4 +1,4 @@
-"""Reads what SQLite still gives of a damaged rosbag2 file, around the pages that are damaged.
+"""Reads a damaged rosbag2 SQLite file around its damaged pages.
 
 A journal beside the file, as a killed recorder leaves it, is taken into account; a file that was
 cut off is read as far as it goes.

@@ -1,4 +1,4 @@
-"""Rebuilds a folder of Parquet tables: of each the groups of rows whose pages fit their checksums.
+"""Rebuilds a folder of Parquet tables from the row groups whose pages match their checksums.
 
 What leads to the rows stands at the end of a table: one that was cut off cannot be read at all.
 """

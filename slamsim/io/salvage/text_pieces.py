@@ -1,4 +1,4 @@
-"""What can be unpacked of a damaged text file: plain, gzip or bzip2.
+"""Decompresses the readable parts of a damaged text file: plain, gzip or bzip2.
 
 Of gzip that is all before the damage, and further members; its checksum tells only at the end
 whether there was any. Every block of bzip2 has a checksum of its own, and begins with the same 48

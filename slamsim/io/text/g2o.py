@@ -1,4 +1,4 @@
-"""Pose graphs in the g2o text format, which every graph optimiser reads."""
+"""Pose graphs in the g2o text format."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Key frames with their uncertainties as a table: one line each, the upper half of a covariance."""
+"""Key frames with covariances as a table: one line each, upper triangle of the covariance."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def read_keyframes(path: Path) -> tuple[PlanarTrajectory, FloatArray]:
                 raise ValueError(f"{words[0]} s is not after the line before")
         except ValueError as error:
             raise InputRefused(
-                path, f"is no table of key frames ({error})", f"line {number}"
+                path, f"is not a table of key frames ({error})", f"line {number}"
             ) from None
         rows.append(values)
     if not rows:

@@ -1,4 +1,4 @@
-"""Stamps as exact integers, whatever way a format writes them."""
+"""Stamps as exact integers, parsed from any notation."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""From what a recording says to what SLAM can use: sorted, converted, with warnings."""
+"""From a recording as written to a ``Log`` for SLAM: sorted, converted, with warnings."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which readings of a lidar mean that nothing came back, estimated from the readings themselves.
+"""Estimates from the readings of a lidar which values mean no return.
 
 Drivers write 0, ``inf``, the declared maximum or a code of their own (81.91, 51.05 to 51.12): a
 pile-up at the top of the readings. Two tests ask how likely surfaces would show as much.

@@ -1,4 +1,4 @@
-"""Stamps that rise from message to message, whatever a recording says.
+"""Makes stamps strictly increasing, whatever the recording contains.
 
 Stamps may be equal (a driver that writes none), coarse (whole seconds), wrong for some messages
 or fall back (a clock that was set, messages that arrived out of order). In that order are used:

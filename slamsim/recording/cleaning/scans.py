@@ -1,4 +1,4 @@
-"""Scans as SLAM reads them, made of the rows of a recording whenever they are asked for."""
+"""Scans as SLAM reads them, built lazily from the rows of a recording."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Odometry, IMU and encoders of a recording as SLAM reads them: sound numbers in order of time."""
+"""Odometry, IMU and encoders as SLAM reads them: finite values in order of time."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Edits of the robot description, as text: what is not changed stays as it is written."""
+"""Edits of the robot description as text; the rest of the text stays unchanged."""
 
 from __future__ import annotations
 

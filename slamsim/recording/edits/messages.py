@@ -1,4 +1,4 @@
-"""Messages selected, repeated, reordered, or changed in any way that has no inverse."""
+"""Edits that select, repeat or reorder messages, or change them without an inverse."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The planar motion of odometry and wheel counters, taken apart into steps and put together."""
+"""Planar motion of odometry and wheel counters, split into increments and recombined."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What ``slamsim fix`` can do: one declaration for each repair that findings propose."""
+"""The table of repairs that ``slamsim fix`` can apply."""
 
 from __future__ import annotations
 
@@ -156,4 +156,4 @@ def _unknown(name: str, repairs: Sequence[Repair]) -> str:
     hint = f"; did you mean {near[0]!r}?" if near else ""
     here = ", ".join(dict.fromkeys(repair.operation for repair in repairs))
     offer = f" The check proposes: {here}." if here else ""
-    return f"{shown(name)} is no repair{hint}{offer}"
+    return f"{shown(name)} is not a repair{hint}{offer}"

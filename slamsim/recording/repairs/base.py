@@ -1,4 +1,4 @@
-"""What a finding says of the repair that it asks for."""
+"""The request for a repair, as a finding states it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The robot's heading by any one of its streams."""
+"""The heading of the robot from any one of its streams."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Readings that stand alone in a scan and are gone in the next: another lidar, sunlight, dust."""
+"""Isolated readings in single scans: interference of another lidar, sunlight, dust."""
 
 from __future__ import annotations
 

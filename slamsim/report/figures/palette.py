@@ -1,4 +1,4 @@
-"""One colour for one meaning, in the recording and in the report.
+"""Colours: one per meaning, the same in the Rerun recording and in the report.
 
 After Okabe & Ito (2008), whose colours people with every common kind of colour vision tell apart;
 the blue is a little lighter than theirs, to be seen on black as well.

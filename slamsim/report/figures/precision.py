@@ -1,4 +1,4 @@
-"""The report's picture of how firmly the walls hold the robot along its path."""
+"""Figure of the report: localisability along the path."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The report's pictures as SVG text: sharp on any screen, readable in light and dark."""
+"""Figures of the report as SVG text, readable in light and dark mode."""
 
 from __future__ import annotations
 
@@ -122,7 +122,7 @@ def truth_figure(view: RunView) -> Picture | None:
         legend = (
             ("true wall", TRUTH),
             ("mapped within one cell of it", INK),
-            (f"mapped where no wall is: {np.count_nonzero(invented):,} cells", WITHDRAWN),
+            (f"mapped without a true wall: {np.count_nonzero(invented):,} cells", WITHDRAWN),
             (f"in view but missed: {np.count_nonzero(missed):,} cells", ACCEPTED),
         )
         return Picture(svg(figure, "truth"), legend)

@@ -1,4 +1,4 @@
-"""Charts of scenarios: one look for each whose result it is, in the page and as pictures."""
+"""Charts of scenarios, in one style per simulator, for the page and as PNG."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the checker found, as one HTML file that needs nothing else: verdicts, numbers, plots."""
+"""Report of the checker as one self-contained HTML file: findings, numbers, plots."""
 
 from __future__ import annotations
 
@@ -35,9 +35,9 @@ def check_page(report: CheckReport) -> str:
     """The whole page: faults with their evidence, what is inconclusive and why, what is fine."""
     parts = [
         cards(_counts(report)),
-        section("What is wrong", "".join(map(wrong, report.faults))),
+        section("Faults", "".join(map(wrong, report.faults))),
         section("Inconclusive", _listed(report, "inconclusive")),
-        section("What is fine", _listed(report, "ok")),
+        section("Passed", _listed(report, "ok")),
         section("Evidence", _evidence(report)),
     ]
     return page(report.name, headline(report), "".join(parts), _FOOTER)
@@ -47,7 +47,7 @@ def _counts(report: CheckReport) -> list[Card]:
     counts = Counter(finding.verdict for finding in report.findings)
     return [
         Card("Faults", str(counts["fault"]), "findings"),
-        Card("Inconclusive", str(counts["inconclusive"]), "questions without an answer"),
+        Card("Inconclusive", str(counts["inconclusive"]), "questions without a clear answer"),
         Card("Fine", str(counts["ok"]), "questions"),
         Card("Checked in", f"{sum(report.seconds.values()):.1f} s", "all parts"),
     ]

@@ -1,4 +1,4 @@
-"""Two maps of one drive side by side, and between them the verdict that explains them."""
+"""Report of the demonstration: two maps of one drive and the finding that explains them."""
 
 from __future__ import annotations
 
@@ -55,8 +55,8 @@ def demo_page(verdict: CheckReport, sides: tuple[MappedSide, MappedSide]) -> str
     ]
     body = (
         cards([Card(side.title, _off(side), "SLAM's position error, RMSE") for side in sides])
-        + section("Scans laid along the wheels' path", pair(laid, paper=True))
-        + section("What SLAM makes of it", pair(mapped, paper=True))
+        + section("Scans placed by wheel odometry", pair(laid, paper=True))
+        + section("Map by SLAM", pair(mapped, paper=True))
         + section("The verdict", "".join(map(wrong, verdict.faults)))
     )
     return page("The rotation bug", lead, body, _FOOTER)

@@ -1,4 +1,4 @@
-"""The report's tables of what was possible and of what each part of SLAM cost."""
+"""Tables of the report: lower bounds, and the error budget of SLAM."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ def _limits(view: RunView) -> str:
     ate_m = statistics(errors.translation_m).rmse
     rows = [
         ("this run, ATE", _mm(ate_m), "", f"{ate_m / bound.ate_m:.3g} ×"),
-        ("any SLAM, ATE at best", _mm(bound.ate_m), "", "1 ×"),
+        ("any SLAM, lower bound of the ATE", _mm(bound.ate_m), "", "1 ×"),
         (
-            "in a known map, at best",
+            "in a known map, lower bound",
             _mm(bound.localisation_m),
             _mrad(bound.localisation_rad),
             "",
@@ -54,7 +54,7 @@ def _budget(view: RunView) -> str:
         for part, found in budget.items()
     ]
     overall = statistics(errors.translation_m).rmse, statistics(errors.rotation_rad).rmse
-    rows.append(("all scans in the end", "", "", _mm(overall[0]), _mrad(overall[1])))
+    rows.append(("all scans, final", "", "", _mm(overall[0]), _mrad(overall[1])))
     if view.scores.map is not None and view.scores.map.wall_error_mean_m is not None:
         rows.append(("mapped walls, mean", "", "", _mm(view.scores.map.wall_error_mean_m), ""))
     note = (
@@ -78,7 +78,7 @@ def _consistency(view: RunView) -> str:
         "Normalised estimation error squared of key frames relative to the first. Errors of "
         "neighbours are alike: only the mean over many runs must be close to what is expected."
     )
-    return table(Table(("claimed uncertainty", "found", "if it were true"), rows), note)
+    return table(Table(("claimed uncertainty", "found", "expected"), rows), note)
 
 
 def _mm(value_m: float) -> str:

@@ -1,4 +1,4 @@
-"""The report of a run as one HTML file that needs nothing else: pictures and style inside."""
+"""Report of a run as one self-contained HTML file."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ def _verdict(view: RunView) -> list[Card]:
     relations = view.scores.relations
     made = [
         Card("ATE RMSE", _metres(numbers["ate_rmse_m"]), f"max {_metres(numbers['ate_max_m'])}"),
-        Card("Over the bound", _times(numbers["ate_over_bound"]), "best possible: 1 ×"),
+        Card("ATE / bound", _times(numbers["ate_over_bound"]), "best possible: 1 ×"),
         Card("Odometry alone", _metres(numbers["odometry_ate_rmse_m"]), "ATE RMSE"),
         Card("Wall recall", _share(numbers["map_wall_recall"]), "of walls in view, one cell"),
         Card("Wall precision", _share(numbers["map_wall_precision"]), "within one cell"),
@@ -120,7 +120,7 @@ def _precision(view: RunView) -> str:
     picture = held_figure(view)
     made = ""
     if picture is not None:
-        caption = "What holds the robot along its path"
+        caption = "Localisability along the path"
         made = f'<div class="paper">{figure(picture, caption, wide=True)}</div>'
     made += _pair(view, precision_plots(view, CURVE_POINTS))
     return made + precision_tables(view)

@@ -1,4 +1,4 @@
-"""What the scenarios came to, as one HTML file that needs nothing else."""
+"""Report of the scenarios as one self-contained HTML file."""
 
 from __future__ import annotations
 
@@ -55,10 +55,10 @@ def _summary(results: Sequence[ScenarioResult]) -> str:
         f"<td>{_share(result.findings.verdicts)}</td><td>{escape(result.findings.lead)}</td></tr>"
         for result in results
     )
-    head = "<th>scenario</th><th>statements</th><th>hold</th><th>what came out</th>"
+    head = "<th>scenario</th><th>statements</th><th>hold</th><th>result</th>"
     overview = wide_table(head, rows)
     targets = [v for one in results for v in one.findings.verdicts if v.source == "target"]
-    reached = f"<h3>What was to be reached</h3>{verdict_table(targets)}" if targets else ""
+    reached = f"<h3>Targets</h3>{verdict_table(targets)}" if targets else ""
     return f"<section>{overview}{reached}</section>"
 
 

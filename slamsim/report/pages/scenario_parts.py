@@ -1,4 +1,4 @@
-"""The pieces of the pages that tell of scenarios, as HTML: verdicts, tables, charts."""
+"""Parts of the scenario pages as HTML: verdicts, tables, charts."""
 
 from __future__ import annotations
 

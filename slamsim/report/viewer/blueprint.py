@@ -1,4 +1,4 @@
-"""How the recording is laid out when it is opened: map on the left, curves on the right."""
+"""Layout of the Rerun recording: map on the left, curves on the right."""
 
 from __future__ import annotations
 

@@ -56,7 +56,7 @@ def _log_robot(recording: rr.RecordingStream, entity: str, trajectory: PlanarTra
 
 
 def _side_by_side(sides: tuple[MappedSide, MappedSide]) -> rrb.Blueprint:
-    """Above the scans along the wheels' path, below the maps; before on the left."""
+    """Above the scans placed by wheel odometry, below the maps; before on the left."""
     x_m, y_m, size_m = extent_m(sides)
     height_m = _MARGIN * size_m
     eye = rrb.EyeControls3D(
@@ -74,7 +74,7 @@ def _side_by_side(sides: tuple[MappedSide, MappedSide]) -> rrb.Blueprint:
             background=[250, 250, 250],
             eye_controls=eye,
         )
-        for part, words in (("laid", "scans along the wheels' path"), ("mapped", "map"))
+        for part, words in (("laid", "scans placed by wheel odometry"), ("mapped", "map"))
         for side in sides
     ]
     return rrb.Blueprint(

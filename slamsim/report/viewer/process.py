@@ -1,4 +1,4 @@
-"""The Rerun viewer as a child process: on the screen, in a browser, or without any screen."""
+"""The Rerun viewer as a child process: in a window, in a browser, or headless."""
 
 from __future__ import annotations
 
@@ -113,7 +113,7 @@ def _connected(process: subprocess.Popen[bytes], port: int, output: IO[bytes]) -
 def _why_silent(process: subprocess.Popen[bytes], output: IO[bytes], error: ConnectionError) -> str:
     with suppress(subprocess.TimeoutExpired):
         process.wait(timeout=3.0)
-        return f"the Rerun viewer died: {_last_words(output)}"
+        return f"the Rerun viewer crashed: {_last_words(output)}"
     return f"the Rerun viewer does not answer: {error}"
 
 
@@ -124,7 +124,7 @@ def _last_words(output: IO[bytes]) -> str:
         return "there is no Vulkan driver (Debian and Ubuntu: apt install mesa-vulkan-drivers)"
     lines = [line.strip() for line in text.splitlines() if line.strip()]
     telling = [line for line in lines if "panicked" in line or line.startswith("Error")]
-    return (telling or lines or ["it said nothing"])[-1]
+    return (telling or lines or ["no output"])[-1]
 
 
 def _end(process: subprocess.Popen[bytes]) -> None:

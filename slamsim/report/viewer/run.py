@@ -1,4 +1,4 @@
-"""The Rerun recording of a run: what a person plays back, written after the run from its data.
+"""The Rerun recording of a run, written after the run from its data.
 
 A recording is a picture, never the data: it is thinned to some tens of megabytes however long
 the run was. It is made in memory and written at once, because Rerun's own file sink waits for

@@ -1,4 +1,4 @@
-"""The Rerun recording of a scenario: its telling trials side by side, bodies moving over time."""
+"""The Rerun recording of a scenario: selected trials side by side, over time."""
 
 from __future__ import annotations
 

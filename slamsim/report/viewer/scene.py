@@ -1,4 +1,4 @@
-"""What stands still in a recording: map, true walls, paths and the pose graph."""
+"""Static parts of a recording: map, true walls, paths and the pose graph."""
 
 from __future__ import annotations
 

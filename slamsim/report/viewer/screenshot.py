@@ -1,4 +1,4 @@
-"""A recording seen without a screen: as a picture, and as what the viewer complains about."""
+"""Renders a recording without a screen, as an image, and collects viewer errors."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What moves in a recording: the transform tree and the scans that it carries."""
+"""Moving parts of a recording: the transform tree and the scans."""
 
 from __future__ import annotations
 

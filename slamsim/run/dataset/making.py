@@ -1,4 +1,4 @@
-"""``slamsim dataset make``: a recipe made into a data set, and what is told of it."""
+"""``slamsim dataset make``: makes a data set from a recipe and reports progress."""
 
 from __future__ import annotations
 
@@ -64,17 +64,17 @@ def _engine(
         from slamsim.dataset.make.engines.local import LocalEngine
 
         if scheduler is not None:
-            raise SlamsimError("--scheduler goes with --engine dask")
+            raise SlamsimError("--scheduler needs --engine dask")
         return LocalEngine(workers)
     if name == "dask":
         from slamsim.dataset.make.engines.dask import DaskEngine
 
         if scheduler is None or workers is not None:
             raise SlamsimError(
-                "--engine dask takes --scheduler tcp://HOST:PORT, and as many workers as that has"
+                "--engine dask needs --scheduler tcp://HOST:PORT and uses all of its workers"
             )
         return DaskEngine(scheduler, shard_sequences)
-    raise SlamsimError(f"--engine {shown(name)}: there are local and dask")
+    raise SlamsimError(f"--engine {shown(name)}: choose local or dask")
 
 
 def _tell(summary: DatasetSummary, reporter: Reporter) -> None:

@@ -1,4 +1,4 @@
-"""``slamsim dataset plan`` and ``preview``: a data set before it is made."""
+"""``slamsim dataset plan`` and ``preview``: estimates for a data set before it is made."""
 
 from __future__ import annotations
 

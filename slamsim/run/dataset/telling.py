@@ -1,4 +1,4 @@
-"""``slamsim dataset verify`` and ``stats``: what is told of a data set that is there."""
+"""``slamsim dataset verify`` and ``stats``: reports on an existing data set."""
 
 from __future__ import annotations
 
@@ -140,7 +140,7 @@ def _share(subset: str) -> float:
     except ValueError:
         share = 0.0
     if not 0.0 < share <= 1.0:
-        raise SlamsimError(f"--subset {shown(subset)}: say a part of the sequences, such as 5%")
+        raise SlamsimError(f"--subset {shown(subset)}: give a share of the sequences, such as 5%")
     return share
 
 
@@ -155,9 +155,9 @@ def _tell(found: Verification, mending: RepairPlan | None, reporter: Reporter) -
     for finding in found.findings[:_MOST_TOLD]:
         reporter.warn(f"{finding.path}: {finding.reason}")
     if len(found.findings) > _MOST_TOLD:
-        reporter.warn(f"and {len(found.findings) - _MOST_TOLD:,} more; --json tells all")
+        reporter.warn(f"and {len(found.findings) - _MOST_TOLD:,} more; --json lists all")
     if any(finding.reason == EXTRA for finding in found.findings):
-        reporter.say("Move what is no part of the data set elsewhere.")
+        reporter.say("Move files that are not part of the data set elsewhere.")
     if mending is None or all(finding.reason == EXTRA for finding in found.findings):
         return
     which = ", RECIPE being what it was made of:" if _ANY in mending.commands[-1].split() else ":"

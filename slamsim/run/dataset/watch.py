@@ -1,4 +1,4 @@
-"""The production of a data set as the user sees it."""
+"""Progress display of the production of a data set."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class ConsoleWatch:
         """What is stopped before it begins leaves nothing to go on from."""
         self._bars.stop()
         if kind is not None and self._begun_s:
-            self._reporter.say("What is made stays; the same command goes on from there.")
+            self._reporter.say("Finished sequences stay; run the same command to resume.")
 
     def begin(self, total: int, already: int) -> None:
         self._total, self._done = total, already
@@ -69,7 +69,7 @@ class ConsoleWatch:
     def failed(self, index: int, reason: str, command: str) -> None:
         self._failed += 1
         self._done += 1
-        self._reporter.warn(f"sequence {index} is given up: {reason}; see it by: {command}")
+        self._reporter.warn(f"sequence {index} failed for good: {reason}; see it by: {command}")
         self._show()
 
     def still(self) -> None:

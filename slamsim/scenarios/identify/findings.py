@@ -1,4 +1,4 @@
-"""What an identification says, as a scenario does: verdicts, numbers, tables, a chart."""
+"""Findings of an identification: verdicts, numbers, tables, a chart."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The most likely robot behind measured figures, and how much they leave open.
+"""Maximum a posteriori fit of robot parameters to measured figures, with uncertainties.
 
 Priors are normal in the logarithms of the parameters; a figure is normal about what the model
 expects of it, with what was read wrongly and what few repeats leave to chance. The most likely

@@ -1,4 +1,4 @@
-"""The parameters of a robot that figures can tell of, and what is known of them beforehand."""
+"""Robot parameters to identify, with their prior standard deviations."""
 
 from __future__ import annotations
 

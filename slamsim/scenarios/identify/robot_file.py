@@ -1,4 +1,4 @@
-"""The identified robot as a file that says where each of its numbers comes from."""
+"""Writes the identified robot as YAML, with the source of each number."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The recordings of one drive: the right one, and the study's wrong ones."""
+"""Variants of the recording of one drive: the correct one, and the faulty ones of the study."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the squares say: errors of odometry, their causes, and what calibration takes away."""
+"""Findings of UMBmark: odometry errors, their causes, and the effect of calibration."""
 
 from __future__ import annotations
 

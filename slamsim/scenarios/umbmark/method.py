@@ -1,4 +1,4 @@
-"""What squares driven both ways say of two wheels: UMBmark.
+"""UMBmark: systematic odometry errors from squares driven both ways.
 
 J. Borenstein & L. Feng: Measurement and correction of systematic odometry errors in mobile
 robots. IEEE Transactions on Robotics and Automation 12 (6), 1996. An error is the true end of a

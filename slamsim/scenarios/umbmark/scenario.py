@@ -1,4 +1,4 @@
-"""Squares driven both ways: what odometry does not see, and what calibration makes of it."""
+"""UMBmark: squares driven both ways, odometry errors before and after calibration."""
 
 from __future__ import annotations
 

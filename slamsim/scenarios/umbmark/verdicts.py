@@ -1,4 +1,4 @@
-"""What holds of the squares: of the study, of theory and of what was to be reached."""
+"""Verdicts on UMBmark: claims of the study, theory, and targets."""
 
 from __future__ import annotations
 

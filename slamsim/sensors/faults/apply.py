@@ -1,4 +1,4 @@
-"""Faults injected into a recording, alone or together."""
+"""Injects faults into a recording, singly or combined."""
 
 from __future__ import annotations
 

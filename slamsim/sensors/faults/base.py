@@ -1,4 +1,4 @@
-"""What every fault has: a name, where it was met, its size, and the edit that injects it."""
+"""Base class of faults: name, source, size, and the edit that injects the fault."""
 
 from __future__ import annotations
 

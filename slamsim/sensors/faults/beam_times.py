@@ -1,4 +1,4 @@
-"""Faults of time within a scan: which beam fired when, and which of them the stamp means."""
+"""Faults of beam times within a scan: firing order, sweep time, and which beam the stamp means."""
 
 from __future__ import annotations
 

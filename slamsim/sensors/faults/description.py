@@ -1,4 +1,4 @@
-"""Faults of the robot description, as they are written by hand or left by a converter."""
+"""Faults of the robot description, as made by hand or by a converter."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""All kinds of faults, and the files that say which of them there are."""
+"""All kinds of faults, and the files that define faults."""
 
 from __future__ import annotations
 

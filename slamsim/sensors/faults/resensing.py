@@ -1,4 +1,4 @@
-"""What a laser would have seen in other directions, or at other instants, from its scans alone.
+"""Approximates scans in other directions or at other instants, from recorded scans alone.
 
 This stays beside the sensors and is no edit of ``slamsim.recording.edits``: it is the substitute,
 for recordings that cannot be sensed again, of casting the rays anew. What is hidden in a scan is

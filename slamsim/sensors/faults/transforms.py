@@ -1,4 +1,4 @@
-"""Faults of the transform tree: links that are missing, doubled, wrong or not there in time."""
+"""Faults of the transform tree: missing, duplicate, wrong or late transforms."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Faults of wheels and odometry: wrong sizes, wrong signs, slip, jumps, poses that are none."""
+"""Faults of wheels and odometry: wrong sizes, wrong signs, slip, jumps, invalid poses."""
 
 from __future__ import annotations
 

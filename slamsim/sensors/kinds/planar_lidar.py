@@ -1,4 +1,4 @@
-"""One planar lidar more, such as one at the rear: scans on ``NAME/scan`` in ``NAME_link``."""
+"""An additional planar lidar, such as one at the rear: scans on ``NAME/scan`` in ``NAME_link``."""
 
 from __future__ import annotations
 

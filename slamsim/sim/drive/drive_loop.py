@@ -1,4 +1,4 @@
-"""A robot in the engine, driven by twist commands: the loop that every drive shares."""
+"""The drive loop: a robot in the engine, driven by twist commands."""
 
 from __future__ import annotations
 

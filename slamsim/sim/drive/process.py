@@ -1,4 +1,4 @@
-"""The drive in a process of its own, so that its windows are made while others are sensed.
+"""Runs the drive in a process of its own, in parallel with sensing.
 
 PyBullet and Open3D both hold Python's lock while they compute; only a second process lets them
 work side by side. The child is ``python -m slamsim.sim.drive.process``: it is sent the drive on

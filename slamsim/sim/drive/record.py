@@ -1,4 +1,4 @@
-"""What was measured at each physics step, collected cheaply and handed on in windows."""
+"""Records the state at each physics step and returns it in windows."""
 
 from __future__ import annotations
 

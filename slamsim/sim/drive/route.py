@@ -1,4 +1,4 @@
-"""Where the robot goes: a tour of the whole world on the true map, random goals, or a file."""
+"""Routes: a tour of the whole world on the true map, random goals, or a file."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Routes that a user wrote down: poses or twists, as YAML or CSV."""
+"""Route files of users: poses or twists, as YAML or CSV."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Open-loop commands on a ground: the robot does as it is told, and everything is recorded."""
+"""Open-loop commands on a ground: the robot executes them and everything is recorded."""
 
 from __future__ import annotations
 

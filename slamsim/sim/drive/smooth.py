@@ -1,4 +1,4 @@
-"""From a chain of cells to a line that a robot can drive: smooth where there is room for it."""
+"""Smooths a chain of cells into a path that a robot can drive."""
 
 from __future__ import annotations
 

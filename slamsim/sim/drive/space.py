@@ -1,4 +1,4 @@
-"""Where the robot's middle may be: clearance on the true map and the cheapest ways through it."""
+"""Free space for the robot's centre: clearance on the true map and shortest paths."""
 
 from __future__ import annotations
 
@@ -174,7 +174,7 @@ def _standing_cells(space: Space, open_cells: BoolArray, places_m: FloatArray) -
         place = places_m[int(off_m.argmax())]
         narrowest_m = narrowest_on_the_way_m(space, places_m[0], place)
         raise NoWay(
-            f"there is no way for the robot from ({places_m[0, 0]:.2f}, {places_m[0, 1]:.2f}) to "
+            f"there is no route for the robot from ({places_m[0, 0]:.2f}, {places_m[0, 1]:.2f}) to "
             f"({place[0]:.2f}, {place[1]:.2f}): the widest one narrows to {2 * narrowest_m:.2f} m, "
             f"the robot and its clearance need {2 * space.needed_m:.2f} m"
         )

@@ -1,4 +1,4 @@
-"""Notices when a drive goes wrong: stuck, tipped over, off the floor, not a number."""
+"""Detects a failed drive: stuck, tipped over, off the floor, not a number."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""In which order to visit places: a short closed tour (travelling salesman, approximately)."""
+"""Order of the goals of a tour: a short closed tour (approximate travelling salesman)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""From the robot as it was designed to the one that drives: unequal wheels, springs."""
+"""The as-built robot: the designed one with unequal wheels and springs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Makes robot descriptions: from a configuration, reduced to what moves, and as URDF text."""
+"""Generates robot descriptions: from a configuration, reduced to the moving parts, and as URDF."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A robot description (URDF) as plain values: read, placed, and reduced to what can move.
+"""Parses a robot description (URDF) into plain values, reduced to the moving parts.
 
 Only what the simulation needs is kept: links with mass and primitive shapes, joints with their
 place and axis. Meshes are for the eye; as collision shapes they are refused.

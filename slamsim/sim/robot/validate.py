@@ -1,4 +1,4 @@
-"""Is this robot model physically sane? Asked of our own descriptions and of foreign ones alike.
+"""Validates that a robot model is physically plausible, our own and those of users alike.
 
 A wrong model gives plausible wrong results: a default inertia of 1 kg m^2 on a camera makes a
 robot vibrate until it bursts, a support wheel 7 mm off the floor makes it rock, a fixed one

@@ -1,4 +1,4 @@
-"""How much the motion tells of each unknown of the joint calibration, and what would tell more."""
+"""Excitation of each unknown of the joint calibration, and which motion would add to it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Clocks against each other: which stream is early or late, by how much, and which clock drifts."""
+"""Clock offsets and drifts between streams: which stream is early or late, and by how much."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Do the moving transforms cover the scans, and do they say what the odometry says?"""
+"""Do the moving transforms cover the scans and agree with the odometry?"""
 
 from __future__ import annotations
 

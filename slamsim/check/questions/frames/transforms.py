@@ -1,4 +1,4 @@
-"""Is the transform tree whole? map -> odom -> base_footprint -> base_link -> sensors (REP 105)."""
+"""Is the transform tree complete? map, odom, base_footprint, base_link, sensors (REP 105)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What an inertial unit must show whatever the robot does: gravity, upward, and noise."""
+"""Checks of an inertial unit that hold for any motion: gravity, its direction, and noise."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How far scans turn for each radian that gyroscope or wheels say: 1 is healthy."""
+"""Rotation gain of the scans: their rotation over that of gyroscope or wheels; 1 is healthy."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The laser by its scans: whether it turns with the robot, how it looks, when its beams fire."""
+"""Checks of the laser by its scans: rotation with the robot, direction, beam times."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Beams that always measure the same (the robot itself), never return, or stand alone in a scan."""
+"""Beams that always measure the same (the robot itself), never return, or are isolated."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How a lidar writes that nothing came back: ``inf`` (REP 117), or some distance."""
+"""How a lidar encodes no return: ``inf`` (REP 117), or some distance."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Scans that repeat the one before while the robot moves: a driver that is stuck."""
+"""Scans that repeat the previous one while the robot moves: a driver that is stuck."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Detects several publishers on one topic or frame: two that share either corrupt both."""
+"""Detects several publishers on one topic or frame, which corrupts the data of both."""
 
 from __future__ import annotations
 

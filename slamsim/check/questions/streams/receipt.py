@@ -1,4 +1,4 @@
-"""Stamps against the times of receipt: late, ahead, drifting, invented."""
+"""Stamps against receive times: late, early, drifting, or made up."""
 
 from __future__ import annotations
 

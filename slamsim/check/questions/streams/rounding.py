@@ -1,4 +1,4 @@
-"""Stamps that are multiples of a coarse step: of a slow clock, of few decimals, of a float."""
+"""Stamps rounded to a coarse step: a slow clock, few decimals, a float."""
 
 from __future__ import annotations
 

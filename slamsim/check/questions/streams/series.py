@@ -1,4 +1,4 @@
-"""The stamps of one stream, and what they are measured by."""
+"""The stamps of one stream, and statistics of their spacing."""
 
 from __future__ import annotations
 

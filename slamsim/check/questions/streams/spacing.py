@@ -1,4 +1,4 @@
-"""Each stream's stamps by themselves: order, repeats, rounding, scatter, gaps."""
+"""Stamps of each stream: order, repeats, rounding, jitter, gaps."""
 
 from __future__ import annotations
 

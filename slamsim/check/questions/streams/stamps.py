@@ -1,4 +1,4 @@
-"""The stamps of every stream: by themselves, against each other's epoch, against their receipt."""
+"""Questions about stamps: within a stream, common epoch, receive times."""
 
 from __future__ import annotations
 

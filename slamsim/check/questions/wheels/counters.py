@@ -1,4 +1,4 @@
-"""What wheel counters show: that they overflow, or stand still while the wheels turn."""
+"""Faults of wheel counters: overflow, or no counts while the wheels turn."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whether the wheels know backward from forward: some drivers add up lengths without a sign."""
+"""Detects wheel counters that lose the sign when the robot reverses."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The published odometry by itself and against the wheels: jumps, standstill, contradiction."""
+"""Published odometry, alone and against the wheels: jumps, standstill, contradiction."""
 
 from __future__ import annotations
 

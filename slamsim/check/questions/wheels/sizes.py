@@ -1,4 +1,4 @@
-"""Wheels against scans: their radius, their track, and whether they are wired as declared."""
+"""Wheels against scans: radius, track, and swapped or reversed wiring."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where the wheels slip or stand: wheels against scans, second by second."""
+"""Wheel slip and stalled counters: wheels against scans, second by second."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""Who makes the sequences: the cores of this machine, or a cluster."""
+"""Engines that make sequences: the cores of this machine, or a cluster."""

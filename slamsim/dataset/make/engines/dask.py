@@ -130,7 +130,7 @@ def _connected(scheduler: str) -> Any:
         raise SlamsimError("--engine dask needs Dask: pip install 'slamsim[cluster]'") from None
     if not _ADDRESS.fullmatch(scheduler):
         raise SlamsimError(
-            f"{shown(scheduler)} is no address of a Dask scheduler, such as tcp://10.0.0.1:8786"
+            f"{shown(scheduler)} is not the address of a Dask scheduler, such as tcp://10.0.0.1:8786"
         )
     try:
         if scheduler.startswith("tcp://"):

@@ -1,4 +1,4 @@
-"""The cores of this machine."""
+"""Local engine: worker processes on this machine."""
 
 from __future__ import annotations
 
