@@ -149,6 +149,7 @@ def test_frames_of_the_camera() -> None:
         ("[{type: depth_camera, name: a, mount: {z: 1}}]", "unknown key 'z'"),
         ("[{name: a, mount: {}}]", "'type'"),
         ("3", "must be a list"),
+        ("[{type: depth_camera, name: ground_truth, mount: {}}]", "name of the truth"),
         (
             "[{type: depth_camera, name: a, mount: {}}, {type: planar_lidar, name: a, mount: {}}]",
             "two additional sensors are named 'a'",
