@@ -5,13 +5,17 @@ Or in a distribution that names its module in the entry-point group ``slamsim.ch
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache
 from types import MappingProxyType, ModuleType
 
 from slamsim.check.question import FaultKind, Question, QuestionGroup
-from slamsim.guard.plugins import modules_in
+from slamsim.guard.plugins import left_out, modules_in, with_distributions
+
+_log = logging.getLogger(__name__)
+_PACKAGE = "slamsim.check.questions"
 
 CHECKER_ERROR = FaultKind("checker_error", "slamsim itself failed on a question")
 """Reported of questions that raise: our fault, not the recording's."""
@@ -34,9 +38,22 @@ def registry() -> Registry:
     """The questions of this installation; the first call imports what answers them.
 
     Raises ValueError for an id that two questions share, a fault that is declared twice and a
-    question that nothing asks; SlamsimError for a distribution that cannot be imported.
+    question that nothing asks. Modules of distributions of which that holds, or that cannot be
+    imported, are left out, and the log warns of it.
     """
-    return _registry_of(_modules("slamsim.check.questions"))
+    ours = tuple(_modules(_PACKAGE))
+    modules = with_distributions(_PACKAGE, ours, _with_questions_of)
+    if missing := left_out(_PACKAGE):
+        _log.warning("questions are not asked: %s", missing)
+    return _registry_of(modules)
+
+
+def _with_questions_of(
+    modules: tuple[ModuleType, ...], module: ModuleType
+) -> tuple[ModuleType, ...]:
+    more = (*modules, module, *_modules_below(module))
+    _registry_of(more)
+    return more
 
 
 def fault_meaning(name: str) -> str:
@@ -72,5 +89,9 @@ def _modules(package: str) -> Iterator[ModuleType]:
     """All modules of a package and of the packages in it."""
     for module in modules_in(package):
         yield module
-        if hasattr(module, "__path__"):
-            yield from _modules(module.__name__)
+        yield from _modules_below(module)
+
+
+def _modules_below(module: ModuleType) -> Iterator[ModuleType]:
+    if hasattr(module, "__path__"):
+        yield from _modules(module.__name__)

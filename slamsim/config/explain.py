@@ -8,6 +8,7 @@ from typing import NamedTuple
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
+from slamsim.config.kinds import missing_kinds
 from slamsim.config.layers import Tree
 from slamsim.config.model_keys import Spot, find_spot, suggest
 from slamsim.guard.errors import SlamsimError, shown
@@ -122,6 +123,8 @@ def _reason(spot: Spot, detail: ErrorDetails, given: object) -> str:
 def _choice_reason(spot: Spot, context: dict[str, object], given: object) -> str:
     near = spot.nearest_choice(given)
     meant = f"; did you mean {near!r}?" if near else ""
+    if spot.keys[-1:] == ("type",):
+        meant += _left_out()
     return f"must be {spot.choices_text() or context.get('expected')}, not {_given(given)}{meant}"
 
 
@@ -131,7 +134,12 @@ def _tag_reason(context: dict[str, object]) -> str:
     near = difflib.get_close_matches(tag, kinds, n=1)
     meant = f"; did you mean {near[0]!r}?" if near else ""
     name = str(context["discriminator"]).strip("'")
-    return f"there is no {name} {shown(tag)}, only {', '.join(kinds)}{meant}"
+    return f"there is no {name} {shown(tag)}, only {', '.join(kinds)}{meant}{_left_out()}"
+
+
+def _left_out() -> str:
+    missing = missing_kinds()
+    return f"; {missing}" if missing else ""
 
 
 def _length_reason(spot: Spot, context: dict[str, object], given: object) -> str:

@@ -13,7 +13,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 from pydantic import Field
 
 from slamsim.config.streams import SensorEntry, SinkEntry
-from slamsim.guard.plugins import subclasses_in
+from slamsim.guard.plugins import kinds_in, left_out
+
+SENSOR_KINDS, SINK_KINDS = "slamsim.sensors.kinds", "slamsim.simulation.sinks"
 
 if TYPE_CHECKING:
     AdditionalSensors = tuple[SensorEntry, ...]
@@ -22,10 +24,15 @@ else:
 
     def _list_of(package: str, parent: type[Any]) -> Any:
         """A tuple of entries, each validated by the model of its own ``type``."""
-        kinds = subclasses_in(package, parent)
+        kinds = tuple(dict.fromkeys(kinds_in(package, parent, "type").values()))
         if len(kinds) == 1:
             return tuple[kinds[0], ...]
         return tuple[Annotated[reduce(or_, kinds), Field(discriminator="type")], ...]
 
-    AdditionalSensors = _list_of("slamsim.sensors.kinds", SensorEntry)
-    Sinks = _list_of("slamsim.simulation.sinks", SinkEntry)
+    AdditionalSensors = _list_of(SENSOR_KINDS, SensorEntry)
+    Sinks = _list_of(SINK_KINDS, SinkEntry)
+
+
+def missing_kinds() -> str:
+    """Which modules of distributions add no kind although they should; "" for none."""
+    return left_out(SENSOR_KINDS, SINK_KINDS)

@@ -34,6 +34,10 @@ PerWheel = Annotated[
 ]
 
 
+TRUTH_NAMES = frozenset(("ground_truth", "groundtruth"))
+"""Below which names simulators publish the truth, which no reader takes for a measurement."""
+
+
 class InertialAxesConfig(Config):
     """Errors of a triad of gyroscopes (unit: rad/s) or accelerometers (unit: m/s^2)."""
 
@@ -127,6 +131,8 @@ class SensorsConfig(Config):
     @model_validator(mode="after")
     def _named_apart(self) -> Self:
         names = [entry.name for entry in self.additional]
+        if taken := next((name for name in names if name in TRUTH_NAMES), None):
+            raise ValueError(f"{taken!r} is the name of the truth; readers would skip the sensor")
         if len(set(names)) < len(names):
             twice = next(name for name in names if names.count(name) > 1)
             raise ValueError(f"two additional sensors are named {twice!r}")

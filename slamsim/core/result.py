@@ -72,6 +72,7 @@ EventKind = Literal[
     "lidar",
     "unrefined",
     "odometry",
+    "open loop",
 ]
 """What may happen on the way.
 
@@ -80,7 +81,8 @@ of the odometry that no robot makes. frozen: odometry that stood while the scans
 scans without enough returns. lost: scans that fitted nowhere. kidnapped: a local map begun anew.
 joined: a place that only odometry joins to the rest. torn: scans that contradict the map. lidar:
 a lidar that does not see what its mounting says. unrefined: a final refinement that was not used.
-odometry: most of the path is known from odometry alone, and the map no better than that.
+odometry: most of the path is known from odometry alone, and the map no better than that. open
+loop: a stretch of path that no loop checks, at whose end the position is unsure.
 """
 
 

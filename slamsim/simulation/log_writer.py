@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 
@@ -34,8 +35,10 @@ class LogWriter(StagedWriter):
         types = {**TOPICS, **header.topics}
         topics = [TopicKind(topic, kind, topic in _LATCHED) for topic, kind in types.items()]
         custom = {"epoch": header.epoch, **dict(sorted(header.metadata.items()))}
-        bag: Sink = self._open.enter_context(GrowingBag(folder, topics, custom))
-        started = [self._open.enter_context(entry.start(topics)) for entry in sinks]
+        with ExitStack() as opened:  # closes what was begun where a later sink cannot begin
+            bag: Sink = opened.enter_context(GrowingBag(folder, topics, custom))
+            started = [opened.enter_context(entry.start(topics)) for entry in sinks]
+            self._open.push(opened.pop_all())
         self._sinks: tuple[Sink, ...] = (bag, *started)
         self._recorder = DriveRecorder(name, header)
         self._is_first = True

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -148,6 +149,7 @@ def test_frames_of_the_camera() -> None:
         ("[{type: depth_camera, name: a, mount: {z: 1}}]", "unknown key 'z'"),
         ("[{name: a, mount: {}}]", "'type'"),
         ("3", "must be a list"),
+        ("[{type: depth_camera, name: ground_truth, mount: {}}]", "name of the truth"),
         (
             "[{type: depth_camera, name: a, mount: {}}, {type: planar_lidar, name: a, mount: {}}]",
             "two additional sensors are named 'a'",
@@ -184,16 +186,108 @@ class SonarEntry(SensorEntry):
 
 
 def test_an_installed_distribution_adds_a_kind(tmp_path: Path) -> None:
-    (tmp_path / "sonar_of_mine.py").write_text(SONAR)
-    told = tmp_path / "sonar_of_mine-1.0.dist-info"
+    install(tmp_path, SONAR, "slamsim.sensors.kinds")
+    done = with_installed(
+        tmp_path,
+        "from slamsim.config.loading import load_run_config",
+        "entry = 'sensors.additional=[{type: sonar, name: nose, mount: {}}]'",
+        "print(load_run_config(None, None, [entry]).sensors.additional[0].topics)",
+    )
+    assert done.stdout.strip() == "{'/nose/range': 'sensor_msgs/msg/Range'}", done.stderr
+
+
+GROUPS = (
+    "slamsim.sensors.kinds",
+    "slamsim.simulation.sinks",
+    "slamsim.check.questions",
+    "slamsim.sensors.faults",
+)
+TAKEN = """
+from typing import Literal
+from slamsim.check.question import FaultKind, Question
+from slamsim.config.streams import SensorEntry, SinkEntry
+from slamsim.sensors.faults.base import Fault
+
+class TakenSensor(SensorEntry):
+    type: Literal["depth_camera"]
+    @property
+    def topics(self): ...
+    def build(self, site): ...
+
+class TakenSink(SinkEntry):
+    type: Literal["foxglove"]
+    def start(self, topics): ...
+
+class TakenFault(Fault):
+    kind: Literal["gyro_bias"]
+    def edit(self, recording, rng): ...
+
+TAKEN = Question("laser.yaw", "x", (FaultKind("mine", "x"),), ask=lambda evidence: ())
+"""
+UNRESOLVED = """
+from __future__ import annotations
+from slamsim.config.streams import SensorEntry
+
+class Unresolved(SensorEntry):
+    type: Nothing["sonar"]
+    @property
+    def topics(self): ...
+    def build(self, site): ...
+"""
+
+
+@pytest.mark.parametrize(
+    ("module", "why"),
+    [
+        ("import not_there_at_all", "ModuleNotFoundError"),
+        ("raise SystemExit(3)", "SystemExit"),
+        ("def broken(:", "SyntaxError"),
+        (TAKEN, "there is a kind 'gyro_bias' already"),
+        (UNRESOLVED, "no type 'sonar'.*Nothing"),
+    ],
+)
+def test_a_broken_distribution_costs_only_what_it_adds(
+    tmp_path: Path, module: str, why: str
+) -> None:
+    install(tmp_path, module, *GROUPS)
+    (tmp_path / "fault.yaml").write_text("name: a\nkind: sonar\n")
+    done = with_installed(
+        tmp_path,
+        "from slamsim.check.registry import registry",
+        "from slamsim.config.loading import load_run_config",
+        "from slamsim.guard.errors import SlamsimError",
+        "from slamsim.sensors.faults.registry import kinds, load_fault",
+        "assert load_run_config(None, None, []).sensors.additional == ()",
+        "assert kinds()['gyro_bias'].__module__ == 'slamsim.sensors.faults.imu'",
+        "assert 'laser.yaw' in registry().questions and 'mine' not in registry().faults",
+        "entry = 'sensors.additional=[{type: sonar, name: nose, mount: {}}]'",
+        "for used in (lambda: load_run_config(None, None, [entry]), lambda: load_fault(FAULT)):",
+        "    try: used()",
+        "    except SlamsimError as error: print(error)",
+        FAULT=str(tmp_path / "fault.yaml"),
+    )
+    assert done.returncode == 0, done.stderr
+    told = done.stdout.splitlines()
+    assert len(told) == 2
+    if module == UNRESOLVED:  # which is no fault, nor a question
+        told = told[:1]
+    assert all("sonar_of_mine of the distribution sonar-of-mine" in line for line in told)
+    assert re.search(why, done.stdout)
+    assert ("questions are not asked" in done.stderr) is (module != UNRESOLVED)
+
+
+def install(folder: Path, module: str, *groups: str) -> None:
+    """A distribution with one module, in these groups of entry points."""
+    (folder / "sonar_of_mine.py").write_text(module)
+    told = folder / "sonar_of_mine-1.0.dist-info"
     told.mkdir()
     (told / "METADATA").write_text("Metadata-Version: 2.1\nName: sonar-of-mine\nVersion: 1.0\n")
-    (told / "entry_points.txt").write_text("[slamsim.sensors.kinds]\nsonar = sonar_of_mine\n")
-    code = (
-        f"import sys; sys.path.insert(0, {str(tmp_path)!r})\n"
-        "from slamsim.config.loading import load_run_config\n"
-        "entry = 'sensors.additional=[{type: sonar, name: nose, mount: {}}]'\n"
-        "print(load_run_config(None, None, [entry]).sensors.additional[0].topics)\n"
-    )
-    done = subprocess.run([sys.executable, "-c", code], check=False, **OUTPUT)
-    assert done.stdout.strip() == "{'/nose/range': 'sensor_msgs/msg/Range'}", done.stderr
+    lines = [f"[{group}]\nsonar = sonar_of_mine\n" for group in groups]
+    (told / "entry_points.txt").write_text("\n".join(lines))
+
+
+def with_installed(folder: Path, *code: str, **constants: str) -> subprocess.CompletedProcess[str]:
+    """What Python says that finds the distributions in a folder."""
+    known = [f"{name} = {value!r}" for name, value in constants.items()]
+    lines = [f"import sys; sys.path.insert(0, {str(folder)!r})", *known, *code]
+    return subprocess.run([sys.executable, "-c", "\n".join(lines)], check=False, **OUTPUT)

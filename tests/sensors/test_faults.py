@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -411,6 +412,8 @@ def test_a_fault_without_a_size_has_none_to_change() -> None:
 def test_a_size_out_of_bounds_is_told() -> None:
     with pytest.raises(SlamsimError, match="angle_deg = 999"):
         load_fault("laser_yaw").with_size(999.0)
+    with pytest.raises(SlamsimError, match="bits = inf"):
+        load_fault("ticks_wrap").with_size(math.inf)
 
 
 def test_an_unknown_name_is_answered_with_the_nearest() -> None:

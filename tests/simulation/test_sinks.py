@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import socket
 import struct
 from pathlib import Path
 from threading import Thread
@@ -34,17 +35,17 @@ class Viewer(Thread):
 
     def run(self) -> None:
         kinds = (Subprotocol("foxglove.sdk.v1"), Subprotocol("foxglove.websocket.v1"))
-        with connect(self._address, subprotocols=kinds, max_size=None) as socket:
+        with connect(self._address, subprotocols=kinds, max_size=None) as connected:
             topics: list[str] = []
-            for told in socket:
+            for told in connected:
                 if isinstance(told, str):
-                    self._advertised(socket, json.loads(told), topics)
+                    self._advertised(connected, json.loads(told), topics)
                 elif told[0] == MESSAGE_DATA:
                     number, log_ns = struct.unpack_from("<IQ", told, 1)
                     self.messages[topics[number]].append((log_ns, told[13:]))
 
     def _advertised(
-        self, socket: ClientConnection, told: dict[str, Any], topics: list[str]
+        self, connected: ClientConnection, told: dict[str, Any], topics: list[str]
     ) -> None:
         if told["op"] != "advertise":
             return
@@ -55,7 +56,7 @@ class Viewer(Thread):
                 wanted.append({"id": len(topics), "channelId": channel["id"]})
                 topics.append(channel["topic"])
         request = json.dumps({"op": "subscribe", "subscriptions": wanted})
-        socket.send(request)
+        connected.send(request)
 
 
 def test_a_viewer_gets_the_bytes_of_the_recording(tmp_path: Path) -> None:
@@ -91,3 +92,14 @@ def test_a_port_that_is_taken_is_told(tmp_path: Path) -> None:
         taken = FoxgloveEntry(type="foxglove", port=port)
         with pytest.raises(OutputRefused, match=f"nothing can be served at 127.0.0.1:{port}"):
             LogWriter(tmp_path / "again", header(), sinks=[taken])
+
+
+def test_sinks_that_were_begun_end_where_a_later_one_cannot_begin(tmp_path: Path) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as other, socket.create_server(("", 0)) as free:
+        taken, port = other.getsockname()[1], free.getsockname()[1]
+        free.close()
+        entries = [FoxgloveEntry(type="foxglove", port=each) for each in (port, taken)]
+        with pytest.raises(OutputRefused, match=str(taken)):
+            LogWriter(tmp_path / "log", header(), sinks=entries)
+    with pytest.raises(ConnectionRefusedError):
+        socket.create_connection(("127.0.0.1", port))

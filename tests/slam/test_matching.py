@@ -18,6 +18,7 @@ from slamsim.slam.matching import Matcher, make_matcher
 from slamsim.slam.matching.line import LineMatcher
 from slamsim.slam.matching.surfaces import (
     BEAMS,
+    MAX_NORMAL_SIGMA_RAD,
     NORMAL_X,
     NORMAL_Y,
     SCATTER_XX,
@@ -132,6 +133,50 @@ def test_a_foreign_scan_does_not_fit() -> None:
     foreign = cloud_at(np.array([1.0, 1.0, 0.0]), labyrinth(5)[0], 0)
     match = matcher.match(foreign, np.zeros(3), PRIOR)
     assert match is None or match.inlier_ratio * match.covered_ratio < 0.6
+
+
+def patchy_corridor(x_m: float, rng: np.random.Generator, noise_m: float) -> Cloud:
+    """A corridor without doors as a lidar sees it that loses half of its returns."""
+    angles = np.linspace(-np.pi / 2.0, np.pi / 2.0, 330)
+    with np.errstate(divide="ignore"):
+        true_m = np.where(angles < 0.0, -0.85, 0.95) / np.sin(angles)
+    ranges_m = true_m + rng.normal(0.0, noise_m, angles.size)
+    hit = (true_m < 8.7) & (rng.random(angles.size) > 0.45)
+    points_m = np.where(hit, ranges_m, 8.7)[:, None] * np.column_stack(
+        [np.cos(angles), np.sin(angles)]
+    )
+    return Cloud(round(x_m * 1e9), points_m, np.zeros_like(points_m), hit)
+
+
+def test_noise_is_no_wall_across_a_corridor() -> None:
+    rng, noise_m = np.random.default_rng(5), 0.028
+    normals = []
+    for _ in range(50):
+        pieces = surface_pieces(patchy_corridor(0.0, rng, noise_m), noise_m, 0.25, 60.0)
+        assert len(pieces) >= 7  # enough to be matched by
+        normals.append(np.arctan2(pieces[:, NORMAL_X], np.abs(pieces[:, NORMAL_Y])))
+    angles = np.abs(np.concatenate(normals))
+    assert np.median(angles) < 0.15 and np.quantile(angles, 0.99) < 3.0 * MAX_NORMAL_SIGMA_RAD
+
+
+def test_noise_does_not_hold_a_robot_back_in_a_corridor() -> None:
+    rng, noise_m, off_m = np.random.default_rng(6), 0.028, 0.1
+    matcher = LineMatcher(FrontEndConfig())
+    steps, sigmas = [], []
+    for number in range(80):
+        T_map_base = np.array([0.05 * number, 0.0, 0.0])
+        cloud = patchy_corridor(T_map_base[0], rng, noise_m)
+        guess = compose(T_map_base, np.array([off_m, 0.0, 0.0]))
+        match = matcher.match(cloud, guess, PRIOR)
+        if match is not None and number > 10:
+            information = match.information + np.linalg.inv(PRIOR)
+            sigmas.append(np.sqrt(np.linalg.inv(information)[0, 0]))
+            steps.append(match.T_map_base[0] - T_map_base[0])
+        if number % 3 == 0:
+            matcher.insert(cloud, T_map_base)
+    errors = np.array(steps) - off_m
+    assert abs(errors.mean()) < 0.1 * off_m  # the prediction decides
+    assert np.median(sigmas) > 0.9 * np.sqrt(PRIOR[0, 0])
 
 
 def test_same_input_same_bytes() -> None:

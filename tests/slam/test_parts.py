@@ -13,7 +13,7 @@ from slamsim.core.result import EdgeKind, GraphEdge, PoseGraph
 from slamsim.core.types import PlanarTrajectory
 from slamsim.slam.closures.rejoin import moved_onto
 from slamsim.slam.frontend.parts import Parts
-from slamsim.slam.mapping.health import doubtful_joints
+from slamsim.slam.mapping.joints import doubtful_joints
 
 COUNT = 12
 

@@ -20,7 +20,7 @@ TIMES_BOUND = 10.0
 """A run is tracked whose ATE is within GOOD_M or so many times the Cramer-Rao bound."""
 
 TELLING: frozenset[EventKind] = frozenset(
-    ("kidnapped", "joined", "torn", "lost", "blind", "gap", "odometry")
+    ("kidnapped", "joined", "torn", "lost", "blind", "gap", "odometry", "open loop")
 )
 """Events that say that poses before them and after them may not fit together."""
 

@@ -33,7 +33,6 @@ SAME_WAY = 0.5
 """Least cosine between the normals of pieces of one wall."""
 SAME_PLACE_M = 0.05
 _CELL_M = 1.0
-_OUT_OF_SIGHT_M = 1e6
 
 
 _COLUMNS = (

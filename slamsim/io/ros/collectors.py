@@ -1,4 +1,4 @@
-"""The streams of a recording as they were written, except scans (raw_scans.py).
+"""The streams of a recording as they were written, except scans (scan_collector.py).
 
 A collector is given the messages of one topic batch by batch; those that ``opened`` gives None for
 are passed over.

@@ -14,8 +14,6 @@ from slamsim.io.ros.cdr import CDR_LITTLE_ENDIAN, CdrLayout, Rows
 from slamsim.io.ros.layouts import columns_of, message_layout, shape_of
 from slamsim.recording.schemas import Field, Schema
 
-_BATCH = 4096
-
 LayoutOf = Callable[[Any], CdrLayout]
 Opened = Callable[[bytes], Any]
 """A message from its bytes; None for one that shall be passed over."""

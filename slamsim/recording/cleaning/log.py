@@ -137,9 +137,12 @@ class _Cleaning:
         """
         topics = self._of(RawScans)
         if not topics:
-            kinds = sorted({topic.type_name for topic in self._topics if topic.messages})
+            is_carmen = self._recording.format == "carmen"
+            kinds = sorted(
+                {t.topic if is_carmen else t.type_name for t in self._topics if t.messages}
+            )
             there = ", ".join(kind[:60] for kind in kinds[:9]) or "no message at all"
-            needed = RawScans.schema.type_name
+            needed = "a FLASER or ROBOTLASER1 line" if is_carmen else RawScans.schema.type_name
             reason = f"a log without scans: {needed} is needed, there is {there}"
             raise InputRefused(self._source, reason)
         carried = {each.topic: each for each in self._recording.odometries}

@@ -74,7 +74,7 @@ class Fault(Config, ABC):
         if self.SIZE is None:
             raise SlamsimError(f"the fault {self.name} has no size: it is there or not")
         field = type(self).model_fields[self.SIZE]
-        value = int(size) if field.annotation is int and size == int(size) else size
+        value = int(size) if field.annotation is int and float(size).is_integer() else size
         try:
             return type(self).model_validate({**self.model_dump(), self.SIZE: value})
         except ValidationError as error:

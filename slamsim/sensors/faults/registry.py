@@ -6,23 +6,24 @@ import difflib
 from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
 from slamsim.config.bundled import bundled_folder, bundled_names, find_input
 from slamsim.config.faults import FaultChoice
 from slamsim.config.loading import load_model
 from slamsim.guard.errors import InputRefused, shown
-from slamsim.guard.plugins import subclasses_in
+from slamsim.guard.plugins import kinds_in, left_out
 from slamsim.guard.yaml import load_yaml
 from slamsim.sensors.faults.base import Fault
+
+_PACKAGE = "slamsim.sensors.faults"
 
 
 @cache
 def kinds() -> Mapping[str, type[Fault]]:
     """Every kind of fault under the name that a file gives it: all classes of this folder."""
     parent: type[Any] = Fault
-    found: tuple[type[Fault], ...] = subclasses_in("slamsim.sensors.faults", parent)
-    return {get_args(kind.model_fields["kind"].annotation)[0]: kind for kind in found}
+    return kinds_in(_PACKAGE, parent, "kind")
 
 
 def load_fault(name_or_path: str) -> Fault:
@@ -66,6 +67,8 @@ def _kind_of(path: Path) -> type[Fault]:
     if not isinstance(kind, str) or kind not in known:
         near = difflib.get_close_matches(str(kind), known, n=1)
         hint = f"did you mean {near[0]!r}?" if near else f"the kinds are {', '.join(known)}"
+        missing = left_out(_PACKAGE)
+        hint += f"; {missing}" if missing else ""
         line = document.line_of(("kind",))
         raise InputRefused(path, f"there is no kind {shown(kind)}; {hint}", f"line {line}, kind")
     return known[kind]

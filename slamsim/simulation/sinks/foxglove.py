@@ -85,9 +85,11 @@ class FoxgloveSink:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        if kind is None:
-            self.release(None)
-        self._server.stop()
+        try:
+            if kind is None:
+                self.release(None)
+        finally:
+            self._server.stop()
 
     def add(self, streams: Sequence[Outgoing]) -> None:
         """The next messages of some topics."""

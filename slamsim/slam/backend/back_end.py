@@ -35,7 +35,8 @@ from slamsim.slam.failures import Failures
 from slamsim.slam.frontend.keyframes import LEAST_MOTION, Keyframe, begins_drive, chain_edge
 from slamsim.slam.frontend.odometry import CARRIED, ELSEWHERE
 from slamsim.slam.frontend.preintegration import OdometryNoise, OdometryStep, then
-from slamsim.slam.mapping.health import Usual, carried, doubtful_joints, tears
+from slamsim.slam.mapping.health import Usual, carried, tears
+from slamsim.slam.mapping.joints import doubtful_joints, open_loops
 
 CALIBRATION_ROUNDS = 2
 
@@ -195,6 +196,7 @@ class BackEnd:
             doubts = [k.index for k in own if k.doubt_ns and not k.broken]
             drives = {two.index for one, two in pairwise(self.keyframes) if begins_drive(one, two)}
             torn += doubtful_joints(graph, drives)
+            torn += open_loops(graph, self._held)
             usual = Usual(around, self.keyframes, doubts, size)
             torn += tears(around, submaps, graph.keyframes, size, doubts, usual, self._held)
         withdrawn = self.withdrawn_ns

@@ -1,22 +1,19 @@
-"""A map looked at without the truth: is it in one piece, and does it contradict itself?"""
+"""A map looked at without the truth: does it contradict itself?"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Container, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import cached_property
 
 import numpy as np
 from scipy.ndimage import uniform_filter1d
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
 from slamsim.config.back_end import SubmapConfig
 from slamsim.core.geometry import between, transform_points
-from slamsim.core.result import Event, GraphEdge, MapGraph
-from slamsim.core.types import FloatArray, IntArray, PlanarPoses
+from slamsim.core.result import Event
+from slamsim.core.types import FloatArray, PlanarPoses
 from slamsim.slam.closures.submaps import FREE, UNKNOWN, SpaceGrid, Submap, space_grid
 from slamsim.slam.frontend.keyframes import Keyframe
-from slamsim.slam.frontend.odometry import ELSEWHERE_M
 
 MIN_KNOWN_SHARE = 0.1
 MIN_KNOWN = 20
@@ -227,53 +224,3 @@ def _pairs(
         for k in chosen.tolist():
             queries[k].append(query)
     return [(one, there) for one, there in zip(submaps, queries, strict=True) if there]
-
-
-def doubtful_joints(graph: MapGraph, drives: Container[int]) -> Iterator[Event]:
-    """One event for each edge of odometry alone whose sides no match and no closure joins, or only
-    closures that were found without knowing where to look.
-
-    drives: the key frames with which later drives begin: that these are recognised was asked for.
-    """
-    count = len(graph.keyframes)
-    firm = [e for e in graph.edges if e.kind != "odometry" and e.weight > 0.0]
-    ends = np.array([(e.source, e.target) for e in firm], dtype=np.int64).reshape(-1, 2)
-    joined = coo_matrix((np.ones(len(ends)), (ends[:, 0], ends[:, 1])), shape=(count, count))
-    part = connected_components(joined, directed=False)[1]
-    stamps_ns, poses = graph.keyframes.stamps_ns, graph.keyframes.poses
-    breaks = [edge for edge in graph.edges if edge.kind == "odometry"]
-    ends_at = [*(e.target for e in breaks if _elsewhere(e)), count]
-    for edge in breaks:
-        x, y = poses[edge.target, :2]
-        if part[edge.source] != part[edge.target]:
-            words = f"near ({x:.1f}, {y:.1f}) m {_how_loose(edge)}"
-            yield Event(int(stamps_ns[edge.source]), int(stamps_ns[edge.target]), "joined", words)
-        elif _elsewhere(edge) and edge.target not in drives:
-            end = next(k for k in ends_at if k > edge.target)
-            words = _by_its_looks(edge.target, end, ends)
-            yield Event(int(stamps_ns[edge.target]), int(stamps_ns[end - 1]), "joined", words)
-
-
-def _by_its_looks(first: int, end: int, closures: IntArray) -> str:
-    """Of how many of its key frames, first up to and without end, closures (n, 2) lead away."""
-    inside = (closures >= first) & (closures < end)
-    crossing = inside[:, 0] != inside[:, 1]
-    recognised = len(np.unique(closures[crossing][inside[crossing]]))
-    return (
-        "nothing tells how the robot came here: this part of the map was put where it looks like "
-        f"the rest, as it does from {recognised} of its {end - first} key frames; its place may "
-        "be wrong"
-    )
-
-
-def _elsewhere(edge: GraphEdge) -> bool:
-    """Whether not even odometry tells where its end is."""
-    return bool(edge.covariance[:2, :2].trace() >= ELSEWHERE_M**2)
-
-
-def _how_loose(edge: GraphEdge) -> str:
-    if _elsewhere(edge):
-        return (
-            "the map goes on without being joined to what was mapped before: it is drawn beside it"
-        )
-    return "the map is joined to what was mapped before by odometry alone"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from slamsim.core.jit import kernel
-from slamsim.core.types import BoolArray, FloatArray
+from slamsim.core.types import FloatArray
 
 SPACING_FACTOR = 6.0
 """Neighbouring beams this many times further apart than square on a wall are not one surface."""
@@ -31,13 +31,9 @@ def principal_axis(xx: float, xy: float, yy: float) -> tuple[float, float, float
 
 
 @kernel
-def joined(
-    points: FloatArray, origins: FloatArray, hit: BoolArray, i: int, sizes: tuple[float, float]
-) -> bool:
-    """Whether beams i and i + 1 hit one surface."""
+def joined(points: FloatArray, origins: FloatArray, i: int, sizes: tuple[float, float]) -> bool:
+    """Whether the returns i and i + 1 are of one surface."""
     noise, reach = sizes
-    if not (hit[i] and hit[i + 1]):
-        return False
     ax, ay = points[i, 0] - origins[i, 0], points[i, 1] - origins[i, 1]
     bx, by = points[i + 1, 0] - origins[i + 1, 0], points[i + 1, 1] - origins[i + 1, 1]
     near = min(np.sqrt(ax * ax + ay * ay), np.sqrt(bx * bx + by * by))

@@ -24,6 +24,11 @@ MIN_BEAMS = 3
 MIN_BEAMS_TO_SPARE = 8
 """Runs of this many beams do without their first and last, which may have met two surfaces."""
 
+MAX_SILENT_BEAMS = 1
+"""A surface goes on past so many beams without a return. Where half of all returns are lost, runs
+that end at each of them hold two beams on average, too few to show which way a wall runs; with one
+beam bridged they hold four. Bridging two joined aces' walls across doors."""
+
 BEAMS_PER_PIECE = 5.0
 """Pieces are lengthened, where beams are far apart, to hold about this many."""
 
@@ -87,6 +92,26 @@ def _without_slant(
 
 
 @kernel
+def _normal_sigma(
+    scatter: tuple[float, float, float], beam: tuple[float, float], noise: float
+) -> float:
+    """Standard deviation of the angle of a line through points that are off along their beam.
+
+    Their bearings are known: what tells the slope of the ranges, and how surely, is how far the
+    points lie apart across the beam. The slope is taken for the flattest that it may be, within two
+    sigmas: range errors alone give a few points of a wall seen head-on any slope.
+    """
+    (xx, xy, yy), (vx, vy) = scatter, beam
+    lateral = xx * vy * vy - 2.0 * xy * vx * vy + yy * vx * vx
+    if lateral <= 0.0:
+        return np.inf
+    along = (xx - yy) * vx * vy + xy * (vy * vy - vx * vx)
+    sigma = noise / np.sqrt(lateral)
+    least = max(np.abs(along) / lateral - 2.0 * sigma, 0.0)
+    return float(sigma / (1.0 + least * least))
+
+
+@kernel
 def _fit(
     points: FloatArray,
     origins: FloatArray,
@@ -110,7 +135,7 @@ def _fit(
         nx, ny = -nx, -ny
     # A range error moves a point along its beam, across the surface only by its incidence.
     across = noise * max(np.abs(incidence), LEAST_INCIDENCE)
-    if most <= 0.0 or across * across / most > MAX_NORMAL_SIGMA_RAD * MAX_NORMAL_SIGMA_RAD:
+    if _normal_sigma(scatter, (vx / reach, vy / reach), noise) > MAX_NORMAL_SIGMA_RAD:
         return False
     piece[X], piece[Y], piece[NORMAL_X], piece[NORMAL_Y] = x, y, nx, ny
     piece[BEAMS] = count
@@ -158,14 +183,20 @@ def _pieces(
     piece_m: float,
     reach: float,
 ) -> FloatArray:
-    count = hit.size
+    beams = np.flatnonzero(hit)
+    points, origins = points[beams], origins[beams]
+    count = beams.size
     out = np.empty((count // MIN_BEAMS + 1, PIECE_FIELDS))
     stack = np.empty((64, 2), np.int64)
     kept = 0
     start = 0
     while start < count:
         end = start
-        while end + 1 < count and joined(points, origins, hit, end, (noise, reach)):
+        while (
+            end + 1 < count
+            and beams[end + 1] - beams[end] <= MAX_SILENT_BEAMS + 1
+            and joined(points, origins, end, (noise, reach))
+        ):
             end += 1
         stack[0, 0], stack[0, 1] = start, end
         depth = 1 if end - start + 1 >= MIN_BEAMS else 0

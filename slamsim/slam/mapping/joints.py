@@ -1,0 +1,115 @@
+"""Where a finished map hangs together by little: odometry alone, or scans that no loop checks."""
+
+from __future__ import annotations
+
+from collections.abc import Container, Iterator, Sequence
+
+import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+
+from slamsim.core.geometry import adjoint, between
+from slamsim.core.result import Event, GraphEdge, MapGraph
+from slamsim.core.types import BoolArray, FloatArray, IntArray
+from slamsim.slam.frontend.odometry import ELSEWHERE_M
+
+CELL_M, SURE_SIGMAS = 0.05, 2.0
+"""A stretch of path that no loop checks is told from where on the position may, with 95 %, be off
+by more than a cell of the map: its walls are then drawn beside where they are."""
+
+
+def open_loops(graph: MapGraph, held: int = 0) -> Iterator[Event]:
+    """Stretches of path that are part of no loop and along which the position has become unsure: a
+    wheel that slipped, or a robot that was carried, in a corridor without marks would not show.
+
+    held: so many key frames are a map that was finished before.
+    """
+    stamps_ns, poses = graph.keyframes.stamps_ns, graph.keyframes.poses
+    checked = _checked(graph.edges, len(poses))
+    checked[:held] = True
+    turns = np.flatnonzero(np.diff(np.concatenate([[True], checked, [True]]).astype(np.int8)))
+    for begin, end in zip(turns[::2].tolist(), turns[1::2].tolist(), strict=True):
+        off_m = SURE_SIGMAS * _grown_m(poses, graph.covariances, begin - 1, end)
+        unsure = np.flatnonzero(off_m > CELL_M)
+        if len(unsure):
+            steps_m = np.diff(poses[begin - 1 : end, :2], axis=0)
+            path_m = float(np.hypot(steps_m[:, 0], steps_m[:, 1]).sum())
+            words = (
+                f"no loop checks {path_m:.0f} m of the path, along which the position may come to "
+                f"be off by {off_m.max():.2f} m (95 %), and by more if the robot was carried"
+            )
+            first = begin + int(unsure[0])
+            yield Event(int(stamps_ns[first]), int(stamps_ns[end - 1]), "open loop", words)
+
+
+def _checked(edges: Sequence[GraphEdge], count: int) -> BoolArray:
+    """(n,) of each key frame whether the edge that leads to it needs no other check: a loop goes
+    over it, or it is one of odometry alone, of which is told anyway."""
+    loops = np.zeros(count + 1, dtype=np.int64)
+    other = np.ones(count, dtype=np.bool_)
+    for edge in edges:
+        if edge.kind == "match":
+            other[edge.target] = False
+        elif edge.kind == "closure" and edge.weight > 0.0:
+            loops[min(edge.source, edge.target) + 1] += 1
+            loops[max(edge.source, edge.target) + 1] -= 1
+    return np.asarray(other | (np.cumsum(loops)[:count] > 0))
+
+
+def _grown_m(poses: FloatArray, covariances: FloatArray, begin: int, end: int) -> FloatArray:
+    """(k,) by how much the position of the key frames after ``begin`` up to and without ``end`` is
+    less sure than that of ``begin``: standard deviation along the worst direction."""
+    carry = adjoint(between(poses[begin + 1 : end], poses[begin]))
+    before = carry @ covariances[begin] @ np.swapaxes(carry, 1, 2)
+    grown = (covariances[begin + 1 : end] - before)[:, :2, :2]
+    return np.asarray(np.sqrt(np.maximum(np.linalg.eigvalsh(grown)[:, 1], 0.0)))
+
+
+def doubtful_joints(graph: MapGraph, drives: Container[int]) -> Iterator[Event]:
+    """One event for each edge of odometry alone whose sides no match and no closure joins, or only
+    closures that were found without knowing where to look.
+
+    drives: the key frames with which later drives begin: that these are recognised was asked for.
+    """
+    count = len(graph.keyframes)
+    firm = [e for e in graph.edges if e.kind != "odometry" and e.weight > 0.0]
+    ends = np.array([(e.source, e.target) for e in firm], dtype=np.int64).reshape(-1, 2)
+    joined = coo_matrix((np.ones(len(ends)), (ends[:, 0], ends[:, 1])), shape=(count, count))
+    part = connected_components(joined, directed=False)[1]
+    stamps_ns, poses = graph.keyframes.stamps_ns, graph.keyframes.poses
+    breaks = [edge for edge in graph.edges if edge.kind == "odometry"]
+    ends_at = [*(e.target for e in breaks if _elsewhere(e)), count]
+    for edge in breaks:
+        x, y = poses[edge.target, :2]
+        if part[edge.source] != part[edge.target]:
+            words = f"near ({x:.1f}, {y:.1f}) m {_how_loose(edge)}"
+            yield Event(int(stamps_ns[edge.source]), int(stamps_ns[edge.target]), "joined", words)
+        elif _elsewhere(edge) and edge.target not in drives:
+            end = next(k for k in ends_at if k > edge.target)
+            words = _by_its_looks(edge.target, end, ends)
+            yield Event(int(stamps_ns[edge.target]), int(stamps_ns[end - 1]), "joined", words)
+
+
+def _by_its_looks(first: int, end: int, closures: IntArray) -> str:
+    """Of how many of its key frames, first up to and without end, closures (n, 2) lead away."""
+    inside = (closures >= first) & (closures < end)
+    crossing = inside[:, 0] != inside[:, 1]
+    recognised = len(np.unique(closures[crossing][inside[crossing]]))
+    return (
+        "nothing tells how the robot came here: this part of the map was put where it looks like "
+        f"the rest, as it does from {recognised} of its {end - first} key frames; its place may "
+        "be wrong"
+    )
+
+
+def _elsewhere(edge: GraphEdge) -> bool:
+    """Whether not even odometry tells where its end is."""
+    return bool(edge.covariance[:2, :2].trace() >= ELSEWHERE_M**2)
+
+
+def _how_loose(edge: GraphEdge) -> str:
+    if _elsewhere(edge):
+        return (
+            "the map goes on without being joined to what was mapped before: it is drawn beside it"
+        )
+    return "the map is joined to what was mapped before by odometry alone"
