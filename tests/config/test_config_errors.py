@@ -213,8 +213,7 @@ def test_one_mistake_one_sentence(
 def test_an_unknown_shape_names_the_known_ones(tmp_path: Path) -> None:
     message = refused(tmp_path, "things: [{body: {shape: bxo, side_m: 1}}]")
     assert message.startswith(", line 1, things[0].body")
-    assert "'box'" in message
-    assert "'ball'" in message
+    assert "only box, ball; did you mean 'box'?" in message
 
 
 def test_several_mistakes_are_told_in_the_order_of_the_file(tmp_path: Path) -> None:

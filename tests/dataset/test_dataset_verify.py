@@ -198,7 +198,7 @@ def test_a_part_is_spread_over_the_whole(small_set: Path) -> None:
 
 @pytest.mark.parametrize("subset", ["0%", "101%", "some", "nan"])
 def test_a_part_that_is_none_is_refused(subset: str, small_set: Path) -> None:
-    with pytest.raises(SlamsimError, match="a part of the sequences"):
+    with pytest.raises(SlamsimError, match="a share of the sequences"):
         run_verify(str(small_set), QUIET, subset=subset)
 
 

@@ -220,10 +220,10 @@ def test_compressed_the_same(tmp_path: Path, suffix: str) -> None:
     ("lines", "told"),
     [
         ([], "empty"),
-        (["hello world"], "no CARMEN log"),
-        (["{", '"json": 1', "}"], "no CARMEN log"),
+        (["hello world"], "not a CARMEN log"),
+        (["{", '"json": 1', "}"], "not a CARMEN log"),
         ([_odom("1.0", 0.0)], "without scans: a FLASER or ROBOTLASER1 line .* there is ODOM"),
-        (["FLASER 180 1 2 3"], "no CARMEN log.*line 1"),
+        (["FLASER 180 1 2 3"], "not a CARMEN log.*line 1"),
     ],
 )
 def test_refused_in_a_sentence(tmp_path: Path, lines: list[str], told: str) -> None:

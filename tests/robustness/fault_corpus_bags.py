@@ -196,7 +196,7 @@ FOLDERS: dict[str, tuple[Callable[[Path], None], str]] = {
             "CREATE VIEW x AS WITH RECURSIVE c(n) AS (SELECT 1 UNION ALL SELECT n+1 FROM c) "
             "SELECT * FROM c",
         ),
-        "no plain table",
+        "not a plain table",
     ),
     "a database whose messages are text": (
         partial(_sql, "UPDATE messages SET data = 'abc'"),

@@ -187,6 +187,7 @@ def _live(tries: Sequence[Try], writer: int) -> None:
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
         most = _status_bytes("VmData") + (2 << 30)
         resource.setrlimit(resource.RLIMIT_DATA, (most, most))
+        gc.collect()  # files that the parent left to it would be closed, and counted, at any time
         for tried in tries:
             line = json.dumps(asdict(attempt(tried))).encode() + b"\n"
             while line:

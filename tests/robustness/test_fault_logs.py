@@ -117,9 +117,9 @@ def test_a_definition_must_fit_its_hash(tmp_path: Path) -> None:
         ("UPDATE messages SET topic_id = 99 WHERE id = 7", "belong to no topic"),
         ("ALTER TABLE messages RENAME TO m; CREATE VIEW messages AS SELECT m.id AS id, m.topic_id "
          "AS topic_id, m.timestamp AS timestamp, m.data AS data FROM m, m AS n, m AS o, m AS p",
-         "no plain table"),
+         "not a plain table"),
         ("CREATE TRIGGER t AFTER INSERT ON messages BEGIN DELETE FROM messages; END",
-         "no plain table"),
+         "not a plain table"),
         ("ALTER TABLE messages RENAME COLUMN data TO d; ALTER TABLE messages ADD COLUMN data BLOB "
          "GENERATED ALWAYS AS (zeroblob(50000000)) VIRTUAL", "computed"),
     ],

@@ -148,5 +148,5 @@ def test_a_view_is_not_computed(tmp_path: Path) -> None:
             "CREATE VIEW messages AS WITH RECURSIVE n(id) AS (SELECT 1 UNION ALL SELECT id + 1 "
             "FROM n) SELECT id, 1 AS topic_id, 1 AS timestamp, x'00' AS data FROM n"
         )
-    with pytest.raises(InputRefused, match="no plain table"):
+    with pytest.raises(InputRefused, match="not a plain table"):
         recovered_from(path.read_bytes(), tmp_path / "b", "a.db3")
