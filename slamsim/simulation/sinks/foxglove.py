@@ -9,14 +9,14 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from threading import Event, Lock
-from types import TracebackType
-from typing import TYPE_CHECKING, Any, Literal, Self
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from pydantic import Field
 
 from slamsim.config.streams import SinkEntry
 from slamsim.guard.errors import OutputRefused
+from slamsim.io.staged_writer import StagedWriter
 
 if TYPE_CHECKING:
     from slamsim.io.bag2.folder import TopicKind
@@ -41,7 +41,7 @@ class FoxgloveEntry(SinkEntry):
         return FoxgloveSink(self, topics)
 
 
-class FoxgloveSink:
+class FoxgloveSink(StagedWriter):
     """Serves from when it is made until its block ends.
 
     Viewers that come late get the last message of each latched topic. Raises OutputRefused where
@@ -51,6 +51,7 @@ class FoxgloveSink:
     def __init__(self, entry: FoxgloveEntry, topics: Sequence[TopicKind]) -> None:
         import foxglove
 
+        super().__init__()
         self._entry = entry
         self._context = foxglove.Context()
         self._channels = {topic.name: self._channel(topic) for topic in topics}
@@ -68,6 +69,7 @@ class FoxgloveSink:
         except (OSError, RuntimeError) as error:
             place = f"{entry.host}:{entry.port}"
             raise OutputRefused(f"nothing can be served at {place}: {error}") from None
+        self._open.callback(self._server.stop)
         self._held: list[tuple[int, str, bytes]] = []
         self._begin: tuple[float, int] | None = None
 
@@ -75,21 +77,6 @@ class FoxgloveSink:
     def port(self) -> int:
         """At which it listens."""
         return int(self._server.port)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        try:
-            if kind is None:
-                self.release(None)
-        finally:
-            self._server.stop()
 
     def add(self, streams: Sequence[Outgoing]) -> None:
         """The next messages of some topics."""
@@ -116,6 +103,9 @@ class FoxgloveSink:
                 self._latched[topic] = data
         if now:
             self._server.broadcast_time(now[-1][0])
+
+    def _finish(self) -> None:
+        self.release(None)
 
     def _pace(self, log_ns: int) -> None:
         """Wait until a message is due."""
