@@ -57,9 +57,9 @@ def run_verify(
     share = _share(subset)
     with reporter.stage("verify", "sequences/s") as progress:
         found = verify(address, share=share, again=again, workers=workers, progress=progress)
-    mending = None if found.whole else repair_plan(found)
-    _tell(found, mending, reporter)
-    told = {"whole": found.whole, "mending": mending and asdict(mending)}
+    plan = None if found.whole else repair_plan(found)
+    _tell(found, plan, reporter)
+    told = {"whole": found.whole, "mending": plan and asdict(plan)}
     reporter.result({**asdict(found), **told})
     return found.whole
 
@@ -144,12 +144,12 @@ def _share(subset: str) -> float:
     return share
 
 
-def _tell(found: Verification, mending: RepairPlan | None, reporter: Reporter) -> None:
+def _tell(found: Verification, plan: RepairPlan | None, reporter: Reporter) -> None:
     rows = {
         "sequences": f"{found.sequences:,}, {found.failed:,} of them could not be made",
         "read": f"{found.checked:,} sequences, {found.files:,} files, {as_size(found.size_bytes)}",
         "made again": ", ".join(map(str, found.again)) or "none",
-        "not as it was made": f"{len(found.findings):,} of the files" if mending else "nothing",
+        "not as it was made": f"{len(found.findings):,} of the files" if plan else "nothing",
     }
     reporter.table(f"Data set {found.address}", rows)
     for finding in found.findings[:_MOST_TOLD]:
@@ -158,9 +158,9 @@ def _tell(found: Verification, mending: RepairPlan | None, reporter: Reporter) -
         reporter.warn(f"and {len(found.findings) - _MOST_TOLD:,} more; --json lists all")
     if any(finding.reason == EXTRA for finding in found.findings):
         reporter.say("Move files that are not part of the data set elsewhere.")
-    if mending is None or all(finding.reason == EXTRA for finding in found.findings):
+    if plan is None or all(finding.reason == EXTRA for finding in found.findings):
         return
-    which = ", RECIPE being what it was made of:" if _ANY in mending.commands[-1].split() else ":"
+    which = ", RECIPE being what it was made of:" if _ANY in plan.commands[-1].split() else ":"
     reporter.say(f"This makes the same bytes again{which}")
-    for command in mending.commands:
+    for command in plan.commands:
         reporter.say(f"  {command}")
