@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import TypeVar
 
 from slamsim.check.calibration.distance_unit import WrongUnit, in_metres, wrong_unit
+from slamsim.check.calibration.explanation import Explanation, explain
 from slamsim.check.calibration.joint import Calibration, calibrate_inputs
 from slamsim.check.findings import Finding
 from slamsim.check.motion.inputs import Inputs, gather_inputs
@@ -66,6 +68,11 @@ class RecordingEvidence:
         return self.once("calibration", self._in_metres)
 
     @property
+    def explanation(self) -> Explanation | None:
+        """Which sizes of wheels, gyroscope and lidar are wrong; None without ``calibration``."""
+        return self.once("explanation", self._explanation)
+
+    @property
     def metres_per_unit(self) -> float:
         """What ranges were multiplied by before scans were matched."""
         return self.motions.metres_per_unit if self.motions else 1.0
@@ -85,6 +92,16 @@ class RecordingEvidence:
     def _wrong_unit(self) -> WrongUnit | None:
         found = self.as_recorded
         return None if found is None else wrong_unit(self.recording, self.motions, found)
+
+    def _explanation(self) -> Explanation | None:
+        found, motions = self.calibration, self.motions
+        if found is None:
+            return None
+        step = None if motions is None else motions.angle_step
+        if motions is not None and step is not None and motions.contradicted[1]:
+            # Scans were matched with the step that was found: their turns are right but for this.
+            step = replace(step, value=1.0, sigma=step.sigma / step.value)
+        return explain(found, step)
 
     def _in_metres(self) -> Calibration | None:
         found = self.as_recorded

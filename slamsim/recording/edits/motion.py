@@ -36,15 +36,24 @@ def scaled_edge(edge: TransformEdge, path: Gain, turn: Gain) -> TransformEdge:
     return replace(edge, positions_m=positions, quats_xyzw=quats)
 
 
-def repaced(odometry: RawOdometry, path: float, turn: float) -> RawOdometry:
+def repaced(
+    odometry: RawOdometry, path: float, turn: float, curvature_rad_m: float = 0.0
+) -> RawOdometry:
     """``scaled_odometry`` as repairs have it, each step taken in the heading at its beginning.
 
     Equal to 1e-16 where turns are kept; one of the two formulas would do if the bytes of what
     ``fix`` writes might change.
     """
-    found = with_steps(odometry, planar_steps(odometry) * np.array([path, path, turn]))
+    steps = planar_steps(odometry)
+    curved_rad = curvature_rad_m * steps[:, 0]
+    steps = steps * np.array([path, path, turn])
+    steps[:, 2] += curved_rad
+    angular_rad_s = odometry.angular_rad_s * turn
+    angular_rad_s[:, 2] += curvature_rad_m * odometry.linear_m_s[:, 0]
     return replace(
-        found, linear_m_s=odometry.linear_m_s * path, angular_rad_s=odometry.angular_rad_s * turn
+        with_steps(odometry, steps),
+        linear_m_s=odometry.linear_m_s * path,
+        angular_rad_s=angular_rad_s,
     )
 
 

@@ -47,9 +47,11 @@ def odometry_from_ticks(recording: Recording, repair: Repair) -> Edit:
 
 
 def scale_odometry(recording: Recording, repair: Repair) -> Edit:
-    """Multiply the path by path_factor and the turn by turn_factor."""
+    """Multiply the path by path_factor and the turn by turn_factor, and turn by curvature_rad_m
+    more on each metre of the path."""
     path, turn = repair.number("path_factor"), repair.number("turn_factor")
-    return ChangeOdometry(repair.subject, lambda one: repaced(one, path, turn))
+    curvature = repair.number("curvature_rad_m") if "curvature_rad_m" in repair.parameters else 0.0
+    return ChangeOdometry(repair.subject, lambda one: repaced(one, path, turn, curvature))
 
 
 def remove_odometry_jumps(recording: Recording, repair: Repair) -> Edit:

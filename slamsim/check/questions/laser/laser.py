@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from slamsim.check.calibration.explanation import Explanation
 from slamsim.check.evidence import RecordingEvidence
 from slamsim.check.findings import Finding
 from slamsim.check.motion.inputs import Inputs
@@ -23,14 +24,17 @@ from slamsim.slam.laser.scan_motion import ScanMotions
 
 
 def check_laser(
-    motions: ScanMotions, inputs: Inputs, recorded_as: RecordingFormat
+    motions: ScanMotions,
+    inputs: Inputs,
+    recorded_as: RecordingFormat,
+    explained: Explanation | None = None,
 ) -> list[Finding]:
-    """Rotation, angles, sweep and offset of the ranges. inputs: of the same recording."""
+    """Rotation, angles, sweep and offset of the ranges; inputs, explained: of the recording."""
     if not motions.windows:
         words = f"the scans tell nothing of their motion: {motions.weak}"
         return [unanswered(ROTATION, motions.topic, words)]
     rotation = check_rotation(inputs)
-    shape = [*check_angles(motions), check_sweep(motions, recorded_as)]
+    shape = [*check_angles(motions, explained), check_sweep(motions, recorded_as)]
     if rotation.fault == "laser_world_fixed":
         # A beam that does not turn with the laser has no fixed place among the others.
         reason = "rays fixed to the world hide it"
@@ -42,7 +46,7 @@ def _asked(evidence: RecordingEvidence) -> Sequence[Finding]:
     motions = evidence.motions
     if motions is None:
         return []
-    return check_laser(motions, evidence.inputs, evidence.recording.format)
+    return check_laser(motions, evidence.inputs, evidence.recording.format, evidence.explanation)
 
 
 GROUP = QuestionGroup(

@@ -193,7 +193,7 @@ def _repeats(series: StampSeries) -> Finding:
         series.subject,
         f"{repeated} of {len(series)} messages carry the stamp of another one",
         Measurement(100.0 * repeated / len(series), 0.0, "%"),
-        enough=repeated >= _MIN_REPEATED,
+        limit=100.0 * max(MAX_REPEATED_SHARE, (_MIN_REPEATED - 0.5) / len(series)),
         advice="Stamp each message with the instant of its own measurement.",
         repairs=(Repair("restamp_evenly", series.subject),),
         fault_plots=(_steps_plot(series),),

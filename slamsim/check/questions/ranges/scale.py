@@ -1,0 +1,48 @@
+"""Ranges too long or too short by a share: the path by scans against that by wheels."""
+
+from __future__ import annotations
+
+from slamsim.check.calibration.explanation import LIMITS
+from slamsim.check.evidence import RecordingEvidence
+from slamsim.check.findings import Finding
+from slamsim.check.question import FaultKind, Question, QuestionGroup, judge, unanswered
+from slamsim.recording.repairs.base import Repair
+
+SCALE = Question(
+    "ranges.scale",
+    "ranges are as long as the path of the wheels says",
+    (FaultKind("range_scale", "ranges are too long or too short by a share"),),
+    limit=100.0 * LIMITS["ranges"],
+    unit="%",
+    consequence="the map is larger or smaller than the world by this share",
+    excitation_wanted="ten metres of straight driving, and a few full turns",
+    repairs=("scale_ranges",),
+)
+
+
+def check_range_scale(evidence: RecordingEvidence) -> list[Finding]:
+    """Wheels of a wrong size change turns as well as paths; ranges change paths alone."""
+    calibration, explained = evidence.calibration, evidence.explanation
+    if calibration is None or explained is None or calibration.model.wheels is None:
+        return []
+    if not calibration.scans_count or not calibration.comparable:
+        return []
+    topic, too_long = calibration.inputs.steps.topic, explained.too_large["ranges"]
+    if too_long is None:
+        words = "nothing tells it apart from wheels of another size"
+        return [unanswered(SCALE, topic, words)]
+    side, factor = "long" if too_long.value > 0.0 else "short", 1.0 / (1.0 + too_long.value / 100.0)
+    return [
+        judge(
+            SCALE,
+            topic,
+            f"ranges are {abs(too_long.value):.3g} % too {side}",
+            too_long,
+            advice=f"Multiply every range by {factor:.5g}, or the odometry's lengths by "
+            f"{1.0 / factor:.5g}: scans and wheels alone do not tell which.",
+            repairs=(Repair("scale_ranges", topic, {"factor": factor}),),
+        )
+    ]
+
+
+GROUP = QuestionGroup("motion", 165, (SCALE,), check_range_scale, thorough=True)
