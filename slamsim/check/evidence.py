@@ -110,6 +110,18 @@ class RecordingEvidence:
         return in_metres(found, self.wrong_unit, self.metres_per_unit)
 
 
+def of_sizes(
+    check: Callable[[Calibration, Explanation], Sequence[Finding]],
+) -> Callable[[RecordingEvidence], Sequence[Finding]]:
+    """As ``of_calibration``, of a check that also asks which sizes are wrong."""
+
+    def ask(evidence: RecordingEvidence) -> Sequence[Finding]:
+        found, explained = evidence.calibration, evidence.explanation
+        return [] if found is None or explained is None else check(found, explained)
+
+    return ask
+
+
 def of_calibration(
     check: Callable[[Calibration], Sequence[Finding]],
 ) -> Callable[[RecordingEvidence], Sequence[Finding]]:

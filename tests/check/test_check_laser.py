@@ -17,10 +17,12 @@ from scan_recording import (
     world_fixed,
 )
 
+from slamsim.check.diagnosis import explained
 from slamsim.check.findings import Finding
 from slamsim.check.motion.inputs import gather_inputs
 from slamsim.check.motion.laser_steps import laser_motions
 from slamsim.check.questions.laser.laser import check_laser
+from slamsim.check.questions.laser.shape import check_angles
 from slamsim.core.types import FloatArray
 from slamsim.recording import RawImu, RawOdometry, RawScans, Recording, RecordingFormat
 from slamsim.recording.repairs.apply import apply_repairs
@@ -32,7 +34,8 @@ BEAM_DT_S = LIDAR.beam_dt_ns * 1e-9
 def findings(of: Recording) -> dict[str, Finding]:
     motions = laser_motions(of)
     assert motions is not None
-    found = check_laser(motions, gather_inputs(of, motions), of.format)
+    alone = check_laser(motions, gather_inputs(of, motions), of.format)
+    found = explained([*alone, *check_angles(motions, None)])
     assert len({finding.check for finding in found}) == len(found)
     return {finding.check: finding for finding in found}
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from slamsim.check.calibration.explanation import LIMITS
+from slamsim.check.calibration.explanation import LIMITS, Explanation
 from slamsim.check.calibration.joint import Calibration
-from slamsim.check.evidence import RecordingEvidence
+from slamsim.check.evidence import of_sizes
 from slamsim.check.findings import Finding, Measurement
 from slamsim.check.motion.integrated import IntegratedMotion
 from slamsim.check.question import (
@@ -64,12 +64,11 @@ BIAS = Question(
 )
 
 
-def check_gyro(evidence: RecordingEvidence) -> list[Finding]:
+def check_gyro(calibration: Calibration, explained: Explanation) -> list[Finding]:
     """Scale, with sign and unit, and bias."""
-    calibration, explained = evidence.calibration, evidence.explanation
-    if calibration is None or explained is None or calibration.inputs.gyro is None:
-        return []
     gyro = calibration.inputs.gyro
+    if gyro is None:
+        return []
     if not calibration.scans_count:
         ratio = 1.0 / calibration.value("gyro_gain")
         words = f"turns by it are {ratio:.4g} of those by the wheels: without scans nobody knows"
@@ -82,7 +81,7 @@ def check_gyro(evidence: RecordingEvidence) -> list[Finding]:
     return [_scale(calibration, gyro, explained.too_large["gyro"]), _bias(calibration, gyro)]
 
 
-GROUP = QuestionGroup("motion", 170, (AXIS, SCALE, BIAS), check_gyro, thorough=True)
+GROUP = QuestionGroup("motion", 170, (AXIS, SCALE, BIAS), of_sizes(check_gyro), thorough=True)
 
 
 def _sideways(gyro: IntegratedMotion) -> Finding:

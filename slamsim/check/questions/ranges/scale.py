@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from slamsim.check.calibration.explanation import LIMITS
-from slamsim.check.evidence import RecordingEvidence
+from slamsim.check.calibration.explanation import LIMITS, Explanation
+from slamsim.check.calibration.joint import Calibration
+from slamsim.check.evidence import of_sizes
 from slamsim.check.findings import Finding
 from slamsim.check.question import FaultKind, Question, QuestionGroup, judge, unanswered
 from slamsim.recording.repairs.base import Repair
@@ -20,12 +21,10 @@ SCALE = Question(
 )
 
 
-def check_range_scale(evidence: RecordingEvidence) -> list[Finding]:
+def check_range_scale(calibration: Calibration, explained: Explanation) -> list[Finding]:
     """Wheels of a wrong size change turns as well as paths; ranges change paths alone."""
-    calibration, explained = evidence.calibration, evidence.explanation
-    if calibration is None or explained is None or calibration.model.wheels is None:
-        return []
-    if not calibration.scans_count or not calibration.comparable:
+    compared = calibration.scans_count and calibration.comparable
+    if calibration.model.wheels is None or not compared:
         return []
     topic, too_long = calibration.inputs.steps.topic, explained.too_large["ranges"]
     if too_long is None:
@@ -45,4 +44,4 @@ def check_range_scale(evidence: RecordingEvidence) -> list[Finding]:
     ]
 
 
-GROUP = QuestionGroup("motion", 165, (SCALE,), check_range_scale, thorough=True)
+GROUP = QuestionGroup("motion", 165, (SCALE,), of_sizes(check_range_scale), thorough=True)

@@ -6,7 +6,7 @@ import numpy as np
 
 from slamsim.check.calibration.explanation import LIMITS, Explanation, Size
 from slamsim.check.calibration.joint import Calibration
-from slamsim.check.evidence import RecordingEvidence
+from slamsim.check.evidence import of_sizes
 from slamsim.check.findings import Finding, Measurement
 from slamsim.check.motion.integrated import IntegratedMotion
 from slamsim.check.question import FaultKind, Question, QuestionGroup, anywhere, judge, unanswered
@@ -84,12 +84,11 @@ TRACK = Question(
 )
 
 
-def check_wheels(evidence: RecordingEvidence) -> list[Finding]:
+def check_wheels(calibration: Calibration, explained: Explanation) -> list[Finding]:
     """Wiring first; sizes of the wheels as they are really wired."""
-    calibration, explained = evidence.calibration, evidence.explanation
-    if calibration is None or explained is None or calibration.model.wheels is None:
-        return []
     wheels = calibration.model.wheels
+    if wheels is None:
+        return []
     if not calibration.scans_count or not calibration.comparable:
         words = "without scans that follow them nothing tells how far the wheels really go"
         return [
@@ -109,7 +108,7 @@ GROUP = QuestionGroup(
     "motion",
     160,
     (WIRING, RADIUS, UNEQUAL, STRAIGHT, TRACK),
-    check_wheels,
+    of_sizes(check_wheels),
     thorough=True,
 )
 
