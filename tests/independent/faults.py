@@ -3,6 +3,20 @@
 from __future__ import annotations
 
 from independent.fault import Fault
+from independent.faults_frames import FRAME_FAULTS
+from independent.faults_inertial import INERTIAL_FAULTS
+from independent.faults_laser import LASER_FAULTS
 from independent.faults_sized import SIZED
+from independent.faults_stamps import STAMP_FAULTS
+from independent.faults_wheels import WHEEL_FAULTS
 
-FAULTS: dict[str, Fault] = {each.name: each for each in SIZED}
+_EVERY = (
+    *SIZED,
+    *LASER_FAULTS,
+    *STAMP_FAULTS,
+    *WHEEL_FAULTS,
+    *FRAME_FAULTS,
+    *INERTIAL_FAULTS,
+)
+
+FAULTS: dict[str, Fault] = {each.name: each for each in _EVERY}

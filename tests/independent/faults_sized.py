@@ -48,7 +48,7 @@ LASER = [
 ]
 
 KNOCKS = [
-    fault(f"knocked_{name}", "knocked", None, flaws=flaws)
+    fault(f"knocked_{name}", "knocked", "laser_moved", flaws=flaws)
     for name, flaws in (
         ("1.9deg", {"knock_yaw": np.deg2rad(1.9)}),
         ("-1deg", {"knock_yaw": np.deg2rad(-1.0)}),
