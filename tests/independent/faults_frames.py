@@ -110,7 +110,7 @@ def _static_changes(made: Made) -> None:
     again = deepcopy(made.bag.edge("laser"))
     again.stamps_ns = again.stamps_ns + 30_000_000_000
     again.received_ns = again.received_ns + 30_000_000_000
-    again.translation = again.translation + [0.08, 0.0, 0.0]
+    again.translation = again.translation + np.array([0.08, 0.0, 0.0])
     made.bag.edges.append(again)
     again.topic = "/tf_static"
 
