@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 
 from independent.fault import Fault, Made, fault
-from independent.recorded import Edge, yaw_quaternion
+from independent.recorded import Edge, yaw_of, yaw_quaternion
 from independent.sensors import BEGIN_NS, fixed_edge
 
 
@@ -41,7 +41,7 @@ def _late(made: Made, by_s: float) -> None:
 
 def _scaled(made: Made, places: float, turns: float) -> None:
     edge = _moving(made)
-    yaw = np.unwrap(2.0 * np.arctan2(edge.quaternion[:, 2], edge.quaternion[:, 3]))
+    yaw = yaw_of(edge.quaternion)
     edge.translation = edge.translation * places
     edge.quaternion = yaw_quaternion(yaw * turns)
 
@@ -49,7 +49,7 @@ def _scaled(made: Made, places: float, turns: float) -> None:
 def _inverted(made: Made) -> None:
     """The pose of odom in the base, published as that of the base in odom."""
     edge = _moving(made)
-    yaw = 2.0 * np.arctan2(edge.quaternion[:, 2], edge.quaternion[:, 3])
+    yaw = yaw_of(edge.quaternion)
     cos, sin, (x, y) = np.cos(yaw), np.sin(yaw), edge.translation[:, :2].T
     edge.translation = np.column_stack([-cos * x - sin * y, sin * x - cos * y, np.zeros(len(x))])
     edge.quaternion = yaw_quaternion(-yaw)

@@ -65,6 +65,9 @@ WHEELS = [
     *sizes("unequal", "wheel_radius", "unequal", _per_cent(0.5, -1, 3), pairs=True),
 ]
 
+AHEAD = "stamps_future stamps_late"
+"""A clock that runs on leaves the recorder's behind, or falls behind it."""
+
 CLOCKS = [
     *sizes(
         "lidar_late",
@@ -81,9 +84,9 @@ CLOCKS = [
         _milliseconds(3, 10, -20, 40, 150),
         pairs=True,
     ),
-    *sizes("lidar_drift", "clock_drift", "lidar_drift", _ppm(300, -1000, 3000)),
-    *sizes("imu_drift", "clock_drift", "imu_drift", _ppm(500, -2000)),
-    *sizes("wheels_drift", "clock_drift", "wheels_drift", _ppm(1000, -3000)),
+    *sizes("lidar_drift", "clock_drift", "lidar_drift", _ppm(300, -1000, 3000), also=AHEAD),
+    *sizes("imu_drift", "clock_drift", "imu_drift", _ppm(500, -2000), also=AHEAD),
+    *sizes("wheels_drift", "clock_drift", "wheels_drift", _ppm(1000, -3000), also=AHEAD),
     *sizes("lidar_jitter", "stamps_jitter", "lidar_jitter_s", _milliseconds(10, 20)),
 ]
 

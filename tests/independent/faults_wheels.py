@@ -10,7 +10,7 @@ import numpy as np
 
 from independent.drives import STEP_S, integrated
 from independent.fault import Fault, Made, fault
-from independent.recorded import Edge, Odometry, yaw_quaternion
+from independent.recorded import Edge, Odometry, yaw_of, yaw_quaternion
 from independent.sensors import BEGIN_NS, Conditions
 
 
@@ -31,10 +31,6 @@ def _publish(made: Made, xy_m: np.ndarray, yaw: np.ndarray) -> None:
     edge.quaternion = odometry.quaternion.copy()
 
 
-def _yaw(odometry: Odometry) -> np.ndarray:
-    return np.unwrap(2.0 * np.arctan2(odometry.quaternion[:, 2], odometry.quaternion[:, 3]))
-
-
 def _instants(made: Made) -> np.ndarray:
     return (_odometry(made).stamps_ns - BEGIN_NS) * 1e-9
 
@@ -53,7 +49,7 @@ def _integrated_anew(made: Made, forward: np.ndarray, turned: np.ndarray) -> Non
 def _steps(made: Made) -> tuple[np.ndarray, np.ndarray]:
     """Forward and turned since the message before."""
     odometry = _odometry(made)
-    yaw = _yaw(odometry)
+    yaw = yaw_of(odometry.quaternion)
     turned = np.diff(yaw, prepend=yaw[0])
     moved = np.diff(odometry.xy_m, axis=0, prepend=odometry.xy_m[:1])
     middle = yaw - 0.5 * turned
@@ -73,9 +69,9 @@ def _unsigned(made: Made) -> None:
 
 def _changed_later(made: Made, by: float) -> None:
     """A tyre loses air half-way: both wheels are smaller from then on."""
-    forward, turned = _steps(made)
-    factor = np.where(np.arange(len(forward)) > 0.5 * len(forward), 1.0 + by, 1.0)
-    _integrated_anew(made, forward * factor, turned * factor)
+    steps = _steps(made)
+    later = np.arange(len(steps[0])) > 0.5 * len(steps[0])
+    _integrated_anew(made, *(each * np.where(later, 1.0 + by, 1.0) for each in steps))
 
 
 def _one_wheel(made: Made, left: float, right: float) -> None:
@@ -88,16 +84,15 @@ def _one_wheel(made: Made, left: float, right: float) -> None:
 
 def _still(made: Made, begin_s: float, seconds: float) -> None:
     """No motion is counted for a while in which the robot moves."""
-    forward, turned = _steps(made)
     at_s = _instants(made)
     counted = (at_s < begin_s) | (at_s > begin_s + seconds)
-    _integrated_anew(made, forward * counted, turned * counted)
+    _integrated_anew(made, *(each * counted for each in _steps(made)))
 
 
 def _in_unit(made: Made, factor: float) -> None:
     """Places and speeds in another unit than metres, turns right."""
     odometry = _odometry(made)
-    _publish(made, odometry.xy_m * factor, _yaw(odometry))
+    _publish(made, odometry.xy_m * factor, yaw_of(odometry.quaternion))
     odometry.linear *= factor
 
 
@@ -129,21 +124,21 @@ def _twist(made: Made, linear: float, angular: float) -> None:
 def _twist_in_odom(made: Made) -> None:
     """The linear speed along the axes of odom, not of the base."""
     odometry = _odometry(made)
-    yaw, speed = _yaw(odometry), odometry.linear[:, 0].copy()
+    yaw, speed = yaw_of(odometry.quaternion), odometry.linear[:, 0].copy()
     odometry.linear[:, 0], odometry.linear[:, 1] = speed * np.cos(yaw), speed * np.sin(yaw)
 
 
 def _jump(made: Made, by_m: float) -> None:
     odometry = _odometry(made)
     later = np.arange(len(odometry.xy_m)) > 0.45 * len(odometry.xy_m)
-    _publish(made, odometry.xy_m + later[:, None] * [0.6 * by_m, 0.8 * by_m], _yaw(odometry))
+    _publish(
+        made, odometry.xy_m + later[:, None] * [0.6 * by_m, 0.8 * by_m], yaw_of(odometry.quaternion)
+    )
 
 
 def _not_numbers(made: Made) -> None:
-    odometry = _odometry(made)
-    xy_m = odometry.xy_m.copy()
+    xy_m = _odometry(made).xy_m
     xy_m[len(xy_m) // 2 : len(xy_m) // 2 + 5] = np.nan
-    odometry.xy_m = xy_m
 
 
 def _by_slam(made: Made, jump_m: float) -> None:
@@ -162,7 +157,6 @@ def _second(made: Made, drift: float) -> None:
     """Another odometry, which turns too far."""
     other = deepcopy(_odometry(made))
     other.topic = "/odom_visual"
-    yaw = _yaw(other)
     forward, turned = _steps(made)
     yaw = np.cumsum(turned * (1.0 + drift))
     along = np.column_stack([np.cos(yaw), np.sin(yaw)]) * forward[:, None]
@@ -296,6 +290,7 @@ SOURCES = [
         "second_odometry",
         "second_odometry",
         "odometries_contradict",
+        "tf_contradicts_odometry",
         change=partial(_second, drift=0.05),
         pairs=True,
     ),
