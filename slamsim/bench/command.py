@@ -207,7 +207,7 @@ def _check(
     from slamsim.sensors.faults.registry import bundled_faults, chosen_fault
 
     if trials.independent:
-        _check_independent(asked, trials, workers)
+        _check_independent(asked, trials, workers, kept)
         return
     faults = bundled_faults()
     if trials.faults is not None:
@@ -234,7 +234,7 @@ def _check(
     asked.reporter.result(figures)
 
 
-def _check_independent(asked: _Asked, trials: _Trials, workers: int) -> None:
+def _check_independent(asked: _Asked, trials: _Trials, workers: int, kept: Path | None) -> None:
     from slamsim.bench.check.independent import (
         IndependentCampaign,
         generator_folder,
@@ -250,6 +250,7 @@ def _check_independent(asked: _Asked, trials: _Trials, workers: int) -> None:
         only=None if trials.faults is None else trials.faults.split(","),
         seconds=asked.seconds or CHECK_SECONDS,
         workers=workers,
+        kept=kept,
     )
     run_independent(campaign, asked.reporter)
 

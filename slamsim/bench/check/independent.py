@@ -5,6 +5,7 @@ It lies in the folder ``tests/independent`` of a checkout, and is no part of the
 
 from __future__ import annotations
 
+import json
 import sys
 import time
 from collections import Counter
@@ -26,18 +27,20 @@ from slamsim.bench.check.summary import coverage_of, coverage_row
 from slamsim.check.check import check_recording
 from slamsim.console.reporter import Reporter
 from slamsim.guard.errors import NotFound, SlamsimError, shown
+from slamsim.guard.output import write_atomic
 from slamsim.io.open import read_recording
 
 PLACE = Path("tests") / "independent"
 
-MOST_AT_ONCE = 20
+MOST_AT_ONCE = 7
 """Cases of one drive that one process works through; after them their rows are shown."""
 
 
 @dataclass(frozen=True, slots=True)
 class IndependentCampaign:
     """What to run. seeds: for each every fault, and so many pairs of faults. clean: number of
-    drives without a fault. only: these cases alone, by name. seconds: length of a drive."""
+    drives without a fault. only: these cases alone, by name. seconds: length of a drive. kept:
+    folder for the rows as they come, one line of JSON for each case."""
 
     folder: Path
     seeds: Sequence[int]
@@ -46,6 +49,7 @@ class IndependentCampaign:
     only: Sequence[str] | None = None
     seconds: float = 60.0
     workers: int = 1
+    kept: Path | None = None
 
 
 def generator_folder() -> Path:
@@ -72,6 +76,7 @@ def run_independent(campaign: IndependentCampaign, reporter: Reporter) -> None:
         ):
             for row in done:
                 rows.append(row)
+                _keep(campaign, rows)
                 if not row["right"]:
                     reporter.say(row_line(row))
                 progress(len(rows), count)
@@ -79,6 +84,14 @@ def run_independent(campaign: IndependentCampaign, reporter: Reporter) -> None:
         figures = summarise_independent(rows)
         reporter.table("Recordings of the independent generator", _table(figures))
         reporter.result(figures)
+
+
+def _keep(campaign: IndependentCampaign, rows: Sequence[Json]) -> None:
+    if campaign.kept is None:
+        return
+    campaign.kept.mkdir(parents=True, exist_ok=True)
+    lines = (json.dumps(row) + "\n" for row in rows)
+    write_atomic(campaign.kept / "independent.jsonl", "".join(lines).encode())
 
 
 def _jobs(campaign: IndependentCampaign) -> list[list[Any]]:
