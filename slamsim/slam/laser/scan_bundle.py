@@ -84,8 +84,8 @@ class WindowFit:
 
     poses: (n, 3). inner: (3n - 3, 3n - 3) information of small steps of each laser but the first in
     its own frame; made_up: that which the noise of lines adds to it. inlier_share: (n,).
-    information, pull: (3, 3) and (3,) of a step of the shape with the poses following. unit:
-    variance of residuals over what was expected.
+    information, pull: (3, 3) and (3,) of a step of the shape with the poses following; by_shape:
+    (3n - 3, 3) how they follow it. unit: variance of residuals over what was expected.
     """
 
     poses: FloatArray
@@ -94,6 +94,7 @@ class WindowFit:
     inlier_share: FloatArray
     information: FloatArray
     pull: FloatArray
+    by_shape: FloatArray
     unit: float
 
     def covariance(self) -> FloatArray:
@@ -282,6 +283,7 @@ def _reduced(
         made_up=made_up[free, free],
         information=system[ours, ours] - system[ours, free] @ both[:, 1:],
         pull=right[ours] - system[ours, free] @ both[:, 0],
+        by_shape=-both[:, 1:],
         unit=quality[0],
         inlier_share=quality[1],
     )

@@ -32,7 +32,11 @@ _EVEN_SHARE = 1e-3
 
 STAMPS_FUTURE = FaultKind("stamps_future", "stamps lie after the message was received")
 STAMPS_LATE = FaultKind("stamps_late", "messages are received long after their stamp")
-CLOCK_DRIFT = FaultKind("clock_drift", "one clock runs faster than another")
+CLOCK_DRIFT = FaultKind(
+    "clock_drift",
+    "one clock runs faster than another",
+    (same_subject("stamps_future", "stamps_late"),),
+)
 STAMPS_INVENTED = FaultKind(
     "stamps_invented",
     "stamps of a constant rate that the data contradict",

@@ -83,7 +83,7 @@ SCATTER = Question(
         FaultKind(
             "stamps_jitter",
             "stamps scatter: time of publishing, not of measuring",
-            (lidar_stamps(*BY_SCANS),),
+            (lidar_stamps(*BY_SCANS), same_subject("stamps_backward", "stamps_future")),
         ),
     ),
     limit=1e3 * MAX_SCATTER_S,
