@@ -50,14 +50,13 @@ class Case:
 class Expected:
     """right: for each fault the names of which any is right, None for any at all. also: names that
     may be told besides, None for any. truth: what a checker's sizes should be, by question, in its
-    units. harm_m: of a mutation, inf where a consumer breaks. about: the lidar, and what was done.
+    units. about: the lidar, and of a mutation what was done and its harm.
     """
 
     right: tuple[frozenset[str] | None, ...]
     also: frozenset[str] | None
     truth: dict[str, float]
     about: str
-    harm_m: float | None = None
 
 
 def fault_names() -> list[str]:
@@ -189,7 +188,8 @@ def _make_mutation(case: Case, path: Path, seconds: float, storage: str) -> Expe
     harm = harm_m(use_of(before), use_of(mutation.messages))
     write_messages([message for _, message in mutation.messages], path, storage)
     right: tuple[None, ...] = (None,) if harm > HARMFUL_M else ()
-    return Expected(right, None, {}, f"{expected.about}; {mutation.words}", harm)
+    told = f"{harm:.3f} m of harm" if np.isfinite(harm) else "breaks a consumer"
+    return Expected(right, None, {}, f"{expected.about}; {mutation.words}; {told}")
 
 
 def _knocked(flaws: Flaws) -> bool:

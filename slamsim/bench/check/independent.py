@@ -5,6 +5,7 @@ It lies in the folder ``tests/independent`` of a checkout, and is no part of the
 
 from __future__ import annotations
 
+import difflib
 import json
 import sys
 import time
@@ -102,10 +103,11 @@ def _jobs(campaign: IndependentCampaign) -> list[list[Any]]:
         cases = generator.cases(
             campaign.seeds, campaign.clean, campaign.pairs, campaign.only, campaign.mutations
         )
-    except (KeyError, ValueError) as error:
-        names = ", ".join(generator.fault_names())
+    except KeyError as error:
+        unknown = str(error.args[0])
+        near = difflib.get_close_matches(unknown, generator.fault_names(), n=1, cutoff=0.0)
         raise SlamsimError(
-            f"there is no such case ({shown(str(error))}); faults: {names}"
+            f"the generator makes no fault {shown(unknown)}; the nearest is {near[0]!r}"
         ) from None
     drives: dict[int, list[Any]] = {}
     for case in cases:
@@ -165,7 +167,6 @@ def _run_case(generator: Any, case: Any, seconds: float) -> Json:
     return {
         **_about(case),
         "lidar": expected.about,
-        "harm_m": expected.harm_m,
         **_judged(said, list(expected.right), expected.also),
         "said": [f"{each.fault} {each.subject}: {each.words}" for each in report.faults],
         "measured": [{**asdict(measured), "truth": truth} for measured, truth in pairs],
