@@ -11,13 +11,19 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from recording_data import LAYOUT, edge, recording, scans_at, stamps
 
+from slamsim.check.diagnosis import explained
 from slamsim.check.evidence import RecordingEvidence
 from slamsim.check.findings import Finding
+from slamsim.check.question import judge
+from slamsim.check.questions.clocks.offsets import CULPRITS
 from slamsim.check.questions.streams.rounding import rounding_step_s
 from slamsim.check.questions.streams.series import series_of
+from slamsim.check.questions.streams.spacing import ROUNDING
 from slamsim.check.questions.streams.stamps import check_stamps
 from slamsim.core.types import IntArray
 from slamsim.recording import RawImu, RawOdometry, RawScans, RawTicks, Recording
+from slamsim.recording.repairs.apply import apply_repairs
+from slamsim.sensors.faults.registry import load_fault
 
 
 def stamp_findings(recording: Recording) -> list[Finding]:
@@ -51,7 +57,7 @@ def test_a_healthy_recording_is_healthy() -> None:
     asked = {finding.check for finding in findings if finding.subject == "/scan"}
     assert asked == {
         *("time.order", "time.rounding", "time.scatter", "time.repeats", "time.gaps"),
-        *("time.overlap", "time.receipt", "time.receipt_drift"),
+        *("time.overlap", "time.jump", "time.receipt", "time.receipt_drift"),
     }
 
 
@@ -214,6 +220,64 @@ def test_a_drifting_clock_is_measured_against_the_receiver(ppm: float) -> None:
     assert found[0].estimate is not None
     low, high = found[0].estimate.interval
     assert low - 2.0 < ppm < high + 2.0
+
+
+@pytest.mark.parametrize("jump_s", [-0.08, -0.02, 0.02, 0.3, 40.0])
+def test_a_clock_that_is_set_is_named_and_set_back(jump_s: float) -> None:
+    fault = load_fault("lidar_clock_jump").with_size(jump_s)
+    made = recording(60.0)
+    jumped = fault.inject(made, RNG)
+    (found,) = [one for one in stamp_findings(jumped) if one.fault == "clock_jump"]
+    assert found.subject == "/scan" and found.estimate is not None
+    assert found.estimate.value == pytest.approx(1e3 * abs(jump_s), abs=0.01)
+    mended = apply_repairs(jumped, found.repairs)
+    np.testing.assert_allclose(mended.scans[0].stamps_ns, made.scans[0].stamps_ns, atol=2)
+    told = {one.fault for one in explained(stamp_findings(jumped)) if one.fault is not None}
+    assert told == {"clock_jump"}
+
+
+@given(st.lists(st.tuples(st.integers(0, 599), st.floats(0.0, 0.5)), max_size=8), st.booleans())
+def test_messages_that_wait_in_a_queue_are_no_clock_that_is_set(
+    waits: list[tuple[int, float]], for_good: bool
+) -> None:
+    """Delays of the network, for a while or for the rest of the recording: stamps stay even."""
+    made = recording(60.0).scans[0]
+    assert made.received_ns is not None
+    received = made.received_ns.copy()
+    for at, wait_s in waits:
+        until = at + 60 if not for_good else received.size
+        received[at:until] += round(1e9 * wait_s)
+    late = replace(made, received_ns=np.maximum.accumulate(received))
+    findings = stamp_findings(recording(60.0).with_streams(RawScans, (late,)))
+    assert not [one for one in findings if one.fault == "clock_jump"]
+
+
+def test_messages_in_bursts_are_not_counted_as_missing() -> None:
+    """Ten at a time, a tenth of a millisecond apart, as a driver stamps what it reads at once."""
+    made = recording(60.0)
+    count = np.arange(len(made.imus[0]))
+    burst = np.asarray(count // 10 * 100_000_000 + count % 10 * 100_000, dtype=np.int64)
+    findings = stamp_findings(
+        made.with_streams(RawImu, (replace(made.imus[0], stamps_ns=burst, received_ns=None),))
+    )
+    (gaps,) = [one for one in findings if (one.check, one.subject) == ("time.gaps", "/imu")]
+    assert gaps.verdict == "ok" and "100.1 messages a second, 0 missing" in gaps.words
+
+
+def test_one_stamp_on_all_messages_is_no_even_beat() -> None:
+    stuck = _restamped(np.zeros_like)
+    (scatter,) = [
+        one
+        for one in stamp_findings(stuck)
+        if (one.check, one.subject) == ("time.scatter", "/scan")
+    ]
+    assert scatter.verdict == "inconclusive" and "1 different stamps" in scatter.words
+
+
+def test_a_coarse_clock_is_not_blamed_on_another_sensor() -> None:
+    coarse = judge(ROUNDING, "/imu", "coarse", verdict="fault")
+    late = judge(CULPRITS["lidar"], "/scan", "early", verdict="fault")
+    assert [one.verdict for one in explained([coarse, late])] == ["fault", "inconclusive"]
 
 
 def test_a_replay_at_another_speed_is_no_drift() -> None:

@@ -236,6 +236,17 @@ PAIRS: Pairs = [
         500.0,
         [Repair("rescale_stamps", "/scan", {"drift_ppm": 500.0, "origin_ns": ORIGIN_NS})],
     ),
+    (
+        "lidar_clock_jump",
+        0.3,
+        [
+            Repair(
+                "undo_clock_jump",
+                "/scan",
+                {"after_ns": str(10 * SECOND_NS - SECOND_NS // 10), "jump_s": 0.3},
+            )
+        ],
+    ),
     ("stamps_late", 1.0, [Repair("shift_receipt", "/scan", {"offset_s": -1.0})]),
     ("range_inches", None, [Repair("scale_ranges", "/scan", {"factor": 0.0254})]),
     ("range_millimetres_throughout", None, [Repair("scale_ranges", "/scan", {"factor": 1e-3})]),

@@ -20,6 +20,9 @@ _LOCAL_STEPS = 200
 _APART, _FAR_APART = 8, 32
 _BEAT_GROWTH = 1.6
 _EVEN_SHARE = 0.2
+_BURST_SHARE = 0.5
+"""Of the mean time between messages: where most steps are shorter, half of the messages would have
+to be lost, or they come in bursts."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,8 +136,15 @@ def beat_scatter_s(stamps_ns: IntArray) -> float | None:
 
 
 def is_even(stamps_ns: IntArray) -> bool:
-    """Whether messages come at a beat, near enough to count those that are missing."""
+    """Whether messages come at a beat, near enough to count those that are missing.
+
+    Bursts have none: within one the steps are alike, and far shorter than messages come.
+    """
     period_s = abs(float(np.median(np.diff(stamps_ns)))) * 1e-9
+    together = min(_FAR_APART, stamps_ns.size - 1)
+    elapsed_s = float(np.median(stamps_ns[together:] - stamps_ns[:-together])) * 1e-9
+    if period_s < _BURST_SHARE * elapsed_s / together:
+        return False
     if spread_s(stamps_ns, 1) < 0.5 * _EVEN_SHARE * period_s:
         return True
     scatter_s = beat_scatter_s(stamps_ns)

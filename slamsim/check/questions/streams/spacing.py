@@ -10,6 +10,7 @@ from slamsim.check.findings import Curve, Finding, Measurement, Plot
 from slamsim.check.question import (
     FaultKind,
     Question,
+    anywhere,
     decide,
     judge,
     lidar_stamps,
@@ -66,8 +67,8 @@ ROUNDING = Question(
             "stamps_quantised",
             "stamps are rounded coarsely",
             (
-                same_subject(*_OFFSETS),
-                lidar_stamps(*BY_SCANS, "time_offset_imu", "time_offset_wheels"),
+                anywhere(*_OFFSETS),
+                lidar_stamps(*BY_SCANS),
             ),
         ),
     ),
@@ -201,6 +202,9 @@ def _repeats(series: StampSeries) -> Finding:
 
 
 def _scatter(series: StampSeries) -> Finding:
+    if series.instants_ns.size < _MIN_MESSAGES:
+        words = f"{len(series)} messages carry {series.instants_ns.size} different stamps: no beat"
+        return unanswered(SCATTER, series.subject, words)
     scatter_s = beat_scatter_s(series.stamps_ns)
     if scatter_s is None:
         words = (
@@ -235,6 +239,7 @@ def _gaps(series: StampSeries, countable: bool) -> Finding:
     period_s = float(np.median(steps_s))
     longest_s = float(steps_s.max())
     even = is_even(series.stamps_ns)
+    rate_period_s = period_s if even else float(np.mean(steps_s))
     longest_limit_s = (
         max(MAX_GAP_S[series.kind], MAX_GAP_PERIODS * period_s) if even else MAX_UNEVEN_GAP_S
     )
@@ -248,7 +253,8 @@ def _gaps(series: StampSeries, countable: bool) -> Finding:
     return judge(
         GAPS,
         series.subject,
-        f"{1.0 / period_s:.4g} messages a second, {missing} missing, longest gap {longest_s:.3g} s",
+        f"{1.0 / rate_period_s:.4g} messages a second, {missing} missing, longest gap "
+        f"{longest_s:.3g} s",
         size,
         limit=limit,
         advice="Look for a full queue, a slow disk or a cable: what is missing cannot be repaired.",
