@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
-from recording_data import LAYOUT, edge, recording, scans_at, stamps
+from recording_data import LAYOUT, edge, imu_at, recording, scans_at, stamps
 
 from slamsim.check.diagnosis import explained
 from slamsim.check.evidence import RecordingEvidence
@@ -262,6 +262,17 @@ def test_messages_in_bursts_are_not_counted_as_missing() -> None:
     )
     (gaps,) = [one for one in findings if (one.check, one.subject) == ("time.gaps", "/imu")]
     assert gaps.verdict == "ok" and "100.1 messages a second, 0 missing" in gaps.words
+
+
+@pytest.mark.parametrize("rate_hz", [400.0, 300.0, 150.0, 70.0])
+def test_stamps_in_whole_milliseconds_miss_nothing(rate_hz: float) -> None:
+    made = recording(60.0)
+    count = np.arange(round(60.0 * rate_hz))
+    whole = np.asarray(count / rate_hz * 1e3, dtype=np.int64) * 1_000_000
+    series = imu_at(whole)
+    findings = stamp_findings(made.with_streams(RawImu, (replace(series, received_ns=None),)))
+    (gaps,) = [one for one in findings if (one.check, one.subject) == ("time.gaps", "/imu")]
+    assert gaps.verdict == "ok" and " 0 missing" in gaps.words
 
 
 def test_one_stamp_on_all_messages_is_no_even_beat() -> None:

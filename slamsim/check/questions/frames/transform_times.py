@@ -26,6 +26,9 @@ MAX_UNCOVERED_SHARE = 0.02
 MIN_UNCOVERED = 5
 """Fewer scans than this are those before the first transform."""
 
+TF_CONTRADICTS = FaultKind(
+    "tf_contradicts_odometry", "the transform tree and the odometry disagree"
+)
 COVERAGE = Question(
     "tf.coverage",
     "every scan lies between two transforms",
@@ -38,7 +41,7 @@ COVERAGE = Question(
 AGREEMENT = Question(
     "tf.odometry",
     "the transforms say what the odometry says",
-    (FaultKind("tf_contradicts_odometry", "the transform tree and the odometry disagree"),),
+    (TF_CONTRADICTS,),
     limit=LIMIT_M,
     unit="m",
     consequence="consumers of the topic and of the transforms see two different drives",

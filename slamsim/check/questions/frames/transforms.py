@@ -72,7 +72,7 @@ FRAMES = Question(
     "every frame that messages name is known to a transform",
     (FaultKind("tf_unknown_frame", "messages name a frame that no transform knows"),),
     consequence="a SLAM drops every message of the frame",
-    repairs=("rename_frame",),
+    repairs=("rename_frame", "rename_child_frame"),
 )
 STATIC = Question(
     "tf.static",
@@ -178,6 +178,7 @@ def _links(recording: Recording, graph: FrameGraph, base: str) -> list[Finding]:
     findings = [
         *_sensor_links(recording, graph, base),
         *(_odometry_link(recording, graph, odometry, base) if odometry else ()),
+        *_odometry_children(recording, graph),
     ]
     if findings:
         return findings
@@ -215,6 +216,25 @@ def _unknown_frame(stream: RawStream, frame: str, graph: FrameGraph) -> Finding:
         advice="Give the driver the frame of the robot model, or publish a transform to its own.",
         repairs=(Repair("rename_frame", stream.topic, {"frame": nearest}),) if nearest else (),
     )
+
+
+def _odometry_children(recording: Recording, graph: FrameGraph) -> Iterator[Finding]:
+    """The frame whose pose an odometry gives; drivers that leave it empty mean the base."""
+    links = set(_LINK.findall(recording.robot_description or ""))
+    for odometry in recording.odometries if recording.format != "carmen" else ():
+        for frame in odometry.child_frame_ids:
+            if frame and frame not in graph and frame not in links:
+                nearest = graph.nearest(frame)
+                yield judge(
+                    FRAMES,
+                    odometry.topic,
+                    f"it gives the pose of {frame!r}, which no transform knows",
+                    verdict="fault",
+                    advice="Give the driver the name of the base as child_frame_id.",
+                    repairs=(Repair("rename_child_frame", odometry.topic, {"frame": nearest}),)
+                    if nearest
+                    else (),
+                )
 
 
 def _odometry_link(
