@@ -106,7 +106,8 @@ def _heading(imu: RawImu, driven: IntegratedMotion, R_base_imu: FloatArray) -> F
 def _turn_alike(imu: RawImu, driven: IntegratedMotion, R_base_imu: FloatArray) -> bool:
     """Whether both turn to the same side: of an odometry that does not, curves are mirrored."""
     rates = (imu.angular_velocity_rad_s @ R_base_imu.T)[:, 2]
-    turned = driven.at((imu.stamps_ns - driven.origin_ns) * 1e-9)[:, 1]
+    times_s: FloatArray = (imu.stamps_ns - driven.origin_ns).astype(np.float64) * 1e-9
+    turned = driven.at(times_s)[:, 1]
     return bool(np.nansum(rates[1:] * np.diff(turned)) > 0.0)
 
 
