@@ -72,6 +72,7 @@ class _Trials:
     pairs: int
     curves: bool
     long: bool
+    independent: bool
 
 
 def bench(
@@ -140,6 +141,13 @@ def bench(
     long: Annotated[
         bool, typer.Option("--long", help="Check: time ten minutes at 40 scans a second too.")
     ] = False,
+    independent: Annotated[
+        bool,
+        typer.Option(
+            "--independent",
+            help="Check: recordings of the generator in tests/independent, not of slamsim.",
+        ),
+    ] = False,
     set_: Set = None,
     config: ConfigFile = None,
     quiet: Quiet = False,
@@ -159,7 +167,8 @@ def bench(
     elif part == "online":
         _online(asked)
     elif part == "check":
-        _check(asked, _Trials(faults, seeds, clean, pairs, curves, long), workers, logs, recording)
+        trials = _Trials(faults, seeds, clean, pairs, curves, long, independent)
+        _check(asked, trials, workers, logs, recording)
     elif part == "matcher":
         _matcher(asked, recording, logs)
     elif part == "dataset":
@@ -197,6 +206,9 @@ def _check(
     from slamsim.config.faults import typed_choices
     from slamsim.sensors.faults.registry import bundled_faults, chosen_fault
 
+    if trials.independent:
+        _check_independent(asked, trials, workers, kept)
+        return
     faults = bundled_faults()
     if trials.faults is not None:
         faults = tuple(map(chosen_fault, typed_choices(trials.faults.split(","))))
@@ -220,6 +232,27 @@ def _check(
         asked.reporter.table("Long recording", long_rows(timed))
         figures["long"] = timed
     asked.reporter.result(figures)
+
+
+def _check_independent(asked: _Asked, trials: _Trials, workers: int, kept: Path | None) -> None:
+    from slamsim.bench.check.independent import (
+        IndependentCampaign,
+        generator_folder,
+        run_independent,
+    )
+
+    first = FIRST_SEED if asked.seed is None else asked.seed
+    campaign = IndependentCampaign(
+        generator_folder(),
+        seeds=range(first, first + trials.seeds),
+        clean=trials.clean,
+        pairs=trials.pairs,
+        only=None if trials.faults is None else trials.faults.split(","),
+        seconds=asked.seconds or CHECK_SECONDS,
+        workers=workers,
+        kept=kept,
+    )
+    run_independent(campaign, asked.reporter)
 
 
 def _matcher(asked: _Asked, recording: Path | None, logs: Path | None) -> None:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 
+import numpy as np
 from pydantic import TypeAdapter
 
 from slamsim.bench.check.trials import CheckTrial
@@ -63,6 +64,10 @@ class CheckOutcome:
         """What was said though it is not so."""
         return tuple(sorted(set(self.said) - set(self.expects) - set(self.also)))
 
+    def with_truth(self) -> Iterator[tuple[Measured, float]]:
+        """What was measured, where the truth is known."""
+        return pairs_with_truth(self.measured, self.truth)
+
     def as_json(self) -> Json:
         return asdict(self)
 
@@ -73,6 +78,20 @@ class CheckOutcome:
 
 
 _OUTCOME = TypeAdapter(CheckOutcome)
+
+
+def pairs_with_truth(
+    measured: Iterable[Measured], truth: Mapping[str, float]
+) -> Iterator[tuple[Measured, float]]:
+    """Measurements whose truth is known, beside it."""
+    for each in measured:
+        if each.check in truth and np.isfinite(each.sigma):
+            yield each, truth[each.check]
+
+
+def measured_in(report: CheckReport) -> tuple[Measured, ...]:
+    """All sizes that a report states."""
+    return tuple(filter(None, map(_measured, report.findings)))
 
 
 def outcome_of(
@@ -99,7 +118,7 @@ def _outcome(
         also=tuple(sorted({name for fault in trial.faults for name in fault.also})),
         said=tuple(sorted({finding.fault for finding in report.faults if finding.fault})),
         untold=tuple(f.check for f in report.findings if f.verdict == "inconclusive"),
-        measured=tuple(filter(None, map(_measured, report.findings))),
+        measured=measured_in(report),
         seconds=seconds,
         skipped=skipped,
     )

@@ -22,12 +22,15 @@ def coverage(outcomes: Iterable[CheckOutcome]) -> dict[str, Json]:
     medians, so that single wild ones show in ``inside`` alone. over_bound: median of sigma over
     the least one possible. An inconclusive answer counts: its interval is stated too.
     """
-    pairs: dict[str, list[tuple[Measured, float]]] = defaultdict(list)
-    for outcome in outcomes:
-        for measured in outcome.measured:
-            if measured.check in outcome.truth and np.isfinite(measured.sigma):
-                pairs[measured.check].append((measured, outcome.truth[measured.check]))
-    return {check: _figures(found) for check, found in sorted(pairs.items())}
+    return coverage_of(pair for outcome in outcomes for pair in outcome.with_truth())
+
+
+def coverage_of(pairs: Iterable[tuple[Measured, float]]) -> dict[str, Json]:
+    """The same of measurements, each with its truth."""
+    by_check: dict[str, list[tuple[Measured, float]]] = defaultdict(list)
+    for measured, truth in pairs:
+        by_check[measured.check].append((measured, truth))
+    return {check: _figures(found) for check, found in sorted(by_check.items())}
 
 
 def coverage_row(figures: Json) -> str:

@@ -1,0 +1,270 @@
+"""The checker on recordings of another generator, which shares no code with this package.
+
+It lies in the folder ``tests/independent`` of a checkout, and is no part of the installed package.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from collections import Counter
+from collections.abc import Generator, Iterable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from contextlib import closing
+from dataclasses import asdict, dataclass
+from importlib import import_module
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, cast
+
+import numpy as np
+
+import slamsim
+from slamsim.bench.alone import Children
+from slamsim.bench.check.outcome import Json, Measured, measured_in, pairs_with_truth
+from slamsim.bench.check.summary import coverage_of, coverage_row
+from slamsim.check.check import check_recording
+from slamsim.console.reporter import Reporter
+from slamsim.guard.errors import NotFound, SlamsimError, shown
+from slamsim.guard.output import write_atomic
+from slamsim.io.open import read_recording
+
+PLACE = Path("tests") / "independent"
+
+MOST_AT_ONCE = 7
+"""Cases of one drive that one process works through; after them their rows are shown."""
+
+
+@dataclass(frozen=True, slots=True)
+class IndependentCampaign:
+    """What to run. seeds: for each every fault, and so many pairs of faults. clean: number of
+    drives without a fault. only: these cases alone, by name. seconds: length of a drive. kept:
+    folder for the rows as they come, one line of JSON for each case."""
+
+    folder: Path
+    seeds: Sequence[int]
+    clean: int = 0
+    pairs: int = 0
+    only: Sequence[str] | None = None
+    seconds: float = 60.0
+    workers: int = 1
+    kept: Path | None = None
+
+
+def generator_folder() -> Path:
+    """Where the generator lies. Raises NotFound, for an installed package does not hold it."""
+    for beside in (Path.cwd(), Path(slamsim.__file__).parents[1]):
+        if (beside / PLACE / "__init__.py").is_file():
+            return beside / PLACE
+    raise NotFound(
+        f"{PLACE}: the independent generator is part of a checkout, not of the installed package; "
+        "run this command in the folder that holds pyproject.toml"
+    )
+
+
+def run_independent(campaign: IndependentCampaign, reporter: Reporter) -> None:
+    """Show every miss and alarm as it is found, and figures of all that was done, also if
+    stopped. Raises SlamsimError for a fault that the generator does not know."""
+    jobs = _jobs(campaign)
+    rows: list[Json] = []
+    count = sum(map(len, jobs))
+    try:
+        with (
+            reporter.stage("check", "") as progress,
+            closing(_all_rows(campaign, jobs)) as done,
+        ):
+            for row in done:
+                rows.append(row)
+                _keep(campaign, rows)
+                if not row["right"]:
+                    reporter.say(row_line(row))
+                progress(len(rows), count)
+    finally:
+        figures = summarise_independent(rows)
+        reporter.table("Recordings of the independent generator", _table(figures))
+        reporter.result(figures)
+
+
+def _keep(campaign: IndependentCampaign, rows: Sequence[Json]) -> None:
+    if campaign.kept is None:
+        return
+    campaign.kept.mkdir(parents=True, exist_ok=True)
+    lines = (json.dumps(row) + "\n" for row in rows)
+    write_atomic(campaign.kept / "independent.jsonl", "".join(lines).encode())
+
+
+def _jobs(campaign: IndependentCampaign) -> list[list[Any]]:
+    """Cases by drive, a few at a time, for those of one drive share what takes long to make."""
+    generator = _load(campaign.folder)
+    try:
+        cases = generator.cases(campaign.seeds, campaign.clean, campaign.pairs, campaign.only)
+    except (KeyError, ValueError) as error:
+        names = ", ".join(generator.fault_names())
+        raise SlamsimError(
+            f"there is no such case ({shown(str(error))}); faults: {names}"
+        ) from None
+    drives: dict[int, list[Any]] = {}
+    for case in cases:
+        drives.setdefault(case.drive, []).append(case)
+    return [
+        every[begin : begin + MOST_AT_ONCE]
+        for every in drives.values()
+        for begin in range(0, len(every), MOST_AT_ONCE)
+    ]
+
+
+def _load(folder: Path) -> Any:
+    """The generator: a package with ``cases``, ``fault_names`` and ``make``."""
+    if str(folder.parent) not in sys.path:
+        sys.path.insert(0, str(folder.parent))
+    return import_module(folder.name)
+
+
+def _all_rows(campaign: IndependentCampaign, jobs: Sequence[Sequence[Any]]) -> Generator[Json]:
+    with ThreadPoolExecutor(campaign.workers) as threads, Children() as children:
+        futures = {
+            threads.submit(children.run, run_cases, campaign.folder, job, campaign.seconds): job
+            for job in jobs
+        }
+        try:
+            for future in as_completed(futures):
+                try:
+                    yield from future.result()
+                except SlamsimError as error:
+                    yield from (_failed(case, str(error)) for case in futures[future])
+        finally:
+            threads.shutdown(wait=False, cancel_futures=True)
+
+
+def run_cases(folder: Path, cases: Iterable[Any], seconds: float) -> list[Json]:
+    """Make, read and check each recording, in this process; one that fails costs no other."""
+    generator = _load(folder)
+    rows: list[Json] = []
+    for case in cases:
+        try:
+            rows.append(_run_case(generator, case, seconds))
+        except Exception as error:
+            rows.append(_failed(case, f"{type(error).__name__}: {error}"))
+    return rows
+
+
+def _run_case(generator: Any, case: Any, seconds: float) -> Json:
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "recording"
+        expected = generator.make(case, path, seconds)
+        recording = read_recording(path)
+        begun_s = time.perf_counter()
+        report = check_recording(recording)
+        taken_s = time.perf_counter() - begun_s
+    said = {str(finding.fault) for finding in report.faults}
+    pairs = pairs_with_truth(measured_in(report), expected.truth)
+    return {
+        **_about(case),
+        "lidar": expected.about,
+        **_judged(said, list(expected.right), expected.also),
+        "said": [f"{each.fault} {each.subject}: {each.words}" for each in report.faults],
+        "measured": [{**asdict(measured), "truth": truth} for measured, truth in pairs],
+        "seconds": taken_s,
+    }
+
+
+def _judged(said: set[str], wanted: list[frozenset[str] | None], also: frozenset[str]) -> Json:
+    """Whether each fault was named, and nothing false beside; where no checker has a name for a
+    fault nothing can be false."""
+    named = all(bool(said) if one is None else bool(said & one) for one in wanted)
+    true = also.union(*(one for one in wanted if one is not None))
+    invented = set[str]() if None in wanted else said - true
+    return {
+        "expected": [None if one is None else sorted(one) for one in wanted],
+        "named": named,
+        "invented": sorted(invented),
+        "right": named and not invented,
+    }
+
+
+def _about(case: Any) -> Json:
+    return {
+        "case": case.name,
+        "sort": case.sort,
+        "harsh": case.harsh,
+        "repeat": f"slamsim bench check --independent --faults '{case.name}'",
+    }
+
+
+def _failed(case: Any, error: str) -> Json:
+    """A recording that could not be made, read or checked: a miss, which is told."""
+    return {**_about(case), "right": False, "error": error}
+
+
+def row_line(row: Json) -> str:
+    """One case that is not as it should be."""
+    if "error" in row:
+        return f"{row['case']}: failed: {row['error']}"
+    said = "; ".join(cast(list[str], row["said"])) or "nothing"
+    if row["sort"] == "clean":
+        return f"{row['case']} ({row['lidar']}, {row['harsh'] or 'usual'}): clean, yet {said}"
+    wanted = " and ".join(
+        "any fault" if one is None else " or ".join(one)
+        for one in cast(list[list[str] | None], row["expected"])
+    )
+    return f"{row['case']} ({row['lidar']}): expected {wanted}; said {said}"
+
+
+def summarise_independent(rows: Sequence[Json]) -> Json:
+    """Shares over all rows; a case that failed is one that was not named."""
+    of = {sort: [row for row in rows if row["sort"] == sort] for sort in ("fault", "pair", "clean")}
+    coverage = coverage_of(_pair(pair) for row in rows for pair in _dicts(row.get("measured")))
+    stated = sum(cast(int, one["count"]) for one in coverage.values())
+    held = sum(cast(int, one["count"]) * cast(float, one["inside"]) for one in coverage.values())
+    return {
+        "faults": len(of["fault"]),
+        "kinds": len({str(row["case"]).partition("@")[0] for row in of["fault"]}),
+        "named_share": _share(of["fault"]),
+        "pairs": len(of["pair"]),
+        "pairs_named_share": _share(of["pair"]),
+        "clean": len(of["clean"]),
+        "false_alarms": sum(not row["right"] for row in of["clean"]),
+        "intervals_held": held / stated if stated else None,
+        "intervals": coverage,
+        "missed": dict(
+            Counter(
+                str(row["case"]).partition("@")[0] for row in of["fault"] if not row["right"]
+            ).most_common()
+        ),
+        "rows": sorted(rows, key=lambda row: str(row["case"])),
+    }
+
+
+def _dicts(rows: object) -> list[Json]:
+    return cast(list[Json], rows or [])
+
+
+def _pair(stored: Json) -> tuple[Measured, float]:
+    fields = {**stored}
+    truth = cast(float, fields.pop("truth"))
+    return Measured(**cast(Any, fields)), truth
+
+
+def _share(rows: Sequence[Json]) -> float | None:
+    return float(np.mean([bool(row["right"]) for row in rows])) if rows else None
+
+
+def _table(figures: Json) -> dict[str, str]:
+    """What a person sees."""
+    rows = {
+        "faults": _told(figures, "faults", "named_share"),
+        "pairs of faults": _told(figures, "pairs", "pairs_named_share"),
+        "clean": f"{figures['clean']}, {figures['false_alarms']} with a false alarm",
+    }
+    for check, one in cast(Mapping[str, Json], figures["intervals"]).items():
+        rows[f"  interval of {check}"] = coverage_row(one)
+    return rows
+
+
+def _told(figures: Json, count: str, share: str) -> str:
+    if not figures[count]:
+        return "none"
+    return (
+        f"{figures[count]}, {100.0 * cast(float, figures[share]):.1f} % named, nothing false beside"
+    )
