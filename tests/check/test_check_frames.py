@@ -89,7 +89,8 @@ def test_a_map_below_the_odometry_is_a_recorded_map_upside_down() -> None:
     made = whole()
     upside_down = replace(turning_edge(made), parent="odom", child="map")
     made = replace(made, transforms=(*made.transforms, upside_down))
-    (found,) = [one for one in asked(made) if one.fault == "tf_inverted"]
+    assert named(made) == {"tf_map_recorded"}
+    (found,) = [one for one in asked(made) if one.fault == "tf_map_recorded"]
     assert [repair.operation for repair in found.repairs] == ["drop_transform"]
 
 

@@ -108,6 +108,17 @@ def test_a_heading_that_hangs_for_some_seconds_is_named() -> None:
     assert found.fault == "odometry_no_turn" and found.plots[0].spans
 
 
+def test_an_odometry_that_never_moves_stands_still() -> None:
+    made = robot()
+    odometry = made.odometries[0]
+    still = replace(
+        odometry,
+        positions_m=np.zeros_like(odometry.positions_m),
+        quats_xyzw=np.tile([0.0, 0.0, 0.0, 1.0], (len(odometry), 1)),
+    )
+    assert turning_of(made.with_streams(RawOdometry, (still,))).fault == "odometry_frozen"
+
+
 @given(bias=st.floats(-0.5, 0.5))
 def test_a_robot_that_drives_straight_on_need_not_turn_with_a_biased_gyroscope(bias: float) -> None:
     made = robot()

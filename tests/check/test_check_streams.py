@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import example, given
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from recording_data import LAYOUT, edge, imu_at, recording, scans_at, stamps
 
@@ -21,7 +21,14 @@ from slamsim.check.questions.streams.series import series_of
 from slamsim.check.questions.streams.spacing import ROUNDING
 from slamsim.check.questions.streams.stamps import check_stamps
 from slamsim.core.types import IntArray
-from slamsim.recording import RawImu, RawOdometry, RawScans, RawTicks, Recording
+from slamsim.recording import (
+    RawImu,
+    RawOdometry,
+    RawScans,
+    RawStream,
+    RawTicks,
+    Recording,
+)
 from slamsim.recording.repairs.apply import apply_repairs
 from slamsim.sensors.faults.registry import load_fault
 
@@ -57,7 +64,7 @@ def test_a_healthy_recording_is_healthy() -> None:
     asked = {finding.check for finding in findings if finding.subject == "/scan"}
     assert asked == {
         *("time.order", "time.rounding", "time.scatter", "time.repeats", "time.gaps"),
-        *("time.overlap", "time.jump", "time.receipt", "time.receipt_drift"),
+        *("time.overlap", "time.step", "time.invented", "time.receipt", "time.receipt_drift"),
     }
 
 
@@ -224,18 +231,19 @@ def test_a_drifting_clock_is_measured_against_the_receiver(ppm: float) -> None:
 
 @pytest.mark.parametrize("jump_s", [-0.08, -0.02, 0.02, 0.3, 40.0])
 def test_a_clock_that_is_set_is_named_and_set_back(jump_s: float) -> None:
-    fault = load_fault("lidar_clock_jump").with_size(jump_s)
+    fault = load_fault("lidar_clock_step").with_size(jump_s)
     made = recording(60.0)
     jumped = fault.inject(made, RNG)
-    (found,) = [one for one in stamp_findings(jumped) if one.fault == "clock_jump"]
+    (found,) = [one for one in stamp_findings(jumped) if one.fault == "clock_step"]
     assert found.subject == "/scan" and found.estimate is not None
     assert found.estimate.value == pytest.approx(1e3 * abs(jump_s), abs=0.01)
     mended = apply_repairs(jumped, found.repairs)
     np.testing.assert_allclose(mended.scans[0].stamps_ns, made.scans[0].stamps_ns, atol=2)
     told = {one.fault for one in explained(stamp_findings(jumped)) if one.fault is not None}
-    assert told == {"clock_jump"}
+    assert told == {"clock_step"}
 
 
+@settings(max_examples=25)
 @given(st.lists(st.tuples(st.integers(0, 599), st.floats(0.0, 0.5)), max_size=8), st.booleans())
 def test_messages_that_wait_in_a_queue_are_no_clock_that_is_set(
     waits: list[tuple[int, float]], for_good: bool
@@ -249,7 +257,7 @@ def test_messages_that_wait_in_a_queue_are_no_clock_that_is_set(
         received[at:until] += round(1e9 * wait_s)
     late = replace(made, received_ns=np.maximum.accumulate(received))
     findings = stamp_findings(recording(60.0).with_streams(RawScans, (late,)))
-    assert not [one for one in findings if one.fault == "clock_jump"]
+    assert not [one for one in findings if one.fault == "clock_step"]
 
 
 def test_messages_in_bursts_are_not_counted_as_missing() -> None:
@@ -262,6 +270,55 @@ def test_messages_in_bursts_are_not_counted_as_missing() -> None:
     )
     (gaps,) = [one for one in findings if (one.check, one.subject) == ("time.gaps", "/imu")]
     assert gaps.verdict == "ok" and "100.1 messages a second, 0 missing" in gaps.words
+
+
+@settings(max_examples=25)
+@given(share=st.floats(0.06, 0.4), sigma_ms=st.floats(0.0, 2.0), seed=st.integers(0, 999))
+def test_lost_messages_are_no_scatter(share: float, sigma_ms: float, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    kept = rng.random(600) >= share
+    kept[[0, -1]] = True
+    scattered = 100_000_000 * np.arange(600) + rng.normal(0.0, 1e6 * sigma_ms, 600).astype(int)
+    made = recording(60.0)
+    lost = scans_at(np.asarray(scattered[kept], dtype=np.int64))
+    bad = _bad(made.with_streams(RawScans, (replace(lost, received_ns=None),)))
+    assert bad == {"/scan": {"stream_gaps"}}
+
+
+def test_messages_that_come_late_and_then_all_at_once_are_not_missing() -> None:
+    """Stamped when received, by a computer that is busy for 0.4 s now and then."""
+    made = recording(60.0).imus[0]
+    late = made.stamps_ns.copy()
+    for at in range(300, late.size, 700):
+        late[at : at + 40] = late[at + 40]
+    restamped = replace(made, stamps_ns=late, received_ns=None)
+    findings = stamp_findings(recording(60.0).with_streams(RawImu, (restamped,)))
+    (gaps,) = [one for one in findings if (one.check, one.subject) == ("time.gaps", "/imu")]
+    assert gaps.verdict == "ok"
+
+
+@pytest.mark.parametrize(
+    ("period_ns", "others_live", "invented"),
+    [
+        (100_000_000, True, True),
+        (100_013_713, True, True),
+        (100_013_713, False, True),
+        (100_000_000, False, False),
+        (33_333_333, False, False),
+    ],
+)
+def test_counted_stamps(period_ns: int, others_live: bool, invented: bool) -> None:
+    """A simulator's are as even, and received at once; but all of them, at a round rate."""
+    made = recording(60.0)
+    even = 100_000_000_000 + period_ns * np.arange(600)
+    scans = scans_at(even, even.copy())
+    if not others_live:
+        made = made.changed(RawStream, lambda one: replace(one, received_ns=one.stamps_ns.copy()))
+    findings = stamp_findings(made.with_streams(RawScans, (scans,)))
+    (found,) = [one for one in findings if (one.check, one.subject) == ("time.invented", "/scan")]
+    assert (found.fault == "stamps_invented") == invented
+    others = {one.subject for one in findings if one.check == "time.invented" and one.fault}
+    assert others <= {"/scan"}
 
 
 @pytest.mark.parametrize("rate_hz", [400.0, 300.0, 150.0, 70.0])

@@ -243,11 +243,11 @@ PAIRS: Pairs = [
         [Repair("rescale_stamps", "/scan", {"drift_ppm": 500.0, "origin_ns": ORIGIN_NS})],
     ),
     (
-        "lidar_clock_jump",
+        "lidar_clock_step",
         0.3,
         [
             Repair(
-                "undo_clock_jump",
+                "undo_clock_step",
                 "/scan",
                 {"after_ns": str(10 * SECOND_NS - SECOND_NS // 10), "jump_s": 0.3},
             )

@@ -15,7 +15,7 @@ OPERATIONS: Mapping[str, Declaration] = {
     "reorder": stamps.reorder,
     "shift_stamps": stamps.shift_stamps,
     "rescale_stamps": stamps.rescale_stamps,
-    "undo_clock_jump": stamps.undo_clock_jump,
+    "undo_clock_step": stamps.undo_clock_step,
     "restamp_evenly": stamps.restamp_evenly,
     "stamp_by_receipt": stamps.stamp_by_receipt,
     "shift_receipt": stamps.shift_receipt,
@@ -66,13 +66,13 @@ OPERATIONS: Mapping[str, Declaration] = {
 
 PER_BEAM = ("drop_beams", "value_to_inf")
 """Operations that may come several times on one subject, with other numbers."""
-CLOCKS = ("shift_stamps", "rescale_stamps", "undo_clock_jump", "restamp_evenly", "reorder")
+CLOCKS = ("shift_stamps", "rescale_stamps", "undo_clock_step", "restamp_evenly", "reorder")
 """Operations that a clock needs, and so all streams that are stamped together."""
 
 _EVIDENT = frozenset(
     (
         "reorder",
-        "undo_clock_jump",
+        "undo_clock_step",
         "restamp_evenly",
         "stamp_by_receipt",
         "drop_repeated_scans",

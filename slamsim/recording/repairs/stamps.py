@@ -41,7 +41,7 @@ def rescale_stamps(recording: Recording, repair: Repair) -> Edit:
     return ScaleStamps(clock, gain, origin_ns, receipt_follows=True).inverse()
 
 
-def undo_clock_jump(recording: Recording, repair: Repair) -> Edit:
+def undo_clock_step(recording: Recording, repair: Repair) -> Edit:
     """Take jump_s off the stamps of the messages that follow the one with the stamp after_ns."""
     jump_ns, after_ns = round(1e9 * repair.number("jump_s")), int(repair.parameters["after_ns"])
 

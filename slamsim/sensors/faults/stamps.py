@@ -77,11 +77,11 @@ class ClockDrift(StampsFault):
         return ScaleStamps(self.target, self.drift_ppm * 1e-6)
 
 
-class ClockJump(StampsFault):
+class ClockStep(StampsFault):
     """The stream's clock is set halfway through the recording."""
 
     SIZE: ClassVar[str | None] = "jump_s"
-    kind: Literal["clock_jump"]
+    kind: Literal["clock_step"]
     jump_s: float = Field(ge=-1e4, le=1e4)
     """By how much its stamps are later from then on."""
 

@@ -15,7 +15,6 @@ from slamsim.recording.edits.frames import inverted_edge
 from slamsim.recording.frame_graph import FrameGraph
 from slamsim.recording.repairs.base import Repair
 
-MAP_FRAME = "map"
 _LASERS = ("laser", "lidar", "scan", "hokuyo", "sick", "rplidar", "velodyne", "lds")
 
 FIXED = Question(
@@ -23,7 +22,7 @@ FIXED = Question(
     "sensors name a frame that moves with the robot",
     (
         FaultKind(
-            "sensor_fixed_frame",
+            "scan_frame",
             "a sensor names a frame that does not move with the robot",
             (same_subject("tf_unknown_frame"), anywhere("tf_missing_link")),
         ),
@@ -33,7 +32,7 @@ FIXED = Question(
 )
 DIRECTION = Question(
     "tf.direction",
-    "transforms lead from map to odom and from odom to the base",
+    "transforms lead from odom to the base",
     (
         FaultKind(
             "tf_inverted",
@@ -42,7 +41,7 @@ DIRECTION = Question(
         ),
     ),
     consequence="a SLAM that publishes map -> odom gives odom a second parent",
-    repairs=("invert_transform", "drop_transform"),
+    repairs=("invert_transform",),
 )
 
 
@@ -98,11 +97,7 @@ def _inverted(edge: TransformEdge, recording: Recording, from_robot: bool) -> It
     """from_robot: whether its parent is fixed to the base."""
     odoms = {frame for odometry in recording.odometries for frame in odometry.frame_ids}
     odoms |= {"odom"}
-    if edge.child == MAP_FRAME and edge.parent in odoms:
-        advice = "Leave it out, and record without SLAM or localiser."
-        repair = Repair("drop_transform", edge.name)
-        words = f"{edge.name} leads from the odometry to the map, which is its parent"
-    elif edge.child in odoms and from_robot:
+    if edge.child in odoms and from_robot:
         poses = "invert" if _is_inverse(edge, recording) else "keep"
         advice = "Publish the pose of the base in odom, with odom as parent and the base as child."
         repair = Repair("invert_transform", edge.name, {"poses": poses})

@@ -48,7 +48,7 @@ ORDER = Question(
                 anywhere(
                     *WHEELS,
                     *BY_SCANS,
-                    *("odometries_contradict", "tf_contradicts_odometry", "tf_late", "imu_axis"),
+                    *("odometries_contradict", "tf_contradicts_odometry", "imu_axis"),
                     *("odometry_no_turn", "odometry_jump", "wheel_unit", "range_unit"),
                     *("time_offset_imu", "odometry_unsigned", "gyro_bias", "gyro_sign"),
                 ),

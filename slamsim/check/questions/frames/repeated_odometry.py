@@ -16,7 +16,7 @@ from slamsim.check.findings import Curve, Finding, Measurement, Plot
 from slamsim.check.motion.clustered import clustered_fit
 from slamsim.check.motion.inputs import as_odometry
 from slamsim.check.motion.integrated import IntegratedMotion, integrated_odometry
-from slamsim.check.question import FaultKind, Question, QuestionGroup, judge, same_subject
+from slamsim.check.question import Question, QuestionGroup, judge
 from slamsim.check.questions.frames.transform_times import TF_CONTRADICTS
 from slamsim.check.wording import signed_words
 from slamsim.core.types import FloatArray
@@ -37,13 +37,7 @@ LEAST_M, LEAST_RAD = 0.02, 0.02
 TIME = Question(
     "tf.odometry_time",
     "the transform repeats the odometry at its instants",
-    (
-        FaultKind(
-            "tf_late",
-            "the transform is stamped later or earlier than the odometry that it repeats",
-            (same_subject("tf_contradicts_odometry"),),
-        ),
-    ),
+    (TF_CONTRADICTS,),
     limit=1e3 * MAX_LATE_S,
     unit="ms",
     consequence="consumers of the transforms place scans where the robot was before or after",

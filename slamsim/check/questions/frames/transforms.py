@@ -25,10 +25,13 @@ from slamsim.recording.repairs.base import Repair
 MAX_STATIC_CHANGE = 1e-3
 """Metres, or the entries of a rotation: a fixed transform moves by less, whatever rounds it."""
 _RIGID_TOLERANCE = 0.01
-MAP_FRAME = "map"
 _LINK = re.compile(r'<link\s+name="([^"]*)"')
 
 
+MAP_FRAME = "map"
+MAP_RECORDED = FaultKind(
+    "tf_map_recorded", "the recording holds a map's transform: a SLAM has run already"
+)
 RIGID = Question(
     "tf.rigid",
     "every transform is a rotation and a translation",
@@ -51,11 +54,7 @@ LOOP = Question(
 MAP = Question(
     "tf.map",
     "no map's transform was recorded",
-    (
-        FaultKind(
-            "tf_map_recorded", "the recording holds a map's transform: a SLAM has run already"
-        ),
-    ),
+    (MAP_RECORDED,),
     consequence="the SLAM that replays the recording and the recorded one both move the robot",
     repairs=("drop_transform",),
 )
@@ -160,7 +159,7 @@ def _loops(graph: FrameGraph) -> Iterator[Finding]:
 def _maps(edges: tuple[TransformEdge, ...]) -> Iterator[Finding]:
     """A recording that a SLAM is to read must not hold another one's answer."""
     for edge in edges:
-        if edge.parent == MAP_FRAME:
+        if MAP_FRAME in (edge.parent, edge.child):
             yield judge(
                 MAP,
                 edge.name,

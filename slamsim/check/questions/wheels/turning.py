@@ -16,6 +16,7 @@ from slamsim.check.motion.laser_steps import LaserSteps
 from slamsim.check.motion.planar_track import planar_track, track_at
 from slamsim.check.question import FaultKind, Question, QuestionGroup, anywhere, judge
 from slamsim.check.questions.wheels.counters import MOVED_M, MOVED_RAD
+from slamsim.check.questions.wheels.odometry import ODOMETRY_FROZEN
 from slamsim.core.types import FloatArray, IntArray
 from slamsim.recording import RawOdometry
 from slamsim.recording.repairs.base import Repair
@@ -24,6 +25,8 @@ LOOK_S = 1.0
 CONSTANT_RAD = 1e-6
 """Counters and filters scatter by more in a second of driving, rounding to six digits by less."""
 LEAST_S, LEAST_TURN_RAD = 3.0, 1.0
+LEAST_WHILE_STILL_RAD = 6.0
+"""Who lifts a robot and carries it does not turn round with it again and again."""
 """Pushed along a wall wheels may roll straight on while the robot turns, but not for so long."""
 
 NO_TURN = Question(
@@ -36,7 +39,7 @@ NO_TURN = Question(
             (
                 anywhere(
                     *SIZES,
-                    *("odometry_contradicts_wheels", "tf_contradicts_odometry", "tf_late"),
+                    *("odometry_contradicts_wheels", "tf_contradicts_odometry"),
                     *("odometries_contradict", "time_offset_wheels", "time_offset_lidar"),
                     *("wheels_swapped", "wheel_reversed", "laser_world_fixed", "odometry_frozen"),
                     *("laser_angle_step", "time_offset_imu", "clock_drift", "range_offset"),
@@ -44,6 +47,7 @@ NO_TURN = Question(
                 ),
             ),
         ),
+        ODOMETRY_FROZEN,
     ),
     limit=LEAST_S,
     unit="s",
@@ -79,7 +83,8 @@ def check_turning(evidence: RecordingEvidence) -> Iterator[Finding]:
     if len(evidence.inputs.steps):
         others.append(_by_windows(evidence.inputs.steps))
     for odometry in recording.odometries:
-        yield from _missed(odometry, others, bool(recording.ticks))
+        never = _never_moves(odometry, others)
+        yield from [never] if never else _missed(odometry, others, bool(recording.ticks))
 
 
 GROUP = QuestionGroup("motion", 110, (NO_TURN,), check_turning, thorough=True)
@@ -103,6 +108,29 @@ def _by_windows(steps: LaserSteps) -> _Turns:
     np.maximum.at(end, which, steps.second_ns)
     turned = np.bincount(which, steps.T_first_second[:, 2])
     return _Turns(steps.topic, begin, end, np.asarray(turned))
+
+
+def _never_moves(odometry: RawOdometry, others: list[_Turns]) -> Finding | None:
+    """A pose that is one and the same in all messages, while another stream turns again and
+    again."""
+    same = np.ptp(np.column_stack([odometry.positions_m, odometry.quats_xyzw]), axis=0)
+    if len(odometry) < 2 or np.any(same > CONSTANT_RAD) or not np.isfinite(same).all():
+        return None
+    for other in others:
+        turns = np.abs(other.turned) > MOVED_RAD
+        seconds = float((other.end_ns - other.begin_ns)[turns].sum()) * 1e-9
+        turned = float(np.abs(other.turned[turns]).sum())
+        if seconds >= LEAST_S and turned >= LEAST_WHILE_STILL_RAD:
+            return judge(
+                NO_TURN,
+                odometry.topic,
+                f"its pose is the same in all messages, while {other.topic} turns by "
+                f"{np.degrees(turned):.0f} deg",
+                Measurement(seconds, 0.0, "s"),
+                fault=ODOMETRY_FROZEN,
+                advice="Look for a driver that publishes before its counters are connected.",
+            )
+    return None
 
 
 def _missed(odometry: RawOdometry, others: list[_Turns], has_ticks: bool) -> Iterator[Finding]:

@@ -10,7 +10,7 @@ from slamsim.check.questions.streams.series import StampSeries
 from slamsim.core.types import FloatArray
 from slamsim.recording.repairs.base import Repair
 
-MAX_JUMP_S = 0.01
+MAX_STEP_S = 0.01
 """Clocks of two computers are kept together to a millisecond; a tenth of a turn at 1 rad/s is seen
 0.1 m aside at a wall 10 m away."""
 _AROUND = 50
@@ -21,12 +21,12 @@ _OF_STAMPS = 0.5
 """Of the leap, by which the step between the stamps is longer or shorter than usual. Where the
 network's delay changes, messages come late and the stamps go on evenly."""
 
-JUMP = Question(
-    "time.jump",
+STEP = Question(
+    "time.step",
     "the clock of the stamps is never set during the recording",
     (
         FaultKind(
-            "clock_jump",
+            "clock_step",
             "a clock is set during the recording",
             (
                 anywhere(
@@ -37,39 +37,39 @@ JUMP = Question(
             ),
         ),
     ),
-    limit=1e3 * MAX_JUMP_S,
+    limit=1e3 * MAX_STEP_S,
     unit="ms",
     consequence="from then on scans are placed where the robot was before or after",
     excitation_wanted=f"{2 * _AROUND} messages with times of receipt",
-    repairs=("undo_clock_jump",),
+    repairs=("undo_clock_step",),
 )
 
 
-def check_jump(series: StampSeries) -> Finding:
+def check_step(series: StampSeries) -> Finding:
     """The largest leap of the stamps against their receipt that lasts."""
     received_ns = series.received_ns
     if received_ns is None or series.is_copied or len(series) < 2 * _AROUND:
         words = "no times of receipt beside the stamps, or too few messages, to see a clock set"
-        return unanswered(JUMP, series.subject, words)
+        return unanswered(STEP, series.subject, words)
     delay_s = (received_ns - received_ns[0]) * 1e-9 - series.since_first_s
-    leaps = np.flatnonzero(np.abs(np.diff(delay_s)) > MAX_JUMP_S)
-    lasting = [(int(at), found) for at in leaps if (found := _leap_s(series, delay_s, int(at)))]
+    leaps = np.flatnonzero(np.abs(np.diff(delay_s)) > MAX_STEP_S)
+    lasting = [(int(at), found) for at in leaps if (found := _stepped_s(series, delay_s, int(at)))]
     if not lasting:
         words = "the clock of the stamps is never set against the receiver's"
-        return judge(JUMP, series.subject, words, Measurement(0.0, 0.0, "ms"))
+        return judge(STEP, series.subject, words, Measurement(0.0, 0.0, "ms"))
     at, leap_s = max(lasting, key=lambda one: abs(one[1]))
     after_s = float(series.since_first_s[at])
     curve = Curve("receipt less stamp", series.since_first_s, delay_s)
     told = f"{1e3 * abs(leap_s):.4g} ms {'forward' if leap_s > 0.0 else 'back'}"
     return judge(
-        JUMP,
+        STEP,
         series.subject,
         f"the clock of the stamps leaps {told}, {after_s:.1f} s after the first message",
         Measurement(1e3 * abs(leap_s), 0.0, "ms"),
         advice="Let chrony or PTP slew the clock, and set it before a recording begins.",
         repairs=(
             Repair(
-                "undo_clock_jump",
+                "undo_clock_step",
                 series.subject,
                 {"after_ns": str(int(series.stamps_ns[at])), "jump_s": leap_s},
             ),
@@ -80,7 +80,7 @@ def check_jump(series: StampSeries) -> Finding:
     )
 
 
-def _leap_s(series: StampSeries, delay_s: FloatArray, at: int) -> float:
+def _stepped_s(series: StampSeries, delay_s: FloatArray, at: int) -> float:
     """By how much stamps leap from message ``at`` to the next, 0 unless it lasts and the stamps
     themselves show it."""
     before, after = delay_s[max(at - _AROUND + 1, 0) : at + 1], delay_s[at + 1 : at + 1 + _AROUND]
@@ -89,7 +89,7 @@ def _leap_s(series: StampSeries, delay_s: FloatArray, at: int) -> float:
     leap_s = float(np.median(before) - np.median(after))
     at_once_s = float(delay_s[at] - delay_s[at + 1])
     longer_s = float(series.steps_s[at]) - series.period_s
-    lasts = abs(leap_s) > MAX_JUMP_S and leap_s / at_once_s > _LASTS
+    lasts = abs(leap_s) > MAX_STEP_S and leap_s / at_once_s > _LASTS
     # Less scatter than leap on both sides: else the delay just varies that much.
     steady = max(map(_spread, (before, after))) < (1.0 - _LASTS) * abs(leap_s)
     return leap_s if lasts and steady and longer_s / leap_s > _OF_STAMPS else 0.0
