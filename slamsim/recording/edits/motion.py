@@ -76,7 +76,7 @@ def with_steps(odometry: RawOdometry, steps: FloatArray) -> RawOdometry:
     """The odometry that begins as before and takes these steps (n - 1, 3)."""
     yaw = _planar(odometry)[0, 2] + np.concatenate([[0.0], np.cumsum(steps[:, 2])])
     positions = odometry.positions_m.copy()
-    positions[1:, :2] = positions[0, :2] + np.cumsum(_rotated(steps[:, :2], yaw[:-1]), axis=0)
+    positions[1:, :2] = positions[0, :2] + np.cumsum(rotated(steps[:, :2], yaw[:-1]), axis=0)
     return replace(odometry, positions_m=positions, quats_xyzw=xyzw_from_yaw(yaw))
 
 
@@ -121,10 +121,10 @@ def _scaled(
     """The path driven anew: each step seen from the heading midway, then multiplied."""
     headings = np.unwrap(yaw_from_xyzw(quats_xyzw))
     turned = np.diff(headings)
-    step = _rotated(np.diff(positions_m[:, :2], axis=0), -(headings[:-1] + 0.5 * turned))
+    step = rotated(np.diff(positions_m[:, :2], axis=0), -(headings[:-1] + 0.5 * turned))
     anew = headings[0] + np.concatenate([[0.0], np.cumsum(turned * turn)])
     midway = anew[:-1] + 0.5 * turned * turn
-    driven = _rotated(step * np.reshape(path, (-1, 1)), midway)
+    driven = rotated(step * np.reshape(path, (-1, 1)), midway)
     positions = positions_m.copy()
     positions[1:, :2] = positions_m[0, :2] + np.cumsum(driven, axis=0)
     return positions, xyzw_from_yaw(anew)
@@ -150,7 +150,7 @@ def with_twists(odometry: RawOdometry) -> RawOdometry:
     elapsed_s = np.maximum(np.diff(odometry.stamps_ns), 1) * 1e-9
     moved = np.diff(odometry.positions_m[:, :2], axis=0)
     linear, angular = np.zeros_like(odometry.linear_m_s), np.zeros_like(odometry.angular_rad_s)
-    linear[1:, 0] = _rotated(moved, -heading[:-1])[:, 0] / elapsed_s
+    linear[1:, 0] = rotated(moved, -heading[:-1])[:, 0] / elapsed_s
     angular[1:, 2] = np.diff(heading) / elapsed_s
     return replace(odometry, linear_m_s=linear, angular_rad_s=angular)
 
@@ -191,7 +191,7 @@ def per_message(gain: Gain, count: int) -> FloatArray:
     return np.concatenate([gains[:1], gains])[:count, None]
 
 
-def _rotated(vectors: FloatArray, angles_rad: FloatArray) -> FloatArray:
+def rotated(vectors: FloatArray, angles_rad: FloatArray) -> FloatArray:
     """(n, 2) vectors turned by (n,) angles."""
     cos, sin = np.cos(angles_rad), np.sin(angles_rad)
     x = cos * vectors[:, 0] - sin * vectors[:, 1]

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from slamsim.recording import RawTicks, Recording
+from slamsim.recording import RawOdometry, RawTicks, Recording
 from slamsim.recording.edits.base import Edit
-from slamsim.recording.edits.motion import repaced, without_jumps
+from slamsim.recording.edits.messages import ChangeMessages
+from slamsim.recording.edits.motion import repaced, with_twists, without_jumps
 from slamsim.recording.edits.odometry import ChangeOdometry, OdometryFromTicks, WithOdometry
 from slamsim.recording.edits.wheels import RewireWheels, ScaleWheelNumbers, UnwrapTicks
 from slamsim.recording.repairs.base import Repair
@@ -58,6 +59,11 @@ def remove_odometry_jumps(recording: Recording, repair: Repair) -> Edit:
     """Let the robot move on as before where a step is longer than longest_m."""
     longest_m = repair.number("longest_m")
     return ChangeOdometry(repair.subject, lambda one: without_jumps(one, longest_m))
+
+
+def twist_from_poses(recording: Recording, repair: Repair) -> Edit:
+    """Compute an odometry's twists anew from its poses."""
+    return ChangeMessages(repair.target(RawOdometry), with_twists)
 
 
 def _with_odometry(repair: Repair, edit: Edit) -> Edit:

@@ -95,7 +95,8 @@ def _delay(series: StampSeries) -> Finding:
     why = _silent(series)
     if delay_s is None or why:
         return unanswered(RECEIPT, series.subject, why)
-    since_end_s = delay_s - series.lasts_ns * 1e-9
+    # No scan lasts longer than until the next, whatever it declares.
+    since_end_s = delay_s - np.minimum(series.lasts_ns * 1e-9, series.period_s)
     late_s, ahead_s = float(np.median(since_end_s)), -float(np.quantile(delay_s, 0.1))
     repairs = (Repair("shift_receipt", series.subject, {"offset_s": -late_s}),)
     curve = Curve("received", series.since_first_s, delay_s)
