@@ -29,7 +29,7 @@ from slamsim.config.robot import (
     VariationConfig,
 )
 from slamsim.core.geometry import matrix_from_rpy, se3_from_parts
-from slamsim.core.wheels import wheel_odometry
+from slamsim.models.differential_drive import wheel_odometry
 from slamsim.sim.drive.script import Command, read_encoders
 from slamsim.sim.ground import Ground
 from slamsim.sim.robot.as_built import drawn_robot

@@ -14,8 +14,9 @@ from slamsim.core.result import GraphEdge
 from slamsim.core.types import Float32Array, FloatArray, IntArray
 from slamsim.evaluate.consistency import nees_band
 from slamsim.guard.numbers import NoSolution
+from slamsim.models.blocks import factorise
+from slamsim.models.supernodes import add_block, empty_system, make_panels
 from slamsim.slam.backend.association import share_surfaces
-from slamsim.slam.backend.blocks import factorise
 from slamsim.slam.backend.bundle import NotRefined, Refined, refine
 from slamsim.slam.backend.bundle_equations import (
     add_surfaces,
@@ -24,7 +25,6 @@ from slamsim.slam.backend.bundle_equations import (
     residuals,
     to_map,
 )
-from slamsim.slam.backend.supernodes import add_block, empty_system, make_panels
 from slamsim.slam.matching.surfaces import (
     BEAMS,
     HALF_LENGTH,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from slamsim.recording import RawTicks, Recording
 from slamsim.recording.edits.base import Edit
-from slamsim.recording.edits.motion import repaced, without_jumps
+from slamsim.recording.edits.motion import scaled_odometry, without_jumps
 from slamsim.recording.edits.odometry import ChangeOdometry, OdometryFromTicks, WithOdometry
 from slamsim.recording.edits.wheels import RewireWheels, ScaleWheelNumbers, UnwrapTicks
 from slamsim.recording.repairs.base import Repair
@@ -21,7 +21,7 @@ def scale_lengths(recording: Recording, repair: Repair) -> Edit:
     if any(ticks.topic == repair.subject for ticks in recording.ticks):
         return scale_wheels(recording, repair)
     path = repair.number("radius_factor")
-    return ChangeOdometry(repair.subject, lambda one: repaced(one, path, 1.0))
+    return ChangeOdometry(repair.subject, lambda one: scaled_odometry(one, path, 1.0))
 
 
 def swap_wheels(recording: Recording, repair: Repair) -> Edit:
@@ -49,7 +49,7 @@ def odometry_from_ticks(recording: Recording, repair: Repair) -> Edit:
 def scale_odometry(recording: Recording, repair: Repair) -> Edit:
     """Multiply the path by path_factor and the turn by turn_factor."""
     path, turn = repair.number("path_factor"), repair.number("turn_factor")
-    return ChangeOdometry(repair.subject, lambda one: repaced(one, path, turn))
+    return ChangeOdometry(repair.subject, lambda one: scaled_odometry(one, path, turn))
 
 
 def remove_odometry_jumps(recording: Recording, repair: Repair) -> Edit:

@@ -18,8 +18,9 @@ from slamsim.core.geometry import adjoint, between, compose
 from slamsim.core.result import GraphEdge
 from slamsim.core.types import Float32Array, FloatArray, IntArray
 from slamsim.guard.errors import SlamsimError
+from slamsim.models.blocks import factorise
+from slamsim.models.supernodes import add_block, empty_system, make_panels
 from slamsim.slam.backend.association import Shared, share_surfaces
-from slamsim.slam.backend.blocks import factorise
 from slamsim.slam.backend.bundle_equations import (
     Moments,
     add_surfaces,
@@ -30,7 +31,6 @@ from slamsim.slam.backend.bundle_equations import (
     to_map,
 )
 from slamsim.slam.backend.marginals import add_edges, edge_covariances
-from slamsim.slam.backend.supernodes import add_block, empty_system, make_panels
 from slamsim.slam.backend.surface_information import Sights
 from slamsim.slam.frontend.odometry import ELSEWHERE
 

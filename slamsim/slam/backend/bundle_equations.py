@@ -15,7 +15,7 @@ import numpy as np
 
 from slamsim.core.jit import kernel
 from slamsim.core.types import FloatArray, IntArray
-from slamsim.slam.backend.supernodes import Panels, add_block
+from slamsim.models.supernodes import Panels, add_block
 from slamsim.slam.matching.runs import principal_axis
 from slamsim.slam.matching.surfaces import BEAMS, SCATTER_XX, SCATTER_XY, SCATTER_YY, X, Y
 
