@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from slamsim.core.geometry import compose
-from slamsim.core.types import FloatArray
+from slamsim.core.types import FloatArray, IntArray
 from slamsim.models.differential_drive import (
     arcs_between,
     calibrated_motion,
@@ -36,7 +36,7 @@ def _steps(seed: int, count: int = 6) -> FloatArray:
 
 
 def _walked(
-    steps: FloatArray, parameters: FloatArray, window_ns: tuple[int, int], stamps_ns: FloatArray
+    steps: FloatArray, parameters: FloatArray, window_ns: tuple[int, int], stamps_ns: IntArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     poses, jacobian = np.zeros((len(steps) + 1, 3)), np.zeros((ROWS, PARAMETERS))
     totals = np.zeros(5)
