@@ -44,9 +44,9 @@ def test_steps_are_as_near_the_truth_as_they_claim() -> None:
 
 def test_shape_of_healthy_scans_is_as_declared() -> None:
     motions = scan_motions(healthy().scans[0])
-    sweep, angle, offset = motions.sweep_scale, motions.angle_step, motions.range_offset_m
-    assert sweep is not None and sweep.sigma < 0.05
-    assert abs(sweep.value - 1.0) < 5.0 * sweep.sigma
+    sweep, angle, offset = motions.sweep_s, motions.angle_step, motions.range_offset_m
+    assert sweep.sigma < 0.05 * sweep.declared
+    assert abs(sweep.value - sweep.declared) < 5.0 * sweep.sigma
     assert angle.sigma < 1e-3
     assert abs(angle.value - 1.0) < 5.0 * angle.sigma
     assert abs(offset.value) < 5.0 * offset.sigma
