@@ -12,8 +12,8 @@ from scan_recording import LIDAR, healthy, truth, with_layout, with_ranges
 
 from slamsim.core.geometry import between, compose
 from slamsim.core.types import FloatArray
+from slamsim.models.line_bundle import fit_lines
 from slamsim.recording import RawScans
-from slamsim.slam.backend.bundle_equations import fit_lines
 from slamsim.slam.laser.scan_beams import BeamReader
 from slamsim.slam.laser.scan_equations import POSE, SHAPES, UNKNOWNS, moved_points, window_system
 from slamsim.slam.laser.scan_motion import ScanMotions, scan_motions
@@ -238,7 +238,8 @@ def test_system_is_what_dense_algebra_leaves_of_the_surfaces(seed: int) -> None:
     weights = np.random.default_rng(seed).uniform(1.0, 9.0, 12)
     starts = np.array([0, 6, 12])
     lines = fit_lines(points, weights, starts)
-    system, right = window_system((points, change, weights, VIEWS), starts, lines, 3)
+    surfaces = np.repeat([0, 1], 6)
+    system, right = window_system((points, change, weights, VIEWS), surfaces, starts, lines, 3)
 
     size = 3 * POSE + SHAPES
     rows, off = np.zeros((24, size + 4)), np.zeros(24)
