@@ -1,7 +1,7 @@
 """All scans of a window and all surfaces they share solved at once, and the shape of the scans.
 
 Surfaces are straight lines, refitted at every pose (variable projection, Golub & Pereyra 1973) and
-eliminated as in ``slam.bundle_equations``. What pulls at the shape of all scans is left when
+eliminated as in ``models.line_bundle``. What pulls at the shape of all scans is left when
 the poses have been eliminated too.
 """
 
@@ -16,8 +16,8 @@ from scipy.special import ndtr, stdtrit
 from slamsim.core.geometry import compose
 from slamsim.core.result import GraphEdge
 from slamsim.core.types import BoolArray, FloatArray, IntArray
+from slamsim.models.line_bundle import fit_lines, residuals
 from slamsim.slam.backend.association import Shared, share_surfaces
-from slamsim.slam.backend.bundle_equations import fit_lines, residuals
 from slamsim.slam.laser.scan_equations import POSE, SHAPES, moved_points, window_system
 from slamsim.slam.laser.scan_observations import Observations, observations
 from slamsim.slam.laser.scan_sweep import Sweep, beams_of, local_motion, moved_pieces
@@ -211,7 +211,7 @@ def _solve(
     weights = weights / unit / np.square(1.0 + chi2 / unit / doubted**2)
     lines = fit_lines(points, weights, shared.starts)
     system, right = window_system(
-        (points, change, weights, seen.views), shared.starts, lines, len(poses)
+        (points, change, weights, seen.views), shared.surfaces, shared.starts, lines, len(poses)
     )
     inside = chi2 / unit < INLIER_SIGMAS**2
     inliers = np.bincount(seen.views, inside, len(poses)) / np.maximum(

@@ -109,17 +109,6 @@ class ScanMotions:
     weak: str = ""
 
     @property
-    def sweep_scale(self) -> ShapeEstimate | None:
-        """The sweep relative to the declared one: 1 as declared, 0 all beams at once, -1 reversed.
-
-        None for scans that declare all beams as of one instant.
-        """
-        declared = self.sweep_s.declared
-        if declared == 0.0:
-            return None
-        return ShapeEstimate(self.sweep_s.value / declared, self.sweep_s.sigma / abs(declared), 1.0)
-
-    @property
     def first(self) -> IntArray:
         """(m,) index of the earlier scan of each step from one scan of a window to the next."""
         return _joined([window.scans[:-1] for window in self.windows]).astype(np.int64)
