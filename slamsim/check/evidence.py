@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from typing import TypeVar
 
 from slamsim.check.calibration.distance_unit import WrongUnit, in_metres, wrong_unit
+from slamsim.check.calibration.explanation import Explanation, explain
 from slamsim.check.calibration.joint import Calibration, calibrate_inputs
 from slamsim.check.findings import Finding
 from slamsim.check.motion.inputs import Inputs, gather_inputs
@@ -66,6 +67,11 @@ class RecordingEvidence:
         return self.once("calibration", self._in_metres)
 
     @property
+    def explanation(self) -> Explanation | None:
+        """Which sizes of wheels, gyroscope and lidar are wrong; None without ``calibration``."""
+        return self.once("explanation", self._explanation)
+
+    @property
     def metres_per_unit(self) -> float:
         """What ranges were multiplied by before scans were matched."""
         return self.motions.metres_per_unit if self.motions else 1.0
@@ -86,11 +92,27 @@ class RecordingEvidence:
         found = self.as_recorded
         return None if found is None else wrong_unit(self.recording, self.motions, found)
 
+    def _explanation(self) -> Explanation | None:
+        found = self.calibration
+        return None if found is None else explain(found, self.motions)
+
     def _in_metres(self) -> Calibration | None:
         found = self.as_recorded
         if found is None:
             return None
         return in_metres(found, self.wrong_unit, self.metres_per_unit)
+
+
+def of_sizes(
+    check: Callable[[Calibration, Explanation], Sequence[Finding]],
+) -> Callable[[RecordingEvidence], Sequence[Finding]]:
+    """As ``of_calibration``, of a check that also asks which sizes are wrong."""
+
+    def ask(evidence: RecordingEvidence) -> Sequence[Finding]:
+        found, explained = evidence.calibration, evidence.explanation
+        return [] if found is None or explained is None else check(found, explained)
+
+    return ask
 
 
 def of_calibration(

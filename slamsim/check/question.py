@@ -8,19 +8,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal, TypedDict, Unpack
+from typing import TYPE_CHECKING, Literal
 
-from slamsim.check.findings import Finding, Measurement, Plot, Verdict
+from slamsim.check.findings import Finding, Measurement, Plot, Verdict, decide
 from slamsim.recording.repairs.base import Repair
 
 if TYPE_CHECKING:
     from slamsim.check.evidence import RecordingEvidence
 
 Ask = Callable[["RecordingEvidence"], Iterable[Finding]]
-
-SURE_SIGMAS = 4.5
-"""A size must be so far from healthy: some sixty questions are asked of every recording, and one
-false alarm in a thousand recordings allows each of them 1e-5 (two-sided normal: 4.4 sigmas)."""
 
 Where = Literal["same subject", "anywhere", "lidar stamps"]
 
@@ -106,31 +102,6 @@ class QuestionGroup:
     thorough: bool = False
 
 
-class Criteria(TypedDict, total=False):
-    """How a size is judged, in its unit.
-
-    healthy: the size when all is well, 0 by default. harm: "ok" only if the 95 % interval excludes
-    sizes that far off. doubt: "ok" only if half the interval is shorter. enough: whether the size
-    rests on enough cases to be no accident.
-    """
-
-    healthy: float
-    harm: float
-    doubt: float
-    enough: bool
-
-
-def decide(size: Measurement, limit: float, **criteria: Unpack[Criteria]) -> Verdict:
-    """The rule for every size that is measured; limit: how far off it may be, in its unit."""
-    off = abs(size.value - criteria.get("healthy", 0.0))
-    if criteria.get("enough", True) and off > limit and off > SURE_SIGMAS * size.sigma:
-        return "fault"
-    if "doubt" in criteria:
-        return "ok" if 1.96 * size.sigma < criteria["doubt"] else "inconclusive"
-    harm = criteria.get("harm")
-    return "ok" if harm is None or off + 1.96 * size.sigma < harm else "inconclusive"
-
-
 def judge(
     question: Question,
     subject: str,
@@ -139,17 +110,17 @@ def judge(
     *,
     verdict: Verdict | None = None,
     limit: float | None = None,
+    healthy: float = 0.0,
     fault: FaultKind | None = None,
     advice: str = "",
     repairs: Iterable[Repair] = (),
     plots: Iterable[Plot] = (),
     fault_plots: Iterable[Plot] = (),
-    **criteria: Unpack[Criteria],
 ) -> Finding:
     """The answer to a question about one subject: a topic, frame or edge.
 
     words: what was found, with numbers, a clause without full stop; by verdict where they differ.
-    size: which ``decide`` judges by limit (default: the question's) and criteria. verdict: given
+    size: which ``decide`` judges by limit (default: the question's) and healthy. verdict: given
     where no size decides. fault: which of the question's it is, the first by default. advice,
     repairs, fault_plots: of a fault alone. Raises ValueError for what the question does not
     declare, and without size and verdict.
@@ -157,7 +128,7 @@ def judge(
     shown = question.limit if limit is None and size is not None else limit
     reason = ""
     if verdict is None:
-        verdict, reason = _by_size(question, size, shown, **criteria)
+        verdict, reason = _by_size(question, size, shown, healthy)
     is_fault = verdict == "fault"
     finding = Finding(
         *(question.id, subject, verdict),
@@ -173,19 +144,16 @@ def judge(
 
 
 def _by_size(
-    question: Question, size: Measurement | None, limit: float | None, **criteria: Unpack[Criteria]
+    question: Question, size: Measurement | None, limit: float | None, healthy: float
 ) -> tuple[Verdict, str]:
     """The verdict, and why it is inconclusive."""
     if size is None or limit is None:
         raise ValueError(f"{question.id}: no verdict without a size and its limit")
-    verdict = decide(size, limit, **criteria)
-    if verdict != "inconclusive" or "harm" not in criteria:
+    verdict = decide(size, limit, healthy)
+    if verdict != "inconclusive":
         return verdict, ""
-    reason = "too unsure to tell"
-    if SURE_SIGMAS * size.sigma < abs(size.value - criteria.get("healthy", 0.0)) <= limit:
-        reason = "which is less than can be held against such sensors "
-        reason += f"({limit:.3g} {size.unit})"
-    return verdict, f", {reason}; what would tell: {question.excitation_wanted}"
+    reason = f", too unsure to tell whether it is within {limit:.3g} {question.unit}".rstrip()
+    return verdict, f"{reason}; what would tell: {question.excitation_wanted}"
 
 
 def _require_declared(question: Question, finding: Finding) -> None:

@@ -17,10 +17,12 @@ from scan_recording import (
     world_fixed,
 )
 
+from slamsim.check.diagnosis import explained
 from slamsim.check.findings import Finding
 from slamsim.check.motion.inputs import gather_inputs
 from slamsim.check.motion.laser_steps import laser_motions
 from slamsim.check.questions.laser.laser import check_laser
+from slamsim.check.questions.laser.shape import check_angles
 from slamsim.core.types import FloatArray
 from slamsim.recording import RawImu, RawOdometry, RawScans, Recording, RecordingFormat
 from slamsim.recording.repairs.apply import apply_repairs
@@ -32,7 +34,9 @@ BEAM_DT_S = LIDAR.beam_dt_ns * 1e-9
 def findings(of: Recording) -> dict[str, Finding]:
     motions = laser_motions(of)
     assert motions is not None
-    found = check_laser(motions, gather_inputs(of, motions), of.format)
+    alone = check_laser(motions, gather_inputs(of, motions), of.format)
+    angles = check_angles(motions, None) if motions.windows else []
+    found = [*alone, *angles]
     assert len({finding.check for finding in found}) == len(found)
     return {finding.check: finding for finding in found}
 
@@ -54,9 +58,8 @@ def test_healthy_recording_is_told_so() -> None:
 
 
 def test_rays_fixed_to_the_world_are_named() -> None:
-    found = findings(world_fixed())
-    assert found["laser.rotation"].fault == "laser_world_fixed"
-    assert {finding.fault for finding in found.values()} == {None, "laser_world_fixed"}
+    found = explained(list(findings(world_fixed()).values()))
+    assert {finding.fault for finding in found} == {None, "laser_world_fixed"}
 
 
 def test_rays_fixed_to_the_world_are_turned_back() -> None:

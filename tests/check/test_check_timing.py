@@ -12,6 +12,7 @@ from check_example import motion_findings
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from slamsim.check.calibration.explanation import explain
 from slamsim.check.calibration.joint import Calibration, calibrate_inputs
 from slamsim.check.diagnosis import explained
 from slamsim.check.findings import Finding
@@ -31,8 +32,8 @@ def everything(calibration: Calibration) -> list[Finding]:
     return [
         *check_timing(calibration),
         *check_slip(calibration),
-        *check_wheels(calibration),
-        *check_gyro(calibration),
+        *check_wheels(calibration, explain(calibration)),
+        *check_gyro(calibration, explain(calibration)),
         *check_mounting(calibration),
     ]
 

@@ -17,6 +17,10 @@ def _scans(made: Made) -> Scans:
     return made.bag.scans[0]
 
 
+ROLLED = "flash_scan_timed beam_time_scale time_offset_lidar scan_stamp_middle rolling_scan_untimed"
+"""Readings that are moved within a scan have the times of other readings too."""
+
+
 def _mirrored(made: Made) -> None:
     """Readings in the opposite order of what is declared."""
     _scans(made).ranges_m = _scans(made).ranges_m[:, ::-1].copy()
@@ -90,8 +94,8 @@ def _has_scan_of_tenth(robot: Robot) -> bool:
 
 ORIENTATION = [
     fault("mirrored", "turned", "laser_mirrored laser_upside_down", change=_mirrored),
-    fault("quarter_turn", "turned", "laser_yaw", change=_turned_by_quarter, fits=all_round),
-    fault("halves_swapped", "turned", "laser_yaw", change=_halves_swapped, fits=all_round),
+    fault("quarter_turn", "turned", "laser_yaw", ROLLED, change=_turned_by_quarter, fits=all_round),
+    fault("halves_swapped", "turned", "laser_yaw", ROLLED, change=_halves_swapped, fits=all_round),
     fault(
         "halves_swapped_of_fan",
         "turned",

@@ -80,6 +80,7 @@ STEPS = [
         f"{name}_clock_step_{by_s * 1e3:g}ms",
         "step",
         "clock_step",
+        "stamps_future",
         change=partial(_shift, of=of, by_s=by_s, since=0.5),
     )
     for name, of, by_s in (

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import json
 from pathlib import Path
 from typing import Any, cast
 
@@ -14,7 +15,15 @@ from independent.cases import Case, bag_of, cases, clean_case, make, robot_of
 from independent.faults import EVERY, FAULTS
 from independent.recorded import Bag, Messages
 from independent.writer import STORE, messages_of, write
-from slamsim.bench.check.independent import run_cases, summarise_independent
+from slamsim.bench.check.independent import (
+    IndependentCampaign,
+    generator_folder,
+    run_cases,
+    run_independent,
+    summarise_independent,
+)
+from slamsim.console.reporter import Reporter
+from slamsim.guard.errors import NotFound, SlamsimError
 from slamsim.io.open import read_recording
 
 FOLDER = Path(__file__).parent
@@ -131,6 +140,31 @@ def test_a_case_that_cannot_be_made_costs_no_other() -> None:
     rows = run_cases(FOLDER, [lost, *cases([], 0, 0, ["odometry_nan@1"])], 10.0)
     assert ["error" in row for row in rows] == [True, False]
     assert summarise_independent(rows)["faults"] == 2
+
+
+def test_the_bench_shows_what_was_missed_and_keeps_every_row(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    only = ["odometry_nan@1", "mutation_8@1"]
+    campaign = IndependentCampaign(FOLDER, (), only=only, seconds=8.0, kept=tmp_path)
+    run_independent(campaign, Reporter(quiet=True, as_json=True))
+    figures = json.loads(capsys.readouterr().out)
+    assert {row["case"] for row in figures["rows"]} == set(only)
+    assert (figures["faults"], figures["mutations"], figures["clean"]) == (1, 1, 0)
+    kept = (tmp_path / "independent.jsonl").read_text().splitlines()
+    assert sorted(json.loads(line)["case"] for line in kept) == sorted(only)
+    assert all(name in row["repeat"] for name, row in zip(only, figures["rows"][::-1], strict=True))
+
+
+def test_an_unknown_fault_and_a_missing_generator_are_told(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    campaign = IndependentCampaign(FOLDER, (1,), only=["laser_jaw@1"])
+    with pytest.raises(SlamsimError, match=r"no fault .*laser_jaw.*; the nearest is 'laser_"):
+        run_independent(campaign, Reporter(quiet=True))
+    monkeypatch.setattr("slamsim.bench.check.independent.PLACE", Path("tests") / "nowhere")
+    with pytest.raises(NotFound, match=r"part of a checkout"):
+        generator_folder()
 
 
 @pytest.mark.slow

@@ -11,8 +11,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from slamsim.check.calibration.model import PRIOR_SIGMAS, ROWS, Model
-from slamsim.check.calibration.noise import blocks, jackknife, share_of_scans, whitened, wider
+from slamsim.check.calibration.model import CLOCKS, PRIOR_SIGMAS, ROWS, Model
+from slamsim.check.calibration.noise import (
+    Pieces,
+    blocks,
+    jackknife,
+    pieces_of,
+    share_of_scans,
+    whitened,
+    wider,
+)
 from slamsim.core.types import BoolArray, FloatArray, IntArray
 from slamsim.slam.calibration.online import evidence
 
@@ -39,6 +47,7 @@ class Fit:
     bound_covariance: (p, p) the least that any unbiased method could reach with this noise
     (Cramer-Rao).
 
+    pieces: the same values by parts of the drive, None of too short a one.
     residual: (n, 4) after the fit; weight: (n,) 1 inlier, 0 outlier; used: (n,) whether anything
     was there to compare. chi2: (n,) squared residual in standard deviations.
     """
@@ -46,6 +55,7 @@ class Fit:
     values: FloatArray
     covariance: FloatArray
     bound_covariance: FloatArray
+    pieces: Pieces | None
     residual: FloatArray
     weight: FloatArray
     used: BoolArray
@@ -81,15 +91,28 @@ def fit(model: Model, start: FloatArray) -> Fit:
             jacobian = model.jacobian(values)
     root = noise.root(model.covered(values))
     last = _equations(model, (values, start), jacobian, prior, root, parts)
+    pieces = _pieces(model, last, parts)
     return Fit(
         values=values,
-        covariance=last.covariance,
+        covariance=last.covariance if pieces is None else pieces.widened(last.covariance),
         bound_covariance=last.by_noise,
+        pieces=pieces,
         residual=last.residual,
         weight=last.weight,
         used=last.used,
         chi2=last.chi2,
     )
+
+
+def _pieces(model: Model, last: _Equations, parts: list[IntArray]) -> Pieces | None:
+    if len(parts) < FEW_BLOCKS:
+        return None
+    middle_s = np.array([float(model.first_s[part].mean()) for part in parts])
+    # A piece is too short to tell a drift from a delay.
+    held = last.prior.copy()
+    drifts = [drift for _, drift in CLOCKS]
+    held[drifts, drifts] = 1.0 / HELD_SIGMA**2
+    return pieces_of(middle_s, last.gained, last.gradients, held, last.variance_factor)
 
 
 def _prior(model: Model) -> FloatArray:

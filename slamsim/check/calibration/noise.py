@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import t
+from scipy.stats import chi2, t
 
 from slamsim.check.motion.laser_steps import LaserSteps
 from slamsim.core.types import FloatArray, IntArray
@@ -13,6 +14,11 @@ from slamsim.guard.numbers import solving
 
 BLOCK_S = 2.0
 """Errors farther apart than this are taken for independent."""
+
+MOST_PIECES = 8
+BLOCKS_OF_A_PIECE = 3
+SCATTERS = 0.01
+"""Pieces of a healthy drive scatter as much as noise explains, but for this share of them."""
 
 MOST_SHARED = 0.48
 """Residuals whose errors were all those of shared scans would add up to nothing at all."""
@@ -101,3 +107,62 @@ def wider(moved: FloatArray) -> FloatArray:
     usual = np.full(moved.shape[1], len(moved) - 1.0)
     freedom = np.divide(3.0 * spread, fourth, out=usual.copy(), where=fourth > 0.0)
     return np.asarray(t.ppf(0.975, np.clip(freedom, 3.0, usual)) / 1.96)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Pieces:
+    """An estimate by each of k pieces of the drive alone.
+
+    middle_s: (k,) when. moved: (k, p) the estimate of the piece less that of all. covariance:
+    (k, p, p) by noise.
+    """
+
+    middle_s: FloatArray
+    moved: FloatArray
+    covariance: FloatArray
+
+    @property
+    def sigmas(self) -> FloatArray:
+        """(k, p)."""
+        return np.sqrt(np.diagonal(self.covariance, axis1=1, axis2=2))
+
+    def widened(self, covariance: FloatArray) -> FloatArray:
+        """(p, p) the covariance of the whole estimate, wider where pieces scatter by more than
+        their noise: errors then last longer than a block (Birge 1932)."""
+        weights = 1.0 / np.square(self.sigmas)
+        total = weights.sum(axis=0)
+        freedom = len(self.moved) - 1
+        apart = self.moved - (weights * self.moved).sum(axis=0) / total
+        squares = (weights * np.square(apart)).sum(axis=0)
+        scatter = squares / freedom / total
+        wide = squares > chi2.ppf(1.0 - SCATTERS, freedom)
+        variance = np.diag(covariance)
+        stretch = np.sqrt(np.where(wide, np.maximum(scatter / variance, 1.0), 1.0))
+        return np.asarray(np.outer(stretch, stretch) * covariance)
+
+
+def pieces_of(
+    middle_s: FloatArray,
+    gained: FloatArray,
+    gradients: FloatArray,
+    prior: FloatArray,
+    variance_factor: float,
+) -> Pieces | None:
+    """Blocks (b,) of a fit, in the order of time, as pieces of several blocks each.
+
+    gained: (b, p, p) information and gradients: (b, p) of each block at the optimum, prior:
+    (p, p); each piece is one Gauss-Newton step away. None of too few blocks for two pieces.
+    """
+    count = min(len(middle_s) // BLOCKS_OF_A_PIECE, MOST_PIECES)
+    if count < 2:
+        return None
+    members = np.array_split(np.argsort(middle_s, kind="stable"), count)
+    information = np.array([gained[one].sum(axis=0) for one in members]) + prior
+    gradient = np.array([gradients[one].sum(axis=0) for one in members])
+    with solving("an estimate by a piece of the drive"):
+        inverse = np.linalg.inv(information)
+    return Pieces(
+        np.array([float(middle_s[one].mean()) for one in members]),
+        -np.einsum("kij,kj->ki", inverse, gradient),
+        np.asarray(variance_factor * inverse),
+    )

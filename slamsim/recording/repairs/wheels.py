@@ -5,7 +5,7 @@ from __future__ import annotations
 from slamsim.recording import RawOdometry, RawTicks, Recording
 from slamsim.recording.edits.base import Edit
 from slamsim.recording.edits.messages import ChangeMessages
-from slamsim.recording.edits.motion import repaced, with_twists, without_jumps
+from slamsim.recording.edits.motion import scaled_odometry, with_twists, without_jumps
 from slamsim.recording.edits.odometry import ChangeOdometry, OdometryFromTicks, WithOdometry
 from slamsim.recording.edits.wheels import RewireWheels, ScaleWheelNumbers, UnwrapTicks
 from slamsim.recording.repairs.base import Repair
@@ -22,7 +22,7 @@ def scale_lengths(recording: Recording, repair: Repair) -> Edit:
     if any(ticks.topic == repair.subject for ticks in recording.ticks):
         return scale_wheels(recording, repair)
     path = repair.number("radius_factor")
-    return ChangeOdometry(repair.subject, lambda one: repaced(one, path, 1.0))
+    return ChangeOdometry(repair.subject, lambda one: scaled_odometry(one, path, 1.0))
 
 
 def swap_wheels(recording: Recording, repair: Repair) -> Edit:
@@ -48,9 +48,11 @@ def odometry_from_ticks(recording: Recording, repair: Repair) -> Edit:
 
 
 def scale_odometry(recording: Recording, repair: Repair) -> Edit:
-    """Multiply the path by path_factor and the turn by turn_factor."""
+    """Multiply the path by path_factor and the turn by turn_factor, and turn by curvature_rad_m
+    more on each metre of the path."""
     path, turn = repair.number("path_factor"), repair.number("turn_factor")
-    return ChangeOdometry(repair.subject, lambda one: repaced(one, path, turn))
+    curvature = repair.number("curvature_rad_m") if "curvature_rad_m" in repair.parameters else 0.0
+    return ChangeOdometry(repair.subject, lambda one: scaled_odometry(one, path, turn, curvature))
 
 
 def remove_odometry_jumps(recording: Recording, repair: Repair) -> Edit:

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from slamsim.check.calibration.joint import Calibration
 from slamsim.check.findings import Finding, Measurement
-from slamsim.check.question import FaultKind, Question, decide, judge, unanswered
+from slamsim.check.question import FaultKind, Question, judge, same_subject, unanswered
 from slamsim.check.questions.clocks.pairs import (
     DRIFT_LIMIT,
-    HARM_S,
     LIMITS_S,
     PAIR_WORDS,
     Offset,
@@ -25,16 +24,29 @@ SAME_SWEEP_S = 5e-4
 TURNING = "turning to and fro, ten times a minute"
 STREAM_NAMES = {"lidar": "lidar", "imu": "inertial unit", "wheels": "wheels"}
 
+_RECEIPT = (same_subject("stamps_future", "stamps_late"),)
+"""Stamps that are wrong do not lie where receipt expects them."""
+
 LATE_LIDAR = FaultKind(
-    "time_offset_lidar", "the lidar's stamps are early or late against the other sensors"
+    "time_offset_lidar",
+    "the lidar's stamps are early or late against the other sensors",
+    _RECEIPT,
 )
-STAMP_END = FaultKind("scan_stamp_end", "the stamp is that of the last beam, not the first")
-STAMP_MIDDLE = FaultKind("scan_stamp_middle", "the stamp is that of the middle beam, not the first")
+STAMP_END = FaultKind(
+    "scan_stamp_end", "the stamp is that of the last beam, not the first", _RECEIPT
+)
+STAMP_MIDDLE = FaultKind(
+    "scan_stamp_middle", "the stamp is that of the middle beam, not the first", _RECEIPT
+)
 LATE_IMU = FaultKind(
-    "time_offset_imu", "the inertial unit's stamps are early or late against the other sensors"
+    "time_offset_imu",
+    "the inertial unit's stamps are early or late against the other sensors",
+    _RECEIPT,
 )
 LATE_WHEELS = FaultKind(
-    "time_offset_wheels", "the wheels' stamps are early or late against the other sensors"
+    "time_offset_wheels",
+    "the wheels' stamps are early or late against the other sensors",
+    _RECEIPT,
 )
 
 
@@ -161,12 +173,10 @@ def _pair(calibration: Calibration, pair: str, offset: Offset | None) -> Finding
         f"stamps of the {one} are {_signed_ms(offset.offset_s)} against those of the {other}, "
         f"± {offset.sigma_s * 1e3:.3g} ms (at best {offset.bound_s * 1e3:.2g} ms)"
     )
-    harm = 1e3 * HARM_S[pair]
-    verdict = decide(offset.size, 1e3 * LIMITS_S[pair], harm=harm, enough=False)
-    if calibration.inputs.together:
+    if calibration.inputs.together and offset.is_off:
         words += "; both carry one stamp, so the pose may just be older or newer than the scan"
-        return judge(PAIRS[pair], subject, words, offset.size, verdict=verdict)
-    return judge(PAIRS[pair], subject, words, offset.size, harm=harm, enough=False)
+        return judge(PAIRS[pair], subject, words, offset.size, verdict="inconclusive")
+    return judge(PAIRS[pair], subject, words, offset.size)
 
 
 def _signed_ms(offset_s: float) -> str:
@@ -216,17 +226,17 @@ def _drift(
 ) -> list[Finding]:
     if not drifting:
         best = min(offsets.values(), key=lambda one: one.drift_sigma)
-        size = Measurement(best.drift * 1e6, best.drift_sigma * 1e6, "ppm")
+        size, limit_ppm = best.drift_size, best.drift_limit_ppm
         one, other = PAIR_WORDS[best.pair]
         words = f"clocks of {one} and {other} run apart by {size.value:.3g} ppm ± {size.sigma:.2g}"
         return [
             judge(
                 DRIFT,
                 _topics(calibration)[stream_of(best.pair)],
-                {"ok": words, "inconclusive": f"{words}; a longer recording would tell"},
+                words,
                 size,
-                enough=False,
-                doubt=1e7 * DRIFT_LIMIT,
+                verdict="inconclusive" if best.drifts else None,
+                limit=limit_ppm,
             )
         ]
     sigma = min(one.drift_sigma for one in offsets.values())

@@ -7,15 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from slamsim.check.calibration.joint import Calibration
-from slamsim.check.findings import Measurement
-from slamsim.check.question import SURE_SIGMAS, decide
+from slamsim.check.findings import SURE_SIGMAS, Measurement, decide
 from slamsim.core.types import FloatArray
 
-LIMITS_S = {"gyro": 3e-4, "wheel": 2e-3, "gyro_wheel": 2e-3}
+LIMITS_S = {"gyro": 3e-4, "wheel": 1.5e-3, "gyro_wheel": 1.5e-3}
 """Offsets up to this are healthy: less than a tenth of a scan's own noise at a walking pace. Tyres
 that give make wheels seem half a millisecond early on the simulator's robot, more on soft ones."""
 
-HARM_S = {"gyro": 5e-3, "wheel": 2e-2, "gyro_wheel": 2e-2}
 DRIFT_LIMIT = 1e-5
 GAINED_LIMIT_S = 1e-3
 """A drift matters if it is faster than 10 ppm and gains a millisecond over the recording."""
@@ -31,7 +29,7 @@ PAIR_WORDS = {
 class Offset:
     """One pair of streams: offset at the begin of what was compared, s, and drift, s/s.
 
-    bound_s: the least standard deviation possible. gained_s: by the drift, over the recording.
+    bound_s: the least standard deviation possible. span_s: of what was compared.
     """
 
     pair: str
@@ -40,7 +38,7 @@ class Offset:
     bound_s: float
     drift: float
     drift_sigma: float
-    gained_s: float
+    span_s: float
 
     @property
     def size(self) -> Measurement:
@@ -53,13 +51,19 @@ class Offset:
         return decide(self.size, 1e3 * LIMITS_S[self.pair]) == "fault"
 
     @property
+    def drift_size(self) -> Measurement:
+        """In ppm."""
+        return Measurement(1e6 * self.drift, 1e6 * self.drift_sigma, "ppm")
+
+    @property
+    def drift_limit_ppm(self) -> float:
+        """Up to which the drift does no harm over so long a recording."""
+        return 1e6 * max(DRIFT_LIMIT, GAINED_LIMIT_S / max(self.span_s, 1e-9))
+
+    @property
     def drifts(self) -> bool:
         """Whether the drift is a fault."""
-        return (
-            abs(self.drift) > DRIFT_LIMIT
-            and abs(self.gained_s) > GAINED_LIMIT_S
-            and abs(self.drift) > SURE_SIGMAS * self.drift_sigma
-        )
+        return decide(self.drift_size, self.drift_limit_ppm) == "fault"
 
 
 def pairs_of(calibration: Calibration) -> tuple[str, ...]:
@@ -74,11 +78,11 @@ def offset_of(calibration: Calibration, pair: str) -> Offset:
     """The offset and drift of a pair; of one that certainly drifts the offset where it began."""
     drift, drift_sigma, _ = calibration.drift(pair)
     seconds = calibration.model.span_s
-    now = Offset(pair, *calibration.offset(pair), drift, drift_sigma, drift * seconds)
+    now = Offset(pair, *calibration.offset(pair), drift, drift_sigma, seconds)
     if now.drifts:
         now = Offset(
             *(pair, *calibration.offset(pair, -0.5 * seconds)),
-            *(drift, drift_sigma, drift * seconds),
+            *(drift, drift_sigma, seconds),
         )
     return now
 

@@ -67,7 +67,7 @@ def check_coverage(recording: Recording, graph: FrameGraph) -> Iterator[Finding]
                     f"{MAX_COVER_GAP_NS * 1e-9:g} s on both sides",
                 },
                 Measurement(100.0 * share, 0.0, "%"),
-                enough=share * len(scans) > MIN_UNCOVERED,
+                limit=100.0 * max(MAX_UNCOVERED_SHARE, MIN_UNCOVERED / len(scans)),
                 advice="Publish the transform at 10 Hz or more, on the clock of the scans, and "
                 "record it from before the first scan.",
             )

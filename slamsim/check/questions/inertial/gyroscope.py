@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from slamsim.check.calibration.explanation import LIMITS, Explanation
 from slamsim.check.calibration.joint import Calibration
-from slamsim.check.calibration.majority import Majority, majority
-from slamsim.check.evidence import of_calibration
+from slamsim.check.evidence import of_sizes
 from slamsim.check.findings import Finding, Measurement
 from slamsim.check.motion.integrated import IntegratedMotion
 from slamsim.check.question import (
@@ -20,10 +20,7 @@ from slamsim.check.question import (
 from slamsim.check.questions.inertial.gravity import IMU_AXIS
 from slamsim.recording.repairs.base import Repair
 
-SCALE_LIMIT, SCALE_HARM = 0.01, 0.03
-"""Consumer gyroscopes are sold with 1 % of scale error; 3 % are ten degrees in a full turn."""
-
-BIAS_LIMIT_RAD_S, BIAS_HARM_RAD_S = 0.0105, 0.03
+BIAS_LIMIT_RAD_S = 0.0105
 """0.6 degrees per second, five times the usual turn-on bias of the units that robots carry."""
 
 DEGREES = np.degrees(1.0)
@@ -49,7 +46,7 @@ SCALE = Question(
     "gyro.scale",
     "the gyroscope turns as far as the robot, in radians, to the left",
     (GYRO_SCALE, GYRO_DEGREES, GYRO_SIGN),
-    limit=100.0 * SCALE_LIMIT,
+    limit=100.0 * LIMITS["gyro"],
     unit="%",
     consequence="the heading is off by this share of every turn until a scan corrects it",
     excitation_wanted=TURNING,
@@ -67,7 +64,7 @@ BIAS = Question(
 )
 
 
-def check_gyro(calibration: Calibration) -> list[Finding]:
+def check_gyro(calibration: Calibration, explained: Explanation) -> list[Finding]:
     """Scale, with sign and unit, and bias."""
     gyro = calibration.inputs.gyro
     if gyro is None:
@@ -81,10 +78,10 @@ def check_gyro(calibration: Calibration) -> list[Finding]:
         return [unanswered(SCALE, gyro.topic, words)]
     if gyro.axis != "z":
         return [_sideways(gyro)]
-    return [_scale(calibration, gyro, majority(calibration)), _bias(calibration, gyro)]
+    return [_scale(calibration, gyro, explained.too_large["gyro"]), _bias(calibration, gyro)]
 
 
-GROUP = QuestionGroup("motion", 170, (AXIS, SCALE, BIAS), of_calibration(check_gyro), thorough=True)
+GROUP = QuestionGroup("motion", 170, (AXIS, SCALE, BIAS), of_sizes(check_gyro), thorough=True)
 
 
 def _sideways(gyro: IntegratedMotion) -> Finding:
@@ -97,25 +94,22 @@ def _sideways(gyro: IntegratedMotion) -> Finding:
     )
 
 
-def _scale(calibration: Calibration, gyro: IntegratedMotion, turns: Majority) -> Finding:
-    read = 1.0 / turns.gyro_gain
-    sigma = calibration.sigma("gyro_gain") / calibration.value("gyro_gain") ** 2
+def _scale(
+    calibration: Calibration, gyro: IntegratedMotion, too_large: Measurement | None
+) -> Finding:
+    if too_large is None:
+        return unanswered(SCALE, gyro.topic, "nothing tells whether it or the scans turn too far")
+    read = (1.0 + too_large.value / 100.0) * float(np.sign(calibration.value("gyro_gain")))
     unit, fault = read, GYRO_SCALE
     if abs(abs(read) / DEGREES - 1.0) < SAME_UNIT:
         unit, fault = DEGREES, GYRO_DEGREES
     elif read < 0.0:
         unit, fault = -1.0, GYRO_SIGN
-    words = f"it reads {read:.5g} of what the robot turns"
-    if turns.laser_gain != 1.0:
-        words = (
-            f"it turns like the wheels, while the scans turn {turns.laser_gain:.4g} times as far"
-        )
     return judge(
         SCALE,
         gyro.topic,
-        words,
-        Measurement(100.0 * (read - 1.0), 100.0 * sigma, "%"),
-        harm=100.0 * SCALE_HARM,
+        f"it reads {read:.5g} of what the robot turns",
+        Measurement(100.0 * (read - 1.0), too_large.sigma, "%"),
         fault=fault,
         advice=f"Divide its rates by {unit:.5g}.",
         repairs=(Repair("scale_gyro", gyro.topic, {"factor": 1.0 / unit}),),
@@ -131,7 +125,6 @@ def _bias(calibration: Calibration, gyro: IntegratedMotion) -> Finding:
         gyro.topic,
         f"it turns by {np.degrees(bias):+.3g} deg/s at rest",
         Measurement(bias, calibration.sigma("gyro_bias_rad_s"), "rad/s"),
-        harm=BIAS_HARM_RAD_S,
         advice="Subtract its mean at rest before use.",
         repairs=(Repair("subtract_gyro_bias", gyro.topic, {"bias_rad_s": read}),),
     )

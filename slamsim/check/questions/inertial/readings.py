@@ -122,7 +122,7 @@ def _spikes(imu: RawImu, accelerations: FloatArray) -> Finding:
         imu.topic,
         {"ok": words, "fault": f"{words}, up to {length.max():.3g}"},
         Measurement(100.0 * float(spikes.mean()), 0.0, "%"),
-        enough=int(spikes.sum()) >= MIN_SPIKES,
+        limit=100.0 * max(MAX_SPIKE_SHARE, (MIN_SPIKES - 0.5) / len(length)),
         advice="Look for a bad bus or a unit that sits loose; a robot that takes such knocks falls "
         "over.",
     )

@@ -25,17 +25,15 @@ from slamsim.slam.laser.scan_motion import ScanMotions
 def check_laser(
     motions: ScanMotions, inputs: Inputs, recorded_as: RecordingFormat
 ) -> list[Finding]:
-    """Rotation, angles, sweep and offset of the ranges. inputs: of the same recording."""
+    """Rotation, sweep and offset of the ranges. inputs: of the same recording."""
     if not motions.windows:
         words = f"the scans tell nothing of their motion: {motions.weak}"
         return [unanswered(ROTATION, motions.topic, words)]
-    rotation = check_rotation(inputs)
-    shape = [*check_angles(motions), check_sweep(motions, recorded_as)]
-    if rotation.fault == "laser_world_fixed":
+    rotation, sweep = check_rotation(inputs), check_sweep(motions, recorded_as)
+    if rotation.fault == "laser_world_fixed" and sweep.verdict == "fault":
         # A beam that does not turn with the laser has no fixed place among the others.
-        reason = "rays fixed to the world hide it"
-        shape = [one.inconclusive(reason) if one.verdict == "fault" else one for one in shape]
-    return [rotation, *shape, check_range_offset(motions)]
+        sweep = sweep.inconclusive("rays fixed to the world hide it")
+    return [rotation, sweep, check_range_offset(motions)]
 
 
 def _asked(evidence: RecordingEvidence) -> Sequence[Finding]:
@@ -45,6 +43,12 @@ def _asked(evidence: RecordingEvidence) -> Sequence[Finding]:
     return check_laser(motions, evidence.inputs, evidence.recording.format)
 
 
-GROUP = QuestionGroup(
-    "motion", 100, (ROTATION, ANGLE_UNIT, ANGLE_STEP, SWEEP, RANGE_OFFSET), _asked, thorough=True
-)
+def _angles(evidence: RecordingEvidence) -> Sequence[Finding]:
+    motions = evidence.motions
+    if motions is None or not motions.windows:
+        return []
+    return check_angles(motions, evidence.explanation)
+
+
+GROUP = QuestionGroup("motion", 100, (ROTATION, SWEEP, RANGE_OFFSET), _asked, thorough=True)
+ANGLES = QuestionGroup("motion", 105, (ANGLE_UNIT, ANGLE_STEP), _angles, thorough=True)

@@ -12,13 +12,11 @@ from slamsim.check.calibration.joint import Calibration
 from slamsim.check.evidence import of_calibration
 from slamsim.check.findings import Finding, Measurement
 from slamsim.check.question import FaultKind, Question, QuestionGroup, judge, unanswered
-from slamsim.check.questions.wheels.sizes import POSES_TIMES
 from slamsim.core.geometry import wrap_angle
 from slamsim.core.types import FloatArray
 from slamsim.recording.repairs.base import Repair
 
-YAW_LIMIT_DEG, YAW_HARM_DEG = 0.3, 2.0
-PLACE_LIMIT_M, PLACE_HARM_M = 0.01, 0.05
+YAW_LIMIT_DEG, PLACE_LIMIT_M = 0.3, 0.005
 """What brackets and tape measures leave; tyres that give move the axle by a millimetre."""
 
 DRIVING = "ten metres of straight driving"
@@ -92,12 +90,6 @@ GROUP = QuestionGroup(
 )
 
 
-def _times(calibration: Calibration) -> float:
-    """How many times wider limits are for poses than for counters."""
-    wheels = calibration.model.wheels
-    return 1.0 if wheels is None or wheels.wired else POSES_TIMES
-
-
 def _repair(calibration: Calibration) -> Repair:
     found = {
         name: calibration.value(long)
@@ -111,14 +103,12 @@ def _repair(calibration: Calibration) -> Repair:
 def _yaw(calibration: Calibration, declared: FloatArray) -> Finding:
     """declared: (3,) T_base_laser as x, y, yaw."""
     off = float(wrap_angle(np.asarray(calibration.value("laser_yaw_rad") - declared[2])))
-    sigma = calibration.sigma("laser_yaw_rad")
+    sigma, side = calibration.sigma("laser_yaw_rad"), "left" if off > 0.0 else "right"
     return judge(
         YAW,
         calibration.inputs.laser_frame,
-        f"the laser looks {np.degrees(off):+.3g} deg further to the left than declared",
+        f"the laser looks {abs(np.degrees(off)):.3g} deg further to the {side} than declared",
         Measurement(float(np.degrees(off)), float(np.degrees(sigma)), "deg"),
-        limit=_times(calibration) * YAW_LIMIT_DEG,
-        harm=YAW_HARM_DEG,
         advice=f"Turn its transform by {np.degrees(off):.3f} deg about z.",
         repairs=(_repair(calibration),),
     )
@@ -128,14 +118,13 @@ def _place(calibration: Calibration, declared: FloatArray, axis: int) -> Finding
     """declared: (3,) T_base_laser. axis: 0 of x, 1 of y."""
     name = _NAMES[axis]
     off_m = calibration.value(name) - float(declared[axis])
-    side = ("forward", "to the left")[axis]
+    sides = (("forward", "back"), ("to the left", "to the right"))[axis]
+    side = sides[0] if off_m > 0.0 else sides[1]
     return judge(
         PLACE[axis],
         calibration.inputs.laser_frame,
-        f"the laser sits {1e3 * off_m:+.1f} mm further {side} than declared",
+        f"the laser sits {1e3 * abs(off_m):.1f} mm further {side} than declared",
         Measurement(1e3 * off_m, 1e3 * calibration.sigma(name), "mm"),
-        limit=_times(calibration) * 1e3 * PLACE_LIMIT_M,
-        harm=1e3 * PLACE_HARM_M,
         advice=f"Correct {'xy'[axis]} of its transform.",
         repairs=(_repair(calibration),),
     )

@@ -9,30 +9,29 @@ from __future__ import annotations
 
 import numpy as np
 
+from slamsim.check.calibration.explanation import Explanation
 from slamsim.check.fault_groups import LIDAR_TIMES, SWEEPS
-from slamsim.check.findings import Curve, Finding, Measurement, Plot
-from slamsim.check.question import SURE_SIGMAS, FaultKind, Question, anywhere, decide, judge
+from slamsim.check.findings import SURE_SIGMAS, Curve, Finding, Measurement, Plot, Verdict, decide
+from slamsim.check.question import FaultKind, Question, anywhere, judge
 from slamsim.recording import RecordingFormat
 from slamsim.recording.repairs.base import Repair
 from slamsim.slam.laser.scan_motion import ScanMotions, ShapeEstimate
 
-ANGLE_LIMIT, ANGLE_HARM = 5e-4, 0.01
+ANGLE_LIMIT = 5e-4
 """0.05 % between beams is a fifth of a degree in a full turn; walls are no straighter."""
 
-OFFSET_LIMIT_M, OFFSET_HARM_M = 0.03, 0.1
+OFFSET_LIMIT_M = 0.03
 """What edges of the beam and dark surfaces do to a healthy lidar, and what blurs a map."""
 
 SWEEP_LIMIT, SWEEP_LIMIT_S = 0.05, 5e-4
 """Errors of the time between beams up to this share, or of the sweep up to this, do no harm."""
 
-SWEEP_HARM = 0.4
 MEANT = 0.15
 """Sweeps this near to nothing, or to minus the declared one, are meant to be so."""
 
 UNTIMED_LIMIT_S = 4e-3
 """Robots of the kind turn by less than a quarter of a degree in that time."""
 
-UNTIMED_HARM_S = 0.05
 NO_FIELD: tuple[RecordingFormat, ...] = ("carmen",)
 """Formats that have no place for the time between beams."""
 
@@ -51,7 +50,9 @@ REVERSED = FaultKind(
     "the beams fire in the opposite order of what is declared",
     (anywhere(*LIDAR_TIMES, "laser_yaw", "laser_angle_step"),),
 )
-SCALED = FaultKind("beam_time_scale", "the time between beams is wrong")
+SCALED = FaultKind(
+    "beam_time_scale", "the time between beams is wrong", (anywhere("scans_overlap"),)
+)
 UNTIMED = FaultKind(
     "rolling_scan_untimed",
     "beams fired one after the other are declared as of one instant",
@@ -103,18 +104,27 @@ SWEEP = Question(
 )
 
 
-def check_angles(motions: ScanMotions) -> list[Finding]:
-    """The unit of the angles, and the angle between beams."""
-    found = motions.angle_step
-    error = 100.0 * (1.0 / found.value - 1.0)
+def check_angles(motions: ScanMotions, explained: Explanation | None) -> list[Finding]:
+    """The unit of the angles, and the angle between beams.
+
+    explained: whether gyroscope and wheels both say that the scans turn too far.
+    """
+    found, by = motions.angle_step, "the one at which scans fit"
+    factor, sigma = found.value, found.sigma
+    turns = None if explained is None else explained.too_large["scan_turns"]
+    if explained is not None and turns is not None and "scan_turns" in explained.wrong:
+        corrected = found.value if motions.contradicted[1] else 1.0
+        factor = corrected / (1.0 + turns.value / 100.0)
+        sigma, by = factor * turns.sigma / 100.0, "the one at which scans turn as the others do"
+    error = 100.0 * (1.0 / factor - 1.0)
     step = judge(
         ANGLE_STEP,
         motions.topic,
-        f"the declared angle between beams is {error:+.3g} % off the one at which scans fit",
-        Measurement(error, 100.0 * found.sigma / found.value**2, "%"),
-        harm=100.0 * ANGLE_HARM,
-        advice=f"Multiply the angle between beams by {found.value:.6g}, about the middle beam.",
-        repairs=(Repair("scale_angles", motions.topic, {"factor": found.value}),),
+        f"the declared angle between beams is {abs(error):.3g} % "
+        f"{'larger' if error > 0.0 else 'smaller'} than {by}",
+        Measurement(error, 100.0 * sigma / factor**2, "%"),
+        advice=f"Multiply the angle between beams by {factor:.6g}, about the middle beam.",
+        repairs=(Repair("scale_angles", motions.topic, {"factor": factor}),),
     )
     return [_unit(motions), step]
 
@@ -141,9 +151,9 @@ def check_range_offset(motions: ScanMotions) -> Finding:
     return judge(
         RANGE_OFFSET,
         motions.topic,
-        f"ranges are {1e3 * found.value:+.3g} mm too long",
+        f"ranges are {1e3 * abs(found.value):.3g} mm too "
+        f"{'long' if found.value > 0.0 else 'short'}",
         Measurement(1e3 * found.value, 1e3 * found.sigma, "mm"),
-        harm=1e3 * OFFSET_HARM_M,
         advice=f"Subtract {recorded:.4g} from every range.",
         repairs=(Repair("add_to_ranges", motions.topic, {"offset_m": -recorded}),),
     )
@@ -164,9 +174,8 @@ def check_sweep(motions: ScanMotions, recorded_as: RecordingFormat) -> Finding:
         motions.topic,
         {"ok": words, "inconclusive": words, "fault": f"{meaning}: {words}"},
         share,
-        harm=SWEEP_HARM,
+        limit=max(SWEEP_LIMIT, SWEEP_LIMIT_S / abs(found.declared)),
         healthy=1.0,
-        enough=abs(share.value - 1.0) * abs(found.declared) > SWEEP_LIMIT_S,
         fault=fault,
         advice=advice,
         repairs=(Repair("scale_beam_times", motions.topic, {"factor": factor}),),
@@ -197,10 +206,9 @@ def _untimed(motions: ScanMotions, recorded_as: RecordingFormat) -> Finding:
         "the beams are declared as of one instant; by scans that overlap they take "
         f"{size.value:.3g} ± {1.96 * size.sigma:.2g} ms"
     )
-    harm = 1e3 * UNTIMED_HARM_S
-    cannot_say = recorded_as in NO_FIELD
-    if cannot_say and decide(size, limit, harm=harm) == "fault":
-        words += f", which {recorded_as} logs have no place for"
+    verdict: Verdict | None = None
+    if recorded_as in NO_FIELD and decide(size, limit) == "fault":
+        verdict, words = "ok", f"{words}, which {recorded_as} logs have no place for"
     return judge(
         SWEEP,
         motions.topic,
@@ -210,9 +218,8 @@ def _untimed(motions: ScanMotions, recorded_as: RecordingFormat) -> Finding:
             "fault": f"the beams fire one after the other: {words}",
         },
         size,
+        verdict=verdict,
         limit=limit,
-        harm=harm,
-        enough=not cannot_say,
         fault=UNTIMED,
         advice="Declare the time between beams, so that scans can be freed of motion.",
         repairs=(Repair("set_sweep", motions.topic, {"sweep_s": found.value}),),

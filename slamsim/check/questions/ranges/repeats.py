@@ -42,7 +42,8 @@ def check_repeats(recording: Recording, scans: RawScans, sample: ScanSample) -> 
     moving = moving_at(recording, scans.stamps_ns)
     repeats = sample.repeats if moving is None else sample.repeats & moving
     count = int(repeats.sum())
-    share = float(repeats.mean()) if moving is None else count / max(int(moving.sum()), 1)
+    moved = len(scans) if moving is None else max(int(moving.sum()), 1)
+    share = count / moved
     if moving is None and share > _PERFECT_SHARE:
         words = "most scans repeat the one before, and nothing says whether the robot moved"
         return unanswered(STUCK, scans.topic, words)
@@ -56,7 +57,7 @@ def check_repeats(recording: Recording, scans: RawScans, sample: ScanSample) -> 
             f"robot moves, first after {first_s:.1f} s",
         },
         Measurement(100.0 * share, 0.0, "%"),
-        enough=count >= MIN_REPEATED,
+        limit=100.0 * max(MAX_REPEATED_SHARE, (MIN_REPEATED - 0.5) / moved),
         advice="Look for a driver that publishes its last buffer again, or a republisher.",
         repairs=(Repair("drop_repeated_scans", scans.topic),),
     )

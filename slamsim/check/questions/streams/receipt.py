@@ -201,7 +201,6 @@ def _drifting(series: StampSeries, drift: _Drift | None, common: float) -> Findi
         },
         size,
         limit=limit_ppm,
-        doubt=10.0 * limit_ppm,
         fault=STAMPS_INVENTED if invented else CLOCK_DRIFT,
         advice="Convert the recording again with the stamps that the driver gave, or with the "
         "times of receipt."

@@ -6,12 +6,11 @@ import numpy as np
 from scipy.special import pdtrc
 
 from slamsim.check.fault_groups import BY_SCANS, LIDAR_TIMES
-from slamsim.check.findings import Curve, Finding, Measurement, Plot
+from slamsim.check.findings import Curve, Finding, Measurement, Plot, decide
 from slamsim.check.question import (
     FaultKind,
     Question,
     anywhere,
-    decide,
     judge,
     lidar_stamps,
     same_subject,
@@ -94,7 +93,7 @@ SCATTER = Question(
         FaultKind(
             "stamps_jitter",
             "stamps scatter: time of publishing, not of measuring",
-            (lidar_stamps(*BY_SCANS),),
+            (lidar_stamps(*BY_SCANS), same_subject("stamps_backward", "stamps_future")),
         ),
     ),
     limit=1e3 * MAX_SCATTER_S,
@@ -204,7 +203,7 @@ def _repeats(series: StampSeries) -> Finding:
         series.subject,
         f"{repeated} of {len(series)} messages carry the stamp of another one",
         Measurement(100.0 * repeated / len(series), 0.0, "%"),
-        enough=repeated >= _MIN_REPEATED,
+        limit=100.0 * max(MAX_REPEATED_SHARE, (_MIN_REPEATED - 0.5) / len(series)),
         advice="Stamp each message with the instant of its own measurement.",
         repairs=(Repair("restamp_evenly", series.subject),),
         fault_plots=(_steps_plot(series),),

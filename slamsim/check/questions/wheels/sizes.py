@@ -4,21 +4,21 @@ from __future__ import annotations
 
 import numpy as np
 
+from slamsim.check.calibration.explanation import LIMITS, Explanation, Size
 from slamsim.check.calibration.joint import Calibration
-from slamsim.check.calibration.majority import Majority, majority
-from slamsim.check.evidence import of_calibration
+from slamsim.check.evidence import of_sizes
 from slamsim.check.findings import Finding, Measurement
 from slamsim.check.motion.integrated import IntegratedMotion
 from slamsim.check.question import FaultKind, Question, QuestionGroup, anywhere, judge, unanswered
 from slamsim.recording.repairs.base import Repair
 
-RADIUS_LIMIT, TRACK_LIMIT = 0.01, 0.02
-"""Careful calibration leaves 0.2 % and 0.5 % (Borenstein & Feng 1996); tape measures less."""
+UNEQUAL_LIMIT = 0.0025
+"""Careful calibration leaves 0.2 % between the wheels (Borenstein & Feng 1996)."""
 
-POSES_TIMES = 6.0
-"""So many times wider are limits where poses come instead of counters: rarely, late, smoothed."""
+STRAIGHT_LIMIT_DEG_M = 0.5
+"""That on a robot whose wheels are 0.3 m apart: narrower ones are rare."""
 
-RADIUS_HARM, TRACK_HARM = 0.03, 0.06
+_SIZES: tuple[Size, Size] = ("radius", "track")
 DRIVING = "ten metres of straight driving"
 TURNING = "a few full turns on the spot"
 
@@ -40,13 +40,13 @@ WIRING = Question(
     (SWAPPED, REVERSED),
     consequence="the odometry turns the wrong way, or turns when the robot goes straight",
     excitation_wanted=TURNING,
-    repairs=("swap_wheels", "reverse_wheel"),
+    repairs=("swap_wheels", "reverse_wheel", "scale_odometry"),
 )
 RADIUS = Question(
     "wheels.radius",
     "the wheels are as large as declared",
     (WHEEL_RADIUS,),
-    limit=100.0 * RADIUS_LIMIT,
+    limit=100.0 * LIMITS["radius"],
     unit="%",
     consequence="the odometry goes too far by this share of the path",
     excitation_wanted=DRIVING,
@@ -56,17 +56,27 @@ UNEQUAL = Question(
     "wheels.unequal",
     "both wheels are equally large",
     (WHEEL_RADIUS,),
-    limit=100.0 * RADIUS_LIMIT,
+    limit=100.0 * UNEQUAL_LIMIT,
     unit="%",
     consequence="the odometry makes a curve of a straight drive",
     excitation_wanted=DRIVING,
     repairs=("scale_wheels", "scale_odometry"),
 )
+STRAIGHT = Question(
+    "odometry.straight",
+    "the robot goes straight where the odometry does",
+    (WHEEL_RADIUS,),
+    limit=STRAIGHT_LIMIT_DEG_M,
+    unit="deg/m",
+    consequence="the odometry makes a curve of a straight drive",
+    excitation_wanted=DRIVING,
+    repairs=("scale_odometry",),
+)
 TRACK = Question(
     "wheels.track",
     "the wheels are as far apart as declared",
     (FaultKind("wheel_track", "the wheels stand wider or closer than declared"),),
-    limit=100.0 * TRACK_LIMIT,
+    limit=100.0 * LIMITS["track"],
     unit="%",
     consequence="the odometry turns too far by this share of every turn",
     excitation_wanted=TURNING,
@@ -74,7 +84,7 @@ TRACK = Question(
 )
 
 
-def check_wheels(calibration: Calibration) -> list[Finding]:
+def check_wheels(calibration: Calibration, explained: Explanation) -> list[Finding]:
     """Wiring first; sizes of the wheels as they are really wired."""
     wheels = calibration.model.wheels
     if wheels is None:
@@ -88,17 +98,17 @@ def check_wheels(calibration: Calibration) -> list[Finding]:
         ]
     return [
         *_wiring(calibration, wheels),
-        _radius(calibration, wheels),
-        *_unequal(calibration, wheels),
-        _track(calibration, wheels, majority(calibration)),
+        _size(RADIUS, wheels, explained, "radius"),
+        _unequal(calibration, wheels, explained),
+        _size(TRACK, wheels, explained, "track"),
     ]
 
 
 GROUP = QuestionGroup(
     "motion",
     160,
-    (WIRING, RADIUS, UNEQUAL, TRACK),
-    of_calibration(check_wheels),
+    (WIRING, RADIUS, UNEQUAL, STRAIGHT, TRACK),
+    of_sizes(check_wheels),
     thorough=True,
 )
 
@@ -106,7 +116,7 @@ GROUP = QuestionGroup(
 def _wiring(calibration: Calibration, wheels: IntegratedMotion) -> list[Finding]:
     wiring = calibration.alignment.wiring
     if not wheels.wired:
-        return []
+        return _turning(calibration, wheels)
     if wiring == "as declared":
         if not any(calibration.follows(pair) for pair in ("wheel", "gyro_wheel")):
             words = "nothing that the robot did shows how they are wired"
@@ -135,82 +145,98 @@ def _wiring(calibration: Calibration, wheels: IntegratedMotion) -> list[Finding]
     ]
 
 
-def _radius(calibration: Calibration, wheels: IntegratedMotion) -> Finding:
-    gain, sigma = calibration.value("path_gain"), calibration.sigma("path_gain")
-    large = 100.0 * (1.0 / gain - 1.0)
-    return judge(
-        RADIUS,
-        wheels.topic,
-        f"the wheels are believed {large:+.3g} % too large",
-        Measurement(large, 100.0 * sigma / gain**2, "%"),
-        limit=100.0 * _limit(wheels, RADIUS_LIMIT),
-        harm=100.0 * RADIUS_HARM,
-        advice=_advice(calibration, wheels),
-        repairs=(_repair(calibration, wheels),),
-    )
-
-
-def _limit(wheels: IntegratedMotion, limit: float) -> float:
-    return limit if wheels.wired else POSES_TIMES * limit
-
-
-def _unequal(calibration: Calibration, wheels: IntegratedMotion) -> list[Finding]:
-    """The right wheel's true radius over the left one's, as far as their driver does not know."""
-    if not wheels.wired:
+def _turning(calibration: Calibration, wheels: IntegratedMotion) -> list[Finding]:
+    """Of poses only the direction of turns can be told."""
+    if not calibration.follows("wheel") or calibration.value("turn_gain") > 0.0:
         return []
-    per_curvature = 100.0 * wheels.track_m / calibration.value("path_gain")
-    larger = per_curvature * calibration.value("curvature_rad_m")
-    sigma = abs(per_curvature) * calibration.sigma("curvature_rad_m")
     return [
         judge(
-            UNEQUAL,
+            WIRING,
             wheels.topic,
-            f"the right wheel is {larger:+.2g} % larger than the left one",
-            Measurement(larger, sigma, "%"),
-            harm=100.0 * RADIUS_HARM,
-            advice=_advice(calibration, wheels),
-            repairs=(_repair(calibration, wheels),),
+            "the odometry turns right where the robot turns left",
+            verdict="fault",
+            fault=SWAPPED,
+            advice="Exchange the two wheels in the driver, or change the sign of its turns.",
+            repairs=(
+                Repair("scale_odometry", wheels.topic, {"path_factor": 1.0, "turn_factor": -1.0}),
+            ),
         )
     ]
 
 
-def _track(calibration: Calibration, wheels: IntegratedMotion, turns: Majority) -> Finding:
-    path, turn = calibration.value("path_gain"), turns.turn_gain
-    relative = np.hypot(
-        calibration.sigma("path_gain") / path, calibration.sigma("turn_gain") / turn
-    )
-    ratio = turn / path
+def _size(
+    question: Question, wheels: IntegratedMotion, explained: Explanation, size: Size
+) -> Finding:
+    too_large = explained.too_large[size]
+    if too_large is None:
+        words = "nothing tells it apart from another size that is wrong"
+        return unanswered(question, wheels.topic, words)
+    more, less = ("large", "small") if question is RADIUS else ("far apart", "close together")
+    what = more if too_large.value > 0.0 else less
     return judge(
-        TRACK,
+        question,
         wheels.topic,
-        f"the wheels are believed {100.0 * (ratio - 1.0):+.3g} % too far apart",
-        Measurement(100.0 * (ratio - 1.0), 100.0 * float(relative) * abs(ratio), "%"),
-        limit=100.0 * _limit(wheels, TRACK_LIMIT),
-        harm=100.0 * TRACK_HARM,
-        advice=_advice(calibration, wheels),
-        repairs=(_repair(calibration, wheels),),
+        f"the wheels are believed {abs(too_large.value):.3g} % too {what}",
+        too_large,
+        advice=_advice(explained),
+        repairs=(_repair(wheels, explained),),
     )
 
 
-def _true_wheels(calibration: Calibration, wheels: IntegratedMotion) -> tuple[float, float, float]:
-    """What to multiply the left and the right radius by, and the track."""
-    path, turn = calibration.value("path_gain"), calibration.value("turn_gain")
-    half = 0.5 * calibration.value("curvature_rad_m") * wheels.track_m
-    return path - half, path + half, path / turn
-
-
-def _advice(calibration: Calibration, wheels: IntegratedMotion) -> str:
-    left, right, track = _true_wheels(calibration, wheels)
-    return (
-        f"Multiply the radius of the left wheel by {left:.5f}, of the right by {right:.5f}, "
-        f"and the track by {track:.5f}."
+def _unequal(calibration: Calibration, wheels: IntegratedMotion, explained: Explanation) -> Finding:
+    """The curve that wheels make of a straight drive, as far as their driver does not know."""
+    curvature_rad_m = calibration.value("curvature_rad_m") / calibration.value("path_gain")
+    sigma_rad_m = calibration.sigma("curvature_rad_m") / abs(calibration.value("path_gain"))
+    if not wheels.wired:
+        curved = Measurement(
+            float(np.degrees(curvature_rad_m)), float(np.degrees(sigma_rad_m)), "deg/m"
+        )
+        side = "left" if curved.value > 0.0 else "right"
+        return judge(
+            STRAIGHT,
+            wheels.topic,
+            f"where the odometry goes straight the robot turns {side} by {abs(curved.value):.2g} "
+            "deg/m",
+            curved,
+            advice="Measure both wheels: one is larger than the other.",
+            repairs=(_repair(wheels, explained, calibration.value("curvature_rad_m")),),
+        )
+    larger = Measurement(
+        100.0 * wheels.track_m * curvature_rad_m, 100.0 * wheels.track_m * sigma_rad_m, "%"
+    )
+    which = "right" if larger.value > 0.0 else "left"
+    return judge(
+        UNEQUAL,
+        wheels.topic,
+        f"the {which} wheel is {abs(larger.value):.2g} % larger than the other",
+        larger,
+        advice="Measure both wheels: a driver that knows one radius cannot correct it.",
+        repairs=(_repair(wheels, explained),),
     )
 
 
-def _repair(calibration: Calibration, wheels: IntegratedMotion) -> Repair:
-    left, right, track = _true_wheels(calibration, wheels)
+def _factors(explained: Explanation) -> tuple[float, float]:
+    """What to multiply the radius of the wheels by, and their track: 1 where they are right."""
+    radius, track = (
+        1.0 / (1.0 + found.value / 100.0) if found and size in explained.wrong else 1.0
+        for size, found in ((one, explained.too_large[one]) for one in _SIZES)
+    )
+    return radius, track
+
+
+def _advice(explained: Explanation) -> str:
+    radius, track = _factors(explained)
+    return f"Multiply the radius of the wheels by {radius:.5f} and the track by {track:.5f}."
+
+
+def _repair(
+    wheels: IntegratedMotion, explained: Explanation, curvature_rad_m: float = 0.0
+) -> Repair:
+    radius, track = _factors(explained)
     if wheels.wired:
-        sizes = {"radius_factor": 0.5 * (left + right), "track_factor": track}
-        return Repair("scale_wheels", wheels.topic, dict(sizes))
-    path, turn = calibration.value("path_gain"), calibration.value("turn_gain")
-    return Repair("scale_odometry", wheels.topic, {"path_factor": path, "turn_factor": turn})
+        sizes: dict[str, float | str] = {"radius_factor": radius, "track_factor": track}
+        return Repair("scale_wheels", wheels.topic, sizes)
+    factors: dict[str, float | str] = {"path_factor": radius, "turn_factor": radius / track}
+    if curvature_rad_m:
+        factors["curvature_rad_m"] = curvature_rad_m
+    return Repair("scale_odometry", wheels.topic, factors)

@@ -1,0 +1,181 @@
+"""Which wrong sizes explain the gains of scans, gyroscope and wheels together.
+
+Scans, gyroscope and wheels each measure every turn, scans and wheels every path. One wrong size
+changes several of these gains at once: wheels believed too large lengthen paths and turns alike,
+ranges that are too long lengthen the paths of the scans alone, scans that turn too far contradict
+gyroscope and wheels by one factor. The fewest sizes are taken that leave no other size at fault;
+of those sets the one that fits best.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from itertools import combinations
+from typing import Literal
+
+import numpy as np
+
+from slamsim.check.calibration.joint import Calibration
+from slamsim.check.calibration.model import UNKNOWNS
+from slamsim.check.findings import Measurement, decide
+from slamsim.core.types import BoolArray, FloatArray
+from slamsim.slam.laser.scan_motion import ScanMotions, ShapeEstimate
+
+Size = Literal["radius", "track", "gyro", "ranges", "scan_turns"]
+
+EFFECTS: dict[Size, FloatArray] = {
+    "radius": np.array([-1.0, -1.0, 0.0, 0.0]),
+    "track": np.array([0.0, 1.0, 0.0, 0.0]),
+    "gyro": np.array([0.0, 0.0, -1.0, 0.0]),
+    "ranges": np.array([1.0, 0.0, 0.0, 0.0]),
+    "scan_turns": np.array([0.0, 1.0, 1.0, 1.0]),
+}
+"""What a size that is too large by a small share changes: logarithms of the gains of path, turn
+and gyroscope (scans over the other), and of the turns of the scans by their own shape."""
+
+GAINS = ("path_gain", "turn_gain", "gyro_gain")
+
+LIMITS: dict[Size, float] = {
+    "radius": 0.0025,
+    "track": 0.005,
+    "gyro": 0.01,
+    "ranges": 0.0025,
+    "scan_turns": 0.0005,
+}
+"""Careful calibration leaves 0.2 % of the radius and 0.5 % of the track (Borenstein & Feng 1996);
+consumer gyroscopes are sold with 1 % of scale error; ranges of a lidar are good to 0.2 %; 0.05 %
+between beams is a fifth of a degree in a full turn, and walls are no straighter."""
+
+HEALTHY_SHARE = 0.5
+"""The standard deviation among healthy robots, as a share of the limit."""
+
+RARER: dict[Size, float] = {"ranges": 2.0, "scan_turns": 2.0}
+"""Squared sigmas against what makes of a lidar as it left the factory: where the wheels, which a
+robot's builder measures, explain as much, it is they."""
+
+MOST_WRONG = 3
+UNKNOWN = 1e6
+
+
+@dataclass(frozen=True, slots=True)
+class Explanation:
+    """too_large: by how many per cent each size is, None where nothing tells. wrong: those at
+    fault."""
+
+    too_large: dict[Size, Measurement | None]
+    wrong: frozenset[Size]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Gains:
+    """seen: (k,) known rows of ``EFFECTS``, noise: (k, k) their covariance, weights: (k, k) the
+    inverse of it with what healthy robots differ by, known: (4,) which rows these are."""
+
+    seen: FloatArray
+    noise: FloatArray
+    weights: FloatArray
+    known: BoolArray
+
+    def effects(self, sizes: tuple[Size, ...]) -> FloatArray:
+        """(k, m)."""
+        return np.array([EFFECTS[size] for size in sizes]).reshape(-1, 4)[:, self.known].T
+
+
+def explain(calibration: Calibration, motions: ScanMotions | None = None) -> Explanation:
+    """The fewest wrong sizes that make the gains of a joint calibration.
+
+    motions: of its scans, for what they say of their own shape; None where it is not asked.
+    """
+    gains = _gains(calibration, motions)
+    wrong = _fewest(gains)
+    return Explanation({size: _size(gains, size, wrong) for size in EFFECTS}, frozenset(wrong))
+
+
+def _gains(calibration: Calibration, motions: ScanMotions | None) -> _Gains:
+    values = np.array([calibration.value(name) for name in GAINS])
+    places = [UNKNOWNS.index(name) for name in GAINS]
+    wheels = calibration.model.wheels is not None and calibration.follows("wheel")
+    gyro = calibration.model.gyro is not None and calibration.follows("gyro")
+    by_shape = motions is not None and bool(np.isfinite(motions.angle_step.sigma))
+    known = np.array([wheels, wheels, gyro, by_shape]) & np.append(values != 0.0, True)
+    seen, noise = np.zeros(4), np.zeros((4, 4))
+    seen[:3] = np.log(np.abs(np.where(known[:3], values, 1.0)))
+    # Few blocks of a jackknife tell sigmas, but no correlations: those are of the noise.
+    by_noise = calibration.fit.bound_covariance[np.ix_(places, places)]
+    stretch = np.sqrt(np.diag(calibration.covariance)[places] / np.diag(by_noise))
+    noise[:3, :3] = np.outer(stretch, stretch) * by_noise / np.outer(values, values)
+    if motions is not None and by_shape:
+        step, offset = _left(motions, 1), _left(motions, 2)
+        seen[3] = -np.log(step.value)
+        noise[3, 3] = np.square(step.sigma / step.value)
+        seen[0] += motions.path_by_offset_per_m * offset.value
+        noise[0, 0] += np.square(motions.path_by_offset_per_m * offset.sigma)
+    of_robots = sum(
+        np.square(HEALTHY_SHARE * LIMITS[size]) * np.outer(effect, effect)
+        for size, effect in EFFECTS.items()
+    )
+    rows = np.ix_(known, known)
+    return _Gains(seen[known], noise[rows], np.linalg.inv((noise + of_robots)[rows]), known)
+
+
+def _left(motions: ScanMotions, number: int) -> ShapeEstimate:
+    """Angle step (1) or range offset (2) beyond what scans have been corrected by already."""
+    found = (motions.sweep_s, motions.angle_step, motions.range_offset_m)[number]
+    return replace(found, value=found.declared) if motions.contradicted[number] else found
+
+
+def _fewest(gains: _Gains) -> tuple[Size, ...]:
+    """Each of them a fault, and no other; all that can be told apart where no few explain it."""
+    for count in range(MOST_WRONG + 1):
+        sets = [chosen for chosen in _sets(gains, count) if _explains(gains, chosen)]
+        if sets:
+            return min(sets, key=lambda chosen: _misfit(gains, chosen))
+    return ("radius", "track", "gyro")
+
+
+def _sets(gains: _Gains, count: int) -> Iterator[tuple[Size, ...]]:
+    """Sets of so many sizes that what is known tells apart."""
+    for chosen in combinations(EFFECTS, count):
+        if _told_apart(gains, chosen):
+            yield chosen
+
+
+def _told_apart(gains: _Gains, chosen: tuple[Size, ...]) -> bool:
+    return not chosen or bool(np.linalg.matrix_rank(gains.effects(chosen)) == len(chosen))
+
+
+def _explains(gains: _Gains, wrong: tuple[Size, ...]) -> bool:
+    """Whether all of them are at fault, and no other size then is."""
+    return all(_at_fault(gains, size, wrong) == (size in wrong) for size in EFFECTS)
+
+
+def _at_fault(gains: _Gains, size: Size, wrong: tuple[Size, ...]) -> bool:
+    found = _size(gains, size, wrong)
+    return found is not None and decide(found, 100.0 * LIMITS[size]) == "fault"
+
+
+def _size(gains: _Gains, size: Size, wrong: tuple[Size, ...]) -> Measurement | None:
+    """By how many per cent it is too large, with this and all that is wrong free.
+
+    Weighed as if the others differed from nothing as those of healthy robots do; the sigma is that
+    of the noise alone.
+    """
+    chosen = wrong if size in wrong else (*wrong, size)
+    if not _told_apart(gains, chosen):
+        return None
+    columns = gains.effects(chosen)
+    solved = np.linalg.solve(columns.T @ gains.weights @ columns, columns.T @ gains.weights)
+    place = chosen.index(size)
+    factor = float(np.exp(solved[place] @ gains.seen))
+    sigma = float(np.sqrt(solved[place] @ gains.noise @ solved[place]))
+    return Measurement(100.0 * (factor - 1.0), 100.0 * factor * sigma, "%")
+
+
+def _misfit(gains: _Gains, wrong: tuple[Size, ...]) -> float:
+    """Squared sigmas that are left, and what makes the set less likely beforehand."""
+    columns, left = gains.effects(wrong), gains.seen
+    if wrong:
+        solved = np.linalg.solve(columns.T @ gains.weights @ columns, columns.T @ gains.weights)
+        left = left - columns @ (solved @ left)
+    return float(left @ gains.weights @ left) + sum(RARER.get(size, 0.0) for size in wrong)
