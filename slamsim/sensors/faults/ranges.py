@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import ClassVar, Literal
 
 import numpy as np
@@ -11,7 +12,14 @@ from slamsim.core.types import Float32Array
 from slamsim.recording import RawScans, Recording
 from slamsim.recording.edits.base import SCANS, Edit, Edits
 from slamsim.recording.edits.beams import ExtendAngleMax, ScaleRangeLimits, SetRangeLimits
-from slamsim.recording.edits.ranges import ChangeRanges, CodeNoReturn, OffsetRanges, ScaleRanges
+from slamsim.recording.edits.messages import ChangeMessages
+from slamsim.recording.edits.ranges import (
+    ChangeRanges,
+    CodeNoReturn,
+    OffsetRanges,
+    ScaleRanges,
+    range_matrix,
+)
 from slamsim.sensors.faults.base import Fault
 
 
@@ -128,6 +136,39 @@ class Interference(Fault):
             return np.where(hit, shorter, ranges_m).astype(np.float32)
 
         return ChangeRanges(SCANS, disturbed)
+
+
+class IntensitiesShort(Fault):
+    """Messages hold fewer intensities than ranges."""
+
+    kind: Literal["intensities_short"]
+    share: float = Field(ge=0.01, le=0.99)
+    """Of the beams that have one."""
+
+    def edit(self, recording: Recording, rng: np.random.Generator) -> Edit:
+        def with_some(scans: RawScans) -> RawScans:
+            beams = range_matrix(scans).shape[1]
+            strengths = rng.uniform(100.0, 4000.0, (len(scans), max(round(self.share * beams), 1)))
+            return replace(scans, intensities=strengths.astype(np.float32))
+
+        return ChangeMessages(SCANS, with_some)
+
+
+class ScanTimeWrong(Fault):
+    """The declared time from scan to scan is not that at which they come."""
+
+    SIZE: ClassVar[str | None] = "factor"
+    kind: Literal["scan_time_wrong"]
+    factor: float = Field(gt=0.0, le=1e6)
+    """Declared over true."""
+
+    def edit(self, recording: Recording, rng: np.random.Generator) -> Edit:
+        def declared(scans: RawScans) -> RawScans:
+            period_s = float(np.median(np.diff(scans.stamps_ns))) * 1e-9 if len(scans) > 1 else 0.0
+            layouts = (replace(one, scan_time_s=self.factor * period_s) for one in scans.layouts)
+            return replace(scans, layouts=tuple(layouts))
+
+        return ChangeMessages(SCANS, declared)
 
 
 class ScanLayoutWrong(Fault):
