@@ -1,0 +1,214 @@
+"""Repairs that make a recording better, and no others.
+
+Each is tried, and the recording checked again: it stays if scans that are placed by what is
+recorded alone lie on each other more closely (``map_quality/beam_ends.py``), or if a fault is gone
+and they do so no less. Otherwise it is taken back. A recording can so only get better, and what is
+repaired twice, or back and forth, comes to an end.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+from slamsim.check.findings import CheckReport
+from slamsim.check.map_quality.beam_ends import BeamEnds, Change, beam_ends, change
+from slamsim.guard.errors import SlamsimError
+from slamsim.recording import Recording
+from slamsim.recording.repairs.apply import (
+    VARIANTS,
+    apply_repair,
+    chosen,
+    next_repairs,
+    repeats,
+    target_of,
+    variants,
+    without_rivals,
+)
+from slamsim.recording.repairs.base import Repair
+
+Check = Callable[[Recording], CheckReport]
+
+_ROUNDS = 5
+"""What one fault hides, such as a turned mounting behind wrong stamps, shows once it is fixed."""
+
+_SHRINKS = 0.5
+"""What is repaired again must change by so much less than before: else it goes back and forth."""
+
+
+@dataclass(frozen=True, slots=True)
+class TakenBack:
+    """A repair that was tried and is not part of the result, and why."""
+
+    repair: Repair
+    reason: str
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Restored:
+    """The best recording that was found, and the check of it. applied: in their order. taken_back:
+    what the last check still proposes. before, after: how well scans lie on each other."""
+
+    recording: Recording
+    report: CheckReport
+    applied: tuple[Repair, ...]
+    taken_back: tuple[TakenBack, ...]
+    before: BeamEnds
+    after: BeamEnds
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _State:
+    """A recording as it is judged; applied: what led to it."""
+
+    recording: Recording
+    report: CheckReport
+    ends: BeamEnds
+    applied: tuple[Repair, ...] = ()
+
+
+@dataclass(slots=True)
+class _Course:
+    """check: asks all questions. here: the best so far. refused: by what they are applied to, in
+    the state that ``here`` is."""
+
+    check: Check
+    here: _State
+    refused: dict[tuple[str, ...], TakenBack] = field(default_factory=dict)
+
+    def attempt(self, repairs: Sequence[Repair]) -> bool:
+        """Go on from the recording with all of them; False, and why, if that is no better."""
+        try:
+            there = self._applied(repairs)
+            reason = _objection(self.here, there)
+        except SlamsimError as error:  # one repair may take away what another acts on
+            reason = str(error)
+        if not reason:
+            self.here, self.refused = there, {}
+            return True
+        if len(repairs) == 1:
+            self.refused[target_of(repairs[0])] = TakenBack(repairs[0], reason)
+        return False
+
+    def _applied(self, repairs: Sequence[Repair]) -> _State:
+        recording, ends, made = _best(self.here, repairs)
+        return _State(recording, self.check(recording), ends, (*self.here.applied, *made))
+
+    def next(self, names: str) -> list[Repair]:
+        """What is to be tried: proposed, chosen, not refused, and no return."""
+        proposed = []
+        for repair in chosen(self.here.report.repairs, names):
+            key = target_of(repair)
+            made = self.here.applied
+            if key not in self.refused and any(repeats(repair, one, _SHRINKS) for one in made):
+                reason = "it was applied before, and would be again by as much"
+                self.refused[key] = TakenBack(repair, reason)
+            if key not in self.refused:
+                proposed.append(repair)
+        return without_rivals(self.here.recording, next_repairs(proposed))
+
+
+def restored(recording: Recording, names: str, check: Check) -> Restored:
+    """Repair, check again, and keep what is better, until nothing more is.
+
+    names: ``all``, ``none``, or the operations to apply. Raises SlamsimError for other names.
+    """
+    first = _State(recording, check(recording), beam_ends(recording))
+    course = _Course(check, first)
+    for _ in range(_ROUNDS):
+        repairs = course.next(names)
+        if not repairs:
+            break
+        if not course.attempt(repairs) and len(repairs) > 1:
+            for repair in repairs:
+                course.attempt([repair])
+    best, back = course.here, course.refused
+    if (moved := change(first.ends, best.ends)).worse:  # by steps none of which was plainly worse
+        reason = f"together they make the scans fit worse, {_in_words(moved, first.ends)}"
+        back = {target_of(one): TakenBack(one, reason) for one in best.applied}
+        best = first
+    left = [target_of(repair) for repair in chosen(best.report.repairs, names)]
+    return Restored(
+        *(best.recording, best.report, best.applied),
+        tuple(one for key, one in back.items() if key in left),
+        *(first.ends, best.ends),
+    )
+
+
+def _best(here: _State, repairs: Sequence[Repair]) -> tuple[Recording, BeamEnds, Sequence[Repair]]:
+    """All of them together, but for those without which scans fit better."""
+    best = _best_variant(here, repairs)
+    for repair in repairs:
+        others = [one for one in best[2] if target_of(one) != target_of(repair)]
+        if 0 < len(others) < len(best[2]):
+            without = _tried(here.recording, others)
+            best = without if change(best[1], without[1]).better else best
+    return best
+
+
+def _best_variant(
+    here: _State, repairs: Sequence[Repair]
+) -> tuple[Recording, BeamEnds, Sequence[Repair]]:
+    """With the way of each repair that lets scans fit best, the first of those that do as well.
+
+    Which way rays were turned as a whole and where the laser sits are one: with the right way, what
+    the mounting seemed to be off by is gone, so that it waits for the next check.
+    """
+    usual = _tried(here.recording, repairs)
+    turning = [repair for repair in repairs if repair.operation in VARIANTS]
+    if not turning:
+        return usual
+    others = [repair for repair in repairs if repair.operation != "set_mounting"]
+    place = others.index(turning[0])
+    ways = [
+        _tried(here.recording, [*others[:place], variant, *others[place + 1 :]])
+        for variant in variants(turning[0])
+    ]
+    best = ways[0]
+    for way in ways[1:]:
+        best = way if change(best[1], way[1]).better else best
+    return usual if change(best[1], usual[1]).better else best
+
+
+def _tried(
+    recording: Recording, repairs: Sequence[Repair]
+) -> tuple[Recording, BeamEnds, Sequence[Repair]]:
+    for repair in repairs:
+        recording = apply_repair(recording, repair)
+    return recording, beam_ends(recording), repairs
+
+
+def _objection(before: _State, after: _State) -> str:
+    """Why a recording is no better than the one before; empty if it is.
+
+    A fault is new where the question was answered with "ok" before; what could not be told before
+    is no news.
+    """
+    moved = change(before.ends, after.ends)
+    healthy = {(one.check, one.subject) for one in before.report.findings if one.verdict == "ok"}
+    were, are = _faults(before.report), _faults(after.report)
+    new = [name for name, asked in are.items() if asked & healthy and name not in were]
+    gone = [name for name in were if name not in are]
+    if moved.worse:
+        return f"it makes the scans fit worse, {_in_words(moved, before.ends)}"
+    if moved.better and len(new) <= len(gone):
+        return ""
+    if new:
+        return f"it makes new faults: {', '.join(sorted({fault for fault, _ in new}))}"
+    if gone or moved.better:
+        return ""
+    return f"it did not make the scans fit better, {_in_words(moved, before.ends)}"
+
+
+def _faults(report: CheckReport) -> dict[tuple[str, str], set[tuple[str, str]]]:
+    """By name and subject, the questions (with their subjects) that found them."""
+    found: dict[tuple[str, str], set[tuple[str, str]]] = {}
+    for one in report.faults:
+        found.setdefault((str(one.fault), one.subject), set()).add((one.check, one.subject))
+    return found
+
+
+def _in_words(moved: Change, before: BeamEnds) -> str:
+    if before.mean_m is None:
+        return "and nothing places them"
+    return f"{1e3 * before.mean_m:.1f} mm apart before, {1e3 * moved.mean_m:+.1f} mm with it"
