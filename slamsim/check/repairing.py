@@ -8,11 +8,11 @@ repaired twice, or back and forth, comes to an end.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field
 
-from slamsim.check.findings import CheckReport
-from slamsim.check.map_quality.beam_ends import BeamEnds, Change, beam_ends, change
+from slamsim.check.findings import CheckReport, Verdict
+from slamsim.check.map_quality.beam_ends import TOLERANCE_M, BeamEnds, Change, beam_ends, change
 from slamsim.guard.errors import SlamsimError
 from slamsim.recording import Recording
 from slamsim.recording.repairs.apply import (
@@ -164,9 +164,7 @@ def _best_variant(
         _tried(here.recording, [*others[:place], variant, *others[place + 1 :]])
         for variant in variants(turning[0])
     ]
-    best = ways[0]
-    for way in ways[1:]:
-        best = way if change(best[1], way[1]).better else best
+    best = min(ways, key=lambda way: round((way[1].mean_m or 0.0) / TOLERANCE_M))
     return usual if change(best[1], usual[1]).better else best
 
 
@@ -181,31 +179,41 @@ def _tried(
 def _objection(before: _State, after: _State) -> str:
     """Why a recording is no better than the one before; empty if it is.
 
-    A fault is new where the question was answered with "ok" before; what could not be told before
-    is no news.
+    A fault is gone if no question finds it on its subject any more. It is new where the same
+    question answered "ok" before; what could not be told before is no news.
     """
     moved = change(before.ends, after.ends)
-    healthy = {(one.check, one.subject) for one in before.report.findings if one.verdict == "ok"}
-    were, are = _faults(before.report), _faults(after.report)
-    new = [name for name, asked in are.items() if asked & healthy and name not in were]
-    gone = [name for name in were if name not in are]
+    new = _answered(after.report, "fault") - _answered(before.report, "fault")
+    new &= _answered(before.report, "ok")
     if moved.worse:
         return f"it makes the scans fit worse, {_in_words(moved, before.ends)}"
-    if moved.better and len(new) <= len(gone):
+    were, are = _named(before.report), _named(after.report)
+    if new and not (moved.better and len(new) <= len(were - are)):
+        return (
+            f"then {', '.join(sorted(f'{check} of {subject}' for check, subject in new))} is wrong"
+        )
+    made = {target_of(repair) for repair in after.applied[len(before.applied) :]}
+    meant = _named(before.report, made) & are
+    if moved.better or not meant:
         return ""
-    if new:
-        return f"it makes new faults: {', '.join(sorted({fault for fault, _ in new}))}"
-    if gone or moved.better:
-        return ""
-    return f"it did not make the scans fit better, {_in_words(moved, before.ends)}"
+    still = ", ".join(sorted({fault for fault, _ in meant}))
+    return f"{still} is still there, and the scans fit no better, {_in_words(moved, before.ends)}"
 
 
-def _faults(report: CheckReport) -> dict[tuple[str, str], set[tuple[str, str]]]:
-    """By name and subject, the questions (with their subjects) that found them."""
-    found: dict[tuple[str, str], set[tuple[str, str]]] = {}
-    for one in report.faults:
-        found.setdefault((str(one.fault), one.subject), set()).add((one.check, one.subject))
-    return found
+def _named(
+    report: CheckReport, repaired: Collection[tuple[str, ...]] | None = None
+) -> set[tuple[str, str]]:
+    """Names and subjects of the faults; of those alone for which these targets are repaired."""
+    return {
+        (str(one.fault), one.subject)
+        for one in report.faults
+        if repaired is None or any(target_of(repair) in repaired for repair in one.repairs)
+    }
+
+
+def _answered(report: CheckReport, verdict: Verdict) -> set[tuple[str, str]]:
+    """The questions, with their subjects, that have this answer."""
+    return {(one.check, one.subject) for one in report.findings if one.verdict == verdict}
 
 
 def _in_words(moved: Change, before: BeamEnds) -> str:

@@ -10,26 +10,17 @@ without regard to where the calibration looked.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.stats import t
 
-from slamsim.check.calibration.model import UNKNOWNS, rolled_poses
-from slamsim.check.motion.integrated import (
-    IntegratedMotion,
-    integrated_gyro,
-    integrated_odometry,
-    integrated_wheels,
-)
+from slamsim.check.map_quality.tracks import Track, recorded_tracks
 from slamsim.config.slam import FrontEndConfig
-from slamsim.core.geometry import yaw_from_xyzw
+from slamsim.core.geometry import between
 from slamsim.core.jit import kernel
 from slamsim.core.types import FloatArray, IntArray
-from slamsim.guard.numbers import is_sound
-from slamsim.recording import RawOdometry, RawScans, Recording, TransformEdge
-from slamsim.recording.frame_graph import FrameGraph
-from slamsim.recording.repairs.heading import base_rotation
+from slamsim.recording import RawScans, Recording
 from slamsim.slam.laser.scan_beams import BeamReader
 from slamsim.slam.laser.scan_sweep import beams_of
 from slamsim.slam.laser.scan_windows import period_s
@@ -56,16 +47,15 @@ TOLERANCE_M, TOLERANCE = 2e-4, 0.02
 """Smaller changes are none: what rounding of stamps and another choice of pieces make, and what the
 error of a healthy recording changes by when its mount is moved within the limit of the question."""
 
-LEAST_SAMPLES = 8
-_AS_REPORTED = np.array([1.0 if name.endswith("_gain") else 0.0 for name in UNKNOWNS])
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BeamEnds:
     """errors_m: (w,) for each stream that can place the scans, how far pieces of surface are apart
-    in each window, on the average over pairs of scans; empty where nothing places them."""
+    in each window, on the average over pairs of scans; empty where nothing places them. between_m:
+    (w,) for each stream but the first, how far apart it and the first put the same piece."""
 
     errors_m: Mapping[str, FloatArray]
+    between_m: Mapping[str, FloatArray] = field(default_factory=dict)
 
     @property
     def mean_m(self) -> float | None:
@@ -95,11 +85,23 @@ NO_CHANGE = Change(0.0, 0.0)
 
 
 def change(before: BeamEnds, after: BeamEnds) -> Change:
-    """Of the error by the streams that both have, window by window where there are as many."""
-    both = [name for name in before.errors_m if name in after.errors_m]
-    if not both:
+    """Of all errors by streams that both have, window by window where there are as many.
+
+    That streams agree with each other counts as much as that scans do: where scans contradict two
+    streams that agree, neither is to be bent to them.
+    """
+    pairs = [
+        (was[name], now[name])
+        for was, now in (
+            (before.errors_m, after.errors_m),
+            (before.between_m, after.between_m),
+        )
+        for name in was
+        if name in now
+    ]
+    if not pairs:
         return NO_CHANGE
-    was, now = (np.mean([one.errors_m[name] for name in both], axis=0) for one in (before, after))
+    was, now = (np.mean(one, axis=0) for one in zip(*pairs, strict=True))
     mean_m = float(now.mean() - was.mean())
     least_m = max(TOLERANCE_M, TOLERANCE * float(was.mean()))
     if was.size != now.size:
@@ -125,20 +127,6 @@ class _Window:
     begins: IntArray
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Track:
-    """stamps_ns (n,) ascending, poses (n, 3) of a frame with yaw unwrapped."""
-
-    stamps_ns: IntArray
-    poses: FloatArray
-
-    def at(self, stamps_ns: IntArray) -> FloatArray:
-        """(m, 3), constant beyond the ends."""
-        origin_ns = self.stamps_ns[0]
-        asked_s, known_s = (1e-9 * (ns - origin_ns) for ns in (stamps_ns, self.stamps_ns))
-        return np.column_stack([np.interp(asked_s, known_s, one) for one in self.poses.T])
-
-
 def beam_ends(recording: Recording) -> BeamEnds:
     """Of the lidar with most scans. Nothing places ranges that are evidently in no metres, angles
     in degrees, or a laser of which no fixed transform says where it sits."""
@@ -148,15 +136,23 @@ def beam_ends(recording: Recording) -> BeamEnds:
     reader = BeamReader(scans)
     if (reader.metres_per_unit, reader.radians_per_unit) != (1.0, 1.0):
         return BeamEnds({})
-    tracks = _tracks(recording, scans.frame_ids[0])
+    tracks = recorded_tracks(recording, scans.frame_ids[0])
     windows = _windows(scans, reader) if tracks else []
     if not windows:
         return BeamEnds({})
+    placed = {
+        name: [_placed(window, track, T) for window in windows]
+        for name, (track, T) in tracks.items()
+    }
+    first = next(iter(placed.values()))
+    pairs = [zip(one, first, strict=True) for one in placed.values()]
+    between_m = [np.array([_between_m(*pair) for pair in each]) for each in pairs]
     return BeamEnds(
         {
-            name: np.array([_error_m(window, *placing) for window in windows])
-            for name, placing in tracks.items()
-        }
+            name: np.array([_error_m(w.begins, one) for w, one in zip(windows, each, strict=True)])
+            for name, each in placed.items()
+        },
+        dict(list(zip(placed, between_m, strict=True))[1:]),
     )
 
 
@@ -186,63 +182,22 @@ def _window(
     return _Window(np.concatenate(pieces), np.concatenate(at_ns), begins)
 
 
-def _tracks(recording: Recording, laser_frame: str) -> dict[str, tuple[_Track, FloatArray]]:
-    """Every stream that tells where the robot is, with T_frame_laser (4, 4) of the frame that it
-    tells it of; a gyroscope gives the heading along the path of the first of the others."""
-    graph = FrameGraph(recording.transforms)
-    odometries = recording.odometries
-    base = graph.base(odometries[0].child_frame_ids if odometries else ())
-    wheels = {ticks.topic: integrated_wheels(ticks) for ticks in recording.ticks}
-    rolled = {name: _rolled(one) for name, one in wheels.items() if one is not None}
-    found = {
-        **{one.topic: (_recorded(one), (*one.child_frame_ids, base)[0]) for one in odometries},
-        **{name: (track, base) for name, track in rolled.items()},
-        **{
-            f"{edge.topic} {edge.name}": (_recorded(edge), edge.child)
-            for edge in recording.transforms
-            if not edge.is_static and not edge.parent.endswith("map")
-        },
-    }
-    path = next((one for one in wheels.values() if one is not None), None)
-    path = path or next(filter(None, map(integrated_odometry, odometries)), None)
-    for imu in recording.imus:
-        gyro = integrated_gyro(imu, base_rotation(recording, imu)[2])
-        if path is not None and gyro is not None:
-            found[imu.topic] = _by_gyro(gyro, path), base
-    joined = {
-        name: (track, graph.between(frame, laser_frame))
-        for name, (track, frame) in found.items()
-        if track is not None
-    }
-    return {name: (track, T) for name, (track, T) in joined.items() if T is not None}
+def _placed(window: _Window, track: Track, T_base_laser: FloatArray) -> FloatArray:
+    """(k, 5) x, y, normal and half length of the pieces, in the frame that the base has at the
+    first of them."""
+    R, pieces = T_base_laser[:2, :2], window.pieces
+    at = pieces[:, [X, Y]] @ R.T + T_base_laser[:2, 3]
+    normal = pieces[:, [NORMAL_X, NORMAL_Y]] @ R.T
+    poses = track.at(window.at_ns)
+    moved = between(poses[:1], poses)
+    cos, sin = np.cos(moved[:, 2]), np.sin(moved[:, 2])
+    turned = [(cos * x - sin * y, sin * x + cos * y) for x, y in (at.T, normal.T)]
+    x, y = moved[:, 0] + turned[0][0], moved[:, 1] + turned[0][1]
+    return np.column_stack([x, y, *turned[1], pieces[:, HALF_LENGTH]])
 
 
-def _recorded(stream: RawOdometry | TransformEdge) -> _Track | None:
-    yaw_rad = yaw_from_xyzw(stream.quats_xyzw)
-    poses = np.column_stack([stream.positions_m[:, :2], yaw_rad])
-    good = np.flatnonzero(is_sound(poses))
-    order = good[np.unique(stream.stamps_ns[good], return_index=True)[1]]
-    if order.size < LEAST_SAMPLES:
-        return None
-    poses = poses[order]
-    poses[:, 2] = np.unwrap(poses[:, 2])
-    return _Track(stream.stamps_ns[order], poses)
-
-
-def _rolled(wheels: IntegratedMotion) -> _Track:
-    return _Track(wheels.stamps_ns, rolled_poses(wheels, _AS_REPORTED))
-
-
-def _by_gyro(gyro: IntegratedMotion, wheels: IntegratedMotion) -> _Track:
-    """The heading of the one along the path of the other."""
-    path_m = wheels.at(np.asarray(1e-9 * (gyro.stamps_ns - wheels.origin_ns)))[:, 0]
-    totals = np.column_stack([path_m, gyro.totals[:, 0]])
-    return _rolled(IntegratedMotion(gyro.topic, gyro.stamps_ns, totals, np.zeros(2)))
-
-
-def _error_m(window: _Window, track: _Track, T_base_laser: FloatArray) -> float:
-    placed = _placed(window.pieces, T_base_laser, track.at(window.at_ns))
-    begins = window.begins
+def _error_m(begins: IntArray, placed: FloatArray) -> float:
+    """Of all pairs of scans of one window; begins: as its own."""
     each = [placed[begins[k] : begins[k + 1]] for k in range(begins.size - 1)]
     apart = [
         np.sort(_apart(one, other))[: int(np.ceil(SEEN_AGAIN * len(one)))].mean()
@@ -253,21 +208,10 @@ def _error_m(window: _Window, track: _Track, T_base_laser: FloatArray) -> float:
     return float(np.mean(apart)) if apart else FARTHEST_M
 
 
-def _placed(pieces: FloatArray, T_base_laser: FloatArray, T_map_base: FloatArray) -> FloatArray:
-    """(k, 5) x, y, normal and half length of pieces (k, 10) as seen from poses (k, 3)."""
-    R = T_base_laser[:2, :2]
-    at = pieces[:, [X, Y]] @ R.T + T_base_laser[:2, 3]
-    normal = pieces[:, [NORMAL_X, NORMAL_Y]] @ R.T
-    cos, sin = np.cos(T_map_base[:, 2]), np.sin(T_map_base[:, 2])
-    turned = [(cos * x - sin * y, sin * x + cos * y) for x, y in (at.T, normal.T)]
-    return np.column_stack(
-        [
-            T_map_base[:, 0] + turned[0][0],
-            T_map_base[:, 1] + turned[0][1],
-            *turned[1],
-            pieces[:, HALF_LENGTH],
-        ]
-    )
+def _between_m(one: FloatArray, other: FloatArray) -> float:
+    """Mean distance of the same pieces (k, 5), placed by two streams."""
+    apart_m = np.hypot(*(one[:, :2] - other[:, :2]).T)
+    return float(np.minimum(apart_m, FARTHEST_M).mean())
 
 
 @kernel
