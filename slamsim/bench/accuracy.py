@@ -25,8 +25,9 @@ from slamsim.evaluate.consistency import nees_band
 from slamsim.evaluate.trajectory import compare, statistics
 from slamsim.guard.errors import InputRefused, SlamsimError
 from slamsim.io.open import read_log, read_truth
+from slamsim.process.children import MEMORY
 from slamsim.run.scoring import Estimated, Known, score
-from slamsim.run.stages import Stages, peak_memory_mb
+from slamsim.run.stages import Stages
 from slamsim.simulation.own_files import WORLD
 from slamsim.slam.session import run_slam
 from slamsim.world.build import build_world
@@ -159,7 +160,7 @@ def measure(folder: Path, config: RunConfig, bound: bool) -> Figures:
     wall_s, cpu_s = time.perf_counter(), time.process_time()
     result = run_slam(log, config.slam)
     wall_s, cpu_s = time.perf_counter() - wall_s, time.process_time() - cpu_s
-    memory_mb = peak_memory_mb()
+    memory_mb = MEMORY.peak_mb()
     world = build_world(load_world_config(str(folder / WORLD)), seed=0) if bound else None
     known = Known(truth, world=world, config=config, T_base_laser=log.T_base_laser)
     return {

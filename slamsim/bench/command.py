@@ -23,7 +23,6 @@ STANDARD_RECIPE = "labyrinths"
 
 FIRST_SEED = 1
 ONLINE_PATH_M = 10000.0
-CHECK_SECONDS, LONG_SECONDS = 60.0, 600.0
 ONLINE_RATE = "sensors.lidar.rate_hz=10"
 
 
@@ -60,19 +59,6 @@ class _Asked:
     def or_standard(self) -> Self:
         """With the standard setting if neither a world nor a configuration was named."""
         return self if self.world or self.config else replace(self, config=STANDARD)
-
-
-@dataclass(frozen=True, slots=True)
-class _Trials:
-    """What the command line asks of the bench of the checker."""
-
-    faults: str | None
-    seeds: int
-    clean: int
-    pairs: int
-    curves: bool
-    long: bool
-    independent: bool
 
 
 def bench(
@@ -148,6 +134,9 @@ def bench(
             help="Check: recordings of the generator in tests/independent, not of slamsim.",
         ),
     ] = False,
+    mutations: Annotated[
+        int, typer.Option(help="Check --independent: random changes of messages a seed.", min=0)
+    ] = 0,
     set_: Set = None,
     config: ConfigFile = None,
     quiet: Quiet = False,
@@ -167,8 +156,11 @@ def bench(
     elif part == "online":
         _online(asked)
     elif part == "check":
-        trials = _Trials(faults, seeds, clean, pairs, curves, long, independent)
-        _check(asked, trials, workers, logs, recording)
+        from slamsim.bench.check.asked import CheckAsked, run_check
+
+        figures = (seeds, FIRST_SEED if seed is None else seed, seconds, clean, pairs, mutations)
+        trials = CheckAsked(*figures, faults, curves, long, workers, logs, recording)
+        run_check(trials, independent, reporter)
     elif part == "matcher":
         _matcher(asked, recording, logs)
     elif part == "dataset":
@@ -194,64 +186,6 @@ def _robustness(asked: _Asked, cases: Sequence[int], workers: int, kept: Path | 
     seed = FIRST_SEED if asked.seed is None else asked.seed
     campaign = RobustnessCampaign(seed, cases, workers, kept)
     run_robustness(campaign, asked.reporter)
-
-
-def _check(
-    asked: _Asked, trials: _Trials, workers: int, kept: Path | None, real: Path | None
-) -> None:
-    from slamsim.bench.alone import Children
-    from slamsim.bench.check.campaign import CheckCampaign, run_campaign
-    from slamsim.bench.check.long import long_rows, time_long_check
-    from slamsim.bench.check.real import recordings_at
-    from slamsim.config.faults import typed_choices
-    from slamsim.sensors.faults.registry import bundled_faults, chosen_fault
-
-    if trials.independent:
-        _check_independent(asked, trials, workers)
-        return
-    faults = bundled_faults()
-    if trials.faults is not None:
-        faults = tuple(map(chosen_fault, typed_choices(trials.faults.split(","))))
-    first = FIRST_SEED if asked.seed is None else asked.seed
-    after = first + trials.seeds
-    campaign = CheckCampaign(
-        faults,
-        seeds=range(first, after) if real is None else (),
-        clean_seeds=range(after, after + trials.clean),
-        recordings=() if real is None else recordings_at(real),
-        pairs=trials.pairs,
-        curves=trials.curves,
-        seconds=asked.seconds or CHECK_SECONDS,
-        workers=workers,
-        kept=kept,
-    )
-    figures = run_campaign(campaign, asked.reporter)
-    if trials.long:
-        with Children() as children, asked.reporter.stage("long recording", ""):
-            timed = children.run(time_long_check, LONG_SECONDS, first)
-        asked.reporter.table("Long recording", long_rows(timed))
-        figures["long"] = timed
-    asked.reporter.result(figures)
-
-
-def _check_independent(asked: _Asked, trials: _Trials, workers: int) -> None:
-    from slamsim.bench.check.independent import (
-        IndependentCampaign,
-        generator_folder,
-        run_independent,
-    )
-
-    first = FIRST_SEED if asked.seed is None else asked.seed
-    campaign = IndependentCampaign(
-        generator_folder(),
-        seeds=range(first, first + trials.seeds),
-        clean=trials.clean,
-        pairs=trials.pairs,
-        only=None if trials.faults is None else trials.faults.split(","),
-        seconds=asked.seconds or CHECK_SECONDS,
-        workers=workers,
-    )
-    run_independent(campaign, asked.reporter)
 
 
 def _matcher(asked: _Asked, recording: Path | None, logs: Path | None) -> None:

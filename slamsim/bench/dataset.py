@@ -32,7 +32,7 @@ from slamsim.dataset.recipe.model import Recipe
 from slamsim.dataset.recipe.sequence import SequenceSpec
 from slamsim.io.bag2.plain_copy import PlainCopy
 from slamsim.io.names import LOG
-from slamsim.run.stages import peak_memory_mb
+from slamsim.process.children import MEMORY
 from slamsim.sensors.scene import Scene
 from slamsim.sim.drive.route import plan_route
 from slamsim.sim.drive.run import bare_step_seconds, drive
@@ -123,7 +123,7 @@ def measure_alone(recipe: Recipe, count: int) -> Figures:
             facts = produce(spec, place)
             cpu_s.append(time.process_time() - begun_s)
             simulated_s.append(cast(float, facts.quality["duration_s"]))
-            memory_mb.append(peak_memory_mb())
+            memory_mb.append(MEMORY.peak_mb())
             if spec.index >= BARE_SEQUENCES:
                 shutil.rmtree(place)
         bare = _bare_parts(specs[:BARE_SEQUENCES], Path(folder))

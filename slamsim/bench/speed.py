@@ -15,7 +15,7 @@ from slamsim.console.reporter import Reporter
 from slamsim.core.types import Drive, Float32Array, TriangleMesh
 from slamsim.guard.errors import SlamsimError
 from slamsim.io.open import read_log
-from slamsim.run.stages import peak_memory_mb
+from slamsim.process.children import MEMORY
 from slamsim.sensors.rig import SensorRig
 from slamsim.sensors.scene import Scene
 from slamsim.sim.drive.route import Route, plan_route
@@ -65,7 +65,7 @@ def run_bench(part: str, config: RunConfig, repeats: int, reporter: Reporter) ->
     for name, measure in _PARTS.items():
         if part in ("all", name):
             figures[name] = measure(subject)
-    figures["peak_memory_mb"] = peak_memory_mb()
+    figures["peak_memory_mb"] = MEMORY.peak_mb()
     return figures
 
 

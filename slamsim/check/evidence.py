@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from typing import TypeVar
 
 from slamsim.check.calibration.distance_unit import WrongUnit, in_metres, wrong_unit
@@ -94,14 +93,8 @@ class RecordingEvidence:
         return None if found is None else wrong_unit(self.recording, self.motions, found)
 
     def _explanation(self) -> Explanation | None:
-        found, motions = self.calibration, self.motions
-        if found is None:
-            return None
-        step = None if motions is None else motions.angle_step
-        if motions is not None and step is not None and motions.contradicted[1]:
-            # Scans were matched with the step that was found: their turns are right but for this.
-            step = replace(step, value=1.0, sigma=step.sigma / step.value)
-        return explain(found, step)
+        found = self.calibration
+        return None if found is None else explain(found, self.motions)
 
     def _in_metres(self) -> Calibration | None:
         found = self.as_recorded

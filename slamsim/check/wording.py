@@ -40,6 +40,12 @@ def shown(estimate: Measurement | None, limit: float | None = None) -> str:
     return text if limit is None else f"{text} (limit {limit:.3g})"
 
 
+def signed_words(value: float, unit: str, more: str, less: str) -> str:
+    """A size with its sign in words: -40.2 mm that are "too long" if positive and "too short" if
+    negative are "40.2 mm too short"."""
+    return f"{abs(value):.3g} {unit} {more if value > 0.0 else less}"
+
+
 def warning(finding: Finding) -> str:
     """A fault, as it stands among the warnings of a run."""
     return f"{fault_meaning(finding.fault or '')} ({finding.subject}): {finding.words}"

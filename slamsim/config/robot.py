@@ -122,11 +122,6 @@ class DriveWheelsConfig(Config):
         left_m = 2.0 * self.radius_m * self.radius_scale / (1.0 + self.radius_ratio)
         return left_m, left_m * self.radius_ratio
 
-    @property
-    def true_track_m(self) -> float:
-        """Between the points of contact."""
-        return self.track_m * self.track_scale
-
 
 class SupportWheelsConfig(Config):
     """Front and rear support: low-friction balls that roll freely about y."""

@@ -21,9 +21,10 @@ from slamsim.guard.output import partial_folder, write_atomic
 from slamsim.io.open import open_recording
 from slamsim.io.text.stamps import decimal_from_stamp_ns
 from slamsim.io.text.tum import read_tum, write_tum
+from slamsim.process.children import MEMORY
 from slamsim.run import folder as run_folder
 from slamsim.run.naming import log_of, recording_name
-from slamsim.run.stages import Report, Stages, peak_memory_mb
+from slamsim.run.stages import Report, Stages
 from slamsim.simulation.own_files import write_config
 from slamsim.slam.localise import STATES, Localised, localise_log
 from slamsim.slam.mapping.known_map import map_of_grid
@@ -70,7 +71,7 @@ def localise_recording(
             **timed.numbers(),
             **_errors(localised.trajectory, truth, known),
             "seconds": stages.so_far(),
-            "peak_memory_mb": peak_memory_mb(),
+            "peak_memory_mb": MEMORY.peak_mb(),
         }
         write_atomic(partial / run_folder.REPORT_JSON, as_json(run_folder.REPORT_JSON, numbers))
     told = (*log.warnings, *localised.slam.warnings)

@@ -23,6 +23,7 @@ from slamsim.guard.output import partial_folder, write_atomic
 from slamsim.io.names import LOG
 from slamsim.io.open import open_recording
 from slamsim.io.text.relations import Relations, read_relations
+from slamsim.process.children import MEMORY
 from slamsim.recording import Recording
 from slamsim.report.numbers import report_json
 from slamsim.report.pages.run import write_report
@@ -34,7 +35,7 @@ from slamsim.run.continuing import Earlier, clouds_before
 from slamsim.run.naming import log_of, recording_name
 from slamsim.run.recording import record, require_finished
 from slamsim.run.scoring import Estimated, Known, score
-from slamsim.run.stages import Report, Stages, peak_memory_mb
+from slamsim.run.stages import Report, Stages
 from slamsim.simulation.own_files import CONFIG, WORLD, write_config, write_world
 from slamsim.slam.failures import Failures
 from slamsim.slam.mapping.grid import build_grid
@@ -203,7 +204,7 @@ def _scored(
         walls=None if world is None else world.mesh,
         truth_grid=true_grid,
         seconds=stages.so_far(),
-        peak_memory_mb=peak_memory_mb(),
+        peak_memory_mb=MEMORY.peak_mb(),
         command=shlex.join(["slamsim", *sys.argv[1:]]),
         config_yaml=dump_commented_yaml(config),
     )

@@ -10,8 +10,9 @@ from slamsim.guard.errors import SlamsimError
 from slamsim.guard.output import partial_folder
 from slamsim.io.names import LOG
 from slamsim.io.open import read_truth
+from slamsim.process.children import MEMORY
 from slamsim.run import folder as run_folder
-from slamsim.run.stages import Report, Stages, peak_memory_mb
+from slamsim.run.stages import Report, Stages
 from slamsim.sensors.faults.registry import chosen_fault, resolved_choice
 from slamsim.simulation.driven import simulate_with_faults
 from slamsim.simulation.own_files import write_config, write_world
@@ -35,7 +36,7 @@ def simulate_world(
             "path_length_m": outcome.path_length_m,
             "seconds": seconds,
             "realtime_factor": {"simulate": outcome.duration_s / seconds["simulate"]},
-            "peak_memory_mb": peak_memory_mb(),
+            "peak_memory_mb": MEMORY.peak_mb(),
         }
     )
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import resource
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -45,9 +44,3 @@ class Stages:
     def so_far(self) -> dict[str, float]:
         """Seconds of each stage that is over, and the ``total``."""
         return {**self.seconds, "total": time.perf_counter() - self.started_s}
-
-
-def peak_memory_mb() -> float:
-    """Of this process and the largest of its ended children together, an upper bound."""
-    usages = (resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
-    return sum(usage.ru_maxrss for usage in usages) / 1024.0

@@ -8,7 +8,7 @@ import numpy as np
 
 from slamsim.core.geometry import matrix_from_xyzw, xyzw_from_yaw
 from slamsim.core.types import BoolArray, Drive, EncoderStream, FloatArray, IntArray
-from slamsim.core.wheels import wheel_odometry
+from slamsim.models.differential_drive import wheel_odometry
 
 
 def at_rate(stamps_ns: IntArray, previous_ns: int | None, rate_hz: float) -> BoolArray:

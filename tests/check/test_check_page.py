@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from slamsim.check.findings import CheckReport, Curve, Finding, Measurement, Plot
-from slamsim.check.wording import headline
+from slamsim.check.wording import headline, signed_words
 from slamsim.report.pages.check import check_page
 
 
@@ -49,3 +49,8 @@ def test_the_headline_names_the_fault_or_says_that_there_is_none() -> None:
     fine = CheckReport("x", report().findings[2:])
     assert headline(fine) == "Nothing is wrong."
     assert "1 question stays open" in headline(CheckReport("x", report().findings[1:]))
+
+
+def test_a_size_is_told_without_a_sign() -> None:
+    words = [signed_words(value, "mm", "too long", "too short") for value in (-40.21, 40.21)]
+    assert words == ["40.2 mm too short", "40.2 mm too long"]

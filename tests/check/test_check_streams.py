@@ -7,17 +7,30 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import example, given
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
-from recording_data import LAYOUT, edge, recording, scans_at, stamps
+from recording_data import LAYOUT, edge, imu_at, recording, scans_at, stamps
 
+from slamsim.check.diagnosis import explained
 from slamsim.check.evidence import RecordingEvidence
 from slamsim.check.findings import Finding
+from slamsim.check.question import judge
+from slamsim.check.questions.clocks.offsets import CULPRITS
 from slamsim.check.questions.streams.rounding import rounding_step_s
 from slamsim.check.questions.streams.series import series_of
+from slamsim.check.questions.streams.spacing import ROUNDING
 from slamsim.check.questions.streams.stamps import check_stamps
 from slamsim.core.types import IntArray
-from slamsim.recording import RawImu, RawOdometry, RawScans, RawTicks, Recording
+from slamsim.recording import (
+    RawImu,
+    RawOdometry,
+    RawScans,
+    RawStream,
+    RawTicks,
+    Recording,
+)
+from slamsim.recording.repairs.apply import apply_repairs
+from slamsim.sensors.faults.registry import load_fault
 
 
 def stamp_findings(recording: Recording) -> list[Finding]:
@@ -51,7 +64,7 @@ def test_a_healthy_recording_is_healthy() -> None:
     asked = {finding.check for finding in findings if finding.subject == "/scan"}
     assert asked == {
         *("time.order", "time.rounding", "time.scatter", "time.repeats", "time.gaps"),
-        *("time.overlap", "time.receipt", "time.receipt_drift"),
+        *("time.overlap", "time.step", "time.invented", "time.receipt", "time.receipt_drift"),
     }
 
 
@@ -214,6 +227,125 @@ def test_a_drifting_clock_is_measured_against_the_receiver(ppm: float) -> None:
     assert found[0].estimate is not None
     low, high = found[0].estimate.interval
     assert low - 2.0 < ppm < high + 2.0
+
+
+@pytest.mark.parametrize("jump_s", [-0.08, -0.02, 0.02, 0.3, 40.0])
+def test_a_clock_that_is_set_is_named_and_set_back(jump_s: float) -> None:
+    fault = load_fault("lidar_clock_step").with_size(jump_s)
+    made = recording(60.0)
+    jumped = fault.inject(made, RNG)
+    (found,) = [one for one in stamp_findings(jumped) if one.fault == "clock_step"]
+    assert found.subject == "/scan" and found.estimate is not None
+    assert found.estimate.value == pytest.approx(1e3 * abs(jump_s), abs=0.01)
+    mended = apply_repairs(jumped, found.repairs)
+    np.testing.assert_allclose(mended.scans[0].stamps_ns, made.scans[0].stamps_ns, atol=2)
+    told = {one.fault for one in explained(stamp_findings(jumped)) if one.fault is not None}
+    assert told == {"clock_step"}
+
+
+@settings(max_examples=25)
+@given(st.lists(st.tuples(st.integers(0, 599), st.floats(0.0, 0.5)), max_size=8), st.booleans())
+def test_messages_that_wait_in_a_queue_are_no_clock_that_is_set(
+    waits: list[tuple[int, float]], for_good: bool
+) -> None:
+    """Delays of the network, for a while or for the rest of the recording: stamps stay even."""
+    made = recording(60.0).scans[0]
+    assert made.received_ns is not None
+    received = made.received_ns.copy()
+    for at, wait_s in waits:
+        until = at + 60 if not for_good else received.size
+        received[at:until] += round(1e9 * wait_s)
+    late = replace(made, received_ns=np.maximum.accumulate(received))
+    findings = stamp_findings(recording(60.0).with_streams(RawScans, (late,)))
+    assert not [one for one in findings if one.fault == "clock_step"]
+
+
+def test_messages_in_bursts_are_not_counted_as_missing() -> None:
+    """Ten at a time, a tenth of a millisecond apart, as a driver stamps what it reads at once."""
+    made = recording(60.0)
+    count = np.arange(len(made.imus[0]))
+    burst = np.asarray(count // 10 * 100_000_000 + count % 10 * 100_000, dtype=np.int64)
+    findings = stamp_findings(
+        made.with_streams(RawImu, (replace(made.imus[0], stamps_ns=burst, received_ns=None),))
+    )
+    (gaps,) = [one for one in findings if (one.check, one.subject) == ("time.gaps", "/imu")]
+    assert gaps.verdict == "ok" and "100.1 messages a second, 0 missing" in gaps.words
+
+
+@settings(max_examples=25)
+@given(share=st.floats(0.06, 0.4), sigma_ms=st.floats(0.0, 2.0), seed=st.integers(0, 999))
+def test_lost_messages_are_no_scatter(share: float, sigma_ms: float, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    kept = rng.random(600) >= share
+    kept[[0, -1]] = True
+    scattered = 100_000_000 * np.arange(600) + rng.normal(0.0, 1e6 * sigma_ms, 600).astype(int)
+    made = recording(60.0)
+    lost = scans_at(np.asarray(scattered[kept], dtype=np.int64))
+    bad = _bad(made.with_streams(RawScans, (replace(lost, received_ns=None),)))
+    assert bad == {"/scan": {"stream_gaps"}}
+
+
+def test_messages_that_come_late_and_then_all_at_once_are_not_missing() -> None:
+    """Stamped when received, by a computer that is busy for 0.4 s now and then."""
+    made = recording(60.0).imus[0]
+    late = made.stamps_ns.copy()
+    for at in range(300, late.size, 700):
+        late[at : at + 40] = late[at + 40]
+    restamped = replace(made, stamps_ns=late, received_ns=None)
+    findings = stamp_findings(recording(60.0).with_streams(RawImu, (restamped,)))
+    (gaps,) = [one for one in findings if (one.check, one.subject) == ("time.gaps", "/imu")]
+    assert gaps.verdict == "ok"
+
+
+@pytest.mark.parametrize(
+    ("period_ns", "others_live", "invented"),
+    [
+        (100_000_000, True, True),
+        (100_013_713, True, True),
+        (100_013_713, False, True),
+        (100_000_000, False, False),
+        (33_333_333, False, False),
+    ],
+)
+def test_counted_stamps(period_ns: int, others_live: bool, invented: bool) -> None:
+    """A simulator's are as even, and received at once; but all of them, at a round rate."""
+    made = recording(60.0)
+    even = 100_000_000_000 + period_ns * np.arange(600)
+    scans = scans_at(even, even.copy())
+    if not others_live:
+        made = made.changed(RawStream, lambda one: replace(one, received_ns=one.stamps_ns.copy()))
+    findings = stamp_findings(made.with_streams(RawScans, (scans,)))
+    (found,) = [one for one in findings if (one.check, one.subject) == ("time.invented", "/scan")]
+    assert (found.fault == "stamps_invented") == invented
+    others = {one.subject for one in findings if one.check == "time.invented" and one.fault}
+    assert others <= {"/scan"}
+
+
+@pytest.mark.parametrize("rate_hz", [400.0, 300.0, 150.0, 70.0])
+def test_stamps_in_whole_milliseconds_miss_nothing(rate_hz: float) -> None:
+    made = recording(60.0)
+    count = np.arange(round(60.0 * rate_hz))
+    whole = np.asarray(count / rate_hz * 1e3, dtype=np.int64) * 1_000_000
+    series = imu_at(whole)
+    findings = stamp_findings(made.with_streams(RawImu, (replace(series, received_ns=None),)))
+    (gaps,) = [one for one in findings if (one.check, one.subject) == ("time.gaps", "/imu")]
+    assert gaps.verdict == "ok" and " 0 missing" in gaps.words
+
+
+def test_one_stamp_on_all_messages_is_no_even_beat() -> None:
+    stuck = _restamped(np.zeros_like)
+    (scatter,) = [
+        one
+        for one in stamp_findings(stuck)
+        if (one.check, one.subject) == ("time.scatter", "/scan")
+    ]
+    assert scatter.verdict == "inconclusive" and "1 different stamps" in scatter.words
+
+
+def test_a_coarse_clock_is_not_blamed_on_another_sensor() -> None:
+    coarse = judge(ROUNDING, "/imu", "coarse", verdict="fault")
+    late = judge(CULPRITS["lidar"], "/scan", "early", verdict="fault")
+    assert [one.verdict for one in explained([coarse, late])] == ["fault", "inconclusive"]
 
 
 def test_a_replay_at_another_speed_is_no_drift() -> None:

@@ -10,19 +10,22 @@ from pathlib import Path
 
 import numpy as np
 
+from independent.consumer import HARMFUL_M, harm_m, use_of
 from independent.drives import random_drive
 from independent.fault import Fault, Made
 from independent.faults import FAULTS
 from independent.harsh import HARSH
+from independent.mutate import mutated
 from independent.recorded import Bag
 from independent.robots import LIDARS, Flaws, Robot, random_robot
 from independent.rooms import random_room
 from independent.sensors import Conditions, Scanner, bag_with
-from independent.writer import write
+from independent.writer import messages_of, write, write_messages
 
 DRIVES = len(LIDARS)
 """For each seed: one with each kind of lidar."""
 
+MUTATION = "mutation_"
 CLEAN, CLEAN_FROM = "clean", 1_000_000
 """Drives from this number on are those of clean recordings."""
 
@@ -30,7 +33,7 @@ CLEAN, CLEAN_FROM = "clean", 1_000_000
 @dataclass(frozen=True)
 class Case:
     """One recording. drive: number of the drive. harsh: the name of its conditions, "" for usual
-    ones. faults: names. sort: clean, fault or pair."""
+    ones. faults: names. sort: clean, fault, pair or mutation."""
 
     sort: str
     drive: int
@@ -46,10 +49,12 @@ class Case:
 @dataclass(frozen=True)
 class Expected:
     """right: for each fault the names of which any is right, None for any at all. also: names that
-    may be told besides. truth: what a checker's sizes should be, by question, in its units."""
+    may be told besides, None for any. truth: what a checker's sizes should be, by question, in its
+    units. about: the lidar, and of a mutation what was done and its harm.
+    """
 
     right: tuple[frozenset[str] | None, ...]
-    also: frozenset[str]
+    also: frozenset[str] | None
     truth: dict[str, float]
     about: str
 
@@ -60,9 +65,13 @@ def fault_names() -> list[str]:
 
 
 def cases(
-    seeds: Sequence[int], clean: int, pairs: int, wanted: Sequence[str] | None = None
+    seeds: Sequence[int],
+    clean: int,
+    pairs: int,
+    wanted: Sequence[str] | None = None,
+    mutations: int = 0,
 ) -> list[Case]:
-    """For each seed every fault, and so many pairs of faults; and so many clean drives.
+    """For each seed every fault, so many pairs of faults and mutations; and clean drives.
 
     Over the seeds a fault meets all lidars. wanted: only these, by name: ``laser_yaw_1deg`` on the
     drives of all seeds, ``laser_yaw_1deg+track_2%@13`` on drive 13, ``clean@1000003``. Raises
@@ -76,6 +85,9 @@ def cases(
             found.append(_case((name,), seed, index))
         rng = np.random.default_rng([seed, 2])
         found += [_case(pair, seed, index) for index, pair in enumerate(_pairs(rng, pairs))]
+        for number in range(mutations):
+            drive = seed * DRIVES + number % DRIVES
+            found.append(Case("mutation", drive, "", (f"{MUTATION}{number}",)))
     first = CLEAN_FROM + min(seeds, default=0) * 1000
     return found + [clean_case(first + number) for number in range(clean)]
 
@@ -90,6 +102,8 @@ def _wanted(name: str, seeds: Sequence[int]) -> list[Case]:
     what, _, drive = name.partition("@")
     if what == CLEAN:
         return [clean_case(int(drive or CLEAN_FROM))]
+    if what.startswith(MUTATION):
+        return [Case("mutation", int(drive or 0), "", (what,))]
     faults = tuple(FAULTS[each].name for each in what.split("+"))
     if drive:
         return [Case("fault" if len(faults) == 1 else "pair", int(drive), "", faults)]
@@ -157,9 +171,25 @@ def bag_of(case: Case, seconds: float) -> tuple[Bag, Expected]:
 
 def make(case: Case, path: Path, seconds: float) -> Expected:
     """Writes the recording as a folder at path; every fourth drive as SQLite, the others MCAP."""
+    storage = "sqlite3" if case.drive % 4 == 3 else "mcap"
+    if case.sort == "mutation":
+        return _make_mutation(case, path, seconds, storage)
     bag, expected = bag_of(case, seconds)
-    write(bag, path, "sqlite3" if case.drive % 4 == 3 else "mcap")
+    write(bag, path, storage)
     return expected
+
+
+def _make_mutation(case: Case, path: Path, seconds: float, storage: str) -> Expected:
+    """A harmful one must be told by whatever name; of others nothing is expected."""
+    bag, expected = bag_of(replace(case, faults=()), seconds)
+    before = list(enumerate(messages_of(bag)))
+    number = int(case.faults[0].removeprefix(MUTATION))
+    mutation = mutated(before, np.random.default_rng([case.drive, number, 4]))
+    harm = harm_m(use_of(before), use_of(mutation.messages))
+    write_messages([message for _, message in mutation.messages], path, storage)
+    right: tuple[None, ...] = (None,) if harm > HARMFUL_M else ()
+    told = f"{harm:.3f} m of harm" if np.isfinite(harm) else "breaks a consumer"
+    return Expected(right, None, {}, f"{expected.about}; {mutation.words}; {told}")
 
 
 def _knocked(flaws: Flaws) -> bool:

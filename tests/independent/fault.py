@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from independent.recorded import Bag
+from independent.recorded import Bag, Messages
 from independent.robots import Robot
 from independent.sensors import Conditions
 
@@ -75,3 +75,23 @@ def rolling(robot: Robot) -> bool:
 def all_round(robot: Robot) -> bool:
     """Whether the laser sees all round."""
     return robot.lidar.fov_deg == 360.0
+
+
+Of = Callable[[Bag], list[Messages]]
+
+
+def of_lidar(bag: Bag) -> list[Messages]:
+    return list(bag.scans)
+
+
+def of_imu(bag: Bag) -> list[Messages]:
+    return list(bag.imu)
+
+
+def of_wheels(bag: Bag) -> list[Messages]:
+    """The odometry and its transform, which are one publisher's."""
+    return [*bag.odometry, *(edge for edge in bag.edges if not edge.static)]
+
+
+def of_all(bag: Bag) -> list[Messages]:
+    return [*of_lidar(bag), *of_imu(bag), *of_wheels(bag)]

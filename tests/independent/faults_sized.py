@@ -48,7 +48,7 @@ LASER = [
 ]
 
 KNOCKS = [
-    fault(f"knocked_{name}", "knocked", None, flaws=flaws)
+    fault(f"knocked_{name}", "knocked", "laser_moved", flaws=flaws)
     for name, flaws in (
         ("1.9deg", {"knock_yaw": np.deg2rad(1.9)}),
         ("-1deg", {"knock_yaw": np.deg2rad(-1.0)}),
@@ -64,6 +64,9 @@ WHEELS = [
     *sizes("track", "wheel_track", "track", _per_cent(1, -1, 2, -5, 20), pairs=True),
     *sizes("unequal", "wheel_radius", "unequal", _per_cent(0.5, -1, 3), pairs=True),
 ]
+
+AHEAD = "stamps_future stamps_late"
+"""A clock that runs on leaves the recorder's behind, or falls behind it."""
 
 CLOCKS = [
     *sizes(
@@ -81,9 +84,9 @@ CLOCKS = [
         _milliseconds(3, 10, -20, 40, 150),
         pairs=True,
     ),
-    *sizes("lidar_drift", "clock_drift", "lidar_drift", _ppm(300, -1000, 3000)),
-    *sizes("imu_drift", "clock_drift", "imu_drift", _ppm(500, -2000)),
-    *sizes("wheels_drift", "clock_drift", "wheels_drift", _ppm(1000, -3000)),
+    *sizes("lidar_drift", "clock_drift", "lidar_drift", _ppm(300, -1000, 3000), also=AHEAD),
+    *sizes("imu_drift", "clock_drift", "imu_drift", _ppm(500, -2000), also=AHEAD),
+    *sizes("wheels_drift", "clock_drift", "wheels_drift", _ppm(1000, -3000), also=AHEAD),
     *sizes("lidar_jitter", "stamps_jitter", "lidar_jitter_s", _milliseconds(10, 20)),
 ]
 

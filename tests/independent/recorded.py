@@ -101,6 +101,11 @@ def yaw_quaternion(yaw: Floats) -> Floats:
     return np.column_stack([none, none, np.sin(yaw / 2), np.cos(yaw / 2)])
 
 
+def yaw_of(quaternion: Floats) -> Floats:
+    """Of rotations about z (n, 4), not wrapped."""
+    return np.unwrap(2.0 * np.arctan2(quaternion[:, 2], quaternion[:, 3]))
+
+
 def rpy_quaternion(roll: float, pitch: float, yaw: float) -> Floats:
     """x, y, z, w of Rz(yaw) Ry(pitch) Rx(roll)."""
     (sr, cr), (sp, cp), (sy, cy) = ((np.sin(a / 2), np.cos(a / 2)) for a in (roll, pitch, yaw))

@@ -127,7 +127,9 @@ class Scanner:
             topic="/scan",
             frame="laser",
             stamps_ns=rounded(stamps_ns, self.conditions),
-            received_ns=received(self.conditions, self.begins_s + sweep_s, rng),
+            received_ns=received(
+                self.conditions, self.begins_s + max(sweep_s, flaws.lidar_late_s), rng
+            ),
             ranges_m=ranges_m.astype(np.float32),
             angle_min=middle - step * (lidar.beams - 1) / 2.0,
             angle_increment=step,
@@ -193,7 +195,7 @@ def odometry_of(robot: Robot, conditions: Conditions) -> Odometry:
         topic="/odom",
         frame="odom",
         stamps_ns=rounded(stamps_ns + jitter_ns.astype(np.int64), conditions),
-        received_ns=received(conditions, at_s, rng),
+        received_ns=received(conditions, at_s + max(0.0, flaws.wheels_late_s), rng),
         child="base_footprint" if robot.footprint else "base_link",
         xy_m=xy_m,
         quaternion=yaw_quaternion(yaw),
@@ -238,7 +240,7 @@ def imu_of(robot: Robot, conditions: Conditions) -> Imu:
         topic="/imu",
         frame="imu_link",
         stamps_ns=rounded(stamps_ns + jitter_ns.astype(np.int64), conditions),
-        received_ns=received(conditions, at_s, rng),
+        received_ns=received(conditions, at_s + max(0.0, flaws.imu_late_s), rng),
         gyro=turning @ turn + bias + walk + noise,
         acceleration=felt @ turn + rng.normal(0.0, 0.03, 3),
         quaternion=yaw_quaternion(heading + yaw) if robot.orientation else None,

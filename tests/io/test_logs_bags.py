@@ -24,10 +24,10 @@ from mcap.writer import CompressionType
 from rosbags.rosbag2 import StoragePlugin
 
 from slamsim.core.types import Log
-from slamsim.core.wheels import wheel_odometry
 from slamsim.guard.errors import InputRefused
 from slamsim.io.bag2.folder import MCAP_NAME
 from slamsim.io.open import read_log, read_truth
+from slamsim.models.differential_drive import wheel_odometry
 from slamsim.simulation.log_writer import LogWriter
 
 ROBOT1, ROBOT2 = Robot(ROS1), Robot(ROS2)

@@ -17,12 +17,13 @@ PACKAGE = Path(__file__).parents[2] / "slamsim"
 TOP_LEVEL: Mapping[str, str] = {"__init__": "version", "entry": "cli"}
 """Modules beside the packages, and the layer that each belongs to."""
 
-_FOUNDATION = ("core", "guard", "version")
+_FOUNDATION = ("models", "core", "guard", "version")
 _DATA = ("recording", "config", *_FOUNDATION)
 ALLOWED: Mapping[str, tuple[str, ...]] = {
     "version": (),
     "guard": (),
     "core": ("guard",),
+    "models": ("core", "guard"),
     "process": ("guard",),
     "console": ("core", "guard"),
     "config": ("guard",),

@@ -6,6 +6,7 @@ import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import get_args
 
 from slamsim.config.loading import load_run_config, load_simulated_config, load_world_config
 from slamsim.console.reporter import Reporter
@@ -15,7 +16,7 @@ from slamsim.dataset.make.engines.local import LocalEngine
 from slamsim.dataset.make.make import make_dataset
 from slamsim.dataset.recipe.distributions import Constant
 from slamsim.dataset.recipe.loading import load_recipe
-from slamsim.dataset.recipe.sequence import FORMATS
+from slamsim.dataset.recipe.sequence import FormatName
 from slamsim.io.open import read_log, read_recording, read_truth
 from slamsim.io.text.keyframes import read_keyframes
 from slamsim.io.text.tum import read_tum
@@ -125,7 +126,7 @@ def _built(mesh: Path) -> object:
 
 def of_dataset(folder: Path) -> Sealed:
     """What ``slamsim dataset make`` leaves, in every format."""
-    changed = {"duration_s": Constant(constant=4.0), "formats": FORMATS}
+    changed = {"duration_s": Constant(constant=4.0), "formats": get_args(FormatName)}
     with LocalEngine(1) as engine:
         make_dataset(load_recipe("tiny").model_copy(update=changed), 4, str(folder), engine)
     return sealed_dataset(folder)

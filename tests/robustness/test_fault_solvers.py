@@ -24,7 +24,7 @@ from slamsim.core.types import (
     Scan,
     ScanGeometry,
 )
-from slamsim.core.wheels import wheel_odometry
+from slamsim.models.differential_drive import wheel_odometry
 from slamsim.slam.backend.graph import GraphUnsound, PoseGraphSolver
 from slamsim.slam.backend.marginals import relative_covariances
 from slamsim.slam.backend.smoothing import Chain, smooth

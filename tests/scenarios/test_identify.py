@@ -172,7 +172,8 @@ def test_the_robot_that_drives_has_the_wheels_of_the_closed_form(
     wheels = wheels_of(values, np.array([draws]))
     radius_m = robot.drive_wheels.radius_m
     np.testing.assert_allclose(robot.drive_wheels.true_radii_m, radius_m * wheels.rolling[0])
-    assert robot.drive_wheels.true_track_m == pytest.approx(TRACK_M * wheels.track_scale[0])
+    assert robot.drive_wheels.track_scale == pytest.approx(wheels.track_scale[0])
+    assert robot.drive_wheels.track_m == pytest.approx(TRACK_M)
     droops_m_s = radius_m * np.array(robot.motor.gear_frictions_n_m) / robot.motor.pid_proportional
     np.testing.assert_allclose(droops_m_s, wheels.droops_m_s[0])
 

@@ -106,6 +106,12 @@ INVERTIBLE: dict[type[Edit], st.SearchStrategy[Any]] = {
         transforms(),
         st.sampled_from(["parent", "sensor"]),
     ),
+    frames.InvertTransform: st.builds(
+        frames.InvertTransform, st.just("odom -> base_footprint"), st.booleans()
+    ),
+    frames.RollQuaternions: st.builds(
+        frames.RollQuaternions, st.just(base.ROTATIONS), st.integers(-3, 3)
+    ),
     frames.TurnFrame: st.builds(frames.TurnFrame, st.just("laser_link"), rotations()),
     frames.AddTransform: st.just(
         frames.AddTransform(replace(MADE.transforms[0], parent="map", child="odom"))
@@ -236,6 +242,17 @@ PAIRS: Pairs = [
         500.0,
         [Repair("rescale_stamps", "/scan", {"drift_ppm": 500.0, "origin_ns": ORIGIN_NS})],
     ),
+    (
+        "lidar_clock_step",
+        0.3,
+        [
+            Repair(
+                "undo_clock_step",
+                "/scan",
+                {"after_ns": str(10 * SECOND_NS - SECOND_NS // 10), "jump_s": 0.3},
+            )
+        ],
+    ),
     ("stamps_late", 1.0, [Repair("shift_receipt", "/scan", {"offset_s": -1.0})]),
     ("range_inches", None, [Repair("scale_ranges", "/scan", {"factor": 0.0254})]),
     ("range_millimetres_throughout", None, [Repair("scale_ranges", "/scan", {"factor": 1e-3})]),
@@ -274,6 +291,7 @@ PAIRS: Pairs = [
         None,
         [Repair("rotate_imu", "/imu", {"up_x": 0.0, "up_y": 1.0, "up_z": 0.0})],
     ),
+    ("imu_turned", None, [Repair("turn_imu", "/imu", {"yaw_rad": np.radians(30.0)})]),
     ("imu_orientation_identity", None, [Repair("drop_orientation", "/imu")]),
     (
         "wheel_radius",
@@ -302,6 +320,22 @@ PAIRS: Pairs = [
     ("tf_missing_odometry", None, [Repair("add_odometry_transform", "/odom")]),
     ("tf_two_parents", None, [Repair("drop_transform", "odom -> base_link")]),
     ("tf_map_recorded", None, [Repair("drop_transform", "map -> odom")]),
+    ("tf_inverted", None, [Repair("invert_transform", "base_footprint -> odom")]),
+    ("tf_late", 0.5, [Repair("add_odometry_transform", "/odom")]),
+    (
+        "odometry_wxyz",
+        None,
+        [
+            Repair("reorder_quaternions", "/odom"),
+            Repair("reorder_quaternions", "/tf odom -> base_footprint"),
+        ],
+    ),
+    ("scan_in_odom", None, [Repair("rename_frame", "/scan", {"frame": "laser_link"})]),
+    (
+        "odometry_child_unknown",
+        None,
+        [Repair("rename_child_frame", "/odom", {"frame": "base_footprint"})],
+    ),
     ("tf_unknown_frame", None, [Repair("rename_frame", "/scan", {"frame": "laser_link"})]),
 ]
 """Faults with a size, and the repair with the right one."""
@@ -312,7 +346,7 @@ LOSSY = {
 """Repairs that leave out, or approximate, what a fault has destroyed."""
 APPROXIMATE = {
     *("negate_angles", "turn_with_robot", "normalise_rotations", "freeze_static_transform"),
-    "remove_odometry_jumps",
+    *("remove_odometry_jumps", "twist_from_poses"),
 }
 """Of faults of the sensing, and of what no message says any more; tried in test_repairs.py."""
 

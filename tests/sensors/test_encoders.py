@@ -12,7 +12,7 @@ from sensing_example import drive_along, figure_eight
 
 from slamsim.config.sensors import EncoderConfig
 from slamsim.core.types import Drive
-from slamsim.core.wheels import wheel_odometry
+from slamsim.models.differential_drive import wheel_odometry
 from slamsim.sensors.encoders import Encoders
 from slamsim.sensors.motion import joined
 from slamsim.sensors.readings import EncoderBatch

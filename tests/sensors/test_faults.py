@@ -16,8 +16,8 @@ from slamsim.check.registry import CHECKER_ERROR, registry
 from slamsim.config.bundled import bundled_names
 from slamsim.core.geometry import xyzw_from_yaw, yaw_from_xyzw
 from slamsim.core.types import EncoderStream
-from slamsim.core.wheels import wheel_odometry
 from slamsim.guard.errors import InputRefused, NotFound, SlamsimError
+from slamsim.models.differential_drive import wheel_odometry
 from slamsim.recording import (
     RawImu,
     RawJoints,

@@ -12,7 +12,7 @@ from slamsim.config.drive import DriveConfig, FollowConfig, LimitsConfig, RouteC
 from slamsim.config.robot import DriveWheelsConfig, MotorConfig, RobotConfig
 from slamsim.core.geometry import matrix_from_xyzw, wrap_angle, yaw_from_xyzw
 from slamsim.core.types import Drive, EncoderStream, FloatArray
-from slamsim.core.wheels import wheel_odometry
+from slamsim.models.differential_drive import wheel_odometry
 from slamsim.sim.drive.route import plan_route
 from slamsim.sim.drive.run import drive
 from slamsim.sim.robot.model import RobotModel, build_robot

@@ -16,6 +16,7 @@ from slamsim.config.drive import DriveConfig
 from slamsim.config.robot import RobotConfig
 from slamsim.core.types import Drive
 from slamsim.guard.errors import SlamsimError
+from slamsim.process.children import MEMORY, peak_memory_mb
 from slamsim.process.worker import WorkerDied, Workers
 from slamsim.sim.drive.process import DriveProcess
 from slamsim.sim.drive.route import plan_route
@@ -112,3 +113,18 @@ def test_a_stopped_worker_is_told_and_replaced(monkeypatch: pytest.MonkeyPatch) 
         with pytest.raises(WorkerDied, match="was stopped"):
             workers.submit(stop_myself, 100.0).result()
         assert workers.submit(os.getpid, 100.0).result() > 0
+
+
+def test_the_memory_of_the_process_is_its_own_and_counts_while_it_runs() -> None:
+    held = np.ones(40_000_000)  # 320 MB, which a started process has before it becomes another
+    before = children()
+    with DriveProcess() as process:
+        windows = process.drive(WORLD, ROBOT, ROUTE, CONFIG)
+        next(windows)
+        (pid,) = children() - before
+        theirs_mb = peak_memory_mb(pid)
+        assert 10.0 < theirs_mb < held.nbytes * 1e-6
+        assert MEMORY.peak_mb() > peak_memory_mb() - 1.0
+        assert MEMORY.peak_mb() >= theirs_mb + held.nbytes * 1e-6
+        list(windows)
+    assert peak_memory_mb(pid) == 0.0

@@ -29,7 +29,7 @@ from slamsim.config.robot import (
     VariationConfig,
 )
 from slamsim.core.geometry import matrix_from_rpy, se3_from_parts
-from slamsim.core.wheels import wheel_odometry
+from slamsim.models.differential_drive import wheel_odometry
 from slamsim.sim.drive.script import Command, read_encoders
 from slamsim.sim.ground import Ground
 from slamsim.sim.robot.as_built import drawn_robot
@@ -52,7 +52,7 @@ def test_unequal_wheels_draw_the_circle_that_geometry_says(
     assert 0.5 * (left_m + right_m) == pytest.approx(RADIUS_M * scale)
     turning = mean(run.drive.wheel_speeds_rad_s, 1.0)
     np.testing.assert_allclose(turning, 0.2 / RADIUS_M, rtol=1e-4)
-    expected = (right_m * turning[1] - left_m * turning[0]) / wheels.true_track_m
+    expected = (right_m * turning[1] - left_m * turning[0]) / (wheels.track_m * wheels.track_scale)
     measured = mean(run.drive.angular_velocity_rad_s, 1.0)[2]
     assert measured == pytest.approx(expected, rel=0.02, abs=2e-5)
     assert np.abs(wheel_odometry(read_encoders(run.drive, model)).poses[-1, 1:]).max() < 0.002

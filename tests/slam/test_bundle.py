@@ -14,17 +14,19 @@ from slamsim.core.result import GraphEdge
 from slamsim.core.types import Float32Array, FloatArray, IntArray
 from slamsim.evaluate.consistency import nees_band
 from slamsim.guard.numbers import NoSolution
-from slamsim.slam.backend.association import share_surfaces
-from slamsim.slam.backend.blocks import factorise
-from slamsim.slam.backend.bundle import NotRefined, Refined, refine
-from slamsim.slam.backend.bundle_equations import (
+from slamsim.models.blocks import factorise
+from slamsim.models.line_bundle import (
+    Seen,
     add_surfaces,
     fit_lines,
+    pose_rows,
     pull_to_lines,
     residuals,
     to_map,
 )
-from slamsim.slam.backend.supernodes import add_block, empty_system, make_panels
+from slamsim.models.supernodes import add_block, empty_system, make_panels
+from slamsim.slam.backend.association import share_surfaces
+from slamsim.slam.backend.bundle import NotRefined, Refined, refine
 from slamsim.slam.matching.surfaces import (
     BEAMS,
     HALF_LENGTH,
@@ -191,14 +193,16 @@ def test_the_reduced_system_is_the_dense_one_with_surfaces_eliminated(seed: int)
     everyone = np.array([(a, b) for a in range(count) for b in range(a)])
     panels = make_panels(everyone, count - 1)
     system = empty_system(panels)
-    own = (number[views], np.roll(poses, -1, axis=0))
-    add_surfaces(points, weights, own, (starts, lines), panels, system)
+    rows = pose_rows(points, starts, lines, views, poses)
+    seen = Seen(points, weights, starts, lines, rows, number[views][:, None])
+    add_surfaces(seen, panels, system)
     ridge = 1e-3 * np.eye(3)
     for k in range(count - 1):
         add_block(panels, system, k, k, ridge)
     right = np.zeros((count, 3))
-    pull_to_lines(points, weights, own, (starts, lines), right)
+    pull_to_lines(seen, right)
 
+    own = (number[views], np.roll(poses, -1, axis=0))
     dense, dense_right = dense_system(points, weights, own, starts, lines)
     size = 3 * (count - 1)
     dense[:size, :size] += 1e-3 * np.eye(size)

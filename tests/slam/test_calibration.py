@@ -16,7 +16,8 @@ from slamsim.console.summary import summary
 from slamsim.core.geometry import between, compose, wrap_angle
 from slamsim.core.result import GraphEdge
 from slamsim.core.types import EncoderStream, FloatArray, PlanarTrajectory
-from slamsim.core.wheels import Reading, encoder_reading, pose_reading, wheel_odometry
+from slamsim.models.differential_drive import Reading, encoder_reading, pose_reading, wheel_odometry
+from slamsim.models.wheel_gyro import CURVATURE, PARAMETERS
 from slamsim.slam.calibration.calibrated import calibrated
 from slamsim.slam.calibration.online import (
     PRIOR_SIGMAS,
@@ -36,7 +37,7 @@ from slamsim.slam.calibration.solve import (
     solve_calibration,
 )
 from slamsim.slam.frontend.motion import Odometry, increments
-from slamsim.slam.frontend.preintegration import CURVATURE, PARAMETERS, OdometryNoise, OdometryStep
+from slamsim.slam.frontend.preintegration import OdometryNoise, OdometryStep
 
 TURNING = np.array([[0.0, 0.0], [3, 0], [3, 2], [0, 2], [0, 4], [3, 4], [3, 6], [0, 6], [0, 0]])
 STRAIGHT = np.array([[0.0, 0.0], [20.0, 0.0]])

@@ -21,11 +21,12 @@ from slamsim.config.slam import MotionConfig
 from slamsim.core.geometry import between, compose, transform_points
 from slamsim.core.result import GraphEdge
 from slamsim.core.types import FloatArray
+from slamsim.models.wheel_gyro import PARAMETERS
 from slamsim.slam.closures.closure import Closure, ClosureFinder, Expected
 from slamsim.slam.closures.pending import WaitingClosures, agree
 from slamsim.slam.closures.submaps import FREE, UNKNOWN, WALL, Surfaces, space_grid, submap_is_full
 from slamsim.slam.frontend.keyframes import KeyframeMaker, chain_edge
-from slamsim.slam.frontend.preintegration import PARAMETERS, OdometryNoise, OdometryStep
+from slamsim.slam.frontend.preintegration import OdometryNoise, OdometryStep
 
 ROOM = np.concatenate(
     [

@@ -21,11 +21,11 @@ from slamsim.core.geometry import adjoint, between, compose, inverse, rotation
 from slamsim.core.result import GraphEdge
 from slamsim.core.types import FloatArray, IntArray
 from slamsim.guard.numbers import NoSolution
-from slamsim.slam.backend.blocks import factorise
+from slamsim.models.blocks import factorise
+from slamsim.models.supernodes import add_block, empty_system, make_panels
 from slamsim.slam.backend.bridges import find_bridges
 from slamsim.slam.backend.estimate import Estimate
 from slamsim.slam.backend.marginals import edge_covariances, graph_factor, relative_covariances
-from slamsim.slam.backend.supernodes import add_block, empty_system, make_panels
 
 AGREED = 1e-6
 

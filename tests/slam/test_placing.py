@@ -12,9 +12,10 @@ from scipy.stats import multivariate_t
 
 from slamsim.core.geometry import compose
 from slamsim.core.types import Cloud, FloatArray
+from slamsim.models.wheel_gyro import PARAMETERS
 from slamsim.slam.frontend.match_selection import LIKELY_SIGMAS, TAIL_FREEDOM, Placer, _surprise
 from slamsim.slam.frontend.prediction import Prediction
-from slamsim.slam.frontend.preintegration import PARAMETERS, OdometryStep
+from slamsim.slam.frontend.preintegration import OdometryStep
 from slamsim.slam.matching import Match
 
 SIGMAS = np.array([0.005, 0.005, 0.002])

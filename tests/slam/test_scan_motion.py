@@ -12,8 +12,8 @@ from scan_recording import LIDAR, healthy, truth, with_layout, with_ranges
 
 from slamsim.core.geometry import between, compose
 from slamsim.core.types import FloatArray
+from slamsim.models.line_bundle import fit_lines
 from slamsim.recording import RawScans
-from slamsim.slam.backend.bundle_equations import fit_lines
 from slamsim.slam.laser.scan_beams import BeamReader
 from slamsim.slam.laser.scan_equations import POSE, SHAPES, UNKNOWNS, moved_points, window_system
 from slamsim.slam.laser.scan_motion import ScanMotions, scan_motions
@@ -44,9 +44,9 @@ def test_steps_are_as_near_the_truth_as_they_claim() -> None:
 
 def test_shape_of_healthy_scans_is_as_declared() -> None:
     motions = scan_motions(healthy().scans[0])
-    sweep, angle, offset = motions.sweep_scale, motions.angle_step, motions.range_offset_m
-    assert sweep is not None and sweep.sigma < 0.05
-    assert abs(sweep.value - 1.0) < 5.0 * sweep.sigma
+    sweep, angle, offset = motions.sweep_s, motions.angle_step, motions.range_offset_m
+    assert sweep.sigma < 0.05 * sweep.declared
+    assert abs(sweep.value - sweep.declared) < 5.0 * sweep.sigma
     assert angle.sigma < 1e-3
     assert abs(angle.value - 1.0) < 5.0 * angle.sigma
     assert abs(offset.value) < 5.0 * offset.sigma
@@ -238,7 +238,8 @@ def test_system_is_what_dense_algebra_leaves_of_the_surfaces(seed: int) -> None:
     weights = np.random.default_rng(seed).uniform(1.0, 9.0, 12)
     starts = np.array([0, 6, 12])
     lines = fit_lines(points, weights, starts)
-    system, right = window_system((points, change, weights, VIEWS), starts, lines, 3)
+    surfaces = np.repeat([0, 1], 6)
+    system, right = window_system((points, change, weights, VIEWS), surfaces, starts, lines, 3)
 
     size = 3 * POSE + SHAPES
     rows, off = np.zeros((24, size + 4)), np.zeros(24)

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from slamsim.core.geometry import adjoint, between, compose
 from slamsim.core.result import EdgeKind, GraphEdge, PoseGraph
 from slamsim.core.types import FloatArray, PlanarTrajectory
+from slamsim.models.supernodes import add_block, empty_system, make_panels
 from slamsim.slam.backend.smoothing import Smoothed
-from slamsim.slam.backend.supernodes import add_block, empty_system, make_panels
 from slamsim.slam.backend.surface_information import (
     Sights,
     drift_between,

@@ -13,11 +13,12 @@ from simulated import ScanList, Simulated, ate_rmse_m, labyrinth, simulate
 from slamsim.config.slam import FrontEndConfig, SlamConfig
 from slamsim.core.geometry import between, transform_points
 from slamsim.core.types import Cloud, FloatArray, Scan, ScanGeometry
+from slamsim.models.wheel_gyro import PARAMETERS
 from slamsim.slam.frontend.keyframes import KeyframeMaker
 from slamsim.slam.frontend.motion import log_odometry
 from slamsim.slam.frontend.odometry import FrontEnd
 from slamsim.slam.frontend.prediction import Prediction
-from slamsim.slam.frontend.preintegration import PARAMETERS, OdometryStep
+from slamsim.slam.frontend.preintegration import OdometryStep
 from slamsim.slam.frontend.tracking import Tracked
 from slamsim.slam.matching.accumulate import (
     ENOUGH_PIECES,

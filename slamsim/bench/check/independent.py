@@ -5,6 +5,8 @@ It lies in the folder ``tests/independent`` of a checkout, and is no part of the
 
 from __future__ import annotations
 
+import difflib
+import json
 import sys
 import time
 from collections import Counter
@@ -26,26 +28,30 @@ from slamsim.bench.check.summary import coverage_of, coverage_row
 from slamsim.check.check import check_recording
 from slamsim.console.reporter import Reporter
 from slamsim.guard.errors import NotFound, SlamsimError, shown
+from slamsim.guard.output import write_atomic
 from slamsim.io.open import read_recording
 
 PLACE = Path("tests") / "independent"
 
-MOST_AT_ONCE = 20
+MOST_AT_ONCE = 7
 """Cases of one drive that one process works through; after them their rows are shown."""
 
 
 @dataclass(frozen=True, slots=True)
 class IndependentCampaign:
-    """What to run. seeds: for each every fault, and so many pairs of faults. clean: number of
-    drives without a fault. only: these cases alone, by name. seconds: length of a drive."""
+    """What to run. seeds: for each every fault, so many pairs of faults, and random mutations.
+    clean: number of drives without a fault. only: these cases alone, by name. seconds: length of a
+    drive. kept: folder for the rows as they come, one line of JSON for each case."""
 
     folder: Path
     seeds: Sequence[int]
     clean: int = 0
     pairs: int = 0
+    mutations: int = 0
     only: Sequence[str] | None = None
     seconds: float = 60.0
     workers: int = 1
+    kept: Path | None = None
 
 
 def generator_folder() -> Path:
@@ -72,6 +78,7 @@ def run_independent(campaign: IndependentCampaign, reporter: Reporter) -> None:
         ):
             for row in done:
                 rows.append(row)
+                _keep(campaign, rows)
                 if not row["right"]:
                     reporter.say(row_line(row))
                 progress(len(rows), count)
@@ -81,15 +88,26 @@ def run_independent(campaign: IndependentCampaign, reporter: Reporter) -> None:
         reporter.result(figures)
 
 
+def _keep(campaign: IndependentCampaign, rows: Sequence[Json]) -> None:
+    if campaign.kept is None:
+        return
+    campaign.kept.mkdir(parents=True, exist_ok=True)
+    lines = (json.dumps(row) + "\n" for row in rows)
+    write_atomic(campaign.kept / "independent.jsonl", "".join(lines).encode())
+
+
 def _jobs(campaign: IndependentCampaign) -> list[list[Any]]:
     """Cases by drive, a few at a time, for those of one drive share what takes long to make."""
     generator = _load(campaign.folder)
     try:
-        cases = generator.cases(campaign.seeds, campaign.clean, campaign.pairs, campaign.only)
-    except (KeyError, ValueError) as error:
-        names = ", ".join(generator.fault_names())
+        cases = generator.cases(
+            campaign.seeds, campaign.clean, campaign.pairs, campaign.only, campaign.mutations
+        )
+    except KeyError as error:
+        unknown = str(error.args[0])
+        near = difflib.get_close_matches(unknown, generator.fault_names(), n=1, cutoff=0.0)
         raise SlamsimError(
-            f"there is no such case ({shown(str(error))}); faults: {names}"
+            f"the generator makes no fault {shown(unknown)}; the nearest is {near[0]!r}"
         ) from None
     drives: dict[int, list[Any]] = {}
     for case in cases:
@@ -156,12 +174,17 @@ def _run_case(generator: Any, case: Any, seconds: float) -> Json:
     }
 
 
-def _judged(said: set[str], wanted: list[frozenset[str] | None], also: frozenset[str]) -> Json:
+Names = frozenset[str] | None
+
+
+def _judged(said: set[str], wanted: list[Names], also: Names) -> Json:
     """Whether each fault was named, and nothing false beside; where no checker has a name for a
-    fault nothing can be false."""
+    fault (None), or anything may be said besides (also is None), nothing can be false."""
     named = all(bool(said) if one is None else bool(said & one) for one in wanted)
-    true = also.union(*(one for one in wanted if one is not None))
-    invented = set[str]() if None in wanted else said - true
+    if also is None or None in wanted:
+        invented = set[str]()
+    else:
+        invented = said - also.union(*(one for one in wanted if one is not None))
     return {
         "expected": [None if one is None else sorted(one) for one in wanted],
         "named": named,
@@ -200,7 +223,11 @@ def row_line(row: Json) -> str:
 
 def summarise_independent(rows: Sequence[Json]) -> Json:
     """Shares over all rows; a case that failed is one that was not named."""
-    of = {sort: [row for row in rows if row["sort"] == sort] for sort in ("fault", "pair", "clean")}
+    of = {
+        sort: [row for row in rows if row["sort"] == sort]
+        for sort in ("fault", "pair", "clean", "mutation")
+    }
+    harmful = [row for row in of["mutation"] if row.get("expected") or "error" in row]
     coverage = coverage_of(_pair(pair) for row in rows for pair in _dicts(row.get("measured")))
     stated = sum(cast(int, one["count"]) for one in coverage.values())
     held = sum(cast(int, one["count"]) * cast(float, one["inside"]) for one in coverage.values())
@@ -210,6 +237,9 @@ def summarise_independent(rows: Sequence[Json]) -> Json:
         "named_share": _share(of["fault"]),
         "pairs": len(of["pair"]),
         "pairs_named_share": _share(of["pair"]),
+        "mutations": len(of["mutation"]),
+        "harmful": len(harmful),
+        "harmful_told_share": _share(harmful),
         "clean": len(of["clean"]),
         "false_alarms": sum(not row["right"] for row in of["clean"]),
         "intervals_held": held / stated if stated else None,
@@ -242,6 +272,7 @@ def _table(figures: Json) -> dict[str, str]:
     rows = {
         "faults": _told(figures, "faults", "named_share"),
         "pairs of faults": _told(figures, "pairs", "pairs_named_share"),
+        "harmful mutations": _told(figures, "harmful", "harmful_told_share"),
         "clean": f"{figures['clean']}, {figures['false_alarms']} with a false alarm",
     }
     for check, one in cast(Mapping[str, Json], figures["intervals"]).items():

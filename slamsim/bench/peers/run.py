@@ -20,7 +20,7 @@ from slamsim.core.types import FloatArray, Log, PlanarTrajectory, Scan, ScanGeom
 from slamsim.evaluate.trajectory import compare, statistics
 from slamsim.guard.errors import InputRefused, SlamsimError
 from slamsim.io.open import read_log, read_truth
-from slamsim.run.stages import peak_memory_mb
+from slamsim.process.children import peak_memory_mb
 from slamsim.slam.frontend.deskew import deskew
 from slamsim.slam.frontend.motion import predict_motion
 from slamsim.slam.session import run_slam

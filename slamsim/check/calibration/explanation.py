@@ -10,7 +10,7 @@ of those sets the one that fits best.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import Literal
 
@@ -21,7 +21,7 @@ from slamsim.check.calibration.model import UNKNOWNS
 from slamsim.check.findings import Measurement
 from slamsim.check.question import decide
 from slamsim.core.types import BoolArray, FloatArray
-from slamsim.slam.laser.scan_motion import ShapeEstimate
+from slamsim.slam.laser.scan_motion import ScanMotions, ShapeEstimate
 
 Size = Literal["radius", "track", "gyro", "ranges", "scan_turns"]
 
@@ -83,36 +83,47 @@ class _Gains:
         return np.array([EFFECTS[size] for size in sizes]).reshape(-1, 4)[:, self.known].T
 
 
-def explain(calibration: Calibration, angle_step: ShapeEstimate | None = None) -> Explanation:
+def explain(calibration: Calibration, motions: ScanMotions | None = None) -> Explanation:
     """The fewest wrong sizes that make the gains of a joint calibration.
 
-    angle_step: true over declared angle between beams by the scans alone, 1 where scans have been
-    corrected by it already; None where it is not asked.
+    motions: of its scans, for what they say of their own shape; None where it is not asked.
     """
-    gains = _gains(calibration, angle_step)
+    gains = _gains(calibration, motions)
     wrong = _fewest(gains)
     return Explanation({size: _size(gains, size, wrong) for size in EFFECTS}, frozenset(wrong))
 
 
-def _gains(calibration: Calibration, angle_step: ShapeEstimate | None) -> _Gains:
+def _gains(calibration: Calibration, motions: ScanMotions | None) -> _Gains:
     values = np.array([calibration.value(name) for name in GAINS])
     places = [UNKNOWNS.index(name) for name in GAINS]
     wheels = calibration.model.wheels is not None and calibration.follows("wheel")
     gyro = calibration.model.gyro is not None and calibration.follows("gyro")
-    by_shape = angle_step is not None and bool(np.isfinite(angle_step.sigma))
+    by_shape = motions is not None and bool(np.isfinite(motions.angle_step.sigma))
     known = np.array([wheels, wheels, gyro, by_shape]) & np.append(values != 0.0, True)
     seen, noise = np.zeros(4), np.zeros((4, 4))
     seen[:3] = np.log(np.abs(np.where(known[:3], values, 1.0)))
-    noise[:3, :3] = calibration.covariance[np.ix_(places, places)] / np.outer(values, values)
-    if angle_step is not None:
-        seen[3] = -np.log(angle_step.value)
-        noise[3, 3] = np.square(angle_step.sigma / angle_step.value)
+    # Few blocks of a jackknife tell sigmas, but no correlations: those are of the noise.
+    by_noise = calibration.fit.bound_covariance[np.ix_(places, places)]
+    stretch = np.sqrt(np.diag(calibration.covariance)[places] / np.diag(by_noise))
+    noise[:3, :3] = np.outer(stretch, stretch) * by_noise / np.outer(values, values)
+    if motions is not None and by_shape:
+        step, offset = _left(motions, 1), _left(motions, 2)
+        seen[3] = -np.log(step.value)
+        noise[3, 3] = np.square(step.sigma / step.value)
+        seen[0] += motions.path_by_offset_per_m * offset.value
+        noise[0, 0] += np.square(motions.path_by_offset_per_m * offset.sigma)
     of_robots = sum(
         np.square(HEALTHY_SHARE * LIMITS[size]) * np.outer(effect, effect)
         for size, effect in EFFECTS.items()
     )
     rows = np.ix_(known, known)
     return _Gains(seen[known], noise[rows], np.linalg.inv((noise + of_robots)[rows]), known)
+
+
+def _left(motions: ScanMotions, number: int) -> ShapeEstimate:
+    """Angle step (1) or range offset (2) beyond what scans have been corrected by already."""
+    found = (motions.sweep_s, motions.angle_step, motions.range_offset_m)[number]
+    return replace(found, value=found.declared) if motions.contradicted[number] else found
 
 
 def _fewest(gains: _Gains) -> tuple[Size, ...]:

@@ -8,6 +8,8 @@ from slamsim.check.motion.integrated import IntegratedMotion, smooth_curve
 from slamsim.check.motion.laser_steps import LaserSteps
 from slamsim.core.geometry import between, compose, inverse, wrap_angle
 from slamsim.core.types import BoolArray, FloatArray
+from slamsim.models.differential_drive import calibrated_motion, poses_along
+from slamsim.models.wheel_gyro import calibrated_turn
 
 UNKNOWNS = (
     "gyro_gain",
@@ -169,7 +171,7 @@ class Model:
             return np.zeros(len(self.steps))
         start, end = np.add(self._gyro_times(values), shifts_s[:, None])
         turned = (self.gyro.at(end) - self.gyro.at(start))[:, 0]
-        return np.asarray(values[GYRO_GAIN] * turned - values[GYRO_BIAS] * (end - start))
+        return calibrated_turn(turned, end - start, values[GYRO_GAIN], values[GYRO_BIAS])
 
     def _by_wheels(self, values: FloatArray, shifts_s: FloatArray) -> FloatArray:
         if self.wheels is None:
@@ -192,13 +194,11 @@ def _slope(behind: FloatArray, ahead: FloatArray, step: float) -> FloatArray:
 
 def rolled_poses(wheels: IntegratedMotion, values: FloatArray) -> FloatArray:
     """(n, 3) of the base at each reading, yaw not wrapped, each interval driven as an arc."""
-    path, turn = wheels.totals.T
-    lever = values[CURVATURE] * wheels.lever_m2
-    forward_m = np.diff(values[PATH_GAIN] * path + lever * turn)
-    yaw = values[TURN_GAIN] * turn + values[CURVATURE] * path
-    turned = np.diff(yaw)
-    chord = forward_m * np.sinc(turned / (2.0 * np.pi))
-    midway = yaw[:-1] + 0.5 * turned
-    x = np.concatenate([[0.0], np.cumsum(chord * np.cos(midway))])
-    y = np.concatenate([[0.0], np.cumsum(chord * np.sin(midway))])
-    return np.column_stack([x, y, yaw])
+    steps = np.diff(calibrated_path(values, wheels, wheels.totals), axis=0)
+    return poses_along(steps, np.zeros(3))
+
+
+def calibrated_path(values: FloatArray, wheels: IntegratedMotion, totals: FloatArray) -> FloatArray:
+    """(n, 2) path in m and turn in rad, of totals (n, 2) as the wheels' driver has them."""
+    path_gain, turn_gain, curvature = values[[PATH_GAIN, TURN_GAIN, CURVATURE]].tolist()
+    return calibrated_motion(totals, path_gain, turn_gain, curvature, wheels.lever_m2)

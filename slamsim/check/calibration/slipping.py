@@ -55,6 +55,7 @@ def find_spells(model: Model, values: FloatArray) -> SlipSpells:
     T_wheels = model.predicted(values)[0]
     by_wheels = _added(T_wheels, covered, values[LASER_YAW], step_of)
     by_scans = _added(model.steps.T_first_second, covered, values[LASER_YAW], step_of)
+    by_gyro = _turns_by_gyro(model, values, covered, step_of)
     apart = np.abs(by_wheels - by_scans)
     extent = np.maximum(np.abs(by_wheels), np.abs(by_scans))
     usual = np.median(apart, axis=0) / 0.6745
@@ -71,9 +72,22 @@ def find_spells(model: Model, values: FloatArray) -> SlipSpells:
     beside[:-1] |= frozen[1:]
     lasting = _largest_step(model, T_wheels, covered, values[LASER_YAW], step_of) < ONE_STEP * apart
     farther = np.abs(by_wheels) > np.abs(by_scans)
-    slipping = (off & lasting & farther).any(axis=1) & ~frozen
+    # Of two that turn alike and one that does not, it is the one: here the scans.
+    alone = np.abs(by_scans[:, 1] - by_gyro) > np.abs(by_wheels[:, 1] - by_gyro)
+    lost = alone & (np.abs(by_scans[:, 1] - by_gyro) > limits[:, 1])
+    slipping = (off & lasting & farther).any(axis=1) & ~frozen & ~lost
     mismatched = off.any(axis=1) & ~frozen & ~slipping
     return SlipSpells(start_s, step_of, by_wheels, by_scans, slipping, frozen, beside, mismatched)
+
+
+def _turns_by_gyro(
+    model: Model, values: FloatArray, covered: BoolArray, step_of: IntArray
+) -> FloatArray:
+    """(k,) turn of each spell by the gyroscope, nan where it does not cover the whole."""
+    count = int(step_of.max(initial=-1)) + 1
+    turned = np.bincount(step_of, np.where(covered, model.predicted(values)[1], 0.0), count)
+    missing = np.bincount(step_of, covered & ~model.covered(values)[0], count) > 0
+    return np.asarray(np.where(missing, np.nan, turned))
 
 
 def _largest_step(

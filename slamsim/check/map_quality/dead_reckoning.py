@@ -9,21 +9,21 @@ from scipy.interpolate import CubicSpline
 
 from slamsim.check.calibration.joint import Calibration
 from slamsim.check.calibration.model import (
-    CURVATURE,
     GYRO_BIAS,
     GYRO_DELAY,
     GYRO_DRIFT,
     GYRO_GAIN,
     LASER,
-    PATH_GAIN,
-    TURN_GAIN,
     WHEEL_DELAY,
     WHEEL_DRIFT,
+    calibrated_path,
 )
 from slamsim.check.map_quality.views import WindowView
 from slamsim.check.motion.integrated import IntegratedMotion
 from slamsim.core.geometry import compose
 from slamsim.core.types import FloatArray
+from slamsim.models.differential_drive import poses_along
+from slamsim.models.wheel_gyro import calibrated_turn
 
 FINE_S = 0.01
 """Paths are added up in steps of this."""
@@ -71,7 +71,9 @@ def laser_poses(calibration: Calibration, view: WindowView, clocks: Clocks) -> F
     heading = _heading(calibration, fine_s, clocks)
     if calibration.model.wheels is None:
         return _by_scans(view, fine_s, heading)
-    base = _driven(_path(calibration, fine_s, clocks.wheel), heading)
+    path = _by_wheels(calibration, fine_s, clocks.wheel)[:, 0]
+    steps = np.diff(np.column_stack([path, heading]), axis=0)
+    base = poses_along(steps, np.array([0.0, 0.0, heading[0]]))
     at = [np.interp(view.seen_s, fine_s, column) for column in base.T]
     return compose(np.column_stack(at), calibration.fit.values[LASER])
 
@@ -110,26 +112,16 @@ def _heading(calibration: Calibration, times_s: FloatArray, clocks: Clocks) -> F
     values, model = calibration.fit.values, calibration.model
     if model.gyro is not None:
         turned = _totals(calibration, model.gyro, times_s, clocks.gyro)[:, 0]
-        return np.asarray(values[GYRO_GAIN] * turned - values[GYRO_BIAS] * times_s)
-    assert model.wheels is not None
-    path, turned = _totals(calibration, model.wheels, times_s, clocks.wheel).T
-    return np.asarray(values[TURN_GAIN] * turned + values[CURVATURE] * path)
+        return calibrated_turn(turned, times_s, values[GYRO_GAIN], values[GYRO_BIAS])
+    return _by_wheels(calibration, times_s, clocks.wheel)[:, 1]
 
 
-def _path(calibration: Calibration, times_s: FloatArray, clock: Clock) -> FloatArray:
-    """(n,) path of the base along its heading, m."""
-    values, wheels = calibration.fit.values, calibration.model.wheels
+def _by_wheels(calibration: Calibration, times_s: FloatArray, clock: Clock) -> FloatArray:
+    """(n, 2) path of the base along its heading, m, and its turn, rad."""
+    wheels = calibration.model.wheels
     assert wheels is not None
-    path, turned = _totals(calibration, wheels, times_s, clock).T
-    return np.asarray(values[PATH_GAIN] * path + values[CURVATURE] * wheels.lever_m2 * turned)
-
-
-def _driven(path: FloatArray, heading: FloatArray) -> FloatArray:
-    """(n, 3) along the path (n,) with the heading (n,) at each of its points."""
-    step, midway = np.diff(path), 0.5 * (heading[1:] + heading[:-1])
-    x = np.concatenate([[0.0], np.cumsum(step * np.cos(midway))])
-    y = np.concatenate([[0.0], np.cumsum(step * np.sin(midway))])
-    return np.column_stack([x, y, heading])
+    totals = _totals(calibration, wheels, times_s, clock)
+    return calibrated_path(calibration.fit.values, wheels, totals)
 
 
 def _by_scans(view: WindowView, fine_s: FloatArray, heading: FloatArray) -> FloatArray:

@@ -66,7 +66,7 @@ def gather_inputs(recording: Recording, motions: ScanMotions | None) -> Inputs:
         _first(
             [integrated_wheels(ticks) for ticks in recording.ticks]
             + [integrated_odometry(odometry) for odometry in recording.odometries]
-            + [integrated_odometry(_as_odometry(edge)) for edge in _odometry_edges(recording, base)]
+            + [integrated_odometry(as_odometry(edge)) for edge in _odometry_edges(recording, base)]
         ),
         base,
         laser_frame,
@@ -86,7 +86,7 @@ def _odometry_edges(recording: Recording, base: str) -> list[TransformEdge]:
     ]
 
 
-def _as_odometry(edge: TransformEdge) -> RawOdometry:
+def as_odometry(edge: TransformEdge) -> RawOdometry:
     """The same poses as messages without twists."""
     none = np.full_like(edge.positions_m, np.nan)
     return RawOdometry(

@@ -9,9 +9,8 @@ import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 
 from slamsim.check.motion.wheel_counts import unwrapped
-from slamsim.core.geometry import wrap_angle, yaw_from_xyzw
+from slamsim.core.geometry import yaw_from_xyzw
 from slamsim.core.types import BoolArray, FloatArray, IntArray, PlanarTrajectory
-from slamsim.core.wheels import pose_reading
 from slamsim.guard.numbers import (
     MOST,
     MOST_NS,
@@ -20,6 +19,15 @@ from slamsim.guard.numbers import (
     require_number,
     require_stamps,
 )
+from slamsim.models.differential_drive import (
+    arcs_between,
+    forward_and_turn,
+    left_and_right,
+    lever_m2,
+    metres_per_tick,
+    pose_reading,
+)
+from slamsim.models.wheel_gyro import turn_at_midpoints
 from slamsim.recording import RawImu, RawOdometry, RawTicks
 
 GAP_PERIODS = 4.0
@@ -65,7 +73,7 @@ class IntegratedMotion:
     @property
     def lever_m2(self) -> float:
         """How far unequal wheels drive forward per radian and curvature of theirs."""
-        return 0.25 * self.track_m**2
+        return lever_m2(self.track_m)
 
     @property
     def origin_ns(self) -> int:
@@ -103,16 +111,14 @@ class IntegratedMotion:
 
 def rearranged(wheels: IntegratedMotion, wiring: str) -> IntegratedMotion:
     """The same counters with left and right exchanged or reversed: see ``alignment.Wiring``."""
-    left = wheels.totals[:, 0] - 0.5 * wheels.track_m * wheels.totals[:, 1]
-    right = wheels.totals[:, 0] + 0.5 * wheels.track_m * wheels.totals[:, 1]
+    left, right = left_and_right(wheels.totals[:, 0], wheels.totals[:, 1], wheels.track_m)
     if wiring == "swapped":
         left, right = right, left
     if wiring in ("left reversed", "both reversed"):
         left = -left
     if wiring in ("right reversed", "both reversed"):
         right = -right
-    totals = np.column_stack([0.5 * (left + right), (right - left) / wheels.track_m])
-    return replace(wheels, totals=totals)
+    return replace(wheels, totals=forward_and_turn(np.column_stack([left, right]), wheels.track_m))
 
 
 def smooth_curve(times_s: FloatArray, values: FloatArray) -> CubicHermiteSpline:
@@ -123,19 +129,14 @@ def smooth_curve(times_s: FloatArray, values: FloatArray) -> CubicHermiteSpline:
 def integrated_gyro(imu: RawImu, axis_imu: FloatArray, axis: str = "z") -> IntegratedMotion | None:
     """The turn about an axis (3,) of the unit's frame, by its name in the base; None for fewer
     than ``LEAST_SAMPLES``.
-
-    A sample is taken as the mean rate between the midpoints to its neighbours, so that the totals
-    at these midpoints are exact for a unit that averages over its period.
     """
     rates = imu.angular_velocity_rad_s @ axis_imu
     good = _in_order(imu.stamps_ns, is_sound(rates))
     if good.size < LEAST_SAMPLES:
         return None
     stamps, rates = imu.stamps_ns[good], rates[good]
-    middle = stamps[:-1] + np.diff(stamps) // 2
-    turned = rates[1:-1] * np.diff(middle) * 1e-9
-    totals = np.concatenate([[0.0], np.cumsum(turned)])
-    return replace(_course(imu.topic, middle, totals[:, None], np.zeros(1)), axis=axis)
+    middle, totals = turn_at_midpoints(stamps, rates)
+    return IntegratedMotion(imu.topic, middle, totals[:, None], np.zeros(1), axis=axis)
 
 
 def integrated_wheels(ticks: RawTicks) -> IntegratedMotion | None:
@@ -147,14 +148,13 @@ def integrated_wheels(ticks: RawTicks) -> IntegratedMotion | None:
     good = _in_order(ticks.stamps_ns, np.ones(len(ticks), dtype=np.bool_))
     if good.size < LEAST_SAMPLES:
         return None
-    tick_m = 2.0 * np.pi * ticks.wheel_radius_m / ticks.ticks_per_revolution
+    tick_m = metres_per_tick(ticks.ticks_per_revolution, ticks.wheel_radius_m)
     counts = np.column_stack([unwrapped(wheel) for wheel in ticks.ticks[good].T])
-    rolled = np.diff(counts, axis=0) * tick_m
-    turned = (rolled[:, 1] - rolled[:, 0]) / ticks.track_m
-    totals = _possible(np.column_stack([rolled.mean(axis=1), turned]), ticks.stamps_ns[good])
+    steps = forward_and_turn(np.diff(counts, axis=0) * tick_m, ticks.track_m)
+    totals = _possible(steps, ticks.stamps_ns[good])
     # Counts are rounded down: errors of one reading are uniform over a tick.
     reading = tick_m / np.sqrt(12.0) * np.array([np.sqrt(0.5), np.sqrt(2.0) / ticks.track_m])
-    return _course(ticks.topic, ticks.stamps_ns[good], totals, reading, ticks.track_m)
+    return IntegratedMotion(ticks.topic, ticks.stamps_ns[good], totals, reading, ticks.track_m)
 
 
 def integrated_odometry(odometry: RawOdometry) -> IntegratedMotion | None:
@@ -166,15 +166,10 @@ def integrated_odometry(odometry: RawOdometry) -> IntegratedMotion | None:
     if good.size < LEAST_SAMPLES:
         return None
     stamps, poses = odometry.stamps_ns[good], poses[good]
-    turned = wrap_angle(np.diff(poses[:, 2]))
-    midway = poses[:-1, 2] + 0.5 * turned
-    step = np.diff(poses[:, :2], axis=0)
-    chord = step[:, 0] * np.cos(midway) + step[:, 1] * np.sin(midway)
-    steps = np.column_stack([chord / np.sinc(turned / (2.0 * np.pi)), turned])
-    totals = _possible(steps, stamps)
+    totals = _possible(arcs_between(poses)[:, [0, 2]], stamps)
     read = pose_reading(PlanarTrajectory(stamps, poses))
     reading = np.array([read.sigma_m, read.sigma_rad]) / np.sqrt(2.0)
-    return _course(odometry.topic, stamps, totals, reading)
+    return IntegratedMotion(odometry.topic, stamps, totals, reading)
 
 
 def _possible(steps: FloatArray, stamps_ns: IntArray) -> FloatArray:
@@ -184,12 +179,6 @@ def _possible(steps: FloatArray, stamps_ns: IntArray) -> FloatArray:
     fast = np.abs(steps) >= np.maximum(np.array([MOST_M_S, MOST_RAD_S]), usual) * seconds
     made = np.where(fast.any(axis=1, keepdims=True), 0.0, steps)
     return np.vstack([np.zeros(2), np.cumsum(made, axis=0)])
-
-
-def _course(
-    topic: str, stamps: IntArray, totals: FloatArray, reading: FloatArray, track_m: float = 0.0
-) -> IntegratedMotion:
-    return IntegratedMotion(topic, stamps, totals, reading, track_m)
 
 
 def _in_order(stamps_ns: IntArray, good: BoolArray) -> IntArray:

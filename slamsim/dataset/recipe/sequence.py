@@ -12,8 +12,6 @@ Split = Literal["train", "val", "test"]
 SPLITS: tuple[Split, ...] = ("train", "val", "test")
 
 FormatName = Literal["mcap", "parquet", "tum", "kitti", "carmen"]
-FORMATS: tuple[FormatName, ...] = ("mcap", "parquet", "tum", "kitti", "carmen")
-
 Cell = str | int | float | bool | None
 """A value of a row of the manifest."""
 

@@ -26,6 +26,7 @@ from slamsim.io.parquet.file import (
 )
 from slamsim.io.parquet.writer import SCANS_PER_GROUP
 from slamsim.io.staged_writer import StagedWriter
+from slamsim.models.differential_drive import left_and_right
 from slamsim.sensors.readings import EncoderBatch, ImuBatch, Readings, ScanBatch
 from slamsim.simulation.tails import TruthTail
 
@@ -169,9 +170,8 @@ def slip_m_s(drive: Drive, wheel_radius_m: float, track_m: float) -> FloatArray:
     A wheel that rolls has 0; one that spins has its rim's speed less that of the robot above it.
     """
     linear, angular = TruthTail.twist_in_base(drive)
-    turning = 0.5 * track_m * angular[:, 2]
     rims = drive.wheel_speeds_rad_s * wheel_radius_m
-    left, right = linear[:, 0] - turning, linear[:, 0] + turning
+    left, right = left_and_right(linear[:, 0], angular[:, 2], track_m)
     return np.column_stack([rims[:, 0] - left, rims[:, 1] - right, linear[:, 1]])
 
 

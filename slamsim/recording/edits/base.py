@@ -139,6 +139,8 @@ DRIVEN = Target((RawOdometry,), _WHEELS, edges=True, needs=(RawOdometry, RawTick
 """The odometry, and the transform that goes with it."""
 WHEELS = replace(DRIVEN, kinds=(RawOdometry, RawTicks, RawJoints))
 """Everything on the clock of the wheels: counters, joints, odometry and its transform."""
+ROTATIONS = Target((RawOdometry, RawImu), "rotations", edges=True)
+"""All rotations that change; an inertial unit's are its orientations, if it has any."""
 STAMPED = Target(KINDS, "messages", edges=True)
 """Everything that has stamps, but for fixed transforms."""
 

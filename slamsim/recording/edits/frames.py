@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
 from slamsim.core.geometry import matrix_from_xyzw, se3_from_parts, xyzw_from_matrix
 from slamsim.core.types import FloatArray
-from slamsim.recording import RawOdometry, RawStream, Recording, TransformEdge
+from slamsim.recording import RawImu, RawOdometry, Recording, TransformEdge
 from slamsim.recording.edits.base import CannotEdit, Edit, MessagesEdit
 from slamsim.recording.edits.description import with_joint_origin
 from slamsim.recording.edits.messages import select
@@ -20,12 +20,13 @@ EdgeFilter = Callable[[TransformEdge], bool]
 
 @dataclass(frozen=True, slots=True)
 class RenameFrame(MessagesEdit):
-    """All messages of a target name ``frame``."""
+    """All messages of a target name ``frame``; of odometry as the child, if ``child`` says so."""
 
     frame: str
+    child: bool = False
 
-    def changed(self, stream: RawStream) -> RawStream:
-        return replace(stream, frame_ids=(self.frame,))
+    def changed(self, stream: Any) -> Any:
+        return replace(stream, **{"child_frame_ids" if self.child else "frame_ids": (self.frame,)})
 
 
 @dataclass(frozen=True, slots=True)
@@ -162,6 +163,49 @@ def with_odometry_edge(recording: Recording, odometry: RawOdometry) -> Recording
             edge = replace(old, positions_m=odometry.positions_m, quats_xyzw=odometry.quats_xyzw)
     others = [e for e in recording.transforms if e.child != child or e.is_static]
     return replace(recording, transforms=(*others, edge))
+
+
+@dataclass(frozen=True, slots=True)
+class InvertTransform(Edit):
+    """A transform with parent and child exchanged. poses: whether its poses are inverted too."""
+
+    name: str
+    poses: bool = True
+
+    def apply(self, recording: Recording) -> Recording:
+        def inverted(edge: TransformEdge) -> TransformEdge:
+            other = inverted_edge(edge)
+            return other if self.poses else replace(edge, parent=other.parent, child=other.child)
+
+        chosen = ChangeTransforms(lambda edge: edge.name == self.name, inverted, self.name)
+        return chosen.apply(recording)
+
+    def inverse(self) -> InvertTransform:
+        parent, child = self.name.split(" -> ")
+        return replace(self, name=f"{child} -> {parent}")
+
+
+def inverted_edge(edge: TransformEdge) -> TransformEdge:
+    """The same transform seen from the child."""
+    seen = moved_edge(edge, lambda T: np.asarray(np.linalg.inv(T), dtype=np.float64))
+    return replace(seen, parent=edge.child, child=edge.parent)
+
+
+@dataclass(frozen=True, slots=True)
+class RollQuaternions(MessagesEdit):
+    """The numbers of each rotation moved on by ``places``: 1 writes x, y, z, w as w, x, y, z."""
+
+    places: int
+
+    def changed(self, messages: Any) -> Any:
+        name = "orientation_xyzw" if isinstance(messages, RawImu) else "quats_xyzw"
+        quats = getattr(messages, name)
+        if quats is None:
+            return messages
+        return replace(messages, **{name: np.roll(quats, self.places, axis=1)})
+
+    def inverse(self) -> RollQuaternions:
+        return replace(self, places=-self.places)
 
 
 def moved_edge(edge: TransformEdge, moved: Callable[[FloatArray], FloatArray]) -> TransformEdge:

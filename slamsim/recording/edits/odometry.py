@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from slamsim.core.types import FloatArray, IntArray
-from slamsim.core.wheels import wheel_odometry
+from slamsim.models.differential_drive import wheel_odometry
 from slamsim.recording import RawJoints, RawOdometry, RawTicks, Recording, TransformEdge
 from slamsim.recording.edits.base import DRIVEN, CannotEdit, Edit, MessagesEdit, reciprocal
 from slamsim.recording.edits.frames import with_odometry_edge

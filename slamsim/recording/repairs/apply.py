@@ -17,6 +17,7 @@ OPERATIONS: Mapping[str, Declaration] = {
     "reorder": stamps.reorder,
     "shift_stamps": stamps.shift_stamps,
     "rescale_stamps": stamps.rescale_stamps,
+    "undo_clock_step": stamps.undo_clock_step,
     "restamp_evenly": stamps.restamp_evenly,
     "stamp_by_receipt": stamps.stamp_by_receipt,
     "shift_receipt": stamps.shift_receipt,
@@ -37,6 +38,7 @@ OPERATIONS: Mapping[str, Declaration] = {
     "turn_with_robot": scans.turn_with_robot,
     "scale_acceleration": readings.scale_acceleration,
     "rotate_imu": readings.rotate_imu,
+    "turn_imu": readings.turn_imu,
     "scale_gyro": readings.scale_gyro,
     "subtract_gyro_bias": readings.subtract_gyro_bias,
     "normalise_rotations": readings.normalise_rotations,
@@ -51,10 +53,14 @@ OPERATIONS: Mapping[str, Declaration] = {
     "odometry_from_ticks": wheels.odometry_from_ticks,
     "scale_odometry": wheels.scale_odometry,
     "remove_odometry_jumps": wheels.remove_odometry_jumps,
+    "twist_from_poses": wheels.twist_from_poses,
     "add_odometry_transform": frames.add_odometry_transform,
     "drop_transform": frames.drop_transform,
     "freeze_static_transform": frames.freeze_static_transform,
     "rename_frame": frames.rename_frame,
+    "rename_child_frame": frames.rename_child_frame,
+    "reorder_quaternions": frames.reorder_quaternions,
+    "invert_transform": frames.invert_transform,
     "roll_frame": frames.roll_frame,
     "set_mounting": frames.set_mounting,
 }
@@ -70,12 +76,13 @@ VARIANTS: Mapping[str, tuple[str, tuple[str, ...]]] = {
 }
 """Which parameter, with which values, a finding leaves open, the usual one first: scans that fit
 each other do so whatever way all their rays are turned as a whole."""
-CLOCKS = ("shift_stamps", "rescale_stamps", "restamp_evenly", "reorder")
+CLOCKS = ("shift_stamps", "rescale_stamps", "undo_clock_step", "restamp_evenly", "reorder")
 """Operations that a clock needs, and so all streams that are stamped together."""
 
 _EVIDENT = frozenset(
     (
         "reorder",
+        "undo_clock_step",
         "restamp_evenly",
         "stamp_by_receipt",
         "drop_repeated_scans",
@@ -87,6 +94,10 @@ _EVIDENT = frozenset(
         "set_angle_max",
         "set_range_limits",
         "rename_frame",
+        "rename_child_frame",
+        "reorder_quaternions",
+        "invert_transform",
+        "twist_from_poses",
         "drop_transform",
         "freeze_static_transform",
         "scale_acceleration",

@@ -9,13 +9,15 @@ import numpy as np
 
 from slamsim.core.geometry import matrix_from_rpy, se3_from_parts, xyzw_from_matrix
 from slamsim.core.types import FloatArray, IntArray
-from slamsim.recording import RawStream, Recording, TransformEdge
-from slamsim.recording.edits.base import Edit
+from slamsim.recording import RawOdometry, RawStream, Recording, TransformEdge
+from slamsim.recording.edits.base import ROTATIONS, Edit
 from slamsim.recording.edits.frames import (
     AddTransform,
     ChangeTransforms,
+    InvertTransform,
     PublishOdometry,
     RenameFrame,
+    RollQuaternions,
     SetMount,
     TurnFrame,
     frozen_edge,
@@ -43,6 +45,21 @@ def freeze_static_transform(recording: Recording, repair: Repair) -> Edit:
 def rename_frame(recording: Recording, repair: Repair) -> Edit:
     """Let the messages of a topic name another frame."""
     return RenameFrame(repair.target(RawStream), str(repair.parameters["frame"]))
+
+
+def rename_child_frame(recording: Recording, repair: Repair) -> Edit:
+    """Let the messages of an odometry give the pose of another frame."""
+    return RenameFrame(repair.target(RawOdometry), str(repair.parameters["frame"]), child=True)
+
+
+def reorder_quaternions(recording: Recording, repair: Repair) -> Edit:
+    """Write the rotations of a topic or transform as x, y, z, w that are written as w, x, y, z."""
+    return RollQuaternions(ROTATIONS.on(repair.subject), -1)
+
+
+def invert_transform(recording: Recording, repair: Repair) -> Edit:
+    """Exchange parent and child of a transform; poses: "invert" its poses too, or "keep" them."""
+    return InvertTransform(repair.subject, repair.parameters.get("poses") != "keep")
 
 
 def roll_frame(recording: Recording, repair: Repair) -> Edit:

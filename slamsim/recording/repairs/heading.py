@@ -8,7 +8,8 @@ import numpy as np
 
 from slamsim.core.geometry import yaw_from_xyzw
 from slamsim.core.types import FloatArray, IntArray
-from slamsim.core.wheels import wheel_odometry
+from slamsim.models.differential_drive import wheel_odometry
+from slamsim.models.wheel_gyro import turn_at_samples
 from slamsim.recording import RawImu, Recording
 from slamsim.recording.edits.base import CannotEdit
 from slamsim.recording.edits.motion import ordered_encoder_stream
@@ -66,8 +67,7 @@ def _integrated(
     rates = imu.angular_velocity_rad_s @ base_rotation(recording, imu).T[:, 2]
     order = np.argsort(imu.stamps_ns, kind="stable")
     stamps_ns, rates = imu.stamps_ns[order], np.nan_to_num(rates[order])
-    steps_s = np.diff(stamps_ns) * 1e-9
-    turned = np.concatenate([[0.0], np.cumsum(0.5 * (rates[1:] + rates[:-1]) * steps_s)])
+    turned = turn_at_samples(stamps_ns, rates)
     if correction is not None:
         return _corrected(stamps_ns, turned, correction)
     others = [stream.topic for stream in (*recording.odometries, *recording.ticks)]

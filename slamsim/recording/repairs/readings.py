@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from slamsim.core.geometry import matrix_from_rpy
 from slamsim.core.types import FloatArray
 from slamsim.recording import RawImu, RawOdometry, Recording
 from slamsim.recording.edits.base import CannotEdit, Edit
@@ -47,6 +48,13 @@ def rotate_imu(recording: Recording, repair: Repair) -> Edit:
     up = np.array([repair.number(name) for name in ("up_x", "up_y", "up_z")])
     R_base_imu = _base_rotation(recording, repair)
     return RotateReadings(repair.target(RawImu), R_base_imu.T @ _upright(up) @ R_base_imu)
+
+
+def turn_imu(recording: Recording, repair: Repair) -> Edit:
+    """Turn the readings of an inertial unit by yaw_rad about the base's vertical."""
+    R_base_imu = _base_rotation(recording, repair)
+    turn = matrix_from_rpy(0.0, 0.0, repair.number("yaw_rad"))
+    return RotateReadings(repair.target(RawImu), R_base_imu.T @ turn @ R_base_imu)
 
 
 def drop_orientation(recording: Recording, repair: Repair) -> Edit:

@@ -41,6 +41,20 @@ def rescale_stamps(recording: Recording, repair: Repair) -> Edit:
     return ScaleStamps(clock, gain, origin_ns, receipt_follows=True).inverse()
 
 
+def undo_clock_step(recording: Recording, repair: Repair) -> Edit:
+    """Take jump_s off the stamps of the messages that follow the one with the stamp after_ns."""
+    jump_ns, after_ns = round(1e9 * repair.number("jump_s")), int(repair.parameters["after_ns"])
+
+    def set_back(stamps_ns: IntArray) -> IntArray:
+        # Until the leap they ascend, so that the first of them which is as late is the one before.
+        reached = stamps_ns >= after_ns
+        first = int(np.argmax(reached)) if reached.any() else stamps_ns.size
+        last = first + int(reached.any() and stamps_ns[first] == after_ns)
+        return np.asarray(stamps_ns - np.where(np.arange(stamps_ns.size) >= last, jump_ns, 0))
+
+    return Restamp(clock_of(recording, repair.subject), set_back, receipt_follows=True)
+
+
 def restamp_evenly(recording: Recording, repair: Repair) -> Edit:
     """Put every stamp on the even beat from which they scatter."""
     return Restamp(clock_of(recording, repair.subject), even_stamps, receipt_follows=True)

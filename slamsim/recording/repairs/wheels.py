@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from slamsim.recording import RawTicks, Recording
+from slamsim.recording import RawOdometry, RawTicks, Recording
 from slamsim.recording.edits.base import Edit
-from slamsim.recording.edits.motion import repaced, without_jumps
+from slamsim.recording.edits.messages import ChangeMessages
+from slamsim.recording.edits.motion import scaled_odometry, with_twists, without_jumps
 from slamsim.recording.edits.odometry import ChangeOdometry, OdometryFromTicks, WithOdometry
 from slamsim.recording.edits.wheels import RewireWheels, ScaleWheelNumbers, UnwrapTicks
 from slamsim.recording.repairs.base import Repair
@@ -21,7 +22,7 @@ def scale_lengths(recording: Recording, repair: Repair) -> Edit:
     if any(ticks.topic == repair.subject for ticks in recording.ticks):
         return scale_wheels(recording, repair)
     path = repair.number("radius_factor")
-    return ChangeOdometry(repair.subject, lambda one: repaced(one, path, 1.0))
+    return ChangeOdometry(repair.subject, lambda one: scaled_odometry(one, path, 1.0))
 
 
 def swap_wheels(recording: Recording, repair: Repair) -> Edit:
@@ -51,13 +52,18 @@ def scale_odometry(recording: Recording, repair: Repair) -> Edit:
     more on each metre of the path."""
     path, turn = repair.number("path_factor"), repair.number("turn_factor")
     curvature = repair.number("curvature_rad_m") if "curvature_rad_m" in repair.parameters else 0.0
-    return ChangeOdometry(repair.subject, lambda one: repaced(one, path, turn, curvature))
+    return ChangeOdometry(repair.subject, lambda one: scaled_odometry(one, path, turn, curvature))
 
 
 def remove_odometry_jumps(recording: Recording, repair: Repair) -> Edit:
     """Let the robot move on as before where a step is longer than longest_m."""
     longest_m = repair.number("longest_m")
     return ChangeOdometry(repair.subject, lambda one: without_jumps(one, longest_m))
+
+
+def twist_from_poses(recording: Recording, repair: Repair) -> Edit:
+    """Compute an odometry's twists anew from its poses."""
+    return ChangeMessages(repair.target(RawOdometry), with_twists)
 
 
 def _with_odometry(repair: Repair, edit: Edit) -> Edit:

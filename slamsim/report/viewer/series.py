@@ -9,6 +9,7 @@ import numpy as np
 from slamsim.core.geometry import between
 from slamsim.core.types import EncoderStream, FloatArray, ImuStream, IntArray, PlanarTrajectory
 from slamsim.evaluate.trajectory import TrajectoryErrors
+from slamsim.models.differential_drive import metres_per_tick
 from slamsim.report.figures.palette import ESTIMATE, ODOMETRY, SCAN, WITHDRAWN
 from slamsim.report.run_view import RunView, thinned
 
@@ -128,12 +129,12 @@ def wheel_speeds(encoders: EncoderStream, at_most: int) -> tuple[IntArray, Float
     """Middle of each interval and (n, 2) mean rolling speed in it, m/s, as (left, right)."""
     grid_ns = _even(encoders.stamps_ns, at_most)
     since_s = (encoders.stamps_ns - grid_ns[0]) * 1e-9
-    metres_per_tick = 2.0 * np.pi * encoders.wheel_radius_m / encoders.ticks_per_revolution
+    tick_m = metres_per_tick(encoders.ticks_per_revolution, encoders.wheel_radius_m)
     rolled = [
         np.interp((grid_ns - grid_ns[0]) * 1e-9, since_s, wheel) for wheel in encoders.ticks.T
     ]
     elapsed_s = np.diff(grid_ns) * 1e-9
-    speeds = np.diff(np.column_stack(rolled), axis=0) * metres_per_tick / elapsed_s[:, None]
+    speeds = np.diff(np.column_stack(rolled), axis=0) * tick_m / elapsed_s[:, None]
     return grid_ns[:-1] + np.diff(grid_ns) // 2, speeds
 
 

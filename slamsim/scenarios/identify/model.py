@@ -15,6 +15,7 @@ import numpy as np
 
 from slamsim.config.measurements import ParameterName
 from slamsim.core.types import FloatArray
+from slamsim.models.differential_drive import chord_of, forward_and_turn, left_and_right
 from slamsim.sim.drive.script import Command
 
 VARYING = ("radius_ratio", "track", "gear_friction", "gear_friction_ratio")
@@ -81,8 +82,7 @@ def driven(wheels: Wheels, commands: Sequence[Command], track_m: float) -> Motio
     true, odometry, begun_s = np.zeros((count, 3)), np.zeros((count, 3)), 0.0
     trues, odometries = [true], [odometry]
     for command in commands:
-        half_m_s = 0.5 * track_m * command.yaw_rate_rad_s
-        wanted_m_s = np.array([command.speed_m_s - half_m_s, command.speed_m_s + half_m_s])
+        wanted_m_s = np.array(left_and_right(command.speed_m_s, command.yaw_rate_rad_s, track_m))
         voltage = max(1.0 - wheels.sag_per_s * (begun_s + 0.5 * command.duration_s), 0.01)
         held_m_s = np.maximum(np.abs(wanted_m_s) - wheels.droops_m_s / voltage, 0.0)
         free_m_s = np.sign(wanted_m_s) * held_m_s * wheels.rolling
@@ -104,8 +104,5 @@ def _scrubbed(speeds_m_s: FloatArray, yielding_m_s: float) -> FloatArray:
 
 def _after_arc(poses: FloatArray, rolled_m: FloatArray, track_m: FloatArray) -> FloatArray:
     """(n, 3) poses after wheels rolled (n, 2) at constant speeds."""
-    turned = (rolled_m[:, 1] - rolled_m[:, 0]) / track_m
-    chord_m = rolled_m.mean(axis=1) * np.sinc(turned / (2.0 * np.pi))
-    middle = poses[:, 2] + 0.5 * turned
-    step = np.column_stack([chord_m * np.cos(middle), chord_m * np.sin(middle), turned])
-    return np.asarray(poses + step)
+    forward_m, turned = forward_and_turn(rolled_m, track_m).T
+    return np.asarray(poses + np.column_stack([*chord_of(forward_m, turned, poses[:, 2]), turned]))

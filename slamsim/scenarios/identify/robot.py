@@ -12,8 +12,8 @@ from slamsim.config.measurements import MeasurementsConfig, ParameterName
 from slamsim.config.robot import MotorConfig, RobotConfig, VariationConfig
 from slamsim.config.scenarios.defaults import SCENARIO_PHYSICS
 from slamsim.core.types import FloatArray
-from slamsim.core.wheels import wheel_odometry
 from slamsim.guard.errors import SlamsimError
+from slamsim.models.differential_drive import wheel_odometry
 from slamsim.scenarios.base import Findings, Outcome, Row, Trial
 from slamsim.scenarios.identify.figures import Body, Runs
 from slamsim.scenarios.identify.model import VARYING

@@ -11,7 +11,7 @@ import numpy as np
 from slamsim.config.robot import MotorConfig, RobotConfig, VariationConfig
 from slamsim.config.scenarios.basic_drive import BasicDriveConfig
 from slamsim.core.types import FloatArray
-from slamsim.core.wheels import wheel_odometry
+from slamsim.models.differential_drive import wheel_odometry
 from slamsim.scenarios.base import Findings, Outcome, Row, Trial
 from slamsim.scenarios.physics.basic_drive_findings import stops_found
 from slamsim.scenarios.repeats import SECONDS_OF_CORE, robot_motion, steps_at, true_poses

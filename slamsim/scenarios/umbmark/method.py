@@ -14,8 +14,8 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from slamsim.core.types import FloatArray
-from slamsim.core.wheels import rolled_poses
 from slamsim.guard.errors import SlamsimError
+from slamsim.models.differential_drive import rolled_poses
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,7 +10,7 @@ from typing import cast
 import numpy as np
 
 from slamsim.config.scenarios.umbmark import UmbmarkConfig
-from slamsim.core.wheels import wheel_odometry
+from slamsim.models.differential_drive import metres_per_tick, wheel_odometry
 from slamsim.scenarios.base import Findings, Outcome, Row, Trial, Value
 from slamsim.scenarios.repeats import (
     SECONDS_OF_CORE,
@@ -112,7 +112,7 @@ def drive_square(
     encoders = read_encoders(driven.drive, model, config.ticks_per_revolution, every)
     true, odometry = true_poses(driven), wheel_odometry(encoders).poses
     error_m = true[-1, :2] - odometry[-1, :2]
-    tick_m = 2.0 * np.pi * encoders.wheel_radius_m / encoders.ticks_per_revolution
+    tick_m = metres_per_tick(encoders.ticks_per_revolution, encoders.wheel_radius_m)
     shown = told["run"] == 1 and told["set"] == 1 and side_m == config.sides_m[0]
     return Outcome(
         values={

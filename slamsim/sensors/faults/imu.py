@@ -20,7 +20,7 @@ from slamsim.recording.edits.imu import (
     SetOrientation,
 )
 from slamsim.recording.edits.messages import ChangeMessages
-from slamsim.sensors.faults.base import Fault, some_of
+from slamsim.sensors.faults.base import Fault, some_of, spells
 
 _Degrees = Annotated[float, Field(ge=-180.0, le=180.0)]
 
@@ -92,6 +92,29 @@ class ImuStuck(Fault):
 
     def edit(self, recording: Recording, rng: np.random.Generator) -> Edit:
         return HoldReadings(IMUS, self.times)
+
+
+class ImuHangs(Fault):
+    """One reading is published again and again, for a while at a time."""
+
+    SIZE: ClassVar[str | None] = "hangs_s"
+    kind: Literal["imu_hangs"]
+    hangs_s: float = Field(gt=0.0, le=1e4)
+    """How long each time."""
+    times: int = Field(default=2, ge=1, le=1000)
+    """How often, evenly spread over the recording."""
+
+    def edit(self, recording: Recording, rng: np.random.Generator) -> Edit:
+        def hanging(imu: RawImu) -> RawImu:
+            hangs = spells(imu.stamps_ns, self.times, self.hangs_s)
+            source = np.maximum.accumulate(np.where(hangs, 0, np.arange(len(imu))))
+            return replace(
+                imu,
+                angular_velocity_rad_s=imu.angular_velocity_rad_s[source],
+                linear_acceleration_m_s2=imu.linear_acceleration_m_s2[source],
+            )
+
+        return ChangeMessages(IMUS, hanging)
 
 
 class ImuNotFinite(Fault):

@@ -15,7 +15,7 @@ from slamsim.recording import Messages, Recording
 from slamsim.recording.edits.base import IMUS, SCANS, WHEELS, CannotEdit, Edit, Target
 from slamsim.recording.edits.messages import ChangeMessages, SelectMessages, select
 from slamsim.recording.edits.stamps import Restamp, ScaleStamps, ShiftReceipt, ShiftStamps
-from slamsim.sensors.faults.base import Fault, spells
+from slamsim.sensors.faults.base import Fault, span_ns, spells
 
 StreamName = Literal["lidar", "imu", "wheels"]
 _TARGETS: Mapping[StreamName, Target] = {"lidar": SCANS, "imu": IMUS, "wheels": WHEELS}
@@ -75,6 +75,24 @@ class ClockDrift(StampsFault):
 
     def edit(self, recording: Recording, rng: np.random.Generator) -> Edit:
         return ScaleStamps(self.target, self.drift_ppm * 1e-6)
+
+
+class ClockStep(StampsFault):
+    """The stream's clock is set halfway through the recording."""
+
+    SIZE: ClassVar[str | None] = "jump_s"
+    kind: Literal["clock_step"]
+    jump_s: float = Field(ge=-1e4, le=1e4)
+    """By how much its stamps are later from then on."""
+
+    def edit(self, recording: Recording, rng: np.random.Generator) -> Edit:
+        start_ns, end_ns = span_ns(recording)
+        set_ns, jump_ns = (start_ns + end_ns) // 2, round(self.jump_s * _NS)
+
+        def after_it_was_set(stamps: IntArray) -> IntArray:
+            return stamps + np.where(stamps > set_ns, jump_ns, 0)
+
+        return Restamp(self.target, after_it_was_set)
 
 
 class StampsQuantised(StampsFault):

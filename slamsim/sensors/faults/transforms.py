@@ -10,10 +10,26 @@ import numpy as np
 from pydantic import Field
 
 from slamsim.recording import Recording, TransformEdge
-from slamsim.recording.edits.base import IMUS, SCANS, CannotEdit, Edit, is_odometry_edge
-from slamsim.recording.edits.frames import AddTransform, ChangeTransforms, RenameFrame
+from slamsim.recording.edits.base import (
+    DRIVEN,
+    IMUS,
+    ODOMETRIES,
+    SCANS,
+    CannotEdit,
+    Edit,
+    Target,
+    is_odometry_edge,
+)
+from slamsim.recording.edits.frames import (
+    AddTransform,
+    ChangeTransforms,
+    InvertTransform,
+    RenameFrame,
+    RollQuaternions,
+)
 from slamsim.recording.edits.messages import select
 from slamsim.recording.edits.motion import scaled_edge
+from slamsim.recording.edits.stamps import ShiftStamps
 from slamsim.sensors.faults.base import Fault, span_ns
 
 
@@ -53,15 +69,16 @@ class FrameUnknown(Fault):
     """Messages name a frame that is not in the tree."""
 
     kind: Literal["frame_unknown"]
-    stream: Literal["lidar", "imu"]
-    """Whose messages."""
+    stream: Literal["lidar", "imu", "odometry"]
+    """Whose messages; of odometry the child is meant."""
     frame: str
     """What they name instead."""
 
     def edit(self, recording: Recording, rng: np.random.Generator) -> Edit:
         if not recording.transforms:
             raise CannotEdit(f"{recording.name} has no transforms")
-        return RenameFrame(SCANS if self.stream == "lidar" else IMUS, self.frame)
+        target = {"lidar": SCANS, "imu": IMUS, "odometry": ODOMETRIES}[self.stream]
+        return RenameFrame(target, self.frame, child=self.stream == "odometry")
 
 
 class StaticChanges(Fault):
@@ -134,6 +151,45 @@ class TransformContradicts(Fault):
     def edit(self, recording: Recording, rng: np.random.Generator) -> Edit:
         gain = 1.0 + self.relative_error
         return ChangeTransforms(is_odometry_edge, lambda edge: scaled_edge(edge, gain, gain))
+
+
+class TransformInverted(Fault):
+    """The moving transform is published with parent and child exchanged."""
+
+    kind: Literal["transform_inverted"]
+    poses: bool
+    """Whether its poses are inverted with the names, so that lookups still give the right pose."""
+
+    def edit(self, recording: Recording, rng: np.random.Generator) -> Edit:
+        edge = next((edge for edge in recording.transforms if is_odometry_edge(edge)), None)
+        if edge is None:
+            raise CannotEdit(f"{recording.name} has no moving transform")
+        return InvertTransform(edge.name, self.poses)
+
+
+class TransformShifted(Fault):
+    """The moving transform alone is stamped too late; the odometry's messages are not."""
+
+    SIZE: ClassVar[str | None] = "offset_s"
+    kind: Literal["transform_shifted"]
+    offset_s: float = Field(ge=-10.0, le=10.0)
+    """Stamp less the right one."""
+
+    def edit(self, recording: Recording, rng: np.random.Generator) -> Edit:
+        return ShiftStamps(Target((), "moving transform", edges=True), round(1e9 * self.offset_s))
+
+
+class QuaternionOrder(Fault):
+    """Rotations are written as w, x, y, z where x, y, z, w is read."""
+
+    kind: Literal["quaternion_order"]
+    stream: Literal["odometry", "imu"]
+    """Whose: those of the odometry and its transform, or the orientations of the inertial unit."""
+
+    def edit(self, recording: Recording, rng: np.random.Generator) -> Edit:
+        if self.stream == "imu" and all(imu.orientation_xyzw is None for imu in recording.imus):
+            raise CannotEdit(f"{recording.name} has no orientation of an inertial unit")
+        return RollQuaternions(DRIVEN if self.stream == "odometry" else IMUS, 1)
 
 
 def _frames(edges: tuple[TransformEdge, ...]) -> set[str]:

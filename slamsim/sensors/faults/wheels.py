@@ -8,10 +8,12 @@ from typing import ClassVar, Literal, TypeVar
 import numpy as np
 from pydantic import Field
 
+from slamsim.core.geometry import yaw_from_xyzw
 from slamsim.core.types import FloatArray, IntArray
 from slamsim.recording import RawOdometry, RawTicks, Recording, TransformEdge
 from slamsim.recording.edits.base import COUNTS, DRIVEN, ODOMETRIES, TICKS, WHEELS, Edit, Edits
 from slamsim.recording.edits.messages import ChangeMessages
+from slamsim.recording.edits.motion import rotated
 from slamsim.recording.edits.odometry import FollowTicks, ScaleMotion, ScaleSteps
 from slamsim.recording.edits.wheels import Pair, RewireWheels, ScaleWheelNumbers, WrapTicks
 from slamsim.sensors.faults.base import Fault, some_of, spells
@@ -202,6 +204,40 @@ class OdometryStill(Fault):
 
     def edit(self, recording: Recording, rng: np.random.Generator) -> Edit:
         return ScaleMotion(DRIVEN, 0.0, 0.0)
+
+
+class OdometryNoTurn(Fault):
+    """Positions of the published odometry are right, its heading never changes."""
+
+    kind: Literal["odometry_no_turn"]
+
+    def edit(self, recording: Recording, rng: np.random.Generator) -> Edit:
+        def straight(one: Moving) -> Moving:
+            return replace(one, quats_xyzw=np.tile(one.quats_xyzw[:1], (len(one.quats_xyzw), 1)))
+
+        return ChangeMessages(DRIVEN, straight)
+
+
+class TwistWrong(Fault):
+    """The odometry's twist is in other units, or in the frame of its poses."""
+
+    kind: Literal["twist_wrong"]
+    speed_factor: float = Field(default=1.0, ge=-1e6, le=1e6)
+    """Said over true, of the speeds."""
+    turn_factor: float = Field(default=1.0, ge=-1e6, le=1e6)
+    """Of the turn rate."""
+    of_world: bool = False
+    """Speeds are those along x and y of the frame of the poses."""
+
+    def edit(self, recording: Recording, rng: np.random.Generator) -> Edit:
+        def other(odometry: RawOdometry) -> RawOdometry:
+            speeds = odometry.linear_m_s * self.speed_factor
+            if self.of_world:
+                speeds[:, :2] = rotated(speeds[:, :2], yaw_from_xyzw(odometry.quats_xyzw))
+            rates = odometry.angular_rad_s * self.turn_factor
+            return replace(odometry, linear_m_s=speeds, angular_rad_s=rates)
+
+        return ChangeMessages(ODOMETRIES, other)
 
 
 class OdometryNotFinite(Fault):

@@ -10,6 +10,7 @@ import numpy as np
 
 from slamsim.core.geometry import xyzw_from_matrix
 from slamsim.core.types import Drive, FloatArray
+from slamsim.models.differential_drive import left_and_right
 from slamsim.sim.bullet import pybullet
 from slamsim.sim.drive.follow import Twist
 from slamsim.sim.drive.record import Recorder
@@ -55,7 +56,7 @@ class DriveLoop:
         self._motors = build_motors(engine, robot.motor, 1.0 / rate_hz, steps_per_tick)
         self._recorder = Recorder(engine.T_base_com, rate_hz, steps_per_tick)
         self._com_base = _inverse_for_pybullet(engine.T_base_com)
-        self._wheel_radius_m, self._half_track_m = robot.wheel_radius_m, 0.5 * robot.track_m
+        self._wheel_radius_m, self._track_m = robot.wheel_radius_m, robot.track_m
         self._command: Twist = (0.0, 0.0)
 
     def control_tick(
@@ -88,9 +89,9 @@ class DriveLoop:
         """From the commanded twist to the wheels' speeds."""
         if decision.command != self._command:
             self._command = decision.command
-            speed, turn = self._command[0], self._command[1] * self._half_track_m
+            left_m_s, right_m_s = left_and_right(*self._command, self._track_m)
             radius_m = self._wheel_radius_m
-            self._motors.command(((speed - turn) / radius_m, (speed + turn) / radius_m))
+            self._motors.command((left_m_s / radius_m, right_m_s / radius_m))
         self._recorder.ticks.extend((*decision.command, float(decision.wall_contact)))
 
     def _base_pose(self, position: Vector, quaternion: Vector) -> BasePose:

@@ -16,7 +16,7 @@ from slamsim.config.drive import DriveConfig
 from slamsim.core.progress import Progress, silent
 from slamsim.core.types import Drive
 from slamsim.guard.errors import SlamsimError
-from slamsim.process.children import Halted
+from slamsim.process.children import MEMORY, Halted
 from slamsim.process.exit_codes import ended_by
 from slamsim.process.module_process import ModuleProcess, answers
 from slamsim.process.pipe import Ended, packed, read_message
@@ -89,6 +89,7 @@ class DriveProcess:
             self._child.wait()
             try:
                 found = self._child.receive()
+                MEMORY.see(self._child.pid)
             except Ended:
                 code = self._child.exit_code()
                 how = ended_by(-code) if code < 0 else f"ended with code {code}"

@@ -16,23 +16,26 @@ import numpy as np
 
 from slamsim.core.geometry import adjoint, between, compose
 from slamsim.core.result import GraphEdge
-from slamsim.core.types import Float32Array, FloatArray, IntArray
+from slamsim.core.types import Float32Array, FloatArray
 from slamsim.guard.errors import SlamsimError
-from slamsim.slam.backend.association import Shared, share_surfaces
-from slamsim.slam.backend.blocks import factorise
-from slamsim.slam.backend.bundle_equations import (
+from slamsim.models.blocks import factorise
+from slamsim.models.line_bundle import (
     Moments,
+    Seen,
     add_surfaces,
     fit_lines,
     moments_of,
+    pose_rows,
     pull_to_lines,
     residuals,
     to_map,
 )
+from slamsim.models.supernodes import add_block, empty_system, make_panels
+from slamsim.slam.backend.association import Shared, share_surfaces
 from slamsim.slam.backend.marginals import add_edges, edge_covariances
-from slamsim.slam.backend.supernodes import add_block, empty_system, make_panels
 from slamsim.slam.backend.surface_information import Sights
 from slamsim.slam.frontend.odometry import ELSEWHERE
+from slamsim.slam.matching.surfaces import BEAMS, MEAN, SCATTER
 
 ROUNDS = ((0.06, 12.0, 3), (0.03, 4.0, 10))
 """Associations: how far apart across a surface its observations may lie, from how many standard
@@ -95,7 +98,8 @@ def refine(
     standard deviation of a range. edges: of the graph, which say what belongs together. Raises
     NotRefined for a result that is not to be used, NoSolution for equations that have none.
     """
-    moments = moments_of(np.concatenate(views).astype(np.float64), noise_m)
+    pieces = np.concatenate(views).astype(np.float64)
+    moments = moments_of(pieces[:, MEAN], pieces[:, SCATTER], pieces[:, BEAMS], noise_m)
     bundle = None
     begun_at = poses
     for gate_m, doubted_sigmas, steps in ROUNDS:
@@ -222,14 +226,16 @@ class _Bundle:
     def _surface_system(self, poses: FloatArray) -> FloatArray:
         """The same without the odometry."""
         system = empty_system(self._panels)
-        points = to_map(self._points, self._shared.views, poses)
-        surfaces = (self._shared.starts, fit_lines(points, self._weights, self._shared.starts))
-        add_surfaces(points, self._weights, self._own(poses), surfaces, self._panels, system)
+        add_surfaces(self._seen(poses), self._panels, system)
         return system
 
-    def _own(self, poses: FloatArray) -> tuple[IntArray, FloatArray]:
-        """Number of the pose behind each observation, and all poses by number."""
-        return self._number[self._shared.views], np.roll(poses[self._held - 1 :], -1, axis=0)
+    def _seen(self, poses: FloatArray) -> Seen:
+        views, starts = self._shared.views, self._shared.starts
+        points = to_map(self._points, views, poses)
+        lines = fit_lines(points, self._weights, starts)
+        # Held poses count as the last of them, whose number has no unknown behind it.
+        rows = pose_rows(points, starts, lines, views, poses)
+        return Seen(points, self._weights, starts, lines, rows, self._number[views][:, None])
 
     def _carry(self, poses: FloatArray) -> FloatArray:
         """(m, 3, 3) takes a small step of the source of each odometry edge to its target."""
@@ -242,10 +248,7 @@ class _Bundle:
         right = np.zeros((self._count + 1, 3))
         np.add.at(right, self._ends[:, 0], np.einsum("mji,mj->mi", self._carry(poses), pull))
         np.add.at(right, self._ends[:, 1], -pull)
-        points = to_map(self._points, self._shared.views, poses)
-        lines = fit_lines(points, self._weights, self._shared.starts)
-        surfaces = (self._shared.starts, lines)
-        pull_to_lines(points, self._weights, self._own(poses), surfaces, right)
+        pull_to_lines(self._seen(poses), right)
         return right[:-1]
 
     def _odometry_errors(self, poses: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -17,9 +17,9 @@ from slamsim.core.jit import kernel
 from slamsim.core.result import GraphEdge
 from slamsim.core.types import FloatArray, IntArray
 from slamsim.guard.numbers import NoSolution
-from slamsim.slam.backend.blocks import BlockFactor, factorise, require_variances
+from slamsim.models.blocks import BlockFactor, factorise, require_variances
+from slamsim.models.supernodes import Panels, add_block, empty_system, make_panels
 from slamsim.slam.backend.bridges import across, find_bridges
-from slamsim.slam.backend.supernodes import Panels, add_block, empty_system, make_panels
 
 HOLD = 1e9
 """A pose is held fixed by this many times the largest information of a system."""

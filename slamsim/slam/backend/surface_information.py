@@ -17,9 +17,9 @@ import numpy as np
 from slamsim.core.geometry import adjoint, between, inverse
 from slamsim.core.result import MapGraph
 from slamsim.core.types import FloatArray, IntArray
+from slamsim.models.supernodes import Panels
 from slamsim.slam.backend.marginals import joined_covariances
 from slamsim.slam.backend.smoothing import Smoothed
-from slamsim.slam.backend.supernodes import Panels
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -6,16 +6,10 @@ import numpy as np
 
 from slamsim.core.result import Calibrated
 from slamsim.core.types import FloatArray
-from slamsim.core.wheels import Reading
+from slamsim.models.differential_drive import Reading
+from slamsim.models.wheel_gyro import CURVATURE, GYRO_BIAS, GYRO_SCALE, PATH_SCALE, TURN_SCALE
 from slamsim.slam.calibration.online import PRIOR_SIGMAS
 from slamsim.slam.calibration.solve import Solved
-from slamsim.slam.frontend.preintegration import (
-    CURVATURE,
-    GYRO_BIAS,
-    GYRO_SCALE,
-    PATH_SCALE,
-    TURN_SCALE,
-)
 
 OBSERVED_SHARE = 0.3
 """A number counts as observed if the drive left less than this of what was uncertain before."""

@@ -14,13 +14,8 @@ import numpy as np
 
 from slamsim.core.geometry import between, wrap_angle
 from slamsim.core.types import FloatArray
-from slamsim.slam.frontend.preintegration import (
-    GYRO_BIAS,
-    PARAMETERS,
-    ROWS,
-    OdometryNoise,
-    OdometryStep,
-)
+from slamsim.models.wheel_gyro import GYRO_BIAS, PARAMETERS, ROWS
+from slamsim.slam.frontend.preintegration import OdometryNoise, OdometryStep
 
 PRIOR_SIGMAS = np.array([0.03, 0.1, 0.05, 0.01, 0.02])
 """Of path scale, turn scale, curvature (rad/m), gyroscope's scale and bias (rad/s) at the start."""

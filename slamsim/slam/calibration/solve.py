@@ -19,6 +19,7 @@ from slamsim.config.slam import MotionConfig
 from slamsim.core.geometry import adjoint, between, compose
 from slamsim.core.result import GraphEdge
 from slamsim.core.types import FloatArray, IntArray
+from slamsim.models.wheel_gyro import GYRO_BIAS, GYRO_SCALE, PARAMETERS
 from slamsim.slam.backend.marginals import edge_covariances, graph_factor
 from slamsim.slam.calibration.online import (
     LEAST_GYRO_FACTOR,
@@ -29,13 +30,7 @@ from slamsim.slam.calibration.online import (
     match_information,
     step_covariance,
 )
-from slamsim.slam.frontend.preintegration import (
-    GYRO_BIAS,
-    GYRO_SCALE,
-    PARAMETERS,
-    OdometryNoise,
-    OdometryStep,
-)
+from slamsim.slam.frontend.preintegration import OdometryNoise, OdometryStep
 
 KNOT_S, MOST_KNOTS = 30.0, 24
 ROUNDS = 8

@@ -10,9 +10,10 @@ from slamsim.config.back_end import GraphConfig, KeyframeConfig
 from slamsim.core.geometry import between, compose, rotation
 from slamsim.core.result import EdgeKind, GraphEdge
 from slamsim.core.types import Cloud, Float32Array, FloatArray
+from slamsim.models.wheel_gyro import PARAMETERS
 from slamsim.slam.backend.views import ViewMaker
 from slamsim.slam.frontend.odometry import ELSEWHERE_M, ELSEWHERE_RAD
-from slamsim.slam.frontend.preintegration import PARAMETERS, OdometryNoise, OdometryStep
+from slamsim.slam.frontend.preintegration import OdometryNoise, OdometryStep
 from slamsim.slam.frontend.tracking import Tracked
 from slamsim.slam.matching.surfaces import range_noise_m
 

@@ -63,10 +63,6 @@ class Surroundings:
         self._strange: Sighting | None = None
         self._usual_share = STRANGE_SHARE
 
-    def forget(self) -> None:
-        """Nothing is known of what was seen just before."""
-        self._placed = self._strange = None
-
     def placed(self, cloud: Cloud, T_map_base: FloatArray) -> None:
         """A scan that was placed, for the next ones to be held against."""
         self._placed, self._strange = Sighting(cloud, T_map_base), None

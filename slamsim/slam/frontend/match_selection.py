@@ -82,12 +82,6 @@ class Placer:
         self.elsewhere = False
         """Whether the last scans are of another place than those before them."""
 
-    def begin(self) -> None:
-        """In another map scans may fit as well as they like."""
-        self._usual_inliers = START_USUAL
-        self.lost.clear()
-        self._surroundings.forget()
-
     def place(
         self, matcher: Matcher, cloud: Cloud, prediction: Prediction, T_map_coasting: FloatArray
     ) -> Match | None:

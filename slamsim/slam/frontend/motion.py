@@ -8,19 +8,26 @@ from types import MappingProxyType
 
 import numpy as np
 
-from slamsim.core.geometry import between, wrap_angle
+from slamsim.core.geometry import wrap_angle
 from slamsim.core.result import Calibrated
 from slamsim.core.types import BoolArray, FloatArray, ImuStream, IntArray, Log, PlanarTrajectory
-from slamsim.core.wheels import Reading, encoder_reading, pose_reading, wheel_odometry
 from slamsim.guard.errors import SlamsimError
-from slamsim.slam.frontend.arcs import walk
-from slamsim.slam.frontend.preintegration import (
+from slamsim.models.differential_drive import (
+    Reading,
+    arcs_between,
+    encoder_reading,
+    pose_reading,
+    wheel_odometry,
+)
+from slamsim.models.wheel_gyro import (
     GYRO_BIAS,
     GYRO_SCALE,
     PARAMETERS,
     ROWS,
-    OdometryStep,
+    turn_at_samples,
+    walk,
 )
+from slamsim.slam.frontend.preintegration import OdometryStep
 
 GYRO_GAP_S = 0.1
 AHEAD_S, AHEAD_FROM_S = 0.2, 0.05
@@ -159,7 +166,7 @@ class Odometry:
     def _walk(
         self, first_ns: int, last_ns: int, parameters: FloatArray
     ) -> tuple[IntArray, FloatArray, FloatArray, FloatArray]:
-        """Stamps and poses of the pieces that a stretch touches; see ``arcs.walk`` for the rest."""
+        """Stamps and poses of the pieces that a stretch touches; see ``walk`` for the rest."""
         low, high = self._pieces(first_ns, last_ns)
         stamps_ns, steps = self._stamps_ns[low : high + 1], self._steps[low:high]
         if last_ns > self._stamps_ns[-1]:
@@ -253,7 +260,7 @@ def increments(
 
     Within a wheel interval the body's velocity is constant (an arc). rotation_base_imu: (3, 3).
     """
-    velocity = _body_velocity(wheels)
+    velocity = arcs_between(wheels.poses) / (np.diff(wheels.stamps_ns)[:, None] * 1e-9)
     if imu is None:
         seconds = np.diff(wheels.stamps_ns)[:, None] * 1e-9
         silent = np.full((len(velocity), 1), np.nan)
@@ -265,30 +272,11 @@ def increments(
     driven = velocity[interval] * (np.diff(stamps_ns)[:, None] * 1e-9)
 
     axis = np.array([0.0, 0.0, 1.0]) if rotation_base_imu is None else rotation_base_imu[2]
-    gyro_yaw = _integrate(imu.stamps_ns, imu.angular_velocity_rad_s @ axis)
+    gyro_yaw = turn_at_samples(imu.stamps_ns, imu.angular_velocity_rad_s @ axis)
     origin_ns = imu.stamps_ns[0]
     yaw_at = np.interp((stamps_ns - origin_ns) * 1e-9, (imu.stamps_ns - origin_ns) * 1e-9, gyro_yaw)
     turned = np.where(_gyro_covers(imu.stamps_ns, stamps_ns), np.diff(yaw_at), np.nan)
     return Increments(stamps_ns, np.column_stack([driven, turned]))
-
-
-def _integrate(stamps_ns: IntArray, rate: FloatArray) -> FloatArray:
-    """Trapezoids."""
-    steps = 0.5 * (rate[:-1] + rate[1:]) * np.diff(stamps_ns) * 1e-9
-    return np.concatenate([[0.0], np.cumsum(steps)])
-
-
-def _body_velocity(wheels: PlanarTrajectory) -> FloatArray:
-    """(n - 1, 3) constant velocity (m/s, m/s, rad/s) of the base that makes each step an arc."""
-    step = between(wheels.poses[:-1], wheels.poses[1:])
-    half = 0.5 * step[:, 2]
-    # The inverse of the integral of a rotation: the chord turned back by half, and stretched.
-    stretch = 1.0 / np.sinc(half / np.pi)
-    cos, sin = np.cos(half), np.sin(half)
-    along = (cos * step[:, 0] + sin * step[:, 1]) * stretch
-    across = (-sin * step[:, 0] + cos * step[:, 1]) * stretch
-    seconds = np.diff(wheels.stamps_ns)[:, None] * 1e-9
-    return np.asarray(np.column_stack([along, across, step[:, 2]]) / seconds)
 
 
 def _gyro_covers(imu_ns: IntArray, stamps_ns: IntArray) -> BoolArray:

@@ -76,12 +76,6 @@ class FrontEnd:
         """Where the base stands at the first scan, (3,); the origin if nobody says."""
         self._predictor.place(T_map_base, self._predictor.covariance)
 
-    def begin_at(self, T_map_base: FloatArray, covariance: FloatArray, matcher: Matcher) -> None:
-        """Go on from a pose (3,) that is known with a covariance (3, 3), in another map."""
-        self._predictor.place(T_map_base, covariance)
-        self._matcher, self._T_map_key = matcher, T_map_base
-        self._placer.begin()
-
     def begin_anew(self, matcher: Matcher) -> None:
         """Go on from here in an empty map, at no known speed."""
         self._predictor.rest()

@@ -10,15 +10,7 @@ import numpy as np
 from slamsim.config.slam import MotionConfig
 from slamsim.core.geometry import adjoint, compose, inverse
 from slamsim.core.types import FloatArray
-
-PATH_SCALE, TURN_SCALE, CURVATURE, GYRO_SCALE, GYRO_BIAS = range(5)
-"""Places in the (5,) parameters of odometry: relative errors of path and turn of the wheels, their
-curvature on a straight line (rad/m), relative error and bias (rad/s) of the gyroscope. What is
-reported times (1 + error), less the bias, is what was."""
-
-PARAMETERS = 5
-ROWS = 4
-"""Of a jacobian: x, y and yaw of the step, and the turn by the wheels alone."""
+from slamsim.models.wheel_gyro import PARAMETERS, ROWS
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -6,9 +6,9 @@ import numpy as np
 
 from slamsim.core.geometry import between, compose, wrap_angle
 from slamsim.core.types import BoolArray, FloatArray, PlanarTrajectory
+from slamsim.models.wheel_gyro import PARAMETERS
 from slamsim.slam.backend.smoothing import Chain, Smoothed, odometry_steps, smooth
 from slamsim.slam.calibration.solve import Solved
-from slamsim.slam.frontend.preintegration import PARAMETERS
 from slamsim.slam.frontend.tracking import Tracked
 
 DEGENERATE_SHARE_TO_TELL = 0.05

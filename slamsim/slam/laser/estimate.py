@@ -14,10 +14,10 @@ import numpy as np
 
 from slamsim.config.slam import MotionConfig, SlamConfig
 from slamsim.core.types import BoolArray, Float32Array, FloatArray, IntArray, Log, ScanGeometry
+from slamsim.models.wheel_gyro import PARAMETERS
 from slamsim.recording import RawScans, ScanLayout
 from slamsim.slam.failures import Failures
 from slamsim.slam.frontend.motion import NoMotion, Odometry, log_odometry
-from slamsim.slam.frontend.preintegration import PARAMETERS
 from slamsim.slam.laser.calibration import MOUNT, SHAPE, SWEEP, LaserCalibration
 from slamsim.slam.laser.mount import Mount, find_mount
 from slamsim.slam.laser.scan_bundle import as_sure_as

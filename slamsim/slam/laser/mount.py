@@ -15,10 +15,11 @@ import numpy as np
 from slamsim.config.slam import MotionConfig
 from slamsim.core.geometry import adjoint, between, compose, inverse
 from slamsim.core.types import FloatArray
+from slamsim.models.wheel_gyro import PARAMETERS
 from slamsim.slam.calibration.online import PRIOR_SIGMAS, Evidence, evidence, step_covariance
 from slamsim.slam.calibration.solve import MEDIAN_CHI2_3, UNIT_BOUNDS
 from slamsim.slam.frontend.motion import Odometry
-from slamsim.slam.frontend.preintegration import PARAMETERS, OdometryNoise, OdometryStep
+from slamsim.slam.frontend.preintegration import OdometryNoise, OdometryStep
 from slamsim.slam.laser.scan_motion import BundledWindow
 
 MOUNT = slice(PARAMETERS, PARAMETERS + 3)

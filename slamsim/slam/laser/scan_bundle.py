@@ -1,7 +1,7 @@
 """All scans of a window and all surfaces they share solved at once, and the shape of the scans.
 
 Surfaces are straight lines, refitted at every pose (variable projection, Golub & Pereyra 1973) and
-eliminated as in ``slam.bundle_equations``. What pulls at the shape of all scans is left when
+eliminated as in ``models.line_bundle``. What pulls at the shape of all scans is left when
 the poses have been eliminated too.
 """
 
@@ -16,8 +16,8 @@ from scipy.special import ndtr, stdtrit
 from slamsim.core.geometry import compose
 from slamsim.core.result import GraphEdge
 from slamsim.core.types import BoolArray, FloatArray, IntArray
+from slamsim.models.line_bundle import fit_lines, residuals
 from slamsim.slam.backend.association import Shared, share_surfaces
-from slamsim.slam.backend.bundle_equations import fit_lines, residuals
 from slamsim.slam.laser.scan_equations import POSE, SHAPES, moved_points, window_system
 from slamsim.slam.laser.scan_observations import Observations, observations
 from slamsim.slam.laser.scan_sweep import Sweep, beams_of, local_motion, moved_pieces
@@ -84,8 +84,8 @@ class WindowFit:
 
     poses: (n, 3). inner: (3n - 3, 3n - 3) information of small steps of each laser but the first in
     its own frame; made_up: that which the noise of lines adds to it. inlier_share: (n,).
-    information, pull: (3, 3) and (3,) of a step of the shape with the poses following. unit:
-    variance of residuals over what was expected.
+    information, pull: (3, 3) and (3,) of a step of the shape with the poses following; by_shape:
+    (3n - 3, 3) how they follow it. unit: variance of residuals over what was expected.
     """
 
     poses: FloatArray
@@ -94,6 +94,7 @@ class WindowFit:
     inlier_share: FloatArray
     information: FloatArray
     pull: FloatArray
+    by_shape: FloatArray
     unit: float
 
     def covariance(self) -> FloatArray:
@@ -210,7 +211,7 @@ def _solve(
     weights = weights / unit / np.square(1.0 + chi2 / unit / doubted**2)
     lines = fit_lines(points, weights, shared.starts)
     system, right = window_system(
-        (points, change, weights, seen.views), shared.starts, lines, len(poses)
+        (points, change, weights, seen.views), shared.surfaces, shared.starts, lines, len(poses)
     )
     inside = chi2 / unit < INLIER_SIGMAS**2
     inliers = np.bincount(seen.views, inside, len(poses)) / np.maximum(
@@ -282,6 +283,7 @@ def _reduced(
         made_up=made_up[free, free],
         information=system[ours, ours] - system[ours, free] @ both[:, 1:],
         pull=right[ours] - system[ours, free] @ both[:, 0],
+        by_shape=-both[:, 1:],
         unit=quality[0],
         inlier_share=quality[1],
     )

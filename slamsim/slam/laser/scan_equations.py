@@ -1,4 +1,4 @@
-"""The equations of a window of scans: points with their derivatives, and the dense system."""
+"""The equations of a window of scans: points with their derivatives by pose and shape."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ import numpy as np
 
 from slamsim.core.jit import kernel
 from slamsim.core.types import FloatArray, IntArray
+from slamsim.models.line_bundle import Seen, add_surfaces, pull_to_lines
+from slamsim.models.supernodes import empty_system, one_panel
 
 SHAPES = 3
 """Unknowns of the shape of a scan: sweep in seconds, relative angle, range offset in metres."""
@@ -68,9 +70,9 @@ def moved_points(
     return points, change
 
 
-@kernel
 def window_system(
     seen: tuple[FloatArray, FloatArray, FloatArray, IntArray],
+    surfaces: IntArray,
     starts: IntArray,
     lines: FloatArray,
     count: int,
@@ -78,59 +80,17 @@ def window_system(
     """Information (d, d) and right-hand side (d,) of ``count`` poses, then the shape.
 
     seen: points, their changes, weights (k,) and scans (k,) of the observations, sorted by
-    surface, then scan. lines: as ``slam.bundle_equations.fit_lines`` gives them; every surface has
-    an offset and a turn of its own, which are eliminated.
+    surface (k,), then scan. lines: as ``fit_lines`` gives them; every surface has an offset and a
+    turn of its own, which are eliminated.
     """
     points, change, weights, views = seen
-    size = POSE * count + SHAPES
-    system, right = np.zeros((size, size)), np.zeros(size)
-    shared, where = np.zeros((2, size)), np.empty(size, np.int64)
-    row, place = np.empty(UNKNOWNS), np.empty(UNKNOWNS, np.int64)
-    for s in range(starts.size - 1):
-        x, y, nx, ny = lines[s]
-        offset = turn = 0.0
-        used, last = 0, -1
-        for k in range(starts[s], starts[s + 1]):
-            if views[k] != last:
-                last = views[k]
-                for u in range(POSE):
-                    where[used + u] = POSE * last + u
-                used += POSE
-            for u in range(UNKNOWNS):
-                place[u] = POSE * last + u if u < POSE else POSE * (count - 1) + u
-            for end in range(2):
-                dx, dy = points[k, end, 0] - x, points[k, end, 1] - y
-                along, off = nx * dy - ny * dx, nx * dx + ny * dy
-                offset += weights[k]
-                turn += weights[k] * along * along
-                for u in range(UNKNOWNS):
-                    row[u] = nx * change[k, end, u, 0] + ny * change[k, end, u, 1]
-                    weighted = weights[k] * row[u]
-                    shared[0, place[u]] += weighted
-                    shared[1, place[u]] += along * weighted
-                    right[place[u]] -= weighted * off
-                    for v in range(u + 1):
-                        system[place[u], place[v]] += weighted * row[v]
-        for u in range(SHAPES):
-            where[used + u] = POSE * count + u
-        _eliminate(shared, where[: used + SHAPES], (offset, turn), system)
-    for i in range(size):
-        for j in range(i):
-            system[j, i] = system[i, j]
-    return system, right
-
-
-@kernel
-def _eliminate(
-    shared: FloatArray, where: IntArray, own: tuple[float, float], system: FloatArray
-) -> None:
-    """Take one surface out of the lower half of the system, and clear what it shares."""
-    offset, turn = own
-    for a in range(where.size):
-        i = where[a]
-        shift, twist = shared[0, i] / offset, shared[1, i] / max(turn, 1e-12)
-        for b in range(a + 1):
-            j = where[b]
-            system[i, j] -= shift * shared[0, j] + twist * shared[1, j]
-    for a in range(where.size):
-        shared[0, where[a]] = shared[1, where[a]] = 0.0
+    across = np.einsum("keuc,kc->keu", change, lines[surfaces, 2:])
+    unknowns = np.column_stack([views, np.full_like(views, count)])
+    rows = across.reshape(-1, 2, UNKNOWNS // POSE, POSE)
+    bundle = Seen(points, weights, starts, lines, rows, unknowns)
+    panel = one_panel(count + 1)
+    system, right = empty_system(panel), np.zeros((count + 1, POSE))
+    add_surfaces(bundle, panel, system)
+    pull_to_lines(bundle, right)
+    lower = np.tril(system.reshape(right.size, right.size))
+    return lower + np.tril(lower, -1).T, right.ravel()

@@ -12,10 +12,10 @@ from scipy.spatial import cKDTree
 from slamsim.core.jit import kernel
 from slamsim.core.types import BoolArray, Float32Array, FloatArray, Grid
 from slamsim.guard.errors import SlamsimError
+from slamsim.models.line_bundle import principal_axis
 from slamsim.slam.backend.views import PIECE_M
 from slamsim.slam.frontend.keyframes import ABOUT_THERE, MAX_BEAMS, Keyframe
 from slamsim.slam.mapping.saved_map import SavedMap
-from slamsim.slam.matching.runs import principal_axis
 from slamsim.slam.matching.surfaces import (
     BEAMS,
     HALF_LENGTH,

@@ -19,10 +19,10 @@ from slamsim.guard.errors import InputRefused
 from slamsim.guard.files import read_input
 from slamsim.guard.limits import LIMITS, Limits
 from slamsim.guard.output import write_atomic
+from slamsim.models.wheel_gyro import PARAMETERS, ROWS
 from slamsim.slam.backend.columns import Columns, Shape, from_columns, to_columns
 from slamsim.slam.backend.graph import GraphUnsound, check_edges
 from slamsim.slam.frontend.keyframes import Keyframe
-from slamsim.slam.frontend.preintegration import PARAMETERS, ROWS
 from slamsim.slam.matching.surfaces import PIECE_FIELDS
 
 FORMAT = 3

@@ -11,7 +11,7 @@ import numpy as np
 
 from slamsim.core.jit import kernel
 from slamsim.core.types import FloatArray, IntArray
-from slamsim.slam.matching.runs import principal_axis
+from slamsim.models.line_bundle import principal_axis
 from slamsim.slam.matching.surfaces import (
     BEAMS,
     HALF_LENGTH,

@@ -6,6 +6,7 @@ import numpy as np
 
 from slamsim.core.jit import kernel
 from slamsim.core.types import FloatArray
+from slamsim.models.line_bundle import principal_axis
 
 SPACING_FACTOR = 6.0
 """Neighbouring beams this many times further apart than square on a wall are not one surface."""
@@ -18,16 +19,6 @@ LEAST_INCIDENCE = 0.2
 BEND_SIGMAS = 4.0
 BREAK_CHI2 = 20.0
 """Two lines must explain a run better by this much than one: chance alone rarely comes near."""
-
-
-@kernel
-def principal_axis(xx: float, xy: float, yy: float) -> tuple[float, float, float, float]:
-    """Normal (unit vector of least scatter), least and largest eigenvalue of a 2 x 2 scatter."""
-    half_gap = 0.5 * (xx - yy)
-    root = np.sqrt(half_gap * half_gap + xy * xy)
-    middle = 0.5 * (xx + yy)
-    angle = 0.5 * np.arctan2(2.0 * xy, xx - yy)
-    return -np.sin(angle), np.cos(angle), max(middle - root, 0.0), middle + root
 
 
 @kernel

@@ -11,7 +11,8 @@ import numpy as np
 
 from slamsim.core.jit import kernel
 from slamsim.core.types import BoolArray, Cloud, FloatArray
-from slamsim.slam.matching.runs import LEAST_INCIDENCE, joined, parted, principal_axis
+from slamsim.models.line_bundle import principal_axis
+from slamsim.slam.matching.runs import LEAST_INCIDENCE, joined, parted
 from slamsim.slam.matching.small import median
 
 # Columns of a piece. Scatter is the sum of squares about the mean, in square metres.
@@ -19,6 +20,7 @@ X, Y, NORMAL_X, NORMAL_Y, BEAMS, SCATTER_XX, SCATTER_XY, SCATTER_YY, HALF_LENGTH
     10
 )
 PIECE_FIELDS = 10
+MEAN, SCATTER = [X, Y], [SCATTER_XX, SCATTER_XY, SCATTER_YY]
 
 MIN_BEAMS = 3
 MIN_BEAMS_TO_SPARE = 8

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from slamsim.core.types import EncoderStream, FloatArray, ImuStream, IntArray, PlanarTrajectory
-from slamsim.core.wheels import Reading, encoder_reading, pose_reading, wheel_odometry
+from slamsim.models.differential_drive import Reading, encoder_reading, pose_reading, wheel_odometry
 from slamsim.slam.frontend.motion import GYRO_GAP_S, Odometry, increments
 from slamsim.slam.online.samples import MotionSamples
 

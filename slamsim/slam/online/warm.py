@@ -8,7 +8,7 @@ import numpy as np
 
 from slamsim.config.slam import SlamConfig
 from slamsim.core.types import FloatArray, PlanarTrajectory, Scan, ScanGeometry
-from slamsim.core.wheels import pose_reading
+from slamsim.models.differential_drive import pose_reading
 from slamsim.slam.frontend.keyframes import KeyframeMaker
 from slamsim.slam.frontend.motion import Odometry, increments
 from slamsim.slam.frontend.odometry import FrontEnd

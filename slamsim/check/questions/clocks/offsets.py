@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from slamsim.check.calibration.joint import Calibration
 from slamsim.check.findings import Finding, Measurement
-from slamsim.check.question import FaultKind, Question, judge, unanswered
+from slamsim.check.question import FaultKind, Question, judge, same_subject, unanswered
 from slamsim.check.questions.clocks.pairs import (
     DRIFT_LIMIT,
     LIMITS_S,
@@ -24,16 +24,29 @@ SAME_SWEEP_S = 5e-4
 TURNING = "turning to and fro, ten times a minute"
 STREAM_NAMES = {"lidar": "lidar", "imu": "inertial unit", "wheels": "wheels"}
 
+_RECEIPT = (same_subject("stamps_future", "stamps_late"),)
+"""Stamps that are wrong do not lie where receipt expects them."""
+
 LATE_LIDAR = FaultKind(
-    "time_offset_lidar", "the lidar's stamps are early or late against the other sensors"
+    "time_offset_lidar",
+    "the lidar's stamps are early or late against the other sensors",
+    _RECEIPT,
 )
-STAMP_END = FaultKind("scan_stamp_end", "the stamp is that of the last beam, not the first")
-STAMP_MIDDLE = FaultKind("scan_stamp_middle", "the stamp is that of the middle beam, not the first")
+STAMP_END = FaultKind(
+    "scan_stamp_end", "the stamp is that of the last beam, not the first", _RECEIPT
+)
+STAMP_MIDDLE = FaultKind(
+    "scan_stamp_middle", "the stamp is that of the middle beam, not the first", _RECEIPT
+)
 LATE_IMU = FaultKind(
-    "time_offset_imu", "the inertial unit's stamps are early or late against the other sensors"
+    "time_offset_imu",
+    "the inertial unit's stamps are early or late against the other sensors",
+    _RECEIPT,
 )
 LATE_WHEELS = FaultKind(
-    "time_offset_wheels", "the wheels' stamps are early or late against the other sensors"
+    "time_offset_wheels",
+    "the wheels' stamps are early or late against the other sensors",
+    _RECEIPT,
 )
 
 

@@ -11,7 +11,7 @@ from slamsim.check.findings import Measurement
 from slamsim.check.question import SURE_SIGMAS, decide
 from slamsim.core.types import FloatArray
 
-LIMITS_S = {"gyro": 3e-4, "wheel": 2e-3, "gyro_wheel": 2e-3}
+LIMITS_S = {"gyro": 3e-4, "wheel": 1.5e-3, "gyro_wheel": 1.5e-3}
 """Offsets up to this are healthy: less than a tenth of a scan's own noise at a walking pace. Tyres
 that give make wheels seem half a millisecond early on the simulator's robot, more on soft ones."""
 

@@ -26,6 +26,9 @@ MAX_UNCOVERED_SHARE = 0.02
 MIN_UNCOVERED = 5
 """Fewer scans than this are those before the first transform."""
 
+TF_CONTRADICTS = FaultKind(
+    "tf_contradicts_odometry", "the transform tree and the odometry disagree"
+)
 COVERAGE = Question(
     "tf.coverage",
     "every scan lies between two transforms",
@@ -38,7 +41,7 @@ COVERAGE = Question(
 AGREEMENT = Question(
     "tf.odometry",
     "the transforms say what the odometry says",
-    (FaultKind("tf_contradicts_odometry", "the transform tree and the odometry disagree"),),
+    (TF_CONTRADICTS,),
     limit=LIMIT_M,
     unit="m",
     consequence="consumers of the topic and of the transforms see two different drives",
@@ -71,12 +74,20 @@ def check_coverage(recording: Recording, graph: FrameGraph) -> Iterator[Finding]
 
 
 def check_agreement(recording: Recording) -> Iterator[Finding]:
-    """odom -> base as a transform against the same as an odometry message."""
-    for odometry in recording.odometries:
-        for edge in recording.transforms:
-            same = edge.parent in odometry.frame_ids and edge.child in odometry.child_frame_ids
-            if same and not edge.is_static:
-                yield _contradiction(odometry, edge)
+    """odom -> base as a transform against the same as an odometry message.
+
+    Of several odometries the transform repeats one: whether they agree is another question.
+    """
+    for edge in recording.transforms:
+        findings = [
+            _contradiction(odometry, edge)
+            for odometry in recording.odometries
+            if edge.parent in odometry.frame_ids
+            and edge.child in odometry.child_frame_ids
+            and not edge.is_static
+        ]
+        agree = [one for one in findings if one.verdict == "ok"]
+        yield from agree or findings
 
 
 def _contradiction(odometry: RawOdometry, edge: TransformEdge) -> Finding:

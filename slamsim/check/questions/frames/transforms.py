@@ -25,10 +25,13 @@ from slamsim.recording.repairs.base import Repair
 MAX_STATIC_CHANGE = 1e-3
 """Metres, or the entries of a rotation: a fixed transform moves by less, whatever rounds it."""
 _RIGID_TOLERANCE = 0.01
-MAP_FRAME = "map"
 _LINK = re.compile(r'<link\s+name="([^"]*)"')
 
 
+MAP_FRAME = "map"
+MAP_RECORDED = FaultKind(
+    "tf_map_recorded", "the recording holds a map's transform: a SLAM has run already"
+)
 RIGID = Question(
     "tf.rigid",
     "every transform is a rotation and a translation",
@@ -51,11 +54,7 @@ LOOP = Question(
 MAP = Question(
     "tf.map",
     "no map's transform was recorded",
-    (
-        FaultKind(
-            "tf_map_recorded", "the recording holds a map's transform: a SLAM has run already"
-        ),
-    ),
+    (MAP_RECORDED,),
     consequence="the SLAM that replays the recording and the recorded one both move the robot",
     repairs=("drop_transform",),
 )
@@ -72,7 +71,7 @@ FRAMES = Question(
     "every frame that messages name is known to a transform",
     (FaultKind("tf_unknown_frame", "messages name a frame that no transform knows"),),
     consequence="a SLAM drops every message of the frame",
-    repairs=("rename_frame",),
+    repairs=("rename_frame", "rename_child_frame"),
 )
 STATIC = Question(
     "tf.static",
@@ -160,7 +159,7 @@ def _loops(graph: FrameGraph) -> Iterator[Finding]:
 def _maps(edges: tuple[TransformEdge, ...]) -> Iterator[Finding]:
     """A recording that a SLAM is to read must not hold another one's answer."""
     for edge in edges:
-        if edge.parent == MAP_FRAME:
+        if MAP_FRAME in (edge.parent, edge.child):
             yield judge(
                 MAP,
                 edge.name,
@@ -178,6 +177,7 @@ def _links(recording: Recording, graph: FrameGraph, base: str) -> list[Finding]:
     findings = [
         *_sensor_links(recording, graph, base),
         *(_odometry_link(recording, graph, odometry, base) if odometry else ()),
+        *_odometry_children(recording, graph),
     ]
     if findings:
         return findings
@@ -215,6 +215,25 @@ def _unknown_frame(stream: RawStream, frame: str, graph: FrameGraph) -> Finding:
         advice="Give the driver the frame of the robot model, or publish a transform to its own.",
         repairs=(Repair("rename_frame", stream.topic, {"frame": nearest}),) if nearest else (),
     )
+
+
+def _odometry_children(recording: Recording, graph: FrameGraph) -> Iterator[Finding]:
+    """The frame whose pose an odometry gives; drivers that leave it empty mean the base."""
+    links = set(_LINK.findall(recording.robot_description or ""))
+    for odometry in recording.odometries if recording.format != "carmen" else ():
+        for frame in odometry.child_frame_ids:
+            if frame and frame not in graph and frame not in links:
+                nearest = graph.nearest(frame)
+                yield judge(
+                    FRAMES,
+                    odometry.topic,
+                    f"it gives the pose of {frame!r}, which no transform knows",
+                    verdict="fault",
+                    advice="Give the driver the name of the base as child_frame_id.",
+                    repairs=(Repair("rename_child_frame", odometry.topic, {"frame": nearest}),)
+                    if nearest
+                    else (),
+                )
 
 
 def _odometry_link(

@@ -17,6 +17,7 @@ from slamsim.check.question import (
     same_subject,
     unanswered,
 )
+from slamsim.check.questions.inertial.frozen import IMU_STUCK
 from slamsim.check.questions.inertial.readings import (
     AXES,
     ORIENTATION,
@@ -32,14 +33,28 @@ from slamsim.recording.repairs.base import Repair
 
 GRAVITY_LIMITS_M_S2 = (9.5, 10.5)
 """Of the mean over a drive on a floor, as Cartographer's validator has it."""
-MAX_TILT_RAD = float(np.radians(15.0))
-"""Of the mean acceleration against the base's vertical: a ramp is less, a sideways unit 90."""
+UNITS_M_S2 = {
+    "multiples of gravity": GRAVITY_M_S2,
+    "thousandths of gravity": 1e-3 * GRAVITY_M_S2,
+    "cm/s^2": 1e-2,
+    "mm/s^2": 1e-3,
+    "feet/s^2": 0.3048,
+}
+_SAME_UNIT = 0.1
+MAX_TILT_RAD = float(np.radians(6.0))
+"""Of gravity against the base's vertical while the robot does not turn: consumer units are off by
+50 mg on both level axes (InvenSense MPU-6050, zero-g output), which is 4 degrees, and sit straight
+within 2."""
+MAX_TURNING_TILT_RAD = float(np.radians(15.0))
+"""Of a unit that turns all the time: 1.5 m/s at 1 rad/s are 9 degrees to the side."""
+_STRAIGHT_RAD_S = 0.1
+"""Turning no faster, a robot at 1 m/s feels less than 0.6 degrees to the side."""
 MAX_REPEATED_SHARE = 0.2
 MIN_SAMPLES = 20
 _TURNING_RAD_S = 0.02
 
 
-GRAVITY_UNITS = FaultKind("gravity_units", "the accelerometer speaks multiples of g")
+GRAVITY_UNITS = FaultKind("gravity_units", "accelerations are in another unit than m/s^2")
 GRAVITY_MISSING = FaultKind("gravity_missing", "the accelerometer does not feel gravity")
 IMU_AXIS = FaultKind(
     "imu_axis",
@@ -69,18 +84,7 @@ AXIS = Question(
 STUCK = Question(
     "imu.stuck",
     "readings change while the robot moves",
-    (
-        FaultKind(
-            "imu_stuck",
-            "the inertial unit repeats its readings",
-            (
-                same_subject(
-                    *("time_offset_imu", "gyro_scale", "gyro_bias", "clock_drift", "imu_axis"),
-                    "imu_axis_dead",
-                ),
-            ),
-        ),
-    ),
+    (IMU_STUCK,),
     limit=100.0 * MAX_REPEATED_SHARE,
     unit="%",
     consequence="a filter trusts old readings as if they were new",
@@ -103,7 +107,7 @@ def check_inertial(evidence: RecordingEvidence) -> list[Finding]:
         acceleration = imu.linear_acceleration_m_s2[finite]
         findings += [
             _gravity(imu, acceleration),
-            *_direction(imu, acceleration, graph, base),
+            *_direction(imu, finite, graph, base),
             _repeats(imu, moving_at(recording, imu.stamps_ns, ask_imus=False)),
         ]
     return findings
@@ -120,35 +124,43 @@ GROUP = QuestionGroup(
 def _gravity(imu: RawImu, acceleration: FloatArray) -> Finding:
     length = float(np.linalg.norm(acceleration.mean(axis=0)))
     low, high = GRAVITY_LIMITS_M_S2
-    in_g = 0.9 < length < 1.1
-    words = f"the mean acceleration is {length:.3g} m/s^2"
+    healthy = low <= length <= high
+    unit = None if healthy else _unit_of(length)
+    words = f"the mean acceleration is {length:.4g} m/s^2"
+    factor = UNITS_M_S2[unit] if unit else 1.0
     return judge(
         GRAVITY,
         imu.topic,
         {
             "ok": words,
-            "fault": f"{words}: these are multiples of gravity"
-            if in_g
+            "fault": f"{words}: these are {unit}"
+            if unit
             else f"{words}; a unit at rest feels 9.8, upward",
         },
         Measurement(length, 0.0, "m/s^2"),
-        verdict="ok" if low <= length <= high else "fault",
+        verdict="ok" if healthy else "fault",
         limit=low,
-        fault=GRAVITY_UNITS if in_g else GRAVITY_MISSING,
-        advice="Multiply accelerations by 9.80665."
-        if in_g
+        fault=GRAVITY_UNITS if unit else GRAVITY_MISSING,
+        advice=f"Multiply accelerations by {factor:.6g}."
+        if unit
         else "Publish the raw acceleration: gravity is what tells up from down.",
-        repairs=(Repair("scale_acceleration", imu.topic, {"factor": GRAVITY_M_S2}),)
-        if in_g
-        else (),
+        repairs=(Repair("scale_acceleration", imu.topic, {"factor": factor}),) if unit else (),
     )
 
 
-def _direction(
-    imu: RawImu, acceleration: FloatArray, graph: FrameGraph, base: str
-) -> Iterator[Finding]:
+def _unit_of(length: float) -> str | None:
+    """The unit in which that length is gravity's."""
+    off = {unit: abs(np.log(length * factor / GRAVITY_M_S2)) for unit, factor in UNITS_M_S2.items()}
+    nearest = min(off, key=off.__getitem__)
+    return nearest if off[nearest] < _SAME_UNIT else None
+
+
+def _direction(imu: RawImu, finite: BoolArray, graph: FrameGraph, base: str) -> Iterator[Finding]:
     """Whether gravity points up in the base, once turned by the declared mounting."""
-    mean = acceleration.mean(axis=0)
+    straight = finite & (np.linalg.norm(imu.angular_velocity_rad_s, axis=1) < _STRAIGHT_RAD_S)
+    turns = int(straight.sum()) < MIN_SAMPLES
+    acceleration = imu.linear_acceleration_m_s2[finite if turns else straight]
+    mean = np.median(acceleration, axis=0)  # speeding up and braking are no slope
     length = float(np.linalg.norm(mean))
     if length < 0.5:
         return
@@ -163,6 +175,7 @@ def _direction(
     words = f"gravity stands {tilt_deg:.1f} deg off the base's vertical"
     axis = "xyz"[int(np.argmax(np.abs(up)))]
     sign = "+" if up["xyz".index(axis)] > 0 else "-"
+    felt = "" if sign + axis == "+z" else f": it is felt along {sign}{axis} of {base}"
     curves = tuple(
         Curve(name, np.arange(len(acceleration), dtype=np.float64), column, "line")
         for name, column in zip("xyz", (acceleration @ rotation.T).T, strict=True)
@@ -170,8 +183,9 @@ def _direction(
     yield judge(
         AXIS,
         imu.topic,
-        {"ok": words, "fault": f"{words}: it is felt along {sign}{axis} of {base}"},
+        {"ok": words, "fault": words + felt},
         Measurement(tilt_deg, 0.0, "deg"),
+        limit=float(np.degrees(MAX_TURNING_TILT_RAD if turns else MAX_TILT_RAD)),
         advice="Correct the transform of the unit's frame, or its driver's axes (REP 145: z up, "
         "+9.8).",
         repairs=(

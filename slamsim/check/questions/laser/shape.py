@@ -23,9 +23,8 @@ ANGLE_LIMIT = 5e-4
 OFFSET_LIMIT_M = 0.03
 """What edges of the beam and dark surfaces do to a healthy lidar, and what blurs a map."""
 
-SWEEP_LIMIT, SWEEP_LIMIT_S = 0.05, 2e-3
-"""Errors of the time between beams up to this share, or of the sweep up to this, do no harm: at a
-radian a second scans bend by a tenth of a degree."""
+SWEEP_LIMIT, SWEEP_LIMIT_S = 0.05, 5e-4
+"""Errors of the time between beams up to this share, or of the sweep up to this, do no harm."""
 
 MEANT = 0.15
 """Sweeps this near to nothing, or to minus the declared one, are meant to be so."""
@@ -51,7 +50,9 @@ REVERSED = FaultKind(
     "the beams fire in the opposite order of what is declared",
     (anywhere(*LIDAR_TIMES, "laser_yaw", "laser_angle_step"),),
 )
-SCALED = FaultKind("beam_time_scale", "the time between beams is wrong")
+SCALED = FaultKind(
+    "beam_time_scale", "the time between beams is wrong", (anywhere("scans_overlap"),)
+)
 UNTIMED = FaultKind(
     "rolling_scan_untimed",
     "beams fired one after the other are declared as of one instant",

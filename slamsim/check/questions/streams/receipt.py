@@ -32,7 +32,11 @@ _EVEN_SHARE = 1e-3
 
 STAMPS_FUTURE = FaultKind("stamps_future", "stamps lie after the message was received")
 STAMPS_LATE = FaultKind("stamps_late", "messages are received long after their stamp")
-CLOCK_DRIFT = FaultKind("clock_drift", "one clock runs faster than another")
+CLOCK_DRIFT = FaultKind(
+    "clock_drift",
+    "one clock runs faster than another",
+    (same_subject("stamps_future", "stamps_late"),),
+)
 STAMPS_INVENTED = FaultKind(
     "stamps_invented",
     "stamps of a constant rate that the data contradict",
@@ -91,7 +95,8 @@ def _delay(series: StampSeries) -> Finding:
     why = _silent(series)
     if delay_s is None or why:
         return unanswered(RECEIPT, series.subject, why)
-    since_end_s = delay_s - series.lasts_ns * 1e-9
+    # No scan lasts longer than until the next, whatever it declares.
+    since_end_s = delay_s - np.minimum(series.lasts_ns * 1e-9, series.period_s)
     late_s, ahead_s = float(np.median(since_end_s)), -float(np.quantile(delay_s, 0.1))
     repairs = (Repair("shift_receipt", series.subject, {"offset_s": -late_s}),)
     curve = Curve("received", series.since_first_s, delay_s)

@@ -20,6 +20,11 @@ _LOCAL_STEPS = 200
 _APART, _FAR_APART = 8, 32
 _BEAT_GROWTH = 1.6
 _EVEN_SHARE = 0.2
+_WHOLE, _MOSTLY = 0.2, 0.9
+"""Steps this near to a whole number of periods, in most cases, have messages missing in between."""
+_BURST_SHARE = 0.5
+"""Of the mean time between messages: where most steps are shorter, half of the messages would have
+to be lost, or they come in bursts."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,6 +116,29 @@ def series_of(recording: Recording) -> list[StampSeries]:
     return [_on_clock(series, recording.clock_ns) for series in found if len(series)]
 
 
+def usual_step_s(steps_s: FloatArray) -> float:
+    """The period of a beat of which some messages are missing; steps_s: (n,), one or more.
+
+    Stamps in whole milliseconds alternate between two steps: the mean of both is the period.
+    """
+    middle_s = float(np.median(steps_s))
+    return float(steps_s[np.abs(steps_s - middle_s) <= 0.5 * abs(middle_s)].mean())
+
+
+def without_missing(stamps_ns: IntArray) -> IntArray:
+    """(n,) with the time of missing messages taken out, where steps are whole multiples of one."""
+    steps_ns = np.diff(stamps_ns)
+    period_ns = 1e9 * usual_step_s(steps_ns * 1e-9) if steps_ns.size else 0.0
+    if not period_ns > 0.0:
+        return stamps_ns
+    counts = np.rint(steps_ns / period_ns)
+    whole = np.abs(steps_ns / period_ns - counts) < _WHOLE
+    if whole.mean() < _MOSTLY or not 0.0 < (counts > 1.0).mean() < 0.5:
+        return stamps_ns
+    longer_ns = np.rint(np.maximum(counts - 1.0, 0.0) * period_ns).astype(np.int64)
+    return np.asarray(stamps_ns - np.concatenate([[0], np.cumsum(longer_ns)]))
+
+
 def spread_s(stamps_ns: IntArray, apart: int) -> float:
     """How much the time from a message to the one so many later varies: sigma by the median
     deviation within some 200 neighbours, so that single gaps and a slow change do not count."""
@@ -126,15 +154,23 @@ def beat_scatter_s(stamps_ns: IntArray) -> float | None:
     Stamps that scatter about a beat stay near it however many messages one counts on; where
     the sensor itself comes unevenly they wander off.
     """
-    near_s, far_s = spread_s(stamps_ns, _APART), spread_s(stamps_ns, _FAR_APART)
+    whole_ns = without_missing(stamps_ns)
+    near_s, far_s = spread_s(whole_ns, _APART), spread_s(whole_ns, _FAR_APART)
     period_s = float(np.median(np.diff(stamps_ns))) * 1e-9
     wanders = far_s > _BEAT_GROWTH * near_s and far_s > 0.1 * _EVEN_SHARE * abs(period_s)
     return None if wanders else near_s / 2.0**0.5
 
 
 def is_even(stamps_ns: IntArray) -> bool:
-    """Whether messages come at a beat, near enough to count those that are missing."""
+    """Whether messages come at a beat, near enough to count those that are missing.
+
+    Bursts have none: within one the steps are alike, and far shorter than messages come.
+    """
     period_s = abs(float(np.median(np.diff(stamps_ns)))) * 1e-9
+    together = min(_FAR_APART, stamps_ns.size - 1)
+    elapsed_s = float(np.median(stamps_ns[together:] - stamps_ns[:-together])) * 1e-9
+    if period_s < _BURST_SHARE * elapsed_s / together:
+        return False
     if spread_s(stamps_ns, 1) < 0.5 * _EVEN_SHARE * period_s:
         return True
     scatter_s = beat_scatter_s(stamps_ns)

@@ -10,6 +10,7 @@ from slamsim.check.findings import Curve, Finding, Measurement, Plot
 from slamsim.check.question import (
     FaultKind,
     Question,
+    anywhere,
     decide,
     judge,
     lidar_stamps,
@@ -17,7 +18,14 @@ from slamsim.check.question import (
     unanswered,
 )
 from slamsim.check.questions.streams.rounding import in_equal_groups, rounding_step_s
-from slamsim.check.questions.streams.series import StampSeries, beat_scatter_s, is_even, spread_s
+from slamsim.check.questions.streams.series import (
+    StampSeries,
+    beat_scatter_s,
+    is_even,
+    spread_s,
+    usual_step_s,
+)
+from slamsim.core.types import IntArray
 from slamsim.recording.repairs.base import Repair
 
 MAX_ROUNDING_S = 0.014
@@ -37,6 +45,9 @@ _MIN_REPEATED = 3
 _USUAL_LOSS, _CHANCE = 0.005, 1e-4
 """A driver that loses this share of its messages is usual; what it could lose by chance in so many
 messages, but for one recording in ten thousand, is no fault."""
+
+_CAUGHT_UP, _LONG_STEPS = 0.75, 100
+"""Of the messages that are due, about a step; of so many of the longest steps."""
 
 _OFFSETS = (*LIDAR_TIMES, "time_offset_imu", "time_offset_wheels", "clock_drift")
 _EVENLY = ("restamp_evenly",)
@@ -66,8 +77,8 @@ ROUNDING = Question(
             "stamps_quantised",
             "stamps are rounded coarsely",
             (
-                same_subject(*_OFFSETS),
-                lidar_stamps(*BY_SCANS, "time_offset_imu", "time_offset_wheels"),
+                anywhere(*_OFFSETS),
+                lidar_stamps(*BY_SCANS),
             ),
         ),
     ),
@@ -83,7 +94,7 @@ SCATTER = Question(
         FaultKind(
             "stamps_jitter",
             "stamps scatter: time of publishing, not of measuring",
-            (lidar_stamps(*BY_SCANS),),
+            (lidar_stamps(*BY_SCANS), same_subject("stamps_backward", "stamps_future")),
         ),
     ),
     limit=1e3 * MAX_SCATTER_S,
@@ -201,6 +212,9 @@ def _repeats(series: StampSeries) -> Finding:
 
 
 def _scatter(series: StampSeries) -> Finding:
+    if series.instants_ns.size < _MIN_MESSAGES:
+        words = f"{len(series)} messages carry {series.instants_ns.size} different stamps: no beat"
+        return unanswered(SCATTER, series.subject, words)
     scatter_s = beat_scatter_s(series.stamps_ns)
     if scatter_s is None:
         words = (
@@ -232,13 +246,16 @@ def _gaps(series: StampSeries, countable: bool) -> Finding:
     steps_s = series.ordered_steps_s
     if not steps_s.size:
         return unanswered(GAPS, series.subject, "all messages carry one and the same stamp")
-    period_s = float(np.median(steps_s))
-    longest_s = float(steps_s.max())
+    period_s = usual_step_s(steps_s)
+    longest_s = _longest_s(np.sort(series.stamps_ns), period_s)
     even = is_even(series.stamps_ns)
+    rate_period_s = period_s if even else float(np.mean(steps_s))
     longest_limit_s = (
         max(MAX_GAP_S[series.kind], MAX_GAP_PERIODS * period_s) if even else MAX_UNEVEN_GAP_S
     )
     missing = int((np.rint(steps_s / period_s) - 1.0).clip(0.0).sum()) if even and countable else 0
+    # What comes late catches up: fewer are missing than the longer steps alone would hold.
+    missing = min(missing, max(round(series.span_s / period_s) + 1 - len(series), 0))
     sent = missing + len(series)
     by_chance = missing == 0 or pdtrc(missing - 1, _USUAL_LOSS * sent) > _CHANCE
     share = 0.0 if by_chance else missing / sent
@@ -248,12 +265,26 @@ def _gaps(series: StampSeries, countable: bool) -> Finding:
     return judge(
         GAPS,
         series.subject,
-        f"{1.0 / period_s:.4g} messages a second, {missing} missing, longest gap {longest_s:.3g} s",
+        f"{1.0 / rate_period_s:.4g} messages a second, {missing} missing, longest gap "
+        f"{longest_s:.3g} s",
         size,
         limit=limit,
         advice="Look for a full queue, a slow disk or a cable: what is missing cannot be repaired.",
         fault_plots=(_steps_plot(series, limit),),
     )
+
+
+def _longest_s(sorted_ns: IntArray, period_s: float) -> float:
+    """The longest step, if messages are missing in it, and not just late: those catch up, and as
+    many come within its length and that of the next one as ever."""
+    since_s = (sorted_ns - sorted_ns[0]) * 1e-9
+    steps_s = np.diff(since_s)
+    for at in np.argsort(-steps_s)[:_LONG_STEPS]:
+        until = np.searchsorted(since_s, since_s[at] + 2.0 * steps_s[at], side="right") - 1
+        due = (since_s[until] - since_s[at]) / max(period_s, 1e-9)
+        if until == since_s.size - 1 or until - at < _CAUGHT_UP * due:
+            return float(steps_s[at])
+    return float(np.median(steps_s))
 
 
 def _any_fault(findings: list[Finding]) -> bool:

@@ -7,7 +7,9 @@ import numpy as np
 from slamsim.check.evidence import RecordingEvidence
 from slamsim.check.findings import Curve, Finding, Measurement, Plot
 from slamsim.check.question import FaultKind, Question, QuestionGroup, judge, unanswered
+from slamsim.check.questions.streams.clock_steps import STEP, check_step
 from slamsim.check.questions.streams.epochs import EPOCH, check_epochs
+from slamsim.check.questions.streams.invented import INVENTED, check_invented
 from slamsim.check.questions.streams.receipt import DRIFT, RECEIPT, check_receipt
 from slamsim.check.questions.streams.series import StampSeries, series_of
 from slamsim.check.questions.streams.spacing import (
@@ -50,6 +52,8 @@ def check_stamps(evidence: RecordingEvidence) -> list[Finding]:
         findings += check_spacing(stream)
         if stream.kind == "lidar":
             findings.append(_overlap(stream))
+    findings += [check_step(stream) for stream in series if stream.kind != "transform"]
+    findings += check_invented(series)
     wrong = {finding.subject for finding in findings if finding.fault in _NO_INSTANTS}
     return findings + check_receipt(series, wrong)
 
@@ -57,7 +61,20 @@ def check_stamps(evidence: RecordingEvidence) -> list[Finding]:
 GROUP = QuestionGroup(
     "stamps",
     10,
-    (EPOCH, ORDER, SPACING, ROUNDING, SCATTER, REPEATS, GAPS, OVERLAP, RECEIPT, DRIFT),
+    (
+        EPOCH,
+        ORDER,
+        SPACING,
+        ROUNDING,
+        SCATTER,
+        REPEATS,
+        GAPS,
+        OVERLAP,
+        STEP,
+        INVENTED,
+        RECEIPT,
+        DRIFT,
+    ),
     check_stamps,
 )
 

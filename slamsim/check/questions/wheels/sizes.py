@@ -40,7 +40,7 @@ WIRING = Question(
     (SWAPPED, REVERSED),
     consequence="the odometry turns the wrong way, or turns when the robot goes straight",
     excitation_wanted=TURNING,
-    repairs=("swap_wheels", "reverse_wheel"),
+    repairs=("swap_wheels", "reverse_wheel", "scale_odometry"),
 )
 RADIUS = Question(
     "wheels.radius",
@@ -116,7 +116,7 @@ GROUP = QuestionGroup(
 def _wiring(calibration: Calibration, wheels: IntegratedMotion) -> list[Finding]:
     wiring = calibration.alignment.wiring
     if not wheels.wired:
-        return []
+        return _turning(calibration, wheels)
     if wiring == "as declared":
         if not any(calibration.follows(pair) for pair in ("wheel", "gyro_wheel")):
             words = "nothing that the robot did shows how they are wired"
@@ -141,6 +141,25 @@ def _wiring(calibration: Calibration, wheels: IntegratedMotion) -> list[Finding]
             fault=fault,
             advice=advice,
             repairs=(repair,),
+        )
+    ]
+
+
+def _turning(calibration: Calibration, wheels: IntegratedMotion) -> list[Finding]:
+    """Of poses only the direction of turns can be told."""
+    if not calibration.follows("wheel") or calibration.value("turn_gain") > 0.0:
+        return []
+    return [
+        judge(
+            WIRING,
+            wheels.topic,
+            "the odometry turns right where the robot turns left",
+            verdict="fault",
+            fault=SWAPPED,
+            advice="Exchange the two wheels in the driver, or change the sign of its turns.",
+            repairs=(
+                Repair("scale_odometry", wheels.topic, {"path_factor": 1.0, "turn_factor": -1.0}),
+            ),
         )
     ]
 

@@ -15,10 +15,11 @@ from slamsim.config.slam import MotionConfig
 from slamsim.core.geometry import between, compose, matrix_from_rpy, se3_from_parts, wrap_angle
 from slamsim.core.result import Calibrated
 from slamsim.core.types import EncoderStream, FloatArray, ImuStream, Log, PlanarTrajectory
-from slamsim.core.wheels import pose_reading, wheel_odometry
 from slamsim.guard.errors import SlamsimError
+from slamsim.models.differential_drive import pose_reading, wheel_odometry
+from slamsim.models.wheel_gyro import PARAMETERS
 from slamsim.slam.frontend.motion import NoMotion, Odometry, increments, predict_motion
-from slamsim.slam.frontend.preintegration import PARAMETERS, OdometryNoise, OdometryStep
+from slamsim.slam.frontend.preintegration import OdometryNoise, OdometryStep
 
 POINTS = np.array([[0.0, 0.0], [3.0, 0.0], [3.0, 2.0], [0.0, 2.0], [0.0, 4.0], [3.0, 4.0]])
 NOMINAL = np.zeros(PARAMETERS)

@@ -14,7 +14,7 @@ import numpy as np
 from slamsim.core.jit import kernel
 from slamsim.core.types import FloatArray, IntArray
 from slamsim.guard.numbers import NoSolution
-from slamsim.slam.backend.supernodes import Panels
+from slamsim.models.supernodes import Panels
 
 
 @dataclass(frozen=True, slots=True, eq=False)

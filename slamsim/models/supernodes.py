@@ -57,6 +57,19 @@ def make_panels(pairs: IntArray, count: int) -> Panels:
     return _panels(np.append(order, count), starts, rows)
 
 
+def one_panel(count: int) -> Panels:
+    """Storage for ``count`` unknowns that all meet: as a dense matrix, row by row."""
+    none = np.zeros(0, np.int64)
+    return Panels(
+        place=np.arange(count + 1),
+        owner=np.zeros(count, np.int64),
+        first=np.array([0, count]),
+        starts=np.zeros(2, np.int64),
+        below=none,
+        offsets=np.array([0, 9 * count * count]),
+    )
+
+
 def empty_system(panels: Panels) -> FloatArray:
     """The flat array of a system without an equation; ``add_block`` fills it."""
     return np.zeros(int(panels.offsets[-1]))

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from slamsim.core.geometry import wrap_angle
 from slamsim.core.randomness import random_stream
 from slamsim.core.types import EncoderStream
-from slamsim.core.wheels import wheel_odometry
+from slamsim.models.differential_drive import wheel_odometry
 
 
 @given(st.integers(-5000, 5000), st.integers(-5000, 5000), st.floats(-3.0, 3.0))

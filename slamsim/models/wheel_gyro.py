@@ -7,6 +7,42 @@ import numpy as np
 from slamsim.core.jit import kernel
 from slamsim.core.types import FloatArray, IntArray
 
+PATH_SCALE, TURN_SCALE, CURVATURE, GYRO_SCALE, GYRO_BIAS = range(5)
+"""Places in the (5,) parameters of odometry: relative errors of path and turn of the wheels, their
+curvature on a straight line (rad/m), relative error and bias (rad/s) of the gyroscope. What is
+reported times (1 + error), less the bias, is what was."""
+
+PARAMETERS = 5
+ROWS = 4
+"""Of a jacobian: x, y and yaw of the step, and the turn by the wheels alone."""
+
+
+def turn_at_samples(stamps_ns: IntArray, rates_rad_s: FloatArray) -> FloatArray:
+    """(n,) rad turned since the first of n samples, by trapezoids: rates are of their instants."""
+    steps = 0.5 * (rates_rad_s[:-1] + rates_rad_s[1:]) * np.diff(stamps_ns) * 1e-9
+    return np.concatenate([[0.0], np.cumsum(steps)])
+
+
+def turn_at_midpoints(stamps_ns: IntArray, rates_rad_s: FloatArray) -> tuple[IntArray, FloatArray]:
+    """The n - 1 instants midway between n samples, ns, and (n - 1,) rad turned since the first.
+
+    A sample is the mean rate between the midpoints to its neighbours: exact for a unit that
+    averages over its period.
+    """
+    middle_ns = stamps_ns[:-1] + np.diff(stamps_ns) // 2
+    turned = rates_rad_s[1:-1] * np.diff(middle_ns) * 1e-9
+    return middle_ns, np.concatenate([[0.0], np.cumsum(turned)])
+
+
+def calibrated_turn(
+    turned_rad: FloatArray, seconds: FloatArray, gain: float, bias_rad_s: float
+) -> FloatArray:
+    """(n,) rad truly turned in (n,) seconds of which a gyroscope reports turned_rad (n,).
+
+    gain: true over reported. bias_rad_s: of the rate, after the gain.
+    """
+    return np.asarray(gain * turned_rad - bias_rad_s * seconds)
+
 
 @kernel
 def walk(
@@ -20,10 +56,14 @@ def walk(
     jacobian: FloatArray,
     totals: FloatArray,
 ) -> None:
-    """Integrate the steps between two instants. poses: one more than steps, the first zero.
+    """Integrate the steps that lie between two instants, and add to jacobian and totals.
 
-    jacobian: (4, 5), see OdometryStep. totals: turn by the wheels, path and turn without sign,
-    raw turn and seconds of the gyroscope.
+    stamps_ns: (n + 1,). steps: (n, 4) from each to the next: forward and sideways along the arc in
+    m, turn by the wheels and by the gyroscope in rad, nan while that is silent. parameters: (5,).
+    poses: (n + 1, 3) x, y in m and yaw in rad; the first is given, the others are written.
+    jacobian: (4, 5) by the parameters, of a small step of the base at the end in its own frame
+    and of the turn by the wheels. totals: (5,) turn by the wheels, path and turn without sign, raw
+    turn of the gyroscope in rad and its seconds.
     """
     path_scale, turn_scale, curvature, gyro_scale, bias = parameters
     change = np.zeros((5, 3))

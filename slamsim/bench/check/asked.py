@@ -1,0 +1,82 @@
+"""What the command line asks of the bench of the checker."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from slamsim.bench.alone import Children
+from slamsim.bench.check.campaign import CheckCampaign, run_campaign
+from slamsim.bench.check.independent import IndependentCampaign, generator_folder, run_independent
+from slamsim.bench.check.long import long_rows, time_long_check
+from slamsim.bench.check.real import recordings_at
+from slamsim.config.faults import typed_choices
+from slamsim.console.reporter import Reporter
+from slamsim.sensors.faults.registry import bundled_faults, chosen_fault
+
+CHECK_SECONDS, LONG_SECONDS = 60.0, 600.0
+
+
+@dataclass(frozen=True, slots=True)
+class CheckAsked:
+    """The options; faults as typed. kept: folder for results as they come. real: a recording, or
+    a folder of them, that takes the place of the simulated ones."""
+
+    seeds: int
+    first: int
+    seconds: float | None
+    clean: int
+    pairs: int
+    mutations: int
+    faults: str | None
+    curves: bool
+    long: bool
+    workers: int
+    kept: Path | None
+    real: Path | None
+
+
+def run_check(asked: CheckAsked, independent: bool, reporter: Reporter) -> None:
+    """independent: with recordings of the generator in tests/independent."""
+    if independent:
+        run_independent(_independent(asked), reporter)
+        return
+    figures = run_campaign(_campaign(asked), reporter)
+    if asked.long:
+        with Children() as children, reporter.stage("long recording", ""):
+            timed = children.run(time_long_check, LONG_SECONDS, asked.first)
+        reporter.table("Long recording", long_rows(timed))
+        figures["long"] = timed
+    reporter.result(figures)
+
+
+def _campaign(asked: CheckAsked) -> CheckCampaign:
+    faults = bundled_faults()
+    if asked.faults is not None:
+        faults = tuple(map(chosen_fault, typed_choices(asked.faults.split(","))))
+    after = asked.first + asked.seeds
+    return CheckCampaign(
+        faults,
+        seeds=range(asked.first, after) if asked.real is None else (),
+        clean_seeds=range(after, after + asked.clean),
+        recordings=() if asked.real is None else recordings_at(asked.real),
+        pairs=asked.pairs,
+        curves=asked.curves,
+        seconds=asked.seconds or CHECK_SECONDS,
+        workers=asked.workers,
+        kept=asked.kept,
+    )
+
+
+def _independent(asked: CheckAsked) -> IndependentCampaign:
+    return IndependentCampaign(
+        generator_folder(),
+        seeds=range(asked.first, asked.first + asked.seeds),
+        clean=asked.clean,
+        pairs=asked.pairs,
+        mutations=asked.mutations,
+        only=None if asked.faults is None else asked.faults.split(","),
+        seconds=asked.seconds or CHECK_SECONDS,
+        workers=asked.workers,
+        kept=asked.kept,
+    )

@@ -1,0 +1,161 @@
+"""Is the odometry's twist the speed at which its pose moves, in the frame of the robot?"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from slamsim.check.evidence import RecordingEvidence
+from slamsim.check.findings import Curve, Finding, Measurement, Plot
+from slamsim.check.motion.planar_track import planar_track, track_at
+from slamsim.check.question import FaultKind, Question, QuestionGroup, judge, unanswered
+from slamsim.check.questions.wheels.counters import MOVED_M, MOVED_RAD
+from slamsim.core.types import FloatArray
+from slamsim.guard.numbers import is_sound
+from slamsim.recording import RawOdometry
+from slamsim.recording.edits.motion import rotated
+from slamsim.recording.repairs.base import Repair
+
+MAX_OFF = 0.2
+"""Of speed or turn rate, over most seconds. Drivers filter the twist or take the command for it:
+that is right on average. Of what consumers do with it a fifth more is lost in the wheels' slip."""
+LOOK_S, MIN_LOOKS = 1.0, 5
+LONGEST_S = 3600.0
+SAME_FRAME = 0.1
+"""Of the motion: in the right frame most seconds differ by less."""
+CLEARLY = 4.0
+"""So many times better a frame must explain the motion than the other one does."""
+
+TWIST = Question(
+    "odometry.twist",
+    "the twist is the speed of the pose, in the robot's frame",
+    (
+        FaultKind(
+            "odometry_twist",
+            "the odometry's twist is not the speed of its pose in the robot's frame",
+        ),
+    ),
+    limit=100.0 * MAX_OFF,
+    unit="%",
+    consequence="filters that read the twist drive another path than the poses",
+    excitation_wanted="some seconds of driving and turning, with twists in the messages",
+    repairs=("twist_from_poses",),
+)
+
+
+def check_twist(evidence: RecordingEvidence) -> Iterator[Finding]:
+    """Each odometry by itself."""
+    for odometry in evidence.recording.odometries:
+        yield _twist(odometry)
+
+
+GROUP = QuestionGroup("odometry", 62, (TWIST,), check_twist)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Looks:
+    """(k, 2) x and y in the robot's frame, m, and (k,) turn, rad, in a second: by the poses, and by
+    twists that are in the robot's frame, or in the world's."""
+
+    seconds: FloatArray
+    moved: FloatArray
+    turned: FloatArray
+    by_twist: FloatArray
+    by_world_twist: FloatArray
+    turned_by_twist: FloatArray
+
+
+def _twist(odometry: RawOdometry) -> Finding:
+    looks = _looks(odometry)
+    if looks is None:
+        words = "its messages hold no twists, or the robot hardly moves"
+        return unanswered(TWIST, odometry.topic, words)
+    moves, turns = (
+        (np.linalg.norm(looks.moved, axis=1) > MOVED_M),
+        (np.abs(looks.turned) > MOVED_RAD),
+    )
+    told, sizes = [], []
+    if int(moves.sum()) >= MIN_LOOKS:
+        if _is_of_world(looks, moves):
+            told.append("its speeds are those in the frame of the odometry")
+            sizes.append(_share(looks.by_twist[moves], looks.moved[moves]))
+        else:
+            moved, said = looks.moved[moves], looks.by_twist[moves]
+            along = (said * moved).sum(axis=1) / np.square(moved).sum(axis=1)
+            sizes.append(float(np.median(along)) - 1.0)
+            told.append(f"its speed is {1.0 + sizes[-1]:.4g} of that of its pose")
+    if int(turns.sum()) >= MIN_LOOKS:
+        ratio = looks.turned_by_twist[turns] / looks.turned[turns]
+        sizes.append(float(np.median(ratio)) - 1.0)
+        told.append(f"its turn rate is {1.0 + sizes[-1]:.4g} of that")
+    if not told:
+        return unanswered(TWIST, odometry.topic, "the robot moves for too few seconds")
+    curves = (
+        Curve("ahead (m/s)", looks.moved[:, 0], looks.by_twist[:, 0]),
+        Curve("turn (rad/s)", looks.turned, looks.turned_by_twist),
+    )
+    return judge(
+        TWIST,
+        odometry.topic,
+        ", ".join(told),
+        Measurement(100.0 * max(sizes, key=abs), 0.0, "%"),
+        advice="Fill in metres and radians per second in the frame of child_frame_id, x ahead.",
+        repairs=(Repair("twist_from_poses", odometry.topic),),
+        fault_plots=(Plot(f"Twist of {odometry.topic}", "by the pose", "by the twist", curves),),
+    )
+
+
+def _looks(odometry: RawOdometry) -> _Looks | None:
+    twists = np.column_stack([odometry.linear_m_s[:, :2], odometry.angular_rad_s[:, 2]])
+    sound = is_sound(twists) & is_sound(odometry.quats_xyzw) & is_sound(odometry.positions_m)
+    if int(sound.sum()) < MIN_LOOKS or not np.any(twists[sound]):
+        return None
+    stamps_ns, first = np.unique(odometry.stamps_ns[sound], return_index=True)
+    known_ns, track = planar_track(
+        stamps_ns, odometry.positions_m[sound][first], odometry.quats_xyzw[sound][first]
+    )
+    times_s = (known_ns - known_ns[0]) * 1e-9
+    if not MIN_LOOKS * LOOK_S < times_s[-1] < LONGEST_S:
+        return None
+    edges_s = np.arange(0.0, times_s[-1], LOOK_S)
+    poses = track_at(known_ns, track, known_ns[0] + np.rint(1e9 * edges_s).astype(np.int64))
+    midway = 0.5 * (poses[:-1, 2] + poses[1:, 2])
+    speeds = twists[sound][first]
+    totals = np.vstack(
+        [
+            np.zeros(5),
+            np.cumsum(
+                _means(np.column_stack([speeds, rotated(speeds[:, :2], -track[:, 2])]), times_s), 0
+            ),
+        ]
+    )
+    said = np.diff(
+        np.column_stack([np.interp(edges_s, times_s, column) for column in totals.T]), axis=0
+    )
+    moved = rotated(np.diff(poses[:, :2], axis=0), -midway)
+    # The chord of an arc is shorter than the arc, which speeds add up to.
+    turned = np.diff(poses[:, 2])
+    moved /= np.sinc(np.clip(turned, -np.pi, np.pi) / (2.0 * np.pi))[:, None]
+    return _Looks(edges_s[:-1], moved, turned, said[:, :2], said[:, 3:], said[:, 2])
+
+
+def _means(values: FloatArray, times_s: FloatArray) -> FloatArray:
+    """(n - 1, k) what values (n, k) add up to from each time to the next."""
+    return np.asarray(0.5 * (values[1:] + values[:-1]) * np.diff(times_s)[:, None])
+
+
+def _is_of_world(looks: _Looks, moves: FloatArray) -> bool:
+    """Whether speeds explain the motion if they are taken for those in the world's frame, and not
+    as they should be."""
+    in_robot, in_world = (
+        _share(said[moves], looks.moved[moves]) for said in (looks.by_twist, looks.by_world_twist)
+    )
+    return in_robot > SAME_FRAME and in_robot > CLEARLY * in_world
+
+
+def _share(said: FloatArray, moved: FloatArray) -> float:
+    """Of the motion, by which most seconds differ."""
+    off = np.linalg.norm(said - moved, axis=1) / np.linalg.norm(moved, axis=1)
+    return float(np.quantile(off, 0.75))

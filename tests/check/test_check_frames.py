@@ -1,0 +1,190 @@
+"""Which way transforms lead, in which order quaternions are written, and transforms that repeat an
+odometry; each fault with its repair, and healthy recordings of every sort."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from recording_data import edge, scans_at, stamps
+from test_check_inertial import robot
+
+from slamsim.check.diagnosis import explained
+from slamsim.check.evidence import RecordingEvidence
+from slamsim.check.findings import Finding
+from slamsim.check.questions.frames.directions import check_directions
+from slamsim.check.questions.frames.quaternions import check_quaternions
+from slamsim.check.questions.frames.repeated_odometry import check_repetitions
+from slamsim.check.questions.frames.transforms import check_transforms
+from slamsim.core.geometry import matrix_from_rpy, xyzw_from_matrix
+from slamsim.core.types import FloatArray
+from slamsim.recording import RawImu, RawOdometry, Recording, TransformEdge
+from slamsim.recording.edits.base import DRIVEN, ROTATIONS
+from slamsim.recording.edits.frames import RollQuaternions, with_odometry_edge
+from slamsim.recording.edits.motion import scaled_edge
+from slamsim.recording.repairs.apply import apply_repairs
+from slamsim.sensors.faults.registry import load_fault
+
+
+def asked(made: Recording) -> list[Finding]:
+    evidence = RecordingEvidence(made)
+    return [
+        *check_directions(evidence),
+        *check_quaternions(evidence),
+        *check_repetitions(evidence),
+        *check_transforms(evidence),
+    ]
+
+
+def named(made: Recording) -> set[str]:
+    return {one.fault for one in explained(asked(made)) if one.fault is not None}
+
+
+def whole() -> Recording:
+    """The robot with a tree: odom, base, unit, and a laser without messages."""
+    made = robot()
+    made = with_odometry_edge(made, made.odometries[0])
+    laser = edge("base_link", "laser", made.imus[0].stamps_ns[:1])
+    scans = scans_at(stamps(5.0, 60.0))
+    return replace(made, transforms=(*made.transforms, laser), streams=(*made.streams, scans))
+
+
+def turning_edge(made: Recording) -> TransformEdge:
+    return next(one for one in made.transforms if not one.is_static)
+
+
+def with_edge(made: Recording, other: TransformEdge) -> Recording:
+    edges = (one if one.is_static else other for one in made.transforms)
+    return replace(made, transforms=tuple(edges))
+
+
+NAMES = ["odometry_wxyz", "scan_in_odom", "odometry_child_unknown", "tf_inverted", "tf_late"]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_fault_is_named_alone_and_put_right(name: str) -> None:
+    fault = load_fault(name)
+    assert not named(whole())
+    wrong = fault.inject(whole(), np.random.default_rng(0))
+    assert named(wrong) == {fault.expects}
+    repairs = [one for finding in asked(wrong) for one in finding.repairs]
+    assert repairs and not named(apply_repairs(wrong, repairs))
+
+
+def test_exchanged_names_are_told_from_inverted_poses() -> None:
+    for poses, words in ((True, "the inverse of"), (False, "the very poses of")):
+        fault = load_fault("tf_inverted").model_copy(update={"poses": poses})
+        wrong = fault.inject(whole(), np.random.default_rng(0))
+        (found,) = [one for one in asked(wrong) if one.fault == "tf_inverted"]
+        assert words in found.words
+        mended = turning_edge(apply_repairs(wrong, found.repairs))
+        np.testing.assert_allclose(mended.positions_m, turning_edge(whole()).positions_m, atol=1e-9)
+
+
+def test_a_map_below_the_odometry_is_a_recorded_map_upside_down() -> None:
+    made = whole()
+    upside_down = replace(turning_edge(made), parent="odom", child="map")
+    made = replace(made, transforms=(*made.transforms, upside_down))
+    assert named(made) == {"tf_map_recorded"}
+    (found,) = [one for one in asked(made) if one.fault == "tf_map_recorded"]
+    assert [repair.operation for repair in found.repairs] == ["drop_transform"]
+
+
+@given(yaw=st.lists(st.floats(-7.0, 7.0), min_size=2, max_size=6), tilt=st.floats(0.0, 0.15))
+def test_a_robot_on_a_floor_never_writes_its_quaternions_the_other_way(
+    yaw: list[float], tilt: float
+) -> None:
+    """Whatever it turns, and on ramps; but written the other way it is found, if it turns."""
+    made = whole()
+    odometry = made.odometries[0]
+    course = np.interp(np.linspace(0.0, 1.0, len(odometry)), np.linspace(0.0, 1.0, len(yaw)), yaw)
+    ramps = tilt * np.sin(np.arange(len(odometry)) * 0.05)
+    quats = np.array(
+        [
+            xyzw_from_matrix(matrix_from_rpy(0.0, lean, turn))
+            for lean, turn in zip(ramps, course, strict=True)
+        ]
+    )
+    made = made.with_streams(RawOdometry, (replace(odometry, quats_xyzw=quats),))
+    assert "quaternion_order" not in named_by(check_quaternions, made)
+    # How far it tilts when it is read the other way.
+    tilts = np.pi - np.abs(np.arctan2(np.sin(course), np.cos(course)))
+    if np.ptp(np.quantile(tilts, [0.05, 0.95])) > 0.1 and np.quantile(tilts, 0.95) > 0.5:
+        other = RollQuaternions(DRIVEN, 1).apply(made)
+        assert "quaternion_order" in named_by(check_quaternions, other)
+
+
+def named_by(ask: Callable[[RecordingEvidence], Iterable[Finding]], made: Recording) -> set[str]:
+    return {one.fault for one in ask(RecordingEvidence(made)) if one.fault is not None}
+
+
+def test_a_unit_on_its_head_is_not_taken_for_another_order() -> None:
+    """Its gravity tells: turned by the orientation as it is read it points up."""
+    made = robot()
+    imu = made.imus[0]
+    yaw = np.cumsum(imu.angular_velocity_rad_s[:, 2]) * 0.01
+    quats = np.array([xyzw_from_matrix(matrix_from_rpy(0.0, 0.0, one)) for one in yaw])
+    healthy = made.with_streams(RawImu, (replace(imu, orientation_xyzw=quats),))
+    assert not named_by(check_quaternions, healthy)
+    wxyz = RollQuaternions(ROTATIONS.on("/imu"), 1).apply(healthy)
+    assert named_by(check_quaternions, wxyz) == {"quaternion_order"}
+    rolls = np.pi + 0.1 * np.sin(0.01 * np.arange(len(imu)))
+    rocking = np.array([xyzw_from_matrix(matrix_from_rpy(roll, 0.0, 0.0)) for roll in rolls])
+    head = replace(
+        imu,
+        orientation_xyzw=rocking,
+        linear_acceleration_m_s2=imu.linear_acceleration_m_s2 * [1.0, -1.0, -1.0],
+    )
+    assert not named_by(check_quaternions, made.with_streams(RawImu, (head,)))
+
+
+@settings(max_examples=30)
+@given(late_ms=st.floats(-200.0, 200.0), scale=st.floats(0.97, 1.03), seed=st.integers(0, 99))
+def test_how_late_and_how_long_a_repeated_odometry_is(
+    late_ms: float, scale: float, seed: int
+) -> None:
+    """Stamps on another clock's ticks, and poses in single precision."""
+    made = whole()
+    moved = scaled_edge(turning_edge(made), scale, 1.0)
+    keep = np.sort(np.random.default_rng(seed).permutation(moved.stamps_ns.size)[:1000])
+    other = replace(
+        moved,
+        stamps_ns=moved.stamps_ns[keep] + round(1e6 * late_ms),
+        received_ns=None,
+        positions_m=moved.positions_m[keep].astype(np.float32).astype(np.float64),
+        quats_xyzw=moved.quats_xyzw[keep],
+    )
+    time, length = check_repetitions(RecordingEvidence(with_edge(made, other)))
+    assert time.estimate is not None and length.estimate is not None
+    assert time.estimate.value == pytest.approx(late_ms, abs=0.5)
+    assert length.estimate.value == pytest.approx(100.0 * (scale - 1.0), abs=0.1)
+    for found, limit in ((time, 5.0), (length, 0.5)):
+        assert found.estimate is not None
+        if abs(abs(found.estimate.value) - limit) > 0.5:
+            assert (found.verdict == "fault") == (abs(found.estimate.value) > limit)
+
+
+def test_a_filter_of_wheels_and_gyroscope_is_no_repetition() -> None:
+    """Its turns are others, by a few per cent, and its stamps are its own affair."""
+    made = whole()
+    rng = np.random.default_rng(3)
+    filtered = turning_edge(made)
+    gains: FloatArray = 1.0 + 0.1 * rng.standard_normal(filtered.stamps_ns.size - 1)
+    other = scaled_edge(filtered, 1.0, gains)
+    late = replace(other, stamps_ns=other.stamps_ns + 20_000_000)
+    assert not list(check_repetitions(RecordingEvidence(with_edge(made, late))))
+
+
+def test_a_robot_that_only_drives_straight_on_has_no_turn_to_compare() -> None:
+    made = whole()
+    odometry = made.odometries[0]
+    quats = np.tile([0.0, 0.0, 0.0, 1.0], (len(odometry), 1))
+    ahead = np.column_stack([0.02 * np.arange(len(odometry)), *np.zeros((2, len(odometry)))])
+    straight = replace(odometry, positions_m=ahead, quats_xyzw=quats)
+    made = with_odometry_edge(made.with_streams(RawOdometry, (straight,)), straight)
+    findings = list(check_repetitions(RecordingEvidence(made)))
+    assert [one.verdict for one in findings] == ["ok", "ok"]

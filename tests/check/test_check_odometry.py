@@ -1,0 +1,131 @@
+"""Odometry by itself and beside others: its twists, and a heading that stays the same."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scan_recording import healthy
+from test_check_inertial import robot
+
+from slamsim.check.evidence import RecordingEvidence
+from slamsim.check.findings import Finding
+from slamsim.check.questions.wheels.turning import check_turning
+from slamsim.check.questions.wheels.twist import check_twist
+from slamsim.core.types import FloatArray
+from slamsim.recording import RawImu, RawOdometry, Recording
+from slamsim.recording.repairs.apply import apply_repairs
+from slamsim.sensors.faults.registry import load_fault
+from slamsim.sensors.faults.wheels import OdometryNoTurn, TwistWrong
+
+RNG = np.random.default_rng(0)
+
+
+def twist_of(made: Recording) -> Finding:
+    (found,) = check_twist(RecordingEvidence(made))
+    return found
+
+
+def wrong(**changes: float | bool) -> Recording:
+    fault = load_fault("odometry_twist_world").model_copy(update={"of_world": False, **changes})
+    assert isinstance(fault, TwistWrong)
+    return fault.inject(robot(), RNG)
+
+
+@settings(max_examples=30)
+@given(speed=st.floats(0.1, 100.0), turn=st.floats(-60.0, 60.0))
+def test_a_twist_in_other_units_is_measured(speed: float, turn: float) -> None:
+    made = wrong(speed_factor=speed, turn_factor=turn)
+    found = twist_of(made)
+    assert found.estimate is not None
+    off = 100.0 * max(speed - 1.0, turn - 1.0, key=abs)
+    assert found.estimate.value == pytest.approx(off, abs=1.0 + 0.02 * abs(off))
+    if abs(off) > 22.0:
+        assert found.fault == "odometry_twist"
+        assert twist_of(apply_repairs(made, found.repairs)).verdict == "ok"
+    elif abs(off) < 18.0:
+        assert found.verdict == "ok"
+
+
+def test_speeds_along_the_axes_of_the_world_are_named() -> None:
+    found = twist_of(wrong(of_world=True))
+    assert found.fault == "odometry_twist" and "in the frame of the odometry" in found.words
+
+
+@pytest.mark.parametrize("value", [0.0, np.nan])
+def test_messages_without_twists_are_no_fault(value: float) -> None:
+    none = np.full_like(robot().odometries[0].linear_m_s, value)
+    empty = replace(robot().odometries[0], linear_m_s=none, angular_rad_s=none)
+    found = twist_of(robot().with_streams(RawOdometry, (empty,)))
+    assert found.verdict == "inconclusive"
+
+
+def test_a_twist_that_is_filtered_or_the_command_is_none() -> None:
+    """Half a second behind, and with noise."""
+    odometry = robot().odometries[0]
+
+    def behind(values: FloatArray) -> FloatArray:
+        kernel = np.exp(-np.arange(40) / 10.0) / np.exp(-np.arange(40) / 10.0).sum()
+        smooth = np.column_stack([np.convolve(one, kernel)[: len(one)] for one in values.T])
+        return smooth + RNG.normal(0.0, 0.03, smooth.shape)
+
+    slow = replace(
+        odometry,
+        linear_m_s=behind(odometry.linear_m_s),
+        angular_rad_s=behind(odometry.angular_rad_s),
+    )
+    assert twist_of(robot().with_streams(RawOdometry, (slow,))).verdict == "ok"
+
+
+def turning_of(made: Recording) -> Finding:
+    (found,) = check_turning(RecordingEvidence(made))
+    return found
+
+
+def no_turn(made: Recording) -> Recording:
+    fault = load_fault("odometry_no_turn")
+    assert isinstance(fault, OdometryNoTurn)
+    return fault.inject(made, RNG)
+
+
+@pytest.mark.parametrize("with_imu", [True, False], ids=["gyroscope", "scans alone"])
+def test_an_odometry_that_never_turns_is_named_by_any_other(with_imu: bool) -> None:
+    made = healthy() if with_imu else healthy().with_streams(RawImu, ())
+    assert turning_of(made).verdict == "ok"
+    assert turning_of(no_turn(made)).fault == "odometry_no_turn"
+
+
+def test_a_heading_that_hangs_for_some_seconds_is_named() -> None:
+    made = robot()
+    odometry = made.odometries[0]
+    source = np.arange(len(odometry))
+    source[400:600] = 400
+    hung = replace(odometry, quats_xyzw=odometry.quats_xyzw[source])
+    found = turning_of(made.with_streams(RawOdometry, (hung,)))
+    assert found.fault == "odometry_no_turn" and found.plots[0].spans
+
+
+def test_an_odometry_that_never_moves_stands_still() -> None:
+    made = robot()
+    odometry = made.odometries[0]
+    still = replace(
+        odometry,
+        positions_m=np.zeros_like(odometry.positions_m),
+        quats_xyzw=np.tile([0.0, 0.0, 0.0, 1.0], (len(odometry), 1)),
+    )
+    assert turning_of(made.with_streams(RawOdometry, (still,))).fault == "odometry_frozen"
+
+
+@given(bias=st.floats(-0.5, 0.5))
+def test_a_robot_that_drives_straight_on_need_not_turn_with_a_biased_gyroscope(bias: float) -> None:
+    made = robot()
+    odometry, imu = made.odometries[0], made.imus[0]
+    ahead = np.column_stack([0.02 * np.arange(len(odometry)), *np.zeros((2, len(odometry)))])
+    quats = np.tile([0.0, 0.0, 0.0, 1.0], (len(odometry), 1))
+    straight = replace(odometry, positions_m=ahead, quats_xyzw=quats)
+    rates = np.random.default_rng(1).normal([0.0, 0.0, bias], 0.01, (len(imu), 3))
+    made = replace(made, streams=(replace(imu, angular_velocity_rad_s=rates), straight))
+    assert turning_of(made).verdict == "ok"

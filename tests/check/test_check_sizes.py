@@ -1,0 +1,142 @@
+"""Which sizes are wrong when several gains are, and which change during the drive."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from calibration_example import Robot
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from slamsim.check.calibration.explanation import EFFECTS, LIMITS, Size, explain
+from slamsim.check.calibration.joint import calibrate_inputs
+from slamsim.check.calibration.noise import pieces_of
+from slamsim.check.motion.inputs import Inputs
+from slamsim.check.questions.changes import check_changes
+from slamsim.check.questions.ranges.scale import check_range_scale
+from slamsim.core.types import BoolArray, FloatArray
+
+Change = Callable[[FloatArray], FloatArray]
+
+
+def seen(inputs: Inputs, change: Change) -> Inputs:
+    """With the motion of the scans, (n, 3), changed."""
+    moved = change(inputs.steps.T_first_second.copy())
+    return replace(inputs, steps=replace(inputs.steps, T_first_second=moved))
+
+
+def scaled(*factors: float) -> Change:
+    return lambda steps: steps * np.array(factors)
+
+
+CASES: list[tuple[Robot, Change, dict[Size, float]]] = [
+    (Robot(), scaled(1, 1, 1), {}),
+    (Robot(radius=1.005), scaled(1, 1, 1), {"radius": 0.5}),
+    (Robot(radius=0.99), scaled(1, 1, 1), {"radius": -1.0}),
+    (Robot(track=1.01), scaled(1, 1, 1), {"track": 1.0}),
+    (Robot(gyro_scale=1.02), scaled(1, 1, 1), {"gyro": 2.0}),
+    (Robot(), scaled(1.005, 1.005, 1), {"ranges": 0.5}),
+    (Robot(), scaled(1, 1, 1.005), {"scan_turns": 0.5}),
+    (Robot(radius=1.02, track=1.03), scaled(1, 1, 1), {"radius": 2.0, "track": 3.0}),
+    (Robot(track=1.02, gyro_scale=0.97), scaled(1, 1, 1), {"track": 2.0, "gyro": -3.0}),
+    (Robot(gyro_scale=1.03), scaled(0.99, 0.99, 1), {"ranges": -1.0, "gyro": 3.0}),
+]
+
+
+@pytest.mark.parametrize(("robot", "change", "wrong"), CASES)
+def test_the_fewest_wrong_sizes_explain_all_gains(
+    robot: Robot, change: Change, wrong: dict[Size, float]
+) -> None:
+    calibration = calibrate_inputs(seen(robot.inputs(), change))
+    assert calibration is not None
+    found = explain(calibration)
+    assert found.wrong == set(wrong)
+    for size, percent in wrong.items():
+        measured = found.too_large[size]
+        assert measured is not None and measured.value == pytest.approx(percent, abs=0.12)
+    for size in set(EFFECTS) - set(wrong):
+        measured = found.too_large[size]
+        assert measured is None or abs(measured.value) < 100.0 * LIMITS[size] + 0.1
+    scale = check_range_scale(calibration, found)
+    assert [one.fault for one in scale] == ["range_scale" if "ranges" in wrong else None]
+
+
+def test_without_a_gyroscope_the_scans_are_believed_and_wheels_blamed() -> None:
+    inputs = replace(seen(Robot().inputs(), scaled(1, 1, 1.02)), gyro=None)
+    calibration = calibrate_inputs(inputs)
+    assert calibration is not None
+    assert explain(calibration).wrong == {"track"}
+
+
+@settings(max_examples=20, deadline=None)
+@given(seed=st.integers(0, 1000), blocks=st.integers(6, 40))
+def test_a_piece_is_what_its_blocks_alone_say(seed: int, blocks: int) -> None:
+    """Of a linear problem, against least squares of the rows of each piece."""
+    rng = np.random.default_rng(seed)
+    design, noise = rng.standard_normal((blocks, 6, 3)), rng.standard_normal((blocks, 6))
+    whole = np.linalg.lstsq(design.reshape(-1, 3), noise.ravel(), rcond=None)[0]
+    at_s = rng.permutation(blocks).astype(float)
+    gained = np.einsum("bni,bnj->bij", design, design)
+    gradients = -np.einsum("bni,bn->bi", design, noise - design @ whole)
+    found = pieces_of(at_s, gained, gradients, 1e-12 * np.eye(3), 1.0)
+    assert found is not None
+    parts = np.array_split(np.argsort(at_s), min(blocks // 3, 8))
+    for part, moved, at in zip(parts, found.moved, found.middle_s, strict=True):
+        alone = np.linalg.lstsq(design[part].reshape(-1, 3), noise[part].ravel(), rcond=None)[0]
+        assert np.allclose(whole + moved, alone) and at == pytest.approx(at_s[part].mean())
+
+
+def test_intervals_grow_with_errors_that_last_longer_than_a_block() -> None:
+    """A constant that wanders from piece to piece: noise alone claims a sixth of its error."""
+    rng = np.random.default_rng(3)
+    held = 0
+    for _ in range(60):
+        wander = np.repeat(rng.normal(0.0, 0.1, 8), 4)
+        means = wander + rng.normal(0.0, 0.03, 32)
+        gained = np.full((32, 1, 1), 0.03**-2)
+        value = float(means.mean())
+        gradients = -gained[:, 0] * (means - value)[:, None]
+        pieces = pieces_of(np.arange(32.0), gained, gradients, np.array([[1e-9]]), 1.0)
+        assert pieces is not None
+        sigma = float(np.sqrt(pieces.widened(np.array([[0.03**2 / 32]]))[0, 0]))
+        held += abs(value) < 1.96 * sigma
+    assert held >= 50
+
+
+def _late(steps: FloatArray, share: float) -> BoolArray:
+    return np.asarray(np.arange(len(steps)) > share * len(steps))
+
+
+def knocked(degrees: float, share: float) -> Change:
+    def change(steps: FloatArray) -> FloatArray:
+        angle, late = np.deg2rad(degrees), _late(steps, share)
+        cos, sin = np.cos(angle), np.sin(angle)
+        steps[late, :2] = steps[late, :2] @ np.array([[cos, -sin], [sin, cos]])
+        return steps
+
+    return change
+
+
+@pytest.mark.parametrize(("degrees", "share"), [(1.9, 0.5), (-1.0, 0.35), (5.0, 0.65)])
+def test_a_laser_that_is_knocked_during_the_drive_is_told_with_the_instant(
+    degrees: float, share: float
+) -> None:
+    robot = Robot(seconds=80.0)
+    calibration = calibrate_inputs(seen(robot.inputs(), knocked(degrees, share)))
+    assert calibration is not None
+    found = {one.check: one for one in check_changes(calibration)}
+    told = found["laser.steady"]
+    assert told.fault == "laser_moved" and told.estimate is not None and told.plots
+    assert abs(told.estimate.value) == pytest.approx(abs(degrees), rel=0.15)
+    begin_s, end_s = (float(word) for word in told.words.split(" s after")[0].split()[-3::2])
+    assert begin_s - 6.0 < share * robot.seconds < end_s + 6.0
+    assert {one.fault for one in found.values()} == {"laser_moved", None}
+
+
+def test_healthy_sizes_do_not_change() -> None:
+    for seed in range(12):
+        found = check_changes(Robot(seconds=60.0, seed=seed).calibrated())
+        assert [one.verdict for one in found] == ["ok", "ok", "ok"]
