@@ -40,8 +40,9 @@ SAME_SIDE = 0.7
 SEEN_AGAIN = 0.7
 """Share of the pieces of a scan that another scan of its window shows too, mostly."""
 
-SURE = 0.9985
-"""One-sided three sigmas, by Student's t: a dozen comparisons are made in one repair."""
+SURE_OF_BETTER, SURE_OF_WORSE = 0.9985, 0.95
+"""One-sided, by Student's t. Three sigmas, for a dozen comparisons are made in one repair; of what
+is worse less than that, for who doubts leaves a recording as it is."""
 
 TOLERANCE_M, TOLERANCE = 2e-4, 0.02
 """Smaller changes are none: what rounding of stamps and another choice of pieces make, and what the
@@ -65,23 +66,12 @@ class BeamEnds:
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """Mean change of the error, m, and the least that is one."""
+    """mean_m: of the error. better, worse: whether scans lie on each other more closely, or less,
+    beyond chance and ``TOLERANCE``."""
 
-    mean_m: float
-    least_m: float
-
-    @property
-    def better(self) -> bool:
-        """Whether scans lie on each other more closely, beyond chance."""
-        return self.mean_m < -self.least_m
-
-    @property
-    def worse(self) -> bool:
-        """The opposite."""
-        return self.mean_m > self.least_m
-
-
-NO_CHANGE = Change(0.0, 0.0)
+    mean_m: float = 0.0
+    better: bool = False
+    worse: bool = False
 
 
 def change(before: BeamEnds, after: BeamEnds) -> Change:
@@ -100,21 +90,23 @@ def change(before: BeamEnds, after: BeamEnds) -> Change:
         if name in now
     ]
     if not pairs:
-        return NO_CHANGE
+        return Change()
     was, now = (np.mean(one, axis=0) for one in zip(*pairs, strict=True))
     mean_m = float(now.mean() - was.mean())
     least_m = max(TOLERANCE_M, TOLERANCE * float(was.mean()))
-    if was.size != now.size:
-        return Change(mean_m, max(least_m, _unsure(was), _unsure(now)))
-    return Change(mean_m, max(least_m, _unsure(now - was)))
+    unsure = [_sigma_m(now - was)] if was.size == now.size else [_sigma_m(was), _sigma_m(now)]
+    sigma_m, freedom = float(np.hypot.reduce(unsure)), max(min(was.size, now.size) - 1, 1)
+    by_m = [
+        max(least_m, sigma_m * t.ppf(sure, freedom)) for sure in (SURE_OF_BETTER, SURE_OF_WORSE)
+    ]
+    return Change(mean_m, bool(mean_m < -by_m[0]), bool(mean_m > by_m[1]))
 
 
-def _unsure(values: FloatArray) -> float:
-    """By how much the mean of (n,) may be off; all of it where there are too few."""
+def _sigma_m(values: FloatArray) -> float:
+    """Of the mean of (n,); all of it where there is but one."""
     if values.size < 2:
         return float(np.abs(values).sum())
-    sigma = float(values.std(ddof=1) / np.sqrt(values.size))
-    return float(t.ppf(SURE, values.size - 1)) * sigma
+    return float(values.std(ddof=1) / np.sqrt(values.size))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -68,8 +68,8 @@ OPERATIONS: Mapping[str, Declaration] = {
 
 PER_BEAM = ("drop_beams", "value_to_inf")
 """Operations that may come several times on one subject, with other numbers."""
-ABSOLUTE = ("set_mounting", "set_range_limits", "set_sweep", "rename_frame")
-"""Operations that declare a number anew, whatever it was: twice is no more than once."""
+ABSOLUTE = ("set_mounting", "set_range_limits", "set_sweep", "rename_frame", "undo_clock_step")
+"""Operations that declare a number anew, whatever it was, or do something elsewhere each time."""
 VARIANTS: Mapping[str, tuple[str, tuple[str, ...]]] = {
     "scale_angles": ("pivot", scans.PIVOTS),
     "negate_angles": ("about", scans.AXES),

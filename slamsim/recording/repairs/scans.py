@@ -153,10 +153,12 @@ def set_sweep(recording: Recording, repair: Repair) -> Edit:
 def turn_with_robot(recording: Recording, repair: Repair) -> Edit:
     """Turn the rays of each scan by the robot's heading, which they should have had in them.
 
-    heading_from: the topic that tells it; drift_rad_s and offset_rad, if they are given: what it
+    heading_from: the topic that tells it; turns: how many times, -1 for rays that have had it
+    twice; drift_rad_s and offset_rad, if they are given: what it
     tells too much each second, and the heading at the start. Each beam is turned by the heading
     of its own instant.
     """
+    turns = repair.number("turns") if "turns" in repair.parameters else 1.0
     fitted = "drift_rad_s" in repair.parameters
     drift = (repair.number("drift_rad_s"), repair.number("offset_rad")) if fitted else None
     heading_rad = heading_from(recording, str(repair.parameters["heading_from"]), drift)
@@ -168,7 +170,7 @@ def turn_with_robot(recording: Recording, repair: Repair) -> Edit:
             layout = scans.layout(i)
             last = max(int(beams[i]) - 1, 1)
             ends = np.array([stamp_ns, stamp_ns + round(last * layout.beam_dt_s * 1e9)])
-            begin, end = heading_rad(ends).tolist()
+            begin, end = (turns * heading_rad(ends)).tolist()
             layout = replace(
                 layout,
                 angle_min_rad=layout.angle_min_rad - begin,
