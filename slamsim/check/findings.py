@@ -11,6 +11,13 @@ from slamsim.recording.repairs.base import Repair
 Verdict = Literal["ok", "fault", "inconclusive"]
 
 
+SURE_SIGMAS = 4.5
+"""A size must be so far from healthy: some sixty questions are asked of every recording, and one
+false alarm in a thousand recordings allows each of them 1e-5 (two-sided normal: 4.4 sigmas). A
+95 % interval alone would raise a false alarm on every other recording where sigmas are as large
+as limits."""
+
+
 @dataclass(frozen=True, slots=True)
 class Measurement:
     """A measured size with its standard deviation, in ``unit``; the interval is 95 %.
@@ -27,6 +34,19 @@ class Measurement:
     def interval(self) -> tuple[float, float]:
         """The ends of the 95 % interval, in ``unit``."""
         return self.value - 1.96 * self.sigma, self.value + 1.96 * self.sigma
+
+
+def decide(size: Measurement, limit: float, healthy: float = 0.0) -> Verdict:
+    """The one rule for every size: where its 95 % interval lies against the limit.
+
+    "fault" if the interval lies beyond the limit and the size is no accident (``SURE_SIGMAS``),
+    "ok" if the interval lies inside, else "inconclusive". limit: how far the size of a healthy
+    recording may be from ``healthy``, in the unit of the size.
+    """
+    off, half = abs(size.value - healthy), 1.96 * size.sigma
+    if off - half > limit and off > SURE_SIGMAS * size.sigma:
+        return "fault"
+    return "ok" if off + half <= limit else "inconclusive"
 
 
 @dataclass(frozen=True, slots=True, eq=False)

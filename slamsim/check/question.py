@@ -10,19 +10,13 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
-from slamsim.check.findings import Finding, Measurement, Plot, Verdict
+from slamsim.check.findings import Finding, Measurement, Plot, Verdict, decide
 from slamsim.recording.repairs.base import Repair
 
 if TYPE_CHECKING:
     from slamsim.check.evidence import RecordingEvidence
 
 Ask = Callable[["RecordingEvidence"], Iterable[Finding]]
-
-SURE_SIGMAS = 4.5
-"""A size must be so far from healthy: some sixty questions are asked of every recording, and one
-false alarm in a thousand recordings allows each of them 1e-5 (two-sided normal: 4.4 sigmas). A
-95 % interval alone would raise a false alarm on every other recording where sigmas are as large
-as limits."""
 
 Where = Literal["same subject", "anywhere", "lidar stamps"]
 
@@ -106,19 +100,6 @@ class QuestionGroup:
     questions: tuple[Question, ...]
     ask: Ask
     thorough: bool = False
-
-
-def decide(size: Measurement, limit: float, healthy: float = 0.0) -> Verdict:
-    """The one rule for every size: where its 95 % interval lies against the limit.
-
-    "fault" if the interval lies beyond the limit and the size is no accident (``SURE_SIGMAS``),
-    "ok" if the interval lies inside, else "inconclusive". limit: how far the size of a healthy
-    recording may be from ``healthy``, in the unit of the size.
-    """
-    off, half = abs(size.value - healthy), 1.96 * size.sigma
-    if off - half > limit and off > SURE_SIGMAS * size.sigma:
-        return "fault"
-    return "ok" if off + half <= limit else "inconclusive"
 
 
 def judge(

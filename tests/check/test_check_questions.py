@@ -18,8 +18,8 @@ from typer.testing import CliRunner
 
 from slamsim.bench.check.trials import require_known_names
 from slamsim.check import questions
-from slamsim.check.findings import Measurement
-from slamsim.check.question import FaultKind, Question, decide, judge
+from slamsim.check.findings import Measurement, decide
+from slamsim.check.question import FaultKind, Question, judge
 from slamsim.check.registry import CHECKER_ERROR, registry
 from slamsim.cli.main import app
 from slamsim.io.bag2.writer import write_recording

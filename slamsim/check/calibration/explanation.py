@@ -18,8 +18,7 @@ import numpy as np
 
 from slamsim.check.calibration.joint import Calibration
 from slamsim.check.calibration.model import UNKNOWNS
-from slamsim.check.findings import Measurement
-from slamsim.check.question import decide
+from slamsim.check.findings import Measurement, decide
 from slamsim.core.types import BoolArray, FloatArray
 from slamsim.slam.laser.scan_motion import ScanMotions, ShapeEstimate
 

@@ -18,7 +18,7 @@ import numpy as np
 from scipy.stats import t
 
 from slamsim.check.calibration.joint import Calibration
-from slamsim.check.findings import Curve, Plot
+from slamsim.check.findings import SURE_SIGMAS, Curve, Plot
 from slamsim.check.map_quality.dead_reckoning import (
     Clock,
     Clocks,
@@ -28,7 +28,6 @@ from slamsim.check.map_quality.dead_reckoning import (
 )
 from slamsim.check.map_quality.entropy import map_entropy, placed
 from slamsim.check.map_quality.views import WindowView, window_views
-from slamsim.check.question import SURE_SIGMAS
 from slamsim.core.types import FloatArray
 from slamsim.recording import Recording
 from slamsim.slam.laser.scan_motion import ScanMotions

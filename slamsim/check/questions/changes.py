@@ -14,8 +14,8 @@ from slamsim.check.calibration.model import UNKNOWNS
 from slamsim.check.calibration.noise import Pieces
 from slamsim.check.evidence import of_calibration
 from slamsim.check.fault_groups import BY_SCANS, LIDAR_TIMES, MOUNTING
-from slamsim.check.findings import Curve, Finding, Measurement, Plot
-from slamsim.check.question import FaultKind, Question, QuestionGroup, anywhere, decide, judge
+from slamsim.check.findings import Curve, Finding, Measurement, Plot, decide
+from slamsim.check.question import FaultKind, Question, QuestionGroup, anywhere, judge
 from slamsim.check.questions.clocks.pairs import LIMITS_S
 from slamsim.check.questions.laser.mounting import PLACE_LIMIT_M, YAW_LIMIT_DEG
 from slamsim.core.types import FloatArray

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from slamsim.check.calibration.joint import Calibration
-from slamsim.check.findings import Measurement
-from slamsim.check.question import SURE_SIGMAS, decide
+from slamsim.check.findings import SURE_SIGMAS, Measurement, decide
 from slamsim.core.types import FloatArray
 
 LIMITS_S = {"gyro": 3e-4, "wheel": 1.5e-3, "gyro_wheel": 1.5e-3}

@@ -11,8 +11,8 @@ import numpy as np
 
 from slamsim.check.calibration.explanation import Explanation
 from slamsim.check.fault_groups import LIDAR_TIMES, SWEEPS
-from slamsim.check.findings import Curve, Finding, Measurement, Plot, Verdict
-from slamsim.check.question import SURE_SIGMAS, FaultKind, Question, anywhere, decide, judge
+from slamsim.check.findings import SURE_SIGMAS, Curve, Finding, Measurement, Plot, Verdict, decide
+from slamsim.check.question import FaultKind, Question, anywhere, judge
 from slamsim.recording import RecordingFormat
 from slamsim.recording.repairs.base import Repair
 from slamsim.slam.laser.scan_motion import ScanMotions, ShapeEstimate

@@ -6,12 +6,11 @@ import numpy as np
 from scipy.special import pdtrc
 
 from slamsim.check.fault_groups import BY_SCANS, LIDAR_TIMES
-from slamsim.check.findings import Curve, Finding, Measurement, Plot
+from slamsim.check.findings import Curve, Finding, Measurement, Plot, decide
 from slamsim.check.question import (
     FaultKind,
     Question,
     anywhere,
-    decide,
     judge,
     lidar_stamps,
     same_subject,

@@ -9,18 +9,10 @@ import numpy as np
 from slamsim.check.calibration.joint import Calibration
 from slamsim.check.calibration.model import LASER_YAW
 from slamsim.check.evidence import of_calibration
-from slamsim.check.findings import Curve, Finding, Measurement, Plot
+from slamsim.check.findings import SURE_SIGMAS, Curve, Finding, Measurement, Plot
 from slamsim.check.motion.alignment import laser_path
 from slamsim.check.motion.laser_steps import LaserSteps
-from slamsim.check.question import (
-    SURE_SIGMAS,
-    FaultKind,
-    Question,
-    QuestionGroup,
-    anywhere,
-    judge,
-    unanswered,
-)
+from slamsim.check.question import FaultKind, Question, QuestionGroup, anywhere, judge, unanswered
 from slamsim.core.types import BoolArray, FloatArray
 
 LEAST_STEP_M = 0.003
