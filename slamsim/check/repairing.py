@@ -69,10 +69,11 @@ class _State:
 
 @dataclass(slots=True)
 class _Course:
-    """check: asks all questions. here: the best so far. refused: by what they are applied to, in
-    the state that ``here`` is."""
+    """check: asks all questions. first: as it was read. here: the best so far. refused: by what
+    they are applied to, in the state that ``here`` is."""
 
     check: Check
+    first: Recording
     here: _State
     refused: dict[tuple[str, ...], TakenBack] = field(default_factory=dict)
 
@@ -91,8 +92,8 @@ class _Course:
         return False
 
     def _applied(self, repairs: Sequence[Repair]) -> _State:
-        recording, ends, made = _best(self.here, repairs)
-        return _State(recording, self.check(recording), ends, (*self.here.applied, *made))
+        recording, ends, made = _best(self.first, self.here.applied, repairs)
+        return _State(recording, self.check(recording), ends, tuple(made))
 
     def next(self, names: str) -> list[Repair]:
         """What is to be tried: proposed, chosen, not refused, and no return."""
@@ -114,7 +115,7 @@ def restored(recording: Recording, names: str, check: Check) -> Restored:
     names: ``all``, ``none``, or the operations to apply. Raises SlamsimError for other names.
     """
     first = _State(recording, check(recording), beam_ends(recording))
-    course = _Course(check, first)
+    course = _Course(check, recording, first)
     for _ in range(_ROUNDS):
         repairs = course.next(names)
         if not repairs:
@@ -135,42 +136,44 @@ def restored(recording: Recording, names: str, check: Check) -> Restored:
     )
 
 
-def _best(here: _State, repairs: Sequence[Repair]) -> tuple[Recording, BeamEnds, Sequence[Repair]]:
-    """All of them together, but for those without which scans fit better."""
-    best = _best_variant(here, repairs)
+Tried = tuple[Recording, BeamEnds, Sequence[Repair]]
+
+
+def _best(first: Recording, made: Sequence[Repair], repairs: Sequence[Repair]) -> Tried:
+    """All of them after those that were made, but for those without which scans fit better."""
+    best = _best_variant(first, made, repairs)
     for repair in repairs:
-        others = [one for one in best[2] if target_of(one) != target_of(repair)]
-        if 0 < len(others) < len(best[2]):
-            without = _tried(here.recording, others)
+        others = [one for one in best[2] if one != repair]
+        if len(made) < len(others) < len(best[2]):
+            without = _tried(first, others)
             best = without if change(best[1], without[1]).better else best
     return best
 
 
-def _best_variant(
-    here: _State, repairs: Sequence[Repair]
-) -> tuple[Recording, BeamEnds, Sequence[Repair]]:
-    """With the way of each repair that lets scans fit best, the first of those that do as well.
+def _best_variant(first: Recording, made: Sequence[Repair], repairs: Sequence[Repair]) -> Tried:
+    """With the way of a repair that lets scans fit best.
 
-    Which way rays were turned as a whole and where the laser sits are one: with the right way, what
-    the mounting seemed to be off by is gone, so that it waits for the next check.
+    Which way all rays were turned and where the laser sits are one: before a mount is moved it is
+    asked whether another way, now or when the rays were repaired, does as well.
     """
-    usual = _tried(here.recording, repairs)
-    turning = [repair for repair in repairs if repair.operation in VARIANTS]
-    if not turning:
+    usual = _tried(first, [*made, *repairs])
+    moves = [repair for repair in repairs if repair.operation == "set_mounting"]
+    others = [repair for repair in usual[2] if repair not in moves]
+    turning = next((repair for repair in others if repair.operation in VARIANTS), None)
+    if turning is None or not (moves or turning in repairs):
         return usual
-    others = [repair for repair in repairs if repair.operation != "set_mounting"]
-    place = others.index(turning[0])
+    place = others.index(turning)
     ways = [
-        _tried(here.recording, [*others[:place], variant, *others[place + 1 :]])
-        for variant in variants(turning[0])
+        _tried(first, [*others[:place], variant, *others[place + 1 :]])
+        for variant in variants(turning)
     ]
     best = min(ways, key=lambda way: round((way[1].mean_m or 0.0) / TOLERANCE_M))
-    return usual if change(best[1], usual[1]).better else best
+    nothing_new = list(best[2]) == list(made)
+    return usual if nothing_new or change(best[1], usual[1]).better else best
 
 
-def _tried(
-    recording: Recording, repairs: Sequence[Repair]
-) -> tuple[Recording, BeamEnds, Sequence[Repair]]:
+def _tried(first: Recording, repairs: Sequence[Repair]) -> Tried:
+    recording = first
     for repair in repairs:
         recording = apply_repair(recording, repair)
     return recording, beam_ends(recording), repairs
@@ -192,7 +195,7 @@ def _objection(before: _State, after: _State) -> str:
         return (
             f"then {', '.join(sorted(f'{check} of {subject}' for check, subject in new))} is wrong"
         )
-    made = {target_of(repair) for repair in after.applied[len(before.applied) :]}
+    made = {target_of(repair) for repair in after.applied if repair not in before.applied}
     meant = _named(before.report, made) & are
     if moved.better or not meant:
         return ""
