@@ -110,7 +110,7 @@ def _second_lidar(made: Made, topic: str, frame: str, declared: bool) -> None:
     """Another lidar looks backward, from elsewhere."""
     lidar = replace(made.robot.lidar, beams=181, fov_deg=180.0, from_zero=False, rate_hz=10.0)
     robot = replace(made.robot, lidar=lidar, laser=(-0.2, 0.05, np.pi))
-    scans, _ = Scanner(robot, made.conditions).scans()
+    scans = Scanner(robot, made.conditions).scans()
     scans.topic, scans.frame = topic, frame
     made.bag.scans.append(scans)
     if declared:

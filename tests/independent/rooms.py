@@ -139,7 +139,6 @@ def _round(rng: np.random.Generator) -> tuple[Walls, Posts]:
 def _cluttered(rng: np.random.Generator) -> tuple[Walls, Posts]:
     """A room that is no rectangle, with much in it."""
     x, y = rng.uniform(3.5, 5.0), rng.uniform(3.0, 4.0)
-    walls = _polygon([(-x, -y), (x, -y * 0.9), (x * 0.9, y), (0.3 * x, y), (0.2 * x, y * 0.8)])
     walls = _polygon(
         [(-x, -y), (x, -y * 0.9), (x * 0.9, y), (0.3 * x, y), (0.2 * x, 0.8 * y), (-x, y * 0.9)]
     )

@@ -46,13 +46,6 @@ class Conditions:
         return np.random.default_rng([self.seed, zlib.crc32(name.encode())])
 
 
-def record(robot: Robot, conditions: Conditions) -> Bag:
-    """A recording; the same robot under the same conditions gives the same."""
-    scans, true_ranges = Scanner(robot, conditions).scans()
-    del true_ranges
-    return bag_with(robot, conditions, scans)
-
-
 def bag_with(robot: Robot, conditions: Conditions, scans: Scans) -> Bag:
     """Scans, and beside them what the other sensors say."""
     odometry = odometry_of(robot, conditions)
@@ -71,10 +64,9 @@ class Scanner:
         wobble = 1.0 + 0.001 * np.sin(np.arange(count) * rng.uniform(0.01, 0.05))
         self.begins_s = 0.1 + np.cumsum(wobble * (1.0 + rng.normal(0.0, 2e-5))) / self.lidar.rate_hz
 
-    def scans(self) -> tuple[Scans, Floats]:
-        """The stream, and the true ranges (n, beams)."""
-        true_m = self.true_ranges()
-        return self.declared(self.measured(true_m)), true_m
+    def scans(self) -> Scans:
+        """The stream."""
+        return self.declared(self.measured(self.true_ranges()))
 
     def true_ranges(self) -> Floats:
         """Without noise (n, beams), in metres."""
@@ -120,7 +112,7 @@ class Scanner:
         step = lidar.step_rad * (1.0 + flaws.angle_step)
         sweep_s = abs(lidar.beam_s) * lidar.beams
         jitter_s = np.hypot(self.robot.jitter_s, flaws.lidar_jitter_s)
-        stamps_ns = stamped(self.conditions, self.begins_s, flaws.lidar_late_s, flaws.lidar_drift)
+        stamps_ns = stamped(self.begins_s, flaws.lidar_late_s, flaws.lidar_drift)
         stamps_ns = stamps_ns + (1e9 * jitter_s * rng.standard_normal(len(stamps_ns))).astype(int)
         middle = lidar.first_rad + lidar.step_rad * (lidar.beams - 1) / 2.0
         return Scans(
@@ -141,9 +133,8 @@ class Scanner:
         )
 
 
-def stamped(conditions: Conditions, at_s: Floats, late_s: float, drift: float) -> Stamps:
+def stamped(at_s: Floats, late_s: float, drift: float) -> Stamps:
     """Stamps of what was measured at these instants."""
-    del conditions
     return BEGIN_NS + np.round(1e9 * (at_s * (1.0 + drift) + late_s)).astype(np.int64)
 
 
@@ -179,7 +170,7 @@ def odometry_of(robot: Robot, conditions: Conditions) -> Odometry:
     at_s, rng = _beat(conditions, robot.odometry_hz, "odometry")
     rolled_m = _wheel_paths(robot, conditions, at_s)
     jitter_ns = 1e9 * 0.5 * robot.jitter_s * rng.standard_normal(len(at_s))
-    stamps_ns = stamped(conditions, at_s, flaws.wheels_late_s, flaws.wheels_drift)
+    stamps_ns = stamped(at_s, flaws.wheels_late_s, flaws.wheels_drift)
     counted_m = np.round(rolled_m * robot.ticks_per_m) / robot.ticks_per_m
     side = np.array([1.0 + 0.5 * flaws.unequal, 1.0 - 0.5 * flaws.unequal])
     steps = np.diff(counted_m, axis=0, prepend=counted_m[:1]) * side * (1.0 + flaws.radius)
@@ -234,7 +225,7 @@ def imu_of(robot: Robot, conditions: Conditions) -> Imu:
     bias = np.array([*rng.normal(0.0, 0.001, 2), flaws.gyro_bias])
     noise = 0.0015 * rng.standard_normal((n, 3))
     jitter_ns = 1e9 * 0.5 * robot.jitter_s * rng.standard_normal(n)
-    stamps_ns = stamped(conditions, at_s, flaws.imu_late_s, flaws.imu_drift)
+    stamps_ns = stamped(at_s, flaws.imu_late_s, flaws.imu_drift)
     heading = conditions.drive.at(at_s)[:, 2] + np.cumsum(walk[:, 2] + flaws.gyro_bias * 0.1) * dt
     return Imu(
         topic="/imu",
