@@ -6,6 +6,7 @@ from dataclasses import asdict, replace
 from pathlib import Path
 
 from slamsim.check.findings import CheckReport
+from slamsim.check.repairing import Restored, TakenBack, restored
 from slamsim.check.wording import as_json
 from slamsim.console.reporter import Reporter
 from slamsim.guard.errors import SlamsimError
@@ -13,15 +14,10 @@ from slamsim.guard.output import partial_folder
 from slamsim.io.copy.recording import copy_recording, require_lossless
 from slamsim.io.open import read_recording
 from slamsim.recording import Recording
-from slamsim.recording.repairs.apply import apply_repairs, chosen, next_repairs
-from slamsim.recording.repairs.base import Repair
+from slamsim.recording.repairs.apply import NONE
 from slamsim.run.checking import check_stage, show_verdicts
 from slamsim.run.naming import log_of, recording_name
 from slamsim.run.stages import Stages
-
-NONE = "none"
-_ROUNDS = 5
-"""What one fault hides, such as a turned mounting behind wrong stamps, shows once it is fixed."""
 
 
 def fix_log(
@@ -34,7 +30,7 @@ def fix_log(
     lossy: bool = False,
     overwrite: bool = False,
 ) -> CheckReport:
-    """Check, repair, check again until nothing more is to be repaired, write; the last report.
+    """Check, repair, check again until nothing gets better, write; the last report.
 
     names: ``all``, the operations to apply, or ``none`` for a plain copy. Raises SlamsimError for
     other names, and when the check proposes none of them; Lossy for what the copy could not hold,
@@ -47,48 +43,48 @@ def fix_log(
     with stages.stage("read"):
         recording = replace(read_recording(path, scan_topic), name=recording_name(str(source)))
     with partial_folder(folder, overwrite) as partial:
-        fixed, report, applied = _fixed(recording, names, stages)
+        fixed = _fixed(recording, names, stages)
         with stages.stage("write"):
-            copied = copy_recording(path, recording, fixed, partial)
-    _show(reporter, fixed, report, applied)
+            copied = copy_recording(path, recording, fixed.recording, partial)
+    _show(reporter, fixed)
     for sentence in copied.sentences():
         reporter.say(sentence)
     reporter.say(f"Written to {folder}/")
-    told = {"applied": [asdict(repair) for repair in applied], "copied": asdict(copied)}
-    reporter.result({**as_json(report), **told, "folder": str(folder)})
-    return report
+    told = {
+        "applied": [asdict(repair) for repair in fixed.applied],
+        "taken_back": [asdict(one) for one in fixed.taken_back],
+        "beam_end_error_m": {"before": fixed.before.mean_m, "after": fixed.after.mean_m},
+        "copied": asdict(copied),
+    }
+    reporter.result({**as_json(fixed.report), **told, "folder": str(folder)})
+    return fixed.report
 
 
-def _fixed(
-    recording: Recording, names: str, stages: Stages
-) -> tuple[Recording, CheckReport, list[Repair]]:
-    """(the repaired recording, the check of it, what was applied)."""
-    applied: list[Repair] = []
-    report = check_stage(recording, stages)
-    for _ in range(_ROUNDS):
-        repairs = () if names == NONE else next_repairs(chosen(report.repairs, names))
-        if not repairs:
-            break
-        recording = apply_repairs(recording, repairs)
-        applied += repairs
-        report = check_stage(recording, stages)
-    if not applied and names != NONE:
-        raise SlamsimError(_nothing_to_do(recording, report, names))
-    return recording, report, applied
+def _fixed(recording: Recording, names: str, stages: Stages) -> Restored:
+    """Raises SlamsimError where nothing is to be done, or nothing made it better."""
+    fixed = restored(recording, names, lambda one: check_stage(one, stages))
+    if not fixed.applied and names != NONE:
+        raise SlamsimError(_nothing_to_do(fixed, names))
+    return fixed
 
 
-def _nothing_to_do(recording: Recording, report: CheckReport, names: str) -> str:
+def _nothing_to_do(fixed: Restored, names: str) -> str:
+    name, report = fixed.recording.name, fixed.report
+    if fixed.taken_back:
+        return f"{name}: nothing was fixed; {'; '.join(map(_taken_back, fixed.taken_back))}"
     there = ", ".join(dict.fromkeys(repair.operation for repair in report.repairs))
     if there:
-        return f"{recording.name}: the check does not propose {names}, but {there}"
+        return f"{name}: the check does not propose {names}, but {there}"
     kind = "no repair is known for its faults" if report.faults else "no fault was found"
-    return f"{recording.name}: there is nothing to fix, {kind}"
+    return f"{name}: there is nothing to fix, {kind}"
 
 
-def _show(
-    reporter: Reporter, recording: Recording, report: CheckReport, applied: list[Repair]
-) -> None:
-    for repair in applied:
+def _taken_back(one: TakenBack) -> str:
+    return f"{one.repair.operation} of {one.repair.subject} taken back: {one.reason}"
+
+
+def _show(reporter: Reporter, fixed: Restored) -> None:
+    for repair in fixed.applied:
         numbers = ", ".join(
             f"{name} {value:.6g}" if isinstance(value, float) else f"{name} {value}"
             for name, value in repair.parameters.items()
@@ -96,4 +92,12 @@ def _show(
         reporter.say(
             f"Applied {repair.operation} to {repair.subject}{': ' if numbers else ''}{numbers}"
         )
-    show_verdicts(reporter, recording, report)
+    for one in fixed.taken_back:
+        reporter.say(_taken_back(one))
+    before_m, after_m = fixed.before.mean_m, fixed.after.mean_m
+    if fixed.applied and before_m is not None and after_m is not None:
+        reporter.say(
+            "Placed by what is recorded, scans of a few seconds are "
+            f"{1e3 * before_m:.1f} mm apart before, {1e3 * after_m:.1f} mm after"
+        )
+    show_verdicts(reporter, fixed.recording, fixed.report)

@@ -14,6 +14,11 @@ from slamsim.recording import RawScans, ScanLayout
 from slamsim.recording.edits.base import MessagesEdit, reciprocal
 from slamsim.recording.edits.ranges import map_ranges
 
+Pivot = Literal["middle", "first", "last"]
+"""The beam that keeps its direction."""
+Axis = Literal["zero", "middle"]
+"""The direction that a mirror leaves as it is: 0, or that of the middle beam."""
+
 _FULL_TURN = 2.0 * np.pi
 
 
@@ -44,25 +49,27 @@ class ChangeLayouts(LayoutEdit):
 
 @dataclass(frozen=True, slots=True)
 class ScaleAngles(LayoutEdit):
-    """The declared angle between beams times ``factor``, about the middle of the scan.
+    """The declared angle between beams times ``factor``, about one beam.
 
-    by_beams: the middle is that of its beams, whatever angle is declared for the last one.
+    by_beams: the last beam, and so the middle one, is where their number says, whatever angle is
+    declared for it.
     """
 
     factor: float
     by_beams: bool = False
+    pivot: Pivot = "middle"
 
     def inverse(self) -> ScaleAngles:
         return replace(self, factor=reciprocal(self.factor))
 
     def layout(self, layout: ScanLayout, beams: int) -> ScanLayout:
         ends = with_last_angle(layout, beams) if self.by_beams else layout
-        middle = 0.5 * (ends.angle_min_rad + ends.angle_max_rad)
-        half = 0.5 * (ends.angle_max_rad - ends.angle_min_rad) * self.factor
+        first, last = ends.angle_min_rad, ends.angle_max_rad
+        kept = {"first": first, "last": last, "middle": 0.5 * (first + last)}[self.pivot]
         return replace(
             layout,
-            angle_min_rad=middle - half,
-            angle_max_rad=middle + half,
+            angle_min_rad=kept + (first - kept) * self.factor,
+            angle_max_rad=kept + (last - kept) * self.factor,
             angle_step_rad=layout.angle_step_rad * self.factor,
         )
 
@@ -100,14 +107,18 @@ class ConvertAngles(LayoutEdit):
 class MirrorAngles(LayoutEdit):
     """What was declared to the left is declared to the right; its own inverse."""
 
+    about: Axis = "zero"
+
     def inverse(self) -> MirrorAngles:
         return self
 
     def layout(self, layout: ScanLayout, beams: int) -> ScanLayout:
+        last = with_last_angle(layout, beams).angle_max_rad
+        twice = layout.angle_min_rad + last if self.about == "middle" else 0.0
         return replace(
             layout,
-            angle_min_rad=-layout.angle_min_rad,
-            angle_max_rad=-layout.angle_max_rad,
+            angle_min_rad=twice - layout.angle_min_rad,
+            angle_max_rad=twice - layout.angle_max_rad,
             angle_step_rad=-layout.angle_step_rad,
         )
 

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from difflib import get_close_matches
+from math import inf, log
 
 from slamsim.guard.errors import SlamsimError, shown
 from slamsim.recording import Recording
@@ -67,6 +69,14 @@ OPERATIONS: Mapping[str, Declaration] = {
 
 PER_BEAM = ("drop_beams", "value_to_inf")
 """Operations that may come several times on one subject, with other numbers."""
+ABSOLUTE = ("set_mounting", "set_range_limits", "set_sweep", "rename_frame", "undo_clock_step")
+"""Operations that declare a number anew, whatever it was, or do something elsewhere each time."""
+VARIANTS: Mapping[str, tuple[str, tuple[str, ...]]] = {
+    "scale_angles": ("pivot", scans.PIVOTS),
+    "negate_angles": ("about", scans.AXES),
+}
+"""Which parameter, with which values, a finding leaves open, the usual one first: scans that fit
+each other do so whatever way all their rays are turned as a whole."""
 CLOCKS = ("shift_stamps", "rescale_stamps", "undo_clock_step", "restamp_evenly", "reorder")
 """Operations that a clock needs, and so all streams that are stamped together."""
 
@@ -104,15 +114,16 @@ _EVIDENT = frozenset(
 _DOUBTFUL = frozenset(("shift_receipt",))
 """Repaired last: the stamps, not the receipt, may be what is wrong."""
 _OTHER_EPOCH_S = 60.0
+NONE = "none"
 
 
 def chosen(repairs: Sequence[Repair], names: str) -> tuple[Repair, ...]:
-    """Those that ``all`` or a list of operations separated by commas means.
+    """Those that ``all``, ``none`` or a list of operations separated by commas means.
 
     Raises SlamsimError for a name that is no operation.
     """
-    if names == "all":
-        return tuple(repairs)
+    if names in ("all", NONE):
+        return tuple(repairs) if names == "all" else ()
     wanted = {name.strip() for name in names.split(",") if name.strip()}
     for name in sorted(wanted):
         if name not in OPERATIONS:
@@ -137,31 +148,72 @@ def _rank(repair: Repair) -> int:
 
 
 def apply_repairs(recording: Recording, repairs: Iterable[Repair]) -> Recording:
-    """The recording with every repair applied, one after the other.
+    """The recording with every repair applied, one after the other, but for ``without_rivals``.
 
-    Of several repairs with one operation on one subject the last counts, for later questions
-    know more; a clock's repair reaches all streams on that clock, once. Raises SlamsimError for
-    an operation or subject that is not there.
+    Raises SlamsimError for an operation or subject that is not there.
     """
-    for repair in _without_rivals(recording, repairs):
-        if repair.operation not in OPERATIONS:
-            raise SlamsimError(_unknown(repair.operation, ()))
-        recording = OPERATIONS[repair.operation](recording, repair).apply(recording)
+    for repair in without_rivals(recording, repairs):
+        recording = apply_repair(recording, repair)
     return recording
 
 
-def _without_rivals(recording: Recording, repairs: Iterable[Repair]) -> list[Repair]:
+def apply_repair(recording: Recording, repair: Repair) -> Recording:
+    """The recording with one repair. Raises as ``apply_repairs`` does."""
+    if repair.operation not in OPERATIONS:
+        raise SlamsimError(_unknown(repair.operation, ()))
+    return OPERATIONS[repair.operation](recording, repair).apply(recording)
+
+
+def variants(repair: Repair) -> tuple[Repair, ...]:
+    """The ways in which it can be applied, the usual one first."""
+    if repair.operation not in VARIANTS:
+        return (repair,)
+    name, values = VARIANTS[repair.operation]
+    return tuple(replace(repair, parameters={**repair.parameters, name: value}) for value in values)
+
+
+def without_rivals(recording: Recording, repairs: Iterable[Repair]) -> list[Repair]:
+    """Of several repairs with one operation on one subject the last, for later questions know
+    more; a clock's repair reaches all streams on that clock, once."""
     last: list[Repair] = []
-    covered: set[tuple[str, str, str]] = set()
+    covered: set[tuple[str, ...]] = set()
     for repair in reversed(list(repairs)):
-        detail = str(repair.parameters) if repair.operation in PER_BEAM else ""
         subjects = frozenset({repair.subject})
         if repair.operation in CLOCKS:
             subjects = clock_of(recording, repair.subject).subjects or subjects
-        if (repair.operation, repair.subject, detail) not in covered:
+        if target_of(repair) not in covered:
             last.append(repair)
-        covered |= {(repair.operation, subject, detail) for subject in subjects}
+        covered |= {target_of(replace(repair, subject=subject)) for subject in subjects}
     return last[::-1]
+
+
+def target_of(repair: Repair) -> tuple[str, ...]:
+    """What no two repairs share that are to be applied together."""
+    detail = str(repair.parameters) if repair.operation in PER_BEAM else ""
+    return repair.operation, repair.subject, detail
+
+
+def repeats(repair: Repair, earlier: Repair, shrinking: float) -> bool:
+    """Whether it changes again what an earlier one of its target changed, or back, by no less than
+    the share ``shrinking`` of it. Operations without a number are made once."""
+    if target_of(repair) != target_of(earlier):
+        return False
+    if repair.operation in ABSOLUTE:
+        return repair.parameters == earlier.parameters
+    return not _size(repair) < shrinking * _size(earlier)
+
+
+def _size(repair: Repair) -> float:
+    """How far from nothing its numbers are: logarithms of factors, and what is added."""
+    sizes = [0.0]
+    for name, value in repair.parameters.items():
+        if not isinstance(value, str):
+            sizes.append(_log(value) if name.endswith("factor") else abs(value))
+    return sum(sizes)
+
+
+def _log(factor: float) -> float:
+    return abs(log(factor)) if factor > 0.0 else inf
 
 
 def _unknown(name: str, repairs: Sequence[Repair]) -> str:

@@ -10,9 +10,11 @@ from slamsim.core.types import BoolArray, Float32Array
 from slamsim.recording import RawScans, Recording
 from slamsim.recording.edits.base import Edit, Edits
 from slamsim.recording.edits.beams import (
+    Axis,
     CloseAngles,
     ConvertAngles,
     MirrorAngles,
+    Pivot,
     ReverseBeams,
     ScaleAngles,
     ScaleBeamTimes,
@@ -36,6 +38,8 @@ from slamsim.recording.repairs.isolated import without_isolated_returns
 
 _SAME_VALUE = 1e-4
 """Of a code for no return, or 0.1 mm: what single precision and text round."""
+PIVOTS: tuple[Pivot, ...] = ("middle", "first", "last")
+AXES: tuple[Axis, ...] = ("zero", "middle")
 _BEYOND_SHARE = 0.05
 """Of the readings: where more are longer than declared, the limits are in another unit."""
 
@@ -106,9 +110,11 @@ def set_range_limits(recording: Recording, repair: Repair) -> Edit:
 
 
 def scale_angles(recording: Recording, repair: Repair) -> Edit:
-    """Multiply the angle between beams by factor, about the middle beam."""
+    """Multiply the angle between beams by factor; the middle beam keeps its direction, or the first
+    or the last one if pivot says so."""
     scans = repair.target(RawScans)
-    scaled = ScaleAngles(scans, repair.number("factor"), by_beams=True)
+    pivot = repair.choice("pivot", PIVOTS)
+    scaled = ScaleAngles(scans, repair.number("factor"), by_beams=True, pivot=pivot)
     return Edits((scaled, CloseAngles(scans)))
 
 
@@ -119,9 +125,15 @@ def angles_to_radians(recording: Recording, repair: Repair) -> Edit:
 
 
 def negate_angles(recording: Recording, repair: Repair) -> Edit:
-    """Mirror the scan: what was declared to the left lies to the right."""
+    """Mirror the scan: what was declared to the left lies to the right.
+
+    about: "zero", the usual axis, of angles with the wrong sign; "middle", the middle beam, of
+    readings in the wrong order, which is another axis where the beams are not the same on both
+    sides, as in a full turn.
+    """
     scans = repair.target(RawScans)
-    return Edits((MirrorAngles(scans), CloseAngles(scans)))
+    mirrored = MirrorAngles(scans, repair.choice("about", AXES))
+    return Edits((mirrored, CloseAngles(scans)))
 
 
 def scale_beam_times(recording: Recording, repair: Repair) -> Edit:
@@ -147,10 +159,12 @@ def set_scan_time(recording: Recording, repair: Repair) -> Edit:
 def turn_with_robot(recording: Recording, repair: Repair) -> Edit:
     """Turn the rays of each scan by the robot's heading, which they should have had in them.
 
-    heading_from: the topic that tells it; drift_rad_s and offset_rad, if they are given: what it
+    heading_from: the topic that tells it; turns: how many times, -1 for rays that have had it
+    twice; drift_rad_s and offset_rad, if they are given: what it
     tells too much each second, and the heading at the start. Each beam is turned by the heading
     of its own instant.
     """
+    turns = repair.number("turns") if "turns" in repair.parameters else 1.0
     fitted = "drift_rad_s" in repair.parameters
     drift = (repair.number("drift_rad_s"), repair.number("offset_rad")) if fitted else None
     heading_rad = heading_from(recording, str(repair.parameters["heading_from"]), drift)
@@ -162,7 +176,7 @@ def turn_with_robot(recording: Recording, repair: Repair) -> Edit:
             layout = scans.layout(i)
             last = max(int(beams[i]) - 1, 1)
             ends = np.array([stamp_ns, stamp_ns + round(last * layout.beam_dt_s * 1e9)])
-            begin, end = heading_rad(ends).tolist()
+            begin, end = (turns * heading_rad(ends)).tolist()
             layout = replace(
                 layout,
                 angle_min_rad=layout.angle_min_rad - begin,

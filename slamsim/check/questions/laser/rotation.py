@@ -16,7 +16,7 @@ from slamsim.check.questions.laser.shape import LASER_ANGLE_STEP
 from slamsim.recording.repairs.base import Repair
 
 SAME_GAIN = 0.1
-"""Gains this near to 1, 0 or -1 are meant to be so; less is a matter of scale, told elsewhere."""
+"""Gains this near to 1, 0, 2 or -1 are meant to be so; others are a matter of scale."""
 
 SMALL_RATIO = 0.15
 """Scans that do not follow the robot still seem to turn a little, by what they mistake for it."""
@@ -40,6 +40,11 @@ WORLD_FIXED = FaultKind(
     "the rays keep their directions in the world while the robot turns",
     (anywhere(*SIZES, *LIDAR_TIMES, *SWEEPS, "laser_angle_step", "range_offset"),),
 )
+TURNED_TWICE = FaultKind(
+    "laser_turned_twice",
+    "the rays turn with the robot a second time",
+    WORLD_FIXED.explains,
+)
 MIRRORED = FaultKind(
     "laser_mirrored",
     "the scan turns the wrong way: mirrored, left-handed or upside down",
@@ -53,7 +58,7 @@ UPSIDE_DOWN = FaultKind(
 ROTATION = Question(
     "laser.rotation",
     "the scans turn as the robot does",
-    (WORLD_FIXED, MIRRORED, UPSIDE_DOWN, LASER_ANGLE_STEP),
+    (WORLD_FIXED, TURNED_TWICE, MIRRORED, UPSIDE_DOWN, LASER_ANGLE_STEP),
     limit=SAME_GAIN,
     unit="rad/rad",
     consequence="the map is torn wherever the robot turns",
@@ -137,6 +142,8 @@ def _judged(gains: list[Gain], inputs: Inputs) -> Finding:
         return _world_fixed(inputs, gains[0], said)
     if all(_near(gain, -1.0) for gain in gains):
         return _mirrored(inputs, gains[0], said)
+    if all(_near(gain, 2.0) for gain in gains):
+        return _turned_twice(inputs, gains[0], said)
     unsure = [
         gain for gain in gains if gain.sigma > LARGEST_SIGMA or abs(gain.correlation) < FOLLOWS
     ]
@@ -165,6 +172,17 @@ def _world_fixed(inputs: Inputs, gain: Gain, said: str) -> Finding:
     )
     repair = Repair("turn_with_robot", inputs.steps.topic, _heading(inputs, gain.topic))
     return _finding(inputs, gain, words, "fault", WORLD_FIXED, advice, repair)
+
+
+def _turned_twice(inputs: Inputs, gain: Gain, said: str) -> Finding:
+    """A wrong angle between beams is none of it: scans are matched with the one at which they fit
+    each other, and then turn as the robot does."""
+    words = f"the scans turn twice as far as the robot ({said}): its heading is in the rays already"
+    advice = "Add the robot's heading once, or turn each recorded scan back by it."
+    repair = Repair(
+        "turn_with_robot", inputs.steps.topic, {"heading_from": gain.topic, "turns": -1.0}
+    )
+    return _finding(inputs, gain, words, "fault", TURNED_TWICE, advice, repair)
 
 
 def _heading(inputs: Inputs, topic: str) -> dict[str, float | str]:

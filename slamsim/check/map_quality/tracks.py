@@ -1,0 +1,92 @@
+"""Where the robot was, by each stream that tells it, with every number as it is recorded."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from slamsim.check.calibration.model import UNKNOWNS, rolled_poses
+from slamsim.check.motion.integrated import (
+    IntegratedMotion,
+    integrated_gyro,
+    integrated_odometry,
+    integrated_wheels,
+)
+from slamsim.core.geometry import yaw_from_xyzw
+from slamsim.core.types import FloatArray, IntArray
+from slamsim.guard.numbers import is_sound
+from slamsim.recording import RawOdometry, Recording, TransformEdge
+from slamsim.recording.frame_graph import FrameGraph
+from slamsim.recording.repairs.heading import base_rotation
+
+LEAST_SAMPLES = 8
+_AS_REPORTED = np.array([1.0 if name.endswith("_gain") else 0.0 for name in UNKNOWNS])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Track:
+    """stamps_ns (n,) ascending, poses (n, 3) of a frame with yaw unwrapped."""
+
+    stamps_ns: IntArray
+    poses: FloatArray
+
+    def at(self, stamps_ns: IntArray) -> FloatArray:
+        """(m, 3), constant beyond the ends."""
+        origin_ns = self.stamps_ns[0]
+        asked_s, known_s = (1e-9 * (ns - origin_ns) for ns in (stamps_ns, self.stamps_ns))
+        return np.column_stack([np.interp(asked_s, known_s, one) for one in self.poses.T])
+
+
+def recorded_tracks(recording: Recording, laser_frame: str) -> dict[str, tuple[Track, FloatArray]]:
+    """Every stream that tells where the robot is, with T_frame_laser (4, 4) of the frame that it
+    tells it of; a gyroscope gives the heading along the path of the first of the others."""
+    graph = FrameGraph(recording.transforms)
+    odometries = recording.odometries
+    base = graph.base(odometries[0].child_frame_ids if odometries else ())
+    wheels = {ticks.topic: integrated_wheels(ticks) for ticks in recording.ticks}
+    rolled = {name: _rolled(one) for name, one in wheels.items() if one is not None}
+    found = {
+        **{one.topic: (_recorded(one), (*one.child_frame_ids, base)[0]) for one in odometries},
+        **{name: (track, base) for name, track in rolled.items()},
+        **{
+            f"{edge.topic} {edge.name}": (_recorded(edge), edge.child)
+            for edge in recording.transforms
+            if not edge.is_static and not edge.parent.endswith("map")
+        },
+    }
+    path = next((one for one in wheels.values() if one is not None), None)
+    path = path or next(filter(None, map(integrated_odometry, odometries)), None)
+    for imu in recording.imus:
+        gyro = integrated_gyro(imu, base_rotation(recording, imu)[2])
+        if path is not None and gyro is not None:
+            found[imu.topic] = _by_gyro(gyro, path), base
+    joined = {
+        name: (track, graph.between(frame, laser_frame))
+        for name, (track, frame) in found.items()
+        if track is not None
+    }
+    return {name: (track, T) for name, (track, T) in joined.items() if T is not None}
+
+
+def _recorded(stream: RawOdometry | TransformEdge) -> Track | None:
+    yaw_rad = yaw_from_xyzw(stream.quats_xyzw)
+    poses = np.column_stack([stream.positions_m[:, :2], yaw_rad])
+    good = np.flatnonzero(is_sound(poses))
+    order = good[np.unique(stream.stamps_ns[good], return_index=True)[1]]
+    if order.size < LEAST_SAMPLES:
+        return None
+    poses = poses[order]
+    poses[:, 2] = np.unwrap(poses[:, 2])
+    return Track(stream.stamps_ns[order], poses)
+
+
+def _rolled(wheels: IntegratedMotion) -> Track:
+    return Track(wheels.stamps_ns, rolled_poses(wheels, _AS_REPORTED))
+
+
+def _by_gyro(gyro: IntegratedMotion, wheels: IntegratedMotion) -> Track:
+    """The heading of the one along the path of the other."""
+    path_m = wheels.at(np.asarray(1e-9 * (gyro.stamps_ns - wheels.origin_ns)))[:, 0]
+    totals = np.column_stack([path_m, gyro.totals[:, 0]])
+    return _rolled(IntegratedMotion(gyro.topic, gyro.stamps_ns, totals, np.zeros(2)))
