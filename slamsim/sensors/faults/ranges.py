@@ -37,7 +37,6 @@ class NoReturn(Fault):
 class RangeUnit(Fault):
     """Ranges are not in metres."""
 
-    SIZE: ClassVar[str | None] = "factor"
     kind: Literal["range_unit"]
     factor: float = Field(gt=0.0, le=1e6)
     """How many of the unit are a metre."""
@@ -54,7 +53,6 @@ class RangeUnit(Fault):
 class RangeOffset(Fault):
     """Every range is too long, or too short, by the same."""
 
-    SIZE: ClassVar[str | None] = "offset_m"
     kind: Literal["range_offset"]
     offset_m: float = Field(ge=-10.0, le=10.0)
     """Read less true."""
@@ -66,7 +64,6 @@ class RangeOffset(Fault):
 class RangeLimits(Fault):
     """The declared limits do not hold what is read."""
 
-    SIZE: ClassVar[str | None] = "range_max_m"
     kind: Literal["range_limits"]
     range_max_m: float = Field(gt=0.0, le=1e4)
     """Declared instead of the right one."""
@@ -78,7 +75,6 @@ class RangeLimits(Fault):
 class BeamsBlind(Fault):
     """Neighbouring beams always see the robot itself, or nothing."""
 
-    SIZE: ClassVar[str | None] = "share"
     kind: Literal["beams_blind"]
     share: float = Field(gt=0.0, lt=1.0)
     """Of the beams, at a quarter of the scan."""
@@ -99,7 +95,6 @@ class BeamsBlind(Fault):
 class ScanStuck(Fault):
     """The last scan comes again and again, for a while at a time."""
 
-    SIZE: ClassVar[str | None] = "stuck_s"
     kind: Literal["scan_stuck"]
     stuck_s: float = Field(gt=0.0, le=1e4)
     """How long each time."""
@@ -122,7 +117,6 @@ class ScanStuck(Fault):
 class Interference(Fault):
     """Another lidar or the sun makes single beams read too little."""
 
-    SIZE: ClassVar[str | None] = "share"
     kind: Literal["interference"]
     share: float = Field(gt=0.0, le=1.0)
     """Of the beams that read anything between the minimum and what is there."""
@@ -174,7 +168,6 @@ class ScanTimeWrong(Fault):
 class ScanLayoutWrong(Fault):
     """The declared end of the scan does not fit the number of its beams."""
 
-    SIZE: ClassVar[str | None] = "beams"
     kind: Literal["scan_layout"]
     beams: int = Field(ge=-100_000, le=100_000)
     """How many beams more the declared angles would have."""

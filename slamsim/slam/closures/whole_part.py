@@ -12,11 +12,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from slamsim.config.back_end import BackEndConfig
+from slamsim.core.components import components
 from slamsim.core.geometry import between, compose, inverse, transform_points
 from slamsim.core.result import GraphEdge
 from slamsim.core.types import FloatArray, IntArray
@@ -147,8 +146,7 @@ class WholeParts:
         ends += [(e.source, e.target) for e in solution.closures if e.weight > 0.0]
         pairs = np.array(ends, dtype=np.int64).reshape(-1, 2) - self._held
         pairs = pairs[(pairs >= 0).all(axis=1)]
-        graph = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(count, count))
-        part = connected_components(graph, directed=False)[1]
+        part = components(pairs, count)
         return [np.flatnonzero(part == one) + self._held for one in np.unique(part).tolist()]
 
     def _is_here(self, T_best: FloatArray, poses: FloatArray) -> bool:

@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Container, Iterator, Sequence
 
 import numpy as np
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
+from slamsim.core.components import components
 from slamsim.core.geometry import adjoint, between
 from slamsim.core.result import Event, GraphEdge, MapGraph
 from slamsim.core.types import BoolArray, FloatArray, IntArray
@@ -74,8 +73,7 @@ def doubtful_joints(graph: MapGraph, drives: Container[int]) -> Iterator[Event]:
     count = len(graph.keyframes)
     firm = [e for e in graph.edges if e.kind != "odometry" and e.weight > 0.0]
     ends = np.array([(e.source, e.target) for e in firm], dtype=np.int64).reshape(-1, 2)
-    joined = coo_matrix((np.ones(len(ends)), (ends[:, 0], ends[:, 1])), shape=(count, count))
-    part = connected_components(joined, directed=False)[1]
+    part = components(ends, count)
     stamps_ns, poses = graph.keyframes.stamps_ns, graph.keyframes.poses
     breaks = [edge for edge in graph.edges if edge.kind == "odometry"]
     ends_at = [*(e.target for e in breaks if _elsewhere(e)), count]
