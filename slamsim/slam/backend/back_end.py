@@ -276,9 +276,9 @@ class BackEnd:
         for the first time.
         """
         moved: list[IntArray] = []
-        carried_to = self._solution.parts.carried_to
-        self._lose_odometry(carried_to)
-        held = self._held or min(carried_to, default=0)
+        unknown = self._solution.parts.carried_to
+        self._lose_odometry(unknown)
+        held = self._held or min(unknown, default=0)
         if not held:
             return False
         with self._stage("whole parts"):

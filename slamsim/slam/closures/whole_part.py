@@ -1,4 +1,6 @@
-"""Where a part of the map lies in a finished one, by all that was ever seen from it.
+"""Where a part of the map lies in another by all that was ever seen from it.
+
+The other map was finished before, or made before the robot was carried.
 
 A few scans of a building whose rooms look alike fit in several of them, and fit best in a wrong one
 if they were taken where nobody has mapped. All that was seen from a part says more, and only in the
@@ -45,7 +47,7 @@ MOST_PLACES = 24
 
 
 class WholeParts:
-    """The parts of a drive in a map of key frames that are held fixed, the first ``held``."""
+    """The parts of a drive in a map, that of the first ``held`` key frames."""
 
     def __init__(
         self,

@@ -19,8 +19,8 @@ by more than a cell of the map: its walls are then drawn beside where they are."
 
 HELD_M = 0.2
 """A closure that is less sure of a direction does not check it. The loosest that hold both
-directions, found in a search of the whole map, are sure to 0.15 m; those that a corridor leaves free
-are sure to 1 m at best."""
+directions, found in a search of the whole map, are sure to 0.15 m; along what a corridor leaves
+free they are sure to 1 m at best."""
 
 DIRECTIONS, APART_RAD = 18, np.deg2rad(15.0)
 """Directions of the plane that loops must check one by one, and how far from the one that it leaves
@@ -29,9 +29,9 @@ some degrees: added up, their information would seem to hold it to decimetres.""
 
 
 def open_loops(graph: MapGraph, held: int = 0) -> Iterator[Event]:
-    """Stretches of path that no loop checks in some direction and along which the position has become
-    unsure: wheels that slipped, or a robot that was carried, along a corridor without marks would
-    not show, for closures slide along it.
+    """Stretches of path that no loop checks in some direction, and along which the position has
+    become unsure: wheels that slipped, or a robot that was carried, along a corridor without marks
+    would not show, for closures slide along it.
 
     held: so many key frames are a map that was finished before.
     """
