@@ -273,7 +273,7 @@ class BackEnd:
         """Put each part of the drive where all of it fits best in the map; whether any moved.
 
         The map is the one that was finished before, or what was seen before the robot was carried
-        for the first time.
+        for the first time; what nothing joins to that may lie on new ground, and stays apart.
         """
         moved: list[IntArray] = []
         unknown = self._solution.parts.carried_to
@@ -285,7 +285,7 @@ class BackEnd:
             submaps = self._cutter.submaps
             poses, keyframes = self._solution.poses.copy(), self.keyframes
             whole = WholeParts(self._config, keyframes, submaps, poses, held)
-            moved, carried_to = whole.settle(self._solution)
+            moved, carried_to = whole.settle(self._solution, only_joined=not self._held)
             for begin in carried_to:
                 first = keyframes[begin]
                 since_ns = first.doubt_ns or first.stamp_ns

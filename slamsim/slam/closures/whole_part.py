@@ -63,12 +63,15 @@ class WholeParts:
         self._everywhere = Everywhere(surface_points(submaps, poses), config)
         self._map = _seen(keyframes[:held], poses[:held], self._resolution_m)
 
-    def settle(self, solution: Solution) -> tuple[list[IntArray], list[int]]:
+    def settle(
+        self, solution: Solution, *, only_joined: bool = False
+    ) -> tuple[list[IntArray], list[int]]:
         """Put each part where it fits best; the key frames of those that do not stay, and those
         before which the robot was carried as it turned out.
 
         What was joined to the map by its looks and fits in several places is joined no longer. What
         follows on by odometry stays where that has it, unless it fits in another place alone.
+        only_joined: parts that no closure joins to the map are left as they are.
         """
         moved, carried = [], []
         every = self._parts(solution)
@@ -76,6 +79,8 @@ class WholeParts:
             poses, begins = solution.poses.copy(), _begins(members)
             followed = [k for k in begins if not self._keyframes[k].kidnapped]
             joined = solution.parts.of(begins[0]) == solution.parts.of(0)
+            if only_joined and not (joined and solution.crossing(members)):
+                continue
             likely = self._likely(members, poses, joined)
             here = [T for T in likely if self._is_here(T, poses[members])]
             if len(likely) > 1 and followed:
