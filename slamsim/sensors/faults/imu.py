@@ -93,7 +93,6 @@ class ImuStuck(Fault):
 class ImuHangs(Fault):
     """One reading is published again and again, for a while at a time."""
 
-    SIZE: ClassVar[str | None] = "hangs_s"
     kind: Literal["imu_hangs"]
     hangs_s: float = Field(gt=0.0, le=1e4)
     """How long each time."""

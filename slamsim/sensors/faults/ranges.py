@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import ClassVar, Literal
+from typing import Literal
 
 import numpy as np
 from pydantic import Field
@@ -151,7 +151,6 @@ class IntensitiesShort(Fault):
 class ScanTimeWrong(Fault):
     """The declared time from scan to scan is not that at which they come."""
 
-    SIZE: ClassVar[str | None] = "factor"
     kind: Literal["scan_time_wrong"]
     factor: float = Field(gt=0.0, le=1e6)
     """Declared over true."""
