@@ -98,6 +98,15 @@ def test_an_odometry_that_never_turns_is_named_by_any_other(with_imu: bool) -> N
     assert turning_of(no_turn(made)).fault == "odometry_no_turn"
 
 
+def test_an_odometry_whose_stamps_go_backward_is_not_accused() -> None:
+    """As in a log of 2003: between messages in the wrong order there is no course of a heading."""
+    made = no_turn(robot())
+    back = made.odometries[0].stamps_ns.copy()
+    back[500] -= 200_000_000
+    wrong = made.with_streams(RawOdometry, (replace(made.odometries[0], stamps_ns=back),))
+    assert turning_of(wrong).verdict == "inconclusive"
+
+
 def test_a_heading_that_hangs_for_some_seconds_is_named() -> None:
     made = robot()
     odometry = made.odometries[0]

@@ -14,7 +14,7 @@ from slamsim.check.motion.inputs import as_odometry
 from slamsim.check.motion.integrated import IntegratedMotion, integrated_odometry, integrated_wheels
 from slamsim.check.motion.laser_steps import LaserSteps
 from slamsim.check.motion.planar_track import planar_track, track_at
-from slamsim.check.question import FaultKind, Question, QuestionGroup, anywhere, judge
+from slamsim.check.question import FaultKind, Question, QuestionGroup, anywhere, judge, unanswered
 from slamsim.check.questions.wheels.counters import MOVED_M, MOVED_RAD
 from slamsim.check.questions.wheels.odometry import ODOMETRY_FROZEN
 from slamsim.core.types import FloatArray, IntArray
@@ -52,6 +52,7 @@ NO_TURN = Question(
     limit=LEAST_S,
     unit="s",
     consequence="the map is one straight corridor",
+    excitation_wanted="stamps in order",
     repairs=("odometry_from_ticks",),
     limit_of_ok=False,
 )
@@ -83,6 +84,10 @@ def check_turning(evidence: RecordingEvidence) -> Iterator[Finding]:
     if len(evidence.inputs.steps):
         others.append(_by_windows(evidence.inputs.steps))
     for odometry in recording.odometries:
+        if np.any(np.diff(odometry.stamps_ns) < 0):
+            words = "its stamps go backward, so that nobody knows what it says when"
+            yield unanswered(NO_TURN, odometry.topic, words)
+            continue
         never = _never_moves(odometry, others)
         yield from [never] if never else _missed(odometry, others, bool(recording.ticks))
 
