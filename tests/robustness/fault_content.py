@@ -136,17 +136,7 @@ def as_ros1_bag(path: Path, held: Content, compression: str) -> Path:
     writer = Writer1(path)
     if compression:
         writer.set_compression(Writer1.CompressionFormat[compression])
-    with writer:
-        connections: dict[tuple[str, str], Any] = {}
-        for raw in held.messages:
-            key = raw.topic, raw.kind
-            if key not in connections:
-                text = held.definitions[raw.kind]
-                connections[key] = writer.add_connection(
-                    *key, msgdef=text, md5sum=_hash(1, raw.kind, text)
-                )
-            writer.write(connections[key], max(raw.log_ns, 0), raw.data)
-    return path
+    return _filled(path, writer, held, 1)
 
 
 def as_rosbag2(path: Path, held: Content, *, mcap: bool = False, packed: bool = False) -> Path:
@@ -155,16 +145,22 @@ def as_rosbag2(path: Path, held: Content, *, mcap: bool = False, packed: bool = 
     writer = Writer2(path, version=9, storage_plugin=plugin)
     if packed:
         writer.set_compression(CompressionMode.MESSAGE, CompressionFormat.ZSTD)
+    return _filled(path, writer, held, 2)
+
+
+def _filled(path: Path, writer: Any, held: Content, ros: int) -> Path:
+    """With all messages; ROS 1 has no stamps before 1970."""
+    digest = {1: "md5sum", 2: "rihs01"}[ros]
     with writer:
         connections: dict[tuple[str, str], Any] = {}
         for raw in held.messages:
             key = raw.topic, raw.kind
             if key not in connections:
                 text = held.definitions[raw.kind]
-                connections[key] = writer.add_connection(
-                    *key, msgdef=text, rihs01=_hash(2, raw.kind, text)
-                )
-            writer.write(connections[key], raw.log_ns, raw.data)
+                known = {"msgdef": text, digest: _hash(ros, raw.kind, text)}
+                connections[key] = writer.add_connection(*key, **known)
+            stamp_ns = max(raw.log_ns, 0) if ros == 1 else raw.log_ns
+            writer.write(connections[key], stamp_ns, raw.data)
     return path
 
 
