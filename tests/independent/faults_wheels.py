@@ -87,6 +87,7 @@ DIRECTIONS = [
         "odometry_backward",
         "direction",
         "odometry_reversed wheel_reversed laser_yaw",
+        "imu_axis laser_position",  # as of a base whose front is declared at its back
         change=partial(_scaled, forward=-1.0, turned=1.0),
     ),
     fault(
