@@ -7,6 +7,7 @@ from independent.faults_frames import FRAME_FAULTS
 from independent.faults_inertial import INERTIAL_FAULTS
 from independent.faults_laser import LASER_FAULTS
 from independent.faults_messages import MESSAGE_FAULTS
+from independent.faults_odometry import ODOMETRY_FAULTS
 from independent.faults_scans import SCAN_FAULTS
 from independent.faults_sized import SIZED
 from independent.faults_stamps import STAMP_FAULTS
@@ -19,6 +20,7 @@ EVERY = (
     *STAMP_FAULTS,
     *MESSAGE_FAULTS,
     *WHEEL_FAULTS,
+    *ODOMETRY_FAULTS,
     *FRAME_FAULTS,
     *INERTIAL_FAULTS,
 )

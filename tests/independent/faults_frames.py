@@ -119,7 +119,7 @@ FRAME_FAULTS: list[Fault] = [
     fault(
         "scan_in_odom",
         "scan_frame",
-        "scan_frame tf_scan_frame",
+        "scan_frame",
         change=partial(_scan_frame, frame="odom"),
     ),
     fault(
@@ -145,7 +145,7 @@ FRAME_FAULTS: list[Fault] = [
     fault(
         "odometry_child_unknown",
         "child",
-        "tf_unknown_frame tf_missing_link odometry_frame",
+        "tf_unknown_frame tf_missing_link",
         change=partial(_odometry_child, child="base"),
     ),
     fault("odometry_child_laser", "child", None, change=partial(_odometry_child, child="laser")),
@@ -182,7 +182,7 @@ FRAME_FAULTS: list[Fault] = [
         "tf_contradicts_odometry",
         change=partial(_scaled, places=1.1, turns=1.0),
     ),
-    fault("tf_inverted", "tf_differs", "tf_contradicts_odometry", change=_inverted),
+    fault("tf_inverted", "tf_differs", "tf_contradicts_odometry tf_inverted", change=_inverted),
     fault(
         "map_recorded",
         "map",
@@ -193,7 +193,7 @@ FRAME_FAULTS: list[Fault] = [
     fault(
         "map_inverted",
         "map",
-        "tf_map_recorded tf_map_inverted",
+        "tf_inverted tf_map_recorded",
         change=partial(_map, parent="odom", child="map"),
     ),
     fault(

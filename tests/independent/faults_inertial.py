@@ -173,7 +173,7 @@ INERTIAL_FAULTS: list[Fault] = [
     fault(
         "orientation_w_first",
         "orientation",
-        "imu_orientation",
+        "imu_orientation quaternion_order",
         change=partial(_orientation, kind="w first"),
         fits=_oriented,
     ),

@@ -107,7 +107,12 @@ ORIENTATION = [
     fault("angle_min_max", "turned", "laser_yaw", change=partial(_first_angle, both=True)),
     fault("angles_in_degrees", "turned", "laser_degrees", "scan_layout", change=_degrees),
     fault("rays_not_turned", "turned", "laser_world_fixed", change=partial(_turning_rays, turns=0)),
-    fault("rays_turned_twice", "turned", None, change=partial(_turning_rays, turns=2.0)),
+    fault(
+        "rays_turned_twice",
+        "turned",
+        "laser_turned_twice",
+        change=partial(_turning_rays, turns=2.0),
+    ),
 ]
 
 TIMES = [

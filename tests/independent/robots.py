@@ -102,7 +102,9 @@ class Flaws:
 @dataclass(frozen=True)
 class Robot:
     """laser: x, y, yaw of the true mount. slip: standard deviation of the wheels' paths, in m per
-    square root of m. twist: the odometry's own, or the wheels' speeds since the message before."""
+    square root of m. orientation: whether the inertial unit gives one. footprint: whether the
+    odometry speaks of base_footprint. jitter_s: standard deviation of the lidar's stamps, of the
+    others' half as much."""
 
     lidar: Lidar
     laser: tuple[float, float, float]

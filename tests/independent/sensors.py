@@ -98,8 +98,8 @@ class Scanner:
         """With noise, scale and offset, lost beams and rounding; inf for no return."""
         lidar, flaws = self.lidar, self.robot.flaws
         rng = self.conditions.stream("ranges")
-        noise = rng.standard_normal(true_m.shape) * (lidar.noise_m + lidar.noise_share * true_m)
-        with np.errstate(invalid="ignore"):
+        with np.errstate(invalid="ignore"):  # no share of infinity
+            noise = rng.standard_normal(true_m.shape) * (lidar.noise_m + lidar.noise_share * true_m)
             ranges = true_m * (1.0 + flaws.range_scale) + flaws.range_offset + noise
         ranges = np.round(ranges / lidar.quantum_m) * lidar.quantum_m
         gone = ~(true_m < lidar.range_max_m) | (rng.random(true_m.shape) < lidar.lost)
