@@ -137,6 +137,9 @@ def bench(
     mutations: Annotated[
         int, typer.Option(help="Check --independent: random changes of messages a seed.", min=0)
     ] = 0,
+    fix: Annotated[
+        bool, typer.Option("--fix", help="Check --independent: repair each recording, too.")
+    ] = False,
     set_: Set = None,
     config: ConfigFile = None,
     quiet: Quiet = False,
@@ -159,7 +162,7 @@ def bench(
         from slamsim.bench.check.asked import CheckAsked, run_check
 
         figures = (seeds, FIRST_SEED if seed is None else seed, seconds, clean, pairs, mutations)
-        trials = CheckAsked(*figures, faults, curves, long, workers, logs, recording)
+        trials = CheckAsked(*figures, faults, curves, long, workers, logs, recording, fix)
         run_check(trials, independent, reporter)
     elif part == "matcher":
         _matcher(asked, recording, logs)

@@ -126,7 +126,8 @@ def fix(
     """Write a corrected copy of a recording, and check it again.
 
     A repair that does not let scans, placed as recorded, fit each other better, or removes no
-    fault, is taken back. What a repair does not touch is copied byte for byte: other topics, covariances, attachments.
+    fault, is taken back. What a repair does not touch is copied byte for byte: other topics,
+    covariances, attachments.
     """
     from slamsim.console.reporter import Reporter
     from slamsim.run.naming import output_folder

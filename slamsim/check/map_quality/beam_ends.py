@@ -40,8 +40,9 @@ FARTHEST_M = 0.5
 SAME_SIDE = 0.7
 """Cosine between the normals of pieces of one surface, at least."""
 
-SEEN_AGAIN = 0.7
-"""Share of the pieces of a scan that another scan of its window shows too, mostly."""
+SEEN_AGAIN = 0.5
+"""Share of the pieces of a scan that another scan of its window shows too: a laser that sees half
+of the surroundings sees half of that again after a quarter turn."""
 
 SURE_OF_BETTER, SURE_OF_WORSE = 0.9985, 0.95
 """One-sided, by Student's t. Three sigmas, for a dozen comparisons are made in one repair; of what
