@@ -132,7 +132,10 @@ def _load(folder: Path) -> Any:
 def _all_rows(campaign: IndependentCampaign, jobs: Sequence[Sequence[Any]]) -> Generator[Json]:
     with ThreadPoolExecutor(campaign.workers) as threads, Children() as children:
         futures = {
-            threads.submit(children.run, run_cases, campaign.folder, job, *how): job for job in jobs
+            threads.submit(
+                children.run, run_cases, campaign.folder, job, campaign.seconds, campaign.fix
+            ): job
+            for job in jobs
         }
         try:
             for future in as_completed(futures):
