@@ -61,85 +61,95 @@ class _Asked:
         return self if self.world or self.config else replace(self, config=STANDARD)
 
 
+Part = Annotated[
+    str,
+    typer.Argument(
+        help="sense, drive, simulate, slam, all: speed. Or accuracy, matcher, check, dataset; "
+        "robustness: random conditions, tracked, told or silently wrong; "
+        "online: latency and memory of a session, told for each kilometre."
+    ),
+]
+World = Annotated[
+    str | None,
+    typer.Option(help=f"World to measure in: labyrinth; accuracy: the preset {STANDARD}."),
+]
+Seconds = Annotated[
+    float | None, typer.Option(help=f"Simulated time; speed: {SPEED_SECONDS:g} s.", min=5)
+]
+BenchPath = Annotated[
+    float | None,
+    typer.Option(help=f"End the drive after so many metres; online: {ONLINE_PATH_M:g}.", min=1),
+]
+Repeats = Annotated[int, typer.Option(help="Speed: repetitions, of which the best counts.", min=1)]
+Peers = Annotated[
+    bool, typer.Option("--peers", help="slam: beside other scan matchers, on one log.")
+]
+Seeds = Annotated[
+    int, typer.Option(help="Accuracy, check: number of seeds; dataset: of sequences.", min=1)
+]
+Seed = Annotated[
+    int | None, typer.Option(help="The seed; accuracy: the first, by default 1.", min=0)
+]
+Only = Annotated[int | None, typer.Option(help="Robustness: only the case of this number.", min=1)]
+Workers = Annotated[
+    int, typer.Option(help="Accuracy, check, robustness: runs at a time.", min=1, max=64)
+]
+Recording = Annotated[
+    Path | None,
+    typer.Option(help="Matcher, check: on this recording, not simulated."),
+]
+Bound = Annotated[bool, typer.Option(help="Accuracy: compare with the least possible error.")]
+Logs = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="FOLDER",
+        help="Keep simulated logs here, and use them again; robustness: results as they come.",
+    ),
+]
+Faults = Annotated[str | None, typer.Option(help="Check: only these faults, as name,name:size,...")]
+Clean = Annotated[int, typer.Option(help="Check: number of further drives without a fault.", min=0)]
+Curves = Annotated[bool, typer.Option("--curves", help="Check: every size of every fault too.")]
+Independent = Annotated[
+    bool,
+    typer.Option(
+        "--independent",
+        help="Check: recordings of the generator in tests/independent, not of slamsim.",
+    ),
+]
+Mutations = Annotated[
+    int, typer.Option(help="Check --independent: random changes of messages a seed.", min=0)
+]
+Fix = Annotated[
+    bool, typer.Option("--fix", help="Check --independent: repair each recording, too.")
+]
+Long = Annotated[
+    bool, typer.Option("--long", help="Check: time ten minutes at 40 scans a second too.")
+]
+
+
 def bench(
-    part: Annotated[
-        str,
-        typer.Argument(
-            help="sense, drive, simulate, slam, all: speed. Or accuracy, matcher, check, dataset; "
-            "robustness: random conditions, tracked, told or silently wrong; "
-            "online: latency and memory of a session, told for each kilometre."
-        ),
-    ] = "all",
-    world: Annotated[
-        str | None,
-        typer.Option(help=f"World to measure in: labyrinth; accuracy: the preset {STANDARD}."),
-    ] = None,
-    seconds: Annotated[
-        float | None, typer.Option(help=f"Simulated time; speed: {SPEED_SECONDS:g} s.", min=5)
-    ] = None,
-    path: Annotated[
-        float | None,
-        typer.Option(help=f"End the drive after so many metres; online: {ONLINE_PATH_M:g}.", min=1),
-    ] = None,
-    repeats: Annotated[
-        int, typer.Option(help="Speed: repetitions, of which the best counts.", min=1)
-    ] = 3,
-    peers: Annotated[
-        bool, typer.Option("--peers", help="slam: beside other scan matchers, on one log.")
-    ] = False,
-    seeds: Annotated[
-        int, typer.Option(help="Accuracy, check: number of seeds; dataset: of sequences.", min=1)
-    ] = 20,
-    seed: Annotated[
-        int | None, typer.Option(help="The seed; accuracy: the first, by default 1.", min=0)
-    ] = None,
+    part: Part = "all",
+    world: World = None,
+    seconds: Seconds = None,
+    path: BenchPath = None,
+    repeats: Repeats = 3,
+    peers: Peers = False,
+    seeds: Seeds = 20,
+    seed: Seed = None,
     cases: Annotated[int, typer.Option(help="Robustness: number of cases.", min=1)] = 200,
-    only: Annotated[
-        int | None, typer.Option(help="Robustness: only the case of this number.", min=1)
-    ] = None,
-    workers: Annotated[
-        int, typer.Option(help="Accuracy, check, robustness: runs at a time.", min=1, max=64)
-    ] = 1,
-    recording: Annotated[
-        Path | None,
-        typer.Option(help="Matcher, check: on this recording, not simulated."),
-    ] = None,
-    bound: Annotated[
-        bool, typer.Option(help="Accuracy: compare with the least possible error.")
-    ] = True,
-    logs: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FOLDER",
-            help="Keep simulated logs here, and use them again; robustness: results as they come.",
-        ),
-    ] = None,
-    faults: Annotated[
-        str | None, typer.Option(help="Check: only these faults, as name,name:size,...")
-    ] = None,
+    only: Only = None,
+    workers: Workers = 1,
+    recording: Recording = None,
+    bound: Bound = True,
+    logs: Logs = None,
+    faults: Faults = None,
     pairs: Annotated[int, typer.Option(help="Check: random pairs of faults a drive.", min=0)] = 4,
-    clean: Annotated[
-        int, typer.Option(help="Check: number of further drives without a fault.", min=0)
-    ] = 0,
-    curves: Annotated[
-        bool, typer.Option("--curves", help="Check: every size of every fault too.")
-    ] = False,
-    long: Annotated[
-        bool, typer.Option("--long", help="Check: time ten minutes at 40 scans a second too.")
-    ] = False,
-    independent: Annotated[
-        bool,
-        typer.Option(
-            "--independent",
-            help="Check: recordings of the generator in tests/independent, not of slamsim.",
-        ),
-    ] = False,
-    mutations: Annotated[
-        int, typer.Option(help="Check --independent: random changes of messages a seed.", min=0)
-    ] = 0,
-    fix: Annotated[
-        bool, typer.Option("--fix", help="Check --independent: repair each recording, too.")
-    ] = False,
+    clean: Clean = 0,
+    curves: Curves = False,
+    long: Long = False,
+    independent: Independent = False,
+    mutations: Mutations = 0,
+    fix: Fix = False,
     set_: Set = None,
     config: ConfigFile = None,
     quiet: Quiet = False,

@@ -35,27 +35,33 @@ Source = Annotated[
 ]
 
 
+CheckSource = Annotated[
+    Path | None, typer.Argument(help="A recording: rosbag2, MCAP, ROS 1, CARMEN.")
+]
+Html = Annotated[
+    Path | None,
+    typer.Option(
+        "--html",
+        metavar="FILE",
+        help="Write findings and plots to this file.",
+    ),
+]
+Quick = Annotated[
+    bool,
+    typer.Option("--quick", help="Skip the questions that compare scans with one another."),
+]
+List = Annotated[
+    bool, typer.Option("--list", help="List all questions, their limits and their faults.")
+]
+
+
 def check(
-    source: Annotated[
-        Path | None, typer.Argument(help="A recording: rosbag2, MCAP, ROS 1, CARMEN.")
-    ] = None,
+    source: CheckSource = None,
     scan_topic: ScanTopic = None,
-    html: Annotated[
-        Path | None,
-        typer.Option(
-            "--html",
-            metavar="FILE",
-            help="Write findings and plots to this file.",
-        ),
-    ] = None,
-    quick: Annotated[
-        bool,
-        typer.Option("--quick", help="Skip the questions that compare scans with one another."),
-    ] = False,
+    html: Html = None,
+    quick: Quick = False,
     show_all: Annotated[bool, typer.Option("--all", help="Also show answers that are ok.")] = False,
-    list_: Annotated[
-        bool, typer.Option("--list", help="List all questions, their limits and their faults.")
-    ] = False,
+    list_: List = False,
     overwrite: OverwriteFile = False,
     quiet: Quiet = False,
     as_json: Json = False,
@@ -100,23 +106,27 @@ def _not_checked() -> Iterator[None]:
         ) from error
 
 
+Out = Annotated[
+    Path,
+    typer.Argument(
+        help="Folder of the corrected copy: rosbag2 (MCAP); a ROS 1 bag stays one.",
+        show_default=False,
+    ),
+]
+Apply = Annotated[
+    str,
+    typer.Option(
+        "--apply",
+        metavar="all|none|NAME[,NAME...]",
+        help="Repairs to apply, among those proposed by check; none: a plain copy.",
+    ),
+]
+
+
 def fix(
     source: Source,
-    out: Annotated[
-        Path,
-        typer.Argument(
-            help="Folder of the corrected copy: rosbag2 (MCAP); a ROS 1 bag stays one.",
-            show_default=False,
-        ),
-    ],
-    apply: Annotated[
-        str,
-        typer.Option(
-            "--apply",
-            metavar="all|none|NAME[,NAME...]",
-            help="Repairs to apply, among those proposed by check; none: a plain copy.",
-        ),
-    ] = "all",
+    out: Out,
+    apply: Apply = "all",
     scan_topic: ScanTopic = None,
     lossy: Lossy = False,
     overwrite: Overwrite = False,

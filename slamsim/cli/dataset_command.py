@@ -44,6 +44,28 @@ Place = Annotated[
 ]
 
 
+Out = Annotated[
+    str,
+    typer.Option(
+        "--out",
+        "-o",
+        callback=_refuse_fleeting,
+        help="Folder, or URL such as s3://bucket/path, sftp://...",
+    ),
+]
+Engine = Annotated[str, typer.Option(help="local: the cores of this machine. dask: a cluster.")]
+Workers = Annotated[
+    int | None, typer.Option(help="Local: worker processes (default: all cores).", min=1)
+]
+Scheduler = Annotated[
+    str | None, typer.Option(help="Dask: address of the scheduler, tcp://HOST:PORT.")
+]
+Only = Annotated[
+    list[int] | None,
+    typer.Option("--only", metavar="INDEX", help="Only this sequence; may be repeated.", min=0),
+]
+
+
 @dataset.command(
     epilog="Exit code: 0 all sequences are there, 1 some could not be made (all "
     "others are there), 75 the disk is full, 130 stopped. "
@@ -53,29 +75,12 @@ Place = Annotated[
 )
 def make(
     recipe: RecipeName,
-    out: Annotated[
-        str,
-        typer.Option(
-            "--out",
-            "-o",
-            callback=_refuse_fleeting,
-            help="Folder, or URL such as s3://bucket/path, sftp://...",
-        ),
-    ],
+    out: Out,
     count: Count = 100,
-    engine: Annotated[
-        str, typer.Option(help="local: the cores of this machine. dask: a cluster.")
-    ] = "local",
-    workers: Annotated[
-        int | None, typer.Option(help="Local: worker processes (default: all cores).", min=1)
-    ] = None,
-    scheduler: Annotated[
-        str | None, typer.Option(help="Dask: address of the scheduler, tcp://HOST:PORT.")
-    ] = None,
-    only: Annotated[
-        list[int] | None,
-        typer.Option("--only", metavar="INDEX", help="Only this sequence; may be repeated.", min=0),
-    ] = None,
+    engine: Engine = "local",
+    workers: Workers = None,
+    scheduler: Scheduler = None,
+    only: Only = None,
     quiet: Quiet = False,
     as_json: Json = False,
 ) -> None:

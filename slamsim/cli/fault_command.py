@@ -10,16 +10,15 @@ import typer
 
 from slamsim.console.options import Faults, Json, Lossy, Overwrite, Quiet, ScanTopic
 
+Source = Annotated[Path | None, typer.Argument(help="A recording: rosbag2, MCAP, ROS 1, CARMEN.")]
+List = Annotated[bool, typer.Option("--list", help="List the faults that come with the package.")]
+
 
 def fault(
-    source: Annotated[
-        Path | None, typer.Argument(help="A recording: rosbag2, MCAP, ROS 1, CARMEN.")
-    ] = None,
+    source: Source = None,
     out: Annotated[Path | None, typer.Argument(help="Folder for the copy.")] = None,
     faults: Faults = None,
-    list_: Annotated[
-        bool, typer.Option("--list", help="List the faults that come with the package.")
-    ] = False,
+    list_: List = False,
     seed: Annotated[int, typer.Option("--seed", help="Seed of the random numbers.", min=0)] = 0,
     scan_topic: ScanTopic = None,
     lossy: Lossy = False,

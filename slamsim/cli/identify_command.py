@@ -15,22 +15,26 @@ EPILOG = (
 )
 
 
+Measurements = Annotated[
+    str,
+    typer.Argument(
+        help="Figures measured on a robot: YAML, or a bundled name.", show_default=False
+    ),
+]
+RobotFile = Annotated[
+    Path | None,
+    typer.Option(
+        "--robot-file",
+        metavar="FILE",
+        help="Also write the robot to this file.",
+    ),
+]
+
+
 def identify(
-    measurements: Annotated[
-        str,
-        typer.Argument(
-            help="Figures measured on a robot: YAML, or a bundled name.", show_default=False
-        ),
-    ],
+    measurements: Measurements,
     out: Out = None,
-    robot_file: Annotated[
-        Path | None,
-        typer.Option(
-            "--robot-file",
-            metavar="FILE",
-            help="Also write the robot to this file.",
-        ),
-    ] = None,
+    robot_file: RobotFile = None,
     set_: Set = None,
     jobs: Jobs = None,
     overwrite: Overwrite = False,

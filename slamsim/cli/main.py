@@ -4,19 +4,21 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from slamsim import __version__
 from slamsim.bench.command import bench
 from slamsim.cli.check_command import CHECK_EPILOG, FIX_EPILOG, check, fix
+from slamsim.cli.common import close_run, config_of, loaded_config
 from slamsim.cli.dataset_command import dataset
 from slamsim.cli.demo_command import EPILOG as DEMO_EPILOG
 from slamsim.cli.demo_command import demo
 from slamsim.cli.fault_command import fault
 from slamsim.cli.identify_command import EPILOG as IDENTIFY_EPILOG
 from slamsim.cli.identify_command import identify
+from slamsim.cli.map_command import LOCALISE_EPILOG, MAP_EPILOG, localise, map_
 from slamsim.cli.recover_command import EPILOG as RECOVER_EPILOG
 from slamsim.cli.recover_command import recover
 from slamsim.cli.scenario_command import EPILOG as SCENARIO_EPILOG
@@ -32,17 +34,11 @@ from slamsim.console.options import (
     Overwrite,
     OverwriteFile,
     Quiet,
-    ScanTopic,
+    Relations,
     Seed,
     Set,
+    World,
 )
-from slamsim.guard.errors import SlamsimError
-
-if TYPE_CHECKING:
-    from slamsim.config.run import RunConfig
-    from slamsim.console.reporter import Reporter
-    from slamsim.run.naming import Loaded
-    from slamsim.run.stages import Report
 
 app = typer.Typer(
     name="slamsim",
@@ -53,49 +49,6 @@ app = typer.Typer(
     help="Simulate a robot in a labyrinth, run SLAM on any recording, and check recordings.",
     epilog="Start with: [bold]slamsim map labyrinth[/bold]",
 )
-
-World = Annotated[
-    str, typer.Argument(help="A world: YAML, map.yaml, image or mesh file, or a bundled name.")
-]
-Start = Annotated[
-    str | None,
-    typer.Option(
-        "--start",
-        metavar="X,Y,YAW_DEG",
-        help="Start pose in the map (default: searched for).",
-    ),
-]
-Relations = Annotated[
-    Path | None,
-    typer.Option("--relations", help="Relative poses to score against (Kümmerle et al. 2009)."),
-]
-
-
-def _config(
-    world: str | None,
-    config: str | None,
-    overrides: list[str] | None,
-    seed: int | None,
-    faults: list[str] | None = None,
-) -> RunConfig:
-    from slamsim.config.faults import typed_choices
-    from slamsim.config.loading import load_run_config
-
-    loaded = load_run_config(world, config, overrides or (), seed)
-    return loaded.model_copy(update={"faults": (*loaded.faults, *typed_choices(faults or ()))})
-
-
-def _loaded(
-    world: str | None,
-    config: str | None,
-    overrides: list[str] | None,
-    seed: int | None,
-    faults: list[str] | None = None,
-) -> Loaded[RunConfig]:
-    """The configuration with the files that it is read from and that it names."""
-    from slamsim.run.naming import loaded
-
-    return loaded(lambda: _config(world, config, overrides, seed, faults))
 
 
 @app.command(epilog="Example: slamsim world labyrinth --seed 7 --out outputs/my_world")
@@ -115,7 +68,7 @@ def world(
     from slamsim.run.naming import output_folder
 
     reporter = Reporter(quiet=quiet, as_json=as_json)
-    loaded = _loaded(name, config, set_, seed)
+    loaded = loaded_config(name, config, set_, seed)
     resolved = loaded.config
     called = f"{resolved.world.name}_world"
     with output_folder(out, called, overwrite=overwrite, inputs=loaded.files) as folder:
@@ -146,112 +99,17 @@ def simulate(
     from slamsim.run.naming import output_folder
 
     reporter = Reporter(quiet=quiet, as_json=as_json)
-    loaded = _loaded(name, config, set_, seed, faults)
+    loaded = loaded_config(name, config, set_, seed, faults)
     called = loaded.config.world.name
     with output_folder(out, called, overwrite=overwrite, inputs=loaded.files) as folder:
         from slamsim.run.recording import simulate_world
 
         report = simulate_world(loaded.config, folder, reporter, overwrite=overwrite)
-    _close(reporter, report, folder)
+    close_run(reporter, report, folder)
 
 
-@app.command(
-    "map",
-    epilog="Examples: slamsim map labyrinth · slamsim map worlds/rooms.yaml --seed 7 · "
-    "slamsim map intel.clf.bz2 --relations intel.relations · slamsim map my_rosbag2/",
-)
-def map_(
-    source: Annotated[
-        str,
-        typer.Argument(help="A world to simulate, or a recording: rosbag2, MCAP, ROS 1, CARMEN."),
-    ] = "labyrinth",
-    out: Out = None,
-    seed: Seed = None,
-    set_: Set = None,
-    config: ConfigFile = None,
-    relations: Relations = None,
-    scan_topic: ScanTopic = None,
-    earlier: Annotated[
-        Path | None,
-        typer.Option("--continue", metavar="RUN", help="Continue the map of an earlier run."),
-    ] = None,
-    start: Start = None,
-    overwrite: Overwrite = False,
-    quiet: Quiet = False,
-    as_json: Json = False,
-) -> None:
-    """Map a world or a recording, and evaluate the map."""
-    from slamsim.console.reporter import Reporter
-    from slamsim.run.naming import is_recording, output_folder, recording_name
-
-    reporter = Reporter(quiet=quiet, as_json=as_json)
-    recorded = is_recording(source)
-    loaded = _loaded(None if recorded else source, config, set_, seed)
-    resolved = loaded.config
-    name = recording_name(source) if recorded else resolved.world.name
-    inputs = (Path(source) if recorded else None, relations, earlier, *loaded.files)
-    with output_folder(out, name, overwrite=overwrite, inputs=inputs) as folder:
-        from slamsim.run.continuing import chosen_earlier, refuse_earlier
-        from slamsim.run.mapping import map_recording, map_world, require_used
-
-        if recorded:
-            reporter.say(f"Mapping the recording {source}")
-            report = map_recording(
-                Path(source),
-                resolved,
-                folder,
-                reporter,
-                relations=relations,
-                scan_topic=scan_topic,
-                earlier=chosen_earlier(earlier, start),
-                overwrite=overwrite,
-            )
-        else:
-            refuse_earlier(earlier, start)
-            reporter.say(f"Simulating and mapping the world {source}")
-            report = map_world(resolved, folder, reporter, relations=relations, overwrite=overwrite)
-    _close(reporter, report, folder)
-    require_used(report, folder)
-
-
-@app.command(epilog="Example: slamsim localise my_second_drive/ --in outputs/labyrinth")
-def localise(
-    source: Annotated[Path, typer.Argument(help="A recording.")],
-    known: Annotated[
-        Path, typer.Option("--in", help="The map: folder of a mapped run, or a ROS map.yaml.")
-    ],
-    start: Start = None,
-    out: Out = None,
-    set_: Set = None,
-    config: ConfigFile = None,
-    scan_topic: ScanTopic = None,
-    overwrite: Overwrite = False,
-    quiet: Quiet = False,
-    as_json: Json = False,
-) -> None:
-    """Localise a recording in a finished map."""
-    from slamsim.console.reporter import Reporter
-    from slamsim.run.naming import output_folder, recording_name
-    from slamsim.run.start import start_pose
-
-    reporter = Reporter(quiet=quiet, as_json=as_json)
-    loaded = _loaded(None, config, set_, None)
-    name = f"{recording_name(str(source))}_in_{known.resolve().name}"
-    inputs = (source, known, *loaded.files)
-    with output_folder(out, name, overwrite=overwrite, inputs=inputs) as folder:
-        from slamsim.run.localising import localise_recording
-
-        report = localise_recording(
-            source,
-            known,
-            loaded.config,
-            folder,
-            reporter,
-            start=start_pose(start),
-            scan_topic=scan_topic,
-            overwrite=overwrite,
-        )
-    _close(reporter, report, folder)
+app.command("map", epilog=MAP_EPILOG)(map_)
+app.command(epilog=LOCALISE_EPILOG)(localise)
 
 
 @app.command(epilog="Example: slamsim evaluate outputs/labyrinth")
@@ -327,7 +185,7 @@ def config(
     """Print every setting with its unit and meaning, as YAML that can be used again."""
     from slamsim.config.dump import dump_commented_yaml
 
-    sys.stdout.write(dump_commented_yaml(_config(name, config, set_, seed)))
+    sys.stdout.write(dump_commented_yaml(config_of(name, config, set_, seed)))
 
 
 def _version(asked: bool) -> None:
@@ -343,19 +201,3 @@ def _root(
     ] = False,
 ) -> None:
     pass
-
-
-def _close(reporter: Reporter, report: Report, folder: Path) -> None:
-    from slamsim.console.summary import summary
-
-    for warning in report.warnings:
-        reporter.warn(warning)
-    reporter.table(str(report.numbers["name"]), summary(report.numbers))
-    reporter.say(f"Written to {folder}/")
-    if report.mapped:
-        reporter.say(f"Look at {folder}/report.html, or: slamsim view {folder}")
-    reporter.result({**report.numbers, "folder": str(folder)})
-    if report.failed:
-        raise SlamsimError(
-            f"{'; '.join(map(str, report.failed))}; what the stages before made is in {folder}/"
-        )

@@ -77,4 +77,4 @@ class SinkEntry(Config, ABC):
 
     @abstractmethod
     def start(self, topics: Any) -> Any:
-        """A ``slamsim.simulation.sink.Sink`` for messages on these topics."""
+        """A ``slamsim.simulation.log_writer.Sink`` for messages on these topics."""

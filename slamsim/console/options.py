@@ -51,3 +51,10 @@ Out = Annotated[
     typer.Option("--out", "-o", help="Folder of the run; a new one under outputs/ by default."),
 ]
 Seed = Annotated[int | None, typer.Option("--seed", help="Seed of all random numbers.", min=0)]
+World = Annotated[
+    str, typer.Argument(help="A world: YAML, map.yaml, image or mesh file, or a bundled name.")
+]
+Relations = Annotated[
+    Path | None,
+    typer.Option("--relations", help="Relative poses to score against (Kümmerle et al. 2009)."),
+]

@@ -185,6 +185,14 @@ def se2_from_se3(T_a_b: _FloatArray) -> _FloatArray:
     return np.array([T_a_b[0, 3], T_a_b[1, 3], np.arctan2(T_a_b[1, 0], T_a_b[0, 0])])
 
 
+def se3_from_se2(T_a_b: _FloatArray) -> _FloatArray:
+    """(4, 4) of a planar transform (3,) x, y, yaw."""
+    T = np.eye(4)
+    T[:3, :3] = rotation(T_a_b[2])
+    T[:2, 3] = T_a_b[:2]
+    return T
+
+
 class MountParameters(Protocol):
     """Six degrees of freedom: metres, and degrees about fixed x, then y, then z."""
 

@@ -97,6 +97,7 @@ class RawScans(RawStream):
     of float32 as recorded (an array when all have as many beams, else a sequence of arrays, which
     may read the file only when asked). intensities likewise, None without any. range_is_estimated:
     the format declares no maximum, so that ``range_max_m`` is what the readings themselves say.
+    other_intensities: messages that hold some, but not as many as ranges.
     """
 
     schema = schemas.SCANS
@@ -106,6 +107,7 @@ class RawScans(RawStream):
     ranges_m: Sequence[Float32Array] | Float32Array
     intensities: Sequence[Float32Array] | Float32Array | None = None
     range_is_estimated: bool = field(default=False, kw_only=True)
+    other_intensities: int = field(default=0, kw_only=True)
 
     def layout(self, scan: int) -> ScanLayout:
         return self.layouts[int(self.layout_of[scan])]

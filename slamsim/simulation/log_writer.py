@@ -3,23 +3,35 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from contextlib import ExitStack
+from contextlib import AbstractContextManager, ExitStack
 from dataclasses import replace
 from pathlib import Path
+from typing import Any, Protocol
 
 from slamsim.config.streams import SinkEntry
 from slamsim.core.types import Drive
 from slamsim.io.bag2.folder import TopicKind
 from slamsim.io.bag2.growing import GrowingBag
-from slamsim.io.ros.encoding import outgoing, stream_messages
+from slamsim.io.ros.encoding import Outgoing, outgoing, stream_messages
 from slamsim.io.staged_writer import StagedWriter
 from slamsim.recording import Recording
 from slamsim.sensors.readings import Readings
 from slamsim.simulation.header import LogHeader
 from slamsim.simulation.recorder import TOPICS, DriveRecorder
-from slamsim.simulation.sink import Sink
 
 _LATCHED = ("/robot_description", "/tf_static")
+
+
+class Sink(AbstractContextManager[Any], Protocol):
+    """Takes messages of declared topics in the order of their arrival, until its block ends."""
+
+    def add(self, streams: Sequence[Outgoing]) -> None:
+        """The next messages of some topics, to be kept until their time has come."""
+        ...
+
+    def release(self, until_ns: int | None) -> None:
+        """Pass on what has arrived by then, or all of it."""
+        ...
 
 
 class LogWriter(StagedWriter):

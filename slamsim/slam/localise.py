@@ -12,11 +12,10 @@ from itertools import pairwise
 from typing import Literal, get_args
 
 import numpy as np
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from slamsim.config.slam import SlamConfig
+from slamsim.core.components import components
 from slamsim.core.geometry import transform_points
 from slamsim.core.progress import Progress, silent
 from slamsim.core.result import SlamResult
@@ -136,9 +135,7 @@ def _joined_to_map(whole: SavedMap, held: int) -> BoolArray:
     followed = [k.index for k in whole.keyframes[1:] if k.index < held or not k.kidnapped]
     ends = [(number - 1, number) for number in followed]
     ends += [(edge.source, edge.target) for edge in whole.closures]
-    sources, targets = np.array(ends, dtype=np.int64).reshape(-1, 2).T
-    graph = coo_matrix((np.ones(len(ends)), (sources, targets)), shape=(count, count))
-    part = connected_components(graph, directed=False)[1]
+    part = components(np.array(ends, dtype=np.int64).reshape(-1, 2), count)
     return np.asarray(part[held:] == part[0])
 
 

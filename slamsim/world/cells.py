@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
+from scipy.cluster.hierarchy import DisjointSet
+
 from slamsim.guard.numbers import require_whole
 
 Edge = tuple[int, int]
@@ -62,34 +64,9 @@ def edge(a: int, b: int) -> Edge:
     return (a, b) if a < b else (b, a)
 
 
-class DisjointSets:
-    """Which cells hang together (union by size, path halving; Tarjan 1975)."""
-
-    def __init__(self, size: int) -> None:
-        self._parent = list(range(size))
-        self._size = [1] * size
-
-    def find(self, item: int) -> int:
-        while self._parent[item] != item:
-            self._parent[item] = self._parent[self._parent[item]]
-            item = self._parent[item]
-        return item
-
-    def join(self, a: int, b: int) -> bool:
-        """Join the sets of a and b; False if they were one already."""
-        a, b = self.find(a), self.find(b)
-        if a == b:
-            return False
-        if self._size[a] < self._size[b]:
-            a, b = b, a
-        self._parent[b] = a
-        self._size[a] += self._size[b]
-        return True
-
-
-def connected_sets(size: int, edges: Iterable[Edge]) -> DisjointSets:
-    """The sets of cells that the given edges join."""
-    sets = DisjointSets(size)
+def connected_sets(size: int, edges: Iterable[Edge]) -> DisjointSet[int]:
+    """The sets of cells that the given edges join; ``sets[cell]`` stands for that of a cell."""
+    sets = DisjointSet(range(size))
     for a, b in edges:
-        sets.join(a, b)
+        sets.merge(a, b)
     return sets

@@ -160,7 +160,5 @@ def grow_rooms(layout: RoomsLayout, seed: int) -> FloorPlan:
 def unreachable_cells(plan: FloorPlan) -> list[int]:
     """Present cells that no way joins to the start."""
     sets = connected_sets(len(plan.grid), plan.passages)
-    home = sets.find(plan.start)
-    return [
-        cell for cell in range(len(plan.grid)) if plan.is_present(cell) and sets.find(cell) != home
-    ]
+    home = sets[plan.start]
+    return [cell for cell in range(len(plan.grid)) if plan.is_present(cell) and sets[cell] != home]

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import shapely
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
+from slamsim.core.components import components
 from slamsim.core.types import BoolArray, FloatArray, IntArray, TriangleMesh
 from slamsim.world.prism import polygons_of
 from slamsim.world.raster import TOUCH_M
@@ -107,8 +106,7 @@ def _closed(edges: IntArray) -> tuple[BoolArray, BoolArray]:
     nodes, ends = np.unique(edges, return_inverse=True)
     begin, end = ends.reshape(-1, 2).T
     size = len(nodes)
-    graph = coo_array((np.ones(len(begin)), (begin, end)), shape=(size, size))
-    _, line_of_node = connected_components(graph, directed=False)
+    line_of_node = components(ends.reshape(-1, 2), size)
     leaving, arriving = np.bincount(begin, minlength=size), np.bincount(end, minlength=size)
     lines = int(line_of_node.max()) + 1
     unbalanced = np.bincount(line_of_node, leaving != arriving, lines)

@@ -12,9 +12,10 @@ from collections.abc import Callable
 from itertools import pairwise
 
 import numpy as np
+from scipy.cluster.hierarchy import DisjointSet
 
 from slamsim.config.layout import Algorithm
-from slamsim.world.cells import CellGrid, DisjointSets, Edge, edge
+from slamsim.world.cells import CellGrid, Edge, edge
 
 Grow = Callable[[CellGrid, np.random.Generator], list[Edge]]
 
@@ -95,31 +96,31 @@ def prim(grid: CellGrid, rng: np.random.Generator) -> list[Edge]:
 def kruskal(grid: CellGrid, rng: np.random.Generator) -> list[Edge]:
     """All edges in random order, each kept if it joins two parts."""
     edges = list(grid.edges())
-    sets = DisjointSets(len(grid))
+    sets = DisjointSet(range(len(grid)))
     order = rng.permutation(len(edges)).tolist()
-    return [edges[at] for at in order if sets.join(*edges[at])]
+    return [edges[at] for at in order if sets.merge(*edges[at])]
 
 
 def eller(grid: CellGrid, rng: np.random.Generator) -> list[Edge]:
     """Row by row: random joins within a row, then at least one way up for each part of it."""
-    sets = DisjointSets(len(grid))
+    sets = DisjointSet(range(len(grid)))
     tree = []
     for row in range(grid.rows):
         last = row + 1 == grid.rows
         cells = [grid.cell(row, column) for column in range(grid.columns)]
         for left, right in pairwise(cells):
-            if (last or rng.random() < 0.5) and sets.join(left, right):
+            if (last or rng.random() < 0.5) and sets.merge(left, right):
                 tree.append((left, right))
         if last:
             break
         parts: dict[int, list[int]] = {}
         for cell in cells:
-            parts.setdefault(sets.find(cell), []).append(cell)
+            parts.setdefault(sets[cell], []).append(cell)
         for members in parts.values():
             sure = _pick(members, rng)
             for cell in members:
                 if cell == sure or rng.random() < 0.35:
-                    sets.join(cell, cell + grid.columns)
+                    sets.merge(cell, cell + grid.columns)
                     tree.append((cell, cell + grid.columns))
     return tree
 

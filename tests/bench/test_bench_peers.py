@@ -11,12 +11,12 @@ import pytest
 from simulated import SLOW_HOKUYO, ScanList, box, drive, noisy_wheels, sense_scans, true_ranges
 
 from slamsim.bench.peers import run as peers_run
-from slamsim.bench.peers.base import band_points, planar, spatial
+from slamsim.bench.peers.base import band_points
 from slamsim.bench.peers.entries import ENTRIES, PeerEntry
 from slamsim.bench.peers.run import handed_scans, rows_shown, run_peers
 from slamsim.config.slam import SlamConfig
 from slamsim.console.reporter import Reporter
-from slamsim.core.geometry import between, compose
+from slamsim.core.geometry import between, compose, se2_from_se3, se3_from_se2
 from slamsim.core.types import Log, PlanarTrajectory, ScanGeometry
 from slamsim.guard.errors import SlamsimError
 
@@ -72,8 +72,8 @@ def test_points_in_space_are_those_in_the_plane() -> None:
     assert sorted(band[:, 2].tolist()) == pytest.approx([-0.2, -0.2, 0.0, 0.0, 0.2, 0.2])
     assert np.allclose(band.reshape(3, 2, 3)[:, :, :2], points)
     a, b = np.array([1.0, 2.0, 0.4]), np.array([-0.3, 0.1, -1.2])
-    assert np.allclose(planar(spatial(a)), a)
-    assert np.allclose(planar(spatial(a) @ spatial(b)), compose(a, b))
+    assert np.allclose(se2_from_se3(se3_from_se2(a)), a)
+    assert np.allclose(se2_from_se3(se3_from_se2(a) @ se3_from_se2(b)), compose(a, b))
 
 
 def test_one_that_fails_is_told_as_lost_and_one_that_is_missing_is_left_out(

@@ -17,6 +17,7 @@ from slamsim.bench.robustness.campaign import (
     run_robustness,
     summarise,
 )
+from slamsim.bench.robustness.case import run_case
 from slamsim.bench.robustness.conditions import Conditions, draw_conditions, ring_drawing
 from slamsim.bench.robustness.disturbances import disturbed, without_span
 from slamsim.bench.robustness.verdict import (
@@ -298,3 +299,17 @@ def test_a_campaign_keeps_what_is_done_and_counts_it(
     lines = (tmp_path / "robustness_1.jsonl").read_text().splitlines()
     assert sorted(json.loads(line)["number"] for line in lines) == [1, 2]
     assert "glass 10%" in case_line(first) and "not simulated" in case_line(second)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("number", "outcomes"),
+    [
+        pytest.param(10, {"tracked"}, id="carried to a room that looks like others"),
+        pytest.param(18, {"tracked", "told"}, id="carried along a corridor without marks"),
+    ],
+)
+def test_a_robot_that_was_carried_is_never_silently_wrong(number: int, outcomes: set[str]) -> None:
+    figures = run_case(draw_conditions(1, number))
+    assert figures["kidnappings"] == 1 and figures["outcome"] in outcomes
+    assert number != 10 or figures["false_closures"] == 0

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from slamsim.check.findings import CheckReport, Curve, Finding, Measurement, Plot
 from slamsim.check.wording import headline, signed_words
@@ -54,3 +58,41 @@ def test_the_headline_names_the_fault_or_says_that_there_is_none() -> None:
 def test_a_size_is_told_without_a_sign() -> None:
     words = [signed_words(value, "mm", "too long", "too short") for value in (-40.21, 40.21)]
     assert words == ["40.2 mm too short", "40.2 mm too long"]
+
+
+def test_sentences_wrap_and_each_cell_says_its_column_on_a_narrow_screen() -> None:
+    text = check_page(report())
+    tables = re.findall(r"<table[^>]*>.*?</table>", text, re.S)
+    assert tables and all('class="words"' in one for one in tables)
+    for one in tables:
+        names = re.findall(r"<th>(.*?)</th>", one)
+        cells = re.findall(r'<td data-name="(.*?)">', one)
+        assert cells == names * (len(cells) // len(names)) and cells
+    style = text[: text.index("</style>")]
+    assert ".words td { text-align: left;" in style.replace(".words th, ", "")
+    assert "@media (max-width: 720px)" in style and "attr(data-name)" in style
+
+
+@settings(max_examples=40)
+@given(
+    value=st.floats(-1e6, 1e6),
+    sigma=st.floats(0.0, 1e5),
+    limit=st.one_of(st.none(), st.floats(0, 1e6)),
+)
+def test_a_size_without_a_plot_is_drawn_beside_its_limit(
+    value: float, sigma: float, limit: float | None
+) -> None:
+    size = Measurement(value, sigma, "mm")
+    finding = Finding("ranges.offset", "/scan", "ok", "a size", estimate=size, limit=limit)
+    (drawn,) = re.findall(
+        r'<svg class="gauge".*?</svg>', check_page(CheckReport("x", (finding,))), re.S
+    ) or [""]
+    places = [float(one) for one in re.findall(r'(?:x1|x2|cx)="(.*?)"', drawn)]
+    assert all(-0.1 <= one <= 200.1 for one in places)
+    assert bool(drawn) == (max(abs(size.interval[0]), abs(size.interval[1])) > 0.0)
+
+
+def test_a_size_that_is_no_number_is_not_drawn() -> None:
+    size = Measurement(float("nan"), float("inf"), "mm")
+    finding = Finding("ranges.offset", "/scan", "ok", "a size", estimate=size, limit=1.0)
+    assert "gauge" not in check_page(CheckReport("x", (finding,))).split("</style>")[1]

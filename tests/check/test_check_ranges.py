@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,9 +14,13 @@ from slamsim.check.evidence import RecordingEvidence
 from slamsim.check.findings import Finding
 from slamsim.check.questions.inertial.gravity import check_inertial
 from slamsim.check.questions.ranges.ranges import check_ranges
+from slamsim.check.questions.streams.scan_times import check_scan_time
 from slamsim.check.scan_sample import sample_scans
 from slamsim.core.types import Float32Array, FloatArray
+from slamsim.io.bag2.writer import write_recording
+from slamsim.io.open import open_recording
 from slamsim.recording import RawImu, RawOdometry, RawScans, Recording, ScanLayout, TransformEdge
+from slamsim.recording.repairs.apply import apply_repairs
 
 
 def range_findings(recording: Recording) -> list[Finding]:
@@ -284,3 +289,60 @@ def test_of_two_units_that_fit_the_limits_the_way_driven_chooses(
     findings = range_findings(recording.with_streams(RawOdometry, (odometry,)))
     units = [finding for finding in findings if finding.fault == "range_unit"]
     assert [unit.repairs[0].parameters["factor"] for unit in units] == [factor]
+
+
+@pytest.mark.parametrize("value_m", [30.0, 29.99])
+def test_beams_that_stand_alone_at_one_value_are_a_code_and_not_stray(value_m: float) -> None:
+    """Too few in a scan for a code to be told from surfaces by how often it comes."""
+    ranges = room()[:, ::3]
+    layout = replace(LAYOUT, angle_step_rad=3.0 * STEP_RAD / 2.0)
+    rare = np.random.default_rng(1).random(ranges.shape) < 0.01
+    findings = range_findings(recorded(np.where(rare, np.float32(value_m), ranges), layout))
+    told = {one.fault for one in findings}
+    assert "range_max_no_return" in told and "scan_interference" not in told
+
+
+@pytest.mark.parametrize("count", [BEAMS - 1, BEAMS // 2, BEAMS + 9])
+def test_another_number_of_intensities_than_of_ranges(count: int, tmp_path: Path) -> None:
+    """In memory, and read from a file, where SLAM goes on without them."""
+    made = recorded(room())
+    assert not _named_layout(made)
+    strengths = np.ones((SCANS, count), dtype=np.float32)
+    wrong = made.changed(RawScans, lambda one: replace(one, intensities=strengths))
+    assert _named_layout(wrong)
+    write_recording(wrong, tmp_path / "bag")
+    read = open_recording(tmp_path / "bag").recording
+    assert _named_layout(read) and read.scans[0].other_intensities == SCANS
+    right = np.ones((SCANS, BEAMS), dtype=np.float32)
+    assert not _named_layout(made.changed(RawScans, lambda one: replace(one, intensities=right)))
+
+
+def _named_layout(made: Recording) -> bool:
+    return any(one.check == "ranges.intensities" for one in range_findings(made))
+
+
+@pytest.mark.parametrize(
+    ("scan_time_s", "beam_dt_s", "wrong"),
+    [
+        (0.1, 0.0, False),
+        (0.0, 1e-4, False),
+        (0.05, 0.0, False),  # every second scan recorded
+        (0.11, 1e-4, False),
+        (0.054, 1e-4, False),  # the sweep alone
+        (0.2, 1e-4, True),
+        (100.0, 1e-4, True),
+        (0.01, 1e-4, True),
+        (-0.1, 0.0, True),
+        (float("nan"), 0.0, True),
+        (100.0, 0.1, False),  # then the time from beam to beam is what is wrong
+    ],
+)
+def test_scan_time_fits_stamps_and_sweep(scan_time_s: float, beam_dt_s: float, wrong: bool) -> None:
+    layout = replace(LAYOUT, scan_time_s=scan_time_s, beam_dt_s=beam_dt_s)
+    made = recorded(room(), layout)
+    findings = list(check_scan_time(RecordingEvidence(made)))
+    assert [one.fault for one in findings if one.fault] == ["scan_time"] * wrong
+    if wrong:
+        mended = apply_repairs(made, findings[0].repairs)
+        (found,) = check_scan_time(RecordingEvidence(mended))
+        assert found.verdict == "ok"

@@ -87,7 +87,6 @@ CLOCKS = [
     *sizes("lidar_drift", "clock_drift", "lidar_drift", _ppm(300, -1000, 3000), also=AHEAD),
     *sizes("imu_drift", "clock_drift", "imu_drift", _ppm(500, -2000), also=AHEAD),
     *sizes("wheels_drift", "clock_drift", "wheels_drift", _ppm(1000, -3000), also=AHEAD),
-    *sizes("lidar_jitter", "stamps_jitter", "lidar_jitter_s", _milliseconds(10, 20)),
 ]
 
 GYRO = [

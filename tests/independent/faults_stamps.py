@@ -18,10 +18,20 @@ def _shift(made: Made, of: Of, by_s: float, since: float) -> None:
         stream.stamps_ns = stream.stamps_ns + np.where(later, round(1e9 * by_s), 0)
 
 
-def _scattered(made: Made, of: Of, sigma_s: float) -> None:
-    noise_ns = 1e9 * sigma_s * made.rng.standard_normal(100_000)
+def _delayed(made: Made, of: Of, spread_s: float) -> None:
+    """Stamps are those of publishing, after delays with this standard deviation, one behind the
+    other."""
+    delays_ns = 1e9 * spread_s / HALF_NORMAL * np.abs(made.rng.standard_normal(100_000))
     for stream in of(made.bag):
-        stream.stamps_ns = stream.stamps_ns + noise_ns[: len(stream.stamps_ns)].astype(np.int64)
+        count = len(stream.stamps_ns)
+        in_turn_ns = 100_000 * np.arange(count)
+        published_ns = stream.stamps_ns + delays_ns[:count].astype(np.int64) - in_turn_ns
+        stream.stamps_ns = np.maximum.accumulate(published_ns) + in_turn_ns
+        stream.received_ns = np.maximum(stream.received_ns, stream.stamps_ns + 300_000)
+
+
+HALF_NORMAL = float(np.sqrt(1.0 - 2.0 / np.pi))
+"""Standard deviation of the size of a standard normal number."""
 
 
 def _rounded(made: Made, of: Of, quantum_s: float) -> None:
@@ -92,18 +102,20 @@ STEPS = [
 ]
 
 SCATTER = [
-    fault(
-        "imu_jitter",
-        "jitter",
-        "stamps_jitter",
-        change=partial(_scattered, of=of_imu, sigma_s=0.012),
-    ),
-    fault(
-        "wheels_jitter",
-        "jitter",
-        "stamps_jitter",
-        "tf_contradicts_odometry",
-        change=partial(_scattered, of=of_wheels, sigma_s=0.02),
+    *(
+        fault(
+            f"{name}_delayed_{1e3 * spread_s:g}ms",
+            "jitter",
+            "stamps_jitter",
+            f"time_offset_{name} tf_contradicts_odometry",
+            change=partial(_delayed, of=of, spread_s=spread_s),
+        )
+        for name, of, spread_s in (
+            ("lidar", of_lidar, 0.01),
+            ("lidar", of_lidar, 0.02),
+            ("imu", of_imu, 0.012),
+            ("wheels", of_wheels, 0.02),
+        )
     ),
     fault(
         "lidar_stamps_100ms",

@@ -7,7 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from independent.drives import random_drive
 from independent.rays import Floats, clearance
+from independent.rooms import bare_round_room
 from independent.sensors import Conditions
 
 LEG_RADIUS_M = 0.07
@@ -61,10 +63,17 @@ def _busy_recorder(usual: Conditions, rng: np.random.Generator) -> Conditions:
     return replace(usual, bursts=True)
 
 
+def _round_room(usual: Conditions, rng: np.random.Generator) -> Conditions:
+    """A bare circle with some furniture: half of what is seen tells no turn."""
+    scene = bare_round_room(rng)
+    return replace(usual, scene=scene, drive=random_drive(scene, rng, usual.drive.seconds))
+
+
 HARSH: dict[str, Callable[[Conditions, np.random.Generator], Conditions]] = {
     "people": _people,
     "glass": _glass,
     "carpet": _carpet,
     "coarse clock": _coarse_clock,
     "busy recorder": _busy_recorder,
+    "round room": _round_room,
 }

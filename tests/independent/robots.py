@@ -88,7 +88,6 @@ class Flaws:
     lidar_drift: float = 0.0
     imu_drift: float = 0.0
     wheels_drift: float = 0.0
-    lidar_jitter_s: float = 0.0
     gyro_scale: float = 0.0
     gyro_bias: float = 0.0
     imu_roll: float = 0.0

@@ -128,12 +128,25 @@ def _hall(rng: np.random.Generator) -> tuple[Walls, Posts]:
     return walls + more, posts + bins
 
 
-def _round(rng: np.random.Generator) -> tuple[Walls, Posts]:
-    """A round room with furniture, by which alone turns can be told."""
+def bare_round_room(rng: np.random.Generator) -> Scene:
+    """A circle with furniture, by which alone turns can be told."""
     radius = rng.uniform(3.5, 5.0)
     walls, posts = _furniture(rng, 10, radius * 0.68, radius * 0.68)
     walls.append((radius - 1.0, -0.6, radius - 1.0, 0.9))
-    return walls, [*posts, (0.0, 0.0, radius)]
+    every = np.array([*posts, (0.0, 0.0, radius)])
+    return Scene(np.array(walls), every, np.zeros(len(walls), bool))
+
+
+def _round(rng: np.random.Generator) -> tuple[Walls, Posts]:
+    """A round room with furniture, and pilasters between its windows."""
+    bare = bare_round_room(rng)
+    walls: Walls = [(float(a), float(b), float(c), float(d)) for a, b, c, d in bare.walls]
+    radius = float(bare.posts[-1, 2])
+    for angle in np.arange(0.0, 6.0, 0.7) + rng.uniform(-0.15, 0.15, 9):
+        deep, wide = rng.uniform(0.2, 0.4), rng.uniform(0.3, 0.5)
+        place = (radius - deep / 2) * np.array([np.cos(angle), np.sin(angle)])
+        walls += _box(float(place[0]), float(place[1]), deep, wide, float(angle))
+    return walls, [(float(x), float(y), float(r)) for x, y, r in bare.posts]
 
 
 def _cluttered(rng: np.random.Generator) -> tuple[Walls, Posts]:

@@ -111,9 +111,8 @@ class Scanner:
         rng = self.conditions.stream("lidar stamps")
         step = lidar.step_rad * (1.0 + flaws.angle_step)
         sweep_s = abs(lidar.beam_s) * lidar.beams
-        jitter_s = np.hypot(self.robot.jitter_s, flaws.lidar_jitter_s)
         stamps_ns = stamped(self.begins_s, flaws.lidar_late_s, flaws.lidar_drift)
-        stamps_ns = stamps_ns + (1e9 * jitter_s * rng.standard_normal(len(stamps_ns))).astype(int)
+        stamps_ns += (1e9 * self.robot.jitter_s * rng.standard_normal(len(stamps_ns))).astype(int)
         middle = lidar.first_rad + lidar.step_rad * (lidar.beams - 1) / 2.0
         return Scans(
             topic="/scan",

@@ -267,6 +267,7 @@ PAIRS: Pairs = [
     ("angle_step_wide", 0.02, [Repair("scale_angles", "/scan", {"factor": 1.0 / 1.02})]),
     ("laser_degrees", None, [Repair("angles_to_radians", "/scan")]),
     ("laser_step_degrees", None, [Repair("angles_to_radians", "/scan")]),
+    ("scan_time", None, [Repair("set_scan_time", "/scan", {"scan_time_s": 0.1})]),
     ("scan_layout", None, [Repair("set_angle_max", "/scan")]),
     ("lds_time_tiny", 0.05, [Repair("scale_beam_times", "/scan", {"factor": 20.0})]),
     ("mvsim_times_zero", None, [Repair("set_sweep", "/scan", {"sweep_s": 180 * 2e-4})]),

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from slamsim.core.geometry import adjoint, compose, inverse
+from slamsim.core.geometry import adjoint, compose, inverse, rotation
 from slamsim.core.result import EdgeKind, GraphEdge, PoseGraph
 from slamsim.core.types import FloatArray, PlanarTrajectory
 from slamsim.slam.mapping.joints import open_loops
@@ -18,8 +18,20 @@ WIDE = np.diag(np.square([1.0, 0.2, 0.01]))
 """Covariance of each step: so large that a stretch is told from its first key frame on."""
 
 
+SURE = np.diag(np.square([0.05, 0.02, 0.01]))
+"""Of a closure."""
+
+
 def edge(source: int, target: int, kind: EdgeKind, weight: float = 1.0) -> GraphEdge:
-    return GraphEdge(source, target, STEP, WIDE, kind, weight)
+    return GraphEdge(source, target, STEP, SURE if kind == "closure" else WIDE, kind, weight)
+
+
+def slid(one: int, other: int, free_rad: float) -> GraphEdge:
+    """A closure that knows nothing along one direction of the map; key frames as ``graph_of``."""
+    source, target = sorted((one, other))
+    along = np.append(np.array([np.cos(free_rad), np.sin(free_rad)]), 0.0)
+    turned = rotation(np.asarray(-source * STEP[2])) @ along
+    return GraphEdge(source, target, STEP, SURE + 1e6 * np.outer(turned, turned), "closure")
 
 
 def graph_of(edges: list[GraphEdge], count: int, added: FloatArray = WIDE) -> PoseGraph:
@@ -58,6 +70,39 @@ def test_told_is_what_falls_apart_without_its_own_edge(data: st.DataObject) -> N
     }
     unchecked = range(max(held, 1), count)
     assert told == {k for k in unchecked if k not in alone and falls_apart(edges, k, count)}
+
+
+@given(st.data())
+def test_closures_that_slid_along_one_corridor_check_nothing_along_it(data: st.DataObject) -> None:
+    """Many of them, their directions off by some degrees, are no more than one; together with one
+    of a corridor across, or with one that did not slide, they check all."""
+    count = data.draw(st.integers(2, 8))
+    corridor_rad = data.draw(st.floats(0.0, np.pi))
+    number = st.integers(0, count - 1)
+    chain = [edge(k - 1, k, "match") for k in range(1, count)]
+    kinds: dict[str, list[GraphEdge]] = {"along": [], "across": [], "whole": []}
+    for kind, most in (("along", 60), ("across", 2), ("whole", 1)):
+        for _ in range(data.draw(st.sampled_from([0, 1, most]))):
+            one, other = data.draw(number), data.draw(number)
+            if one == other:
+                continue
+            off_rad = np.deg2rad(data.draw(st.floats(-5.0, 5.0)))
+            free_rad = corridor_rad + off_rad + (0.5 * np.pi if kind == "across" else 0.0)
+            found = edge(one, other, "closure") if kind == "whole" else slid(one, other, free_rad)
+            kinds[kind].append(found)
+    closures = [one for some in kinds.values() for one in some]
+    told = {
+        k
+        for event in open_loops(graph_of([*chain, *closures], count))
+        for k in range(event.start_ns // 1_000_000_000, event.end_ns // 1_000_000_000 + 1)
+    }
+
+    def spanned(kind: str, k: int) -> bool:
+        return not falls_apart([*chain, *kinds[kind]], k, count)
+
+    for k in range(1, count):
+        checked = spanned("whole", k) or (spanned("along", k) and spanned("across", k))
+        assert (k in told) == (not checked)
 
 
 def test_a_stretch_is_told_from_where_it_may_be_off_by_a_cell() -> None:

@@ -14,6 +14,7 @@ from slamsim.core.geometry import between, compose
 from slamsim.core.types import FloatArray
 from slamsim.models.line_bundle import fit_lines
 from slamsim.recording import RawScans
+from slamsim.slam.laser import scan_bundle
 from slamsim.slam.laser.scan_beams import BeamReader
 from slamsim.slam.laser.scan_equations import POSE, SHAPES, UNKNOWNS, moved_points, window_system
 from slamsim.slam.laser.scan_motion import ScanMotions, scan_motions
@@ -290,3 +291,19 @@ def test_of_two_scans_that_contradict_each_other_neither_is_used() -> None:
     assert surely_ascending(stamps_ns).tolist() == [0, 1, 2, 3, 5, 6], "15 contradicts two"
     swapped_ns = np.array([0, 10, 30, 25, 40], dtype=np.int64)
     assert surely_ascending(swapped_ns).tolist() == [0, 1, 4]
+
+
+@given(seed=st.integers(0, 10_000), size=st.integers(1, 30), share=st.floats(0.0, 0.6))
+def test_made_up_information_is_taken_away_with_and_without_eigenvectors(
+    seed: int, size: int, share: float
+) -> None:
+    """Against the spectral form, which holds where hardly anything is left as well."""
+    rng = np.random.default_rng(seed)
+    root = rng.standard_normal((size, size)) + 3.0 * np.eye(size)
+    information = root @ root.T
+    axes, _ = np.linalg.qr(rng.standard_normal((size, size)))
+    factor = np.linalg.cholesky(information)
+    made_up = factor @ axes @ np.diag(rng.uniform(0.0, share, size)) @ axes.T @ factor.T
+    found = scan_bundle._believable(information, made_up)
+    exact = scan_bundle._spectrally_believable(information, made_up)
+    np.testing.assert_allclose(found, exact, rtol=1e-6, atol=1e-9 * np.abs(exact).max())

@@ -38,7 +38,7 @@ def test_every_algorithm_draws_a_spanning_tree(
     assert len(tree) == len(grid) - 1
     assert set(tree) <= set(grid.edges())
     sets = connected_sets(len(grid), tree)
-    assert len({sets.find(cell) for cell in range(len(grid))}) == 1
+    assert len({sets[cell] for cell in range(len(grid))}) == 1
 
 
 @pytest.mark.parametrize("name", ALGORITHMS)
@@ -147,13 +147,13 @@ def test_every_room_has_a_door_to_the_corridor(
     plan = grow_rooms(layout, seed)
     assert unreachable_cells(plan) == []
     sets = connected_sets(len(plan.grid), set(plan.passages) - plan.doors)
-    corridor = sets.find(plan.start)
-    rooms = {sets.find(cell) for cell in range(len(plan.grid))} - {corridor}
+    corridor = sets[plan.start]
+    rooms = {sets[cell] for cell in range(len(plan.grid))} - {corridor}
     with_door = {
-        sets.find(cell)
+        sets[cell]
         for edge in plan.doors
         for cell in edge
-        if corridor in (sets.find(edge[0]), sets.find(edge[1]))
+        if corridor in (sets[edge[0]], sets[edge[1]])
     }
     assert rooms == with_door - {corridor}
 

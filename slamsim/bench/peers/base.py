@@ -61,17 +61,3 @@ def band_points(points_m: FloatArray, rings: int, spacing_m: float) -> FloatArra
     return np.concatenate(
         [np.column_stack([points_m, np.full(len(points_m), z)]) for z in heights_m]
     )
-
-
-def spatial(T_a_b: FloatArray) -> FloatArray:
-    """(4, 4) of a planar transform (3,)."""
-    cos, sin = np.cos(T_a_b[2]), np.sin(T_a_b[2])
-    T = np.eye(4)
-    T[:2, :2] = [[cos, -sin], [sin, cos]]
-    T[:2, 3] = T_a_b[:2]
-    return T
-
-
-def planar(T_a_b: FloatArray) -> FloatArray:
-    """(3,) of a spatial transform (4, 4): x, y and the heading of its x axis."""
-    return np.array([T_a_b[0, 3], T_a_b[1, 3], np.arctan2(T_a_b[1, 0], T_a_b[0, 0])])

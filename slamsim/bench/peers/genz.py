@@ -12,8 +12,8 @@ from genz_icp.pybind import genz_icp_pybind
 from genz_icp.registration import get_registration
 from genz_icp.threshold import get_threshold_estimator
 
-from slamsim.bench.peers.base import PeerScan, Setup, band_points, planar, spatial
-from slamsim.core.geometry import between, compose
+from slamsim.bench.peers.base import PeerScan, Setup, band_points
+from slamsim.core.geometry import between, compose, se2_from_se3, se3_from_se2
 from slamsim.core.types import FloatArray
 
 PRESET = "indoor"
@@ -32,7 +32,7 @@ class Shipped:
         """See ``Peer.step``."""
         points = band_points(scan.points_m, RINGS, SPACING_M)
         self._odometry.register_frame(points, np.tile(scan.fired, RINGS))
-        return planar(self._odometry.last_pose)
+        return se2_from_se3(self._odometry.last_pose)
 
 
 class Guided:
@@ -59,7 +59,7 @@ class Guided:
         self._T_odom_last = scan.T_odom_base
         points = band_points(scan.points_m, RINGS, SPACING_M)
         dense = _thinned(points, 0.5 * self._voxel_m)
-        guess, pose = spatial(self._T_map_base), spatial(self._T_map_base)
+        guess, pose = se3_from_se2(self._T_map_base), se3_from_se2(self._T_map_base)
         if not self._map.empty():
             sigma = self._threshold.get_threshold()
             sparse = _thinned(dense, 1.5 * self._voxel_m)
@@ -68,7 +68,7 @@ class Guided:
             )
             self._threshold.update_model_deviation(np.linalg.inv(guess) @ pose)
         self._map.update(dense, pose)
-        self._T_map_base = planar(pose)
+        self._T_map_base = se2_from_se3(pose)
         return self._T_map_base
 
 

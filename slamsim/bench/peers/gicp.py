@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import small_gicp
 
-from slamsim.bench.peers.base import PeerScan, Setup, band_points, planar, spatial
-from slamsim.core.geometry import between, compose
+from slamsim.bench.peers.base import PeerScan, Setup, band_points
+from slamsim.core.geometry import between, compose, se2_from_se3, se3_from_se2
 from slamsim.core.types import FloatArray
 
 RINGS, SPACING_M = 3, 0.1
@@ -36,9 +36,9 @@ class Gicp:
             found = small_gicp.align(
                 self._map,
                 cloud,
-                spatial(self._T_map_base),
+                se3_from_se2(self._T_map_base),
                 max_correspondence_distance=self._settings["gate_m"],
             )
-            self._T_map_base = planar(found.T_target_source)
-        self._map.insert(cloud, spatial(self._T_map_base))
+            self._T_map_base = se2_from_se3(found.T_target_source)
+        self._map.insert(cloud, se3_from_se2(self._T_map_base))
         return self._T_map_base

@@ -6,8 +6,8 @@ import numpy as np
 from kiss_icp.config import load_config
 from kiss_icp.kiss_icp import KissICP
 
-from slamsim.bench.peers.base import PeerScan, Setup, flat_points, planar, spatial
-from slamsim.core.geometry import between
+from slamsim.bench.peers.base import PeerScan, Setup, flat_points
+from slamsim.core.geometry import between, se2_from_se3, se3_from_se2
 from slamsim.core.types import FloatArray
 
 RANGE_PER_VOXEL = 100.0
@@ -37,7 +37,7 @@ class Kiss:
         if self._guided:
             if self._T_odom_last is not None:
                 moved = between(self._T_odom_last, scan.T_odom_base)
-                self._odometry.last_delta = spatial(moved)
+                self._odometry.last_delta = se3_from_se2(moved)
             self._T_odom_last = scan.T_odom_base
         self._odometry.register_frame(flat_points(scan.points_m), np.asarray(scan.fired))
-        return planar(self._odometry.last_pose)
+        return se2_from_se3(self._odometry.last_pose)

@@ -19,6 +19,10 @@ Wiring = Literal["as declared", "swapped", "left reversed", "right reversed", "b
 Scans = Literal["of use", "unsteady", "not turning"]
 
 CLEAR = 0.75
+UNSURE_SHARE, UNSURE_TIMES, LEAST_TOLD = 0.2, 3.0, 0.5
+"""A step tells no turn if it is unsure by this share of what the robot usually turns in one, and by
+so many times the usual; so many of all must tell it."""
+
 BETTER = 0.15
 """A wheel counts backward if its path turns like the robot, by so much more than its turn does."""
 
@@ -85,6 +89,7 @@ def align(
     yaw_base_laser_rad: float,
 ) -> Alignment:
     """All three pairs, once the wheels are wired as the others say."""
+    steps = _telling(steps)
     turns = [_laser_turn(steps)] if len(steps) else []
     turns += [_rate(gyro, 0)] if gyro is not None else []
     wiring: Wiring = "as declared"
@@ -99,6 +104,17 @@ def align(
     if laser is None or by_gyro is None or not _lidar_disagrees(first_look):
         return first_look
     return _piece_by_piece(first_look, laser, steps, by_gyro)
+
+
+def _telling(steps: LaserSteps) -> LaserSteps:
+    """Without those whose turn the scans do not tell, as where round walls let it slide; all of
+    them where that holds of most."""
+    if not np.any(steps.information):
+        return steps
+    sigma_rad = np.sqrt(np.linalg.pinv(steps.information, hermitian=True)[:, 2, 2])
+    turns_rad = float(np.sqrt(np.mean(np.square(steps.T_first_second[:, 2]))))
+    told = sigma_rad < max(UNSURE_SHARE * turns_rad, UNSURE_TIMES * float(np.median(sigma_rad)))
+    return steps.keep(told) if told.mean() > LEAST_TOLD else steps
 
 
 def _lidar_disagrees(look: Alignment) -> bool:

@@ -13,11 +13,12 @@ from slamsim.check.calibration.joint import Calibration
 from slamsim.check.calibration.model import UNKNOWNS
 from slamsim.check.calibration.noise import Pieces
 from slamsim.check.evidence import of_calibration
-from slamsim.check.fault_groups import BY_SCANS, LIDAR_TIMES, MOUNTING
+from slamsim.check.fault_groups import MOUNTING
 from slamsim.check.findings import Curve, Finding, Measurement, Plot, decide
 from slamsim.check.question import FaultKind, Question, QuestionGroup, anywhere, judge
 from slamsim.check.questions.clocks.pairs import LIMITS_S
 from slamsim.check.questions.laser.mounting import PLACE_LIMIT_M, YAW_LIMIT_DEG
+from slamsim.check.questions.streams.clock_steps import CLOCK_STEP
 from slamsim.core.types import FloatArray
 
 EXPLAINED = 0.001
@@ -44,11 +45,6 @@ LASER_MOVED = FaultKind(
     "laser_moved",
     "the laser's mount changes during the drive",
     (anywhere(*MOUNTING, "wheel_slip"),),
-)
-CLOCK_STEP = FaultKind(
-    "clock_step",
-    "a clock is set during the drive",
-    (anywhere(*BY_SCANS, *LIDAR_TIMES, "time_offset_imu", "clock_drift"),),
 )
 WHEELS_CHANGED = FaultKind(
     "wheels_changed",

@@ -61,19 +61,14 @@ def make_dataset(
     )
     identity = Identity(recipe.name, count, recipe.model_dump(mode="json"))
     store = open_store(out)
-
-    def require_room(left: int) -> None:
-        _require_room(recipe, count, left, store)
-
-    def catalogue(store: Store) -> None:
-        write_catalogue(store, recipe, count)
-
+    require_room = partial(_require_room, recipe, count, store)
+    catalogue = partial(write_catalogue, recipe=recipe, count=count)
     return execute(
         order, identity, store, engine, watch or Unwatched(), require_room, only, catalogue
     )
 
 
-def _require_room(recipe: Recipe, count: int, left: int, store: Store) -> None:
+def _require_room(recipe: Recipe, count: int, store: Store, left: int) -> None:
     """Plan, which takes some seconds, only where the disk is not ample anyway."""
     free = store.free_bytes()
     if free is None or left == 0:

@@ -11,9 +11,8 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
+from slamsim.core.components import components
 from slamsim.core.types import Float32Array, FloatArray, IntArray, TriangleMesh
 from slamsim.io.parquet.file import Cells, Column, ParquetFile, split_axes
 from slamsim.sensors.scene import plane_numbers, with_floor
@@ -62,8 +61,8 @@ def surfaces_of(mesh: TriangleMesh, floor_reach_m: float) -> TrueSurfaces:
     vertices, triangles = with_floor(mesh, low - floor_reach_m, high + floor_reach_m)
     welded = np.unique(np.rint(vertices / _WELD_M), axis=0, return_inverse=True)[1].ravel()
     corners = welded[triangles]
-    of_triangle = _hanging_together(_shared_edges(corners, plane_numbers(vertices, triangles)))
-    of_triangle = _renumbered(of_triangle)
+    sharing = _shared_edges(corners, plane_numbers(vertices, triangles))
+    of_triangle = _renumbered(components(sharing, len(corners)))
     count = int(of_triangle.max()) + 1
     first = np.unique(of_triangle, return_index=True)[1]
     doubled_areas = _crosses(vertices, triangles)
@@ -115,21 +114,14 @@ def write_surfaces(path: Path, surfaces: TrueSurfaces, sequence: int) -> None:
         file.append(cells)
 
 
-def _shared_edges(corners: IntArray, planes: IntArray) -> tuple[IntArray, IntArray, int]:
-    """Pairs of triangles of one plane that share an edge, and the number of triangles."""
+def _shared_edges(corners: IntArray, planes: IntArray) -> IntArray:
+    """(p, 2) pairs of triangles of one plane that share an edge."""
     edges = np.sort(corners[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
     owners = np.repeat(np.arange(len(corners)), 3)
     keys = np.column_stack([edges, planes[owners]])
     order = np.lexsort(keys.T)
     same = np.all(keys[order][1:] == keys[order][:-1], axis=1)
-    return owners[order][1:][same], owners[order][:-1][same], len(corners)
-
-
-def _hanging_together(links: tuple[IntArray, IntArray, int]) -> IntArray:
-    """(n,) number of the group of each of n things of which some are linked."""
-    ones, others, count = links
-    graph = coo_matrix((np.ones(ones.size), (ones, others)), shape=(count, count))
-    return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)
+    return np.column_stack([owners[order][1:][same], owners[order][:-1][same]])
 
 
 def _renumbered(groups: IntArray) -> IntArray:
@@ -140,8 +132,8 @@ def _renumbered(groups: IntArray) -> IntArray:
 
 def _bodies(corners: IntArray) -> IntArray:
     """(t,) number of the body of each triangle: those that share corners."""
-    ones, others = corners[:, [0, 1]].ravel(), corners[:, [1, 2]].ravel()
-    return _renumbered(_hanging_together((ones, others, int(corners.max()) + 1))[corners[:, 0]])
+    sides = np.concatenate([corners[:, :2], corners[:, 1:]])
+    return _renumbered(components(sides, int(corners.max()) + 1)[corners[:, 0]])
 
 
 def _crosses(vertices: FloatArray, triangles: NDArray[np.int32]) -> FloatArray:

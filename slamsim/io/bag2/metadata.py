@@ -126,19 +126,7 @@ def bag_metadata(
         "storage_identifier": "mcap",
         **_span(first_ns, max(file.time_range_ns[1] for file in files)),
         "message_count": sum(file.messages for file in files),
-        "topics_with_message_count": [
-            {
-                "topic_metadata": {
-                    "name": topic.name,
-                    "type": topic.type_name,
-                    "serialization_format": topic.encoding,
-                    "offered_qos_profiles": topic.quality_of_service,
-                    "type_description_hash": topic.type_hash,
-                },
-                "message_count": sum(file.counts.get(topic.name, 0) for file in files),
-            }
-            for topic in topics
-        ],
+        "topics_with_message_count": [_counted(topic, files) for topic in topics],
         "compression_format": "",
         "compression_mode": "",
         "relative_file_paths": [file.name for file in files],
@@ -154,6 +142,19 @@ def bag_metadata(
         "ros_distro": distro,
     }
     return dump_yaml({"rosbag2_bagfile_information": information})
+
+
+def _counted(topic: Topic, files: Sequence[BagFile]) -> dict[str, object]:
+    return {
+        "topic_metadata": {
+            "name": topic.name,
+            "type": topic.type_name,
+            "serialization_format": topic.encoding,
+            "offered_qos_profiles": topic.quality_of_service,
+            "type_description_hash": topic.type_hash,
+        },
+        "message_count": sum(file.counts.get(topic.name, 0) for file in files),
+    }
 
 
 def _span(first_ns: int, last_ns: int) -> dict[str, dict[str, int]]:

@@ -66,6 +66,7 @@ class ScanCollector(Collector):
         self._numbers: list[IntArray] = []
         self._ranges = RowStore()
         self._intensities: RowStore | None = None
+        self._other_intensities = 0
 
     def _layout_of(self, message: Any) -> CdrLayout:
         return layout_for(SCANS, message)
@@ -95,6 +96,8 @@ class ScanCollector(Collector):
         ]
         self._layout_of_scans.append(np.array(numbers, dtype=np.int32)[which.ravel()])
         self._ranges.add(part.ranges_m)
+        if part.intensities.size and part.intensities.shape != part.ranges_m.shape:
+            self._other_intensities += part.places.size
         if self._intensities is not None:
             fit = part.intensities.shape == part.ranges_m.shape
             blank = np.full(part.ranges_m.shape, np.nan, dtype=np.float32)
@@ -110,5 +113,6 @@ class ScanCollector(Collector):
             layout_of=np.concatenate(self._layout_of_scans),
             ranges_m=self._ranges.rows(),
             intensities=None if self._intensities is None else self._intensities.rows(),
+            other_intensities=self._other_intensities,
             origin=Origin.in_order(self.topic, np.concatenate(self._numbers)),
         )

@@ -52,7 +52,8 @@ class RecordedScans:
     def _intensities(self, row: int) -> Float32Array | None:
         if self._raw.intensities is None:
             return None
-        return np.asarray(self._raw.intensities[row], dtype=np.float32)
+        strengths = np.asarray(self._raw.intensities[row], dtype=np.float32)
+        return strengths if strengths.size == self._raw.ranges_m[row].size else None
 
 
 class _Geometries:

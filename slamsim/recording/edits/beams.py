@@ -169,6 +169,16 @@ class SetSweep(LayoutEdit):
 
 
 @dataclass(frozen=True, slots=True)
+class SetScanTime(LayoutEdit):
+    """``seconds`` declared from one scan to the next."""
+
+    seconds: float
+
+    def layout(self, layout: ScanLayout, beams: int) -> ScanLayout:
+        return replace(layout, scan_time_s=self.seconds)
+
+
+@dataclass(frozen=True, slots=True)
 class ReverseBeams(LayoutEdit):
     """Beams written in the opposite order, each with its direction; its own inverse.
 

@@ -20,6 +20,7 @@ from slamsim.recording.edits.beams import (
     ScaleBeamTimes,
     ScaleRangeLimits,
     SetRangeLimits,
+    SetScanTime,
     SetSweep,
     beam_counts,
     with_last_angle,
@@ -148,6 +149,11 @@ def set_sweep(recording: Recording, repair: Repair) -> Edit:
     """Let sweep_s pass from the first beam to the last; below 0 as for ``scale_beam_times``."""
     scans, sweep_s = repair.target(RawScans), repair.number("sweep_s")
     return _in_firing_order(SetSweep(scans, abs(sweep_s)), sweep_s)
+
+
+def set_scan_time(recording: Recording, repair: Repair) -> Edit:
+    """Declare scan_time_s from one scan to the next."""
+    return SetScanTime(repair.target(RawScans), repair.number("scan_time_s"))
 
 
 def turn_with_robot(recording: Recording, repair: Repair) -> Edit:

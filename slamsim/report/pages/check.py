@@ -9,6 +9,7 @@ from itertools import cycle
 from pathlib import Path
 
 import numpy as np
+from markupsafe import Markup
 from matplotlib import rc_context
 from matplotlib.figure import Figure
 
@@ -19,7 +20,7 @@ from slamsim.core.types import FloatArray
 from slamsim.guard.output import write_atomic
 from slamsim.report.figures.palette import ESTIMATE, NEUTRAL, ODOMETRY, SCAN, TRUTH, WITHDRAWN
 from slamsim.report.figures.run import STYLE, Picture, svg
-from slamsim.report.pages.html import Card, Table, cards, figure, page, pair, section, table
+from slamsim.report.pages.html import Card, Table, cards, figure, gauge, page, pair, section, table
 
 _COLOURS = (ESTIMATE, ODOMETRY, TRUTH, SCAN)
 _CURVE_POINTS = 1500
@@ -56,7 +57,7 @@ def _counts(report: CheckReport) -> list[Card]:
 def wrong(finding: Finding) -> str:
     """A fault with its number, its advice and its plots."""
     number = shown(finding.estimate, finding.limit)
-    measured = f'<p class="note">{escape(number)}</p>' if number else ""
+    measured = f'<p class="note">{escape(number)}{_gauge(finding)}</p>' if number else ""
     return (
         f'<div class="warnings"><strong>{escape(fault_meaning(finding.fault or ""))}</strong> '
         f"({escape(finding.fault or '')}, {escape(finding.subject)})<br>{escape(finding.words)}."
@@ -66,11 +67,19 @@ def wrong(finding: Finding) -> str:
 
 def _listed(report: CheckReport, verdict: Verdict) -> str:
     rows = [
-        (f.check, f.subject, shown(f.estimate, f.limit), f.words)
+        (f.check, f.subject, Markup(escape(shown(f.estimate, f.limit))) + _gauge(f), f.words)
         for f in report.findings
         if f.verdict == verdict
     ]
-    return table(Table(("question", "about", "number", "in words"), rows)) if rows else ""
+    header = ("question", "about", "number", "in words")
+    return table(Table(header, rows, words=True)) if rows else ""
+
+
+def _gauge(finding: Finding) -> str:
+    """The size beside its limit, of a finding that no plot shows."""
+    if finding.plots or finding.estimate is None:
+        return Markup("")
+    return gauge(finding.estimate.interval, finding.limit)
 
 
 def _evidence(report: CheckReport) -> str:
@@ -129,4 +138,5 @@ def verdicts(findings: Sequence[Finding]) -> str:
     if not rows:
         return ""
     note = "A quick look at the recording itself; slamsim check takes a thorough one."
-    return table(Table(("verdict", "what", "about", "number", "in words"), rows), note)
+    header = ("verdict", "what", "about", "number", "in words")
+    return table(Table(header, rows, words=True), note)

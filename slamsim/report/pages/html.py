@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -25,8 +26,11 @@ class Card:
 
 @dataclass(frozen=True, slots=True)
 class Table:
+    """words: cells hold sentences, which wrap; on a narrow screen each row is a list of them."""
+
     header: tuple[str, ...]
     rows: Sequence[tuple[str, ...]]
+    words: bool = False
 
 
 RUN_FOOTER = (
@@ -62,6 +66,19 @@ def table(content: Table, note: str = "") -> str:
     return str(_blocks().table(content, note))
 
 
+def gauge(interval: tuple[float, float], limit: float | None) -> str:
+    """A value in the middle of its interval on a scale from 0 or below, with the limit on the
+    side, or sides, where the interval lies; nothing for numbers that are not finite."""
+    low, high = interval
+    marks = (
+        [] if limit is None else [one for one in (-limit, limit) if one * low > 0 or one * high > 0]
+    )
+    begin, end = min(0.0, low, *marks), max(0.0, high, *marks)
+    if not (math.isfinite(begin) and math.isfinite(end) and end > begin):
+        return ""
+    return Markup(_blocks().gauge(low, 0.5 * (low + high), high, begin, end, marks))
+
+
 def warnings(texts: Sequence[str]) -> str:
     return str(_blocks().warnings(texts))
 
@@ -78,4 +95,5 @@ def _blocks() -> Any:
     environment = jinja2.Environment(
         loader=loader, autoescape=True, undefined=jinja2.StrictUndefined
     )
+    environment.globals["zip"] = partial(zip, strict=True)
     return environment.get_template("blocks.html.jinja").module

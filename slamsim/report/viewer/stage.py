@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import rerun as rr
 
-from slamsim.core.geometry import compose, inverse, xyzw_from_matrix, xyzw_from_yaw
+from slamsim.core.geometry import compose, inverse, se3_from_se2, xyzw_from_matrix, xyzw_from_yaw
 from slamsim.core.types import Float32Array, FloatArray, IntArray, Scan
 from slamsim.report.figures.palette import ESTIMATE, SCAN, rgb
 from slamsim.report.run_view import RunView, thinned
@@ -55,28 +55,15 @@ def log_transforms(recording: rr.RecordingStream, view: RunView, laser: str) -> 
                 child_frame=[child] * len(pick),
             ),
         )
-    T_base_laser = view.log.T_base_laser
-    recording.log(
-        "tf/laser",
-        rr.Transform3D(
-            translation=T_base_laser[:3, 3],
-            quaternion=rr.Quaternion(xyzw=xyzw_from_matrix(T_base_laser[:3, :3])),
-            parent_frame=BASE,
-            child_frame=laser,
-        ),
-        static=True,
-    )
-    x_m, y_m, yaw_rad = view.truth_in_map
-    recording.log(
-        "tf/truth",
-        rr.Transform3D(
-            translation=[x_m, y_m, 0.0],
-            quaternion=rr.Quaternion(xyzw=xyzw_from_yaw(np.array(yaw_rad))),
-            parent_frame=MAP,
-            child_frame=TRUTH,
-        ),
-        static=True,
-    )
+    for name, parent, child, T in (
+        ("tf/laser", BASE, laser, view.log.T_base_laser),
+        ("tf/truth", MAP, TRUTH, se3_from_se2(np.array(view.truth_in_map))),
+    ):
+        turn = rr.Quaternion(xyzw=xyzw_from_matrix(T[:3, :3]))
+        fixed = rr.Transform3D(
+            translation=T[:3, 3], quaternion=turn, parent_frame=parent, child_frame=child
+        )
+        recording.log(name, fixed, static=True)
     _log_robot(recording)
 
 

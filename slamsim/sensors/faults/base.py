@@ -20,9 +20,9 @@ from slamsim.sensors.motion import PoseSamples
 class Fault(Config, ABC):
     """One thing that goes wrong with recordings; a file of ``configs/faults`` is one of these.
 
-    A kind has further fields that say what it changes and how. ``SIZE`` is the name of the one
-    that is its size, None for a fault that is there or not. In a file the size is the clearly
-    harmful one: with it the map or the pose is lost.
+    A kind has further fields that say what it changes and how. The first that is a number is
+    its size (``SIZE`` has its name), unless the kind says ``SIZE = None``: it is there or not. In a
+    file the size is the clearly harmful one: with it the map or the pose is lost.
     """
 
     SIZE: ClassVar[str | None] = None
@@ -43,6 +43,15 @@ class Fault(Config, ABC):
     """The thread, code or study it was met in."""
     sizes: Annotated[tuple[float, ...], Field(strict=False)] = ()
     """Sizes for the curve of sensitivity, in the unit of the size."""
+
+    @classmethod
+    def __pydantic_init_subclass__(cls, **given: object) -> None:
+        super().__pydantic_init_subclass__(**given)
+        if "SIZE" not in cls.__dict__:
+            own = (
+                (name, f) for name, f in cls.model_fields.items() if name not in Fault.model_fields
+            )
+            cls.SIZE = next((name for name, field in own if field.annotation in (int, float)), None)
 
     @abstractmethod
     def edit(self, recording: Recording, rng: np.random.Generator) -> Edit:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import ClassVar, Literal
+from typing import Literal
 
 import numpy as np
 from pydantic import Field
@@ -80,7 +80,6 @@ class RollingScanUntimed(Fault):
 class BeamTimeScale(Fault):
     """The declared time between beams is wrong."""
 
-    SIZE: ClassVar[str | None] = "factor"
     kind: Literal["beam_time_scale"]
     factor: float = Field(gt=0.0, le=100.0)
     """Declared over true."""
@@ -93,7 +92,6 @@ class BeamTimeScale(Fault):
 class ScanStamp(Fault):
     """The stamp is not that of the first beam but of a later instant of the scan."""
 
-    SIZE: ClassVar[str | None] = "share"
     kind: Literal["scan_stamp"]
     share: float = Field(ge=-1.0, le=2.0)
     """Of the scan's duration that has passed at the stamp: 1 is the last beam."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from typing import ClassVar, Literal
+from typing import Literal
 
 import numpy as np
 from pydantic import Field
@@ -17,7 +17,6 @@ from slamsim.sensors.faults.base import Fault
 class UrdfInertia(Fault):
     """A small part is given the inertia that an editor fills in."""
 
-    SIZE: ClassVar[str | None] = "inertia_kg_m2"
     kind: Literal["urdf_inertia"]
     link: str
     """Which part."""
@@ -51,7 +50,6 @@ class UrdfJointType(Fault):
 class UrdfHeight(Fault):
     """A wheel is drawn at the wrong height."""
 
-    SIZE: ClassVar[str | None] = "by_m"
     kind: Literal["urdf_height"]
     link: str
     """Which wheel."""
@@ -84,7 +82,6 @@ class UrdfUnconnected(Fault):
 class UrdfCut(Fault):
     """Only the beginning of the description has arrived."""
 
-    SIZE: ClassVar[str | None] = "share"
     kind: Literal["urdf_cut"]
     share: float = Field(gt=0.0, lt=1.0)
     """Of its characters."""

@@ -28,7 +28,6 @@ _Degrees = Annotated[float, Field(ge=-180.0, le=180.0)]
 class GyroScale(Fault):
     """The gyroscope reads too much or too little; -1 turns the wrong way."""
 
-    SIZE: ClassVar[str | None] = "factor"
     kind: Literal["gyro_scale"]
     factor: float = Field(ge=-1000.0, le=1000.0)
     """Read over true, on all axes."""
@@ -40,7 +39,6 @@ class GyroScale(Fault):
 class GyroBias(Fault):
     """The gyroscope turns while the robot stands."""
 
-    SIZE: ClassVar[str | None] = "bias_rad_s"
     kind: Literal["gyro_bias"]
     bias_rad_s: float = Field(ge=-100.0, le=100.0)
     """On the axis of yaw, on top of what it has."""
@@ -73,7 +71,6 @@ class GravityMissing(Fault):
 class AccelerationScale(Fault):
     """Accelerations are in another unit."""
 
-    SIZE: ClassVar[str | None] = "unit_m_s2"
     kind: Literal["acceleration_unit"]
     unit_m_s2: float = Field(gt=0.0, le=1000.0)
     """What the unit's 1 stands for: 9.80665 are multiples of g."""
@@ -85,7 +82,6 @@ class AccelerationScale(Fault):
 class ImuStuck(Fault):
     """The unit is read faster than it measures: readings come several times."""
 
-    SIZE: ClassVar[str | None] = "times"
     kind: Literal["imu_stuck"]
     times: int = Field(ge=1, le=1_000_000)
     """How often each reading comes; more than there are messages: it never changes."""
@@ -97,7 +93,6 @@ class ImuStuck(Fault):
 class ImuHangs(Fault):
     """One reading is published again and again, for a while at a time."""
 
-    SIZE: ClassVar[str | None] = "hangs_s"
     kind: Literal["imu_hangs"]
     hangs_s: float = Field(gt=0.0, le=1e4)
     """How long each time."""
@@ -120,7 +115,6 @@ class ImuHangs(Fault):
 class ImuNotFinite(Fault):
     """Single readings of the inertial unit are not a number."""
 
-    SIZE: ClassVar[str | None] = "share"
     kind: Literal["imu_not_finite"]
     share: float = Field(gt=0.0, le=1.0)
     """Of the messages."""
@@ -140,7 +134,6 @@ class ImuNotFinite(Fault):
 class ImuSpikes(Fault):
     """Single accelerations are wild: a bad bus."""
 
-    SIZE: ClassVar[str | None] = "share"
     kind: Literal["imu_spikes"]
     share: float = Field(gt=0.0, le=1.0)
     """Of the messages."""
@@ -160,6 +153,7 @@ class ImuSpikes(Fault):
 class GyroAxisDead(Fault):
     """One axis of the gyroscope always says the same."""
 
+    SIZE: ClassVar[str | None] = None
     kind: Literal["gyro_axis_dead"]
     axis: Literal["x", "y", "z"]
     """Which one."""
@@ -178,6 +172,7 @@ class GyroAxisDead(Fault):
 class OrientationInvented(Fault):
     """The unit estimates no orientation, and a constant one is published as if it did."""
 
+    SIZE: ClassVar[str | None] = None
     kind: Literal["orientation_invented"]
     w: float = Field(ge=0.0, le=1.0)
     """Of the quaternion, all else of which is 0: 1 is "not turned", 0 is no rotation at all."""

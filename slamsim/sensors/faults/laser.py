@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import ClassVar, Literal
+from typing import Literal
 
 import numpy as np
 from pydantic import Field
@@ -73,7 +73,6 @@ class LaserMirrored(SensedFault):
 class LaserMount(Fault):
     """The laser is mounted otherwise than its frame says, by a turn about one axis."""
 
-    SIZE: ClassVar[str | None] = "angle_deg"
     kind: Literal["laser_mount_angle"]
     axis: Literal["roll", "pitch", "yaw"]
     """About which axis of the laser."""
@@ -89,7 +88,6 @@ class LaserMount(Fault):
 class LaserPosition(Fault):
     """The laser sits elsewhere than its frame says."""
 
-    SIZE: ClassVar[str | None] = "by_m"
     kind: Literal["laser_mount_position"]
     axis: Literal["x", "y"]
     """Along which axis of the frame that carries it."""
@@ -105,7 +103,6 @@ class LaserPosition(Fault):
 class LaserAngleStep(Fault):
     """The declared angle between beams is wrong, about the middle of the scan."""
 
-    SIZE: ClassVar[str | None] = "relative_error"
     kind: Literal["laser_angle_step"]
     relative_error: float = Field(gt=-0.9, le=10.0)
     """Declared over true, less one."""

@@ -23,6 +23,7 @@ _Turn = Annotated[float, Field(gt=0.0, lt=360.0)]
 class TwoLidarsOneTopic(Fault):
     """The driver of a second lidar, mounted otherwise, publishes on the first one's topic."""
 
+    SIZE: ClassVar[str | None] = None
     kind: Literal["two_lidars_one_topic"]
     yaw_deg: _Turn
     """How the second is turned against the first."""
@@ -37,6 +38,7 @@ class TwoLidarsOneTopic(Fault):
 class TwoLidarsOneFrame(Fault):
     """A second lidar, mounted otherwise, names the frame of the first."""
 
+    SIZE: ClassVar[str | None] = None
     kind: Literal["two_lidars_one_frame"]
     yaw_deg: _Turn
     """How the second is turned against the first."""
@@ -52,6 +54,7 @@ class TwoLidarsOneFrame(Fault):
 class TwoOdometriesOneTopic(Fault):
     """Two nodes publish odometry on one topic, each from where it was started."""
 
+    SIZE: ClassVar[str | None] = None
     kind: Literal["two_odometries_one_topic"]
     apart_m: float = Field(gt=0.0, le=1000.0)
     """How far the origins of the two lie apart."""
@@ -68,7 +71,6 @@ class TwoOdometriesOneTopic(Fault):
 class SecondOdometry(Fault):
     """Another node publishes an odometry of the same body that turns otherwise."""
 
-    SIZE: ClassVar[str | None] = "turn_error"
     kind: Literal["second_odometry"]
     turn_error: float = Field(gt=-1.0, le=10.0)
     """Of its turns, against those of the first."""

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import ClassVar, Literal
+from dataclasses import replace
+from typing import Literal
 
 import numpy as np
 from pydantic import Field
@@ -11,7 +12,14 @@ from slamsim.core.types import Float32Array
 from slamsim.recording import RawScans, Recording
 from slamsim.recording.edits.base import SCANS, Edit, Edits
 from slamsim.recording.edits.beams import ExtendAngleMax, ScaleRangeLimits, SetRangeLimits
-from slamsim.recording.edits.ranges import ChangeRanges, CodeNoReturn, OffsetRanges, ScaleRanges
+from slamsim.recording.edits.messages import ChangeMessages
+from slamsim.recording.edits.ranges import (
+    ChangeRanges,
+    CodeNoReturn,
+    OffsetRanges,
+    ScaleRanges,
+    range_matrix,
+)
 from slamsim.sensors.faults.base import Fault
 
 
@@ -29,7 +37,6 @@ class NoReturn(Fault):
 class RangeUnit(Fault):
     """Ranges are not in metres."""
 
-    SIZE: ClassVar[str | None] = "factor"
     kind: Literal["range_unit"]
     factor: float = Field(gt=0.0, le=1e6)
     """How many of the unit are a metre."""
@@ -46,7 +53,6 @@ class RangeUnit(Fault):
 class RangeOffset(Fault):
     """Every range is too long, or too short, by the same."""
 
-    SIZE: ClassVar[str | None] = "offset_m"
     kind: Literal["range_offset"]
     offset_m: float = Field(ge=-10.0, le=10.0)
     """Read less true."""
@@ -58,7 +64,6 @@ class RangeOffset(Fault):
 class RangeLimits(Fault):
     """The declared limits do not hold what is read."""
 
-    SIZE: ClassVar[str | None] = "range_max_m"
     kind: Literal["range_limits"]
     range_max_m: float = Field(gt=0.0, le=1e4)
     """Declared instead of the right one."""
@@ -70,7 +75,6 @@ class RangeLimits(Fault):
 class BeamsBlind(Fault):
     """Neighbouring beams always see the robot itself, or nothing."""
 
-    SIZE: ClassVar[str | None] = "share"
     kind: Literal["beams_blind"]
     share: float = Field(gt=0.0, lt=1.0)
     """Of the beams, at a quarter of the scan."""
@@ -91,7 +95,6 @@ class BeamsBlind(Fault):
 class ScanStuck(Fault):
     """The last scan comes again and again, for a while at a time."""
 
-    SIZE: ClassVar[str | None] = "stuck_s"
     kind: Literal["scan_stuck"]
     stuck_s: float = Field(gt=0.0, le=1e4)
     """How long each time."""
@@ -114,7 +117,6 @@ class ScanStuck(Fault):
 class Interference(Fault):
     """Another lidar or the sun makes single beams read too little."""
 
-    SIZE: ClassVar[str | None] = "share"
     kind: Literal["interference"]
     share: float = Field(gt=0.0, le=1.0)
     """Of the beams that read anything between the minimum and what is there."""
@@ -130,10 +132,41 @@ class Interference(Fault):
         return ChangeRanges(SCANS, disturbed)
 
 
+class IntensitiesShort(Fault):
+    """Messages hold fewer intensities than ranges."""
+
+    kind: Literal["intensities_short"]
+    share: float = Field(ge=0.01, le=0.99)
+    """Of the beams that have one."""
+
+    def edit(self, recording: Recording, rng: np.random.Generator) -> Edit:
+        def with_some(scans: RawScans) -> RawScans:
+            beams = range_matrix(scans).shape[1]
+            strengths = rng.uniform(100.0, 4000.0, (len(scans), max(round(self.share * beams), 1)))
+            return replace(scans, intensities=strengths.astype(np.float32))
+
+        return ChangeMessages(SCANS, with_some)
+
+
+class ScanTimeWrong(Fault):
+    """The declared time from scan to scan is not that at which they come."""
+
+    kind: Literal["scan_time_wrong"]
+    factor: float = Field(gt=0.0, le=1e6)
+    """Declared over true."""
+
+    def edit(self, recording: Recording, rng: np.random.Generator) -> Edit:
+        def declared(scans: RawScans) -> RawScans:
+            period_s = float(np.median(np.diff(scans.stamps_ns))) * 1e-9 if len(scans) > 1 else 0.0
+            layouts = (replace(one, scan_time_s=self.factor * period_s) for one in scans.layouts)
+            return replace(scans, layouts=tuple(layouts))
+
+        return ChangeMessages(SCANS, declared)
+
+
 class ScanLayoutWrong(Fault):
     """The declared end of the scan does not fit the number of its beams."""
 
-    SIZE: ClassVar[str | None] = "beams"
     kind: Literal["scan_layout"]
     beams: int = Field(ge=-100_000, le=100_000)
     """How many beams more the declared angles would have."""

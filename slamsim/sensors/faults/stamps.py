@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import ClassVar, Literal
+from typing import Literal
 
 import numpy as np
 from pydantic import Field
@@ -39,7 +39,6 @@ class StampsFault(Fault, ABC):
 class TimeOffset(StampsFault):
     """All stamps are late, or early, by the same."""
 
-    SIZE: ClassVar[str | None] = "offset_s"
     kind: Literal["time_offset"]
     offset_s: float = Field(ge=-1e10, le=1e10)
     """Stamp less the right one."""
@@ -51,7 +50,6 @@ class TimeOffset(StampsFault):
 class FramesLate(StampsFault):
     """Messages carry the stamps of later ones: the data have waited in a queue."""
 
-    SIZE: ClassVar[str | None] = "messages"
     kind: Literal["frames_late"]
     messages: int = Field(ge=1, le=1000)
     """By how many periods the stamp is too late."""
@@ -68,7 +66,6 @@ class FramesLate(StampsFault):
 class ClockDrift(StampsFault):
     """The stream's clock runs too fast or too slow."""
 
-    SIZE: ClassVar[str | None] = "drift_ppm"
     kind: Literal["clock_drift"]
     drift_ppm: float = Field(ge=-1e5, le=1e5)
     """Microseconds gained in each second."""
@@ -80,7 +77,6 @@ class ClockDrift(StampsFault):
 class ClockStep(StampsFault):
     """The stream's clock is set halfway through the recording."""
 
-    SIZE: ClassVar[str | None] = "jump_s"
     kind: Literal["clock_step"]
     jump_s: float = Field(ge=-1e4, le=1e4)
     """By how much its stamps are later from then on."""
@@ -98,7 +94,6 @@ class ClockStep(StampsFault):
 class StampsQuantised(StampsFault):
     """Stamps are rounded down to a coarse clock's ticks."""
 
-    SIZE: ClassVar[str | None] = "step_s"
     kind: Literal["stamps_quantised"]
     step_s: float = Field(gt=0.0, le=10.0)
     """From one tick of the clock to the next."""
@@ -118,7 +113,6 @@ class StampsQuantised(StampsFault):
 class StampsJitter(StampsFault):
     """The stamp is that of publishing: later than the measurement by a changing delay."""
 
-    SIZE: ClassVar[str | None] = "delay_s"
     kind: Literal["stamps_jitter"]
     delay_s: float = Field(gt=0.0, le=10.0)
     """Mean of the exponentially distributed delay."""
@@ -138,7 +132,6 @@ class StampsJitter(StampsFault):
 class StampsRepeated(StampsFault):
     """Some messages carry the stamp of the one before."""
 
-    SIZE: ClassVar[str | None] = "share"
     kind: Literal["stamps_repeated"]
     share: float = Field(gt=0.0, le=1.0)
     """Of the messages; evenly spread: 0.5 is every second one."""
@@ -157,7 +150,6 @@ class StampsRepeated(StampsFault):
 class StampsBackward(StampsFault):
     """Single stamps lie before the one that came before."""
 
-    SIZE: ClassVar[str | None] = "share"
     kind: Literal["stamps_backward"]
     share: float = Field(gt=0.0, le=1.0)
     """Of the messages that step back, by one and a half periods."""
@@ -174,7 +166,6 @@ class StampsBackward(StampsFault):
 class StampsInvented(StampsFault):
     """A converter has numbered the messages that it had at a constant rate, lost ones forgotten."""
 
-    SIZE: ClassVar[str | None] = "lost_share"
     kind: Literal["stamps_invented"]
     lost_share: float = Field(ge=0.0, lt=1.0)
     """Of the messages that were lost before, in runs of ten."""
@@ -194,7 +185,6 @@ class StampsInvented(StampsFault):
 class StreamGaps(StampsFault):
     """Messages are missing, for a while at a time."""
 
-    SIZE: ClassVar[str | None] = "gap_s"
     kind: Literal["stream_gaps"]
     gap_s: float = Field(gt=0.0, le=1000.0)
     """Length of each gap."""
@@ -214,7 +204,6 @@ class StreamGaps(StampsFault):
 class ReceivedOtherwise(StampsFault):
     """Messages are received long after their stamp, or before it."""
 
-    SIZE: ClassVar[str | None] = "by_s"
     kind: Literal["received_otherwise"]
     by_s: float = Field(ge=-1e4, le=1e4)
     """By how much later they are received."""

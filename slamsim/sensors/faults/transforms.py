@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import ClassVar, Literal
+from typing import Literal
 
 import numpy as np
 from pydantic import Field
@@ -84,7 +84,6 @@ class FrameUnknown(Fault):
 class StaticChanges(Fault):
     """The fixed transform of the laser is published anew with another position during the drive."""
 
-    SIZE: ClassVar[str | None] = "by_m"
     kind: Literal["static_changes"]
     by_m: float = Field(ge=-10.0, le=10.0)
     """By how much further the sensor is said to sit from then on."""
@@ -124,7 +123,6 @@ class StaticNotRigid(Fault):
 class TransformLate(Fault):
     """The moving transform is missing for a while at the begin, the middle and the end."""
 
-    SIZE: ClassVar[str | None] = "missing_s"
     kind: Literal["transform_uncovered"]
     missing_s: float = Field(gt=0.0, le=1e4)
     """How long each time."""
@@ -143,7 +141,6 @@ class TransformLate(Fault):
 class TransformContradicts(Fault):
     """The moving transform shows other distances than the odometry's messages."""
 
-    SIZE: ClassVar[str | None] = "relative_error"
     kind: Literal["transform_contradicts"]
     relative_error: float = Field(gt=-1.0, le=10.0)
     """Of distances and turns in the transform, against those in the messages."""
@@ -170,7 +167,6 @@ class TransformInverted(Fault):
 class TransformShifted(Fault):
     """The moving transform alone is stamped too late; the odometry's messages are not."""
 
-    SIZE: ClassVar[str | None] = "offset_s"
     kind: Literal["transform_shifted"]
     offset_s: float = Field(ge=-10.0, le=10.0)
     """Stamp less the right one."""

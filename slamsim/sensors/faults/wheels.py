@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import ClassVar, Literal, TypeVar
+from typing import Literal, TypeVar
 
 import numpy as np
 from pydantic import Field
@@ -24,7 +24,6 @@ Moving = TypeVar("Moving", RawOdometry, TransformEdge)
 class WheelRadius(Fault):
     """The driver believes in another wheel radius."""
 
-    SIZE: ClassVar[str | None] = "relative_error"
     kind: Literal["wheel_radius"]
     relative_error: float = Field(gt=-0.9, le=10.0)
     """Believed over true, less one."""
@@ -37,7 +36,6 @@ class WheelRadius(Fault):
 class WheelUnit(Fault):
     """Lengths by the wheels are not in metres."""
 
-    SIZE: ClassVar[str | None] = "factor"
     kind: Literal["wheel_unit"]
     factor: float = Field(gt=0.0, le=1e6)
     """How many of the unit are a metre."""
@@ -55,7 +53,6 @@ class WheelUnit(Fault):
 class WheelTrack(Fault):
     """The driver believes in another distance between the wheels."""
 
-    SIZE: ClassVar[str | None] = "relative_error"
     kind: Literal["wheel_track"]
     relative_error: float = Field(gt=-0.9, le=10.0)
     """Believed over true, less one."""
@@ -99,7 +96,6 @@ class WheelsSwapped(Fault):
 class TicksWrap(Fault):
     """The counters overflow."""
 
-    SIZE: ClassVar[str | None] = "bits"
     kind: Literal["ticks_wrap"]
     bits: int = Field(ge=4, le=62)
     """Width of the counters; they are signed."""
@@ -111,7 +107,6 @@ class TicksWrap(Fault):
 class WheelSlip(Fault):
     """The wheels turn further than the robot moves, for a while at a time."""
 
-    SIZE: ClassVar[str | None] = "share"
     kind: Literal["wheel_slip"]
     share: float = Field(gt=0.0, le=10.0)
     """Of the path, that the wheels turn in addition."""
@@ -132,7 +127,6 @@ class WheelSlip(Fault):
 class OdometryContradicts(Fault):
     """The published odometry shows other distances than the counters."""
 
-    SIZE: ClassVar[str | None] = "relative_error"
     kind: Literal["odometry_contradicts"]
     relative_error: float = Field(gt=-1.0, le=10.0)
     """Of distances and turns, against those that the counters give."""
@@ -146,7 +140,6 @@ class OdometryContradicts(Fault):
 class OdometryJump(Fault):
     """The odometry makes a step, as when a filter is reset."""
 
-    SIZE: ClassVar[str | None] = "jump_m"
     kind: Literal["odometry_jump"]
     jump_m: float = Field(ge=-1000.0, le=1000.0)
     """Length of the step, along x, halfway through the recording."""
@@ -163,7 +156,6 @@ class OdometryJump(Fault):
 class OdometryFrozen(Fault):
     """Counters and odometry stand still while the robot moves on, and do not catch up."""
 
-    SIZE: ClassVar[str | None] = "frozen_s"
     kind: Literal["odometry_frozen"]
     frozen_s: float = Field(gt=0.0, le=1e4)
     """How long each time."""
@@ -181,7 +173,6 @@ class OdometryFrozen(Fault):
 class TicksFrozen(Fault):
     """Only the counters stand still for a while, and do not catch up; the odometry goes on."""
 
-    SIZE: ClassVar[str | None] = "frozen_s"
     kind: Literal["ticks_frozen"]
     frozen_s: float = Field(gt=0.0, le=1e4)
     """How long each time."""
@@ -243,7 +234,6 @@ class TwistWrong(Fault):
 class OdometryNotFinite(Fault):
     """Single poses of the odometry are not a number."""
 
-    SIZE: ClassVar[str | None] = "share"
     kind: Literal["odometry_not_finite"]
     share: float = Field(gt=0.0, le=1.0)
     """Of the messages."""
@@ -263,7 +253,6 @@ class OdometryNotFinite(Fault):
 class OdometryQuaternion(Fault):
     """The odometry's quaternions are not of unit length; of length 0: never filled in."""
 
-    SIZE: ClassVar[str | None] = "length"
     kind: Literal["odometry_quaternion"]
     length: float = Field(ge=0.0, le=1e6)
     """Of all of them."""

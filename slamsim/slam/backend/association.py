@@ -7,9 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.sparse import csr_matrix, triu
-from scipy.sparse.csgraph import connected_components, dijkstra
+from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 
+from slamsim.core.components import components
 from slamsim.core.jit import kernel
 from slamsim.core.result import GraphEdge
 from slamsim.core.types import BoolArray, Float32Array, FloatArray, IntArray
@@ -96,8 +97,7 @@ def _across_cells(found: FloatArray, gate_m: float) -> IntArray:
     a, b = cKDTree(middle).query_pairs(BESIDE_M, output_type="ndarray").T
     off = np.abs(((middle[a] - middle[b]) * normal[a]).sum(axis=1))
     one = ((normal[a] * normal[b]).sum(axis=1) > MERGE_COS) & (off < gate_m)
-    joined = csr_matrix((np.ones(one.sum()), (a[one], b[one])), shape=(len(found), len(found)))
-    return np.asarray(connected_components(joined, directed=False)[1], dtype=np.int64)
+    return components(np.column_stack([a[one], b[one]]), len(found))
 
 
 def _parted(view: IntArray, surface: IntArray, edges: Sequence[GraphEdge]) -> BoolArray:

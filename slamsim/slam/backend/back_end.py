@@ -165,7 +165,7 @@ class BackEnd:
         with self._stage("solve"):
             self._solution.solve()
         self._close_what_is_open(progress)
-        if self._held and self._place_whole_parts():
+        if self._place_whole_parts():
             self._close_what_is_open(progress)
         with self._stage("join"):
             self._settle()
@@ -270,13 +270,22 @@ class BackEnd:
         self._search.give_up_waiting()
 
     def _place_whole_parts(self) -> bool:
-        """Put each part of the drive where all of it fits best in the map; whether any moved."""
+        """Put each part of the drive where all of it fits best in the map; whether any moved.
+
+        The map is the one that was finished before, or what was seen before the robot was carried
+        for the first time; what nothing joins to that may lie on new ground, and stays apart.
+        """
         moved: list[IntArray] = []
+        unknown = self._solution.parts.carried_to
+        self._lose_odometry(unknown)
+        held = self._held or min(unknown, default=0)
+        if not held:
+            return False
         with self._stage("whole parts"):
             submaps = self._cutter.submaps
             poses, keyframes = self._solution.poses.copy(), self.keyframes
-            whole = WholeParts(self._config, keyframes, submaps, poses, self._held)
-            moved, carried_to = whole.settle(self._solution)
+            whole = WholeParts(self._config, keyframes, submaps, poses, held)
+            moved, carried_to = whole.settle(self._solution, only_joined=not self._held)
             for begin in carried_to:
                 first = keyframes[begin]
                 since_ns = first.doubt_ns or first.stamp_ns
@@ -317,11 +326,16 @@ class BackEnd:
                 self._solution.loosen(begin)
             else:
                 parts.withdraw(begin)
-        for keyframe in self.keyframes:
-            if keyframe.suspect and keyframe.index not in parts.withdrawn:
-                self._cutter.keyframes[keyframe.index] = replace(keyframe, restart=ELSEWHERE)
+        self._lose_odometry(parts.carried_to)
         if confirmed:
             self._solution.solve()
+
+    def _lose_odometry(self, carried_to: Iterable[int]) -> None:
+        """Nothing tells where these key frames are, seen from the ones before."""
+        for number in carried_to:
+            keyframe = self.keyframes[number]
+            if keyframe.suspect:
+                self._cutter.keyframes[number] = replace(keyframe, restart=ELSEWHERE)
 
     def _calibrate(self) -> None:
         """Calibrate the odometry by all key frames; what only odometry held moves with it."""

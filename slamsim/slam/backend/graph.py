@@ -13,6 +13,7 @@ from itertools import compress
 
 import gtsam
 import numpy as np
+from scipy.cluster.hierarchy import DisjointSet
 
 from slamsim.config.back_end import GraphConfig
 from slamsim.core.geometry import between, rotation, wrap_angle
@@ -20,7 +21,6 @@ from slamsim.core.result import GraphEdge
 from slamsim.core.types import BoolArray, FloatArray
 from slamsim.guard.errors import SlamsimError
 from slamsim.guard.numbers import is_sound
-from slamsim.slam.backend.joined import Joined
 
 _Factor = gtsam.BetweenFactorPose2
 
@@ -56,7 +56,7 @@ class PoseGraphSolver:
         self.edges: list[GraphEdge] = []
         """All edges so far, in the order they came."""
         self._factors: list[_Factor] = []  # closures as ones that may be doubted
-        self._joined = Joined()
+        self._joined = DisjointSet([0])
         self._held: FloatArray | None = None
         self._isam: gtsam.ISAM2 | None = None
         self._entered_edges = self._entered_poses = 0
@@ -69,7 +69,9 @@ class PoseGraphSolver:
         """One more measurement. Raises GraphUnsound if it is none."""
         check_edges([edge])
         self.edges.append(edge)
-        self._joined.join(edge.source, edge.target)
+        for number in range(len(self._joined), max(edge.source, edge.target) + 1):
+            self._joined.add(number)
+        self._joined.merge(edge.source, edge.target)
         self._factors.append(self._factor(edge))
 
     def renew(self, edges: Sequence[GraphEdge]) -> None:
@@ -249,14 +251,14 @@ def check_edges(edges: Sequence[GraphEdge]) -> None:
             )
 
 
-def check_joined(poses: FloatArray, joined: Joined) -> None:
+def check_joined(poses: FloatArray, joined: DisjointSet[int]) -> None:
     """Raise GraphUnsound unless the poses are finite and all joined to the first."""
     count = len(poses)
     if count == 0 or not is_sound(poses).all():
         raise GraphUnsound(f"not all of the {count} poses of the graph are finite, or they are far")
     if len(joined) > count:
         raise GraphUnsound(f"an edge leads beyond the {count} poses of the graph")
-    loose = count - joined.with_first()
+    loose = count - joined.subset_size(0)
     if loose:
         raise GraphUnsound(f"{loose} of {count} poses of the graph are not joined to the first")
 

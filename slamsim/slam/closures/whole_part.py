@@ -1,4 +1,6 @@
-"""Where a part of the map lies in a finished one, by all that was ever seen from it.
+"""Where a part of the map lies in another by all that was ever seen from it.
+
+The other map was finished before, or made before the robot was carried.
 
 A few scans of a building whose rooms look alike fit in several of them, and fit best in a wrong one
 if they were taken where nobody has mapped. All that was seen from a part says more, and only in the
@@ -12,11 +14,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from slamsim.config.back_end import BackEndConfig
+from slamsim.core.components import components
 from slamsim.core.geometry import between, compose, inverse, transform_points
 from slamsim.core.result import GraphEdge
 from slamsim.core.types import FloatArray, IntArray
@@ -45,7 +46,7 @@ MOST_PLACES = 24
 
 
 class WholeParts:
-    """The parts of a drive in a map of key frames that are held fixed, the first ``held``."""
+    """The parts of a drive in a map, that of the first ``held`` key frames."""
 
     def __init__(
         self,
@@ -61,12 +62,15 @@ class WholeParts:
         self._everywhere = Everywhere(surface_points(submaps, poses), config)
         self._map = _seen(keyframes[:held], poses[:held], self._resolution_m)
 
-    def settle(self, solution: Solution) -> tuple[list[IntArray], list[int]]:
+    def settle(
+        self, solution: Solution, *, only_joined: bool = False
+    ) -> tuple[list[IntArray], list[int]]:
         """Put each part where it fits best; the key frames of those that do not stay, and those
         before which the robot was carried as it turned out.
 
         What was joined to the map by its looks and fits in several places is joined no longer. What
         follows on by odometry stays where that has it, unless it fits in another place alone.
+        only_joined: parts that no closure joins to the map are left as they are.
         """
         moved, carried = [], []
         every = self._parts(solution)
@@ -74,6 +78,8 @@ class WholeParts:
             poses, begins = solution.poses.copy(), _begins(members)
             followed = [k for k in begins if not self._keyframes[k].kidnapped]
             joined = solution.parts.of(begins[0]) == solution.parts.of(0)
+            if only_joined and not (joined and solution.crossing(members)):
+                continue
             likely = self._likely(members, poses, joined)
             here = [T for T in likely if self._is_here(T, poses[members])]
             if len(likely) > 1 and followed:
@@ -147,8 +153,7 @@ class WholeParts:
         ends += [(e.source, e.target) for e in solution.closures if e.weight > 0.0]
         pairs = np.array(ends, dtype=np.int64).reshape(-1, 2) - self._held
         pairs = pairs[(pairs >= 0).all(axis=1)]
-        graph = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(count, count))
-        part = connected_components(graph, directed=False)[1]
+        part = components(pairs, count)
         return [np.flatnonzero(part == one) + self._held for one in np.unique(part).tolist()]
 
     def _is_here(self, T_best: FloatArray, poses: FloatArray) -> bool:

@@ -31,6 +31,11 @@ class Parts:
         self._parent.append(len(self._parent))
         (self._open if linked else self._unknown).append(keyframe)
 
+    @property
+    def carried_to(self) -> tuple[int, ...]:
+        """The first key frames of the runs of which nothing tells where they began."""
+        return tuple(self._unknown)
+
     def begun(self, keyframe: int) -> int:
         """The first key frame of the run to which one belongs."""
         return self._begins[bisect_right(self._begins, keyframe) - 1]

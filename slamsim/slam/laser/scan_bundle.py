@@ -256,7 +256,17 @@ def _made_up(
 
 
 def _believable(information: FloatArray, made_up: FloatArray) -> FloatArray:
-    """The covariance (d, d) that is left when made-up information is taken away."""
+    """The covariance (d, d) that is left when made-up information is taken away. Eigenvectors, for
+    which BLAS keeps all processors busy, are needed only where hardly anything is left."""
+    try:
+        np.linalg.cholesky((1.0 - LEAST_LEFT) * information - MADE_UP_TIMES * made_up)
+    except np.linalg.LinAlgError:
+        return _spectrally_believable(information, made_up)
+    return np.asarray(np.linalg.inv(information - MADE_UP_TIMES * made_up))
+
+
+def _spectrally_believable(information: FloatArray, made_up: FloatArray) -> FloatArray:
+    """The same, with ``LEAST_LEFT`` in directions of which nearly all is made up."""
     root = np.linalg.inv(np.linalg.cholesky(information))
     shares, axes = np.linalg.eigh(root @ made_up @ root.T)
     left = np.maximum(1.0 - MADE_UP_TIMES * shares, LEAST_LEFT)

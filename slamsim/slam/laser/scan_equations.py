@@ -31,43 +31,59 @@ def moved_points(
     middle beam, and (k,) the scan. motion: (n, 2, 3) as in ``scan_sweep.moved_pieces``.
     """
     shares, angles, views = seen
-    sweep_s, scale, offset = shape
     points, change = np.empty_like(raw), np.empty((raw.shape[0], 2, UNKNOWNS, 2))
     for k in range(raw.shape[0]):
-        view = views[k]
-        px, py, pyaw = poses[view]
-        pose_cos, pose_sin = np.cos(pyaw), np.sin(pyaw)
-        first, second = motion[view, 0], motion[view, 1]
+        px, py, yaw = poses[views[k]]
+        cos, sin = np.cos(yaw), np.sin(yaw)
         for end in range(2):
-            x, y = raw[k, end]
-            reach = max(np.hypot(x, y), 1e-6)
-            turned = (scale - 1.0) * angles[k, end]
-            cos, sin = np.cos(turned), np.sin(turned)
-            shorter = 1.0 - offset / reach
-            x, y = shorter * (cos * x - sin * y), shorter * (sin * x + cos * y)
-            ux, uy = x / (reach * shorter), y / (reach * shorter)
-            after = shares[k, end] * sweep_s
-            yaw = after * (first[2] + after * second[2])
-            cos, sin = np.cos(yaw), np.sin(yaw)
-            rx, ry = cos * x - sin * y, sin * x + cos * y
-            qx = rx + after * (first[0] + after * second[0])
-            qy = ry + after * (first[1] + after * second[1])
-            rate = first[2] + 2.0 * after * second[2]
             local = change[k, end]
-            local[0, 0], local[0, 1] = 1.0, 0.0
-            local[1, 0], local[1, 1] = 0.0, 1.0
-            local[2, 0], local[2, 1] = -qy, qx
-            local[3, 0] = shares[k, end] * (first[0] + 2.0 * after * second[0] - rate * ry)
-            local[3, 1] = shares[k, end] * (first[1] + 2.0 * after * second[1] + rate * rx)
-            local[4, 0], local[4, 1] = -angles[k, end] * ry, angles[k, end] * rx
-            local[5, 0], local[5, 1] = -(cos * ux - sin * uy), -(sin * ux + cos * uy)
+            beam = (shares[k, end], angles[k, end])
+            x, y = _deskewed(raw[k, end], beam, motion[views[k]], shape, local)
+            points[k, end, 0] = px + cos * x - sin * y
+            points[k, end, 1] = py + sin * x + cos * y
             for u in range(UNKNOWNS):
                 dx, dy = local[u, 0], local[u, 1]
-                local[u, 0] = pose_cos * dx - pose_sin * dy
-                local[u, 1] = pose_sin * dx + pose_cos * dy
-            points[k, end, 0] = px + pose_cos * qx - pose_sin * qy
-            points[k, end, 1] = py + pose_sin * qx + pose_cos * qy
+                local[u, 0] = cos * dx - sin * dy
+                local[u, 1] = sin * dx + cos * dy
     return points, change
+
+
+@kernel
+def _deskewed(
+    raw: FloatArray,
+    beam: tuple[float, float],
+    motion: FloatArray,
+    shape: tuple[float, float, float],
+    change: FloatArray,
+) -> tuple[float, float]:
+    """A point in the frame of its pose; change: (UNKNOWNS, 2) of it there, which is written.
+
+    beam: share of the sweep, and angle, from the middle beam. motion: (2, 3).
+    """
+    (share, angle), (sweep_s, scale, offset) = beam, shape
+    first, second = motion[0], motion[1]
+    x, y = raw
+    reach = max(np.hypot(x, y), 1e-6)
+    turned = (scale - 1.0) * angle
+    cos, sin = np.cos(turned), np.sin(turned)
+    shorter = 1.0 - offset / reach
+    x, y = shorter * (cos * x - sin * y), shorter * (sin * x + cos * y)
+    ux, uy = x / (reach * shorter), y / (reach * shorter)
+    after = share * sweep_s
+    yaw = after * (first[2] + after * second[2])
+    cos, sin = np.cos(yaw), np.sin(yaw)
+    rx, ry = cos * x - sin * y, sin * x + cos * y
+    qx = rx + after * (first[0] + after * second[0])
+    qy = ry + after * (first[1] + after * second[1])
+    rate = first[2] + 2.0 * after * second[2]
+    change[0, 0], change[0, 1] = 1.0, 0.0
+    change[1, 0], change[1, 1] = 0.0, 1.0
+    change[2, 0], change[2, 1] = -qy, qx
+    change[3, 0] = share * (first[0] + 2.0 * after * second[0] - rate * ry)
+    change[3, 1] = share * (first[1] + 2.0 * after * second[1] + rate * rx)
+    change[4, 0], change[4, 1] = -angle * ry, angle * rx
+    change[5, 0], change[5, 1] = -(cos * ux - sin * uy), -(sin * ux + cos * uy)
+    return qx, qy
 
 
 def window_system(

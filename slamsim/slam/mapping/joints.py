@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Container, Iterator, Sequence
 
 import numpy as np
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
+from slamsim.core.components import components
 from slamsim.core.geometry import adjoint, between
 from slamsim.core.result import Event, GraphEdge, MapGraph
 from slamsim.core.types import BoolArray, FloatArray, IntArray
@@ -17,15 +16,26 @@ CELL_M, SURE_SIGMAS = 0.05, 2.0
 """A stretch of path that no loop checks is told from where on the position may, with 95 %, be off
 by more than a cell of the map: its walls are then drawn beside where they are."""
 
+HELD_M = 0.2
+"""A closure that is less sure of a direction does not check it. The loosest that hold both
+directions, found in a search of the whole map, are sure to 0.15 m; along what a corridor leaves
+free they are sure to 1 m at best."""
+
+DIRECTIONS, APART_RAD = 18, np.deg2rad(15.0)
+"""Directions of the plane that loops must check one by one, and how far from the one that it leaves
+free a closure holds. Where many closures of one corridor slid, what they leave free differs by
+some degrees: added up, their information would seem to hold it to decimetres."""
+
 
 def open_loops(graph: MapGraph, held: int = 0) -> Iterator[Event]:
-    """Stretches of path that are part of no loop and along which the position has become unsure: a
-    wheel that slipped, or a robot that was carried, in a corridor without marks would not show.
+    """Stretches of path that no loop checks in some direction, and along which the position has
+    become unsure: wheels that slipped, or a robot that was carried, along a corridor without marks
+    would not show, for closures slide along it.
 
     held: so many key frames are a map that was finished before.
     """
     stamps_ns, poses = graph.keyframes.stamps_ns, graph.keyframes.poses
-    checked = _checked(graph.edges, len(poses))
+    checked = _checked(graph.edges, poses)
     checked[:held] = True
     turns = np.flatnonzero(np.diff(np.concatenate([[True], checked, [True]]).astype(np.int8)))
     for begin, end in zip(turns[::2].tolist(), turns[1::2].tolist(), strict=True):
@@ -42,18 +52,28 @@ def open_loops(graph: MapGraph, held: int = 0) -> Iterator[Event]:
             yield Event(int(stamps_ns[first]), int(stamps_ns[end - 1]), "open loop", words)
 
 
-def _checked(edges: Sequence[GraphEdge], count: int) -> BoolArray:
-    """(n,) of each key frame whether the edge that leads to it needs no other check: a loop goes
-    over it, or it is one of odometry alone, of which is told anyway."""
-    loops = np.zeros(count + 1, dtype=np.int64)
-    other = np.ones(count, dtype=np.bool_)
+def _checked(edges: Sequence[GraphEdge], poses: FloatArray) -> BoolArray:
+    """(n,) of each key frame whether the edge that leads to it needs no other check: loops that
+    hold every direction go over it, or it is one of odometry alone, of which is told anyway."""
+    loops = np.zeros((len(poses) + 1, DIRECTIONS), dtype=np.int64)
+    other = np.ones(len(poses), dtype=np.bool_)
     for edge in edges:
         if edge.kind == "match":
             other[edge.target] = False
         elif edge.kind == "closure" and edge.weight > 0.0:
-            loops[min(edge.source, edge.target) + 1] += 1
-            loops[max(edge.source, edge.target) + 1] -= 1
-    return np.asarray(other | (np.cumsum(loops)[:count] > 0))
+            held = _held_directions(edge, poses[edge.source, 2])
+            loops[min(edge.source, edge.target) + 1] += held
+            loops[max(edge.source, edge.target) + 1] -= held
+    return np.asarray(other | (np.cumsum(loops, axis=0)[:-1] > 0).all(axis=1))
+
+
+def _held_directions(edge: GraphEdge, yaw_rad: float) -> BoolArray:
+    """(DIRECTIONS,) of the map in which a closure tells where its target is."""
+    variances, axes = np.linalg.eigh(edge.covariance[:2, :2])
+    free_rad = yaw_rad + np.arctan2(axes[1, 1], axes[0, 1])
+    off_rad = np.arange(DIRECTIONS) * np.pi / DIRECTIONS - free_rad
+    apart = np.abs(np.cos(off_rad)) < np.cos(APART_RAD)
+    return np.asarray(apart | (variances[1] <= HELD_M**2))
 
 
 def _grown_m(poses: FloatArray, covariances: FloatArray, begin: int, end: int) -> FloatArray:
@@ -74,8 +94,7 @@ def doubtful_joints(graph: MapGraph, drives: Container[int]) -> Iterator[Event]:
     count = len(graph.keyframes)
     firm = [e for e in graph.edges if e.kind != "odometry" and e.weight > 0.0]
     ends = np.array([(e.source, e.target) for e in firm], dtype=np.int64).reshape(-1, 2)
-    joined = coo_matrix((np.ones(len(ends)), (ends[:, 0], ends[:, 1])), shape=(count, count))
-    part = connected_components(joined, directed=False)[1]
+    part = components(ends, count)
     stamps_ns, poses = graph.keyframes.stamps_ns, graph.keyframes.poses
     breaks = [edge for edge in graph.edges if edge.kind == "odometry"]
     ends_at = [*(e.target for e in breaks if _elsewhere(e)), count]

@@ -13,7 +13,13 @@ from kiss_icp.voxelization import voxel_down_sample
 from scipy.spatial import cKDTree
 
 from slamsim.config.slam import FrontEndConfig
-from slamsim.core.geometry import between, compose, transform_points
+from slamsim.core.geometry import (
+    between,
+    compose,
+    se2_from_se3,
+    se3_from_se2,
+    transform_points,
+)
 from slamsim.core.types import Cloud, FloatArray
 from slamsim.slam.matching.align import typical_range
 from slamsim.slam.matching.base import Match
@@ -76,11 +82,11 @@ class KissMatcher:
         T = self._registration.align_points_to_map(
             points=points,
             voxel_map=self._voxels,
-            initial_guess=_spatial(T_map_base_guess),
+            initial_guess=se3_from_se2(T_map_base_guess),
             max_correspondance_distance=3.0 * kernel_m,
             kernel=kernel_m,
         )
-        T_map_base = np.array([T[0, 3], T[1, 3], np.arctan2(T[1, 0], T[0, 0])])
+        T_map_base = se2_from_se3(T)
         return self._judge(points[:, :2], pieces, T_map_base_guess, T_map_base)
 
     def search(
@@ -106,7 +112,7 @@ class KissMatcher:
         points = self._thin(cloud, 0.5 * VOXEL_M)
         if len(points) == 0:
             return
-        self._voxels.update(points, _spatial(T_map_base))
+        self._voxels.update(points, se3_from_se2(T_map_base))
         self._tree = cKDTree(self._voxels.point_cloud()[:, :2])
 
     def forget(self) -> None:
@@ -165,12 +171,3 @@ def _hold(pieces: FloatArray, weak_share: float) -> tuple[FloatArray, FloatArray
     keep = np.eye(3) - weak @ weak.T
     information = scale[:, None] * (keep @ held @ keep) * scale
     return information, np.ascontiguousarray((weak / scale[:, None]).T)
-
-
-def _spatial(T_a_b: FloatArray) -> FloatArray:
-    """(4, 4) of a planar transform."""
-    cos, sin = np.cos(T_a_b[2]), np.sin(T_a_b[2])
-    T = np.eye(4)
-    T[:2, :2] = [[cos, -sin], [sin, cos]]
-    T[:2, 3] = T_a_b[:2]
-    return T

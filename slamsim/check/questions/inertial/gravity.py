@@ -150,7 +150,7 @@ def _gravity(imu: RawImu, acceleration: FloatArray) -> Finding:
 
 def _unit_of(length: float) -> str | None:
     """The unit in which that length is gravity's."""
-    off = {unit: abs(np.log(length * factor / GRAVITY_M_S2)) for unit, factor in UNITS_M_S2.items()}
+    off = {unit: abs(length * factor / GRAVITY_M_S2 - 1.0) for unit, factor in UNITS_M_S2.items()}
     nearest = min(off, key=off.__getitem__)
     return nearest if off[nearest] < _SAME_UNIT else None
 

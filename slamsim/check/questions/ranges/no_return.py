@@ -11,11 +11,15 @@ from slamsim.check.question import FaultKind, Question, judge
 from slamsim.check.scan_sample import ScanSample, positive
 from slamsim.recording.cleaning.no_return import find_limit
 from slamsim.recording.repairs.base import Repair
+from slamsim.recording.repairs.isolated import isolated_returns
 
 MAX_ZERO_SHARE = 1e-4
 MIN_COUNT = 20
 """Fewer readings than this are accidents."""
 
+
+MOSTLY_ONE = 0.5
+"""Of the readings that stand alone, which are one and the same value."""
 
 ZERO = FaultKind("range_zero_no_return", "zero stands for no return")
 MAXIMUM = FaultKind("range_max_no_return", "a range within the limits stands for no return")
@@ -65,9 +69,20 @@ def check_no_return(topic: str, sample: ScanSample, maximum_is_usual: bool) -> F
 def _code_for_nothing(sample: ScanSample) -> tuple[float, int] | None:
     """(value, count) of a largest reading that surfaces would not repeat as often."""
     codes = find_limit(sample.ranges_m, sample.layout.angle_step_rad, np.inf).codes
-    value = codes[0].highest_m if codes else np.inf
+    value = codes[0].highest_m if codes else _repeated_alone(sample)
     count = int((sample.ranges_m == np.float32(value)).sum())
     return (value, count) if value <= sample.layout.range_max_m and count >= MIN_COUNT else None
+
+
+def _repeated_alone(sample: ScanSample) -> float:
+    """The largest of the readings that stand alone between their neighbours, if most of these are
+    exactly that; ``inf`` otherwise. Stray readings of sunlight or another lidar all differ."""
+    if sample.layout.angle_step_rad == 0.0 or sample.ranges_m.shape[1] < 3:
+        return np.inf
+    alone = isolated_returns(sample.ranges_m, sample.following_m, sample.layout.angle_step_rad)[1]
+    values, counts = np.unique(sample.ranges_m[alone], return_counts=True)
+    most = counts.size > 0 and counts[-1] > MOSTLY_ONE * counts.sum()
+    return float(values[-1]) if most else np.inf
 
 
 def _histogram(topic: str, sample: ScanSample) -> Plot:

@@ -43,12 +43,24 @@ BEAMS = Question(
     consequence="there is nothing to map",
     excitation_wanted="a scan with one beam or more",
 )
+SCAN_LAYOUT = FaultKind(
+    "scan_layout", "what the scan declares of its beams does not fit its readings"
+)
 LAYOUT = Question(
     "ranges.layout",
     "the declared angles fit the number of beams",
-    (FaultKind("scan_layout", "what the scan declares of its beams does not fit its readings"),),
+    (SCAN_LAYOUT,),
     consequence="consumers that use angle_max turn or stretch the scan, or refuse it",
     repairs=("set_angle_max",),
+)
+INTENSITIES = Question(
+    "ranges.intensities",
+    "scans hold an intensity for each range, or none",
+    (SCAN_LAYOUT,),
+    limit=0.0,
+    unit="scans",
+    consequence="consumers read beyond the end of the shorter list, or refuse the scan",
+    limit_of_ok=False,
 )
 LIMITS = Question(
     "ranges.limits",
@@ -68,7 +80,7 @@ def check_ranges(evidence: RecordingEvidence) -> list[Finding]:
     recording = evidence.recording
     findings: list[Finding] = []
     for scans in recording.scans:
-        findings += _layouts(scans)
+        findings += [*_layouts(scans), *_intensities(scans)]
         sample = sample_scans(scans)
         if sample is None:
             findings.append(unanswered(BEAMS, scans.topic, "no scan holds a single beam"))
@@ -93,7 +105,7 @@ def check_ranges(evidence: RecordingEvidence) -> list[Finding]:
 GROUP = QuestionGroup(
     "ranges",
     40,
-    (BEAMS, LAYOUT, UNIT, LIMITS, NO_RETURN, STUCK, CONSTANT, DEAD, ISOLATED),
+    (BEAMS, LAYOUT, INTENSITIES, UNIT, LIMITS, NO_RETURN, STUCK, CONSTANT, DEAD, ISOLATED),
     check_ranges,
 )
 
@@ -116,6 +128,22 @@ def _layouts(scans: RawScans) -> Iterator[Finding]:
             repairs=(Repair("set_angle_max", scans.topic),),
         )
         return
+
+
+def _intensities(scans: RawScans) -> Iterator[Finding]:
+    """Scans whose intensities are not as many as their ranges."""
+    others, strengths = scans.other_intensities, scans.intensities
+    if strengths is not None:
+        sizes = zip(strengths, scans.ranges_m, strict=True)
+        others += sum(one.size not in (0, ranges.size) for one, ranges in sizes)
+    if others:
+        yield judge(
+            INTENSITIES,
+            scans.topic,
+            f"{others} of {len(scans)} scans hold another number of intensities than of ranges",
+            Measurement(float(others), 0.0, "scans"),
+            advice="Publish one intensity for each range, or an empty list.",
+        )
 
 
 def _limits(topic: str, sample: ScanSample) -> Finding:

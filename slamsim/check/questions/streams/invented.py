@@ -17,8 +17,10 @@ from slamsim.check.questions.streams.series import StampSeries
 from slamsim.core.types import FloatArray
 
 MIN_MESSAGES = 100
-EXACT_NS = 1.0
-"""Rounding to whole nanoseconds leaves no more; every clock that is read does."""
+EXACT_NS = 256.0
+"""What double precision leaves of nanoseconds since 1970; every clock that is read is off by more.
+"""
+SAME_PERIOD_NS = 1.0
 ROUND_NS, ROUND_HZ = 1_000, 0.1
 """Periods of whole microseconds and rates of whole tenths of a hertz are those of a simulator, or
 of a sensor that is triggered by a timer: such stamps are right though they are counted."""
@@ -49,7 +51,7 @@ def check_invented(series: list[StampSeries]) -> Iterator[Finding]:
             one.subject,
             {
                 "ok": "the stamps are not known to be counted",
-                "fault": f"stamps are spaced by {1e-6 * period_ns:.6f} ms to the nanosecond, and "
+                "fault": f"stamps are spaced by {1e-6 * period_ns:.6f} ms to the microsecond, and "
                 f"received at that very instant; {how}",
             },
             Measurement(off_ns, 0.0, "ns"),
@@ -70,4 +72,4 @@ def _is_round(period_ns: float) -> bool:
     rate_hz = 1e9 / max(period_ns, 1.0)
     nearest_ns = 1e9 / max(round(rate_hz / ROUND_HZ) * ROUND_HZ, ROUND_HZ)
     whole_ns = round(period_ns / ROUND_NS) * ROUND_NS
-    return min(abs(period_ns - nearest_ns), abs(period_ns - whole_ns)) <= EXACT_NS
+    return min(abs(period_ns - nearest_ns), abs(period_ns - whole_ns)) <= SAME_PERIOD_NS

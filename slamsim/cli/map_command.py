@@ -1,0 +1,131 @@
+"""``slamsim map`` and ``slamsim localise`` as they are typed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from slamsim.cli.common import close_run, loaded_config
+from slamsim.console.options import (
+    ConfigFile,
+    Json,
+    Out,
+    Overwrite,
+    Quiet,
+    Relations,
+    ScanTopic,
+    Seed,
+    Set,
+)
+
+MAP_EPILOG = (
+    "Examples: slamsim map labyrinth · slamsim map worlds/rooms.yaml --seed 7 · "
+    "slamsim map intel.clf.bz2 --relations intel.relations · slamsim map my_rosbag2/"
+)
+LOCALISE_EPILOG = "Example: slamsim localise my_second_drive/ --in outputs/labyrinth"
+
+Start = Annotated[
+    str | None,
+    typer.Option(
+        "--start",
+        metavar="X,Y,YAW_DEG",
+        help="Start pose in the map (default: searched for).",
+    ),
+]
+Source = Annotated[
+    str,
+    typer.Argument(help="A world to simulate, or a recording: rosbag2, MCAP, ROS 1, CARMEN."),
+]
+Earlier = Annotated[
+    Path | None,
+    typer.Option("--continue", metavar="RUN", help="Continue the map of an earlier run."),
+]
+
+
+def map_(
+    source: Source = "labyrinth",
+    out: Out = None,
+    seed: Seed = None,
+    set_: Set = None,
+    config: ConfigFile = None,
+    relations: Relations = None,
+    scan_topic: ScanTopic = None,
+    earlier: Earlier = None,
+    start: Start = None,
+    overwrite: Overwrite = False,
+    quiet: Quiet = False,
+    as_json: Json = False,
+) -> None:
+    """Map a world or a recording, and evaluate the map."""
+    from slamsim.console.reporter import Reporter
+    from slamsim.run.naming import is_recording, output_folder, recording_name
+
+    reporter = Reporter(quiet=quiet, as_json=as_json)
+    recorded = is_recording(source)
+    loaded = loaded_config(None if recorded else source, config, set_, seed)
+    resolved = loaded.config
+    name = recording_name(source) if recorded else resolved.world.name
+    inputs = (Path(source) if recorded else None, relations, earlier, *loaded.files)
+    with output_folder(out, name, overwrite=overwrite, inputs=inputs) as folder:
+        from slamsim.run.continuing import chosen_earlier, refuse_earlier
+        from slamsim.run.mapping import map_recording, map_world, require_used
+
+        if recorded:
+            reporter.say(f"Mapping the recording {source}")
+            report = map_recording(
+                Path(source),
+                resolved,
+                folder,
+                reporter,
+                relations=relations,
+                scan_topic=scan_topic,
+                earlier=chosen_earlier(earlier, start),
+                overwrite=overwrite,
+            )
+        else:
+            refuse_earlier(earlier, start)
+            reporter.say(f"Simulating and mapping the world {source}")
+            report = map_world(resolved, folder, reporter, relations=relations, overwrite=overwrite)
+    close_run(reporter, report, folder)
+    require_used(report, folder)
+
+
+def localise(
+    source: Annotated[Path, typer.Argument(help="A recording.")],
+    known: Annotated[
+        Path, typer.Option("--in", help="The map: folder of a mapped run, or a ROS map.yaml.")
+    ],
+    start: Start = None,
+    out: Out = None,
+    set_: Set = None,
+    config: ConfigFile = None,
+    scan_topic: ScanTopic = None,
+    overwrite: Overwrite = False,
+    quiet: Quiet = False,
+    as_json: Json = False,
+) -> None:
+    """Localise a recording in a finished map."""
+    from slamsim.console.reporter import Reporter
+    from slamsim.run.naming import output_folder, recording_name
+    from slamsim.run.start import start_pose
+
+    reporter = Reporter(quiet=quiet, as_json=as_json)
+    loaded = loaded_config(None, config, set_, None)
+    name = f"{recording_name(str(source))}_in_{known.resolve().name}"
+    inputs = (source, known, *loaded.files)
+    with output_folder(out, name, overwrite=overwrite, inputs=inputs) as folder:
+        from slamsim.run.localising import localise_recording
+
+        report = localise_recording(
+            source,
+            known,
+            loaded.config,
+            folder,
+            reporter,
+            start=start_pose(start),
+            scan_topic=scan_topic,
+            overwrite=overwrite,
+        )
+    close_run(reporter, report, folder)
