@@ -119,6 +119,9 @@ Independent = Annotated[
 Mutations = Annotated[
     int, typer.Option(help="Check --independent: random changes of messages a seed.", min=0)
 ]
+Fix = Annotated[
+    bool, typer.Option("--fix", help="Check --independent: repair each recording, too.")
+]
 Long = Annotated[
     bool, typer.Option("--long", help="Check: time ten minutes at 40 scans a second too.")
 ]
@@ -146,6 +149,7 @@ def bench(
     long: Long = False,
     independent: Independent = False,
     mutations: Mutations = 0,
+    fix: Fix = False,
     set_: Set = None,
     config: ConfigFile = None,
     quiet: Quiet = False,
@@ -168,7 +172,7 @@ def bench(
         from slamsim.bench.check.asked import CheckAsked, run_check
 
         figures = (seeds, FIRST_SEED if seed is None else seed, seconds, clean, pairs, mutations)
-        trials = CheckAsked(*figures, faults, curves, long, workers, logs, recording)
+        trials = CheckAsked(*figures, faults, curves, long, workers, logs, recording, fix)
         run_check(trials, independent, reporter)
     elif part == "matcher":
         _matcher(asked, recording, logs)

@@ -19,7 +19,7 @@ CHECK_EPILOG = (
     "Example: slamsim check my_rosbag2/ --html verdict.html"
 )
 FIX_EPILOG = (
-    "Exit code: 0 no fault is left, 1 faults are left. "
+    "Exit code: 0 no fault is left, 1 faults are left or nothing made it better. "
     "Example: slamsim fix my_rosbag2/ fixed/ --apply all"
 )
 
@@ -135,7 +135,9 @@ def fix(
 ) -> None:
     """Write a corrected copy of a recording, and check it again.
 
-    What a repair does not touch is copied byte for byte: other topics, covariances, attachments.
+    A repair that does not let scans, placed as recorded, fit each other better, or removes no
+    fault, is taken back. What a repair does not touch is copied byte for byte: other topics,
+    covariances, attachments.
     """
     from slamsim.console.reporter import Reporter
     from slamsim.run.naming import output_folder

@@ -34,6 +34,7 @@ class CheckAsked:
     workers: int
     kept: Path | None
     real: Path | None
+    fix: bool
 
 
 def run_check(asked: CheckAsked, independent: bool, reporter: Reporter) -> None:
@@ -79,4 +80,5 @@ def _independent(asked: CheckAsked) -> IndependentCampaign:
         seconds=asked.seconds or CHECK_SECONDS,
         workers=asked.workers,
         kept=asked.kept,
+        fix=asked.fix,
     )

@@ -24,6 +24,7 @@ import numpy as np
 import slamsim
 from slamsim.bench.alone import Children
 from slamsim.bench.check.outcome import Json, Measured, measured_in, pairs_with_truth
+from slamsim.bench.check.repaired import fixed_words, repaired, summarise_repaired
 from slamsim.bench.check.summary import coverage_of, coverage_row
 from slamsim.check.check import check_recording
 from slamsim.console.reporter import Reporter
@@ -41,7 +42,8 @@ MOST_AT_ONCE = 7
 class IndependentCampaign:
     """What to run. seeds: for each every fault, so many pairs of faults, and random mutations.
     clean: number of drives without a fault. only: these cases alone, by name. seconds: length of a
-    drive. kept: folder for the rows as they come, one line of JSON for each case."""
+    drive. kept: folder for the rows as they come, one line of JSON for each case. fix: repair each
+    recording, too."""
 
     folder: Path
     seeds: Sequence[int]
@@ -52,6 +54,7 @@ class IndependentCampaign:
     seconds: float = 60.0
     workers: int = 1
     kept: Path | None = None
+    fix: bool = False
 
 
 def generator_folder() -> Path:
@@ -129,7 +132,9 @@ def _load(folder: Path) -> Any:
 def _all_rows(campaign: IndependentCampaign, jobs: Sequence[Sequence[Any]]) -> Generator[Json]:
     with ThreadPoolExecutor(campaign.workers) as threads, Children() as children:
         futures = {
-            threads.submit(children.run, run_cases, campaign.folder, job, campaign.seconds): job
+            threads.submit(
+                children.run, run_cases, campaign.folder, job, campaign.seconds, campaign.fix
+            ): job
             for job in jobs
         }
         try:
@@ -142,19 +147,22 @@ def _all_rows(campaign: IndependentCampaign, jobs: Sequence[Sequence[Any]]) -> G
             threads.shutdown(wait=False, cancel_futures=True)
 
 
-def run_cases(folder: Path, cases: Iterable[Any], seconds: float) -> list[Json]:
-    """Make, read and check each recording, in this process; one that fails costs no other."""
+def run_cases(folder: Path, cases: Iterable[Any], seconds: float, fix: bool = False) -> list[Json]:
+    """Make, read and check each recording, in this process; one that fails costs no other.
+
+    fix: repair it too, and measure what came of it.
+    """
     generator = _load(folder)
     rows: list[Json] = []
     for case in cases:
         try:
-            rows.append(_run_case(generator, case, seconds))
+            rows.append(_run_case(generator, case, seconds, fix))
         except Exception as error:
             rows.append(_failed(case, f"{type(error).__name__}: {error}"))
     return rows
 
 
-def _run_case(generator: Any, case: Any, seconds: float) -> Json:
+def _run_case(generator: Any, case: Any, seconds: float, fix: bool) -> Json:
     with TemporaryDirectory() as folder:
         path = Path(folder) / "recording"
         expected = generator.make(case, path, seconds)
@@ -162,6 +170,7 @@ def _run_case(generator: Any, case: Any, seconds: float) -> Json:
         begun_s = time.perf_counter()
         report = check_recording(recording)
         taken_s = time.perf_counter() - begun_s
+        figures = {"fix": repaired(generator, case, seconds, recording, report)} if fix else {}
     said = {str(finding.fault) for finding in report.faults}
     pairs = pairs_with_truth(measured_in(report), expected.truth)
     return {
@@ -171,6 +180,7 @@ def _run_case(generator: Any, case: Any, seconds: float) -> Json:
         "said": [f"{each.fault} {each.subject}: {each.words}" for each in report.faults],
         "measured": [{**asdict(measured), "truth": truth} for measured, truth in pairs],
         "seconds": taken_s,
+        **figures,
     }
 
 
@@ -244,6 +254,7 @@ def summarise_independent(rows: Sequence[Json]) -> Json:
         "false_alarms": sum(not row["right"] for row in of["clean"]),
         "intervals_held": held / stated if stated else None,
         "intervals": coverage,
+        **summarise_repaired(rows),
         "missed": dict(
             Counter(
                 str(row["case"]).partition("@")[0] for row in of["fault"] if not row["right"]
@@ -274,6 +285,7 @@ def _table(figures: Json) -> dict[str, str]:
         "pairs of faults": _told(figures, "pairs", "pairs_named_share"),
         "harmful mutations": _told(figures, "harmful", "harmful_told_share"),
         "clean": f"{figures['clean']}, {figures['false_alarms']} with a false alarm",
+        "repaired": fixed_words(figures),
     }
     for check, one in cast(Mapping[str, Json], figures["intervals"]).items():
         rows[f"  interval of {check}"] = coverage_row(one)

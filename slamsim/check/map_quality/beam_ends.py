@@ -31,14 +31,18 @@ WINDOW_S, LEAST_WINDOWS, MOST_WINDOWS = 4.0, 8, 24
 """Long enough for a metre and a quarter turn, short enough that wheels drift by millimetres."""
 
 WINDOW_SCANS = 6
+LONGEST_NS = 1e10
+"""No sweep lasts longer, whatever is declared."""
+
 FARTHEST_M = 0.5
 """Surfaces farther apart than this are as wrong as can be."""
 
 SAME_SIDE = 0.7
 """Cosine between the normals of pieces of one surface, at least."""
 
-SEEN_AGAIN = 0.7
-"""Share of the pieces of a scan that another scan of its window shows too, mostly."""
+SEEN_AGAIN = 0.5
+"""Share of the pieces of a scan that another scan of its window shows too: a laser that sees half
+of the surroundings sees half of that again after a quarter turn."""
 
 SURE_OF_BETTER, SURE_OF_WORSE = 0.9985, 0.95
 """One-sided, by Student's t. Three sigmas, for a dozen comparisons are made in one repair; of what
@@ -167,16 +171,19 @@ def _window(
     pieces, at_ns = [], []
     for scan in numbers.tolist():
         found, sweep = matcher.pieces(reader.cloud(scan)), reader.sweep(scan)
-        since_ns = 1e9 * sweep.declared_s * (beams_of(found, sweep) + 0.5)
+        lasts_ns = float(np.clip(1e9 * sweep.declared_s, -LONGEST_NS, LONGEST_NS))
+        since_ns = np.rint(lasts_ns * (beams_of(found, sweep) + 0.5))
         pieces.append(found)
-        at_ns.append(scans.stamps_ns[scan] + np.rint(since_ns).astype(np.int64))
+        at_ns.append(scans.stamps_ns[scan] + since_ns.astype(np.int64))
     begins = np.cumsum([0, *map(len, pieces)])
     return _Window(np.concatenate(pieces), np.concatenate(at_ns), begins)
 
 
-def _placed(window: _Window, track: Track, T_base_laser: FloatArray) -> FloatArray:
+def _placed(window: _Window, track: Track, T_base_laser: FloatArray) -> FloatArray | None:
     """(k, 5) x, y, normal and half length of the pieces, in the frame that the base has at the
-    first of them."""
+    first of them; None where all is seen before the track begins, or after its end."""
+    if not track.meets(window.at_ns):
+        return None
     R, pieces = T_base_laser[:2, :2], window.pieces
     at = pieces[:, [X, Y]] @ R.T + T_base_laser[:2, 3]
     normal = pieces[:, [NORMAL_X, NORMAL_Y]] @ R.T
@@ -188,8 +195,10 @@ def _placed(window: _Window, track: Track, T_base_laser: FloatArray) -> FloatArr
     return np.column_stack([x, y, *turned[1], pieces[:, HALF_LENGTH]])
 
 
-def _error_m(begins: IntArray, placed: FloatArray) -> float:
+def _error_m(begins: IntArray, placed: FloatArray | None) -> float:
     """Of all pairs of scans of one window; begins: as its own."""
+    if placed is None:
+        return FARTHEST_M
     each = [placed[begins[k] : begins[k + 1]] for k in range(begins.size - 1)]
     apart = [
         np.sort(_apart(one, other))[: int(np.ceil(SEEN_AGAIN * len(one)))].mean()
@@ -200,8 +209,10 @@ def _error_m(begins: IntArray, placed: FloatArray) -> float:
     return float(np.mean(apart)) if apart else FARTHEST_M
 
 
-def _between_m(one: FloatArray, other: FloatArray) -> float:
+def _between_m(one: FloatArray | None, other: FloatArray | None) -> float:
     """Mean distance of the same pieces (k, 5), placed by two streams."""
+    if one is None or other is None:
+        return FARTHEST_M
     apart_m = np.hypot(*(one[:, :2] - other[:, :2]).T)
     return float(np.minimum(apart_m, FARTHEST_M).mean())
 

@@ -31,6 +31,11 @@ class Track:
     stamps_ns: IntArray
     poses: FloatArray
 
+    def meets(self, stamps_ns: IntArray) -> bool:
+        """Whether some of (m,) stamps lie within those of the track."""
+        begin_ns, end_ns = self.stamps_ns[[0, -1]]
+        return bool(stamps_ns.max() >= begin_ns and stamps_ns.min() <= end_ns)
+
     def at(self, stamps_ns: IntArray) -> FloatArray:
         """(m, 3), constant beyond the ends."""
         origin_ns = self.stamps_ns[0]
