@@ -88,10 +88,9 @@ def test_blocks_of_many_turns_lose_nothing(seed: int) -> None:
 
     total = np.zeros((turns, 2 * half[0] + 1, 2 * half[1] + 1))
     padded = np.pad(grid.levels[0], ((half[1], half[1]), (half[0], half[0])))
-    for a in range(turns):
-        for r, c in cells[a]:
-            seen = padded[r : r + 2 * half[1] + 1, c : c + 2 * half[0] + 1]
-            total[a] += seen.T
+    for turn in range(turns):
+        for r, c in cells[turn]:
+            total[turn] += padded[r : r + 2 * half[1] + 1, c : c + 2 * half[0] + 1].T
     most = total.max() / (255.0 * len(points))
 
     best, score = best_offset(grid.levels, cells, half, 0.0, NO_POSES, shift)
