@@ -7,9 +7,11 @@ import pytest
 
 from slamsim.core.geometry import between, inverse, transform_points
 from slamsim.core.types import FloatArray
+from slamsim.slam.closures.branch_and_bound import best_offset
 from slamsim.slam.closures.correlative import (
     LikelihoodGrid,
     Window,
+    _cells,
     likelihood_grid,
     scores,
     search,
@@ -17,6 +19,7 @@ from slamsim.slam.closures.correlative import (
 
 RIVAL = (0.85, 0.5, 0.3)
 NOTHING = np.zeros(3)
+NO_POSES = np.zeros((0, 6), dtype=np.int64)
 
 
 def room(rng: np.random.Generator) -> FloatArray:
@@ -69,6 +72,36 @@ def test_branch_and_bound_finds_what_looking_everywhere_finds(seed: int) -> None
     rival = looked[apart, 0].max() if apart.any() else 0.0
     if rival < 0.8 * peak.score:
         assert peak.rival <= RIVAL[0] * peak.score + 1e-9
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_blocks_of_many_turns_lose_nothing(seed: int) -> None:
+    """Against every turn and offset, wide windows, points at the same cells: to the last digit."""
+    rng = np.random.default_rng(seed)
+    grid = likelihood_grid(room(rng), 0.2, 0.2, 30.0, 7)
+    points = rng.uniform(-1.0, 1.0, (40, 2)) * rng.choice([0.5, 3.0, 6.0])
+    turns, half = rng.integers(1, 90), rng.integers(1, [60, 40])
+    step_rad = 0.2 / np.hypot(*points.T).max() * rng.choice([0.3, 0.9, 1.6])
+    yaws = np.arange(turns) * step_rad
+    cells = _cells(grid, points, NOTHING[:2], yaws)
+    shift = float(np.hypot(*points.T).max()) * step_rad / grid.resolution_m
+
+    total = np.zeros((turns, 2 * half[0] + 1, 2 * half[1] + 1))
+    padded = np.pad(grid.levels[0], ((half[1], half[1]), (half[0], half[0])))
+    for turn in range(turns):
+        for r, c in cells[turn]:
+            total[turn] += padded[r : r + 2 * half[1] + 1, c : c + 2 * half[0] + 1].T
+    most = total.max() / (255.0 * len(points))
+
+    best, score = best_offset(grid.levels, cells, half, 0.0, NO_POSES, shift)
+    assert score == most and total[best[0], best[1] + half[0], best[2] + half[1]] == total.max()
+    assert best_offset(grid.levels, cells, half, most + 1e-6, NO_POSES, shift)[1] == 0.0
+    # The best pose left out, with all around it: the best of the others.
+    around = np.array([[*best, 3, 5, 10_000]])
+    a, x, y = np.ogrid[:turns, -half[0] : half[0] + 1, -half[1] : half[1] + 1]
+    near = (abs(a - best[0]) <= 3) & (abs(x - best[1]) <= 5) & (abs(y - best[2]) <= 5)
+    second = best_offset(grid.levels, cells, half, 0.0, around, shift)[1]
+    assert second == np.where(near, 0.0, total).max() / (255.0 * len(points))
 
 
 def test_the_bound_of_a_block_is_never_below_a_pose_in_it() -> None:

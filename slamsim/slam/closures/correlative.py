@@ -133,14 +133,16 @@ class Places:
         self._half = half.astype(np.int64)
         reach = (round(apart[1] / step_rad), round(apart[0] / grid.resolution_m))
         self._reach = (*reach, round(2.0 * np.pi / step_rad))
+        self._shift = float(ranges_m[-1]) * step_rad / grid.resolution_m
         self._given = np.zeros((0, 6), dtype=np.int64)
         self.given_up = False
         """Whether the last search read the grid too often to end."""
 
     def best(self, min_score: float) -> Peak | None:
         """The best place not given before, if it scores as much."""
+        window = (self._grid.levels, self._cells, self._half)
         offset, score = best_offset(
-            self._grid.levels, self._cells, self._half, min_score, self._given, self._most_lookups
+            *window, min_score, self._given, self._shift, self._most_lookups
         )
         self.given_up = score < 0.0
         if score <= 0.0 or score < min_score:
