@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.stats import chi2, t
 
 from slamsim.check.calibration.explanation import LIMITS
 from slamsim.check.calibration.joint import Calibration
@@ -25,8 +25,9 @@ EXPLAINED = 0.001
 """Pieces on either side of a true step agree as noise makes them, but for this share of steps; a
 size that wanders does not."""
 
-LEAST_PIECES = 2
-"""On either side of a step: a single odd piece is no lasting change."""
+LEAST_PIECES, UNTOLD_TIMES = 2, 4.0
+"""On either side of a step: a single odd piece is no lasting change, nor is one beside another that
+is so many times as unsure as the usual one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,22 +160,25 @@ def _beyond(step: _Step) -> float:
 def _steps(pieces: Pieces, one: Quantity) -> Iterator[_Step]:
     """Changes between any two neighbouring pieces, or within one, that explain the scatter."""
     place = UNKNOWNS.index(one.unknown)
-    moved, sigmas = pieces.moved[:, place], pieces.sigmas[:, place]
-    count = len(moved)
+    told = pieces.sigmas[:, place] < UNTOLD_TIMES * np.median(pieces.sigmas[:, place])
+    moved, sigmas = pieces.moved[told, place], pieces.sigmas[told, place]
+    middle_s, count = pieces.middle_s[told], int(told.sum())
     for end in range(LEAST_PIECES, count):
         for begin in (end, end + 1):
             if count - begin < LEAST_PIECES:
                 continue
             before, after = _mean(moved[:end], sigmas[:end]), _mean(moved[begin:], sigmas[begin:])
-            freedom = end + count - begin - 2
-            if before[2] + after[2] > chi2.ppf(1.0 - EXPLAINED, freedom):
+            freedom, scatter = end + count - begin - 2, before[2] + after[2]
+            if scatter > chi2.ppf(1.0 - EXPLAINED, freedom):
                 continue
+            # Noise is as the pieces scatter about either side, few as they are (Student, Birge).
+            wider = np.sqrt(max(scatter / freedom, 1.0)) * t.ppf(0.975, freedom) / 1.96
             size = Measurement(
                 one.factor * (after[0] - before[0]),
-                one.factor * float(np.hypot(before[1], after[1])),
+                one.factor * float(np.hypot(before[1], after[1]) * wider),
                 one.unit,
             )
-            yield _Step((pieces.middle_s[end - 1], pieces.middle_s[begin]), size, one)
+            yield _Step((middle_s[end - 1], middle_s[begin]), size, one)
 
 
 def _mean(values: FloatArray, sigmas: FloatArray) -> tuple[float, float, float]:
