@@ -10,7 +10,8 @@ from pydantic import Field
 
 from slamsim.config.sensors import SensorsConfig
 from slamsim.core.geometry import matrix_from_rpy, se3_from_parts
-from slamsim.recording import Recording
+from slamsim.core.types import Float32Array
+from slamsim.recording import RawScans, Recording
 from slamsim.recording.edits.base import SCANS, Edit, Edits
 from slamsim.recording.edits.beams import ConvertAngles, ScaleAngles
 from slamsim.recording.edits.frames import MoveMount
@@ -47,6 +48,38 @@ class LaserWorldFixed(SensedFault):
                 ranges, scans.layout(0), -motion.heading_at(scans.stamps_ns)[:, None]
             ),
         )
+
+
+class LaserTurnedTwice(Fault):
+    """The robot's heading is in the rays already, and the driver adds it again."""
+
+    kind: Literal["laser_turned_twice"]
+
+    def edit(self, recording: Recording, rng: np.random.Generator) -> Edit:
+        motion = plane_motion(recording)
+        return ChangeRanges(
+            SCANS,
+            lambda ranges, scans: looked_at(
+                ranges, scans.layout(0), motion.heading_at(scans.stamps_ns)[:, None]
+            ),
+        )
+
+
+class LaserKnocked(Fault):
+    """The laser is turned on its mount half way through the recording."""
+
+    kind: Literal["laser_knocked"]
+    angle_deg: float = Field(ge=-180.0, le=180.0)
+    """To the left; rounded to whole beams."""
+
+    def edit(self, recording: Recording, rng: np.random.Generator) -> Edit:
+        def knocked(ranges_m: Float32Array, scans: RawScans) -> Float32Array:
+            begin_ns, end_ns = scans.stamps_ns.min(), scans.stamps_ns.max()
+            late = scans.stamps_ns - begin_ns > (end_ns - begin_ns) // 2
+            turned_rad = np.where(late, np.deg2rad(self.angle_deg), 0.0)
+            return looked_at(ranges_m, scans.layout(0), turned_rad[:, None])
+
+        return ChangeRanges(SCANS, knocked)
 
 
 class LaserMirrored(SensedFault):

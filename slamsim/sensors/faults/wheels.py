@@ -124,6 +124,22 @@ class WheelSlip(Fault):
         return np.where(slipping, 1.0 + self.share, 1.0)
 
 
+class WheelsChanged(Fault):
+    """The wheels become smaller half way, as tyres do that lose air or take a load."""
+
+    kind: Literal["wheels_changed"]
+    relative_error: float = Field(gt=-1.0, le=10.0)
+    """Of distances and turns by the wheels from then on."""
+
+    def edit(self, recording: Recording, rng: np.random.Generator) -> Edit:
+        return ScaleSteps(WHEELS, self._gain)
+
+    def _gain(self, stamps_ns: IntArray) -> FloatArray:
+        """(n - 1,) of each step between stamps."""
+        middle_ns = stamps_ns[0] + (stamps_ns[-1] - stamps_ns[0]) // 2
+        return np.where(stamps_ns[1:] > middle_ns, 1.0 + self.relative_error, 1.0)
+
+
 class OdometryContradicts(Fault):
     """The published odometry shows other distances than the counters."""
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from slamsim.check.calibration.joint import Calibration
 from slamsim.check.findings import Finding, Measurement
-from slamsim.check.question import FaultKind, Question, judge, same_subject, unanswered
+from slamsim.check.question import FaultKind, Question, anywhere, judge, same_subject, unanswered
 from slamsim.check.questions.clocks.pairs import (
     DRIFT_LIMIT,
     LIMITS_S,
@@ -46,7 +46,7 @@ LATE_IMU = FaultKind(
 LATE_WHEELS = FaultKind(
     "time_offset_wheels",
     "the wheels' stamps are early or late against the other sensors",
-    _RECEIPT,
+    (*_RECEIPT, anywhere("tf_contradicts_odometry")),
 )
 
 

@@ -51,7 +51,7 @@ REVERSED = FaultKind(
     (anywhere(*LIDAR_TIMES, "laser_yaw", "laser_angle_step"),),
 )
 SCALED = FaultKind(
-    "beam_time_scale", "the time between beams is wrong", (anywhere("scans_overlap"),)
+    "beam_time_scale", "the time between beams is wrong", (anywhere("scans_overlap", "scan_time"),)
 )
 UNTIMED = FaultKind(
     "rolling_scan_untimed",

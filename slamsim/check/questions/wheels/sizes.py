@@ -26,12 +26,17 @@ TURNING = "a few full turns on the spot"
 SWAPPED = FaultKind(
     "wheels_swapped",
     "left and right wheel are exchanged",
-    (anywhere("odometry_contradicts_wheels", "wheel_slip", "wheel_track"),),
+    (anywhere("odometry_contradicts_wheels", "wheel_slip", "wheel_track", "imu_axis"),),
 )
 REVERSED = FaultKind(
     "wheel_reversed",
     "one wheel counts backward",
-    (anywhere("odometry_contradicts_wheels", "wheel_slip", "wheel_track", "wheel_radius"),),
+    (
+        anywhere(
+            *("odometry_contradicts_wheels", "wheel_slip", "wheel_track", "wheel_radius"),
+            "imu_axis",
+        ),
+    ),
 )
 WHEEL_RADIUS = FaultKind("wheel_radius", "the wheels are larger or smaller than declared")
 WIRING = Question(

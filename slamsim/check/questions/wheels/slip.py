@@ -23,7 +23,7 @@ STANDING = Question(
     "wheels.frozen",
     "the wheels turn whenever the scans move",
     (ODOMETRY_FROZEN,),
-    limit=0.0,
+    limit=1.0,
     unit="s",
     consequence="a SLAM without good scans maps both ends of the gap onto each other",
     excitation_wanted="driving",
@@ -98,7 +98,12 @@ def _standing(wheels: IntegratedMotion, spells: SlipSpells, plot: Plot) -> Findi
     return judge(
         STANDING,
         wheels.topic,
-        f"the wheels stand still for {count} s while the scans move, by {moved_m:.2f} m",
+        {
+            "ok": f"the wheels stand for {count} s while the scans move, which may be scans that "
+            "were matched wrongly",
+            "fault": f"the wheels stand still for {count} s while the scans move, by "
+            f"{moved_m:.2f} m",
+        },
         Measurement(float(count), 0.0, "s"),
         advice="Look for a driver that stalls; leave these spells to the scans.",
         plots=(plot,),
