@@ -5,7 +5,11 @@ from __future__ import annotations
 LIDAR_TIMES = ("time_offset_lidar", "scan_stamp_end", "scan_stamp_middle")
 SWEEPS = ("beam_time_scale", "beam_time_reversed", "flash_scan_timed", "rolling_scan_untimed")
 MOUNTING = ("laser_yaw", "laser_position")
-SIZES = ("wheel_radius", "wheel_track", "wheel_slip", *MOUNTING, "gyro_scale")
+CHANGES = ("laser_moved", "wheels_changed")
+SIZES = (
+    *("wheel_radius", "wheel_track", "wheel_slip", "gyro_scale", "range_scale"),
+    *(*MOUNTING, *CHANGES),
+)
 STAMPS = ("stamps_quantised", "stamps_repeated", "stamps_jitter", "stamps_backward", "stream_gaps")
 WHEELS = (
     *("wheel_slip", "wheel_track", "wheel_radius", "wheel_reversed", "wheels_swapped"),
