@@ -13,8 +13,11 @@ from slamsim.check.fault_groups import LIDAR_TIMES, SIZES
 from slamsim.check.findings import Finding
 from slamsim.check.registry import fault_meaning, registry
 
-MOST_SWEEPS = 2.0
-"""An undeclared sweep moves stamps by no more than this many of its length."""
+MOST_MOVED = {"rolling_scan_untimed": 2.0, "stamps_quantised": 1.0}
+"""An undeclared sweep, and stamps that are rounded, move instants by no more than so many times
+their length."""
+
+OFFSETS = (*LIDAR_TIMES, "time_offset_imu", "time_offset_wheels")
 
 UNTIL_TURNS_AGREE = (*SIZES, "range_offset", "stamps_invented")
 """What scans of a wrong shape, or wheels of wrong sizes, make of everything else."""
@@ -69,9 +72,9 @@ def _follows(finding: Finding, cause: Finding, lidars: set[str]) -> bool:
 
 
 def _is_larger(finding: Finding, cause: Finding) -> bool:
-    """Whether an offset is more than an undeclared sweep can make of the stamps."""
-    if cause.fault != "rolling_scan_untimed" or finding.fault not in LIDAR_TIMES:
+    """Whether an offset is more than the other fault can make of the stamps."""
+    if cause.fault not in MOST_MOVED or finding.fault not in OFFSETS:
         return False
     if finding.estimate is None or cause.estimate is None:
         return False
-    return abs(finding.estimate.value) > MOST_SWEEPS * abs(cause.estimate.value)
+    return abs(finding.estimate.value) > MOST_MOVED[cause.fault] * abs(cause.estimate.value)

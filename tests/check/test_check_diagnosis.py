@@ -32,13 +32,14 @@ def test_two_faults_are_both_told() -> None:
     ) == {"wheel_radius", "gyro_bias"}
 
 
-def test_the_stamps_of_one_stream_do_not_excuse_another() -> None:
-    rounded = bad("stamps.rounding", "/imu", "stamps_quantised")
-    assert names(rounded, bad("time.offset.imu", "/imu", "time_offset_imu")) == {"stamps_quantised"}
-    assert names(rounded, bad("time.offset.wheels", "/ticks", "time_offset_wheels")) == {
-        "stamps_quantised",
-        "time_offset_wheels",
-    }
+def test_rounded_stamps_explain_no_larger_offset_than_the_rounding() -> None:
+    def of(check: str, subject: str, fault: str, ms: float) -> Finding:
+        return replace(bad(check, subject, fault), estimate=Measurement(ms, 0.0, "ms"))
+
+    rounded = of("stamps.rounding", "/imu", "stamps_quantised", 10.0)
+    for late_ms, told in ((6.0, set()), (30.0, {"time_offset_wheels"})):
+        wheels = of("time.offset.wheels", "/ticks", "time_offset_wheels", late_ms)
+        assert names(rounded, wheels) == {"stamps_quantised", *told}
 
 
 def test_what_faults_explain_are_faults_and_none_explains_itself_in_a_circle() -> None:

@@ -38,7 +38,12 @@ TURNING = "turning on the spot, some full turns to either side"
 WORLD_FIXED = FaultKind(
     "laser_world_fixed",
     "the rays keep their directions in the world while the robot turns",
-    (anywhere(*SIZES, *LIDAR_TIMES, *SWEEPS, "laser_angle_step", "range_offset"),),
+    (
+        anywhere(
+            *(*SIZES, *LIDAR_TIMES, *SWEEPS),
+            *("laser_angle_step", "range_offset", "stamps_invented"),
+        ),
+    ),
 )
 TURNED_TWICE = FaultKind(
     "laser_turned_twice",
