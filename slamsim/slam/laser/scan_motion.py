@@ -31,11 +31,11 @@ MOST_LOST = 8
 """So many windows are tried before scans that nowhere follow each other are given up."""
 GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
 """Multiples of this, less their whole part, lie evenly however many of them there are."""
-UNMODELLED_SWEEP, UNMODELLED_ANGLE, UNMODELLED_M = 0.002, 4e-5, 2e-3
+UNMODELLED_SWEEP, UNMODELLED_ANGLE, UNMODELLED_M = 0.002, 4e-5, 5e-4
 ANGLE_BY_ROUNDING_PER_M, OFFSET_BY_ROUNDING = 0.06, 0.2
 """By what the shape of simulated scans comes out wrong beyond its noise: motion in a sweep is no
 polynomial, edges and slanted walls answer a little late, ranges are rounded. Sweep and angle as
-shares. The offset on 24 drives of nine lidars (tests/independent, seeds 0 and 1)."""
+shares."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,10 +43,9 @@ class BundledWindow:
     """Scans of a few seconds in one frame.
 
     scans: (n,) their indices in the recording. middle_ns: (n,) when each scan's middle beam fired,
-    as the scan declares, or by the sweep that was found instead. T_window_laser: (n, 3) the laser
-    at that instant, in the frame of the first scan. covariance: (3n, 3n) of small steps of each
-    laser in its own frame, the first scan being exact. inlier_share: (n,) share of the surfaces of
-    each scan that fit.
+    as the scan declares. T_window_laser: (n, 3) the laser at that instant, in the frame of the
+    first scan. covariance: (3n, 3n) of small steps of each laser in its own frame, the first scan
+    being exact. inlier_share: (n,) share of the surfaces of each scan that fit.
     """
 
     scans: IntArray
@@ -220,12 +219,10 @@ def _motions(
     best = shape.moved(np.where(given_up, pull.step(given_up), pull.step()))
     sigmas = np.hypot(pull.sigmas(), _unmodelled(best, reader))
     unit = reader.metres_per_unit
-    # Stamps are those of the first beam: the middle one fires half of the true sweep later.
-    late_s = 0.5 * (best.sweep_s - reader.declared_sweep_s) if given_up[0] else 0.0
     return ScanMotions(
         topic=scans.topic,
         windows=tuple(
-            _window(reader, track, fit, unit, late_s) for track, fit in zip(*windows, strict=True)
+            _window(reader, track, fit, unit) for track, fit in zip(*windows, strict=True)
         ),
         metres_per_unit=unit,
         radians_per_unit=reader.radians_per_unit,
@@ -251,14 +248,11 @@ def _unmodelled(shape: Shape, reader: BeamReader) -> FloatArray:
     )
 
 
-def _window(
-    reader: BeamReader, track: LaserTrack, fit: WindowFit, unit: float, late_s: float
-) -> BundledWindow:
-    """late_s: by how much the middle beams fire later than declared."""
+def _window(reader: BeamReader, track: LaserTrack, fit: WindowFit, unit: float) -> BundledWindow:
     scale = np.tile([1.0 / unit, 1.0 / unit, 1.0], len(track.scans))
     return BundledWindow(
         scans=track.scans,
-        middle_ns=reader.middle_ns(track.scans) + round(1e9 * late_s),
+        middle_ns=reader.middle_ns(track.scans),
         T_window_laser=fit.poses * scale[:3],
         covariance=fit.covariance() * scale[:, None] * scale,
         inlier_share=fit.inlier_share,
