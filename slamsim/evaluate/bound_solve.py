@@ -32,7 +32,8 @@ class Blocks:
         places, which = np.unique(row * self._size + column, return_inverse=True)
         row, column = np.divmod(places, self._size)
         _, a, b = blocks.shape
-        adding = csr_array((np.ones(which.size), (which, np.arange(which.size))))
+        one_each = np.ones(which.size), (which, np.arange(which.size))
+        adding = csr_array(one_each, shape=(places.size, which.size))
         blocks = (adding @ blocks.reshape(-1, a * b)).reshape(-1, a, b)
         rows = np.broadcast_to(row[:, None, None] + np.arange(a)[:, None], blocks.shape)
         columns = np.broadcast_to(column[:, None, None] + np.arange(b), blocks.shape)

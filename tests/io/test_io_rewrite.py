@@ -249,7 +249,7 @@ def _assert_says(found: Recording, wanted: Recording) -> None:
         streams = [stream for stream in getattr(wanted, name) if len(stream)]
         assert by_topic.keys() == {stream.topic for stream in streams}
         for stream in streams:
-            _assert_rows(by_topic[stream.topic], stream)
+            _assert_rows(by_topic[stream.topic], _as_read(stream))
     edges = defaultdict[tuple[str, str, str], list[Any]](list)
     for edge in wanted.transforms:
         if edge.stamps_ns.size:
@@ -260,6 +260,14 @@ def _assert_says(found: Recording, wanted: Recording) -> None:
         if len(twins) == 1:
             _assert_rows(edge, twins[0])
     assert found.robot_description == wanted.robot_description
+
+
+def _as_read(stream: Any) -> Any:
+    """Intensities of another number than the ranges are counted and left out."""
+    if getattr(stream, "intensities", None) is None:
+        return stream
+    fits = len(stream.intensities[0]) == len(stream.ranges_m[0])
+    return stream if fits else replace(stream, intensities=None, other_intensities=len(stream))
 
 
 def _assert_rows(found: Any, wanted: Any) -> None:

@@ -53,7 +53,7 @@ class DeskewedScans:
         rays = beam_rays(samples, instants_ns, _directions(layout, met), T_map_laser[:3, 3])
         points = np.zeros((met.size, 4), dtype=np.float32)
         _place(points, rays, ranges_m[met], T_map_laser[:3, :3])
-        if scans.intensities is not None:
+        if scans.intensities is not None and scans.intensities[number].size == ranges_m.size:
             points[:, 3] = scans.intensities[number][met]
         self._folder.add(int(scans.stamps_ns[number]) + half_ns, T_map_laser, points)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -41,7 +42,9 @@ def isolated_returns(
     """
     known, alone = _alone(ranges_m)
     known &= np.isfinite(following_m).any(axis=1, keepdims=True)
-    reach = max(int(np.ceil(_TURNED_RAD / abs(angle_step_rad))), 1)
+    beams = ranges_m.shape[1]  # which no angle that is declared by mistake exceeds
+    step_rad = abs(angle_step_rad) if np.isfinite(angle_step_rad) else np.inf
+    reach = beams if step_rad * beams < _TURNED_RAD else max(math.ceil(_TURNED_RAD / step_rad), 1)
     return known, alone & known & ~_found_again(ranges_m, following_m, reach)
 
 

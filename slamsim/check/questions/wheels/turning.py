@@ -118,8 +118,10 @@ def _by_windows(steps: LaserSteps) -> _Turns:
 def _never_moves(odometry: RawOdometry, others: list[_Turns]) -> Finding | None:
     """A pose that is one and the same in all messages, while another stream turns again and
     again."""
+    if len(odometry) < 2:
+        return None
     same = np.ptp(np.column_stack([odometry.positions_m, odometry.quats_xyzw]), axis=0)
-    if len(odometry) < 2 or np.any(same > CONSTANT_RAD) or not np.isfinite(same).all():
+    if np.any(same > CONSTANT_RAD) or not np.isfinite(same).all():
         return None
     for other in others:
         turns = np.abs(other.turned) > MOVED_RAD
