@@ -189,7 +189,7 @@ BOUNDS: dict[str, Case] = {
     "bound: walls as far as can be": right(lambda: _bound(OUTLINE + 8e8)),
     "bound: walls as long as can be": right(lambda: _bound(OUTLINE * 1e7)),
     "bound: wheels that stand": right(lambda: _bound(wheels=STANDING)),
-    "bound: wheels that jump to the end of the world": refused(
+    "bound: wheels that jump to the end of the world": right(
         lambda: _bound(wheels=_jump(WHEELS, 9e8))
     ),
     "bound: a truth that jumps to the end of the world": right(
