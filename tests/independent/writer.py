@@ -78,7 +78,8 @@ def _scans(scans: Scans) -> Iterator[Any]:
     rows = zip(scans.stamps_ns.tolist(), scans.ranges_m, scans.intensities, strict=True)
     for stamp_ns, ranges, intensities in rows:
         header = _header(stamp_ns, scans.frame)
-        yield _T["LaserScan"](header, *map(float, declared), ranges, intensities)
+        arrays = (np.ascontiguousarray(one) for one in (ranges, intensities))
+        yield _T["LaserScan"](header, *map(float, declared), *arrays)
 
 
 def _odometries(odometry: Odometry) -> Iterator[Any]:
