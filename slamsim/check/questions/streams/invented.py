@@ -20,6 +20,8 @@ MIN_MESSAGES = 100
 EXACT_NS = 256.0
 """What double precision leaves of nanoseconds since 1970; every clock that is read is off by more.
 """
+LEAST_JITTER_NS = 10_000
+"""No operating system passes messages on more evenly."""
 SAME_PERIOD_NS = 1.0
 ROUND_NS, ROUND_HZ = 1_000, 0.1
 """Periods of whole microseconds and rates of whole tenths of a hertz are those of a simulator, or
@@ -39,12 +41,16 @@ INVENTED = Question(
 def check_invented(series: list[StampSeries]) -> Iterator[Finding]:
     """Streams of sensors whose receipt repeats their stamps, and that never leave an even rate."""
     asked = [one for one in series if one.kind != "transform" and len(one) >= MIN_MESSAGES]
-    is_live = any(one.latency_s is not None and not one.is_copied for one in asked)
+    is_live = any(_latency_varies(one) for one in asked)
     for one in asked:
         left_ns, period_ns = _left_ns(one)
         off_ns = float(np.abs(left_ns).max())
         counted = one.is_copied and off_ns <= EXACT_NS and (is_live or not _is_round(period_ns))
-        how = "others were received after their stamps" if is_live else "no clock has such a rate"
+        how = (
+            "others were received after their stamps, by times that vary"
+            if is_live
+            else "no clock has such a rate"
+        )
         curve = Curve("stamp less even rate", np.arange(left_ns.size, dtype=np.float64), left_ns)
         yield judge(
             INVENTED,
@@ -59,6 +65,14 @@ def check_invented(series: list[StampSeries]) -> Iterator[Finding]:
             advice="Convert the recording again with the stamps that the driver gave.",
             fault_plots=(Plot(f"Stamps of {one.subject}", "message", "off (ns)", (curve,)),),
         )
+
+
+def _latency_varies(series: StampSeries) -> bool:
+    """Whether messages were received after their stamps, by times that differ: a simulator that
+    adds what a sensor takes adds the same each time."""
+    if series.received_ns is None or series.is_copied:
+        return False
+    return bool(np.ptp(series.received_ns - series.stamps_ns) > LEAST_JITTER_NS)
 
 
 def _left_ns(series: StampSeries) -> tuple[FloatArray, float]:
