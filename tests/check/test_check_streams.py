@@ -298,22 +298,30 @@ def test_messages_that_come_late_and_then_all_at_once_are_not_missing() -> None:
 
 
 @pytest.mark.parametrize(
-    ("period_ns", "others_live", "invented"),
+    ("period_ns", "others_late_ms", "invented"),
     [
-        (100_000_000, True, True),
-        (100_013_713, True, True),
-        (100_013_713, False, True),
-        (100_000_000, False, False),
-        (33_333_333, False, False),
+        (100_000_000, (2.0, 3.0), True),
+        (100_013_713, (2.0, 3.0), True),
+        (100_013_713, (0.0, 0.0), True),
+        (100_000_000, (0.0, 0.0), False),
+        (33_333_333, (0.0, 0.0), False),
+        (100_000_000, (2.5, 2.5), False),
     ],
 )
-def test_counted_stamps(period_ns: int, others_live: bool, invented: bool) -> None:
-    """A simulator's are as even, and received at once; but all of them, at a round rate."""
+def test_counted_stamps(
+    period_ns: int, others_late_ms: tuple[float, float], invented: bool
+) -> None:
+    """A simulator's are as even, and received at once, or always as late; at a round rate."""
     made = recording(60.0)
     even = 100_000_000_000 + period_ns * np.arange(600)
     scans = scans_at(even, even.copy())
-    if not others_live:
-        made = made.changed(RawStream, lambda one: replace(one, received_ns=one.stamps_ns.copy()))
+    rng = np.random.default_rng(0)
+
+    def received(one: RawStream) -> RawStream:
+        late_ns = (1e6 * rng.uniform(*others_late_ms, len(one))).astype(np.int64)
+        return replace(one, received_ns=one.stamps_ns + late_ns)
+
+    made = made.changed(RawStream, received)
     findings = stamp_findings(made.with_streams(RawScans, (scans,)))
     (found,) = [one for one in findings if (one.check, one.subject) == ("time.invented", "/scan")]
     assert (found.fault == "stamps_invented") == invented

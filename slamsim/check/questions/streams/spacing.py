@@ -109,7 +109,7 @@ REPEATS = Question(
         FaultKind(
             "stamps_repeated",
             "messages carry the stamp of another one",
-            (same_subject(*_OFFSETS), lidar_stamps(*BY_SCANS)),
+            (same_subject(*_OFFSETS, "stamps_jitter"), lidar_stamps(*BY_SCANS)),
         ),
     ),
     limit=100.0 * MAX_REPEATED_SHARE,
