@@ -100,7 +100,7 @@ class LaserCalibration:
 _UNITS = np.array([100.0, 1e3, 1e3, 1e3, 1e3, np.rad2deg(1.0)])
 _WORDS = (
     "the angle between beams is {0:+.2f} ± {1:.2f} % off the declared one",
-    "ranges are {0:+.1f} ± {1:.1f} mm too long",
+    "ranges exceed the true distances by {0:+.1f} ± {1:.1f} mm",
     "a sweep lasts {0:+.1f} ± {1:.1f} ms longer than declared",
     "the laser sits {0:+.0f} ± {1:.0f} mm further forward than declared",
     "the laser sits {0:+.0f} ± {1:.0f} mm further to the left than declared",
