@@ -81,6 +81,12 @@ class _Gains:
         """(k, m)."""
         return np.array([EFFECTS[size] for size in sizes]).reshape(-1, 4)[:, self.known].T
 
+    def solver(self, sizes: tuple[Size, ...]) -> FloatArray:
+        """(m, k) sizes by weighted least squares are this times ``seen``."""
+        columns = self.effects(sizes)
+        weighted = columns.T @ self.weights
+        return np.asarray(np.linalg.solve(weighted @ columns, weighted))
+
 
 def explain(calibration: Calibration, motions: ScanMotions | None = None) -> Explanation:
     """The fewest wrong sizes that make the gains of a joint calibration.
@@ -164,18 +170,15 @@ def _size(gains: _Gains, size: Size, wrong: tuple[Size, ...]) -> Measurement | N
     chosen = wrong if size in wrong else (*wrong, size)
     if not _told_apart(gains, chosen):
         return None
-    columns = gains.effects(chosen)
-    solved = np.linalg.solve(columns.T @ gains.weights @ columns, columns.T @ gains.weights)
-    place = chosen.index(size)
-    factor = float(np.exp(solved[place] @ gains.seen))
-    sigma = float(np.sqrt(solved[place] @ gains.noise @ solved[place]))
+    solver = gains.solver(chosen)[chosen.index(size)]
+    factor = float(np.exp(solver @ gains.seen))
+    sigma = float(np.sqrt(solver @ gains.noise @ solver))
     return Measurement(100.0 * (factor - 1.0), 100.0 * factor * sigma, "%")
 
 
 def _misfit(gains: _Gains, wrong: tuple[Size, ...]) -> float:
     """Squared sigmas that are left, and what makes the set less likely beforehand."""
-    columns, left = gains.effects(wrong), gains.seen
+    left = gains.seen
     if wrong:
-        solved = np.linalg.solve(columns.T @ gains.weights @ columns, columns.T @ gains.weights)
-        left = left - columns @ (solved @ left)
+        left = left - gains.effects(wrong) @ (gains.solver(wrong) @ left)
     return float(left @ gains.weights @ left) + sum(RARER.get(size, 0.0) for size in wrong)

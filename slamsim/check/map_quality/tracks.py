@@ -13,9 +13,8 @@ from slamsim.check.motion.integrated import (
     integrated_odometry,
     integrated_wheels,
 )
-from slamsim.core.geometry import yaw_from_xyzw
+from slamsim.check.motion.planar_track import planar_track, track_at
 from slamsim.core.types import FloatArray, IntArray
-from slamsim.guard.numbers import is_sound
 from slamsim.recording import RawOdometry, Recording, TransformEdge
 from slamsim.recording.frame_graph import FrameGraph
 from slamsim.recording.repairs.heading import base_rotation
@@ -38,9 +37,7 @@ class Track:
 
     def at(self, stamps_ns: IntArray) -> FloatArray:
         """(m, 3), constant beyond the ends."""
-        origin_ns = self.stamps_ns[0]
-        asked_s, known_s = (1e-9 * (ns - origin_ns) for ns in (stamps_ns, self.stamps_ns))
-        return np.column_stack([np.interp(asked_s, known_s, one) for one in self.poses.T])
+        return track_at(self.stamps_ns, self.poses, stamps_ns)
 
 
 def recorded_tracks(recording: Recording, laser_frame: str) -> dict[str, tuple[Track, FloatArray]]:
@@ -75,15 +72,8 @@ def recorded_tracks(recording: Recording, laser_frame: str) -> dict[str, tuple[T
 
 
 def _recorded(stream: RawOdometry | TransformEdge) -> Track | None:
-    yaw_rad = yaw_from_xyzw(stream.quats_xyzw)
-    poses = np.column_stack([stream.positions_m[:, :2], yaw_rad])
-    good = np.flatnonzero(is_sound(poses))
-    order = good[np.unique(stream.stamps_ns[good], return_index=True)[1]]
-    if order.size < LEAST_SAMPLES:
-        return None
-    poses = poses[order]
-    poses[:, 2] = np.unwrap(poses[:, 2])
-    return Track(stream.stamps_ns[order], poses)
+    stamps_ns, poses = planar_track(stream.stamps_ns, stream.positions_m, stream.quats_xyzw)
+    return Track(stamps_ns, poses) if stamps_ns.size >= LEAST_SAMPLES else None
 
 
 def _rolled(wheels: IntegratedMotion) -> Track:

@@ -29,6 +29,17 @@ from slamsim.sensors.motion import PoseSamples
 AXES = np.eye(3)
 
 
+def _turned_by_heading(recording: Recording, turns: float) -> Edit:
+    """Rays that look so many times the robot's heading further to the left."""
+    motion = plane_motion(recording)
+    return ChangeRanges(
+        SCANS,
+        lambda ranges, scans: looked_at(
+            ranges, scans.layout(0), turns * motion.heading_at(scans.stamps_ns)[:, None]
+        ),
+    )
+
+
 class LaserWorldFixed(SensedFault):
     """The rays start where the laser is, but keep their directions in the world."""
 
@@ -41,13 +52,7 @@ class LaserWorldFixed(SensedFault):
         )
 
     def edit(self, recording: Recording, rng: np.random.Generator) -> Edit:
-        motion = plane_motion(recording)
-        return ChangeRanges(
-            SCANS,
-            lambda ranges, scans: looked_at(
-                ranges, scans.layout(0), -motion.heading_at(scans.stamps_ns)[:, None]
-            ),
-        )
+        return _turned_by_heading(recording, -1.0)
 
 
 class LaserTurnedTwice(Fault):
@@ -56,13 +61,7 @@ class LaserTurnedTwice(Fault):
     kind: Literal["laser_turned_twice"]
 
     def edit(self, recording: Recording, rng: np.random.Generator) -> Edit:
-        motion = plane_motion(recording)
-        return ChangeRanges(
-            SCANS,
-            lambda ranges, scans: looked_at(
-                ranges, scans.layout(0), motion.heading_at(scans.stamps_ns)[:, None]
-            ),
-        )
+        return _turned_by_heading(recording, 1.0)
 
 
 class LaserKnocked(Fault):

@@ -17,7 +17,7 @@ from slamsim.check.motion.clustered import clustered_fit
 from slamsim.check.motion.inputs import as_odometry
 from slamsim.check.motion.integrated import IntegratedMotion, integrated_odometry
 from slamsim.check.question import Question, QuestionGroup, judge
-from slamsim.check.questions.frames.transform_times import TF_CONTRADICTS
+from slamsim.check.questions.frames.transform_times import TF_CONTRADICTS, joins_frames_of
 from slamsim.check.wording import signed_words
 from slamsim.core.types import FloatArray
 from slamsim.recording.repairs.base import Repair
@@ -70,10 +70,10 @@ def check_repetitions(evidence: RecordingEvidence) -> Iterator[Finding]:
     recording = evidence.recording
     for odometry in recording.odometries:
         for edge in recording.transforms:
-            same = edge.parent in odometry.frame_ids and edge.child in odometry.child_frame_ids
-            motions = (odometry, as_odometry(edge)) if same and not edge.is_static else ()
-            driven = [one for one in map(integrated_odometry, motions) if one is not None]
-            found = _repetition(*driven) if len(driven) == 2 else None
+            if not joins_frames_of(odometry, edge):
+                continue
+            said, shown = map(integrated_odometry, (odometry, as_odometry(edge)))
+            found = _repetition(said, shown) if said is not None and shown is not None else None
             if found is not None:
                 subject = f"{edge.name} against {odometry.topic}"
                 yield from _judged(found, subject, odometry.topic)

@@ -82,12 +82,16 @@ def check_agreement(recording: Recording) -> Iterator[Finding]:
         findings = [
             _contradiction(odometry, edge)
             for odometry in recording.odometries
-            if edge.parent in odometry.frame_ids
-            and edge.child in odometry.child_frame_ids
-            and not edge.is_static
+            if joins_frames_of(odometry, edge)
         ]
         agree = [one for one in findings if one.verdict == "ok"]
         yield from agree or findings
+
+
+def joins_frames_of(odometry: RawOdometry, edge: TransformEdge) -> bool:
+    """Whether a moving transform is between the frames of an odometry."""
+    same = edge.parent in odometry.frame_ids and edge.child in odometry.child_frame_ids
+    return same and not edge.is_static
 
 
 def _contradiction(odometry: RawOdometry, edge: TransformEdge) -> Finding:

@@ -13,6 +13,7 @@ from slamsim.check.calibration.explanation import Explanation
 from slamsim.check.fault_groups import LIDAR_TIMES, SWEEPS
 from slamsim.check.findings import SURE_SIGMAS, Curve, Finding, Measurement, Plot, Verdict, decide
 from slamsim.check.question import FaultKind, Question, anywhere, judge
+from slamsim.check.wording import signed_words
 from slamsim.recording import RecordingFormat
 from slamsim.recording.repairs.base import Repair
 from slamsim.slam.laser.scan_motion import ScanMotions, ShapeEstimate
@@ -120,8 +121,8 @@ def check_angles(motions: ScanMotions, explained: Explanation | None) -> list[Fi
     step = judge(
         ANGLE_STEP,
         motions.topic,
-        f"the declared angle between beams is {abs(error):.3g} % "
-        f"{'larger' if error > 0.0 else 'smaller'} than {by}",
+        f"the declared angle between beams is {signed_words(error, '%', 'larger', 'smaller')} "
+        f"than {by}",
         Measurement(error, 100.0 * sigma / factor**2, "%"),
         advice=f"Multiply the angle between beams by {factor:.6g}, about the middle beam.",
         repairs=(Repair("scale_angles", motions.topic, {"factor": factor}),),
@@ -151,8 +152,7 @@ def check_range_offset(motions: ScanMotions) -> Finding:
     return judge(
         RANGE_OFFSET,
         motions.topic,
-        f"ranges are {1e3 * abs(found.value):.3g} mm too "
-        f"{'long' if found.value > 0.0 else 'short'}",
+        f"ranges are {signed_words(1e3 * found.value, 'mm', 'too long', 'too short')}",
         Measurement(1e3 * found.value, 1e3 * found.sigma, "mm"),
         advice=f"Subtract {recorded:.4g} from every range.",
         repairs=(Repair("add_to_ranges", motions.topic, {"offset_m": -recorded}),),

@@ -7,6 +7,7 @@ from slamsim.check.calibration.joint import Calibration
 from slamsim.check.evidence import of_sizes
 from slamsim.check.findings import Finding
 from slamsim.check.question import FaultKind, Question, QuestionGroup, judge, unanswered
+from slamsim.check.wording import signed_words
 from slamsim.recording.repairs.base import Repair
 
 SCALE = Question(
@@ -30,12 +31,12 @@ def check_range_scale(calibration: Calibration, explained: Explanation) -> list[
     if too_long is None:
         words = "nothing tells it apart from wheels of another size"
         return [unanswered(SCALE, topic, words)]
-    side, factor = "long" if too_long.value > 0.0 else "short", 1.0 / (1.0 + too_long.value / 100.0)
+    factor = 1.0 / (1.0 + too_long.value / 100.0)
     return [
         judge(
             SCALE,
             topic,
-            f"ranges are {abs(too_long.value):.3g} % too {side}",
+            f"ranges are {signed_words(too_long.value, '%', 'too long', 'too short')}",
             too_long,
             advice=f"Multiply every range by {factor:.5g}, or the odometry's lengths by "
             f"{1.0 / factor:.5g}: scans and wheels alone do not tell which.",

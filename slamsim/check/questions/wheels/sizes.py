@@ -10,6 +10,7 @@ from slamsim.check.evidence import of_sizes
 from slamsim.check.findings import Finding, Measurement
 from slamsim.check.motion.integrated import IntegratedMotion
 from slamsim.check.question import FaultKind, Question, QuestionGroup, anywhere, judge, unanswered
+from slamsim.check.wording import signed_words
 from slamsim.recording.repairs.base import Repair
 
 UNEQUAL_LIMIT = 0.0025
@@ -177,11 +178,11 @@ def _size(
         words = "nothing tells it apart from another size that is wrong"
         return unanswered(question, wheels.topic, words)
     more, less = ("large", "small") if question is RADIUS else ("far apart", "close together")
-    what = more if too_large.value > 0.0 else less
+    off = signed_words(too_large.value, "%", f"too {more}", f"too {less}")
     return judge(
         question,
         wheels.topic,
-        f"the wheels are believed {abs(too_large.value):.3g} % too {what}",
+        f"the wheels are believed {off}",
         too_large,
         advice=_advice(explained),
         repairs=(_repair(wheels, explained),),

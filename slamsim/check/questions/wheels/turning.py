@@ -25,9 +25,9 @@ LOOK_S = 1.0
 CONSTANT_RAD = 1e-6
 """Counters and filters scatter by more in a second of driving, rounding to six digits by less."""
 LEAST_S, LEAST_TURN_RAD = 3.0, 1.0
-LEAST_WHILE_STILL_RAD = 6.0
-"""Who lifts a robot and carries it does not turn round with it again and again."""
 """Pushed along a wall wheels may roll straight on while the robot turns, but not for so long."""
+LEAST_WHILE_STILL_RAD = 6.0
+"""A robot that is lifted and carried does not turn round again and again."""
 
 NO_TURN = Question(
     "odometry.turning",
