@@ -16,6 +16,7 @@ from slamsim.check.question import Question, QuestionGroup, judge
 from slamsim.check.registry import CHECKER_ERROR, registry
 from slamsim.core.progress import Progress, silent
 from slamsim.recording import RawScans, Recording
+from slamsim.recording.mountings import lidars_by_rank
 
 _log = logging.getLogger(__name__)
 
@@ -47,14 +48,14 @@ def _asked(
 ) -> Iterator[tuple[QuestionGroup, RecordingEvidence, RawScans | None]]:
     """Each group of questions with the evidence that it is asked of.
 
-    Those that compare scans with one another look at the lidar with most scans. They are asked
-    again of each further lidar as if it were alone, for what they say of that one.
+    Those that compare scans with one another look at the first lidar. They are asked again of each
+    further lidar as if it were alone, for what they say of that one.
     """
     groups, evidence = registry().groups, RecordingEvidence(recording)
     yield from ((group, evidence, None) for group in groups if not (quick and group.thorough))
-    by_size = sorted(recording.scans, key=len, reverse=True)
-    frames = {lidar.frame_ids for lidar in by_size[:1]}
-    for lidar in () if quick else by_size[1:]:
+    lidars = lidars_by_rank(recording)
+    frames = {lidar.frame_ids for lidar in lidars[:1]}
+    for lidar in () if quick else lidars[1:]:
         if lidar.frame_ids in frames:
             continue  # the same lidar under another topic: another question tells
         frames.add(lidar.frame_ids)
@@ -63,7 +64,7 @@ def _asked(
 
 
 def _is_about(finding: Finding, lidar: RawScans) -> bool:
-    return any(name and name in finding.subject for name in (lidar.topic, *lidar.frame_ids))
+    return finding.subject in (lidar.topic, *lidar.frame_ids)
 
 
 def _answers(

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from slamsim.core.types import FloatArray, ImuStream
-from slamsim.recording import Recording, TransformEdge
+from slamsim.recording import RawScans, Recording, TransformEdge
 from slamsim.recording.frames import FrameTree
 
 BASE_FRAMES = ("base_footprint", "base_link", "base")
@@ -21,6 +21,16 @@ def tree_of(edges: Iterable[TransformEdge]) -> FrameTree:
     tree = FrameTree()
     tree.add(edge for edge in edges if edge.is_static)
     return tree
+
+
+def lidars_by_rank(recording: Recording) -> list[RawScans]:
+    """Those that a transform places first, of these and of the others the largest."""
+    placed = {edge.child for edge in recording.transforms}
+
+    def rank(scans: RawScans) -> tuple[bool, int]:
+        return placed.isdisjoint(scans.frame_ids), -len(scans)
+
+    return sorted(recording.scans, key=rank)
 
 
 def declared_laser_mounting(recording: Recording) -> FloatArray:

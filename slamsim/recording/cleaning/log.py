@@ -35,6 +35,7 @@ from slamsim.recording.mountings import (
     ODOM_FRAME,
     imu_mounting_of,
     laser_mounting_of,
+    lidars_by_rank,
     likely_base,
     odometry_chain,
 )
@@ -121,7 +122,7 @@ class _Cleaning:
             self.warnings.append(f"of {listing}, {topics[0].topic} is read")
 
     def _scans(self) -> tuple[RawScans, RawOdometry | None]:
-        """(the largest stream of scans, the odometry in the same messages).
+        """(the scans of the first lidar, the odometry in the same messages).
 
         Where messages carry both, such as those of CARMEN, the largest of these is taken.
         """
@@ -136,6 +137,10 @@ class _Cleaning:
             reason = f"a log without scans: {needed} is needed, there is {there}"
             raise InputRefused(self._source, reason)
         carried = {each.topic: each for each in self._recording.odometries}
+        order = [scans.topic for scans in lidars_by_rank(self._recording)]
+        topics.sort(
+            key=lambda topic: order.index(topic.topic) if topic.topic in order else len(order)
+        )
         topics.sort(key=lambda topic: topic.topic not in carried)
         raw = self._stream(RawScans, topics[0])
         return raw, carried.get(raw.topic)
