@@ -137,11 +137,8 @@ class _Cleaning:
             reason = f"a log without scans: {needed} is needed, there is {there}"
             raise InputRefused(self._source, reason)
         carried = {each.topic: each for each in self._recording.odometries}
-        order = [scans.topic for scans in lidars_by_rank(self._recording)]
-        topics.sort(
-            key=lambda topic: order.index(topic.topic) if topic.topic in order else len(order)
-        )
-        topics.sort(key=lambda topic: topic.topic not in carried)
+        rank = {scans.topic: n for n, scans in enumerate(lidars_by_rank(self._recording))}
+        topics.sort(key=lambda each: (each.topic not in carried, rank.get(each.topic, len(rank))))
         raw = self._stream(RawScans, topics[0])
         return raw, carried.get(raw.topic)
 
