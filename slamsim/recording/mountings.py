@@ -8,7 +8,7 @@ import numpy as np
 
 from slamsim.core.types import FloatArray, ImuStream
 from slamsim.recording import Recording, TransformEdge
-from slamsim.recording.frames import FrameTree
+from slamsim.recording.frames import FrameTree, unqualified
 
 BASE_FRAMES = ("base_footprint", "base_link", "base")
 ODOM_FRAME = "odom"
@@ -40,7 +40,7 @@ def laser_mounting_of(
     T_base_laser = tree.between(base_frame, laser_frame)
     if T_base_laser is not None:
         return T_base_laser
-    for frame in BASE_FRAMES:
+    for frame in filter(None, map(tree.named, BASE_FRAMES)):
         T_base_laser = tree.between(frame, laser_frame)
         if T_base_laser is not None:
             warnings.append(
@@ -67,14 +67,14 @@ def imu_mounting_of(
 
 def likely_base(tree: FrameTree) -> str:
     """The frame of the robot where nothing names it."""
-    return next((frame for frame in BASE_FRAMES if frame in tree), BASE_FRAMES[0])
+    return next(filter(None, map(tree.named, BASE_FRAMES)), BASE_FRAMES[0])
 
 
 def odometry_chain(tree: FrameTree, laser_frame: str) -> list[tuple[str, str]]:
     """Edges from ``odom`` down to the robot's base: the lowest frame that moves, if any does."""
     start = laser_frame if laser_frame in tree else likely_base(tree)
     path = tree.path_up(start)
-    below_odom = [i for i, (parent, _, _) in enumerate(path) if parent == ODOM_FRAME]
+    below_odom = [i for i, (parent, _, _) in enumerate(path) if unqualified(parent) == ODOM_FRAME]
     if not below_odom:
         return []
     top = below_odom[0]

@@ -47,14 +47,13 @@ class Format:
     rank: of several recordings in one folder that of the lowest is read. suffixes: of its files,
     in lower case. is_packable: whether they may end in one of ``PACKINGS`` besides. about_files,
     about_folders: what it takes, as a user is told. in_folder: the recording in a folder, None for
-    none. read: of (path, scan topic or None for all, what of the truth). has_truth: whether
-    recordings may hold one. checksums: reads a recording to its last byte and says in words what
-    its checksums prove.
+    none. read: of (path, what of the truth). has_truth: whether recordings may hold one.
+    checksums: reads a recording to its last byte and says in words what its checksums prove.
     """
 
     name: str
     rank: int
-    read: Callable[[Path, str | None, Truth], Contents]
+    read: Callable[[Path, Truth], Contents]
     suffixes: tuple[str, ...] = ()
     is_packable: bool = False
     about_files: str = ""

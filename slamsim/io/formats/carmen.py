@@ -9,8 +9,8 @@ from slamsim.io.carmen.reader import read_carmen
 from slamsim.io.formats import Contents, Format, Truth, register
 
 
-def _read(path: Path, scan_topic: str | None, _: Truth) -> Contents:
-    return Contents(read_carmen(path, scan_topic))
+def _read(path: Path, _: Truth) -> Contents:
+    return Contents(read_carmen(path))
 
 
 def _checksums(path: Path) -> str:

@@ -8,10 +8,10 @@ from pathlib import Path
 from slamsim.io.formats import Contents, Format, Truth, register
 
 
-def _read(path: Path, scan_topic: str | None, truth: Truth) -> Contents:
+def _read(path: Path, truth: Truth) -> Contents:
     from slamsim.io.ros.reader import read_ros
 
-    return read_ros(path, scan_topic, truth)
+    return read_ros(path, truth)
 
 
 def _rosbag2(folder: Path) -> Path | None:

@@ -41,7 +41,7 @@ from slamsim.recording.schemas import CLOCK
 
 _BATCH, _BATCH_BYTES = 4096, 16 << 20
 _DESCRIPTION = "robot_description"
-SCAN, ODOMETRY = RawScans.schema.type_name, RawOdometry.schema.type_name
+ODOMETRY = RawOdometry.schema.type_name
 TRANSFORMS = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
 _TRUTH_WORDS = ("ground_truth", "groundtruth")
 _OWN_METADATA = "slamsim"
@@ -55,14 +55,14 @@ _COLLECTORS: dict[str, Callable[[str, Opened, bool], Any]] = {
 }
 
 
-def read_ros(path: Path, scan_topic: str | None = None, truth: Truth = "without") -> Contents:
+def read_ros(path: Path, truth: Truth = "without") -> Contents:
     """What is in a ROS recording, in one pass over its messages.
 
     Of a message that cannot be decoded a count is kept, and the others are read. Raises
-    InputRefused as ``open_bag`` does, and for a scan topic that is not there.
+    InputRefused as ``open_bag`` does.
     """
     bag = open_bag(path)
-    wanted = [] if truth == "only" else _wanted(bag, scan_topic)
+    wanted = [] if truth == "only" else _wanted(bag)
     if truth != "without":
         wanted += [channel for channel in bag.of_type(ODOMETRY) if is_truth(channel)][:1]
     topics = {channel.topic: _Topic(bag, channel) for channel in wanted}
@@ -71,7 +71,7 @@ def read_ros(path: Path, scan_topic: str | None = None, truth: Truth = "without"
     for topic in topics.values():
         topic.finish()
     true = next((topics.pop(name) for name in list(topics) if is_truth(topics[name].channel)), None)
-    recording = _assembled(bag, topics, all_scans=scan_topic is None)
+    recording = _assembled(bag, topics)
     if true is None:
         return Contents(recording)
     if true.damage:
@@ -159,36 +159,24 @@ def description_topic(bag: Bag) -> str | None:
     return next((topic for topic in topics if topic.endswith(_DESCRIPTION)), None)
 
 
-def _wanted(bag: Bag, scan_topic: str | None) -> list[Channel]:
-    chosen = None if scan_topic is None else _chosen_scan(bag, scan_topic)
+def _wanted(bag: Bag) -> list[Channel]:
     found = []
     for channel in bag.of_type(*_COLLECTORS, "std_msgs/msg/String"):
-        other_scan = channel.type_name == SCAN and chosen not in (None, channel.topic)
         is_text = channel.type_name not in _COLLECTORS
         other_text = is_text and not channel.topic.endswith(_DESCRIPTION)
-        if not (other_scan or other_text or is_truth(channel)):
+        if not (other_text or is_truth(channel)):
             found.append(channel)
     return found
 
 
-def _chosen_scan(bag: Bag, wanted: str) -> str:
-    channels = bag.of_type(SCAN)
-    for channel in channels:
-        if channel.topic.lstrip("/") == wanted.lstrip("/"):
-            return channel.topic
-    listing = ", ".join(f"{channel.topic} ({channel.messages} messages)" for channel in channels)
-    raise InputRefused(bag.path, f"no scans on {wanted!r}; there is {listing or 'none'}")
-
-
 def _recorded(
-    bag: Bag, topics: Mapping[str, _Topic], *, all_scans: bool
+    bag: Bag, topics: Mapping[str, _Topic]
 ) -> tuple[tuple[RecordedTopic, ...], tuple[UnreadTopic, ...]]:
-    """(what the file holds but the truth and lidars that are not wanted, what no check looks at)"""
+    """(what the file holds but the truth, what no check looks at)"""
     recorded, unread = [], []
     for channel in bag.channels:
         topic = topics.get(channel.topic)
-        left_out = topic is None and channel.type_name == SCAN and not all_scans
-        if is_truth(channel) or left_out or not channel.messages:
+        if is_truth(channel) or not channel.messages:
             continue
         about = channel.topic, channel.type_name, channel.messages
         recorded.append(RecordedTopic(*about, "" if topic is None else topic.damage))
@@ -198,12 +186,12 @@ def _recorded(
     return tuple(recorded), tuple(unread)
 
 
-def _assembled(bag: Bag, topics: Mapping[str, _Topic], *, all_scans: bool) -> Recording:
+def _assembled(bag: Bag, topics: Mapping[str, _Topic]) -> Recording:
     read = [topic for topic in topics.values() if topic.collector is not None]
     collectors = [topic.collector for topic in read]
     clocks = [c.instants_ns() for c in collectors if isinstance(c, ClockCollector)]
     texts = [c.text for c in collectors if isinstance(c, TextCollector)]
-    recorded, unread = _recorded(bag, topics, all_scans=all_scans)
+    recorded, unread = _recorded(bag, topics)
     recording = Recording(
         name=bag.path.resolve().parent.name if bag.path.name == LOG else bag.path.stem,
         format=_format(bag.path),
