@@ -117,8 +117,8 @@ def localise(
 ) -> None:
     """Localise a recording in a finished map."""
     from slamsim.console.reporter import Reporter
+    from slamsim.run.continuing import start_pose
     from slamsim.run.naming import output_folder, recording_name
-    from slamsim.run.start import start_pose
 
     reporter = Reporter(quiet=quiet, as_json=as_json)
     loaded = loaded_config(None, config, set_, None)

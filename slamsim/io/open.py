@@ -8,7 +8,7 @@ from pathlib import Path
 from slamsim.core.types import Log, Trajectory
 from slamsim.guard.errors import InputRefused, NotFound, OverrideRefused
 from slamsim.guard.files import own_file
-from slamsim.io.formats import Contents, Format, Truth, formats
+from slamsim.io.formats import Contents, Format, Survey, Truth, formats
 from slamsim.io.input_errors import as_input_errors, damaged
 from slamsim.io.names import LOG, TABLES
 from slamsim.io.selection import EVERYTHING, Selection, selected
@@ -76,6 +76,14 @@ def read_recording(path: Path, wanted: Selection = EVERYTHING) -> Recording:
         reason = f"there is nothing that could be checked, only {there or 'no message at all'}"
         raise InputRefused(path, reason)
     return found
+
+
+def survey_recording(path: Path, wanted: Selection = EVERYTHING) -> Survey:
+    """What is in the recording at path, quickly; raises as ``open_recording`` does."""
+    path = recording_at(path)
+    with as_input_errors(path, "its contents"):
+        found = format_of(path).survey(path)
+        return replace(found, sample=selected(found.sample, wanted, path))
 
 
 def read_log(path: Path, wanted: Selection = EVERYTHING) -> Log:

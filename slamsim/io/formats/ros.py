@@ -5,13 +5,19 @@ from __future__ import annotations
 from collections import Counter
 from pathlib import Path
 
-from slamsim.io.formats import Contents, Format, Truth, register
+from slamsim.io.formats import Contents, Format, Survey, Truth, register
 
 
 def _read(path: Path, truth: Truth) -> Contents:
     from slamsim.io.ros.reader import read_ros
 
     return read_ros(path, truth)
+
+
+def _survey(path: Path) -> Survey:
+    from slamsim.io.ros.reader import survey_ros
+
+    return survey_ros(path)
 
 
 def _rosbag2(folder: Path) -> Path | None:
@@ -52,6 +58,7 @@ ROS2 = Format(
     in_folder=_rosbag2,
     has_truth=True,
     checksums=_checksums,
+    sampled=_survey,
 )
 ROS1 = Format(
     name="ros 1",
@@ -63,6 +70,7 @@ ROS1 = Format(
     in_folder=_only_bag,
     has_truth=True,
     checksums=_checksums,
+    sampled=_survey,
 )
 register(ROS2)
 register(ROS1)

@@ -14,10 +14,11 @@ from typing import Any
 from slamsim.guard.errors import InputRefused, shown
 from slamsim.guard.files import own_file
 from slamsim.guard.yaml import load_yaml
-from slamsim.io.bag1.reader import index_bag1
+from slamsim.io.bag1.reader import index_bag1, sampled_bag1
 from slamsim.io.bag2.sqlite import index_sqlite
 from slamsim.io.input_errors import as_input_errors, damaged
-from slamsim.io.mcap.reader import index_mcap
+from slamsim.io.mcap.reader import McapIndex, index_mcap
+from slamsim.io.mcap.sample import sampled_mcap
 from slamsim.io.ros.sources import (
     Bag1Source,
     Channel,
@@ -84,18 +85,23 @@ class Bag:
                 raise ValueError(f"the index leads to {seen} of {expected} messages")
 
 
-def open_bag(path: Path) -> Bag:
-    """Checks the files and lists the topics; raises InputRefused or NotFound."""
+def open_bag(path: Path, *, is_sampled: bool = False) -> Bag:
+    """Checks the files and lists the topics; raises InputRefused or NotFound.
+
+    is_sampled: for a first look, whose source gives only some messages of each topic.
+    """
     files, announced, compressed = _files(path) if path.is_dir() else ([path], None, False)
     kinds = {file.suffix.lower() for file in files}
     if kinds == {".mcap"}:
         if compressed:
             raise InputRefused(path, "messages compressed one by one in an MCAP are not read")
-        bag = _mcap_bag(path, files)
+        bag = _mcap_bag(path, [sampled_mcap(f) if is_sampled else index_mcap(f) for f in files])
     elif kinds == {".db3"}:
-        bag = _bag(path, SqliteSource([index_sqlite(file, compressed) for file in files]))
+        indexes = [index_sqlite(file, compressed, is_sampled=is_sampled) for file in files]
+        bag = _bag(path, SqliteSource(indexes))
     elif kinds == {".bag"} and len(files) == 1:
-        bag = _bag(path, Bag1Source(index_bag1(files[0])))
+        index = sampled_bag1(files[0]) if is_sampled else index_bag1(files[0])
+        bag = _bag(path, Bag1Source(index))
     else:
         names = ", ".join(file.name for file in files) or "no file"
         raise InputRefused(path, f"{names}: .mcap or .db3 files belong into a recording")
@@ -105,8 +111,7 @@ def open_bag(path: Path) -> Bag:
     return bag
 
 
-def _mcap_bag(path: Path, files: list[Path]) -> Bag:
-    indexes = [index_mcap(file) for file in files]
+def _mcap_bag(path: Path, indexes: list[McapIndex]) -> Bag:
     metadata = {each.name: each.metadata for index in indexes for each in index.metadata}
     with as_input_errors(path, "channels"):
         source = McapSource(indexes)

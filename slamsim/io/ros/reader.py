@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -13,7 +13,7 @@ import numpy as np
 
 from slamsim.core.types import Epoch
 from slamsim.guard.errors import InputRefused
-from slamsim.io.formats import Contents, Truth
+from slamsim.io.formats import Contents, Survey, TopicFacts, Truth
 from slamsim.io.input_errors import as_input_errors
 from slamsim.io.names import LOG
 from slamsim.io.ros.bag import Bag, open_bag
@@ -37,6 +37,7 @@ from slamsim.recording import (
     UnreadTopic,
 )
 from slamsim.recording.cleaning.rising_stamps import epoch_of
+from slamsim.recording.frames import frame_name
 from slamsim.recording.schemas import CLOCK
 
 _BATCH, _BATCH_BYTES = 4096, 16 << 20
@@ -77,6 +78,44 @@ def read_ros(path: Path, truth: Truth = "without") -> Contents:
     if true.damage:
         return Contents(recording, truth_damage=(f"topic {true.channel.topic}", true.damage))
     return Contents(recording, true.collector.stream())
+
+
+def survey_ros(path: Path) -> Survey:
+    """What is in a ROS recording, by its index and by some messages of each topic.
+
+    Raises InputRefused as ``open_bag`` does.
+    """
+    bag = open_bag(path, is_sampled=True)
+    declared = bag.source.declarations
+    topics = {channel.topic: _Topic(bag, channel) for channel in _wanted(bag)}
+    times: dict[str, list[int]] = {}
+    frames: dict[str, tuple[str, ...]] = {}
+    with as_input_errors(path, "its messages"):
+        for number, received_ns, _, _, data in bag.source.received(declared):
+            name = declared[number].topic
+            seen = times.setdefault(name, [received_ns, received_ns])
+            seen[:] = min(seen[0], received_ns), max(seen[1], received_ns)
+            if name in topics:
+                topics[name].add(received_ns, data)
+            elif name not in frames:
+                frames[name] = _frame(bag, name, data)
+    for topic in topics.values():
+        topic.finish()
+    recording = _assembled(bag, topics)
+    frames |= {stream.topic: stream.frame_ids for stream in recording.streams}
+    facts = (
+        TopicFacts(c.topic, c.type_name, c.messages, *times.get(c.topic, ())) for c in bag.channels
+    )
+    return Survey(tuple(replace(one, frames=frames.get(one.topic, ())) for one in facts), recording)
+
+
+def _frame(bag: Bag, topic: str, data: bytes) -> tuple[str, ...]:
+    """Of a message of any type that has a header."""
+    with suppress(InputRefused):
+        header = getattr(bag.deserialize(topic, data), "header", None)
+        frame = getattr(header, "frame_id", "")
+        return (frame_name(frame),) if isinstance(frame, str) and frame else ()
+    return ()
 
 
 def is_truth(channel: Channel) -> bool:
