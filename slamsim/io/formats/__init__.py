@@ -12,10 +12,10 @@ from importlib import import_module
 from pathlib import Path
 from typing import Literal
 
+from slamsim.guard.unpacking import PACKINGS
 from slamsim.recording import RawOdometry, Recording
 from slamsim.recording.choice import topics_of
 
-PACKINGS = (".gz", ".bz2")
 Truth = Literal["without", "with", "only"]
 """What of a recording is read: all but the truth in it, all, or the truth alone."""
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from slamsim.core.types import Epoch
 from slamsim.guard.errors import InputRefused
+from slamsim.guard.unpacking import PACKINGS
 from slamsim.io.formats import Contents, Survey, TopicFacts, Truth
 from slamsim.io.input_errors import as_input_errors
 from slamsim.io.names import LOG
@@ -62,13 +63,13 @@ def read_ros(path: Path, truth: Truth = "without") -> Contents:
     Of a message that cannot be decoded a count is kept, and the others are read. Raises
     InputRefused as ``open_bag`` does.
     """
-    bag = open_bag(path)
-    wanted = [] if truth == "only" else _wanted(bag)
-    if truth != "without":
-        wanted += [channel for channel in bag.of_type(ODOMETRY) if is_truth(channel)][:1]
-    topics = {channel.topic: _Topic(bag, channel) for channel in wanted}
-    for name, received_ns, data in bag.received(set(topics)) if topics else ():
-        topics[name].add(received_ns, data)
+    with open_bag(path) as bag:
+        wanted = [] if truth == "only" else _wanted(bag)
+        if truth != "without":
+            wanted += [channel for channel in bag.of_type(ODOMETRY) if is_truth(channel)][:1]
+        topics = {channel.topic: _Topic(bag, channel) for channel in wanted}
+        for name, received_ns, data in bag.received(set(topics)) if topics else ():
+            topics[name].add(received_ns, data)
     for topic in topics.values():
         topic.finish()
     true = next((topics.pop(name) for name in list(topics) if is_truth(topics[name].channel)), None)
@@ -85,27 +86,27 @@ def survey_ros(path: Path) -> Survey:
 
     Raises InputRefused as ``open_bag`` does.
     """
-    bag = open_bag(path, is_sampled=True)
-    declared = bag.source.declarations
-    topics = {channel.topic: _Topic(bag, channel) for channel in _wanted(bag)}
-    times: dict[str, list[int]] = {}
-    frames: dict[str, tuple[str, ...]] = {}
-    with as_input_errors(path, "its messages"):
-        for number, received_ns, _, _, data in bag.source.received(declared):
-            name = declared[number].topic
-            seen = times.setdefault(name, [received_ns, received_ns])
-            seen[:] = min(seen[0], received_ns), max(seen[1], received_ns)
-            if name in topics:
-                topics[name].add(received_ns, data)
-            elif name not in frames:
-                frames[name] = _frame(bag, name, data)
+    with open_bag(path, is_sampled=True) as bag:
+        declared = bag.source.declarations
+        topics = {channel.topic: _Topic(bag, channel) for channel in _wanted(bag)}
+        times: dict[str, list[int]] = {}
+        frames: dict[str, tuple[str, ...]] = {}
+        with as_input_errors(path, "its messages"):
+            for number, received_ns, _, _, data in bag.source.received(declared):
+                name = declared[number].topic
+                seen = times.setdefault(name, [received_ns, received_ns])
+                seen[:] = min(seen[0], received_ns), max(seen[1], received_ns)
+                if name in topics:
+                    topics[name].add(received_ns, data)
+                elif name not in frames:
+                    frames[name] = _frame(bag, name, data)
     for topic in topics.values():
         topic.finish()
     recording = _assembled(bag, topics)
     frames |= {stream.topic: stream.frame_ids for stream in recording.streams}
-    facts = (
+    facts = [
         TopicFacts(c.topic, c.type_name, c.messages, *times.get(c.topic, ())) for c in bag.channels
-    )
+    ]
     return Survey(tuple(replace(one, frames=frames.get(one.topic, ())) for one in facts), recording)
 
 
@@ -232,7 +233,7 @@ def _assembled(bag: Bag, topics: Mapping[str, _Topic]) -> Recording:
     texts = [c.text for c in collectors if isinstance(c, TextCollector)]
     recorded, unread = _recorded(bag, topics)
     recording = Recording(
-        name=bag.path.resolve().parent.name if bag.path.name == LOG else bag.path.stem,
+        name=recorded_name(bag.path),
         format=_format(bag.path),
         streams=tuple(c.stream() for kind in KINDS for c in collectors if c.kind is kind),
         transforms=tuple(
@@ -256,8 +257,15 @@ def _epoch(bag: Bag, recording: Recording) -> Epoch:
     return "simulation" if guessed == "unknown" and bag.of_type(CLOCK.type_name) else guessed
 
 
+def recorded_name(path: Path) -> str:
+    """What a recording is called after its file, or after the folder of its run."""
+    if path.name == LOG:
+        return path.resolve().parent.name
+    return Path(path.stem).stem if path.suffix.lower() in PACKINGS else path.stem
+
+
 def _format(path: Path) -> str:
     if path.is_dir():
         return "rosbag2"
     formats = {".mcap": "mcap", ".db3": "rosbag2", ".bag": "rosbag1"}
-    return formats[path.suffix.lower()]
+    return next(formats[s.lower()] for s in reversed(path.suffixes) if s.lower() in formats)
