@@ -10,6 +10,7 @@ from slamsim.guard.errors import SlamsimError
 if TYPE_CHECKING:
     from slamsim.config.run import RunConfig
     from slamsim.console.reporter import Reporter
+    from slamsim.io.selection import Selection
     from slamsim.run.naming import Loaded
     from slamsim.run.stages import Report
 
@@ -40,6 +41,15 @@ def loaded_config(
     from slamsim.run.naming import loaded
 
     return loaded(lambda: config_of(world, config, overrides, seed, faults))
+
+
+def selection(
+    scan_topics: list[str] | None, odom_topic: str, imu_topic: str, base_frame: str
+) -> Selection:
+    """The part of a recording that was asked for."""
+    from slamsim.io.selection import Selection
+
+    return Selection(tuple(scan_topics or ()), odom_topic, imu_topic, base_frame)
 
 
 def close_run(reporter: Reporter, report: Report, folder: Path) -> None:

@@ -18,6 +18,8 @@ from slamsim.cli.demo_command import demo
 from slamsim.cli.fault_command import fault
 from slamsim.cli.identify_command import EPILOG as IDENTIFY_EPILOG
 from slamsim.cli.identify_command import identify
+from slamsim.cli.info_command import EPILOG as INFO_EPILOG
+from slamsim.cli.info_command import info
 from slamsim.cli.map_command import LOCALISE_EPILOG, MAP_EPILOG, localise, map_
 from slamsim.cli.recover_command import EPILOG as RECOVER_EPILOG
 from slamsim.cli.recover_command import recover
@@ -134,6 +136,7 @@ def evaluate(
     reporter.result(scores)
 
 
+app.command(epilog=INFO_EPILOG)(info)
 app.command(epilog=CHECK_EPILOG)(check)
 app.command(epilog=FIX_EPILOG)(fix)
 app.command(epilog=RECOVER_EPILOG)(recover)

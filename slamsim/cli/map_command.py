@@ -7,10 +7,13 @@ from typing import Annotated
 
 import typer
 
-from slamsim.cli.common import close_run, loaded_config
+from slamsim.cli.common import close_run, loaded_config, selection
 from slamsim.console.options import (
+    BaseFrame,
     ConfigFile,
+    ImuTopic,
     Json,
+    OdomTopic,
     Out,
     Overwrite,
     Quiet,
@@ -52,6 +55,9 @@ def map_(
     config: ConfigFile = None,
     relations: Relations = None,
     scan_topic: ScanTopic = None,
+    odom_topic: OdomTopic = "",
+    imu_topic: ImuTopic = "",
+    base_frame: BaseFrame = "",
     earlier: Earlier = None,
     start: Start = None,
     overwrite: Overwrite = False,
@@ -80,7 +86,7 @@ def map_(
                 folder,
                 reporter,
                 relations=relations,
-                scan_topic=scan_topic,
+                wanted=selection(scan_topic, odom_topic, imu_topic, base_frame),
                 earlier=chosen_earlier(earlier, start),
                 overwrite=overwrite,
             )
@@ -102,14 +108,17 @@ def localise(
     set_: Set = None,
     config: ConfigFile = None,
     scan_topic: ScanTopic = None,
+    odom_topic: OdomTopic = "",
+    imu_topic: ImuTopic = "",
+    base_frame: BaseFrame = "",
     overwrite: Overwrite = False,
     quiet: Quiet = False,
     as_json: Json = False,
 ) -> None:
     """Localise a recording in a finished map."""
     from slamsim.console.reporter import Reporter
+    from slamsim.run.continuing import start_pose
     from slamsim.run.naming import output_folder, recording_name
-    from slamsim.run.start import start_pose
 
     reporter = Reporter(quiet=quiet, as_json=as_json)
     loaded = loaded_config(None, config, set_, None)
@@ -125,7 +134,7 @@ def localise(
             folder,
             reporter,
             start=start_pose(start),
-            scan_topic=scan_topic,
+            wanted=selection(scan_topic, odom_topic, imu_topic, base_frame),
             overwrite=overwrite,
         )
     close_run(reporter, report, folder)

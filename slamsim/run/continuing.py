@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,10 +11,9 @@ import numpy as np
 
 from slamsim.core.result import SlamResult
 from slamsim.core.types import Cloud, FloatArray
-from slamsim.guard.errors import NotFound, OverrideRefused
+from slamsim.guard.errors import NotFound, OverrideRefused, shown
 from slamsim.guard.files import own_file
 from slamsim.run.folder import SAVED_MAP
-from slamsim.run.start import start_pose
 from slamsim.slam.mapping.saved_map import SavedMap, read_saved_map
 
 
@@ -71,3 +71,18 @@ def clouds_before(saved: SavedMap, result: SlamResult) -> Iterator[tuple[Cloud, 
 
 def _is_joined(saved: SavedMap, result: SlamResult) -> bool:
     return len(saved) > len(result.graph.keyframes)
+
+
+def start_pose(typed: str | None) -> FloatArray | None:
+    """(3,) of "x,y,yaw_deg", None for nothing. Raises OverrideRefused."""
+    if typed is None:
+        return None
+    try:
+        numbers = [float(word) for word in typed.split(",")]
+    except ValueError:
+        numbers = []
+    if len(numbers) != 3 or not all(math.isfinite(number) for number in numbers):
+        raise OverrideRefused(
+            "--start", f"{shown(typed)} is not x,y,yaw_deg: three numbers, as in 1.5,-2,90"
+        )
+    return np.array([numbers[0], numbers[1], math.radians(numbers[2])])
