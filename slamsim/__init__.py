@@ -1,8 +1,9 @@
 """A labyrinth simulator, a 2-D SLAM system and a checker of recordings.
 
-``slamsim.map``, ``simulate``, ``check_recording``, ``localise``, ``open_session`` and ``Run`` are
-defined in ``slamsim.api`` and imported on first use (PEP 562), so that ``import slamsim`` stays
-fast; so is ``slamsim.dataset``. ``__init__.pyi`` tells editors and type checkers the same.
+``slamsim.map``, ``simulate``, ``check_recording``, ``localise``, ``make_dataset``,
+``open_session`` and ``Run`` are defined in ``slamsim.api`` and imported on first use (PEP 562), so
+that ``import slamsim`` stays fast; so is ``slamsim.dataset``. ``__init__.pyi`` tells editors and
+type checkers the same.
 """
 
 __version__ = "0.1.0"
@@ -13,6 +14,7 @@ __all__ = [
     "check_recording",
     "dataset",
     "localise",
+    "make_dataset",
     "map",
     "open_session",
     "simulate",

@@ -39,7 +39,9 @@ from slamsim.world.map_server import read_map
 if TYPE_CHECKING:
     from os import PathLike
 
-__all__ = ["Run", "check_recording", "localise", "map", "open_session", "simulate"]
+    from slamsim.dataset.store.reader import Dataset
+
+__all__ = ["Run", "check_recording", "localise", "make_dataset", "map", "open_session", "simulate"]
 
 Settings = Mapping[str, object]
 """Values of single settings by their dotted keys, as in ``{"drive.route.max_duration_s": 20}``."""
@@ -260,6 +262,27 @@ def check_recording(
     from slamsim.run.checking import check_log
 
     return check_log(Path(source), Reporter(quiet=quiet), scan_topic=scan_topic, quick=quick)
+
+
+def make_dataset(
+    recipe: str | PathLike[str],
+    count: int,
+    out: str | PathLike[str],
+    *,
+    workers: int | None = None,
+    quiet: bool = False,
+) -> Dataset:
+    """Make the first ``count`` sequences of a recipe, or those that are missing, and open the set.
+
+    recipe: path or bundled name. out: a folder or a URL. workers: processes, all cores by default.
+    They import the script that calls this, which therefore needs ``if __name__ == "__main__":``.
+    Raises SlamsimError if a sequence could not be made.
+    """
+    from slamsim.dataset import open as open_dataset
+    from slamsim.run.dataset.making import run_make
+
+    run_make(str(recipe), count, str(out), Reporter(quiet=quiet), workers=workers)
+    return open_dataset(str(out))
 
 
 def _path(given: str | PathLike[str] | None) -> Path | None:

@@ -63,7 +63,10 @@ ALLOWED: Mapping[str, tuple[str, ...]] = {
         "config",
         *_FOUNDATION,
     ),
-    "api": ("cli", "run", "report", "check", "slam", "world", "io", "console", *_FOUNDATION),
+    "api": (
+        *("cli", "run", "report", "dataset", "check", "slam", "world", "io", "console"),
+        *_FOUNDATION,
+    ),
 }
 """From the lowest layer to the highest: a layer imports from those that it names alone."""
 
