@@ -1,6 +1,6 @@
 """The package as it is used from Python: ``slamsim.map``, ``simulate``, ``check_recording``, ...
 
-Each function does what the command of that name does, takes its options under the same names and
+Each function does what the command of that name does, takes its options as keywords and
 returns what the command wrote. The checker's function is ``check_recording``, because
 ``slamsim.check`` is the package with its questions: an attribute of that name would be the package
 or the function, depending on what was imported before.
