@@ -7,7 +7,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from slamsim.core.types import FloatArray, ImuStream
-from slamsim.recording import Recording, TransformEdge
+from slamsim.recording import RawScans, Recording, TransformEdge
 from slamsim.recording.frames import FrameTree
 
 BASE_FRAMES = ("base_footprint", "base_link", "base")
@@ -23,6 +23,16 @@ def tree_of(edges: Iterable[TransformEdge]) -> FrameTree:
     return tree
 
 
+def lidars_by_rank(recording: Recording) -> list[RawScans]:
+    """Those that a transform places first, of these and of the others the largest."""
+    placed = {edge.child for edge in recording.transforms}
+
+    def rank(scans: RawScans) -> tuple[bool, int]:
+        return placed.isdisjoint(scans.frame_ids), -len(scans)
+
+    return sorted(recording.scans, key=rank)
+
+
 def declared_laser_mounting(recording: Recording) -> FloatArray:
     """4 x 4 T_base_laser of the first lidar, as SLAM reads it; the identity if nothing tells."""
     base, laser = BASE_FRAME, ""
@@ -33,26 +43,30 @@ def declared_laser_mounting(recording: Recording) -> FloatArray:
     return laser_mounting_of(tree_of(recording.transforms), base, laser, [])
 
 
+def known_mounting(
+    tree: FrameTree, base_frame: str, laser_frame: str
+) -> tuple[FloatArray, str] | None:
+    """(4 x 4 T_base_laser, the base frame that it starts from: another one if need be)."""
+    for frame in (base_frame, *BASE_FRAMES):
+        T_base_laser = tree.between(frame, laser_frame)
+        if T_base_laser is not None:
+            return T_base_laser, frame
+    return None
+
+
 def laser_mounting_of(
     tree: FrameTree, base_frame: str, laser_frame: str, warnings: list[str]
 ) -> FloatArray:
     """4 x 4 T_base_laser; from another base frame, or the identity, with a warning, if need be."""
-    T_base_laser = tree.between(base_frame, laser_frame)
-    if T_base_laser is not None:
-        return T_base_laser
-    for frame in BASE_FRAMES:
-        T_base_laser = tree.between(frame, laser_frame)
-        if T_base_laser is not None:
-            warnings.append(
-                f"no fixed transform from {base_frame!r} to {laser_frame!r}: "
-                f"the one from {frame!r} is used"
-            )
-            return T_base_laser
-    warnings.append(
-        f"no fixed transform from {base_frame!r} to {laser_frame!r} in /tf_static or /tf: "
-        "the laser is taken to sit at the base"
-    )
-    return np.eye(4)
+    known = known_mounting(tree, base_frame, laser_frame)
+    missing = f"no fixed transform from {base_frame!r} to {laser_frame!r}"
+    if known is None:
+        warnings.append(f"{missing} in /tf_static or /tf: the laser is taken to sit at the base")
+        return np.eye(4)
+    T_base_laser, frame = known
+    if frame != base_frame:
+        warnings.append(f"{missing}: the one from {frame!r} is used")
+    return T_base_laser
 
 
 def imu_mounting_of(

@@ -95,7 +95,7 @@ class SlamSession:
         """``step`` for a scan that is later than the one before."""
         begun_s = time.perf_counter()
         self._motion.add(samples)
-        self._front_end.renew_motion(self._motion.until(scan.end_ns))
+        self._front_end.renew_motion(self._motion.until(scan.span_ns[1]))
 
         tracked = self._front_end.step(scan)
         tracked_s = time.perf_counter()

@@ -160,7 +160,7 @@ def test_new_laser_format_describes_itself(tmp_path: Path) -> None:
     assert scan.intensities is not None
     np.testing.assert_array_equal(scan.intensities, [10, 20, 30, 40, 50])
     assert log.T_base_laser[0, 3] == pytest.approx(0.2)
-    assert any("ROBOTLASER1 is read" in warning for warning in log.warnings)
+    assert any("the scans of RAWLASER1 are not used" in warning for warning in log.warnings)
     raw = read_log(path, "RAWLASER1")  # which no line gives a pose for, as in a ROS recording
     assert raw.odometry is None
     assert any("without odometry" in warning for warning in raw.warnings)
