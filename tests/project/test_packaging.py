@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import ast
+import os
 import re
+import subprocess
 import sys
 import tomllib
 from collections.abc import Iterable
@@ -79,3 +81,24 @@ def test_constraints_pin_what_is_declared() -> None:
 def test_the_changelog_tells_of_this_version() -> None:
     headings = re.findall(r"^## (\S+)", (ROOT / "CHANGELOG.md").read_text(), re.MULTILINE)
     assert headings[0] == "Unreleased" and slamsim.__version__ in headings
+
+
+def test_the_shell_completes_commands() -> None:
+    done = subprocess.run(
+        [
+            sys.executable,
+            "-c",
+            "import sys; sys.argv = ['slamsim']; from slamsim.entry import main; main()",
+        ],
+        env={
+            **os.environ,
+            "_SLAMSIM_COMPLETE": "complete_bash",
+            "COMP_WORDS": "slamsim loc",
+            "COMP_CWORD": "1",
+        },
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=True,
+    )
+    assert done.stdout.split() == ["localise"]
