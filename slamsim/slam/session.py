@@ -176,7 +176,7 @@ def open_session(
     """A session for a robot that drives, its back end in a process of its own.
 
     T_base_laser, T_base_imu: 4 x 4 mounts; None for a robot without a gyroscope. Kernels are
-    compiled before this returns. ::
+    compiled before this returns.
 
         with open_session(SlamConfig(), T_base_laser, T_base_imu) as session:
             for scan, odometry in robot:
