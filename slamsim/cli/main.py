@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -64,7 +63,7 @@ def world(
 ) -> None:
     """Build a world: preview, mesh and true occupancy map."""
     from slamsim.console.reporter import Reporter
-    from slamsim.console.summary import flat
+    from slamsim.console.summary import labelled
     from slamsim.run.naming import output_folder
 
     reporter = Reporter(quiet=quiet, as_json=as_json)
@@ -75,7 +74,7 @@ def world(
         from slamsim.run.world import export_world
 
         facts = export_world(resolved, folder, overwrite=overwrite)
-    reporter.table(f"World {resolved.world.name}", flat(facts))
+    reporter.table(f"World {resolved.world.name}", labelled(facts))
     reporter.say(f"Written to {folder}/")
     reporter.result({**facts, "folder": str(folder)})
 
@@ -125,12 +124,12 @@ def evaluate(
 ) -> None:
     """Score a trajectory and a map against the truth or against relations."""
     from slamsim.console.reporter import Reporter
-    from slamsim.console.summary import flat
+    from slamsim.console.summary import labelled
     from slamsim.run.evaluation import evaluate_run
 
     reporter = Reporter(quiet=quiet, as_json=as_json)
     scores = evaluate_run(estimate, truth, relations, reporter)
-    reporter.table(f"Scores of {estimate}", flat(scores))
+    reporter.table(f"Scores of {estimate}", labelled(scores))
     reporter.result(scores)
 
 
@@ -184,13 +183,16 @@ def config(
 ) -> None:
     """Print every setting with its unit and meaning, as YAML that can be used again."""
     from slamsim.config.dump import dump_commented_yaml
+    from slamsim.console.reporter import write_result
 
-    sys.stdout.write(dump_commented_yaml(config_of(name, config, set_, seed)))
+    write_result(dump_commented_yaml(config_of(name, config, set_, seed)))
 
 
 def _version(asked: bool) -> None:
     if asked:
-        sys.stdout.write(f"slamsim {__version__}\n")
+        from slamsim.console.reporter import write_result
+
+        write_result(f"slamsim {__version__}\n")
         raise typer.Exit
 
 

@@ -73,7 +73,7 @@ def map_(
         from slamsim.run.mapping import map_recording, map_world, require_used
 
         if recorded:
-            reporter.say(f"Mapping the recording {source}")
+            reporter.note(f"Mapping the recording {source}")
             report = map_recording(
                 Path(source),
                 resolved,
@@ -86,7 +86,7 @@ def map_(
             )
         else:
             refuse_earlier(earlier, start)
-            reporter.say(f"Simulating and mapping the world {source}")
+            reporter.note(f"Simulating and mapping the world {source}")
             report = map_world(resolved, folder, reporter, relations=relations, overwrite=overwrite)
     close_run(reporter, report, folder)
     require_used(report, folder)

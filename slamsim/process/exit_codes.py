@@ -37,7 +37,7 @@ def run_command(command: Callable[[], object]) -> int:
     except OSError as error:
         error.filename = error.filename or "standard output"
         closed = error.errno == errno.EPIPE  # who reads has seen enough
-        code = code or (SlamsimError.exit_code if closed else fail(*_told(error)))
+        code = code if closed or code else fail(*_told(error))
         with suppress(OSError):  # else Python tries again as it ends
             nowhere = os.open(os.devnull, os.O_WRONLY | os.O_CLOEXEC)
             os.dup2(nowhere, _STANDARD_OUTPUT)

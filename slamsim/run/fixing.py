@@ -49,7 +49,6 @@ def fix_log(
     _show(reporter, fixed)
     for sentence in copied.sentences():
         reporter.say(sentence)
-    reporter.say(f"Written to {folder}/")
     told = {
         "applied": [asdict(repair) for repair in fixed.applied],
         "taken_back": [asdict(one) for one in fixed.taken_back],

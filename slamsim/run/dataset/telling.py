@@ -19,7 +19,7 @@ from slamsim.dataset.make.sequence_check import EXTRA, SequenceFinding
 from slamsim.dataset.make.shard import shard_path
 from slamsim.dataset.store.place import Location
 from slamsim.guard.errors import InputRefused, SlamsimError, shown
-from slamsim.guard.quantities import as_size, as_time
+from slamsim.guard.quantities import as_number, as_size, as_time
 from slamsim.guard.yaml import parse_yaml
 from slamsim.run.dataset.planning import counted
 
@@ -70,19 +70,19 @@ def run_stats(address: str, reporter: Reporter) -> None:
     totals = {
         "sequences": f"{told['sequences']:,}, {told['failed']:,} of them could not be made",
         "worlds": f"{told['worlds']:,}",
-        "simulated": f"{as_time(told['simulated_h'] * 3600.0)}, {told['path_km']:,.4g} km, "
+        "simulated": f"{as_time(told['simulated_h'] * 3600.0)}, {as_number(told['path_km'])} km, "
         f"{told['scans']:,} scans, {told['loop_closures']:,} loop closures",
         "disk": f"{as_size(told['size_bytes'])} in {told['files']:,} files",
     }
     splits = {
         f"split {split}": f"{part['sequences']:,} in {part['worlds']:,} worlds, "
-        f"{as_time(part['simulated_h'] * 3600.0)}, {part['path_km']:,.4g} km"
+        f"{as_time(part['simulated_h'] * 3600.0)}, {as_number(part['path_km'])} km"
         for split, part in told["splits"].items()
     }
     drawn = {name: counted(counts) for name, counts in told["drawn"].items()}
     numbers = {
-        name.removeprefix("quality."): f"{spread['median']:.4g} in the median, "
-        f"{spread['least']:.4g} to {spread['most']:.4g}"
+        name.removeprefix("quality."): f"{as_number(spread['median'])} in the median, "
+        f"{as_number(spread['least'])} to {as_number(spread['most'])}"
         for name, spread in told["numbers"].items()
     }
     faults = {"faults": counted(told["faults"])}
@@ -153,9 +153,9 @@ def _tell(found: Verification, plan: RepairPlan | None, reporter: Reporter) -> N
     }
     reporter.table(f"Data set {found.address}", rows)
     for finding in found.findings[:_MOST_TOLD]:
-        reporter.warn(f"{finding.path}: {finding.reason}")
+        reporter.say(f"{finding.path}: {finding.reason}")
     if len(found.findings) > _MOST_TOLD:
-        reporter.warn(f"and {len(found.findings) - _MOST_TOLD:,} more; --json lists all")
+        reporter.say(f"and {len(found.findings) - _MOST_TOLD:,} more; --json lists all")
     if any(finding.reason == EXTRA for finding in found.findings):
         reporter.say("Move files that are not part of the data set elsewhere.")
     if plan is None or all(finding.reason == EXTRA for finding in found.findings):
