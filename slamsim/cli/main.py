@@ -125,6 +125,9 @@ def evaluate(
     """Score a trajectory and a map against the truth or against relations."""
     from slamsim.console.reporter import Reporter
     from slamsim.console.summary import labelled
+    from slamsim.guard.replaceable import require_apart
+
+    require_apart((), (estimate, truth, relations))  # before libraries are loaded for seconds
     from slamsim.run.evaluation import evaluate_run
 
     reporter = Reporter(quiet=quiet, as_json=as_json)

@@ -12,7 +12,6 @@ import os
 import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import IO
 
 from rich.console import Console, ConsoleOptions, RenderableType
 from rich.progress import BarColumn, Progress, ProgressColumn, Task, TextColumn
@@ -23,6 +22,7 @@ from rich.text import Text
 from slamsim.core.progress import Progress as Listener
 from slamsim.core.progress import silent
 from slamsim.guard.errors import printable
+from slamsim.guard.files import discard
 from slamsim.guard.quantities import as_number, as_time
 
 Cell = tuple[tuple[str, str], ...]
@@ -64,13 +64,6 @@ class _PlainConsole(Console):
         """Who read this has seen enough: the command goes on, and its exit code is its own."""
         self.quiet = True
         discard(self.file)
-
-
-def discard(stream: IO[str]) -> None:
-    """From here on what is written to this stream goes nowhere."""
-    nowhere = os.open(os.devnull, os.O_WRONLY | os.O_CLOEXEC)
-    os.dup2(nowhere, stream.fileno())
-    os.close(nowhere)
 
 
 def write_result(text: str) -> None:

@@ -28,17 +28,18 @@ def labelled(values: Numbers, above: str = "") -> dict[str, str]:
         if isinstance(value, Mapping):
             rows.update(labelled(value, f"{above}{_words(key)}, "))
         elif value is not None:
-            label, text = _with_unit(key, value)
+            label, text = with_unit(key, value)
             alike = f"{above}{label}" in rows  # step_rmse_m beside step_rmse_mrad
             rows[f"{above}{_words(key) if alike else label}"] = text
     return rows
 
 
-def _with_unit(key: str, value: object) -> tuple[str, str]:
+def with_unit(key: str, value: object) -> tuple[str, str]:
+    """The words of a key, and its value with the unit that the key ends in."""
     if isinstance(value, list | tuple):
         if any(isinstance(one, Mapping) for one in value):
             return _words(key), f"{len(value)}, which --json lists"
-        return _words(key), ", ".join(_with_unit(key, one)[1] for one in value) or "none"
+        return _words(key), ", ".join(with_unit(key, one)[1] for one in value) or "none"
     if isinstance(value, bool):
         return _words(key), "yes" if value else "no"
     if not isinstance(value, int | float):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from dataclasses import asdict, dataclass
 from functools import reduce
 from operator import getitem
@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from slamsim.console.reporter import Reporter
+from slamsim.console.summary import with_unit
 from slamsim.dataset.catalogue.manifest import read_manifest
 from slamsim.dataset.catalogue.statistics import statistics
 from slamsim.dataset.catalogue.verify import Verification, verify
@@ -80,14 +81,18 @@ def run_stats(address: str, reporter: Reporter) -> None:
         for split, part in told["splits"].items()
     }
     drawn = {name: counted(counts) for name, counts in told["drawn"].items()}
-    numbers = {
-        name.removeprefix("quality."): f"{as_number(spread['median'])} in the median, "
-        f"{as_number(spread['least'])} to {as_number(spread['most'])}"
-        for name, spread in told["numbers"].items()
-    }
+    numbers = dict(
+        _spread(name.removeprefix("quality."), of) for name, of in told["numbers"].items()
+    )
     faults = {"faults": counted(told["faults"])}
     reporter.table(f"Data set {address}", {**totals, **splits, **drawn, **faults, **numbers})
     reporter.result(told)
+
+
+def _spread(key: str, of: Mapping[str, float]) -> tuple[str, str]:
+    """The words of a key, and how its values are spread."""
+    median, least, most = (with_unit(key, of[name])[1] for name in ("median", "least", "most"))
+    return with_unit(key, 0.0)[0], f"{median} in the median, {least} to {most}"
 
 
 def repair_plan(found: Verification) -> RepairPlan:
