@@ -27,6 +27,7 @@ from slamsim.cli.verify_command import EPILOG as VERIFY_EPILOG
 from slamsim.cli.verify_command import verify
 from slamsim.console.options import (
     ConfigFile,
+    DriveSeed,
     Faults,
     Json,
     Out,
@@ -86,6 +87,7 @@ def simulate(
     name: World = "labyrinth",
     out: Out = None,
     seed: Seed = None,
+    drive_seed: DriveSeed = None,
     set_: Set = None,
     config: ConfigFile = None,
     faults: Faults = None,
@@ -98,7 +100,7 @@ def simulate(
     from slamsim.run.naming import output_folder
 
     reporter = Reporter(quiet=quiet, as_json=as_json)
-    loaded = loaded_config(name, config, set_, seed, faults)
+    loaded = loaded_config(name, config, set_, seed, faults, drive_seed=drive_seed)
     called = loaded.config.world.name
     with output_folder(out, called, overwrite=overwrite, inputs=loaded.files) as folder:
         from slamsim.run.recording import simulate_world

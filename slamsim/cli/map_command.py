@@ -10,6 +10,7 @@ import typer
 from slamsim.cli.common import close_run, loaded_config
 from slamsim.console.options import (
     ConfigFile,
+    DriveSeed,
     Json,
     Out,
     Overwrite,
@@ -18,6 +19,7 @@ from slamsim.console.options import (
     ScanTopic,
     Seed,
     Set,
+    Verbose,
 )
 
 MAP_EPILOG = (
@@ -48,6 +50,7 @@ def map_(
     source: Source = "labyrinth",
     out: Out = None,
     seed: Seed = None,
+    drive_seed: DriveSeed = None,
     set_: Set = None,
     config: ConfigFile = None,
     relations: Relations = None,
@@ -55,6 +58,7 @@ def map_(
     earlier: Earlier = None,
     start: Start = None,
     overwrite: Overwrite = False,
+    verbose: Verbose = False,
     quiet: Quiet = False,
     as_json: Json = False,
 ) -> None:
@@ -64,7 +68,7 @@ def map_(
 
     reporter = Reporter(quiet=quiet, as_json=as_json)
     recorded = is_recording(source)
-    loaded = loaded_config(None if recorded else source, config, set_, seed)
+    loaded = loaded_config(None if recorded else source, config, set_, seed, drive_seed=drive_seed)
     resolved = loaded.config
     name = recording_name(source) if recorded else resolved.world.name
     inputs = (Path(source) if recorded else None, relations, earlier, *loaded.files)
@@ -88,7 +92,7 @@ def map_(
             refuse_earlier(earlier, start)
             reporter.note(f"Simulating and mapping the world {source}")
             report = map_world(resolved, folder, reporter, relations=relations, overwrite=overwrite)
-    close_run(reporter, report, folder)
+    close_run(reporter, report, folder, verbose=verbose)
     require_used(report, folder)
 
 
@@ -103,19 +107,20 @@ def localise(
     config: ConfigFile = None,
     scan_topic: ScanTopic = None,
     overwrite: Overwrite = False,
+    verbose: Verbose = False,
     quiet: Quiet = False,
     as_json: Json = False,
 ) -> None:
     """Localise a recording in a finished map."""
     from slamsim.console.reporter import Reporter
     from slamsim.run.naming import output_folder, recording_name
-    from slamsim.run.start import start_pose
 
     reporter = Reporter(quiet=quiet, as_json=as_json)
     loaded = loaded_config(None, config, set_, None)
     name = f"{recording_name(str(source))}_in_{known.resolve().name}"
     inputs = (source, known, *loaded.files)
     with output_folder(out, name, overwrite=overwrite, inputs=inputs) as folder:
+        from slamsim.run.continuing import start_pose
         from slamsim.run.localising import localise_recording
 
         report = localise_recording(
@@ -128,4 +133,4 @@ def localise(
             scan_topic=scan_topic,
             overwrite=overwrite,
         )
-    close_run(reporter, report, folder)
+    close_run(reporter, report, folder, verbose=verbose)

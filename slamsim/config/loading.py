@@ -87,6 +87,21 @@ def load_run_config(
     return validated(RunConfig, tree)
 
 
+def with_drive_seed(config: RunConfig, seed: int) -> RunConfig:
+    """The same world with another drive: its noise follows from this seed alone, and its route,
+    which leads to random goals, since there is one shortest tour. A route from a file stays.
+    """
+    own = config.seed if config.world.seed is None else config.world.seed
+    route = config.drive.route.model_copy(update={"seed": seed, "kind": "random_goals"})
+    return config.model_copy(
+        update={
+            "seed": seed,
+            "world": config.world.model_copy(update={"seed": own}),
+            "drive": config.drive.model_copy(update={"route": route}),
+        }
+    )
+
+
 def _with_world(tree: Tree, path: Path, config: str | None) -> Tree:
     """With the world of this file, or all of it where it is a run configuration, as
     ``slamsim config`` prints one: its world is a section among others.

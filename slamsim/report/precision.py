@@ -122,7 +122,7 @@ def ellipses(view: RunView) -> tuple[int, FloatArray]:
     graph = view.result.graph
     pick = thinned(len(graph.keyframes), MAX_ELLIPSES)[1:]
     poses, covariances = graph.keyframes.poses[pick], graph.covariances[pick, :2, :2]
-    if len(pick) == 0:
+    if len(pick) == 0 or not view.sure:
         return 1, np.zeros((0, _ELLIPSE_CORNERS + 1, 2))
     values, vectors = np.linalg.eigh(covariances)
     axes = vectors * np.sqrt(np.maximum(values, 0.0))[:, None, :] * ELLIPSE_SIGMAS

@@ -51,7 +51,7 @@ def report_html(view: RunView) -> str:
         section("The recording", "" if view.checked is None else verdicts(view.checked.findings)),
         section("Reproduce", _reproduce(view)),
     ]
-    return page(view.log.name, headline(view), "".join(parts))
+    return page(view.log.name, f"{view.verdict} {headline(view)}".strip(), "".join(parts))
 
 
 def headline(view: RunView) -> str:
