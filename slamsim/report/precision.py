@@ -106,8 +106,8 @@ def _consistency_plots(view: RunView, at_most: int) -> tuple[Panel, ...]:
     ):
         two_sigma = 2e3 * consistency.sigmas[pick, axis]
         curves = (
-            Line("plus_2_sigma", NEUTRAL, stamps_ns, two_sigma),
-            Line("minus_2_sigma", NEUTRAL, stamps_ns, -two_sigma),
+            Line("2 sigma above", NEUTRAL, stamps_ns, two_sigma),
+            Line("2 sigma below", NEUTRAL, stamps_ns, -two_sigma),
             Line("error", ESTIMATE, stamps_ns, 1e3 * consistency.errors[pick, axis]),
         )
         made.append(Panel(key, title, unit, curves, along_path=True))
