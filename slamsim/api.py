@@ -154,7 +154,10 @@ def map(  # noqa: A001 - named as the command
     settings: Settings | None = None,
     config: str | PathLike[str] | None = None,
     relations: str | PathLike[str] | None = None,
-    scan_topic: str | None = None,
+    scan_topic: str | Iterable[str] = (),
+    odom_topic: str = "",
+    imu_topic: str = "",
+    base_frame: str = "",
     continued: str | PathLike[str] | None = None,
     start: str | None = None,
     overwrite: bool = False,
@@ -165,8 +168,9 @@ def map(  # noqa: A001 - named as the command
     source: path of a recording or a world, or the bundled name of a world. out: folder of the run;
     a new one under ``outputs/`` by default. settings: values by dotted key, as ``--set``; config:
     a YAML file of them. continued: run whose map is continued (``--continue``), from the pose
-    start "x,y,yaw_deg". quiet: no progress, no table. Raises SlamsimError as the command ends
-    with an exit code.
+    start "x,y,yaw_deg". scan_topic, odom_topic, imu_topic, base_frame: what is read of a recording
+    that holds several of a kind. quiet: no progress, no table. Raises SlamsimError as the command
+    ends with an exit code.
     """
     return Run(
         map_command.map_(
@@ -176,7 +180,10 @@ def map(  # noqa: A001 - named as the command
             set_=_overrides(settings),
             config=None if config is None else str(config),
             relations=_path(relations),
-            scan_topic=scan_topic,
+            scan_topic=_topics(scan_topic),
+            odom_topic=odom_topic,
+            imu_topic=imu_topic,
+            base_frame=base_frame,
             earlier=_path(continued),
             start=start,
             overwrite=overwrite,
@@ -193,7 +200,10 @@ def localise(
     out: str | PathLike[str] | None = None,
     settings: Settings | None = None,
     config: str | PathLike[str] | None = None,
-    scan_topic: str | None = None,
+    scan_topic: str | Iterable[str] = (),
+    odom_topic: str = "",
+    imu_topic: str = "",
+    base_frame: str = "",
     overwrite: bool = False,
     quiet: bool = False,
 ) -> Run:
@@ -210,7 +220,10 @@ def localise(
             out=_path(out),
             set_=_overrides(settings),
             config=None if config is None else str(config),
-            scan_topic=scan_topic,
+            scan_topic=_topics(scan_topic),
+            odom_topic=odom_topic,
+            imu_topic=imu_topic,
+            base_frame=base_frame,
             overwrite=overwrite,
             quiet=quiet,
         )
@@ -250,7 +263,10 @@ def simulate(
 def check_recording(
     source: str | PathLike[str],
     *,
-    scan_topic: str | None = None,
+    scan_topic: str | Iterable[str] = (),
+    odom_topic: str = "",
+    imu_topic: str = "",
+    base_frame: str = "",
     quick: bool = False,
     quiet: bool = False,
 ) -> CheckReport:
@@ -259,9 +275,11 @@ def check_recording(
     quick: leave out the questions that compare scans with one another. Raises NotFound and
     InputRefused; a fault is no error.
     """
+    from slamsim.io.selection import Selection
     from slamsim.run.checking import check_log
 
-    return check_log(Path(source), Reporter(quiet=quiet), scan_topic=scan_topic, quick=quick)
+    wanted = Selection(tuple(_topics(scan_topic)), odom_topic, imu_topic, base_frame)
+    return check_log(Path(source), Reporter(quiet=quiet), wanted=wanted, quick=quick)
 
 
 def make_dataset(
@@ -326,3 +344,7 @@ def _svg(paths: Mapping[str, FloatArray], low_m: FloatArray, high_m: FloatArray,
 def _points(path_m: FloatArray) -> str:
     step = 1 + len(path_m) // _MOST_POINTS
     return " ".join(f"{x:.2f},{-y:.2f}" for x, y in path_m[::step].tolist())
+
+
+def _topics(given: str | Iterable[str]) -> list[str]:
+    return [given] if isinstance(given, str) else list(given)

@@ -177,4 +177,5 @@ def fix(
             lossy=lossy,
             overwrite=overwrite,
         )
+    reporter.say(f"Written to {out}/")
     raise typer.Exit(1 if report.faults else 0)

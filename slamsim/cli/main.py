@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -30,6 +29,7 @@ from slamsim.cli.verify_command import EPILOG as VERIFY_EPILOG
 from slamsim.cli.verify_command import verify
 from slamsim.console.options import (
     ConfigFile,
+    DriveSeed,
     Faults,
     Json,
     Out,
@@ -66,7 +66,7 @@ def world(
 ) -> None:
     """Build a world: preview, mesh and true occupancy map."""
     from slamsim.console.reporter import Reporter
-    from slamsim.console.summary import flat
+    from slamsim.console.summary import labelled
     from slamsim.run.naming import output_folder
 
     reporter = Reporter(quiet=quiet, as_json=as_json)
@@ -77,7 +77,7 @@ def world(
         from slamsim.run.world import export_world
 
         facts = export_world(resolved, folder, overwrite=overwrite)
-    reporter.table(f"World {resolved.world.name}", flat(facts))
+    reporter.table(f"World {resolved.world.name}", labelled(facts))
     reporter.say(f"Written to {folder}/")
     reporter.result({**facts, "folder": str(folder)})
 
@@ -89,6 +89,7 @@ def simulate(
     name: World = "labyrinth",
     out: Out = None,
     seed: Seed = None,
+    drive_seed: DriveSeed = None,
     set_: Set = None,
     config: ConfigFile = None,
     faults: Faults = None,
@@ -101,7 +102,7 @@ def simulate(
     from slamsim.run.naming import output_folder
 
     reporter = Reporter(quiet=quiet, as_json=as_json)
-    loaded = loaded_config(name, config, set_, seed, faults)
+    loaded = loaded_config(name, config, set_, seed, faults, drive_seed=drive_seed)
     called = loaded.config.world.name
     with output_folder(out, called, overwrite=overwrite, inputs=loaded.files) as folder:
         from slamsim.run.recording import simulate_world
@@ -128,12 +129,15 @@ def evaluate(
 ) -> None:
     """Score a trajectory and a map against the truth or against relations."""
     from slamsim.console.reporter import Reporter
-    from slamsim.console.summary import flat
+    from slamsim.console.summary import labelled
+    from slamsim.guard.replaceable import require_apart
+
+    require_apart((), (estimate, truth, relations))  # before libraries are loaded for seconds
     from slamsim.run.evaluation import evaluate_run
 
     reporter = Reporter(quiet=quiet, as_json=as_json)
     scores = evaluate_run(estimate, truth, relations, reporter)
-    reporter.table(f"Scores of {estimate}", flat(scores))
+    reporter.table(f"Scores of {estimate}", labelled(scores))
     reporter.result(scores)
 
 
@@ -188,13 +192,16 @@ def config(
 ) -> None:
     """Print every setting with its unit and meaning, as YAML that can be used again."""
     from slamsim.config.dump import dump_commented_yaml
+    from slamsim.console.reporter import write_result
 
-    sys.stdout.write(dump_commented_yaml(config_of(name, config, set_, seed)))
+    write_result(dump_commented_yaml(config_of(name, config, set_, seed)))
 
 
 def _version(asked: bool) -> None:
     if asked:
-        sys.stdout.write(f"slamsim {__version__}\n")
+        from slamsim.console.reporter import write_result
+
+        write_result(f"slamsim {__version__}\n")
         raise typer.Exit
 
 

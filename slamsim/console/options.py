@@ -72,6 +72,15 @@ Seed = Annotated[int | None, typer.Option("--seed", help="Seed of all random num
 World = Annotated[
     str, typer.Argument(help="A world: YAML, map.yaml, image or mesh file, or a bundled name.")
 ]
+DriveSeed = Annotated[
+    int | None,
+    typer.Option(
+        "--drive-seed",
+        help="Another drive through the world of --seed: random goals and noise of this seed.",
+        min=0,
+    ),
+]
+Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Show every warning.")]
 Relations = Annotated[
     Path | None,
     typer.Option("--relations", help="Relative poses to score against (Kümmerle et al. 2009)."),

@@ -24,6 +24,7 @@ def report_json(view: RunView) -> dict[str, object]:
     rows, columns = grid.occupancy.shape
     numbers: dict[str, object] = {
         "name": view.log.name,
+        "verdict": view.verdict,
         **view.scores.numbers(),
         "path_length_m": path_length_m(_best_path(view)),
         "duration_s": view.duration_s,

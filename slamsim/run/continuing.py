@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from slamsim.core.result import SlamResult
-from slamsim.core.types import Cloud, FloatArray
+from slamsim.core.types import Cloud, FloatArray, Log
 from slamsim.guard.errors import NotFound, OverrideRefused, shown
 from slamsim.guard.files import own_file
 from slamsim.run.folder import SAVED_MAP
@@ -25,14 +25,25 @@ class Earlier:
     saved: SavedMap
     start: FloatArray | None
 
-    def warnings(self, saved: SavedMap, result: SlamResult) -> tuple[str, ...]:
-        """What to tell of a drive that shares nothing with the earlier ones."""
+    def unjoined(self, saved: SavedMap, result: SlamResult, log: Log) -> str:
+        """What to tell of a drive that shares nothing with the earlier ones, else nothing."""
         if _is_joined(saved, result):
-            return ()
+            return ""
         return (
-            f"nothing of {self.run} was recognised: the two maps are not joined, "
-            "and this folder holds the new one alone",
+            f"nothing of {self.run} was recognised: the two maps are not joined, and this folder "
+            f"holds the new one alone; --start x,y,yaw_deg says where the drive began{again(log)}"
         )
+
+
+def again(log: Log) -> str:
+    """How to drive a second time where a simulated recording was made: another seed is another
+    world."""
+    if log.epoch != "simulation":
+        return ""
+    return (
+        "; a second drive through one simulated world keeps its --seed and takes another "
+        "--drive-seed: slamsim simulate WORLD --drive-seed 1"
+    )
 
 
 def read_earlier(run: Path, start: FloatArray | None) -> Earlier:
@@ -59,20 +70,6 @@ def refuse_earlier(run: Path | None, start: str | None) -> None:
         raise OverrideRefused("--start", "needs --continue: it is a pose in that map")
 
 
-def clouds_before(saved: SavedMap, result: SlamResult) -> Iterator[tuple[Cloud, FloatArray]]:
-    """What the key frames of earlier drives saw, and from where, if they belong to the map."""
-    earlier = len(saved) - len(result.graph.keyframes)
-    for keyframe, T_map_base in zip(saved.keyframes[:earlier], saved.poses, strict=False):
-        ends = keyframe.beams_m.astype(np.float64)
-        origins = np.repeat(keyframe.origin_m[None], len(ends), axis=0)
-        hit = np.ones(len(ends), dtype=np.bool_)
-        yield Cloud(keyframe.stamp_ns, ends, origins, hit), T_map_base
-
-
-def _is_joined(saved: SavedMap, result: SlamResult) -> bool:
-    return len(saved) > len(result.graph.keyframes)
-
-
 def start_pose(typed: str | None) -> FloatArray | None:
     """(3,) of "x,y,yaw_deg", None for nothing. Raises OverrideRefused."""
     if typed is None:
@@ -86,3 +83,17 @@ def start_pose(typed: str | None) -> FloatArray | None:
             "--start", f"{shown(typed)} is not x,y,yaw_deg: three numbers, as in 1.5,-2,90"
         )
     return np.array([numbers[0], numbers[1], math.radians(numbers[2])])
+
+
+def clouds_before(saved: SavedMap, result: SlamResult) -> Iterator[tuple[Cloud, FloatArray]]:
+    """What the key frames of earlier drives saw, and from where, if they belong to the map."""
+    earlier = len(saved) - len(result.graph.keyframes)
+    for keyframe, T_map_base in zip(saved.keyframes[:earlier], saved.poses, strict=False):
+        ends = keyframe.beams_m.astype(np.float64)
+        origins = np.repeat(keyframe.origin_m[None], len(ends), axis=0)
+        hit = np.ones(len(ends), dtype=np.bool_)
+        yield Cloud(keyframe.stamp_ns, ends, origins, hit), T_map_base
+
+
+def _is_joined(saved: SavedMap, result: SlamResult) -> bool:
+    return len(saved) > len(result.graph.keyframes)

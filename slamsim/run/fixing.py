@@ -44,7 +44,7 @@ def fix_log(
         require_lossless(path)
     with stages.stage("read"):
         recording = replace(read_recording(path, wanted), name=recording_name(str(source)))
-    reporter.say(in_words(choices(recording)))
+    reporter.note(in_words(choices(recording)))
     with partial_folder(folder, overwrite) as partial:
         fixed = _fixed(recording, names, stages)
         with stages.stage("write"):
@@ -52,7 +52,6 @@ def fix_log(
     _show(reporter, fixed)
     for sentence in copied.sentences():
         reporter.say(sentence)
-    reporter.say(f"Written to {folder}/")
     told = {
         "applied": [asdict(repair) for repair in fixed.applied],
         "taken_back": [asdict(one) for one in fixed.taken_back],

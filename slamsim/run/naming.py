@@ -122,10 +122,10 @@ def output_file(
 
     beside: the output folder of the same command. Raises as ``output_folder`` does.
     """
+    require_apart((path, beside), inputs)
     if path is None:
         yield None
         return
-    require_apart((path, beside), inputs)
     with partial_file(path, overwrite) as unfinished:
         yield unfinished
 
