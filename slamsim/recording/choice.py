@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from slamsim.recording import (
@@ -20,6 +20,7 @@ from slamsim.recording.mountings import odometry_chain
 
 _FUSED = re.compile(r"filter|[eu]kf|fus(ed|ion)|locali[sz]", re.IGNORECASE)
 """In the usual topic names of estimators that merge wheels and gyroscope (robot_localization)."""
+CLOUD = "sensor_msgs/msg/PointCloud2"
 _KINDS: tuple[tuple[str, type[RawStream], str], ...] = (
     ("scans", RawScans, "--scan-topic"),
     ("odometry", RawOdometry, "--odom-topic"),
@@ -90,6 +91,19 @@ def ranked(recording: Recording, kind: type[RawStream]) -> list[RecordedTopic]:
         scans = ranked(recording, RawScans)[:1]
         found.sort(key=lambda topic: topic.topic not in {each.topic for each in scans})
     return found
+
+
+def without_scans(topics: Iterable[RecordedTopic]) -> str:
+    """What to do about a recording whose only lidar publishes point clouds, as the end of a
+    sentence; empty without any."""
+    clouds = [each.topic for each in topics if each.type_name == CLOUD and each.messages]
+    if not clouds:
+        return ""
+    return (
+        f"; {clouds[0]} is a point cloud: play the recording and record /scan beside, which "
+        "`ros2 run pointcloud_to_laserscan pointcloud_to_laserscan_node --ros-args -r "
+        f"cloud_in:={clouds[0]} -p min_height:=-0.1 -p max_height:=0.1` cuts out of it"
+    )
 
 
 def topics_of(recording: Recording) -> tuple[RecordedTopic, ...]:
