@@ -95,7 +95,7 @@ def simulate(
     overwrite: Overwrite = False,
     quiet: Quiet = False,
     as_json: Json = False,
-) -> None:
+) -> Path:
     """Drive through a world and record what the sensors measure."""
     from slamsim.console.reporter import Reporter
     from slamsim.run.naming import output_folder
@@ -108,6 +108,7 @@ def simulate(
 
         report = simulate_world(loaded.config, folder, reporter, overwrite=overwrite)
     close_run(reporter, report, folder)
+    return folder
 
 
 app.command("map", epilog=MAP_EPILOG)(map_)

@@ -63,7 +63,7 @@ def map_(
     overwrite: Overwrite = False,
     quiet: Quiet = False,
     as_json: Json = False,
-) -> None:
+) -> Path:
     """Map a world or a recording, and evaluate the map."""
     from slamsim.console.reporter import Reporter
     from slamsim.run.naming import is_recording, output_folder, recording_name
@@ -96,6 +96,7 @@ def map_(
             report = map_world(resolved, folder, reporter, relations=relations, overwrite=overwrite)
     close_run(reporter, report, folder)
     require_used(report, folder)
+    return folder
 
 
 def localise(
@@ -114,7 +115,7 @@ def localise(
     overwrite: Overwrite = False,
     quiet: Quiet = False,
     as_json: Json = False,
-) -> None:
+) -> Path:
     """Localise a recording in a finished map."""
     from slamsim.console.reporter import Reporter
     from slamsim.run.continuing import start_pose
@@ -138,3 +139,4 @@ def localise(
             overwrite=overwrite,
         )
     close_run(reporter, report, folder)
+    return folder

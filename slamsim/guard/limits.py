@@ -17,6 +17,7 @@ class Limits:
     """
 
     yaml_bytes: int = MIB
+    json_bytes: int = 64 * MIB
     yaml_depth: int = 32
     yaml_nodes: int = 50_000
     yaml_key_characters: int = 1024

@@ -6,6 +6,8 @@ import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from slamsim.recording import (
     RawImu,
     RawOdometry,
@@ -16,7 +18,7 @@ from slamsim.recording import (
     Recording,
 )
 from slamsim.recording.frames import FrameTree
-from slamsim.recording.mountings import odometry_chain
+from slamsim.recording.mountings import is_taken, odometry_chain
 
 _FUSED = re.compile(r"filter|[eu]kf|fus(ed|ion)|locali[sz]", re.IGNORECASE)
 """In the usual topic names of estimators that merge wheels and gyroscope (robot_localization)."""
@@ -31,20 +33,21 @@ _KINDS: tuple[tuple[str, type[RawStream], str], ...] = (
 
 @dataclass(frozen=True, slots=True)
 class Choice:
-    """What is read of one kind. others: further topics of it; why: not these, in words.
+    """What is read of one kind, from which topics.
 
+    others: further topics of it; why: not these, in words.
     option: of the command line, which chooses another.
     """
 
     what: str
-    topic: str
+    topics: tuple[str, ...]
     others: tuple[str, ...] = ()
     why: str = ""
     option: str = ""
 
     def __str__(self) -> str:
         beside = f" (not {', '.join(self.others)}{self.why})" if self.others else ""
-        return f"{self.what} from {self.topic}{beside}"
+        return f"{self.what} from {' and '.join(self.topics)}{beside}"
 
 
 def choices(recording: Recording) -> tuple[Choice, ...]:
@@ -54,9 +57,11 @@ def choices(recording: Recording) -> tuple[Choice, ...]:
         topics = [topic.topic for topic in ranked(recording, kind)]
         if topics:
             why = _why(recording, topics) if kind is RawOdometry else ""
-            found.append(Choice(what, topics[0], tuple(topics[1:]), why, option))
+            used = _together(recording) if kind is RawScans and lidars(recording) else topics[:1]
+            others = tuple(topic for topic in topics if topic not in used)
+            found.append(Choice(what, tuple(used), others, why, option))
         elif kind is RawOdometry and (edges := _odometry_edges(recording)):
-            found.append(Choice(what, f"the transforms {edges[0][0]} -> {edges[-1][1]}"))
+            found.append(Choice(what, (f"the transforms {edges[0][0]} -> {edges[-1][1]}",)))
     return tuple(found)
 
 
@@ -70,16 +75,19 @@ def in_words(found: Sequence[Choice]) -> str:
 def ranked(recording: Recording, kind: type[RawStream]) -> list[RecordedTopic]:
     """The topics of a kind that hold messages, the one to be read first.
 
-    The one with the most messages leads, with two exceptions. Scans that carry a pose themselves
-    (CARMEN) come before others. Of odometries, one in a map's frame comes last, because it jumps
-    when the map is corrected; one whose name says that it is fused comes after a raw one if an
-    IMU was recorded, whose readings it would bring in a second time, and before it if none was.
+    The one with the most messages leads, with three exceptions. Scans that carry a pose themselves
+    (CARMEN) come before others, then those of lidars that a transform places. Of odometries, one in
+    a map's frame comes last, because it jumps when the map is corrected; one whose name says that
+    it is fused comes after a raw one if an IMU was recorded, whose readings it would bring in a
+    second time, and before it if none was.
     """
     found = [t for t in topics_of(recording) if t.type_name == kind.schema.type_name and t.messages]
-    found.sort(key=lambda topic: (-topic.messages, topic.topic))
-    carried = {odometry.topic for odometry in recording.odometries}
+    placed = {edge.child for edge in recording.transforms}
+    found.sort(key=lambda topic: (-topic.messages, topic.topic.count("/"), topic.topic))
     if kind is RawScans:
-        found.sort(key=lambda topic: topic.topic not in carried)
+        carried = {odometry.topic for odometry in recording.odometries}
+        known = {scans.topic: not placed.isdisjoint(scans.frame_ids) for scans in recording.scans}
+        found.sort(key=lambda topic: (topic.topic not in carried, not known.get(topic.topic)))
     if kind is RawOdometry:
         has_imu = bool(recording.imus)
         found.sort(
@@ -104,6 +112,38 @@ def without_scans(topics: Iterable[RecordedTopic]) -> str:
         "`ros2 run pointcloud_to_laserscan pointcloud_to_laserscan_node --ros-args -r "
         f"cloud_in:={clouds[0]} -p min_height:=-0.1 -p max_height:=0.1` cuts out of it"
     )
+
+
+def lidars(recording: Recording) -> list[RawScans]:
+    """The scans of each lidar, those that are read first first."""
+    order = {topic.topic: rank for rank, topic in enumerate(ranked(recording, RawScans))}
+    found = [scans for scans in recording.scans if scans.topic in order and scans.frame_ids]
+    return sorted(found, key=lambda scans: order[scans.topic])
+
+
+def lidars_beside(recording: Recording) -> list[RecordedTopic]:
+    """The topics of further lidars. In a log of CARMEN whose first lidar comes with poses, lines
+    without are the same scans once more."""
+    carried = {odometry.topic for odometry in recording.odometries}
+    topics = ranked(recording, RawScans)
+    with_poses = any(topic.topic in carried for topic in topics[:1])
+    return [topic for topic in topics[1:] if topic.topic in carried or not with_poses]
+
+
+def _together(recording: Recording) -> list[str]:
+    """The topics of lidars that are read together: joined to the first by transforms, and each in
+    a place of its own."""
+    first, *others = lidars(recording)
+    tree, topics = FrameTree(), [first.topic]
+    tree.add(recording.transforms)
+    places = [np.eye(4)]
+    beside = {topic.topic for topic in lidars_beside(recording)}
+    for scans in (each for each in others if each.topic in beside):
+        T_first_laser = tree.between(first.frame_ids[0], scans.frame_ids[0])
+        if T_first_laser is not None and not is_taken(T_first_laser, places):
+            places.append(T_first_laser)
+            topics.append(scans.topic)
+    return topics
 
 
 def topics_of(recording: Recording) -> tuple[RecordedTopic, ...]:

@@ -144,13 +144,13 @@ def _lines(
 def _row(topic: TopicFacts, found: Sequence[Choice]) -> tuple[str, ...]:
     rate = "" if topic.rate_hz is None else f"{topic.rate_hz:.3g} Hz"
     frame = ", ".join(topic.frames[:3])
-    is_read = any(topic.topic == choice.topic for choice in found)
+    is_read = any(topic.topic in choice.topics for choice in found)
     counts = f"{topic.messages:,}"
     return topic.topic, topic.type_name, counts, rate, frame, "read" if is_read else ""
 
 
 def _facts(topic: TopicFacts, found: Sequence[Choice]) -> dict[str, object]:
-    is_read = any(topic.topic == choice.topic for choice in found)
+    is_read = any(topic.topic in choice.topics for choice in found)
     return {**asdict(topic), "rate_hz": topic.rate_hz, "is_read": is_read}
 
 

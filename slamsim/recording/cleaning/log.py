@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
 from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
 
 from slamsim.core.arrays import BoolArray, FloatArray, IntArray
-from slamsim.core.geometry import wrap_angle
-from slamsim.core.types import EncoderStream, ImuStream, Log, PlanarTrajectory
+from slamsim.core.types import EncoderStream, ImuStream, Log, PlanarTrajectory, ScanSource
 from slamsim.guard.errors import InputRefused, OverrideRefused
 from slamsim.recording import (
     RawImu,
@@ -22,14 +20,16 @@ from slamsim.recording import (
     Recording,
     TransformEdge,
 )
-from slamsim.recording.choice import choices, in_words, ranked, topics_of, without_scans
-from slamsim.recording.cleaning.rising_stamps import (
-    NoTime,
-    Times,
-    epoch_of,
-    is_late,
-    rising_times,
+from slamsim.recording.choice import (
+    choices,
+    in_words,
+    lidars_beside,
+    ranked,
+    topics_of,
+    without_scans,
 )
+from slamsim.recording.cleaning.lidars import OtherLidars, scan_times
+from slamsim.recording.cleaning.rising_stamps import Times, epoch_of
 from slamsim.recording.cleaning.scans import RecordedScans, ScanSurvey
 from slamsim.recording.cleaning.streams import (
     chain_of,
@@ -48,18 +48,14 @@ from slamsim.recording.mountings import (
     odometry_chain,
 )
 
-_USUAL_SPEED_M_S, _USUAL_TURN_RAD_S = 0.5, 0.5
-_LEAST_PERIOD_NS, _LONGEST_PERIOD_NS = 100_000_000, 10_000_000_000
 _LEAST_OFFSET_M = 1e-3
 """Below, the axle of the wheels is at the base for any odometry."""
-_MOST_GROWTH = 1.05
-"""Of the odometry path by sorting: by a few lines in the wrong place it grows no more."""
 
 _Raw = TypeVar("_Raw", bound=RawStream)
 
 
 def clean(recording: Recording, source: Path) -> Log:
-    """The log in a recording, of its lidar with the most scans. source: named in errors.
+    """The log in a recording. source: named in errors.
 
     Raises InputRefused without usable scans, for a damaged message on a topic that is needed, and
     for scans and odometry without a common time.
@@ -81,7 +77,7 @@ class _Cleaning:
         raw, carried = self._scans()
         self.warnings += recording.anomalies
         survey = ScanSurvey(raw)
-        times = self._times(raw, survey, carried)
+        times = scan_times(raw, survey, self._source, carried)
         rows = survey.rows[times.order]
         first_ns, last_ns = int(times.stamps_ns[0]), int(times.stamps_ns[-1])
         tree = FrameTree()
@@ -99,14 +95,16 @@ class _Cleaning:
         if odometry is not None:
             self._require_overlap(odometry, first_ns, last_ns, encoders is not None)
         laser_frame, warnings = raw.frame_ids[0], self.warnings
+        T_base_laser = laser_mounting_of(tree, base_frame, laser_frame, warnings)
+        scans = RecordedScans(raw, rows, times.stamps_ns, limit)
         return Log(
             name=recording.name,
             epoch="simulation" if recording.epoch == "simulation" else epoch_of(first_ns),
-            scans=RecordedScans(raw, rows, times.stamps_ns, limit),
+            scans=self._with_others(scans, raw, tree, base_frame, odometry),
             odometry=odometry,
             imu=imu,
             encoders=encoders,
-            T_base_laser=laser_mounting_of(tree, base_frame, laser_frame, warnings),
+            T_base_laser=T_base_laser,
             T_base_imu=None if imu is None else imu_mounting_of(tree, base_frame, imu, warnings),
             sources=in_words(choices(recording)),
             warnings=tuple(warnings),
@@ -138,33 +136,26 @@ class _Cleaning:
         raw = self._stream(RawScans, topics[0])
         return raw, carried.get(raw.topic)
 
-    def _times(self, raw: RawScans, survey: ScanSurvey, carried: RawOdometry | None) -> Times:
-        """When the scans were taken that describe a lidar."""
-        rows = survey.rows
-        where = f"topic {raw.topic}"
-        if not rows.size:
-            reason = f"none of {len(raw)} scans describes a lidar"
-            raise InputRefused(self._source, reason, where)
-        stamps_ns = raw.stamps_ns[rows]
-        received_ns = None if raw.received_ns is None else raw.received_ns[rows]
-        is_repeat, sorting, period_ns = survey.is_repeat, None, None
-        if carried is not None:
-            poses = planar_poses(carried, rows)
-            is_repeat = is_repeat & np.array([False, *(np.diff(poses, axis=0) == 0).all(axis=1)])
-            sorting = _is_sorting_right(stamps_ns, poses)
-            period_ns = _likely_period_ns(poses)
-        try:
-            return rising_times(
-                stamps_ns, received_ns, is_repeat=is_repeat, sorting=sorting, period_ns=period_ns
-            )
-        except NoTime:
-            few = np.unique(stamps_ns)
-            stamps = f"the stamp {few[0]} ns" if few.size == 1 else f"one of {few.size} stamps"
-            reason = (
-                f"all {rows.size} scans carry {stamps}, and were received at no time: "
-                "when they were taken is not known"
-            )
-            raise InputRefused(self._source, reason, where) from None
+    def _with_others(
+        self,
+        scans: RecordedScans,
+        first: RawScans,
+        tree: FrameTree,
+        base_frame: str,
+        odometry: PlanarTrajectory | None,
+    ) -> ScanSource:
+        """The scans, each with those of all other lidars whose place on the robot is known."""
+        topics = lidars_beside(self._recording)
+        if not topics:
+            return scans
+        others = OtherLidars(first, scans, tree, base_frame, odometry)
+        for topic in topics:
+            if topic.damage:
+                others.told.append(f"the scans of {topic.topic} are not used: {topic.damage}")
+            else:
+                others.add(self._stream(RawScans, topic), self._source)
+        self.warnings += others.told
+        return others.together()
 
     def _transforms(self, *, is_static: bool) -> list[TransformEdge]:
         edges = [e for e in self._recording.transforms if e.is_static == is_static]
@@ -271,30 +262,3 @@ def _carried_path(
         poses = np.concatenate([poses, planar_poses(others, np.flatnonzero(outside))])
     stamps_ns, first = np.unique(stamps_ns, return_index=True)
     return PlanarTrajectory(stamps_ns, poses[first])
-
-
-def _is_sorting_right(stamps_ns: IntArray, poses: FloatArray) -> bool | None:
-    """Whether stamps that fall back are right and the order of the scans is not.
-
-    If so the odometry path does not grow by sorting. None where the robot does not move, or scans
-    are late by no more than transport explains.
-    """
-    as_recorded_m = _path_length_m(poses)
-    if as_recorded_m == 0.0 or not is_late(stamps_ns):
-        return None
-    as_stamped_m = _path_length_m(poses[np.argsort(stamps_ns, kind="stable")])
-    return as_stamped_m <= _MOST_GROWTH * as_recorded_m
-
-
-def _likely_period_ns(poses: FloatArray) -> int:
-    """Between scans without any time: that of a robot at its usual speed."""
-    if len(poses) < 2:
-        return _LEAST_PERIOD_NS
-    turned_rad = float(np.abs(wrap_angle(np.diff(poses[:, 2]))).sum())
-    moved_m = float(np.hypot(*np.diff(poses[:, :2], axis=0).T).sum())
-    busy_s = max(moved_m / _USUAL_SPEED_M_S, turned_rad / _USUAL_TURN_RAD_S)
-    return max(_LEAST_PERIOD_NS, min(round(1e9 * busy_s / (len(poses) - 1)), _LONGEST_PERIOD_NS))
-
-
-def _path_length_m(poses: FloatArray) -> float:
-    return sum(float(np.linalg.norm(b - a)) for a, b in pairwise(poses[:, :2]))
