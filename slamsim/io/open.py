@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from slamsim.core.types import Log, Trajectory
-from slamsim.guard.errors import InputRefused, NotFound, OverrideRefused
+from slamsim.guard.errors import InputRefused, NotFound
 from slamsim.guard.files import own_file
 from slamsim.io.formats import Contents, Format, Survey, Truth, formats
 from slamsim.io.input_errors import as_input_errors, damaged
@@ -23,18 +23,13 @@ class OpenRecording:
 
     path: Path
     contents: Contents
-    wanted: Selection = EVERYTHING
 
     @property
     def recording(self) -> Recording:
         return self.contents.recording
 
     def log(self) -> Log:
-        """As SLAM reads it. Raises InputRefused as ``read_log`` does, OverrideRefused if scans of
-        several lidars were asked for, which no map is made of."""
-        if len(self.wanted.scans) > 1:
-            asked = " ".join(f"--scan-topic {topic}" for topic in self.wanted.scans)
-            raise OverrideRefused(asked, "a map is made of the scans of one lidar: give one topic")
+        """As SLAM reads it. Raises InputRefused as ``read_log`` does."""
         with as_input_errors(self.path, "its contents"):
             return clean(self.recording, self.path)
 
@@ -60,7 +55,7 @@ def open_recording(path: Path, wanted: Selection = EVERYTHING) -> OpenRecording:
     messages suffer from stands in ``Recording.anomalies`` and ``unread``.
     """
     path = recording_at(path)
-    return OpenRecording(path, _read(path, "with", wanted), wanted)
+    return OpenRecording(path, _read(path, "with", wanted))
 
 
 def read_recording(path: Path, wanted: Selection = EVERYTHING) -> Recording:
@@ -94,7 +89,7 @@ def read_log(path: Path, wanted: Selection = EVERYTHING) -> Log:
     reason, or OverrideRefused for what is wanted and not there.
     """
     path = recording_at(path)
-    return OpenRecording(path, _read(path, "without", wanted), wanted).log()
+    return OpenRecording(path, _read(path, "without", wanted)).log()
 
 
 def _read(path: Path, truth: Truth, wanted: Selection) -> Contents:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,6 +22,7 @@ from slamsim.recording.mountings import is_taken, odometry_chain
 
 _FUSED = re.compile(r"filter|[eu]kf|fus(ed|ion)|locali[sz]", re.IGNORECASE)
 """In the usual topic names of estimators that merge wheels and gyroscope (robot_localization)."""
+CLOUD = "sensor_msgs/msg/PointCloud2"
 _KINDS: tuple[tuple[str, type[RawStream], str], ...] = (
     ("scans", RawScans, "--scan-topic"),
     ("odometry", RawOdometry, "--odom-topic"),
@@ -32,20 +33,21 @@ _KINDS: tuple[tuple[str, type[RawStream], str], ...] = (
 
 @dataclass(frozen=True, slots=True)
 class Choice:
-    """What is read of one kind. others: further topics of it; why: not these, in words.
+    """What is read of one kind, from which topics.
 
+    others: further topics of it; why: not these, in words.
     option: of the command line, which chooses another.
     """
 
     what: str
-    topic: str
+    topics: tuple[str, ...]
     others: tuple[str, ...] = ()
     why: str = ""
     option: str = ""
 
     def __str__(self) -> str:
         beside = f" (not {', '.join(self.others)}{self.why})" if self.others else ""
-        return f"{self.what} from {self.topic}{beside}"
+        return f"{self.what} from {' and '.join(self.topics)}{beside}"
 
 
 def choices(recording: Recording) -> tuple[Choice, ...]:
@@ -57,9 +59,9 @@ def choices(recording: Recording) -> tuple[Choice, ...]:
             why = _why(recording, topics) if kind is RawOdometry else ""
             used = _together(recording) if kind is RawScans and lidars(recording) else topics[:1]
             others = tuple(topic for topic in topics if topic not in used)
-            found.append(Choice(what, " and ".join(used), others, why, option))
+            found.append(Choice(what, tuple(used), others, why, option))
         elif kind is RawOdometry and (edges := _odometry_edges(recording)):
-            found.append(Choice(what, f"the transforms {edges[0][0]} -> {edges[-1][1]}"))
+            found.append(Choice(what, (f"the transforms {edges[0][0]} -> {edges[-1][1]}",)))
     return tuple(found)
 
 
@@ -97,6 +99,19 @@ def ranked(recording: Recording, kind: type[RawStream]) -> list[RecordedTopic]:
         scans = ranked(recording, RawScans)[:1]
         found.sort(key=lambda topic: topic.topic not in {each.topic for each in scans})
     return found
+
+
+def without_scans(topics: Iterable[RecordedTopic]) -> str:
+    """What to do about a recording whose only lidar publishes point clouds, as the end of a
+    sentence; empty without any."""
+    clouds = [each.topic for each in topics if each.type_name == CLOUD and each.messages]
+    if not clouds:
+        return ""
+    return (
+        f"; {clouds[0]} is a point cloud: play the recording and record /scan beside, which "
+        "`ros2 run pointcloud_to_laserscan pointcloud_to_laserscan_node --ros-args -r "
+        f"cloud_in:={clouds[0]} -p min_height:=-0.1 -p max_height:=0.1` cuts out of it"
+    )
 
 
 def lidars(recording: Recording) -> list[RawScans]:

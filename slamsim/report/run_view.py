@@ -50,15 +50,10 @@ class RunView:
 
     @property
     def begin_ns(self) -> int:
-        """The earliest instant of anything that is shown over time."""
+        """The earliest instant of anything that is shown over time: shown as zero."""
         streams = (self.result.trajectory, self.log.odometry, self.log.imu, self.log.encoders)
         stamps_ns = [s.stamps_ns[0] for s in streams if s is not None and s.stamps_ns.size]
         return int(min(stamps_ns, default=0))
-
-    @property
-    def origin_ns(self) -> int:
-        """The instant that is shown as zero: a simulation's own zero, else the earliest."""
-        return 0 if self.log.epoch == "simulation" else self.begin_ns
 
     @property
     def duration_s(self) -> float:

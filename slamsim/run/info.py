@@ -13,7 +13,7 @@ from slamsim.io.formats import Survey, TopicFacts
 from slamsim.io.open import survey_recording
 from slamsim.io.selection import EVERYTHING, Selection
 from slamsim.recording import RawScans, Recording
-from slamsim.recording.choice import Choice, choices, in_words
+from slamsim.recording.choice import Choice, choices, in_words, topics_of, without_scans
 from slamsim.recording.frame_graph import FrameGraph
 from slamsim.recording.outline import FramePlace, drawn, outline
 from slamsim.report.figures.frames import write_frames
@@ -21,7 +21,6 @@ from slamsim.run.naming import log_of
 from slamsim.run.stages import Stages
 
 _NOTHING = "nothing"
-_CLOUD = "sensor_msgs/msg/PointCloud2"
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,10 +78,8 @@ def missing(survey: Survey) -> list[Missing]:
     kinds = {choice.what for choice in choices(recording)}
     found = []
     if "scans" not in kinds:
-        has_cloud = any(topic.type_name == _CLOUD for topic in survey.topics)
-        clouds = "; of point clouds no map is made" if has_cloud else ""
-        needed = f"without {RawScans.schema.type_name} there is nothing to map{clouds}"
-        found.append(Missing("no scans", needed))
+        needed = f"without {RawScans.schema.type_name} there is nothing to map"
+        found.append(Missing("no scans", needed + without_scans(topics_of(recording))))
     if "odometry" not in kinds:
         worth = (
             "scans alone carry the map; it slides along corridors and tears where the robot "
@@ -147,13 +144,13 @@ def _lines(
 def _row(topic: TopicFacts, found: Sequence[Choice]) -> tuple[str, ...]:
     rate = "" if topic.rate_hz is None else f"{topic.rate_hz:.3g} Hz"
     frame = ", ".join(topic.frames[:3])
-    is_read = any(topic.topic == choice.topic for choice in found)
+    is_read = any(topic.topic in choice.topics for choice in found)
     counts = f"{topic.messages:,}"
     return topic.topic, topic.type_name, counts, rate, frame, "read" if is_read else ""
 
 
 def _facts(topic: TopicFacts, found: Sequence[Choice]) -> dict[str, object]:
-    is_read = any(topic.topic == choice.topic for choice in found)
+    is_read = any(topic.topic in choice.topics for choice in found)
     return {**asdict(topic), "rate_hz": topic.rate_hz, "is_read": is_read}
 
 

@@ -31,6 +31,7 @@ from slamsim.guard.errors import InputRefused, NotFound, SlamsimError
 from slamsim.io.parquet.file import Column, ParquetFile
 from slamsim.recording import RawStream
 from slamsim.sensors.motion import Motion
+from slamsim.sim.drive.record import START_NS
 
 
 @pytest.fixture(scope="module")
@@ -78,7 +79,7 @@ def test_a_part_is_the_whole_cut_by_true_time(
 ) -> None:
     whole = dataset[which]
     part = whole.between(start_s, start_s + length_s)
-    span = round(start_s * 1e9), round((start_s + length_s) * 1e9)
+    span = START_NS + round(start_s * 1e9), START_NS + round((start_s + length_s) * 1e9)
     for name in ("scans", "imu", "encoders"):
         stream: RawStream = getattr(whole, name)
         truth = LazyTable(whole.place, f"{whole.name}/truth/{name}.parquet")
@@ -109,11 +110,11 @@ def test_the_truth_of_any_instant_is_the_simulators_own(
 ) -> None:
     sequence = dataset[0]
     motion = Motion(read_drive(small_set / sequence.name / "truth/trajectory.parquet"))
-    ends = st.integers(0, motion.covered_ns)
+    ends = st.integers(START_NS, motion.covered_ns)
     begin_ns, end_ns = sorted(data.draw(st.tuples(ends, ends), "part"))
     instants = data.draw(st.lists(st.integers(begin_ns, end_ns), min_size=1), "instants")
     stamps_ns = np.array([*instants, begin_ns, end_ns])
-    part = sequence.between(begin_ns * 1e-9, (end_ns + 1) * 1e-9)
+    part = sequence.between((begin_ns - START_NS) * 1e-9, (end_ns - START_NS + 1) * 1e-9)
     for truth in (part.truth, sequence.truth):
         found = truth.at(stamps_ns)
         np.testing.assert_array_equal(found.positions_m, motion.positions_at(stamps_ns))

@@ -117,7 +117,7 @@ def test_the_command_names_topics_frames_what_is_missing_and_what_to_type(tmp_pa
         assert words in text
     facts = json.loads(told("info", path, "--json"))
     assert facts["next"] == f"slamsim map {path}"
-    assert [choice["topic"] for choice in facts["reads"]] == ["/front/scan", "/odom"]
+    assert [choice["topics"] for choice in facts["reads"]] == [["/front/scan"], ["/odom"]]
     assert facts["duration_s"] == pytest.approx(1.105)
     assert {topic["topic"]: topic["messages"] for topic in facts["topics"]}["/odom"] == 50
 

@@ -76,6 +76,13 @@ def _check(drawn: Drawn) -> None:
     drawn.overwrite()
 
 
+def _info(drawn: Drawn) -> None:
+    drawn.source("recording")
+    drawn.out_file("--out", 0.6)
+    drawn.maybe("--odom-topic", "/nothing", probability=0.1)
+    drawn.overwrite()
+
+
 def _fix(drawn: Drawn) -> None:
     drawn.source("recording")
     drawn.out_folder()
@@ -165,6 +172,7 @@ def _set(drawn: Drawn) -> None:
 
 COMMANDS: Mapping[str, tuple[Callable[[Drawn], None], float]] = {
     "check": (_check, 12),
+    "info": (_info, 8),
     "fix": (_fix, 14),
     "fault": (_fault, 12),
     "recover": (_recover, 12),

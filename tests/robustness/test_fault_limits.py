@@ -27,6 +27,7 @@ from slamsim.guard.mesh_file import check_mesh_file
 from slamsim.guard.seal import require_as_written
 from slamsim.guard.sums import sums_text
 from slamsim.guard.text import open_lines
+from slamsim.guard.unpacking import unpack
 from slamsim.guard.urdf import check_urdf
 from slamsim.guard.yaml import load_yaml
 from slamsim.io.bag1.reader import index_bag1
@@ -54,6 +55,11 @@ TURNING = (
 def put(path: Path, data: bytes) -> Path:
     path.write_bytes(data)
     return path
+
+
+def packed_bag(folder: Path, limits: Limits) -> None:
+    path = put(folder / "a.bag.gz", gzip.compress(bytes(100)))
+    unpack(path, folder / "a.bag", limits)
 
 
 def yaml(text: str) -> Excess:
@@ -191,6 +197,7 @@ EXCESS: dict[str, tuple[Excess, dict[str, float]]] = {
         {"saved_map_bytes": 8},
     ),
     "attachment_bytes": (attachment, {"attachment_bytes": 99}),
+    "unpacked_file_bytes": (packed_bag, {"unpacked_file_bytes": 99}),
     "bag_chunk_bytes": (chunk, {"bag_chunk_bytes": 3000}),
     "bag_ratio": (chunk, {"bag_ratio": 1, "bag_ratio_floor_bytes": 0}),
     "bag_ratio_floor_bytes": (chunk, {"bag_ratio_floor_bytes": 999, "bag_ratio": 1}),

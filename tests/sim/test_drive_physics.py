@@ -13,6 +13,7 @@ from slamsim.config.robot import DriveWheelsConfig, MotorConfig, RobotConfig
 from slamsim.core.geometry import matrix_from_xyzw, wrap_angle, yaw_from_xyzw
 from slamsim.core.types import Drive, EncoderStream, FloatArray
 from slamsim.models.differential_drive import wheel_odometry
+from slamsim.sim.drive.record import START_NS
 from slamsim.sim.drive.route import plan_route
 from slamsim.sim.drive.run import drive
 from slamsim.sim.robot.model import RobotModel, build_robot
@@ -149,7 +150,7 @@ def test_the_largest_torque_limits_how_fast_the_robot_speeds_up(tmp_path: Path) 
     weak = _robot(motor=MotorConfig(max_torque_n_m=0.01))
     limits = LimitsConfig(max_acceleration_m_s2=5.0)
     driven = _play(tmp_path, [(0, 0.4, 0), (2, 0, 0), (6, 0, 0)], weak, limits=limits)
-    time_s = driven.stamps_ns * 1e-9
+    time_s = (driven.stamps_ns - START_NS) * 1e-9
     speed = driven.linear_velocity_m_s[:, 0]
     gained = np.interp(1.5, time_s, speed) - np.interp(0.75, time_s, speed)
     expected = 2 * 0.01 / 0.0352 / _effective_mass_kg(weak)
@@ -160,7 +161,7 @@ def test_the_largest_torque_limits_how_fast_the_robot_speeds_up(tmp_path: Path) 
 def test_every_motor_reaches_the_commanded_speed(tmp_path: Path, kind: str) -> None:
     robot = _robot(motor=MotorConfig(kind=kind))  # type: ignore[arg-type]
     driven = _play(tmp_path, [(0, 0.3, 0), (4, 0, 0), (5, 0, 0)], robot)
-    time_s = driven.stamps_ns * 1e-9
+    time_s = (driven.stamps_ns - START_NS) * 1e-9
     steady = (time_s > 3.0) & (time_s < 4.4)
     np.testing.assert_allclose(driven.wheel_speeds_rad_s[steady] * 0.0352, 0.3, atol=0.01)
     np.testing.assert_allclose(driven.linear_velocity_m_s[steady, 0], 0.3, atol=0.01)
@@ -215,7 +216,7 @@ def test_no_energy_from_nowhere(tmp_path: Path) -> None:
     weak = _robot(motor=MotorConfig(max_torque_n_m=0.01))
     limits = LimitsConfig(max_acceleration_m_s2=5.0)
     driven = _play(tmp_path, [(0, 0.5, 0), (3, 0, 0), (6, 0, 0)], weak, limits=limits)
-    speeding_up = driven.stamps_ns * 1e-9 < 3.4
+    speeding_up = (driven.stamps_ns - START_NS) * 1e-9 < 3.4
     kinetic_j = 0.5 * _effective_mass_kg(weak) * driven.linear_velocity_m_s[:, 0] ** 2
     turned_rad = np.abs(driven.wheel_angles_rad - driven.wheel_angles_rad[0]).sum(axis=1)
     work_j = 0.01 * turned_rad

@@ -21,7 +21,7 @@ from slamsim.config.drive import (
 from slamsim.config.robot import CylinderConfig, RobotConfig
 from slamsim.core.types import Drive, TriangleMesh
 from slamsim.sim.bullet import pybullet
-from slamsim.sim.drive.record import stamps_ns
+from slamsim.sim.drive.record import START_NS, stamps_ns
 from slamsim.sim.drive.route import Route, plan_route
 from slamsim.sim.drive.run import DriveOutcome, bare_step_seconds, drive
 from slamsim.sim.engine import engine_parameters
@@ -83,7 +83,7 @@ def test_windows_follow_one_another_without_gap_or_overlap_whatever_their_length
         windows, _ = _windows(world, config)
         stamps = _column(windows, "stamps_ns")
         steps = np.arange(len(stamps))
-        expected = [round(k * 1e9 / 240) for k in steps[:1000].tolist()]
+        expected = [START_NS + round(k * 1e9 / 240) for k in steps[:1000].tolist()]
         assert stamps[:1000].tolist() == expected
         np.testing.assert_array_equal(stamps, stamps_ns(0, len(steps), 240))
         assert all(len(window) <= round(window_s * 240) + 6 for window in windows)
@@ -93,7 +93,7 @@ def test_windows_follow_one_another_without_gap_or_overlap_whatever_their_length
 
 def test_stamps_are_exact_after_days() -> None:
     first = 240 * 86_400 * 30
-    exact = [(k * 10**9 + 120) // 240 for k in range(first, first + 7)]
+    exact = [START_NS + (k * 10**9 + 120) // 240 for k in range(first, first + 7)]
     assert stamps_ns(first, 7, 240).tolist() == exact
 
 

@@ -58,7 +58,8 @@ class Sequence:
         """What was sensed from one instant to before another, in true time since the start."""
         if not 0.0 <= start_s < end_s:
             raise ValueError(f"no time lies from {start_s:g} s to {end_s:g} s")
-        span = round(start_s * 1e9), round(end_s * 1e9)
+        begin_ns = self.truth.begin_ns
+        span = begin_ns + round(start_s * 1e9), begin_ns + round(end_s * 1e9)
         return replace(self, truth=replace(self.truth, span=span))
 
     @property

@@ -63,6 +63,11 @@ class SequenceTruth:
             first = max(min(first, last - 2), 0)
         return Motion(drive_of(table.rows(first, last)))
 
+    @property
+    def begin_ns(self) -> int:
+        """True time of the start of the whole drive."""
+        return int(self._table("trajectory").rows(0, 1, ("stamp_ns",))["stamp_ns"][0])
+
     def at(self, stamps_ns: IntArray) -> Trajectory:
         """``T_map_base`` at true instants; raises OutsideTimeRange beyond the part."""
         motion = self.motion

@@ -20,7 +20,14 @@ from slamsim.recording import (
     Recording,
     TransformEdge,
 )
-from slamsim.recording.choice import choices, in_words, lidars_beside, ranked, topics_of
+from slamsim.recording.choice import (
+    choices,
+    in_words,
+    lidars_beside,
+    ranked,
+    topics_of,
+    without_scans,
+)
 from slamsim.recording.cleaning.lidars import OtherLidars, scan_times
 from slamsim.recording.cleaning.rising_stamps import Times, epoch_of
 from slamsim.recording.cleaning.scans import RecordedScans, ScanSurvey
@@ -124,7 +131,7 @@ class _Cleaning:
             there = ", ".join(kind[:60] for kind in sorted(kinds)[:9]) or "no message at all"
             needed = "a FLASER or ROBOTLASER1 line" if is_carmen else RawScans.schema.type_name
             reason = f"a log without scans: {needed} is needed, there is {there}"
-            raise InputRefused(self._source, reason)
+            raise InputRefused(self._source, reason + without_scans(self._topics))
         carried = {each.topic: each for each in self._recording.odometries}
         raw = self._stream(RawScans, topics[0])
         return raw, carried.get(raw.topic)

@@ -79,7 +79,7 @@ def curve_figure(plot: Panel, view: RunView) -> Picture:
     def across(stamps_ns: IntArray) -> FloatArray:
         if plot.along_path:
             return driven_m(view, stamps_ns)
-        return np.asarray((stamps_ns - view.origin_ns) * 1e-9)
+        return np.asarray((stamps_ns - view.begin_ns) * 1e-9)
 
     with rc_context(STYLE):
         figure = Figure(figsize=(CHART_IN, 1.7), layout="constrained")

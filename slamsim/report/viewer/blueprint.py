@@ -51,11 +51,9 @@ def _curve_view(view: RunView, plot: Panel) -> rrb.TimeSeriesView:
 
 
 def _whole_run(view: RunView) -> rr.TimeRange:
-    begin_ns = view.begin_ns - view.origin_ns
-    end_ns = view.begin_ns - view.origin_ns + round(view.duration_s * 1e9)
     return rr.TimeRange(
-        start=rr.TimeRangeBoundary.absolute(nanos=begin_ns),
-        end=rr.TimeRangeBoundary.absolute(nanos=end_ns),
+        start=rr.TimeRangeBoundary.absolute(nanos=0),
+        end=rr.TimeRangeBoundary.absolute(nanos=round(view.duration_s * 1e9)),
     )
 
 

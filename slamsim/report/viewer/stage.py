@@ -20,7 +20,7 @@ MAP, ODOM, BASE, LASER, TRUTH = "map", "odom", "base_footprint", "laser", "truth
 
 def time_column(view: RunView, stamps_ns: IntArray) -> rr.TimeColumn:
     """``sim_time``: the time since the beginning, exact to the nanosecond."""
-    since = (np.asarray(stamps_ns) - view.origin_ns).astype("timedelta64[ns]")
+    since = (np.asarray(stamps_ns) - view.begin_ns).astype("timedelta64[ns]")
     return rr.TimeColumn("sim_time", duration=since)
 
 

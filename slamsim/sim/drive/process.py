@@ -20,6 +20,7 @@ from slamsim.process.children import MEMORY, Halted
 from slamsim.process.exit_codes import ended_by
 from slamsim.process.module_process import ModuleProcess, answers
 from slamsim.process.pipe import Ended, packed, read_message
+from slamsim.sim.drive.record import START_NS
 from slamsim.sim.drive.route import Route
 from slamsim.sim.drive.run import DriveOutcome, drive
 from slamsim.sim.robot.model import RobotModel
@@ -80,7 +81,7 @@ class DriveProcess:
     ) -> Iterator[Drive]:
         self._child.send(packed((world, robot, route, config)))
         for window in self._answers():
-            elapsed_s = float(window.stamps_ns[-1]) * 1e-9
+            elapsed_s = float(window.stamps_ns[-1] - START_NS) * 1e-9
             progress(elapsed_s, max(route.duration_estimate_s, elapsed_s))
             yield window
 

@@ -13,10 +13,20 @@ from slamsim.guard.numbers import is_sound
 STATE_COLUMNS, TICK_COLUMNS = 17, 3
 
 
+START_NS = 1_000_000_000_000
+"""True time at which every drive begins: 1000 s.
+
+ROS 1 takes the time 0 for none and has no earlier one, so a recording that began there would lose
+its latched messages in a conversion. The thousand seconds leave room for clocks that are behind,
+are whole periods of every stream, and are few enough that seconds in double precision still tell
+nanoseconds apart.
+"""
+
+
 def stamps_ns(first_step: int, count: int, rate_hz: int) -> IntArray:
-    """(count,) true time of steps: round(k * 1e9 / rate), exact for any length of drive."""
+    """(count,) true time of steps: START_NS + round(k * 1e9 / rate), exact for any length."""
     steps = np.arange(first_step, first_step + count, dtype=np.int64)
-    return (2 * steps * 1_000_000_000 + rate_hz) // (2 * rate_hz)
+    return START_NS + (2 * steps * 1_000_000_000 + rate_hz) // (2 * rate_hz)
 
 
 class Recorder:
