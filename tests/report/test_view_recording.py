@@ -53,10 +53,9 @@ def test_a_recording_is_shown_without_a_map(tmp_path: Path) -> None:
     """Its scans where odometry has them, no estimate and no match that nobody made."""
     view = unmapped(replace(example_run().log, name="raw"))
     assert not view.mapped and len(view.result.trajectory) > 1
-    assert np.array_equal(
-        view.result.trajectory.poses,
-        example_run().log.odometry.at(view.result.trajectory.stamps_ns),
-    )
+    odometry, shown = example_run().log.odometry, view.result.trajectory
+    assert odometry is not None
+    assert np.array_equal(shown.poses, odometry.at(shown.stamps_ns))
     assert {panel.key for panel in plots(view)} <= {"wheels", "turn"}
     write_recording(tmp_path / "raw.rrd", view)
     still = unmapped(replace(example_run().log, odometry=None))
