@@ -110,7 +110,7 @@ def _trials(log: Log, reference: PlanarTrajectory, config: FrontEndConfig) -> It
     T_map_key: FloatArray | None = None
     path_m = 0.0
     for number, scan in enumerate(log.scans):
-        if not inside[number] or not _covers(motion, scan.stamp_ns, scan.end_ns):
+        if not inside[number] or not _covers(motion, *scan.span_ns):
             continue
         T_map_base = reference.at(np.array([scan.stamp_ns]))[0]
         due = number % every == every - 1 and path_m >= LEAST_PATH_M

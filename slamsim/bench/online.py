@@ -110,7 +110,7 @@ def _sensed(
         for number, (scan, samples) in enumerate(replay(log, since_ns)):
             true_ns = np.clip(now.scans.true_stamps_ns[[number]], *seen.stamps_ns[[0, -1]])
             yield scan, samples, seen.at(true_ns)[0]
-            since_ns = scan.end_ns
+            since_ns = scan.span_ns[1]
         before, truth = now, window.trajectory().planar()
 
 

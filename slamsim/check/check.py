@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import time
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -15,7 +15,8 @@ from slamsim.check.findings import CheckReport, Finding
 from slamsim.check.question import Question, QuestionGroup, judge
 from slamsim.check.registry import CHECKER_ERROR, registry
 from slamsim.core.progress import Progress, silent
-from slamsim.recording import Recording
+from slamsim.recording import RawScans, Recording
+from slamsim.recording.choice import lidars
 
 _log = logging.getLogger(__name__)
 
@@ -28,17 +29,42 @@ def check_recording(
     quick: leave out questions that compare scans with one another. A question that raises does
     not cost the others: its finding is the fault ``checker_error``.
     """
-    groups = [group for group in registry().groups if not (quick and group.thorough)]
-    evidence, errors = RecordingEvidence(recording), list[Exception]()
+    asked = list(_asked(recording, quick))
+    errors = list[Exception]()
     findings: list[Finding] = []
     seconds: dict[str, float] = {}
-    for done, group in enumerate(groups):
-        progress(done, len(groups))
+    for done, (group, evidence, lidar) in enumerate(asked):
+        progress(done, len(asked))
         begun_s = time.perf_counter()
-        findings += _answers(group, evidence, errors)
+        answers = _answers(group, evidence, errors)
+        findings += [one for one in answers if lidar is None or _is_about(one, lidar)]
         seconds[group.part] = seconds.get(group.part, 0.0) + time.perf_counter() - begun_s
-    progress(len(groups), len(groups))
+    progress(len(asked), len(asked))
     return CheckReport(recording.name, explained(findings), seconds)
+
+
+def _asked(
+    recording: Recording, quick: bool
+) -> Iterator[tuple[QuestionGroup, RecordingEvidence, RawScans | None]]:
+    """Each group of questions with the evidence that it is asked of.
+
+    Those that compare scans with one another look at the first lidar. They are asked again of each
+    further lidar as if it were alone, for what they say of that one.
+    """
+    groups, evidence = registry().groups, RecordingEvidence(recording)
+    yield from ((group, evidence, None) for group in groups if not (quick and group.thorough))
+    ranked = lidars(recording)
+    frames = {lidar.frame_ids for lidar in ranked[:1]}
+    for lidar in () if quick else ranked[1:]:
+        if lidar.frame_ids in frames:
+            continue  # the same lidar under another topic: another question tells
+        frames.add(lidar.frame_ids)
+        alone = RecordingEvidence(recording.with_streams(RawScans, [lidar]))
+        yield from ((group, alone, lidar) for group in groups if group.thorough)
+
+
+def _is_about(finding: Finding, lidar: RawScans) -> bool:
+    return finding.subject in (lidar.topic, *lidar.frame_ids)
 
 
 def _answers(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from html import escape
 from typing import Literal
 
 from slamsim.core.types import FloatArray
@@ -105,7 +106,7 @@ class Finding:
         return replace(self, verdict="inconclusive", fault=None, words=words, advice="", repairs=())
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class CheckReport:
     """All findings about a recording, in the order of the questions.
 
@@ -125,3 +126,20 @@ class CheckReport:
     def repairs(self) -> tuple[Repair, ...]:
         """What the faults propose, in their order."""
         return tuple(repair for finding in self.faults for repair in finding.repairs)
+
+    def __repr__(self) -> str:
+        names = ", ".join(finding.fault or "" for finding in self.faults) or "no fault"
+        return f"CheckReport({self.name!r}: {names}; {len(self.findings)} answers)"
+
+    def _repr_html_(self) -> str:
+        """The faults as a table, in a notebook."""
+        rows = "".join(
+            '<tr style="text-align:left">'
+            + "".join(
+                f'<td style="text-align:left">{escape(cell)}</td>'
+                for cell in (finding.fault or "", finding.subject, finding.words, finding.advice)
+            )
+            + "</tr>"
+            for finding in self.faults
+        )
+        return f"<p>{escape(repr(self))}</p><table>{rows}</table>"

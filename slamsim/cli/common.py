@@ -10,6 +10,7 @@ from slamsim.guard.errors import SlamsimError
 if TYPE_CHECKING:
     from slamsim.config.run import RunConfig
     from slamsim.console.reporter import Reporter
+    from slamsim.io.selection import Selection
     from slamsim.run.naming import Loaded
     from slamsim.run.stages import Report
 
@@ -51,6 +52,15 @@ def loaded_config(
         return config_ if drive_seed is None else with_drive_seed(config_, drive_seed)
 
     return loaded(load)
+
+
+def selection(
+    scan_topics: list[str] | None, odom_topic: str, imu_topic: str, base_frame: str
+) -> Selection:
+    """The part of a recording that was asked for."""
+    from slamsim.io.selection import Selection
+
+    return Selection(tuple(scan_topics or ()), odom_topic, imu_topic, base_frame)
 
 
 def close_run(reporter: Reporter, report: Report, folder: Path, *, verbose: bool = False) -> None:

@@ -17,6 +17,8 @@ from slamsim.cli.demo_command import demo
 from slamsim.cli.fault_command import fault
 from slamsim.cli.identify_command import EPILOG as IDENTIFY_EPILOG
 from slamsim.cli.identify_command import identify
+from slamsim.cli.info_command import EPILOG as INFO_EPILOG
+from slamsim.cli.info_command import info
 from slamsim.cli.map_command import LOCALISE_EPILOG, MAP_EPILOG, localise, map_
 from slamsim.cli.recover_command import EPILOG as RECOVER_EPILOG
 from slamsim.cli.recover_command import recover
@@ -95,7 +97,7 @@ def simulate(
     overwrite: Overwrite = False,
     quiet: Quiet = False,
     as_json: Json = False,
-) -> None:
+) -> Path:
     """Drive through a world and record what the sensors measure."""
     from slamsim.console.reporter import Reporter
     from slamsim.run.naming import output_folder
@@ -108,6 +110,7 @@ def simulate(
 
         report = simulate_world(loaded.config, folder, reporter, overwrite=overwrite)
     close_run(reporter, report, folder)
+    return folder
 
 
 app.command("map", epilog=MAP_EPILOG)(map_)
@@ -139,6 +142,7 @@ def evaluate(
     reporter.result(scores)
 
 
+app.command(epilog=INFO_EPILOG)(info)
 app.command(epilog=CHECK_EPILOG)(check)
 app.command(epilog=FIX_EPILOG)(fix)
 app.command(epilog=RECOVER_EPILOG)(recover)

@@ -7,11 +7,14 @@ from typing import Annotated
 
 import typer
 
-from slamsim.cli.common import close_run, loaded_config
+from slamsim.cli.common import close_run, loaded_config, selection
 from slamsim.console.options import (
+    BaseFrame,
     ConfigFile,
     DriveSeed,
+    ImuTopic,
     Json,
+    OdomTopic,
     Out,
     Overwrite,
     Quiet,
@@ -55,13 +58,16 @@ def map_(
     config: ConfigFile = None,
     relations: Relations = None,
     scan_topic: ScanTopic = None,
+    odom_topic: OdomTopic = "",
+    imu_topic: ImuTopic = "",
+    base_frame: BaseFrame = "",
     earlier: Earlier = None,
     start: Start = None,
     overwrite: Overwrite = False,
     verbose: Verbose = False,
     quiet: Quiet = False,
     as_json: Json = False,
-) -> None:
+) -> Path:
     """Map a world or a recording, and evaluate the map."""
     from slamsim.console.reporter import Reporter
     from slamsim.run.naming import is_recording, output_folder, recording_name
@@ -84,7 +90,7 @@ def map_(
                 folder,
                 reporter,
                 relations=relations,
-                scan_topic=scan_topic,
+                wanted=selection(scan_topic, odom_topic, imu_topic, base_frame),
                 earlier=chosen_earlier(earlier, start),
                 overwrite=overwrite,
             )
@@ -94,6 +100,7 @@ def map_(
             report = map_world(resolved, folder, reporter, relations=relations, overwrite=overwrite)
     close_run(reporter, report, folder, verbose=verbose)
     require_used(report, folder)
+    return folder
 
 
 def localise(
@@ -106,13 +113,17 @@ def localise(
     set_: Set = None,
     config: ConfigFile = None,
     scan_topic: ScanTopic = None,
+    odom_topic: OdomTopic = "",
+    imu_topic: ImuTopic = "",
+    base_frame: BaseFrame = "",
     overwrite: Overwrite = False,
     verbose: Verbose = False,
     quiet: Quiet = False,
     as_json: Json = False,
-) -> None:
+) -> Path:
     """Localise a recording in a finished map."""
     from slamsim.console.reporter import Reporter
+    from slamsim.run.continuing import start_pose
     from slamsim.run.naming import output_folder, recording_name
 
     reporter = Reporter(quiet=quiet, as_json=as_json)
@@ -130,7 +141,8 @@ def localise(
             folder,
             reporter,
             start=start_pose(start),
-            scan_topic=scan_topic,
+            wanted=selection(scan_topic, odom_topic, imu_topic, base_frame),
             overwrite=overwrite,
         )
     close_run(reporter, report, folder, verbose=verbose)
+    return folder

@@ -28,8 +28,26 @@ Jobs = Annotated[
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No progress, no table.")]
 Json = Annotated[bool, typer.Option("--json", help="Print the results as JSON on stdout.")]
 ScanTopic = Annotated[
-    str | None,
-    typer.Option("--scan-topic", help="Topic of the lidar to use, if there are several."),
+    list[str] | None,
+    typer.Option(
+        "--scan-topic",
+        metavar="TOPIC",
+        help="Scans to read, if there are several lidars; may be repeated.",
+    ),
+]
+OdomTopic = Annotated[
+    str, typer.Option("--odom-topic", metavar="TOPIC", help="Odometry to read, if several.")
+]
+ImuTopic = Annotated[
+    str, typer.Option("--imu-topic", metavar="TOPIC", help="IMU to read, if several.")
+]
+BaseFrame = Annotated[
+    str,
+    typer.Option(
+        "--base-frame",
+        metavar="FRAME",
+        help="Frame of the robot (default: what the odometry moves).",
+    ),
 ]
 Lossy = Annotated[
     bool,

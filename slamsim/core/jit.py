@@ -150,7 +150,7 @@ class _ForgivingCache(caching.FunctionCache):  # type: ignore[misc]
             self._discard()
             found = None
         if found is None:
-            _announce_compilation()
+            _announce_compilation(_package_of(self._py_func))
         return found
 
     def save_overload(self, sig: Any, data: Any) -> None:
@@ -166,9 +166,13 @@ class _ForgivingCache(caching.FunctionCache):  # type: ignore[misc]
             _log.warning("damaged kernel cache stays: %s", error)
 
 
+def _package_of(function: Callable[..., Any]) -> str:
+    return function.__module__.rpartition(".")[0] or function.__module__
+
+
 @cache
-def _announce_compilation() -> None:
-    _log.info("compiling numeric kernels; this happens once per installation")
+def _announce_compilation(package: str) -> None:
+    _log.info("compiling the kernels of %s; this happens once per installation", package)
 
 
 def kernel(function: _Function) -> _Function:

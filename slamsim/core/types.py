@@ -11,20 +11,20 @@ Units are SI. Time is an integer count of nanoseconds. All stamps are instants o
 acquisition, on the clock of the log. No return is ``inf``, invalid is ``nan``.
 
 Every constructor here raises BadNumbers for what no stage can work with: numbers that are not
-finite or beyond ``safe.numbers.MOST``, stamps out of order, arrays of another shape or type. So
+finite or beyond ``guard.numbers.MOST``, stamps out of order, arrays of another shape or type. So
 no stage has to ask again, and none can pass on what it must not.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from slamsim.core.arrays import BoolArray, Float32Array, FloatArray, IntArray
+from slamsim.core.scans import Cloud, Scan, ScanBeside, ScanGeometry, ScanSource
 from slamsim.core.trajectory import OutsideTimeRange, PlanarPoses, PlanarTrajectory, Trajectory
 from slamsim.guard import numbers
 
@@ -45,6 +45,7 @@ __all__ = [
     "PlanarPoses",
     "PlanarTrajectory",
     "Scan",
+    "ScanBeside",
     "ScanGeometry",
     "ScanSource",
     "Trajectory",
@@ -52,8 +53,6 @@ __all__ = [
 ]
 
 Epoch = Literal["simulation", "unix", "unknown"]
-
-MOST_BEAMS, MOST_BEAM_NS = 1_000_000, 1_000_000_000
 
 GRAVITY_M_S2 = 9.80665
 """Standard gravity, down along z: what the physics falls with and a resting robot feels."""
@@ -66,93 +65,6 @@ _DRIVE_COLUMNS = {
     "wheel_speeds_rad_s": 2,
     "commands": 2,
 }
-
-
-@dataclass(frozen=True, slots=True)
-class ScanGeometry:
-    """What all scans of one lidar share.
-
-    Beam ``i`` fires ``i * beam_dt_ns`` after the scan's stamp and looks along
-    ``angle_min_rad + i * angle_step_rad`` in the laser frame, counter-clockwise seen from
-    above its z axis. A flash scan has ``beam_dt_ns == 0``.
-    """
-
-    angle_min_rad: float
-    angle_step_rad: float
-    beam_count: int
-    beam_dt_ns: int
-    range_min_m: float
-    range_max_m: float
-    frame_id: str = "laser"
-
-    def __post_init__(self) -> None:
-        numbers.require_angle("the first angle of a scan", self.angle_min_rad)
-        numbers.require_angle("the angle between beams", self.angle_step_rad)
-        numbers.require_whole("the number of beams", self.beam_count, 1, MOST_BEAMS)
-        numbers.require_whole("the ns between beams", self.beam_dt_ns, -MOST_BEAM_NS, MOST_BEAM_NS)
-        numbers.require_number("the least range (m)", self.range_min_m, 0.0)
-        numbers.require_number("the largest range (m)", self.range_max_m, self.range_min_m)
-        alike = self.beam_count > 1 and self.angle_step_rad == 0.0
-        if alike or self.range_max_m == self.range_min_m:
-            raise numbers.BadNumbers(f"beams without an angle or a range between them: {self}")
-
-    def angles_rad(self) -> FloatArray:
-        """(beam_count,) direction of each beam in the laser frame."""
-        steps = np.arange(self.beam_count, dtype=np.float64)
-        return self.angle_min_rad + steps * self.angle_step_rad
-
-    def offsets_ns(self) -> IntArray:
-        """(beam_count,) firing time of each beam after the scan's stamp."""
-        return np.arange(self.beam_count, dtype=np.int64) * self.beam_dt_ns
-
-    @property
-    def duration_ns(self) -> int:
-        """From the first beam to the last."""
-        return (self.beam_count - 1) * self.beam_dt_ns
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Scan:
-    """One raw sweep in the laser frame: timed beams, motion distortion included.
-
-    stamp_ns: the instant at which beam 0 fires. ranges_m: (beam_count,) float32, ``inf`` for
-    no return, ``nan`` for an invalid reading. intensities: (beam_count,) float32 or None.
-    """
-
-    stamp_ns: int
-    ranges_m: Float32Array
-    geometry: ScanGeometry
-    intensities: Float32Array | None = None
-
-    def __post_init__(self) -> None:
-        numbers.require_whole("the stamp of a scan (ns)", self.stamp_ns)
-        numbers.require_array("the ranges of a scan", self.ranges_m, (self.geometry.beam_count,))
-        if self.intensities is not None:
-            numbers.require_array("the intensities", self.intensities, self.ranges_m.shape)
-
-    @property
-    def end_ns(self) -> int:
-        return self.stamp_ns + self.geometry.duration_ns
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Cloud:
-    """A scan freed of motion: all beams as seen from the base frame at one instant.
-
-    points_m: (n, 2) end of each beam; a beam without return ends at the lidar's maximum range.
-    origins_m: (n, 2) where the beam left the sensor. hit: (n,) whether something was there.
-    """
-
-    stamp_ns: int
-    points_m: FloatArray
-    origins_m: FloatArray
-    hit: BoolArray
-
-    def __post_init__(self) -> None:
-        numbers.require_whole("the stamp of a cloud (ns)", self.stamp_ns)
-        numbers.require_finite("the points of a cloud", self.points_m, (None, 2))
-        numbers.require_finite("the origins of a cloud", self.origins_m, self.points_m.shape)
-        numbers.require_array("the hits of a cloud", self.hit, (len(self.points_m),), "b")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -195,20 +107,13 @@ class EncoderStream:
         numbers.require_size("the track of the wheels (m)", self.track_m)
 
 
-class ScanSource(Protocol):
-    """The scans of a log, in time order, readable any number of times."""
-
-    def __len__(self) -> int: ...
-
-    def __iter__(self) -> Iterator[Scan]: ...
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Log:
     """A recording as SLAM and the checker see it: never the truth.
 
     odometry is ``T_odom_base`` as some driver published it. T_base_laser is 4 x 4.
-    warnings: what was odd, and what was done about it. recorded_scans: with those left out, or 0.
+    sources: which topics these were read from, in words. warnings: what was odd, and what was done
+    about it. recorded_scans: with those left out, or 0.
     """
 
     name: str
@@ -219,6 +124,7 @@ class Log:
     encoders: EncoderStream | None
     T_base_laser: FloatArray
     T_base_imu: FloatArray | None = None
+    sources: str = ""
     warnings: tuple[str, ...] = ()
     recorded_scans: int = 0
 

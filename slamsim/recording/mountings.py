@@ -8,10 +8,12 @@ import numpy as np
 
 from slamsim.core.types import FloatArray, ImuStream
 from slamsim.recording import Recording, TransformEdge
-from slamsim.recording.frames import FrameTree
+from slamsim.recording.frames import FrameTree, unqualified
 
 BASE_FRAMES = ("base_footprint", "base_link", "base")
 ODOM_FRAME = "odom"
+SAME_PLACE = 1e-3
+"""Metres, or of an element of the rotation: no two lidars are as close."""
 BASE_FRAME = BASE_FRAMES[0]
 """What odometry is taken to move where there is none."""
 
@@ -33,26 +35,36 @@ def declared_laser_mounting(recording: Recording) -> FloatArray:
     return laser_mounting_of(tree_of(recording.transforms), base, laser, [])
 
 
+def known_mounting(
+    tree: FrameTree, base_frame: str, laser_frame: str
+) -> tuple[FloatArray, str] | None:
+    """(4 x 4 T_base_laser, the base frame that it starts from: another one if need be)."""
+    for frame in (base_frame, *filter(None, map(tree.named, BASE_FRAMES))):
+        T_base_laser = tree.between(frame, laser_frame)
+        if T_base_laser is not None:
+            return T_base_laser, frame
+    return None
+
+
+def is_taken(T_base_laser: FloatArray, others: Iterable[FloatArray]) -> bool:
+    """Whether one of other lidars (4 x 4 each) sits there already: no two share a place, so that
+    it is the same lidar under another name, as RAWLASER1 and ROBOTLASER1 of CARMEN."""
+    return any(np.allclose(T_base_laser, other, rtol=0.0, atol=SAME_PLACE) for other in others)
+
+
 def laser_mounting_of(
     tree: FrameTree, base_frame: str, laser_frame: str, warnings: list[str]
 ) -> FloatArray:
     """4 x 4 T_base_laser; from another base frame, or the identity, with a warning, if need be."""
-    T_base_laser = tree.between(base_frame, laser_frame)
-    if T_base_laser is not None:
-        return T_base_laser
-    for frame in BASE_FRAMES:
-        T_base_laser = tree.between(frame, laser_frame)
-        if T_base_laser is not None:
-            warnings.append(
-                f"no fixed transform from {base_frame!r} to {laser_frame!r}: "
-                f"the one from {frame!r} is used"
-            )
-            return T_base_laser
-    warnings.append(
-        f"no fixed transform from {base_frame!r} to {laser_frame!r} in /tf_static or /tf: "
-        "the laser is taken to sit at the base"
-    )
-    return np.eye(4)
+    known = known_mounting(tree, base_frame, laser_frame)
+    missing = f"no fixed transform from {base_frame!r} to {laser_frame!r}"
+    if known is None:
+        warnings.append(f"{missing} in /tf_static or /tf: the laser is taken to sit at the base")
+        return np.eye(4)
+    T_base_laser, frame = known
+    if frame != base_frame:
+        warnings.append(f"{missing}: the one from {frame!r} is used")
+    return T_base_laser
 
 
 def imu_mounting_of(
@@ -67,14 +79,14 @@ def imu_mounting_of(
 
 def likely_base(tree: FrameTree) -> str:
     """The frame of the robot where nothing names it."""
-    return next((frame for frame in BASE_FRAMES if frame in tree), BASE_FRAMES[0])
+    return next(filter(None, map(tree.named, BASE_FRAMES)), BASE_FRAMES[0])
 
 
 def odometry_chain(tree: FrameTree, laser_frame: str) -> list[tuple[str, str]]:
     """Edges from ``odom`` down to the robot's base: the lowest frame that moves, if any does."""
     start = laser_frame if laser_frame in tree else likely_base(tree)
     path = tree.path_up(start)
-    below_odom = [i for i, (parent, _, _) in enumerate(path) if parent == ODOM_FRAME]
+    below_odom = [i for i, (parent, _, _) in enumerate(path) if unqualified(parent) == ODOM_FRAME]
     if not below_odom:
         return []
     top = below_odom[0]

@@ -45,6 +45,7 @@ def report_json(view: RunView) -> dict[str, object]:
         "error_budget": view.scores.budget_numbers(),
         "calibration": {name: asdict(one) for name, one in result.calibration.items()},
         "relations": view.scores.relation_numbers(),
+        "sources": view.log.sources,
         "warnings": [*view.doubts, *view.log.warnings, *result.warnings],
         "checks": [] if view.checked is None else [*map(finding_json, view.checked.findings)],
         "command": view.command,

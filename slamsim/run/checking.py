@@ -14,7 +14,9 @@ from slamsim.check.registry import registry
 from slamsim.check.wording import as_json, headline, shown
 from slamsim.console.reporter import Cell, Reporter
 from slamsim.io.open import read_recording
+from slamsim.io.selection import EVERYTHING, Selection
 from slamsim.recording import Recording
+from slamsim.recording.choice import choices, in_words
 from slamsim.run.stages import Stages
 
 
@@ -22,7 +24,7 @@ def check_log(
     source: Path,
     reporter: Reporter,
     *,
-    scan_topic: str | None = None,
+    wanted: Selection = EVERYTHING,
     quick: bool = False,
     html: Path | None = None,
     show_all: bool = False,
@@ -30,7 +32,8 @@ def check_log(
     """Read, check, show. Raises NotFound and InputRefused."""
     stages = Stages(reporter)
     with stages.stage("read"):
-        recording = read_recording(source, scan_topic)
+        recording = read_recording(source, wanted)
+    reporter.note(in_words(choices(recording)))
     report = check_stage(recording, stages, quick=quick)
     if html is not None:
         from slamsim.report.pages.check import write_check_page

@@ -19,6 +19,7 @@ from slamsim.guard.files import own_file
 from slamsim.guard.numbers import as_json
 from slamsim.guard.output import partial_folder, write_atomic
 from slamsim.io.open import open_recording
+from slamsim.io.selection import EVERYTHING, Selection
 from slamsim.io.text.stamps import decimal_from_stamp_ns
 from slamsim.io.text.tum import read_tum, write_tum
 from slamsim.process.children import MEMORY
@@ -43,7 +44,7 @@ def localise_recording(
     reporter: Reporter,
     *,
     start: FloatArray | None = None,
-    scan_topic: str | None = None,
+    wanted: Selection = EVERYTHING,
     overwrite: bool = False,
 ) -> Report:
     """Localise every scan of a recording in the map of a run, or in a ROS ``map.yaml``.
@@ -52,8 +53,9 @@ def localise_recording(
     InputRefused for what cannot be read, SlamsimError if no scan could be placed.
     """
     path = log_of(source)
-    opened = open_recording(path, scan_topic)
+    opened = open_recording(path, wanted)
     log, truth = opened.log(), opened.truth()
+    reporter.note(log.sources)
     stages, saved = Stages(reporter), read_known_map(known)
     with partial_folder(folder, overwrite) as partial:
         write_config(partial, config)

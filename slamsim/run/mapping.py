@@ -22,6 +22,7 @@ from slamsim.guard.numbers import as_json
 from slamsim.guard.output import partial_folder, write_atomic
 from slamsim.io.names import LOG
 from slamsim.io.open import open_recording
+from slamsim.io.selection import EVERYTHING, Selection
 from slamsim.io.text.relations import Relations, read_relations
 from slamsim.process.children import MEMORY
 from slamsim.recording import Recording
@@ -82,17 +83,18 @@ def map_recording(
     reporter: Reporter,
     *,
     relations: Path | None = None,
-    scan_topic: str | None = None,
+    wanted: Selection = EVERYTHING,
     earlier: Earlier | None = None,
     overwrite: bool = False,
 ) -> Report:
     """Map, evaluate with whatever truth there is, show; earlier: a map to go on with."""
     path = log_of(source)
-    opened = open_recording(path, scan_topic)
+    opened = open_recording(path, wanted)
     log = replace(opened.log(), name=recording_name(str(source)))
-    wanted = None if relations is None else read_relations(relations)
+    reporter.note(log.sources)
+    wanted_relations = None if relations is None else read_relations(relations)
     origin = _origin_beside(path)
-    known = _known(log, opened.truth(), wanted, origin)
+    known = _known(log, opened.truth(), wanted_relations, origin)
     stages = Stages(reporter)
     checked = _checked(opened.recording, stages)
     with partial_folder(folder, overwrite) as partial:
@@ -231,10 +233,16 @@ def _scored(
         truth_grid=true_grid,
         seconds=stages.so_far(),
         peak_memory_mb=MEMORY.peak_mb(),
-        command=shlex.join(["slamsim", *sys.argv[1:]]),
+        command=_typed(),
         config_yaml=dump_commented_yaml(config),
         sure=sure,
     )
+
+
+def _typed() -> str:
+    """The command as it was typed; none in a Python program, whose arguments are its own."""
+    ours = Path(sys.argv[0]).name in ("slamsim", "__main__.py") and "slamsim.entry" in sys.modules
+    return shlex.join(["slamsim", *sys.argv[1:]]) if ours else ""
 
 
 def _known(

@@ -95,7 +95,7 @@ class SlamSession:
         """``step`` for a scan that is later than the one before."""
         begun_s = time.perf_counter()
         self._motion.add(samples)
-        self._front_end.renew_motion(self._motion.until(scan.end_ns))
+        self._front_end.renew_motion(self._motion.until(scan.span_ns[1]))
 
         tracked = self._front_end.step(scan)
         tracked_s = time.perf_counter()
@@ -176,7 +176,7 @@ def open_session(
     """A session for a robot that drives, its back end in a process of its own.
 
     T_base_laser, T_base_imu: 4 x 4 mounts; None for a robot without a gyroscope. Kernels are
-    compiled before this returns. ::
+    compiled before this returns.
 
         with open_session(SlamConfig(), T_base_laser, T_base_imu) as session:
             for scan, odometry in robot:

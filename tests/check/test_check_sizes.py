@@ -139,4 +139,4 @@ def test_a_laser_that_is_knocked_during_the_drive_is_told_with_the_instant(
 def test_healthy_sizes_do_not_change() -> None:
     for seed in range(12):
         found = check_changes(Robot(seconds=60.0, seed=seed).calibrated())
-        assert [one.verdict for one in found] == ["ok", "ok", "ok"]
+        assert {one.verdict for one in found} == {"ok"}

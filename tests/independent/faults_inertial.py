@@ -157,7 +157,12 @@ INERTIAL_FAULTS: list[Fault] = [
     fault(
         "gyro_saturates", "gyro_dead", "gyro_saturated", change=partial(_saturated, at_rad_s=0.4)
     ),
-    fault("gyro_bias_step", "gyro_step", None, change=partial(_bias_step, by_rad_s=0.05)),
+    fault(
+        "gyro_bias_step",
+        "gyro_step",
+        "gyro_bias_changed",
+        change=partial(_bias_step, by_rad_s=0.05),
+    ),
     fault(
         "orientation_zero",
         "orientation",

@@ -183,7 +183,7 @@ SCATTER = [
     fault(
         "scans_stamped_at_receipt",
         "receipt",
-        "stamps_jitter stamps_repeated",
+        "stamps_jitter stamps_repeated time_offset_lidar scan_stamp_end",  # late by a sweep
         "stamps_quantised scans_overlap",
         change=partial(_stamped_at_receipt, of=of_lidar),
         fits=_slow_robot,

@@ -103,7 +103,12 @@ DIRECTIONS = [
         "wheel_reversed",
         change=partial(_one_wheel, left=-1.0, right=1.0),
     ),
-    fault("right_wheel_dead", "direction", None, change=partial(_one_wheel, left=1.0, right=0.0)),
+    fault(
+        "right_wheel_dead",
+        "direction",
+        "ticks_frozen",
+        change=partial(_one_wheel, left=1.0, right=0.0),
+    ),
 ]
 
 

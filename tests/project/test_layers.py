@@ -14,7 +14,12 @@ from pathlib import Path
 
 PACKAGE = Path(__file__).parents[2] / "slamsim"
 
-TOP_LEVEL: Mapping[str, str] = {"__init__": "version", "entry": "cli"}
+TOP_LEVEL: Mapping[str, str] = {
+    "__init__": "version",
+    "__main__": "cli",
+    "api": "api",
+    "entry": "cli",
+}
 """Modules beside the packages, and the layer that each belongs to."""
 
 _FOUNDATION = ("models", "core", "guard", "version")
@@ -56,6 +61,10 @@ ALLOWED: Mapping[str, tuple[str, ...]] = {
     "cli": (
         *("bench", "run", "report", "dataset", "scenarios", "io", "console", "process"),
         "config",
+        *_FOUNDATION,
+    ),
+    "api": (
+        *("cli", "run", "report", "dataset", "check", "slam", "world", "io", "console"),
         *_FOUNDATION,
     ),
 }

@@ -1,4 +1,5 @@
-"""Every exit code of the README's table, by a command as a user types it; and who is refused."""
+"""Every exit code of the documentation's table, by a command as a user types it; and who is
+refused."""
 
 from __future__ import annotations
 
@@ -24,7 +25,7 @@ from slamsim.run.folder import TRUTH
 
 pytestmark = pytest.mark.fault
 
-README = (Path(__file__).parents[2] / "README.md").read_text()
+EXIT_CODES = (Path(__file__).parents[2] / "docs" / "reliability.md").read_text()
 GENEROUS_S = 60.0
 HOLDER = """
 import sys, time
@@ -91,7 +92,7 @@ def test_how_a_command_ended_is_in_its_code(
 ) -> None:
     ended, told = of(*arguments, cwd=folder)
     assert ended == code and words in told
-    assert f"| {code} |" in README
+    assert f"| {code} |" in EXIT_CODES
 
 
 def test_a_full_disk_is_75_and_leaves_nothing(tmp_path: Path) -> None:
@@ -101,7 +102,7 @@ def test_a_full_disk_is_75_and_leaves_nothing(tmp_path: Path) -> None:
     code, told = of("world", "tiny", "--out", "run", "-q", cwd=tmp_path, limit=limit)
     assert code == 75 and str(tmp_path / "run") in told
     assert list(tmp_path.iterdir()) == []
-    assert "| 75 |" in README
+    assert "| 75 |" in EXIT_CODES
 
 
 WRITING = [
@@ -236,7 +237,7 @@ def test_a_command_that_is_stopped_at_once_tells_so(
         assert run.orphans() == []
     assert not (tmp_path / "run").exists()
     assert (ended, told) == (code, "slamsim: stopped; nothing was left half-written\n")
-    assert "| 129, 130, 131, 143 |" in README
+    assert "| 129, 130, 131, 143 |" in EXIT_CODES
 
 
 @pytest.mark.parametrize(
@@ -263,7 +264,7 @@ def test_a_second_process_on_a_folder_is_told_before_it_loads_anything(
         told, says = run.process.communicate(timeout=GENEROUS_S)
     assert run.process.returncode == 11 and "held is being written by process" in says
     assert told == "[]\n"
-    assert "| 11 |" in README
+    assert "| 11 |" in EXIT_CODES
     assert not (folder / "held").exists()
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from importlib.util import find_spec
 from pathlib import Path
 from typing import cast
@@ -172,7 +172,8 @@ def handed_scans(log: Log, entry: PeerEntry) -> Iterator[tuple[ScanGeometry, int
     """Each scan as the peer gets it, with the instant that its pose is for."""
     motion = predict_motion(log)
     odometry = motion if entry.guided or log.odometry is None else log.odometry
-    for scan in log.scans:
+    for together in log.scans:
+        scan = replace(together, beside=())  # peers match the scans of one lidar
         stamp_ns = scan.stamp_ns + round(entry.instant * scan.geometry.duration_ns)
         first, last = min(scan.stamp_ns, stamp_ns), max(scan.end_ns, stamp_ns)
         if first < odometry.stamps_ns[0] or last > odometry.stamps_ns[-1]:

@@ -20,6 +20,8 @@ ONE_STEP = 0.7
 
 STILL_SHARE = 0.02
 MOVED_M, MOVED_RAD = 0.05, 0.1
+LEAST_S = 0.25
+"""Scans that arrived in a burst, stamped then, move within milliseconds in which no wheel does."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -65,6 +67,7 @@ def find_spells(model: Model, values: FloatArray) -> SlipSpells:
     still = np.abs(by_wheels) < STILL_SHARE * np.abs(by_scans)
     moved = np.abs(by_scans) > np.array([MOVED_M, MOVED_RAD])
     frozen = (still & moved & off).any(axis=1) & (still | ~moved).all(axis=1)
+    frozen &= _seconds(model.steps, step_of) > LEAST_S
     start_s = np.full(len(by_wheels), np.inf)
     np.minimum.at(start_s, step_of, model.first_s)
     beside = np.zeros_like(frozen)
@@ -78,6 +81,11 @@ def find_spells(model: Model, values: FloatArray) -> SlipSpells:
     slipping = (off & lasting & farther).any(axis=1) & ~frozen & ~lost
     mismatched = off.any(axis=1) & ~frozen & ~slipping
     return SlipSpells(start_s, step_of, by_wheels, by_scans, slipping, frozen, beside, mismatched)
+
+
+def _seconds(steps: LaserSteps, step_of: IntArray) -> FloatArray:
+    """(k,) how long the steps of each spell take."""
+    return np.asarray(np.bincount(step_of, 1e-9 * (steps.second_ns - steps.first_ns)))
 
 
 def _turns_by_gyro(

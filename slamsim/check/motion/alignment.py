@@ -14,7 +14,15 @@ from slamsim.check.motion.laser_steps import LaserSteps
 from slamsim.check.motion.local_lags import local_lags
 from slamsim.core.types import FloatArray
 
-Wiring = Literal["as declared", "swapped", "left reversed", "right reversed", "both reversed"]
+Wiring = Literal[
+    "as declared",
+    "swapped",
+    "left reversed",
+    "right reversed",
+    "both reversed",
+    "left dead",
+    "right dead",
+]
 
 Scans = Literal["of use", "unsteady", "not turning"]
 
@@ -25,6 +33,9 @@ so many times the usual; so many of all must tell it."""
 
 BETTER = 0.15
 """A wheel counts backward if its path turns like the robot, by so much more than its turn does."""
+
+ONE_CIRCLE = 0.9999
+"""Correlation of path and turn of one wheel that rolls alone, but for what rounding leaves."""
 
 PATH, TURN = 0, 1
 DISAGREES, DISAGREES_TIMES = 0.04, 5.0
@@ -93,9 +104,9 @@ def align(
     turns = [_laser_turn(steps)] if len(steps) else []
     turns += [_rate(gyro, 0)] if gyro is not None else []
     wiring: Wiring = "as declared"
-    if wheels is not None and wheels.wired:
+    if wheels is not None:
         wiring = _wiring(laser_path(steps, yaw_base_laser_rad), steps, turns, wheels)
-        wheels = rearranged(wheels, wiring)
+        wheels = rearranged(wheels, wiring) if wheels.wired else wheels
     laser = _laser_turn(steps) if len(steps) else None
     by_gyro = _rate(gyro, 0) if gyro is not None else None
     by_wheels = _rate(wheels, TURN) if wheels is not None else None
@@ -198,6 +209,9 @@ def _wiring(
     by_turn = [_correlation(turn, _rate(wheels, TURN)) for turn in turns]
     by_path = [_correlation(turn, _rate(wheels, PATH)) for turn in turns]
     strongest = [max((abs(one) for one in found), default=0.0) for found in (by_turn, by_path)]
+    along, turned = np.diff(wheels.totals, axis=0).T
+    if not wheels.wired and strongest[0] < CLEAR and _is_one_wheel(along, turned):
+        return "left dead" if float(along @ turned) > 0.0 else "right dead"
     if strongest[1] > max(CLEAR, strongest[0] + BETTER):
         forward = float(wheels.totals[-1, TURN] - wheels.totals[0, TURN])
         return "left reversed" if forward > 0.0 else "right reversed"
@@ -205,6 +219,12 @@ def _wiring(
         return "as declared"
     ahead = _correlation(_laser(steps, ahead_m), _rate(wheels, PATH))
     return "both reversed" if ahead < -CLEAR else "swapped"
+
+
+def _is_one_wheel(along_m: FloatArray, turned_rad: FloatArray) -> bool:
+    """Whether steps of an odometry all lie on one circle, as if one wheel alone rolled."""
+    lengths = float(np.linalg.norm(along_m) * np.linalg.norm(turned_rad))
+    return lengths > 0.0 and abs(float(along_m @ turned_rad)) > ONE_CIRCLE * lengths
 
 
 def _correlation(one: _Timed, other: _Timed) -> float:

@@ -17,6 +17,7 @@ from slamsim.check.fault_groups import MOUNTING
 from slamsim.check.findings import Curve, Finding, Measurement, Plot, decide
 from slamsim.check.question import FaultKind, Question, QuestionGroup, anywhere, judge
 from slamsim.check.questions.clocks.pairs import LIMITS_S
+from slamsim.check.questions.inertial.gyroscope import BIAS_LIMIT_RAD_S
 from slamsim.check.questions.laser.mounting import PLACE_LIMIT_M, YAW_LIMIT_DEG
 from slamsim.check.questions.streams.clock_steps import CLOCK_STEP
 from slamsim.core.types import FloatArray
@@ -67,6 +68,19 @@ CLOCKS = Question(
     consequence="scans are placed where the robot was before or after",
     excitation_wanted="turning to and fro, ten times a minute",
 )
+INERTIAL = Question(
+    "gyro.steady",
+    "the gyroscope keeps its bias",
+    (
+        FaultKind(
+            "gyro_bias_changed",
+            "the gyroscope's bias changes during the drive",
+            (anywhere("gyro_bias", "gyro_scale"),),
+        ),
+    ),
+    consequence="the heading of a filter drifts from the change on",
+    excitation_wanted="standing still, in both halves of the drive",
+)
 WHEELS = Question(
     "wheels.steady",
     "the wheels keep their size",
@@ -85,6 +99,9 @@ QUANTITIES: dict[Question, tuple[Quantity, ...]] = {
     CLOCKS: (
         Quantity("gyro_delay_s", "the inertial unit's offset", 1e3 * LIMITS_S["gyro"], "ms", 1e3),
         Quantity("wheel_delay_s", "the wheels' offset", 1e3 * LIMITS_S["wheel"], "ms", 1e3),
+    ),
+    INERTIAL: (
+        Quantity("gyro_bias_rad_s", "the gyroscope's bias", BIAS_LIMIT_RAD_S, "rad/s", 1.0),
     ),
     WHEELS: (
         Quantity("path_gain", "the path by the wheels", 100.0 * LIMITS["radius"], "%", 100.0),
@@ -116,7 +133,7 @@ def check_changes(calibration: Calibration) -> list[Finding]:
 
 
 GROUP = QuestionGroup(
-    "motion", 185, (LASER, CLOCKS, WHEELS), of_calibration(check_changes), thorough=True
+    "motion", 185, (LASER, CLOCKS, INERTIAL, WHEELS), of_calibration(check_changes), thorough=True
 )
 
 
@@ -149,6 +166,8 @@ def _subject(question: Question, calibration: Calibration) -> str:
     inputs = calibration.inputs
     if question is LASER:
         return inputs.laser_frame
+    if question is INERTIAL and inputs.gyro:
+        return inputs.gyro.topic
     return inputs.wheels.topic if question is WHEELS and inputs.wheels else inputs.steps.topic
 
 

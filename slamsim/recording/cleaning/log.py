@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
 from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
 
 from slamsim.core.arrays import BoolArray, FloatArray, IntArray
-from slamsim.core.geometry import wrap_angle
-from slamsim.core.types import EncoderStream, ImuStream, Log, PlanarTrajectory
-from slamsim.guard.errors import InputRefused
+from slamsim.core.types import EncoderStream, ImuStream, Log, PlanarTrajectory, ScanSource
+from slamsim.guard.errors import InputRefused, OverrideRefused
 from slamsim.recording import (
     RawImu,
     RawOdometry,
@@ -22,18 +20,15 @@ from slamsim.recording import (
     Recording,
     TransformEdge,
 )
-from slamsim.recording.cleaning.rising_stamps import (
-    NoTime,
-    Times,
-    epoch_of,
-    is_late,
-    rising_times,
-)
+from slamsim.recording.choice import choices, in_words, lidars_beside, ranked, topics_of
+from slamsim.recording.cleaning.lidars import OtherLidars, scan_times
+from slamsim.recording.cleaning.rising_stamps import Times, epoch_of
 from slamsim.recording.cleaning.scans import RecordedScans, ScanSurvey
 from slamsim.recording.cleaning.streams import (
     chain_of,
     encoders_of,
     imu_of,
+    in_base,
     odometry_of,
     planar_poses,
 )
@@ -46,16 +41,14 @@ from slamsim.recording.mountings import (
     odometry_chain,
 )
 
-_USUAL_SPEED_M_S, _USUAL_TURN_RAD_S = 0.5, 0.5
-_LEAST_PERIOD_NS, _LONGEST_PERIOD_NS = 100_000_000, 10_000_000_000
-_MOST_GROWTH = 1.05
-"""Of the odometry path by sorting: by a few lines in the wrong place it grows no more."""
+_LEAST_OFFSET_M = 1e-3
+"""Below, the axle of the wheels is at the base for any odometry."""
 
 _Raw = TypeVar("_Raw", bound=RawStream)
 
 
 def clean(recording: Recording, source: Path) -> Log:
-    """The log in a recording, of its lidar with the most scans. source: named in errors.
+    """The log in a recording. source: named in errors.
 
     Raises InputRefused without usable scans, for a damaged message on a topic that is needed, and
     for scans and odometry without a common time.
@@ -68,10 +61,8 @@ class _Cleaning:
 
     def __init__(self, recording: Recording, source: Path) -> None:
         self._recording, self._source = recording, source
-        self._topics = recording.topics or tuple(
-            RecordedTopic(each.topic, each.schema.type_name, len(each))
-            for each in recording.streams
-        )
+        self._topics = topics_of(recording)
+        self._wheels_elsewhere = False
         self.warnings: list[str] = []
 
     def log(self) -> Log:
@@ -79,13 +70,16 @@ class _Cleaning:
         raw, carried = self._scans()
         self.warnings += recording.anomalies
         survey = ScanSurvey(raw)
-        times = self._times(raw, survey, carried)
+        times = scan_times(raw, survey, self._source, carried)
         rows = survey.rows[times.order]
         first_ns, last_ns = int(times.stamps_ns[0]), int(times.stamps_ns[-1])
         tree = FrameTree()
         tree.add(self._transforms(is_static=True))
         moved, self.warnings = self.warnings, []
         odometry, base_frame = self._odometry(tree, raw.frame_ids[0], carried, rows, times)
+        if odometry is not None and recording.base_frame not in ("", base_frame):
+            odometry = in_base(odometry, self._offset(tree, base_frame))
+        base_frame = recording.base_frame or base_frame
         moved, self.warnings = self.warnings, moved
         limit, told = survey.limit(times, odometry)
         odd = survey.warnings(times, has_beam_times=recording.format != "carmen")
@@ -94,24 +88,21 @@ class _Cleaning:
         if odometry is not None:
             self._require_overlap(odometry, first_ns, last_ns, encoders is not None)
         laser_frame, warnings = raw.frame_ids[0], self.warnings
+        T_base_laser = laser_mounting_of(tree, base_frame, laser_frame, warnings)
+        scans = RecordedScans(raw, rows, times.stamps_ns, limit)
         return Log(
             name=recording.name,
             epoch="simulation" if recording.epoch == "simulation" else epoch_of(first_ns),
-            scans=RecordedScans(raw, rows, times.stamps_ns, limit),
+            scans=self._with_others(scans, raw, tree, base_frame, odometry),
             odometry=odometry,
             imu=imu,
             encoders=encoders,
-            T_base_laser=laser_mounting_of(tree, base_frame, laser_frame, warnings),
+            T_base_laser=T_base_laser,
             T_base_imu=None if imu is None else imu_mounting_of(tree, base_frame, imu, warnings),
+            sources=in_words(choices(recording)),
             warnings=tuple(warnings),
             recorded_scans=len(raw),
         )
-
-    def _of(self, kind: type[_Raw]) -> list[RecordedTopic]:
-        """The topics of a kind, the one with the most messages first."""
-        type_name = kind.schema.type_name
-        found = [t for t in self._topics if t.type_name == type_name and t.messages]
-        return sorted(found, key=lambda each: (-each.messages, each.topic))
 
     def _stream(self, kind: type[_Raw], topic: RecordedTopic) -> _Raw:
         """Raises InputRefused if any of its messages cannot be decoded."""
@@ -119,65 +110,45 @@ class _Cleaning:
             raise InputRefused(self._source, topic.damage, f"topic {topic.topic}")
         return next(each for each in self._recording.of(kind) if each.topic == topic.topic)
 
-    def _largest(self, kind: type[_Raw]) -> _Raw | None:
-        """The stream with the most messages."""
-        topics = self._of(kind)
-        self._tell_of_several(topics)
+    def _first(self, kind: type[_Raw]) -> _Raw | None:
+        """The stream of a kind that is read."""
+        topics = ranked(self._recording, kind)
         return self._stream(kind, topics[0]) if topics else None
 
-    def _tell_of_several(self, topics: list[RecordedTopic]) -> None:
-        if len(topics) > 1:
-            listing = ", ".join(f"{t.topic} ({t.messages} messages)" for t in topics)
-            self.warnings.append(f"of {listing}, {topics[0].topic} is read")
-
     def _scans(self) -> tuple[RawScans, RawOdometry | None]:
-        """(the largest stream of scans, the odometry in the same messages).
-
-        Where messages carry both, such as those of CARMEN, the largest of these is taken.
-        """
-        topics = self._of(RawScans)
+        """(the scans that are read, the odometry in the same messages)."""
+        topics = ranked(self._recording, RawScans)
         if not topics:
             is_carmen = self._recording.format == "carmen"
-            kinds = sorted(
-                {t.topic if is_carmen else t.type_name for t in self._topics if t.messages}
-            )
-            there = ", ".join(kind[:60] for kind in kinds[:9]) or "no message at all"
+            kinds = {t.topic if is_carmen else t.type_name for t in self._topics if t.messages}
+            there = ", ".join(kind[:60] for kind in sorted(kinds)[:9]) or "no message at all"
             needed = "a FLASER or ROBOTLASER1 line" if is_carmen else RawScans.schema.type_name
             reason = f"a log without scans: {needed} is needed, there is {there}"
             raise InputRefused(self._source, reason)
         carried = {each.topic: each for each in self._recording.odometries}
-        topics.sort(key=lambda topic: topic.topic not in carried)
-        self._tell_of_several(topics)
         raw = self._stream(RawScans, topics[0])
         return raw, carried.get(raw.topic)
 
-    def _times(self, raw: RawScans, survey: ScanSurvey, carried: RawOdometry | None) -> Times:
-        """When the scans were taken that describe a lidar."""
-        rows = survey.rows
-        where = f"topic {raw.topic}"
-        if not rows.size:
-            reason = f"none of {len(raw)} scans describes a lidar"
-            raise InputRefused(self._source, reason, where)
-        stamps_ns = raw.stamps_ns[rows]
-        received_ns = None if raw.received_ns is None else raw.received_ns[rows]
-        is_repeat, sorting, period_ns = survey.is_repeat, None, None
-        if carried is not None:
-            poses = planar_poses(carried, rows)
-            is_repeat = is_repeat & np.array([False, *(np.diff(poses, axis=0) == 0).all(axis=1)])
-            sorting = _is_sorting_right(stamps_ns, poses)
-            period_ns = _likely_period_ns(poses)
-        try:
-            return rising_times(
-                stamps_ns, received_ns, is_repeat=is_repeat, sorting=sorting, period_ns=period_ns
-            )
-        except NoTime:
-            few = np.unique(stamps_ns)
-            stamps = f"the stamp {few[0]} ns" if few.size == 1 else f"one of {few.size} stamps"
-            reason = (
-                f"all {rows.size} scans carry {stamps}, and were received at no time: "
-                "when they were taken is not known"
-            )
-            raise InputRefused(self._source, reason, where) from None
+    def _with_others(
+        self,
+        scans: RecordedScans,
+        first: RawScans,
+        tree: FrameTree,
+        base_frame: str,
+        odometry: PlanarTrajectory | None,
+    ) -> ScanSource:
+        """The scans, each with those of all other lidars whose place on the robot is known."""
+        topics = lidars_beside(self._recording)
+        if not topics:
+            return scans
+        others = OtherLidars(first, scans, tree, base_frame, odometry)
+        for topic in topics:
+            if topic.damage:
+                others.told.append(f"the scans of {topic.topic} are not used: {topic.damage}")
+            else:
+                others.add(self._stream(RawScans, topic), self._source)
+        self.warnings += others.told
+        return others.together()
 
     def _transforms(self, *, is_static: bool) -> list[TransformEdge]:
         edges = [e for e in self._recording.transforms if e.is_static == is_static]
@@ -196,7 +167,7 @@ class _Cleaning:
         times: Times,
     ) -> tuple[PlanarTrajectory | None, str]:
         """(T_odom_base, the frame it moves); /tf completes the tree where that is needed."""
-        raw = self._largest(RawOdometry) if carried is None else carried
+        raw = self._first(RawOdometry) if carried is None else carried
         path: PlanarTrajectory | None = None
         if raw is None:
             tree.add(self._transforms(is_static=False))
@@ -210,7 +181,7 @@ class _Cleaning:
                 self.warnings += odd
             else:
                 path = _carried_path(carried, rows, times, self._others())
-            base_frame = raw.child_frame_ids[0] or likely_base(tree)
+            base_frame = raw.child_frame_ids[0] or self._recording.base_frame or likely_base(tree)
             if tree.between(base_frame, laser_frame) is None:
                 tree.add(self._transforms(is_static=False))
         if path is None or len(path) == 0:
@@ -221,19 +192,36 @@ class _Cleaning:
             return None, base_frame
         return path, base_frame
 
+    def _offset(self, tree: FrameTree, moved: str) -> FloatArray:
+        """4 x 4, from the frame that odometry moves to the base that the user names."""
+        base = self._recording.base_frame
+        if tree.between(moved, base) is None:
+            tree.add(self._transforms(is_static=False))
+        T_moved_base = tree.between(moved, base)
+        if T_moved_base is None:
+            reason = (
+                f"no fixed transforms of {self._source} join it to {moved}, the odometry's frame"
+            )
+            raise OverrideRefused(f"--base-frame {base}", reason)
+        self._wheels_elsewhere = bool(np.hypot(*T_moved_base[:2, 3]) > _LEAST_OFFSET_M)
+        return T_moved_base
+
     def _others(self) -> RawOdometry | None:
         """Odometry beside that of the scans, which no check looks at."""
         streams = (each.stream for each in self._recording.unread)
         return next((each for each in streams if isinstance(each, RawOdometry)), None)
 
     def _encoders(self) -> EncoderStream | None:
-        raw = self._largest(RawTicks)
+        raw = self._first(RawTicks)
+        if raw is not None and self._wheels_elsewhere:
+            self.warnings.append(f"{raw.topic}: the wheels are not at the base frame: left out")
+            raw = None
         encoders, odd = (None, []) if raw is None else encoders_of(raw)
         self.warnings += odd
         return encoders
 
     def _imu(self) -> ImuStream | None:
-        raw = self._largest(RawImu)
+        raw = self._first(RawImu)
         imu, odd = (None, []) if raw is None else imu_of(raw)
         self.warnings += odd
         return imu
@@ -267,30 +255,3 @@ def _carried_path(
         poses = np.concatenate([poses, planar_poses(others, np.flatnonzero(outside))])
     stamps_ns, first = np.unique(stamps_ns, return_index=True)
     return PlanarTrajectory(stamps_ns, poses[first])
-
-
-def _is_sorting_right(stamps_ns: IntArray, poses: FloatArray) -> bool | None:
-    """Whether stamps that fall back are right and the order of the scans is not.
-
-    If so the odometry path does not grow by sorting. None where the robot does not move, or scans
-    are late by no more than transport explains.
-    """
-    as_recorded_m = _path_length_m(poses)
-    if as_recorded_m == 0.0 or not is_late(stamps_ns):
-        return None
-    as_stamped_m = _path_length_m(poses[np.argsort(stamps_ns, kind="stable")])
-    return as_stamped_m <= _MOST_GROWTH * as_recorded_m
-
-
-def _likely_period_ns(poses: FloatArray) -> int:
-    """Between scans without any time: that of a robot at its usual speed."""
-    if len(poses) < 2:
-        return _LEAST_PERIOD_NS
-    turned_rad = float(np.abs(wrap_angle(np.diff(poses[:, 2]))).sum())
-    moved_m = float(np.hypot(*np.diff(poses[:, :2], axis=0).T).sum())
-    busy_s = max(moved_m / _USUAL_SPEED_M_S, turned_rad / _USUAL_TURN_RAD_S)
-    return max(_LEAST_PERIOD_NS, min(round(1e9 * busy_s / (len(poses) - 1)), _LONGEST_PERIOD_NS))
-
-
-def _path_length_m(poses: FloatArray) -> float:
-    return sum(float(np.linalg.norm(b - a)) for a, b in pairwise(poses[:, :2]))

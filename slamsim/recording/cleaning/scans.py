@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from slamsim.core.arrays import BoolArray, Float32Array, IntArray
-from slamsim.core.types import PlanarTrajectory, Scan, ScanGeometry
+from slamsim.core.arrays import BoolArray, Float32Array, FloatArray, IntArray
+from slamsim.core.types import PlanarTrajectory, Scan, ScanBeside, ScanGeometry
 from slamsim.guard.numbers import MOST, BadNumbers
 from slamsim.recording import RawScans, ScanLayout
 from slamsim.recording.cleaning.no_return import AS_DECLARED, RangeLimit, RangeSample
@@ -36,24 +37,74 @@ class RecordedScans:
     """
 
     def __init__(self, raw: RawScans, rows: IntArray, stamps_ns: IntArray, limit: RangeLimit):
-        self._raw, self._rows, self._stamps_ns = raw, rows, stamps_ns
+        self._raw, self._rows, self.stamps_ns = raw, rows, stamps_ns
         self._geometries = _Geometries(raw, limit)
 
     def __len__(self) -> int:
         return int(self._rows.size)
 
     def __iter__(self) -> Iterator[Scan]:
-        for row, stamp_ns in zip(self._rows.tolist(), self._stamps_ns.tolist(), strict=True):
-            geometry = self._geometries.of(row)
-            assert geometry is not None, "a scan that describes no lidar"
-            ranges_m = _measured(self._raw.ranges_m[row], geometry)
-            yield Scan(stamp_ns, ranges_m, geometry, self._intensities(row))
+        return map(self.__getitem__, range(len(self)))
+
+    def __getitem__(self, number: int) -> Scan:
+        row = int(self._rows[number])
+        geometry = self._geometries.of(row)
+        assert geometry is not None, "a scan that describes no lidar"
+        ranges_m = _measured(self._raw.ranges_m[row], geometry)
+        return Scan(int(self.stamps_ns[number]), ranges_m, geometry, self._intensities(row))
+
+    @property
+    def middles_ns(self) -> IntArray:
+        """(n,) halfway through each scan, as long as the first one takes."""
+        return np.asarray(self.stamps_ns + self[0].geometry.duration_ns // 2)
 
     def _intensities(self, row: int) -> Float32Array | None:
         if self._raw.intensities is None:
             return None
         strengths = np.asarray(self._raw.intensities[row], dtype=np.float32)
         return strengths if strengths.size == self._raw.ranges_m[row].size else None
+
+
+class ScansTogether:
+    """A ScanSource over the scans of one lidar, each with those of others nearest to it in time.
+
+    others: (scans, 4 x 4 T_base_laser) of each further lidar. A scan of theirs is used at most
+    once, and only beside one that is no farther away than the next scan of the first lidar.
+    """
+
+    def __init__(
+        self, own: RecordedScans, others: Sequence[tuple[RecordedScans, FloatArray]]
+    ) -> None:
+        self._own, self._others = own, others
+        self._beside = [paired(own.middles_ns, scans.middles_ns) for scans, _ in others]
+
+    def __len__(self) -> int:
+        return len(self._own)
+
+    def __iter__(self) -> Iterator[Scan]:
+        for number, scan in enumerate(self._own):
+            beside = [
+                ScanBeside(scans[int(nearest[number])], T_base_laser)
+                for (scans, T_base_laser), nearest in zip(self._others, self._beside, strict=True)
+                if nearest[number] >= 0
+            ]
+            yield replace(scan, beside=tuple(beside))
+
+
+def paired(own_ns: IntArray, others_ns: IntArray) -> IntArray:
+    """(n,) for each of our rising instants which of the others is nearest to it, -1 for none.
+
+    Only such others count as are nearer to it than to any other of ours, and no farther away than
+    ours usually are from each other.
+    """
+    nearest = np.full(own_ns.size, -1, dtype=np.int64)
+    owner = np.searchsorted((own_ns[:-1] + own_ns[1:]) // 2, others_ns)
+    away_ns = np.abs(others_ns - own_ns[owner])
+    usual_ns = np.median(np.diff(own_ns)) if own_ns.size > 1 else 0
+    order = np.argsort(-away_ns, kind="stable")
+    order = order[away_ns[order] <= usual_ns]
+    nearest[owner[order]] = order  # the nearest is written last
+    return nearest
 
 
 class _Geometries:

@@ -90,7 +90,7 @@ def log_scans(recording: rr.RecordingStream, view: RunView, laser: str) -> None:
     for scan in view.log.scans:
         if scan.stamp_ns in wanted:
             stamps_ns.append(scan.stamp_ns)
-            clouds.append(on_floor(view.log.T_base_laser, scan_points(scan)))
+            clouds.append(_seen_from_laser(view.log.T_base_laser, scan))
     recording.log("scan", rr.CoordinateFrame(laser), static=True)
     if not clouds:
         return
@@ -102,6 +102,17 @@ def log_scans(recording: rr.RecordingStream, view: RunView, laser: str) -> None:
             [len(cloud) for cloud in clouds]
         ),
     )
+
+
+def _seen_from_laser(T_base_laser: FloatArray, scan: Scan) -> Float32Array:
+    """(n, 3) ends of beams on the floor, those of other lidars included, in the laser's frame."""
+    T_laser_base = np.linalg.inv(T_base_laser)
+    clouds = [on_floor(T_base_laser, scan_points(scan))]
+    for other in scan.beside:
+        T_laser_other = T_laser_base @ other.T_base_laser
+        points = scan_points(other.scan) @ T_laser_other[:3, :3].T + T_laser_other[:3, 3]
+        clouds.append(on_floor(T_base_laser, points))
+    return np.concatenate(clouds)
 
 
 def _wanted_stamps(view: RunView) -> frozenset[int]:

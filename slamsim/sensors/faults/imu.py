@@ -42,9 +42,20 @@ class GyroBias(Fault):
     kind: Literal["gyro_bias"]
     bias_rad_s: float = Field(ge=-100.0, le=100.0)
     """On the axis of yaw, on top of what it has."""
+    begins_share: float = Field(default=0.0, ge=0.0, lt=1.0)
+    """Part of the messages that come before it."""
 
     def edit(self, recording: Recording, rng: np.random.Generator) -> Edit:
-        return OffsetReadings(IMUS, "angular_velocity_rad_s", (0.0, 0.0, self.bias_rad_s))
+        bias_rad_s = np.array([0.0, 0.0, self.bias_rad_s])
+        if self.begins_share == 0.0:
+            return OffsetReadings(IMUS, "angular_velocity_rad_s", tuple(bias_rad_s.tolist()))
+
+        def later(imu: RawImu) -> RawImu:
+            rates = imu.angular_velocity_rad_s.copy()
+            rates[round(self.begins_share * len(imu)) :] += bias_rad_s
+            return replace(imu, angular_velocity_rad_s=rates)
+
+        return ChangeMessages(IMUS, later)
 
 
 class ImuMount(Fault):
@@ -167,6 +178,21 @@ class GyroAxisDead(Fault):
             return replace(imu, angular_velocity_rad_s=rates)
 
         return ChangeMessages(IMUS, dead)
+
+
+class GyroSaturated(Fault):
+    """The gyroscope's range ends below the rates at which the robot turns."""
+
+    kind: Literal["gyro_saturated"]
+    range_rad_s: float = Field(gt=0.0, le=1e3)
+    """The largest rate that it gives, about any axis."""
+
+    def edit(self, recording: Recording, rng: np.random.Generator) -> Edit:
+        def cut_off(imu: RawImu) -> RawImu:
+            rates = np.clip(imu.angular_velocity_rad_s, -self.range_rad_s, self.range_rad_s)
+            return replace(imu, angular_velocity_rad_s=rates)
+
+        return ChangeMessages(IMUS, cut_off)
 
 
 class OrientationInvented(Fault):

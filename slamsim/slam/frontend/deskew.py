@@ -49,7 +49,8 @@ def tilt_of(T_base_laser: FloatArray) -> float:
 
 
 def deskew(scan: Scan, motion: PlanarTrajectory, at_ns: int, T_base_laser: FloatArray) -> Cloud:
-    """The scan as seen from the base at ``at_ns``, each beam moved by the motion until then.
+    """The scan, and those beside it, as seen from the base at ``at_ns``, each beam moved by the
+    motion until then.
 
     motion: the base in any fixed frame, linear between its poses. T_base_laser: 4 x 4; the
     beams are projected onto the floor, those tilted by more than 20 degrees or ending on the
@@ -57,10 +58,23 @@ def deskew(scan: Scan, motion: PlanarTrajectory, at_ns: int, T_base_laser: Float
     the maximum range) becomes a beam without hit that ends at the maximum range. Raises
     OutsideTimeRange if the motion covers not all of the beams and ``at_ns``.
     """
-    first, last = min(scan.stamp_ns, scan.end_ns, at_ns), max(scan.stamp_ns, scan.end_ns, at_ns)
+    first, last = scan.span_ns
+    first, last = min(first, at_ns), max(last, at_ns)
     if len(motion) == 0 or first < motion.stamps_ns[0] or last > motion.stamps_ns[-1]:
         have = f"{motion.stamps_ns[0]}..{motion.stamps_ns[-1]}" if len(motion) else "no"
         raise OutsideTimeRange(f"motion covers {have} ns, the scan needs {first}..{last} ns")
+    own = _deskewed(scan, motion, at_ns, T_base_laser)
+    if not scan.beside:
+        return Cloud(at_ns, *own)
+    others = (_deskewed(each.scan, motion, at_ns, each.T_base_laser) for each in scan.beside)
+    points_m, origins_m, hit = map(np.concatenate, zip(own, *others, strict=True))
+    return Cloud(at_ns, points_m, origins_m, hit, own_beams=len(own[0]))
+
+
+def _deskewed(
+    scan: Scan, motion: PlanarTrajectory, at_ns: int, T_base_laser: FloatArray
+) -> tuple[FloatArray, FloatArray, BoolArray]:
+    """(points, origins, hit) of the beams of one lidar."""
     rays = _rays(scan.geometry, T_base_laser[:3, :2].tobytes())
     points, origins, hit = _deskew(
         scan.ranges_m,
@@ -71,7 +85,7 @@ def deskew(scan: Scan, motion: PlanarTrajectory, at_ns: int, T_base_laser: Float
         motion.stamps_ns,
         motion.poses,
     )
-    return Cloud(at_ns, points, origins, hit)
+    return points, origins, hit
 
 
 @lru_cache(maxsize=16)

@@ -227,9 +227,12 @@ def odometry_edge(before: Keyframe, after: Keyframe, odometry: OdometryNoise) ->
 
 
 def _some_beams(cloud: Cloud, reach_m: float) -> tuple[FloatArray, Float32Array]:
-    """Where the beams begin, and the ends of up to MAX_BEAMS of those that hit something."""
-    origin_m = cloud.origins_m.mean(axis=0) if len(cloud.origins_m) else np.zeros(2)
-    length = np.linalg.norm(cloud.points_m - cloud.origins_m, axis=1)
-    ends = cloud.points_m[cloud.hit & (length <= reach_m)]
+    """Where the beams of the first lidar begin, and the ends of up to MAX_BEAMS of those that hit
+    something."""
+    own = slice(cloud.own_beams)
+    origins_m, points_m = cloud.origins_m[own], cloud.points_m[own]
+    origin_m = origins_m.mean(axis=0) if len(origins_m) else np.zeros(2)
+    length = np.linalg.norm(points_m - origins_m, axis=1)
+    ends = points_m[cloud.hit[own] & (length <= reach_m)]
     stride = max(1, -(-len(ends) // MAX_BEAMS))
     return origin_m, ends[::stride].astype(np.float32)

@@ -132,7 +132,7 @@ class Predictor:
 
         Where odometry is silent, or has ended, the speed is taken as constant.
         """
-        first, last = min(scan.stamp_ns, scan.end_ns), max(scan.stamp_ns, scan.end_ns)
+        first, last = scan.span_ns
         if self._odometry is None or self._calibrator is None:
             return _arc(self._velocity, first, last)
         if not self._odometry.covers(first, last):
@@ -146,7 +146,7 @@ class Predictor:
 
     def motion_after(self, scan: Scan, match: Match) -> PlanarTrajectory:
         """Motion over the scan's beams at the speed that its match shows since the last scan."""
-        first, last = sorted((scan.stamp_ns, scan.end_ns))
+        first, last = scan.span_ns
         velocity = self._velocity
         if self._last is not None and scan.stamp_ns > self._last.stamp_ns:
             seconds = (scan.stamp_ns - self._last.stamp_ns) * 1e-9

@@ -53,8 +53,9 @@ def build_grid(
         canvas.draw(cloud, T_map_base)
     for number, scan in enumerate(scans):
         progress(number + 1, len(scans))
-        if scan.stamp_ns in used and scan.end_ns <= fine.stamps_ns[-1]:
-            cloud = deskew(scan, fine, scan.stamp_ns, T_base_laser)
+        known = scan.within(int(fine.stamps_ns[0]), int(fine.stamps_ns[-1]))
+        if known is not None and scan.stamp_ns in used:
+            cloud = deskew(known, fine, scan.stamp_ns, T_base_laser)
             canvas.draw(cloud, poses[scan.stamp_ns])
     return canvas.grid()
 

@@ -19,7 +19,7 @@ def replay(log: Log, since_ns: int = EVER_NS) -> Iterator[tuple[Scan, MotionSamp
     since_ns: samples up to here were delivered already.
     """
     for scan in log.scans:
-        until_ns = max(scan.end_ns, since_ns)
+        until_ns = max(scan.span_ns[1], since_ns)
         yield scan, samples_between(log, since_ns, until_ns)
         since_ns = until_ns
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from slamsim.check.evidence import RecordingEvidence
 from slamsim.check.findings import Finding
-from slamsim.check.question import FaultKind, Question, QuestionGroup, judge, unanswered
+from slamsim.check.question import FaultKind, Question, QuestionGroup, anywhere, judge, unanswered
 from slamsim.check.questions.frames.transform_times import (
     AGREEMENT,
     COVERAGE,
@@ -35,7 +35,13 @@ MAP_RECORDED = FaultKind(
 RIGID = Question(
     "tf.rigid",
     "every transform is a rotation and a translation",
-    (FaultKind("tf_not_rigid", "a transform is no rotation and translation"),),
+    (
+        FaultKind(
+            "tf_not_rigid",
+            "a transform is no rotation and translation",
+            (anywhere("tf_contradicts_odometry"),),
+        ),
+    ),
     consequence="one NaN makes every pose behind it one",
 )
 PARENTS = Question(

@@ -55,16 +55,14 @@ GROUP = QuestionGroup("inertial unit", 51, (FROZEN,), check_frozen)
 
 
 def _longest(imu: RawImu, recording: Recording) -> Finding:
-    readings = np.column_stack([imu.angular_velocity_rad_s, imu.linear_acceleration_m_s2])
-    changed = np.diff(readings, axis=0) != 0.0
-    same = ~changed.any(axis=1)
+    same = np.asarray(~_changed(imu).any(axis=1))
     times_s = (imu.stamps_ns - imu.stamps_ns[0]) * 1e-9
     runs = [
         (first, last + 1)
         for first, last in runs_of(same)
         if last + 1 - first >= MIN_REPEATS and times_s[last + 1] - times_s[first] > MAX_FROZEN_S
     ]
-    if not _has_noise(changed[~same]):
+    if not has_noise(imu):
         runs = [run for run in runs if _turns_otherwise(imu, recording, *run)]
     spells = [(float(times_s[first]), float(times_s[last])) for first, last in runs]
     longest_s = max((end - begin for begin, end in spells), default=0.0)
@@ -89,8 +87,16 @@ def _longest(imu: RawImu, recording: Recording) -> Finding:
     )
 
 
-def _has_noise(changed: BoolArray) -> bool:
-    """changed: (k, 6) which axes do, of samples that do not repeat the one before."""
+def _changed(imu: RawImu) -> BoolArray:
+    """(n - 1, 6) which readings of the unit differ from those before."""
+    readings = np.column_stack([imu.angular_velocity_rad_s, imu.linear_acceleration_m_s2])
+    return np.asarray(np.diff(readings, axis=0) != 0.0)
+
+
+def has_noise(imu: RawImu) -> bool:
+    """Whether most axes change from each sample to the next that is not the same."""
+    changed = _changed(imu)
+    changed = changed[changed.any(axis=1)]
     if len(changed) < MIN_REPEATS:
         return False
     return bool((changed.sum(axis=1) >= _NOISY_AXES).mean() > _NOISY_SHARE)

@@ -6,8 +6,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
-from slamsim.check.findings import Finding, Measurement
+from slamsim.check.findings import SURE_SIGMAS, Finding, Measurement
 from slamsim.check.question import FaultKind, Question, judge, same_subject, unanswered
 from slamsim.core.geometry import wrap_angle, yaw_from_xyzw
 from slamsim.core.types import BoolArray, FloatArray, IntArray
@@ -26,6 +27,8 @@ CHANGING_SHARE = 0.5
 TURNED_RAD, TURNED_SECONDS = 0.1, 3
 """Turning by so much in so many seconds, an axis or an orientation must show it."""
 MIN_SAMPLES = 20
+TURN_LIMIT = 0.2
+"""Of what the gyroscope turns: scales of cheap ones are off by a tenth of it."""
 
 
 VALUES = Question(
@@ -193,10 +196,39 @@ def _orientation(imu: RawImu, quats_xyzw: FloatArray) -> Finding:
     if seconds < TURNED_SECONDS:
         words = "the unit hardly turns, so its orientation cannot be judged"
         return unanswered(ORIENTATION, imu.topic, words)
-    if changes > 0.0:
-        words = "the orientation is a rotation and changes as the unit turns"
-        return judge(ORIENTATION, imu.topic, words, verdict="ok")
-    return _no_orientation(imu, f"the orientation never changes, in {seconds} s of turning")
+    if changes == 0.0:
+        return _no_orientation(imu, f"the orientation never changes, in {seconds} s of turning")
+    turns = _turns_of_gyroscope(imu, quats_xyzw)
+    if turns is not None and abs(turns.value - 1.0) - SURE_SIGMAS * turns.sigma > TURN_LIMIT:
+        words = f"the orientation turns by {turns.value:.2g} of what its own gyroscope turns"
+        return _no_orientation(imu, words)
+    words = "the orientation is a rotation and changes as the unit turns"
+    return judge(ORIENTATION, imu.topic, words, verdict="ok")
+
+
+def _turns_of_gyroscope(imu: RawImu, quats_xyzw: FloatArray) -> Measurement | None:
+    """What the orientation turns, of what the gyroscope does, second by second; None without
+    enough turns.
+
+    Both about the unit's own upward axis: in which frame the orientation is does not matter.
+    """
+    seconds = np.diff(imu.stamps_ns) * 1e-9
+    near = (seconds > 0.0) & (seconds < 1.0)
+    at = Rotation.from_quat(quats_xyzw)
+    axis = _upward(imu)
+    by_orientation = (at[:-1].inv() * at[1:]).as_rotvec()[near, axis]
+    rate = np.nan_to_num(imu.angular_velocity_rad_s[:, axis])
+    by_gyroscope = (0.5 * (rate[1:] + rate[:-1]) * seconds)[near]
+    second = (imu.stamps_ns[1:][near] - imu.stamps_ns[0]) // 1_000_000_000
+    _, which = np.unique(second, return_inverse=True)
+    turned, felt = (np.bincount(which, weights=one) for one in (by_orientation, by_gyroscope))
+    large = np.abs(felt) > TURNED_RAD
+    if int(large.sum()) < TURNED_SECONDS:
+        return None
+    turned, felt = turned[large], felt[large]
+    gain = float(turned @ felt / (felt @ felt))
+    scatter = float(np.mean(np.square(turned - gain * felt)))
+    return Measurement(gain, float(np.sqrt(scatter / (felt @ felt))), "of the gyroscope's turns")
 
 
 def _no_orientation(imu: RawImu, words: str) -> Finding:

@@ -81,7 +81,7 @@ def _repeated_alone(sample: ScanSample) -> float:
         return np.inf
     alone = isolated_returns(sample.ranges_m, sample.following_m, sample.layout.angle_step_rad)[1]
     values, counts = np.unique(sample.ranges_m[alone], return_counts=True)
-    most = counts.size > 0 and counts[-1] > MOSTLY_ONE * counts.sum()
+    most = counts.size > 0 and counts[-1] > max(MIN_COUNT - 1, MOSTLY_ONE * counts.sum())
     return float(values[-1]) if most else np.inf
 
 

@@ -25,7 +25,10 @@ STUCK = Question(
         FaultKind(
             "scan_stuck",
             "scans repeat unchanged while the robot moves",
-            (anywhere(*SIZES, *LIDAR_TIMES, *SWEEPS, "stamps_invented", "laser_world_fixed"),),
+            (
+                anywhere(*SIZES, *LIDAR_TIMES, *SWEEPS, "stamps_invented", "laser_world_fixed"),
+                anywhere("time_offset_wheels", "time_offset_imu", "clock_drift"),
+            ),
         ),
     ),
     limit=100.0 * MAX_REPEATED_SHARE,

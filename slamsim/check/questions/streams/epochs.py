@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from slamsim.check.fault_groups import LIDAR_TIMES
 from slamsim.check.findings import Curve, Finding, Plot
-from slamsim.check.question import FaultKind, Question, judge, unanswered
+from slamsim.check.question import FaultKind, Question, judge, same_subject, unanswered
 from slamsim.check.questions.streams.series import StampSeries
 from slamsim.core.types import FloatArray
 from slamsim.recording.repairs.base import Repair
@@ -13,7 +14,11 @@ from slamsim.recording.repairs.base import Repair
 _APART_S = 60.0
 _UNIX_S = 946_684_800.0
 
-EPOCH_MISMATCH = FaultKind("epoch_mismatch", "streams count time from different origins")
+EPOCH_MISMATCH = FaultKind(
+    "epoch_mismatch",
+    "streams count time from different origins",
+    (same_subject(*LIDAR_TIMES, "time_offset_imu", "time_offset_wheels"),),
+)
 EPOCH = Question(
     "time.epoch",
     "all streams count time from one origin",

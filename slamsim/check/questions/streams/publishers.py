@@ -50,11 +50,11 @@ PUBLISHERS = Question(
             "two publishers share a topic",
             (
                 same_subject(
-                    *(*STAMPS, "scans_overlap"),
+                    *(*STAMPS, "scans_overlap", "scan_time"),
                     *("odometry_jump", "odometry_contradicts_wheels", "odometry_frozen"),
                 ),
                 anywhere("tf_contradicts_odometry", "odometries_contradict", "wheel_slip"),
-                lidar_stamps(*BY_SCANS),
+                lidar_stamps(*BY_SCANS, "time_offset_imu", "time_offset_wheels"),
             ),
         ),
     ),

@@ -10,6 +10,7 @@ from slamsim.check.evidence import of_sizes
 from slamsim.check.findings import Finding, Measurement
 from slamsim.check.motion.integrated import IntegratedMotion
 from slamsim.check.question import FaultKind, Question, QuestionGroup, anywhere, judge, unanswered
+from slamsim.check.questions.wheels.counters import TICKS_FROZEN
 from slamsim.check.wording import signed_words
 from slamsim.recording.repairs.base import Repair
 
@@ -43,7 +44,7 @@ WHEEL_RADIUS = FaultKind("wheel_radius", "the wheels are larger or smaller than 
 WIRING = Question(
     "wheels.wiring",
     "both wheels count forward, left on the left",
-    (SWAPPED, REVERSED),
+    (SWAPPED, REVERSED, TICKS_FROZEN),
     consequence="the odometry turns the wrong way, or turns when the robot goes straight",
     excitation_wanted=TURNING,
     repairs=("swap_wheels", "reverse_wheel", "scale_odometry"),
@@ -88,6 +89,16 @@ TRACK = Question(
     excitation_wanted=TURNING,
     repairs=("scale_wheels", "scale_odometry"),
 )
+
+
+_ONE_WHEEL = {
+    "dead": (
+        TICKS_FROZEN,
+        "never counts: the odometry never leaves one circle, while the robot does",
+    ),
+    "reversed": (REVERSED, "counts backward: what the odometry calls a path is a turn"),
+}
+"""What poses show of one wheel that is unlike the other."""
 
 
 def check_wheels(calibration: Calibration, explained: Explanation) -> list[Finding]:
@@ -152,7 +163,18 @@ def _wiring(calibration: Calibration, wheels: IntegratedMotion) -> list[Finding]
 
 
 def _turning(calibration: Calibration, wheels: IntegratedMotion) -> list[Finding]:
-    """Of poses only the direction of turns can be told."""
+    """Of poses only the direction of turns can be told, and one wheel that is unlike the other."""
+    side, _, wrong = calibration.alignment.wiring.partition(" ")
+    if wrong in _ONE_WHEEL:
+        fault, words = _ONE_WHEEL[wrong]
+        return [
+            judge(
+                *(WIRING, wheels.topic, f"the {side} wheel {words}"),
+                verdict="fault",
+                fault=fault,
+                advice="Look at that wheel's encoder, its cable and its sign in the driver.",
+            )
+        ]
     if not calibration.follows("wheel") or calibration.value("turn_gain") > 0.0:
         return []
     return [

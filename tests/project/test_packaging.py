@@ -1,0 +1,104 @@
+"""What is declared for installation is what the package imports, and nothing besides."""
+
+from __future__ import annotations
+
+import ast
+import os
+import re
+import subprocess
+import sys
+import tomllib
+from collections.abc import Iterable
+from importlib.metadata import packages_distributions
+from pathlib import Path
+
+import slamsim
+
+ROOT = Path(__file__).parents[2]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+OPTIONAL = {"dask": "cluster", "distributed": "cluster"} | dict.fromkeys(
+    ("genz-icp", "karto-scanmatcher", "small-gicp"), "peers"
+)
+"""Distributions that some part alone needs, and the extra that brings them."""
+NOT_IMPORTED = {"paramiko": "fsspec", "s3fs": "fsspec"}
+"""Distributions that others of ours load by name."""
+PARTS = {"markupsafe": "jinja2", "pydantic-core": "pydantic"}
+"""Distributions that belong to another one, which pins them."""
+
+
+def distribution(requirement: str) -> str:
+    found = re.match(r"[\w.-]+", requirement)
+    assert found is not None
+    return found[0].lower().replace("_", "-")
+
+
+def declared(extra: str | None = None) -> set[str]:
+    if extra is None:
+        return set(map(distribution, PROJECT["dependencies"]))
+    return set(map(distribution, PROJECT["optional-dependencies"][extra]))
+
+
+def imported(paths: Iterable[Path]) -> set[str]:
+    """The libraries that the files import, wherever in their text."""
+    names = set[str]()
+    for path in paths:
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.Import):
+                names.update(alias.name.partition(".")[0] for alias in node.names)
+            elif isinstance(node, ast.ImportFrom) and node.module and node.level == 0:
+                names.add(node.module.partition(".")[0])
+    return names - set(sys.stdlib_module_names) - {"slamsim"}
+
+
+def test_what_the_package_imports_is_declared_and_what_is_declared_is_imported() -> None:
+    owners = packages_distributions()
+    needed = set()
+    for module in imported((ROOT / "slamsim").rglob("*.py")):
+        names = map(distribution, owners.get(module, [module]))
+        of_module = {PARTS.get(name, name) for name in names}
+        assert of_module & (declared() | OPTIONAL.keys()), f"{module} is not declared"
+        needed |= of_module
+    # of two wheels with the same module, one for each kind of processor, one is installed
+    unused = {each for each in declared() - needed if not each.startswith("open3d")}
+    assert unused == set()
+
+
+def test_an_extra_brings_what_its_part_needs_and_nothing_twice() -> None:
+    for name, extra in OPTIONAL.items():
+        assert name in declared(extra) and name not in declared()
+    for extra in ("cloud", "cluster", "peers"):
+        assert not declared(extra) & declared()
+        assert declared(extra) <= OPTIONAL.keys() | NOT_IMPORTED.keys()
+
+
+def test_constraints_pin_what_is_declared() -> None:
+    lines = (ROOT / "constraints.txt").read_text().splitlines()
+    pinned = {distribution(line) for line in lines if not line.startswith("#")}
+    everything = declared().union(*map(declared, PROJECT["optional-dependencies"]))
+    assert everything - pinned <= {"open3d", "atheris"}  # of other processors; only for fuzzing
+
+
+def test_the_changelog_tells_of_this_version() -> None:
+    headings = re.findall(r"^## (\S+)", (ROOT / "CHANGELOG.md").read_text(), re.MULTILINE)
+    assert headings[0] == "Unreleased" and slamsim.__version__ in headings
+
+
+def test_the_shell_completes_commands() -> None:
+    done = subprocess.run(
+        [
+            sys.executable,
+            "-c",
+            "import sys; sys.argv = ['slamsim']; from slamsim.entry import main; main()",
+        ],
+        env={
+            **os.environ,
+            "_SLAMSIM_COMPLETE": "complete_bash",
+            "COMP_WORDS": "slamsim loc",
+            "COMP_CWORD": "1",
+        },
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=True,
+    )
+    assert done.stdout.split() == ["localise"]

@@ -1,0 +1,127 @@
+"""Several planar lidars on one robot: which are used, paired in time, seen from one base."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scan_recording import truth
+from simulated import ScanList
+from two_lidars import FRONT, HALF_VIEW, REAR, front_and_rear
+
+from slamsim.config.slam import MappingConfig, SlamConfig
+from slamsim.core.types import Log
+from slamsim.evaluate.trajectory import compare
+from slamsim.recording import RawScans, Recording
+from slamsim.recording.cleaning.log import clean
+from slamsim.recording.cleaning.scans import paired
+from slamsim.slam.frontend.deskew import deskew
+from slamsim.slam.mapping.grid import build_grid
+from slamsim.slam.session import run_slam
+
+INSTANTS = st.lists(st.integers(0, 3000), max_size=30, unique=True).map(sorted)
+
+
+def cleaned(recording: Recording) -> Log:
+    return clean(recording, Path("two_lidars.mcap"))
+
+
+@given(own=INSTANTS.filter(bool), other=INSTANTS)
+def test_pairs_are_those_of_a_search_through_all(own: list[int], other: list[int]) -> None:
+    usual = float(np.median(np.diff(own))) if len(own) > 1 else 0.0
+    owner = [min(range(len(own)), key=lambda i: (abs(o - own[i]), i)) for o in other]
+    wanted = []
+    for number, instant in enumerate(own):
+        mine = [k for k, o in enumerate(other) if owner[k] == number and abs(o - instant) <= usual]
+        wanted.append(min(mine, key=lambda k: (abs(other[k] - instant), -k), default=-1))
+    found = paired(np.array(own, dtype=np.int64), np.array(other, dtype=np.int64))
+    assert found.tolist() == wanted
+
+
+def test_each_scan_comes_with_the_other_lidars_nearest_one() -> None:
+    log = cleaned(front_and_rear())
+    np.testing.assert_allclose(log.T_base_laser[:2, 3], FRONT[:2])
+    for scan in log.scans:
+        (other,) = scan.beside
+        assert abs(other.scan.stamp_ns - scan.stamp_ns) <= 50_000_000
+        np.testing.assert_allclose(other.T_base_laser[:2, 3], REAR[:2])
+    assert log.warnings == ()
+
+
+def test_a_cloud_of_two_is_the_clouds_of_each() -> None:
+    log, motion = cleaned(front_and_rear()), truth()
+    scan = list(log.scans)[40]
+    (other,) = scan.beside
+    both = deskew(scan, motion, scan.stamp_ns, log.T_base_laser)
+    alone = deskew(replace(scan, beside=()), motion, scan.stamp_ns, log.T_base_laser)
+    rear = deskew(other.scan, motion, scan.stamp_ns, other.T_base_laser)
+    assert both.own_beams == len(alone.points_m)
+    np.testing.assert_array_equal(both.points_m, [*alone.points_m, *rear.points_m])
+    np.testing.assert_array_equal(both.origins_m, [*alone.origins_m, *rear.origins_m])
+
+
+def test_scans_beside_one_are_left_out_where_the_motion_does_not_reach() -> None:
+    scan = next(iter(cleaned(front_and_rear()).scans))
+    (other,) = scan.beside
+    late = replace(scan, beside=(replace(other, scan=replace(other.scan, stamp_ns=scan.end_ns)),))
+    assert late.span_ns == (scan.stamp_ns, scan.end_ns + other.scan.geometry.duration_ns)
+    known = late.within(scan.stamp_ns, scan.end_ns)
+    assert known is not None
+    assert known.beside == ()
+    assert late.within(*late.span_ns) is not None
+    assert late.within(scan.stamp_ns + 1, late.span_ns[1]) is None
+
+
+def test_two_lidars_see_behind_the_robot_what_one_does_not() -> None:
+    """Half a view in front ends at the robot; with the other half the walls behind it are seen."""
+    both = cleaned(front_and_rear(HALF_VIEW))
+    front = replace(both, scans=ScanList([replace(scan, beside=()) for scan in both.scans]))
+    errors_m, walls = [], []
+    for log in (front, both):
+        way = run_slam(log, SlamConfig()).trajectory
+        errors_m.append(float(np.hypot.reduce(compare(way, truth()).translation_m)))
+        first = ScanList([next(iter(log.scans))])
+        seen = build_grid(first, way, log.T_base_laser, MappingConfig())
+        walls.append(np.count_nonzero(seen.occupancy > 0.5))
+    assert errors_m[1] < errors_m[0]
+    assert walls[1] > 1.5 * walls[0]
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ("one frame", "their lidar sits where that of /front/scan does, or is the same one"),
+        ("one place", "their lidar sits where that of /front/scan does, or is the same one"),
+        ("no transform", "no fixed transform from 'base_footprint' to 'rear_laser'"),
+        ("on its side", "the frame 'rear_laser' is not level"),
+        ("another day", "no time in common with /front/scan"),
+        ("no lidar", "none of 200 scans describes a lidar"),
+    ],
+)
+def test_a_lidar_that_cannot_be_used_is_named_with_the_reason(change: str, words: str) -> None:
+    recording = front_and_rear()
+    front, rear = recording.scans
+    edges = {edge.child: edge for edge in recording.transforms}
+    if change == "one frame":
+        rear = replace(rear, frame_ids=front.frame_ids)
+    elif change == "one place":
+        edges["rear_laser"] = replace(edges["front_laser"], child="rear_laser")
+    elif change == "no transform":
+        del edges["rear_laser"]
+    elif change == "on its side":
+        turned = np.array([[np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)]])
+        edges["rear_laser"] = replace(edges["rear_laser"], quats_xyzw=turned)
+    elif change == "another day":
+        rear = replace(rear, stamps_ns=rear.stamps_ns + 86_400 * 10**9)
+    else:
+        rear = replace(rear, layouts=(replace(rear.layouts[0], angle_step_rad=0.0),))
+    changed = recording.with_streams(RawScans, (front, rear))
+    log = cleaned(replace(changed, transforms=tuple(edges.values())))
+    assert all(scan.beside == () for scan in log.scans)
+    (told,) = log.warnings
+    assert told.startswith("the scans of /rear/scan are not used: ")
+    assert words in told
