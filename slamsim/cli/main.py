@@ -75,7 +75,7 @@ def world(
     resolved = loaded.config
     called = f"{resolved.world.name}_world"
     with output_folder(out, called, overwrite=overwrite, inputs=loaded.files) as folder:
-        from slamsim.run.world import export_world
+        from slamsim.run.recording import export_world
 
         facts = export_world(resolved, folder, overwrite=overwrite)
     reporter.table(f"World {resolved.world.name}", labelled(facts))

@@ -6,11 +6,15 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from slamsim.console.options import OverwriteFile, ScanTopic
+from slamsim.cli.common import selection
+from slamsim.console.options import BaseFrame, ImuTopic, OdomTopic, OverwriteFile, ScanTopic
+
+if TYPE_CHECKING:
+    from slamsim.io.selection import Selection
 
 EPILOG = (
     "Examples: slamsim view outputs/labyrinth --screenshot map.png · slamsim view my_rosbag2/ --web"
@@ -27,6 +31,9 @@ def view(
         typer.Option("--screenshot", metavar="FILE", help="Render to this PNG, without a screen."),
     ] = None,
     scan_topic: ScanTopic = None,
+    odom_topic: OdomTopic = "",
+    imu_topic: ImuTopic = "",
+    base_frame: BaseFrame = "",
     overwrite: OverwriteFile = False,
 ) -> None:
     """View a run, or a recording as it is, in Rerun."""
@@ -35,12 +42,12 @@ def view(
     with output_file(screenshot, overwrite=overwrite, inputs=(run,)) as picture:
         from slamsim.report.viewer.show import view_run
 
-        with _shown(run, scan_topic) as rerun:
+        with _shown(run, selection(scan_topic, odom_topic, imu_topic, base_frame)) as rerun:
             view_run(rerun, web=web, screenshot=picture)
 
 
 @contextmanager
-def _shown(run: Path, scan_topic: str | None) -> Iterator[Path]:
+def _shown(run: Path, wanted: Selection) -> Iterator[Path]:
     """What Rerun opens: the run itself, or for the block what a recording shows without a map.
 
     Raises what ``open_recording`` raises for what is neither.
@@ -54,7 +61,7 @@ def _shown(run: Path, scan_topic: str | None) -> Iterator[Path]:
     from slamsim.report.viewer.unmapped import unmapped
     from slamsim.run.naming import log_of
 
-    log = open_recording(log_of(run), scan_topic).log()
+    log = open_recording(log_of(run), wanted).log()
     with TemporaryDirectory(prefix="slamsim-view-") as folder:
         write_recording(Path(folder) / "recording.rrd", unmapped(log))
         yield Path(folder) / "recording.rrd"
