@@ -27,6 +27,8 @@ from slamsim.cli.scenario_command import HELP as SCENARIO_HELP
 from slamsim.cli.scenario_command import scenario
 from slamsim.cli.verify_command import EPILOG as VERIFY_EPILOG
 from slamsim.cli.verify_command import verify
+from slamsim.cli.view_command import EPILOG as VIEW_EPILOG
+from slamsim.cli.view_command import view
 from slamsim.console.options import (
     ConfigFile,
     DriveSeed,
@@ -34,7 +36,6 @@ from slamsim.console.options import (
     Json,
     Out,
     Overwrite,
-    OverwriteFile,
     Quiet,
     Relations,
     Seed,
@@ -74,7 +75,7 @@ def world(
     resolved = loaded.config
     called = f"{resolved.world.name}_world"
     with output_folder(out, called, overwrite=overwrite, inputs=loaded.files) as folder:
-        from slamsim.run.world import export_world
+        from slamsim.run.recording import export_world
 
         facts = export_world(resolved, folder, overwrite=overwrite)
     reporter.table(f"World {resolved.world.name}", labelled(facts))
@@ -152,27 +153,7 @@ app.command(epilog=VERIFY_EPILOG)(verify)
 app.add_typer(dataset)
 
 
-@app.command(epilog="Example: slamsim view outputs/labyrinth --screenshot map.png")
-def view(
-    run: Annotated[Path, typer.Argument(help="Folder of a run, or a .rrd file.")],
-    web: Annotated[bool, typer.Option("--web", help="Serve it to a browser.")] = False,
-    screenshot: Annotated[
-        Path | None,
-        typer.Option(
-            "--screenshot",
-            metavar="FILE",
-            help="Render to this PNG, without a screen.",
-        ),
-    ] = None,
-    overwrite: OverwriteFile = False,
-) -> None:
-    """View a run in Rerun."""
-    from slamsim.run.naming import output_file
-
-    with output_file(screenshot, overwrite=overwrite, inputs=(run,)) as picture:
-        from slamsim.report.viewer.show import view_run
-
-        view_run(run, web=web, screenshot=picture)
+app.command(epilog=VIEW_EPILOG)(view)
 
 
 app.command(

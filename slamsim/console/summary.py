@@ -7,7 +7,7 @@ import re
 from collections.abc import Callable, Mapping
 from typing import cast
 
-from slamsim.guard.quantities import as_interval, as_number, as_size, as_time
+from slamsim.guard.quantities import as_interval, as_lengths, as_number, as_size, as_time
 
 Numbers = Mapping[str, object]
 
@@ -135,11 +135,13 @@ def _begin(span: Numbers) -> float:
 
 
 def _trajectory(report: Numbers) -> str | None:
-    ate_m, odometry_m = _number(report, "ate_rmse_m"), _number(report, "odometry_ate_rmse_m")
-    if ate_m is None:
+    keys = ("ate_rmse_m", "ate_max_m", "odometry_ate_rmse_m")
+    known = [value for key in keys if (value := _number(report, key)) is not None]
+    if _number(report, "ate_rmse_m") is None or len(known) < 2:
         return None
-    beside = "" if odometry_m is None else f"   (odometry alone {_metres(odometry_m)})"
-    return f"{_metres(ate_m)} RMSE, {_metres(_number(report, 'ate_max_m'))} at most{beside}"
+    told = as_lengths(*known)
+    beside = f" (odometry alone {told[2]})" if len(told) > 2 else ""
+    return f"{told[0]} RMSE, {told[1]} at most{beside}"
 
 
 def _limit(report: Numbers) -> str | None:
@@ -147,7 +149,7 @@ def _limit(report: Numbers) -> str | None:
     if bound_m is None or ratio is None:
         return None
     return (
-        f"{_metres(bound_m)} RMSE is the lower bound for any SLAM; this is "
+        f"{as_lengths(bound_m)[0]} RMSE is the lower bound for any SLAM; this is "
         f"{as_number(ratio, 3)} times that"
     )
 
@@ -182,7 +184,7 @@ def _relations(report: Numbers) -> str | None:
     mean_deg = _number(report, "relations", "all", "rotation_mean_deg")
     if mean_m is None or mean_deg is None:
         return None
-    return f"{_metres(mean_m)}, {as_number(mean_deg, 3)}° mean absolute error"
+    return f"{as_lengths(mean_m)[0]}, {as_number(mean_deg, 3)}° mean absolute error"
 
 
 def _calibration(report: Numbers) -> str | None:
@@ -217,10 +219,6 @@ def _speed(report: Numbers) -> str | None:
 def _memory(report: Numbers) -> str | None:
     memory_mb = _number(report, "peak_memory_mb")
     return None if memory_mb is None else f"{memory_mb:.0f} MB at most"
-
-
-def _metres(value: float | None) -> str:
-    return "unknown" if value is None else f"{as_number(value, 3)} m"
 
 
 _CALIBRATED = {

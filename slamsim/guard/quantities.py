@@ -36,6 +36,13 @@ def as_interval(value: float, sigma: float) -> str:
     return f"{as_number(value, max(min(whole + places, _DIGITS), 1))} ± {as_number(sigma, 2)}"
 
 
+def as_lengths(*lengths_m: float) -> list[str]:
+    """Lengths that stand beside each other, in one unit: millimetres below 0.1 m, else metres."""
+    in_mm = max(map(abs, lengths_m), default=0.0) < 0.1
+    factor, unit = (1e3, "mm") if in_mm else (1.0, "m")
+    return [f"{as_number(factor * length_m, 3)} {unit}" for length_m in lengths_m]
+
+
 def as_size(size: float) -> str:
     """``5.5 GB``; in powers of ten, as disks are sold."""
     unit = 0

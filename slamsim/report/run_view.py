@@ -44,6 +44,11 @@ class RunView:
     sure: bool = True
 
     @property
+    def mapped(self) -> bool:
+        """Whether there is an estimate beside the odometry: SLAM was asked for one."""
+        return self.result.trajectory is not self.result.odometry
+
+    @property
     def doubts(self) -> tuple[str, ...]:
         """What is wrong with the recording itself, a sentence each."""
         return () if self.checked is None else tuple(map(warning, self.checked.faults))

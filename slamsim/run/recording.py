@@ -1,4 +1,5 @@
-"""``slamsim simulate``: writes a recording, its world and the ground truth."""
+"""``slamsim simulate`` writes a recording, its world and the ground truth; ``slamsim world`` a
+world alone: preview, mesh, true map, figures."""
 
 from __future__ import annotations
 
@@ -7,7 +8,7 @@ from pathlib import Path
 from slamsim.config.run import RunConfig
 from slamsim.console.reporter import Reporter
 from slamsim.guard.errors import SlamsimError
-from slamsim.guard.output import partial_folder
+from slamsim.guard.output import partial_folder, write_atomic
 from slamsim.guard.quantities import as_number, as_time
 from slamsim.io.names import LOG
 from slamsim.io.open import read_truth
@@ -15,9 +16,25 @@ from slamsim.process.children import MEMORY
 from slamsim.run import folder as run_folder
 from slamsim.run.stages import Report, Stages
 from slamsim.sensors.faults.registry import chosen_fault, resolved_choice
+from slamsim.sim.robot.model import build_robot
 from slamsim.simulation.driven import simulate_with_faults
 from slamsim.simulation.own_files import write_config, write_world
 from slamsim.simulation.simulate import Simulation, simulate
+from slamsim.world.build import build_world
+from slamsim.world.export import stl_bytes, world_facts
+from slamsim.world.preview import preview_png
+
+
+def export_world(config: RunConfig, folder: Path, *, overwrite: bool = False) -> dict[str, object]:
+    """Write the world into the folder; returns what a person wants to know of it."""
+    world = build_world(config.world, config.seed)
+    height_m = float(build_robot(config.robot).T_base_laser[2, 3])
+    with partial_folder(folder, overwrite) as partial:
+        write_world(partial, config, world)
+        write_atomic(partial / "preview.png", preview_png(world))
+        write_atomic(partial / "world.stl", stl_bytes(world.mesh))
+        run_folder.write_map(partial, world.grid(config.mapping.resolution_m, height_m))
+    return world_facts(world)
 
 
 def simulate_world(

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from slamsim.core.result import EventKind, MapGraph, SlamResult
-from slamsim.guard.quantities import as_number
+from slamsim.guard.quantities import as_lengths, as_number
 from slamsim.slam.events import BY_WEIGHT, by_weight
 
 _DOUBTFUL: dict[EventKind, str] = {
@@ -50,17 +50,17 @@ def verdict(result: SlamResult, path_m: float, ate_m: float | None) -> str:
         return "The robot did not move: this is what it saw from one place, not a map."
     kinds = [event.kind for event in result.events]
     looks = [f"{kinds.count(k)} {words}" for k, words in _DOUBTFUL.items() if k in kinds]
-    parts = [_how_good(result, ate_m)]
     within_m = position_95_m(result.graph)
+    lengths_m = [length_m for length_m in (ate_m, within_m) if length_m is not None]
+    told = as_lengths(*lengths_m)
+    parts = [_how_well_it_fits(result) if ate_m is None else f"{told[0]} from the truth (RMSE)"]
     if within_m is not None:
-        parts.append(f"every position is sure within {as_number(within_m, 2)} m (95 %)")
+        parts.append(f"every position is sure within {told[-1]} (95 %)")
     parts.append(f"places to look at: {', '.join(looks)}" if looks else _checked(result))
     return f"{'A map with doubts' if looks else 'A whole map'}: {'; '.join(parts)}."
 
 
-def _how_good(result: SlamResult, ate_m: float | None) -> str:
-    if ate_m is not None:
-        return f"{as_number(ate_m, 3)} m from the truth (RMSE)"
+def _how_well_it_fits(result: SlamResult) -> str:
     if not result.match_quality.size:
         return "no scan was matched"
     return (

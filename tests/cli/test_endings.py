@@ -60,7 +60,7 @@ def test_a_verdict_says_how_good_how_sure_and_what_to_look_at() -> None:
     worst = max(np.linalg.eigvalsh(one[:2, :2]).max() for one in result.graph.covariances)
     assert within_m == pytest.approx(np.sqrt(5.991 * worst), rel=1e-3)
     told = verdict(result, 10.0, 0.01234)
-    assert "0.0123 m from the truth" in told and "(95 %)" in told
+    assert "12.3 mm from the truth" in told and "(95 %)" in told
 
 
 def test_a_run_ends_with_its_verdict_and_three_warnings(

@@ -28,6 +28,7 @@ from slamsim.report.viewer.screenshot import check_recording, render_screenshot
 from slamsim.report.viewer.series import plots, wheel_speeds, yaw_rate
 from slamsim.report.viewer.show import view_run
 from slamsim.report.viewer.stage import MAX_SCANS, laser_frame, on_floor, scan_points
+from slamsim.report.viewer.unmapped import unmapped
 
 
 @cache
@@ -46,6 +47,21 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("recording") / "run.rrd"
     write_recording(path, example_run())
     return path
+
+
+def test_a_recording_is_shown_without_a_map(tmp_path: Path) -> None:
+    """Its scans where odometry has them, no estimate and no match that nobody made."""
+    view = unmapped(replace(example_run().log, name="raw"))
+    assert not view.mapped and len(view.result.trajectory) > 1
+    odometry, shown = example_run().log.odometry, view.result.trajectory
+    assert odometry is not None
+    assert np.array_equal(shown.poses, odometry.at(shown.stamps_ns))
+    assert {panel.key for panel in plots(view)} <= {"wheels", "turn"}
+    write_recording(tmp_path / "raw.rrd", view)
+    still = unmapped(replace(example_run().log, odometry=None))
+    assert not still.result.trajectory.poses.any()
+    if not why_no_viewer():
+        assert check_recording(tmp_path / "raw.rrd").errors == ()
 
 
 def test_a_viewer_opens_it_without_an_error_and_with_a_whole_transform_tree(

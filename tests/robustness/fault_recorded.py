@@ -36,9 +36,8 @@ from slamsim.report.pages import run
 from slamsim.report.run_view import RunView
 from slamsim.run import mapping, recording
 from slamsim.run.mapping import map_world
-from slamsim.run.recording import simulate_world
+from slamsim.run.recording import export_world, simulate_world
 from slamsim.run.recovering import recover_log
-from slamsim.run.world import export_world
 from slamsim.simulation.header import log_header
 from slamsim.simulation.log_writer import LogWriter
 from slamsim.simulation.recorder import DriveRecorder

@@ -25,9 +25,8 @@ from slamsim.run.dataset.telling import run_stats
 from slamsim.run.fixing import fix_log
 from slamsim.run.localising import read_known_map
 from slamsim.run.mapping import map_world
-from slamsim.run.recording import simulate_world
+from slamsim.run.recording import export_world, simulate_world
 from slamsim.run.verifying import verify_path
-from slamsim.run.world import export_world
 from slamsim.slam.mapping.saved_map import read_saved_map
 from slamsim.world.map_server import read_map
 

@@ -33,7 +33,11 @@ if TYPE_CHECKING:
 _LOADED = (
     *("slamsim.cli.main", "slamsim.run.checking", "slamsim.run.fixing", "slamsim.run.faulting"),
     *("slamsim.run.recovering", "slamsim.run.verifying", "slamsim.run.evaluation"),
-    *("slamsim.run.world", "slamsim.dataset.recipe.preview", "slamsim.dataset.catalogue.verify"),
+    *(
+        "slamsim.run.recording",
+        "slamsim.dataset.recipe.preview",
+        "slamsim.dataset.catalogue.verify",
+    ),
     *("promise_tree", "promise_commands", "promise_endings", "promise_oracle"),
     *("slamsim.config.loading", "slamsim.config.dump", "matplotlib.figure"),
 )

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from slamsim.core.geometry import adjoint, compose, inverse, rotation
+from slamsim.core.geometry import adjoint, between, compose, inverse, rotation
 from slamsim.core.result import EdgeKind, GraphEdge, PoseGraph
 from slamsim.core.types import FloatArray, PlanarTrajectory
-from slamsim.slam.mapping.joints import open_loops
+from slamsim.slam.mapping.joints import HELD_M, closures_agree, open_loops
 
 STEP = np.array([0.5, 0.0, 0.1])
 WIDE = np.diag(np.square([1.0, 0.2, 0.01]))
@@ -117,3 +119,29 @@ def test_a_stretch_is_told_from_where_it_may_be_off_by_a_cell() -> None:
     assert not list(open_loops(graph_of([*chain, edge(0, 39, "closure")], count, added)))
     exact = graph_of(chain, count, 1e-3 * added)
     assert not list(open_loops(exact))
+
+
+@given(st.data())
+def test_closures_agree_where_they_leave_the_path_about_as_it_was_measured(
+    data: st.DataObject,
+) -> None:
+    """A loop over the edge to a key frame, measured as the map has it, and that edge moved by less
+    than a closure may be unsure: whatever lies elsewhere makes no difference."""
+    count = data.draw(st.integers(4, 10))
+    number = data.draw(st.integers(1, count - 1))
+    shift_m = data.draw(st.floats(0.0, 2.0 * HELD_M).filter(lambda m: abs(m - HELD_M) > 1e-6))
+    chain = [edge(k - 1, k, "match") for k in range(1, count)]
+    moved = STEP + np.array([shift_m, 0.0, 0.0])
+    chain[number - 1] = GraphEdge(number - 1, number, moved, SURE, "match")
+    poses = graph_of(chain, count).keyframes.poses
+    first = data.draw(st.integers(0, number - 1))
+    last = data.draw(st.integers(number, count - 1))
+    there = between(poses[first], poses[last])
+    loop = GraphEdge(first, last, there, SURE, "closure")
+    assert closures_agree(graph_of([*chain, loop], count), number) == (shift_m <= HELD_M)
+    elsewhere = GraphEdge(first, last, there + np.array([1.0, 0.0, 0.0]), SURE, "closure")
+    assert not closures_agree(graph_of([*chain, elsewhere], count), number)
+    assert not closures_agree(graph_of([*chain, replace(loop, weight=0.0)], count), number)
+    along = SURE + np.diag([1e6, 0.0, 0.0])
+    assert not closures_agree(graph_of([*chain, replace(loop, covariance=along)], count), number)
+    assert not closures_agree(graph_of(chain, count), number)

@@ -48,12 +48,14 @@ def held_figure(view: RunView) -> Picture | None:
         axes.add_collection(across, autolim=False)
         axes.add_collection(path, autolim=False)
         bar = figure.colorbar(ScalarMappable(colours, COLOURS), ax=axes, shrink=0.6, pad=0.02)
-        bar.set_label("sigma [mm]")
         bar.ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
         bar.ax.yaxis.set_minor_formatter(_Plain(labelOnlyBase=False, minor_thresholds=(2.0, 0.5)))
         source = "what the true walls allow" if found.by_truth else "what the matches claimed"
         legend = (
-            (f"worst direction of a single scan: {source}", to_hex(colormaps[COLOURS](0.5))),
+            (
+                f"a scan's worst direction, sigma in mm: {source}",
+                to_hex(colormaps[COLOURS](0.5)),
+            ),
             ("strokes lie along that direction", to_hex(colormaps[COLOURS](0.8))),
         )
         return Picture(run.svg(figure, "held_map"), legend)

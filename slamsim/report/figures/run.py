@@ -12,6 +12,7 @@ from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, NullFormatter
 from matplotlib.transforms import Affine2D
 from numpy.typing import NDArray
 
@@ -89,6 +90,8 @@ def curve_figure(plot: Panel, view: RunView) -> Picture:
         if plot.logarithmic:
             axes.set_yscale("log", nonpositive="mask")
             axes.set_ylim(bottom=max(axes.get_ylim()[0], _LEAST_SHOWN))
+            axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+            axes.yaxis.set_minor_formatter(NullFormatter())
         axes.grid(color=NEUTRAL, alpha=0.25, linewidth=0.5)
         axes.margins(x=0.0)
         axes.set_xlabel("path [m]" if plot.along_path else "time [s]")
@@ -158,8 +161,6 @@ def map_axes(view: RunView, *paths: FloatArray) -> tuple[Figure, Axes]:
     axes.set_aspect("equal")
     axes.set_xlim(low[0], high[0])
     axes.set_ylim(low[1], high[1])
-    axes.set_xlabel("x [m]")
-    axes.set_ylabel("y [m]")
     for spine in axes.spines.values():
         spine.set_visible(False)
     _show_scale(axes, float(high[0] - low[0]))
@@ -181,8 +182,8 @@ def _show_scale(axes: Axes, width_m: float) -> None:
         transform=transform,
         clip_on=False,
     )
-    middle_m = end_m - 0.5 * length_m
-    axes.text(middle_m, -_BELOW, f"{length_m:g} m", transform=transform, ha="center", va="bottom")
+    beside_m = end_m - length_m - 0.01 * width_m
+    axes.text(beside_m, -_BELOW, f"{length_m:g} m", transform=transform, ha="right", va="center")
 
 
 def show_cells(axes: Axes, grid: Grid, colours: Pixels, T_page_grid: FloatArray) -> None:

@@ -104,10 +104,10 @@ def _verdict(view: RunView) -> list[Card]:
 
 def _maps(view: RunView) -> str:
     against = truth_figure(view)
-    caption = "Map, paths driven and loop closures"
+    caption = "Map, paths driven and loop closures, in metres"
     pictures = [figure(map_figure(view), caption, wide=True)]
     if against is not None:
-        pictures.append(figure(against, "Mapped walls against the true ones", wide=True))
+        pictures.append(figure(against, "Mapped walls against the true ones, in metres", wide=True))
     return pair(pictures, paper=True)
 
 
@@ -120,7 +120,7 @@ def _precision(view: RunView) -> str:
     picture = held_figure(view)
     made = ""
     if picture is not None:
-        caption = "Localisability along the path"
+        caption = "Localisability along the path, in metres"
         made = pair([figure(picture, caption, wide=True)], paper=True)
     made += _pair(view, precision_plots(view, CURVE_POINTS))
     return made + precision_tables(view)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
@@ -10,12 +12,17 @@ from slamsim.core.types import FloatArray
 from slamsim.evaluate.grid import cell_centres, occupied
 from slamsim.report.precision import precision_plots
 from slamsim.report.run_view import RunView
+from slamsim.report.viewer.scene import CLOSURES
 from slamsim.report.viewer.series import MAX_POINTS, Panel, plots
 from slamsim.report.viewer.stage import MAP
 
 MAP_VIEW, PRECISION_VIEW, SPACE_VIEW = "Map", "Precision", "Space"
 _FIELD_OF_VIEW = 0.85
 """How far above a scene one metre high the eye must be to see it whole, in metres."""
+
+_HIDDEN: dict[rr.EntityPath | str, Any] = {
+    entity: rrb.EntityBehavior(visible=False) for entity in CLOSURES
+}
 
 
 def blueprint(view: RunView) -> rrb.Blueprint:
@@ -71,6 +78,7 @@ def _map_view(view: RunView, name: str, contents: list[str]) -> rrb.Spatial3DVie
         contents=contents,
         spatial_information=rrb.SpatialInformation(target_frame=MAP),
         line_grid=rrb.LineGrid3D(visible=False),
+        overrides=_HIDDEN,
         background=[250, 250, 250],
         eye_controls=rrb.EyeControls3D(
             position=(centre[0], centre[1] - 0.001 * eye_m, eye_m),
@@ -89,6 +97,7 @@ def _space_view(view: RunView) -> rrb.Spatial3DView:
         contents=["+ /**", "- /precision/**", "- /plots/**"],
         spatial_information=rrb.SpatialInformation(target_frame=MAP),
         line_grid=rrb.LineGrid3D(visible=False),
+        overrides=_HIDDEN,
         eye_controls=rrb.EyeControls3D(
             position=(centre[0] - 0.4 * size_m, centre[1] - 0.7 * size_m, 0.7 * size_m),
             look_target=(centre[0], centre[1], 0.0),
@@ -104,4 +113,14 @@ def map_extent(view: RunView) -> tuple[FloatArray, FloatArray]:
     if len(points) == 0:
         return np.zeros(2), np.ones(2)
     low, high = points.min(axis=0), points.max(axis=0)
+    if not view.mapped:  # what was seen lies around the path
+        margin_m = _seen_m(view)
+        low, high = low - margin_m, high + margin_m
     return 0.5 * (low + high), np.maximum(high - low, 1.0)
+
+
+def _seen_m(view: RunView) -> float:
+    """The median range of the first scan."""
+    first = next(iter(view.log.scans), None)
+    ranges_m = np.zeros(0) if first is None else first.ranges_m[np.isfinite(first.ranges_m)]
+    return float(np.median(ranges_m)) if ranges_m.size else 0.0

@@ -100,11 +100,17 @@ def log_paths(recording: rr.RecordingStream, view: RunView) -> None:
     for name, points, colour, height_m in (
         ("paths/odometry", odometry_path, ODOMETRY, 0.03),
         ("paths/estimate", trajectory.poses, ESTIMATE, 0.06),
-    ):
+    )[: 2 if view.mapped else 1]:
         log_lines(recording, name, MAP, [_path(points)], colour, 0.025, height_m)
     if view.truth is not None and len(view.truth) > 1:
         true_path = _path(view.truth.planar().poses)
         log_lines(recording, "paths/truth", TRUTH_FRAME, [true_path], TRUTH, 0.025, 0.05)
+
+
+CLOSURES = ("graph/closures", "graph/withdrawn")
+"""Hidden until they are asked for: hundreds of them cover a map."""
+_HAIRLINE = -0.5
+"""Half a point on the screen, however near the eye is: Rerun takes negative radii so."""
 
 
 def log_graph(recording: rr.RecordingStream, view: RunView) -> None:
@@ -121,15 +127,15 @@ def log_graph(recording: rr.RecordingStream, view: RunView) -> None:
     )
     chain = [edge for edge in graph.edges if edge.kind in ("odometry", "match")]
     accepted, withdrawn = closures(graph.edges)
-    for name, edges, colour, height_m in (
-        ("graph/edges", chain, NEUTRAL, 0.03),
-        ("graph/closures", accepted, ACCEPTED, 0.08),
-        ("graph/withdrawn", withdrawn, WITHDRAWN, 0.09),
+    for name, edges, colour, radius, height_m in (
+        ("graph/edges", chain, NEUTRAL, 0.015, 0.03),
+        (CLOSURES[0], accepted, ACCEPTED, _HAIRLINE, 0.08),
+        (CLOSURES[1], withdrawn, WITHDRAWN, _HAIRLINE, 0.09),
     ):
         shown = [edges[k] for k in thinned(len(edges), MAX_EDGES)]
         lines = [points[[edge.source, edge.target]] for edge in shown]
         if lines:
-            log_lines(recording, name, MAP, lines, colour, 0.015, height_m)
+            log_lines(recording, name, MAP, lines, colour, radius, height_m)
 
 
 def log_precision(recording: rr.RecordingStream, view: RunView) -> None:

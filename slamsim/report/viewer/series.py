@@ -82,7 +82,7 @@ def _compared(view: RunView) -> list[tuple[str, str, TrajectoryErrors]]:
 
 def _match_quality(view: RunView, at_most: int) -> Panel | None:
     quality = view.result.match_quality
-    if quality.size == 0:
+    if quality.size == 0 or not view.mapped:
         return None
     pick = thinned(quality.size, at_most)
     stamps_ns = view.result.trajectory.stamps_ns[pick]
@@ -119,7 +119,7 @@ def _turn_rate(view: RunView, at_most: int) -> Panel | None:
     if view.log.odometry is not None and len(view.log.odometry) > 1:
         stamps_ns, motion = _rates(view.log.odometry, at_most)
         curves.append(Line("odometry", ODOMETRY, stamps_ns, motion[:, 2]))
-    if len(view.result.trajectory) > 1:
+    if view.mapped and len(view.result.trajectory) > 1:
         stamps_ns, motion = _rates(view.result.trajectory, at_most)
         curves.append(Line("estimate", ESTIMATE, stamps_ns, motion[:, 2]))
     return Panel("turn", "Turn rate", "rad/s", tuple(curves)) if curves else None

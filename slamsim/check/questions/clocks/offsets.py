@@ -204,7 +204,7 @@ def _culprit(calibration: Calibration, stream: str, late_s: float) -> Finding:
         Measurement(late_s * 1e3, sigma * 1e3, "ms"),
         verdict="fault",
         fault=fault,
-        advice=f"Subtract {late_s:.6g} s from its stamps, or stamp at the instant of measurement.",
+        advice=f"Subtract {late_s:.4g} s from its stamps, or stamp at the instant of measurement.",
         repairs=(Repair("shift_stamps", topic, {"offset_s": -late_s}),),
     )
 
