@@ -36,10 +36,14 @@ def map(  # noqa: A001 - named as the command
     *,
     out: str | PathLike[str] | None = None,
     seed: int | None = None,
+    drive_seed: int | None = None,
     settings: Settings | None = None,
     config: str | PathLike[str] | None = None,
     relations: str | PathLike[str] | None = None,
-    scan_topic: str | None = None,
+    scan_topic: str | Iterable[str] = (),
+    odom_topic: str = "",
+    imu_topic: str = "",
+    base_frame: str = "",
     continued: str | PathLike[str] | None = None,
     start: str | None = None,
     overwrite: bool = False,
@@ -48,20 +52,26 @@ def map(  # noqa: A001 - named as the command
     """Map a recording, or a world that is simulated first, and evaluate the map.
 
     source: path of a recording or a world, or the bundled name of a world. out: folder of the run;
-    a new one under ``outputs/`` by default. settings: values by dotted key, as ``--set``; config:
+    a new one under ``outputs/`` by default. drive_seed: another drive through the world of
+    ``seed``. settings: values by dotted key, as ``--set``; config:
     a YAML file of them. continued: run whose map is continued (``--continue``), from the pose
-    start "x,y,yaw_deg". quiet: no progress, no table. Raises SlamsimError as the command ends
-    with an exit code.
+    start "x,y,yaw_deg". scan_topic, odom_topic, imu_topic, base_frame: what is read of a recording
+    that holds several of a kind. quiet: no progress, no table. Raises SlamsimError as the command
+    ends with an exit code.
     """
     return Run(
         map_command.map_(
             str(source),
             out=_path(out),
             seed=seed,
+            drive_seed=drive_seed,
             set_=_overrides(settings),
             config=None if config is None else str(config),
             relations=_path(relations),
-            scan_topic=scan_topic,
+            scan_topic=_topics(scan_topic),
+            odom_topic=odom_topic,
+            imu_topic=imu_topic,
+            base_frame=base_frame,
             earlier=_path(continued),
             start=start,
             overwrite=overwrite,
@@ -78,7 +88,10 @@ def localise(
     out: str | PathLike[str] | None = None,
     settings: Settings | None = None,
     config: str | PathLike[str] | None = None,
-    scan_topic: str | None = None,
+    scan_topic: str | Iterable[str] = (),
+    odom_topic: str = "",
+    imu_topic: str = "",
+    base_frame: str = "",
     overwrite: bool = False,
     quiet: bool = False,
 ) -> Run:
@@ -95,7 +108,10 @@ def localise(
             out=_path(out),
             set_=_overrides(settings),
             config=None if config is None else str(config),
-            scan_topic=scan_topic,
+            scan_topic=_topics(scan_topic),
+            odom_topic=odom_topic,
+            imu_topic=imu_topic,
+            base_frame=base_frame,
             overwrite=overwrite,
             quiet=quiet,
         )
@@ -107,6 +123,7 @@ def simulate(
     *,
     out: str | PathLike[str] | None = None,
     seed: int | None = None,
+    drive_seed: int | None = None,
     settings: Settings | None = None,
     config: str | PathLike[str] | None = None,
     faults: Iterable[str] = (),
@@ -123,6 +140,7 @@ def simulate(
             str(world),
             out=_path(out),
             seed=seed,
+            drive_seed=drive_seed,
             set_=_overrides(settings),
             config=None if config is None else str(config),
             faults=list(faults),
@@ -135,7 +153,10 @@ def simulate(
 def check_recording(
     source: str | PathLike[str],
     *,
-    scan_topic: str | None = None,
+    scan_topic: str | Iterable[str] = (),
+    odom_topic: str = "",
+    imu_topic: str = "",
+    base_frame: str = "",
     quick: bool = False,
     quiet: bool = False,
 ) -> CheckReport:
@@ -144,9 +165,11 @@ def check_recording(
     quick: leave out the questions that compare scans with one another. Raises NotFound and
     InputRefused; a fault is no error.
     """
+    from slamsim.io.selection import Selection
     from slamsim.run.checking import check_log
 
-    return check_log(Path(source), Reporter(quiet=quiet), scan_topic=scan_topic, quick=quick)
+    wanted = Selection(tuple(_topics(scan_topic)), odom_topic, imu_topic, base_frame)
+    return check_log(Path(source), Reporter(quiet=quiet), wanted=wanted, quick=quick)
 
 
 def make_dataset(
@@ -177,3 +200,7 @@ def _path(given: str | PathLike[str] | None) -> Path | None:
 def _overrides(settings: Settings | None) -> list[str]:
     """As ``--set`` takes them: a value is YAML, of which JSON is a part."""
     return [f"{key}={json.dumps(value)}" for key, value in (settings or {}).items()]
+
+
+def _topics(given: str | Iterable[str]) -> list[str]:
+    return [given] if isinstance(given, str) else list(given)

@@ -57,7 +57,7 @@ def run_accuracy(campaign: AccuracyCampaign, reporter: Reporter) -> Figures:
     runs: list[Figures] = []
     with (
         kept_or_temporary(campaign.logs) as folder,
-        reporter.stage("accuracy", "") as progress,
+        reporter.stage("accuracy") as progress,
         closing(_all_seeds(campaign, folder)) as done,
     ):
         for figures in done:

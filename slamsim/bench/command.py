@@ -260,7 +260,7 @@ def _speed(part: str, asked: _Asked, repeats: int) -> None:
 
 
 def _show(title: str, figures: dict[str, object], asked: _Asked) -> None:
-    from slamsim.console.summary import flat
+    from slamsim.console.summary import labelled
 
-    asked.reporter.table(title, flat(figures))
+    asked.reporter.table(title, labelled(figures))
     asked.reporter.result(figures)

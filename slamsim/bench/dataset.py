@@ -61,7 +61,7 @@ def measure_dataset(recipe_name: str, count: int, figures: Figures, reporter: Re
     with_dask = find_spec("distributed") is not None
     if not with_dask:
         reporter.warn("Dask is not measured, it is not installed: pip install 'slamsim[cluster]'")
-    with Children() as children, reporter.stage("one core", ""):
+    with Children() as children, reporter.stage("one core"):
         alone = children.run(measure_alone, recipe, count)
     figures |= {"recipe": recipe.name, "sequences": count, "one_core": alone}
     figures |= _paces(recipe, count, with_dask, reporter)

@@ -120,7 +120,7 @@ def _drive(subject: _Subject) -> Figures:
         bare_step_seconds(subject.world, subject.robot, physics, simulated_s)
 
     driven_s = bare_s = float("inf")
-    with subject.reporter.stage("drive", "") as progress:
+    with subject.reporter.stage("drive") as progress:
         for number in range(subject.repeats):
             driven_s = min(driven_s, _seconds(lambda: _exhaust(_windows(subject))))
             bare_s = min(bare_s, _seconds(bare))

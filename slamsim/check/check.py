@@ -16,7 +16,7 @@ from slamsim.check.question import Question, QuestionGroup, judge
 from slamsim.check.registry import CHECKER_ERROR, registry
 from slamsim.core.progress import Progress, silent
 from slamsim.recording import RawScans, Recording
-from slamsim.recording.mountings import lidars_by_rank
+from slamsim.recording.choice import lidars
 
 _log = logging.getLogger(__name__)
 
@@ -53,9 +53,9 @@ def _asked(
     """
     groups, evidence = registry().groups, RecordingEvidence(recording)
     yield from ((group, evidence, None) for group in groups if not (quick and group.thorough))
-    lidars = lidars_by_rank(recording)
-    frames = {lidar.frame_ids for lidar in lidars[:1]}
-    for lidar in () if quick else lidars[1:]:
+    ranked = lidars(recording)
+    frames = {lidar.frame_ids for lidar in ranked[:1]}
+    for lidar in () if quick else ranked[1:]:
         if lidar.frame_ids in frames:
             continue  # the same lidar under another topic: another question tells
         frames.add(lidar.frame_ids)

@@ -36,9 +36,8 @@ class RecordingEvidence:
 
     @property
     def base(self) -> str:
-        """The robot's base frame: the first odometry's child, or a usual name."""
-        odometries = self.recording.odometries
-        return self.frames.base(odometries[0].child_frame_ids if odometries else ())
+        """The robot's base frame: as named, the first odometry's child, or a usual name."""
+        return self.frames.base(self.recording.base_frames)
 
     @property
     def motions(self) -> ScanMotions | None:

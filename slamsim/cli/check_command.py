@@ -9,7 +9,18 @@ from typing import Annotated
 
 import typer
 
-from slamsim.console.options import Json, Lossy, Overwrite, OverwriteFile, Quiet, ScanTopic
+from slamsim.cli.common import selection
+from slamsim.console.options import (
+    BaseFrame,
+    ImuTopic,
+    Json,
+    Lossy,
+    OdomTopic,
+    Overwrite,
+    OverwriteFile,
+    Quiet,
+    ScanTopic,
+)
 from slamsim.guard.errors import SlamsimError
 from slamsim.guard.output import disk_full
 
@@ -58,6 +69,9 @@ List = Annotated[
 def check(
     source: CheckSource = None,
     scan_topic: ScanTopic = None,
+    odom_topic: OdomTopic = "",
+    imu_topic: ImuTopic = "",
+    base_frame: BaseFrame = "",
     html: Html = None,
     quick: Quick = False,
     show_all: Annotated[bool, typer.Option("--all", help="Also show answers that are ok.")] = False,
@@ -83,7 +97,12 @@ def check(
         from slamsim.run.checking import check_log
 
         report = check_log(
-            source, reporter, scan_topic=scan_topic, quick=quick, html=page, show_all=show_all
+            source,
+            reporter,
+            wanted=selection(scan_topic, odom_topic, imu_topic, base_frame),
+            quick=quick,
+            html=page,
+            show_all=show_all,
         )
     if html is not None:
         reporter.say(f"Written to {html}")
@@ -128,6 +147,9 @@ def fix(
     out: Out,
     apply: Apply = "all",
     scan_topic: ScanTopic = None,
+    odom_topic: OdomTopic = "",
+    imu_topic: ImuTopic = "",
+    base_frame: BaseFrame = "",
     lossy: Lossy = False,
     overwrite: Overwrite = False,
     quiet: Quiet = False,
@@ -151,8 +173,9 @@ def fix(
             out,
             apply,
             reporter,
-            scan_topic=scan_topic,
+            wanted=selection(scan_topic, odom_topic, imu_topic, base_frame),
             lossy=lossy,
             overwrite=overwrite,
         )
+    reporter.say(f"Written to {out}/")
     raise typer.Exit(1 if report.faults else 0)

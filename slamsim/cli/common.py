@@ -10,8 +10,13 @@ from slamsim.guard.errors import SlamsimError
 if TYPE_CHECKING:
     from slamsim.config.run import RunConfig
     from slamsim.console.reporter import Reporter
+    from slamsim.io.selection import Selection
     from slamsim.run.naming import Loaded
     from slamsim.run.stages import Report
+
+
+WARNINGS_TOLD = 3
+"""At the end of a run; the report and --verbose have all."""
 
 
 def config_of(
@@ -35,25 +40,62 @@ def loaded_config(
     overrides: list[str] | None,
     seed: int | None,
     faults: list[str] | None = None,
+    *,
+    drive_seed: int | None = None,
 ) -> Loaded[RunConfig]:
     """The configuration with the files that it is read from and that it names."""
+    from slamsim.config.loading import with_drive_seed
     from slamsim.run.naming import loaded
 
-    return loaded(lambda: config_of(world, config, overrides, seed, faults))
+    def load() -> RunConfig:
+        config_ = config_of(world, config, overrides, seed, faults)
+        return config_ if drive_seed is None else with_drive_seed(config_, drive_seed)
+
+    return loaded(load)
 
 
-def close_run(reporter: Reporter, report: Report, folder: Path) -> None:
-    """Show what a run came to. Raises SlamsimError for one of which a stage failed."""
+def selection(
+    scan_topics: list[str] | None, odom_topic: str, imu_topic: str, base_frame: str
+) -> Selection:
+    """The part of a recording that was asked for."""
+    from slamsim.io.selection import Selection
+
+    return Selection(tuple(scan_topics or ()), odom_topic, imu_topic, base_frame)
+
+
+def close_run(reporter: Reporter, report: Report, folder: Path, *, verbose: bool = False) -> None:
+    """Show what a run came to: the numbers, the verdict, and the warnings that weigh most; with
+    verbose all of them.
+
+    Raises SlamsimError for one of which a stage failed, or that does not continue a map as asked.
+    """
     from slamsim.console.summary import summary
 
-    for warning in report.warnings:
-        reporter.warn(warning)
+    if verbose:
+        for warning in report.warnings:
+            reporter.warn(warning)
     reporter.table(str(report.numbers["name"]), summary(report.numbers))
     reporter.say(f"Written to {folder}/")
     if report.mapped:
         reporter.say(f"Look at {folder}/report.html, or: slamsim view {folder}")
+    _tell_verdict(reporter, report, verbose)
     reporter.result({**report.numbers, "folder": str(folder)})
+    if report.unjoined:
+        raise SlamsimError(report.unjoined)
     if report.failed:
         raise SlamsimError(
             f"{'; '.join(map(str, report.failed))}; what the stages before made is in {folder}/"
         )
+
+
+def _tell_verdict(reporter: Reporter, report: Report, verbose: bool) -> None:
+    if report.verdict:
+        reporter.say(report.verdict)
+    told = report.weighed or report.warnings
+    if verbose or not told:
+        return
+    for warning in told[:WARNINGS_TOLD]:
+        reporter.warn(warning)
+    if len(told) > WARNINGS_TOLD:
+        page = ", report.html" if report.mapped else ""
+        reporter.note(f"{len(told) - WARNINGS_TOLD} lesser warnings: --verbose{page}")

@@ -32,6 +32,7 @@ def demo(
     """Demonstrate a fault and its repair: the torn map, the verdict, and the repaired map."""
     from slamsim.config.loading import load_run_config
     from slamsim.console.reporter import Reporter
+    from slamsim.console.summary import labelled
     from slamsim.run.naming import output_folder
 
     reporter = Reporter(quiet=quiet, as_json=as_json)
@@ -40,6 +41,6 @@ def demo(
         from slamsim.run.demo import rotation_bug
 
         numbers = rotation_bug(config, folder, reporter, overwrite=overwrite)
-    reporter.table(name.value, {key: str(value) for key, value in numbers.items()})
+    reporter.table(name.value, labelled(numbers))
     reporter.say(f"Look at {folder}/report.html, or: slamsim view {folder}")
     reporter.result({**numbers, "folder": str(folder)})

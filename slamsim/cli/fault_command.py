@@ -8,7 +8,18 @@ from typing import Annotated
 
 import typer
 
-from slamsim.console.options import Faults, Json, Lossy, Overwrite, Quiet, ScanTopic
+from slamsim.cli.common import selection
+from slamsim.console.options import (
+    BaseFrame,
+    Faults,
+    ImuTopic,
+    Json,
+    Lossy,
+    OdomTopic,
+    Overwrite,
+    Quiet,
+    ScanTopic,
+)
 
 Source = Annotated[Path | None, typer.Argument(help="A recording: rosbag2, MCAP, ROS 1, CARMEN.")]
 List = Annotated[bool, typer.Option("--list", help="List the faults that come with the package.")]
@@ -21,6 +32,9 @@ def fault(
     list_: List = False,
     seed: Annotated[int, typer.Option("--seed", help="Seed of the random numbers.", min=0)] = 0,
     scan_topic: ScanTopic = None,
+    odom_topic: OdomTopic = "",
+    imu_topic: ImuTopic = "",
+    base_frame: BaseFrame = "",
     lossy: Lossy = False,
     overwrite: Overwrite = False,
     quiet: Quiet = False,
@@ -53,7 +67,7 @@ def fault(
             out,
             choices,
             seed=seed,
-            scan_topic=scan_topic,
+            wanted=selection(scan_topic, odom_topic, imu_topic, base_frame),
             lossy=lossy,
             overwrite=overwrite,
         )

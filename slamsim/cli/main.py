@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -18,6 +17,8 @@ from slamsim.cli.demo_command import demo
 from slamsim.cli.fault_command import fault
 from slamsim.cli.identify_command import EPILOG as IDENTIFY_EPILOG
 from slamsim.cli.identify_command import identify
+from slamsim.cli.info_command import EPILOG as INFO_EPILOG
+from slamsim.cli.info_command import info
 from slamsim.cli.map_command import LOCALISE_EPILOG, MAP_EPILOG, localise, map_
 from slamsim.cli.recover_command import EPILOG as RECOVER_EPILOG
 from slamsim.cli.recover_command import recover
@@ -28,6 +29,7 @@ from slamsim.cli.verify_command import EPILOG as VERIFY_EPILOG
 from slamsim.cli.verify_command import verify
 from slamsim.console.options import (
     ConfigFile,
+    DriveSeed,
     Faults,
     Json,
     Out,
@@ -64,7 +66,7 @@ def world(
 ) -> None:
     """Build a world: preview, mesh and true occupancy map."""
     from slamsim.console.reporter import Reporter
-    from slamsim.console.summary import flat
+    from slamsim.console.summary import labelled
     from slamsim.run.naming import output_folder
 
     reporter = Reporter(quiet=quiet, as_json=as_json)
@@ -75,7 +77,7 @@ def world(
         from slamsim.run.world import export_world
 
         facts = export_world(resolved, folder, overwrite=overwrite)
-    reporter.table(f"World {resolved.world.name}", flat(facts))
+    reporter.table(f"World {resolved.world.name}", labelled(facts))
     reporter.say(f"Written to {folder}/")
     reporter.result({**facts, "folder": str(folder)})
 
@@ -87,6 +89,7 @@ def simulate(
     name: World = "labyrinth",
     out: Out = None,
     seed: Seed = None,
+    drive_seed: DriveSeed = None,
     set_: Set = None,
     config: ConfigFile = None,
     faults: Faults = None,
@@ -99,7 +102,7 @@ def simulate(
     from slamsim.run.naming import output_folder
 
     reporter = Reporter(quiet=quiet, as_json=as_json)
-    loaded = loaded_config(name, config, set_, seed, faults)
+    loaded = loaded_config(name, config, set_, seed, faults, drive_seed=drive_seed)
     called = loaded.config.world.name
     with output_folder(out, called, overwrite=overwrite, inputs=loaded.files) as folder:
         from slamsim.run.recording import simulate_world
@@ -126,15 +129,19 @@ def evaluate(
 ) -> None:
     """Score a trajectory and a map against the truth or against relations."""
     from slamsim.console.reporter import Reporter
-    from slamsim.console.summary import flat
+    from slamsim.console.summary import labelled
+    from slamsim.guard.replaceable import require_apart
+
+    require_apart((), (estimate, truth, relations))  # before libraries are loaded for seconds
     from slamsim.run.evaluation import evaluate_run
 
     reporter = Reporter(quiet=quiet, as_json=as_json)
     scores = evaluate_run(estimate, truth, relations, reporter)
-    reporter.table(f"Scores of {estimate}", flat(scores))
+    reporter.table(f"Scores of {estimate}", labelled(scores))
     reporter.result(scores)
 
 
+app.command(epilog=INFO_EPILOG)(info)
 app.command(epilog=CHECK_EPILOG)(check)
 app.command(epilog=FIX_EPILOG)(fix)
 app.command(epilog=RECOVER_EPILOG)(recover)
@@ -185,13 +192,16 @@ def config(
 ) -> None:
     """Print every setting with its unit and meaning, as YAML that can be used again."""
     from slamsim.config.dump import dump_commented_yaml
+    from slamsim.console.reporter import write_result
 
-    sys.stdout.write(dump_commented_yaml(config_of(name, config, set_, seed)))
+    write_result(dump_commented_yaml(config_of(name, config, set_, seed)))
 
 
 def _version(asked: bool) -> None:
     if asked:
-        sys.stdout.write(f"slamsim {__version__}\n")
+        from slamsim.console.reporter import write_result
+
+        write_result(f"slamsim {__version__}\n")
         raise typer.Exit
 
 

@@ -7,10 +7,14 @@ from typing import Annotated
 
 import typer
 
-from slamsim.cli.common import close_run, loaded_config
+from slamsim.cli.common import close_run, loaded_config, selection
 from slamsim.console.options import (
+    BaseFrame,
     ConfigFile,
+    DriveSeed,
+    ImuTopic,
     Json,
+    OdomTopic,
     Out,
     Overwrite,
     Quiet,
@@ -18,6 +22,7 @@ from slamsim.console.options import (
     ScanTopic,
     Seed,
     Set,
+    Verbose,
 )
 
 MAP_EPILOG = (
@@ -48,13 +53,18 @@ def map_(
     source: Source = "labyrinth",
     out: Out = None,
     seed: Seed = None,
+    drive_seed: DriveSeed = None,
     set_: Set = None,
     config: ConfigFile = None,
     relations: Relations = None,
     scan_topic: ScanTopic = None,
+    odom_topic: OdomTopic = "",
+    imu_topic: ImuTopic = "",
+    base_frame: BaseFrame = "",
     earlier: Earlier = None,
     start: Start = None,
     overwrite: Overwrite = False,
+    verbose: Verbose = False,
     quiet: Quiet = False,
     as_json: Json = False,
 ) -> Path:
@@ -64,7 +74,7 @@ def map_(
 
     reporter = Reporter(quiet=quiet, as_json=as_json)
     recorded = is_recording(source)
-    loaded = loaded_config(None if recorded else source, config, set_, seed)
+    loaded = loaded_config(None if recorded else source, config, set_, seed, drive_seed=drive_seed)
     resolved = loaded.config
     name = recording_name(source) if recorded else resolved.world.name
     inputs = (Path(source) if recorded else None, relations, earlier, *loaded.files)
@@ -73,22 +83,22 @@ def map_(
         from slamsim.run.mapping import map_recording, map_world, require_used
 
         if recorded:
-            reporter.say(f"Mapping the recording {source}")
+            reporter.note(f"Mapping the recording {source}")
             report = map_recording(
                 Path(source),
                 resolved,
                 folder,
                 reporter,
                 relations=relations,
-                scan_topic=scan_topic,
+                wanted=selection(scan_topic, odom_topic, imu_topic, base_frame),
                 earlier=chosen_earlier(earlier, start),
                 overwrite=overwrite,
             )
         else:
             refuse_earlier(earlier, start)
-            reporter.say(f"Simulating and mapping the world {source}")
+            reporter.note(f"Simulating and mapping the world {source}")
             report = map_world(resolved, folder, reporter, relations=relations, overwrite=overwrite)
-    close_run(reporter, report, folder)
+    close_run(reporter, report, folder, verbose=verbose)
     require_used(report, folder)
     return folder
 
@@ -103,20 +113,25 @@ def localise(
     set_: Set = None,
     config: ConfigFile = None,
     scan_topic: ScanTopic = None,
+    odom_topic: OdomTopic = "",
+    imu_topic: ImuTopic = "",
+    base_frame: BaseFrame = "",
     overwrite: Overwrite = False,
+    verbose: Verbose = False,
     quiet: Quiet = False,
     as_json: Json = False,
 ) -> Path:
     """Localise a recording in a finished map."""
     from slamsim.console.reporter import Reporter
+    from slamsim.run.continuing import start_pose
     from slamsim.run.naming import output_folder, recording_name
-    from slamsim.run.start import start_pose
 
     reporter = Reporter(quiet=quiet, as_json=as_json)
     loaded = loaded_config(None, config, set_, None)
     name = f"{recording_name(str(source))}_in_{known.resolve().name}"
     inputs = (source, known, *loaded.files)
     with output_folder(out, name, overwrite=overwrite, inputs=inputs) as folder:
+        from slamsim.run.continuing import start_pose
         from slamsim.run.localising import localise_recording
 
         report = localise_recording(
@@ -126,8 +141,8 @@ def localise(
             folder,
             reporter,
             start=start_pose(start),
-            scan_topic=scan_topic,
+            wanted=selection(scan_topic, odom_topic, imu_topic, base_frame),
             overwrite=overwrite,
         )
-    close_run(reporter, report, folder)
+    close_run(reporter, report, folder, verbose=verbose)
     return folder

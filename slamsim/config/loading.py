@@ -21,7 +21,7 @@ from slamsim.config.bundled import Kind, bundled_folder, find_input
 from slamsim.config.explain import refusal
 from slamsim.config.faults import as_choice
 from slamsim.config.layers import Place, Tree, mount, parse_override
-from slamsim.guard.errors import InputRefused, shown
+from slamsim.guard.errors import InputRefused, OverrideRefused, shown
 from slamsim.guard.files import own_file
 from slamsim.guard.yaml import KeyPath, YamlDocument, load_yaml
 
@@ -69,9 +69,9 @@ def load_run_config(
     """Everything a run needs, complete.
 
     world: name or path of a world file, of a map_server map (its YAML, or the image beside it)
-    or of a mesh; None leaves it to ``config``. config: name or path of a run configuration.
-    What comes later wins: defaults, config, world, overrides in their order, seed. Raises as
-    ``load_model`` does.
+    or of a mesh, or of a whole run configuration; None leaves it to ``config``. config: name or
+    path of a run configuration. What comes later wins: defaults, config, world, overrides in their
+    order, seed. Raises as ``load_model`` does.
     """
     from slamsim.config.run import RunConfig
 
@@ -79,12 +79,42 @@ def load_run_config(
     if config is not None:
         tree = with_presets(mount(load_yaml(find_input("configs", config))))
     if world is not None:
-        tree = tree.replaced(("world",), _world_tree(find_input("worlds", world), ("world",)))
+        tree = _with_world(tree, find_input("worlds", world), config)
     for text in overrides:
         tree = overridden(tree, text, SECTIONS)
     if seed is not None:
         tree = tree.overlaid(("seed",), seed, Place(None, option=f"--seed {seed}"))
     return validated(RunConfig, tree)
+
+
+def with_drive_seed(config: RunConfig, seed: int) -> RunConfig:
+    """The same world with another drive: its noise follows from this seed alone, and its route,
+    which leads to random goals, since there is one shortest tour. A route from a file stays.
+    """
+    own = config.seed if config.world.seed is None else config.world.seed
+    route = config.drive.route.model_copy(update={"seed": seed, "kind": "random_goals"})
+    return config.model_copy(
+        update={
+            "seed": seed,
+            "world": config.world.model_copy(update={"seed": own}),
+            "drive": config.drive.model_copy(update={"route": route}),
+        }
+    )
+
+
+def _with_world(tree: Tree, path: Path, config: str | None) -> Tree:
+    """With the world of this file, or all of it where it is a run configuration, as
+    ``slamsim config`` prints one: its world is a section among others.
+
+    Raises OverrideRefused for two run configurations.
+    """
+    document = load_yaml(path) if path.suffix.lower() in (".yaml", ".yml") else None
+    if document is None or not isinstance(document.data, dict) or "world" not in document.data:
+        return tree.replaced(("world",), _world_tree(path, ("world",)))
+    if config is not None:
+        reason = f"{path} is a run configuration, too; name a world, or leave one of them out"
+        raise OverrideRefused(f"--config {shown(config)}", reason)
+    return with_presets(mount(document))
 
 
 def load_simulated_config(path: Path) -> RunConfig:

@@ -119,7 +119,8 @@ def suggest(
         return f"unknown key {shown(key)} here; it belongs {_under(homes, parent, within)}"
     if likeness >= _PERHAPS_HERE:
         return f"unknown key {shown(key)}; did you mean {here!r}?"
-    elsewhere = max(known, key=lambda path: _likeness(key, str(path[-1])))
+    below = [path for path in known if path[: len(parent)] == parent]  # what was meant to be set
+    elsewhere = max(below or known, key=lambda path: _likeness(key, str(path[-1])))
     if _likeness(key, str(elsewhere[-1])) >= _NEAR_ELSEWHERE:
         place = _under([elsewhere[:-1]], parent, within)
         return f"unknown key {shown(key)} here; did you mean {elsewhere[-1]!r} {place}?"

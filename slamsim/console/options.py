@@ -28,8 +28,26 @@ Jobs = Annotated[
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No progress, no table.")]
 Json = Annotated[bool, typer.Option("--json", help="Print the results as JSON on stdout.")]
 ScanTopic = Annotated[
-    str | None,
-    typer.Option("--scan-topic", help="Topic of the lidar to use, if there are several."),
+    list[str] | None,
+    typer.Option(
+        "--scan-topic",
+        metavar="TOPIC",
+        help="Scans to read, if there are several lidars; may be repeated.",
+    ),
+]
+OdomTopic = Annotated[
+    str, typer.Option("--odom-topic", metavar="TOPIC", help="Odometry to read, if several.")
+]
+ImuTopic = Annotated[
+    str, typer.Option("--imu-topic", metavar="TOPIC", help="IMU to read, if several.")
+]
+BaseFrame = Annotated[
+    str,
+    typer.Option(
+        "--base-frame",
+        metavar="FRAME",
+        help="Frame of the robot (default: what the odometry moves).",
+    ),
 ]
 Lossy = Annotated[
     bool,
@@ -54,6 +72,15 @@ Seed = Annotated[int | None, typer.Option("--seed", help="Seed of all random num
 World = Annotated[
     str, typer.Argument(help="A world: YAML, map.yaml, image or mesh file, or a bundled name.")
 ]
+DriveSeed = Annotated[
+    int | None,
+    typer.Option(
+        "--drive-seed",
+        help="Another drive through the world of --seed: random goals and noise of this seed.",
+        min=0,
+    ),
+]
+Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Show every warning.")]
 Relations = Annotated[
     Path | None,
     typer.Option("--relations", help="Relative poses to score against (Kümmerle et al. 2009)."),

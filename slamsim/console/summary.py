@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Mapping
 from typing import cast
+
+from slamsim.guard.quantities import as_interval, as_number, as_size, as_time
 
 Numbers = Mapping[str, object]
 
@@ -18,17 +21,80 @@ def summary(report: Numbers) -> dict[str, str]:
     return {name: text for name, text in lines.items() if text is not None}
 
 
-def flat(values: Numbers, prefix: str = "") -> dict[str, str]:
-    """Every number under its dotted key, nested ones included; lists and unknowns left out."""
+def labelled(values: Numbers, above: str = "") -> dict[str, str]:
+    """Every value under its key in words, with its unit; nested ones below the words of theirs."""
     rows: dict[str, str] = {}
     for key, value in values.items():
         if isinstance(value, Mapping):
-            rows.update(flat(value, f"{prefix}{key}."))
-        elif isinstance(value, float):
-            rows[f"{prefix}{key}"] = f"{value:.4g}"
-        elif value is not None and not isinstance(value, list | tuple):
-            rows[f"{prefix}{key}"] = str(value)
+            rows.update(labelled(value, f"{above}{_words(key)}, "))
+        elif value is not None:
+            label, text = with_unit(key, value)
+            alike = f"{above}{label}" in rows  # step_rmse_m beside step_rmse_mrad
+            rows[f"{above}{_words(key) if alike else label}"] = text
     return rows
+
+
+def with_unit(key: str, value: object) -> tuple[str, str]:
+    """The words of a key, and its value with the unit that the key ends in."""
+    if isinstance(value, list | tuple):
+        if any(isinstance(one, Mapping) for one in value):
+            return _words(key), f"{len(value)}, which --json lists"
+        return _words(key), ", ".join(with_unit(key, one)[1] for one in value) or "none"
+    if isinstance(value, bool):
+        return _words(key), "yes" if value else "no"
+    if not isinstance(value, int | float):
+        return _words(key), str(value)
+    for suffix, write in _UNITS.items():
+        if key.endswith(suffix):
+            kept = key if suffix == "_share" else key.removesuffix(suffix)
+            return _words(kept), write(value)
+    return _words(key), f"{value:,}" if isinstance(value, int) else as_number(value)
+
+
+def _words(key: str) -> str:
+    return " ".join(_NAMES.get(word, word) for word in re.split(r"[_ ]+", key))
+
+
+def _in(unit: str, factor: float = 1.0) -> Callable[[float], str]:
+    return lambda value: f"{as_number(factor * value)}{unit}"
+
+
+_NAMES = {
+    **{word: word.upper() for word in ("ate", "rpe", "rmse", "nees", "imu", "cpu", "mcap", "tf")},
+    "iou": "IoU",
+    "rot": "rotation",
+    "trans": "translation",
+}
+"""How words of keys are written."""
+
+_UNITS: dict[str, Callable[[float], str]] = {
+    "_ms_per_scan": _in(" ms per scan"),
+    "_deg_per_m": _in("°/m"),
+    "_rad_per_m": _in(" rad/m"),
+    "_per_s": _in(" per second"),
+    "_rad_s2": _in(" rad/s²"),
+    "_m_s2": _in(" m/s²"),
+    "_rad_s": _in(" rad/s"),
+    "_m_s": _in(" m/s"),
+    "_percent": _in(" %"),
+    "_share": _in(" %", 100.0),
+    "_bytes": as_size,
+    "_mrad": _in(" mrad"),
+    "_deg": _in("°"),
+    "_rad": _in(" rad"),
+    "_factor": _in(" ×"),
+    "_km": _in(" km"),
+    "_mm": _in(" mm"),
+    "_ms": _in(" ms"),
+    "_ns": _in(" ns"),
+    "_mb": _in(" MB"),
+    "_hz": _in(" Hz"),
+    "_kg": _in(" kg"),
+    "_m": _in(" m"),
+    "_h": lambda hours: as_time(3600.0 * hours),
+    "_s": as_time,
+}
+"""By the end of a key: how its value is written with the unit; the longest endings first."""
 
 
 def _number(report: Numbers, *keys: str) -> float | None:
@@ -40,7 +106,7 @@ def _number(report: Numbers, *keys: str) -> float | None:
 
 def _driven(report: Numbers) -> str | None:
     path_m, duration_s = _number(report, "path_length_m"), _number(report, "duration_s")
-    return None if path_m is None else f"{path_m:.1f} m in {duration_s:.1f} s"
+    return None if path_m is None else f"{as_number(path_m)} m in {as_time(duration_s or 0.0)}"
 
 
 def _localised(report: Numbers) -> str | None:
@@ -52,7 +118,10 @@ def _localised(report: Numbers) -> str | None:
     for state, words in (("odometry", "by odometry"), ("unknown", "place unknown")):
         of_state = [span for span in spans if span["state"] == state]
         longest = sorted(of_state, key=lambda span: span["from_s"] - span["to_s"])[:SPANS_TOLD]
-        times = [f"{s['from_s']:.1f} to {s['to_s']:.1f} s" for s in sorted(longest, key=_begin)]
+        times = [
+            f"{as_number(s['from_s'])} to {as_number(s['to_s'])} s"
+            for s in sorted(longest, key=_begin)
+        ]
         rest = len(of_state) - len(longest)
         times += [f"{rest} shorter ones"] if rest else []
         told.append(
@@ -77,19 +146,23 @@ def _limit(report: Numbers) -> str | None:
     bound_m, ratio = _number(report, "bound_ate_m"), _number(report, "ate_over_bound")
     if bound_m is None or ratio is None:
         return None
-    return f"{_fine(bound_m)} RMSE is the lower bound for any SLAM; this is {ratio:.3g} times that"
+    return (
+        f"{_metres(bound_m)} RMSE is the lower bound for any SLAM; this is "
+        f"{as_number(ratio, 3)} times that"
+    )
 
 
 def _trust(report: Numbers) -> str | None:
     mean, inside = _number(report, "nees_mean"), _number(report, "nees_inside_95_share")
     if mean is None or inside is None:
         return None
-    return f"NEES {mean:.2g} (true covariances: 3), {100 * inside:.0f} % within their 95 % ellipse"
+    within = f"{100 * inside:.0f} % within their 95 % ellipse"
+    return f"NEES {as_number(mean, 2)} (true covariances: 3), {within}"
 
 
 def _drift(report: Numbers) -> str | None:
     percent = _number(report, "rpe_trans_percent")
-    return None if percent is None else f"{percent:.3g} % of the path"
+    return None if percent is None else f"{as_number(percent, 3)} % of the path"
 
 
 def _walls(report: Numbers) -> str | None:
@@ -109,7 +182,7 @@ def _relations(report: Numbers) -> str | None:
     mean_deg = _number(report, "relations", "all", "rotation_mean_deg")
     if mean_m is None or mean_deg is None:
         return None
-    return f"{mean_m:.4f} m, {mean_deg:.3f}° mean absolute error"
+    return f"{_metres(mean_m)}, {as_number(mean_deg, 3)}° mean absolute error"
 
 
 def _calibration(report: Numbers) -> str | None:
@@ -122,7 +195,7 @@ def _calibration(report: Numbers) -> str | None:
         label, unit, factor, offset = _CALIBRATED[name]
         if one["observed"]:
             value, sigma = factor * (one["value"] - offset), factor * one["sigma"]
-            told.append(f"{label} {value:.3f} ± {sigma:.3f} {unit}")
+            told.append(f"{label} {as_interval(value, sigma)} {unit}")
     return ", ".join(told) or None
 
 
@@ -135,7 +208,9 @@ def _speed(report: Numbers) -> str | None:
     factors = report.get("realtime_factor")
     if not isinstance(factors, Mapping):
         return None
-    known = [f"{name} {value:.3g} ×" for name, value in factors.items() if value is not None]
+    known = [
+        f"{name} {as_number(value, 3)} ×" for name, value in factors.items() if value is not None
+    ]
     return ", ".join(known) + " real time"
 
 
@@ -144,14 +219,8 @@ def _memory(report: Numbers) -> str | None:
     return None if memory_mb is None else f"{memory_mb:.0f} MB at most"
 
 
-def _fine(value_m: float) -> str:
-    return f"{1e3 * value_m:.3g} mm" if value_m < 0.01 else _metres(value_m)
-
-
 def _metres(value: float | None) -> str:
-    if value is None:
-        return "unknown"
-    return f"{1e3 * value:.1f} mm" if value < 0.1 else f"{value:.2f} m"
+    return "unknown" if value is None else f"{as_number(value, 3)} m"
 
 
 _CALIBRATED = {

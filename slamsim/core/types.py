@@ -112,7 +112,8 @@ class Log:
     """A recording as SLAM and the checker see it: never the truth.
 
     odometry is ``T_odom_base`` as some driver published it. T_base_laser is 4 x 4.
-    warnings: what was odd, and what was done about it. recorded_scans: with those left out, or 0.
+    sources: which topics these were read from, in words. warnings: what was odd, and what was done
+    about it. recorded_scans: with those left out, or 0.
     """
 
     name: str
@@ -123,6 +124,7 @@ class Log:
     encoders: EncoderStream | None
     T_base_laser: FloatArray
     T_base_imu: FloatArray | None = None
+    sources: str = ""
     warnings: tuple[str, ...] = ()
     recorded_scans: int = 0
 

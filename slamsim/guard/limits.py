@@ -53,6 +53,7 @@ class Limits:
     bag_chunk_bytes: int = 256 * MIB
     bag_record_bytes: int = 64 * MIB
     bag_ratio: int = 1000
+    unpacked_file_bytes: int = 64 * GIB
     bag_ratio_floor_bytes: int = 16 * MIB
     table_ratio: int = 1000
     table_ratio_floor_bytes: int = 64 * MIB

@@ -1,8 +1,39 @@
-"""Sizes and durations as readable text."""
+"""Numbers, sizes and durations as people read them: one way to write each, for all commands."""
 
 from __future__ import annotations
 
+import math
+
 _UNITS = ("B", "kB", "MB", "GB", "TB", "PB")
+_DIGITS = 4
+_LEAST = 1e-6
+"""Below this a number has more zeros behind its point than anybody counts."""
+_DAY_S = 86400
+
+
+def as_number(value: float, digits: int = _DIGITS) -> str:
+    """At most ``digits`` significant digits, without trailing zeros: ``0.01234``, ``35,617``.
+
+    Digits before the point are never replaced by zeros, and nothing is ``-0``.
+    """
+    if not math.isfinite(value):
+        return "unknown" if math.isnan(value) else ("∞" if value > 0 else "-∞")
+    if value == 0.0:
+        return "0"
+    magnitude = math.floor(math.log10(abs(value)))
+    if abs(value) < _LEAST:
+        return f"{value:.{digits - 1}g}"
+    text = f"{value:,.{max(digits - 1 - magnitude, 0)}f}"
+    return text.rstrip("0").rstrip(".") if "." in text else text
+
+
+def as_interval(value: float, sigma: float) -> str:
+    """``35.18 ± 0.008``: the uncertainty to two digits, the value to the same place."""
+    if not sigma > 0.0 or not math.isfinite(sigma):
+        return as_number(value)
+    places = max(1 - math.floor(math.log10(sigma)), 0)
+    whole = 1 + math.floor(math.log10(max(abs(value), sigma)))
+    return f"{as_number(value, max(min(whole + places, _DIGITS), 1))} ± {as_number(sigma, 2)}"
 
 
 def as_size(size: float) -> str:
@@ -14,11 +45,21 @@ def as_size(size: float) -> str:
 
 
 def as_time(seconds: float) -> str:
-    """``1 h 40 min``, ``12 min``, ``8 s``."""
-    if seconds < 100.0:
-        return f"{seconds:.0f} s"
+    """``0.42 s``, ``51 s``, ``3 min 12 s``, ``1 h 40 min``, ``4 days 3 h``."""
+    if seconds < 9.95:
+        return f"{as_number(seconds, 2)} s"
+    whole = round(seconds)
+    if whole < 60:
+        return f"{whole} s"
+    if whole < 3600:
+        return _two(whole, 60, "min", 1, "s")
     minutes = round(seconds / 60.0)
-    if minutes < 100:
-        return f"{minutes} min"
-    hours, minutes = divmod(minutes, 60)
-    return f"{hours} h {minutes} min" if hours < 100 else f"{hours / 24.0:.1f} days"
+    if minutes * 60 < 2 * _DAY_S:
+        return _two(minutes * 60, 3600, "h", 60, "min")
+    return _two(round(seconds / 3600.0) * 3600, _DAY_S, "days", 3600, "h")
+
+
+def _two(seconds: int, large_s: int, large: str, small_s: int, small: str) -> str:
+    """In two units, the smaller left out where there is none of it."""
+    count, rest = divmod(seconds, large_s)
+    return f"{count} {large}" + (f" {rest // small_s} {small}" if rest >= small_s else "")

@@ -38,7 +38,9 @@ def require_replaceable_folder(final: Path, overwrite: bool) -> None:
             f"{final} holds files that slamsim did not write; choose another name for the output"
         )
     if not overwrite:
-        raise SlamsimError(f"{final} is there already; choose another name or overwrite it")
+        raise SlamsimError(
+            f"{final} is there already; choose another name, or replace it by --overwrite"
+        )
     if others := _unlisted(final):
         raise SlamsimError(
             f"{final} is not replaced: {_named(others)} in it, which its {SUMS} does not list, "
@@ -52,7 +54,9 @@ def require_replaceable_file(final: Path, overwrite: bool) -> None:
         if not stat.S_ISREG(final.lstat().st_mode):
             raise SlamsimError(f"{final} is there already and is not a file; choose another name")
         if not overwrite:
-            raise SlamsimError(f"{final} is there already; choose another name or overwrite it")
+            raise SlamsimError(
+                f"{final} is there already; choose another name, or replace it by --overwrite"
+            )
     is_seal = final.name in (SUMS, SEQUENCE) and seal_in(final.parent) is not None
     if is_seal or seal_over(final) is not None:
         raise SlamsimError(f"{final} belongs to what slamsim sealed; choose another name")

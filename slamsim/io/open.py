@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from slamsim.core.types import Log, Trajectory
-from slamsim.guard.errors import InputRefused, NotFound
+from slamsim.guard.errors import InputRefused, NotFound, OverrideRefused
 from slamsim.guard.files import own_file
-from slamsim.io.formats import Contents, Format, formats
+from slamsim.io.formats import Contents, Format, Survey, Truth, formats
 from slamsim.io.input_errors import as_input_errors, damaged
 from slamsim.io.names import LOG, TABLES
+from slamsim.io.selection import EVERYTHING, Selection, selected
 from slamsim.recording import Recording
 from slamsim.recording.cleaning.log import clean
 from slamsim.recording.cleaning.streams import trajectory_of
@@ -22,13 +23,18 @@ class OpenRecording:
 
     path: Path
     contents: Contents
+    wanted: Selection = EVERYTHING
 
     @property
     def recording(self) -> Recording:
         return self.contents.recording
 
     def log(self) -> Log:
-        """As SLAM reads it. Raises InputRefused as ``read_log`` does."""
+        """As SLAM reads it. Raises InputRefused as ``read_log`` does, OverrideRefused if scans of
+        several lidars were asked for, which no map is made of."""
+        if len(self.wanted.scans) > 1:
+            asked = " ".join(f"--scan-topic {topic}" for topic in self.wanted.scans)
+            raise OverrideRefused(asked, "a map is made of the scans of one lidar: give one topic")
         with as_input_errors(self.path, "its contents"):
             return clean(self.recording, self.path)
 
@@ -44,28 +50,26 @@ class OpenRecording:
         return truth if len(truth) else None
 
 
-def open_recording(path: Path, scan_topic: str | None = None) -> OpenRecording:
+def open_recording(path: Path, wanted: Selection = EVERYTHING) -> OpenRecording:
     """Read the recording at path, with the truth in it, which no log or recording shows.
 
     Of a format that is registered in ``slamsim.io.formats``, or a run's folder that holds one.
-    scan_topic: of several lidars only this one. Memory stays bounded: from a certain size on ranges
-    live in a temporary file. Raises NotFound, or InputRefused naming file, place and reason when it
-    cannot be read at all; what only some messages suffer from stands in ``Recording.anomalies`` and
-    ``unread``.
+    wanted: of several topics of a kind only these. Memory stays bounded: from a certain size on
+    ranges live in a temporary file. Raises NotFound, or InputRefused naming file, place and reason
+    when it cannot be read at all, OverrideRefused for what is wanted and not there; what only some
+    messages suffer from stands in ``Recording.anomalies`` and ``unread``.
     """
     path = recording_at(path)
-    with as_input_errors(path, "its contents"):
-        return OpenRecording(path, format_of(path).read(path, scan_topic, "with"))
+    return OpenRecording(path, _read(path, "with", wanted), wanted)
 
 
-def read_recording(path: Path, scan_topic: str | None = None) -> Recording:
+def read_recording(path: Path, wanted: Selection = EVERYTHING) -> Recording:
     """What the recording at path says; as ``open_recording`` without the truth.
 
     Raises InputRefused besides for a recording of which no topic can be read.
     """
     path = recording_at(path)
-    with as_input_errors(path, "its contents"):
-        found = format_of(path).read(path, scan_topic, "without").recording
+    found = _read(path, "without", wanted).recording
     beside = (found.transforms, found.robot_description, found.clock_ns)
     if not found.streams and all(each is None or each == () for each in beside):
         there = ", ".join(sorted({each.type_name for each in found.topics if each.messages}))
@@ -74,17 +78,30 @@ def read_recording(path: Path, scan_topic: str | None = None) -> Recording:
     return found
 
 
-def read_log(path: Path, scan_topic: str | None = None) -> Log:
-    """The log at path: what the recording says, sorted, converted, with warnings.
-
-    The truth in it, if any, is never read. scan_topic chooses one of several lidars; without it
-    the one with the most scans is taken and ``Log.warnings`` says so. Raises NotFound, or
-    InputRefused naming file, place and reason.
-    """
+def survey_recording(path: Path, wanted: Selection = EVERYTHING) -> Survey:
+    """What is in the recording at path, quickly; raises as ``open_recording`` does."""
     path = recording_at(path)
     with as_input_errors(path, "its contents"):
-        recording = format_of(path).read(path, scan_topic, "without").recording
-        return clean(recording, path)
+        found = format_of(path).survey(path)
+        return replace(found, sample=selected(found.sample, wanted, path))
+
+
+def read_log(path: Path, wanted: Selection = EVERYTHING) -> Log:
+    """The log at path: what the recording says, sorted, converted, with warnings.
+
+    The truth in it, if any, is never read. wanted chooses among several topics of a kind;
+    ``Log.sources`` says which were read. Raises NotFound, InputRefused naming file, place and
+    reason, or OverrideRefused for what is wanted and not there.
+    """
+    path = recording_at(path)
+    return OpenRecording(path, _read(path, "without", wanted), wanted).log()
+
+
+def _read(path: Path, truth: Truth, wanted: Selection) -> Contents:
+    """Of a path that ``recording_at`` gave."""
+    with as_input_errors(path, "its contents"):
+        contents = format_of(path).read(path, truth)
+        return replace(contents, recording=selected(contents.recording, wanted, path))
 
 
 def read_truth(path: Path) -> Trajectory | None:
@@ -94,7 +111,7 @@ def read_truth(path: Path) -> Trajectory | None:
     if not found.has_truth:
         return None
     with as_input_errors(path, "its truth"):
-        return OpenRecording(path, found.read(path, None, "only")).truth()
+        return OpenRecording(path, found.read(path, "only")).truth()
 
 
 def checked_recording(path: Path) -> str:

@@ -6,7 +6,6 @@ Little is imported here, so that Ctrl-C is in good hands before a command loads 
 from __future__ import annotations
 
 import errno
-import os
 import resource
 import signal
 import sys
@@ -15,12 +14,12 @@ from contextlib import suppress
 from types import FrameType
 
 from slamsim.guard.errors import DiskFull, SlamsimError, printable
+from slamsim.guard.files import discard
 
 AGAIN_S = 0.05
 STOPPING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
 STOPPED = "stopped; nothing was left half-written"
 UNTOUCHED = "what is finished stays, nothing half-written stands under a final name"
-_STANDARD_OUTPUT = 1
 _CPU, _TICK_S = resource.RLIMIT_CPU, 0.1
 _UNLOADED = ("failed to map segment", "annot allocate memory")
 """What the dynamic linker says where memory does not suffice for a library."""
@@ -37,11 +36,9 @@ def run_command(command: Callable[[], object]) -> int:
     except OSError as error:
         error.filename = error.filename or "standard output"
         closed = error.errno == errno.EPIPE  # who reads has seen enough
-        code = code or (SlamsimError.exit_code if closed else fail(*_told(error)))
+        code = code if closed or code else fail(*_told(error))
         with suppress(OSError):  # else Python tries again as it ends
-            nowhere = os.open(os.devnull, os.O_WRONLY | os.O_CLOEXEC)
-            os.dup2(nowhere, _STANDARD_OUTPUT)
-            os.close(nowhere)
+            discard(sys.stdout)
     return code
 
 

@@ -251,7 +251,7 @@ class Recording:
     clock_ns: (n, 2) of (simulated time, when received) from /clock, None without it. epoch: as
     the file declares it or the size of its stamps tells. anomalies: what the reader could not
     make sense of, in words, with counts. topics: what the file holds, also of types that are not
-    read; empty where that is just the streams.
+    read; empty where that is just the streams. base_frame: of the robot, where a user names it.
     """
 
     name: str
@@ -264,6 +264,14 @@ class Recording:
     unread: tuple[UnreadTopic, ...] = ()
     anomalies: tuple[str, ...] = ()
     topics: tuple[RecordedTopic, ...] = ()
+    base_frame: str = ""
+
+    @property
+    def base_frames(self) -> tuple[str, ...]:
+        """The robot's own frame as the user or the odometry names it, if either does."""
+        if self.base_frame:
+            return (self.base_frame,)
+        return self.odometries[0].child_frame_ids if self.odometries else ()
 
     def of(self, kind: type[_Stream]) -> tuple[_Stream, ...]:
         """Its streams of a kind."""

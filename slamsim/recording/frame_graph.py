@@ -11,9 +11,10 @@ from slamsim.core.geometry import matrix_from_xyzw, se3_from_parts
 from slamsim.core.types import FloatArray
 from slamsim.guard.numbers import is_sound
 from slamsim.recording import TransformEdge
+from slamsim.recording.frames import unqualified
+from slamsim.recording.mountings import BASE_FRAMES
 
 _FIXED_TOLERANCE = 1e-3
-_BASE_FRAMES = ("base_footprint", "base_link", "base")
 
 
 class FrameGraph:
@@ -32,9 +33,12 @@ class FrameGraph:
         return frame in self._neighbours
 
     def base(self, candidates: Sequence[str]) -> str:
-        """The robot's base: of these, else of the usual names, the first that is there."""
-        wanted = (*candidates, *_BASE_FRAMES)
-        return next((frame for frame in wanted if frame in self), wanted[0])
+        """The robot's base: of these, else of the usual names, the first that is there;
+        else one with a namespace before it."""
+        wanted = (*candidates, *BASE_FRAMES)
+        known = next((frame for frame in wanted if frame in self), "")
+        usual = (f for f in sorted(self._neighbours) if unqualified(f) in BASE_FRAMES)
+        return known or next(usual, wanted[0])
 
     def nearest(self, frame: str) -> str:
         """The known frame with the most similar name, empty if none is."""

@@ -24,6 +24,11 @@ def frame_name(name: str) -> str:
     return printable(name.strip().lstrip("/"))
 
 
+def unqualified(frame: str) -> str:
+    """Without the namespace of a robot: ``base_link`` of ``robot1/base_link``."""
+    return frame.rpartition("/")[2]
+
+
 def _matrix_of(position_m: FloatArray, quat_xyzw: FloatArray) -> FloatArray:
     """4 x 4 of a pose whose quaternion need not be unit."""
     norm = math.hypot(*quat_xyzw.tolist())
@@ -76,6 +81,13 @@ class FrameTree:
         return frame in self._parents or any(
             frame == parent for parent, _ in self._parents.values()
         )
+
+    def named(self, name: str) -> str:
+        """The frame of a usual name, with or without a robot's namespace; empty for none."""
+        if name in self:
+            return name
+        frames = {*self._parents, *(parent for parent, _ in self._parents.values())}
+        return min((frame for frame in frames if unqualified(frame) == name), default="")
 
     def path_up(self, frame: str) -> list[tuple[str, str, bool]]:
         """(parent, child, whether it moves) of each edge from a frame up to its root."""

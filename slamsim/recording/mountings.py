@@ -7,11 +7,13 @@ from collections.abc import Iterable
 import numpy as np
 
 from slamsim.core.types import FloatArray, ImuStream
-from slamsim.recording import RawScans, Recording, TransformEdge
-from slamsim.recording.frames import FrameTree
+from slamsim.recording import Recording, TransformEdge
+from slamsim.recording.frames import FrameTree, unqualified
 
 BASE_FRAMES = ("base_footprint", "base_link", "base")
 ODOM_FRAME = "odom"
+SAME_PLACE = 1e-3
+"""Metres, or of an element of the rotation: no two lidars are as close."""
 BASE_FRAME = BASE_FRAMES[0]
 """What odometry is taken to move where there is none."""
 
@@ -21,16 +23,6 @@ def tree_of(edges: Iterable[TransformEdge]) -> FrameTree:
     tree = FrameTree()
     tree.add(edge for edge in edges if edge.is_static)
     return tree
-
-
-def lidars_by_rank(recording: Recording) -> list[RawScans]:
-    """Those that a transform places first, of these and of the others the largest."""
-    placed = {edge.child for edge in recording.transforms}
-
-    def rank(scans: RawScans) -> tuple[bool, int]:
-        return placed.isdisjoint(scans.frame_ids), -len(scans)
-
-    return sorted(recording.scans, key=rank)
 
 
 def declared_laser_mounting(recording: Recording) -> FloatArray:
@@ -47,11 +39,17 @@ def known_mounting(
     tree: FrameTree, base_frame: str, laser_frame: str
 ) -> tuple[FloatArray, str] | None:
     """(4 x 4 T_base_laser, the base frame that it starts from: another one if need be)."""
-    for frame in (base_frame, *BASE_FRAMES):
+    for frame in (base_frame, *filter(None, map(tree.named, BASE_FRAMES))):
         T_base_laser = tree.between(frame, laser_frame)
         if T_base_laser is not None:
             return T_base_laser, frame
     return None
+
+
+def is_taken(T_base_laser: FloatArray, others: Iterable[FloatArray]) -> bool:
+    """Whether one of other lidars (4 x 4 each) sits there already: no two share a place, so that
+    it is the same lidar under another name, as RAWLASER1 and ROBOTLASER1 of CARMEN."""
+    return any(np.allclose(T_base_laser, other, rtol=0.0, atol=SAME_PLACE) for other in others)
 
 
 def laser_mounting_of(
@@ -81,14 +79,14 @@ def imu_mounting_of(
 
 def likely_base(tree: FrameTree) -> str:
     """The frame of the robot where nothing names it."""
-    return next((frame for frame in BASE_FRAMES if frame in tree), BASE_FRAMES[0])
+    return next(filter(None, map(tree.named, BASE_FRAMES)), BASE_FRAMES[0])
 
 
 def odometry_chain(tree: FrameTree, laser_frame: str) -> list[tuple[str, str]]:
     """Edges from ``odom`` down to the robot's base: the lowest frame that moves, if any does."""
     start = laser_frame if laser_frame in tree else likely_base(tree)
     path = tree.path_up(start)
-    below_odom = [i for i, (parent, _, _) in enumerate(path) if parent == ODOM_FRAME]
+    below_odom = [i for i, (parent, _, _) in enumerate(path) if unqualified(parent) == ODOM_FRAME]
     if not below_odom:
         return []
     top = below_odom[0]

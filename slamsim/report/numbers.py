@@ -24,6 +24,7 @@ def report_json(view: RunView) -> dict[str, object]:
     rows, columns = grid.occupancy.shape
     numbers: dict[str, object] = {
         "name": view.log.name,
+        "verdict": view.verdict,
         **view.scores.numbers(),
         "path_length_m": path_length_m(_best_path(view)),
         "duration_s": view.duration_s,
@@ -44,6 +45,7 @@ def report_json(view: RunView) -> dict[str, object]:
         "error_budget": view.scores.budget_numbers(),
         "calibration": {name: asdict(one) for name, one in result.calibration.items()},
         "relations": view.scores.relation_numbers(),
+        "sources": view.log.sources,
         "warnings": [*view.doubts, *view.log.warnings, *result.warnings],
         "checks": [] if view.checked is None else [*map(finding_json, view.checked.findings)],
         "command": view.command,

@@ -106,8 +106,8 @@ def _consistency_plots(view: RunView, at_most: int) -> tuple[Panel, ...]:
     ):
         two_sigma = 2e3 * consistency.sigmas[pick, axis]
         curves = (
-            Line("plus_2_sigma", NEUTRAL, stamps_ns, two_sigma),
-            Line("minus_2_sigma", NEUTRAL, stamps_ns, -two_sigma),
+            Line("2 sigma above", NEUTRAL, stamps_ns, two_sigma),
+            Line("2 sigma below", NEUTRAL, stamps_ns, -two_sigma),
             Line("error", ESTIMATE, stamps_ns, 1e3 * consistency.errors[pick, axis]),
         )
         made.append(Panel(key, title, unit, curves, along_path=True))
@@ -122,7 +122,7 @@ def ellipses(view: RunView) -> tuple[int, FloatArray]:
     graph = view.result.graph
     pick = thinned(len(graph.keyframes), MAX_ELLIPSES)[1:]
     poses, covariances = graph.keyframes.poses[pick], graph.covariances[pick, :2, :2]
-    if len(pick) == 0:
+    if len(pick) == 0 or not view.sure:
         return 1, np.zeros((0, _ELLIPSE_CORNERS + 1, 2))
     values, vectors = np.linalg.eigh(covariances)
     axes = vectors * np.sqrt(np.maximum(values, 0.0))[:, None, :] * ELLIPSE_SIGMAS

@@ -24,7 +24,8 @@ class RunView:
     ``simulate`` (driving, sensing and writing the log), ``slam`` and ``total`` give the real-time
     factors; the rest is shown as it is named. command: how to reproduce the run. config_yaml:
     the resolved configuration. checked: what a quick look at the
-    recording itself found.
+    recording itself found. verdict: on the map, in one sentence. sure: whether the covariances of
+    key frames say anything of where they are.
     """
 
     log: Log
@@ -39,6 +40,8 @@ class RunView:
     command: str = ""
     config_yaml: str = ""
     checked: CheckReport | None = None
+    verdict: str = ""
+    sure: bool = True
 
     @property
     def doubts(self) -> tuple[str, ...]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import get_args
 
-from rich.table import Table
 from rich.text import Text
 
 from slamsim.check.check import check_recording
@@ -13,9 +12,11 @@ from slamsim.check.findings import CheckReport, Finding, Verdict
 from slamsim.check.question import Question
 from slamsim.check.registry import registry
 from slamsim.check.wording import as_json, headline, shown
-from slamsim.console.reporter import Reporter
+from slamsim.console.reporter import Cell, Reporter
 from slamsim.io.open import read_recording
+from slamsim.io.selection import EVERYTHING, Selection
 from slamsim.recording import Recording
+from slamsim.recording.choice import choices, in_words
 from slamsim.run.stages import Stages
 
 
@@ -23,7 +24,7 @@ def check_log(
     source: Path,
     reporter: Reporter,
     *,
-    scan_topic: str | None = None,
+    wanted: Selection = EVERYTHING,
     quick: bool = False,
     html: Path | None = None,
     show_all: bool = False,
@@ -31,7 +32,8 @@ def check_log(
     """Read, check, show. Raises NotFound and InputRefused."""
     stages = Stages(reporter)
     with stages.stage("read"):
-        recording = read_recording(source, scan_topic)
+        recording = read_recording(source, wanted)
+    reporter.note(in_words(choices(recording)))
     report = check_stage(recording, stages, quick=quick)
     if html is not None:
         from slamsim.report.pages.check import write_check_page
@@ -82,7 +84,7 @@ def _declared(question: Question) -> str:
 
 def check_stage(recording: Recording, stages: Stages, *, quick: bool = False) -> CheckReport:
     """Check a recording under a progress bar."""
-    with stages.stage("check", "questions/s") as progress:
+    with stages.stage("check") as progress:
         return check_recording(recording, quick=quick, progress=progress)
 
 
@@ -96,38 +98,29 @@ def show_verdicts(
         verdict: [finding for finding in report.findings if finding.verdict == verdict]
         for verdict in get_args(Verdict)
     }
-    if by_verdict["fault"]:
-        reporter.show(_table("Faults", by_verdict["fault"], "bold red"))
-    if by_verdict["inconclusive"]:
-        reporter.show(_table("Inconclusive", by_verdict["inconclusive"], "yellow"))
-    if show_all and by_verdict["ok"]:
-        reporter.show(_table("Fine", by_verdict["ok"], "green"))
-    elif by_verdict["ok"]:
-        reporter.say(f"Fine: {_folded(by_verdict['ok'])} (--all shows them)")
+    for verdict, title, style in _TABLES:
+        if by_verdict[verdict] and (verdict != "ok" or show_all):
+            rows = [_row(finding, style) for finding in by_verdict[verdict]]
+            reporter.rows(Text(title, style), rows)
+    if by_verdict["ok"] and not show_all:
+        answers, questions = len(by_verdict["ok"]), len({f.check for f in by_verdict["ok"]})
+        reporter.say(f"OK: {answers} answers to {questions} questions (--all shows them)")
     reporter.say(f"{report.name}: {headline(report)}")
 
 
-def _table(title: str, findings: list[Finding], style: str) -> Table:
-    table = Table(title=title, title_justify="left", title_style=style, show_header=False)
-    table.add_column(max_width=30)
-    table.add_column(ratio=1)
-    for finding in findings:
-        what = Text.assemble(
-            (finding.fault or finding.check, style), "\n", (finding.subject, "dim")
-        )
-        number = shown(finding.estimate, finding.limit)
-        words = Text(f"{_sentence(finding.words)} {finding.advice}".strip())
-        if number:
-            words.append(f"\n{number}", style="cyan")
-        table.add_row(what, words)
-    return table
+_TABLES: tuple[tuple[Verdict, str, str], ...] = (
+    ("fault", "Faults", "bold red"),
+    ("inconclusive", "Inconclusive", "yellow"),
+    ("ok", "OK", "green"),
+)
+
+
+def _row(finding: Finding, style: str) -> tuple[Cell, Cell]:
+    words = f"{_sentence(finding.words)} {finding.advice}".strip()
+    number = shown(finding.estimate, finding.limit)
+    what: Cell = ((finding.fault or finding.check, style), (finding.subject, "dim"))
+    return what, ((words, ""), *(((number, "cyan"),) if number else ()))
 
 
 def _sentence(words: str) -> str:
     return words if words.endswith(".") else f"{words}."
-
-
-def _folded(findings: list[Finding]) -> str:
-    """How many questions, and which."""
-    names = list(dict.fromkeys(finding.check for finding in findings))
-    return f"{len(findings)} answers to {', '.join(names)}"

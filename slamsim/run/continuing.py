@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,11 +10,10 @@ from pathlib import Path
 import numpy as np
 
 from slamsim.core.result import SlamResult
-from slamsim.core.types import Cloud, FloatArray
-from slamsim.guard.errors import NotFound, OverrideRefused
+from slamsim.core.types import Cloud, FloatArray, Log
+from slamsim.guard.errors import NotFound, OverrideRefused, shown
 from slamsim.guard.files import own_file
 from slamsim.run.folder import SAVED_MAP
-from slamsim.run.start import start_pose
 from slamsim.slam.mapping.saved_map import SavedMap, read_saved_map
 
 
@@ -25,14 +25,25 @@ class Earlier:
     saved: SavedMap
     start: FloatArray | None
 
-    def warnings(self, saved: SavedMap, result: SlamResult) -> tuple[str, ...]:
-        """What to tell of a drive that shares nothing with the earlier ones."""
+    def unjoined(self, saved: SavedMap, result: SlamResult, log: Log) -> str:
+        """What to tell of a drive that shares nothing with the earlier ones, else nothing."""
         if _is_joined(saved, result):
-            return ()
+            return ""
         return (
-            f"nothing of {self.run} was recognised: the two maps are not joined, "
-            "and this folder holds the new one alone",
+            f"nothing of {self.run} was recognised: the two maps are not joined, and this folder "
+            f"holds the new one alone; --start x,y,yaw_deg says where the drive began{again(log)}"
         )
+
+
+def again(log: Log) -> str:
+    """How to drive a second time where a simulated recording was made: another seed is another
+    world."""
+    if log.epoch != "simulation":
+        return ""
+    return (
+        "; a second drive through one simulated world keeps its --seed and takes another "
+        "--drive-seed: slamsim simulate WORLD --drive-seed 1"
+    )
 
 
 def read_earlier(run: Path, start: FloatArray | None) -> Earlier:
@@ -57,6 +68,21 @@ def refuse_earlier(run: Path | None, start: str | None) -> None:
         raise OverrideRefused("--continue", "needs a recording, not a world")
     if start is not None:
         raise OverrideRefused("--start", "needs --continue: it is a pose in that map")
+
+
+def start_pose(typed: str | None) -> FloatArray | None:
+    """(3,) of "x,y,yaw_deg", None for nothing. Raises OverrideRefused."""
+    if typed is None:
+        return None
+    try:
+        numbers = [float(word) for word in typed.split(",")]
+    except ValueError:
+        numbers = []
+    if len(numbers) != 3 or not all(math.isfinite(number) for number in numbers):
+        raise OverrideRefused(
+            "--start", f"{shown(typed)} is not x,y,yaw_deg: three numbers, as in 1.5,-2,90"
+        )
+    return np.array([numbers[0], numbers[1], math.radians(numbers[2])])
 
 
 def clouds_before(saved: SavedMap, result: SlamResult) -> Iterator[tuple[Cloud, FloatArray]]:

@@ -37,12 +37,12 @@ def rotation_bug(
     faulty = config.model_copy(update={"faults": (FaultChoice(name=FAULT),)})
     with partial_folder(folder, overwrite) as partial:
         torn, repaired, log = (partial / name for name in (TORN, REPAIRED, REPAIRED_LOG))
-        reporter.say("1. Simulate a drive with the rotation bug and map it")
+        reporter.note("1. Simulate a drive with the rotation bug and map it")
         before_m = map_world(faulty, torn, reporter).numbers["ate_rmse_m"]
-        reporter.say("2. Check the recording and repair it")
+        reporter.note("2. Check the recording and repair it")
         verdict = check_stage(read_recording(torn / LOG), Stages(reporter))
         left = fix_log(torn, log, "all", reporter.without_result())
-        reporter.say("3. Map the repaired recording")
+        reporter.note("3. Map the repaired recording")
         after_m = map_recording(log, config, repaired, reporter).numbers["ate_rmse_m"]
         sides = (
             _side("torn", "As recorded", torn, read_log(torn / LOG), config, before_m),

@@ -10,6 +10,7 @@ from slamsim.guard.output import partial_folder
 from slamsim.io.copy.recording import copy_recording, require_lossless
 from slamsim.io.copy.rewrite import Copied
 from slamsim.io.open import read_recording
+from slamsim.io.selection import EVERYTHING, Selection
 from slamsim.run.naming import log_of
 from slamsim.sensors.faults.apply import injected
 from slamsim.sensors.faults.base import Fault
@@ -22,7 +23,7 @@ def inject_faults(
     choices: Sequence[FaultChoice],
     *,
     seed: int = 0,
-    scan_topic: str | None = None,
+    wanted: Selection = EVERYTHING,
     lossy: bool = False,
     overwrite: bool = False,
 ) -> tuple[tuple[Fault, ...], Copied]:
@@ -35,7 +36,7 @@ def inject_faults(
     path = log_of(source)
     if not lossy:
         require_lossless(path)
-    recording = read_recording(path, scan_topic)
+    recording = read_recording(path, wanted)
     corrupted = injected(recording, faults, seed)
     with partial_folder(folder, overwrite) as partial:
         copied = copy_recording(path, recording, corrupted, partial)

@@ -13,7 +13,9 @@ from slamsim.guard.errors import SlamsimError
 from slamsim.guard.output import partial_folder
 from slamsim.io.copy.recording import copy_recording, require_lossless
 from slamsim.io.open import read_recording
+from slamsim.io.selection import EVERYTHING, Selection
 from slamsim.recording import Recording
+from slamsim.recording.choice import choices, in_words
 from slamsim.recording.repairs.apply import NONE
 from slamsim.run.checking import check_stage, show_verdicts
 from slamsim.run.naming import log_of, recording_name
@@ -26,7 +28,7 @@ def fix_log(
     names: str,
     reporter: Reporter,
     *,
-    scan_topic: str | None = None,
+    wanted: Selection = EVERYTHING,
     lossy: bool = False,
     overwrite: bool = False,
 ) -> CheckReport:
@@ -41,7 +43,8 @@ def fix_log(
     if not lossy:
         require_lossless(path)
     with stages.stage("read"):
-        recording = replace(read_recording(path, scan_topic), name=recording_name(str(source)))
+        recording = replace(read_recording(path, wanted), name=recording_name(str(source)))
+    reporter.note(in_words(choices(recording)))
     with partial_folder(folder, overwrite) as partial:
         fixed = _fixed(recording, names, stages)
         with stages.stage("write"):
@@ -49,7 +52,6 @@ def fix_log(
     _show(reporter, fixed)
     for sentence in copied.sentences():
         reporter.say(sentence)
-    reporter.say(f"Written to {folder}/")
     told = {
         "applied": [asdict(repair) for repair in fixed.applied],
         "taken_back": [asdict(one) for one in fixed.taken_back],

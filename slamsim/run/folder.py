@@ -24,10 +24,11 @@ def write_truth(folder: Path, truth: Trajectory) -> None:
     write_tum(folder / TRUTH, truth)
 
 
-def write_slam(folder: Path, result: SlamResult) -> None:
+def write_slam(folder: Path, result: SlamResult, *, sure: bool = True) -> None:
     """Trajectories and graph in the forms that other tools read.
 
-    ``parts/``: what each part of SLAM made of the key frames, before the parts after it.
+    ``parts/``: what each part of SLAM made of the key frames, before the parts after it. sure:
+    whether its covariances say anything, or no file is to claim them.
     """
     write_tum(folder / TRAJECTORY, result.trajectory)
     write_tum(folder / ODOMETRY, result.odometry)
@@ -36,7 +37,8 @@ def write_slam(folder: Path, result: SlamResult) -> None:
         write_tum(
             folder / PARTS / f"{name}.tum", at_instants(part, result.graph.keyframes.stamps_ns)
         )
-    write_keyframes(folder / KEYFRAMES, result.graph)
+    if sure:
+        write_keyframes(folder / KEYFRAMES, result.graph)
     write_g2o(folder / "graph.g2o", result.graph)
 
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
+from rich.progress import BarColumn, TextColumn
 
 from slamsim.config.measurements import MeasurementsConfig
 from slamsim.config.scenarios.defaults import SCENARIO_PHYSICS
-from slamsim.console.reporter import Reporter
+from slamsim.console.reporter import Reporter, TimeColumn
 from slamsim.guard.output import partial_folder, write_atomic
 from slamsim.run.scenario import tell
 from slamsim.run.scenario_folder import told, write_results
@@ -57,7 +57,7 @@ def identify_and_report(
 
 
 def _identified(config: MeasurementsConfig, reporter: Reporter, jobs: int | None) -> Identified:
-    columns = (TextColumn("{task.description:<14}"), BarColumn(bar_width=30), TimeElapsedColumn())
+    columns = (TextColumn("{task.description:<14}"), BarColumn(bar_width=30), TimeColumn())
     with reporter.bars(*columns) as bars:
         task = bars.add_task("fit", total=1.0)
 

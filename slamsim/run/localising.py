@@ -12,21 +12,23 @@ from slamsim.config.run import RunConfig
 from slamsim.console.reporter import Reporter
 from slamsim.core.geometry import compose
 from slamsim.core.progress import Progress
-from slamsim.core.types import FloatArray, PlanarTrajectory, Trajectory
+from slamsim.core.types import FloatArray, Log, PlanarTrajectory, Trajectory
 from slamsim.evaluate.trajectory import compare, statistics
 from slamsim.guard.errors import NotFound
 from slamsim.guard.files import own_file
 from slamsim.guard.numbers import as_json
 from slamsim.guard.output import partial_folder, write_atomic
 from slamsim.io.open import open_recording
+from slamsim.io.selection import EVERYTHING, Selection
 from slamsim.io.text.stamps import decimal_from_stamp_ns
 from slamsim.io.text.tum import read_tum, write_tum
 from slamsim.process.children import MEMORY
 from slamsim.run import folder as run_folder
+from slamsim.run.continuing import again
 from slamsim.run.naming import log_of, recording_name
 from slamsim.run.stages import Report, Stages
 from slamsim.simulation.own_files import write_config
-from slamsim.slam.localise import STATES, Localised, localise_log
+from slamsim.slam.localise import STATES, Localised, NotPlaced, localise_log
 from slamsim.slam.mapping.known_map import map_of_grid
 from slamsim.slam.mapping.saved_map import SavedMap, read_saved_map
 from slamsim.world.map_server import read_map
@@ -42,7 +44,7 @@ def localise_recording(
     reporter: Reporter,
     *,
     start: FloatArray | None = None,
-    scan_topic: str | None = None,
+    wanted: Selection = EVERYTHING,
     overwrite: bool = False,
 ) -> Report:
     """Localise every scan of a recording in the map of a run, or in a ROS ``map.yaml``.
@@ -51,14 +53,15 @@ def localise_recording(
     InputRefused for what cannot be read, SlamsimError if no scan could be placed.
     """
     path = log_of(source)
-    opened = open_recording(path, scan_topic)
+    opened = open_recording(path, wanted)
     log, truth = opened.log(), opened.truth()
+    reporter.note(log.sources)
     stages, saved = Stages(reporter), read_known_map(known)
     with partial_folder(folder, overwrite) as partial:
         write_config(partial, config)
         with stages.stage("localise", "scans/s") as progress:
             timed = _TimedPoses(progress, len(log.scans))
-            localised = localise_log(log, config.slam, saved, start, timed)
+            localised = _localised(log, config, saved, start, timed)
         write_tum(partial / run_folder.TRAJECTORY, localised.trajectory)
         write_tum(partial / run_folder.ODOMETRY, _odometry(localised))
         _write_states(partial / run_folder.STATES, localised)
@@ -90,6 +93,16 @@ def read_known_map(path: Path) -> SavedMap:
     raise NotFound(
         f"{path}: holds neither {run_folder.SAVED_MAP} nor map.yaml; is it a mapped run?"
     )
+
+
+def _localised(
+    log: Log, config: RunConfig, saved: SavedMap, start: FloatArray | None, progress: Progress
+) -> Localised:
+    """Raises SlamsimError if nothing could be placed, with what a user can do about it."""
+    try:
+        return localise_log(log, config.slam, saved, start, progress)
+    except NotPlaced as error:
+        raise NotPlaced(f"{error}{again(log)}") from None
 
 
 class _TimedPoses:

@@ -22,10 +22,11 @@ from slamsim.guard.numbers import as_json
 from slamsim.guard.output import partial_folder, write_atomic
 from slamsim.io.names import LOG
 from slamsim.io.open import open_recording
+from slamsim.io.selection import EVERYTHING, Selection
 from slamsim.io.text.relations import Relations, read_relations
 from slamsim.process.children import MEMORY
 from slamsim.recording import Recording
-from slamsim.report.numbers import report_json
+from slamsim.report.numbers import path_length_m, report_json
 from slamsim.report.pages.run import write_report
 from slamsim.report.run_view import RunView
 from slamsim.report.viewer.run import write_recording
@@ -36,6 +37,7 @@ from slamsim.run.naming import log_of, recording_name
 from slamsim.run.recording import record, require_finished
 from slamsim.run.scoring import Estimated, Known, score
 from slamsim.run.stages import Report, Stages
+from slamsim.run.verdict import verdict, weighed
 from slamsim.simulation.own_files import CONFIG, WORLD, write_config, write_world
 from slamsim.slam.failures import Failures
 from slamsim.slam.mapping.grid import build_grid
@@ -81,17 +83,18 @@ def map_recording(
     reporter: Reporter,
     *,
     relations: Path | None = None,
-    scan_topic: str | None = None,
+    wanted: Selection = EVERYTHING,
     earlier: Earlier | None = None,
     overwrite: bool = False,
 ) -> Report:
     """Map, evaluate with whatever truth there is, show; earlier: a map to go on with."""
     path = log_of(source)
-    opened = open_recording(path, scan_topic)
+    opened = open_recording(path, wanted)
     log = replace(opened.log(), name=recording_name(str(source)))
-    wanted = None if relations is None else read_relations(relations)
+    reporter.note(log.sources)
+    wanted_relations = None if relations is None else read_relations(relations)
     origin = _origin_beside(path)
-    known = _known(log, opened.truth(), wanted, origin)
+    known = _known(log, opened.truth(), wanted_relations, origin)
     stages = Stages(reporter)
     checked = _checked(opened.recording, stages)
     with partial_folder(folder, overwrite) as partial:
@@ -135,28 +138,45 @@ def _map(
     fails then."""
     result, saved = _slam(log, config, stages, earlier)
     log = result.log or log
-    run_folder.write_slam(partial, result)
+    unjoined = "" if earlier is None else earlier.unjoined(saved, result, log)
+    run_folder.write_slam(partial, result, sure=not unjoined)
     write_saved_map(partial / run_folder.SAVED_MAP, saved)
     failures = Failures(result.failed)
     numbers: dict[str, object] = {"name": log.name}
-    told = (*log.warnings, *result.warnings)
+    doubts: tuple[str, ...] = ()
     last = len(result.graph.keyframes) - 1
     with failures.caught("map", last):
         grid = _grid(log, result, saved, config, stages)
         run_folder.write_map(partial, grid)
         with failures.caught("report", last):
-            view = replace(_scored(log, result, grid, config, stages, known), checked=checked)
+            view = _scored(log, result, grid, config, stages, known, sure=not unjoined)
+            view = replace(view, checked=checked, verdict=_verdict(view, unjoined))
+            doubts = view.doubts
             with stages.stage("report"):
                 numbers = report_json(view)
                 write_recording(partial / run_folder.RECORDING, view)
                 write_report(partial / run_folder.REPORT, view)
-            told = (*view.doubts, *told)
     failed = tuple(failures)
     complete = not {"map", "report"} & {one.stage for one in failed}
     numbers["failed_stages"] = [asdict(one) for one in failed]
     write_atomic(partial / run_folder.REPORT_JSON, as_json(run_folder.REPORT_JSON, numbers))
-    apart = () if earlier is None else earlier.warnings(saved, result)
-    return Report(numbers, (*told, *apart), mapped=complete, failed=failed)
+    return Report(
+        numbers,
+        warnings=(*doubts, *log.warnings, *result.warnings),
+        weighed=weighed(result, (*doubts, *log.warnings)),
+        verdict=str(numbers.get("verdict", "")),
+        mapped=complete,
+        failed=failed,
+        unjoined=unjoined,
+    )
+
+
+def _verdict(view: RunView, unjoined: str) -> str:
+    """In one sentence, what became of a map; unjoined: why it does not continue an earlier one."""
+    if unjoined:
+        return f"{unjoined[:1].upper()}{unjoined[1:]}."
+    ate_m = view.scores.numbers()["ate_rmse_m"]
+    return verdict(view.result, path_length_m(view.result.trajectory), ate_m)
 
 
 def _slam(
@@ -182,8 +202,16 @@ def _grid(log: Log, result: SlamResult, saved: SavedMap, config: RunConfig, stag
 
 
 def _scored(
-    log: Log, result: SlamResult, grid: Grid, config: RunConfig, stages: Stages, known: Known
+    log: Log,
+    result: SlamResult,
+    grid: Grid,
+    config: RunConfig,
+    stages: Stages,
+    known: Known,
+    *,
+    sure: bool = True,
 ) -> RunView:
+    """sure: whether its covariances say anything of where it lies."""
     true_grid = known.true_grid(config.mapping.resolution_m)
     estimated = Estimated(
         result.trajectory,
@@ -191,7 +219,7 @@ def _scored(
         grid,
         result.parts,
         result.graph.keyframes,
-        result.graph.covariances,
+        result.graph.covariances if sure else None,
     )
     scores = score(estimated, known, true_grid, stages)
     world = known.world
@@ -207,6 +235,7 @@ def _scored(
         peak_memory_mb=MEMORY.peak_mb(),
         command=_typed(),
         config_yaml=dump_commented_yaml(config),
+        sure=sure,
     )
 
 

@@ -16,6 +16,7 @@ from slamsim.guard.errors import Locked, OutputRefused, SlamsimError
 from slamsim.guard.files import noted_inputs, own_file
 from slamsim.guard.output import claimed_folder, partial_file, put_away_remains
 from slamsim.guard.replaceable import require_apart
+from slamsim.guard.unpacking import PACKINGS
 from slamsim.io.names import LOG, TABLES
 
 if TYPE_CHECKING:
@@ -25,7 +26,6 @@ _Config = TypeVar("_Config", bound="Config")
 OUTPUTS = Path("outputs")
 
 _WORLD_SUFFIXES = frozenset((".yaml", ".yml", ".pgm", ".png", ".stl", ".obj", ".ply", ".glb"))
-_COMPRESSIONS = frozenset((".gz", ".bz2"))
 
 
 def is_recording(source: str) -> bool:
@@ -46,7 +46,7 @@ def recording_name(source: str) -> str:
     path = Path(source).resolve()
     if path.name in (LOG, TABLES):
         path = path.parent
-    name = path.stem if path.suffix.lower() in _COMPRESSIONS else path.name
+    name = path.stem if path.suffix.lower() in PACKINGS else path.name
     return Path(name).stem
 
 
@@ -122,10 +122,10 @@ def output_file(
 
     beside: the output folder of the same command. Raises as ``output_folder`` does.
     """
+    require_apart((path, beside), inputs)
     if path is None:
         yield None
         return
-    require_apart((path, beside), inputs)
     with partial_file(path, overwrite) as unfinished:
         yield unfinished
 

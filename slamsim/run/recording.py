@@ -8,6 +8,7 @@ from slamsim.config.run import RunConfig
 from slamsim.console.reporter import Reporter
 from slamsim.guard.errors import SlamsimError
 from slamsim.guard.output import partial_folder
+from slamsim.guard.quantities import as_number, as_time
 from slamsim.io.names import LOG
 from slamsim.io.open import read_truth
 from slamsim.process.children import MEMORY
@@ -47,7 +48,7 @@ def record(config: RunConfig, partial: Path, stages: Stages) -> Simulation:
     choices = tuple(map(resolved_choice, config.faults))
     write_config(partial, config.model_copy(update={"faults": choices}))
     log = partial / LOG
-    with stages.stage("simulate", "x real time") as progress:
+    with stages.stage("simulate", "× real time") as progress:
         if faults:
             simulation = simulate_with_faults(config, faults, log, progress)
         else:
@@ -64,6 +65,7 @@ def require_finished(simulation: Simulation, folder: Path) -> None:
     outcome = simulation.outcome
     if not outcome.finished:
         raise SlamsimError(
-            f"the drive ended early, after {outcome.duration_s:.1f} s and "
-            f"{outcome.path_length_m:.1f} m: {outcome.reason}; what was driven is in {folder}/"
+            f"the drive ended early, after {as_time(outcome.duration_s)} and "
+            f"{as_number(outcome.path_length_m)} m: {outcome.reason}; "
+            f"what was driven is in {folder}/"
         )

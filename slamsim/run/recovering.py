@@ -8,7 +8,7 @@ from pathlib import Path
 from slamsim.console.reporter import Reporter
 from slamsim.guard.numbers import as_json
 from slamsim.guard.output import partial_folder
-from slamsim.guard.quantities import as_size
+from slamsim.guard.quantities import as_size, as_time
 from slamsim.io.salvage.recover import recover
 from slamsim.io.salvage.report import Loss, Recovered, TopicReport
 from slamsim.io.salvage.source import Damaged
@@ -52,9 +52,9 @@ def _show(reporter: Reporter, found: Recovered) -> None:
     rows = {topic.topic: _topic_in_words(topic) for topic in found.topics}
     reporter.table(f"Recovered: {found.messages:,} messages", rows)
     for loss in found.losses[:_SHOWN_LOSSES]:
-        reporter.warn(_loss_in_words(loss))
+        reporter.say(_loss_in_words(loss))
     if (more := len(found.losses) - _SHOWN_LOSSES) > 0:
-        reporter.warn(f"... and {more:,} more, which are in {RECOVERY}")
+        reporter.say(f"... and {more:,} more, which {RECOVERY} lists")
     for note in found.notes:
         reporter.warn(note)
     if not found.losses:
@@ -63,12 +63,12 @@ def _show(reporter: Reporter, found: Recovered) -> None:
 
 def _topic_in_words(topic: TopicReport) -> str:
     lost = f"{'' if topic.lost_is_known else 'about '}{topic.lost:,} lost"
-    kept = f"{topic.messages:,} messages, {topic.seconds:.1f} s, {as_size(topic.bytes)}"
+    kept = f"{topic.messages:,} messages, {as_time(topic.seconds)}, {as_size(topic.bytes)}"
     return f"{kept}; {lost if topic.lost else 'none lost'}"
 
 
 def _loss_in_words(loss: Loss) -> str:
-    gap = "" if loss.gap_s is None else f", {loss.gap_s:.3g} s"
+    gap = "" if loss.gap_s is None else f", {as_time(loss.gap_s)}"
     messages = "" if not loss.messages else f", {sum(loss.messages.values()):,} messages"
     size = f"{as_size(loss.bytes)}{gap}{messages}"
     return f"Lost at byte {loss.first_byte:,} of {loss.path.name}: {size}: {loss.reason}"

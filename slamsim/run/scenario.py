@@ -7,14 +7,13 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn
-from rich.table import Table
+from rich.progress import BarColumn, MofNCompleteColumn, TextColumn
 from rich.text import Text
 
 from slamsim.config.base import Config
 from slamsim.config.robot import RobotConfig
 from slamsim.config.scenarios.loading import Seeded, parts_of
-from slamsim.console.reporter import Reporter
+from slamsim.console.reporter import Cell, Reporter, TimeColumn
 from slamsim.guard.errors import SlamsimError
 from slamsim.guard.output import partial_folder
 from slamsim.run.scenario_folder import told, write_results
@@ -76,7 +75,7 @@ def _bars(reporter: Reporter, entries: Sequence[Entry]) -> Iterator[Listener]:
         BarColumn(bar_width=30),
         MofNCompleteColumn(),
         TextColumn("trials"),
-        TimeElapsedColumn(),
+        TimeColumn(),
     )
     with reporter.bars(*columns) as bars:
         tasks: dict[str, Any] = {
@@ -91,15 +90,10 @@ def _bars(reporter: Reporter, entries: Sequence[Entry]) -> Iterator[Listener]:
 
 def tell(result: ScenarioResult, reporter: Reporter) -> None:
     """The verdicts, each with its mark and its numbers."""
-    table = Table(
-        title=f"{result.title}: {result.findings.lead}",
-        show_header=False,
-        title_justify="left",
-        title_style="bold",
-    )
+    rows: list[tuple[Cell, ...]] = []
     for verdict in result.findings.verdicts:
         mark, style = _MARKS[verdict.holds]
-        table.add_row(Text(mark, style), Text(verdict.statement), Text(verdict.numbers, "dim"))
-    reporter.show(table)
+        rows.append((((mark, style),), ((verdict.statement, ""),), ((verdict.numbers, "dim"),)))
+    reporter.rows(Text(f"{result.title}: {result.findings.lead}", "bold"), rows)
     for label, reason in result.failures:
         reporter.warn(f"{result.name}, {label}: {reason}")

@@ -16,13 +16,18 @@ from slamsim.core.result import FailedStage
 class Report:
     """The numbers of a run under stable, unit-bearing keys, and what a person should be told.
 
-    failed: stages of SLAM whose work is missing from the result.
+    weighed: the warnings that matter most, in order of weight; warnings has all. verdict: how good
+    a map is, how sure, and what to look at. failed: stages of SLAM whose work is missing from the
+    result. unjoined: why a map does not continue the one that it should, if so.
     """
 
     numbers: dict[str, object]
     warnings: tuple[str, ...] = ()
+    weighed: tuple[str, ...] = ()
+    verdict: str = ""
     mapped: bool = False
     failed: tuple[FailedStage, ...] = ()
+    unjoined: str = ""
 
 
 @dataclass(frozen=True, slots=True)

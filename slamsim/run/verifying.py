@@ -159,7 +159,7 @@ def _tell(found: Verified, reporter: Reporter) -> None:
     }
     reporter.table(f"Verified {found.path}", rows)
     for damage in found.damaged[:_MOST_TOLD]:
-        reporter.warn(f"{damage.path}: {damage.reason}")
+        reporter.say(f"{damage.path}: {damage.reason}")
     for name in found.extra[:_MOST_TOLD]:
         reporter.say(f"{name}: it has no checksum, so slamsim did not write it")
     if max(len(found.damaged), len(found.extra)) > _MOST_TOLD:

@@ -16,6 +16,12 @@ JOIN_NS = 1_000_000_000
 
 TOLD_PER_KIND = 5
 
+BY_WEIGHT: tuple[EventKind, ...] = (
+    *("kidnapped", "torn", "joined", "odometry", "lost", "lidar", "open loop"),
+    *("unrefined", "blind", "frozen", "jump", "slip", "gap"),
+)
+"""From what makes a map wrong, over what may have done so, to what the map has coped with."""
+
 
 @dataclass(slots=True)
 class Spell:
@@ -79,6 +85,19 @@ def in_words(events: Iterable[Event], begin_ns: int) -> tuple[str, ...]:
             rest = len(alike) - len(longest)
             told.append((alike[-1].start_ns, f"{rest} more like this ({kind}), shorter"))
     return tuple(words for _, words in sorted(told, key=lambda one: one[0]))
+
+
+def by_weight(events: Iterable[Event], begin_ns: int) -> list[tuple[EventKind, str]]:
+    """A line for each kind, the gravest first: its longest event, and how many more there are."""
+    by_kind: dict[EventKind, list[Event]] = {}
+    for event in events:
+        by_kind.setdefault(event.kind, []).append(event)
+    told: list[tuple[EventKind, str]] = []
+    for kind in sorted(by_kind, key=BY_WEIGHT.index):
+        longest = max(by_kind[kind], key=lambda one: one.end_ns - one.start_ns)
+        more = f" ({rest} more like this)" if (rest := len(by_kind[kind]) - 1) else ""
+        told.append((kind, f"{_when(longest, begin_ns)}: {longest.words}{more}"))
+    return told
 
 
 def _when(event: Event, begin_ns: int) -> str:

@@ -75,6 +75,10 @@ class Localised:
         return [(int(self.states[first]), first, end - 1) for first, end in pairwise(bounds)]
 
 
+class NotPlaced(SlamsimError):
+    """Nothing of a drive could be placed in a map."""
+
+
 def localise_log(
     log: Log,
     config: SlamConfig,
@@ -85,13 +89,13 @@ def localise_log(
     """Where a log was driven in a map that stays as it is.
 
     start: (3,) T_map_base at the first scan, give or take half a metre; without it, and where it
-    proves wrong, the robot finds itself. Raises SlamsimError if nothing of the log is in the map.
+    proves wrong, the robot finds itself. Raises NotPlaced if nothing of the log is in the map.
     """
     slam, whole = map_log(log, config, progress, known, start, fixed=True)
     stamps_ns, held = slam.trajectory.stamps_ns, len(known)
     of_keyframes = _states_of_keyframes(whole, held, slam.graph.covariances)
     if not (of_keyframes == PLACED).any():
-        raise SlamsimError(
+        raise NotPlaced(
             f"none of the {len(stamps_ns)} scans could be placed in the map: does it show where "
             f"this was recorded, and that place alone?{''.join(f' {one}' for one in slam.failed)}"
         )

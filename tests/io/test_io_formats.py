@@ -21,8 +21,8 @@ RANGES = [f"{1.0 + 0.01 * beam:.2f}" if beam % 7 else "" for beam in range(180)]
 @pytest.fixture
 def csv(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A file of ranges, while its format is registered."""
+    formats.formats()  # the package's own stay registered afterwards
     monkeypatch.setattr(formats, "_REGISTERED", dict(formats._REGISTERED))
-    formats.formats()
     import range_csv
 
     formats.register(range_csv.RANGE_CSV)

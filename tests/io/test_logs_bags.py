@@ -24,9 +24,10 @@ from mcap.writer import CompressionType
 from rosbags.rosbag2 import StoragePlugin
 
 from slamsim.core.types import Log
-from slamsim.guard.errors import InputRefused
+from slamsim.guard.errors import OverrideRefused
 from slamsim.io.bag2.folder import MCAP_NAME
 from slamsim.io.open import read_log, read_truth
+from slamsim.io.selection import Selection
 from slamsim.models.differential_drive import wheel_odometry
 from slamsim.simulation.log_writer import LogWriter
 
@@ -143,7 +144,8 @@ def _only(folder: Path) -> Path:
 
 def _read(tmp_path: Path, messages: list[Message], scan_topic: str | None = None) -> Log:
     in_order = sorted(messages, key=lambda message: message[1])
-    return read_log(as_mcap(tmp_path / "a.mcap", in_order), scan_topic)
+    wanted = Selection((scan_topic,)) if scan_topic else Selection()
+    return read_log(as_mcap(tmp_path / "a.mcap", in_order), wanted)
 
 
 def _told(log: Log, words: str) -> bool:
@@ -170,9 +172,9 @@ def test_of_several_lidars_the_busiest_or_the_one_asked_for(tmp_path: Path) -> N
     other = [("/rear/scan", t, ROBOT2.scan(t, [9.0] * 4)) for _, t, _ in ROBOT2.scans()[:5]]
     log = _read(tmp_path, [*ROBOT2.drive(), *other])
     assert len(log.scans) == SCANS
-    assert _told(log, "the scans of /rear/scan are not used: they are in the frame 'laser'")
+    assert "scans from /front/scan (not /rear/scan)" in log.sources
     assert len(_read(tmp_path, [*ROBOT2.drive(), *other], "rear/scan").scans) == 5
-    with pytest.raises(InputRefused, match="/front/scan"):
+    with pytest.raises(OverrideRefused, match="/front/scan"):
         _read(tmp_path, ROBOT2.drive(), "/nothing")
 
 

@@ -16,8 +16,9 @@ from real_logs import needs_radish, radish
 
 from slamsim.core.geometry import between, compose, inverse
 from slamsim.core.types import Log
-from slamsim.guard.errors import InputRefused, NotFound
+from slamsim.guard.errors import InputRefused, NotFound, OverrideRefused
 from slamsim.io.open import read_log, read_truth
+from slamsim.io.selection import Selection
 from slamsim.io.text.relations import read_relations
 from slamsim.io.text.stamps import decimal_from_stamp_ns, stamp_ns_from_decimal
 
@@ -160,8 +161,10 @@ def test_new_laser_format_describes_itself(tmp_path: Path) -> None:
     assert scan.intensities is not None
     np.testing.assert_array_equal(scan.intensities, [10, 20, 30, 40, 50])
     assert log.T_base_laser[0, 3] == pytest.approx(0.2)
-    assert any("the scans of RAWLASER1 are not used" in warning for warning in log.warnings)
-    raw = read_log(path, "RAWLASER1")  # which no line gives a pose for, as in a ROS recording
+    assert "scans from ROBOTLASER1 (not RAWLASER1)" in log.sources
+    raw = read_log(
+        path, Selection(("RAWLASER1",))
+    )  # which no line gives a pose for, as in a ROS recording
     assert raw.odometry is None
     assert any("without odometry" in warning for warning in raw.warnings)
 
@@ -237,8 +240,8 @@ def test_refused_in_a_sentence(tmp_path: Path, lines: list[str], told: str) -> N
 def test_unknown_topic_missing_file_and_truth(tmp_path: Path) -> None:
     path = _write(tmp_path, _flaser("1.0", [2.0] * 180, (0, 0, 0)))
     assert read_truth(path) is None
-    with pytest.raises(InputRefused, match=r"FLASER \(1 lines\)"):
-        read_log(path, "/scan")
+    with pytest.raises(OverrideRefused, match=r"the nearest .* is FLASER"):
+        read_log(path, Selection(("/scan",)))
     with pytest.raises(NotFound):
         read_log(tmp_path / "nothing.clf")
 

@@ -18,8 +18,9 @@ from mcap.writer import Writer
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from slamsim.guard.errors import InputRefused, NotFound
+from slamsim.guard.errors import InputRefused, NotFound, OverrideRefused
 from slamsim.io.open import read_recording
+from slamsim.io.selection import Selection
 from slamsim.recording import Origin, Recording, row_store
 from slamsim.recording.row_store import RowStore
 from slamsim.simulation.log_writer import LogWriter
@@ -144,10 +145,10 @@ def test_of_two_lidars_both_are_read_or_the_one_that_is_wanted(tmp_path: Path) -
     messages = [*ROBOT2.scans(), ("/rear/scan", START_NS, ROBOT2.scan(START_NS))]
     path = as_mcap(tmp_path / "two.mcap", messages)
     assert [scans.topic for scans in read_recording(path).scans] == ["/front/scan", "/rear/scan"]
-    chosen = read_recording(path, "rear/scan")
+    chosen = read_recording(path, Selection(("rear/scan",)))
     assert [scans.topic for scans in chosen.scans] == ["/rear/scan"]
-    with pytest.raises(InputRefused, match="/front/scan"):
-        read_recording(path, "/none")
+    with pytest.raises(OverrideRefused, match="/front/scan"):
+        read_recording(path, Selection(("/none",)))
 
 
 @given(st.lists(st.tuples(st.sampled_from("ab"), st.sampled_from("xyz")), max_size=12))

@@ -80,7 +80,6 @@ OWN_DOORS = {
     # no file of anybody's
     "sim/bullet.py": "the null device",
     "entry.py": "the null device, in the place of a stream that is closed",
-    "process/exit_codes.py": "the null device",
     "bench/alone.py": "the null device",
     # doors of their own, which refuse what ``open_as_found`` refuses
     "dataset/store/place.py": "a data set, in a folder through open_as_found, or behind a URL",

@@ -188,5 +188,5 @@ def test_the_command_ends_with_0_4_or_10(run: Path) -> None:
     told = json.loads(done.stdout)
     assert done.returncode == 4 and not told["whole"] and told["extra"] == ["notes"]
     assert [damage["path"] for damage in told["damaged"]] == ["map.pgm"]
-    assert "map.pgm: its bytes are not those" in typed(run).stderr
+    assert "map.pgm: its bytes are not those" in typed(run).stdout
     assert typed(run.parent / "nothing").returncode == 10

@@ -16,9 +16,8 @@ from slamsim.core.geometry import between, compose
 from slamsim.core.result import SlamResult
 from slamsim.core.types import FloatArray
 from slamsim.guard.errors import InputRefused, NotFound, OverrideRefused
-from slamsim.run.continuing import chosen_earlier, clouds_before
+from slamsim.run.continuing import chosen_earlier, clouds_before, start_pose
 from slamsim.run.localising import read_known_map
-from slamsim.run.start import start_pose
 from slamsim.slam.mapping.saved_map import SavedMap, read_saved_map, write_saved_map
 from slamsim.slam.session import map_log
 

@@ -94,7 +94,8 @@ def test_two_lidars_see_behind_the_robot_what_one_does_not() -> None:
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ("one frame", "in the frame 'front_laser' of /front/scan"),
+        ("one frame", "their lidar sits where that of /front/scan does, or is the same one"),
+        ("one place", "their lidar sits where that of /front/scan does, or is the same one"),
         ("no transform", "no fixed transform from 'base_footprint' to 'rear_laser'"),
         ("on its side", "the frame 'rear_laser' is not level"),
         ("another day", "no time in common with /front/scan"),
@@ -107,6 +108,8 @@ def test_a_lidar_that_cannot_be_used_is_named_with_the_reason(change: str, words
     edges = {edge.child: edge for edge in recording.transforms}
     if change == "one frame":
         rear = replace(rear, frame_ids=front.frame_ids)
+    elif change == "one place":
+        edges["rear_laser"] = replace(edges["front_laser"], child="rear_laser")
     elif change == "no transform":
         del edges["rear_laser"]
     elif change == "on its side":

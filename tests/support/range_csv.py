@@ -55,7 +55,7 @@ def read_range_csv(path: Path) -> Recording:
     return Recording(path.stem, NAME, (scans, odometry), (mounting,), epoch=epoch)
 
 
-def _read(path: Path, _topic: str | None, _truth: Truth) -> Contents:
+def _read(path: Path, _truth: Truth) -> Contents:
     return Contents(read_range_csv(path))
 
 

@@ -44,7 +44,7 @@ def run_check(asked: CheckAsked, independent: bool, reporter: Reporter) -> None:
         return
     figures = run_campaign(_campaign(asked), reporter)
     if asked.long:
-        with Children() as children, reporter.stage("long recording", ""):
+        with Children() as children, reporter.stage("long recording"):
             timed = children.run(time_long_check, LONG_SECONDS, asked.first)
         reporter.table("Long recording", long_rows(timed))
         figures["long"] = timed

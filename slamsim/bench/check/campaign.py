@@ -72,7 +72,7 @@ def run_campaign(campaign: CheckCampaign, reporter: Reporter) -> Json:
     runs: list[Json] = []
     count = len(campaign.seeds) + len(campaign.clean_seeds) + len(campaign.recordings)
     with (
-        reporter.stage("check", "") as progress,
+        reporter.stage("check") as progress,
         closing(_all_runs(campaign)) as done,
     ):
         for run in done:

@@ -76,7 +76,7 @@ def run_independent(campaign: IndependentCampaign, reporter: Reporter) -> None:
     count = sum(map(len, jobs))
     try:
         with (
-            reporter.stage("check", "") as progress,
+            reporter.stage("check") as progress,
             closing(_all_rows(campaign, jobs)) as done,
         ):
             for row in done:

@@ -40,7 +40,7 @@ def run_peers(folder: Path, config: SlamConfig, reporter: Reporter) -> Figures:
     for ours everything. ``ratios``: to ours. A peer that fails is told as lost, with the reason.
     """
     rows: list[Figures] = []
-    with Children() as children, reporter.stage("peers", "") as progress:
+    with Children() as children, reporter.stage("peers") as progress:
         rows.append({"name": OURS, "how": "whole", **children.run(measure_ours, folder, config)})
         rows.append(
             {"name": OURS, "how": "front end", **children.run(measure_front, folder, config)}
@@ -48,7 +48,7 @@ def run_peers(folder: Path, config: SlamConfig, reporter: Reporter) -> Figures:
         for number, entry in enumerate(ENTRIES):
             progress(number, len(ENTRIES))
             if find_spec(entry.library) is None:
-                reporter.say(f"{entry.name} is not installed (pip install 'slamsim[peers]')")
+                reporter.warn(f"{entry.name} is not installed (pip install 'slamsim[peers]')")
                 continue
             rows.append({"name": entry.name, "how": entry.how, **_alone(entry, folder, children)})
     for row in rows:

@@ -42,7 +42,7 @@ def run_robustness(
     reporter.say(HEADER)
     try:
         with (
-            reporter.stage("robustness", "") as progress,
+            reporter.stage("robustness") as progress,
             closing(_all_cases(campaign, draw)) as done,
         ):
             for figures in done:

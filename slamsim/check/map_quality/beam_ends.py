@@ -21,7 +21,7 @@ from slamsim.core.geometry import between
 from slamsim.core.jit import kernel
 from slamsim.core.types import FloatArray, IntArray
 from slamsim.recording import RawScans, Recording
-from slamsim.recording.mountings import lidars_by_rank
+from slamsim.recording.choice import lidars
 from slamsim.slam.laser.scan_beams import BeamReader
 from slamsim.slam.laser.scan_sweep import beams_of
 from slamsim.slam.laser.scan_windows import period_s
@@ -127,7 +127,7 @@ class _Window:
 def beam_ends(recording: Recording) -> BeamEnds:
     """Of the first lidar. Nothing places ranges that are evidently in no metres, angles
     in degrees, or a laser of which no fixed transform says where it sits."""
-    scans = next(iter(lidars_by_rank(recording)), None)
+    scans = next(iter(lidars(recording)), None)
     if scans is None or not len(scans) or not scans.frame_ids:
         return BeamEnds({})
     reader = BeamReader(scans)

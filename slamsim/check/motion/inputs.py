@@ -52,8 +52,7 @@ def gather_inputs(recording: Recording, motions: ScanMotions | None) -> Inputs:
     motions: of the recording's lidar by its scans alone, None without any.
     """
     graph = FrameGraph(recording.transforms)
-    named = recording.odometries[0].child_frame_ids if recording.odometries else ()
-    base = graph.base(named)
+    base = graph.base(recording.base_frames)
     alone = motions is None or not _stamped_together(recording, motions.topic)
     steps = laser_steps(motions, alone) if motions is not None else _no_steps()
     frames = {scans.topic: scans.frame_ids for scans in recording.scans}

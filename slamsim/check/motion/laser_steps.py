@@ -10,7 +10,7 @@ from slamsim.core.geometry import wrap_angle, yaw_from_xyzw
 from slamsim.core.types import BoolArray, FloatArray, IntArray
 from slamsim.guard.numbers import MOST, require_covariances, require_finite, require_number
 from slamsim.recording import RawScans, Recording
-from slamsim.recording.mountings import lidars_by_rank
+from slamsim.recording.choice import lidars
 from slamsim.slam.laser.scan_motion import ScanMotions, scan_motions
 
 NEARLY = 0.25
@@ -157,9 +157,9 @@ def laser_motions(recording: Recording) -> ScanMotions | None:
     they are laid side by side from first message to last, without regard to stamps, units and
     axes, which may all be wrong.
     """
-    if not recording.scans:
+    scans = next(iter(lidars(recording)), None)
+    if scans is None:
         return None
-    scans = lidars_by_rank(recording)[0]
     motions = scan_motions(scans, activity(recording, scans))
     offset = motions.range_offset_m
     sigma = float(np.hypot(offset.sigma, OFFSET_BIAS_M))

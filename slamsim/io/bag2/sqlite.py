@@ -23,6 +23,7 @@ _TYPES = {
     "topics": {"id": "integer", "name": "text", "type": "text", "serialization_format": "text"},
     "messages": {"topic_id": "integer", "timestamp": "integer", "data": "blob"},
 }
+_SAMPLED = 20
 _DEFINITIONS, _HASH = "message_definitions", "type_description_hash"
 _QOS = "offered_qos_profiles"
 _DEFINITION_TYPES = {"topic_type": "text", "encoding": "text", "encoded_message_definition": "text"}
@@ -44,6 +45,7 @@ class SqliteIndex:
     """What is in a file. topics: by number. definitions: (type, as what it is written, text).
 
     hashes: of types, where the file has them. packed: whether each message is compressed.
+    is_sampled: only the first and the last messages of each topic are read.
     """
 
     path: Path
@@ -51,16 +53,26 @@ class SqliteIndex:
     definitions: tuple[tuple[str, str, str], ...]
     hashes: dict[str, str]
     packed: bool
+    is_sampled: bool = False
 
 
-def index_sqlite(path: Path, packed: bool, limits: Limits = LIMITS) -> SqliteIndex:
-    """Looks through the file; InputRefused for a damaged or foreign one and for bombs."""
+def index_sqlite(
+    path: Path, packed: bool, limits: Limits = LIMITS, *, is_sampled: bool = False
+) -> SqliteIndex:
+    """Looks through the file; InputRefused for a damaged or foreign one and for bombs.
+
+    is_sampled: for a first look, which does not check every page of a large file.
+    """
     with open_input(path) as file:
         require_magic(file, path, _MAGIC, "SQLite file")
     try:
         with closing(_open(path)) as db:
-            _require_sound(db, limits)
-            return SqliteIndex(path, _topics(db), _definitions(db), _hashes(db), packed)
+            if is_sampled:
+                require_plain(db)
+            else:
+                _require_sound(db, limits)
+            told = _topics(db), _definitions(db), _hashes(db)
+            return SqliteIndex(path, *told, packed, is_sampled)
     except (sqlite3.Error, ValueError) as error:
         raise damaged(path, f"damaged, or no recording ({error})", error=error) from error
 
@@ -78,8 +90,21 @@ def sqlite_messages(
     query = f"SELECT topic_id, timestamp, data FROM messages WHERE topic_id IN ({marks})"
     order = "ORDER BY timestamp, rowid"
     with closing(_open(index.path)) as db:
-        for number, received_ns, data in db.execute(f"{query} {order}", list(topics)):
+        rows = db.execute(f"{query} {order}", list(topics))
+        for number, received_ns, data in _ends(db, topics) if index.is_sampled else rows:
             yield number, received_ns, unpacked_message(data, limits) if index.packed else data
+
+
+def _ends(db: sqlite3.Connection, topics: Collection[int]) -> Iterator[tuple[int, int, bytes]]:
+    """The first and the last messages of each topic."""
+    query = "SELECT topic_id, timestamp, data FROM messages WHERE topic_id = ? ORDER BY timestamp"
+    for topic in topics:
+        first = db.execute(f"{query} LIMIT {_SAMPLED}", (topic,)).fetchall()
+        last = db.execute(f"{query} DESC LIMIT {_SAMPLED}", (topic,)).fetchall()
+        for row in sorted({*first, *last}, key=lambda row: int(row[1])):
+            if not (isinstance(row[2], bytes) and len(row[2]) <= LIMITS.bag_record_bytes):
+                raise ValueError("rows of messages hold values of another type, or too large ones")
+            yield row
 
 
 def _open(path: Path) -> sqlite3.Connection:

@@ -16,7 +16,6 @@ from slamsim.core.geometry import (
     xyzw_from_yaw,
 )
 from slamsim.core.types import Float32Array, FloatArray, IntArray
-from slamsim.guard.errors import InputRefused
 from slamsim.io.carmen.content import CarmenContent, collect
 from slamsim.io.carmen.lines import Fan, LaserLine, OdomLine
 from slamsim.recording import (
@@ -39,7 +38,7 @@ _LMS_CODES_FROM_M = 81.83
 _RIGID_TOLERANCE = 2e-3
 
 
-def read_carmen(path: Path, scan_topic: str | None = None) -> Recording:
+def read_carmen(path: Path) -> Recording:
     """What a CARMEN file says. Topics are the names of the messages, such as ``FLASER``.
 
     The odometry is that of the laser lines, under their topic; ``ODOM`` lines, which another
@@ -47,13 +46,9 @@ def read_carmen(path: Path, scan_topic: str | None = None) -> Recording:
     a file of another kind.
     """
     content = collect(path)
-    if scan_topic is not None and scan_topic not in content.lasers:
-        counts = (f"{name} ({len(lines)} lines)" for name, lines in content.lasers.items())
-        there = ", ".join(counts) or "none"
-        raise InputRefused(path, f"no laser message {scan_topic!r}; there is {there}")
     anomalies = _anomalies(content)
     origin_ns = _logger_start_ns(content)
-    lasers = {n: lines for n, lines in content.lasers.items() if scan_topic in (None, n)}
+    lasers = content.lasers
     odometries = [
         _odometry(name, lines, origin_ns) for name, lines in lasers.items() if _has_poses(lines)
     ]

@@ -30,7 +30,7 @@ from slamsim.io.copy.shared_clocks import StampMap, header_topics, stamp_maps, s
 from slamsim.io.copy.writers import Bag1Copy, Bag2Copy, Copy, Message, Spool
 from slamsim.io.input_errors import as_input_errors
 from slamsim.io.ros.bag import Bag, open_bag
-from slamsim.io.ros.reader import TRANSFORMS, description_topic, is_truth
+from slamsim.io.ros.reader import TRANSFORMS, description_topic, is_truth, recorded_name
 from slamsim.io.ros.sources import Bag1Source, McapSource
 from slamsim.recording import Recording, TransformEdge
 
@@ -77,26 +77,26 @@ def rewrite_recording(path: Path, read: Recording, edited: Recording, folder: Pa
     ``partial_folder``: after an exception the folder is unfinished. Raises InputRefused as
     ``open_bag`` does, and SlamsimError for a stamp that the format cannot hold.
     """
-    bag = open_bag(path)
-    changes = changes_between(read, edited)
-    modelled = {origin.topic for _, origin in parts_with_origin(read)}
-    others = [c.topic for c in bag.channels if c.topic not in modelled and not is_truth(c)]
-    stamped = header_topics(bag, others)
-    edits = _Edits(
-        bag,
-        plans(read, changes),
-        stamp_maps(bag, changes, stamped),
-        _new_description(bag, read, edited),
-    )
-    edges = new_edges(edited)
-    with _copy_of(bag, folder) as copy, closing(Spool()) as spool:
-        _require_stamps(copy, [*(c.stamps_ns for c in changes), *(e.stamps_ns for e in edges)])
-        numbers = _declared(bag, copy)
-        _spool_moved(edits, copy, numbers, spool)
-        _spool_new(bag, edges, copy, numbers, spool)
-        _merge(edits, copy, numbers, spool)
-    restamps = any(change.restamped for change in changes)
-    return _copied(edits, edges, [t for t in stamped if restamps and t not in edits.restamped])
+    with open_bag(path) as bag:
+        changes = changes_between(read, edited)
+        modelled = {origin.topic for _, origin in parts_with_origin(read)}
+        others = [c.topic for c in bag.channels if c.topic not in modelled and not is_truth(c)]
+        stamped = header_topics(bag, others)
+        edits = _Edits(
+            bag,
+            plans(read, changes),
+            stamp_maps(bag, changes, stamped),
+            _new_description(bag, read, edited),
+        )
+        edges = new_edges(edited)
+        with _copy_of(bag, folder) as copy, closing(Spool()) as spool:
+            _require_stamps(copy, [*(c.stamps_ns for c in changes), *(e.stamps_ns for e in edges)])
+            numbers = _declared(bag, copy)
+            _spool_moved(edits, copy, numbers, spool)
+            _spool_new(bag, edges, copy, numbers, spool)
+            _merge(edits, copy, numbers, spool)
+        restamps = any(change.restamped for change in changes)
+        return _copied(edits, edges, [t for t in stamped if restamps and t not in edits.restamped])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -169,7 +169,7 @@ def _parts(message: Any) -> Sequence[Any]:
 
 def _copy_of(bag: Bag, folder: Path) -> Copy:
     if isinstance(bag.source, Bag1Source):
-        return Bag1Copy(folder, bag.path.name)
+        return Bag1Copy(folder, f"{recorded_name(bag.path)}.bag")
     profile = bag.source.profile if isinstance(bag.source, McapSource) else "ros2"
     if not bag.path.is_dir():
         return Bag2Copy(folder, profile, bag.metadata.get(METADATA_RECORD, {}))

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from slamsim.guard.text import is_packed, open_lines
+from slamsim.guard.text import open_lines
+from slamsim.guard.unpacking import is_packed
 from slamsim.io.carmen.reader import read_carmen
 from slamsim.io.formats import Contents, Format, Truth, register
 
 
-def _read(path: Path, scan_topic: str | None, _: Truth) -> Contents:
-    return Contents(read_carmen(path, scan_topic))
+def _read(path: Path, _: Truth) -> Contents:
+    return Contents(read_carmen(path))
 
 
 def _checksums(path: Path) -> str:
@@ -27,7 +28,7 @@ CARMEN = Format(
     read=_read,
     suffixes=(".clf", ".log"),
     is_packable=True,
-    about_files=".clf or .log (CARMEN, also .gz and .bz2)",
+    about_files=".clf or .log (CARMEN, also .gz, .bz2 and .zst)",
     checksums=_checksums,
 )
 register(CARMEN)

@@ -8,7 +8,7 @@ from slamsim.io.formats import Contents, Format, Truth, register
 from slamsim.io.input_errors import as_input_errors
 
 
-def _read(folder: Path, scan_topic: str | None, _: Truth) -> Contents:
+def _read(folder: Path, _: Truth) -> Contents:
     from slamsim.io.parquet.reader import read_parquet
 
     return Contents(read_parquet(folder))

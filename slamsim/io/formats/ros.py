@@ -5,13 +5,19 @@ from __future__ import annotations
 from collections import Counter
 from pathlib import Path
 
-from slamsim.io.formats import Contents, Format, Truth, register
+from slamsim.io.formats import Contents, Format, Survey, Truth, register
 
 
-def _read(path: Path, scan_topic: str | None, truth: Truth) -> Contents:
+def _read(path: Path, truth: Truth) -> Contents:
     from slamsim.io.ros.reader import read_ros
 
-    return read_ros(path, scan_topic, truth)
+    return read_ros(path, truth)
+
+
+def _survey(path: Path) -> Survey:
+    from slamsim.io.ros.reader import survey_ros
+
+    return survey_ros(path)
 
 
 def _rosbag2(folder: Path) -> Path | None:
@@ -25,13 +31,13 @@ def _only_bag(folder: Path) -> Path | None:
 
 def _checksums(path: Path) -> str:
     from slamsim.io.ros.bag import open_bag
-    from slamsim.io.ros.sources import McapSource
+    from slamsim.io.ros.sources import Bag1Source, McapSource
 
-    source = open_bag(path).source
-    if isinstance(source, McapSource):
-        return _of_mcap(source.unchecked)
-    if path.suffix.lower() == ".bag":
-        return "chunks that are packed with bz2 have checksums, and they hold; others have none"
+    with open_bag(path) as bag:
+        if isinstance(bag.source, McapSource):
+            return _of_mcap(bag.source.unchecked)
+        if isinstance(bag.source, Bag1Source):
+            return "chunks that are packed with bz2 have checksums, and they hold; others have none"
     return "nothing: SQLite recordings have no checksums, but their pages hang together"
 
 
@@ -47,22 +53,26 @@ ROS2 = Format(
     rank=1,
     read=_read,
     suffixes=(".mcap", ".db3"),
-    about_files=".mcap, .db3",
+    is_packable=True,
+    about_files=".mcap, .db3 (also .gz, .bz2 and .zst)",
     about_folders="rosbag2 with metadata.yaml",
     in_folder=_rosbag2,
     has_truth=True,
     checksums=_checksums,
+    sampled=_survey,
 )
 ROS1 = Format(
     name="ros 1",
     rank=3,
     read=_read,
     suffixes=(".bag",),
-    about_files=".bag",
+    is_packable=True,
+    about_files=".bag (also packed)",
     about_folders="one ROS 1 bag",
     in_folder=_only_bag,
     has_truth=True,
     checksums=_checksums,
+    sampled=_survey,
 )
 register(ROS2)
 register(ROS1)

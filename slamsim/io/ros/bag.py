@@ -9,15 +9,19 @@ from __future__ import annotations
 from collections.abc import Container, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path, PurePath
-from typing import Any
+from shutil import rmtree
+from tempfile import mkdtemp
+from typing import Any, Self
 
 from slamsim.guard.errors import InputRefused, shown
 from slamsim.guard.files import own_file
+from slamsim.guard.unpacking import PACKINGS, unpack
 from slamsim.guard.yaml import load_yaml
-from slamsim.io.bag1.reader import index_bag1
+from slamsim.io.bag1.reader import index_bag1, sampled_bag1
 from slamsim.io.bag2.sqlite import index_sqlite
 from slamsim.io.input_errors import as_input_errors, damaged
-from slamsim.io.mcap.reader import index_mcap
+from slamsim.io.mcap.reader import McapIndex, index_mcap
+from slamsim.io.mcap.sample import sampled_mcap
 from slamsim.io.ros.sources import (
     Bag1Source,
     Channel,
@@ -26,18 +30,31 @@ from slamsim.io.ros.sources import (
     Received,
     SqliteSource,
 )
+from slamsim.recording.row_store import large_files_folder
 
 _METADATA = "metadata.yaml"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Bag:
-    """A recording whose bytes were found sound. metadata: MCAP metadata records by name."""
+    """A recording whose bytes were found sound; a context manager, in which it can be read.
+
+    metadata: MCAP metadata records by name. unpacked_into: the temporary folder of files that are
+    packed, which goes in the end.
+    """
 
     path: Path
     source: MessageSource
     channels: tuple[Channel, ...]
     metadata: dict[str, dict[str, str]] = field(default_factory=dict)
+    unpacked_into: Path | None = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self.unpacked_into is not None:
+            rmtree(self.unpacked_into, ignore_errors=True)
 
     def of_type(self, *type_names: str) -> list[Channel]:
         """The non-empty topics of these types, the one with the most messages first."""
@@ -84,18 +101,55 @@ class Bag:
                 raise ValueError(f"the index leads to {seen} of {expected} messages")
 
 
-def open_bag(path: Path) -> Bag:
-    """Checks the files and lists the topics; raises InputRefused or NotFound."""
+def open_bag(path: Path, *, is_sampled: bool = False) -> Bag:
+    """Checks the files and lists the topics; raises InputRefused or NotFound.
+
+    is_sampled: for a first look, whose source gives only some messages of each topic. Packed files
+    are unpacked into a temporary folder.
+    """
     files, announced, compressed = _files(path) if path.is_dir() else ([path], None, False)
+    if files and all(file.suffix.lower() in PACKINGS for file in files):
+        return _packed_bag(path, files, announced, compressed, is_sampled=is_sampled)
+    return _checked_bag(path, files, announced, compressed, is_sampled=is_sampled)
+
+
+def _packed_bag(
+    path: Path, files: list[Path], announced: int | None, compressed: bool, *, is_sampled: bool
+) -> Bag:
+    """What is refused is refused in the name of the packed file."""
+    folder = Path(mkdtemp(dir=large_files_folder(), prefix="slamsim-unpacked-"))
+    plain = {}
+    try:
+        for number, file in enumerate(files):
+            place = folder / str(number)
+            place.mkdir()
+            plain[place / file.stem] = file
+            unpack(file, place / file.stem)
+        bag = _checked_bag(path, list(plain), announced, compressed, is_sampled=is_sampled)
+    except BaseException as error:
+        rmtree(folder, ignore_errors=True)
+        if isinstance(error, InputRefused) and error.path in plain:
+            reason = error.reason.partition("; `slamsim recover")[0]
+            named = plain[error.path]
+            raise InputRefused(named, reason, error.where, limit=error.limit) from None
+        raise
+    return replace(bag, unpacked_into=folder)
+
+
+def _checked_bag(
+    path: Path, files: list[Path], announced: int | None, compressed: bool, *, is_sampled: bool
+) -> Bag:
     kinds = {file.suffix.lower() for file in files}
     if kinds == {".mcap"}:
         if compressed:
             raise InputRefused(path, "messages compressed one by one in an MCAP are not read")
-        bag = _mcap_bag(path, files)
+        bag = _mcap_bag(path, [sampled_mcap(f) if is_sampled else index_mcap(f) for f in files])
     elif kinds == {".db3"}:
-        bag = _bag(path, SqliteSource([index_sqlite(file, compressed) for file in files]))
+        indexes = [index_sqlite(file, compressed, is_sampled=is_sampled) for file in files]
+        bag = _bag(path, SqliteSource(indexes))
     elif kinds == {".bag"} and len(files) == 1:
-        bag = _bag(path, Bag1Source(index_bag1(files[0])))
+        index = sampled_bag1(files[0]) if is_sampled else index_bag1(files[0])
+        bag = _bag(path, Bag1Source(index))
     else:
         names = ", ".join(file.name for file in files) or "no file"
         raise InputRefused(path, f"{names}: .mcap or .db3 files belong into a recording")
@@ -105,8 +159,7 @@ def open_bag(path: Path) -> Bag:
     return bag
 
 
-def _mcap_bag(path: Path, files: list[Path]) -> Bag:
-    indexes = [index_mcap(file) for file in files]
+def _mcap_bag(path: Path, indexes: list[McapIndex]) -> Bag:
     metadata = {each.name: each.metadata for index in indexes for each in index.metadata}
     with as_input_errors(path, "channels"):
         source = McapSource(indexes)
@@ -135,7 +188,16 @@ def _files(folder: Path) -> tuple[list[Path], int, bool]:
         mode = str(information.get("compression_mode") or "").lower()
         announced = int(information["message_count"])
         names = [PurePath(str(name)).name for name in information["relative_file_paths"]]
+        if mode == "file":
+            names = [_packed_name(folder, name) for name in names]
         files = [own_file(folder, name) for name in names]
-    if mode == "file":
-        raise InputRefused(metadata, "its files are compressed as a whole: unpack them first")
+        plain = [name for name in names if not name.lower().endswith(PACKINGS)]
+        if mode == "file" and plain:
+            raise ValueError(f"compression_mode is file, but {plain[0]} is not compressed")
     return files, announced, mode == "message"
+
+
+def _packed_name(folder: Path, name: str) -> str:
+    """Of a file that is compressed as a whole; metadata written too early names it without."""
+    packed = (f"{name}{suffix}" for suffix in PACKINGS if not (folder / name).exists())
+    return next((each for each in packed if (folder / each).exists()), name)

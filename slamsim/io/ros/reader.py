@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -13,7 +13,8 @@ import numpy as np
 
 from slamsim.core.types import Epoch
 from slamsim.guard.errors import InputRefused
-from slamsim.io.formats import Contents, Truth
+from slamsim.guard.unpacking import PACKINGS
+from slamsim.io.formats import Contents, Survey, TopicFacts, Truth
 from slamsim.io.input_errors import as_input_errors
 from slamsim.io.names import LOG
 from slamsim.io.ros.bag import Bag, open_bag
@@ -37,11 +38,12 @@ from slamsim.recording import (
     UnreadTopic,
 )
 from slamsim.recording.cleaning.rising_stamps import epoch_of
+from slamsim.recording.frames import frame_name
 from slamsim.recording.schemas import CLOCK
 
 _BATCH, _BATCH_BYTES = 4096, 16 << 20
 _DESCRIPTION = "robot_description"
-SCAN, ODOMETRY = RawScans.schema.type_name, RawOdometry.schema.type_name
+ODOMETRY = RawOdometry.schema.type_name
 TRANSFORMS = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
 _TRUTH_WORDS = ("ground_truth", "groundtruth")
 _OWN_METADATA = "slamsim"
@@ -55,28 +57,66 @@ _COLLECTORS: dict[str, Callable[[str, Opened, bool], Any]] = {
 }
 
 
-def read_ros(path: Path, scan_topic: str | None = None, truth: Truth = "without") -> Contents:
+def read_ros(path: Path, truth: Truth = "without") -> Contents:
     """What is in a ROS recording, in one pass over its messages.
 
     Of a message that cannot be decoded a count is kept, and the others are read. Raises
-    InputRefused as ``open_bag`` does, and for a scan topic that is not there.
+    InputRefused as ``open_bag`` does.
     """
-    bag = open_bag(path)
-    wanted = [] if truth == "only" else _wanted(bag, scan_topic)
-    if truth != "without":
-        wanted += [channel for channel in bag.of_type(ODOMETRY) if is_truth(channel)][:1]
-    topics = {channel.topic: _Topic(bag, channel) for channel in wanted}
-    for name, received_ns, data in bag.received(set(topics)) if topics else ():
-        topics[name].add(received_ns, data)
+    with open_bag(path) as bag:
+        wanted = [] if truth == "only" else _wanted(bag)
+        if truth != "without":
+            wanted += [channel for channel in bag.of_type(ODOMETRY) if is_truth(channel)][:1]
+        topics = {channel.topic: _Topic(bag, channel) for channel in wanted}
+        for name, received_ns, data in bag.received(set(topics)) if topics else ():
+            topics[name].add(received_ns, data)
     for topic in topics.values():
         topic.finish()
     true = next((topics.pop(name) for name in list(topics) if is_truth(topics[name].channel)), None)
-    recording = _assembled(bag, topics, all_scans=scan_topic is None)
+    recording = _assembled(bag, topics)
     if true is None:
         return Contents(recording)
     if true.damage:
         return Contents(recording, truth_damage=(f"topic {true.channel.topic}", true.damage))
     return Contents(recording, true.collector.stream())
+
+
+def survey_ros(path: Path) -> Survey:
+    """What is in a ROS recording, by its index and by some messages of each topic.
+
+    Raises InputRefused as ``open_bag`` does.
+    """
+    with open_bag(path, is_sampled=True) as bag:
+        declared = bag.source.declarations
+        topics = {channel.topic: _Topic(bag, channel) for channel in _wanted(bag)}
+        times: dict[str, list[int]] = {}
+        frames: dict[str, tuple[str, ...]] = {}
+        with as_input_errors(path, "its messages"):
+            for number, received_ns, _, _, data in bag.source.received(declared):
+                name = declared[number].topic
+                seen = times.setdefault(name, [received_ns, received_ns])
+                seen[:] = min(seen[0], received_ns), max(seen[1], received_ns)
+                if name in topics:
+                    topics[name].add(received_ns, data)
+                elif name not in frames:
+                    frames[name] = _frame(bag, name, data)
+    for topic in topics.values():
+        topic.finish()
+    recording = _assembled(bag, topics)
+    frames |= {stream.topic: stream.frame_ids for stream in recording.streams}
+    facts = [
+        TopicFacts(c.topic, c.type_name, c.messages, *times.get(c.topic, ())) for c in bag.channels
+    ]
+    return Survey(tuple(replace(one, frames=frames.get(one.topic, ())) for one in facts), recording)
+
+
+def _frame(bag: Bag, topic: str, data: bytes) -> tuple[str, ...]:
+    """Of a message of any type that has a header."""
+    with suppress(InputRefused):
+        header = getattr(bag.deserialize(topic, data), "header", None)
+        frame = getattr(header, "frame_id", "")
+        return (frame_name(frame),) if isinstance(frame, str) and frame else ()
+    return ()
 
 
 def is_truth(channel: Channel) -> bool:
@@ -159,36 +199,24 @@ def description_topic(bag: Bag) -> str | None:
     return next((topic for topic in topics if topic.endswith(_DESCRIPTION)), None)
 
 
-def _wanted(bag: Bag, scan_topic: str | None) -> list[Channel]:
-    chosen = None if scan_topic is None else _chosen_scan(bag, scan_topic)
+def _wanted(bag: Bag) -> list[Channel]:
     found = []
     for channel in bag.of_type(*_COLLECTORS, "std_msgs/msg/String"):
-        other_scan = channel.type_name == SCAN and chosen not in (None, channel.topic)
         is_text = channel.type_name not in _COLLECTORS
         other_text = is_text and not channel.topic.endswith(_DESCRIPTION)
-        if not (other_scan or other_text or is_truth(channel)):
+        if not (other_text or is_truth(channel)):
             found.append(channel)
     return found
 
 
-def _chosen_scan(bag: Bag, wanted: str) -> str:
-    channels = bag.of_type(SCAN)
-    for channel in channels:
-        if channel.topic.lstrip("/") == wanted.lstrip("/"):
-            return channel.topic
-    listing = ", ".join(f"{channel.topic} ({channel.messages} messages)" for channel in channels)
-    raise InputRefused(bag.path, f"no scans on {wanted!r}; there is {listing or 'none'}")
-
-
 def _recorded(
-    bag: Bag, topics: Mapping[str, _Topic], *, all_scans: bool
+    bag: Bag, topics: Mapping[str, _Topic]
 ) -> tuple[tuple[RecordedTopic, ...], tuple[UnreadTopic, ...]]:
-    """(what the file holds but the truth and lidars that are not wanted, what no check looks at)"""
+    """(what the file holds but the truth, what no check looks at)"""
     recorded, unread = [], []
     for channel in bag.channels:
         topic = topics.get(channel.topic)
-        left_out = topic is None and channel.type_name == SCAN and not all_scans
-        if is_truth(channel) or left_out or not channel.messages:
+        if is_truth(channel) or not channel.messages:
             continue
         about = channel.topic, channel.type_name, channel.messages
         recorded.append(RecordedTopic(*about, "" if topic is None else topic.damage))
@@ -198,14 +226,14 @@ def _recorded(
     return tuple(recorded), tuple(unread)
 
 
-def _assembled(bag: Bag, topics: Mapping[str, _Topic], *, all_scans: bool) -> Recording:
+def _assembled(bag: Bag, topics: Mapping[str, _Topic]) -> Recording:
     read = [topic for topic in topics.values() if topic.collector is not None]
     collectors = [topic.collector for topic in read]
     clocks = [c.instants_ns() for c in collectors if isinstance(c, ClockCollector)]
     texts = [c.text for c in collectors if isinstance(c, TextCollector)]
-    recorded, unread = _recorded(bag, topics, all_scans=all_scans)
+    recorded, unread = _recorded(bag, topics)
     recording = Recording(
-        name=bag.path.resolve().parent.name if bag.path.name == LOG else bag.path.stem,
+        name=recorded_name(bag.path),
         format=_format(bag.path),
         streams=tuple(c.stream() for kind in KINDS for c in collectors if c.kind is kind),
         transforms=tuple(
@@ -229,8 +257,15 @@ def _epoch(bag: Bag, recording: Recording) -> Epoch:
     return "simulation" if guessed == "unknown" and bag.of_type(CLOCK.type_name) else guessed
 
 
+def recorded_name(path: Path) -> str:
+    """What a recording is called after its file, or after the folder of its run."""
+    if path.name == LOG:
+        return path.resolve().parent.name
+    return Path(path.stem).stem if path.suffix.lower() in PACKINGS else path.stem
+
+
 def _format(path: Path) -> str:
     if path.is_dir():
         return "rosbag2"
     formats = {".mcap": "mcap", ".db3": "rosbag2", ".bag": "rosbag1"}
-    return formats[path.suffix.lower()]
+    return next(formats[s.lower()] for s in reversed(path.suffixes) if s.lower() in formats)

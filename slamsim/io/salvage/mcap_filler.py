@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from slamsim.io.mcap.framing import McapStream
 from slamsim.io.mcap.reader import MESSAGE_HEAD, RECORD_HEAD, records_in
+from slamsim.io.mcap.summary import Declaration, declaration
 from slamsim.io.mcap.writer import CHUNK_BYTES, ZSTD_LEVEL
-from slamsim.io.salvage.mcap_summary import Declaration, declaration
 from slamsim.io.salvage.readable import DecodableMessages
 from slamsim.io.salvage.report import RecoveryReport
 

@@ -22,7 +22,7 @@ from mcap.opcode import Opcode
 from slamsim.guard.limits import LIMITS
 from slamsim.io.mcap.framing import MAGIC
 from slamsim.io.mcap.reader import MESSAGE_HEAD, RECORD_HEAD, data_stream, read_chunk, records_in
-from slamsim.io.salvage.mcap_summary import (
+from slamsim.io.mcap.summary import (
     Declaration,
     bytes_at,
     declaration,

@@ -16,7 +16,7 @@ from slamsim.recording.cleaning.rising_stamps import NoTime, Times, is_late, ris
 from slamsim.recording.cleaning.scans import RecordedScans, ScansTogether, ScanSurvey
 from slamsim.recording.cleaning.streams import planar_poses
 from slamsim.recording.frames import FrameTree
-from slamsim.recording.mountings import known_mounting
+from slamsim.recording.mountings import is_taken, known_mounting
 
 _USUAL_SPEED_M_S, _USUAL_TURN_RAD_S = 0.5, 0.5
 _LEAST_PERIOD_NS, _LONGEST_PERIOD_NS = 100_000_000, 10_000_000_000
@@ -45,35 +45,37 @@ class OtherLidars:
     ) -> None:
         self._tree, self._base_frame, self._odometry = tree, base_frame, odometry
         self._first, self._scans = first, scans
-        self._frames = {first.frame_ids[0]: first.topic}
+        self._places: dict[str, FloatArray] = {}
         self._others: list[tuple[RecordedScans, FloatArray]] = []
         self.told: list[str] = []
 
     def add(self, raw: RawScans, source: Path) -> None:
         """Use one more lidar, or tell why it cannot be used. source: named in errors."""
         try:
-            T_base_laser = self._mounting(raw.frame_ids[0])
+            self._places = self._places or {self._first.topic: self._mounting(self._first)}
+            T_base_laser = self._mounting(raw)
             scans, told = self._usable(raw, source)
         except _NotUsed as why:
             self.told.append(f"the scans of {raw.topic} are not used: {why}")
             return
         self._others.append((scans, T_base_laser))
-        self._frames[raw.frame_ids[0]] = raw.topic
+        self._places[raw.topic] = T_base_laser
         self.told += [f"{raw.topic}: {words}" for words in told]
 
     def together(self) -> ScanSource:
         """The scans of all of them."""
         return ScansTogether(self._scans, self._others) if self._others else self._scans
 
-    def _mounting(self, frame: str) -> FloatArray:
-        if frame in self._frames:
-            raise _NotUsed(f"they are in the frame {frame!r} of {self._frames[frame]}")
-        T_base_laser = np.eye(4)
-        for each in (self._first.frame_ids[0], frame):
-            known = known_mounting(self._tree, self._base_frame, each)
-            if known is None:
-                raise _NotUsed(f"no fixed transform from {self._base_frame!r} to {each!r}")
-            T_base_laser, _ = known
+    def _mounting(self, raw: RawScans) -> FloatArray:
+        """4 x 4 T_base_laser. Raises _NotUsed for a lidar that has no place of its own."""
+        frame = raw.frame_ids[0]
+        known = known_mounting(self._tree, self._base_frame, frame)
+        if known is None:
+            raise _NotUsed(f"no fixed transform from {self._base_frame!r} to {frame!r}")
+        T_base_laser, _ = known
+        for topic, T_base_other in self._places.items():
+            if is_taken(T_base_laser, [T_base_other]):
+                raise _NotUsed(f"their lidar sits where that of {topic} does, or is the same one")
         if abs(T_base_laser[2, 2]) < np.cos(MOST_TILT_RAD):
             raise _NotUsed(f"the frame {frame!r} is not level")
         return T_base_laser

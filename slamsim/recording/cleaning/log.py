@@ -7,9 +7,9 @@ from typing import TypeVar
 
 import numpy as np
 
-from slamsim.core.arrays import BoolArray, IntArray
+from slamsim.core.arrays import BoolArray, FloatArray, IntArray
 from slamsim.core.types import EncoderStream, ImuStream, Log, PlanarTrajectory, ScanSource
-from slamsim.guard.errors import InputRefused
+from slamsim.guard.errors import InputRefused, OverrideRefused
 from slamsim.recording import (
     RawImu,
     RawOdometry,
@@ -20,6 +20,7 @@ from slamsim.recording import (
     Recording,
     TransformEdge,
 )
+from slamsim.recording.choice import choices, in_words, lidars_beside, ranked, topics_of
 from slamsim.recording.cleaning.lidars import OtherLidars, scan_times
 from slamsim.recording.cleaning.rising_stamps import Times, epoch_of
 from slamsim.recording.cleaning.scans import RecordedScans, ScanSurvey
@@ -27,6 +28,7 @@ from slamsim.recording.cleaning.streams import (
     chain_of,
     encoders_of,
     imu_of,
+    in_base,
     odometry_of,
     planar_poses,
 )
@@ -35,16 +37,18 @@ from slamsim.recording.mountings import (
     ODOM_FRAME,
     imu_mounting_of,
     laser_mounting_of,
-    lidars_by_rank,
     likely_base,
     odometry_chain,
 )
+
+_LEAST_OFFSET_M = 1e-3
+"""Below, the axle of the wheels is at the base for any odometry."""
 
 _Raw = TypeVar("_Raw", bound=RawStream)
 
 
 def clean(recording: Recording, source: Path) -> Log:
-    """The log in a recording, of its lidar with the most scans. source: named in errors.
+    """The log in a recording. source: named in errors.
 
     Raises InputRefused without usable scans, for a damaged message on a topic that is needed, and
     for scans and odometry without a common time.
@@ -57,10 +61,8 @@ class _Cleaning:
 
     def __init__(self, recording: Recording, source: Path) -> None:
         self._recording, self._source = recording, source
-        self._topics = recording.topics or tuple(
-            RecordedTopic(each.topic, each.schema.type_name, len(each))
-            for each in recording.streams
-        )
+        self._topics = topics_of(recording)
+        self._wheels_elsewhere = False
         self.warnings: list[str] = []
 
     def log(self) -> Log:
@@ -75,6 +77,9 @@ class _Cleaning:
         tree.add(self._transforms(is_static=True))
         moved, self.warnings = self.warnings, []
         odometry, base_frame = self._odometry(tree, raw.frame_ids[0], carried, rows, times)
+        if odometry is not None and recording.base_frame not in ("", base_frame):
+            odometry = in_base(odometry, self._offset(tree, base_frame))
+        base_frame = recording.base_frame or base_frame
         moved, self.warnings = self.warnings, moved
         limit, told = survey.limit(times, odometry)
         odd = survey.warnings(times, has_beam_times=recording.format != "carmen")
@@ -94,15 +99,10 @@ class _Cleaning:
             encoders=encoders,
             T_base_laser=T_base_laser,
             T_base_imu=None if imu is None else imu_mounting_of(tree, base_frame, imu, warnings),
+            sources=in_words(choices(recording)),
             warnings=tuple(warnings),
             recorded_scans=len(raw),
         )
-
-    def _of(self, kind: type[_Raw]) -> list[RecordedTopic]:
-        """The topics of a kind, the one with the most messages first."""
-        type_name = kind.schema.type_name
-        found = [t for t in self._topics if t.type_name == type_name and t.messages]
-        return sorted(found, key=lambda each: (-each.messages, each.topic.count("/"), each.topic))
 
     def _stream(self, kind: type[_Raw], topic: RecordedTopic) -> _Raw:
         """Raises InputRefused if any of its messages cannot be decoded."""
@@ -110,35 +110,22 @@ class _Cleaning:
             raise InputRefused(self._source, topic.damage, f"topic {topic.topic}")
         return next(each for each in self._recording.of(kind) if each.topic == topic.topic)
 
-    def _largest(self, kind: type[_Raw]) -> _Raw | None:
-        """The stream with the most messages."""
-        topics = self._of(kind)
-        self._tell_of_several(topics)
+    def _first(self, kind: type[_Raw]) -> _Raw | None:
+        """The stream of a kind that is read."""
+        topics = ranked(self._recording, kind)
         return self._stream(kind, topics[0]) if topics else None
 
-    def _tell_of_several(self, topics: list[RecordedTopic]) -> None:
-        if len(topics) > 1:
-            listing = ", ".join(f"{t.topic} ({t.messages} messages)" for t in topics)
-            self.warnings.append(f"of {listing}, {topics[0].topic} is read")
-
     def _scans(self) -> tuple[RawScans, RawOdometry | None]:
-        """(the scans of the first lidar, the odometry in the same messages).
-
-        Where messages carry both, such as those of CARMEN, the largest of these is taken.
-        """
-        topics = self._of(RawScans)
+        """(the scans that are read, the odometry in the same messages)."""
+        topics = ranked(self._recording, RawScans)
         if not topics:
             is_carmen = self._recording.format == "carmen"
-            kinds = sorted(
-                {t.topic if is_carmen else t.type_name for t in self._topics if t.messages}
-            )
-            there = ", ".join(kind[:60] for kind in kinds[:9]) or "no message at all"
+            kinds = {t.topic if is_carmen else t.type_name for t in self._topics if t.messages}
+            there = ", ".join(kind[:60] for kind in sorted(kinds)[:9]) or "no message at all"
             needed = "a FLASER or ROBOTLASER1 line" if is_carmen else RawScans.schema.type_name
             reason = f"a log without scans: {needed} is needed, there is {there}"
             raise InputRefused(self._source, reason)
         carried = {each.topic: each for each in self._recording.odometries}
-        rank = {scans.topic: n for n, scans in enumerate(lidars_by_rank(self._recording))}
-        topics.sort(key=lambda each: (each.topic not in carried, rank.get(each.topic, len(rank))))
         raw = self._stream(RawScans, topics[0])
         return raw, carried.get(raw.topic)
 
@@ -151,7 +138,7 @@ class _Cleaning:
         odometry: PlanarTrajectory | None,
     ) -> ScanSource:
         """The scans, each with those of all other lidars whose place on the robot is known."""
-        topics = [each for each in self._of(RawScans) if each.topic != first.topic]
+        topics = lidars_beside(self._recording)
         if not topics:
             return scans
         others = OtherLidars(first, scans, tree, base_frame, odometry)
@@ -180,7 +167,7 @@ class _Cleaning:
         times: Times,
     ) -> tuple[PlanarTrajectory | None, str]:
         """(T_odom_base, the frame it moves); /tf completes the tree where that is needed."""
-        raw = self._largest(RawOdometry) if carried is None else carried
+        raw = self._first(RawOdometry) if carried is None else carried
         path: PlanarTrajectory | None = None
         if raw is None:
             tree.add(self._transforms(is_static=False))
@@ -194,7 +181,7 @@ class _Cleaning:
                 self.warnings += odd
             else:
                 path = _carried_path(carried, rows, times, self._others())
-            base_frame = raw.child_frame_ids[0] or likely_base(tree)
+            base_frame = raw.child_frame_ids[0] or self._recording.base_frame or likely_base(tree)
             if tree.between(base_frame, laser_frame) is None:
                 tree.add(self._transforms(is_static=False))
         if path is None or len(path) == 0:
@@ -205,19 +192,36 @@ class _Cleaning:
             return None, base_frame
         return path, base_frame
 
+    def _offset(self, tree: FrameTree, moved: str) -> FloatArray:
+        """4 x 4, from the frame that odometry moves to the base that the user names."""
+        base = self._recording.base_frame
+        if tree.between(moved, base) is None:
+            tree.add(self._transforms(is_static=False))
+        T_moved_base = tree.between(moved, base)
+        if T_moved_base is None:
+            reason = (
+                f"no fixed transforms of {self._source} join it to {moved}, the odometry's frame"
+            )
+            raise OverrideRefused(f"--base-frame {base}", reason)
+        self._wheels_elsewhere = bool(np.hypot(*T_moved_base[:2, 3]) > _LEAST_OFFSET_M)
+        return T_moved_base
+
     def _others(self) -> RawOdometry | None:
         """Odometry beside that of the scans, which no check looks at."""
         streams = (each.stream for each in self._recording.unread)
         return next((each for each in streams if isinstance(each, RawOdometry)), None)
 
     def _encoders(self) -> EncoderStream | None:
-        raw = self._largest(RawTicks)
+        raw = self._first(RawTicks)
+        if raw is not None and self._wheels_elsewhere:
+            self.warnings.append(f"{raw.topic}: the wheels are not at the base frame: left out")
+            raw = None
         encoders, odd = (None, []) if raw is None else encoders_of(raw)
         self.warnings += odd
         return encoders
 
     def _imu(self) -> ImuStream | None:
-        raw = self._largest(RawImu)
+        raw = self._first(RawImu)
         imu, odd = (None, []) if raw is None else imu_of(raw)
         self.warnings += odd
         return imu

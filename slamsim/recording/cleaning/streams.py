@@ -8,7 +8,14 @@ from contextlib import suppress
 import numpy as np
 
 from slamsim.core.arrays import BoolArray, FloatArray, IntArray
-from slamsim.core.geometry import matrix_from_xyzw, wrap_angle, xyzw_from_matrix, xyzw_from_yaw
+from slamsim.core.geometry import (
+    compose,
+    matrix_from_xyzw,
+    se2_from_se3,
+    wrap_angle,
+    xyzw_from_matrix,
+    xyzw_from_yaw,
+)
 from slamsim.core.types import EncoderStream, ImuStream, PlanarTrajectory, Trajectory
 from slamsim.guard.numbers import LEAST_SIZE_M, MOST, is_sound
 from slamsim.recording import RawImu, RawOdometry, RawTicks, TransformEdge
@@ -50,6 +57,11 @@ def odometry_of(raw: RawOdometry) -> tuple[PlanarTrajectory, list[str]]:
     usable = _are_poses(raw.positions_m, raw.quats_xyzw)
     stamps_ns, rows, warnings = in_order(raw.stamps_ns, usable, raw.topic, raw.received_ns)
     return PlanarTrajectory(stamps_ns, planar_poses(raw, rows)), warnings
+
+
+def in_base(odometry: PlanarTrajectory, T_moved_base: FloatArray) -> PlanarTrajectory:
+    """Odometry of another frame on the robot; T_moved_base: 4 x 4."""
+    return PlanarTrajectory(odometry.stamps_ns, compose(odometry.poses, se2_from_se3(T_moved_base)))
 
 
 def trajectory_of(raw: RawOdometry) -> Trajectory:

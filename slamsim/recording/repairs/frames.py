@@ -84,8 +84,7 @@ def set_mounting(recording: Recording, repair: Repair) -> Edit:
 
 def _base(recording: Recording, repair: Repair) -> str:
     parent = str(repair.parameters.get("parent", ""))
-    children = recording.odometries[0].child_frame_ids if recording.odometries else ()
-    return parent or FrameGraph(recording.transforms).base(children)
+    return parent or FrameGraph(recording.transforms).base(recording.base_frames)
 
 
 def _mount(recording: Recording, repair: Repair, T_base_frame: FloatArray) -> TransformEdge:

@@ -44,8 +44,8 @@ def heading_from(
 def base_rotation(recording: Recording, imu: RawImu) -> FloatArray:
     """(3, 3) R_base_imu as declared; the identity where no transform declares it."""
     graph = FrameGraph(recording.transforms)
-    children = recording.odometries[0].child_frame_ids if recording.odometries else ()
-    T_base_imu = graph.between(graph.base(children), imu.frame_ids[0]) if imu.frame_ids else None
+    base = graph.base(recording.base_frames)
+    T_base_imu = graph.between(base, imu.frame_ids[0]) if imu.frame_ids else None
     return np.eye(3) if T_base_imu is None else T_base_imu[:3, :3]
 
 

@@ -7,7 +7,7 @@ from matplotlib import colormaps, rc_context
 from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection
 from matplotlib.colors import to_hex
-from matplotlib.ticker import LogFormatter
+from matplotlib.ticker import FuncFormatter, LogFormatter
 
 from slamsim.core.types import Grid
 from slamsim.evaluate.grid import FREE_BELOW, occupied
@@ -18,6 +18,13 @@ from slamsim.report.run_view import RunView, thinned
 
 _MAX_PIECES = 1500
 _MAX_STROKES = 150
+
+
+class _Plain(LogFormatter):
+    """Where a label stands as matplotlib has it, the number without a power of ten."""
+
+    def __call__(self, x: float, pos: int | None = None) -> str:
+        return f"{x:g}" if super().__call__(x, pos) else ""
 
 
 def held_figure(view: RunView) -> Picture | None:
@@ -42,8 +49,8 @@ def held_figure(view: RunView) -> Picture | None:
         axes.add_collection(path, autolim=False)
         bar = figure.colorbar(ScalarMappable(colours, COLOURS), ax=axes, shrink=0.6, pad=0.02)
         bar.set_label("sigma [mm]")
-        for formatted in (bar.ax.yaxis.set_major_formatter, bar.ax.yaxis.set_minor_formatter):
-            formatted(LogFormatter(labelOnlyBase=False, minor_thresholds=(2.0, 0.5)))
+        bar.ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        bar.ax.yaxis.set_minor_formatter(_Plain(labelOnlyBase=False, minor_thresholds=(2.0, 0.5)))
         source = "what the true walls allow" if found.by_truth else "what the matches claimed"
         legend = (
             (f"worst direction of a single scan: {source}", to_hex(colormaps[COLOURS](0.5))),

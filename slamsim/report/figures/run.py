@@ -37,6 +37,13 @@ Pixels = NDArray[np.uint8]
 PAGE_INK = "#010203"
 """Stands for the page's own text colour, which depends on the reader's theme."""
 
+CHART_IN, PAGE_IN = 5.2, 11.06
+"""Widths of a chart beside another one and of a picture as wide as the page: as they are to each
+other in ``page.css``, so that all text has one size."""
+
+_TALLEST = 0.8
+"""Height of a map over its width at most, or it would not fit on a screen."""
+_BELOW = 0.06
 _MAX_PATH_POINTS = 3000
 _LEAST_SHOWN = 1e-4
 """Where a logarithmic axis ends at the latest: a tenth of a millimetre."""
@@ -75,7 +82,7 @@ def curve_figure(plot: Panel, view: RunView) -> Picture:
         return np.asarray((stamps_ns - view.origin_ns) * 1e-9)
 
     with rc_context(STYLE):
-        figure = Figure(figsize=(5.2, 1.7), layout="constrained")
+        figure = Figure(figsize=(CHART_IN, 1.7), layout="constrained")
         axes = figure.add_subplot()
         for curve in plot.curves:
             axes.plot(across(curve.stamps_ns), curve.values, color=curve.colour, linewidth=0.9)
@@ -94,10 +101,11 @@ def map_figure(view: RunView) -> Picture:
     """The map with the paths driven and the loop closures."""
     T_page_map = page_from_map(view)
     with rc_context(STYLE):
-        figure, axes = map_axes(view)
+        paths = _paths(view, T_page_map)
+        figure, axes = map_axes(view, *(points for _, _, points in paths))
         show_cells(axes, view.grid, map_colours(view.grid), T_page_map)
         legend = _show_closures(axes, view, T_page_map)
-        for name, colour, points in _paths(view, T_page_map):
+        for name, colour, points in paths:
             axes.plot(points[:, 0], points[:, 1], color=colour, linewidth=0.9)
             legend.append((name, colour))
         return Picture(svg(figure, "map"), tuple(legend))
@@ -134,16 +142,18 @@ def page_from_map(view: RunView) -> FloatArray:
     return np.zeros(3) if errors is None else errors.T_truth_estimate
 
 
-def map_axes(view: RunView) -> tuple[Figure, Axes]:
-    """Equal axes in metres around mapped walls and the path; isolated returns may lie outside."""
+def map_axes(view: RunView, *paths: FloatArray) -> tuple[Figure, Axes]:
+    """Equal axes in metres, as wide as the page, around mapped walls, the path and these paths
+    (n, 2) on the page, with a scale bar; isolated returns may lie outside."""
     walls = cell_centres(view.grid, occupied(view.grid))
-    points = transform_points(
+    here = transform_points(
         page_from_map(view), np.concatenate([walls, view.result.trajectory.poses[:, :2]])
     )
+    points = np.concatenate([here, *paths])
     low, high = (points.min(axis=0), points.max(axis=0)) if len(points) else (-1.0, 1.0)
     low, high = np.broadcast_to(low, 2) - 0.3, np.broadcast_to(high, 2) + 0.3
-    aspect = np.clip((high[1] - low[1]) / (high[0] - low[0]), 0.25, 1.4)
-    figure = Figure(figsize=(5.2, 4.7 * float(aspect) + 0.5), layout="constrained")
+    aspect = float(np.clip((high[1] - low[1]) / (high[0] - low[0]), 0.25, _TALLEST))
+    figure = Figure(figsize=(PAGE_IN, (PAGE_IN - 0.5) * aspect + 0.5), layout="constrained")
     axes = figure.add_subplot()
     axes.set_aspect("equal")
     axes.set_xlim(low[0], high[0])
@@ -152,7 +162,27 @@ def map_axes(view: RunView) -> tuple[Figure, Axes]:
     axes.set_ylabel("y [m]")
     for spine in axes.spines.values():
         spine.set_visible(False)
+    _show_scale(axes, float(high[0] - low[0]))
     return figure, axes
+
+
+def _show_scale(axes: Axes, width_m: float) -> None:
+    """A bar of a round length, about an eighth of the map, below it on the right."""
+    decade = 10.0 ** np.floor(np.log10(width_m / 8.0))
+    length_m = decade * max(step for step in (1.0, 2.0, 5.0) if step * decade <= width_m / 8.0)
+    transform = axes.get_xaxis_transform()
+    end_m = axes.get_xlim()[1]
+    axes.plot(
+        [end_m - length_m, end_m],
+        [-_BELOW, -_BELOW],
+        color=PAGE_INK,
+        linewidth=2.5,
+        solid_capstyle="butt",
+        transform=transform,
+        clip_on=False,
+    )
+    middle_m = end_m - 0.5 * length_m
+    axes.text(middle_m, -_BELOW, f"{length_m:g} m", transform=transform, ha="center", va="bottom")
 
 
 def show_cells(axes: Axes, grid: Grid, colours: Pixels, T_page_grid: FloatArray) -> None:

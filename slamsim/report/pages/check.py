@@ -19,7 +19,7 @@ from slamsim.check.wording import headline, shown
 from slamsim.core.types import FloatArray
 from slamsim.guard.output import write_atomic
 from slamsim.report.figures.palette import ESTIMATE, NEUTRAL, ODOMETRY, SCAN, TRUTH, WITHDRAWN
-from slamsim.report.figures.run import STYLE, Picture, svg
+from slamsim.report.figures.run import CHART_IN, STYLE, Picture, svg
 from slamsim.report.pages.html import Card, Table, cards, figure, gauge, page, pair, section, table
 
 _COLOURS = (ESTIMATE, ODOMETRY, TRUTH, SCAN)
@@ -97,7 +97,7 @@ def _plots(finding: Finding) -> str:
 def plot_picture(plot: Plot, key: str) -> Picture:
     """One plot of a finding; key is unique in its page."""
     with rc_context(STYLE):
-        drawn = Figure(figsize=(5.2, 2.2), layout="constrained")
+        drawn = Figure(figsize=(CHART_IN, 2.2), layout="constrained")
         axes = drawn.add_subplot()
         legend = []
         for curve, colour in zip(plot.curves, cycle(_COLOURS), strict=False):

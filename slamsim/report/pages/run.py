@@ -51,7 +51,7 @@ def report_html(view: RunView) -> str:
         section("The recording", "" if view.checked is None else verdicts(view.checked.findings)),
         section("Reproduce", _reproduce(view)),
     ]
-    return page(view.log.name, headline(view), "".join(parts))
+    return page(view.log.name, f"{view.verdict} {headline(view)}".strip(), "".join(parts))
 
 
 def headline(view: RunView) -> str:
@@ -105,9 +105,9 @@ def _verdict(view: RunView) -> list[Card]:
 def _maps(view: RunView) -> str:
     against = truth_figure(view)
     caption = "Map, paths driven and loop closures"
-    pictures = [figure(map_figure(view), caption, wide=against is None)]
+    pictures = [figure(map_figure(view), caption, wide=True)]
     if against is not None:
-        pictures.append(figure(against, "Mapped walls against the true ones"))
+        pictures.append(figure(against, "Mapped walls against the true ones", wide=True))
     return pair(pictures, paper=True)
 
 
@@ -121,7 +121,7 @@ def _precision(view: RunView) -> str:
     made = ""
     if picture is not None:
         caption = "Localisability along the path"
-        made = f'<div class="paper">{figure(picture, caption, wide=True)}</div>'
+        made = pair([figure(picture, caption, wide=True)], paper=True)
     made += _pair(view, precision_plots(view, CURVE_POINTS))
     return made + precision_tables(view)
 

@@ -101,7 +101,7 @@ def _connected(process: subprocess.Popen[bytes], port: int, output: IO[bytes]) -
     deadline = time.monotonic() + START_TIMEOUT_S
     while time.monotonic() < deadline:
         if process.poll() is not None:
-            raise SlamsimError(f"the Rerun viewer did not start: {_last_words(output)}")
+            raise SlamsimError(_last_words("the Rerun viewer did not start", output))
         with suppress(Exception):
             client = ViewerClient.connect(f"rerun+http://127.0.0.1:{port}/proxy")
             client.get_state()
@@ -113,18 +113,22 @@ def _connected(process: subprocess.Popen[bytes], port: int, output: IO[bytes]) -
 def _why_silent(process: subprocess.Popen[bytes], output: IO[bytes], error: ConnectionError) -> str:
     with suppress(subprocess.TimeoutExpired):
         process.wait(timeout=3.0)
-        return f"the Rerun viewer crashed: {_last_words(output)}"
+        return _last_words("the Rerun viewer crashed", output)
     return f"the Rerun viewer does not answer: {error}"
 
 
-def _last_words(output: IO[bytes]) -> str:
+def _last_words(what: str, output: IO[bytes]) -> str:
+    """Why a viewer ended, by its output. what: how it ended, where the output does not tell why."""
     output.seek(0)
     text = output.read().decode(errors="replace")
     if "graphics adapter" in text or "render context" in text:
-        return "there is no Vulkan driver (Debian and Ubuntu: apt install mesa-vulkan-drivers)"
+        return (
+            "there is no Vulkan driver here to draw with; one in software will do: "
+            "apt install mesa-vulkan-drivers (Debian and Ubuntu)"
+        )
     lines = [line.strip() for line in text.splitlines() if line.strip()]
     telling = [line for line in lines if "panicked" in line or line.startswith("Error")]
-    return (telling or lines or ["no output"])[-1]
+    return f"{what}: {(telling or lines or ['no output'])[-1]}"
 
 
 def _end(process: subprocess.Popen[bytes]) -> None:

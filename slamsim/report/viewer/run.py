@@ -59,7 +59,7 @@ def _identity(view: RunView) -> str:
 def _log_plots(recording: rr.RecordingStream, view: RunView) -> None:
     for plot in (*plots(view), *precision_plots(view, MAX_POINTS)):
         for curve in plot.curves:
-            entity = f"plots/{plot.key}/{curve.name}"
+            entity = f"plots/{plot.key}/{curve.name.replace(' ', '_')}"
             style = rr.SeriesLines(colors=rgb(curve.colour), names=curve.name)
             recording.log(entity, style, static=True)
             recording.send_columns(

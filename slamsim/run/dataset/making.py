@@ -16,7 +16,7 @@ from slamsim.dataset.recipe.loading import load_recipe
 from slamsim.dataset.recipe.model import Recipe
 from slamsim.dataset.store.place import Location
 from slamsim.guard.errors import NotFound, SlamsimError, shown
-from slamsim.guard.quantities import as_size
+from slamsim.guard.quantities import as_size, as_time
 from slamsim.run.dataset.watch import ConsoleWatch
 
 
@@ -78,12 +78,11 @@ def _engine(
 
 
 def _tell(summary: DatasetSummary, reporter: Reporter) -> None:
-    hours = summary.wall_s / 3600.0
     reporter.table(
         f"Data set {summary.address}",
         {
             "sequences": f"{summary.sequences}, {summary.made} made now",
-            "simulated": f"{summary.simulated_s / 3600.0:.3g} h in {hours:.3g} h",
+            "simulated": f"{as_time(summary.simulated_s)} in {as_time(summary.wall_s)}",
             "written": as_size(summary.size_bytes),
             "failed": str(len(summary.failures)),
         },

@@ -10,7 +10,7 @@ from slamsim.console.reporter import Reporter
 from slamsim.dataset.recipe.loading import load_recipe
 from slamsim.dataset.recipe.plan import Plan, plan
 from slamsim.dataset.recipe.preview import contact_sheet
-from slamsim.guard.quantities import as_size, as_time
+from slamsim.guard.quantities import as_number, as_size, as_time
 from slamsim.run.naming import loaded, output_file
 
 _MOST_TOLD = 12
@@ -19,7 +19,7 @@ _MOST_TOLD = 12
 def tell_plan(recipe: str, count: int, reporter: Reporter, workers: int | None = None) -> None:
     """Print the plan, and give it as JSON. Raises what loading and planning raise."""
     chosen = load_recipe(recipe)
-    reporter.say(f"Trying out {chosen.name}: a few short sequences are made and thrown away")
+    reporter.note(f"Trying out {chosen.name}: a few short sequences are made and thrown away")
     found = plan(chosen, count, workers)
     reporter.table(f"{chosen.name}: {chosen.title}", plan_rows(found))
     reporter.result({**asdict(found), "total_bytes": found.total_bytes})
@@ -50,7 +50,8 @@ def plan_rows(found: Plan) -> dict[str, str]:
         **drawn,
         "simulated": as_time(found.simulated_s),
         "expected time": f"{as_time(found.seconds)} with {found.workers} workers, "
-        f"{found.simulated_s / max(found.core_s, 1e-9):.0f} simulated seconds a core-second",
+        f"{as_number(found.simulated_s / max(found.core_s, 1e-9), 3)} × real time on each"
+        f" core",
         "disk": f"{as_size(found.total_bytes)}: {sizes}",
         "memory": f"{as_size(found.memory_bytes)} a worker",
     }

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from dataclasses import asdict, dataclass
 from functools import reduce
 from operator import getitem
@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from slamsim.console.reporter import Reporter
+from slamsim.console.summary import with_unit
 from slamsim.dataset.catalogue.manifest import read_manifest
 from slamsim.dataset.catalogue.statistics import statistics
 from slamsim.dataset.catalogue.verify import Verification, verify
@@ -19,7 +20,7 @@ from slamsim.dataset.make.sequence_check import EXTRA, SequenceFinding
 from slamsim.dataset.make.shard import shard_path
 from slamsim.dataset.store.place import Location
 from slamsim.guard.errors import InputRefused, SlamsimError, shown
-from slamsim.guard.quantities import as_size, as_time
+from slamsim.guard.quantities import as_number, as_size, as_time
 from slamsim.guard.yaml import parse_yaml
 from slamsim.run.dataset.planning import counted
 
@@ -70,24 +71,28 @@ def run_stats(address: str, reporter: Reporter) -> None:
     totals = {
         "sequences": f"{told['sequences']:,}, {told['failed']:,} of them could not be made",
         "worlds": f"{told['worlds']:,}",
-        "simulated": f"{as_time(told['simulated_h'] * 3600.0)}, {told['path_km']:,.4g} km, "
+        "simulated": f"{as_time(told['simulated_h'] * 3600.0)}, {as_number(told['path_km'])} km, "
         f"{told['scans']:,} scans, {told['loop_closures']:,} loop closures",
         "disk": f"{as_size(told['size_bytes'])} in {told['files']:,} files",
     }
     splits = {
         f"split {split}": f"{part['sequences']:,} in {part['worlds']:,} worlds, "
-        f"{as_time(part['simulated_h'] * 3600.0)}, {part['path_km']:,.4g} km"
+        f"{as_time(part['simulated_h'] * 3600.0)}, {as_number(part['path_km'])} km"
         for split, part in told["splits"].items()
     }
     drawn = {name: counted(counts) for name, counts in told["drawn"].items()}
-    numbers = {
-        name.removeprefix("quality."): f"{spread['median']:.4g} in the median, "
-        f"{spread['least']:.4g} to {spread['most']:.4g}"
-        for name, spread in told["numbers"].items()
-    }
+    numbers = dict(
+        _spread(name.removeprefix("quality."), of) for name, of in told["numbers"].items()
+    )
     faults = {"faults": counted(told["faults"])}
     reporter.table(f"Data set {address}", {**totals, **splits, **drawn, **faults, **numbers})
     reporter.result(told)
+
+
+def _spread(key: str, of: Mapping[str, float]) -> tuple[str, str]:
+    """The words of a key, and how its values are spread."""
+    median, least, most = (with_unit(key, of[name])[1] for name in ("median", "least", "most"))
+    return with_unit(key, 0.0)[0], f"{median} in the median, {least} to {most}"
 
 
 def repair_plan(found: Verification) -> RepairPlan:
@@ -153,9 +158,9 @@ def _tell(found: Verification, plan: RepairPlan | None, reporter: Reporter) -> N
     }
     reporter.table(f"Data set {found.address}", rows)
     for finding in found.findings[:_MOST_TOLD]:
-        reporter.warn(f"{finding.path}: {finding.reason}")
+        reporter.say(f"{finding.path}: {finding.reason}")
     if len(found.findings) > _MOST_TOLD:
-        reporter.warn(f"and {len(found.findings) - _MOST_TOLD:,} more; --json lists all")
+        reporter.say(f"and {len(found.findings) - _MOST_TOLD:,} more; --json lists all")
     if any(finding.reason == EXTRA for finding in found.findings):
         reporter.say("Move files that are not part of the data set elsewhere.")
     if plan is None or all(finding.reason == EXTRA for finding in found.findings):

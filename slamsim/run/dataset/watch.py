@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from contextlib import ExitStack
 from types import TracebackType
 from typing import Self
 
@@ -10,6 +11,7 @@ from rich.progress import BarColumn, TextColumn
 
 from slamsim.console.reporter import Reporter
 from slamsim.dataset.make.shard import Tried
+from slamsim.guard.quantities import as_number, as_time
 
 
 class ConsoleWatch:
@@ -20,13 +22,7 @@ class ConsoleWatch:
 
     def __init__(self, reporter: Reporter) -> None:
         self._reporter = reporter
-        self._bars = reporter.bars(
-            TextColumn("{task.description}"),
-            BarColumn(bar_width=24),
-            TextColumn("{task.fields[count]}"),
-            TextColumn("{task.fields[told]}", style="cyan"),
-        )
-        self._task = self._bars.add_task("sequences", total=1, count="", told="")
+        self._shown = ExitStack()
         self._begun_s = 0.0
         self._total = self._done = self._made = self._failed = 0
         self._simulated_s = self._megabytes = 0.0
@@ -41,16 +37,23 @@ class ConsoleWatch:
         trace: TracebackType | None,
     ) -> None:
         """What is stopped before it begins leaves nothing to go on from."""
-        self._bars.stop()
+        self._shown.close()
         if kind is not None and self._begun_s:
-            self._reporter.say("Finished sequences stay; run the same command to resume.")
+            self._reporter.note("Finished sequences stay; run the same command to resume.")
 
     def begin(self, total: int, already: int) -> None:
         self._total, self._done = total, already
         self._begun_s = time.monotonic()
-        self._bars.start()
+        columns = (
+            TextColumn("{task.description}"),
+            BarColumn(bar_width=24),
+            TextColumn("{task.fields[count]}"),
+            TextColumn("{task.fields[told]}", style="cyan"),
+        )
+        self._bars = self._shown.enter_context(self._reporter.bars(*columns))
+        self._task = self._bars.add_task("sequences", total=1, count="", told="")
         if already:
-            self._reporter.say(f"{already} of {total} sequences are there already")
+            self._reporter.note(f"{already} of {total} sequences are there already")
         self._show()
 
     def made(self, tried: Tried) -> None:
@@ -82,13 +85,13 @@ class ConsoleWatch:
     def _show(self) -> None:
         elapsed_s = max(time.monotonic() - self._begun_s, 1e-3)
         told = [
-            f"{self._simulated_s / elapsed_s:.3g} h/h",
-            f"{self._megabytes / elapsed_s:.3g} MB/s",
-            f"{_clock(elapsed_s)} gone",
+            f"{as_number(self._simulated_s / elapsed_s, 3)} × real time",
+            f"{as_number(self._megabytes / elapsed_s, 3)} MB/s",
+            f"{as_time(elapsed_s)} gone",
         ]
         if self._made:
             to_go_s = (self._total - self._done) * elapsed_s / (self._made + self._failed)
-            told.append(f"{_clock(to_go_s)} to go")
+            told.append(f"{as_time(to_go_s)} to go")
         if self._failed:
             told.append(f"{self._failed} failed")
         self._bars.update(
@@ -98,9 +101,3 @@ class ConsoleWatch:
             count=f"{self._done} of {self._total}",
             told=" · ".join(told),
         )
-
-
-def _clock(seconds: float) -> str:
-    minutes, second = divmod(round(seconds), 60)
-    hours, minute = divmod(minutes, 60)
-    return f"{hours}:{minute:02d}:{second:02d}" if hours else f"{minute}:{second:02d}"

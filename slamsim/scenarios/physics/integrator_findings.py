@@ -94,8 +94,8 @@ def _lead(config: IntegratorConfig, line: TrendLine | None) -> str:
     if line is None:
         return "No fall came to an end."
     return (
-        f"After {config.duration_s:g} s the sphere is {line.slope_m_s:.4f} m too far for each "
-        f"second of the time step; {line.analytical_m_s:.4f} m is what semi-implicit Euler gives."
+        f"After {config.duration_s:g} s the sphere is {line.slope_m_s:.4g} m too far for each "
+        f"second of the time step; {line.analytical_m_s:.4g} m is what semi-implicit Euler gives."
     )
 
 
@@ -113,7 +113,7 @@ def _slope_as_in_theory(line: TrendLine | None) -> Verdict:
     if line is None:
         return Verdict(statement, "target", None, "no fall came to an end")
     numbers = (
-        f"{line.slope_m_s:.6f} m/s measured, {line.analytical_m_s:.6f} m/s analytical: "
+        f"{line.slope_m_s:.4g} m/s measured, {line.analytical_m_s:.4g} m/s analytical: "
         f"{100 * line.deviation():+.2g} %"
     )
     return Verdict(statement, "target", abs(line.deviation()) < NEAR, numbers)

@@ -198,7 +198,7 @@ class BackEnd:
             torn += doubtful_joints(graph, drives)
             torn += open_loops(graph, self._held)
             usual = Usual(around, self.keyframes, doubts, size)
-            torn += tears(around, submaps, graph.keyframes, size, doubts, usual, self._held)
+            torn += tears(around, submaps, graph, size, doubts, usual, self._held)
         withdrawn = self.withdrawn_ns
         kidnapped = (event for event in self._suspected if event.end_ns not in withdrawn)
         return (*kidnapped, *torn, *unrefined)

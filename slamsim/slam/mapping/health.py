@@ -10,10 +10,11 @@ from scipy.ndimage import uniform_filter1d
 
 from slamsim.config.back_end import SubmapConfig
 from slamsim.core.geometry import between, transform_points
-from slamsim.core.result import Event
+from slamsim.core.result import Event, MapGraph
 from slamsim.core.types import FloatArray, PlanarPoses
 from slamsim.slam.closures.submaps import FREE, UNKNOWN, SpaceGrid, Submap, space_grid
 from slamsim.slam.frontend.keyframes import Keyframe
+from slamsim.slam.mapping.joints import closures_agree
 
 MIN_KNOWN_SHARE = 0.1
 MIN_KNOWN = 20
@@ -30,10 +31,6 @@ place: 0.18 on two real logs that are whole, 0.33 among three people in a small 
 more with the second half of a log moved by 0.36 m. Chosen on these, not held to others."""
 
 AFTERWARDS = 16
-DOUBTED_SHARE = 0.3
-"""Above what three people in a small labyrinth give, below what four robots carried in labyrinths
-give; chosen on these, not held to others."""
-
 TORN_HERE = (
     "scans fitted badly all of a sudden, and what was seen from there on contradicts what was seen "
     "before: the robot may have been carried, and the map be torn there"
@@ -87,7 +84,10 @@ class Usual:
     def is_carried_to(self, number: int) -> bool:
         """Whether what was seen on the metres after a key frame contradicts what was seen before
         it as it does nowhere else."""
-        shares = self._shares(number)
+        return self.is_carried_by(self._shares(number))
+
+    def is_carried_by(self, shares: Sequence[float]) -> bool:
+        """The same, of the contradictions of these metres."""
         share = float(np.mean(shares)) if shares else 0.0
         return share > CARRIED_SHARE and all(share > np.mean(one) for one in self._samples)
 
@@ -116,20 +116,19 @@ def _afterwards(
 def _torn_unnoticed(
     query_of: Callable[[int], Submap],
     doubts: Sequence[int],
-    keyframes: PlanarPoses,
+    graph: MapGraph,
     size: SubmapConfig,
     usual: Usual,
 ) -> Iterator[Event]:
     """Key frames that followed on scans that fitted badly, where what was seen on the next metres
-    contradicts what was seen before."""
+    contradicts what was seen before, and no loop tells that the robot came there as it seems."""
+    keyframes = graph.keyframes
     for number in doubts:
-        for share in _afterwards(query_of, keyframes.poses, number, size):
-            if share <= DOUBTED_SHARE or usual.is_usual(share):
-                continue
+        shares = list(_afterwards(query_of, keyframes.poses, number, size))
+        if usual.is_carried_by(shares) and not closures_agree(graph, number):
             x, y = keyframes.poses[number, :2]
             start_ns, end_ns = keyframes.stamps_ns[[number - 1, number]].tolist()
             yield Event(start_ns, end_ns, "torn", f"near ({x:.1f}, {y:.1f}) m {TORN_HERE}")
-            break
 
 
 def contradiction(
@@ -156,7 +155,7 @@ def _share_in_the_open(space: SpaceGrid, other: Submap, T_space_other: FloatArra
 def tears(
     query_of: Callable[[int], Submap],
     submaps: Sequence[Submap],
-    keyframes: PlanarPoses,
+    graph: MapGraph,
     size: SubmapConfig,
     doubts: Sequence[int],
     usual: Usual,
@@ -164,11 +163,12 @@ def tears(
 ) -> Iterator[Event]:
     """Stretches of the path from which was seen what contradicts the map of other times.
 
-    query_of: what was seen about a key frame. keyframes: their final T_map_base. doubts: the
+    query_of: what was seen about a key frame. graph: the final one. doubts: the
     numbers of those to which scans led that fitted badly. usual: how much contradiction is
     no sign of anything here. first: number of the first key frame from which to look.
     """
-    yield from _torn_unnoticed(query_of, doubts, keyframes, size, usual)
+    keyframes = graph.keyframes
+    yield from _torn_unnoticed(query_of, doubts, graph, size, usual)
     worst: dict[int, list[float]] = {}
     for submap, queries in _pairs(query_of, submaps, keyframes, first):
         space = space_grid(submap, size.resolution_m, size.radius_m)

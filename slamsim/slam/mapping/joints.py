@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Container, Iterator, Sequence
 
 import numpy as np
+from scipy.stats import chi2
 
 from slamsim.core.components import components
 from slamsim.core.geometry import adjoint, between
@@ -20,6 +21,9 @@ HELD_M = 0.2
 """A closure that is less sure of a direction does not check it. The loosest that hold both
 directions, found in a search of the whole map, are sure to 0.15 m; along what a corridor leaves
 free they are sure to 1 m at best."""
+
+AGREEMENT = float(chi2.ppf(0.99, 3))
+"""Squared distance, in sigmas, up to which a closure is where it was measured."""
 
 DIRECTIONS, APART_RAD = 18, np.deg2rad(15.0)
 """Directions of the plane that loops must check one by one, and how far from the one that it leaves
@@ -65,6 +69,25 @@ def _checked(edges: Sequence[GraphEdge], poses: FloatArray) -> BoolArray:
             loops[min(edge.source, edge.target) + 1] += held
             loops[max(edge.source, edge.target) + 1] -= held
     return np.asarray(other | (np.cumsum(loops, axis=0)[:-1] > 0).all(axis=1))
+
+
+def closures_agree(graph: MapGraph, number: int) -> bool:
+    """Whether what was seen later tells that the robot came to a key frame about as the edges that
+    lead to it say: loops that hold every direction go over them and are where they were measured,
+    and they move none of these edges farther than a closure may be unsure.
+    """
+    held = np.zeros(DIRECTIONS, dtype=np.bool_)
+    for edge in graph.edges:
+        source, target = sorted((edge.source, edge.target))
+        if not source < number <= target or edge.weight <= 0.0:
+            continue
+        there = between(graph.keyframes.poses[edge.source], graph.keyframes.poses[edge.target])
+        apart = between(edge.T_source_target, there)
+        if edge.kind != "closure" and np.hypot(apart[0], apart[1]) > HELD_M:
+            return False
+        if edge.kind == "closure" and apart @ np.linalg.solve(edge.covariance, apart) < AGREEMENT:
+            held |= _held_directions(edge, graph.keyframes.poses[edge.source, 2])
+    return bool(held.all())
 
 
 def _held_directions(edge: GraphEdge, yaw_rad: float) -> BoolArray:

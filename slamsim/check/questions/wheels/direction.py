@@ -51,7 +51,9 @@ def check_reversing(calibration: Calibration) -> list[Finding]:
     backward, forward = known & (by_scans < -LEAST_STEP_M), known & (by_scans > LEAST_STEP_M)
     behind_m = -float(by_scans[backward].sum())
     if behind_m < LEAST_BACKWARD_M:
-        words = f"the robot backs up by {behind_m:.2g} m in all; what would tell: {_BACKING_UP}"
+        words = (
+            f"the robot backs up by {abs(behind_m):.2g} m in all; what would tell: {_BACKING_UP}"
+        )
         return [unanswered(DIRECTION, wheels.topic, words)]
     ratio = -float(by_wheels[backward].sum()) / behind_m
     ahead = float(by_wheels[forward].sum()) > SAME_WAY * float(by_scans[forward].sum())

@@ -24,10 +24,15 @@ _Record = TypeVar("_Record", bound=records.McapRecord)
 
 @dataclass(slots=True)
 class Summary:
-    """What the end of a file says of the whole of it. messages: per channel, None if unknown."""
+    """What the end of a file says of the whole of it. messages: per channel, None if unknown.
+
+    metadata: byte and length of each such record.
+    """
 
     declarations: list[Declaration] = field(default_factory=list)
     messages: dict[int, int] | None = None
+    chunks: list[records.ChunkIndex] = field(default_factory=list)
+    metadata: list[tuple[int, int]] = field(default_factory=list)
 
 
 def summary_of(file: BinaryIO, size: int) -> Summary:
@@ -48,6 +53,11 @@ def summary_of(file: BinaryIO, size: int) -> Summary:
             elif opcode == Opcode.STATISTICS:
                 statistics = records.Statistics.read(data_stream(data[begin:end]))
                 summary.messages = statistics.channel_message_counts
+            elif opcode == Opcode.CHUNK_INDEX:
+                summary.chunks.append(records.ChunkIndex.read(data_stream(data[begin:end])))
+            elif opcode == Opcode.METADATA_INDEX:
+                index = records.MetadataIndex.read(data_stream(data[begin:end]))
+                summary.metadata.append((index.offset, index.length))
     return summary
 
 

@@ -1,0 +1,167 @@
+"""Which topic of several of a kind is read, and why."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from slamsim.recording import (
+    RawImu,
+    RawOdometry,
+    RawScans,
+    RawStream,
+    RawTicks,
+    RecordedTopic,
+    Recording,
+)
+from slamsim.recording.frames import FrameTree
+from slamsim.recording.mountings import is_taken, odometry_chain
+
+_FUSED = re.compile(r"filter|[eu]kf|fus(ed|ion)|locali[sz]", re.IGNORECASE)
+"""In the usual topic names of estimators that merge wheels and gyroscope (robot_localization)."""
+_KINDS: tuple[tuple[str, type[RawStream], str], ...] = (
+    ("scans", RawScans, "--scan-topic"),
+    ("odometry", RawOdometry, "--odom-topic"),
+    ("IMU readings", RawImu, "--imu-topic"),
+    ("wheel counts", RawTicks, ""),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Choice:
+    """What is read of one kind. others: further topics of it; why: not these, in words.
+
+    option: of the command line, which chooses another.
+    """
+
+    what: str
+    topic: str
+    others: tuple[str, ...] = ()
+    why: str = ""
+    option: str = ""
+
+    def __str__(self) -> str:
+        beside = f" (not {', '.join(self.others)}{self.why})" if self.others else ""
+        return f"{self.what} from {self.topic}{beside}"
+
+
+def choices(recording: Recording) -> tuple[Choice, ...]:
+    """What ``clean`` reads of each kind that is there."""
+    found = []
+    for what, kind, option in _KINDS:
+        topics = [topic.topic for topic in ranked(recording, kind)]
+        if topics:
+            why = _why(recording, topics) if kind is RawOdometry else ""
+            used = _together(recording) if kind is RawScans and lidars(recording) else topics[:1]
+            others = tuple(topic for topic in topics if topic not in used)
+            found.append(Choice(what, " and ".join(used), others, why, option))
+        elif kind is RawOdometry and (edges := _odometry_edges(recording)):
+            found.append(Choice(what, f"the transforms {edges[0][0]} -> {edges[-1][1]}"))
+    return tuple(found)
+
+
+def in_words(found: Sequence[Choice]) -> str:
+    """One sentence about all of them; empty without any."""
+    options = [choice.option for choice in found if choice.others and choice.option]
+    hint = f"; {' or '.join(options)} chooses another" if options else ""
+    return f"Reading {', '.join(map(str, found))}{hint}" if found else ""
+
+
+def ranked(recording: Recording, kind: type[RawStream]) -> list[RecordedTopic]:
+    """The topics of a kind that hold messages, the one to be read first.
+
+    The one with the most messages leads, with three exceptions. Scans that carry a pose themselves
+    (CARMEN) come before others, then those of lidars that a transform places. Of odometries, one in
+    a map's frame comes last, because it jumps when the map is corrected; one whose name says that
+    it is fused comes after a raw one if an IMU was recorded, whose readings it would bring in a
+    second time, and before it if none was.
+    """
+    found = [t for t in topics_of(recording) if t.type_name == kind.schema.type_name and t.messages]
+    placed = {edge.child for edge in recording.transforms}
+    found.sort(key=lambda topic: (-topic.messages, topic.topic.count("/"), topic.topic))
+    if kind is RawScans:
+        carried = {odometry.topic for odometry in recording.odometries}
+        known = {scans.topic: not placed.isdisjoint(scans.frame_ids) for scans in recording.scans}
+        found.sort(key=lambda topic: (topic.topic not in carried, not known.get(topic.topic)))
+    if kind is RawOdometry:
+        has_imu = bool(recording.imus)
+        found.sort(
+            key=lambda topic: (
+                topic.topic in _in_map(recording),
+                _is_fused(topic.topic) == has_imu,
+            )
+        )
+        scans = ranked(recording, RawScans)[:1]
+        found.sort(key=lambda topic: topic.topic not in {each.topic for each in scans})
+    return found
+
+
+def lidars(recording: Recording) -> list[RawScans]:
+    """The scans of each lidar, those that are read first first."""
+    order = {topic.topic: rank for rank, topic in enumerate(ranked(recording, RawScans))}
+    found = [scans for scans in recording.scans if scans.topic in order and scans.frame_ids]
+    return sorted(found, key=lambda scans: order[scans.topic])
+
+
+def lidars_beside(recording: Recording) -> list[RecordedTopic]:
+    """The topics of further lidars. In a log of CARMEN whose first lidar comes with poses, lines
+    without are the same scans once more."""
+    carried = {odometry.topic for odometry in recording.odometries}
+    topics = ranked(recording, RawScans)
+    with_poses = any(topic.topic in carried for topic in topics[:1])
+    return [topic for topic in topics[1:] if topic.topic in carried or not with_poses]
+
+
+def _together(recording: Recording) -> list[str]:
+    """The topics of lidars that are read together: joined to the first by transforms, and each in
+    a place of its own."""
+    first, *others = lidars(recording)
+    tree, topics = FrameTree(), [first.topic]
+    tree.add(recording.transforms)
+    places = [np.eye(4)]
+    beside = {topic.topic for topic in lidars_beside(recording)}
+    for scans in (each for each in others if each.topic in beside):
+        T_first_laser = tree.between(first.frame_ids[0], scans.frame_ids[0])
+        if T_first_laser is not None and not is_taken(T_first_laser, places):
+            places.append(T_first_laser)
+            topics.append(scans.topic)
+    return topics
+
+
+def topics_of(recording: Recording) -> tuple[RecordedTopic, ...]:
+    """What the file holds, of a format that does not list it the streams."""
+    return recording.topics or tuple(
+        RecordedTopic(each.topic, each.schema.type_name, len(each)) for each in recording.streams
+    )
+
+
+def _in_map(recording: Recording) -> set[str]:
+    odometries = recording.odometries
+    return {each.topic for each in odometries if any(f.endswith("map") for f in each.frame_ids)}
+
+
+def _is_fused(topic: str) -> bool:
+    return _FUSED.search(topic) is not None
+
+
+def _why(recording: Recording, topics: Sequence[str]) -> str:
+    """Why the first odometry is taken and none of the others."""
+    first, others = topics[0], topics[1:]
+    reasons = []
+    if any(map(_is_fused, others)) and not _is_fused(first) and recording.imus:
+        reasons.append("fused odometry would count the IMU twice")
+    if _is_fused(first) and not all(map(_is_fused, others)):
+        reasons.append("without an IMU, fused odometry knows the turns best")
+    if _in_map(recording).intersection(others):
+        reasons.append("odometry in a map's frame jumps")
+    return f": {', '.join(reasons)}" if reasons else ""
+
+
+def _odometry_edges(recording: Recording) -> list[tuple[str, str]]:
+    tree = FrameTree()
+    tree.add(recording.transforms)
+    laser_frames = [scans.frame_ids[0] for scans in recording.scans if scans.frame_ids]
+    return odometry_chain(tree, laser_frames[0] if laser_frames else "")

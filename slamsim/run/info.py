@@ -1,0 +1,185 @@
+"""``slamsim info``: what is in a recording, what is read of it, what is missing."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+
+from slamsim.console.reporter import Reporter
+from slamsim.io.formats import Survey, TopicFacts
+from slamsim.io.open import survey_recording
+from slamsim.io.selection import EVERYTHING, Selection
+from slamsim.recording import RawScans, Recording
+from slamsim.recording.choice import Choice, choices, in_words
+from slamsim.recording.frame_graph import FrameGraph
+from slamsim.recording.outline import FramePlace, drawn, outline
+from slamsim.report.figures.frames import write_frames
+from slamsim.run.naming import log_of
+from slamsim.run.stages import Stages
+
+_NOTHING = "nothing"
+_CLOUD = "sensor_msgs/msg/PointCloud2"
+
+
+@dataclass(frozen=True, slots=True)
+class Missing:
+    """What a recording lacks, and what it would buy."""
+
+    what: str
+    worth: str
+
+    def __str__(self) -> str:
+        return f"{self.what}: {self.worth}"
+
+
+def tell_info(
+    source: Path,
+    reporter: Reporter,
+    *,
+    wanted: Selection = EVERYTHING,
+    options: Sequence[str] = (),
+    picture: Path | None = None,
+    picture_format: str = "svg",
+) -> None:
+    """Show what is in a recording. options: as typed, for the next command; picture: where to
+    draw the transform tree. Raises NotFound, InputRefused and OverrideRefused."""
+    path = log_of(source)
+    with Stages(reporter).stage("read"):
+        survey = survey_recording(path, wanted)
+    recording = survey.sample
+    found, lacking = choices(recording), missing(survey)
+    frames = outline(recording.transforms)
+    command = next_command(source, found, options)
+    if picture is not None:
+        write_frames(picture, frames, picture_format)
+    for line in _lines(survey, found, lacking, frames):
+        reporter.say(line)
+    reporter.say(f"Next: {command}")
+    reporter.result(
+        {
+            "name": recording.name,
+            "format": recording.format,
+            **_times(survey),
+            "topics": [_facts(topic, found) for topic in survey.topics],
+            "transforms": [asdict(frame) for frame in frames],
+            "reads": [asdict(choice) for choice in found],
+            "missing": [asdict(each) for each in lacking],
+            "anomalies": list(recording.anomalies),
+            "next": command,
+        }
+    )
+
+
+def missing(survey: Survey) -> list[Missing]:
+    """What would make a better map of the next recording, the most valuable first."""
+    recording = survey.sample
+    kinds = {choice.what for choice in choices(recording)}
+    found = []
+    if "scans" not in kinds:
+        has_cloud = any(topic.type_name == _CLOUD for topic in survey.topics)
+        clouds = "; of point clouds no map is made" if has_cloud else ""
+        needed = f"without {RawScans.schema.type_name} there is nothing to map{clouds}"
+        found.append(Missing("no scans", needed))
+    if "odometry" not in kinds:
+        worth = (
+            "scans alone carry the map; it slides along corridors and tears where the robot "
+            "turns fast"
+        )
+        found.append(Missing("no odometry", worth))
+    if "IMU readings" not in kinds:
+        worth = "its gyroscope measures turns that wheels get wrong by slip"
+        found.append(Missing("no IMU", worth))
+    return [*found, *_missing_frames(recording)]
+
+
+def _missing_frames(recording: Recording) -> Iterator[Missing]:
+    graph = FrameGraph(recording.transforms)
+    base = graph.base(recording.base_frames)
+    for scans in recording.scans[:1]:
+        for frame in scans.frame_ids[:1]:
+            if frame != base and not graph.connects(base, frame):
+                yield Missing(
+                    f"no transform from {base} to {frame}",
+                    "the laser is taken to sit at the base; if it does not, odometry and scans "
+                    "disagree at every turn; record /tf_static, or publish it: ros2 run tf2_ros "
+                    f"static_transform_publisher --frame-id {base} --child-frame-id {frame} --x 0",
+                )
+    if recording.scans and all(layout.beam_dt_s == 0.0 for layout in recording.scans[0].layouts):
+        yield Missing(
+            "no time_increment in the scans",
+            "walls smear while the robot turns; slamsim estimates the sweep from the scans",
+        )
+
+
+def next_command(source: Path, found: Sequence[Choice], options: Sequence[str]) -> str:
+    """What to type next."""
+    has_scans = any(choice.what == "scans" for choice in found)
+    return shlex.join(["slamsim", "map" if has_scans else "check", str(source), *options])
+
+
+def _lines(
+    survey: Survey,
+    found: Sequence[Choice],
+    lacking: Sequence[Missing],
+    frames: Sequence[FramePlace],
+) -> Iterator[str]:
+    recording = survey.sample
+    yield f"{recording.name} ({recording.format}): {_span(survey)}"
+    head: tuple[str, ...] = ("topic", "type", "messages", "rate", "frame", "")
+    rows = [head, *(_row(topic, found) for topic in survey.topics)]
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    for row in rows:
+        cells = (f"{cell:<{width}}" for cell, width in zip(row, widths, strict=True))
+        yield f"  {'  '.join(cells).rstrip()}"
+    yield "Transforms" if frames else "Transforms: none"
+    for line in drawn(frames):
+        yield f"  {line}"
+    yield in_words(found) or f"Reading {_NOTHING}"
+    for words in recording.anomalies:
+        yield f"Odd: {words}"
+    for each in lacking:
+        yield f"Missing: {each}"
+
+
+def _row(topic: TopicFacts, found: Sequence[Choice]) -> tuple[str, ...]:
+    rate = "" if topic.rate_hz is None else f"{topic.rate_hz:.3g} Hz"
+    frame = ", ".join(topic.frames[:3])
+    is_read = any(topic.topic == choice.topic for choice in found)
+    counts = f"{topic.messages:,}"
+    return topic.topic, topic.type_name, counts, rate, frame, "read" if is_read else ""
+
+
+def _facts(topic: TopicFacts, found: Sequence[Choice]) -> dict[str, object]:
+    is_read = any(topic.topic == choice.topic for choice in found)
+    return {**asdict(topic), "rate_hz": topic.rate_hz, "is_read": is_read}
+
+
+def _instants_ns(survey: Survey) -> tuple[int, int] | None:
+    firsts = [topic.first_ns for topic in survey.topics if topic.first_ns is not None]
+    lasts = [topic.last_ns for topic in survey.topics if topic.last_ns is not None]
+    return (min(firsts), max(lasts)) if firsts and lasts else None
+
+
+def _times(survey: Survey) -> dict[str, object]:
+    instants = _instants_ns(survey)
+    if instants is None:
+        return {"start_ns": None, "duration_s": None, "epoch": survey.sample.epoch}
+    first_ns, last_ns = instants
+    duration_s = 1e-9 * (last_ns - first_ns)
+    return {"start_ns": first_ns, "duration_s": duration_s, "epoch": survey.sample.epoch}
+
+
+def _span(survey: Survey) -> str:
+    instants = _instants_ns(survey)
+    if instants is None:
+        return "no messages with a time"
+    begin = ""
+    if survey.sample.epoch == "unix":
+        begin = f" from {datetime.fromtimestamp(instants[0] // 10**9, UTC):%Y-%m-%d %H:%M:%S} UTC"
+    elif survey.sample.epoch == "simulation":
+        begin = " of simulated time"
+    messages = sum(topic.messages for topic in survey.topics)
+    return f"{messages:,} messages in {1e-9 * (instants[1] - instants[0]):.1f} s{begin}"

@@ -1,0 +1,142 @@
+"""How runs end: one verdict, few warnings; a second drive; a map that continues nothing."""
+
+from __future__ import annotations
+
+import json
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from typer.testing import CliRunner
+from view_example import example_run
+
+from slamsim.cli.common import close_run
+from slamsim.cli.main import app
+from slamsim.config.loading import load_run_config, with_drive_seed
+from slamsim.console.reporter import Reporter
+from slamsim.core.result import Event
+from slamsim.io.text.tum import read_tum
+from slamsim.run.stages import Report
+from slamsim.run.verdict import position_95_m, verdict
+from slamsim.slam.events import BY_WEIGHT, by_weight
+
+SLOW = ("--set", "sensors.lidar.rate_hz=10")
+SHORT = ("--set", "drive.route.max_path_length_m=5", *SLOW)
+EVENTS = st.lists(
+    st.builds(
+        lambda start, length, kind: Event(start, start + length, kind, kind),
+        st.integers(0, 10**12),
+        st.integers(0, 10**11),
+        st.sampled_from(BY_WEIGHT),
+    ),
+    max_size=30,
+)
+
+
+@given(EVENTS)
+def test_each_kind_is_told_once_the_gravest_first_by_its_longest(events: list[Event]) -> None:
+    told = by_weight(events, 0)
+    assert {kind for kind, _ in told} == {event.kind for event in events}
+    assert all(BY_WEIGHT.index(a) < BY_WEIGHT.index(b) for (a, _), (b, _) in pairwise(told))
+    for kind, words in told:
+        alike = [event for event in events if event.kind == kind]
+        more = f" ({len(alike) - 1} more like this)" if len(alike) > 1 else ""
+        longest_s = max(event.end_ns - event.start_ns for event in alike) * 1e-9
+        assert words.endswith(f": {kind}{more}")
+        assert words.startswith("at ") == (longest_s < 0.1)
+
+
+def test_a_robot_that_did_not_move_made_no_map() -> None:
+    assert "did not move" in verdict(example_run().result, 0.0, None)
+
+
+def test_a_verdict_says_how_good_how_sure_and_what_to_look_at() -> None:
+    result = example_run().result
+    within_m = position_95_m(result.graph)
+    assert within_m is not None
+    worst = max(np.linalg.eigvalsh(one[:2, :2]).max() for one in result.graph.covariances)
+    assert within_m == pytest.approx(np.sqrt(5.991 * worst), rel=1e-3)
+    told = verdict(result, 10.0, 0.01234)
+    assert "0.0123 m from the truth" in told and "(95 %)" in told
+
+
+def test_a_run_ends_with_its_verdict_and_three_warnings(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    warnings = tuple(f"warning {number}" for number in range(9))
+    report = Report({"name": "run"}, warnings[::-1], weighed=warnings, verdict="A map.")
+    close_run(Reporter(), report, tmp_path)
+    told = capsys.readouterr()
+    assert told.out.splitlines()[-1] == "A map."
+    assert [line for line in told.err.splitlines() if line.startswith("! ")] == [
+        f"! warning {number}" for number in range(3)
+    ]
+    assert "6 lesser warnings: --verbose" in told.err
+    close_run(Reporter(), report, tmp_path, verbose=True)
+    assert capsys.readouterr().err.count("! warning") == 9
+
+
+def test_another_drive_keeps_the_world_and_changes_everything_else() -> None:
+    first = load_run_config("tiny", seed=4)
+    second = with_drive_seed(first, 9)
+    assert second.world.seed == 4 and second.seed == 9 and second.drive.route.seed == 9
+    kept = load_run_config("tiny", overrides=["world.seed=2"], seed=4)
+    assert with_drive_seed(kept, 9).world.seed == 2
+    assert with_drive_seed(first, 9).sensors == first.sensors
+
+
+@pytest.fixture(scope="module")
+def drives(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A map of one world, another drive through it, and a drive through another world."""
+    folder = tmp_path_factory.mktemp("drives")
+    for words in (
+        ("map", "tiny", "--out", f"{folder}/first", *SLOW),
+        ("simulate", "tiny", "--drive-seed", "1", "--out", f"{folder}/second", *SLOW),
+        ("simulate", "tiny", "--seed", "3", "--out", f"{folder}/elsewhere", *SHORT),
+    ):
+        assert CliRunner().invoke(app, [*words, "-q"]).exit_code == 0
+    return folder
+
+
+def test_a_second_drive_goes_another_way_through_the_same_world(drives: Path) -> None:
+    worlds = [(drives / name / "world.yaml").read_text() for name in ("first", "second")]
+    assert worlds[0] == worlds[1] != (drives / "elsewhere" / "world.yaml").read_text()
+    first, second = (
+        read_tum(drives / n / "ground_truth.tum").planar() for n in ("first", "second")
+    )
+    count = min(len(first), len(second))
+    apart = first.poses[:count, :2] - second.poses[:count, :2]
+    assert np.hypot(*apart.T).max() > 0.5
+
+
+def test_a_second_drive_is_localised_and_continues_the_map(drives: Path, tmp_path: Path) -> None:
+    words = ["localise", f"{drives}/second", "--in", f"{drives}/first", "--out", f"{tmp_path}/in"]
+    done = CliRunner().invoke(app, [*words, "--json"])
+    assert done.exit_code == 0 and json.loads(done.stdout)["in_map_max_m"] < 0.05
+    words = ["map", f"{drives}/second", "--continue", f"{drives}/first", "--out", f"{tmp_path}/on"]
+    assert CliRunner().invoke(app, [*words, "-q"]).exit_code == 0
+    assert (tmp_path / "on" / "keyframes.csv").is_file()
+
+
+def test_a_map_that_continues_nothing_fails_and_claims_no_covariance(
+    drives: Path, tmp_path: Path
+) -> None:
+    words = ["map", f"{drives}/elsewhere", "--continue", f"{drives}/first"]
+    done = CliRunner().invoke(app, [*words, "--out", f"{tmp_path}/on", "--json"])
+    assert "nothing of" in str(done.exception) and "--drive-seed" in str(done.exception)
+    assert getattr(done.exception, "exit_code", 0) == 1
+    report = json.loads(done.stdout)
+    assert report["nees_mean"] is None and "95 %" not in report["verdict"]
+    assert (tmp_path / "on" / "map.yaml").is_file()
+    assert not (tmp_path / "on" / "keyframes.csv").exists()
+
+
+def test_a_drive_that_is_placed_nowhere_is_told_of_the_second_drive(
+    drives: Path, tmp_path: Path
+) -> None:
+    words = ["localise", f"{drives}/elsewhere", "--in", f"{drives}/first"]
+    done = CliRunner().invoke(app, [*words, "--out", f"{tmp_path}/in", "-q"])
+    assert "could be placed" in str(done.exception) and "--drive-seed 1" in str(done.exception)

@@ -1,0 +1,180 @@
+"""What each command prints where nothing is a terminal: results on stdout, plain, for people."""
+
+from __future__ import annotations
+
+import json
+import os
+import pty
+import re
+import subprocess
+import sys
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, get_args
+
+import pytest
+import typer
+from typer.testing import CliRunner
+
+from slamsim.check.registry import registry
+from slamsim.cli.main import app
+from slamsim.config.bundled import bundled_names
+from slamsim.config.drive import RouteConfig
+from slamsim.sensors.faults.registry import bundled_faults
+
+SHORT = ("--set", "drive.route.max_path_length_m=2")
+COMMANDS: Mapping[str, tuple[str, ...] | None] = {
+    "world": ("tiny", "--out", "OUT"),
+    "simulate": ("tiny", "--out", "OUT", *SHORT),
+    "map": ("RUN", "--out", "OUT"),
+    "localise": ("RUN", "--in", "RUN", "--out", "OUT"),
+    "evaluate": ("RUN",),
+    "check": ("RUN", "--quick"),
+    "fix": ("RUN", "OUT", "--apply", "none"),
+    "recover": ("RUN/log", "--out", "OUT"),
+    "demo": ("--out", "OUT"),
+    "scenario": ("integrator", "--out", "OUT", "--jobs", "1"),
+    "identify": ("turtlebot2_study", "--out", "OUT", "--jobs", "1"),
+    "verify": ("RUN",),
+    "dataset make": ("tiny", "-n", "1", "--out", "OUT", "--workers", "1"),
+    "dataset plan": ("tiny", "-n", "4", "--workers", "1"),
+    "dataset preview": ("tiny", "-n", "1", "--out", "OUT.png"),
+    "dataset verify": ("SET",),
+    "dataset stats": ("SET",),
+    "view": None,
+    "bench": ("sense", "--seconds", "5", "--repeats", "1", "--world", "tiny"),
+    "fault": ("RUN", "OUT", "--fault", "laser_yaw:2"),
+    "config": ("tiny",),
+}
+"""How each is called; RUN, SET and OUT are a mapped run, a data set and a new folder. None: it
+prints nothing but errors."""
+
+LONG = {"demo", "identify"}
+WITHOUT_JSON = {"config"}
+"""Its result is YAML, with keys."""
+
+
+def commands(group: Any, above: str = "") -> Iterator[str]:
+    """All of them, those of groups with the name of the group before theirs."""
+    for name, command in group.commands.items():
+        if hasattr(command, "commands"):
+            yield from commands(command, f"{above}{name} ")
+        else:
+            yield f"{above}{name}"
+
+
+def test_no_command_is_forgotten() -> None:
+    assert set(commands(typer.main.get_command(app))) == set(COMMANDS)
+
+
+@pytest.fixture(scope="module")
+def mapped(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a short run."""
+    folder = tmp_path_factory.mktemp("piped") / "run"
+    done = CliRunner().invoke(app, ["map", "tiny", "-q", "--out", str(folder), *SHORT])
+    assert done.exit_code == 0, done.output
+    return folder
+
+
+def arguments(name: str, run: Path, small_set: Path, out: Path) -> list[str]:
+    told = COMMANDS[name]
+    assert told is not None
+    places = {"RUN": str(run), "SET": str(small_set), "OUT": str(out)}
+    typed = (re.sub(r"^(RUN|SET|OUT)(?=$|[./])", lambda m: places[m[1]], word) for word in told)
+    return [*name.split(), *typed]
+
+
+def names_of_things() -> set[str]:
+    """What a user types is called so in tables too."""
+    faults = {fault.name for fault in bundled_faults()}
+    for question in registry().questions.values():
+        faults |= {fault.name for fault in question.faults}
+    presets = bundled_names("configs/sensors") + bundled_names("worlds")
+    return {*faults, *presets, *get_args(RouteConfig.model_fields["kind"].annotation)}
+
+
+KEY = re.compile(r"(?<![\w./~=-])[a-z0-9]+(?:_[a-z0-9]+)+(?![\w/.=]|-[a-z])")
+REPR = re.compile(r"\['|\{'|\bNone\b|\bTrue\b|\bFalse\b|Path\(|np\.|\bnan\b|<[a-z]+\.")
+LONG_NUMBER = re.compile(r"(?<![\w.-])-?\d[\d,]*\.\d+(?![\w.])")
+NOT_A_FIGURE = re.compile(r"(?<![\w.])-0(?:\.0*)?(?![\w.,])|\bh/h\b|(?<!\d)0\.0\d* h\b")
+
+
+def digits(number: str) -> int:
+    """Significant ones."""
+    return len(number.lstrip("-").replace(",", "").replace(".", "").lstrip("0"))
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=[pytest.mark.slow] if name in LONG else [])
+        for name, words in COMMANDS.items()
+        if words is not None
+    ],
+)
+def test_what_is_piped_is_plain_and_for_people(
+    name: str, mapped: Path, small_set: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "40")
+    done = CliRunner().invoke(app, arguments(name, mapped, small_set, tmp_path / "out"))
+    assert done.exit_code in (0, 1) and not isinstance(done.exception, Exception), done.output
+    assert done.stdout and "\x1b" not in done.stdout + done.stderr
+    assert not re.search("━| left$", done.stdout)
+    if name in WITHOUT_JSON:
+        return
+    places = re.compile("|".join(map(re.escape, (str(mapped), str(small_set), str(tmp_path)))))
+    for line in places.sub("/", done.stdout).splitlines():
+        assert line == line.rstrip() and "│" not in line, line
+        assert not REPR.search(line), line
+        assert not NOT_A_FIGURE.search(line), line
+        assert not [one for one in LONG_NUMBER.findall(line) if digits(one) > 4], line
+        assert set(KEY.findall(line)) <= names_of_things(), line
+
+
+@pytest.mark.parametrize("name", ["world", "evaluate", "check", "verify", "dataset stats"])
+def test_json_alone_is_on_stdout_where_it_is_asked_for(
+    name: str, mapped: Path, small_set: Path, tmp_path: Path
+) -> None:
+    typed = arguments(name, mapped, small_set, tmp_path / "out")
+    done = CliRunner().invoke(app, [*typed, "--json"])
+    assert json.loads(done.stdout) and done.stderr == ""
+
+
+MAIN = "from slamsim.entry import main; main()"
+
+
+@pytest.mark.parametrize("environment", [{"NO_COLOR": "1"}, {"TERM": "dumb"}])
+def test_a_terminal_that_shows_no_colours_gets_no_escape_codes(
+    environment: dict[str, str], mapped: Path
+) -> None:
+    """Neither in tables nor in bars."""
+    leader, follower = pty.openpty()
+    words = [sys.executable, "-c", MAIN, "verify", str(mapped)]
+    with subprocess.Popen(
+        words, stdout=follower, stderr=follower, env={"TERM": "xterm", **os.environ, **environment}
+    ) as command:
+        os.close(follower)
+        shown = b""
+        try:
+            while piece := os.read(leader, 65536):
+                shown += piece
+        except OSError:  # the end of a terminal
+            pass
+        os.close(leader)
+    assert command.returncode == 0
+    assert "│ compared with" in shown.decode() and b"\x1b" not in shown
+
+
+@pytest.mark.parametrize(
+    "words", [["check", "--quick"], ["check", "--quick", "--json"], ["verify"]]
+)
+def test_a_reader_that_has_seen_enough_changes_nothing(words: list[str], mapped: Path) -> None:
+    """The verdict stays the exit code."""
+    command = [sys.executable, "-c", MAIN, words[0], str(mapped), *words[1:]]
+    whole = subprocess.run(command, capture_output=True, check=False)
+    closed, written = os.pipe()
+    os.close(closed)
+    cut = subprocess.run(command, stdout=written, stderr=subprocess.PIPE, check=False)
+    os.close(written)
+    assert cut.returncode == whole.returncode
+    assert b"Traceback" not in cut.stderr and b"Broken" not in cut.stderr
