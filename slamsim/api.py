@@ -53,11 +53,10 @@ def map(  # noqa: A001 - named as the command
 
     source: path of a recording or a world, or the bundled name of a world. out: folder of the run;
     a new one under ``outputs/`` by default. drive_seed: another drive through the world of
-    ``seed``. settings: values by dotted key, as ``--set``; config:
-    a YAML file of them. continued: run whose map is continued (``--continue``), from the pose
-    start "x,y,yaw_deg". scan_topic, odom_topic, imu_topic, base_frame: what is read of a recording
-    that holds several of a kind. quiet: no progress, no table. Raises SlamsimError as the command
-    ends with an exit code.
+    ``seed``. settings: values by dotted key, as ``--set``; config: a YAML file of them. continued:
+    run whose map is continued (``--continue``), from the pose start "x,y,yaw_deg". scan_topic,
+    odom_topic, imu_topic, base_frame: what is read of a recording that holds several of a kind.
+    quiet: no progress, no table. Raises SlamsimError as the command ends with an exit code.
     """
     return Run(
         map_command.map_(
