@@ -19,6 +19,7 @@ TOP_LEVEL: Mapping[str, str] = {
     "__main__": "cli",
     "api": "api",
     "entry": "cli",
+    "opened_run": "api",
 }
 """Modules beside the packages, and the layer that each belongs to."""
 
