@@ -201,6 +201,22 @@ class StreamGaps(StampsFault):
         return SelectMessages(self.target, left)
 
 
+class StreamCut(StampsFault):
+    """A stream ends before the recording does."""
+
+    kind: Literal["stream_cut"]
+    kept_share: float = Field(gt=0.0, lt=1.0)
+    """Part of its time that is there."""
+
+    def edit(self, recording: Recording, rng: np.random.Generator) -> Edit:
+        def early(messages: Messages) -> BoolArray:
+            stamps_ns = messages.stamps_ns
+            length_ns = self.kept_share * (stamps_ns.max(initial=0) - stamps_ns[:1])
+            return np.asarray(stamps_ns - stamps_ns[:1] <= length_ns)
+
+        return SelectMessages(self.target, early)
+
+
 class ReceivedOtherwise(StampsFault):
     """Messages are received long after their stamp, or before it."""
 
