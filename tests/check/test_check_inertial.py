@@ -15,6 +15,8 @@ from slamsim.check.findings import Finding
 from slamsim.check.questions.inertial.frozen import check_frozen
 from slamsim.check.questions.inertial.gravity import check_inertial
 from slamsim.check.questions.inertial.heading import check_heading
+from slamsim.check.questions.inertial.readings import check_readings
+from slamsim.check.questions.inertial.saturated import check_saturation
 from slamsim.core.geometry import matrix_from_rpy, xyzw_from_yaw
 from slamsim.core.types import FloatArray, IntArray
 from slamsim.recording import RawImu, RawOdometry, Recording
@@ -210,3 +212,40 @@ def test_a_unit_without_noise_may_stand_still_and_drive_straight() -> None:
     made = replace(made, streams=(steady, straight))
     (found,) = check_frozen(RecordingEvidence(made))
     assert found.verdict == "ok"
+
+
+@given(
+    range_rad_s=st.floats(0.3, 5.0),
+    noise=st.sampled_from([0.0, 1.0]),
+    step_rad_s=st.sampled_from([0.0, 1e-3, 0.02]),
+)
+@settings(max_examples=30)
+def test_a_gyroscope_that_is_cut_off_is_told_from_one_that_is_rounded(
+    range_rad_s: float, noise: float, step_rad_s: float
+) -> None:
+    made = robot(noise=noise)
+    imu = made.imus[0]
+    rates = imu.angular_velocity_rad_s
+    if step_rad_s:
+        rates = step_rad_s * np.round(rates / step_rad_s)
+    cut = np.clip(rates, -range_rad_s, range_rad_s)
+    made = made.with_streams(RawImu, (replace(imu, angular_velocity_rad_s=cut),))
+    (found,) = check_saturation(RecordingEvidence(made))
+    beyond = int((np.abs(imu.angular_velocity_rad_s) > range_rad_s + 0.03).sum())
+    if beyond > 300 and noise:
+        assert found.fault == "gyro_saturated"
+    if beyond == 0 or not noise:
+        assert found.verdict == "ok"
+
+
+@pytest.mark.parametrize(
+    ("turns", "verdict"), [(1.0, "ok"), (1.1, "ok"), (-1.0, "fault"), (0.5, "fault")]
+)
+def test_an_orientation_turns_as_the_gyroscope_does(turns: float, verdict: str) -> None:
+    made = robot()
+    imu = made.imus[0]
+    seconds = (imu.stamps_ns - imu.stamps_ns[0]) * 1e-9
+    yaw = np.concatenate([[0.0], np.cumsum(imu.angular_velocity_rad_s[1:, 2] * np.diff(seconds))])
+    imu = replace(imu, orientation_xyzw=xyzw_from_yaw(1.0 + turns * yaw))
+    (found,) = [one for one in check_readings(made, imu) if one.check == "imu.orientation"]
+    assert found.verdict == verdict
