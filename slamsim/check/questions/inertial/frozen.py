@@ -10,7 +10,7 @@ from slamsim.check.evidence import RecordingEvidence
 from slamsim.check.findings import Curve, Finding, Measurement, Plot
 from slamsim.check.motion.planar_track import planar_track, track_at
 from slamsim.check.question import FaultKind, Question, QuestionGroup, judge, same_subject
-from slamsim.core.types import BoolArray
+from slamsim.core.types import BoolArray, FloatArray
 from slamsim.guard.numbers import is_sound
 from slamsim.recording import RawImu, Recording
 from slamsim.slam.laser.own_body import runs_of
@@ -20,6 +20,7 @@ MAX_FROZEN_S = 0.5
 MIN_REPEATS = 10
 _NOISY_AXES, _NOISY_SHARE = 5, 0.5
 """A unit of which so many axes change from most samples to the next has noise, at rest as well."""
+_AXES = [f"the {kind} {axis}" for kind in ("gyroscope", "acceleration") for axis in "xyz"]
 _TURNED_RAD = 0.05
 """By which the odometry's heading leaves the turn at the one rate that the unit repeats."""
 
@@ -45,7 +46,7 @@ FROZEN = Question(
 
 
 def check_frozen(evidence: RecordingEvidence) -> Iterator[Finding]:
-    """The longest time for which each inertial unit repeats all of one reading."""
+    """The longest time for which each inertial unit repeats one reading, or one axis of it."""
     for imu in evidence.recording.imus:
         if len(imu) > MIN_REPEATS:
             yield _longest(imu, evidence.recording)
@@ -55,15 +56,16 @@ GROUP = QuestionGroup("inertial unit", 51, (FROZEN,), check_frozen)
 
 
 def _longest(imu: RawImu, recording: Recording) -> Finding:
-    same = np.asarray(~_changed(imu).any(axis=1))
+    changed = _changed(imu)
     times_s = (imu.stamps_ns - imu.stamps_ns[0]) * 1e-9
-    runs = [
-        (first, last + 1)
-        for first, last in runs_of(same)
-        if last + 1 - first >= MIN_REPEATS and times_s[last + 1] - times_s[first] > MAX_FROZEN_S
-    ]
+    runs, what = _held(np.asarray(~changed.any(axis=1)), times_s), "one reading"
     if not has_noise(imu):
         runs = [run for run in runs if _turns_otherwise(imu, recording, *run)]
+    else:
+        for axis in np.flatnonzero(changed.mean(axis=0) > _NOISY_SHARE):
+            alone = _held(np.asarray(~changed[:, axis]), times_s)
+            if len(alone) > len(runs):
+                runs, what = alone, f"one value of {_AXES[axis]}"
     spells = [(float(times_s[first]), float(times_s[last])) for first, last in runs]
     longest_s = max((end - begin for begin, end in spells), default=0.0)
     begins = ", ".join(f"{begin:.1f}" for begin, _ in spells[:5])
@@ -76,7 +78,7 @@ def _longest(imu: RawImu, recording: Recording) -> Finding:
         imu.topic,
         {
             "ok": "readings never stand still for a while",
-            "fault": f"one reading is repeated for up to {longest_s:.2f} s, {len(spells)} times in "
+            "fault": f"{what} is repeated for up to {longest_s:.2f} s, {len(spells)} times in "
             f"all, from {begins} s after the first message on",
         },
         Measurement(longest_s, 0.0, "s"),
@@ -85,6 +87,16 @@ def _longest(imu: RawImu, recording: Recording) -> Finding:
             Plot(f"Rates of {imu.topic}", "stamp (s)", "rad/s", curves, spans=tuple(spells)),
         ),
     )
+
+
+def _held(same: BoolArray, times_s: FloatArray) -> list[tuple[int, int]]:
+    """First and last sample of each long run of samples that are the same; same: (n - 1,) as the
+    one before."""
+    return [
+        (first, last + 1)
+        for first, last in runs_of(same)
+        if last + 1 - first >= MIN_REPEATS and times_s[last + 1] - times_s[first] > MAX_FROZEN_S
+    ]
 
 
 def _changed(imu: RawImu) -> BoolArray:

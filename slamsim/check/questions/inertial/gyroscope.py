@@ -28,13 +28,14 @@ SAME_UNIT = 0.1
 TURNING = "a few full turns on the spot"
 
 
-GYRO_SCALE = FaultKind("gyro_scale", "the gyroscope's scale is wrong")
+_ORIENTATION = same_subject("imu_orientation")  # which is compared with the gyroscope
+GYRO_SCALE = FaultKind("gyro_scale", "the gyroscope's scale is wrong", (_ORIENTATION,))
 GYRO_DEGREES = FaultKind(
     "gyro_degrees",
     "the gyroscope speaks degrees per second",
-    (same_subject("gyro_scale", "gyro_bias"),),
+    (same_subject("gyro_scale", "gyro_bias"), _ORIENTATION),
 )
-GYRO_SIGN = FaultKind("gyro_sign", "the gyroscope turns the wrong way")
+GYRO_SIGN = FaultKind("gyro_sign", "the gyroscope turns the wrong way", (_ORIENTATION,))
 AXIS = Question(
     "gyro.axis",
     "the robot's turns are felt about the base's z axis",

@@ -213,7 +213,7 @@ def _turns_of_gyroscope(imu: RawImu, quats_xyzw: FloatArray) -> Measurement | No
     Both about the unit's own upward axis: in which frame the orientation is does not matter.
     """
     seconds = np.diff(imu.stamps_ns) * 1e-9
-    near = (seconds > 0.0) & (seconds < 1.0)
+    near = (seconds >= 0.0) & (seconds < 1.0)
     at = Rotation.from_quat(quats_xyzw)
     axis = _upward(imu)
     by_orientation = (at[:-1].inv() * at[1:]).as_rotvec()[near, axis]

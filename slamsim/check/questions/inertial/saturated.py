@@ -78,6 +78,6 @@ def _end(sizes: FloatArray) -> tuple[float, int]:
     """(the largest of sizes (n,), how often it comes if far more often than others: else 0)."""
     values, counts = np.unique(sizes, return_counts=True)
     at_end, below = int(counts[-1]), counts[-1 - BELOW : -1].max(initial=0)
-    if at_end < LEAST_AT_END or at_end <= TIMES_AS_OFTEN * below:
+    if len(values) <= BELOW or at_end < LEAST_AT_END or at_end <= TIMES_AS_OFTEN * below:
         return float(values[-1]), 0
     return float(values[-1]), at_end

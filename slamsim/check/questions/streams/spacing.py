@@ -214,7 +214,8 @@ def _scatter(series: StampSeries) -> Finding:
     if series.instants_ns.size < _MIN_MESSAGES:
         words = f"{len(series)} messages carry {series.instants_ns.size} different stamps: no beat"
         return unanswered(SCATTER, series.subject, words)
-    scatter_s = beat_scatter_s(series.stamps_ns)
+    # A stamp that comes twice moves all later ones off a beat that is counted by messages.
+    scatter_s = beat_scatter_s(series.instants_ns)
     if scatter_s is None:
         words = (
             f"messages come unevenly ({1e3 * spread_s(series.stamps_ns, 1):.3g} ms from one to "
