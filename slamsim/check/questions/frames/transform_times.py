@@ -15,6 +15,7 @@ from slamsim.check.motion.disagreement import (
     disagreement,
 )
 from slamsim.check.question import FaultKind, Question, judge, unanswered
+from slamsim.core.types import FloatArray
 from slamsim.recording import RawOdometry, Recording, TransformEdge
 from slamsim.recording.frame_graph import FrameGraph
 from slamsim.recording.repairs.base import Repair
@@ -25,6 +26,9 @@ MAX_UNCOVERED_SHARE = 0.02
 
 MIN_UNCOVERED = 5
 """Fewer scans than this are those before the first transform."""
+
+LEAN_LIMIT_DEG, MAX_LEANING_SHARE = 3.0, 0.01
+"""Two estimates of how a robot leans on a ramp differ by less; and of single messages."""
 
 TF_CONTRADICTS = FaultKind(
     "tf_contradicts_odometry", "the transform tree and the odometry disagree"
@@ -47,6 +51,17 @@ AGREEMENT = Question(
     consequence="consumers of the topic and of the transforms see two different drives",
     excitation_wanted=IN_COMMON,
     repairs=("add_odometry_transform",),
+    limit_of_ok=False,
+)
+
+
+UPRIGHT = Question(
+    "tf.upright",
+    "the transform leans as far as the odometry",
+    (TF_CONTRADICTS,),
+    limit=LEAN_LIMIT_DEG,
+    unit="deg",
+    consequence="scans are placed as if the robot leant over: walls come too near",
     limit_of_ok=False,
 )
 
@@ -79,13 +94,11 @@ def check_agreement(recording: Recording) -> Iterator[Finding]:
     Of several odometries the transform repeats one: whether they agree is another question.
     """
     for edge in recording.transforms:
-        findings = [
-            _contradiction(odometry, edge)
-            for odometry in recording.odometries
-            if joins_frames_of(odometry, edge)
-        ]
-        agree = [one for one in findings if one.verdict == "ok"]
-        yield from agree or findings
+        beside = [one for one in recording.odometries if joins_frames_of(one, edge)]
+        for compare in (_contradiction, _leaning):
+            findings = [compare(odometry, edge) for odometry in beside]
+            agree = [one for one in findings if one.verdict == "ok"]
+            yield from agree or findings
 
 
 def joins_frames_of(odometry: RawOdometry, edge: TransformEdge) -> bool:
@@ -106,3 +119,32 @@ def _contradiction(odometry: RawOdometry, edge: TransformEdge) -> Finding:
         f"Let the node that makes {odometry.topic} publish the transform as well, and nobody else.",
         (Repair("add_odometry_transform", odometry.topic),),
     )
+
+
+def _leaning(odometry: RawOdometry, edge: TransformEdge) -> Finding:
+    """By how much the transform leans otherwise, in all but a share of its messages."""
+    subject = f"{edge.name} against {odometry.topic}"
+    order = np.argsort(odometry.stamps_ns, kind="stable")
+    leans_deg = np.interp(
+        edge.stamps_ns, odometry.stamps_ns[order], _lean_deg(odometry.quats_xyzw[order])
+    )
+    apart_deg = np.abs(_lean_deg(edge.quats_xyzw) - leans_deg)
+    apart_deg = apart_deg[np.isfinite(apart_deg)]
+    if not apart_deg.size:
+        return unanswered(UPRIGHT, subject, "no orientation of either is a number")
+    most_deg = float(np.quantile(apart_deg, 1.0 - MAX_LEANING_SHARE))
+    return judge(
+        UPRIGHT,
+        subject,
+        f"the base leans by up to {apart_deg.max():.2g} deg more or less than by the odometry, in "
+        f"{100.0 * float((apart_deg > LEAN_LIMIT_DEG).mean()):.3g} % of the transforms too far",
+        Measurement(most_deg, 0.0, "deg"),
+        advice="Look for a node that fills in the rotation about x and y.",
+    )
+
+
+def _lean_deg(quats_xyzw: FloatArray) -> FloatArray:
+    """(n,) angle between the z axes of both frames, of quaternions (n, 4) that need not be unit."""
+    with np.errstate(all="ignore"):
+        x, y, _, _ = (quats_xyzw / np.linalg.norm(quats_xyzw, axis=1, keepdims=True)).T
+    return np.asarray(np.degrees(np.arccos(np.clip(1.0 - 2.0 * (x * x + y * y), -1.0, 1.0))))

@@ -13,6 +13,7 @@ from slamsim.check.question import FaultKind, Question, QuestionGroup, anywhere,
 from slamsim.check.questions.frames.transform_times import (
     AGREEMENT,
     COVERAGE,
+    UPRIGHT,
     check_agreement,
     check_coverage,
 )
@@ -110,7 +111,7 @@ def check_transforms(evidence: RecordingEvidence) -> list[Finding]:
 GROUP = QuestionGroup(
     "transforms",
     20,
-    (RIGID, PARENTS, LOOP, MAP, LINKS, FRAMES, STATIC, COVERAGE, AGREEMENT),
+    (RIGID, PARENTS, LOOP, MAP, LINKS, FRAMES, STATIC, COVERAGE, AGREEMENT, UPRIGHT),
     check_transforms,
 )
 
