@@ -93,7 +93,7 @@ def with_edges(*edges: TransformEdge) -> Recording:
 def test_a_whole_tree_is_sound() -> None:
     assert not bad(sound())
     assert {finding.check for finding in frame_findings(sound())} == {
-        "tf.links", "tf.coverage", "tf.odometry",
+        "tf.links", "tf.coverage", "tf.odometry", "tf.upright",
     }  # fmt: skip
 
 
@@ -193,3 +193,21 @@ def test_a_circle_is_found_whatever_frame_the_search_begins_with(order: list[int
     edges += [edge("f0", "leaf"), edge("leaf", "twig")]
     graph = FrameGraph([edges[i] for i in order])
     assert graph.loops() == [("f0", "f1", "f2", "f3")]
+
+
+@pytest.mark.parametrize(
+    ("lean_deg", "share", "is_fault"), [(2, 1, 0), (11, 0.2, 1), (11, 0.005, 0)]
+)
+    ("lean_deg", "share", "is_fault"), [(2, 1, 0), (11, 0.2, 1), (11, 0.005, 0)]
+)
+def test_a_transform_leans_as_the_odometry_does(
+    lean_deg: float, share: float, is_fault: bool
+) -> None:
+    whole = sound()
+    moving = next(one for one in whole.transforms if not one.is_static)
+    half = np.radians(lean_deg) / 2.0
+    quats = moving.quats_xyzw.copy()
+    quats[: int(share * len(quats))] = [0.0, np.sin(half), 0.0, np.cos(half)]
+    leaning = [replace(one, quats_xyzw=quats) if one is moving else one for one in whole.transforms]
+    found = {one.check: one for one in frame_findings(with_edges(*leaning))}
+    assert (found["tf.upright"].fault == "tf_contradicts_odometry") == is_fault
