@@ -198,8 +198,6 @@ def test_a_circle_is_found_whatever_frame_the_search_begins_with(order: list[int
 @pytest.mark.parametrize(
     ("lean_deg", "share", "is_fault"), [(2, 1, 0), (11, 0.2, 1), (11, 0.005, 0)]
 )
-    ("lean_deg", "share", "is_fault"), [(2, 1, 0), (11, 0.2, 1), (11, 0.005, 0)]
-)
 def test_a_transform_leans_as_the_odometry_does(
     lean_deg: float, share: float, is_fault: bool
 ) -> None:
