@@ -111,6 +111,12 @@ def with_stuck_scans() -> Float32Array:
     return ranges
 
 
+def with_lost_beams() -> Float32Array:
+    ranges = room()
+    ranges[np.random.default_rng(2).random(ranges.shape) < 0.4] = np.inf
+    return ranges
+
+
 def with_strays() -> Float32Array:
     ranges = room()
     draw = np.random.default_rng(3)
@@ -127,11 +133,12 @@ def with_strays() -> Float32Array:
         (with_own_body(), "beams_constant"),
         (with_dead_beams(), "beams_dead"),
         (with_stuck_scans(), "scan_stuck"),
+        (with_lost_beams(), "beams_lost"),
         (with_strays(), "scan_interference"),
         (room() * np.float32(1000.0), "range_unit"),
         (room() * np.float32(0.001), "range_unit"),
     ],
-    ids=["zeros", "maximum", "own body", "dead", "stuck", "strays", "mm", "km"],
+    ids=["zeros", "maximum", "own body", "dead", "stuck", "lost", "strays", "mm", "km"],
 )
 def test_each_fault_is_named_and_nothing_else(ranges: Float32Array, fault: str) -> None:
     findings = range_findings(recorded(ranges))

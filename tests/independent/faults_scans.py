@@ -158,7 +158,7 @@ READINGS = [
     fault("ranges_10cm_steps", "rounded", None, change=partial(_rounded, quantum_m=0.1)),
     fault("ranges_25cm_steps", "rounded", None, change=partial(_rounded, quantum_m=0.25)),
     fault("noise_15cm", "noise", None, change=partial(_noisy, sigma_m=0.15)),
-    fault("most_beams_lost", "lost", None, change=partial(_lost_beams, share=0.7)),
+    fault("most_beams_lost", "lost", "beams_lost", change=partial(_lost_beams, share=0.7)),
     fault(
         "dead_sector",
         "sector",

@@ -92,6 +92,21 @@ class BeamsBlind(Fault):
         return ChangeRanges(SCANS, blinded)
 
 
+class BeamsLost(Fault):
+    """Single beams return nothing, here and there: a dirty window, black walls, a weak laser."""
+
+    kind: Literal["beams_lost"]
+    share: float = Field(gt=0.0, le=1.0)
+    """Of the beams."""
+
+    def edit(self, recording: Recording, rng: np.random.Generator) -> Edit:
+        def weakened(ranges_m: Float32Array, scans: RawScans) -> Float32Array:
+            lost = rng.random(ranges_m.shape) < self.share
+            return np.where(lost, np.float32(np.inf), ranges_m)
+
+        return ChangeRanges(SCANS, weakened)
+
+
 class ScanStuck(Fault):
     """The last scan comes again and again, for a while at a time."""
 

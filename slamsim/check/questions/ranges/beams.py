@@ -29,6 +29,10 @@ MAX_ISOLATED_SHARE = 5e-3
 MIN_JUDGED_BEAMS = 200
 _WIDEST_STEP_RAD = float(np.radians(1.1))
 
+MAX_LOST_SHARE, SAME_SURFACE = 0.2, 0.05
+"""Of the beams between two that meet one surface: the logs of Radish lose up to 0.1 %, cheap lidars
+in the sun or on black cloth some 10 %. Two ranges that differ by less are of one surface."""
+
 CONSTANT = Question(
     "ranges.constant",
     "no beam sees the robot itself",
@@ -56,6 +60,17 @@ ISOLATED = Question(
     consequence="obstacles appear in free space",
     excitation_wanted="beams at most 1.1 degrees apart, on surfaces wider than three of them",
     repairs=("drop_stray_beams",),
+    limit_of_ok=False,
+)
+
+
+LOST = Question(
+    "ranges.lost",
+    "beams return something where their neighbours do",
+    (FaultKind("beams_lost", "the lidar loses many of its beams"),),
+    limit=100.0 * MAX_LOST_SHARE,
+    unit="%",
+    consequence="thin obstacles are not seen, and a SLAM has less to match",
     limit_of_ok=False,
 )
 
@@ -120,6 +135,24 @@ def _dead(topic: str, share: FloatArray) -> Finding:
         Measurement(float(beams), 0.0, "beams"),
         advice="Look for something that covers the lidar, or a mask in its driver that is too "
         "wide.",
+    )
+
+
+def check_lost(topic: str, sample: ScanSample) -> Finding:
+    """How many beams return nothing between two that meet one surface."""
+    ranges_m = np.where(np.isfinite(sample.ranges_m), sample.ranges_m, 0.0)
+    before, beam, after = ranges_m[:, :-2], ranges_m[:, 1:-1], ranges_m[:, 2:]
+    near = np.abs(before - after) < SAME_SURFACE * np.minimum(before, after)
+    between = (before > 0.0) & (after > 0.0) & near
+    if int(between.sum()) < MIN_JUDGED_BEAMS:
+        return unanswered(LOST, topic, "too few beams have two neighbours that meet one surface")
+    share = float((between & (beam <= 0.0)).sum() / between.sum())
+    return judge(
+        LOST,
+        topic,
+        f"{100.0 * share:.2g} % of the beams between two that meet one surface return nothing",
+        Measurement(100.0 * share, 0.0, "%"),
+        advice="Clean the window; look for sunlight, black surfaces and filters of the driver.",
     )
 
 

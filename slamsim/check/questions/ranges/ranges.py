@@ -13,8 +13,10 @@ from slamsim.check.questions.ranges.beams import (
     CONSTANT,
     DEAD,
     ISOLATED,
+    LOST,
     check_beams,
     check_isolated_returns,
+    check_lost,
 )
 from slamsim.check.questions.ranges.no_return import NO_RETURN, check_no_return, without_codes
 from slamsim.check.questions.ranges.repeats import STUCK, check_repeats
@@ -97,6 +99,7 @@ def check_ranges(evidence: RecordingEvidence) -> list[Finding]:
         findings += [
             check_repeats(recording, scans, sample),
             *check_beams(scans.topic, sample),
+            check_lost(scans.topic, sample),
             check_isolated_returns(scans.topic, sample),
         ]
     return findings
@@ -105,7 +108,7 @@ def check_ranges(evidence: RecordingEvidence) -> list[Finding]:
 GROUP = QuestionGroup(
     "ranges",
     40,
-    (BEAMS, LAYOUT, INTENSITIES, UNIT, LIMITS, NO_RETURN, STUCK, CONSTANT, DEAD, ISOLATED),
+    (BEAMS, LAYOUT, INTENSITIES, UNIT, LIMITS, NO_RETURN, STUCK, CONSTANT, DEAD, LOST, ISOLATED),
     check_ranges,
 )
 
