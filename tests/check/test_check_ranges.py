@@ -77,7 +77,7 @@ def bad(findings: list[Finding]) -> list[str | None]:
 
 def test_a_healthy_lidar_has_nothing_to_say() -> None:
     findings = range_findings(recorded(room()))
-    assert [finding.verdict for finding in findings] == ["ok"] * 6
+    assert {finding.verdict for finding in findings} == {"ok"}
 
 
 def with_zeros() -> Float32Array:
