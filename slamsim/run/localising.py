@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,7 @@ from slamsim.console.reporter import Reporter
 from slamsim.core.geometry import compose
 from slamsim.core.progress import Progress
 from slamsim.core.types import FloatArray, Log, PlanarTrajectory, Trajectory
+from slamsim.evaluate.score import Scores
 from slamsim.evaluate.trajectory import compare, statistics
 from slamsim.guard.errors import NotFound
 from slamsim.guard.files import own_file
@@ -23,12 +25,17 @@ from slamsim.io.selection import EVERYTHING, Selection
 from slamsim.io.text.stamps import decimal_from_stamp_ns
 from slamsim.io.text.tum import read_tum, write_tum
 from slamsim.process.children import MEMORY
+from slamsim.report.pages.run import write_report
+from slamsim.report.run_view import RunView
+from slamsim.report.viewer.run import write_recording
 from slamsim.run import folder as run_folder
 from slamsim.run.continuing import again
+from slamsim.run.mapping import typed_command
 from slamsim.run.naming import log_of, recording_name
 from slamsim.run.stages import Report, Stages
 from slamsim.simulation.own_files import write_config
-from slamsim.slam.localise import STATES, Localised, NotPlaced, localise_log
+from slamsim.slam.failures import Failures
+from slamsim.slam.localise import STATES, UNKNOWN, Localised, NotPlaced, localise_log
 from slamsim.slam.mapping.known_map import map_of_grid
 from slamsim.slam.mapping.saved_map import SavedMap, read_saved_map
 from slamsim.world.map_server import read_map
@@ -67,6 +74,10 @@ def localise_recording(
         _write_states(partial / run_folder.STATES, localised)
         if truth is not None:
             run_folder.write_truth(partial, truth)
+        failures = Failures(localised.slam.failed)
+        verdict = _verdict(localised, known)
+        with failures.caught("report", len(localised.states)), stages.stage("report"):
+            _draw(partial, _view(log, localised, truth, known, verdict, stages))
         numbers = {
             "name": recording_name(str(source)),
             "map": str(known),
@@ -78,7 +89,9 @@ def localise_recording(
         }
         write_atomic(partial / run_folder.REPORT_JSON, as_json(run_folder.REPORT_JSON, numbers))
     told = (*log.warnings, *localised.slam.warnings)
-    return Report(numbers, told, failed=localised.slam.failed)
+    failed = tuple(failures)
+    mapped = "report" not in {one.stage for one in failed}
+    return Report(numbers, told, verdict=verdict, mapped=mapped, failed=failed)
 
 
 def read_known_map(path: Path) -> SavedMap:
@@ -121,6 +134,46 @@ class _TimedPoses:
         step_ms = np.diff(self._at_ns) * 1e-6
         median, most = np.percentile(step_ms, [50, 99]).tolist() if len(step_ms) else (None, None)
         return {"step_p50_ms": median, "step_p99_ms": most}
+
+
+def _verdict(localised: Localised, known: Path) -> str:
+    """In one sentence, how much of the drive was placed."""
+    states = Counter(localised.states.tolist())
+    share = 1.0 - states[UNKNOWN] / len(localised.states)
+    whole = "All scans are" if share == 1.0 else f"{100.0 * share:.0f} % of the scans are"
+    return f"{whole} placed in {known}."
+
+
+def _view(
+    log: Log,
+    localised: Localised,
+    truth: Trajectory | None,
+    known: Path,
+    verdict: str,
+    stages: Stages,
+) -> RunView:
+    """The drive in the known map, as a person sees it."""
+    result = replace(localised.slam, trajectory=localised.trajectory, odometry=_odometry(localised))
+    scores = Scores()
+    if truth is not None:
+        true = truth.planar()
+        scores = Scores(compare(result.trajectory, true), compare(result.odometry, true))
+    return RunView(
+        log=result.log or log,
+        result=result,
+        grid=read_map(own_file(known, "map.yaml") if known.is_dir() else known),
+        scores=scores,
+        truth=truth,
+        seconds=stages.so_far(),
+        peak_memory_mb=MEMORY.peak_mb(),
+        command=typed_command(),
+        verdict=verdict,
+    )
+
+
+def _draw(partial: Path, view: RunView) -> None:
+    write_recording(partial / run_folder.RECORDING, view)
+    write_report(partial / run_folder.REPORT, view)
 
 
 def _odometry(localised: Localised) -> PlanarTrajectory:

@@ -233,13 +233,13 @@ def _scored(
         truth_grid=true_grid,
         seconds=stages.so_far(),
         peak_memory_mb=MEMORY.peak_mb(),
-        command=_typed(),
+        command=typed_command(),
         config_yaml=dump_commented_yaml(config),
         sure=sure,
     )
 
 
-def _typed() -> str:
+def typed_command() -> str:
     """The command as it was typed; none in a Python program, whose arguments are its own."""
     ours = Path(sys.argv[0]).name in ("slamsim", "__main__.py") and "slamsim.entry" in sys.modules
     return shlex.join(["slamsim", *sys.argv[1:]]) if ours else ""
