@@ -123,7 +123,6 @@ def localise(
 ) -> Path:
     """Localise a recording in a finished map."""
     from slamsim.console.reporter import Reporter
-    from slamsim.run.continuing import start_pose
     from slamsim.run.naming import output_folder, recording_name
 
     reporter = Reporter(quiet=quiet, as_json=as_json)

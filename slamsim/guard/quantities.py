@@ -22,7 +22,7 @@ def as_number(value: float, digits: int = _DIGITS) -> str:
         return "0"
     magnitude = math.floor(math.log10(abs(value)))
     if abs(value) < _LEAST:
-        return f"{value:.{digits - 1}g}"
+        return f"{value:.{digits}g}"
     text = f"{value:,.{max(digits - 1 - magnitude, 0)}f}"
     return text.rstrip("0").rstrip(".") if "." in text else text
 

@@ -82,7 +82,10 @@ def _zstd_blocks(file: BinaryIO) -> Iterator[bytes]:
     """The library reads over a cut; a frame that tells its size tells of one."""
     import zstandard
 
-    announced = zstandard.frame_content_size(file.read(_ZSTD_HEAD_BYTES))
+    try:
+        announced = zstandard.frame_content_size(file.read(_ZSTD_HEAD_BYTES))
+    except zstandard.ZstdError as error:
+        raise Damaged(f"the zstd file is damaged at its beginning ({error})") from None
     file.seek(0)
     total = 0
     with zstandard.ZstdDecompressor().stream_reader(file, read_across_frames=True) as archive:

@@ -179,7 +179,7 @@ def test_config_prints_what_can_be_used_again(folder: Path) -> None:
         (["map", "foreign.mcap"], 3, "foreign.mcap"),
         (["map", "empty.clf"], 3, "empty"),
         (["evaluate", "outputs/tiny/trajectory.tum"], 1, "--truth or --relations"),
-        (["view", "missing"], 10, "no such recording"),
+        (["view", "missing"], 10, "no such file or folder"),
         (["bench", "nothing"], 1, "choose from all"),
         (["simulate", "tiny", "--seed", "-1"], 2, "--seed"),
     ],

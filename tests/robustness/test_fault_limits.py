@@ -20,6 +20,7 @@ from mcap.writer import CompressionType, Writer
 
 from slamsim.config.layout import ImageLayout
 from slamsim.guard.errors import InputRefused
+from slamsim.guard.files import read_input
 from slamsim.guard.image import read_gray_image
 from slamsim.guard.limits import LIMITS, Limits
 from slamsim.guard.mesh import check_mesh
@@ -195,6 +196,10 @@ EXCESS: dict[str, tuple[Excess, dict[str, float]]] = {
     "saved_map_bytes": (
         lambda folder, limits: read_saved_map(put(folder / "map.npz", bytes(9)), limits),
         {"saved_map_bytes": 8},
+    ),
+    "json_bytes": (
+        lambda folder, limits: read_input(put(folder / "a.json", bytes(9)), "json_bytes", limits),
+        {"json_bytes": 8},
     ),
     "attachment_bytes": (attachment, {"attachment_bytes": 99}),
     "unpacked_file_bytes": (packed_bag, {"unpacked_file_bytes": 99}),

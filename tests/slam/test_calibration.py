@@ -312,5 +312,5 @@ def test_only_what_was_observed_is_told_in_a_line() -> None:
         }
     }
     line = summary(report)["calibration"]
-    assert line == "radius left 35.200 ± 0.005 mm, gyro scale 0.100 ± 0.010 %"
+    assert line == "radius left 35.2 ± 0.005 mm, gyro scale 0.1 ± 0.01 %"
     assert "calibration" not in summary({"calibration": {}})
