@@ -6,7 +6,7 @@ from itertools import combinations, pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from slamsim.core.types import IntArray
@@ -106,6 +106,8 @@ def test_a_still_scene_on_one_stamp_is_no_repeat() -> None:
 
 
 @given(st.lists(st.integers(-(2**61), 2**61), min_size=1, max_size=40), st.booleans())
+@example([0, 1, 1, -(2**53)], False)
+@example([0, 1, 1, -(2**53)], True)
 def test_whatever_is_written_times_rise(stamps: list[int], sorting: bool) -> None:
     stamps_ns = np.array(stamps, dtype=np.int64)
     times = rising_times(stamps_ns, sorting=sorting, period_ns=SECOND)

@@ -182,7 +182,8 @@ def _between_neighbours(stamps_ns: IntArray, known: IntArray, period: float) -> 
         elif even > period:
             steps[right] = gap_ns - (right - left - 1) * period
     steps[0] = 0.0
-    after_ns = np.round(np.cumsum(steps)).astype(np.int64)
+    # Double precision would lose nanoseconds beside steps of months.
+    after_ns = np.round(np.cumsum(steps, dtype=np.longdouble)).astype(np.int64)
     return np.asarray(stamps_ns[known[0]] + after_ns - after_ns[known[0]])
 
 

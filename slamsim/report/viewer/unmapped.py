@@ -10,7 +10,7 @@ from slamsim.report.run_view import RunView
 
 
 def unmapped(log: Log) -> RunView:
-    """What ``write_recording`` shows of a log that nobody mapped.
+    """What ``write_recording`` shows of a log that was not mapped.
 
     Without odometry the robot stands still, and scans are seen from it. Scans before and after
     the odometry are left out.
