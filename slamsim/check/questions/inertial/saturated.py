@@ -26,7 +26,12 @@ SATURATED = Question(
         FaultKind(
             "gyro_saturated",
             "the robot turns faster than the gyroscope can tell",
-            (same_subject("gyro_scale", "gyro_bias", "time_offset_imu", "imu_orientation"),),
+            (
+                same_subject(
+                    *("gyro_scale", "gyro_bias", "time_offset_imu"),
+                    *("imu_orientation", "imu_stuck"),
+                ),
+            ),
         ),
     ),
     limit=0.0,

@@ -42,6 +42,7 @@ WORLD_FIXED = FaultKind(
         anywhere(
             *(*SIZES, *LIDAR_TIMES, *SWEEPS),
             *("laser_angle_step", "range_offset", "stamps_invented"),
+            *("time_offset_wheels", "clock_drift"),
         ),
     ),
 )

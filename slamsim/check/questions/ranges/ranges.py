@@ -29,7 +29,7 @@ from slamsim.check.questions.ranges.units import (
     wrong_unit,
 )
 from slamsim.check.scan_sample import ScanSample, positive, sample_scans
-from slamsim.core.types import FloatArray
+from slamsim.core.types import FloatArray, IntArray
 from slamsim.recording import RawScans, ScanLayout
 from slamsim.recording.repairs.base import Repair
 
@@ -114,9 +114,10 @@ GROUP = QuestionGroup(
 
 
 def _layouts(scans: RawScans) -> Iterator[Finding]:
-    """angle_max must be where the last beam looks; reported for the first layout that is wrong."""
-    for number, scan in zip(*np.unique(scans.layout_of, return_index=True), strict=True):
-        layout, beams = scans.layouts[int(number)], scans.ranges_m[int(scan)].size
+    """angle_max must be where the last beam looks; reported for the first scan that is wrong."""
+    beams_of = _beams_of(scans)
+    for number, beams in np.unique(np.column_stack([scans.layout_of, beams_of]), axis=0).tolist():
+        layout = scans.layouts[number]
         last_rad = layout.angle_min_rad + (beams - 1) * layout.angle_step_rad
         off = abs(layout.angle_max_rad - last_rad)
         if off <= 1.5 * abs(layout.angle_step_rad):
@@ -131,6 +132,13 @@ def _layouts(scans: RawScans) -> Iterator[Finding]:
             repairs=(Repair("set_angle_max", scans.topic),),
         )
         return
+
+
+def _beams_of(scans: RawScans) -> IntArray:
+    """(n,) how many ranges each scan holds."""
+    if isinstance(scans.ranges_m, np.ndarray):
+        return np.full(len(scans), scans.ranges_m.shape[1], dtype=np.int64)
+    return np.array([ranges_m.size for ranges_m in scans.ranges_m], dtype=np.int64)
 
 
 def _intensities(scans: RawScans) -> Iterator[Finding]:

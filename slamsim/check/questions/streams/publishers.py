@@ -8,7 +8,7 @@ from typing import TypeVar
 import numpy as np
 
 from slamsim.check.evidence import RecordingEvidence
-from slamsim.check.fault_groups import BY_SCANS, STAMPS
+from slamsim.check.fault_groups import BY_SCANS, MOUNTING, STAMPS
 from slamsim.check.findings import Finding, Measurement
 from slamsim.check.question import (
     FaultKind,
@@ -65,7 +65,7 @@ PUBLISHERS = Question(
 FRAMES = Question(
     "topic.frames",
     "each sensor has a frame of its own",
-    (FaultKind("frame_on_two_topics", "two sensors name one frame"),),
+    (FaultKind("frame_on_two_topics", "two sensors name one frame", (anywhere(*MOUNTING),)),),
     consequence="one of the two sensors is placed where the other one sits",
 )
 
