@@ -18,7 +18,7 @@ from slamsim.recording import (
     Recording,
 )
 from slamsim.recording.frames import FrameTree
-from slamsim.recording.mountings import is_taken, odometry_chain
+from slamsim.recording.mountings import in_one_place, odometry_chain
 
 _FUSED = re.compile(r"filter|[eu]kf|fus(ed|ion)|locali[sz]", re.IGNORECASE)
 """In the usual topic names of estimators that merge wheels and gyroscope (robot_localization)."""
@@ -140,9 +140,10 @@ def _together(recording: Recording) -> list[str]:
     beside = {topic.topic for topic in lidars_beside(recording)}
     for scans in (each for each in others if each.topic in beside):
         T_first_laser = tree.between(first.frame_ids[0], scans.frame_ids[0])
-        if T_first_laser is not None and not is_taken(T_first_laser, places):
-            places.append(T_first_laser)
-            topics.append(scans.topic)
+        if T_first_laser is None or any(in_one_place(T_first_laser, other) for other in places):
+            continue
+        places.append(T_first_laser)
+        topics.append(scans.topic)
     return topics
 
 

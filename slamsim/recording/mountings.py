@@ -46,10 +46,10 @@ def known_mounting(
     return None
 
 
-def is_taken(T_base_laser: FloatArray, others: Iterable[FloatArray]) -> bool:
-    """Whether one of other lidars (4 x 4 each) sits there already: no two share a place, so that
-    it is the same lidar under another name, as RAWLASER1 and ROBOTLASER1 of CARMEN."""
-    return any(np.allclose(T_base_laser, other, rtol=0.0, atol=SAME_PLACE) for other in others)
+def in_one_place(T_base_laser: FloatArray, T_base_other: FloatArray) -> bool:
+    """Whether two lidars (4 x 4 each) sit in one place: then they are one lidar under two names,
+    as RAWLASER1 and ROBOTLASER1 of CARMEN."""
+    return bool(np.allclose(T_base_laser, T_base_other, rtol=0.0, atol=SAME_PLACE))
 
 
 def laser_mounting_of(

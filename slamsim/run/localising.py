@@ -13,7 +13,7 @@ from slamsim.config.run import RunConfig
 from slamsim.console.reporter import Reporter
 from slamsim.core.geometry import compose
 from slamsim.core.progress import Progress
-from slamsim.core.types import FloatArray, Log, PlanarTrajectory, Trajectory
+from slamsim.core.types import FloatArray, Grid, Log, PlanarTrajectory, Trajectory
 from slamsim.evaluate.score import Scores
 from slamsim.evaluate.trajectory import compare, statistics
 from slamsim.guard.errors import NotFound
@@ -63,7 +63,7 @@ def localise_recording(
     opened = open_recording(path, wanted)
     log, truth = opened.log(), opened.truth()
     reporter.note(log.sources)
-    stages, saved = Stages(reporter), read_known_map(known)
+    stages, saved, grid = Stages(reporter), read_known_map(known), _known_grid(known)
     with partial_folder(folder, overwrite) as partial:
         write_config(partial, config)
         with stages.stage("localise", "scans/s") as progress:
@@ -75,22 +75,23 @@ def localise_recording(
         if truth is not None:
             run_folder.write_truth(partial, truth)
         failures = Failures(localised.slam.failed)
-        verdict = _verdict(localised, known)
-        with failures.caught("report", len(localised.states)), stages.stage("report"):
-            _draw(partial, _view(log, localised, truth, known, verdict, stages))
+        verdict, scores = _verdict(localised, known), _scores(localised, truth)
+        if grid is not None:
+            with failures.caught("report", len(localised.states)), stages.stage("report"):
+                _draw(partial, _view(log, localised, grid, truth, scores, verdict, stages))
         numbers = {
             "name": recording_name(str(source)),
             "map": str(known),
             **report_numbers(localised),
             **timed.numbers(),
-            **_errors(localised.trajectory, truth, known),
+            **_errors(localised.trajectory, truth, scores, known),
             "seconds": stages.so_far(),
             "peak_memory_mb": MEMORY.peak_mb(),
         }
         write_atomic(partial / run_folder.REPORT_JSON, as_json(run_folder.REPORT_JSON, numbers))
     told = (*log.warnings, *localised.slam.warnings)
     failed = tuple(failures)
-    mapped = "report" not in {one.stage for one in failed}
+    mapped = grid is not None and "report" not in {one.stage for one in failed}
     return Report(numbers, told, verdict=verdict, mapped=mapped, failed=failed)
 
 
@@ -106,6 +107,12 @@ def read_known_map(path: Path) -> SavedMap:
     raise NotFound(
         f"{path}: holds neither {run_folder.SAVED_MAP} nor map.yaml; is it a mapped run?"
     )
+
+
+def _known_grid(path: Path) -> Grid | None:
+    """What the drive is drawn in; None where a run's folder holds no ``map.yaml`` any more."""
+    file = own_file(path, "map.yaml") if path.is_dir() else path
+    return read_map(file) if file.is_file() else None
 
 
 def _localised(
@@ -144,24 +151,29 @@ def _verdict(localised: Localised, known: Path) -> str:
     return f"{whole} placed in {known}."
 
 
+def _scores(localised: Localised, truth: Trajectory | None) -> Scores:
+    """Of the estimate and of the odometry alone, each aligned with the truth by itself."""
+    if truth is None:
+        return Scores()
+    true = truth.planar()
+    return Scores(compare(localised.trajectory, true), compare(_odometry(localised), true))
+
+
 def _view(
     log: Log,
     localised: Localised,
+    grid: Grid,
     truth: Trajectory | None,
-    known: Path,
+    scores: Scores,
     verdict: str,
     stages: Stages,
 ) -> RunView:
     """The drive in the known map, as a person sees it."""
     result = replace(localised.slam, trajectory=localised.trajectory, odometry=_odometry(localised))
-    scores = Scores()
-    if truth is not None:
-        true = truth.planar()
-        scores = Scores(compare(result.trajectory, true), compare(result.odometry, true))
     return RunView(
         log=result.log or log,
         result=result,
-        grid=read_map(own_file(known, "map.yaml") if known.is_dir() else known),
+        grid=grid,
         scores=scores,
         truth=truth,
         seconds=stages.so_far(),
@@ -216,13 +228,13 @@ def report_numbers(localised: Localised) -> dict[str, object]:
 
 
 def _errors(
-    trajectory: PlanarTrajectory, truth: Trajectory | None, known: Path
+    trajectory: PlanarTrajectory, truth: Trajectory | None, scores: Scores, known: Path
 ) -> dict[str, object]:
     """ATE after an alignment of its own and, where the map's run knew the truth, in its frame."""
-    if truth is None:
+    if truth is None or scores.trajectory is None:
         return {}
     true = truth.planar()
-    own = statistics(compare(trajectory, true).translation_m)
+    own = statistics(scores.trajectory.translation_m)
     numbers: dict[str, object] = {"ate_rmse_m": own.rmse, "ate_max_m": own.max}
     names = run_folder.TRAJECTORY, run_folder.TRUTH
     mapped, mapped_truth = (own_file(known, name) for name in names)

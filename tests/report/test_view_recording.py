@@ -50,7 +50,7 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_a_recording_is_shown_without_a_map(tmp_path: Path) -> None:
-    """Its scans where odometry has them, no estimate and no match that nobody made."""
+    """Its scans where odometry has them, no estimate and no match that was never made."""
     view = unmapped(replace(example_run().log, name="raw"))
     assert not view.mapped and len(view.result.trajectory) > 1
     odometry, shown = example_run().log.odometry, view.result.trajectory

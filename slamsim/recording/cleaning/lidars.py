@@ -16,7 +16,7 @@ from slamsim.recording.cleaning.rising_stamps import NoTime, Times, is_late, ris
 from slamsim.recording.cleaning.scans import RecordedScans, ScansTogether, ScanSurvey
 from slamsim.recording.cleaning.streams import planar_poses
 from slamsim.recording.frames import FrameTree
-from slamsim.recording.mountings import is_taken, known_mounting
+from slamsim.recording.mountings import in_one_place, known_mounting
 
 _USUAL_SPEED_M_S, _USUAL_TURN_RAD_S = 0.5, 0.5
 _LEAST_PERIOD_NS, _LONGEST_PERIOD_NS = 100_000_000, 10_000_000_000
@@ -74,7 +74,7 @@ class OtherLidars:
             raise _NotUsed(f"no fixed transform from {self._base_frame!r} to {frame!r}")
         T_base_laser, _ = known
         for topic, T_base_other in self._places.items():
-            if is_taken(T_base_laser, [T_base_other]):
+            if in_one_place(T_base_laser, T_base_other):
                 raise _NotUsed(f"their lidar sits where that of {topic} does, or is the same one")
         if abs(T_base_laser[2, 2]) < np.cos(MOST_TILT_RAD):
             raise _NotUsed(f"the frame {frame!r} is not level")

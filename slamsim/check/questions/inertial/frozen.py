@@ -56,10 +56,10 @@ GROUP = QuestionGroup("inertial unit", 51, (FROZEN,), check_frozen)
 
 
 def _longest(imu: RawImu, recording: Recording) -> Finding:
-    changed = _changed(imu)
+    changed = changed_axes(imu)
     times_s = (imu.stamps_ns - imu.stamps_ns[0]) * 1e-9
     runs, what = _held(np.asarray(~changed.any(axis=1)), times_s), "one reading"
-    if not has_noise(imu):
+    if not has_noise(changed):
         runs = [run for run in runs if _turns_otherwise(imu, recording, *run)]
     else:
         for axis in np.flatnonzero(changed.mean(axis=0) > _NOISY_SHARE):
@@ -99,15 +99,15 @@ def _held(same: BoolArray, times_s: FloatArray) -> list[tuple[int, int]]:
     ]
 
 
-def _changed(imu: RawImu) -> BoolArray:
+def changed_axes(imu: RawImu) -> BoolArray:
     """(n - 1, 6) which readings of the unit differ from those before."""
     readings = np.column_stack([imu.angular_velocity_rad_s, imu.linear_acceleration_m_s2])
     return np.asarray(np.diff(readings, axis=0) != 0.0)
 
 
-def has_noise(imu: RawImu) -> bool:
-    """Whether most axes change from each sample to the next that is not the same."""
-    changed = _changed(imu)
+def has_noise(changed: BoolArray) -> bool:
+    """Whether most axes change from each sample to the next that is not the same; changed: (n, 6)
+    as of ``changed_axes``."""
     changed = changed[changed.any(axis=1)]
     if len(changed) < MIN_REPEATS:
         return False

@@ -9,7 +9,7 @@ import numpy as np
 from slamsim.check.evidence import RecordingEvidence
 from slamsim.check.findings import Curve, Finding, Measurement, Plot
 from slamsim.check.question import FaultKind, Question, QuestionGroup, judge, same_subject
-from slamsim.check.questions.inertial.frozen import has_noise
+from slamsim.check.questions.inertial.frozen import changed_axes, has_noise
 from slamsim.core.types import FloatArray, IntArray
 from slamsim.guard.numbers import is_sound
 from slamsim.recording import RawImu
@@ -54,7 +54,8 @@ GROUP = QuestionGroup("inertial unit", 52, (SATURATED,), check_saturation)
 
 def _at_end(imu: RawImu, rates: FloatArray, stamps_ns: IntArray) -> Finding:
     # A simulator without noise turns at the same rate again and again.
-    ends = [_end(rate) if has_noise(imu) else (0.0, 0) for rate in np.abs(rates.T)]
+    noisy = has_noise(changed_axes(imu))
+    ends = [_end(rate) if noisy else (0.0, 0) for rate in np.abs(rates.T)]
     axis = int(np.argmax([count for _, count in ends]))
     most_rad_s, count = ends[axis]
     name = "xyz"[axis]
