@@ -44,6 +44,7 @@ def map(  # noqa: A001 - named as the command
     odom_topic: str = "",
     imu_topic: str = "",
     base_frame: str = "",
+    cloud_height: tuple[float, float] | None = None,
     continued: str | PathLike[str] | None = None,
     start: str | None = None,
     overwrite: bool = False,
@@ -56,6 +57,7 @@ def map(  # noqa: A001 - named as the command
     ``seed``. settings: values by dotted key, as ``--set``; config: a YAML file of them. continued:
     run whose map is continued (``--continue``), from the pose start "x,y,yaw_deg". scan_topic,
     odom_topic, imu_topic, base_frame: what is read of a recording that holds several of a kind.
+    cloud_height: lowest and highest return of point clouds above the base frame, in metres.
     quiet: no progress, no table. Raises SlamsimError as the command ends with an exit code.
     """
     return Run(
@@ -71,6 +73,7 @@ def map(  # noqa: A001 - named as the command
             odom_topic=odom_topic,
             imu_topic=imu_topic,
             base_frame=base_frame,
+            cloud_height=_heights(cloud_height),
             earlier=_path(continued),
             start=start,
             overwrite=overwrite,
@@ -91,6 +94,7 @@ def localise(
     odom_topic: str = "",
     imu_topic: str = "",
     base_frame: str = "",
+    cloud_height: tuple[float, float] | None = None,
     overwrite: bool = False,
     quiet: bool = False,
 ) -> Run:
@@ -111,6 +115,7 @@ def localise(
             odom_topic=odom_topic,
             imu_topic=imu_topic,
             base_frame=base_frame,
+            cloud_height=_heights(cloud_height),
             overwrite=overwrite,
             quiet=quiet,
         )
@@ -156,6 +161,7 @@ def check_recording(
     odom_topic: str = "",
     imu_topic: str = "",
     base_frame: str = "",
+    cloud_height: tuple[float, float] | None = None,
     quick: bool = False,
     quiet: bool = False,
 ) -> CheckReport:
@@ -167,7 +173,8 @@ def check_recording(
     from slamsim.io.selection import Selection
     from slamsim.run.checking import check_log
 
-    wanted = Selection(tuple(_topics(scan_topic)), odom_topic, imu_topic, base_frame)
+    topics = tuple(_topics(scan_topic))
+    wanted = Selection(topics, odom_topic, imu_topic, base_frame, cloud_height)
     return check_log(Path(source), Reporter(quiet=quiet), wanted=wanted, quick=quick)
 
 
@@ -199,6 +206,10 @@ def _path(given: str | PathLike[str] | None) -> Path | None:
 def _overrides(settings: Settings | None) -> list[str]:
     """As ``--set`` takes them: a value is YAML, of which JSON is a part."""
     return [f"{key}={json.dumps(value)}" for key, value in (settings or {}).items()]
+
+
+def _heights(given: tuple[float, float] | None) -> str:
+    return "" if given is None else f"{given[0]},{given[1]}"
 
 
 def _topics(given: str | Iterable[str]) -> list[str]:

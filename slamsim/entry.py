@@ -6,10 +6,16 @@ from __future__ import annotations
 import os
 import signal
 import sys
+from collections.abc import Callable
 
 
 def main() -> None:
     """Entry point of the ``slamsim`` command."""
+    run(_typed)
+
+
+def run(command: Callable[[], object]) -> None:
+    """Run a command in a child process, and end this one with its exit code."""
     _open_standard_streams()
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         signal.signal(signal.SIGINT, signal.SIG_DFL)  # nothing has begun: no traceback either
@@ -18,7 +24,7 @@ def main() -> None:
 
     # Matrices are small here: more threads wait for each other, sevenfold on a busy machine.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    sys.exit(supervised(lambda: run_command(_typed)))
+    sys.exit(supervised(lambda: run_command(command)))
 
 
 def _open_standard_streams() -> None:

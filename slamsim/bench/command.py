@@ -66,7 +66,8 @@ Part = Annotated[
     typer.Argument(
         help="sense, drive, simulate, slam, all: speed. Or accuracy, matcher, check, dataset; "
         "robustness: random conditions, tracked, told or silently wrong; "
-        "online: latency and memory of a session, told for each kilometre."
+        "online: latency and memory of a session, told for each kilometre; "
+        "live: pace, latency and accuracy of slamsim live."
     ),
 ]
 World = Annotated[
@@ -168,6 +169,8 @@ def bench(
         _robustness(asked, range(1, cases + 1) if only is None else (only,), workers, logs)
     elif part == "online":
         _online(asked)
+    elif part == "live":
+        _live(asked)
     elif part == "check":
         from slamsim.bench.check.asked import CheckAsked, run_check
 
@@ -237,6 +240,13 @@ def _online(asked: _Asked) -> None:
 
     resolved = asked.resolved("labyrinth_large", ONLINE_RATE)
     _show("On line", measure_online(resolved, asked.path_m or ONLINE_PATH_M, asked.reporter), asked)
+
+
+def _live(asked: _Asked) -> None:
+    from slamsim.bench.live import SECONDS, measure_live
+
+    figures = measure_live(asked.resolved("labyrinth"), asked.seconds or SECONDS, asked.reporter)
+    _show("Live", figures, asked)
 
 
 def _peers(asked: _Asked, logs: Path | None) -> None:

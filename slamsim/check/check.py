@@ -6,6 +6,7 @@ import logging
 import time
 import warnings
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -13,10 +14,12 @@ from slamsim.check.diagnosis import explained
 from slamsim.check.evidence import RecordingEvidence
 from slamsim.check.findings import CheckReport, Finding
 from slamsim.check.question import Question, QuestionGroup, judge
+from slamsim.check.recorded import recorded_plot
 from slamsim.check.registry import CHECKER_ERROR, registry
 from slamsim.core.progress import Progress, silent
 from slamsim.recording import RawScans, Recording
 from slamsim.recording.choice import lidars
+from slamsim.recording.outline import outline
 
 _log = logging.getLogger(__name__)
 
@@ -32,15 +35,33 @@ def check_recording(
     asked = list(_asked(recording, quick))
     errors = list[Exception]()
     findings: list[Finding] = []
+    told_by: list[RecordingEvidence] = []
     seconds: dict[str, float] = {}
     for done, (group, evidence, lidar) in enumerate(asked):
         progress(done, len(asked))
         begun_s = time.perf_counter()
         answers = _answers(group, evidence, errors)
-        findings += [one for one in answers if lidar is None or _is_about(one, lidar)]
+        told = [one for one in answers if lidar is None or _is_about(one, lidar)]
+        findings += told
+        told_by += [evidence] * len(told)
         seconds[group.part] = seconds.get(group.part, 0.0) + time.perf_counter() - begun_s
     progress(len(asked), len(asked))
-    return CheckReport(recording.name, explained(findings), seconds)
+    final = zip(explained(findings), told_by, strict=True)
+    shown = tuple(_with_plot(finding, evidence) for finding, evidence in final)
+    return CheckReport(recording.name, shown, seconds, tuple(outline(recording.transforms)))
+
+
+def _with_plot(finding: Finding, evidence: RecordingEvidence) -> Finding:
+    """A fault that its question drew no plot of, with one: of the streams that contradict each
+    other, else of what was recorded."""
+    if finding.verdict != "fault" or finding.plots:
+        return finding
+    with np.errstate(all="ignore"), warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)
+        plot = evidence.plot_of(finding.check) or recorded_plot(
+            evidence.recording, finding.subject, finding.check
+        )
+    return finding if plot is None else replace(finding, plots=(plot,))
 
 
 def _asked(

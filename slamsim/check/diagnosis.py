@@ -9,13 +9,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
+
 from slamsim.check.fault_groups import LIDAR_TIMES, SIZES
-from slamsim.check.findings import Finding
+from slamsim.check.findings import SURE_SIGMAS, Finding, Measurement
 from slamsim.check.registry import fault_meaning, registry
 
-MOST_MOVED = {"rolling_scan_untimed": 2.0, "stamps_quantised": 1.0}
-"""An undeclared sweep, and stamps that are rounded, move instants by no more than so many times
-their length."""
+MOST_MOVED = {"rolling_scan_untimed": 2.0, "stamps_quantised": 1.0, "stamps_jitter": 2.0}
+"""An undeclared sweep, and stamps that are rounded or of publishing, move instants by no more than
+so many times their length, or their scatter: delays of one sign are on average no more than twice
+as long as they scatter."""
 
 OFFSETS = (*LIDAR_TIMES, "time_offset_imu", "time_offset_wheels")
 
@@ -27,7 +30,7 @@ LIDAR_QUESTIONS = ("laser.", "ranges.offset")
 
 def explained(findings: Sequence[Finding]) -> tuple[Finding, ...]:
     """The same findings, those that another fault explains now inconclusive."""
-    findings = _without_contradicted(findings)
+    findings = _without_drift_of_none(_without_contradicted(findings))
     faults = [finding for finding in findings if finding.verdict == "fault"]
     lidars = {one.subject for one in findings if one.check.startswith(LIDAR_QUESTIONS)}
     return tuple(_with_cause(finding, faults, lidars) for finding in findings)
@@ -43,6 +46,30 @@ def _without_contradicted(findings: Sequence[Finding]) -> list[Finding]:
         return list(findings)
     reason = "cannot be told while the turns of the scans and of the others contradict each other"
     return [one.inconclusive(reason) if one.fault in UNTIL_TURNS_AGREE else one for one in findings]
+
+
+def _without_drift_of_none(findings: Sequence[Finding]) -> list[Finding]:
+    """A clock that keeps pace with the receiver's drifts by no more than that shows: where motion
+    says otherwise, it is the motion of scans that are warped by as much as they turn."""
+    paces = {
+        one.subject: one.estimate
+        for one in findings
+        if one.check == "time.receipt_drift" and one.verdict == "ok" and one.estimate is not None
+    }
+    reason = "but its stamps keep pace with the receiver's clock"
+    return [
+        one.inconclusive(reason)
+        if one.check == "time.drift" and one.fault and _apart(one.estimate, paces.get(one.subject))
+        else one
+        for one in findings
+    ]
+
+
+def _apart(one: Measurement | None, other: Measurement | None) -> bool:
+    """Whether two sizes of one thing contradict each other."""
+    if one is None or other is None:
+        return False
+    return abs(one.value - other.value) > SURE_SIGMAS * float(np.hypot(one.sigma, other.sigma))
 
 
 def _with_cause(finding: Finding, faults: Sequence[Finding], lidars: set[str]) -> Finding:
@@ -62,8 +89,10 @@ def _follows(finding: Finding, cause: Finding, lidars: set[str]) -> bool:
     fault, by = finding.fault, cause.fault
     if fault is None or by is None or fault == by:
         return False
+    if _is_larger(finding, cause):
+        return False
     applies = {
-        "anywhere": not _is_larger(finding, cause),
+        "anywhere": True,
         "same subject": finding.subject == cause.subject,
         "lidar stamps": cause.subject in lidars,
     }

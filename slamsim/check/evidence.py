@@ -8,7 +8,8 @@ from typing import TypeVar
 from slamsim.check.calibration.distance_unit import WrongUnit, in_metres, wrong_unit
 from slamsim.check.calibration.explanation import Explanation, explain
 from slamsim.check.calibration.joint import Calibration, calibrate_inputs
-from slamsim.check.findings import Finding
+from slamsim.check.calibration.pictured import plot_of
+from slamsim.check.findings import Finding, Plot
 from slamsim.check.motion.inputs import Inputs, gather_inputs
 from slamsim.check.motion.laser_steps import laser_motions
 from slamsim.recording import Recording
@@ -69,6 +70,11 @@ class RecordingEvidence:
     def explanation(self) -> Explanation | None:
         """Which sizes of wheels, gyroscope and lidar are wrong; None without ``calibration``."""
         return self.once("explanation", self._explanation)
+
+    def plot_of(self, check: str) -> Plot | None:
+        """Of a question that rests on a calibration that was made; None of any other."""
+        found = self._values.get("calibration")
+        return plot_of(check, found) if isinstance(found, Calibration) else None
 
     @property
     def metres_per_unit(self) -> float:

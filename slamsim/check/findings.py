@@ -7,6 +7,7 @@ from html import escape
 from typing import Literal
 
 from slamsim.core.types import FloatArray
+from slamsim.recording.outline import FramePlace
 from slamsim.recording.repairs.base import Repair
 
 Verdict = Literal["ok", "fault", "inconclusive"]
@@ -110,12 +111,13 @@ class Finding:
 class CheckReport:
     """All findings about a recording, in the order of the questions.
 
-    seconds: wall time of each part of the check.
+    seconds: wall time of each part of the check. frames: the transform tree.
     """
 
     name: str
     findings: tuple[Finding, ...]
     seconds: dict[str, float] = field(default_factory=dict)
+    frames: tuple[FramePlace, ...] = ()
 
     @property
     def faults(self) -> tuple[Finding, ...]:

@@ -59,6 +59,7 @@ def as_json(report: CheckReport) -> dict[str, object]:
         "bad": counts["fault"],
         "cannot_tell": counts["inconclusive"],
         "ok": counts["ok"],
+        "ok_questions": len({each.check for each in report.findings if each.verdict == "ok"}),
         "faults": sorted({finding.fault for finding in report.faults if finding.fault is not None}),
         "findings": [finding_json(finding) for finding in report.findings],
         "seconds": {name: round(seconds, 3) for name, seconds in report.seconds.items()},

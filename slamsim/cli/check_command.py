@@ -12,6 +12,7 @@ import typer
 from slamsim.cli.common import selection
 from slamsim.console.options import (
     BaseFrame,
+    CloudHeight,
     ImuTopic,
     Json,
     Lossy,
@@ -72,6 +73,7 @@ def check(
     odom_topic: OdomTopic = "",
     imu_topic: ImuTopic = "",
     base_frame: BaseFrame = "",
+    cloud_height: CloudHeight = "",
     html: Html = None,
     quick: Quick = False,
     show_all: Annotated[bool, typer.Option("--all", help="Also show answers that are ok.")] = False,
@@ -99,7 +101,7 @@ def check(
         report = check_log(
             source,
             reporter,
-            wanted=selection(scan_topic, odom_topic, imu_topic, base_frame),
+            wanted=selection(scan_topic, odom_topic, imu_topic, base_frame, cloud_height),
             quick=quick,
             html=page,
             show_all=show_all,
@@ -150,6 +152,7 @@ def fix(
     odom_topic: OdomTopic = "",
     imu_topic: ImuTopic = "",
     base_frame: BaseFrame = "",
+    cloud_height: CloudHeight = "",
     lossy: Lossy = False,
     overwrite: Overwrite = False,
     quiet: Quiet = False,
@@ -173,7 +176,7 @@ def fix(
             out,
             apply,
             reporter,
-            wanted=selection(scan_topic, odom_topic, imu_topic, base_frame),
+            wanted=selection(scan_topic, odom_topic, imu_topic, base_frame, cloud_height),
             lossy=lossy,
             overwrite=overwrite,
         )

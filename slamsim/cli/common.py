@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from slamsim.guard.errors import SlamsimError
+from slamsim.guard.errors import OverrideRefused, SlamsimError, shown
 
 if TYPE_CHECKING:
     from slamsim.config.run import RunConfig
@@ -55,12 +56,31 @@ def loaded_config(
 
 
 def selection(
-    scan_topics: list[str] | None, odom_topic: str, imu_topic: str, base_frame: str
+    scan_topics: list[str] | None,
+    odom_topic: str,
+    imu_topic: str,
+    base_frame: str,
+    cloud_height: str = "",
 ) -> Selection:
-    """The part of a recording that was asked for."""
+    """The part of a recording that was asked for. Raises OverrideRefused."""
     from slamsim.io.selection import Selection
 
-    return Selection(tuple(scan_topics or ()), odom_topic, imu_topic, base_frame)
+    topics = tuple(scan_topics or ())
+    return Selection(topics, odom_topic, imu_topic, base_frame, _heights_m(cloud_height))
+
+
+def _heights_m(typed: str) -> tuple[float, float] | None:
+    """Of ``--cloud-height LOW,HIGH``."""
+    if not typed:
+        return None
+    try:
+        low, high = (float(part) for part in typed.split(","))
+    except ValueError:
+        low = high = math.nan
+    if not (math.isfinite(low) and math.isfinite(high) and low < high):
+        reason = "two heights in metres, the lower one first, as in 0.1,0.8"
+        raise OverrideRefused(f"--cloud-height {shown(typed)}", reason)
+    return low, high
 
 
 def close_run(reporter: Reporter, report: Report, folder: Path, *, verbose: bool = False) -> None:

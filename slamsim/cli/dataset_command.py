@@ -57,6 +57,9 @@ Engine = Annotated[str, typer.Option(help="local: the cores of this machine. das
 Workers = Annotated[
     int | None, typer.Option(help="Local: worker processes (default: all cores).", min=1)
 ]
+Processes = Annotated[
+    int | None, typer.Option(help="Worker processes (default: all cores).", min=1)
+]
 Scheduler = Annotated[
     str | None, typer.Option(help="Dask: address of the scheduler, tcp://HOST:PORT.")
 ]
@@ -131,9 +134,7 @@ def _require_place(out: str, recipe: str) -> None:
 def plan(
     recipe: RecipeName,
     count: Count = 100,
-    workers: Annotated[
-        int | None, typer.Option(help="Worker processes (default: all cores).", min=1)
-    ] = None,
+    workers: Processes = None,
     quiet: Quiet = False,
     as_json: Json = False,
 ) -> None:
@@ -184,9 +185,7 @@ def verify(
     again: Annotated[
         int, typer.Option(help="Number of sequences to make again and compare.", min=0)
     ] = 0,
-    workers: Annotated[
-        int | None, typer.Option(help="Worker processes (default: all cores).", min=1)
-    ] = None,
+    workers: Processes = None,
     quiet: Quiet = False,
     as_json: Json = False,
 ) -> None:

@@ -11,6 +11,7 @@ import typer
 from slamsim.cli.common import selection
 from slamsim.console.options import (
     BaseFrame,
+    CloudHeight,
     Faults,
     ImuTopic,
     Json,
@@ -35,6 +36,7 @@ def fault(
     odom_topic: OdomTopic = "",
     imu_topic: ImuTopic = "",
     base_frame: BaseFrame = "",
+    cloud_height: CloudHeight = "",
     lossy: Lossy = False,
     overwrite: Overwrite = False,
     quiet: Quiet = False,
@@ -67,7 +69,7 @@ def fault(
             out,
             choices,
             seed=seed,
-            wanted=selection(scan_topic, odom_topic, imu_topic, base_frame),
+            wanted=selection(scan_topic, odom_topic, imu_topic, base_frame, cloud_height),
             lossy=lossy,
             overwrite=overwrite,
         )

@@ -10,6 +10,7 @@ import typer
 from slamsim.cli.common import selection
 from slamsim.console.options import (
     BaseFrame,
+    CloudHeight,
     ImuTopic,
     Json,
     OdomTopic,
@@ -37,6 +38,7 @@ def info(
     odom_topic: OdomTopic = "",
     imu_topic: ImuTopic = "",
     base_frame: BaseFrame = "",
+    cloud_height: CloudHeight = "",
     overwrite: OverwriteFile = False,
     quiet: Quiet = False,
     as_json: Json = False,
@@ -48,7 +50,12 @@ def info(
     if out is not None and out.suffix.lower() not in (".svg", ".png"):
         raise OutputRefused(f"--out {out}: the picture is an .svg or a .png")
     reporter = Reporter(quiet=quiet, as_json=as_json)
-    named = (("--odom-topic", odom_topic), ("--imu-topic", imu_topic), ("--base-frame", base_frame))
+    named = (
+        ("--odom-topic", odom_topic),
+        ("--imu-topic", imu_topic),
+        ("--base-frame", base_frame),
+        ("--cloud-height", cloud_height),
+    )
     options = [word for topic in scan_topic or () for word in ("--scan-topic", topic)]
     options += [word for option, value in named if value for word in (option, value)]
     with output_file(out, overwrite=overwrite, inputs=(source,)) as picture:
@@ -57,7 +64,7 @@ def info(
         tell_info(
             source,
             reporter,
-            wanted=selection(scan_topic, odom_topic, imu_topic, base_frame),
+            wanted=selection(scan_topic, odom_topic, imu_topic, base_frame, cloud_height),
             options=options,
             picture=picture,
             picture_format="svg" if out is None else out.suffix.lower()[1:],

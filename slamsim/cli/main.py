@@ -19,6 +19,7 @@ from slamsim.cli.identify_command import EPILOG as IDENTIFY_EPILOG
 from slamsim.cli.identify_command import identify
 from slamsim.cli.info_command import EPILOG as INFO_EPILOG
 from slamsim.cli.info_command import info
+from slamsim.cli.live_command import LIVE_EPILOG, REPLAY_EPILOG, live, replay
 from slamsim.cli.map_command import LOCALISE_EPILOG, MAP_EPILOG, localise, map_
 from slamsim.cli.recover_command import EPILOG as RECOVER_EPILOG
 from slamsim.cli.recover_command import recover
@@ -142,6 +143,8 @@ def evaluate(
     reporter.result(scores)
 
 
+app.command(epilog=LIVE_EPILOG)(live)
+app.command(epilog=REPLAY_EPILOG)(replay)
 app.command(epilog=INFO_EPILOG)(info)
 app.command(epilog=CHECK_EPILOG)(check)
 app.command(epilog=FIX_EPILOG)(fix)

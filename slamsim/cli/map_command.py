@@ -10,6 +10,7 @@ import typer
 from slamsim.cli.common import close_run, loaded_config, selection
 from slamsim.console.options import (
     BaseFrame,
+    CloudHeight,
     ConfigFile,
     DriveSeed,
     ImuTopic,
@@ -61,6 +62,7 @@ def map_(
     odom_topic: OdomTopic = "",
     imu_topic: ImuTopic = "",
     base_frame: BaseFrame = "",
+    cloud_height: CloudHeight = "",
     earlier: Earlier = None,
     start: Start = None,
     overwrite: Overwrite = False,
@@ -90,7 +92,7 @@ def map_(
                 folder,
                 reporter,
                 relations=relations,
-                wanted=selection(scan_topic, odom_topic, imu_topic, base_frame),
+                wanted=selection(scan_topic, odom_topic, imu_topic, base_frame, cloud_height),
                 earlier=chosen_earlier(earlier, start),
                 overwrite=overwrite,
             )
@@ -116,6 +118,7 @@ def localise(
     odom_topic: OdomTopic = "",
     imu_topic: ImuTopic = "",
     base_frame: BaseFrame = "",
+    cloud_height: CloudHeight = "",
     overwrite: Overwrite = False,
     verbose: Verbose = False,
     quiet: Quiet = False,
@@ -140,7 +143,7 @@ def localise(
             folder,
             reporter,
             start=start_pose(start),
-            wanted=selection(scan_topic, odom_topic, imu_topic, base_frame),
+            wanted=selection(scan_topic, odom_topic, imu_topic, base_frame, cloud_height),
             overwrite=overwrite,
         )
     close_run(reporter, report, folder, verbose=verbose)

@@ -11,7 +11,14 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from slamsim.cli.common import selection
-from slamsim.console.options import BaseFrame, ImuTopic, OdomTopic, OverwriteFile, ScanTopic
+from slamsim.console.options import (
+    BaseFrame,
+    CloudHeight,
+    ImuTopic,
+    OdomTopic,
+    OverwriteFile,
+    ScanTopic,
+)
 
 if TYPE_CHECKING:
     from slamsim.io.selection import Selection
@@ -34,6 +41,7 @@ def view(
     odom_topic: OdomTopic = "",
     imu_topic: ImuTopic = "",
     base_frame: BaseFrame = "",
+    cloud_height: CloudHeight = "",
     overwrite: OverwriteFile = False,
 ) -> None:
     """View a run, or a recording as it is, in Rerun."""
@@ -42,7 +50,8 @@ def view(
     with output_file(screenshot, overwrite=overwrite, inputs=(run,)) as picture:
         from slamsim.report.viewer.show import view_run
 
-        with _shown(run, selection(scan_topic, odom_topic, imu_topic, base_frame)) as rerun:
+        wanted = selection(scan_topic, odom_topic, imu_topic, base_frame, cloud_height)
+        with _shown(run, wanted) as rerun:
             view_run(rerun, web=web, screenshot=picture)
 
 
@@ -56,14 +65,18 @@ def _shown(run: Path, wanted: Selection) -> Iterator[Path]:
     if is_run or run.suffix.lower() == ".rrd":
         yield run
         return
+    from slamsim.io.formats.ros import is_ros
     from slamsim.io.open import open_recording
+    from slamsim.io.ros.images import camera_images
+    from slamsim.report.viewer.images import MOST_IMAGES
     from slamsim.report.viewer.run import write_recording
     from slamsim.report.viewer.unmapped import unmapped
     from slamsim.run.naming import log_of
 
     log = open_recording(log_of(run), wanted).log()
     with TemporaryDirectory(prefix="slamsim-view-") as folder:
-        write_recording(Path(folder) / "recording.rrd", unmapped(log))
+        images = camera_images(log_of(run), MOST_IMAGES) if is_ros(log_of(run)) else ()
+        write_recording(Path(folder) / "recording.rrd", unmapped(log), images)
         yield Path(folder) / "recording.rrd"
 
 

@@ -49,6 +49,15 @@ BaseFrame = Annotated[
         help="Frame of the robot (default: what the odometry moves).",
     ),
 ]
+CloudHeight = Annotated[
+    str,
+    typer.Option(
+        "--cloud-height",
+        metavar="LOW,HIGH",
+        help="Returns of point clouds that are read as scans, in metres above the base frame "
+        "(default: a level ring, else the height of the sensor).",
+    ),
+]
 Lossy = Annotated[
     bool,
     typer.Option(

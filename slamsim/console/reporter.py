@@ -8,13 +8,22 @@ from __future__ import annotations
 
 import json
 import logging
+import math
 import os
 import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from copy import copy
 
 from rich.console import Console, ConsoleOptions, RenderableType
-from rich.progress import BarColumn, Progress, ProgressColumn, Task, TextColumn
+from rich.progress import (
+    BarColumn,
+    Progress,
+    ProgressColumn,
+    Task,
+    TaskProgressColumn,
+    TextColumn,
+)
 from rich.segment import Segment
 from rich.table import Table
 from rich.text import Text
@@ -91,6 +100,20 @@ class _Log(logging.Handler):
             _tell(self._console, words, record.levelno >= logging.WARNING)
 
 
+def _show_log(console: Console, level: int) -> None:
+    """Show what slamsim logs there from now on, unless the program has set up logging itself; its
+    root logger is not ours to change."""
+    ours = logging.getLogger("slamsim")
+    for shown in [each for each in ours.handlers if isinstance(each, _Log)]:
+        ours.removeHandler(shown)
+    if logging.getLogger().handlers:
+        return
+    handler = _Log(console)
+    handler.setLevel(level)
+    ours.addHandler(handler)
+    ours.setLevel(min(level, logging.WARNING))
+
+
 def _tell(console: Console, words: str, is_warning: bool) -> None:
     console.print(Text(f"! {words}", "yellow") if is_warning else Text(words, "dim"))
 
@@ -122,17 +145,13 @@ class Reporter:
         self._results = _PlainConsole(stderr=False, quiet=self._quiet)
         self._console = _PlainConsole(stderr=True, quiet=self._quiet)
         self._bars_shown = 0
-        logging.basicConfig(
-            level=logging.ERROR if self._quiet else logging.WARNING,
-            format="%(message)s",
-            handlers=[_Log(self._console)],
-        )
-        if not self._quiet:
-            logging.getLogger("slamsim").setLevel(logging.INFO)
+        _show_log(self._console, logging.ERROR if self._quiet else logging.INFO)
 
     def without_result(self) -> Reporter:
         """The same for a part of a command, whose result is not the command's."""
-        return Reporter(quiet=self._quiet)
+        part = copy(self)
+        part._as_json = False
+        return part
 
     @contextmanager
     def stage(self, title: str, unit: str = "") -> Iterator[Listener]:
@@ -143,7 +162,7 @@ class Reporter:
         columns = (
             TextColumn("{task.description:<10}", markup=False),
             BarColumn(bar_width=30),
-            TextColumn("{task.percentage:>4.0f} %"),
+            TaskProgressColumn("{task.percentage:>4.0f} %", markup=False),
             TimeColumn(),
             _RateColumn(),
         )
@@ -151,10 +170,11 @@ class Reporter:
             task = bars.add_task(title, total=None, unit=unit)
 
             def listen(done: float, total: float) -> None:
-                bars.update(task, completed=done, total=total)
+                bars.update(task, completed=done, total=total if math.isfinite(total) else None)
 
             yield listen
-            total = bars.tasks[0].total or 1.0
+            shown = bars.tasks[0]
+            total = shown.total or shown.completed or 1.0
             bars.update(task, completed=total, total=total)
 
     @contextmanager

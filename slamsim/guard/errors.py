@@ -10,7 +10,10 @@ LONGEST_PLACE = 200
 
 def shown(value: object, limit: int = 60) -> str:
     """A value as it is quoted in a message: one line, and never a screenful."""
-    text = repr(value)
+    try:
+        text = repr(value)
+    except (ValueError, RecursionError):  # of an integer of thousands of digits; of deep nesting
+        text = f"<{type(value).__name__}>"
     return text if len(text) <= limit else f"{text[: limit - 4]}...{text[-1]}"
 
 

@@ -253,3 +253,13 @@ def sync_tree(folder: Path) -> None:
             pass
     for each in folders:
         sync(each)
+
+
+def discard(opened: ExitStack) -> None:
+    """Close writers and folders as an error in their block would: nothing of them is left."""
+    with suppress(_Discarded):
+        opened.__exit__(_Discarded, _Discarded(), None)
+
+
+class _Discarded(Exception):
+    """Ends the writers."""

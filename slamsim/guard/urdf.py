@@ -25,17 +25,17 @@ _MIN_AXIS = 1e-6
 _MIN_SIZE_M = 1e-6
 
 
-def read_urdf(path: Path, limits: Limits = LIMITS) -> tuple[str, tuple[str, ...]]:
+def read_urdf(path: Path) -> tuple[str, tuple[str, ...]]:
     """The text of a URDF file, and the mesh files that it names, relative to its folder.
 
     Raises NotFound, or InputRefused as ``check_urdf`` does.
     """
     try:
-        text = read_input(path, "urdf_bytes", limits).decode("utf-8-sig")
+        text = read_input(path, "urdf_bytes").decode("utf-8-sig")
     except UnicodeDecodeError as error:
         reason = f"cannot be read as text, save it as UTF-8: {error}"
         raise InputRefused(path, reason) from None
-    return text, check_urdf(text, path, limits)
+    return text, check_urdf(text, path)
 
 
 def check_urdf(text: str, path: Path, limits: Limits = LIMITS) -> tuple[str, ...]:

@@ -6,15 +6,17 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from slamsim.core.types import Log, Trajectory
-from slamsim.guard.errors import InputRefused, NotFound
+from slamsim.guard.errors import InputRefused, NotFound, OverrideRefused
 from slamsim.guard.files import own_file
 from slamsim.io.formats import Contents, Format, Survey, Truth, formats
 from slamsim.io.input_errors import as_input_errors, damaged
 from slamsim.io.names import LOG, TABLES
 from slamsim.io.selection import EVERYTHING, Selection, selected
 from slamsim.recording import Recording
+from slamsim.recording.choice import clouds_to_read
 from slamsim.recording.cleaning.log import clean
 from slamsim.recording.cleaning.streams import trajectory_of
+from slamsim.recording.clouds import CloudsWanted
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -78,7 +80,8 @@ def survey_recording(path: Path, wanted: Selection = EVERYTHING) -> Survey:
     path = recording_at(path)
     with as_input_errors(path, "its contents"):
         found = format_of(path).survey(path)
-        return replace(found, sample=selected(found.sample, wanted, path))
+        sample = _sliced(path, found.sample, wanted, is_sampled=True)
+        return replace(found, sample=selected(sample, wanted, path))
 
 
 def read_log(path: Path, wanted: Selection = EVERYTHING) -> Log:
@@ -96,7 +99,23 @@ def _read(path: Path, truth: Truth, wanted: Selection) -> Contents:
     """Of a path that ``recording_at`` gave."""
     with as_input_errors(path, "its contents"):
         contents = format_of(path).read(path, truth)
-        return replace(contents, recording=selected(contents.recording, wanted, path))
+        recording = _sliced(path, contents.recording, wanted)
+        return replace(contents, recording=selected(recording, wanted, path))
+
+
+def _sliced(
+    path: Path, recording: Recording, wanted: Selection, *, is_sampled: bool = False
+) -> Recording:
+    """With scans that are cut out of point clouds, where there are no others."""
+    slice_clouds = format_of(path).sliced
+    topics = clouds_to_read(recording, wanted.scans)
+    if slice_clouds is None or not topics:
+        if wanted.cloud_height_m is not None:
+            reason = f"no scans of {path} are cut out of point clouds"
+            raise OverrideRefused("--cloud-height", reason)
+        return recording
+    heights_m, base_frame = wanted.cloud_height_m, wanted.base_frame
+    return slice_clouds(path, recording, CloudsWanted(topics, heights_m, base_frame, is_sampled))
 
 
 def read_truth(path: Path) -> Trajectory | None:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from slamsim.guard.errors import OverrideRefused, shown
 from slamsim.recording import RawImu, RawOdometry, RawScans, RawStream, Recording
-from slamsim.recording.choice import ranked, topics_of
+from slamsim.recording.choice import holds, ranked, topics_of
 from slamsim.recording.frame_graph import FrameGraph
 from slamsim.recording.frames import frame_name
 
@@ -17,13 +17,15 @@ from slamsim.recording.frames import frame_name
 class Selection:
     """scans, odometry, imu: topics, of the others of the kind none is read; empty: any.
 
-    base_frame: whose poses are estimated, empty for what odometry moves.
+    base_frame: whose poses are estimated, empty for what odometry moves. cloud_height_m: lowest and
+    highest return of point clouds that are read as scans, above the base frame.
     """
 
     scans: tuple[str, ...] = ()
     odometry: str = ""
     imu: str = ""
     base_frame: str = ""
+    cloud_height_m: tuple[float, float] | None = None
 
 
 EVERYTHING = Selection()
@@ -57,10 +59,11 @@ def _found(
     recording: Recording, kind: type[RawStream], option: str, wanted: str, path: Path
 ) -> str:
     """The topic of a kind as the file names it."""
-    there = [(topic.topic, topic.type_name) for topic in topics_of(recording) if topic.messages]
+    needed = kind.schema.type_name
+    topics = [topic for topic in topics_of(recording) if topic.messages]
+    there = [(t.topic, needed if holds(recording, t, kind) else t.type_name) for t in topics]
     spare = [each.stream for each in recording.unread if each.stream is not None]
     there += [(stream.topic, stream.schema.type_name) for stream in spare]
-    needed = kind.schema.type_name
     right = [topic for topic, type_name in there if type_name == needed]
     asked = f"{option} {shown(wanted, 200)}"
     meant = [each for each in there if each[0].lstrip("/") == wanted.lstrip("/")]
@@ -83,8 +86,7 @@ def _without_others(recording: Recording, kind: type[RawStream], chosen: list[st
     Odometry beside that of the scans (CARMEN) is read where it is chosen, or where the scans that
     are left carry none.
     """
-    type_name = kind.schema.type_name
-    named = {each.topic for each in topics_of(recording) if each.type_name == type_name}
+    named = {each.topic for each in topics_of(recording) if holds(recording, each, kind)}
     dropped = named.difference(chosen)
     if kind is RawScans:
         streams = tuple(each for each in recording.streams if each.topic not in dropped)

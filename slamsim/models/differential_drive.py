@@ -88,14 +88,14 @@ def chord_of(
 def poses_along(motion: FloatArray, start_pose: FloatArray) -> FloatArray:
     """(n + 1, 3) poses x, y in m and yaw in rad, not wrapped, of a base that drives n arcs.
 
-    motion: (n, 2) path in m and turn in rad of each arc. start_pose: (3,).
+    motion: (n, 2) path in m and turn in rad of each arc. start_pose: (3,). Sums begin at the start
+    pose, so that a path which is cut in two gives the same bits as the whole.
     """
     forward_m, turned_rad = motion.T
-    yaw = start_pose[2] + np.concatenate([[0.0], np.cumsum(turned_rad)])
+    yaw = np.cumsum(np.concatenate([start_pose[2:], turned_rad]))
     steps = chord_of(forward_m, turned_rad, yaw[:-1])
     x, y = (
-        start_pose[axis] + np.concatenate([[0.0], np.cumsum(step_m)])
-        for axis, step_m in enumerate(steps)
+        np.cumsum(np.concatenate([start_pose[[axis]], step_m])) for axis, step_m in enumerate(steps)
     )
     return np.column_stack([x, y, yaw])
 

@@ -17,7 +17,7 @@ from slamsim.process.children import Patience, dying_with_us
 from slamsim.process.pipe import Pipe
 
 _PACKAGES = Path(__file__).parents[2]
-_STANDARD_OUTPUT, _STANDARD_ERROR = 1, 2
+_STANDARD_INPUT, _STANDARD_OUTPUT, _STANDARD_ERROR = 0, 1, 2
 
 
 class ModuleProcess:
@@ -51,6 +51,11 @@ class ModuleProcess:
         """Hand on a packed message; returns at once. What is left is sent by the next calls."""
         self._pipe.send(data)
 
+    @property
+    def unsent_bytes(self) -> int:
+        """What waits until the child takes it."""
+        return self._pipe.unsent_bytes
+
     def receive(self) -> list[object]:
         """All messages that are whole by now. Raises Ended when the child is gone."""
         return self._pipe.receive()
@@ -70,6 +75,12 @@ class ModuleProcess:
             assert stream is not None
             stream.close()
         return self._child.wait()
+
+
+def requests() -> BinaryIO:
+    """Called in the child: where messages come from. The interpreter aborts where it ends while a
+    thread reads ``sys.stdin``."""
+    return os.fdopen(os.dup(_STANDARD_INPUT), "rb")
 
 
 def answers() -> BinaryIO:

@@ -62,6 +62,11 @@ class Pipe:
         self._outgoing.append(memoryview(data))
         self._flush()
 
+    @property
+    def unsent_bytes(self) -> int:
+        """What the other side has not taken yet."""
+        return sum(map(len, self._outgoing))
+
     def receive(self) -> list[object]:
         """All messages that are whole by now. Raises Ended."""
         self._flush()

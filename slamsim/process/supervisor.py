@@ -6,6 +6,7 @@ crashes, nobody is left to say so. This process has loaded nothing, and so it al
 
 from __future__ import annotations
 
+import math
 import os
 import select
 import signal
@@ -21,6 +22,8 @@ from slamsim.process.exit_codes import STOPPED, STOPPING, UNTOUCHED, ended_by, f
 GRACE_S = 1.5
 """So long a command that is stopped may take to put its things in order."""
 _AGAIN_S = 0.2
+_FINISHING = 0
+"""No signal has this number: the command has heard, and finishes what it is writing."""
 
 
 def supervised(command: Callable[[], int]) -> int:
@@ -44,6 +47,15 @@ def supervised(command: Callable[[], int]) -> int:
     return _code(*_watch(child, heard))
 
 
+def finish_in_peace() -> None:
+    """Called in the child where a signal to stop has come: it is not killed while it finishes,
+    unless a second signal comes. Without a supervisor this does nothing."""
+    told = signal.set_wakeup_fd(-1)
+    if told >= 0:
+        os.write(told, bytes([_FINISHING]))
+        signal.set_wakeup_fd(told, warn_on_full_buffer=False)
+
+
 def _end(code: int) -> NoReturn:
     """End the child; once it was stopped, without a wait for what its threads still do."""
     if code > 128:
@@ -60,17 +72,22 @@ def _watch(child: int, heard: int) -> tuple[int | None, int]:
 
     heard: where this process and the child tell which signals they get, whatever they are doing.
     """
-    stopped_by, end_s = None, 0.0
+    stopped_by, end_s, in_peace_s = None, 0.0, math.inf
     while True:
-        ready, _, _ = select.select((heard,), (), (), None if stopped_by is None else _AGAIN_S)
+        waits = stopped_by is None or time.monotonic() > in_peace_s + GRACE_S
+        ready, _, _ = select.select((heard,), (), (), None if waits else _AGAIN_S)
         numbers = os.read(heard, 512) if ready else b""
-        if stopped_by is None:
-            stopped_by = next((number for number in numbers if number in STOPPING), None)
-            end_s = time.monotonic() + GRACE_S
+        signals = [number for number in numbers if number in STOPPING]
+        if stopped_by is None and signals:
+            stopped_by, end_s = signals[0], time.monotonic() + GRACE_S
+        elif signals and time.monotonic() > in_peace_s + GRACE_S:
+            in_peace_s, end_s = math.inf, 0.0  # a second one, by a person who will not wait
+        if _FINISHING in numbers:
+            in_peace_s = time.monotonic()
         ended, status = os.waitpid(child, os.WNOHANG)
         if ended:
             return stopped_by, status
-        if stopped_by is not None:
+        if stopped_by is not None and in_peace_s == math.inf:
             os.kill(child, stopped_by if time.monotonic() < end_s else signal.SIGKILL)
 
 

@@ -97,7 +97,8 @@ class RawScans(RawStream):
     of float32 as recorded (an array when all have as many beams, else a sequence of arrays, which
     may read the file only when asked). intensities likewise, None without any. range_is_estimated:
     the format declares no maximum, so that ``range_max_m`` is what the readings themselves say.
-    other_intensities: messages that hold some, but not as many as ranges.
+    other_intensities: messages that hold some, but not as many as ranges. note: how the scans were
+    made of other messages, in words; then they cannot be written back, and have no origin.
     """
 
     schema = schemas.SCANS
@@ -108,6 +109,7 @@ class RawScans(RawStream):
     intensities: Sequence[Float32Array] | Float32Array | None = None
     range_is_estimated: bool = field(default=False, kw_only=True)
     other_intensities: int = field(default=0, kw_only=True)
+    note: str = field(default="", kw_only=True)
 
     def layout(self, scan: int) -> ScanLayout:
         return self.layouts[int(self.layout_of[scan])]
@@ -288,6 +290,11 @@ class Recording:
         """With each stream of a kind changed."""
         streams = (change(each) if isinstance(each, kind) else each for each in self.streams)
         return replace(self, streams=tuple(streams))
+
+    @property
+    def moving(self) -> tuple[TransformEdge, ...]:
+        """Its transforms that may change over time."""
+        return tuple(edge for edge in self.transforms if not edge.is_static)
 
     @property
     def scans(self) -> tuple[RawScans, ...]:

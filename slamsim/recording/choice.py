@@ -36,7 +36,8 @@ class Choice:
     """What is read of one kind, from which topics.
 
     others: further topics of it; why: not these, in words.
-    option: of the command line, which chooses another.
+    option: of the command line, which chooses another. notes: how what is read was made of other
+    messages, topic by topic.
     """
 
     what: str
@@ -44,10 +45,12 @@ class Choice:
     others: tuple[str, ...] = ()
     why: str = ""
     option: str = ""
+    notes: tuple[str, ...] = ()
 
     def __str__(self) -> str:
         beside = f" (not {', '.join(self.others)}{self.why})" if self.others else ""
-        return f"{self.what} from {' and '.join(self.topics)}{beside}"
+        made = f" ({'; '.join(self.notes)})" if self.notes else ""
+        return f"{self.what} from {' and '.join(self.topics)}{made}{beside}"
 
 
 def choices(recording: Recording) -> tuple[Choice, ...]:
@@ -59,8 +62,10 @@ def choices(recording: Recording) -> tuple[Choice, ...]:
             why = _why(recording, topics) if kind is RawOdometry else ""
             used = _together(recording) if kind is RawScans and lidars(recording) else topics[:1]
             others = tuple(topic for topic in topics if topic not in used)
-            found.append(Choice(what, tuple(used), others, why, option))
-        elif kind is RawOdometry and (edges := _odometry_edges(recording)):
+            made = {scans.topic: scans.note for scans in recording.scans if scans.note}
+            notes = tuple(made[topic] for topic in used if topic in made)
+            found.append(Choice(what, tuple(used), others, why, option, notes))
+        elif kind is RawOdometry and (edges := odometry_edges(recording)):
             found.append(Choice(what, (f"the transforms {edges[0][0]} -> {edges[-1][1]}",)))
     return tuple(found)
 
@@ -81,7 +86,7 @@ def ranked(recording: Recording, kind: type[RawStream]) -> list[RecordedTopic]:
     it is fused comes after a raw one if an IMU was recorded, whose readings it would bring in a
     second time, and before it if none was.
     """
-    found = [t for t in topics_of(recording) if t.type_name == kind.schema.type_name and t.messages]
+    found = [t for t in topics_of(recording) if t.messages and holds(recording, t, kind)]
     placed = {edge.child for edge in recording.transforms}
     found.sort(key=lambda topic: (-topic.messages, topic.topic.count("/"), topic.topic))
     if kind is RawScans:
@@ -101,17 +106,28 @@ def ranked(recording: Recording, kind: type[RawStream]) -> list[RecordedTopic]:
     return found
 
 
+def holds(recording: Recording, topic: RecordedTopic, kind: type[RawStream]) -> bool:
+    """Whether a topic holds streams of a kind, as clouds do of which scans were made."""
+    if topic.type_name == CLOUD and kind is RawScans:
+        return any(scans.topic == topic.topic for scans in recording.scans)
+    return topic.type_name == kind.schema.type_name
+
+
+def clouds_to_read(recording: Recording, scan_topics: Sequence[str]) -> tuple[str, ...]:
+    """The topics of point clouds of which scans shall be made: those that are asked for, or all
+    of a recording without scans."""
+    there = [topic for topic in topics_of(recording) if topic.messages]
+    clouds = [topic.topic for topic in there if topic.type_name == CLOUD]
+    asked = {topic.lstrip("/") for topic in scan_topics}
+    named = tuple(topic for topic in clouds if topic.lstrip("/") in asked)
+    has_scans = any(holds(recording, topic, RawScans) for topic in there)
+    return named or (() if has_scans else tuple(clouds))
+
+
 def without_scans(topics: Iterable[RecordedTopic]) -> str:
-    """What to do about a recording whose only lidar publishes point clouds, as the end of a
-    sentence; empty without any."""
-    clouds = [each.topic for each in topics if each.type_name == CLOUD and each.messages]
-    if not clouds:
-        return ""
-    return (
-        f"; {clouds[0]} is a point cloud: play the recording and record /scan beside, which "
-        "`ros2 run pointcloud_to_laserscan pointcloud_to_laserscan_node --ros-args -r "
-        f"cloud_in:={clouds[0]} -p min_height:=-0.1 -p max_height:=0.1` cuts out of it"
-    )
+    """Why the point clouds of a recording without scans are none, as the end of a sentence."""
+    clouds = [each for each in topics if each.type_name == CLOUD and each.damage]
+    return f"; {clouds[0].topic}: {clouds[0].damage}" if clouds else ""
 
 
 def lidars(recording: Recording) -> list[RawScans]:
@@ -176,7 +192,8 @@ def _why(recording: Recording, topics: Sequence[str]) -> str:
     return f": {', '.join(reasons)}" if reasons else ""
 
 
-def _odometry_edges(recording: Recording) -> list[tuple[str, str]]:
+def odometry_edges(recording: Recording) -> list[tuple[str, str]]:
+    """(parent, child) of the transforms that are odometry, from its frame down to the base."""
     tree = FrameTree()
     tree.add(recording.transforms)
     laser_frames = [scans.frame_ids[0] for scans in recording.scans if scans.frame_ids]

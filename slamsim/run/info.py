@@ -62,6 +62,7 @@ def tell_info(
             "name": recording.name,
             "format": recording.format,
             **_times(survey),
+            "messages": _messages(survey),
             "topics": [_facts(topic, found) for topic in survey.topics],
             "transforms": [asdict(frame) for frame in frames],
             "reads": [asdict(choice) for choice in found],
@@ -178,5 +179,8 @@ def _span(survey: Survey) -> str:
         begin = f" from {datetime.fromtimestamp(instants[0] // 10**9, UTC):%Y-%m-%d %H:%M:%S} UTC"
     elif survey.sample.epoch == "simulation":
         begin = " of simulated time"
-    messages = sum(topic.messages for topic in survey.topics)
-    return f"{messages:,} messages in {1e-9 * (instants[1] - instants[0]):.1f} s{begin}"
+    return f"{_messages(survey):,} messages in {1e-9 * (instants[1] - instants[0]):.1f} s{begin}"
+
+
+def _messages(survey: Survey) -> int:
+    return sum(topic.messages for topic in survey.topics)

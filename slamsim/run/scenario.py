@@ -19,7 +19,7 @@ from slamsim.guard.output import partial_folder
 from slamsim.run.scenario_folder import told, write_results
 from slamsim.scenarios.base import ScenarioResult
 from slamsim.scenarios.registry import Entry
-from slamsim.scenarios.run import TRIAL_LIMIT_S, Chosen, Listener, run_scenarios
+from slamsim.scenarios.run import Chosen, Listener, run_scenarios
 from slamsim.sim.robot.model import build_robot
 
 _MARKS = {True: ("✓", "green"), False: ("✗", "red"), None: ("–", "dim")}
@@ -32,7 +32,6 @@ def run_and_report(
     reporter: Reporter,
     *,
     jobs: int | None = None,
-    limit_s: float = TRIAL_LIMIT_S,
     overwrite: bool = False,
 ) -> None:
     """Run these scenarios and leave a folder with report, figures and rows.
@@ -46,7 +45,7 @@ def run_and_report(
     _refuse_robots(parts.values())
     with partial_folder(folder, overwrite) as partial:
         with _bars(reporter, entries) as listen:
-            results = run_scenarios(chosen, whole.seed, jobs=jobs, limit_s=limit_s, listen=listen)
+            results = run_scenarios(chosen, whole.seed, jobs=jobs, listen=listen)
         write_results(partial, results, whole, whole.seed)
     for result in results:
         tell(result, reporter)

@@ -34,6 +34,18 @@ class Sink(AbstractContextManager[Any], Protocol):
         ...
 
 
+def recorded_topics(header: LogHeader) -> list[TopicKind]:
+    """All topics of a simulated recording."""
+    types = {**TOPICS, **header.topics}
+    return [TopicKind(topic, kind, topic in _LATCHED) for topic, kind in types.items()]
+
+
+def begun_bag(folder: Path, header: LogHeader) -> GrowingBag:
+    """An empty recording that says all that it says once; a context manager."""
+    custom = {"epoch": header.epoch, **dict(sorted(header.metadata.items()))}
+    return GrowingBag(folder, recorded_topics(header), custom)
+
+
 class LogWriter(StagedWriter):
     """As a ``GrowingBag``: all that a ``DriveRecorder`` records.
 
@@ -44,11 +56,9 @@ class LogWriter(StagedWriter):
         self, folder: Path, header: LogHeader, name: str = "", sinks: Sequence[SinkEntry] = ()
     ) -> None:
         super().__init__()
-        types = {**TOPICS, **header.topics}
-        topics = [TopicKind(topic, kind, topic in _LATCHED) for topic, kind in types.items()]
-        custom = {"epoch": header.epoch, **dict(sorted(header.metadata.items()))}
+        topics = recorded_topics(header)
         with ExitStack() as opened:  # closes what was begun where a later sink cannot begin
-            bag: Sink = opened.enter_context(GrowingBag(folder, topics, custom))
+            bag: Sink = opened.enter_context(begun_bag(folder, header))
             started = [opened.enter_context(entry.start(topics)) for entry in sinks]
             self._open.push(opened.pop_all())
         self._sinks: tuple[Sink, ...] = (bag, *started)
@@ -61,7 +71,7 @@ class LogWriter(StagedWriter):
         Messages that arrive after the window's end are held back until their time has come.
         """
         part = self._recorder.take([readings], [window])
-        said = part.recording if self._is_first else _without_what_is_said_once(part.recording)
+        said = part.recording if self._is_first else said_once_left_out(part.recording)
         self._is_first = False
         streams = outgoing(said, self._recorder.constants)
         messages = [*streams, *map(stream_messages, part.beside)]
@@ -76,6 +86,6 @@ class LogWriter(StagedWriter):
             sink.add(rest)
 
 
-def _without_what_is_said_once(part: Recording) -> Recording:
-    moving = tuple(edge for edge in part.transforms if not edge.is_static)
-    return replace(part, robot_description=None, transforms=moving)
+def said_once_left_out(part: Recording) -> Recording:
+    """A part of a recording that others went before."""
+    return replace(part, robot_description=None, transforms=part.moving)

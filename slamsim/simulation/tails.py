@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from slamsim.core.geometry import matrix_from_xyzw, xyzw_from_yaw
+from slamsim.core.geometry import matrix_from_xyzw, wrap_angle, xyzw_from_yaw
 from slamsim.core.types import BoolArray, Drive, EncoderStream, FloatArray, IntArray
-from slamsim.models.differential_drive import wheel_odometry
+from slamsim.models.differential_drive import forward_and_turn, metres_per_tick, poses_along
 
 
 def at_rate(stamps_ns: IntArray, previous_ns: int | None, rate_hz: float) -> BoolArray:
@@ -45,14 +45,16 @@ class OdometryTail:
 
     def __init__(self) -> None:
         self._last: EncoderStream | None = None
-        self._last_pose: FloatArray = np.zeros(3)
+        self._last_pose: FloatArray = np.zeros(3)  # its heading is not wrapped
 
     def extend(self, stream: EncoderStream) -> WheelMotion:
         """The wheels' motion at each reading of the next, non-empty, part of the stream."""
         first = self._last is None
         joined = stream if self._last is None else _joined(self._last, stream)
-        poses = wheel_odometry(joined, self._last_pose).poses
         radians_per_tick = 2.0 * np.pi / joined.ticks_per_revolution
+        tick_m = metres_per_tick(joined.ticks_per_revolution, joined.wheel_radius_m)
+        arcs = forward_and_turn(np.diff(joined.ticks, axis=0) * tick_m, joined.track_m)
+        poses = poses_along(arcs, self._last_pose)
         elapsed_s = np.diff(joined.stamps_ns) * 1e-9
         moved = elapsed_s > 0.0
         speeds = np.zeros((elapsed_s.size, 2))
@@ -71,7 +73,7 @@ class OdometryTail:
             stream.ticks.astype(np.float64) * radians_per_tick,
             speeds,
             np.column_stack([poses[:, :2], zero]),
-            xyzw_from_yaw(poses[:, 2]),
+            xyzw_from_yaw(wrap_angle(poses[:, 2])),
             np.column_stack([forward_m_s, zero, zero]),
             np.column_stack([zero, zero, yaw_rate_rad_s]),
         )

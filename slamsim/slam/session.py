@@ -17,7 +17,7 @@ from slamsim.core.types import FloatArray, Log, PlanarTrajectory, Scan
 from slamsim.guard.errors import SlamsimError
 from slamsim.guard.numbers import require_finite, require_mount, solving
 from slamsim.slam.failures import Failures
-from slamsim.slam.frontend.keyframes import ABOUT_THERE, ANYWHERE, Before, KeyframeMaker
+from slamsim.slam.frontend.keyframes import ABOUT_THERE, ANYWHERE, Before, Keyframe, KeyframeMaker
 from slamsim.slam.frontend.motion import NoMotion, Odometry, log_odometry, predict_motion
 from slamsim.slam.frontend.odometry import FrontEnd
 from slamsim.slam.frontend.scan_order import InOrder, nothing_to_track
@@ -111,7 +111,7 @@ class SlamSession:
             self._keeper.take(keyframe)
 
         self._anchors.move(self._keeper.correction())
-        return self._told(tracked)
+        return self._told(tracked, keyframe)
 
     def finish(self, progress: Progress = silent) -> SlamResult:
         """The final solution. Raises SlamsimError if no scan could be tracked."""
@@ -142,7 +142,7 @@ class SlamSession:
         """End the back end, whatever it is doing; the session cannot go on."""
         self._keeper.close()
 
-    def _told(self, tracked: Tracked) -> Step:
+    def _told(self, tracked: Tracked, keyframe: Keyframe | None) -> Step:
         match = tracked.match
         T_map_base, covariance = self._anchors.place(tracked)
         known = self._anchors.joined or not self._fixed
@@ -155,6 +155,8 @@ class SlamSession:
             degenerate_directions=np.eye(3) if match is None else match.degenerate_directions,
             status=self._status(tracked) if known else "lost",
             events=(*self._new_events(), *self._keeper.events()),
+            keyframe=None if keyframe is None else keyframe.index,
+            cloud=None if keyframe is None else tracked.cloud,
         )
 
     def _status(self, tracked: Tracked) -> Status:
@@ -171,12 +173,15 @@ class SlamSession:
 
 
 def open_session(
-    config: SlamConfig, T_base_laser: FloatArray, T_base_imu: FloatArray | None = None
+    config: SlamConfig,
+    T_base_laser: FloatArray,
+    T_base_imu: FloatArray | None = None,
+    start: FloatArray | None = None,
 ) -> SlamSession:
     """A session for a robot that drives, its back end in a process of its own.
 
-    T_base_laser, T_base_imu: 4 x 4 mounts; None for a robot without a gyroscope. Kernels are
-    compiled before this returns.
+    T_base_laser, T_base_imu: 4 x 4 mounts; None for a robot without a gyroscope. start: (3,)
+    T_map_base at the first scan, the origin without it. Kernels are compiled before this returns.
 
         with open_session(SlamConfig(), T_base_laser, T_base_imu) as session:
             for scan, odometry in robot:
@@ -190,6 +195,9 @@ def open_session(
     warm_up(config, T_base_laser)
     motion = MotionFilter(None if T_base_imu is None else T_base_imu[:3, :3])
     front_end = FrontEnd(config.front_end, None, T_base_laser)
+    if start is not None:
+        require_finite("the pose to begin at", start, (3,))
+        front_end.start_at(start)
     return SlamSession(config, front_end, motion, AsyncBackEnd(config))
 
 

@@ -39,8 +39,11 @@ def preview_png(world: World) -> bytes:
     return encoded_png(_framed(top_view(world, _LONGEST_PX), world, resolution))
 
 
-def top_view(world: World, longest_px: int, ways: Sequence[Way] = ()) -> Image:
-    """(rows, columns, 3) blue, green, red; y up; the longer side so many pixels.
+def top_view(
+    world: World, longest_px: int, ways: Sequence[Way] = (), longest_m: float | None = None
+) -> Image:
+    """(rows, columns, 3) blue, green, red; y up; the longer side so many pixels, or ``longest_m``
+    would be, for worlds on one scale.
 
     Dark: solid at 0.3 m, where a lidar looks. Sand: between 0.01 m and 0.5 m only above or below
     that height. White: free; grey: free but out of reach. Blue and green: floor patches with less
@@ -48,7 +51,7 @@ def top_view(world: World, longest_px: int, ways: Sequence[Way] = ()) -> Image:
     lines over it, each drawn over those before.
     """
     x_min, y_min, x_max, y_max = world.bounds_m
-    resolution = max(x_max - x_min, y_max - y_min) / longest_px
+    resolution = (longest_m or max(x_max - x_min, y_max - y_min)) / longest_px
     grid = world.grid(resolution, _LIDAR_HEIGHT_M)
     body = world.obstacle_grid(resolution).occupancy
     image = np.full((*grid.occupancy.shape, 3), _FREE, dtype=np.uint8)

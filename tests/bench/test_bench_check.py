@@ -10,9 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from slamsim.bench.check.campaign import CheckCampaign, run_campaign, run_seed
+from slamsim.bench.check.campaign import CheckCampaign, random_scenario, run_campaign, run_seed
 from slamsim.bench.check.outcome import CheckOutcome, Measured, outcome_of
-from slamsim.bench.check.scenario import random_scenario
 from slamsim.bench.check.summary import coverage, run_line, summarise, summary_tables
 from slamsim.bench.check.trials import (
     clean_trial,

@@ -17,15 +17,15 @@ from slamsim.bench.robustness.campaign import (
     run_robustness,
     summarise,
 )
-from slamsim.bench.robustness.case import run_case
-from slamsim.bench.robustness.conditions import Conditions, draw_conditions, ring_drawing
-from slamsim.bench.robustness.disturbances import disturbed, without_span
-from slamsim.bench.robustness.verdict import (
+from slamsim.bench.robustness.case import (
     false_kidnappings,
     judge,
     kidnappings_told,
+    run_case,
     worst_piece_m,
 )
+from slamsim.bench.robustness.conditions import Conditions, draw_conditions, ring_drawing
+from slamsim.bench.robustness.disturbances import disturbed, without_span
 from slamsim.console.reporter import Reporter
 from slamsim.core.geometry import compose
 from slamsim.core.result import Event, EventKind, PoseGraph, SlamResult

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from calibration_example import TRACK_M, Robot, without
@@ -79,6 +81,21 @@ def test_two_streams_are_enough_for_their_offset(missing: str, pair: str) -> Non
     assert found is not None
     offset, sigma, _ = found.offset(pair)
     assert abs(offset - 0.05) < 6.0 * sigma
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_without_scans_turns_that_differ_by_slip_leave_an_honest_offset(seed: int) -> None:
+    """Wheels that slip at random in each step: the turns tell what they are good for."""
+    robot = Robot(seed=seed)
+    inputs = without(robot.inputs(), "steps")
+    assert inputs.wheels is not None
+    totals = inputs.wheels.totals.copy()
+    rng = np.random.default_rng(seed)
+    totals[:, 1] += np.cumsum(rng.normal(0.0, 3e-3, len(totals)))
+    found = calibrate_inputs(replace(inputs, wheels=replace(inputs.wheels, totals=totals)))
+    assert found is not None
+    offset, sigma, bound = found.offset("gyro_wheel")
+    assert abs(offset) < 3.0 * sigma and bound > 3e-4
 
 
 def test_one_stream_alone_has_nothing_to_be_compared_with() -> None:

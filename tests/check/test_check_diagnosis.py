@@ -80,3 +80,23 @@ def test_a_sweep_of_milliseconds_explains_no_offset_of_a_tenth_of_a_second() -> 
     small, large = (replace(late, estimate=Measurement(ms, 1.0, "ms")) for ms in (5.0, 130.0))
     assert names(sweep, small) == {"rolling_scan_untimed"}
     assert names(sweep, large) == {"rolling_scan_untimed", "time_offset_lidar"}
+
+
+def test_a_drift_that_the_times_of_receipt_contradict_is_not_told() -> None:
+    drift = replace(
+        bad("time.drift", "/scan", "clock_drift"), estimate=Measurement(3000.0, 300.0, "ppm")
+    )
+    for ppm, told in ((-10.0, set()), (2500.0, {"clock_drift"})):
+        pace = Measurement(ppm, 20.0, "ppm")
+        receipt = Finding("time.receipt_drift", "/scan", "ok", "keeps pace", estimate=pace)
+        assert names(drift, receipt) == told
+
+
+def test_held_up_stamps_explain_no_larger_offset_of_another_stream() -> None:
+    jitter = replace(
+        bad("time.scatter", "/imu", "stamps_jitter"), estimate=Measurement(8.0, 0.0, "ms")
+    )
+    late = bad("time.offset.lidar", "/scan", "time_offset_lidar")
+    small, large = (replace(late, estimate=Measurement(ms, 1.0, "ms")) for ms in (5.0, 130.0))
+    assert names(jitter, small) == {"stamps_jitter"}
+    assert names(jitter, large) == {"stamps_jitter", "time_offset_lidar"}

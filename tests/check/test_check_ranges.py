@@ -309,6 +309,18 @@ def test_beams_that_stand_alone_at_one_value_are_a_code_and_not_stray(value_m: f
     assert "range_max_no_return" in told and "scan_interference" not in told
 
 
+def test_a_code_with_surfaces_just_above_it_is_none_of_them() -> None:
+    """Noise carries a wall near the maximum beyond the code: the commonest reading is the code."""
+    ranges, rng = room(), np.random.default_rng(2)
+    ranges[rng.random(ranges.shape) < 0.02] = np.float32(29.99)
+    ranges[::2, 200:230] = np.float32(29.99)
+    beside = rng.random(ranges.shape) < 2e-4
+    ranges[beside] = rng.uniform(29.98, 30.0, beside.sum()).astype(np.float32)
+    told = {one.fault: one for one in range_findings(recorded(ranges)) if one.fault}
+    assert set(told) == {"range_max_no_return"}
+    assert told["range_max_no_return"].repairs[0].parameters["value_m"] == np.float32(29.99)
+
+
 @pytest.mark.parametrize("count", [BEAMS - 1, BEAMS // 2, BEAMS + 9])
 def test_another_number_of_intensities_than_of_ranges(count: int, tmp_path: Path) -> None:
     """In memory, and read from a file, where SLAM goes on without them."""

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from slamsim.check.calibration.explanation import EFFECTS, LIMITS, Size, explain
 from slamsim.check.calibration.joint import calibrate_inputs
-from slamsim.check.calibration.noise import pieces_of
+from slamsim.check.calibration.noise import Pieces, pieces_of
 from slamsim.check.motion.inputs import Inputs
 from slamsim.check.questions.changes import check_changes
 from slamsim.check.questions.ranges.scale import check_range_scale
@@ -104,6 +104,21 @@ def test_intervals_grow_with_errors_that_last_longer_than_a_block() -> None:
         sigma = float(np.sqrt(pieces.widened(np.array([[0.03**2 / 32]]))[0, 0]))
         held += abs(value) < 1.96 * sigma
     assert held >= 50
+
+
+def test_a_drift_is_as_unsure_as_the_offset_wanders() -> None:
+    """The slope through pieces whose offsets scatter far beyond their noise, against its error."""
+    rng, at_s = np.random.default_rng(4), np.arange(8.0)
+    held, by_noise = 0, np.diag([1.0 / 8.0, 1.0 / np.square(at_s - at_s.mean()).sum()])
+    for _ in range(60):
+        wander = rng.normal(0.0, 10.0, 8)
+        slope, mean = np.polyfit(at_s - at_s.mean(), wander, 1)
+        moved = np.column_stack([wander - mean - slope * (at_s - at_s.mean()), np.zeros(8)])
+        pieces = Pieces(at_s, moved, np.tile(np.diag([1.0, 1e-18]), (8, 1, 1)))
+        sigma = float(np.sqrt(pieces.widened(by_noise, ((0, 1),))[1, 1]))
+        held += abs(slope) < 1.96 * sigma
+        assert pieces.widened(by_noise)[1, 1] == pytest.approx(by_noise[1, 1])
+    assert 50 <= held < 60
 
 
 def _late(steps: FloatArray, share: float) -> BoolArray:

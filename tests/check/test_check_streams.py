@@ -17,7 +17,7 @@ from slamsim.check.findings import Finding
 from slamsim.check.question import judge
 from slamsim.check.questions.clocks.offsets import CULPRITS
 from slamsim.check.questions.streams.rounding import rounding_step_s
-from slamsim.check.questions.streams.series import series_of
+from slamsim.check.questions.streams.series import held_up_s, series_of
 from slamsim.check.questions.streams.spacing import ROUNDING
 from slamsim.check.questions.streams.stamps import check_stamps
 from slamsim.core.types import IntArray
@@ -295,6 +295,40 @@ def test_messages_that_come_late_and_then_all_at_once_are_not_missing() -> None:
     findings = stamp_findings(recording(60.0).with_streams(RawImu, (restamped,)))
     (gaps,) = [one for one in findings if (one.check, one.subject) == ("time.gaps", "/imu")]
     assert gaps.verdict == "ok"
+    (scatter,) = [one for one in findings if (one.check, one.subject) == ("time.scatter", "/imu")]
+    assert scatter.fault == "stamps_jitter" and "360 of 6000" in scatter.words
+
+
+@given(
+    rate_hz=st.floats(5.0, 200.0),
+    pauses=st.integers(0, 6),
+    pause_s=st.floats(0.05, 0.5),
+    seed=st.integers(0, 2**32 - 1),
+)
+def test_held_up_messages_against_what_was_held_up(
+    rate_hz: float, pauses: int, pause_s: float, seed: int
+) -> None:
+    """Messages that were due in a pause are let through at its end, one behind the other."""
+    rng = np.random.default_rng(seed)
+    even = stamps(rate_hz, 60.0, 0.0)
+    stamped = even.copy()
+    for number in range(pauses):
+        begin_ns = even[0] + round(1e9 * (3.0 + 8.0 * number + rng.uniform(0.0, 4.0)))
+        waits = (even > begin_ns) & (even < begin_ns + 1e9 * pause_s)
+        stamped[waits] = begin_ns + round(1e9 * pause_s) + 1000 * np.arange(waits.sum())
+    late_s = held_up_s(stamped)
+    # A single message that waits leaves a long step and a short one: any jitter does.
+    true_s = (stamped - even) * 1e-9
+    several = (true_s > 0.0) & (late_s > 0.0)
+    assert np.abs(late_s - true_s)[several].max(initial=0.0) < 1.0 / rate_hz
+    assert not late_s[true_s == 0.0].any()
+    if pause_s * rate_hz > 4.0:
+        assert (late_s > 0.0).sum() >= 0.5 * (true_s > 0.0).sum()
+
+
+def test_a_pause_after_which_messages_are_missing_holds_none_up() -> None:
+    even = stamps(50.0, 60.0, 0.0)
+    assert not held_up_s(np.delete(even, np.s_[500:520])).any()
 
 
 @pytest.mark.parametrize(

@@ -34,7 +34,7 @@ def everything(calibration: Calibration) -> list[Finding]:
         *check_slip(calibration),
         *check_wheels(calibration, explain(calibration)),
         *check_gyro(calibration, explain(calibration)),
-        *check_mounting(calibration),
+        *check_mounting(calibration, explain(calibration)),
     ]
 
 
@@ -54,6 +54,8 @@ FAULTS = [
     (Robot(lidar_late_s=0.02), {"scan_stamp_middle"}),
     (Robot(lidar_late_s=1.7e9), {"epoch_mismatch"}),
     (Robot(lidar_drift=5e-4), {"clock_drift"}),
+    (Robot(lidar_drift=-2e-3, lidar_late_s=0.03), {"clock_drift"}),  # they agree on the way
+    (Robot(lidar_drift=-2e-3, lidar_late_s=-0.3), {"clock_drift", "time_offset_lidar"}),
     (Robot(lidar_late_s=0.1, wheels_late_s=-0.2), {"time_offset_lidar", "time_offset_wheels"}),
     (Robot(gyro_scale=1.05), {"gyro_scale"}),
     (Robot(gyro_scale=-1.0), {"gyro_sign"}),
@@ -96,6 +98,19 @@ def test_mirrored_scans_are_no_fault_of_gyroscope_or_wheels() -> None:
     turned = np.array([1.0, -1.0, -1.0])
     steps = replace(inputs.steps, T_first_second=inputs.steps.T_first_second * turned)
     assert named(replace(inputs, steps=steps)) == set()
+
+
+@pytest.mark.parametrize("factor", [0.9, 1.05, 1.2])
+def test_ranges_that_are_too_long_move_no_laser(factor: float) -> None:
+    """Scans measure the lever arm of a turn by their own ranges."""
+    inputs = Robot().inputs()
+    moved = inputs.steps.T_first_second * np.array([factor, factor, 1.0])
+    inputs = replace(inputs, steps=replace(inputs.steps, T_first_second=moved))
+    calibration = calibrate_inputs(inputs)
+    assert calibration is not None
+    found = explain(calibration)
+    assert found.wrong == {"ranges"}
+    assert not [one for one in check_mounting(calibration, found) if one.fault]
 
 
 def test_scans_that_do_not_turn_leave_the_others_comparable() -> None:

@@ -164,6 +164,24 @@ def test_a_world_of_a_hostile_name(
 
 
 @pytest.mark.usefixtures("unconfigured")
+def test_the_programs_own_logging_is_left_alone(capsys: pytest.CaptureFixture[str]) -> None:
+    """What others log, and a set-up of its own, beside which slamsim's messages are not shown."""
+    root = logging.getLogger()
+    level = root.level
+    first_reporter()
+    Reporter(quiet=True)
+    assert root.handlers == [] and root.level == level
+    logging.getLogger("slamsim.test").warning("not to be seen")
+    Reporter()
+    logging.getLogger("slamsim.test").warning("seen once")
+    root.addHandler(logging.NullHandler())
+    Reporter()
+    logging.getLogger("slamsim.test").warning("theirs to show")
+    said = capsys.readouterr().err
+    assert said.count("seen once") == 1 and "theirs" not in said and "not to be" not in said
+
+
+@pytest.mark.usefixtures("unconfigured")
 def test_the_same_warning_is_told_once(capsys: pytest.CaptureFixture[str]) -> None:
     first_reporter()
     for words in ("one", "two", "one"):

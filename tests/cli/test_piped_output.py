@@ -23,12 +23,18 @@ from slamsim.config.drive import RouteConfig
 from slamsim.sensors.faults.registry import bundled_faults
 
 SHORT = ("--set", "drive.route.max_path_length_m=2")
+LIVE = (
+    *("tiny", "--drive", "tour", "--rate", "max", "--duration", "2", "--no-slam", "--record"),
+    *("--page-port", "0", "--rosbridge-port", "0", "--foxglove-port", "0"),
+)
 COMMANDS: Mapping[str, tuple[str, ...] | None] = {
     "world": ("tiny", "--out", "OUT"),
     "simulate": ("tiny", "--out", "OUT", *SHORT),
     "map": ("RUN", "--out", "OUT"),
     "localise": ("RUN", "--in", "RUN", "--out", "OUT"),
     "evaluate": ("RUN",),
+    "live": (*LIVE, "--out", "OUT"),
+    "replay": ("LIVE/drive_1", "--out", "OUT"),
     "info": ("RUN",),
     "check": ("RUN", "--quick"),
     "fix": ("RUN", "OUT", "--apply", "none"),
@@ -47,8 +53,8 @@ COMMANDS: Mapping[str, tuple[str, ...] | None] = {
     "fault": ("RUN", "OUT", "--fault", "laser_yaw:2"),
     "config": ("tiny",),
 }
-"""How each is called; RUN, SET and OUT are a mapped run, a data set and a new folder. None: it
-prints nothing but errors."""
+"""How each is called; RUN and LIVE are a mapped and a live run, SET a data set, OUT a new folder.
+None: it prints nothing but errors."""
 
 LONG = {"demo", "identify"}
 WITHOUT_JSON = {"config"}
@@ -84,8 +90,14 @@ def mapped(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def arguments(name: str, run: Path, small_set: Path, out: Path) -> list[str]:
     told = COMMANDS[name]
     assert told is not None
-    places = {"RUN": str(run), "SET": str(small_set), "OUT": str(out)}
-    typed = (re.sub(r"^(RUN|SET|OUT)(?=$|[./])", lambda m: places[m[1]], word) for word in told)
+    lived = run.parent / "live"
+    if "LIVE/drive_1" in told and not lived.exists():
+        done = CliRunner().invoke(app, ["live", "-q", "--out", str(lived), *LIVE])
+        assert done.exit_code == 0, done.output
+    places = {"RUN": str(run), "LIVE": str(lived), "SET": str(small_set), "OUT": str(out)}
+    typed = (
+        re.sub(r"^(RUN|LIVE|SET|OUT)(?=$|[./])", lambda m: places[m[1]], word) for word in told
+    )
     return [*name.split(), *typed]
 
 

@@ -14,8 +14,7 @@ from slamsim.dataset.catalogue.manifest import MANIFEST
 from slamsim.dataset.make.shard import Tried
 from slamsim.dataset.store.table import rows_from_parquet
 from slamsim.guard.errors import NotFound, SlamsimError
-from slamsim.run.dataset.making import run_make
-from slamsim.run.dataset.watch import ConsoleWatch
+from slamsim.run.dataset.making import ConsoleWatch, run_make
 
 COUNT = 3
 

@@ -11,12 +11,12 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from typed import typed
 
 from slamsim.dataset.recipe.draw import sequence_spec
 from slamsim.dataset.recipe.loading import load_recipe
 from slamsim.dataset.recipe.model import Recipe
-from slamsim.dataset.recipe.pilot import Pilots, Rehearsal, make_pilots
-from slamsim.dataset.recipe.plan import plan
+from slamsim.dataset.recipe.plan import Pilots, Rehearsal, make_pilots, plan
 from slamsim.dataset.recipe.preview import contact_sheet
 from slamsim.dataset.recipe.sequence import SequenceSpec
 from slamsim.guard.errors import SlamsimError
@@ -143,28 +143,11 @@ def test_sizes_and_times_as_people_say_them() -> None:
     assert [as_time(s) for s in (8, 600, 6000, 9e5)] == told
 
 
-def _run(command: Sequence[str], cwd: Path) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        command, cwd=cwd, capture_output=True, text=True, timeout=120, check=False
-    )
-
-
-def _typed(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
-    command = [
-        sys.executable,
-        "-c",
-        "from slamsim.entry import main; main()",
-        "dataset",
-        *arguments,
-    ]
-    return _run(command, cwd)
-
-
 def test_preview_as_typed(tmp_path: Path) -> None:
-    done = _typed("preview", "tiny", "-n", "1", "--json", cwd=tmp_path)
+    done = typed("dataset", "preview", "tiny", "-n", "1", "--json", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout) == {"file": "tiny.png", "worlds": 1}
-    again = _typed("preview", "tiny", "-n", "1", cwd=tmp_path)
+    again = typed("dataset", "preview", "tiny", "-n", "1", cwd=tmp_path)
     assert again.returncode == 1
     assert "tiny.png is there already" in again.stderr
 
@@ -175,8 +158,10 @@ def test_help_names_all_and_nothing_heavy_is_imported() -> None:
         "heavy = {'pybullet', 'open3d', 'scipy', 'pyarrow', 'cv2', 'numba', 'pydantic', 'dask'}\n"
         "print(sorted(heavy & sys.modules.keys()))"
     )
-    done = _run([sys.executable, "-c", code], Path.cwd())
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, timeout=120, check=False
+    )
     assert done.stdout.strip() == "[]", done.stderr
-    helped = _typed("--help", cwd=Path.cwd())
+    helped = typed("dataset", "--help", cwd=Path.cwd())
     for name in ("make", "plan", "preview", "verify", "stats"):
         assert name in helped.stdout

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 from dataset_run import SHARD, end, make, runs, start, tree, workers_of
+from waiting import wait_for
 
 from slamsim.dataset.make.engines.base import WorkEngine
 from slamsim.dataset.make.identity import Identity, read_identity
@@ -294,9 +295,7 @@ def test_a_killed_run_leaves_no_worker_and_the_same_command_goes_on(
         _wait_for_sequences(folder, 3, process)
         workers = workers_of(process.pid)
         process.kill()
-    end_s = time.monotonic() + 5
-    while any(map(runs, workers)) and time.monotonic() < end_s:
-        time.sleep(0.05)
-    assert workers and not any(map(runs, workers))
+    assert workers
+    wait_for(lambda: not any(map(runs, workers)))
     make(folder, orders, COUNT, one_worker)
     assert tree(folder) == undisturbed

@@ -13,6 +13,7 @@ import pytest
 from dataset_remote_life import downloaded, live_through
 from dataset_run import end, make, start, tree
 from dataset_whole import KeptEngine
+from waiting import wait_for
 
 from slamsim.dataset.make.engines.base import WorkEngine
 from slamsim.dataset.make.engines.local import LocalEngine
@@ -90,9 +91,7 @@ def test_a_killed_run_is_gone_on_with(
     address = f"{bucket}/killed"
     store = RemoteStore(address)
     with start(address, orders, COUNT, 1, 0.2) as process:
-        end_s = time.monotonic() + 60
-        while not store.names("train") and time.monotonic() < end_s:
-            time.sleep(0.05)
+        wait_for(lambda: store.names("train"))
         end(process.pid, signal.SIGKILL)
     assert make(address, orders, COUNT, worker).failures == ()
     make(tmp_path / "set", orders, COUNT, worker)

@@ -12,8 +12,13 @@ from test_bound_scans import T_BASE_LASER, distance, lidar, moved, nearest, poly
 from slamsim.config.sensors import EncoderConfig, GyroConfig, ImuConfig, SensorsConfig
 from slamsim.core.geometry import between, compose, wrap_angle
 from slamsim.core.types import FloatArray, PlanarTrajectory
-from slamsim.evaluate.bound import aligned_rmse_m, trajectory_bound
-from slamsim.evaluate.bound_groups import Groups, group_scans, joint_information
+from slamsim.evaluate.bound import (
+    Groups,
+    aligned_rmse_m,
+    group_scans,
+    joint_information,
+    trajectory_bound,
+)
 from slamsim.evaluate.bound_odometry import BoundOdometryNoise, odometry_noise
 from slamsim.evaluate.bound_scans import scan_information
 from slamsim.evaluate.bound_solve import Blocks, draws

@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 from bag_data import ROS2, SCANS, START_NS, Message, Robot, as_mcap
 
-from slamsim.guard.errors import InputRefused, OverrideRefused
-from slamsim.io.open import open_recording, read_log, read_recording, survey_recording
+from slamsim.guard.errors import OverrideRefused
+from slamsim.io.open import open_recording, read_log, read_recording
 from slamsim.io.selection import Selection
-from slamsim.run.info import missing
 
 ROBOT = Robot(ROS2)
 STEP_NS = 20_000_000
@@ -139,21 +138,3 @@ def test_a_namespaced_robot_with_transforms_alone(tmp_path: Path) -> None:
     np.testing.assert_allclose(log.odometry.poses[:, 0], 0.1 * np.arange(60), atol=1e-12)
     np.testing.assert_allclose(log.T_base_laser[0, 3], 0.3)
     assert "odometry from the transforms robot1/odom -> robot1/base_link" in log.sources
-
-
-def test_a_recording_of_point_clouds_alone_is_refused_with_what_helps(tmp_path: Path) -> None:
-    t = ROS2.types
-    fields = [t["sensor_msgs/msg/PointField"](name, 4 * i, 7, 1) for i, name in enumerate("xyz")]
-    cloud = t["sensor_msgs/msg/PointCloud2"](
-        ROBOT.header(START_NS, "velodyne"), 1, 2, fields, False, 12, 24,
-        np.zeros(24, dtype=np.uint8), True,
-    )  # fmt: skip
-    path = made(tmp_path, [("/velodyne_points", START_NS, cloud)], odometry("/odom", 20))
-    with pytest.raises(InputRefused, match=r"cloud_in:=/velodyne_points.*`") as refusal:
-        read_log(path)
-    assert "\n" not in str(refusal.value)
-    survey = survey_recording(path)
-    assert {topic.topic: topic.frames for topic in survey.topics}["/velodyne_points"] == (
-        "velodyne",
-    )
-    assert "cloud_in:=/velodyne_points" in str(missing(survey)[0])

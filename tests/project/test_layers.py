@@ -51,19 +51,28 @@ ALLOWED: Mapping[str, tuple[str, ...]] = {
         *("report", "simulation", "evaluate", "slam", "sensors", "sim", "world", "io"),
         *("process", *_DATA),
     ),
+    "live": (
+        *("report", "simulation", "check", "slam", "sensors", "sim", "world", "io", "process"),
+        *_DATA,
+    ),
+    "gym": (
+        *("live", "simulation", "slam", "sensors", "sim", "world"),
+        *_DATA,
+    ),
     "run": (
-        *("report", "dataset", "scenarios", "simulation", "check", "evaluate", "slam"),
+        *("live", "report", "dataset", "scenarios", "simulation", "check", "evaluate", "slam"),
         *("sensors", "sim", "world", "io", "console", "process", *_DATA),
     ),
     "bench": (
-        *("run", "dataset", "simulation", "check", "evaluate", "slam", "sensors", "sim"),
+        *("run", "live", "dataset", "simulation", "check", "evaluate", "slam", "sensors", "sim"),
         *("world", "io", "console", "process", *_DATA),
     ),
     "cli": (
-        *("bench", "run", "report", "dataset", "scenarios", "io", "console", "process"),
+        *("bench", "run", "live", "report", "dataset", "scenarios", "io", "console", "process"),
         "config",
         *_FOUNDATION,
     ),
+    "ros": ("cli", "run", "live", "io", "console", *_FOUNDATION),
     "api": (
         *("cli", "run", "report", "dataset", "check", "slam", "world", "io", "console"),
         *_FOUNDATION,

@@ -9,7 +9,7 @@ import pytest
 
 from slamsim.config.loading import load_run_config
 from slamsim.console.reporter import Reporter
-from slamsim.report.viewer.screenshot import check_recording
+from slamsim.report.viewer.show import check_recording
 from slamsim.run.demo import FAULT, rotation_bug
 
 

@@ -24,9 +24,8 @@ from slamsim.report.run_view import RunView, thinned, wall_outline
 from slamsim.report.viewer.process import headless_viewer
 from slamsim.report.viewer.run import write_recording
 from slamsim.report.viewer.scene import occupancy_bytes
-from slamsim.report.viewer.screenshot import check_recording, render_screenshot
 from slamsim.report.viewer.series import plots, wheel_speeds, yaw_rate
-from slamsim.report.viewer.show import view_run
+from slamsim.report.viewer.show import check_recording, render_screenshot, view_run
 from slamsim.report.viewer.stage import MAX_SCANS, laser_frame, on_floor, scan_points
 from slamsim.report.viewer.unmapped import unmapped
 

@@ -21,11 +21,10 @@ from slamsim.config.scenarios.solver import SolverConfig
 from slamsim.config.sensors import EncoderConfig, ImuConfig, SensorsConfig
 from slamsim.core.types import Drive, FloatArray
 from slamsim.sensors.base import Site
-from slamsim.sensors.encoders import Encoders
 from slamsim.sensors.imu import Imu
 from slamsim.sensors.lidar import Lidar
 from slamsim.sensors.motion import Motion, joined
-from slamsim.sensors.rig import SensorRig
+from slamsim.sensors.rig import Encoders, SensorRig
 from slamsim.sensors.scene import Scene
 from slamsim.sim.bodies import BodySurroundings, Box, Shape, Sphere, free_bodies
 from slamsim.sim.drive.script import Command, scripted_run

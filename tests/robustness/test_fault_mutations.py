@@ -1,4 +1,4 @@
-"""A thousand damaged inputs of all formats: the right result or one refusal, nothing else."""
+"""Hundreds of damaged inputs of all formats: the right result or one refusal, nothing else."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ from slamsim.guard.errors import InputRefused
 
 pytestmark = pytest.mark.fault
 
-CASES = 1000
+CASES = 400
 
 
-def test_a_thousand_damaged_inputs_are_read_right_or_refused(tmp_path: Path) -> None:
+def test_hundreds_of_damaged_inputs_are_read_right_or_refused(tmp_path: Path) -> None:
     found = list(verdicts(grounds(SEEDS, tmp_path), CASES, campaign=1))
     assert len({seed.name for seed in SEEDS}) == len(SEEDS) >= 14
     assert len(found) >= CASES

@@ -7,7 +7,6 @@ import json
 import os
 import signal
 import struct
-import time
 import zlib
 from collections.abc import Callable
 from pathlib import Path
@@ -106,10 +105,8 @@ def test_hostile_files_stay_within_memory_and_time(kind: str, tmp_path: Path) ->
     (tmp_path / name).write_bytes(make())
     (tmp_path / "out").mkdir()
     arguments = (str(tmp_path / name), str(tmp_path / "out"))
-    begun_s = time.monotonic()
     done = run_limited(RECOVER, *arguments, memory_bytes=1 << 30, seconds=60)
     assert done.stdout.strip() == "refused"
-    assert time.monotonic() - begun_s < 30.0  # a second or two on a machine that is not busy
 
 
 def test_random_bytes_are_refused(tmp_path: Path) -> None:

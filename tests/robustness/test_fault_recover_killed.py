@@ -13,6 +13,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from log_data import drive, header, readings
+from typed import typed
+from waiting import wait_for
 
 from slamsim.guard.output import partial_folder
 from slamsim.io.bag2.folder import MCAP_NAME
@@ -82,22 +84,13 @@ def test_what_a_killed_simulation_had_recorded_is_mapped(tmp_path: Path) -> None
         stderr=subprocess.DEVNULL,
     )
     pattern = f".labyrinth.slamsim-*/new/log/{MCAP_NAME}"
-    deadline_s = time.monotonic() + 120.0
-    while time.monotonic() < deadline_s and not any(
-        file.stat().st_size > 450_000 for file in (tmp_path / "outputs").glob(pattern)
-    ):
-        time.sleep(0.02)
+    found = (tmp_path / "outputs").glob
+    wait_for(lambda: any(file.stat().st_size > 450_000 for file in found(pattern)))
     (recording,) = (tmp_path / "outputs").glob(pattern)
     os.killpg(run.pid, signal.SIGKILL)
     run.wait()
     size = recording.stat().st_size
-    done = subprocess.run(
-        [*COMMAND, "recover", "outputs/labyrinth", "--json"],
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    done = typed("recover", "outputs/labyrinth", "--json", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     told = json.loads(done.stdout)
     assert told["folder"] == told["recording"] == "outputs/labyrinth_recovered"
@@ -106,13 +99,7 @@ def test_what_a_killed_simulation_had_recorded_is_mapped(tmp_path: Path) -> None
     log = read_log(tmp_path / told["recording"])
     seconds = {topic["topic"]: topic["seconds"] for topic in told["topics"]}
     assert len(list(log.scans)) > 20 and seconds["/scan"] > 2.0
-    again = subprocess.run(
-        [*COMMAND, "recover", "outputs/labyrinth", "--out", "outputs/labyrinth"],
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    again = typed(*("recover", "outputs/labyrinth", "--out", "outputs/labyrinth"), cwd=tmp_path)
     assert again.returncode == 2
     assert "choose another" in again.stderr
     assert recording.stat().st_size == size

@@ -9,18 +9,16 @@ import select
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 from fault_processes import Run, running
+from waiting import TIMEOUT_S, wait_for
 
 pytestmark = pytest.mark.fault
 
 STOPPED = "slamsim: stopped; nothing was left half-written\n"
-BEGUN_S = 20.0
-GENEROUS_S = 10.0
 BEGIN = """
 import ctypes, os, signal, subprocess, sys, time
 from pathlib import Path
@@ -87,10 +85,12 @@ print("ended", job.wait(), flush=True)
 
 def begun(run: Run, cwd: Path, processes: int) -> None:
     """Wait until it is at work, with so many processes."""
-    end_s = time.monotonic() + BEGUN_S
-    while not list(cwd.glob(".run.slamsim-*/new/half")) or len(run.kin()) < processes:
-        assert time.monotonic() < end_s and run.process.poll() is None
-        time.sleep(0.02)
+
+    def works() -> bool:
+        assert run.process.poll() is None
+        return bool(list(cwd.glob(".run.slamsim-*/new/half"))) and len(run.kin()) >= processes
+
+    wait_for(works)
 
 
 def to_started(run: Run, number: int) -> None:
@@ -120,7 +120,7 @@ def test_a_command_ends_whatever_it_is_doing_and_whoever_is_told(
     with running(doing, cwd=tmp_path, code=BEGIN) as run:
         begun(run, tmp_path, processes)
         send(run, number)
-        code, told, _ = run.ended(GENEROUS_S)
+        code, told, _ = run.ended(TIMEOUT_S)
         assert (code, told) == (128 + number, STOPPED)
         assert run.orphans() == []
     assert not (tmp_path / "run").exists()
@@ -135,7 +135,7 @@ def test_whatever_a_command_started_is_killed_with_it(
     with running("parent", cwd=tmp_path, code=BEGIN) as run:
         begun(run, tmp_path, 3)
         send(run, signal.SIGKILL)
-        run.ended(GENEROUS_S)
+        run.ended(TIMEOUT_S)
         assert run.orphans() == []
 
 
@@ -151,7 +151,7 @@ def test_whatever_a_command_started_is_killed_with_it(
 )
 def test_a_crash_is_told(doing: str, says: str, tmp_path: Path) -> None:
     with running(doing, cwd=tmp_path, code=BEGIN) as run:
-        code, told, _ = run.ended(GENEROUS_S)
+        code, told, _ = run.ended(TIMEOUT_S)
     assert code == 1
     assert says in told and told.count("\n") == 1
     assert list(tmp_path.iterdir()) == []
@@ -173,7 +173,7 @@ def test_a_command_that_is_to_ignore_ctrl_c_does(tmp_path: Path) -> None:
         with pytest.raises(subprocess.TimeoutExpired):
             run.process.wait(2.0)
         to_started(run, signal.SIGTERM)
-        assert run.ended(GENEROUS_S)[0] == 143
+        assert run.ended(TIMEOUT_S)[0] == 143
 
 
 def test_a_terminal_that_is_closed_ends_a_command(tmp_path: Path) -> None:
@@ -182,10 +182,7 @@ def test_a_terminal_that_is_closed_ends_a_command(tmp_path: Path) -> None:
     if shell == 0:
         os.chdir(tmp_path)
         os.execv(sys.executable, [sys.executable, "-c", BEGIN, "parent"])
-    end_s = time.monotonic() + BEGUN_S
-    while not list(tmp_path.glob(".run.slamsim-*/new/half")):
-        assert time.monotonic() < end_s
-        time.sleep(0.02)
+    wait_for(lambda: list(tmp_path.glob(".run.slamsim-*/new/half")))
     os.close(terminal)
     _, status = os.waitpid(shell, 0)
     assert os.waitstatus_to_exitcode(status) == 129
@@ -198,10 +195,7 @@ def test_a_terminal_pauses_and_stops_a_command(tmp_path: Path) -> None:
     if shell == 0:
         os.chdir(tmp_path)
         os.execv(sys.executable, [sys.executable, "-c", SHELL, BEGIN])
-    end_s = time.monotonic() + BEGUN_S
-    while not list(tmp_path.glob(".run.slamsim-*/new/half")):
-        assert time.monotonic() < end_s
-        time.sleep(0.02)
+    wait_for(lambda: list(tmp_path.glob(".run.slamsim-*/new/half")))
     os.write(terminal, b"\x1a")
     told = _read(terminal, "paused")
     os.write(terminal, b"\x03")
@@ -216,7 +210,7 @@ def _read(terminal: int, until: str) -> str:
     """What it shows until the end of a line with this word; the test fails if none comes."""
     told = ""
     while until not in told or not told.endswith("\n"):
-        ready, _, _ = select.select((terminal,), (), (), GENEROUS_S)
+        ready, _, _ = select.select((terminal,), (), (), TIMEOUT_S)
         assert ready, told
         told += os.read(terminal, 1000).decode()
     return told

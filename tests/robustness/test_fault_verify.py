@@ -7,8 +7,6 @@ import gzip
 import json
 import os
 import re
-import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -17,6 +15,7 @@ import pytest
 from bag_data import ROS1, ROS2, Robot, as_mcap, as_ros1, as_rosbag2
 from dataset_run import tree
 from mcap.writer import CompressionType, Writer
+from typed import typed
 
 from slamsim.console.reporter import Reporter
 from slamsim.guard.errors import NotFound
@@ -169,24 +168,13 @@ def test_a_data_set_is_told_by_what_lies_in_it(
     assert json.loads(capsys.readouterr().out)["sequences"] == 4
 
 
-def typed(*words: object) -> subprocess.CompletedProcess[str]:
-    code = "from slamsim.entry import main; main()"
-    return subprocess.run(
-        [sys.executable, "-c", code, "verify", *map(str, words)],
-        capture_output=True,
-        text=True,
-        timeout=60,
-        check=False,
-    )
-
-
 def test_the_command_ends_with_0_4_or_10(run: Path) -> None:
-    assert typed(run, "-q").returncode == 0
+    assert typed("verify", run, "-q", cwd=run.parent).returncode == 0
     (run / "map.pgm").write_bytes(b"secund")
     (run / "notes").touch()
-    done = typed(run, "--json")
+    done = typed("verify", run, "--json", cwd=run.parent)
     told = json.loads(done.stdout)
     assert done.returncode == 4 and not told["whole"] and told["extra"] == ["notes"]
     assert [damage["path"] for damage in told["damaged"]] == ["map.pgm"]
-    assert "map.pgm: its bytes are not those" in typed(run).stdout
-    assert typed(run.parent / "nothing").returncode == 10
+    assert "map.pgm: its bytes are not those" in typed("verify", run, cwd=run.parent).stdout
+    assert typed("verify", "nothing", cwd=run.parent).returncode == 10

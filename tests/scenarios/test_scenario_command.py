@@ -6,13 +6,13 @@ import csv
 import json
 import os
 import signal
-import subprocess
-import sys
-import time
 from pathlib import Path
 
 import pytest
+from fault_processes import running
 from scenario_stub import HOSTILE, SCENARIO, StubConfig
+from typed import typed
+from waiting import wait_for
 
 from slamsim.config.dump import dump_commented_yaml
 from slamsim.config.scenarios.loading import load_scenarios, parts_of
@@ -23,7 +23,6 @@ from slamsim.run.scenario_folder import rows_as_csv, write_results
 from slamsim.scenarios.registry import ENTRIES, Entry, find_entries
 from slamsim.scenarios.run import Chosen, run_scenarios
 
-COMMAND = [sys.executable, "-c", "from slamsim.entry import main; main()", "scenario"]
 FEW = ["--set", "steps={first_s: 0.01, last_s: 0.02, by_s: 0.01}", "--set", "other_solvers={}"]
 ALL_TYPES = {entry.key: entry.config_type() for entry in ENTRIES}
 
@@ -96,19 +95,17 @@ def test_a_wrong_key_in_a_file_is_told_with_its_line(tmp_path: Path) -> None:
         load_scenarios(ALL_TYPES, str(mine))
 
 
-@pytest.mark.parametrize(("typed", "meant"), [("stakcing", "stacking"), ("mu_spilt", "mu-split")])
-def test_an_unknown_name_gets_the_nearest(typed: str, meant: str) -> None:
+@pytest.mark.parametrize(("wrong", "meant"), [("stakcing", "stacking"), ("mu_spilt", "mu-split")])
+def test_an_unknown_name_gets_the_nearest(wrong: str, meant: str) -> None:
     with pytest.raises(NotFound, match=f"did you mean '{meant}'"):
-        find_entries(typed)
+        find_entries(wrong)
     assert find_entries("mu_split") == find_entries("mu-split")
 
 
 def test_the_command_leaves_a_whole_folder_and_tells_its_numbers(tmp_path: Path) -> None:
     out = tmp_path / "out"
     words = ["integrator", "--out", str(out), "--json", "--seed", "4", *FEW]
-    done = subprocess.run(
-        [*COMMAND, *words], capture_output=True, text=True, timeout=100, check=False
-    )
+    done = typed("scenario", *words, cwd=tmp_path)
 
     assert (done.returncode, done.stderr) == (0, "")
     told = json.loads(done.stdout)
@@ -128,24 +125,15 @@ def test_the_command_leaves_a_whole_folder_and_tells_its_numbers(tmp_path: Path)
     assert (out / "integrator.rrd").read_bytes().startswith(b"RRF")
 
 
-def test_ctrl_c_ends_within_two_seconds_and_leaves_nothing(tmp_path: Path) -> None:
-    out = tmp_path / "out"
-    process = subprocess.Popen(
-        [*COMMAND, "stacking", "--out", str(out), "--quiet"],
-        stderr=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
-    )
-    while not list(tmp_path.glob(".out.slamsim-*/new")):
-        assert process.poll() is None
-        time.sleep(0.1)
-    time.sleep(2.0)
-    stopped_s = time.monotonic()
-    os.killpg(process.pid, signal.SIGINT)
-    _, told = process.communicate(timeout=30)
+def test_ctrl_c_ends_it_with_all_its_workers_and_leaves_nothing(tmp_path: Path) -> None:
+    with running("scenario", "stacking", "--out", "out", "--quiet", cwd=tmp_path) as run:
+        wait_for(lambda: list(tmp_path.glob(".out.slamsim-*/new")))
+        wait_for(lambda: len(run.kin()) > 2)  # besides the command and who watches over it
+        os.killpg(run.process.pid, signal.SIGINT)
+        code, told, _ = run.ended()
+        assert run.orphans() == []
 
-    assert time.monotonic() - stopped_s < 10.0  # 2 s on a machine with nothing else to do
-    assert process.returncode == 130
+    assert code == 130
     assert "stopped" in told
     assert list(tmp_path.iterdir()) == []
 

@@ -13,9 +13,9 @@ from sensing_example import drive_along, figure_eight
 from slamsim.config.sensors import EncoderConfig
 from slamsim.core.types import Drive
 from slamsim.models.differential_drive import wheel_odometry
-from slamsim.sensors.encoders import Encoders
 from slamsim.sensors.motion import joined
 from slamsim.sensors.readings import EncoderBatch
+from slamsim.sensors.rig import Encoders
 
 PERFECT = {"wheel_scale_error": [0.0, 0.0], "wheel_radius_error": 0.0, "track_error": 0.0}
 

@@ -164,6 +164,21 @@ def test_views_that_nothing_holds_together_share_no_surface(sigma_m: float, shar
     assert (np.diff(found.starts) >= 2).all()
 
 
+def test_a_closure_too_loose_for_common_surfaces_still_holds() -> None:
+    """Odometry that is a metre wrong, and a metre unsure, does not open the loop again."""
+    one, half = scene(9), 4
+    odometry, edges = list(one.odometry), list(one.edges)
+    T = compose(odometry[half - 1].T_source_target, np.array([1.0, 0.0, 0.0]))
+    odometry[half - 1] = GraphEdge(half - 1, half, T, np.diag([1.0, 1.0, 0.01]), "odometry")
+    edges[half - 1] = odometry[half - 1]
+    T = between(one.truth[0], one.truth[-1])
+    edges.append(GraphEdge(0, 7, T, np.diag([0.01, 0.01, 0.0004]), "closure"))
+    result = refine(one.views, one.truth, odometry, NOISE_M, edges)
+    assert np.abs(between(one.truth[-1], result.poses[-1])[:2]).max() < 0.03
+    sigmas = np.sqrt(np.diag(result.sights.covariances()[-1]))
+    np.testing.assert_allclose(sigmas, [0.1, 0.1, 0.02], rtol=0.15)
+
+
 def test_views_without_a_common_surface_are_left_alone() -> None:
     one = scene(7)
     empty = [np.zeros((0, PIECE_FIELDS), dtype=np.float32)] * len(one.views)

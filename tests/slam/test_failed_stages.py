@@ -26,7 +26,7 @@ SICK = ScanGeometry(-0.5 * np.pi, np.pi / 180.0, 181, 0, 0.1, 30.0)
 @cache
 def example() -> Simulated:
     walls, tour = labyrinth(seed=2, cells=3)
-    return simulate(walls, tour, seed=2, geometry=SICK, gyro=False, max_s=45.0)
+    return simulate(walls, tour, seed=2, geometry=SICK, gyro=False, max_s=30.0)
 
 
 STAGES = {
@@ -72,7 +72,7 @@ def test_a_stage_that_fails_leaves_the_work_of_those_before(
     if isinstance(error, NoSolution):
         assert slam.failed[0].keyframe == 7
     assert slam.warnings[0].startswith(f"{stage} failed at key frame {slam.failed[0].keyframe}")
-    assert len(slam.trajectory) > 400
+    assert len(slam.trajectory) > 250
     assert ate_rmse_m(slam.trajectory, example().truth) < 0.05
     assert (np.linalg.eigvalsh(slam.graph.covariances[1:]) > 0.0).all()
 

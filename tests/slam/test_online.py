@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from limited_child import running
 from simulated import Simulated, ate_rmse_m, labyrinth, simulate
+from waiting import wait_for
 
 from slamsim.config.slam import SlamConfig
 from slamsim.core.geometry import between
@@ -156,8 +157,4 @@ def test_the_back_end_ends_with_its_parent() -> None:
         process = int(parent.stdout.readline())
         assert is_alive(process)
         parent.kill()
-        for _ in range(200):
-            if not is_alive(process):
-                return
-            time.sleep(0.05)
-    pytest.fail("the back end outlived its parent")
+        wait_for(lambda: not is_alive(process))

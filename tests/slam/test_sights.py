@@ -37,7 +37,8 @@ def nothing_seen(poses: FloatArray) -> tuple[Sights, FloatArray]:
     drift = spd(rng, count - 1)
     nowhere = np.zeros((0, 2), dtype=np.int64)
     seen = empty_system(panels)
-    return Sights(panels, seen, drift, nowhere, poses, np.zeros_like(poses)), drift
+    closures = nowhere, np.zeros((0, 3, 3))
+    return Sights(panels, seen, drift, closures, nowhere, poses, np.zeros_like(poses)), drift
 
 
 def driven(poses: FloatArray, drift: FloatArray, covariances: FloatArray) -> Smoothed:
@@ -73,13 +74,15 @@ def test_covariances_are_the_dense_inverse_of_all_that_was_seen_and_driven(
         block = spd(rng)
         add_block(panels, seen, number[k], number[k], block)
         dense[3 * k : 3 * k + 3, 3 * k : 3 * k + 3] += block
-    for k in range(count - 1):
+    loop, loose = np.array([[0, count - 1]]), spd(rng, 1)
+    steps = [*((k, k + 1, drift[k]) for k in range(count - 1)), (0, count - 1, loose[0])]
+    for first, second, covariance in steps:
         ends = np.zeros((3, 3 * count))
-        ends[:, 3 * k : 3 * k + 3] = -adjoint(between(poses[k + 1], poses[k]))
-        ends[:, 3 * k + 3 : 3 * k + 6] = np.eye(3)
-        dense += ends.T @ np.linalg.inv(drift[k]) @ ends
+        ends[:, 3 * first : 3 * first + 3] = -adjoint(between(poses[second], poses[first]))
+        ends[:, 3 * second : 3 * second + 3] = np.eye(3)
+        dense += ends.T @ np.linalg.inv(covariance) @ ends
     inverse = np.asarray(np.linalg.inv(dense[3:, 3:]), np.float64)
-    found = Sights(panels, seen, drift, pairs, poses, T_base_view).covariances()
+    found = Sights(panels, seen, drift, (loop, loose), pairs, poses, T_base_view).covariances()
     assert not found[0].any()
     for k in range(1, count):
         own = adjoint(T_base_view[k])

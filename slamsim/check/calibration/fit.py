@@ -94,7 +94,7 @@ def fit(model: Model, start: FloatArray) -> Fit:
     pieces = _pieces(model, last, parts)
     return Fit(
         values=values,
-        covariance=last.covariance if pieces is None else pieces.widened(last.covariance),
+        covariance=last.covariance if pieces is None else pieces.widened(last.covariance, CLOCKS),
         bound_covariance=last.by_noise,
         pieces=pieces,
         residual=last.residual,
@@ -218,6 +218,17 @@ class _Noise:
             typical = float(np.median(np.square(residual[seen, row]))) / USUAL_SQUARE
             left = typical - float(np.median(scans[seen, row]))
             self._own[row] = max(left, self._least[row])
+        if not np.any(self._information):
+            self._learn_without_scans(residual[covered[0] & covered[1]])
+
+    def _learn_without_scans(self, residual: FloatArray) -> None:
+        """From (n, 4) steps of both: their turns alone are compared, and nothing tells whose error
+        it is. With a variance that is too small the steps that agree by chance would decide."""
+        if len(residual) < ROWS:
+            return
+        apart = float(np.median(np.square(residual[:, 3] - residual[:, 2]))) / USUAL_SQUARE
+        self._own[:2] = UNKNOWN_VARIANCE
+        self._own[2:] = np.maximum(0.5 * apart, self._least[2:])
 
     def root(self, covered: tuple[BoolArray, BoolArray]) -> FloatArray:
         """(n, 4, 4) upper root of the weight of the residuals: R'R is the inverse covariance."""

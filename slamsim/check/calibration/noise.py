@@ -126,18 +126,27 @@ class Pieces:
         """(k, p)."""
         return np.sqrt(np.diagonal(self.covariance, axis1=1, axis2=2))
 
-    def widened(self, covariance: FloatArray) -> FloatArray:
+    def widened(
+        self, covariance: FloatArray, slopes: tuple[tuple[int, int], ...] = ()
+    ) -> FloatArray:
         """(p, p) the covariance of the whole estimate, wider where pieces scatter by more than
-        their noise: errors then last longer than a block (Birge 1932)."""
+        their noise: errors then last longer than a block (Birge 1932).
+
+        slopes: places of a value and of its growth per second, which pieces do not tell: what a
+        value wanders by makes its growth as unsure as that of a line through the pieces.
+        """
         weights = 1.0 / np.square(self.sigmas)
         total = weights.sum(axis=0)
         freedom = len(self.moved) - 1
         apart = self.moved - (weights * self.moved).sum(axis=0) / total
         squares = (weights * np.square(apart)).sum(axis=0)
-        scatter = squares / freedom / total
-        wide = squares > chi2.ppf(1.0 - SCATTERS, freedom)
-        variance = np.diag(covariance)
-        stretch = np.sqrt(np.where(wide, np.maximum(scatter / variance, 1.0), 1.0))
+        factor = np.where(squares > chi2.ppf(1.0 - SCATTERS, freedom), squares / freedom, 0.0)
+        least = factor / total
+        for value, growth in slopes:
+            mine = weights[:, value]
+            since_s = self.middle_s - (mine @ self.middle_s) / total[value]
+            least[growth] = factor[value] / (mine @ np.square(since_s))
+        stretch = np.sqrt(np.maximum(least / np.diag(covariance), 1.0))
         return np.asarray(np.outer(stretch, stretch) * covariance)
 
 

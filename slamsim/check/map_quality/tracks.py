@@ -53,8 +53,8 @@ def recorded_tracks(recording: Recording, laser_frame: str) -> dict[str, tuple[T
         **{name: (track, base) for name, track in rolled.items()},
         **{
             f"{edge.topic} {edge.name}": (_recorded(edge), edge.child)
-            for edge in recording.transforms
-            if not edge.is_static and not edge.parent.endswith("map")
+            for edge in recording.moving
+            if not edge.parent.endswith("map")
         },
     }
     path = next((one for one in wheels.values() if one is not None), None)

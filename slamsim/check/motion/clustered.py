@@ -15,9 +15,14 @@ def clustered_fit(
     design: (n, p). seen: (n,). block: (n,) from 0 on, two or more. White 1980, in the clustered
     form of Liang & Zeger 1986.
     """
-    inverse = np.linalg.pinv(design.T @ design)
+    inverse = np.asarray(np.linalg.pinv(design.T @ design), dtype=np.float64)
     found = inverse @ (design.T @ seen)
     scores = design * (seen - design @ found)[:, None]
+    return found, clustered_covariance(inverse, scores, block)
+
+
+def clustered_covariance(inverse: FloatArray, scores: FloatArray, block: IntArray) -> FloatArray:
+    """(p, p) sandwich of the inverse information (p, p) and the rows' scores (n, p), by blocks."""
     summed = np.stack([np.bincount(block, column) for column in scores.T], axis=1)
     few = len(summed) / (len(summed) - 1.0)
-    return found, few * inverse @ (summed.T @ summed) @ inverse
+    return few * inverse @ (summed.T @ summed) @ inverse

@@ -79,9 +79,7 @@ def gather_inputs(recording: Recording, motions: ScanMotions | None) -> Inputs:
 def _odometry_edges(recording: Recording, base: str) -> list[TransformEdge]:
     """Transforms that move the base, but for those of a localiser, which corrects itself."""
     return [
-        edge
-        for edge in recording.transforms
-        if not edge.is_static and edge.child == base and not edge.parent.endswith("map")
+        edge for edge in recording.moving if edge.child == base and not edge.parent.endswith("map")
     ]
 
 

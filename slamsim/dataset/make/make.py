@@ -34,13 +34,12 @@ def make_dataset(
     watch: ProductionWatch | None = None,
     *,
     only: Sequence[int] | None = None,
-    limit_s: float = LIMIT_S,
     source: str | None = None,
 ) -> DatasetSummary:
     """Make the first ``count`` sequences of a recipe, or those of them that are missing.
 
     recipe: as ``load_recipe`` gives it. out: a folder, or a URL that fsspec knows. only: make these
-    indices alone and leave the catalogue. limit_s: for one sequence. source: how the user named
+    indices alone and leave the catalogue. source: how the user named
     the recipe, for the commands that are told.
 
     It may be killed anywhere: called again with the same arguments it goes on, and what it
@@ -55,7 +54,7 @@ def make_dataset(
         shard_sequences=recipe.shard_sequences,
         draw=partial(sequence_spec, recipe, count=count),
         produce=produce,
-        limit_s=limit_s,
+        limit_s=LIMIT_S,
         command=_command(source or recipe.name, count, out),
         recorded=_command(f"DIR/{RECIPE}", count, "DIR"),
     )

@@ -17,6 +17,7 @@ from slamsim.sim.drive.pilot import stop_at_s
 from slamsim.sim.drive.route import Route, plan_route
 from slamsim.sim.robot.model import build_robot
 from slamsim.world.build import build_world
+from slamsim.world.model import World
 from slamsim.world.preview import Colour, Image, Way, encoded_png, top_view, write_text
 
 MOST_WAYS = 3
@@ -39,12 +40,15 @@ def contact_sheet(recipe: Recipe, worlds: int, progress: Progress = silent) -> b
     """The first worlds of a recipe as one PNG; a world that cannot be built is told in words.
 
     In colour what is driven in the time of the sequence, pale what the route has beyond. The band
-    above a world names its split.
+    above a world names its split. All worlds have one scale, which a bar in each shows.
     """
+    sequences = [_sequences(recipe, world_index) for world_index in range(worlds)]
+    built = [_world_of(specs[0]) for specs in sequences]
+    longest_m = max((_longest_m(one) for one in built if isinstance(one, World)), default=1.0)
     tiles = []
-    for world_index in range(worlds):
-        tiles.append(_tile(_sequences(recipe, world_index)))
-        progress(world_index + 1, worlds)
+    for done, (specs, world) in enumerate(zip(sequences, built, strict=True)):
+        tiles.append(_tile(specs, world, longest_m))
+        progress(done + 1, worlds)
     columns = min(max(round((worlds * 1.4) ** 0.5), 1), worlds)
     missing = -worlds % columns
     blank = np.full_like(tiles[0], 255)
@@ -60,7 +64,19 @@ def _sequences(recipe: Recipe, world_index: int) -> list[SequenceSpec]:
     return [sequence_spec(recipe, index, first + count) for index in indices]
 
 
-def _tile(specs: Sequence[SequenceSpec]) -> Image:
+def _world_of(spec: SequenceSpec) -> World | SlamsimError:
+    try:
+        return build_world(spec.config.world, spec.config.seed)
+    except SlamsimError as error:
+        return error
+
+
+def _longest_m(world: World) -> float:
+    x_min, y_min, x_max, y_max = world.bounds_m
+    return max(x_max - x_min, y_max - y_min)
+
+
+def _tile(specs: Sequence[SequenceSpec], world: World | SlamsimError, longest_m: float) -> Image:
     height = _BAND_PX + _PICTURE_PX + _LINES * _LINE_PX + 2 * _GAP_PX
     tile: Image = np.full((height, _TILE_PX, 3), 255, dtype=np.uint8)
     first = specs[0]
@@ -69,13 +85,16 @@ def _tile(specs: Sequence[SequenceSpec]) -> Image:
     write_text(tile, title, (6, _BAND_PX - 7), 0.45)
     words = [(text, _WHITE) for text in _told(first)]
     try:
-        picture = _picture(specs)
+        if isinstance(world, SlamsimError):
+            raise world
+        picture = _picture(specs, world, longest_m)
     except SlamsimError as error:
         words = [(text, _WHITE) for text in textwrap.wrap(str(error), _LETTERS)]
     else:
         rows, columns = picture.shape[:2]
         x, y = (_TILE_PX - _GAP_PX - columns) // 2, _BAND_PX + (_PICTURE_PX - rows) // 2
         tile[y : y + rows, x : x + columns] = picture
+        _scale_bar(tile, longest_m)
     captions = [
         line
         for spec, colour in zip(specs, _WAYS, strict=False)
@@ -89,8 +108,17 @@ def _tile(specs: Sequence[SequenceSpec]) -> Image:
     return tile
 
 
-def _picture(specs: Sequence[SequenceSpec]) -> Image:
-    world = build_world(specs[0].config.world, specs[0].config.seed)
+def _scale_bar(tile: Image, longest_m: float) -> None:
+    """A round number of metres, about a sixth of the picture."""
+    power = 10.0 ** np.floor(np.log10(longest_m / 6.0))
+    metres = power * max(n for n in (1, 2, 5) if n * power <= longest_m / 6.0)
+    length = round((_PICTURE_PX - 10) * metres / longest_m)
+    y = _BAND_PX + _PICTURE_PX + 4
+    tile[y : y + 2, 4 : 4 + length] = 60
+    write_text(tile, f"{metres:g} m", (8 + length, y + 5), _SCALE)
+
+
+def _picture(specs: Sequence[SequenceSpec], world: World, longest_m: float) -> Image:
     later, now = list[Way](), list[Way]()
     for spec, colour in zip(specs, _WAYS, strict=False):
         robot, drive = build_robot(spec.config.robot), spec.config.drive
@@ -100,7 +128,7 @@ def _picture(specs: Sequence[SequenceSpec]) -> Image:
         line_m, driven = _driven(route, stop_at_s(drive) - drive.follow.standstill_s)
         later.append(Way(line_m, _LATER))
         now.append(Way(line_m[:driven], colour, 2))
-    return top_view(world, _PICTURE_PX - 10, [*later, *now])
+    return top_view(world, _PICTURE_PX - 10, [*later, *now], longest_m)
 
 
 def _driven(route: Route, time_s: float) -> tuple[FloatArray, int]:

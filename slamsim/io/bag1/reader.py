@@ -81,7 +81,7 @@ def index_bag1(path: Path, limits: Limits = LIMITS) -> Bag1Index:
     return index
 
 
-def sampled_bag1(path: Path, limits: Limits = LIMITS) -> Bag1Index:
+def sampled_bag1(path: Path) -> Bag1Index:
     """As ``index_bag1``, with counts by the index at the end, and places of a few chunks that
     hold the first and the last messages of every connection.
 
@@ -94,21 +94,21 @@ def sampled_bag1(path: Path, limits: Limits = LIMITS) -> Bag1Index:
         file.seek(0)
         require_magic(file, path, MAGIC, "ROS 1 bag")
         try:
-            head, _ = _record(file, size, limits)
+            head, _ = _record(file, size, LIMITS)
             file.seek(int.from_bytes(head[b"index_pos"], "little"))
             if head[b"op"] != BAG_HEADER or file.tell() < len(MAGIC):
-                return index_bag1(path, limits)
+                return index_bag1(path)
             while file.tell() < size:
-                fields, data = _record(file, size, limits)
+                fields, data = _record(file, size, LIMITS)
                 if fields[b"op"] == CHUNK_INFO:
                     counts = dict(struct.iter_unpack("<II", data))
                     index.counts.update(counts)
                     place = int.from_bytes(fields[b"chunk_pos"], "little")
                     chunks.append((_time_ns(fields[b"start_time"]), place, set(counts)))
                 else:
-                    _take(fields, data, 0, index, limits)
+                    _take(fields, data, 0, index, LIMITS)
         except Exception:  # the walk says where it is damaged
-            return index_bag1(path, limits)
+            return index_bag1(path)
     chosen: set[int] = set()
     for backward in (False, True):
         seen: set[int] = set()

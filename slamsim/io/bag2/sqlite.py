@@ -78,7 +78,7 @@ def index_sqlite(
 
 
 def sqlite_messages(
-    index: SqliteIndex, topics: Collection[int], limits: Limits = LIMITS
+    index: SqliteIndex, topics: Collection[int]
 ) -> Iterator[tuple[int, int, bytes]]:
     """(topic, when it was received in ns, message) of the topics, in the order of time.
 
@@ -92,7 +92,7 @@ def sqlite_messages(
     with closing(_open(index.path)) as db:
         rows = db.execute(f"{query} {order}", list(topics))
         for number, received_ns, data in _ends(db, topics) if index.is_sampled else rows:
-            yield number, received_ns, unpacked_message(data, limits) if index.packed else data
+            yield number, received_ns, unpacked_message(data) if index.packed else data
 
 
 def _ends(db: sqlite3.Connection, topics: Collection[int]) -> Iterator[tuple[int, int, bytes]]:

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from slamsim.core.types import BoolArray, IntArray
+from slamsim.guard.errors import SlamsimError
 from slamsim.io.copy.patches import Pair, Patch, patches_of
 from slamsim.io.ros.message_types import MessageTypes
 from slamsim.recording import Origin, RawStream, Recording, TransformEdge
@@ -92,7 +93,16 @@ class RowChanges:
 
 
 def changes_between(read: Recording, edited: Recording) -> list[RowChanges]:
-    """One for each stream and edge of ``edited`` that came from messages of the file."""
+    """One for each stream and edge of ``edited`` that came from messages of the file.
+
+    Raises SlamsimError for a change of scans that the file does not hold as such.
+    """
+    for scans in edited.scans:
+        if scans.note and not any(scans is each for each in read.scans):
+            raise SlamsimError(
+                f"the scans of {scans.topic} are cut out of point clouds, into which a change of "
+                "them cannot be written: record them as sensor_msgs/LaserScan"
+            )
     published: dict[str, list[Any]] = {}
     for part, origin in parts_with_origin(read):
         published.setdefault(origin.topic, []).append(part)

@@ -15,6 +15,7 @@ from typing import Literal
 from slamsim.guard.unpacking import PACKINGS
 from slamsim.recording import RawOdometry, Recording
 from slamsim.recording.choice import topics_of
+from slamsim.recording.clouds import CloudsWanted
 
 Truth = Literal["without", "with", "only"]
 """What of a recording is read: all but the truth in it, all, or the truth alone."""
@@ -101,6 +102,7 @@ class Format:
     none. read: of (path, what of the truth). has_truth: whether recordings may hold one.
     checksums: reads a recording to its last byte and says in words what its checksums prove.
     sampled: surveys a large recording without reading it as a whole, where the format allows it.
+    sliced: adds scans that are cut out of point clouds, where the format may hold some.
     """
 
     name: str
@@ -114,6 +116,7 @@ class Format:
     has_truth: bool = False
     checksums: Callable[[Path], str] = _unchecked
     sampled: Callable[[Path], Survey] | None = None
+    sliced: Callable[[Path, Recording, CloudsWanted], Recording] | None = None
 
     def survey(self, path: Path) -> Survey:
         """What is in a recording, without reading more of it than that takes."""

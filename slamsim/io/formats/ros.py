@@ -6,6 +6,8 @@ from collections import Counter
 from pathlib import Path
 
 from slamsim.io.formats import Contents, Format, Survey, Truth, register
+from slamsim.recording import Recording
+from slamsim.recording.clouds import CloudsWanted
 
 
 def _read(path: Path, truth: Truth) -> Contents:
@@ -18,6 +20,17 @@ def _survey(path: Path) -> Survey:
     from slamsim.io.ros.reader import survey_ros
 
     return survey_ros(path)
+
+
+def _sliced(path: Path, recording: Recording, wanted: CloudsWanted) -> Recording:
+    from slamsim.io.ros.clouds import with_slices
+
+    return with_slices(path, recording, wanted)
+
+
+def is_ros(path: Path) -> bool:
+    """Whether a path is a recording of ROS 1 or 2."""
+    return ROS2.is_at(path) or ROS1.is_at(path)
 
 
 def _rosbag2(folder: Path) -> Path | None:
@@ -60,6 +73,7 @@ ROS2 = Format(
     has_truth=True,
     checksums=_checksums,
     sampled=_survey,
+    sliced=_sliced,
 )
 ROS1 = Format(
     name="ros 1",
@@ -73,6 +87,7 @@ ROS1 = Format(
     has_truth=True,
     checksums=_checksums,
     sampled=_survey,
+    sliced=_sliced,
 )
 register(ROS2)
 register(ROS1)

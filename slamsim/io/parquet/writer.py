@@ -165,7 +165,7 @@ def _stamps(stream: RawStream) -> dict[str, Cells]:
 
 
 def _transforms(recording: Recording, *, with_fixed: bool) -> _Rows:
-    edges = [edge for edge in recording.transforms if with_fixed or not edge.is_static]
+    edges = recording.transforms if with_fixed else recording.moving
     counts = [edge.stamps_ns.size for edge in edges]
     none = np.zeros(0, dtype=np.int64)
     received = (_received(edge.stamps_ns, edge.received_ns) for edge in edges)

@@ -152,7 +152,7 @@ def outgoing(
             found += _scans(stream)
         else:
             found.append(stream_messages(stream, fixed.get(stream.topic)))
-    return found + [_edge(edge) for edge in recording.transforms if not edge.is_static]
+    return found + [_edge(edge) for edge in recording.moving]
 
 
 def _written_first(stream: RawStream) -> int:

@@ -42,7 +42,7 @@ from slamsim.recording.frames import frame_name
 from slamsim.recording.schemas import CLOCK
 
 _BATCH, _BATCH_BYTES = 4096, 16 << 20
-_DESCRIPTION = "robot_description"
+_DESCRIPTION, _TEXT = "robot_description", "std_msgs/msg/String"
 ODOMETRY = RawOdometry.schema.type_name
 TRANSFORMS = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
 _TRUTH_WORDS = ("ground_truth", "groundtruth")
@@ -64,12 +64,17 @@ def read_ros(path: Path, truth: Truth = "without") -> Contents:
     InputRefused as ``open_bag`` does.
     """
     with open_bag(path) as bag:
-        wanted = [] if truth == "only" else _wanted(bag)
-        if truth != "without":
-            wanted += [channel for channel in bag.of_type(ODOMETRY) if is_truth(channel)][:1]
-        topics = {channel.topic: _Topic(bag, channel) for channel in wanted}
-        for name, received_ns, data in bag.received(set(topics)) if topics else ():
-            topics[name].add(received_ns, data)
+        return read_bag(bag, truth)
+
+
+def read_bag(bag: Bag, truth: Truth = "without") -> Contents:
+    """As ``read_ros``, of an open recording."""
+    wanted = [] if truth == "only" else _wanted(bag)
+    if truth != "without":
+        wanted += [channel for channel in bag.of_type(ODOMETRY) if is_truth(channel)][:1]
+    topics = {channel.topic: _Topic(bag, channel) for channel in wanted}
+    for name, received_ns, data in bag.received(set(topics)) if topics else ():
+        topics[name].add(received_ns, data)
     for topic in topics.values():
         topic.finish()
     true = next((topics.pop(name) for name in list(topics) if is_truth(topics[name].channel)), None)
@@ -195,18 +200,21 @@ class _Topic:
 
 def description_topic(bag: Bag) -> str | None:
     """Where the robot description is read."""
-    topics = (channel.topic for channel in bag.of_type("std_msgs/msg/String"))
+    topics = (channel.topic for channel in bag.of_type(_TEXT))
     return next((topic for topic in topics if topic.endswith(_DESCRIPTION)), None)
 
 
 def _wanted(bag: Bag) -> list[Channel]:
     found = []
-    for channel in bag.of_type(*_COLLECTORS, "std_msgs/msg/String"):
-        is_text = channel.type_name not in _COLLECTORS
-        other_text = is_text and not channel.topic.endswith(_DESCRIPTION)
-        if not (other_text or is_truth(channel)):
+    for channel in bag.of_type(*_COLLECTORS, _TEXT):
+        if is_read(channel.topic, channel.type_name) and not is_truth(channel):
             found.append(channel)
     return found
+
+
+def is_read(topic: str, type_name: str) -> bool:
+    """Whether messages of a topic are read: of sensors, transforms, and the robot's description."""
+    return type_name in _COLLECTORS or (type_name == _TEXT and topic.endswith(_DESCRIPTION))
 
 
 def _recorded(
@@ -265,7 +273,6 @@ def recorded_name(path: Path) -> str:
 
 
 def _format(path: Path) -> str:
-    if path.is_dir():
-        return "rosbag2"
-    formats = {".mcap": "mcap", ".db3": "rosbag2", ".bag": "rosbag1"}
-    return next(formats[s.lower()] for s in reversed(path.suffixes) if s.lower() in formats)
+    formats = {".mcap": "mcap", ".bag": "rosbag1"}
+    known = (formats[s.lower()] for s in reversed(path.suffixes) if s.lower() in formats)
+    return "rosbag2" if path.is_dir() else next(known, "rosbag2")

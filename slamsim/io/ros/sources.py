@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -196,3 +196,27 @@ class SqliteSource(MessageSource):
             wanted = {n: number for n, number in mine.items() if number in numbers}
             for at, received_ns, data in sqlite_messages(index, wanted):
                 yield wanted[at], received_ns, received_ns, 0, data
+
+
+class HeldSource(MessageSource):
+    """Messages in memory, serialised as ROS 2 does with standard definitions.
+
+    messages: (topic, type, when received in ns, message).
+    """
+
+    def __init__(self, messages: Iterable[tuple[str, str, int, bytes]]) -> None:
+        super().__init__()
+        self._messages: list[tuple[int, int, bytes]] = []
+        numbers: dict[str, int] = {}
+        for topic, type_name, received_ns, data in messages:
+            number = numbers.setdefault(topic, len(numbers))
+            if number not in self.declarations:
+                self.declarations[number] = Declaration(topic, type_name, "cdr", "ros2msg", b"")
+                self.types.declare(topic, type_name, "cdr")
+            self._counts[number] += 1
+            self._messages.append((number, received_ns, data))
+
+    def received(self, numbers: Mapping[int, object]) -> Iterator[Received]:
+        for number, received_ns, data in self._messages:
+            if number in numbers:
+                yield number, received_ns, received_ns, 0, data

@@ -48,8 +48,8 @@ def recover_carmen(source: Damaged, folder: Path, progress: Progress) -> Recover
 class _Lines:
     """Cuts text into lines and keeps the whole ones."""
 
-    def __init__(self, out: _Out, report: RecoveryReport, limits: Limits = LIMITS) -> None:
-        self._out, self._report, self._limits = out, report, limits
+    def __init__(self, out: _Out, report: RecoveryReport) -> None:
+        self._out, self._report, self._limits = out, report, LIMITS
         self._rest = b""
         self._is_inside = False
         self._number, self._total = 0, 0

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO, ClassVar, Generic, Protocol, TypeVar
 
+from slamsim.core.progress import Progress
 from slamsim.guard.files import open_as_found
 from slamsim.io.salvage.report import PATIENCE
 
@@ -60,8 +61,17 @@ class DamagedFile(ABC, Generic[_Record, _Piece]):
         self.ended = False
         self._wasted_bytes = 0
 
-    def pieces(self) -> Iterator[tuple[int, _Piece | Gap]]:
-        """(byte reached, piece), in the order of the file."""
+    def pieces(self, progress: Progress) -> Iterator[tuple[int, _Piece | Gap]]:
+        """(byte from which on it was looked for, piece), in the order of the file; progress counts
+        bytes that have been dealt with."""
+        begun = 0
+        for reached, piece in self._reached():
+            yield begun, piece
+            begun = reached
+            progress(reached, self.size)
+
+    def _reached(self) -> Iterator[tuple[int, _Piece | Gap]]:
+        """(byte reached, piece)."""
         position = len(self.MAGIC)
         if self._at(0, position) != self.MAGIC:
             position = self._next_place(0)

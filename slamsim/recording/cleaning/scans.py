@@ -33,12 +33,13 @@ class StoredScans:
 class RecordedScans:
     """A ScanSource over rows of a recording, whose ranges may be in a file.
 
-    rows: (n,) the scans to use, in the order of time. stamps_ns: (n,) rising.
+    rows: (n,) the scans to use, in the order of time. stamps_ns: (n,) rising. limit: beyond which
+    a reading is no return.
     """
 
     def __init__(self, raw: RawScans, rows: IntArray, stamps_ns: IntArray, limit: RangeLimit):
         self._raw, self._rows, self.stamps_ns = raw, rows, stamps_ns
-        self._geometries = _Geometries(raw, limit)
+        self.limit, self._geometries = limit, _Geometries(raw, limit)
 
     def __len__(self) -> int:
         return int(self._rows.size)
@@ -164,6 +165,13 @@ def _measured(ranges_m: Float32Array, geometry: ScanGeometry) -> Float32Array:
     found = np.where(far, np.float32(np.inf), ranges_m)
     too_close = ~(found > 0.0) | (found < np.float32(geometry.range_min_m))
     return np.where(too_close, np.float32(np.nan), found)
+
+
+def usable_rows(raw: RawScans) -> IntArray:
+    """(k,) the scans that describe a lidar."""
+    geometries = _Geometries(raw)
+    usable = [row for row in range(len(raw)) if geometries.of(row) is not None]
+    return np.array(usable, dtype=np.int64)
 
 
 class ScanSurvey:

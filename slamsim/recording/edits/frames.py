@@ -145,7 +145,7 @@ class PublishOdometry(Edit):
 def with_odometry_edge(recording: Recording, odometry: RawOdometry) -> Recording:
     """The transform between an odometry's frames says what the odometry does."""
     parent, child = odometry.frame_ids[0], odometry.child_frame_ids[0]
-    moving = [edge for edge in recording.transforms if not edge.is_static]
+    moving = recording.moving
     edge = TransformEdge(
         moving[0].topic if moving else "/tf",
         parent,

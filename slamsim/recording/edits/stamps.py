@@ -136,8 +136,7 @@ def clock_of(recording: Recording, subject: str) -> Target:
     """
     wheels = (*recording.odometries, *recording.ticks, *recording.joints)
     stamps = {stream.topic: stream.stamps_ns for stream in wheels}
-    moving = (edge for edge in recording.transforms if not edge.is_static)
-    stamps |= {edge_subject(edge): edge.stamps_ns for edge in moving}
+    stamps |= {edge_subject(edge): edge.stamps_ns for edge in recording.moving}
     if subject not in stamps:
         return STAMPED.on(subject)
     mine = stamps[subject]

@@ -18,12 +18,15 @@ from slamsim.check.registry import fault_meaning
 from slamsim.check.wording import headline, shown
 from slamsim.core.types import FloatArray
 from slamsim.guard.output import write_atomic
+from slamsim.report.figures.frames import frames_figure
 from slamsim.report.figures.palette import ESTIMATE, NEUTRAL, ODOMETRY, SCAN, TRUTH, WITHDRAWN
-from slamsim.report.figures.run import CHART_IN, STYLE, Picture, svg
+from slamsim.report.figures.run import CHART_IN, PAGE_INK, STYLE, Picture, svg
 from slamsim.report.pages.html import Card, Table, cards, figure, gauge, page, pair, section, table
 
 _COLOURS = (ESTIMATE, ODOMETRY, TRUTH, SCAN)
 _CURVE_POINTS = 1500
+_MOST_FRAMES = 60
+"""Of a tree with more, `slamsim info --out` draws the picture."""
 _FOOTER = "Made by slamsim check. Every number, under stable keys, comes with --json."
 
 
@@ -39,7 +42,7 @@ def check_page(report: CheckReport) -> str:
         section("Faults", "".join(map(wrong, report.faults))),
         section("Inconclusive", _listed(report, "inconclusive")),
         section("Passed", _listed(report, "ok")),
-        section("Evidence", _evidence(report)),
+        section("Evidence", _tree(report) + _evidence(report)),
     ]
     return page(report.name, headline(report), "".join(parts), _FOOTER)
 
@@ -84,6 +87,19 @@ def _gauge(finding: Finding) -> str:
 
 def _evidence(report: CheckReport) -> str:
     return "".join(_plots(finding) for finding in report.findings if finding.verdict != "fault")
+
+
+def _tree(report: CheckReport) -> str:
+    """The transform tree, frames that a fault names in another colour."""
+    if not report.frames or len(report.frames) > _MOST_FRAMES:
+        return ""
+    named = {word for one in report.faults for word in one.subject.split()}
+    legend = [("fixed", NEUTRAL), ("moving", ESTIMATE)]
+    if any(frame.name in named for frame in report.frames):
+        legend.append(("named by a fault", WITHDRAWN))
+    with rc_context(STYLE):
+        drawn = svg(frames_figure(report.frames, PAGE_INK, named), "frames")
+    return figure(Picture(drawn, tuple(legend)), "Transform tree", wide=True)
 
 
 def _plots(finding: Finding) -> str:

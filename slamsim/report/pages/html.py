@@ -53,8 +53,9 @@ def cards(items: Sequence[Card]) -> str:
     return str(_blocks().cards(items))
 
 
-def figure(picture: Picture, caption: str, wide: bool = False) -> str:
-    return str(_blocks().figure(picture, caption, wide))
+def figure(picture: Picture, caption: str, wide: bool = False, zoom: bool = False) -> str:
+    """zoom: with a box that enlarges it fourfold, to be moved about."""
+    return str(_blocks().figure(picture, caption, wide, zoom))
 
 
 def pair(figures: Sequence[str], paper: bool = False) -> str:

@@ -105,9 +105,10 @@ def _verdict(view: RunView) -> list[Card]:
 def _maps(view: RunView) -> str:
     against = truth_figure(view)
     caption = "Map, paths driven and loop closures, in metres"
-    pictures = [figure(map_figure(view), caption, wide=True)]
+    pictures = [figure(map_figure(view), caption, wide=True, zoom=True)]
     if against is not None:
-        pictures.append(figure(against, "Mapped walls against the true ones, in metres", wide=True))
+        walls = "Mapped walls against the true ones, in metres"
+        pictures.append(figure(against, walls, wide=True, zoom=True))
     return pair(pictures, paper=True)
 
 

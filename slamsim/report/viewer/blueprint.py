@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ from slamsim.report.precision import precision_plots
 from slamsim.report.run_view import RunView
 from slamsim.report.viewer.scene import CLOSURES
 from slamsim.report.viewer.series import MAX_POINTS, Panel, plots
-from slamsim.report.viewer.stage import MAP
+from slamsim.report.viewer.stage import MAP, timeline
 
 MAP_VIEW, PRECISION_VIEW, SPACE_VIEW = "Map", "Precision", "Space"
 _FIELD_OF_VIEW = 0.85
@@ -25,8 +26,11 @@ _HIDDEN: dict[rr.EntityPath | str, Any] = {
 }
 
 
-def blueprint(view: RunView) -> rrb.Blueprint:
-    """Both views of the map as tabs, the plots that the run has one above the other."""
+def blueprint(view: RunView, cameras: Sequence[rrb.Spatial2DView] = ()) -> rrb.Blueprint:
+    """Both views of the map as tabs, the plots that the run has one above the other.
+
+    cameras: further views, below the plots.
+    """
     scene = rrb.Tabs(
         _map_view(view, MAP_VIEW, ["+ /**", "- /truth/walls", "- /precision/**", "- /plots/**"]),
         _map_view(view, PRECISION_VIEW, ["+ /map", "+ /truth/outline", "+ /precision/**"]),
@@ -35,32 +39,52 @@ def blueprint(view: RunView) -> rrb.Blueprint:
     )
     groups = (("Over time", plots(view)), ("Precision", precision_plots(view, MAX_POINTS)))
     curves = [
-        rrb.Vertical(*(_curve_view(view, plot) for plot in group), name=name)
+        rrb.Vertical(*(_curve_view(_whole_run(view), plot) for plot in group), name=name)
         for name, group in groups
         if group
     ]
-    parts = (scene, rrb.Tabs(*curves, active_tab=0)) if curves else (scene,)
+    beside: list[rrb.Container] = [rrb.Tabs(*curves, active_tab=0)] if curves else []
+    beside += [rrb.Grid(*cameras)] if cameras else []
+    parts = (scene, rrb.Vertical(*beside)) if beside else (scene,)
+    time = rrb.TimePanel(timeline=timeline(view), state="collapsed", play_state="paused")
+    return _laid_out(parts, time)
+
+
+def live_blueprint(
+    curves: Sequence[Panel], centre: FloatArray, extent_m: FloatArray
+) -> rrb.Blueprint:
+    """The map from above, centre and extent_m (2,) of it, and the curves of the last minute."""
+    scene = _seen_from_above(MAP_VIEW, ["+ /**", "- /plots/**"], centre, extent_m)
+    boundary = rr.TimeRangeBoundary.cursor_relative
+    last_minute = rr.TimeRange(start=boundary(seconds=-60.0), end=boundary(seconds=0.0))
+    plots = rrb.Vertical(*(_curve_view(last_minute, curve) for curve in curves))
+    time = rrb.TimePanel(timeline="sim_time", state="collapsed", play_state="following")
+    return _laid_out((scene, plots), time)
+
+
+def _laid_out(parts: Sequence[Any], time: rrb.TimePanel) -> rrb.Blueprint:
     return rrb.Blueprint(
         rrb.Horizontal(*parts, column_shares=[3, 2][: len(parts)]),
-        rrb.TimePanel(timeline="sim_time", state="collapsed", play_state="paused"),
+        time,
         rrb.BlueprintPanel(state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),
         auto_views=False,
     )
 
 
-def _curve_view(view: RunView, plot: Panel) -> rrb.TimeSeriesView:
+def _curve_view(shown: rr.TimeRange, plot: Panel) -> rrb.TimeSeriesView:
     return rrb.TimeSeriesView(
         origin=f"plots/{plot.key}",
         name=_titled(plot.title, plot.unit),
-        axis_x=rrb.TimeAxis(view_range=_whole_run(view)),
+        axis_x=rrb.TimeAxis(view_range=shown),
     )
 
 
 def _whole_run(view: RunView) -> rr.TimeRange:
+    begin_ns = view.begin_ns if view.log.epoch == "unix" else 0
     return rr.TimeRange(
-        start=rr.TimeRangeBoundary.absolute(nanos=0),
-        end=rr.TimeRangeBoundary.absolute(nanos=round(view.duration_s * 1e9)),
+        start=rr.TimeRangeBoundary.absolute(nanos=begin_ns),
+        end=rr.TimeRangeBoundary.absolute(nanos=begin_ns + round(view.duration_s * 1e9)),
     )
 
 
@@ -69,8 +93,14 @@ def _titled(title: str, unit: str) -> str:
 
 
 def _map_view(view: RunView, name: str, contents: list[str]) -> rrb.Spatial3DView:
-    """From above, north up; the true walls only as an outline, so that they hide nothing."""
-    centre, extent_m = map_extent(view)
+    """The true walls only as an outline, so that they hide nothing."""
+    return _seen_from_above(name, contents, *map_extent(view))
+
+
+def _seen_from_above(
+    name: str, contents: list[str], centre: FloatArray, extent_m: FloatArray
+) -> rrb.Spatial3DView:
+    """North up; (2,) centre and (2,) size of what is shown, in metres of the map frame."""
     eye_m = max(extent_m[1], extent_m[0] * 0.8) / _FIELD_OF_VIEW
     return rrb.Spatial3DView(
         origin="/",

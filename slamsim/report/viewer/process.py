@@ -23,6 +23,8 @@ from slamsim.guard.files import open_input, own_file
 from slamsim.process.children import dying_with_us
 
 START_TIMEOUT_S = 60.0
+LIVE_MEMORY = "512MB"
+"""What a live viewer keeps: at 20 scans of 400 points a second, more than an hour of them."""
 _QUIET = "warn,egui_wgpu=error,re_renderer=error,re_viewer::native=error"
 """Says nothing about a slow graphics driver, which a screenshot would show as a pop-up."""
 
@@ -49,7 +51,7 @@ def recording_of(run: Path) -> Path:
 
 def open_viewer(recording: Path) -> None:
     """Show a recording in a window until the window is closed."""
-    if sys.platform == "linux" and not any(map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY"))):
+    if not _has_screen():
         raise SlamsimError(
             "there is no screen here to open a window on; --web serves the recording to a "
             "browser, --screenshot FILE draws it into a file"
@@ -67,14 +69,66 @@ def serve_web(recording: Path, tell: Callable[[str], None]) -> None:
 
 
 @contextmanager
-def headless_viewer(recording: Path, width: int, height: int) -> Iterator[ViewerClient]:
+def live_viewer() -> Iterator[tuple[str, str]]:
+    """A viewer that shows what it is sent: a window, or without a screen a page for browsers on
+    this machine. Gives the URL to send to, and what to open; it ends with the block.
+
+    It keeps what came last, in ``LIVE_MEMORY``. Raises SlamsimError if it does not start.
+    """
+    data, page = free_port(), free_port()
+    url = f"rerun+http://127.0.0.1:{data}/proxy"
+    shown = f"http://127.0.0.1:{page}?url={quote(url, safe='')}"
+    arguments = ["--port", str(data), "--bind", "127.0.0.1"]
+    if _has_screen():
+        arguments += ["--memory-limit", LIVE_MEMORY, "--hide-welcome-screen", "--expect-data-soon"]
+        shown = "the window of the Rerun viewer"
+    else:
+        arguments += ["--serve-web", "--web-viewer-port", str(page)]
+        arguments += ["--server-memory-limit", LIVE_MEMORY]
+    with TemporaryFile() as output:
+        process = subprocess.Popen(
+            dying_with_us([_executable(), *arguments]),
+            env=_environment(),
+            stdin=subprocess.DEVNULL,
+            stdout=output,
+            stderr=subprocess.STDOUT,
+            start_new_session=True,  # Ctrl-C is for us, who end it when nothing more is sent
+        )
+        try:
+            _await_listening(process, data, output)
+            yield url, shown
+        finally:
+            process.kill()  # it has nothing to save, and waits for browsers if it is asked kindly
+            process.wait()
+
+
+def _await_listening(process: subprocess.Popen[bytes], port: int, output: IO[bytes]) -> None:
+    deadline = time.monotonic() + START_TIMEOUT_S
+    while time.monotonic() < deadline:
+        if process.poll() is not None:
+            raise SlamsimError(_last_words("the Rerun viewer did not start", output))
+        with suppress(OSError), socket.create_connection(("127.0.0.1", port)):
+            return
+        time.sleep(0.1)
+    raise SlamsimError(f"the Rerun viewer did not listen within {START_TIMEOUT_S:.0f} s")
+
+
+def _has_screen() -> bool:
+    return sys.platform != "linux" or any(map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY")))
+
+
+@contextmanager
+def headless_viewer(recording: Path | None, width: int, height: int) -> Iterator[ViewerClient]:
     """A viewer without a screen that has the recording open; it ends with the block.
+
+    recording: None for one that is sent to the client's URL.
 
     Raises SlamsimError if it does not start, as without any Vulkan driver, or dies in the block.
     """
     port = free_port()
     arguments = ["--headless", "--port", str(port), "--bind", "127.0.0.1"]
-    arguments += ["--window-size", f"{width}x{height}", str(recording.resolve())]
+    arguments += ["--window-size", f"{width}x{height}"]
+    arguments += [] if recording is None else [str(recording.resolve())]
     with TemporaryFile() as output, TemporaryDirectory(prefix="slamsim-viewer-") as own:
         process = subprocess.Popen(
             dying_with_us([_executable(), *arguments]),

@@ -8,15 +8,18 @@ ever on a full disk.
 from __future__ import annotations
 
 import zlib
+from collections.abc import Iterable
 from pathlib import Path
 
 import rerun as rr
 
+from slamsim.core.types import CameraImage
 from slamsim.guard.output import write_atomic
 from slamsim.report.figures.palette import rgb
 from slamsim.report.precision import precision_plots
 from slamsim.report.run_view import RunView
 from slamsim.report.viewer.blueprint import blueprint
+from slamsim.report.viewer.images import camera_views, log_images
 from slamsim.report.viewer.scene import log_graph, log_map, log_paths, log_precision, log_walls
 from slamsim.report.viewer.series import MAX_POINTS, plots
 from slamsim.report.viewer.stage import laser_frame, log_scans, log_transforms, time_column
@@ -24,7 +27,7 @@ from slamsim.report.viewer.stage import laser_frame, log_scans, log_transforms, 
 APPLICATION = "slamsim"
 
 
-def write_recording(path: Path, view: RunView) -> None:
+def write_recording(path: Path, view: RunView, images: Iterable[CameraImage] = ()) -> None:
     """Write ``run.rrd``; what was under this name stays if anything fails.
 
     Raises what write_atomic raises.
@@ -44,7 +47,8 @@ def write_recording(path: Path, view: RunView) -> None:
         log_precision(recording, view)
         log_scans(recording, view, laser)
         _log_plots(recording, view)
-        recording.send_blueprint(blueprint(view))
+        cameras = camera_views(log_images(recording, view, images))
+        recording.send_blueprint(blueprint(view, cameras))
     finally:
         rr.set_strict_mode(strict_before)
     write_atomic(path, memory.drain_as_bytes())

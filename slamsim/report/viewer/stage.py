@@ -18,10 +18,22 @@ SCAN_HEIGHT_M = 0.04
 MAP, ODOM, BASE, LASER, TRUTH = "map", "odom", "base_footprint", "laser", "truth"
 
 
+SIMULATED_TIME, RECORDED_TIME = "sim_time", "time"
+
+
+def timeline(view: RunView) -> str:
+    """``sim_time`` of a simulation, else ``time``."""
+    return SIMULATED_TIME if view.log.epoch == "simulation" else RECORDED_TIME
+
+
 def time_column(view: RunView, stamps_ns: IntArray) -> rr.TimeColumn:
-    """``sim_time``: the time since the beginning, exact to the nanosecond."""
+    """The clock of a recording whose stamps count from 1970, else the time since the beginning,
+    exact to the nanosecond."""
+    if view.log.epoch == "unix":
+        instants = np.asarray(stamps_ns).astype("datetime64[ns]")
+        return rr.TimeColumn(timeline(view), timestamp=instants)
     since = (np.asarray(stamps_ns) - view.begin_ns).astype("timedelta64[ns]")
-    return rr.TimeColumn("sim_time", duration=since)
+    return rr.TimeColumn(timeline(view), duration=since)
 
 
 def laser_frame(view: RunView) -> str:
@@ -64,10 +76,11 @@ def log_transforms(recording: rr.RecordingStream, view: RunView, laser: str) -> 
             translation=T[:3, 3], quaternion=turn, parent_frame=parent, child_frame=child
         )
         recording.log(name, fixed, static=True)
-    _log_robot(recording)
+    log_robot(recording)
 
 
-def _log_robot(recording: rr.RecordingStream) -> None:
+def log_robot(recording: rr.RecordingStream) -> None:
+    """An arrow and the axes of the base."""
     colour = rgb(ESTIMATE)
     recording.log("robot", rr.CoordinateFrame(BASE), static=True)
     recording.log(

@@ -22,7 +22,8 @@ def tell_plan(recipe: str, count: int, reporter: Reporter, workers: int | None =
     reporter.note(f"Trying out {chosen.name}: a few short sequences are made and thrown away")
     found = plan(chosen, count, workers)
     reporter.table(f"{chosen.name}: {chosen.title}", plan_rows(found))
-    reporter.result({**asdict(found), "total_bytes": found.total_bytes})
+    derived = {"total_bytes": found.total_bytes, "realtime_factor": found.realtime_factor}
+    reporter.result({**asdict(found), **derived})
 
 
 def draw_preview(
@@ -50,8 +51,7 @@ def plan_rows(found: Plan) -> dict[str, str]:
         **drawn,
         "simulated": as_time(found.simulated_s),
         "expected time": f"{as_time(found.seconds)} with {found.workers} workers, "
-        f"{as_number(found.simulated_s / max(found.core_s, 1e-9), 3)} × real time on each"
-        f" core",
+        f"{as_number(found.realtime_factor, 3)} × real time on each core",
         "disk": f"{as_size(found.total_bytes)}: {sizes}",
         "memory": f"{as_size(found.memory_bytes)} a worker",
     }

@@ -7,7 +7,7 @@ import math
 from slamsim.config.drive import DriveConfig, LimitsConfig
 from slamsim.sim.drive.follow import Twist, build_follower
 from slamsim.sim.drive.route import Route
-from slamsim.sim.drive.supervise import Supervisor
+from slamsim.sim.drive.supervise import Supervisor, upset
 
 STANDING: Twist = (0.0, 0.0)
 
@@ -33,7 +33,7 @@ class Pilot:
         self, time_s: float, x_m: float, y_m: float, z_m: float, yaw_rad: float, up: float
     ) -> None:
         """The next command from the true pose; up is the cosine of the robot's tilt."""
-        self.ended = self._supervisor.upset(x_m, y_m, z_m, up)
+        self.ended = upset(self._config.follow, x_m, y_m, z_m, up)
         wanted = STANDING if self.ended else self._wanted(time_s, x_m, y_m, yaw_rad)
         self.command = limited(self.command, wanted, self._config.limits, self._tick_s)
 

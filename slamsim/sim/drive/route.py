@@ -89,18 +89,30 @@ def plan_route(world: World, robot: RobotModel, config: DriveConfig) -> Route:
     NotFound for a route file.
     """
     if config.route.file is None:
-        return _planned(world, config, _needed_m(robot, config), config.route.resolution_m)
+        return _planned(world, config, room_needed_m(robot, config), config.route.resolution_m)
     given = read_route(Path(config.route.file))
     if isinstance(given, TwistRoute):
         if config.stops.every_m is not None:
             reason = "holds twists, which say themselves where to stop: leave drive.stops out"
             raise InputRefused(config.route.file, reason)
         return _twist_route(given.twists, config)
-    space = free_space(world, config.route.resolution_m, _needed_m(robot, config))
+    space = free_space(world, config.route.resolution_m, room_needed_m(robot, config))
     return _route(_pose_legs(world, space, given, config), world, space, config)
 
 
-def _needed_m(robot: RobotModel, config: DriveConfig) -> float:
+def route_along(
+    cells: IntArray, space: Space, config: DriveConfig, end_yaw_rad: float | None = None
+) -> Route:
+    """Along a chain of cells (n, 2), at least one; end_yaw_rad: heading to turn to at its end."""
+    centres_m = space.centres_m(cells)
+    line_m = smooth_path(centres_m, space) if len(cells) > 1 else centres_m[[0, 0]]
+    legs = [_leg(line_m, space, config, end_yaw_rad)]
+    narrowest_m = float(space.room_at_m(line_m).min())
+    return Route(tuple(legs), None, legs[0].length_m(), _duration_s(legs, config), narrowest_m)
+
+
+def room_needed_m(robot: RobotModel, config: DriveConfig) -> float:
+    """Radius of the free disc that the robot needs, its clearance included."""
     return robot.footprint_radius_m + config.route.clearance_m
 
 

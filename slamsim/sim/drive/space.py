@@ -240,3 +240,28 @@ def _net(ways: dict[tuple[int, int], IntArray], places: int) -> WayNet:
     net = sparse.csr_array((lengths, (pairs[:, 0], pairs[:, 1])), shape=(places, places))
     shortest, next_hop = csgraph.dijkstra(net, directed=False, return_predecessors=True)
     return WayNet(shortest, next_hop.astype(np.int64), ways)
+
+
+def cheapest_way(
+    space: Space, start_m: FloatArray, targets: BoolArray, preferred_m: float
+) -> IntArray | None:
+    """(n, 2) cells from a point to the target that is reached at the least cost; None for none.
+
+    targets: (rows, cols). Raises NoWay if the robot does not fit at its start.
+    """
+    open_cells = reachable_cells(space, start_m)
+    cells = np.argwhere(open_cells)
+    number = np.full(open_cells.shape, -1, dtype=np.int32)
+    number[open_cells] = np.arange(len(cells), dtype=np.int32)
+    wanted = number[targets & open_cells]
+    if not wanted.size:
+        return None
+    start = int(number[tuple(space.cells_of(start_m[None])[0])])
+    costs, before, _ = csgraph.dijkstra(
+        _cell_graph(space, number, preferred_m),
+        indices=[start],
+        min_only=True,
+        return_predecessors=True,
+    )
+    nearest = int(wanted[np.argmin(costs[wanted])])
+    return np.asarray(cells[_back(before, nearest)[::-1]])

@@ -25,27 +25,11 @@ class Supervisor:
 
     def __init__(self, follow: FollowConfig, follower: Follower) -> None:
         self._follow, self._follower = follow, follower
-        self._least_up = math.cos(math.radians(follow.max_tilt_deg))
         self._anchor = (math.inf, math.inf, 0.0)
         self._idle_s = self._stalled_s = 0.0
         self._progress = -1.0
         self._recoveries, self._stuck_at = 0, 0.0
         self._backing_s = 0.0
-
-    def upset(self, x_m: float, y_m: float, z_m: float, up: float) -> str:
-        """What ends the drive, in words, or nothing; up is the cosine of the tilt."""
-        if up >= self._least_up and abs(z_m) <= FALLEN_M and math.isfinite(x_m + y_m):
-            return ""
-        if not math.isfinite(x_m + y_m + z_m + up):
-            return "the physics became unstable: the robot's pose is not a number"
-        where = f"at ({x_m:.2f}, {y_m:.2f})"
-        if up < self._least_up:
-            tilt_deg = math.degrees(math.acos(max(-1.0, min(1.0, up))))
-            return (
-                f"the robot tipped over {where}: it leans by {tilt_deg:.0f} degrees, "
-                f"follow.max_tilt_deg is {self._follow.max_tilt_deg:g}"
-            )
-        return f"the robot left the floor {where}: it is {z_m:.2f} m above it"
 
     def stuck(self, x_m: float, y_m: float, yaw_rad: float, command: Twist, tick_s: float) -> str:
         """What is wrong, in words, once the robot got nowhere for too long; else nothing."""
@@ -85,3 +69,20 @@ class Supervisor:
             return None
         self._backing_s -= tick_s
         return BACKING_M_S, 0.0
+
+
+def upset(follow: FollowConfig, x_m: float, y_m: float, z_m: float, up: float) -> str:
+    """What ends a drive at once, in words, or nothing; up is the cosine of the robot's tilt."""
+    least_up = math.cos(math.radians(follow.max_tilt_deg))
+    if up >= least_up and abs(z_m) <= FALLEN_M and math.isfinite(x_m + y_m):
+        return ""
+    if not math.isfinite(x_m + y_m + z_m + up):
+        return "the physics became unstable: the robot's pose is not a number"
+    where = f"at ({x_m:.2f}, {y_m:.2f})"
+    if up < least_up:
+        tilt_deg = math.degrees(math.acos(max(-1.0, min(1.0, up))))
+        return (
+            f"the robot tipped over {where}: it leans by {tilt_deg:.0f} degrees, "
+            f"follow.max_tilt_deg is {follow.max_tilt_deg:g}"
+        )
+    return f"the robot left the floor {where}: it is {z_m:.2f} m above it"

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from threading import Event, Lock
+from threading import Event
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -17,6 +17,7 @@ from pydantic import Field
 from slamsim.config.streams import SinkEntry
 from slamsim.guard.errors import OutputRefused
 from slamsim.io.staged_writer import StagedWriter
+from slamsim.simulation.foxglove_channels import FoxgloveChannels, Listener
 
 if TYPE_CHECKING:
     from slamsim.io.bag2.folder import TopicKind
@@ -53,10 +54,9 @@ class FoxgloveSink(StagedWriter):
 
         super().__init__()
         self._entry = entry
-        self._context = foxglove.Context()
-        self._channels = {topic.name: self._channel(topic) for topic in topics}
-        self._latched: dict[str, bytes] = {topic.name: b"" for topic in topics if topic.latched}
-        self._viewers = _Viewers()
+        self._channels = FoxgloveChannels(topics)
+        self._open.callback(self._channels.close)
+        self._viewers = _Viewers(self._channels)
         try:
             self._server = foxglove.start_server(
                 name="slamsim",
@@ -64,9 +64,10 @@ class FoxgloveSink(StagedWriter):
                 port=entry.port,
                 server_listener=self._viewers,
                 capabilities=[foxglove.Capability.Time],
-                context=self._context,
+                context=self._channels.context,
             )
         except (OSError, RuntimeError) as error:
+            self._channels.close()
             place = f"{entry.host}:{entry.port}"
             raise OutputRefused(f"nothing can be served at {place}: {error}") from None
         self._open.callback(self._server.stop)
@@ -97,10 +98,7 @@ class FoxgloveSink(StagedWriter):
         now, self._held = self._held[:count], self._held[count:]
         for log_ns, topic, data in now:
             self._pace(log_ns)
-            self._repeat_latched(log_ns)
-            self._channels[topic].log(data, log_time=log_ns)
-            if topic in self._latched:
-                self._latched[topic] = data
+            self._channels.send(topic, log_ns, data)
         if now:
             self._server.broadcast_time(now[-1][0])
 
@@ -117,48 +115,18 @@ class FoxgloveSink(StagedWriter):
         due_s = since_s + (log_ns - since_ns) * 1e-9 / self._entry.rate
         time.sleep(max(due_s - time.monotonic(), 0.0))
 
-    def _repeat_latched(self, log_ns: int) -> None:
-        for topic in self._viewers.newly_subscribed():
-            if self._latched.get(topic):
-                self._channels[topic].log(self._latched[topic], log_time=log_ns)
 
-    def _channel(self, topic: TopicKind) -> Any:
-        import foxglove
+class _Viewers(Listener):
+    """Tells when the first viewer has come."""
 
-        from slamsim.io.bag2.folder import described
-
-        text = described(topic.type_name)[1].encode()
-        schema = foxglove.Schema(name=topic.type_name, encoding="ros2msg", data=text)
-        return foxglove.Channel(
-            topic.name, message_encoding="cdr", schema=schema, context=self._context
-        )
-
-
-class _Viewers:
-    """Hears of subscriptions, on a thread of the server."""
-
-    def __init__(self) -> None:
-        self._lock, self._new, self._any = Lock(), set[str](), Event()
+    def __init__(self, channels: FoxgloveChannels) -> None:
+        super().__init__(channels)
+        self._any = Event()
 
     def on_subscribe(self, client: Any, channel: Any) -> None:
-        with self._lock:
-            self._new.add(channel.topic)
+        super().on_subscribe(client, channel)
         self._any.set()
-
-    def newly_subscribed(self) -> set[str]:
-        """Topics with a subscriber since the last call."""
-        if not self._new:
-            return set()
-        with self._lock:
-            new, self._new = self._new, set()
-        return new
 
     def wait(self, at_most_s: float) -> None:
         if at_most_s > 0.0 and self._any.wait(at_most_s):
             time.sleep(0.2)  # its other subscriptions follow at once
-
-    def __getattr__(self, name: str) -> Any:
-        """Of all else that a listener may hear, nothing is needed."""
-        if name.startswith("on_"):
-            return lambda *heard: None
-        raise AttributeError(name)

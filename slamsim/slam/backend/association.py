@@ -88,6 +88,16 @@ def share_surfaces(
     return Shared(order[kept], view[order][kept], starts)
 
 
+def loose_closures(edges: Sequence[GraphEdge], held: int) -> list[GraphEdge]:
+    """The believed closures between views that share no surface, for the edges do not hold them
+    together firmly: what they say is in no surface. held: so many of the first poses stay."""
+    closures = [e for e in edges if e.kind == "closure" and e.weight > 0.0]
+    closures = [e for e in closures if max(e.source, e.target) >= held]
+    pairs = np.array([(e.source, e.target) for e in closures], dtype=np.int64).reshape(-1, 2)
+    firm = _firm(pairs, edges) if len(pairs) else np.zeros(0, dtype=np.bool_)
+    return [edge for edge, holds in zip(closures, firm, strict=True) if not holds]
+
+
 def _across_cells(found: FloatArray, gate_m: float) -> IntArray:
     """(s,) new numbers of surfaces: one for two that only the border of a cell runs between.
 

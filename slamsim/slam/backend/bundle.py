@@ -2,7 +2,8 @@
 
 Unknowns are the poses of the key frames and the surfaces that two or more of their views share,
 as straight lines with an offset and a turn each (Liu & Zhang 2021; Zhou, Wang & Kaess 2021). What
-the front end matched is in the views and is not counted again: beside them stands odometry alone.
+the front end matched is in the views and is not counted again: beside them stand odometry, and
+closures too loose for their views to share surfaces.
 Robust weights are those of Geman & McClure (1987), since doors open and people walk. How much
 surfaces differ from straight lines beyond the noise of ranges is learnt from how views differ.
 """
@@ -31,7 +32,7 @@ from slamsim.models.line_bundle import (
     to_map,
 )
 from slamsim.models.supernodes import add_block, empty_system, make_panels
-from slamsim.slam.backend.association import Shared, share_surfaces
+from slamsim.slam.backend.association import Shared, loose_closures, share_surfaces
 from slamsim.slam.backend.marginals import add_edges, edge_covariances
 from slamsim.slam.backend.surface_information import Sights
 from slamsim.slam.frontend.odometry import ELSEWHERE
@@ -101,10 +102,10 @@ def refine(
     pieces = np.concatenate(views).astype(np.float64)
     moments = moments_of(pieces[:, MEAN], pieces[:, SCATTER], pieces[:, BEAMS], noise_m)
     bundle = None
-    begun_at = poses
+    begun_at, closures = poses, loose_closures(edges, held)
     for gate_m, doubted_sigmas, steps in ROUNDS:
         shared = share_surfaces(views, poses, gate_m, edges)
-        bundle = _Bundle(moments, shared, odometry, doubted_sigmas, held)
+        bundle = _Bundle(moments, shared, (odometry, closures), doubted_sigmas, held)
         poses = bundle.relax(poses, steps)
     assert bundle is not None
     bundle.check(begun_at, poses)
@@ -118,13 +119,13 @@ class _Bundle:
         self,
         moments: Moments,
         shared: Shared,
-        odometry: Sequence[GraphEdge],
+        measured: tuple[Sequence[GraphEdge], Sequence[GraphEdge]],
         doubted_sigmas: float,
         held: int,
     ) -> None:
-        count = self._count = len(odometry)
-        self._held = held
-        self._doubted_sigmas = doubted_sigmas
+        """measured: the odometry, and closures that no shared surfaces stand for."""
+        edges, count = [*measured[0], *measured[1]], len(measured[0])
+        self._count, self._held, self._doubted_sigmas = count, held, doubted_sigmas
         if len(shared.starts) < 2:
             raise NotRefined("no surface was seen from two key frames")
         self._points = moments.points_m[shared.pieces]
@@ -132,10 +133,12 @@ class _Bundle:
         self._shared, self._surfaces = shared, shared.surfaces
         # Poses that are held fixed share the last number: there is no unknown behind it.
         self._number = np.append(np.full(held, count), np.arange(count))
-        self._sources = np.array([edge.source for edge in odometry])
-        self._targets = np.array([edge.target for edge in odometry])
-        self._measured = np.array([edge.T_source_target for edge in odometry])
-        self._driven = np.asarray(np.linalg.inv(edge_covariances(odometry)), np.float64)
+        self._sources = np.array([edge.source for edge in edges])
+        self._targets = np.array([edge.target for edge in edges])
+        self._measured = np.array([edge.T_source_target for edge in edges])
+        weights = np.array([edge.weight for edge in edges])[:, None, None]
+        self._believed = np.asarray(weights * np.linalg.inv(edge_covariances(edges)), np.float64)
+        self._least = np.where((np.arange(len(edges)) < count)[:, None, None], LEAST_KNOWN, 0.0)
         self._ends = self._number[np.stack([self._sources, self._targets], axis=1)]
         self._pairs = shared.pairs()
         pairs = np.concatenate([self._number[self._pairs], self._ends])
@@ -166,11 +169,14 @@ class _Bundle:
 
     def sights(self, poses: FloatArray) -> Sights:
         """What was seen and what was driven, each for itself."""
-        drift = np.asarray(np.linalg.inv(self._believed_odometry(poses)[1]), np.float64)
+        steps = np.asarray(np.linalg.inv(self._believed_edges(poses)[1]), np.float64)
         seen = self._surface_system(poses) / DOUBTED_BY_CHANCE
         pairs = np.maximum(self._pairs - (self._held - 1), 0)
         pairs, poses = pairs[pairs[:, 0] < pairs[:, 1]], poses[self._held - 1 :]
-        return Sights(self._panels, seen, drift, pairs, poses, np.zeros_like(poses))
+        ends = np.stack([self._sources, self._targets], axis=1)[self._count :]
+        drift, loose = np.split(steps, [self._count])
+        closures = np.maximum(ends - (self._held - 1), 0), loose
+        return Sights(self._panels, seen, drift, closures, pairs, poses, np.zeros_like(poses))
 
     def check(self, before: FloatArray, after: FloatArray) -> None:
         """Raise NotRefined unless the poses became more likely without being torn about."""
@@ -217,7 +223,7 @@ class _Bundle:
         about: no step leads farther than a robot that was carried may be.
         """
         system = self._surface_system(poses)
-        _, information = self._believed_odometry(poses)
+        _, information = self._believed_edges(poses)
         add_edges(self._panels, system, self._ends, self._carry(poses), information)
         for unknown in range(self._count):
             add_block(self._panels, system, unknown, unknown, LEAST_KNOWN)
@@ -238,12 +244,12 @@ class _Bundle:
         return Seen(points, self._weights, starts, lines, rows, self._number[views][:, None])
 
     def _carry(self, poses: FloatArray) -> FloatArray:
-        """(m, 3, 3) takes a small step of the source of each odometry edge to its target."""
+        """(m, 3, 3) takes a small step of the source of each edge to its target."""
         return adjoint(between(poses[self._targets], poses[self._sources]))
 
     def _pull(self, poses: FloatArray) -> FloatArray:
         """(n - 1, 3) the right-hand side: where everything wants the poses to go."""
-        error, information = self._believed_odometry(poses)
+        error, information = self._believed_edges(poses)
         pull = np.einsum("mij,mj->mi", information, error)
         right = np.zeros((self._count + 1, 3))
         np.add.at(right, self._ends[:, 0], np.einsum("mji,mj->mi", self._carry(poses), pull))
@@ -251,17 +257,17 @@ class _Bundle:
         pull_to_lines(self._seen(poses), right)
         return right[:-1]
 
-    def _odometry_errors(self, poses: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """(m, 3) what the poses add to the odometry, as steps of its targets, and (m,) the squared
+    def _edge_errors(self, poses: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """(m, 3) what the poses add to the edges, as steps of their targets, and (m,) the squared
         number of standard deviations."""
         error = between(self._measured, between(poses[self._sources], poses[self._targets]))
-        return error, np.einsum("mi,mij,mj->m", error, self._driven, error)
+        return error, np.einsum("mi,mij,mj->m", error, self._believed, error)
 
-    def _believed_odometry(self, poses: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """(m, 3) what the poses add to the odometry, and (m, 3, 3) its information, less where it
-        is far off, since wheels slip, but never none."""
-        error, chi2 = self._odometry_errors(poses)
-        return error, self._driven * _robust(chi2, ODOMETRY_SIGMAS)[:, None, None] + LEAST_KNOWN
+    def _believed_edges(self, poses: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """(m, 3) what the poses add to the edges, and (m, 3, 3) their information, less where it is
+        far off, since wheels slip, but never none of the odometry."""
+        error, chi2 = self._edge_errors(poses)
+        return error, self._believed * _robust(chi2, ODOMETRY_SIGMAS)[:, None, None] + self._least
 
     def _cost(self, poses: FloatArray) -> float:
         """Robust cost at given poses, as variances are by now.
@@ -270,9 +276,9 @@ class _Bundle:
         """
         chi2 = self._squares(poses) / self._scaled
         seen = chi2 * np.sqrt(_robust(chi2, self._doubted_sigmas))
-        error, off = self._odometry_errors(poses)
+        error, off = self._edge_errors(poses)
         driven = off * np.sqrt(_robust(off, ODOMETRY_SIGMAS))
-        driven += np.einsum("mi,ij,mj->m", error, LEAST_KNOWN, error)
+        driven += np.einsum("mi,mij,mj->m", error, self._least, error)
         return float(seen.sum() + driven.sum())
 
 

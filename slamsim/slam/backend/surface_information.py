@@ -28,15 +28,16 @@ class Sights:
 
     panels, values: what the views of shared surfaces say, a system whose unknowns are small steps
     of each view but the first, which is held fixed and stands for all that are, in its own frame.
-    drift: (n - 1, 3, 3)
-    covariance of the odometry from view to view, of the later one in its own frame. pairs: (p, 2)
-    of views that share surfaces. poses: (n, 3) T_map_view. T_base_view: (n, 3) where each view is
-    seen from its base.
+    drift: (n - 1, 3, 3) covariance of the odometry from view to view, of the later one in its own
+    frame. closures: (c, 2) views that a closure joins without any surface that they share, and
+    (c, 3, 3) covariance of the second ones. pairs: (p, 2) of views that share surfaces. poses:
+    (n, 3) T_map_view. T_base_view: (n, 3) where each view is seen from its base.
     """
 
     panels: Panels
     values: FloatArray
     drift: FloatArray
+    closures: tuple[IntArray, FloatArray]
     pairs: IntArray
     poses: FloatArray
     T_base_view: FloatArray
@@ -49,7 +50,11 @@ class Sights:
         count = len(self.poses)
         ends = np.stack([np.arange(count - 1), np.arange(1, count)], axis=1)
         seen = (self.panels, self.values, self.pairs)
-        covariances = joined_covariances(self.poses, 0, seen, (ends, self.drift))
+        steps = (
+            np.concatenate([ends, self.closures[0]]),
+            np.concatenate([self.drift, self.closures[1]]),
+        )
+        covariances = joined_covariances(self.poses, 0, seen, steps)
         return _carried(adjoint(self.T_base_view), covariances)
 
 

@@ -70,7 +70,8 @@ class Step:
     T_odom_base: (3,) from wheels and gyroscope alone, smooth (REP 105). covariance: (3, 3) of a
     small step of the base in its own frame, relative to the first key frame. match_quality:
     inlier ratio, 0 without a match. degenerate_directions: (k, 3) steps of the base, in its own
-    frame, that the surfaces do not hold. events: what happened since the last step.
+    frame, that the surfaces do not hold. events: what happened since the last step. keyframe: the
+    index of the key frame that the scan became, with its cloud in the base frame; else None.
     """
 
     stamp_ns: int
@@ -81,6 +82,8 @@ class Step:
     degenerate_directions: FloatArray
     status: Status
     events: tuple[Event, ...] = ()
+    keyframe: int | None = None
+    cloud: Cloud | None = None
 
     @property
     def T_map_odom(self) -> FloatArray:  # noqa: N802

@@ -137,13 +137,13 @@ class ShapePull:
         plain, robust = np.diag(bread), np.diag(bread @ meat @ bread)
         return np.asarray(np.sqrt(np.maximum(np.maximum(plain, robust), 1e-18)))
 
-    def off(self, shape: Shape, declared: Shape, unmodelled: FloatArray) -> BoolArray:
-        """(3,) which numbers the scans contradict; unmodelled: (3,) by what they come out wrong
-        beyond noise."""
+    def doubts(self, shape: Shape, declared: Shape, unmodelled: FloatArray) -> FloatArray:
+        """(3,) how far the numbers are from the declared, as multiples of what scans may say of
+        right ones; unmodelled: (3,) by what they come out wrong beyond noise."""
         sure = as_sure_as(OTHER_SIGMAS, len(self.pull))
-        doubt = np.maximum(sure * np.hypot(self.sigmas(), unmodelled), OTHER_SHAPE)
+        allowed = np.maximum(sure * np.hypot(self.sigmas(), unmodelled), OTHER_SHAPE)
         found = shape.numbers + self.step()
-        return np.asarray(np.abs(found - declared.numbers) > doubt)
+        return np.asarray(np.abs(found - declared.numbers) / allowed)
 
     def still(self, step: FloatArray) -> bool:
         """Whether another step (3,) of the shape is not worth its while."""

@@ -192,12 +192,14 @@ def _fit(
 ) -> tuple[Shape, list[WindowFit], ShapePull]:
     """All windows with the shape of the scans that fits best; fits: as it is declared.
 
-    Numbers in doubt become unknowns together, so that none of them is mistaken for another.
+    Numbers become unknowns one after the other, what is contradicted most first: seen with an
+    offset of 3 cm, angles that are right look 0.3 % wrong, 3.4 sigmas.
     """
     shape = declared = Shape(reader.declared_sweep_s, 1.0, 0.0)
     pull, free = ShapePull.of(fits), np.zeros(SHAPES, dtype=np.bool_)
     for _ in range(MAX_PASSES):
-        free = free | pull.off(shape, declared, _unmodelled(shape, reader))
+        doubts = np.where(free, 0.0, pull.doubts(shape, declared, _unmodelled(shape, reader)))
+        free |= (doubts > 1.0) & (doubts == doubts.max())
         step = pull.step(free)
         if pull.still(step):
             break

@@ -48,7 +48,7 @@ def build_grid(
     fine = trajectory if motion is None else densify(trajectory, motion)
     poses = dict(zip(trajectory.stamps_ns.tolist(), trajectory.poses, strict=True))
     used = _stamps_to_use(trajectory, config)
-    canvas = _Canvas(config)
+    canvas = Canvas(config)
     for cloud, T_map_base in earlier:
         canvas.draw(cloud, T_map_base)
     for number, scan in enumerate(scans):
@@ -74,7 +74,7 @@ def _stamps_to_use(trajectory: PlanarTrajectory, config: MappingConfig) -> set[i
     return set(trajectory.stamps_ns[first].tolist())
 
 
-class _Canvas:
+class Canvas:
     """A grid of log odds that grows where it is drawn upon.
 
     Cells lie on multiples of the resolution, so growth never moves them.

@@ -13,9 +13,12 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import cast
 
+import numpy as np
+
 from slamsim.config.slam import SlamConfig
 from slamsim.core.progress import Progress, silent
 from slamsim.core.result import Event, GraphEdge
+from slamsim.core.types import FloatArray, IntArray
 from slamsim.process.children import Halted
 from slamsim.process.module_process import ModuleProcess
 from slamsim.process.pipe import Ended, journal_messages, packed
@@ -45,6 +48,7 @@ class AsyncBackEnd:
         self._kept = array("q")
         self._closures: list[GraphEdge] = []
         self._correction: Correction | None = None
+        self._poses: FloatArray | None = None
         self._outcome: BackEndOutcome | None = None
         self._alone: SyncBackEnd | None = None
         self._happened: list[Event] = []
@@ -92,6 +96,11 @@ class AsyncBackEnd:
         """See ``MapKeeper``."""
         self._read(silent)
         return self._correction
+
+    def changed(self) -> tuple[IntArray, FloatArray] | None:
+        """See ``MapKeeper``."""
+        poses, self._poses = self._poses, None
+        return None if poses is None else (np.array(self._kept[: len(poses)], np.int64), poses)
 
     def events(self) -> tuple[Event, ...]:
         """See ``MapKeeper``."""
@@ -161,6 +170,8 @@ class AsyncBackEnd:
             self._answered, self._correction = message.taken, message.correction
             self._kept.extend(message.kept)
             self._closures.extend(message.closures)
+            if message.poses is not None:
+                self._poses = message.poses
         elif isinstance(message, Done):
             progress(message.share, 1.0)
         else:

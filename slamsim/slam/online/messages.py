@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from slamsim.config.slam import SlamConfig
 from slamsim.core.result import GraphEdge
+from slamsim.core.types import FloatArray
 from slamsim.slam.backend.correction import Correction
 
 
@@ -27,12 +28,14 @@ class Task:
 @dataclass(frozen=True, slots=True, eq=False)
 class News:
     """After a key frame. taken: its index. kept: those that came to be kept since the last news.
-    correction: of the last of them. closures: those that came to hold the map together."""
+    correction: of the last of them. closures: those that came to hold the map together. poses:
+    (n, 3) T_map_base of all that were kept, where the map changed since they were last sent."""
 
     taken: int
     kept: tuple[int, ...]
     correction: Correction
     closures: tuple[GraphEdge, ...]
+    poses: FloatArray | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,16 +6,21 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
+import numpy as np
+
 from slamsim.config.slam import SlamConfig
 from slamsim.core.progress import Progress
 from slamsim.core.result import Event, FailedStage, MapGraph
-from slamsim.core.types import PlanarPoses
+from slamsim.core.types import FloatArray, IntArray, PlanarPoses
 from slamsim.slam.backend.back_end import BackEnd
 from slamsim.slam.backend.correction import Correction
 from slamsim.slam.backend.surface_information import Sights
 from slamsim.slam.calibration.solve import Solved
 from slamsim.slam.frontend.keyframes import Keyframe
 from slamsim.slam.mapping.saved_map import SavedMap
+
+MOVED_M, MOVED_RAD = 0.005, 0.001
+"""A tenth of a usual cell, at the key frame itself and at the end of a beam of 5 m."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -51,6 +56,11 @@ class MapKeeper(Protocol):
         """The newest correction, None before the first."""
         ...
 
+    def changed(self) -> tuple[IntArray, FloatArray] | None:
+        """(n,) indices, as they came, and (n, 3) T_map_base of all key frames that were kept; None
+        where none of them moved by what a map shows since this was last asked."""
+        ...
+
     def events(self) -> tuple[Event, ...]:
         """What happened since this was last asked."""
         ...
@@ -68,6 +78,23 @@ class MapKeeper(Protocol):
         ...
 
 
+class Changes:
+    """Whether the poses of the key frames changed by what a map shows."""
+
+    def __init__(self) -> None:
+        self._known: FloatArray = np.zeros((0, 3))
+
+    def of(self, poses: FloatArray) -> FloatArray | None:
+        """poses: (n, 3) of all key frames; given back if one of them moved since they last were."""
+        count = min(len(poses), len(self._known))
+        moved = np.abs(poses[:count] - self._known[:count])
+        if (moved[:, :2] > MOVED_M).any() or (moved[:, 2] > MOVED_RAD).any():
+            self._known = poses
+            return poses
+        self._known = np.concatenate([self._known[:count], poses[count:]])
+        return None
+
+
 class SyncBackEnd:
     """The back end within the session: each key frame is dealt with before ``take`` returns.
 
@@ -77,7 +104,7 @@ class SyncBackEnd:
     def __init__(
         self, config: SlamConfig, earlier: SavedMap | None = None, fixed: bool = False
     ) -> None:
-        self._back_end = BackEnd(config)
+        self._back_end, self._changes = BackEnd(config), Changes()
         if earlier is not None and fixed:
             self._back_end.hold(earlier.keyframes, earlier.poses)
         elif earlier is not None:
@@ -90,6 +117,11 @@ class SyncBackEnd:
     def correction(self) -> Correction | None:
         """See ``MapKeeper``."""
         return self._back_end.correction()
+
+    def changed(self) -> tuple[IntArray, FloatArray] | None:
+        """See ``MapKeeper``."""
+        poses = self._changes.of(self._back_end.poses)
+        return None if poses is None else (np.array(self._back_end.kept, dtype=np.int64), poses)
 
     def events(self) -> tuple[Event, ...]:
         """See ``MapKeeper``."""

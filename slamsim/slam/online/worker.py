@@ -7,17 +7,16 @@ output. When its parent is gone, standard input ends, and so does it.
 from __future__ import annotations
 
 import os
-import sys
 import threading
 from queue import SimpleQueue
 from typing import BinaryIO, cast
 
-from slamsim.process.module_process import answers
+from slamsim.process.module_process import answers, requests
 from slamsim.process.pipe import journal_messages, packed, read_message
 from slamsim.slam.backend.back_end import BackEnd
 from slamsim.slam.frontend.keyframes import Keyframe
 from slamsim.slam.online.messages import Done, Finish, News, Task
-from slamsim.slam.online.sync_back_end import outcome_of
+from slamsim.slam.online.sync_back_end import Changes, outcome_of
 
 _YIELDING = 10
 """Niceness: where cores are few, the session's next scan comes before the next solution."""
@@ -36,10 +35,11 @@ def serve(messages: SimpleQueue[object], stream: BinaryIO) -> None:
         correction = back_end.correction()
         assert correction is not None
         new = tuple(back_end.kept[kept:])
-        tell(News(keyframe.index, new, correction, back_end.new_closures()))
+        closures = back_end.new_closures()
+        tell(News(keyframe.index, new, correction, closures, changes.of(back_end.poses)))
 
     task = cast(Task, messages.get())
-    back_end = BackEnd(task.config)
+    back_end, changes = BackEnd(task.config), Changes()
     journal = [cast(Keyframe, k) for k in journal_messages(task.journal, task.journal_bytes)]
     earlier = [keyframe for keyframe in journal if keyframe.index <= task.taken]
     back_end.restore(earlier, task.closures, set(task.kept))
@@ -64,7 +64,7 @@ def main() -> None:
     os.nice(_YIELDING)
     stream = answers()
     messages: SimpleQueue[object] = SimpleQueue()
-    threading.Thread(target=_listen, args=(sys.stdin.buffer, messages), daemon=True).start()
+    threading.Thread(target=_listen, args=(requests(), messages), daemon=True).start()
     try:
         serve(messages, stream)
     except BrokenPipeError:

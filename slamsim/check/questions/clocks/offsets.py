@@ -117,7 +117,7 @@ def check_timing(calibration: Calibration) -> list[Finding]:
     return [
         *_contradicted(calibration),
         *_pair_findings(calibration, offsets),
-        *(_culprit(calibration, stream, late_s) for stream, late_s in late.items()),
+        *(_culprit(calibration, offsets, stream, late_s) for stream, late_s in late.items()),
         *(_drift(calibration, offsets, drifting) if offsets else ()),
     ]
 
@@ -185,16 +185,22 @@ def _signed_ms(offset_s: float) -> str:
     return f"{text} {'late' if offset_s > 0.0 else 'early'}"
 
 
-def _culprit(calibration: Calibration, stream: str, late_s: float) -> Finding:
-    pairs = [pair for pair in pairs_of(calibration) if calibration.follows(pair)]
-    sigma = min(offset_of(calibration, pair).sigma_s for pair in pairs)
+def _of(stream: str, offsets: dict[str, Offset]) -> list[Offset]:
+    """Those that compare a stream with another."""
+    return [one for pair, one in offsets.items() if STREAM_NAMES[stream] in PAIR_WORDS[pair]]
+
+
+def _culprit(
+    calibration: Calibration, offsets: dict[str, Offset], stream: str, late_s: float
+) -> Finding:
+    sigma = min(one.sigma_s for one in _of(stream, offsets))
     question, how = CULPRITS[stream], ""
     fault = question.faults[0]
     if abs(late_s) > OTHER_EPOCH_S:
         fault, how = EPOCH_MISMATCH, ": they count from another origin"
     elif stream == "lidar":
         fault, how = _instant(calibration, late_s, sigma)
-    if len(pairs) < 2:
+    if len(offsets) < 2:
         how += "; only two streams can be compared, so it may be the other one's"
     topic = _topics(calibration)[stream]
     return judge(
@@ -239,8 +245,10 @@ def _drift(
                 limit=limit_ppm,
             )
         ]
-    sigma = min(one.drift_sigma for one in offsets.values())
-    return [_drifts(calibration, stream, rate, sigma) for stream, rate in drifting.items()]
+    return [
+        _drifts(calibration, stream, rate, min(one.drift_sigma for one in _of(stream, offsets)))
+        for stream, rate in drifting.items()
+    ]
 
 
 def _drifts(calibration: Calibration, stream: str, rate: float, sigma: float) -> Finding:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -27,7 +27,7 @@ PAIR_WORDS = {
 
 @dataclass(frozen=True, slots=True)
 class Offset:
-    """One pair of streams: offset at the begin of what was compared, s, and drift, s/s.
+    """One pair of streams: offset in the middle of what was compared, s, and drift, s/s.
 
     bound_s: the least standard deviation possible. span_s: of what was compared.
     """
@@ -75,16 +75,26 @@ def pairs_of(calibration: Calibration) -> tuple[str, ...]:
 
 
 def offset_of(calibration: Calibration, pair: str) -> Offset:
-    """The offset and drift of a pair; of one that certainly drifts the offset where it began."""
+    """The offset and drift of a pair. Of one that certainly drifts the least offset during the
+    recording: clocks that agree at any time in it are at one rate, or they are not."""
     drift, drift_sigma, _ = calibration.drift(pair)
-    seconds = calibration.model.span_s
-    now = Offset(pair, *calibration.offset(pair), drift, drift_sigma, seconds)
-    if now.drifts:
-        now = Offset(
-            *(pair, *calibration.offset(pair, -0.5 * seconds)),
-            *(drift, drift_sigma, seconds),
-        )
-    return now
+    now = Offset(pair, *calibration.offset(pair), drift, drift_sigma, calibration.model.span_s)
+    if not now.drifts:
+        return now
+    agree_s = float(np.clip(-now.offset_s / drift, *_recorded_s(calibration)))
+    offset_s, sigma_s, bound_s = calibration.offset(pair, agree_s)
+    return replace(now, offset_s=offset_s, sigma_s=sigma_s, bound_s=bound_s)
+
+
+def _recorded_s(calibration: Calibration) -> tuple[float, float]:
+    """When the first stream begins and the last one ends, after the middle of what was compared,
+    which may have begun late: where nothing moves there is nothing to compare."""
+    model, shifts_ns = calibration.model, calibration.alignment.shifts_ns
+    ends_s = [float(model.first_s.min()), float(model.second_s.max())]
+    for motion, shift_ns in zip((model.gyro, model.wheels), shifts_ns, strict=True):
+        if motion is not None:
+            ends_s += ((motion.stamps_ns[[0, -1]] - shift_ns - model.middle_ns) * 1e-9).tolist()
+    return min(ends_s), max(ends_s)
 
 
 def most_likely(differences: dict[str, tuple[float, float]]) -> dict[str, float]:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from slamsim.check.motion.alignment import Shift
+from slamsim.check.motion.clustered import clustered_covariance
 from slamsim.check.motion.integrated import IntegratedMotion
 from slamsim.check.motion.laser_steps import LaserSteps
 from slamsim.core.types import FloatArray, IntArray
@@ -106,11 +107,9 @@ def _regression(
         left = wanted - rows @ fitted
         noise = max(1.4826 * float(np.median(np.abs(left))), LEAST_NOISE_RAD)
         weights = 1.0 / np.maximum(np.abs(left) / (HUBER * noise), 1.0)
-    gradients = np.array(
-        [rows[group == one].T @ (weights * left)[group == one] for one in np.unique(group)]
-    )
-    meat = gradients.T @ gradients * (len(gradients) / max(len(gradients) - 1.0, 1.0))
+    groups, block = np.unique(group, return_inverse=True)
+    scores = rows * (weights * left)[:, None]
     plain = noise**2 * inverse
-    covariance = inverse @ meat @ inverse if len(gradients) > 2 else plain
+    covariance = clustered_covariance(inverse, scores, block) if groups.size > 2 else plain
     larger = np.maximum(np.diag(covariance), np.diag(plain))
     return fitted / scale, np.diag(larger / scale**2)

@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from slamsim.check.calibration.explanation import Explanation
 from slamsim.check.calibration.joint import Calibration
-from slamsim.check.evidence import of_calibration
+from slamsim.check.evidence import of_sizes
 from slamsim.check.findings import Finding, Measurement
 from slamsim.check.question import FaultKind, Question, QuestionGroup, judge, unanswered
 from slamsim.core.geometry import wrap_angle
@@ -58,7 +59,7 @@ PLACE = tuple(
 )
 
 
-def check_mounting(calibration: Calibration) -> list[Finding]:
+def check_mounting(calibration: Calibration, explained: Explanation) -> list[Finding]:
     """Yaw and place of the laser."""
     inputs = calibration.inputs
     if not calibration.scans_count or inputs.wheels is None:
@@ -77,32 +78,39 @@ def check_mounting(calibration: Calibration) -> list[Finding]:
     if not calibration.follows("wheel"):
         words = f"the wheels' turns do not follow those of the scans; what would tell: {TURNING}"
         return [unanswered(MOUNTING, frame, words)]
-    declared = inputs.T_base_laser
+    declared, found = inputs.T_base_laser, _mount(calibration, explained)
     return [
-        _yaw(calibration, declared),
-        _place(calibration, declared, 0),
-        _place(calibration, declared, 1),
+        _yaw(calibration, declared, found),
+        _place(calibration, declared, found, 0),
+        _place(calibration, declared, found, 1),
     ]
 
 
 GROUP = QuestionGroup(
-    "motion", 180, (MOUNTING, YAW, *PLACE), of_calibration(check_mounting), thorough=True
+    "motion", 180, (MOUNTING, YAW, *PLACE), of_sizes(check_mounting), thorough=True
 )
 
 
-def _repair(calibration: Calibration) -> Repair:
-    found = {
-        name: calibration.value(long)
-        for name, long in zip(("x_m", "y_m", "yaw_rad"), _NAMES, strict=True)
-    }
-    found["yaw_rad"] = float(wrap_angle(np.asarray(found["yaw_rad"])))
-    parameters: dict[str, float | str] = {"parent": calibration.inputs.base_frame, **found}
+def _mount(calibration: Calibration, explained: Explanation) -> FloatArray:
+    """(3,) x, y, yaw by the motion. Scans measure the lever arm of a turn in lengths of their own:
+    ranges that are too long by a share make it longer by as much."""
+    found = np.array([calibration.value(name) for name in _NAMES])
+    too_long = explained.too_large["ranges"] if "ranges" in explained.wrong else None
+    if too_long is not None:
+        found[:2] /= 1.0 + too_long.value / 100.0
+    return found
+
+
+def _repair(calibration: Calibration, found: FloatArray) -> Repair:
+    x_m, y_m, yaw_rad = found[0], found[1], float(wrap_angle(found[2]))
+    pose: dict[str, float | str] = {"x_m": float(x_m), "y_m": float(y_m), "yaw_rad": yaw_rad}
+    parameters = {"parent": calibration.inputs.base_frame, **pose}
     return Repair("set_mounting", calibration.inputs.laser_frame, parameters)
 
 
-def _yaw(calibration: Calibration, declared: FloatArray) -> Finding:
-    """declared: (3,) T_base_laser as x, y, yaw."""
-    off = float(wrap_angle(np.asarray(calibration.value("laser_yaw_rad") - declared[2])))
+def _yaw(calibration: Calibration, declared: FloatArray, found: FloatArray) -> Finding:
+    """declared, found: (3,) T_base_laser as x, y, yaw."""
+    off = float(wrap_angle(np.asarray(found[2] - declared[2])))
     sigma, side = calibration.sigma("laser_yaw_rad"), "left" if off > 0.0 else "right"
     return judge(
         YAW,
@@ -110,21 +118,20 @@ def _yaw(calibration: Calibration, declared: FloatArray) -> Finding:
         f"the laser looks {abs(np.degrees(off)):.3g} deg further to the {side} than declared",
         Measurement(float(np.degrees(off)), float(np.degrees(sigma)), "deg"),
         advice=f"Turn its transform by {np.degrees(off):.3f} deg about z.",
-        repairs=(_repair(calibration),),
+        repairs=(_repair(calibration, found),),
     )
 
 
-def _place(calibration: Calibration, declared: FloatArray, axis: int) -> Finding:
-    """declared: (3,) T_base_laser. axis: 0 of x, 1 of y."""
-    name = _NAMES[axis]
-    off_m = calibration.value(name) - float(declared[axis])
+def _place(calibration: Calibration, declared: FloatArray, found: FloatArray, axis: int) -> Finding:
+    """declared, found: (3,) T_base_laser. axis: 0 of x, 1 of y."""
+    off_m = float(found[axis] - declared[axis])
     sides = (("forward", "back"), ("to the left", "to the right"))[axis]
     side = sides[0] if off_m > 0.0 else sides[1]
     return judge(
         PLACE[axis],
         calibration.inputs.laser_frame,
         f"the laser sits {1e3 * abs(off_m):.1f} mm further {side} than declared",
-        Measurement(1e3 * off_m, 1e3 * calibration.sigma(name), "mm"),
+        Measurement(1e3 * off_m, 1e3 * calibration.sigma(_NAMES[axis]), "mm"),
         advice=f"Correct {'xy'[axis]} of its transform.",
-        repairs=(_repair(calibration),),
+        repairs=(_repair(calibration, found),),
     )

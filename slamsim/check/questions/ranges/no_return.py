@@ -9,7 +9,8 @@ import numpy as np
 from slamsim.check.findings import Curve, Finding, Measurement, Plot
 from slamsim.check.question import FaultKind, Question, judge
 from slamsim.check.scan_sample import ScanSample, positive
-from slamsim.recording.cleaning.no_return import find_limit
+from slamsim.core.types import BoolArray, Float32Array
+from slamsim.recording.cleaning.no_return import Code, find_limit
 from slamsim.recording.repairs.base import Repair
 from slamsim.recording.repairs.isolated import isolated_returns
 
@@ -51,7 +52,7 @@ def check_no_return(topic: str, sample: ScanSample, maximum_is_usual: bool) -> F
     code = None if maximum_is_usual else _code_for_nothing(sample)
     if code is None:
         return judge(NO_RETURN, topic, "no return is not written as a distance", verdict="ok")
-    value_m, count = code
+    value_m, count = _most_frequent(sample, code)
     return judge(
         NO_RETURN,
         topic,
@@ -66,23 +67,36 @@ def check_no_return(topic: str, sample: ScanSample, maximum_is_usual: bool) -> F
     )
 
 
-def _code_for_nothing(sample: ScanSample) -> tuple[float, int] | None:
-    """(value, count) of a largest reading that surfaces would not repeat as often."""
+def _code_for_nothing(sample: ScanSample) -> Code | None:
+    """Largest readings, within the limits, that surfaces would not repeat as often."""
     codes = find_limit(sample.ranges_m, sample.layout.angle_step_rad, np.inf).codes
-    value = codes[0].highest_m if codes else _repeated_alone(sample)
-    count = int((sample.ranges_m == np.float32(value)).sum())
-    return (value, count) if value <= sample.layout.range_max_m and count >= MIN_COUNT else None
+    code = codes[0] if codes else _repeated_alone(sample)
+    if code is None or _most_frequent(sample, code)[1] < MIN_COUNT:
+        return None
+    return code if code.lowest_m <= sample.layout.range_max_m else None
 
 
-def _repeated_alone(sample: ScanSample) -> float:
+def _most_frequent(sample: ScanSample, code: Code) -> tuple[float, int]:
+    """The value that most readings of a code have, and how many."""
+    values, counts = np.unique(sample.ranges_m[_is_code(sample.ranges_m, code)], return_counts=True)
+    most = int(np.argmax(counts))
+    return float(values[most]), int(counts[most])
+
+
+def _is_code(ranges_m: Float32Array, code: Code) -> BoolArray:
+    lowest_m, highest_m = np.float32(code.lowest_m), np.float32(code.highest_m)
+    return np.asarray((ranges_m >= lowest_m) & (ranges_m <= highest_m))
+
+
+def _repeated_alone(sample: ScanSample) -> Code | None:
     """The largest of the readings that stand alone between their neighbours, if most of these are
-    exactly that; ``inf`` otherwise. Stray readings of sunlight or another lidar all differ."""
+    exactly that. Stray readings of sunlight or another lidar all differ."""
     if sample.layout.angle_step_rad == 0.0 or sample.ranges_m.shape[1] < 3:
-        return np.inf
+        return None
     alone = isolated_returns(sample.ranges_m, sample.following_m, sample.layout.angle_step_rad)[1]
     values, counts = np.unique(sample.ranges_m[alone], return_counts=True)
     most = counts.size > 0 and counts[-1] > max(MIN_COUNT - 1, MOSTLY_ONE * counts.sum())
-    return float(values[-1]) if most else np.inf
+    return Code(float(values[-1]), float(values[-1]), int(counts[-1])) if most else None
 
 
 def _histogram(topic: str, sample: ScanSample) -> Plot:
@@ -93,12 +107,15 @@ def _histogram(topic: str, sample: ScanSample) -> Plot:
 
 
 def without_codes(sample: ScanSample) -> ScanSample:
-    """The sample with ``inf`` in place of zeros and of a distance that means nothing."""
+    """The sample with ``inf`` in place of zeros and of distances that mean nothing."""
     code = _code_for_nothing(sample)
-    values = [np.float32(0.0)] if code is None else [np.float32(0.0), np.float32(code[0])]
-    nothing = np.float32(np.inf)
+
+    def cleaned(ranges_m: Float32Array) -> Float32Array:
+        nothing = ranges_m == 0.0
+        if code is not None:
+            nothing |= _is_code(ranges_m, code)
+        return np.where(nothing, np.float32(np.inf), ranges_m)
+
     return replace(
-        sample,
-        ranges_m=np.where(np.isin(sample.ranges_m, values), nothing, sample.ranges_m),
-        following_m=np.where(np.isin(sample.following_m, values), nothing, sample.following_m),
+        sample, ranges_m=cleaned(sample.ranges_m), following_m=cleaned(sample.following_m)
     )

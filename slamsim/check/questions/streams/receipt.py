@@ -41,8 +41,8 @@ STAMPS_INVENTED = FaultKind(
     "stamps_invented",
     "stamps of a constant rate that the data contradict",
     (
-        same_subject(*LIDAR_TIMES, "clock_drift"),
-        anywhere(*SIZES, *SWEEPS, "laser_angle_step"),
+        same_subject(*LIDAR_TIMES),
+        anywhere(*SIZES, *SWEEPS, "laser_angle_step", "clock_drift"),
     ),
 )
 

@@ -22,6 +22,8 @@ _BEAT_GROWTH = 1.6
 _EVEN_SHARE = 0.2
 _WHOLE, _MOSTLY = 0.2, 0.9
 """Steps this near to a whole number of periods, in most cases, have messages missing in between."""
+TOGETHER = 0.2
+"""Of a period: no sensor measures twice in so short a time."""
 _BURST_SHARE = 0.5
 """Of the mean time between messages: where most steps are shorter, half of the messages would have
 to be lost, or they come in bursts."""
@@ -110,8 +112,7 @@ def series_of(recording: Recording) -> list[StampSeries]:
     ]
     found += [
         _instants(f"{e.topic} {e.name}", "transform", e.stamps_ns, e.received_ns)
-        for e in recording.transforms
-        if not e.is_static
+        for e in recording.moving
     ]
     return [_on_clock(series, recording.clock_ns) for series in found if len(series)]
 
@@ -159,6 +160,24 @@ def beat_scatter_s(stamps_ns: IntArray) -> float | None:
     period_s = float(np.median(np.diff(stamps_ns))) * 1e-9
     wanders = far_s > _BEAT_GROWTH * near_s and far_s > 0.1 * _EVEN_SHARE * abs(period_s)
     return None if wanders else near_s / 2.0**0.5
+
+
+def held_up_s(stamps_ns: IntArray) -> FloatArray:
+    """(n,) by how much messages were held up that came together at the end of a pause, 0 of others.
+
+    As many come as were due: none is missing, and they were stamped when they were let through.
+    """
+    steps_s = np.diff(stamps_ns) * 1e-9
+    late_s = np.zeros(stamps_ns.size)
+    period_s = usual_step_s(steps_s) if steps_s.size else 0.0
+    apart = np.flatnonzero(np.append(steps_s > TOGETHER * period_s, True))
+    after = np.searchsorted(apart, np.arange(1, steps_s.size + 1))
+    together = apart[after] - np.arange(steps_s.size)  # messages that came after each step
+    paused = (steps_s > 2.0 * period_s) & (together > 1)
+    for at in np.flatnonzero(paused & (steps_s < (together + 1.0) * period_s)):
+        count = int(together[at])
+        late_s[at + 1 : at + 1 + count] = steps_s[at] - period_s * np.arange(1, count + 1)
+    return np.maximum(late_s, 0.0)
 
 
 def is_even(stamps_ns: IntArray) -> bool:

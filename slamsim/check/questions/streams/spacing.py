@@ -1,12 +1,11 @@
-"""Stamps of each stream: order, repeats, rounding, jitter, gaps."""
+"""Stamps of each stream: order, repeats, rounding, jitter."""
 
 from __future__ import annotations
 
 import numpy as np
-from scipy.special import pdtrc
 
 from slamsim.check.fault_groups import BY_SCANS, LIDAR_TIMES
-from slamsim.check.findings import Curve, Finding, Measurement, Plot, decide
+from slamsim.check.findings import Finding, Measurement, decide
 from slamsim.check.question import (
     FaultKind,
     Question,
@@ -16,15 +15,20 @@ from slamsim.check.question import (
     same_subject,
     unanswered,
 )
+from slamsim.check.questions.streams.gaps import (
+    MAX_MISSING_SHARE,
+    by_chance,
+    check_gaps,
+    steps_plot,
+)
 from slamsim.check.questions.streams.rounding import in_equal_groups, rounding_step_s
 from slamsim.check.questions.streams.series import (
     StampSeries,
     beat_scatter_s,
-    is_even,
+    held_up_s,
     spread_s,
-    usual_step_s,
 )
-from slamsim.core.types import IntArray
+from slamsim.core.types import FloatArray
 from slamsim.recording.repairs.base import Repair
 
 MAX_ROUNDING_S = 0.014
@@ -33,21 +37,8 @@ system clocks, up to 10 ms, are common in logs that map well."""
 MAX_SCATTER_S = 0.005
 """The same harm. Drivers that stamp on receipt scatter by one or two milliseconds."""
 MAX_REPEATED_SHARE = 5e-3
-MAX_MISSING_SHARE = 0.015
-MAX_GAP_S = {"lidar": 1.0, "wheels": 1.0, "imu": 0.25}
-"""Scans and wheels bridge each other's gaps; nothing else tells how the robot turned."""
-MAX_GAP_PERIODS = 10.0
-MAX_UNEVEN_GAP_S = 10.0
-"""For streams without a beat, which show no rate from which anything could be missing."""
 _MIN_MESSAGES = 20
 _MIN_REPEATED = 3
-_USUAL_LOSS, _CHANCE = 0.005, 1e-4
-"""A driver that loses this share of its messages is usual; what it could lose by chance in so many
-messages, but for one recording in ten thousand, is no fault."""
-
-_CAUGHT_UP, _LONG_STEPS = 0.75, 100
-"""Of the messages that are due, about a step; of so many of the longest steps."""
-
 _OFFSETS = (*LIDAR_TIMES, "time_offset_imu", "time_offset_wheels", "clock_drift")
 _EVENLY = ("restamp_evenly",)
 
@@ -93,7 +84,11 @@ SCATTER = Question(
         FaultKind(
             "stamps_jitter",
             "stamps scatter: time of publishing, not of measuring",
-            (lidar_stamps(*BY_SCANS), same_subject("stamps_backward", "stamps_future")),
+            (
+                lidar_stamps(*BY_SCANS),
+                anywhere(*LIDAR_TIMES, "time_offset_imu", "time_offset_wheels"),
+                same_subject("stamps_backward", "stamps_future"),
+            ),
         ),
     ),
     limit=1e3 * MAX_SCATTER_S,
@@ -117,14 +112,6 @@ REPEATS = Question(
     consequence="consumers drop one of two messages with one stamp, or divide by zero",
     repairs=_EVENLY,
 )
-GAPS = Question(
-    "time.gaps",
-    "no messages are missing",
-    (FaultKind("stream_gaps", "messages are missing"),),
-    limit=100.0 * MAX_MISSING_SHARE,
-    unit="%",
-    consequence="the motion during a gap is not known",
-)
 
 
 def check_spacing(series: StampSeries) -> list[Finding]:
@@ -138,13 +125,13 @@ def check_spacing(series: StampSeries) -> list[Finding]:
         words = f"{len(series)} messages are too few to judge their spacing"
         return [*findings, unanswered(SPACING, series.subject, words)]
     if _any_fault(findings):
-        return [*findings, _gaps(series, countable=False)]
+        return [*findings, check_gaps(series, countable=False)]
     findings.append(_rounding(series))
     if not _any_fault(findings):
         findings.append(_scatter(series))
     if not _any_fault(findings) or in_equal_groups(series.steps_s):
         findings.append(_repeats(series))
-    return [*findings, _gaps(series, countable=not _any_fault(findings))]
+    return [*findings, check_gaps(series, countable=not _any_fault(findings))]
 
 
 def _order(series: StampSeries) -> Finding:
@@ -162,7 +149,7 @@ def _order(series: StampSeries) -> Finding:
         advice="Look for two publishers on one topic or a clock that was set back; sort by stamp, "
         "or, where the order is right, stamp anew.",
         repairs=(Repair("restamp_evenly" if _in_order(series) else "reorder", series.subject),),
-        plots=(_steps_plot(series),),
+        plots=(steps_plot(series),),
     )
 
 
@@ -192,7 +179,7 @@ def _rounding(series: StampSeries) -> Finding:
         advice="Carry stamps as integers of nanoseconds, or as seconds in double precision, from a "
         "clock with fine ticks.",
         repairs=(Repair("restamp_evenly", series.subject),),
-        fault_plots=(_steps_plot(series, step_s),),
+        fault_plots=(steps_plot(series, step_s),),
     )
 
 
@@ -206,7 +193,7 @@ def _repeats(series: StampSeries) -> Finding:
         limit=100.0 * max(MAX_REPEATED_SHARE, (_MIN_REPEATED - 0.5) / len(series)),
         advice="Stamp each message with the instant of its own measurement.",
         repairs=(Repair("restamp_evenly", series.subject),),
-        fault_plots=(_steps_plot(series),),
+        fault_plots=(steps_plot(series),),
     )
 
 
@@ -214,6 +201,10 @@ def _scatter(series: StampSeries) -> Finding:
     if series.instants_ns.size < _MIN_MESSAGES:
         words = f"{len(series)} messages carry {series.instants_ns.size} different stamps: no beat"
         return unanswered(SCATTER, series.subject, words)
+    late_s = held_up_s(series.stamps_ns)
+    late = int((late_s > 2.0 * MAX_SCATTER_S).sum())
+    if late > MAX_MISSING_SHARE * len(series) and not by_chance(late, len(series)):
+        return _held_up(series, late_s, late)
     # A stamp that comes twice moves all later ones off a beat that is counted by messages.
     scatter_s = beat_scatter_s(series.instants_ns)
     if scatter_s is None:
@@ -221,7 +212,7 @@ def _scatter(series: StampSeries) -> Finding:
             f"messages come unevenly ({1e3 * spread_s(series.stamps_ns, 1):.3g} ms from one to "
             "the next), and without a beat stamps alone do not tell whose fault that is"
         )
-        return unanswered(SCATTER, series.subject, words, (_steps_plot(series),))
+        return unanswered(SCATTER, series.subject, words, (steps_plot(series),))
     error_s = scatter_s / np.sqrt(len(series) / 10.0)
     # Its sigma is a share of it: by sigmas off 0 the length of the log alone would decide.
     verdict = decide(Measurement(scatter_s, 0.0, "s"), MAX_SCATTER_S)
@@ -237,62 +228,23 @@ def _scatter(series: StampSeries) -> Finding:
         advice="Stamp with the sensor's own clock, or where the data arrive and not where they are "
         "published.",
         repairs=(Repair("restamp_evenly", series.subject),),
-        fault_plots=(_steps_plot(series),),
+        fault_plots=(steps_plot(series),),
     )
 
 
-def _gaps(series: StampSeries, countable: bool) -> Finding:
-    """countable: whether what is missing can be counted from the spacing."""
-    steps_s = series.ordered_steps_s
-    if not steps_s.size:
-        return unanswered(GAPS, series.subject, "all messages carry one and the same stamp")
-    period_s = usual_step_s(steps_s)
-    longest_s = _longest_s(np.sort(series.stamps_ns), period_s)
-    even = is_even(series.stamps_ns)
-    rate_period_s = period_s if even else float(np.mean(steps_s))
-    longest_limit_s = (
-        max(MAX_GAP_S[series.kind], MAX_GAP_PERIODS * period_s) if even else MAX_UNEVEN_GAP_S
-    )
-    missing = int((np.rint(steps_s / period_s) - 1.0).clip(0.0).sum()) if even and countable else 0
-    # What comes late catches up: fewer are missing than the longer steps alone would hold.
-    missing = min(missing, max(round(series.span_s / period_s) + 1 - len(series), 0))
-    sent = missing + len(series)
-    by_chance = missing == 0 or pdtrc(missing - 1, _USUAL_LOSS * sent) > _CHANCE
-    share = 0.0 if by_chance else missing / sent
-    size, limit = Measurement(100.0 * share, 0.0, "%"), 100.0 * MAX_MISSING_SHARE
-    if share <= MAX_MISSING_SHARE and longest_s > longest_limit_s:
-        size, limit = Measurement(longest_s, 0.0, "s"), longest_limit_s
+def _held_up(series: StampSeries, late_s: FloatArray, late: int) -> Finding:
     return judge(
-        GAPS,
+        SCATTER,
         series.subject,
-        f"{1.0 / rate_period_s:.4g} messages a second, {missing} missing, longest gap "
-        f"{longest_s:.3g} s",
-        size,
-        limit=limit,
-        advice="Look for a full queue, a slow disk or a cable: what is missing cannot be repaired.",
-        fault_plots=(_steps_plot(series, limit),),
+        f"{late} of {len(series)} messages came together at the end of a pause, the first "
+        f"{1e3 * late_s.max():.3g} ms late, and carry the time when they came",
+        Measurement(1e3 * float(np.sqrt(np.mean(np.square(late_s)))), 0.0, "ms"),
+        verdict="fault",
+        advice="Stamp with the sensor's own clock, or in the driver before messages can wait.",
+        repairs=(Repair("restamp_evenly", series.subject),),
+        fault_plots=(steps_plot(series),),
     )
-
-
-def _longest_s(sorted_ns: IntArray, period_s: float) -> float:
-    """The longest step, if messages are missing in it, and not just late: those catch up, and as
-    many come within its length and that of the next one as ever."""
-    since_s = (sorted_ns - sorted_ns[0]) * 1e-9
-    steps_s = np.diff(since_s)
-    for at in np.argsort(-steps_s)[:_LONG_STEPS]:
-        until = np.searchsorted(since_s, since_s[at] + 2.0 * steps_s[at], side="right") - 1
-        due = (since_s[until] - since_s[at]) / max(period_s, 1e-9)
-        if until == since_s.size - 1 or until - at < _CAUGHT_UP * due:
-            return float(steps_s[at])
-    return float(np.median(steps_s))
 
 
 def _any_fault(findings: list[Finding]) -> bool:
     return any(finding.verdict == "fault" for finding in findings)
-
-
-def _steps_plot(series: StampSeries, *limits: float) -> Plot:
-    curve = Curve("from one message to the next", series.since_first_s[1:], series.steps_s)
-    return Plot(
-        f"Spacing of the stamps of {series.subject}", "stamp (s)", "step (s)", (curve,), limits
-    )

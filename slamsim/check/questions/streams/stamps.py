@@ -9,11 +9,11 @@ from slamsim.check.findings import Curve, Finding, Measurement, Plot
 from slamsim.check.question import FaultKind, Question, QuestionGroup, judge, unanswered
 from slamsim.check.questions.streams.clock_steps import STEP, check_step
 from slamsim.check.questions.streams.epochs import EPOCH, check_epochs
+from slamsim.check.questions.streams.gaps import GAPS
 from slamsim.check.questions.streams.invented import INVENTED, check_invented
 from slamsim.check.questions.streams.receipt import DRIFT, RECEIPT, check_receipt
 from slamsim.check.questions.streams.series import StampSeries, series_of
 from slamsim.check.questions.streams.spacing import (
-    GAPS,
     ORDER,
     REPEATS,
     ROUNDING,

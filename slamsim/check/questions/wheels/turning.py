@@ -71,9 +71,7 @@ class _Turns:
 def check_turning(evidence: RecordingEvidence) -> Iterator[Finding]:
     """Each odometry against every other stream that tells turns."""
     recording = evidence.recording
-    edges = [
-        one for one in recording.transforms if not one.is_static and one.child == evidence.base
-    ]
+    edges = [one for one in recording.moving if one.child == evidence.base]
     motions = [
         evidence.inputs.gyro,
         *map(integrated_wheels, recording.ticks),

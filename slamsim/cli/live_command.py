@@ -1,0 +1,206 @@
+"""``slamsim live`` and ``slamsim replay`` as they are typed."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from slamsim.cli.common import loaded_config, selection
+from slamsim.console.options import (
+    ConfigFile,
+    ImuTopic,
+    Json,
+    OdomTopic,
+    Out,
+    Overwrite,
+    Quiet,
+    ScanTopic,
+    Seed,
+    Set,
+    World,
+)
+from slamsim.guard.errors import SlamsimError, shown
+
+LIVE_EPILOG = (
+    "Examples: slamsim live labyrinth · slamsim live labyrinth --drive explore --record · "
+    "slamsim live rooms --drive tour --rate max --until-done · slamsim live --from ws://robot:9090"
+)
+REPLAY_EPILOG = "Example: slamsim replay outputs/labyrinth_live/drive_1"
+
+
+_PROTOCOLS = ("rosbridge", "foxglove")
+"""May stand before the URL, though the protocol is found out anyway."""
+
+
+class Drive(StrEnum):
+    """Who drives at first."""
+
+    MANUAL = "manual"
+    TOUR = "tour"
+    EXPLORE = "explore"
+
+
+Rate = Annotated[
+    str, typer.Option("--rate", help="Times real time, or max for as fast as possible.")
+]
+Duration = Annotated[
+    float | None, typer.Option("--duration", metavar="S", help="End after so much time.", min=0.1)
+]
+Host = Annotated[
+    str,
+    typer.Option("--host", help="Address to listen at; beyond this machine a token is required."),
+]
+PagePort = Annotated[
+    int, typer.Option("--page-port", help="Port of the page; 0 for none.", min=0, max=65535)
+]
+_OTHERS_PORT = "Port of {}; 0 for none (default: {}, with --from none)."
+RosbridgePort = Annotated[
+    int | None,
+    typer.Option(help=_OTHERS_PORT.format("rosbridge", 9090), min=0, max=65535),
+]
+FoxglovePort = Annotated[
+    int | None,
+    typer.Option(help=_OTHERS_PORT.format("Foxglove", 8765), min=0, max=65535),
+]
+From = Annotated[
+    str,
+    typer.Option(
+        "--from",
+        metavar="URL",
+        help="Map a robot that runs elsewhere: ws://robot:9090 (rosbridge) or ws://robot:8765 "
+        "(Foxglove).",
+    ),
+]
+
+
+def live(
+    name: World = "labyrinth",
+    from_: From = "",
+    drive: Annotated[
+        Drive, typer.Option("--drive", help="Who drives: you, the tour, or frontier exploration.")
+    ] = Drive.MANUAL,
+    rate: Rate = "1",
+    record: Annotated[
+        bool, typer.Option("--record", help="Record from the start, with the commands.")
+    ] = False,
+    duration: Duration = None,
+    until_done: Annotated[
+        bool, typer.Option("--until-done", help="End when the tour or exploration is over.")
+    ] = False,
+    slam: Annotated[bool, typer.Option("--slam/--no-slam", help="Map while driving.")] = True,
+    check: Annotated[
+        bool, typer.Option("--check/--no-check", help="With --from: check what arrives.")
+    ] = True,
+    rerun: Annotated[bool, typer.Option("--rerun", help="Show it in a Rerun viewer.")] = False,
+    host: Host = "127.0.0.1",
+    page_port: PagePort = 8000,
+    rosbridge_port: RosbridgePort = None,
+    foxglove_port: FoxglovePort = None,
+    scan_topic: ScanTopic = None,
+    odom_topic: OdomTopic = "",
+    imu_topic: ImuTopic = "",
+    out: Out = None,
+    seed: Seed = None,
+    set_: Set = None,
+    config: ConfigFile = None,
+    overwrite: Overwrite = False,
+    quiet: Quiet = False,
+    as_json: Json = False,
+) -> None:
+    """Simulate a robot in real time: drive it from a browser, Foxglove or ROS, and watch it map.
+
+    With --from, map a robot that runs elsewhere.
+    """
+    from slamsim.console.reporter import Reporter
+    from slamsim.console.summary import labelled
+    from slamsim.run.live.serving import Ports
+    from slamsim.run.naming import output_folder
+
+    reporter = Reporter(quiet=quiet, as_json=as_json)
+    times_real_time, duration_s = _rate(rate), math.inf if duration is None else duration
+    url = _url(from_, name)
+    if url:
+        simulated = {"--drive": drive is not Drive.MANUAL, "--rate": times_real_time != 1.0}
+        simulated |= {"--until-done": until_done, "--no-slam": not slam, "--seed": seed is not None}
+        _require_none_given({**simulated, f"The world {name}": name not in ("labyrinth", url)})
+    loaded = loaded_config(None if url else name, config, set_, seed)
+    called = "robot_live" if url else f"{loaded.config.world.name}_live"
+    rosbridge, foxglove = (0, 0) if url else (9090, 8765)
+    rosbridge = rosbridge if rosbridge_port is None else rosbridge_port
+    foxglove = foxglove if foxglove_port is None else foxglove_port
+    ports = Ports(host, page_port, rosbridge, foxglove, rerun)
+    with output_folder(out, called, overwrite=overwrite, inputs=loaded.files) as folder:
+        if url:
+            from slamsim.live.remote.robot import RemoteSetup
+            from slamsim.run.live.remote import map_remote
+
+            wanted = selection(scan_topic, odom_topic, imu_topic, "")
+            setup = RemoteSetup(loaded.config, folder, wanted, record, duration_s)
+            numbers = map_remote(url, setup, ports, reporter, check=check)
+        else:
+            from slamsim.run.live.world import LiveOptions, live_world
+
+            options = LiveOptions(
+                times_real_time, drive.value, record, until_done, duration_s, slam
+            )
+            numbers = live_world(loaded.config, folder, options, ports, reporter)
+    reporter.table(
+        f"Live {'from' if url else 'in'} {url or loaded.config.world.name}", labelled(numbers)
+    )
+    reporter.result({**numbers, "folder": str(folder)})
+
+
+def replay(
+    source: Annotated[Path, typer.Argument(help="A drive that was recorded live.")],
+    out: Out = None,
+    overwrite: Overwrite = False,
+    quiet: Quiet = False,
+    as_json: Json = False,
+) -> None:
+    """Drive the commands of a live recording again, which gives the same recording."""
+    from slamsim.console.reporter import Reporter
+    from slamsim.run.naming import output_folder
+
+    reporter = Reporter(quiet=quiet, as_json=as_json)
+    called = f"{source.resolve().parent.name}_replay"
+    with output_folder(out, called, overwrite=overwrite, inputs=(source,)) as folder:
+        from slamsim.run.live.replay import replay_drive
+
+        numbers = replay_drive(source, folder, reporter, overwrite=overwrite)
+    reporter.say(f"Written to {folder}/")
+    reporter.result({**numbers, "folder": str(folder)})
+
+
+def _url(asked: str, name: str) -> str:
+    """Of ``--from URL``, also with the protocol before it, as one word or two; empty without."""
+    protocol, _, url = asked.strip().rpartition(" ")
+    if url in _PROTOCOLS and name.startswith(("ws:", "wss:")):
+        return name
+    if protocol not in ("", *_PROTOCOLS):
+        raise SlamsimError(f"--from {shown(asked, 200)}: a URL such as ws://robot:9090 is needed")
+    return url
+
+
+def _require_none_given(given: Mapping[str, bool]) -> None:
+    """Raises SlamsimError for what only a simulation takes."""
+    for option, is_given in given.items():
+        if is_given:
+            raise SlamsimError(f"{option} belongs to simulations; --from maps a robot as it drives")
+
+
+def _rate(text: str) -> float | None:
+    """Raises SlamsimError."""
+    if text == "max":
+        return None
+    try:
+        rate = float(text)
+    except ValueError:
+        rate = math.nan
+    if not 0.01 <= rate <= 100.0:
+        raise SlamsimError(f"--rate {text}: a number from 0.01 to 100, or max")
+    return rate

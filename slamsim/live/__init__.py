@@ -1,0 +1,1 @@
+"""A robot that is simulated in real time, mapped while it drives, and served to clients."""

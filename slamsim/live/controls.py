@@ -1,0 +1,90 @@
+"""What clients may ask of a live robot."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal, Protocol
+
+Mode = Literal["tour", "manual", "explore"]
+Tracking = Literal["off", "waiting", "tracking", "searching", "lost"]
+
+HOLD_S = 0.5
+"""A twist is held so long unless another follows: as the base of a TurtleBot 2 does (kobuki_node,
+``cmd_vel_timeout`` 0.6 s), and longer than the pause between twists of usual programs (10 Hz)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Status:
+    """How a live robot is.
+
+    stamp_ns: true time. rate: times real time that is asked for, None for as fast as possible.
+    realtime_factor: what was reached over the last seconds. late_windows: of ``windows``, those
+    that were computed later than they were due. recording: the folder that is being written.
+    tracking: of the SLAM, ``off`` without it. ended: why the drive is over, empty while it is not.
+    """
+
+    stamp_ns: int
+    rate: float | None
+    realtime_factor: float
+    paused: bool
+    mode: Mode
+    windows: int
+    late_windows: int
+    speed_m_s: float
+    yaw_rate_rad_s: float
+    recording: Path | None
+    tracking: Tracking
+    keyframes: int
+    closures: int
+    ended: str
+
+
+class Controls(Protocol):
+    """Safe to call from any thread. A request takes effect with the next window of the drive."""
+
+    def drive(self, speed_m_s: float, yaw_rate_rad_s: float, hold_s: float = HOLD_S) -> None:
+        """Command a twist, which is limited as ``drive.limits`` says; the drive turns manual.
+
+        hold_s: real time after which the robot stops if no other twist came. Raises BadNumbers
+        for what is not finite.
+        """
+        ...
+
+    def go_to(self, x_m: float, y_m: float, yaw_rad: float | None = None) -> None:
+        """Drive to a place of the map, around what is known. Raises SlamsimError where no known
+        free path leads there, BadNumbers for what is not finite."""
+        ...
+
+    def set_mode(self, mode: Mode) -> None:
+        """Who drives from now on."""
+        ...
+
+    def pause(self, paused: bool) -> None:
+        """Let simulated time stand still, or go on."""
+        ...
+
+    def step(self, seconds: float) -> None:
+        """Let so much simulated time pass while paused. Raises BadNumbers beyond (0, 60]."""
+        ...
+
+    def set_rate(self, rate: float | None) -> None:
+        """Times real time; None for as fast as possible. Raises BadNumbers beyond [0.01, 100]."""
+        ...
+
+    def reset(self) -> None:
+        """Begin anew: robot, time, map; a recording is ended and another one begun."""
+        ...
+
+    def record(self, on: bool) -> Path | None:
+        """Begin or end a recording; its folder, None where there was none to end. Waits until a
+        recording that ends is whole. Raises SlamsimError where it cannot be written."""
+        ...
+
+    def save_map(self) -> Path:
+        """Write the map as it is known by now; its folder. Raises SlamsimError without a map."""
+        ...
+
+    def status(self) -> Status:
+        """As of the last window."""
+        ...

@@ -1,0 +1,1 @@
+"""Robots that run elsewhere: what they send is mapped, checked and recorded here."""

@@ -1,0 +1,1 @@
+"""The rosbridge v2 protocol, as its server and its client share it."""

@@ -1,0 +1,1 @@
+"""Servers of a live robot: each module has one ``start_...`` that gives a ``Server``."""

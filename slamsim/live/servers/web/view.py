@@ -1,0 +1,168 @@
+"""What a page shows of a live robot: the newest state, scan, path and map, ready to be sent.
+
+A frame for the page is text (JSON) or binary: the length of its head in 4 bytes, little-endian,
+the head as JSON, padded so that what follows is aligned to 4 bytes, and numbers.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import struct
+import zlib
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any
+
+import numpy as np
+
+from slamsim.core.types import FloatArray
+from slamsim.guard.numbers import require_angle, require_number
+from slamsim.io.ros.standard_types import ros2_types
+from slamsim.live.hub import Hub, Message
+from slamsim.live.servers.undrawn import Undrawn
+from slamsim.live.servers.web.transforms import LiveTransforms
+
+SCAN_STEP_M = 0.005
+"""Points of a scan are sent in steps of this size from its centre, in 16 bits: up to 163 m."""
+
+MOST_CELLS = 4096
+"""Cells along a side of a map that is sent: what a canvas of a phone holds (iOS: 2^24 pixels)."""
+
+MOST_POINTS = 4000
+"""Points of a path that is sent: more than a screen has pixels along it."""
+
+LONGEST_S = 60.0
+"""No beam comes so long after the one before it."""
+
+_MOST_TRANSFORMS = 4096
+"""Messages that wait: what comes within seconds."""
+
+_SCAN, _MAP, _PATH = "sensor_msgs/msg/LaserScan", "nav_msgs/msg/OccupancyGrid", "nav_msgs/msg/Path"
+_TRANSFORMS = "tf2_msgs/msg/TFMessage"
+
+
+def binary_frame(head: Mapping[str, Any], body: bytes) -> bytes:
+    """As the module describes it."""
+    text = json.dumps(head, allow_nan=False).encode()
+    text += b" " * (-len(text) % 4)
+    return struct.pack("<I", len(text)) + text + body
+
+
+class View:
+    """Listens to a hub and turns what is newest into frames.
+
+    on_news: called, on the thread that publishes, when there is something to show. All else is for
+    one thread at a time; ``maps`` may run beside ``fast_frames``.
+    """
+
+    def __init__(self, hub: Hub, on_news: Callable[[], None]) -> None:
+        self._kinds = {name: topic.type_name for name, topic in hub.topics.items()}
+        self._on_news = on_news
+        self._newest: dict[str, Message] = {}
+        self._waiting: deque[Message] = deque(maxlen=_MOST_TRANSFORMS)
+        self._shown: dict[str, Message] = {}
+        self._transforms = LiveTransforms()
+        self._base: str | None = None
+        self._undrawn = Undrawn()
+        self._types = ros2_types()
+        self.leave = hub.listen(self._hear)
+
+    def _hear(self, message: Message) -> None:
+        kind = self._kinds[message.topic.name]
+        if kind == _TRANSFORMS:
+            self._waiting.append(message)
+        elif kind in (_SCAN, _MAP, _PATH):
+            self._newest[message.topic.name] = message
+            if kind == _SCAN:
+                self._on_news()
+
+    def follow(self) -> None:
+        """Take the transforms that have come since; to be called every second or so at least."""
+        while self._waiting:
+            message = self._waiting.popleft()
+            with self._undrawn.told(message):
+                moving = message.topic.name != "/tf_static"
+                self._transforms.add(self._decoded(message), moving=moving)
+
+    def scans(self) -> Iterator[tuple[str, bytes]]:
+        """(kind, frame) of each new scan."""
+        return self._new(_SCAN, self._scan_frame)
+
+    def maps(self) -> Iterator[tuple[str, bytes]]:
+        """(kind, frame) of path and map, if they are new."""
+        yield from self._new(_PATH, _path_frame)
+        yield from self._new(_MAP, _map_frame)
+
+    def pose(self) -> tuple[str, list[float]] | None:
+        """(frame, [x_m, y_m, yaw_rad]) of the robot; None until a scan told which frame it is."""
+        if self._base is None:
+            return None
+        root, pose = self._transforms.newest_pose(self._base)
+        return (root, pose.round(4).tolist()) if np.isfinite(pose).all() else None
+
+    def _new(self, kind: str, made: Callable[[Any], bytes]) -> Iterator[tuple[str, bytes]]:
+        for topic, message in tuple(self._newest.items()):
+            if self._kinds[topic] == kind and self._shown.get(topic) is not message:
+                self._shown[topic] = message
+                with self._undrawn.told(message):
+                    yield topic, made(self._decoded(message))
+
+    def _decoded(self, message: Message) -> Any:
+        return self._types.deserialize_cdr(message.data, message.topic.type_name)
+
+    def _scan_frame(self, scan: Any) -> bytes:
+        self._base = self._transforms.base_above(scan.header.frame_id)
+        require_angle("the first angle", scan.angle_min)
+        require_angle("the angle between beams", scan.angle_increment)
+        require_number("the time between beams", scan.time_increment, -LONGEST_S, LONGEST_S)
+        ranges_m = np.asarray(scan.ranges, dtype=np.float64)
+        with np.errstate(invalid="ignore"):
+            (beams,) = np.nonzero((ranges_m >= scan.range_min) & (ranges_m <= scan.range_max))
+        angles_rad = scan.angle_min + beams * scan.angle_increment
+        points_m = np.zeros((len(beams), 3))
+        points_m[:, 0] = ranges_m[beams] * np.cos(angles_rad)
+        points_m[:, 1] = ranges_m[beams] * np.sin(angles_rad)
+        stamp = scan.header.stamp
+        stamps_ns = (beams * (scan.time_increment * 1e9)).astype(np.int64)
+        stamps_ns += stamp.sec * 1_000_000_000 + stamp.nanosec
+        placed_m = self._transforms.to_root(scan.header.frame_id, points_m, stamps_ns)
+        center_m = placed_m.mean(axis=0) if len(beams) else np.zeros(2)
+        steps = np.rint((placed_m - center_m) / SCAN_STEP_M)
+        steps = steps[np.abs(steps).max(axis=1, initial=0.0) < 2**15].astype("<i2")
+        x_m, y_m = center_m.tolist()
+        head = {"type": "scan", "frame": scan.header.frame_id, "step_m": SCAN_STEP_M}
+        return binary_frame({**head, "x_m": x_m, "y_m": y_m}, steps.tobytes())
+
+
+def _path_frame(path: Any) -> bytes:
+    places = [pose.pose.position for pose in path.poses]
+    points_m: FloatArray = np.array([(place.x, place.y) for place in places]).reshape(-1, 2)
+    if len(points_m) > MOST_POINTS:
+        points_m = points_m[np.linspace(0, len(points_m) - 1, MOST_POINTS).astype(np.int64)]
+    return binary_frame({"type": "path"}, points_m.astype("<f4").tobytes())
+
+
+def _map_frame(grid: Any) -> bytes:
+    """Cells row by row from the map's origin: 0 to 100, or 255 for unknown; compressed by zlib."""
+    info = grid.info
+    cells = np.asarray(grid.data, dtype=np.int8)[: info.width * info.height]
+    cells = cells.reshape(info.height, info.width)
+    coarser = math.ceil(max(*cells.shape, 1) / MOST_CELLS)
+    if coarser > 1:  # a wall of one cell stays a wall
+        padding = [(0, -side % coarser) for side in cells.shape]
+        rows, columns = (-(-side // coarser) for side in cells.shape)
+        padded = np.pad(cells, padding, constant_values=-1)
+        cells = padded.reshape(rows, coarser, columns, coarser).max(axis=(1, 3))
+    origin = info.origin
+    yaw_rad = 2.0 * math.atan2(origin.orientation.z, origin.orientation.w)
+    head = {
+        "type": "map",
+        "height": cells.shape[0],
+        "width": cells.shape[1],
+        "resolution_m": info.resolution * coarser,
+        "x_m": origin.position.x,
+        "y_m": origin.position.y,
+        "yaw_rad": yaw_rad,
+    }
+    return binary_frame(head, zlib.compress(cells.view(np.uint8).tobytes(), 1))

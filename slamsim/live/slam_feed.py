@@ -1,0 +1,131 @@
+"""From streams as they arrive to what a SLAM session takes: scans with the motion since."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from typing import Any, Generic, TypeVar
+
+import numpy as np
+
+from slamsim.core.types import BoolArray, EncoderStream, ImuStream, IntArray, PlanarTrajectory, Scan
+from slamsim.recording import RawImu, RawOdometry, RawScans, RawStream, RawTicks
+from slamsim.recording.cleaning.no_return import AS_DECLARED, RangeLimit
+from slamsim.recording.cleaning.scans import RecordedScans, usable_rows
+from slamsim.recording.cleaning.streams import encoders_of, imu_of, odometry_of
+from slamsim.slam.online.samples import MotionSamples
+
+PATIENCE_NS = 300_000_000
+"""A scan waits so long for the motion until its end, by the stamps of what has arrived: wireless
+links delay messages by a few tenths of a second at most, or lose them."""
+
+Arrived = RawStream | PlanarTrajectory
+"""A part of a stream; the latter is odometry that came as transforms."""
+_Stream = TypeVar("_Stream", PlanarTrajectory, EncoderStream, ImuStream)
+_ROWS: dict[type[object], tuple[str, ...]] = {
+    PlanarTrajectory: ("stamps_ns", "poses"),
+    EncoderStream: ("stamps_ns", "ticks"),
+    ImuStream: ("stamps_ns", "angular_velocity_rad_s", "linear_acceleration_m_s2"),
+}
+"""The arrays with a row for each sample."""
+
+
+class SlamFeed:
+    """Holds each scan back until every stream that ever spoke has covered its end.
+
+    limit: beyond which a reading of the lidar is no return.
+    """
+
+    def __init__(self, limit: RangeLimit = AS_DECLARED) -> None:
+        self._limit = limit
+        self._waiting: deque[Scan] = deque()
+        self._odometry = _Held[PlanarTrajectory]()
+        self._ticks = _Held[EncoderStream]()
+        self._imu = _Held[ImuStream]()
+        self._newest_ns: dict[type[object], int] = {}
+
+    def take(self, streams: Sequence[Arrived]) -> Iterator[tuple[Scan, MotionSamples]]:
+        """streams: what arrived, of one topic of each kind. Gives the scans that are ready, each
+        with the motion since the one before it."""
+        for stream in streams:
+            if len(stream):
+                self._keep(stream)
+        while self._waiting and self._ready(self._waiting[0]):
+            scan = self._waiting.popleft()
+            end_ns = scan.span_ns[1]
+            odometry, ticks = self._odometry.until(end_ns), self._ticks.until(end_ns)
+            yield scan, MotionSamples(odometry, ticks, self._imu.until(end_ns))
+
+    def _keep(self, stream: Arrived) -> None:
+        if isinstance(stream, RawScans):
+            self._waiting.extend(self._usable(stream))
+        elif isinstance(stream, PlanarTrajectory):
+            self._odometry.add(stream)
+        elif isinstance(stream, RawTicks):
+            self._ticks.add(encoders_of(stream)[0])
+        elif isinstance(stream, RawOdometry):
+            self._odometry.add(odometry_of(stream)[0])
+        elif isinstance(stream, RawImu):
+            self._imu.add(imu_of(stream)[0])
+        else:
+            return
+        newest_ns = int(stream.stamps_ns.max())
+        self._newest_ns[type(stream)] = max(newest_ns, self._newest_ns.get(type(stream), newest_ns))
+
+    def _usable(self, raw: RawScans) -> RecordedScans:
+        """The scans that describe a lidar and are later than all before them."""
+        rows = usable_rows(raw)
+        last_ns = self._newest_ns.get(RawScans, int(np.iinfo(np.int64).min))
+        rows = rows[_rising(np.concatenate([[last_ns], raw.stamps_ns[rows]]))[1:]]
+        return RecordedScans(raw, rows, raw.stamps_ns[rows], self._limit)
+
+    def _ready(self, scan: Scan) -> bool:
+        end_ns = scan.span_ns[1]
+        motions = [ns for kind, ns in self._newest_ns.items() if kind is not RawScans]
+        if motions and min(motions) >= end_ns:
+            return True
+        return max(self._newest_ns.values()) - end_ns > PATIENCE_NS
+
+
+class _Held(Generic[_Stream]):
+    """Samples that no scan has been given yet."""
+
+    def __init__(self) -> None:
+        self._parts: list[_Stream] = []
+
+    def add(self, part: _Stream | None) -> None:
+        """None stands for messages without sound numbers."""
+        if part is not None:
+            self._parts.append(part)
+
+    def until(self, end_ns: int) -> _Stream | None:
+        """Those up to the first one that is not earlier; None without any."""
+        if not self._parts:
+            return None
+        held = _joined(self._parts)
+        count = int(np.searchsorted(held.stamps_ns, end_ns)) + 1
+        later = _taken(held, slice(count, None))
+        self._parts = [later] if len(later.stamps_ns) else []
+        return _taken(held, slice(0, count))
+
+
+def _joined(parts: Sequence[_Stream]) -> _Stream:
+    """A sample that is not later than all before it, for its message came late, is left out."""
+    names = _ROWS[type(parts[0])]
+    rows: dict[str, Any] = {
+        name: np.concatenate([getattr(part, name) for part in parts]) for name in names
+    }
+    return _taken(replace(parts[0], **rows), _rising(rows["stamps_ns"]))
+
+
+def _taken(stream: _Stream, rows: slice | BoolArray) -> _Stream:
+    names = _ROWS[type(stream)]
+    taken: dict[str, Any] = {name: getattr(stream, name)[rows] for name in names}
+    return replace(stream, **taken)
+
+
+def _rising(stamps_ns: IntArray) -> BoolArray:
+    """(n,) whether a stamp is later than all before it."""
+    before = np.maximum.accumulate(stamps_ns)
+    return np.asarray(np.concatenate([[True], stamps_ns[1:] > before[:-1]]))

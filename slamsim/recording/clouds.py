@@ -1,0 +1,289 @@
+"""Planar scans cut out of the point clouds of a 3-D lidar or a depth camera.
+
+A ring that looks level is a planar lidar already; without one, all returns in a band of heights
+count, the nearest in each direction. A cloud that leans against the robot is levelled first.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slamsim.core.arrays import FloatArray, IntArray
+from slamsim.core.geometry import wrap_angle, xyzw_from_matrix
+from slamsim.recording import RawScans, ScanLayout, TransformEdge
+from slamsim.recording.row_store import RowStore
+from slamsim.recording.sweeps import Points, Sweep, sweep_of
+
+LEVEL = math.cos(math.radians(0.1))
+"""Leaning less, a return 10 m away is 17 mm higher or lower than it seems."""
+_LEVEL_RING_RAD = math.radians(1.5)
+"""Half the distance between the rings of common lidars with the fewest (2.9 deg): one is closer."""
+_BAND_M = 0.3
+"""Above and below the sensor: rings 2 deg apart put a return into it up to 17 m away."""
+_FLOOR_M = 0.1
+"""What is lower above the base frame may be the floor."""
+_SLAB_BEAMS = 720
+"""Beams of a turn where no ring tells how many: half a degree, as pointcloud_to_laserscan has."""
+_MOST_BEAMS, _FEWEST_BEAMS = 7200, 180
+_GAP_RAD = math.radians(10.0)
+"""Directions without any return in all clouds looked at are no part of the lidar's view."""
+
+Heights = tuple[float, float]
+"""The lowest and the highest return that count, in metres."""
+
+
+@dataclass(frozen=True, slots=True)
+class CloudsWanted:
+    """topics: of the clouds. heights_m: above the base frame, None where a level ring, else the
+    height of the sensor, decides. base_frame: as a user names it, or empty. is_sampled: whether
+    some clouds are enough."""
+
+    topics: tuple[str, ...]
+    heights_m: Heights | None = None
+    base_frame: str = ""
+    is_sampled: bool = False
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Place:
+    """Of a sensor on its robot. base_frame: empty if nothing says where it is."""
+
+    frame: str
+    base_frame: str
+    T_base_sensor: FloatArray
+
+    def levelled(self) -> FloatArray:
+        """3 x 3 R_sensor_level: z as that of the base, x as close to the sensor's as can be."""
+        up = self.T_base_sensor[2, :3]
+        if up[2] > LEVEL:
+            return np.eye(3)
+        ahead = np.eye(3)[0 if abs(up[0]) < 0.9 else 1]
+        x = ahead - up * (up @ ahead)
+        x /= np.linalg.norm(x)
+        return np.column_stack([x, np.cross(up, x), up])
+
+    def heights(self, wanted: Heights | None) -> Heights:
+        """Of the returns that count, above the sensor."""
+        above_base_m = float(self.T_base_sensor[2, 3])
+        if wanted is not None:
+            return wanted[0] - above_base_m, wanted[1] - above_base_m
+        if not self.base_frame:
+            return -_FLOOR_M, _BAND_M
+        return max(-_BAND_M, min(_FLOOR_M - above_base_m, 0.0)), _BAND_M
+
+    def in_words(self, heights_m: Heights) -> str:
+        above = float(self.T_base_sensor[2, 3])
+        low, high = (height + above for height in heights_m)
+        return f"heights {low:.2f} to {high:.2f} m above {self.base_frame or self.frame}"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Plan:
+    """How the clouds of a topic are cut: alike for all of them.
+
+    ring: None where heights_m, above the sensor, choose. beams: of a full turn, the first at
+    phase_rad. first, count: those that the lidar sees. sweep: None for clouds without times.
+    """
+
+    ring: int | None
+    heights_m: Heights
+    beams: int
+    phase_rad: float
+    first: int
+    count: int
+    sweep: Sweep | None
+
+    @property
+    def step_rad(self) -> float:
+        return 2.0 * math.pi / self.beams
+
+    def chosen(self, cloud: Points) -> Points:
+        if self.ring is not None and cloud.ring is not None:
+            return cloud[cloud.ring == self.ring]
+        low, high = self.heights_m
+        up = cloud.xyz_m[:, 2]
+        return cloud[(up >= low) & (up <= high)]
+
+
+class CloudSlicer:
+    """Makes scans of the clouds of one topic, batch by batch; the first one tells how to cut.
+
+    note: how it is done, in words, after the first batch.
+    """
+
+    def __init__(self, topic: str, place: Place, wanted_m: Heights | None) -> None:
+        self._topic, self._place, self._wanted_m = topic, place, wanted_m
+        self._R_sensor_level = place.levelled()
+        self._plan: _Plan | None = None
+        self._layouts: dict[ScanLayout, int] = {}
+        self._layout_of: list[int] = []
+        self._stamps_ns: list[int] = []
+        self._received_ns: list[int] = []
+        self._ranges = RowStore()
+        self._farthest_m = np.float32(1.0)
+        self.note = ""
+
+    def add(self, clouds: Sequence[Points]) -> None:
+        """The next clouds, in the order of the file."""
+        level = [replace(cloud, xyz_m=cloud.xyz_m @ self._R_sensor_level) for cloud in clouds]
+        if self._plan is None and level:
+            self._plan, self.note = _planned(level, self._place, self._wanted_m)
+        for cloud in level:
+            assert self._plan is not None
+            self._append(cloud, self._plan)
+
+    def _append(self, cloud: Points, plan: _Plan) -> None:
+        chosen = plan.chosen(cloud)
+        ranges_m = np.hypot(chosen.xyz_m[:, 0], chosen.xyz_m[:, 1]).astype(np.float32)
+        bins = _bins(chosen, plan.beams, plan.phase_rad)
+        start, direction, beam_dt_s, begin_s = plan.first, 1, 0.0, 0.0
+        beam = (bins - start) % plan.beams
+        if plan.sweep is not None and chosen.time is not None and bins.size:
+            times_s = plan.sweep.after_stamp_s(chosen.time, cloud.stamp_ns)
+            direction, beam_dt_s = plan.sweep.direction, plan.step_rad * plan.sweep.s_per_rad
+            if plan.count == plan.beams:
+                start = int(bins[np.argmin(times_s)])
+            elif direction < 0:
+                start = (plan.first + plan.count - 1) % plan.beams
+            beam = (direction * (bins - start)) % plan.beams
+            begin_s = float(np.median(times_s - beam * beam_dt_s))
+            off_s = np.abs(times_s - begin_s - beam * beam_dt_s)
+            in_turn = (beam_dt_s == 0.0) | (off_s < 0.5 * plan.beams * beam_dt_s)
+            beam, ranges_m = beam[in_turn], ranges_m[in_turn]
+        seen = beam < plan.count
+        row = np.full(plan.count, np.nan, dtype=np.float32)
+        far_first = np.argsort(-ranges_m[seen], kind="stable")
+        row[beam[seen][far_first]] = ranges_m[seen][far_first]  # the nearest is written last
+        self._farthest_m = max(self._farthest_m, ranges_m.max(initial=np.float32(0.0)))
+        self._ranges.add(row[None])
+        self._stamps_ns.append(cloud.stamp_ns + round(1e9 * begin_s))
+        self._received_ns.append(cloud.received_ns)
+        layout = _layout(plan, start, direction, beam_dt_s)
+        self._layout_of.append(self._layouts.setdefault(layout, len(self._layouts)))
+
+    def stream(self) -> RawScans:
+        """All scans. Raises ValueError where no cloud holds a return that counts."""
+        range_max_m = float(np.nextafter(self._farthest_m, np.float32(np.inf)))
+        return RawScans(
+            topic=self._topic,
+            frame_ids=(self._frame,),
+            stamps_ns=np.array(self._stamps_ns, dtype=np.int64),
+            received_ns=np.array(self._received_ns, dtype=np.int64),
+            layouts=tuple(replace(each, range_max_m=range_max_m) for each in self._layouts),
+            layout_of=np.array(self._layout_of, dtype=np.int32),
+            ranges_m=self._ranges.rows(),
+            range_is_estimated=True,
+            note=self.note,
+        )
+
+    @property
+    def _is_level(self) -> bool:
+        return bool(np.array_equal(self._R_sensor_level, np.eye(3)))
+
+    @property
+    def _frame(self) -> str:
+        return self._place.frame if self._is_level else f"{self._place.frame}_level"
+
+    def edges(self) -> tuple[TransformEdge, ...]:
+        """The transform to the frame of the scans where that is not the sensor's own."""
+        if self._is_level:
+            return ()
+        at_ns = np.array(self._stamps_ns[:1], dtype=np.int64)
+        edge = TransformEdge(
+            *("/tf_static", self._place.frame, self._frame, True, at_ns, at_ns),
+            positions_m=np.zeros((1, 3)),
+            quats_xyzw=xyzw_from_matrix(self._R_sensor_level)[None],
+        )
+        return (edge,)
+
+
+def _layout(plan: _Plan, start: int, direction: int, beam_dt_s: float) -> ScanLayout:
+    step_rad = direction * plan.step_rad
+    angle_min_rad = float(wrap_angle(np.array(plan.phase_rad + start * plan.step_rad)))
+    scan_time_s = plan.beams * beam_dt_s
+    angle_max_rad = angle_min_rad + (plan.count - 1) * step_rad
+    return ScanLayout(angle_min_rad, angle_max_rad, step_rad, beam_dt_s, scan_time_s, 0.0, 0.0)
+
+
+def _planned(clouds: Sequence[Points], place: Place, wanted_m: Heights | None) -> tuple[_Plan, str]:
+    """(how to cut, in words). Raises ValueError where nothing can be cut out."""
+    ring, words = None, ""
+    if wanted_m is None:
+        ring, words = _level_ring(clouds)
+    heights_m = place.heights(wanted_m)
+    plan = _Plan(ring, heights_m, _SLAB_BEAMS, 0.0, 0, _SLAB_BEAMS, None)
+    chosen = [plan.chosen(cloud) for cloud in clouds]
+    if not any(len(each.xyz_m) for each in chosen):
+        raise ValueError(
+            f"none of its first {len(clouds)} clouds has a return at {place.in_words(heights_m)}"
+            ": --cloud-height LOW,HIGH chooses others"
+        )
+    beams, phase_rad = _SLAB_BEAMS, 0.0
+    if ring is not None:
+        beams, phase_rad = _directions(chosen)
+    bins = np.unique(np.concatenate([_bins(each, beams, phase_rad) for each in chosen]))
+    first, count = _view(bins, beams)
+    sweep, timed = sweep_of(chosen)
+    how = words or place.in_words(heights_m)
+    note = f"cut out of point clouds: {how}, {360.0 / beams:.2g} deg a beam; {timed}"
+    return _Plan(ring, heights_m, beams, phase_rad, first, count, sweep), note
+
+
+def _level_ring(clouds: Sequence[Points]) -> tuple[int | None, str]:
+    """(the ring that looks level, in words), of two that do as well the upper one."""
+    rings = [cloud.ring for cloud in clouds if cloud.ring is not None]
+    if len(rings) < len(clouds):
+        return None, ""
+    ring, xyz_m = np.concatenate(rings), np.concatenate([cloud.xyz_m for cloud in clouds])
+    up_rad = np.arctan2(xyz_m[:, 2], np.hypot(xyz_m[:, 0], xyz_m[:, 1]))
+    numbers, counts = np.unique(ring, return_counts=True)
+    found: list[tuple[float, float, int]] = []
+    for number, count in zip(numbers.tolist(), counts.tolist(), strict=True):
+        mine = up_rad[ring == number]
+        off_rad = float(np.quantile(np.abs(mine), 0.95))
+        if off_rad <= _LEVEL_RING_RAD and 2 * count >= np.median(counts):
+            found.append((round(abs(float(np.median(mine))), 3), -float(np.median(mine)), number))
+    if not found:
+        return None, ""
+    _, down_rad, number = min(found)
+    return number, f"ring {number} of {numbers.size}, {math.degrees(-down_rad):+.1f} deg"
+
+
+def _azimuths_rad(cloud: Points) -> FloatArray:
+    return np.asarray(np.arctan2(cloud.xyz_m[:, 1], cloud.xyz_m[:, 0]))
+
+
+def _bins(cloud: Points, beams: int, phase_rad: float) -> IntArray:
+    """(n,) the direction of each return, as one of so many on a turn."""
+    bins = np.rint((_azimuths_rad(cloud) - phase_rad) * (beams / (2.0 * math.pi)))
+    return np.asarray(bins.astype(np.int64) % beams)
+
+
+def _directions(clouds: Sequence[Points]) -> tuple[int, float]:
+    """(beams of a turn, angle of one of them) of a ring."""
+    gaps = [np.diff(np.sort(_azimuths_rad(cloud))) for cloud in clouds]
+    apart: NDArray[np.float64] = np.concatenate(gaps)
+    apart = apart[apart > 1e-5]
+    if not apart.size:
+        return _SLAB_BEAMS, 0.0
+    beams = int(np.clip(round(2.0 * math.pi / np.median(apart)), _FEWEST_BEAMS, _MOST_BEAMS))
+    angles = np.concatenate([_azimuths_rad(cloud) for cloud in clouds])
+    mean = np.exp(1j * beams * angles).mean()
+    return beams, float(np.angle(mean)) / beams
+
+
+def _view(bins: IntArray, beams: int) -> tuple[int, int]:
+    """(first, how many) of the beams around the largest gap in the directions that were seen.
+
+    bins: sorted and unique.
+    """
+    gaps = np.diff(np.append(bins, bins[0] + beams))
+    widest = int(np.argmax(gaps))
+    if gaps[widest] * 2.0 * math.pi / beams < _GAP_RAD:
+        return 0, beams
+    return int(bins[(widest + 1) % bins.size]), int(beams - gaps[widest] + 1)

@@ -1,0 +1,1 @@
+"""A ROS 2 node that maps a robot: ``python -m slamsim.ros``. Alone imports rclpy."""

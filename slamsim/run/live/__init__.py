@@ -1,0 +1,1 @@
+"""The work of ``slamsim live`` and ``slamsim replay``."""

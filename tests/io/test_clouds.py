@@ -1,0 +1,240 @@
+"""Scans cut out of point clouds: those of the planar lidar that the clouds were made of."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from bag_data import START_NS
+from cloud_bags import (
+    LEVEL_RING,
+    ROBOT,
+    SENSOR_HEIGHT_M,
+    TURNING,
+    as_messages,
+    bag_of,
+    cloud,
+    rings_of,
+    sensed,
+    slab_of,
+)
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scan_recording import truth
+from simulated import ate_rmse_m
+
+from slamsim.config.loading import load_run_config
+from slamsim.core.geometry import matrix_from_rpy, xyzw_from_matrix
+from slamsim.core.types import FloatArray, PlanarTrajectory, Scan
+from slamsim.guard.errors import InputRefused, OverrideRefused, SlamsimError
+from slamsim.io.open import open_recording, read_log, read_recording, survey_recording
+from slamsim.io.ros.clouds import UnusableClouds, points_of
+from slamsim.io.selection import Selection
+from slamsim.run.info import missing
+from slamsim.slam.session import run_slam
+
+FEW = 12
+
+
+def ends_of(scan: Scan) -> FloatArray:
+    angles, ranges_m = scan.geometry.angles_rad(), scan.ranges_m.astype(np.float64)
+    ends = np.column_stack([ranges_m * np.cos(angles), ranges_m * np.sin(angles)])
+    return np.asarray(ends[np.isfinite(ends).all(axis=1)])
+
+
+def off_m(found: Scan, true: Scan) -> FloatArray:
+    """From each end of a beam to the nearest one of the true scan."""
+    ends, theirs = ends_of(found), ends_of(true)
+    return np.asarray(np.linalg.norm(ends[:, None] - theirs[None], axis=2).min(axis=1))
+
+
+@pytest.mark.parametrize(("times", "unit"), [("s", "in s"), ("ns", "in ns"), ("absolute", "in s")])
+def test_a_level_ring_is_the_planar_lidar_that_it_was_made_of(
+    tmp_path: Path, times: Any, unit: str
+) -> None:
+    scans = sensed()[:FEW]
+    clouds = as_messages([rings_of(scan, times) for scan in scans])
+    opened = open_recording(bag_of(tmp_path / "a.mcap", clouds))
+    log = opened.log()
+    assert len(log.scans) == FEW
+    for found, true in zip(log.scans, scans, strict=True):
+        assert abs(found.stamp_ns - START_NS - true.stamp_ns) < 1_000_000
+        assert found.geometry.beam_count == TURNING.beam_count
+        assert found.geometry.beam_dt_ns == pytest.approx(TURNING.beam_dt_ns, rel=2e-3)
+        np.testing.assert_allclose(found.ranges_m, true.ranges_m, rtol=1e-4)
+        turned = found.geometry.angles_rad() - true.geometry.angles_rad()
+        np.testing.assert_allclose(np.cos(turned), 1.0, atol=1e-9)
+    assert f"ring {LEVEL_RING} of 6, +0.2 deg, 0.5 deg a beam" in log.sources
+    assert unit in log.sources and "\n" not in log.sources
+
+
+def test_a_lidar_that_turns_clockwise_keeps_the_time_of_each_beam(tmp_path: Path) -> None:
+    backward = TURNING.__class__(np.pi, -np.deg2rad(0.5), 720, TURNING.beam_dt_ns, 0.1, 30.0)
+    scans = sensed(backward)[:FEW]
+    clouds = as_messages([rings_of(scan) for scan in scans])
+    for found, true in zip(read_log(bag_of(tmp_path / "a.mcap", clouds)).scans, scans, strict=True):
+        assert found.geometry.angle_step_rad == pytest.approx(-np.deg2rad(0.5))
+        np.testing.assert_allclose(found.ranges_m, true.ranges_m, rtol=1e-4)
+
+
+def test_a_slab_keeps_off_the_floor_and_takes_the_nearest(tmp_path: Path) -> None:
+    scans = sensed()[:FEW]
+    clouds = as_messages([slab_of(scan, i) for i, scan in enumerate(scans)])
+    log = read_log(bag_of(tmp_path / "a.mcap", clouds))
+    for found, true in zip(log.scans, scans, strict=True):
+        seen = np.isfinite(found.ranges_m)
+        assert seen.sum() > 0.5 * TURNING.beam_count
+        assert np.quantile(off_m(found, true), 0.99) < 0.05
+    assert "heights 0.20 to 0.80 m above base_footprint" in log.sources
+    assert "no time of the points: each cloud counts as one instant" in log.sources
+
+
+def test_heights_that_are_asked_for_count_even_with_rings(tmp_path: Path) -> None:
+    clouds = as_messages([rings_of(scan) for scan in sensed()[:FEW]])
+    path = bag_of(tmp_path / "a.mcap", clouds)
+    low = read_log(path, Selection(cloud_height_m=(-0.05, 0.05)))
+    assert "heights -0.05 to 0.05 m above base_footprint" in low.sources
+    floor_m = [SENSOR_HEIGHT_M / np.tan(np.deg2rad(angle)) for angle in (4.0, 8.0, 12.0)]
+    for scan in low.scans:
+        ranges_m = scan.ranges_m[np.isfinite(scan.ranges_m)]
+        assert np.abs(ranges_m[:, None] - floor_m).min(axis=1).max() < 0.5
+
+
+@pytest.mark.parametrize("rpy_deg", [(0.0, 12.0, 0.0), (180.0, 0.0, 30.0), (5.0, -8.0, 90.0)])
+def test_a_sensor_that_leans_is_levelled(tmp_path: Path, rpy_deg: tuple[float, ...]) -> None:
+    R_base_sensor = matrix_from_rpy(*np.deg2rad(rpy_deg).tolist())
+    scans = sensed()[:FEW]
+    clouds = as_messages([rings_of(scan, "s", R_base_sensor.T) for scan in scans])
+    quat = tuple(xyzw_from_matrix(R_base_sensor).tolist())
+    recording = read_recording(bag_of(tmp_path / "a.mcap", clouds, quat))
+    assert recording.scans[0].frame_ids == ("velodyne_level",)
+    log = read_log(tmp_path / "a.mcap")
+    np.testing.assert_allclose(log.T_base_laser[2, :3], [0.0, 0.0, 1.0], atol=1e-9)
+    yaw = np.arctan2(log.T_base_laser[1, 0], log.T_base_laser[0, 0])
+    for found, true in zip(log.scans, scans, strict=True):
+        angles = found.geometry.angles_rad() + yaw
+        at = np.rint((angles - true.geometry.angle_min_rad) / np.deg2rad(0.5)).astype(int) % 720
+        there = np.isfinite(found.ranges_m)
+        np.testing.assert_allclose(found.ranges_m[there], true.ranges_m[at][there], rtol=0.02)
+        assert there.sum() > 600
+
+
+@pytest.mark.parametrize("kind", ["rings", "slab"])
+def test_a_robot_with_clouds_alone_is_mapped(tmp_path: Path, kind: str) -> None:
+    scans = sensed()
+    clouds = [rings_of(s) if kind == "rings" else slab_of(s, i) for i, s in enumerate(scans)]
+    log = read_log(bag_of(tmp_path / "a.mcap", as_messages(clouds)))
+    result = run_slam(log, load_run_config("tiny", None, (), None).slam)
+    path = truth()
+    true = PlanarTrajectory(path.stamps_ns + START_NS, path.poses)
+    found = result.trajectory
+    assert ate_rmse_m(found, true) < (0.005 if kind == "rings" else 0.03)
+
+
+def test_survey_tells_what_is_cut_and_lacks_nothing(tmp_path: Path) -> None:
+    clouds = as_messages([rings_of(scan) for scan in sensed()[:FEW]])
+    survey = survey_recording(bag_of(tmp_path / "a.mcap", clouds))
+    assert [scans.topic for scans in survey.sample.scans] == ["/points"]
+    assert {topic.topic: topic.frames for topic in survey.topics}["/points"] == ("velodyne",)
+    assert not [each for each in missing(survey) if each.what == "no scans"]
+
+
+def test_clouds_beside_scans_are_read_only_if_asked_for(tmp_path: Path) -> None:
+    clouds = as_messages([rings_of(scan) for scan in sensed()[:FEW]])
+    path = bag_of(tmp_path / "a.mcap", [*clouds, *ROBOT.scans()])
+    assert "scans from /front/scan" in read_log(path).sources
+    assert "scans from /points (cut out" in read_log(path, Selection(("points",))).sources
+    with pytest.raises(OverrideRefused, match=r"--cloud-height: no scans of .* are cut"):
+        read_log(path, Selection(cloud_height_m=(0.0, 1.0)))
+
+
+@pytest.mark.parametrize(
+    ("fields", "kinds", "told"),
+    [
+        ({"x": [1.0], "y": [2.0]}, {}, "/points: a point cloud without x, y and z: .* are x, y"),
+        ({"x": [1.0], "y": [2.0], "z": [0.0]}, {"x": "i2"}, "field x of its points is of datatype"),
+        (
+            {"x": [1.0], "y": [2.0], "z": [9.0]},
+            {},
+            r"none of its first 1 clouds .* heights 0.20 to 0.80 m",
+        ),
+    ],
+)
+def test_clouds_of_which_no_scans_can_be_made_are_refused_in_one_sentence(
+    tmp_path: Path, fields: dict[str, list[float]], kinds: dict[str, str], told: str
+) -> None:
+    columns = {name: np.array(values) for name, values in fields.items()}
+    message = cloud(START_NS, columns, kinds)
+    path = bag_of(tmp_path / "a.mcap", [("/points", START_NS, message)])
+    with pytest.raises(InputRefused, match=told) as refusal:
+        read_log(path)
+    assert refusal.value.exit_code == 3 and "\n" not in str(refusal.value)
+
+
+def test_a_cloud_with_too_few_bytes_is_counted_and_the_others_are_read(tmp_path: Path) -> None:
+    clouds = [rings_of(scan) for scan in sensed()[:FEW]]
+    clouds[3].data = clouds[3].data[:-7]
+    log = read_log(bag_of(tmp_path / "a.mcap", as_messages(clouds)))
+    assert len(log.scans) == FEW - 1
+    assert any("1 of 12 clouds cannot be used (a cloud of 1 x" in words for words in log.warnings)
+
+
+def test_what_is_cut_out_of_clouds_cannot_be_written_back(tmp_path: Path) -> None:
+    from slamsim.io.copy.recording import copy_recording
+    from slamsim.recording import RawOdometry, RawScans
+
+    clouds = as_messages([rings_of(scan) for scan in sensed()[:FEW]])
+    path = bag_of(tmp_path / "a.mcap", clouds)
+    read = read_recording(path)
+    scans = read.scans[0]
+    moved = read.with_streams(RawScans, [_later(scans)])
+    with pytest.raises(SlamsimError, match="scans of /points are cut out of point clouds"):
+        copy_recording(path, read, moved, tmp_path / "scans")
+    odometry = read.with_streams(RawOdometry, [_later(read.odometries[0])])
+    copied = copy_recording(path, read, odometry, tmp_path / "odometry")
+    assert copied is not None
+    again = read_recording(tmp_path / "odometry")
+    np.testing.assert_array_equal(again.scans[0].stamps_ns, scans.stamps_ns)
+    assert again.odometries[0].stamps_ns[0] == read.odometries[0].stamps_ns[0] + 1000
+
+
+def _later(stream: Any) -> Any:
+    from dataclasses import replace
+
+    return replace(stream, stamps_ns=stream.stamps_ns + 1000)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.data())
+def test_points_are_those_of_a_plain_loop(data: st.DataObject) -> None:
+    """Any order of fields, either order of bytes, rows with padding, points that are none."""
+    height, width = data.draw(st.integers(1, 4)), data.draw(st.integers(1, 5))
+    values = st.sampled_from([np.nan, np.inf, 0.0, 1.5, -2.25, 1e-3])
+    names = data.draw(st.permutations(["x", "y", "z", "ring", "t", "other"]))
+    columns = {name: np.array([data.draw(values) for _ in range(height * width)]) for name in names}
+    columns["ring"] = np.arange(float(height * width))
+    columns["t"] = 7.0 * np.arange(height * width)
+    kinds = {"x": data.draw(st.sampled_from(["f4", "f8"])), "ring": "u2", "t": "u4"}
+    big, padding = data.draw(st.booleans()), data.draw(st.integers(0, 9))
+    found = points_of(
+        cloud(START_NS, columns, kinds, height=height, padding=padding, big=big), received_ns=5
+    )
+    wanted = [
+        (columns["x"][i], columns["y"][i], columns["z"][i], i, 7 * i)
+        for i in range(height * width)
+        if all(np.isfinite(columns[axis][i]) for axis in "xyz")
+        and any(columns[axis][i] for axis in "xyz")
+    ]
+    assert found.ring is not None and found.time is not None
+    mine = [*zip(*found.xyz_m.T.tolist(), found.ring.tolist(), found.time.tolist(), strict=True)]
+    np.testing.assert_allclose(mine, wanted, rtol=1e-6) if wanted else None
+    assert len(mine) == len(wanted)
+
+
+def test_a_field_beyond_its_point_is_refused() -> None:
+    message = cloud(START_NS, {axis: np.zeros(3) for axis in "xyz"})
+    message.fields[2].offset = 9
+    with pytest.raises(UnusableClouds, match="field z ends at byte 13 of points of 12"):
+        points_of(message, 0)

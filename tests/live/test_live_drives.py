@@ -1,0 +1,210 @@
+"""Live drives on the smallest world: the same bytes as ``simulate``, and as their replay."""
+
+from __future__ import annotations
+
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from waiting import wait_for
+
+from slamsim.config.loading import load_run_config
+from slamsim.config.run import RunConfig
+from slamsim.console.reporter import Reporter
+from slamsim.guard.errors import InputRefused, NotFound, SlamsimError
+from slamsim.guard.numbers import BadNumbers
+from slamsim.live.hub import Hub, Message
+from slamsim.live.live_map import LiveMap
+from slamsim.live.loop import LiveLoop, LiveSetup
+from slamsim.live.loop_controls import LoopControls
+from slamsim.live.mapping import MappingProcess
+from slamsim.live.published import SLAM_TOPICS
+from slamsim.live.recording import read_drive
+from slamsim.run.live.replay import replay_drive
+from slamsim.run.live.world import live_config
+from slamsim.sim.robot.model import build_robot
+from slamsim.simulation.header import log_header
+from slamsim.simulation.log_writer import recorded_topics
+from slamsim.simulation.simulate import simulate
+from slamsim.world.build import build_world
+
+QUIET = Reporter(quiet=True)
+SHORT = "drive.route.max_duration_s=12"
+"""Longer than a window of ``simulate``, so that its odometry goes over a border."""
+
+
+def _config(*settings: str) -> RunConfig:
+    return live_config(load_run_config("tiny", None, settings))
+
+
+def _loop(
+    config: RunConfig, folder: Path, process: MappingProcess | None = None, **options: object
+) -> tuple[LiveLoop, Hub]:
+    world, robot = build_world(config.world, config.seed), build_robot(config.robot)
+    header = log_header(robot, config)
+    hub = Hub([*recorded_topics(header), *SLAM_TOPICS])
+    setup = LiveSetup(config, world, robot, header, folder, rate=None, **options)  # type: ignore[arg-type]
+    return LiveLoop(setup, hub, LiveMap(process)), hub
+
+
+def _files(folder: Path) -> dict[str, bytes]:
+    found = {str(p.relative_to(folder)): p for p in sorted(folder.rglob("*")) if p.is_file()}
+    return {name: path.read_bytes() for name, path in found.items()}
+
+
+def test_tour_is_recorded_as_simulate_does(tmp_path: Path) -> None:
+    config = _config(SHORT)
+    loop, _ = _loop(config, tmp_path, mode="tour", record=True, until_done=True)
+    loop.run()
+    simulate(config, tmp_path / "log")
+    assert _files(tmp_path / "drive_1" / "log") == _files(tmp_path / "log")
+
+
+def test_replay_gives_the_same_folder(tmp_path: Path) -> None:
+    """Also where the recording began during the drive, and the twists came from outside."""
+    config = _config("sensors.lidar=lds_01")
+    loop, _ = _loop(config, tmp_path)
+    controls, rng = LoopControls(loop), np.random.default_rng(1)
+    thread = threading.Thread(target=loop.run)
+    thread.start()
+    for _ in range(10):
+        controls.drive(rng.uniform(-1.0, 1.0), rng.uniform(-1.0, 1.0), 0.05)
+        time.sleep(0.02)
+    controls.record(True)
+    for _ in range(10):
+        controls.drive(rng.uniform(-1.0, 1.0), rng.uniform(-1.0, 1.0), 0.05)
+        time.sleep(0.02)
+    folder = controls.record(False)
+    loop.stop()
+    thread.join()
+    assert folder == tmp_path / "drive_1"
+    drive = read_drive(folder)
+    assert drive.first_tick > 0 and len({twist for _, twist in drive.commands}) > 3
+    replay_drive(folder, tmp_path / "again", QUIET)
+    assert _files(tmp_path / "again") == _files(folder)
+
+
+def test_messages_come_in_order_and_latched_ones_first(tmp_path: Path) -> None:
+    loop, hub = _loop(_config(), tmp_path, mode="tour", duration_s=2.0)
+    heard: list[Message] = []
+    hub.listen(heard.append)
+    loop.run()
+    stamps = [message.log_ns for message in heard]
+    assert stamps == sorted(stamps)
+    assert {message.topic.name for message in heard} >= {"/scan", "/odom", "/tf", "/tf_static"}
+    late: list[Message] = []
+    hub.listen(late.append)
+    assert {message.topic.name for message in late} == {"/tf_static", "/robot_description"}
+
+
+def test_pause_step_reset_and_rate(tmp_path: Path) -> None:
+    loop, _ = _loop(_config(), tmp_path)
+    controls = LoopControls(loop)
+    thread = threading.Thread(target=loop.run)
+    thread.start()
+    try:
+        controls.pause(True)
+        wait_for(lambda: controls.status().paused)
+        held = controls.status().stamp_ns
+        time.sleep(0.1)
+        assert controls.status().stamp_ns == held
+        controls.step(0.5)
+        wait_for(lambda: controls.status().stamp_ns == held + 500_000_000)
+        controls.set_rate(2.0)
+        wait_for(lambda: controls.status().rate == 2.0)
+        assert controls.status().paused
+        controls.reset()
+        assert controls.status().stamp_ns <= loop.begun_ns + held
+        controls.pause(False)
+        wait_for(lambda: controls.status().stamp_ns > loop.begun_ns)
+    finally:
+        loop.stop()
+        thread.join()
+
+
+@pytest.mark.parametrize("twist", [(np.nan, 0.0), (0.0, np.inf), (1e300, 0.0)])
+def test_bad_twists_are_refused(tmp_path: Path, twist: tuple[float, float]) -> None:
+    loop, _ = _loop(_config(), tmp_path)
+    controls = LoopControls(loop)
+    with pytest.raises(BadNumbers):
+        controls.drive(*twist)
+    for rate in (0.0, np.nan, 1e6):
+        with pytest.raises(BadNumbers):
+            controls.set_rate(rate)
+    for seconds in (0.0, -1.0, 1e6):
+        with pytest.raises(BadNumbers):
+            controls.step(seconds)
+
+
+def test_a_fast_twist_is_cut_down_to_the_limits(tmp_path: Path) -> None:
+    config = _config()
+    loop, _ = _loop(config, tmp_path, duration_s=3.0)
+    LoopControls(loop).drive(1e9, -1e9, 60.0)
+    loop.steering.begin = lambda mode: None  # type: ignore[method-assign] # which would stand
+    loop.run()
+    limits = config.drive.limits
+    assert loop.status.speed_m_s == limits.max_speed_m_s
+    assert loop.status.yaw_rate_rad_s == -limits.max_yaw_rate_rad_s
+
+
+def test_what_is_asked_of_a_robot_that_has_ended_is_refused(tmp_path: Path) -> None:
+    loop, _ = _loop(_config(), tmp_path, duration_s=0.1)
+    loop.run()
+    with pytest.raises(SlamsimError, match="has ended"):
+        LoopControls(loop).record(True)
+
+
+def test_map_and_goals_need_a_map(tmp_path: Path) -> None:
+    controls = LoopControls(_loop(_config(), tmp_path)[0])
+    with pytest.raises(SlamsimError, match="no map yet"):
+        controls.save_map()
+    with pytest.raises(SlamsimError, match="no map yet"):
+        controls.go_to(1.0, 1.0)
+
+
+def test_explore_maps_all_of_a_small_world(tmp_path: Path) -> None:
+    config = _config("sensors.lidar=lds_01")
+    with MappingProcess() as process:
+        loop, hub = _loop(config, tmp_path, process, mode="explore", until_done=True)
+        seen: list[str] = []
+        hub.listen(lambda message: seen.append(message.topic.name))
+        loop.run()
+        finished = process.finish()
+    assert loop.status.ended == "all that can be reached is mapped"
+    truth = build_world(config.world, config.seed).grid(0.05, 0.2)
+    known = np.isfinite(finished.grid.occupancy).sum()
+    assert known > 0.8 * np.isfinite(truth.occupancy).sum()
+    assert {"/map", "/path", "/slamsim/diagnostics"} <= set(seen)
+    folder = LoopControls(loop).save_map()
+    assert (folder / "map.yaml").is_file() and (folder / "keyframes.csv").is_file()
+
+
+def test_what_cannot_be_replayed_is_told(tmp_path: Path) -> None:
+    with pytest.raises(NotFound, match="has no config"):
+        replay_drive(tmp_path, tmp_path / "out", QUIET)
+
+
+@pytest.mark.parametrize(
+    ("rows", "told"),
+    [
+        ("0,nan,0.0", "finite"),
+        ("5,0.1,0.0\n5,0.2,0.0", "rise"),
+        ("-1,0.1,0.0", "rise"),
+        ("zero,0.1,0.0", "tick"),
+        ("0,0.1", "tick"),
+    ],
+)
+def test_damaged_commands_are_refused(tmp_path: Path, rows: str, told: str) -> None:
+    (tmp_path / "drive.yaml").write_text("first_tick: 0\nend_tick: 9\n")
+    (tmp_path / "commands.csv").write_text(f"tick,v_m_s,w_rad_s\n{rows}\n")
+    with pytest.raises(InputRefused, match=told):
+        read_drive(tmp_path)
+
+
+def test_faults_are_refused() -> None:
+    config = load_run_config("tiny", None, ())
+    faulty = config.model_copy(update={"faults": ("laser_yaw",)})
+    with pytest.raises(SlamsimError, match="slamsim fault"):
+        live_config(faulty)

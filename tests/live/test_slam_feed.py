@@ -1,0 +1,67 @@
+"""Streams that arrive in pieces of any length, as what a SLAM session takes."""
+
+from __future__ import annotations
+
+from dataclasses import fields, replace
+from typing import Any
+
+import numpy as np
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+from scan_recording import DRIVE_S, healthy
+
+from slamsim.core.types import IntArray
+from slamsim.live.slam_feed import SlamFeed
+from slamsim.recording import RawStream
+from slamsim.slam.online.motion_filter import MotionFilter
+
+STEP_NS = 20_000_000
+"""Of the odometry."""
+
+
+def rows(stream: RawStream, kept: Any) -> RawStream:
+    columns = {field.name: getattr(stream, field.name) for field in fields(stream)}
+    length = len(stream)
+    cut: dict[str, Any] = {
+        name: column[kept]
+        for name, column in columns.items()
+        if isinstance(column, np.ndarray) and len(column) == length
+    }
+    return replace(stream, **cut)
+
+
+def pieces(ends_s: list[float]) -> list[list[RawStream]]:
+    """The drive as it arrives, each stream by its stamps."""
+    ends_ns = [round(end_s * 1e9) for end_s in sorted(ends_s)]
+    made = []
+    for begin_ns, end_ns in zip([-1, *ends_ns], [*ends_ns, round(DRIVE_S * 1e9)], strict=True):
+        made.append(
+            [
+                rows(one, (one.stamps_ns > begin_ns) & (one.stamps_ns <= end_ns))
+                for one in healthy().streams
+            ]
+        )
+    return made
+
+
+@given(st.lists(st.floats(0.0, DRIVE_S), max_size=12))
+@example([])
+@settings(max_examples=8)
+def test_no_pause_loses_a_scan(ends_s: list[float]) -> None:
+    """All motion is given once, and what the session keeps of it reaches from scan to scan."""
+    feed, session, given_ns = SlamFeed(), MotionFilter(np.eye(3)), list[IntArray]()
+    begun_ns = int(healthy().odometries[0].stamps_ns[0])
+    scans = 0
+    for piece in pieces(ends_s):
+        for scan, motion in feed.take(piece):
+            if motion.odometry is not None:
+                given_ns.append(motion.odometry.stamps_ns)
+            session.add(motion)
+            odometry = session.until(scan.span_ns[1])
+            assert odometry is not None
+            assert odometry.stamps_ns[0] <= max(begun_ns, scan.stamp_ns - 1_000_000_000)
+            assert odometry.stamps_ns[-1] >= scan.span_ns[1] - STEP_NS
+            scans += 1
+    assert scans > len(healthy().scans[0]) - 5
+    stamps_ns = np.concatenate(given_ns)
+    assert np.array_equal(stamps_ns, healthy().odometries[0].stamps_ns[: len(stamps_ns)])
