@@ -106,10 +106,11 @@ class _StopSignals:
         self._is_over = True
         signal.setitimer(signal.ITIMER_REAL, 0.0)
         sys.unraisablehook = self._unraisable
+        if self.received is not None:
+            return  # _stop ignores what comes; SIG_IGN would let Python tell of a race
         for number in STOPPING:
             if signal.getsignal(number) == self._stop:
-                after = signal.SIG_DFL if self.received is None else signal.SIG_IGN
-                signal.signal(number, after)
+                signal.signal(number, signal.SIG_DFL)
 
     def _stop(self, number: int, frame: FrameType | None) -> None:
         if self._is_over or self.received is not None:

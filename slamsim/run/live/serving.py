@@ -97,8 +97,8 @@ def _heeding(stop: Callable[[], None]) -> Iterator[list[int]]:
     heard: list[int] = []
 
     def heed(number: int, frame: object) -> None:
-        for one in STOPPING:
-            signal.signal(one, signal.SIG_IGN)
+        if heard:
+            return
         heard.append(number)
         finish_in_peace()
         stop()
