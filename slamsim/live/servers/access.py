@@ -8,7 +8,9 @@ import secrets
 import socket
 from dataclasses import dataclass
 from typing import Protocol, Self
-from urllib.parse import urlsplit
+from urllib.parse import parse_qs, urlsplit
+
+from websockets.http11 import Request
 
 LOOPBACK = "127.0.0.1"
 DESKTOP_ORIGIN = "file://"
@@ -73,6 +75,22 @@ class Access:
         ):
             return "the token is missing or wrong"
         return None
+
+
+def refusal(access: Access, request: Request) -> str | None:
+    """Why a request is refused; its token is in the URL (?token=) or an Authorization header."""
+    hosts, origins = (request.headers.get_all(name) for name in ("Host", "Origin"))
+    if len(hosts) != 1 or len(origins) > 1:
+        return "a request has one Host and at most one Origin"
+    return access.refusal(hosts[0], next(iter(origins), None), _token(request))
+
+
+def _token(request: Request) -> str | None:
+    for value in request.headers.get_all("Authorization"):
+        kind, _, token = value.partition(" ")
+        if kind.lower() == "bearer":
+            return token.strip()
+    return next(iter(parse_qs(urlsplit(request.path).query).get("token", [])), None)
 
 
 def is_loopback(host: str) -> bool:

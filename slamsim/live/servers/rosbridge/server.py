@@ -23,8 +23,7 @@ from slamsim.guard.errors import shown
 from slamsim.live.controls import Controls
 from slamsim.live.hub import Hub
 from slamsim.live.rosbridge.fragments import LARGEST_MESSAGE
-from slamsim.live.servers.access import Access
-from slamsim.live.servers.front import refusal
+from slamsim.live.servers.access import Access, refusal
 from slamsim.live.servers.loop_thread import LoopThread
 from slamsim.live.servers.ports import not_served
 from slamsim.live.servers.rosbridge.client import Client

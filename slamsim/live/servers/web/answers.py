@@ -17,7 +17,7 @@ from websockets.datastructures import Headers
 from websockets.http11 import Request, Response
 
 from slamsim.live.servers.access import Access
-from slamsim.live.servers.front import refusal as refusal_of
+from slamsim.live.servers.access import refusal as refusal_of
 
 _COMMON = (
     ("Cache-Control", "no-store"),
