@@ -1,0 +1,1 @@
+"""Cameras: lenses, shutters, sensors, and the rendering of frames with their truth."""
