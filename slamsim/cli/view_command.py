@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Iterable, Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Annotated
@@ -21,6 +21,7 @@ from slamsim.console.options import (
 )
 
 if TYPE_CHECKING:
+    from slamsim.cameras.frames import EncodedFrame
     from slamsim.io.selection import Selection
 
 EPILOG = (
@@ -65,17 +66,19 @@ def _shown(run: Path, wanted: Selection) -> Iterator[Path]:
     if is_run or run.suffix.lower() == ".rrd":
         yield run
         return
+    from slamsim.io.cameras import open_cameras
     from slamsim.io.formats.ros import is_ros
     from slamsim.io.open import open_recording
-    from slamsim.io.ros.images import camera_images
     from slamsim.report.viewer.images import MOST_IMAGES
     from slamsim.report.viewer.run import write_recording
     from slamsim.report.viewer.unmapped import unmapped
     from slamsim.run.naming import log_of
 
     log = open_recording(log_of(run), wanted).log()
-    with TemporaryDirectory(prefix="slamsim-view-") as folder:
-        images = camera_images(log_of(run), MOST_IMAGES) if is_ros(log_of(run)) else ()
+    with TemporaryDirectory(prefix="slamsim-view-") as folder, ExitStack() as opened:
+        images: Iterable[EncodedFrame] = ()
+        if is_ros(log_of(run)):
+            images = opened.enter_context(open_cameras(log_of(run))).thinned(MOST_IMAGES)
         write_recording(Path(folder) / "recording.rrd", unmapped(log), images)
         yield Path(folder) / "recording.rrd"
 

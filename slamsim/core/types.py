@@ -18,7 +18,7 @@ no stage has to ask again, and none can pass on what it must not.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -204,20 +204,3 @@ class Grid:
             numbers.require_number("the origin of a grid (m)", value)
         if (self.occupancy < 0.0).any() or (self.occupancy > 1.0).any():
             raise numbers.BadNumbers("the occupancy of a grid is from 0 to 1, or nan for unknown")
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class CameraImage:
-    """One image. packed: a whole JPEG or PNG file, and media_type its kind; or pixels, (rows,
-    columns) or (rows, columns, channels), in the order that encoding says."""
-
-    topic: str
-    stamp_ns: int
-    packed: bytes = b""
-    media_type: str = ""
-    pixels: NDArray[Any] | None = None
-    encoding: str = ""
-
-
-DEPTHS_M = {"16UC1": 1e-3, "32FC1": 1.0}
-"""Metres in a unit of images that hold distances (REP 118)."""

@@ -3,21 +3,18 @@
 from __future__ import annotations
 
 import re
-import struct
-import zlib
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from slamsim.guard.errors import InputRefused
+from slamsim.guard.errors import InputRefused, limit_of
 from slamsim.guard.files import read_input
 from slamsim.guard.limits import LIMITS, Limits
+from slamsim.guard.pictures import PNG_MAGIC, picture_of, require_size
 
 GrayImage = NDArray[np.uint8]
 
-_PNG_MAGIC = b"\x89PNG\r\n\x1a\n"
-_PNG_CHANNELS = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}
 _PGM_HEADER = re.compile(
     rb"P[25]" + rb"(?:\s+(?:#[^\n]{0,4096}\n\s*){0,64})(\d{1,9})" * 3 + rb"(?:\s|\Z)"
 )
@@ -31,26 +28,13 @@ def read_gray_image(path: Path, limits: Limits = LIMITS) -> GrayImage:
     or PNG of at most ``limits.image_pixels``.
     """
     data = read_input(path, "image_file_bytes", limits)
-    if data.startswith(_PNG_MAGIC):
+    if data.startswith(PNG_MAGIC):
         return _read_png(data, path, limits)
     if data[:2] in (b"P2", b"P5"):
         return _read_pgm(data, path, limits)
     if not data:
         raise InputRefused(path, "is empty")
     raise InputRefused(path, "is not an image of the kinds PGM (P2, P5) or PNG")
-
-
-def _check_size(width: int, height: int, bytes_per_pixel: int, path: Path, limits: Limits) -> None:
-    if width < 1 or height < 1:
-        raise InputRefused(path, f"an image of {width} x {height} pixels is empty")
-    pixels = width * height
-    allowed, limit = min(
-        (limits.image_pixels, "image_pixels"),
-        (limits.image_decoded_bytes // bytes_per_pixel, "image_decoded_bytes"),
-    )
-    if pixels > allowed:
-        reason = f"{width} x {height} pixels, at most {allowed:,} are read"
-        raise InputRefused(path, reason, limit=limit)
 
 
 def _read_pgm(data: bytes, path: Path, limits: Limits) -> GrayImage:
@@ -60,7 +44,10 @@ def _read_pgm(data: bytes, path: Path, limits: Limits) -> GrayImage:
     width, height, maximum = (int(number) for number in header.groups())
     if not 1 <= maximum <= 65535:
         raise InputRefused(path, f"the PGM maximum is {maximum}, not within 1..65535")
-    _check_size(width, height, 2, path, limits)
+    try:
+        require_size(width, height, 2, limits)
+    except ValueError as error:
+        raise InputRefused(path, str(error), limit=limit_of(error)) from None
     body = data[header.end() :]
     pixels = _plain_pixels if data.startswith(b"P2") else _raw_pixels
     values = pixels(body, width * height, maximum, path)
@@ -96,39 +83,16 @@ def _plain_pixels(body: bytes, count: int, maximum: int, path: Path) -> NDArray[
 
 
 def _read_png(data: bytes, path: Path, limits: Limits) -> GrayImage:
-    width, height, depth, colour = _check_png(data, path)
-    if colour not in _PNG_CHANNELS or depth not in (1, 2, 4, 8, 16):
-        raise InputRefused(path, f"the PNG header is damaged (depth {depth}, colour {colour})")
-    bytes_per_pixel = _PNG_CHANNELS[colour] * max(depth // 8, 1)
-    _check_size(width, height, bytes_per_pixel, path, limits)
+    try:
+        picture = picture_of(data, limits)
+    except ValueError as error:
+        raise InputRefused(path, str(error), limit=limit_of(error)) from None
     import cv2
 
     try:
         image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_GRAYSCALE)
     except cv2.error as error:
         raise InputRefused(path, f"the PNG cannot be decoded ({error.err})") from None
-    if image is None or image.shape != (height, width):
+    if image is None or image.shape != (picture.height, picture.width):
         raise InputRefused(path, "the PNG cannot be decoded: its pixels are damaged")
     return np.asarray(image, np.uint8)
-
-
-def _check_png(data: bytes, path: Path) -> tuple[int, int, int, int]:
-    """Width, height, depth and colour type; the decoder would pass over a cut or a wrong CRC."""
-    offset, header = len(_PNG_MAGIC), None
-    while offset + 12 <= len(data):
-        (length,) = struct.unpack_from(">I", data, offset)
-        end = offset + 12 + length
-        if end > len(data):
-            break
-        kind = data[offset + 4 : offset + 8]
-        (crc,) = struct.unpack_from(">I", data, end - 4)
-        if zlib.crc32(memoryview(data)[offset + 4 : end - 4]) != crc:
-            raise InputRefused(path, "the PNG is damaged: wrong checksum", f"byte {offset}")
-        if header is None:
-            if kind != b"IHDR" or length != 13:
-                raise InputRefused(path, "the PNG does not begin with its header")
-            header = struct.unpack_from(">IIBB", data, offset + 8)
-        if kind == b"IEND":
-            return header
-        offset = end
-    raise InputRefused(path, "the PNG is cut off", f"byte {offset}")

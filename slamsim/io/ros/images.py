@@ -1,74 +1,111 @@
-"""Camera images of a recording: sensor_msgs/Image and CompressedImage."""
+"""Camera messages of ROS: sensor_msgs/Image, CompressedImage (compressedDepth too), CameraInfo."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import suppress
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from slamsim.core.types import CameraImage
-from slamsim.guard.errors import InputRefused
-from slamsim.io.ros.bag import Bag, open_bag
+from slamsim.cameras.codecs.depth import decode_compressed_depth
+from slamsim.cameras.codecs.pictures import decode_picture
+from slamsim.cameras.codecs.raw import Kind, RawImage, decode_raw
+from slamsim.cameras.frames import CameraClaim, EncodedFrame
+from slamsim.guard.pictures import JPEG_MAGIC, PNG_MAGIC
+from slamsim.recording.frames import frame_name
 
 RAW, PACKED = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"
-_MAGIC = {b"\xff\xd8\xff": "image/jpeg", b"\x89PNG": "image/png"}
-_CHANNELS: dict[str, tuple[str, int]] = {
-    "rgb8": ("u1", 3),
-    "bgr8": ("u1", 3),
-    "rgba8": ("u1", 4),
-    "bgra8": ("u1", 4),
-    "mono8": ("u1", 1),
-    "8UC1": ("u1", 1),
-    "8UC3": ("u1", 3),
-    "16UC1": ("u2", 1),
-    "mono16": ("u2", 1),
-    "32FC1": ("f4", 1),
-}
+INFO = "sensor_msgs/msg/CameraInfo"
+_DEPTH_TRANSPORT = "compressedDepth"
+_Decoded = tuple[Kind, NDArray[Any]]
 
 
-def camera_images(path: Path, most: int) -> Iterator[CameraImage]:
-    """At most so many images of each topic, evenly spread; those that cannot be read are left out.
-
-    Raises InputRefused as ``open_bag`` does.
-    """
-    with open_bag(path) as bag:
-        every = {c.topic: -(-c.messages // most) for c in bag.of_type(RAW, PACKED)}
-        seen = dict.fromkeys(every, 0)
-        for topic, _, data in bag.received(set(every)) if every else ():
-            seen[topic] += 1
-            if (seen[topic] - 1) % every[topic] == 0:
-                with suppress(InputRefused, ValueError):
-                    yield _image(bag, topic, data)
-
-
-def _image(bag: Bag, topic: str, data: bytes) -> CameraImage:
-    """Raises InputRefused for what is no message, ValueError for an image of another form."""
-    message = bag.deserialize(topic, data)
+def stamp_of(message: Any) -> int:
+    """Nanoseconds of a header's stamp."""
     stamp = message.header.stamp
-    stamp_ns = int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
-    if hasattr(message, "encoding"):
-        return CameraImage(topic, stamp_ns, pixels=_pixels(message), encoding=message.encoding)
-    packed = bytes(message.data)
-    media_type = next((kind for magic, kind in _MAGIC.items() if packed.startswith(magic)), "")
-    if not media_type:
-        raise ValueError("neither JPEG nor PNG")
-    return CameraImage(topic, stamp_ns, packed, media_type)
+    return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
 
 
-def _pixels(message: Any) -> NDArray[Any]:
-    if message.encoding not in _CHANNELS:
-        raise ValueError(f"images of encoding {message.encoding!r} are not known")
-    kind, channels = _CHANNELS[message.encoding]
-    dtype = np.dtype((">" if message.is_bigendian else "<") + kind)
-    rows, columns, step = int(message.height), int(message.width), int(message.step)
-    used = columns * channels * dtype.itemsize
+def frame_of(path: Path, topic: str, number: int, received_ns: int, message: Any) -> EncodedFrame:
+    """An image message, raw or packed, which is decoded when that is asked for."""
+    is_raw = hasattr(message, "encoding")
+    packed = b"" if is_raw or _DEPTH_TRANSPORT in message.format else bytes(message.data)
+    is_picture = packed.startswith((JPEG_MAGIC, PNG_MAGIC))
+    read: Callable[[], _Decoded] = partial(_raw if is_raw else _packed, message)
+    return EncodedFrame(
+        path,
+        topic,
+        number,
+        stamp_of(message),
+        received_ns,
+        frame_name(message.header.frame_id),
+        message.encoding if is_raw else message.format,
+        read,
+        partial(bytes, packed if is_picture else b""),
+    )
+
+
+def _raw(message: Any) -> _Decoded:
     data = np.asarray(message.data, dtype=np.uint8)
-    if not rows or not columns or step < used or data.size < step * rows:
-        raise ValueError("too few bytes for an image of its size")
-    plain = np.ascontiguousarray(data[: step * rows].reshape(rows, step)[:, :used])
-    pixels = plain.view(dtype).astype(dtype.newbyteorder("="))
-    return pixels.reshape(rows, columns, channels) if channels > 1 else pixels
+    height, width, step = int(message.height), int(message.width), int(message.step)
+    is_bigendian = bool(message.is_bigendian)
+    return decode_raw(RawImage(height, width, str(message.encoding), is_bigendian, step, data))
+
+
+def _packed(message: Any) -> _Decoded:
+    """JPEG or PNG by its first bytes, compressedDepth by its format."""
+    told, data = str(message.format), bytes(message.data)
+    if _DEPTH_TRANSPORT in told:
+        return "depth", decode_compressed_depth(told, data)
+    return of_picture(decode_picture(data), told)
+
+
+def of_picture(pixels: NDArray[Any], told: str = "") -> _Decoded:
+    """Kind and pixels of a decoded JPEG or PNG, whose message has this format.
+
+    A single channel of 16 bits holds depths, unless it is told to be mono16. Where the format
+    says that colours were packed as they were (``compressed rgb``), not in the order of the file
+    type, red and blue are swapped back, as compressed_image_transport does.
+    """
+    if pixels.ndim == 2 and pixels.dtype == np.uint16 and not told.startswith("mono16"):
+        return "depth", pixels
+    eight = (pixels >> 8).astype(np.uint8) if pixels.dtype == np.uint16 else pixels
+    if pixels.ndim == 2:
+        return "grey", eight
+    is_swapped = "compressed rgb" in told
+    return "colour", np.ascontiguousarray(eight[:, :, ::-1]) if is_swapped else eight
+
+
+def claim_of(topic: str, message: Any) -> CameraClaim:
+    """What a CameraInfo says; ROS 1 writes D, K, R and P in capitals."""
+
+    def numbers(name: str) -> NDArray[np.float64]:
+        value = getattr(message, name, None)
+        return np.array(getattr(message, name.upper()) if value is None else value, np.float64)
+
+    roi = message.roi
+    return CameraClaim(
+        f"topic {topic}",
+        frame_name(message.header.frame_id),
+        int(message.width),
+        int(message.height),
+        str(message.distortion_model),
+        numbers("d"),
+        numbers("k").reshape(3, 3),
+        numbers("r").reshape(3, 3),
+        numbers("p").reshape(3, 4),
+        (max(int(message.binning_x), 1), max(int(message.binning_y), 1)),
+        (int(roi.x_offset), int(roi.y_offset), int(roi.width), int(roi.height)),
+    )
+
+
+def info_topic(image_topic: str) -> str:
+    """The topic of the CameraInfo beside an image topic, by the rule of image_transport:
+    ``camera_info`` in the namespace of the raw image, whatever transport follows it."""
+    base = image_topic
+    for transport in ("/compressed", f"/{_DEPTH_TRANSPORT}"):
+        base = base.removesuffix(transport)
+    return f"{base.rpartition('/')[0]}/camera_info"

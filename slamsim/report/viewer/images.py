@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from contextlib import suppress
+from typing import Any
 
-import cv2
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
+from numpy.typing import NDArray
 
-from slamsim.core.types import DEPTHS_M, CameraImage
+from slamsim.cameras.codecs.pictures import encode_jpeg, encode_png
+from slamsim.cameras.frames import EncodedFrame
+from slamsim.guard.errors import InputRefused
+from slamsim.guard.pictures import JPEG_MAGIC
 from slamsim.report.run_view import RunView
 from slamsim.report.viewer.stage import time_column
 
@@ -17,27 +22,23 @@ MOST_IMAGES = 300
 """Of each camera: half a minute at ten a second, and more thinly of a longer drive."""
 _QUALITY = 80
 _MOST_VIEWS = 4
-_TO_BGR = {
-    "rgb8": cv2.COLOR_RGB2BGR,
-    "rgba8": cv2.COLOR_RGBA2BGR,
-    "bgra8": cv2.COLOR_BGRA2BGR,
-}
 
 
 def log_images(
-    recording: rr.RecordingStream, view: RunView, images: Iterable[CameraImage]
+    recording: rr.RecordingStream, view: RunView, images: Iterable[EncodedFrame]
 ) -> list[str]:
-    """Log all of them as they were packed, or as JPEG; distances as PNG.
+    """Log all that can be decoded: JPEG as it is, others as JPEG, distances as PNG.
 
     Returns the entities of the cameras.
     """
     entities: dict[str, None] = {}
     for image in images:
-        entity = f"cameras/{image.topic.strip('/')}"
-        entities.setdefault(entity)
-        columns = _columns(image)
-        stamps_ns = np.array([image.stamp_ns], dtype=np.int64)
-        recording.send_columns(entity, [time_column(view, stamps_ns)], columns)
+        with suppress(InputRefused):
+            columns = _columns(image)
+            entity = f"cameras/{image.topic.strip('/')}"
+            entities.setdefault(entity)
+            stamps_ns = np.array([image.stamp_ns], dtype=np.int64)
+            recording.send_columns(entity, [time_column(view, stamps_ns)], columns)
     return list(entities)
 
 
@@ -49,18 +50,21 @@ def camera_views(entities: list[str]) -> list[rrb.Spatial2DView]:
     ]
 
 
-def _columns(image: CameraImage) -> rr.ComponentColumnList:
-    if image.pixels is None:
-        return rr.EncodedImage.columns(blob=[image.packed], media_type=[image.media_type])
-    if image.encoding in DEPTHS_M:
-        metres = np.nan_to_num(image.pixels * DEPTHS_M[image.encoding], posinf=0.0, neginf=0.0)
-        in_mm = np.clip(np.rint(1e3 * metres), 0, 65535).astype(np.uint16)
-        packed = cv2.imencode(".png", in_mm)[1].tobytes()
+def _columns(image: EncodedFrame) -> rr.ComponentColumnList:
+    kind, pixels = image.stored()
+    if kind == "depth":
+        packed = encode_png(_in_mm(pixels, image.unit_m))
         return rr.EncodedDepthImage.columns(blob=[packed], media_type=["image/png"], meter=[1e3])
-    pixels = image.pixels
-    if pixels.dtype != np.uint8:
-        pixels = (pixels >> 8).astype(np.uint8)
-    code = _TO_BGR.get(image.encoding)
-    ready = pixels if code is None else cv2.cvtColor(pixels, code)
-    packed = cv2.imencode(".jpg", ready, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])[1].tobytes()
+    packed = image.packed()
+    if not packed.startswith(JPEG_MAGIC):
+        packed = encode_jpeg(pixels, _QUALITY)
     return rr.EncodedImage.columns(blob=[packed], media_type=["image/jpeg"])
+
+
+def _in_mm(pixels: NDArray[Any], unit_m: float) -> NDArray[np.uint16]:
+    """Depths as they are stored, whether or not their unit can be right."""
+    if pixels.dtype == np.uint16 and unit_m == 1e-3:
+        return pixels
+    in_mm = 1e3 * pixels * (unit_m if pixels.dtype == np.uint16 else 1.0)
+    known = np.nan_to_num(in_mm, nan=0.0, posinf=0.0, neginf=0.0)
+    return np.clip(np.rint(known), 0, 65535).astype(np.uint16)

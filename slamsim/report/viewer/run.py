@@ -13,7 +13,7 @@ from pathlib import Path
 
 import rerun as rr
 
-from slamsim.core.types import CameraImage
+from slamsim.cameras.frames import EncodedFrame
 from slamsim.guard.output import write_atomic
 from slamsim.report.figures.palette import rgb
 from slamsim.report.precision import precision_plots
@@ -27,7 +27,7 @@ from slamsim.report.viewer.stage import laser_frame, log_scans, log_transforms, 
 APPLICATION = "slamsim"
 
 
-def write_recording(path: Path, view: RunView, images: Iterable[CameraImage] = ()) -> None:
+def write_recording(path: Path, view: RunView, images: Iterable[EncodedFrame] = ()) -> None:
     """Write ``run.rrd``; what was under this name stays if anything fails.
 
     Raises what write_atomic raises.
