@@ -47,7 +47,7 @@ ALLOWED: Mapping[str, tuple[str, ...]] = {
         *("simulation", "check", "evaluate", "slam", "sensors", "sim", "io", "process"),
         *_DATA,
     ),
-    "report": ("scenarios", "check", "evaluate", "process", *_DATA),
+    "report": ("scenarios", "check", "evaluate", "process", "cameras", *_DATA),
     "dataset": (
         *("report", "simulation", "evaluate", "slam", "sensors", "sim", "world", "io"),
         *("process", *_DATA),
@@ -70,7 +70,7 @@ ALLOWED: Mapping[str, tuple[str, ...]] = {
     ),
     "cli": (
         *("bench", "run", "live", "report", "dataset", "scenarios", "io", "console", "process"),
-        "config",
+        *("cameras", "config"),
         *_FOUNDATION,
     ),
     "ros": ("cli", "run", "live", "io", "console", *_FOUNDATION),
