@@ -32,8 +32,12 @@ class Calls:
         return answer
 
     def answer(self, request: Callable[[], _T]) -> _T:
-        """Ask, and wait for it. Raises what the request raises."""
-        return cast(_T, self.ask(request).result(_ANSWER_S))
+        """Ask, and wait for it. Raises what the request raises, SlamsimError where the loop does
+        not come to it."""
+        try:
+            return cast(_T, self.ask(request).result(_ANSWER_S))
+        except TimeoutError:
+            raise SlamsimError(f"the live robot did not answer within {_ANSWER_S:.0f} s") from None
 
     def heed(self) -> None:
         """In the loop: do what was asked for."""

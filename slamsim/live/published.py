@@ -11,6 +11,7 @@ import numpy as np
 from slamsim.core.types import FloatArray, Grid
 from slamsim.io.bag2.folder import TopicKind
 from slamsim.io.ros.standard_types import ros2_types
+from slamsim.recording.schemas import TRANSFORMS
 
 MAP, PATH, DIAGNOSTICS = "/map", "/path", "/slamsim/diagnostics"
 SLAM_TOPICS = (
@@ -41,7 +42,7 @@ class SlamMessages:
             child_frame_id=self._odom_frame,
             transform=transform,
         )
-        return self._cdr("tf2_msgs/msg/TFMessage", transforms=[stamped])
+        return self._cdr(TRANSFORMS, transforms=[stamped])
 
     def grid(self, stamp_ns: int, grid: Grid) -> bytes:
         """As nav_msgs/OccupancyGrid: per cent, -1 unknown."""

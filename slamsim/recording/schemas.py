@@ -186,7 +186,9 @@ TRANSFORM = Schema(
     "transforms",
     (("parent", "header.frame_id"), ("child", "child_frame_id")),
 )
-"""One transform of a tf2_msgs/TFMessage."""
+"""One of the transforms of a message."""
+TRANSFORMS = "tf2_msgs/msg/TFMessage"
+"""The messages that hold them."""
 
 TWISTS = Schema(
     "geometry_msgs/msg/TwistStamped",

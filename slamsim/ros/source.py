@@ -141,12 +141,15 @@ class RosSource:
                     self._look()
                     self._looked.set()
                 self._executor.spin_once(timeout_sec=_SPIN_S)
+            why = "was shut down"
         except ExternalShutdownException:
-            pass
+            why = "was shut down"
+        except Exception as error:  # of the middleware: other ones in each release
+            why = f"failed ({reason_of(error)})"
         finally:
             self._looked.set()
         if not self._over.is_set():
-            self._notice("ROS was shut down; no more messages arrive")
+            self._notice(f"ROS {why}; no more messages arrive")
 
     def _look(self) -> None:
         """See which topics there are, and subscribe to those that are wanted."""

@@ -21,6 +21,7 @@ from slamsim.recording import (
     Recording,
     TransformEdge,
 )
+from slamsim.recording.schemas import TRANSFORMS
 from slamsim.sensors.readings import Readings, scan_streams
 from slamsim.simulation.header import LogHeader
 from slamsim.simulation.tails import OdometryTail, TruthTail, WheelMotion, at_rate
@@ -28,14 +29,14 @@ from slamsim.simulation.tails import OdometryTail, TruthTail, WheelMotion, at_ra
 _TRUTH, _COMMANDS = "/ground_truth/odom", "/cmd_vel"
 TOPICS = {
     "/robot_description": "std_msgs/msg/String",
-    "/tf_static": "tf2_msgs/msg/TFMessage",
+    "/tf_static": TRANSFORMS,
     "/clock": "rosgraph_msgs/msg/Clock",
     "/scan": RawScans.schema.type_name,
     "/imu/data": RawImu.schema.type_name,
     "/encoder_ticks": RawTicks.schema.type_name,
     "/joint_states": RawJoints.schema.type_name,
     "/odom": RawOdometry.schema.type_name,
-    "/tf": "tf2_msgs/msg/TFMessage",
+    "/tf": TRANSFORMS,
     _COMMANDS: RawTwists.schema.type_name,
     _TRUTH: RawOdometry.schema.type_name,
 }

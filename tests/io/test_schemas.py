@@ -10,11 +10,10 @@ import numpy as np
 import pytest
 
 from slamsim.io.ros.columns import Alike, alike, layout_for
-from slamsim.io.ros.encoding import TRANSFORMS
 from slamsim.io.ros.layouts import columns_of, message_layout, shape_of
 from slamsim.io.ros.standard_types import ros2_types
 from slamsim.recording import KINDS, RawStream, RawTwists, ScanLayout, TransformEdge
-from slamsim.recording.schemas import LASER_LAYOUT, TRANSFORM, Schema
+from slamsim.recording.schemas import LASER_LAYOUT, TRANSFORM, TRANSFORMS, Schema
 
 STORE = ros2_types()
 STREAMS: tuple[type[RawStream], ...] = (*KINDS, RawTwists)

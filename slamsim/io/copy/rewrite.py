@@ -30,9 +30,10 @@ from slamsim.io.copy.shared_clocks import StampMap, header_topics, stamp_maps, s
 from slamsim.io.copy.writers import Bag1Copy, Bag2Copy, Copy, Message, Spool
 from slamsim.io.input_errors import as_input_errors
 from slamsim.io.ros.bag import Bag, open_bag
-from slamsim.io.ros.reader import TRANSFORMS, description_topic, is_truth, recorded_name
+from slamsim.io.ros.reader import TRANSFORM_TYPES, description_topic, is_truth, recorded_name
 from slamsim.io.ros.sources import Bag1Source, McapSource
 from slamsim.recording import Recording, TransformEdge
+from slamsim.recording.schemas import TRANSFORMS
 
 
 @dataclass(frozen=True, slots=True)
@@ -217,11 +218,11 @@ def _spool_new(
         return
     first_ns = next(bag.everything())[1]
     types, declared = bag.source.types, bag.source.declarations
-    carrying = {c.topic for c in bag.of_type(*TRANSFORMS)}
+    carrying = {c.topic for c in bag.of_type(*TRANSFORM_TYPES)}
     targets = {d.topic: numbers[n] for n, d in declared.items() if d.topic in carrying}
     for edge in edges:
         if edge.topic not in targets:
-            made = copy.declare_standard(edge.topic, TRANSFORMS[0], latched=edge.is_static)
+            made = copy.declare_standard(edge.topic, TRANSFORMS, latched=edge.is_static)
             targets[edge.topic] = copy.declare(made)
             types.declare(made.topic, made.type_name, made.encoding)
             types.define(made.type_name, made.written_as, made.definition.decode())

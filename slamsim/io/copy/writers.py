@@ -35,6 +35,7 @@ from slamsim.io.ros.sources import Declaration
 from slamsim.io.ros.standard_types import ros2_types
 from slamsim.io.staged_writer import StagedWriter
 from slamsim.recording.row_store import IN_MEMORY_BYTES, large_files_folder
+from slamsim.recording.schemas import TRANSFORMS
 
 Message = tuple[int, int, int, int, bytes]
 """(number of the publisher, log time, publish time, sequence, serialised message); times in ns"""
@@ -200,7 +201,7 @@ class Bag1Copy(Copy):
 
     def declare_standard(self, topic: str, type_name: str, *, latched: bool) -> Declaration:
         store = get_typestore(Stores.ROS1_NOETIC)
-        if type_name == "tf2_msgs/msg/TFMessage":  # which rosbags does not count among them
+        if type_name == TRANSFORMS:  # which rosbags does not count among them
             text = "geometry_msgs/TransformStamped[] transforms"
             store.register(get_types_from_msg(text, type_name))
         definition, md5sum = store.generate_msgdef(type_name)

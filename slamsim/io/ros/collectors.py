@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from slamsim.core.types import IntArray
 from slamsim.io.ros.cdr import CdrLayout
 from slamsim.io.ros.columns import Alike, Opened, alike, at_place, layout_for
-from slamsim.io.ros.encoding import TRANSFORMS
 from slamsim.io.ros.layouts import columns_of, message_layout, shape_of
 from slamsim.recording import (
     Origin,
@@ -25,7 +24,7 @@ from slamsim.recording import (
     TransformEdge,
 )
 from slamsim.recording.frames import frame_name
-from slamsim.recording.schemas import CLOCK, JOINTS, TRANSFORM, Field, Schema
+from slamsim.recording.schemas import CLOCK, JOINTS, TRANSFORM, TRANSFORMS, Field, Schema
 
 _Raw = TypeVar("_Raw", bound=RawStream)
 

@@ -27,9 +27,17 @@ from slamsim.recording import (
     TransformEdge,
 )
 from slamsim.recording.edits.messages import select
-from slamsim.recording.schemas import CLOCK, LASER_LAYOUT, SCANS, TRANSFORM, Field, Schema
+from slamsim.recording.schemas import (
+    CLOCK,
+    LASER_LAYOUT,
+    SCANS,
+    TRANSFORM,
+    TRANSFORMS,
+    Field,
+    Schema,
+)
 
-TRANSFORMS, TEXT = "tf2_msgs/msg/TFMessage", "std_msgs/msg/String"
+TEXT = "std_msgs/msg/String"
 
 Which = IntArray | slice
 """Numbers of messages; a slice copies nothing."""

@@ -39,20 +39,20 @@ from slamsim.recording import (
 )
 from slamsim.recording.cleaning.rising_stamps import epoch_of
 from slamsim.recording.frames import frame_name
-from slamsim.recording.schemas import CLOCK
+from slamsim.recording.schemas import CLOCK, TRANSFORMS
 
 _BATCH, _BATCH_BYTES = 4096, 16 << 20
 _DESCRIPTION, _TEXT = "robot_description", "std_msgs/msg/String"
 ODOMETRY = RawOdometry.schema.type_name
-TRANSFORMS = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
+TRANSFORM_TYPES = (TRANSFORMS, "tf/msg/tfMessage")
 _TRUTH_WORDS = ("ground_truth", "groundtruth")
 _OWN_METADATA = "slamsim"
 _COLLECTORS: dict[str, Callable[[str, Opened, bool], Any]] = {
     **{kind.schema.type_name: partial(NumberCollector, kind) for kind in KINDS},
     RawScans.schema.type_name: ScanCollector,
     RawJoints.schema.type_name: JointCollector,
-    TRANSFORMS[0]: TransformCollector,
-    TRANSFORMS[1]: TransformCollector,
+    TRANSFORM_TYPES[0]: TransformCollector,
+    TRANSFORM_TYPES[1]: TransformCollector,
     CLOCK.type_name: ClockCollector,
 }
 

@@ -12,7 +12,7 @@ from slamsim.core.types import IntArray, Log
 from slamsim.guard.errors import InputRefused
 from slamsim.io.bag2.folder import TopicKind
 from slamsim.io.ros.bag import Bag
-from slamsim.io.ros.reader import TRANSFORMS, is_read, read_bag
+from slamsim.io.ros.reader import is_read, read_bag
 from slamsim.io.ros.sources import HeldSource
 from slamsim.io.ros.standard_types import ros2_types
 from slamsim.io.selection import Selection, selected
@@ -25,6 +25,7 @@ from slamsim.recording.cleaning.log import clean
 from slamsim.recording.cleaning.no_return import RangeLimit
 from slamsim.recording.cleaning.scans import RecordedScans
 from slamsim.recording.cleaning.streams import chain_of
+from slamsim.recording.schemas import TRANSFORMS
 
 PATIENCE_S = 60.0
 """How long a robot may take until something can be mapped: drivers start within a minute."""
@@ -77,18 +78,18 @@ class FixedTransforms:
     def with_all(self, message: Message) -> Message:
         """A tf2_msgs/TFMessage with all that was told before; a damaged one as it is."""
         try:
-            told: Any = self._types.deserialize_cdr(message.data, TRANSFORMS[0])
+            told: Any = self._types.deserialize_cdr(message.data, TRANSFORMS)
         except Exception:  # of many types, for damage of any kind
             return message
         self._by_child |= {one.child_frame_id: one for one in told.transforms}
         told.transforms = list(self._by_child.values())
-        data = bytes(self._types.serialize_cdr(told, TRANSFORMS[0]))
+        data = bytes(self._types.serialize_cdr(told, TRANSFORMS))
         return Message(message.topic, message.log_ns, data)
 
 
 def is_fixed(topic: TopicKind) -> bool:
     """Whether its messages are fixed transforms, which each publisher says once."""
-    return topic.latched and topic.type_name == TRANSFORMS[0]
+    return topic.latched and topic.type_name == TRANSFORMS
 
 
 class ScanOrder:

@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterable
 from contextlib import ExitStack
 from pathlib import Path
 
 import numpy as np
 
-from slamsim.guard.output import discard, partial_folder
+from slamsim.guard.output import discard, free_bytes, partial_folder
 from slamsim.io.bag2.folder import BagFolder, TopicKind
 from slamsim.io.names import LOG
 from slamsim.live.hub import Message
+
+RESERVE_BYTES = 128 << 20
+"""Left free on the disk, for the index of the recording and the map."""
+_LOOK_S = 1.0
 
 
 class MessageRecording:
@@ -69,6 +74,7 @@ class Recordings:
     def __init__(self, parent: Path) -> None:
         self._parent = parent
         self._current: MessageRecording | None = None
+        self._looked_s = 0.0
         self.folders: list[Path] = []
 
     @property
@@ -84,10 +90,16 @@ class Recordings:
             self.folders.append(folder)
         return self._current.folder
 
-    def write(self, messages: Iterable[Message]) -> None:
-        """What arrived next."""
-        if self._current is not None:
-            self._current.write(messages)
+    def write(self, messages: Iterable[Message]) -> Path | None:
+        """What arrived next. Its folder where the recording had to end, whole, because the disk is
+        nearly full."""
+        if self._current is None:
+            return None
+        self._current.write(messages)
+        if time.monotonic() - self._looked_s < _LOOK_S:
+            return None
+        self._looked_s = time.monotonic()
+        return self.end() if free_bytes(self._parent) < RESERVE_BYTES else None
 
     def end(self) -> Path | None:
         """The folder that is whole now, None if there was none or nothing came. Raises SlamsimError

@@ -20,6 +20,7 @@ from slamsim.live.live_map import LiveMap
 from slamsim.live.mapping import Begin, MappingProcess
 from slamsim.live.published import DIAGNOSTICS, MAP
 from slamsim.live.remote.checking import CheckingProcess
+from slamsim.live.remote.events import Lag, LateTopics, Silence
 from slamsim.live.remote.received import (
     PATIENCE_S,
     FixedTransforms,
@@ -37,11 +38,6 @@ from slamsim.recording import RawScans
 FIRST_S = 5.0
 """So much is looked at before the map begins: some tens of scans, which show the largest range, and
 fixed transforms that a publisher repeats every second or so."""
-SILENCE_S = 5.0
-"""Without a scan for so long, that is told: every lidar turns at least twice a second."""
-MOST_LAG_S, CAUGHT_UP_S = 30.0, 1.0
-"""A SLAM that lags so far behind gets no more scans until it has caught up, lest memory grows for
-hours; by then its poses are of little use to the robot anyway."""
 _TURN_S = 0.05
 _OWN_MAP = f"/slamsim{MAP}"
 
@@ -94,8 +90,8 @@ class RemoteRobot:
         self.received = 0
         """Messages so far."""
         self.begun_s, self._now_ns = time.monotonic(), time.time_ns()
-        self._order, self._scan_s = ScanOrder(), time.monotonic()
-        self._is_silent = self._is_lagging = False
+        self._order = ScanOrder()
+        self._silence, self._lag, self._late = Silence(), Lag(), LateTopics({*self._topics, "/tf"})
         self.status = self._described()
         """As of the last turn."""
 
@@ -183,7 +179,9 @@ class RemoteRobot:
         self.known.heed(self._now_ns, self._post)
         if self.checker is not None:
             self.known.events.extend(self.checker.news())
-        self._note_silence()
+        self.known.events.extend(self._silence.news())
+        if self._late.is_due():
+            self.notes.extend(self._late.news(self._source.topics()))
         self.status = self._described()
         self.known.diagnose(self.status, self._values(), self._post)
         self._stopping |= time.monotonic() - self.begun_s >= self.setup.duration_s
@@ -202,7 +200,9 @@ class RemoteRobot:
         shown = [self._fixed.with_all(m) if is_fixed(m.topic) else m for m in found]
         for message in shown:
             self._hub.publish(message.topic.name, message.log_ns, message.data)
-        self.recordings.write(found)
+        whole = self.recordings.write(found)
+        if whole is not None:
+            self.known.events.append(f"the disk is nearly full: the recording ended, {whole}/")
         if self.checker is not None:
             self.checker.take(shown)
         self.received += len(found)
@@ -217,10 +217,11 @@ class RemoteRobot:
         streams = self.inputs.of(recording_of(self._source.url, messages))
         scans = [one for one in streams if isinstance(one, RawScans)]
         if scans:
-            self._scan_s = time.monotonic()
+            self._silence.scan_came()
         if scans and self._order.is_another_drive(scans[0].stamps_ns):
             self._begin_another_drive()
-        if self._lags():
+        self.known.events.extend(self._lag.news(self._process.lag_s))
+        if self._lag.is_on:
             streams = [one for one in streams if not isinstance(one, RawScans)]
         self.known.take(streams)
 
@@ -231,25 +232,6 @@ class RemoteRobot:
         if self.checker is not None:
             self.checker.begin_anew()
         self._begin_map()
-
-    def _lags(self) -> bool:
-        """Whether SLAM has to catch up."""
-        lag_s = self._process.lag_s
-        if lag_s > MOST_LAG_S and not self._is_lagging:
-            self._is_lagging = True
-            late = f"SLAM is {lag_s:.0f} s behind: scans are left out until it has caught up"
-            self.known.events.append(late)
-        elif lag_s < CAUGHT_UP_S and self._is_lagging:
-            self._is_lagging = False
-            self.known.events.append("SLAM has caught up")
-        return self._is_lagging
-
-    def _note_silence(self) -> None:
-        silent_s = time.monotonic() - self._scan_s
-        if self._is_silent != (silent_s > SILENCE_S):
-            self._is_silent = not self._is_silent
-            words = f"no scan for {silent_s:.0f} s" if self._is_silent else "scans come again"
-            self.known.events.append(words)
 
     def _post(self, topic: str, log_ns: int, data: bytes) -> None:
         """A message of SLAM, to the clients here and to the robot."""
@@ -294,5 +276,5 @@ class RemoteRobot:
             tracking=self.known.tracking,
             keyframes=keyframes,
             closures=closures,
-            ended="no scans come" if self._is_silent else "",
+            ended="no scans come" if self._silence.is_on else "",
         )

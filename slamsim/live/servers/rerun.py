@@ -20,6 +20,7 @@ from slamsim.io.bag2.folder import TopicKind
 from slamsim.io.ros.standard_types import ros2_types
 from slamsim.live.hub import Hub, Message
 from slamsim.live.servers.undrawn import Undrawn
+from slamsim.recording.schemas import TRANSFORMS
 from slamsim.report.viewer.live import LiveScene
 from slamsim.report.viewer.process import live_viewer
 from slamsim.report.viewer.stage import BASE
@@ -31,7 +32,6 @@ SHOWN = {
     "nav_msgs/msg/Path": ("/path", "path"),
 }
 """By type: the topic that is shown of several, and how it is drawn; else the first one is."""
-TRANSFORMS = "tf2_msgs/msg/TFMessage"
 PERIOD_S = 0.05
 """No eye sees more than 20 pictures a second of a map."""
 BACK_NS = 1_000_000_000

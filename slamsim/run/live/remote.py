@@ -10,7 +10,6 @@ from slamsim.console.reporter import Reporter
 from slamsim.core.progress import Progress
 from slamsim.guard.errors import SlamsimError
 from slamsim.io.bag2.folder import TopicKind
-from slamsim.io.ros.reader import TRANSFORMS
 from slamsim.live.hub import Hub
 from slamsim.live.mapping import Finished, MappingProcess
 from slamsim.live.published import SLAM_TOPICS
@@ -20,9 +19,10 @@ from slamsim.live.remote.received import read_topics
 from slamsim.live.remote.robot import RemoteRobot, RemoteSetup
 from slamsim.live.sources.connect import open_source
 from slamsim.live.sources.source import MessageLink
+from slamsim.recording.schemas import TRANSFORMS
 from slamsim.run.live.serving import Ports, run_until_signal, servers, write_map
 
-_TRANSFORMS = TopicKind("/tf", TRANSFORMS[0])
+_TRANSFORMS = TopicKind("/tf", TRANSFORMS)
 """The map's is published also for a robot that tells none."""
 
 

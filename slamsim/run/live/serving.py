@@ -80,9 +80,13 @@ def run_until_signal(loop: Loop, look: Callable[[], None]) -> bool:
     thread = threading.Thread(target=live, name="slamsim-live")
     with _heeding(loop.stop) as heard:
         thread.start()
-        while thread.is_alive():
-            thread.join(_LOOK_S)
-            look()
+        try:
+            while thread.is_alive():
+                thread.join(_LOOK_S)
+                look()
+        finally:
+            loop.stop()
+            thread.join()
     if failures:
         raise failures[0]
     return bool(heard)

@@ -22,6 +22,7 @@ from slamsim.io.ros.standard_types import ros2_types
 from slamsim.live.hub import Hub, Message
 from slamsim.live.servers.undrawn import Undrawn
 from slamsim.live.servers.web.transforms import LiveTransforms
+from slamsim.recording.schemas import TRANSFORMS
 
 SCAN_STEP_M = 0.005
 """Points of a scan are sent in steps of this size from its centre, in 16 bits: up to 163 m."""
@@ -39,7 +40,6 @@ _MOST_TRANSFORMS = 4096
 """Messages that wait: what comes within seconds."""
 
 _SCAN, _MAP, _PATH = "sensor_msgs/msg/LaserScan", "nav_msgs/msg/OccupancyGrid", "nav_msgs/msg/Path"
-_TRANSFORMS = "tf2_msgs/msg/TFMessage"
 
 
 def binary_frame(head: Mapping[str, Any], body: bytes) -> bytes:
@@ -70,7 +70,7 @@ class View:
 
     def _hear(self, message: Message) -> None:
         kind = self._kinds[message.topic.name]
-        if kind == _TRANSFORMS:
+        if kind == TRANSFORMS:
             self._waiting.append(message)
         elif kind in (_SCAN, _MAP, _PATH):
             self._newest[message.topic.name] = message

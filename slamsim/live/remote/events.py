@@ -1,0 +1,70 @@
+"""What a user is told of a robot elsewhere: each event once, as it begins and as it ends."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterable, Iterator
+
+from slamsim.io.bag2.folder import TopicKind
+from slamsim.io.ros.reader import is_read
+
+SILENCE_S = 5.0
+"""Without a scan for so long, that is told: every lidar turns at least twice a second."""
+MOST_LAG_S, CAUGHT_UP_S = 30.0, 1.0
+"""A SLAM that lags so far behind gets no more scans until it has caught up, lest memory grows for
+hours; by then its poses are of little use to the robot anyway."""
+_LOOK_S = 5.0
+
+
+class Silence:
+    """No scans come. is_on: whether that is so."""
+
+    def __init__(self) -> None:
+        self._scan_s, self.is_on = time.monotonic(), False
+
+    def scan_came(self) -> None:
+        """Just now."""
+        self._scan_s = time.monotonic()
+
+    def news(self) -> Iterator[str]:
+        """What is to be told since the last call."""
+        silent_s = time.monotonic() - self._scan_s
+        if self.is_on != (silent_s > SILENCE_S):
+            self.is_on = not self.is_on
+            yield f"no scan for {silent_s:.0f} s" if self.is_on else "scans come again"
+
+
+class Lag:
+    """SLAM has to catch up. is_on: whether that is so."""
+
+    def __init__(self) -> None:
+        self.is_on = False
+
+    def news(self, lag_s: float) -> Iterator[str]:
+        """What is to be told since the last call. lag_s: how long the oldest message waits."""
+        if lag_s > MOST_LAG_S and not self.is_on:
+            self.is_on = True
+            yield f"SLAM is {lag_s:.0f} s behind: scans are left out until it has caught up"
+        elif lag_s < CAUGHT_UP_S and self.is_on:
+            self.is_on = False
+            yield "SLAM has caught up"
+
+
+class LateTopics:
+    """Topics that appear after the map was begun, which nothing is done with."""
+
+    def __init__(self, topics: Iterable[str]) -> None:
+        self._known, self._looked_s = set(topics), time.monotonic()
+
+    def is_due(self) -> bool:
+        """Whether it is time to look for topics again."""
+        return time.monotonic() - self._looked_s > _LOOK_S
+
+    def news(self, there: Iterable[TopicKind]) -> Iterator[str]:
+        """What is to be told since the last call."""
+        self._looked_s = time.monotonic()
+        late = {t.name for t in there if is_read(t.name, t.type_name)} - self._known
+        self._known |= late
+        if late:
+            names = " and ".join(sorted(late))
+            yield f"{names} appeared late: not mapped, checked or recorded until a new start"
