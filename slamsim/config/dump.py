@@ -20,8 +20,8 @@ from slamsim.config.base import Config
 _WIDTH = 96
 _PLAIN = re.compile(r"[A-Za-z_/][A-Za-z0-9_/.-]*")
 _BREAKS = re.compile("[\x7f-\xa0\u2028\u2029\ufeff]")
-_UNTOLD = frozenset(("additional", "sinks"))
-"""Lists that are left out while empty: files of before they were there stay as they were."""
+_UNTOLD = frozenset(("additional", "sinks", "looks"))
+"""Left out while they are as by default: files of before they were there stay as they were."""
 # Also what YAML 1.1 takes for something else than text: other readers still speak it.
 _WORDS = frozenset(("null", "true", "false", "yes", "no", "on", "off", "y", "n"))
 
@@ -37,7 +37,7 @@ def dump_commented_yaml(config: Config) -> str:
 def _model_lines(model: BaseModel, indent: str) -> Iterator[str]:
     for name, field in type(model).model_fields.items():
         value = getattr(model, name)
-        if value == () and field.default == () and name in _UNTOLD:
+        if name in _UNTOLD and value == field.default:
             continue
         yield from _comment(field, value, indent)
         yield from _entry(f"{indent}{name}:", value, indent)

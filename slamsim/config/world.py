@@ -24,6 +24,7 @@ from slamsim.config.layout import (
     SizeRange,
     ascending,
 )
+from slamsim.config.looks import LooksConfig
 
 ClutterShape = Literal["box", "cylinder", "table", "chair", "l_shape", "panel"]
 LAYOUTS = ("maze", "rooms", "plan", "image", "mesh")
@@ -180,6 +181,8 @@ class WorldConfig(Config):
     """Things that stand about."""
     floor: FloorConfig = FloorConfig()
     """What the wheels roll on."""
+    looks: LooksConfig = LooksConfig()
+    """What cameras see: materials, posters, tags, lamps."""
     start: StartConfig | None = None
     """Without one, the robot starts in the first cell, facing the first way out."""
     clearance_m: float = Field(default=0.6, gt=0.0, le=20.0)

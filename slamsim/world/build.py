@@ -21,6 +21,7 @@ from slamsim.world.from_image import image_prisms
 from slamsim.world.from_mesh import read_mesh
 from slamsim.world.mesh_solids import MeshSolids
 from slamsim.world.model import BODY_HIGH_M, BODY_LOW_M, Bounds, FloorPatch, World
+from slamsim.world.parts import Parts, parts_of
 from slamsim.world.prism import Prism, merge_prisms, polygons_of, prism_mesh
 from slamsim.world.reachable_space import coarsest_m, find_room, given_start
 from slamsim.world.solids import PrismSolids, Solids
@@ -123,7 +124,8 @@ def _reachable_world(
 ) -> World:
     """A world whose free space has to be found out."""
     start, visits = find_room(solids, bounds, config.clearance_m, spacing_m, config.start)
-    return _world(config, seed, mesh, solids, bounds, start, visits)
+    parts = Parts.all_wall(mesh)
+    return _world(config, seed, mesh, parts, solids, bounds, start, visits)
 
 
 def _planned_world(plan: FloorPlan, config: WorldConfig, seed: int) -> World:
@@ -133,7 +135,7 @@ def _planned_world(plan: FloorPlan, config: WorldConfig, seed: int) -> World:
     ways = reserve_ways(plan, panels, config)
     walls = build_walls(plan, panels, config, seed)
     clutter = place_clutter(plan, ways, walls, config.clutter, seed)
-    prisms = merge_prisms([*walls, *clutter])
+    prisms = merge_prisms([*walls, *(prism for thing in clutter for prism in thing.prisms)])
     visits = np.array([plan.centre_m(int(cell)) for cell in np.flatnonzero(plan.present)])
     start = np.array([*plan.centre_m(plan.start), _first_way(plan)])
     if config.start is not None:
@@ -142,7 +144,9 @@ def _planned_world(plan: FloorPlan, config: WorldConfig, seed: int) -> World:
     grounds = [prism.shadow(-math.inf, math.inf) for prism in prisms]
     x_min, y_min, x_max, y_max = shapely.total_bounds(grounds).tolist()
     bounds = (x_min, y_min, x_max, y_max)
-    return _world(config, seed, prism_mesh(prisms), PrismSolids(prisms), bounds, start, visits)
+    mesh = prism_mesh(prisms)
+    parts = parts_of(mesh, prisms, clutter)
+    return _world(config, seed, mesh, parts, PrismSolids(prisms), bounds, start, visits)
 
 
 def _check_connected(plan: FloorPlan) -> None:
@@ -191,6 +195,7 @@ def _world(
     config: WorldConfig,
     seed: int,
     mesh: TriangleMesh,
+    parts: Parts,
     solids: Solids,
     bounds: Bounds,
     start_pose: FloatArray,
@@ -203,6 +208,7 @@ def _world(
         name=config.name,
         seed=seed,
         mesh=mesh,
+        parts=parts,
         solids=solids,
         floor_friction=config.floor.friction,
         floor_patches=patches,

@@ -15,6 +15,7 @@ from slamsim.core.randomness import random_stream
 from slamsim.core.types import FloatArray
 from slamsim.guard.errors import SlamsimError
 from slamsim.world.floor_plan import FloorPlan
+from slamsim.world.parts import Thing
 from slamsim.world.prism import Prism, circle, moved
 
 MAX_THINGS = 20_000
@@ -24,7 +25,7 @@ _BOARD_M = 0.03
 
 def place_clutter(
     plan: FloorPlan, ways: Polygon, walls: Sequence[Prism], config: ClutterConfig, seed: int
-) -> list[Prism]:
+) -> list[Thing]:
     """Things at random places that touch neither walls nor ways nor each other.
 
     Each thing draws from a stream of its own, so that one which finds no room moves no other.
@@ -37,7 +38,7 @@ def place_clutter(
         )
     taken = shapely.union_all([ways, *(wall.footprint for wall in walls)])
     shapely.prepare(taken)
-    placed: list[Prism] = []
+    placed: list[Thing] = []
     near = _Neighbourhood(plan.cell_m)
     for number in range(wanted):
         rng = random_stream(seed, "world", "clutter", str(number))
@@ -48,7 +49,8 @@ def place_clutter(
         for at in np.flatnonzero(~shapely.intersects(taken, grounds)).tolist():
             if not near.touches(grounds[at]):
                 near.add(grounds[at])
-                placed += [moved(part, poses[at]) for part in thing]
+                parts = tuple(moved(part, poses[at]) for part in thing)
+                placed.append(Thing(shape, parts))
                 break
     return placed
 

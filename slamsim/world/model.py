@@ -10,6 +10,7 @@ from scipy import ndimage
 from slamsim.core.types import BoolArray, FloatArray, Grid, TriangleMesh
 from slamsim.guard.errors import SlamsimError
 from slamsim.guard.numbers import require_finite, require_number
+from slamsim.world.parts import Parts
 from slamsim.world.raster import Raster, rasterise
 from slamsim.world.solids import Solids
 
@@ -43,15 +44,16 @@ class World:
     """Where a robot drives. The floor is the plane z = 0 and no part of the mesh.
 
     mesh: all solids in the map frame; those of mazes, rooms, plans and images are closed
-    surfaces, counter-clockwise seen from outside. start_pose: ``T_map_base`` (3,) as x_m, y_m,
-    yaw_rad. bounds_m: of everything solid, and of a map's image. visit_points_m: (k, 2)
-    places that a tour of the whole world must come by; a disc of diameter clearance_m can
-    go from the start to each of them.
+    surfaces, counter-clockwise seen from outside. parts: what each triangle belongs to.
+    start_pose: ``T_map_base`` (3,) as x_m, y_m, yaw_rad. bounds_m: of everything solid, and of a
+    map's image. visit_points_m: (k, 2) places that a tour of the whole world must come by; a disc
+    of diameter clearance_m can go from the start to each of them.
     """
 
     name: str
     seed: int
     mesh: TriangleMesh
+    parts: Parts
     solids: Solids
     floor_friction: float
     floor_patches: tuple[FloorPatch, ...]

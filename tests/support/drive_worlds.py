@@ -8,6 +8,7 @@ import numpy as np
 import shapely
 
 from slamsim.world.model import FloorPatch, World
+from slamsim.world.parts import Parts
 from slamsim.world.prism import Prism, prism_mesh
 from slamsim.world.solids import PrismSolids
 
@@ -22,10 +23,12 @@ def world_of(
     """Blocks (x_min, y_min, x_max, y_max, height) on a plane."""
     prisms = [Prism(shapely.box(*block[:4]), 0.0, block[4]) for block in blocks]
     table = np.array(blocks)
+    mesh = prism_mesh(prisms)
     return World(
         name="test",
         seed=0,
-        mesh=prism_mesh(prisms),
+        mesh=mesh,
+        parts=Parts.all_wall(mesh),
         solids=PrismSolids(prisms),
         floor_friction=floor_friction,
         floor_patches=tuple(patches),

@@ -1,0 +1,74 @@
+"""Flat sheets on surfaces: posters, tags, panes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slamsim.core.types import Float32Array, FloatArray, IntArray
+from slamsim.world.looks.materials import MaterialId
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Decal:
+    """A sheet on a plane: its lower left corner at (u_m, v_m), sides along the plane's axes.
+
+    pixels: (rows, columns, 3) linear colours, the first row at the top. crisp: its pixels have
+    sharp edges, as print does; others are blurred into each other.
+    """
+
+    plane: int
+    u_m: float
+    v_m: float
+    width_m: float
+    height_m: float
+    material: MaterialId
+    pixels: Float32Array
+    crisp: bool = False
+
+
+class DecalTable(NamedTuple):
+    """Decals as kernels read them, those of one plane one behind the other.
+
+    first_of: (p + 1,) number of the first decal of each plane. Of each decal: places_m (d, 4)
+    corner and sides, materials (d,), shapes (d, 2) rows and columns of its pixels, blurs (d,) in
+    pixels, starts (d,) of its table in sums. sums: (m, 3) summed tables, each of
+    (rows + 1) x (columns + 1) entries (Crow 1984).
+    """
+
+    first_of: IntArray
+    places_m: FloatArray
+    materials: NDArray[np.uint8]
+    shapes: IntArray
+    starts: IntArray
+    blurs: FloatArray
+    sums: FloatArray
+
+
+def decal_table(decals: Sequence[Decal], planes: int) -> DecalTable:
+    """The table of decals on so many planes."""
+    ordered = sorted(decals, key=lambda decal: decal.plane)
+    tables = [_summed(decal.pixels) for decal in ordered]
+    starts = np.cumsum([0, *(len(table) for table in tables)])
+    places = [(d.u_m, d.v_m, d.width_m, d.height_m) for d in ordered]
+    on_planes = [decal.plane for decal in ordered]
+    return DecalTable(
+        np.searchsorted(np.array(on_planes, dtype=np.int64), np.arange(planes + 1)),
+        np.array(places, dtype=np.float64).reshape(-1, 4),
+        np.array([decal.material for decal in ordered], dtype=np.uint8),
+        np.array([d.pixels.shape[:2] for d in ordered], dtype=np.int64).reshape(-1, 2),
+        starts[:-1].astype(np.int64),
+        np.array([0.0 if decal.crisp else 1.0 for decal in ordered], dtype=np.float64),
+        np.concatenate([np.zeros((0, 3)), *tables]),
+    )
+
+
+def _summed(pixels: Float32Array) -> FloatArray:
+    """((rows + 1) * (columns + 1), 3) sums of all pixels above and left of each corner."""
+    sums = np.zeros((pixels.shape[0] + 1, pixels.shape[1] + 1, 3))
+    sums[1:, 1:] = pixels.astype(np.float64).cumsum(axis=0).cumsum(axis=1)
+    return sums.reshape(-1, 3)

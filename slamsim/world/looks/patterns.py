@@ -1,0 +1,153 @@
+"""The patterns of materials, at a point of a surface; compiled.
+
+Each takes coordinates and the size of a pixel in metres, and gives (mix, tone): the colour is
+``tone * ((1 - mix) * main + mix * second)``. ``size`` is that of a brick, plank or tile.
+"""
+
+from __future__ import annotations
+
+import math
+from enum import IntEnum
+
+from slamsim.core.jit import kernel
+from slamsim.world.looks.noise import line_share, random_at, rough_noise, visible
+
+Point = tuple[float, float, float]
+
+
+class Pattern(IntEnum):
+    """Number of a pattern in ``pattern_at``."""
+
+    PLAIN = 0
+    BRICKS = 1
+    PLANKS = 2
+    CONCRETE = 3
+    TILES = 4
+    SPECKLES = 5
+    WEAVE = 6
+    CARDBOARD = 7
+
+
+_BRICKS, _PLANKS, _CONCRETE, _TILES = (int(Pattern(number)) for number in range(1, 5))
+_SPECKLES, _WEAVE, _CARDBOARD = (int(Pattern(number)) for number in range(5, 8))
+
+
+@kernel
+def pattern_at(
+    kind: int, u: float, v: float, seed: int, size: float, gap: float, contrast: float, px: float
+) -> tuple[float, float]:
+    """The pattern of a kind: see the module."""
+    if kind == _BRICKS:
+        return _bricks(u, v, seed, size, gap, contrast, px)
+    if kind == _PLANKS:
+        return _planks(u, v, seed, size, gap, contrast, px)
+    if kind == _CONCRETE:
+        return _concrete(u, v, seed, size, gap, contrast, px)
+    if kind == _TILES:
+        return _tiles(u, v, seed, size, gap, contrast, px)
+    if kind == _SPECKLES:
+        return _speckles(u, v, seed, size, contrast, px)
+    if kind == _WEAVE:
+        return _weave(u, v, seed, size, contrast, px)
+    if kind == _CARDBOARD:
+        return _cardboard(u, v, seed, size, contrast, px)
+    return 0.0, 1.0 + contrast * rough_noise(u, v, seed, size, 5, px)
+
+
+@kernel
+def _bricks(
+    u: float, v: float, seed: int, size: float, gap: float, contrast: float, px: float
+) -> tuple[float, float]:
+    """Stretcher bond: bricks three times as long as high, each row shifted by half a brick."""
+    height = size / 3.0
+    row = math.floor(v / height)
+    along = u + 0.5 * size * (row % 2)
+    joint = 1.0 - line_share(along, size, gap, px)
+    joint = 1.0 - joint * (1.0 - line_share(v, height, gap, px))
+    own = visible(height, px) * (random_at(math.floor(along / size), row, seed) - 0.5)
+    grain = rough_noise(u, v, seed + 1, 0.1 * size, 4, px)
+    return joint, 1.0 + contrast * (1.6 * own + 0.5 * grain)
+
+
+@kernel
+def _planks(
+    u: float, v: float, seed: int, size: float, gap: float, contrast: float, px: float
+) -> tuple[float, float]:
+    """Boards along u, ten times as long as wide, with grain along them and dark joints."""
+    row = math.floor(v / size)
+    length = 10.0 * size
+    along = u + length * random_at(row, 0, seed)
+    board = math.floor(along / length)
+    own = visible(size, px) * (random_at(row, board, seed + 1) - 0.5)
+    across = v + 0.1 * size * rough_noise(0.15 * along, v, seed + 2, size, 2, px)
+    start = 7.0 * board + 53.0 * row
+    grain = rough_noise(0.08 * along + start, across + start, seed + 5, 0.15 * size, 4, px)
+    joint = 1.0 - line_share(v, size, gap, px)
+    joint = 1.0 - joint * (1.0 - line_share(along, length, gap, px))
+    mix = min(max(0.35 + 0.45 * grain, 0.0), 1.0)
+    return mix, (1.0 + contrast * 1.2 * own) * (1.0 - 0.7 * joint)
+
+
+@kernel
+def _concrete(
+    u: float, v: float, seed: int, size: float, gap: float, contrast: float, px: float
+) -> tuple[float, float]:
+    """Cast concrete: clouds, small pores, and the seams of its formwork."""
+    clouds = rough_noise(u, v, seed, 0.4 * size, 7, px)
+    pore = rough_noise(u, v, seed + 20, 0.02, 2, px)
+    holes = min(max(3.0 * (pore - 0.75), 0.0), 1.0)
+    seam = 1.0 - line_share(u, 2.0 * size, gap, px)
+    seam = 1.0 - seam * (1.0 - line_share(v, size, gap, px))
+    return max(holes, 0.6 * seam), 1.0 + 0.8 * contrast * clouds
+
+
+@kernel
+def _tiles(
+    u: float, v: float, seed: int, size: float, gap: float, contrast: float, px: float
+) -> tuple[float, float]:
+    """Square tiles, each of its own shade and with veins, and joints between."""
+    joint = 1.0 - line_share(u, size, gap, px)
+    joint = 1.0 - joint * (1.0 - line_share(v, size, gap, px))
+    column, row = math.floor(u / size), math.floor(v / size)
+    own = visible(size, px) * (random_at(column, row, seed) - 0.5)
+    veins = rough_noise(u + 31.0 * own, v, seed + 1, 0.4 * size, 6, px)
+    return joint, 1.0 + contrast * (own + 0.4 * veins)
+
+
+@kernel
+def _speckles(
+    u: float, v: float, seed: int, size: float, contrast: float, px: float
+) -> tuple[float, float]:
+    """Linoleum or terrazzo: chips of the second colour in the main one."""
+    chips = rough_noise(u, v, seed, size, 3, px)
+    mix = min(max(2.5 * (chips - 0.25), 0.0), 1.0)
+    return mix, 1.0 + 0.3 * contrast * rough_noise(u, v, seed + 9, 20.0 * size, 3, px)
+
+
+@kernel
+def _weave(
+    u: float, v: float, seed: int, size: float, contrast: float, px: float
+) -> tuple[float, float]:
+    """Cloth: stripes of the second colour both ways, and threads."""
+    stripe = 0.5 * (line_share(u, size, 0.3 * size, px) + line_share(v, size, 0.3 * size, px))
+    threads = rough_noise(u, 4.0 * v, seed, 0.012, 2, px) + rough_noise(
+        4.0 * u, v, seed + 5, 0.012, 2, px
+    )
+    folds = rough_noise(u, v, seed + 9, 0.3, 3, px)
+    return stripe, 1.0 + contrast * (0.3 * threads + 0.3 * folds)
+
+
+@kernel
+def _cardboard(
+    u: float, v: float, seed: int, size: float, contrast: float, px: float
+) -> tuple[float, float]:
+    """Packing board: flutes, a band of tape or print in places, stains."""
+    flutes = visible(0.003, px) * (line_share(u, 0.008, 0.004, px) - 0.5)
+    column, row = math.floor(u / size), math.floor(v / size)
+    s, t = u / size - column, v / size - row
+    left, low = 0.5 * random_at(column, row, seed), 0.6 * random_at(column, row, seed + 1)
+    wide, high = 0.45 * random_at(row, column, seed + 2), 0.3 * random_at(row, column, seed + 3)
+    print_ = visible(0.1 * size, px) if left < s < left + wide and low < t < low + high else 0.0
+    marks = line_share(v, 0.03, 0.02, px)
+    stains = rough_noise(u, v, seed + 4, 0.2, 6, px)
+    return 0.8 * print_ * marks, 1.0 + contrast * (0.1 * flutes + 0.4 * stains)
