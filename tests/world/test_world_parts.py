@@ -7,6 +7,7 @@ import pytest
 import shapely
 from world_helpers import world
 
+from slamsim.core.types import FloatArray
 from slamsim.guard.numbers import BadNumbers
 from slamsim.world.model import World
 from slamsim.world.parts import NOTHING, WALL, Parts, Thing, parts_of
@@ -15,9 +16,10 @@ from slamsim.world.prism import Prism, merge_prisms, prism_mesh
 CLUTTER = {"per_cell": 3.0}
 
 
-def corners_of(at: World, number: int) -> np.ndarray:
+def corners_of(at: World, number: int) -> FloatArray:
     """(t, 3, 3) of the triangles of one part."""
-    return at.mesh.vertices_m[at.mesh.triangles[at.parts.owners == number]]
+    corners: FloatArray = at.mesh.vertices_m[at.mesh.triangles[at.parts.owners == number]]
+    return corners
 
 
 def test_a_thing_is_closed_and_stands_apart() -> None:
