@@ -18,7 +18,7 @@ no stage has to ask again, and none can pass on what it must not.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -191,6 +191,10 @@ class Grid:
     occupancy: (rows, cols) float32 probability that a cell is occupied, ``nan`` unknown;
     row 0 holds the smallest y. origin_m: (x, y) of the outer corner of cell (0, 0).
     """
+
+    OCCUPIED_ABOVE: ClassVar[float] = 0.65
+    FREE_BELOW: ClassVar[float] = 0.25
+    """The thresholds of ROS's map_saver: what is drawn, scored and driven on."""
 
     occupancy: Float32Array
     resolution_m: float

@@ -19,11 +19,6 @@ from slamsim.evaluate.visibility import seen_from
 from slamsim.guard.errors import SlamsimError
 from slamsim.guard.numbers import require_finite
 
-OCCUPIED_ABOVE = 0.65
-"""ROS map_server's ``occupied_thresh``."""
-
-FREE_BELOW = 0.35
-
 GHOST_RADIUS_M = 0.5
 """A wall is drawn twice if another is drawn this near to it where there is no wall."""
 
@@ -141,7 +136,7 @@ def cell_centres(grid: Grid, cells: BoolArray) -> FloatArray:
 
 def occupied(grid: Grid) -> BoolArray:
     """Cells that the map calls a wall."""
-    return np.asarray(grid.occupancy > OCCUPIED_ABOVE, dtype=np.bool_)
+    return np.asarray(grid.occupancy > Grid.OCCUPIED_ABOVE, dtype=np.bool_)
 
 
 def sample(grid: Grid, points_m: FloatArray) -> FloatArray:
@@ -207,7 +202,9 @@ def _free_shares(
         centres = (np.column_stack([x.ravel(), y.ravel()]) + 0.5) * truth.resolution_m
         centres += truth.origin_m
         truly_free = sample(truth, centres) == 0.0
-        called_free = sample(estimate, transform_points(T_estimate_truth, centres)) < FREE_BELOW
+        called_free = (
+            sample(estimate, transform_points(T_estimate_truth, centres)) < Grid.FREE_BELOW
+        )
         asked = truly_free & (sample(in_view, centres) == 1.0)
         both += int(np.count_nonzero(truly_free & called_free))
         either += int(np.count_nonzero(asked | called_free))

@@ -12,8 +12,6 @@ from slamsim.guard.numbers import require_finite
 from slamsim.sim.drive.route import Route, route_along
 from slamsim.sim.drive.space import NoWay, Space, cheapest_way
 
-FREE_BELOW, OCCUPIED_ABOVE = 0.25, 0.65
-"""As ``map_files`` has it, which is ROS map_server's."""
 _AROUND = np.ones((3, 3), dtype=np.bool_)
 
 
@@ -83,8 +81,8 @@ def route_end_m(route: Route) -> FloatArray:
 
 def _space(grid: Grid, here: FloatArray, needed_m: float) -> tuple[Space, BoolArray]:
     """Room about each known free cell, 0 on all others; and which are free."""
-    occupied = np.pad(grid.occupancy > OCCUPIED_ABOVE, 1)
-    free = np.pad(grid.occupancy < FREE_BELOW, 1)
+    occupied = np.pad(grid.occupancy > grid.OCCUPIED_ABOVE, 1)
+    free = np.pad(grid.occupancy < grid.FREE_BELOW, 1)
     away_m = ndimage.distance_transform_edt(~occupied) * grid.resolution_m
     room_m = np.where(free, np.maximum(away_m - 0.5 * grid.resolution_m, 0.0), 0.0)
     origin_m = np.array(grid.origin_m) - 0.5 * grid.resolution_m

@@ -161,8 +161,6 @@ MAPS: dict[str, Case] = {
     **each("map: a path", lambda bad: compare_grids(ROOM, ROOM, ALIGNED, put(AROUND, bad))),
     **each("walls: a path", lambda bad: wrong_walls(ROOM, ROOM, ALIGNED, put(AROUND, bad))),
     "files: all unknown": right(lambda: map_files(UNKNOWN)),
-    "files: a threshold of nan": refused(lambda: map_files(ROOM, math.nan)),
-    "files: thresholds swapped": refused(lambda: map_files(ROOM, 0.2, 0.8)),
     "known map: all unknown": refused(lambda: map_of_grid(UNKNOWN)),
     "known map: one cell": refused(lambda: map_of_grid(CELL)),
     "known map: at the end of the world": right(lambda: map_of_grid(FAR_AWAY)),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -239,6 +240,9 @@ def test_map_server_reads_the_three_values_back_as_what_they_were() -> None:
         assert read == meant
 
 
-def test_thresholds_decide_what_is_drawn() -> None:
-    image = trinary_image(small_grid(), occupied_threshold=0.95, free_threshold=0.05)
+def test_the_thresholds_themselves_are_unknown() -> None:
+    grid = small_grid()
+    image = trinary_image(replace(grid, occupancy=np.array([[0.65, 0.25]], dtype=np.float32)))
     assert (image == UNKNOWN).all()
+    beyond = np.array([[0.651, 0.249]], dtype=np.float32)
+    assert trinary_image(replace(grid, occupancy=beyond)).tolist() == [[OCCUPIED, FREE]]

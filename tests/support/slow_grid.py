@@ -76,7 +76,7 @@ def slow_scores(
             i = int(np.floor((y - estimate.origin_m[1]) / estimate.resolution_m))
             j = int(np.floor((x - estimate.origin_m[0]) / estimate.resolution_m))
             known = 0 <= i < estimate.occupancy.shape[0] and 0 <= j < estimate.occupancy.shape[1]
-            called = known and estimate.occupancy[i, j] < 0.35
+            called = known and estimate.occupancy[i, j] < 0.25
             both += bool(free and called)
             either += bool((free and (row, column) in seen) or called)
     return MapScores(

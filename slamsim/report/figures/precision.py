@@ -10,7 +10,7 @@ from matplotlib.colors import to_hex
 from matplotlib.ticker import FuncFormatter, LogFormatter
 
 from slamsim.core.types import Grid
-from slamsim.evaluate.grid import FREE_BELOW, occupied
+from slamsim.evaluate.grid import occupied
 from slamsim.report.figures import run
 from slamsim.report.figures.run import Picture, page_from_map
 from slamsim.report.precision import COLOURS, held, path_and_strokes, scale_of
@@ -63,4 +63,6 @@ def held_figure(view: RunView) -> Picture | None:
 
 def _pale(grid: Grid) -> run.Pixels:
     """The map in the background."""
-    return run.cell_colours(((grid.occupancy < FREE_BELOW, "#ffffff"), (occupied(grid), "#9aa1ab")))
+    return run.cell_colours(
+        ((grid.occupancy < grid.FREE_BELOW, "#ffffff"), (occupied(grid), "#9aa1ab"))
+    )

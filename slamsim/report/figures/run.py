@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from slamsim.core.geometry import compose, inverse, transform_points
 from slamsim.core.types import BoolArray, FloatArray, Grid, IntArray
-from slamsim.evaluate.grid import FREE_BELOW, cell_centres, occupied, wrong_walls
+from slamsim.evaluate.grid import cell_centres, occupied, wrong_walls
 from slamsim.report.figures.palette import (
     ACCEPTED,
     ESTIMATE,
@@ -209,7 +209,7 @@ def show_cells(axes: Axes, grid: Grid, colours: Pixels, T_page_grid: FloatArray)
 
 
 def map_colours(grid: Grid) -> Pixels:
-    walls, free = occupied(grid), grid.occupancy < FREE_BELOW
+    walls, free = occupied(grid), grid.occupancy < grid.FREE_BELOW
     unsure = np.isfinite(grid.occupancy) & ~walls & ~free
     return cell_colours(((free, "#ffffff"), (unsure, "#b9bec6"), (walls, INK)))
 

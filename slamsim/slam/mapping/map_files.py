@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slamsim.core.types import Grid
-from slamsim.guard.numbers import require_number
 
 OCCUPIED, UNKNOWN, FREE = 0, 205, 254
 # How map_server is to read the three grey values back: occupied above the first share of
@@ -17,15 +16,13 @@ OCCUPIED, UNKNOWN, FREE = 0, 205, 254
 _YAML_THRESHOLDS = (0.65, 0.196)
 
 
-def map_files(
-    grid: Grid, occupied_threshold: float = 0.65, free_threshold: float = 0.25
-) -> dict[str, bytes]:
+def map_files(grid: Grid) -> dict[str, bytes]:
     """``map.pgm``, ``map.yaml`` and ``map.png`` by name.
 
     Trinary map_server convention: 0 occupied, 254 free, 205 unknown; the first row of the image
     holds the largest y; ``origin`` is the pose of the lower left corner.
     """
-    image = trinary_image(grid, occupied_threshold, free_threshold)
+    image = trinary_image(grid)
     rows, columns = image.shape
     x, y = (float(value) for value in grid.origin_m)
     text = (
@@ -44,15 +41,11 @@ def map_files(
     }
 
 
-def trinary_image(
-    grid: Grid, occupied_threshold: float = 0.65, free_threshold: float = 0.25
-) -> NDArray[np.uint8]:
-    """(rows, cols) grey values, the first row at the largest y. Raises BadNumbers."""
-    require_number("the threshold of what is occupied", occupied_threshold, 0.0, 1.0)
-    require_number("the threshold of what is free", free_threshold, 0.0, occupied_threshold)
+def trinary_image(grid: Grid) -> NDArray[np.uint8]:
+    """(rows, cols) grey values, the first row at the largest y."""
     image = np.full(grid.occupancy.shape, UNKNOWN, dtype=np.uint8)
-    image[grid.occupancy > occupied_threshold] = OCCUPIED
-    image[grid.occupancy < free_threshold] = FREE
+    image[grid.occupancy > Grid.OCCUPIED_ABOVE] = OCCUPIED
+    image[grid.occupancy < Grid.FREE_BELOW] = FREE
     return np.ascontiguousarray(image[::-1])
 
 
