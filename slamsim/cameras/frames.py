@@ -118,7 +118,8 @@ def metres(pixels: NDArray[Any], unit_m: float) -> Float32Array:
                 f"its depths begin at {low:.0f}, which is no metres but millimetres: 32FC1 holds "
                 "metres, 16UC1 millimetres (REP 118)"
             )
-    in_metres = pixels.astype(np.float32) * np.float32(unit_m if is_integer else 1.0)
+    # In double precision first: 1500 mm are then exactly 1.5 m.
+    in_metres = (pixels * (unit_m if is_integer else 1.0)).astype(np.float32)
     return np.where(there, in_metres, np.float32(np.nan))
 
 
