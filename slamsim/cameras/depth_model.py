@@ -193,7 +193,7 @@ def _factor(table: NDArray[np.float32], row: float, column: float, depth_m: floa
     lower = upper - 1
     share = (depth_m - (2.0 * lower + 1.0)) / 2.0
     low, high = min(max(lower, 0), last), min(upper, last)
-    return (1.0 - share) * table[y, x, low] + share * table[y, x, high]
+    return (1.0 - share) * float(table[y, x, low]) + share * float(table[y, x, high])
 
 
 @kernel

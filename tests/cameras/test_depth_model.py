@@ -167,7 +167,7 @@ def test_dark_and_grazed_surfaces_are_noisy_and_then_lost() -> None:
 def test_mirrors_have_no_depth() -> None:
     rough, smooth = wall(0.9), wall(0.01)
     np.testing.assert_array_equal(measured(wall(2.0), roughness=rough), measured(wall(2.0)))
-    tilted = {"cosine": wall(0.8)}
+    tilted: dict[str, Any] = {"cosine": wall(0.8)}
     assert (measured(wall(2.0), roughness=smooth, **tilted) > 0).mean() < 0.2
     assert measured(wall(2.0), roughness=smooth).max() == 0
     matt = DepthNoiseConfig(shiny_below_roughness=0.0)
@@ -188,7 +188,7 @@ def test_a_frame_follows_from_its_generator_alone_and_effects_from_their_own() -
     np.testing.assert_array_equal(measured(truth, seed=4), measured(truth, seed=4))
     assert (measured(truth, seed=4) != measured(truth, seed=5)).any()
     lossy, never = D435, D435.model_copy(update={"signal_least": 0.0})
-    dim = {"reflectance": wall(0.05)}
+    dim: dict[str, Any] = {"reflectance": wall(0.05)}
     first, second = measured(truth, lossy, **dim), measured(truth, never, **dim)
     both = (first > 0) & (second > 0)
     both[:, 390:410] = False  # where a loss changes what grows over the edge
