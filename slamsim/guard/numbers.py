@@ -227,7 +227,12 @@ def _fits(shape: Shape, wanted: Shape) -> bool:
 
 
 def _words(kinds: str) -> str:
-    named = {"f": "floating-point numbers", "i": "whole numbers (int64)", "b": "yes or no"}
+    named = {
+        "f": "floating-point numbers",
+        "i": "whole numbers (int64)",
+        "u": "whole numbers without a sign",
+        "b": "yes or no",
+    }
     return " or ".join(named[kind] for kind in kinds)
 
 

@@ -10,17 +10,29 @@ from slamsim.config.base import Config
 from slamsim.config.layout import SizeRange
 
 TagFamily = Literal[
-    "apriltag_36h11", "aruco_4x4_250", "aruco_5x5_250", "aruco_6x6_250", "aruco_original"
+    "apriltag_36h11",
+    "aruco_4x4_50",
+    "aruco_4x4_100",
+    "aruco_4x4_250",
+    "aruco_4x4_1000",
+    "aruco_5x5_50",
+    "aruco_5x5_100",
+    "aruco_5x5_250",
+    "aruco_5x5_1000",
+    "aruco_6x6_50",
+    "aruco_6x6_100",
+    "aruco_6x6_250",
+    "aruco_6x6_1000",
+    "aruco_original",
 ]
 
-TAG_COUNTS = {
-    "apriltag_36h11": 587,
-    "aruco_4x4_250": 250,
-    "aruco_5x5_250": 250,
-    "aruco_6x6_250": 250,
-    "aruco_original": 1024,
-}
-"""Different tags that a family has, as OpenCV's ``cv2.aruco`` knows them."""
+_OTHER_COUNTS = {"apriltag_36h11": 587, "aruco_original": 1024}
+
+
+def tags_in(family: TagFamily) -> int:
+    """Different tags that a family has, as ``cv2.aruco`` knows them."""
+    return _OTHER_COUNTS.get(family) or int(family.rpartition("_")[2])
+
 
 Count = Annotated[int, Field(ge=0, le=1000)]
 
@@ -38,12 +50,10 @@ class TagsConfig(Config):
     """Smallest and largest side of the black square, in metres, without the white border around."""
     height_m: SizeRange = (0.25, 0.7)
     """Lowest and highest middle above the floor, in metres."""
-    seed: int | None = Field(default=None, ge=0, lt=2**63)
-    """Seed of where tags hang; without one, that of the looks."""
 
     @model_validator(mode="after")
     def _check(self) -> Self:
-        there = TAG_COUNTS[self.family]
+        there = tags_in(self.family)
         if self.first_id + self.count > there:
             raise ValueError(
                 f"{self.count} tags from first_id {self.first_id} are more than the {there} of "

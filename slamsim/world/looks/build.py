@@ -2,20 +2,27 @@
 
 from __future__ import annotations
 
+import logging
+
 import numpy as np
 
 from slamsim.config.looks import LooksConfig
 from slamsim.core.randomness import random_bits, random_stream
 from slamsim.core.types import Grid, TriangleMesh
-from slamsim.world.looks.decals import decal_table
+from slamsim.world.looks.decals import Decal, decal_table
 from slamsim.world.looks.families import draw_finish
 from slamsim.world.looks.finishes import Finish, finish_table
 from slamsim.world.looks.lamps import hang_lamps
 from slamsim.world.looks.looks import Looks
 from slamsim.world.looks.paint import Painting
+from slamsim.world.looks.places import WallSpace
+from slamsim.world.looks.posters import hang_panes, hang_posters
 from slamsim.world.looks.surfaces import Surfaces, surfaces_of
+from slamsim.world.looks.tags import Tag, hang_tags
 from slamsim.world.model import World
 from slamsim.world.parts import FLOOR, WALL, Parts
+
+_log = logging.getLogger(__name__)
 
 _WALL_FINISHES = 6
 """As many different walls as a building may have."""
@@ -34,14 +41,18 @@ def build_looks(world: World, config: LooksConfig) -> Looks:
     surfaces = surfaces_of(mesh)
     finishes, finish_of = _finishes(surfaces, parts, config, seed)
     materials = np.array([finish.material for finish in finishes], dtype=np.uint8)
+    free = _free(world)
+    tags, decals = _hung(WallSpace(mesh, parts, surfaces, free), surfaces, config, seed)
     painting = Painting(
         *(finish_of, surfaces.of_triangle.astype(np.int64), surfaces.u_axes, surfaces.v_axes),
-        *(finish_table(finishes), decal_table([], len(surfaces.normals)), config.texture),
+        *(finish_table(finishes), decal_table(decals, len(surfaces.normals)), config.texture),
     )
-    lamps = hang_lamps(_free(world), config.lamps, random_stream(seed, "looks", "lamps"))
+    lamps = hang_lamps(free, config.lamps, random_stream(seed, "looks", "lamps"))
     background = np.full(3, 0.6 * config.lamps.ambient, dtype=np.float32)
     owners = parts.owners.astype(np.int32)
-    return Looks(painting, lamps, (), owners, materials[finish_of], parts.kinds, background)
+    return Looks(
+        painting, lamps, tuple(tags), owners, materials[finish_of], parts.kinds, background
+    )
 
 
 def _with_floor(world: World) -> tuple[TriangleMesh, Parts]:
@@ -79,6 +90,23 @@ def _finishes(
     of_wall = len(own) + np.array(chosen, dtype=np.int64)[surfaces.of_triangle]
     finish_of = np.where(parts.owners == WALL, of_wall, parts.owners)
     return [*own, *walls], finish_of
+
+
+def _hung(
+    space: WallSpace, surfaces: Surfaces, config: LooksConfig, seed: int
+) -> tuple[list[Tag], list[Decal]]:
+    """Tags first, so that nothing else moves them; then panes, then posters."""
+    posters = round(config.texture * config.posters.count)
+    tags, sheets = hang_tags(space, surfaces, config.tags, random_stream(seed, "looks", "tags"))
+    if len(tags) < config.tags.count:
+        _log.warning(
+            "only %d of %d tags find room on walls beside free floor: looks.tags.size_m or "
+            "height_m do not fit these walls",
+            *(len(tags), config.tags.count),
+        )
+    panes = hang_panes(space, config.panes, random_stream(seed, "looks", "panes"))
+    rng = random_stream(seed, "looks", "posters")
+    return tags, [*sheets, *panes, *hang_posters(space, config.posters, posters, config.split, rng)]
 
 
 def _free(world: World) -> Grid:

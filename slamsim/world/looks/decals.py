@@ -11,24 +11,21 @@ from numpy.typing import NDArray
 
 from slamsim.core.types import Float32Array, FloatArray, IntArray
 from slamsim.world.looks.materials import MaterialId
+from slamsim.world.looks.places import Place
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Decal:
-    """A sheet on a plane: its lower left corner at (u_m, v_m), sides along the plane's axes.
+    """A sheet at a place of a plane.
 
-    pixels: (rows, columns, 3) linear colours, the first row at the top. crisp: its pixels have
-    sharp edges, as print does; others are blurred into each other.
+    pixels: (rows, columns, 3) linear colours, the first row at the top; decals may share them.
+    is_crisp: pixels have sharp edges, as print has; those of others are blurred into each other.
     """
 
-    plane: int
-    u_m: float
-    v_m: float
-    width_m: float
-    height_m: float
+    place: Place
     material: MaterialId
     pixels: Float32Array
-    crisp: bool = False
+    is_crisp: bool = False
 
 
 class DecalTable(NamedTuple):
@@ -51,20 +48,31 @@ class DecalTable(NamedTuple):
 
 def decal_table(decals: Sequence[Decal], planes: int) -> DecalTable:
     """The table of decals on so many planes."""
-    ordered = sorted(decals, key=lambda decal: decal.plane)
-    tables = [_summed(decal.pixels) for decal in ordered]
-    starts = np.cumsum([0, *(len(table) for table in tables)])
-    places = [(d.u_m, d.v_m, d.width_m, d.height_m) for d in ordered]
-    on_planes = [decal.plane for decal in ordered]
+    ordered = sorted(decals, key=lambda decal: decal.place.plane)
+    places = [(d.place.u_m, d.place.v_m, d.place.width_m, d.place.height_m) for d in ordered]
+    on_planes = np.array([decal.place.plane for decal in ordered], dtype=np.int64)
+    starts, sums = _tables(ordered)
     return DecalTable(
-        np.searchsorted(np.array(on_planes, dtype=np.int64), np.arange(planes + 1)),
+        np.searchsorted(on_planes, np.arange(planes + 1)),
         np.array(places, dtype=np.float64).reshape(-1, 4),
         np.array([decal.material for decal in ordered], dtype=np.uint8),
         np.array([d.pixels.shape[:2] for d in ordered], dtype=np.int64).reshape(-1, 2),
-        starts[:-1].astype(np.int64),
-        np.array([0.0 if decal.crisp else 1.0 for decal in ordered], dtype=np.float64),
-        np.concatenate([np.zeros((0, 3)), *tables]),
+        starts,
+        np.array([0.0 if decal.is_crisp else 1.0 for decal in ordered], dtype=np.float64),
+        sums,
     )
+
+
+def _tables(decals: Sequence[Decal]) -> tuple[IntArray, FloatArray]:
+    """(d,) where the summed table of each decal begins, and all of them, none twice."""
+    starts: dict[int, int] = {}
+    tables, count = [np.zeros((0, 3))], 0
+    for decal in decals:
+        if id(decal.pixels) not in starts:
+            starts[id(decal.pixels)] = count
+            tables.append(_summed(decal.pixels))
+            count += len(tables[-1])
+    return np.array([starts[id(d.pixels)] for d in decals], dtype=np.int64), np.concatenate(tables)
 
 
 def _summed(pixels: Float32Array) -> FloatArray:

@@ -17,7 +17,7 @@ from slamsim.world.looks.patterns import Pattern
 Rgb = tuple[float, float, float]
 Span = tuple[float, float]
 
-_BINS = 8
+_BINS, _BELOW_ONE = 8, 1.0 - 1e-9
 _SEEDS_APART = 64
 """A pattern takes some seeds behind its own, one for each field of noise."""
 
@@ -77,7 +77,8 @@ def split_share(share: float, split: Split) -> float:
     """
     pieces = share * (_BINS // 2)
     piece = min(int(pieces), _BINS // 2 - 1)
-    return (2 * piece + (split == "test") + (pieces - piece)) / _BINS
+    within = min(pieces - piece, _BELOW_ONE)
+    return (2 * piece + (split == "test") + within) / _BINS
 
 
 def _between(low: Rgb, high: Rgb, share: float) -> Rgb:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from slamsim.core.types import BoolArray, Float32Array, FloatArray
 from slamsim.guard.numbers import BadNumbers, require_array
 from slamsim.world.looks.lamps import Lamps, lit_by, radiance_of, shadow_rays
-from slamsim.world.looks.materials import MaterialId
+from slamsim.world.looks.materials import MATERIALS, MaterialId
 from slamsim.world.looks.paint import Painting, colours_at, decals_at
 from slamsim.world.looks.tags import Tag
 from slamsim.world.parts import NOTHING
@@ -105,6 +105,11 @@ class Looks:
     def instances(self, triangles: NDArray[Any]) -> NDArray[np.int32]:
         """(n,) numbers in ``kinds``: nothing, floor, wall, then each thing."""
         return self._of_each(self.part_of, self._numbers(triangles), NOTHING)
+
+    @property
+    def ir_reflectances(self) -> Float32Array:
+        """(m,) share of infrared light that each of ``MATERIALS`` throws back."""
+        return np.array([material.ir_reflectance for material in MATERIALS], dtype=np.float32)
 
     def _numbers(self, triangles: NDArray[Any]) -> NDArray[np.int64]:
         require_array("numbers of triangles", triangles, (None,), "iu")

@@ -71,6 +71,13 @@ def line_share(x: float, period: float, line: float, footprint: float) -> float:
 
 
 @kernel
+def span_share(x: float, length: float, footprint: float) -> float:
+    """Share of a pixel about x that lies from 0 to a length."""
+    width = max(footprint, 1e-6)
+    return max(min(x + 0.5 * width, length) - max(x - 0.5 * width, 0.0), 0.0) / width
+
+
+@kernel
 def _covered(x: float, period: float, line: float) -> float:
     """Length of lines from 0 to x."""
     whole = math.floor(x / period)

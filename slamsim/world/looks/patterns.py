@@ -10,7 +10,7 @@ import math
 from enum import IntEnum
 
 from slamsim.core.jit import kernel
-from slamsim.world.looks.noise import line_share, random_at, rough_noise, visible
+from slamsim.world.looks.noise import line_share, random_at, rough_noise, span_share, visible
 
 Point = tuple[float, float, float]
 
@@ -144,10 +144,10 @@ def _cardboard(
     """Packing board: flutes, a band of tape or print in places, stains."""
     flutes = visible(0.003, px) * (line_share(u, 0.008, 0.004, px) - 0.5)
     column, row = math.floor(u / size), math.floor(v / size)
-    s, t = u / size - column, v / size - row
     left, low = 0.5 * random_at(column, row, seed), 0.6 * random_at(column, row, seed + 1)
     wide, high = 0.45 * random_at(row, column, seed + 2), 0.3 * random_at(row, column, seed + 3)
-    print_ = visible(0.1 * size, px) if left < s < left + wide and low < t < low + high else 0.0
+    across = span_share(u - (column + left) * size, wide * size, px)
+    print_ = across * span_share(v - (row + low) * size, high * size, px)
     marks = line_share(v, 0.03, 0.02, px)
     stains = rough_noise(u, v, seed + 4, 0.2, 6, px)
     return 0.8 * print_ * marks, 1.0 + contrast * (0.1 * flutes + 0.4 * stains)

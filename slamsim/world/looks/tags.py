@@ -4,8 +4,18 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from slamsim.config.looks.walls import TagFamily
-from slamsim.core.types import FloatArray
+import cv2
+import numpy as np
+
+from slamsim.config.looks.walls import TagFamily, TagsConfig
+from slamsim.core.types import Float32Array, FloatArray
+from slamsim.world.looks.decals import Decal
+from slamsim.world.looks.materials import MaterialId
+from slamsim.world.looks.places import Place, WallSpace
+from slamsim.world.looks.surfaces import Surfaces
+
+_BLACK, _WHITE = 0.04, 0.85
+"""Reflectance of printer's ink and of paper."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -20,3 +30,46 @@ class Tag:
     family: TagFamily
     size_m: float
     T_map_tag: FloatArray
+
+
+def tag_pixels(family: TagFamily, number: int) -> Float32Array:
+    """(n, n, 3) linear colours of a tag with one white cell around its black border, one pixel a
+    cell: 10 x 10 for AprilTag 36h11 and ArUco 6x6."""
+    name = f"DICT_{family.removeprefix('aruco_')}".upper()
+    kinds = {"apriltag_36h11": "DICT_APRILTAG_36h11", "aruco_original": "DICT_ARUCO_ORIGINAL"}
+    dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, kinds.get(family, name)))
+    cells = dictionary.markerSize + 2
+    marker = np.pad(
+        cv2.aruco.generateImageMarker(dictionary, number, cells), 1, constant_values=255
+    )
+    grey = np.where(marker > 127, _WHITE, _BLACK).astype(np.float32)
+    return np.repeat(grey[..., None], 3, axis=2)
+
+
+def hang_tags(
+    space: WallSpace, surfaces: Surfaces, config: TagsConfig, rng: np.random.Generator
+) -> tuple[list[Tag], list[Decal]]:
+    """Tags as many as find room, with their sheets; numbers count up, none is left out."""
+    tags: list[Tag] = []
+    decals: list[Decal] = []
+    for _ in range(config.count):
+        number = config.first_id + len(tags)
+        pixels = tag_pixels(config.family, number)
+        size_m = float(rng.uniform(*config.size_m))
+        side_m = size_m * len(pixels) / (len(pixels) - 2)
+        others_m = np.array([tag.T_map_tag[:3, 3] for tag in tags]).reshape(-1, 3)
+        place = space.hang((side_m, side_m), config.height_m, others_m, rng)
+        if place is not None:
+            T_map_tag = _pose(surfaces, place, space.middle_m(place))
+            tags.append(Tag(number, config.family, size_m, T_map_tag))
+            decals.append(Decal(place, MaterialId.TAG, pixels, is_crisp=True))
+    return tags, decals
+
+
+def _pose(surfaces: Surfaces, place: Place, middle_m: FloatArray) -> FloatArray:
+    T_map_tag = np.eye(4)
+    T_map_tag[:3, 0] = surfaces.u_axes[place.plane]
+    T_map_tag[:3, 1] = surfaces.v_axes[place.plane]
+    T_map_tag[:3, 2] = surfaces.normals[place.plane]
+    T_map_tag[:3, 3] = middle_m
+    return T_map_tag
