@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
-from contextlib import ExitStack, contextmanager
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Annotated
@@ -21,7 +21,6 @@ from slamsim.console.options import (
 )
 
 if TYPE_CHECKING:
-    from slamsim.cameras.frames import EncodedFrame
     from slamsim.io.selection import Selection
 
 EPILOG = (
@@ -31,7 +30,10 @@ EPILOG = (
 
 def view(
     run: Annotated[
-        Path, typer.Argument(help="Folder of a run, a .rrd file, or any recording, unmapped.")
+        Path,
+        typer.Argument(
+            help="Folder of a run, a .rrd file, or any recording or folder of images, unmapped."
+        ),
     ],
     web: Annotated[bool, typer.Option("--web", help="Serve it to a browser.")] = False,
     screenshot: Annotated[
@@ -62,25 +64,22 @@ def _shown(run: Path, wanted: Selection) -> Iterator[Path]:
 
     Raises what ``open_recording`` raises for what is neither.
     """
-    is_run = run.is_dir() and (any(run.glob("*.rrd")) or not _holds_recording(run))
-    if is_run or run.suffix.lower() == ".rrd":
+    is_drawn = run.is_dir() and any(run.glob("*.rrd"))
+    is_run = run.is_dir() and not _holds_recording(run) and not _holds_images(run)
+    if is_drawn or is_run or run.suffix.lower() == ".rrd":
         yield run
         return
-    from slamsim.io.cameras import open_cameras
-    from slamsim.io.formats.ros import is_ros
-    from slamsim.io.open import open_recording
-    from slamsim.report.viewer.images import MOST_IMAGES
-    from slamsim.report.viewer.run import write_recording
-    from slamsim.report.viewer.unmapped import unmapped
-    from slamsim.run.naming import log_of
+    from slamsim.run.cameras.viewing import write_unmapped
 
-    log = open_recording(log_of(run), wanted).log()
-    with TemporaryDirectory(prefix="slamsim-view-") as folder, ExitStack() as opened:
-        images: Iterable[EncodedFrame] = ()
-        if is_ros(log_of(run)):
-            images = opened.enter_context(open_cameras(log_of(run))).thinned(MOST_IMAGES)
-        write_recording(Path(folder) / "recording.rrd", unmapped(log), images)
+    with TemporaryDirectory(prefix="slamsim-view-") as folder:
+        write_unmapped(run, wanted, Path(folder) / "recording.rrd")
         yield Path(folder) / "recording.rrd"
+
+
+def _holds_images(folder: Path) -> bool:
+    from slamsim.io.cameras import is_image_folder
+
+    return is_image_folder(folder)
 
 
 def _holds_recording(folder: Path) -> bool:

@@ -62,7 +62,7 @@ ALLOWED: Mapping[str, tuple[str, ...]] = {
     ),
     "run": (
         *("live", "report", "dataset", "scenarios", "simulation", "check", "evaluate", "slam"),
-        *("sensors", "sim", "world", "io", "console", "process", *_DATA),
+        *("sensors", "sim", "world", "io", "cameras", "console", "process", *_DATA),
     ),
     "bench": (
         *("run", "live", "dataset", "simulation", "check", "evaluate", "slam", "sensors", "sim"),
@@ -70,7 +70,7 @@ ALLOWED: Mapping[str, tuple[str, ...]] = {
     ),
     "cli": (
         *("bench", "run", "live", "report", "dataset", "scenarios", "io", "console", "process"),
-        *("cameras", "config"),
+        "config",
         *_FOUNDATION,
     ),
     "ros": ("cli", "run", "live", "io", "console", *_FOUNDATION),

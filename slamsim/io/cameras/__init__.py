@@ -6,7 +6,7 @@ from pathlib import Path
 
 from slamsim.guard.errors import InputRefused, NotFound
 from slamsim.io.cameras.base import Cameras
-from slamsim.io.cameras.folders import FolderCameras
+from slamsim.io.cameras.folders import FolderCameras, ImageList
 from slamsim.io.cameras.layouts import asl_lists, asl_root, open3d_lists, tum_lists
 from slamsim.io.formats import Truth
 from slamsim.io.formats.ros import is_ros
@@ -23,11 +23,9 @@ def open_cameras(path: Path, truth: Truth = "without") -> Cameras:
     """
     if not path.exists():
         raise NotFound(f"{path}: there is no such file or folder")
-    if path.is_dir():
-        root = asl_root(path)
-        lists = tum_lists(path) or (asl_lists(root) if root is not None else open3d_lists(path))
-        if lists:
-            return FolderCameras(path, lists)
+    lists = _image_lists(path) if path.is_dir() else []
+    if lists:
+        return FolderCameras(path, lists)
     recording = recording_at(path)
     if not is_ros(recording):
         raise InputRefused(
@@ -38,3 +36,14 @@ def open_cameras(path: Path, truth: Truth = "without") -> Cameras:
     from slamsim.io.cameras.recording import RecordedCameras
 
     return RecordedCameras(recording, truth)
+
+
+def is_image_folder(folder: Path) -> bool:
+    """Whether a folder has a layout whose images ``open_cameras`` reads; raises InputRefused for
+    one with wrong lists."""
+    return bool(_image_lists(folder))
+
+
+def _image_lists(folder: Path) -> list[ImageList]:
+    root = asl_root(folder)
+    return tum_lists(folder) or (asl_lists(root) if root is not None else open3d_lists(folder))

@@ -15,7 +15,7 @@ from slamsim.report.precision import precision_plots
 from slamsim.report.run_view import RunView
 from slamsim.report.viewer.scene import CLOSURES
 from slamsim.report.viewer.series import MAX_POINTS, Panel, plots
-from slamsim.report.viewer.stage import MAP, timeline
+from slamsim.report.viewer.stage import BASE, MAP, timeline
 
 MAP_VIEW, PRECISION_VIEW, SPACE_VIEW = "Map", "Precision", "Space"
 _FIELD_OF_VIEW = 0.85
@@ -31,11 +31,13 @@ def blueprint(view: RunView, cameras: Sequence[rrb.Spatial2DView] = ()) -> rrb.B
 
     cameras: further views, below the plots.
     """
+    hidden = ["- /truth/walls", "- /precision/**", "- /plots/**", "- /cameras/**"]
+    has_scans = any(True for _ in view.log.scans)
     scene = rrb.Tabs(
-        _map_view(view, MAP_VIEW, ["+ /**", "- /truth/walls", "- /precision/**", "- /plots/**"]),
+        _map_view(view, MAP_VIEW, ["+ /**", *hidden]),
         _map_view(view, PRECISION_VIEW, ["+ /map", "+ /truth/outline", "+ /precision/**"]),
-        _space_view(view),
-        active_tab=0,
+        _space_view(view) if has_scans else _before_cameras(),
+        active_tab=0 if has_scans else 2,
     )
     groups = (("Over time", plots(view)), ("Precision", precision_plots(view, MAX_POINTS)))
     curves = [
@@ -132,6 +134,20 @@ def _space_view(view: RunView) -> rrb.Spatial3DView:
             position=(centre[0] - 0.4 * size_m, centre[1] - 0.7 * size_m, 0.7 * size_m),
             look_target=(centre[0], centre[1], 0.0),
             eye_up=(0.0, 0.0, 1.0),
+        ),
+    )
+
+
+def _before_cameras() -> rrb.Spatial3DView:
+    """What cameras see, from behind and above them; nothing else says how large the place is."""
+    return rrb.Spatial3DView(
+        origin="/",
+        name=SPACE_VIEW,
+        contents=["+ /**", "- /precision/**", "- /plots/**"],
+        spatial_information=rrb.SpatialInformation(target_frame=BASE),
+        line_grid=rrb.LineGrid3D(visible=False),
+        eye_controls=rrb.EyeControls3D(
+            position=(-2.0, 1.2, 1.2), look_target=(1.5, 0.0, 0.0), eye_up=(0.0, 0.0, 1.0)
         ),
     )
 

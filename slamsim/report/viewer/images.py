@@ -1,9 +1,10 @@
-"""Camera images in a Rerun recording."""
+"""Camera images in a Rerun recording: cameras on the robot, depth as clouds before them."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -13,15 +14,57 @@ from numpy.typing import NDArray
 
 from slamsim.cameras.codecs.pictures import encode_jpeg, encode_png
 from slamsim.cameras.frames import EncodedFrame
+from slamsim.cameras.lens import CameraModel
+from slamsim.core.geometry import xyzw_from_matrix
+from slamsim.core.types import FloatArray
 from slamsim.guard.errors import InputRefused
 from slamsim.guard.pictures import JPEG_MAGIC
 from slamsim.report.run_view import RunView
-from slamsim.report.viewer.stage import time_column
+from slamsim.report.viewer.stage import BASE, time_column
 
 MOST_IMAGES = 300
 """Of each camera: half a minute at ten a second, and more thinly of a longer drive."""
 _QUALITY = 80
 _MOST_VIEWS = 4
+_PLANE_M = 0.3
+"""From a camera to where its picture is drawn."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ShownCamera:
+    """A camera at its place. T_base_camera: (4, 4) of its optical frame (z forward, x right)."""
+
+    topic: str
+    model: CameraModel
+    T_base_camera: FloatArray
+
+
+def log_cameras(recording: rr.RecordingStream, cameras: Sequence[ShownCamera]) -> None:
+    """Each as a pinhole in the transform tree; its distortion is not drawn."""
+    for camera in cameras:
+        entity, T_base_camera = entity_of(camera.topic), camera.T_base_camera
+        frame, image = f"{entity}/optical", f"{entity}/image"
+        place = rr.Transform3D(
+            translation=T_base_camera[:3, 3],
+            quaternion=rr.Quaternion(xyzw=xyzw_from_matrix(T_base_camera[:3, :3])),
+            parent_frame=BASE,
+            child_frame=frame,
+        )
+        recording.log(f"tf/{entity}", place, static=True)
+        pinhole = rr.Pinhole(
+            image_from_camera=camera.model.K,
+            resolution=(camera.model.width, camera.model.height),
+            camera_xyz=rr.ViewCoordinates.RDF,
+            parent_frame=frame,
+            child_frame=image,
+            image_plane_distance=_PLANE_M,
+        )
+        recording.log(entity, pinhole, rr.CoordinateFrame(image), static=True)
+
+
+def entity_of(topic: str) -> str:
+    """Where the images of a topic are logged."""
+    return f"cameras/{topic.strip('/')}"
 
 
 def log_images(
@@ -35,7 +78,7 @@ def log_images(
     for image in images:
         with suppress(InputRefused):
             columns = _columns(image)
-            entity = f"cameras/{image.topic.strip('/')}"
+            entity = entity_of(image.topic)
             entities.setdefault(entity)
             stamps_ns = np.array([image.stamp_ns], dtype=np.int64)
             recording.send_columns(entity, [time_column(view, stamps_ns)], columns)

@@ -8,7 +8,7 @@ ever on a full disk.
 from __future__ import annotations
 
 import zlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import rerun as rr
@@ -19,7 +19,7 @@ from slamsim.report.figures.palette import rgb
 from slamsim.report.precision import precision_plots
 from slamsim.report.run_view import RunView
 from slamsim.report.viewer.blueprint import blueprint
-from slamsim.report.viewer.images import camera_views, log_images
+from slamsim.report.viewer.images import ShownCamera, camera_views, log_cameras, log_images
 from slamsim.report.viewer.scene import log_graph, log_map, log_paths, log_precision, log_walls
 from slamsim.report.viewer.series import MAX_POINTS, plots
 from slamsim.report.viewer.stage import laser_frame, log_scans, log_transforms, time_column
@@ -27,10 +27,16 @@ from slamsim.report.viewer.stage import laser_frame, log_scans, log_transforms, 
 APPLICATION = "slamsim"
 
 
-def write_recording(path: Path, view: RunView, images: Iterable[EncodedFrame] = ()) -> None:
+def write_recording(
+    path: Path,
+    view: RunView,
+    images: Iterable[EncodedFrame] = (),
+    cameras: Sequence[ShownCamera] = (),
+) -> None:
     """Write ``run.rrd``; what was under this name stays if anything fails.
 
-    Raises what write_atomic raises.
+    images: of cameras, of which those in ``cameras`` are drawn where they are. Raises what
+    write_atomic raises.
     """
     recording = rr.RecordingStream(APPLICATION, recording_id=_identity(view))
     memory = recording.memory_recording()
@@ -47,8 +53,9 @@ def write_recording(path: Path, view: RunView, images: Iterable[EncodedFrame] = 
         log_precision(recording, view)
         log_scans(recording, view, laser)
         _log_plots(recording, view)
-        cameras = camera_views(log_images(recording, view, images))
-        recording.send_blueprint(blueprint(view, cameras))
+        log_cameras(recording, cameras)
+        pictures = camera_views(log_images(recording, view, images))
+        recording.send_blueprint(blueprint(view, pictures))
     finally:
         rr.set_strict_mode(strict_before)
     write_atomic(path, memory.drain_as_bytes())

@@ -13,10 +13,12 @@ def unmapped(log: Log) -> RunView:
     """What ``write_recording`` shows of a log that was not mapped.
 
     Without odometry the robot stands still, and scans are seen from it. Scans before and after
-    the odometry are left out.
+    the odometry are left out; without any scan the whole odometry is shown.
     """
     stamps_ns = np.array([scan.stamp_ns for scan in log.scans], dtype=np.int64)
     path = log.odometry
+    if path is not None and not stamps_ns.size:
+        stamps_ns = path.stamps_ns
     if path is not None and len(path):
         inside = (stamps_ns >= path.stamps_ns[0]) & (stamps_ns <= path.stamps_ns[-1])
         odometry = PlanarTrajectory(stamps_ns[inside], path.at(stamps_ns[inside]))

@@ -1,0 +1,76 @@
+"""What `slamsim view` makes of cameras: pinholes at their places, with or without scans."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from bag_data import ROS2, START_NS, Robot, as_mcap
+
+from slamsim.cameras.codecs.pictures import encode_png
+from slamsim.guard.errors import InputRefused
+from slamsim.io.cameras import open_cameras
+from slamsim.io.open import open_recording
+from slamsim.io.selection import EVERYTHING
+from slamsim.report.viewer.show import check_recording
+from slamsim.run.cameras.viewing import AHEAD, shown_cameras, write_unmapped
+
+ROBOT = Robot(ROS2)
+DEPTH = np.full((24, 32), 1500, np.uint16)
+
+
+def camera(frame: str = "camera") -> list[tuple[str, int, Any]]:
+    """Depth images and CameraInfo."""
+    header = ROBOT.header(START_NS + 1, frame)
+    image = ROS2.types["sensor_msgs/msg/Image"](
+        header, 24, 32, "16UC1", 0, 64, DEPTH.view(np.uint8).ravel()
+    )
+    roi = ROS2.types["sensor_msgs/msg/RegionOfInterest"](0, 0, 0, 0, False)
+    K = np.array([30.0, 0, 15.5, 0, 30.0, 11.5, 0, 0, 1])
+    info = ROS2.types["sensor_msgs/msg/CameraInfo"](
+        header, 24, 32, "plumb_bob", np.zeros(5), K, np.eye(3).ravel(), np.zeros(12), 0, 0, roi
+    )
+    return [("/cam/camera_info", START_NS, info), ("/cam/image", START_NS, image)]
+
+
+def mounted() -> list[tuple[str, int, Any]]:
+    edge = ROBOT.transform(START_NS, ("base_link", "camera"), 0.3, 0.2)
+    return [("/tf_static", START_NS, ROBOT.tf(edge))]
+
+
+def test_a_camera_is_shown_where_the_transforms_put_it(tmp_path: Path) -> None:
+    path = as_mcap(tmp_path / "a.mcap", [*ROBOT.drive(), *mounted(), *camera()])
+    with open_cameras(path) as cameras:
+        (shown,) = shown_cameras(cameras, open_recording(path).recording)
+        (alone,) = shown_cameras(cameras, None)
+    assert shown.T_base_camera[0, 3] == pytest.approx(0.3)
+    assert shown.T_base_camera[1, 0] == pytest.approx(np.sin(0.2))
+    np.testing.assert_array_equal(alone.T_base_camera, AHEAD)
+    assert shown.model.width == 32
+
+
+def test_a_recording_with_a_camera_is_drawn_without_errors(tmp_path: Path) -> None:
+    path = as_mcap(tmp_path / "a.mcap", [*ROBOT.drive(), *mounted(), *camera()])
+    write_unmapped(path, EVERYTHING, tmp_path / "a.rrd")
+    found = check_recording(tmp_path / "a.rrd")
+    assert found.errors == ()
+    assert found.parents["cameras/cam/image/optical"] == "base_footprint"
+    assert "cam/image" in found.views
+
+
+def test_cameras_are_shown_without_scans(tmp_path: Path) -> None:
+    write_unmapped(as_mcap(tmp_path / "a.mcap", camera()), EVERYTHING, tmp_path / "a.rrd")
+    for name in ("color", "depth"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "0.png").write_bytes(encode_png(DEPTH))
+    write_unmapped(tmp_path, EVERYTHING, tmp_path / "folder.rrd")
+    for name in ("a", "folder"):
+        assert b"cameras" in (tmp_path / f"{name}.rrd").read_bytes()
+
+
+def test_a_recording_with_neither_is_refused(tmp_path: Path) -> None:
+    path = as_mcap(tmp_path / "a.mcap", mounted())
+    with pytest.raises(InputRefused):
+        write_unmapped(path, EVERYTHING, tmp_path / "a.rrd")
