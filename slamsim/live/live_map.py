@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +16,7 @@ from slamsim.live.mapping import Begin, MapNews, MappingProcess, Placed
 from slamsim.live.navigate import require_map
 from slamsim.live.published import DIAGNOSTICS, MAP, PATH, SlamMessages
 from slamsim.live.slam_feed import Arrived
-from slamsim.recording import RawOdometry
+from slamsim.recording import RawOdometry, RawScans
 from slamsim.recording.cleaning.streams import odometry_of
 from slamsim.slam.mapping.map_files import map_files
 
@@ -25,6 +25,9 @@ REMEMBERED_NS = 30_000_000_000
 """How far SLAM may be behind with a scan for its pose to be set beside the odometry."""
 TWIST_NS = 200_000_000
 """Over which the speed is taken: a few poses of any odometry."""
+MOST_LAG_S, CAUGHT_UP_S = 30.0, 1.0
+"""A SLAM that lags so far behind gets no more scans until it has caught up, lest memory grows for
+hours; by then its poses are of little use to the robot anyway."""
 NO_ODOMETRY = PlanarTrajectory(np.zeros(0, np.int64), np.zeros((0, 3)))
 
 Post = Callable[[str, int, bytes], None]
@@ -46,7 +49,7 @@ class LiveMap:
         self._last: Placed | None = None
         self._T_map_odom: FloatArray | None = None
         self._odometry = NO_ODOMETRY
-        self._diagnosed_ns = 0
+        self._diagnosed_ns, self._lag = 0, _Lag()
 
     def begin(self, begin: Begin) -> None:
         """A new map; what comes until SLAM is ready waits for it."""
@@ -67,13 +70,16 @@ class LiveMap:
         return 0 if self._process is None else self._process.behind
 
     def take(self, streams: Sequence[Arrived]) -> None:
-        """Hand on what SLAM may see of what arrived, of one topic of each kind."""
+        """Hand on what SLAM may see of what arrived, of one topic of each kind. Scans are left out,
+        which is told, while SLAM has to catch up."""
         for stream in streams:
             path = odometry_of(stream)[0] if isinstance(stream, RawOdometry) else stream
             if isinstance(path, PlanarTrajectory) and len(path):
                 self._odometry = _later(self._odometry, path)
         if self._process is not None:
-            self._process.take(streams)
+            self.events.extend(self._lag.news(self._process.lag_s))
+            is_late = self._lag.is_on
+            self._process.take([s for s in streams if not (is_late and isinstance(s, RawScans))])
 
     def heed(self, now_ns: int, post: Post) -> None:
         """Take in all that SLAM said since the last call, and post it on."""
@@ -168,6 +174,22 @@ class LiveMap:
         T_odom_base = self._odometry.at(np.array([placed.stamp_ns]))[0]
         self._T_map_odom = compose(placed.T_map_base, inverse(T_odom_base))
         post("/tf", now_ns, self._messages.map_odom(placed.stamp_ns, self._T_map_odom))
+
+
+class _Lag:
+    """SLAM has to catch up. is_on: whether that is so."""
+
+    def __init__(self) -> None:
+        self.is_on = False
+
+    def news(self, lag_s: float) -> Iterator[str]:
+        """What is to be told since the last call. lag_s: how long the oldest message waits."""
+        if lag_s > MOST_LAG_S and not self.is_on:
+            self.is_on = True
+            yield f"SLAM is {lag_s:.0f} s behind: scans are left out until it has caught up"
+        elif lag_s < CAUGHT_UP_S and self.is_on:
+            self.is_on = False
+            yield "SLAM has caught up"
 
 
 def _later(before: PlanarTrajectory, now: PlanarTrajectory) -> PlanarTrajectory:

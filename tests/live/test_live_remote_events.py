@@ -4,17 +4,22 @@ from __future__ import annotations
 
 from pathlib import Path
 from threading import Event
+from typing import cast
 
 import pytest
+from scan_recording import healthy
 
 from slamsim.guard.errors import SlamsimError
 from slamsim.io.bag2.folder import TopicKind
 from slamsim.io.open import open_recording
 from slamsim.live import calls
 from slamsim.live.hub import Message
+from slamsim.live.live_map import LiveMap, _Lag
+from slamsim.live.mapping import MappingProcess
 from slamsim.live.remote import recording
-from slamsim.live.remote.events import Lag, LateTopics, Silence
+from slamsim.live.remote.events import LateTopics, Silence
 from slamsim.live.remote.recording import Recordings
+from slamsim.recording import RawScans, RawStream
 from slamsim.run.live.serving import run_until_signal
 
 CLOCK = TopicKind("/clock", "rosgraph_msgs/msg/Clock")
@@ -25,7 +30,7 @@ IMAGE = TopicKind("/image", "sensor_msgs/msg/Image")
 def test_silence_and_lag_are_told_as_they_begin_and_end(monkeypatch: pytest.MonkeyPatch) -> None:
     now_s = [0.0]
     monkeypatch.setattr("slamsim.live.remote.events.time.monotonic", lambda: now_s[0])
-    silence, lag = Silence(), Lag()
+    silence, lag = Silence(), _Lag()
     told = []
     for now_s[0], lag_s in ((1.0, 0.0), (6.0, 31.0), (7.0, 20.0), (8.0, 0.5)):
         if now_s[0] == 7.0:
@@ -87,3 +92,24 @@ def test_a_loop_that_does_not_answer_is_told(monkeypatch: pytest.MonkeyPatch) ->
     monkeypatch.setattr(calls, "_ANSWER_S", 0.01)
     with pytest.raises(SlamsimError, match="did not answer"):
         calls.Calls().answer(lambda: None)
+
+
+def test_a_slam_that_lags_gets_no_scans_until_it_has_caught_up() -> None:
+    class Lagging:
+        lag_s = 31.0
+
+        def __init__(self) -> None:
+            self.taken: list[list[str]] = []
+
+        def take(self, streams: list[RawStream]) -> None:
+            self.taken.append([stream.topic for stream in streams])
+
+    process = Lagging()
+    known = LiveMap(cast(MappingProcess, process))
+    streams = healthy().streams
+    for process.lag_s in (31.0, 2.0, 0.5):
+        known.take(streams)
+    every = [stream.topic for stream in streams]
+    without = [stream.topic for stream in streams if not isinstance(stream, RawScans)]
+    assert process.taken == [without, without, every] and every != without
+    assert [words.split()[-1] for words in known.events] == ["up", "up"]

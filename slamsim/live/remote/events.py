@@ -10,9 +10,6 @@ from slamsim.io.ros.reader import is_read
 
 SILENCE_S = 5.0
 """Without a scan for so long, that is told: every lidar turns at least twice a second."""
-MOST_LAG_S, CAUGHT_UP_S = 30.0, 1.0
-"""A SLAM that lags so far behind gets no more scans until it has caught up, lest memory grows for
-hours; by then its poses are of little use to the robot anyway."""
 _LOOK_S = 5.0
 
 
@@ -32,22 +29,6 @@ class Silence:
         if self.is_on != (silent_s > SILENCE_S):
             self.is_on = not self.is_on
             yield f"no scan for {silent_s:.0f} s" if self.is_on else "scans come again"
-
-
-class Lag:
-    """SLAM has to catch up. is_on: whether that is so."""
-
-    def __init__(self) -> None:
-        self.is_on = False
-
-    def news(self, lag_s: float) -> Iterator[str]:
-        """What is to be told since the last call. lag_s: how long the oldest message waits."""
-        if lag_s > MOST_LAG_S and not self.is_on:
-            self.is_on = True
-            yield f"SLAM is {lag_s:.0f} s behind: scans are left out until it has caught up"
-        elif lag_s < CAUGHT_UP_S and self.is_on:
-            self.is_on = False
-            yield "SLAM has caught up"
 
 
 class LateTopics:

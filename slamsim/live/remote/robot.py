@@ -20,7 +20,7 @@ from slamsim.live.live_map import LiveMap
 from slamsim.live.mapping import Begin, MappingProcess
 from slamsim.live.published import DIAGNOSTICS, MAP
 from slamsim.live.remote.checking import CheckingProcess
-from slamsim.live.remote.events import Lag, LateTopics, Silence
+from slamsim.live.remote.events import LateTopics, Silence
 from slamsim.live.remote.received import (
     PATIENCE_S,
     FixedTransforms,
@@ -91,7 +91,7 @@ class RemoteRobot:
         """Messages so far."""
         self.begun_s, self._now_ns = time.monotonic(), time.time_ns()
         self._order = ScanOrder()
-        self._silence, self._lag, self._late = Silence(), Lag(), LateTopics({*self._topics, "/tf"})
+        self._silence, self._late = Silence(), LateTopics({*self._topics, "/tf"})
         self.status = self._described()
         """As of the last turn."""
 
@@ -220,9 +220,6 @@ class RemoteRobot:
             self._silence.scan_came()
         if scans and self._order.is_another_drive(scans[0].stamps_ns):
             self._begin_another_drive()
-        self.known.events.extend(self._lag.news(self._process.lag_s))
-        if self._lag.is_on:
-            streams = [one for one in streams if not isinstance(one, RawScans)]
         self.known.take(streams)
 
     def _begin_another_drive(self) -> None:
