@@ -11,6 +11,8 @@ from slamsim import __version__
 from slamsim.bench.command import bench
 from slamsim.cli.check_command import CHECK_EPILOG, FIX_EPILOG, check, fix
 from slamsim.cli.common import close_run, config_of, loaded_config
+from slamsim.cli.convert_command import EPILOG as CONVERT_EPILOG
+from slamsim.cli.convert_command import convert
 from slamsim.cli.dataset_command import dataset
 from slamsim.cli.demo_command import EPILOG as DEMO_EPILOG
 from slamsim.cli.demo_command import demo
@@ -149,6 +151,7 @@ app.command(epilog=INFO_EPILOG)(info)
 app.command(epilog=CHECK_EPILOG)(check)
 app.command(epilog=FIX_EPILOG)(fix)
 app.command(epilog=RECOVER_EPILOG)(recover)
+app.command(epilog=CONVERT_EPILOG)(convert)
 app.command(epilog=DEMO_EPILOG)(demo)
 app.command(help=SCENARIO_HELP, epilog=SCENARIO_EPILOG)(scenario)
 app.command(epilog=IDENTIFY_EPILOG)(identify)

@@ -1,0 +1,50 @@
+"""``slamsim convert`` as it is typed."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from slamsim.console.options import Json, Overwrite, Quiet
+
+EPILOG = "Example: slamsim convert my_rosbag2/ images/ --to tum"
+
+
+class Target(StrEnum):
+    """Layouts of folders with images."""
+
+    TUM = "tum"
+    EUROC = "euroc"
+
+
+def convert(
+    source: Annotated[
+        Path,
+        typer.Argument(help="A recording with camera images, or a folder of them."),
+    ],
+    out: Annotated[Path, typer.Argument(help="New folder.")],
+    to: Annotated[
+        Target, typer.Option("--to", help="TUM RGB-D (colour and depth) or EuRoC (cameras, IMU).")
+    ] = Target.TUM,
+    overwrite: Overwrite = False,
+    quiet: Quiet = False,
+    as_json: Json = False,
+) -> None:
+    """Write camera images as a folder of TUM RGB-D or EuRoC, with cameras and the true path."""
+    from slamsim.console.reporter import Reporter
+    from slamsim.run.naming import output_folder
+
+    reporter = Reporter(quiet=quiet, as_json=as_json)
+    with output_folder(out, "", overwrite=overwrite, inputs=(source,)):
+        from slamsim.run.cameras.converting import convert_images
+
+        written = convert_images(source, out, to.value, overwrite=overwrite)
+    for name, one in written.items():
+        lost = f", {one.left_out:,} left out ({one.first_reason})" if one.left_out else ""
+        reporter.say(f"{name}: {one.images:,} images of {one.topic}{lost}")
+    reporter.say(f"Written to {out}/")
+    reporter.result({"folder": str(out), "cameras": {n: asdict(w) for n, w in written.items()}})
