@@ -28,10 +28,12 @@ from slamsim.guard.output import write_atomic
 from slamsim.guard.urdf import read_urdf
 from slamsim.sensors.faults.registry import load_fault
 from slamsim.sim.drive.route_file import read_route
+from slamsim.world.looks.build import build_looks
+from slamsim.world.looks.tags_file import tags_yaml
 from slamsim.world.map_server import read_cells
 from slamsim.world.model import World
 
-WORLD, CONFIG, FILES = "world.yaml", "config.yaml", "files"
+WORLD, CONFIG, FILES, TAGS = "world.yaml", "config.yaml", "files", "tags.yaml"
 _Model = TypeVar("_Model", bound=Config)
 
 
@@ -41,8 +43,12 @@ def write_config(folder: Path, config: RunConfig) -> None:
 
 
 def write_world(folder: Path, config: RunConfig, world: World) -> None:
-    """``world.yaml``: this very world, whatever the seed of the next run; ``files/`` for it."""
+    """``world.yaml``: this very world, whatever the seed of the next run; ``files/`` for it.
+    ``tags.yaml``, if tags hang in it: where."""
     _write_yaml(folder / WORLD, config.world.model_copy(update={"seed": world.seed}))
+    if config.world.looks.tags.count:
+        tags = build_looks(world, config.world.looks).tags
+        write_atomic(folder / TAGS, tags_yaml(tags))
 
 
 def _write_yaml(path: Path, config: Config) -> None:

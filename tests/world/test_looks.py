@@ -15,6 +15,7 @@ from slamsim.core.types import BoolArray, Float32Array, FloatArray
 from slamsim.guard.numbers import BadNumbers
 from slamsim.world.looks.lamps import light_of, lit_by
 from slamsim.world.looks.materials import MATERIALS, MaterialId
+from slamsim.world.parts import WALL
 
 PX_M = 0.004
 
@@ -80,6 +81,18 @@ def test_looks_follow_their_seed() -> None:
 
     assert digest() == digest(seed=0)
     assert len({digest(), digest(seed=1), digest(split="test"), digest(texture=0.5)}) == 4
+
+
+def test_clutter_does_not_change_the_walls() -> None:
+    bare, cluttered = world(4), world(4, clutter={"per_cell": 2.0})
+    numbers, points, _ = points_on(bare, 500)
+    same = np.flatnonzero(cluttered.parts.owners == WALL)[numbers]
+
+    one = looks_of(bare, posters={"count": 0}).albedo(points, numbers, PX_M)
+    other = looks_of(cluttered, posters={"count": 0}).albedo(points, same, PX_M)
+
+    assert np.array_equal(bare.mesh.triangles.shape, [(cluttered.parts.owners == WALL).sum(), 3])
+    np.testing.assert_allclose(one, other, atol=1e-6)
 
 
 def test_without_texture_each_surface_has_one_colour() -> None:
@@ -196,8 +209,9 @@ def test_hits_of_other_shapes_are_refused() -> None:
 def test_materials_are_in_the_order_of_their_numbers() -> None:
     assert [material.name for material in MATERIALS] == [m.name.lower() for m in MaterialId]
     assert sum(m.is_glass for m in MATERIALS) == sum(m.is_mirror for m in MATERIALS) == 1
-    reflectances = looks_of(room()).ir_reflectances
-    assert reflectances.shape == (len(MATERIALS),) and reflectances.max() <= 1.0
+    looks = looks_of(room())
+    assert looks.ir_reflectances[MaterialId.PAPER] == np.float32(0.8)
+    assert looks.roughnesses[MaterialId.MIRROR] == 0.0
 
 
 def test_a_labyrinth_has_things_of_their_own_materials() -> None:

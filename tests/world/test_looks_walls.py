@@ -2,18 +2,26 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import cv2
 import numpy as np
 import pytest
 import shapely
+import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 from looks_example import looks_of, room
-from world_helpers import world
+from world_helpers import PLAIN, world
 
 from slamsim.config.looks import Split
 from slamsim.config.looks.walls import PostersConfig, tags_in
+from slamsim.config.run import RunConfig
+from slamsim.config.world import WorldConfig
+from slamsim.core.geometry import matrix_from_xyzw
 from slamsim.core.types import Float32Array, FloatArray
+from slamsim.simulation.own_files import write_world
+from slamsim.world.build import build_world
 from slamsim.world.looks.decals import Decal, decal_table
 from slamsim.world.looks.families import FAMILIES, draw_finish
 from slamsim.world.looks.finishes import split_share
@@ -23,6 +31,7 @@ from slamsim.world.looks.paint import _decal_colour
 from slamsim.world.looks.places import Place
 from slamsim.world.looks.posters import hang_posters, poster_pixels
 from slamsim.world.looks.tags import Tag, tag_pixels
+from slamsim.world.looks.tags_file import tags_yaml
 from slamsim.world.model import World
 from slamsim.world.parts import WALL
 
@@ -150,6 +159,30 @@ def test_tags_that_find_no_room_are_told(caplog: pytest.LogCaptureFixture) -> No
 
     assert looks.tags == ()
     assert "only 0 of 2 tags find room" in caplog.text
+
+
+def test_the_file_of_tags_says_where_they_hang() -> None:
+    tags = looks_of(room(), tags={"count": 4}).tags
+
+    said = yaml.safe_load(tags_yaml(tags))["tags"]
+
+    assert [each["id"] for each in said] == [0, 1, 2, 3]
+    for each, tag in zip(said, tags, strict=True):
+        assert (each["family"], each["size_m"]) == (tag.family, tag.size_m)
+        assert each["position_m"] == tag.T_map_tag[:3, 3].tolist()
+        turned = matrix_from_xyzw(np.array(each["quat_xyzw"]))
+        np.testing.assert_allclose(turned, tag.T_map_tag[:3, :3], atol=1e-12)
+
+
+def test_a_world_is_written_with_its_tags(tmp_path: Path) -> None:
+    for count in (0, 2):
+        keys = {**PLAIN, "looks": {"tags": {"count": count}}}
+        config = RunConfig(world=WorldConfig.model_validate(keys))
+        folder = tmp_path / str(count)
+        folder.mkdir()
+        write_world(folder, config, build_world(config.world, 0))
+        assert (folder / "tags.yaml").exists() == (count > 0)
+        assert ("looks" in (folder / "world.yaml").read_text()) == (count > 0)
 
 
 def test_a_hit_on_a_pane_is_glass() -> None:

@@ -198,8 +198,17 @@ def test_bundled_worlds_build_and_have_a_preview(name: str) -> None:
     assert red.sum() > 30, "the start is drawn"
 
 
-def test_the_seven_worlds_are_there() -> None:
-    expected = {"corridor", "labyrinth", "labyrinth_large", "loop", "rooms", "symmetric", "tiny"}
+def test_the_worlds_are_there() -> None:
+    expected = {
+        "corridor",
+        "gallery",
+        "labyrinth",
+        "labyrinth_large",
+        "loop",
+        "rooms",
+        "symmetric",
+        "tiny",
+    }
     assert expected <= set(bundled_names("worlds"))
 
 

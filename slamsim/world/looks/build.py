@@ -8,7 +8,7 @@ import numpy as np
 
 from slamsim.config.looks import LooksConfig
 from slamsim.core.randomness import random_bits, random_stream
-from slamsim.core.types import Grid, TriangleMesh
+from slamsim.core.types import Grid, IntArray, TriangleMesh
 from slamsim.world.looks.decals import Decal, decal_table
 from slamsim.world.looks.families import draw_finish
 from slamsim.world.looks.finishes import Finish, finish_table
@@ -70,10 +70,10 @@ def _with_floor(world: World) -> tuple[TriangleMesh, Parts]:
 
 def _finishes(
     surfaces: Surfaces, parts: Parts, config: LooksConfig, seed: int
-) -> tuple[list[Finish], np.ndarray[tuple[int], np.dtype[np.int64]]]:
+) -> tuple[list[Finish], IntArray]:
     """All finishes, and the number of each triangle's: that of its thing, or of its plane of wall.
 
-    A plane of wall has one of a few finishes, by chance.
+    A plane of wall has one of a few finishes, by chance that depends on where the plane is alone.
     """
     own = [
         draw_finish(config.family, kind, config.split, random_stream(seed, "looks", kind, str(at)))
@@ -85,8 +85,11 @@ def _finishes(
         )
         for at in range(_WALL_FINISHES)
     ]
-    planes = range(len(surfaces.normals))
-    chosen = [random_bits(seed, "looks", "plane", str(at)) % _WALL_FINISHES for at in planes]
+    planes = np.rint(1e3 * np.column_stack([surfaces.normals, surfaces.offsets_m])).astype(int)
+    chosen = [
+        random_bits(seed, "looks", "plane", str(plane)) % _WALL_FINISHES
+        for plane in planes.tolist()
+    ]
     of_wall = len(own) + np.array(chosen, dtype=np.int64)[surfaces.of_triangle]
     finish_of = np.where(parts.owners == WALL, of_wall, parts.owners)
     return [*own, *walls], finish_of

@@ -111,6 +111,11 @@ class Looks:
         """(m,) share of infrared light that each of ``MATERIALS`` throws back."""
         return np.array([material.ir_reflectance for material in MATERIALS], dtype=np.float32)
 
+    @property
+    def roughnesses(self) -> Float32Array:
+        """(m,) of each of ``MATERIALS``: 1 matt, 0 polished."""
+        return np.array([material.roughness for material in MATERIALS], dtype=np.float32)
+
     def _numbers(self, triangles: NDArray[Any]) -> NDArray[np.int64]:
         require_array("numbers of triangles", triangles, (None,), "iu")
         if triangles.dtype.kind == "i" and triangles.size and triangles.min() < 0:
