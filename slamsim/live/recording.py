@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -15,18 +15,21 @@ from pydantic import Field, model_validator
 from slamsim.config.base import Config
 from slamsim.config.loading import load_model
 from slamsim.config.run import RunConfig
+from slamsim.core.types import Trajectory
 from slamsim.guard.errors import InputRefused
 from slamsim.guard.files import own_file
 from slamsim.guard.output import discard, partial_folder, write_atomic
 from slamsim.guard.text import open_lines
 from slamsim.io.names import LOG
-from slamsim.io.open import read_truth
+from slamsim.io.ros.encoding import stream_messages
 from slamsim.io.text.tum import write_tum
 from slamsim.live.robot import LiveRobot, Window
+from slamsim.recording import RawOdometry, RawStream
 from slamsim.sim.drive.follow import Twist
 from slamsim.simulation.header import LogHeader
 from slamsim.simulation.log_writer import begun_bag
 from slamsim.simulation.own_files import write_config, write_world
+from slamsim.simulation.recorder import TRUTH
 from slamsim.world.model import World
 
 DRIVE, COMMANDS = "drive.yaml", "commands.csv"
@@ -97,6 +100,7 @@ class DriveRecording:
         self.folder = folder
         self._robot, self._first_tick = robot, robot.ticks
         self._is_whole = False
+        self._truth: list[RawOdometry] = []
         self._says_once = robot.ticks > 0
         with ExitStack() as opened:
             self._partial = opened.enter_context(partial_folder(folder, overwrite))
@@ -115,12 +119,15 @@ class DriveRecording:
             once = self._robot.said_once()
             late = [replace(m, log_ns=np.maximum(m.log_ns, now_ns)) for m in once]
             messages = [*late, *messages]
+        self._truth.extend(_truth_among(window.part.beside))
         self._bag.add(messages)
         self._bag.release(window.end_ns)
 
     def finish(self) -> Path:
         """Its folder, whole and sealed. Raises SlamsimError where the disk does not suffice."""
-        self._bag.add(self._robot.rest())
+        rest = self._robot.rest()
+        self._truth.extend(_truth_among(rest))
+        self._bag.add([stream_messages(stream) for stream in rest])
         self._is_whole = True
         self._open.close()
         return self.folder
@@ -133,10 +140,22 @@ class DriveRecording:
         """What is known once the bag is closed."""
         if not self._is_whole:
             return
-        truth = read_truth(self._partial / LOG)
-        if truth is not None:
-            write_tum(self._partial / "ground_truth.tum", truth)
+        if self._truth:
+            write_tum(self._partial / "ground_truth.tum", _trajectory(self._truth))
         ticks = f"first_tick: {self._first_tick}\nend_tick: {self._robot.ticks}\n"
         write_atomic(self._partial / DRIVE, ticks.encode())
         rows = [f"{tick},{v_m_s!r},{w!r}" for tick, (v_m_s, w) in self._robot.commands]
         write_atomic(self._partial / COMMANDS, "\n".join([_COLUMNS, *rows, ""]).encode())
+
+
+def _truth_among(streams: Iterable[RawStream]) -> Iterator[RawOdometry]:
+    """Kept as it is written: to read it again at the end takes 9 s for a drive of an hour."""
+    return (one for one in streams if isinstance(one, RawOdometry) and one.topic == TRUTH)
+
+
+def _trajectory(parts: Sequence[RawOdometry]) -> Trajectory:
+    return Trajectory(
+        np.concatenate([part.stamps_ns for part in parts]),
+        np.concatenate([part.positions_m for part in parts]),
+        np.concatenate([part.quats_xyzw for part in parts]),
+    )

@@ -10,7 +10,7 @@ from typing import Protocol
 from slamsim.config.run import RunConfig
 from slamsim.core.types import Drive
 from slamsim.io.ros.encoding import Outgoing, outgoing, stream_messages
-from slamsim.recording import Recording
+from slamsim.recording import RawStream, Recording
 from slamsim.sensors.readings import Readings
 from slamsim.sensors.rig import SensorRig
 from slamsim.sim.drive.drive_loop import BasePose, Decision, DriveLoop, touching
@@ -114,9 +114,9 @@ class LiveRobot:
         fixed = tuple(edge for edge in self._first.transforms if edge.is_static)
         return outgoing(replace(self._first, streams=(), transforms=fixed, clock_ns=None))
 
-    def rest(self) -> list[Outgoing]:
+    def rest(self) -> tuple[RawStream, ...]:
         """What is recorded because the drive is over."""
-        return [stream_messages(stream) for stream in self._recorder.rest()]
+        return self._recorder.rest()
 
     def _command(self, driver: Driver, pose: BasePose) -> None:
         follow, limits = self._config.drive.follow, self._config.drive.limits

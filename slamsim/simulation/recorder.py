@@ -26,7 +26,7 @@ from slamsim.sensors.readings import Readings, scan_streams
 from slamsim.simulation.header import LogHeader
 from slamsim.simulation.tails import OdometryTail, TruthTail, WheelMotion, at_rate
 
-_TRUTH, _COMMANDS = "/ground_truth/odom", "/cmd_vel"
+TRUTH, _COMMANDS = "/ground_truth/odom", "/cmd_vel"
 TOPICS = {
     "/robot_description": "std_msgs/msg/String",
     "/tf_static": TRANSFORMS,
@@ -38,7 +38,7 @@ TOPICS = {
     "/odom": RawOdometry.schema.type_name,
     "/tf": TRANSFORMS,
     _COMMANDS: RawTwists.schema.type_name,
-    _TRUTH: RawOdometry.schema.type_name,
+    TRUTH: RawOdometry.schema.type_name,
 }
 """The topics of a simulated recording and the types of their messages."""
 
@@ -113,7 +113,7 @@ class DriveRecorder:
     def _true_odometry(self, truth: Drive) -> RawOdometry:
         frames = (self._header.map_frame,), (self._header.base_frame,)
         return RawOdometry(
-            _TRUTH,
+            TRUTH,
             frames[0],
             truth.stamps_ns,
             truth.stamps_ns,

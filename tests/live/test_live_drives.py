@@ -15,6 +15,8 @@ from slamsim.config.run import RunConfig
 from slamsim.console.reporter import Reporter
 from slamsim.guard.errors import InputRefused, NotFound, SlamsimError
 from slamsim.guard.numbers import BadNumbers
+from slamsim.io.open import read_truth
+from slamsim.io.text.tum import write_tum
 from slamsim.live.hub import Hub, Message
 from slamsim.live.live_map import LiveMap
 from slamsim.live.loop import LiveLoop, LiveSetup
@@ -84,6 +86,10 @@ def test_replay_gives_the_same_folder(tmp_path: Path) -> None:
     assert drive.first_tick > 0 and len({twist for _, twist in drive.commands}) > 3
     replay_drive(folder, tmp_path / "again", QUIET)
     assert _files(tmp_path / "again") == _files(folder)
+    recorded = read_truth(folder / "log")
+    assert recorded is not None
+    write_tum(tmp_path / "recorded.tum", recorded)
+    assert (tmp_path / "recorded.tum").read_bytes() == (folder / "ground_truth.tum").read_bytes()
 
 
 def test_messages_come_in_order_and_latched_ones_first(tmp_path: Path) -> None:
