@@ -181,7 +181,7 @@ def config(
     from slamsim.config.dump import dump_commented_yaml
     from slamsim.console.reporter import write_result
 
-    write_result(dump_commented_yaml(config_of(name, config, set_, seed)))
+    write_result(dump_commented_yaml(config_of(name, config, set_, seed), untold=()))
 
 
 def _version(asked: bool) -> None:

@@ -26,21 +26,22 @@ _UNTOLD = frozenset(("additional", "sinks", "looks"))
 _WORDS = frozenset(("null", "true", "false", "yes", "no", "on", "off", "y", "n"))
 
 
-def dump_commented_yaml(config: Config) -> str:
+def dump_commented_yaml(config: Config, *, untold: Collection[str] = _UNTOLD) -> str:
     """The whole configuration, each key under its description; loads back to an equal one.
 
-    Numbers are written in the shortest form that gives the same bits.
+    untold: keys that are left out while they are as by default. Numbers are written in the
+    shortest form that gives the same bits.
     """
-    return "\n".join(_model_lines(config, "")) + "\n"
+    return "\n".join(_model_lines(config, "", untold)) + "\n"
 
 
-def _model_lines(model: BaseModel, indent: str) -> Iterator[str]:
+def _model_lines(model: BaseModel, indent: str, untold: Collection[str]) -> Iterator[str]:
     for name, field in type(model).model_fields.items():
         value = getattr(model, name)
-        if name in _UNTOLD and value == field.default:
+        if name in untold and value == field.default:
             continue
         yield from _comment(field, value, indent)
-        yield from _entry(f"{indent}{name}:", value, indent)
+        yield from _entry(f"{indent}{name}:", value, indent, untold)
 
 
 def _comment(field: FieldInfo, value: object, indent: str) -> Iterator[str]:
@@ -56,19 +57,19 @@ def _wrapped(text: str, width: int) -> tuple[str, ...]:
     return tuple(textwrap.wrap(" ".join(text.split()), width))
 
 
-def _entry(head: str, value: object, indent: str) -> Iterator[str]:
+def _entry(head: str, value: object, indent: str, untold: Collection[str]) -> Iterator[str]:
     inner = indent + "  "
     if isinstance(value, BaseModel) and type(value).model_fields:
         yield head
-        yield from _model_lines(value, inner)
+        yield from _model_lines(value, inner, untold)
     elif isinstance(value, Mapping) and value:
         yield head
         for key, item in value.items():
-            yield from _entry(f"{inner}{_text(str(key))}:", item, inner)
+            yield from _entry(f"{inner}{_text(str(key))}:", item, inner, untold)
     elif _is_list(value) and any(isinstance(item, BaseModel | Mapping) for item in value):
         yield head
         for item in value:
-            yield from _entry(f"{inner}-", item, inner)
+            yield from _entry(f"{inner}-", item, inner, untold)
     elif isinstance(value, str) and (block := _block(value, inner)):
         yield f"{head} {block[0]}"
         yield from block[1:]

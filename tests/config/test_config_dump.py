@@ -182,3 +182,12 @@ def test_every_key_of_a_run_is_explained() -> None:
         if ":" in line and not line.lstrip().startswith("#") and "#" not in before
     ]
     assert bare == []
+
+
+def test_what_is_left_out_of_files_is_told_where_all_is_asked_for() -> None:
+    short, whole = dump_commented_yaml(RunConfig()), dump_commented_yaml(RunConfig(), untold=())
+
+    assert "looks:" not in short and "additional:" not in short
+    assert "\n  looks:\n" in whole and "additional: []" in whole
+    told = RunConfig.model_validate({"world": {"looks": {"texture": 0.5}}})
+    assert "texture: 0.5" in dump_commented_yaml(told)

@@ -101,3 +101,13 @@ def test_octaves_end_at_the_pixel() -> None:
     assert visible(0.1, 0.1) == 0.0 and visible(0.1, 0.05) == 1.0
     assert rough_noise(0.3, 0.4, 1, 0.1, 6, 0.1) == 0.0
     assert rough_noise(0.3, 0.4, 1, 0.1, 1, 0.05) == smooth_noise(3.0, 4.0, 1)
+
+
+@pytest.mark.parametrize("kind", [Pattern.CONCRETE, Pattern.SPECKLES])
+def test_chips_and_pores_cover_as_much_where_none_is_seen(kind: Pattern) -> None:
+    at = np.random.default_rng(2).uniform(0, 100, (20_000, 2))
+
+    near = np.array([pattern_at(kind, u, v, 64, 0.02, 0.0, 0.5, 1e-4)[0] for u, v in at])
+    far = pattern_at(kind, 1.0, 2.0, 64, 0.02, 0.0, 0.5, 0.05)[0]
+
+    assert near.mean() == pytest.approx(far, abs=0.01)

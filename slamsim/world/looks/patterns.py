@@ -28,6 +28,10 @@ class Pattern(IntEnum):
     CARDBOARD = 7
 
 
+_PORE_M = 0.02
+_MEAN_PORES, _MEAN_CHIPS = 0.026, 0.199
+"""What pores and chips cover on average: what a pixel that shows none of them is mixed with."""
+
 _BRICKS, _PLANKS, _CONCRETE, _TILES = (int(Pattern(number)) for number in range(1, 5))
 _SPECKLES, _WEAVE, _CARDBOARD = (int(Pattern(number)) for number in range(5, 8))
 
@@ -94,8 +98,9 @@ def _concrete(
 ) -> tuple[float, float]:
     """Cast concrete: clouds, small pores, and the seams of its formwork."""
     clouds = rough_noise(u, v, seed, 0.4 * size, 7, px)
-    pore = rough_noise(u, v, seed + 20, 0.02, 2, px)
-    holes = min(max(3.0 * (pore - 0.75), 0.0), 1.0)
+    pore = rough_noise(u, v, seed + 20, _PORE_M, 2, min(px, 0.5 * _PORE_M))
+    left = visible(_PORE_M, px)
+    holes = left * min(max(3.0 * (pore - 0.75), 0.0), 1.0) + (1.0 - left) * _MEAN_PORES
     seam = 1.0 - line_share(u, 2.0 * size, gap, px)
     seam = 1.0 - seam * (1.0 - line_share(v, size, gap, px))
     return max(holes, 0.6 * seam), 1.0 + 0.8 * contrast * clouds
@@ -119,8 +124,9 @@ def _speckles(
     u: float, v: float, seed: int, size: float, contrast: float, px: float
 ) -> tuple[float, float]:
     """Linoleum or terrazzo: chips of the second colour in the main one."""
-    chips = rough_noise(u, v, seed, size, 3, px)
-    mix = min(max(2.5 * (chips - 0.25), 0.0), 1.0)
+    chips = rough_noise(u, v, seed, size, 3, min(px, 0.5 * size))
+    left = visible(size, px)
+    mix = left * min(max(2.5 * (chips - 0.25), 0.0), 1.0) + (1.0 - left) * _MEAN_CHIPS
     return mix, 1.0 + 0.3 * contrast * rough_noise(u, v, seed + 9, 20.0 * size, 3, px)
 
 
