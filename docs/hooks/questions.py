@@ -26,6 +26,7 @@ from slamsim.sensors.faults.registry import bundled_faults
 
 PLACE = "<!-- questions -->"
 SUBJECTS = {
+    "camera": "Cameras",
     "clock": "Clocks",
     "description": "Robot description",
     "frames": "Frames and rotations",

@@ -51,7 +51,8 @@ class EncodedFrame:
     path: the file it is in. number: among those of its topic, from 0. encoding: as the message
     tells it. size: (width, height) that it must have, None for any. unit_m: metres in a unit of
     integer depths. read: gives kind and pixels, raises ValueError for what cannot be decoded.
-    packed: gives the whole JPEG or PNG file, nothing where it is none.
+    packed: gives the whole JPEG or PNG file, nothing where it is none. content: gives the bytes
+    of pixels as they are stored, packed or not.
     """
 
     path: Path
@@ -63,6 +64,7 @@ class EncodedFrame:
     encoding: str
     read: Callable[[], tuple[Kind, NDArray[Any]]]
     packed: Callable[[], bytes] = bytes
+    content: Callable[[], bytes | memoryview] = bytes
     size: tuple[int, int] | None = None
     unit_m: float = 1e-3
 

@@ -15,6 +15,7 @@ from typing import Any, ClassVar, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from slamsim.cameras.survey import CameraSurvey
 from slamsim.core.types import Epoch, Float32Array, FloatArray, IntArray
 from slamsim.recording import schemas
 
@@ -254,6 +255,7 @@ class Recording:
     the file declares it or the size of its stamps tells. anomalies: what the reader could not
     make sense of, in words, with counts. topics: what the file holds, also of types that are not
     read; empty where that is just the streams. base_frame: of the robot, where a user names it.
+    cameras: what was looked at of images; empty where nobody asked for that.
     """
 
     name: str
@@ -267,6 +269,7 @@ class Recording:
     anomalies: tuple[str, ...] = ()
     topics: tuple[RecordedTopic, ...] = ()
     base_frame: str = ""
+    cameras: tuple[CameraSurvey, ...] = ()
 
     @property
     def base_frames(self) -> tuple[str, ...]:

@@ -73,6 +73,7 @@ def _frames(images: ImageList, size: tuple[int, int] | None = None) -> Iterator[
             file.suffix.lstrip(".").lower(),
             partial(_read, file),
             partial(read_input, file, "image_file_bytes"),
+            partial(read_input, file, "image_file_bytes"),
             size,
             images.unit_m,
         )

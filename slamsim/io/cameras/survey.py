@@ -1,0 +1,116 @@
+"""Looks through the camera images of a recording once, holding thumbnails alone."""
+
+from __future__ import annotations
+
+import zlib
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from slamsim.cameras.frames import EncodedFrame
+from slamsim.cameras.survey import CameraSurvey
+from slamsim.guard.errors import InputRefused
+from slamsim.io.cameras import open_cameras
+from slamsim.io.cameras.base import Cameras
+from slamsim.io.formats.ros import is_ros
+from slamsim.io.open import recording_at
+from slamsim.recording import Recording
+
+MOST_SAMPLED = 300
+"""Images of a topic that are decoded, in runs of three: a second or so of each camera."""
+RUN = 3
+"""Successive images that are decoded together: what flickers shows between neighbours."""
+_THUMBNAIL_PX = 160
+"""Width; disparities of a stereo pair are still some pixels."""
+_FEWEST = 0.01
+"""Share of an image's pixels that must have a depth."""
+_NO_DEPTHS = (np.nan, np.nan, np.nan)
+
+
+def with_cameras(recording: Recording, path: Path) -> Recording:
+    """The recording that was read from path with what its images show; raises as ``open_cameras``.
+
+    Formats without images stay as they are.
+    """
+    path = recording_at(path)
+    if not is_ros(path):
+        return recording
+    with open_cameras(path) as cameras:
+        return replace(recording, cameras=survey(cameras))
+
+
+def survey(cameras: Cameras, most: int = MOST_SAMPLED) -> tuple[CameraSurvey, ...]:
+    """Each topic in the order of names, in one pass; at most so many images of each are decoded."""
+    looks = {
+        name: _Look(max(-(-topic.messages * RUN // most), RUN))
+        for name, topic in sorted(cameras.topics.items())
+    }
+    for frame in cameras.encoded() if looks else ():
+        looks[frame.topic].add(frame)
+    return tuple(look.survey(cameras, name) for name, look in looks.items())
+
+
+class _Look:
+    """One topic, of whose every so many images the first ``RUN`` are decoded."""
+
+    def __init__(self, every: int) -> None:
+        self._every, self._damaged = every, 0
+        self._times: list[tuple[int, int]] = []
+        self._digests: list[int] = []
+        self._sampled: list[int] = []
+        self._seen: list[tuple[float, tuple[float, ...], NDArray[np.uint8]]] = []
+
+    def add(self, frame: EncodedFrame) -> None:
+        self._times.append((frame.stamp_ns, frame.received_ns))
+        self._digests.append(zlib.crc32(frame.content()))
+        if frame.number % self._every >= RUN:
+            return
+        try:
+            kind, pixels = frame.stored()
+        except InputRefused:
+            self._damaged += 1
+            return
+        self._sampled.append(frame.number)
+        if kind == "depth":
+            unit_m = frame.unit_m if pixels.dtype == np.uint16 else 1.0
+            self._seen.append((np.nan, _quantiles(pixels, unit_m), np.zeros((0, 0), np.uint8)))
+        else:
+            self._seen.append((float(pixels.mean()), _NO_DEPTHS, _thumbnail(pixels)))
+
+    def survey(self, cameras: Cameras, name: str) -> CameraSurvey:
+        topic = cameras.topics[name]
+        times = np.array(self._times, dtype=np.int64).reshape(-1, 2)
+        brightness, depths, thumbnails = zip(*self._seen, strict=True) if self._seen else ((),) * 3
+        return CameraSurvey(
+            name,
+            topic.kind,
+            topic.frame_id,
+            (topic.width, topic.height),
+            cameras.infos.get(name),
+            times[:, 0],
+            times[:, 1],
+            np.array(self._digests, dtype=np.uint32),
+            np.array(self._sampled, dtype=np.int64),
+            np.array(brightness, dtype=np.float64),
+            np.array(depths, dtype=np.float64).reshape(-1, 3),
+            np.stack(thumbnails) if thumbnails else np.zeros((0, 0, 0), np.uint8),
+            self._damaged,
+        )
+
+
+def _quantiles(pixels: NDArray[Any], unit_m: float) -> tuple[float, ...]:
+    there = pixels[np.isfinite(pixels) & (pixels > 0)]
+    if there.size <= _FEWEST * pixels.size:
+        return _NO_DEPTHS
+    return tuple((unit_m * np.quantile(there, (0.01, 0.5, 0.99))).tolist())
+
+
+def _thumbnail(pixels: NDArray[Any]) -> NDArray[np.uint8]:
+    grey = pixels if pixels.ndim == 2 else cv2.cvtColor(pixels, cv2.COLOR_RGB2GRAY)
+    height, width = grey.shape
+    size = (_THUMBNAIL_PX, max(round(height * _THUMBNAIL_PX / width), 1))
+    return np.asarray(cv2.resize(grey, size, interpolation=cv2.INTER_AREA), np.uint8)
