@@ -45,7 +45,7 @@ def frame_of(path: Path, topic: str, number: int, received_ns: int, message: Any
         message.encoding if is_raw else message.format,
         read,
         partial(bytes, packed if is_picture else b""),
-        partial(memoryview, message.data),
+        lambda: memoryview(message.data),
     )
 
 
