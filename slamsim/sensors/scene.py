@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from slamsim.core.types import Float32Array, FloatArray, TriangleMesh
+from slamsim.core.types import BoolArray, Float32Array, FloatArray, TriangleMesh
 from slamsim.guard.errors import SlamsimError
 from slamsim.guard.mesh import check_mesh
 from slamsim.guard.numbers import (
@@ -87,6 +87,34 @@ class Scene:
             self._surfaces[entries],
             triangles,
         )
+
+    def met(self, rays: Float32Array) -> tuple[Float32Array, Float32Array, NDArray[np.uint32]]:
+        """(n,) ranges, (n, 3) normals of some length and (n,) triangles, as for ``cast``.
+
+        For whoever made the rays: nothing is asked of them but that they are finite.
+        """
+        require_finite("rays", rays, (None, 6))
+        answer = self._caster.cast_rays(
+            self._open3d.core.Tensor.from_numpy(rays), nthreads=self._threads
+        )
+        normals = answer["primitive_normals"].numpy()
+        return answer["t_hit"].numpy(), normals, answer["primitive_ids"].numpy()
+
+    def occluded(
+        self, origins_m: FloatArray, directions: Float32Array, distances_m: Float32Array
+    ) -> BoolArray:
+        """(n,) whether rays from (n, 3) points of the map along (n, 3) unit directions meet
+        anything within (n,) distances. Raises BadNumbers for what is not finite."""
+        rays = np.empty((len(origins_m), 6), dtype=np.float32)
+        rays[:, :3] = origins_m - self.origin_m
+        rays[:, 3:] = directions * distances_m[:, None]
+        require_finite("rays", rays, (None, 6))
+        if len(rays) == 0:
+            return np.zeros(0, dtype=np.bool_)
+        answer = self._caster.test_occlusions(
+            self._open3d.core.Tensor.from_numpy(rays), 0.0, 1.0, self._threads
+        )
+        return np.asarray(answer.numpy(), dtype=np.bool_)
 
 
 def import_open3d() -> Any:

@@ -37,6 +37,9 @@ from slamsim.recording.schemas import (
     Schema,
 )
 
+_LONGEST_KEPT = 4096
+"""Layouts of longer lists are made anew: packed images differ in length, each by its own."""
+
 TEXT = "std_msgs/msg/String"
 
 Which = IntArray | slice
@@ -98,7 +101,9 @@ def _layout(
     constants: Mapping[str, Sequence[float]],
 ) -> CdrLayout:
     fixed: Constants = tuple((place, tuple(numbers)) for place, numbers in constants.items())
-    return message_layout(type_name, columns_of(paths), tuple(shape), fixed)
+    longest = max((count for _, count in shape if isinstance(count, int)), default=0)
+    made = message_layout if longest <= _LONGEST_KEPT else message_layout.__wrapped__
+    return made(type_name, columns_of(paths), tuple(shape), fixed)
 
 
 def _shape(place: str, text: str | Sequence[str]) -> Iterator[tuple[str, str | int]]:

@@ -1,0 +1,1 @@
+"""Cameras at a site: rays, frames, images, and their truth."""
