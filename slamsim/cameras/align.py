@@ -17,9 +17,7 @@ class DepthAlignment:
     upper left to its lower right corner; of several the nearest counts. T_other_camera: 4 x 4.
     """
 
-    def __init__(
-        self, camera: CameraModel, other: CameraModel, T_other_camera: FloatArray
-    ) -> None:
+    def __init__(self, camera: CameraModel, other: CameraModel, T_other_camera: FloatArray) -> None:
         self._other, self._T = other, T_other_camera
         x, y = np.meshgrid(np.arange(camera.width), np.arange(camera.height))
         middles = np.column_stack([x.ravel(), y.ravel()]).astype(np.float64)
@@ -42,8 +40,7 @@ class DepthAlignment:
 
 
 def _at_depth_one(camera: CameraModel, pixels: FloatArray) -> FloatArray:
-    """(n, 3) where rays of (n, 2) pixels meet the plane at distance one; nan where there is none.
-    """
+    """(n, 3) where rays of (n, 2) pixels meet the plane at distance one; nan for no ray."""
     rays = camera.rays_at(pixels)
     return np.asarray(rays / rays[:, 2:])
 

@@ -36,8 +36,6 @@ _SMALL_PIXELS = {
 }
 
 
-
-
 def _grey(
     kind: str, lens: Mapping[str, Any], left_m: float = 0.0, projector: float = 0.0
 ) -> dict[str, Any]:

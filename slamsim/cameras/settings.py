@@ -20,7 +20,7 @@ Pair = Annotated[tuple[float, float], Field(strict=False)]
 
 
 class OffsetConfig(Config):
-    """A place in the camera's frame (x forward, y left, z up); rotation about fixed x, y, then z."""
+    """A place in the camera's frame (x forward, y left, z up); turned about fixed x, y, then z."""
 
     x_m: float = Field(default=0.0, ge=-2.0, le=2.0)
     """Forward."""

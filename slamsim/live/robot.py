@@ -20,6 +20,7 @@ from slamsim.sim.drive.supervise import upset
 from slamsim.sim.engine import running_engine
 from slamsim.sim.floor import Floor
 from slamsim.sim.robot.model import RobotModel
+from slamsim.simulation.appearance import appearance_of
 from slamsim.simulation.header import LogHeader
 from slamsim.simulation.log_writer import said_once_left_out
 from slamsim.simulation.recorder import DriveRecorder, Part
@@ -72,7 +73,8 @@ class LiveRobot:
         steps_per_tick = physics.rate_hz // follow.control_rate_hz
         self._loop = DriveLoop(self._engine, robot, physics.rate_hz, steps_per_tick)
         self._floor = Floor(self._engine, world.floor_friction, world.floor_patches)
-        self._rig = SensorRig(world.mesh, robot, config.sensors, config.seed)
+        looks = appearance_of(world, config.world.looks)
+        self._rig = SensorRig(world.mesh, robot, config.sensors, config.seed, appearance=looks)
         self._recorder = DriveRecorder(world.name, header)
         self._first: Recording | None = None
         self.ticks = 0

@@ -77,8 +77,6 @@ class RawCameraInfos(RawStream):
     K: FloatArray
     coefficients: FloatArray = field(default_factory=lambda: np.zeros(0))
     distortion_models: tuple[str, ...] = ("plumb_bob",)
-    right_of_m: float = field(default=0.0, kw_only=True)
-    """How far to the right of the other of a rectified pair, along its x, metres."""
 
     @property
     def k(self) -> FloatArray:
@@ -93,8 +91,7 @@ class RawCameraInfos(RawStream):
     @property
     def p(self) -> FloatArray:
         """(12,) the projection of the rectified image."""
-        beside = np.array([[-self.K[0, 0] * self.right_of_m], [0.0], [0.0]])
-        return np.hstack([self.K, beside]).ravel()
+        return np.hstack([self.K, np.zeros((3, 1))]).ravel()
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -6,10 +6,11 @@ gives a ``Sensor``. What it measured becomes streams of the recording by their s
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from typing import Protocol
 
+from slamsim.cameras.appearance import Appearance
 from slamsim.config.streams import SensorEntry
 from slamsim.core.geometry import StaticTransform, mount_transform
 from slamsim.core.types import TriangleMesh
@@ -25,12 +26,14 @@ class Site:
 
     mesh: the world in the map frame, metres. start_ns: true time of the start of the drive.
     seed: of all random streams, which carry the sensor's name. threads: for casting rays.
+    appearance: gives how the world looks to cameras; without it, plain grey.
     """
 
     mesh: TriangleMesh
     seed: int
     start_ns: int
     threads: int = 1
+    appearance: Callable[[], Appearance] | None = None
 
 
 class Batch(Protocol):

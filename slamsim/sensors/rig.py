@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 
+from slamsim.cameras.appearance import Appearance
 from slamsim.config.sensors import EncoderConfig, SensorsConfig
 from slamsim.core.randomness import random_stream
 from slamsim.core.types import Drive, EncoderStream, FloatArray, IntArray, TriangleMesh
@@ -42,7 +44,7 @@ class SensorRig:
     drive is cut into windows and on however many ``threads``. What is carried from window to
     window is the tail of the motion that open samples still need, the number of the next sample
     of each stream, the biases, and one generator for each random effect. override, with_truth: as
-    for Lidar.
+    for Lidar. appearance: how the world looks to cameras; without it, plain grey.
     """
 
     def __init__(
@@ -54,10 +56,11 @@ class SensorRig:
         threads: int = 1,
         override: PoseOverride = as_mounted,
         with_truth: bool = False,
+        appearance: Callable[[], Appearance] | None = None,
     ) -> None:
         self._mesh, self._robot, self._config = mesh, robot, config
         self._seed, self._threads, self._override = seed, threads, override
-        self._with_truth = with_truth
+        self._with_truth, self._appearance = with_truth, appearance
         self._motion: Motion | None = None
         self._sensors: _Sensors | None = None
 
@@ -76,7 +79,7 @@ class SensorRig:
 
     def _switched_on(self, start_ns: int) -> _Sensors:
         robot, config, seed = self._robot, self._config, self._seed
-        site = Site(self._mesh, seed, start_ns, self._threads)
+        site = Site(self._mesh, seed, start_ns, self._threads, self._appearance)
         return _Sensors(
             Lidar(config.lidar, robot.T_base_laser, site, self._override, self._with_truth),
             Imu(config.imu, robot.T_base_imu, seed, start_ns),

@@ -19,6 +19,7 @@ from slamsim.sensors.rig import SensorRig
 from slamsim.sim.drive.process import DriveProcess
 from slamsim.sim.drive.route import plan_route
 from slamsim.sim.robot.model import build_robot
+from slamsim.simulation.appearance import appearance_of
 from slamsim.simulation.header import LogHeader, log_header
 from slamsim.simulation.log_writer import LogWriter
 from slamsim.simulation.recorder import DriveRecorder, true_trajectory
@@ -105,7 +106,8 @@ class Driven:
         config, simulation = self._config, self.simulation
         sensors, override = faulty_sensors(faults, config.sensors)
         mesh, robot = simulation.world.mesh, simulation.robot
-        rig = SensorRig(mesh, robot, sensors, config.seed, override=override)
+        looks = appearance_of(simulation.world, config.world.looks)
+        rig = SensorRig(mesh, robot, sensors, config.seed, override=override, appearance=looks)
         return [rig.sense(window) for window in self._windows]
 
     def _recorded(self, readings: Sequence[Readings]) -> Recording:

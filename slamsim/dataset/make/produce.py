@@ -32,6 +32,7 @@ from slamsim.sensors.rig import SensorRig
 from slamsim.sim.drive.route import plan_route
 from slamsim.sim.drive.run import DriveRun, drive
 from slamsim.sim.robot.model import RobotModel, build_robot
+from slamsim.simulation.appearance import appearance_of, in_pieces
 from slamsim.simulation.driven import write_corrupted
 from slamsim.simulation.header import log_header
 from slamsim.simulation.log_writer import LogWriter
@@ -102,9 +103,11 @@ class _PlannedRun:
             self.config.seed,
             override=self.override,
             with_truth=True,
+            appearance=appearance_of(self.world, self.config.world.looks),
         )
         for window in self.run:
-            yield rig.sense(window), window
+            for piece in in_pieces(window, self.sensors):
+                yield rig.sense(piece), piece
 
 
 @lru_cache(maxsize=1)

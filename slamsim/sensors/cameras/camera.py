@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 _MOST_PACKERS = 4
 """Threads that pack images: what they make does not depend on their number."""
-FLOOR_TRIANGLES = 2
+_FLOOR_TRIANGLES = 2
 
 
 class Camera:
@@ -39,13 +39,18 @@ class Camera:
     def __init__(self, entry: CameraEntry, site: Site) -> None:
         reach_m = max(config.depth.max_m for config in entry.imagers.values())
         scene = Scene(site.mesh, floor_reach_m=max(reach_m, 30.0), threads=site.threads)
-        appearance: Appearance = PlainGrey(len(site.mesh.triangles) + FLOOR_TRIANGLES)
+        appearance: Appearance = PlainGrey(len(site.mesh.triangles) + _FLOOR_TRIANGLES)
+        if site.appearance is not None:
+            appearance = site.appearance()
         self._topics = CameraTopics(entry)
         self._viewpoints = tuple(
             Viewpoint(
                 entry,
                 View(scene, first.lens.model(), entry.T_base_imager(first), first.readout_s),
-                {name: (config, _imager(entry, site.seed, name)) for name, config in shared.items()},
+                {
+                    name: (config, _imager(entry, site.seed, name))
+                    for name, config in shared.items()
+                },
                 appearance,
                 site,
             )

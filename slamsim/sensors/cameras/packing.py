@@ -49,5 +49,5 @@ def packer(config: ImagerConfig) -> Callable[[Pixels], bytes]:
     from slamsim.cameras.codecs.pictures import encode_jpeg, encode_png
 
     if config.encoding == "png":
-        return lambda pixels: encode_png(pixels)
+        return encode_png
     return lambda pixels: encode_jpeg(pixels, config.jpeg_quality)

@@ -1,4 +1,4 @@
-"""A camera with one or more imagers: colour, grey, infrared, depth; alone, in pairs, as a RealSense.
+"""A camera with imagers of colour, grey, infrared and depth: alone, in pairs, or as a RealSense.
 
 The mount is that of the body frame (x forward); images are in ``NAME_IMAGER_optical_frame`` (z
 forward, x right, y down, REP 103), topics below ``/NAME/IMAGER``, the truth below
@@ -106,5 +106,3 @@ class CameraEntry(SensorEntry):
         from slamsim.sensors.cameras.camera import Camera
 
         return Camera(self, site)
-
-
