@@ -46,7 +46,7 @@ class RowPoses:
         away = points_m - self.origins_m[rows]
         if len(self.origins_m) == 1:
             return np.asarray(away @ self.R_map_optical[0])
-        return np.einsum("ni,nij->nj", away, self.R_map_optical[rows])
+        return np.asarray(np.einsum("ni,nij->nj", away, self.R_map_optical[rows]))
 
 
 def projected(

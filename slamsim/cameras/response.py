@@ -36,10 +36,10 @@ class ImageSensor:
             radiance = self._mosaic(radiance)
         noise = rng.standard_normal(radiance.shape, dtype=np.float32)
         counts = np.empty(radiance.shape, dtype=np.uint16)
+        electrons, shot = exposure_s * config.electrons_per_s, 1.0 if config.shot_noise else 0.0
+        arrays = radiance, self._shading, noise, counts
         total = _converted(
-            *(radiance, self._shading, noise, counts),
-            *(exposure_s * config.electrons_per_s, 1.0 if config.shot_noise else 0.0),
-            *(config.read_noise_e, config.full_well_e, gain, self._most),
+            *arrays, electrons, shot, config.read_noise_e, config.full_well_e, gain, self._most
         )
         mean = total / (counts.size * self._most)
         if is_mosaic:

@@ -38,7 +38,7 @@ class RawImages(RawStream):
 
     @property
     def row_bytes(self) -> int:
-        return self.data.shape[1] // self.height
+        return int(self.data.shape[1]) // self.height
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -13,6 +13,7 @@ from slamsim.cameras.appearance import Appearance, Occluded
 from slamsim.config.looks import LooksConfig
 from slamsim.config.sensors import SensorsConfig
 from slamsim.core.types import Drive, Float32Array, FloatArray
+from slamsim.sensors.kinds.camera import CameraEntry
 from slamsim.world.looks.build import build_looks
 from slamsim.world.looks.looks import Looks
 from slamsim.world.looks.materials import MATERIALS
@@ -64,7 +65,7 @@ def in_pieces(window: Drive, sensors: SensorsConfig) -> Iterator[Drive]:
 
     What is sensed does not depend on it.
     """
-    has_cameras = any(entry.type == "camera" for entry in sensors.additional)
+    has_cameras = any(isinstance(entry, CameraEntry) for entry in sensors.additional)
     if not has_cameras or len(window) <= 2 * _PIECE_STEPS:
         yield window
         return

@@ -32,7 +32,7 @@ class Surface:
     points_m: FloatArray
     normals: Float32Array
     cos_incidence: Float32Array
-    footprint_m: Float32Array
+    footprint_m: FloatArray
 
 
 class Sight:
@@ -69,7 +69,7 @@ class Sight:
         """Where the rays end; made when it is first asked for."""
         count = len(self._rays)
         points_m, facing = np.empty((count, 3)), np.empty((count, 3), dtype=np.float32)
-        cosines, footprint_m = np.empty((2, count), dtype=np.float32)
+        cosines, footprint_m = np.empty(count, dtype=np.float32), np.empty(count)
         _complete(
             *(self._rays, self.ranges_m, self._normals, self._origin_m, self._pixel_rad),
             *(points_m, facing, cosines, footprint_m),
@@ -117,9 +117,8 @@ class View:
     def radiance(self, sight: Sight, appearance: Appearance) -> Float32Array:
         """(n, 3) linear radiance in red, green and blue."""
         at = sight.surface
-        return appearance.shade(
-            *(at.points_m, at.normals, sight.triangles, at.footprint_m), self._scene.occluded
-        )
+        occluded = self._scene.occluded
+        return appearance.shade(at.points_m, at.normals, sight.triangles, at.footprint_m, occluded)
 
 
 @kernel
@@ -155,7 +154,7 @@ def _complete(
     points_m: FloatArray,
     facing: Float32Array,
     cosines: Float32Array,
-    footprint_m: Float32Array,
+    footprint_m: FloatArray,
 ) -> None:
     for pixel in range(rays.shape[0]):
         far = float(ranges_m[pixel])

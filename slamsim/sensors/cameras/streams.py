@@ -180,4 +180,5 @@ def _true_images(
 ) -> RawImages:
     little = np.ascontiguousarray(images, images.dtype.newbyteorder("<"))
     data = little.reshape(len(images), -1).view(np.uint8)
-    return RawImages(topic, (frame,), *when_ns, *images.shape[1:3], data, (encoding,))
+    height, width = images.shape[1:3]
+    return RawImages(topic, (frame,), *when_ns, height, width, data, (encoding,))

@@ -160,4 +160,4 @@ def true_images(
 def _optical_normals(frame: Frame) -> Float32Array:
     rotations, normals = frame.poses.R_map_optical, frame.sight.surface.normals
     by_row = normals.reshape(len(rotations), -1, 3).astype(np.float64)
-    return np.einsum("rni,rij->rnj", by_row, rotations).astype(np.float32)
+    return np.asarray(np.einsum("rni,rij->rnj", by_row, rotations), dtype=np.float32)
