@@ -31,11 +31,12 @@ class DepthAlignment:
         for corners in self._corners:
             points_m = corners[there] * depths_m[:, None] @ self._T[:3, :3].T + self._T[:3, 3]
             pixels, seen = self._other.project(points_m)
-            ends.append(np.where(seen[:, None], np.rint(pixels), -1.0).astype(np.int64))
-            far_m += 0.5 * points_m[:, 2]
+            ends.append(np.where(seen[:, None], np.rint(pixels), 0.0).astype(np.int64))
+            far_m += np.where(seen, 0.5 * points_m[:, 2], -np.inf)
         size = (self._other.height, self._other.width)
         aligned = np.zeros(size, dtype=np.uint16)
-        _fill(aligned, ends[0], ends[1], np.rint(1e3 * far_m).astype(np.int64))
+        told_mm = np.where(far_m > 0.0, np.rint(1e3 * far_m), 0.0).astype(np.int64)
+        _fill(aligned, ends[0], ends[1], told_mm)
         return aligned
 
 
@@ -54,9 +55,9 @@ def _fill(
         depth = depths_mm[patch]
         left, top = first[patch]
         right, bottom = last[patch]
-        if left < 0 or top < 0 or right >= columns or bottom >= rows or not 0 < depth < 65536:
+        if not 0 < depth < 65536:
             continue
-        for row in range(top, bottom + 1):
-            for column in range(left, right + 1):
+        for row in range(max(top, 0), min(bottom + 1, rows)):
+            for column in range(max(left, 0), min(right + 1, columns)):
                 if aligned[row, column] == 0 or depth < aligned[row, column]:
                     aligned[row, column] = depth

@@ -52,6 +52,11 @@ class Appearance(Protocol):
         """(m,) share of infrared light that each material throws back."""
         ...
 
+    @property
+    def roughnesses(self) -> Float32Array:
+        """(m,) of each material: 1 matt, 0 polished."""
+        ...
+
 
 class PlainGrey:
     """A world of one grey material under a lamp above, the darker the steeper: without looks.
@@ -83,3 +88,7 @@ class PlainGrey:
     @property
     def ir_reflectances(self) -> Float32Array:
         return np.array([0.0, _GREY], dtype=np.float32)
+
+    @property
+    def roughnesses(self) -> Float32Array:
+        return np.ones(2, dtype=np.float32)

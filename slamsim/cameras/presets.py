@@ -36,19 +36,18 @@ _SMALL_PIXELS = {
 }
 
 
-def _grey(
-    kind: str, lens: Mapping[str, Any], left_m: float = 0.0, projector: float = 0.0
-) -> dict[str, Any]:
+def _grey(kind: str, lens: Mapping[str, Any], left_m: float = 0.0) -> dict[str, Any]:
     exposure = {"exposure_max_s": 0.02}
     return {
         **{"kind": kind, "lens": dict(lens), "offset": {"y_m": left_m}, "exposure": exposure},
-        **{"sensor": dict(_GLOBAL_3UM), "projector": projector, "jpeg_quality": 95},
+        **{"sensor": dict(_GLOBAL_3UM), "jpeg_quality": 95},
     }
 
 
-def _depth(lens: Mapping[str, Any], min_m: float, max_m: float) -> dict[str, Any]:
-    reach = {"min_m": min_m, "max_m": max_m, "aligned_to": "color"}
-    return {"kind": "depth", "lens": dict(lens), "depth": reach, "encoding": "png"}
+def _depth(lens: Mapping[str, Any], baseline_m: float) -> dict[str, Any]:
+    """The least depth follows from the search for disparity."""
+    errors = {"baseline_m": baseline_m, "aligned_to": "color"}
+    return {"kind": "depth", "lens": dict(lens), "depth": errors, "encoding": "png"}
 
 
 def _color(lens: Mapping[str, Any], left_m: float, readout_s: float) -> dict[str, Any]:
@@ -60,35 +59,37 @@ def _color(lens: Mapping[str, Any], left_m: float, readout_s: float) -> dict[str
 
 # Intel RealSense Product Family D400 Series data sheet (337029-009): at 4:3 the field of view of
 # the D435's depth is 75 x 62 degrees (87 x 58 at 16:9), of its colour 69 x 42 at 16:9 (rolling
-# shutter), baseline 50 mm, minimum depth at 640 x 480 0.175 m, range to some 10 m. The colour lens
-# is 15 mm to the left of the left imager (realsense2_description).
+# shutter), baseline 50 mm, range to some 10 m. The colour lens
+# is 15 mm to the left of the left imager (realsense2_description); the projector is put midway.
 _D435_STEREO = {"width": 640, "height": 480, "horizontal_fov_deg": 75.0}
 _D435_COLOR = {"width": 848, "height": 480, "horizontal_fov_deg": 69.0}
 _D435 = {
     "rate_hz": 30.0,
+    "projector": {"offset": {"y_m": -0.025}},
     "imagers": {
         "color": _color(_D435_COLOR, 0.015, 0.03),
-        "depth": _depth(_D435_STEREO, 0.175, 10.0),
-        "infra1": _grey("infrared", _D435_STEREO, 0.0, 0.5),
-        "infra2": _grey("infrared", _D435_STEREO, -0.05, 0.5),
+        "depth": _depth(_D435_STEREO, 0.05),
+        "infra1": _grey("infrared", _D435_STEREO),
+        "infra2": _grey("infrared", _D435_STEREO, -0.05),
     },
 }
 
 # The same data sheet: D455, baseline 95 mm, colour 90 x 65 degrees at 16:10 with a global shutter
-# (OV9782), minimum depth at 848 x 480 0.35 m. The colour lens is 59 mm to the right of the left
+# (OV9782). The colour lens is 59 mm to the right of the left
 # imager (realsense2_description).
 _D455_STEREO = {"width": 848, "height": 480, "horizontal_fov_deg": 87.0}
 _D455_COLOR = {"width": 640, "height": 400, "horizontal_fov_deg": 90.0}
 _D455 = {
     "rate_hz": 30.0,
+    "projector": {"offset": {"y_m": -0.0475}},
     "imagers": {
         "color": {
             **_color(_D455_COLOR, -0.059, 0.0),
             "sensor": {**_GLOBAL_3UM, "response": "srgb"},
         },
-        "depth": _depth(_D455_STEREO, 0.35, 10.0),
-        "infra1": _grey("infrared", _D455_STEREO, 0.0, 0.5),
-        "infra2": _grey("infrared", _D455_STEREO, -0.095, 0.5),
+        "depth": _depth(_D455_STEREO, 0.095),
+        "infra1": _grey("infrared", _D455_STEREO),
+        "infra2": _grey("infrared", _D455_STEREO, -0.095),
     },
 }
 
@@ -103,7 +104,7 @@ _OAK_D = {
         "color": _color(_OAK_COLOR, 0.0, 0.02),
         "left": _grey("grey", _OAK_STEREO, 0.0375),
         "right": _grey("grey", _OAK_STEREO, -0.0375),
-        "depth": {**_depth(_OAK_STEREO, 0.35, 10.0), "offset": {"y_m": 0.0375}},
+        "depth": {**_depth(_OAK_STEREO, 0.075), "offset": {"y_m": 0.0375}},
     },
 }
 

@@ -11,6 +11,7 @@ from typing import Annotated, Literal, Self
 import numpy as np
 from pydantic import Field, model_validator
 
+from slamsim.cameras.depth_settings import DepthNoiseConfig
 from slamsim.cameras.lens import CameraModel, pinhole
 from slamsim.config.base import Config
 
@@ -140,16 +141,25 @@ class SensorConfig(Config):
     """Whether a colour image is taken through a mosaic of filters (RGGB) and interpolated."""
 
 
-class DepthConfig(Config):
-    """What an imager of kind ``depth`` gives."""
+class DepthConfig(DepthNoiseConfig):
+    """What an imager of kind ``depth`` gives: by default with the errors of active stereo, whose
+    right camera is ``baseline_m`` to the right."""
 
-    min_m: float = Field(default=0.3, ge=0.0, le=100.0)
-    """Nearer surfaces give no depth."""
-    max_m: float = Field(default=10.0, gt=0.0, le=65.0)
-    """Surfaces farther away give no depth."""
+    is_exact: bool = False
+    """Whether it is the true depth between ``depth_min_m`` and ``depth_max_m``, rounded to
+    millimetres, and no other setting of errors counts."""
     aligned_to: str = ""
     """Name of an imager for whose pixels the depth is given as well, on the topic
     ``NAME/aligned_depth_to_IMAGER``; empty for none."""
+
+
+class ProjectorConfig(Config):
+    """An infrared projector of dots."""
+
+    radiance: float = Field(default=8.0, gt=0.0, le=1e4)
+    """Of the middle of a dot on a white surface, head-on at one metre."""
+    offset: OffsetConfig = OffsetConfig()
+    """Where it sits in the camera, looking along x."""
 
 
 class ImagerConfig(Config):
@@ -158,8 +168,8 @@ class ImagerConfig(Config):
     enabled: bool = True
     """False leaves it out, as one of a preset that is not needed."""
     kind: ImagerKind = "color"
-    """color: RGB. grey, infrared: one channel; infrared sees the projector too. depth: millimetres
-    along the optical axis."""
+    """color: RGB. grey, infrared: one channel; infrared sees the projector's dots too. depth:
+    millimetres along the optical axis."""
     lens: LensConfig = LensConfig()
     """The lens as it truly is."""
     claimed_lens: LensConfig | None = None
@@ -177,9 +187,6 @@ class ImagerConfig(Config):
     """Noise and response."""
     depth: DepthConfig = DepthConfig()
     """Of an imager of kind ``depth``."""
-    projector: float = Field(default=0.0, ge=0.0, le=1000.0)
-    """Radiance of a white surface, head-on at one metre, in the light of the camera's infrared
-    projector; 0 for none."""
     encoding: Literal["jpeg", "png", "rvl", "raw"] = "jpeg"
     """jpeg, png: CompressedImage. raw: Image. Depths: png, rvl (compressedDepth) or raw."""
     jpeg_quality: int = Field(default=90, ge=1, le=100)
@@ -197,6 +204,8 @@ class ImagerConfig(Config):
                 f"{self.encoding!r} is no encoding of {self.kind} images; "
                 f"known are {', '.join(allowed)}"
             )
+        if self.kind == "depth" and (self.lens.distortion or self.readout_s > 0.0):
+            raise ValueError("images of depth are rectified and of one instant: without distortion")
         return self
 
     @property

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from slamsim.core.jit import kernel
 from slamsim.core.types import BoolArray, Float32Array, FloatArray, TriangleMesh
 from slamsim.guard.errors import SlamsimError
 from slamsim.guard.mesh import check_mesh
@@ -106,8 +107,7 @@ class Scene:
         """(n,) whether rays from (n, 3) points of the map along (n, 3) unit directions meet
         anything within (n,) distances. Raises BadNumbers for what is not finite."""
         rays = np.empty((len(origins_m), 6), dtype=np.float32)
-        rays[:, :3] = origins_m - self.origin_m
-        rays[:, 3:] = directions * distances_m[:, None]
+        _span(rays, origins_m, self.origin_m, directions, distances_m)
         require_finite("rays", rays, (None, 6))
         if len(rays) == 0:
             return np.zeros(0, dtype=np.bool_)
@@ -115,6 +115,21 @@ class Scene:
             self._open3d.core.Tensor.from_numpy(rays), 0.0, 1.0, self._threads
         )
         return np.asarray(answer.numpy(), dtype=np.bool_)
+
+
+@kernel
+def _span(
+    rays: Float32Array,
+    origins_m: FloatArray,
+    origin_m: FloatArray,
+    directions: Float32Array,
+    distances_m: Float32Array,
+) -> None:
+    """Fill (n, 6) rays whose directions are as long as the distances."""
+    for ray in range(rays.shape[0]):
+        for axis in range(3):
+            rays[ray, axis] = origins_m[ray, axis] - origin_m[axis]
+            rays[ray, 3 + axis] = directions[ray, axis] * distances_m[ray]
 
 
 def import_open3d() -> Any:

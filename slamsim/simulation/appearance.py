@@ -49,6 +49,10 @@ class WorldAppearance:
     def ir_reflectances(self) -> Float32Array:
         return np.array([each.ir_reflectance for each in MATERIALS], dtype=np.float32)
 
+    @property
+    def roughnesses(self) -> Float32Array:
+        return np.array([each.roughness for each in MATERIALS], dtype=np.float32)
+
 
 def appearance_of(world: World, config: LooksConfig) -> Callable[[], Appearance]:
     """What gives the looks of a world, which are made when the first camera asks."""

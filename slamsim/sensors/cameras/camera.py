@@ -37,7 +37,7 @@ class Camera:
     """All imagers of an entry; images are packed in threads while the next ones are rendered."""
 
     def __init__(self, entry: CameraEntry, site: Site) -> None:
-        reach_m = max(config.depth.max_m for config in entry.imagers.values())
+        reach_m = max(config.depth.depth_max_m for config in entry.imagers.values())
         scene = Scene(site.mesh, floor_reach_m=max(reach_m, 30.0), threads=site.threads)
         appearance: Appearance = PlainGrey(len(site.mesh.triangles) + _FLOOR_TRIANGLES)
         if site.appearance is not None:
@@ -96,14 +96,13 @@ def _sharing(
 
 def _imager(entry: CameraEntry, seed: int, name: str) -> LightImager | DepthImager:
     config = entry.imagers[name]
-    camera = config.lens.model()
     if not config.is_depth:
-        return LightImager(config, camera, entry.rate_hz, seed, entry.name, name)
+        return LightImager(entry, name, seed)
     if not config.depth.aligned_to:
-        return DepthImager(config, camera, None)
+        return DepthImager(entry, name, seed)
     other = entry.imagers[config.depth.aligned_to]
-    alignment = DepthAlignment(camera, other.lens.model(), _between(other, config))
-    return DepthImager(config, camera, alignment.aligned)
+    alignment = DepthAlignment(config.lens.model(), other.lens.model(), _between(other, config))
+    return DepthImager(entry, name, seed, alignment.aligned)
 
 
 def _between(other: ImagerConfig, config: ImagerConfig) -> FloatArray:

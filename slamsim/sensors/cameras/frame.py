@@ -8,13 +8,18 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from slamsim.cameras.dots import DotPattern
 from slamsim.cameras.poses import RowPoses
-from slamsim.core.types import Float32Array
+from slamsim.cameras.settings import ProjectorConfig
+from slamsim.core.types import Float32Array, FloatArray
 from slamsim.sensors.cameras.sight import Sight, View
 
 if TYPE_CHECKING:
     from slamsim.cameras.appearance import Appearance
     from slamsim.sensors.motion import Motion
+
+_PATTERN = 435
+"""Seed of the dots, which are those of a model of camera: the same in all of them."""
 
 
 class Frame:
@@ -78,3 +83,20 @@ class Frame:
     def ir_reflectance(self) -> Float32Array:
         """(n,) share of infrared light that surfaces throw back."""
         return self._appearance.ir_reflectances[self.materials]
+
+    @cached_property
+    def roughness(self) -> Float32Array:
+        """(n,) of surfaces: 1 matt, 0 polished."""
+        return self._appearance.roughnesses[self.materials]
+
+    def projected(self, projector: ProjectorConfig, T_base_projector: FloatArray) -> Float32Array:
+        """(n,) radiance of a projector's dots. T_base_projector: 4 x 4 of its optical frame."""
+        surface = self.sight.surface
+        placed = self._view.poses(
+            self._motion, self.instant_ns, self._earliest_ns, T_base_projector
+        )
+        directions = placed.in_view(surface.points_m, np.zeros(len(surface.points_m)))
+        squares = np.maximum(np.einsum("ni,ni->n", directions, directions), 1e-4)
+        dots = DotPattern(_PATTERN).intensity(directions, self._view.pixel_rad)
+        strength = projector.radiance * self.ir_reflectance * surface.cos_incidence
+        return np.asarray(strength * dots / squares, dtype=np.float32)

@@ -93,15 +93,22 @@ class View:
         rows = camera.height if readout_s > 0.0 else 1
         steps = np.arange(rows) / max(camera.height - 1, 1)
         self._row_ns: IntArray = np.rint(steps * readout_s * 1e9).astype(np.int64)
-        self._pixel_rad = float(1.0 / camera.focal_px.mean())
+        self.pixel_rad = float(1.0 / camera.focal_px.mean())
 
-    def poses(self, motion: Motion, instant_ns: int, earliest_ns: int) -> RowPoses:
+    def poses(
+        self,
+        motion: Motion,
+        instant_ns: int,
+        earliest_ns: int,
+        T_base_other: FloatArray | None = None,
+    ) -> RowPoses:
         """Of each row, the first being taken at an instant; before ``earliest_ns`` the robot is
-        where it is then."""
+        where it is then. T_base_other: of what is mounted beside it instead."""
+        T_base_view = self._T_base_view if T_base_other is None else T_base_other
         instants_ns = instant_ns + self._row_ns
         inside_ns = np.maximum(instants_ns, earliest_ns)
         R_map_base = matrix_from_xyzw(motion.quats_xyzw_at(inside_ns))
-        off_m, turned = self._T_base_view[:3, 3], self._T_base_view[:3, :3]
+        off_m, turned = T_base_view[:3, 3], T_base_view[:3, :3]
         origins_m = motion.positions_at(inside_ns) + np.einsum("rij,j->ri", R_map_base, off_m)
         return RowPoses(instants_ns, origins_m, np.einsum("rij,jk->rik", R_map_base, turned))
 
@@ -112,7 +119,7 @@ class View:
         origins_m = poses.origins_m - self._scene.origin_m
         _aim(rays, self._directions, origins_m, poses.R_map_optical, self.camera.width)
         met = self._scene.met(rays)
-        return Sight(rays, self._directions, self._scene.origin_m, self._pixel_rad, met)
+        return Sight(rays, self._directions, self._scene.origin_m, self.pixel_rad, met)
 
     def radiance(self, sight: Sight, appearance: Appearance) -> Float32Array:
         """(n, 3) linear radiance in red, green and blue."""

@@ -14,7 +14,7 @@ import numpy as np
 from pydantic import Field, StringConstraints, model_validator
 
 from slamsim.cameras.presets import PRESETS, PresetName, with_preset
-from slamsim.cameras.settings import ImagerConfig, OffsetConfig
+from slamsim.cameras.settings import ImagerConfig, OffsetConfig, ProjectorConfig
 from slamsim.config.streams import SensorEntry
 from slamsim.core.geometry import StaticTransform, mount_transform, se3_from_parts
 from slamsim.core.types import FloatArray
@@ -43,6 +43,8 @@ class CameraEntry(SensorEntry):
         default={"color": ImagerConfig()}
     )
     """Each under its name, which is part of its topics."""
+    projector: ProjectorConfig | None = None
+    """Infrared dots, which imagers of kind ``infrared`` see; without it, none."""
     mount_error: OffsetConfig = OffsetConfig()
     """How the camera truly sits in the place that ``mount`` claims: the transform tree and
     CameraInfo know nothing of it."""
@@ -82,8 +84,16 @@ class CameraEntry(SensorEntry):
 
     def T_base_imager(self, config: ImagerConfig) -> FloatArray:  # noqa: N802
         """Of the optical frame, as it truly is."""
+        return self._true_place(config.offset)
+
+    @property
+    def T_base_projector(self) -> FloatArray:  # noqa: N802
+        """Of the projector's optical frame, as it truly is; of none the camera's."""
+        return self._true_place((self.projector or ProjectorConfig()).offset)
+
+    def _true_place(self, offset: OffsetConfig) -> FloatArray:
         T_base_camera = mount_transform(self.mount) @ mount_transform(self.mount_error)
-        return np.asarray(T_base_camera @ mount_transform(config.offset) @ T_CAMERA_OPTICAL)
+        return np.asarray(T_base_camera @ mount_transform(offset) @ T_CAMERA_OPTICAL)
 
     @property
     def frames(self) -> tuple[StaticTransform, ...]:
