@@ -148,7 +148,7 @@ def test_blur_is_the_mean_of_sharp_images_in_the_exposure() -> None:
         "response": "linear",
         "adc_bits": 16,
     }
-    plain["electrons_per_s"] = 2e5
+    plain |= {"electrons_per_s": 2e5, "adc_bits": 16}
     exposure = {"auto": False, "exposure_s": 0.05, "blur_rays": 5}
     lens = {"width": 48, "height": 36}
     blurred = small(lens=lens, sensor=plain, exposure=exposure)

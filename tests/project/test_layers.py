@@ -42,7 +42,7 @@ ALLOWED: Mapping[str, tuple[str, ...]] = {
     "slam": ("process", *_DATA),
     "check": ("slam", "sim", "cameras", *_DATA),
     "evaluate": ("sensors", "io", *_DATA),
-    "simulation": ("io", "sensors", "sim", "world", *_DATA),
+    "simulation": ("io", "sensors", "cameras", "sim", "world", *_DATA),
     "scenarios": (
         *("simulation", "check", "evaluate", "slam", "sensors", "sim", "io", "process"),
         *_DATA,
