@@ -97,6 +97,6 @@ class Frame:
         )
         directions = placed.in_view(surface.points_m, np.zeros(len(surface.points_m)))
         squares = np.maximum(np.einsum("ni,ni->n", directions, directions), 1e-4)
-        dots = DotPattern(_PATTERN).intensity(directions, self._view.pixel_rad)
+        dots = DotPattern(_PATTERN).intensity(directions, np.array(self._view.pixel_rad))
         strength = projector.radiance * self.ir_reflectance * surface.cos_incidence
         return np.asarray(strength * dots / squares, dtype=np.float32)
