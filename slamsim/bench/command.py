@@ -67,7 +67,8 @@ Part = Annotated[
         help="sense, drive, simulate, slam, all: speed. Or accuracy, matcher, check, dataset; "
         "robustness: random conditions, tracked, told or silently wrong; "
         "online: latency and memory of a session, told for each kilometre; "
-        "live: pace, latency and accuracy of slamsim live."
+        "live: pace, latency and accuracy of slamsim live; "
+        "cameras: speed of rendering, exactness of flow."
     ),
 ]
 World = Annotated[
@@ -177,6 +178,8 @@ def bench(
         figures = (seeds, FIRST_SEED if seed is None else seed, seconds, clean, pairs, mutations)
         trials = CheckAsked(*figures, faults, curves, long, workers, logs, recording, fix)
         run_check(trials, independent, reporter)
+    elif part == "cameras":
+        _cameras(asked)
     elif part == "matcher":
         _matcher(asked, recording, logs)
     elif part == "dataset":
@@ -222,6 +225,13 @@ def _matcher(asked: _Asked, recording: Path | None, logs: Path | None) -> None:
         "Home from, %: plain/with search", basin_rows(measured.plain, measured.searched)
     )
     _show("Single matches", asdict(measured), asked)
+
+
+def _cameras(asked: _Asked) -> None:
+    from slamsim.bench.cameras.command import CAMERA_SECONDS, measure_cameras
+
+    resolved = asked.resolved_until_end("labyrinth", CAMERA_SECONDS)
+    _show("Cameras", measure_cameras(resolved, asked.reporter), asked)
 
 
 def _dataset(asked: _Asked, recipe: str | None, count: int) -> None:

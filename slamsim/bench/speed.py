@@ -30,7 +30,7 @@ from slamsim.world.model import World
 
 Figures = dict[str, object]
 
-OTHER_PARTS = ("accuracy", "matcher", "online", "check", "dataset")
+OTHER_PARTS = ("accuracy", "matcher", "online", "check", "dataset", "cameras")
 """What ``slamsim bench`` measures beside speed."""
 
 

@@ -76,9 +76,7 @@ class Scene:
         if len(rays) == 0:
             none = np.zeros(0, dtype=np.uint32)
             return Hits(rays[:, 0], rays[:, 0], none.view(np.int32), none)
-        answer = self._caster.cast_rays(
-            self._open3d.core.Tensor.from_numpy(rays), nthreads=self._threads
-        )
+        answer = self.answer(rays)
         triangles = answer["primitive_ids"].numpy()
         # The surface table ends with NOTHING: a miss looks up its last entry.
         entries = np.minimum(triangles, np.uint32(self._surfaces.size - 1))
@@ -89,15 +87,18 @@ class Scene:
             triangles,
         )
 
+    def answer(self, rays: Float32Array) -> Any:
+        """What Open3D says of (n, 6) rays, which nobody has looked at."""
+        tensor = self._open3d.core.Tensor.from_numpy(rays)
+        return self._caster.cast_rays(tensor, nthreads=self._threads)
+
     def met(self, rays: Float32Array) -> tuple[Float32Array, Float32Array, NDArray[np.uint32]]:
         """(n,) ranges, (n, 3) normals of some length and (n,) triangles, as for ``cast``.
 
         For whoever made the rays: nothing is asked of them but that they are finite.
         """
         require_finite("rays", rays, (None, 6))
-        answer = self._caster.cast_rays(
-            self._open3d.core.Tensor.from_numpy(rays), nthreads=self._threads
-        )
+        answer = self.answer(rays)
         normals = answer["primitive_normals"].numpy()
         return answer["t_hit"].numpy(), normals, answer["primitive_ids"].numpy()
 

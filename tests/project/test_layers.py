@@ -66,6 +66,7 @@ ALLOWED: Mapping[str, tuple[str, ...]] = {
     ),
     "bench": (
         *("run", "live", "dataset", "simulation", "check", "evaluate", "slam", "sensors", "sim"),
+        "cameras",
         *("world", "io", "console", "process", *_DATA),
     ),
     "cli": (

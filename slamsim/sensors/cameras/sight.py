@@ -112,12 +112,16 @@ class View:
         origins_m = motion.positions_at(inside_ns) + np.einsum("rij,j->ri", R_map_base, off_m)
         return RowPoses(instants_ns, origins_m, np.einsum("rij,jk->rik", R_map_base, turned))
 
-    def sight(self, poses: RowPoses) -> Sight:
-        """What is seen from these poses."""
-        count = len(self._directions)
-        rays = np.empty((count, 6), dtype=np.float32)
+    def aimed(self, poses: RowPoses) -> Float32Array:
+        """(n, 6) rays from these poses, origins relative to that of the scene."""
+        rays = np.empty((len(self._directions), 6), dtype=np.float32)
         origins_m = poses.origins_m - self._scene.origin_m
         _aim(rays, self._directions, origins_m, poses.R_map_optical, self.camera.width)
+        return rays
+
+    def sight(self, poses: RowPoses) -> Sight:
+        """What is seen from these poses."""
+        rays = self.aimed(poses)
         met = self._scene.met(rays)
         return Sight(rays, self._directions, self._scene.origin_m, self.pixel_rad, met)
 
