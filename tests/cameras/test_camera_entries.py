@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import cv2
 import numpy as np
 import pytest
@@ -15,6 +17,7 @@ from camera_example import (
     the_camera,
     true_images,
 )
+from numpy.typing import NDArray
 from sensing_example import standing
 
 from slamsim.cameras.codecs.depth import decode_compressed_depth
@@ -82,16 +85,22 @@ def test_images_are_what_others_read() -> None:
     raw = pixels(decoded(messages, "/cam/raw/image_raw", IMAGE)[0], "u1", 3)
     packed = decoded(messages, "/cam/color/image_raw/compressed", PACKED)[0]
     assert packed.format == "rgb8; png compressed bgr8"
-    shown = cv2.imdecode(np.frombuffer(bytes(packed.data), np.uint8), cv2.IMREAD_COLOR)
+    shown = unpacked(packed)
     np.testing.assert_array_equal(shown[:, :, ::-1], raw)
     photo = decoded(messages, "/cam/photo/image_raw/compressed", PACKED)[0]
-    shown = cv2.imdecode(np.frombuffer(bytes(photo.data), np.uint8), cv2.IMREAD_COLOR)
+    shown = unpacked(photo)
     assert np.abs(shown[:, :, ::-1].astype(int) - raw).mean() < 3.0
     grey = decoded(messages, "/cam/grey/image_raw", IMAGE)[0]
     assert (grey.encoding, grey.step, grey.width, grey.height) == ("mono8", 32, 32, 24)
     plain = pixels(decoded(messages, "/cam/plain/image_raw", IMAGE)[0], "<u2")
     depth = decoded(messages, "/cam/depth/image_raw/compressedDepth", PACKED)[0]
     np.testing.assert_array_equal(decode_compressed_depth(depth.format, bytes(depth.data)), plain)
+
+
+def unpacked(message: Any) -> NDArray[np.uint8]:
+    """(h, w, 3) of a CompressedImage, blue first."""
+    data = np.frombuffer(bytes(message.data), np.uint8)
+    return np.asarray(cv2.imdecode(data, cv2.IMREAD_COLOR), np.uint8)
 
 
 def test_the_truth_is_beside_what_is_claimed() -> None:

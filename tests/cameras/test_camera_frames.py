@@ -96,7 +96,7 @@ def moved_by_hand(
         return np.array([focal * x / z + 15.5, focal * y / z + 11.5])
 
     found = brentq(lambda from_row: seen(from_row)[1] - from_row, -200.0, 200.0, xtol=1e-9)
-    return seen(float(found)) - np.array(pixel)
+    return np.asarray(seen(float(found)) - np.array(pixel))
 
 
 @pytest.mark.parametrize("readout_s", [0.0, 0.04])

@@ -14,8 +14,8 @@ from slamsim.config.run import RunConfig
 from slamsim.console.reporter import Reporter
 from slamsim.core.geometry import matrix_from_rpy, se3_from_parts, xyzw_from_yaw
 from slamsim.core.types import Drive, FloatArray, TriangleMesh
+from slamsim.sensors.cameras.entry import R_CAMERA_OPTICAL
 from slamsim.sensors.cameras.sight import View
-from slamsim.sensors.kinds.camera import R_CAMERA_OPTICAL
 from slamsim.sensors.motion import Motion
 from slamsim.sensors.scene import Scene
 

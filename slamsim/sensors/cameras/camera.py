@@ -25,7 +25,7 @@ from slamsim.sensors.scene import Scene
 
 if TYPE_CHECKING:
     from slamsim.sensors.base import Site
-    from slamsim.sensors.kinds.camera import CameraEntry
+    from slamsim.sensors.cameras.entry import CameraSettings
     from slamsim.sensors.motion import Motion
 
 _MOST_PACKERS = 4
@@ -36,7 +36,7 @@ _FLOOR_TRIANGLES = 2
 class Camera:
     """All imagers of an entry; images are packed in threads while the next ones are rendered."""
 
-    def __init__(self, entry: CameraEntry, site: Site) -> None:
+    def __init__(self, entry: CameraSettings, site: Site) -> None:
         reach_m = max(config.depth.depth_max_m for config in entry.imagers.values())
         scene = Scene(site.mesh, floor_reach_m=max(reach_m, 30.0), threads=site.threads)
         appearance: Appearance = PlainGrey(len(site.mesh.triangles) + _FLOOR_TRIANGLES)
@@ -94,7 +94,7 @@ def _sharing(
     return [(next(iter(group.values())), group) for group in groups]
 
 
-def _imager(entry: CameraEntry, seed: int, name: str) -> LightImager | DepthImager:
+def _imager(entry: CameraSettings, seed: int, name: str) -> LightImager | DepthImager:
     config = entry.imagers[name]
     if not config.is_depth:
         return LightImager(entry, name, seed)
@@ -107,7 +107,7 @@ def _imager(entry: CameraEntry, seed: int, name: str) -> LightImager | DepthImag
 
 def _between(other: ImagerConfig, config: ImagerConfig) -> FloatArray:
     """``T_other_camera`` of the optical frames."""
-    from slamsim.sensors.kinds.camera import T_CAMERA_OPTICAL
+    from slamsim.sensors.cameras.entry import T_CAMERA_OPTICAL
 
     T_camera_other = mount_transform(other.offset) @ T_CAMERA_OPTICAL
     T_camera_this = mount_transform(config.offset) @ T_CAMERA_OPTICAL

@@ -21,7 +21,7 @@ from slamsim.sensors.cameras.packing import packer
 from slamsim.sensors.cameras.sight import Sight
 
 if TYPE_CHECKING:
-    from slamsim.sensors.kinds.camera import CameraEntry
+    from slamsim.sensors.cameras.entry import CameraSettings
 
 Submit = Callable[..., "Future[bytes]"]
 Align = Callable[[NDArray[np.uint16]], NDArray[np.uint16]]
@@ -41,7 +41,7 @@ class Image:
 class LightImager:
     """Colour, grey or infrared. The noise of a frame depends on its number alone."""
 
-    def __init__(self, entry: CameraEntry, name: str, seed: int) -> None:
+    def __init__(self, entry: CameraSettings, name: str, seed: int) -> None:
         config = entry.imagers[name]
         self._config, self._camera = config, config.lens.model()
         self._seed, self._name = seed, (entry.name, name)
@@ -77,7 +77,7 @@ class DepthImager:
     depend on its number alone. aligned: what sees the same from another imager."""
 
     def __init__(
-        self, entry: CameraEntry, name: str, seed: int, aligned: Align | None = None
+        self, entry: CameraSettings, name: str, seed: int, aligned: Align | None = None
     ) -> None:
         self._config, self._aligned = entry.imagers[name], aligned
         self._camera, self._errors = self._config.lens.model(), DepthModel.of(self._config.depth)

@@ -18,7 +18,7 @@ from slamsim.sensors.cameras.packing import image_topic, raw_encoding, told_form
 from slamsim.sensors.cameras.viewpoint import Moved, Taken
 
 if TYPE_CHECKING:
-    from slamsim.sensors.kinds.camera import CameraEntry
+    from slamsim.sensors.cameras.entry import CameraSettings
 
 _ENCODINGS = {
     "depth": "32FC1",
@@ -46,7 +46,7 @@ class ImageTopic:
 class CameraTopics:
     """All topics of an entry."""
 
-    def __init__(self, entry: CameraEntry) -> None:
+    def __init__(self, entry: CameraSettings) -> None:
         self._entry = entry
         imagers = entry.enabled_imagers
         self._images = {name: _own(entry, name) for name in imagers}
@@ -106,14 +106,14 @@ class CameraTopics:
         return f"/ground_truth/{self._entry.name}/{imager}/{what}"
 
 
-def _own(entry: CameraEntry, name: str) -> ImageTopic:
+def _own(entry: CameraSettings, name: str) -> ImageTopic:
     config, at = entry.imagers[name], f"/{entry.name}/{name}"
     claimed = config.claimed_lens or config.lens
     names = (*image_topic(config, at), f"{at}/camera_info", entry.optical_frame(name))
     return ImageTopic(*names, config.lens, claimed)
 
 
-def _aligned(entry: CameraEntry, name: str) -> ImageTopic:
+def _aligned(entry: CameraSettings, name: str) -> ImageTopic:
     config = entry.imagers[name]
     other = _own(entry, config.depth.aligned_to)
     at = f"/{entry.name}/aligned_depth_to_{config.depth.aligned_to}"

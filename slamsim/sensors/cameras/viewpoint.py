@@ -21,7 +21,7 @@ from slamsim.sensors.clock import StreamClock
 if TYPE_CHECKING:
     from slamsim.cameras.appearance import Appearance
     from slamsim.sensors.base import Site
-    from slamsim.sensors.kinds.camera import CameraEntry
+    from slamsim.sensors.cameras.entry import CameraSettings
     from slamsim.sensors.motion import Motion
 
 
@@ -62,7 +62,7 @@ class Viewpoint:
 
     def __init__(
         self,
-        entry: CameraEntry,
+        entry: CameraSettings,
         view: View,
         imagers: Mapping[str, tuple[ImagerConfig, LightImager | DepthImager]],
         appearance: Appearance,
