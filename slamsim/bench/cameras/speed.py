@@ -107,7 +107,8 @@ def _time_over_bare_cast(world: World, windows: list[Drive]) -> float:
     scene = Scene(world.mesh, floor_reach_m=30.0)
     view = View(scene, imager.lens.model(), entry.T_base_imager(imager), 0.0)
     motion = Motion(windows[-1])
-    instants = np.linspace(*motion.drive.stamps_ns[[0, -1]], _CAST_FRAMES).astype(np.int64)
+    every = motion.drive.stamps_ns
+    instants = every[np.linspace(0, every.size - 1, _CAST_FRAMES).astype(np.int64)]
     rays = [view.aimed(view.poses(motion, int(at), 0)) for at in instants]
 
     def whole() -> list[Float32Array]:
