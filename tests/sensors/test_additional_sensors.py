@@ -21,8 +21,9 @@ from slamsim.core.geometry import mount_transform
 from slamsim.core.types import FloatArray
 from slamsim.guard.errors import OverrideRefused, SlamsimError
 from slamsim.io.ros.encoding import stream_messages
+from slamsim.recording.images import RawCameraInfos, RawImages
 from slamsim.sensors.base import static_frames
-from slamsim.sensors.kinds.depth_camera import CameraInfos, DepthBatch, DepthImages
+from slamsim.sensors.kinds.depth_camera import DepthBatch
 from slamsim.sensors.rig import SensorRig
 from slamsim.sim.robot.model import build_robot
 from slamsim.simulation.header import log_header
@@ -115,8 +116,8 @@ def _first_plane(
 def test_messages_are_what_rosbags_reads() -> None:
     rig = SensorRig(room(), Robot(), CONFIG, seed=0)
     images, infos = rig.sense(standing(0.5)).additional[0].streams()
-    assert isinstance(images, DepthImages)
-    assert isinstance(infos, CameraInfos)
+    assert isinstance(images, RawImages)
+    assert isinstance(infos, RawCameraInfos)
     store = get_typestore(Stores.ROS2_HUMBLE)
     for stream in (images, infos):
         rows = stream_messages(stream).rows(slice(None))

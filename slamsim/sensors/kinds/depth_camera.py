@@ -1,5 +1,7 @@
 """A depth camera without errors: a pinhole, all of an image at one instant, depth in millimetres.
 
+The worked example of a sensor; ``camera.py`` has lenses, shutters, noise and truth.
+
 Images are those of REP 118 (16UC1, 0 where nothing is in reach) with their CameraInfo. The mount
 is that of the body frame (x forward); images are in ``NAME_optical_frame`` (z forward, x right,
 y down, REP 103).
@@ -19,8 +21,7 @@ from slamsim.config.streams import SensorEntry
 from slamsim.core.geometry import StaticTransform, mount_transform, se3_from_parts
 from slamsim.core.types import Float32Array, FloatArray, IntArray
 from slamsim.recording import RawStream
-from slamsim.recording.schemas import Field as Column
-from slamsim.recording.schemas import Schema
+from slamsim.recording.images import RawCameraInfos, RawImages
 
 if TYPE_CHECKING:
     from slamsim.sensors.base import Site
@@ -28,10 +29,6 @@ if TYPE_CHECKING:
 
 R_LINK_OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 """From the optical frame to the body frame of the camera."""
-
-_FRAME = ("frame_ids", "header.frame_id")
-_HEIGHT = Column("height", ("height",), is_constant=True, dtype="int64")
-_WIDTH = Column("width", ("width",), is_constant=True, dtype="int64")
 
 
 class DepthCameraEntry(SensorEntry):
@@ -62,78 +59,23 @@ class DepthCameraEntry(SensorEntry):
         return 0.5 * self.width / float(np.tan(np.radians(0.5 * self.horizontal_fov_deg)))
 
     @property
+    def K(self) -> FloatArray:  # noqa: N802
+        """(3, 3) the camera matrix; the middle of the first pixel is at (0, 0)."""
+        focal, x, y = self.focal_px, 0.5 * (self.width - 1), 0.5 * (self.height - 1)
+        return np.array([[focal, 0.0, x], [0.0, focal, y], [0.0, 0.0, 1.0]])
+
+    @property
     def frames(self) -> tuple[StaticTransform, ...]:
         turned = se3_from_parts(R_LINK_OPTICAL, np.zeros(3))
         return (StaticTransform(self.frame, self.optical_frame, turned),)
 
     @property
     def topics(self) -> Mapping[str, str]:
-        kinds = DepthImages, CameraInfos
-        return {f"/{self.name}/depth/{kind.LEAF}": kind.schema.type_name for kind in kinds}
+        kinds = {"image_raw": RawImages, "camera_info": RawCameraInfos}
+        return {f"/{self.name}/depth/{leaf}": k.schema.type_name for leaf, k in kinds.items()}
 
     def build(self, site: Site) -> DepthCamera:
         return DepthCamera(self, site)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class DepthImages(RawStream):
-    """Images of one size; data: (n, 2 * height * width) uint8, rows from above, little-endian."""
-
-    LEAF = "image_raw"
-    schema = Schema(
-        "sensor_msgs/msg/Image",
-        (
-            *(_HEIGHT, _WIDTH),
-            Column("row_bytes", ("step",), is_constant=True, dtype="int64"),
-            Column("data", ("data",), is_list=True, dtype="uint8"),
-        ),
-        frames=(_FRAME, ("encodings", "encoding")),
-    )
-
-    height: int
-    width: int
-    data: NDArray[np.uint8]
-    encodings: tuple[str, ...] = ("16UC1",)
-
-    @property
-    def row_bytes(self) -> int:
-        return 2 * self.width
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class CameraInfos(RawStream):
-    """The same intrinsics with every image: a pinhole without distortion, square pixels."""
-
-    LEAF = "camera_info"
-    schema = Schema(
-        "sensor_msgs/msg/CameraInfo",
-        (
-            *(_HEIGHT, _WIDTH),
-            *(Column(name, (name,), is_constant=True) for name in ("k", "r", "p")),
-        ),
-        frames=(_FRAME, ("distortion_models", "distortion_model")),
-    )
-
-    height: int
-    width: int
-    focal_px: float
-    distortion_models: tuple[str, ...] = ("plumb_bob",)
-
-    @property
-    def k(self) -> FloatArray:
-        """(9,) the camera matrix by rows, pixels; the middle of the first pixel is at (0, 0)."""
-        focal, x, y = self.focal_px, 0.5 * (self.width - 1), 0.5 * (self.height - 1)
-        return np.array([focal, 0.0, x, 0.0, focal, y, 0.0, 0.0, 1.0])
-
-    @property
-    def r(self) -> FloatArray:
-        """(9,) no rectification."""
-        return np.eye(3).ravel()
-
-    @property
-    def p(self) -> FloatArray:
-        """(12,) the projection of the rectified image."""
-        return np.hstack([self.k.reshape(3, 3), np.zeros((3, 1))]).ravel()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -152,8 +94,8 @@ class DepthBatch:
         data = pixels.view(np.uint8)
         images, infos = entry.topics
         return (
-            DepthImages(images, frame, *when, *size, data),
-            CameraInfos(infos, frame, *when, *size, entry.focal_px),
+            RawImages(images, frame, *when, *size, data),
+            RawCameraInfos(infos, frame, *when, *size, entry.K),
         )
 
 

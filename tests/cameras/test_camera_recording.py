@@ -1,0 +1,73 @@
+"""A recording with cameras, as slamsim and rosbags read it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from camera_example import sensors, small
+from rosbags.highlevel import AnyReader
+from sensing_example import drive_along, room, windows
+
+from slamsim.config.run import RunConfig
+from slamsim.io.cameras import open_cameras
+from slamsim.io.open import read_log
+from slamsim.sensors.rig import SensorRig
+from slamsim.sim.robot.model import build_robot
+from slamsim.simulation.header import log_header
+from slamsim.simulation.log_writer import LogWriter
+
+DRIVE = drive_along(1.0, 240.0, 0.3, 0.5, 0.3)
+IMAGERS = {
+    "color": small(encoding="jpeg", readout_s=0.02, truth=["depth", "flow", "instances"]),
+    "depth": small(kind="depth", encoding="png", depth={"aligned_to": "color", "baseline_m": 0.02}),
+}
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Written window by window, as ``simulate`` does."""
+    on: dict[str, dict[str, Any]] = {name: {} for name in ("lidar", "imu", "encoders")}
+    entries = sensors(imagers=IMAGERS).additional
+    given = [entry.model_dump(mode="json") for entry in entries]
+    config = RunConfig.model_validate({"sensors": {**on, "additional": given}})
+    robot, folder = build_robot(config.robot), tmp_path_factory.mktemp("camera") / "log"
+    rig = SensorRig(room(), robot, config.sensors, seed=1)
+    with LogWriter(folder, log_header(robot, config)) as log:
+        for window in windows(DRIVE, [60, 130]):
+            log.write(rig.sense(window), window)
+    return folder
+
+
+def test_images_are_read_with_their_cameras(recording: Path) -> None:
+    with open_cameras(recording) as cameras:
+        colour = "/cam/color/image_raw/compressed"
+        aligned = "/cam/aligned_depth_to_color/image_raw/compressedDepth"
+        assert {image.topic for image in cameras.of_kind("colour")} == {colour}
+        assert aligned in {image.topic for image in cameras.of_kind("depth")}
+        assert cameras.model(colour).width == 32
+        frames = list(cameras.frames([colour, aligned]))
+    assert len(frames) == 20
+    assert {frame.pixels.shape for frame in frames} == {(24, 32, 3), (24, 32)}
+    stamps = sorted({frame.stamp_ns for frame in frames})
+    np.testing.assert_array_equal(np.diff(stamps), 100_000_000)
+
+
+def test_rosbags_reads_every_message(recording: Path) -> None:
+    counts: dict[str, int] = {}
+    with AnyReader([recording]) as reader:
+        for connection, _, data in reader.messages():
+            message: Any = reader.deserialize(data, connection.msgtype)
+            counts[connection.topic] = counts.get(connection.topic, 0) + 1
+            if connection.topic.endswith("color/frame"):
+                assert len(message.row_instants_ns) == 24
+    assert counts["/cam/color/camera_info"] == counts["/ground_truth/cam/color/frame"] == 10
+    assert counts["/ground_truth/cam/color/flow"] == 9
+
+
+def test_slam_sees_neither_images_nor_truth(recording: Path) -> None:
+    log = read_log(recording)
+    assert len(log.scans) > 30
+    assert not [source for source in log.sources if "cam" in source or "truth" in source]
