@@ -71,6 +71,7 @@ class DepthCameraEntry(SensorEntry):
 
     @property
     def topics(self) -> Mapping[str, str]:
+        kinds: Mapping[str, type[RawStream]]
         kinds = {"image_raw": RawImages, "camera_info": RawCameraInfos}
         return {f"/{self.name}/depth/{leaf}": k.schema.type_name for leaf, k in kinds.items()}
 
