@@ -36,6 +36,7 @@ ALLOWED: Mapping[str, tuple[str, ...]] = {
     "cameras": ("config", *_FOUNDATION),
     "recording": ("cameras", *_FOUNDATION),
     "io": ("recording", "cameras", *_FOUNDATION),
+    "perception": ("cameras", "io", *_DATA),
     "world": ("config", *_FOUNDATION),
     "sim": ("world", "config", "process", *_FOUNDATION),
     "sensors": ("cameras", *_DATA),

@@ -1,0 +1,1 @@
+"""What images tell: tags, the camera's own motion, and where both put the robot."""

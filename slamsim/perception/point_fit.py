@@ -1,0 +1,118 @@
+"""The motion of a depth camera from points that it sees again.
+
+Gauss and Newton's steps on where the points are seen, in pixels, and how far away they are, with
+the weights of Cauchy's estimator. How noisy both are is learnt from what is left in the end.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from slamsim.core.types import BoolArray, FloatArray
+from slamsim.perception.tag_pose import moved
+
+STEPS = 6
+CAUCHY_SIGMAS = 2.0
+LEAST_PIXEL_SIGMA = 0.1
+"""Tracks of points are no surer, whatever is left: 0.1 px is what the tracker's search ends at."""
+FIRST_PIXEL_SIGMA = 0.3
+DEPTH_NOISE_PER_M = 0.0015
+"""Standard deviation of a depth over its square, 1/m, to begin with; a D435's is 0.002 to 0.004
+(its data sheet: less than 2 % of the distance at 2 m), a structured-light camera's 0.0015
+(Khoshelham & Elberink 2012)."""
+LEAST_DEPTH_SIGMA_M = 0.001
+"""Depth images hold millimetres."""
+MAD_TO_SIGMA = 1.4826
+SHARED_ERROR = 4.0
+"""Variances over those of independent points: neighbours share the same depth error, lens and shutter.
+Key frames of the living room then err as they claim (``docs/cameras.md``)."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SeenPoints:
+    """points_m: (n, 3) in the key frame's camera. rays_xy: (n, 2) x / z and y / z of where each is
+    seen now. depths_m: (n,) along z, now; nan where it is unknown."""
+
+    points_m: FloatArray
+    rays_xy: FloatArray
+    depths_m: FloatArray
+
+    def __len__(self) -> int:
+        return len(self.points_m)
+
+    def those(self, chosen: BoolArray) -> SeenPoints:
+        """The points of which (n,) chosen is true."""
+        return SeenPoints(self.points_m[chosen], self.rays_xy[chosen], self.depths_m[chosen])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FittedMotion:
+    """T_now_keyframe: (4, 4), takes points of the key frame's camera into that of now.
+
+    covariance: (6, 6) of a small step of it, metres along the axes of now's camera, then radians
+    about them. pixel_sigma: what was left, in pixels.
+    """
+
+    T_now_keyframe: FloatArray
+    covariance: FloatArray
+    pixel_sigma: float
+
+
+def fit_motion(T_now_keyframe: FloatArray, seen: SeenPoints, focal_px: float) -> FittedMotion:
+    """The most likely motion near a first guess (4, 4); raises LinAlgError where nothing holds it."""
+    T, pixel_sigma, depth_factor = T_now_keyframe, FIRST_PIXEL_SIGMA, 1.0
+    normal = np.eye(6)
+    for _ in range(STEPS):
+        off, by_step, off_m, depth_by_step = _misfit(T, seen)
+        depth_sigma = depth_factor * _depth_sigma_m(seen.depths_m)
+        pixels = np.linalg.norm(off, axis=1) * focal_px / pixel_sigma
+        known = np.isfinite(off_m)
+        depths = np.where(known, off_m, 0.0) / np.where(known, depth_sigma, 1.0)
+        of_pixels = _weight(pixels) * (focal_px / pixel_sigma) ** 2
+        of_depths = np.where(known, _weight(depths) / np.where(known, depth_sigma, 1.0) ** 2, 0.0)
+        normal = np.einsum("nij,nik,n->jk", by_step, by_step, of_pixels)
+        normal += (depth_by_step * of_depths[:, None]).T @ depth_by_step
+        pull = np.einsum("nij,ni,n->j", by_step, off, of_pixels)
+        pull += depth_by_step.T @ (of_depths * np.where(known, off_m, 0.0))
+        T = moved(T, -np.linalg.solve(normal, pull))
+        left_px = float(np.median(np.abs(off))) * focal_px * MAD_TO_SIGMA
+        pixel_sigma = max(left_px, LEAST_PIXEL_SIGMA)
+        if known.any():
+            left = MAD_TO_SIGMA * float(np.median(np.abs(depths[known]))) * depth_factor
+            depth_factor = max(left, 0.3)
+    return FittedMotion(T, SHARED_ERROR * np.linalg.inv(normal), pixel_sigma)
+
+
+def _weight(sigmas: FloatArray) -> FloatArray:
+    return np.asarray(1.0 / (1.0 + (sigmas / CAUCHY_SIGMAS) ** 2))
+
+
+def _depth_sigma_m(depths_m: FloatArray) -> FloatArray:
+    """(n,) of the difference of two depths, each of which has the noise of its square."""
+    one = np.hypot(DEPTH_NOISE_PER_M * depths_m**2, LEAST_DEPTH_SIGMA_M)
+    return np.asarray(np.sqrt(2.0) * one)
+
+
+def _misfit(
+    T_now_keyframe: FloatArray, seen: SeenPoints
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """(n, 2) rays as they should be less those seen, (n, 2, 6) how a step changes them; (n,) depths
+    as they should be less those seen, (n, 6) how a step changes them."""
+    turned = seen.points_m @ T_now_keyframe[:3, :3].T
+    x, y, z = (turned + T_now_keyframe[:3, 3]).T
+    off = np.column_stack([x / z, y / z]) - seen.rays_xy
+    (u, v, w), zero = turned.T, np.zeros(len(seen))
+    one = np.ones(len(seen))
+    x_by_step = np.column_stack([one, zero, zero, zero, w, -v])
+    y_by_step = np.column_stack([zero, one, zero, -w, zero, u])
+    z_by_step = np.column_stack([zero, zero, one, v, -u, zero])
+    rays_by_step = np.stack(
+        [
+            x_by_step / z[:, None] - z_by_step * (x / z**2)[:, None],
+            y_by_step / z[:, None] - z_by_step * (y / z**2)[:, None],
+        ],
+        axis=1,
+    )
+    return off, rays_by_step, z - seen.depths_m, z_by_step
