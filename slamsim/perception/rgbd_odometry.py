@@ -34,6 +34,8 @@ NEXT_KEYFRAME_SHARE = 0.8
 """A new key frame once fewer of its points are seen: of 0.4, 0.6 and 0.8, the last ends nearest."""
 LEAST_POINTS = 25
 """Fewer tell no motion: of twelve corners on posters, RANSAC made a motion by chance."""
+LEAST_RIGID_SHARE = 0.4
+"""Of the points that were found again, so many must move as one: in noise alone some always do."""
 FLAT_WITHIN = 0.03
 """A point counts only where depths around it differ by less than this share: at edges, depth and
 corner belong to different surfaces."""
@@ -160,7 +162,7 @@ class RgbdOdometry:
         guess, rigid = _rigid_motion(seen, self._focal_px)
         keyframe.followed, keyframe.last_px = keyframe.followed[rows[rigid]], pixels[rows[rigid]]
         count = int(np.count_nonzero(rigid))
-        if count < LEAST_POINTS:
+        if count < max(LEAST_POINTS, LEAST_RIGID_SHARE * len(rows)):
             return None, count
         try:
             fitted = fit_motion(guess, seen.those(rigid), self._focal_px)
