@@ -40,6 +40,14 @@ Start = Annotated[
         help="Start pose in the map (default: searched for).",
     ),
 ]
+Tags = Annotated[
+    str,
+    typer.Option(
+        "--tags",
+        metavar="FAMILY:SIZE_M",
+        help="Tags in the images as landmarks, as apriltag_36h11:0.2 (slam.landmarks.tags).",
+    ),
+]
 Source = Annotated[
     str,
     typer.Argument(help="A world to simulate, or a recording: rosbag2, MCAP, ROS 1, CARMEN."),
@@ -63,6 +71,7 @@ def map_(
     imu_topic: ImuTopic = "",
     base_frame: BaseFrame = "",
     cloud_height: CloudHeight = "",
+    tags: Tags = "",
     earlier: Earlier = None,
     start: Start = None,
     overwrite: Overwrite = False,
@@ -76,6 +85,7 @@ def map_(
 
     reporter = Reporter(quiet=quiet, as_json=as_json)
     recorded = is_recording(source)
+    set_ = [*(set_ or ()), f"slam.landmarks.tags={tags}"] if tags else set_
     loaded = loaded_config(None if recorded else source, config, set_, seed, drive_seed=drive_seed)
     resolved = loaded.config
     name = recording_name(source) if recorded else resolved.world.name

@@ -127,6 +127,54 @@ class FrontEndConfig(Config):
     """Scan matching."""
 
 
+class LandmarksConfig(Config):
+    """Square tags in the images of a recording, as landmarks of the map."""
+
+    tags: str = ""
+    """Which are looked for, as FAMILY:SIZE_M (apriltag_36h11:0.2); empty: no image is looked at."""
+
+    surveyed: str = ""
+    """A YAML file with the places of tags that were surveyed; the map is then in their frame."""
+
+    least_sigma_m: float = Field(0.004, gt=0.0, le=10.0)
+    """Least standard deviation of where a key frame sees a tag: what lens and mounting leave."""
+
+    least_sigma_deg: float = Field(0.3, gt=0.0, le=90.0)
+    """Least standard deviation of which way a key frame sees a tag face."""
+
+
+class SurveyedTag(Config):
+    """Where one tag hangs, as ``tags.yaml`` beside a simulated world has it."""
+
+    id: int = Field(ge=0, le=100_000)
+    """Its number within its family."""
+
+    family: str = ""
+    """Its family; tags of another than ``tags`` asks for are left out."""
+
+    size_m: float | None = Field(None, gt=0.0, le=10.0)
+    """Side of its black square."""
+
+    position_m: tuple[float, float, float] = Field(strict=False)
+    """Its middle, in the frame of the survey."""
+
+    quat_xyzw: tuple[float, float, float, float] = Field(strict=False)
+    """How its frame is turned: x to the right and y up as it is read, z out of the wall."""
+
+    sigma_m: float = Field(0.002, gt=0.0, le=10.0)
+    """Standard deviation of x and y."""
+
+    sigma_deg: float = Field(0.5, gt=0.0, le=90.0)
+    """Standard deviation of the way that it faces."""
+
+
+class SurveyedTags(Config):
+    """The tags of a survey."""
+
+    tags: tuple[SurveyedTag, ...] = Field(strict=False)
+    """Each with its number and place."""
+
+
 class SlamConfig(Config):
     """All of SLAM."""
 
@@ -138,3 +186,6 @@ class SlamConfig(Config):
 
     back_end: BackEndConfig = BackEndConfig()
     """Loop closure and pose graph."""
+
+    landmarks: LandmarksConfig = LandmarksConfig()
+    """Tags in the recording's images."""

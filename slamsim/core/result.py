@@ -8,6 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Literal
 
+from slamsim.core.landmarks import Landmark
 from slamsim.core.types import BoolArray, FloatArray, Log, PlanarPoses, PlanarTrajectory
 from slamsim.guard.numbers import (
     FINITE,
@@ -147,7 +148,8 @@ class SlamResult:
     parts: ``T_map_base`` after each part of the work, at the stamps of scans or of key frames.
     match_information: (n, 3, 3) of a small step of the base in its own frame, zero where a scan
     told nothing. calibration: of wheels, gyroscope and laser, under names that carry their units;
-    without what the log does not tell. log: what was mapped, its laser corrected.
+    without what the log does not tell. log: what was mapped, its laser corrected. landmarks: tags
+    in the map, by their numbers, where images were looked at.
     """
 
     trajectory: PlanarTrajectory
@@ -167,6 +169,7 @@ class SlamResult:
     calibration: dict[str, Calibrated] = field(default_factory=dict)
     failed: tuple[FailedStage, ...] = ()
     log: Log | None = None
+    landmarks: tuple[Landmark, ...] = ()
 
     def __post_init__(self) -> None:
         count = len(self.trajectory)

@@ -64,7 +64,7 @@ class FittedMotion:
 
 
 def fit_motion(T_now_keyframe: FloatArray, seen: SeenPoints, focal_px: float) -> FittedMotion:
-    """The most likely motion near a first guess (4, 4); raises LinAlgError where nothing holds it."""
+    """The most likely motion near a first guess (4, 4); LinAlgError where nothing holds it."""
     T, pixel_sigma, depth_factor = T_now_keyframe, FIRST_PIXEL_SIGMA, 1.0
     normal = np.eye(6)
     for _ in range(STEPS):
@@ -79,7 +79,7 @@ def fit_motion(T_now_keyframe: FloatArray, seen: SeenPoints, focal_px: float) ->
         normal += (depth_by_step * of_depths[:, None]).T @ depth_by_step
         pull = np.einsum("nij,ni,n->j", by_step, off, of_pixels)
         pull += depth_by_step.T @ (of_depths * np.where(known, off_m, 0.0))
-        T = moved(T, -np.linalg.solve(normal, pull))
+        T = moved(T, -np.asarray(np.linalg.solve(normal, pull), dtype=np.float64))
         left_px = float(np.median(np.abs(off))) * focal_px * MAD_TO_SIGMA
         pixel_sigma = max(left_px, LEAST_PIXEL_SIGMA)
         if known.any():
@@ -88,7 +88,8 @@ def fit_motion(T_now_keyframe: FloatArray, seen: SeenPoints, focal_px: float) ->
     turn = MODEL_PX / focal_px
     shift_m = turn * float(np.median(seen.points_m[:, 2]))
     model = np.diag(np.repeat([shift_m, turn], 3) ** 2)
-    return FittedMotion(T, SHARED_ERROR * np.linalg.inv(normal) + model, pixel_sigma)
+    covariance = SHARED_ERROR * np.asarray(np.linalg.inv(normal), dtype=np.float64) + model
+    return FittedMotion(T, covariance, pixel_sigma)
 
 
 def _weight(sigmas: FloatArray) -> FloatArray:

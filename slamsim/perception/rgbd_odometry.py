@@ -89,7 +89,7 @@ class RgbdOdometry:
         self._model, self._focal_px = model, float(model.focal_px.mean())
         self._keyframe: _Keyframe | None = None
         self._before: NDArray[np.uint8] = np.zeros((0, 0), dtype=np.uint8)
-        self._T_odom_camera = np.eye(4)
+        self._T_odom_camera: FloatArray = np.eye(4)
 
     def step(self, stamp_ns: int, grey: NDArray[np.uint8], depth_m: Float32Array) -> RgbdStep:
         """The motion until grey (h, w) with depth_m (h, w) along z, nan or 0 for none.
@@ -105,9 +105,9 @@ class RgbdOdometry:
             return RgbdStep(stamp_ns, np.eye(4), 0, np.eye(4), nothing, 0, "started", True)
         fitted, points = self._moved_since(keyframe, grey, depth_m)
         self._before = grey
-        T_keyframe_camera = np.eye(4)
+        T_keyframe_camera: FloatArray = np.eye(4)
         if fitted is not None:
-            T_keyframe_camera = np.linalg.inv(fitted.T_now_keyframe)
+            T_keyframe_camera = np.asarray(np.linalg.inv(fitted.T_now_keyframe))
             self._T_odom_camera = keyframe.T_odom_camera @ T_keyframe_camera
         starts = fitted is None or points < NEXT_KEYFRAME_SHARE * len(keyframe.pixels)
         if starts:

@@ -53,7 +53,7 @@ def square_corners(size_m: float) -> FloatArray:
 
 def tag_pose(corners: Corners, size_m: float) -> TagPose | None:
     """The likelier of the two poses that show a square of this size so; None if none does."""
-    information = np.linalg.inv(corners.covariance)
+    information = np.asarray(np.linalg.inv(corners.covariance), dtype=np.float64)
     found = [
         solution
         for start in _closed_solutions(corners.rays_xy, size_m)
@@ -104,7 +104,7 @@ def _fitted(
         off, by_step = _misfit(T_camera_tag, corners_m, rays_xy)
         normal = by_step.T @ information @ by_step
         try:
-            step = np.linalg.solve(normal, -by_step.T @ information @ off)
+            step = np.asarray(np.linalg.solve(normal, -by_step.T @ information @ off), np.float64)
         except np.linalg.LinAlgError:
             return None
         size = float(np.linalg.norm(step[3:]))
@@ -114,7 +114,7 @@ def _fitted(
         return None
     off, by_step = _misfit(T_camera_tag, corners_m, rays_xy)
     covariance = np.linalg.pinv(by_step.T @ information @ by_step, hermitian=True)
-    return TagPose(T_camera_tag, covariance, float(off @ information @ off))
+    return TagPose(T_camera_tag, np.asarray(covariance, np.float64), float(off @ information @ off))
 
 
 def _misfit(

@@ -8,6 +8,7 @@ from dataclasses import asdict
 import numpy as np
 
 from slamsim.check.wording import finding_json
+from slamsim.core.landmarks import Landmark
 from slamsim.core.types import BoolArray, FloatArray, PlanarTrajectory
 from slamsim.report.run_view import RunView
 
@@ -50,7 +51,23 @@ def report_json(view: RunView) -> dict[str, object]:
         "checks": [] if view.checked is None else [*map(finding_json, view.checked.findings)],
         "command": view.command,
     }
+    if result.landmarks:
+        numbers["tags"] = [_tag_json(one) for one in result.landmarks]
     return {key: _finite(value) for key, value in numbers.items()}
+
+
+def _tag_json(tag: Landmark) -> dict[str, object]:
+    x_m, y_m, yaw_rad = tag.T_map_tag.tolist()
+    return {
+        "number": tag.number,
+        "x_m": x_m,
+        "y_m": y_m,
+        "yaw_deg": math.degrees(yaw_rad),
+        "covariance_m_rad": tag.covariance.tolist(),
+        "seen": tag.seen,
+        "doubted": tag.doubted,
+        "surveyed": tag.is_surveyed,
+    }
 
 
 def realtime_factors(view: RunView) -> dict[str, float | None]:

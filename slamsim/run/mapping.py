@@ -14,9 +14,10 @@ from slamsim.config.dump import dump_commented_yaml
 from slamsim.config.loading import load_simulated_config, load_world_config
 from slamsim.config.run import RunConfig
 from slamsim.console.reporter import Reporter
+from slamsim.core.landmarks import NO_TAGS, TagsSeen
 from slamsim.core.result import SlamResult
 from slamsim.core.types import Grid, Log, Trajectory
-from slamsim.guard.errors import SlamsimError
+from slamsim.guard.errors import OverrideRefused, SlamsimError
 from slamsim.guard.files import own_file
 from slamsim.guard.numbers import as_json
 from slamsim.guard.output import partial_folder, write_atomic
@@ -24,6 +25,7 @@ from slamsim.io.names import LOG
 from slamsim.io.open import open_recording
 from slamsim.io.selection import EVERYTHING, Selection
 from slamsim.io.text.relations import Relations, read_relations
+from slamsim.perception.recorded import tags_seen
 from slamsim.process.children import MEMORY
 from slamsim.recording import Recording
 from slamsim.report.numbers import path_length_m, report_json
@@ -71,7 +73,8 @@ def map_world(
         checked = _checked(opened.recording, stages)
         log = replace(opened.log(), name=config.world.name)
         known = _known(log, opened.truth(), wanted, (simulation.world, config))
-        report = _map(log, config, partial, stages, known, checked)
+        tags = _tags(source, opened.recording, config, stages)
+        report = _map(log, config, partial, stages, known, checked, tags=tags)
     require_finished(simulation, folder)
     return report
 
@@ -97,6 +100,9 @@ def map_recording(
     known = _known(log, opened.truth(), wanted_relations, origin)
     stages = Stages(reporter)
     checked = _checked(opened.recording, stages)
+    tags = _tags(path, opened.recording, config, stages)
+    if tags.observations and earlier is not None:
+        raise OverrideRefused("--tags", "tags do not continue an earlier map; leave out --continue")
     with partial_folder(folder, overwrite) as partial:
         if origin is not None:
             world, simulated = origin
@@ -105,7 +111,7 @@ def map_recording(
         write_config(partial, config)
         if known.truth is not None:
             run_folder.write_truth(partial, known.truth)
-        return _map(log, config, partial, stages, known, checked, earlier)
+        return _map(log, config, partial, stages, known, checked, earlier, tags)
 
 
 def require_used(report: Report, folder: Path) -> None:
@@ -133,10 +139,11 @@ def _map(
     known: Known,
     checked: CheckReport,
     earlier: Earlier | None = None,
+    tags: TagsSeen = NO_TAGS,
 ) -> Report:
     """What SLAM made of it is written before anything is drawn of it, so that it stays whatever
     fails then."""
-    result, saved = _slam(log, config, stages, earlier)
+    result, saved = _slam(log, config, stages, earlier, tags)
     log = result.log or log
     unjoined = "" if earlier is None else earlier.unjoined(saved, result, log)
     run_folder.write_slam(partial, result, sure=not unjoined)
@@ -171,6 +178,14 @@ def _map(
     )
 
 
+def _tags(path: Path, recording: Recording, config: RunConfig, stages: Stages) -> TagsSeen:
+    """What the images at path show of the tags that the configuration asks for."""
+    if not config.slam.landmarks.tags:
+        return NO_TAGS
+    with stages.stage("tags", "images/s") as progress:
+        return tags_seen(path, recording, config.slam.landmarks, progress)
+
+
 def _verdict(view: RunView, unjoined: str) -> str:
     """In one sentence, what became of a map; unjoined: why it does not continue an earlier one."""
     if unjoined:
@@ -180,11 +195,11 @@ def _verdict(view: RunView, unjoined: str) -> str:
 
 
 def _slam(
-    log: Log, config: RunConfig, stages: Stages, earlier: Earlier | None
+    log: Log, config: RunConfig, stages: Stages, earlier: Earlier | None, tags: TagsSeen
 ) -> tuple[SlamResult, SavedMap]:
     saved_map, start = (None, None) if earlier is None else (earlier.saved, earlier.start)
     with stages.stage("slam", "scans/s") as progress:
-        return map_log(log, config.slam, progress, saved_map, start)
+        return map_log(log, config.slam, progress, saved_map, start, tags=tags)
 
 
 def _grid(log: Log, result: SlamResult, saved: SavedMap, config: RunConfig, stages: Stages) -> Grid:

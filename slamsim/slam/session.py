@@ -11,6 +11,7 @@ from typing import Self
 import numpy as np
 
 from slamsim.config.slam import SlamConfig
+from slamsim.core.landmarks import NO_TAGS, TagsSeen
 from slamsim.core.progress import Progress, silent
 from slamsim.core.result import Calibrated, Event, MapGraph, SlamResult
 from slamsim.core.types import FloatArray, Log, PlanarTrajectory, Scan
@@ -20,9 +21,10 @@ from slamsim.slam.failures import Failures
 from slamsim.slam.frontend.keyframes import ABOUT_THERE, ANYWHERE, Before, Keyframe, KeyframeMaker
 from slamsim.slam.frontend.motion import NoMotion, Odometry, log_odometry, predict_motion
 from slamsim.slam.frontend.odometry import FrontEnd
-from slamsim.slam.frontend.scan_order import InOrder, nothing_to_track
+from slamsim.slam.frontend.scan_order import InOrder, nothing_seen, nothing_to_track
 from slamsim.slam.frontend.track import Track
 from slamsim.slam.frontend.tracking import Status, Step, Tracked
+from slamsim.slam.landmarks.graph import held_by_tags
 from slamsim.slam.laser.estimate import laser_of
 from slamsim.slam.mapping.assembly import assemble, odometry_alone
 from slamsim.slam.mapping.saved_map import SavedMap, settled
@@ -118,7 +120,7 @@ class SlamSession:
         if not len(self._track):
             raise SlamsimError("there is nothing to solve: no scan was tracked")
         if not self._front_end.sighted:
-            raise SlamsimError(_nothing_seen(len(self._track)))
+            raise SlamsimError(nothing_seen(len(self._track)))
         with solving("the whole map"):
             outcome = self._keeper.finish(progress)
             self._solved = outcome.graph
@@ -218,12 +220,14 @@ def map_log(
     earlier: SavedMap | None = None,
     start: FloatArray | None = None,
     fixed: bool = False,
+    tags: TagsSeen = NO_TAGS,
 ) -> tuple[SlamResult, SavedMap]:
     """As ``run_slam``, with what a later run needs to go on or to localise in this map.
 
     earlier: a map to go on with; the trajectory is then in its frame, and both are one map, as
     soon as something is recognised. start: (3,) T_map_base in it at the first scan, give or take
-    half a metre; without it the robot finds itself. fixed: the earlier map stays as it is.
+    half a metre; without it the robot finds itself. fixed: the earlier map stays as it is. tags: in
+    its images, not together with an earlier map.
     """
     started_s = time.perf_counter()
     if start is not None:
@@ -251,12 +255,12 @@ def map_log(
         if not len(session):
             raise SlamsimError(nothing_to_track(log, odometry))
         result = session.finish(_rest_of(progress, len(log.scans), whole))
+        result = held_by_tags(result, tags, config, failures)
         saved = session.saved(result)
     progress(whole, whole)
-    alone = odometry_alone(log, result.odometry)
     whole_result = replace(
         result,
-        odometry=alone,
+        odometry=odometry_alone(log, result.odometry),
         seconds=seconds | result.seconds,
         warnings=(*map(str, failures), *result.warnings, *scans.warnings()),
         calibration=result.calibration | laser.calibrated(),
@@ -289,10 +293,3 @@ def _rest_of(progress: Progress, done_before: float, whole: float) -> Progress:
         progress(done_before + (whole - done_before) * done / max(total, 1.0), whole)
 
     return report
-
-
-def _nothing_seen(scans: int) -> str:
-    return (
-        f"none of the {scans} scans shows a surface: their returns are too few, invalid or all "
-        "at the maximum range; there is nothing to map"
-    )

@@ -42,8 +42,9 @@ def _edge_errors(steps: list[RgbdStep], path: list[FloatArray]) -> list[float]:
     nees, before = [], 0
     for k, step in enumerate(steps[1:], 1):
         if step.starts and step.covariance is not None:
-            T_now_keyframe = np.linalg.inv(path[k]) @ path[before]
-            off = step_between(np.linalg.inv(step.T_keyframe_camera), T_now_keyframe)
+            T_now_keyframe = np.asarray(np.linalg.inv(path[k]) @ path[before])
+            T_told = np.asarray(np.linalg.inv(step.T_keyframe_camera))
+            off = step_between(T_told, T_now_keyframe)
             nees.append(float(off @ np.linalg.solve(step.covariance, off)))
         if step.starts:
             before = k

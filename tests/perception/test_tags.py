@@ -5,6 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 import pytest
+from tag_images import draw_tags, random_tag_pose
 
 from slamsim.cameras.lens import CameraModel, pinhole
 from slamsim.guard.numbers import BadNumbers
@@ -12,7 +13,6 @@ from slamsim.perception.tag_edges import Corners, refine_corners
 from slamsim.perception.tag_families import FAMILIES, TagKind, UnknownTags, parse_tags
 from slamsim.perception.tag_pose import moved, square_corners, step_between, tag_pose
 from slamsim.perception.tags import TagDetector, TagSighting
-from tag_images import draw_tags, random_tag_pose
 
 KIND = TagKind("apriltag_36h11", 0.2)
 PINHOLE = pinhole(320, 240, 69.0)
@@ -162,7 +162,7 @@ def test_an_image_of_another_size_is_refused() -> None:
     with pytest.raises(BadNumbers, match=r"\(240, 320\)"):
         detector.detect(np.zeros((480, 640), np.uint8))
     with pytest.raises(BadNumbers, match="uint8"):
-        detector.detect(np.zeros((240, 320), np.uint16))  # type: ignore[arg-type]
+        detector.detect(np.zeros((240, 320), np.uint16))
 
 
 @pytest.mark.parametrize(

@@ -63,7 +63,7 @@ ALLOWED: Mapping[str, tuple[str, ...]] = {
     ),
     "run": (
         *("live", "report", "dataset", "scenarios", "simulation", "check", "evaluate", "slam"),
-        *("sensors", "sim", "world", "io", "cameras", "console", "process", *_DATA),
+        *("perception", "cameras", "sensors", "sim", "world", "io", "console", "process", *_DATA),
     ),
     "bench": (
         *("run", "live", "dataset", "simulation", "check", "evaluate", "slam", "sensors", "sim"),

@@ -44,7 +44,7 @@ def draw_tags(
     if blur_px > 0.0:
         small = cv2.GaussianBlur(small, (0, 0), blur_px)
     noisy = np.asarray(small) + rng.normal(0.0, noise, small.shape)
-    return np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
+    return np.asarray(np.clip(np.rint(noisy), 0, 255), dtype=np.uint8)
 
 
 @cache

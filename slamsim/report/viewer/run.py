@@ -20,7 +20,14 @@ from slamsim.report.precision import precision_plots
 from slamsim.report.run_view import RunView
 from slamsim.report.viewer.blueprint import blueprint
 from slamsim.report.viewer.images import ShownCamera, camera_views, log_cameras, log_images
-from slamsim.report.viewer.scene import log_graph, log_map, log_paths, log_precision, log_walls
+from slamsim.report.viewer.scene import (
+    log_graph,
+    log_map,
+    log_paths,
+    log_precision,
+    log_tags,
+    log_walls,
+)
 from slamsim.report.viewer.series import MAX_POINTS, plots
 from slamsim.report.viewer.stage import laser_frame, log_scans, log_transforms, time_column
 
@@ -50,6 +57,7 @@ def write_recording(
         log_walls(recording, view)
         log_paths(recording, view)
         log_graph(recording, view)
+        log_tags(recording, view)
         log_precision(recording, view)
         log_scans(recording, view, laser)
         _log_plots(recording, view)

@@ -138,6 +138,24 @@ def log_graph(recording: rr.RecordingStream, view: RunView) -> None:
             log_lines(recording, name, MAP, lines, colour, radius, height_m)
 
 
+def log_tags(recording: rr.RecordingStream, view: RunView) -> None:
+    """Tags in the map: where they are, and the way they face."""
+    tags = view.result.landmarks
+    if not tags:
+        return
+    places = np.array([[*tag.T_map_tag[:2], 0.3] for tag in tags])
+    yaw_rad = np.array([tag.T_map_tag[2] for tag in tags])
+    facing = np.column_stack([np.cos(yaw_rad), np.sin(yaw_rad), np.zeros(len(tags))])
+    recording.log(
+        "graph/tags",
+        rr.CoordinateFrame(MAP),
+        rr.Arrows3D(
+            origins=places, vectors=0.4 * facing, labels=[f"tag {tag.number}" for tag in tags]
+        ),
+        static=True,
+    )
+
+
 def log_precision(recording: rr.RecordingStream, view: RunView) -> None:
     """What holds the robot: strokes along the direction that each scan holds least, coloured by
     how little; and the uncertainties of the key frames as enlarged ellipses."""

@@ -51,3 +51,11 @@ def nothing_to_track(log: Log, odometry: Odometry | None) -> str:
         f"{log.name}: none of the {len(log.scans)} scans could be used; "
         f"odometry covers {covered}: is it on another clock?"
     )
+
+
+def nothing_seen(scans: int) -> str:
+    """Why so many scans, though tracked, make no map."""
+    return (
+        f"none of the {scans} scans shows a surface: their returns are too few, invalid or all "
+        "at the maximum range; there is nothing to map"
+    )

@@ -1,0 +1,102 @@
+"""Tags in the images of a recording, as SLAM takes them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from slamsim.cameras.frames import CameraFrame
+from slamsim.config.loading import load_model
+from slamsim.config.slam import LandmarksConfig, SurveyedTags
+from slamsim.core.geometry import matrix_from_xyzw, se3_from_parts
+from slamsim.core.landmarks import KnownTag, TagObservation, TagsSeen
+from slamsim.core.progress import Progress, silent
+from slamsim.core.types import FloatArray
+from slamsim.guard.errors import InputRefused
+from slamsim.guard.numbers import UNIT_WITHIN
+from slamsim.io.cameras import open_cameras
+from slamsim.io.cameras.base import Cameras
+from slamsim.perception.planar import planar_observation, planar_tag
+from slamsim.perception.tag_families import parse_tags
+from slamsim.perception.tags import TagDetector
+from slamsim.recording import Recording
+from slamsim.recording.mountings import BASE_FRAME, known_mounting, tree_of
+
+
+def tags_seen(
+    path: Path, recording: Recording, config: LandmarksConfig, progress: Progress = silent
+) -> TagsSeen:
+    """The tags that a configuration asks for, in all images of the recording at path.
+
+    Raises UnknownTags for a family that is none, NotFound for images without camera info,
+    InputRefused for images that cannot be read, for a camera whose place on the robot is unknown,
+    and for a recording without images.
+    """
+    kind = parse_tags(config.tags)
+    known = known_tags(config)
+    with open_cameras(path) as cameras:
+        mounts = _mounts(path, cameras, recording)
+        total, found = sum(cameras.topics[topic].messages for topic in mounts), []
+        detectors = {topic: TagDetector(kind, cameras.model(topic)) for topic in mounts}
+        for number, frame in enumerate(cameras.frames(tuple(mounts))):
+            found += _observed(detectors[frame.topic], frame, mounts[frame.topic])
+            progress(number + 1, total)
+    return TagsSeen(tuple(found), known)
+
+
+def known_tags(config: LandmarksConfig) -> tuple[KnownTag, ...]:
+    """Those of the survey that a configuration names. Raises InputRefused or NotFound."""
+    if not config.surveyed:
+        return ()
+    found, kind = [], parse_tags(config.tags)
+    for tag in load_model(SurveyedTags, Path(config.surveyed)).tags:
+        if tag.family not in ("", kind.family) or tag.size_m not in (None, kind.size_m):
+            continue
+        norm = float(np.linalg.norm(tag.quat_xyzw))
+        if abs(norm - 1.0) > UNIT_WITHIN:
+            reason = f"the quaternion of tag {tag.id} has the length {norm:.3g}, not 1"
+            raise InputRefused(config.surveyed, reason, "tags")
+        R_map_tag = matrix_from_xyzw(np.array(tag.quat_xyzw) / norm)
+        place = planar_tag(se3_from_parts(R_map_tag, np.array(tag.position_m)))
+        sigmas = np.array([tag.sigma_m, tag.sigma_m, np.radians(tag.sigma_deg)])
+        found.append(KnownTag(tag.id, place, np.diag(np.square(sigmas))))
+    numbers = [each.number for each in found]
+    if len(set(numbers)) < len(numbers):
+        twice = next(number for number in numbers if numbers.count(number) > 1)
+        raise InputRefused(config.surveyed, f"tag {twice} is there twice", "tags")
+    return tuple(found)
+
+
+def grey_of(frame: CameraFrame) -> NDArray[np.uint8]:
+    """(h, w) brightness of a colour or grey image."""
+    if frame.kind == "colour":
+        return np.asarray(cv2.cvtColor(frame.pixels, cv2.COLOR_RGB2GRAY), dtype=np.uint8)
+    return np.asarray(frame.pixels, dtype=np.uint8)
+
+
+def _observed(
+    detector: TagDetector, frame: CameraFrame, T_base_camera: FloatArray
+) -> list[TagObservation]:
+    sightings = detector.detect(grey_of(frame))
+    return [planar_observation(frame.stamp_ns, each, T_base_camera) for each in sightings]
+
+
+def _mounts(path: Path, cameras: Cameras, recording: Recording) -> dict[str, FloatArray]:
+    """T_base_camera (4, 4) of the optical frame of each topic with pictures."""
+    pictures = [*cameras.of_kind("colour"), *cameras.of_kind("grey")]
+    if not pictures:
+        raise InputRefused(path, "holds no colour or grey images in which tags could be seen")
+    tree, base = tree_of(recording.transforms), BASE_FRAME
+    for odometry in recording.odometries[:1]:
+        base = odometry.child_frame_ids[0]
+    found = {}
+    for each in pictures:
+        mounting = known_mounting(tree, base, each.frame_id)
+        if mounting is None:
+            reason = f"no fixed transform leads from {base!r} to its frame {each.frame_id!r}"
+            raise InputRefused(path, reason, f"topic {each.topic}")
+        found[each.topic] = mounting[0]
+    return found

@@ -1,0 +1,1 @@
+"""Tags in the pose graph: as landmarks of unknown or of surveyed places."""

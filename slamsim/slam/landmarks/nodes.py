@@ -1,0 +1,129 @@
+"""Poses of the graph that see tags: key frames, and more of them where these lie far apart.
+
+Where a lidar sees nothing, there are few key frames, if any; images in between see tags all the
+same. The step from one key frame to the next is then cut into several, each with the share of its
+covariance that its path has: that is how errors of wheels and gyroscopes grow.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from slamsim.config.slam import MotionConfig
+from slamsim.core.geometry import between, rotation
+from slamsim.core.landmarks import TagObservation
+from slamsim.core.result import GraphEdge, SlamResult
+from slamsim.core.types import FloatArray, IntArray, PlanarTrajectory
+
+SPACING_M, SPACING_RAD = 0.25, 0.2
+"""A pose that sees a tag stands for images up to half of this away; the motion to them is small
+beside the error of one image."""
+LEAST_TO_SCALE = 20
+SCALES = (0.8, 1.25)
+"""No wheels that drive are farther off."""
+ARM_M = 0.3
+"""What a turn counts as path: as far from the wheels' axle as wheels are apart."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Nodes:
+    """track: T_map_base of all poses of the graph. keyframes: (k,) which of them are key frames.
+    edges: between them, measured anew where SLAM put the poses in the end."""
+
+    track: PlanarTrajectory
+    keyframes: IntArray
+    edges: tuple[GraphEdge, ...]
+
+
+def nodes_of(
+    result: SlamResult, observations: Sequence[TagObservation], motion: MotionConfig
+) -> Nodes:
+    """The key frames of a result, with further poses where tags were seen on the way."""
+    keyframes, trajectory = result.graph.keyframes, result.trajectory
+    seen_ns = np.array([one.stamp_ns for one in observations], dtype=np.int64)
+    inside = (seen_ns >= trajectory.stamps_ns[0]) & (seen_ns <= trajectory.stamps_ns[-1])
+    stamps_ns = _spread(trajectory, keyframes.stamps_ns, np.unique(seen_ns[inside]))
+    poses = trajectory.at(stamps_ns)
+    number = np.searchsorted(stamps_ns, keyframes.stamps_ns)
+    poses[number] = keyframes.poses
+    edges = []
+    for edge in result.graph.edges:
+        if edge.weight <= 0.0:
+            continue
+        ends = (int(number[edge.source]), int(number[edge.target]))
+        again = replace(edge, source=ends[0], target=ends[1])
+        edges += [again] if edge.kind == "closure" else _cut(again, poses)
+    edges = [_measured(edge, poses) for edge in edges]
+    outer = [*range(number[0]), *range(number[-1], len(poses) - 1)]
+    edges += [_by_wheels(k, poses, motion) for k in outer]
+    return Nodes(PlanarTrajectory(stamps_ns, poses), number, tuple(edges))
+
+
+def _spread(trajectory: PlanarTrajectory, keyframes_ns: IntArray, seen_ns: IntArray) -> IntArray:
+    """(n,) stamps of the key frames, and of images that are apart from each other and from them."""
+    found = set(keyframes_ns.tolist())
+    ordered = np.union1d(keyframes_ns, seen_ns)
+    poses, last = trajectory.at(ordered), 0
+    for k in range(len(ordered)):
+        step = between(poses[last], poses[k])
+        far = np.hypot(step[0], step[1]) > SPACING_M or abs(step[2]) > SPACING_RAD
+        if k == 0 or far or int(ordered[k]) in found:
+            found.add(int(ordered[k]))
+            last = k
+    return np.array(sorted(found), dtype=np.int64)
+
+
+def _cut(edge: GraphEdge, poses: FloatArray) -> list[GraphEdge]:
+    """An edge of the chain as edges from pose to pose between its ends."""
+    numbers = range(edge.source, edge.target)
+    paths_m = [_path_m(between(poses[k], poses[k + 1])) for k in numbers]
+    whole_m = sum(paths_m)
+    kind = edge.kind if len(paths_m) == 1 else "odometry"
+    found = []
+    for k, path_m in zip(numbers, paths_m, strict=True):
+        turned = rotation(poses[edge.source, 2] - poses[k, 2])
+        covariance = turned @ edge.covariance @ turned.T * (path_m / whole_m)
+        found.append(replace(edge, source=k, target=k + 1, covariance=covariance, kind=kind))
+    return found
+
+
+def _measured(edge: GraphEdge, poses: FloatArray) -> GraphEdge:
+    """An edge as if it had been measured where its ends are."""
+    return replace(edge, T_source_target=between(poses[edge.source], poses[edge.target]))
+
+
+def _by_wheels(source: int, poses: FloatArray, motion: MotionConfig) -> GraphEdge:
+    """A step before the first key frame or after the last, as unsure as wheels are."""
+    step = between(poses[source], poses[source + 1])
+    slip_m2 = motion.slip_m_per_sqrt_m**2
+    variances = np.array([slip_m2, slip_m2, motion.turn_rad_per_sqrt_m**2]) * _path_m(step)
+    return GraphEdge(source, source + 1, step, np.diag(variances), "odometry")
+
+
+def rescaled(edges: Sequence[GraphEdge], poses: FloatArray) -> tuple[GraphEdge, ...]:
+    """The edges with path and turn of those of odometry scaled as a solution (n, 3) has them.
+
+    As they are where fewer than ``LEAST_TO_SCALE`` tell.
+    """
+    steps = [edge for edge in edges if edge.kind == "odometry"]
+    if len(steps) < LEAST_TO_SCALE:
+        return tuple(edges)
+    told = np.array([edge.T_source_target for edge in steps])
+    weights = 1.0 / np.array([np.diag(edge.covariance) for edge in steps])
+    found = between(poses[[e.source for e in steps]], poses[[e.target for e in steps]])
+    sums = (weights * told * told).sum(axis=0)[[0, 2]]
+    both = (weights * told * found).sum(axis=0)[[0, 2]]
+    path, turn = np.clip(np.where(sums > 0.0, both / sums, 1.0), *SCALES)
+    scale = np.array([path, path, turn])
+    return tuple(
+        replace(e, T_source_target=scale * e.T_source_target) if e.kind == "odometry" else e
+        for e in edges
+    )
+
+
+def _path_m(step: FloatArray) -> float:
+    """At least a millimetre: a pose that stands is not exactly where it was."""
+    return float(np.hypot(step[0], step[1]) + ARM_M * abs(step[2])) + 1e-3

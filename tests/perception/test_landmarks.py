@@ -1,0 +1,177 @@
+"""Tags in the pose graph: a robot that is nearly blind is held by them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from simulated import Simulated, ate_rmse_m
+from tag_hall import hall, mistaken, observed, surveyed, tags_on_walls
+
+from slamsim.config.slam import LandmarksConfig, MotionConfig, SlamConfig
+from slamsim.core.geometry import between, compose, wrap_angle
+from slamsim.core.landmarks import TagObservation, TagsSeen
+from slamsim.core.result import SlamResult
+from slamsim.guard.errors import InputRefused
+from slamsim.perception.recorded import known_tags
+from slamsim.slam.landmarks.graph import with_landmarks
+from slamsim.slam.landmarks.nodes import nodes_of
+from slamsim.slam.landmarks.views import tag_views
+from slamsim.slam.session import map_log
+
+TAGS = tags_on_walls()
+CONFIG = SlamConfig()
+
+
+@pytest.fixture(scope="module")
+def driven() -> tuple[Simulated, SlamResult, tuple[TagObservation, ...]]:
+    sim = hall(0)
+    return sim, map_log(sim.log, CONFIG)[0], observed(sim, TAGS, 0, 150_000_000)
+
+
+def test_observations_err_as_they_claim(
+    driven: tuple[Simulated, SlamResult, tuple[TagObservation, ...]],
+) -> None:
+    sim, _, observations = driven
+    nees = []
+    for one in observations:
+        T_map_base = sim.truth.at(np.array([one.stamp_ns]))[0]
+        off = one.T_base_tag - between(T_map_base, TAGS[one.number])
+        off[2] = wrap_angle(off[2])
+        nees.append(off @ np.linalg.solve(one.covariance, off))
+
+    assert len(nees) > 500
+    assert 2.0 < np.mean(nees) < 4.0  # three degrees of freedom
+
+
+def test_a_blind_robot_is_held_by_tags(
+    driven: tuple[Simulated, SlamResult, tuple[TagObservation, ...]],
+) -> None:
+    sim, without, observations = driven
+    result = with_landmarks(without, TagsSeen(observations), CONFIG)
+
+    ate_m = ate_rmse_m(result.trajectory, sim.truth)
+    assert ate_m < 0.035
+    assert ate_rmse_m(without.trajectory, sim.truth) > 10.0 * ate_m
+    assert [tag.number for tag in result.landmarks] == sorted({o.number for o in observations})
+    assert np.array_equal(result.trajectory.stamps_ns, without.trajectory.stamps_ns)
+
+
+def test_surveyed_tags_put_the_map_into_their_frame(
+    driven: tuple[Simulated, SlamResult, tuple[TagObservation, ...]],
+) -> None:
+    sim, without, observations = driven
+    moved = np.array([3.0, -2.0, 0.7])
+    known = surveyed(compose(moved, TAGS))
+    result = with_landmarks(without, TagsSeen(observations, known), CONFIG)
+
+    true = compose(moved, sim.truth.at(result.trajectory.stamps_ns))
+    off_m = np.linalg.norm(result.trajectory.poses[:, :2] - true[:, :2], axis=1)
+    assert np.sqrt(np.mean(off_m**2)) < 0.06
+    assert all(tag.is_surveyed for tag in result.landmarks)
+    assert max(np.sqrt(np.trace(tag.covariance[:2, :2])) for tag in result.landmarks) < 0.004
+
+
+def test_mistaken_numbers_are_doubted(
+    driven: tuple[Simulated, SlamResult, tuple[TagObservation, ...]],
+) -> None:
+    sim, without, observations = driven
+    wrong = mistaken(observations, every=97, number=1)
+    result = with_landmarks(without, TagsSeen(wrong, surveyed(TAGS)), CONFIG)
+
+    assert ate_rmse_m(result.trajectory, sim.truth) < 0.08
+    assert sum(tag.doubted for tag in result.landmarks) > 0
+
+
+def test_an_unseen_survey_is_told(
+    driven: tuple[Simulated, SlamResult, tuple[TagObservation, ...]],
+) -> None:
+    _, without, observations = driven
+    others = tuple(replace(tag, number=tag.number + 100) for tag in surveyed(TAGS))
+    result = with_landmarks(without, TagsSeen(observations[:50], others), CONFIG)
+
+    assert any("surveyed" in words for words in result.warnings)
+    assert not any(tag.is_surveyed for tag in result.landmarks)
+
+
+def test_tags_seen_at_another_time_hold_nothing(
+    driven: tuple[Simulated, SlamResult, tuple[TagObservation, ...]],
+) -> None:
+    _, without, observations = driven
+    late = [replace(one, stamp_ns=one.stamp_ns + 10**12) for one in observations[:20]]
+    result = with_landmarks(without, TagsSeen(tuple(late)), CONFIG)
+
+    assert np.array_equal(result.trajectory.poses, without.trajectory.poses)
+    assert any("tags were seen only" in words for words in result.warnings)
+
+
+def test_without_tags_nothing_is_other(
+    driven: tuple[Simulated, SlamResult, tuple[TagObservation, ...]],
+) -> None:
+    sim, without, _ = driven
+    again, _ = map_log(sim.log, CONFIG, tags=TagsSeen())
+
+    assert again.trajectory.poses.tobytes() == without.trajectory.poses.tobytes()
+    assert again.landmarks == ()
+
+
+def test_steps_are_cut_where_tags_are_seen_between_key_frames(
+    driven: tuple[Simulated, SlamResult, tuple[TagObservation, ...]],
+) -> None:
+    _, without, observations = driven
+    nodes = nodes_of(without, observations, MotionConfig())
+
+    assert len(nodes.track) > len(without.graph.keyframes)
+    chain = sorted((e.source, e.target) for e in nodes.edges if e.kind != "closure")
+    assert chain == [(k, k + 1) for k in range(len(nodes.track) - 1)]
+    kept = nodes.track.stamps_ns[nodes.keyframes]
+    assert np.array_equal(kept, without.graph.keyframes.stamps_ns)
+    for edge in nodes.edges:
+        ends = nodes.track.poses[edge.source], nodes.track.poses[edge.target]
+        assert np.allclose(edge.T_source_target, between(*ends))
+
+
+def test_views_are_means_that_leave_out_what_is_far_off(
+    driven: tuple[Simulated, SlamResult, tuple[TagObservation, ...]],
+) -> None:
+    _, without, _ = driven
+    stamp_ns = int(without.graph.keyframes.stamps_ns[0])
+    covariance = np.diag(np.square([0.02, 0.01, 0.05]))
+    places = np.array([[2.0, 0.1, 3.0], [2.02, 0.1, 3.02], [1.99, 0.11, 2.98], [4.0, 0.1, 3.0]])
+    observations = [TagObservation(stamp_ns, 4, place, covariance) for place in places]
+    ((node, number, edge),) = tag_views(
+        without.trajectory, without.graph.keyframes, observations, LandmarksConfig()
+    )
+
+    assert (node, number) == (0, 4)
+    assert np.allclose(edge.T_source_target, places[:3].mean(axis=0), atol=1e-3)
+    assert np.sqrt(edge.covariance[0, 0]) < 0.02
+
+
+PLACE = "position_m: [1.0, 2.0, 0.5], quat_xyzw: [0.5, 0.5, 0.5, 0.5]"
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        (f"tags: [{{id: 1, {PLACE}}}, {{id: 2, family: aruco_4x4_50, {PLACE}}}]", ""),
+        (f"tags: [{{id: 1, {PLACE}}}, {{id: 1, {PLACE}}}]", "twice"),
+        ("tags: [{id: 1, position_m: [1.0, 2.0, 0.5]}]", "quat_xyzw"),
+        (f"tags: [{{id: 1, {PLACE}, yaw_deg: 3.0}}]", "yaw_deg"),
+        (f"tags: [{{id: -1, {PLACE}}}]", "id"),
+        ("tags: [{id: 1, position_m: [1, 2, 0], quat_xyzw: [0, 0, 1, 1]}]", "length 1.41"),
+    ],
+)
+def test_a_survey_is_read_or_refused(tmp_path: Path, text: str, told: str) -> None:
+    path = tmp_path / "survey.yaml"
+    path.write_text(text)
+    config = LandmarksConfig(tags="apriltag_36h11:0.2", surveyed=str(path))
+    if not told:
+        (tag,) = known_tags(config)
+        assert tag.number == 1
+        assert np.allclose(tag.T_map_tag, [1.0, 2.0, 0.0])  # z of the tag is x of the map
+        return
+    with pytest.raises(InputRefused, match=told):
+        known_tags(config)
