@@ -28,6 +28,8 @@ from slamsim.core.geometry import mount_transform
 from slamsim.guard.errors import SlamsimError
 from slamsim.io.ros.reader import is_truth
 from slamsim.sensors.base import static_frames
+from slamsim.sim.robot.model import build_robot
+from slamsim.simulation.header import log_header
 
 STANDING = standing(0.35)
 INFO, IMAGE = "sensor_msgs/msg/CameraInfo", "sensor_msgs/msg/Image"
@@ -243,3 +245,5 @@ def test_wrong_settings_are_refused(settings: str, told: str) -> None:
 def test_the_bundled_configuration_is_a_realsense() -> None:
     config = load_run_config(None, "realsense_d435", [])
     assert the_camera(config.sensors).preset == "realsense_d435"
+    header = log_header(build_robot(config.robot), config)
+    assert "/front/color/image_raw/compressed" in header.topics

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -9,15 +10,20 @@ import numpy as np
 import pytest
 from camera_example import sensors, small
 from rosbags.highlevel import AnyReader
-from sensing_example import drive_along, room, windows
+from sensing_example import Robot, drive_along, room, windows
 
+from slamsim.config.loading import load_run_config
 from slamsim.config.run import RunConfig
+from slamsim.core.types import Drive
 from slamsim.io.cameras import open_cameras
 from slamsim.io.open import read_log
 from slamsim.sensors.rig import SensorRig
 from slamsim.sim.robot.model import build_robot
+from slamsim.simulation.appearance import appearance_of, in_pieces
 from slamsim.simulation.header import log_header
 from slamsim.simulation.log_writer import LogWriter
+from slamsim.world.build import build_world
+from slamsim.world.looks.materials import MATERIALS
 
 DRIVE = drive_along(1.0, 240.0, 0.3, 0.5, 0.3)
 IMAGERS = {
@@ -65,6 +71,41 @@ def test_rosbags_reads_every_message(recording: Path) -> None:
                 assert len(message.row_instants_ns) == 24
     assert counts["/cam/color/camera_info"] == counts["/ground_truth/cam/color/frame"] == 10
     assert counts["/ground_truth/cam/color/flow"] == 9
+
+
+def test_pieces_of_a_window_are_the_window() -> None:
+    drive = drive_along(3.1, 240.0, 0.3, 0.5, 0.3)
+    cameras, none = (
+        sensors(imagers=IMAGERS),
+        sensors(imagers=IMAGERS).model_copy(update={"additional": ()}),
+    )
+    assert [len(piece) for piece in in_pieces(drive, none)] == [len(drive)]
+    pieces = list(in_pieces(drive, cameras))
+    assert len(pieces) > 4
+    for field in fields(Drive):
+        whole = np.concatenate([getattr(piece, field.name) for piece in pieces])
+        np.testing.assert_array_equal(whole, getattr(drive, field.name))
+
+
+def test_the_world_s_looks_are_what_is_seen() -> None:
+    """In a world with furniture: colours, things and materials are those of its looks."""
+    config = load_run_config("tiny", None, [])
+    world = build_world(config.world, config.seed)
+    imager = small(truth=["instances", "materials", "depth"], lens={"width": 64, "height": 48})
+    x_m, y_m, _ = world.start_pose
+    drive = drive_along(0.2, 240.0, 0.3, 0.5, 0.3, (x_m, y_m))
+    looks = appearance_of(world, config.world.looks)
+    rig = SensorRig(world.mesh, Robot(), sensors(imagers={"color": imager}), 1, appearance=looks)
+    found = {s.topic: s for batch in rig.sense(drive).additional for s in batch.streams()}
+    images = {topic: stream.data[0] for topic, stream in found.items() if hasattr(stream, "data")}
+    instances = images["/ground_truth/cam/color/instances"].view("<i4")
+    depth = images["/ground_truth/cam/color/depth"].view("<f4")
+    assert ((instances == 0) == np.isnan(depth)).all()
+    assert set(instances.tolist()) <= set(range(len(world.parts.kinds)))
+    assert len(set(instances.tolist())) >= 3
+    assert images["/ground_truth/cam/color/materials"].max() < len(MATERIALS)
+    colours = images["/cam/color/image_raw"].reshape(-1, 3).astype(int)
+    assert np.ptp(colours, axis=1).max() > 5
 
 
 def test_slam_sees_neither_images_nor_truth(recording: Path) -> None:
