@@ -57,6 +57,11 @@ class Appearance(Protocol):
         """(m,) of each material: 1 matt, 0 polished."""
         ...
 
+    @property
+    def mirroring(self) -> Float32Array | None:
+        """(m,) share of light that each material throws back as a mirror; None where none does."""
+        ...
+
 
 class PlainGrey:
     """A world of one grey material under a lamp above, the darker the steeper: without looks.
@@ -92,3 +97,7 @@ class PlainGrey:
     @property
     def roughnesses(self) -> Float32Array:
         return np.ones(2, dtype=np.float32)
+
+    @property
+    def mirroring(self) -> Float32Array | None:
+        return None

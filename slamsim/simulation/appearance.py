@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, fields
-from functools import cache
+from functools import cache, cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +24,7 @@ _PIECE_STEPS = 120
 """Half a second of the default physics: of images of the truth no more are held in memory."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class WorldAppearance:
     """A ``slamsim.cameras.appearance.Appearance`` of looks."""
 
@@ -53,6 +54,14 @@ class WorldAppearance:
     def roughnesses(self) -> Float32Array:
         return np.array([each.roughness for each in MATERIALS], dtype=np.float32)
 
+    @cached_property
+    def mirroring(self) -> Float32Array | None:
+        """That of a mirror and of the surface of glass, which what is behind does not dim."""
+        shares = [e.ir_reflectance * (e.is_mirror or e.is_glass) for e in MATERIALS]
+        found = np.array(shares, dtype=np.float32)
+        hung = self.looks.painting.decals.materials
+        return found if found[hung].any() else None
+
 
 def appearance_of(world: World, config: LooksConfig) -> Callable[[], Appearance]:
     """What gives the looks of a world, which are made when the first camera asks."""
@@ -62,6 +71,12 @@ def appearance_of(world: World, config: LooksConfig) -> Callable[[], Appearance]
         return WorldAppearance(build_looks(world, config))
 
     return made
+
+
+def casting_threads(sensors: SensorsConfig) -> int:
+    """All cores where there are cameras, whose rays are many; what is sensed is the same."""
+    has_cameras = any(isinstance(entry, CameraEntry) for entry in sensors.additional)
+    return (os.cpu_count() or 1) if has_cameras else 1
 
 
 def in_pieces(window: Drive, sensors: SensorsConfig) -> Iterator[Drive]:

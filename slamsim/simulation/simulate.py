@@ -12,7 +12,7 @@ from slamsim.sim.drive.process import DriveProcess
 from slamsim.sim.drive.route import plan_route
 from slamsim.sim.drive.run import DriveOutcome
 from slamsim.sim.robot.model import RobotModel, build_robot
-from slamsim.simulation.appearance import appearance_of, in_pieces
+from slamsim.simulation.appearance import appearance_of, casting_threads, in_pieces
 from slamsim.simulation.header import log_header
 from slamsim.simulation.log_writer import LogWriter
 from slamsim.world.build import build_world
@@ -41,7 +41,10 @@ def simulate(config: RunConfig, log_folder: Path, progress: Progress = silent) -
         route = plan_route(world, robot, config.drive)
         windows = process.drive(world, robot, route, config.drive, progress)
         appearance = appearance_of(world, config.world.looks)
-        rig = SensorRig(world.mesh, robot, config.sensors, config.seed, appearance=appearance)
+        threads = casting_threads(config.sensors)
+        rig = SensorRig(
+            world.mesh, robot, config.sensors, config.seed, threads, appearance=appearance
+        )
         with LogWriter(log_folder, log_header(robot, config), sinks=config.sinks) as log:
             for window in windows:
                 for piece in in_pieces(window, config.sensors):

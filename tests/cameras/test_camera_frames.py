@@ -19,11 +19,17 @@ from camera_example import (
 )
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
-from sensing_example import drive_along, figure_eight
+from sensing_example import drive_along, figure_eight, room, standing
 
-from slamsim.core.types import FloatArray
+from slamsim.cameras.appearance import PlainGrey
+from slamsim.cameras.lens import pinhole
+from slamsim.core.types import Float32Array, FloatArray
+from slamsim.sensors.cameras.sight import View
+from slamsim.sensors.motion import Motion
+from slamsim.sensors.scene import Scene
 
 YAW_RATE, SPEED = 0.9, 0.4
 TURNING = drive_along(0.6, 240.0, 0.3, YAW_RATE, SPEED)
@@ -211,3 +217,46 @@ def test_turning_blur_noise_and_truth_off_changes_no_other_imager() -> None:
     with_all = recorded(sensors(**EVERYTHING), EIGHT)
     for topic in ("/cam/depth/image_raw/compressedDepth", "/cam/infra/image_raw/compressed"):
         assert without[topic] == with_all[topic]
+
+
+class Mirrored(PlainGrey):
+    """Every wall of x = -4 m is a mirror; elsewhere the radiance is the place itself."""
+
+    def shade(self, points_m: FloatArray, normals: Any, *_: Any) -> Float32Array:
+        there = np.where(self._is_mirror(points_m)[:, None], 0.0, points_m + 10.0)
+        return np.where(np.abs(normals).any(axis=1)[:, None], there, 0.0).astype(np.float32)
+
+    def materials(self, triangles: NDArray[Any], points_m: FloatArray) -> NDArray[np.uint8]:
+        return np.where(self._is_mirror(points_m), 1, 0).astype(np.uint8)
+
+    @property
+    def mirroring(self) -> Float32Array:
+        return np.array([0.0, 0.5], dtype=np.float32)
+
+    @staticmethod
+    def _is_mirror(points_m: FloatArray) -> Any:
+        return np.abs(points_m[:, 0] + 4.0) < 1e-4
+
+
+def test_a_mirror_shows_what_is_before_it() -> None:
+    """Each ray thrown back by hand at the wall, and met with the planes of the room again."""
+    T_base_view = np.eye(4)
+    T_base_view[:3, :3] = Rotation.from_euler("z", 160.0, degrees=True).as_matrix() @ T_LINK_OPTICAL
+    T_base_view[:3, 3] = [0.0, 0.0, 0.5]
+    camera = pinhole(32, 24, 70.0)
+    view = View(Scene(room(), floor_reach_m=10.0), camera, T_base_view, 0.0)
+    sight = view.sight(view.poses(Motion(standing(0.1)), 0, 0))
+    radiance = view.radiance(sight, Mirrored(0))
+    mirrored = 0
+    for pixel, ray in enumerate(camera.rays() @ T_base_view[:3, :3].T):
+        origin = T_base_view[:3, 3]
+        hit = origin + room_depth(origin, ray) * ray
+        expected = hit + 10.0
+        if abs(hit[0] + 4.0) < 1e-6:
+            back = ray * [-1.0, 1.0, 1.0]
+            again = hit + room_depth(hit + 1e-3 * back, back) * back
+            expected = 0.5 * (again + 10.0) if np.isfinite(again).all() else np.zeros(3)
+            mirrored += 1
+        if np.isfinite(hit).all():
+            np.testing.assert_allclose(radiance[pixel], expected, atol=2e-2)
+    assert 50 < mirrored < 700

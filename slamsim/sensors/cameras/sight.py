@@ -17,6 +17,8 @@ from slamsim.core.types import BoolArray, Float32Array, FloatArray, IntArray
 from slamsim.sensors.motion import Motion
 from slamsim.sensors.scene import Scene
 
+_LIFT_M = 1e-3
+"""So far from a mirror begin the rays that it throws back, so as not to meet it again."""
 _FLATTEST = 0.05
 """Cosine of the most grazing incidence by which a pixel's footprint still grows."""
 
@@ -50,7 +52,7 @@ class Sight:
         pixel_rad: float,
         met: tuple[Float32Array, Float32Array, NDArray[np.uint32]],
     ) -> None:
-        self._rays, self._directions = rays, directions
+        self.rays, self._directions = rays, directions
         self._origin_m, self._pixel_rad = origin_m, pixel_rad
         self.ranges_m, self._normals, self.triangles = met
 
@@ -67,11 +69,11 @@ class Sight:
     @cached_property
     def surface(self) -> Surface:
         """Where the rays end; made when it is first asked for."""
-        count = len(self._rays)
+        count = len(self.rays)
         points_m, facing = np.empty((count, 3)), np.empty((count, 3), dtype=np.float32)
         cosines, footprint_m = np.empty(count, dtype=np.float32), np.empty(count)
         _complete(
-            *(self._rays, self.ranges_m, self._normals, self._origin_m, self._pixel_rad),
+            *(self.rays, self.ranges_m, self._normals, self._origin_m, self._pixel_rad),
             *(points_m, facing, cosines, footprint_m),
         )
         return Surface(points_m, facing, cosines, footprint_m)
@@ -126,7 +128,34 @@ class View:
         return Sight(rays, self._directions, self._scene.origin_m, self.pixel_rad, met)
 
     def radiance(self, sight: Sight, appearance: Appearance) -> Float32Array:
-        """(n, 3) linear radiance in red, green and blue."""
+        """(n, 3) linear radiance in red, green and blue.
+
+        Mirrors and panes show what is before them, once: a mirror in a mirror is dark.
+        """
+        radiance = self._radiance(sight, appearance)
+        if (mirroring := appearance.mirroring) is None:
+            return radiance
+        at = sight.surface
+        shares = mirroring[appearance.materials(sight.triangles, at.points_m)]
+        mirrors = np.flatnonzero(shares > 0.0)
+        if mirrors.size == 0:
+            return radiance
+        seen = self._radiance(self._mirrored(sight, mirrors), appearance)
+        radiance[mirrors] += shares[mirrors, None] * seen
+        return radiance
+
+    def _mirrored(self, sight: Sight, mirrors: IntArray) -> Sight:
+        """What the rays of some pixels meet when they are thrown back."""
+        at = sight.surface
+        normals, directions = at.normals[mirrors], sight.rays[mirrors, 3:]
+        along = np.einsum("ni,ni->n", normals, directions)[:, None]
+        rays = np.empty((mirrors.size, 6), dtype=np.float32)
+        rays[:, :3] = at.points_m[mirrors] - self._scene.origin_m + _LIFT_M * normals
+        rays[:, 3:] = directions - 2.0 * along * normals
+        met = self._scene.met(rays)
+        return Sight(rays, rays[:, 3:], self._scene.origin_m, self.pixel_rad, met)
+
+    def _radiance(self, sight: Sight, appearance: Appearance) -> Float32Array:
         at = sight.surface
         occluded = self._scene.occluded
         return appearance.shade(at.points_m, at.normals, sight.triangles, at.footprint_m, occluded)
