@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import rerun as rr
 from bag_data import ROS2, START_NS, Robot, as_mcap
 
 from slamsim.cameras.codecs.pictures import encode_png
@@ -14,7 +15,9 @@ from slamsim.guard.errors import InputRefused
 from slamsim.io.cameras import open_cameras
 from slamsim.io.open import open_recording
 from slamsim.io.selection import EVERYTHING
+from slamsim.report.viewer.images import log_images
 from slamsim.report.viewer.show import check_recording
+from slamsim.report.viewer.unmapped import unmapped
 from slamsim.run.cameras.viewing import AHEAD, shown_cameras, write_unmapped
 
 ROBOT = Robot(ROS2)
@@ -58,6 +61,20 @@ def test_a_recording_with_a_camera_is_drawn_without_errors(tmp_path: Path) -> No
     assert found.errors == ()
     assert found.parents["cameras/cam/image/optical"] == "base_footprint"
     assert "cam/image" in found.views
+
+
+def test_colour_is_shown_before_depth_and_grey(tmp_path: Path) -> None:
+    grey = np.full((24, 32), 90, np.uint8)
+    for name, image in (("depth", DEPTH), ("color", np.dstack([grey] * 3))):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "0.png").write_bytes(encode_png(image))
+    recording = rr.RecordingStream("test")
+    recording.memory_recording()
+    with open_cameras(tmp_path) as cameras:
+        frames = sorted(cameras.encoded(), key=lambda frame: frame.topic, reverse=True)
+        view = unmapped(open_recording(as_mcap(tmp_path / "a.mcap", ROBOT.drive())).log())
+        assert [frame.topic for frame in frames] == ["depth", "color"]
+        assert log_images(recording, view, frames) == ["cameras/color", "cameras/depth"]
 
 
 def test_cameras_are_shown_without_scans(tmp_path: Path) -> None:

@@ -13,6 +13,7 @@ import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
 from slamsim.cameras.codecs.pictures import encode_jpeg, encode_png
+from slamsim.cameras.codecs.raw import Kind
 from slamsim.cameras.frames import EncodedFrame
 from slamsim.cameras.lens import CameraModel
 from slamsim.core.geometry import xyzw_from_matrix
@@ -26,6 +27,7 @@ MOST_IMAGES = 300
 """Of each camera: half a minute at ten a second, and more thinly of a longer drive."""
 _QUALITY = 80
 _MOST_VIEWS = 4
+_SHOWN_FIRST: tuple[Kind, ...] = ("colour", "depth", "grey")
 _PLANE_M = 0.3
 """From a camera to where its picture is drawn."""
 
@@ -72,17 +74,17 @@ def log_images(
 ) -> list[str]:
     """Log all that can be decoded: JPEG as it is, others as JPEG, distances as PNG.
 
-    Returns the entities of the cameras.
+    Returns the entities of the cameras: colour first, then depth, then grey.
     """
-    entities: dict[str, None] = {}
+    entities: dict[str, Kind] = {}
     for image in images:
         with suppress(InputRefused):
-            columns = _columns(image)
+            kind, columns = _columns(image)
             entity = entity_of(image.topic)
-            entities.setdefault(entity)
+            entities.setdefault(entity, kind)
             stamps_ns = np.array([image.stamp_ns], dtype=np.int64)
             recording.send_columns(entity, [time_column(view, stamps_ns)], columns)
-    return list(entities)
+    return sorted(entities, key=lambda entity: _SHOWN_FIRST.index(entities[entity]))
 
 
 def camera_views(entities: list[str]) -> list[rrb.Spatial2DView]:
@@ -93,15 +95,16 @@ def camera_views(entities: list[str]) -> list[rrb.Spatial2DView]:
     ]
 
 
-def _columns(image: EncodedFrame) -> rr.ComponentColumnList:
+def _columns(image: EncodedFrame) -> tuple[Kind, rr.ComponentColumnList]:
     kind, pixels = image.stored()
     if kind == "depth":
         packed = encode_png(_in_mm(pixels, image.unit_m))
-        return rr.EncodedDepthImage.columns(blob=[packed], media_type=["image/png"], meter=[1e3])
+        media = ["image/png"]
+        return kind, rr.EncodedDepthImage.columns(blob=[packed], media_type=media, meter=[1e3])
     packed = image.packed()
     if not packed.startswith(JPEG_MAGIC):
         packed = encode_jpeg(pixels, _QUALITY)
-    return rr.EncodedImage.columns(blob=[packed], media_type=["image/jpeg"])
+    return kind, rr.EncodedImage.columns(blob=[packed], media_type=["image/jpeg"])
 
 
 def _in_mm(pixels: NDArray[Any], unit_m: float) -> NDArray[np.uint16]:
