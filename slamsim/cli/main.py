@@ -64,6 +64,9 @@ def world(
     seed: Seed = None,
     set_: Set = None,
     config: ConfigFile = None,
+    view: Annotated[
+        bool, typer.Option("--view", help="Also view.png: what a camera at the start sees.")
+    ] = False,
     overwrite: Overwrite = False,
     quiet: Quiet = False,
     as_json: Json = False,
@@ -80,7 +83,7 @@ def world(
     with output_folder(out, called, overwrite=overwrite, inputs=loaded.files) as folder:
         from slamsim.run.recording import export_world
 
-        facts = export_world(resolved, folder, overwrite=overwrite)
+        facts = export_world(resolved, folder, with_view=view, overwrite=overwrite)
     reporter.table(f"World {resolved.world.name}", labelled(facts))
     reporter.say(f"Written to {folder}/")
     reporter.result({**facts, "folder": str(folder)})

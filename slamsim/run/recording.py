@@ -14,6 +14,7 @@ from slamsim.io.names import LOG
 from slamsim.io.open import read_truth
 from slamsim.process.children import MEMORY
 from slamsim.run import folder as run_folder
+from slamsim.run.cameras.world_view import view_png
 from slamsim.run.stages import Report, Stages
 from slamsim.sensors.faults.registry import chosen_fault, resolved_choice
 from slamsim.sim.robot.model import build_robot
@@ -25,13 +26,17 @@ from slamsim.world.export import stl_bytes, world_facts
 from slamsim.world.preview import preview_png
 
 
-def export_world(config: RunConfig, folder: Path, *, overwrite: bool = False) -> dict[str, object]:
+def export_world(
+    config: RunConfig, folder: Path, *, with_view: bool = False, overwrite: bool = False
+) -> dict[str, object]:
     """Write the world into the folder; returns what a person wants to know of it."""
     world = build_world(config.world, config.seed)
     height_m = float(build_robot(config.robot).T_base_laser[2, 3])
     with partial_folder(folder, overwrite) as partial:
         write_world(partial, config, world)
         write_atomic(partial / "preview.png", preview_png(world))
+        if with_view:
+            write_atomic(partial / "view.png", view_png(world, config.world.looks))
         write_atomic(partial / "world.stl", stl_bytes(world.mesh))
         run_folder.write_map(partial, world.grid(config.mapping.resolution_m, height_m))
     return world_facts(world)

@@ -4,63 +4,21 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, fields
-from functools import cache, cached_property
+from dataclasses import fields
+from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 
-from slamsim.cameras.appearance import Appearance, Occluded
+from slamsim.cameras.appearance import Appearance
 from slamsim.config.looks import LooksConfig
 from slamsim.config.sensors import SensorsConfig
-from slamsim.core.types import Drive, Float32Array, FloatArray
+from slamsim.core.types import Drive
 from slamsim.sensors.kinds.camera import CameraEntry
 from slamsim.world.looks.build import build_looks
-from slamsim.world.looks.looks import Looks
-from slamsim.world.looks.materials import MATERIALS
 from slamsim.world.model import World
 
 _PIECE_STEPS = 120
 """Half a second of the default physics: of images of the truth no more are held in memory."""
-
-
-@dataclass(frozen=True, eq=False)
-class WorldAppearance:
-    """A ``slamsim.cameras.appearance.Appearance`` of looks."""
-
-    looks: Looks
-
-    def shade(
-        self,
-        points_m: FloatArray,
-        normals: Float32Array,
-        triangles: NDArray[np.uint32],
-        footprint_m: FloatArray | float,
-        occluded: Occluded,
-    ) -> Float32Array:
-        return self.looks.shade(points_m, normals, triangles, footprint_m, occluded)
-
-    def materials(self, triangles: NDArray[np.uint32], points_m: FloatArray) -> NDArray[np.uint8]:
-        return self.looks.materials(triangles, points_m)
-
-    def instances(self, triangles: NDArray[np.uint32]) -> NDArray[np.int32]:
-        return self.looks.instances(triangles)
-
-    @property
-    def ir_reflectances(self) -> Float32Array:
-        return np.array([each.ir_reflectance for each in MATERIALS], dtype=np.float32)
-
-    @property
-    def roughnesses(self) -> Float32Array:
-        return np.array([each.roughness for each in MATERIALS], dtype=np.float32)
-
-    @cached_property
-    def mirroring(self) -> Float32Array | None:
-        """That of a mirror and of the surface of glass, which what is behind does not dim."""
-        shares = [e.ir_reflectance * (e.is_mirror or e.is_glass) for e in MATERIALS]
-        found = np.array(shares, dtype=np.float32)
-        hung = self.looks.painting.decals.materials
-        return found if found[hung].any() else None
 
 
 def appearance_of(world: World, config: LooksConfig) -> Callable[[], Appearance]:
@@ -68,7 +26,7 @@ def appearance_of(world: World, config: LooksConfig) -> Callable[[], Appearance]
 
     @cache
     def made() -> Appearance:
-        return WorldAppearance(build_looks(world, config))
+        return build_looks(world, config)
 
     return made
 

@@ -188,6 +188,9 @@ def test_a_world_is_written_with_its_tags(tmp_path: Path) -> None:
 def test_a_hit_on_a_pane_is_glass() -> None:
     at = room(half_m=3.0)
     looks = looks_of(at, panes={"glass": 1, "mirrors": 1}, posters={"count": 0})
+    assert looks_of(at).mirroring is None
+    assert looks.mirroring is not None
+    assert np.flatnonzero(looks.mirroring).tolist() == [MaterialId.GLASS, MaterialId.MIRROR]
     decals = looks.painting.decals
     for material in (MaterialId.GLASS, MaterialId.MIRROR):
         number = decals.materials.tolist().index(material)

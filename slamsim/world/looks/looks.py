@@ -76,8 +76,8 @@ class Looks:
     ) -> Float32Array:
         """(n, 3) linear radiance of matt surfaces; that of the background for no hit.
 
-        1 is a white surface in light of strength 1 (``lamps.brightness``). A mirror's own radiance
-        is as if it were dark paint: who renders looks into it by a second ray.
+        1 is a white surface in light of strength 1 (``lamps.brightness``). Mirrors and glass are
+        dark but for what they show of the world before them (``mirroring``): that takes a ray more.
         """
         albedo = self.albedo(points_m, triangles, footprint_m)
         require_array("normals", normals, (len(albedo), 3))
@@ -115,6 +115,14 @@ class Looks:
     def roughnesses(self) -> Float32Array:
         """(m,) of each of ``MATERIALS``: 1 matt, 0 polished."""
         return np.array([material.roughness for material in MATERIALS], dtype=np.float32)
+
+    @property
+    def mirroring(self) -> Float32Array | None:
+        """(m,) share of light that each of ``MATERIALS`` throws back as a mirror, that of glass
+        being what its surface does; None where neither hangs."""
+        shares = [each.ir_reflectance * (each.is_mirror or each.is_glass) for each in MATERIALS]
+        found = np.array(shares, dtype=np.float32)
+        return found if found[self.painting.decals.materials].any() else None
 
     def _numbers(self, triangles: NDArray[Any]) -> NDArray[np.int64]:
         require_array("numbers of triangles", triangles, (None,), "iu")
