@@ -36,11 +36,13 @@ _SMALL_PIXELS = {
 }
 
 
-def _grey(kind: str, lens: Mapping[str, Any], left_m: float = 0.0) -> dict[str, Any]:
+def _grey(
+    kind: str, lens: Mapping[str, Any], left_m: float = 0.0, stereo_left: str = ""
+) -> dict[str, Any]:
     exposure = {"exposure_max_s": 0.02}
     return {
         **{"kind": kind, "lens": dict(lens), "offset": {"y_m": left_m}, "exposure": exposure},
-        **{"sensor": dict(_GLOBAL_3UM), "jpeg_quality": 95},
+        **{"sensor": dict(_GLOBAL_3UM), "jpeg_quality": 95, "stereo_left": stereo_left},
     }
 
 
@@ -70,7 +72,7 @@ _D435 = {
         "color": _color(_D435_COLOR, 0.015, 0.03),
         "depth": _depth(_D435_STEREO, 0.05),
         "infra1": _grey("infrared", _D435_STEREO),
-        "infra2": _grey("infrared", _D435_STEREO, -0.05),
+        "infra2": _grey("infrared", _D435_STEREO, -0.05, "infra1"),
     },
 }
 
@@ -89,7 +91,7 @@ _D455 = {
         },
         "depth": _depth(_D455_STEREO, 0.095),
         "infra1": _grey("infrared", _D455_STEREO),
-        "infra2": _grey("infrared", _D455_STEREO, -0.095),
+        "infra2": _grey("infrared", _D455_STEREO, -0.095, "infra1"),
     },
 }
 
@@ -103,7 +105,7 @@ _OAK_D = {
     "imagers": {
         "color": _color(_OAK_COLOR, 0.0, 0.02),
         "left": _grey("grey", _OAK_STEREO, 0.0375),
-        "right": _grey("grey", _OAK_STEREO, -0.0375),
+        "right": _grey("grey", _OAK_STEREO, -0.0375, "left"),
         "depth": {**_depth(_OAK_STEREO, 0.075), "offset": {"y_m": 0.0375}},
     },
 }
@@ -138,7 +140,7 @@ _FISHEYE_STEREO = {
     "rate_hz": 30.0,
     "imagers": {
         "fisheye1": _grey("grey", _FISHEYE, 0.032),
-        "fisheye2": _grey("grey", _FISHEYE, -0.032),
+        "fisheye2": _grey("grey", _FISHEYE, -0.032, "fisheye1"),
     },
 }
 

@@ -178,6 +178,9 @@ class ImagerConfig(Config):
     """Where it truly sits in the camera, looking along x."""
     claimed_offset: OffsetConfig | None = None
     """Where the transform tree has it, where that is not the truth."""
+    stereo_left: str = ""
+    """Name of the imager to the left that this one is a pair with: the projection matrix of
+    CameraInfo then holds the distance, as consumers of stereo want it. Empty for none."""
     readout_s: float = Field(default=0.0, ge=0.0, le=1.0)
     """From the exposure of the first row to that of the last: a rolling shutter; 0 for a global
     one. Stamps are the middle of the exposure of the first row."""

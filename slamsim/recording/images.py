@@ -60,6 +60,7 @@ class RawCameraInfos(RawStream):
     """The same intrinsics with every image.
 
     K: (3, 3) pixels; the middle of the first pixel is at (0, 0). coefficients: of the distortion.
+    right_of_m: how far to the right of the left one of a pair, 0 for none.
     """
 
     schema = Schema(
@@ -77,6 +78,7 @@ class RawCameraInfos(RawStream):
     K: FloatArray
     coefficients: FloatArray = field(default_factory=lambda: np.zeros(0))
     distortion_models: tuple[str, ...] = ("plumb_bob",)
+    right_of_m: float = 0.0
 
     @property
     def k(self) -> FloatArray:
@@ -90,8 +92,9 @@ class RawCameraInfos(RawStream):
 
     @property
     def p(self) -> FloatArray:
-        """(12,) the projection of the rectified image."""
-        return np.hstack([self.K, np.zeros((3, 1))]).ravel()
+        """(12,) the projection of the rectified image, with -fx times ``right_of_m``."""
+        beside = np.array([[-self.K[0, 0] * self.right_of_m], [0.0], [0.0]])
+        return np.hstack([self.K, beside]).ravel()
 
 
 @dataclass(frozen=True, slots=True, eq=False)

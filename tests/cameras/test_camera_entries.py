@@ -67,6 +67,8 @@ def test_pairs_are_as_far_apart_as_their_data_sheets_say() -> None:
         T = [entry.T_base_imager(entry.imagers[name]) for name in (left, right)]
         beside_m = T[0][:3, :3].T @ (T[1][:3, 3] - T[0][:3, 3])
         np.testing.assert_allclose(beside_m, [apart_m, 0.0, 0.0], atol=1e-9)
+        assert entry.right_of_m(right, is_claimed=True) == pytest.approx(apart_m)
+        assert entry.right_of_m(left, is_claimed=True) == 0.0
         if "depth" in entry.imagers:
             assert entry.imagers["depth"].depth.baseline_m == apart_m
 
@@ -129,6 +131,19 @@ def test_the_truth_is_beside_what_is_claimed() -> None:
     assert np.linalg.norm(claimed_T[:3, 3] - true_T[:3, 3]) == pytest.approx(0.02)
     place = np.array(frames(messages, "color")[0].positions_m)
     np.testing.assert_allclose(place, true_T[:3, 3], atol=1e-9)
+
+
+def test_the_right_one_of_a_pair_tells_the_distance() -> None:
+    """P of sensor_msgs/CameraInfo: Tx = -fx times the baseline, of the second camera."""
+    right = small(
+        **{"kind": "grey", "stereo_left": "left", "offset": {"y_m": -0.06}},
+        claimed_offset={"y_m": -0.05},
+    )
+    messages = recorded(sensors(imagers={"left": small(kind="grey"), "right": right}), STANDING)
+    left, told = (decoded(messages, f"/cam/{n}/camera_info", INFO)[0] for n in ("left", "right"))
+    true = decoded(messages, "/ground_truth/cam/right/camera_info", INFO)[0]
+    assert (left.p[3], told.p[3]) == (0.0, pytest.approx(-told.k[0] * 0.05))
+    assert true.p[3] == pytest.approx(-true.k[0] * 0.06)
 
 
 def test_no_reader_takes_the_truth_for_a_measurement() -> None:
@@ -220,6 +235,7 @@ REFUSED = [
     ("{imagers: {a: {kind: depth, encoding: png, readout_s: 0.01}}}", "of one instant"),
     ("{imagers: {a: {exposure: {blur_rays: 4}}}}", "must be odd"),
     ("{imagers: {a: {exposure: {exposure_min_s: 0.1}}}}", "is beyond exposure_max_s"),
+    ("{imagers: {a: {kind: grey, stereo_left: b}}}", "cannot be a pair with 'b'"),
     ("{imagers: {a: {readout_s: 0.5}}}", "must be shorter than a period"),
     ("{imagers: {a: {enabled: false}}}", "all imagers are switched off"),
     ("{imagers: {}}", "at least 1"),

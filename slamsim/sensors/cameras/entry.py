@@ -60,6 +60,11 @@ class CameraSettings(SensorEntry):
                 raise ValueError(
                     f"the depth of {name!r} cannot be aligned to {other!r}; imagers are {known}"
                 )
+            if config.stereo_left and config.stereo_left not in self.enabled_imagers:
+                known = ", ".join(self.enabled_imagers)
+                raise ValueError(
+                    f"{name!r} cannot be a pair with {config.stereo_left!r}; imagers are {known}"
+                )
             if config.readout_s >= 1.0 / self.rate_hz:
                 raise ValueError(
                     f"readout_s {config.readout_s} of {name!r} must be shorter than a period"
@@ -70,6 +75,15 @@ class CameraSettings(SensorEntry):
     def enabled_imagers(self) -> dict[str, ImagerConfig]:
         """Those that are switched on."""
         return {name: config for name, config in self.imagers.items() if config.enabled}
+
+    def right_of_m(self, imager: str, is_claimed: bool) -> float:
+        """How far an imager is to the right of the left one of its pair; 0 without one."""
+        config = self.imagers[imager]
+        if not config.stereo_left:
+            return 0.0
+        pair = self.imagers[config.stereo_left], config
+        left, right = ((c.claimed_offset if is_claimed else None) or c.offset for c in pair)
+        return left.y_m - right.y_m
 
     def optical_frame(self, imager: str) -> str:
         """The frame of an imager's images."""

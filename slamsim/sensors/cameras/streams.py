@@ -41,6 +41,7 @@ class ImageTopic:
     frame: str
     lens: LensConfig
     claimed: LensConfig
+    right_of_m: float = 0.0
 
 
 class CameraTopics:
@@ -92,7 +93,8 @@ class CameraTopics:
     def _truth_streams(self, config: ImagerConfig, taken: Sequence[Taken]) -> Iterator[RawStream]:
         name, frame = taken[0].imager, self._images[taken[0].imager].frame
         yield _frames(self._truth(name, "frame"), taken)
-        yield _infos(self._truth(name, "camera_info"), frame, taken, config.lens)
+        beside_m = self._entry.right_of_m(name, is_claimed=False)
+        yield _infos(self._truth(name, "camera_info"), frame, taken, config.lens, beside_m)
         for what in taken[0].truth:
             images = np.stack([each.truth[what] for each in taken])
             when = _stamps(taken)
@@ -110,7 +112,7 @@ def _own(entry: CameraSettings, name: str) -> ImageTopic:
     config, at = entry.imagers[name], f"/{entry.name}/{name}"
     claimed = config.claimed_lens or config.lens
     names = (*image_topic(config, at), f"{at}/camera_info", entry.optical_frame(name))
-    return ImageTopic(*names, config.lens, claimed)
+    return ImageTopic(*names, config.lens, claimed, entry.right_of_m(name, is_claimed=True))
 
 
 def _aligned(entry: CameraSettings, name: str) -> ImageTopic:
@@ -141,10 +143,12 @@ def _messages(
             data = np.frombuffer(payload, dtype=np.uint8)[None]
             told = (told_format(config),)
             yield RawPackedImages(at.topic, frame, *_stamps([each]), data, told)
-    yield _infos(at.info_topic, at.frame, taken, at.claimed)
+    yield _infos(at.info_topic, at.frame, taken, at.claimed, at.right_of_m)
 
 
-def _infos(topic: str, frame: str, taken: Sequence[Taken], lens: LensConfig) -> RawCameraInfos:
+def _infos(
+    topic: str, frame: str, taken: Sequence[Taken], lens: LensConfig, right_of_m: float
+) -> RawCameraInfos:
     camera = lens.model()
     coefficients = np.zeros(COEFFICIENTS[camera.distortion_model])
     coefficients[: len(camera.coefficients)] = camera.coefficients
@@ -152,6 +156,7 @@ def _infos(topic: str, frame: str, taken: Sequence[Taken], lens: LensConfig) -> 
     return RawCameraInfos(
         *(topic, (frame,), *_stamps(taken), *size, camera.K, coefficients),
         (camera.distortion_model,),
+        right_of_m,
     )
 
 
