@@ -21,7 +21,7 @@ from slamsim.io.cameras import open_cameras
 from slamsim.io.cameras.base import Cameras
 from slamsim.perception.planar import planar_observation, planar_tag
 from slamsim.perception.tag_families import parse_tags
-from slamsim.perception.tags import TagDetector
+from slamsim.perception.tags import TagDetector, linear_light
 from slamsim.recording import Recording
 from slamsim.recording.mountings import BASE_FRAME, known_mounting, tree_of
 
@@ -80,7 +80,8 @@ def grey_of(frame: CameraFrame) -> NDArray[np.uint8]:
 def _observed(
     detector: TagDetector, frame: CameraFrame, T_base_camera: FloatArray
 ) -> list[TagObservation]:
-    sightings = detector.detect(grey_of(frame))
+    light = linear_light(frame.pixels) if frame.kind == "colour" else None
+    sightings = detector.detect(grey_of(frame), light)
     return [planar_observation(frame.stamp_ns, each, T_base_camera) for each in sightings]
 
 

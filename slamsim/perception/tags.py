@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slamsim.cameras.lens import CameraModel
-from slamsim.core.types import FloatArray
+from slamsim.core.types import Float32Array, FloatArray
 from slamsim.guard.numbers import BadNumbers
 from slamsim.perception.tag_edges import refine_corners
 from slamsim.perception.tag_families import FAMILIES, TagKind
@@ -43,9 +43,13 @@ class TagDetector:
         self._kind, self._model = kind, model
         self._cells = int(dictionary.markerSize) + 2
 
-    def detect(self, grey: NDArray[np.uint8]) -> tuple[TagSighting, ...]:
+    def detect(
+        self, grey: NDArray[np.uint8], light: Float32Array | None = None
+    ) -> tuple[TagSighting, ...]:
         """The tags in grey (height, width), by their numbers; each number at most once.
 
+        light: (height, width) proportional to the light, if grey is not (``linear_light``): edges
+        between black and white lie where light is half way, which in coded values is too dark.
         A number that is seen twice in one image is left out: nothing tells which of them it is.
         Raises BadNumbers for an image of another size than the camera's.
         """
@@ -57,7 +61,7 @@ class TagDetector:
         found, numbers, _ = self._detector.detectMarkers(grey)
         if numbers is None:
             return ()
-        pixels = grey.astype(np.float32)
+        pixels = grey.astype(np.float32) if light is None else light
         sightings = [
             sighting
             for corners, number in zip(found, np.ravel(numbers).tolist(), strict=True)
@@ -73,6 +77,23 @@ class TagDetector:
             return None
         pose = tag_pose(corners, self._kind.size_m)
         return None if pose is None else TagSighting(self._kind, number, corners.pixels, pose)
+
+
+def linear_light(colour: NDArray[np.uint8]) -> Float32Array:
+    """(h, w) luminance, 0 to 1, of (h, w, 3) RGB coded as colour images are: sRGB (IEC 61966-2-1).
+
+    Without it, edges of a simulated camera's tags are found 0.12 px inside of where they are.
+    """
+    light: Float32Array = _SRGB_LIGHT[colour] @ _LUMINANCE
+    return light
+
+
+_CODED = np.arange(256) / 255.0
+_SRGB_LIGHT = np.where(_CODED <= 0.04045, _CODED / 12.92, ((_CODED + 0.055) / 1.055) ** 2.4).astype(
+    np.float32
+)
+_LUMINANCE = np.array([0.2126, 0.7152, 0.0722], dtype=np.float32)
+"""Of ITU-R BT.709."""
 
 
 def _once_each(sightings: Sequence[TagSighting]) -> tuple[TagSighting, ...]:

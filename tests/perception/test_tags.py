@@ -12,7 +12,7 @@ from slamsim.guard.numbers import BadNumbers
 from slamsim.perception.tag_edges import Corners, refine_corners
 from slamsim.perception.tag_families import FAMILIES, TagKind, UnknownTags, parse_tags
 from slamsim.perception.tag_pose import moved, square_corners, step_between, tag_pose
-from slamsim.perception.tags import TagDetector, TagSighting
+from slamsim.perception.tags import TagDetector, TagSighting, linear_light
 
 KIND = TagKind("apriltag_36h11", 0.2)
 PINHOLE = pinhole(320, 240, 69.0)
@@ -115,6 +115,26 @@ def test_what_fits_both_ways_is_told() -> None:
             assert np.linalg.norm(step[3:]) < 0.3
         assert step @ np.linalg.solve(seen.pose.covariance, step) < 30.0
     assert wrong < 6
+
+
+def test_edges_are_where_the_light_is_half_way() -> None:
+    """Coded as sRGB, tags look smaller; in linear light they are as large as they are."""
+    light = np.linspace(0.0, 1.0, 4096)
+    coded = np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055)
+    steps = np.rint(coded[np.linspace(0, 4095, 256).astype(int)] * 255).astype(np.uint8)
+    plain, linear = [], []
+    for seed in range(6):
+        rng = np.random.default_rng(seed)
+        T = random_tag_pose(PINHOLE, rng, (1.0, 1.0), 0.4)
+        grey = steps[draw_tags(PINHOLE, [(KIND, 5, T)], rng)]
+        detector = TagDetector(KIND, PINHOLE)
+        (as_coded,) = detector.detect(grey)
+        (as_light,) = detector.detect(grey, linear_light(np.dstack([grey] * 3)))
+        plain.append(as_coded.pose.T_camera_tag[2, 3] - T[2, 3])
+        linear.append(as_light.pose.T_camera_tag[2, 3] - T[2, 3])
+
+    assert np.mean(plain) > 0.002
+    assert abs(np.mean(linear)) < 0.001
 
 
 def test_exact_corners_give_the_exact_pose() -> None:
