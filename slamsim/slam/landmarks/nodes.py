@@ -57,6 +57,7 @@ def nodes_of(
         again = replace(edge, source=ends[0], target=ends[1])
         edges += [again] if edge.kind == "closure" else _cut(again, poses)
     edges = [_measured(edge, poses) for edge in edges]
+    edges += _believed(result, number, poses)
     outer = [*range(number[0]), *range(number[-1], len(poses) - 1)]
     edges += [_by_wheels(k, poses, motion) for k in outer]
     return Nodes(PlanarTrajectory(stamps_ns, poses), number, tuple(edges))
@@ -88,6 +89,22 @@ def _cut(edge: GraphEdge, poses: FloatArray) -> list[GraphEdge]:
         covariance = turned @ edge.covariance @ turned.T * (path_m / whole_m)
         found.append(replace(edge, source=k, target=k + 1, covariance=covariance, kind=kind))
     return found
+
+
+def _believed(result: SlamResult, number: IntArray, poses: FloatArray) -> list[GraphEdge]:
+    """Where SLAM put its key frames, each relative to the first one, as sure as it was of it.
+
+    The refinement knows far more than the edges that it began with. How its errors are correlated
+    is not kept, so all key frames together count as one: covariance intersection (Julier & Uhlmann
+    1997), which is never surer than the truth.
+    """
+    count, first = len(number), int(number[0])
+    edges = []
+    for place, own in zip(number[1:].tolist(), result.graph.covariances[1:], strict=True):
+        step = between(poses[first], poses[place])
+        turned = rotation(step[2])  # out of the key frame's own frame
+        edges.append(GraphEdge(first, place, step, count * turned @ own @ turned.T, "match"))
+    return edges
 
 
 def _measured(edge: GraphEdge, poses: FloatArray) -> GraphEdge:
