@@ -157,6 +157,19 @@ def pinhole(
     return CameraModel(width, height, K, distortion_model, given)
 
 
+def camera_matrix(text: str) -> FloatArray:
+    """(3, 3) of "fx,fy,cx,cy" in pixels. Raises BadNumbers."""
+    try:
+        fx, fy, cx, cy = (float(word) for word in text.split(","))
+    except ValueError:
+        raise BadNumbers(
+            f"a camera matrix is fx,fy,cx,cy in pixels, as 525,525,319.5,239.5, not {shown(text)}"
+        ) from None
+    K = np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
+    _require_camera_matrix(K)
+    return K
+
+
 def _coefficient_count(model: str) -> int:
     if model not in COEFFICIENTS:
         known = ", ".join(COEFFICIENTS)

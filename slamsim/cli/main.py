@@ -23,6 +23,8 @@ from slamsim.cli.info_command import EPILOG as INFO_EPILOG
 from slamsim.cli.info_command import info
 from slamsim.cli.live_command import LIVE_EPILOG, REPLAY_EPILOG, live, replay
 from slamsim.cli.map_command import LOCALISE_EPILOG, MAP_EPILOG, localise, map_
+from slamsim.cli.odometry_command import EPILOG as ODOMETRY_EPILOG
+from slamsim.cli.odometry_command import odometry
 from slamsim.cli.recover_command import EPILOG as RECOVER_EPILOG
 from slamsim.cli.recover_command import recover
 from slamsim.cli.scenario_command import EPILOG as SCENARIO_EPILOG
@@ -155,6 +157,7 @@ app.command(epilog=CHECK_EPILOG)(check)
 app.command(epilog=FIX_EPILOG)(fix)
 app.command(epilog=RECOVER_EPILOG)(recover)
 app.command(epilog=CONVERT_EPILOG)(convert)
+app.command(epilog=ODOMETRY_EPILOG)(odometry)
 app.command(epilog=DEMO_EPILOG)(demo)
 app.command(help=SCENARIO_HELP, epilog=SCENARIO_EPILOG)(scenario)
 app.command(epilog=IDENTIFY_EPILOG)(identify)

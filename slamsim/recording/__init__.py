@@ -255,7 +255,7 @@ class Recording:
     the file declares it or the size of its stamps tells. anomalies: what the reader could not
     make sense of, in words, with counts. topics: what the file holds, also of types that are not
     read; empty where that is just the streams. base_frame: of the robot, where a user names it.
-    cameras: what was looked at of images; empty where nobody asked for that.
+    cameras: what was looked at of images; empty unless that was asked for.
     """
 
     name: str

@@ -88,14 +88,14 @@ class Scene:
         )
 
     def answer(self, rays: Float32Array) -> Any:
-        """What Open3D says of (n, 6) rays, which nobody has looked at."""
+        """What Open3D says of (n, 6) rays, which are not checked."""
         tensor = self._open3d.core.Tensor.from_numpy(rays)
         return self._caster.cast_rays(tensor, nthreads=self._threads)
 
     def met(self, rays: Float32Array) -> tuple[Float32Array, Float32Array, NDArray[np.uint32]]:
         """(n,) ranges, (n, 3) normals of some length and (n,) triangles, as for ``cast``.
 
-        For whoever made the rays: nothing is asked of them but that they are finite.
+        For rays of our own making: only that they are finite is checked.
         """
         require_finite("rays", rays, (None, 6))
         answer = self.answer(rays)

@@ -33,7 +33,7 @@ def tag_views(
 ) -> list[tuple[int, int, GraphEdge]]:
     """(number of the node, tag's number, edge) of each node that sees a tag, in this order.
 
-    Edges lead from 0 to 1, for their ends are numbered by whoever builds the graph. Observations
+    Edges lead from 0 to 1, for their ends are numbered when the graph is built. Observations
     at times that the trajectory (T_map_base) does not cover are left out.
     """
     first_ns, last_ns = trajectory.stamps_ns[0], trajectory.stamps_ns[-1]

@@ -1,0 +1,85 @@
+"""``slamsim odometry`` as it is typed."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from slamsim.console.options import Json, Out, Overwrite, Quiet
+
+if TYPE_CHECKING:
+    from slamsim.run.cameras.odometry import CameraPath
+
+EPILOG = (
+    "Examples: slamsim odometry my_rosbag2/ \u00b7 "
+    "slamsim odometry rgbd_dataset_freiburg1_desk/ --truth groundtruth.txt"
+)
+
+
+def odometry(
+    source: Annotated[
+        Path,
+        typer.Argument(
+            help="A recording with registered depth and colour or grey images, or a folder of "
+            "them (TUM RGB-D, Open3D)."
+        ),
+    ],
+    out: Out = None,
+    truth: Annotated[
+        Path | None,
+        typer.Option("--truth", help="True path of the camera's optical frame (TUM file)."),
+    ] = None,
+    depth: Annotated[
+        str, typer.Option("--depth-topic", metavar="TOPIC", help="Depth to read, if several.")
+    ] = "",
+    intrinsics: Annotated[
+        str,
+        typer.Option(
+            "--intrinsics",
+            metavar="FX,FY,CX,CY",
+            help="Camera matrix in pixels, where the images come without one or with a wrong one.",
+        ),
+    ] = "",
+    overwrite: Overwrite = False,
+    quiet: Quiet = False,
+    as_json: Json = False,
+) -> None:
+    """Follow a depth camera by its images alone, without lidar, wheels and IMU."""
+    from slamsim.console.reporter import Reporter
+    from slamsim.run.naming import output_folder, recording_name
+
+    reporter = Reporter(quiet=quiet, as_json=as_json)
+    name = f"{recording_name(str(source))}_odometry"
+    with output_folder(out, name, overwrite=overwrite, inputs=(source, truth)) as folder:
+        from slamsim.run.cameras.odometry import camera_odometry
+
+        figures = camera_odometry(
+            source,
+            folder,
+            reporter,
+            truth=truth,
+            depth=depth,
+            intrinsics=intrinsics,
+            overwrite=overwrite,
+        )
+    reporter.table(f"Path of {figures.picture_topic}", _rows(figures))
+    reporter.say(f"Written to {folder}/")
+    reporter.result({"folder": str(folder), **asdict(figures)})
+
+
+def _rows(figures: CameraPath) -> dict[str, str]:
+    found = {
+        "images": f"{figures.frames:,}, {figures.lost_frames:,} lost",
+        "key frames": f"{figures.keyframes:,}",
+        "path": f"{figures.path_m:.2f} m",
+    }
+    errors = figures.errors
+    if errors is not None:
+        found |= {
+            "drift": f"{errors.drift_percent:.2f} % of the true path at its end",
+            "error": f"{1e3 * errors.ate_rmse_m:.1f} mm RMSE once aligned (ATE)",
+        }
+    return found
