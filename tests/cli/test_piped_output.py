@@ -14,8 +14,10 @@ from typing import Any, get_args
 
 import pytest
 import typer
+from rgbd_room import write_images
 from typer.testing import CliRunner
 
+from slamsim.cameras.lens import pinhole
 from slamsim.check.registry import registry
 from slamsim.cli.main import app
 from slamsim.config.bundled import bundled_names
@@ -39,6 +41,8 @@ COMMANDS: Mapping[str, tuple[str, ...] | None] = {
     "check": ("RUN", "--quick"),
     "fix": ("RUN", "OUT", "--apply", "none"),
     "recover": ("RUN/log", "--out", "OUT"),
+    "odometry": ("IMAGES", "--out", "OUT", "--intrinsics", "116,116,79.5,59.5"),
+    "convert": ("IMAGES", "OUT"),
     "demo": ("--out", "OUT"),
     "scenario": ("integrator", "--out", "OUT", "--jobs", "1"),
     "identify": ("turtlebot2_study", "--out", "OUT", "--jobs", "1"),
@@ -53,8 +57,8 @@ COMMANDS: Mapping[str, tuple[str, ...] | None] = {
     "fault": ("RUN", "OUT", "--fault", "laser_yaw:2"),
     "config": ("tiny",),
 }
-"""How each is called; RUN and LIVE are a mapped and a live run, SET a data set, OUT a new folder.
-None: it prints nothing but errors."""
+"""How each is called; RUN and LIVE are a mapped and a live run, IMAGES a folder of colour and
+depth, SET a data set, OUT a new folder. None: it prints nothing but errors."""
 
 LONG = {"demo", "identify"}
 WITHOUT_JSON = {"config"}
@@ -94,9 +98,14 @@ def arguments(name: str, run: Path, small_set: Path, out: Path) -> list[str]:
     if "LIVE/drive_1" in told and not lived.exists():
         done = CliRunner().invoke(app, ["live", "-q", "--out", str(lived), *LIVE])
         assert done.exit_code == 0, done.output
+    images = run.parent / "images"
+    if "IMAGES" in told and not images.exists():
+        write_images(images, pinhole(160, 120, 69.0), 3)
     places = {"RUN": str(run), "LIVE": str(lived), "SET": str(small_set), "OUT": str(out)}
+    places["IMAGES"] = str(images)
     typed = (
-        re.sub(r"^(RUN|LIVE|SET|OUT)(?=$|[./])", lambda m: places[m[1]], word) for word in told
+        re.sub(r"^(RUN|LIVE|IMAGES|SET|OUT)(?=$|[./])", lambda m: places[m[1]], word)
+        for word in told
     )
     return [*name.split(), *typed]
 

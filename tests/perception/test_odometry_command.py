@@ -7,13 +7,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from rgbd_room import patterns, see
+from rgbd_room import write_images
 from scipy.spatial.transform import Rotation
 from typed import typed
 
-from slamsim.cameras.codecs.pictures import encode_png
 from slamsim.cameras.lens import pinhole
-from slamsim.core.geometry import se3_from_parts
 from slamsim.core.types import FloatArray, Trajectory
 from slamsim.evaluate.spatial import compare_in_space
 from slamsim.guard.errors import SlamsimError
@@ -24,40 +22,29 @@ K = ",".join(str(float(value)) for value in MODEL.K[[0, 1, 0, 1], [0, 1, 2, 2]])
 FRAMES = 8
 
 
-def place(number: int) -> FloatArray:
-    """T_first_camera: ahead and to the side."""
-    return se3_from_parts(np.eye(3), number * np.array([0.004, 0.0, 0.012]))
-
-
 @pytest.fixture(scope="module")
-def images(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """As Open3D lays them out, and the true path in another frame."""
+def images(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, FloatArray]:
+    """A folder, and where the camera was."""
     folder = tmp_path_factory.mktemp("room")
-    rng, textures = np.random.default_rng(3), patterns(3)
-    for name in ("color", "depth"):
-        (folder / name).mkdir()
-    for number in range(FRAMES):
-        grey, depth_m = see(MODEL, place(number), textures, rng)
-        colour, depth_mm = np.repeat(grey[..., None], 3, axis=2), np.rint(1e3 * depth_m)
-        (folder / "color" / f"{number:05d}.png").write_bytes(encode_png(colour))
-        (folder / "depth" / f"{number:05d}.png").write_bytes(encode_png(depth_mm.astype(np.uint16)))
-    return folder
+    return folder, write_images(folder, MODEL, FRAMES)
 
 
-def test_a_folder_of_images_gives_a_path_and_its_errors(images: Path, tmp_path: Path) -> None:
-    first = typed("odometry", images, "--intrinsics", K, "-o", "first", "--json", cwd=tmp_path)
+def test_a_folder_of_images_gives_a_path_and_its_errors(
+    images: tuple[Path, FloatArray], tmp_path: Path
+) -> None:
+    folder, true_m = images
+    first = typed("odometry", folder, "--intrinsics", K, "-o", "first", "--json", cwd=tmp_path)
     assert first.returncode == 0, first.stderr
     told = json.loads(first.stdout)
     found = read_tum(tmp_path / "first" / "trajectory.tum")
     assert told["frames"] == len(found) == FRAMES and told["lost_frames"] == 0
     assert told["errors"] is None
     turn = Rotation.from_euler("xyz", [0.3, -1.0, 2.0])
-    true_m = np.array([place(number)[:3, 3] for number in range(FRAMES)])
     truth = Trajectory(
         found.stamps_ns, turn.apply(true_m) + 5.0, np.tile(turn.as_quat(), (FRAMES, 1))
     )
     write_tum(tmp_path / "true.tum", truth)
-    words = ("odometry", images, "--intrinsics", K, "--truth", "true.tum", "-o", "second")
+    words = ("odometry", folder, "--intrinsics", K, "--truth", "true.tum", "-o", "second")
     second = typed(*words, cwd=tmp_path)
     assert second.returncode == 0, second.stderr
     report = json.loads((tmp_path / "second" / "report.json").read_text())
@@ -76,9 +63,9 @@ def test_a_folder_of_images_gives_a_path_and_its_errors(images: Path, tmp_path: 
     ],
 )
 def test_what_is_missing_is_told(
-    images: Path, tmp_path: Path, words: tuple[str, ...], told: str
+    images: tuple[Path, FloatArray], tmp_path: Path, words: tuple[str, ...], told: str
 ) -> None:
-    done = typed("odometry", images, *words, "-o", "out", cwd=tmp_path)
+    done = typed("odometry", images[0], *words, "-o", "out", cwd=tmp_path)
     assert done.returncode != 0 and told in done.stderr and "Traceback" not in done.stderr
     assert not (tmp_path / "out").exists()
 

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from slamsim.cameras.codecs.pictures import encode_png
 from slamsim.cameras.lens import CameraModel
+from slamsim.core.geometry import se3_from_parts
 from slamsim.core.types import Float32Array, FloatArray
 
 PLANES = ((0, 1.6), (1, 1.1), (2, 2.4), (0, -1.6), (1, -1.1))
@@ -62,3 +66,19 @@ def see(
         np.clip(np.rint(grey), 0, 255).astype(np.uint8),
         (np.rint(depth_m * 1e3) * 1e-3).astype(np.float32),
     )
+
+
+def write_images(folder: Path, model: CameraModel, frames: int) -> FloatArray:
+    """Colour and depth while the camera moves ahead and to the side, as Open3D lays them out;
+    (n, 3) its places in the frame of the first image."""
+    rng, textures = np.random.default_rng(3), patterns(3)
+    places_m = np.arange(frames)[:, None] * np.array([0.004, 0.0, 0.012])
+    for name in ("color", "depth"):
+        (folder / name).mkdir(parents=True)
+    for number, place_m in enumerate(places_m):
+        grey, depth_m = see(model, se3_from_parts(np.eye(3), place_m), textures, rng)
+        colour, depth_mm = np.repeat(grey[..., None], 3, axis=2), np.rint(1e3 * depth_m)
+        name = f"{number:05d}.png"
+        (folder / "color" / name).write_bytes(encode_png(colour))
+        (folder / "depth" / name).write_bytes(encode_png(depth_mm.astype(np.uint16)))
+    return places_m
