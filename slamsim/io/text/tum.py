@@ -15,16 +15,25 @@ from slamsim.guard.output import write_atomic
 from slamsim.guard.text import open_lines
 from slamsim.io.text.stamps import decimal_from_stamp_ns, stamp_ns_from_decimal
 
+_ROWS_TOGETHER = 10_000
+"""All 888,000 poses of two hours at once, as Python numbers, took 0.45 GB more."""
+
 
 def write_tum(path: Path, trajectory: Trajectory | PlanarTrajectory) -> None:
     """Seconds with nine decimals (nothing of a stamp is lost), metres and quaternions likewise."""
     spatial = _spatial(trajectory) if isinstance(trajectory, PlanarTrajectory) else trajectory
-    rows = np.column_stack([spatial.positions_m, spatial.quats_xyzw]).tolist()
-    lines = [
-        f"{decimal_from_stamp_ns(stamp_ns)} {' '.join(f'{value:.9f}' for value in row)}\n"
-        for stamp_ns, row in zip(spatial.stamps_ns.tolist(), rows, strict=True)
-    ]
-    write_atomic(path, ("# time_s x_m y_m z_m qx qy qz qw\n" + "".join(lines)).encode())
+    parts = [b"# time_s x_m y_m z_m qx qy qz qw\n"]
+    for begin in range(0, len(spatial), _ROWS_TOGETHER):
+        parts.append(_lines(spatial, slice(begin, begin + _ROWS_TOGETHER)))
+    write_atomic(path, b"".join(parts))
+
+
+def _lines(spatial: Trajectory, rows: slice) -> bytes:
+    poses = np.column_stack([spatial.positions_m[rows], spatial.quats_xyzw[rows]]).tolist()
+    return "".join(
+        f"{decimal_from_stamp_ns(stamp_ns)} {' '.join(f'{value:.9f}' for value in pose)}\n"
+        for stamp_ns, pose in zip(spatial.stamps_ns[rows].tolist(), poses, strict=True)
+    ).encode()
 
 
 def _spatial(trajectory: PlanarTrajectory) -> Trajectory:
