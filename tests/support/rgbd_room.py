@@ -72,7 +72,7 @@ def write_images(folder: Path, model: CameraModel, frames: int) -> FloatArray:
     """Colour and depth while the camera moves ahead and to the side, as Open3D lays them out;
     (n, 3) its places in the frame of the first image."""
     rng, textures = np.random.default_rng(3), patterns(3)
-    places_m = np.arange(frames)[:, None] * np.array([0.004, 0.0, 0.012])
+    places_m: FloatArray = np.arange(frames)[:, None] * np.array([0.004, 0.0, 0.012])
     for name in ("color", "depth"):
         (folder / name).mkdir(parents=True)
     for number, place_m in enumerate(places_m):
