@@ -54,10 +54,23 @@ def convert_images(
     image that cannot be decoded, or has the stamp of an earlier one, is left out and counted.
     Raises SlamsimError without images that the layout can hold, else as ``open_cameras``.
     """
-    is_folder = source.is_dir() and is_image_folder(source)
     with open_cameras(source) as cameras, partial_folder(folder, overwrite) as partial:
-        recorded = None if is_folder else open_recording(log_of(source))
+        recorded = recorded_beside(source)
         return (_to_tum if layout == "tum" else _to_euroc)(cameras, recorded, partial)
+
+
+def recorded_beside(source: Path) -> OpenRecording | None:
+    """What was recorded besides the images; None for a folder of images."""
+    if source.is_dir() and is_image_folder(source):
+        return None
+    return open_recording(log_of(source))
+
+
+def true_path(recorded: OpenRecording | None, frame: str) -> Trajectory | None:
+    """Of a frame that is fixed to the base; None where the recording does not tell it."""
+    truth = None if recorded is None else recorded.truth()
+    T_base_frame = _mounting(recorded, frame)
+    return None if truth is None or T_base_frame is None else in_frame(truth, T_base_frame)
 
 
 def _to_tum(
@@ -74,10 +87,9 @@ def _to_tum(
         written = _written(cameras, writer, names)
         for topic, model in _models(cameras, names):
             writer.camera(names[topic], model)
-        truth = None if recorded is None else recorded.truth()
-        T_base_camera = _mounting(recorded, cameras.topics[colour or depth].frame_id)
-        if truth is not None and T_base_camera is not None:
-            writer.truth(in_frame(truth, T_base_camera))
+        truth = true_path(recorded, cameras.topics[colour or depth].frame_id)
+        if truth is not None:
+            writer.truth(truth)
     return written
 
 

@@ -16,17 +16,14 @@ from slamsim.core.types import FloatArray, Trajectory
 from slamsim.evaluate.spatial import SpatialErrors, compare_in_space
 from slamsim.guard.errors import SlamsimError
 from slamsim.guard.output import partial_folder, write_atomic
-from slamsim.io.cameras import is_image_folder, open_cameras
+from slamsim.io.cameras import open_cameras
 from slamsim.io.cameras.base import Cameras
 from slamsim.io.cameras.folders import FolderCameras
-from slamsim.io.cameras.writers import in_frame
-from slamsim.io.open import open_recording
 from slamsim.io.text.tum import read_tum, write_tum
 from slamsim.perception.recorded import grey_of
 from slamsim.perception.rgbd_odometry import RgbdOdometry, RgbdStep
-from slamsim.recording.mountings import BASE_FRAME, known_mounting, tree_of
+from slamsim.run.cameras.converting import recorded_beside, true_path
 from slamsim.run.folder import TRAJECTORY
-from slamsim.run.naming import log_of
 
 STEPS, REPORT = "steps.csv", "report.json"
 WITHIN_NS = 20_000_000
@@ -89,7 +86,7 @@ def camera_odometry(
             raise SlamsimError(f"{source}: {reason}; two are needed")
         path = _trajectory(steps)
         frame = cameras.topics[pairing.depth].frame_id
-        true = read_tum(truth) if truth is not None else _recorded_truth(source, frame)
+        true = read_tum(truth) if truth is not None else true_path(recorded_beside(source), frame)
         errors = None if true is None else compare_in_space(path, true)
         figures = _counted(pairing, steps, path, errors)
         write_tum(partial / TRAJECTORY, path)
@@ -135,16 +132,6 @@ def _trajectory(steps: Sequence[RgbdStep]) -> Trajectory:
         np.array([step.T_odom_camera[:3, 3] for step in steps]),
         np.array([xyzw_from_matrix(step.T_odom_camera[:3, :3]) for step in steps]),
     )
-
-
-def _recorded_truth(source: Path, frame: str) -> Trajectory | None:
-    """The true path of a frame of the robot; None where the recording does not tell it."""
-    if source.is_dir() and is_image_folder(source):
-        return None
-    recorded = open_recording(log_of(source))
-    truth = recorded.truth()
-    known = known_mounting(tree_of(recorded.recording.transforms), BASE_FRAME, frame)
-    return None if truth is None or known is None else in_frame(truth, known[0])
 
 
 def _counted(
