@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import cv2
 import numpy as np
 import pytest
+from camera_data import LIVINGROOM, needs
 from rgbd_room import patterns, see
 
 from slamsim.cameras.lens import CameraModel, pinhole
@@ -17,7 +16,6 @@ from slamsim.perception.rgbd_odometry import RgbdOdometry, RgbdStep
 from slamsim.perception.tag_pose import step_between
 
 MODEL = pinhole(320, 240, 69.0)
-LIVING_ROOM = Path(__file__).parents[4] / "shared" / "data" / "cameras" / "livingroom"
 
 
 def _path(count: int) -> list[FloatArray]:
@@ -106,15 +104,15 @@ def test_images_of_another_size_are_refused() -> None:
         RgbdOdometry(MODEL).step(0, np.zeros((2, 2), np.uint8), np.zeros((2, 2), np.float32))
 
 
-@pytest.mark.skipif(not LIVING_ROOM.is_dir(), reason="the living room's frames are not at hand")
+@needs(LIVINGROOM)
 def test_the_living_room_is_followed() -> None:
     """At most 1 % of the path: ATE, and 1.2 % at its end; ``docs/cameras.md`` has more."""
-    lines = (LIVING_ROOM / "trajectory.log").read_text().splitlines()
+    lines = (LIVINGROOM / "trajectory.log").read_text().splitlines()
     truth = np.array([[row.split() for row in lines[i + 1 : i + 5]] for i in range(0, 600, 5)])
     truth = truth.astype(np.float64)
     K = np.array([[525.0, 0, 319.5], [0, 525, 239.5], [0, 0, 1]])
     odometry = RgbdOdometry(CameraModel(640, 480, K))
-    colours, depths = (sorted((LIVING_ROOM / name).iterdir()) for name in ("image", "depth"))
+    colours, depths = (sorted((LIVINGROOM / name).iterdir()) for name in ("image", "depth"))
     found = []
     for k, (colour, depth) in enumerate(zip(colours, depths, strict=True)):
         grey = np.asarray(cv2.imread(str(colour), cv2.IMREAD_GRAYSCALE), dtype=np.uint8)

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 import pytest
 
-_ROOT = Path(os.environ.get("SLAMSIM_CAMERA_DATA", "camera-data"))
+_ROOT = Path(__file__).parents[3] / "shared" / "data" / "cameras"
 LIVINGROOM = _ROOT / "livingroom"
 REDWOOD_TABLE = _ROOT / "redwood-depth-dist-model.npy"
 
 
 def needs(path: Path) -> pytest.MarkDecorator:
     """Skip a test where this is not there, and say how it would be found."""
-    reason = f"there is no {path.name}: SLAMSIM_CAMERA_DATA names the folder that holds it"
+    reason = f"there is no {path.name} in ../shared/data/cameras"
     return pytest.mark.skipif(not path.exists(), reason=reason)

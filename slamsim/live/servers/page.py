@@ -142,7 +142,7 @@ class PageServer(LoopThread):
                 connection.transport.abort()
 
     def _wake(self) -> None:
-        """Called by whoever publishes. Once a set event is enough until it is cleared."""
+        """Called when something is published. Once a set event is enough until it is cleared."""
         if not self._news.is_set():
             self._in_loop(self._news.set)
 

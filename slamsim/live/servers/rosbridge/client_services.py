@@ -75,7 +75,7 @@ class ClientServices:
             raise
 
     def leave(self, client: Client) -> None:
-        """The client is gone, with its services; whoever waits for one is answered."""
+        """The client is gone, with its services; those that wait for one are answered."""
         self._servers = {n: one for n, one in self._servers.items() if one[0] is not client}
         for key, call in tuple(self._calls.items()):
             if client in (call.server, call.caller):

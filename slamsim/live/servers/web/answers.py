@@ -130,7 +130,7 @@ def zip_head(name: str) -> bytes:
 
 
 def in_chunks(pieces: Iterator[bytes]) -> Iterator[bytes]:
-    """The chunked coding of RFC 9112, section 7.1: whoever gets no last chunk knows it was cut."""
+    """The chunked coding of RFC 9112, section 7.1: without a last chunk it was cut."""
     for piece in pieces:
         if piece:
             yield b"%x\r\n%b\r\n" % (len(piece), piece)
