@@ -12,21 +12,24 @@ from numpy.typing import NDArray
 from slamsim.cameras.lens import CameraModel
 from slamsim.core.types import Float32Array, FloatArray
 from slamsim.guard.numbers import BadNumbers
-from slamsim.perception.tag_edges import refine_corners
+from slamsim.perception.tag_edges import Corners, refine_corners
 from slamsim.perception.tag_families import FAMILIES, TagKind
 from slamsim.perception.tag_pose import TagPose, tag_pose
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TagSighting:
-    """A tag in one image. number: its own. corners_px: (4, 2) in the image as it is, top left
-    first, then clockwise as one looks at the tag. pose: where it is in the camera's optical frame.
-    """
+    """A tag in one image. number: its own. pose: where it is in the camera's optical frame."""
 
     kind: TagKind
     number: int
-    corners_px: FloatArray
+    corners: Corners
     pose: TagPose
+
+    @property
+    def corners_px(self) -> FloatArray:
+        """(4, 2) in the image as it is, top left first, then clockwise as one looks at the tag."""
+        return self.corners.pixels
 
 
 class TagDetector:
@@ -76,7 +79,7 @@ class TagDetector:
         if corners is None:
             return None
         pose = tag_pose(corners, self._kind.size_m)
-        return None if pose is None else TagSighting(self._kind, number, corners.pixels, pose)
+        return None if pose is None else TagSighting(self._kind, number, corners, pose)
 
 
 def linear_light(colour: NDArray[np.uint8]) -> Float32Array:

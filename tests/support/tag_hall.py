@@ -93,8 +93,9 @@ def _sighting(
         return None
     noise = NOISE_PX / float(model.focal_px[0])
     rays_xy = corners[:, :2] / corners[:, 2:] + rng.normal(0.0, noise, (4, 2))
-    pose = tag_pose(Corners(rays_xy, np.eye(8) * noise**2, pixels), KIND.size_m)
-    return None if pose is None else TagSighting(KIND, number, pixels, pose)
+    seen_corners = Corners(rays_xy, np.eye(8) * noise**2, pixels)
+    pose = tag_pose(seen_corners, KIND.size_m)
+    return None if pose is None else TagSighting(KIND, number, seen_corners, pose)
 
 
 def mistaken(

@@ -15,13 +15,12 @@ from slamsim.check.calibration.model import CLOCKS, PRIOR_SIGMAS, ROWS, Model
 from slamsim.check.calibration.noise import (
     Pieces,
     blocks,
-    jackknife,
     pieces_of,
     share_of_scans,
     whitened,
-    wider,
 )
 from slamsim.core.types import BoolArray, FloatArray, IntArray
+from slamsim.models.jackknife import jackknife, wider
 from slamsim.slam.calibration.online import evidence
 
 MOST_ROUNDS = 12

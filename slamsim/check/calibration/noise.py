@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2, t
+from scipy.stats import chi2
 
 from slamsim.check.motion.laser_steps import LaserSteps
 from slamsim.core.types import FloatArray, IntArray
@@ -78,35 +78,6 @@ def whitened(
         for column, target in zip(columns, out, strict=True):
             target[:, row] = np.tensordot(inverted, column[part, row], axes=1)
     return out
-
-
-def jackknife(
-    information: FloatArray, gained: FloatArray, gradients: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """(p, p) covariance of an estimate, and (b, p) what each block does to it when left out.
-
-    information: (p, p) of all. gained: (b, p, p) of each block, gradients: (b, p) its gradient at
-    the optimum. The delete-one jackknife in one linear step (MacKinnon & White 1985).
-    """
-    count = len(gradients)
-    with solving("an estimate without one of its blocks"):
-        moved = np.linalg.solve(information[None] - gained, gradients[..., None])[..., 0]
-    moved = moved - moved.mean(axis=0)
-    return np.asarray((count - 1.0) / count * moved.T @ moved), moved
-
-
-def wider(moved: FloatArray) -> FloatArray:
-    """(p,) by how much an interval of 1.96 sigmas is too short for sigmas from (b, p) few blocks.
-
-    Student's t, with the degrees of freedom that the spread of the blocks leaves: a few turns may
-    decide everything (Satterthwaite 1946).
-    """
-    squares = np.square(moved)
-    fourth = np.square(squares).sum(axis=0)
-    spread = np.square(squares.sum(axis=0))
-    usual = np.full(moved.shape[1], len(moved) - 1.0)
-    freedom = np.divide(3.0 * spread, fourth, out=usual.copy(), where=fourth > 0.0)
-    return np.asarray(t.ppf(0.975, np.clip(freedom, 3.0, usual)) / 1.96)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,0 +1,57 @@
+"""How pixels change with the point that they show and with the lens."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from slamsim.cameras.lens import COEFFICIENTS, CameraModel
+from slamsim.core.types import FloatArray
+
+LENS = ("fx_px", "fy_px", "cx_px", "cy_px")
+"""Before d0, d1 ... of the distortion."""
+_STEP = 1e-6
+"""In which ``CameraModel.project`` is differentiated; double precision has ten more digits."""
+
+
+def lens_names(model: CameraModel) -> tuple[str, ...]:
+    """Of all numbers of a lens: focal lengths, centre, coefficients of distortion."""
+    return (*LENS, *(f"d{k}" for k in range(COEFFICIENTS[model.distortion_model])))
+
+
+def project_slopes(model: CameraModel, points_m: FloatArray) -> FloatArray:
+    """(n, 2, 3) how pixels of (n, 3) points in the optical frame change with these, px/m."""
+    found = np.empty((len(points_m), 2, 3))
+    for axis in range(3):
+        step = np.zeros(3)
+        step[axis] = _STEP
+        ahead, behind = (model.project(points_m + sign * step)[0] for sign in (1.0, -1.0))
+        found[:, :, axis] = (ahead - behind) / (2.0 * _STEP)
+    return found
+
+
+def with_lens(model: CameraModel, step: FloatArray) -> CameraModel:
+    """The camera after a step of focal lengths, centre and all coefficients of distortion."""
+    K = model.K + np.array([[step[0], 0.0, step[2]], [0.0, step[1], step[3]], [0.0, 0.0, 0.0]])
+    coefficients = step[4:].copy()
+    coefficients[: len(model.coefficients)] += model.coefficients
+    return replace(model, K=K, coefficients=coefficients)
+
+
+def lens_slopes(model: CameraModel, in_camera: FloatArray, wanted: Sequence[int]) -> FloatArray:
+    """(n, 2, l) how pixels of points (n, 3) change with focal lengths, centre and distortion.
+
+    wanted: which of these; the others' slopes are zero.
+    """
+    size = len(LENS) + COEFFICIENTS[model.distortion_model]
+    found = np.zeros((len(in_camera), 2, size))
+    for k in wanted:
+        step = np.zeros(size)
+        step[k] = _STEP
+        ahead, behind = (
+            with_lens(model, sign * step).project(in_camera)[0] for sign in (1.0, -1.0)
+        )
+        found[:, :, k] = (ahead - behind) / (2.0 * _STEP)
+    return np.where(np.isfinite(found), found, 0.0)
