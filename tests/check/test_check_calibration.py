@@ -13,9 +13,10 @@ from scipy.optimize import least_squares
 
 from slamsim.check.calibration.joint import Calibration, calibrate_inputs
 from slamsim.check.calibration.model import LASER, UNKNOWNS, Model
-from slamsim.check.calibration.noise import blocks, jackknife, shared_scans, whitened
+from slamsim.check.calibration.noise import blocks, shared_scans, whitened
 from slamsim.core.geometry import wrap_angle
 from slamsim.core.types import FloatArray
+from slamsim.models.jackknife import jackknife
 
 SMALL = st.floats(-1.0, 1.0)
 

@@ -17,7 +17,7 @@ from slamsim.perception.calibration.mount import (
     USUAL_FREE,
     MountFit,
     TooFew,
-    best_mount,
+    best_start,
     fit_mount,
 )
 from slamsim.perception.calibration.path import SmoothPath
@@ -100,8 +100,8 @@ def test_sightings_under_a_wrong_number_count_for_little(short: Driven) -> None:
 
 
 def test_a_camera_of_which_nothing_is_claimed_is_found(short: Driven) -> None:
-    starts = [off_by(np.array([0.0, 0.0, 0.0, 0.0, 0.0, yaw])) for yaw in (0.0, 1.57, 3.14, -1.57)]
-    start = best_mount(short.views, SHORT.model, short.path, starts)
+    starts = [off_by(np.array([0.0, 0.0, 0.0, 0.0, 0.0, yaw])) for yaw in (3.0, 1.5, 0.7)]
+    start = best_start(short.views, SHORT.model, short.path, starts)
     found = fit_mount(short.views, SHORT.model, short.path, start)
     assert max(abs(errors(found, SHORT)[name]) for name in ("x_m", "y_m")) < 0.005
 

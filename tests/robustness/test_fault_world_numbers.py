@@ -20,7 +20,6 @@ from test_bound_scans import T_BASE_LASER, polygon
 from test_dataset_catalogue import row, shard
 
 from slamsim.check.calibration.joint import calibrate_inputs
-from slamsim.check.calibration.noise import jackknife
 from slamsim.check.motion.inputs import Inputs
 from slamsim.check.motion.integrated import IntegratedMotion
 from slamsim.check.questions.laser.gain import turn_gain
@@ -31,6 +30,7 @@ from slamsim.dataset.catalogue.manifest import manifest
 from slamsim.dataset.catalogue.statistics import statistics
 from slamsim.dataset.recipe.distributions import Integers, LogUniform, Normal, Uniform
 from slamsim.evaluate.bound import TrajectoryBound, trajectory_bound
+from slamsim.models.jackknife import jackknife
 from slamsim.sim.drive.smooth import resample, smooth_path, speed_profile
 from slamsim.sim.drive.space import Space, connect_places, free_space
 from slamsim.sim.drive.tour import closed_tour

@@ -51,6 +51,8 @@ BLOCK_S = 2.0
 FIRST_PATH_SIGMAS, LEAST_PATH_SIGMAS = (0.005, 0.005, 0.003), (1e-4, 1e-4, 1e-5)
 """Along, across and turn: what SLAM by a lidar is off by at worst, and at best."""
 _EM_ROUNDS = 30
+FARTHEST_OFF = 2.0
+"""Widths of the image: a corner that should be seen farther off is as good as not seen."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -132,7 +134,8 @@ class Drive:
             assert self.T_survey_map is not None
             rows, row_slopes = self.survey.rows(self.T_survey_map, self.T_map_tag, len(self.names))
             more = by_blocks(rows, row_slopes, np.arange(len(rows)), len(rows))
-            equations = tuple(map(np.concatenate, zip(equations, more, strict=True)))
+            both = [np.concatenate(pair) for pair in zip(equations, more, strict=True)]
+            equations = both[0], both[1]
             cost += float(np.square(rows).sum())
         return Equations(*equations, cost, self._prior_sigmas(), self._away())
 
@@ -171,8 +174,9 @@ class Drive:
         in_camera = (in_base - self.T_base_camera[:3, 3]) @ self.T_base_camera[:3, :3]
         pixels, seen = self.model.project(in_camera)
         off = pixels - self.views.corners_px.reshape(-1, 2)
-        # What cannot be seen at all is off by as much as an image is large.
-        off = np.where(seen[:, None], off, float(self.model.width))
+        # What cannot be seen, or only far out, is off by so much, whichever way things move.
+        seen &= (np.abs(off) < FARTHEST_OFF * self.model.width).all(axis=1)
+        off = np.where(seen[:, None], off, FARTHEST_OFF * self.model.width)
         return off.reshape(-1, 8), in_base, in_camera, velocities
 
     def _linear(self) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -180,7 +184,8 @@ class Drive:
         off_px, in_base, in_camera, velocities = self._seen()
         count = len(self.views)
         by_point = project_slopes(self.model, in_camera) @ self.T_base_camera[:3, :3].T
-        by_point = np.where(np.isfinite(by_point), by_point, 0.0)
+        near = (np.abs(off_px) < FARTHEST_OFF * self.model.width).reshape(-1, 2).all(axis=1)
+        by_point = np.where(near[:, None, None], by_point, 0.0)
         from_camera = in_base - self.T_base_camera[:3, 3]
         by_base = -by_point @ _step_of(in_base)[:, :, [0, 1, 5]]
         by_time = np.einsum("nij,nj->ni", by_base, velocities)

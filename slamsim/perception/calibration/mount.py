@@ -8,6 +8,7 @@ learnt from the residuals. Standard deviations are those of a jackknife over two
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,10 +16,10 @@ from scipy.spatial.transform import Rotation
 
 from slamsim.cameras.lens import CameraModel
 from slamsim.core.geometry import se3_from_se2
-from slamsim.core.types import FloatArray, PlanarTrajectory
-from slamsim.guard.numbers import BadNumbers
+from slamsim.core.types import FloatArray, IntArray, PlanarTrajectory
+from slamsim.guard.numbers import BadNumbers, NoSolution, solving
 from slamsim.perception.calibration.drive import CLOCK, MOUNT, Drive
-from slamsim.perception.calibration.least_squares import FEWEST_BLOCKS, solve
+from slamsim.perception.calibration.least_squares import FEWEST_BLOCKS, Equations, solve
 from slamsim.perception.calibration.path import SmoothPath
 from slamsim.perception.calibration.projection import LENS
 from slamsim.perception.calibration.sightings import TagViews
@@ -27,6 +28,7 @@ from slamsim.perception.calibration.survey import Survey
 FEWEST_OF_A_TAG = 4
 """Sightings; a tag that is seen less tells nothing that its own place does not explain."""
 FEWEST_SIGHTINGS = 40
+MOST_TO_START = 300
 TRIED_PLACES = 12
 """Sightings of a tag from which its place is taken to begin with; the one that fits the others."""
 ROUNDS = 3
@@ -112,14 +114,19 @@ def fit_mount(
         used, path, tag_of, model, T_base_camera, late_s, readout_s, np.zeros((0, 4, 4)), free
     )
     drive = replace(drive, T_map_tag=_first_places(drive, len(numbers)))
-    drive = _surveyed(drive, numbers.tolist(), survey or {})
-    drive = _approached(drive)
+    drive = _approached(_surveyed(drive, numbers.tolist(), survey or {}))
     for _ in range(ROUNDS):
         drive = replace(drive, path_sigmas=drive.path_errors())
         drive, equations = solve(drive)
-    covariance = equations.covariance[: len(drive.names), : len(drive.names)]
-    off_px = drive.residuals()
-    weights = drive.weights()
+    return _fit_of(drive, equations, numbers)
+
+
+def _fit_of(drive: Drive, equations: Equations, numbers: IntArray) -> MountFit:
+    count, weights = len(drive.names), drive.weights()
+    with solving("the uncertainty of a calibration"):
+        covariance = equations.covariance[:count, :count]
+    squares = weights @ np.square(drive.residuals()).mean(axis=1)
+    assert drive.path_sigmas is not None
     return MountFit(
         drive.T_base_camera,
         drive.late_s,
@@ -127,26 +134,39 @@ def fit_mount(
         drive.model,
         Estimate(drive.names, covariance),
         dict(zip(numbers.tolist(), drive.T_map_tag, strict=True)),
-        sightings=len(used),
+        sightings=len(drive.views),
         doubted=int(np.count_nonzero(weights < 0.5)),
-        residual_px=float(np.sqrt((weights[:, None] * off_px**2).sum() / (8.0 * weights.sum()))),
-        path_sigmas=drive.path_sigmas if drive.path_sigmas is not None else np.zeros(3),
+        residual_px=float(np.sqrt(squares / weights.sum())),
+        path_sigmas=drive.path_sigmas,
         blocks=int(drive.blocks.max()) + 1,
     )
 
 
-def best_mount(
+def best_start(
     views: TagViews,
     model: CameraModel,
     trajectory: PlanarTrajectory,
     starts: Sequence[FloatArray],
 ) -> FloatArray:
-    """(4, 4) of several starts the mount from which a fit ends nearest to the corners.
+    """(4, 4) the mount that explains most of the sightings, sought from several ones (4, 4).
 
-    For cameras of which nothing is claimed. Raises as ``fit_mount``.
+    For cameras of which nothing is claimed, or something wrong by more than some 40 degrees. Raises
+    TooFew as ``fit_mount``, and NoSolution where no start leads anywhere.
     """
-    fits = [fit_mount(views, model, trajectory, start) for start in starts]
-    return min(fits, key=lambda fit: fit.residual_px * (1.0 + fit.doubted)).T_base_camera
+    path = SmoothPath(trajectory)
+    used = _usable(views, path)
+    used = used.those(np.arange(0, len(used), max(1, len(used) // MOST_TO_START)))
+    numbers, tag_of = np.unique(used.numbers, return_inverse=True)
+    found = []
+    for start in starts:
+        nowhere = np.zeros((0, 4, 4))
+        drive = Drive(used, path, tag_of, model, start, 0.0, 0.0, nowhere, USUAL_FREE)
+        drive = replace(drive, T_map_tag=_first_places(drive, len(numbers)))
+        with suppress(NoSolution):
+            found.append(_approached(drive))
+    if not found:
+        raise NoSolution("no mount of the camera explains where it saw the tags")
+    return min(found, key=_misfit).T_base_camera
 
 
 def _usable(views: TagViews, path: SmoothPath) -> TagViews:
