@@ -26,6 +26,7 @@ from slamsim.perception.calibration.projection import (
     lens_names,
     lens_slopes,
     project_slopes,
+    rigid_slopes,
     with_lens,
 )
 from slamsim.perception.calibration.sightings import TagViews
@@ -184,19 +185,20 @@ class Drive:
         off_px, in_base, in_camera, velocities = self._seen()
         count = len(self.views)
         by_point = project_slopes(self.model, in_camera) @ self.T_base_camera[:3, :3].T
-        near = (np.abs(off_px) < FARTHEST_OFF * self.model.width).reshape(-1, 2).all(axis=1)
+        farthest_px = np.abs(off_px).reshape(-1, 2).max(axis=1)
+        near = np.asarray(farthest_px < FARTHEST_OFF * self.model.width)
         by_point = np.where(near[:, None, None], by_point, 0.0)
         from_camera = in_base - self.T_base_camera[:3, 3]
-        by_base = -by_point @ _step_of(in_base)[:, :, [0, 1, 5]]
+        by_base = -by_point @ rigid_slopes(in_base)[:, :, [0, 1, 5]]
         by_time = np.einsum("nij,nj->ni", by_base, velocities)
         poses, _ = self.path.at(self.at_s.ravel())
         by_map = _turned_slopes(by_point, poses[:, 2])
         middles = np.repeat(self.T_map_tag[self.tag_of, :3, 3], 4, axis=0)
         in_map = self._in_map().reshape(-1, 3)
-        by_tag = by_map @ _step_of(in_map - middles)
+        by_tag = by_map @ rigid_slopes(in_map - middles)
         shared = np.concatenate(
             [
-                -by_point @ _step_of(from_camera),
+                -by_point @ rigid_slopes(from_camera),
                 -by_time[:, :, None],
                 (by_time * self.row_shares.ravel()[:, None])[:, :, None],
                 self._lens_slopes(in_camera),
@@ -263,17 +265,6 @@ class Drive:
         ]
         tags = np.tile([10.0, 10.0, 10.0, 3.0, 3.0, 3.0], len(self.T_map_tag))
         return np.concatenate([free, tags])
-
-
-def _step_of(points: FloatArray) -> FloatArray:
-    """(n, 3, 6) how points (n, 3) move with a displacement and a turn about the origin."""
-    found = np.zeros((len(points), 3, 6))
-    found[:, [0, 1, 2], [0, 1, 2]] = 1.0
-    x, y, z = points.T
-    found[:, 0, 4], found[:, 0, 5] = z, -y
-    found[:, 1, 3], found[:, 1, 5] = -z, x
-    found[:, 2, 3], found[:, 2, 4] = y, -x
-    return found
 
 
 def _unturned(yaw_rad: FloatArray, vectors: FloatArray) -> FloatArray:

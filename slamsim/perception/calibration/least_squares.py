@@ -94,7 +94,7 @@ def solve(problem: AnyProblem) -> tuple[AnyProblem, Equations]:
         information, gradient = now.information, now.gradient
         damped = information + damping * np.diag(np.diag(information))
         with solving("a calibration"):
-            step: FloatArray = -np.linalg.solve(damped, gradient)
+            step = np.asarray(-np.linalg.solve(damped, gradient), dtype=np.float64)
         moved = problem.moved(step)
         then = moved.equations()
         if then.cost <= now.cost:

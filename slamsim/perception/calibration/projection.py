@@ -55,3 +55,14 @@ def lens_slopes(model: CameraModel, in_camera: FloatArray, wanted: Sequence[int]
         )
         found[:, :, k] = (ahead - behind) / (2.0 * _STEP)
     return np.where(np.isfinite(found), found, 0.0)
+
+
+def rigid_slopes(points: FloatArray) -> FloatArray:
+    """(n, 3, 6) how points (n, 3) move with a displacement and a turn about the origin."""
+    found = np.zeros((len(points), 3, 6))
+    found[:, [0, 1, 2], [0, 1, 2]] = 1.0
+    x, y, z = points.T
+    found[:, 0, 4], found[:, 0, 5] = z, -y
+    found[:, 1, 3], found[:, 1, 5] = -z, x
+    found[:, 2, 3], found[:, 2, 4] = y, -x
+    return found
