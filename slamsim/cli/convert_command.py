@@ -40,7 +40,7 @@ def convert(
 
     reporter = Reporter(quiet=quiet, as_json=as_json)
     with output_folder(out, "", overwrite=overwrite, inputs=(source,)):
-        from slamsim.run.cameras.converting import convert_images
+        from slamsim.io.cameras.converting import convert_images
 
         written = convert_images(source, out, to.value, overwrite=overwrite)
     for name, one in written.items():

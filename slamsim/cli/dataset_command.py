@@ -22,7 +22,7 @@ RecipeName = Annotated[
     str,
     typer.Argument(
         metavar="RECIPE",
-        help="A recipe: YAML file or bundled name (tiny, labyrinths, diverse, faults).",
+        help="A recipe: YAML file or bundled name (tiny, labyrinths, diverse, diverse_rgbd, stereo_imu, faults).",
         show_default=False,
     ),
 ]

@@ -144,18 +144,26 @@ def matrix_from_xyzw(quat_xyzw: _FloatArray) -> _FloatArray:
 
 
 def xyzw_from_matrix(rotation: _FloatArray) -> _FloatArray:
-    """(4,) unit quaternion of one 3 x 3 rotation, w >= 0 (Bar-Itzhack 2000)."""
+    """(..., 4) unit quaternions of (..., 3, 3) rotations, w >= 0 (Shepperd 1978).
+
+    Each is taken from the column of 4 q q^T with the largest diagonal. No solver is asked: the last
+    bits of LAPACK depend on its threads, and these numbers are written into recordings.
+    """
     r = np.asarray(rotation, dtype=np.float64)
-    k = np.array(
+    (a, b, c), (d, e, f), (g, h, i) = (np.moveaxis(r, (-2, -1), (0, 1))[row] for row in range(3))
+    columns = np.stack(
         [
-            [r[0, 0] - r[1, 1] - r[2, 2], 0.0, 0.0, 0.0],
-            [r[0, 1] + r[1, 0], r[1, 1] - r[0, 0] - r[2, 2], 0.0, 0.0],
-            [r[0, 2] + r[2, 0], r[1, 2] + r[2, 1], r[2, 2] - r[0, 0] - r[1, 1], 0.0],
-            [r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1], np.trace(r)],
-        ]
+            np.stack([1.0 + a - e - i, b + d, c + g, h - f], axis=-1),
+            np.stack([b + d, 1.0 - a + e - i, f + h, c - g], axis=-1),
+            np.stack([c + g, f + h, 1.0 - a - e + i, d - b], axis=-1),
+            np.stack([h - f, c - g, d - b, 1.0 + a + e + i], axis=-1),
+        ],
+        axis=-2,
     )
-    quat = np.linalg.eigh(k)[1][:, -1]
-    return np.asarray(quat if quat[3] >= 0.0 else -quat, dtype=np.float64)
+    largest = np.argmax(np.diagonal(columns, axis1=-2, axis2=-1), axis=-1)[..., None, None]
+    quat = np.take_along_axis(columns, largest, axis=-2)[..., 0, :]
+    quat = quat / np.sqrt((quat * quat).sum(axis=-1, keepdims=True))
+    return np.where(quat[..., 3:] < 0.0, -quat, quat)
 
 
 def matrix_from_rpy(roll_rad: float, pitch_rad: float, yaw_rad: float) -> _FloatArray:

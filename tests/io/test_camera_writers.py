@@ -16,7 +16,7 @@ from evo.tools import file_interface
 from slamsim.cameras.codecs.pictures import encode_jpeg
 from slamsim.guard.errors import SlamsimError
 from slamsim.io.cameras import open_cameras
-from slamsim.run.cameras.converting import convert_images
+from slamsim.io.cameras.converting import convert_images
 
 ROBOT, TYPES = Robot(ROS2), ROS2.types
 RANDOM = np.random.default_rng(11)

@@ -9,10 +9,10 @@ import struct
 from typing import Literal
 
 import numpy as np
-import zstandard
 from numpy.typing import NDArray
 
 from slamsim.cameras.codecs.pictures import decode_picture, encode_png
+from slamsim.cameras.codecs.planes import pack_planes, unpack_planes
 from slamsim.cameras.codecs.rvl import decode_rvl, encode_rvl
 from slamsim.core.types import Float32Array
 from slamsim.guard.limits import LIMITS, Limits
@@ -27,7 +27,7 @@ _SIZE = struct.Struct("<II")
 """Columns and rows, before the data of RVL (as compressedDepth has them) and of zstd."""
 _TRANSPORT = struct.Struct("<iff")
 """The head of compressedDepth: kind (0), and the two parameters of inverse depth."""
-_ZSTD_LEVEL = 1
+DEPTH_HEAD_BYTES = _TRANSPORT.size
 _PARAMETER = 100.0
 """depth_quantization of compressed_depth_image_transport, as it is by default."""
 
@@ -39,7 +39,7 @@ def encode_depth(depths: DepthImage, codec: DepthCodec) -> bytes:
     if codec == "png":
         return encode_png(depths)
     size = _SIZE.pack(depths.shape[1], depths.shape[0])
-    return size + (encode_rvl(depths) if codec == "rvl" else _zstd(depths))
+    return size + (encode_rvl(depths) if codec == "rvl" else pack_planes(depths))
 
 
 def decode_depth(data: bytes, codec: DepthCodec, limits: Limits = LIMITS) -> DepthImage:
@@ -54,29 +54,9 @@ def decode_depth(data: bytes, codec: DepthCodec, limits: Limits = LIMITS) -> Dep
     width, height = _SIZE.unpack_from(data)
     require_size(width, height, 2, limits)
     body = memoryview(data)[_SIZE.size :]
-    plain = decode_rvl(body, width * height) if codec == "rvl" else _of_zstd(body, width, height)
-    return np.asarray(plain.reshape(height, width), np.uint16)
-
-
-def _zstd(depths: DepthImage) -> bytes:
-    """Differences along the rows, high bytes before low ones: neighbours are alike."""
-    changes = np.diff(depths, axis=1, prepend=np.uint16(0)).astype("<u2")
-    planes = changes.view(np.uint8).reshape(-1, 2).T
-    return zstandard.ZstdCompressor(level=_ZSTD_LEVEL).compress(planes.tobytes())
-
-
-def _of_zstd(body: memoryview, width: int, height: int) -> NDArray[np.uint16]:
-    size = 2 * width * height
-    try:
-        with zstandard.ZstdDecompressor().stream_reader(body) as reader:
-            content = reader.read(size + 1)
-    except zstandard.ZstdError as error:
-        raise ValueError(f"the zstd data are damaged ({error})") from None
-    if len(content) != size:
-        raise ValueError(f"the zstd data are {len(content):,} bytes, not {size:,}: cut or damaged")
-    planes = np.frombuffer(content, np.uint8).reshape(2, -1)
-    changes = np.ascontiguousarray(planes.T).view("<u2").reshape(height, width)
-    return np.asarray(np.add.accumulate(changes, axis=1, dtype=np.uint16))
+    if codec == "zstd":
+        return unpack_planes(body, (height, width), "u2")
+    return np.asarray(decode_rvl(body, width * height).reshape(height, width), np.uint16)
 
 
 def encode_compressed_depth(

@@ -8,9 +8,12 @@ from typing import Any
 import yaml
 
 from slamsim.dataset.catalogue.statistics import Statistics
+from slamsim.dataset.make.pictures import PICTURES
+from slamsim.dataset.recipe.draw import sequence_spec
 from slamsim.dataset.recipe.model import OWN_LICENCE, Recipe
 from slamsim.dataset.recipe.sequence import FormatName
 from slamsim.guard.quantities import as_size
+from slamsim.sensors.kinds.camera import CameraEntry
 
 _SIZES = ((10**3, "n<1K"), (10**4, "1K<n<10K"), (10**5, "10K<n<100K"), (10**6, "100K<n<1M"))
 _FORMATS: Mapping[FormatName, str] = {
@@ -21,7 +24,15 @@ _FORMATS: Mapping[FormatName, str] = {
     "tum": "`tum/`: odometry and true path as TUM trajectories",
     "kitti": "`kitti/`: scans freed of motion and true poses in the layout of KITTI odometry",
     "carmen": "`carmen/log.clf`: a CARMEN log",
+    "tum_rgbd": "`tum_rgbd/`: colour and depth images and true path in the layout of TUM RGB-D",
+    "euroc": "`euroc/`: images, IMU and true path of the body in the layout of EuRoC (ASL)",
 }
+_IMAGES = (
+    "`images/`: a table of each camera's images with stamps, encoding and JPEG or PNG files, and "
+    "the claimed camera in its schema; `frames.png`: some of them",
+    "`truth/CAMERA_IMAGER_depth.parquet` and others: lossless truth of every pixel; `..._frame`: "
+    "true instant, exposure, and the pose of each row",
+)
 _TRUTH = (
     "`truth/trajectory.parquet`: the motion at the rate of the physics; any instant follows from "
     "it exactly as every sensor had it",
@@ -34,7 +45,7 @@ _TRUTH = (
 )
 _LIMITS = (
     "Everything is simulated: rigid bodies, a flat floor, walls that do not move, no people.",
-    "Walls are upright and return light alike at equal range and incidence; there is no glass.",
+    "Walls are upright and return light alike at equal range and incidence; lidars meet no glass.",
     "Noise, biases, clock offsets and slip follow models with the sizes that `config.yaml` names.",
     "Splits are by world: no world is in two of them, but all worlds grow from one recipe.",
 )
@@ -54,15 +65,21 @@ _MOST_COUNTS = 12
 
 
 def data_card(
-    recipe: Recipe, told: Statistics, versions: Mapping[str, str], pictures: Iterable[str]
+    recipe: Recipe,
+    told: Statistics,
+    versions: Mapping[str, str],
+    pictures: Iterable[str],
+    seen: Sequence[str] = (),
 ) -> str:
-    """told: what ``statistics`` says. pictures: names of the files under ``figures/``."""
+    """told: what ``statistics`` says. pictures: names of the files under ``figures/``. seen: names
+    of sequences of which some images are shown."""
     parts = [
         _front_matter(recipe, told),
         f"# {recipe.title}\n\n{_lead(recipe, told)}",
         "![Some of the worlds and the ways through them](preview.png)",
-        f"## What it holds\n\n{_contents(recipe)}",
-        f"## How to open it\n\n{_opening(recipe)}",
+        f"## What it holds\n\n{_contents(recipe, bool(seen))}",
+        _cameras(recipe, told, seen),
+        f"## How to open it\n\n{_opening(recipe, bool(seen))}",
         f"## Splits\n\n{_splits(told)}",
         f"## Statistics\n\n{_numbers(told)}\n\n{_counts(told)}",
         "\n".join(f"![{name.replace('_', ' ')}](figures/{name}.png)" for name in pictures),
@@ -124,8 +141,37 @@ def _lead(recipe: Recipe, told: Statistics) -> str:
     )
 
 
-def _contents(recipe: Recipe) -> str:
-    formats = _items([*(_FORMATS[name] for name in recipe.formats), *_TRUTH])
+def _cameras(recipe: Recipe, told: Statistics, seen: Sequence[str]) -> str:
+    """The cameras of the first sequence, which others may have with other values, and pictures."""
+    if not seen:
+        return ""
+    sensors = sequence_spec(recipe, 0, told["sequences"]).config.sensors.additional
+    rows = [
+        (
+            f"`{camera.name}_{name}`",
+            camera.preset or "none",
+            imager.kind,
+            f"{imager.lens.width} x {imager.lens.height}",
+            f"{camera.rate_hz:g}",
+            imager.encoding,
+            ", ".join(imager.truth) or "none",
+        )
+        for camera in sensors
+        if isinstance(camera, CameraEntry)
+        for name, imager in camera.enabled_imagers.items()
+    ]
+    head = ("table", "preset", "kind", "pixels", "Hz", "encoding", "truth of each pixel")
+    shown = "\n\n".join(f"![Images of {name}]({name}/{PICTURES})" for name in seen)
+    return (
+        f"## Cameras\n\n{_table(head, rows)}\n\nTextures, colours and posters of the test split "
+        "are in no other. From three instants of a sequence: images of each table, then the truth "
+        f"of their pixels, depth from 0 (blue) to 6 m (red):\n\n{shown}"
+    )
+
+
+def _contents(recipe: Recipe, has_images: bool) -> str:
+    images = _IMAGES if has_images else ()
+    formats = _items([*(_FORMATS[name] for name in recipe.formats), *images, *_TRUTH])
     return (
         "One folder for each sequence, `SPLIT/INDEX/`, with\n\n"
         f"{formats}\n\n"
@@ -140,7 +186,7 @@ def _contents(recipe: Recipe) -> str:
     )
 
 
-def _opening(recipe: Recipe) -> str:
+def _opening(recipe: Recipe, has_images: bool) -> str:
     lines = [
         "```python",
         "import slamsim.dataset",
@@ -152,6 +198,8 @@ def _opening(recipe: Recipe) -> str:
     ]
     if "parquet" in recipe.formats:
         lines.insert(-1, "part.scans.ranges_m                        # (n, beams)")
+        if has_images:
+            lines += ['frames = dataset.frames("CAMERA_IMAGER")   # for a PyTorch DataLoader']
         lines += [
             "",
             "import polars as pl                        # or pyarrow, pandas, datasets",

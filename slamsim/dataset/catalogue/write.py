@@ -22,6 +22,7 @@ from slamsim.dataset.make.shard import MADE, shard_path
 from slamsim.dataset.make.versions import versions
 from slamsim.dataset.recipe.model import Recipe
 from slamsim.dataset.recipe.preview import contact_sheet
+from slamsim.dataset.store.images import IMAGES_OF
 from slamsim.dataset.store.store import READERS, Store
 from slamsim.dataset.store.table import table_from_parquet, table_to_parquet
 from slamsim.guard.errors import StoreFailed
@@ -29,7 +30,7 @@ from slamsim.guard.sums import SUMS, SumsDamaged, read_sums, sha256_of, sums_tex
 
 STATISTICS = "statistics.json"
 
-_WORLDS_SHOWN = 6
+_WORLDS_SHOWN, _SEEN = 6, 2
 _AT_ONCE = 256
 """So many shards, of perhaps fifty thousand, are in memory at a time."""
 
@@ -66,7 +67,8 @@ def catalogue_files(recipe: Recipe, table: pa.Table) -> Iterator[tuple[str, byte
     from slamsim.dataset.catalogue.figures import dataset_figures
 
     told = statistics(table)
-    figures = dict(dataset_figures(table.filter(pc.equal(table["status"], MADE)), told))
+    made = table.filter(pc.equal(table["status"], MADE))
+    figures = dict(dataset_figures(made, told))
     worlds = min(-(-table.num_rows // recipe.sequences_per_world), _WORLDS_SHOWN)
     yield MANIFEST, table_to_parquet(table)
     yield STATISTICS, (json.dumps(told, indent=1, allow_nan=False) + "\n").encode()
@@ -75,7 +77,14 @@ def catalogue_files(recipe: Recipe, table: pa.Table) -> Iterator[tuple[str, byte
         yield f"figures/{name}.png", png
     yield "preview.png", contact_sheet(recipe, worlds)
     yield "LICENSE.txt", licence_text(recipe).encode()
-    yield "README.md", data_card(recipe, told, versions(), figures).encode()
+    yield "README.md", data_card(recipe, told, versions(), figures, _with_images(made)).encode()
+
+
+def _with_images(made: pa.Table) -> tuple[str, ...]:
+    """Names of the first sequences that have images."""
+    columns = [name for name in made.column_names if name.startswith(IMAGES_OF)]
+    rows = made.select(["name", *columns]).slice(0, _WORLDS_SHOWN).to_pylist()
+    return tuple(str(row["name"]) for row in rows if any(row[name] for name in columns))[:_SEEN]
 
 
 def _read(store: Store, path: str) -> bytes:

@@ -2,21 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 import numpy as np
 
 from slamsim.core.jit import kernel
 from slamsim.core.types import Drive, Float32Array, FloatArray, IntArray, Trajectory
-from slamsim.dataset.recipe.sequence import SequenceSpec
+from slamsim.dataset.recipe.sequence import FormatName, SequenceSpec
 from slamsim.dataset.truth.key_scans import frame_at
 from slamsim.guard.numbers import UNIT_WITHIN, is_sound
+from slamsim.io.cameras.converting import Layout, convert_images
 from slamsim.io.carmen.writer import CarmenFile
+from slamsim.io.parquet.images import ImageTables
 from slamsim.io.parquet.writer import ParquetLog
 from slamsim.io.staged_writer import StagedWriter
 from slamsim.io.text.kitti import KittiFolder
 from slamsim.io.text.tum import write_tum
-from slamsim.recording import RawScans, Recording, ScanLayout
+from slamsim.recording import RawScans, RawStream, Recording, ScanLayout
 from slamsim.recording.mountings import declared_laser_mounting
 from slamsim.sensors.motion import Motion, joined, kept_since
 from slamsim.sensors.rays import beam_rays
@@ -80,12 +83,14 @@ class Formats(StagedWriter):
     def __init__(self, spec: SequenceSpec, folder: Path) -> None:
         super().__init__()
         self._parquet: ParquetLog | None = None
+        self._images: ImageTables | None = None
         self._carmen: CarmenFile | None = None
         self._kitti: DeskewedScans | None = None
         self._tum: TumPaths | None = None
         opened = self._open.enter_context
         if "parquet" in spec.formats:
             self._parquet = opened(ParquetLog(folder / PARQUET, spec.index))
+            self._images = opened(ImageTables(folder, spec.index))
         if "carmen" in spec.formats:
             self._carmen = opened(CarmenFile(folder / CARMEN / CARMEN_NAME))
         if "kitti" in spec.formats:
@@ -102,6 +107,29 @@ class Formats(StagedWriter):
             self._tum.take_truth(window)
         if self._kitti is not None:
             self._kitti.write(part, true_scan_ns, window)
+
+    def write_images(self, streams: Iterable[RawStream]) -> None:
+        """What cameras took in the next window, which no fault changes."""
+        if self._images is not None:
+            self._images.write(streams)
+
+    @property
+    def images(self) -> Mapping[str, int]:
+        """How many images each table of Parquet has."""
+        return {} if self._images is None else self._images.counts
+
+
+IMAGE_FOLDERS: Mapping[FormatName, Layout] = {"tum_rgbd": "tum", "euroc": "euroc"}
+
+
+def write_image_folders(spec: SequenceSpec, log: Path, folder: Path) -> None:
+    """The layouts of images that a specification asks for, of a finished recording.
+
+    Raises SlamsimError for a robot without a camera that fits.
+    """
+    for name, layout in IMAGE_FOLDERS.items():
+        if name in spec.formats:
+            convert_images(log, folder / name, layout)
 
 
 _TAIL_NS = 2_000_000_000

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import shutil
 from collections.abc import Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
@@ -17,11 +18,12 @@ from slamsim.config.run import RunConfig
 from slamsim.config.sensors import SensorsConfig
 from slamsim.config.world import WorldConfig
 from slamsim.core.types import Drive, IntArray
-from slamsim.dataset.make.formats import Formats
+from slamsim.dataset.make.formats import IMAGE_FOLDERS, Formats, write_image_folders
+from slamsim.dataset.make.pictures import write_pictures
 from slamsim.dataset.recipe.sequence import FileFact, SequenceFacts, SequenceSpec
 from slamsim.dataset.truth.write import Truth
 from slamsim.io.names import LOG
-from slamsim.recording import Recording
+from slamsim.recording import RawStream, Recording
 from slamsim.recording.edits.messages import with_sequence_numbers
 from slamsim.sensors.faults.apply import declared, faulty_sensors
 from slamsim.sensors.faults.base import Fault
@@ -42,6 +44,8 @@ from slamsim.world.build import build_world
 from slamsim.world.model import World
 
 TRUTH = "truth"
+_PASSING = ".log"
+"""A recording that is made only for the layouts of images that are made of it."""
 
 Moments = Iterator[tuple[Readings, Drive]]
 """What was sensed during each window of a drive, and the window."""
@@ -59,13 +63,21 @@ def produce(spec: SequenceSpec, folder: Path) -> SequenceFacts:
     write_config(folder, spec.config)
     write_world(folder, spec.config, planned.world)
     write = _write_with_faults if planned.faults else _write_clean
+    log = folder / LOG if "mcap" in spec.formats else None
+    if log is None and any(name in spec.formats for name in IMAGE_FOLDERS):
+        log = folder / _PASSING
     with (
         Truth(folder / TRUTH, planned.world, planned.robot, spec, planned.override) as truth,
         Formats(spec, folder) as formats,
     ):
-        write(spec, planned, folder, truth, formats)
+        write(spec, planned, log, truth, formats)
+    if log is not None:
+        write_image_folders(spec, log, folder)
+        shutil.rmtree(folder / _PASSING, ignore_errors=True)
+    write_pictures(folder, tuple(formats.images))
     outcome = planned.run.outcome
     quality = {"duration_s": outcome.duration_s, "finished": outcome.finished, **truth.quality()}
+    quality |= {f"images.{name}": count for name, count in formats.images.items()}
     return SequenceFacts(quality, tuple(files_of(folder)))
 
 
@@ -122,43 +134,50 @@ def _built_robot(config: RobotConfig) -> RobotModel:
 
 
 def _write_clean(
-    spec: SequenceSpec, planned: _PlannedRun, folder: Path, truth: Truth, formats: Formats
+    spec: SequenceSpec, planned: _PlannedRun, log: Path | None, truth: Truth, formats: Formats
 ) -> None:
     """Window by window: nothing is kept longer than it must."""
     header = log_header(planned.robot, spec.config)
-    recorder, log = DriveRecorder(spec.name, header), None
+    recorder, bag = DriveRecorder(spec.name, header), None
     with ExitStack() as stack:
-        if "mcap" in spec.formats:
-            log = stack.enter_context(LogWriter(folder / LOG, header, spec.name))
+        if log is not None:
+            bag = stack.enter_context(LogWriter(log, header, spec.name))
         for readings, window in planned.moments():
             truth.write(readings, window)
-            if log is not None:
-                part = log.write(readings, window)
+            formats.write_images(_further(readings))
+            if bag is not None:
+                part = bag.write(readings, window)
             else:
                 part = recorder.take([readings], [window]).recording
             formats.write(part, readings.scans.true_stamps_ns, window)
 
 
 def _write_with_faults(
-    spec: SequenceSpec, planned: _PlannedRun, folder: Path, truth: Truth, formats: Formats
+    spec: SequenceSpec, planned: _PlannedRun, log: Path | None, truth: Truth, formats: Formats
 ) -> None:
     """Faults look at the whole recording, so it is in memory."""
     config, header = spec.config, log_header(planned.robot, spec.config)
     windows, readings = list[Drive](), list[Readings]()
     for sensed, window in planned.moments():
         truth.write(sensed, window)
+        formats.write_images(_further(sensed))
         readings.append(replace(sensed, scans=replace(sensed.scans, truth=None)))
         windows.append(window)
     clean = with_sequence_numbers(
         DriveRecorder(spec.name, header).take(readings, windows).recording
     )
     recording = declared(clean, planned.faults, config.sensors, config.seed)
-    if "mcap" in spec.formats:
+    if log is not None:
         moments = list(zip(readings, windows, strict=True))
-        write_corrupted(folder / LOG, moments, header, clean, recording)
+        write_corrupted(log, moments, header, clean, recording)
     true_ns = np.concatenate([part.scans.true_stamps_ns for part in readings])
     whole = reduce(joined, windows[1:], joined(None, windows[0]))
     formats.write(recording, _still_there(recording, true_ns), whole.drive)
+
+
+def _further(readings: Readings) -> Iterator[RawStream]:
+    """What the additional sensors measured."""
+    return (stream for batch in readings.additional for stream in batch.streams())
 
 
 def _still_there(recording: Recording, true_ns: IntArray) -> IntArray:

@@ -225,7 +225,8 @@ def _config(recipe: Recipe, draft: Draft) -> RunConfig:
 
 
 def config_tree(recipe: Recipe, draft: Draft, bases: Bases) -> Tree:
-    """The configuration of a draft, not yet checked, with seeds, length and faults."""
+    """The configuration of a draft, not yet checked, with seeds, length, faults, and textures of
+    its split."""
     tree = composed(bases, draft.world, draft.drive, draft.values)
     of_sequence = ("dataset", "sequence", str(draft.index))
     of_world = ("dataset", "world", str(draft.world_index))
@@ -235,6 +236,7 @@ def config_tree(recipe: Recipe, draft: Draft, bases: Bases) -> Tree:
         (("drive", "route", "seed"), random_bits(recipe.seed, *of_sequence, "route") >> 1),
         (("faults",), [choice.model_dump() for choice in draft.faults]),
         (("drive", "route", "max_duration_s"), draft.duration_s),
+        (("world", "looks", "split"), "test" if draft.split == "test" else "train"),
     ):
         tree = tree.overlaid(path, value, DRAWN)
     return tree

@@ -45,6 +45,7 @@ _NOT_VARIED: dict[KeyPath, str] = {
     ("drive", "route", "seed"): f"is every sequence's own; the recipe's seed is 'seed' {_TOP}",
     ("drive", "route", "max_duration_s"): f"is said by 'duration_s' {_TOP}",
     ("faults",): f"is said by 'faults' {_TOP}",
+    ("world", "looks", "split"): "follows the split that the world is in",
     ("slam",): "is not part of a recording",
     ("mapping",): "is not part of a recording",
 }

@@ -191,7 +191,8 @@ class Recipe(Config):
         "mcap",
         "parquet",
     )
-    """What is written of each sequence: mcap (rosbag2), parquet, tum, kitti, carmen."""
+    """What is written of each sequence: mcap (rosbag2), parquet, tum, kitti, carmen; of its cameras
+    tum_rgbd, euroc."""
     shard_sequences: int = Field(default=20, ge=1, le=10_000)
     """So many sequences are made one after the other by one worker."""
     config: Source | None = None

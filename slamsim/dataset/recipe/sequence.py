@@ -11,7 +11,7 @@ from slamsim.config.run import RunConfig
 Split = Literal["train", "val", "test"]
 SPLITS: tuple[Split, ...] = ("train", "val", "test")
 
-FormatName = Literal["mcap", "parquet", "tum", "kitti", "carmen"]
+FormatName = Literal["mcap", "parquet", "tum", "kitti", "carmen", "tum_rgbd", "euroc"]
 Cell = str | int | float | bool | None
 """A value of a row of the manifest."""
 

@@ -20,6 +20,8 @@ from slamsim.core.types import BoolArray, IntArray, Log
 from slamsim.dataset.catalogue.manifest import read_manifest
 from slamsim.dataset.make.shard import MADE
 from slamsim.dataset.recipe.sequence import SPLITS, Cell
+from slamsim.dataset.store.frames import Frames, frames_of, nearest_images
+from slamsim.dataset.store.images import ImageTable
 from slamsim.dataset.store.lazy_table import LazyTable
 from slamsim.dataset.store.place import Location
 from slamsim.dataset.truth.read import SequenceTruth, Span
@@ -81,6 +83,10 @@ class Sequence:
     def odometry(self) -> RawOdometry:
         """Poses as the robot's driver published them; of a part by their stamps."""
         return self._recorded(RawOdometry)
+
+    def images(self, name: str) -> ImageTable:
+        """Those of a table, such as ``front_color``, or ``truth/front_color_depth``."""
+        return ImageTable(self.place, self.name, name)
 
     @property
     def log(self) -> Log:
@@ -168,12 +174,23 @@ class Dataset:
         """
         return replace(self, manifest=self.manifest.filter(condition))
 
-    def windows(self, scans: int = 8, stride: int = 4) -> Windows:
+    def windows(self, scans: int = 8, stride: int = 4, images: tuple[str, ...] = ()) -> Windows:
         """Stretches of so many scans, one begun every ``stride``, as dicts of arrays to learn from.
 
-        What it gives has a length and items, so that a PyTorch DataLoader takes it as it is.
+        images: tables of which each scan gets the image with the nearest stamp, such as
+        ``front_color`` and ``truth/front_color_depth``. What it gives has a length and items, so
+        that a PyTorch DataLoader takes it as it is.
         """
-        return windows_of(self, scans, stride)
+        return windows_of(self, scans, stride, images)
+
+    def frames(
+        self, name: str, beside: tuple[str, ...] = (), count: int = 1, stride: int = 1
+    ) -> Frames:
+        """Stretches of ``count`` images of a table, such as ``front_color``, likewise.
+
+        beside: tables of which each image gets the one with the nearest stamp.
+        """
+        return frames_of(self.place, self.manifest, name, beside, count, stride)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -183,7 +200,8 @@ class Windows:
     ``ranges_m``: (k, beams) float32 as recorded, ``nan`` throughout where a fault lost the scan,
     and beyond the beams of a lidar that has fewer than the others chosen. ``angles_rad``: (beams,)
     as declared, likewise. ``recorded``: (k,) which are there. ``true_stamps_ns``: (k,) of beam 0.
-    ``poses``: (k, 3) ``T_map_base`` then: x_m, y_m, yaw_rad. ``sequence``: (), its index.
+    ``poses``: (k, 3) ``T_map_base`` then: x_m, y_m, yaw_rad. ``sequence``: (), its index. Under the
+    name of each table of images: (k, h, w) or (k, h, w, channels), as ``ImageTable.at`` has them.
 
     beams: the most that any of these lidars has. ends: (sequences,) how many windows there are up
     to the end of each sequence.
@@ -194,6 +212,7 @@ class Windows:
     stride: int
     beams: int
     ends: IntArray
+    images: tuple[str, ...] = ()
 
     def __len__(self) -> int:
         return int(self.ends[-1]) if self.ends.size else 0
@@ -218,6 +237,7 @@ class Windows:
             "true_stamps_ns": true_stamps_ns,
             "poses": replace(sequence.truth, span=during).poses_at(true_stamps_ns),
             "sequence": np.array(sequence.row["index"]),
+            **nearest_images(sequence.place, sequence.name, self.images, true_stamps_ns),
         }
 
     def _recorded(
@@ -240,7 +260,7 @@ class Windows:
         return found
 
 
-def windows_of(dataset: Dataset, scans: int, stride: int) -> Windows:
+def windows_of(dataset: Dataset, scans: int, stride: int, images: tuple[str, ...] = ()) -> Windows:
     """Raises ValueError for windows without scans, or that never move on.
 
     Raises SlamsimError for a data set that does not tell how many beams its lidars have.
@@ -255,7 +275,7 @@ def windows_of(dataset: Dataset, scans: int, stride: int) -> Windows:
     sensed = dataset.manifest["quality.scans"].to_numpy()
     counts = np.maximum((sensed - scans) // stride + 1, 0)
     beams = int(dataset.manifest[_BEAMS].to_numpy().max(initial=0))
-    return Windows(dataset, scans, stride, beams, np.cumsum(counts, dtype=np.int64))
+    return Windows(dataset, scans, stride, beams, np.cumsum(counts, dtype=np.int64), images)
 
 
 def open_dataset(address: str | Path) -> Dataset:

@@ -150,12 +150,15 @@ def picture_file(frame: EncodedFrame) -> tuple[bytes, str]:
 
 
 def in_frame(T_map_base: Trajectory, T_base_frame: FloatArray) -> Trajectory:
-    """The path of a frame that is fixed to the base."""
+    """The path of a frame that is fixed to the base.
+
+    Products are summed term by term: the last bits of BLAS depend on where arrays lie in memory,
+    and data sets must have the same bytes each time.
+    """
     rotations = matrix_from_xyzw(T_map_base.quats_xyzw)
-    positions_m = T_map_base.positions_m + rotations @ T_base_frame[:3, 3]
-    turned = rotations @ T_base_frame[:3, :3]
-    quats_xyzw = np.array([xyzw_from_matrix(rotation) for rotation in turned]).reshape(-1, 4)
-    return replace(T_map_base, positions_m=positions_m, quats_xyzw=quats_xyzw)
+    positions_m = T_map_base.positions_m + (rotations * T_base_frame[:3, 3]).sum(axis=2)
+    turned = (rotations[:, :, :, None] * T_base_frame[:3, :3]).sum(axis=2)
+    return replace(T_map_base, positions_m=positions_m, quats_xyzw=xyzw_from_matrix(turned))
 
 
 def _tum_depth(frame: EncodedFrame) -> tuple[bytes, str]:

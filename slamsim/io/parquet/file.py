@@ -27,9 +27,18 @@ from slamsim.io.staged_writer import StagedWriter
 
 METADATA_KEY = b"slamsim"
 TypeName = Literal[
-    "int64", "int32", "uint32", "uint16", "uint8", "float64", "float32", "bool", "string"
+    "int64",
+    "int32",
+    "uint32",
+    "uint16",
+    "uint8",
+    "float64",
+    "float32",
+    "bool",
+    "string",
+    "binary",
 ]
-Cells = NDArray[Any] | Sequence[str]
+Cells = NDArray[Any] | Sequence[str] | Sequence[bytes]
 """The values of one column: (n,), or (n, width) where a row holds a list."""
 
 _ZSTD_LEVEL = 1
@@ -67,6 +76,8 @@ class Column:
     @property
     def encoding(self) -> str | None:
         """None for a dictionary."""
+        if self.type_name == "binary":
+            return "PLAIN"
         if self.repeats or self.type_name in ("string", "bool", "uint8", "int32", "uint32"):
             return None
         return "BYTE_STREAM_SPLIT" if self.type_name in _SPLIT else "DELTA_BINARY_PACKED"
@@ -110,7 +121,7 @@ class ParquetFile(StagedWriter):
             compression_level=_ZSTD_LEVEL,
             use_dictionary=[c.leaf for c in columns if c.encoding is None],
             column_encoding=encodings,
-            write_statistics=[c.name for c in columns if not c.width],
+            write_statistics=[c.name for c in columns if not c.width and c.type_name != "binary"],
             write_page_checksum=True,
         )
         # else its destructor would make a whole file of what was not finished

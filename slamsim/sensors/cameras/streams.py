@@ -162,7 +162,7 @@ def _infos(
 
 def _frames(topic: str, taken: Sequence[Taken]) -> RawFrameTruths:
     rows = len(taken[0].poses.instants_ns)
-    quats = [[xyzw_from_matrix(R) for R in each.poses.R_map_optical] for each in taken]
+    quats = [xyzw_from_matrix(each.poses.R_map_optical) for each in taken]
     return RawFrameTruths(
         topic,
         ("map",),

@@ -20,7 +20,6 @@ from slamsim.io.cameras.writers import EurocFolder, TumRgbdFolder, in_frame
 from slamsim.io.open import OpenRecording, open_recording
 from slamsim.recording import TransformEdge
 from slamsim.recording.mountings import BASE_FRAME, known_mounting, tree_of
-from slamsim.run.naming import log_of
 
 Layout = Literal["tum", "euroc"]
 LAYOUTS: tuple[Layout, ...] = ("tum", "euroc")
@@ -63,7 +62,7 @@ def recorded_beside(source: Path) -> OpenRecording | None:
     """What was recorded besides the images; None for a folder of images."""
     if source.is_dir() and is_image_folder(source):
         return None
-    return open_recording(log_of(source))
+    return open_recording(source)
 
 
 def true_path(recorded: OpenRecording | None, frame: str) -> Trajectory | None:
