@@ -9,12 +9,14 @@ import subprocess
 import sys
 from pathlib import Path
 
+import floor_segmentation
 import loop_closures
 import numpy as np
 import pytest
 import scan_pairs
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 
 from slamsim.core.geometry import between, compose, inverse, wrap_angle
 from slamsim.core.types import FloatArray
@@ -158,3 +160,77 @@ def test_a_notebook_runs_from_top_to_bottom_twice(notebook: Path, tmp_path: Path
     for spread in re.findall(r"spread (\d\.\d+)", done.stdout):
         assert 0.9 < float(spread) < 1.1  # what was learnt holds in worlds that were not used
     assert ("spread" in done.stdout) == ("learn" in notebook.stem)
+
+
+def test_slopes_of_the_network_are_those_of_its_loss() -> None:
+    random = np.random.default_rng(3)
+    features = random.normal(size=(40, 5)).astype(np.float32)
+    floor = random.random(40) > 0.5
+    network = floor_segmentation.Network(features, random)
+
+    def loss() -> float:
+        scores = network.scores(features).astype(float)
+        return float(np.mean(np.logaddexp(0.0, scores) - floor * scores))
+
+    for numbers, slopes in zip(
+        [*network.weights, *network.offsets], network.slopes(features, floor), strict=True
+    ):
+        at = tuple(size // 2 for size in numbers.shape)
+        before, losses = numbers[at], []
+        for step in (2e-3, -2e-3):
+            numbers[at] = before + step
+            losses.append(loss())
+        numbers[at] = before
+        assert (losses[0] - losses[1]) / 4e-3 == pytest.approx(slopes[at], abs=3e-4, rel=0.05)
+
+
+def test_the_network_learns_what_no_line_divides() -> None:
+    random = np.random.default_rng(5)
+    features = random.uniform(-1.0, 1.0, (20_000, 3)).astype(np.float32)
+    floor = features[:, 0] * features[:, 1] > 0.0
+    network = floor_segmentation.train(features[:10_000], floor[:10_000], random)
+    assert np.mean((network.scores(features[10_000:]) > 0.0) == floor[10_000:]) > 0.97
+
+
+@pytest.mark.parametrize("pitch_deg", [0.0, 20.0])
+def test_heights_above_a_floor_are_those_of_the_scene(pitch_deg: float) -> None:
+    """A camera 0.5 m above a floor that ends at a wall 3 m ahead."""
+    K = np.array([[300.0, 0.0, 211.5], [0.0, 300.0, 119.5], [0.0, 0.0, 1.0]])
+    v, u = np.mgrid[0:240, 0:424]
+    rays = np.stack([(u - K[0, 2]) / K[0, 0], (v - K[1, 2]) / K[1, 1], np.ones(u.shape)], axis=2)
+    sine, cosine = np.sin(np.radians(pitch_deg)), np.cos(np.radians(pitch_deg))
+    down = rays @ np.array([0.0, cosine, sine])
+    ahead = rays @ np.array([0.0, -sine, cosine])
+    with np.errstate(divide="ignore"):
+        to_floor = np.where(down > 0.0, 0.5 / down, np.inf)
+        depth_m = np.minimum(to_floor, 3.0 / ahead).astype(np.float32)
+    colour = np.full((240, 424, 3), 128, np.uint8)
+    found = floor_segmentation.features_of(colour, depth_m, K)
+    height_m, faces_up = found[..., 14], found[..., 15]
+    is_floor = cv2_nearest(to_floor < 3.0 / ahead, found.shape[:2])
+    inside = (slice(3, -3), slice(3, -3))
+    assert np.median(np.abs(height_m[inside][is_floor[inside]])) < 0.06
+    assert np.median(faces_up[inside][is_floor[inside]]) > 0.99
+    assert np.median(height_m[inside][~is_floor[inside]]) > 0.3
+    assert np.median(faces_up[inside][~is_floor[inside]]) < 0.1
+
+
+def cv2_nearest(cells: NDArray[np.bool_], shape: tuple[int, int]) -> NDArray[np.bool_]:
+    rows = (np.arange(shape[0]) + 0.5) * cells.shape[0] / shape[0]
+    columns = (np.arange(shape[1]) + 0.5) * cells.shape[1] / shape[1]
+    return np.asarray(cells[np.ix_(rows.astype(int), columns.astype(int))])
+
+
+def test_the_floor_is_asked_of_a_few_images(tmp_path: Path) -> None:
+    """Far too few to learn anything: that the experiment runs to its end."""
+    recipe = load_recipe("diverse_rgbd")
+    assert recipe.config is not None and isinstance(recipe.config, dict)
+    camera = recipe.config["sensors"]["additional"][0]
+    for name in ("color", "depth"):
+        camera["imagers"][name]["lens"] |= {"width": 106, "height": 60}
+    splits = recipe.splits.model_copy(update={"train": 0.5, "val": 0.0, "test": 0.5})
+    short = {"duration_s": Constant(constant=4.0), "formats": ("parquet",), "splits": splits}
+    make_dataset(recipe.model_copy(update=short), 2, str(tmp_path / "rooms"), LocalEngine(1))
+    reached = floor_segmentation.main([str(tmp_path / "rooms"), "--out", str(tmp_path)])
+    assert 0.0 < reached < 1.0
+    assert (tmp_path / "floor_test.png").read_bytes().startswith(b"\x89PNG")

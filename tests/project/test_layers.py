@@ -51,7 +51,7 @@ ALLOWED: Mapping[str, tuple[str, ...]] = {
     "report": ("scenarios", "check", "evaluate", "process", "cameras", *_DATA),
     "dataset": (
         *("report", "simulation", "evaluate", "slam", "sensors", "sim", "world", "io"),
-        *("process", *_DATA),
+        *("cameras", "process", *_DATA),
     ),
     "live": (
         *("report", "simulation", "check", "slam", "sensors", "sim", "world", "io", "process"),

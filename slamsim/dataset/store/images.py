@@ -66,7 +66,7 @@ class ImageTable:
             raise InputRefused(path, str(error), where, limit=limit_of(error)) from None
 
     def nearest(self, stamps_ns: IntArray) -> IntArray:
-        """(n,) rows whose stamps are nearest to these; raises IndexError of an empty table."""
+        """(n,) rows whose stamps are nearest to these."""
         ours = self.stamps_ns
         return np.array([int(np.abs(ours - stamp).argmin()) for stamp in stamps_ns.tolist()])
 
