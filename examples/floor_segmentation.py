@@ -117,7 +117,9 @@ def features_of(colour: NDArray[np.uint8], depth_m: Float32Array, K: FloatArray)
     rows = round(colour.shape[0] * scale)
     small = cv2.resize(colour, (WIDTH, rows), interpolation=cv2.INTER_AREA)
     lab = cv2.cvtColor(small, cv2.COLOR_RGB2LAB).astype(np.float32) / 255.0
-    depths_m = cv2.resize(depth_m, (WIDTH, rows), interpolation=cv2.INTER_NEAREST)
+    depths_m = np.asarray(
+        cv2.resize(depth_m, (WIDTH, rows), interpolation=cv2.INTER_NEAREST), np.float32
+    )
     points_m, there = _points(depths_m, scale * (K[:2] + [[0, 0, 0.5]] * 2) - [[0, 0, 0.5]] * 2)
     normals = _normals(points_m)
     rough = np.abs(lab[..., :1] - cv2.GaussianBlur(lab, (0, 0), 3.0)[..., :1])

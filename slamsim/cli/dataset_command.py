@@ -22,8 +22,8 @@ RecipeName = Annotated[
     str,
     typer.Argument(
         metavar="RECIPE",
-        help="A recipe: YAML file or bundled name (tiny, labyrinths, diverse, faults, diverse_rgbd, "
-        "stereo_imu).",
+        help="A recipe: YAML file or bundled name (tiny, labyrinths, diverse, faults, "
+        "diverse_rgbd, stereo_imu).",
         show_default=False,
     ),
 ]

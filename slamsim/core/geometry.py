@@ -163,7 +163,7 @@ def xyzw_from_matrix(rotation: _FloatArray) -> _FloatArray:
     largest = np.argmax(np.diagonal(columns, axis1=-2, axis2=-1), axis=-1)[..., None, None]
     quat = np.take_along_axis(columns, largest, axis=-2)[..., 0, :]
     quat = quat / np.sqrt((quat * quat).sum(axis=-1, keepdims=True))
-    return np.where(quat[..., 3:] < 0.0, -quat, quat)
+    return np.asarray(np.where(quat[..., 3:] < 0.0, -quat, quat), dtype=np.float64)
 
 
 def matrix_from_rpy(roll_rad: float, pitch_rad: float, yaw_rad: float) -> _FloatArray:

@@ -23,8 +23,9 @@ PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md")])
 LANGUAGES = {"bash", "python", "yaml", "text", ""}
 """Of code blocks: ``text`` is output, no language a drawing. Those of CONTRIBUTING.md that are
 programs are run by ``test_edits.py`` and ``test_check_questions.py``."""
-ELSEWHERE = ("dask_jobqueue", "dask_kubernetes")
-"""Blocks that import these need a cluster."""
+ELSEWHERE = ("dask_jobqueue", "dask_kubernetes", 'open("rooms")')
+"""Blocks that import these need a cluster; rooms are a data set with images, which takes minutes to
+make: ``test_dataset_images.py`` does the same with a small one."""
 
 sys.path.insert(0, str(ROOT / "docs" / "hooks"))
 

@@ -16,7 +16,7 @@ from slamsim.dataset.make.engines.local import LocalEngine
 from slamsim.dataset.make.make import make_dataset
 from slamsim.dataset.recipe.distributions import Constant
 from slamsim.dataset.recipe.loading import load_recipe
-from slamsim.dataset.recipe.sequence import FormatName
+from slamsim.dataset.recipe.sequence import LogFormat
 from slamsim.io.open import read_log, read_recording, read_truth
 from slamsim.io.text.keyframes import read_keyframes
 from slamsim.io.text.tum import read_tum
@@ -125,7 +125,7 @@ def _built(mesh: Path) -> object:
 
 def of_dataset(folder: Path) -> Sealed:
     """What ``slamsim dataset make`` leaves, in every format."""
-    changed = {"duration_s": Constant(constant=4.0), "formats": get_args(FormatName)}
+    changed = {"duration_s": Constant(constant=4.0), "formats": get_args(LogFormat)}
     with LocalEngine(1) as engine:
         make_dataset(load_recipe("tiny").model_copy(update=changed), 4, str(folder), engine)
     return sealed_dataset(folder)

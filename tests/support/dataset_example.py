@@ -7,7 +7,7 @@ from typing import get_args
 
 from slamsim.config.loading import load_run_config
 from slamsim.dataset.make.produce import produce
-from slamsim.dataset.recipe.sequence import FormatName, SequenceFacts, SequenceSpec
+from slamsim.dataset.recipe.sequence import FormatName, LogFormat, SequenceFacts, SequenceSpec
 
 SMALL = (
     "sensors.lidar.rate_hz=10",
@@ -19,7 +19,7 @@ SMALL = (
 def small_spec(
     *overrides: str,
     seconds: float = 6.0,
-    formats: tuple[FormatName, ...] = get_args(FormatName),
+    formats: tuple[FormatName, ...] = get_args(LogFormat),
     world: str = "tiny",
     seed: int = 7,
 ) -> SequenceSpec:

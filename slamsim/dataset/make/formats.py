@@ -9,7 +9,7 @@ import numpy as np
 
 from slamsim.core.jit import kernel
 from slamsim.core.types import Drive, Float32Array, FloatArray, IntArray, Trajectory
-from slamsim.dataset.recipe.sequence import FormatName, SequenceSpec
+from slamsim.dataset.recipe.sequence import ImageFormat, SequenceSpec
 from slamsim.dataset.truth.key_scans import frame_at
 from slamsim.guard.numbers import UNIT_WITHIN, is_sound
 from slamsim.io.cameras.converting import Layout, convert_images
@@ -119,7 +119,7 @@ class Formats(StagedWriter):
         return {} if self._images is None else self._images.counts
 
 
-IMAGE_FOLDERS: Mapping[FormatName, Layout] = {"tum_rgbd": "tum", "euroc": "euroc"}
+IMAGE_FOLDERS: Mapping[ImageFormat, Layout] = {"tum_rgbd": "tum", "euroc": "euroc"}
 
 
 def write_image_folders(spec: SequenceSpec, log: Path, folder: Path) -> None:

@@ -11,6 +11,7 @@ import re
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import get_args
 
 from pydantic import ValidationError
 
@@ -19,15 +20,18 @@ from slamsim.config.faults import FaultChoice
 from slamsim.config.layers import Place, Tree, mount
 from slamsim.config.loading import SECTIONS, located, section_tree, validated, with_presets
 from slamsim.config.robot import RobotConfig
+from slamsim.config.run import RunConfig
 from slamsim.config.world import WorldConfig
 from slamsim.dataset.recipe.compose import DRIVE, WORLD, Bases, key_path
 from slamsim.dataset.recipe.distributions import edges
 from slamsim.dataset.recipe.draw import Draft, draw
 from slamsim.dataset.recipe.model import FaultVariant, Recipe, Source, Vary
 from slamsim.dataset.recipe.probes import edge_drafts, tried
+from slamsim.dataset.recipe.sequence import ImageFormat
 from slamsim.guard.errors import NotFound, SlamsimError, shown
 from slamsim.guard.yaml import KeyPath, load_yaml
 from slamsim.sensors.faults.registry import resolved_choice
+from slamsim.sensors.kinds.camera import CameraEntry
 from slamsim.sim.robot.describe import describe
 from slamsim.sim.robot.model import build_robot, refuse_faulty
 from slamsim.world.build import check_sizes
@@ -66,6 +70,7 @@ def load_recipe(name_or_path: str) -> Recipe:
     for draft in (*edge_drafts(recipe), *(draw(recipe, index) for index in range(RANDOM_PROBES))):
         places = dict(_places(recipe, tree, draft.world, draft.drive))
         config = tried(recipe, draft, replace(bases, places=places))
+        _check_formats(recipe, config, tree)
         if config.robot not in robots:
             robots.add(config.robot)
             _check_robot(config.robot, draft, tree)
@@ -73,6 +78,15 @@ def load_recipe(name_or_path: str) -> Recipe:
             worlds.add(config.world)
             _check_world(config.world, draft, tree)
     return recipe
+
+
+def _check_formats(recipe: Recipe, config: RunConfig, tree: Tree) -> None:
+    """That there is a camera for what only cameras have."""
+    of_images = [name for name in recipe.formats if name in get_args(ImageFormat)]
+    sensors = config.sensors.additional
+    if of_images and not any(isinstance(each, CameraEntry) and each.enabled for each in sensors):
+        reason = f"{of_images[0]} holds images, but sensors.additional has no camera"
+        raise tree.place_of(("formats",)).refusal(("formats",), reason)
 
 
 def _check_robot(robot: RobotConfig, draft: Draft, tree: Tree) -> None:

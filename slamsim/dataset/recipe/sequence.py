@@ -11,7 +11,10 @@ from slamsim.config.run import RunConfig
 Split = Literal["train", "val", "test"]
 SPLITS: tuple[Split, ...] = ("train", "val", "test")
 
-FormatName = Literal["mcap", "parquet", "tum", "kitti", "carmen", "tum_rgbd", "euroc"]
+LogFormat = Literal["mcap", "parquet", "tum", "kitti", "carmen"]
+ImageFormat = Literal["tum_rgbd", "euroc"]
+"""Of cameras alone."""
+FormatName = LogFormat | ImageFormat
 Cell = str | int | float | bool | None
 """A value of a row of the manifest."""
 
