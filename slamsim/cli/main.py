@@ -9,6 +9,8 @@ import typer
 
 from slamsim import __version__
 from slamsim.bench.command import bench
+from slamsim.cli.calibrate_command import EPILOG as CALIBRATE_EPILOG
+from slamsim.cli.calibrate_command import calibrate
 from slamsim.cli.check_command import CHECK_EPILOG, FIX_EPILOG, check, fix
 from slamsim.cli.common import close_run, config_of, loaded_config
 from slamsim.cli.convert_command import EPILOG as CONVERT_EPILOG
@@ -158,6 +160,7 @@ app.command(epilog=FIX_EPILOG)(fix)
 app.command(epilog=RECOVER_EPILOG)(recover)
 app.command(epilog=CONVERT_EPILOG)(convert)
 app.command(epilog=ODOMETRY_EPILOG)(odometry)
+app.command(epilog=CALIBRATE_EPILOG)(calibrate)
 app.command(epilog=DEMO_EPILOG)(demo)
 app.command(help=SCENARIO_HELP, epilog=SCENARIO_EPILOG)(scenario)
 app.command(epilog=IDENTIFY_EPILOG)(identify)

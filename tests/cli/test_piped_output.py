@@ -14,6 +14,7 @@ from typing import Any, get_args
 
 import pytest
 import typer
+from board_images import TYPED, board_views, write_views
 from rgbd_room import write_images
 from typer.testing import CliRunner
 
@@ -42,6 +43,7 @@ COMMANDS: Mapping[str, tuple[str, ...] | None] = {
     "fix": ("RUN", "OUT", "--apply", "none"),
     "recover": ("RUN/log", "--out", "OUT"),
     "odometry": ("IMAGES", "--out", "OUT", "--intrinsics", "116,116,79.5,59.5"),
+    "calibrate": ("BOARDS", "--board", TYPED, "--out", "OUT"),
     "convert": ("IMAGES", "OUT"),
     "demo": ("--out", "OUT"),
     "scenario": ("integrator", "--out", "OUT", "--jobs", "1"),
@@ -58,7 +60,7 @@ COMMANDS: Mapping[str, tuple[str, ...] | None] = {
     "config": ("tiny",),
 }
 """How each is called; RUN and LIVE are a mapped and a live run, IMAGES a folder of colour and
-depth, SET a data set, OUT a new folder. None: it prints nothing but errors."""
+depth, BOARDS one of a chessboard, SET a data set, OUT a new folder. None: it prints nothing but errors."""
 
 LONG = {"demo", "identify"}
 WITHOUT_JSON = {"config"}
@@ -101,10 +103,19 @@ def arguments(name: str, run: Path, small_set: Path, out: Path) -> list[str]:
     images = run.parent / "images"
     if "IMAGES" in told and not images.exists():
         write_images(images, pinhole(160, 120, 69.0), 3)
-    places = {"RUN": str(run), "LIVE": str(lived), "SET": str(small_set), "OUT": str(out)}
+    boards = run.parent / "boards"
+    if "BOARDS" in told and not boards.exists():
+        write_views(boards, board_views(14))
+    places = {
+        "BOARDS": str(boards),
+        "RUN": str(run),
+        "LIVE": str(lived),
+        "SET": str(small_set),
+        "OUT": str(out),
+    }
     places["IMAGES"] = str(images)
     typed = (
-        re.sub(r"^(RUN|LIVE|IMAGES|SET|OUT)(?=$|[./])", lambda m: places[m[1]], word)
+        re.sub(r"^(RUN|LIVE|IMAGES|BOARDS|SET|OUT)(?=$|[./])", lambda m: places[m[1]], word)
         for word in told
     )
     return [*name.split(), *typed]

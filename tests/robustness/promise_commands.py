@@ -45,6 +45,14 @@ def _map(drawn: Drawn) -> None:
     drawn.out()
 
 
+def _calibrate(drawn: Drawn) -> None:
+    drawn.source("recording")
+    drawn.maybe("--board", "chessboard:7x5:0.03", probability=0.7)
+    drawn.maybe("--tags", "apriltag_36h11:0.16", probability=0.5)
+    drawn.reads("--trajectory", "path", 0.2)
+    drawn.out()
+
+
 def _localise(drawn: Drawn) -> None:
     drawn.source("recording")
     drawn.reads("--in", "map", 0.95)
@@ -183,6 +191,7 @@ COMMANDS: Mapping[str, tuple[Callable[[Drawn], None], float]] = {
     "view": (_view, 3),
     "map": (_map, 5),
     "localise": (_localise, 4),
+    "calibrate": (_calibrate, 3),
     "identify": (_identify, 3),
     "dataset preview": (_preview, 5),
     "dataset verify": (_set, 3),

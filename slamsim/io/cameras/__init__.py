@@ -7,7 +7,13 @@ from pathlib import Path
 from slamsim.guard.errors import InputRefused, NotFound
 from slamsim.io.cameras.base import Cameras
 from slamsim.io.cameras.folders import FolderCameras, ImageList
-from slamsim.io.cameras.layouts import asl_lists, asl_root, open3d_lists, tum_lists
+from slamsim.io.cameras.layouts import (
+    asl_lists,
+    asl_root,
+    open3d_lists,
+    plain_lists,
+    tum_lists,
+)
 from slamsim.io.formats import Truth
 from slamsim.io.formats.ros import is_ros
 from slamsim.io.open import recording_at
@@ -36,6 +42,13 @@ def open_cameras(path: Path, truth: Truth = "without") -> Cameras:
     from slamsim.io.cameras.recording import RecordedCameras
 
     return RecordedCameras(recording, truth)
+
+
+def open_pictures(path: Path) -> Cameras:
+    """As ``open_cameras``, and pictures in a folder without any layout, or in folders in it."""
+    known = not path.is_dir() or _image_lists(path)
+    lists = [] if known or (path / "metadata.yaml").exists() else plain_lists(path)
+    return FolderCameras(path, lists) if lists else open_cameras(path)
 
 
 def is_image_folder(folder: Path) -> bool:

@@ -175,6 +175,21 @@ def open3d_lists(folder: Path) -> list[ImageList]:
     return [_numbered(folder, name, claim) for name in (colour, "depth")]
 
 
+def plain_lists(folder: Path) -> list[ImageList]:
+    """Pictures in a folder, or in folders in it such as left/ and right/, each a camera.
+
+    In the order of their names, 30 a second, so that the first ones are of the same instant.
+    """
+    places = [folder, *sorted(each for each in folder.iterdir() if each.is_dir())]
+    found = []
+    for place in places:
+        files = [each for each in sorted(place.iterdir()) if each.suffix.lower() in _SUFFIXES]
+        files = [own_file(folder, str(each.relative_to(folder))) for each in files]
+        stamps_ns = [number * _FRAME_NS for number in range(len(files))]
+        found.append(ImageList(place.name, stamps_ns, files))
+    return [each for each in found if each.files]
+
+
 def _numbered(folder: Path, name: str, claim: CameraClaim | None) -> ImageList:
     place = own_file(folder, name)
     files = [each for each in sorted(place.iterdir()) if each.suffix.lower() in _SUFFIXES]

@@ -39,7 +39,7 @@ class TumRgbdFolder(StagedWriter):
 
     def camera(self, name: str, model: CameraModel) -> None:
         """The camera of ``rgb`` or ``depth``."""
-        (self._folder / f"{name}.yaml").write_text(_calibration(name, model), encoding="ascii")
+        (self._folder / f"{name}.yaml").write_text(calibration_yaml(name, model), encoding="ascii")
 
     def add(self, name: str, frame: EncodedFrame) -> None:
         """The next image of ``rgb`` or ``depth``.
@@ -167,7 +167,7 @@ def _tum_depth(frame: EncodedFrame) -> tuple[bytes, str]:
     return encode_png(np.where(units <= 65535, units, 0.0).astype(np.uint16)), ".png"
 
 
-def _calibration(name: str, model: CameraModel) -> str:
+def calibration_yaml(name: str, model: CameraModel) -> str:
     """As ROS's camera_calibration_parsers write it."""
     P = np.hstack([model.K, np.zeros((3, 1))])
     matrices = {"camera": model.K, "rectification": np.eye(3), "projection": P}

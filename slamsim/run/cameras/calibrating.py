@@ -1,0 +1,313 @@
+"""``slamsim calibrate``: lenses from a board, mounts and clocks of cameras from tags on a drive."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from slamsim.cameras.lens import CameraModel, pinhole
+from slamsim.console.reporter import Reporter
+from slamsim.core.geometry import se3_from_parts
+from slamsim.core.types import FloatArray, PlanarTrajectory
+from slamsim.guard.errors import InputRefused, NotFound, SlamsimError
+from slamsim.guard.numbers import NoSolution, as_json
+from slamsim.guard.output import partial_folder, write_atomic
+from slamsim.io.cameras import open_pictures
+from slamsim.io.cameras.base import Cameras, CameraTopic
+from slamsim.perception.calibration.boards import Board, parse_board
+from slamsim.perception.calibration.lens import LensFit, fit_lens, fit_pair
+from slamsim.perception.calibration.mount import (
+    ALL_LENS,
+    USUAL_FREE,
+    MountFit,
+    TooFew,
+    best_start,
+    fit_mount,
+)
+from slamsim.perception.calibration.projection import lens_names
+from slamsim.perception.calibration.rig import Sighting
+from slamsim.perception.calibration.sightings import TagViews
+from slamsim.perception.tag_families import TagKind, parse_tags
+from slamsim.recording import Recording
+from slamsim.recording.mountings import BASE_FRAME, known_mounting, tree_of
+from slamsim.run.cameras import calibration_inputs as inputs
+from slamsim.run.cameras import calibration_report as report
+from slamsim.run.cameras.calibration_report import CameraResult, Quantity
+from slamsim.run.naming import log_of
+
+REPORT, CALIBRATION = "report.json", "calibration.yaml"
+SAME_INSTANT_NS = 1_000_000
+"""Cameras of a stereo pair are triggered together, and stamped within a millisecond."""
+STARTS = 8
+"""Directions, all round, in which a camera of unknown mount may look to begin with."""
+
+
+@dataclass(frozen=True, slots=True)
+class Wanted:
+    """What to calibrate by. board, tags: as ``parse_board`` and ``parse_tags`` read them, empty for
+    none. distortion: model to fit, empty for the claimed one. readout_s: of the shutter where it
+    is known. topics: all by default."""
+
+    board: str = ""
+    tags: str = ""
+    surveyed: Path | None = None
+    trajectory: Path | None = None
+    distortion: str = ""
+    readout_s: float | None = None
+    topics: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Calibrated:
+    """cameras: what was found of each; pairs: of each two that saw the board together. notes: why
+    something was not found, and by what the path was known."""
+
+    cameras: tuple[CameraResult, ...]
+    pairs: tuple[dict[str, object], ...]
+    notes: tuple[str, ...]
+
+    def as_dict(self) -> dict[str, object]:
+        return {
+            "cameras": [each.as_dict() for each in self.cameras],
+            "pairs": list(self.pairs),
+            "notes": list(self.notes),
+        }
+
+
+def calibrate_cameras(
+    source: Path, folder: Path, wanted: Wanted, reporter: Reporter, *, overwrite: bool = False
+) -> Calibrated:
+    """Calibrate the cameras of a recording or a folder of images, and write what was found.
+
+    The folder gets ``calibration.yaml``, a ROS calibration file of each lens, ``report.json``.
+    Raises SlamsimError where neither board nor tags are named, where no camera can be calibrated,
+    and as ``open_pictures``; BadNumbers for an unknown model of distortion.
+    """
+    if not (wanted.board or wanted.tags):
+        raise SlamsimError(
+            "nothing says what the cameras saw: name a board (--board chessboard:9x6:0.03) or tags "
+            "(--tags apriltag_36h11:0.16)"
+        )
+    board = parse_board(wanted.board) if wanted.board else None
+    kind = parse_tags(wanted.tags) if wanted.tags else None
+    if wanted.distortion:
+        pinhole(2, 2, 60.0, wanted.distortion)
+    path = log_of(source)
+    with open_pictures(path) as cameras, partial_folder(folder, overwrite) as partial:
+        topics = inputs.pictures_of(cameras, wanted.topics)
+        work = _Work(cameras, topics, wanted, reporter)
+        if board is not None:
+            work.by_board(board)
+        if kind is not None:
+            work.by_tags(kind)
+        found = work.result()
+        _write(partial, found)
+    return found
+
+
+class _Work:
+    """One calibration: lenses first, then mounts with these lenses."""
+
+    def __init__(
+        self, cameras: Cameras, topics: Sequence[CameraTopic], wanted: Wanted, reporter: Reporter
+    ) -> None:
+        self._cameras, self._topics, self._wanted = cameras, topics, wanted
+        self._reporter = reporter
+        self._results: dict[str, CameraResult] = {}
+        self._lenses: dict[str, LensFit] = {}
+        self._pairs: list[dict[str, object]] = []
+        self._notes: list[str] = []
+
+    def result(self) -> Calibrated:
+        """Raises SlamsimError where nothing was found."""
+        if not self._results:
+            raise SlamsimError(f"{self._cameras.path}: {'; '.join(self._notes)}")
+        results = tuple(self._results[name] for name in sorted(self._results))
+        return Calibrated(results, tuple(self._pairs), tuple(self._notes))
+
+    def by_board(self, board: Board) -> None:
+        """The lens of each camera that saw the board, and where pairs of them are to each other."""
+        seen = inputs.boards_seen(self._cameras, self._topics, board, self._reporter)
+        for topic in self._topics:
+            try:
+                self._lens(topic, seen[topic.topic])
+            except (TooFew, NoSolution) as error:
+                self._notes.append(f"{topic.topic}: {error}")
+        names = sorted(self._lenses)
+        for k, first in enumerate(names):
+            for second in names[k + 1 :]:
+                self._pair(first, second, seen)
+
+    def _lens(self, topic: CameraTopic, seen: Mapping[int, Sighting]) -> None:
+        claim = self._claim(topic)
+        claimed_model = "plumb_bob" if claim is None else claim.distortion_model
+        size = (topic.width, topic.height)
+        with self._reporter.stage("lens"):
+            fit = fit_lens(list(seen.values()), size, self._wanted.distortion or claimed_model)
+        facts = {
+            "board": f"seen in {len(seen)} images, {fit.views[0]} of them different",
+            "coverage": f"{fit.coverage[0]:.0%} of the image",
+            "residual": f"{fit.residual_px[0]:.3f} px",
+        }
+        figures = {
+            **{"board_images": len(seen), "views": fit.views[0], "coverage": fit.coverage[0]},
+            "residual_px": float(fit.residual_px[0]),
+        }
+        model = fit.models[0]
+        if not report.is_lens_told(fit):
+            sigma = float(fit.lens_sigmas(0)[0])
+            words = f"the focal length is told to {1.96 * sigma:.2g} px only"
+            self._notes.append(f"{topic.topic}: {words}; what would tell: {report.TILT_WANTED}")
+            untold = Quantity(
+                *("fx", float(model.focal_px[0]), sigma, "px", None, None, "inconclusive"),
+                report.TILT_WANTED,
+            )
+            unknown = CameraResult(topic.topic, topic.frame_id, facts, (untold,), figures=figures)
+            self._results[topic.topic] = unknown
+            return
+        told = tuple(report.lens_quantities(model, fit.lens_sigmas(0), claim))
+        self._lenses[topic.topic] = fit
+        self._results[topic.topic] = CameraResult(
+            topic.topic, topic.frame_id, facts, told, model, figures=figures
+        )
+
+    def _pair(self, first: str, second: str, seen: Mapping[str, Mapping[int, Sighting]]) -> None:
+        """Where the second camera is, if both were exposed together."""
+        stamps_ns = np.array(sorted(seen[first]), dtype=np.int64)
+        sightings = [replace(seen[first][at], view=k) for k, at in enumerate(stamps_ns.tolist())]
+        for at, sighting in seen[second].items():
+            k = int(np.abs(stamps_ns - at).argmin())
+            if abs(int(stamps_ns[k]) - at) <= SAME_INSTANT_NS:
+                sightings.append(replace(sighting, view=k, camera=1))
+        try:
+            with self._reporter.stage("pair"):
+                fit = fit_pair(sightings, [self._lenses[first], self._lenses[second]])
+        except (TooFew, NoSolution) as error:
+            self._notes.append(f"{first} and {second}: {error}")
+            return
+        T = np.linalg.inv(fit.T_camera_first[1])
+        sigmas = fit.place_sigmas(1)
+        self._pairs.append(
+            {
+                **{"first": first, "second": second, "views": fit.views[1]},
+                "T_first_second": [[round(v, 7) for v in row] for row in T.tolist()],
+                "baseline_m": float(np.linalg.norm(T[:3, 3])),
+                "sigma_m": [float(f"{v:.3g}") for v in sigmas[:3]],
+                "sigma_deg": [float(f"{v:.3g}") for v in np.degrees(sigmas[3:])],
+            }
+        )
+
+    def by_tags(self, kind: TagKind) -> None:
+        """Mount, clock and shutter of each camera that saw tags."""
+        survey = inputs.survey_of(self._wanted.surveyed, kind)
+        seen = inputs.tags_of(self._cameras, self._topics, kind, self._reporter)
+        path, recording, known_by = inputs.path_of(
+            self._cameras, self._wanted.trajectory, self._reporter
+        )
+        self._notes.append(f"the path of the robot is known by {known_by}")
+        for topic in self._topics:
+            if topic.topic not in seen:
+                self._notes.append(f"{topic.topic}: no tag was seen")
+                continue
+            views, model = seen[topic.topic]
+            if known_by == "odometry":
+                views = inputs.by_visits(views)
+            try:
+                with self._reporter.stage("mount"):
+                    self._mount(topic, views, model, path, recording, survey)
+            except (TooFew, NoSolution) as error:
+                self._notes.append(f"{topic.topic}: {error}")
+
+    def _mount(
+        self,
+        topic: CameraTopic,
+        views: TagViews,
+        model: CameraModel,
+        path: PlanarTrajectory,
+        recording: Recording | None,
+        survey: Mapping[int, tuple[FloatArray, FloatArray]],
+    ) -> None:
+        before = self._results.get(topic.topic)
+        by_board = None if before is None else before.model
+        base, claimed = _claimed_mount(recording, topic.frame_id)
+        start = claimed if claimed is not None else best_start(views, model, path, _all_round())
+        readout_s = self._wanted.readout_s
+        free = USUAL_FREE if readout_s is None else USUAL_FREE - {"readout_s"}
+        fitting = partial(
+            fit_mount, views, trajectory=path, readout_s=readout_s or 0.0, survey=survey
+        )
+        fit = fitting(model=by_board or model, T_base_camera=start, free=free)
+        quantities: list[Quantity] = [] if before is None else list(before.quantities)
+        if by_board is None:
+            with_lens = fitting(model=model, T_base_camera=fit.T_base_camera, free=free | ALL_LENS)
+            fit, told = _chosen(fit, with_lens, self._claim(topic))
+            quantities += told
+        quantities += report.mount_quantities(fit, claimed, readout_s is None)
+        facts = {} if before is None else dict(before.facts)
+        facts["tags"] = (
+            f"{len(fit.T_map_tag)}, seen {fit.sightings:,} times, {fit.doubted} in doubt"
+        )
+        facts["residual of corners"] = f"{fit.residual_px:.3f} px"
+        figures = {} if before is None else dict(before.figures)
+        figures |= {"sightings": fit.sightings, "doubted": fit.doubted, "tags": len(fit.T_map_tag)}
+        figures |= {"corner_residual_px": fit.residual_px}
+        self._results[topic.topic] = CameraResult(
+            *(topic.topic, topic.frame_id, facts, tuple(quantities), fit.model),
+            *(fit, base, figures),
+        )
+
+    def _claim(self, topic: CameraTopic) -> CameraModel | None:
+        """None where nothing is claimed; the claim may be wrong, but must be a camera's."""
+        try:
+            return self._cameras.model(topic.topic)
+        except NotFound:
+            return None
+        except InputRefused as refusal:
+            self._notes.append(str(refusal))
+            return None
+
+
+def _chosen(
+    held: MountFit, whole: MountFit, claim: CameraModel | None
+) -> tuple[MountFit, list[Quantity]]:
+    """What tags tell of focal lengths and centre, and the fit to use: with the claimed ones (held)
+    where these may be right, for then the mount is told better, else with all of it free (whole).
+    """
+    model = whole.model
+    sigmas = np.array([whole.sigma(name) for name in lens_names(model)])
+    told = list(report.lens_quantities(model, sigmas, claim))[: len(ALL_LENS)]
+    wrong = any(each.verdict == "fault" for each in told)
+    return (whole if wrong or claim is None else held), told
+
+
+def _claimed_mount(recording: Recording | None, frame: str) -> tuple[str, FloatArray | None]:
+    """The robot's base frame, and T_base_camera where the transforms tell it."""
+    if recording is None:
+        return BASE_FRAME, None
+    base = BASE_FRAME
+    for odometry in recording.odometries[:1]:
+        base = odometry.child_frame_ids[0]
+    known = known_mounting(tree_of(recording.transforms), base, frame)
+    return base, None if known is None else known[0]
+
+
+def _all_round() -> list[FloatArray]:
+    """(4, 4) T_base_camera of cameras that look level, in so many directions."""
+    found = []
+    for yaw in np.arange(STARTS) * 2.0 * np.pi / STARTS:
+        turn = np.array([[np.cos(yaw), -np.sin(yaw), 0], [np.sin(yaw), np.cos(yaw), 0], [0, 0, 1]])
+        found.append(se3_from_parts(turn @ report.R_BODY_OPTICAL, np.array([0.0, 0.0, 0.4])))
+    return found
+
+
+def _write(folder: Path, found: Calibrated) -> None:
+    for each in found.cameras:
+        if each.model is not None:
+            write_atomic(folder / f"{each.name}.yaml", report.camera_info(each).encode())
+    text = report.calibration_file(found.cameras, found.pairs)
+    write_atomic(folder / CALIBRATION, text.encode())
+    write_atomic(folder / REPORT, as_json(REPORT, found.as_dict()))

@@ -1,0 +1,235 @@
+"""What ``slamsim calibrate`` tells: quantities with intervals and verdicts, and files to use."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+import yaml
+from scipy.spatial.transform import Rotation
+
+from slamsim.cameras.lens import CameraModel
+from slamsim.check.findings import Measurement, decide
+from slamsim.core.geometry import xyzw_from_matrix
+from slamsim.core.types import FloatArray
+from slamsim.io.cameras.writers import calibration_yaml
+from slamsim.perception.calibration.lens import LensFit
+from slamsim.perception.calibration.mount import MountFit
+from slamsim.perception.calibration.projection import LENS, lens_names
+
+R_BODY_OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+"""REP 103: a body frame looks along x, an optical frame along z."""
+FOCAL_SHARE, CENTRE_SHARE = 0.005, 0.005
+"""Of the focal length and of the image's width: 5 mm at 1 m. Healthy cameras of robots agree with
+their CameraInfo within a third of that."""
+PLACE_M, TURN_DEG, LATE_S = 0.01, 0.5, 0.005
+"""Beyond them a depth cloud lies a cell of a map, or a wall's thickness at 5 m, beside it; at
+0.5 m/s and 1 rad/s a late image is 2.5 mm and 0.3 degrees off."""
+HEIGHT_WANTED = "--surveyed tags tell the height"
+TILT_WANTED = "views of the board from near and far, tilted by 30 degrees and more"
+MOTION_WANTED = "a drive with turns past more tags, near enough to be 20 px wide"
+
+Told = Literal["ok", "fault", "inconclusive", "measured"]
+
+
+@dataclass(frozen=True, slots=True)
+class Quantity:
+    """A calibrated number. sigma: its standard deviation; off: what it is off the claim, both in
+    ``unit``; verdict: "measured" where nothing is claimed. wanted: what would tell it."""
+
+    name: str
+    value: float
+    sigma: float
+    unit: str
+    claimed: float | None
+    off: float | None
+    verdict: Told
+    wanted: str = ""
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """95 %."""
+        return Measurement(self.value, self.sigma, self.unit).interval
+
+    def as_dict(self) -> dict[str, object]:
+        low, high = self.interval
+        return {
+            **{"name": self.name, "value": self.value, "sigma": self.sigma, "unit": self.unit},
+            **{"low": low, "high": high, "claimed": self.claimed, "off": self.off},
+            **{"verdict": self.verdict, "wanted": self.wanted},
+        }
+
+
+def quantity(
+    name: str,
+    measured: tuple[float, float, str],
+    claimed: float | None,
+    limit: float,
+    wanted: str,
+    off: float | None = None,
+) -> Quantity:
+    """Judged by the checker's rule. measured: value, sigma, unit. limit: up to which off the claim
+    all is well, and beyond which an interval tells nothing. off: less the claim by default."""
+    value, sigma, unit = measured
+    if claimed is None:
+        told: Told = "measured" if 1.96 * sigma <= 2.0 * limit else "inconclusive"
+    else:
+        off = value - claimed if off is None else off
+        told = decide(Measurement(off, sigma, unit), limit)
+    return Quantity(
+        *(name, value, sigma, unit, claimed, off, told), wanted if told == "inconclusive" else ""
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CameraResult:
+    """What was found of one camera. facts: about the images, as a table shows them. model: None
+    where the lens was not told; T_base_camera likewise."""
+
+    topic: str
+    frame: str
+    facts: dict[str, str]
+    quantities: tuple[Quantity, ...]
+    model: CameraModel | None = None
+    mount: MountFit | None = None
+    base_frame: str = ""
+    figures: dict[str, float | int] = field(default_factory=dict)
+
+    @property
+    def name(self) -> str:
+        """Of its files: the topic without what all have."""
+        words = [w for w in self.topic.split("/") if w not in ("", "compressed", "image_raw")]
+        return "_".join(words) or "camera"
+
+    def as_dict(self) -> dict[str, object]:
+        return {
+            **{"topic": self.topic, "frame": self.frame, **self.figures},
+            "quantities": [each.as_dict() for each in self.quantities],
+        }
+
+
+def lens_quantities(
+    model: CameraModel, sigmas: FloatArray, claim: CameraModel | None
+) -> Iterator[Quantity]:
+    """Focal lengths, centre and coefficients; sigmas (l,) as ``lens_names``."""
+    limits = [FOCAL_SHARE * float(model.focal_px.mean())] * 2 + [CENTRE_SHARE * model.width] * 2
+    for k, name in enumerate(lens_names(model)):
+        value, said = _lens_number(model, k), None if claim is None else _lens_number(claim, k)
+        measured = (value, float(sigmas[k]), "px" if k < len(LENS) else "")
+        if k < len(LENS):
+            yield quantity(name.removesuffix("_px"), measured, said, limits[k], TILT_WANTED)
+        else:
+            same = claim is not None and claim.distortion_model == model.distortion_model
+            yield Quantity(name, *measured, said if same else None, None, "measured")
+
+
+def _lens_number(model: CameraModel, k: int) -> float:
+    if k < len(LENS):
+        return float(model.K[(0, 1, 0, 1)[k], (0, 1, 2, 2)[k]])
+    place = k - len(LENS)
+    return float(model.coefficients[place]) if place < len(model.coefficients) else 0.0
+
+
+def is_lens_told(fit: LensFit, camera: int = 0) -> bool:
+    """Whether views differ enough to tell the focal length within some per cent."""
+    focal_px = fit.models[camera].focal_px
+    share = float((fit.lens_sigmas(camera)[:2] / np.abs(focal_px)).max())
+    return share < 0.03 and float(focal_px.max()) < 20.0 * fit.models[camera].width
+
+
+def mount_quantities(
+    fit: MountFit, T_base_claimed: FloatArray | None, readout_is_free: bool
+) -> Iterator[Quantity]:
+    """Where the camera sits, looking along x, and its clock."""
+    values, said = mount_numbers(fit.T_base_camera), None
+    off: list[float | None] = [None] * 6
+    if T_base_claimed is not None:
+        said = mount_numbers(T_base_claimed)
+        step = fit.moved_from(T_base_claimed)
+        off = [*step[:3].tolist(), *np.degrees(step[3:]).tolist()]
+    for k, name in enumerate(("x_m", "y_m", "z_m", "roll_rad", "pitch_rad", "yaw_rad")):
+        is_turn = k > 2
+        sigma = float(np.degrees(fit.sigma(name))) if is_turn else fit.sigma(name)
+        yield quantity(
+            name.split("_")[0],
+            (float(values[k]), sigma, "deg" if is_turn else "m"),
+            None if said is None else float(said[k]),
+            TURN_DEG if is_turn else PLACE_M,
+            HEIGHT_WANTED if name == "z_m" else MOTION_WANTED,
+            off[k],
+        )
+    late = (fit.late_s, fit.sigma("late_s"), "s")
+    yield quantity("stamps late by", late, 0.0, LATE_S, MOTION_WANTED)
+    if readout_is_free:
+        readout = (fit.readout_s, fit.sigma("readout_s"), "s")
+        yield quantity("readout", readout, None, LATE_S, MOTION_WANTED)
+
+
+def mount_numbers(T_base_camera: FloatArray) -> FloatArray:
+    """(6,) x, y, z in metres and roll, pitch, yaw in degrees of the body that looks along x."""
+    turn = Rotation.from_matrix(T_base_camera[:3, :3] @ R_BODY_OPTICAL.T)
+    numbers = np.concatenate([T_base_camera[:3, 3], turn.as_euler("xyz", degrees=True)])
+    return np.round(numbers, 9) + 0.0  # no -0, nor what rounding leaves of it
+
+
+def table_rows(result: CameraResult) -> dict[str, str]:
+    """As a table shows them."""
+    rows = dict(result.facts)
+    for each in result.quantities:
+        half, unit = 1.96 * each.sigma, f" {each.unit}" if each.unit else ""
+        if each.verdict == "inconclusive" and half > max(abs(each.value), 1e-9):
+            shown = "not told"
+        else:
+            shown = f"{each.value:.5g} +- {half:.2g}{unit}"
+        said = "" if each.claimed is None else f", claimed {each.claimed:.5g}"
+        wanted = f" ({each.wanted})" if each.wanted else ""
+        rows[each.name] = f"{shown}{said}: {each.verdict}{wanted}"
+    return rows
+
+
+def camera_info(result: CameraResult) -> str:
+    """As ROS' camera_info_manager reads it. Raises ValueError without a lens."""
+    if result.model is None:
+        raise ValueError(f"the lens of {result.topic} is not known")
+    return calibration_yaml(result.name, result.model)
+
+
+def calibration_file(results: Sequence[CameraResult], pairs: Sequence[dict[str, object]]) -> str:
+    """calibration.yaml: all cameras, their mounts and clocks with standard deviations."""
+    cameras = {each.topic: _entry(each) for each in results}
+    whole = {"cameras": cameras, **({"pairs": list(pairs)} if pairs else {})}
+    head = (
+        "# By slamsim calibrate. mount: of the imager as a body that looks along x, as mounts of\n"
+        "# sensors.additional are; sigma: standard deviations in the same units.\n"
+    )
+    return head + yaml.safe_dump(whole, sort_keys=False, width=100)
+
+
+def _entry(result: CameraResult) -> dict[str, object]:
+    found: dict[str, object] = {"frame": result.frame}
+    if result.model is not None:
+        found["camera_info"] = f"{result.name}.yaml"
+    if result.mount is not None:
+        names = ("x_m", "y_m", "z_m", "roll_deg", "pitch_deg", "yaw_deg")
+        numbers = mount_numbers(result.mount.T_base_camera).tolist()
+        found["mount"] = {n: round(v, 6) for n, v in zip(names, numbers, strict=True)}
+        sigmas = {each.name: each.sigma for each in result.quantities}
+        found["sigma"] = {n: float(f"{sigmas[n.split('_')[0]]:.3g}") for n in names}
+        found["stamps_late_s"] = round(result.mount.late_s, 7)
+        found["readout_s"] = round(result.mount.readout_s, 7)
+        found["static_transform"] = static_transform(result)
+    found["verdicts"] = {each.name: each.verdict for each in result.quantities}
+    return found
+
+
+def static_transform(result: CameraResult) -> str:
+    """The line that publishes the optical frame in ROS 2."""
+    assert result.mount is not None
+    T = result.mount.T_base_camera
+    words = zip(("x", "y", "z"), T[:3, 3].tolist(), strict=True)
+    quat = zip(("qx", "qy", "qz", "qw"), xyzw_from_matrix(T[:3, :3]).tolist(), strict=True)
+    told = " ".join(f"--{name} {value:.6f}" for name, value in (*words, *quat))
+    frames = f"--frame-id {result.base_frame} --child-frame-id {result.frame}"
+    return f"ros2 run tf2_ros static_transform_publisher {told} {frames}"
