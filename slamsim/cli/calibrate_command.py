@@ -84,7 +84,7 @@ def calibrate(
     inputs = (source, surveyed, trajectory)
     with output_folder(out, name, overwrite=overwrite, inputs=inputs) as folder:
         from slamsim.run.cameras.calibrating import Wanted, calibrate_cameras
-        from slamsim.run.cameras.calibration_report import table_rows
+        from slamsim.run.cameras.calibration_report import pair_rows, table_rows
 
         readout_s = None if readout_ms is None else 1e-3 * readout_ms
         wanted = Wanted(
@@ -96,7 +96,6 @@ def calibrate(
     for each in found.cameras:
         reporter.table(f"Camera {each.topic}", table_rows(each))
     for pair in found.pairs:
-        rows = {key: str(pair[key]) for key in ("baseline_m", "sigma_m", "sigma_deg", "views")}
-        reporter.table(f"{pair['first']} and {pair['second']}", rows)
+        reporter.table(f"{pair['first']} and {pair['second']}", pair_rows(pair))
     reporter.say(f"Written to {folder}/")
     reporter.result({"folder": str(folder), **found.as_dict()})

@@ -60,7 +60,8 @@ COMMANDS: Mapping[str, tuple[str, ...] | None] = {
     "config": ("tiny",),
 }
 """How each is called; RUN and LIVE are a mapped and a live run, IMAGES a folder of colour and
-depth, BOARDS one of a chessboard, SET a data set, OUT a new folder. None: it prints nothing but errors."""
+depth, BOARDS one of a chessboard, SET a data set, OUT a new folder. None: it prints nothing but
+errors."""
 
 LONG = {"demo", "identify"}
 WITHOUT_JSON = {"config"}

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import yaml
@@ -14,6 +14,7 @@ from slamsim.cameras.lens import CameraModel
 from slamsim.check.findings import Measurement, decide
 from slamsim.core.geometry import xyzw_from_matrix
 from slamsim.core.types import FloatArray
+from slamsim.guard.quantities import as_interval, as_number
 from slamsim.io.cameras.writers import calibration_yaml
 from slamsim.perception.calibration.lens import LensFit
 from slamsim.perception.calibration.mount import MountFit
@@ -30,6 +31,9 @@ PLACE_M, TURN_DEG, LATE_S = 0.01, 0.5, 0.005
 HEIGHT_WANTED = "--surveyed tags tell the height"
 TILT_WANTED = "views of the board from near and far, tilted by 30 degrees and more"
 MOTION_WANTED = "a drive with turns past more tags, near enough to be 20 px wide"
+
+_SHOWN = {"m": (1e3, "mm"), "s": (1e3, "ms"), "deg": (1.0, "degrees")}
+"""Units of tables: (how many, their name)."""
 
 Told = Literal["ok", "fault", "inconclusive", "measured"]
 
@@ -178,15 +182,26 @@ def table_rows(result: CameraResult) -> dict[str, str]:
     """As a table shows them."""
     rows = dict(result.facts)
     for each in result.quantities:
-        half, unit = 1.96 * each.sigma, f" {each.unit}" if each.unit else ""
-        if each.verdict == "inconclusive" and half > max(abs(each.value), 1e-9):
-            shown = "not told"
-        else:
-            shown = f"{each.value:.5g} +- {half:.2g}{unit}"
-        said = "" if each.claimed is None else f", claimed {each.claimed:.5g}"
+        factor, unit = _SHOWN.get(each.unit, (1.0, each.unit))
+        half = 1.96 * each.sigma
+        untold = each.verdict == "inconclusive" and half > max(abs(each.value), 1e-9)
+        shown = "not told" if untold else as_interval(factor * each.value, factor * half)
+        shown += "" if untold or not unit else f" {unit}"
+        said = "" if each.claimed is None else f", claimed {as_number(factor * each.claimed)}"
         wanted = f" ({each.wanted})" if each.wanted else ""
         rows[each.name] = f"{shown}{said}: {each.verdict}{wanted}"
     return rows
+
+
+def pair_rows(pair: Mapping[str, Any]) -> dict[str, str]:
+    """What a table shows of two cameras."""
+    sigma_m = float(np.linalg.norm(pair["sigma_m"]))
+    turn_deg = float(np.linalg.norm(pair["sigma_deg"]))
+    return {
+        "views": str(pair["views"]),
+        "apart": f"{as_interval(1e3 * pair['baseline_m'], 1.96e3 * sigma_m)} mm",
+        "turned": f"± {as_number(1.96 * turn_deg, 2)} degrees",
+    }
 
 
 def camera_info(result: CameraResult) -> str:
