@@ -46,7 +46,7 @@ def _view(model: CameraModel, rng: np.random.Generator, tilt: float) -> NDArray[
     large = cv2.warpPerspective(drawn(), larger @ onto @ metres, size, borderValue=(120.0,))
     small = cv2.resize(large, (model.width, model.height), interpolation=cv2.INTER_AREA)
     noisy = small + rng.normal(0.0, 1.0, small.shape)
-    return np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
+    return np.asarray(np.clip(np.rint(noisy), 0, 255), dtype=np.uint8)
 
 
 def write_views(folder: Path, views: list[NDArray[np.uint8]]) -> None:

@@ -14,8 +14,8 @@ from slamsim.console.reporter import Reporter
 from slamsim.core.geometry import se3_from_parts
 from slamsim.core.types import FloatArray, PlanarTrajectory
 from slamsim.guard.errors import InputRefused, NotFound, SlamsimError
-from slamsim.guard.numbers import NoSolution, as_json
-from slamsim.guard.output import partial_folder, write_atomic
+from slamsim.guard.numbers import NoSolution
+from slamsim.guard.output import partial_folder
 from slamsim.io.cameras import open_pictures
 from slamsim.io.cameras.base import Cameras, CameraTopic
 from slamsim.perception.calibration.boards import Board, parse_board
@@ -36,10 +36,9 @@ from slamsim.recording import Recording
 from slamsim.recording.mountings import BASE_FRAME, known_mounting, tree_of
 from slamsim.run.cameras import calibration_inputs as inputs
 from slamsim.run.cameras import calibration_report as report
-from slamsim.run.cameras.calibration_report import CameraResult, Quantity
+from slamsim.run.cameras.calibration_report import Calibrated, CameraResult, Quantity
 from slamsim.run.naming import log_of
 
-REPORT, CALIBRATION = "report.json", "calibration.yaml"
 SAME_INSTANT_NS = 1_000_000
 """Cameras of a stereo pair are triggered together, and stamped within a millisecond."""
 STARTS = 8
@@ -59,23 +58,6 @@ class Wanted:
     distortion: str = ""
     readout_s: float | None = None
     topics: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Calibrated:
-    """cameras: what was found of each; pairs: of each two that saw the board together. notes: why
-    something was not found, and by what the path was known."""
-
-    cameras: tuple[CameraResult, ...]
-    pairs: tuple[dict[str, object], ...]
-    notes: tuple[str, ...]
-
-    def as_dict(self) -> dict[str, object]:
-        return {
-            "cameras": [each.as_dict() for each in self.cameras],
-            "pairs": list(self.pairs),
-            "notes": list(self.notes),
-        }
 
 
 def calibrate_cameras(
@@ -105,7 +87,7 @@ def calibrate_cameras(
         if kind is not None:
             work.by_tags(kind)
         found = work.result()
-        _write(partial, found)
+        report.write_calibration(partial, found)
     return found
 
 
@@ -302,12 +284,3 @@ def _all_round() -> list[FloatArray]:
         turn = np.array([[np.cos(yaw), -np.sin(yaw), 0], [np.sin(yaw), np.cos(yaw), 0], [0, 0, 1]])
         found.append(se3_from_parts(turn @ report.R_BODY_OPTICAL, np.array([0.0, 0.0, 0.4])))
     return found
-
-
-def _write(folder: Path, found: Calibrated) -> None:
-    for each in found.cameras:
-        if each.model is not None:
-            write_atomic(folder / f"{each.name}.yaml", report.camera_info(each).encode())
-    text = report.calibration_file(found.cameras, found.pairs)
-    write_atomic(folder / CALIBRATION, text.encode())
-    write_atomic(folder / REPORT, as_json(REPORT, found.as_dict()))

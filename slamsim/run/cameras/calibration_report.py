@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
@@ -14,12 +15,15 @@ from slamsim.cameras.lens import CameraModel
 from slamsim.check.findings import Measurement, decide
 from slamsim.core.geometry import xyzw_from_matrix
 from slamsim.core.types import FloatArray
+from slamsim.guard.numbers import as_json
+from slamsim.guard.output import write_atomic
 from slamsim.guard.quantities import as_interval, as_number
 from slamsim.io.cameras.writers import calibration_yaml
 from slamsim.perception.calibration.lens import LensFit
 from slamsim.perception.calibration.mount import MountFit
 from slamsim.perception.calibration.projection import LENS, lens_names
 
+REPORT, CALIBRATION = "report.json", "calibration.yaml"
 R_BODY_OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 """REP 103: a body frame looks along x, an optical frame along z."""
 FOCAL_SHARE, CENTRE_SHARE = 0.005, 0.005
@@ -248,3 +252,30 @@ def static_transform(result: CameraResult) -> str:
     told = " ".join(f"--{name} {value:.6f}" for name, value in (*words, *quat))
     frames = f"--frame-id {result.base_frame} --child-frame-id {result.frame}"
     return f"ros2 run tf2_ros static_transform_publisher {told} {frames}"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Calibrated:
+    """cameras: what was found of each; pairs: of each two that saw the board together. notes: why
+    something was not found, and by what the path was known."""
+
+    cameras: tuple[CameraResult, ...]
+    pairs: tuple[dict[str, object], ...]
+    notes: tuple[str, ...]
+
+    def as_dict(self) -> dict[str, object]:
+        return {
+            "cameras": [each.as_dict() for each in self.cameras],
+            "pairs": list(self.pairs),
+            "notes": list(self.notes),
+        }
+
+
+def write_calibration(folder: Path, found: Calibrated) -> None:
+    """Write ``calibration.yaml``, a ROS calibration file of each lens, and ``report.json``."""
+    for each in found.cameras:
+        if each.model is not None:
+            write_atomic(folder / f"{each.name}.yaml", camera_info(each).encode())
+    text = calibration_file(found.cameras, found.pairs)
+    write_atomic(folder / CALIBRATION, text.encode())
+    write_atomic(folder / REPORT, as_json(REPORT, found.as_dict()))
