@@ -12,6 +12,7 @@ from slamsim.core.result import Event
 from slamsim.core.types import FloatArray
 from slamsim.slam.events import Spells
 from slamsim.slam.frontend.prediction import Prediction
+from slamsim.slam.matching.base import Match
 
 Fate = Literal["first", "matched", "blind", "lost", "held back"]
 """A scan that began a map, that was matched, that saw too little, that fitted nowhere, that is kept
@@ -38,6 +39,9 @@ MIRRORED_SHARE = -0.3
 UNPLACED_SHARE = 0.5
 """Of the path: a map of which scans place less than this is one of the odometry."""
 
+SIDEWAYS = 0.5
+"""A direction that scans do not show is a turn, not a way, if less of it than this is metres."""
+
 LEAST_PATH_M = 2.0
 """A robot that has hardly moved is where it was, whatever its scans show."""
 
@@ -56,7 +60,9 @@ class Watch:
         self._turned = self._same_turn = 0.0
         self._path_m = self._unplaced_m = 0.0
 
-    def see(self, prediction: Prediction, T_map_base: FloatArray, fate: Fate) -> None:
+    def see(
+        self, prediction: Prediction, T_map_base: FloatArray, fate: Fate, match: Match | None = None
+    ) -> None:
         """One more scan, where it was placed, and why there."""
         before, stamp_ns = self._T_map_base, prediction.stamp_ns
         if fate == "held back" and self._last_ns is not None:
@@ -76,7 +82,7 @@ class Watch:
         moved, step = between(before, T_map_base), prediction.T_last_base
         moved_m = float(np.hypot(moved[0], moved[1]))
         self._path_m += moved_m
-        self._unplaced_m += moved_m if fate in ("blind", "lost") else 0.0
+        self._unplaced_m += moved_m if fate in ("blind", "lost") else _unseen_m(moved, match)
         self._look_for_gap(stamp_ns, moved)
         self._reported |= prediction.odometry is not None
         if prediction.odometry is None:
@@ -136,6 +142,16 @@ class Watch:
         if seconds >= LONG_GAP_S or (seconds >= SHORT_GAP_S and far):
             words = f"no scans for {seconds:.1f} s, in which the robot moved {moved_m:.1f} m"
             self._single.append(Event(self._last_ns, stamp_ns, "gap", words))
+
+
+def _unseen_m(moved: FloatArray, match: Match | None) -> float:
+    """How far the robot moved in directions that its scan does not show, as along a corridor."""
+    if match is None or not match.degenerate:
+        return 0.0
+    directions = match.degenerate_directions[:, :2]
+    lengths = np.linalg.norm(directions, axis=1)
+    along = directions[lengths > SIDEWAYS] / lengths[lengths > SIDEWAYS, None]
+    return float(np.abs(along @ moved[:2]).max(initial=0.0))
 
 
 _MIRRORED = (

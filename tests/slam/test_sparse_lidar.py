@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from simulated import ScanList, Simulated, ate_rmse_m, labyrinth, simulate
+from simulated import ScanList, Simulated, ate_rmse_m, box, labyrinth, simulate
 
 from slamsim.config.slam import FrontEndConfig, SlamConfig
 from slamsim.core.geometry import between, transform_points
@@ -232,3 +232,16 @@ def test_a_map_that_only_odometry_makes_is_said_to_be_no_better() -> None:
     (told,) = (event for event in front_end.events() if event.kind == "odometry")
     assert "follow the odometry alone" in told.words
     assert told.end_ns - told.start_ns > 60_000_000_000
+
+
+@pytest.mark.parametrize("reach_m, said", [(4.0, True), (30.0, False)])
+def test_a_corridor_whose_end_is_out_of_reach_is_followed_by_the_wheels(
+    reach_m: float, said: bool
+) -> None:
+    walls = np.concatenate([box(0.0, y, 25.0, y + 0.1) for y in (-1.1, 1.0)])
+    ends = np.concatenate([box(x, -1.1, x + 0.1, 1.1) for x in (-0.1, 25.0)])
+    lidar = ScanGeometry(-np.pi, np.deg2rad(1.0), 360, 277_777, 0.1, reach_m)
+    along = np.array([[6.0, 0.0], [19.0, 0.0]])
+    _, front_end = track(simulate(np.concatenate([walls, ends]), along, geometry=lidar))
+    told = [event for event in front_end.events() if event.kind == "odometry"]
+    assert bool(told) == said

@@ -122,7 +122,7 @@ class FrontEnd:
         T_map_base = self._predictor.update(prediction, match)
 
         fate = self._fate(cloud, match)
-        self._watch.see(prediction, T_map_base, fate)
+        self._watch.see(prediction, T_map_base, fate, match)
 
         restart, suspect = self._restart(prediction) if fate == "lost" else (None, False)
 
