@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import json
 import math
+import os
+import signal
 import socket
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -272,6 +275,28 @@ def test_a_port_that_is_taken_is_told() -> None:
             start_foxglove(live_hub(), NotedControls(), Access(), port)
     with pytest.raises(OutputRefused, match=r"nothing can be served at 192\.0\.2\.1:0"):
         start_foxglove(live_hub(), NotedControls(), Access("192.0.2.1", "token"), 0)
+
+
+def test_a_dead_front_is_begun_again(served: Served, caplog: pytest.LogCaptureFixture) -> None:
+    address = served[2].address
+    with FoxgloveClient(address) as client:
+        os.kill(front_pid(), signal.SIGKILL)
+        with pytest.raises(ConnectionClosed):
+            while True:
+                client.next()
+    wait_for(lambda: "a new one does" in caplog.text)
+    with FoxgloveClient(address) as client:
+        assert client.server["name"] == "slamsim"
+
+
+def front_pid() -> int:
+    """Of the process that passes the bytes of this process' server on."""
+    for entry in Path("/proc").glob("[0-9]*"):
+        with suppress(OSError):
+            ours = f"\nPPid:\t{os.getpid()}\n" in (entry / "status").read_text()
+            if ours and b"front_worker" in (entry / "cmdline").read_bytes():
+                return int(entry.name)
+    raise AssertionError("there is none")
 
 
 @pytest.fixture(scope="module")

@@ -6,19 +6,25 @@ would wait for Python's lock while the physics holds it, and clients for each ot
 
 from __future__ import annotations
 
+import logging
 import secrets
 import socket
 import sys
 from dataclasses import dataclass
+from threading import Lock, Thread
 from typing import Self
 
 from slamsim.live.servers.access import LOOPBACK, Access
 from slamsim.process.module_process import ModuleProcess
 from slamsim.process.pipe import packed
 
+_log = logging.getLogger(__name__)
+
 STALLED_S = 60.0
 """A client that takes nothing for so long is cut off."""
 MOST_CLIENTS = 128
+MOST_DEATHS = 100
+"""One that always dies at once is not begun for ever."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,17 +59,38 @@ class Front:
     def __init__(self, access: Access, port: int, behind: tuple[str, int]) -> None:
         self._listener = _listening(access.host, port)
         self.port = int(self._listener.getsockname()[1])
-        listener = self._listener.fileno()
-        self._child = ModuleProcess("slamsim.live.servers.front_worker", pass_fds=(listener,))
-        begin = FrontBegin(listener, access, behind, STALLED_S)
-        self._child.send(packed(begin))
+        self._begin = FrontBegin(self._listener.fileno(), access, behind, STALLED_S)
+        self._lock, self._ended = Lock(), False
+        self._child = self._begun()
+        Thread(target=self._begin_again, daemon=True).start()
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *error: object) -> None:
-        self._child.end()
+        with self._lock:
+            self._ended = True
+            self._child.end()
         self._listener.close()
+
+    def _begun(self) -> ModuleProcess:
+        listener = self._begin.listener
+        child = ModuleProcess("slamsim.live.servers.front_worker", pass_fds=(listener,))
+        child.send(packed(self._begin))
+        return child
+
+    def _begin_again(self) -> None:
+        """Whenever the process dies: clients lose their connection, and can connect again."""
+        for _ in range(MOST_DEATHS):
+            code = self._child.exit_code()
+            with self._lock:
+                if self._ended:
+                    return
+                self._child.end()
+                self._child = self._begun()
+            _log.warning(
+                "the process that serves port %d ended (%d): a new one does", self.port, code
+            )
 
 
 def _listening(host: str, port: int) -> socket.socket:
