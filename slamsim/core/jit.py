@@ -37,7 +37,7 @@ _DIGEST_BYTES = hashlib.sha256().digest_size
 def _cache_folder() -> Path | None:
     """A private, writable folder for exactly these kernel sources; none where nothing is writable.
 
-    A cache is code: one that somebody else could have written to is not used.
+    A cache is code: one that another user could have written to is not used.
     """
     package = Path(__file__).parents[1]
     digest = hashlib.sha256(numba.__version__.encode())

@@ -114,7 +114,7 @@ def require_inside(root: Path, name: str, path: Path, where: str = "") -> Path:
 def own_file(folder: Path, name: str) -> Path:
     """``folder / name``, there or not; InputRefused if a link takes it out of the folder.
 
-    What somebody names is read wherever it lies, what is found in a folder must belong to it: a
+    What the user names is read wherever it lies, what is found in a folder must belong to it: a
     folder may come from anybody.
     """
     if leads_outside(folder, name):

@@ -11,7 +11,7 @@ NAME, or, for a data set, ``.slamsim-<...>`` inside it.
    ``old`` what it replaces, for the moment between two renames.
 3. When it is whole, ``new`` and NAME are exchanged; then the staging folder is removed, and then
    the lock file.
-4. A lock file that nobody holds was left by a process that was killed. The next writer of NAME
+4. A lock file that is not locked was left by a process that was killed. The next writer of NAME
    holds it while it puts ``old`` back if NAME is gone, and removes the staging folder that is
    named there; then it removes the file, and begins at 1. Nothing else is looked for, and so
    nothing else is found: no other name beside NAME is ever opened, renamed or removed.

@@ -149,7 +149,7 @@ def require_number(what: str, value: object, low: float = -MOST, high: float = M
 
 
 def require_angle(what: str, value: object) -> None:
-    """Raise BadNumbers unless value is an angle in radians, or in whatever unit somebody took."""
+    """Raise BadNumbers unless value is an angle in radians, or in whatever unit it was given."""
     require_number(what, value, -MOST_TURN, MOST_TURN)
 
 

@@ -62,7 +62,7 @@ def read_sequence(data: bytes) -> dict[str, Any]:
 
 
 def is_ours(name: str, data: bytes) -> bool:
-    """Whether we wrote this, perhaps otherwise, and not somebody who uses the same name."""
+    """Whether we wrote this, perhaps otherwise, and not another program that uses the same name."""
     if name == SEQUENCE:
         return any(words in data for words in _SEQUENCE_WORDS)
     last = data.rstrip(b"\n").rpartition(b"\n")[2]

@@ -45,7 +45,7 @@ class LiveMap:
         """Grows with each new map."""
         self.path: FloatArray = np.zeros((0, 3))
         self.events: deque[str] = deque(maxlen=1000)
-        """What SLAM had to tell, until somebody takes it."""
+        """What SLAM had to tell, until it is taken."""
         self._last: Placed | None = None
         self._T_map_odom: FloatArray | None = None
         self._odometry = NO_ODOMETRY

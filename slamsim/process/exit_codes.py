@@ -86,7 +86,7 @@ class _StopSignals:
     Libraries may wrap the exception in one of their own, as imports of native modules do, so
     what counts is ``received``. They may swallow it, and Python itself cannot pass it on from a
     callback of native code or a finaliser: it is raised again until the command has ended. Never
-    while an exception is being handled, for somebody may be cleaning up.
+    while an exception is being handled, for cleaning up may go on.
     """
 
     def __init__(self) -> None:
@@ -151,7 +151,7 @@ def ended_by(number: int) -> str:
 
 
 def fail(sentence: str, code: int) -> int:
-    """The code, once the user has been told; where nobody can be, the code must do."""
+    """The code, once the user has been told; where no message can be shown, the code must do."""
     lines = map(printable, f"slamsim: {sentence}".split("\n"))
     with suppress(OSError, ValueError):
         sys.stderr.write("\n".join(lines) + "\n")

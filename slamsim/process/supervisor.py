@@ -1,7 +1,7 @@
 """Runs a command in a child process, makes sure that it ends, and reports how.
 
 Native code may hold Python's lock for minutes: until then no signal is heard there. And where it
-crashes, nobody is left to say so. This process has loaded nothing, and so it always hears.
+crashes, nothing is left to say so. This process has loaded nothing, and so it always hears.
 """
 
 from __future__ import annotations

@@ -49,7 +49,7 @@ _TRACE_CHARACTERS = 4000
 
 
 class WorkerDied(Exception):
-    """The process ended during its work: which part of it that was at, nobody knows.
+    """The process ended during its work: which part of it that was at is unknown.
 
     reason: how, in words that do not depend on where it was. trace: its memory limit, and what it
     printed last.

@@ -17,7 +17,7 @@ _PATH_STEP_M = 0.1
 
 
 def report_json(view: RunView) -> dict[str, object]:
-    """Numbers under stable keys that carry their units; None where nobody knows.
+    """Numbers under stable keys that carry their units; None where unknown.
 
     A number that is not finite is given as None, for JSON has none such.
     """

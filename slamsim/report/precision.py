@@ -117,7 +117,7 @@ def _consistency_plots(view: RunView, at_most: int) -> tuple[Panel, ...]:
 def ellipses(view: RunView) -> tuple[int, FloatArray]:
     """How many times enlarged, and (k, corners, 2) outlines in the map: 2 sigma of key frames.
 
-    Enlarged by a power of ten, or nobody would see them.
+    Enlarged by a power of ten, or they would be too small to see.
     """
     graph = view.result.graph
     pick = thinned(len(graph.keyframes), MAX_ELLIPSES)[1:]

@@ -18,7 +18,7 @@ from slamsim.evaluate.score import Scores
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RunView:
-    """One run as a person sees it; truth, walls and true grid are None where nobody knows them.
+    """One run as a person sees it; truth, walls and true grid are None where they are unknown.
 
     scores must come from these very values. seconds: wall-clock time per stage, of which
     ``simulate`` (driving, sensing and writing the log), ``slam`` and ``total`` give the real-time

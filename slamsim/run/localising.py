@@ -56,7 +56,7 @@ def localise_recording(
 ) -> Report:
     """Localise every scan of a recording in the map of a run, or in a ROS ``map.yaml``.
 
-    start: (3,) T_map_base at the first scan, None if nobody knows. Raises NotFound and
+    start: (3,) T_map_base at the first scan, None if unknown. Raises NotFound and
     InputRefused for what cannot be read, SlamsimError if no scan could be placed.
     """
     path = log_of(source)

@@ -96,7 +96,7 @@ def output_folder(
 ) -> Iterator[Path]:
     """The folder that was asked for, else the first free one of this name under outputs/.
 
-    Nobody else gets it within the block. inputs: all that the command reads. Raises what
+    No other process gets it within the block. inputs: all that the command reads. Raises what
     ``require_apart`` and ``claimed_folder`` raise, and then nothing has been touched.
     """
     read = tuple(inputs)
@@ -145,7 +145,7 @@ def _apart(folder: Path, inputs: tuple[Path | None, ...]) -> Path:
 
 
 def _claimed_free(first: Path, inputs: tuple[Path | None, ...], held: ExitStack) -> Path:
-    """The first of this name, and of it with a number, that nobody has or is about to have."""
+    """The first of this name, and of it with a number, that no run has or is about to have."""
     for folder in _numbered(first):
         if os.path.lexists(folder):
             put_away_remains(folder)
@@ -154,7 +154,7 @@ def _claimed_free(first: Path, inputs: tuple[Path | None, ...], held: ExitStack)
         try:
             held.enter_context(claimed_folder(folder))
             return folder
-        except SlamsimError as error:  # somebody was quicker
+        except SlamsimError as error:  # another process was quicker
             if not isinstance(error, Locked) and not os.path.lexists(folder):
                 raise
     raise AssertionError("there are infinitely many numbers")

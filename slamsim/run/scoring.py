@@ -41,7 +41,7 @@ class Estimated:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Known:
-    """What it can be compared with; None for what nobody knows.
+    """What it can be compared with; None for what is unknown.
 
     world, config: where and how the log was simulated. T_base_laser: 4 x 4. range_m: how far the
     lidar sees.

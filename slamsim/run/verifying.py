@@ -61,7 +61,7 @@ def verify_and_tell(place: str, reporter: Reporter) -> bool:
 
 
 def verify_path(path: Path, progress: Progress = silent) -> Verified:
-    """A sealed folder, something in one, or a recording that nobody sealed.
+    """A sealed folder, something in one, or a recording without checksums.
 
     Raises NotFound where nothing tells how it must be, and InputRefused for a recording that
     goes beyond the limits.

@@ -98,7 +98,7 @@ class Watch:
         self._last_ns = stamp_ns
 
     def add(self, event: Event) -> None:
-        """An event that somebody else noticed."""
+        """An event from elsewhere."""
         self._single.append(event)
 
     def events(self) -> tuple[Event, ...]:

@@ -11,7 +11,7 @@ from slamsim.core.types import FloatArray, ScanGeometry
 
 GUIDED, SHIPPED = "our prediction and deskew", "as shipped"
 FIRST, MIDDLE, LAST = 0.0, 0.5, 1.0
-"""Instants of a sweep. One that nobody deskews fits best where the robot was in its middle."""
+"""Instants of a sweep. One that is not deskewed fits best where the robot was in its middle."""
 
 INDOORS = MappingProxyType(
     {"max_range_m": 30.0, "voxel_m": 0.2, "initial_threshold_m": 0.5, "min_motion_m": 0.01}

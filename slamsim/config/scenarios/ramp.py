@@ -75,7 +75,7 @@ class RampConfig(Config):
     wall_behind_m: float = Field(default=0.06, gt=0.0, le=10.0)
     """From the robot's back to a wall that keeps it from rolling away."""
     start_yaw_deg: float = Field(default=0.5, ge=-45.0, le=45.0)
-    """How far from straight up the robot is placed: nobody places one perfectly."""
+    """How far from straight up the robot is placed: by hand it is never perfect."""
     hand: HandConfig | None = HandConfig()
     """The runs in which it is held; null for none."""
     robot: RobotConfig = SPRUNG_ROBOT

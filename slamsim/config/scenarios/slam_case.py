@@ -18,7 +18,7 @@ class SlamCaseConfig(Config):
     """One drive through a labyrinth, recorded rightly and wrongly."""
 
     delay_s: float = Field(default=0.1, gt=0.0, le=1.0)
-    """How late the scans are stamped where the clock is bypassed; nobody knows of it."""
+    """How late the scans are stamped where the clock is bypassed; no stream tells of it."""
     world: WorldConfig = WorldConfig(name="study_labyrinth", maze=MazeLayout(rows=4, columns=4))
     """Where the robot drives."""
     robot: RobotConfig = RobotConfig()

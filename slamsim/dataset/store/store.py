@@ -158,7 +158,7 @@ class LocalStore:
     def publish(self, folder: Path, name: str) -> None:
         """A sequence that another worker has put there meanwhile stays: it is the same.
 
-        Raises SlamsimError rather than replace a folder that holds files of somebody else.
+        Raises SlamsimError rather than replace a folder that holds other files.
         """
         final = self._own(name)
         with written_to(final):

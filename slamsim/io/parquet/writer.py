@@ -24,7 +24,7 @@ from slamsim.recording.schemas import TRANSFORM, Field
 SCANS_PER_GROUP = 512
 _STAMPS = (
     Column("stamp_ns", "int64", "as in the message, on the sensor's clock"),
-    Column("received_ns", "int64", "when whoever recorded it received it"),
+    Column("received_ns", "int64", "when the recorder received it"),
 )
 _SAMPLE = Column("sample", "int64", "number among all that were sensed, with those a fault lost")
 

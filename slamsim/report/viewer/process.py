@@ -223,7 +223,7 @@ def _environment() -> Mapping[str, str]:
 def _apart(folder: Path) -> Mapping[str, str]:
     """What makes a viewer keep its own files in this folder, not at the user's home or in /tmp.
 
-    One that finds no settings takes usage statistics, which nobody asked a screenshot for.
+    One that finds no settings takes usage statistics, which a screenshot must not do.
     """
     settings = {
         "analytics_enabled": False,

@@ -125,7 +125,7 @@ def hold(sprung: bool, slope_deg: float, hand: HandConfig, config: RampConfig) -
 def shown_on_slope(
     label: str, run: ScriptedRun, model: RobotModel, ground: Ground
 ) -> tuple[BodyMotion, ...]:
-    """The robot, the ramp and what stands on it, seen by somebody who stands upright."""
+    """The robot, the ramp and what stands on it, seen by an upright observer."""
     length_m, width_m, thick_m = RAMP_M
     below = np.array([[0.4 * length_m, 0.0, -0.5 * thick_m]])
     level = Trajectory(np.zeros(1, dtype=np.int64), below, np.array([[0.0, 0.0, 0.0, 1.0]]))

@@ -68,7 +68,7 @@ def drop_spheres(
     return Drop(
         planes_m=deepest[:, 0],
         spheres_m=deepest[:, 1],
-        # Substeps end at poses that nobody sees.
+        # Substeps end at poses that are not recorded.
         listed_off_m=max(off_m, default=None) if solver.substeps == 1 else None,
         energy_gain_share=max(energy_j) / energy_j[0] - 1.0,
         stamps_s=np.array([stamp_s for stamp_s, _ in looks]),

@@ -83,6 +83,6 @@ VARIANTS = (
         _two_clocks,
     ),
     Variant(BYPASS, "scans stamped on arrival, late", "time_offset_lidar", _bypassed),
-    Variant(NO_ODOM, "nobody publishes odom to base", "tf_missing_link", _no_odom),
+    Variant(NO_ODOM, "no transform from odom to base", "tf_missing_link", _no_odom),
     Variant(SIMULATOR, "odom to base is the simulator's true pose", "", _from_simulator),
 )

@@ -111,7 +111,7 @@ def _serve() -> None:
         stream.write(packed(answer))
         stream.flush()
 
-    with suppress(BrokenPipeError):  # the other end is gone: nobody is left to be told
+    with suppress(BrokenPipeError):  # the other end is gone: there is no one to tell
         run = drive(*cast(_Order, read_message(sys.stdin.buffer)))
         try:
             for window in run:

@@ -133,7 +133,7 @@ class Solution:
         return self._carried(target, compose(self.poses[source], edge.T_source_target))
 
     def set_apart(self, submaps: Sequence[Submap]) -> None:
-        """Put what nothing joins side by side, so that nobody takes it for one map."""
+        """Put what nothing joins side by side, so that it does not look like one map."""
         if self.parts.loose:
             self.estimate.move(side_by_side(self.poses, self.parts, submaps))
 

@@ -1,4 +1,4 @@
-"""The calibration in the units of a robot: radii and track, or scales of somebody's odometry."""
+"""The calibration in the units of a robot: radii and track, or scales of a given odometry."""
 
 from __future__ import annotations
 

@@ -3,7 +3,7 @@
 The other map was finished before, or made before the robot was carried.
 
 A few scans of a building whose rooms look alike fit in several of them, and fit best in a wrong one
-if they were taken where nobody has mapped. All that was seen from a part says more, and only in the
+if they were taken on unmapped ground. All that was seen from a part says more, and only in the
 end is all of it known: then each part is sought once more, and goes where it fits better than
 anywhere else, or nowhere.
 """
@@ -106,7 +106,7 @@ class WholeParts:
         self, every: Sequence[IntArray], last: int, solution: Solution
     ) -> IntArray | None:
         """The part that ends before the robot was found elsewhere, if odometry alone tells where it
-        is: the robot may have been carried before it as well. Where it began somebody knew."""
+        is: the robot may have been carried before it as well. Where it began is known."""
         part = next((one for one in every if last in one), None)
         if part is None or part[0] == self._held or solution.crossing(part):
             return None

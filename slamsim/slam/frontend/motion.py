@@ -217,7 +217,7 @@ class Odometry:
 
 
 def log_odometry(log: Log) -> Odometry:
-    """Wheels and gyroscope of a log; encoders are preferred to what somebody derived from them.
+    """Wheels and gyroscope of a log; encoders are preferred to an odometry derived from them.
 
     Raises NoMotion for a log with neither odometry nor encoders.
     """

@@ -73,7 +73,7 @@ class FrontEnd:
         self._predictor.renew_motion(odometry)
 
     def start_at(self, T_map_base: FloatArray) -> None:
-        """Where the base stands at the first scan, (3,); the origin if nobody says."""
+        """Where the base stands at the first scan, (3,); the origin by default."""
         self._predictor.place(T_map_base, self._predictor.covariance)
 
     def begin_anew(self, matcher: Matcher) -> None:

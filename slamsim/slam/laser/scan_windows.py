@@ -17,7 +17,7 @@ LEAST_STEP_S = 0.06
 DEFAULT_PERIOD_S = 0.1
 
 LEAST_IN_ORDER = 0.8
-"""With fewer scans stamped in order nobody knows which stamps are the wrong ones."""
+"""With fewer scans stamped in order it is unknown which stamps are the wrong ones."""
 
 
 def period_s(stamps_ns: IntArray) -> float:
@@ -32,7 +32,7 @@ def choose_windows(stamps_ns: IntArray, activity: FloatArray | None) -> list[Int
     """Indices of the scans of each window, in the order of the file.
 
     The recording is cut into equal stretches; each gives the window with most activity (n,),
-    the middle one if nobody knows. Scans are thinned evenly within a window; single ones that are
+    the middle one if it is unknown. Scans are thinned evenly within a window; single ones that are
     stamped out of order are left out.
     """
     usable = surely_ascending(stamps_ns)

@@ -39,7 +39,7 @@ VIEWS_M = 1.5
 """There is a view in each square of this size that has any floor: three make a submap."""
 
 CLEARANCE_M = 0.2
-"""Nobody looks round from nearer to a wall."""
+"""No lidar is nearer to a wall than this."""
 
 NEXT_M = 3.0
 """Views that are farther apart make no submap together."""

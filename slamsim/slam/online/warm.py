@@ -18,7 +18,7 @@ _SCAN_NS = 100_000_000
 
 
 def warm_up(config: SlamConfig, T_base_laser: FloatArray) -> None:
-    """Track a few scans of a square room, some of them from a place that nobody predicted.
+    """Track a few scans of a square room, some of them from a place that was not predicted.
 
     What is loaded by then is taken out of Python's garbage collection (``gc.freeze``): looking
     through all of it would hold up a scan by a quarter of a second now and then.

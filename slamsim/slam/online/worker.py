@@ -51,7 +51,7 @@ def serve(messages: SimpleQueue[object], stream: BinaryIO) -> None:
 
 
 def _listen(stream: BinaryIO, messages: SimpleQueue[object]) -> None:
-    """Take messages as they come, so that a long solution holds nobody up; end with the parent."""
+    """Take messages as they come, so that a long solution blocks no sender; end with the parent."""
     try:
         while True:
             messages.put(read_message(stream))

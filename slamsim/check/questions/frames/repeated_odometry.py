@@ -167,7 +167,7 @@ def _judged(found: _Repetition, subject: str, topic: str) -> Iterator[Finding]:
         subject,
         f"the transform shows {' and '.join(told)} than the odometry",
         max(found.more.values(), key=lambda one: abs(one.value)),
-        advice=f"Let the node that makes {topic} publish the transform as well, and nobody else.",
+        advice=f"Let the node that makes {topic} publish the transform as well, alone.",
         repairs=repairs,
         fault_plots=(plot,),
     )

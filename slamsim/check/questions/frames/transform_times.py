@@ -116,7 +116,7 @@ def _contradiction(odometry: RawOdometry, edge: TransformEdge) -> Finding:
     return found.judged(
         AGREEMENT,
         subject,
-        f"Let the node that makes {odometry.topic} publish the transform as well, and nobody else.",
+        f"Let the node that makes {odometry.topic} publish the transform as well, alone.",
         (Repair("add_odometry_transform", odometry.topic),),
     )
 

@@ -72,7 +72,7 @@ def check_gyro(calibration: Calibration, explained: Explanation) -> list[Finding
         return []
     if not calibration.scans_count:
         ratio = 1.0 / calibration.value("gyro_gain")
-        words = f"turns by it are {ratio:.4g} of those by the wheels: without scans nobody knows"
+        words = f"turns by it are {ratio:.4g} of those by the wheels; which is right, scans tell"
         return [unanswered(SCALE, gyro.topic, words)]
     if not calibration.follows("gyro"):
         words = f"its turns do not follow those of the scans; what would tell: {TURNING}"

@@ -83,7 +83,7 @@ def check_turning(evidence: RecordingEvidence) -> Iterator[Finding]:
         others.append(_by_windows(evidence.inputs.steps))
     for odometry in recording.odometries:
         if np.any(np.diff(odometry.stamps_ns) < 0):
-            words = "its stamps go backward, so that nobody knows what it says when"
+            words = "its stamps go backward, so that it is unknown what it says when"
             yield unanswered(NO_TURN, odometry.topic, words)
             continue
         never = _never_moves(odometry, others)

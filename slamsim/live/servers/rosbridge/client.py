@@ -224,7 +224,7 @@ class Client:
 
     async def watch(self) -> None:
         """Drop the client once it has read nothing for ``SILENCE_S``: a ping waits behind what it
-        was sent, and whoever reads answers."""
+        was sent, and a client that reads answers."""
         assert self._connection is not None
         try:
             while True:
