@@ -27,6 +27,7 @@ from slamsim.io.selection import EVERYTHING, Selection
 from slamsim.io.text.relations import Relations, read_relations
 from slamsim.perception.recorded import tags_seen
 from slamsim.process.children import MEMORY
+from slamsim.process.memory import return_freed_memory
 from slamsim.recording import Recording
 from slamsim.report.numbers import path_length_m, report_json
 from slamsim.report.pages.run import write_report
@@ -74,6 +75,8 @@ def map_world(
         log = replace(opened.log(), name=config.world.name)
         known = _known(log, opened.truth(), wanted, (simulation.world, config))
         tags = _tags(source, opened.recording, config, stages)
+        del opened
+        return_freed_memory()
         report = _map(log, config, partial, stages, known, checked, tags=tags)
     require_finished(simulation, folder)
     return report
@@ -101,6 +104,8 @@ def map_recording(
     stages = Stages(reporter)
     checked = _checked(opened.recording, stages)
     tags = _tags(path, opened.recording, config, stages)
+    del opened
+    return_freed_memory()
     if tags.observations and earlier is not None:
         raise OverrideRefused("--tags", "tags do not continue an earlier map; leave out --continue")
     with partial_folder(folder, overwrite) as partial:

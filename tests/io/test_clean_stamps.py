@@ -108,6 +108,7 @@ def test_a_still_scene_on_one_stamp_is_no_repeat() -> None:
 @given(st.lists(st.integers(-(2**61), 2**61), min_size=1, max_size=40), st.booleans())
 @example([0, 1, 1, -(2**53)], False)
 @example([0, 1, 1, -(2**53)], True)
+@example([0] * 7 + [-(2**61), 0, 1], False)
 def test_whatever_is_written_times_rise(stamps: list[int], sorting: bool) -> None:
     stamps_ns = np.array(stamps, dtype=np.int64)
     times = rising_times(stamps_ns, sorting=sorting, period_ns=SECOND)

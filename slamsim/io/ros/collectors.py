@@ -55,15 +55,28 @@ class _Gathered:
             self.values.setdefault(name, []).append(value)
 
     def joined(self) -> tuple[IntArray, IntArray, IntArray, dict[str, Any]]:
-        """(messages (n, 2) as in ``Origin``, stamps (n,), when received (n,), values)."""
-        numbers = np.concatenate(self.orders)
-        order = np.argsort(numbers[:, 0], kind="stable")
+        """(messages (n, 2) as in ``Origin``, stamps (n,), when received (n,), values), once."""
+        numbers = _whole(self.orders)
+        sorting = np.argsort(numbers[:, 0], kind="stable")
+        order = None if (np.diff(sorting) == 1).all() else sorting
         return (
-            numbers[order],
-            np.concatenate(self.stamps)[order],
-            np.concatenate(self.received)[order],
-            {name: np.concatenate(parts)[order] for name, parts in self.values.items()},
+            _in_order(numbers, order),
+            _in_order(_whole(self.stamps), order),
+            _in_order(_whole(self.received), order),
+            {name: _in_order(_whole(parts), order) for name, parts in self.values.items()},
         )
+
+
+def _whole(parts: list[NDArray[Any]]) -> NDArray[Any]:
+    """All groups; the list is empty then, for hours of an inertial unit are half a gigabyte."""
+    whole = np.concatenate(parts)
+    parts.clear()
+    return whole
+
+
+def _in_order(values: NDArray[Any], order: IntArray | None) -> NDArray[Any]:
+    """None: they are already."""
+    return values if order is None else values[order]
 
 
 class Collector:

@@ -22,6 +22,9 @@ MOST_PER_STAMP = 100
 ALIKE_FACTOR, ALIKE_SHARE = 3.0, 0.5
 """The time between messages is known if for that share of them it is within the factor of its
 median."""
+LARGEST_NS = 2.0**61
+"""Nonsense that is spread evenly still adds up to 64 bits."""
+
 LEAST_DEFAULT = 3
 """A clock that is set back passes a stamp twice, not so often."""
 LEAST_PERIOD_NS = 100_000
@@ -173,6 +176,7 @@ def _between_neighbours(stamps_ns: IntArray, known: IntArray, period: float) -> 
     After a pause they follow their known neighbour by the period. Where the known ones leave them
     no room, the clock was set back: all later stamps are moved on.
     """
+    period = min(period, LARGEST_NS / stamps_ns.size)
     steps: FloatArray = np.full(stamps_ns.size, period)
     for left, right in zip(known[:-1].tolist(), known[1:].tolist(), strict=True):
         gap_ns = float(stamps_ns[right] - stamps_ns[left])
