@@ -28,7 +28,8 @@ from slamsim.console.options import (
 
 MAP_EPILOG = (
     "Examples: slamsim map labyrinth · slamsim map worlds/rooms.yaml --seed 7 · "
-    "slamsim map intel.clf.bz2 --relations intel.relations · slamsim map my_rosbag2/"
+    "slamsim map intel.clf.bz2 --relations intel.relations · slamsim map my_rosbag2/ · "
+    "slamsim map my_rosbag2/ --without lidar --tags apriltag_36h11:0.2"
 )
 LOCALISE_EPILOG = "Example: slamsim localise my_second_drive/ --in outputs/labyrinth"
 
@@ -46,6 +47,22 @@ Tags = Annotated[
         "--tags",
         metavar="FAMILY:SIZE_M",
         help="Tags in the images as landmarks, as apriltag_36h11:0.2 (slam.landmarks.tags).",
+    ),
+]
+Without = Annotated[
+    str,
+    typer.Option(
+        "--without",
+        metavar="lidar",
+        help="Map by camera, wheels and gyroscope alone, and compare with the lidar's map.",
+    ),
+]
+Intrinsics = Annotated[
+    str,
+    typer.Option(
+        "--intrinsics",
+        metavar="FX,FY,CX,CY",
+        help="Camera matrix in pixels, for maps by images that come without one.",
     ),
 ]
 Source = Annotated[
@@ -72,6 +89,8 @@ def map_(
     base_frame: BaseFrame = "",
     cloud_height: CloudHeight = "",
     tags: Tags = "",
+    without: Without = "",
+    intrinsics: Intrinsics = "",
     earlier: Earlier = None,
     start: Start = None,
     overwrite: Overwrite = False,
@@ -92,15 +111,19 @@ def map_(
     inputs = (Path(source) if recorded else None, relations, earlier, *loaded.files)
     with output_folder(out, name, overwrite=overwrite, inputs=inputs) as folder:
         from slamsim.run.continuing import chosen_earlier, refuse_earlier
-        from slamsim.run.mapping import map_recording, map_world, require_used
+        from slamsim.run.mapping import map_world, require_used
 
         if recorded:
+            from slamsim.run.cameras.choosing import map_by_lidar_or_camera
+
             reporter.note(f"Mapping the recording {source}")
-            report = map_recording(
+            report = map_by_lidar_or_camera(
                 Path(source),
                 resolved,
                 folder,
                 reporter,
+                without=without,
+                intrinsics=intrinsics,
                 relations=relations,
                 wanted=selection(scan_topic, odom_topic, imu_topic, base_frame, cloud_height),
                 earlier=chosen_earlier(earlier, start),

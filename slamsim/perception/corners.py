@@ -24,11 +24,15 @@ FLAT_WITHIN = 0.03
 """A point counts only where depths around it differ by less than this share: at edges, depth and
 corner belong to different surfaces."""
 
-NOISE_GREY = 3.0
+NOISE_GREY = 10.0
 """Of a pixel: noise, and what JPEG leaves."""
 GOOD_PX = 0.1
-MOST_VAGUE = 1.8
-"""What noise alone looks like: its gradients, by Sobel's weights, have 0.19 of its variance."""
+"""Standard deviation of where a corner is found again, over which that of weak ones grows by noise
+over gradients (Foerstner & Guelch 1987). They are drawn to the blocks of JPEG, which stay where
+they are: taken for good ones, they make a path 0.8 % too short."""
+BEYOND_NOISE = 2.0 * 0.19 * WINDOW_PX**2
+"""Twice the squared gradients that noise alone has in a window: Sobel's weights leave 0.19 of its
+variance."""
 EIGENVALUE_TO_GREY = 4.0 * WINDOW_PX * 255.0 / 8.0
 """OpenCV divides sums of Sobel's gradients, each eight times a grey level a pixel, by this."""
 
@@ -73,12 +77,13 @@ class Keyframe:
         pixels = np.asarray(found, dtype=np.float32).reshape(-1, 2)
         depths_m = depths_at(depth_m, pixels)
         rays_xy = rays_xy_at(model, pixels)
-        vague = vague_of(self.grey, pixels)
-        known = np.isfinite(depths_m) & np.isfinite(rays_xy).all(axis=1) & (vague < MOST_VAGUE)
+        squares = gradients_at(self.grey, pixels)
+        known = np.isfinite(depths_m) & np.isfinite(rays_xy).all(axis=1)
+        known &= squares > BEYOND_NOISE * noise_of(self.grey) ** 2
         rays = np.column_stack([rays_xy, np.ones(len(pixels))])
         self.pixels, late = pixels[known], late_of(model, pixels[known])
         self.points_m = at_first_row((rays * depths_m[:, None])[known], late, swept)
-        self.vague = vague[known]
+        self.vague = np.hypot(1.0, np.sqrt(2.0 / squares[known]) * NOISE_GREY / GOOD_PX)
         self.last_px, self.followed = self.pixels, np.arange(len(self.pixels))
 
     def follow(self, before: Grey, grey: Grey, model: CameraModel, T_now_odom: FloatArray) -> None:
@@ -109,17 +114,19 @@ def late_of(model: CameraModel, pixels: Pixels) -> FloatArray:
     return np.asarray(pixels[:, 1] / max(model.height - 1.0, 1.0), dtype=np.float64)
 
 
-def vague_of(grey: Grey, pixels: Pixels) -> FloatArray:
-    """(n,) standard deviation of where (n, 2) corners are found again, over that of good ones.
-
-    Noise of the image over the gradients in the window (Foerstner & Guelch 1987). Weak corners are
-    drawn to the blocks of JPEG, which stay where they are: taken for good ones, they make a path
-    0.8 % too short.
-    """
+def gradients_at(grey: Grey, pixels: Pixels) -> FloatArray:
+    """(n,) squared gradients summed over the window about (n, 2) corners, across their edges."""
     weakest = cv2.cornerMinEigenVal(grey, WINDOW_PX, ksize=3).astype(np.float64)
     column, row = np.rint(pixels).astype(np.int64).T
-    squares = np.maximum(weakest[row, column] * EIGENVALUE_TO_GREY**2, 1e-6)
-    return np.asarray(np.hypot(1.0, np.sqrt(2.0 / squares) * NOISE_GREY / GOOD_PX))
+    return np.asarray(np.maximum(weakest[row, column] * EIGENVALUE_TO_GREY**2, 1e-6))
+
+
+def noise_of(grey: Grey) -> float:
+    """Standard deviation of a pixel's noise, by what is left of most of them after smooth changes
+    (Immerkaer 1996, with the median)."""
+    mask = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], dtype=np.float32)
+    left = np.abs(cv2.filter2D(grey, cv2.CV_32F, mask))
+    return float(1.4826 * np.median(left) / 6.0)
 
 
 def rays_xy_at(model: CameraModel, pixels: Pixels) -> FloatArray:

@@ -85,6 +85,11 @@ class RgbdOdometry:
         """The last one; there is none before the first step."""
         return self._anchors[-1]
 
+    @property
+    def swept(self) -> FloatArray:
+        """(6,) how points move in the camera while an image is read out, by what is known now."""
+        return self.readout.seconds * self._velocity
+
     def step(self, stamp_ns: int, grey: NDArray[np.uint8], depth_m: Float32Array) -> RgbdStep:
         """The motion until grey (h, w) with depth_m (h, w) along z, nan or 0 for none.
 
@@ -143,8 +148,7 @@ class RgbdOdometry:
         self._anchors = seen[-(MOST_ANCHORS - 1) :]
         taken_px = [np.zeros((0, 2), dtype=np.float32), *(one.last_px for one in self._anchors)]
         keyframe = Keyframe(self._keyframes, self._T_odom_camera.copy(), own, grey)
-        swept = self.readout.seconds * self._velocity
-        keyframe.mark(self._model, depth_m, np.concatenate(taken_px), swept)
+        keyframe.mark(self._model, depth_m, np.concatenate(taken_px), self.swept)
         self._anchors.append(keyframe)
         self._keyframes += 1
         self._began_with = sum(len(one.followed) for one in self._anchors)
@@ -184,11 +188,11 @@ class RgbdOdometry:
     def _rigid(self, seen: SeenPoints, guess: FloatArray) -> tuple[FloatArray, BoolArray]:
         """(4, 4) motion of most points, and (n,) which; guess: where the camera should be by now,
         which tells how far points move while the image is read out."""
-        fine = np.isfinite(seen.rays_xy).all(axis=1)
+        fine: BoolArray = np.asarray(np.isfinite(seen.rays_xy).all(axis=1))
         if np.count_nonzero(fine) < LEAST_POINTS:
             return guess, np.zeros(len(seen), dtype=np.bool_)
         there = seen.points_m @ guess[:3, :3].T + guess[:3, 3]
-        late = swept_points(there, seen.late, self.readout.seconds * self._velocity)
+        late = swept_points(there, seen.late, self.swept)
         shift = late[:, :2] / late[:, 2:] - there[:, :2] / there[:, 2:]
         chosen = seen.those(fine)
         found, inside = rigid_motion(chosen.points_m, chosen.rays_xy - shift[fine], self._focal_px)
@@ -231,7 +235,10 @@ class RgbdOdometry:
 
 
 def rigid_motion(
-    points_m: FloatArray, rays_xy: FloatArray, focal_px: float
+    points_m: FloatArray,
+    rays_xy: FloatArray,
+    focal_px: float,
+    within_px: float = RIGID_WITHIN_PX,
 ) -> tuple[FloatArray, BoolArray]:
     """(4, 4) T_now_keyframe of most points (n, 3), seen at rays (n, 2), and (n,) which it explains.
 
@@ -244,7 +251,7 @@ def rigid_motion(
         np.diag([focal_px, focal_px, 1.0]),
         None,
         iterationsCount=100,
-        reprojectionError=RIGID_WITHIN_PX,
+        reprojectionError=within_px,
         confidence=0.999,
     )
     rigid = np.zeros(len(points_m), dtype=np.bool_)

@@ -21,7 +21,7 @@ from slamsim.slam.failures import Failures
 from slamsim.slam.frontend.keyframes import ABOUT_THERE, ANYWHERE, Before, Keyframe, KeyframeMaker
 from slamsim.slam.frontend.motion import NoMotion, Odometry, log_odometry, predict_motion
 from slamsim.slam.frontend.odometry import FrontEnd
-from slamsim.slam.frontend.scan_order import InOrder, nothing_seen, nothing_to_track
+from slamsim.slam.frontend.scan_order import InOrder, NothingSeen, nothing_seen, nothing_to_track
 from slamsim.slam.frontend.track import Track
 from slamsim.slam.frontend.tracking import Status, Step, Tracked
 from slamsim.slam.landmarks.graph import held_by_tags
@@ -120,7 +120,7 @@ class SlamSession:
         if not len(self._track):
             raise SlamsimError("there is nothing to solve: no scan was tracked")
         if not self._front_end.sighted:
-            raise SlamsimError(nothing_seen(len(self._track)))
+            raise NothingSeen(nothing_seen(len(self._track)))
         with solving("the whole map"):
             outcome = self._keeper.finish(progress)
             self._solved = outcome.graph

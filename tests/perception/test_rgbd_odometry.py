@@ -96,7 +96,7 @@ def test_an_unknown_depth_is_no_point() -> None:
     step = odometry.step(1, *see(MODEL, second, textures, rng))
 
     assert step.status == "tracked"
-    assert np.linalg.norm(step.T_odom_camera[:3, 3] - second[:3, 3]) < 0.004
+    assert np.linalg.norm(step.T_odom_camera[:3, 3] - second[:3, 3]) < 0.006
 
 
 def test_images_of_another_size_are_refused() -> None:

@@ -11,7 +11,7 @@ import pytest
 
 PACKAGE = Path(__file__).parents[2] / "slamsim"
 ALLOWED = {
-    "gtsam": ("slam/backend/graph.py",),
+    "gtsam": ("slam/backend/graph.py", "slam/visual/graph.py"),
     "pybullet": ("sim/",),
     "rerun": ("report/",),
     "foxglove": (

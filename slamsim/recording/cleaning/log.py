@@ -63,6 +63,18 @@ def clean(recording: Recording, source: Path) -> Log:
     return _Cleaning(recording, source).log()
 
 
+class WithoutScans(InputRefused):
+    """A recording in which no lidar was recorded."""
+
+
+def clean_motion(recording: Recording, source: Path) -> Log:
+    """The same without scans: what a recording says of wheels and gyroscope, and nothing else.
+
+    Raises InputRefused for a damaged message on a topic that is needed.
+    """
+    return _Cleaning(recording, source).motion()
+
+
 class _Cleaning:
     """A recording being cleaned. warnings: what was odd so far, and what was done about it."""
 
@@ -111,6 +123,27 @@ class _Cleaning:
             recorded_scans=len(raw),
         )
 
+    def motion(self) -> Log:
+        """Of wheels and gyroscope alone."""
+        recording, raw = self._recording, self._first(RawOdometry)
+        tree = FrameTree()
+        tree.add(self._transforms(is_static=True))
+        odometry, odd = (None, []) if raw is None else odometry_of(raw)
+        base_frame = likely_base(tree) if raw is None else raw.child_frame_ids[0]
+        encoders, imu, warnings = self._encoders(), self._imu(), [*odd, *self.warnings]
+        return Log(
+            name=recording.name,
+            epoch="simulation" if recording.epoch == "simulation" else "unix",
+            scans=(),
+            odometry=odometry,
+            imu=imu,
+            encoders=encoders,
+            T_base_laser=np.eye(4),
+            T_base_imu=None if imu is None else imu_mounting_of(tree, base_frame, imu, warnings),
+            sources=in_words(choices(recording)),
+            warnings=(*recording.anomalies, *warnings),
+        )
+
     def _stream(self, kind: type[_Raw], topic: RecordedTopic) -> _Raw:
         """Raises InputRefused if any of its messages cannot be decoded."""
         if topic.damage:
@@ -131,7 +164,7 @@ class _Cleaning:
             there = ", ".join(kind[:60] for kind in sorted(kinds)[:9]) or "no message at all"
             needed = "a FLASER or ROBOTLASER1 line" if is_carmen else RawScans.schema.type_name
             reason = f"a log without scans: {needed} is needed, there is {there}"
-            raise InputRefused(self._source, reason + without_scans(self._topics))
+            raise WithoutScans(self._source, reason + without_scans(self._topics))
         carried = {each.topic: each for each in self._recording.odometries}
         raw = self._stream(RawScans, topics[0])
         return raw, carried.get(raw.topic)

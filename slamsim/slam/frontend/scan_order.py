@@ -5,7 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 
 from slamsim.core.types import Log, Scan
+from slamsim.guard.errors import SlamsimError
 from slamsim.slam.frontend.motion import Odometry
+
+
+class NothingSeen(SlamsimError):
+    """Scans that show nothing, so that no lidar can map."""
 
 
 class InOrder:

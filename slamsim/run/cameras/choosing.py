@@ -1,0 +1,91 @@
+"""Which sensor maps a recording: the lidar, or where it cannot, the camera."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from slamsim.config.run import RunConfig
+from slamsim.console.reporter import Reporter
+from slamsim.guard.errors import OverrideRefused, SlamsimError, shown
+from slamsim.io.cameras import open_cameras
+from slamsim.io.selection import EVERYTHING, Selection
+from slamsim.recording.cleaning.log import WithoutScans
+from slamsim.run.cameras.mapping import is_only_images, map_by_camera
+from slamsim.run.continuing import Earlier
+from slamsim.run.mapping import map_recording
+from slamsim.run.naming import log_of
+from slamsim.run.stages import Report, Stages
+from slamsim.slam.frontend.scan_order import NothingSeen
+
+
+def map_by_lidar_or_camera(
+    source: Path,
+    config: RunConfig,
+    folder: Path,
+    reporter: Reporter,
+    *,
+    without: str = "",
+    intrinsics: str = "",
+    relations: Path | None = None,
+    wanted: Selection = EVERYTHING,
+    earlier: Earlier | None = None,
+    overwrite: bool = False,
+) -> Report:
+    """``map_recording``; where there is no lidar, it sees nothing or is not to be used (without:
+    ``lidar``), ``map_by_camera``.
+
+    Raises OverrideRefused for another word, and for what a map by camera cannot do; what
+    ``map_recording`` raises where there are no images to map by.
+    """
+    why = _unwanted(without, source)
+    if not why:
+        try:
+            return map_recording(
+                source,
+                config,
+                folder,
+                reporter,
+                relations=relations,
+                wanted=wanted,
+                earlier=earlier,
+                overwrite=overwrite,
+            )
+        except (WithoutScans, NothingSeen) as reason:
+            if not _has_images(source, config):
+                raise
+            why = "none was recorded" if isinstance(reason, WithoutScans) else "it sees nothing"
+            reporter.note(f"{reason}; mapping by camera")
+    for option, given in (("--continue", earlier), ("--relations", relations)):
+        if given is not None:
+            raise OverrideRefused(option, "a map by camera alone has none; leave it out")
+    return map_by_camera(
+        source,
+        config,
+        folder,
+        Stages(reporter),
+        why=why,
+        intrinsics=intrinsics,
+        wanted=wanted,
+        overwrite=overwrite,
+    )
+
+
+def _unwanted(without: str, source: Path) -> str:
+    """Why the lidar does not map from the beginning; empty if it does."""
+    if without not in ("", "lidar"):
+        reason = "only the lidar can be left out: --without lidar"
+        raise OverrideRefused(f"--without {shown(without)}", reason)
+    if is_only_images(source):
+        return "there are images alone"
+    return "as asked" if without else ""
+
+
+def _has_images(source: Path, config: RunConfig) -> bool:
+    """Whether a camera can map: by depth, or by tags that are asked for."""
+    try:
+        with open_cameras(log_of(source)) as cameras:
+            pictures = cameras.of_kind("colour") or cameras.of_kind("grey")
+            tags = bool(config.slam.landmarks.tags)
+            return bool(pictures and (cameras.of_kind("depth") or tags))
+    except SlamsimError:
+        return False

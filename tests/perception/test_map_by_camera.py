@@ -1,0 +1,58 @@
+"""``slamsim map`` without a lidar, as it is typed."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rgbd_room import write_images
+from typed import typed
+
+from slamsim.cameras.lens import pinhole
+from slamsim.core.types import FloatArray
+from slamsim.io.text.tum import read_tum
+
+MODEL = pinhole(320, 240, 69.0)
+K = ",".join(str(float(value)) for value in MODEL.K[[0, 1, 0, 1], [0, 1, 2, 2]])
+FRAMES = 8
+
+
+@pytest.fixture(scope="module")
+def images(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, FloatArray]:
+    """A folder, and where the camera was."""
+    folder = tmp_path_factory.mktemp("room")
+    return folder, write_images(folder, MODEL, FRAMES)
+
+
+def test_a_folder_of_images_is_mapped(images: tuple[Path, FloatArray], tmp_path: Path) -> None:
+    folder, true_m = images
+    done = typed("map", folder, "--intrinsics", K, "-o", "out", "--json", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    told = json.loads(done.stdout)
+    assert told["images"] == FRAMES and told["images_lost"] == 0
+    assert "without lidar" in told["verdict"]
+    found = read_tum(tmp_path / "out" / "trajectory.tum")
+    off_m = np.linalg.norm(found.positions_m - true_m, axis=1)
+    assert off_m.max() < 0.005
+    assert off_m[-1] < 4.0 * told["sigma_end_m"]
+    written = {path.name for path in (tmp_path / "out").iterdir()}
+    assert {"report.html", "report.json", "graph.g2o", "config.yaml"} <= written
+    graph = (tmp_path / "out" / "graph.g2o").read_text().splitlines()
+    assert sum(line.startswith("VERTEX_SE3:QUAT") for line in graph) == told["keyframes"]
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        ((), "CameraInfo"),
+        (("--without", "sonar"), "--without lidar"),
+    ],
+)
+def test_what_cannot_be_is_told(
+    images: tuple[Path, FloatArray], tmp_path: Path, words: tuple[str, ...], told: str
+) -> None:
+    done = typed("map", images[0], *words, "-o", "out", cwd=tmp_path)
+    assert done.returncode != 0 and told in done.stderr and "Traceback" not in done.stderr
+    assert not (tmp_path / "out").exists()
