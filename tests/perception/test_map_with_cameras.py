@@ -9,7 +9,7 @@ import pytest
 from typed import typed
 
 TAGS = ("--tags", "apriltag_36h11:0.16")
-DRIVE = ("gallery", "--config", "realsense_d435", "--set", "drive.max_duration_s=6")
+DRIVE = ("gallery", "--config", "realsense_d435", "--set", "drive.route.max_duration_s=6")
 
 
 def _mapped(where: Path, *words: str) -> dict[str, object]:

@@ -32,7 +32,9 @@ def _path(count: int) -> list[FloatArray]:
 def _run(path: list[FloatArray], seed: int, contrast: float = 1.0) -> list[RgbdStep]:
     rng, textures, odometry = np.random.default_rng(seed), patterns(seed, contrast), None
     odometry = RgbdOdometry(MODEL)
-    return [odometry.step(k * 33_333_333, *see(MODEL, T, textures, rng)) for k, T in enumerate(path)]
+    return [
+        odometry.step(k * 33_333_333, *see(MODEL, T, textures, rng)) for k, T in enumerate(path)
+    ]
 
 
 def _edge_errors(steps: list[RgbdStep], path: list[FloatArray]) -> list[float]:

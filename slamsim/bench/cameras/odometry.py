@@ -24,7 +24,7 @@ SECONDS = 25.0
 
 def measure_odometry(config: RunConfig, reporter: Reporter) -> Figures:
     """What the path is off at its end, in percent of its length, and how many images were lost."""
-    length = f"drive.max_duration_s={SECONDS}"
+    length = f"drive.route.max_duration_s={SECONDS}"
     driven = load_run_config(WORLD, CAMERA, (length,), config.seed)
     with TemporaryDirectory() as folder:
         record(driven, Path(folder), Stages(reporter))
