@@ -172,6 +172,8 @@ def test_a_quantity_is_judged_by_its_interval() -> None:
     assert verdict(0.1, 0.5) == "inconclusive"
     assert verdict(0.001, None) == "measured"
     assert verdict(1.0, None) == "inconclusive"
+    near = quantity("x", (0.5, 0.001, "m"), 0.4905, 0.01, "more turns")
+    assert near.verdict == "inconclusive" and "off by 0.0095 m" in near.wanted
 
 
 def test_visits_of_one_tag_are_told_apart_by_time() -> None:

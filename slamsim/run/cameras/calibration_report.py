@@ -86,9 +86,11 @@ def quantity(
     else:
         off = value - claimed if off is None else off
         told = decide(Measurement(off, sigma, unit), limit)
-    return Quantity(
-        *(name, value, sigma, unit, claimed, off, told), wanted if told == "inconclusive" else ""
-    )
+    if told != "inconclusive":
+        wanted = ""
+    elif 1.96 * sigma <= limit:
+        wanted = f"off by {as_number(abs(off or 0.0), 3)} {unit}, which is about what may be"
+    return Quantity(name, value, sigma, unit, claimed, off, told, wanted)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
