@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from slamsim.core.types import FloatArray, IntArray
+from slamsim.cameras.changes import PixelChange
+from slamsim.core.types import BoolArray, Float32Array, FloatArray, IntArray
 
 if TYPE_CHECKING:
     from slamsim.cameras.frames import CameraClaim
@@ -23,6 +24,13 @@ class CameraSurvey:
     from 0 to 255 (nan of depth), thumbnails (m, h, w) grey (none of depth), and depths_m (m, 3):
     the 1, 50 and 99 % quantiles of the depths as their encoding means them (nan of others, and
     where few pixels have any). damaged: how many of the sampled could not be decoded.
+
+    grids_m: (m, h, w) depths of every ``grid_px``-th pixel along rows and columns, from pixel
+    ``grid_px // 2`` on, nan for none (none of images). colours: (m, h, w, 3) means of RGB over a
+    few patches (of colour images alone). is_metric: whether depths are stored as float metres.
+
+    numbers: (n,) of the messages, on the topic ``read_topic``, that the images were read from.
+    changes: what is changed in the pixels of each, one after the other, when a copy is written.
     """
 
     topic: str
@@ -38,6 +46,44 @@ class CameraSurvey:
     depths_m: FloatArray
     thumbnails: NDArray[np.uint8]
     damaged: int = 0
+    grids_m: Float32Array = field(default_factory=lambda: np.zeros((0, 0, 0), np.float32))
+    grid_px: int = 1
+    colours: FloatArray = field(default_factory=lambda: np.zeros((0, 0, 0, 3)))
+    is_metric: bool = False
+    read_topic: str = ""
+    numbers: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
+    changes: tuple[PixelChange, ...] = ()
 
     def __len__(self) -> int:
         return int(self.stamps_ns.size)
+
+    @property
+    def is_new(self) -> BoolArray:
+        """(m,) which of the sampled images are not the one before again."""
+        again = np.concatenate([[False], np.diff(self.digests.astype(np.int64)) == 0])
+        return np.asarray(~again[self.sampled])
+
+    def selected(self, rows: IntArray) -> CameraSurvey:
+        """Images with these numbers (k,), in this order, some perhaps again."""
+        look_of = np.full(len(self), -1)
+        look_of[self.sampled] = np.arange(self.sampled.size)
+        looks = look_of[rows]
+        seen = np.flatnonzero(looks >= 0)
+        per_image = ("stamps_ns", "received_ns", "digests", "numbers")
+        per_look = ("brightness", "depths_m", "thumbnails", "grids_m", "colours")
+        kept = {name: getattr(self, name)[rows] for name in per_image}
+        for name in per_look:
+            of_looks = getattr(self, name)
+            kept[name] = of_looks[looks[seen]] if len(of_looks) else of_looks
+        return replace(self, sampled=seen, **kept)
+
+    def repainted(self, change: PixelChange) -> CameraSurvey:
+        """With a change of all pixels, as it shows in what is held of them."""
+        kind = self.kind
+        return replace(
+            self,
+            changes=(*self.changes, change),
+            depths_m=change.of_values(self.depths_m, kind) if kind == "depth" else self.depths_m,
+            grids_m=change.of_values(self.grids_m, kind) if kind == "depth" else self.grids_m,
+            colours=change.of_values(self.colours, kind),
+        )

@@ -27,10 +27,19 @@ UNTIL_TURNS_AGREE = (*SIZES, "range_offset", "stamps_invented")
 
 LIDAR_QUESTIONS = ("laser.", "ranges.offset")
 
+BY_OTHERS = (
+    *("camera.yaw", "camera.x", "camera.y", "camera.depth_scale", "camera.focal"),
+    *("camera.time_offset", "camera.turns"),
+)
+"""Questions about cameras that are answered by comparing them with other sensors."""
+
+BESIDE_CAMERAS = ("clock.", "gyro.", "laser.", "odometry.", "ranges.", "tf.", "time.", "wheels.")
+
 
 def explained(findings: Sequence[Finding]) -> tuple[Finding, ...]:
     """The same findings, those that another fault explains now inconclusive."""
     findings = _without_drift_of_none(_without_contradicted(findings))
+    findings = _without_cameras_beside(findings)
     faults = [finding for finding in findings if finding.verdict == "fault"]
     lidars = {one.subject for one in findings if one.check.startswith(LIDAR_QUESTIONS)}
     return tuple(_with_cause(finding, faults, lidars) for finding in findings)
@@ -61,6 +70,18 @@ def _without_drift_of_none(findings: Sequence[Finding]) -> list[Finding]:
         one.inconclusive(reason)
         if one.check == "time.drift" and one.fault and _apart(one.estimate, paces.get(one.subject))
         else one
+        for one in findings
+    ]
+
+
+def _without_cameras_beside(findings: Sequence[Finding]) -> list[Finding]:
+    """What cameras are measured with, scans, odometry and gyroscope, must itself be right."""
+    others = [one for one in findings if one.fault and one.check.startswith(BESIDE_CAMERAS)]
+    if not others:
+        return list(findings)
+    reason = f"cannot be told while {fault_meaning(others[0].fault or '')} ({others[0].subject})"
+    return [
+        one.inconclusive(reason) if one.fault and one.check in BY_OTHERS else one
         for one in findings
     ]
 

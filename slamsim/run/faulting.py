@@ -7,6 +7,7 @@ from pathlib import Path
 
 from slamsim.config.faults import FaultChoice
 from slamsim.guard.output import partial_folder
+from slamsim.io.cameras.survey import with_cameras
 from slamsim.io.copy.recording import copy_recording, require_lossless
 from slamsim.io.copy.rewrite import Copied
 from slamsim.io.open import read_recording
@@ -14,6 +15,7 @@ from slamsim.io.selection import EVERYTHING, Selection
 from slamsim.run.naming import log_of
 from slamsim.sensors.faults.apply import injected
 from slamsim.sensors.faults.base import Fault
+from slamsim.sensors.faults.cameras import CameraFault
 from slamsim.sensors.faults.registry import bundled_faults, chosen_fault
 
 
@@ -37,6 +39,8 @@ def inject_faults(
     if not lossy:
         require_lossless(path)
     recording = read_recording(path, wanted)
+    if any(isinstance(fault, CameraFault) for fault in faults):
+        recording = with_cameras(recording, path)
     corrupted = injected(recording, faults, seed)
     with partial_folder(folder, overwrite) as partial:
         copied = copy_recording(path, recording, corrupted, partial)

@@ -29,6 +29,15 @@ _THUMBNAIL_PX = 160
 _FEWEST = 0.01
 """Share of an image's pixels that must have a depth."""
 _NO_DEPTHS = (np.nan, np.nan, np.nan)
+_GRID_PX = 80
+"""Columns of a depth image that are kept: a wall at 3 m still has one every 5 cm."""
+_PATCHES = (8, 6)
+"""(columns, rows) over which colours are averaged: surfaces, not details."""
+_Seen = tuple[
+    float, tuple[float, ...], NDArray[np.uint8], NDArray[np.float32], NDArray[np.float64], bool
+]
+_NO_GRID, _NO_THUMBNAIL = np.zeros((0, 0), np.float32), np.zeros((0, 0), np.uint8)
+_NO_COLOURS = np.zeros((0, 0, 3))
 
 
 def with_cameras(recording: Recording, path: Path) -> Recording:
@@ -62,7 +71,7 @@ class _Look:
         self._times: list[tuple[int, int]] = []
         self._digests: list[int] = []
         self._sampled: list[int] = []
-        self._seen: list[tuple[float, tuple[float, ...], NDArray[np.uint8]]] = []
+        self._seen: list[_Seen] = []
 
     def add(self, frame: EncodedFrame) -> None:
         self._times.append((frame.stamp_ns, frame.received_ns))
@@ -75,16 +84,13 @@ class _Look:
             self._damaged += 1
             return
         self._sampled.append(frame.number)
-        if kind == "depth":
-            unit_m = frame.unit_m if pixels.dtype == np.uint16 else 1.0
-            self._seen.append((np.nan, _quantiles(pixels, unit_m), np.zeros((0, 0), np.uint8)))
-        else:
-            self._seen.append((float(pixels.mean()), _NO_DEPTHS, _thumbnail(pixels)))
+        self._seen.append(_of_depth(frame, pixels) if kind == "depth" else _of_image(pixels))
 
     def survey(self, cameras: Cameras, name: str) -> CameraSurvey:
         topic = cameras.topics[name]
         times = np.array(self._times, dtype=np.int64).reshape(-1, 2)
-        brightness, depths, thumbnails = zip(*self._seen, strict=True) if self._seen else ((),) * 3
+        looks = zip(*self._seen, strict=True) if self._seen else ((),) * 6
+        brightness, depths, thumbnails, grids, colours, metric = looks
         return CameraSurvey(
             name,
             topic.kind,
@@ -99,7 +105,36 @@ class _Look:
             np.array(depths, dtype=np.float64).reshape(-1, 3),
             np.stack(thumbnails) if thumbnails else np.zeros((0, 0, 0), np.uint8),
             self._damaged,
+            np.stack(grids) if grids else np.zeros((0, 0, 0), np.float32),
+            _grid_step(topic.width),
+            np.stack(colours) if colours else np.zeros((0, 0, 0, 3)),
+            any(metric),
+            name,
+            np.arange(len(times)),
         )
+
+
+def _of_depth(frame: EncodedFrame, pixels: NDArray[Any]) -> _Seen:
+    is_metric = pixels.dtype != np.uint16
+    unit_m = 1.0 if is_metric else frame.unit_m
+    step = _grid_step(pixels.shape[1])
+    grid = pixels[step // 2 :: step, step // 2 :: step]
+    there = np.isfinite(grid) & (grid > 0)
+    grid_m = np.where(there, grid * np.float32(unit_m), np.nan).astype(np.float32)
+    return np.nan, _quantiles(pixels, unit_m), _NO_THUMBNAIL, grid_m, _NO_COLOURS, is_metric
+
+
+def _of_image(pixels: NDArray[Any]) -> _Seen:
+    colours = _NO_COLOURS
+    if pixels.ndim == 3:
+        patches = cv2.resize(pixels, _PATCHES, interpolation=cv2.INTER_AREA)
+        colours = np.asarray(patches, np.float64)
+    seen = float(pixels.mean()), _NO_DEPTHS, _thumbnail(pixels)
+    return *seen, _NO_GRID, colours, False
+
+
+def _grid_step(width: int) -> int:
+    return max(-(-width // _GRID_PX), 1)
 
 
 def _quantiles(pixels: NDArray[Any], unit_m: float) -> tuple[float, ...]:

@@ -15,6 +15,7 @@ import numpy as np
 
 from slamsim.core.types import BoolArray, IntArray
 from slamsim.guard.errors import SlamsimError
+from slamsim.io.copy.images import ImagesPart
 from slamsim.io.copy.patches import Pair, Patch, patches_of
 from slamsim.io.ros.message_types import MessageTypes
 from slamsim.recording import Origin, RawStream, Recording, TransformEdge
@@ -112,9 +113,12 @@ def changes_between(read: Recording, edited: Recording) -> list[RowChanges]:
     ]
 
 
-def parts_with_origin(recording: Recording) -> list[tuple[RawStream | TransformEdge, Origin]]:
-    """Its streams and edges that came from messages of a file, and from which."""
-    parts: Sequence[RawStream | TransformEdge] = (*recording.streams, *recording.transforms)
+def parts_with_origin(
+    recording: Recording,
+) -> list[tuple[RawStream | TransformEdge | ImagesPart, Origin]]:
+    """Its streams, edges and images that came from messages of a file, and from which."""
+    images = (ImagesPart(camera) for camera in recording.cameras if len(camera.numbers))
+    parts = (*recording.streams, *recording.transforms, *images)
     return [(part, part.origin) for part in parts if part.origin is not None]
 
 

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slamsim.core.types import BoolArray, IntArray
+from slamsim.io.copy.images import ImagesPart
 from slamsim.io.ros.columns import at_place
 from slamsim.recording.frames import frame_name
 from slamsim.recording.schemas import Field
@@ -87,6 +88,8 @@ def patches_of(pair: Pair) -> Patches:
         found += _frame_patch(pair, name, place)
     for field in schema.fields:
         found += _field_patch(pair, field)
+    if isinstance(pair.edited, ImagesPart) and pair.edited.camera.changes:
+        found.append((pair.everywhere(), pair.edited.repaint))
     return found
 
 

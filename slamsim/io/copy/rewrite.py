@@ -25,6 +25,7 @@ from slamsim.io.copy.changes import (
     parts_with_origin,
     transform_messages,
 )
+from slamsim.io.copy.images import InfoChange, info_changes
 from slamsim.io.copy.plan import Row, TopicPlan, plans
 from slamsim.io.copy.shared_clocks import StampMap, header_topics, stamp_maps, stamp_of, with_stamp
 from slamsim.io.copy.writers import Bag1Copy, Bag2Copy, Copy, Message, Spool
@@ -81,13 +82,16 @@ def rewrite_recording(path: Path, read: Recording, edited: Recording, folder: Pa
     with open_bag(path) as bag:
         changes = changes_between(read, edited)
         modelled = {origin.topic for _, origin in parts_with_origin(read)}
-        others = [c.topic for c in bag.channels if c.topic not in modelled and not is_truth(c)]
+        infos = info_changes(read, edited)
+        known = {*modelled, *infos}
+        others = [c.topic for c in bag.channels if c.topic not in known and not is_truth(c)]
         stamped = header_topics(bag, others)
         edits = _Edits(
             bag,
             plans(read, changes),
             stamp_maps(bag, changes, stamped),
             _new_description(bag, read, edited),
+            infos,
         )
         edges = new_edges(edited)
         with _copy_of(bag, folder) as copy, closing(Spool()) as spool:
@@ -105,13 +109,14 @@ class _Edits:
     """What changes in the messages of a bag, by topic.
 
     restamped: topics that are not modelled and whose stamps move. description: topic and text of
-    another robot description.
+    another robot description. infos: what changes in CameraInfo.
     """
 
     bag: Bag
     plans: dict[str, TopicPlan]
     restamped: dict[str, StampMap]
     description: tuple[str, str] | None
+    infos: dict[str, InfoChange]
 
     def counted(self, topics: Container[str] | None = None) -> Iterator[tuple[str, int, Message]]:
         """(topic, number of the message on it, message) of all messages, or of some topics."""
@@ -131,6 +136,10 @@ class _Edits:
             encoding = types.encoding(topic)
             stamp_ns = self.restamped[topic](stamp_of(data, encoding))
             return with_stamp(data, encoding, stamp_ns)
+        if topic in self.infos:
+            message = self.bag.deserialize(topic, data)
+            self.infos[topic].patch(message)
+            return types.serialize(topic, message)
         if self.description is not None and topic == self.description[0]:
             message = self.bag.deserialize(topic, data)
             message.data = self.description[1]
@@ -266,7 +275,7 @@ def _require_stamps(copy: Copy, stamps: Sequence[IntArray]) -> None:
 
 
 def _copied(edits: _Edits, edges: Sequence[TransformEdge], still: Sequence[str]) -> Copied:
-    changed = {*edits.plans, *edits.restamped, *(edge.topic for edge in edges)}
+    changed = {*edits.plans, *edits.restamped, *edits.infos, *(edge.topic for edge in edges)}
     if edits.description is not None:
         changed.add(edits.description[0])
     others = [c for c in edits.bag.channels if c.topic not in changed]

@@ -9,7 +9,7 @@ import numpy as np
 from slamsim.cameras.survey import CameraSurvey
 from slamsim.check.evidence import RecordingEvidence
 from slamsim.check.findings import Finding, Measurement
-from slamsim.check.question import FaultKind, Question, judge, unanswered
+from slamsim.check.question import FaultKind, Question, anywhere, judge, same_subject, unanswered
 
 NEAREST_M, FARTHEST_M = 0.07, 100.0
 """No depth camera sees nearer (RealSense D405) or farther."""
@@ -27,7 +27,14 @@ def check_unit(evidence: RecordingEvidence) -> Iterator[Finding]:
 UNIT = Question(
     "camera.depth_unit",
     "depth images are in the unit of their encoding: 16UC1 millimetres, 32FC1 metres",
-    (FaultKind("camera_depth_unit", "depths are a thousand times too small or too large"),),
+    (
+        FaultKind(
+            "camera_depth_unit",
+            "depths are a thousand times too small or too large",
+            # Rounded to whole metres, images are often the one before again.
+            (same_subject("camera_frozen", "camera_duplicated"),),
+        ),
+    ),
     consequence="obstacles are at the lens, or beyond the horizon",
     excitation_wanted="images with depths",
     ask=check_unit,
@@ -67,7 +74,13 @@ def check_instants(evidence: RecordingEvidence) -> Iterator[Finding]:
 INSTANTS = Question(
     "camera.depth_time",
     "a depth image is of the instant of the image on which it lies",
-    (FaultKind("camera_depth_time", "image and registered depth are of different instants"),),
+    (
+        FaultKind(
+            "camera_depth_time",
+            "image and registered depth are of different instants",
+            (anywhere("camera_time_offset"),),
+        ),
+    ),
     limit=MAX_APART_S,
     unit="s",
     consequence="colours lie beside their surfaces while the robot turns",

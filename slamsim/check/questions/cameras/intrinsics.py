@@ -9,12 +9,18 @@ import numpy as np
 from slamsim.cameras.survey import CameraSurvey
 from slamsim.check.evidence import RecordingEvidence
 from slamsim.check.findings import Finding, Measurement
-from slamsim.check.question import FaultKind, Question, judge, unanswered
+from slamsim.check.question import FaultKind, Question, anywhere, judge, unanswered
 from slamsim.guard.numbers import BadNumbers
 
 MOST_OFF_CENTRE = 0.2
 """Of the width or height: lenses sit within some per cent of the middle, rectified images of a
 stereo pair within ten. A camera matrix of twice the image is a quarter off."""
+
+CAMERA_INTRINSICS = FaultKind(
+    "camera_intrinsics",
+    "CameraInfo belongs to no camera with such images",
+    (anywhere("camera_depth_scale", "camera_mount", "camera_time_offset"),),
+)
 
 
 def check_intrinsics(evidence: RecordingEvidence) -> Iterator[Finding]:
@@ -29,7 +35,7 @@ def check_intrinsics(evidence: RecordingEvidence) -> Iterator[Finding]:
 INTRINSICS = Question(
     "camera.intrinsics",
     "CameraInfo describes a camera that could have taken the images",
-    (FaultKind("camera_intrinsics", "CameraInfo belongs to no camera with such images"),),
+    (CAMERA_INTRINSICS,),
     limit=MOST_OFF_CENTRE,
     consequence="points are projected to wrong pixels, and depth clouds are bent or scaled",
     excitation_wanted="a CameraInfo beside the images",

@@ -15,6 +15,7 @@ from slamsim.check.question import (
     FaultKind,
     Question,
     QuestionGroup,
+    anywhere,
     judge,
     same_subject,
     unanswered,
@@ -33,10 +34,12 @@ _FEWEST_MOVING = 20
 _DARK = 4.0
 """Of 255: a covered lens."""
 
+_BY_MOTION = ("camera_time_offset", "camera_mount", "camera_depth_scale", "camera_intrinsics")
+"""Told from images that are believed to be of their instants."""
 CAMERA_FROZEN = FaultKind(
     "camera_frozen",
     "a camera repeats an image for a while",
-    (same_subject("camera_duplicated"),),
+    (same_subject("camera_duplicated"), anywhere(*_BY_MOTION)),
 )
 FROZEN = Question(
     "camera.frozen",
@@ -51,7 +54,9 @@ FROZEN = Question(
 DUPLICATED = Question(
     "camera.duplicates",
     "each image is a new one while the robot moves",
-    (FaultKind("camera_duplicated", "a camera publishes images twice"),),
+    (
+        FaultKind("camera_duplicated", "a camera publishes images twice", (anywhere(*_BY_MOTION),)),
+    ),
     limit=MAX_REPEATED,
     consequence="motion between images seems to stop and to double, and rates are half of the told",
     excitation_wanted="an odometry, and motion for some twenty images",

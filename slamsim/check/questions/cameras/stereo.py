@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
 
+from slamsim.cameras.pairs import stereo_pairs
 from slamsim.cameras.survey import CameraSurvey
 from slamsim.check.evidence import RecordingEvidence
 from slamsim.check.findings import Finding, Measurement
@@ -21,7 +21,6 @@ _SHIFTS = 24
 """Pixels of a thumbnail of 160: as near as seven baselines of a camera that sees 87 degrees."""
 _LEAST_LIKE = 0.3
 """Correlation below which two images show no common surface."""
-_NAMES = (("left", "right"), ("infra1", "infra2"), ("cam0", "cam1"))
 
 
 def check_stereo(evidence: RecordingEvidence) -> Iterator[Finding]:
@@ -42,16 +41,6 @@ STEREO = Question(
     ask=check_stereo,
     limit_of_ok=False,
 )
-
-
-def stereo_pairs(cameras: Sequence[CameraSurvey]) -> Iterator[tuple[CameraSurvey, CameraSurvey]]:
-    """(left, right) by the names of their topics."""
-    by_topic = {one.topic: one for one in cameras if one.kind != "depth"}
-    for topic, left in by_topic.items():
-        for one, other in _NAMES:
-            right = by_topic.get(re.sub(one, other, topic))
-            if right is not None and right is not left and right.size == left.size:
-                yield left, right
 
 
 def _judged(left: CameraSurvey, right: CameraSurvey) -> Finding:

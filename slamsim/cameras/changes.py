@@ -1,0 +1,71 @@
+"""Changes of pixels, as faults and repairs make them."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+Values = TypeVar("Values", bound=NDArray[Any])
+
+
+class PixelChange(ABC):
+    """A change of all images of a topic."""
+
+    @abstractmethod
+    def of_pixels(self, pixels: NDArray[Any], number: int) -> NDArray[Any]:
+        """(h, w) or (h, w, c) pixels in the place of these, of the same dtype; number: which image
+        of its topic it is."""
+
+    def of_values(self, values: Values, kind: str) -> Values:
+        """What the change makes of (..., h, w) depths in metres or (..., 3) mean colours; images
+        whose brightness changes are looked at again."""
+        return values
+
+
+@dataclass(frozen=True, slots=True)
+class ScaleDepths(PixelChange):
+    """All depths times a factor; integers are rounded, and what does not fit becomes none."""
+
+    factor: float
+
+    def of_pixels(self, pixels: NDArray[Any], number: int) -> NDArray[Any]:
+        scaled = pixels * self.factor
+        if pixels.dtype.kind == "f":
+            return scaled.astype(pixels.dtype)
+        rounded = np.rint(scaled)
+        return np.where(rounded <= np.iinfo(pixels.dtype).max, rounded, 0).astype(pixels.dtype)
+
+    def of_values(self, values: Values, kind: str) -> Values:
+        scaled: Any = (values * self.factor).astype(values.dtype)
+        return scaled
+
+
+@dataclass(frozen=True, slots=True)
+class SwapRedBlue(PixelChange):
+    """Red and blue exchanged; grey images have neither."""
+
+    def of_pixels(self, pixels: NDArray[Any], number: int) -> NDArray[Any]:
+        if pixels.ndim == 2 or pixels.shape[2] < 3:
+            return pixels
+        return np.ascontiguousarray(pixels[:, :, [2, 1, 0, *range(3, pixels.shape[2])]])
+
+    def of_values(self, values: Values, kind: str) -> Values:
+        swapped: Any = values[..., ::-1] if kind == "colour" else values
+        return swapped
+
+
+@dataclass(frozen=True, slots=True)
+class Flicker(PixelChange):
+    """Brightness that swings by ``depth`` of itself, a third of a period from image to image: mains
+    light of 100 Hz at 30 images a second."""
+
+    depth: float
+
+    def of_pixels(self, pixels: NDArray[Any], number: int) -> NDArray[Any]:
+        light = 1.0 + self.depth * np.sin(2.0 * np.pi * number / 3.0)
+        most = np.iinfo(pixels.dtype).max
+        return np.clip(np.rint(pixels * light), 0, most).astype(pixels.dtype)

@@ -1,0 +1,262 @@
+"""What a depth camera sees at the height of the lidar, against the scans of the same instants.
+
+Texture plays no part in it. One fit to all images tells where the camera sits in the plane, how
+far its depths and its focal length are off, and how late its stamps are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from slamsim.cameras.lens import CameraModel
+from slamsim.cameras.survey import CameraSurvey
+from slamsim.check.motion.planar_track import planar_track, track_at
+from slamsim.core.types import FloatArray, IntArray
+from slamsim.recording import RawScans, Recording
+
+NAMES = ("x_m", "y_m", "yaw_rad", "scale", "focal", "delay_s")
+FEWEST_IMAGES, FEWEST_POINTS = 10, 300
+_MOST_IMAGES = 150
+_ROUNDS = 25
+_GATES_M = (0.5, 0.3, 0.2)
+"""How far apart a point and its surface may be, round by round."""
+_STEP = 0.05
+"""Of the depth: rows farther apart see two surfaces."""
+_GAP_M, _BENT_M = 0.25, 0.02
+"""Between neighbouring beams, and off the line through them: else there is no surface."""
+_FLOOR_M = 0.003
+"""How exactly a wall is the same at two heights."""
+_TUKEY = 4.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SliceFit:
+    """By ``NAMES``: what is to be added to the claimed place (base axes; the turn about the
+    camera's own place), true over claimed less one of depths and of focal lengths, and by how much
+    stamps are later than the scans' of the same instant. sigmas: (6,)."""
+
+    values: FloatArray
+    sigmas: FloatArray
+    images: int
+    points: int
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Slice:
+    """One image: points_m (n, 2) in the base at its stamp, ahead_m and beside_m (n, 2) the parts of
+    them along the optical axis and to its right, depths_m (n,); the surfaces (m, 2) and normals
+    (m, 2) of the scan there; the robot's motion (v_x, v_y, yaw rate)."""
+
+    points_m: FloatArray
+    beside_m: FloatArray
+    origin_m: FloatArray
+    depths_m: FloatArray
+    surfaces_m: FloatArray
+    normals: FloatArray
+    motion: FloatArray
+
+
+def fit_slices(
+    recording: Recording,
+    depth: CameraSurvey,
+    scans: RawScans,
+    T_base_camera: FloatArray,
+    T_base_laser: FloatArray,
+) -> SliceFit | None:
+    """None where too few images show walls at the height of the scans, or nothing tells how the
+    robot moved. Raises BadNumbers for a CameraInfo that no camera can have."""
+    assert depth.claim is not None
+    model = depth.claim.model()
+    path = _path(recording)
+    if path is None or not len(scans):
+        return None
+    slices = list(_slices(depth, model, scans, T_base_camera, T_base_laser, path))
+    points = sum(len(each.points_m) for each in slices)
+    if len(slices) < FEWEST_IMAGES or points < FEWEST_POINTS:
+        return None
+    return _fitted(slices)
+
+
+def seen_beside(recording: Recording, depth: CameraSurvey) -> bool:
+    """Whether depths lie in the pixels of an image."""
+    mine = depth.frame_id, depth.size
+    images = (one for one in recording.cameras if one.kind != "depth")
+    return any((one.frame_id, one.size) == mine for one in images)
+
+
+def _path(recording: Recording) -> tuple[IntArray, FloatArray] | None:
+    for odometry in recording.odometries:
+        known_ns, track = planar_track(
+            odometry.stamps_ns, odometry.positions_m, odometry.quats_xyzw
+        )
+        if known_ns.size > 1:
+            return known_ns, track
+    return None
+
+
+def _slices(
+    depth: CameraSurvey,
+    model: CameraModel,
+    scans: RawScans,
+    T_base_camera: FloatArray,
+    T_base_laser: FloatArray,
+    path: tuple[IntArray, FloatArray],
+) -> Iterator[_Slice]:
+    new = np.flatnonzero(depth.is_new)
+    chosen = new[:: max(-(-new.size // _MOST_IMAGES), 1)]
+    rays = _grid_rays(depth, model)
+    order = np.argsort(scans.stamps_ns)
+    scan_ns = scans.stamps_ns[order]
+    for look in chosen.tolist():
+        at_ns = int(depth.stamps_ns[depth.sampled[look]])
+        if not path[0][0] < at_ns < path[0][-1]:
+            continue
+        near = int(np.clip(np.searchsorted(scan_ns, at_ns), 1, max(scan_ns.size - 1, 1)))
+        pair = order[[near - 1, min(near, scan_ns.size - 1)]]
+        scan = int(pair[np.argmin(np.abs(scans.stamps_ns[pair] - at_ns))])
+        if abs(int(scans.stamps_ns[scan]) - at_ns) > 200_000_000:
+            continue
+        surfaces = _surfaces(scans, scan, T_base_laser, path, at_ns)
+        seen = _seen(depth.grids_m[look], rays, T_base_camera, float(T_base_laser[2, 3]))
+        if seen is not None and len(surfaces[0]) > 10:
+            yield _Slice(*seen, *surfaces, _motion(path, at_ns))
+
+
+def _grid_rays(depth: CameraSurvey, model: CameraModel) -> FloatArray:
+    """(h, w, 3) of depth 1 in the optical frame."""
+    height, width = depth.grids_m.shape[1:]
+    first, step = depth.grid_px // 2, depth.grid_px
+    x, y = np.meshgrid(first + step * np.arange(width), first + step * np.arange(height))
+    rays = model.rays_at(np.column_stack([x.ravel(), y.ravel()]).astype(np.float64))
+    return np.asarray((rays / rays[:, 2:]).reshape(height, width, 3))
+
+
+def _seen(
+    grid_m: FloatArray, rays: FloatArray, T_base_camera: FloatArray, height_m: float
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray] | None:
+    """Points where surfaces cross the lidar's height: in the base, the part beside the optical
+    axis, the camera, depths."""
+    in_camera = rays * grid_m[..., None]
+    heights_m = in_camera @ T_base_camera[2, :3] + T_base_camera[2, 3]
+    above, below = heights_m[:-1] - height_m, heights_m[1:] - height_m
+    deep = grid_m[:-1], grid_m[1:]
+    same = np.abs(deep[0] - deep[1]) < _STEP * np.minimum(*deep)
+    rows, columns = np.nonzero((above * below <= 0.0) & same & (above != below))
+    if rows.size < 5:
+        return None
+    share = (above / (above - below))[rows, columns][:, None]
+    upper, lower = in_camera[rows, columns], in_camera[rows + 1, columns]
+    points = upper + share * (lower - upper)
+    R, origin = T_base_camera[:2, :3], T_base_camera[:2, 3]
+    beside = points[:, :1] * R[:, 0]
+    return points @ R.T + origin, beside, origin, points[:, 2]
+
+
+def _surfaces(
+    scans: RawScans,
+    scan: int,
+    T_base_laser: FloatArray,
+    path: tuple[IntArray, FloatArray],
+    at_ns: int,
+) -> tuple[FloatArray, FloatArray]:
+    """Points of a scan and their normals, in the base at an instant."""
+    layout = scans.layout(scan)
+    ranges = np.asarray(scans.ranges_m[scan], dtype=np.float64)
+    beams = np.arange(ranges.size)
+    angles = layout.angle_min_rad + beams * layout.angle_step_rad
+    there = np.isfinite(ranges) & (ranges > layout.range_min_m) & (ranges < layout.range_max_m)
+    ranges = np.where(there, ranges, np.nan)
+    in_laser = np.column_stack([ranges * np.cos(angles), ranges * np.sin(angles), 0.0 * ranges])
+    in_base = (in_laser @ T_base_laser[:3, :3].T + T_base_laser[:3, 3])[:, :2]
+    beam_ns = scans.stamps_ns[scan] + np.rint(1e9 * layout.beam_dt_s * beams).astype(np.int64)
+    points = _between(track_at(*path, beam_ns), track_at(*path, np.array([at_ns]))[0], in_base)
+    along = points[2:] - points[:-2]
+    gap = np.hypot(*along.T)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        normals = np.column_stack([-along[:, 1], along[:, 0]]) / gap[:, None]
+        bent = np.abs(((points[1:-1] - points[:-2]) * normals).sum(axis=1))
+        is_surface = (gap < 2.0 * _GAP_M) & (bent < _BENT_M)
+    return points[1:-1][is_surface], normals[is_surface]
+
+
+def _between(then: FloatArray, now: FloatArray, in_base: FloatArray) -> FloatArray:
+    """(n, 2) points in the base as it stood at (n, 3) poses, in the base as it stands now."""
+    cos, sin = np.cos(then[:, 2]), np.sin(then[:, 2])
+    x = then[:, 0] + cos * in_base[:, 0] - sin * in_base[:, 1] - now[0]
+    y = then[:, 1] + sin * in_base[:, 0] + cos * in_base[:, 1] - now[1]
+    cos_now, sin_now = np.cos(now[2]), np.sin(now[2])
+    return np.column_stack([cos_now * x + sin_now * y, cos_now * y - sin_now * x])
+
+
+def _motion(path: tuple[IntArray, FloatArray], at_ns: int) -> FloatArray:
+    """(3,) forward and sideways in m/s, and yaw rate, over a tenth of a second."""
+    before, after = track_at(*path, at_ns + np.array([-50_000_000, 50_000_000]))
+    cos, sin = np.cos(before[2]), np.sin(before[2])
+    x, y, turned = after - before
+    return 10.0 * np.array([cos * x + sin * y, cos * y - sin * x, turned])
+
+
+def _fitted(slices: list[_Slice]) -> SliceFit:
+    values = np.zeros(6)
+    trees = [cKDTree(each.surfaces_m) for each in slices]
+    for count in range(_ROUNDS):
+        gate_m = _GATES_M[min(count, len(_GATES_M) - 1)]
+        parts = [
+            _equations(each, tree, values, gate_m)
+            for each, tree in zip(slices, trees, strict=True)
+        ]
+        apart = np.concatenate([r / s for _, r, s in parts])
+        noise = max(1.4826 * float(np.median(np.abs(apart))), 1e-6)
+        blocks = [_weighed(A, r, s, noise) for A, r, s in parts]
+        H, g = sum(b[0] for b in blocks), sum(b[1] for b in blocks)
+        values = values + np.linalg.lstsq(H, g, rcond=1e-12)[0]
+    # Errors within an image are alike (noise of disparity, one wall): images count, not points.
+    spread = sum(np.outer(g, g) for _, g, _ in blocks)
+    inverse = np.linalg.pinv(H, rcond=1e-10)
+    covariance = inverse @ spread @ inverse
+    used = sum(count for _, _, count in blocks)
+    return SliceFit(values, np.sqrt(np.maximum(np.diag(covariance), 0.0)), len(slices), used)
+
+
+_Equations = tuple[FloatArray, FloatArray, FloatArray]
+
+
+def _equations(each: _Slice, tree: cKDTree, values: FloatArray, gate_m: float) -> _Equations:
+    """(n, 6) by how much points leave their surfaces with each unknown, (n,) how far they are
+    before them, (n,) up to which scatter."""
+    from_camera = each.points_m - each.origin_m
+    x_m, y_m, yaw, scale, focal, delay_s = values
+    scaled = (1.0 + scale) * (from_camera - focal * each.beside_m)
+    cos, sin = np.cos(yaw), np.sin(yaw)
+    turned = scaled @ np.array([[cos, sin], [-sin, cos]])
+    points = turned + each.origin_m + [x_m, y_m]
+    v, rate = each.motion[:2], each.motion[2]
+    drift = v + rate * np.column_stack([-points[:, 1], points[:, 0]])
+    points = points - delay_s * drift
+    distance, place = tree.query(points)
+    near = distance < gate_m
+    n = each.normals[place[near]]
+    apart = ((each.surfaces_m[place[near]] - points[near]) * n).sum(axis=1)
+    columns = (
+        n[:, 0],
+        n[:, 1],
+        n[:, 1] * turned[near, 0] - n[:, 0] * turned[near, 1],
+        (n * turned[near]).sum(axis=1),
+        -(n * each.beside_m[near]).sum(axis=1),
+        -(n * drift[near]).sum(axis=1),
+    )
+    return np.column_stack(columns), apart, _FLOOR_M + 0.01 * np.square(each.depths_m[near])
+
+
+def _weighed(
+    A: FloatArray, apart: FloatArray, scatter: FloatArray, noise: float
+) -> tuple[FloatArray, FloatArray, int]:
+    """(6, 6) and (6,) of one image, and how many points count in it (Tukey's biweight)."""
+    units = apart / (noise * scatter)
+    weight = np.square(np.maximum(1.0 - np.square(units / _TUKEY), 0.0)) / np.square(scatter)
+    by = A * weight[:, None]
+    return by.T @ A, by.T @ apart, int((weight > 0.0).sum())
