@@ -11,6 +11,7 @@ from slamsim.check.wording import as_json
 from slamsim.console.reporter import Reporter
 from slamsim.guard.errors import SlamsimError
 from slamsim.guard.output import partial_folder
+from slamsim.io.cameras.survey import with_cameras
 from slamsim.io.copy.recording import copy_recording, require_lossless
 from slamsim.io.open import read_recording
 from slamsim.io.selection import EVERYTHING, Selection
@@ -43,7 +44,8 @@ def fix_log(
     if not lossy:
         require_lossless(path)
     with stages.stage("read"):
-        recording = replace(read_recording(path, wanted), name=recording_name(str(source)))
+        recording = with_cameras(read_recording(path, wanted), path)
+        recording = replace(recording, name=recording_name(str(source)))
     reporter.note(in_words(choices(recording)))
     with partial_folder(folder, overwrite) as partial:
         fixed = _fixed(recording, names, stages)

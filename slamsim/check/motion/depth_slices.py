@@ -206,8 +206,7 @@ def _fitted(slices: list[_Slice]) -> SliceFit:
     for count in range(_ROUNDS):
         gate_m = _GATES_M[min(count, len(_GATES_M) - 1)]
         parts = [
-            _equations(each, tree, values, gate_m)
-            for each, tree in zip(slices, trees, strict=True)
+            _equations(each, tree, values, gate_m) for each, tree in zip(slices, trees, strict=True)
         ]
         apart = np.concatenate([r / s for _, r, s in parts])
         noise = max(1.4826 * float(np.median(np.abs(apart))), 1e-6)

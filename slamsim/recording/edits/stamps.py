@@ -131,18 +131,22 @@ def are_copies(received_ns: IntArray | None, stamps_ns: IntArray) -> TypeGuard[I
 def clock_of(recording: Recording, subject: str) -> Target:
     """Everything that is stamped together with this topic or transform, itself included.
 
-    Wheels have one clock for counters, joints, odometry and its transform: these belong
-    together where nearly all stamps of one are stamps of the other.
+    Wheels have one clock for counters, joints, odometry and its transform, and a camera one for all
+    its imagers: these belong together where nearly all stamps of one are stamps of the other.
     """
+    images = {camera.topic: camera.stamps_ns for camera in recording.cameras}
+    if subject in images:
+        return STAMPED.on(*(name for name, each in images.items() if _share(images[subject], each)))
     wheels = (*recording.odometries, *recording.ticks, *recording.joints)
     stamps = {stream.topic: stream.stamps_ns for stream in wheels}
     stamps |= {edge_subject(edge): edge.stamps_ns for edge in recording.moving}
     if subject not in stamps:
         return STAMPED.on(subject)
-    mine = stamps[subject]
+    shared = (name for name, values in stamps.items() if _share(stamps[subject], values))
+    return STAMPED.on(subject, *shared)
 
-    def shared(other: IntArray) -> bool:
-        small, large = sorted((mine, other), key=lambda values: values.size)
-        return bool(small.size and np.isin(small, large).mean() >= _TOGETHER)
 
-    return STAMPED.on(subject, *(name for name, values in stamps.items() if shared(values)))
+def _share(one: IntArray, other: IntArray) -> bool:
+    """Whether nearly all stamps of one are stamps of the other."""
+    small, large = sorted((one, other), key=lambda values: values.size)
+    return bool(small.size and np.isin(small, large).mean() >= _TOGETHER)

@@ -10,7 +10,7 @@ from math import inf, log
 from slamsim.guard.errors import SlamsimError, shown
 from slamsim.recording import Recording
 from slamsim.recording.edits.stamps import clock_of
-from slamsim.recording.repairs import frames, readings, scans, stamps, wheels
+from slamsim.recording.repairs import cameras, frames, readings, scans, stamps, wheels
 from slamsim.recording.repairs.base import Declaration, Repair
 
 OPERATIONS: Mapping[str, Declaration] = {
@@ -64,6 +64,11 @@ OPERATIONS: Mapping[str, Declaration] = {
     "invert_transform": frames.invert_transform,
     "roll_frame": frames.roll_frame,
     "set_mounting": frames.set_mounting,
+    "scale_depths": cameras.scale_depths,
+    "scale_focal": cameras.scale_focal,
+    "set_camera_size": cameras.set_camera_size,
+    "drop_repeated_images": cameras.drop_repeated_images,
+    "exchange_images": cameras.exchange_images,
 }
 """Each gives the edit for what is asked of a recording."""
 
@@ -103,6 +108,9 @@ _EVIDENT = frozenset(
         "drop_transform",
         "freeze_static_transform",
         "scale_acceleration",
+        "set_camera_size",
+        "drop_repeated_images",
+        "exchange_images",
         "unwrap_ticks",
         "normalise_rotations",
         "drop_broken_poses",

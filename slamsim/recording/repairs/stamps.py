@@ -12,6 +12,7 @@ from slamsim.core.types import FloatArray, IntArray
 from slamsim.recording import Messages, Recording
 from slamsim.recording.edits.base import STAMPED, CannotEdit, Edit
 from slamsim.recording.edits.beams import scan_durations_ns
+from slamsim.recording.edits.cameras import ChangeCameras, shifted
 from slamsim.recording.edits.messages import ChangeMessages, select
 from slamsim.recording.edits.stamps import (
     Restamp,
@@ -31,7 +32,13 @@ _STEP_PERIODS = 0.9
 def shift_stamps(recording: Recording, repair: Repair) -> Edit:
     """Add offset_s to every stamp of the subject's clock."""
     offset_ns = round(repair.number("offset_s") * 1e9)
-    return ShiftStamps(clock_of(recording, repair.subject), offset_ns, receipt_follows=True)
+    clock = clock_of(recording, repair.subject)
+    if any(camera.topic == repair.subject for camera in recording.cameras):
+        together = clock.subjects or frozenset()
+        return ChangeCameras(
+            lambda camera: camera.topic in together, lambda camera: shifted(camera, offset_ns)
+        )
+    return ShiftStamps(clock, offset_ns, receipt_follows=True)
 
 
 def rescale_stamps(recording: Recording, repair: Repair) -> Edit:

@@ -10,6 +10,7 @@ from slamsim.cameras.survey import CameraSurvey
 from slamsim.check.evidence import RecordingEvidence
 from slamsim.check.findings import Finding, Measurement
 from slamsim.check.question import FaultKind, Question, anywhere, judge, same_subject, unanswered
+from slamsim.recording.repairs.base import Repair
 
 NEAREST_M, FARTHEST_M = 0.07, 100.0
 """No depth camera sees nearer (RealSense D405) or farther."""
@@ -38,6 +39,7 @@ UNIT = Question(
     consequence="obstacles are at the lens, or beyond the horizon",
     excitation_wanted="images with depths",
     ask=check_unit,
+    repairs=("scale_depths",),
 )
 
 
@@ -57,8 +59,15 @@ def _unit(camera: CameraSurvey) -> Finding:
         verdict, words = "fault", f"{words}, farther than any depth camera sees"
     else:
         advice, verdict = "", "ok"
+    # Metres that were rounded to integers cannot be told apart again.
+    repairs = [Repair("scale_depths", camera.topic, {"factor": 1e-3})] if camera.is_metric else []
     return judge(
-        UNIT, camera.topic, words, verdict="fault" if verdict == "fault" else "ok", advice=advice
+        UNIT,
+        camera.topic,
+        words,
+        verdict="fault" if verdict == "fault" else "ok",
+        advice=advice,
+        repairs=repairs,
     )
 
 
@@ -85,6 +94,7 @@ INSTANTS = Question(
     unit="s",
     consequence="colours lie beside their surfaces while the robot turns",
     ask=check_instants,
+    repairs=("shift_stamps",),
 )
 
 
@@ -92,9 +102,13 @@ def _apart(depth: CameraSurvey, image: CameraSurvey) -> Finding:
     ours, theirs = np.sort(depth.stamps_ns), np.sort(image.stamps_ns)
     at = np.clip(np.searchsorted(theirs, ours), 1, max(theirs.size - 1, 1))
     near = np.stack([theirs[np.minimum(at, theirs.size - 1)], theirs[at - 1]])
-    apart_s = 1e-9 * np.abs(near - ours).min(axis=0)
+    nearest = np.take_along_axis(near, np.abs(near - ours).argmin(axis=0)[None], axis=0)[0]
+    later_s = 1e-9 * (ours - nearest)
+    apart_s = np.abs(later_s)
     # Of a stream with fewer images only those that have a partner at all are asked.
     usual_s = float(np.sort(apart_s)[: min(ours.size, theirs.size)].mean())
     words = f"its images are {1e3 * usual_s:.1f} ms from those of {image.topic}, on average"
     advice = "Synchronise the cameras, or register depth to the image of the same instant."
-    return judge(INSTANTS, depth.topic, words, Measurement(usual_s, 0.0, "s"), advice=advice)
+    shift = Repair("shift_stamps", depth.topic, {"offset_s": -float(np.median(later_s))})
+    size = Measurement(usual_s, 0.0, "s")
+    return judge(INSTANTS, depth.topic, words, size, advice=advice, repairs=[shift])

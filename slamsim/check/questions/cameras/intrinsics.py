@@ -11,6 +11,7 @@ from slamsim.check.evidence import RecordingEvidence
 from slamsim.check.findings import Finding, Measurement
 from slamsim.check.question import FaultKind, Question, anywhere, judge, unanswered
 from slamsim.guard.numbers import BadNumbers
+from slamsim.recording.repairs.base import Repair
 
 MOST_OFF_CENTRE = 0.2
 """Of the width or height: lenses sit within some per cent of the middle, rectified images of a
@@ -40,6 +41,7 @@ INTRINSICS = Question(
     consequence="points are projected to wrong pixels, and depth clouds are bent or scaled",
     excitation_wanted="a CameraInfo beside the images",
     ask=check_intrinsics,
+    repairs=("set_camera_size",),
     limit_of_ok=False,
 )
 
@@ -55,9 +57,21 @@ def _judged(camera: CameraSurvey) -> Finding:
         model = claim.model()
     except BadNumbers as error:
         words = f"its CameraInfo ({claim.source}) cannot be right: {error}"
-        return judge(INTRINSICS, camera.topic, words, verdict="fault", advice=advice)
+        repairs = [Repair("set_camera_size", camera.topic)] if _is_scaled(camera) else []
+        return judge(
+            INTRINSICS, camera.topic, words, verdict="fault", advice=advice, repairs=repairs
+        )
     middle = 0.5 * (np.array(camera.size) - 1.0)
     off = float(np.abs((model.centre_px - middle) / camera.size).max())
     x, y = model.centre_px
     words = f"the principal point is at ({x:.0f}, {y:.0f}), {off:.1%} of the image off its middle"
     return judge(INTRINSICS, camera.topic, words, Measurement(off, 0.0, ""), advice=advice)
+
+
+def _is_scaled(camera: CameraSurvey) -> bool:
+    """Whether CameraInfo is for larger or smaller images of the same shape."""
+    assert camera.claim is not None
+    (width, height), (claimed_width, claimed_height) = camera.size, camera.claim.image_size
+    if not claimed_width or not claimed_height or camera.size == camera.claim.image_size:
+        return False
+    return round(claimed_height * width / claimed_width) == height

@@ -1,4 +1,4 @@
-"""Where depth cameras sit, how long their depths are and when they were taken, by the scans."""
+"""Where cameras sit, how long depths are and when images were taken, by scans and gyroscope."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from slamsim.check.motion.depth_slices import (
     fit_slices,
     seen_beside,
 )
+from slamsim.check.motion.image_turns import FEWEST_PAIRS, TurnFit, fit_turns, seen_turns
 from slamsim.check.question import FaultKind, Question, QuestionGroup, judge, unanswered
 from slamsim.check.questions.cameras.intrinsics import CAMERA_INTRINSICS
 from slamsim.core.types import FloatArray
@@ -24,11 +25,12 @@ from slamsim.recording.choice import lidars
 from slamsim.recording.repairs.base import Repair
 
 _FLOORS = dict(zip(NAMES, (0.006, 0.006, 2e-3, 3e-3, 3e-3, 2e-3), strict=True))
-"""What the fit does not know of: walls that are not upright, edges, quantised depths, beams that
-are wide. The largest of twelve healthy drives with images 160 pixels wide, halved."""
-_FLOOR_REGISTERED = 0.01
-"""Of the scale of depths that were put into the pixels of another camera: of several the nearest
-is kept."""
+"""Standard deviations of what the fit does not know of: walls that are not upright, edges,
+quantised depths. More than the errors of healthy drives with images 160 pixels wide (3 mm, 0.1
+deg, 0.3 %, 1.5 ms)."""
+_REGISTERED = {"x_m": 0.01, "y_m": 0.01, "scale": 0.01, "focal": 5e-3}
+"""The same of depths that were put into the pixels of another camera: of several that meet in one
+the nearest is kept."""
 
 CAMERA_MOUNT = FaultKind("camera_mount", "a camera is mounted otherwise than declared")
 CAMERA_TIME_OFFSET = FaultKind("camera_time_offset", "stamps of a camera are late or early")
@@ -86,7 +88,23 @@ OFFSET = Question(
     excitation_wanted=WANTED,
     repairs=("shift_stamps",),
 )
+TURNS = Question(
+    "camera.turns",
+    "images turn as fast as the robot, by the focal length of their CameraInfo",
+    (CAMERA_INTRINSICS,),
+    limit=15.0,
+    unit="%",
+    consequence="points are projected to wrong pixels, and visual odometry turns too far",
+    excitation_wanted="turns, and texture some metres away",
+)
 _QUESTIONS = (YAW, *PLACE, SCALE, FOCAL, OFFSET)
+_LIMIT_BY_TURNS_MS = 30.0
+_PARALLAX_S = 8e-3
+"""Where one side is nearer than the other what is driven looks like a turn, and a robot drives as
+it begins and ends to turn: 4 to 12 ms in healthy drives."""
+_USUAL_DISTANCE_M, _GAIN_FLOOR = 1.5, 0.02
+_R_LEVEL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+"""Of an optical frame that looks ahead."""
 
 
 def check_place(evidence: RecordingEvidence) -> Iterator[Finding]:
@@ -104,7 +122,74 @@ def check_place(evidence: RecordingEvidence) -> Iterator[Finding]:
         yield from _sizes(evidence, depth, fit)
 
 
-GROUP = QuestionGroup("camera place", 70, _QUESTIONS, check_place, thorough=True)
+def check_turns(evidence: RecordingEvidence) -> Iterator[Finding]:
+    """Each topic of colour or grey images, against the gyroscope, or else the wheels."""
+    for camera in evidence.recording.cameras:
+        if camera.kind != "depth":
+            fit, reason = turn_fit(evidence, camera)
+            if fit is None:
+                yield from (unanswered(each, camera.topic, reason) for each in (TURNS, OFFSET))
+            else:
+                yield from _turns(evidence, camera, fit)
+
+
+def check_cameras(evidence: RecordingEvidence) -> Iterator[Finding]:
+    """Depth cameras by scans, the others by turns."""
+    yield from check_place(evidence)
+    yield from check_turns(evidence)
+
+
+GROUP = QuestionGroup("camera place", 70, (*_QUESTIONS, TURNS), check_cameras)
+
+
+def turn_fit(evidence: RecordingEvidence, camera: CameraSurvey) -> tuple[TurnFit | None, str]:
+    """The fit of turns as images show them to those of gyroscope or wheels, or why there is
+    none."""
+    inputs = evidence.inputs
+    other = inputs.gyro or inputs.wheels
+    if other is None:
+        return None, "neither gyroscope nor odometry tells how the robot turned"
+    if camera.claim is None:
+        return None, "no CameraInfo says which camera it is"
+    if camera.claim.image_size != camera.size:
+        return None, "its CameraInfo is for images of another size"
+    T_base_camera = evidence.frames.between(evidence.base, camera.frame_id)
+    R = _R_LEVEL if T_base_camera is None else T_base_camera[:3, :3]
+    try:
+        fit = fit_turns(seen_turns(camera, camera.claim.model(), R), other)
+    except BadNumbers as error:
+        return None, f"its CameraInfo cannot be right: {error}"
+    seen = f"fewer than {FEWEST_PAIRS} pairs of successive images show how the robot turned"
+    return fit, "" if fit is not None else f"{seen}; what would tell: turns and texture"
+
+
+def _turns(evidence: RecordingEvidence, camera: CameraSurvey, fit: TurnFit) -> Iterator[Finding]:
+    delay_s, sigma_s = fit.delay_s
+    delay = Measurement(1e3 * delay_s, 1e3 * float(np.hypot(sigma_s, _PARALLAX_S)), "ms")
+    readout_s = fit.readout_s[0], float(np.hypot(fit.readout_s[1], _PARALLAX_S))
+    yield judge(
+        OFFSET,
+        camera.topic,
+        f"its stamps are off by {delay.value:+.0f} ms, by turns in {fit.pairs} pairs of images; "
+        f"its rows are read out in {1e3 * readout_s[0]:.0f} +- {2e3 * readout_s[1]:.0f} ms",
+        delay,
+        limit=_LIMIT_BY_TURNS_MS,
+        advice="Stamp images when they are exposed, by the clock of the other sensors.",
+        repairs=[Repair("shift_stamps", camera.topic, {"offset_s": -delay_s})],
+    )
+    T_base_camera = evidence.frames.between(evidence.base, camera.frame_id)
+    lever_m = 0.1 if T_base_camera is None else float(np.hypot(*T_base_camera[:2, 3]))
+    # A camera before the axle moves sideways in turns: what is near seems to turn faster.
+    by_lever = lever_m / _USUAL_DISTANCE_M
+    gain = fit.gain[0] - by_lever
+    sigma = float(np.sqrt(fit.gain[1] ** 2 + (0.5 * by_lever) ** 2 + _GAIN_FLOOR**2))
+    yield judge(
+        TURNS,
+        camera.topic,
+        f"images turn {100.0 * gain:+.0f} % farther than the robot",
+        Measurement(100.0 * gain, 100.0 * sigma, "%"),
+        advice="Calibrate the camera at the size and mode in which it records.",
+    )
 
 
 def slice_fit(evidence: RecordingEvidence, depth: CameraSurvey) -> tuple[SliceFit | None, str]:
@@ -131,12 +216,13 @@ def _mount(evidence: RecordingEvidence, depth: CameraSurvey, fit: SliceFit) -> I
     T_base_camera = evidence.frames.between(evidence.base, depth.frame_id)
     assert T_base_camera is not None
     repair = Repair("set_mounting", depth.frame_id, _mounted(evidence.base, T_base_camera, fit))
+    registered = seen_beside(evidence.recording, depth)
     yaw = _measured(fit, "yaw_rad", np.degrees(1.0), "deg")
     words = f"it looks {yaw.value:+.2f} deg to the left of where its frame says"
     advice = "Correct the fixed transform to its frame, or the mount."
     yield judge(YAW, depth.frame_id, words, yaw, advice=advice, repairs=[repair])
     for question, axis in zip(PLACE, "xy", strict=True):
-        off = _measured(fit, f"{axis}_m", 1e3, "mm")
+        off = _measured(fit, f"{axis}_m", 1e3, "mm", registered)
         words = f"it sits {off.value:+.0f} mm along {axis} of {evidence.base} from where it says"
         yield judge(question, depth.frame_id, words, off, advice=advice, repairs=[repair])
 
@@ -150,21 +236,21 @@ def _mounted(base: str, T_base_camera: FloatArray, fit: SliceFit) -> dict[str, f
 
 
 def _sizes(evidence: RecordingEvidence, depth: CameraSurvey, fit: SliceFit) -> Iterator[Finding]:
-    is_registered = seen_beside(evidence.recording, depth)
-    scale = _measured(fit, "scale", -100.0, "%", _FLOOR_REGISTERED if is_registered else 0.0)
+    registered = seen_beside(evidence.recording, depth)
+    scale = _measured(fit, "scale", -100.0, "%", registered)
     yield judge(
         SCALE,
         depth.topic,
-        f"depths are {scale.value:+.1f} % longer than ranges of the lidar to the same walls",
+        f"its depths are off by {scale.value:+.1f} %, by the scans of the same walls",
         scale,
         advice="Calibrate the depth camera, or correct the unit of its depths.",
         repairs=[Repair("scale_depths", depth.topic, {"factor": 1.0 - 0.01 * scale.value})],
     )
-    focal = _measured(fit, "focal", -100.0, "%")
+    focal = _measured(fit, "focal", -100.0, "%", registered)
     yield judge(
         FOCAL,
         depth.topic,
-        f"the claimed focal length is {focal.value:+.1f} % longer than walls in scans say",
+        f"the claimed focal length is off by {focal.value:+.1f} %, by the scans of the same walls",
         focal,
         advice="Calibrate the camera at the size and mode in which it records.",
         repairs=[Repair("scale_focal", depth.topic, {"factor": 1.0 - 0.01 * focal.value})],
@@ -173,7 +259,7 @@ def _sizes(evidence: RecordingEvidence, depth: CameraSurvey, fit: SliceFit) -> I
     yield judge(
         OFFSET,
         depth.topic,
-        f"its stamps are {delay.value:+.1f} ms late against scans of the same walls",
+        f"its stamps are off by {delay.value:+.1f} ms, by the scans of the same walls",
         delay,
         advice="Stamp images when they are exposed, by the clock of the other sensors.",
         repairs=[Repair("shift_stamps", depth.topic, {"offset_s": -1e-3 * delay.value})],
@@ -181,8 +267,9 @@ def _sizes(evidence: RecordingEvidence, depth: CameraSurvey, fit: SliceFit) -> I
 
 
 def _measured(
-    fit: SliceFit, name: str, factor: float, unit: str, floor: float = 0.0
+    fit: SliceFit, name: str, factor: float, unit: str, registered: bool = False
 ) -> Measurement:
     place = NAMES.index(name)
+    floor = _REGISTERED.get(name, 0.0) if registered else 0.0
     sigma = np.hypot(fit.sigmas[place], max(_FLOORS[name], floor))
     return Measurement(factor * float(fit.values[place]), abs(factor) * float(sigma), unit)

@@ -23,6 +23,7 @@ from slamsim.check.question import (
 from slamsim.core.types import BoolArray, FloatArray, IntArray
 from slamsim.guard.numbers import is_sound
 from slamsim.recording import Recording
+from slamsim.recording.repairs.base import Repair
 from slamsim.slam.laser.own_body import runs_of
 
 MAX_FROZEN_S = 0.5
@@ -50,17 +51,17 @@ FROZEN = Question(
     consequence="visual odometry stops, and obstacles appear where none are any more",
     excitation_wanted="an odometry, and motion",
     limit_of_ok=False,
+    repairs=("drop_repeated_images",),
 )
 DUPLICATED = Question(
     "camera.duplicates",
     "each image is a new one while the robot moves",
-    (
-        FaultKind("camera_duplicated", "a camera publishes images twice", (anywhere(*_BY_MOTION),)),
-    ),
+    (FaultKind("camera_duplicated", "a camera publishes images twice", (anywhere(*_BY_MOTION),)),),
     limit=MAX_REPEATED,
     consequence="motion between images seems to stop and to double, and rates are half of the told",
     excitation_wanted="an odometry, and motion for some twenty images",
     limit_of_ok=False,
+    repairs=("drop_repeated_images",),
 )
 
 
@@ -118,6 +119,7 @@ def _judged(camera: CameraSurvey, moved: BoolArray) -> Iterator[Finding]:
             f"{len(lasting)} times in all, from {begins} s after the first image on",
         },
         Measurement(longest_s if lasting else 0.0, 0.0, "s"),
+        repairs=[Repair("drop_repeated_images", camera.topic)],
         advice="Look for a driver or a bus that hangs and a node that publishes its last image.",
     )
     alone = same.copy()
@@ -131,5 +133,6 @@ def _judged(camera: CameraSurvey, moved: BoolArray) -> Iterator[Finding]:
         camera.topic,
         f"{share:.1%} of {count:,} images are the one before again while the robot moves",
         Measurement(share, sigma, ""),
+        repairs=[Repair("drop_repeated_images", camera.topic)],
         advice="Look for two publishers on the topic, and for a node that fills a higher rate up.",
     )

@@ -13,6 +13,7 @@ from slamsim.check.evidence import RecordingEvidence
 from slamsim.check.findings import Finding, Measurement
 from slamsim.check.question import FaultKind, Question, judge, unanswered
 from slamsim.core.types import FloatArray
+from slamsim.recording.repairs.base import Repair
 
 MAX_APART_NS = 5_000_000
 _MOST_PAIRS = 60
@@ -39,6 +40,7 @@ STEREO = Question(
     consequence="no depth is found, or depth behind the camera",
     excitation_wanted="surfaces with texture, some metres away at most",
     ask=check_stereo,
+    repairs=("exchange_images",),
     limit_of_ok=False,
 )
 
@@ -64,6 +66,7 @@ def _judged(left: CameraSurvey, right: CameraSurvey) -> Finding:
         behind,
         verdict="fault" if verdict == "fault" else "ok",
         limit=0.0,
+        repairs=[Repair("exchange_images", left.topic, {"other": right.topic})],
         advice=f"Exchange {left.topic} and {right.topic}, or the two cables.",
     )
 

@@ -1,0 +1,239 @@
+"""How a camera turns by its images, against a gyroscope or odometry.
+
+Features are tracked from image to image (Lucas & Kanade 1981). A turn of the robot moves all of
+them by the same angle about its vertical, whatever their distance; what is driven moves those at
+the sides. Parts of an image farther down are exposed later where the shutter rolls.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from slamsim.cameras.lens import CameraModel
+from slamsim.cameras.survey import CameraSurvey
+from slamsim.check.motion.integrated import IntegratedMotion
+from slamsim.core.geometry import wrap_angle
+from slamsim.core.types import BoolArray, FloatArray, IntArray
+
+FEWEST_PAIRS = 20
+LEAST_TURNED_RAD = 1.0
+_MOST_FEATURES, _FEWEST_FEATURES = 80, 6
+_QUALITY, _APART_PX = 0.01, 4
+"""Of corners (Shi & Tomasi 1994), and how far they are from each other."""
+_THERE_AND_BACK_PX = 0.3
+_WIDEST_S = 0.25
+"""Beyond which too little of an image is in the next one."""
+_SEARCHED_S, _SEARCH_STEP_S = 1.0, 0.01
+_TUKEY = 4.0
+_READOUT_S, _READOUT_SIGMA_S = 0.015, 0.015
+"""From the first row to the last: a global shutter, or most of a period at 30 images a second."""
+_ROUNDS = 12
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SeenTurns:
+    """Turns of the camera about the base's vertical between pairs of images, by halves of them.
+
+    first_ns, second_ns: (n,) stamps. turned_rad: (n,) to the left. rows: (n,) where the features
+    are, from 0 at the first row to 1 at the last. pair: (n,) which pair it is of.
+    """
+
+    first_ns: IntArray
+    second_ns: IntArray
+    turned_rad: FloatArray
+    rows: FloatArray
+    pair: IntArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TurnFit:
+    """delay_s: stamps less the instants of the first row, by the clock of the other stream.
+    gain: turns as seen over turns as the other tells, less one. readout_s: from the first row to
+    the last, by itself. Each (value, sigma)."""
+
+    delay_s: tuple[float, float]
+    gain: tuple[float, float]
+    readout_s: tuple[float, float]
+    pairs: int
+
+
+def seen_turns(camera: CameraSurvey, model: CameraModel, R_base_camera: FloatArray) -> SeenTurns:
+    """Of all pairs of successive images of which thumbnails are held; R_base_camera: as claimed."""
+    found = [
+        (*camera.stamps_ns[camera.sampled[[k, k + 1]]].tolist(), *half, k)
+        for k in _pairs(camera).tolist()
+        for half in _turned(camera.thumbnails[k], camera.thumbnails[k + 1], model, R_base_camera)
+    ]
+    table = np.array(found, dtype=object).reshape(-1, 5)
+    first, second, pair = (table[:, k].astype(np.int64) for k in (0, 1, 4))
+    turned, rows = (table[:, k].astype(np.float64) for k in (2, 3))
+    return SeenTurns(first, second, turned, rows, pair)
+
+
+def _pairs(camera: CameraSurvey) -> IntArray:
+    """Which looks have the next image as the next look, another one and soon."""
+    numbers = camera.sampled
+    soon_ns = np.diff(camera.stamps_ns[numbers])
+    follows = (np.diff(numbers) == 1) & camera.is_new[1:]
+    return np.flatnonzero(follows & (soon_ns > 0) & (soon_ns < 1e9 * _WIDEST_S))
+
+
+def _turned(
+    first: NDArray[np.uint8], second: NDArray[np.uint8], model: CameraModel, R: FloatArray
+) -> Iterator[tuple[float, float]]:
+    """(turn in rad, mean row) of the upper and of the lower half, as far as they show features."""
+    before, after = _tracked(first, second)
+    if len(before) < 2 * _FEWEST_FEATURES:
+        return
+    height, width = first.shape
+    scale = np.array([model.width / width, model.height / height])
+    angles = [_azimuths((0.5 + px) * scale - 0.5, model, R) for px in (before, after)]
+    turned = -wrap_angle(angles[1] - angles[0])
+    there = np.isfinite(turned)
+    rows = (before[:, 1] + 0.5) / height
+    lower = rows > np.median(rows)
+    A = np.column_stack([~lower, lower, -np.sin(angles[0])]).astype(np.float64)[there]
+    halves, used = _robust(A, turned[there])
+    for half, is_mine in enumerate((~lower[there], lower[there])):
+        mine = is_mine & used
+        if mine.sum() >= _FEWEST_FEATURES:
+            yield float(halves[half]), float(rows[there][mine].mean())
+
+
+def _tracked(first: NDArray[np.uint8], second: NDArray[np.uint8]) -> tuple[FloatArray, FloatArray]:
+    """(n, 2) pixels of features in both, found again on the way back."""
+    none = np.zeros((0, 2))
+    corners = cv2.goodFeaturesToTrack(first, _MOST_FEATURES, _QUALITY, _APART_PX)
+    if corners is None:
+        return none, none
+    window = {"winSize": (15, 15), "maxLevel": 3}
+    there, found, _ = cv2.calcOpticalFlowPyrLK(first, second, corners, None, **window)  # type: ignore[call-overload]
+    back, again, _ = cv2.calcOpticalFlowPyrLK(second, first, there, None, **window)  # type: ignore[call-overload]
+    apart = np.abs(back - corners).reshape(-1, 2).max(axis=1)
+    good = (found.ravel() == 1) & (again.ravel() == 1) & (apart < _THERE_AND_BACK_PX)
+    return corners.reshape(-1, 2)[good].astype(float), there.reshape(-1, 2)[good].astype(float)
+
+
+def _azimuths(pixels: FloatArray, model: CameraModel, R_base_camera: FloatArray) -> FloatArray:
+    """(n,) directions about the base's vertical."""
+    x, y = (model.rays_at(pixels) @ R_base_camera.T).T[:2]
+    return np.arctan2(y, x)
+
+
+def _robust(A: FloatArray, b: FloatArray) -> tuple[FloatArray, BoolArray]:
+    """Least squares with Tukey's biweight from a start by absolute values, and what counts."""
+    weight = np.ones(len(b))
+    values = np.zeros(A.shape[1])
+    for _ in range(10):
+        root = np.sqrt(weight)[:, None]
+        values = np.linalg.lstsq(A * root, b * root[:, 0], rcond=None)[0]
+        apart = np.abs(b - A @ values)
+        scale = max(1.4826 * float(np.median(apart)), 1e-5)
+        weight = np.square(np.maximum(1.0 - np.square(apart / (_TUKEY * scale)), 1e-6))
+    return values, weight > 0.01
+
+
+def fit_turns(seen: SeenTurns, other: IntegratedMotion) -> TurnFit | None:
+    """None where too few images turn."""
+    column = other.totals.shape[1] - 1
+    first_s, second_s = (
+        1e-9 * (each - other.origin_ns) for each in (seen.first_ns, seen.second_ns)
+    )
+    covered = other.covers(first_s - _SEARCHED_S, second_s + _SEARCHED_S)
+    table = _Table(
+        other,
+        column,
+        *(first_s[covered], second_s[covered], seen.turned_rad[covered]),
+        *(seen.rows[covered], seen.pair[covered]),
+    )
+    if np.unique(table.pair).size < FEWEST_PAIRS:
+        return None
+    if np.abs(table.turned_rad).sum() < 2.0 * LEAST_TURNED_RAD:
+        return None
+    return table.fitted()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Table:
+    """Seen turns in the time of the other stream."""
+
+    other: IntegratedMotion
+    column: int
+    first_s: FloatArray
+    second_s: FloatArray
+    turned_rad: FloatArray
+    rows: FloatArray
+    pair: IntArray
+
+    def fitted(self) -> TurnFit | None:
+        values = np.array([self._coarse_s(), 0.0, 0.0, _READOUT_S])
+        for _ in range(_ROUNDS):
+            A, apart, weight = self._equations(values)
+            by = A * weight[:, None]
+            H, g = by.T @ A, by.T @ apart
+            prior = np.square(self._scale(apart) / _READOUT_SIGMA_S)
+            H[3, 3] += prior
+            g[3] += prior * (_READOUT_S - values[3])
+            values = values + np.linalg.lstsq(H, g, rcond=1e-12)[0]
+        if abs(values[0]) > _SEARCHED_S or not weight.any():
+            return None
+        sigmas = np.sqrt(np.diag(self._covariance(A, apart * weight, H)))
+        alone = 1.0 / max(1.0 / sigmas[3] ** 2 - 1.0 / _READOUT_SIGMA_S**2, 1e-9)
+        share = min(sigmas[3] ** 2 / _READOUT_SIGMA_S**2, 0.99)
+        readout = (values[3] - share * _READOUT_S) / (1.0 - share)
+        return TurnFit(
+            (float(values[0]), float(sigmas[0])),
+            (float(values[1]), float(sigmas[1])),
+            (float(readout), float(np.sqrt(alone))),
+            int(np.unique(self.pair).size),
+        )
+
+    def _equations(self, values: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """(n, 4) of delay, gain, bias and readout, (n,) what is unexplained, (n,) weights."""
+        delay_s, gain, bias, readout_s = values
+        starts = self.first_s - delay_s + readout_s * self.rows
+        ends = self.second_s - delay_s + readout_s * self.rows
+        told = self._turned(ends) - self._turned(starts)
+        change = (1.0 + gain) * (self._rate(ends) - self._rate(starts))
+        lasts = self.second_s - self.first_s
+        apart = self.turned_rad - (1.0 + gain) * told - bias * lasts
+        A = np.column_stack([-change, told, lasts, change * self.rows])
+        units = apart / (_TUKEY * self._scale(apart))
+        return A, apart, np.square(np.maximum(1.0 - np.square(units), 0.0))
+
+    @staticmethod
+    def _scale(apart: FloatArray) -> float:
+        return max(1.4826 * float(np.median(np.abs(apart))), 1e-5)
+
+    def _covariance(self, A: FloatArray, weighed: FloatArray, H: FloatArray) -> FloatArray:
+        """(4, 4) by pairs (sandwich), at least what the prior leaves."""
+        _, place = np.unique(self.pair, return_inverse=True)
+        by_pair = np.zeros((int(place.max()) + 1, 4))
+        np.add.at(by_pair, place, A * weighed[:, None])
+        inverse = np.linalg.pinv(H, rcond=1e-12)
+        found = inverse @ (by_pair.T @ by_pair) @ inverse
+        prior = inverse[:, 3:] * self._scale(weighed) ** 2 / _READOUT_SIGMA_S
+        return np.asarray(found + prior @ prior.T)
+
+    def _coarse_s(self) -> float:
+        """The delay with which turns are most alike."""
+        delays = np.arange(-_SEARCHED_S, _SEARCHED_S + 1e-6, _SEARCH_STEP_S)
+        left = [
+            np.median(np.abs(self.turned_rad - self._told(delay + 0.5 * _READOUT_S)))
+            for delay in delays
+        ]
+        return float(delays[int(np.argmin(left))])
+
+    def _told(self, delay_s: float) -> FloatArray:
+        return self._turned(self.second_s - delay_s) - self._turned(self.first_s - delay_s)
+
+    def _turned(self, at_s: FloatArray) -> FloatArray:
+        return np.asarray(self.other.at(at_s)[:, self.column])
+
+    def _rate(self, at_s: FloatArray) -> FloatArray:
+        return (self._turned(at_s + 0.005) - self._turned(at_s - 0.005)) / 0.01
