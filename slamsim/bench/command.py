@@ -124,6 +124,9 @@ Mutations = Annotated[
 Fix = Annotated[
     bool, typer.Option("--fix", help="Check --independent: repair each recording, too.")
 ]
+OfCameras = Annotated[
+    bool, typer.Option("--cameras", help="Check: faults of cameras, on drives with small images.")
+]
 Long = Annotated[
     bool, typer.Option("--long", help="Check: time ten minutes at 40 scans a second too.")
 ]
@@ -152,6 +155,7 @@ def bench(
     independent: Independent = False,
     mutations: Mutations = 0,
     fix: Fix = False,
+    cameras: OfCameras = False,
     set_: Set = None,
     config: ConfigFile = None,
     quiet: Quiet = False,
@@ -172,6 +176,12 @@ def bench(
         _online(asked)
     elif part == "live":
         _live(asked)
+    elif part == "check" and cameras:
+        from slamsim.bench.cameras.faults import run_camera_check
+
+        first = FIRST_SEED if seed is None else seed
+        drives, more = range(first, first + seeds), range(first + seeds, first + seeds + clean)
+        reporter.result(run_camera_check(drives, more, seconds, reporter))
     elif part == "check":
         from slamsim.bench.check.asked import CheckAsked, run_check
 

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-
-Values = TypeVar("Values", bound=NDArray[Any])
 
 
 class PixelChange(ABC):
@@ -20,9 +18,8 @@ class PixelChange(ABC):
         """(h, w) or (h, w, c) pixels in the place of these, of the same dtype; number: which image
         of its topic it is."""
 
-    def of_values(self, values: Values, kind: str) -> Values:
-        """What the change makes of (..., h, w) depths in metres or (..., 3) mean colours; images
-        whose brightness changes are looked at again."""
+    def of_values(self, values: NDArray[Any]) -> NDArray[Any]:
+        """What the change makes of (..., h, w) depths in metres, or of (..., 3) mean colours."""
         return values
 
 
@@ -35,13 +32,13 @@ class ScaleDepths(PixelChange):
     def of_pixels(self, pixels: NDArray[Any], number: int) -> NDArray[Any]:
         scaled = pixels * self.factor
         if pixels.dtype.kind == "f":
-            return scaled.astype(pixels.dtype)
+            return np.asarray(scaled, pixels.dtype)
         rounded = np.rint(scaled)
-        return np.where(rounded <= np.iinfo(pixels.dtype).max, rounded, 0).astype(pixels.dtype)
+        there = rounded <= np.iinfo(pixels.dtype).max
+        return np.asarray(np.where(there, rounded, 0), pixels.dtype)
 
-    def of_values(self, values: Values, kind: str) -> Values:
-        scaled: Any = (values * self.factor).astype(values.dtype)
-        return scaled
+    def of_values(self, values: NDArray[Any]) -> NDArray[Any]:
+        return np.asarray(values * self.factor, values.dtype)
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,9 +50,8 @@ class SwapRedBlue(PixelChange):
             return pixels
         return np.ascontiguousarray(pixels[:, :, [2, 1, 0, *range(3, pixels.shape[2])]])
 
-    def of_values(self, values: Values, kind: str) -> Values:
-        swapped: Any = values[..., ::-1] if kind == "colour" else values
-        return swapped
+    def of_values(self, values: NDArray[Any]) -> NDArray[Any]:
+        return values[..., ::-1]
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,4 +64,4 @@ class Flicker(PixelChange):
     def of_pixels(self, pixels: NDArray[Any], number: int) -> NDArray[Any]:
         light = 1.0 + self.depth * np.sin(2.0 * np.pi * number / 3.0)
         most = np.iinfo(pixels.dtype).max
-        return np.clip(np.rint(pixels * light), 0, most).astype(pixels.dtype)
+        return np.asarray(np.clip(np.rint(pixels * light), 0, most), pixels.dtype)

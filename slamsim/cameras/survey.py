@@ -79,11 +79,8 @@ class CameraSurvey:
 
     def repainted(self, change: PixelChange) -> CameraSurvey:
         """With a change of all pixels, as it shows in what is held of them."""
-        kind = self.kind
-        return replace(
-            self,
-            changes=(*self.changes, change),
-            depths_m=change.of_values(self.depths_m, kind) if kind == "depth" else self.depths_m,
-            grids_m=change.of_values(self.grids_m, kind) if kind == "depth" else self.grids_m,
-            colours=change.of_values(self.colours, kind),
-        )
+        changed = replace(self, changes=(*self.changes, change))
+        if self.kind == "depth":
+            depths_m, grids_m = (change.of_values(each) for each in (self.depths_m, self.grids_m))
+            return replace(changed, depths_m=depths_m, grids_m=grids_m)
+        return replace(changed, colours=change.of_values(self.colours))

@@ -60,19 +60,28 @@ def open_recording(path: Path, wanted: Selection = EVERYTHING) -> OpenRecording:
     return OpenRecording(path, _read(path, "with", wanted))
 
 
-def read_recording(path: Path, wanted: Selection = EVERYTHING) -> Recording:
+def read_recording(
+    path: Path, wanted: Selection = EVERYTHING, *, may_be_empty: bool = False
+) -> Recording:
     """What the recording at path says; as ``open_recording`` without the truth.
 
-    Raises InputRefused besides for a recording of which no topic can be read.
+    Raises InputRefused besides for a recording of which no topic can be read, unless it may be
+    empty: of a recording with images alone.
     """
     path = recording_at(path)
     found = _read(path, "without", wanted).recording
-    beside = (found.transforms, found.robot_description, found.clock_ns)
+    if not may_be_empty:
+        require_something(path, found)
+    return found
+
+
+def require_something(path: Path, found: Recording) -> None:
+    """Raises InputRefused for a recording in which nothing was found that is read."""
+    beside = (found.transforms, found.robot_description, found.clock_ns, found.cameras)
     if not found.streams and all(each is None or each == () for each in beside):
         there = ", ".join(sorted({each.type_name for each in found.topics if each.messages}))
         reason = f"there is nothing that could be checked, only {there or 'no message at all'}"
         raise InputRefused(path, reason)
-    return found
 
 
 def survey_recording(path: Path, wanted: Selection = EVERYTHING) -> Survey:

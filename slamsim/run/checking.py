@@ -13,8 +13,7 @@ from slamsim.check.question import Question
 from slamsim.check.registry import registry
 from slamsim.check.wording import as_json, headline, shown
 from slamsim.console.reporter import Cell, Reporter
-from slamsim.io.cameras.survey import with_cameras
-from slamsim.io.open import read_recording
+from slamsim.io.cameras.survey import read_with_cameras
 from slamsim.io.selection import EVERYTHING, Selection
 from slamsim.recording import Recording
 from slamsim.recording.choice import choices, in_words
@@ -33,7 +32,7 @@ def check_log(
     """Read, check, show. Raises NotFound and InputRefused."""
     stages = Stages(reporter)
     with stages.stage("read"):
-        recording = with_cameras(read_recording(source, wanted), source)
+        recording = read_with_cameras(source, wanted)
     reporter.note(in_words(choices(recording)))
     report = check_stage(recording, stages, quick=quick)
     if html is not None:

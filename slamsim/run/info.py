@@ -9,6 +9,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from slamsim.console.reporter import Reporter
+from slamsim.io.cameras import is_image_folder
 from slamsim.io.formats import Survey, TopicFacts
 from slamsim.io.open import survey_recording
 from slamsim.io.selection import EVERYTHING, Selection
@@ -17,6 +18,7 @@ from slamsim.recording.choice import Choice, choices, in_words, topics_of, witho
 from slamsim.recording.frame_graph import FrameGraph
 from slamsim.recording.outline import FramePlace, drawn, outline
 from slamsim.report.figures.frames import write_frames
+from slamsim.run.cameras.listing import tell_images
 from slamsim.run.naming import log_of
 from slamsim.run.stages import Stages
 
@@ -45,6 +47,9 @@ def tell_info(
 ) -> None:
     """Show what is in a recording. options: as typed, for the next command; picture: where to
     draw the transform tree. Raises NotFound, InputRefused and OverrideRefused."""
+    if source.is_dir() and is_image_folder(source):
+        tell_images(source, reporter)
+        return
     path = log_of(source)
     with Stages(reporter).stage("read"):
         survey = survey_recording(path, wanted)

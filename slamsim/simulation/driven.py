@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -10,10 +12,12 @@ from slamsim.config.run import RunConfig
 from slamsim.core.progress import Progress, silent
 from slamsim.core.types import Drive, Trajectory
 from slamsim.guard.errors import SlamsimError
+from slamsim.io.cameras.survey import with_cameras
 from slamsim.io.copy.rewrite import rewrite_recording
 from slamsim.recording import Recording
 from slamsim.sensors.faults.apply import declared, faulty_sensors
 from slamsim.sensors.faults.base import Fault, SensedFault
+from slamsim.sensors.faults.cameras import CameraFault
 from slamsim.sensors.readings import Readings
 from slamsim.sensors.rig import SensorRig
 from slamsim.sim.drive.process import DriveProcess
@@ -30,7 +34,8 @@ from slamsim.world.build import build_world
 def simulate_with_faults(
     config: RunConfig, faults: Sequence[Fault], log_folder: Path, progress: Progress = silent
 ) -> Simulation:
-    """As ``simulate``, with faults in the recording; the whole drive is in memory for that.
+    """As ``simulate``, with faults in the recording; the whole drive is in memory for that, but for
+    images.
 
     Raises SlamsimError where there are sinks: what they would get has no faults yet.
     """
@@ -41,24 +46,40 @@ def simulate_with_faults(
     return driven.simulation
 
 
-def write_corrupted(
-    folder: Path,
-    moments: Sequence[tuple[Readings, Drive]],
-    header: LogHeader,
-    sensed: Recording,
-    corrupted: Recording,
-) -> None:
-    """Write the recording of a drive with faults into a new folder.
+@dataclass(frozen=True, slots=True)
+class PlainLog:
+    """The recording of a drive before faults are in it: all that ``simulate`` would write.
 
-    It is the recording that ``simulate`` would write of these moments, with what differs between
-    ``sensed``, made of them, and ``corrupted``: truth, commands and covariances are all there.
+    path: of the log. readings, windows: of the drive, without what additional sensors measured,
+    which alone the log holds: images of minutes are no matter of memory.
     """
-    with TemporaryDirectory(dir=folder.parent, prefix=".sensed.") as beside:
-        plain = Path(beside) / "log"
-        with LogWriter(plain, header) as log:
+
+    path: Path
+    readings: Sequence[Readings]
+    windows: Sequence[Drive]
+
+    def with_images(self, sensed: Recording, faults: Sequence[Fault]) -> Recording:
+        """The recording made of the readings, with a look at its images where a fault is of
+        them."""
+        of_cameras = any(isinstance(fault, CameraFault) for fault in faults)
+        return with_cameras(sensed, self.path) if of_cameras else sensed
+
+
+@contextmanager
+def plain_log(
+    folder: Path | None, moments: Iterable[tuple[Readings, Drive]], header: LogHeader
+) -> Iterator[PlainLog]:
+    """Written beside a folder, moment by moment, and gone in the end; in the system's folder for
+    temporary files where there is none. ``rewrite_recording`` makes of it the one with faults."""
+    where = None if folder is None else folder.parent
+    with TemporaryDirectory(dir=where, prefix=".sensed.") as beside:
+        path, kept, windows = Path(beside) / "log", list[Readings](), list[Drive]()
+        with LogWriter(path, header) as log:
             for readings, window in moments:
                 log.write(readings, window)
-        rewrite_recording(plain, sensed, corrupted, folder)
+                kept.append(replace(readings, additional=()))
+                windows.append(window)
+        yield PlainLog(path, kept, windows)
 
 
 class Driven:
@@ -82,33 +103,33 @@ class Driven:
     def recording(self, faults: Sequence[Fault] = ()) -> Recording:
         """The recording with these faults. Raises CannotEdit where there is nothing to change."""
         if any(isinstance(fault, SensedFault) for fault in faults):
-            recording = self._recorded(self._sensed(faults))
+            recording = self._recorded(list(self._sensed(faults)))
         elif self._clean is None:
-            recording = self._clean = self._recorded(self._sensed(()))
+            recording = self._clean = self._recorded(list(self._sensed(())))
         else:
             recording = self._clean
         return declared(recording, faults, self._config.sensors, self._config.seed)
 
     def write(self, faults: Sequence[Fault], folder: Path) -> None:
         """The same, written into a new folder with all that ``simulate`` writes."""
-        readings = self._sensed(faults)
-        sensed = self._recorded(readings)
-        corrupted = declared(sensed, faults, self._config.sensors, self._config.seed)
-        moments = list(zip(readings, self._windows, strict=True))
-        write_corrupted(folder, moments, self._header, sensed, corrupted)
+        moments = zip(self._sensed(faults), self._windows, strict=True)
+        with plain_log(folder, moments, self._header) as log:
+            sensed = log.with_images(self._recorded(log.readings), faults)
+            corrupted = declared(sensed, faults, self._config.sensors, self._config.seed)
+            rewrite_recording(log.path, sensed, corrupted, folder)
 
     def truth(self) -> Trajectory:
         """``T_map_base`` as a file would hold it."""
         return true_trajectory(self._windows, self._header)
 
-    def _sensed(self, faults: Sequence[Fault]) -> list[Readings]:
+    def _sensed(self, faults: Sequence[Fault]) -> Iterator[Readings]:
         """What sensors with these faults measure, window by window."""
         config, simulation = self._config, self.simulation
         sensors, override = faulty_sensors(faults, config.sensors)
         mesh, robot = simulation.world.mesh, simulation.robot
         looks = appearance_of(simulation.world, config.world.looks)
         rig = SensorRig(mesh, robot, sensors, config.seed, override=override, appearance=looks)
-        return [rig.sense(window) for window in self._windows]
+        return map(rig.sense, self._windows)
 
     def _recorded(self, readings: Sequence[Readings]) -> Recording:
         name = self._config.world.name

@@ -9,7 +9,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from bag_data import ROS2, START_NS, Robot, as_mcap
+from bag_data import ROS2, START_NS, Message, Robot, as_mcap
 from numpy.typing import NDArray
 
 from slamsim.check.check import check_recording
@@ -68,7 +68,10 @@ class Scene:
         }
 
     def write(self, path: Path) -> Path:
-        messages = []
+        return as_mcap(path, self.messages())
+
+    def messages(self) -> list[Message]:
+        messages: list[Message] = []
         for k in range(FRAMES):
             at_ns = START_NS + PERIOD_NS * k
             messages.append(("/odom", at_ns, ROBOT.odometry(at_ns, 0.05 * k)))
@@ -79,7 +82,7 @@ class Scene:
             late_ns = at_ns + self.depth_late_ns
             depth = self._image(late_ns, "left", self.depth[k], self.depth_encoding)
             messages.append(("/cam/depth/image_raw", at_ns, depth))
-        return as_mcap(path, messages)
+        return messages
 
     def _image(self, at_ns: int, frame: str, pixels: Image, encoding: str) -> Any:
         data = np.ascontiguousarray(pixels).view(np.uint8).ravel()
@@ -105,13 +108,14 @@ def answers(recording: Recording) -> dict[str, list[Finding]]:
     for group in registry().groups:
         if group.questions[0].id.startswith("camera."):
             for finding in group.ask(evidence):
-                found[finding.check].append(finding)
+                found.setdefault(finding.check, []).append(finding)
     return found
 
 
 def test_nothing_is_wrong_with_a_healthy_pair(tmp_path: Path) -> None:
     for name, findings in answers(recorded(Scene(), tmp_path)).items():
-        assert findings and {one.verdict for one in findings} == {"ok"}, (name, findings)
+        assert findings and "fault" not in {one.verdict for one in findings}, (name, findings)
+        assert name not in QUESTIONS or {one.verdict for one in findings} == {"ok"}, name
 
 
 def test_the_checker_asks_them(tmp_path: Path) -> None:

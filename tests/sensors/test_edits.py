@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from test_faults import differences, example, leaves
+from test_faults import CAMERAS, differences, example, leaves
 
 from slamsim.core.geometry import matrix_from_rpy, se3_from_parts
 from slamsim.core.types import FloatArray
@@ -331,6 +331,26 @@ PAIRS: Pairs = [
             Repair("reorder_quaternions", "/tf odom -> base_footprint"),
         ],
     ),
+    (
+        "camera_late",
+        0.1,
+        [Repair("shift_stamps", "/cam/depth/image_raw", {"offset_s": -0.1})],
+    ),
+    (
+        "camera_info_focal",
+        0.1,
+        [Repair("scale_focal", topic, {"factor": 1.0 / 1.1}) for topic, _ in CAMERAS],
+    ),
+    (
+        "camera_info_size",
+        2.0,
+        [Repair("set_camera_size", topic) for topic, _ in CAMERAS],
+    ),
+    (
+        "stereo_swapped",
+        None,
+        [Repair("exchange_images", CAMERAS[0][0], {"other": CAMERAS[1][0]})],
+    ),
     ("scan_in_odom", None, [Repair("rename_frame", "/scan", {"frame": "laser_link"})]),
     (
         "odometry_child_unknown",
@@ -342,14 +362,15 @@ PAIRS: Pairs = [
 """Faults with a size, and the repair with the right one."""
 LOSSY = {
     *("reorder", "restamp_evenly", "stamp_by_receipt", "drop_beams", "drop_stray_beams"),
-    *("drop_repeated_scans", "drop_broken_readings", "drop_broken_poses"),
+    *("drop_repeated_scans", "drop_broken_readings", "drop_broken_poses", "drop_repeated_images"),
 }
 """Repairs that leave out, or approximate, what a fault has destroyed."""
 APPROXIMATE = {
     *("negate_angles", "turn_with_robot", "normalise_rotations", "freeze_static_transform"),
-    *("remove_odometry_jumps", "twist_from_poses"),
+    *("remove_odometry_jumps", "twist_from_poses", "scale_depths"),
 }
-"""Of faults of the sensing, and of what no message says any more; tried in test_repairs.py."""
+"""Of faults of the sensing, and of what no message says any more; tried in test_repairs.py; and
+of pixels, which change as a copy is written (test_camera_faults.py)."""
 
 
 def test_every_repair_is_tried() -> None:

@@ -36,8 +36,9 @@ _TUKEY = 4.0
 @dataclass(frozen=True, slots=True, eq=False)
 class SliceFit:
     """By ``NAMES``: what is to be added to the claimed place (base axes; the turn about the
-    camera's own place), true over claimed less one of depths and of focal lengths, and by how much
-    stamps are later than the scans' of the same instant. sigmas: (6,)."""
+    camera's own place), by which share depths are too short, by which share what is seen is too
+    wide (the claimed focal length too short), and by how much stamps are later than the scans' of
+    the same instant. sigmas: (6,)."""
 
     values: FloatArray
     sigmas: FloatArray
@@ -148,7 +149,8 @@ def _seen(
     rows, columns = np.nonzero((above * below <= 0.0) & same & (above != below))
     if rows.size < 5:
         return None
-    share = (above / (above - below))[rows, columns][:, None]
+    over, under = above[rows, columns], below[rows, columns]
+    share = (over / (over - under))[:, None]
     upper, lower = in_camera[rows, columns], in_camera[rows + 1, columns]
     points = upper + share * (lower - upper)
     R, origin = T_base_camera[:2, :3], T_base_camera[:2, 3]
@@ -236,8 +238,8 @@ def _equations(each: _Slice, tree: cKDTree, values: FloatArray, gate_m: float) -
     v, rate = each.motion[:2], each.motion[2]
     drift = v + rate * np.column_stack([-points[:, 1], points[:, 0]])
     points = points - delay_s * drift
-    distance, place = tree.query(points)
-    near = distance < gate_m
+    found = tree.query(points)
+    near, place = np.asarray(found[0]) < gate_m, np.asarray(found[1])
     n = each.normals[place[near]]
     apart = ((each.surfaces_m[place[near]] - points[near]) * n).sum(axis=1)
     columns = (

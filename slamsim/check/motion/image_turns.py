@@ -122,28 +122,28 @@ def _tracked(first: NDArray[np.uint8], second: NDArray[np.uint8]) -> tuple[Float
 def _azimuths(pixels: FloatArray, model: CameraModel, R_base_camera: FloatArray) -> FloatArray:
     """(n,) directions about the base's vertical."""
     x, y = (model.rays_at(pixels) @ R_base_camera.T).T[:2]
-    return np.arctan2(y, x)
+    return np.asarray(np.arctan2(y, x))
 
 
 def _robust(A: FloatArray, b: FloatArray) -> tuple[FloatArray, BoolArray]:
     """Least squares with Tukey's biweight from a start by absolute values, and what counts."""
-    weight = np.ones(len(b))
-    values = np.zeros(A.shape[1])
+    weight: FloatArray = np.ones(len(b))
+    values: FloatArray = np.zeros(A.shape[1])
     for _ in range(10):
         root = np.sqrt(weight)[:, None]
-        values = np.linalg.lstsq(A * root, b * root[:, 0], rcond=None)[0]
+        values = np.asarray(np.linalg.lstsq(A * root, b * root[:, 0], rcond=None)[0])
         apart = np.abs(b - A @ values)
         scale = max(1.4826 * float(np.median(apart)), 1e-5)
-        weight = np.square(np.maximum(1.0 - np.square(apart / (_TUKEY * scale)), 1e-6))
+        inside = np.maximum(1.0 - np.square(apart / (_TUKEY * scale)), 1e-6)
+        weight = np.asarray(np.square(inside), np.float64)
     return values, weight > 0.01
 
 
 def fit_turns(seen: SeenTurns, other: IntegratedMotion) -> TurnFit | None:
     """None where too few images turn."""
     column = other.totals.shape[1] - 1
-    first_s, second_s = (
-        1e-9 * (each - other.origin_ns) for each in (seen.first_ns, seen.second_ns)
-    )
+    first_s = 1e-9 * (seen.first_ns - other.origin_ns).astype(np.float64)
+    second_s = 1e-9 * (seen.second_ns - other.origin_ns).astype(np.float64)
     covered = other.covers(first_s - _SEARCHED_S, second_s + _SEARCHED_S)
     table = _Table(
         other,

@@ -22,6 +22,7 @@ from slamsim.dataset.make.formats import IMAGE_FOLDERS, Formats, write_image_fol
 from slamsim.dataset.make.pictures import write_pictures
 from slamsim.dataset.recipe.sequence import FileFact, SequenceFacts, SequenceSpec
 from slamsim.dataset.truth.write import Truth
+from slamsim.io.copy.rewrite import rewrite_recording
 from slamsim.io.names import LOG
 from slamsim.recording import RawStream, Recording
 from slamsim.recording.edits.messages import with_sequence_numbers
@@ -35,7 +36,7 @@ from slamsim.sim.drive.route import plan_route
 from slamsim.sim.drive.run import DriveRun, drive
 from slamsim.sim.robot.model import RobotModel, build_robot
 from slamsim.simulation.appearance import appearance_of, in_pieces
-from slamsim.simulation.driven import write_corrupted
+from slamsim.simulation.driven import plain_log
 from slamsim.simulation.header import log_header
 from slamsim.simulation.log_writer import LogWriter
 from slamsim.simulation.own_files import write_config, write_world
@@ -157,21 +158,22 @@ def _write_with_faults(
 ) -> None:
     """Faults look at the whole recording, so it is in memory."""
     config, header = spec.config, log_header(planned.robot, spec.config)
-    windows, readings = list[Drive](), list[Readings]()
-    for sensed, window in planned.moments():
-        truth.write(sensed, window)
-        formats.write_images(_further(sensed))
-        readings.append(replace(sensed, scans=replace(sensed.scans, truth=None)))
-        windows.append(window)
-    clean = with_sequence_numbers(
-        DriveRecorder(spec.name, header).take(readings, windows).recording
-    )
-    recording = declared(clean, planned.faults, config.sensors, config.seed)
-    if log is not None:
-        moments = list(zip(readings, windows, strict=True))
-        write_corrupted(log, moments, header, clean, recording)
-    true_ns = np.concatenate([part.scans.true_stamps_ns for part in readings])
-    whole = reduce(joined, windows[1:], joined(None, windows[0]))
+
+    def moments() -> Iterator[tuple[Readings, Drive]]:
+        for sensed, window in planned.moments():
+            truth.write(sensed, window)
+            formats.write_images(_further(sensed))
+            yield replace(sensed, scans=replace(sensed.scans, truth=None)), window
+
+    with plain_log(log, moments(), header) as plain:
+        recorder = DriveRecorder(spec.name, header)
+        clean = with_sequence_numbers(recorder.take(plain.readings, plain.windows).recording)
+        clean = plain.with_images(clean, planned.faults)
+        recording = declared(clean, planned.faults, config.sensors, config.seed)
+        if log is not None:
+            rewrite_recording(plain.path, clean, recording, log)
+    true_ns = np.concatenate([part.scans.true_stamps_ns for part in plain.readings])
+    whole = reduce(joined, plain.windows[1:], joined(None, plain.windows[0]))
     formats.write(recording, _still_there(recording, true_ns), whole.drive)
 
 

@@ -15,7 +15,7 @@ from typing import get_args
 
 from pydantic import ValidationError
 
-from slamsim.config.bundled import bundled_names, find_input
+from slamsim.config.bundled import find_input
 from slamsim.config.faults import FaultChoice
 from slamsim.config.layers import Place, Tree, mount
 from slamsim.config.loading import SECTIONS, located, section_tree, validated, with_presets
@@ -30,7 +30,8 @@ from slamsim.dataset.recipe.probes import edge_drafts, tried
 from slamsim.dataset.recipe.sequence import ImageFormat
 from slamsim.guard.errors import NotFound, SlamsimError, shown
 from slamsim.guard.yaml import KeyPath, load_yaml
-from slamsim.sensors.faults.registry import resolved_choice
+from slamsim.sensors.faults.cameras import CameraFault
+from slamsim.sensors.faults.registry import bundled_faults, resolved_choice
 from slamsim.sensors.kinds.camera import CameraEntry
 from slamsim.sim.robot.describe import describe
 from slamsim.sim.robot.model import build_robot, refuse_faulty
@@ -278,7 +279,8 @@ def _with_faults(recipe: Recipe, tree: Tree) -> Recipe:
         variants.append(variant.model_copy(update={"fault": name}))
     if recipe.faults.every:
         named = {variant.fault for variant in variants}
-        others = (name for name in bundled_names("configs/faults") if name not in named)
-        variants += [FaultVariant(fault=name) for name in others]
+        # Faults of cameras are named by the recipes that have cameras.
+        others = (each for each in bundled_faults() if not isinstance(each, CameraFault))
+        variants += [FaultVariant(fault=each.name) for each in others if each.name not in named]
     faults = recipe.faults.model_copy(update={"choice": tuple(variants), "every": False})
     return recipe.model_copy(update={"faults": faults})

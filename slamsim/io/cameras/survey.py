@@ -14,10 +14,11 @@ from numpy.typing import NDArray
 from slamsim.cameras.frames import EncodedFrame
 from slamsim.cameras.survey import CameraSurvey
 from slamsim.guard.errors import InputRefused
-from slamsim.io.cameras import open_cameras
+from slamsim.io.cameras import is_image_folder, open_cameras
 from slamsim.io.cameras.base import Cameras
 from slamsim.io.formats.ros import is_ros
-from slamsim.io.open import recording_at
+from slamsim.io.open import read_recording, recording_at, require_something
+from slamsim.io.selection import EVERYTHING, Selection
 from slamsim.recording import Recording
 
 MOST_SAMPLED = 300
@@ -50,6 +51,19 @@ def with_cameras(recording: Recording, path: Path) -> Recording:
         return recording
     with open_cameras(path) as cameras:
         return replace(recording, cameras=survey(cameras))
+
+
+def read_with_cameras(path: Path, wanted: Selection = EVERYTHING) -> Recording:
+    """What a recording says and shows; a folder of images is one with nothing else in it.
+
+    Raises as ``read_recording`` and ``open_cameras``.
+    """
+    if path.is_dir() and is_image_folder(path):
+        with open_cameras(path) as cameras:
+            return Recording(path.name, "images", cameras=survey(cameras))
+    recording = with_cameras(read_recording(path, wanted, may_be_empty=True), path)
+    require_something(recording_at(path), recording)
+    return recording
 
 
 def survey(cameras: Cameras, most: int = MOST_SAMPLED) -> tuple[CameraSurvey, ...]:

@@ -118,7 +118,8 @@ def parts_with_origin(
 ) -> list[tuple[RawStream | TransformEdge | ImagesPart, Origin]]:
     """Its streams, edges and images that came from messages of a file, and from which."""
     images = (ImagesPart(camera) for camera in recording.cameras if len(camera.numbers))
-    parts = (*recording.streams, *recording.transforms, *images)
+    parts: list[RawStream | TransformEdge | ImagesPart] = list(recording.streams)
+    parts += [*recording.transforms, *images]
     return [(part, part.origin) for part in parts if part.origin is not None]
 
 

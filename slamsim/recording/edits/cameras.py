@@ -49,8 +49,8 @@ class ExchangeImages(Edit):
         def exchanged(camera: CameraSurvey) -> CameraSurvey:
             if camera.topic not in places:
                 return camera
-            names = {"topic": camera.topic, "frame_id": camera.frame_id, "claim": camera.claim}
-            return replace(places[camera.topic], **names)
+            seen = places[camera.topic]
+            return replace(seen, topic=camera.topic, frame_id=camera.frame_id, claim=camera.claim)
 
         return replace(recording, cameras=tuple(map(exchanged, recording.cameras)))
 
@@ -62,8 +62,8 @@ def shifted(camera: CameraSurvey, offset_ns: int) -> CameraSurvey:
 
 def repeating(camera: CameraSurvey, shown: IntArray) -> CameraSurvey:
     """Images (n,) of these numbers in the place of its own, at the times of its own."""
-    times = {"stamps_ns": camera.stamps_ns, "received_ns": camera.received_ns}
-    return replace(camera.selected(shown), **times)
+    stamps_ns, received_ns = camera.stamps_ns, camera.received_ns
+    return replace(camera.selected(shown), stamps_ns=stamps_ns, received_ns=received_ns)
 
 
 def kept(camera: CameraSurvey, which: BoolArray) -> CameraSurvey:

@@ -160,7 +160,7 @@ class CameraDuplicates(CameraFault):
 
     def edit(self, recording: Recording, rng: np.random.Generator) -> Edit:
         def again(camera: CameraSurvey) -> BoolArray:
-            return np.diff(np.floor(np.arange(len(camera) + 1) * self.share)) > 0
+            return np.asarray(np.diff(np.floor(np.arange(len(camera) + 1) * self.share)) > 0)
 
         return self.changed(lambda camera: repeating(camera, _before(again(camera))))
 

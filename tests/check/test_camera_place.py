@@ -1,0 +1,242 @@
+"""What scans and gyroscope tell of cameras, on rooms and panoramas that are computed here."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.ndimage import map_coordinates, zoom
+
+from slamsim.cameras.frames import CameraClaim
+from slamsim.cameras.lens import pinhole
+from slamsim.cameras.survey import CameraSurvey
+from slamsim.check.motion.depth_slices import NAMES, SliceFit, fit_slices
+from slamsim.check.motion.image_turns import TurnFit, fit_turns, seen_turns
+from slamsim.check.motion.integrated import IntegratedMotion
+from slamsim.check.questions.cameras.colours import likeness
+from slamsim.core.geometry import matrix_from_rpy, se3_from_parts, xyzw_from_yaw
+from slamsim.core.types import FloatArray, IntArray
+from slamsim.recording import RawOdometry, RawScans, Recording, ScanLayout
+
+R_OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+ROOM_M = np.array([[-2.0, 3.5], [-1.5, 2.5]])
+SECONDS, SCAN_NS, IMAGE_NS = 30.0, 100_000_000, 100_000_000
+WIDTH, HEIGHT, FOV_DEG = 48, 36, 80.0
+LIDAR_HEIGHT_M, CAMERA_HEIGHT_M = 0.2, 0.3
+Claimed = tuple[CameraSurvey, FloatArray]
+
+
+def poses(at_ns: IntArray) -> FloatArray:
+    """(n, 3) of a robot that weaves about the middle of the room."""
+    t = at_ns * 1e-9
+    yaw = 0.8 * np.sin(0.9 * t) + 0.25 * t
+    return np.column_stack([0.5 + 0.9 * np.sin(0.3 * t), 0.5 + 0.6 * np.cos(0.4 * t), yaw])
+
+
+def distances(origins: FloatArray, angles: FloatArray) -> FloatArray:
+    """Along rays in the plane to the walls of the room; a pillar stands in a corner of it."""
+    directions = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+    with np.errstate(divide="ignore"):
+        steps = [
+            np.where(
+                directions[..., k] * side > 0.0,
+                (wall - origins[..., k]) / directions[..., k],
+                np.inf,
+            )
+            for k in range(2)
+            for wall, side in zip(ROOM_M[k], (-1.0, 1.0), strict=True)
+        ]
+    along = ((np.array([2.6, 1.6]) - origins) * directions).sum(axis=-1)
+    off = np.square(np.array([2.6, 1.6]) - origins).sum(axis=-1) - along**2
+    pillar = np.where(
+        (off < 0.3**2) & (along > 0), along - np.sqrt(np.maximum(0.09 - off, 0.0)), np.inf
+    )
+    return np.asarray(np.min([*steps, pillar], axis=0))
+
+
+def recording() -> Recording:
+    odometry_ns = np.arange(-(10**9), round((SECONDS + 1.0) * 1e9), 20_000_000, dtype=np.int64)
+    path, zeros = poses(odometry_ns), np.zeros((odometry_ns.size, 3))
+    odometry = RawOdometry(
+        *("/odom", ("odom",), odometry_ns, None, ("base_link",)),
+        *(np.column_stack([path[:, :2], 0.0 * path[:, 0]]), xyzw_from_yaw(path[:, 2])),
+        *(zeros, zeros),
+    )
+    stamps_ns = np.arange(0, round(SECONDS * 1e9), SCAN_NS, dtype=np.int64)
+    layout = ScanLayout(-np.pi, np.pi, np.radians(1.0), 1e-4, 0.1, 0.05, 12.0)
+    beams = np.arange(360)
+    then = poses((stamps_ns[:, None] + 100_000 * beams).ravel()).reshape(-1, 360, 3)
+    angles = then[..., 2] - np.pi + np.radians(1.0) * beams
+    scans = RawScans(
+        *("/scan", ("laser",), stamps_ns, None, (layout,)),
+        *(np.zeros(stamps_ns.size, np.int32), distances(then[..., :2], angles).astype(np.float32)),
+    )
+    return Recording("room", "memory", streams=(odometry, scans))
+
+
+def claim_of(model: Any) -> CameraClaim:
+    about = (model.width, model.height, model.distortion_model, model.coefficients, model.K)
+    return CameraClaim("topic /info", "camera", *about)
+
+
+def survey(kind: Any, stamps_ns: IntArray, model: Any, **seen: Any) -> CameraSurvey:
+    count = np.arange(stamps_ns.size)
+    nothing: dict[str, Any] = {
+        "brightness": np.full(count.size, 90.0),
+        "depths_m": np.full((count.size, 3), np.nan),
+        "thumbnails": np.zeros((0, 0, 0), np.uint8),
+    }
+    return CameraSurvey(
+        *("/images", kind, "camera", (model.width, model.height), claim_of(model)),
+        *(stamps_ns, stamps_ns, count.astype(np.uint32), count),
+        **{**nothing, **seen},
+    )
+
+
+def seen_from(x_m: float, y_m: float, yaw_rad: float, scale: float, delay_s: float) -> Claimed:
+    """Depth images of a level camera there, and where it truly is."""
+    model = pinhole(WIDTH, HEIGHT, FOV_DEG)
+    stamps_ns = np.arange(50_000_000, round((SECONDS - 0.5) * 1e9), IMAGE_NS, dtype=np.int64)
+    base = poses(stamps_ns - round(1e9 * delay_s))
+    cos, sin = np.cos(base[:, 2]), np.sin(base[:, 2])
+    origins = base[:, :2] + np.column_stack([cos * x_m - sin * y_m, sin * x_m + cos * y_m])
+    rays = model.rays()
+    azimuths = -np.arctan2(rays[:, 0], rays[:, 2])
+    grids = []
+    for origin, heading in zip(origins, base[:, 2] + yaw_rad, strict=True):
+        flat_m = distances(np.tile(origin, (len(rays), 1)), heading + azimuths)
+        depth_m = flat_m * np.cos(azimuths)
+        drop = rays[:, 1] / rays[:, 2]
+        floor_m = np.where(drop > 0.0, CAMERA_HEIGHT_M / np.maximum(drop, 1e-9), np.inf)
+        grids.append(scale * np.minimum(depth_m, floor_m).reshape(HEIGHT, WIDTH))
+    T = se3_from_parts(
+        matrix_from_rpy(0.0, 0.0, yaw_rad) @ R_OPTICAL, np.array([x_m, y_m, CAMERA_HEIGHT_M])
+    )
+    grids_m = np.array(grids, dtype=np.float32)
+    return survey("depth", stamps_ns, model, grids_m=grids_m), T
+
+
+def fitted(depth: CameraSurvey, T_claimed: FloatArray) -> SliceFit:
+    T_base_laser = se3_from_parts(np.eye(3), np.array([0.0, 0.0, LIDAR_HEIGHT_M]))
+    told = recording()
+    found = fit_slices(told, depth, told.scans[0], T_claimed, T_base_laser)
+    assert found is not None
+    return found
+
+
+@pytest.mark.parametrize(
+    ("place", "scale", "focal", "delay_s"),
+    [
+        ((0.0, 0.0, 0.0), 1.0, 1.0, 0.0),
+        ((0.06, -0.04, np.radians(4.0)), 1.0, 1.0, 0.0),
+        ((0.0, 0.0, 0.0), 1.04, 1.0, 0.0),
+        ((0.0, 0.0, 0.0), 1.0, 1.06, 0.0),
+        ((0.0, 0.0, 0.0), 1.0, 1.0, 0.08),
+        ((0.03, 0.02, np.radians(-2.0)), 0.97, 0.96, -0.05),
+    ],
+)
+def test_one_fit_tells_place_scale_focal_length_and_delay(
+    place: tuple[float, float, float], scale: float, focal: float, delay_s: float
+) -> None:
+    """The camera claims to be at (0.1, 0) ahead; its depths, focal length and stamps are off."""
+    depth, T_true = seen_from(0.1 + place[0], place[1], place[2], scale, delay_s)
+    _, T_claimed = seen_from(0.1, 0.0, 0.0, 1.0, 0.0)
+    assert depth.claim is not None
+    K = depth.claim.K * np.array([[focal], [focal], [1.0]])
+    K[:2, 2] = depth.claim.K[:2, 2]
+    found = fitted(replace(depth, claim=replace(depth.claim, K=K)), T_claimed)
+    wanted = (*place, 1.0 / scale - 1.0, 1.0 - focal, delay_s)
+    within = (8e-3, 8e-3, 3e-3, 6e-3, 6e-3, 3e-3)
+    for name, value, true, most in zip(NAMES, found.values, wanted, within, strict=True):
+        assert abs(value - true) < most, (name, value, true)
+    assert T_true[0, 3] == pytest.approx(0.1 + place[0])
+
+
+def test_images_without_walls_at_that_height_tell_nothing() -> None:
+    depth, T = seen_from(0.1, 0.0, 0.0, 1.0, 0.0)
+    T[2, 3] = 5.0
+    T_base_laser = se3_from_parts(np.eye(3), np.array([0.0, 0.0, LIDAR_HEIGHT_M]))
+    told = recording()
+    assert fit_slices(told, depth, told.scans[0], T, T_base_laser) is None
+    nowhere = replace(told, streams=told.scans)
+    assert fit_slices(nowhere, depth, told.scans[0], T, T_base_laser) is None
+
+
+def turned(t: FloatArray) -> FloatArray:
+    return np.asarray(0.5 * np.sin(1.3 * t) + 0.2 * np.sin(3.1 * t))
+
+
+def panorama() -> NDArray[np.float64]:
+    """(rows, 2000): smooth noise all around."""
+    rng = np.random.default_rng(5)
+    return np.asarray(zoom(rng.uniform(20.0, 230.0, (15, 250)), (6, 8), order=1))
+
+
+def turning_images(delay_s: float, readout_s: float, focal: float) -> CameraSurvey:
+    model = pinhole(160, 90, 70.0)
+    stamps_ns = np.arange(10**9, 21 * 10**9, 100_000_000, dtype=np.int64)
+    columns, rows = np.meshgrid(np.arange(160.0), np.arange(90.0))
+    azimuths = -np.arctan((columns - model.centre_px[0]) / model.focal_px[0])
+    around = panorama()
+    images = []
+    for at_s in (stamps_ns * 1e-9 - delay_s).tolist():
+        heading = turned(np.asarray(at_s + readout_s * rows / 89.0, dtype=np.float64))
+        place = (heading + azimuths + np.pi) * around.shape[1] / (2.0 * np.pi)
+        images.append(map_coordinates(around, [rows, place], order=1, mode="wrap"))
+    model = replace(model, K=model.K * np.array([[focal], [focal], [1.0]]))
+    return survey("grey", stamps_ns, model, thumbnails=np.array(images, dtype=np.uint8))
+
+
+def turn_fit(camera: CameraSurvey) -> TurnFit | None:
+    assert camera.claim is not None
+    stamps_ns = np.arange(0, 22 * 10**9, 10_000_000, dtype=np.int64)
+    totals = turned(np.asarray(stamps_ns * 1e-9, dtype=np.float64))[:, None]
+    gyro = IntegratedMotion("/imu", stamps_ns, totals, np.array([1e-5]))
+    return fit_turns(seen_turns(camera, camera.claim.model(), R_OPTICAL), gyro)
+
+
+@pytest.mark.parametrize(
+    ("delay_s", "readout_s", "focal"), [(0.0, 0.0, 1.0), (0.06, 0.03, 1.0), (-0.2, 0.03, 1.0)]
+)
+def test_turns_of_images_tell_delay_and_readout(
+    delay_s: float, readout_s: float, focal: float
+) -> None:
+    found = turn_fit(turning_images(delay_s, readout_s, focal))
+    assert found is not None
+    assert found.delay_s[0] == pytest.approx(delay_s, abs=3e-3)
+    assert found.readout_s[0] == pytest.approx(readout_s, abs=6e-3)
+    assert found.gain[0] == pytest.approx(0.0, abs=0.02)
+
+
+def test_a_longer_focal_length_makes_turns_small() -> None:
+    camera = turning_images(0.0, 0.0, 1.0)
+    assert camera.claim is not None
+    K = camera.claim.K.copy()
+    K[[0, 1], [0, 1]] *= 1.3
+    found = turn_fit(replace(camera, claim=replace(camera.claim, K=K)))
+    assert found is not None
+    assert found.gain[0] == pytest.approx(1.0 / 1.3 - 1.0, abs=0.04)
+
+
+def test_a_robot_that_stands_turns_nothing() -> None:
+    camera = turning_images(0.0, 0.0, 1.0)
+    still = replace(camera, thumbnails=np.repeat(camera.thumbnails[:1], len(camera), axis=0))
+    assert turn_fit(still) is None
+
+
+@pytest.mark.parametrize("is_swapped", [False, True])
+def test_colours_are_compared_where_two_topics_show_the_same(is_swapped: bool) -> None:
+    rng = np.random.default_rng(3)
+    colours = rng.uniform(20.0, 220.0, (30, 6, 8, 1)) + rng.uniform(-20.0, 20.0, (30, 6, 8, 3))
+    stamps_ns = np.arange(30) * 100_000_000
+    one = survey("colour", stamps_ns, pinhole(40, 30, 70.0), colours=colours)
+    noisy = colours + rng.normal(0.0, 1.0, colours.shape)
+    other = replace(one, colours=noisy[..., ::-1] if is_swapped else noisy)
+    found = likeness(one, other)
+    assert found is not None
+    assert found[0] * (-1.0 if is_swapped else 1.0) > 0.8
+    elsewhere = replace(one, colours=rng.uniform(20.0, 220.0, colours.shape))
+    assert likeness(one, elsewhere) is None
