@@ -11,7 +11,7 @@ import pytest
 import yaml
 from board_images import MODEL, TYPED, board_views, write_views
 from scipy.spatial.transform import Rotation
-from tag_drive import T_CLAIMED, Setting, driven
+from tag_drive import T_CLAIMED, Driven, Setting, driven
 from typed import typed
 
 from slamsim.console.reporter import Reporter
@@ -26,6 +26,7 @@ from slamsim.run.cameras.calibration_inputs import by_visits
 from slamsim.run.cameras.calibration_report import quantity
 
 QUIET = Reporter(quiet=True)
+SETTING = Setting(seconds=30.0)
 
 
 @pytest.fixture(scope="module")
@@ -33,6 +34,12 @@ def boards(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("boards") / "views"
     write_views(folder, board_views(14))
     return folder
+
+
+@pytest.fixture(scope="module")
+def thirty() -> Driven:
+    """A drive of half a minute."""
+    return driven(3, SETTING)
 
 
 def test_a_folder_of_boards_gives_a_lens(boards: Path, tmp_path: Path) -> None:
@@ -108,20 +115,18 @@ def test_views_that_are_not_tilted_give_no_number(tmp_path: Path) -> None:
 
 
 def test_tags_of_a_folder_need_a_path(
-    boards: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    boards: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, thirty: Driven
 ) -> None:
-    one = driven(3, Setting(seconds=30.0))
-    seen = {"image": (one.views, Setting().model)}
+    seen = {"image": (thirty.views, SETTING.model)}
     monkeypatch.setattr(inputs, "tags_of", lambda *_: seen)
     with pytest.raises(SlamsimError, match="tells no path of the robot"):
         calibrate_cameras(boards, tmp_path / "out", Wanted(tags="apriltag_36h11:0.16"), QUIET)
 
 
 def test_tags_on_a_drive_give_mount_and_clock(
-    boards: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    boards: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, thirty: Driven
 ) -> None:
-    setting = Setting(seconds=30.0)
-    one = driven(3, setting)
+    setting, one = SETTING, thirty
     monkeypatch.setattr(
         inputs,
         "tags_of",
@@ -161,6 +166,9 @@ def test_a_path_that_drifts_is_used_visit_by_visit() -> None:
     off = found.moved_from(setting.T_base_camera)
     assert np.abs(off[:2]).max() < 0.01 and np.degrees(np.abs(off[3:]).max()) < 0.2
     assert abs(found.late_s - setting.late_s) < 0.002
+    unsure = inputs.unsure_by_wheels(found)
+    assert unsure.sigma("x_m") > 0.01 and unsure.sigma("yaw_rad") > np.radians(0.5)
+    assert unsure.sigma("roll_rad") == found.sigma("roll_rad")
 
 
 def test_a_quantity_is_judged_by_its_interval() -> None:
@@ -176,9 +184,8 @@ def test_a_quantity_is_judged_by_its_interval() -> None:
     assert near.verdict == "inconclusive" and "off by 0.0095 m" in near.wanted
 
 
-def test_visits_of_one_tag_are_told_apart_by_time() -> None:
-    one = driven(3, Setting(seconds=30.0)).views
-    same = one.those(np.zeros(6, dtype=np.int64))
+def test_visits_of_one_tag_are_told_apart_by_time(thirty: Driven) -> None:
+    same = thirty.views.those(np.zeros(6, dtype=np.int64))
     at_s = np.array([0.0, 1.0, 2.0, 10.0, 11.0, 30.0])
     visits = by_visits(replace(same, stamps_ns=(at_s * 1e9).astype(np.int64)))
     assert len(np.unique(visits.numbers)) == 3

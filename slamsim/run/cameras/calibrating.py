@@ -196,23 +196,25 @@ class _Work:
                 self._notes.append(f"{topic.topic}: no tag was seen")
                 continue
             views, model = seen[topic.topic]
-            if known_by == "odometry":
-                views = inputs.by_visits(views)
+            drifts = known_by == "odometry"
+            views = inputs.by_visits(views) if drifts else views
             try:
                 with self._reporter.stage("mount"):
-                    self._mount(topic, views, model, path, recording, survey)
+                    self._mount(topic, (views, model), path, recording, survey, drifts=drifts)
             except (TooFew, NoSolution) as error:
                 self._notes.append(f"{topic.topic}: {error}")
 
     def _mount(
         self,
         topic: CameraTopic,
-        views: TagViews,
-        model: CameraModel,
+        seen: tuple[TagViews, CameraModel],
         path: PlanarTrajectory,
         recording: Recording | None,
         survey: Mapping[int, tuple[FloatArray, FloatArray]],
+        *,
+        drifts: bool,
     ) -> None:
+        views, model = seen
         before = self._results.get(topic.topic)
         by_board = None if before is None else before.model
         base, claimed = _claimed_mount(recording, topic.frame_id)
@@ -228,7 +230,9 @@ class _Work:
             with_lens = fitting(model=model, T_base_camera=fit.T_base_camera, free=free | ALL_LENS)
             fit, told = _chosen(fit, with_lens, self._claim(topic))
             quantities += told
-        quantities += report.mount_quantities(fit, claimed, readout_s is None)
+        fit = inputs.unsure_by_wheels(fit) if drifts else fit
+        lacking = report.PATH_WANTED if drifts else report.MOTION_WANTED
+        quantities += report.mount_quantities(fit, claimed, readout_s is None, lacking)
         facts = {} if before is None else dict(before.facts)
         facts["tags"] = (
             f"{len(fit.T_map_tag)}, seen {fit.sightings:,} times, {fit.doubted} in doubt"

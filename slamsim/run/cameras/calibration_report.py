@@ -34,10 +34,13 @@ PLACE_M, TURN_DEG, LATE_S = 0.01, 0.5, 0.005
 0.5 m/s and 1 rad/s a late image is 2.5 mm and 0.3 degrees off."""
 HEIGHT_WANTED = "--surveyed tags tell the height"
 TILT_WANTED = "views of the board from near and far, tilted by 30 degrees and more"
+PATH_WANTED = "a path that does not drift: scans of a lidar, or --trajectory"
 MOTION_WANTED = "a drive with turns past more tags, near enough to be 20 px wide"
 
 _SHOWN = {"m": (1e3, "mm"), "s": (1e3, "ms"), "deg": (1.0, "degrees")}
 """Units of tables: (how many, their name)."""
+_UNTOLD = {"m": 0.5, "s": 0.5, "deg": 30.0}
+"""Half an interval that is no answer any more; of a focal length it is as much as the length."""
 
 Told = Literal["ok", "fault", "inconclusive", "measured"]
 
@@ -150,9 +153,12 @@ def is_lens_told(fit: LensFit, camera: int = 0) -> bool:
 
 
 def mount_quantities(
-    fit: MountFit, T_base_claimed: FloatArray | None, readout_is_free: bool
+    fit: MountFit,
+    T_base_claimed: FloatArray | None,
+    readout_is_free: bool,
+    wanted: str = MOTION_WANTED,
 ) -> Iterator[Quantity]:
-    """Where the camera sits, looking along x, and its clock."""
+    """Where the camera sits, looking along x, and its clock. wanted: what would tell the mount."""
     values, said = mount_numbers(fit.T_base_camera), None
     off: list[float | None] = [None] * 6
     if T_base_claimed is not None:
@@ -167,7 +173,7 @@ def mount_quantities(
             (float(values[k]), sigma, "deg" if is_turn else "m"),
             None if said is None else float(said[k]),
             TURN_DEG if is_turn else PLACE_M,
-            HEIGHT_WANTED if name == "z_m" else MOTION_WANTED,
+            HEIGHT_WANTED if name == "z_m" else wanted,
             off[k],
         )
     late = (fit.late_s, fit.sigma("late_s"), "s")
@@ -190,7 +196,7 @@ def table_rows(result: CameraResult) -> dict[str, str]:
     for each in result.quantities:
         factor, unit = _SHOWN.get(each.unit, (1.0, each.unit))
         half = 1.96 * each.sigma
-        untold = each.verdict == "inconclusive" and half > max(abs(each.value), 1e-9)
+        untold = half > _UNTOLD.get(each.unit, abs(each.value) + 1e-9) and each.unit != ""
         shown = "not told" if untold else as_interval(factor * each.value, factor * half)
         shown += "" if untold or not unit else f" {unit}"
         said = "" if each.claimed is None else f", claimed {as_number(factor * each.claimed)}"
