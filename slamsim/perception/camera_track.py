@@ -128,11 +128,10 @@ class CameraTracker:
         found = []
         for one in self._detector.detect(grey, light):
             late = float(one.corners_px[:, 1].mean()) / max(grey.shape[0] - 1, 1)
-            T = exponential(-late * self._odometry.swept) @ one.pose.T_camera_tag
-            covariance = one.pose.covariance + least
-            # A step of the tag along and about the camera's axes is one in the tag's own.
-            R = np.kron(np.eye(2), T[:3, :3])
-            found.append((one.number, T, R.T @ covariance @ R))
+            T, covariance = one.pose.in_own_frame()
+            found.append(
+                (one.number, exponential(-late * self._odometry.swept) @ T, covariance + least)
+            )
         return found
 
 

@@ -44,6 +44,11 @@ class TagPose:
     def is_ambiguous(self) -> bool:
         return self.other is not None
 
+    def in_own_frame(self) -> tuple[FloatArray, FloatArray]:
+        """T_camera_tag, and the covariance of a small step of the tag in its own frame."""
+        R = np.kron(np.eye(2), self.T_camera_tag[:3, :3])
+        return self.T_camera_tag, np.asarray(R.T @ self.covariance @ R)
+
 
 def square_corners(size_m: float) -> FloatArray:
     """(4, 3) in the tag's frame: top left, then clockwise as one looks at the tag."""

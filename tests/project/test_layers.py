@@ -67,7 +67,7 @@ ALLOWED: Mapping[str, tuple[str, ...]] = {
     ),
     "bench": (
         *("run", "live", "dataset", "simulation", "check", "evaluate", "slam", "sensors", "sim"),
-        "cameras",
+        *("cameras", "perception"),
         *("world", "io", "console", "process", *_DATA),
     ),
     "cli": (

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 
 from slamsim.bench.cameras.flow import measure_flow
+from slamsim.bench.cameras.hall import measure_tags
 from slamsim.bench.cameras.odometry import measure_odometry
 from slamsim.bench.cameras.speed import measure_speed
 from slamsim.config.run import RunConfig
@@ -18,6 +19,7 @@ CAMERA_SECONDS = 10.0
 PARTS: Mapping[str, Callable[[RunConfig, Reporter], Figures]] = {
     "speed": measure_speed,
     "flow": measure_flow,
+    "tags": measure_tags,
     "odometry": measure_odometry,
 }
 """By name. What they are given: the world in which cameras drive, and where progress is told."""
