@@ -88,6 +88,7 @@ def survey(kind: Any, stamps_ns: IntArray, model: Any, **seen: Any) -> CameraSur
         "brightness": np.full(count.size, 90.0),
         "depths_m": np.full((count.size, 3), np.nan),
         "thumbnails": np.zeros((0, 0, 0), np.uint8),
+        "numbers": count,
     }
     return CameraSurvey(
         *("/images", kind, "camera", (model.width, model.height), claim_of(model)),
@@ -135,6 +136,7 @@ def fitted(depth: CameraSurvey, T_claimed: FloatArray) -> SliceFit:
         ((0.0, 0.0, 0.0), 1.04, 1.0, 0.0),
         ((0.0, 0.0, 0.0), 1.0, 1.06, 0.0),
         ((0.0, 0.0, 0.0), 1.0, 1.0, 0.08),
+        ((0.0, 0.0, 0.0), 1.0, 1.0, 0.37),
         ((0.03, 0.02, np.radians(-2.0)), 0.97, 0.96, -0.05),
     ],
 )

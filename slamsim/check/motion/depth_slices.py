@@ -7,7 +7,7 @@ far its depths and its focal length are off, and how late its stamps are.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -31,6 +31,10 @@ _GAP_M, _BENT_M = 0.25, 0.02
 _FLOOR_M = 0.003
 """How exactly a wall is the same at two heights."""
 _TUKEY = 4.0
+_SHIFTS, _LINEAR_S = 4, 0.01
+"""How often stamps are shifted by what was found: so long motion is taken for even."""
+_DELAYS_NS = tuple(round(1e9 * late_s) for late_s in np.arange(-1.0, 1.01, 0.1).tolist())
+_FEW_IMAGES, _PLAINLY = 60, 0.8
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -75,11 +79,44 @@ def fit_slices(
     path = _path(recording)
     if path is None or not len(scans):
         return None
-    slices = list(_slices(depth, model, scans, T_base_camera, T_base_laser, path))
-    points = sum(len(each.points_m) for each in slices)
-    if len(slices) < FEWEST_IMAGES or points < FEWEST_POINTS:
-        return None
-    return _fitted(slices)
+    given = model, scans, T_base_camera, T_base_laser, path
+    late_ns = _coarse_ns(depth, *given)
+    for _ in range(_SHIFTS):
+        on_time = replace(depth, stamps_ns=depth.stamps_ns - late_ns)
+        slices = list(_slices(on_time, *given))
+        points = sum(len(each.points_m) for each in slices)
+        if len(slices) < FEWEST_IMAGES or points < FEWEST_POINTS:
+            return None
+        found = _fitted(slices)
+        left_s = float(found.values[-1])
+        found.values[-1] += 1e-9 * late_ns
+        if abs(left_s) < _LINEAR_S:
+            break
+        late_ns += round(1e9 * left_s)
+    return found
+
+
+def _coarse_ns(
+    depth: CameraSurvey,
+    model: CameraModel,
+    scans: RawScans,
+    T_base_camera: FloatArray,
+    T_base_laser: FloatArray,
+    path: tuple[IntArray, FloatArray],
+) -> int:
+    """The delay of some with which a few images lie best on the scans, ns; none where that is
+    hardly better."""
+    few = depth.selected(np.arange(len(depth))[:: max(len(depth) // _FEW_IMAGES, 1)])
+    apart_m = {}
+    for late_ns in _DELAYS_NS:
+        on_time = replace(few, stamps_ns=few.stamps_ns - late_ns)
+        each = [
+            np.minimum(cKDTree(one.surfaces_m).query(one.points_m)[0], _GATES_M[0]).mean()
+            for one in _slices(on_time, model, scans, T_base_camera, T_base_laser, path)
+        ]
+        apart_m[late_ns] = float(np.mean(each)) if each else np.inf
+    best = min(apart_m, key=lambda late_ns: apart_m[late_ns])
+    return best if apart_m[best] < _PLAINLY * apart_m[0] else 0
 
 
 def seen_beside(recording: Recording, depth: CameraSurvey) -> bool:
