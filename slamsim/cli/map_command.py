@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated
 
@@ -65,6 +66,21 @@ Intrinsics = Annotated[
         help="Camera matrix in pixels, for maps by images that come without one.",
     ),
 ]
+Obstacles = Annotated[
+    bool,
+    typer.Option(
+        "--obstacles",
+        help="Also map what depth images show in the robot's way (mapping.layers.obstacles).",
+    ),
+]
+Labels = Annotated[
+    str,
+    typer.Option(
+        "--labels",
+        metavar="TOPIC",
+        help="Also map which label of this topic's images is seen where (mapping.layers.labels).",
+    ),
+]
 Source = Annotated[
     str,
     typer.Argument(help="A world to simulate, or a recording: rosbag2, MCAP, ROS 1, CARMEN."),
@@ -91,6 +107,8 @@ def map_(
     tags: Tags = "",
     without: Without = "",
     intrinsics: Intrinsics = "",
+    obstacles: Obstacles = False,
+    labels: Labels = "",
     earlier: Earlier = None,
     start: Start = None,
     overwrite: Overwrite = False,
@@ -104,7 +122,7 @@ def map_(
 
     reporter = Reporter(quiet=quiet, as_json=as_json)
     recorded = is_recording(source)
-    set_ = [*(set_ or ()), f"slam.landmarks.tags={tags}"] if tags else set_
+    set_ = [*(set_ or ()), *_asked(tags, labels, is_searched=obstacles)]
     loaded = loaded_config(None if recorded else source, config, set_, seed, drive_seed=drive_seed)
     resolved = loaded.config
     name = recording_name(source) if recorded else resolved.world.name
@@ -136,6 +154,16 @@ def map_(
     close_run(reporter, report, folder, verbose=verbose)
     require_used(report, folder)
     return folder
+
+
+def _asked(tags: str, labels: str, *, is_searched: bool) -> Iterator[str]:
+    """What options of images set."""
+    if tags:
+        yield f"slam.landmarks.tags={tags}"
+    if labels:
+        yield f"mapping.layers.labels={labels}"
+    if is_searched:
+        yield "mapping.layers.obstacles=true"
 
 
 def localise(

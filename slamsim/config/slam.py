@@ -10,6 +10,38 @@ from slamsim.config.back_end import BackEndConfig
 from slamsim.config.base import Config
 
 
+class LayersConfig(Config):
+    """Layers that images add to the map, in cells of the same size."""
+
+    obstacles: bool = False
+    """Whether depth images are searched for what stands in the way, above or below the lidar's
+    plane: written as ``obstacles.pgm`` and ``obstacles.yaml``."""
+
+    labels: str = ""
+    """Topic of label images (mono8, 8UC1, 32SC1) in whose cells they are counted, written as
+    ``semantic.png`` and ``semantic.yaml``; empty for none."""
+
+    lowest_m: float = Field(0.03, gt=0.0, le=10.0)
+    """What rises less above the floor is no obstacle, before the errors of depth and tilt."""
+
+    highest_m: float = Field(0.5, gt=0.0, le=10.0)
+    """What is higher is out of the robot's way."""
+
+    step_m: float = Field(0.05, gt=0.0, le=10.0)
+    """Heights are told apart in steps of this: seen below a table top, the floor clears no table
+    top."""
+
+    max_depth_m: float = Field(4.0, gt=0.0, le=100.0)
+    """Depths beyond are left out."""
+
+    depth_noise_per_m: float = Field(0.003, ge=0.0, le=1.0)
+    """Standard deviation of a depth of 1 m, in metres; it grows with the square of depth (the
+    curve measured of a RealSense D435)."""
+
+    tilt_deg: float = Field(0.5, ge=0.0, le=45.0)
+    """By so much the camera may be tilted otherwise than claimed, or the robot pitch."""
+
+
 class MappingConfig(Config):
     """Log-odds occupancy grid (Moravec & Elfes 1985; Thrun, Burgard & Fox 2005, chapter 9)."""
 
@@ -43,6 +75,9 @@ class MappingConfig(Config):
 
     max_cells: int = Field(200_000_000, gt=0)
     """A map that would need more cells than this is refused."""
+
+    layers: LayersConfig = LayersConfig()
+    """What images add to it."""
 
 
 class MotionConfig(Config):

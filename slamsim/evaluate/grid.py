@@ -79,16 +79,16 @@ def compare_grids(
     seen = seen_from(truth, path_m, range_m)
     in_view = seen[surface_cells]
     walls = _walls(estimate, T_truth_estimate)
-    tolerance_m = _tolerance_m(truth)
-    map_to_truth_m = _nearest_m(walls, surface)
-    shown = _nearest_m(surface, walls) <= tolerance_m
-    ghosts = walls[_hangs_together(estimate, map_to_truth_m > tolerance_m)]
-    doubled = _nearest_m(surface, ghosts) <= GHOST_RADIUS_M
+    within_m = tolerance_m(truth)
+    map_to_truth_m = nearest_m(walls, surface)
+    shown = nearest_m(surface, walls) <= within_m
+    ghosts = walls[_hangs_together(estimate, map_to_truth_m > within_m)]
+    doubled = nearest_m(surface, ghosts) <= GHOST_RADIUS_M
     free_iou, free_coverage = _free_shares(estimate, truth, seen, T_truth_estimate)
     return MapScores(
         wall_recall=_share(shown[in_view]),
         wall_coverage=_share(shown),
-        wall_precision=_share(map_to_truth_m <= tolerance_m),
+        wall_precision=_share(map_to_truth_m <= within_m),
         wall_error_mean_m=float(np.mean(map_to_truth_m)) if walls.size else None,
         doubled_wall_share=_share(doubled),
         free_iou=free_iou,
@@ -113,8 +113,8 @@ def wrong_walls(
     surface = cell_centres(truth, wall_surface(truth.occupancy))
     walls, wall_cells = _walls(estimate, T_truth_estimate), occupied(estimate)
     invented, missed = np.zeros_like(wall_cells), np.zeros_like(in_view)
-    invented[wall_cells] = _nearest_m(walls, surface) > _tolerance_m(truth)
-    missed[in_view] = _nearest_m(cell_centres(truth, in_view), walls) > _tolerance_m(truth)
+    invented[wall_cells] = nearest_m(walls, surface) > tolerance_m(truth)
+    missed[in_view] = nearest_m(cell_centres(truth, in_view), walls) > tolerance_m(truth)
     return invented, missed
 
 
@@ -154,7 +154,8 @@ def _walls(estimate: Grid, T_truth_estimate: FloatArray) -> FloatArray:
     return transform_points(T_truth_estimate, cell_centres(estimate, occupied(estimate)))
 
 
-def _tolerance_m(truth: Grid) -> float:
+def tolerance_m(truth: Grid) -> float:
+    """How far two cell centres are apart at most that are within one cell."""
     return float(np.sqrt(2.0) * truth.resolution_m * (1.0 + _ROUNDING))
 
 
@@ -162,7 +163,7 @@ def _share(chosen: BoolArray) -> float | None:
     return float(np.mean(chosen)) if chosen.size else None
 
 
-def _nearest_m(points: FloatArray, others: FloatArray) -> FloatArray:
+def nearest_m(points: FloatArray, others: FloatArray) -> FloatArray:
     """(n,) distance from each point to the nearest of the others, inf if there is none."""
     from scipy.spatial import KDTree
 

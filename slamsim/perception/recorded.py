@@ -86,18 +86,21 @@ def _observed(
 
 
 def _mounts(path: Path, cameras: Cameras, recording: Recording) -> dict[str, FloatArray]:
-    """T_base_camera (4, 4) of the optical frame of each topic with pictures."""
+    """Of each topic with pictures."""
     pictures = [*cameras.of_kind("colour"), *cameras.of_kind("grey")]
     if not pictures:
         raise InputRefused(path, "holds no colour or grey images in which tags could be seen")
-    tree, base = tree_of(recording.transforms), BASE_FRAME
+    return {each.topic: mount_of(path, each.topic, each.frame_id, recording) for each in pictures}
+
+
+def mount_of(path: Path, topic: str, frame: str, recording: Recording) -> FloatArray:
+    """T_base_camera (4, 4) of the optical frame of a topic. Raises InputRefused where no fixed
+    transform leads to it."""
+    base = BASE_FRAME
     for odometry in recording.odometries[:1]:
         base = odometry.child_frame_ids[0]
-    found = {}
-    for each in pictures:
-        mounting = known_mounting(tree, base, each.frame_id)
-        if mounting is None:
-            reason = f"no fixed transform leads from {base!r} to its frame {each.frame_id!r}"
-            raise InputRefused(path, reason, f"topic {each.topic}")
-        found[each.topic] = mounting[0]
-    return found
+    mounting = known_mounting(tree_of(recording.transforms), base, frame)
+    if mounting is None:
+        reason = f"no fixed transform leads from {base!r} to its frame {frame!r}"
+        raise InputRefused(path, reason, f"topic {topic}")
+    return mounting[0]

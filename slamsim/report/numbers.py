@@ -10,6 +10,7 @@ import numpy as np
 from slamsim.check.wording import finding_json
 from slamsim.core.landmarks import Landmark
 from slamsim.core.types import BoolArray, FloatArray, PlanarTrajectory
+from slamsim.evaluate.grid import occupied
 from slamsim.report.run_view import RunView
 
 _PATH_STEP_M = 0.1
@@ -53,6 +54,13 @@ def report_json(view: RunView) -> dict[str, object]:
     }
     if result.landmarks:
         numbers["tags"] = [_tag_json(one) for one in result.landmarks]
+    layers = view.layers
+    if layers.obstacles is not None:
+        numbers["obstacle_cells"] = int(np.count_nonzero(occupied(layers.obstacles.grid)))
+        numbers |= {} if view.obstacles is None else view.obstacles.numbers()
+    if layers.semantic is not None:
+        numbers["semantic_cells"] = int(np.count_nonzero(layers.semantic.labels >= 0))
+        numbers["semantic_images"] = layers.semantic.images
     return {key: _finite(value) for key, value in numbers.items()}
 
 

@@ -11,8 +11,10 @@ import numpy as np
 from slamsim.check.findings import CheckReport
 from slamsim.check.wording import warning
 from slamsim.core.geometry import inverse
+from slamsim.core.layers import NO_LAYERS, MapLayers
 from slamsim.core.result import SlamResult
 from slamsim.core.types import FloatArray, Grid, IntArray, Log, Trajectory, TriangleMesh
+from slamsim.evaluate.obstacles import ObstacleScores
 from slamsim.evaluate.score import Scores
 
 
@@ -25,7 +27,8 @@ class RunView:
     factors; the rest is shown as it is named. command: how to reproduce the run. config_yaml:
     the resolved configuration. checked: what a quick look at the
     recording itself found. verdict: on the map, in one sentence. sure: whether the covariances of
-    key frames say anything of where they are.
+    key frames say anything of where they are. layers: what images add to the map; obstacles: how
+    true that is, where the world is known; label_names: what labels mean, where that is known.
     """
 
     log: Log
@@ -42,6 +45,9 @@ class RunView:
     checked: CheckReport | None = None
     verdict: str = ""
     sure: bool = True
+    layers: MapLayers = NO_LAYERS
+    obstacles: ObstacleScores | None = None
+    label_names: Mapping[int, str] = field(default_factory=dict)
 
     @property
     def mapped(self) -> bool:

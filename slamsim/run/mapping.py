@@ -15,6 +15,7 @@ from slamsim.config.loading import load_simulated_config, load_world_config
 from slamsim.config.run import RunConfig
 from slamsim.console.reporter import Reporter
 from slamsim.core.landmarks import NO_TAGS, TagsSeen
+from slamsim.core.layers import NO_LAYERS
 from slamsim.core.result import SlamResult
 from slamsim.core.types import Grid, Log, Trajectory
 from slamsim.guard.errors import OverrideRefused, SlamsimError
@@ -34,6 +35,13 @@ from slamsim.report.pages.run import write_report
 from slamsim.report.run_view import RunView
 from slamsim.report.viewer.run import write_recording
 from slamsim.run import folder as run_folder
+from slamsim.run.cameras.layers import (
+    LayerSources,
+    layer_sources,
+    map_layers,
+    with_layers,
+    write_layers,
+)
 from slamsim.run.checking import check_stage
 from slamsim.run.continuing import Earlier, clouds_before
 from slamsim.run.naming import log_of, recording_name
@@ -75,9 +83,10 @@ def map_world(
         log = replace(opened.log(), name=config.world.name)
         known = _known(log, opened.truth(), wanted, (simulation.world, config))
         tags = _tags(source, opened.recording, config, stages)
+        images = layer_sources(source, opened.recording, config.mapping.layers)
         del opened
         return_freed_memory()
-        report = _map(log, config, partial, stages, known, checked, tags=tags)
+        report = _map(log, config, partial, stages, known, checked, tags, images)
     require_finished(simulation, folder)
     return report
 
@@ -104,6 +113,7 @@ def map_recording(
     stages = Stages(reporter)
     checked = _checked(opened.recording, stages)
     tags = _tags(path, opened.recording, config, stages)
+    images = layer_sources(path, opened.recording, config.mapping.layers)
     del opened
     return_freed_memory()
     if tags.observations and earlier is not None:
@@ -116,7 +126,7 @@ def map_recording(
         write_config(partial, config)
         if known.truth is not None:
             run_folder.write_truth(partial, known.truth)
-        return _map(log, config, partial, stages, known, checked, earlier, tags)
+        return _map(log, config, partial, stages, known, checked, tags, images, earlier)
 
 
 def require_used(report: Report, folder: Path) -> None:
@@ -143,8 +153,9 @@ def _map(
     stages: Stages,
     known: Known,
     checked: CheckReport,
+    tags: TagsSeen,
+    images: LayerSources,
     earlier: Earlier | None = None,
-    tags: TagsSeen = NO_TAGS,
 ) -> Report:
     """What SLAM made of it is written before anything is drawn of it, so that it stays whatever
     fails then."""
@@ -160,8 +171,13 @@ def _map(
     with failures.caught("map", last):
         grid = _grid(log, result, saved, config, stages)
         run_folder.write_map(partial, grid)
+        layers = NO_LAYERS
+        with failures.caught("layers", last):
+            layers = map_layers(images, log, result, grid, config.mapping, stages)
+            write_layers(partial, layers, known.world)
         with failures.caught("report", last):
             view = _scored(log, result, grid, config, stages, known, sure=not unjoined)
+            view = with_layers(view, layers, known.world, config.mapping.layers)
             view = replace(view, checked=checked, verdict=_verdict(view, unjoined))
             doubts = view.doubts
             with stages.stage("report"):

@@ -80,12 +80,12 @@ class World:
         require_number("a height in m", height_m)
         return self._grid(self.solids.section(height_m), resolution_m, f"at {height_m:g} m")
 
-    def obstacle_grid(self, resolution_m: float) -> Grid:
-        """As ``grid``, but 1 wherever anything stands between 0.01 m and 0.5 m above the floor:
-        what a robot's body could touch, low things included that a lidar does not see."""
-        return self._grid(
-            self.solids.shadow(BODY_LOW_M, BODY_HIGH_M), resolution_m, "at the robot's height"
-        )
+    def obstacle_grid(
+        self, resolution_m: float, low_m: float = BODY_LOW_M, high_m: float = BODY_HIGH_M
+    ) -> Grid:
+        """As ``grid``, but 1 wherever anything stands between two heights above the floor: what a
+        robot's body could touch, low things included that a lidar does not see."""
+        return self._grid(self.solids.shadow(low_m, high_m), resolution_m, "at the robot's height")
 
     def _grid(self, outline: FloatArray, resolution_m: float, where: str) -> Grid:
         raster = Raster.covering(self.bounds_m, resolution_m)

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from slamsim.evaluate.relations import RelationScores, RelationStatistics
 from slamsim.guard.output import write_atomic
+from slamsim.report.figures.layers import obstacle_figure, semantic_figure
 from slamsim.report.figures.precision import held_figure
 from slamsim.report.figures.run import curve_figure, map_figure, truth_figure
 from slamsim.report.numbers import realtime_factors, report_json
@@ -109,7 +110,24 @@ def _maps(view: RunView) -> str:
     if against is not None:
         walls = "Mapped walls against the true ones, in metres"
         pictures.append(figure(against, walls, wide=True, zoom=True))
-    return pair(pictures, paper=True)
+    return pair([*pictures, *_layers(view)], paper=True)
+
+
+def _layers(view: RunView) -> list[str]:
+    """What images add to the map."""
+    pictures, found = [], view.obstacles
+    if view.layers.obstacles is not None:
+        caption = "Obstacles that depth images show, over the lidar's map, in metres"
+        if found is not None and found.hidden_recall is not None:
+            caption += (
+                f": {found.hidden_recall:.0%} of what the lidar's plane does not meet in view of "
+                f"the camera, {found.false_cells:,} cells where nothing is"
+            )
+        pictures.append(figure(obstacle_figure(view, view.layers.obstacles), caption, wide=True))
+    if view.layers.semantic is not None:
+        caption = f"Most frequent label of {view.layers.semantic.topic}, in metres"
+        pictures.append(figure(semantic_figure(view, view.layers.semantic), caption, wide=True))
+    return pictures
 
 
 def _curves(view: RunView) -> str:

@@ -13,7 +13,7 @@ from slamsim.core.types import FloatArray
 from slamsim.evaluate.grid import cell_centres, occupied
 from slamsim.report.precision import precision_plots
 from slamsim.report.run_view import RunView
-from slamsim.report.viewer.scene import CLOSURES
+from slamsim.report.viewer.scene import CLOSURES, SEMANTIC
 from slamsim.report.viewer.series import MAX_POINTS, Panel, plots
 from slamsim.report.viewer.stage import BASE, MAP, timeline
 
@@ -22,7 +22,7 @@ _FIELD_OF_VIEW = 0.85
 """How far above a scene one metre high the eye must be to see it whole, in metres."""
 
 _HIDDEN: dict[rr.EntityPath | str, Any] = {
-    entity: rrb.EntityBehavior(visible=False) for entity in CLOSURES
+    entity: rrb.EntityBehavior(visible=False) for entity in (*CLOSURES, SEMANTIC)
 }
 
 

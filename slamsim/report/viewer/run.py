@@ -22,6 +22,7 @@ from slamsim.report.viewer.blueprint import blueprint
 from slamsim.report.viewer.images import ShownCamera, camera_views, log_cameras, log_images
 from slamsim.report.viewer.scene import (
     log_graph,
+    log_layers,
     log_map,
     log_paths,
     log_precision,
@@ -54,6 +55,7 @@ def write_recording(
         laser = laser_frame(view)
         log_transforms(recording, view, laser)
         log_map(recording, "map", view.grid)
+        log_layers(recording, view)
         log_walls(recording, view)
         log_paths(recording, view)
         log_graph(recording, view)

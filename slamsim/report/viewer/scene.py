@@ -5,10 +5,13 @@ from __future__ import annotations
 import numpy as np
 import rerun as rr
 from matplotlib import colormaps
+from numpy.typing import NDArray
 
 from slamsim.core.geometry import compose, inverse
+from slamsim.core.layers import label_colours
 from slamsim.core.result import GraphEdge
-from slamsim.core.types import FloatArray, Grid
+from slamsim.core.types import BoolArray, FloatArray, Grid
+from slamsim.evaluate.grid import cell_centres, occupied
 from slamsim.report.figures.palette import (
     ACCEPTED,
     ESTIMATE,
@@ -50,6 +53,37 @@ def log_map(recording: rr.RecordingStream, entity: str, grid: Grid) -> None:
         ),
         static=True,
     )
+
+
+SEMANTIC = "layers/semantic"
+"""Hidden until it is asked for: it covers the map."""
+
+
+def log_layers(recording: rr.RecordingStream, view: RunView) -> None:
+    """What images add to the map: obstacles as points, labels as points of their colours."""
+    layers = view.layers
+    if layers.obstacles is not None:
+        grid = layers.obstacles.grid
+        _log_cells(recording, "layers/obstacles", grid, occupied(grid), rgb(WITHDRAWN), 0.04)
+    if layers.semantic is not None:
+        seen = layers.semantic.labels >= 0
+        colours = label_colours(layers.semantic.labels[seen])
+        _log_cells(recording, SEMANTIC, layers.semantic.grid, seen, colours, 0.02)
+
+
+def _log_cells(
+    recording: rr.RecordingStream,
+    entity: str,
+    grid: Grid,
+    cells: BoolArray,
+    colours: tuple[int, int, int] | NDArray[np.uint8],
+    height_m: float,
+) -> None:
+    centres = cell_centres(grid, cells)
+    if len(centres):
+        places = np.column_stack([centres, np.full(len(centres), height_m)])
+        points = rr.Points3D(places, colors=colours, radii=0.5 * grid.resolution_m)
+        recording.log(entity, rr.CoordinateFrame(MAP), points, static=True)
 
 
 def occupancy_bytes(grid: Grid) -> bytes:

@@ -55,8 +55,14 @@ def map_by_lidar_or_camera(
                 raise
             why = "none was recorded" if isinstance(reason, WithoutScans) else "it sees nothing"
             reporter.note(f"{reason}; mapping by camera")
-    for option, given in (("--continue", earlier), ("--relations", relations)):
-        if given is not None:
+    layers = config.mapping.layers
+    for option, given in (
+        ("--continue", earlier is not None),
+        ("--relations", relations is not None),
+        ("--obstacles", layers.obstacles),
+        ("--labels", bool(layers.labels)),
+    ):
+        if given:
             raise OverrideRefused(option, "a map by camera alone has none; leave it out")
     return map_by_camera(
         source,

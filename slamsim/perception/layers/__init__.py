@@ -1,0 +1,1 @@
+"""Layers of a map from images: obstacles, labels."""
