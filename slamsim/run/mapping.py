@@ -35,13 +35,7 @@ from slamsim.report.pages.run import write_report
 from slamsim.report.run_view import RunView
 from slamsim.report.viewer.run import write_recording
 from slamsim.run import folder as run_folder
-from slamsim.run.cameras.layers import (
-    LayerSources,
-    layer_sources,
-    map_layers,
-    with_layers,
-    write_layers,
-)
+from slamsim.run.cameras import layers as run_layers
 from slamsim.run.checking import check_stage
 from slamsim.run.continuing import Earlier, clouds_before
 from slamsim.run.naming import log_of, recording_name
@@ -83,7 +77,7 @@ def map_world(
         log = replace(opened.log(), name=config.world.name)
         known = _known(log, opened.truth(), wanted, (simulation.world, config))
         tags = _tags(source, opened.recording, config, stages)
-        images = layer_sources(source, opened.recording, config.mapping.layers)
+        images = run_layers.layer_sources(source, opened.recording, config.mapping.layers)
         del opened
         return_freed_memory()
         report = _map(log, config, partial, stages, known, checked, tags, images)
@@ -113,7 +107,7 @@ def map_recording(
     stages = Stages(reporter)
     checked = _checked(opened.recording, stages)
     tags = _tags(path, opened.recording, config, stages)
-    images = layer_sources(path, opened.recording, config.mapping.layers)
+    images = run_layers.layer_sources(path, opened.recording, config.mapping.layers)
     del opened
     return_freed_memory()
     if tags.observations and earlier is not None:
@@ -154,7 +148,7 @@ def _map(
     known: Known,
     checked: CheckReport,
     tags: TagsSeen,
-    images: LayerSources,
+    images: run_layers.LayerSources,
     earlier: Earlier | None = None,
 ) -> Report:
     """What SLAM made of it is written before anything is drawn of it, so that it stays whatever
@@ -173,11 +167,11 @@ def _map(
         run_folder.write_map(partial, grid)
         layers = NO_LAYERS
         with failures.caught("layers", last):
-            layers = map_layers(images, log, result, grid, config.mapping, stages)
-            write_layers(partial, layers, known.world)
+            layers = run_layers.map_layers(images, log, result, grid, config.mapping, stages)
+            run_layers.write_layers(partial, layers, known.world)
         with failures.caught("report", last):
             view = _scored(log, result, grid, config, stages, known, sure=not unjoined)
-            view = with_layers(view, layers, known.world, config.mapping.layers)
+            view = run_layers.with_layers(view, layers, known.world, config.mapping.layers)
             view = replace(view, checked=checked, verdict=_verdict(view, unjoined))
             doubts = view.doubts
             with stages.stage("report"):
