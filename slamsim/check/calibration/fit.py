@@ -24,6 +24,9 @@ from slamsim.models.jackknife import jackknife, wider
 from slamsim.slam.calibration.online import evidence
 
 MOST_ROUNDS = 12
+LEARNING_ROUNDS = 8
+"""The noise is held from then on: learned anew each time it could alternate for ever."""
+
 CONVERGED_SIGMAS = 0.02
 STRAIGHT_SIGMAS = 1.0
 """After a step smaller than this slopes are taken for constant."""
@@ -77,12 +80,13 @@ def fit(model: Model, start: FloatArray) -> Fit:
     parts, prior = list(blocks(model.steps)), _prior(model)
     noise.learn(model.residual(values), model.covered(values))
     jacobian = model.jacobian(values)
-    for _ in range(MOST_ROUNDS):
+    for number in range(MOST_ROUNDS):
         root = noise.root(model.covered(values))
         equations = _equations(model, (values, start), jacobian, prior, root, parts)
         step = -np.linalg.solve(equations.information, equations.gradient)
         values = values + step
-        noise.learn(model.residual(values), model.covered(values))
+        if number < LEARNING_ROUNDS:
+            noise.learn(model.residual(values), model.covered(values))
         moved = float(np.max(np.abs(step) / np.sqrt(np.diag(equations.by_noise))))
         if moved < CONVERGED_SIGMAS:
             break
@@ -217,8 +221,11 @@ class _Noise:
             typical = float(np.median(np.square(residual[seen, row]))) / USUAL_SQUARE
             left = typical - float(np.median(scans[seen, row]))
             self._own[row] = max(left, self._least[row])
+        both = residual[covered[0] & covered[1]]
         if not np.any(self._information):
-            self._learn_without_scans(residual[covered[0] & covered[1]])
+            self._learn_without_scans(both)
+        elif len(both) >= ROWS:
+            self._own[2:] = np.maximum(_turn_variances(both), self._least[2:])
 
     def _learn_without_scans(self, residual: FloatArray) -> None:
         """From (n, 4) steps of both: their turns alone are compared, and nothing tells whose error
@@ -245,6 +252,20 @@ class _Noise:
         rounding = ROUNDING * np.trace(weight, axis1=1, axis2=2)
         weight += (NOTHING + rounding)[:, None, None] * np.eye(ROWS)
         return np.asarray(np.swapaxes(np.linalg.cholesky(weight), 1, 2))
+
+
+def _turn_variances(residual: FloatArray) -> FloatArray:
+    """(2,) of wheels and gyroscope, from (n, 4) residuals: three streams tell three variances by
+    their differences (Gray & Allan 1974, the three-cornered hat), whatever scans claim of theirs.
+
+    Where scans claim too much nothing would be left for the other two, which then seem to
+    contradict each other in every step.
+    """
+    wheels, gyro, apart = (
+        float(np.median(np.square(each))) / USUAL_SQUARE
+        for each in (residual[:, 2], residual[:, 3], residual[:, 3] - residual[:, 2])
+    )
+    return 0.5 * np.array([apart + wheels - gyro, apart + gyro - wheels])
 
 
 def _inverted(information: FloatArray) -> FloatArray:
