@@ -173,7 +173,7 @@ def _down(normals: Float32Array) -> FloatArray:
 
 
 def labelled(dataset: Dataset, every: int) -> Iterator[tuple[Float32Array, BoolArray]]:
-    """(points, f) features and (points,) truth of every so manieth image."""
+    """(points, f) features and (points,) truth of every ``every``-th image."""
     frames = dataset.frames(COLOUR, (DEPTH, LABELS), stride=every)
     for number in range(len(frames)):
         frame = frames[number]
@@ -260,7 +260,7 @@ def main(arguments: Sequence[str] | None = None) -> float:
     parser.add_argument("dataset", help="folder or URL of a data set of the recipe diverse_rgbd")
     parser.add_argument("--images", type=Path, help="a recording or folder with real RGB-D images")
     parser.add_argument("--intrinsics", help="FX,FY,CX,CY of its images, where nothing tells them")
-    parser.add_argument("--every", default=2, type=int, help="use every so manieth image")
+    parser.add_argument("--every", default=2, type=int, help="use every N-th image")
     parser.add_argument("--out", default=Path(), type=Path, help="folder for pictures")
     given = parser.parse_args(arguments)
     dataset, random = slamsim.dataset.open(given.dataset), random_stream(0, "floor")

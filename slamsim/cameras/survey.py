@@ -23,7 +23,8 @@ class CameraSurvey:
     numbers of the images that were decoded, evenly spread runs of three; of each brightness (m,)
     from 0 to 255 (nan of depth), thumbnails (m, h, w) grey (none of depth), and depths_m (m, 3):
     the 1, 50 and 99 % quantiles of the depths as their encoding means them (nan of others, and
-    where few pixels have any). damaged: how many of the sampled could not be decoded.
+    where few pixels have any). damaged: how many of those looked at could not be decoded, or
+    are of another kind than the first (grey among colour).
 
     grids_m: (m, h, w) depths of every ``grid_px``-th pixel along rows and columns, from pixel
     ``grid_px // 2`` on, nan for none (none of images). colours: (m, h, w, 3) means of RGB over a

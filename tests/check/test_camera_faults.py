@@ -121,7 +121,7 @@ def test_an_injected_fault_is_named_and_nothing_else(
     assert {one.fault for one in found if one.fault} == ({TOLD[name]} - {None})
 
 
-def test_what_fix_proposes_mends_it(healthy: Path, tmp_path: Path) -> None:
+def test_what_fix_proposes_repairs_it(healthy: Path, tmp_path: Path) -> None:
     """Applied to the recording in memory, and to the copy: both are healthy."""
     for number, name in enumerate(("depth_late", "camera_info_size", "stereo_swapped")):
         folder = tmp_path / str(number)
@@ -168,6 +168,29 @@ def test_packed_images_stay_packed() -> None:
     told, data = encode_compressed_depth((1e-3 * depths).astype(np.float32))
     metres = decode_compressed_depth(told, _packed(told, data, ScaleDepths(1.5), 0))
     np.testing.assert_allclose(metres, 1.5e-3 * depths, rtol=0.01)
+
+
+def test_damaged_images_stay_as_they_are() -> None:
+    """One of them does not keep the others from being changed."""
+    jpeg = encode_jpeg(np.full((16, 16), 100, np.uint8))[:40]
+    assert _packed("jpeg", jpeg, Flicker(0.2), 1) == jpeg
+    told, data = encode_compressed_depth(np.full((20, 30), 900, np.uint16))
+    assert _packed(told, data[:30], ScaleDepths(2.0), 0) == data[:30]
+    cut = Message(np.full((3, 4), 900, np.uint16), "16UC1", 0, False)
+    cut.data = cut.data[:-1]
+    np.testing.assert_array_equal(_raw(cut, ScaleDepths(2.0), 0), cut.data)
+
+
+def test_grey_images_among_colour_are_counted_as_damaged(tmp_path: Path) -> None:
+    (tmp_path / "rgb").mkdir()
+    colour = np.random.default_rng(4).integers(0, 255, (20, 30, 3)).astype(np.uint8)
+    for number in range(4):
+        pixels = colour[..., 0] if number == 2 else colour
+        (tmp_path / "rgb" / f"{number}.png").write_bytes(encode_png(pixels))
+    (tmp_path / "rgb.txt").write_text("".join(f"{k}.0 rgb/{k}.png\n" for k in range(4)))
+    (seen,) = read_with_cameras(tmp_path).cameras
+    assert (seen.kind, seen.damaged, seen.sampled.tolist()) == ("colour", 1, [0, 1, 3])
+    assert len(seen.colours) == len(seen.thumbnails) == 3
 
 
 def test_images_alone_are_checked(tmp_path: Path) -> None:

@@ -167,6 +167,25 @@ def test_images_without_walls_at_that_height_tell_nothing() -> None:
     assert fit_slices(nowhere, depth, told.scans[0], T, T_base_laser) is None
 
 
+def test_depths_in_another_unit_tell_nothing() -> None:
+    """No point is near a scan, and an offset of nought would be taken for a good place."""
+    depth, T = seen_from(0.1, 0.0, 0.0, 1.0, 0.0)
+    T_base_laser = se3_from_parts(np.eye(3), np.array([0.0, 0.0, LIDAR_HEIGHT_M]))
+    told = recording()
+    far = replace(depth, grids_m=1000.0 * depth.grids_m)
+    assert fit_slices(told, far, told.scans[0], T, T_base_laser) is None
+
+
+def test_the_delay_of_a_robot_that_stands_is_unknown(monkeypatch: pytest.MonkeyPatch) -> None:
+    def still(at_ns: IntArray) -> FloatArray:
+        return np.tile([0.5, 0.5, 0.4], (at_ns.size, 1))
+
+    monkeypatch.setitem(globals(), "poses", still)
+    found = fitted(*seen_from(0.1, 0.0, 0.0, 1.0, 0.0))
+    assert found.sigmas[NAMES.index("delay_s")] > 0.9
+    assert found.sigmas[NAMES.index("yaw_rad")] < 0.01
+
+
 def turned(t: FloatArray) -> FloatArray:
     return np.asarray(0.5 * np.sin(1.3 * t) + 0.2 * np.sin(3.1 * t))
 

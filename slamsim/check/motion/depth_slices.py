@@ -35,6 +35,8 @@ _SHIFTS, _LINEAR_S = 4, 0.01
 """How often stamps are shifted by what was found: so long motion is taken for even."""
 _DELAYS_NS = tuple(round(1e9 * late_s) for late_s in np.arange(-1.0, 1.01, 0.1).tolist())
 _FEW_IMAGES, _PLAINLY = 60, 0.8
+_RANK = 1e-10
+"""Of the information: below, nothing is told, and sigmas are 1 (m, rad, s, the whole)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -52,9 +54,9 @@ class SliceFit:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Slice:
-    """One image: points_m (n, 2) in the base at its stamp, ahead_m and beside_m (n, 2) the parts of
-    them along the optical axis and to its right, depths_m (n,); the surfaces (m, 2) and normals
-    (m, 2) of the scan there; the robot's motion (v_x, v_y, yaw rate)."""
+    """One image: points_m (n, 2) in the base at its stamp, beside_m (n, 2) their part to the right
+    of the optical axis, origin_m (2,) the camera, depths_m (n,); surfaces_m (m, 2) and normals
+    (m, 2) of the scan there; motion of the robot (v_x, v_y, yaw rate)."""
 
     points_m: FloatArray
     beside_m: FloatArray
@@ -72,8 +74,8 @@ def fit_slices(
     T_base_camera: FloatArray,
     T_base_laser: FloatArray,
 ) -> SliceFit | None:
-    """None where too few images show walls at the height of the scans, or nothing tells how the
-    robot moved. Raises BadNumbers for a CameraInfo that no camera can have."""
+    """None where too few images show the walls of the scans, or nothing tells how the robot moved.
+    Raises BadNumbers for a CameraInfo that no camera can have."""
     assert depth.claim is not None
     model = depth.claim.model()
     path = _path(recording)
@@ -84,10 +86,9 @@ def fit_slices(
     for _ in range(_SHIFTS):
         on_time = replace(depth, stamps_ns=depth.stamps_ns - late_ns)
         slices = list(_slices(on_time, *given))
-        points = sum(len(each.points_m) for each in slices)
-        if len(slices) < FEWEST_IMAGES or points < FEWEST_POINTS:
+        found = _fitted(slices) if len(slices) >= FEWEST_IMAGES else None
+        if found is None:
             return None
-        found = _fitted(slices)
         left_s = float(found.values[-1])
         found.values[-1] += 1e-9 * late_ns
         if abs(left_s) < _LINEAR_S:
@@ -106,7 +107,7 @@ def _coarse_ns(
 ) -> int:
     """The delay of some with which a few images lie best on the scans, ns; none where that is
     hardly better."""
-    few = depth.selected(np.arange(len(depth))[:: max(len(depth) // _FEW_IMAGES, 1)])
+    few = depth.selected(depth.sampled[:: max(depth.sampled.size // _FEW_IMAGES, 1)])
     apart_m = {}
     for late_ns in _DELAYS_NS:
         on_time = replace(few, stamps_ns=few.stamps_ns - late_ns)
@@ -117,13 +118,6 @@ def _coarse_ns(
         apart_m[late_ns] = float(np.mean(each)) if each else np.inf
     best = min(apart_m, key=lambda late_ns: apart_m[late_ns])
     return best if apart_m[best] < _PLAINLY * apart_m[0] else 0
-
-
-def seen_beside(recording: Recording, depth: CameraSurvey) -> bool:
-    """Whether depths lie in the pixels of an image."""
-    mine = depth.frame_id, depth.size
-    images = (one for one in recording.cameras if one.kind != "depth")
-    return any((one.frame_id, one.size) == mine for one in images)
 
 
 def _path(recording: Recording) -> tuple[IntArray, FloatArray] | None:
@@ -239,7 +233,8 @@ def _motion(path: tuple[IntArray, FloatArray], at_ns: int) -> FloatArray:
     return 10.0 * np.array([cos * x + sin * y, cos * y - sin * x, turned])
 
 
-def _fitted(slices: list[_Slice]) -> SliceFit:
+def _fitted(slices: list[_Slice]) -> SliceFit | None:
+    """None where too few points lie near the scans."""
     values = np.zeros(6)
     trees = [cKDTree(each.surfaces_m) for each in slices]
     for count in range(_ROUNDS):
@@ -248,14 +243,18 @@ def _fitted(slices: list[_Slice]) -> SliceFit:
             _equations(each, tree, values, gate_m) for each, tree in zip(slices, trees, strict=True)
         ]
         apart = np.concatenate([r / s for _, r, s in parts])
+        if apart.size < FEWEST_POINTS:
+            return None
         noise = max(1.4826 * float(np.median(np.abs(apart))), 1e-6)
         blocks = [_weighed(A, r, s, noise) for A, r, s in parts]
         H, g = sum(b[0] for b in blocks), sum(b[1] for b in blocks)
         values = values + np.linalg.lstsq(H, g, rcond=1e-12)[0]
     # Errors within an image are alike (noise of disparity, one wall): images count, not points.
     spread = sum(np.outer(g, g) for _, g, _ in blocks)
-    inverse = np.linalg.pinv(H, rcond=1e-10)
-    covariance = inverse @ spread @ inverse
+    inverse = np.linalg.pinv(H, rcond=_RANK)
+    size, vectors = np.linalg.eigh(H)
+    untold = vectors[:, size < _RANK * size[-1]]  # the delay of a robot that stands
+    covariance = inverse @ spread @ inverse + untold @ untold.T
     used = sum(count for _, _, count in blocks)
     return SliceFit(values, np.sqrt(np.maximum(np.diag(covariance), 0.0)), len(slices), used)
 

@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from slamsim.cameras.codecs.raw import Kind
 from slamsim.cameras.frames import EncodedFrame
 from slamsim.cameras.survey import CameraSurvey
 from slamsim.guard.errors import InputRefused
@@ -69,7 +70,7 @@ def read_with_cameras(path: Path, wanted: Selection = EVERYTHING) -> Recording:
 def survey(cameras: Cameras, most: int = MOST_SAMPLED) -> tuple[CameraSurvey, ...]:
     """Each topic in the order of names, in one pass; at most so many images of each are decoded."""
     looks = {
-        name: _Look(max(-(-topic.messages * RUN // most), RUN))
+        name: _Look(topic.kind, max(-(-topic.messages * RUN // most), RUN))
         for name, topic in sorted(cameras.topics.items())
     }
     for frame in cameras.encoded() if looks else ():
@@ -80,8 +81,8 @@ def survey(cameras: Cameras, most: int = MOST_SAMPLED) -> tuple[CameraSurvey, ..
 class _Look:
     """One topic, of whose every so many images the first ``RUN`` are decoded."""
 
-    def __init__(self, every: int) -> None:
-        self._every, self._damaged = every, 0
+    def __init__(self, kind: Kind, every: int) -> None:
+        self._kind, self._every, self._damaged = kind, every, 0
         self._times: list[tuple[int, int]] = []
         self._digests: list[int] = []
         self._sampled: list[int] = []
@@ -95,6 +96,9 @@ class _Look:
         try:
             kind, pixels = frame.stored()
         except InputRefused:
+            self._damaged += 1
+            return
+        if kind != self._kind:
             self._damaged += 1
             return
         self._sampled.append(frame.number)

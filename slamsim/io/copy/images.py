@@ -58,7 +58,10 @@ class ImagesPart:
         return Origin.in_order(self.camera.read_topic, self.camera.numbers)
 
     def repaint(self, message: Any, row: int) -> None:
-        """Change the pixels of a message; raises SlamsimError where they cannot be."""
+        """Change the pixels of a message; one that is damaged stays as it is.
+
+        Raises SlamsimError for pixels that cannot be changed in their encoding.
+        """
         number = int(self.camera.numbers[row])
         try:
             for change in self.camera.changes:
@@ -77,7 +80,8 @@ def _repaint(message: Any, change: PixelChange, number: int) -> None:
 
 
 def _raw(message: Any, change: PixelChange, number: int) -> NDArray[np.uint8]:
-    """The data of a sensor_msgs/Image in its own encoding and byte order."""
+    """The data of a sensor_msgs/Image in its own encoding and byte order, as they are if they are
+    cut off."""
     encoding = encoding_of(str(message.encoding))
     if encoding.kind == "colour" and encoding.channels < 3:
         raise ValueError(f"the encoding {message.encoding} mixes colours of neighbours")
@@ -85,8 +89,8 @@ def _raw(message: Any, change: PixelChange, number: int) -> NDArray[np.uint8]:
     height, width, step = int(message.height), int(message.width), int(message.step)
     data = np.array(message.data, dtype=np.uint8)
     used = width * encoding.channels * dtype.itemsize
-    if step < used or data.size < height * step:
-        raise ValueError("it is cut off")
+    if not height * used or step < used or data.size < height * step:
+        return data
     rows = data[: height * step].reshape(height, step)
     shape = (height, width, encoding.channels)[: 2 + (encoding.channels > 1)]
     pixels = np.ascontiguousarray(rows[:, :used]).view(dtype).reshape(shape)
@@ -96,14 +100,18 @@ def _raw(message: Any, change: PixelChange, number: int) -> NDArray[np.uint8]:
 
 
 def _packed(told: str, data: bytes, change: PixelChange, number: int) -> bytes:
-    """The data of a CompressedImage, packed as it was."""
-    if "compressedDepth" in told:
-        depths = change.of_pixels(decode_compressed_depth(told, data), number)
+    """The data of a CompressedImage, packed as it was, and as it is if it cannot be decoded."""
+    is_depth = "compressedDepth" in told
+    try:
+        before = decode_compressed_depth(told, data) if is_depth else decode_picture(data)
+    except ValueError:
+        return data
+    pixels: Any = change.of_pixels(before, number)
+    if is_depth:
         _, quotient, shift = struct.unpack_from("<iff", data)
-        most_m = quotient / (1.0 - shift) if depths.dtype.kind == "f" else 10.0
+        most_m = quotient / (1.0 - shift) if pixels.dtype.kind == "f" and shift < 1.0 else 10.0
         codec: Any = "rvl" if told.rstrip().endswith("rvl") else "png"
-        return encode_compressed_depth(depths, codec, most_m)[1]
-    pixels: Any = change.of_pixels(decode_picture(data), number)
+        return encode_compressed_depth(pixels, codec, most_m)[1]
     is_jpeg = data.startswith(JPEG_MAGIC)
     return encode_jpeg(pixels, _JPEG_QUALITY) if is_jpeg else encode_png(pixels)
 

@@ -35,7 +35,7 @@ _DTYPES = {"8UC": "u1", "16UC": "u2", "32SC": "i4", "32FC": "f4"}
 _CHANNELS = {"rgb8": ("u1", 3), "mono8": ("u1", 1)}
 _IMAGE = (
     Column("stamp_ns", "int64", "as in the message, on the camera's clock"),
-    Column("received_ns", "int64", "when whoever recorded it received it"),
+    Column("received_ns", "int64", "when the recorder received it"),
     Column("sample", "int64", "number among the images of this topic"),
     Column("topic", "string"),
     Column("encoding", "string", "of the pixels, and how data packs them"),
@@ -56,16 +56,18 @@ class ImageTables(StagedWriter):
         self._folder, self._sequence = folder, sequence
         self._files = dict[str, ParquetFile]()
         self._rows = Counter[str]()
+        self._infos = dict[str, RawCameraInfos]()
 
     def write(self, streams: Iterable[RawStream]) -> None:
         """What cameras took in the next window; other streams are passed over."""
         streams = tuple(streams)
-        infos = {each.topic: each for each in streams if isinstance(each, RawCameraInfos)}
+        # Kept: flow is told with the next image, which may be lost.
+        self._infos |= {each.topic: each for each in streams if isinstance(each, RawCameraInfos)}
         for stream in streams:
             if isinstance(stream, RawFrameTruths):
                 self._append(stream, _frame_columns(stream), {}, _frame_cells(stream))
             elif isinstance(stream, RawImages | RawPackedImages):
-                facts = _facts(stream, infos.get(info_topic(stream.topic)))
+                facts = _facts(stream, self._infos.get(info_topic(stream.topic)))
                 self._append(stream, _IMAGE, facts, _image_cells(stream))
 
     def _append(

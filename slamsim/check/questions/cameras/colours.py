@@ -23,7 +23,7 @@ _LEAST_COLOUR = 2.0
 
 def check_colours(evidence: RecordingEvidence) -> Iterator[Finding]:
     """Each colour topic beside another that shows the same: what is red in one must not be blue in
-    the other. Which surfaces are red is not known to anybody."""
+    the other. Which surfaces are red is not known."""
     colours = [one for one in evidence.recording.cameras if one.kind == "colour"]
     for camera in colours:
         others = [one for one in colours if one is not camera]

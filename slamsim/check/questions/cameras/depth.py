@@ -60,7 +60,8 @@ def _unit(camera: CameraSurvey) -> Finding:
     else:
         advice, verdict = "", "ok"
     # Metres that were rounded to integers cannot be told apart again.
-    repairs = [Repair("scale_depths", camera.topic, {"factor": 1e-3})] if camera.is_metric else []
+    is_far = camera.is_metric and low_m > FARTHEST_M
+    repairs = [Repair("scale_depths", camera.topic, {"factor": 1e-3})] if is_far else []
     return judge(
         UNIT,
         camera.topic,

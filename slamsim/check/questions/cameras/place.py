@@ -14,13 +14,13 @@ from slamsim.check.motion.depth_slices import (
     NAMES,
     SliceFit,
     fit_slices,
-    seen_beside,
 )
 from slamsim.check.motion.image_turns import FEWEST_PAIRS, TurnFit, fit_turns, seen_turns
 from slamsim.check.question import FaultKind, Question, QuestionGroup, judge, unanswered
 from slamsim.check.questions.cameras.intrinsics import CAMERA_INTRINSICS
 from slamsim.core.types import FloatArray
 from slamsim.guard.numbers import BadNumbers
+from slamsim.recording import Recording
 from slamsim.recording.choice import lidars
 from slamsim.recording.repairs.base import Repair
 
@@ -209,7 +209,7 @@ def slice_fit(evidence: RecordingEvidence, depth: CameraSurvey) -> tuple[SliceFi
         fit = fit_slices(evidence.recording, depth, lidar, T_base_camera, T_base_laser)
     except BadNumbers as error:
         return None, f"its CameraInfo cannot be right: {error}"
-    seen = f"fewer than {FEWEST_IMAGES} images show walls at the height of the lidar"
+    seen = f"fewer than {FEWEST_IMAGES} images show the walls of the scans"
     return fit, "" if fit is not None else f"{seen}; what would tell: {WANTED}"
 
 
@@ -217,7 +217,7 @@ def _mount(evidence: RecordingEvidence, depth: CameraSurvey, fit: SliceFit) -> I
     T_base_camera = evidence.frames.between(evidence.base, depth.frame_id)
     assert T_base_camera is not None
     repair = Repair("set_mounting", depth.frame_id, _mounted(evidence.base, T_base_camera, fit))
-    registered = seen_beside(evidence.recording, depth)
+    registered = _seen_beside(evidence.recording, depth)
     yaw = _measured(fit, "yaw_rad", np.degrees(1.0), "deg")
     words = f"it looks {yaw.value:+.2f} deg to the left of where its frame says"
     advice = "Correct the fixed transform to its frame, or the mount."
@@ -237,7 +237,7 @@ def _mounted(base: str, T_base_camera: FloatArray, fit: SliceFit) -> dict[str, f
 
 
 def _sizes(evidence: RecordingEvidence, depth: CameraSurvey, fit: SliceFit) -> Iterator[Finding]:
-    registered = seen_beside(evidence.recording, depth)
+    registered = _seen_beside(evidence.recording, depth)
     scale = _measured(fit, "scale", -100.0, "%", registered)
     yield judge(
         SCALE,
@@ -265,6 +265,13 @@ def _sizes(evidence: RecordingEvidence, depth: CameraSurvey, fit: SliceFit) -> I
         advice="Stamp images when they are exposed, by the clock of the other sensors.",
         repairs=[Repair("shift_stamps", depth.topic, {"offset_s": -1e-3 * delay.value})],
     )
+
+
+def _seen_beside(recording: Recording, depth: CameraSurvey) -> bool:
+    """Whether depths lie in the pixels of an image."""
+    mine = depth.frame_id, depth.size
+    images = (one for one in recording.cameras if one.kind != "depth")
+    return any((one.frame_id, one.size) == mine for one in images)
 
 
 def _measured(
