@@ -107,7 +107,7 @@ def test_a_floor_seen_below_a_table_top_does_not_clear_it() -> None:
     assert at(flat, 1.52, 0.0) < at(layer, 1.52, 0.0)
 
 
-def test_what_is_higher_than_the_robot_is_in_nobodys_way() -> None:
+def test_what_is_higher_than_the_robot_is_no_obstacle() -> None:
     layer = drawn((TABLE_TOP,), looking(0.43), highest_m=0.35)
     assert not (layer.grid.occupancy > Grid.OCCUPIED_ABOVE).any()
     assert drawn((TABLE_TOP,), looking(0.43)).grid.occupancy[80, 50:55].max() > 0.65

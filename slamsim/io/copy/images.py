@@ -129,7 +129,7 @@ class InfoChange:
     by_ns: IntArray
 
     def patch(self, message: Any) -> None:
-        """Change a message; a stamp goes with that of the image that was nearest."""
+        """Change a message; a stamp goes with that of the first image that is not earlier."""
         stamp_ns = stamp_of(message)
         if self.before_ns.size and self.by_ns.any():
             at = int(np.clip(np.searchsorted(self.before_ns, stamp_ns), 0, self.by_ns.size - 1))

@@ -129,7 +129,8 @@ class _Cleaning:
         tree = FrameTree()
         tree.add(self._transforms(is_static=True))
         odometry, odd = (None, []) if raw is None else odometry_of(raw)
-        base_frame = likely_base(tree) if raw is None else raw.child_frame_ids[0]
+        moved = "" if raw is None else raw.child_frame_ids[0]
+        base_frame = moved or recording.base_frame or likely_base(tree)
         encoders, imu, warnings = self._encoders(), self._imu(), [*odd, *self.warnings]
         return Log(
             name=recording.name,
