@@ -13,10 +13,12 @@ from scipy.ndimage import map_coordinates, zoom
 from slamsim.cameras.frames import CameraClaim
 from slamsim.cameras.lens import pinhole
 from slamsim.cameras.survey import CameraSurvey
+from slamsim.check.evidence import RecordingEvidence
 from slamsim.check.motion.depth_slices import NAMES, SliceFit, fit_slices
 from slamsim.check.motion.image_turns import TurnFit, fit_turns, seen_turns
 from slamsim.check.motion.integrated import IntegratedMotion
 from slamsim.check.questions.cameras.colours import likeness
+from slamsim.check.questions.cameras.depth import check_unit
 from slamsim.core.geometry import matrix_from_rpy, se3_from_parts, xyzw_from_yaw
 from slamsim.core.types import FloatArray, IntArray
 from slamsim.recording import RawOdometry, RawScans, Recording, ScanLayout
@@ -184,6 +186,15 @@ def test_the_delay_of_a_robot_that_stands_is_unknown(monkeypatch: pytest.MonkeyP
     found = fitted(*seen_from(0.1, 0.0, 0.0, 1.0, 0.0))
     assert found.sigmas[NAMES.index("delay_s")] > 0.9
     assert found.sigmas[NAMES.index("yaw_rad")] < 0.01
+
+
+@pytest.mark.parametrize(("depth_m", "factors"), [(2000.0, [1e-3]), (0.002, [])])
+def test_float_depths_are_never_made_smaller_still(depth_m: float, factors: list[float]) -> None:
+    depths_m = np.full((20, 3), depth_m)
+    depth = survey("depth", np.arange(20), pinhole(40, 30, 70.0), depths_m=depths_m, is_metric=True)
+    (found,) = check_unit(RecordingEvidence(Recording("a", "memory", cameras=(depth,))))
+    assert found.verdict == "fault"
+    assert [repair.parameters["factor"] for repair in found.repairs] == factors
 
 
 def turned(t: FloatArray) -> FloatArray:

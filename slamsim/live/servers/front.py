@@ -24,7 +24,7 @@ STALLED_S = 60.0
 """A client that takes nothing for so long is cut off."""
 MOST_CLIENTS = 128
 MOST_DEATHS = 100
-"""One that always dies at once is not begun for ever."""
+"""One that always dies at once is not begun for ever, and that is told."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,6 +91,7 @@ class Front:
             _log.warning(
                 "the process that serves port %d ended (%d): a new one does", self.port, code
             )
+        _log.error("port %d is served no longer: its process ended too often", self.port)
 
 
 def _listening(host: str, port: int) -> socket.socket:
