@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from slamsim.cameras.frames import CameraFrame
 from slamsim.config.loading import load_model
-from slamsim.config.slam import LandmarksConfig, SurveyedTags
+from slamsim.config.slam import LandmarksConfig, SurveyedTag, SurveyedTags
 from slamsim.core.geometry import matrix_from_xyzw, se3_from_parts
 from slamsim.core.landmarks import KnownTag, TagObservation, TagsSeen
 from slamsim.core.progress import Progress, silent
@@ -20,7 +20,7 @@ from slamsim.guard.numbers import UNIT_WITHIN
 from slamsim.io.cameras import open_cameras
 from slamsim.io.cameras.base import Cameras
 from slamsim.perception.planar import planar_observation, planar_tag
-from slamsim.perception.tag_families import parse_tags
+from slamsim.perception.tag_families import TagKind, parse_tags
 from slamsim.perception.tags import TagDetector, linear_light
 from slamsim.recording import Recording
 from slamsim.recording.mountings import BASE_FRAME, known_mounting, tree_of
@@ -51,23 +51,32 @@ def known_tags(config: LandmarksConfig) -> tuple[KnownTag, ...]:
     """Those of the survey that a configuration names. Raises InputRefused or NotFound."""
     if not config.surveyed:
         return ()
-    found, kind = [], parse_tags(config.tags)
-    for tag in load_model(SurveyedTags, Path(config.surveyed)).tags:
+    found = []
+    for tag, T_map_tag in surveyed_tags(Path(config.surveyed), parse_tags(config.tags)):
+        sigmas = np.array([tag.sigma_m, tag.sigma_m, np.radians(tag.sigma_deg)])
+        found.append(KnownTag(tag.id, planar_tag(T_map_tag), np.diag(np.square(sigmas))))
+    return tuple(found)
+
+
+def surveyed_tags(file: Path, kind: TagKind) -> list[tuple[SurveyedTag, FloatArray]]:
+    """The tags of this kind in a survey, each with T_survey_tag (4, 4).
+
+    Raises NotFound, and InputRefused for a quaternion that is no rotation or a tag that is there
+    twice.
+    """
+    found: dict[int, tuple[SurveyedTag, FloatArray]] = {}
+    for tag in load_model(SurveyedTags, file).tags:
         if tag.family not in ("", kind.family) or tag.size_m not in (None, kind.size_m):
             continue
         norm = float(np.linalg.norm(tag.quat_xyzw))
         if abs(norm - 1.0) > UNIT_WITHIN:
             reason = f"the quaternion of tag {tag.id} has the length {norm:.3g}, not 1"
-            raise InputRefused(config.surveyed, reason, "tags")
-        R_map_tag = matrix_from_xyzw(np.array(tag.quat_xyzw) / norm)
-        place = planar_tag(se3_from_parts(R_map_tag, np.array(tag.position_m)))
-        sigmas = np.array([tag.sigma_m, tag.sigma_m, np.radians(tag.sigma_deg)])
-        found.append(KnownTag(tag.id, place, np.diag(np.square(sigmas))))
-    numbers = [each.number for each in found]
-    if len(set(numbers)) < len(numbers):
-        twice = next(number for number in numbers if numbers.count(number) > 1)
-        raise InputRefused(config.surveyed, f"tag {twice} is there twice", "tags")
-    return tuple(found)
+            raise InputRefused(file, reason, "tags")
+        if tag.id in found:
+            raise InputRefused(file, f"tag {tag.id} is there twice", "tags")
+        R_survey_tag = matrix_from_xyzw(np.array(tag.quat_xyzw) / norm)
+        found[tag.id] = tag, se3_from_parts(R_survey_tag, np.array(tag.position_m))
+    return list(found.values())
 
 
 def grey_of(frame: CameraFrame) -> NDArray[np.uint8]:

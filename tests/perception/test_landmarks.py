@@ -16,7 +16,8 @@ from slamsim.core.geometry import between, compose, wrap_angle
 from slamsim.core.landmarks import TagObservation, TagsSeen
 from slamsim.core.result import SlamResult
 from slamsim.guard.errors import InputRefused
-from slamsim.perception.recorded import known_tags
+from slamsim.perception.recorded import known_tags, surveyed_tags
+from slamsim.perception.tag_families import parse_tags
 from slamsim.slam.landmarks.graph import with_landmarks
 from slamsim.slam.landmarks.nodes import nodes_of
 from slamsim.slam.landmarks.views import tag_views
@@ -193,3 +194,5 @@ def test_a_survey_is_read_or_refused(tmp_path: Path, text: str, told: str) -> No
         return
     with pytest.raises(InputRefused, match=told):
         known_tags(config)
+    with pytest.raises(InputRefused, match=told):  # for calibration alike
+        surveyed_tags(path, parse_tags(config.tags))

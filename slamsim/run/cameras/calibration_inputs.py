@@ -9,10 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from slamsim.cameras.lens import CameraModel, pinhole
-from slamsim.config.loading import load_model
-from slamsim.config.slam import SlamConfig, SurveyedTags
+from slamsim.config.slam import SlamConfig
 from slamsim.console.reporter import Reporter
-from slamsim.core.geometry import matrix_from_xyzw, se3_from_parts, yaw_from_xyzw
+from slamsim.core.geometry import yaw_from_xyzw
 from slamsim.core.types import FloatArray, PlanarTrajectory
 from slamsim.guard.errors import InputRefused, SlamsimError
 from slamsim.io.cameras.base import Cameras, CameraTopic
@@ -24,7 +23,7 @@ from slamsim.perception.calibration.drive import MOUNT
 from slamsim.perception.calibration.mount import MountFit
 from slamsim.perception.calibration.rig import Sighting
 from slamsim.perception.calibration.sightings import TagViews, gather
-from slamsim.perception.recorded import grey_of
+from slamsim.perception.recorded import grey_of, surveyed_tags
 from slamsim.perception.tag_families import TagKind
 from slamsim.perception.tags import TagDetector, TagSighting, linear_light
 from slamsim.recording import RawScans, Recording
@@ -186,11 +185,7 @@ def survey_of(file: Path | None, kind: TagKind) -> Mapping[int, tuple[FloatArray
     """
     if file is None:
         return {}
-    found = {}
-    for tag in load_model(SurveyedTags, file).tags:
-        if tag.family not in ("", kind.family) or tag.size_m not in (None, kind.size_m):
-            continue
-        quat = np.array(tag.quat_xyzw)
-        T = se3_from_parts(matrix_from_xyzw(quat / np.linalg.norm(quat)), np.array(tag.position_m))
-        found[tag.id] = (T, np.array([tag.sigma_m] * 3 + [np.radians(tag.sigma_deg)] * 3))
-    return found
+    return {
+        tag.id: (T, np.array([tag.sigma_m] * 3 + [np.radians(tag.sigma_deg)] * 3))
+        for tag, T in surveyed_tags(file, kind)
+    }
