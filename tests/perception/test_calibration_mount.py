@@ -10,6 +10,7 @@ from tag_drive import T_CLAIMED, Driven, Setting, driven, off_by
 
 from slamsim.cameras.lens import CameraModel, pinhole
 from slamsim.core.types import FloatArray, PlanarTrajectory
+from slamsim.guard.numbers import BadNumbers
 from slamsim.perception.calibration.drive import BLOCK_S, CLOCK, MOUNT, Drive
 from slamsim.perception.calibration.mount import (
     ALL_LENS,
@@ -155,6 +156,11 @@ def test_too_little_is_told_with_what_is_needed(short: Driven) -> None:
     elsewhere = replace(short.views, stamps_ns=short.views.stamps_ns + 10**12)
     with pytest.raises(TooFew, match="0 times along the path"):
         fit_mount(elsewhere, SHORT.model, short.path, T_CLAIMED)
+
+
+def test_a_path_of_one_pose_is_refused() -> None:
+    with pytest.raises(BadNumbers, match="single pose"):
+        SmoothPath(PlanarTrajectory(np.array([0]), np.zeros((1, 3))))
 
 
 def test_a_path_is_not_taken_for_known_in_a_gap() -> None:

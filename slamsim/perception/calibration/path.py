@@ -6,6 +6,7 @@ import numpy as np
 from scipy.interpolate import Akima1DInterpolator
 
 from slamsim.core.types import BoolArray, FloatArray, IntArray, PlanarTrajectory
+from slamsim.guard.numbers import BadNumbers
 
 WIDEST_GAP_S = 0.5
 """Between two poses: of a longer one nothing is known."""
@@ -15,9 +16,12 @@ MARGIN_S = 0.3
 
 class SmoothPath:
     """T_map_base between the poses of a trajectory: a line through each that bends where its
-    neighbours do (Akima 1970), which a single bad pose spoils nearby alone."""
+    neighbours do (Akima 1970), which a single bad pose disturbs nearby alone."""
 
     def __init__(self, trajectory: PlanarTrajectory) -> None:
+        """Raises BadNumbers for a trajectory of a single pose."""
+        if len(trajectory) < 2:
+            raise BadNumbers("the path of the robot has a single pose; two are needed at least")
         self.origin_ns = int(trajectory.stamps_ns[0])
         self._known_s = self.seconds(trajectory.stamps_ns)
         yaw = np.unwrap(trajectory.poses[:, 2])

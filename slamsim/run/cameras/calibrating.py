@@ -225,8 +225,10 @@ class _Work:
             fit_mount, views, trajectory=path, readout_s=readout_s or 0.0, survey=survey
         )
         fit = fitting(model=by_board or model, T_base_camera=start, free=free)
-        quantities: list[Quantity] = [] if before is None else list(before.quantities)
-        if by_board is None:
+        quantities: list[Quantity] = []
+        if before is not None and by_board is not None:
+            quantities += before.quantities
+        else:
             with_lens = fitting(model=model, T_base_camera=fit.T_base_camera, free=free | ALL_LENS)
             fit, told = _chosen(fit, with_lens, self._claim(topic))
             quantities += told
