@@ -26,6 +26,7 @@ from slamsim.console.options import (
     Set,
     Verbose,
 )
+from slamsim.guard.errors import OverrideRefused
 
 MAP_EPILOG = (
     "Examples: slamsim map labyrinth · slamsim map worlds/rooms.yaml --seed 7 · "
@@ -149,11 +150,19 @@ def map_(
             )
         else:
             refuse_earlier(earlier, start)
+            _refuse_images(without, intrinsics)
             reporter.note(f"Simulating and mapping the world {source}")
             report = map_world(resolved, folder, reporter, relations=relations, overwrite=overwrite)
     close_run(reporter, report, folder, verbose=verbose)
     require_used(report, folder)
     return folder
+
+
+def _refuse_images(without: str, intrinsics: str) -> None:
+    """Raises OverrideRefused for options that only maps of recordings have."""
+    for option, given in (("--without", without), ("--intrinsics", intrinsics)):
+        if given:
+            raise OverrideRefused(option, "needs a recording, not a world")
 
 
 def _asked(tags: str, labels: str, *, is_searched: bool) -> Iterator[str]:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -43,11 +41,6 @@ class CameraTracker:
         self._lost = 0
         self._step: RgbdStep | None = None
         self._at_place: FloatArray | None = None
-
-    def follow(self, images: Iterable[Seen]) -> None:
-        """Pictures in order of time, each with its depth, if it has one."""
-        for picture, depth in images:
-            self.add(picture, depth)
 
     def add(self, picture: CameraFrame, depth: CameraFrame | None) -> None:
         """One picture; one that is no later than the last is left out. Raises as ``step``."""

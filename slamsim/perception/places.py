@@ -96,7 +96,9 @@ class Places:
     def _place(
         self, keyframe: int, part: int, grey: NDArray[np.uint8], depth_m: Float32Array
     ) -> Place:
-        corners, descriptors = self._orb.detectAndCompute(grey, None)
+        corners, descriptors = None, None
+        if min(grey.shape) > 2 * self._orb.getEdgeThreshold():
+            corners, descriptors = self._orb.detectAndCompute(grey, None)
         if descriptors is None:
             return Place(keyframe, part, np.zeros((0, 32), np.uint8), np.zeros((0, 2)), np.zeros(0))
         pixels = np.array([corner.pt for corner in corners], dtype=np.float32)

@@ -11,8 +11,9 @@ from rgbd_room import write_images
 from typed import typed
 
 from slamsim.cameras.lens import pinhole
-from slamsim.core.types import FloatArray
+from slamsim.core.types import FloatArray, PlanarTrajectory, Trajectory
 from slamsim.io.text.tum import read_tum
+from slamsim.run.cameras.telling import moved_onto
 
 MODEL = pinhole(320, 240, 69.0)
 K = ",".join(str(float(value)) for value in MODEL.K[[0, 1, 0, 1], [0, 1, 2, 2]])
@@ -48,6 +49,7 @@ def test_a_folder_of_images_is_mapped(images: tuple[Path, FloatArray], tmp_path:
     [
         ((), "CameraInfo"),
         (("--without", "sonar"), "--without lidar"),
+        (("--intrinsics", K, "--set", "slam.landmarks.surveyed=tags.yaml"), "for maps by lidar"),
     ],
 )
 def test_what_cannot_be_is_told(
@@ -56,3 +58,20 @@ def test_what_cannot_be_is_told(
     done = typed("map", images[0], *words, "-o", "out", cwd=tmp_path)
     assert done.returncode != 0 and told in done.stderr and "Traceback" not in done.stderr
     assert not (tmp_path / "out").exists()
+
+
+def test_a_world_is_not_mapped_by_camera_alone(tmp_path: Path) -> None:
+    for words in (("--without", "lidar"), ("--intrinsics", K)):
+        done = typed("map", "labyrinth", *words, "-o", "out", cwd=tmp_path)
+        assert done.returncode == 2 and f"{words[0]}: needs a recording" in done.stderr
+        assert not (tmp_path / "out").exists()
+
+
+def test_a_path_of_another_time_is_not_drawn() -> None:
+    stamps_ns, poses = np.array([0, 10**9]), np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
+    quats = np.tile([0.0, 0.0, 0.0, 1.0], (2, 1))
+    path = Trajectory(stamps_ns, poses, quats)
+    later = PlanarTrajectory(stamps_ns + 5 * 10**9, poses)
+    assert moved_onto(later, path) is None
+    same = moved_onto(PlanarTrajectory(stamps_ns, poses + np.array([3.0, 0.0, 0.0])), path)
+    assert same is not None and np.allclose(same, poses[:, :2])

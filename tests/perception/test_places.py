@@ -58,3 +58,10 @@ def test_neighbours_on_the_way_are_no_loop_but_count_once_the_path_was_lost() ->
     assert places.add(1, 0, *see(MODEL, np.eye(4), textures, rng)) == []
     found = places.add(2, 1, *see(MODEL, np.eye(4), textures, rng))
     assert sorted(keyframe for keyframe, _ in found) == [0, 1]
+
+
+def test_an_image_without_room_for_a_corner_holds_none() -> None:
+    for size in (1, 8):
+        places = Places(pinhole(size, size, 60.0))
+        grey, depth_m = np.zeros((size, size), np.uint8), np.ones((size, size), np.float32)
+        assert places.add(0, 0, grey, depth_m) == []

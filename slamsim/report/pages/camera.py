@@ -21,7 +21,7 @@ _MOST_POINTS = 3000
 @dataclass(frozen=True, slots=True, eq=False)
 class CameraView:
     """numbers: of ``report.json``. path_m, truth_m, lidar_m: (n, 2) as seen from above, None for
-    what nobody knows. tags_m: (t, 2). sigmas_m, seconds: (k,) how sure each key frame is, when."""
+    what is unknown. tags_m: (t, 2). sigmas_m, seconds: (k,) how sure each key frame is, when."""
 
     name: str
     verdict: str

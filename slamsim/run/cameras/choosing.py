@@ -61,9 +61,10 @@ def map_by_lidar_or_camera(
         ("--relations", relations is not None),
         ("--obstacles", layers.obstacles),
         ("--labels", bool(layers.labels)),
+        ("slam.landmarks.surveyed", bool(config.slam.landmarks.surveyed)),
     ):
         if given:
-            raise OverrideRefused(option, "a map by camera alone has none; leave it out")
+            raise OverrideRefused(option, "is for maps by lidar; leave it out")
     return map_by_camera(
         source,
         config,

@@ -114,10 +114,10 @@ def _verdict(numbers: dict[str, object], why: str) -> str:
     begin = f"Mapped without lidar ({why})" if why else "Mapped without lidar"
     sigma_mm, beside = 1e3 * _number(numbers, "sigma_max_m"), numbers["lidar_ate_rmse_m"]
     ate, own = numbers["ate_rmse_m"], numbers["lidar_own_ate_rmse_m"]
-    if isinstance(ate, float) and isinstance(own, float):
+    if isinstance(ate, float) and isinstance(own, float) and isinstance(beside, float):
         return (
             f"{begin}: {1e3 * ate:.3g} mm off the truth (RMSE), with it {1e3 * own:.3g} mm; the "
-            f"two paths are {1e3 * _number(numbers, 'lidar_ate_rmse_m'):.3g} mm apart."
+            f"two paths are {1e3 * beside:.3g} mm apart."
         )
     if isinstance(beside, float):
         return f"{begin}: {1e3 * beside:.3g} mm (RMSE) off the path that the lidar gives."
@@ -149,8 +149,8 @@ def view_of(
         report.verdict,
         report.numbers,
         found.trajectory.positions_m[:, plane],
-        None if truth is None else _moved_onto(truth.planar(), found.trajectory),
-        None if lidar is None else _moved_onto(lidar, found.trajectory),
+        None if truth is None else moved_onto(truth.planar(), found.trajectory),
+        None if lidar is None else moved_onto(lidar, found.trajectory),
         tags_m[:, plane],
         found.sigmas_m,
         1e-9 * (stamps_ns - stamps_ns[0]),
@@ -158,9 +158,14 @@ def view_of(
     )
 
 
-def _moved_onto(other: PlanarTrajectory, path: Trajectory) -> FloatArray:
-    """(n, 2) points of another path of the same robot, as it stood where both begin."""
+def moved_onto(other: PlanarTrajectory, path: Trajectory) -> FloatArray | None:
+    """(n, 2) points of another path of the same robot, as it stood where both begin.
+
+    None where they share no time.
+    """
     mine = path.planar()
+    if other.stamps_ns[0] > mine.stamps_ns[-1] or mine.stamps_ns[0] > other.stamps_ns[-1]:
+        return None
     begin = np.array([max(int(other.stamps_ns[0]), int(mine.stamps_ns[0]))])
     T_map_other = compose(mine.at(begin)[0], inverse(other.at(begin)[0]))
     inside = (other.stamps_ns >= begin[0]) & (other.stamps_ns <= mine.stamps_ns[-1])

@@ -106,7 +106,7 @@ def camera_map(
         found.append(MappedTag(number, pose, covariance, len(views), doubted))
     kept = solved.poses[:count]
     return CameraMap(
-        _trajectory(track, kept, T_base_camera, odometry),
+        _trajectory(track, kept, T_base_camera, odometry, known),
         kept,
         solved.covariances[:count],
         solved.edges,
@@ -219,9 +219,13 @@ def _tags(
 
 
 def _trajectory(
-    track: CameraTrack, poses: FloatArray, T_base_camera: FloatArray, odometry: Odometry | None
+    track: CameraTrack,
+    poses: FloatArray,
+    T_base_camera: FloatArray,
+    odometry: Odometry | None,
+    known: FloatArray,
 ) -> Trajectory:
-    """Of all images that anything joins to their key frame."""
+    """Of all images that anything joins to their key frame; known: parameters of the odometry."""
     T_camera_base = np.linalg.inv(T_base_camera)
     starts_ns = track.keyframe_stamps_ns[track.keyframe_of]
     chosen, found = [], []
@@ -232,7 +236,7 @@ def _trajectory(
         if stamp_ns != start_ns and np.array_equal(track.T_keyframe_camera[k], np.eye(4)):
             if odometry is None or not odometry.covers(start_ns, stamp_ns):
                 continue
-            T = se3_from_se2(odometry.step(start_ns, stamp_ns, np.zeros(PARAMETERS)).T_first_last)
+            T = se3_from_se2(odometry.step(start_ns, stamp_ns, known).T_first_last)
         chosen.append(k)
         found.append(poses[track.keyframe_of[k]] @ T)
     places = np.array(found)
