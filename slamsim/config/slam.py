@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Literal, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from slamsim.config.back_end import BackEndConfig
 from slamsim.config.base import Config
@@ -40,6 +40,14 @@ class LayersConfig(Config):
 
     tilt_deg: float = Field(0.5, ge=0.0, le=45.0)
     """By so much the camera may be tilted otherwise than claimed, or the robot pitch."""
+
+    @model_validator(mode="after")
+    def _heights_ascend(self) -> Self:
+        if self.highest_m <= self.lowest_m:
+            raise ValueError(
+                f"highest_m ({self.highest_m}) must be above lowest_m ({self.lowest_m})"
+            )
+        return self
 
 
 class MappingConfig(Config):

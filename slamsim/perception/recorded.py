@@ -23,7 +23,7 @@ from slamsim.perception.planar import planar_observation, planar_tag
 from slamsim.perception.tag_families import TagKind, parse_tags
 from slamsim.perception.tags import TagDetector, linear_light
 from slamsim.recording import Recording
-from slamsim.recording.mountings import BASE_FRAME, known_mounting, tree_of
+from slamsim.recording.mountings import base_frame_of, known_mounting, tree_of
 
 
 def tags_seen(
@@ -105,9 +105,7 @@ def _mounts(path: Path, cameras: Cameras, recording: Recording) -> dict[str, Flo
 def mount_of(path: Path, topic: str, frame: str, recording: Recording) -> FloatArray:
     """T_base_camera (4, 4) of the optical frame of a topic. Raises InputRefused where no fixed
     transform leads to it."""
-    base = BASE_FRAME
-    for odometry in recording.odometries[:1]:
-        base = odometry.child_frame_ids[0]
+    base = base_frame_of(recording)
     mounting = known_mounting(tree_of(recording.transforms), base, frame)
     if mounting is None:
         reason = f"no fixed transform leads from {base!r} to its frame {frame!r}"

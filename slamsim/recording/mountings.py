@@ -25,14 +25,19 @@ def tree_of(edges: Iterable[TransformEdge]) -> FrameTree:
     return tree
 
 
+def base_frame_of(recording: Recording) -> str:
+    """The frame that the odometry moves; the usual one where there is no odometry."""
+    for odometry in recording.odometries[:1]:
+        return odometry.child_frame_ids[0]
+    return BASE_FRAME
+
+
 def declared_laser_mounting(recording: Recording) -> FloatArray:
     """4 x 4 T_base_laser of the first lidar, as SLAM reads it; the identity if nothing tells."""
-    base, laser = BASE_FRAME, ""
-    for odometry in recording.odometries[:1]:
-        base = odometry.child_frame_ids[0]
+    laser = ""
     for scans in recording.scans[:1]:
         laser = scans.frame_ids[0]
-    return laser_mounting_of(tree_of(recording.transforms), base, laser, [])
+    return laser_mounting_of(tree_of(recording.transforms), base_frame_of(recording), laser, [])
 
 
 def known_mounting(

@@ -23,6 +23,7 @@ from slamsim.core.layers import ObstacleLayer, label_colours
 from slamsim.core.types import Float32Array, FloatArray, Grid
 from slamsim.evaluate.obstacles import score_obstacles
 from slamsim.guard.errors import InputRefused, NotFound
+from slamsim.guard.numbers import BadNumbers
 from slamsim.io.open import open_recording
 from slamsim.perception.layers import labels as of_labels
 from slamsim.perception.layers.labels import LabelVotes
@@ -231,6 +232,16 @@ def test_label_images_are_read_with_any_padding_and_byte_order() -> None:
     np.testing.assert_array_equal(of_labels._labels(big)[1], labels)
     _, small = of_labels._labels(message(np.array([[1, 255]], np.uint8), "mono8"))
     assert small.tolist() == [[1, 255]] and small.dtype == np.int32
+
+
+def test_layers_that_cannot_be_are_refused() -> None:
+    grid = Grid(np.zeros((4, 4), np.float32), 0.1, np.zeros(2))
+    with pytest.raises(BadNumbers, match=r"\(4, 4\) are not those of depths of \(5, 5\)"):
+        LabelVotes(grid, 5.0, 1.0).draw(
+            np.zeros((4, 4), np.int32), np.ones((5, 5), np.float32), K, np.eye(4)
+        )
+    with pytest.raises(ValueError, match="must be above lowest_m"):
+        LayersConfig(lowest_m=0.6)
 
 
 def test_label_images_that_are_cut_are_refused() -> None:

@@ -17,6 +17,7 @@ from slamsim.core.layers import SemanticLayer
 from slamsim.core.types import Float32Array, FloatArray, Grid, IntArray
 from slamsim.guard.errors import InputRefused, NotFound
 from slamsim.guard.limits import LIMITS
+from slamsim.guard.numbers import BadNumbers
 from slamsim.guard.pictures import require_size
 from slamsim.io.cameras.base import Cameras, pairs_of
 from slamsim.io.ros.bag import Bag, open_bag
@@ -123,8 +124,10 @@ class LabelVotes:
         """Enter one image: (h, w) labels and depths of the same pixels, nan for none.
 
         T_map_camera: (4, 4) of the optical frame, z up. Labels below 0 and what is higher than the
-        robot's way do not count.
+        robot's way do not count. Raises BadNumbers for labels of other pixels.
         """
+        if labels.shape != depth_m.shape:
+            raise BadNumbers(f"labels of {labels.shape} are not those of depths of {depth_m.shape}")
         v, u = np.nonzero(np.isfinite(depth_m) & (depth_m <= self._max_depth_m) & (labels >= 0))
         z = depth_m[v, u].astype(np.float64)
         x, y = (u - K[0, 2]) / K[0, 0] * z, (v - K[1, 2]) / K[1, 1] * z

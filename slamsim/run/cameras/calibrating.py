@@ -33,7 +33,7 @@ from slamsim.perception.calibration.rig import Sighting
 from slamsim.perception.calibration.sightings import TagViews
 from slamsim.perception.tag_families import TagKind, parse_tags
 from slamsim.recording import Recording
-from slamsim.recording.mountings import BASE_FRAME, known_mounting, tree_of
+from slamsim.recording.mountings import BASE_FRAME, base_frame_of, known_mounting, tree_of
 from slamsim.run.cameras import calibration_inputs as inputs
 from slamsim.run.cameras import calibration_report as report
 from slamsim.run.cameras.calibration_report import Calibrated, CameraResult, Quantity
@@ -276,11 +276,9 @@ def _claimed_mount(recording: Recording | None, frame: str) -> tuple[str, FloatA
     """The robot's base frame, and T_base_camera where the transforms tell it."""
     if recording is None:
         return BASE_FRAME, None
-    base = BASE_FRAME
-    for odometry in recording.odometries[:1]:
-        base = odometry.child_frame_ids[0]
+    base = base_frame_of(recording)
     known = known_mounting(tree_of(recording.transforms), base, frame)
-    return base, None if known is None else known[0]
+    return (base, None) if known is None else (known[1], known[0])
 
 
 def _all_round() -> list[FloatArray]:

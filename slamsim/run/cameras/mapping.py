@@ -26,7 +26,7 @@ from slamsim.perception.camera_track import CameraTracker, Seen
 from slamsim.perception.tag_families import parse_tags
 from slamsim.perception.tags import TagDetector
 from slamsim.recording.cleaning.log import clean_motion
-from slamsim.recording.mountings import BASE_FRAME, known_mounting, tree_of
+from slamsim.recording.mountings import base_frame_of, known_mounting, tree_of
 from slamsim.report.pages.camera import write_camera_report
 from slamsim.run import folder as run_folder
 from slamsim.run.cameras.odometry import WITHIN_NS, registered
@@ -128,9 +128,8 @@ def _folder(source: Path) -> Robot:
 
 
 def _robot(opened: OpenRecording, frame_id: str) -> Robot:
-    recording, base = opened.recording, BASE_FRAME
-    for odometry in recording.odometries[:1]:
-        base = odometry.child_frame_ids[0]
+    recording = opened.recording
+    base = base_frame_of(recording)
     known = known_mounting(tree_of(recording.transforms), base, frame_id)
     if known is None:
         told = f"no fixed transform leads from {base!r} to {frame_id!r}: the camera alone is mapped"

@@ -34,7 +34,7 @@ _HEAD = "time_ns,keyframe,points,status,sigma_m,sigma_rad"
 @dataclass(frozen=True, slots=True)
 class CameraPath:
     """Figures of a path. errors: None where the truth is not known. lost_frames: images whose
-    motion since the key frame could not be told; the path stands still there."""
+    motion since the key frame could not be told; the path goes on as before there."""
 
     depth_topic: str
     picture_topic: str
