@@ -81,6 +81,8 @@ class Worker:
         work: can be pickled. limit_s: what ``time_limit`` is set to in it.
         """
         with self._busy:
+            if self._pool is not None and not self._pool.active:
+                self._end()  # its process died while it had nothing to do
             if self._pool is None:
                 self._start()
             return self._run(work, limit_s)

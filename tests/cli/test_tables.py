@@ -44,6 +44,8 @@ def leaves(value: object, key: str = "") -> Iterator[tuple[str, float]]:
             yield from leaves(each, f"{key}.{inner}")
     elif isinstance(value, list | tuple):
         yield key, float(len(value))
+        if key.endswith(".interval") and None not in value:  # shown as value ± half
+            yield key, 0.5 * (value[1] - value[0])
         for each in value:
             yield from leaves(each, key)
     elif isinstance(value, str):

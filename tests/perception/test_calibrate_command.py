@@ -55,7 +55,8 @@ def test_a_folder_of_boards_gives_a_lens(boards: Path, tmp_path: Path) -> None:
             else MODEL.K["xy".index(each["name"][1]), 2]
         )
         assert abs(each["value"] - true) < 4.5 * each["sigma"] and each["sigma"] < 2.0
-        assert each["low"] < each["value"] < each["high"] and each["verdict"] == "measured"
+        low, high = each["interval"]
+        assert low < each["value"] < high and each["verdict"] == "measured"
     told = yaml.safe_load((tmp_path / "out" / "calibration.yaml").read_text())
     ((topic, entry),) = told["cameras"].items()
     info = yaml.safe_load((tmp_path / "out" / entry["camera_info"]).read_text())

@@ -65,10 +65,9 @@ class Quantity:
         return Measurement(self.value, self.sigma, self.unit).interval
 
     def as_dict(self) -> dict[str, object]:
-        low, high = self.interval
         return {
             **{"name": self.name, "value": self.value, "sigma": self.sigma, "unit": self.unit},
-            **{"low": low, "high": high, "claimed": self.claimed, "off": self.off},
+            **{"interval": list(self.interval), "claimed": self.claimed, "off": self.off},
             **{"verdict": self.verdict, "wanted": self.wanted},
         }
 
