@@ -99,7 +99,7 @@ class Places:
         corners, descriptors = None, None
         if min(grey.shape) > 2 * self._orb.getEdgeThreshold():
             corners, descriptors = self._orb.detectAndCompute(grey, None)
-        if descriptors is None:
+        if corners is None or descriptors is None:
             return Place(keyframe, part, np.zeros((0, 32), np.uint8), np.zeros((0, 2)), np.zeros(0))
         pixels = np.array([corner.pt for corner in corners], dtype=np.float32)
         depths_m, rays_xy = depths_at(depth_m, pixels), rays_xy_at(self._model, pixels)

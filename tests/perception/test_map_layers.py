@@ -235,7 +235,7 @@ def test_label_images_are_read_with_any_padding_and_byte_order() -> None:
 
 
 def test_layers_that_cannot_be_are_refused() -> None:
-    grid = Grid(np.zeros((4, 4), np.float32), 0.1, np.zeros(2))
+    grid = Grid(np.zeros((4, 4), np.float32), 0.1, (0.0, 0.0))
     with pytest.raises(BadNumbers, match=r"\(4, 4\) are not those of depths of \(5, 5\)"):
         LabelVotes(grid, 5.0, 1.0).draw(
             np.zeros((4, 4), np.int32), np.ones((5, 5), np.float32), K, np.eye(4)
