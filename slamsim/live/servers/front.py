@@ -10,13 +10,14 @@ import logging
 import secrets
 import socket
 import sys
+from contextlib import suppress
 from dataclasses import dataclass
 from threading import Lock, Thread
 from typing import Self
 
 from slamsim.live.servers.access import LOOPBACK, Access
 from slamsim.process.module_process import ModuleProcess
-from slamsim.process.pipe import packed
+from slamsim.process.pipe import Ended, packed
 
 _log = logging.getLogger(__name__)
 
@@ -76,7 +77,8 @@ class Front:
     def _begun(self) -> ModuleProcess:
         listener = self._begin.listener
         child = ModuleProcess("slamsim.live.servers.front_worker", pass_fds=(listener,))
-        child.send(packed(self._begin))
+        with suppress(Ended):  # dead already: noticed as any later death is
+            child.send(packed(self._begin))
         return child
 
     def _begin_again(self) -> None:
