@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from pathlib import Path
 
 import cv2
@@ -9,13 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slamsim.cameras.frames import CameraFrame
+from slamsim.cameras.lens import CameraModel
 from slamsim.config.loading import load_model
 from slamsim.config.slam import LandmarksConfig, SurveyedTag, SurveyedTags
 from slamsim.core.geometry import matrix_from_xyzw, se3_from_parts
 from slamsim.core.landmarks import KnownTag, TagObservation, TagsSeen
 from slamsim.core.progress import Progress, silent
 from slamsim.core.types import FloatArray
-from slamsim.guard.errors import InputRefused
+from slamsim.guard.errors import InputRefused, NotFound, SlamsimError
 from slamsim.guard.numbers import UNIT_WITHIN
 from slamsim.io.cameras import open_cameras
 from slamsim.io.cameras.base import Cameras
@@ -25,24 +27,26 @@ from slamsim.perception.tags import TagDetector, linear_light
 from slamsim.recording import Recording
 from slamsim.recording.mountings import base_frame_of, known_mounting, tree_of
 
+_log = logging.getLogger(__name__)
+
 
 def tags_seen(
     path: Path, recording: Recording, config: LandmarksConfig, progress: Progress = silent
 ) -> TagsSeen:
     """The tags that a configuration asks for, in all images of the recording at path.
 
-    Raises UnknownTags for a family that is none, NotFound for images without camera info,
-    InputRefused for images that cannot be read, for a camera whose place on the robot is unknown,
-    and for a recording without images.
+    Cameras without camera info or place on the robot are left out. Raises UnknownTags for a family
+    that is none, NotFound where no images have camera info, InputRefused for images that cannot be
+    read, where no camera's place is known, and for a recording without images.
     """
     kind = parse_tags(config.tags)
     known = known_tags(config)
     with open_cameras(path) as cameras:
-        mounts = _mounts(path, cameras, recording)
-        total, found = sum(cameras.topics[topic].messages for topic in mounts), []
-        detectors = {topic: TagDetector(kind, cameras.model(topic)) for topic in mounts}
-        for number, frame in enumerate(cameras.frames(tuple(mounts))):
-            found += _observed(detectors[frame.topic], frame, mounts[frame.topic])
+        usable = _usable(path, cameras, recording)
+        total, found = sum(cameras.topics[topic].messages for topic in usable), []
+        detectors = {topic: TagDetector(kind, model) for topic, (model, _) in usable.items()}
+        for number, frame in enumerate(cameras.frames(tuple(usable))):
+            found += _observed(detectors[frame.topic], frame, usable[frame.topic][1])
             progress(number + 1, total)
     return TagsSeen(tuple(found), known)
 
@@ -94,12 +98,27 @@ def _observed(
     return [planar_observation(frame.stamp_ns, each, T_base_camera) for each in sightings]
 
 
-def _mounts(path: Path, cameras: Cameras, recording: Recording) -> dict[str, FloatArray]:
-    """Of each topic with pictures."""
+def _usable(
+    path: Path, cameras: Cameras, recording: Recording
+) -> dict[str, tuple[CameraModel, FloatArray]]:
+    """Camera and T_base_camera of each topic with pictures; without one of them a topic is left
+    out, and that is told. Raises what the first one lacks where none is left."""
     pictures = [*cameras.of_kind("colour"), *cameras.of_kind("grey")]
     if not pictures:
         raise InputRefused(path, "holds no colour or grey images in which tags could be seen")
-    return {each.topic: mount_of(path, each.topic, each.frame_id, recording) for each in pictures}
+    found: dict[str, tuple[CameraModel, FloatArray]] = {}
+    lacking: list[SlamsimError] = []
+    for each in pictures:
+        try:
+            mount = mount_of(path, each.topic, each.frame_id, recording)
+            found[each.topic] = cameras.model(each.topic), mount
+        except (InputRefused, NotFound) as error:
+            lacking.append(error)
+    if not found:
+        raise lacking[0]
+    for error in lacking:
+        _log.warning("a camera is left out: %s", error)
+    return found
 
 
 def mount_of(path: Path, topic: str, frame: str, recording: Recording) -> FloatArray:

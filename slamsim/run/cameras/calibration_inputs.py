@@ -13,7 +13,7 @@ from slamsim.config.slam import SlamConfig
 from slamsim.console.reporter import Reporter
 from slamsim.core.geometry import yaw_from_xyzw
 from slamsim.core.types import FloatArray, PlanarTrajectory
-from slamsim.guard.errors import InputRefused, SlamsimError
+from slamsim.guard.errors import InputRefused, NotFound, SlamsimError
 from slamsim.io.cameras.base import Cameras, CameraTopic
 from slamsim.io.cameras.folders import FolderCameras
 from slamsim.io.open import open_recording
@@ -120,10 +120,11 @@ def tags_of(
 
 
 def camera_of(cameras: Cameras, topic: CameraTopic) -> CameraModel:
-    """The claimed camera; one with a usual lens where nothing is claimed."""
-    if topic.topic in cameras.infos:
+    """The claimed camera; one with a usual lens where nothing is claimed, or no camera."""
+    try:
         return cameras.model(topic.topic)
-    return pinhole(topic.width, topic.height, USUAL_FOV_DEG)
+    except (InputRefused, NotFound):
+        return pinhole(topic.width, topic.height, USUAL_FOV_DEG)
 
 
 def path_of(
