@@ -116,8 +116,8 @@ def _usable(
             lacking.append(error)
     if not found:
         raise lacking[0]
-    for error in lacking:
-        _log.warning("a camera is left out: %s", error)
+    for reason in lacking:
+        _log.warning("a camera is left out: %s", reason)
     return found
 
 

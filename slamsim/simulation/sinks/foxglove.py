@@ -24,6 +24,10 @@ if TYPE_CHECKING:
     from slamsim.io.ros.encoding import Outgoing
 
 
+LINGER_S = 1.0
+"""The server drops what it has not sent when it is stopped, and has no call that waits for that."""
+
+
 class FoxgloveEntry(SinkEntry):
     """A WebSocket server of the Foxglove protocol."""
 
@@ -104,6 +108,8 @@ class FoxgloveSink(StagedWriter):
 
     def _finish(self) -> None:
         self.release(None)
+        if self._viewers.came:
+            time.sleep(LINGER_S)
 
     def _pace(self, log_ns: int) -> None:
         """Wait until a message is due."""
@@ -126,6 +132,11 @@ class _Viewers(Listener):
     def on_subscribe(self, client: Any, channel: Any) -> None:
         super().on_subscribe(client, channel)
         self._any.set()
+
+    @property
+    def came(self) -> bool:
+        """Whether any viewer subscribed to anything."""
+        return self._any.is_set()
 
     def wait(self, at_most_s: float) -> None:
         if at_most_s > 0.0 and self._any.wait(at_most_s):
