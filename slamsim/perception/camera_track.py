@@ -10,9 +10,9 @@ from slamsim.cameras.lens import CameraModel
 from slamsim.core.spatial import CameraTrack, SpatialEdge, TagSeen
 from slamsim.core.types import Float32Array, FloatArray
 from slamsim.perception.places import Places
-from slamsim.perception.recorded import grey_of
+from slamsim.perception.recorded import grey_of, light_of
 from slamsim.perception.rgbd_odometry import RgbdOdometry, RgbdStep
-from slamsim.perception.tags import TagDetector, linear_light
+from slamsim.perception.tags import TagDetector
 from slamsim.perception.twist import about_camera, exponential, logarithm
 
 PLACE_M, PLACE_RAD = 0.15, 0.15
@@ -116,10 +116,9 @@ class CameraTracker:
         ambiguous one tells where it is, and hardly which way it faces."""
         if self._detector is None:
             return []
-        light = linear_light(picture.pixels) if picture.kind == "colour" else None
         least = np.diag(np.repeat(np.square([TAG_SIGMA_M, TAG_SIGMA_RAD]), 3))
         found = []
-        for one in self._detector.detect(grey, light):
+        for one in self._detector.detect(grey, light_of(picture)):
             late = float(one.corners_px[:, 1].mean()) / max(grey.shape[0] - 1, 1)
             T, covariance = one.pose.in_own_frame()
             found.append(

@@ -16,7 +16,7 @@ from slamsim.config.slam import LandmarksConfig, SurveyedTag, SurveyedTags
 from slamsim.core.geometry import matrix_from_xyzw, se3_from_parts
 from slamsim.core.landmarks import KnownTag, TagObservation, TagsSeen
 from slamsim.core.progress import Progress, silent
-from slamsim.core.types import FloatArray
+from slamsim.core.types import Float32Array, FloatArray
 from slamsim.guard.errors import InputRefused, NotFound, SlamsimError
 from slamsim.guard.numbers import UNIT_WITHIN
 from slamsim.io.cameras import open_cameras
@@ -90,11 +90,15 @@ def grey_of(frame: CameraFrame) -> NDArray[np.uint8]:
     return np.asarray(frame.pixels, dtype=np.uint8)
 
 
+def light_of(frame: CameraFrame) -> Float32Array | None:
+    """(h, w) linear light of a colour image, as detectors take it; none of a grey one."""
+    return linear_light(frame.pixels) if frame.kind == "colour" else None
+
+
 def _observed(
     detector: TagDetector, frame: CameraFrame, T_base_camera: FloatArray
 ) -> list[TagObservation]:
-    light = linear_light(frame.pixels) if frame.kind == "colour" else None
-    sightings = detector.detect(grey_of(frame), light)
+    sightings = detector.detect(grey_of(frame), light_of(frame))
     return [planar_observation(frame.stamp_ns, each, T_base_camera) for each in sightings]
 
 

@@ -23,9 +23,9 @@ from slamsim.perception.calibration.drive import MOUNT
 from slamsim.perception.calibration.mount import MountFit
 from slamsim.perception.calibration.rig import Sighting
 from slamsim.perception.calibration.sightings import TagViews, gather
-from slamsim.perception.recorded import grey_of, surveyed_tags
+from slamsim.perception.recorded import grey_of, light_of, surveyed_tags
 from slamsim.perception.tag_families import TagKind
-from slamsim.perception.tags import TagDetector, TagSighting, linear_light
+from slamsim.perception.tags import TagDetector, TagSighting
 from slamsim.recording import RawScans, Recording
 from slamsim.slam.backend.correction import densify
 from slamsim.slam.session import map_log, motion_of
@@ -103,8 +103,7 @@ def tags_of(
     total = sum(each.messages for each in topics)
     with reporter.stage("tags", "images/s") as progress:
         for number, frame in enumerate(cameras.frames(tuple(models)), 1):
-            light = linear_light(frame.pixels) if frame.kind == "colour" else None
-            sightings = detectors[frame.topic].detect(grey_of(frame), light)
+            sightings = detectors[frame.topic].detect(grey_of(frame), light_of(frame))
             seen[frame.topic] += sightings
             stamps_ns[frame.topic] += [frame.stamp_ns] * len(sightings)
             progress(number, total)
