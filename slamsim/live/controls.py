@@ -8,6 +8,7 @@ from typing import Literal, Protocol
 
 Mode = Literal["tour", "manual", "explore"]
 Tracking = Literal["off", "waiting", "tracking", "searching", "lost"]
+Goal = Literal["none", "driving", "reached", "not reached"]
 
 HOLD_S = 0.5
 """A twist is held so long unless another follows: as the base of a TurtleBot 2 does (kobuki_node,
@@ -22,6 +23,7 @@ class Status:
     realtime_factor: what was reached over the last seconds. late_windows: of ``windows``, those
     that were computed later than they were due. recording: the folder that is being written.
     tracking: of the SLAM, ``off`` without it. ended: why the drive is over, empty while it is not.
+    goal: what became of the last place that was asked for; ``none`` once another command follows.
     """
 
     stamp_ns: int
@@ -38,6 +40,7 @@ class Status:
     keyframes: int
     closures: int
     ended: str
+    goal: Goal = "none"
 
 
 class Controls(Protocol):

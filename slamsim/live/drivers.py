@@ -71,6 +71,11 @@ class RouteDriver:
     def ended(self) -> str:
         return self._pilot.ended
 
+    @property
+    def at_end(self) -> bool:
+        """Whether it ended where the route does."""
+        return self._pilot.at_end
+
     def wanted(self, time_s: float, pose: BasePose) -> Twist:
         """See ``Driver``."""
         if self._pose is not None:

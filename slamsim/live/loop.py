@@ -231,6 +231,7 @@ class LiveLoop:
             "real-time factor": f"{status.realtime_factor:.3f}",
             "late windows": f"{status.late_windows} of {status.windows}",
             "driven by": status.mode,
+            "goal": status.goal,
         }
 
     @property
@@ -258,4 +259,5 @@ class LiveLoop:
             keyframes=keyframes,
             closures=closures,
             ended=steering.ended or ended,
+            goal=steering.goal,
         )

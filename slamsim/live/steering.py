@@ -11,7 +11,7 @@ import numpy as np
 
 from slamsim.config.run import RunConfig
 from slamsim.core.types import FloatArray, Grid
-from slamsim.live.controls import Mode
+from slamsim.live.controls import Goal, Mode
 from slamsim.live.drivers import ManualDriver, RouteDriver
 from slamsim.live.live_map import LiveMap
 from slamsim.live.navigate import (
@@ -39,7 +39,7 @@ _SEEN_WITHIN_M = 0.3
 class Steering:
     """Routes are planned on a thread of their own, while the robot stands or goes on.
 
-    ended: why the tour or the exploration is over, empty while it is not.
+    ended: why the tour or the exploration is over, empty while it is not. goal: see ``Status``.
     """
 
     def __init__(self, config: RunConfig, world: World, robot: RobotModel, known: LiveMap) -> None:
@@ -57,6 +57,7 @@ class Steering:
         self.driver: Driver = self.manual
         self.mode: Mode = "manual"
         self.ended = ""
+        self.goal: Goal = "none"
 
     def close(self) -> None:
         """End the planner."""
@@ -91,6 +92,7 @@ class Steering:
         """Drive along a route by what SLAM believes."""
         self._stand("manual")
         self._follow(route)
+        self.goal = "driving"
 
     def route_to(self, x_m: float, y_m: float, yaw_rad: float | None) -> Route:
         """On the map by now. Raises SlamsimError or BadNumbers."""
@@ -111,12 +113,15 @@ class Steering:
             self._take(plan)
         if self.driver.ended:
             self.ended = self.driver.ended if self.mode == "tour" else self.ended
+            if self.goal == "driving":
+                at_end = isinstance(self.driver, RouteDriver) and self.driver.at_end
+                self.goal = "reached" if at_end else "not reached"
             self.driver, self._on_route = self.manual, False
         if self.mode == "explore" and self._plan is None and not self.ended:
             self._explore()
 
     def _stand(self, mode: Mode) -> None:
-        self.mode, self.driver, self.ended = mode, self.manual, ""
+        self.mode, self.driver, self.ended, self.goal = mode, self.manual, "", "none"
         self.manual.drive(0.0, 0.0)
         self._plan, self._goal_m, self._planned_version = None, None, -1
         self._given_up_m.clear()
@@ -139,6 +144,7 @@ class Steering:
         twists = np.array([[0.0, BACKING_M_S, 0.0], [_BACKING_S, 0.0, 0.0]])
         self.driver = RouteDriver(Route((), twists, 0.0, _BACKING_S, math.inf), self._config.drive)
         self._on_route, self._goal_m = False, None
+        self.goal = "none" if self.goal == "none" else "not reached"
 
     def _begin_plan(self, plan: Callable[[], Route | None]) -> None:
         self._plan = self._planner.submit(plan)

@@ -172,13 +172,21 @@ def test_new_laser_format_describes_itself(tmp_path: Path) -> None:
 def test_raw_lines_take_odometry_from_odom_lines(tmp_path: Path) -> None:
     raw = "RAWLASER1 0 -1.0 2.0 0.5 20.0 0.01 0 5 1 2 3 4 5 0"
     odometry = [_odom("1.0", 0.0), _odom("3.0", 2.0)]
-    scans = [f"{raw} {stamp} host 0" for stamp in ("0.5", "1.5", "2.0", "3.5")]
+    scans = [f"{raw} {stamp} host 0" for stamp in ("0.5", "0.6", "2.0", "3.5")]
     log = read_log(_write(tmp_path, *odometry, *scans, "PARAM robot_frontlaser_offset 0.3"))
     assert log.odometry is not None
     np.testing.assert_array_equal(log.odometry.poses[:, 0], [0.0, 2.0])
     assert len(log.scans) == 4
-    assert any("odometry does not cover all scans" in warning for warning in log.warnings)
+    said = "odometry does not cover all scans: 2 of 4 are before its beginning, 1 after its end"
+    assert said in log.warnings
     assert log.T_base_laser[0, 3] == pytest.approx(0.3)
+
+
+def test_one_scan_at_each_end_may_be_without_odometry(tmp_path: Path) -> None:
+    raw = "RAWLASER1 0 -1.0 2.0 0.5 20.0 0.01 0 5 1 2 3 4 5 0"
+    scans = [f"{raw} {stamp} host 0" for stamp in ("0.9", "1.5", "2.0", "3.1")]
+    log = read_log(_write(tmp_path, _odom("1.0", 0.0), _odom("3.0", 2.0), *scans))
+    assert not any("odometry" in warning for warning in log.warnings)
 
 
 def test_a_laser_that_looks_back_does_so_in_every_line(tmp_path: Path) -> None:

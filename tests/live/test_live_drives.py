@@ -26,6 +26,8 @@ from slamsim.live.published import SLAM_TOPICS
 from slamsim.live.recording import read_drive
 from slamsim.run.live.replay import replay_drive
 from slamsim.run.live.world import live_config
+from slamsim.sim.drive.drive_loop import BasePose
+from slamsim.sim.drive.route import Route
 from slamsim.sim.robot.model import build_robot
 from slamsim.simulation.header import log_header
 from slamsim.simulation.log_writer import recorded_topics
@@ -168,6 +170,23 @@ def test_map_and_goals_need_a_map(tmp_path: Path) -> None:
         controls.save_map()
     with pytest.raises(SlamsimError, match="no map yet"):
         controls.go_to(1.0, 1.0)
+
+
+@pytest.mark.parametrize(("bumped", "told"), [(False, "reached"), (True, "not reached")])
+def test_what_became_of_a_goal_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, bumped: bool, told: str
+) -> None:
+    loop, _ = _loop(_config("drive.follow.final_standstill_s=0"), tmp_path)
+    monkeypatch.setattr(loop.known, "pose", lambda: np.zeros(3))
+    steering = loop.steering
+    steering.go(Route((), np.array([[0.0, 0.1, 0.0], [0.2, 0.0, 0.0]]), 0.02, 0.2, np.inf))
+    goals = [steering.goal]
+    for tick in range(200):
+        steering.driver.wanted(0.02 * tick, BasePose(0.0, 0.0, 0.0, 0.0, 1.0))
+        steering.update(bumped)
+        goals.append(steering.goal)
+    steering.switch("manual", np.zeros(3))
+    assert list(dict.fromkeys([*goals, steering.goal])) == ["driving", told, "none"]
 
 
 def test_explore_maps_all_of_a_small_world(tmp_path: Path) -> None:

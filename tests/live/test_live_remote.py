@@ -22,6 +22,7 @@ from slamsim.io.ros.standard_types import ros2_types
 from slamsim.io.selection import Selection
 from slamsim.live.hub import Message
 from slamsim.live.mapping import MappingProcess
+from slamsim.live.published import DIAGNOSTICS, MAP, SLAM_TOPICS
 from slamsim.live.remote import received
 from slamsim.live.remote import robot as remote
 from slamsim.live.remote.checking import CheckingProcess
@@ -131,13 +132,15 @@ def test_a_laser_that_is_turned_is_told(tmp_path: Path, process: MappingProcess)
     assert len(told) == 1
 
 
-def test_odometry_of_transforms_alone_is_used(
+def test_odometry_of_transforms_alone_is_used_and_topics_of_the_robot_are_left_to_it(
     drive: list[Message], process: MappingProcess, tmp_path: Path
 ) -> None:
-    source = PlayedSource(without(drive, "/odom", "/encoder_ticks", "/joint_states"))
+    own = [kind for kind in SLAM_TOPICS if kind.name in (MAP, DIAGNOSTICS)]
+    source = PlayedSource(without(drive, "/odom", "/encoder_ticks", "/joint_states"), own)
     with mapping(source, tmp_path, process) as (robot, _):
         wait_for(lambda: is_mapped(source, process, robot))
-        wait_for(lambda: source.of("/tf"))
+        wait_for(lambda: source.of("/tf") and source.of("/slamsim/map"))
+        assert not source.of(MAP) and not source.of(DIAGNOSTICS)
         assert robot.inputs is not None and robot.inputs.odom_frame == "odom"
         assert robot.known.twist() != (0.0, 0.0) or robot.known.pose() is not None
 

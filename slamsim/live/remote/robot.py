@@ -79,9 +79,11 @@ class RemoteRobot:
         self.notes: deque[str] = deque(maxlen=100)
         """What a user is told, until it is taken."""
         self._topics = {topic.name: topic for topic in topics}
-        self._map_topic = setup.map_topic or (
-            _OWN_MAP if any(one.name == MAP for one in source.topics()) else MAP
-        )
+        published = {topic.name for topic in source.topics()}
+        self._told = {MAP: setup.map_topic or (_OWN_MAP if MAP in published else MAP)}
+        """Where the robot is told what, by SLAM's topics."""
+        if DIAGNOSTICS not in published:  # as of another slamsim
+            self._told[DIAGNOSTICS] = DIAGNOSTICS
         self.calls, self._stopping = Calls(), False
         """What other threads ask for."""
         self.teleop, self._fixed = Teleop(source), FixedTransforms()
@@ -233,12 +235,12 @@ class RemoteRobot:
     def _post(self, topic: str, log_ns: int, data: bytes) -> None:
         """A message of SLAM, to the clients here and to the robot."""
         self._hub.publish(topic, log_ns, data)
-        told = {MAP: self._map_topic, DIAGNOSTICS: DIAGNOSTICS}
         has_map = self.inputs is not None and self.inputs.has_map_frame
-        if self.setup.publishes_transform and not has_map:
-            told["/tf"] = "/tf"
-        if topic in told:
-            self._source.publish(told[topic], self._hub.topics[topic].type_name, data)
+        where = self._told.get(topic)
+        if topic == "/tf" and self.setup.publishes_transform and not has_map:
+            where = topic
+        if where is not None:
+            self._source.publish(where, self._hub.topics[topic].type_name, data)
 
     def _values(self) -> Mapping[str, str]:
         """What is diagnosed of the connection and by the checker."""

@@ -90,8 +90,7 @@ class _Cleaning:
         self.warnings += recording.anomalies
         survey = ScanSurvey(raw)
         times = scan_times(raw, survey, self._source, carried)
-        rows = survey.rows[times.order]
-        first_ns, last_ns = int(times.stamps_ns[0]), int(times.stamps_ns[-1])
+        rows, first_ns = survey.rows[times.order], int(times.stamps_ns[0])
         tree = FrameTree()
         tree.add(self._transforms(is_static=True))
         moved, self.warnings = self.warnings, []
@@ -105,7 +104,7 @@ class _Cleaning:
         self.warnings += [f"{raw.topic}: {words}" for words in (*odd, *told)] + moved
         encoders, imu = self._encoders(), self._imu()
         if odometry is not None:
-            self._require_overlap(odometry, first_ns, last_ns, encoders is not None)
+            self._require_overlap(odometry, times.stamps_ns, encoders is not None)
         laser_frame, warnings = raw.frame_ids[0], self.warnings
         T_base_laser = laser_mounting_of(tree, base_frame, laser_frame, warnings)
         scans = RecordedScans(raw, rows, times.stamps_ns, limit)
@@ -268,16 +267,23 @@ class _Cleaning:
         return imu
 
     def _require_overlap(
-        self, odometry: PlanarTrajectory, first_ns: int, last_ns: int, has_encoders: bool
+        self, odometry: PlanarTrajectory, scan_stamps_ns: IntArray, has_encoders: bool
     ) -> None:
+        """Recorders begin and end within a scan: one at each end without odometry is usual."""
+        first_ns, last_ns = int(scan_stamps_ns[0]), int(scan_stamps_ns[-1])
         start_ns, end_ns = int(odometry.stamps_ns[0]), int(odometry.stamps_ns[-1])
         spans = f"scans {first_ns}..{last_ns} ns, odometry {start_ns}..{end_ns} ns"
         if last_ns < start_ns or first_ns > end_ns:
             if not has_encoders:
                 raise InputRefused(self._source, f"no common time: {spans}; a clock is off")
             self.warnings.append(f"scans and odometry have no common time: {spans}")
-        elif first_ns < start_ns or last_ns > end_ns:
-            self.warnings.append(f"odometry does not cover all scans: {spans}")
+            return
+        before, after = (scan_stamps_ns < start_ns).sum(), (scan_stamps_ns > end_ns).sum()
+        if max(before, after) > 1:
+            self.warnings.append(
+                f"odometry does not cover all scans: {before} of {len(scan_stamps_ns)} are before"
+                f" its beginning, {after} after its end"
+            )
 
 
 def _carried_path(

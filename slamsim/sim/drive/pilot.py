@@ -29,6 +29,11 @@ class Pilot:
         self.command = STANDING
         self.finished, self.ended = False, ""
 
+    @property
+    def at_end(self) -> bool:
+        """Whether it ended where the route does."""
+        return self.finished and self._follower.done
+
     def decide(
         self, time_s: float, x_m: float, y_m: float, z_m: float, yaw_rad: float, up: float
     ) -> None:

@@ -72,12 +72,21 @@ function hear_text(message) {
 
 function hear_state(state) {
   if (robot.state && state.stamp_ns < robot.state.stamp_ns) forget();
+  const before = robot.state;
   robot.state = state;
   robot.pose = state.pose && state.pose[1];
-  const { goal, pose } = robot;
+  const { goal, pose } = robot; // a robot elsewhere does not tell what became of its goal
   if (goal && pose && Math.hypot(goal.x - pose[0], goal.y - pose[1]) < 0.3) robot.goal = null;
+  hear_goal(before?.goal, state.goal);
   show_state();
   redraw();
+}
+
+function hear_goal(before, now) {
+  if (before !== "driving" || now === "driving") return;
+  robot.goal = null;
+  if (now === "reached") say("The robot has reached its goal.");
+  if (now === "not reached") say("The robot could not reach its goal.", true);
 }
 
 function hear_binary(buffer) {
