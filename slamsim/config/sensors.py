@@ -136,4 +136,18 @@ class SensorsConfig(Config):
         if len(set(names)) < len(names):
             twice = next(name for name in names if names.count(name) > 1)
             raise ValueError(f"two additional sensors are named {twice!r}")
+        self._topics_apart()
         return self
+
+    def _topics_apart(self) -> None:
+        """Frames and tables of data sets are named by topics without slashes: ``/front/left_color``
+        and ``/front_left/color`` would be one."""
+        owners: dict[str, str] = {}
+        for entry in self.additional if len(self.additional) > 1 else ():
+            for topic in entry.topics:
+                other = owners.setdefault(topic.replace("/", "_"), entry.name)
+                if other != entry.name:
+                    raise ValueError(
+                        f"{other!r} and {entry.name!r} both have what is called {topic} with '_' "
+                        "for '/', as frames and tables are; rename one"
+                    )

@@ -107,7 +107,7 @@ def _usable(
 ) -> dict[str, tuple[CameraModel, FloatArray]]:
     """Camera and T_base_camera of each topic with pictures; without one of them a topic is left
     out, and that is told. Raises what the first one lacks where none is left."""
-    pictures = [*cameras.of_kind("colour"), *cameras.of_kind("grey")]
+    pictures = cameras.pictures()
     if not pictures:
         raise InputRefused(path, "holds no colour or grey images in which tags could be seen")
     found: dict[str, tuple[CameraModel, FloatArray]] = {}

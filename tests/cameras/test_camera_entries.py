@@ -247,6 +247,11 @@ REFUSED = [
         "{imagers: {a: {kind: depth, encoding: png, depth: {aligned_to: color}}}}",
         "cannot be aligned to 'color'; imagers are a",
     ),
+    (
+        "{imagers: {a: {kind: depth, encoding: png, depth: {aligned_to: color}}, color: {}, "
+        "aligned_depth_to_color: {}}}",
+        "'aligned_depth_to_color' is where the depth of 'a' goes",
+    ),
 ]
 
 
@@ -256,6 +261,19 @@ def test_wrong_settings_are_refused(settings: str, told: str) -> None:
     with pytest.raises(SlamsimError, match=told):
         option = f"sensors.additional=[{{type: camera, name: c, mount: {{}}, {entry}}}]"
         load_run_config(None, None, [option])
+
+
+def test_two_cameras_whose_frames_and_tables_would_be_one_are_refused() -> None:
+    def both(first: str, second: str) -> str:
+        told = ", ".join(
+            f"{{type: camera, name: {name}, mount: {{}}, imagers: {{{imager}: {{}}}}}}"
+            for name, imager in (first.split(), second.split())
+        )
+        return f"sensors.additional=[{told}]"
+
+    with pytest.raises(SlamsimError, match="'front' and 'front_left' both have what is called"):
+        load_run_config(None, None, [both("front left_color", "front_left color")])
+    load_run_config(None, None, [both("front left_color", "front_right color")])
 
 
 def test_the_bundled_configuration_is_a_realsense() -> None:

@@ -23,9 +23,8 @@ class Opened:
     def __init__(self, *known: str) -> None:
         self.known = known
 
-    def of_kind(self, kind: str) -> Sequence[Any]:
-        names = ("/front", "/rear") if kind == "colour" else ()
-        return [SimpleNamespace(topic=name, frame_id=name) for name in names]
+    def pictures(self) -> Sequence[Any]:
+        return [SimpleNamespace(topic=name, frame_id=name) for name in ("/front", "/rear")]
 
     def model(self, topic: str) -> CameraModel:
         if topic not in self.known:

@@ -14,6 +14,7 @@ from slamsim.cameras.frames import CameraClaim, CameraFrame, EncodedFrame
 from slamsim.cameras.lens import CameraModel
 from slamsim.guard.errors import InputRefused, NotFound
 from slamsim.guard.numbers import BadNumbers
+from slamsim.io.ros.images import without_transport
 
 MOST_WAITING = 64
 """Frames of one topic that wait for a partner; beyond them the oldest has none."""
@@ -74,6 +75,13 @@ class Cameras(ABC):
         """The topics of a kind, the one with the most images first."""
         found = [each for each in self.topics.values() if each.kind == kind]
         return sorted(found, key=lambda each: (-each.messages, each.topic))
+
+    def pictures(self) -> list[CameraTopic]:
+        """Topics of colour and then of grey images; of what was recorded raw and packed, one."""
+        found: dict[str, CameraTopic] = {}
+        for each in (*self.of_kind("colour"), *self.of_kind("grey")):
+            found.setdefault(without_transport(each.topic), each)
+        return list(found.values())
 
     def model(self, topic: str) -> CameraModel:
         """The camera of a topic as it is claimed.

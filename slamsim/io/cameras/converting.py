@@ -95,7 +95,7 @@ def _to_tum(
 def _to_euroc(
     cameras: Cameras, recorded: OpenRecording | None, folder: Path
 ) -> Mapping[str, WrittenImages]:
-    shown = sorted(name for name, each in cameras.topics.items() if each.kind != "depth")
+    shown = sorted(each.topic for each in cameras.pictures())
     if not shown:
         raise SlamsimError(f"{cameras.path}: there are no colour or grey images, as EuRoC has")
     names = {topic: f"cam{number}" for number, topic in enumerate(shown)}

@@ -106,7 +106,11 @@ def claim_of(topic: str, message: Any) -> CameraClaim:
 def info_topic(image_topic: str) -> str:
     """The topic of the CameraInfo beside an image topic, by the rule of image_transport:
     ``camera_info`` in the namespace of the raw image, whatever transport follows it."""
-    base = image_topic
+    return f"{without_transport(image_topic).rpartition('/')[0]}/camera_info"
+
+
+def without_transport(image_topic: str) -> str:
+    """The topic of the raw image, of which a topic of image_transport has a packed copy."""
     for transport in ("/compressed", f"/{_DEPTH_TRANSPORT}"):
-        base = base.removesuffix(transport)
-    return f"{base.rpartition('/')[0]}/camera_info"
+        image_topic = image_topic.removesuffix(transport)
+    return image_topic

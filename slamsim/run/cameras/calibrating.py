@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
@@ -119,9 +120,8 @@ class _Work:
                 self._lens(topic, seen[topic.topic])
             except (TooFew, NoSolution) as error:
                 self._notes.append(f"{topic.topic}: {error}")
-        names = sorted(self._lenses)
-        for k, first in enumerate(names):
-            for second in names[k + 1 :]:
+        for first, second in combinations(sorted(self._lenses), 2):
+            if self._claimed_by(first) is None or self._claimed_by(first) != self._claimed_by(second):
                 self._pair(first, second, seen)
 
     def _lens(self, topic: CameraTopic, seen: Mapping[int, Sighting]) -> None:
@@ -156,6 +156,11 @@ class _Work:
         self._results[topic.topic] = CameraResult(
             topic.topic, topic.frame_id, facts, told, model, figures=figures
         )
+
+    def _claimed_by(self, topic: str) -> str | None:
+        """The CameraInfo or file that two images of one imager (raw, rectified) have in common."""
+        claim = self._cameras.infos.get(topic)
+        return None if claim is None else claim.source
 
     def _pair(self, first: str, second: str, seen: Mapping[str, Mapping[int, Sighting]]) -> None:
         """Where the second camera is, if both were exposed together."""

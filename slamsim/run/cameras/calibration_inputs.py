@@ -44,7 +44,7 @@ other. A drive of the simulator with its default encoders: 4 mm, 13 mm, 0.57 deg
 
 
 def pictures_of(cameras: Cameras, wanted: Sequence[str]) -> list[CameraTopic]:
-    """The topics with colour or grey images, or those of them that are wanted.
+    """The topics with colour or grey images, one of each imager, or those that are wanted.
 
     Raises InputRefused where there is none, SlamsimError for one that is not there.
     """
@@ -57,7 +57,7 @@ def pictures_of(cameras: Cameras, wanted: Sequence[str]) -> list[CameraTopic]:
             raise SlamsimError(
                 f"{cameras.path}: no images on {topic}; there are {', '.join(known)}"
             )
-    return [each for each in found if each.topic in wanted or not wanted]
+    return [each for each in found if each.topic in wanted] or cameras.pictures()
 
 
 def boards_seen(

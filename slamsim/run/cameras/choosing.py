@@ -91,8 +91,7 @@ def _has_images(source: Path, config: RunConfig) -> bool:
     """Whether a camera can map: by depth, or by tags that are asked for."""
     try:
         with open_cameras(log_of(source)) as cameras:
-            pictures = cameras.of_kind("colour") or cameras.of_kind("grey")
             tags = bool(config.slam.landmarks.tags)
-            return bool(pictures and (cameras.of_kind("depth") or tags))
+            return bool(cameras.pictures() and (cameras.of_kind("depth") or tags))
     except SlamsimError:
         return False

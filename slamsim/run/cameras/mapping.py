@@ -103,7 +103,7 @@ def map_by_camera(
 def _camera(cameras: Cameras, config: RunConfig, intrinsics: str) -> _Camera:
     """Depth registered to a picture where there is one; else, if tags are wanted, a picture."""
     K = camera_matrix(intrinsics) if intrinsics else None
-    pictures = [*cameras.of_kind("colour"), *cameras.of_kind("grey")]
+    pictures = cameras.pictures()
     if cameras.of_kind("depth"):
         try:
             pair = registered(cameras, "", K)

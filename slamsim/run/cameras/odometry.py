@@ -108,7 +108,7 @@ def registered(cameras: Cameras, depth: str = "", K: FloatArray | None = None) -
         if not topics:
             raise SlamsimError(f"{cameras.path}: no depth on {depth}; there is {known}")
     for one in topics:
-        for other in (*cameras.of_kind("colour"), *cameras.of_kind("grey")):
+        for other in cameras.pictures():
             same_frame = one.frame_id == other.frame_id or isinstance(cameras, FolderCameras)
             if same_frame and (one.width, one.height) == (other.width, other.height):
                 claimed = one.topic if one.topic in cameras.infos else other.topic

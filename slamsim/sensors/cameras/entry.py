@@ -60,6 +60,10 @@ class CameraSettings(SensorEntry):
                 raise ValueError(
                     f"the depth of {name!r} cannot be aligned to {other!r}; imagers are {known}"
                 )
+            if f"aligned_depth_to_{other}" in self.enabled_imagers:
+                raise ValueError(
+                    f"'aligned_depth_to_{other}' is where the depth of {name!r} goes; rename it"
+                )
             if config.stereo_left and config.stereo_left not in self.enabled_imagers:
                 known = ", ".join(self.enabled_imagers)
                 raise ValueError(
