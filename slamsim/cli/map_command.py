@@ -82,6 +82,14 @@ Labels = Annotated[
         help="Also map which label of this topic's images is seen where (mapping.layers.labels).",
     ),
 ]
+Calibration = Annotated[
+    str,
+    typer.Option(
+        "--calibration",
+        metavar="FILE",
+        help="Cameras as slamsim calibrate found them, calibration.yaml (slam.camera_calibration).",
+    ),
+]
 Source = Annotated[
     str,
     typer.Argument(help="A world to simulate, or a recording: rosbag2, MCAP, ROS 1, CARMEN."),
@@ -110,6 +118,7 @@ def map_(
     intrinsics: Intrinsics = "",
     obstacles: Obstacles = False,
     labels: Labels = "",
+    calibration: Calibration = "",
     earlier: Earlier = None,
     start: Start = None,
     overwrite: Overwrite = False,
@@ -123,11 +132,12 @@ def map_(
 
     reporter = Reporter(quiet=quiet, as_json=as_json)
     recorded = is_recording(source)
-    set_ = [*(set_ or ()), *_asked(tags, labels, is_searched=obstacles)]
+    set_ = [*(set_ or ()), *_asked(tags, labels, calibration, is_searched=obstacles)]
     loaded = loaded_config(None if recorded else source, config, set_, seed, drive_seed=drive_seed)
     resolved = loaded.config
     name = recording_name(source) if recorded else resolved.world.name
-    inputs = (Path(source) if recorded else None, relations, earlier, *loaded.files)
+    beside = (relations, earlier, Path(calibration) if calibration else None)
+    inputs = (Path(source) if recorded else None, *beside, *loaded.files)
     with output_folder(out, name, overwrite=overwrite, inputs=inputs) as folder:
         from slamsim.run.continuing import chosen_earlier, refuse_earlier
         from slamsim.run.mapping import map_world, require_used
@@ -165,12 +175,14 @@ def _refuse_images(without: str, intrinsics: str) -> None:
             raise OverrideRefused(option, "needs a recording, not a world")
 
 
-def _asked(tags: str, labels: str, *, is_searched: bool) -> Iterator[str]:
+def _asked(tags: str, labels: str, calibration: str, *, is_searched: bool) -> Iterator[str]:
     """What options of images set."""
     if tags:
         yield f"slam.landmarks.tags={tags}"
     if labels:
         yield f"mapping.layers.labels={labels}"
+    if calibration:
+        yield f"slam.camera_calibration={calibration}"
     if is_searched:
         yield "mapping.layers.obstacles=true"
 

@@ -21,6 +21,10 @@ class LayersConfig(Config):
     """Topic of label images (mono8, 8UC1, 32SC1) in whose cells they are counted, written as
     ``semantic.png`` and ``semantic.yaml``; empty for none."""
 
+    floor_m: float | None = Field(None, ge=-10.0, le=10.0)
+    """Height of the floor in the robot's base frame; by default where ``base_footprint`` is, or
+    where wheels of the robot description end below; where nothing tells it, 0, with a warning."""
+
     lowest_m: float = Field(0.03, gt=0.0, le=10.0)
     """What rises less above the floor is no obstacle, before the errors of depth and tilt."""
 
@@ -232,3 +236,7 @@ class SlamConfig(Config):
 
     landmarks: LandmarksConfig = LandmarksConfig()
     """Tags in the recording's images."""
+
+    camera_calibration: str = ""
+    """The ``calibration.yaml`` that ``slamsim calibrate`` wrote: its lenses, mounts, clocks and
+    shutters count before what the recording claims of these cameras."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
@@ -21,6 +22,13 @@ from slamsim.guard.errors import InputRefused, NotFound, SlamsimError
 from slamsim.guard.numbers import UNIT_WITHIN
 from slamsim.io.cameras import open_cameras
 from slamsim.io.cameras.base import Cameras
+from slamsim.perception.calibrated import (
+    NO_CALIBRATION,
+    NOT_CALIBRATED,
+    CalibratedCamera,
+    CalibratedCameras,
+    CameraClock,
+)
 from slamsim.perception.planar import planar_observation, planar_tag
 from slamsim.perception.tag_families import TagKind, parse_tags
 from slamsim.perception.tags import TagDetector, linear_light
@@ -30,23 +38,37 @@ from slamsim.recording.mountings import base_frame_of, known_mounting, tree_of
 _log = logging.getLogger(__name__)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class UsedCamera:
+    """model, T_base_camera (4, 4) and clock: as calibrated, else as the recording claims."""
+
+    model: CameraModel
+    T_base_camera: FloatArray
+    clock: CameraClock
+
+
 def tags_seen(
-    path: Path, recording: Recording, config: LandmarksConfig, progress: Progress = silent
+    path: Path,
+    recording: Recording,
+    config: LandmarksConfig,
+    progress: Progress = silent,
+    calibrated: CalibratedCameras = NO_CALIBRATION,
 ) -> TagsSeen:
     """The tags that a configuration asks for, in all images of the recording at path.
 
-    Cameras without camera info or place on the robot are left out. Raises UnknownTags for a family
-    that is none, NotFound where no images have camera info, InputRefused for images that cannot be
-    read, where no camera's place is known, and for a recording without images.
+    Each has the instant at which the rows that show it were exposed. Cameras without camera info
+    or place on the robot are left out. Raises UnknownTags for a family that is none, NotFound
+    where no images have camera info, InputRefused for images that cannot be read, where no
+    camera's place is known, and for a recording without images.
     """
     kind = parse_tags(config.tags)
     known = known_tags(config)
     with open_cameras(path) as cameras:
-        usable = _usable(path, cameras, recording)
+        usable = _usable(path, cameras, recording, calibrated)
         total, found = sum(cameras.topics[topic].messages for topic in usable), []
-        detectors = {topic: TagDetector(kind, model) for topic, (model, _) in usable.items()}
+        detectors = {topic: TagDetector(kind, each.model) for topic, each in usable.items()}
         for number, frame in enumerate(cameras.frames(tuple(usable))):
-            found += _observed(detectors[frame.topic], frame, usable[frame.topic][1])
+            found += _observed(detectors[frame.topic], frame, usable[frame.topic])
             progress(number + 1, total)
     return TagsSeen(tuple(found), known)
 
@@ -96,26 +118,36 @@ def light_of(frame: CameraFrame) -> Float32Array | None:
 
 
 def _observed(
-    detector: TagDetector, frame: CameraFrame, T_base_camera: FloatArray
+    detector: TagDetector, frame: CameraFrame, camera: UsedCamera
 ) -> list[TagObservation]:
     sightings = detector.detect(grey_of(frame), light_of(frame))
-    return [planar_observation(frame.stamp_ns, each, T_base_camera) for each in sightings]
+    rows = max(camera.model.height - 1, 1)
+    return [
+        planar_observation(
+            camera.clock.at_row(frame.stamp_ns, float(each.corners_px[:, 1].mean()) / rows),
+            each,
+            camera.T_base_camera,
+        )
+        for each in sightings
+    ]
 
 
 def _usable(
-    path: Path, cameras: Cameras, recording: Recording
-) -> dict[str, tuple[CameraModel, FloatArray]]:
-    """Camera and T_base_camera of each topic with pictures; without one of them a topic is left
-    out, and that is told. Raises what the first one lacks where none is left."""
+    path: Path, cameras: Cameras, recording: Recording, calibrated: CalibratedCameras
+) -> dict[str, UsedCamera]:
+    """Each topic with pictures; without a lens or a place a topic is left out, and that is told.
+    Raises what the first one lacks where none is left."""
     pictures = cameras.pictures()
     if not pictures:
         raise InputRefused(path, "holds no colour or grey images in which tags could be seen")
-    found: dict[str, tuple[CameraModel, FloatArray]] = {}
+    found: dict[str, UsedCamera] = {}
     lacking: list[SlamsimError] = []
     for each in pictures:
         try:
-            mount = mount_of(path, each.topic, each.frame_id, recording)
-            found[each.topic] = cameras.model(each.topic), mount
+            known = calibrated.of(each.topic, each.frame_id)
+            mount = mount_of(path, each.topic, each.frame_id, recording, known)
+            model = known.model or cameras.model(each.topic)
+            found[each.topic] = UsedCamera(model, mount, known.clock)
         except (InputRefused, NotFound) as error:
             lacking.append(error)
     if not found:
@@ -125,12 +157,23 @@ def _usable(
     return found
 
 
-def mount_of(path: Path, topic: str, frame: str, recording: Recording) -> FloatArray:
-    """T_base_camera (4, 4) of the optical frame of a topic. Raises InputRefused where no fixed
-    transform leads to it."""
-    base = base_frame_of(recording)
-    mounting = known_mounting(tree_of(recording.transforms), base, frame)
+def mount_of(
+    path: Path,
+    topic: str,
+    frame: str,
+    recording: Recording,
+    calibrated: CalibratedCamera = NOT_CALIBRATED,
+) -> FloatArray:
+    """T_base_camera (4, 4) of the optical frame of a topic, as calibrated or as claimed. Raises
+    InputRefused where no fixed transform leads to it, or to the base that was calibrated."""
+    base, tree = base_frame_of(recording), tree_of(recording.transforms)
+    T_base_camera, wanted = calibrated.T_base_camera, frame
+    if T_base_camera is not None:
+        wanted = calibrated.base_frame
+        if wanted == base:
+            return T_base_camera
+    mounting = known_mounting(tree, base, wanted)
     if mounting is None:
-        reason = f"no fixed transform leads from {base!r} to its frame {frame!r}"
+        reason = f"no fixed transform leads from {base!r} to its frame {wanted!r}"
         raise InputRefused(path, reason, f"topic {topic}")
-    return mounting[0]
+    return mounting[0] if T_base_camera is None else np.asarray(mounting[0] @ T_base_camera)

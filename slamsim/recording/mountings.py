@@ -26,10 +26,16 @@ def tree_of(edges: Iterable[TransformEdge]) -> FrameTree:
 
 
 def base_frame_of(recording: Recording) -> str:
-    """The frame that the odometry moves; the usual one where there is no odometry."""
-    for odometry in recording.odometries[:1]:
-        return odometry.child_frame_ids[0]
-    return BASE_FRAME
+    """The frame whose path SLAM estimates: that which a user names, or which the odometry that is
+    read (the first) moves, or the transforms; else the usual one."""
+    moved = recording.base_frames[:1]
+    if moved:
+        return moved[0] or likely_base(tree_of(recording.transforms))
+    tree = FrameTree()
+    tree.add(recording.transforms)
+    lasers = [scans.frame_ids[0] for scans in recording.scans[:1]]
+    edges = odometry_chain(tree, lasers[0] if lasers else "")
+    return edges[-1][1] if edges else likely_base(tree)
 
 
 def declared_laser_mounting(recording: Recording) -> FloatArray:

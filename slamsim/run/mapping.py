@@ -15,7 +15,6 @@ from slamsim.config.loading import load_simulated_config, load_world_config
 from slamsim.config.run import RunConfig
 from slamsim.console.reporter import Reporter
 from slamsim.core.landmarks import NO_TAGS, TagsSeen
-from slamsim.core.layers import NO_LAYERS
 from slamsim.core.result import SlamResult
 from slamsim.core.types import Grid, Log, Trajectory
 from slamsim.guard.errors import OverrideRefused, SlamsimError
@@ -26,6 +25,7 @@ from slamsim.io.names import LOG
 from slamsim.io.open import open_recording
 from slamsim.io.selection import EVERYTHING, Selection
 from slamsim.io.text.relations import Relations, read_relations
+from slamsim.perception.calibrated import read_calibration
 from slamsim.perception.recorded import tags_seen
 from slamsim.process.children import MEMORY
 from slamsim.process.memory import return_freed_memory
@@ -76,8 +76,7 @@ def map_world(
         checked = _checked(opened.recording, stages)
         log = replace(opened.log(), name=config.world.name)
         known = _known(log, opened.truth(), wanted, (simulation.world, config))
-        tags = _tags(source, opened.recording, config, stages)
-        images = run_layers.layer_sources(source, opened.recording, config.mapping.layers)
+        images, tags = _images(source, opened.recording, config, stages)
         del opened
         return_freed_memory()
         report = _map(log, config, partial, stages, known, checked, tags, images)
@@ -106,8 +105,7 @@ def map_recording(
     known = _known(log, opened.truth(), wanted_relations, origin)
     stages = Stages(reporter)
     checked = _checked(opened.recording, stages)
-    tags = _tags(path, opened.recording, config, stages)
-    images = run_layers.layer_sources(path, opened.recording, config.mapping.layers)
+    images, tags = _images(path, opened.recording, config, stages)
     del opened
     return_freed_memory()
     if tags.observations and earlier is not None:
@@ -165,10 +163,8 @@ def _map(
     with failures.caught("map", last):
         grid = _grid(log, result, saved, config, stages)
         run_folder.write_map(partial, grid)
-        layers = NO_LAYERS
-        with failures.caught("layers", last):
-            layers = run_layers.map_layers(images, log, result, grid, config.mapping, stages)
-            run_layers.write_layers(partial, layers, known.world)
+        layers = run_layers.map_layers(images, log, result, grid, config.mapping, stages, failures)
+        run_layers.write_layers(partial, layers, known.world)
         with failures.caught("report", last):
             view = _scored(log, result, grid, config, stages, known, sure=not unjoined)
             view = run_layers.with_layers(view, layers, known.world, config.mapping.layers)
@@ -184,7 +180,7 @@ def _map(
     write_atomic(partial / run_folder.REPORT_JSON, as_json(run_folder.REPORT_JSON, numbers))
     return Report(
         numbers,
-        warnings=(*doubts, *log.warnings, *result.warnings),
+        warnings=(*doubts, *log.warnings, *images.told, *result.warnings),
         weighed=weighed(result, (*doubts, *log.warnings)),
         verdict=str(numbers.get("verdict", "")),
         mapped=complete,
@@ -193,12 +189,17 @@ def _map(
     )
 
 
-def _tags(path: Path, recording: Recording, config: RunConfig, stages: Stages) -> TagsSeen:
-    """What the images at path show of the tags that the configuration asks for."""
+def _images(
+    path: Path, recording: Recording, config: RunConfig, stages: Stages
+) -> tuple[run_layers.LayerSources, TagsSeen]:
+    """Of what layers are made, and what images show of the tags that the configuration asks for."""
+    calibrated = read_calibration(config.slam.camera_calibration)
+    sources = run_layers.layer_sources(path, recording, config.mapping.layers, calibrated)
     if not config.slam.landmarks.tags:
-        return NO_TAGS
+        return sources, NO_TAGS
     with stages.stage("tags", "images/s") as progress:
-        return tags_seen(path, recording, config.slam.landmarks, progress)
+        tags = tags_seen(path, recording, config.slam.landmarks, progress, calibrated)
+    return sources, tags
 
 
 def _verdict(view: RunView, unjoined: str) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -25,11 +26,14 @@ from slamsim.evaluate.obstacles import score_obstacles
 from slamsim.guard.errors import InputRefused, NotFound
 from slamsim.guard.numbers import BadNumbers
 from slamsim.io.open import open_recording
+from slamsim.perception.calibrated import NO_CALIBRATION, CameraClock
 from slamsim.perception.layers import labels as of_labels
 from slamsim.perception.layers.labels import LabelVotes
 from slamsim.perception.layers.obstacles import ObstacleGrid, hits_of
+from slamsim.recording import Recording, TransformEdge
+from slamsim.run.cameras.floor import floor_of
 from slamsim.run.cameras.layers import layer_sources
-from slamsim.run.mapping import map_world
+from slamsim.run.mapping import map_recording, map_world
 from slamsim.world.map_server import read_map
 
 K = np.array([[200.0, 0.0, 159.5], [0.0, 200.0, 119.5], [0.0, 0.0, 1.0]])
@@ -209,6 +213,99 @@ def test_votes_are_those_that_are_counted(seed: int) -> None:
             assert layer.shares[row, column] == pytest.approx(most / counter.total())
 
 
+def test_each_row_of_a_rolling_shutter_counts_from_its_own_pose() -> None:
+    """A wall 2 m ahead, seen while the robot turns: every row of the map's cells is the wall's."""
+    clock, rows = CameraClock(0.005, 0.04), 21
+    rows_ns = clock.of_rows(1_000_000_000, rows)
+    assert rows_ns[0] == 995_000_000 and rows_ns[-1] == clock.at_row(1_000_000_000, 1.0)
+    assert CameraClock(0.005).of_rows(0, rows).tolist() == [-5_000_000]
+    turned = np.linspace(-0.1, 0.1, rows)
+    T = np.array(
+        [
+            [
+                [np.cos(a), -np.sin(a), 0, 0],
+                [np.sin(a), np.cos(a), 0, 0],
+                [0, 0, 1, 0],
+                [0, 0, 0, 1],
+            ]
+            for a in turned
+        ]
+    ) @ looking(0.3)
+    matrix = np.array([[200.0, 0, 50.0], [0, 200.0, 10.0], [0, 0, 1.0]])
+    v, u = np.mgrid[0:rows, 0:101]
+    rays = np.stack([(u - 50.0) / 200.0, (v - 10.0) / 200.0, np.ones(v.shape)], axis=2)
+    ahead = np.einsum("vij,vuj->vui", T[:, :3, :3], rays)[..., 0]
+    depth_m = (2.025 / ahead).astype(np.float32)
+    by_row, by_one = (LabelVotes(blank(6.0), 4.0, 1.0) for _ in range(2))
+    by_row.draw(np.ones(v.shape, np.int32), depth_m, matrix, T)
+    by_one.draw(np.ones(v.shape, np.int32), depth_m, matrix, T[rows // 2])
+    columns = [
+        np.unique(np.nonzero(votes.layer("/l").labels == 1)[1]).size for votes in (by_row, by_one)
+    ]
+    assert columns[0] == 1 and columns[1] > 1
+
+
+def test_bad_labels_do_not_take_the_obstacles_along(
+    mapped: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def cut(self: object, *_: object) -> None:
+        raise BadNumbers("labels are cut off")
+
+    monkeypatch.setattr(LabelVotes, "draw", cut)
+    config = load_run_config(str(mapped / "config.yaml"))
+    report = map_recording(mapped, config, tmp_path / "again", Reporter(quiet=True))
+    assert [(each.stage, each.reason) for each in report.failed] == [
+        ("semantic", "labels are cut off")
+    ]
+    assert report.mapped and (tmp_path / "again" / "obstacles.pgm").exists()
+    assert not (tmp_path / "again" / "semantic.png").exists()
+
+
+BARE = Recording("bare", "memory")
+URDF = """<robot name="r"><link name="base_link"/><link name="wheel"><collision>
+<origin rpy="1.5708 0 0"/><geometry><cylinder radius="0.1" length="0.03"/></geometry></collision>
+</link><joint name="j" type="continuous"><parent link="base_link"/><child link="wheel"/>
+<origin xyz="0 0.2 -0.02"/><axis xyz="0 1 0"/></joint></robot>"""
+
+
+def held(parent: str, child: str, z_m: float) -> TransformEdge:
+    zero, quat = np.zeros(1, np.int64), np.array([[0.0, 0.0, 0.0, 1.0]])
+    at = np.array([[0.0, 0.0, z_m]])
+    return TransformEdge("/tf_static", parent, child, True, zero, None, at, quat)
+
+
+@pytest.mark.parametrize(
+    ("recording", "floor_m", "floor"),
+    [
+        (replace(BARE, base_frame="base_footprint"), None, 0.0),
+        (replace(BARE, base_frame="r1/base_footprint"), None, 0.0),
+        (
+            replace(
+                BARE,
+                base_frame="base_link",
+                transforms=(held("base_footprint", "base_link", 0.07),),
+            ),
+            None,
+            -0.07,
+        ),
+        (replace(BARE, base_frame="base_link", robot_description=URDF), None, -0.12),
+        (replace(BARE, base_frame="base_link", robot_description=URDF), -0.3, -0.3),
+    ],
+)
+def test_heights_count_from_the_floor(
+    recording: Recording, floor_m: float | None, floor: float
+) -> None:
+    found, told = floor_of(recording, LayersConfig(floor_m=floor_m))
+    assert found == pytest.approx(floor, abs=1e-6) and not told
+
+
+@pytest.mark.parametrize("urdf", [None, "<robot", "<robot><link name='base_link'/></robot>"])
+def test_an_unknown_floor_is_told(urdf: str | None) -> None:
+    recording = replace(BARE, base_frame="base_link", robot_description=urdf)
+    found, told = floor_of(recording, LayersConfig())
+    assert found == 0.0 and "mapping.layers.floor_m" in told[0]
+
+
 def message(pixels: NDArray[np.generic], encoding: str, **changes: object) -> SimpleNamespace:
     rows = pixels.shape[0]
     padded = np.zeros((rows, pixels.strides[0] + 3), np.uint8)
@@ -356,13 +453,16 @@ def test_the_report_tells_of_layers(mapped: Path) -> None:
     ],
 )
 def test_topics_without_labels_are_named(mapped: Path, layers: dict[str, str], match: str) -> None:
-    recording = open_recording(mapped / "log").recording
+    recording, config = (
+        open_recording(mapped / "log").recording,
+        LayersConfig(labels=layers["labels"]),
+    )
     with pytest.raises((NotFound, InputRefused), match=match):
-        layer_sources(mapped / "log", recording, LayersConfig(**layers))  # type: ignore[arg-type]
+        layer_sources(mapped / "log", recording, config, NO_CALIBRATION)
 
 
 def test_obstacles_without_a_depth_camera_are_refused(small_set: Path) -> None:
     log = next(small_set.glob("train/*/log"))
     recording = open_recording(log).recording
     with pytest.raises(InputRefused, match="holds no depth images"):
-        layer_sources(log, recording, LayersConfig(obstacles=True))
+        layer_sources(log, recording, LayersConfig(obstacles=True), NO_CALIBRATION)

@@ -21,7 +21,9 @@ from slamsim.guard.numbers import BadNumbers
 from slamsim.guard.pictures import require_size
 from slamsim.io.cameras.base import Cameras, pairs_of
 from slamsim.io.ros.bag import Bag, open_bag
-from slamsim.io.ros.images import RAW, frame_of
+from slamsim.io.ros.images import RAW, frame_of, stamp_of
+from slamsim.io.ros.standard_types import FRAME_TRUTH
+from slamsim.perception.calibrated import CameraClock
 
 ENCODINGS = {"mono8": "u1", "8UC1": "u1", "32SC1": "i4"}
 WITHIN_NS = 20_000_000
@@ -61,6 +63,21 @@ def label_topic(path: Path, topic: str, cameras: Cameras) -> LabelTopic:
             return LabelTopic(topic, depth.topic, first.frame_id, known[topic])
     reason = f"there is no depth of its pixels: {width} x {height} in {first.frame_id!r}"
     raise InputRefused(path, reason, f"topic {topic}")
+
+
+def true_clock(path: Path, topic: str) -> CameraClock | None:
+    """Of labels that a simulation made: as its first FrameTruth has rows and stamp; None of others,
+    and where there is none."""
+    frames = f"{topic.rpartition('/')[0]}/frame"
+    with open_bag(path) as bag:
+        if frames not in {each.topic for each in bag.of_type(FRAME_TRUTH)}:
+            return None
+        for _, _, data in bag.received({frames}):
+            truth = bag.deserialize(frames, data)
+            rows_ns = np.asarray(truth.row_instants_ns, dtype=np.int64)
+            late_ns = stamp_of(truth) - int(rows_ns[0])
+            return CameraClock(1e-9 * late_ns, 1e-9 * float(rows_ns[-1] - rows_ns[0]))
+    return None
 
 
 def labelled(path: Path, topic: LabelTopic) -> Iterator[tuple[EncodedFrame, EncodedFrame]]:
@@ -123,15 +140,16 @@ class LabelVotes:
     ) -> None:
         """Enter one image: (h, w) labels and depths of the same pixels, nan for none.
 
-        T_map_camera: (4, 4) of the optical frame, z up. Labels below 0 and what is higher than the
-        robot's way do not count. Raises BadNumbers for labels of other pixels.
+        T_map_camera: (4, 4) of the optical frame, z up, or (h, 4, 4) of each row. Labels below 0
+        and what is higher than the robot's way do not count. Raises BadNumbers for labels of other
+        pixels.
         """
         if labels.shape != depth_m.shape:
             raise BadNumbers(f"labels of {labels.shape} are not those of depths of {depth_m.shape}")
         v, u = np.nonzero(np.isfinite(depth_m) & (depth_m <= self._max_depth_m) & (labels >= 0))
         z = depth_m[v, u].astype(np.float64)
         x, y = (u - K[0, 2]) / K[0, 0] * z, (v - K[1, 2]) / K[1, 1] * z
-        points = np.column_stack([x, y, z]) @ T_map_camera[:3, :3].T + T_map_camera[:3, 3]
+        points = _moved(np.column_stack([x, y, z]), T_map_camera, v)
         cells = np.floor((points[:, :2] - self._grid.origin_m) / self._grid.resolution_m)
         rows, columns = self._grid.occupancy.shape
         inside = (cells >= 0).all(axis=1) & (cells[:, 0] < columns) & (cells[:, 1] < rows)
@@ -162,3 +180,11 @@ class LabelVotes:
         self._keys, places = np.unique(whole, return_inverse=True)
         self._votes = np.bincount(places, each, minlength=self._keys.size).astype(np.int64)
         self._waiting = []
+
+
+def _moved(points_m: FloatArray, T_map_camera: FloatArray, row: IntArray) -> FloatArray:
+    """(n, 3) points of an image in the map; row: (n,) which of the image's rows shows each."""
+    if T_map_camera.ndim == 2:
+        return np.asarray(points_m @ T_map_camera[:3, :3].T + T_map_camera[:3, 3])
+    turned = np.einsum("nij,nj->ni", T_map_camera[row, :3, :3], points_m)
+    return np.asarray(turned + T_map_camera[row, :3, 3])

@@ -42,6 +42,7 @@ from slamsim.recording.cleaning.streams import (
 from slamsim.recording.frames import FrameTree
 from slamsim.recording.mountings import (
     ODOM_FRAME,
+    base_frame_of,
     imu_mounting_of,
     laser_mounting_of,
     likely_base,
@@ -128,8 +129,10 @@ class _Cleaning:
         tree = FrameTree()
         tree.add(self._transforms(is_static=True))
         odometry, odd = (None, []) if raw is None else odometry_of(raw)
+        base_frame = base_frame_of(recording)
         moved = "" if raw is None else raw.child_frame_ids[0]
-        base_frame = moved or recording.base_frame or likely_base(tree)
+        if odometry is not None and moved and recording.base_frame not in ("", moved):
+            odometry = in_base(odometry, self._offset(tree, moved))
         encoders, imu, warnings = self._encoders(), self._imu(), [*odd, *self.warnings]
         return Log(
             name=recording.name,

@@ -19,6 +19,7 @@ from slamsim.guard.numbers import NoSolution
 from slamsim.guard.output import partial_folder
 from slamsim.io.cameras import open_pictures
 from slamsim.io.cameras.base import Cameras, CameraTopic
+from slamsim.perception.calibrated import R_BODY_OPTICAL
 from slamsim.perception.calibration.boards import Board, parse_board
 from slamsim.perception.calibration.lens import LensFit, fit_lens, fit_pair
 from slamsim.perception.calibration.mount import (
@@ -121,7 +122,9 @@ class _Work:
             except (TooFew, NoSolution) as error:
                 self._notes.append(f"{topic.topic}: {error}")
         for first, second in combinations(sorted(self._lenses), 2):
-            if self._claimed_by(first) is None or self._claimed_by(first) != self._claimed_by(second):
+            if self._claimed_by(first) is None or self._claimed_by(first) != self._claimed_by(
+                second
+            ):
                 self._pair(first, second, seen)
 
     def _lens(self, topic: CameraTopic, seen: Mapping[int, Sighting]) -> None:
@@ -291,5 +294,5 @@ def _all_round() -> list[FloatArray]:
     found = []
     for yaw in np.arange(STARTS) * 2.0 * np.pi / STARTS:
         turn = np.array([[np.cos(yaw), -np.sin(yaw), 0], [np.sin(yaw), np.cos(yaw), 0], [0, 0, 1]])
-        found.append(se3_from_parts(turn @ report.R_BODY_OPTICAL, np.array([0.0, 0.0, 0.4])))
+        found.append(se3_from_parts(turn @ R_BODY_OPTICAL, np.array([0.0, 0.0, 0.4])))
     return found

@@ -19,13 +19,12 @@ from slamsim.guard.numbers import as_json
 from slamsim.guard.output import write_atomic
 from slamsim.guard.quantities import as_interval, as_number
 from slamsim.io.cameras.writers import calibration_yaml
+from slamsim.perception.calibrated import LATE, MOUNT, R_BODY_OPTICAL
 from slamsim.perception.calibration.lens import LensFit
 from slamsim.perception.calibration.mount import MountFit
 from slamsim.perception.calibration.projection import LENS, lens_names
 
 REPORT, CALIBRATION = "report.json", "calibration.yaml"
-R_BODY_OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
-"""REP 103: a body frame looks along x, an optical frame along z."""
 FOCAL_SHARE, CENTRE_SHARE = 0.005, 0.005
 """Of the focal length and of the image's width: 5 mm at 1 m. Healthy cameras of robots agree with
 their CameraInfo within a third of that."""
@@ -176,7 +175,7 @@ def mount_quantities(
             off[k],
         )
     late = (fit.late_s, fit.sigma("late_s"), "s")
-    yield quantity("stamps late by", late, 0.0, LATE_S, MOTION_WANTED)
+    yield quantity(LATE, late, 0.0, LATE_S, MOTION_WANTED)
     if readout_is_free:
         readout = (fit.readout_s, fit.sigma("readout_s"), "s")
         yield quantity("readout", readout, None, LATE_S, MOTION_WANTED)
@@ -238,11 +237,11 @@ def _entry(result: CameraResult) -> dict[str, object]:
     if result.model is not None:
         found["camera_info"] = f"{result.name}.yaml"
     if result.mount is not None:
-        names = ("x_m", "y_m", "z_m", "roll_deg", "pitch_deg", "yaw_deg")
+        found["base_frame"] = result.base_frame
         numbers = mount_numbers(result.mount.T_base_camera).tolist()
-        found["mount"] = {n: round(v, 6) for n, v in zip(names, numbers, strict=True)}
+        found["mount"] = {n: round(v, 6) for n, v in zip(MOUNT, numbers, strict=True)}
         sigmas = {each.name: each.sigma for each in result.quantities}
-        found["sigma"] = {n: float(f"{sigmas[n.split('_')[0]]:.3g}") for n in names}
+        found["sigma"] = {n: float(f"{sigmas[n.split('_')[0]]:.3g}") for n in MOUNT}
         found["stamps_late_s"] = round(result.mount.late_s, 7)
         found["readout_s"] = round(result.mount.readout_s, 7)
         found["static_transform"] = static_transform(result)

@@ -11,6 +11,7 @@ import yaml
 
 from slamsim.cameras.codecs.pictures import encode_png
 from slamsim.cameras.frames import EncodedFrame
+from slamsim.cameras.lens import CameraModel
 from slamsim.config.slam import LayersConfig, MappingConfig
 from slamsim.core.geometry import se3_from_se2, wrap_angle
 from slamsim.core.layers import MapLayers, ObstacleLayer, SemanticLayer, label_colours
@@ -20,13 +21,22 @@ from slamsim.evaluate.obstacles import score_obstacles
 from slamsim.guard.errors import InputRefused
 from slamsim.guard.output import write_atomic
 from slamsim.io.cameras import open_cameras
-from slamsim.perception.layers.labels import LabelTopic, LabelVotes, label_topic, labelled
+from slamsim.perception.calibrated import CalibratedCameras, CameraClock
+from slamsim.perception.layers.labels import (
+    LabelTopic,
+    LabelVotes,
+    label_topic,
+    labelled,
+    true_clock,
+)
 from slamsim.perception.layers.obstacles import ObstacleGrid
-from slamsim.perception.recorded import mount_of
+from slamsim.perception.recorded import UsedCamera, mount_of
 from slamsim.recording import Recording
 from slamsim.report.run_view import RunView
+from slamsim.run.cameras.floor import floor_of
 from slamsim.run.stages import Stages
 from slamsim.slam.backend.correction import densify
+from slamsim.slam.failures import Failures
 from slamsim.slam.mapping.map_files import map_files
 from slamsim.slam.session import motion_of
 from slamsim.world.looks.materials import MATERIALS
@@ -37,21 +47,36 @@ OBSTACLES, SEMANTIC = "obstacles", "semantic"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LayerSources:
-    """The topics that layers are made of: of depth, its place on the robot (4, 4) and matrix K;
-    of labels likewise. None for a layer that was not asked for."""
+    """The topics that layers are made of, and their cameras, on a robot whose base is on the floor.
+
+    None for a layer that was not asked for. told: what is not known of them.
+    """
 
     path: Path
-    depth: tuple[str, FloatArray, FloatArray] | None = None
-    labels: tuple[LabelTopic, FloatArray, FloatArray] | None = None
+    depth: tuple[str, UsedCamera] | None = None
+    labels: tuple[LabelTopic, UsedCamera] | None = None
+    told: tuple[str, ...] = ()
 
 
-def layer_sources(path: Path, recording: Recording, config: LayersConfig) -> LayerSources:
+def layer_sources(
+    path: Path, recording: Recording, config: LayersConfig, calibrated: CalibratedCameras
+) -> LayerSources:
     """What a configuration asks for, looked up before anything is mapped.
 
     Raises InputRefused for a recording without depth images, or with a camera whose place on the
     robot is unknown, NotFound without CameraInfo, and what ``label_topic`` raises.
     """
     depth = labels = None
+    if not (config.obstacles or config.labels):
+        return LayerSources(path)
+    floor_m, told = floor_of(recording, config)
+
+    def camera(topic: str, frame: str, model: CameraModel, clock: CameraClock | None) -> UsedCamera:
+        known = calibrated.of(topic, frame)
+        T_base_camera = mount_of(path, topic, frame, recording, known).copy()
+        T_base_camera[2, 3] -= floor_m
+        return UsedCamera(known.model or model, T_base_camera, clock or known.clock)
+
     if config.obstacles:
         with open_cameras(path) as cameras:
             depths = cameras.of_kind("depth")
@@ -59,14 +84,16 @@ def layer_sources(path: Path, recording: Recording, config: LayersConfig) -> Lay
                 raise InputRefused(path, "holds no depth images in which obstacles could be seen")
             # what is aligned to the pixels of another imager has a part of them alone
             first = min(depths, key=lambda each: ("aligned" in each.topic, -each.messages))
-            place = mount_of(path, first.topic, first.frame_id, recording)
-            depth = first.topic, place, cameras.model(first.topic).K
+            depth = (
+                first.topic,
+                camera(first.topic, first.frame_id, cameras.model(first.topic), None),
+            )
     if config.labels:
         with open_cameras(path, "with") as cameras:
             topic = label_topic(path, config.labels, cameras)
-            place = mount_of(path, topic.topic, topic.frame_id, recording)
-            labels = topic, place, cameras.model(topic.depth).K
-    return LayerSources(path, depth, labels)
+            clock = true_clock(path, topic.topic)
+            labels = topic, camera(topic.topic, topic.frame_id, cameras.model(topic.depth), clock)
+    return LayerSources(path, depth, labels, told)
 
 
 def map_layers(
@@ -76,15 +103,18 @@ def map_layers(
     grid: Grid,
     config: MappingConfig,
     stages: Stages,
+    failures: Failures,
 ) -> MapLayers:
-    """grid: the map of the result, which gives the cells. Raises InputRefused for images that
-    cannot be read."""
-    motion = motion_of(log, result.calibration)
+    """grid: the map of the result, which gives the cells. A layer that cannot be made is left out,
+    and told by failures."""
+    motion, last = motion_of(log, result.calibration), len(result.graph.keyframes) - 1
     fine = result.trajectory if motion is None else densify(result.trajectory, motion)
-    return MapLayers(
-        _obstacles(sources, fine, grid, config, stages),
-        _semantic(sources, fine, grid, config, stages),
-    )
+    obstacles = semantic = None
+    with failures.caught(OBSTACLES, last):
+        obstacles = _obstacles(sources, fine, grid, config, stages)
+    with failures.caught(SEMANTIC, last):
+        semantic = _semantic(sources, fine, grid, config, stages)
+    return MapLayers(obstacles, semantic)
 
 
 def write_layers(folder: Path, layers: MapLayers, world: World | None) -> None:
@@ -135,13 +165,14 @@ def _obstacles(
 ) -> ObstacleLayer | None:
     if sources.depth is None:
         return None
-    topic, T_base_camera, K = sources.depth
+    topic, camera = sources.depth
     found = ObstacleGrid(grid, config)
     with open_cameras(sources.path) as cameras, stages.stage(OBSTACLES, "images/s") as progress:
         total = cameras.topics[topic].messages
-        frames = _used(((each,) for each in cameras.encoded({topic})), fine, config)
-        for (frame,), T_map_base in frames:
-            found.draw(frame.decoded().pixels, K, T_map_base @ T_base_camera)
+        frames = _used(((each,) for each in cameras.encoded({topic})), camera, fine, config)
+        for (frame,), T_map_camera in frames:
+            middle = T_map_camera[len(T_map_camera) // 2]
+            found.draw(frame.decoded().pixels, camera.model.K, middle)
             progress(frame.number + 1, total)
     return found.layer()
 
@@ -155,29 +186,38 @@ def _semantic(
 ) -> SemanticLayer | None:
     if sources.labels is None:
         return None
-    topic, T_base_camera, K = sources.labels
+    topic, camera = sources.labels
     votes = LabelVotes(grid, config.layers.max_depth_m, config.layers.highest_m)
     with stages.stage(SEMANTIC, "images/s") as progress:
-        for (seen, depth), T_map_base in _used(labelled(sources.path, topic), fine, config):
-            depth_m = depth.decoded().pixels
-            votes.draw(seen.stored()[1], depth_m, K, T_map_base @ T_base_camera)
+        for (seen, depth), T_map_camera in _used(
+            labelled(sources.path, topic), camera, fine, config
+        ):
+            depth_m, rows = depth.decoded().pixels, T_map_camera
+            votes.draw(
+                seen.stored()[1], depth_m, camera.model.K, rows if len(rows) > 1 else rows[0]
+            )
             progress(seen.number + 1, topic.images)
     return votes.layer(topic.topic)
 
 
 def _used(
-    images: Iterable[tuple[EncodedFrame, ...]], fine: PlanarTrajectory, config: MappingConfig
+    images: Iterable[tuple[EncodedFrame, ...]],
+    camera: UsedCamera,
+    fine: PlanarTrajectory,
+    config: MappingConfig,
 ) -> Iterator[tuple[tuple[EncodedFrame, ...], FloatArray]]:
     """Images during the mapped drive at which the robot had moved as much as for scans, and
-    ``T_map_base`` (4, 4) at the stamp of the first of each."""
+    ``T_map_camera`` (rows, 4, 4) when each row of the first was exposed; (1, 4, 4) of a global
+    shutter."""
     last = None
     for image in images:
-        stamp_ns = image[0].stamp_ns
-        if fine.stamps_ns[0] <= stamp_ns <= fine.stamps_ns[-1]:
-            pose = fine.at(np.array([stamp_ns]))[0]
-            if last is None or _moved(last, pose, config) >= 1.0:
-                last = pose
-                yield image, se3_from_se2(pose)
+        rows_ns = camera.clock.of_rows(image[0].stamp_ns, camera.model.height)
+        if fine.stamps_ns[0] <= rows_ns[0] and rows_ns[-1] <= fine.stamps_ns[-1]:
+            poses = fine.at(rows_ns)
+            if last is None or _moved(last, poses[len(poses) // 2], config) >= 1.0:
+                last = poses[len(poses) // 2]
+                T_map_base = np.array([se3_from_se2(pose) for pose in poses])
+                yield image, T_map_base @ camera.T_base_camera
 
 
 def _moved(last: FloatArray, pose: FloatArray, config: MappingConfig) -> float:

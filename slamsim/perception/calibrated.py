@@ -1,0 +1,143 @@
+"""Cameras as ``slamsim calibrate`` found them, and when each row of an image was exposed."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from slamsim.cameras.lens import CameraModel
+from slamsim.config.robot import MountConfig
+from slamsim.core.geometry import mount_transform, se3_from_parts
+from slamsim.core.types import FloatArray, IntArray
+from slamsim.guard.errors import InputRefused
+from slamsim.guard.files import require_inside
+from slamsim.guard.numbers import BadNumbers
+from slamsim.guard.yaml import load_yaml
+from slamsim.io.cameras.layouts import ros_calibration
+from slamsim.io.input_errors import as_input_errors
+from slamsim.io.ros.images import without_transport
+
+_log = logging.getLogger(__name__)
+R_BODY_OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+"""REP 103: a body frame looks along x, an optical frame along z."""
+MOUNT = ("x_m", "y_m", "z_m", "roll_deg", "pitch_deg", "yaw_deg")
+_TOLD = ("x", "y", "roll", "pitch", "yaw")
+"""Without a survey no drive in the plane tells z; the claimed one then stands in the file."""
+LATE = "stamps late by"
+LONGEST_S = 10.0
+"""No clock of a camera is later, and no shutter slower."""
+
+
+@dataclass(frozen=True, slots=True)
+class CameraClock:
+    """late_s: the stamp of an image less when its first row was exposed (the middle of that), on
+    the clock of the path. readout_s: from the first row to the last."""
+
+    late_s: float = 0.0
+    readout_s: float = 0.0
+
+    def at_row(self, stamp_ns: int, share: float) -> int:
+        """When a row was exposed: share 0 of the image's height is the first, 1 the last."""
+        return stamp_ns + round(1e9 * (self.readout_s * share - self.late_s))
+
+    def of_rows(self, stamp_ns: int, rows: int) -> IntArray:
+        """(rows,) the same of each row, (1,) of a global shutter."""
+        shares = np.linspace(0.0, 1.0, rows) if self.readout_s > 0.0 else np.zeros(1)
+        return np.array([self.at_row(stamp_ns, share) for share in shares.tolist()], np.int64)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CalibratedCamera:
+    """What was found of one; None for what was not. T_base_camera: (4, 4) of the optical frame in
+    base_frame."""
+
+    frame: str = ""
+    base_frame: str = ""
+    T_base_camera: FloatArray | None = None
+    model: CameraModel | None = None
+    clock: CameraClock = CameraClock()
+
+
+NOT_CALIBRATED = CalibratedCamera()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CalibratedCameras:
+    """cameras: by the topic of their images."""
+
+    cameras: Mapping[str, CalibratedCamera] = field(default_factory=dict)
+
+    def of(self, topic: str, frame: str) -> CalibratedCamera:
+        """That of a topic, packed or not, or of its frame: what hangs there has its place and
+        clock, and a lens of its own."""
+        for name, each in self.cameras.items():
+            if without_transport(name) == without_transport(topic):
+                return each
+        same = [each for each in self.cameras.values() if each.frame == frame]
+        if not same:
+            return NOT_CALIBRATED
+        return CalibratedCamera(
+            frame, same[0].base_frame, same[0].T_base_camera, None, same[0].clock
+        )
+
+
+NO_CALIBRATION = CalibratedCameras()
+
+
+def read_calibration(file: str) -> CalibratedCameras:
+    """A ``calibration.yaml`` with the lenses beside it; none for an empty name.
+
+    What was inconclusive is left out, and that is told. Raises NotFound or InputRefused.
+    """
+    if not file:
+        return CalibratedCameras()
+    path = Path(file)
+    data: Any = load_yaml(path).data
+    with as_input_errors(path, "calibration of cameras"):
+        found = {str(topic): dict(entry) for topic, entry in dict(data["cameras"]).items()}
+    return CalibratedCameras({topic: _camera(path, topic, entry) for topic, entry in found.items()})
+
+
+def _camera(path: Path, topic: str, entry: Mapping[str, Any]) -> CalibratedCamera:
+    lens = entry.get("camera_info")
+    model = None if lens is None else _lens(path, topic, str(lens))
+    with as_input_errors(path, f"camera {topic}"):
+        frame, verdicts = str(entry["frame"]), dict(entry.get("verdicts", {}))
+        if "mount" not in entry:
+            return CalibratedCamera(frame, model=model)
+        untold = [name for name in (*_TOLD, LATE) if verdicts.get(name) == "inconclusive"]
+        if untold:
+            _log.warning("%s: %s of %s is inconclusive", path, ", ".join(untold), topic)
+        clock = CameraClock(_seconds(entry, "stamps_late_s"), _seconds(entry, "readout_s"))
+        return CalibratedCamera(
+            frame,
+            str(entry["base_frame"]),
+            None if set(untold) & set(_TOLD) else _mount(dict(entry["mount"])),
+            model,
+            CameraClock() if LATE in untold else clock,
+        )
+
+
+def _mount(told: Mapping[str, Any]) -> FloatArray:
+    mount = MountConfig(**{name: float(told[name]) for name in MOUNT})
+    return np.asarray(mount_transform(mount) @ se3_from_parts(R_BODY_OPTICAL, np.zeros(3)))
+
+
+def _seconds(entry: Mapping[str, Any], key: str) -> float:
+    value = float(entry[key])
+    if not abs(value) <= LONGEST_S:
+        raise ValueError(f"{key} is {value:g}; it is at most {LONGEST_S:g} s")
+    return value
+
+
+def _lens(path: Path, topic: str, name: str) -> CameraModel:
+    file = require_inside(path.parent, name, path, f"camera {topic}")
+    try:
+        return ros_calibration(file, topic).model()
+    except BadNumbers as error:
+        raise InputRefused(file, str(error)) from None

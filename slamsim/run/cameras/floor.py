@@ -1,0 +1,52 @@
+"""How high the floor is in the frame of the robot whose path is mapped."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from slamsim.config.slam import LayersConfig
+from slamsim.guard.errors import SlamsimError
+from slamsim.recording import Recording
+from slamsim.recording.frames import unqualified
+from slamsim.recording.mountings import base_frame_of, tree_of
+from slamsim.sim.robot.urdf import read_description
+
+FOOTPRINT = "base_footprint"
+"""On the floor below the robot (REP 120)."""
+_DOWN = np.array([0.0, 0.0, -1.0])
+
+
+def floor_of(recording: Recording, config: LayersConfig) -> tuple[float, tuple[str, ...]]:
+    """Height of the floor in the base frame, and a warning where it is but assumed."""
+    base = base_frame_of(recording)
+    if config.floor_m is not None:
+        return config.floor_m, ()
+    if unqualified(base) == FOOTPRINT:
+        return 0.0, ()
+    tree = tree_of(recording.transforms)
+    T_base_footprint = tree.between(base, tree.named(FOOTPRINT))
+    if T_base_footprint is not None:
+        return float(T_base_footprint[2, 3]), ()
+    below_m = _below_wheels(recording.robot_description, unqualified(base))
+    if below_m is not None:
+        return below_m, ()
+    told = f"heights of obstacles and labels count from {base!r}, for nothing tells how high above"
+    return 0.0, (f"{told} the floor it is; mapping.layers.floor_m says so",)
+
+
+def _below_wheels(urdf: str | None, base: str) -> float | None:
+    """Where turning links end below; None where a description tells none, or no such base."""
+    try:
+        robot = read_description(urdf or "", "robot_description", meshes=True)
+    except SlamsimError:
+        return None
+    placed = robot.placements()
+    wheels = [joint.child for joint in robot.joints if joint.kind == "continuous"]
+    lowest_m = [
+        -shape.reach_m(placed[name], _DOWN)
+        for name in wheels
+        for shape in robot.links[name].collisions
+    ]
+    if base not in placed or not lowest_m:
+        return None
+    return min(lowest_m) - float(placed[base][2, 3])
