@@ -263,17 +263,21 @@ def main(arguments: Sequence[str] | None = None) -> float:
     parser.add_argument("--every", default=2, type=int, help="use every N-th image")
     parser.add_argument("--out", default=Path(), type=Path, help="folder for pictures")
     given = parser.parse_args(arguments)
-    dataset, random = slamsim.dataset.open(given.dataset), random_stream(0, "floor")
-    learnt = examples_of(dataset.split("train"), given.every, random)
+    whole, random = slamsim.dataset.open(given.dataset), random_stream(0, "floor")
+    dataset = {split: whole.split(split) for split in ("train", "test")}
+    empty = [split for split, part in dataset.items() if not len(part)]
+    if empty:
+        parser.error(f"{given.dataset} has no sequence in the split {empty[0]}; make more (-n 20)")
+    learnt = examples_of(dataset["train"], given.every, random)
     network = train(learnt.features, learnt.floor, random)
-    usual = usual_floor(learnt, len(next(labelled(dataset.split("test"), given.every))[1]))
-    reached, without = tested(network, usual, dataset.split("test"), given.every)
+    usual = usual_floor(learnt, len(next(labelled(dataset["test"], given.every))[1]))
+    reached, without = tested(network, usual, dataset["test"], given.every)
     sys.stdout.write(
         f"{len(learnt.floor):,} points to learn from\n"
         f"intersection over union in unseen worlds: {reached:.3f}, without network {without:.3f}\n"
     )
     given.out.mkdir(parents=True, exist_ok=True)
-    show(network, simulated_images(dataset.split("test"), SHOWN), given.out / "floor_test.png")
+    show(network, simulated_images(dataset["test"], SHOWN), given.out / "floor_test.png")
     if given.images:
         K = None
         if given.intrinsics:

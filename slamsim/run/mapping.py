@@ -36,6 +36,7 @@ from slamsim.report.run_view import RunView
 from slamsim.report.viewer.run import write_recording
 from slamsim.run import folder as run_folder
 from slamsim.run.cameras import layers as run_layers
+from slamsim.run.cameras.asked import refuse_unseen, refuse_wrong_files, require_returns
 from slamsim.run.checking import check_stage
 from slamsim.run.continuing import Earlier, clouds_before
 from slamsim.run.naming import log_of, recording_name
@@ -68,6 +69,7 @@ def map_world(
     Raises SlamsimError after a drive that ended early; what was driven is mapped all the same.
     """
     wanted = None if relations is None else read_relations(relations)
+    refuse_unseen(config)
     stages = Stages(reporter)
     with partial_folder(folder, overwrite) as partial:
         simulation = record(config, partial, stages)
@@ -96,9 +98,11 @@ def map_recording(
     overwrite: bool = False,
 ) -> Report:
     """Map, evaluate with whatever truth there is, show; earlier: a map to go on with."""
+    refuse_wrong_files(config)
     path = log_of(source)
     opened = open_recording(path, wanted)
     log = replace(opened.log(), name=recording_name(str(source)))
+    require_returns(log)
     reporter.note(log.sources)
     wanted_relations = None if relations is None else read_relations(relations)
     origin = _origin_beside(path)

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,10 +17,14 @@ from scipy.spatial.transform import Rotation
 from tag_drive import T_CLAIMED, Driven, Setting, driven
 from typed import typed
 
+from slamsim.cameras.codecs.raw import Kind
+from slamsim.cameras.frames import EncodedFrame
 from slamsim.console.reporter import Reporter
 from slamsim.core.geometry import between, compose
 from slamsim.core.types import PlanarTrajectory
 from slamsim.guard.errors import SlamsimError
+from slamsim.io.cameras import open_pictures
+from slamsim.io.cameras.base import Cameras, CameraTopic
 from slamsim.perception.calibration.mount import fit_mount
 from slamsim.run.cameras import calibrating
 from slamsim.run.cameras import calibration_inputs as inputs
@@ -95,6 +102,46 @@ def test_what_cannot_be_calibrated_is_told(
     with pytest.raises(SlamsimError, match=said):
         calibrate_cameras(boards, tmp_path / "out", wanted, QUIET)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_raw_and_packed_images_of_one_imager_are_one_camera() -> None:
+    def topic(name: str, kind: Kind = "colour", messages: int = 10) -> CameraTopic:
+        return CameraTopic(name, kind, messages, 64, 48, "rgb8", "optical")
+
+    class Opened(Cameras):
+        def encoded(self, topics: object = None) -> Iterator[EncodedFrame]:
+            return iter(())
+
+    names = ("/a/image_raw", "/a/image_raw/compressed", "/a/image_rect", "/b/image_raw/compressed")
+    topics = {name: topic(name) for name in names} | {"/c": topic("/c", "depth")}
+    opened = Opened(Path("bag"), topics, {}, {})
+    shown = [each.topic for each in opened.pictures()]
+    assert shown == ["/a/image_raw", "/a/image_rect", "/b/image_raw/compressed"]
+    assert [each.topic for each in inputs.pictures_of(opened, ())] == shown
+    (packed,) = inputs.pictures_of(opened, ("/a/image_raw/compressed",))
+    assert packed.topic == "/a/image_raw/compressed"
+
+
+def test_two_topics_of_one_camera_info_are_no_pair(
+    boards: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "both").mkdir()
+    for side in ("left", "right"):
+        write_views(tmp_path / side, board_views(9))
+        (tmp_path / side / "color").rename(tmp_path / "both" / side)
+    found = calibrate_cameras(tmp_path / "both", tmp_path / "one", Wanted(board=TYPED), QUIET)
+    assert len(found.pairs) == 1
+    claim = SimpleNamespace(source="topic /camera_info")
+    monkeypatch.setattr(calibrating._Work, "_claim", lambda *_: None)
+
+    def claimed(path: Path) -> Cameras:
+        cameras: Any = open_pictures(path)
+        cameras.infos = dict.fromkeys(cameras.topics, claim)
+        return cameras  # type: ignore[no-any-return]
+
+    monkeypatch.setattr(calibrating, "open_pictures", claimed)
+    found = calibrate_cameras(tmp_path / "both", tmp_path / "two", Wanted(board=TYPED), QUIET)
+    assert len(found.cameras) == 2 and found.pairs == ()
 
 
 def test_few_views_and_views_alike_are_told(tmp_path: Path) -> None:

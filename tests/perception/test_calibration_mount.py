@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from tag_drive import T_CLAIMED, Driven, Setting, driven, off_by
 
 from slamsim.cameras.lens import CameraModel, pinhole
+from slamsim.core.geometry import matrix_from_rpy
 from slamsim.core.types import FloatArray, PlanarTrajectory
-from slamsim.guard.numbers import BadNumbers
+from slamsim.guard.numbers import BadNumbers, NoSolution
 from slamsim.perception.calibration.drive import BLOCK_S, CLOCK, MOUNT, Drive
+from slamsim.perception.calibration.hand_eye import mount_by_motions
 from slamsim.perception.calibration.mount import (
     ALL_LENS,
     FEWEST_SIGHTINGS,
@@ -100,11 +104,44 @@ def test_sightings_under_a_wrong_number_count_for_little(short: Driven) -> None:
     assert abs(off["late_s"]) < 0.002
 
 
-def test_a_camera_of_which_nothing_is_claimed_is_found(short: Driven) -> None:
-    starts = [off_by(np.array([0.0, 0.0, 0.0, 0.0, 0.0, yaw])) for yaw in (3.0, 0.7)]
-    start = best_start(short.views, SHORT.model, short.path, starts)
-    found = fit_mount(short.views, SHORT.model, short.path, start)
-    assert max(abs(errors(found, SHORT)[name]) for name in ("x_m", "y_m")) < 0.005
+TURNED = {"backwards": (0.0, np.pi), "upside down": (np.pi, 0.0), "aside": (np.pi, np.pi / 2)}
+
+
+@pytest.mark.parametrize("roll_rad, yaw_rad", TURNED.values(), ids=TURNED)
+@pytest.mark.parametrize("claimed", [[], [T_CLAIMED]], ids=["unclaimed", "claimed ahead"])
+def test_a_camera_that_looks_anywhere_is_found(
+    roll_rad: float, yaw_rad: float, claimed: list[FloatArray]
+) -> None:
+    true = off_by(np.zeros(6))
+    true[:3, :3] = matrix_from_rpy(roll_rad, 0.03, yaw_rad) @ true[:3, :3]
+    setting = replace(SHORT, T_base_camera=true)
+    one = driven(3, setting)
+    start = best_start(one.views, setting.model, one.path, claimed)
+    found = fit_mount(one.views, setting.model, one.path, start)
+    off = errors(found, setting)
+    assert found.explains and max(abs(off[name]) for name in ("x_m", "y_m")) < 0.005
+    assert max(abs(off[name]) for name in MOUNT[3:]) < np.radians(0.1)
+
+
+def test_tags_that_are_seen_tilted_the_wrong_way_do_not_hide_the_mount(short: Driven) -> None:
+    rng, poses = np.random.default_rng(2), short.views.T_camera_tag.copy()
+    wrong = rng.random(len(poses)) < 0.2
+    poses[wrong, :, :3, :3] = poses[wrong, :, :3, :3] @ matrix_from_rpy(0.0, 0.6, 0.0)
+    views = replace(short.views, T_camera_tag=poses)
+    found = mount_by_motions(views, SmoothPath(short.path), 0.4)
+    step = np.linalg.norm(found[:2, 3] - SHORT.T_base_camera[:2, 3])
+    turn = Rotation.from_matrix(found[:3, :3] @ SHORT.T_base_camera[:3, :3].T).magnitude()
+    assert step < 0.05 and turn < np.radians(3.0)
+    few = views.those(np.arange(3))
+    with pytest.raises(NoSolution, match="turned too little"):
+        mount_by_motions(few, SmoothPath(short.path), 0.4)
+
+
+def test_the_path_of_another_robot_explains_nothing(short: Driven) -> None:
+    other = replace(short.path, poses=short.path.poses[::-1].copy())
+    with suppress(NoSolution):
+        start = best_start(short.views, SHORT.model, other, [T_CLAIMED])
+        assert not fit_mount(short.views, SHORT.model, other, start).explains
 
 
 def problem(one: Driven, model: CameraModel) -> Drive:

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,9 +14,13 @@ from rgbd_room import write_images
 from typed import typed
 
 from slamsim.cameras.lens import pinhole
+from slamsim.core.scans import Scan, ScanGeometry
 from slamsim.core.types import FloatArray, PlanarTrajectory, Trajectory
 from slamsim.io.text.tum import read_tum
+from slamsim.run import mapping
+from slamsim.run.cameras.asked import require_returns
 from slamsim.run.cameras.telling import moved_onto
+from slamsim.slam.frontend.scan_order import NothingSeen
 
 MODEL = pinhole(320, 240, 69.0)
 K = ",".join(str(float(value)) for value in MODEL.K[[0, 1, 0, 1], [0, 1, 2, 2]])
@@ -65,6 +72,35 @@ def test_a_world_is_not_mapped_by_camera_alone(tmp_path: Path) -> None:
         done = typed("map", "labyrinth", *words, "-o", "out", cwd=tmp_path)
         assert done.returncode == 2 and f"{words[0]}: needs a recording" in done.stderr
         assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (("--tags", "apriltag_36h11:0.2"), "--tags: needs a camera that sees them"),
+        (("--obstacles",), "--obstacles: needs a camera that sees depth"),
+        (("--config", "realsense_d435", "--labels", "/x"), "/ground_truth/front/color/instances"),
+        (("--config", "realsense_d435", "--tags", "apriltag:1"), "no family of tags"),
+        (("--config", "realsense_d435", "--calibration", "none.yaml"), "none.yaml"),
+    ],
+)
+def test_what_a_world_will_not_show_is_refused_before_it_is_simulated(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: tuple[str, ...], told: str
+) -> None:
+    monkeypatch.setattr(mapping, "record", None)
+    done = typed("map", "tiny", *words, "-o", "out", cwd=tmp_path)
+    assert done.returncode != 0 and told in done.stderr and "Traceback" not in done.stderr
+    assert not (tmp_path / "out").exists()
+
+
+def test_scans_that_never_return_are_told_before_they_are_tracked() -> None:
+    geometry = ScanGeometry(-1.0, 0.5, 5, 0, 0.1, 8.0)
+    one = Scan(5, np.array([np.inf, np.nan, 8.0, 0.05, np.inf], np.float32), geometry)
+    log: Any = SimpleNamespace(scans=(one, one))
+    with pytest.raises(NothingSeen, match="none of the 2 scans"):
+        require_returns(log)
+    log.scans = (one, replace(one, ranges_m=np.full(5, 3.0, np.float32)))
+    require_returns(log)
 
 
 def test_a_path_of_another_time_is_not_drawn() -> None:

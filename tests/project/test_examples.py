@@ -18,6 +18,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+import slamsim.dataset
 from slamsim.core.geometry import between, compose, inverse, wrap_angle
 from slamsim.core.types import FloatArray
 from slamsim.dataset.make.engines.local import LocalEngine
@@ -234,3 +235,13 @@ def test_the_floor_is_asked_of_a_few_images(tmp_path: Path) -> None:
     reached = floor_segmentation.main([str(tmp_path / "rooms"), "--out", str(tmp_path)])
     assert 0.0 < reached < 1.0
     assert (tmp_path / "floor_test.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_floor_segmentation_needs_both_splits(
+    small_set: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    whole = slamsim.dataset.open(small_set)
+    empty = next(name for name in ("train", "test") if not len(whole.split(name)))
+    with pytest.raises(SystemExit):
+        floor_segmentation.main([str(small_set)])
+    assert f"has no sequence in the split {empty}" in capsys.readouterr().err

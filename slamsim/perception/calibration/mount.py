@@ -19,6 +19,7 @@ from slamsim.core.geometry import se3_from_se2
 from slamsim.core.types import FloatArray, IntArray, PlanarTrajectory
 from slamsim.guard.numbers import BadNumbers, NoSolution, solving
 from slamsim.perception.calibration.drive import CLOCK, MOUNT, Drive
+from slamsim.perception.calibration.hand_eye import mount_by_motions
 from slamsim.perception.calibration.least_squares import FEWEST_BLOCKS, Equations, solve
 from slamsim.perception.calibration.path import SmoothPath
 from slamsim.perception.calibration.projection import LENS
@@ -31,6 +32,12 @@ FEWEST_SIGHTINGS = 40
 MOST_TO_START = 300
 TRIED_PLACES = 12
 """Sightings of a tag from which its place is taken to begin with; the one that fits the others."""
+USUAL_M = 0.4
+"""Height of a camera of which nothing is known: no drive in the plane tells it."""
+MOST_DOUBTED = 0.25
+"""Share of sightings beyond which a fit explains nothing: of 300 under wrong numbers, a tenth."""
+MOST_PATH_M = 0.1
+"""What a path may be off by where tags are seen, for corners to tell a mount beside it."""
 ROUNDS = 3
 """In which the errors of the path are learnt; the third changes them by less than a tenth."""
 ALL_LENS = frozenset(LENS)
@@ -82,6 +89,12 @@ class MountFit:
         """Of one of ``MOUNT``, ``CLOCK``, ``LENS``, or d0, d1 ... of the distortion."""
         return self.estimate.sigma(name)
 
+    @property
+    def explains(self) -> bool:
+        """Whether it says where the tags were seen, or is but the best of what does not."""
+        few = self.doubted <= MOST_DOUBTED * self.sightings
+        return few and bool(self.path_sigmas[:2].max() <= MOST_PATH_M)
+
     def moved_from(self, T_base_claimed: FloatArray) -> FloatArray:
         """(6,) the step from a claimed mount (4, 4) to this one, in the order of ``MOUNT``."""
         turn = self.T_base_camera[:3, :3] @ T_base_claimed[:3, :3].T
@@ -114,10 +127,11 @@ def fit_mount(
         used, path, tag_of, model, T_base_camera, late_s, readout_s, np.zeros((0, 4, 4)), free
     )
     drive = replace(drive, T_map_tag=_first_places(drive, len(numbers)))
-    drive = _approached(_surveyed(drive, numbers.tolist(), survey or {}))
-    for _ in range(ROUNDS):
-        drive = replace(drive, path_sigmas=drive.path_errors())
-        drive, equations = solve(drive)
+    with solving("the mount of a camera"):
+        drive = _approached(_surveyed(drive, numbers.tolist(), survey or {}))
+        for _ in range(ROUNDS):
+            drive = replace(drive, path_sigmas=drive.path_errors())
+            drive, equations = solve(drive)
     return _fit_of(drive, equations, numbers)
 
 
@@ -148,13 +162,17 @@ def best_start(
     trajectory: PlanarTrajectory,
     starts: Sequence[FloatArray],
 ) -> FloatArray:
-    """(4, 4) the mount that explains most of the sightings, sought from several ones (4, 4).
+    """(4, 4) the mount that explains most of the sightings, sought from several ones (4, 4) and
+    from that which motions alone tell (``mount_by_motions``).
 
-    For cameras of which nothing is claimed, or something wrong by more than some 40 degrees. Raises
-    TooFew as ``fit_mount``, and NoSolution where no start leads anywhere.
+    For cameras of which nothing is claimed, or perhaps something wrong by more than some 40
+    degrees. Raises TooFew as ``fit_mount``, and NoSolution where no start leads anywhere.
     """
     path = SmoothPath(trajectory)
     used = _usable(views, path)
+    heights_m = [float(start[2, 3]) for start in starts]
+    with suppress(NoSolution):
+        starts = [*starts, mount_by_motions(used, path, heights_m[0] if heights_m else USUAL_M)]
     used = used.those(np.arange(0, len(used), max(1, len(used) // MOST_TO_START)))
     numbers, tag_of = np.unique(used.numbers, return_inverse=True)
     found = []
@@ -162,7 +180,7 @@ def best_start(
         nowhere = np.zeros((0, 4, 4))
         drive = Drive(used, path, tag_of, model, start, 0.0, 0.0, nowhere, USUAL_FREE)
         drive = replace(drive, T_map_tag=_first_places(drive, len(numbers)))
-        with suppress(NoSolution):
+        with suppress(NoSolution), solving("the mount of a camera"):
             found.append(_approached(drive))
     if not found:
         raise NoSolution("no mount of the camera explains where it saw the tags")

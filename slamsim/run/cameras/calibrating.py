@@ -12,14 +12,12 @@ import numpy as np
 
 from slamsim.cameras.lens import CameraModel, pinhole
 from slamsim.console.reporter import Reporter
-from slamsim.core.geometry import se3_from_parts
 from slamsim.core.types import FloatArray, PlanarTrajectory
 from slamsim.guard.errors import InputRefused, NotFound, SlamsimError
 from slamsim.guard.numbers import NoSolution
 from slamsim.guard.output import partial_folder
 from slamsim.io.cameras import open_pictures
 from slamsim.io.cameras.base import Cameras, CameraTopic
-from slamsim.perception.calibrated import R_BODY_OPTICAL
 from slamsim.perception.calibration.boards import Board, parse_board
 from slamsim.perception.calibration.lens import LensFit, fit_lens, fit_pair
 from slamsim.perception.calibration.mount import (
@@ -43,8 +41,6 @@ from slamsim.run.naming import log_of
 
 SAME_INSTANT_NS = 1_000_000
 """Cameras of a stereo pair are triggered together, and stamped within a millisecond."""
-STARTS = 8
-"""Directions, all round, in which a camera of unknown mount may look to begin with."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -226,13 +222,18 @@ class _Work:
         before = self._results.get(topic.topic)
         by_board = None if before is None else before.model
         base, claimed = _claimed_mount(recording, topic.frame_id)
-        start = claimed if claimed is not None else best_start(views, model, path, _all_round())
+        start = best_start(views, model, path, [] if claimed is None else [claimed])
         readout_s = self._wanted.readout_s
         free = USUAL_FREE if readout_s is None else USUAL_FREE - {"readout_s"}
         fitting = partial(
             fit_mount, views, trajectory=path, readout_s=readout_s or 0.0, survey=survey
         )
         fit = fitting(model=by_board or model, T_base_camera=start, free=free)
+        if not fit.explains:
+            raise NoSolution(
+                f"no mount explains where its tags were seen: {fit.doubted} of {fit.sightings} "
+                "sightings do not fit; is the path that of this robot, are numbers of tags unique?"
+            )
         quantities: list[Quantity] = []
         if before is not None and by_board is not None:
             quantities += before.quantities
@@ -287,12 +288,3 @@ def _claimed_mount(recording: Recording | None, frame: str) -> tuple[str, FloatA
     base = base_frame_of(recording)
     known = known_mounting(tree_of(recording.transforms), base, frame)
     return (base, None) if known is None else (known[1], known[0])
-
-
-def _all_round() -> list[FloatArray]:
-    """(4, 4) T_base_camera of cameras that look level, in so many directions."""
-    found = []
-    for yaw in np.arange(STARTS) * 2.0 * np.pi / STARTS:
-        turn = np.array([[np.cos(yaw), -np.sin(yaw), 0], [np.sin(yaw), np.cos(yaw), 0], [0, 0, 1]])
-        found.append(se3_from_parts(turn @ R_BODY_OPTICAL, np.array([0.0, 0.0, 0.4])))
-    return found

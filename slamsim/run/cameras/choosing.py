@@ -61,6 +61,7 @@ def map_by_lidar_or_camera(
         ("--relations", relations is not None),
         ("--obstacles", layers.obstacles),
         ("--labels", bool(layers.labels)),
+        ("--calibration", bool(config.slam.camera_calibration)),
         ("slam.landmarks.surveyed", bool(config.slam.landmarks.surveyed)),
     ):
         if given:
