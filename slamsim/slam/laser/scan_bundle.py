@@ -18,6 +18,7 @@ from slamsim.core.result import GraphEdge
 from slamsim.core.types import BoolArray, FloatArray, IntArray
 from slamsim.models.line_bundle import fit_lines, residuals
 from slamsim.slam.backend.association import Shared, share_surfaces
+from slamsim.slam.laser.scan_bends import fit_bends, straightened, told_by_beams
 from slamsim.slam.laser.scan_equations import POSE, SHAPES, moved_points, window_system
 from slamsim.slam.laser.scan_observations import Observations, observations
 from slamsim.slam.laser.scan_sweep import Sweep, beams_of, local_motion, moved_pieces
@@ -204,14 +205,18 @@ def _solve(
         (shape.sweep_s, shape.angle_scale, shape.range_offset_m),
     )
     weights = 0.5 / seen.variance
-    off = residuals(points, shared.starts, fit_lines(points, weights, shared.starts))
+    lines = fit_lines(points, weights, shared.starts)
+    bends = fit_bends(points, weights, shared.starts, lines)
+    off = residuals(straightened(points, shared.starts, lines, bends)[0], shared.starts, lines)
     chi2 = np.square(off).sum(axis=1) * weights
-    unknowns = 2.0 * (len(shared.starts) - 1) + POSE * len(poses)
+    unknowns = 2.0 * (len(lines) - 1) + told_by_beams(bends) + POSE * len(poses)
     unit = _unit_variance(chi2, unknowns)
     weights = weights / unit / np.square(1.0 + chi2 / unit / doubted**2)
     lines = fit_lines(points, weights, shared.starts)
+    bends = fit_bends(points, weights, shared.starts, lines)
     system, right = window_system(
-        (points, change, weights, seen.views), shared.surfaces, shared.starts, lines, len(poses)
+        (points, change, weights, seen.views),
+        *(shared.surfaces, shared.starts, lines, bends, len(poses)),
     )
     inside = chi2 / unit < INLIER_SIGMAS**2
     inliers = np.bincount(seen.views, inside, len(poses)) / np.maximum(

@@ -8,6 +8,7 @@ from slamsim.core.jit import kernel
 from slamsim.core.types import FloatArray, IntArray
 from slamsim.models.line_bundle import Seen, add_surfaces, pull_to_lines
 from slamsim.models.supernodes import empty_system, one_panel
+from slamsim.slam.laser.scan_bends import INFORMATION, straightened
 
 SHAPES = 3
 """Unknowns of the shape of a scan: sweep in seconds, relative angle, range offset in metres."""
@@ -91,22 +92,29 @@ def window_system(
     surfaces: IntArray,
     starts: IntArray,
     lines: FloatArray,
+    bends: FloatArray,
     count: int,
 ) -> tuple[FloatArray, FloatArray]:
     """Information (d, d) and right-hand side (d,) of ``count`` poses, then the shape.
 
     seen: points, their changes, weights (k,) and scans (k,) of the observations, sorted by
-    surface (k,), then scan. lines: as ``fit_lines`` gives them; every surface has an offset and a
-    turn of its own, which are eliminated.
+    surface (k,), then scan. lines, bends: as ``fit_lines`` and ``fit_bends`` give them; every
+    surface has an offset, a turn and a bend of its own, which are eliminated.
     """
     points, change, weights, views = seen
-    across = np.einsum("keuc,kc->keu", change, lines[surfaces, 2:])
+    flat, normals, bent = straightened(points, starts, lines, bends)
+    across = np.einsum("keuc,kec->keu", change, normals)
     unknowns = np.column_stack([views, np.full_like(views, count)])
     rows = across.reshape(-1, 2, UNKNOWNS // POSE, POSE)
-    bundle = Seen(points, weights, starts, lines, rows, unknowns)
+    bundle = Seen(flat, weights, starts, lines, rows, unknowns)
     panel = one_panel(count + 1)
     system, right = empty_system(panel), np.zeros((count + 1, POSE))
     add_surfaces(bundle, panel, system)
     pull_to_lines(bundle, right)
     lower = np.tril(system.reshape(right.size, right.size))
-    return lower + np.tril(lower, -1).T, right.ravel()
+    whole = lower + np.tril(lower, -1).T
+    shared = np.zeros((len(lines), count + 1, POSE))
+    by_bend = np.einsum("k,ke,kebi->kbi", weights, bent, rows)
+    np.add.at(shared, (surfaces[:, None], unknowns), by_bend)
+    held = shared.reshape(len(lines), -1) / np.sqrt(bends[:, INFORMATION])[:, None]
+    return whole - held.T @ held, right.ravel()
