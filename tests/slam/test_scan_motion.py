@@ -16,6 +16,7 @@ from slamsim.models.line_bundle import fit_lines
 from slamsim.recording import RawScans
 from slamsim.slam.laser import scan_bundle
 from slamsim.slam.laser.scan_beams import BeamReader
+from slamsim.slam.laser.scan_bends import LARGEST_BEND_PER_M, fit_bends
 from slamsim.slam.laser.scan_equations import POSE, SHAPES, UNKNOWNS, moved_points, window_system
 from slamsim.slam.laser.scan_motion import ScanMotions, scan_motions
 from slamsim.slam.laser.scan_sweep import local_motion, moved_pieces
@@ -239,25 +240,31 @@ def test_system_is_what_dense_algebra_leaves_of_the_surfaces(seed: int) -> None:
     weights = np.random.default_rng(seed).uniform(1.0, 9.0, 12)
     starts = np.array([0, 6, 12])
     lines = fit_lines(points, weights, starts)
+    bends = fit_bends(points, weights, starts, lines)
     surfaces = np.repeat([0, 1], 6)
-    system, right = window_system((points, change, weights, VIEWS), surfaces, starts, lines, 3)
+    of = (points, change, weights, VIEWS)
+    system, right = window_system(of, surfaces, starts, lines, bends, 3)
 
     size = 3 * POSE + SHAPES
-    rows, off = np.zeros((24, size + 4)), np.zeros(24)
+    rows, off = np.zeros((24, size + 6)), np.zeros(24)
     for k in range(12):
         x, y, nx, ny = lines[k // 6]
         for end in range(2):
             r = 2 * k + end
-            normal = change[k, end] @ [nx, ny]
+            dx, dy = points[k, end] - [x, y]
+            t = nx * dy - ny * dx
+            by_offset, by_slope, bend, _ = bends[k // 6]
+            bent, slope = t**2 - by_slope * t - by_offset, bend * (2.0 * t - by_slope)
+            normal = change[k, end] @ [nx + slope * ny, ny - slope * nx]
             rows[r, POSE * VIEWS[k] : POSE * VIEWS[k] + POSE] = normal[:POSE]
             rows[r, 3 * POSE : size] = normal[POSE:]
-            dx, dy = points[k, end] - [x, y]
-            rows[r, size + 2 * (k // 6) :][:2] = -1.0, -(nx * dy - ny * dx)
-            off[r] = nx * dx + ny * dy
+            rows[r, size + 3 * (k // 6) :][:3] = -1.0, -t, -bent
+            off[r] = nx * dx + ny * dy - bend * bent
     whole = rows.T @ (np.repeat(weights, 2)[:, None] * rows)
     pull = -rows.T @ (np.repeat(weights, 2) * off)
     ours, lines_own = slice(None, size), slice(size, None)
-    inverse = np.linalg.inv(whole[lines_own, lines_own])
+    before = np.diag(2 * [0.0, 0.0, LARGEST_BEND_PER_M**-2])
+    inverse = np.linalg.inv(whole[lines_own, lines_own] + before)
     np.testing.assert_allclose(
         system,
         whole[ours, ours] - whole[ours, lines_own] @ inverse @ whole[lines_own, ours],

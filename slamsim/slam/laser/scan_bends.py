@@ -12,6 +12,7 @@ import numpy as np
 
 from slamsim.core.jit import kernel
 from slamsim.core.types import FloatArray, IntArray
+from slamsim.models.line_bundle import fit_lines, residuals
 
 BEND_FIELDS = 4
 """Of each surface, at t metres along its line: it lies bend (t^2 - by_slope t - by_offset) off it,
@@ -20,8 +21,8 @@ what of t^2 a line fits being left out; information: on the bend, that of before
 BY_OFFSET, BY_SLOPE, BEND, INFORMATION = range(BEND_FIELDS)
 
 LARGEST_BEND_PER_M = 2.5
-"""Standard deviation of bends before any beam is seen: that of posts of 0.2 m radius, the sharpest
-of what a piece of several beams fits; half a curvature."""
+"""Standard deviation of bends before any beam is seen, half a curvature: posts of 0.2 m radius are
+the sharpest surfaces of which several beams make a piece."""
 
 
 @kernel
@@ -80,7 +81,14 @@ def _along_across(point: FloatArray, line: FloatArray) -> tuple[float, float]:
     return line[2] * dy - line[3] * dx, line[2] * dx + line[3] * dy
 
 
-def told_by_beams(bends: FloatArray) -> float:
-    """How many bends the beams tell, those counted in part that are partly known before."""
+def bent_residuals(
+    points: FloatArray, weights: FloatArray, starts: IntArray
+) -> tuple[FloatArray, float]:
+    """(k, 2) distances of all points from their surfaces, fitted to them; and how many numbers of
+    these the points tell, bends counted in part that are partly known before."""
+    lines = fit_lines(points, weights, starts)
+    bends = fit_bends(points, weights, starts, lines)
+    flat, _, _ = straightened(points, starts, lines, bends)
     before = 1.0 / LARGEST_BEND_PER_M**2
-    return float((1.0 - before / bends[:, INFORMATION]).sum())
+    told = 2.0 * len(lines) + float((1.0 - before / bends[:, INFORMATION]).sum())
+    return residuals(flat, starts, lines), told

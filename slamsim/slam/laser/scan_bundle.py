@@ -1,7 +1,7 @@
 """All scans of a window and all surfaces they share solved at once, and the shape of the scans.
 
-Surfaces are straight lines, refitted at every pose (variable projection, Golub & Pereyra 1973) and
-eliminated as in ``models.line_bundle``. What pulls at the shape of all scans is left when
+Surfaces are lines that may bend, refitted at every pose (variable projection, Golub & Pereyra 1973)
+and eliminated as in ``models.line_bundle``. What pulls at the shape of all scans is left when
 the poses have been eliminated too.
 """
 
@@ -16,9 +16,9 @@ from scipy.special import ndtr, stdtrit
 from slamsim.core.geometry import compose
 from slamsim.core.result import GraphEdge
 from slamsim.core.types import BoolArray, FloatArray, IntArray
-from slamsim.models.line_bundle import fit_lines, residuals
+from slamsim.models.line_bundle import fit_lines
 from slamsim.slam.backend.association import Shared, share_surfaces
-from slamsim.slam.laser.scan_bends import fit_bends, straightened, told_by_beams
+from slamsim.slam.laser.scan_bends import bent_residuals, fit_bends
 from slamsim.slam.laser.scan_equations import POSE, SHAPES, moved_points, window_system
 from slamsim.slam.laser.scan_observations import Observations, observations
 from slamsim.slam.laser.scan_sweep import Sweep, beams_of, local_motion, moved_pieces
@@ -169,7 +169,7 @@ def fit_window(track: LaserTrack, shape: Shape, poses: FloatArray | None = None)
         shared = _shared(track, poses, shape, max(gate_m, GATE_NOISE * track.noise_m))
         used = seen.only(shared.pieces)
         for _ in range(steps):
-            step, fit = _solve(used, shared, poses, shape, (track.elapsed_s, doubted))
+            step, fit = _solve(used, shared, poses, shape, track.elapsed_s, doubted)
             poses = compose(poses, step)
             if np.abs(step).max() < SMALL_STEP:
                 break
@@ -193,24 +193,17 @@ def _solve(
     shared: Shared,
     poses: FloatArray,
     shape: Shape,
-    how: tuple[FloatArray, float],
+    elapsed_s: FloatArray,
+    doubted: float,
 ) -> tuple[FloatArray, WindowFit]:
     """A step of Gauss and Newton (n, 3), the first pose held, and what the fit is worth."""
-    elapsed_s, doubted = how
-    points, change = moved_points(
-        seen.points,
-        (seen.shares, seen.angles, seen.views),
-        poses,
-        local_motion(poses, elapsed_s),
-        (shape.sweep_s, shape.angle_scale, shape.range_offset_m),
-    )
+    beams, motion = (seen.shares, seen.angles, seen.views), local_motion(poses, elapsed_s)
+    numbers = shape.sweep_s, shape.angle_scale, shape.range_offset_m
+    points, change = moved_points(seen.points, beams, poses, motion, numbers)
     weights = 0.5 / seen.variance
-    lines = fit_lines(points, weights, shared.starts)
-    bends = fit_bends(points, weights, shared.starts, lines)
-    off = residuals(straightened(points, shared.starts, lines, bends)[0], shared.starts, lines)
+    off, of_surfaces = bent_residuals(points, weights, shared.starts)
     chi2 = np.square(off).sum(axis=1) * weights
-    unknowns = 2.0 * (len(lines) - 1) + told_by_beams(bends) + POSE * len(poses)
-    unit = _unit_variance(chi2, unknowns)
+    unit = _unit_variance(chi2, of_surfaces - 2.0 + POSE * len(poses))
     weights = weights / unit / np.square(1.0 + chi2 / unit / doubted**2)
     lines = fit_lines(points, weights, shared.starts)
     bends = fit_bends(points, weights, shared.starts, lines)
