@@ -106,6 +106,7 @@ SPREAD = (
     "ate_over_bound",
     "bound_ate_m",
     "nees_mean",
+    "nees_in_map_mean",
     "front_end_ate_rmse_m",
     "odometry_ate_rmse_m",
     "path_length_m",
@@ -182,6 +183,7 @@ def _scores(result: SlamResult, known: Known) -> Figures:
         parts=result.parts,
         keyframes=result.graph.keyframes,
         covariances=result.graph.covariances,
+        in_map=result.graph.in_map,
     )
     scores = score(estimated, known, None, Stages(Reporter(quiet=True)))
     assert scores.trajectory is not None

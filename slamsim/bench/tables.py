@@ -58,6 +58,9 @@ def summary_rows(summary: Figures) -> dict[str, str]:
         rows["NEES over the seeds"] = (
             f"{nees['mean']:.2f}, {nees['verdict']} (95 % band {low:.2f} to {high:.2f})"
         )
+    in_map = summary.get("nees_in_map_mean")
+    if isinstance(in_map, Mapping):
+        rows["NEES within the map"] = f"{in_map['mean']:.2f} (3 expected)"
     believed, false = summary["closures"], summary["closures_false"]
     rows["closures"] = f"{believed} believed, {summary['closures_withdrawn']} withdrawn"
     rows["false closures"] = f"{false} believed, {summary['closures_false_withdrawn']} withdrawn"

@@ -55,9 +55,27 @@ class MapGraph:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PoseGraph(MapGraph):
-    """That of one drive, whose key frames are in order of time."""
+    """That of one drive, whose key frames are in order of time.
+
+    in_map: (n, 3, 3) covariances like the others, but relative to the map as a whole, laid onto the
+    truth as for the ATE: how far off each key frame is where the first one's error, which moves all
+    the others together, does not count. None where that is not known.
+    """
 
     keyframes: PlanarTrajectory
+    in_map: FloatArray | None = None
+
+    def __post_init__(self) -> None:
+        MapGraph.__post_init__(self)
+        if self.in_map is not None:
+            shape = self.covariances.shape
+            require_covariances("the covariances within the map", self.in_map, shape)
+
+    @property
+    def position_covariances(self) -> FloatArray:
+        """(n, 2, 2) of the position in the map, in the base's own frame; relative to the first key
+        frame where they are not known relative to the map as a whole."""
+        return (self.covariances if self.in_map is None else self.in_map)[:, :2, :2]
 
 
 EventKind = Literal[

@@ -7,7 +7,8 @@ degrees of freedom as a pose has. All key frames of a run share the errors of it
 says little of its own mean: the band is for the mean over many independent runs, as if each had but
 one key frame. A run's mean over its path has the same expectation as the NEES of any one of its
 key frames and no larger variance, so that the band is on the safe side for it: true covariances
-leave it in less than one of twenty campaigns.
+leave it in less than one of twenty campaigns. Relative to the map as a whole, errors of places far
+apart are nearly independent, and one run of a long path says much.
 """
 
 from __future__ import annotations
@@ -17,9 +18,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import chi2
 
-from slamsim.core.geometry import between
+from slamsim.core.geometry import between, compose
 from slamsim.core.types import FloatArray, IntArray, PlanarTrajectory
-from slamsim.evaluate.trajectory import covered_by
+from slamsim.evaluate.trajectory import align_se2, covered_by
 from slamsim.guard.numbers import require_covariances, require_number, require_whole, solving
 
 DEGREES_OF_FREEDOM = 3
@@ -31,7 +32,7 @@ INSIDE_SHARE = 0.95
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Consistency:
-    """Errors of key frames relative to the first, and what was claimed of them.
+    """Errors of key frames, relative to the first or to the map, and what was claimed of them.
 
     stamps_ns: (k,). errors: (k, 3) of x, y (m) and yaw (rad), estimate minus truth, in the
     estimated frame of the base at that key frame. sigmas: (k, 3) claimed standard deviations of
@@ -72,12 +73,33 @@ def nees(
     true_poses = truth.at(keyframes.stamps_ns[np.append(0, later)])
     true_way = between(true_poses[0], true_poses[1:])
     errors = between(true_way, between(keyframes.poses[0], keyframes.poses[later]))
-    claimed = covariances[later]
+    return _compared(keyframes.stamps_ns[later], errors, covariances[later])
+
+
+def nees_in_map(
+    keyframes: PlanarTrajectory, covariances: FloatArray, truth: PlanarTrajectory
+) -> Consistency | None:
+    """The same of covariances relative to the map as a whole, laid onto the truth as for the ATE.
+
+    Looks at all key frames that the truth covers; None if these are fewer than three, which leave
+    nothing to compare once they are aligned.
+    """
+    require_covariances("the covariances within the map", covariances, (len(keyframes), 3, 3))
+    covered = covered_by(truth.stamps_ns, keyframes.stamps_ns)
+    if np.count_nonzero(covered) < 3:
+        return None
+    stamps_ns = keyframes.stamps_ns[covered]
+    true_poses, poses = truth.at(stamps_ns), keyframes.poses[covered]
+    errors = between(true_poses, compose(align_se2(poses, true_poses), poses))
+    return _compared(stamps_ns, errors, covariances[covered])
+
+
+def _compared(stamps_ns: IntArray, errors: FloatArray, claimed: FloatArray) -> Consistency:
     with solving("the consistency of the key frames"):
         np.linalg.cholesky(claimed)
         weighted = np.linalg.solve(claimed, errors[:, :, None])[:, :, 0]
     return Consistency(
-        stamps_ns=keyframes.stamps_ns[later],
+        stamps_ns=stamps_ns,
         errors=errors,
         sigmas=np.sqrt(np.diagonal(claimed, axis1=1, axis2=2)),
         nees=(errors * weighted).sum(axis=1),

@@ -47,7 +47,8 @@ class Scores:
     trajectory, odometry: the estimate and the prediction alone, each aligned with the truth by
     itself. map: against the true walls. relations: against hand-verified relative poses.
     odometry_relations: the same for the prediction alone. consistency: of the key frames' errors
-    with their covariances. budget: errors after each part of SLAM. bound: what is possible.
+    with their covariances, in_map: relative to the map as a whole. budget: errors after each part
+    of SLAM. bound: what is possible.
     """
 
     trajectory: TrajectoryErrors | None = None
@@ -56,6 +57,7 @@ class Scores:
     relations: RelationScores | None = None
     odometry_relations: RelationScores | None = None
     consistency: Consistency | None = None
+    in_map: Consistency | None = None
     budget: Mapping[str, PartErrors] = field(default_factory=dict)
     bound: TrajectoryBound | None = None
 
@@ -66,7 +68,7 @@ class Scores:
             **_trajectory_numbers(self.odometry, "odometry_"),
             **_map_numbers(self.map),
             **_bound_numbers(self.bound, self.trajectory),
-            **_consistency_numbers(self.consistency),
+            **_consistency_numbers(self.consistency, self.in_map),
             "evaluated_poses": 0 if self.trajectory is None else len(self.trajectory.truth),
             "unevaluated_poses": 0 if self.trajectory is None else self.trajectory.uncovered,
         }
@@ -185,9 +187,13 @@ def _bound_numbers(
     return dict(zip(_BOUND_KEYS, values, strict=True))
 
 
-def _consistency_numbers(consistency: Consistency | None) -> dict[str, Number]:
+def _consistency_numbers(
+    consistency: Consistency | None, in_map: Consistency | None
+) -> dict[str, Number]:
     return {
         "nees_mean": None if consistency is None else consistency.mean,
         "nees_expected": None if consistency is None else DEGREES_OF_FREEDOM,
         "nees_inside_95_share": None if consistency is None else consistency.inside_share,
+        "nees_in_map_mean": None if in_map is None else in_map.mean,
+        "nees_in_map_inside_95_share": None if in_map is None else in_map.inside_share,
     }

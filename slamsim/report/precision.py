@@ -91,7 +91,7 @@ def _held_plot(view: RunView, at_most: int) -> tuple[Panel, ...]:
 
 
 def _consistency_plots(view: RunView, at_most: int) -> tuple[Panel, ...]:
-    consistency = view.scores.consistency
+    consistency = view.scores.in_map or view.scores.consistency
     if consistency is None:
         return ()
     pick = thinned(consistency.stamps_ns.size, at_most)
@@ -121,7 +121,7 @@ def ellipses(view: RunView) -> tuple[int, FloatArray]:
     """
     graph = view.result.graph
     pick = thinned(len(graph.keyframes), MAX_ELLIPSES)[1:]
-    poses, covariances = graph.keyframes.poses[pick], graph.covariances[pick, :2, :2]
+    poses, covariances = graph.keyframes.poses[pick], graph.position_covariances[pick]
     if len(pick) == 0 or not view.sure:
         return 1, np.zeros((0, _ELLIPSE_CORNERS + 1, 2))
     values, vectors = np.linalg.eigh(covariances)

@@ -79,9 +79,9 @@ def _read_run(estimate: Path) -> Estimated:
     own = partial(own_file, estimate)
     if not own(TRAJECTORY).is_file():
         raise NotFound(f"{estimate}: holds no {TRAJECTORY}; is it the folder of a mapped run?")
-    keyframes = covariances = None
+    keyframes = covariances = in_map = None
     if own(KEYFRAMES).is_file():
-        keyframes, covariances = read_keyframes(own(KEYFRAMES))
+        keyframes, covariances, in_map = read_keyframes(own(KEYFRAMES))
     return Estimated(
         trajectory=read_tum(own(TRAJECTORY)).planar(),
         odometry=_planar(own(ODOMETRY)),
@@ -92,6 +92,7 @@ def _read_run(estimate: Path) -> Estimated:
         },
         keyframes=keyframes,
         covariances=covariances,
+        in_map=in_map,
     )
 
 

@@ -255,6 +255,7 @@ def _scored(
         result.parts,
         result.graph.keyframes,
         result.graph.covariances if sure else None,
+        result.graph.in_map if sure else None,
     )
     scores = score(estimated, known, true_grid, stages)
     world = known.world

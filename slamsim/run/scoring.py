@@ -14,7 +14,7 @@ from slamsim.config.run import RunConfig
 from slamsim.core.types import FloatArray, Grid, PlanarTrajectory, Trajectory
 from slamsim.evaluate.bound import TrajectoryBound, trajectory_bound
 from slamsim.evaluate.budget import error_budget
-from slamsim.evaluate.consistency import nees
+from slamsim.evaluate.consistency import nees, nees_in_map
 from slamsim.evaluate.score import Scores, evaluate
 from slamsim.io.text.relations import Relations
 from slamsim.run.stages import Stages
@@ -28,7 +28,8 @@ Score = TypeVar("Score")
 class Estimated:
     """What SLAM made of a log; None for what was not kept.
 
-    parts: the path after each part of SLAM. covariances: (n, 3, 3) of keyframes.
+    parts: the path after each part of SLAM. covariances: (n, 3, 3) of keyframes, relative to the
+    first of them; in_map: relative to the map as a whole.
     """
 
     trajectory: PlanarTrajectory
@@ -37,6 +38,7 @@ class Estimated:
     parts: Mapping[str, PlanarTrajectory] = field(default_factory=dict)
     keyframes: PlanarTrajectory | None = None
     covariances: FloatArray | None = None
+    in_map: FloatArray | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -88,10 +90,13 @@ def _with_parts(scores: Scores, estimated: Estimated, known: Known) -> Scores:
     parts = dict(estimated.parts)
     if estimated.odometry is not None:
         parts["odometry"] = estimated.odometry
-    keyframes, covariances = estimated.keyframes, estimated.covariances
+    keyframes, covariances, in_map = estimated.keyframes, estimated.covariances, estimated.in_map
     return replace(
         scores,
         consistency=_if_sound("NEES", lambda: nees(keyframes, covariances, truth)),
+        in_map=None
+        if in_map is None
+        else _if_sound("NEES within the map", lambda: nees_in_map(keyframes, in_map, truth)),
         budget=error_budget(parts, keyframes.stamps_ns, truth),
     )
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.stats import chi2
 
-from slamsim.core.result import EventKind, MapGraph, SlamResult
+from slamsim.core.result import EventKind, PoseGraph, SlamResult
 from slamsim.guard.quantities import as_lengths, as_number
 from slamsim.slam.events import BY_WEIGHT, by_weight
 
@@ -36,11 +36,11 @@ def weighed(result: SlamResult, of_recording: Sequence[str]) -> tuple[str, ...]:
     return (*map(str, result.failed), *grave, *of_recording, *light)
 
 
-def position_95_m(graph: MapGraph) -> float | None:
-    """Within which every key frame's position is, of the first one's, with 95 % each."""
+def position_95_m(graph: PoseGraph) -> float | None:
+    """Within which every key frame's position in the map is, with 95 % each."""
     if len(graph.keyframes) == 0:
         return None
-    variances = np.linalg.eigvalsh(graph.covariances[:, :2, :2])[:, -1]
+    variances = np.linalg.eigvalsh(graph.position_covariances)[:, -1]
     return float(_SIGMAS * np.sqrt(max(float(variances.max()), 0.0)))
 
 

@@ -14,10 +14,10 @@ from slamsim.core.geometry import compose, wrap_angle
 from slamsim.core.result import PoseGraph
 from slamsim.core.types import FloatArray, PlanarTrajectory
 from slamsim.evaluate.budget import at_instants, error_budget
-from slamsim.evaluate.consistency import nees, nees_band
+from slamsim.evaluate.consistency import nees, nees_band, nees_in_map
 from slamsim.guard.errors import InputRefused
 from slamsim.guard.numbers import BadNumbers, NoSolution
-from slamsim.io.text.keyframes import HEADER, read_keyframes, write_keyframes
+from slamsim.io.text.keyframes import HEADER, IN_MAP, read_keyframes, write_keyframes
 
 
 def path(count: int, rng: np.random.Generator) -> PlanarTrajectory:
@@ -52,6 +52,25 @@ def test_true_covariances_give_the_expected_nees_wherever_the_map_lies() -> None
     assert low < found.mean < high
     assert found.inside_share == pytest.approx(0.95, abs=0.015)
     assert np.mean(np.abs(found.errors) < 2.0 * found.sigmas) == pytest.approx(0.9545, abs=0.01)
+
+
+def test_relative_to_the_map_the_first_pose_counts_as_any_other() -> None:
+    rng = np.random.default_rng(5)
+    truth, claimed = path(4000, rng), covariances(4000, rng)
+    claimed[0] = claimed[1]
+    estimate = disturbed(truth, claimed, rng)
+    elsewhere = compose(np.array([7.0, -3.0, 2.0]), estimate.poses)
+    found = nees_in_map(PlanarTrajectory(truth.stamps_ns, elsewhere), claimed, truth)
+    assert found is not None
+    low, high = nees_band(4000)
+    assert low < found.mean < high
+    turned = estimate.poses.copy()
+    turned[0, 2] += 0.1  # which would be in all others, relative to it
+    found = nees_in_map(PlanarTrajectory(truth.stamps_ns, turned), claimed, truth)
+    assert found is not None
+    assert low < found.nees[1:].mean() < high and found.nees[0] > 100.0
+    two = PlanarTrajectory(truth.stamps_ns[:2], truth.poses[:2])
+    assert nees_in_map(two, claimed[:2], truth) is None
 
 
 def test_an_estimate_too_sure_of_itself_is_told() -> None:
@@ -131,11 +150,15 @@ def test_each_part_is_measured_at_the_key_frames_it_knows() -> None:
 def test_key_frames_are_read_as_they_were_written(tmp_path: Path) -> None:
     rng = np.random.default_rng(8)
     truth, claimed = path(20, rng), covariances(20, rng)
-    write_keyframes(tmp_path / "keyframes.csv", PoseGraph(truth, claimed, ()))
-    poses, read = read_keyframes(tmp_path / "keyframes.csv")
-    np.testing.assert_array_equal(poses.stamps_ns, truth.stamps_ns)
-    np.testing.assert_allclose(poses.poses, truth.poses, rtol=1e-10)
-    np.testing.assert_allclose(read, claimed, rtol=1e-10, atol=1e-20)
+    for in_map in (None, covariances(20, rng)):
+        write_keyframes(tmp_path / "keyframes.csv", PoseGraph(truth, claimed, (), in_map))
+        poses, read, read_in_map = read_keyframes(tmp_path / "keyframes.csv")
+        np.testing.assert_array_equal(poses.stamps_ns, truth.stamps_ns)
+        np.testing.assert_allclose(poses.poses, truth.poses, rtol=1e-10)
+        np.testing.assert_allclose(read, claimed, rtol=1e-10, atol=1e-20)
+        assert (in_map is None) == (read_in_map is None)
+        if in_map is not None and read_in_map is not None:
+            np.testing.assert_allclose(read_in_map, in_map, rtol=1e-10, atol=1e-20)
 
 
 @pytest.mark.parametrize(
@@ -146,6 +169,8 @@ def test_key_frames_are_read_as_they_were_written(tmp_path: Path) -> None:
         ([HEADER, "1.0" + ",1" * 9, "1.0" + ",1" * 9], "line 3"),
         ([HEADER, "1.0" + ",nan" * 9], "line 2"),
         ([HEADER, "yesterday" + ",1" * 9], "line 2"),
+        ([HEADER, "1.0" + ",1" * 15], "line 2"),
+        ([HEADER + IN_MAP, "1.0" + ",1" * 9], "line 2"),
     ],
 )
 def test_a_table_that_is_none_is_refused(tmp_path: Path, lines: list[str], reason: str) -> None:

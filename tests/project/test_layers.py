@@ -35,7 +35,7 @@ ALLOWED: Mapping[str, tuple[str, ...]] = {
     "config": ("guard",),
     "cameras": ("config", *_FOUNDATION),
     "recording": ("cameras", *_FOUNDATION),
-    "io": ("recording", "cameras", *_FOUNDATION),
+    "io": ("recording", "cameras", "process", *_FOUNDATION),
     "perception": ("cameras", "io", *_DATA),
     "world": ("config", *_FOUNDATION),
     "sim": ("world", "config", "process", *_FOUNDATION),

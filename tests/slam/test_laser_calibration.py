@@ -37,7 +37,7 @@ from slamsim.slam.laser.estimate import (
     calibrate_laser,
     laser_of,
 )
-from slamsim.slam.session import run_slam
+from slamsim.slam.session import odometry_of, run_slam
 
 LIDAR = ScanGeometry(np.deg2rad(-120.0), np.deg2rad(1.0), 241, 150_000, 0.1, 20.0)
 """A sweep of 36 ms."""
@@ -75,7 +75,7 @@ def healthy(seed: int, max_s: float = 45.0) -> Simulated:
 
 
 def found_in(log: Log) -> LaserCalibration:
-    return calibrate_laser(log, MotionConfig())
+    return calibrate_laser(log, odometry_of(log), MotionConfig())
 
 
 def true_values(errors: LaserErrors) -> FloatArray:
@@ -208,7 +208,7 @@ def test_few_scans_correct_nothing(count: int) -> None:
     log = LaserErrors(angle_step=0.002).of(healthy(0, max_s=4.0).log)
     few = replace(log, scans=ScanList(list(log.scans)[:count]))
     failures = Failures()
-    assert not laser_of(few, SlamConfig(), failures).corrected[3:].any()
+    assert not laser_of(few, odometry_of(few), SlamConfig(), failures).corrected[3:].any()
     assert not list(failures)
 
 

@@ -17,6 +17,7 @@ from slamsim.core.types import IntArray
 from slamsim.io.ros.cdr import CdrLayout
 from slamsim.io.ros.columns import Alike, Opened, alike, at_place, layout_for
 from slamsim.io.ros.layouts import columns_of, message_layout, shape_of
+from slamsim.process.memory import return_freed_memory
 from slamsim.recording import (
     Origin,
     RawJoints,
@@ -59,12 +60,14 @@ class _Gathered:
         numbers = _whole(self.orders)
         sorting = np.argsort(numbers[:, 0], kind="stable")
         order = None if (np.diff(sorting) == 1).all() else sorting
-        return (
+        joined = (
             _in_order(numbers, order),
             _in_order(_whole(self.stamps), order),
             _in_order(_whole(self.received), order),
             {name: _in_order(_whole(parts), order) for name, parts in self.values.items()},
         )
+        return_freed_memory()
+        return joined
 
 
 def _whole(parts: list[NDArray[Any]]) -> NDArray[Any]:

@@ -74,9 +74,13 @@ def _consistency(view: RunView) -> str:
         ("NEES, mean", f"{consistency.mean:.3g}", f"{DEGREES_OF_FREEDOM}"),
         ("key frames within their 95 % ellipse", f"{100 * consistency.inside_share:.1f} %", "95 %"),
     ]
+    in_map = view.scores.in_map
+    if in_map is not None:
+        rows.append(("NEES within the map, mean", f"{in_map.mean:.3g}", f"{DEGREES_OF_FREEDOM}"))
     note = (
-        "Normalised estimation error squared of key frames relative to the first. Errors of "
-        "neighbours are alike: only the mean over many runs must be close to what is expected."
+        "Normalised estimation error squared of key frames relative to the first, and relative to "
+        "the map as a whole. Errors of neighbours, and all errors relative to the first, are "
+        "alike: only the mean over many runs must be close to what is expected."
     )
     return table(Table(("claimed uncertainty", "found", "expected"), rows), note)
 

@@ -93,24 +93,63 @@ def _bridges(
     return order[:reached], parent, via, gate
 
 
-def across(
-    bridges: Bridges, poses: FloatArray, pairs: IntArray, steps: FloatArray, held: FloatArray
-) -> FloatArray:
-    """(n, 3, 3) covariance of each pose relative to the root, in its own frame.
+class Across(NamedTuple):
+    """How an error of one pose moves those beyond it: each is off by an error of its own and by
+    what the pose ``before`` it is off, carried along.
 
-    pairs, steps: (m, 2) and the (m, 3, 3) covariance of each, of its second pose in that one's own
-    frame. held: (n, 3, 3) covariance of each pose relative to its gate, in its own frame.
+    order: of the poses but the root, each after the one before it. carry: (n, 3, 3) takes a small
+    step of the pose before to that of each. gates: (g,) the poses that bridges lead to, and steps:
+    (g, 3, 3) the covariance of these bridges, in the own frame of each gate.
     """
-    found, gates = held.copy(), bridges.gates
-    to_gate = adjoint(between(poses, poses[bridges.gate]))
-    found[gates] = steps[bridges.link[gates]]
-    turned = gates[pairs[bridges.link[gates], 0] == gates]
-    to_first = adjoint(between(poses[turned], poses[bridges.parent[turned]]))
-    found[turned] = to_first @ found[turned] @ np.swapaxes(to_first, 1, 2)
-    before = np.where(bridges.link >= 0, bridges.parent, bridges.gate)
-    to_gate[gates] = adjoint(between(poses[gates], poses[bridges.parent[gates]]))
-    _add_up(bridges.order[1:], before, to_gate, found)
-    return found
+
+    order: IntArray
+    before: IntArray
+    carry: FloatArray
+    gates: IntArray
+    steps: FloatArray
+
+    @staticmethod
+    def of(bridges: Bridges, poses: FloatArray, pairs: IntArray, steps: FloatArray) -> Across:
+        """pairs, steps: (m, 2) and the (m, 3, 3) covariance of each, of its second pose in that
+        one's own frame."""
+        gates = bridges.gates
+        carry = adjoint(between(poses, poses[bridges.gate]))
+        carry[gates] = adjoint(between(poses[gates], poses[bridges.parent[gates]]))
+        own = steps[bridges.link[gates]]
+        turned = pairs[bridges.link[gates], 0] == gates
+        to_first = carry[gates[turned]]
+        own[turned] = to_first @ own[turned] @ np.swapaxes(to_first, 1, 2)
+        before = np.where(bridges.link >= 0, bridges.parent, bridges.gate)
+        return Across(bridges.order[1:], before, carry, gates, own)
+
+    def add_up(self, held: FloatArray) -> FloatArray:
+        """(n, 3, 3) covariance of each pose relative to the root, in its own frame.
+
+        held: (n, 3, 3) covariance of each pose relative to its gate, in its own frame.
+        """
+        found = held.copy()
+        found[self.gates] = self.steps
+        _add_up(self.order, self.before, self.carry, found)
+        return found
+
+    def gather(self, right: FloatArray) -> FloatArray:
+        """(n, 3, k) what an error of each pose's own adds to the sum that ``right`` (n, 3, k)
+        makes of the errors of all."""
+        gathered = right.copy()
+        for at in self.order[::-1].tolist():
+            gathered[self.before[at]] += self.carry[at].T @ gathered[at]
+        return gathered
+
+    def spread(self, own: FloatArray, gathered: FloatArray) -> FloatArray:
+        """(n, 3, k) product of the joint covariance with the right-hand side that was gathered.
+
+        own: the same of the poses' own errors, but for the gates, whose bridges are known here.
+        """
+        product = own.copy()
+        product[self.gates] = self.steps @ gathered[self.gates]
+        for at in self.order.tolist():
+            product[at] += self.carry[at] @ product[self.before[at]]
+        return product
 
 
 @kernel

@@ -155,8 +155,8 @@ class _Bundle:
             now = float(self._weights.sum())
             alike = weight / OTHER_WEIGHTS < now < weight * OTHER_WEIGHTS
             if factor is None or not alike or largest > OTHER_PLACE:
-                system, keyframes = self._system(poses), np.arange(self._held, len(poses))
-                factor, weight = factorise(self._panels, system, keyframes), now
+                factor, keyframes = None, np.arange(self._held, len(poses))
+                factor, weight = factorise(self._panels, self._system(poses), keyframes), now
             step = factor.solve(self._pull(poses))
             if not np.isfinite(step).all():
                 raise NotRefined("a step of the refinement is not finite")
@@ -170,7 +170,8 @@ class _Bundle:
     def sights(self, poses: FloatArray) -> Sights:
         """What was seen and what was driven, each for itself."""
         steps = np.asarray(np.linalg.inv(self._believed_edges(poses)[1]), np.float64)
-        seen = self._surface_system(poses) / DOUBTED_BY_CHANCE
+        seen = self._surface_system(poses)
+        seen /= DOUBTED_BY_CHANCE
         pairs = np.maximum(self._pairs - (self._held - 1), 0)
         pairs, poses = pairs[pairs[:, 0] < pairs[:, 1]], poses[self._held - 1 :]
         ends = np.stack([self._sources, self._targets], axis=1)[self._count :]

@@ -19,7 +19,7 @@ from slamsim.core.types import FloatArray, IntArray
 from slamsim.guard.numbers import NoSolution
 from slamsim.models.blocks import BlockFactor, factorise, require_variances
 from slamsim.models.supernodes import Panels, add_block, empty_system, make_panels
-from slamsim.slam.backend.bridges import across, find_bridges
+from slamsim.slam.backend.bridges import Across, find_bridges
 
 HOLD = 1e9
 """A pose is held fixed by this many times the largest information of a system."""
@@ -43,42 +43,60 @@ def relative_covariances(poses: FloatArray, edges: Sequence[GraphEdge], fixed: i
     ends, covariances = _weighted(poses, edges)
     panels = make_panels(_numbers(len(poses), fixed)[ends], len(poses) - 1)
     nothing = np.zeros((0, 2), dtype=np.int64)
-    return joined_covariances(
-        poses, fixed, (panels, empty_system(panels), nothing), (ends, covariances)
-    )
+    seen = (panels, empty_system(panels), nothing)
+    return Joined(poses, fixed, seen, (ends, covariances)).covariances()
 
 
-def joined_covariances(
-    poses: FloatArray,
-    fixed: int,
-    seen: tuple[Panels, FloatArray, IntArray],
-    steps: tuple[IntArray, FloatArray],
-) -> FloatArray:
-    """(n, 3, 3) covariance of poses (n, 3) relative to the fixed one, each in its own frame.
+class Joined:
+    """A solved graph of poses (n, 3) with one of them held fixed: how unsure the others are.
 
     seen: a system of all poses but the fixed one, numbered in their order, and the (p, 2) pairs of
     poses that meet in it. steps: (m, 2) pairs of poses with the (m, 3, 3) covariance of each, of
     its second pose in that one's own frame. Raises NoSolution.
     """
-    panels, values, met = seen
-    ends, covariances = steps
-    number = _numbers(len(poses), fixed)
-    bridges = find_bridges(np.concatenate([ends, met]), len(poses), fixed)
-    gates, system = bridges.gates, values.copy()
-    inside = np.ones(len(ends), dtype=np.bool_)
-    inside[bridges.link[gates]] = False
-    carry = adjoint(between(poses[ends[inside, 1]], poses[ends[inside, 0]]))
-    information = np.asarray(np.linalg.inv(covariances[inside]), np.float64)
-    add_edges(panels, system, number[ends[inside]], carry, information)
-    # Beyond a bridge, poses are held by its end: a part of its own within the same system.
-    hold = HOLD * max(float(np.abs(system).max(initial=0.0)), 1.0) * np.eye(3)
-    for gate in number[gates].tolist():
-        add_block(panels, system, gate, gate, hold)
-    held, others = np.zeros((len(poses), 3, 3)), np.delete(np.arange(len(poses)), fixed)
-    held[others] = factorise(panels, system, others).inverse_diagonal()
-    found = across(bridges, poses, ends, covariances, held)
-    require_variances(found[others], others)
-    return found
+
+    def __init__(
+        self,
+        poses: FloatArray,
+        fixed: int,
+        seen: tuple[Panels, FloatArray, IntArray],
+        steps: tuple[IntArray, FloatArray],
+    ) -> None:
+        panels, values, met = seen
+        ends, covariances = steps
+        number = _numbers(len(poses), fixed)
+        self._bridges = find_bridges(np.concatenate([ends, met]), len(poses), fixed)
+        self._across = Across.of(self._bridges, poses, ends, covariances)
+        self._others = np.delete(np.arange(len(poses)), fixed)
+        gates, system = self._bridges.gates, values.copy()
+        inside = np.ones(len(ends), dtype=np.bool_)
+        inside[self._bridges.link[gates]] = False
+        carry = adjoint(between(poses[ends[inside, 1]], poses[ends[inside, 0]]))
+        information = np.asarray(np.linalg.inv(covariances[inside]), np.float64)
+        add_edges(panels, system, number[ends[inside]], carry, information)
+        # Beyond a bridge, poses are held by its end: a part of its own within the same system.
+        hold = HOLD * max(system.max(initial=1.0), -system.min(initial=-1.0)) * np.eye(3)
+        for gate in number[gates].tolist():
+            add_block(panels, system, gate, gate, hold)
+        self._factor = factorise(panels, system, self._others)
+
+    def covariances(self) -> FloatArray:
+        """(n, 3, 3) relative to the fixed pose, as small steps of each in its own frame."""
+        held = np.zeros((len(self._others) + 1, 3, 3))
+        held[self._others] = self._factor.inverse_diagonal()
+        found = self._across.add_up(held)
+        require_variances(found[self._others], self._others)
+        return found
+
+    def times(self, right: FloatArray) -> FloatArray:
+        """(n, 3, k) product of the joint covariance of all poses (3 n, 3 n) with ``right``."""
+        gathered = self._across.gather(right)
+        inside = gathered.copy()
+        inside[self._bridges.gates] = 0.0
+        columns = np.moveaxis(inside[self._others], 2, 0)
+        own = np.zeros_like(gathered)
+        own[self._others] = np.stack([self._factor.solve(each) for each in columns], axis=2)
+        return self._across.spread(own, gathered)
 
 
 def graph_factor(poses: FloatArray, edges: Sequence[GraphEdge], fixed: int) -> BlockFactor:

@@ -11,15 +11,25 @@ other, shakier poses.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
-from slamsim.core.geometry import adjoint, between, inverse
+from slamsim.core.geometry import adjoint, between, compose, inverse
 from slamsim.core.result import MapGraph
 from slamsim.core.types import FloatArray, IntArray
 from slamsim.models.supernodes import Panels
-from slamsim.slam.backend.marginals import joined_covariances
+from slamsim.slam.backend.gauge import WholeMap
+from slamsim.slam.backend.marginals import Joined
 from slamsim.slam.backend.smoothing import Smoothed
+
+
+class Sure(NamedTuple):
+    """Covariances (n, 3, 3) of small steps of the base in its own frame, relative to the first pose
+    and to the map as a whole, None for a map whose poses all lie in one place."""
+
+    relative: FloatArray
+    in_map: FloatArray | None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -47,6 +57,24 @@ class Sights:
 
         Raises NoSolution if nothing holds some pose.
         """
+        return _carried(adjoint(self.T_base_view), self._joined().covariances())
+
+    def smoothed(self, scatter: FloatArray) -> Sure:
+        """The same when each pose is off by an error of its own besides, of (n, 3, 3) ``scatter``;
+        and relative to the map as a whole."""
+        to_base, joined = adjoint(self.T_base_view), self._joined()
+        poses = compose(self.poses, inverse(self.T_base_view))
+        whole, products = WholeMap.of(poses), scatter
+        if whole is not None:
+            of_views = joined.times(np.swapaxes(to_base, 1, 2) @ whole.shares)
+            products = to_base @ of_views + scatter @ whole.shares
+        of_map = _carried(to_base, joined.covariances())
+        return Sure(
+            with_scatter(poses, of_map, scatter),
+            None if whole is None else whole.covariances(of_map + scatter, products),
+        )
+
+    def _joined(self) -> Joined:
         count = len(self.poses)
         ends = np.stack([np.arange(count - 1), np.arange(1, count)], axis=1)
         seen = (self.panels, self.values, self.pairs)
@@ -54,30 +82,29 @@ class Sights:
             np.concatenate([ends, self.closures[0]]),
             np.concatenate([self.drift, self.closures[1]]),
         )
-        covariances = joined_covariances(self.poses, 0, seen, steps)
-        return _carried(adjoint(self.T_base_view), covariances)
+        return Joined(self.poses, 0, seen, steps)
 
 
-def smoothed_covariances(
-    sights: Sights, graph: MapGraph, first: int, smoothed: Smoothed
-) -> FloatArray:
-    """(n - first, 3, 3) of the smoothed key frames from number ``first`` of the graph on, relative
-    to its first, of small steps of the base in its own frame.
+def smoothed_covariances(sights: Sights, graph: MapGraph, first: int, smoothed: Smoothed) -> Sure:
+    """Of the smoothed key frames from number ``first`` of the graph on, relative to its first and
+    to the map as a whole.
 
     smoothed: the drive of these key frames. Where only a guess of the front end joins two of them,
-    it stays as unsure as it was.
+    it stays as unsure as it was. Poses that are held fixed are the map.
     """
     held = len(graph.keyframes) - len(sights.poses)
-    poses, stamps_ns = graph.keyframes.poses[held:], graph.keyframes.stamps_ns[first:]
+    stamps_ns = graph.keyframes.stamps_ns[first:]
     first -= held
     guessed = {edge.target - held for edge in graph.edges if edge.kind == "odometry"}
-    driven = np.array([k not in guessed for k in range(first + 1, len(poses))], dtype=np.bool_)
-    drift, scatter = sights.drift.copy(), np.zeros((len(poses), 3, 3))
+    count = len(sights.poses)
+    driven = np.array([k not in guessed for k in range(first + 1, count)], dtype=np.bool_)
+    drift, scatter = sights.drift.copy(), np.zeros((count, 3, 3))
     to_view = adjoint(inverse(sights.T_base_view[first + 1 :]))
     drift[first:][driven] = _carried(to_view, drift_between(smoothed, stamps_ns))[driven]
     scatter[first:] = smoothed.covariances[_numbers(smoothed, stamps_ns)]
-    of_map = replace(sights, drift=drift).covariances()
-    return with_scatter(poses, of_map, scatter)[first:]
+    sure = replace(sights, drift=drift).smoothed(scatter)
+    in_map = sure.relative if held else sure.in_map
+    return Sure(sure.relative[first:], None if in_map is None else in_map[first:])
 
 
 def drift_between(smoothed: Smoothed, stamps_ns: IntArray) -> FloatArray:

@@ -60,7 +60,7 @@ def with_landmarks(result: SlamResult, tags: TagsSeen, config: SlamConfig) -> Sl
     moved = PlanarTrajectory(result.graph.keyframes.stamps_ns, poses[kept])
     breaks_ns = sorted(e.start_ns for e in result.events if e.kind == "kidnapped")
     covariances = relative_covariances(poses, edges, int(kept[0]))[kept]
-    graph = replace(result.graph, keyframes=moved, covariances=covariances)
+    graph = replace(result.graph, keyframes=moved, covariances=covariances, in_map=None)
     return replace(
         result,
         trajectory=correct_pieces(result.trajectory, anchors, breaks_ns),

@@ -17,7 +17,7 @@ from slamsim.core.types import BoolArray, Float32Array, FloatArray, IntArray, Lo
 from slamsim.models.wheel_gyro import PARAMETERS
 from slamsim.recording import RawScans, ScanLayout
 from slamsim.slam.failures import Failures
-from slamsim.slam.frontend.motion import NoMotion, Odometry, log_odometry
+from slamsim.slam.frontend.motion import Odometry
 from slamsim.slam.laser.calibration import MOUNT, SHAPE, SWEEP, LaserCalibration
 from slamsim.slam.laser.mount import Mount, find_mount
 from slamsim.slam.laser.scan_bundle import as_sure_as
@@ -55,19 +55,20 @@ LIVELY, MOST = 0.9, 2.0
 units count no more."""
 
 
-def laser_of(log: Log, config: SlamConfig, failures: Failures) -> LaserCalibration:
+def laser_of(
+    log: Log, odometry: Odometry | None, config: SlamConfig, failures: Failures
+) -> LaserCalibration:
     """A log's laser as its scans and odometry show it; as declared if that is wanted, or fails."""
     found = LaserCalibration.unknown(log)
     if config.calibrate_laser:
         with failures.caught("laser calibration", 0):
-            found = calibrate_laser(log, config.front_end.motion)
+            found = calibrate_laser(log, odometry, config.front_end.motion)
     return found
 
 
-def calibrate_laser(log: Log, config: MotionConfig) -> LaserCalibration:
+def calibrate_laser(log: Log, odometry: Odometry | None, config: MotionConfig) -> LaserCalibration:
     """What the log itself says of its laser; nothing is corrected where it says too little."""
     survey = _survey(log)
-    odometry = _odometry(log)
     windows = choose_windows(survey.stamps_ns, _activity(odometry, survey.stamps_ns))
     scans, windows = _rows(log, survey, windows)
     unknown = LaserCalibration.unknown(log, survey.sweep_s)
@@ -116,13 +117,6 @@ def _survey(log: Log) -> _Survey:
             rows.append(scan.ranges_m)
     stamps_ns, geometry_of = np.array(found, dtype=np.int64).reshape(-1, 2).T
     return _Survey(stamps_ns, tuple(numbers), geometry_of, rows)
-
-
-def _odometry(log: Log) -> Odometry | None:
-    try:
-        return log_odometry(log)
-    except NoMotion:
-        return None
 
 
 def _activity(odometry: Odometry | None, stamps_ns: IntArray) -> FloatArray | None:

@@ -95,10 +95,11 @@ def _smoothed_graph(
     """The drive's key frames where its smoothed track has them, as sure as they are there."""
     stamps_ns = graph.keyframes.stamps_ns
     keyframes = PlanarTrajectory(stamps_ns, smoothed.track.at(stamps_ns))
-    covariances = graph.covariances
-    if outcome.sights is not None:
-        covariances = smoothed_covariances(outcome.sights, outcome.graph, first, smoothed)
-    return replace(graph, keyframes=keyframes, covariances=covariances)
+    graph = replace(graph, keyframes=keyframes)
+    if outcome.sights is None:
+        return graph
+    sure = smoothed_covariances(outcome.sights, outcome.graph, first, smoothed)
+    return replace(graph, covariances=sure.relative, in_map=sure.in_map)
 
 
 def _in_order(front_end: FrontEnd, outcome: BackEndOutcome) -> tuple[Event, ...]:
