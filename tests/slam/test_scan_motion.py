@@ -16,7 +16,7 @@ from slamsim.models.line_bundle import fit_lines
 from slamsim.recording import RawScans
 from slamsim.slam.laser import scan_bundle
 from slamsim.slam.laser.scan_beams import BeamReader
-from slamsim.slam.laser.scan_bends import LARGEST_BEND_PER_M, fit_bends
+from slamsim.slam.laser.scan_bends import BEND_FIELDS, LARGEST_BEND_PER_M, fit_bends
 from slamsim.slam.laser.scan_equations import POSE, SHAPES, UNKNOWNS, moved_points, window_system
 from slamsim.slam.laser.scan_motion import ScanMotions, scan_motions
 from slamsim.slam.laser.scan_sweep import local_motion, moved_pieces
@@ -271,6 +271,14 @@ def test_system_is_what_dense_algebra_leaves_of_the_surfaces(seed: int) -> None:
         atol=1e-8,
     )
     np.testing.assert_allclose(right, pull[ours], atol=1e-8)
+
+
+def test_scans_that_share_no_surface_tell_nothing() -> None:
+    nothing, none = np.zeros((0, 2, 2)), np.zeros(0, dtype=np.int64)
+    seen = (nothing, np.zeros((0, 2, UNKNOWNS, 2)), np.zeros(0), none)
+    of = (np.zeros((0, 4)), np.zeros((0, BEND_FIELDS)))
+    system, right = window_system(seen, none, np.zeros(1, dtype=np.int64), *of, 3)
+    assert system.shape == (3 * POSE + SHAPES,) * 2 and not system.any() and not right.any()
 
 
 def _most_in_order(stamps: list[int]) -> int:

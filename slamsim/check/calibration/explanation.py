@@ -9,7 +9,7 @@ of those sets the one that fits best.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import Literal
@@ -50,6 +50,9 @@ between beams is a fifth of a degree in a full turn, and walls are no straighter
 HEALTHY_SHARE = 0.5
 """The standard deviation among healthy robots, as a share of the limit."""
 
+OF_ROBOTS: tuple[Size, ...] = ("radius", "track", "gyro")
+"""Sizes of robots, which scans measure."""
+
 RARER: dict[Size, float] = {"ranges": 2.0, "scan_turns": 2.0}
 """Squared sigmas against what makes of a lidar as it left the factory: where the wheels, which a
 robot's builder measures, explain as much, it is they."""
@@ -69,22 +72,27 @@ class Explanation:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Gains:
-    """seen: (k,) known rows of ``EFFECTS``, noise: (k, k) their covariance, weights: (k, k) the
-    inverse of it with what healthy robots differ by, known: (4,) which rows these are."""
+    """seen: (k,) known rows of ``EFFECTS``, noise: (k, k) their covariance, known: (4,) which rows
+    these are."""
 
     seen: FloatArray
     noise: FloatArray
-    weights: FloatArray
     known: BoolArray
 
     def effects(self, sizes: tuple[Size, ...]) -> FloatArray:
         """(k, m)."""
         return np.array([EFFECTS[size] for size in sizes]).reshape(-1, 4)[:, self.known].T
 
-    def solver(self, sizes: tuple[Size, ...]) -> FloatArray:
+    def covariance(self, others: Iterable[Size]) -> FloatArray:
+        """(k, k) of the noise, and of what healthy robots differ by in these sizes."""
+        sizes = tuple(others)
+        columns = self.effects(sizes) * [HEALTHY_SHARE * LIMITS[size] for size in sizes]
+        return np.asarray(self.noise + columns @ columns.T)
+
+    def solver(self, sizes: tuple[Size, ...], covariance: FloatArray) -> FloatArray:
         """(m, k) sizes by weighted least squares are this times ``seen``."""
         columns = self.effects(sizes)
-        weighted = columns.T @ self.weights
+        weighted = np.linalg.solve(covariance, columns).T
         return np.asarray(np.linalg.solve(weighted @ columns, weighted))
 
 
@@ -95,7 +103,7 @@ def explain(calibration: Calibration, motions: ScanMotions | None = None) -> Exp
     """
     gains = _gains(calibration, motions)
     wrong = _fewest(gains)
-    return Explanation({size: _size(gains, size, wrong) for size in EFFECTS}, frozenset(wrong))
+    return Explanation({size: _told(gains, size, wrong) for size in EFFECTS}, frozenset(wrong))
 
 
 def _gains(calibration: Calibration, motions: ScanMotions | None) -> _Gains:
@@ -117,12 +125,7 @@ def _gains(calibration: Calibration, motions: ScanMotions | None) -> _Gains:
         noise[3, 3] = np.square(step.sigma / step.value)
         seen[0] += motions.path_by_offset_per_m * offset.value
         noise[0, 0] += np.square(motions.path_by_offset_per_m * offset.sigma)
-    of_robots = sum(
-        np.square(HEALTHY_SHARE * LIMITS[size]) * np.outer(effect, effect)
-        for size, effect in EFFECTS.items()
-    )
-    rows = np.ix_(known, known)
-    return _Gains(seen[known], noise[rows], np.linalg.inv((noise + of_robots)[rows]), known)
+    return _Gains(seen[known], noise[np.ix_(known, known)], known)
 
 
 def _left(motions: ScanMotions, number: int) -> ShapeEstimate:
@@ -167,18 +170,39 @@ def _size(gains: _Gains, size: Size, wrong: tuple[Size, ...]) -> Measurement | N
     Weighed as if the others differed from nothing as those of healthy robots do; the sigma is that
     of the noise alone.
     """
+    return _measured(gains, size, wrong, gains.covariance(EFFECTS), gains.noise)
+
+
+def _told(gains: _Gains, size: Size, wrong: tuple[Size, ...]) -> Measurement | None:
+    """As ``_size``; of a robot's own with scans as the measure, and as unsure as its other sizes
+    make it, which differ from nothing on healthy robots too: turns tell a radius by the track."""
+    if size not in OF_ROBOTS:
+        return _size(gains, size, wrong)
+    others = gains.covariance(other for other in OF_ROBOTS if other not in {*wrong, size})
+    return _measured(gains, size, wrong, others, others)
+
+
+def _measured(
+    gains: _Gains,
+    size: Size,
+    wrong: tuple[Size, ...],
+    weighed_by: FloatArray,
+    noise: FloatArray,
+) -> Measurement | None:
+    """weighed_by, noise: (k, k) covariances of the gains for the value and for its sigma."""
     chosen = wrong if size in wrong else (*wrong, size)
     if not _told_apart(gains, chosen):
         return None
-    solver = gains.solver(chosen)[chosen.index(size)]
+    solver = gains.solver(chosen, weighed_by)[chosen.index(size)]
     factor = float(np.exp(solver @ gains.seen))
-    sigma = float(np.sqrt(solver @ gains.noise @ solver))
+    sigma = float(np.sqrt(solver @ noise @ solver))
     return Measurement(100.0 * (factor - 1.0), 100.0 * factor * sigma, "%")
 
 
 def _misfit(gains: _Gains, wrong: tuple[Size, ...]) -> float:
     """Squared sigmas that are left, and what makes the set less likely beforehand."""
-    left = gains.seen
+    left, covariance = gains.seen, gains.covariance(EFFECTS)
     if wrong:
-        left = left - gains.effects(wrong) @ (gains.solver(wrong) @ left)
-    return float(left @ gains.weights @ left) + sum(RARER.get(size, 0.0) for size in wrong)
+        left = left - gains.effects(wrong) @ (gains.solver(wrong, covariance) @ left)
+    squares = float(left @ np.linalg.solve(covariance, left))
+    return squares + sum(RARER.get(size, 0.0) for size in wrong)

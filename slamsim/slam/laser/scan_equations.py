@@ -116,5 +116,5 @@ def window_system(
     shared = np.zeros((len(lines), count + 1, POSE))
     by_bend = np.einsum("k,ke,kebi->kbi", weights, bent, rows)
     np.add.at(shared, (surfaces[:, None], unknowns), by_bend)
-    held = shared.reshape(len(lines), -1) / np.sqrt(bends[:, INFORMATION])[:, None]
+    held = shared.reshape(-1, right.size) / np.sqrt(bends[:, INFORMATION])[:, None]
     return whole - held.T @ held, right.ravel()
