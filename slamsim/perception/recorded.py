@@ -108,8 +108,13 @@ def surveyed_tags(file: Path, kind: TagKind) -> list[tuple[SurveyedTag, FloatArr
 def grey_of(frame: CameraFrame) -> NDArray[np.uint8]:
     """(h, w) brightness of a colour or grey image."""
     if frame.kind == "colour":
-        return np.asarray(cv2.cvtColor(frame.pixels, cv2.COLOR_RGB2GRAY), dtype=np.uint8)
+        return grey_of_colour(frame.pixels)
     return np.asarray(frame.pixels, dtype=np.uint8)
+
+
+def grey_of_colour(pixels: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """(h, w) of (h, w, 3) RGB."""
+    return np.asarray(cv2.cvtColor(pixels, cv2.COLOR_RGB2GRAY), dtype=np.uint8)
 
 
 def light_of(frame: CameraFrame) -> Float32Array | None:

@@ -8,6 +8,7 @@ from slamsim.bench.cameras.flow import measure_flow
 from slamsim.bench.cameras.hall import measure_tags
 from slamsim.bench.cameras.odometry import measure_odometry
 from slamsim.bench.cameras.speed import measure_speed
+from slamsim.bench.cameras.tags import measure_tag_nees
 from slamsim.config.run import RunConfig
 from slamsim.console.reporter import Reporter
 
@@ -20,6 +21,7 @@ PARTS: Mapping[str, Callable[[RunConfig, Reporter], Figures]] = {
     "speed": measure_speed,
     "flow": measure_flow,
     "tags": measure_tags,
+    "tag errors": measure_tag_nees,
     "odometry": measure_odometry,
 }
 """By name. What they are given: the world in which cameras drive, and where progress is told."""
