@@ -64,6 +64,8 @@ def test_a_folder_of_boards_gives_a_lens(boards: Path, tmp_path: Path) -> None:
         assert abs(each["value"] - true) < 4.5 * each["sigma"] and each["sigma"] < 2.0
         low, high = each["interval"]
         assert low < each["value"] < high and each["verdict"] == "measured"
+    shown = (tmp_path / "out" / "report.html").read_text()
+    assert "0 of" not in shown and shown.count("<svg") == 2 and "Where corners of board" in shown
     told = yaml.safe_load((tmp_path / "out" / "calibration.yaml").read_text())
     ((topic, entry),) = told["cameras"].items()
     info = yaml.safe_load((tmp_path / "out" / entry["camera_info"]).read_text())

@@ -22,6 +22,7 @@ from slamsim.perception.calibration.least_squares import Equations, solve
 from slamsim.perception.calibration.mount import TooFew
 from slamsim.perception.calibration.projection import lens_names
 from slamsim.perception.calibration.rig import Rig, Sighting
+from slamsim.perception.calibration.sightings import CornerMisfits
 
 FEWEST_VIEWS = 8
 """For a jackknife; OpenCV's tutorial asks for ten."""
@@ -39,7 +40,8 @@ class LensFit:
     covariance: (p, p) of all lenses, one after the other as ``lens_names`` has them, then of small
     steps of the places of all cameras but the first: m, then rad, about their own axes.
     residual_px: (c,) root mean square distance of corners, outliers included. views: (c,) images
-    used. coverage: (c,) share of the image in which corners were seen.
+    used. coverage: (c,) share of the image in which corners were seen. misfits: of each camera,
+    by numbers of views.
     """
 
     models: tuple[CameraModel, ...]
@@ -48,6 +50,7 @@ class LensFit:
     residual_px: FloatArray
     views: tuple[int, ...]
     coverage: tuple[float, ...]
+    misfits: tuple[CornerMisfits, ...]
 
     def lens_sigmas(self, camera: int) -> FloatArray:
         """(l,) standard deviations of one lens, as ``lens_names`` has them."""
@@ -207,7 +210,14 @@ def _fit_of(rig: Rig, equations: Equations) -> LensFit:
         np.array([np.sqrt(np.square(off_px).sum(axis=1).mean()) for off_px in rig.residuals]),
         tuple(map(len, mine)),
         tuple(map(_coverage, mine, rig.models)),
+        tuple(map(_misfits, mine, rig.residuals)),
     )
+
+
+def _misfits(sightings: Sequence[Sighting], off_px: FloatArray) -> CornerMisfits:
+    counts = [len(each.pixels) for each in sightings]
+    views = np.repeat(np.array([float(each.view) for each in sightings]), counts)
+    return CornerMisfits(np.concatenate([each.pixels for each in sightings]), off_px, views)
 
 
 def _coverage(sightings: Sequence[Sighting], model: CameraModel) -> float:

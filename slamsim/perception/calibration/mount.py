@@ -23,7 +23,7 @@ from slamsim.perception.calibration.hand_eye import mount_by_motions
 from slamsim.perception.calibration.least_squares import FEWEST_BLOCKS, Equations, solve
 from slamsim.perception.calibration.path import SmoothPath
 from slamsim.perception.calibration.projection import LENS
-from slamsim.perception.calibration.sightings import TagViews
+from slamsim.perception.calibration.sightings import CornerMisfits, TagViews
 from slamsim.perception.calibration.survey import Survey
 
 FEWEST_OF_A_TAG = 4
@@ -70,7 +70,8 @@ class MountFit:
     estimate: covariance of small steps of these: x, y, z of the camera and turns about the axes of
     the base, then clock, then lens. T_map_tag: by number. sightings: used; doubted: of these, those
     that count for less than half. residual_px: root mean square of a coordinate of a corner.
-    path_sigmas: (3,) what the path is found to be off by: m along and across, rad.
+    path_sigmas: (3,) what the path is found to be off by: m along and across, rad. misfits: of all
+    corners, over time.
     """
 
     T_base_camera: FloatArray
@@ -84,6 +85,7 @@ class MountFit:
     residual_px: float
     path_sigmas: FloatArray
     blocks: int
+    misfits: CornerMisfits
 
     def sigma(self, name: str) -> float:
         """Of one of ``MOUNT``, ``CLOCK``, ``LENS``, or d0, d1 ... of the distortion."""
@@ -139,7 +141,9 @@ def _fit_of(drive: Drive, equations: Equations, numbers: IntArray) -> MountFit:
     count, weights = len(drive.names), drive.weights()
     with solving("the uncertainty of a calibration"):
         covariance = equations.covariance[:count, :count]
-    squares = weights @ np.square(drive.residuals()).mean(axis=1)
+    off_px = drive.residuals()
+    squares = weights @ np.square(off_px).mean(axis=1)
+    since_s = drive.path.seconds(drive.views.stamps_ns)
     assert drive.path_sigmas is not None
     return MountFit(
         drive.T_base_camera,
@@ -153,6 +157,9 @@ def _fit_of(drive: Drive, equations: Equations, numbers: IntArray) -> MountFit:
         residual_px=float(np.sqrt(squares / weights.sum())),
         path_sigmas=drive.path_sigmas,
         blocks=int(drive.blocks.max()) + 1,
+        misfits=CornerMisfits(
+            drive.views.corners_px.reshape(-1, 2), off_px.reshape(-1, 2), np.repeat(since_s, 4)
+        ),
     )
 
 

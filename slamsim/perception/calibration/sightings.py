@@ -44,6 +44,16 @@ class TagViews:
         )
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class CornerMisfits:
+    """Corners (n, 2) px as seen, by how much the fit has them elsewhere (n, 2) px, and when, s, or
+    in which view (n,)."""
+
+    corners_px: FloatArray
+    off_px: FloatArray
+    at: FloatArray
+
+
 def gather(
     stamps_ns: Sequence[int], sightings: Sequence[TagSighting], model: CameraModel
 ) -> TagViews:

@@ -36,6 +36,7 @@ from slamsim.recording import Recording
 from slamsim.recording.mountings import BASE_FRAME, base_frame_of, known_mounting, tree_of
 from slamsim.run.cameras import calibration_inputs as inputs
 from slamsim.run.cameras import calibration_report as report
+from slamsim.run.cameras.calibration_files import write_calibration
 from slamsim.run.cameras.calibration_report import Calibrated, CameraResult, Quantity
 from slamsim.run.naming import log_of
 
@@ -85,7 +86,7 @@ def calibrate_cameras(
         if kind is not None:
             work.by_tags(kind)
         found = work.result()
-        report.write_calibration(partial, found)
+        write_calibration(partial, found)
     return found
 
 
@@ -147,13 +148,21 @@ class _Work:
                 *("fx", float(model.focal_px[0]), sigma, "px", None, None, "inconclusive"),
                 report.TILT_WANTED,
             )
-            unknown = CameraResult(topic.topic, topic.frame_id, facts, (untold,), figures=figures)
+            unknown = CameraResult(
+                *(topic.topic, topic.frame_id, facts, (untold,)),
+                figures=figures,
+                lens=fit.misfits[0],
+                size=size,
+            )
             self._results[topic.topic] = unknown
             return
         told = tuple(report.lens_quantities(model, fit.lens_sigmas(0), claim))
         self._lenses[topic.topic] = fit
         self._results[topic.topic] = CameraResult(
-            topic.topic, topic.frame_id, facts, told, model, figures=figures
+            *(topic.topic, topic.frame_id, facts, told, model),
+            figures=figures,
+            lens=fit.misfits[0],
+            size=size,
         )
 
     def _claimed_by(self, topic: str) -> str | None:
@@ -254,7 +263,8 @@ class _Work:
         figures |= {"corner_residual_px": fit.residual_px}
         self._results[topic.topic] = CameraResult(
             *(topic.topic, topic.frame_id, facts, tuple(quantities), fit.model),
-            *(fit, base, figures),
+            *(fit, base, figures, None if before is None else before.lens),
+            size=(topic.width, topic.height),
         )
 
     def _claim(self, topic: CameraTopic) -> CameraModel | None:

@@ -1,30 +1,24 @@
-"""What ``slamsim calibrate`` tells: quantities with intervals and verdicts, and files to use."""
+"""What ``slamsim calibrate`` tells: quantities with intervals and verdicts."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-import yaml
 from scipy.spatial.transform import Rotation
 
 from slamsim.cameras.lens import CameraModel
 from slamsim.check.findings import Measurement, decide
-from slamsim.core.geometry import xyzw_from_matrix
 from slamsim.core.types import FloatArray
-from slamsim.guard.numbers import as_json
-from slamsim.guard.output import write_atomic
 from slamsim.guard.quantities import as_interval, as_number
-from slamsim.io.cameras.writers import calibration_yaml
-from slamsim.perception.calibrated import LATE, MOUNT, R_BODY_OPTICAL
+from slamsim.perception.calibrated import LATE, R_BODY_OPTICAL
 from slamsim.perception.calibration.lens import LensFit
 from slamsim.perception.calibration.mount import MountFit
 from slamsim.perception.calibration.projection import LENS, lens_names
+from slamsim.perception.calibration.sightings import CornerMisfits
 
-REPORT, CALIBRATION = "report.json", "calibration.yaml"
 FOCAL_SHARE, CENTRE_SHARE = 0.005, 0.005
 """Of the focal length and of the image's width: 5 mm at 1 m. Healthy cameras of robots agree with
 their CameraInfo within a third of that."""
@@ -97,7 +91,8 @@ def quantity(
 @dataclass(frozen=True, slots=True, eq=False)
 class CameraResult:
     """What was found of one camera. facts: about the images, as a table shows them. model: None
-    where the lens was not told; T_base_camera likewise."""
+    where the lens was not told; mount likewise. lens: where corners of the board are; size: of the
+    images."""
 
     topic: str
     frame: str
@@ -107,6 +102,8 @@ class CameraResult:
     mount: MountFit | None = None
     base_frame: str = ""
     figures: dict[str, float | int] = field(default_factory=dict)
+    lens: CornerMisfits | None = None
+    size: tuple[int, int] = (0, 0)
 
     @property
     def name(self) -> str:
@@ -191,16 +188,21 @@ def mount_numbers(T_base_camera: FloatArray) -> FloatArray:
 def table_rows(result: CameraResult) -> dict[str, str]:
     """As a table shows them."""
     rows = dict(result.facts)
-    for each in result.quantities:
-        factor, unit = _SHOWN.get(each.unit, (1.0, each.unit))
-        half = 1.96 * each.sigma
-        untold = half > _UNTOLD.get(each.unit, abs(each.value) + 1e-9) and each.unit != ""
-        shown = "not told" if untold else as_interval(factor * each.value, factor * half)
-        shown += "" if untold or not unit else f" {unit}"
-        said = "" if each.claimed is None else f", claimed {as_number(factor * each.claimed)}"
-        wanted = f" ({each.wanted})" if each.wanted else ""
-        rows[each.name] = f"{shown}{said}: {each.verdict}{wanted}"
+    for name, shown, claimed, verdict, wanted in map(quantity_row, result.quantities):
+        said = f", claimed {claimed}" if claimed else ""
+        rows[name] = f"{shown}{said}: {verdict}" + (f" ({wanted})" if wanted else "")
     return rows
+
+
+def quantity_row(each: Quantity) -> tuple[str, str, str, str, str]:
+    """Name, value with its interval, claim, verdict, and what would tell more; empty for none."""
+    factor, unit = _SHOWN.get(each.unit, (1.0, each.unit))
+    half = 1.96 * each.sigma
+    untold = half > _UNTOLD.get(each.unit, abs(each.value) + 1e-9) and each.unit != ""
+    shown = "not told" if untold else as_interval(factor * each.value, factor * half)
+    shown += "" if untold or not unit else f" {unit}"
+    said = "" if each.claimed is None else str(as_number(factor * each.claimed))
+    return each.name, shown, said, each.verdict, each.wanted
 
 
 def pair_rows(pair: Mapping[str, Any]) -> dict[str, str]:
@@ -212,52 +214,6 @@ def pair_rows(pair: Mapping[str, Any]) -> dict[str, str]:
         "apart": f"{as_interval(1e3 * pair['baseline_m'], 1.96e3 * sigma_m)} mm",
         "turned": f"± {as_number(1.96 * turn_deg, 2)} degrees",
     }
-
-
-def camera_info(result: CameraResult) -> str:
-    """As ROS' camera_info_manager reads it. Raises ValueError without a lens."""
-    if result.model is None:
-        raise ValueError(f"the lens of {result.topic} is not known")
-    return calibration_yaml(result.name, result.model)
-
-
-def calibration_file(results: Sequence[CameraResult], pairs: Sequence[dict[str, object]]) -> str:
-    """calibration.yaml: all cameras, their mounts and clocks with standard deviations."""
-    cameras = {each.topic: _entry(each) for each in results}
-    whole = {"cameras": cameras, **({"pairs": list(pairs)} if pairs else {})}
-    head = (
-        "# By slamsim calibrate. mount: of the imager as a body that looks along x, as mounts of\n"
-        "# sensors.additional are; sigma: standard deviations in the same units.\n"
-    )
-    return head + yaml.safe_dump(whole, sort_keys=False, width=100)
-
-
-def _entry(result: CameraResult) -> dict[str, object]:
-    found: dict[str, object] = {"frame": result.frame}
-    if result.model is not None:
-        found["camera_info"] = f"{result.name}.yaml"
-    if result.mount is not None:
-        found["base_frame"] = result.base_frame
-        numbers = mount_numbers(result.mount.T_base_camera).tolist()
-        found["mount"] = {n: round(v, 6) for n, v in zip(MOUNT, numbers, strict=True)}
-        sigmas = {each.name: each.sigma for each in result.quantities}
-        found["sigma"] = {n: float(f"{sigmas[n.split('_')[0]]:.3g}") for n in MOUNT}
-        found["stamps_late_s"] = round(result.mount.late_s, 7)
-        found["readout_s"] = round(result.mount.readout_s, 7)
-        found["static_transform"] = static_transform(result)
-    found["verdicts"] = {each.name: each.verdict for each in result.quantities}
-    return found
-
-
-def static_transform(result: CameraResult) -> str:
-    """The line that publishes the optical frame in ROS 2."""
-    assert result.mount is not None
-    T = result.mount.T_base_camera
-    words = zip(("x", "y", "z"), T[:3, 3].tolist(), strict=True)
-    quat = zip(("qx", "qy", "qz", "qw"), xyzw_from_matrix(T[:3, :3]).tolist(), strict=True)
-    told = " ".join(f"--{name} {value:.6f}" for name, value in (*words, *quat))
-    frames = f"--frame-id {result.base_frame} --child-frame-id {result.frame}"
-    return f"ros2 run tf2_ros static_transform_publisher {told} {frames}"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -275,13 +231,3 @@ class Calibrated:
             "pairs": list(self.pairs),
             "notes": list(self.notes),
         }
-
-
-def write_calibration(folder: Path, found: Calibrated) -> None:
-    """Write ``calibration.yaml``, a ROS calibration file of each lens, and ``report.json``."""
-    for each in found.cameras:
-        if each.model is not None:
-            write_atomic(folder / f"{each.name}.yaml", camera_info(each).encode())
-    text = calibration_file(found.cameras, found.pairs)
-    write_atomic(folder / CALIBRATION, text.encode())
-    write_atomic(folder / REPORT, as_json(REPORT, found.as_dict()))

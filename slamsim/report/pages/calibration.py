@@ -1,0 +1,120 @@
+"""Report of calibrated cameras, as one self-contained HTML file."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from matplotlib import rc_context
+from matplotlib.collections import LineCollection
+from matplotlib.figure import Figure
+
+from slamsim.core.types import FloatArray
+from slamsim.guard.output import write_atomic
+from slamsim.report.figures.palette import ESTIMATE, NEUTRAL
+from slamsim.report.figures.run import CHART_IN, STYLE, Picture, svg
+from slamsim.report.pages.html import Table, figure, page, pair, section, table, warnings
+
+_MOST_ARROWS = 3000
+_LONGEST_SHARE = 0.05
+"""Of the image's width: an arrow of the 95th percentile."""
+FOOTER = "Made by slamsim calibrate. All numbers are in report.json beside this file."
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Misfits:
+    """Corners (n, 2) px in an image of size (width, height), and by how much they are seen beside
+    where the fit has them (n, 2) px; at: (n,) when, or in which image, as ``axis`` says."""
+
+    size: tuple[int, int]
+    corners_px: FloatArray
+    off_px: FloatArray
+    at: FloatArray
+    axis: str
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CalibratedView:
+    """One camera. facts: about its images. rows: name, value with interval, claim, verdict, and
+    what would tell more. misfits: by what was looked at."""
+
+    name: str
+    facts: Mapping[str, str]
+    rows: Sequence[tuple[str, str, str, str, str]]
+    misfits: Mapping[str, Misfits]
+
+
+def write_calibration_report(
+    path: Path,
+    cameras: Sequence[CalibratedView],
+    pairs: Mapping[str, Mapping[str, str]],
+    notes: Sequence[str],
+) -> None:
+    """pairs: what is told of two cameras, by their names. Raises what write_atomic raises."""
+    verdicts = [row[3] for each in cameras for row in each.rows]
+    faults = verdicts.count("fault")
+    lead = f"{len(cameras)} calibrated; " if len(cameras) > 1 else ""
+    lead += (
+        f"{faults} of {len(verdicts)} numbers are not as claimed" if faults else "all is as claimed"
+    )
+    unsure = verdicts.count("inconclusive")
+    lead += f", {unsure} inconclusive." if unsure else "."
+    body = [warnings(notes), *map(_camera, cameras)]
+    body += [
+        section(name, table(Table(("", ""), list(rows.items())))) for name, rows in pairs.items()
+    ]
+    write_atomic(path, page("Calibration of cameras", lead, "".join(body), FOOTER).encode())
+
+
+def _camera(view: CalibratedView) -> str:
+    header = ("number", "found, 95 % interval", "claimed", "verdict", "what would tell")
+    parts = [
+        table(Table(("", ""), list(view.facts.items()))),
+        table(Table(header, view.rows, words=True)),
+    ]
+    for name, misfits in view.misfits.items():
+        shown = (
+            figure(
+                _arrows(view.name, name, misfits), f"Where corners of {name} are off, magnified"
+            ),
+            figure(
+                _sizes(view.name, name, misfits), f"By how much, root mean square of each {name}"
+            ),
+        )
+        parts.append(pair(shown))
+    return section(view.name, "".join(parts))
+
+
+def _arrows(camera: str, name: str, misfits: Misfits) -> Picture:
+    """From each corner to where the fit has it."""
+    every = max(-(-len(misfits.off_px) // _MOST_ARROWS), 1)
+    begin, off = misfits.corners_px[::every], misfits.off_px[::every]
+    width, height = misfits.size
+    usual_px = max(float(np.percentile(np.linalg.norm(off, axis=1), 95.0)), 1e-9)
+    by = max(round(_LONGEST_SHARE * width / usual_px), 1)
+    with rc_context(STYLE):
+        drawn = Figure(figsize=(CHART_IN, CHART_IN * height / width + 0.5), layout="constrained")
+        axes = drawn.add_subplot()
+        lines = np.stack([begin, begin + by * off], axis=1)
+        axes.add_collection(LineCollection(list(lines), colors=ESTIMATE, linewidths=0.5))
+        axes.plot(begin[:, 0], begin[:, 1], ".", color=NEUTRAL, markersize=1.5)
+        axes.set(
+            xlim=(-0.5, width - 0.5), ylim=(height - 0.5, -0.5), xlabel="x [px]", ylabel="y [px]"
+        )
+        axes.set_aspect("equal")
+        legend = (("corner", NEUTRAL), (f"off, {by} times", ESTIMATE))
+        return Picture(svg(drawn, f"arrows-{camera}-{name}"), legend)
+
+
+def _sizes(camera: str, name: str, misfits: Misfits) -> Picture:
+    places, which = np.unique(misfits.at, return_inverse=True)
+    squares = np.square(misfits.off_px).sum(axis=1)
+    rms_px = np.sqrt(np.bincount(which, squares) / np.bincount(which))
+    with rc_context(STYLE):
+        drawn = Figure(figsize=(CHART_IN, 2.4), layout="constrained")
+        axes = drawn.add_subplot()
+        axes.plot(places, rms_px, ".", color=ESTIMATE, markersize=3.0)
+        axes.set(xlabel=misfits.axis, ylabel="off [px]", ylim=(0.0, None))
+        return Picture(svg(drawn, f"sizes-{camera}-{name}"), (("each image", ESTIMATE),))
