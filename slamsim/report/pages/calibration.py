@@ -54,10 +54,14 @@ def write_calibration_report(
 ) -> None:
     """pairs: what is told of two cameras, by their names. Raises what write_atomic raises."""
     verdicts = [row[3] for each in cameras for row in each.rows]
-    faults = verdicts.count("fault")
+    faults, claimed = verdicts.count("fault"), any(row[2] for each in cameras for row in each.rows)
     lead = f"{len(cameras)} calibrated; " if len(cameras) > 1 else ""
     lead += (
-        f"{faults} of {len(verdicts)} numbers are not as claimed" if faults else "all is as claimed"
+        f"{faults} of {len(verdicts)} numbers are not as claimed"
+        if faults
+        else "all is as claimed"
+        if claimed
+        else "nothing was claimed"
     )
     unsure = verdicts.count("inconclusive")
     lead += f", {unsure} inconclusive." if unsure else "."
@@ -80,7 +84,8 @@ def _camera(view: CalibratedView) -> str:
                 _arrows(view.name, name, misfits), f"Where corners of {name} are off, magnified"
             ),
             figure(
-                _sizes(view.name, name, misfits), f"By how much, root mean square of each {name}"
+                _sizes(view.name, name, misfits),
+                f"By how much in each image ({name}), root mean square",
             ),
         )
         parts.append(pair(shown))
