@@ -25,7 +25,7 @@ from slamsim.models.line_bundle import (
     to_map,
 )
 from slamsim.models.supernodes import add_block, empty_system, make_panels
-from slamsim.slam.backend.association import share_surfaces
+from slamsim.slam.backend.association import SURE_SIGMA_M, _firm, share_surfaces
 from slamsim.slam.backend.bundle import NotRefined, Refined, refine
 from slamsim.slam.matching.surfaces import (
     BEAMS,
@@ -268,3 +268,28 @@ def dense_system(
                 system += weights[k] * np.outer(row, row)
                 right -= weights[k] * off[k, end] * row
     return system, right
+
+
+@given(seed=st.integers(0, 1000))
+def test_views_are_firm_that_some_way_of_the_graph_joins_surely(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    count = int(rng.integers(3, 60))
+    ends = [(k, k + 1) for k in range(count - 1)]
+    apart = [(a, b) for a in range(count) for b in range(a + 2, count)]
+    ends += [apart[k] for k in rng.choice(len(apart), len(apart) // 20, replace=False)]
+    sizes_m = rng.uniform(0.005, 0.12, len(ends))
+    edges = [
+        GraphEdge(a, b, np.zeros(3), np.diag([s**2, 0.0, 0.0]), "match")
+        for (a, b), s in zip(ends, sizes_m, strict=True)
+    ]
+    pairs = np.array([(a, b) for a in range(count) for b in range(a)])
+    variance = np.full((count, count), np.inf)
+    np.fill_diagonal(variance, 0.0)
+    for (a, b), size_m in zip(ends, sizes_m, strict=True):
+        variance[a, b] = variance[b, a] = min(variance[a, b], size_m**2)
+    for k in range(count):  # Floyd and Warshall
+        variance = np.minimum(variance, variance[:, k, None] + variance[None, k])
+    surest = variance[pairs[:, 0], pairs[:, 1]]
+    clear = np.abs(surest - SURE_SIGMA_M**2) > 1e-12
+    found = _firm(pairs, edges)
+    np.testing.assert_array_equal(found[clear], (surest <= SURE_SIGMA_M**2)[clear])

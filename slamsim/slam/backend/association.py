@@ -32,6 +32,10 @@ LEVER_M = 5.0
 
 _SOURCES = 256
 
+_ROOTS = 32
+"""So many views are tried as a way from any view to any other, before ways are sought pair by pair:
+in a map of many loops that decides nearly all pairs."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Shared:
@@ -94,7 +98,7 @@ def loose_closures(edges: Sequence[GraphEdge], held: int) -> list[GraphEdge]:
     closures = [e for e in edges if e.kind == "closure" and e.weight > 0.0]
     closures = [e for e in closures if max(e.source, e.target) >= held]
     pairs = np.array([(e.source, e.target) for e in closures], dtype=np.int64).reshape(-1, 2)
-    firm = _firm(pairs, edges) if len(pairs) else np.zeros(0, dtype=np.bool_)
+    firm = _firm(pairs, edges)
     return [edge for edge, holds in zip(closures, firm, strict=True) if not holds]
 
 
@@ -123,12 +127,33 @@ def _firm(pairs: IntArray, edges: Sequence[GraphEdge]) -> BoolArray:
 
     Variances add along it: more than the graph as a whole leaves between the two.
     """
+    if not len(pairs):
+        return np.zeros(0, dtype=np.bool_)
     count = 1 + max(edge.target for edge in edges)
     used = [edge for edge in edges if edge.weight > 0.0]
     turn = np.array([1.0, 1.0, LEVER_M**2])
     variance = np.array([np.diag(edge.covariance) @ turn for edge in used])
     ends = np.array([(edge.source, edge.target) for edge in used])
     graph = csr_matrix((variance, (ends[:, 0], ends[:, 1])), shape=(count, count))
+    firm = _firm_by_roots(pairs, graph)
+    left = np.flatnonzero(~firm)
+    firm[left] = _firm_by_pairs(pairs[left], graph)
+    return firm
+
+
+def _firm_by_roots(pairs: IntArray, graph: csr_matrix) -> BoolArray:
+    """(p,) pairs that a way over one of some views tells to be firm; a surer one there may be."""
+    views = np.unique(pairs)
+    roots = views[np.linspace(0, len(views) - 1, min(_ROOTS, len(views))).astype(np.int64)]
+    reach = dijkstra(graph, directed=False, indices=roots, limit=SURE_SIGMA_M**2)
+    firm = np.zeros(len(pairs), dtype=np.bool_)
+    for away in reach:
+        firm |= away[pairs[:, 0]] + away[pairs[:, 1]] <= SURE_SIGMA_M**2
+    return firm
+
+
+def _firm_by_pairs(pairs: IntArray, graph: csr_matrix) -> BoolArray:
+    """(p,) by the surest way of each pair."""
     firm = np.zeros(len(pairs), dtype=np.bool_)
     order = np.argsort(pairs[:, 0], kind="stable")
     sources = np.unique(pairs[:, 0])

@@ -17,6 +17,7 @@ from slamsim.core.geometry import between, compose
 from slamsim.core.progress import Progress, silent
 from slamsim.core.result import Event, GraphEdge, MapGraph
 from slamsim.core.types import FloatArray, IntArray, PlanarPoses
+from slamsim.process.memory import return_freed_memory
 from slamsim.slam.backend.bundle import NotRefined
 from slamsim.slam.backend.correction import Correction
 from slamsim.slam.backend.graph import variance_factor
@@ -35,7 +36,13 @@ from slamsim.slam.failures import Failures
 from slamsim.slam.frontend.keyframes import LEAST_MOTION, Keyframe, begins_drive, chain_edge
 from slamsim.slam.frontend.odometry import CARRIED, ELSEWHERE
 from slamsim.slam.frontend.preintegration import OdometryNoise, OdometryStep, then
-from slamsim.slam.mapping.health import Usual, carried, tears
+from slamsim.slam.mapping.health import (
+    EVERY_KEYFRAMES,
+    Usual,
+    carried,
+    contradicts_what_was_before,
+    tears,
+)
 from slamsim.slam.mapping.joints import doubtful_joints, open_loops
 
 CALIBRATION_ROUNDS = 2
@@ -167,6 +174,8 @@ class BackEnd:
         self._close_what_is_open(progress)
         if self._place_whole_parts():
             self._close_what_is_open(progress)
+        self._search.forget_grids()
+        return_freed_memory()
         with self._stage("join"):
             self._settle()
         with self._stage("calibrate"):
@@ -179,6 +188,7 @@ class BackEnd:
             covariances = self._graph_covariances()
         with self._stage("set apart"):
             self._solution.set_apart(self._cutter.submaps)
+        return_freed_memory()
         stamps_ns = np.array([k.stamp_ns for k in self.keyframes], dtype=np.int64)
         keyframes = PlanarPoses(stamps_ns, self.poses)
         return MapGraph(keyframes, covariances, tuple(self._solution.edges))
@@ -315,12 +325,17 @@ class BackEnd:
     def _settle(self) -> None:
         """Decide of the runs that odometry links and no closure joins, whether they follow on.
 
-        They do unless what was seen on the metres after contradicts what was seen before.
+        They do unless what was seen on the metres after contradicts what was seen before, or all
+        of the run what the map has where odometry puts it.
         """
         parts, count = self._solution.parts, len(self.keyframes)
         undecided = parts.open_between(0, count)
         usual = Usual(self._around, self.keyframes, undecided, self._config.submaps)
-        confirmed = [begin for begin in undecided if usual.is_carried_to(begin)]
+        confirmed = [
+            begin
+            for begin in undecided
+            if usual.is_carried_to(begin) or self._contradicts_map(begin, usual)
+        ]
         for begin in undecided:
             if begin in confirmed:
                 self._solution.loosen(begin)
@@ -329,6 +344,13 @@ class BackEnd:
         self._lose_odometry(parts.carried_to)
         if confirmed:
             self._solution.solve()
+
+    def _contradicts_map(self, begin: int, usual: Usual) -> bool:
+        """Whether nothing that was seen since then can be where odometry has it."""
+        run = range(begin, self._solution.parts.end(begin, len(self.keyframes)), EVERY_KEYFRAMES)
+        submaps, size = self._cutter.submaps, self._config.submaps
+        poses = self._solution.poses
+        return contradicts_what_was_before(self._around, submaps, poses, size, usual, run)
 
     def _lose_odometry(self, carried_to: Iterable[int]) -> None:
         """Nothing tells where these key frames are, seen from the ones before."""

@@ -9,6 +9,7 @@ from itertools import pairwise
 import numpy as np
 
 from slamsim.core.geometry import between, compose, interpolate_se2
+from slamsim.core.stamps import merged, order_once
 from slamsim.core.types import FloatArray, IntArray, OutsideTimeRange, PlanarTrajectory
 
 
@@ -85,11 +86,11 @@ def densify(coarse: PlanarTrajectory, motion: PlanarTrajectory) -> PlanarTraject
     if not len(anchors):
         return coarse
     inside = motion.stamps_ns >= anchors.stamps_ns[0]
-    stamps_ns = np.union1d(motion.stamps_ns[inside], anchors.stamps_ns)
+    stamps_ns = merged(motion.stamps_ns[inside], anchors.stamps_ns)
     fine = correct(PlanarTrajectory(stamps_ns, motion.at(stamps_ns)), anchors)
     stamps_ns = np.concatenate([coarse.stamps_ns[~overlap], fine.stamps_ns])
     poses = np.concatenate([coarse.poses[~overlap], fine.poses])
-    order = np.unique(stamps_ns, return_index=True)[1]
+    order = order_once(stamps_ns)
     return PlanarTrajectory(stamps_ns[order], poses[order])
 
 

@@ -71,6 +71,10 @@ class ClosureFinder:
         self._grids = GridCache(config.submaps)
         self._scratch = Surfaces()
 
+    def forget_grids(self) -> None:
+        """Nothing is searched for now; they are built again when needed."""
+        self._grids = GridCache(self._config.submaps)
+
     def find(
         self, query: Submap, number: int, submap: Submap, expected: Expected, noise_m: float
     ) -> Closure | Refusal:

@@ -43,6 +43,10 @@ class MapSearch:
         """There is nothing to look into here."""
         self._next_m = path_m + LOOK_AGAIN_M
 
+    def forget_map(self) -> None:
+        """Nothing is searched for now; its grids are built again when needed."""
+        self._everywhere, self._built_for = None, ()
+
     def look(
         self,
         query: Submap,

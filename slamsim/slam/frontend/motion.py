@@ -10,6 +10,7 @@ import numpy as np
 
 from slamsim.core.geometry import wrap_angle
 from slamsim.core.result import Calibrated
+from slamsim.core.stamps import merged
 from slamsim.core.types import BoolArray, FloatArray, ImuStream, IntArray, Log, PlanarTrajectory
 from slamsim.guard.errors import SlamsimError
 from slamsim.models.differential_drive import (
@@ -265,7 +266,7 @@ def increments(
         seconds = np.diff(wheels.stamps_ns)[:, None] * 1e-9
         silent = np.full((len(velocity), 1), np.nan)
         return Increments(wheels.stamps_ns, np.hstack([velocity * seconds, silent]))
-    stamps_ns = _merged(wheels.stamps_ns, imu.stamps_ns)
+    stamps_ns = merged(wheels.stamps_ns, imu.stamps_ns)
     inside = (stamps_ns >= wheels.stamps_ns[0]) & (stamps_ns <= wheels.stamps_ns[-1])
     stamps_ns = stamps_ns[inside]
     interval = np.searchsorted(wheels.stamps_ns, stamps_ns[:-1], side="right") - 1
@@ -277,14 +278,6 @@ def increments(
     yaw_at = np.interp((stamps_ns - origin_ns) * 1e-9, (imu.stamps_ns - origin_ns) * 1e-9, gyro_yaw)
     turned = np.where(_gyro_covers(imu.stamps_ns, stamps_ns), np.diff(yaw_at), np.nan)
     return Increments(stamps_ns, np.column_stack([driven, turned]))
-
-
-def _merged(one_ns: IntArray, other_ns: IntArray) -> IntArray:
-    """The stamps of both, each once; both ascend, so that merging takes a tenth of the time of
-    ``np.union1d``."""
-    stamps_ns = np.concatenate([one_ns, other_ns])
-    stamps_ns.sort(kind="stable")
-    return stamps_ns[np.diff(stamps_ns, prepend=stamps_ns[:1] - 1) > 0]
 
 
 def _gyro_covers(imu_ns: IntArray, stamps_ns: IntArray) -> BoolArray:

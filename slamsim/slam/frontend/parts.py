@@ -40,6 +40,10 @@ class Parts:
         """The first key frame of the run to which one belongs."""
         return self._begins[bisect_right(self._begins, keyframe) - 1]
 
+    def end(self, begin: int, count: int) -> int:
+        """Behind the last key frame, of ``count``, of the run that begins with this one."""
+        return next((other for other in self._begins if other > begin), count)
+
     def open_between(self, one: int, other: int) -> list[int]:
         """The first key frames of the runs between two key frames that odometry links to the run
         before, which nothing has confirmed or refuted yet."""

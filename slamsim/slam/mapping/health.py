@@ -11,7 +11,7 @@ from scipy.ndimage import uniform_filter1d
 from slamsim.config.back_end import SubmapConfig
 from slamsim.core.geometry import between, transform_points
 from slamsim.core.result import Event, MapGraph
-from slamsim.core.types import FloatArray, PlanarPoses
+from slamsim.core.types import FloatArray, IntArray
 from slamsim.slam.closures.submaps import FREE, UNKNOWN, SpaceGrid, Submap, space_grid
 from slamsim.slam.frontend.keyframes import Keyframe
 from slamsim.slam.mapping.joints import closures_agree
@@ -171,52 +171,79 @@ def tears(
     """
     keyframes = graph.keyframes
     yield from _torn_unnoticed(query_of, doubts, graph, size, usual)
-    worst: dict[int, list[float]] = {}
-    for submap, queries in _pairs(query_of, submaps, keyframes, first):
-        space = space_grid(submap, size.resolution_m, size.radius_m)
-        for query in queries:
-            T = between(keyframes.poses[submap.anchor], keyframes.poses[query.anchor])
-            share = contradiction(submap, space, query, T, size)
-            worst.setdefault(query.anchor, []).append(share)
-    if worst:
-        yield from _torn_stretches(worst, keyframes, usual)
-
-
-def _torn_stretches(
-    worst: dict[int, list[float]], keyframes: PlanarPoses, usual: Usual
-) -> Iterator[Event]:
-    numbers = np.array(sorted(worst))
-    mean = np.array([np.mean(worst[number]) for number in numbers])
-    smooth = uniform_filter1d(mean, SMOOTHED, mode="nearest")
-    strange = [share > TORN_SHARE and not usual.is_usual(share) for share in smooth.tolist()]
+    seen_from = range(first, len(keyframes), EVERY_KEYFRAMES)
+    numbers, smooth = _contradictions(query_of, submaps, keyframes.poses, size, seen_from)
+    strange = [_is_strange(share, usual) for share in smooth.tolist()]
     torn = np.array([False, *strange, False])
     edges = np.flatnonzero(np.diff(torn.astype(np.int8)))
-    for first, end in zip(edges[::2], edges[1::2], strict=True):
-        at = first + int(np.argmax(smooth[first:end]))
+    for begin, end in zip(edges[::2], edges[1::2], strict=True):
+        at = begin + int(np.argmax(smooth[begin:end]))
         x, y = keyframes.poses[numbers[at], :2]
         words = (
             f"the map is torn near ({x:.1f}, {y:.1f}) m: {smooth[at]:.0%} of what was seen from "
             "there stands where there was free space at another time"
         )
-        start_ns, end_ns = keyframes.stamps_ns[numbers[[first, end - 1]]].tolist()
+        start_ns, end_ns = keyframes.stamps_ns[numbers[[begin, end - 1]]].tolist()
         yield Event(start_ns, end_ns, "torn", words)
+
+
+def contradicts_what_was_before(
+    query_of: Callable[[int], Submap],
+    submaps: Sequence[Submap],
+    poses: FloatArray,
+    size: SubmapConfig,
+    usual: Usual,
+    run: range,
+) -> bool:
+    """Whether what was seen from a run of key frames contradicts the map from before it, as one
+    that is torn does: odometry alone has the run where it is, and no closure found it there.
+
+    query_of, submaps, size, usual: as for ``tears``. poses: (n, 3) T_map_base of all key frames.
+    """
+    before = [submap for submap in submaps if submap.last < run.start]
+    _, smooth = _contradictions(query_of, before, poses, size, run)
+    return any(_is_strange(share, usual) for share in smooth.tolist())
+
+
+def _is_strange(share: float, usual: Usual) -> bool:
+    return share > TORN_SHARE and not usual.is_usual(share)
+
+
+def _contradictions(
+    query_of: Callable[[int], Submap],
+    submaps: Sequence[Submap],
+    poses: FloatArray,
+    size: SubmapConfig,
+    seen_from: Sequence[int],
+) -> tuple[IntArray, FloatArray]:
+    """(k,) numbers of key frames about which the map of other times knows something, and (k,) how
+    much it contradicts what was seen from there, averaged over neighbours."""
+    worst: dict[int, list[float]] = {}
+    for submap, queries in _pairs(query_of, submaps, poses, seen_from):
+        space = space_grid(submap, size.resolution_m, size.radius_m)
+        for query in queries:
+            T = between(poses[submap.anchor], poses[query.anchor])
+            share = contradiction(submap, space, query, T, size)
+            worst.setdefault(query.anchor, []).append(share)
+    numbers = np.array(sorted(worst), dtype=np.int64)
+    mean = np.array([np.mean(worst[number]) for number in numbers.tolist()], dtype=np.float64)
+    return numbers, uniform_filter1d(mean, SMOOTHED, mode="nearest") if len(mean) else mean
 
 
 def _pairs(
     query_of: Callable[[int], Submap],
     submaps: Sequence[Submap],
-    keyframes: PlanarPoses,
-    first: int,
+    poses: FloatArray,
+    seen_from: Sequence[int],
 ) -> list[tuple[Submap, list[Submap]]]:
     """Submaps, and what was seen near by, about some key frames, at other times."""
     if not submaps:
         return []
-    poses = keyframes.poses
     middles_m = np.array([transform_points(poses[one.anchor], one.middle_m) for one in submaps])
     from_m = np.array([one.from_path_m for one in submaps])
     to_m = np.array([one.to_path_m for one in submaps])
     queries: list[list[Submap]] = [[] for _ in submaps]
-    for number in range(first, len(keyframes), EVERY_KEYFRAMES):
+    for number in seen_from:
         query = query_of(number)
         here_m = transform_points(poses[number], query.middle_m)
         distance_m = np.hypot(*(middles_m - here_m).T)

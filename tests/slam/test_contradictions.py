@@ -1,0 +1,93 @@
+"""A run of key frames held against the map from before it, in rooms that are drawn here."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import cast
+
+import numpy as np
+import pytest
+
+from slamsim.config.back_end import SubmapConfig
+from slamsim.core.types import FloatArray
+from slamsim.slam.closures.submaps import Submap
+from slamsim.slam.frontend.keyframes import Keyframe
+from slamsim.slam.frontend.parts import Parts
+from slamsim.slam.mapping.health import Usual, contradicts_what_was_before
+from slamsim.slam.matching.surfaces import (
+    BEAMS,
+    HALF_LENGTH,
+    NORMAL_X,
+    NORMAL_Y,
+    PIECE_FIELDS,
+    X,
+    Y,
+)
+
+WIDE, DEEP = (6.0, 3.0), (3.0, 6.0)
+"""Rooms: half of their extents, as seen from the middle."""
+
+
+@dataclass
+class Look:
+    origin_m: FloatArray
+    beams_m: FloatArray
+
+
+class AsUsual(Usual):
+    """What contradicts itself no more than so much is usual here."""
+
+    def __init__(self, share: float) -> None:
+        self._share = share
+
+    def is_usual(self, share: float) -> bool:
+        return share <= self._share
+
+
+def room(half_m: tuple[float, float], number: int, path_m: float) -> Submap:
+    """What is seen of the walls from the middle of a room."""
+    angle = np.linspace(-np.pi, np.pi, 720, endpoint=False)
+    direction = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    far_m = (np.array(half_m) / np.maximum(np.abs(direction), 1e-9)).min(axis=1)
+    ends_m = direction * far_m[:, None]
+    across = np.abs(np.abs(ends_m) - half_m).argmin(axis=1)
+    surfaces = np.zeros((len(ends_m), PIECE_FIELDS))
+    surfaces[:, [X, Y]], surfaces[:, BEAMS], surfaces[:, HALF_LENGTH] = ends_m, 1.0, 0.01
+    surfaces[:, NORMAL_X], surfaces[:, NORMAL_Y] = across == 0, across == 1
+    look = cast(Keyframe, Look(np.zeros(2), ends_m.astype(np.float32)))
+    return Submap(
+        number, number, number, surfaces, np.zeros(2), (look,), np.zeros((1, 3)), path_m, path_m
+    )
+
+
+@pytest.mark.parametrize(
+    ("seen", "usual", "contradicts"), [(WIDE, 0.0, False), (DEEP, 0.0, True), (DEEP, 0.99, False)]
+)
+def test_a_run_is_held_against_the_map_where_odometry_has_it(
+    seen: tuple[float, float], usual: float, contradicts: bool
+) -> None:
+    size, poses = SubmapConfig(), np.zeros((6, 3))
+    before = [room(WIDE, 0, 0.0), room(DEEP, 4, 40.0)]  # the second is of the run itself
+    found = contradicts_what_was_before(
+        lambda number: room(seen, number, 20.0 + number),
+        *(before, poses, size, AsUsual(usual), range(2, 6)),
+    )
+    assert found == contradicts
+
+
+def test_a_map_that_knows_nothing_of_the_place_contradicts_nothing() -> None:
+    size, poses = SubmapConfig(), np.zeros((6, 3))
+    poses[2:, 0] = 100.0
+    query = room(DEEP, 2, 20.0)
+    for before in ([], [room(WIDE, 0, 0.0)]):
+        run = range(2, 6)
+        assert not contradicts_what_was_before(
+            lambda _: query, before, poses, size, AsUsual(0.0), run
+        )
+
+
+def test_a_run_ends_where_the_next_begins() -> None:
+    parts = Parts()
+    parts.begin(4, linked=True)
+    parts.begin(9)
+    assert [parts.end(begin, 20) for begin in (0, 4, 9)] == [4, 9, 20]
