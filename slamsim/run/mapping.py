@@ -17,7 +17,7 @@ from slamsim.console.reporter import Reporter
 from slamsim.core.landmarks import NO_TAGS, TagsSeen
 from slamsim.core.result import SlamResult
 from slamsim.core.types import Grid, Log, Trajectory
-from slamsim.guard.errors import OverrideRefused, SlamsimError
+from slamsim.guard.errors import SlamsimError
 from slamsim.guard.files import own_file
 from slamsim.guard.numbers import as_json
 from slamsim.guard.output import partial_folder, write_atomic
@@ -98,7 +98,7 @@ def map_recording(
     overwrite: bool = False,
 ) -> Report:
     """Map, evaluate with whatever truth there is, show; earlier: a map to go on with."""
-    refuse_wrong_files(config)
+    refuse_wrong_files(config, continues=earlier is not None)
     path = log_of(source)
     opened = open_recording(path, wanted)
     log = replace(opened.log(), name=recording_name(str(source)))
@@ -112,8 +112,6 @@ def map_recording(
     images, tags = _images(path, opened.recording, config, stages)
     del opened
     return_freed_memory()
-    if tags.observations and earlier is not None:
-        raise OverrideRefused("--tags", "tags do not continue an earlier map; leave out --continue")
     with partial_folder(folder, overwrite) as partial:
         if origin is not None:
             world, simulated = origin

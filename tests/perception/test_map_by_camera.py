@@ -14,11 +14,13 @@ from rgbd_room import write_images
 from typed import typed
 
 from slamsim.cameras.lens import pinhole
+from slamsim.config.loading import load_run_config
 from slamsim.core.scans import Scan, ScanGeometry
 from slamsim.core.types import FloatArray, PlanarTrajectory, Trajectory
+from slamsim.guard.errors import OverrideRefused
 from slamsim.io.text.tum import read_tum
 from slamsim.run import mapping
-from slamsim.run.cameras.asked import require_returns
+from slamsim.run.cameras.asked import refuse_wrong_files, require_returns
 from slamsim.run.cameras.telling import moved_onto
 from slamsim.slam.frontend.scan_order import NothingSeen
 
@@ -91,6 +93,13 @@ def test_what_a_world_will_not_show_is_refused_before_it_is_simulated(
     done = typed("map", "tiny", *words, "-o", "out", cwd=tmp_path)
     assert done.returncode != 0 and told in done.stderr and "Traceback" not in done.stderr
     assert not (tmp_path / "out").exists()
+
+
+def test_tags_do_not_continue_a_map() -> None:
+    config = load_run_config(None, None, ["slam.landmarks.tags=apriltag_36h11:0.2"])
+    refuse_wrong_files(config)
+    with pytest.raises(OverrideRefused, match="leave out --continue"):
+        refuse_wrong_files(config, continues=True)
 
 
 def test_scans_that_never_return_are_told_before_they_are_tracked() -> None:

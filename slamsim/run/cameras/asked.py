@@ -48,9 +48,12 @@ def _images(entry: SensorEntry) -> list[str]:
     return [topic for topic, kind in entry.topics.items() if kind.split("/")[-1] in _KINDS]
 
 
-def refuse_wrong_files(config: RunConfig) -> None:
-    """Raises UnknownTags, NotFound or InputRefused as reading them will."""
+def refuse_wrong_files(config: RunConfig, *, continues: bool = False) -> None:
+    """Raises UnknownTags, NotFound or InputRefused as reading them will; OverrideRefused for tags
+    in a drive that continues an earlier map."""
     if config.slam.landmarks.tags:
+        if continues:
+            raise OverrideRefused("--tags", "tags do not continue a map; leave out --continue")
         parse_tags(config.slam.landmarks.tags)
         known_tags(config.slam.landmarks)
     read_calibration(config.slam.camera_calibration)
