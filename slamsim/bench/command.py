@@ -131,6 +131,9 @@ Long = Annotated[
     bool, typer.Option("--long", help="Check: time ten minutes at 40 scans a second too.")
 ]
 
+Cases = Annotated[int, typer.Option(help="Robustness: number of cases.", min=1)]
+Pairs = Annotated[int, typer.Option(help="Check: random pairs of faults a drive.", min=0)]
+
 
 def bench(
     part: Part = "all",
@@ -141,14 +144,14 @@ def bench(
     peers: Peers = False,
     seeds: Seeds = 20,
     seed: Seed = None,
-    cases: Annotated[int, typer.Option(help="Robustness: number of cases.", min=1)] = 200,
+    cases: Cases = 200,
     only: Only = None,
     workers: Workers = 1,
     recording: Recording = None,
     bound: Bound = True,
     logs: Logs = None,
     faults: Faults = None,
-    pairs: Annotated[int, typer.Option(help="Check: random pairs of faults a drive.", min=0)] = 4,
+    pairs: Pairs = 4,
     clean: Clean = 0,
     curves: Curves = False,
     long: Long = False,

@@ -3,74 +3,83 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from slamsim.console.options import Json, Out, Overwrite, Quiet
+
+if TYPE_CHECKING:
+    from slamsim.console.reporter import Reporter
+    from slamsim.run.cameras.calibration_report import Calibrated
 
 EPILOG = (
     "Examples: slamsim calibrate my_rosbag2/ --tags apriltag_36h11:0.16 \u00b7 "
     "slamsim calibrate images/ --board chessboard:9x6:0.03"
 )
 
+Source = Annotated[
+    Path,
+    typer.Argument(help="A recording with cameras, or a folder of images (EuRoC, TUM, Open3D)."),
+]
+Board = Annotated[
+    str,
+    typer.Option(
+        "--board",
+        metavar="BOARD",
+        help="Lenses from a board: chessboard:9x6:0.03 (inner corners, side of a square in "
+        "metres) or charuco:9x6:0.03:0.022:aruco_5x5_100 (squares).",
+    ),
+]
+Tags = Annotated[
+    str,
+    typer.Option(
+        "--tags",
+        metavar="FAMILY:SIZE_M",
+        help="Mounts, clocks and lenses from tags on a drive, as apriltag_36h11:0.16.",
+    ),
+]
+Surveyed = Annotated[
+    Path | None,
+    typer.Option("--surveyed", help="Places of these tags (tags.yaml): tells the height."),
+]
+Trajectory = Annotated[
+    Path | None,
+    typer.Option("--trajectory", help="Path of the robot's base (TUM file), instead of mapping."),
+]
+Distortion = Annotated[
+    str,
+    typer.Option(
+        "--distortion",
+        metavar="MODEL",
+        help="plumb_bob, rational_polynomial or equidistant (default: as CameraInfo has it).",
+    ),
+]
+ReadoutMs = Annotated[
+    float | None,
+    typer.Option(
+        "--readout-ms",
+        help="From the first row to the last, where it is known (0: global shutter).",
+        min=0.0,
+        max=1000.0,
+    ),
+]
+ImageTopics = Annotated[
+    list[str] | None,
+    typer.Option("--image-topic", metavar="TOPIC", help="Only this camera; may be repeated."),
+]
+
 
 def calibrate(
-    source: Annotated[
-        Path,
-        typer.Argument(
-            help="A recording with cameras, or a folder of images (EuRoC, TUM, Open3D)."
-        ),
-    ],
+    source: Source,
     out: Out = None,
-    board: Annotated[
-        str,
-        typer.Option(
-            "--board",
-            metavar="BOARD",
-            help="Lenses from a board: chessboard:9x6:0.03 (inner corners, side of a square in "
-            "metres) or charuco:9x6:0.03:0.022:aruco_5x5_100 (squares).",
-        ),
-    ] = "",
-    tags: Annotated[
-        str,
-        typer.Option(
-            "--tags",
-            metavar="FAMILY:SIZE_M",
-            help="Mounts, clocks and lenses from tags on a drive, as apriltag_36h11:0.16.",
-        ),
-    ] = "",
-    surveyed: Annotated[
-        Path | None,
-        typer.Option("--surveyed", help="Places of these tags (tags.yaml): tells the height."),
-    ] = None,
-    trajectory: Annotated[
-        Path | None,
-        typer.Option(
-            "--trajectory", help="Path of the robot's base (TUM file), instead of mapping."
-        ),
-    ] = None,
-    distortion: Annotated[
-        str,
-        typer.Option(
-            "--distortion",
-            metavar="MODEL",
-            help="plumb_bob, rational_polynomial or equidistant (default: as CameraInfo has it).",
-        ),
-    ] = "",
-    readout_ms: Annotated[
-        float | None,
-        typer.Option(
-            "--readout-ms",
-            help="From the first row to the last, where it is known (0: global shutter).",
-            min=0.0,
-            max=1000.0,
-        ),
-    ] = None,
-    topic: Annotated[
-        list[str] | None,
-        typer.Option("--image-topic", metavar="TOPIC", help="Only this camera; may be repeated."),
-    ] = None,
+    board: Board = "",
+    tags: Tags = "",
+    surveyed: Surveyed = None,
+    trajectory: Trajectory = None,
+    distortion: Distortion = "",
+    readout_ms: ReadoutMs = None,
+    topic: ImageTopics = None,
     overwrite: Overwrite = False,
     quiet: Quiet = False,
     as_json: Json = False,
@@ -84,13 +93,18 @@ def calibrate(
     inputs = (source, surveyed, trajectory)
     with output_folder(out, name, overwrite=overwrite, inputs=inputs) as folder:
         from slamsim.run.cameras.calibrating import Wanted, calibrate_cameras
-        from slamsim.run.cameras.calibration_report import pair_rows, table_rows
 
         readout_s = None if readout_ms is None else 1e-3 * readout_ms
         wanted = Wanted(
             *(board, tags, surveyed, trajectory, distortion, readout_s, tuple(topic or ()))
         )
         found = calibrate_cameras(source, folder, wanted, reporter, overwrite=overwrite)
+    _show(found, folder, reporter)
+
+
+def _show(found: Calibrated, folder: Path, reporter: Reporter) -> None:
+    from slamsim.run.cameras.calibration_report import pair_rows, table_rows
+
     for words in found.notes:
         reporter.note(words)
     for each in found.cameras:

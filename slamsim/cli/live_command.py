@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from dataclasses import replace
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -25,6 +25,9 @@ from slamsim.console.options import (
     World,
 )
 from slamsim.guard.errors import SlamsimError, shown
+
+if TYPE_CHECKING:
+    from slamsim.run.live.serving import LiveOptions, Ports
 
 LIVE_EPILOG = (
     "Examples: slamsim live labyrinth · slamsim live labyrinth --drive explore --record · "
@@ -77,26 +80,31 @@ From = Annotated[
     ),
 ]
 
+Driven = Annotated[
+    Drive, typer.Option("--drive", help="Who drives: you, the tour, or frontier exploration.")
+]
+Record = Annotated[bool, typer.Option("--record", help="Record from the start, with the commands.")]
+UntilDone = Annotated[
+    bool, typer.Option("--until-done", help="End when the tour or exploration is over.")
+]
+WithSlam = Annotated[bool, typer.Option("--slam/--no-slam", help="Map while driving.")]
+Checked = Annotated[
+    bool, typer.Option("--check/--no-check", help="With --from: check what arrives.")
+]
+InRerun = Annotated[bool, typer.Option("--rerun", help="Show it in a Rerun viewer.")]
+
 
 def live(
     name: World = "labyrinth",
     from_: From = "",
-    drive: Annotated[
-        Drive, typer.Option("--drive", help="Who drives: you, the tour, or frontier exploration.")
-    ] = Drive.MANUAL,
+    drive: Driven = Drive.MANUAL,
     rate: Rate = "1",
-    record: Annotated[
-        bool, typer.Option("--record", help="Record from the start, with the commands.")
-    ] = False,
+    record: Record = False,
     duration: Duration = None,
-    until_done: Annotated[
-        bool, typer.Option("--until-done", help="End when the tour or exploration is over.")
-    ] = False,
-    slam: Annotated[bool, typer.Option("--slam/--no-slam", help="Map while driving.")] = True,
-    check: Annotated[
-        bool, typer.Option("--check/--no-check", help="With --from: check what arrives.")
-    ] = True,
-    rerun: Annotated[bool, typer.Option("--rerun", help="Show it in a Rerun viewer.")] = False,
+    until_done: UntilDone = False,
+    slam: WithSlam = True,
+    check: Checked = True,
+    rerun: InRerun = False,
     host: Host = "127.0.0.1",
     page_port: PagePort = 8000,
     rosbridge_port: RosbridgePort = None,
@@ -118,22 +126,20 @@ def live(
     """
     from slamsim.console.reporter import Reporter
     from slamsim.console.summary import labelled
-    from slamsim.run.live.serving import Ports
+    from slamsim.run.live.serving import LiveOptions
     from slamsim.run.naming import output_folder
 
     reporter = Reporter(quiet=quiet, as_json=as_json)
-    times_real_time, duration_s = _rate(rate), math.inf if duration is None else duration
+    duration_s = math.inf if duration is None else duration
+    options = LiveOptions(_rate(rate), drive.value, record, until_done, duration_s, slam)
     url = _url(from_, name)
     if url:
-        simulated = {"--drive": drive is not Drive.MANUAL, "--rate": times_real_time != 1.0}
-        simulated |= {"--until-done": until_done, "--no-slam": not slam, "--seed": seed is not None}
-        _require_none_given({**simulated, f"The world {name}": name not in ("labyrinth", url)})
+        _refuse_simulated(options, "" if name in ("labyrinth", url) else name, seed)
     loaded = loaded_config(None if url else name, config, set_, seed)
-    called = "robot_live" if url else f"{loaded.config.world.name}_live"
-    rosbridge, foxglove = (0, 0) if url else (9090, 8765)
-    rosbridge = rosbridge if rosbridge_port is None else rosbridge_port
-    foxglove = foxglove if foxglove_port is None else foxglove_port
-    ports = Ports(host, page_port, rosbridge, foxglove, rerun)
+    place = url or loaded.config.world.name
+    ports = _ports(host, page_port, rosbridge_port, foxglove_port, simulated=not url)
+    ports = replace(ports, rerun=rerun)
+    called = "robot_live" if url else f"{place}_live"
     with output_folder(out, called, overwrite=overwrite, inputs=loaded.files) as folder:
         if url:
             from slamsim.live.remote.robot import RemoteSetup
@@ -143,15 +149,10 @@ def live(
             setup = RemoteSetup(loaded.config, folder, wanted, record, duration_s)
             numbers = map_remote(url, setup, ports, reporter, check=check)
         else:
-            from slamsim.run.live.world import LiveOptions, live_world
+            from slamsim.run.live.world import live_world
 
-            options = LiveOptions(
-                times_real_time, drive.value, record, until_done, duration_s, slam
-            )
             numbers = live_world(loaded.config, folder, options, ports, reporter)
-    reporter.table(
-        f"Live {'from' if url else 'in'} {url or loaded.config.world.name}", labelled(numbers)
-    )
+    reporter.table(f"Live {'from' if url else 'in'} {place}", labelled(numbers))
     reporter.result({**numbers, "folder": str(folder)})
 
 
@@ -186,11 +187,31 @@ def _url(asked: str, name: str) -> str:
     return url
 
 
-def _require_none_given(given: Mapping[str, bool]) -> None:
+def _refuse_simulated(options: LiveOptions, world: str, seed: int | None) -> None:
     """Raises SlamsimError for what only a simulation takes."""
+    given = {
+        "--drive": options.mode != Drive.MANUAL.value,
+        "--rate": options.rate != 1.0,
+        "--until-done": options.until_done,
+        "--no-slam": not options.slam,
+        "--seed": seed is not None,
+        f"The world {world}": world != "",
+    }
     for option, is_given in given.items():
         if is_given:
             raise SlamsimError(f"{option} belongs to simulations; --from maps a robot as it drives")
+
+
+def _ports(
+    host: str, page: int, rosbridge: int | None, foxglove: int | None, *, simulated: bool
+) -> Ports:
+    """Those of ROS are served by default where a simulation has no other server."""
+    from slamsim.run.live.serving import Ports
+
+    by_default = (9090, 8765) if simulated else (0, 0)
+    given = (rosbridge, foxglove)
+    ros = (own if port is None else port for port, own in zip(given, by_default, strict=True))
+    return Ports(host, page, *ros)
 
 
 def _rate(text: str) -> float | None:

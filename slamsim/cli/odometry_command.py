@@ -18,31 +18,36 @@ EPILOG = (
     "slamsim odometry rgbd_dataset_freiburg1_desk/ --truth groundtruth.txt"
 )
 
+Source = Annotated[
+    Path,
+    typer.Argument(
+        help="A recording with registered depth and colour or grey images, or a folder of "
+        "them (TUM RGB-D, Open3D)."
+    ),
+]
+Truth = Annotated[
+    Path | None,
+    typer.Option("--truth", help="True path of the camera's optical frame (TUM file)."),
+]
+DepthTopic = Annotated[
+    str, typer.Option("--depth-topic", metavar="TOPIC", help="Depth to read, if several.")
+]
+Intrinsics = Annotated[
+    str,
+    typer.Option(
+        "--intrinsics",
+        metavar="FX,FY,CX,CY",
+        help="Camera matrix in pixels, where the images come without one or with a wrong one.",
+    ),
+]
+
 
 def odometry(
-    source: Annotated[
-        Path,
-        typer.Argument(
-            help="A recording with registered depth and colour or grey images, or a folder of "
-            "them (TUM RGB-D, Open3D)."
-        ),
-    ],
+    source: Source,
     out: Out = None,
-    truth: Annotated[
-        Path | None,
-        typer.Option("--truth", help="True path of the camera's optical frame (TUM file)."),
-    ] = None,
-    depth: Annotated[
-        str, typer.Option("--depth-topic", metavar="TOPIC", help="Depth to read, if several.")
-    ] = "",
-    intrinsics: Annotated[
-        str,
-        typer.Option(
-            "--intrinsics",
-            metavar="FX,FY,CX,CY",
-            help="Camera matrix in pixels, where the images come without one or with a wrong one.",
-        ),
-    ] = "",
+    truth: Truth = None,
+    depth: DepthTopic = "",
+    intrinsics: Intrinsics = "",
     overwrite: Overwrite = False,
     quiet: Quiet = False,
     as_json: Json = False,

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import math
 from contextlib import ExitStack
-from dataclasses import dataclass
 from pathlib import Path
 
 from slamsim.config.run import RunConfig
@@ -12,14 +10,13 @@ from slamsim.console.reporter import Reporter
 from slamsim.core.progress import Progress
 from slamsim.core.types import PlanarTrajectory
 from slamsim.guard.errors import SlamsimError
-from slamsim.live.controls import Mode
 from slamsim.live.hub import Hub
 from slamsim.live.live_map import LiveMap
 from slamsim.live.loop import LiveLoop, LiveSetup
 from slamsim.live.loop_controls import LoopControls
 from slamsim.live.mapping import Finished, MappingProcess
 from slamsim.live.published import SLAM_TOPICS
-from slamsim.run.live.serving import Ports, run_until_signal, servers, write_map
+from slamsim.run.live.serving import LiveOptions, Ports, run_until_signal, servers, write_map
 from slamsim.sim.robot.model import build_robot
 from slamsim.simulation.header import log_header
 from slamsim.simulation.log_writer import recorded_topics
@@ -28,18 +25,6 @@ from slamsim.world.build import build_world
 CONTROL_HZ = 80
 """Commands take effect with the next control tick, so that at 80 Hz a twist reaches the wheels
 within 12.5 ms."""
-
-
-@dataclass(frozen=True, slots=True)
-class LiveOptions:
-    """How a robot lives. rate: times real time, None for as fast as possible."""
-
-    rate: float | None = 1.0
-    mode: Mode = "manual"
-    record: bool = False
-    until_done: bool = False
-    duration_s: float = math.inf
-    slam: bool = True
 
 
 def live_config(config: RunConfig) -> RunConfig:
