@@ -1,11 +1,16 @@
 """Random examples have no deadline: compiling, or a busy machine, is no failure. Where CI is set
 Hypothesis draws the same examples for the same code, elsewhere new ones in each run. Ctrl-C is
 heard in child processes also where the tests run in the background, which has it ignored. What
-takes long to make and is only looked at is made once for all files."""
+takes long to make and is only looked at is made once for all files. Modules that are compiled are
+kept, as a child process without them spends a second on it. What was imported until the tests are
+collected stays, and no collection of garbage need look at it."""
 
 from __future__ import annotations
 
+import gc
+import os
 import signal
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -19,8 +24,16 @@ if TYPE_CHECKING:
 settings.register_profile("any machine", settings(), deadline=None)
 settings.load_profile("any machine")
 
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+sys.dont_write_bytecode = False
+
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+def pytest_collection_finish() -> None:
+    gc.collect()
+    gc.freeze()
 
 
 @pytest.fixture(scope="session")

@@ -209,9 +209,9 @@ def _ports(
     from slamsim.run.live.serving import Ports
 
     by_default = (9090, 8765) if simulated else (0, 0)
-    given = (rosbridge, foxglove)
-    ros = (own if port is None else port for port, own in zip(given, by_default, strict=True))
-    return Ports(host, page, *ros)
+    rosbridge = by_default[0] if rosbridge is None else rosbridge
+    foxglove = by_default[1] if foxglove is None else foxglove
+    return Ports(host, page, rosbridge, foxglove)
 
 
 def _rate(text: str) -> float | None:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from bench_work import work
 
 from slamsim.bench.accuracy import COUNTED, AccuracyCampaign, run_accuracy, summarise
 from slamsim.bench.alone import Children
@@ -90,16 +91,6 @@ def test_a_revisit_counts_as_closed_near_a_believed_closure_only() -> None:
     said = closure(truth, 0, last, np.zeros(3))
     assert revisits_closed(graph(truth, said), truth) == (revisits, 5)  # 2 m in steps of 0.5 m
     assert revisits_closed(graph(truth, replace(said, weight=0.0)), truth) == (revisits, 0)
-
-
-def work(what: str) -> int:
-    if what == "die":
-        os._exit(7)
-    if what == "refuse":
-        raise SlamsimError("no such thing")
-    if what == "stumble":
-        raise ValueError("over a stone")
-    return os.getpid()
 
 
 def test_work_is_done_in_another_process_and_its_end_is_told() -> None:

@@ -16,6 +16,7 @@ import pytest
 import typer
 from board_images import TYPED, board_views, write_views
 from rgbd_room import write_images
+from table_numbers import numbers_without_source
 from typer.testing import CliRunner
 
 from slamsim.cameras.lens import pinhole
@@ -23,8 +24,10 @@ from slamsim.check.registry import registry
 from slamsim.cli.main import app
 from slamsim.config.bundled import bundled_names
 from slamsim.config.drive import RouteConfig
+from slamsim.console.reporter import Reporter
 from slamsim.sensors.faults.registry import bundled_faults
 
+FEW_BEAMS = ("--set", "sensors.lidar=lds_01")
 SHORT = ("--set", "drive.route.max_path_length_m=2")
 LIVE = (
     *("tiny", "--drive", "tour", "--rate", "max", "--duration", "2", "--no-slam", "--record"),
@@ -55,7 +58,7 @@ COMMANDS: Mapping[str, tuple[str, ...] | None] = {
     "dataset verify": ("SET",),
     "dataset stats": ("SET",),
     "view": None,
-    "bench": ("sense", "--seconds", "5", "--repeats", "1", "--world", "tiny"),
+    "bench": ("sense", "--seconds", "5", "--repeats", "1", "--world", "tiny", *FEW_BEAMS),
     "fault": ("RUN", "OUT", "--fault", "laser_yaw:2"),
     "config": ("tiny",),
 }
@@ -66,6 +69,8 @@ errors."""
 LONG = {"demo", "identify"}
 WITHOUT_JSON = {"config"}
 """Its result is YAML, with keys."""
+WITHOUT_RESULT = {"demo", "recover"}
+"""``--json`` prints nothing."""
 
 
 NAMES_FRAMES = {"info"}
@@ -150,9 +155,11 @@ def digits(number: str) -> int:
         if words is not None
     ],
 )
-def test_what_is_piped_is_plain_and_for_people(
+def test_what_is_piped_is_plain_and_for_people_and_its_numbers_are_those_of_json(
     name: str, mapped: Path, small_set: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    results: list[Mapping[str, object]] = []
+    monkeypatch.setattr(Reporter, "result", lambda _, values: results.append(values))
     monkeypatch.setenv("COLUMNS", "40")
     done = CliRunner().invoke(app, arguments(name, mapped, small_set, tmp_path / "out"))
     assert done.exit_code in (0, 1) and not isinstance(done.exception, Exception), done.output
@@ -167,6 +174,9 @@ def test_what_is_piped_is_plain_and_for_people(
         assert not NOT_A_FIGURE.search(line), line
         assert not [one for one in LONG_NUMBER.findall(line) if digits(one) > 4], line
         assert name in NAMES_FRAMES or set(KEY.findall(line)) <= names_of_things(), line
+    if name not in WITHOUT_RESULT:
+        assert results, "no result"
+        assert not numbers_without_source(done.stdout, results, (mapped, small_set, tmp_path))
 
 
 @pytest.mark.parametrize("name", ["world", "evaluate", "check", "verify", "dataset stats"])
@@ -203,16 +213,14 @@ def test_a_terminal_that_shows_no_colours_gets_no_escape_codes(
     assert "│ compared with" in shown.decode() and b"\x1b" not in shown
 
 
-@pytest.mark.parametrize(
-    "words", [["check", "--quick"], ["check", "--quick", "--json"], ["verify"]]
-)
+@pytest.mark.parametrize("words", [["check", "--quick"], ["info", "--json"], ["verify"]])
 def test_a_reader_that_has_seen_enough_changes_nothing(words: list[str], mapped: Path) -> None:
     """The verdict stays the exit code."""
     command = [sys.executable, "-c", MAIN, words[0], str(mapped), *words[1:]]
-    whole = subprocess.run(command, capture_output=True, check=False)
+    whole = CliRunner().invoke(app, command[3:])
     closed, written = os.pipe()
     os.close(closed)
     cut = subprocess.run(command, stdout=written, stderr=subprocess.PIPE, check=False)
     os.close(written)
-    assert cut.returncode == whole.returncode
+    assert cut.returncode == whole.exit_code
     assert b"Traceback" not in cut.stderr and b"Broken" not in cut.stderr

@@ -203,7 +203,7 @@ def test_tags_on_a_drive_give_mount_and_clock(
 
 
 def test_a_path_that_drifts_is_used_visit_by_visit() -> None:
-    setting = Setting(path_sigmas=(0.0, 0.0), seconds=30.0)
+    setting = Setting(path_sigmas=(0.0, 0.0), seconds=30.0, rate_hz=4.0)
     one = driven(3, setting)
     steps = between(one.path.poses[:-1], one.path.poses[1:]) * np.array([1.003, 1.003, 1.002])
     poses = [one.path.poses[0]]

@@ -59,7 +59,7 @@ def test_errors_are_as_large_as_claimed() -> None:
     """Over random views, blurs and noises: 95 % within what the covariance says 95 % are in."""
     rng = np.random.default_rng(2031)
     nees, errors, claimed = [], [], []
-    for number in range(75):
+    for number in range(48):
         T = random_tag_pose(PINHOLE, rng, (0.35, 2.4))
         image = {"blur_px": rng.uniform(0.4, 1.1), "noise": rng.uniform(1.0, 4.0)}
         seen = _one(PINHOLE, T, number, **image)
@@ -71,7 +71,7 @@ def test_errors_are_as_large_as_claimed() -> None:
         claimed.append(np.trace(seen.pose.covariance[:3, :3]))
 
     chi2_95 = 12.59  # of six degrees of freedom
-    assert len(nees) > 40
+    assert len(nees) > 26
     assert 0.90 <= np.mean(np.array(nees) < chi2_95) <= 1.0
     assert 3.0 < np.mean(nees) < 8.0
     assert np.median(np.linalg.norm(errors, axis=1)) < np.sqrt(np.median(claimed)) * 1.2
@@ -85,7 +85,7 @@ def test_corners_are_nearer_than_opencvs() -> None:
     parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
     dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
     detector = cv2.aruco.ArucoDetector(dictionary, parameters)
-    for _ in range(15):
+    for _ in range(9):
         T = random_tag_pose(PINHOLE, rng, (0.5, 1.2), 0.9)
         image = draw_tags(PINHOLE, [(KIND, 5, T)], rng)
         true, _ = PINHOLE.project(square_corners(0.2) @ T[:3, :3].T + T[:3, 3])

@@ -22,7 +22,6 @@ from typer.testing import CliRunner
 from slamsim.cli.main import app
 from slamsim.guard.errors import OutputRefused, OverrideRefused
 from slamsim.guard.output import partial_folder
-from slamsim.run.folder import TRUTH
 
 pytestmark = pytest.mark.fault
 
@@ -163,9 +162,7 @@ def run_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
         ["--help"],
         ["config", "tiny"],
         ["world", "tiny", "--json"],
-        ["check", "made", "--json"],
         ["verify", "made", "--json"],
-        ["evaluate", f"made/{TRUTH}", "--truth", f"made/{TRUTH}", "--json"],
         ["fault", "--list", "--json"],
     ],
 )

@@ -19,7 +19,7 @@ from slamsim.guard.errors import InputRefused
 
 pytestmark = pytest.mark.fault
 
-CASES = 400
+CASES = 250
 
 
 def test_hundreds_of_damaged_inputs_are_read_right_or_refused(tmp_path: Path) -> None:

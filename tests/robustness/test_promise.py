@@ -18,10 +18,10 @@ from promise_oracle import Before, Judge
 
 pytestmark = pytest.mark.fault
 
-CASES, JOBS = 100, 2
+CASES, JOBS = 60, 2
 
 
-def test_a_hundred_commands_change_nothing_that_is_not_theirs() -> None:
+def test_commands_at_random_change_nothing_that_is_not_theirs() -> None:
     require_watching()
     found = list(promise.lines_of(range(CASES), None, jobs=JOBS, slow=False))
     broken = [f"{promise.repeat(line)}\n  {line}" for line in found if line["broken"]]

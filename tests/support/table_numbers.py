@@ -1,4 +1,5 @@
-"""Each number of a printed table stands in what ``--json`` gives, under a key of the same unit."""
+"""Whether each number of a printed table stands in what ``--json`` gives, under a key of the same
+unit."""
 
 from __future__ import annotations
 
@@ -6,17 +7,6 @@ import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-
-import pytest
-from test_piped_output import COMMANDS, LONG, WITHOUT_JSON, arguments, mapped
-from typer.testing import CliRunner
-
-from slamsim.cli.main import app
-from slamsim.console.reporter import Reporter
-
-__all__ = ["mapped"]
-WITHOUT_RESULT = {"view", "demo", "recover", *WITHOUT_JSON}
-"""Nothing is printed, or without ``--json``."""
 
 _NUMBER = re.compile(
     r"(?<![\w.:/,-])([+-]?\d[\d,]*(?:\.\d+)?(?:e[+-]?\d+)?)(?:\s?([a-zA-Zµ°%×²/]+))?"
@@ -104,36 +94,25 @@ def without_durations(line: str, known: Sequence[tuple[str, float]]) -> str:
 
 
 SAID = re.compile(
-    r"within one cell|NEES inside 95|within their 95 % ellipse|\(95 %\)|covariances: 3\b"
+    r"within one cell|NEES (?:in map )?inside 95|within their 95 % ellipse|\(95 %\)|covariances: 3\b"
     r"|on each core|scans placed in the map; .*|the median"
 )
 """Numbers that are words of a sentence."""
 
 
-@pytest.mark.parametrize(
-    "name",
-    [
-        pytest.param(name, marks=[pytest.mark.slow] if name in LONG else [])
-        for name in COMMANDS
-        if name not in WITHOUT_RESULT
-    ],
-)
-def test_what_a_table_shows_is_what_json_gives(
-    name: str, mapped: Path, small_set: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    given: list[Mapping[str, object]] = []
-    monkeypatch.setattr(Reporter, "result", lambda _, values: given.append(values))
-    done = CliRunner().invoke(app, arguments(name, mapped, small_set, tmp_path / "out"))
-    assert done.exit_code in (0, 1), done.output
-    known = [leaf for values in given for leaf in leaves(values)]
-    assert known, "no result"
+def numbers_without_source(
+    printed: str, results: Sequence[Mapping[str, object]], places: Sequence[Path]
+) -> list[tuple[str, str, str]]:
+    """Line, number and unit of all that is printed and stands in no result; names of folders,
+    of the places, are left out."""
+    known = [leaf for values in results for leaf in leaves(values)]
     wrong = []
-    for line in done.stdout.splitlines():
+    for line in printed.splitlines():
         plain = line
-        for place in (str(mapped), str(small_set), str(tmp_path)):
-            plain = plain.replace(place, "")
+        for place in places:
+            plain = plain.replace(str(place), "")
         plain = INTERVAL.sub(r"\1 \3 \2 \3", plain)
         plain = without_durations(SAID.sub("", plain), known)
         wrong += [(line, shown, unit) for shown, unit in _NUMBER.findall(plain)
                   if not is_there(shown, unit, known)]  # fmt: skip
-    assert not wrong
+    return wrong
