@@ -94,8 +94,8 @@ def without_durations(line: str, known: Sequence[tuple[str, float]]) -> str:
 
 
 SAID = re.compile(
-    r"within one cell|NEES (?:in map )?inside 95|within their 95 % ellipse|\(95 %\)|covariances: 3\b"
-    r"|on each core|scans placed in the map; .*|the median"
+    r"within one cell|NEES (?:in map )?inside 95|within their 95 % ellipse|\(95 %\)"
+    r"|covariances: 3\b|on each core|scans placed in the map; .*|the median"
 )
 """Numbers that are words of a sentence."""
 
