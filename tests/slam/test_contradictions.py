@@ -9,7 +9,10 @@ import numpy as np
 import pytest
 
 from slamsim.config.back_end import SubmapConfig
+from slamsim.config.slam import SlamConfig
 from slamsim.core.types import FloatArray
+from slamsim.slam.backend import back_end
+from slamsim.slam.backend.back_end import BackEnd
 from slamsim.slam.closures.submaps import Submap
 from slamsim.slam.frontend.keyframes import Keyframe
 from slamsim.slam.frontend.parts import Parts
@@ -42,6 +45,9 @@ class AsUsual(Usual):
 
     def is_usual(self, share: float) -> bool:
         return share <= self._share
+
+    def is_carried_to(self, number: int) -> bool:
+        return False
 
 
 def room(half_m: tuple[float, float], number: int, path_m: float) -> Submap:
@@ -91,3 +97,50 @@ def test_a_run_ends_where_the_next_begins() -> None:
     parts.begin(4, linked=True)
     parts.begin(9)
     assert [parts.end(begin, 20) for begin in (0, 4, 9)] == [4, 9, 20]
+
+
+class Joined:
+    """What ``BackEnd`` asks of its solution: all key frames in one place."""
+
+    def __init__(self, parts: Parts, count: int) -> None:
+        self.parts, self.poses, self.solved = parts, np.zeros((count, 3)), 0
+
+    def loosen(self, begin: int) -> None:
+        self.parts.confirm(begin)
+
+    def solve(self) -> None:
+        self.solved += 1
+
+
+@dataclass
+class Plain:
+    suspect: bool = False
+
+
+@pytest.mark.parametrize(
+    ("rooms", "carried_to"),
+    [
+        ((WIDE, WIDE, WIDE), ()),
+        ((WIDE, DEEP, DEEP), (4,)),  # odometry has the last run where it has the one before
+        ((WIDE, WIDE, DEEP), (9,)),
+    ],
+)
+def test_a_run_after_one_that_was_carried_to_is_not_held_against_the_map_from_before_both(
+    rooms: tuple[tuple[float, float], ...],
+    carried_to: tuple[int, ...],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    count, runs = 14, (0,) * 4 + (1,) * 5 + (2,) * 5
+    end, parts = BackEnd(SlamConfig()), Parts()
+    for begin in (4, 9):
+        parts.begin(begin, linked=True)
+    solution = Joined(parts, count)
+    monkeypatch.setattr(end, "_solution", solution)
+    monkeypatch.setattr(end, "_around", lambda k: room(rooms[runs[k]], k, 20.0 * runs[k]))
+    monkeypatch.setattr(end._cutter, "keyframes", [Plain()] * count)
+    monkeypatch.setattr(end._cutter, "submaps", [room(rooms[0], 0, 0.0)])
+    monkeypatch.setattr(back_end, "Usual", lambda *_: AsUsual(0.0))
+    end._settle()
+    assert parts.carried_to == carried_to
+    assert parts.withdrawn == {4, 9} - set(carried_to)
+    assert solution.solved == bool(carried_to)

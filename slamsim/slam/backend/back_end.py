@@ -325,32 +325,31 @@ class BackEnd:
     def _settle(self) -> None:
         """Decide of the runs that odometry links and no closure joins, whether they follow on.
 
-        They do unless what was seen on the metres after contradicts what was seen before, or all
-        of the run what the map has where odometry puts it.
+        They do unless what was seen on the metres after contradicts what was seen before, or what
+        was seen anywhere on the run contradicts the map where odometry puts it.
         """
         parts, count = self._solution.parts, len(self.keyframes)
         undecided = parts.open_between(0, count)
         usual = Usual(self._around, self.keyframes, undecided, self._config.submaps)
-        confirmed = [
-            begin
-            for begin in undecided
-            if usual.is_carried_to(begin) or self._contradicts_map(begin, usual)
-        ]
         for begin in undecided:
-            if begin in confirmed:
+            if usual.is_carried_to(begin) or self._contradicts_map(begin, usual):
                 self._solution.loosen(begin)
             else:
                 parts.withdraw(begin)
         self._lose_odometry(parts.carried_to)
-        if confirmed:
+        if not parts.withdrawn.issuperset(undecided):
             self._solution.solve()
 
     def _contradicts_map(self, begin: int, usual: Usual) -> bool:
-        """Whether nothing that was seen since then can be where odometry has it."""
-        run = range(begin, self._solution.parts.end(begin, len(self.keyframes)), EVERY_KEYFRAMES)
-        submaps, size = self._cutter.submaps, self._config.submaps
-        poses = self._solution.poses
-        return contradicts_what_was_before(self._around, submaps, poses, size, usual, run)
+        """Whether the run that begins here contradicts the map where odometry puts it.
+
+        Only that of which the run before tells where it is: once that one was carried to, odometry
+        says nothing of the map from before it.
+        """
+        parts, poses, size = self._solution.parts, self._solution.poses, self._config.submaps
+        run = range(begin, parts.end(begin, len(self.keyframes)), EVERY_KEYFRAMES)
+        known = [one for one in self._cutter.submaps if parts.linked(one.last, begin - 1)]
+        return contradicts_what_was_before(self._around, known, poses, size, usual, run)
 
     def _lose_odometry(self, carried_to: Iterable[int]) -> None:
         """Nothing tells where these key frames are, seen from the ones before."""
