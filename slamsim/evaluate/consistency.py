@@ -29,6 +29,10 @@ DEGREES_OF_FREEDOM = 3
 INSIDE_SHARE = 0.95
 """Of the poses that should lie within their own ellipse of that content."""
 
+LEAST_COVERED_SHARE = 0.95
+"""Of key frames, by the truth: with true covariances of odometry along two loops, the mean within
+the map is 3.1 where so many are covered, as where all are, but 1.9 where half of them are."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Consistency:
@@ -82,11 +86,12 @@ def nees_in_map(
     """The same of covariances relative to the map as a whole, laid onto the truth as for the ATE.
 
     Looks at all key frames that the truth covers; None if these are fewer than three, which leave
-    nothing to compare once they are aligned.
+    nothing to compare once they are aligned, or if too many are missing: a part of a map that is
+    aligned by itself is off by less than in the map as a whole.
     """
     require_covariances("the covariances within the map", covariances, (len(keyframes), 3, 3))
     covered = covered_by(truth.stamps_ns, keyframes.stamps_ns)
-    if np.count_nonzero(covered) < 3:
+    if np.count_nonzero(covered) < max(3, LEAST_COVERED_SHARE * len(keyframes)):
         return None
     stamps_ns = keyframes.stamps_ns[covered]
     true_poses, poses = truth.at(stamps_ns), keyframes.poses[covered]

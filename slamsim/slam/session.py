@@ -98,8 +98,8 @@ class SlamSession:
     def follow(
         self, scan: Scan, samples: MotionSamples = NOTHING
     ) -> tuple[Tracked, Keyframe | None] | None:
-        """``step`` without the pose in the map, whose covariance takes a tenth of the time of a long
-        log; not to be mixed with ``step``, whose poses hang on every key frame."""
+        """``step`` without the pose in the map, whose covariance takes a tenth of the time of a
+        long log; not to be mixed with ``step``, which needs every key frame."""
         if not self._track.is_later(scan.stamp_ns):
             return None
         with solving(f"the scan at {scan.stamp_ns} ns"):

@@ -73,6 +73,19 @@ def test_relative_to_the_map_the_first_pose_counts_as_any_other() -> None:
     assert nees_in_map(two, claimed[:2], truth) is None
 
 
+@pytest.mark.parametrize(("covered", "told"), [(100, True), (96, True), (90, False), (30, False)])
+def test_a_truth_of_a_part_of_the_path_does_not_tell_errors_within_the_whole_map(
+    covered: int, told: bool
+) -> None:
+    """Half of a drifting path, aligned by itself, is off by less than in the whole."""
+    rng = np.random.default_rng(8)
+    truth, claimed = path(100, rng), covariances(100, rng)
+    claimed[0] = claimed[1]
+    known = PlanarTrajectory(truth.stamps_ns[:covered], truth.poses[:covered])
+    found = nees_in_map(disturbed(truth, claimed, rng), claimed, known)
+    assert (found is not None) == told
+
+
 def test_an_estimate_too_sure_of_itself_is_told() -> None:
     rng = np.random.default_rng(4)
     truth, claimed = path(500, rng), covariances(500, rng)
