@@ -25,8 +25,8 @@ FOOTER = "Made by slamsim calibrate. All numbers are in report.json beside this 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Misfits:
-    """Corners (n, 2) px in an image of size (width, height), and by how much they are seen beside
-    where the fit has them (n, 2) px; at: (n,) when, or in which image, as ``axis`` says."""
+    """Corners (n, 2) px as seen in an image of size (width, height), and how far from there the fit
+    has them (n, 2) px; at: (n,) when, or in which image, as ``axis`` says."""
 
     size: tuple[int, int]
     corners_px: FloatArray
@@ -53,23 +53,28 @@ def write_calibration_report(
     notes: Sequence[str],
 ) -> None:
     """pairs: what is told of two cameras, by their names. Raises what write_atomic raises."""
-    verdicts = [row[3] for each in cameras for row in each.rows]
-    faults, claimed = verdicts.count("fault"), any(row[2] for each in cameras for row in each.rows)
-    lead = f"{len(cameras)} calibrated; " if len(cameras) > 1 else ""
-    lead += (
-        f"{faults} of {len(verdicts)} numbers are not as claimed"
-        if faults
-        else "all is as claimed"
-        if claimed
-        else "nothing was claimed"
-    )
-    unsure = verdicts.count("inconclusive")
-    lead += f", {unsure} inconclusive." if unsure else "."
     body = [warnings(notes), *map(_camera, cameras)]
     body += [
         section(name, table(Table(("", ""), list(rows.items())))) for name, rows in pairs.items()
     ]
-    write_atomic(path, page("Calibration of cameras", lead, "".join(body), FOOTER).encode())
+    write_atomic(
+        path, page("Calibration of cameras", _lead(cameras), "".join(body), FOOTER).encode()
+    )
+
+
+def _lead(cameras: Sequence[CalibratedView]) -> str:
+    verdicts = [row[3] for each in cameras for row in each.rows]
+    faults, confirmed, unsure = map(verdicts.count, ("fault", "ok", "inconclusive"))
+    if faults:
+        found = f"{faults} of {len(verdicts)} numbers are not as claimed"
+    elif confirmed and not unsure:
+        found = "all is as claimed"
+    elif any(row[2] for each in cameras for row in each.rows):
+        found = f"{confirmed} of {len(verdicts)} numbers are as claimed"
+    else:
+        found = "nothing was claimed"
+    count = f"{len(cameras)} calibrated; " if len(cameras) > 1 else ""
+    return count + found + (f", {unsure} inconclusive." if unsure else ".")
 
 
 def _camera(view: CalibratedView) -> str:
