@@ -59,7 +59,8 @@ class PoseGraph(MapGraph):
 
     in_map: (n, 3, 3) covariances like the others, but relative to the map as a whole, laid onto the
     truth as for the ATE: how far off each key frame is where the first one's error, which moves all
-    the others together, does not count. None where that is not known.
+    the others together, does not count. The drive is the map where it continues an earlier one.
+    None where that is not known.
     """
 
     keyframes: PlanarTrajectory

@@ -25,8 +25,8 @@ from slamsim.slam.backend.smoothing import Smoothed
 
 
 class Sure(NamedTuple):
-    """Covariances (n, 3, 3) of small steps of the base in its own frame, relative to the first pose
-    and to the map as a whole, None for a map whose poses all lie in one place."""
+    """Covariances (n, 3, 3) of small steps of the base in its own frame, relative to the first of
+    all poses, and to the map that these n make, None where they all lie in one place."""
 
     relative: FloatArray
     in_map: FloatArray | None
@@ -59,19 +59,20 @@ class Sights:
         """
         return _carried(adjoint(self.T_base_view), self._joined().covariances())
 
-    def smoothed(self, scatter: FloatArray) -> Sure:
-        """The same when each pose is off by an error of its own besides, of (n, 3, 3) ``scatter``;
-        and relative to the map as a whole."""
+    def smoothed(self, scatter: FloatArray, first: int = 0) -> Sure:
+        """Of the poses from number ``first`` on, when each is off by an error of its own besides,
+        of (n, 3, 3) ``scatter``."""
         to_base, joined = adjoint(self.T_base_view), self._joined()
         poses = compose(self.poses, inverse(self.T_base_view))
-        whole, products = WholeMap.of(poses), scatter
+        whole, shares = WholeMap.of(poses[first:]), np.zeros_like(scatter)
         if whole is not None:
-            of_views = joined.times(np.swapaxes(to_base, 1, 2) @ whole.shares)
-            products = to_base @ of_views + scatter @ whole.shares
+            shares[first:] = whole.shares
+            of_views = joined.times(np.swapaxes(to_base, 1, 2) @ shares)
+            products = (to_base @ of_views + scatter @ shares)[first:]
         of_map = _carried(to_base, joined.covariances())
         return Sure(
-            with_scatter(poses, of_map, scatter),
-            None if whole is None else whole.covariances(of_map + scatter, products),
+            with_scatter(poses, of_map, scatter)[first:],
+            None if whole is None else whole.covariances((of_map + scatter)[first:], products),
         )
 
     def _joined(self) -> Joined:
@@ -86,11 +87,11 @@ class Sights:
 
 
 def smoothed_covariances(sights: Sights, graph: MapGraph, first: int, smoothed: Smoothed) -> Sure:
-    """Of the smoothed key frames from number ``first`` of the graph on, relative to its first and
-    to the map as a whole.
+    """Of the smoothed key frames from number ``first`` of the graph on.
 
-    smoothed: the drive of these key frames. Where only a guess of the front end joins two of them,
-    it stays as unsure as it was. Poses that are held fixed are the map.
+    smoothed: the drive of these key frames, which alone is laid onto the truth. Where only a guess
+    of the front end joins two of them, it stays as unsure as it was. Poses that are held fixed are
+    the map.
     """
     held = len(graph.keyframes) - len(sights.poses)
     stamps_ns = graph.keyframes.stamps_ns[first:]
@@ -102,9 +103,8 @@ def smoothed_covariances(sights: Sights, graph: MapGraph, first: int, smoothed: 
     to_view = adjoint(inverse(sights.T_base_view[first + 1 :]))
     drift[first:][driven] = _carried(to_view, drift_between(smoothed, stamps_ns))[driven]
     scatter[first:] = smoothed.covariances[_numbers(smoothed, stamps_ns)]
-    sure = replace(sights, drift=drift).smoothed(scatter)
-    in_map = sure.relative if held else sure.in_map
-    return Sure(sure.relative[first:], None if in_map is None else in_map[first:])
+    sure = replace(sights, drift=drift).smoothed(scatter, first)
+    return sure._replace(in_map=sure.relative) if held else sure
 
 
 def drift_between(smoothed: Smoothed, stamps_ns: IntArray) -> FloatArray:
