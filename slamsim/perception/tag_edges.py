@@ -35,6 +35,8 @@ samples at least, brightness is that of black and of white."""
 END_SHARE, END_PX = 0.15, 1.5
 """What is left out at both ends of an edge, of its length and at least."""
 LEAST_POINTS = 4
+LEAST_AHEAD = 0.05
+"""Of the length of a ray, along the optical axis: of one farther aside x / z tells nothing."""
 LEAST_SIDE_PX = 10.0
 """A tag of eight cells has cells of 1.25 pixels then; of smaller ones OpenCV finds few."""
 BLURRED_CELLS, BLURRED_SHARE = 0.18, 0.22
@@ -111,39 +113,62 @@ def _crossings(
     grey: Float32Array, pixels: FloatArray, cells: int, model: CameraModel, *, is_near: bool
 ) -> Corners | None:
     """Lines through the edges, straight once the lens is taken out, and where they cross."""
-    focal_px = float(model.focal_px.mean())
+    ahead = model.rays_at(pixels)
+    if not (np.isfinite(ahead).all() and (ahead[:, 2] > LEAST_AHEAD).all()):
+        return None
     lines, covariances = [], []
     for k in range(4):
-        edge = _edge(grey, np.roll(pixels, -k, axis=0), cells, is_near=is_near)
+        square, ends = np.roll(pixels, -k, axis=0), np.roll(ahead, -k, axis=0)[:2]
+        ends_xy = ends[:, :2] / ends[:, 2:]
+        edge = _edge(grey, square, ends_xy, cells, model, is_near=is_near)
         if edge is None:
             return None
         rays = model.rays_at(edge.points_px)
-        seen = np.isfinite(rays).all(axis=1) & (rays[:, 2] > 0.05)
+        seen = np.isfinite(rays).all(axis=1) & (rays[:, 2] > LEAST_AHEAD)
         if np.count_nonzero(seen) < LEAST_POINTS:
             return None
         points = rays[seen, :2] / rays[seen, 2:]
-        line, covariance = _fit_line(points, edge.shift_px / focal_px, FLOOR_PX / focal_px)
+        pixel = _pixel(square, ends_xy, model)
+        line, covariance = _fit_line(points, edge.shift_px * pixel, FLOOR_PX * pixel)
         lines.append(line)
         covariances.append(covariance)
     return _corners(lines, covariances, model)
 
 
-def _edge(grey: Float32Array, square: FloatArray, cells: int, *, is_near: bool) -> _Edge | None:
+def _pixel(square: FloatArray, ends_xy: FloatArray, model: CameraModel) -> float:
+    """By how much rays (x / z, y / z) change in a pixel across the first edge of square (4, 2): far
+    from the middle of a wide image by several times as much as in it."""
+    along, along_xy = square[1] - square[0], ends_xy[1] - ends_xy[0]
+    middle, half = 0.5 * (square[0] + square[1]), 0.5 * along[::-1] * [1.0, -1.0]
+    half /= np.linalg.norm(along)
+    rays = model.rays_at(np.array([middle - half, middle + half]))
+    x, y = rays[1, :2] / rays[1, 2] - rays[0, :2] / rays[0, 2]
+    return float(abs(x * along_xy[1] - y * along_xy[0]) / np.linalg.norm(along_xy))
+
+
+def _edge(
+    grey: Float32Array,
+    square: FloatArray,
+    ends_xy: FloatArray,
+    cells: int,
+    model: CameraModel,
+    *,
+    is_near: bool,
+) -> _Edge | None:
     """The edge from the first to the second corner of square (4, 2); None if there is none.
 
-    is_near: whether it is known to a fraction of a pixel.
+    ends_xy: (2, 2) rays of these two, as those of ``Corners``. is_near: whether the edge is known
+    to a fraction of a pixel.
     """
-    start, end = square[0], square[1]
-    length = float(np.linalg.norm(end - start))
-    along = (end - start) / length
-    outwards = np.array([along[1], -along[0]])  # corners go clockwise in the image
-    cell_px = abs(float((0.5 * (square[2] + square[3]) - start) @ outwards)) / cells
+    length = float(np.linalg.norm(square[1] - square[0]))
+    across_px = (square[1] - square[0])[::-1] * [1.0, -1.0] / length
+    cell_px = abs(float((0.5 * (square[2] + square[3]) - square[0]) @ across_px)) / cells
     margin = max(END_PX, END_SHARE * length)
     at = np.linspace(margin, length - margin, max(LEAST_POINTS, int(length - 2.0 * margin)))
     reach = float(np.clip(REACH_CELLS * cell_px, *REACH_PX))
     across = np.arange(-reach, reach + 1e-6, STEP_PX)
-    base = start + at[:, None] * along
-    profile = _profile(grey, base[:, None] + across[:, None] * outwards)
+    base, outwards = _as_bent(ends_xy, at / length, model)
+    profile = _profile(grey, base[:, None] + across[:, None] * outwards[:, None])
     found = _by_area(profile, at, across) if is_near else _by_steps(profile, across)
     if found is None:
         return None
@@ -153,7 +178,19 @@ def _edge(grey: Float32Array, square: FloatArray, cells: int, *, is_near: bool) 
     by_blocks_px = BLOCK_SHIFT_PX * np.sqrt(min(1.0, BLOCK_PX / length))
     blurred_px = BLURRED_SHARE * max(0.0, width_px - BLURRED_CELLS * cell_px) + SHIFT_FLOOR_PX
     shift_px = float(np.hypot(blurred_px, by_blocks_px))
-    return _Edge(base[those] + off[:, None] * outwards, shift_px)
+    return _Edge(base[those] + off[:, None] * outwards[those], shift_px)
+
+
+def _as_bent(
+    ends_xy: FloatArray, shares: FloatArray, model: CameraModel
+) -> tuple[FloatArray, FloatArray]:
+    """(n, 2) px of a straight edge at these shares of its length, as the lens shows it, and (n, 2)
+    the unit normals there: from a straight line in the image it may be away by some pixels."""
+    rays = ends_xy[0] + shares[:, None] * (ends_xy[1] - ends_xy[0])
+    base, _ = model.project(np.column_stack([rays, np.ones(len(rays))]))
+    along = np.gradient(base, axis=0)
+    along /= np.linalg.norm(along, axis=1, keepdims=True)
+    return base, np.column_stack([along[:, 1], -along[:, 0]])  # corners go clockwise in the image
 
 
 def _profile(grey: Float32Array, looked_px: FloatArray) -> FloatArray:

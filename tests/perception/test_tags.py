@@ -55,6 +55,24 @@ def test_the_lens_is_taken_out(model: CameraModel) -> None:
         assert np.abs(step[:3]).max() < 0.01
 
 
+@pytest.mark.parametrize("model", [LENS, FISHEYE], ids=["brown", "fisheye"])
+def test_edges_of_large_tags_are_looked_for_where_the_lens_bends_them(model: CameraModel) -> None:
+    """Their middles lie up to two pixels beside the straight line from corner to corner."""
+    off_px, nees = [], []
+    for seed in range(12):
+        T = random_tag_pose(model, np.random.default_rng(seed), (0.3, 0.5), 0.4)
+        seen = _one(model, T, seed)
+        if seen is None:
+            continue
+        true, _ = model.project(square_corners(0.2) @ T[:3, :3].T + T[:3, 3])
+        off_px.append(np.sqrt(np.mean((seen.corners_px - true) ** 2)))
+        step = step_between(seen.pose.T_camera_tag, T)
+        nees.append(step @ np.linalg.solve(seen.pose.covariance, step))
+    assert len(nees) >= 7
+    assert max(off_px) < 0.08
+    assert np.mean(nees) < 9.0
+
+
 def test_errors_are_as_large_as_claimed() -> None:
     """Over random views, blurs and noises: 95 % within what the covariance says 95 % are in."""
     rng = np.random.default_rng(2031)
