@@ -1,12 +1,25 @@
-"""What the first line of a page of calibrated cameras says."""
+"""The page of calibrated cameras: its first line, and its figures."""
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
+import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
-from slamsim.report.pages.calibration import CalibratedView, write_calibration_report
+from slamsim.report.figures.run import Picture
+from slamsim.report.pages import calibration
+from slamsim.report.pages.calibration import CalibratedView, Misfits, write_calibration_report
+
+SQUARE_PX = np.array([[10.0, 10.0], [50.0, 10.0], [50.0, 40.0], [10.0, 40.0]])
+
+
+def misfits(tags: int) -> Misfits:
+    corners_px = np.tile(SQUARE_PX, (tags, 1))
+    at_s = np.repeat(0.1 * np.arange(tags), 4)
+    return Misfits((64, 48), corners_px, np.full_like(corners_px, 0.1), at_s, "time [s]")
 
 
 @pytest.mark.parametrize(
@@ -30,3 +43,28 @@ def test_what_is_inconclusive_is_not_said_to_be_as_claimed(
     text = page.read_text()
     assert told in text
     assert ("all is as claimed" in text) == (told == "all is as claimed.")
+
+
+@pytest.mark.parametrize("topic", ["/front left/image", '/a"><b onclick="x">', "/a\\d", "/(a)"])
+def test_names_of_topics_are_no_html_of_figures(topic: str, tmp_path: Path) -> None:
+    page = tmp_path / "report.html"
+    view = CalibratedView(topic, {}, (), {"board": misfits(3), "tags": misfits(3)})
+    write_calibration_report(page, [view, view], {}, ())
+    text = page.read_text()
+    assert "<b" not in text.replace("<body", "") and 'id="arrows-tags-1-' in text
+    ids = re.findall(r'\bid="([^"]*)"', text)
+    assert len(set(ids)) == len(ids) and not any(set(" ()/\\") & set(one) for one in ids)
+
+
+def test_arrows_of_many_tags_are_of_all_their_corners(monkeypatch: pytest.MonkeyPatch) -> None:
+    drawn: list[set[tuple[float, float]]] = []
+
+    def kept(figure: Figure, key: str) -> str:
+        (line,) = figure.axes[0].lines
+        drawn.append({(x, y) for x, y in np.column_stack(line.get_data()).tolist()})
+        return key
+
+    monkeypatch.setattr(calibration, "svg", kept)
+    monkeypatch.setattr(calibration, "_MOST_ARROWS", 30)
+    assert isinstance(calibration._arrows("a", misfits(30)), Picture)
+    assert drawn == [set(map(tuple, SQUARE_PX.tolist()))]

@@ -11,6 +11,7 @@ from matplotlib import rc_context
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
+from slamsim.core.randomness import random_stream
 from slamsim.core.types import FloatArray
 from slamsim.guard.output import write_atomic
 from slamsim.report.figures.palette import ESTIMATE, NEUTRAL
@@ -53,7 +54,7 @@ def write_calibration_report(
     notes: Sequence[str],
 ) -> None:
     """pairs: what is told of two cameras, by their names. Raises what write_atomic raises."""
-    body = [warnings(notes), *map(_camera, cameras)]
+    body = [warnings(notes), *(_camera(view, number) for number, view in enumerate(cameras))]
     body += [
         section(name, table(Table(("", ""), list(rows.items())))) for name, rows in pairs.items()
     ]
@@ -77,30 +78,27 @@ def _lead(cameras: Sequence[CalibratedView]) -> str:
     return count + found + (f", {unsure} inconclusive." if unsure else ".")
 
 
-def _camera(view: CalibratedView) -> str:
+def _camera(view: CalibratedView, number: int) -> str:
     header = ("number", "found, 95 % interval", "claimed", "verdict", "what would tell")
     parts = [
         table(Table(("", ""), list(view.facts.items()))),
         table(Table(header, view.rows, words=True)),
     ]
     for name, misfits in view.misfits.items():
+        key = f"{name}-{number}"  # ids of elements, which names of topics are not fit for
         shown = (
-            figure(
-                _arrows(view.name, name, misfits), f"Where corners of {name} are off, magnified"
-            ),
-            figure(
-                _sizes(view.name, name, misfits),
-                f"By how much in each image ({name}), root mean square",
-            ),
+            figure(_arrows(key, misfits), f"Where corners of {name} are off, magnified"),
+            figure(_sizes(key, misfits), f"By how much in each image ({name}), root mean square"),
         )
         parts.append(pair(shown))
     return section(view.name, "".join(parts))
 
 
-def _arrows(camera: str, name: str, misfits: Misfits) -> Picture:
-    """From each corner to where the fit has it."""
-    every = max(-(-len(misfits.off_px) // _MOST_ARROWS), 1)
-    begin, off = misfits.corners_px[::every], misfits.off_px[::every]
+def _arrows(key: str, misfits: Misfits) -> Picture:
+    """From each corner to where the fit has it; of many, a part that is drawn by lot: of every
+    fourth one, all would be the same corner of their tags."""
+    lot = random_stream(0, "arrows").permutation(len(misfits.off_px))[:_MOST_ARROWS]
+    begin, off = misfits.corners_px[lot], misfits.off_px[lot]
     width, height = misfits.size
     usual_px = max(float(np.percentile(np.linalg.norm(off, axis=1), 95.0)), 1e-9)
     by = max(round(_LONGEST_SHARE * width / usual_px), 1)
@@ -115,10 +113,10 @@ def _arrows(camera: str, name: str, misfits: Misfits) -> Picture:
         )
         axes.set_aspect("equal")
         legend = (("corner", NEUTRAL), (f"off, {by} times", ESTIMATE))
-        return Picture(svg(drawn, f"arrows-{camera}-{name}"), legend)
+        return Picture(svg(drawn, f"arrows-{key}"), legend)
 
 
-def _sizes(camera: str, name: str, misfits: Misfits) -> Picture:
+def _sizes(key: str, misfits: Misfits) -> Picture:
     places, which = np.unique(misfits.at, return_inverse=True)
     squares = np.square(misfits.off_px).sum(axis=1)
     rms_px = np.sqrt(np.bincount(which, squares) / np.bincount(which))
@@ -127,4 +125,4 @@ def _sizes(camera: str, name: str, misfits: Misfits) -> Picture:
         axes = drawn.add_subplot()
         axes.plot(places, rms_px, ".", color=ESTIMATE, markersize=3.0)
         axes.set(xlabel=misfits.axis, ylabel="off [px]", ylim=(0.0, None))
-        return Picture(svg(drawn, f"sizes-{camera}-{name}"), (("each image", ESTIMATE),))
+        return Picture(svg(drawn, f"sizes-{key}"), (("each image", ESTIMATE),))
