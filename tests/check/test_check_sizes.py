@@ -11,7 +11,15 @@ from calibration_example import Robot
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from slamsim.check.calibration.explanation import EFFECTS, LIMITS, Size, explain
+from slamsim.check.calibration import explanation
+from slamsim.check.calibration.explanation import (
+    EFFECTS,
+    HEALTHY_SHARE,
+    LIMITS,
+    OF_ROBOTS,
+    Size,
+    explain,
+)
 from slamsim.check.calibration.joint import calibrate_inputs
 from slamsim.check.calibration.noise import Pieces, pieces_of
 from slamsim.check.motion.inputs import Inputs
@@ -69,6 +77,28 @@ def test_without_a_gyroscope_the_scans_are_believed_and_wheels_blamed() -> None:
     calibration = calibrate_inputs(inputs)
     assert calibration is not None
     assert explain(calibration).wrong == {"track"}
+
+
+@pytest.mark.parametrize(("wrong", "by"), [("radius", 0.0), ("radius", 0.01), ("track", 0.02)])
+def test_intervals_of_a_size_hold_what_the_others_of_a_healthy_robot_add(
+    wrong: Size, by: float
+) -> None:
+    """Paths are known ten times less well than turns, which tell a radius by the track."""
+    rng, sigmas, draws = np.random.default_rng(7), np.array([2e-3, 2e-4, 2e-4, 1e-4]), 400
+    held = dict.fromkeys(OF_ROBOTS, 0)
+    for _ in range(draws):
+        off = {size: HEALTHY_SHARE * LIMITS[size] * rng.standard_normal() for size in OF_ROBOTS}
+        off[wrong] = by or off[wrong]
+        gain = sum(off[size] * EFFECTS[size] for size in OF_ROBOTS) + sigmas * rng.normal(size=4)
+        known = np.ones(4, dtype=np.bool_)
+        gains = explanation._Gains(np.asarray(gain), np.diag(np.square(sigmas)), known)
+        found = explanation._fewest(gains)
+        for size in OF_ROBOTS:
+            measured = explanation._told(gains, size, found)
+            assert measured is not None
+            low, high = measured.interval
+            held[size] += low <= 100.0 * np.expm1(off[size]) <= high
+    assert all(0.9 * draws < count < 0.985 * draws for count in held.values()), held
 
 
 @settings(max_examples=20, deadline=None)
