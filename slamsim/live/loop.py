@@ -244,6 +244,8 @@ class LiveLoop:
         pace, steering, known, robot = self.pace, self.steering, self.known, self._robot
         command, ended = (STANDING, "") if robot is None else (robot.command, robot.ended)
         keyframes, closures = known.counts
+        # A robot that tipped over asks its driver no more.
+        goal = "not reached" if ended and steering.goal == "driving" else steering.goal
         return Status(
             stamp_ns=self._now_ns,
             rate=pace.rate,
@@ -259,5 +261,5 @@ class LiveLoop:
             keyframes=keyframes,
             closures=closures,
             ended=steering.ended or ended,
-            goal=steering.goal,
+            goal=goal,
         )

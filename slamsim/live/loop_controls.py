@@ -19,7 +19,7 @@ class LoopControls:
         """See ``Controls``."""
         steering = self._loop.steering
         steering.manual.drive(speed_m_s, yaw_rate_rad_s, hold_s)
-        if steering.driver is not steering.manual or steering.mode != "manual":
+        if not steering.is_driven_by_twists:
             twist = speed_m_s, yaw_rate_rad_s, hold_s
             self._calls.ask(lambda: steering.take_over(*twist))
 

@@ -73,9 +73,14 @@ class Steering:
         elif mode == "explore":
             self.driver = RouteDriver(self._full_turn(), self._config.drive)
 
+    @property
+    def is_driven_by_twists(self) -> bool:
+        """Whether a twist was the last that was asked for, or nothing yet."""
+        return self.mode == "manual" and self.driver is self.manual and self.goal == "none"
+
     def take_over(self, speed_m_s: float, yaw_rate_rad_s: float, hold_s: float) -> None:
         """From now on twists come from outside, this one first."""
-        if self.mode != "manual" or self.driver is not self.manual:
+        if not self.is_driven_by_twists:
             self._stand("manual")
             self.manual.drive(speed_m_s, yaw_rate_rad_s, hold_s)
 

@@ -24,6 +24,7 @@ from slamsim.live.loop_controls import LoopControls
 from slamsim.live.mapping import MappingProcess
 from slamsim.live.published import SLAM_TOPICS
 from slamsim.live.recording import read_drive
+from slamsim.live.robot import LiveRobot
 from slamsim.run.live.replay import replay_drive
 from slamsim.run.live.world import live_config
 from slamsim.sim.drive.drive_loop import BasePose
@@ -185,8 +186,22 @@ def test_what_became_of_a_goal_is_told(
         steering.driver.wanted(0.02 * tick, BasePose(0.0, 0.0, 0.0, 0.0, 1.0))
         steering.update(bumped)
         goals.append(steering.goal)
-    steering.switch("manual", np.zeros(3))
+    LoopControls(loop).drive(0.1, 0.0)
+    loop.calls.heed()
     assert list(dict.fromkeys([*goals, steering.goal])) == ["driving", told, "none"]
+
+
+def test_a_robot_that_tipped_over_does_not_reach_its_goal(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    loop, _ = _loop(_config(), tmp_path)
+    robot = LiveRobot(loop.setup.config, loop.setup.world, loop.setup.robot, loop.setup.header)
+    monkeypatch.setattr(loop, "_robot", robot)
+    loop.steering.go(Route((), np.array([[0.0, 0.1, 0.0], [9.0, 0.0, 0.0]]), 0.9, 9.0, np.inf))
+    assert loop._described().goal == "driving"
+    robot.ended = "the robot tipped over"
+    assert loop._described().goal == "not reached"
+    robot.close()
 
 
 def test_explore_maps_all_of_a_small_world(tmp_path: Path) -> None:
