@@ -35,20 +35,22 @@ LONGEST_S = 10.0
 
 @dataclass(frozen=True, slots=True)
 class CameraClock:
-    """late_s: the stamp of an image less when its first row was exposed (the middle of that), on
-    the clock of the path. readout_s: from the first row to the last."""
+    """late_s: the stamp of an image less when its topmost row was exposed (the middle of that), on
+    the clock of the path. readout_s: from the topmost row to the lowest; below 0 where a driver
+    turns the images of a camera that hangs upside down."""
 
     late_s: float = 0.0
     readout_s: float = 0.0
 
     def at_row(self, stamp_ns: int, share: float) -> int:
-        """When a row was exposed: share 0 of the image's height is the first, 1 the last."""
+        """When a row was exposed: share 0 of the image's height is the topmost, 1 the lowest."""
         return stamp_ns + round(1e9 * (self.readout_s * share - self.late_s))
 
     def of_rows(self, stamp_ns: int, rows: int) -> IntArray:
         """(rows,) the same of each row, (1,) of a global shutter."""
-        shares = np.linspace(0.0, 1.0, rows) if self.readout_s > 0.0 else np.zeros(1)
-        return np.array([self.at_row(stamp_ns, share) for share in shares.tolist()], np.int64)
+        shares = np.linspace(0.0, 1.0, rows) if self.readout_s else np.zeros(1)
+        since_s = self.readout_s * shares - self.late_s
+        return np.asarray(stamp_ns + np.rint(1e9 * since_s).astype(np.int64))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -74,12 +76,14 @@ class CalibratedCameras:
 
     def of(self, topic: str, frame: str) -> CalibratedCamera:
         """That of a topic, packed or not, or of its frame: what hangs there has its place and
-        clock, and a lens of its own."""
+        clock, and a lens of its own. It is told where none of them is that camera."""
         for name, each in self.cameras.items():
             if without_transport(name) == without_transport(topic):
                 return each
-        same = [each for each in self.cameras.values() if each.frame == frame]
+        same = [each for each in self.cameras.values() if frame and each.frame == frame]
         if not same:
+            if self.cameras:
+                _log.warning("%s is none of the calibrated cameras and counts as recorded", topic)
             return NOT_CALIBRATED
         return CalibratedCamera(
             frame, same[0].base_frame, same[0].T_base_camera, None, same[0].clock

@@ -21,7 +21,7 @@ from slamsim.core.types import Float32Array, FloatArray
 from slamsim.guard.errors import InputRefused, NotFound, SlamsimError
 from slamsim.guard.numbers import UNIT_WITHIN
 from slamsim.io.cameras import open_cameras
-from slamsim.io.cameras.base import Cameras
+from slamsim.io.cameras.base import Cameras, CameraTopic
 from slamsim.perception.calibrated import (
     NO_CALIBRATION,
     NOT_CALIBRATED,
@@ -151,8 +151,7 @@ def _usable(
         try:
             known = calibrated.of(each.topic, each.frame_id)
             mount = mount_of(path, each.topic, each.frame_id, recording, known)
-            model = known.model or cameras.model(each.topic)
-            found[each.topic] = UsedCamera(model, mount, known.clock)
+            found[each.topic] = UsedCamera(_lens_of(cameras, each, known), mount, known.clock)
         except (InputRefused, NotFound) as error:
             lacking.append(error)
     if not found:
@@ -160,6 +159,19 @@ def _usable(
     for reason in lacking:
         _log.warning("a camera is left out: %s", reason)
     return found
+
+
+def _lens_of(cameras: Cameras, topic: CameraTopic, calibrated: CalibratedCamera) -> CameraModel:
+    """As calibrated or as claimed. Raises InputRefused where images of another size were
+    calibrated, and as ``Cameras.model``."""
+    model = calibrated.model
+    if model is None:
+        return cameras.model(topic.topic)
+    if (model.width, model.height) != (topic.width, topic.height):
+        size = f"images of {topic.width} x {topic.height}"
+        reason = f"has {size}; calibrated were {model.width} x {model.height}"
+        raise InputRefused(cameras.path, reason, f"topic {topic.topic}")
+    return model
 
 
 def mount_of(

@@ -14,7 +14,7 @@ from slamsim.config.dump import dump_commented_yaml
 from slamsim.config.loading import load_simulated_config, load_world_config
 from slamsim.config.run import RunConfig
 from slamsim.console.reporter import Reporter
-from slamsim.core.landmarks import NO_TAGS, TagsSeen
+from slamsim.core.landmarks import TagsSeen
 from slamsim.core.result import SlamResult
 from slamsim.core.types import Grid, Log, Trajectory
 from slamsim.guard.errors import SlamsimError
@@ -25,8 +25,6 @@ from slamsim.io.names import LOG
 from slamsim.io.open import open_recording
 from slamsim.io.selection import EVERYTHING, Selection
 from slamsim.io.text.relations import Relations, read_relations
-from slamsim.perception.calibrated import read_calibration
-from slamsim.perception.recorded import tags_seen
 from slamsim.process.children import MEMORY
 from slamsim.process.memory import return_freed_memory
 from slamsim.recording import Recording
@@ -36,7 +34,12 @@ from slamsim.report.run_view import RunView
 from slamsim.report.viewer.run import write_recording
 from slamsim.run import folder as run_folder
 from slamsim.run.cameras import layers as run_layers
-from slamsim.run.cameras.asked import refuse_unseen, refuse_wrong_files, require_returns
+from slamsim.run.cameras.asked import (
+    from_images,
+    refuse_unseen,
+    refuse_wrong_files,
+    require_returns,
+)
 from slamsim.run.checking import check_stage
 from slamsim.run.continuing import Earlier, clouds_before
 from slamsim.run.naming import log_of, recording_name
@@ -69,7 +72,7 @@ def map_world(
     Raises SlamsimError after a drive that ended early; what was driven is mapped all the same.
     """
     wanted = None if relations is None else read_relations(relations)
-    refuse_unseen(config)
+    calibrated = refuse_unseen(config)
     stages = Stages(reporter)
     with partial_folder(folder, overwrite) as partial:
         simulation = record(config, partial, stages)
@@ -78,7 +81,7 @@ def map_world(
         checked = _checked(opened.recording, stages)
         log = replace(opened.log(), name=config.world.name)
         known = _known(log, opened.truth(), wanted, (simulation.world, config))
-        images, tags = _images(source, opened.recording, config, stages)
+        images, tags = from_images(source, opened.recording, config, stages, calibrated)
         del opened
         return_freed_memory()
         report = _map(log, config, partial, stages, known, checked, tags, images)
@@ -98,7 +101,7 @@ def map_recording(
     overwrite: bool = False,
 ) -> Report:
     """Map, evaluate with whatever truth there is, show; earlier: a map to go on with."""
-    refuse_wrong_files(config, continues=earlier is not None)
+    calibrated = refuse_wrong_files(config, continues=earlier is not None)
     path = log_of(source)
     opened = open_recording(path, wanted)
     log = replace(opened.log(), name=recording_name(str(source)))
@@ -109,7 +112,7 @@ def map_recording(
     known = _known(log, opened.truth(), wanted_relations, origin)
     stages = Stages(reporter)
     checked = _checked(opened.recording, stages)
-    images, tags = _images(path, opened.recording, config, stages)
+    images, tags = from_images(path, opened.recording, config, stages, calibrated)
     del opened
     return_freed_memory()
     with partial_folder(folder, overwrite) as partial:
@@ -155,6 +158,7 @@ def _map(
     fails then."""
     result, saved = _slam(log, config, stages, earlier, tags)
     log = result.log or log
+    log = replace(log, warnings=(*log.warnings, *images.told))
     unjoined = "" if earlier is None else earlier.unjoined(saved, result, log)
     run_folder.write_slam(partial, result, sure=not unjoined)
     write_saved_map(partial / run_folder.SAVED_MAP, saved)
@@ -182,26 +186,13 @@ def _map(
     write_atomic(partial / run_folder.REPORT_JSON, as_json(run_folder.REPORT_JSON, numbers))
     return Report(
         numbers,
-        warnings=(*doubts, *log.warnings, *images.told, *result.warnings),
+        warnings=(*doubts, *log.warnings, *result.warnings),
         weighed=weighed(result, (*doubts, *log.warnings)),
         verdict=str(numbers.get("verdict", "")),
         mapped=complete,
         failed=failed,
         unjoined=unjoined,
     )
-
-
-def _images(
-    path: Path, recording: Recording, config: RunConfig, stages: Stages
-) -> tuple[run_layers.LayerSources, TagsSeen]:
-    """Of what layers are made, and what images show of the tags that the configuration asks for."""
-    calibrated = read_calibration(config.slam.camera_calibration)
-    sources = run_layers.layer_sources(path, recording, config.mapping.layers, calibrated)
-    if not config.slam.landmarks.tags:
-        return sources, NO_TAGS
-    with stages.stage("tags", "images/s") as progress:
-        tags = tags_seen(path, recording, config.slam.landmarks, progress, calibrated)
-    return sources, tags
 
 
 def _verdict(view: RunView, unjoined: str) -> str:

@@ -31,6 +31,7 @@ from slamsim.perception.layers import labels as of_labels
 from slamsim.perception.layers.labels import LabelVotes
 from slamsim.perception.layers.obstacles import ObstacleGrid, hits_of
 from slamsim.recording import Recording, TransformEdge
+from slamsim.run.cameras import layers as of_layers
 from slamsim.run.cameras.floor import floor_of
 from slamsim.run.cameras.layers import layer_sources
 from slamsim.run.mapping import map_recording, map_world
@@ -219,6 +220,10 @@ def test_each_row_of_a_rolling_shutter_counts_from_its_own_pose() -> None:
     rows_ns = clock.of_rows(1_000_000_000, rows)
     assert rows_ns[0] == 995_000_000 and rows_ns[-1] == clock.at_row(1_000_000_000, 1.0)
     assert CameraClock(0.005).of_rows(0, rows).tolist() == [-5_000_000]
+    upside_down = CameraClock(0.005, -0.04)
+    assert upside_down.of_rows(10**18, 3).tolist() == [
+        upside_down.at_row(10**18, share) for share in (0.0, 0.5, 1.0)
+    ]
     turned = np.linspace(-0.1, 0.1, rows)
     T = np.array(
         [
@@ -252,12 +257,16 @@ def test_bad_labels_do_not_take_the_obstacles_along(
         raise BadNumbers("labels are cut off")
 
     monkeypatch.setattr(LabelVotes, "draw", cut)
+    monkeypatch.setattr(of_layers, "floor_of", lambda *_: (0.0, ("the floor is assumed",)))
     config = load_run_config(str(mapped / "config.yaml"))
     report = map_recording(mapped, config, tmp_path / "again", Reporter(quiet=True))
     assert [(each.stage, each.reason) for each in report.failed] == [
         ("semantic", "labels are cut off")
     ]
     assert report.mapped and (tmp_path / "again" / "obstacles.pgm").exists()
+    told = json.loads((tmp_path / "again" / "report.json").read_text())["warnings"]
+    assert told.count("the floor is assumed") == report.warnings.count("the floor is assumed") == 1
+    assert "the floor is assumed" in (tmp_path / "again" / "report.html").read_text()
     assert not (tmp_path / "again" / "semantic.png").exists()
 
 

@@ -14,12 +14,14 @@ from recording_data import odometry_at, stamps
 from scipy.spatial.transform import Rotation
 
 from slamsim.cameras.lens import CameraModel, pinhole
+from slamsim.config.loading import load_run_config
 from slamsim.guard.errors import InputRefused, NotFound
 from slamsim.io.cameras.writers import calibration_yaml
 from slamsim.perception import recorded
 from slamsim.perception.calibrated import NO_CALIBRATION, CameraClock, read_calibration
 from slamsim.recording import Recording, TransformEdge
 from slamsim.recording.mountings import base_frame_of
+from slamsim.run.cameras.asked import refuse_wrong_files
 
 CAMERA = pinhole(64, 48, 60.0)
 
@@ -114,6 +116,43 @@ def test_what_was_calibrated_counts_for_a_topic_and_its_frame(tmp_path: Path) ->
     depth = found.of("/front/aligned_depth/image_raw", "front_optical")
     assert depth.model is None and depth.clock == raw.clock
     assert found.of("/rear/image_raw", "rear_optical").T_base_camera is None
+
+
+def test_cameras_that_were_not_calibrated_are_told(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    found = read_calibration(calibrated(tmp_path, ENTRY.replace("front_optical", "''")))
+    assert found.of("/rear/image_raw", "").T_base_camera is None
+    assert "/rear/image_raw is none of the calibrated cameras" in caplog.text
+    caplog.clear()
+    found.of("/front/color/image_raw", "")
+    NO_CALIBRATION.of("/rear/image_raw", "rear")
+    assert not caplog.text
+
+
+def test_images_of_another_size_than_calibrated_are_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(recorded, "mount_of", mount_of)
+    found = read_calibration(calibrated(tmp_path))
+    opened: Any = SimpleNamespace(path=tmp_path)
+    for width in (64, 128):
+        topic = SimpleNamespace(topic="/front/color/image_raw", frame_id="", width=width, height=48)
+        opened.pictures = lambda topic=topic: [topic]
+        if width == 64:
+            assert list(recorded._usable(tmp_path, opened, opened, found)) == [topic.topic]
+            continue
+        with pytest.raises(InputRefused, match="images of 128 x 48; calibrated were 64 x 48"):
+            recorded._usable(tmp_path, opened, opened, found)
+
+
+def test_what_is_inconclusive_is_told_once(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    file = calibrated(tmp_path, ENTRY.replace("late by: fault", "late by: inconclusive"))
+    config = load_run_config(None, None, [f"slam.camera_calibration={file}"])
+    assert list(refuse_wrong_files(config).cameras) == ["/front/color/image_raw/compressed"]
+    assert caplog.text.count("is inconclusive") == 1
 
 
 @pytest.mark.parametrize(

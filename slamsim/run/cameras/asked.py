@@ -1,29 +1,35 @@
-"""What is asked of images and cannot be, refused before anything long is begun."""
+"""What is asked of images: refused before anything long is begun where it cannot be, and read."""
 
 from __future__ import annotations
+
+from pathlib import Path
 
 import numpy as np
 
 from slamsim.config.run import RunConfig
 from slamsim.config.streams import SensorEntry
+from slamsim.core.landmarks import NO_TAGS, TagsSeen
 from slamsim.core.types import Log, Scan
 from slamsim.guard.errors import OverrideRefused, shown
-from slamsim.perception.calibrated import read_calibration
-from slamsim.perception.recorded import known_tags
+from slamsim.perception.calibrated import CalibratedCameras, read_calibration
+from slamsim.perception.recorded import known_tags, tags_seen
 from slamsim.perception.tag_families import parse_tags
+from slamsim.recording import Recording
+from slamsim.run.cameras.layers import LayerSources, layer_sources
+from slamsim.run.stages import Stages
 from slamsim.sensors.cameras.entry import CameraSettings
 from slamsim.slam.frontend.scan_order import NothingSeen, nothing_seen
 
 _KINDS = {"Image", "CompressedImage"}
 
 
-def refuse_unseen(config: RunConfig) -> None:
-    """Refuse what the cameras of a world to be simulated will not show.
+def refuse_unseen(config: RunConfig) -> CalibratedCameras:
+    """Refuse what the cameras of a world to be simulated will not show; as ``refuse_wrong_files``.
 
     Raises OverrideRefused; UnknownTags, NotFound or InputRefused for wrong tags, surveys and
     calibrations.
     """
-    refuse_wrong_files(config)
+    calibrated = refuse_wrong_files(config)
     entries = [entry for entry in config.sensors.additional if entry.enabled]
     layers, lacks = config.mapping.layers, "needs a camera that sees {}; as --config realsense_d435"
     if config.slam.landmarks.tags and not any(_shows(entry, is_depth=False) for entry in entries):
@@ -35,6 +41,7 @@ def refuse_unseen(config: RunConfig) -> None:
         known = ", ".join(topic for topic in topics if topic.startswith("/ground_truth/")) or "none"
         reason = f"no camera of the robot has this topic; label images are on {known}"
         raise OverrideRefused(f"--labels {shown(layers.labels)}", reason)
+    return calibrated
 
 
 def _shows(entry: SensorEntry, *, is_depth: bool) -> bool:
@@ -48,15 +55,37 @@ def _images(entry: SensorEntry) -> list[str]:
     return [topic for topic, kind in entry.topics.items() if kind.split("/")[-1] in _KINDS]
 
 
-def refuse_wrong_files(config: RunConfig, *, continues: bool = False) -> None:
-    """Raises UnknownTags, NotFound or InputRefused as reading them will; OverrideRefused for tags
-    in a drive that continues an earlier map."""
+def refuse_wrong_files(config: RunConfig, *, continues: bool = False) -> CalibratedCameras:
+    """The cameras as calibrated, read once, for what is inconclusive of them is told.
+
+    Raises UnknownTags, NotFound or InputRefused as reading tags and surveys will; OverrideRefused
+    for tags in a drive that continues an earlier map.
+    """
     if config.slam.landmarks.tags:
         if continues:
             raise OverrideRefused("--tags", "tags do not continue a map; leave out --continue")
         parse_tags(config.slam.landmarks.tags)
         known_tags(config.slam.landmarks)
-    read_calibration(config.slam.camera_calibration)
+    return read_calibration(config.slam.camera_calibration)
+
+
+def from_images(
+    path: Path,
+    recording: Recording,
+    config: RunConfig,
+    stages: Stages,
+    calibrated: CalibratedCameras,
+) -> tuple[LayerSources, TagsSeen]:
+    """Of what layers are made, and what images show of the tags that the configuration asks for.
+
+    Raises as ``layer_sources`` and ``tags_seen``.
+    """
+    sources = layer_sources(path, recording, config.mapping.layers, calibrated)
+    if not config.slam.landmarks.tags:
+        return sources, NO_TAGS
+    with stages.stage("tags", "images/s") as progress:
+        tags = tags_seen(path, recording, config.slam.landmarks, progress, calibrated)
+    return sources, tags
 
 
 def require_returns(log: Log) -> None:

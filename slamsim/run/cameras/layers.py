@@ -212,7 +212,7 @@ def _used(
     last = None
     for image in images:
         rows_ns = camera.clock.of_rows(image[0].stamp_ns, camera.model.height)
-        if fine.stamps_ns[0] <= rows_ns[0] and rows_ns[-1] <= fine.stamps_ns[-1]:
+        if fine.stamps_ns[0] <= rows_ns.min() and rows_ns.max() <= fine.stamps_ns[-1]:
             poses = fine.at(rows_ns)
             if last is None or _moved(last, poses[len(poses) // 2], config) >= 1.0:
                 last = poses[len(poses) // 2]
