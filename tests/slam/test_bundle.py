@@ -277,6 +277,7 @@ def test_views_are_firm_that_some_way_of_the_graph_joins_surely(seed: int) -> No
     ends = [(k, k + 1) for k in range(count - 1)]
     apart = [(a, b) for a in range(count) for b in range(a + 2, count)]
     ends += [apart[k] for k in rng.choice(len(apart), len(apart) // 20, replace=False)]
+    ends += [ends[k][::step] for k in rng.choice(len(ends), 2) for step in (1, -1)]  # once more
     sizes_m = rng.uniform(0.005, 0.12, len(ends))
     edges = [
         GraphEdge(a, b, np.zeros(3), np.diag([s**2, 0.0, 0.0]), "match")

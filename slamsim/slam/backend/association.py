@@ -134,7 +134,11 @@ def _firm(pairs: IntArray, edges: Sequence[GraphEdge]) -> BoolArray:
     turn = np.array([1.0, 1.0, LEVER_M**2])
     variance = np.array([np.diag(edge.covariance) @ turn for edge in used])
     ends = np.array([(edge.source, edge.target) for edge in used])
-    graph = csr_matrix((variance, (ends[:, 0], ends[:, 1])), shape=(count, count))
+    # Of several edges between two views the surest: a matrix would add them up.
+    surest = np.argsort(variance, kind="stable")
+    between = ends.min(axis=1) * count + ends.max(axis=1)
+    one = surest[np.unique(between[surest], return_index=True)[1]]
+    graph = csr_matrix((variance[one], ends[one].T), shape=(count, count))
     firm = _firm_by_roots(pairs, graph)
     left = np.flatnonzero(~firm)
     firm[left] = _firm_by_pairs(pairs[left], graph)
